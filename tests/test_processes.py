@@ -173,13 +173,10 @@ def test_a_component_cleans_up_when_told_but_not_for_ever(told, deaf, status, tm
     assert (tmp_path / "farewell").read_text() == "3\n"
 
 
-def test_a_refusal_is_one_sentence_and_status_1():
+def test_a_refusal_is_one_sentence_and_an_order_that_is_none_is_said_aloud():
     with component(begins="broken") as process:
         out, err = process.communicate(timeout=S)
         assert (json.loads(out), err, process.returncode) == ({"is": "failed", "why": "broken as told"}, "", 1)
-
-
-def test_an_order_that_is_none_is_said_aloud():
     with component() as process:
         process.stdout.readline()
         _, err = process.communicate("not json\n", timeout=S)

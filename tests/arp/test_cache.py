@@ -42,14 +42,11 @@ def test_a_drift_never_goes_further_than_the_tolerance_unseen(values, tolerance)
         assert abs(value - last) <= tolerance
 
 
-def test_topics_do_not_influence_each_other():
+def test_topics_do_not_influence_each_other_and_counters_count_messages_and_bytes():
     cache = LocalCache()
     assert cache.offer("/a", 1, now_ns=0) is Decision.CHANGED
     assert cache.offer("/b", 1, now_ns=0) is Decision.CHANGED
     assert cache.offer("/a", 1, now_ns=1) is Decision.HELD
-
-
-def test_counters_count_messages_and_bytes():
     cache = LocalCache(max_silence_ns=2 * S)
     for i, value in enumerate([1, 1, 1, 2]):
         cache.offer("/a", value, now_ns=i * S, size_bytes=24)

@@ -152,7 +152,7 @@ def test_cyclones_configuration_has_the_planned_timing(cyclone):
     assert said["HeartbeatInterval"] == ("100 ms", {"min": "5 ms", "minsched": "20 ms", "max": "8000 ms"})
 
 
-def test_the_ros_2_file_is_a_parameter_file_with_overrides_of_both_sides(cyclone):
+def test_the_ros_2_file_is_a_parameter_file_with_overrides_of_both_sides_and_names_the_rates(cyclone, fast):
     text = ros2_parameters(cyclone)
     overrides = yaml.safe_load(text)["/**"]["ros__parameters"]["qos_overrides"]
     assert list(overrides) == [part.topic.name for part in cyclone.topics]
@@ -168,9 +168,6 @@ def test_the_ros_2_file_is_a_parameter_file_with_overrides_of_both_sides(cyclone
         assert sides == {"publisher": policies | deadline, "subscription": policies | deadline}
     assert "&" not in text, "rcl's parser knows no anchors"
     assert "*id" not in text
-
-
-def test_the_ros_2_file_names_the_rates(fast):
     text = ros2_parameters(fast)
     assert f"#   /hello: {fast['/hello'].rate_hz:.4g} Hz" in text
 

@@ -92,7 +92,7 @@ def free(x, y):
     return False
 
 
-def test_the_whole_middle_line_is_free_in_every_area():
+def test_the_whole_middle_line_is_free_in_every_area_and_winds_once():
     world = World(seed=0)
     ring = (*WAYPOINTS, WAYPOINTS[0])
     for (ax, ay), (bx, by) in pairwise(ring):
@@ -100,9 +100,6 @@ def test_the_whole_middle_line_is_free_in_every_area():
             world.poses[:, :2] = (ax + share * (bx - ax), ay + share * (by - ay))
             world.step([STOP] * 3)
             assert world.clearance_m.min() > 2 * RADIUS_M
-
-
-def test_a_round_winds_once():
     ring = np.array((*WAYPOINTS, WAYPOINTS[0]))
     around = np.concatenate([np.linspace(a, b, 40) for a, b in pairwise(ring)])
     angles = np.unwrap([winding_rad(x, y) for x, y in around])

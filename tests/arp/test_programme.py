@@ -229,13 +229,10 @@ def test_depth_holds_what_is_published_during_the_repairs():
     assert depths_for(link, np.array([50.0]), residual_loss=1e-4).tolist() == [5]
 
 
-def test_deadline_is_the_historys_length_and_both_sides_match():
+def test_deadline_is_the_historys_length_both_sides_match_and_an_unplanned_topic_is_named():
     part = plan([topic(rate_max_hz=50)], Medium(), FAST_DDS)["/a"]
     assert part.deadline_ns == round(part.depth / part.rate_hz * 1e9)
     assert incompatibilities(offered=part.qos, requested=part.qos) == ()
-
-
-def test_a_topic_that_is_not_planned_is_named_with_those_that_are():
     with pytest.raises(InvalidValueError, match=r"given '/b', allowed: /a"):
         plan([topic()], Medium(), FAST_DDS)["/b"]
 
@@ -390,13 +387,15 @@ def test_the_printed_depths_never_fill_so_that_repairs_wait_for_the_periodic_hea
     assert np.percentile(latency_ms, 95) > 1000
 
 
-def test_the_printed_plan_counts_topics_of_agents_and_rounds_the_depth_down():
+def test_the_printed_plan_counts_topics_of_agents_and_a_lower_rmax_lowers_minimal_rates():
     printed = plan_as_printed(PAPER_B.limited_to(500))
     overloaded = plan_as_printed(PAPER_B.limited_to(1000))
     assert PAPER_B.topics_of_agents() == (7, 5, 6)
     assert printed.rates_hz == pytest.approx(np.full(18, 500 / 6 - 1), rel=1e-6)
     assert {part.depth for part in printed.topics} == {822}
     assert printed.utilisation < 1 < overloaded.utilisation
+    limited = TopicFile(topics=(topic(rate_min_hz=20),)).limited_to(10)
+    assert (limited.topics[0].rate_min_hz, limited.topics[0].rate_max_hz) == (10, 10)
 
 
 def test_an_overloaded_plan_has_no_finite_latency():
@@ -405,11 +404,6 @@ def test_an_overloaded_plan_has_no_finite_latency():
     )
     assert judged.latency_s == float("inf")
     assert judged.up_to_date == 0
-
-
-def test_a_lower_rmax_lowers_minimal_rates_with_it():
-    limited = TopicFile(topics=(topic(rate_min_hz=20),)).limited_to(10)
-    assert (limited.topics[0].rate_min_hz, limited.topics[0].rate_max_hz) == (10, 10)
 
 
 @pytest.mark.parametrize(("size_bytes", "frames"), [(24, 1), (1384, 1), (1385, 2), (100_000, 68)])

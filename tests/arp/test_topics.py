@@ -26,12 +26,14 @@ def test_paper_bs_file_has_table_1s_sensors_hello_the_localisation_result_and_th
     assert (given.medium, given.vendor, given.agents) == (Medium(), FAST_DDS, tuple(ROBOTS))
 
 
-def test_what_a_file_leaves_out_has_the_usual_value():
+def test_what_a_file_leaves_out_has_the_usual_value_also_of_a_vendor_without_back_off():
     given = read_topics(ONE)
     topic = given.topics[0]
     assert (given.medium, given.vendor, given.agents) == (Medium(), FAST_DDS, ("robot",))
     assert (topic.rate_min_hz, topic.rate_max_hz, topic.weight, topic.change_s) == (1, 1000, 1, 1)
     assert (topic.reliability, topic.durability) == (Reliability.RELIABLE, Durability.VOLATILE)
+    vendor = read_topics(f"timing: {{heartbeat_ms: 50}}\n{ONE}").vendor
+    assert vendor.heartbeat_ns == vendor.heartbeat_max_ns == 50_000_000
 
 
 def test_the_second_example_says_what_may_be_said_beside():
@@ -45,11 +47,6 @@ def test_the_second_example_says_what_may_be_said_beside():
     assert topics["/picker/goal"].durability is Durability.TRANSIENT_LOCAL
     assert topics["/carrier1/battery"].rate_max_hz == 1
     assert topics["/picker/goal"].cached
-
-
-def test_a_vendor_whose_heartbeats_do_not_back_off_keeps_that():
-    vendor = read_topics(f"timing: {{heartbeat_ms: 50}}\n{ONE}").vendor
-    assert vendor.heartbeat_ns == vendor.heartbeat_max_ns == 50_000_000
 
 
 def line(text: str) -> str:

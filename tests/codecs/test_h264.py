@@ -341,13 +341,10 @@ def test_auto_takes_the_first_that_works_and_says_what_it_passed_over(working, f
     assert (choice.name, choice.fallback_reason) == (first, passed_over)
 
 
-def test_no_encoder_at_all_names_every_reason(working):
+def test_without_an_encoder_every_reason_is_named_and_the_software_decoder_taken_untried(working):
     working()
     with pytest.raises(CodecUnavailableError, match=r"h264_nvmpi: no device.*libopenh264: no device"):
         probe.choose_encoder("auto", fallback=True)
-
-
-def test_without_an_encoder_the_software_decoder_is_taken_untried(working):
     working()
     probe.probe_decoder.cache_clear()
     try:

@@ -52,13 +52,11 @@ def test_our_own_rules_are_asked_of_their_files_which_must_be_there(files, sever
     assert (verdict.state, verdict.says) == (state, says)
 
 
-def test_a_program_that_our_rules_miss_is_listed_as_skipped():
+def test_a_program_that_our_rules_miss_is_skipped_and_rules_that_refuse_a_file_fail_it():
     own = [rules(program="sfglab-no-such-program", install="apt install it")]
     skipped = of("sfglab-no-such-program", UNIT, own=own)["systemd/a.service"]
     assert (skipped.state, "apt install it" in skipped.says) == (State.SKIPPED, True)
 
-
-def test_rules_that_refuse_a_file_fail_it():
     def refuse(text, name):
         raise DeployError("no unit")
 

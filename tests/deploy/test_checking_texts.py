@@ -75,11 +75,15 @@ def test_a_script_that_nobody_can_start_fails(file, words, nothing_installed):
     assert found["b.sh"].state is State.HOLDS
 
 
-def test_without_shellcheck_or_scripts_the_check_is_listed_as_skipped(nothing_installed):
+def test_without_linters_checks_are_listed_as_skipped_and_a_folder_needs_a_dockerfile(nothing_installed):
     assert [v.state for v in check_shell({"compose.yaml": BundleFile(text="")})] == [State.SKIPPED]
     found = by_subject(check_shell({"a.sh": program("true"), "b.sh": program("true")}), "shellcheck")
     assert [v.state for v in found.values()] == [State.SKIPPED] * 2
     assert "pip install 'sfglab[deploy]'" in found["a.sh"].says
+    assert [v.state for v in check_dockerfiles({})] == [State.FAILS]
+    found = check_dockerfiles({"Dockerfile": BundleFile(text="FROM a:1\n")})
+    assert [v.state for v in found] == [State.SKIPPED]
+    assert "hadolint" in found[0].says
 
 
 def test_a_linter_that_does_not_work_fails_and_says_so(monkeypatch, tmp_path):
@@ -98,13 +102,6 @@ def test_hadolints_findings_arrive_with_line_and_rule():
     assert [found[name].state for name in texts] == [State.HOLDS, State.FAILS, State.FAILS]
     assert re.search("^line 1: .*DL3007", found["Dockerfile.bad"].says)
     assert "DL1000" in found["Dockerfile.none"].says
-
-
-def test_a_folder_needs_a_dockerfile_and_hadolint_is_named_where_missing(nothing_installed):
-    assert [v.state for v in check_dockerfiles({})] == [State.FAILS]
-    found = check_dockerfiles({"Dockerfile": BundleFile(text="FROM a:1\n")})
-    assert [v.state for v in found] == [State.SKIPPED]
-    assert "hadolint" in found[0].says
 
 
 def test_programs_run_with_their_files_alone_and_without_the_users_settings(monkeypatch):

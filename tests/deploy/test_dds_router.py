@@ -219,10 +219,14 @@ def test_what_only_deserves_attention_is_no_error():
     assert codes(check(narrowed, policy=policy), Severity.WARNING) == {"policy"}
 
 
-def test_a_finding_says_its_line_and_the_key_that_was_meant():
+def test_a_finding_says_its_line_and_unknown_targets_and_agents_name_the_likely_one():
     finding = check_dds_router("participants:\n  - {name: a, kind: local}\nallowlst: []\n", file="r.yaml")[0]
     assert (finding.place.line, finding.place.key) == (3, "allowlst")
     assert "did you mean 'allowlist'?" in finding.what
+    with pytest.raises(DeployError, match="did you mean 'dds-router'"):
+        render_router(LAB, "go2", "ddsrouter")
+    with pytest.raises(InvalidValueError, match="did you mean 'go2'"):
+        render_router(LAB, "go3", "dds-router")
 
 
 scalars = st.sampled_from(
@@ -283,13 +287,6 @@ def test_files_are_checked_by_their_name_and_refused_in_one_line(tmp_path):
     for path in (tmp_path / "none.yaml", tmp_path / "router.xml"):
         with pytest.raises(DeployError):
             check_file(path)
-
-
-def test_unknown_targets_and_agents_are_refused_with_the_likely_one():
-    with pytest.raises(DeployError, match="did you mean 'dds-router'"):
-        render_router(LAB, "go2", "ddsrouter")
-    with pytest.raises(InvalidValueError, match="did you mean 'go2'"):
-        render_router(LAB, "go3", "dds-router")
 
 
 @pytest.mark.parametrize("agent", AGENTS)

@@ -100,14 +100,11 @@ def test_a_second_version_of_a_wheel_says_so_everywhere(wheel, tmp_path):
     assert {line.split(",")[0] for line in record.splitlines()} == set(archive.namelist())
 
 
-def test_the_build_command_names_all_that_matters():
+def test_the_build_command_names_all_and_a_build_hands_on_its_lines_and_last_words():
     command = build_command(Path("/x"), deployment_of(FLEET, "go2", RELEASE), "localhost/esslingen/go2:t")
     assert (command[:2], command[-1]) == (["buildah", "build"], "/x")
     wanted = "--platform=linux/arm64 --target=application --tag=localhost/esslingen/go2:t --build-arg=OFFLINE=1"
     assert set(wanted.split()) <= set(command)
-
-
-def test_a_build_hands_on_its_lines_and_its_last_words_when_it_fails():
     with pytest.raises(DeployError, match="does not start"):
         run_heard(["/nowhere/at/all"], print)
     heard: list[str] = []

@@ -161,14 +161,11 @@ def test_a_wrong_bridge_is_an_error_of_its_kind(plugin, code):
     assert code != "schema" or codes(found)
 
 
-def test_a_loose_alternative_really_lets_more_cross():
+def test_a_filter_that_denies_is_loose_or_one_sided_is_warned_of_and_lets_more_cross():
     plugin = {"allow": {"publishers": ["/tf|/global/.*"]}}
     assert bridges(plugin, "publishers", "/tf_secret")
     assert bridges(plugin, "publishers", "/local/global/x")
     assert not codes(check_zenoh(bridge(allow={"publishers": ["(?:/tf|/global/.*)", "/a[|]b", r"/a\|b"]})))
-
-
-def test_a_filter_that_denies_is_loose_or_one_sided_is_warned_of():
     denied = check_zenoh(bridge(deny={"publishers": ["/rosout"]}))
     assert codes(denied, Severity.WARNING) == {"open-router"}
     loose = check_zenoh(bridge(allow={"publishers": ["/tf"]}, pub_max_frequencies=["/tf=10"], namespace="/go2"))
@@ -226,13 +223,10 @@ def test_wrong_access_control_is_an_error_of_its_kind(changes, code):
     assert code in codes(check_zenoh(control(**changes)))
 
 
-def test_access_control_that_is_not_the_policy_or_has_no_lists_is_found():
+def test_access_control_that_is_not_the_policy_is_found_and_a_denying_rule_wins():
     assert "missing-key" in codes(check_zenoh('{"access_control": {"enabled": true}}'))
     assert codes(check_zenoh(control(), policy=Policy())) == {"policy"}
     assert codes(check_zenoh(control(default_permission="allow")), Severity.WARNING) == {"open-router"}
-
-
-def test_a_denying_rule_wins_over_an_allowing_one():
     rules = [RULE, {**RULE, "id": "no", "permission": "deny"}]
     both = json.loads(control(rules=rules, policies=[{"rules": ["r", "no"], "subjects": ["s"]}]))
     assert not permits(both["access_control"], "put", "egress", "tf")

@@ -105,16 +105,13 @@ async def test_a_killed_component_is_restarted_with_back_off_and_the_others_stay
     assert watched.states("router")[-2:] == [State.STOPPING, State.STOPPED]
 
 
-async def test_a_refused_configuration_ends_the_agent_with_the_components_own_sentence():
+async def test_a_refused_configuration_or_one_that_dies_on_import_ends_the_agent_in_its_words():
     watched = Watched(component("status", SERVES), component("router", REFUSES))
     with pytest.raises(ComponentError) as caught:
         await watched.agent.run()
     assert str(caught.value) == "router: network interface: given 'wlan7', allowed are eth0, lo"
     assert watched.states("router") == [State.STARTING, State.FAILED]
     assert watched.states("status")[-1] is State.STOPPED
-
-
-async def test_a_component_that_dies_on_import_ends_the_agent_and_its_words_are_passed_on():
     watched = Watched(component("router", "import no_such_module"))
     with pytest.raises(ComponentError, match="router: it ended with status 1"):
         await watched.agent.run()
@@ -141,15 +138,12 @@ async def test_a_component_that_never_reports_is_replaced():
         await until(lambda: watched.states("router").count(State.REPLACING) == 2)
 
 
-async def test_one_that_ignores_the_order_to_end_is_ended_by_force_in_time():
+async def test_one_that_ignores_the_order_to_end_is_ended_by_force_in_time_or_told_twice_at_once():
     async with running(component("router", STUBBORN)) as watched:
         pid = await watched.pid("router")
         before_s = asyncio.get_running_loop().time()
     assert asyncio.get_running_loop().time() - before_s >= 0.3
     assert not lives(pid)
-
-
-async def test_told_twice_it_ends_at_once():
     never = ProcessTiming(stop_ns=10**15)
     async with running(component("router", STUBBORN), timing=never) as watched:
         pid = await watched.pid("router")

@@ -151,7 +151,7 @@ def test_a_policy_with_half_of_services_is_found_in_its_rules_and_in_every_servi
     assert "action /global/a1/follow_path is half open: 5 of its 8" in whats
 
 
-def test_who_hears_what_names_agents_and_the_rule():
+def test_who_hears_what_names_agents_and_the_rule_but_none_without_lifecycle():
     hearings = {(h.kind, h.name): h for h in lint(load_fleet(LAB)).hearings}
     camera = hearings[ResourceKind.TOPIC, "/global/go2/camera_front/color/ffmpeg"]
     assert (camera.speakers, camera.hearers) == (("go2",), ("steamdeck", "workstation"))
@@ -162,24 +162,18 @@ def test_who_hears_what_names_agents_and_the_rule():
     assert metadata.rules == ("rq/global/*", "rr/global/*")
     assert hearings[ResourceKind.TOPIC, "/tf"].rules == ("rt/tf",)
     assert not any(name.startswith("/local/") for _, name in hearings)
-
-
-def test_an_agent_without_lifecycle_is_neither_asked_nor_heard():
     view = View(read_fleet("fleet: f\nagents: {a1: {domain: 1}, a2: {domain: 2, lifecycle: false}}"))
     assert not [use for use in view.uses if use.agent == "a2"]
     assert (ResourceKind.SERVICE, "/global/a2/get_metadata") not in view.meetings
 
 
-def test_the_text_shows_everything_and_its_exit_code():
+def test_the_text_shows_everything_and_a_file_that_is_no_fleet_gives_one_line(tmp_path):
     text, code = lint_file(BROKEN)
     assert code == 1
     assert text == render(lint(load_fleet(BROKEN)))
     for title in ("who hears what", "discovery between hosts", "across each border", "broken: "):
         assert title in text
     assert "broken.yaml:" in text
-
-
-def test_a_file_that_is_no_fleet_gives_one_line_and_exit_code_2(tmp_path):
     path = tmp_path / "x.yaml"
     path.write_text("fleet: x\nagnets: {}\n")
     text, code = lint_file(path)

@@ -64,7 +64,7 @@ def test_a_lost_agent_is_withdrawn_and_one_that_was_not_known_is_nobodys_busines
     assert isinstance(agents.feed(event("go2", "RETURNED"), OLD, now_ns=2), Offered)
 
 
-def test_what_a_new_discoverer_does_not_announce_again_is_withdrawn_after_the_grace():
+def test_whom_a_new_discoverer_does_not_announce_in_time_is_withdrawn_and_nobody_else():
     agents = known("go2", "husky", "drone1x")
     assert agents.deadline_ns is None
     assert agents.feed(event("go2"), NEW, now_ns=50) is None, "nothing changes for who is announced again"
@@ -74,9 +74,6 @@ def test_what_a_new_discoverer_does_not_announce_again_is_withdrawn_after_the_gr
     assert agents.expire(150) == (Withdrawn(agent="husky"),)
     assert set(agents.agents) == {"go2"}
     assert agents.deadline_ns is None
-
-
-def test_a_new_discoverer_that_announces_everybody_in_time_withdraws_nobody():
     agents = known("go2", "husky")
     agents.feed(event("go2"), NEW, now_ns=0)
     agents.feed(event("husky"), NEW, now_ns=99)
@@ -84,14 +81,11 @@ def test_a_new_discoverer_that_announces_everybody_in_time_withdraws_nobody():
     assert agents.expire(10**12) == ()
 
 
-def test_what_the_old_discoverer_still_says_does_not_count():
+def test_what_the_old_discoverer_says_does_not_count_but_one_whose_publisher_is_gone():
     agents = known("go2")
     agents.feed(event("go2"), NEW, now_ns=0)
     assert agents.feed(event("go2", "LOST"), OLD, now_ns=1) is None
     assert set(agents.agents) == {"go2"}
-
-
-def test_an_event_whose_publisher_is_gone_already_counts_and_replaces_nobody():
     agents = known("go2")
     assert isinstance(agents.feed(event("husky"), NOBODY, now_ns=0), Offered)
     assert agents.deadline_ns is None

@@ -90,11 +90,15 @@ def test_silence_is_measured_in_the_period_that_the_agent_announced():
     assert world.registry.agents() == ()
 
 
-def test_a_lost_agent_that_beats_again_returns_with_what_was_known_of_it():
+def test_a_lost_agent_that_beats_again_returns_and_another_start_is_restarted():
     world = discovered()
     world.due(10)
     (news,) = world.hear(11)
     assert (news.event, news.metadata.says, world.state) == ("RETURNED", "what it is", State.ACTIVE)
+    world = discovered()
+    (ask,) = world.hear(1, incarnation=8)
+    (news,) = world.answer(ask, 2, incarnation=8, says="new")
+    assert (news.event, news.incarnation, news.metadata.says) == ("RESTARTED", 8, "new")
 
 
 def test_a_failed_query_is_repeated_with_doubling_waits_up_to_the_limit_and_one_success_starts_over():
@@ -133,13 +137,6 @@ def test_another_start_gives_up_the_query_to_the_one_before():
     assert world.answer(first, 0.2) == []
     assert world.registry.counts["ignored_answers"] == 1
     assert events(world.answer(second, 0.3, incarnation=8)) == ["DISCOVERED"]
-
-
-def test_a_start_that_is_heard_while_the_agent_is_there_is_restarted():
-    world = discovered()
-    (ask,) = world.hear(1, incarnation=8)
-    (news,) = world.answer(ask, 2, incarnation=8, says="new")
-    assert (news.event, news.incarnation, news.metadata.says) == ("RESTARTED", 8, "new")
 
 
 @pytest.mark.parametrize(

@@ -78,7 +78,7 @@ def test_the_first_who_moves_a_shared_frame_keeps_it_until_gone():
     claims.claim("map", "h/2")
 
 
-def test_a_message_leaves_with_prefixes_and_is_otherwise_the_same():
+def test_a_message_leaves_with_prefixes_otherwise_the_same_and_other_bytes_do_not_pass():
     gate = TransformGate(GO2)
     sent = tf(("map", "odom"), ("odom", "base"), ("go2/base", "go2/camera"), ("b1/base", "seen_b1"))
     out = gate.outward(sent)
@@ -91,6 +91,7 @@ def test_a_message_leaves_with_prefixes_and_is_otherwise_the_same():
     assert [t.transform.translation.x for t in deserialize(out, TF_TYPE).transforms] == [0, 1, 2, 3]
     assert gate.counts.prefixed == 3
     assert gate.outward(out) is out, "nothing changed, so nothing is made anew"
+    assert TransformGate(GO2).outward(b"\0\1\0\0\xff\xff\xff\xff") is None
 
 
 def test_clashes_are_left_out_counted_and_said_once_for_each_frame(caplog):
@@ -116,7 +117,3 @@ def test_inward_nothing_is_renamed_and_spoofs_and_second_owners_are_left_out():
     gate.keep_owners(frozenset({"h/2"}))
     assert pairs(second(tf(("world", "map")))) == [("world", "map")]
     assert gate.counts.clashed == 2
-
-
-def test_bytes_that_are_no_transforms_do_not_pass():
-    assert TransformGate(GO2).outward(b"\0\1\0\0\xff\xff\xff\xff") is None

@@ -54,7 +54,7 @@ def test_the_writer_keeps_a_latched_history_exactly_and_a_volatile_one_at_least(
     assert offered.depth >= source.depth
 
 
-def test_best_effort_subscriptions_cause_no_reliable_hop_but_latched_samples_are_always_fetched():
+def test_best_effort_causes_no_reliable_hop_latched_is_fetched_and_the_strongest_announced():
     reliability = {
         (source.reliability, sink.reliability): requested_qos("rt/x", source, [sink]).reliability
         for source in (DEFAULT, SENSOR_DATA)
@@ -66,9 +66,6 @@ def test_best_effort_subscriptions_cause_no_reliable_hop_but_latched_samples_are
     deep = replace(LATCHED, depth=300)
     assert requested_qos("rt/x", deep, [SENSOR_DATA]) == deep
     assert offered_qos(deep) == deep
-
-
-def test_what_is_announced_before_any_source_is_known_is_the_strongest_wish():
     strongest = announced_qos("rt/tf", [SENSOR_DATA, DEFAULT, replace(SENSOR_DATA, depth=1)])
     assert (strongest.reliability, strongest.durability) == (Reliability.RELIABLE, Durability.VOLATILE)
     assert announced_qos("rt/tf", [DEFAULT, LATCHED]).durability is Durability.TRANSIENT_LOCAL

@@ -214,13 +214,10 @@ def test_a_refusal_names_machine_state_and_what_is_allowed():
     assert caught.value.allowed == (inputs.BEGIN, inputs.TOLD_TO_STOP)
 
 
-def test_discovery_events_bear_the_names_of_the_message_and_all_of_them_can_happen():
+def test_discovery_events_bear_the_messages_names_and_states_are_what_is_told_and_asked():
     message = message_type("sfglab_interfaces/msg/AgentDiscoveryEvent")
     assert sorted(getattr(message, a.name) for a in ANNOUNCEMENTS) == [0, 1, 2, 3, 4]
     assert {a for _, actions in lifecycle.TRANSITIONS.values() for a in actions} == set(lifecycle.Action)
-
-
-def test_the_states_of_an_agent_are_the_grid_of_what_is_told_and_asked_and_heartbeats_are_legal_in_all():
     assert {s.value for s in lifecycle.State} == {(told, asking) for told in Told for asking in Asking}
     for state in lifecycle.State:
         for heard in ("HEARD", "CHANGED", "RESTARTED"):

@@ -127,13 +127,17 @@ def test_standard_and_routed_fleets_of_one_size_are_run_side_by_side():
     assert sorted(runs) == [(2, 1), (2, 10), (3, 10), (5, 10)]
 
 
-def test_profiles_reach_their_sizes_and_stages_make_sense():
+def test_profiles_reach_their_sizes_stages_make_sense_and_fleets_are_named_the_largest_last():
     with pytest.raises(InvalidValueError, match="mode: given 'proxy', allowed: standard and routed"):
         Stage(mode="proxy", agents=(2,))
     with pytest.raises(InvalidValueError, match="from 2 agents"):
         Stage(mode=ROUTED, agents=(2, 1))
     assert max(exp.config("quick").simulated.agents) == 100
     assert max(exp.config("paper").simulated.agents) == 1000
+    fleets = fleets_of(exp.config(simulated=Scale(agents=(10, 2), talkers=2, listeners=1)))
+    assert [(one.mode, one.agents) for one in fleets] == [
+        (mode, agents) for agents in (2, 10) for mode in (STANDARD, ROUTED)
+    ]
 
 
 def test_ingress_is_interpolated_between_readings(monkeypatch):
@@ -252,10 +256,3 @@ def test_standard_traffic_is_proportional_to_the_number_of_other_agents():
     large = run_fleet(Fleet(mode=STANDARD, agents=100, talkers=2, listeners=2))
     assert len(large.hosts) == 100
     assert large.hosts[0].rx_bytes == pytest.approx(small[2] + 98 * (small[3] - small[2]), rel=0.02)
-
-
-def test_a_configuration_names_its_fleets_the_largest_last():
-    fleets = fleets_of(exp.config(simulated=Scale(agents=(10, 2), talkers=2, listeners=1)))
-    assert [(one.mode, one.agents) for one in fleets] == [
-        (mode, agents) for agents in (2, 10) for mode in (STANDARD, ROUTED)
-    ]

@@ -196,13 +196,10 @@ def test_a_policy_that_lets_a_near_miss_pass_is_caught(monkeypatch):
         assert row.held < row.checked
 
 
-def test_everybody_publishes_and_subscribes_the_shared_names():
+def test_everybody_publishes_and_subscribes_the_shared_names_in_domains_of_their_own():
     every = list(topics(("agent_1",), ("ground_1",), busy=2))
     shared = [t for t in every if len(t.publishers) == 2]
     assert {t.name for t in shared} >= {"/tf", "/tf_static", *NEAR_MISSES}
     assert all(set(t.subscribers) == {"agent_1", "ground_1"} for t in shared)
     assert sum(t.name.startswith("/local/agent_1/status") for t in every) == 2
-
-
-def test_agents_stand_in_domains_of_their_own():
     assert [p.domain for p in parties_of(2)] == [1, 2, 0, 0]

@@ -62,7 +62,7 @@ def test_a_type_is_known_by_one_spelling_and_a_service_is_its_two_halves():
         service_type("sfglab_interfaces/srv/GetMetaData")
 
 
-def test_definition_of_an_image_is_what_rosbag2_writes():
+def test_definitions_are_what_rosbag2_writes_and_are_read_back_as_the_same_types():
     rule = "=" * 80
     assert definition("sensor_msgs/msg/Image") == (
         "std_msgs/Header header\nuint32 height\nuint32 width\nstring encoding\nuint8 is_bigendian\n"
@@ -70,9 +70,6 @@ def test_definition_of_an_image_is_what_rosbag2_writes():
         f"builtin_interfaces/Time stamp\nstring frame_id\n{rule}\n"
         "MSG: builtin_interfaces/Time\nint32 sec\nuint32 nanosec\n"
     )
-
-
-def test_every_definition_is_read_back_as_the_same_types():
     for name in message_types():
         if "/srv/" in name:
             continue

@@ -26,7 +26,7 @@ def test_standard_values_are_lower_case_words_that_end_in_a_letter_and_differ(va
     assert all(values(text).name == text.upper() for text in texts)
 
 
-def test_only_compressed_depth_and_ffmpeg_replay_continue_another_standard_value():
+def test_only_compressed_depth_and_ffmpeg_replay_continue_another_and_all_stand_somewhere():
     continued = {
         (longer.text, shorter.text)
         for values in SETS
@@ -34,9 +34,6 @@ def test_only_compressed_depth_and_ffmpeg_replay_continue_another_standard_value
         if re.fullmatch(rf"{shorter.text}(_.*|[0-9]+)", longer.text)
     }
     assert continued == {("compressed_depth", "compressed"), ("ffmpeg_replay", "ffmpeg")}
-
-
-def test_every_resource_may_stand_somewhere():
     assert all(resource.after for resource in Resource)
     assert {resource.kind for resource in Resource} == set(ResourceKind)
 

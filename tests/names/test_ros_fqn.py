@@ -210,13 +210,10 @@ def test_every_optional_segment_needs_the_one_before_so_position_says_what_it_is
     assert parse("/local/a/b/c/d").preceding is After.STREAM
 
 
-def test_the_error_of_a_constraint_says_where_the_resource_may_stand():
+def test_an_error_says_where_a_resource_may_stand_and_a_standard_one_keeps_its_kind():
     with pytest.raises(FqnError, match="after component, stream; here it follows the agent") as caught:
         parse("/global/go2/ffmpeg")
     assert (caught.value.place, caught.value.given) == ("resource", "ffmpeg")
-
-
-def test_a_standard_resource_keeps_its_kind():
     assert parse("/global/go2/get_metadata").kind is ResourceKind.SERVICE
     assert parse("/global/go2/status2").kind is ResourceKind.TOPIC
     with pytest.raises(FqnError, match="as a service"):

@@ -98,16 +98,13 @@ def test_each_part_in_hardware_has_a_dashed_outline():
         assert all(outline.get_linestyle()[0][1] is not None for outline in outlines)
 
 
-def test_three_pictures_say_ten_eight_and_three():
+def test_three_pictures_say_ten_eight_and_three_and_one_stage_is_drawn_by_choice():
     figure = Figure(layout="constrained")
     draw_mapping(map_communication(load_graph(GRAPHS / "figure_8.yaml")), figure)
     titles = [ax.get_title() for ax in figure.axes]
     assert [int(title.split(": ")[1].split()[0]) for title in titles] == [10, 8, 3]
     assert len(figure.legends) == 1
     figure.savefig(BytesIO(), format="png")
-
-
-def test_one_stage_is_drawn_by_choice_and_no_other_than_there_are():
     mapping, figure = map_communication(load_graph(GRAPHS / "figure_8.yaml")), Figure(layout="constrained")
     draw_mapping(mapping, figure, "hardware")
     assert [ax.get_title() for ax in figure.axes] == ["topics in hardware: 8 edges across the boundary"]
@@ -135,7 +132,7 @@ def test_a_graph_of_fifty_nodes_fits_a_page_with_names_that_stand_apart():
     assert len(ax.lines) == 3 * 45
 
 
-def test_frames_of_long_names_stand_apart():
+def test_frames_of_long_names_stand_apart_and_names_in_dollars_are_drawn_as_they_are():
     names = ["publisher of /camera/depth_registered/image_raw", "participant " + "ab" * 16, "x" * 200, "n"]
     topics = tuple(
         Topic(name=f"/a_rather_long/name_of_a_topic_{i}", publishers=(names[0],), subscribers=tuple(names[1:]))
@@ -147,9 +144,6 @@ def test_frames_of_long_names_stand_apart():
     texts = [text.get_text() for text in ax.texts]
     assert "n" in texts
     assert any(text.endswith("\u2026") for text in texts)
-
-
-def test_names_in_dollars_are_drawn_as_they_are():
     topic = Topic(name="a$_b", publishers=("$x^{$",), subscribers=("$x^{$",))
     ax = drawn(Graph(nodes=(Node(name="$x^{$"),), topics=(topic,)))
     ax.figure.savefig(BytesIO(), format="png")

@@ -33,29 +33,23 @@ def test_no_building_stands_on_the_road_or_in_another(seed):
             assert apart > other.radius_m + building.radius_m
 
 
-def test_a_seed_is_a_town_where_a_point_beside_a_lane_is_found_where_it_was_put():
+def test_a_seed_is_a_town_points_are_found_and_a_circle_s_road_has_its_length():
     again = make_town(np.random.default_rng(1))
     assert (again.lights, again.buildings) == (TOWN.lights, TOWN.buildings)
     x, y, _ = TOWN.lane.at(12.0, 0.1)
     place = TOWN.lane.place(x, y)
     assert (place.along_m, place.left_m) == pytest.approx((12.0, 0.1), abs=0.03)
-
-
-def test_a_circle_s_road_has_its_length_and_runs_along_its_tangent():
     angle = np.linspace(0, math.tau, 1000, endpoint=False)
     road = Road(np.column_stack([np.cos(angle), np.sin(angle)]))
     assert road.length_m == pytest.approx(math.tau, rel=1e-4)
     assert road.at(0.0) == pytest.approx((1, 0, math.pi / 2), abs=1e-3)
 
 
-def test_a_light_rests_in_red_until_its_wait_after_a_car_came_near_or_is_red_for_six_of_twelve_seconds():
+def test_a_light_rests_in_red_until_it_notices_a_car_before_its_line_or_keeps_its_clock():
     resting, clocked = Light(stop_m=5.0, wait_s=6.0), Light(stop_m=5.0, offset_s=1.0)
     assert resting.red_since_s(100.0, None) == resting.red_since_s(105.9, 100.0) == -math.inf
     assert resting.red_since_s(106.0, 100.0) is None
     assert [clocked.red_since_s(t, None) for t in (1.0, 6.9, 7.0, 12.9, 13.0)] == [1.0, 1.0, None, None, 13.0]
-
-
-def test_a_light_notices_a_car_only_before_its_line():
     signals, stop = Signals(TOWN), next(li.stop_m for li in TOWN.lights if li.wait_s is not None)
     index = [light.stop_m for light in TOWN.lights].index(stop)
     signals.red_since_s(0.0, Place(along_m=stop + 0.1, left_m=0.0))

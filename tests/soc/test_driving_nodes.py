@@ -78,16 +78,13 @@ def test_a_camera_below_the_ground_is_refused():
 # car
 
 
-def test_a_car_at_constant_yaw_rate_comes_back_to_where_it_was():
+def test_a_car_at_constant_yaw_rate_comes_back_brakes_hard_and_leaves_its_line_by_its_steering():
     chassis = Chassis(steer_rate_rps=1e9, acceleration_mps2=1e9)
     command = Drive(speed_mps=1.0, yaw_rate_rps=1.0)
     start = car = drive(CarState(), command, dt_s=1e-9, chassis=chassis)
     for _ in range(100):
         car = drive(car, command, dt_s=math.tau / 100, chassis=chassis)
     assert (car.x_m, car.y_m, car.yaw_rad) == pytest.approx((start.x_m, start.y_m, start.yaw_rad), abs=1e-6)
-
-
-def test_a_car_brakes_as_hard_as_it_can_and_leaves_its_line_where_its_steering_is_off():
     car, chassis = CarState(speed_mps=0.9), Chassis(steer_bias_rad=0.02)
     assert drive(car, Drive(), dt_s=0.1, chassis=Chassis()).speed_mps == pytest.approx(0.75)
     off = drive(car, Drive(speed_mps=0.9), dt_s=1.0, chassis=chassis)
@@ -108,14 +105,11 @@ def test_compensation_removes_stuck_pixels_and_keeps_an_edge():
     assert compensate(grey_image()).shape == (240, 320, 3), "of one level alone"
 
 
-def test_the_stretch_takes_the_darkest_to_0_the_brightest_to_255_and_never_swaps_levels():
+def test_the_stretch_uses_all_levels_and_swaps_none_and_the_blur_keeps_the_sum():
     ramp = np.repeat(np.linspace(60, 180, 320).astype(np.uint8)[None, :, None], 240, axis=0).repeat(3, axis=2)
     table = stretch(ramp)
     assert (table[60], table[180]) == (0, 255)
     assert (np.diff(table.astype(int)) >= 0).all()
-
-
-def test_the_blur_spreads_a_point_and_keeps_the_sum():
     image = grey_image(0)
     image[120, 160] = 250
     blurred = blur(image)

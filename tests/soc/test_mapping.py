@@ -141,16 +141,13 @@ def sized(size_bytes):
     return replace(FIGURE_8, topics=tuple(replace(t, size_bytes=size_bytes) for t in FIGURE_8.topics))
 
 
-def test_large_messages_are_mapped_as_the_paper_maps_them_and_small_ones_get_no_gateway():
+def test_small_messages_get_no_gateway_by_the_rule_which_changes_where_the_model_breaks_even():
     large, small = sized(10_000_000), sized(100)
     assert map_communication(large, gateway=faster_by_gateway()) == map_communication(large)
     assert map_communication(small).gateways.mapped_to(TopicMapping.GATEWAY) == ("A", "C", "E")
     by_size = map_communication(small, gateway=faster_by_gateway()).gateways
     assert by_size.mapped_to(TopicMapping.GATEWAY) == ()
     assert by_size.mapped_to(TopicMapping.HARDWARE) == ("B",)
-
-
-def test_the_rule_changes_its_mind_where_the_model_breaks_even():
     setup = Setup(publisher=Side.SOFTWARE, transport=Transport.SMT, message_bytes=1, hardware=2, software=0)
     size_bytes = break_even_bytes(setup, Judge.LAST)
     assert size_bytes is not None
@@ -159,7 +156,7 @@ def test_the_rule_changes_its_mind_where_the_model_breaks_even():
         assert rule(graph, graph.topic("E")) is expected
 
 
-def test_the_time_of_a_topic_is_the_model_s_for_its_nodes():
+def test_the_time_of_a_topic_is_the_model_s_for_its_nodes_and_one_of_unknown_size_is_refused():
     mapped = map_communication(FIGURE_8).gateways
     setup = Setup(
         publisher=Side.HARDWARE, transport=Transport.GATEWAY, message_bytes=1_000_000, hardware=2, software=1
@@ -167,6 +164,9 @@ def test_the_time_of_a_topic_is_the_model_s_for_its_nodes():
     times = transfer_times(setup)
     assert transfer_s(mapped, mapped.topic("A"), judge=Judge.HARDWARE) == times.hardware_s
     assert transfer_s(mapped, mapped.topic("A"), judge=Judge.SOFTWARE) == times.software_s
+    graph = sized(None)
+    with pytest.raises(InvalidValueError, match=r"topics\.A\.size_bytes: nothing is given"):
+        map_communication(graph, gateway=faster_by_gateway())
 
 
 @SOME
@@ -178,9 +178,3 @@ def test_with_the_rule_no_topic_is_slower_than_with_all_in_software(graph):
         if topic.mapping is not TopicMapping.HARDWARE:
             before = transfer_s(done.software, done.software.topic(topic.name))
             assert transfer_s(done.gateways, topic) <= before
-
-
-def test_a_topic_of_unknown_size_is_refused_by_name():
-    graph = sized(None)
-    with pytest.raises(InvalidValueError, match=r"topics\.A\.size_bytes: nothing is given"):
-        map_communication(graph, gateway=faster_by_gateway())

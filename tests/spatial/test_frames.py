@@ -144,7 +144,7 @@ def test_nothing_is_extrapolated_unless_asked_and_the_error_says_what_is_known()
     assert buffer.look_up("map", "single", 2 * S, extrapolate_ns=S).position_m == (1, 2, 3)
 
 
-def test_the_latest_common_time_is_that_of_the_slowest_edge():
+def test_the_latest_common_time_is_the_slowest_edges_and_without_one_the_error_says_so():
     buffer = FrameBuffer()
     for i in range(5):
         put(buffer, "map", "a", i * S, Pose.at((i, 0, 0)))
@@ -152,9 +152,6 @@ def test_the_latest_common_time_is_that_of_the_slowest_edge():
         put(buffer, "a", "b", i * S + 1, Pose.at((0, i, 0)))
     assert buffer.interval("map", "b") == (1, 2 * S + 1)
     assert buffer.look_up("map", "b").position_m == pytest.approx((2.0, 2.0, 0.0), abs=1e-6)
-
-
-def test_edges_that_share_no_time_have_no_interval_and_the_error_names_one():
     buffer = FrameBuffer()
     put(buffer, "map", "a", S)
     put(buffer, "a", "b", 2 * S)
@@ -163,16 +160,13 @@ def test_edges_that_share_no_time_have_no_interval_and_the_error_names_one():
         buffer.look_up("map", "b")
 
 
-def test_static_transforms_hold_at_all_times():
+def test_static_transforms_hold_at_all_times_and_the_last_parent_counts():
     buffer = FrameBuffer()
     put(buffer, "base", "camera", 5 * S, Pose.at((1, 0, 0)), static=True)
     for time_ns in (-(2**62), 0, 2**62, None):
         assert buffer.look_up("base", "camera", time_ns).position_m == (1, 0, 0)
     assert put(buffer, "base", "camera", S, Pose.at((2, 0, 0)), static=True) is Insertion.REPLACED
     assert buffer.look_up("base", "camera", 0).position_m == (2, 0, 0)
-
-
-def test_the_last_parent_counts_and_the_old_history_is_gone():
     buffer = FrameBuffer()
     put(buffer, "map", "a", 0)
     put(buffer, "odom", "a", S, Pose.at((7, 0, 0)))
@@ -261,12 +255,14 @@ def test_each_loop_is_told_once_and_a_second_root_with_what_hangs_below_it():
     assert finding.code == "unreachable"
 
 
-def test_names_that_match_no_rule_are_found_with_what_was_meant():
+def test_names_that_match_no_rule_are_found_and_a_rule_is_for_agents_with_sound_names():
     rule = FrameRule(agents=frozenset({"agent_x"}))
     edges = tree(("world", "agent_x_markers"), ("agent_x/base", "agent_x/markers"))
     findings = [f for f in lint_frames(edges, rule=rule) if f.code == "name"]
     assert [f.frames for f in findings] == [("agent_x_markers",)]
     assert "did you mean 'agent_x/markers'?" in findings[0].what
+    with pytest.raises(FqnError):
+        FrameRule(agents=frozenset({"Go 2"}))
 
 
 @pytest.mark.parametrize(
@@ -278,11 +274,6 @@ def test_names_that_match_no_rule_are_found_with_what_was_meant():
 )
 def test_frames_are_called_after_their_agent_or_shared(frame, fits):
     assert (FrameRule(agents=frozenset({"go2"})).problem(frame) is None) == fits
-
-
-def test_a_rule_is_for_agents_with_sound_names():
-    with pytest.raises(FqnError):
-        FrameRule(agents=frozenset({"Go 2"}))
 
 
 def test_time_that_runs_backwards_and_what_a_buffer_refused_are_found():

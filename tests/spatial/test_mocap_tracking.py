@@ -178,11 +178,15 @@ def recording(rng, count=30, factor=1.0, offset=X, **motion):
     ]
 
 
-def test_without_noise_the_offset_is_exact():
+def test_without_noise_the_offset_is_exact_and_residuals_are_the_noise_of_both():
     found = estimate_offset(recording(np.random.default_rng(0), factor=0.0))
     assert found.object_from_base.same_as(X, within_m=1e-9, within_rad=1e-7)
     assert found.world_from_odom.same_as(Z, within_m=1e-9, within_rad=1e-7)
     assert max(found.sigma_m) < 1e-6
+    found = estimate_offset(recording(np.random.default_rng(1), count=200))
+    assert found.residual_rad == pytest.approx(np.hypot(0.002, 0.004), rel=0.1)
+    assert found.residual_m == pytest.approx(np.sqrt(0.0005**2 + 0.003**2), rel=0.1)
+    assert found.pairs == 200
 
 
 def test_the_stated_uncertainty_is_that_of_repeated_recordings():
@@ -198,20 +202,10 @@ def test_the_stated_uncertainty_is_that_of_repeated_recordings():
     assert np.mean(distances) == pytest.approx(6.0, abs=1.5)  # chi square with 6 degrees of freedom
 
 
-def test_residuals_are_the_noise_of_both():
-    found = estimate_offset(recording(np.random.default_rng(1), count=200))
-    assert found.residual_rad == pytest.approx(np.hypot(0.002, 0.004), rel=0.1)
-    assert found.residual_m == pytest.approx(np.sqrt(0.0005**2 + 0.003**2), rel=0.1)
-    assert found.pairs == 200
-
-
-def test_a_motion_about_one_axis_leaves_the_height_open_and_says_so():
+def test_a_motion_about_one_axis_leaves_the_height_open_and_given_by_hand_is_enough():
     flat = recording(np.random.default_rng(2), factor=0.0, **FLAT)
     with pytest.raises(MocapError, match=r"leaves z of the base .* give height_m"):
         estimate_offset(flat)
-
-
-def test_with_the_height_by_hand_a_motion_about_one_axis_is_enough():
     upright = Pose.from_yaw((0.03, -0.01, -0.12), 2.5)
     flat = recording(np.random.default_rng(2), offset=upright, **FLAT)
     found = estimate_offset(flat, height_m=-0.12)

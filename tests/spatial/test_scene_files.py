@@ -101,15 +101,12 @@ def test_broken_files_are_refused_in_one_sentence_with_file_and_place(text, says
     assert "\n" not in str(caught.value)
 
 
-def test_a_hand_written_file_may_say_less_and_in_another_order():
+def test_a_hand_written_file_may_say_less_in_another_order_and_siblings_keep_theirs():
     first, second = GOOD.index("- id: 1"), GOOD.index("- id: 2")
     shuffled = GOOD[:first] + GOOD[second:] + GOOD[first:second]
     assert read_scene(shuffled).objects == read_scene(GOOD).objects
     short = GOOD.replace(", quat_xyzw: [0.0, 0.0, 0.0, 1.0]", "")
     assert read_scene(short) == read_scene(GOOD)
-
-
-def test_siblings_stay_in_the_files_order_also_where_a_child_stands_first():
     text = GOOD.replace("- id: 1\n  kind: group\n  name: room\n", "").replace("next_id: 6", "next_id: 8")
     text += "- {id: 7, kind: group, name: first}\n- {id: 1, kind: group, name: room}\n"
     assert read_scene(text).held_by() == (3, 7, 1)
@@ -242,19 +239,16 @@ def test_loading_goes_back_to_what_was_saved_and_a_broken_file_changes_nothing(t
     assert editor.selection == (2,)
 
 
-def test_an_editor_without_file_cannot_save_or_load():
-    for act in (Editor().save, Editor().load):
-        with pytest.raises(SceneError, match="file: nothing is given"):
-            act()
-
-
-def test_ids_of_a_saved_file_are_not_given_again_after_undo_and_saving(tmp_path):
+def test_ids_of_a_saved_file_are_not_given_again_and_without_a_file_nothing_is_saved(tmp_path):
     editor = Editor.open(tmp_path / "hall.yaml")
     first = editor.add("agent", "go2")
     editor.save()
     editor.undo()
     editor.save()
     assert Editor.open(tmp_path / "hall.yaml").add("agent", "spot") > first
+    for act in (Editor().save, Editor().load):
+        with pytest.raises(SceneError, match="file: nothing is given"):
+            act()
 
 
 def test_both_example_scenes_are_as_the_editor_would_save_them_and_free_of_conflicts():
@@ -282,7 +276,7 @@ def only(editor):
     return found
 
 
-def test_two_agents_that_meet_are_reported_with_time_place_and_clearance():
+def test_two_agents_that_meet_are_reported_and_the_margin_counts_beyond_the_radii():
     editor = Editor()
     a, _ = driver(editor, "a", (-5, 0), (5, 0), radius_m=0.3)
     b, _ = driver(editor, "b", (0, -5), (0, 5), radius_m=0.4)
@@ -291,9 +285,6 @@ def test_two_agents_that_meet_are_reported_with_time_place_and_clearance():
     assert found.time_s == pytest.approx(5.0)
     assert found.position_m == pytest.approx((0.0, 0.0, 0.0))
     assert found.text == "a and b overlap by 0.700 m at 5.000 s; allowed: 0.1 m"
-
-
-def test_the_margin_counts_beyond_the_radii():
     editor = Editor()
     driver(editor, "a", (-5, 0), (5, 0), radius_m=0.3)
     driver(editor, "b", (-5, 1), (5, 1), radius_m=0.3)
@@ -302,15 +293,12 @@ def test_the_margin_counts_beyond_the_radii():
     assert only(editor).text.startswith("a and b are 0.400 m apart")
 
 
-def test_agents_in_groups_meet_where_the_groups_put_them():
+def test_agents_in_groups_meet_where_these_put_them_and_who_stands_in_the_way_is_hit():
     editor = Editor()
     driver(editor, "a", (-5, 0), (5, 0))
     group = editor.add("group", "there", pose=Pose.at((0.0, 5.0, 0.0)))
     editor.add("agent", "b", parent=group, pose=Pose.at((0.0, -5.0, 0.0)))
     assert only(editor).kind is ConflictKind.AGENTS
-
-
-def test_one_who_stands_in_the_way_after_its_trajectory_is_hit():
     editor = Editor()
     driver(editor, "early", (0, 5), (0, 0), step_ns=S)
     _, late = driver(editor, "late", (-5, 0), (5, 0))

@@ -42,14 +42,11 @@ def inner_times(trajectory, count=40):
     return np.linspace(trajectory.start_ns / S, trajectory.end_ns / S, count)
 
 
-def test_a_wait_in_a_spline_is_at_rest_and_begins_and_ends_gently():
+def test_a_wait_in_a_spline_is_at_rest_and_turning_on_the_spot_turns_at_an_even_rate():
     trajectory = line((0, 0), (2, 1), (2, 1), (5, 0), interpolation=SPLINE)
     found = sample(trajectory, [1.0, 1.3, 1.9, 2.0])
     assert found.positions_m == pytest.approx(np.tile([2.0, 1.0, 0.0], (4, 1)))
     assert found.speeds_m_s == pytest.approx(np.zeros(4), abs=1e-12)
-
-
-def test_turning_on_the_spot_turns_at_an_even_rate():
     for kind in Interpolation:
         poses_ = [Pose(), Pose.from_yaw((0, 0, 0), 1.0), Pose.from_yaw((0, 0, 0), 3.0)]
         trajectory = Trajectory.of([(i * 2 * S, p) for i, p in enumerate(poses_)], kind)

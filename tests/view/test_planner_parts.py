@@ -56,16 +56,13 @@ def put(editor, id_, key, value):
 # rows
 
 
-def test_waypoints_are_listed_only_under_the_trajectory_that_is_worked_on(editor):
+def test_waypoints_are_listed_under_their_trajectory_alone_and_no_more_rows_than_bearable(editor):
     assert [r.id for r in rows_of(editor.scene, ())] == [1, 2, 3, 6, 7]
     for selected in (3, 4):
         assert [r.id for r in rows_of(editor.scene, (selected,))] == [1, 2, 3, 4, 5, 6, 7]
     depths = {r.id: r.depth for r in rows_of(editor.scene, (4,))}
     assert (depths[1], depths[2], depths[4]) == (0, 1, 1)
     assert [r.id for r in rows_of(editor.scene, (4,)) if r.selected] == [4]
-
-
-def test_a_huge_scene_has_no_more_rows_than_a_browser_bears():
     editor = Editor()
     for i in range(MOST_ROWS + 5):
         editor.add("agent", f"a{i}")
@@ -136,13 +133,10 @@ def test_a_value_that_is_not_allowed_is_refused_by_the_model_and_nothing_changes
     assert editor.scene is before
 
 
-def test_an_aligned_waypoint_cannot_be_turned(editor):
+def test_an_aligned_waypoint_cannot_be_turned_and_a_group_is_never_offered_to_itself(editor):
     assert field(editor, 4, "angles").enabled
     put(editor, 4, "align", "next")
     assert not field(editor, 4, "angles").enabled
-
-
-def test_a_group_is_never_offered_to_itself(editor):
     inner = editor.add("group", "inner", parent=1)
     assert field(editor, 1, "parent").choices == ("the scene",)
     assert field(editor, inner, "parent").choices == ("the scene", "team  #1")
@@ -178,7 +172,7 @@ def test_agents_keep_their_colours_when_they_are_renamed_and_differ(editor):
     assert before[2] != before[other]
 
 
-def test_a_line_passes_every_waypoint_and_a_lone_one_has_none(editor):
+def test_a_line_passes_every_waypoint_and_faster_is_brighter(editor):
     points, colours = line_of(editor.scene.world_trajectory(3), colour=(1, 2, 3))
     assert points[0, 0].tolist() == [0, 0, 0]
     assert points[-1, 1].tolist() == [2, 0, 0]
@@ -186,9 +180,6 @@ def test_a_line_passes_every_waypoint_and_a_lone_one_has_none(editor):
     assert (colours == (1, 2, 3)).all()
     alone, none = line_of(Trajectory.standing(Pose()), colour=(1, 2, 3))
     assert alone.shape == none.shape == (0, 2, 3)
-
-
-def test_faster_is_brighter_and_the_end_of_the_ramp_holds(editor):
     path = editor.scene.world_trajectory(3)  # 1 m/s
     dim, bright = (line_of(path, colour=(0, 0, 0), top_m_s=top)[1].astype(int).sum() for top in (4.0, 1.0))
     assert dim < bright
@@ -250,9 +241,6 @@ def test_a_waypoint_goes_on_as_the_last_two_did_or_stands_at_the_sliders_time(ed
     assert (made.time_ns, made.pose.position_m) == (500_000_000, (0.5, 0.0, 0.0))
     with pytest.raises(SceneError, match="time of its own"):
         insert_waypoint(editor)
-
-
-def test_without_any_trajectory_a_waypoint_is_refused():
     with pytest.raises(SceneError, match="a selected trajectory"):
         add_waypoint(Editor())
 
@@ -286,7 +274,7 @@ def test_jobs_are_done_in_order_and_only_the_newest_of_a_row_of_one_key():
     assert done == [2, "end", "next drag"]
 
 
-def test_what_is_still_being_typed_is_done_before_an_undo_and_once():
+def test_what_is_typed_is_done_before_an_undo_and_once_or_by_itself():
     done = []
     jobs = JobQueue(done.append)
     jobs.later("name", lambda: done.append("ty"), delay_s=60.0)
@@ -295,9 +283,6 @@ def test_what_is_still_being_typed_is_done_before_an_undo_and_once():
     jobs.call(lambda: done.append("undo"))
     jobs.close()
     assert done == ["typed", "undo"]
-
-
-def test_what_nobody_types_at_any_more_is_done_by_itself():
     done = threading.Event()
     jobs = JobQueue(print)
     jobs.later("name", done.set, delay_s=0.01)

@@ -181,14 +181,11 @@ def test_a_notebook_shows_a_frame_while_it_is_open_and_calls_end_with_it(planner
         planner.call(lambda _: None)
 
 
-def test_a_port_in_use_is_one_clear_error():
+def test_a_port_in_use_and_a_file_that_is_no_scene_are_one_clear_error(tmp_path):
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
         with pytest.raises(SfglabError, match=rf"--port: given {port}, which something else uses"):
             Planner(Editor(), port=port)
-
-
-def test_a_file_that_is_no_scene_is_refused_before_anything_is_served(tmp_path):
     file = tmp_path / "broken.yaml"
     file.write_text("sfglab_scene: 1\nname: [\n")
     with pytest.raises(SfglabError, match=r"broken\.yaml"):

@@ -146,7 +146,7 @@ def test_a_session_names_what_it_does_not_know_and_what_would_do():
     assert len(session.displays) == 1
 
 
-def test_rewiring_keeps_the_rate_and_drops_what_waited():
+def test_rewiring_keeps_the_rate_and_a_display_that_was_off_is_told_what_it_missed():
     session = Session()
     display = session.add("depth_cloud", {"depth": "/d", "info": "/i"})
     declared = display.inputs[1][2]
@@ -159,9 +159,6 @@ def test_rewiring_keeps_the_rate_and_drops_what_waited():
     with pytest.raises(InvalidValueError, match="role: given 'color'"):
         session.rewire(display.id, qos={"color": DEFAULT})
     assert isinstance(session.display(display.id).sync, Exact)
-
-
-def test_a_display_that_was_off_is_told_that_it_has_missed_something():
     session = Session()
     display = session.add("compressed_video", "/video")
     session.enable(display.id, enabled=False)
@@ -221,7 +218,7 @@ def test_an_agent_lives_by_its_last_heartbeats_age_or_a_discoverers_word_until_t
     assert links.links(2)[0].life is Life.ALIVE
 
 
-def test_decoders_are_up_while_somebody_publishes_the_decoded_stream():
+def test_decoders_are_up_while_somebody_publishes_and_drops_are_added_up():
     links = FleetLinks()
     topic = "/local/go2/camera_front/color/image_raw"
     beat(links, "go2", 0)
@@ -233,9 +230,6 @@ def test_decoders_are_up_while_somebody_publishes_the_decoded_stream():
     assert seen == [Services.NONE, up, up, up, down, down]
     links.endpoint("/global/go2/camera_front/color/ffmpeg", b"3", is_there=True)
     assert links.links(0)[0].decoders is down
-
-
-def test_drops_are_added_up_over_an_agents_topics():
     links = FleetLinks()
     beat(links, "go2", 0)
     links.health("go2", "/a", dropped=3, lost=1)

@@ -145,11 +145,16 @@ def test_a_cloud_gives_its_finite_points_and_their_fields(order, row_step):
     assert np.array_equal(cloud_colors(kept), [[0x10, 0x20, 0x30]] * 9)
 
 
-def test_a_colour_packed_into_a_float_is_the_same_colour():
+def test_a_colour_packed_into_a_float_is_the_same_and_colours_run_from_blue_to_red():
     dtype = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("rgb", "<f4")])
     records = np.zeros(2, dtype)
     records["rgb"] = np.array([0xFF0000, 0x0000FF], np.uint32).view(np.float32)
     assert np.array_equal(cloud_colors(records), [[255, 0, 0], [0, 0, 255]])
+    colors = colors_by_value(np.array([0.0, 1.0, 2.0, np.nan]))
+    assert colors[0, 2] > colors[0, 0]
+    assert colors[2, 0] > colors[2, 2]
+    assert colors_by_value(np.zeros(0)).shape == (0, 3)
+    assert len(colors_by_value(np.ones(3))) == 3
 
 
 def test_a_cloud_without_coordinates_or_with_too_little_data_is_refused():
@@ -160,14 +165,6 @@ def test_a_cloud_without_coordinates_or_with_too_little_data_is_refused():
     message.data = message.data[:-1]
     with pytest.raises(InvalidValueError, match="point cloud data"):
         cloud_points(message)
-
-
-def test_colours_run_from_blue_to_red_and_a_hole_has_one_too():
-    colors = colors_by_value(np.array([0.0, 1.0, 2.0, np.nan]))
-    assert colors[0, 2] > colors[0, 0]
-    assert colors[2, 0] > colors[2, 2]
-    assert colors_by_value(np.zeros(0)).shape == (0, 3)
-    assert len(colors_by_value(np.ones(3))) == 3
 
 
 @given(st.tuples(*[st.floats(0.01, 5)] * 3), st.integers(0, 2**31))

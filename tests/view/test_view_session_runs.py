@@ -248,7 +248,7 @@ def test_a_reference_log_becomes_a_recording(tmp_path, pytestconfig, read_rrd):
     assert len(walls["LineStrips3D:strips"]) > 0
 
 
-def test_the_layout_of_a_fleet_has_a_view_for_every_camera(pytestconfig):
+def test_the_layout_has_a_view_for_every_camera_and_the_heartbeats_if_there_are_any(pytestconfig):
     from sfglab.fleet.fleet_file import load_fleet
 
     layout = layout_of_fleet(load_fleet(pytestconfig.rootpath / "data/fleets/lab.yaml"))
@@ -258,9 +258,6 @@ def test_the_layout_of_a_fleet_has_a_view_for_every_camera(pytestconfig):
     ]
     assert layout.agents == ("go2", "pi1", "pi2", "pi3", "steamdeck", "workstation")
     assert (layout.frame, layout.communication) == ("map", True)
-
-
-def test_the_layout_of_topics_has_their_pictures_and_the_heartbeats_if_there_are_any():
     topics = {"/b": IMAGE, "/a": "sensor_msgs/msg/CompressedImage", "/words": STRING}
     layout = layout_of_topics(topics)
     assert [c.entity for c in layout.cameras] == ["/a", "/b"]

@@ -84,14 +84,11 @@ def test_equal_stamps_come_out_at_once_and_a_nearer_partner_that_comes_later_is_
     assert sync.unmatched == 1
 
 
-def test_a_full_queue_decides_with_what_there_is():
+def test_a_full_queue_decides_a_stamp_that_does_not_rise_is_dropped_and_clearing_starts_anew():
     sync = synchronizer(Approximate(slop_ns=50, depth=2), ("a", "b"))
     sync.offer("a", 0, "far")
     found = [s for stamp in (40, 80, 120) for s in sync.offer("b", stamp, stamp)]
     assert [s.items["b"][1] for s in found] == [40]
-
-
-def test_a_stamp_that_does_not_rise_is_dropped_and_a_cleared_synchronizer_starts_anew():
     sync = synchronizer(Exact(), ("a", "b"))
     sync.offer("a", 5, "x")
     sync.offer("a", 5, "again")
