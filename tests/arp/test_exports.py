@@ -136,16 +136,13 @@ def run_cyclone(path: Path) -> subprocess.CompletedProcess[str]:
     )
 
 
-def test_cyclone_dds_itself_accepts_its_configuration(cyclone, tmp_path):
+def test_cyclone_dds_itself_accepts_its_configuration_which_has_the_planned_timing(cyclone, tmp_path):
     good, bad = tmp_path / "good.xml", tmp_path / "bad.xml"
     good.write_text(cyclone_xml(cyclone))
     bad.write_text(cyclone_xml(cyclone).replace("NackDelay", "NackDelays"))
     assert run_cyclone(good).returncode == 0, run_cyclone(good).stderr
     assert run_cyclone(good).stderr == ""
     assert run_cyclone(bad).returncode != 0, "Cyclone would notice what it does not know"
-
-
-def test_cyclones_configuration_has_the_planned_timing(cyclone):
     root = ET.fromstring(cyclone_xml(cyclone))  # noqa: S314 - our own text
     said = {local(e): (e.text, e.attrib) for e in root.iter() if e.text and e.text.strip()}
     assert said["NackDelay"][0] == said["AckDelay"][0] == "10 ms"

@@ -40,7 +40,7 @@ def packets(stream, start=0, stop=None):
     return [message(ffmpeg_packet_fields(frame, TABLE_2)) for frame in stream[start:stop]]
 
 
-def test_an_ffmpeg_packet_has_the_fields_of_version_3():
+def test_an_ffmpeg_packet_has_the_fields_of_version_3_and_depth_its_format_and_payload():
     frame = EncodedFrame(data=b"\0\0\1\x65", pts=7, is_key=True)
     assert asdict(ffmpeg_packet_fields(frame, TABLE_2)) == {
         "width": 640,
@@ -52,9 +52,6 @@ def test_an_ffmpeg_packet_has_the_fields_of_version_3():
         "data": b"\0\0\1\x65",
     }
     assert ffmpeg_packet_fields(EncodedFrame(data=b"", pts=8, is_key=False), TABLE_2).flags == 0
-
-
-def test_compressed_depth_fields_are_the_format_and_the_payload():
     fields = compressed_depth_fields(np.array([[0, 0, 5, 6, 6]], np.uint16))
     assert fields.format == "16UC1; compressedDepth rvl"
     assert fields.data == bytes(12) + struct.pack("<II", 5, 1) + bytes.fromhex("0020a123")

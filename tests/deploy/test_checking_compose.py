@@ -163,13 +163,16 @@ def test_a_third_service_a_missing_one_and_a_bridge_with_a_way_out_are_found():
     assert "internal" in found["agent's network has no way out"]
 
 
-def test_what_the_fleet_file_allows_is_allowed():
+def test_what_the_fleet_file_allows_is_allowed_and_variables_may_come_from_files_or_defaults():
     bridge_less = with_service("agent", network_mode="host", networks=None)
     on_host = replace(GO2, host=replace(GO2.host, network=ContainerNetwork.HOST))
     assert failing(verdicts(bridge_less, deployment=on_host)) == {}
     usb = with_service("agent", devices=["/dev/bus/usb:/dev/bus/usb"], device_cgroup_rules=["c 189:* rwm"])
     assert failing(verdicts(usb)) == {}
     assert DEVICES in failing(verdicts(usb, deployment=replace(GO2, host=replace(GO2.host, devices=()))))
+    values = with_service("agent", command=["$${HOME}", "${A}", "${B:-b}", "$C"])
+    found = failing(verdicts(values, **{"release.env": "A=1\nexport C=2\n"}))
+    assert found == {}
 
 
 @pytest.mark.parametrize("accelerator", Accelerator)
@@ -178,12 +181,6 @@ def test_graphics_cards_are_nvidias_where_the_machine_has_one(accelerator):
     values = with_service("agent", deploy=gpu, runtime="nvidia", devices=None)
     says = failing(verdicts(values, deployment=replace(GO2, accelerator=accelerator)))
     assert (DEVICES in says) is (accelerator not in {Accelerator.CUDA, Accelerator.JETSON})
-
-
-def test_variables_may_come_from_the_folders_files_or_have_a_default():
-    values = with_service("agent", command=["$${HOME}", "${A}", "${B:-b}", "$C"])
-    found = failing(verdicts(values, **{"release.env": "A=1\nexport C=2\n"}))
-    assert found == {}
 
 
 @pytest.mark.parametrize(

@@ -150,13 +150,6 @@ def bad(findings):
     return [finding for finding in findings if finding.severity is not Severity.INFO]
 
 
-def test_what_a_fleet_is_called_cannot_write_lines_of_a_unit():
-    name = 'a\n[Service]\nExecStart=/bin/evil "%h" \\'
-    unit = service_unit(deployment(fleet=replace(FLEET, name=name)))
-    assert unit.count("ExecStart=") == service_unit(deployment()).count("ExecStart=") == 1
-    assert bad(check_unit(unit, "sfglab-go2.service")) == []
-
-
 UNIT = "[Unit]\nDescription=x\n[Service]\nExecStart=/bin/true\n[Install]\nWantedBy=multi-user.target\n"
 
 
@@ -192,6 +185,10 @@ def test_systemd_finds_a_wrong_value_and_a_missing_program_is_only_worth_knowing
     assert "program" in {f.code for f in missing}
 
 
-def test_a_unit_needs_the_name_of_a_service():
+def test_a_unit_needs_the_name_of_a_service_and_a_fleets_name_cannot_write_lines_of_it():
     with pytest.raises(DeployError, match=r"unit: given '../x'"):
         check_unit(UNIT, "../x")
+    name = 'a\n[Service]\nExecStart=/bin/evil "%h" \\'
+    unit = service_unit(deployment(fleet=replace(FLEET, name=name)))
+    assert unit.count("ExecStart=") == service_unit(deployment()).count("ExecStart=") == 1
+    assert bad(check_unit(unit, "sfglab-go2.service")) == []

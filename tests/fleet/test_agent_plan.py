@@ -57,7 +57,7 @@ def arguments(config: AgentConfig) -> dict[str, str]:
     return {component.name: component.argv[-1] for component in plan(config)}
 
 
-def test_every_component_is_told_where_it_stands():
+def test_every_component_is_told_where_it_stands_and_the_decoder_stays_inside():
     given = arguments(CONFIG)
     assert tuple(given) == ("router", "status", "discoverer", "decoder")
     router = config_from_argument(RouterConfig, given["router"])
@@ -66,9 +66,6 @@ def test_every_component_is_told_where_it_stands():
     assert (status.settings.agent, status.address) == ("go2", CONFIG.local)
     discoverer = config_from_argument(DiscoveryConfig, given["discoverer"])
     assert (discoverer.settings.agent, discoverer.address) == ("go2", CONFIG.local)
-
-
-def test_the_decoder_stays_inside_and_listens_to_its_own_agents_discoverer():
     decoder = config_from_argument(DecoderConfig, arguments(CONFIG)["decoder"])
     assert decoder.remote == decoder.local == CONFIG.local
     assert decoder.discovery_topic == "/local/go2/agent_discovery_event"
@@ -162,7 +159,7 @@ def test_a_person_reads_what_matters(event, lines):
     assert "is" in json.loads(json.dumps(report_from_event(event)))
 
 
-def test_a_person_reads_of_paths_that_open_and_close_by_their_names_in_ros():
+def test_a_person_reads_of_paths_that_open_and_close_by_ros_names_and_of_streams_that_change():
     narrator = Narrator(CONFIG)
     heartbeat = path("rt/global/agent_heartbeat")
     service = [path("rq/global/pi1/set_modeRequest", "outward"), path("rr/global/pi1/set_modeReply")]
@@ -176,9 +173,6 @@ def test_a_person_reads_of_paths_that_open_and_close_by_their_names_in_ros():
     assert narrator.lines(first) == []
     last = said("router", **{"is": "status", "paths": [heartbeat]})
     assert narrator.lines(last) == ["router: /global/pi1/set_mode outward closed"]
-
-
-def test_a_person_reads_of_a_stream_when_its_state_changes():
     narrator = Narrator(CONFIG)
     status = {"is": "status", "local_topic": "/local/pi1/camera/color/image_raw", "state": "RUNNING"}
     lines = [narrator.lines(said("decoder", **status, subscribers=n)) for n in (1, 2)]

@@ -18,15 +18,12 @@ def fleet_of(count: int, inner: str = "", processes: int = 20):
     return lint(read_fleet(f"fleet: f\nagents:\n{text}"))
 
 
-def test_with_one_domain_every_process_is_told_of_every_other_hosts_endpoints():
+def test_with_one_domain_all_are_told_of_all_and_through_routers_only_what_is_wanted_across():
     standard = fleet_of(2).discovery.standard
     assert standard.participants == 40
     assert standard.endpoints == 40 * ROS_ENDPOINTS
     assert standard.pairs == 2 * 20 * 20
     assert standard.announced == 2 * 20 * (20 * ROS_ENDPOINTS)
-
-
-def test_through_routers_only_what_is_wanted_across_is_announced():
     talk = "publishes: [/chatter, /global/shared/map], subscribes: [/chatter, /global/shared/map]"
     report = fleet_of(3, talk)
     assert report.discovery.shown == {"pi1": 2, "pi2": 2, "pi3": 2}
@@ -35,7 +32,7 @@ def test_through_routers_only_what_is_wanted_across_is_announced():
     assert report.discovery.routed.announced == 3 * 2 * 2
 
 
-def test_a_publisher_that_nobody_else_wants_is_not_shown_and_latched_ones_each():
+def test_a_publisher_nobody_wants_is_not_shown_latched_ones_each_and_a_service_as_two_topics():
     lonely = fleet_of(2, "publishes: [/global/shared/map]")
     assert lonely.discovery.shown == {"pi1": 0, "pi2": 0}
     text = """
@@ -49,9 +46,6 @@ agents:
 """
     shown = lint(read_fleet(text)).discovery.shown
     assert shown == {"a1": 3 + 1, "a2": 2}
-
-
-def test_a_service_is_shown_as_two_topics_on_each_side():
     text = "fleet: f\nagents:\n  a1: {domain: 1, lifecycle: false, serves: [/global/a1/reset]}\n"
     text += "  a2: {domain: 2, lifecycle: false, calls: [/global/a1/reset]}\n"
     assert lint(read_fleet(text)).discovery.shown == {"a1": 2, "a2": 2}

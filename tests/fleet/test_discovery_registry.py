@@ -69,7 +69,7 @@ def events(orders):
     return [order.event for order in orders if order.action in ANNOUNCEMENTS]
 
 
-def test_the_first_heartbeat_asks_and_the_answer_is_announced_with_its_description():
+def test_the_first_heartbeat_asks_the_answer_is_announced_and_silence_is_of_the_announced_period():
     world = World()
     (ask,) = world.hear()
     assert world.hear(0.5) == []
@@ -77,9 +77,6 @@ def test_the_first_heartbeat_asks_and_the_answer_is_announced_with_its_descripti
     told = (news.agent, news.event, news.incarnation, news.metadata.says)
     assert told == ("go2", "DISCOVERED", 7, "what it is")
     assert world.deadline_s == 4.0, "three periods of 1 s and the slack after the heartbeat at 0.5 s"
-
-
-def test_silence_is_measured_in_the_period_that_the_agent_announced():
     world = discovered()
     world.hear(1.0, period_s=5.0, phase=1)
     assert world.deadline_s == 16.5
@@ -119,7 +116,7 @@ def test_a_failed_query_is_repeated_with_doubling_waits_up_to_the_limit_and_one_
     assert world.deadline_s - at_s == 0.25
 
 
-def test_another_revision_is_asked_for_and_an_answer_may_be_ahead_of_the_heartbeats():
+def test_another_revision_is_asked_for_and_another_start_gives_up_the_query_before():
     world = discovered()
     (ask,) = world.hear(1, revision=1)
     assert world.hear(1.5, revision=2) == []
@@ -127,9 +124,6 @@ def test_another_revision_is_asked_for_and_an_answer_may_be_ahead_of_the_heartbe
     assert world.hear(2.5, revision=2) == []
     assert world.hear(2.5, revision=3) == []
     assert world.state is State.ACTIVE
-
-
-def test_another_start_gives_up_the_query_to_the_one_before():
     world = World()
     (first,) = world.hear()
     abandoned, second = world.hear(0.1, incarnation=8)
@@ -150,7 +144,7 @@ def test_an_answer_to_something_else_than_was_asked_counts_as_none(fields):
     assert (world.registry.counts["mismatched"], world.registry.counts["failed"]) == (1, 1)
 
 
-def test_an_older_start_is_stale_while_a_newer_one_is_there_and_believed_when_that_is_lost():
+def test_an_older_start_is_stale_until_the_newer_is_lost_and_what_a_lost_one_said_does_not_count():
     world = discovered()
     assert world.hear(1, incarnation=6) == []
     assert world.registry.counts["dropped_stale"] == 1
@@ -158,9 +152,6 @@ def test_an_older_start_is_stale_while_a_newer_one_is_there_and_believed_when_th
     world.due(4)
     (ask,) = world.hear(5, incarnation=6)
     assert events(world.answer(ask, 5, incarnation=6)) == ["RESTARTED"]
-
-
-def test_what_a_restarted_agent_said_before_it_was_lost_again_does_not_count():
     world = discovered()
     world.due(10)
     world.hear(11, incarnation=8)

@@ -50,7 +50,7 @@ def refusal(text: str) -> DocumentError:
     return caught.value
 
 
-def test_the_labs_file_is_a_fleet():
+def test_the_labs_file_is_a_fleet_whose_sensors_are_what_the_status_provider_announces():
     fleet = load_fleet(LAB)
     assert [a.name for a in fleet.agents] == ["go2", "pi1", "pi2", "pi3", "steamdeck", "workstation"]
     assert fleet.policy.rules == TABLE_1
@@ -59,9 +59,6 @@ def test_the_labs_file_is_a_fleet():
     assert go2.streams[0].rate_hz * go2.streams[0].size_bytes * 8 == pytest.approx(4e6, rel=0.01)  # Table 2
     assert fleet.global_address("workstation") == BusAddress(domain_id=0, interface="eth0")
     assert fleet.local_address("go2") == BusAddress(domain_id=1, interface="lo")
-
-
-def test_what_the_file_says_of_sensors_is_what_the_status_provider_announces():
     go2 = load_fleet(LAB).agent("go2")
     description = go2.description
     description.check("go2")

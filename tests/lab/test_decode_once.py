@@ -44,16 +44,13 @@ def made(tmp_path):
     return made_run(exp, tmp_path / "made.mcap", tables)
 
 
-def test_slopes_and_reduction_of_known_costs_are_found(made):
+def test_slopes_reduction_and_terms_of_known_costs_are_found_and_explain_everything(made):
     found = slopes(made)
     assert found.cpu_standard.value == pytest.approx(NET + DEC)
     assert found.cpu_proxy.value == pytest.approx(IPC)
     assert found.reduction.value == pytest.approx(100 * (1 - IPC / (NET + DEC)))
     assert found.net_standard.value == pytest.approx(4)
     assert found.net_proxy.value == pytest.approx(0, abs=1e-9)
-
-
-def test_the_cost_model_finds_its_terms_and_explains_everything(made):
     model = cost_model(made)
     assert [e.value for e in (model.net, model.dec, model.ipc)] == pytest.approx([NET, DEC, IPC])
     assert model.residual.value == pytest.approx(0, abs=1e-9)
@@ -67,7 +64,7 @@ def test_a_frame_that_the_camera_never_sent_so_is_not_verified(made):
     assert (checks.loc["network", "pairs"], checks.loc["network", "verified"]) == (0, 0)
 
 
-def test_every_pair_of_cells_is_measured_side_by_side():
+def test_every_pair_of_cells_is_side_by_side_and_profiles_differ_in_length_only():
     stage = Stage(codec="h264", source="photos", counts=(1, 2, 5), network_counts=(5,), repeats=2)
     order = cells_of(stage, rng=np.random.default_rng(3))
     assert len(order) == len(set(order)) == 2 * 3 * 2 + 1
@@ -75,9 +72,6 @@ def test_every_pair_of_cells_is_measured_side_by_side():
     for first, second in zip(paired[::2], paired[1::2], strict=True):
         assert {first[0], second[0]} == {"standard", "proxy"}
         assert first[1:] == second[1:]
-
-
-def test_profiles_differ_in_length_only_and_the_source_is_the_colour_streams():
     config = exp.config("quick", source="drive.mp4", seed=4)
     assert [s.source for s in config.stages] == ["drive.mp4", "stereo"]
     assert config.stages[0].counts == tuple(range(1, 11))

@@ -235,16 +235,13 @@ def received(agents):
     return mean(host.rx_bytes for host in run_fleet(wanted).hosts)
 
 
-def test_every_routed_agent_finds_all_others_and_a_seed_repeats():
+def test_every_routed_agent_finds_all_others_by_two_endpoints_for_each_ordered_pair():
     agents = Fleet(mode=ROUTED, agents=5, talkers=1, listeners=1)
     rows = simulate_fleet(agents, 0)
     assert [row["host"] for row in rows] == list(range(5))
     assert not any(row["censored"] for row in rows)
     assert all(0.03 < row["resolved_s"] < 5 and row["rx_bytes"] > 1000 for row in rows)
     assert simulate_fleet(agents, 0) == rows
-
-
-def test_the_global_domain_gets_two_endpoints_for_each_ordered_pair_of_routed_agents():
     outcome = run_fleet(Fleet(mode=ROUTED, agents=6, talkers=1, listeners=1))
     # Each agent: its heartbeats both ways and its service, and a client of every other agent's.
     assert outcome.announced == pytest.approx(6 * 4 + 2 * 6 * 5, rel=0.2)

@@ -129,13 +129,9 @@ def test_tcp_reaches_the_other_host_and_nobody_elses_loopback_nor_the_outside(ed
 
 
 @netns
-def test_udp_echo_carries_small_large_and_fragmented_datagrams(edge, station):
+def test_udp_echo_carries_small_large_and_fragmented_datagrams_and_multicast_reaches_others(edge, station):
     with serving(station, UDP_SERVER):
         assert say(edge, UDP_CLIENT, station.address, 1, 1472, 20000) == ["1", "1472", "20000"]
-
-
-@netns
-def test_multicast_reaches_other_hosts(edge, station):
     with serving(station, MULTICAST_SERVER) as server:
         say(edge, MULTICAST_CLIENT)
         assert server.stdout.readline().strip() == edge.address
@@ -204,14 +200,10 @@ def test_two_networks_at_once_do_not_meet(network, edge):
 
 
 @netns
-def test_a_started_process_is_the_command_itself(edge):
+def test_a_started_process_is_the_command_itself_with_default_signals_and_no_stray_descriptors(edge):
     code = "import os; print(os.getpid(), os.environ['COLOUR'])"
     with edge.popen([*PYTHON, code], env={"COLOUR": "green"}, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout.read().split() == [str(process.pid), "green"]
-
-
-@netns
-def test_a_started_program_finds_default_signals_and_no_stray_descriptors(edge):
     status = edge.run(["grep", "SigIgn", "/proc/self/status"], TIMEOUT_S).stdout
     # Python ignores these two for itself; what our own caller ignores is inherited, as it should be.
     ignored = int(status.split()[1], 16)
@@ -246,7 +238,7 @@ def test_names_are_unique_and_known(network):
 
 
 @netns
-def test_a_closed_network_starts_nothing():
+def test_a_closed_network_starts_nothing_and_a_lost_hub_takes_the_hosts_along():
     with Network() as net:
         edge = net.add_host("edge")
         with pytest.raises(HostsError, match="in use"):
@@ -255,10 +247,6 @@ def test_a_closed_network_starts_nothing():
     for use in (*starts, edge.interface_bytes, lambda: net.how):
         with pytest.raises(HostsError, match="closed"):
             use()
-
-
-@netns
-def test_a_lost_hub_is_reported_and_takes_the_hosts_along():
     with Network() as net, serving(net.add_host("edge"), UDP_SERVER) as guest:
         net._running._process.kill()
         assert guest.wait(TIMEOUT_S) == -9

@@ -301,20 +301,14 @@ def test_the_radio_delivers_each_frame_when_the_model_does(shared, rates, far, *
     assert sum(use.queue_full for use in air.use) == outcome.counts["queue_full"]
 
 
-def test_a_late_look_lowers_no_rate():
+def test_a_late_look_lowers_no_rate_a_full_queue_drops_the_last_and_a_change_keeps_frames():
     air: Air = Air(["h0"], Medium(rate_bps=8e6, overhead_s=0.0, contention=0.0))
     for k in range(10):
         air.offer(0, k, size_bytes=1000, now_ns=0)
     assert [sent.due_ns for sent in air.advance(10_000_000)] == [1_000_000 * (k + 1) for k in range(10)]
-
-
-def test_a_full_queue_drops_what_comes_last():
     air: Air = Air(["h0"], Medium(queue_frames=2))
     assert [air.offer(0, k, size_bytes=100, now_ns=0) for k in range(4)] == [True, True, True, False]
     assert air.use[0].queue_full == 1
-
-
-def test_a_change_of_the_medium_keeps_the_frames():
     air: Air = Air(["h0", "h1"], Medium(queue_frames=5))
     for k in range(3):
         air.offer(0, k, size_bytes=100, now_ns=0)

@@ -52,14 +52,11 @@ def made(tmp_path):
     return made_run(exp, tmp_path / "made.mcap", tables, stream={"encoder": "none", "gop_s": 1.0})
 
 
-def test_what_a_path_adds_is_found_between_looks_of_one_repetition(made):
+def test_what_a_path_adds_is_found_within_a_repetition_and_first_pictures_by_their_means(made):
     assert glass_median(made, "standard").value == pytest.approx(8 + 1.5)
     assert added(made, "decoder").value == pytest.approx(1)
     assert added(made, "agent").value == pytest.approx(3)
     assert "on_demand" not in set(sights(made)["path"])
-
-
-def test_times_to_the_first_picture_are_compared_by_their_means(made):
     assert first_mean(made, "standard").value == pytest.approx(515)
     assert first_ratio(made, "agent").value == pytest.approx(90 / 515)
     assert first_ratio(made, "on_demand").value == pytest.approx(1015 / 515)

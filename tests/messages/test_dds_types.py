@@ -81,16 +81,12 @@ def test_bytes_of_every_type_pass_through_dds_unchanged(participant):
 
 
 @pytest.mark.live
-def test_a_framed_reply_passes_through_dds_unchanged(participant):
+def test_a_framed_reply_and_field_names_of_python_pass_through_dds_unchanged(participant):
     name = "sfglab_interfaces/srv/GetMetadata"
     _, reply = service_idl_struct(name)
     cdr = serialize(random_message(np.random.default_rng(2), f"{name}_Response"))
     frame = ServiceFrame(7, 8, cdr)
     assert unframe_service(through_dds(participant, reply, frame_service(frame))) == frame
-
-
-@pytest.mark.live
-def test_field_names_that_python_or_the_library_use_pass_too(participant):
     odd = register("test_pkg/msg/OddNames", "int32 serialize\nint32 def\nstring<=4 short\nuint8[<=3] few\n")
     cdr = serialize(odd(serialize=1, def_=2, short="abcd", few=np.array([1, 2], np.uint8)))
     assert through_dds(participant, idl_struct(odd), cdr) == cdr

@@ -47,13 +47,10 @@ def test_software_alone_before_the_blur_costs_it_one_delivery_and_no_turn(chain)
     assert second - first == pytest.approx(delivery_s, rel=1e-6)
 
 
-def test_a_gateway_is_as_fast_as_the_transfer_model_says_whatever_the_order(chain):
+def test_a_gateway_is_as_fast_as_the_model_says_and_other_topics_are_streams_in_hardware(chain):
     setup = Setup(publisher=Side.HARDWARE, transport=Transport.GATEWAY, message_bytes=FRAME_BYTES, hardware=3)
     assert chain.gateway_s == transfer_times(setup, STORED).hardware_s
     assert chain.gateway_s < min(chain.smt_s.values())
-
-
-def test_the_other_topics_are_streams_where_both_ends_are_in_hardware(chain):
     assert set(chain.fixed_s) == {"/blurred", "/lane_mask", "/lane"}
     stream_s = 2 * STORED.endpoint_s + STORED.memory.stream_s(FRAME_BYTES)
     assert chain.fixed_s["/blurred"] == pytest.approx(stream_s)

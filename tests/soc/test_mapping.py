@@ -55,14 +55,11 @@ def test_the_paper_s_example_has_the_paper_s_sets_and_ten_then_eight_then_three_
     assert [example.gateways.mapped_to(kind) for kind in KINDS] == [("D",), ("B",), tuple("ACE")]
 
 
-def test_the_dashed_parts_grow_as_topics_come_into_hardware(example):
+def test_the_dashed_parts_grow_and_another_rule_may_decide_between_software_and_gateway(example):
     assert len(hardware_subgraphs(example.software)) == 8
     assert (frozenset("24"), frozenset("B")) in hardware_subgraphs(example.hardware)
     parts = hardware_subgraphs(example.gateways)
     assert set(parts) == {(frozenset("123457"), frozenset("ABC")), (frozenset({"10", "11"}), frozenset("E"))}
-
-
-def test_another_rule_may_decide_between_software_and_gateway():
     graph = one_topic(("h1",), ("s1", "h2"))
     asked = []
     done = map_communication(graph, gateway=lambda g, t: asked.append((g.in_hardware, t.name)) or True)

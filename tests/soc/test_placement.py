@@ -68,15 +68,12 @@ def test_no_placement_with_any_gateways_is_better_than_the_one_found(seed, nodes
     assert found.load == assess(found.graph, platform)
 
 
-def test_the_driving_graph_is_placed_as_brute_force_places_it():
+def test_the_driving_graph_is_placed_as_by_brute_force_and_fifty_nodes_best_of_all():
     graph = load_graph(GRAPHS / "driving.yaml")
     tight = replace(ZCU104, lut=40_000)
     found = place_nodes(graph, tight)
     assert found.load.total_s == pytest.approx(best_of_all(graph, tight, {}), rel=1e-6)
     assert 0 < len(found.graph.in_hardware) < 7
-
-
-def test_fifty_nodes_are_placed_best_of_all():
     graph, platform = drawn(np.random.default_rng(1), 50)
     found = place_nodes(graph, platform, time_limit_s=120)  # quiet, it takes less than ten
     assert found.optimal

@@ -211,14 +211,11 @@ def test_a_package_ships_its_own_visualizer_and_a_broken_one_is_told(tmp_path):
         assert any("plugin:Image" in b and "'image' is taken" in b for b in broken)
 
 
-def test_without_rerun_there_is_one_sentence_and_the_model_still_works(monkeypatch):
+def test_without_rerun_there_is_one_sentence_and_importing_the_view_loads_nothing_heavy(monkeypatch):
     monkeypatch.setitem(sys.modules, "rerun", None)
     with pytest.raises(MissingExtraError, match=r"the view needs 'rerun', .*: pip install 'sfglab\[view\]'"):
         open_canvas(["a.rrd"])
     assert Session().add("image", "/a").visualizer.name == "image"
-
-
-def test_importing_the_view_loads_neither_rerun_nor_widgets():
     heavy = {"rerun", "ipywidgets", "cv2", "scipy"}
     code = f"import sys, sfglab.view.app, sfglab.view.panel; assert not {heavy} & set(sys.modules)"
     subprocess.run([sys.executable, "-c", code], check=True)
