@@ -179,7 +179,7 @@ class Medium:
     queue_frames: int = 500  #: Frames that a host's queue holds.
     #: What a full one does: drops what comes last, as a driver's or an access point's; drops what came first,
     #: as CoDel does, the default of Ubuntu; blocks who sends, as Linux does where the socket's buffer is
-    #: smaller. A test host's radio cannot block.
+    #: smaller. A test host's radio blocks where hosts share nothing.
     queue_rule: QueueRule = "tail"
     #: Whether frames go by an access point, a host more that contends: on air twice.
     access_point: bool = False

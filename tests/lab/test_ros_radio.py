@@ -1,17 +1,24 @@
 """Real Fast DDS over the lossy radio between hosts, in both modes of publication, beside the model."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from sfglab.errors import InvalidValueError
 from sfglab.lab.experiments.transmission.stage import live_hosts
 from sfglab.lab.experiments.transmission.validation import MODES, scenario_of_cell
 from sfglab.qos import QoSProfile
 from sfglab.rtps import PRESETS, Flow, Medium, Scenario, run
+from sfglab.rtps.vendors import SEND_BUFFER_BYTES
 
 pytestmark = [pytest.mark.live, pytest.mark.ros, pytest.mark.netns]
 
 CELL = {"kind": "lossy", "rate_hz": 100.0, "depth": 800, "size_bytes": 24, "loss": 0.08, "overhead_us": 300}
 RADIO = {"queue_frames": 500, "queue_rule": "tail", "burst_frames": 0, "access_point": False}
+
+FRAME_TRUE_BYTES = 640 + 256
+"""What a frame of 200 B takes of a socket's buffer: a small head and its sk_buff (Linux 6.18, `ss -m`)."""
 
 
 @pytest.mark.parametrize(("preset", "stalls"), [("fast_dds_sync", True), ("fast_dds_async", False)])
@@ -42,3 +49,24 @@ async def test_chains_and_local_caches_run_on_ros2_as_in_the_model():
     assert len(live["cached"].fate) + played.outcome.counts["held"] == 100
     assert {name: one.loss for name, one in live.items()} == dict.fromkeys(live, 0.0)
     assert (live["move"].published_ns >= live["hello"].published_ns + 5_000_000).all()
+
+
+async def test_a_queue_that_blocks_slows_who_publishes_as_in_the_model():
+    air = {
+        "loss": 0.0,
+        "overhead_us": 10_000,
+        "queue_frames": SEND_BUFFER_BYTES // FRAME_TRUE_BYTES,
+        "queue_rule": "block",
+    }
+    cell = {**CELL, **RADIO, **air, "preset": "fast_dds_sync", "rate_hz": 400.0, "depth": 1000}
+    shared = scenario_of_cell(cell, duration_s=2.5, drain_s=3.0)
+    async with live_hosts("robot", "station", ros="SYNCHRONOUS") as hosts:
+        with pytest.raises(InvalidValueError, match="shared is False"):
+            await hosts.play(shared, seed=5)
+    async with live_hosts("robot", "station", ros="SYNCHRONOUS") as hosts:
+        played = await hosts.play(replace(shared, medium=replace(shared.medium, shared=False)), seed=5)
+    live, model = (outcome.flows["topic"] for outcome in (played.outcome, run(played.scenario, seed=5)))
+    assert played.radio.queue_full == 0, "they wait at the host"
+    assert (live.loss, model.loss) == (0.0, 0.0)
+    assert len(live.fate) == pytest.approx(len(model.fate), rel=0.1)
+    assert len(live.fate) < 600, "of a thousand"

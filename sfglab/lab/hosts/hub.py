@@ -28,6 +28,7 @@ from sfglab.lab.hosts.host import end_members
 from sfglab.lab.hosts.network import Link
 from sfglab.lab.hosts.radio import Relay
 from sfglab.lab.hosts.wiring import Port, Shaping, Wiring
+from sfglab.rtps import Medium
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -103,6 +104,8 @@ class _Hub:
         return {}
 
     def set_radio(self, *, medium: dict[str, Any], seed: int) -> dict[str, Any]:
+        for port in self._ports.values():
+            self._shaping.set_air(port, Medium(**medium))
         if self._relay is None:
             for port in self._ports.values():
                 self._wiring.take_out(port)
@@ -114,6 +117,7 @@ class _Hub:
             self._relay.close()
             self._relay = None
             for port in self._ports.values():
+                self._shaping.set_air(port, Medium())
                 self._wiring.put_back(port)
         return {}
 

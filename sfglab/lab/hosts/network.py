@@ -39,6 +39,7 @@ _MAX_RATE_BPS = 8 * (2**32 - 1)
 _MIN_RATE_BPS = 1000
 # Tokens for this long may be spent at once, so that a late timer does not lower the rate.
 _BURST_S = 0.001
+_MOST_OVERHEAD_BYTES = 2**16 - 1  # tc_ratespec.overhead
 _DEFAULT_QUEUE_S = 0.1
 
 
@@ -335,24 +336,26 @@ class Network:
         """Join the hosts by a medium that they share instead of the Ethernet, or change that medium.
 
         A process relays every frame as the medium says; see `RadioCounters.kept_up` for whether it could. The
-        queue is the relay's: hosts never wait. Losses follow the seed, but which frame meets which number
-        depends on the machine. Counters begin anew.
+        queue is the relay's and hosts never wait, unless it blocks: then it is their kernel's, as long as a
+        socket's buffer, whatever `queue_frames` says. Losses follow the seed, but which frame meets which
+        number depends on the machine. Counters begin anew.
 
         Args:
             medium: As in the model of RTPS; a frame's size is its Ethernet header and payload.
             seed: Of the losses.
 
         Raises:
-            InvalidValueError: The medium's queues block who sends.
+            InvalidValueError: The queue blocks, and the medium is shared, as a host's kernel cannot know who
+                else is on air, or a frame costs more than that can count.
             LinkControlError: The kernel refuses.
             HostsError: The network is closed or lost, or has no hosts.
         """
         if not self._hosts:
             raise HostsError("a radio needs hosts: add them before `set_radio`")
-        if medium.queue_rule == "block":
-            raise InvalidValueError(
-                "medium: queue_rule", "block", "tail or head: what it relays has left its host"
-            )
+        most_s = _MOST_OVERHEAD_BYTES * 8 / medium.rate_bps
+        if medium.queue_rule == "block" and (medium.shared or medium.overhead_s > most_s):
+            allowed = f"a queue that blocks only where shared is False and overhead_s up to {most_s:g}"
+            raise InvalidValueError("medium", medium, allowed)
         try:
             self._channel.request("set_radio", medium=asdict(medium), seed=seed)
         except PermissionError as error:

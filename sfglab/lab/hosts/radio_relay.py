@@ -8,7 +8,8 @@ The medium is a pure machine: frames at times in, frames at later times out, all
 that the caller reads. Its rules are those of the model of RTPS, frame for frame, and airtime and turns its very
 functions: queues at the hosts that drop at their tail or head, one frame on air at a time, turns among hosts
 that have something to send, airtime stretched by contention, stalls, an access point that sends each frame once
-more, losses in bursts, then latency. Only a queue that blocks it cannot have: what it sees has left its host.
+more, losses in bursts, then latency. A queue that blocks is the host's
+kernel, which lets frames leave as fast as the air takes them (`wiring`).
 The kernel's time of arrival counts, and a frame's end follows from the end of the one before, not from when
 somebody looked: the relay's own slowness adds delay, which it counts, and lowers no rate.
 """
@@ -130,9 +131,10 @@ class Air(Generic[F]):
         full = len(queue) >= self._medium.queue_frames
         if full:
             self.use[host].queue_full += 1
-            if self._medium.queue_rule != "head":
+            if self._medium.queue_rule == "tail":
                 return False
-            queue.popleft()
+            if self._medium.queue_rule == "head":
+                queue.popleft()
         queue.append(waiting)
         return not full
 

@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from sfglab.lab.hosts.network import Link
+    from sfglab.rtps import Medium
 
 
 _BRIDGE = "br0"
@@ -165,6 +166,7 @@ _HTON = 1  # NFT_BYTEORDER_HTON
 _DROP, _ACCEPT = 0, 1  # linux/netfilter.h
 _MILLION = 1_000_000
 _HANDLE = 0x10000  # 1: in tc's notation
+_FRAME = 1514
 # chain: (hook, which interface the frame is compared with)
 _CHAINS = {"up": ("prerouting", Meta.NFT_META_IIFNAME), "down": ("forward", Meta.NFT_META_OIFNAME)}
 
@@ -207,6 +209,24 @@ def _set_rate(netlink: Any, index: int, link: Link) -> None:
         netlink.tc("add", "tbf", index=index, handle=_HANDLE, **bucket)
 
 
+_CLASS = 0x10010  # 1:10, HTB's default class
+
+
+def _block(netlink: Any, index: int, medium: Medium | None) -> None:
+    """Let frames leave a host no faster than a medium takes them, or as fast as they come again.
+
+    They wait in the kernel, and whose socket's buffer they fill is blocked.
+    """
+    if any(message.get_attr("TCA_KIND") == "htb" for message in netlink.get_qdiscs(index=index)):
+        netlink.tc("del", index=index, handle=_HANDLE, parent=TC_H_ROOT)
+    if medium is None:
+        return
+    overhead = round(medium.overhead_s * medium.rate_bps / 8)
+    rate = {"rate": round(medium.rate_bps / 8), "burst": overhead + _FRAME, "cburst": overhead + _FRAME}
+    netlink.tc("add", "htb", index=index, handle=_HANDLE, default=_CLASS & 0xFFFF)
+    netlink.tc("add-class", "htb", index=index, handle=_CLASS, parent=_HANDLE, overhead=overhead, **rate)
+
+
 class Shaping:
     """Sets the links of a network; lives in the hub."""
 
@@ -225,6 +245,15 @@ class Shaping:
         with self._wiring.inside(port.namespace) as netlink:
             _set_rate(netlink, port.inner_index, link)
         self._set_loss(port.outer, link.loss_per_million)
+
+    def set_air(self, port: Port, medium: Medium) -> None:
+        """Let a host feel a medium whose queues block, and no other.
+
+        Raises:
+            NetlinkError: As of `set_link`.
+        """
+        with self._wiring.inside(port.namespace) as netlink:
+            _block(netlink, port.inner_index, medium if medium.queue_rule == "block" else None)
 
     def _set_loss(self, table: str, per_million: int) -> None:
         if table in self._lossy:
