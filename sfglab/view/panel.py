@@ -40,7 +40,7 @@ class Panel:
         self._topics = topics
         self._rows: dict[str, Any] = {}
         self._states: dict[str, Any] = {}
-        self._tuned: dict[tuple[str, str], Any] = {}
+        self._tuned: dict[str, Any] = {}
         self._said = self._kit.HTML()
         self._list = self._kit.VBox()
         self.widget = self._kit.VBox([self._adding(), self._said, self._list])
@@ -53,10 +53,10 @@ class Panel:
             InvalidValueError: There is no such display or parameter.
         """
         self._session.display(id_)
-        if (id_, name) not in self._tuned:
-            known = sorted(known for of, known in self._tuned if of == id_)
-            raise InvalidValueError("parameter", name, ", ".join(known) or "none")
-        return self._tuned[id_, name]
+        tuned = self._tuned[id_]
+        if name not in tuned:
+            raise InvalidValueError("parameter", name, ", ".join(sorted(tuned)) or "none")
+        return tuned[name]
 
     def close(self) -> None:
         """Stop following the session; again is harmless."""
@@ -87,9 +87,8 @@ class Panel:
         if change.what is Changed.ADDED:
             self._rows[change.display.id] = self._row(change.display)
         elif change.what is Changed.REMOVED:
-            self._rows.pop(change.display.id, None)
-            self._states.pop(change.display.id, None)
-            self._tuned = {key: made for key, made in self._tuned.items() if key[0] != change.display.id}
+            for made in (self._rows, self._states, self._tuned):
+                made.pop(change.display.id, None)
         self._list.children = tuple(self._rows.values())
 
     def _row(self, display: Display) -> Any:
@@ -100,11 +99,12 @@ class Panel:
         self._follow(rate, lambda value: self._session.limit(id_, value or None))
         remove = button("Remove", lambda: attempt(lambda: self._session.remove(id_), self._said))
         self._states[id_] = self._kit.Label()
-        tuned = [self._parameter(display, parameter) for parameter in display.visualizer.parameters]
+        tuned = {p.name: self._parameter(display, p) for p in display.visualizer.parameters}
+        self._tuned[id_] = tuned
         requests = [self._request(id_, given.role, qos) for given, _, qos in display.inputs]
         names = self._kit.Label(", ".join(display.visualizer.topics.values()))
         head = self._kit.HBox([on, names, rate, remove])
-        return self._kit.VBox([head, *tuned, *requests, self._states[id_]])
+        return self._kit.VBox([head, *tuned.values(), *requests, self._states[id_]])
 
     def _parameter(self, display: Display, parameter: Parameter) -> Any:
         value = display.visualizer.settings[parameter.name]
@@ -118,7 +118,6 @@ class Panel:
         else:
             made = (self._kit.IntText if parameter.kind is int else self._kit.FloatText)(**named)
         self._follow(made, lambda new: self._session.tune(display.id, parameter.name, new))
-        self._tuned[display.id, parameter.name] = made
         return made
 
     def _request(self, id_: str, role: str, qos: QoSProfile) -> Any:

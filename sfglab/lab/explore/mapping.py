@@ -183,12 +183,11 @@ class PressedMapping(Pressed):
         return "; ".join(told)
 
     def _sentences(self) -> dict[str, str]:
-        nodes = {
-            ":".join(node_vertex(n.name)): f"{n.name} runs in {n.placement.value}: press to move it"
-            for n in self.graph.nodes
-        }
-        topics = {
-            ":".join(topic_vertex(t.name)): f"{t.name} is mapped to {t.mapping.value}: press for the next"
-            for t in self.graph.topics
-        }
-        return nodes | topics
+        said = {}
+        for node in self.graph.nodes:
+            said[node_vertex(node.name)] = f"{node.name} runs in {node.placement.value}: press to move it"
+        for topic in self.graph.topics:
+            said[topic_vertex(topic.name)] = (
+                f"{topic.name} is mapped to {topic.mapping.value}: press for the next"
+            )
+        return {":".join(vertex): text for vertex, text in said.items()}
