@@ -8,7 +8,7 @@ verdicts; refuses to know how a figure is measured: the experiments do.
 from __future__ import annotations
 
 from collections.abc import Mapping  # noqa: TC003 - a document's fields are typed at run time
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import Enum
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -55,6 +55,7 @@ class Criterion:
     measure: str  #: What is computed in each condition, and of it when the claim holds there.
     unit: str  #: Of the figure.
     band: tuple[float, float]  #: Lowest and highest figure that counts as reproduced.
+    experiment: str  #: Name of the experiment whose runs it judges.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -94,6 +95,7 @@ class Finding:
     #: The same figure under other conditions that the paper leaves open, or in other runs, by what they are.
     under: Mapping[str, Estimate] = field(default_factory=dict)
     fitted: str = ""  #: What was fitted to the claim's own figures; empty: nothing.
+    by_criterion: bool = False  #: Whether the claim's criterion judges it, and not its band.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -101,6 +103,10 @@ class Measured(Finding):
     """A finding with how it was obtained."""
 
     how: How
+
+    def beside(self, other: Measured, log: str) -> Measured:
+        """Return it with the figure of another experiment, from this log, among its details."""
+        return replace(self, details={**self.details, "by the band of other runs": f"{other.estimate} ({log})"})
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -270,7 +276,9 @@ def _band(band: tuple[float, float]) -> str:
 
 
 def entry_for(claim: Claim, measured: Measured | None, *, log: str = "", origin: str = "") -> Entry:
-    """Join a claim with our figure and judge it."""
+    """Join a claim with our figure and judge it; a figure by the claim's criterion by that one's band and unit."""
     if measured is None:
         log = origin = ""
+    elif measured.by_criterion and claim.criterion:
+        claim = replace(claim, band=claim.criterion.band, unit=claim.criterion.unit)
     return Entry(claim=claim, verdict=judge(claim, measured), measured=measured, log=log, origin=origin)

@@ -73,7 +73,8 @@ def compute_ledger(project: Project, *, profile: str | None = None) -> Ledger:
     measured: dict[str, tuple[Measured, str, str]] = {}
     kept = kept_findings(project)
     claims = load_claims(project.claims)
-    for name in dict.fromkeys(claim.experiment for claim in claims if claim.experiment):
+    names = (name for c in claims for name in (c.experiment, c.criterion and c.criterion.experiment) if name)
+    for name in dict.fromkeys(names):
         log = find_log(project, name, profile=profile)
         if log is None:
             continue
@@ -83,11 +84,13 @@ def compute_ledger(project: Project, *, profile: str | None = None) -> Ledger:
             _LOG.warning("claims: %s: %s", project.relative(log), error)
             continue
         log_name = project.relative(log)
-        measured |= {claim: (figure, log_name, found.origin) for claim, figure in found.measured.items()}
+        for claim_id, figure in found.measured.items():
+            ours, before = (figure, log_name, found.origin), measured.get(claim_id)
+            measured[claim_id] = _stronger(before, ours) if before else ours
     entries = Ledger()
     for claim in claims:
-        figure, log_name, origin = measured.get(claim.id, (None, "", ""))
-        entries.append(entry_for(claim, figure, log=log_name, origin=origin))
+        ours_or_none, log_name, origin = measured.get(claim.id, (None, "", ""))
+        entries.append(entry_for(claim, ours_or_none, log=log_name, origin=origin))
     return entries
 
 
@@ -113,6 +116,15 @@ def _circumstances(run: Run[Any]) -> str:
         f"commit {source['git_commit'][:12]}{changed}" if source else "commit not in the log",
     )
     return "; ".join(filter(None, parts))
+
+
+_Ours = tuple[Measured, str, str]
+
+
+def _stronger(one: _Ours, other: _Ours) -> _Ours:
+    """Return what counts of two experiments' figures: what a criterion judges, the other beside it."""
+    first, second = (other, one) if other[0].by_criterion else (one, other)
+    return first[0].beside(*second[:2]), *first[1:]
 
 
 def entries_of(project: Project, run: Run[Any]) -> Ledger:

@@ -6,7 +6,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from sfglab.lab.experiments.phases import PLACE, answers, conditions, exp, midpoints, plausible, shares
+from sfglab.lab.experiments.phases import exp, shares
+from sfglab.lab.experiments.phases.answers import PLACE, answers, plausible
+from sfglab.lab.experiments.phases.experiment import conditions, midpoints
 from sfglab.lab.experiments.transmission.experiment import (
     HELLO_DOWN,
     HELLO_HOP,
@@ -33,7 +35,15 @@ def tables(best_ms, small_ms, arrived, ends):
     rows = {("none", "1"): small_ms, ("none", "1000"): 20.0, ("OPT+LC", "opt"): best_ms}
     cells = [
         place
-        | {"method": m, "depth": d, "seed": seed, "published": 100, "age_ms": 1.0, "p50_ms": ms + seed / 9}
+        | {
+            "method": m,
+            "depth": d,
+            "seed": seed,
+            "published": 100,
+            "age_ms": 1.0,
+            "p50_ms": ms + seed / 9,
+            "pooled_ms": ms,
+        }
         | {"arrived": arrived if m == "OPT+LC" else 50 if d == "1" else 90}
         for (m, d), ms in rows.items()
         for seed in range(6)

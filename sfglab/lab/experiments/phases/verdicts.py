@@ -1,0 +1,153 @@
+"""Verdicts on B-LAT, B-LOSS and B-COOP by their criteria, from runs that have all that the criteria ask for.
+
+Asked is a finished run with every plausible condition of every mode at every Rmax, each with six seeds or more
+for "Hello" and as many rounds of the hallway as the profile has. From any other there is no finding. Of the
+modes that may stand for the paper's middleware, the one with the lowest figure judges.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+
+from sfglab.arp.hallway import End
+from sfglab.lab.claims import Finding, How
+from sfglab.lab.experiments.phases.answers import ANSWERS, PLACE, answers, criterion, plausible
+from sfglab.lab.experiments.phases.experiment import CELLS, COURSES, Config, exp
+from sfglab.lab.experiments.transmission.analysis import BEST
+from sfglab.lab.runs import COMPLETION, Run, derived
+from sfglab.lab.stats import Estimate, difference_of, share_of
+
+LEAST_SEEDS = 6
+"""With how many seeds the criteria want each condition."""
+MOST_RATES = 3
+"""At how many of the four Rmax OPT+LC has to be lowest."""
+FAST_HZ = (500, 1000)
+"""Rmax at which a small depth has to be worse than a deep one, at either."""
+_CONDITION = [name for name in PLACE if name != "rate_max_hz"]
+_ROBOT2 = "robot2"
+
+
+@derived
+def phases(run: Run[Config]) -> pd.DataFrame:
+    """Return the answers of a run's conditions."""
+    return answers(run["cell"], run["course"])
+
+
+@derived
+def shares(run: Run[Config]) -> pd.DataFrame:
+    """Return the share of conditions, by preset and queue, with each answer: of all, and inside the region."""
+    table = phases(run)
+    region = criterion().region
+    inside = np.all([table[name].between(*bounds) for name, bounds in region.items()], axis=0)
+    keys, columns = ["preset", "queue_rule"], list(ANSWERS)
+    parts = {"all": table, "region": table[inside]}
+    found = [part.groupby(keys, sort=False)[columns].mean().assign(of=name) for name, part in parts.items()]
+    counts = [part.groupby(keys, sort=False).size() for part in parts.values()]
+    return pd.concat(found).assign(conditions=pd.concat(counts).to_numpy()).reset_index()
+
+
+@derived
+def judged(run: Run[Config]) -> tuple[pd.DataFrame, pd.DataFrame] | None:
+    """Return both tables of a run in the plausible conditions alone; None if the run has not all of them."""
+    places = pd.DataFrame(plausible(), columns=PLACE)
+    tables = run["cell"].merge(places, on=PLACE), run["course"].merge(places, on=PLACE)
+    wanted = (len(CELLS), LEAST_SEEDS), (len(COURSES), run.config.course_seeds)
+    for table, (lines, seeds) in zip(tables, wanted, strict=True):
+        counts = table.groupby([*PLACE, "method", "depth"])["seed"].nunique()
+        if len(counts) < lines * len(places) or counts.min() < seeds:
+            return None
+    return tables if run.metadata(COMPLETION) else None
+
+
+def agreement(table: pd.DataFrame, of: str) -> pd.DataFrame:
+    """Return where the criterion of B-LAT (``latency``) or B-LOSS (``loss``) holds, a line a condition.
+
+    Args:
+        table: Answers at all four Rmax of each condition.
+        of: What is asked of, ``latency`` or ``loss``.
+
+    Returns:
+        The columns of `PLACE` but Rmax; ``lowest`` (OPT+LC, at three Rmax or more), ``small`` (a small depth
+        is worse than a deep one, at 500 or 1000 Hz), and ``agrees``: both.
+    """
+    lowest = table.groupby(_CONDITION, sort=False)[f"{of}_lowest"].sum() >= MOST_RATES
+    fast = table[table["rate_max_hz"].isin(FAST_HZ)]
+    small = fast.groupby(_CONDITION, sort=False)[f"{of}_small"].any()
+    found = pd.DataFrame({"lowest": lowest, "small": small})
+    return found.assign(agrees=found["lowest"] & found["small"]).reset_index()
+
+
+@exp.claim("B-LAT", how=How.SIMULATED)
+def latency_verdict(run: Run[Config]) -> Finding | None:
+    """Return in what share of the plausible conditions the criterion of B-LAT holds."""
+    return _agreement_finding(run, "latency")
+
+
+@exp.claim("B-LOSS", how=How.SIMULATED)
+def loss_verdict(run: Run[Config]) -> Finding | None:
+    """Return in what share of the plausible conditions the criterion of B-LOSS holds."""
+    return _agreement_finding(run, "loss")
+
+
+def _agreement_finding(run: Run[Config], of: str) -> Finding | None:
+    if (tables := judged(run)) is None:
+        return None
+    table = run.once("plausible", lambda: answers(*tables))
+    found = agreement(table, of)
+    figures: dict[str, Estimate] = {}
+    details: dict[str, str] = {}
+    for mode in criterion().modes:
+        part = found[found["preset"] == mode]
+        figures[mode] = share_of(int(part["agrees"].sum()), len(part), unit="share of plausible conditions")
+        ages = table[table["preset"] == mode][["age_ms", "age_lowest_ms"]].median()
+        details |= {
+            f"{mode}, agree": f"{figures[mode]}: {part['agrees'].sum()} of {len(part)}",
+            f"{mode}, {BEST} lowest": f"in {part['lowest'].sum()} of {len(part)}",
+            f"{mode}, a small depth worse": f"in {part['small'].sum()} of {len(part)}",
+            f"{mode}, age at the station": f"{BEST} {ages.iloc[0]:.3g} ms, lowest other {ages.iloc[1]:.3g} ms",
+        }
+    mode = min(figures, key=lambda name: figures[name].value)
+    reason = f"{_where(found[found['preset'] == mode], 'agrees')} (map: figure phases, notebook 19)"
+    return Finding(
+        estimate=figures[mode], details=details, reason=f"as {mode}, agree {reason}", by_criterion=True
+    )
+
+
+def _where(table: pd.DataFrame, column: str) -> str:
+    """Say by each axis of the region where something holds: the map in words."""
+    said = []
+    for axis in criterion().region:
+        by = table.groupby(axis)[column].mean()
+        said.append(f"by {axis} " + ", ".join(f"{value:g}: {share:.0%}" for value, share in by.items()))
+    return "; ".join(said)
+
+
+@exp.claim("B-COOP", how=How.SIMULATED)
+def cooperation_verdict(run: Run[Config]) -> Finding | None:
+    """Return by how much OPT+LC completes the hallway more often than no method, over plausible conditions.
+
+    Every condition, Rmax and depth has as many rounds, so that a share over all is the mean that the criterion
+    asks for.
+    """
+    if (tables := judged(run)) is None:
+        return None
+    courses = tables[1].assign(done=tables[1]["end"] == End.SUCCESS.value)
+    figures: dict[str, Estimate] = {}
+    details: dict[str, str] = {}
+    for mode in criterion().modes:
+        part = courses[courses["preset"] == mode]
+        best, none = (part[part["method"] == method] for method in (BEST, "none"))
+        rates = [share_of(int(one["done"].sum()), len(one), unit="success rate") for one in (best, none)]
+        figures[mode] = difference_of(*rates, unit="success rate difference")
+        met = none["end"].isin([End.STOP.value, End.CONTACT.value])
+        second = met & (none["robot"] == _ROBOT2)
+        details |= {
+            f"{mode}, {BEST} less none": f"{rates[0]} less {rates[1]}: {figures[mode]}",
+            f"{mode}, none: who meets an obstacle": f"{_ROBOT2} in {second.sum()}, anyone in {met.sum()}, "
+            f"nobody (given up) in {(none['end'] == End.TIMEOUT.value).sum()} of {len(none)} rounds",
+        }
+    mode = min(figures, key=lambda name: figures[name].value)
+    best = courses[(courses["preset"] == mode) & (courses["method"] == BEST)]
+    reason = f"as {mode}, {BEST} completes {_where(best, 'done')} (map: figure phases, notebook 19)"
+    return Finding(estimate=figures[mode], details=details, reason=reason, by_criterion=True)
