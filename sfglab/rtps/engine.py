@@ -44,7 +44,7 @@ def _serve(world: Any, now: int, server: int) -> None:
         world.counts[Count.COMPARED if skips else Count.PROCESSED] += 1
         world.reader[flow, R.VALUE] = world.value[flow, sample]
         world.server[server, S.BUSY] = 1
-        world.server[server, S.SKIPS] = skips
+        world.server[server, S.SKIPS], world.server[server, S.SAME] = skips, same
         world.server[server, S.FLOW] = flow
         world.server[server, S.SAMPLE] = sample
         world.server[server, S.NEXT] = 0 if flow + 1 == flows else flow + 1
@@ -59,7 +59,7 @@ def _served(world: Any, now: int, server: int) -> None:
     world.server[server, S.BUSY] = 0
     world.fate[flow, sample] = Fate.DELIVERED
     world.received_ns[flow, sample] = now
-    if world.watched[flow]:
+    if world.watched[flow] > world.server[server, S.SAME]:
         delivery, skipped = world.delivery, world.server[server, S.SKIPS]
         delivery[D.FRESH], delivery[D.FLOW], delivery[D.SAMPLE], delivery[D.SKIPPED] = 1, flow, sample, skipped
     chain = world.flows[flow, FlowColumn.CHAIN]

@@ -121,6 +121,9 @@ def _choose_host(world: Any, transmitter: int) -> tuple[int, int]:
         waiting = world.queue_ends[transmitter, 1]
         return (transmitter if waiting else -1), 1
     chosen, contenders = _next_sender(world.queue_ends[:, 1], world.next_host[0])
+    if contenders > 1 and world.timing[TimingColumn.RANDOM_TURNS]:
+        for _ in range(int(uniform(world.random) * contenders)):
+            chosen = _next_sender(world.queue_ends[:, 1], chosen + 1)[0]
     if chosen >= 0:
         world.next_host[0] = chosen + 1
     return chosen, contenders

@@ -183,6 +183,10 @@ class Medium:
     queue_rule: QueueRule = "tail"
     #: Whether frames go by an access point, a host more that contends: on air twice.
     access_point: bool = False
+    #: Whether chance says who of those that wait sends next, as Wi-Fi's backoff does; else they take turns. In
+    #: turns the same host wins each free place in a full access point's queue, and all others nothing. Only the
+    #: model has chance; a test host's radio takes turns.
+    random_turns: bool = False
     burst_frames: float = 0.0  #: Mean length of a burst of losses, frames; below 1: each is lost by itself.
     stall_every_s: float = 0.0  #: How often the medium stalls: scans, power saving, neighbours.
     stall_s: float = 0.0  #: For how long nothing begins to be sent then.
@@ -350,6 +354,7 @@ def _timing(scenario: Scenario, access_point: int) -> np.ndarray:
         TimingColumn.ACCESS_POINT: access_point,
         TimingColumn.STALL_EVERY_NS: _ns(medium.stall_every_s),
         TimingColumn.STALL_NS: _ns(medium.stall_s),
+        TimingColumn.RANDOM_TURNS: int(medium.random_turns),
     }
     return np.array([values[column] for column in TimingColumn], np.int64)
 

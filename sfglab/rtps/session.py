@@ -123,12 +123,20 @@ class Session:
             told to. `Flow.change_s` is of no account here.
         seed: Of losses; the same seed and the same calls give the same run to the bit.
         watched: Flows whose deliveries are returned; None: all.
+        news_only: Whether a delivery of the same value as the one before in its flow is not returned.
 
     Raises:
         InvalidValueError: A flow does not exist, or time would run backwards.
     """
 
-    def __init__(self, scenario: Scenario, *, seed: int, watched: Sequence[str] | None = None) -> None:
+    def __init__(
+        self,
+        scenario: Scenario,
+        *,
+        seed: int,
+        watched: Sequence[str] | None = None,
+        news_only: bool = False,
+    ) -> None:
         from sfglab.rtps.world import World
 
         self._scenario = scenario
@@ -140,7 +148,7 @@ class Session:
             if name not in followed:
                 self._params.flows[number, FlowColumn.CHANGE_NS] = SET
         for name in self._names if watched is None else watched:
-            self._state.watched[self._number(name)] = 1
+            self._state.watched[self._number(name)] = 1 if news_only else 2
         self._world = World(self._params, self._state)
         self._now_ns = 0
 

@@ -151,6 +151,7 @@ class TimingColumn(IntEnum):
     """Its number among the hosts; -1: there is none."""
     STALL_EVERY_NS = 24
     STALL_NS = 25
+    RANDOM_TURNS = 26
 
 
 class Params(NamedTuple):
@@ -192,8 +193,8 @@ class State(NamedTuple):
     next_host: Any  # (T,)
     flight: Any  # (T, K, 8) frames that are under way
     flight_ends: Any  # (T, 2)
-    server: Any  # (S, 6) see S
-    watched: Any  # (F,) 1: `advance` returns at each delivery of the flow
+    server: Any  # (S, 7) see S
+    watched: Any  # (F,) `advance` returns at: 0 none of the flow's deliveries, 1 those of a new value, 2 each
     delivery: Any  # (4,) see D; the last one
     scratch: Any  # (3, 8) the frame that is heard, one that is made, and one that goes before it
 
@@ -222,7 +223,7 @@ class R(IntEnum):
 class S(IntEnum):
     """Columns of `State.server`."""
 
-    BUSY, FLOW, SAMPLE, NEXT, WAITING, SKIPS = range(6)
+    BUSY, FLOW, SAMPLE, NEXT, WAITING, SKIPS, SAME = range(7)
 
 
 class TraceColumn(IntEnum):

@@ -50,6 +50,22 @@ def test_over_a_perfect_link_every_method_comes_home(method):
     assert row.wound > 0.98
 
 
+def test_the_scenario_as_printed_goes_by_robot_3_and_comes_home_with_the_sizes_and_times_asked():
+    printed = of("OPT", medium=PERFECT, hop=True, topics=(8, 5, 5), sizes="cdr", slower=4.0)
+    flows, before = ({f.name: f for f in scenario_of(p, seed=0).flows} for p in (printed, of("OPT")))
+    ways = {name: (f.source, f.target, f.then) for name, f in flows.items() if f.target != "station"}
+    assert ways["robot1/release"] == ("station", "robot3", "robot1/command")
+    assert (ways["robot1/command"], ways["robot3/command"][:2]) == (
+        ("robot3", "robot1", None),
+        ("station", "robot3"),
+    )
+    beam, old = flows["robot1/lidar/0"], before["robot1/lidar/0"]
+    assert (beam.size_bytes, old.size_bytes, beam.service_s / old.service_s) == (8, 24, 4)
+    assert rate_and_depth(printed)[0] > rate_and_depth(of("OPT"))[0], "fewer topics, each more often"
+    row = run_point(printed, 0)
+    assert (row.end, row.command_p50_ms < 1) == ("success", True)
+
+
 @pytest.mark.parametrize("method", ["none", "OPT+LC"])
 def test_over_a_dead_link_nobody_moves(method):
     run = SimulatedRun(of(method, medium=DEAD), 0, tracked="dead")

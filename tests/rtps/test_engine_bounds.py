@@ -97,6 +97,7 @@ def scenarios(draw):
             queue_frames=draw(st.sampled_from([1, 3, 500])),
             queue_rule=draw(st.sampled_from(QUEUE_RULES)),
             access_point=shared and draw(st.booleans()),
+            random_turns=draw(st.booleans()),
             burst_frames=draw(st.sampled_from([0.0, 4.0])),
             stall_every_s=0.05,
             stall_s=draw(st.sampled_from([0.0, 0.02])),

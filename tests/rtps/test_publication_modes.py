@@ -127,6 +127,20 @@ def test_an_access_point_drops_where_hosts_block():
     assert counts["queue_full"] > 0
 
 
+@pytest.mark.parametrize(("chance", "least", "most"), [(True, 0.25, 0.34), (False, 0.0, 0.05)])
+def test_beside_a_full_access_point_all_get_their_share_by_chance_and_one_host_everything_in_turns(
+    chance, least, most
+):
+    medium = replace(SLOW, queue_rule="block", access_point=True, random_turns=chance)
+    flows = tuple(
+        Flow(name=name, source=name, target="station", rate_hz=500.0, qos=QoSProfile(depth=10))
+        for name in "abc"
+    )
+    scenario = Scenario(flows=flows, medium=medium, vendor=PRESETS["fast_dds_sync"], duration_s=10.0, drain_s=0)
+    arrived = [int(flow.delivered.sum()) for flow in run(scenario, seed=0).flows.values()]
+    assert least <= min(arrived) / sum(arrived) <= most
+
+
 def test_nothing_begins_while_the_medium_stalls():
     medium = Medium(loss=0.0, stall_every_s=1.0, stall_s=0.2)
     flow = outcome("fast_dds", medium, depth=1, reliability=BEST_EFFORT).flows["a"]

@@ -85,6 +85,10 @@ def test_cache_control_says_what_it_discarded():
     heard = drive(session, 2 * S)
     assert sum(not d.repeated for d in heard) == len(scenario.flows)
     assert len(heard) == 200 * len(scenario.flows)
+    news = Session(scenario, seed=0, news_only=True)
+    for flow in scenario.flows:
+        news.set_value(flow.name, 5)
+    assert drive(news, 2 * S) == [d for d in heard if not d.repeated]
 
 
 def test_bad_calls_are_refused_with_the_place():

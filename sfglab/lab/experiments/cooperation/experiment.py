@@ -52,13 +52,15 @@ OPTIMUM = 0
 """Stands for the depth that Eq. 6 gives."""
 
 ROBOTS = tuple(area.robot for area in AREAS)
-BEAM_BYTES = 24
-"""A float, as paper B counts it (Table 1 and section 3.2)."""
+Sizes = Literal["table", "cdr"]
+BEAM_BYTES: dict[Sizes, int] = {"table": 24, "cdr": 8}
+"""A float, as paper B counts it (Table 1 and section 3.2), and in CDR with its header."""
 
 COMMAND_BYTES = 52
 """A geometry_msgs/msg/Twist in CDR: six doubles and the header."""
 
-_TOPICS = (len(BEAMS_DEG) + 1,) * len(AREAS)  # eight beams and one result each
+_TOPICS = (len(BEAMS_DEG) + 1,) * len(AREAS)  # eight beams and one command each
+_RELAY = ROBOTS[2]
 _CONTRASTED = ("none", "LC", "OPT", "OPT+LC")
 _MEDIUM = Medium()
 _SCAN_STEPS = round(NS_PER_S / SCAN_HZ / STEP_NS)
@@ -76,6 +78,10 @@ class Config(Profiled):
     depths: tuple[int, ...] = between(DEPTHS, 1, 5000, log=True)  #: Depths without optimisation.
     loss: float = between(_MEDIUM.loss, 0.0, 0.3)  #: Share of frames that the air loses.
     vendor: Literal["fast_dds", "cyclone_dds"] = "fast_dds"  #: Whose timing; the paper used Fast DDS.
+    hop: bool = False  #: Whether commands go by robot 3's machine, as "Hello" does in Fig. 9.
+    topics: tuple[int, ...] = _TOPICS  #: T_a of Eq. 1, a robot each; section 3.1 has 8, 5, 5.
+    sizes: Sizes = "table"  #: Sizes of beams' values: that of Table 1, Python's, or CDR's.
+    slower: float = between(1.0, 0.1, 100.0, log=True)  #: How slow the station's computer is.
     seeds: int = 6  #: How many runs of each point.
     #: How many of each point of the contrasts: no loss, another vendor's timing, and the rate of Eq. 6 without
     #: its depth.
@@ -114,13 +120,17 @@ class Point:
     depth: int  #: Of Table 2; `OPTIMUM`: D of Eq. 6, only with OPT.
     vendor: str = "fast_dds"  #: A name in `PRESETS`.
     medium: Medium = _MEDIUM  #: What carries the frames.
+    hop: bool = False  #: Whether commands to the others go by robot 3's machine.
+    topics: tuple[int, ...] = _TOPICS  #: T_a of Eq. 1, a robot each.
+    sizes: Sizes = "table"  #: A key of `BEAM_BYTES`.
+    slower: float = 1.0  #: How many times as long as `PLAN_S` and `TAKE_S` the station's computer takes.
 
 
 def rate_and_depth(point: Point) -> tuple[float, int]:
     """Return each topic's rate, Hz, and each history's depth: those of Table 2, or with OPT those of Eq. 6."""
     if not METHODS[point.method].optimised:
         return float(point.rate_max_hz), point.depth
-    best = balance(BalanceInput(topics=_TOPICS, rate_max_hz=float(point.rate_max_hz)))
+    best = balance(BalanceInput(topics=point.topics, rate_max_hz=float(point.rate_max_hz)))
     # The solver's digits end somewhere; beyond the sixth they are noise.
     depth = int(round(best.depth, 6)) if point.depth == OPTIMUM else point.depth
     return round(best.rate_hz, 6), depth
@@ -130,11 +140,18 @@ def points_of(config: Config) -> list[Point]:
     """Return the points of Fig. 16, method by method."""
     medium = replace(_MEDIUM, loss=config.loss)
     return [
-        Point(method=name, rate_max_hz=rate, depth=depth, vendor=config.vendor, medium=medium)
+        Point(
+            method=name, rate_max_hz=rate, depth=depth, vendor=config.vendor, medium=medium, **_printed(config)
+        )
         for name in config.methods
         for rate in config.rates_hz
         for depth in ((OPTIMUM,) if METHODS[name].optimised else config.depths)
     ]
+
+
+def _printed(config: Config) -> dict[str, Any]:
+    """Return those fields of a `Point` that say how much the scenario is that of the paper's words."""
+    return {name: getattr(config, name) for name in ("hop", "topics", "sizes", "slower")}
 
 
 def contrasts_of(config: Config) -> list[Point]:
@@ -163,13 +180,13 @@ def scenario_of(point: Point, *, seed: int) -> Scenario:
             name=beam_flow(robot, beam),
             source=robot,
             target="station",
-            size_bytes=BEAM_BYTES,
+            size_bytes=BEAM_BYTES[point.sizes],
             rate_hz=rate_hz,
             phase_s=next(phases),
             qos=qos,
             executor=f"{robot}/localisation",
-            service_s=TAKE_S + PLAN_S,
-            compare_s=TAKE_S if method.cache_control else None,
+            service_s=point.slower * (TAKE_S + PLAN_S),
+            compare_s=point.slower * TAKE_S if method.cache_control else None,
             cached=method.local_cache,
         )
         for robot in ROBOTS
@@ -190,12 +207,29 @@ def scenario_of(point: Point, *, seed: int) -> Scenario:
         for robot in ROBOTS
     ]
     return Scenario(
-        flows=(*beams, *commands),
+        flows=(*beams, *(_hopped(commands) if point.hop else commands)),
         medium=point.medium,
         vendor=PRESETS[point.vendor],
         duration_s=LIMIT_S,
         drain_s=0.0,
     )
+
+
+def _hopped(commands: list[Flow]) -> list[Flow]:
+    """Return commands of which those to the others go to robot 3 first, which sends each on when it has it."""
+    flows = []
+    for command in commands:
+        if command.target == _RELAY:
+            flows.append(command)
+            continue
+        first = replace(command, name=_to_relay(command.target), target=_RELAY, executor=_RELAY)
+        flows.append(replace(first, service_s=TAKE_S + PLAN_S, then=command.name))
+        flows.append(replace(command, source=_RELAY, rate_hz=0.0, phase_s=0.0))
+    return flows
+
+
+def _to_relay(robot: str) -> str:
+    return f"{robot}/release"
 
 
 def beam_flow(robot: str, beam: int) -> str:
@@ -272,14 +306,17 @@ class SimulatedRun:
         self._station = Station(len(ROBOTS))
         self._sensing = [SensingNode() for _ in ROBOTS]
         self._actuation = [ActuationNode() for _ in ROBOTS]
-        self._session = Session(scenario_of(point, seed=seed), seed=seed)
         self._beams = {
             beam_flow(name, beam): (robot, beam)
             for robot, name in enumerate(ROBOTS)
             for beam in range(len(BEAMS_DEG))
         }
         self._commands = {command_flow(name): robot for robot, name in enumerate(ROBOTS)}
-        self._last = [STOP.number] * len(ROBOTS)
+        #: What the station publishes, a robot each.
+        self._told = [_to_relay(r) if point.hop and r != _RELAY else command_flow(r) for r in ROBOTS]
+        # Nodes that hear the same again do nothing.
+        watched = (*self._beams, *self._commands)
+        self._session = Session(scenario_of(point, seed=seed), seed=seed, watched=watched, news_only=True)
         self._tracked = tracked
         self.tracks: list[TrackRow] = []
         #: With each turn's tracks: ranges as the LIDARs measure them, and as the station has them, metres,
@@ -288,7 +325,7 @@ class SimulatedRun:
 
     def run(self, limit_s: float = LIMIT_S) -> CourseRow:
         """Drive until it ends, or is given up."""
-        for flow in self._commands:
+        for flow in self._told:
             self._session.set_value(flow, STOP.number)
         steps, verdict = 0, None
         while verdict is None:
@@ -320,16 +357,12 @@ class SimulatedRun:
         """Let messages travel, and hand over what arrives."""
         session = self._session
         while (delivery := session.advance(until_ns)) is not None:
-            if delivery.repeated:
-                continue
             place = self._beams.get(delivery.flow)
             if place is None:
                 robot = self._commands[delivery.flow]
-                if delivery.value != self._last[robot]:  # unpacking costs more than comparing
-                    self._last[robot] = delivery.value
-                    self._actuation[robot].hear(Command.from_number(delivery.value))
+                self._actuation[robot].hear(Command.from_number(delivery.value))
             elif self._station.hear(*place, delivery.value):
-                for flow, robot in self._commands.items():
+                for robot, flow in enumerate(self._told):
                     session.set_value(flow, self._station.commands[robot].number)
 
     def _track(self, now_s: float) -> None:
@@ -410,10 +443,11 @@ def driven(point: Point, seed: int) -> tuple[SimulatedRun, CourseRow]:
     return run, run.run()
 
 
-def point_of(row: Any) -> Point:
-    """Return the point of a `CourseRow`, or of a line of their table."""
+def point_of(row: Any, config: Config) -> Point:
+    """Return the point of a `CourseRow` of a run, or of a line of their table."""
     names = ("method", "rate_max_hz", "depth", "vendor")
-    return Point(**{name: getattr(row, name) for name in names}, medium=Medium(loss=row.loss))
+    given = {name: getattr(row, name) for name in names} | _printed(config)
+    return Point(**given, medium=Medium(loss=row.loss))
 
 
 @exp.sweep(

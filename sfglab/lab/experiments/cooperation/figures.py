@@ -161,7 +161,7 @@ def draw_round(figure: Figure, run: Run[Config]) -> None:
     """Draw the three robots' ways in a run's first round."""
     row = lines_of(run["course"])[0]
     name = "success" if row.end == End.SUCCESS.value else "failure"
-    tracks = pd.DataFrame(driven(point_of(row), row.seed)[0].tracks)
+    tracks = pd.DataFrame(driven(point_of(row, run.config), row.seed)[0].tracks)
     _draw_run(figure.subplots(1, len(AREAS)), tracks, name, row._asdict())
     late = f"at worst {row.stale_flow} was out of date for {row.stale_s:.2f} s"
     figure.suptitle(f"{row.end} after {row.ended_s:.1f} s; {late}")

@@ -44,7 +44,7 @@ class Replay(Pressed):
             raise InvalidValueError("method", method, ", ".join(dict.fromkeys(run["course"]["method"])))
         failed, kit = rows[rows["end"] != End.SUCCESS.value], widgets()
         first = lines_of(rows if failed.empty else failed)[0]
-        self.run, self.row = driven(point_of(first), first.seed)
+        self.run, self.row = driven(point_of(first, run.config), first.seed)
         self.late_s = late_s(np.array(self.run.beliefs))  #: See `late_s`.
         last = len(self.late_s) - 1
         #: The turn of the LIDARs that is shown; the worst one to begin with.

@@ -82,7 +82,7 @@ def drive_again(bench: Bench[Config]) -> None:
     examples = examples_of(bench.rows["course"])
     bench.metadata("examples", {name: asdict(row) for name, row in examples.items()})
     for name, row in examples.items():
-        tracked = SimulatedRun(point_of(row), row.seed, tracked=name)
+        tracked = SimulatedRun(point_of(row, bench.config), row.seed, tracked=name)
         # Written out, because a NaN is not equal to itself.
         assert repr(tracked.run()) == repr(row), "the same point and seed are the same run"
         _write_tracks(bench, tracked.tracks)

@@ -63,6 +63,7 @@ class Condition(Place):
             queue_frames=QUEUE_FRAMES,
             queue_rule=cast("QueueRule", self.queue_rule),
             access_point=True,
+            random_turns=True,
             stall_every_s=STALL_EVERY_S,
             stall_s=self.stall_ms / 1e3,
         )
