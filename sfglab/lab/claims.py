@@ -276,7 +276,7 @@ def _band(band: tuple[float, float]) -> str:
 
 
 def entry_for(claim: Claim, measured: Measured | None, *, log: str = "", origin: str = "") -> Entry:
-    """Join a claim with our figure and judge it; a figure by the claim's criterion by that one's band and unit."""
+    """Join a claim with our figure and judge it, by the criterion's band where that gave the figure."""
     if measured is None:
         log = origin = ""
     elif measured.by_criterion and claim.criterion:

@@ -1,8 +1,8 @@
-"""Estimates with intervals: medians, slopes and ratios by the bootstrap, shares by scores.
+"""Estimates with intervals: medians, slopes and ratios by the bootstrap, shares and differences by scores.
 
 Every figure that the ledger prints is an `Estimate`. Intervals are percentile intervals of 2,000 seeded
 resamples (B. Efron and R. Tibshirani, An Introduction to the Bootstrap, 1993, chapter 13), of shares
-those of Wilson. Knows arrays; refuses to know experiments and logs.
+those of Wilson and Newcombe. Knows arrays; refuses to know experiments and logs.
 """
 
 from __future__ import annotations
@@ -110,3 +110,14 @@ def share_of(successes: int, runs: int, *, unit: str) -> Estimate:
     """Estimate a share with Wilson's interval; `runs` is 1 at least."""
     low, high = wilson(successes, runs)
     return Estimate(value=successes / runs, low=low, high=high, unit=unit)
+
+
+def difference_of(more: Estimate, less: Estimate, *, unit: str) -> Estimate:
+    """Estimate a difference of shares of independent runs, given both by `share_of`.
+
+    The interval is method 10 of R. G. Newcombe, Statistics in Medicine 17 (1998), pages 873 to 890.
+    """
+    value = more.value - less.value
+    low = value - math.hypot(more.value - more.low, less.high - less.value)
+    high = value + math.hypot(more.high - more.value, less.value - less.low)
+    return Estimate(value=value, low=low, high=high, unit=unit)

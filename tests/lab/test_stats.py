@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sfglab.errors import InvalidValueError
-from sfglab.lab.stats import bootstrap, line_fit, median_of, share_of
+from sfglab.lab.stats import bootstrap, difference_of, line_fit, median_of, share_of
 
 
 def test_a_line_is_fitted_exactly():
@@ -52,3 +52,18 @@ def test_an_interval_of_a_share_is_wilsons(of, runs, low, high):
     """The values of R. G. Newcombe, Statistics in Medicine 17 (1998), pages 857 to 872, table I."""
     share = share_of(of, runs, unit="1")
     assert (share.value, share.low, share.high) == pytest.approx((of / runs, low, high), abs=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("more", "less", "low", "high"),
+    [
+        ((56, 70), (48, 80), 0.0524, 0.3339),
+        ((9, 10), (3, 10), 0.1705, 0.8090),
+        ((10, 10), (0, 20), 0.6791, 1.0),
+    ],
+)
+def test_an_interval_of_a_difference_is_newcombes(more, less, low, high):
+    """The values of R. G. Newcombe, Statistics in Medicine 17 (1998), pages 873 to 890, table II, method 10."""
+    one, other = (share_of(*pair, unit="1") for pair in (more, less))
+    found = difference_of(one, other, unit="1")
+    assert (found.low, found.high) == pytest.approx((low, high), abs=1e-4)
