@@ -47,7 +47,7 @@ def ranges_at(area, pose):
     return ranges
 
 
-def test_at_home_the_eight_beams_are_what_a_ruler_says():
+def test_at_home_the_beams_are_what_a_ruler_says_and_a_box_shortens_the_one_that_meets_it():
     half, diagonal = HALF_WIDTH_M, HALF_WIDTH_M * math.sqrt(2)
     beside_corner = [WAYPOINTS[1][0] + half - HOME[0], diagonal, half, diagonal]
     behind = [HOME[0] - WAYPOINTS[0][0] + half, diagonal, half, diagonal]
@@ -56,9 +56,6 @@ def test_at_home_the_eight_beams_are_what_a_ruler_says():
     expected[5] = math.sqrt(2) * 1.5
     ours = ranges_at(EMPTY, HOME)
     np.testing.assert_allclose(ours[[0, 1, 2, 3, 4, 6, 7]], np.delete(expected, 5), rtol=1e-12)
-
-
-def test_a_box_shortens_the_beam_that_meets_it_and_no_other_side():
     [box, *_] = AREAS[1].boxes
     x, y = np.array(WAYPOINTS[box.leg]) - (box.along_m, 0.0)
     with_box, without = (ranges_at(area, (x, y, math.pi)) for area in (AREAS[1], EMPTY))

@@ -172,16 +172,13 @@ def test_behind_a_local_cache_the_simulated_air_is_the_expected_one_from_above()
 # --- What is refused ----------------------------------------------------------------------------------------
 
 
-def test_infeasible_rates_are_named_with_what_they_lack():
+def test_infeasible_rates_are_named_with_what_they_lack_and_those_at_the_border_still_planned():
     topics = [topic("/small", rate_min_hz=1), topic("/big", rate_min_hz=900, size_bytes=1400)]
     with pytest.raises(InfeasiblePlanError, match=r"time of the medium.*lacking.*/big, /small") as caught:
         plan(topics, Medium(), FAST_DDS)
     needed = link_of(topics, Medium(), FAST_DDS).utilisation(np.array([1.0, 900.0]))[0]
     assert caught.value.lacking == pytest.approx(needed - 0.9, rel=0.01)
     assert caught.value.largest == ("/big", "/small")
-
-
-def test_rates_at_the_border_of_the_capacity_are_still_planned():
     topics = equal_topics(4, rate_max_hz=1000.0)
     link = link_of(topics, Medium(), FAST_DDS)
     each = 0.9 / float((link.data_s + link.acknack_s).sum())

@@ -19,13 +19,10 @@ PAPER_B, WAREHOUSE = str(DATA / "paper_b.yaml"), str(DATA / "warehouse.yaml")
 call = partial(called, "qos")
 
 
-def test_the_table_has_a_line_for_each_topic_and_what_the_link_bears():
+def test_the_table_has_a_line_for_each_topic_and_the_printed_method_gives_all_the_same():
     text = call(PAPER_B)
     assert len(re.findall(r"^/\S+ +\d+\.\d\d +\d+ ", text, re.MULTILINE)) == 18
     assert re.search(r"taken of the medium's time \d\d %", text)
-
-
-def test_the_printed_method_gives_every_topic_the_same_and_says_that_it_is_too_much():
     text = call(PAPER_B, "--method", "printed", "--rate-max", "1000")
     assert text.count(" 165.67    827 ") == 18
     assert "overloaded" in text

@@ -22,10 +22,19 @@ def codes(text: str) -> list[tuple[str, int]]:
     return [(finding.code, finding.place.line) for finding in check_dockerfile(text)]
 
 
-def test_nothing_is_wrong_with_what_is_right():
+def test_nothing_is_wrong_with_what_is_right_and_continued_lines_are_one_instruction():
     assert codes(GOOD) == []
     assert codes(GOOD.replace("debian:12.11", f"debian@{DIGEST}")) == []
     assert codes(GOOD + "FROM application AS development\nUSER 0\nUSER sfglab\n") == []
+    text = GOOD + "COPY <<A <<B /x/\na\nA\nb\nB\nRUN true\n"
+    steps = parse_dockerfile(text)
+    assert [step.line for step in steps] == [2, 3, 4, 5, 8, 9, 10, 15]
+    assert steps[3].value == 'true && echo "# not a comment"'
+    assert [(stage.name, stage.image) for stage in stages_of(steps)] == [
+        ("base", "${BASE}"),
+        ("adapter", "base"),
+        ("application", "adapter"),
+    ]
 
 
 @pytest.mark.parametrize(
@@ -91,15 +100,3 @@ NOBODY = "USER 10001:10001\n"
 )
 def test_layers_stand_on_each_other_and_neither_the_last_nor_the_application_is_roots(text, found):
     assert codes(text) == found
-
-
-def test_continued_lines_and_here_documents_are_one_instruction():
-    text = GOOD + "COPY <<A <<B /x/\na\nA\nb\nB\nRUN true\n"
-    steps = parse_dockerfile(text)
-    assert [step.line for step in steps] == [2, 3, 4, 5, 8, 9, 10, 15]
-    assert steps[3].value == 'true && echo "# not a comment"'
-    assert [(stage.name, stage.image) for stage in stages_of(steps)] == [
-        ("base", "${BASE}"),
-        ("adapter", "base"),
-        ("application", "adapter"),
-    ]

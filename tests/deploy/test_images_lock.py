@@ -91,14 +91,11 @@ def test_everything_is_pinned_once_with_digests_and_without_markers(python, arch
         assert all(digest.strip() in LOCK for digest in digests)
 
 
-def test_the_target_chooses_among_versions():
+def test_the_target_chooses_among_versions_and_what_is_not_pinned_is_named():
     old, new = (agent_lock(LOCK, python=python, architecture=Architecture.AMD64) for python in PYTHONS)
     pinned = [next(line for line in lock.splitlines() if line.startswith("numpy==")) for lock in (old, new)]
     assert pinned[0] != pinned[1]
     assert all(line.removesuffix(" \\") in LOCK for line in pinned)
-
-
-def test_what_is_not_pinned_is_named_and_splitting_loses_nothing():
     without, taken = split_lock(LOCK, ("uvloop", "av"))
     assert sorted((without + taken).splitlines()) == sorted(LOCK.splitlines())
     assert set(names(taken)) == {"av", "uvloop"}

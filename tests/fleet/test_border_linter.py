@@ -65,11 +65,13 @@ def test_findings_come_worst_first_and_say_place_what_why_and_errors_a_remedy():
             assert f.remedy
 
 
-def test_agents_of_one_domain_and_of_the_global_one_are_errors():
+def test_agents_of_one_domain_are_errors_and_services_that_cross_one_way_half_open():
     report = report_of("  a1: {domain: 5}\n  a2: {domain: 5}\n  a3: {domain: 0}\n  a4: {domain: 102}")
     assert one(report, "domain-shared").what == "a2 and a1 both use domain 5"
     assert one(report, "domain-global").severity is Severity.ERROR
     assert one(report, "domain-high").severity is Severity.WARNING
+    policy = "policy: [rt/tf, {pattern: rq/global/*, directions: [outward]}, rr/global/*]"
+    assert "half-open-rule" in codes(report_of(agents("serves: [/global/a1/reset]"), policy))
 
 
 STREAM = "{topic: /local/a1/camera/color/ffmpeg, type: x/msg/Y, codec: h264, width: 1, height: 1, rate_hz: 1}"
@@ -130,11 +132,6 @@ def test_a_mistake_is_found_with_its_place_and_what_follows(code, severity, uses
 )
 def test_what_is_no_mistake_is_not_found(code, uses):
     assert code not in codes(report_of(agents(*uses)))
-
-
-def test_services_that_cross_one_way_only_are_half_open():
-    policy = "policy: [rt/tf, {pattern: rq/global/*, directions: [outward]}, rr/global/*]"
-    assert "half-open-rule" in codes(report_of(agents("serves: [/global/a1/reset]"), policy))
 
 
 @pytest.mark.parametrize("missing", ["rq/global/*", "rr/global/*"])

@@ -46,7 +46,7 @@ def test_the_topic_is_the_papers():
         discovery_topic("camera")
 
 
-def test_agents_are_offered_once_and_again_when_they_say_something_else():
+def test_agents_are_offered_once_or_when_they_say_something_else_and_a_lost_one_withdrawn():
     agents = KnownAgents()
     first = event("go2")
     assert agents.feed(first, OLD, now_ns=0) == Offered(agent="go2", metadata=first.metadata)
@@ -55,9 +55,6 @@ def test_agents_are_offered_once_and_again_when_they_say_something_else():
     for kind, incarnation in (("UPDATED", 2), ("RESTARTED", 3)):
         change = agents.feed(event("go2", kind, incarnation), OLD, now_ns=2)
         assert (change.agent, change.metadata.incarnation) == ("go2", incarnation)
-
-
-def test_a_lost_agent_is_withdrawn_and_one_that_was_not_known_is_nobodys_business():
     agents = known("go2")
     assert agents.feed(event("go2", "LOST"), OLD, now_ns=1) == Withdrawn(agent="go2")
     assert agents.feed(event("go2", "LOST"), OLD, now_ns=1) is None

@@ -68,9 +68,12 @@ def test_what_is_decoded_and_shown(arrivals, decoded, shown, phase):
     assert joining.splicer.phase.name == phase
 
 
-def test_a_new_group_in_the_replay_supersedes_what_was_not_decoded_yet():
+def test_a_new_group_in_the_replay_supersedes_an_old_one_and_what_waits_in_vain_is_bounded():
     joining = Joining().take(REPLAY, 5, 6).decode(1).take(REPLAY, 10, 11).decode()
     assert joining.decoded == [5, 10, 11]
+    joining = Joining(gop=10**9).take(REPLAY, 0).take(LIVE, *range(2, MOST_AHEAD + 3))
+    assert not joining.splicer.needs_replay
+    assert joining.take(LIVE, MOST_AHEAD + 3).decode().decoded == [0]
 
 
 def test_without_a_keeper_a_live_key_frame_begins_and_without_a_replay_all_passes():
@@ -89,12 +92,6 @@ def test_a_gap_in_the_replay_is_closed_by_the_live_stream_or_not_at_all():
     assert stuck.splicer.needs_replay
     stuck.splicer.give_up()
     assert stuck.take(LIVE, 10, 11).decode().decoded == [5, 6, 10, 11], "no packet without its references"
-
-
-def test_packets_that_wait_for_one_that_never_comes_are_bounded():
-    joining = Joining(gop=10**9).take(REPLAY, 0).take(LIVE, *range(2, MOST_AHEAD + 3))
-    assert not joining.splicer.needs_replay
-    assert joining.take(LIVE, MOST_AHEAD + 3).decode().decoded == [0]
 
 
 @st.composite

@@ -338,7 +338,7 @@ def two_agents(*, offers: bool = False) -> tuple[World, Router, Router]:
     return world, world.start_router(1, "host/1"), world.start_router(2, "host/2")
 
 
-def test_a_local_subscription_is_announced_at_once_and_a_publisher_only_on_demand():
+def test_a_local_subscription_is_announced_a_publisher_on_demand_and_shared_memory_never():
     world, one, two = two_agents()
     world.add(1, plain(world, PUB, "rt/global/a/pose"))
     world.settle()
@@ -347,6 +347,12 @@ def test_a_local_subscription_is_announced_at_once_and_a_publisher_only_on_deman
     world.settle()
     assert {type(spec) for spec in two.open} == {type(spec) for spec in one.open} == {ReaderSpec, WriterSpec}
     assert sum(d == GLOBAL for d, _ in world.routers_own()) == 2
+    world, one, _ = two_agents()
+    world.add(1, replace(plain(world, PUB, "rt/tf"), transport="shm"))
+    world.add(GLOBAL, plain(world, SUB, "rt/tf"))
+    world.add(1, replace(plain(world, SUB, "rt/tf"), transport="shm"))
+    world.settle()
+    assert one.open == {}
 
 
 @pytest.mark.parametrize(("qos", "kept"), [(DEFAULT, True), (SENSOR_DATA, True), (LATCHED, False)])
@@ -369,7 +375,7 @@ def test_an_offer_becomes_the_writer_unless_it_would_keep_what_an_earlier_demand
         world.remove(2, sink.gid)
 
 
-def test_latched_sources_get_a_writer_each_and_volatile_ones_share():
+def test_latched_sources_get_a_writer_each_that_goes_with_them_and_volatile_ones_share():
     world, one, _ = two_agents()
     for qos, topic in ((LATCHED, "rt/tf_static"), (DEFAULT, "rt/tf")):
         for _ in range(3):
@@ -379,6 +385,16 @@ def test_latched_sources_get_a_writer_each_and_volatile_ones_share():
     writers = [spec for spec in one.open if isinstance(spec, WriterSpec)]
     assert sorted(w.path.dds_topic for w in writers) == ["rt/tf", *3 * ["rt/tf_static"]]
     assert len({w.source for w in writers}) == 4
+    world, one, _ = two_agents()
+    kept, leaving = (world.add(1, plain(world, PUB, "rt/tf_static", LATCHED)) for _ in range(2))
+    world.add(GLOBAL, plain(world, SUB, "rt/tf_static", LATCHED))
+    world.settle()
+    one.done.clear()
+    world.remove(1, leaving.gid)
+    world.settle()
+    assert [type(a) for a in one.done] == [Forget, Close]
+    assert one.done[1].what.source == leaving.gid
+    assert [spec.source for spec in one.open if isinstance(spec, WriterSpec)] == [kept.gid]
 
 
 def test_a_subscription_that_returns_within_the_linger_changes_nothing():
@@ -405,28 +421,6 @@ def test_a_subscription_that_returns_within_the_linger_changes_nothing():
     one.tick()
     assert [type(a) for a in one.done] == [Close, Close]
     assert one.plan.deadline_ns is None
-
-
-def test_a_source_that_goes_is_forgotten_and_its_latched_writer_with_it():
-    world, one, _ = two_agents()
-    kept, leaving = (world.add(1, plain(world, PUB, "rt/tf_static", LATCHED)) for _ in range(2))
-    world.add(GLOBAL, plain(world, SUB, "rt/tf_static", LATCHED))
-    world.settle()
-    one.done.clear()
-    world.remove(1, leaving.gid)
-    world.settle()
-    assert [type(a) for a in one.done] == [Forget, Close]
-    assert one.done[1].what.source == leaving.gid
-    assert [spec.source for spec in one.open if isinstance(spec, WriterSpec)] == [kept.gid]
-
-
-def test_shared_memory_shows_itself_in_dds_but_is_no_business_of_the_router():
-    world, one, _ = two_agents()
-    world.add(1, replace(plain(world, PUB, "rt/tf"), transport="shm"))
-    world.add(GLOBAL, plain(world, SUB, "rt/tf"))
-    world.add(1, replace(plain(world, SUB, "rt/tf"), transport="shm"))
-    world.settle()
-    assert one.open == {}
 
 
 class Services:

@@ -225,7 +225,7 @@ def test_discovery_events_bear_the_messages_names_and_states_are_what_is_told_an
             assert ((state, lifecycle.Input[heard]) in lifecycle.TRANSITIONS) == legal
 
 
-def test_the_table_of_agents_moves_along_its_grid_as_its_actions_say():
+def test_the_table_of_agents_moves_along_its_grid_and_the_diagram_is_the_table():
     action = lifecycle.Action
     for (source, _), (target, actions) in lifecycle.TRANSITIONS.items():
         asked, asks = (state.asking is Asking.QUERYING for state in (source, target))
@@ -238,9 +238,6 @@ def test_the_table_of_agents_moves_along_its_grid_as_its_actions_say():
             assert target.told is (Told.LOST if told == [action.LOST] else Told.PRESENT)
         else:
             assert target.told is source.told or target is lifecycle.State.UNKNOWN
-
-
-def test_the_diagram_is_the_table():
     nodes, edges = diagram()
     assert {n.state for n in nodes} == set(lifecycle.State)
     assert len({(n.row, n.column) for n in nodes}) == 9

@@ -42,7 +42,7 @@ def test_an_arrow_gives_its_input_and_the_table_says_where_it_leads():
             assert bool(core.said) is (arrow.given not in moves)
 
 
-def test_a_walk_is_stepped_through_by_the_inputs_that_the_core_had():
+def test_a_walk_is_stepped_through_by_the_cores_inputs_and_one_that_comes_to_a_fault_says_so():
     run = walk(Bound(), np.random.default_rng(1))
     assert is_finished(run[-1].after, Bound())
     given = gateways.inputs_of(run)
@@ -50,9 +50,6 @@ def test_a_walk_is_stepped_through_by_the_inputs_that_the_core_had():
     core = gateways.press_core(run)
     core.at.value = len(given)
     assert core.moment.state is run[-1].after.state
-
-
-def test_a_walk_that_comes_to_a_fault_says_so():
     broken: Table = {**TABLE, State.FILTER_HMT: TABLE[State.FILTER_HMT_HOLDING]}
     with pytest.raises(SfglabError, match="walk of"):
         walk(Bound(), np.random.default_rng(0), broken)

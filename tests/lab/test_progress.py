@@ -6,16 +6,13 @@ from sfglab.lab import progress
 from sfglab.lab.progress import is_line, progress_bar, progress_to
 
 
-def test_who_listens_is_told_every_step_and_the_time_left():
+def test_who_listens_is_told_every_step_and_lines_come_now_and_then_known_as_such(capsys):
     told = []
     with progress_to(told.append), progress_bar(2, "naming") as advance:
         advance("a")
         advance("b")
     assert [(s.what, s.done, s.total) for s in told] == [("naming, a", 1, 2), ("naming, b", 2, 2)]
     assert told[-1].left_s == 0
-
-
-def test_lines_come_now_and_then_without_carriage_returns_and_are_known_as_such(capsys):
     with progress_bar(1000, "naming") as advance:
         for number in range(1000):
             advance(str(number))

@@ -41,7 +41,7 @@ def row(**changes):
     return LatencyRow(**single | several | changes)
 
 
-def test_a_dataclass_becomes_a_definition_with_its_docs():
+def test_a_dataclass_becomes_a_definition_with_its_docs_and_a_row_comes_back_field_by_field():
     assert type_name(row_type(LatencyRow)) == "sfglab_rows/msg/LatencyRow"
     assert definition(row_type(LatencyRow)) == (
         "int64 sent  # Messages that were sent.\n"
@@ -49,9 +49,6 @@ def test_a_dataclass_becomes_a_definition_with_its_docs():
         "bool lossless\nstring agent\nstring side  # Which side.\nfloat64[] samples_s\nint64[] sizes\n"
         "string[] names\nuint8[] image\n"
     )
-
-
-def test_a_row_comes_back_field_by_field():
     read = deserialize(serialize(row_message(row())), row_type(LatencyRow))
     assert (read.sent, read.mean_s, read.lossless, read.agent, read.side) == (3, 0.25, True, "r1", "with proxy")
     assert (read.samples_s.tolist(), read.sizes.tolist(), read.names) == ([0.5, 1.5], [], ["a", ""])

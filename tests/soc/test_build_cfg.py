@@ -72,10 +72,18 @@ def test_a_topic_in_hardware_or_at_a_gateway_is_a_stream_and_one_in_software_a_m
     }
 
 
-def test_names_that_become_one_identifier_are_told_apart():
+def test_names_that_become_one_are_told_apart_and_blanks_or_no_message_type_refused():
     nodes = tuple(Node(name=name, placement=HW) for name in ("a/b", "A_b", "7"))
     threads = sections(read(build_cfg(Graph(nodes=nodes))), "ReconosThread")
     assert set(threads) == {"a_b", "A_b_2", "n7"}
+    with pytest.raises(InvalidValueError, match=r"topics\.ab\.type: nothing is given, allowed: a ROS message"):
+        build_cfg(chain(HW, SW))
+    with pytest.raises(InvalidValueError, match=r"nodes: given 'my node', allowed: names without blanks"):
+        build_cfg(Graph(nodes=(Node(name="my node", placement=HW),)))
+    topic = Topic(name="a, b", publishers=("n",), type=IMAGE)
+    with pytest.raises(InvalidValueError, match=r"topics: given 'a, b'"):
+        build_cfg(Graph(nodes=(Node(name="n", placement=HW),), topics=(topic,)))
+    assert "ROSGateway" not in build_cfg(chain(SW, SW))
 
 
 @settings(max_examples=60, deadline=None)
@@ -100,14 +108,3 @@ def test_every_graph_with_plain_names_is_read_as_it_was_written(graph):
     resources = [re.split(r"[, ]+", value) for group in groups for value in group.values()]
     edges = [edge for edge in mapped.edges() if edge.node in mapped.in_hardware]
     assert sum(args[0] in {"rospub", "rossub"} for args in resources) == len(edges)
-
-
-def test_a_topic_without_a_message_type_and_a_name_with_a_blank_are_refused():
-    with pytest.raises(InvalidValueError, match=r"topics\.ab\.type: nothing is given, allowed: a ROS message"):
-        build_cfg(chain(HW, SW))
-    with pytest.raises(InvalidValueError, match=r"nodes: given 'my node', allowed: names without blanks"):
-        build_cfg(Graph(nodes=(Node(name="my node", placement=HW),)))
-    topic = Topic(name="a, b", publishers=("n",), type=IMAGE)
-    with pytest.raises(InvalidValueError, match=r"topics: given 'a, b'"):
-        build_cfg(Graph(nodes=(Node(name="n", placement=HW),), topics=(topic,)))
-    assert "ROSGateway" not in build_cfg(chain(SW, SW))

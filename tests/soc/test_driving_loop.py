@@ -123,16 +123,13 @@ def test_the_car_completes_a_lap_in_its_lane_and_stops_at_three_red_lights_or_mo
     assert lap.lanes_missed < 0.05 * lap.frames
 
 
-def test_the_judge_fails_a_car_that_sees_no_red_light():
+def test_the_judge_fails_a_car_that_sees_no_red_light_or_steers_the_wrong_way():
     stack = Stack(Camera())
     stack.red = Blind(stack.red.colour)
     resting = min(light.stop_m for light in TOWN.lights if light.wait_s is not None)
     verdict = run_lap(1, stack=stack, rules=Rules(timeout_s=resting / 0.9 + 3)).verdict
     assert verdict.red_lights_run >= 1
     assert not verdict.passed
-
-
-def test_the_judge_fails_a_car_that_steers_the_wrong_way():
     stack = Stack(Camera())
     step = stack.control.step
     stack.control.step = lambda lane, pose: step(

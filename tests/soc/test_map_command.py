@@ -67,13 +67,10 @@ def test_the_mapping_is_drawn_into_a_file(tmp_path, suffix):
     assert begin in (b"\x89PNG\r", b"<?xml")
 
 
-def test_what_is_written_is_mapped_the_same_way_again(tmp_path):
+def test_what_is_written_is_mapped_the_same_way_again_and_for_reconros_in_its_words(tmp_path):
     first = call(FIGURE_8, "--out", str(tmp_path / "mapped.yaml"))
     assert load_graph(tmp_path / "mapped.yaml").mapped_to(TopicMapping.GATEWAY) == ("A", "C", "E")
     assert call(str(tmp_path / "mapped.yaml")) == first
-
-
-def test_the_part_in_hardware_is_written_for_reconros(tmp_path):
     call(DRIVING, "--build-cfg", str(tmp_path / "build.cfg"))
     text = (tmp_path / "build.cfg").read_text()
     assert text.count("[ReconosThread@") == 6

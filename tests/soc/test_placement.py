@@ -109,7 +109,7 @@ def test_a_gateway_for_which_there_is_no_room_is_not_taken():
     assert place_nodes(*pair(10**6, gateway_lut=50, lut=350)).graph.mapped_to(TopicMapping.GATEWAY) == ("t",)
 
 
-def test_the_load_of_a_chain_is_the_sum_of_its_carriages():
+def test_the_load_of_a_chain_is_the_sum_of_its_carriages_at_the_fitted_interfaces_times():
     platform = replace(ZCU104, bytes_per_s=1e8, carriage_s=1e-3, gateway_s=2e-3)
     load = assess(chain(SW, HW, SW), platform)
     assert load.communication_s == pytest.approx(2 * 10 * (1e-3 + 1e6 / 1e8))
@@ -117,6 +117,11 @@ def test_the_load_of_a_chain_is_the_sum_of_its_carriages():
     gateway = assess(chain(SW, HW, topic_mapping=TopicMapping.GATEWAY), platform)
     assert gateway.communication_s == pytest.approx(10 * (2e-3 + 1e6 / 1e8))
     assert (gateway.lut, load.lut) == (platform.gateway_lut, 0)
+    one, other = (replace(chain(SW, HW).topics[0], size_bytes=size, rate_hz=1.0) for size in (0, 256_000))
+    assert carriage_load(one, ZCU104) == pytest.approx(STORED.delegate_s + STORED.deliver_s)
+    added = carriage_load(other, ZCU104) - carriage_load(one, ZCU104)
+    assert added == pytest.approx(STORED.memory.read_s(256_000) + 256_000 * STORED.deliver_s_per_byte)
+    assert gateway_load(one, ZCU104) > carriage_load(one, ZCU104)
 
 
 def test_a_topic_of_unknown_size_or_rate_is_refused_by_name():
@@ -150,11 +155,3 @@ def test_a_search_that_a_limit_stops_leaves_a_mapping_with_its_gap():
     assert 0 <= found.bound_s < found.load.total_s
     assert 0 < found.gap <= 1
     assert not found.optimal
-
-
-def test_the_board_s_times_are_those_of_the_fitted_memory_interface():
-    one, other = (replace(chain(SW, HW).topics[0], size_bytes=size, rate_hz=1.0) for size in (0, 256_000))
-    assert carriage_load(one, ZCU104) == pytest.approx(STORED.delegate_s + STORED.deliver_s)
-    added = carriage_load(other, ZCU104) - carriage_load(one, ZCU104)
-    assert added == pytest.approx(STORED.memory.read_s(256_000) + 256_000 * STORED.deliver_s_per_byte)
-    assert gateway_load(one, ZCU104) > carriage_load(one, ZCU104)

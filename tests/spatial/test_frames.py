@@ -118,12 +118,18 @@ def test_the_history_is_that_of_a_plain_list(arrivals):
             assert buffer.interval("map", name) == (min(rows) * S, max(rows) * S)
 
 
-def test_memory_stays_bounded_however_long_transforms_come():
+def test_memory_stays_bounded_and_clearing_forgets_transforms_but_not_the_tree():
     buffer = FrameBuffer(history_s=1.0)
     for i in range(20_000):
         put(buffer, "map", "a", i * S // 100)
     assert len(buffer._history.stamps) < 1000
     assert buffer.interval("map", "a") == (19_899 * S // 100, 19_999 * S // 100)
+    buffer = FrameBuffer()
+    put(buffer, "map", "a", 5 * S)
+    buffer.clear()
+    with pytest.raises(ExtrapolationError, match="known never"):
+        buffer.look_up("map", "a", 5 * S)
+    assert put(buffer, "map", "a", S) is Insertion.APPENDED
 
 
 def test_nothing_is_extrapolated_unless_asked_and_the_error_says_what_is_known():
@@ -196,15 +202,6 @@ def test_unknown_frames_are_refused_with_similar_names_and_loops_leave_the_tree_
 def test_frames_without_a_sound_name_are_refused(name):
     with pytest.raises(InvalidValueError):
         put(FrameBuffer(), "map", name)
-
-
-def test_clearing_forgets_transforms_but_not_the_tree():
-    buffer = FrameBuffer()
-    put(buffer, "map", "a", 5 * S)
-    buffer.clear()
-    with pytest.raises(ExtrapolationError, match="known never"):
-        buffer.look_up("map", "a", 5 * S)
-    assert put(buffer, "map", "a", S) is Insertion.APPENDED
 
 
 @pytest.mark.parametrize("history_s", [0, -1.0, float("nan")])

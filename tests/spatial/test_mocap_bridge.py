@@ -88,12 +88,6 @@ def test_the_root_is_published_with_the_robots_transform_at_the_time_of_capture(
     assert place_via_proxy(buffer, mapped, late, reach_ns=1).child == "agent_x/odom"
 
 
-def test_an_offset_stands_for_frames_that_the_robot_does_not_publish():
-    mapped = MappedObject(id="o", via="go2/base", frame="go2/base", offset=Pose.at((0, 0, -0.1)))
-    placed = place_via_proxy(FrameBuffer(), mapped, frame("map", "o", Pose.at((1, 2, 3))))
-    assert placed.pose.position_m == pytest.approx((1, 2, 2.9))
-
-
 def test_a_frame_that_has_another_parent_is_not_published():
     buffer = robot_tree()
     buffer.insert(frame("agent_x/odom", "agent_x/base", Pose()))
@@ -104,9 +98,12 @@ def test_a_frame_that_has_another_parent_is_not_published():
         place_via_proxy(FrameBuffer(), MappedObject(id="o", via="x"), frame("map", "o", Pose()))
 
 
-def test_the_direct_receiver_joins_subject_and_segment():
+def test_the_direct_receiver_joins_subject_and_segment_and_an_offset_stands_for_frames():
     assert direct_name("agent_x/markers") == "agent_x_markers"
     assert direct_name("drone") == "drone_drone"
+    mapped = MappedObject(id="o", via="go2/base", frame="go2/base", offset=Pose.at((0, 0, -0.1)))
+    placed = place_via_proxy(FrameBuffer(), mapped, frame("map", "o", Pose.at((1, 2, 3))))
+    assert placed.pose.position_m == pytest.approx((1, 2, 2.9))
 
 
 def test_a_server_that_begins_anew_has_dropped_nothing():

@@ -56,14 +56,11 @@ def test_doubtful_places_that_change_are_never_believed_and_hiding_forgets_a_dou
     assert track.state is TrackState.SUSPECT
 
 
-def test_an_object_may_move_as_far_as_it_can_while_it_is_hidden():
+def test_an_object_may_move_far_while_it_is_hidden_and_captures_not_newer_are_left_out():
     told, track = verdicts(HERE, *[Lapse.OCCLUDED] * 70, AWAY)
     assert told == ["sound", *["occluded"] * 70, "sound"]
     assert verdicts(HERE, *[Lapse.OCCLUDED] * 3, AWAY)[0][-1] == "jumped"
     assert track.state is TrackState.TRACKED
-
-
-def test_captures_that_are_not_newer_are_left_out():
     track, _ = judge(Track(), HERE, 100, LIMITS)
     for capture_ns in (100, 99):
         same, verdict = judge(track, AWAY, capture_ns, LIMITS)
@@ -213,12 +210,9 @@ def test_a_motion_about_one_axis_leaves_the_height_open_and_given_by_hand_is_eno
     assert found.sigma_m[2] < 1e-4
 
 
-def test_too_few_moments_are_refused():
+def test_pairs_come_of_the_same_time_from_captures_and_the_robot_and_too_few_are_refused():
     with pytest.raises(MocapError, match="given 5 moments, allowed are 6"):
         estimate_offset(recording(np.random.default_rng(0), count=5))
-
-
-def test_pairs_come_from_captures_and_the_robots_transforms_of_the_same_time():
     motion, buffer = SyntheticMotion(), FrameBuffer()
     rng = np.random.default_rng(3)
     config = SyntheticConfig(rate_hz=20.0, occlusions_hz=0.5)

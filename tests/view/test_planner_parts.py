@@ -88,19 +88,30 @@ def test_every_property_of_every_kind_has_a_field_and_its_own_value_changes_noth
     assert editor.scene == before
 
 
-def test_typing_one_coordinate_leaves_the_others_exactly_as_they_were(editor):
+def test_typing_one_coordinate_leaves_the_others_and_a_value_that_is_not_allowed_everything(editor):
     shown = field(editor, 6, "position").value
     put(editor, 6, "position", (shown[0], 5.0, shown[2]))
     assert editor.scene.get(6).pose.position_m == (1 / 3, 5.0, 0.1)
+    before = editor.scene
+    for key, value in (("radius_m", 0.0), ("name", ""), ("position", (math.nan, 0.0, 0.0))):
+        with pytest.raises(SfglabError):
+            put(editor, 2, key, value)
+    assert editor.scene is before
 
 
-def test_a_limit_is_switched_on_and_off_and_its_number_waits(editor):
+def test_a_limit_is_switched_on_and_off_and_a_size_and_a_driver_are_typed(editor):
     assert not field(editor, 2, "acceleration_m_s2").enabled
     put(editor, 2, "acceleration_m_s2?", True)
     assert editor.scene.get(2).acceleration_m_s2 == 1.0
     assert field(editor, 2, "acceleration_m_s2").enabled
     put(editor, 2, "speed_m_s?", False)
     assert editor.scene.get(2).speed_m_s is None
+    put(editor, 6, "shape.size_m", (1.0, 1.0, 0.25))
+    assert editor.scene.get(6).shape == Box(size_m=(1.0, 1.0, 0.25))
+    put(editor, 3, "agent", "none")
+    assert editor.scene.get(3).agent is None
+    put(editor, 3, "agent", "dog  #2")
+    assert editor.scene.get(3).agent == 2
 
 
 @pytest.mark.parametrize(
@@ -114,23 +125,6 @@ def test_a_limit_is_switched_on_and_off_and_its_number_waits(editor):
 def test_a_body_of_another_form_is_about_as_large(editor, word, shape):
     put(editor, 7, "shape", word)
     assert editor.scene.get(7).shape == shape
-
-
-def test_a_size_and_a_driver_are_typed(editor):
-    put(editor, 6, "shape.size_m", (1.0, 1.0, 0.25))
-    assert editor.scene.get(6).shape == Box(size_m=(1.0, 1.0, 0.25))
-    put(editor, 3, "agent", "none")
-    assert editor.scene.get(3).agent is None
-    put(editor, 3, "agent", "dog  #2")
-    assert editor.scene.get(3).agent == 2
-
-
-def test_a_value_that_is_not_allowed_is_refused_by_the_model_and_nothing_changes(editor):
-    before = editor.scene
-    for key, value in (("radius_m", 0.0), ("name", ""), ("position", (math.nan, 0.0, 0.0))):
-        with pytest.raises(SfglabError):
-            put(editor, 2, key, value)
-    assert editor.scene is before
 
 
 def test_an_aligned_waypoint_cannot_be_turned_and_a_group_is_never_offered_to_itself(editor):

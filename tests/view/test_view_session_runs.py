@@ -188,7 +188,7 @@ with open_log({str(path)!r}) as log:
     assert [d.what[0] for d in paper.drawn] == [2.5]
 
 
-def test_a_log_that_is_none_is_one_clear_sentence(tmp_path):
+def test_a_log_or_a_place_that_is_none_is_one_clear_sentence(tmp_path):
     with pytest.raises(LogError, match="nothing"), open_log(tmp_path / "nothing.mcap"):
         pass
     (tmp_path / "notes.txt").write_text("no bag")
@@ -197,6 +197,14 @@ def test_a_log_that_is_none_is_one_clear_sentence(tmp_path):
         open_log(tmp_path / "notes.txt"),
     ):
         pass
+    pytest.importorskip("rerun", reason="the extra 'view' is not installed")
+    for place in ("a.mcap", "serve:x"):
+        with pytest.raises(InvalidValueError, match=f"to: given '{place}', allowed: <path>.rrd, viewer"):
+            open_canvas([place])
+    with pytest.raises(SinkError, match="there is no directory"):
+        open_canvas([str(tmp_path / "gone" / "a.rrd")])
+    with pytest.raises(InvalidValueError, match="at least one place"):
+        open_canvas([])
 
 
 def test_a_package_ships_its_own_visualizer_and_a_broken_one_is_told(tmp_path):
@@ -219,17 +227,6 @@ def test_without_rerun_there_is_one_sentence_and_importing_the_view_loads_nothin
     heavy = {"rerun", "ipywidgets", "cv2", "scipy"}
     code = f"import sys, sfglab.view.app, sfglab.view.panel; assert not {heavy} & set(sys.modules)"
     subprocess.run([sys.executable, "-c", code], check=True)
-
-
-def test_a_place_that_is_none_is_refused(tmp_path):
-    pytest.importorskip("rerun", reason="the extra 'view' is not installed")
-    for place in ("a.mcap", "serve:x"):
-        with pytest.raises(InvalidValueError, match=f"to: given '{place}', allowed: <path>.rrd, viewer"):
-            open_canvas([place])
-    with pytest.raises(SinkError, match="there is no directory"):
-        open_canvas([str(tmp_path / "gone" / "a.rrd")])
-    with pytest.raises(InvalidValueError, match="at least one place"):
-        open_canvas([])
 
 
 def test_a_reference_log_becomes_a_recording(tmp_path, pytestconfig, read_rrd):
