@@ -141,12 +141,16 @@ def test_old_and_foreign_encodings_of_h264_decode_and_unknown_or_deep_ones_are_r
         decoder.feed(message(fields, encoding="libsvtav1"))
 
 
-def test_a_hint_helps_where_the_message_names_nothing_known(stream):
+def test_a_hint_helps_where_the_message_names_nothing_known_and_is_overruled_where_it_does(stream):
     packet = message(ffmpeg_packet_fields(stream[0], TABLE_2), encoding="vendor_encoder")
     assert image_decoder(FFMPEG_PACKET, "h264").feed(packet)
     depth = compressed_depth_fields(np.array([[3, 4]], np.uint16))
     (image,) = image_decoder(COMPRESSED_IMAGE, "rvl").feed(message(depth, format=""))
     assert image.array.tolist() == [[3, 4]]
+    depth = compressed_depth_fields(np.array([[3, 4]], np.uint16), "png")
+    assert image_decoder(COMPRESSED_IMAGE, "rvl").feed(message(depth))[0].array.tolist() == [[3, 4]]
+    for hint in ("", None, "libx264"):
+        assert image_decoder(FFMPEG_PACKET, hint).feed(packets(stream, 0, 1)[0])
 
 
 def test_a_hint_loads_the_codec_before_the_first_message():
@@ -158,13 +162,6 @@ def test_a_hint_loads_the_codec_before_the_first_message():
     assert done.stdout.strip() == "True"
     assert image_decoder(FFMPEG_PACKET, "h264").waiting_for_keyframe
     assert not image_decoder(COMPRESSED_IMAGE).waiting_for_keyframe
-
-
-def test_what_the_message_says_overrules_the_hint_and_no_hint_and_encoder_names_are_hints(stream):
-    depth = compressed_depth_fields(np.array([[3, 4]], np.uint16), "png")
-    assert image_decoder(COMPRESSED_IMAGE, "rvl").feed(message(depth))[0].array.tolist() == [[3, 4]]
-    for hint in ("", None, "libx264"):
-        assert image_decoder(FFMPEG_PACKET, hint).feed(packets(stream, 0, 1)[0])
 
 
 def test_an_impossible_hint_and_an_unreadable_type_are_refused_at_once():

@@ -69,11 +69,20 @@ def test_cpp_and_python_nodes_are_started_with_whole_command_lines_and_attached_
     assert len(profiles(kind, "attach", ros=ros)) == 1
 
 
-def test_without_ros_nothing_of_colcon_is_written():
+def test_without_ros_nothing_of_colcon_is_written_and_its_commands_are_bash(tmp_path):
     files = written(ros=RosDistribution.NONE)
     assert not any("colcon" in file.text or "/opt/ros" in file.text for file in files.values())
     assert "postCreateCommand" not in json.loads(files[CONTAINER].text)
     assert json.loads(files[SETTINGS].text)["python.defaultInterpreterPath"] == f"{VENV}/bin/python"
+    for command in (build_command(RosDistribution.JAZZY), environment_command(RosDistribution.JAZZY)):
+        subprocess.run(["bash", "-n", "-c", command], check=True, timeout=10)
+    (tmp_path / "setup.bash").write_text("export ROS_DISTRO=jazzy PYTHONPATH=/p SECRET=x\n")
+    command = environment_command(RosDistribution.JAZZY).replace("/opt/ros/jazzy", str(tmp_path))
+    subprocess.run(["bash", "-c", command], cwd=tmp_path, check=True, timeout=10)
+    kept = (tmp_path / "build" / "ros.env").read_text()
+    assert "ROS_DISTRO=jazzy\n" in kept
+    assert "PYTHONPATH=/p\n" in kept
+    assert "SECRET" not in kept
 
 
 @pytest.mark.parametrize("ros", [RosDistribution.HUMBLE, RosDistribution.JAZZY])
@@ -84,18 +93,6 @@ def test_completion_reads_what_the_build_writes(ros):
     assert "CMAKE_EXPORT_COMPILE_COMMANDS=ON" in values(CONTAINER, ros=ros)["postCreateCommand"][-1]
     assert all(f"/opt/ros/{ros.value}/" in path for path in settings_of["python.analysis.extraPaths"])
     assert {"[cpp]", "[python]", "[cmake]"} <= set(settings_of)
-
-
-def test_the_commands_for_colcon_are_bash_and_keep_the_nodes_environment(tmp_path):
-    for command in (build_command(RosDistribution.JAZZY), environment_command(RosDistribution.JAZZY)):
-        subprocess.run(["bash", "-n", "-c", command], check=True, timeout=10)
-    (tmp_path / "setup.bash").write_text("export ROS_DISTRO=jazzy PYTHONPATH=/p SECRET=x\n")
-    command = environment_command(RosDistribution.JAZZY).replace("/opt/ros/jazzy", str(tmp_path))
-    subprocess.run(["bash", "-c", command], cwd=tmp_path, check=True, timeout=10)
-    kept = (tmp_path / "build" / "ros.env").read_text()
-    assert "ROS_DISTRO=jazzy\n" in kept
-    assert "PYTHONPATH=/p\n" in kept
-    assert "SECRET" not in kept
 
 
 def changed(name, change):

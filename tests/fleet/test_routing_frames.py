@@ -60,13 +60,10 @@ def test_what_one_agent_lets_out_every_other_lets_in(frame):
             GO2.check_inward(GO2.outward(frame))
 
 
-def test_motion_capture_may_place_what_the_agent_says_and_nothing_else():
+def test_motion_capture_may_place_what_the_agent_says_and_the_first_who_moves_a_frame_keeps_it():
     GO2.check_inward("go2/base")
     with pytest.raises(FrameClashError, match=r"'go2/camera'.*below 'go2/': go2/base"):
         GO2.check_inward("go2/camera")
-
-
-def test_the_first_who_moves_a_shared_frame_keeps_it_until_gone():
     claims = FrameClaims()
     claims.claim("map", "h/1")
     claims.claim("map", "h/1")

@@ -238,16 +238,13 @@ def test_another_version_of_the_code_is_another_sweep(tmp_path):
     assert (tmp_path / "journal.1").exists()
 
 
-def test_a_file_that_is_no_journal_is_refused_and_kept(tmp_path):
+def test_a_file_that_is_no_journal_is_refused_and_kept_and_one_serves_one_sweep_at_a_time(tmp_path):
     path = tmp_path / "thesis.txt"
     for content in ("precious\n", "precious", '{"a": 1}\n'):
         path.write_text(content)
         with pytest.raises(JournalError, match="is no journal of a sweep"):
             sweep(quick, POINTS, SEEDS, journal=path)
         assert path.read_text() == content
-
-
-def test_a_journal_serves_one_sweep_at_a_time(tmp_path):
     path = tmp_path / "journal"
     with Journal(path, {}), pytest.raises(JournalError, match="another sweep is writing this journal"):
         Journal(path, {})

@@ -94,7 +94,7 @@ def test_a_car_at_constant_yaw_rate_comes_back_brakes_hard_and_leaves_its_line_b
 # compensation, blur
 
 
-def test_compensation_removes_stuck_pixels_and_keeps_an_edge():
+def test_compensation_keeps_an_edge_the_stretch_swaps_no_levels_and_the_blur_keeps_the_sum():
     image = grey_image(60)
     image[:, 160:] = 180
     image[50, 50] = image[100, 250] = (255, 0, 255)
@@ -103,9 +103,6 @@ def test_compensation_removes_stuck_pixels_and_keeps_an_edge():
     assert (clean[:, :160] == 0).all()
     assert (clean[:, 160:] == 255).all()
     assert compensate(grey_image()).shape == (240, 320, 3), "of one level alone"
-
-
-def test_the_stretch_uses_all_levels_and_swaps_none_and_the_blur_keeps_the_sum():
     ramp = np.repeat(np.linspace(60, 180, 320).astype(np.uint8)[None, :, None], 240, axis=0).repeat(3, axis=2)
     table = stretch(ramp)
     assert (table[60], table[180]) == (0, 255)

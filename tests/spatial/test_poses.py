@@ -64,7 +64,7 @@ def test_what_was_normalised_stays_bit_by_bit(pose):
     assert Pose.at(list(pose.position_m), np.array(pose.quat_xyzw)) == pose
 
 
-def test_a_quarter_turn_and_a_step_have_known_numbers():
+def test_a_quarter_turn_and_a_step_have_known_numbers_and_both_signs_are_one_orientation():
     quarter = Pose.from_yaw((1.0, 2.0, 3.0), math.pi / 2)
     assert quarter.quat_xyzw == pytest.approx((0, 0, math.sqrt(0.5), math.sqrt(0.5)))
     assert quarter.yaw_rad == pytest.approx(math.pi / 2)
@@ -75,9 +75,6 @@ def test_a_quarter_turn_and_a_step_have_known_numbers():
     assert half.yaw_rad == pytest.approx(math.pi / 4)
     assert Pose().interpolate(quarter, 2.0).yaw_rad == pytest.approx(math.pi)
     assert Pose().angle_rad(quarter) == pytest.approx(math.pi / 2)
-
-
-def test_both_signs_of_a_quaternion_are_one_orientation_and_slerp_goes_the_short_way():
     a = Pose.from_yaw((0, 0, 0), 0.2)
     b = Pose.at((0, 0, 0), [-c for c in Pose.from_yaw((0, 0, 0), 0.4).quat_xyzw])
     assert a.angle_rad(b) == pytest.approx(0.2)
