@@ -105,6 +105,8 @@ def test_a_verdict_is_the_criterion_s(claim, where, change, verdict):
     found = finding(claim, *tables)
     assert entry_for(CLAIMS[claim], found).verdict is verdict
     assert "by stall_ms 0: " in found.reason
+    if claim == "B-LAT":
+        assert f"no median at any depth in {27 * (change == {'pooled_ms': np.inf})} of 27" in found.reason
 
 
 @pytest.mark.parametrize(

@@ -108,7 +108,8 @@ def answers(cells: pd.DataFrame, courses: pd.DataFrame) -> pd.DataFrame:
     """Return what holds in each condition at each Rmax, a line each, from the two tables of a run.
 
     Columns are those of `PLACE`; what the criteria of B-LAT and B-LOSS ask: ``latency_lowest``,
-    ``loss_lowest``, ``latency_small``, ``loss_small``; ages, ``age_ms`` of OPT+LC and ``age_lowest_ms`` of the
+    ``loss_lowest``, ``latency_small``, ``loss_small``; ``no_median``: without a method no deep history's median
+    is finite, so that no small one's is higher; ages, ``age_ms`` of OPT+LC and ``age_lowest_ms`` of the
     rest; and `ANSWERS`: shares from 0 to 1.
     """
     found = _compared(summary(cells))
@@ -125,12 +126,13 @@ def _compared(table: pd.DataFrame) -> pd.DataFrame:
     best = table[is_best].set_index(PLACE)
     lowest = table[~is_best].groupby(PLACE, sort=False)[["p50_ms", "lost", "age_ms"]].min()
     small = table[none & (depth <= SMALL_DEPTH)].groupby(PLACE)[["p50_ms_low", "lost_low"]].max()
-    deep = table[none & (depth >= DEEP)].groupby(PLACE)[["p50_ms_high", "lost_high"]].min()
+    deep = table[none & (depth >= DEEP)].groupby(PLACE)[["p50_ms", "p50_ms_high", "lost_high"]].min()
     found = pd.DataFrame(index=best.index)
     found["latency_lowest"] = np.isfinite(best["p50_ms"]) & (best["p50_ms"] <= lowest["p50_ms"] * (1 + TIE))
     found["loss_lowest"] = best["lost"] <= lowest["lost"] + LOSS_POINT
     found["latency_small"] = small["p50_ms_low"] > deep["p50_ms_high"]
     found["loss_small"] = small["lost_low"] > deep["lost_high"]
+    found["no_median"] = np.isinf(deep["p50_ms"])
     for what, of in _BOTH.items():
         found[what] = (found[f"latency_{of}"].astype(int) + found[f"loss_{of}"]) / 2
     return found.assign(age_ms=best["age_ms"], age_lowest_ms=lowest["age_ms"]).reset_index()

@@ -100,18 +100,23 @@ def _agreement_finding(run: Run[Config], of: str) -> Finding | None:
     for mode in criterion().modes:
         part = found[found["preset"] == mode]
         figures[mode] = share_of(int(part["agrees"].sum()), len(part), unit="share of plausible conditions")
+        fast = table[(table["preset"] == mode) & table["rate_max_hz"].isin(FAST_HZ)]
+        without = int(fast.groupby(_CONDITION)["no_median"].all().sum())
         ages = table[table["preset"] == mode][["age_ms", "age_lowest_ms"]].median()
         details |= {
             f"{mode}, agree": f"{figures[mode]}: {part['agrees'].sum()} of {len(part)}",
             f"{mode}, {BEST} lowest": f"in {part['lowest'].sum()} of {len(part)}",
             f"{mode}, a small depth worse": f"in {part['small'].sum()} of {len(part)}",
+            f"{mode}, no median at any depth": f"in {without} of {len(part)} (none, 500 and 1000 Hz)",
             f"{mode}, age at the station": f"{BEST} {ages.iloc[0]:.3g} ms, lowest other {ages.iloc[1]:.3g} ms",
         }
     mode = min(figures, key=lambda name: figures[name].value)
-    reason = f"{_where(found[found['preset'] == mode], 'agrees')} (map: figure phases, notebook 19)"
-    return Finding(
-        estimate=figures[mode], details=details, reason=f"as {mode}, agree {reason}", by_criterion=True
-    )
+    halves = [f"{what} {details[f'{mode}, {what}']}" for what in (f"{BEST} lowest", "a small depth worse")]
+    if of == "latency":  # as many are lost there that a small depth cannot be later than a deep one
+        halves.append(f"no median at any depth {details[f'{mode}, no median at any depth']}")
+    where = _where(found[found["preset"] == mode], "agrees")
+    reason = f"as {mode}, {'; '.join(halves)}; agree {where} (map: figure phases, notebook 19)"
+    return Finding(estimate=figures[mode], details=details, reason=reason, by_criterion=True)
 
 
 def _where(table: pd.DataFrame, column: str) -> str:
