@@ -11,7 +11,7 @@ PYTHON ?= $(shell for p in python3.13 python3.12 python3.11 python3; do \
 export PYTHONDONTWRITEBYTECODE :=
 
 .DEFAULT_GOAL := help
-.PHONY: help setup ros lock reproduce test lab figures screenshots claims check format lint types bench clean
+.PHONY: help setup ros lock reproduce test lab figures screenshots claims mutants check format lint types bench clean
 
 help: ## List the targets
 	@grep -hE '^[a-z]+:.*## ' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  make %-12s %s\n", $$1, $$2}'
@@ -54,6 +54,9 @@ screenshots: setup ## Make the pictures of editor, viewer and explorer in figure
 
 claims: setup ## Print the ledger: paper said, we measured
 	$(BIN)/sfglab claims
+
+mutants: setup ## Change the code under each claim's checks in 20 places and store who sees it (some minutes)
+	$(BIN)/python tests/mutants.py
 
 check: lint types test ## Format check, lint, types and tests: what CI runs
 

@@ -118,6 +118,7 @@ class Entry:
     measured: Measured | None = None
     log: str = ""
     origin: str = ""  #: Machine, load, versions and commit of the log.
+    mutants: str = ""  #: How many changes of the code under them the checks see, and those that they do not.
 
     @property
     def reason(self) -> str:
@@ -159,6 +160,7 @@ class Entry:
             "details": dict(m.details) if m else {},
             "log": self.log or None,
             "origin": self.origin or None,
+            "mutants": self.mutants or None,
         }
 
 
@@ -268,6 +270,7 @@ def _paragraph(entry: Entry) -> Iterator[str]:
         return
     yield from (f"{k}: {v:.3g}; band {_band(entry.claim.ends[k])}" for k, v in m.ends.items())
     yield from (f"{key}: {value}" for key, value in {**m.under, **m.details}.items())
+    yield from [f"mutants: {entry.mutants}"] * bool(entry.mutants)
     yield f"log: {entry.log}; {entry.origin}"
 
 

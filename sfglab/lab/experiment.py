@@ -34,6 +34,8 @@ if TYPE_CHECKING:
 
     from matplotlib.figure import Figure
 
+    from sfglab.lab.checks import Mutated
+
 
 C = TypeVar("C")
 F = TypeVar("F", bound=Callable[..., Any])
@@ -179,6 +181,7 @@ class Experiment(Generic[C]):
         self.sweeps: list[_Sweep] = []
         self._parts: list[_Part] = []
         self._claims: dict[str, tuple[Callable[[Run[C]], Finding | None], How | Callable[[Run[C]], How]]] = {}
+        self.mutated: dict[str, Mutated] = {}  #: By claim, what its mutants change and what must see them.
         self._drawings: dict[str, _Drawing] = {}
         self.looks: dict[str, Look] = {}
 
@@ -258,14 +261,18 @@ class Experiment(Generic[C]):
 
         return declare
 
-    def claim(self, claim: str, *, how: How | Callable[[Run[C]], How]) -> Callable[[F], F]:
+    def claim(
+        self, claim: str, *, how: How | Callable[[Run[C]], How], mutated: Mutated | None = None
+    ) -> Callable[[F], F]:
         """Declare which claim of ``claims.yaml`` a function of a run answers; None from it: this run does not.
 
-        How the figure is obtained may depend on the run.
+        How the figure is obtained may depend on the run. A share of checks says what its mutants change.
         """
 
         def declare(function: F) -> F:
             self._claims[claim] = function, how
+            if mutated:
+                self.mutated[claim] = mutated
             return function
 
         return declare

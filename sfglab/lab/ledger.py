@@ -6,8 +6,9 @@ that a fresh clone has figures and a filled ledger before it has run anything.
 
 from __future__ import annotations
 
+import json
 import logging
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -20,7 +21,7 @@ from sfglab.lab.runs import Run, Standing, standing
 from sfglab.record import LogReader
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
     from pathlib import Path
 
     from sfglab.lab.paths import Project
@@ -87,11 +88,21 @@ def compute_ledger(project: Project, *, profile: str | None = None) -> Ledger:
         for claim_id, figure in found.measured.items():
             ours, before = (figure, log_name, found.origin), measured.get(claim_id)
             measured[claim_id] = _stronger(before, ours) if before else ours
+    scores = json.loads(project.mutants.read_text()) if project.mutants.is_file() else {}
     entries = Ledger()
     for claim in claims:
         ours_or_none, log_name, origin = measured.get(claim.id, (None, "", ""))
-        entries.append(entry_for(claim, ours_or_none, log=log_name, origin=origin))
+        entry = entry_for(claim, ours_or_none, log=log_name, origin=origin)
+        entries.append(replace(entry, mutants=_said_of_mutants(scores.get(claim.id, {}))))
     return entries
+
+
+def _said_of_mutants(score: Mapping[str, Any]) -> str:
+    if not score:
+        return ""
+    survived = [f"{one['module']}: {' '.join(one['diff'].split())}" for one in score["survived"]]
+    text = f"{score['caught']} of {score['tried']} are seen, seed {score['seed']}"
+    return "; ".join([text, *survived])
 
 
 def _findings(name: str, log: Path) -> Findings:

@@ -35,6 +35,14 @@ class CheckRow:
     example: str  #: A case in which it did not; else one in which it did.
 
 
+@dataclass(frozen=True, slots=True)
+class Mutated:
+    """What is changed under a claim's checks to see whether they can fail, and what must see it."""
+
+    modules: tuple[str, ...]  #: The modules that the checks check.
+    rows: Callable[[], Iterable[CheckRow]]  #: A few cases of the checks.
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Share:
     """How much of a table of checks holds."""

@@ -18,6 +18,7 @@ from sfglab.names import (
     Custom,
     FqnError,
     Resource,
+    ResourceKind,
     RosFqn,
     RosFqnBuilder,
     Scope,
@@ -129,6 +130,38 @@ def _refusal(builder: RosFqnBuilder) -> str:
     except FqnError as error:
         return str(error)
     return ""
+
+
+_LONGEST = {ResourceKind.TOPIC: 247, ResourceKind.SERVICE: 246, ResourceKind.ACTION: 226}
+_NO_NAMES = ("", "/", "a", "/a/", "/a//b", "/1a", "/a/1", "/a__b", "/a-b", "/ä", "/{a}", "/a b", "/a.b")
+
+
+def _is_name(name: str, kind: ResourceKind = ResourceKind.TOPIC) -> bool:
+    try:
+        return validate_ros_name(name, kind) == name
+    except FqnError:
+        return False
+
+
+@checks.cases("ROS 2's names end at their longest, and what is none is refused")
+def _limits(_: Sample) -> Iterator[Case]:
+    """Ask for names of the longest length, of one more, and for those that look nearly like names."""
+    for kind, longest in _LONGEST.items():
+        yield f"{longest} for a {kind.value}", _is_name("/" + "a" * (longest - 1), kind)
+        yield f"{longest + 1} for a {kind.value}", not _is_name("/" + "a" * longest, kind)
+    yield from ((name, not _is_name(name)) for name in _NO_NAMES)
+
+
+@checks.cases("a segment without the one that it is part of is refused")
+def _no_gaps(_: Sample) -> Iterator[Case]:
+    for agent, component, stream in ((None, Component.CAMERA, None), (AGENT, None, Stream.COLOR)):
+        case = f"agent {agent}, component {component}, stream {stream}"
+        try:
+            RosFqn(scope=Scope.LOCAL, agent=agent, component=component, stream=stream, resource=Custom("x"))
+        except FqnError as error:
+            yield case, error.place in {"agent", "component"}
+        else:
+            yield case, False
 
 
 @checks.cases("a host name becomes a valid agent")

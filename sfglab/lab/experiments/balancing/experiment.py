@@ -23,7 +23,7 @@ from sfglab.rtps import FAST_DDS, Flow, FlowOutcome, Medium, Scenario, Session, 
 from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
 
     from numpy.typing import NDArray
 
@@ -169,21 +169,30 @@ class Passage:
 @exp.part("caches", total=len(SENSORS), timed=False)
 def run_caches(bench: Bench[Config]) -> None:
     """Run every sensor at every rate, without and with a longest silence, and check on the way."""
-    rng = np.random.default_rng(bench.config.seed)
+    bench.write_all("check", cache_checks(bench.config, bench.write, bench.advance))
+
+
+def cache_checks(
+    config: Config,
+    write: Callable[[str, Any], None] = lambda *_: None,
+    advance: Callable[[str], None] = lambda _: None,
+) -> Iterator[CheckRow]:
+    """Yield how often each property of the caches held; rows of what passed are written on the way."""
+    rng = np.random.default_rng(config.seed)
     cases: dict[str, list[Case]] = {}
     for sensor in SENSORS.values():
-        for rate_hz in bench.config.rates_hz:
-            values = readings(sensor, rate_hz=rate_hz, duration_s=bench.config.readings_s, rng=rng)
+        for rate_hz in config.rates_hz:
+            values = readings(sensor, rate_hz=rate_hz, duration_s=config.readings_s, rng=rng)
             checked: list[tuple[str, object]] = []
             for silence_s in (0.0, SILENCE_S):
                 passage = pass_through(sensor, values, rate_hz=rate_hz, silence_s=silence_s)
-                bench.write("cache", _cache_row(sensor, passage, rate_hz, silence_s))
+                write("cache", _cache_row(sensor, passage, rate_hz, silence_s))
                 checked += _checks(passage, rate_hz, silence_s)
             checked.append(_check_compiled(passage, rate_hz))
             for check, held in checked:
                 cases.setdefault(check, []).append((f"{sensor.name} at {rate_hz} Hz", bool(held)))
-        bench.advance(sensor.name)
-    bench.write_all("check", (check_row(check, tried) for check, tried in cases.items()))
+        advance(sensor.name)
+    yield from (check_row(check, tried) for check, tried in cases.items())
 
 
 def pass_through(sensor: Sensor, values: list[Any], *, rate_hz: float, silence_s: float) -> Passage:

@@ -14,7 +14,7 @@ import numpy as np
 import pandas as pd
 
 from sfglab.fleet.policy import TABLE_1
-from sfglab.lab.checks import CheckRow, check_row, share_of_checks
+from sfglab.lab.checks import CheckRow, Mutated, check_row, group, share_of_checks
 from sfglab.lab.checks.routing import in_table_1
 from sfglab.lab.claims import Finding, How
 from sfglab.lab.experiments.routing.experiment import Config, exp, halves, may_cross
@@ -161,7 +161,11 @@ def latencies(run: Run[Config]) -> dict[str, Estimate]:
     return found
 
 
-@exp.claim("A-NET-RULES", how=How.LIVE)
+@exp.claim(
+    "A-NET-RULES",
+    how=How.LIVE,
+    mutated=Mutated(("sfglab.fleet.policy",), lambda: group("routing").rows(20, 0)),
+)
 def share_that_holds(run: Run[Config]) -> Finding:
     """Return the share of checks that hold.
 

@@ -17,7 +17,15 @@ import pandas as pd
 from sfglab.codecs import compressed_image_fields
 from sfglab.fleet.fleet_file import load_fleet
 from sfglab.lab.browser import free_port
-from sfglab.lab.checks import CheckRow, facts_row, handling, recordings, share_of_checks, synchronisation
+from sfglab.lab.checks import (
+    CheckRow,
+    Mutated,
+    facts_row,
+    handling,
+    recordings,
+    share_of_checks,
+    synchronisation,
+)
 from sfglab.lab.checks.fleet_scene import make_parts, scene_moments
 from sfglab.lab.claims import Finding, How
 from sfglab.lab.experiment import Actor, Experiment, Link, Profiled
@@ -233,7 +241,11 @@ def added_ms(run: Run[Config]) -> Estimate:
     return bootstrap(arms, lambda groups: float(np.median(groups[0]) - np.median(groups[1])), unit="ms")
 
 
-@exp.claim("A-VIZ", how=How.LIVE)
+@exp.claim(
+    "A-VIZ",
+    how=How.LIVE,
+    mutated=Mutated(("sfglab.view.sync",), lambda: synchronisation.checks.rows(3, 0)),
+)
 def share_that_holds(run: Run[Config]) -> Finding:
     """Return the share of checks that hold, in the group where it is lowest.
 

@@ -1,0 +1,263 @@
+"""Mutants of the code under the claims' checks: changed in one place by a seeded generator, and who sees it.
+
+A share of checks that hold says nothing of checks that cannot fail. A claim declares which modules it checks
+and how (`sfglab.lab.checks.Mutated`); every mutant is judged in a process of its own, forked from one that has
+imported other people's libraries only. Caught is what fails a check, raises, or has no end within `LONGEST_S`;
+survivors keep their diff. Nothing is chosen by hand: places are drawn, kind by kind. Changes of texts, types
+and ``raise`` are no mutants. `python tests/mutants.py [CLAIM...]` writes ``data/mutants.json``.
+"""
+
+from __future__ import annotations
+
+import ast
+import difflib
+import importlib.util
+import json
+import multiprocessing
+import os
+import random
+import sys
+from collections import Counter, defaultdict
+from contextlib import suppress
+from dataclasses import dataclass
+from importlib.machinery import ModuleSpec, SourceFileLoader
+from pathlib import Path
+from subprocess import PIPE, Popen
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+COUNT = 20
+LONGEST_S = 30.0
+STORE = Path(__file__).parents[1] / "data" / "mutants.json"
+_DRAWN = {"ax", "axes", "figure"}  # arguments of what only draws
+_UNSEEN = (ast.Raise, ast.JoinedStr, ast.arguments)
+_COMPARED: dict[type[ast.cmpop], type[ast.cmpop]] = {
+    ast.Lt: ast.LtE,
+    ast.LtE: ast.Lt,
+    ast.Gt: ast.GtE,
+    ast.GtE: ast.Gt,
+    ast.Eq: ast.NotEq,
+    ast.NotEq: ast.Eq,
+    ast.In: ast.NotIn,
+    ast.NotIn: ast.In,
+    ast.Is: ast.IsNot,
+    ast.IsNot: ast.Is,
+}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Mutant:
+    """One change."""
+
+    module: str  #: Where.
+    kind: str  #: What was done.
+    diff: str  #: The changed lines, before and after.
+    source: str  #: The whole module.
+
+
+def source_of(module: str) -> str:
+    """Return a module's source, without importing it."""
+    base = Path(__file__).parents[1] / module.replace(".", "/")
+    return (base / "__init__.py" if base.is_dir() else base.with_suffix(".py")).read_text()
+
+
+def draw_mutants(modules: Sequence[str], count: int, seed: int) -> list[Mutant]:
+    """Return so many mutants, fewer if there are no more; kinds take turns, places are drawn."""
+    rng, places = random.Random(f"{seed} {modules}"), defaultdict(list)  # no secret
+    for module in modules:
+        for place, node in enumerate(_nodes(ast.parse(source_of(module)))):
+            for kind in _kinds(node):
+                places[kind].append((module, place))
+    found: list[Mutant] = []
+    while places and len(found) < count:
+        for kind in sorted(places):
+            module, place = places[kind].pop(rng.randrange(len(places[kind])))
+            mutant = _mutant(module, place, kind)
+            found += [mutant] if mutant and len(found) < count else []
+        places = defaultdict(list, {kind: left for kind, left in places.items() if left})
+    return found
+
+
+def _nodes(node: ast.AST) -> Iterator[ast.AST]:
+    """Yield what may be changed, in the order of the source."""
+    for name, value in ast.iter_fields(node):
+        if name in {"annotation", "returns", "decorator_list", "bases"}:
+            continue
+        for child in value if isinstance(value, list) else [value]:
+            if isinstance(child, _UNSEEN) or getattr(child, "name", "") in {"__repr__", "_repr_html_"}:
+                continue
+            if isinstance(child, ast.FunctionDef) and _DRAWN.intersection(arg.arg for arg in child.args.args):
+                continue
+            if isinstance(child, ast.AST) and not (
+                isinstance(child, ast.If) and "TYPE_CH" in ast.dump(child.test)
+            ):
+                yield child
+                yield from _nodes(child)
+
+
+def _kinds(node: ast.AST) -> Iterator[str]:
+    match node:
+        case ast.Compare(ops=[op]) if type(op) in _COMPARED:
+            yield "comparison"
+        case ast.Constant(value=int()) if not isinstance(node.value, bool):
+            yield "off by one"
+        case ast.Expr(value=ast.Call()):
+            yield "dropped call"
+        case ast.Call(args=[_, _, *_]):
+            yield "swapped arguments"
+        case ast.Call(keywords=[_, _, *_]):
+            yield "swapped fields"
+        case ast.Dict(keys=[_, _, *_]) | ast.Set(elts=[_, _, *_]) | ast.List(elts=[_, _, *_]):
+            yield "dropped row"
+        case ast.Tuple(elts=[_, _, _, *_], ctx=ast.Load()):
+            yield "dropped row"
+        case ast.BoolOp():
+            yield "and for or"
+
+
+def _mutant(module: str, place: int, kind: str) -> Mutant | None:
+    text = source_of(module)
+    tree = ast.parse(text)
+    before = ast.unparse(tree)
+    node: Any = list(_nodes(tree))[place]
+    match kind:
+        case "comparison":
+            node.ops = [_COMPARED[type(node.ops[0])]()]
+        case "off by one":
+            node.value += 1
+        case "dropped call":
+            node.value = ast.Constant(None)
+        case "swapped arguments":
+            node.args[:2] = node.args[1::-1]
+        case "swapped fields":
+            first, second = node.keywords[:2]
+            first.value, second.value = second.value, first.value
+        case "dropped row" if isinstance(node, ast.Dict):
+            del node.keys[-1], node.values[-1]
+        case "dropped row":
+            del node.elts[-1]
+        case "and for or":
+            node.op = ast.Or() if isinstance(node.op, ast.And) else ast.And()
+    after = ast.unparse(tree)
+    lines = difflib.unified_diff(before.splitlines(), after.splitlines(), n=0, lineterm="")
+    diff = "\n".join(line for line in lines if line[:3] not in {"---", "+++"} and line[0] in "+-")
+    return Mutant(module=module, kind=kind, diff=diff, source=after) if after != before else None
+
+
+def mutation_score(experiment: str, claim: str, count: int, seed: int = 0) -> dict[str, Any]:
+    """Return how many mutants of a claim its checks catch, as JSON values, with the diffs of survivors.
+
+    Raises:
+        RuntimeError: The checks fail without any change.
+    """
+    command = [sys.executable, "-P", __file__, "serve", experiment]
+    with Popen(command, stdin=PIPE, stdout=PIPE, text=True) as runner:
+
+        def ask(module: str, source: str) -> str:
+            assert runner.stdin
+            assert runner.stdout
+            order = {"experiment": experiment, "claim": claim, "module": module, "source": source}
+            print(json.dumps(order), file=runner.stdin, flush=True)
+            return str(json.loads(runner.stdout.readline()))
+
+        if seen := ask("", ""):
+            raise RuntimeError(f"{claim}: the checks fail without a mutant: {seen}")
+        from sfglab.lab.experiments import experiment as load
+
+        modules = load(experiment).mutated[claim].modules
+        judged = [(mutant, ask(mutant.module, mutant.source)) for mutant in draw_mutants(modules, count, seed)]
+        assert runner.stdin
+        runner.stdin.close()
+    return {
+        "seed": seed,
+        "tried": len(judged),
+        "caught": sum(bool(seen) for _, seen in judged),
+        "by": dict(Counter(seen.split(":")[0] for _, seen in judged if seen)),
+        "survived": [{"module": m.module, "kind": m.kind, "diff": m.diff} for m, seen in judged if not seen],
+    }
+
+
+class _Source(SourceFileLoader):
+    """Loads one module from a text, and all others as ever."""
+
+    def __init__(self, name: str, text: str) -> None:
+        spec = importlib.util.find_spec(name)
+        assert spec
+        assert spec.origin
+        super().__init__(name, spec.origin)
+        self._text = text
+
+    def find_spec(self, name: str, _path: Any = None, _target: Any = None) -> ModuleSpec | None:
+        """Return the module's place, if it is this one."""
+        return (
+            importlib.util.spec_from_file_location(name, self.path, loader=self) if name == self.name else None
+        )
+
+    def get_code(self, _fullname: str) -> Any:
+        """Return the text, compiled."""
+        return compile(self._text, self.path, "exec")
+
+
+def _forget() -> None:
+    for name in [name for name in sys.modules if name.startswith("sfglab.")]:
+        del sys.modules[name]
+
+
+def _seen(order: dict[str, str]) -> str:
+    """Return by what the checks see a mutant; empty: by nothing."""
+    if order["module"]:
+        loader = _Source(order["module"], order["source"])
+        _forget()  # parents, which looking for it has imported
+        sys.meta_path.insert(0, loader)  # has what is asked of a finder
+    try:
+        from sfglab.lab.experiments import experiment
+
+        rows = list(experiment(order["experiment"]).mutated[order["claim"]].rows())
+    except BaseException as error:  # noqa: BLE001  # whatever it is, it is seen
+        return f"raises {type(error).__name__}: {error}"
+    return "; ".join(f"{row.check}: {row.held} of {row.checked}" for row in rows if row.held < row.checked)
+
+
+def _serve(name: str) -> None:
+    from sfglab.lab.experiments import experiment
+
+    assert experiment(name).mutated
+    _forget()  # other people's libraries stay
+    forks = multiprocessing.get_context("fork")
+    answers, quiet = os.fdopen(os.dup(1), "w"), os.open(os.devnull, os.O_WRONLY)
+    os.dup2(quiet, 1)
+    os.dup2(quiet, 2)
+    for order in map(json.loads, sys.stdin):
+        here, there = forks.Pipe(duplex=False)
+        child = forks.Process(target=lambda order, end: end.send(_seen(order)), args=(order, there))
+        child.start()
+        there.close()
+        with suppress(EOFError):
+            # Without a mutant it may compile first what numba keeps.
+            longest_s = LONGEST_S * (1 if order["module"] else 10)
+            said = here.recv() if here.poll(longest_s) else "no end: killed"
+            print(json.dumps(said), file=answers, flush=True)
+            child.kill()
+            child.join()
+            continue
+        print(json.dumps("died: no answer"), file=answers, flush=True)
+
+
+def main(claims: Sequence[str]) -> None:
+    """Judge mutants of each claim that declares them, or of the named ones; write ``data/mutants.json``."""
+    from sfglab.lab.experiments import EXPERIMENTS
+    from sfglab.lab.experiments import experiment as load
+
+    scores = json.loads(STORE.read_text()) if STORE.is_file() else {}
+    for name in EXPERIMENTS:
+        for claim in load(name).mutated:
+            if not claims or claim in claims:
+                scores[claim] = mutation_score(name, claim, COUNT)
+                print(claim, scores[claim]["caught"], "of", scores[claim]["tried"], flush=True)  # noqa: T201  # a command
+                STORE.write_text(json.dumps(scores, indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    _serve(sys.argv[2]) if sys.argv[1:2] == ["serve"] else main(sys.argv[1:])
