@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
-from sfglab.lab.checks import CheckRow, Mutated, check_row, group, share_of_checks
+from sfglab.lab.checks import CheckRow, check_row, share_of_checks
 from sfglab.lab.checks.trees import AGENT, RULE, WAYS, WORLD
 from sfglab.lab.claims import Finding, How
 from sfglab.lab.experiments.mocap.experiment import Config, exp
@@ -114,14 +114,7 @@ def offsets(run: Run[Config]) -> pd.DataFrame:
     return medians.assign(covered=table.groupby(by)["covered"].mean() / 6).reset_index()
 
 
-_MODULES = ("sfglab.spatial.frames.lint", "sfglab.spatial.mocap.mapping", "sfglab.spatial.mocap.bridge")
-
-
-@exp.claim(
-    "A-VICON",
-    how=lambda run: How.LIVE if len(run["look"]) else How.EXACT,
-    mutated=Mutated(_MODULES, lambda: group("trees").rows(3, 0)),
-)
+@exp.claim("A-VICON", how=lambda run: How.LIVE if len(run["look"]) else How.EXACT)
 def share_that_holds(run: Run[Config]) -> Finding:
     """Return the share of checks that hold.
 

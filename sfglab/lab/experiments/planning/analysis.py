@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
-from sfglab.lab.checks import CheckRow, Mutated, check_row, group, share_of_checks
+from sfglab.lab.checks import CheckRow, check_row, share_of_checks
 from sfglab.lab.claims import Finding, How
 from sfglab.lab.experiment import Look
 from sfglab.lab.experiments.planning.experiment import EXAMPLE_M, Config, example_limits, exp
@@ -146,18 +146,7 @@ def apart_m(
     return times, found[0], found[1]
 
 
-_MODULES = (
-    *(f"sfglab.spatial.trajectory.{name}" for name in ("path", "motion", "limits", "exchange")),
-    *(f"sfglab.spatial.scene.{name}" for name in ("commands", "editor", "files")),
-)
-
-
-def _few() -> Iterator[CheckRow]:
-    for name in ("trajectories", "exchange", "editing"):
-        yield from group(name).rows(2, 0)
-
-
-@exp.claim("A-PLAN", how=how_of, mutated=Mutated(_MODULES, _few))
+@exp.claim("A-PLAN", how=how_of)
 def share_that_holds(run: Run[Config]) -> Finding:
     """Return the share of checks that hold.
 
