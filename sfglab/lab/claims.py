@@ -121,6 +121,13 @@ class Entry:
     mutants: str = ""  #: How many changes of the code under them the checks see, and those that they do not.
 
     @property
+    def experiment(self) -> str | None:
+        """Name of the experiment whose figure it is; without a figure, of that which measures it."""
+        criterion = self.claim.criterion
+        judges = criterion is not None and self.measured is not None and self.measured.by_criterion
+        return criterion.experiment if criterion and judges else self.claim.experiment
+
+    @property
     def reason(self) -> str:
         """Why the verdict is neither reproduced nor better, as far as that is known."""
         m, c = self.measured, self.claim

@@ -73,7 +73,7 @@ def _row(project: Project, path: Path, ledger: Ledger) -> tuple[str, str]:
     name = next((n for n in exp.drawings if (project.figures / f"{n}.png").is_file()), "")
     caption = exp.caption(name) if name else ""
     picture = _thumbnail(project.figures / f"{name}.png", caption) if name else ""
-    claims = _verdicts(entry for entry in ledger if entry.claim.id in exp.claims)
+    claims = _verdicts(entry for entry in ledger if entry.experiment == exp.name)
     cells = (
         picture,
         f'<b><a href="{path.name}">{path.stem}</a></b> {escape(exp.where)}<br>{escape(title)}',
