@@ -152,7 +152,7 @@ def mutation_score(experiment: str, claim: str, count: int, seed: int = 0) -> di
     Raises:
         RuntimeError: The checks fail without any change.
     """
-    command = [sys.executable, "-P", __file__, "serve", experiment]
+    command = [sys.executable, "-P", __file__, "serve", experiment, claim]
     with Popen(command, stdin=PIPE, stdout=PIPE, text=True) as runner:
 
         def ask(module: str, source: str) -> str:
@@ -220,10 +220,10 @@ def _seen(order: dict[str, str]) -> str:
     return "; ".join(f"{row.check}: {row.held} of {row.checked}" for row in rows if row.held < row.checked)
 
 
-def _serve(name: str) -> None:
+def _serve(name: str, claim: str) -> None:
     from sfglab.lab.experiments import experiment
 
-    assert experiment(name).mutated
+    list(experiment(name).mutated[claim].rows())  # libraries that are imported late are there, too
     _forget()  # other people's libraries stay
     forks = multiprocessing.get_context("fork")
     answers, quiet = os.fdopen(os.dup(1), "w"), os.open(os.devnull, os.O_WRONLY)
@@ -260,4 +260,4 @@ def main(claims: Sequence[str]) -> None:
 
 
 if __name__ == "__main__":
-    _serve(sys.argv[2]) if sys.argv[1:2] == ["serve"] else main(sys.argv[1:])
+    _serve(*sys.argv[2:]) if sys.argv[1:2] == ["serve"] else main(sys.argv[1:])
