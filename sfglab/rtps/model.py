@@ -184,8 +184,7 @@ class Medium:
     #: Whether frames go by an access point, a host more that contends: on air twice.
     access_point: bool = False
     #: Whether chance says who of those that wait sends next, as Wi-Fi's backoff does; else they take turns. In
-    #: turns the same host wins each free place in a full access point's queue, and all others nothing. Only the
-    #: model has chance; a test host's radio takes turns.
+    #: turns the same host wins each free place in a full access point's queue, and all others nothing.
     random_turns: bool = False
     burst_frames: float = 0.0  #: Mean length of a burst of losses, frames; below 1: each is lost by itself.
     stall_every_s: float = 0.0  #: How often the medium stalls: scans, power saving, neighbours.

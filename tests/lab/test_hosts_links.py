@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import time
+from random import Random
 
 import numpy as np
 import pytest
@@ -299,6 +300,23 @@ def test_the_radio_delivers_each_frame_when_the_model_does(shared, rates, far, *
     assert dict(arrivals_of(air, offers)) == expected
     assert sum(use.airtime_ns for use in air.use) == outcome.counts["airtime_ns"]
     assert sum(use.queue_full for use in air.use) == outcome.counts["queue_full"]
+
+
+@pytest.mark.parametrize("random_turns", [False, True])
+def test_chance_lets_every_host_through_a_full_access_point_where_turns_let_one(random_turns):
+    medium = Medium(access_point=True, queue_frames=50, random_turns=random_turns, loss=0.0)
+    flows = tuple(
+        Flow(name=name, source=name, target="sink", rate_hz=2000.0, executor=None,
+             qos=QoSProfile(reliability=Reliability.BEST_EFFORT)) for name in ("h0", "h1", "h2")
+    )  # fmt: skip
+    fates = run(Scenario(flows=flows, medium=medium, duration_s=3.0, drain_s=0.1), seed=1).flows.values()
+    model = [int(fate.delivered.sum()) for fate in fates]
+    air: Air = Air(["h0", "h1", "h2", "sink"], medium, chance=Random(1))
+    size_bytes = MODEL_BYTES + flows[0].size_bytes
+    offers = [(500_000 * k + host, host, host, size_bytes) for k in range(6000) for host in range(3)]
+    live = [host for host, due_ns in arrivals_of(air, offers) if due_ns < 3e9]
+    for shares in (model, [live.count(host) for host in range(3)]):
+        assert (min(shares) > 0.1 * sum(shares)) is random_turns, shares
 
 
 def test_a_late_look_lowers_no_rate_a_full_queue_drops_the_last_and_a_change_keeps_frames():

@@ -217,7 +217,9 @@ def test_what_follows_a_torn_line_is_run_again(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("key", "task", "points"), [("task", uneven, POINTS), ("points", quick, POINTS[:-1])], ids=str
+    ("key", "task", "points"),
+    [("task", uneven, POINTS), ("points", quick, POINTS[:-1])],
+    ids=["task", "points"],
 )
 def test_another_sweeps_journal_is_set_aside_with_the_difference_named(tmp_path, caplog, key, task, points):
     journal = tmp_path / "journal"

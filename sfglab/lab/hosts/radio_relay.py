@@ -5,11 +5,11 @@ receivers then. A frame to a group reaches every other host and is on air once; 
 receiver. It ends when its control socket does.
 
 The medium is a pure machine: frames at times in, frames at later times out, all in nanoseconds of one clock
-that the caller reads. Its rules are those of the model of RTPS, frame for frame, and airtime and turns its very
-functions: queues at the hosts that drop at their tail or head, one frame on air at a time, turns among hosts
-that have something to send, airtime stretched by contention, stalls, an access point that sends each frame once
-more, losses in bursts, then latency. A queue that blocks is the host's
-kernel, which lets frames leave as fast as the air takes them (`wiring`).
+that the caller reads. Its rules are those of the model of RTPS, frame for frame, and airtime and turns its
+very functions: queues at the hosts that drop at their tail or head, one frame on air at a time, turns or
+chance among hosts that have something to send, airtime stretched by contention, stalls, an access point that
+sends each frame once more, losses in bursts, then latency. A queue that blocks is the host's kernel, which
+lets frames leave as fast as the air takes them (`wiring`).
 The kernel's time of arrival counts, and a frame's end follows from the end of the one before, not from when
 somebody looked: the relay's own slowness adds delay, which it counts, and lowers no rate.
 """
@@ -81,15 +81,21 @@ class Air(Generic[F]):
         hosts: Their names.
         medium: What it is like.
         lose: Whether a frame of a host is lost on its way to the access point.
+        chance: Says who sends next where chance does.
 
     Attributes:
         use: What each host has done with it; losses are the caller's to count.
     """
 
     def __init__(
-        self, hosts: Sequence[str], medium: Medium, *, lose: Callable[[int], bool] = lambda _: False
+        self,
+        hosts: Sequence[str],
+        medium: Medium,
+        *,
+        lose: Callable[[int], bool] = lambda _: False,
+        chance: random.Random | None = None,
     ) -> None:
-        self._hosts, self._lose = tuple(hosts), lose
+        self._hosts, self._lose, self._chance = tuple(hosts), lose, chance or random.Random()
         self.use = [RadioHost() for _ in hosts]
         self._access_point = len(self.use)  # last, and without a part where the medium has none
         self._state: _State[F] = _State([deque() for _ in range(len(hosts) + 1)])
@@ -171,6 +177,8 @@ class Air(Generic[F]):
         start_ns = max(transmitter.free_ns, min(queues[host][0].since_ns for host in waiting))
         ready = {host for host in waiting if queues[host][0].since_ns <= start_ns}
         host, contenders = next_sender([host in ready for host in range(len(queues))], transmitter.next_)
+        if self._medium.random_turns:
+            host = self._chance.choice(sorted(ready))
         entry = queues[host].popleft()
         # Of the access point's frames to a group, nobody's distance counts.
         near = host if host != self._access_point else entry.target
@@ -280,7 +288,9 @@ class _Relay:
     def set(self, *, medium: dict[str, Any], seed: int) -> dict[str, Any]:
         self._medium = Medium(**medium)
         if self._air is None:
-            self._air = Air(self._names, self._medium, lose=lambda host: self._lost(host, host))
+            self._air = Air(
+                self._names, self._medium, lose=lambda host: self._lost(host, host), chance=self._random
+            )
         else:
             self._air.change(self._medium)
         self._random.seed(seed)
