@@ -75,9 +75,15 @@ def note_drop(world: Any, frame: Any, where: int) -> None:
 
 @compiled
 def has_room(world: Any, host: int) -> bool:
-    """Return whether a host's queue lets who sends go on."""
-    blocks = world.timing[TimingColumn.QUEUE_RULE] == _BLOCK
-    return bool(not blocks or world.queue_ends[host, 1] < world.timing[TimingColumn.QUEUE_FRAMES])
+    """Return whether a host's queue lets who sends go on.
+
+    Who once found it full waits until half of it has left: Linux wakes nobody earlier (sock_writeable).
+    """
+    if world.timing[TimingColumn.QUEUE_RULE] != _BLOCK:
+        return True
+    ends, most = world.queue_ends, world.timing[TimingColumn.QUEUE_FRAMES]
+    ends[host, 2] = ends[host, 1] >= most or (ends[host, 2] and 2 * ends[host, 1] > most)
+    return not ends[host, 2]
 
 
 @compiled

@@ -185,7 +185,7 @@ class State(NamedTuple):
     reader: Any  # (F, 18) see R
     repair: Any  # (F, 5) base and bitmap of the request that waits
     queue: Any  # (H, Q, 8) frames
-    queue_ends: Any  # (H, 2) head, length
+    queue_ends: Any  # (H, 3) head, length, whether somebody waits for room
     on_air: Any  # (T, 11) busy, frame, since when, whose
     bad: Any  # (H,) whether a host's frames are in a burst of losses
     trace: Any  # (K, 12) see TraceColumn; frames as they left the air; K is 0 where nobody looks
@@ -287,7 +287,7 @@ def new_state(params: Params, sizes: Sizes, *, seed: int) -> State:
         reader=reader,
         repair=np.zeros((flows, 5), np.int64),
         queue=np.zeros((sizes.hosts, sizes.queue, _FRAME_FIELDS), np.int64),
-        queue_ends=np.zeros((sizes.hosts, 2), np.int64),
+        queue_ends=np.zeros((sizes.hosts, 3), np.int64),
         on_air=np.zeros((transmitters, 3 + _FRAME_FIELDS), np.int64),
         bad=np.zeros(sizes.hosts, np.int8),
         trace=np.zeros((sizes.trace, _FRAME_FIELDS + len(TraceColumn)), np.int64),

@@ -48,9 +48,8 @@ class Vendor:
     #: What a sample that a thread of the middleware sends adds to these bytes: its own size (None), or all that
     #: this thread has sent so far, of which so many bytes before the run. Repairs are always sent by it.
     sent_before_bytes: int | None = None
-    #: Samples are sent by that thread too, so that the history is a queue where the host's queue blocks: who
-    #: publishes never waits, and what is overwritten before it was sent is lost. What waits there travels
-    #: together.
+    #: Samples are sent by that thread too: where the host's queue blocks, they wait in the history, and travel
+    #: together later; who publishes waits once that is full.
     asynchronous: bool = False
     extra_bytes: int = 0  #: What each RTPS message has beside what RTPS asks for.
 

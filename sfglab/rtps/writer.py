@@ -113,6 +113,14 @@ def _send_data(world: Any, now: int, flow: int, sample: int) -> None:
 
 
 @compiled
+def _is_full(world: Any, flow: int, unacked: int) -> bool:
+    """Return whether a history of KEEP_LAST has no place for one more sample."""
+    unsent = world.writer[flow, W.LAST] - world.writer[flow, W.QUEUED]
+    kept = unacked if world.flows[flow, FlowColumn.RELIABLE] else unsent
+    return bool(0 < world.flows[flow, FlowColumn.DEPTH] <= kept)
+
+
+@compiled
 def write(world: Any, now: int, flow: int) -> None:
     """Publish what the sensor has now, unless the local cache or a full history of KEEP_ALL holds it back."""
     writer = world.writer
@@ -120,13 +128,14 @@ def write(world: Any, now: int, flow: int) -> None:
     if _held_back(world, now, flow, value):
         world.counts[Count.HELD] += 1
         return
-    goes = (
-        has_room(world, world.flows[flow, FlowColumn.SOURCE]) and writer[flow, W.QUEUED] == writer[flow, W.LAST]
-    )
-    if not goes and not world.timing[TimingColumn.QUEUES]:
-        world.counts[Count.THROTTLED] += 1  # whoever publishes still waits to be rid of what came before
-        return
     unacked = writer[flow, W.LAST] - writer[flow, W.ACKED]
+    room = has_room(world, world.flows[flow, FlowColumn.SOURCE])
+    goes = room and writer[flow, W.QUEUED] == writer[flow, W.LAST]
+    if not goes and (not world.timing[TimingColumn.QUEUES] or (not room and _is_full(world, flow, unacked))):
+        # Whoever publishes still waits to be rid of what came before; or for the thread that sends, since only
+        # then the oldest sample of a full history can go.
+        world.counts[Count.THROTTLED] += 1
+        return
     if (
         world.flows[flow, FlowColumn.RELIABLE]
         and world.flows[flow, FlowColumn.DEPTH] == 0

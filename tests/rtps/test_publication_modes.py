@@ -69,10 +69,11 @@ def test_heartbeats_of_900_samples_are_those_of_real_fast_dds(preset, before, ac
 @pytest.mark.parametrize(
     ("preset", "rule", "depth", "loss", "throttled"),
     [
-        ("fast_dds_async", "block", 1, (0.3, 0.6), False),  # the history is the queue, and holds one
-        ("fast_dds_async", "block", 100, (0.0, 0.0), False),  # what waits there travels together
-        ("fast_dds_foxy", "block", 100, (0.0, 0.0), False),
-        ("fast_dds_sync", "block", 1, (0.0, 0.0), True),  # who publishes waits instead
+        ("fast_dds_async", "block", 1, (0.0, 0.0), True),  # a full history waits for the thread that sends
+        ("fast_dds_async", "block", 100, (0.0, 0.0), True),
+        ("fast_dds_foxy", "block", 100, (0.0, 0.0), True),
+        ("fast_dds_async", "block", 4000, (0.0, 0.0), False),  # what waits there travels together
+        ("fast_dds_sync", "block", 1, (0.0, 0.0), True),  # who publishes waits
         ("fast_dds_async", "tail", 1, (0.3, 0.6), False),
         ("fast_dds_async", "tail", 100, (0.3, 0.6), False),  # a queue that drops, drops at every depth
     ],
