@@ -158,7 +158,7 @@ def test_a_run_repeats_to_the_byte_and_fills_its_claims(tmp_path):
     measured = exp.measure(one)
     assert set(measured) == {"B-TAB2", "B-LAT", "B-LOSS"}
     assert measured["B-TAB2"].estimate.value == pytest.approx(len(grid(SMALL)) / 196)
-    assert len(exp.figures(one)) == 5
+    assert len(exp.figures(one)) == 6
 
 
 def test_an_interrupted_run_goes_on_in_another_log_and_leaves_no_journal(tmp_path, monkeypatch):
