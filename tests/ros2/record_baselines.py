@@ -25,9 +25,9 @@ async def record(profile="quick", name="", *changes):
         path = project.runs / f"{exp.name}_{PART}.mcap"  # beside it is what a broken-off run goes on from
         path.unlink(missing_ok=True)
         run = await exp.run(profile, path=path, options=PARTS, **read_parameters(changes))
-        path.rename(project.reference_logs / path.name)
         found = transmission.validation.validated(run) if exp is transmission.exp else compared(exp, run)
         sys.stdout.write(f"{path.name}\n{run.skipped(PART)}\n{found.to_string()}\n")
+        path.rename(project.reference_logs / path.name)  # a run reads its log when it is asked
 
 
 if __name__ == "__main__":
