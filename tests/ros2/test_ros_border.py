@@ -214,7 +214,7 @@ async def test_reliable_topics_lose_nothing_across_two_routers(network, peer, di
         await until(all_arrived)
 
 
-IMAGES, IMAGE_QOS, IMAGE_BYTES = 60, {"depth": 100}, 640 * 480 * 3
+IMAGES, IMAGE_QOS, IMAGE_BYTES = 20, {"depth": 100}, 640 * 480 * 3
 
 
 @pytest.mark.feature(
