@@ -22,7 +22,7 @@ from fnmatch import fnmatchcase
 from typing import TYPE_CHECKING
 
 from sfglab.names import ResourceKind, dds_names
-from sfglab.qos import DEFAULT, Durability, History, QoSProfile, Reliability
+from sfglab.qos import Durability, History, QoSProfile, Reliability
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
@@ -130,8 +130,8 @@ class Policy:
         return Crossing.HALF if any(passes) else Crossing.NONE
 
 
-READER_DEPTH = 256
-"""A router that is late must not lose what its reader's cache cannot hold, so the cache is deep."""
+QUEUE_DEPTH = 256
+"""What a router's reader and its volatile writer keep at least: one that is late must not lose samples."""
 
 _SERVICE_PREFIXES = ("rq/", "rr/")
 
@@ -150,7 +150,7 @@ def requested_qos(dds_topic: str, source: QoSProfile, sinks: Iterable[QoSProfile
         reliability=source.reliability if repaired else Reliability.BEST_EFFORT,
         durability=source.durability,
         history=History.KEEP_ALL if everything else History.KEEP_LAST,
-        depth=max(READER_DEPTH, source.depth if latched and not everything else 1),
+        depth=max(QUEUE_DEPTH, source.depth if latched and not everything else 1),
     )
 
 
@@ -169,11 +169,11 @@ def announced_qos(dds_topic: str, sinks: Iterable[QoSProfile]) -> QoSProfile:
 def offered_qos(source: QoSProfile) -> QoSProfile:
     """Return what the router's writer offers for a source: the same.
 
-    The depth of a volatile history is only the sender's own buffer, which no peer sees and vendors do not
-    announce: it is at least ROS 2's default, or two samples of such a source at once would be one too many.
+    The depth of a volatile history is only the sender's own buffer, which no peer sees and Fast DDS does not
+    announce. A shallow one would lose reliable samples that the source's own history would have kept.
     """
     if source.durability is Durability.VOLATILE and source.history is History.KEEP_LAST:
-        return replace(source, depth=max(source.depth, DEFAULT.depth))
+        return replace(source, depth=max(source.depth, QUEUE_DEPTH))
     return source
 
 

@@ -123,9 +123,8 @@ class Entry:
     @property
     def experiment(self) -> str | None:
         """Name of the experiment whose figure it is; without a figure, of that which measures it."""
-        criterion = self.claim.criterion
-        judges = criterion is not None and self.measured is not None and self.measured.by_criterion
-        return criterion.experiment if criterion and judges else self.claim.experiment
+        claim, by_criterion = self.claim, self.measured is not None and self.measured.by_criterion
+        return claim.criterion.experiment if claim.criterion and by_criterion else claim.experiment
 
     @property
     def reason(self) -> str:

@@ -13,21 +13,19 @@ import json
 import sys
 from contextlib import suppress
 from dataclasses import dataclass
-from importlib import metadata
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from sfglab.errors import SfglabError
 from sfglab.fields import from_json, to_json
 from sfglab.lab.claims import Measured  # noqa: TC001 - fields are typed at run time
+from sfglab.lab.sweep.journal import code_digest
+from sfglab.record.metadata import library_versions
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+    from pathlib import Path
 
     from sfglab.lab.paths import Project
-
-_PACKAGE = Path(__file__).parents[1]
-_LIBRARIES = ("numpy", "pandas", "scipy", "mcap")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -70,12 +68,10 @@ def _sum(text: str) -> str:
 
 def kept_findings(project: Project) -> Kept:
     """Return the findings that a project keeps, for the code and the inputs as they are now."""
-    digest = hashlib.sha256(sys.version.encode())
-    for library in _LIBRARIES:
-        digest.update(f"{library} {metadata.version(library)}\n".encode())
-    inputs = [f for f in project.data.rglob("*") if project.reference_logs not in f.parents]
-    for file in sorted([*inputs, *_PACKAGE.rglob("*")]):
-        if file.is_file() and "__pycache__" not in file.parts:
-            content = hashlib.sha256(file.read_bytes()).digest()
-            digest.update(file.name.encode() + b"\0" + content)
+    digest = hashlib.sha256(f"{sys.version}\n{code_digest()}\n{library_versions()}\n".encode())
+    for file in sorted(project.data.rglob("*")):
+        if file.is_file() and project.reference_logs not in file.parents:
+            digest.update(
+                f"{file.relative_to(project.data)}\n".encode() + hashlib.sha256(file.read_bytes()).digest()
+            )
     return Kept(project, digest.digest())

@@ -52,7 +52,8 @@ _LIBRARIES = (
 _GIT_TIMEOUT_S = 10.0
 
 
-def _versions() -> dict[str, str]:
+def library_versions() -> dict[str, str]:
+    """Return the versions of the libraries that results hang on, as far as they are installed."""
     versions = {}
     for name in _LIBRARIES:
         with suppress(metadata.PackageNotFoundError):
@@ -102,7 +103,7 @@ def run_context() -> dict[str, Any]:
     return {
         "sfglab": sfglab.__version__,
         "python": platform.python_version(),
-        "libraries": _versions(),
+        "libraries": library_versions(),
         "machine": {
             "cpu": _cpu_model(),
             "cores": psutil.cpu_count(logical=True),

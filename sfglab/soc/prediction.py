@@ -43,11 +43,7 @@ class Prior:
 
 PRIORS = {
     "read_latency_cycles": Prior(30, 3, "assumed: 100 to 900 ns from a request to DDR4's first word"),
-    "write_latency_cycles": Prior(
-        15,
-        4,
-        "ports buffer writes (Xilinx UG1085, Read and Write Data Buffers): posted, or as slow as a read",
-    ),
+    "write_latency_cycles": Prior(15, 4, "assumed: buffered by the port (Xilinx UG1085) to as slow as a read"),
     "delegate_s": Prior(80e-6, 4, "assumed: two thread switches on a Cortex-A53"),
     "publish_s": Prior(80e-6, 4, "assumed: as a delegate's round trip"),
     "publish_s_per_byte": Prior(1e-9, 4, "assumed: a Cortex-A53 copies 0.25 to 4 GB/s"),

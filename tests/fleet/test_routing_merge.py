@@ -5,7 +5,7 @@ from dataclasses import replace
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sfglab.fleet.policy import READER_DEPTH, announced_qos, offered_qos, requested_qos
+from sfglab.fleet.policy import QUEUE_DEPTH, announced_qos, offered_qos, requested_qos
 from sfglab.qos import (
     DEFAULT,
     LATCHED,
@@ -36,7 +36,7 @@ topics = st.sampled_from(["rt/tf", "rq/global/a/xRequest", "rr/global/a/xReply"]
 def test_the_reader_of_a_source_always_matches_it(topic, source, sinks):
     requested = requested_qos(topic, source, sinks)
     assert incompatibilities(offered=source, requested=requested) == ()
-    assert requested.history is History.KEEP_ALL or requested.depth >= READER_DEPTH
+    assert requested.history is History.KEEP_ALL or requested.depth >= QUEUE_DEPTH
 
 
 @given(profiles, profiles)

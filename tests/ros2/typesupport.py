@@ -112,4 +112,4 @@ def build(out, package):
 
 
 for path in sys.argv[2:]:
-    build(Path(sys.argv[1]).absolute(), Path(path).absolute())
+    build(Path(sys.argv[1]).resolve(), Path(path).resolve())

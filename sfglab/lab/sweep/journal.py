@@ -148,11 +148,12 @@ def _source_of(task: Callable[..., object]) -> str:
 
 @cache
 def code_digest(source: str = "") -> str:
-    """Return the digest of sfglab's source files, one beside them, and the numeric libraries' versions."""
+    """Return the digest of the package's files, one beside them, and the numeric libraries' versions."""
     root = Path(sfglab.__file__).parent
     whole = hashlib.sha256()
-    for path in sorted(root.rglob("*.py"), key=lambda p: p.relative_to(root).as_posix()):
-        whole.update(f"{path.relative_to(root).as_posix()}\n{_digest(path.read_bytes())}\n".encode())
+    for name, path in sorted((path.relative_to(root).as_posix(), path) for path in root.rglob("*")):
+        if path.is_file() and "__pycache__" not in path.parts:
+            whole.update(f"{name}\n{_digest(path.read_bytes())}\n".encode())
     if source and Path(source).is_file():
         whole.update(Path(source).read_bytes())
     for library in _NUMERIC:

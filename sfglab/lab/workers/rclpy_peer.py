@@ -115,8 +115,8 @@ class Peer:
         """Follow one order."""
         try:
             getattr(self, order.pop("do"))(**order)
-        except Exception as error:  # noqa: BLE001 - a refusal of ROS 2 is an answer
-            report("refused", why=f"{type(error).__name__}: {error}")
+        except Exception as error:  # noqa: BLE001 - whatever ROS 2 refuses, who asked shall know
+            report("failed", why=f"{type(error).__name__}: {error}")
 
     def types(self, packages: list[str]) -> None:
         """Report all message types that it has."""

@@ -96,8 +96,7 @@ def summary(cells: pd.DataFrame) -> pd.DataFrame:
     table = grouped[["p50_ms", "age_ms"]].agg(["median", "min", "max"])
     endings = {"median": "", "min": "_low", "max": "_high"}
     table.columns = pd.Index([f"{column[0]}{endings[column[1]]}" for column in table.columns.to_list()])
-    if "pooled_ms" in cells:  # logs from before have it not; they judge nothing
-        table["p50_ms"] = grouped["pooled_ms"].first()
+    table["p50_ms"] = grouped["pooled_ms"].first()
     counts = grouped[["published", "arrived"]].sum()
     lost = [share_of(n - k, n, unit="1") for n, k in counts.to_numpy().tolist()]
     table[["lost", "lost_low", "lost_high"]] = [(one.value, one.low, one.high) for one in lost]

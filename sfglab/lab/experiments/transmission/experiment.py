@@ -40,7 +40,6 @@ if TYPE_CHECKING:
     from sfglab.arp.robots import Sensor
     from sfglab.rtps import FlowOutcome, Outcome, Vendor
 
-
 OPT_DEPTH = "opt"
 """The depth that Eq. 6 gives."""
 STATION = "station"
@@ -50,7 +49,6 @@ HELLO_BYTES = len("Hello") + 1 + 4 + 4
 """CDR: header, length, text and its final zero (RTPS 2.5, clause 10)."""
 THREADS = Workers(threads=True)
 """Sweeps run in threads: the time is spent in compiled code."""
-
 
 Sizes = Literal["table", "cdr"]
 
@@ -70,8 +68,7 @@ class Point:
     loss: float = Medium().loss  #: Share of frames that the air loses.
     size_factor: float = 1.0  #: Size of the sensors' values, as a multiple of the paper's.
     vendor: str = "fast_dds"  #: One of `PRESETS`.
-    #: Whether robot 3's localisation runs on its own machine, as Fig. 9 has it, and "Hello" goes by there.
-    hop: bool = False
+    hop: bool = False  #: Whether robot 3's localisation, by which "Hello" goes, is on its machine (Fig. 9).
     sizes: Sizes = "table"  #: Whether sensors' values have the sizes of Table 1, those of Python, or CDR's.
     slower: float = 1.0  #: How many times as long as `PLAN_S` and `TAKE_S` the station's computer takes.
 
@@ -92,16 +89,14 @@ class Config(Profiled):
     depths: tuple[int, ...] = between(DEPTHS, 1, 5000, log=True)  #: Values of DEPTH beside the optimum.
     methods: tuple[str, ...] = tuple(METHODS)  #: Names of methods.
     loss: float = between(Medium().loss, 0.0, 0.3)  #: Share of frames that the air loses.
-    #: Size of the sensors' values, as a multiple of the paper's.
-    size_factor: float = between(1.0, 0.1, 10.0, log=True)
+    size_factor: float = between(1.0, 0.1, 10.0, log=True)  #: Size of sensors' values, of the paper's.
     vendor: Literal["fast_dds", "cyclone_dds"] = "fast_dds"  #: Whose timing; the paper used Fast DDS.
     hop: bool = False  #: Whether "Hello" goes by robot 3's machine, as Fig. 9 has it.
     sizes: Sizes = "table"  #: Sizes of sensors' values: those of Table 1, or CDR's.
     slower: float = between(1.0, 0.1, 100.0, log=True)  #: How slow the station's computer is.
     live_s: float = 8.0  #: How long each live cell is, seconds; 0: none is run.
     live_rates_hz: tuple[int, ...] = (100, 200)  #: Rmax of the live cells.
-    #: DEPTH of the live cells; optimised methods run with ``opt`` as well.
-    live_depths: tuple[str, ...] = ("1", "10", "1000")
+    live_depths: tuple[str, ...] = ("1", "10", "1000")  #: Their DEPTH; optimised methods have ``opt`` as well.
     live_methods: tuple[str, ...] = ("none", "OPT+LC")  #: Methods of the live cells.
     validation_s: float = 30.0  #: How long each cell of the validation is, seconds.
     validation_repeats: int = 0  #: How often it is played; 0: not.
@@ -115,10 +110,23 @@ exp = Experiment(
     "transmission",
     Config,
     where="B 3.1",
-    smoke={"seeds": 1, "duration_s": 2.0, "ros2_repeats": 0}
-    | {"live_s": 2.0, "live_rates_hz": (100,), "live_depths": ("10",), "live_methods": ("none",)},
-    paper={"seeds": 30, "live_s": 20.0, "live_methods": ("none", "LC", "OPT", "OPT+LC")}
-    | {"validation_repeats": 5, "ros2_repeats": 5, "ros2_rates_hz": RATES_HZ},
+    smoke={
+        "seeds": 1,
+        "duration_s": 2.0,
+        "live_s": 2.0,
+        "live_rates_hz": (100,),
+        "live_depths": ("10",),
+        "live_methods": ("none",),
+        "ros2_repeats": 0,
+    },
+    paper={
+        "seeds": 30,
+        "live_s": 20.0,
+        "live_methods": ("none", "LC", "OPT", "OPT+LC"),
+        "validation_repeats": 5,
+        "ros2_repeats": 5,
+        "ros2_rates_hz": RATES_HZ,
+    },
     actors=(
         *(Actor(robot, host=robot, does="sensing nodes, a process") for robot in ROBOTS),
         Actor(STATION, host=STATION, does="localisation and planning, a process"),
