@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import psutil
 import pytest
-from conftest import FFMPEG, IMAGE, INFO, LOCAL, LOCAL_INFO, STREAM, Camera
+from cameras import FFMPEG, IMAGE, INFO, LOCAL, LOCAL_INFO, STREAM, Camera
 from waiting import process, until
 
 from sfglab.errors import SfglabError

@@ -3,7 +3,7 @@
 from contextlib import asynccontextmanager
 
 import pytest
-from conftest import FFMPEG, STREAM, Camera
+from cameras import FFMPEG, STREAM, Camera
 from waiting import DEADLINE_S, process, until
 
 from sfglab.bus import Node

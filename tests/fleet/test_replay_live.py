@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from conftest import FFMPEG, IMAGE, LOCAL, STREAM, Camera, Decoder
+from cameras import FFMPEG, IMAGE, LOCAL, STREAM, Camera, Decoder
 from waiting import until
 
 from sfglab.bus import Node

@@ -6,7 +6,7 @@ from dataclasses import asdict
 
 import numpy as np
 import pytest
-from conftest import behind_router
+from cameras import behind_router
 
 from sfglab.bus.sim import LinkModel, run_simulated
 from sfglab.codecs import TABLE_2, H264Encoder, ffmpeg_packet_fields

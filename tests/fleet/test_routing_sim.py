@@ -4,7 +4,7 @@ import asyncio
 from contextlib import asynccontextmanager
 from dataclasses import replace
 
-from conftest import behind_router
+from cameras import behind_router
 
 from sfglab.bus.sim import LinkModel, run_simulated
 from sfglab.component import beside

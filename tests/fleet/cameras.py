@@ -1,0 +1,95 @@
+"""A camera of known pictures, what a decoder tells, and simulated agents behind their routers."""
+
+import asyncio
+from contextlib import asynccontextmanager
+from dataclasses import asdict
+
+import numpy as np
+from waiting import until
+
+from sfglab.bus import Node
+from sfglab.codecs import H264Encoder, H264Settings, ffmpeg_packet_fields
+from sfglab.component import beside
+from sfglab.fleet.router.node import Router, RouterSettings
+from sfglab.messages import message_type, stamp_from_ns
+from sfglab.qos import QoSProfile, Reliability
+
+STREAM = "/global/go2/camera_front/color/ffmpeg"
+LOCAL = "/local/go2/camera_front/color/image_raw"
+INFO = "/global/go2/camera_front/color/camera_info"
+LOCAL_INFO = "/local/go2/camera_front/color/camera_info"
+FFMPEG = "ffmpeg_image_transport_msgs/msg/FFMPEGPacket"
+IMAGE = "sensor_msgs/msg/Image"
+
+
+def behind_router(world, name: str):
+    """Return a simulated node in an agent's own domain, and the agent's router to the network's domain 0."""
+    place = {"host": name, "domain_id": 7, "reach": "host"}
+    near = world.node("router", **place, process="router")
+    far = world.node("router", host=name, process="router")
+    return world.node(f"of_{name}", **place), Router(near, far, RouterSettings(agent=name))
+
+
+class Camera:
+    """Publishes a flat picture whose blue level is the stamp's number of seconds, at 50 frames a second."""
+
+    def __init__(self, node: Node) -> None:
+        qos = QoSProfile(reliability=Reliability.BEST_EFFORT, depth=60)
+        self.publisher = node.create_publisher(FFMPEG, STREAM, qos)
+        self.size = (320, 192)
+        self.gop = 5
+        self.level = 0
+
+    async def shoot(self) -> None:
+        width, height = self.size
+        settings = H264Settings(
+            width=width, height=height, fps=50, bitrate_bps=1_000_000, gop=self.gop, encoder="libx264"
+        )
+        encoder = H264Encoder(settings)
+        while (width, height) == self.size:
+            self.level = self.level % 200 + 1
+            picture = self.picture(height, width)
+            header = message_type("std_msgs/msg/Header")(
+                stamp=stamp_from_ns(self.level * 10**9), frame_id="camera"
+            )
+            for packet in encoder.encode(picture):
+                fields = asdict(ffmpeg_packet_fields(packet, settings))
+                fields["data"] = np.frombuffer(fields["data"], dtype=np.uint8)
+                self.publisher.publish(message_type(FFMPEG)(header=header, **fields))
+            await asyncio.sleep(0.02)
+
+    def picture(self, height: int, width: int) -> np.ndarray:
+        return np.full((height, width, 3), self.level, dtype=np.uint8)
+
+    @asynccontextmanager
+    async def running(self):
+        async with beside(self.shoot()):
+            yield
+
+    async def shot(self, frames: int) -> None:
+        """Wait for so many more pictures."""
+        last = self.level + frames
+        await until(lambda: self.level >= last)
+
+
+class Decoder:
+    """A running decoder with the history of every stream's states."""
+
+    def __init__(self) -> None:
+        self.pool = None
+        self.ready = asyncio.Event()
+        self.status = {}
+        self.states = {}
+
+    def note(self, status) -> None:
+        self.status[status.local_topic] = status
+        history = self.states.setdefault(status.local_topic, [])
+        if history[-1:] != [status.state]:
+            history.append(status.state)
+
+    def is_ready(self, pool) -> None:
+        self.pool = pool
+        self.ready.set()
+
+    async def reaches(self, state: str) -> None:
+        await until(lambda: LOCAL in self.status and self.status[LOCAL].state == state)
