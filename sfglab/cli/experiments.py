@@ -99,17 +99,19 @@ def claims(
     verbose: Annotated[
         bool, typer.Option(help="Say of each what it is judged by, and where it is from.")
     ] = False,
+    every: Annotated[
+        bool, typer.Option("--all", help="Every run's figures, a line a log, also of those that do not speak.")
+    ] = False,
 ) -> None:
     """Print the ledger: what the papers said, what we measured, and the verdict."""
     from sfglab.lab.claims import render, render_in_full
-    from sfglab.lab.ledger import compute_ledger
+    from sfglab.lab.ledger import compute_ledger, history
 
-    entries = compute_ledger(find_project())
-    typer.echo(
-        json.dumps([e.as_json() for e in entries], indent=2)
-        if as_json
-        else (render_in_full if verbose else render)(entries)
-    )
+    entries = (history if every else compute_ledger)(find_project())
+    if as_json:
+        typer.echo(json.dumps([e.as_json() for e in entries], indent=2))
+    else:
+        typer.echo(render_in_full(entries) if verbose else render(entries, with_logs=every))
 
 
 def show_log(

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping  # noqa: TC003 - a document's fields are typed at run time
 from dataclasses import dataclass, field, replace
 from enum import Enum
+from statistics import median
 from typing import TYPE_CHECKING, Any, Literal
 
 from sfglab.documents import OR_NULL, Document, Section, read_by
@@ -119,6 +120,7 @@ class Entry:
     log: str = ""
     origin: str = ""  #: Machine, load, versions and commit of the log.
     mutants: str = ""  #: How many changes of the code under them the checks see, and those that they do not.
+    runs: tuple[Entry, ...] = ()  #: The claim by each of several runs at different times, judged for itself.
 
     @property
     def experiment(self) -> str | None:
@@ -136,7 +138,9 @@ class Entry:
             return m.fitted
         open_ = [f"{name}: {e}, {_in_band(c, e).value}" for name, e in m.under.items()] if m.under else []
         missing = [f"{name}: not measured" for name in c.ends if name not in m.ends]
-        return "; ".join(filter(None, [m.reason, *_wrong_ends(c, m), *missing, *open_]))
+        disagree = self.runs if len({run.verdict for run in self.runs}) > 1 else ()
+        runs = [f"{run.log}: {_row(run)[2]}, {run.verdict.value}" for run in disagree]
+        return "; ".join(filter(None, [m.reason, *_wrong_ends(c, m), *missing, *open_, *runs]))
 
     def __repr__(self) -> str:
         name, paper, ours, unit, *_ = _row(self)
@@ -167,6 +171,7 @@ class Entry:
             "log": self.log or None,
             "origin": self.origin or None,
             "mutants": self.mutants or None,
+            "runs": [run.as_json() for run in self.runs],
         }
 
 
@@ -242,10 +247,12 @@ def _in_band(claim: Claim, estimate: Estimate) -> Verdict:
     return Verdict.DEVIATES
 
 
-def render(entries: Sequence[Entry]) -> str:
-    """Return the ledger as a table for a terminal, a line a claim."""
+def render(entries: Sequence[Entry], *, with_logs: bool = False) -> str:
+    """Return the ledger as a table for a terminal, a line a claim, or with its log a line a log."""
     rows: list[tuple[str, ...]] = [("claim", "paper", "ours (median, 95 % interval)", "unit", "how", "verdict")]
     rows += [_row(entry) for entry in entries]
+    if with_logs:
+        rows = [(*row, log) for row, log in zip(rows, ["log", *(entry.log for entry in entries)], strict=True)]
     lines = columns(rows)
     lines.insert(1, "-" * len(lines[0]))
     lines += ["", repr(Ledger(entries)).removeprefix("<ledger: ").removesuffix(">")]
@@ -274,6 +281,7 @@ def _paragraph(entry: Entry) -> Iterator[str]:
     m = entry.measured
     if m is None:
         return
+    yield from (f"run {run.log}: {_row(run)[2]}, {run.verdict.value}; {run.origin}" for run in entry.runs)
     yield from (f"{k}: {v:.3g}; band {_band(entry.claim.ends[k])}" for k, v in m.ends.items())
     yield from (f"{key}: {value}" for key, value in {**m.under, **m.details}.items())
     yield from [f"mutants: {entry.mutants}"] * bool(entry.mutants)
@@ -291,3 +299,24 @@ def entry_for(claim: Claim, measured: Measured | None, *, log: str = "", origin:
     elif measured.by_criterion and claim.criterion:
         claim = replace(claim, band=claim.criterion.band, unit=claim.criterion.unit)
     return Entry(claim=claim, verdict=judge(claim, measured), measured=measured, log=log, origin=origin)
+
+
+def joined(runs: Sequence[Entry]) -> Entry:
+    """Return one line of a ledger for a claim's runs at different times, the one that speaks first.
+
+    What does not get the same verdict in all of them is undecided. The figure is their median, and the interval
+    covers theirs: one over the repeats of a single run is not what a reader takes it for.
+    """
+    first, *more = runs
+    found = [run.measured.estimate for run in runs if run.measured]
+    if not more or first.measured is None:
+        return first
+    low, high = min(e.low for e in found), max(e.high for e in found)
+    estimate = replace(found[0], value=median(e.value for e in found), low=low, high=high)
+    same = len({run.verdict for run in runs}) == 1
+    return replace(
+        first,
+        verdict=first.verdict if same else Verdict.UNDECIDED,
+        measured=replace(first.measured, estimate=estimate),
+        runs=tuple(runs),
+    )

@@ -13,10 +13,10 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from sfglab.errors import SfglabError
-from sfglab.lab.claims import Ledger, Measured, entry_for, load_claims
+from sfglab.lab.claims import Ledger, Measured, entry_for, joined, load_claims
 from sfglab.lab.experiments import EXPERIMENTS, experiment
 from sfglab.lab.figures import file_sha256, save_figure
-from sfglab.lab.findings import Findings, kept_findings
+from sfglab.lab.findings import Findings, Kept, kept_findings
 from sfglab.lab.runs import Run, Standing, standing
 from sfglab.record import LogReader
 
@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
     from pathlib import Path
 
+    from sfglab.lab.claims import Claim
     from sfglab.lab.paths import Project
 
 _LOG = logging.getLogger(__name__)
@@ -40,14 +41,19 @@ class FoundLog:
 
 
 def logs_of(project: Project, name: str) -> Iterator[FoundLog]:
-    """Yield an experiment's logs: its runs, newest first, unfinished ones too, then the committed reference."""
+    """Yield an experiment's logs: its runs, newest first, unfinished ones too, then the committed references.
+
+    Of these the first speaks; others are the same run at other times.
+    """
     for path in sorted((project.runs / "logs" / name).glob("*.mcap*"), reverse=True):
         yield FoundLog(experiment=name, path=path, standing=standing(path))
-    reference = project.reference_logs / f"{name}.mcap"
-    if reference.is_file():
-        yield FoundLog(
-            experiment=name, path=reference, standing=Standing(profile="", why_not=""), reference=True
-        )
+    first = project.reference_logs / f"{name}.mcap"
+    for path in (first, *sorted((project.reference_logs / "again").glob(f"{name}_[0-9].mcap"))):
+        if path.is_file():
+            committed = Standing(
+                profile="", why_not="" if path == first else "it is the same run at another time"
+            )
+            yield FoundLog(experiment=name, path=path, standing=committed, reference=True)
 
 
 def find_log(project: Project, name: str, *, profile: str | None = None) -> Path | None:
@@ -69,32 +75,63 @@ def find_log(project: Project, name: str, *, profile: str | None = None) -> Path
 def compute_ledger(project: Project, *, profile: str | None = None) -> Ledger:
     """Return every claim with our figure and verdict, computed from logs, runs of one profile preferred.
 
-    A log that cannot be read costs the claims of its experiment only; it is said aloud.
+    Where the committed reference speaks, it does together with the committed runs at other times. A log that
+    cannot be read costs the claims of its experiment only; it is said aloud.
     """
-    measured: dict[str, tuple[Measured, str, str]] = {}
-    kept = kept_findings(project)
-    claims = load_claims(project.claims)
-    names = (name for c in claims for name in (c.experiment, c.criterion and c.criterion.experiment) if name)
-    for name in dict.fromkeys(names):
+    kept, claims = kept_findings(project), load_claims(project.claims)
+    ours: dict[str, _Ours] = {}
+    again: dict[str, list[_Ours]] = {}
+    for name in _experiments_of(claims):
         log = find_log(project, name, profile=profile)
         if log is None:
             continue
-        try:
-            found = kept.of(name, log, partial(_findings, name, log))
-        except (SfglabError, KeyError) as error:
-            _LOG.warning("claims: %s: %s", project.relative(log), error)
-            continue
-        log_name = project.relative(log)
-        for claim_id, figure in found.measured.items():
-            ours, before = (figure, log_name, found.origin), measured.get(claim_id)
-            measured[claim_id] = _stronger(before, ours) if before else ours
+        for claim_id, figure in _found(project, kept, name, log).items():
+            ours[claim_id] = _stronger(ours[claim_id], figure) if claim_id in ours else figure
+        references = [other.path for other in logs_of(project, name) if other.reference]
+        for other in references[1:] if log in references else ():
+            for claim_id, figure in _found(project, kept, name, other).items():
+                again.setdefault(claim_id, []).append(figure)
     scores = json.loads(project.mutants.read_text()) if project.mutants.is_file() else {}
     entries = Ledger()
     for claim in claims:
-        ours_or_none, log_name, origin = measured.get(claim.id, (None, "", ""))
-        entry = entry_for(claim, ours_or_none, log=log_name, origin=origin)
+        figures = [ours[claim.id], *again.get(claim.id, ())] if claim.id in ours else [(None, "", "")]
+        entry = joined([entry_for(claim, one, log=log, origin=origin) for one, log, origin in figures])
         entries.append(replace(entry, mutants=_said_of_mutants(scores.get(claim.id, {}))))
     return entries
+
+
+def history(project: Project) -> Ledger:
+    """Return every claim by every log that there is, also those that do not speak, a line each."""
+    kept, claims = kept_findings(project), load_claims(project.claims)
+    found: dict[str, list[_Ours]] = {}
+    for name in _experiments_of(claims):
+        speaks = find_log(project, name)
+        for log in logs_of(project, name):
+            mark = "speaks" if log.path == speaks else log.standing.why_not or "a newer one speaks"
+            for claim_id, (figure, path, origin) in _found(project, kept, name, log.path).items():
+                found.setdefault(claim_id, []).append((figure, f"{path}: {mark}", origin))
+    return Ledger(
+        entry_for(claim, figure, log=log, origin=origin)
+        for claim in claims
+        for figure, log, origin in found.get(claim.id, [(None, "", "")])
+    )
+
+
+def _experiments_of(claims: Sequence[Claim]) -> list[str]:
+    names = (name for c in claims for name in (c.experiment, c.criterion and c.criterion.experiment) if name)
+    return list(dict.fromkeys(names))
+
+
+def _found(project: Project, kept: Kept, name: str, log: Path) -> dict[str, _Ours]:
+    """Return an experiment's figures from a log, by claim; nothing of one that cannot be read."""
+    log_name = project.relative(log)
+    stem = log.stem if project.reference_logs in log.parents else name
+    try:
+        found = kept.of(stem, log, partial(_findings, name, log))
+    except (SfglabError, KeyError) as error:
+        _LOG.warning("claims: %s: %s", log_name, error)
+        return {}
+    return {claim_id: (figure, log_name, found.origin) for claim_id, figure in found.measured.items()}
 
 
 def _said_of_mutants(score: Mapping[str, Any]) -> str:

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from sfglab.documents import DocumentError
-from sfglab.lab.claims import Claim, How, Measured, Verdict, entry_for, judge, load_claims, render
+from sfglab.lab.claims import Claim, How, Measured, Verdict, entry_for, joined, judge, load_claims, render
 from sfglab.lab.stats import Estimate
 
 LEDGER = Path(__file__).parents[2] / "data" / "claims.yaml"
@@ -73,6 +73,24 @@ def test_verdicts_follow_from_figure_interval_and_band(better, figure, verdict):
 def test_verdicts_follow_from_ends_conditions_and_fits(more, verdict, reason):
     entry = entry_for(claim(ends={"e": (0.0, 1.0)}), replace(measured(5), **more))
     assert entry.verdict is verdict
+    assert entry.reason == reason
+
+
+@pytest.mark.parametrize(
+    ("values", "verdict", "figure", "reason"),
+    [
+        ([5], Verdict.REPRODUCED, (5, 5, 5), ""),
+        ([5, 4.5, 6], Verdict.REPRODUCED, (5, 4.5, 6), ""),
+        ([5, 7], Verdict.UNDECIDED, (6, 5, 7), "5.mcap: 5 [5, 5], reproduced; 7.mcap: 7 [7, 7], deviates"),
+        ([7, 8, 9], Verdict.DEVIATES, (8, 7, 9), ""),
+    ],
+)
+def test_what_runs_at_different_times_do_not_agree_on_is_undecided_and_the_interval_covers_all(
+    values, verdict, figure, reason
+):
+    entry = joined([entry_for(claim(), measured(value), log=f"{value}.mcap") for value in values])
+    ours = entry.measured.estimate
+    assert (entry.verdict, (ours.value, ours.low, ours.high)) == (verdict, figure)
     assert entry.reason == reason
 
 
