@@ -3,6 +3,7 @@
 from dataclasses import asdict, replace
 from pathlib import Path
 
+import pandas as pd
 import pytest
 
 from sfglab.lab.bench import as_row
@@ -28,7 +29,7 @@ def made(tmp_path):
     """Give a function that returns a run as its log would give it, from what a perfect live round reports."""
 
     def make(*, fault=1, **changed):
-        reports = {"listener": PERFECT | changed, "bridge": {"receipts": [(10_000_000, 16_000_000)]}}
+        reports = {"listener": PERFECT | changed, "bridge": {"receipts": [(10_000_000, 16_000_000, True)]}}
         offset = dict.fromkeys(exp.tables["offset"].__dataclass_fields__, 1.0) | {"covered": 6, "pairs": 9}
         rows = [
             *(("edge", {"where": "figure 6", **edge}) for edge in EDGES),
@@ -95,6 +96,18 @@ def test_many_exact_checks_do_not_hide_a_fault(made):
     assert claim(made(fault=0)).estimate.value == 0
 
 
+def test_flips_that_were_published_count_whether_or_not_a_listener_kept_them(made):
+    run = made()
+    assert run["sight"].to_dict("records") == [
+        {"round": "faulty", "truth": "seen", "published": True, "count": 1}
+    ]
+    flips = pd.DataFrame(
+        [{"round": "faulty", "truth": "flipped", "published": p, "count": 3} for p in (True, False)]
+    )
+    run._known["table", "sight"] = flips.assign(log_time_ns=1)
+    assert broken(run) == {"live, faulty, proxy: no flipped sight is published"}
+
+
 def test_a_round_in_which_nothing_was_heard_has_not_shown_anything(made):
     run = made(looks=[], tries={way: {} for way in trees.WAYS}, heard=[], edges=[])
     assert len([check for check in broken(run) if check.startswith("live")]) == 8  # nothing is as nothing was
@@ -114,13 +127,15 @@ def test_a_tree_that_is_another_way_s_fails_its_check(monkeypatch, way, check):
 
 def test_a_bridge_that_believes_everything_fails_its_checks(monkeypatch):
     robot, mapping = trees.figure_6()
-    lax = replace(mapping.limits, slack_rad=4.0)
+    lax = replace(mapping.limits, slack_rad=4.0, turn_rad=4.0)
     monkeypatch.setattr(recordings, "figure_6", lambda: (robot, replace(mapping, limits=lax)))
     monkeypatch.setattr(recordings, "_TURNED_RAD", 4.0 + recordings._TURNED_RAD)
     tally = recordings.confusion_of(1, 10.0, 0)
     assert tally.confusion["flipped", "sound"]
     *_, last = recordings.fault_checks(tally)
+    published = recordings.published_check(tally.confusion)
     assert last.held < last.checked
+    assert published.held == published.checked - tally.confusion["flipped", "sound"]
 
 
 def test_the_chain_of_the_robot_s_frames_is_where_the_camera_really_is():

@@ -144,17 +144,24 @@ class _Tee:
 
     def __init__(self, source: MocapSource, publishers: Mapping[str, Publisher]) -> None:
         self._source, self._publishers = source, publishers
-        self.receipts: list[tuple[int, int]] = []
+        self.bridge: MocapBridge | None = None
+        #: Capture and receipt of each, and whether the bridge published it.
+        self.receipts: list[tuple[int, int, bool]] = []
 
     async def captures(self) -> AsyncGenerator[Capture, None]:
         """Open the source."""
         async with aclosing(self._source.captures()) as captures:
             async for capture in captures:
-                self.receipts.append((capture.capture_ns, capture.receipt_ns))
+                before = self._published()
                 yield capture
+                published = self._published() > before
+                self.receipts.append((capture.capture_ns, capture.receipt_ns, published))
                 for transform in direct_transforms(capture, world=WORLD):
                     _send([self._publishers["direct"]], [transform])
                     _send([self._publishers["renamed"]], [replace(transform, child=OBJECT)])
+
+    def _published(self) -> int:
+        return sum(status.published for status in self.bridge.statuses) if self.bridge else 0
 
 
 class _Bridge:
@@ -177,7 +184,8 @@ class _Bridge:
         others = ("direct", "renamed")
         publishers = {way: self._nodes[way].create_publisher(TRANSFORMS, TF, TF_QOS) for way in others}
         tee = _Tee(source, publishers)
-        await MocapBridge(node, tee, mapping()).run()
+        tee.bridge = MocapBridge(node, tee, mapping())
+        await tee.bridge.run()
         for publisher in publishers.values():
             publisher.close()
         return {"receipts": tee.receipts}

@@ -3,7 +3,8 @@
 Cameras lose objects, confuse their markers and turn symmetric patterns around. A pose that no object of the
 kind could have reached since the last one is not published; if it stays, it is believed after a while, because
 then it was the last one that was wrong. An object that comes back flipped after it was hidden for long cannot
-be told from one that turned; nothing here pretends to. Pure: takes sights and capture times, returns verdicts.
+be told from one that turned as far, so both are doubted for that while, and a flip that lasts is believed.
+Pure: takes sights and capture times, returns verdicts.
 """
 
 from __future__ import annotations
@@ -114,6 +115,9 @@ class Limits:
     turn_rad_s: float = between(12.0, without=(0,))  #: The highest rate of turn.
     slack_m: float = between(0.02, without=(0,))  #: How far apart two poses may always be, for noise.
     slack_rad: float = between(0.2, without=(0,))  #: By how much two poses may always differ in orientation.
+    #: The largest turn that is believed at once, however long the object was hidden: symmetric markers may be
+    #: taken for themselves turned by half a turn.
+    turn_rad: float = between(2.7, without=(0,))
     #: After how long at an impossible place the object is believed to be there.
     believe_after_s: float = between(0.5, without=(0,))
 
@@ -193,6 +197,6 @@ def _fault(before: Pose, after: Pose, elapsed_ns: int, limits: Limits) -> Verdic
     elapsed_s = elapsed_ns / NS_PER_S
     if before.distance_m(after) > limits.speed_m_s * elapsed_s + limits.slack_m:
         return Verdict.JUMPED
-    if before.angle_rad(after) > limits.turn_rad_s * elapsed_s + limits.slack_rad:
+    if before.angle_rad(after) > min(limits.turn_rad_s * elapsed_s + limits.slack_rad, limits.turn_rad):
         return Verdict.FLIPPED
     return None

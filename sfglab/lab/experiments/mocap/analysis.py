@@ -16,6 +16,7 @@ from sfglab.lab.checks import CheckRow, check_row, share_of_checks
 from sfglab.lab.checks.trees import AGENT, RULE, WAYS, WORLD
 from sfglab.lab.claims import Finding, How
 from sfglab.lab.experiments.mocap.experiment import Config, exp
+from sfglab.lab.experiments.mocap.recordings import published_check
 from sfglab.lab.figures import COLORS, MARKERS
 from sfglab.lab.runs import Run, derived
 from sfglab.lab.stats import median_of
@@ -47,13 +48,16 @@ def findings_of(run: Run[Config], where: str, way: str) -> tuple[FrameFinding, .
 
 @derived
 def checks(run: Run[Config]) -> pd.DataFrame:
-    """Return every check: ``how`` (exact, faults or live), ``check``, ``checked``, ``held`` and ``example``."""
+    """Return every check: ``how`` (exact, faults, flips or live), ``check``, counts and ``example``."""
     exact = run["check"].assign(
         how=["faults" if c.startswith("faults") else "exact" for c in run["check"]["check"]]
     )
+    counts = run["confusion"].groupby(["truth", "verdict"])["count"].sum().to_dict()
+    flips = pd.DataFrame([asdict(published_check(counts))])
     live = pd.DataFrame([asdict(row) for name in run.config.rounds for row in _live_checks(run, name)])
     columns = ["how", "check", "checked", "held", "example"]
-    return pd.concat([exact, live.assign(how="live")], ignore_index=True)[columns]
+    tables = [exact, flips.assign(how="flips"), live.assign(how="live")]
+    return pd.concat(tables, ignore_index=True)[columns]
 
 
 def _live_checks(run: Run[Config], name: str) -> Iterator[CheckRow]:
@@ -76,6 +80,7 @@ def _live_checks(run: Run[Config], name: str) -> Iterator[CheckRow]:
     }
     for check, tried in cases.items():
         yield check_row(f"live, {name}, {check}", [(str(text), bool(held)) for text, held in tried])
+    yield from _flips(run["sight"], name)
     for way in ("direct", "renamed"):
         tries = run["try"][(run["try"]["round"] == name) & (run["try"]["way"] == way)]
         yield CheckRow(
@@ -84,6 +89,17 @@ def _live_checks(run: Run[Config], name: str) -> Iterator[CheckRow]:
             held=int(tries[tries["outcome"] != "found"]["count"].sum()),
             example=", ".join(tries["outcome"]),
         )
+
+
+def _flips(sights: pd.DataFrame, name: str) -> Iterator[CheckRow]:
+    """Yield whether the bridge published none of a round's flips; older logs do not know, nor ideal cameras."""
+    flips = sights[(sights["round"] == name) & (sights["truth"] == "flipped")]
+    if len(flips):
+        sums = flips.groupby("published")["count"].sum()
+        held, published = int(sums.get(False, 0)), int(sums.get(True, 0))
+        words = f"{published} of {held + published} sights are"
+        check = f"live, {name}, proxy: no flipped sight is published"
+        yield CheckRow(check=check, checked=held + published, held=held, example=words)
 
 
 def _has(findings: tuple[FrameFinding, ...], code: str) -> bool:
@@ -118,8 +134,8 @@ def offsets(run: Run[Config]) -> pd.DataFrame:
 def share_that_holds(run: Run[Config]) -> Finding:
     """Return the share of checks that hold.
 
-    Of live, fault and exact checks, whichever share is lowest: there are so many exact ones that they would
-    hide the others.
+    Of live, fault and exact checks and flipped sights, whichever share is lowest: there are so many exact ones
+    that they would hide the others.
     """
     share = share_of_checks(checks(run), "how")
     details = {

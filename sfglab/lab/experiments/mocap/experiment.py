@@ -134,6 +134,16 @@ class SpellRow:
     end_s: float  #: To the last one.
 
 
+@exp.table("sight")
+class MocapSightRow:
+    """How many captures of one kind the bridge took in a live round, and whether it published them."""
+
+    round: str  #: The live round.
+    truth: str  #: ``seen``, ``flipped`` or ``occluded``.
+    published: bool  #: Whether they were published.
+    count: int  #: How many.
+
+
 @exp.table("confusion")
 class ConfusionRow:
     """How often sights of one kind got one verdict."""

@@ -1,7 +1,7 @@
 """Synthetic recordings: faults of cameras against the bridge's verdicts, and estimates of the offset; exact.
 
-A flipped sight is told from a true one only by how it came about, so the bridge cannot know one that begins
-while the object is hidden, nor one that lasts; both are counted apart. Beyond the paper: where the base is in
+A flipped sight is told from a true one only by how it came about, so the bridge cannot know one that lasts, nor
+the first sight of all; whatever is published counts. Beyond the paper: where the base is in
 the tracked object, estimated from motions whose truth is known.
 """
 
@@ -25,7 +25,7 @@ from sfglab.spatial.mocap.synthetic import SyntheticConfig, SyntheticMotion, Tru
 from sfglab.spatial.mocap.tracking import Lapse, Verdict
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Mapping
 
 
 _BELIEVED = frozenset(v.value for v in Verdict if v.believed)
@@ -78,6 +78,20 @@ def fault_checks(tally: Tally) -> Iterator[CheckRow]:
     )
     for check, checked, held, words in rows:
         yield CheckRow(check=f"faults: {check}", checked=checked, held=held, example=f"{checked} {words}")
+
+
+def published_check(confusion: Mapping[Any, int]) -> CheckRow:
+    """Return whether no flipped sight is published, however it came; from counts by truth and verdict."""
+    verdicts = {verdict: count for (truth, verdict), count in confusion.items() if truth == "flipped"}
+    published = {verdict: count for verdict, count in verdicts.items() if verdict in _BELIEVED}
+    count = sum(verdicts.values())
+    words = (
+        ", ".join(f"{count} as {verdict}" for verdict, count in published.items()) or f"{count} flipped sights"
+    )
+    held = count - sum(published.values())
+    return CheckRow(
+        check="faults: no flipped sight is published", checked=max(1, count), held=held, example=words
+    )
 
 
 def _pass(recording: Iterator[TrueCapture], tally: Tally) -> None:

@@ -6,6 +6,7 @@ What the cameras got wrong is known from the same seed.
 from __future__ import annotations
 
 import time
+from collections import Counter
 from itertools import groupby
 from typing import TYPE_CHECKING, Any
 
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
 
     from sfglab.component import Report
     from sfglab.lab.testbed import Testbed
+    from sfglab.spatial.mocap.synthetic import TrueCapture
 
     Reports = dict[str, Report]
 
@@ -62,7 +64,8 @@ def live_rows(
     name: str, live_s: float, seed: int, start_ns: int, reports: Reports
 ) -> Iterator[tuple[str, dict[str, Any]]]:
     """Yield table and row for everything that a round reports, from its time 0 on."""
-    heard, received = reports["listener"], dict(reports["bridge"]["receipts"])
+    heard, taken = reports["listener"], reports["bridge"]["receipts"]
+    received = {capture_ns: receipt_ns for capture_ns, receipt_ns, _ in taken}
     of = {"round": name}
     yield from (("look", {**of, **look}) for look in heard["looks"])
     for way, outcomes in heard["tries"].items():
@@ -81,6 +84,10 @@ def live_rows(
             "heard_ms": (heard_ns - capture_ns) / 1e6,
         }
         yield "heard", {**of, **row}
+    truth = {made.capture.capture_ns: truth_of(made) for made in _made(name, live_s, seed)}
+    sights = Counter((truth[capture_ns - start_ns], published) for capture_ns, _, published in taken)
+    for (kind, published), count in sights.items():
+        yield "sight", {**of, "truth": kind, "published": published, "count": count}
     yield from (("spell", {**of, **row}) for row in _spells(name, live_s, seed))
 
 
@@ -93,12 +100,16 @@ def live_tree(start_ns: int, reports: Reports) -> Iterator[tuple[str, Any, int]]
             yield topic, message_type(TRANSFORMS)(transforms=[transform.to_msg()]), received_ns or start_ns
 
 
+def _made(name: str, live_s: float, seed: int) -> Iterator[TrueCapture]:
+    """Return the captures of a round, which its seed gives, from its time 0 on."""
+    rng = np.random.default_rng(seed)
+    return synthetic_captures({OBJECT: MOTION}, ROUNDS[name], rng, duration_s=live_s + TAIL_S)
+
+
 def _spells(name: str, live_s: float, seed: int) -> Iterator[dict[str, Any]]:
-    """Yield when the cameras of a round were wrong, from the captures that its seed gives."""
-    rng, rate_hz = np.random.default_rng(seed), ROUNDS[name].rate_hz
-    made = synthetic_captures({OBJECT: MOTION}, ROUNDS[name], rng, duration_s=live_s + TAIL_S)
-    last = -1
-    for kind, group in groupby(made, key=truth_of):
+    """Yield when the cameras of a round were wrong."""
+    last, rate_hz = -1, ROUNDS[name].rate_hz
+    for kind, group in groupby(_made(name, live_s, seed), key=truth_of):
         captures = [m.capture for m in group]
         for capture in captures:
             number = capture.number or 0
