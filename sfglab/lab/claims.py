@@ -7,6 +7,7 @@ verdicts; refuses to know how a figure is measured: the experiments do.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping  # noqa: TC003 - a document's fields are typed at run time
 from dataclasses import dataclass, field, replace
 from enum import Enum
@@ -89,7 +90,8 @@ class Claim(Shown):
 class Finding:
     """Our figure for one claim, computed from a run."""
 
-    estimate: Estimate  #: Median or fitted value with its 95 % interval.
+    #: Median or fitted value with its 95 % interval; NaN where the log lacks what it is computed from.
+    estimate: Estimate
     details: Mapping[str, str] = field(default_factory=dict)  #: Further figures, as text by name.
     reason: str = ""  #: Why it deviates from the paper's, where that is known.
     ends: Mapping[str, float] = field(default_factory=dict)  #: Of the claim's `ends`, those that were measured.
@@ -119,6 +121,7 @@ class Entry:
     measured: Measured | None = None
     log: str = ""
     origin: str = ""  #: Machine, load, versions and commit of the log.
+    missing: str = ""  #: Why there is no figure, as far as a log says.
     mutants: str = ""  #: How many changes of the code under them the checks see, and those that they do not.
     runs: tuple[Entry, ...] = ()  #: The claim by each of several runs at different times, judged for itself.
 
@@ -132,7 +135,9 @@ class Entry:
     def reason(self) -> str:
         """Why the verdict is neither reproduced nor better, as far as that is known."""
         m, c = self.measured, self.claim
-        if m is None or self.verdict in {Verdict.REPRODUCED, Verdict.BETTER}:
+        if m is None:
+            return self.missing
+        if self.verdict in {Verdict.REPRODUCED, Verdict.BETTER}:
             return ""
         if self.verdict is Verdict.FITTED:
             return m.fitted
@@ -294,11 +299,15 @@ def _band(band: tuple[float, float]) -> str:
 
 def entry_for(claim: Claim, measured: Measured | None, *, log: str = "", origin: str = "") -> Entry:
     """Join a claim with our figure and judge it, by the criterion's band where that gave the figure."""
+    missing = ""
+    if measured is not None and math.isnan(measured.estimate.value):
+        missing, measured = measured.reason, None
     if measured is None:
         log = origin = ""
     elif measured.by_criterion and claim.criterion:
         claim = replace(claim, band=claim.criterion.band, unit=claim.criterion.unit)
-    return Entry(claim=claim, verdict=judge(claim, measured), measured=measured, log=log, origin=origin)
+    verdict = judge(claim, measured)
+    return Entry(claim=claim, verdict=verdict, measured=measured, log=log, origin=origin, missing=missing)
 
 
 def joined(runs: Sequence[Entry]) -> Entry:

@@ -142,7 +142,8 @@ def check(run: Run[Any], *verdicts: str, may_deviate: Sequence[str] = ()) -> str
 def _excuse(entry: Entry, run: Run[Any], may_deviate: Sequence[str]) -> str:
     """Return why a claim may deviate; empty: it may not."""
     measured = entry.measured
-    assert measured is not None, "a run's entries are measured"
+    if measured is None:
+        return ""
     if entry.claim.id in may_deviate and measured.reason:
         return measured.reason
     if run.profile == SMOKE and measured.how is How.LIVE:

@@ -68,8 +68,14 @@ async def test_a_splicer_in_mid_group_sees_pictures_equal_to_continuous_decoding
             assert np.array_equal(pixels, expected[number(image)])
 
 
-async def test_the_papers_mode_neither_replays_nor_keeps_a_spare(domains):
-    config = DecoderConfig(remote=domains[0], local=domains[1], streams=(STREAM,), replay=False, spare=False)
+@pytest.mark.parametrize(("changes", "idle"), [({"spare": False}, 0), ({"refill": False}, 1)])
+async def test_the_papers_mode_does_not_replay_and_its_process_is_new_or_the_same(
+    domains, monkeypatch, changes, idle
+):
+    monkeypatch.setattr("sfglab.fleet.decoder.process.REFILL_DELAY_S", 0)
+    config = DecoderConfig(
+        remote=domains[0], local=domains[1], streams=(STREAM,), replay=False, linger_s=0.05, **changes
+    )
     decoder = Decoder()
     serving = run_decoder(config, on_status=decoder.note, on_ready=decoder.is_ready)
     async with (
@@ -78,12 +84,14 @@ async def test_the_papers_mode_neither_replays_nor_keeps_a_spare(domains):
         beside(serving),
     ):
         await until(decoder.ready.is_set)
-        assert decoder.pool.pids == ()
+        before = decoder.pool.pids
+        assert len(before) == idle
         camera = Camera(far)
         async with kept(far), camera.running():
-            subscription = near.create_subscription(IMAGE, LOCAL, qos=SENSOR_DATA, transport="shm")
+            subscription = near.create_subscription(IMAGE, LOCAL, qos=SENSOR_DATA, transport="dds")
             await subscription.take(timeout_s=60)
             assert not far.graph.subscriptions(REPLAY)
             assert len(decoder.pool.pids) == 1
             subscription.close()
-            await until(lambda: not decoder.pool.pids)
+            await until(lambda: decoder.status[LOCAL].state == "IDLE" and decoder.pool.pids == before)
+            assert decoder.pool.warm

@@ -102,7 +102,7 @@ def pictures_are_present(run):
     assert (table[["unreadable", "disordered", "broken", "unknown"]] == 0).all(axis=None)
     assert (table["pictures"] > 0).all()
     assert (table.loc[["decoder", "agent"], "replay_packets"] > 0).all(), "keepers were asked"
-    assert (table.loc[["standard", "on_demand"], "replay_packets"] == 0).all()
+    assert (table.loc[["standard", "container", "on_demand"], "replay_packets"] == 0).all()
     assert (sights(run)["glass_ms"] > 0).all()
 
 

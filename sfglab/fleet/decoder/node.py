@@ -281,8 +281,11 @@ class DecoderConfig:
     #: Whether streams are joined by their sender's replay, if it offers one; in paper A the decoder waits for
     #: the next key frame.
     replay: bool = True
-    #: Whether a pipeline process waits, warm, for the next stream; in paper A it is loaded on demand.
+    #: Whether a pipeline process waits, warm, for the next stream.
     spare: bool = True
+    #: Whether another spare starts when a stream takes it. Without, one process that is there is lent to one
+    #: stream after the other, as a component container loads and unloads what paper A's decoder asks for.
+    refill: bool = True
     offers: bool = True  #: Whether ROS 2's tools list what could be decoded, before anybody subscribes.
     parameters: Way | None = None  #: How ROS 2's tools read this; None: they do not.
 
@@ -306,7 +309,7 @@ async def run_decoder(
 
     routes = [route for topic in config.streams for route in routes_of_topic(topic)]
     workers = WorkerConfig(remote=config.remote, local=config.local)
-    pool = WorkerPool(workers, spares=int(config.spare))
+    pool = WorkerPool(workers, spares=int(config.spare), refill=config.refill)
     # The node first: what is wrong with the domain or interface is said once, here, and not by processes.
     async with Node("agent_decoder", **asdict(config.local)) as local:
         if config.parameters is not None:

@@ -160,11 +160,15 @@ class Worker(LineProcess):
 
 
 class WorkerPool:
-    """Starts, lends, takes back and ends workers, of which so many spares wait warm."""
+    """Starts, lends, takes back and ends workers, of which so many spares wait warm.
 
-    def __init__(self, config: WorkerConfig, *, spares: int = 1) -> None:
+    With `refill` another spare starts after one is lent.
+    """
+
+    def __init__(self, config: WorkerConfig, *, spares: int = 1, refill: bool = True) -> None:
         self._command = Member(name=_NAME, module="sfglab.fleet.decoder.process", config=config).command
         self._spares_wanted = spares
+        self._refills_wanted = refill
         self._spares: list[Worker] = []
         self._workers: set[Worker] = set()
         self._filling = asyncio.Lock()
@@ -197,12 +201,13 @@ class WorkerPool:
                 )
 
     async def lend(self, owner: Owner) -> Worker:
-        """Return a worker for one pipeline, whose reports the owner hears; another spare starts later."""
+        """Return a worker for one pipeline, whose reports the owner hears; another spare may start later."""
         worker = self._spares.pop(0) if self._spares else await self._spawn()
         worker.belong_to(owner)
-        refill = asyncio.create_task(self._refill())
-        self._refills.add(refill)
-        refill.add_done_callback(self._refills.discard)
+        if self._refills_wanted:
+            refill = asyncio.create_task(self._refill())
+            self._refills.add(refill)
+            refill.add_done_callback(self._refills.discard)
         return worker
 
     async def take_back(self, worker: Worker) -> None:

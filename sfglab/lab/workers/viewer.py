@@ -1,10 +1,11 @@
 """A subscriber that looks at every pixel: ``python -m sfglab.lab.workers.viewer CONFIG``.
 
 Stands for any node that consumes a camera stream. It is started once and told when to look and how:
-``standard`` (receive and decode for itself), ``proxy`` (take decoded pictures from shared memory), ``raw``
-(receive pictures that nobody coded) or ``network`` (receive and throw away); or, with a path, to record the
-stream. A topic in the order takes the place of the mode's configured one. Reads every pixel of every frame and
-the number drawn into it, so that its report proves what it saw. Orders and reports are JSON lines.
+``standard`` (receive and decode for itself), ``proxy`` (take decoded pictures from shared memory), ``dds``
+(take them by DDS), ``raw`` (receive pictures that nobody coded) or ``network`` (receive and throw away); or,
+with a path, to record the stream. A topic in the order takes the place of the mode's configured one. Reads
+every pixel of every frame and the number drawn into it, so that its report proves what it saw. Orders and
+reports are JSON lines.
 """
 
 from __future__ import annotations
@@ -161,9 +162,10 @@ class _Viewer:
     async def _look(self, order: Report) -> None:
         raw: Any = partial(self._share, side="remote", transport="dds")
         ways = {"standard": self._decode, "proxy": self._share, "raw": raw, "network": self._discard}
+        ways["dds"] = partial(self._share, transport="dds")
         mode, path = order["mode"], order.get("path")
         topic = order.get("topic") or (
-            self._config.local_topic if mode == "proxy" else self._config.remote_topic
+            self._config.local_topic if mode in ("proxy", "dds") else self._config.remote_topic
         )
         try:
             await (self._record(topic, Path(path)) if path else ways[mode](topic))

@@ -2,8 +2,8 @@
 
 Glass to glass, from a frame's capture to its decoded pixels in a viewer's hands, and from the order to
 subscribe to the first picture: standard, through the decoder, and through routers and decoder; in the paper's
-manner, where the decoder is loaded on demand and waits for a key frame, and with a warm spare and the sender's
-replay.
+manner, where the decoder is loaded on demand, waits for a key frame and hands pictures on by DDS, and with a
+warm spare, the sender's replay and shared memory.
 """
 
 from sfglab.lab.experiments.latency.analysis import checks, draw_budget

@@ -6,6 +6,7 @@ number, never what a header says. The budget alone times something here and now.
 
 from __future__ import annotations
 
+import math
 import time
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
@@ -16,10 +17,11 @@ from sfglab.codecs import TABLE_2, H264Decoder, H264Encoder
 from sfglab.lab.claims import Finding, How
 from sfglab.lab.experiment import Look
 from sfglab.lab.experiments.latency.experiment import GLASS_PATHS, Config, exp
+from sfglab.lab.experiments.latency.stage import PAPERS
 from sfglab.lab.figures import COLORS, PAPER_STYLE
 from sfglab.lab.runs import Run, derived
 from sfglab.lab.sources import open_source
-from sfglab.lab.stats import Estimate, bootstrap, median_of
+from sfglab.lab.stats import Estimate, bootstrap, exactly, median_of
 from sfglab.units import NS_PER_MS
 
 if TYPE_CHECKING:
@@ -31,6 +33,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     Floats = NDArray[np.float64]
+
+PAPERS_WAY, OUR_WAY = "container", "agent"
 
 
 @derived
@@ -65,10 +69,10 @@ def glass_median(run: Run[Config], path: str) -> Estimate:
     return median_of(look_medians(run)[path].dropna().to_numpy(), unit="ms")
 
 
-def added(run: Run[Config], path: str) -> Estimate:
-    """Return what a path adds to the standard one: the median difference between looks of one repetition."""
+def added(run: Run[Config], path: str, *, to: str = "standard") -> Estimate:
+    """Return what a path adds to another one: the median difference between looks of one repetition."""
     medians = look_medians(run)
-    return median_of((medians[path] - medians["standard"]).dropna().to_numpy(), unit="ms added")
+    return median_of((medians[path] - medians[to]).dropna().to_numpy(), unit="ms added")
 
 
 def look_medians(run: Run[Config]) -> pd.DataFrame:
@@ -77,13 +81,13 @@ def look_medians(run: Run[Config]) -> pd.DataFrame:
 
 
 def _firsts(run: Run[Config]) -> pd.DataFrame:
-    """Return the time to the first picture, a line a repetition and a column a path."""
-    return looks(run).pivot_table(index="repeat", columns="path", values="first_ms").dropna()
+    """Return the time to the first picture, a line a repetition and a column a path; NaN: not asked there."""
+    return looks(run).pivot_table(index="repeat", columns="path", values="first_ms")
 
 
 def first_mean(run: Run[Config], path: str) -> Estimate:
     """Return the mean time from the order to subscribe to the first picture in hand, on one of `PATHS`."""
-    return bootstrap([_firsts(run)[path].to_numpy()], lambda g: float(np.mean(g[0])), unit="ms")
+    return bootstrap([_firsts(run)[path].dropna().to_numpy()], lambda g: float(np.mean(g[0])), unit="ms")
 
 
 def first_ratio(run: Run[Config], path: str) -> Estimate:
@@ -91,13 +95,18 @@ def first_ratio(run: Run[Config], path: str) -> Estimate:
 
     The paths of one repetition were asked at one phase of the group of pictures, so repetitions are resampled.
     """
-    pairs = _firsts(run)[[path, "standard"]].to_numpy()
+    pairs = _firsts(run)[[path, "standard"]].dropna().to_numpy()
 
     def ratio(groups: Sequence[Floats]) -> float:
         mean, standard = groups[0].mean(axis=0)
         return float(mean / standard)
 
     return bootstrap([pairs], ratio, unit="times standard")
+
+
+def loading_ms(run: Run[Config], path: str) -> float:
+    """Return what a path adds to the standard one's mean time to the first picture, in milliseconds."""
+    return float((_firsts(run)[path] - _firsts(run)["standard"]).mean())
 
 
 def idle_cost(run: Run[Config], label: str) -> float:
@@ -120,6 +129,16 @@ def checks(run: Run[Config]) -> pd.DataFrame:
     return table.reset_index()
 
 
+def _has_papers_way(run: Run[Config]) -> bool:
+    """Return whether the paper's way was measured; logs from before it have ours alone."""
+    return PAPERS_WAY in set(run["look"]["path"])
+
+
+def _not_measured(unit: str) -> Finding:
+    reason = "the log has no looks through a component container and by DDS"
+    return Finding(estimate=exactly(math.nan, unit), reason=reason)
+
+
 def _hosts(run: Run[Config]) -> dict[str, str]:
     return {
         "hosts": str(run.metadata("hosts")["description"]),
@@ -127,79 +146,124 @@ def _hosts(run: Run[Config]) -> dict[str, str]:
     }
 
 
-@exp.claim("A-G2G", how=How.LIVE)
-def glass_to_glass(run: Run[Config]) -> Finding:
-    """Return what the decoder adds from capture to the viewer's hands."""
-    details = {
+def _glass_details(run: Run[Config]) -> dict[str, str]:
+    return {
         **_hosts(run),
         "standard": str(glass_median(run, "standard")),
-        "through the decoder": str(glass_median(run, "decoder")),
-        "through routers and decoder": str(added(run, "agent")),
         "pictures": str(len(sights(run))),
         "what is measured": "capture stamp to decoded pixels in the viewer's hands; no lens, no display",
     }
-    return Finding(estimate=added(run, "decoder"), details=details)
+
+
+@exp.claim("A-G2G", how=How.LIVE)
+def glass_to_glass(run: Run[Config]) -> Finding:
+    """Return what the paper's way adds from capture to the viewer's hands: routers, decoder, and DDS out."""
+    if not _has_papers_way(run):
+        return _not_measured("ms added")
+    way_out = added(run, PAPERS_WAY, to=OUR_WAY)
+    details = {
+        **_glass_details(run),
+        "judged by": "two routers, the decoder, and DDS to the viewer",
+        "by shared memory to the viewer": str(added(run, OUR_WAY)),
+        "DDS in place of shared memory": str(way_out),
+    }
+    reason = f"of it DDS in place of shared memory: {way_out}"
+    return Finding(estimate=added(run, PAPERS_WAY), details=details, reason=reason)
+
+
+@exp.claim("A-G2G-OURS", how=How.LIVE)
+def glass_to_glass_ours(run: Run[Config]) -> Finding:
+    """Return what our way adds: routers, decoder, and shared memory out."""
+    details = {**_glass_details(run), "without routers": str(added(run, "decoder"))}
+    return Finding(estimate=added(run, OUR_WAY), details=details)
 
 
 @exp.claim("A-FIRST", how=How.LIVE)
 def first_picture(run: Run[Config]) -> Finding:
+    """Return how the time to the first picture compares with standard in the paper's way."""
+    if not _has_papers_way(run):
+        return _not_measured("times standard")
+    standard, container, process = (first_mean(run, path) for path in ("standard", *PAPERS))
+    one, new = (f"{loading_ms(run, path):.0f} ms" for path in PAPERS)
+    details = {
+        **_hosts(run),
+        "judged by": "a component container: a process that is there, libraries loaded; on demand it opens "
+        "subscription, codec and publisher, waits for the next key frame, and hands pictures on by DDS",
+        "in a process that is started for it": str(process),
+        "in such a process, times standard": str(first_ratio(run, "on_demand")),
+        "subscriptions a path": str(len(_firsts(run))),
+    }
+    papers_ms = PAPER_FIRST_MS[PAPERS_WAY] - PAPER_FIRST_MS["standard"]
+    reason = (
+        f"both wait for a key frame; loading adds {one} in a container and {new} in a new process, "
+        f"{papers_ms:.0f} ms in the paper"
+    )
+    ends = {"on demand (ms)": container.value, "standard (ms)": standard.value}
+    return Finding(estimate=first_ratio(run, PAPERS_WAY), details=details, reason=reason, ends=ends)
+
+
+@exp.claim("A-FIRST-OURS", how=How.LIVE)
+def first_picture_ours(run: Run[Config]) -> Finding:
     """Return how the time to the first picture compares with standard, with spare and replay."""
     air = run["idle"]["tx_mbit_s"].mean()
-    agent = looks(run)[looks(run)["path"] == "agent"]
+    agent = looks(run)[looks(run)["path"] == OUR_WAY]
     details = {
         **_hosts(run),
         "standard": str(first_mean(run, "standard")),
-        "on demand, the paper's way": str(first_mean(run, "on_demand")),
-        "on demand, times standard": str(first_ratio(run, "on_demand")),
-        "with replay, through routers": str(first_mean(run, "agent")),
+        "with replay, through routers": str(first_mean(run, OUR_WAY)),
         "with replay, decoder in the global domain": str(first_mean(run, "decoder")),
         "packets replayed": f"{agent['replay_packets'].mean():.1f} on average",
         "keeper, nobody looking": f"{idle_cost(run, 'keeper'):.2f} % of one core",
         "sent by the edge, nobody looking": f"{air:.3f} Mbit/s",
         "subscriptions a path": str(len(_firsts(run))),
     }
-    return Finding(estimate=first_ratio(run, "agent"), details=details)
+    return Finding(estimate=first_ratio(run, OUR_WAY), details=details)
 
 
 PAPER_ADDED_MS = 2.6
-PAPER_FIRST_MS = {"standard": 570.0, "on_demand": 1095.0}  #: Paper A, section 5.4.
+PAPER_FIRST_MS = {"standard": 570.0, "container": 1095.0}  #: Paper A, section 5.4.
 
 GLASS_LABELS = {
     "standard": "standard:\neach decodes",
-    "decoder": "through the\ndecoder",
-    "agent": "through routers\nand decoder",
+    "container": "paper's way:\nrouters, decoder,\nDDS out",
+    "agent": "ours: shared\nmemory out",
+    "decoder": "ours without\nrouters",
 }
 FIRST_LABELS = {
     "standard": "standard,\nno decoder",
-    "on_demand": "on demand,\nthe paper's way",
-    "agent": "on demand,\nspare and replay",
+    "container": "paper's way:\ncomponent\ncontainer",
+    "on_demand": "paper's way in\na new process",
+    "agent": "ours: spare\nand replay",
 }
 BAR_COLORS = {
     "standard": COLORS["standard"],
-    "decoder": COLORS["proxy"],
+    "container": COLORS["network"],
     "on_demand": COLORS["network"],
     "agent": COLORS["third"],
+    "decoder": COLORS["proxy"],
 }
 
 
-@exp.figure("latency", size=(9.6, 4.2))
+@exp.figure("latency", size=(11.6, 4.4))
 def draw_latency(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     """Draw glass-to-glass times (left) and times to the first picture (right)."""
     glass, first = figure.subplots(1, 2)
     _draw_glass(glass, run)
     _draw_first(first, run)
-    ratio, more = first_ratio(run, "agent"), added(run, "decoder")
-    figure.suptitle(
-        f"Latency: the decoder adds {more.value:.1f} ms; with replay the first picture takes "
-        f"{ratio.value:.2f} times standard [{ratio.low:.2f}, {ratio.high:.2f}]"
-    )
+    ways = {"the paper's way": PAPERS_WAY, "our way": OUR_WAY}
+    said = [
+        f"{name} {added(run, path).value:+.1f} ms and {first_ratio(run, path).value:.2f} times standard"
+        for name, path in ways.items()
+        if path in _firsts(run)
+    ]
+    figure.suptitle(f"Glass to glass, and first picture: {'; '.join(said)}")
     return _twin(run)
 
 
 def _draw_glass(axes: Axes, run: Run[Config]) -> None:
     """Draw the time from capture to the viewer's hands, a dot a look, and the paper's addition."""
     medians = look_medians(run)
-    groups = {path: medians[path].dropna().to_numpy() for path in GLASS_LABELS}
+    groups = {path: medians[path].dropna().to_numpy() for path in GLASS_LABELS if path in medians}
     heights = {path: glass_median(run, path).value for path in groups}
     paper = heights["standard"] + PAPER_ADDED_MS
     _bars(axes, GLASS_LABELS, heights, groups)
@@ -212,9 +276,10 @@ def _draw_glass(axes: Axes, run: Run[Config]) -> None:
 def _draw_first(axes: Axes, run: Run[Config]) -> None:
     """Draw the time from the order to subscribe to the first picture, a dot a subscription."""
     table = looks(run)
-    groups = {path: table.loc[table["path"] == path, "first_ms"].to_numpy() for path in FIRST_LABELS}
+    by_path = {path: group["first_ms"].to_numpy() for path, group in table.groupby("path")}
+    groups = {path: by_path[path] for path in FIRST_LABELS if path in by_path}
     _bars(axes, FIRST_LABELS, {path: float(group.mean()) for path, group in groups.items()}, groups)
-    for position, path in enumerate(FIRST_LABELS):
+    for position, path in enumerate(groups):
         if path in PAPER_FIRST_MS:
             _paper_line(axes, position, PAPER_FIRST_MS[path], f"paper:\n{PAPER_FIRST_MS[path]:.0f} ms")
     _limit(axes, groups, max(PAPER_FIRST_MS.values()))
@@ -226,8 +291,8 @@ def _bars(
     axes: Axes, labels: dict[str, str], heights: dict[str, float], groups: dict[str, NDArray[np.float64]]
 ) -> None:
     """Draw one bar a path, its samples beside its middle, and the range of two thirds of them."""
-    for position, path in enumerate(labels):
-        height, group = heights[path], groups[path]
+    for position, (path, group) in enumerate(groups.items()):
+        height = heights[path]
         # The paper draws one standard deviation; this is the same where samples are normal, and does not follow
         # the one look in which the machine was busy elsewhere.
         low, high = np.percentile(group, (16, 84))
@@ -236,9 +301,9 @@ def _bars(
         axes.errorbar(position, height, yerr=spread, color="black", capsize=4)
         spots = position + np.linspace(-0.25, 0.25, len(group))
         axes.plot(spots, group, ".", color="black", markersize=3, alpha=0.4)
-    names = [f"{text}\n{heights[path]:.{1 if heights[path] < 100 else 0}f} ms" for path, text in labels.items()]
-    axes.set_xticks(range(len(labels)), names)
-    axes.set_xlim(-0.5, len(labels) - 0.1)
+    names = [f"{labels[path]}\n{heights[path]:.{1 if heights[path] < 100 else 0}f} ms" for path in groups]
+    axes.set_xticks(range(len(groups)), names)
+    axes.set_xlim(-0.5, len(groups) - 0.1)
     axes.grid(visible=False, axis="x")
 
 
@@ -255,16 +320,17 @@ def _limit(axes: Axes, groups: dict[str, NDArray[np.float64]], shown: float) -> 
 
 
 def _paper_line(axes: Axes, position: int, height: float, text: str) -> None:
-    axes.plot([position - 0.38, position + 0.4], [height, height], color="black", **PAPER_STYLE)
-    axes.annotate(text, (position + 0.42, height), va="center", fontsize=8)
+    axes.plot([position - 0.38, position + 0.3], [height, height], color="black", **PAPER_STYLE)
+    axes.annotate(text, (position + 0.32, height), va="center", fontsize=7.5)
 
 
 def _twin(run: Run[Config]) -> dict[str, Any]:
+    glass, first = look_medians(run).columns, _firsts(run).columns
     return {
-        **{f"glass_{path}": glass_median(run, path) for path in GLASS_LABELS},
-        **{f"added_{path}": added(run, path) for path in ("decoder", "agent")},
-        **{f"first_{path}": first_mean(run, path) for path in (*FIRST_LABELS, "decoder")},
-        **{f"first_ratio_{path}": first_ratio(run, path) for path in ("on_demand", "agent", "decoder")},
+        **{f"glass_{path}": glass_median(run, path) for path in glass},
+        **{f"added_{path}": added(run, path) for path in glass if path != "standard"},
+        **{f"first_{path}": first_mean(run, path) for path in first},
+        **{f"first_ratio_{path}": first_ratio(run, path) for path in first if path != "standard"},
     }
 
 

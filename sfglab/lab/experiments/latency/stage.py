@@ -1,12 +1,14 @@
 """Hosts and processes: a camera with keeper and router at the edge, decoders and one viewer at the consumer.
 
-Each frame is encoded once and published on three topics; who listens to which decides the path:
+Each frame is encoded once and published on four topics; who listens to which decides the path:
 
 standard   camera - D_0 - viewer, which decodes for itself. No router, no decoder: standard ROS 2.
 decoder    camera - D_0 - decoder - shared memory - viewer. With keeper (in D_0) and warm spare.
 agent      camera - D_1 - router - D_0 - router - D_2 - decoder - shared memory - viewer. With keeper (in D_1)
            and warm spare: the whole of an agent's path.
-on_demand  as agent, in the paper's manner: no keeper is asked, and the decoding process is loaded on demand.
+container  the paper's way: as agent, but the decoder is loaded on demand into a process that is there, its
+           component container; no keeper is asked, and pictures go out by DDS instead of shared memory.
+on_demand  as container, but the decoder is loaded into a process that is started for it.
 
 The streams are known beforehand, as the paper has it ("while the edge agent is already discovered"); the
 viewer's process runs and its nodes are in their domains, as a display's are. Knows how to start, order and end
@@ -36,11 +38,19 @@ if TYPE_CHECKING:
     from sfglab.component import Report
     from sfglab.lab.testbed import Testbed
 
-PATHS = ("standard", "decoder", "agent", "on_demand")  #: The ways from camera to viewer.
+PATHS = ("standard", "decoder", "agent", "container", "on_demand")  #: The ways from camera to viewer.
+DECODERS = PATHS[1:]  #: Those with a decoder.
+PAPERS = ("container", "on_demand")  #: Those in the paper's manner.
 
 EDGE_DOMAIN, CONSUMER_DOMAIN = 41, 42
 
-_CAMERAS = {"standard": "direct", "decoder": "direct", "agent": "front", "on_demand": "paper"}
+_CAMERAS = {
+    "standard": "direct",
+    "decoder": "direct",
+    "agent": "front",
+    "container": "paper",
+    "on_demand": "process",
+}
 """The component's suffix in the stream's name, by path."""
 
 
@@ -68,7 +78,7 @@ class Running(StreamProcesses):
     async def settle(self) -> None:
         """Wait for the first frame, and until every decoder is warm."""
         await self["camera"].expect("sent", timeout_s=FIRST_PICTURE_S)
-        for path in ("decoder", "agent", "on_demand"):
+        for path in DECODERS:
             await self.warm(path)
 
     def first_members(self) -> list[Member]:
@@ -79,14 +89,13 @@ class Running(StreamProcesses):
             name: KeeperConfig(address=where, streams=(stream_topic(path),))
             for name, (where, path) in keepers.items()
         }
-        decoders = ("decoder", "agent", "on_demand")
         viewer = self.viewer_config(stream_topic("standard"), self._own("consumer"), joined=True)
         return [
             _member("camera", "edge", "sfglab.lab.workers.camera", self._camera(), ready="running"),
             *(_member(name, "edge", "sfglab.fleet.gop_cache", config) for name, config in keeping.items()),
             *(_member(n, host, "sfglab.fleet.router.node", self._router(host)) for n, host in routers.items()),
             _member("viewer", "consumer", "sfglab.lab.workers.viewer", viewer),
-            *(_member(n, "consumer", "sfglab.fleet.decoder.node", self._decoder(n)) for n in decoders),
+            *(_member(n, "consumer", "sfglab.fleet.decoder.node", self._decoder(n)) for n in DECODERS),
         ]
 
     def note(self, name: str, report: Report) -> None:
@@ -108,8 +117,7 @@ class Running(StreamProcesses):
         return CameraConfig(
             places=(
                 (self.shared("edge"), stream_topic("standard")),
-                (self._own("edge"), stream_topic("agent")),
-                (self._own("edge"), stream_topic("on_demand")),
+                *((self._own("edge"), stream_topic(path)) for path in ("agent", *PAPERS)),
             ),
             source=self._config.source,
             seed=self._config.seed,
@@ -128,8 +136,9 @@ class Running(StreamProcesses):
             local=own,
             streams=(stream_topic(path),),
             linger_s=LINGER_S,
-            replay=path != "on_demand",
+            replay=path not in PAPERS,
             spare=path != "on_demand",
+            refill=path not in PAPERS,
         )
 
     @property
@@ -159,7 +168,7 @@ class Running(StreamProcesses):
         Raises:
             ProcessFailedError: It saw none in time, or a process failed.
         """
-        mode = "standard" if path == "standard" else "proxy"
+        mode = "standard" if path == "standard" else "dds" if path in PAPERS else "proxy"
         image, _ = routes_of_topic(stream_topic(path))
         topic = image.source_topic if mode == "standard" else image.local_topic
         self["viewer"].order(do="look", mode=mode, topic=topic)
