@@ -32,6 +32,7 @@ COUNT = 20
 LONGEST_S = 30.0
 STORE = Path(__file__).parents[1] / "data" / "mutants.json"
 _DRAWN = {"ax", "axes", "figure"}  # arguments of what only draws
+_ROWS = "exchanged rows"  # drawn where the other kinds are too few: a table has one place a row
 _UNSEEN = (ast.Raise, ast.JoinedStr, ast.arguments)
 _COMPARED: dict[type[ast.cmpop], type[ast.cmpop]] = {
     ast.Lt: ast.LtE,
@@ -71,12 +72,14 @@ def draw_mutants(modules: Sequence[str], count: int, seed: int) -> list[Mutant]:
             for kind in _kinds(node):
                 places[kind].append((module, place))
     found: list[Mutant] = []
-    while places and len(found) < count:
-        for kind in sorted(places):
-            module, place = places[kind].pop(rng.randrange(len(places[kind])))
-            mutant = _mutant(module, place, kind)
-            found += [mutant] if mutant and len(found) < count else []
-        places = defaultdict(list, {kind: left for kind, left in places.items() if left})
+    for turn in ({k: p for k, p in places.items() if k != _ROWS}, {_ROWS: places[_ROWS]}):
+        left = {kind: drawn for kind, drawn in turn.items() if drawn}
+        while left and len(found) < count:
+            for kind in sorted(left):
+                module, place = left[kind].pop(rng.randrange(len(left[kind])))
+                mutant = _mutant(module, place, kind, rng.random() if kind == _ROWS else 0.0)
+                found += [mutant] if mutant and len(found) < count else []
+            left = {kind: drawn for kind, drawn in left.items() if drawn}
     return found
 
 
@@ -98,6 +101,7 @@ def _nodes(node: ast.AST) -> Iterator[ast.AST]:
 
 
 def _kinds(node: ast.AST) -> Iterator[str]:
+    yield from [_ROWS] * (len(node.keys) - 1 if isinstance(node, ast.Dict) else 0)
     match node:
         case ast.Compare(ops=[op]) if type(op) in _COMPARED:
             yield "comparison"
@@ -117,7 +121,7 @@ def _kinds(node: ast.AST) -> Iterator[str]:
             yield "and for or"
 
 
-def _mutant(module: str, place: int, kind: str) -> Mutant | None:
+def _mutant(module: str, place: int, kind: str, draw: float) -> Mutant | None:
     text = source_of(module)
     tree = ast.parse(text)
     before = ast.unparse(tree)
@@ -138,6 +142,9 @@ def _mutant(module: str, place: int, kind: str) -> Mutant | None:
             del node.keys[-1], node.values[-1]
         case "dropped row":
             del node.elts[-1]
+        case "exchanged rows":
+            row = 1 + int(draw * (len(node.values) - 1))
+            node.values[row - 1 : row + 1] = node.values[row : row - 2 if row > 1 else None : -1]
         case "and for or":
             node.op = ast.Or() if isinstance(node.op, ast.And) else ast.And()
     after = ast.unparse(tree)

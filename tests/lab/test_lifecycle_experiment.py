@@ -6,7 +6,7 @@ import pytest
 from made_logs import made_run
 
 from sfglab.errors import InvalidValueError
-from sfglab.fleet.discovery.lifecycle import TRANSITIONS, Input, State
+from sfglab.fleet.discovery.lifecycle import TRANSITIONS, Action, Input, State
 from sfglab.fleet.status.heartbeat import Schedule
 from sfglab.lab.experiments import lifecycle
 from sfglab.lab.experiments.lifecycle import exp
@@ -117,7 +117,24 @@ def test_transitions_are_counted_and_those_that_are_not_the_tables_are_found(sto
     assert found.taken[State.ACTIVE, Input.SILENT] == 0
     assert (found.strange, found.announced) == (1, {"DISCOVERED": 1})
     assert found.reached == pytest.approx(2 / len(TRANSITIONS))
-    assert exp.measure(run)["A-DFA"].estimate.value == 0.0, "it does not follow its table"
+    assert exp.measure(run)["A-DFA"].estimate.value == 0.0, "it does not follow the rules"
+
+
+@pytest.mark.parametrize(
+    ("wrong", "why"),
+    [
+        (("QUERYING", "HEARD", "QUERYING", "QUERY"), "moves against the rules"),
+        (("ACTIVE", "HEARD", "ACTIVE", ""), "moves against the rules"),  # it is in QUERYING
+        (("QUERYING", "ANSWERED", "ACTIVE", "DISCOVERED"), "not on the wire"),
+    ],
+)
+def test_the_discoverers_own_table_vouches_for_nothing(story, monkeypatch, wrong, why):
+    before, given, after, action = wrong
+    row = State[after], tuple(Action[name] for name in action.split(";") if name)
+    monkeypatch.setitem(TRANSITIONS, (State[before], Input[given]), row)
+    story.moves.append(move(*wrong, 1.5))
+    found = exp.measure(story.run())["A-DFA"]
+    assert (found.estimate.value, why in found.reason) == (0.0, True)
 
 
 @pytest.mark.parametrize(

@@ -2,9 +2,9 @@
 
 A state says two things: what local consumers have been told of the agent, and how its description is being
 asked for. So the states form a grid, and the table shows where a query is outstanding: there is never a second
-one. That, the timers and the events are the paper's; what happens when an agent is started again, changes, or
-does not answer is spelled out here. Knows states, inputs and actions, and the figure that is drawn from them;
-refuses to know messages, names, numbers and clocks.
+one. That, the timers and the events are the paper's (`STATED`); what happens when an agent is started again,
+changes, or does not answer is spelled out here. Knows states, inputs and actions, and the figure that is drawn
+from them; refuses to know messages, names, numbers and clocks.
 """
 
 from __future__ import annotations
@@ -146,6 +146,15 @@ TRANSITIONS: dict[tuple[State, Input], tuple[State, tuple[Action, ...]]] = {
     (_S.REJOIN_BACK_OFF, _I.SILENT): (_S.LOST, ()),
 }
 """(state, input) -> (next state, actions in order). What is not listed is illegal and changes nothing."""
+
+STATED: dict[tuple[State, Input], str] = {
+    (_S.UNKNOWN, _I.HEARD): "asynchronous ROS 2 service futures ... to track agents",
+    (_S.QUERYING, _I.HEARD): "prevent redundant metadata queries",
+    (_S.QUERYING, _I.ANSWERED): "discovering a new agent ... fires agent discovery events",
+    (_S.ACTIVE, _I.HEARD): "by subscribing to the global heartbeat ... an active cache of the fleet",
+    (_S.ACTIVE, _I.SILENT): "timers to track agents ... exposing the resulting state ... via discovery events",
+}
+"""The transitions that the paper's words state, sections 4.2 and 4.3 and the caption; the others are ours."""
 
 
 class Lifecycle:

@@ -18,7 +18,7 @@ from sfglab.lab.stats import Estimate, exactly
 if TYPE_CHECKING:
     import pandas as pd
 
-GROUPS = ("naming", "trajectories", "exchange", "editing", "synchronisation", "routing", "trees")
+GROUPS = ("naming", "trajectories", "exchange", "editing", "synchronisation", "routing", "trees", "lifecycle")
 """Modules of this package, each a group."""
 
 NOTHING = "nothing to check"  #: The example of a property without a case, which has not held.

@@ -9,7 +9,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sfglab.fleet.discovery.lifecycle import ANNOUNCEMENTS, TRANSITIONS, Edge, Input, Node, State, diagram
+from sfglab.fleet.discovery.lifecycle import (
+    ANNOUNCEMENTS,
+    STATED,
+    TRANSITIONS,
+    Edge,
+    Input,
+    Node,
+    State,
+    diagram,
+)
 from sfglab.lab.experiments.lifecycle.analysis import heard, heartbeat_checks, intervals, joined_ns, transitions
 from sfglab.lab.experiments.lifecycle.experiment import Config, exp
 from sfglab.lab.explore import Automaton, Parts
@@ -145,14 +154,16 @@ def draw_states(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     """Draw the life cycle of a remote agent and how often the run took each of its transitions."""
     found = transitions(run)
     reached = sum(count > 0 for count in found.taken.values())
+    stated = sum(found.taken[key] > 0 for key in STATED)
     _draw_table(figure.subplots(), _KEY_OF_RUN, found.taken)
     figure.suptitle(
-        f"Life cycle of a remote agent (after paper A, Fig. 3): {reached} of {len(TRANSITIONS)} "
-        f"transitions taken live; {found.doubled} queries while another was outstanding",
+        f"Life cycle of a remote agent (after paper A, Fig. 3): {stated} of {len(STATED)} transitions that the "
+        f"paper states taken live,\n{reached - stated} of {len(TRANSITIONS) - len(STATED)} of ours; "
+        f"{found.doubled} queries while another was outstanding, {found.strange} moves against the rules",
         fontsize="medium",
     )
     shown = {f"{s.name} {i.name}": count for (s, i), count in found.taken.items()}
-    return {"taken": shown, "reached": reached, "doubled": found.doubled}
+    return {"taken": shown, "reached": reached, "stated": stated, "doubled": found.doubled}
 
 
 def press_states(run: Run[Config]) -> Automaton:
@@ -173,7 +184,7 @@ def _draw_to_press(figure: Figure) -> Parts:
     return _draw_table(figure.add_axes((0, 0, 1, 1)), _KEY_OF_MOMENT)
 
 
-_KEY = "\u21ba the state stays;  CAPITALS: a discovery event is published;  "
+_KEY = "\u21ba the state stays;  CAPITALS: a discovery event is published;  bold: the paper's words state it;\n"
 _KEY_OF_RUN = f"input / what is done \u00d7 how often in this run;  {_KEY}dashed: not taken in this run"
 _KEY_OF_MOMENT = f"input / what is done;  {_KEY}orange: here, and how it came here;  blue: possible now"
 
@@ -219,6 +230,7 @@ def _draw_state(axes: Axes, node: Node, loops: Sequence[Edge], taken: Taken | No
         place = x, top - 0.5 * (above + below + 1) * _LINE_IN_BOX
         color = _line([loop], taken)["color"]
         look: dict[str, Any] = {"ha": "center", "va": "center", "fontsize": 7, "color": color, "zorder": 4}
+        look["weight"] = _weight(loop)
         drawn[_keys([loop])].append(axes.text(*place, text, **look))
 
 
@@ -240,11 +252,15 @@ def _draw_pair(
         place = (label[0], label[1] + number * step)
         color = _line([edge], taken)["color"]
         style: dict[str, Any] = {"va": "center", "fontsize": 7, "bbox": _BEHIND, "color": color, "zorder": 5}
-        drawn[_keys([edge])].append(axes.text(*place, _words(edge, taken), **style))
+        drawn[_keys([edge])].append(axes.text(*place, _words(edge, taken), weight=_weight(edge), **style))
 
 
 def _keys(edges: Sequence[Edge]) -> tuple[tuple[State, Input], ...]:
     return tuple((edge.source, edge.given) for edge in edges)
+
+
+def _weight(edge: Edge) -> str:
+    return "bold" if (edge.source, edge.given) in STATED else "normal"
 
 
 def _words(edge: Edge, taken: Taken | None) -> str:
