@@ -2,9 +2,10 @@
 
 A share of checks that hold says nothing of checks that cannot fail. A claim declares which modules it checks
 and how (`sfglab.lab.checks.Mutated`); every mutant is judged in a process of its own, forked from one that has
-imported other people's libraries only. Caught is what fails a check, raises, or has no end within `LONGEST_S`;
-survivors keep their diff. Nothing is chosen by hand: places are drawn, kind by kind. Changes of texts, types
-and ``raise`` are no mutants. `python tests/mutants.py [CLAIM...]` writes ``data/mutants.json``.
+run the checks unchanged, and imports anew what imports the changed module. Caught is what fails a check,
+raises, or has no end within `LONGEST_S`; survivors keep their diff. Nothing is chosen by hand: places are
+drawn, kind by kind. Changes of texts, types and ``raise`` are no mutants. `python tests/mutants.py [CLAIM...]`
+writes ``data/mutants.json``.
 """
 
 from __future__ import annotations
@@ -20,10 +21,11 @@ import sys
 from collections import Counter, defaultdict
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import cache
 from importlib.machinery import ModuleSpec, SourceFileLoader
 from pathlib import Path
 from subprocess import PIPE, Popen
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Self
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -69,17 +71,15 @@ def draw_mutants(modules: Sequence[str], count: int, seed: int) -> list[Mutant]:
     rng, places = random.Random(f"{seed} {modules}"), defaultdict(list)  # no secret
     for module in modules:
         for place, node in enumerate(_nodes(ast.parse(source_of(module)))):
-            for kind in _kinds(node):
-                places[kind].append((module, place))
+            for number, kind in enumerate(_kinds(node)):
+                places[kind].append((module, place, number))
     found: list[Mutant] = []
-    for turn in ({k: p for k, p in places.items() if k != _ROWS}, {_ROWS: places[_ROWS]}):
-        left = {kind: drawn for kind, drawn in turn.items() if drawn}
-        while left and len(found) < count:
-            for kind in sorted(left):
-                module, place = left[kind].pop(rng.randrange(len(left[kind])))
-                mutant = _mutant(module, place, kind, rng.random() if kind == _ROWS else 0.0)
+    few = {_ROWS: places.pop(_ROWS, [])}
+    for left in (dict(places), few):
+        while any(left.values()) and len(found) < count:
+            for kind in sorted(kind for kind in left if left[kind]):
+                mutant = _mutant(*left[kind].pop(rng.randrange(len(left[kind]))), kind)
                 found += [mutant] if mutant and len(found) < count else []
-            left = {kind: drawn for kind, drawn in left.items() if drawn}
     return found
 
 
@@ -121,7 +121,7 @@ def _kinds(node: ast.AST) -> Iterator[str]:
             yield "and for or"
 
 
-def _mutant(module: str, place: int, kind: str, draw: float) -> Mutant | None:
+def _mutant(module: str, place: int, number: int, kind: str) -> Mutant | None:
     text = source_of(module)
     tree = ast.parse(text)
     before = ast.unparse(tree)
@@ -143,8 +143,7 @@ def _mutant(module: str, place: int, kind: str, draw: float) -> Mutant | None:
         case "dropped row":
             del node.elts[-1]
         case "exchanged rows":
-            row = 1 + int(draw * (len(node.values) - 1))
-            node.values[row - 1 : row + 1] = node.values[row : row - 2 if row > 1 else None : -1]
+            node.values[number : number + 2] = node.values[number : number + 2][::-1]
         case "and for or":
             node.op = ast.Or() if isinstance(node.op, ast.And) else ast.And()
     after = ast.unparse(tree)
@@ -153,30 +152,38 @@ def _mutant(module: str, place: int, kind: str, draw: float) -> Mutant | None:
     return Mutant(module=module, kind=kind, diff=diff, source=after) if after != before else None
 
 
-def mutation_score(experiment: str, claim: str, count: int, seed: int = 0) -> dict[str, Any]:
+class Judge:
+    """A process that has imported what claims' checks need, and forks one for each mutant."""
+
+    def __enter__(self) -> Self:
+        self._process = Popen([sys.executable, "-P", __file__, "serve"], stdin=PIPE, stdout=PIPE, text=True)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._process.communicate()
+
+    def seen(self, experiment: str, claim: str, mutant: Mutant | None = None) -> str:
+        """Return by what the checks see a mutant, or without one what they say; empty: by nothing."""
+        assert self._process.stdin
+        assert self._process.stdout
+        module, source = (mutant.module, mutant.source) if mutant else ("", "")
+        order = {"experiment": experiment, "claim": claim, "module": module, "source": source}
+        print(json.dumps(order), file=self._process.stdin, flush=True)
+        return str(json.loads(self._process.stdout.readline()))
+
+
+def mutation_score(judge: Judge, experiment: str, claim: str, count: int, seed: int = 0) -> dict[str, Any]:
     """Return how many mutants of a claim its checks catch, as JSON values, with the diffs of survivors.
 
     Raises:
         RuntimeError: The checks fail without any change.
     """
-    command = [sys.executable, "-P", __file__, "serve", experiment, claim]
-    with Popen(command, stdin=PIPE, stdout=PIPE, text=True) as runner:
+    from sfglab.lab.experiments import experiment as load
 
-        def ask(module: str, source: str) -> str:
-            assert runner.stdin
-            assert runner.stdout
-            order = {"experiment": experiment, "claim": claim, "module": module, "source": source}
-            print(json.dumps(order), file=runner.stdin, flush=True)
-            return str(json.loads(runner.stdout.readline()))
-
-        if seen := ask("", ""):
-            raise RuntimeError(f"{claim}: the checks fail without a mutant: {seen}")
-        from sfglab.lab.experiments import experiment as load
-
-        modules = load(experiment).mutated[claim].modules
-        judged = [(mutant, ask(mutant.module, mutant.source)) for mutant in draw_mutants(modules, count, seed)]
-        assert runner.stdin
-        runner.stdin.close()
+    if seen := judge.seen(experiment, claim):
+        raise RuntimeError(f"{claim}: the checks fail without a mutant: {seen}")
+    mutants = draw_mutants(load(experiment).mutated[claim].modules, count, seed)
+    judged = [(mutant, judge.seen(experiment, claim, mutant)) for mutant in mutants]
     return {
         "seed": seed,
         "tried": len(judged),
@@ -207,49 +214,69 @@ class _Source(SourceFileLoader):
         return compile(self._text, self.path, "exec")
 
 
-def _forget() -> None:
-    for name in [name for name in sys.modules if name.startswith("sfglab.")]:
+def _forget(changed: str) -> None:
+    """Forget a module and all that import it, directly or not; the others, and what they compiled, stay."""
+    loaded = {name for name in sys.modules if name.startswith("sfglab.")}
+    imports = {name: _imported(name) | {name} for name in loaded}
+    gone = {changed}
+    while more := {name for name in loaded - gone if imports[name] & gone}:
+        gone |= more
+    for name in gone & loaded:
+        parent, _, child = name.rpartition(".")
+        if parent in sys.modules:
+            vars(sys.modules[parent]).pop(child, None)  # whom `from parent import child` would ask
         del sys.modules[name]
 
 
+@cache
+def _imported(module: str) -> set[str]:
+    """Return what a module imports, wherever in it: modules, and names that may be modules."""
+    found: set[str] = set()
+    for node in ast.walk(ast.parse(source_of(module))):
+        if isinstance(node, ast.ImportFrom) and node.module:
+            found |= {node.module, *(f"{node.module}.{name.name}" for name in node.names)}
+        elif isinstance(node, ast.Import):
+            found |= {name.name for name in node.names}
+    return found
+
+
 def _seen(order: dict[str, str]) -> str:
-    """Return by what the checks see a mutant; empty: by nothing."""
+    """Return by what the checks see a mutant, or without one what they say; empty: by nothing."""
     if order["module"]:
         loader = _Source(order["module"], order["source"])
-        _forget()  # parents, which looking for it has imported
+        _forget(order["module"])
         sys.meta_path.insert(0, loader)  # has what is asked of a finder
     try:
         from sfglab.lab.experiments import experiment
 
-        rows = list(experiment(order["experiment"]).mutated[order["claim"]].rows())
+        rows = experiment(order["experiment"]).mutated[order["claim"]].rows()
+        wrong = next((row for row in rows if row.held < row.checked), None)  # one is enough
     except BaseException as error:  # noqa: BLE001  # whatever it is, it is seen
         return f"raises {type(error).__name__}: {error}"
-    return "; ".join(f"{row.check}: {row.held} of {row.checked}" for row in rows if row.held < row.checked)
+    return f"{wrong.check}: {wrong.held} of {wrong.checked}" if wrong else ""
 
 
-def _serve(name: str, claim: str) -> None:
-    from sfglab.lab.experiments import experiment
-
-    list(experiment(name).mutated[claim].rows())  # libraries that are imported late are there, too
-    _forget()  # other people's libraries stay
+def _serve() -> None:
     forks = multiprocessing.get_context("fork")
     answers, quiet = os.fdopen(os.dup(1), "w"), os.open(os.devnull, os.O_WRONLY)
     os.dup2(quiet, 1)
     os.dup2(quiet, 2)
     for order in map(json.loads, sys.stdin):
+        if not order[
+            "module"
+        ]:  # here, so that libraries that are imported late are there, and what is compiled
+            print(json.dumps(_seen(order)), file=answers, flush=True)
+            continue
         here, there = forks.Pipe(duplex=False)
         child = forks.Process(target=lambda order, end: end.send(_seen(order)), args=(order, there))
         child.start()
         there.close()
+        said = "died: no answer"
         with suppress(EOFError):
-            # Without a mutant it may compile first what numba keeps.
-            longest_s = LONGEST_S * (1 if order["module"] else 10)
-            said = here.recv() if here.poll(longest_s) else "no end: killed"
-            print(json.dumps(said), file=answers, flush=True)
-            child.kill()
-            child.join()
-            continue
-        print(json.dumps("died: no answer"), file=answers, flush=True)
+            said = here.recv() if here.poll(LONGEST_S) else "no end: killed"
+        print(json.dumps(said), file=answers, flush=True)
+        child.kill()
+        child.join()
 
 
 def main(claims: Sequence[str]) -> None:
@@ -258,13 +285,14 @@ def main(claims: Sequence[str]) -> None:
     from sfglab.lab.experiments import experiment as load
 
     scores = json.loads(STORE.read_text()) if STORE.is_file() else {}
-    for name in EXPERIMENTS:
-        for claim in load(name).mutated:
+    declared = [(name, claim) for name in EXPERIMENTS for claim in load(name).mutated]
+    with Judge() as judge:
+        for name, claim in declared:
             if not claims or claim in claims:
-                scores[claim] = mutation_score(name, claim, COUNT)
+                scores[claim] = mutation_score(judge, name, claim, COUNT)
                 print(claim, scores[claim]["caught"], "of", scores[claim]["tried"], flush=True)  # noqa: T201  # a command
                 STORE.write_text(json.dumps(scores, indent=1) + "\n")
 
 
 if __name__ == "__main__":
-    _serve(*sys.argv[2:]) if sys.argv[1:2] == ["serve"] else main(sys.argv[1:])
+    _serve() if sys.argv[1:2] == ["serve"] else main(sys.argv[1:])

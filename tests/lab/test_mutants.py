@@ -4,7 +4,7 @@ import json
 from pathlib import Path
 
 import pytest
-from mutants import STORE, draw_mutants, mutation_score
+from mutants import STORE, Judge, draw_mutants, mutation_score
 
 from sfglab.lab.experiments import EXPERIMENTS, experiment
 
@@ -19,10 +19,17 @@ def test_mutants_are_drawn_by_the_seed_and_differ_from_the_source():
     assert all(m.diff for m in first)
 
 
+@pytest.fixture(scope="module")
+def judge():
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("SFGLAB_ROOT", str(ROOT))
+        with Judge() as judge:
+            yield judge
+
+
 @pytest.mark.parametrize(("name", "claim"), DECLARED)
-def test_of_three_mutants_of_each_claim_as_many_are_seen_as_are_stored(name, claim, monkeypatch):
-    monkeypatch.setenv("SFGLAB_ROOT", str(ROOT))
-    score = mutation_score(name, claim, 3)
+def test_of_three_mutants_of_each_claim_as_many_are_seen_as_are_stored(name, claim, judge):
+    score = mutation_score(judge, name, claim, 3)
     assert score["tried"] == 3
     stored = json.loads(STORE.read_text())[claim]  # `make mutants` has judged twenty: these are the first
     assert {one["diff"] for one in score["survived"]} <= {one["diff"] for one in stored["survived"]}
