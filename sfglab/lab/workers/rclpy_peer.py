@@ -292,6 +292,7 @@ class Peer:
             dues = self.agenda(name, start_ns, last_ns)
             held += round(duration_s * self.flows[name]["rate_hz"]) - len(dues)
             agenda += [(due_ns, value, name) for value, due_ns in enumerate(dues, 1)]
+        due = len(agenda)
         # Who only hears looks at the time instead: how late shows whether it could hear in time.
         agenda = agenda or [(due_ns, 0, "") for due_ns in range(start_ns, last_ns, 5_000_000)]
         late_ns = []
@@ -302,6 +303,7 @@ class Peer:
                 break
             if name and late_ns[-1] < _MISSED_NS:
                 self.send(name, value)
+                due -= 1
         time.sleep(max(0, last_ns + round(drain_s * 1e9) - time.time_ns()) / 1e9)
         tables = {"written sent_ns": (self.written, 0), "written value": (self.written, 1)}
         tables |= {"received value": (self.received, 0), "received done_ns": (self.received, 1)}
@@ -312,7 +314,7 @@ class Peer:
         }
         np.savez(result, **arrays)
         late_s = sorted(late_ns)[len(late_ns) * 95 // 100] / 1e9
-        report("done", late_p95_s=late_s, held=held, compared=0, refused=0)
+        report("done", late_p95_s=late_s, held=held, missed=due, compared=0, refused=0)
 
     def close(self) -> None:
         """Take the ends of flows away."""

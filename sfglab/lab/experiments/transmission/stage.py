@@ -152,7 +152,8 @@ class Played:
     #: alone on a calm medium.
     delay_s: float
     #: As the model's; a sample that never came has the fate UNDERWAY, as nobody saw why. Counts are those that
-    #: can be seen: ``lost``, ``queue_full``, ``bytes``, ``airtime_ns``, ``held``, ``compared``.
+    #: can be seen: ``lost``, ``queue_full``, ``bytes``, ``airtime_ns``, ``held``, ``compared``, and ``missed``
+    #: for what was due while a process of rclpy was not let run.
     outcome: Outcome
     radio: RadioCounters  #: The medium's own counters.
     late_p95_s: float  #: How late a host's process published, 95th percentile, of the latest host, seconds.
@@ -293,7 +294,7 @@ def _outcome(
         "queue_full": radio.queue_full,
         "bytes": sum(host.bytes_ for host in radio.hosts.values()),
         "airtime_ns": round(sum(host.airtime_s for host in radio.hosts.values()) * NS_PER_S),
-        **{name: sum(report[name] for report in reports) for name in ("held", "compared")},
+        **{name: sum(report.get(name, 0) for report in reports) for name in ("held", "compared", "missed")},
     }
     return Outcome(flows=flows, counts=counts)
 
