@@ -9,6 +9,8 @@ from sfglab.deploy.release import SOURCE, make_release
 from sfglab.lab.checks.fleet_files import meaning_of
 from sfglab.lab.experiments.deployment import exp
 from sfglab.lab.experiments.deployment.containers import container_checks
+from sfglab.lab.ledger import entries_of
+from sfglab.lab.paths import find_project
 
 REFERENCE = SOURCE / "data" / "reference" / "deployment.mcap"
 ESSLINGEN = SOURCE / "data" / "fleets" / "esslingen.yaml"
@@ -19,6 +21,8 @@ def test_a_run_fills_its_claim_draws_its_figures_and_keeps_what_machines_are_giv
     measured = exp.measure(run)["A-DEPLOY"]
     assert measured.estimate.value == 1.0, measured.reason
     assert measured.how.value == "exact"
+    left_out = "not checked here: systemd: systemd starts the unit"
+    assert (measured.ends, left_out in measured.details) == ({}, True)
     assert set(exp.figures(run)) == {"deployment_layers", "deployment_checks"}
     assert [path for path in run["file"]["path"] if not meaning_of(path)] == []
     assert run["refused"]["refused"].all()
@@ -30,10 +34,21 @@ def test_the_reference_run_fills_the_claim_and_one_fault_would_show():
     run = exp.load(REFERENCE)
     measured = exp.measure(run)["A-DEPLOY"]
     assert (measured.estimate.value, measured.how.value) == (1.0, "live")
+    (entry,) = entries_of(find_project(), run)
+    assert (entry.verdict.value, "systemd: not measured" in entry.reason) == ("undecided", True)
     table = run.table("check")
     table.loc[table["group"] == "hooks", "held"] = 0
     measured = exp.measure(run)["A-DEPLOY"]
     assert (measured.estimate.value, "a dry run changes nothing" in measured.reason) == (0.0, True)
+
+
+def test_live_is_what_ran_and_a_part_counts_when_all_of_it_was_asked_on_a_machine():
+    run = exp.load(REFERENCE)
+    table = run.table("check")
+    table.loc[table["check"] == "they prepare the machine", "check"] = "hooks: as root on a machine"
+    table.loc[table["group"] == "containers", "group"] = "files"
+    measured = exp.measure(run)["A-DEPLOY"]
+    assert (measured.how.value, measured.ends) == ("exact", {"hooks": 1.0})
 
 
 @pytest.mark.slow
