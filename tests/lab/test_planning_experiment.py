@@ -8,6 +8,7 @@ import pytest
 
 from sfglab.lab.checks import editing, trajectories
 from sfglab.lab.experiments.planning import SceneCell, checks, exp
+from sfglab.lab.experiments.planning.analysis import allowed_m
 from sfglab.lab.experiments.planning.experiment import example_rows
 from sfglab.record import LogReader
 from sfglab.spatial.trajectory.path import Interpolation, stretched
@@ -54,6 +55,13 @@ def test_one_goal_that_ends_otherwise_fails_the_claim(run):
     wrong = table[table["held"] < table["checked"]]
     assert "too fast: succeeded" in set(wrong["example"])
     assert set(wrong["group"]) == {"execution"}
+
+
+def test_an_agent_further_from_its_plan_than_its_dynamics_explain_fails_its_check(run):
+    tracks, check = run.table("track"), "an agent is never further from its plan than its dynamics explain"
+    assert allowed_m(run) == pytest.approx({"go2": 0.532, "drone": 0.300}, abs=2e-3)
+    tracks.loc[tracks["agent"] == "drone", "error_m"] = 0.31
+    assert checks(run).set_index("check").loc[check, "held"] == 1
 
 
 def test_agents_that_come_too_close_fail_their_check(run):

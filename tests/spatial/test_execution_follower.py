@@ -1,6 +1,7 @@
 """A simulated agent on a timed trajectory: within its limits whatever is asked, and there in the end."""
 
 import math
+from dataclasses import replace
 from itertools import pairwise
 
 import pytest
@@ -11,7 +12,15 @@ from trajectory_strategies import poses, trajectories
 from sfglab.bus import GoalStatus
 from sfglab.errors import InvalidValueError
 from sfglab.spatial import Pose
-from sfglab.spatial.execution.agent import TRANSITIONS, AgentState, Dynamics, Follower, Phase, Tolerances
+from sfglab.spatial.execution.agent import (
+    TRANSITIONS,
+    AgentState,
+    Dynamics,
+    Follower,
+    Phase,
+    Tolerances,
+    falls_behind_m,
+)
 from sfglab.spatial.execution.orders import OUTCOMES, Order, Outcome, RefusalError, Rules, judge, outcome_of
 from sfglab.spatial.trajectory.limits import Limits, retimed
 from sfglab.spatial.trajectory.path import Trajectory
@@ -48,6 +57,20 @@ def run_to_end(following, step_ns=50_000_000, limit=100_000):
         if progress.outcome is not None:
             return progress
     pytest.fail("it never ended")
+
+
+@pytest.mark.parametrize(
+    "held", [Limits(speed_m_s=1.0, acceleration_m_s2=1.0), Limits(speed_m_s=1.5), Limits()]
+)
+@pytest.mark.parametrize("points", [(0, 0.9), (0, 0.5, 0.8), (0, 0.3, 0.3, 0.0)])
+def test_no_agent_falls_behind_further_than_its_dynamics_explain_and_a_slower_one_does(points, held):
+    path = Trajectory.of((round(i * 4 * S), Pose.at((4 * x, 0.0, 0.0))) for i, x in enumerate(points))
+    dynamics = Dynamics(limits=held)
+    allowed_m = falls_behind_m(path, dynamics)
+    behind_m = run_to_end(follower(path, dynamics=dynamics), 20_000_000).largest_error_m
+    assert 0.5 * allowed_m < behind_m <= allowed_m
+    slow = Dynamics(limits=replace(held, acceleration_m_s2=0.3), lag_s=0.2, gain_per_s=1.2)
+    assert run_to_end(follower(path, dynamics=slow), 20_000_000).largest_error_m > allowed_m
 
 
 def rounding(vector):

@@ -13,12 +13,14 @@ from dataclasses import dataclass, field, replace
 from enum import Enum
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from sfglab.errors import InvalidValueError
 from sfglab.fields import between, check_bounds
 from sfglab.spatial.execution.orders import Outcome
 from sfglab.spatial.poses import Pose, Vec3
-from sfglab.spatial.trajectory.limits import Limits
-from sfglab.spatial.trajectory.motion import pose_at, sample
+from sfglab.spatial.trajectory.limits import Limits, Quantity, peaks
+from sfglab.spatial.trajectory.motion import motion_of, pose_at, sample
 from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
@@ -151,6 +153,36 @@ def _scaled(a: Vec3, by: float) -> Vec3:
 def _at_most(a: Vec3, limit: float | None) -> Vec3:
     length = math.hypot(*a)
     return a if limit is None or length <= limit else _scaled(a, limit / length)
+
+
+def falls_behind_m(trajectory: Trajectory, dynamics: Dynamics, *, period_s: float = 0.02) -> float:
+    """Return how far an agent falls behind at most that stands at the start and catches up before each jump.
+
+    While it accelerates by A, a jump of v in the plan's velocity costs v^2 / (2 (A - a)), with a the plan's own
+    acceleration, and A lag^2 / 2 until it steers again; without A it costs v lag. Then a costs lag a / gain, as
+    the error's equation ``lag e'' + e' + gain e = lag a`` does not overshoot; the steps of time cost v each.
+
+    Args:
+        trajectory: Where to be when.
+        dynamics: How the agent answers.
+        period_s: From one step to the next.
+
+    Returns:
+        Metres; infinite where the plan accelerates as hard as the agent can, which never catches up then.
+    """
+    motion, rest = motion_of(trajectory), np.zeros((1, 3))
+    segments = np.arange(len(motion))
+    leaving, arriving = (motion.rates(segments, t)[1] for t in (np.zeros(len(motion)), motion.durations_s))
+    jumps = np.vstack([leaving, rest]) - np.vstack([rest, arriving])
+    jump_m_s = float(np.linalg.norm(jumps, axis=1).max())
+    bend_m_s2 = float(peaks(trajectory, Quantity.ACCELERATION).values.max(initial=0.0))
+    behind_m = bend_m_s2 * dynamics.lag_s / dynamics.gain_per_s + jump_m_s * period_s
+    most = dynamics.limits.acceleration_m_s2
+    if most is None:
+        return behind_m + jump_m_s * dynamics.lag_s
+    if bend_m_s2 >= most:
+        return math.inf
+    return behind_m + jump_m_s**2 / (2.0 * (most - bend_m_s2)) + most * dynamics.lag_s**2 / 2.0
 
 
 _SUBSTEP_NS = 20_000_000
