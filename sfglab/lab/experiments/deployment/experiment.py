@@ -253,9 +253,9 @@ def share_that_holds(run: Run[Config]) -> Finding:
 def _parts(run: Run[Config]) -> dict[str, float]:
     """Return the share that holds of every part of which nothing was left unchecked, on a machine neither."""
     sums, unchecked = run["check"].groupby("group")[["held", "checked"]].sum(), set(run["unchecked"]["group"])
-    asked = set(run["check"]["check"])
+    asked, shares = set(run["check"]["check"]), sums["held"] / sums["checked"]
     return {
-        part: float(sums.loc[group, "held"] / sums.loc[group, "checked"])
+        part: float(shares[group])
         for part, (group, machine, _) in PARTS.items()
         if f"{part}: {machine}" in asked and group not in unchecked
     }
