@@ -2,7 +2,8 @@
 
 Every figure that the ledger prints is an `Estimate`. Intervals are percentile intervals of 2,000 seeded
 resamples (B. Efron and R. Tibshirani, An Introduction to the Bootstrap, 1993, chapter 13), of shares
-those of Wilson and Newcombe. Knows arrays; refuses to know experiments and logs.
+those of Wilson and Newcombe. Beside them stands the test for a model's lack of fit. Knows arrays; refuses to
+know experiments and logs.
 """
 
 from __future__ import annotations
@@ -95,6 +96,42 @@ def line_fit(x: Floats, y: Floats) -> tuple[float, float]:
         return float("nan"), float("nan")
     slope = float(np.sum((x - x.mean()) * (y - y.mean())) / spread)
     return slope, float(y.mean() - slope * x.mean())
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LackOfFit:
+    """Whether a model's errors are larger than what replicates differ by: an F test."""
+
+    f: float  #: Mean square of the lack of fit over that of the pure error.
+    freedom: tuple[int, int]  #: Degrees of freedom of both.
+    p: float  #: Probability of such an f, or a larger one, if the model held.
+
+    def __str__(self) -> str:
+        return f"F({self.freedom[0]}, {self.freedom[1]}) = {self.f:.2f}, p = {self.p:.2g}"
+
+
+def lack_of_fit(errors: Floats, setting: NDArray[np.integer], *, parameters: int) -> LackOfFit | None:
+    """Test a fit against the pure error (N. Draper and H. Smith, Applied Regression Analysis, 1998, chapter 2).
+
+    Args:
+        errors: Shape (n,); of equal variance where the model holds.
+        setting: Shape (n,), a number for each setting: errors of equal number are of replicates.
+        parameters: How many the model has.
+
+    Returns:
+        The test; None where it cannot be made: there are no replicates that differ, or not more settings than
+        parameters.
+    """
+    from scipy.stats import f as f_distribution
+
+    _, of, size = np.unique(setting, return_inverse=True, return_counts=True)
+    means = np.bincount(of, errors) / size
+    freedom = len(size) - parameters, len(errors) - len(size)
+    pure = float(np.sum((errors - means[of]) ** 2))
+    if min(freedom) < 1 or pure == 0:
+        return None
+    ratio = (float(np.sum(errors**2)) - pure) / freedom[0] / (pure / freedom[1])
+    return LackOfFit(f=ratio, freedom=freedom, p=float(f_distribution.sf(ratio, *freedom)))
 
 
 def wilson(successes: int, runs: int) -> tuple[float, float]:

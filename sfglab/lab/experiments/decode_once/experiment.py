@@ -12,7 +12,7 @@ import numpy as np
 from sfglab.fields import between
 from sfglab.lab.baselines import PART, declare, measure_raw
 from sfglab.lab.experiment import Actor, Experiment, Link, Profiled
-from sfglab.lab.experiments.decode_once.stage import MBIT, Running
+from sfglab.lab.experiments.decode_once.stage import HANDED_ON, MBIT, Running
 from sfglab.lab.meters import MeterRow, measure
 from sfglab.lab.ros2 import RosMissingError
 from sfglab.record import LogReader
@@ -30,13 +30,14 @@ class Stage:
     codec: str  #: ``h264`` (colour) or ``rvl`` (depth).
     source: str = ""  #: Where frames come from, as `open_source` takes it; empty: the configuration's source.
     counts: tuple[int, ...]  #: Numbers of local subscribers.
+    dds_counts: tuple[int, ...] = ()  #: Those of them with which the decoder also hands pictures on by DDS.
     #: Numbers of subscribers that receive without decoding, to tell network from decoding.
     network_counts: tuple[int, ...] = ()
-    repeats: int = 1  #: How often every pair of cells is measured.
+    repeats: int = 1  #: How often every group of cells is measured.
 
 
-_COLOUR = Stage(codec="h264", counts=_ALL, network_counts=(1, 4, 7, 10), repeats=2)
-_DEPTH = Stage(codec="rvl", source="stereo", counts=(1, 4, 7), network_counts=(4,))
+_COLOUR = Stage(codec="h264", counts=_ALL, dds_counts=(1, 4, 7, 10), network_counts=(1, 4, 7, 10), repeats=2)
+_DEPTH = Stage(codec="rvl", source="stereo", counts=(1, 4, 7), dds_counts=(1, 7), network_counts=(4,))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -70,6 +71,7 @@ class Config(Profiled):
             replace(
                 stage,
                 counts=tuple(n for n in stage.counts if n <= self.most),
+                dds_counts=tuple(n for n in stage.dds_counts if n <= self.most),
                 network_counts=tuple(n for n in stage.network_counts if n <= self.most),
             )
             for stage in self.stages
@@ -81,7 +83,7 @@ exp = Experiment(
     Config,
     where="A 4.3, 5.2",
     smoke={
-        "stages": (Stage(codec="h264", counts=(1, 2), network_counts=(2,)),),
+        "stages": (Stage(codec="h264", counts=(1, 2), dds_counts=(1, 2), network_counts=(2,)),),
         "samples": 2,
         "period_s": 0.3,
         "settle_s": 0.1,
@@ -90,10 +92,10 @@ exp = Experiment(
     },
     paper={
         "stages": (
-            Stage(codec="h264", counts=_ALL, network_counts=_ALL),
-            Stage(codec="rvl", source="stereo", counts=_ALL, network_counts=_ALL),
+            Stage(codec="h264", counts=_ALL, dds_counts=_ALL, network_counts=_ALL, repeats=2),
+            Stage(codec="rvl", source="stereo", counts=_ALL, dds_counts=_ALL, network_counts=_ALL, repeats=2),
         ),
-        "samples": 120,
+        "samples": 60,  # twice, so that replicates tell pure error
         "period_s": 1.0,
         "settle_s": 2.0,
         "raw_s": 10.0,
@@ -107,7 +109,8 @@ exp = Experiment(
     ),
     links=(
         Link("camera", "viewer", "compressed, to each (standard)", boundary="network"),
-        Link("camera", "decoder", "compressed, once (proxy)", boundary="network"),
+        Link("camera", "decoder", "compressed, once (dds, proxy)", boundary="network"),
+        Link("decoder", "viewer", "pictures (dds)"),
         Link("decoder", "viewer", "pictures (proxy)", over="shared memory"),
     ),
 )
@@ -119,7 +122,7 @@ class CellRow:
 
     cell: int  #: Counter from 0.
     codec: str  #: The stream's codec.
-    mode: str  #: ``standard``, ``proxy`` or ``network``.
+    mode: str  #: ``standard``, ``dds``, ``proxy`` or ``network``.
     subscribers: int  #: Local subscribers.
     repeat: int  #: Which repetition.
     first_frame_s: float  #: From the order to look until every subscriber had a frame, seconds.
@@ -177,12 +180,13 @@ class CameraRow:
 def cells_of(stage: Stage, *, rng: np.random.Generator) -> list[tuple[str, int, int]]:
     """Return the cells of a stage in the order they are measured: (mode, subscribers, repeat).
 
-    Standard and proxy of one count follow each other, in random order, so that a machine that slows down
-    slows both; the counts are shuffled within each repetition.
+    Standard, DDS and proxy of one count follow each other, in random order, so that a machine that slows down
+    slows all; the counts are shuffled within each repetition.
     """
     cells: list[tuple[str, int, int]] = []
     for repeat in range(stage.repeats):
-        groups = [[("standard", n, repeat), ("proxy", n, repeat)] for n in stage.counts]
+        modes = {n: ["standard", "proxy"] + ["dds"] * (n in stage.dds_counts) for n in stage.counts}
+        groups = [[(mode, n, repeat) for mode in modes[n]] for n in stage.counts]
         if repeat == 0:
             groups += [[("network", n, 0)] for n in stage.network_counts]
         rng.shuffle(groups)
@@ -257,7 +261,7 @@ async def _measure_cell(key: dict[str, Any], running: Running, bench: Bench[Conf
         clock_ns=time.time_ns,
     )
     reports = await running.stop(count)
-    if mode == "proxy":
+    if mode in HANDED_ON:
         await running.released("decoder")
     for reading in readings:
         bench.write("load", {"cell": key["cell"], **_load(reading)}, at_ns=reading.t_ns)

@@ -10,20 +10,26 @@ import numpy as np
 from sfglab.fields import to_json
 from sfglab.lab.experiment import Look
 from sfglab.lab.experiments.decode_once.analysis import (
+    PAPER_CPU,
+    WAYS,
     CostModel,
     Slopes,
     codecs,
     cost_model,
     design,
+    modes_of,
+    papers_way,
     readings,
     slopes,
     stream_facts,
 )
 from sfglab.lab.experiments.decode_once.experiment import Config, exp
-from sfglab.lab.figures import COLORS, MARKERS, PAPER_STYLE
+from sfglab.lab.figures import COLORS, PAPER_STYLE, series
 from sfglab.lab.paths import find_project
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from numpy.typing import NDArray
@@ -31,10 +37,13 @@ if TYPE_CHECKING:
     from sfglab.lab.runs import Run
 
 
-PAPER_CPU = {"standard": 6.5, "proxy": 1.8}  #: Per cent of one core per subscriber (paper A, section 5.2).
-
 PAPER_NET_MBIT = 4.0
-LABELS = {"standard": "standard: each decodes", "proxy": "decode once, share"}
+LABELS = {
+    "standard": "standard: each decodes",
+    "dds": "decode once, DDS (the paper's way)",
+    "proxy": "decode once, shared memory (ours)",
+}
+STYLES = {"standard": series("standard"), "dds": series("third"), "proxy": series("proxy")}
 NAMES = {"h264": "colour, H.264", "rvl": "depth, RVL"}
 
 
@@ -51,17 +60,16 @@ def draw_depth(figure: Figure, run: Run[Config]) -> dict[str, Any]:
 
 
 def _draw_stream(figure: Figure, run: Run[Config], codec: str) -> dict[str, Any]:
-    found, fit = slopes(run, codec), cost_model(run, codec)
+    found = slopes(run, codec)
+    fits = {way: cost_model(run, codec, way) for way in found.reduction}
     cpu, net, cost = figure.subplots(1, 3, width_ratios=(1.15, 1.15, 1))
     _draw_cpu(cpu, run, found, codec)
     _draw_network(net, run, codec)
-    _draw_cost_model(cost, fit)
-    figure.suptitle(
-        f"Decode once per device ({NAMES.get(codec, codec)}): "
-        f"{found.reduction.value:.1f} % less CPU per added subscriber "
-        f"[{found.reduction.low:.1f}, {found.reduction.high:.1f}]"
-    )
-    return _twin(found, fit)
+    _draw_cost_model(cost, fits)
+    less = (f"{e.value:.1f} % [{e.low:.1f}, {e.high:.1f}] by {WAYS[m]}" for m, e in found.reduction.items())
+    name = NAMES.get(codec, codec)
+    figure.suptitle(f"Decode once per device ({name}), less CPU per added subscriber: {', '.join(less)}")
+    return {**to_json(found), **{way: _terms(fit) for way, fit in fits.items()}}
 
 
 def _spread(run: Run[Config], codec: str, mode: str, column: str) -> tuple[Any, Any, Any]:
@@ -73,15 +81,15 @@ def _spread(run: Run[Config], codec: str, mode: str, column: str) -> tuple[Any, 
 
 
 def _draw_modes(axes: Axes, run: Run[Config], codec: str, column: str) -> dict[str, float]:
-    """Draw both modes with one standard deviation, and return each mode's first mean."""
+    """Draw the modes with one standard deviation, and return each mode's first mean."""
     first = {}
-    for mode in ("standard", "proxy"):
+    for mode in modes_of(run, codec):
         counts, mean, deviation = _spread(run, codec, mode, column)
-        color = COLORS[mode]
-        axes.plot(counts, mean, marker=MARKERS[mode], markersize=4.5, color=color, label=LABELS[mode])
+        color = STYLES[mode]["color"]
+        axes.plot(counts, mean, markersize=4.5, label=LABELS[mode], **STYLES[mode])
         axes.fill_between(counts, mean - deviation, mean + deviation, color=color, alpha=0.18, linewidth=0)
         first[mode] = float(mean[0])
-    axes.set(xlabel="local subscribers", xticks=counts)
+    axes.set(xlabel="local subscribers", xticks=_spread(run, codec, "standard", column)[0])
     axes.set_ylim(bottom=0)
     return first
 
@@ -89,15 +97,16 @@ def _draw_modes(axes: Axes, run: Run[Config], codec: str, column: str) -> dict[s
 def _draw_cpu(axes: Axes, run: Run[Config], found: Slopes, codec: str) -> None:
     """Draw the consumer's CPU over subscribers, with the paper's slopes for the colour stream."""
     first = _draw_modes(axes, run, codec, "cpu_percent")
-    for mode, estimate in (("standard", found.cpu_standard), ("proxy", found.cpu_proxy)):
+    for mode, estimate in found.cpu.items():
         counts, mean, _ = _spread(run, codec, mode, "cpu_percent")
         beside: dict[str, Any] = {"textcoords": "offset points", "xytext": (-4, 7), "ha": "right"}
         text = f"{estimate.value:+.2f} %"
-        axes.annotate(text, (counts[-1], mean[-1]), color=COLORS[mode], **beside)
-        if codec == "h264":
-            paper = first[mode] + PAPER_CPU[mode] * (counts - counts[0])
-            label = f"paper: +{PAPER_CPU[mode]} % each"
-            axes.plot(counts, paper, color=COLORS[mode], label=label, **PAPER_STYLE)
+        axes.annotate(text, (counts[-1], mean[-1]), color=STYLES[mode]["color"], **beside)
+    if codec == "h264":
+        for mode, slope in zip(("standard", papers_way(run)), PAPER_CPU, strict=True):
+            counts = _spread(run, codec, mode, "cpu_percent")[0]
+            paper, color = first[mode] + slope * (counts - counts[0]), STYLES[mode]["color"]
+            axes.plot(counts, paper, color=color, label=f"paper: +{slope} % each", **PAPER_STYLE)
     axes.set_ylabel("CPU of the consumer host (100 % = one core)")
     axes.set_title("CPU" + ("; the paper's slopes start at our first point" * (codec == "h264")), fontsize=9)
     axes.legend(fontsize=8)
@@ -110,32 +119,38 @@ def _draw_network(axes: Axes, run: Run[Config], codec: str) -> None:
         linear = PAPER_NET_MBIT * counts
         axes.plot(counts, linear, color=COLORS["standard"], label="paper: linear", **PAPER_STYLE)
         flat = np.full_like(counts, PAPER_NET_MBIT, dtype=np.float64)
-        axes.plot(counts, flat, color=COLORS["proxy"], label="paper: about 4 Mbit/s", **PAPER_STYLE)
+        color = STYLES[papers_way(run)]["color"]
+        axes.plot(counts, flat, color=color, label="paper: about 4 Mbit/s", **PAPER_STYLE)
     axes.set_ylabel("received at the consumer's interface (Mbit/s)")
     axes.set_title("network", fontsize=9)
     axes.legend(fontsize=8)
 
 
-def _draw_cost_model(axes: Axes, fit: CostModel) -> None:
-    """Draw the fitted terms of Eq. 2 and 3 with their intervals, and the fit's residual."""
-    terms = {"$c_{net}$": fit.net, "$c_{dec}$": fit.dec, "$c_{ipc}$": fit.ipc}
-    values = [e.value for e in terms.values()]
-    errors = np.array([(e.value - e.low, e.high - e.value) for e in terms.values()]).T.clip(min=0)
-    colors = [COLORS["network"], COLORS["standard"], COLORS["proxy"]]
+def _draw_cost_model(axes: Axes, fits: Mapping[str, CostModel]) -> None:
+    """Draw the fitted terms of Eq. 2 and 3 with their intervals; each way of handing on has its own c_ipc."""
+    fit = next(iter(fits.values()))
+    terms = {"$c_{net}$": (fit.net, COLORS["network"]), "$c_{dec}$": (fit.dec, COLORS["standard"])}
+    terms |= {f"$c_{{ipc}}$\n{WAYS[m]}": (one.ipc, STYLES[m]["color"]) for m, one in fits.items()}
+    estimates = [estimate for estimate, _ in terms.values()]
+    values = [e.value for e in estimates]
+    errors = np.array([(e.value - e.low, e.high - e.value) for e in estimates]).T.clip(min=0)
+    colors = [color for _, color in terms.values()]
     bars = axes.bar(list(terms), values, color=colors, width=0.6, yerr=errors, capsize=4)
     axes.bar_label(bars, labels=[f"{v:.2f}" for v in values], padding=6)
     axes.margins(y=0.15)
     axes.set_ylabel("% of one core")
-    axes.set_title(f"Eq. 2 and 3 fitted: {100 * fit.explained.value:.1f} % of the variance", fontsize=9)
+    lack = f"\nlack of fit: p = {fit.lack.p:.2g}" if fit.lack else ""
+    axes.set_title(f"Eq. 2 and 3 fitted: {100 * fit.explained.value:.1f} % of the variance{lack}", fontsize=9)
     axes.grid(visible=False, axis="x")
 
 
 @cache
-def _reference_terms() -> tuple[NDArray[np.float64], float]:
-    """Return the reference run's terms of Eq. 2 and 3, % of a core, and its stream's rate, Mbit/s."""
+def _reference_terms() -> tuple[dict[str, NDArray[np.float64]], float]:
+    """Return the reference run's terms of Eq. 2 and 3 by mode, % of a core, and its stream's rate, Mbit/s."""
     reference = exp.load(find_project().reference_logs / f"{exp.name}.mcap")
-    fit = cost_model(reference)
-    terms = np.array([fit.net.value, fit.dec.value, fit.ipc.value])
+    modes = modes_of(reference)
+    fits = {mode: cost_model(reference, way=mode if mode in WAYS else modes[1]) for mode in modes}
+    terms = {mode: np.array([fit.net.value, fit.dec.value, fit.ipc.value]) for mode, fit in fits.items()}
     return terms, stream_facts(reference).bitrate.value
 
 
@@ -149,10 +164,10 @@ def draw_equations(figure: Figure, run: Run[Config]) -> None:
     counts = np.arange(1, run.config.most + 1)
     copies = counts if run.config.multicast == "spdp" else np.ones_like(counts)
     cpu, net = figure.subplots(1, 2)
-    for mode in ("standard", "proxy"):
-        style: dict[str, Any] = {"color": COLORS[mode], "marker": MARKERS[mode], "label": LABELS[mode]}
-        style |= {"linewidth": 4.0} if mode == "standard" else {}  # where both are equal, both are seen
-        cpu.plot(counts, [np.dot(terms, design(mode, float(n))) for n in counts], **style)
+    for place, mode in enumerate(terms):
+        style: dict[str, Any] = {**STYLES[mode], "label": LABELS[mode]}
+        style |= {"linewidth": 5.5 - 2 * place}  # where they are equal, all are seen
+        cpu.plot(counts, [np.dot(terms[mode], design(mode, float(n))) for n in counts], **style)
         net.plot(counts, rate * (copies if mode == "standard" else np.ones_like(counts)), **style)
     cpu.set(ylabel="CPU of the consumer (% of a core)", title="Eq. 2 and 3")
     net.set(ylabel="received by the consumer (Mbit/s)", title=f"network, multicast: {run.config.multicast}")
@@ -162,6 +177,6 @@ def draw_equations(figure: Figure, run: Run[Config]) -> None:
     figure.suptitle("Computed, not measured: terms and bit rate of the reference run; Run all measures")
 
 
-def _twin(found: Slopes, fit: CostModel) -> dict[str, Any]:
+def _terms(fit: CostModel) -> dict[str, Any]:
     terms = {"c_net": fit.net, "c_dec": fit.dec, "c_ipc": fit.ipc}
-    return {**to_json(found), **terms, "explained": fit.explained, "residual": fit.residual}
+    return {**terms, "explained": fit.explained, "residual": fit.residual, "lack": fit.lack}

@@ -24,6 +24,8 @@ if TYPE_CHECKING:
     from sfglab.lab.testbed import Testbed
 
 MBIT = 1e6
+HANDED_ON = ("dds", "proxy")
+"""Modes in which one decoder hands pictures on: by DDS, the paper's way, and by shared memory, ours."""
 LOCAL_DOMAIN = 7
 
 
@@ -42,7 +44,9 @@ class Running(StreamProcesses):
         self._stage = stage
         self._decoder_pids: tuple[int, ...] = ()
         self._topic = stream_topic(stage.codec)
-        self._viewers = [f"viewer {i}" for i in range(max(stage.counts + stage.network_counts))]
+        self._viewers = [
+            f"viewer {i}" for i in range(max(stage.counts + stage.dds_counts + stage.network_counts))
+        ]
         super().__init__(config, testbed)
 
     async def settle(self) -> None:
@@ -67,7 +71,7 @@ class Running(StreamProcesses):
     def consumer_pids(self, mode: str) -> tuple[int, ...]:
         """Process ids that a mode needs on the consumer host."""
         viewers = tuple(self[name].pid for name in self._viewers)
-        return viewers + self._decoder_pids if mode == "proxy" else viewers
+        return viewers + self._decoder_pids if mode in HANDED_ON else viewers
 
     def first_members(self) -> list[Member]:
         """Return camera, decoder and viewers."""
@@ -98,7 +102,7 @@ class Running(StreamProcesses):
         started = time.monotonic()
         await self.ask("first", self._viewers[:count], timeout_s=FIRST_PICTURE_S, do="look", mode=mode)
         elapsed_s = time.monotonic() - started
-        if mode == "proxy":
+        if mode in HANDED_ON:
             await self.settle()
         return elapsed_s
 
