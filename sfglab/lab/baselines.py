@@ -108,6 +108,8 @@ def _draw(figure: Figure, rows: pd.DataFrame) -> None:
                 axes.plot([at] * len(values), values, linestyle="", markersize=4, alpha=0.6, **style)
                 axes.hlines(values.median(), at - 0.08, at + 0.08, color=style["color"], linewidth=2)
         axes.set_xticks(range(len(settings)), settings)
+        if len(settings) > 5:
+            axes.tick_params(axis="x", labelrotation=60, labelsize=8)
         axes.set(xlim=(-0.5, len(settings) - 0.5), ylim=(0, None))
         axes.set_title(quantity, fontsize=9)
     figure.legend(*figure.axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=len(kinds))

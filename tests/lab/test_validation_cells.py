@@ -122,7 +122,11 @@ def test_a_run_that_is_broken_off_goes_on_and_a_cell_that_fails_is_left_out(tmp_
                 write_all=lambda _table, rows: written.extend(rows),
                 metadata=lambda _name, values: written.append(values["failed"]),
             )
-            rows = lambda cell, _played, repeat: {"number": list(cells).index(cell), "repeat": repeat}  # noqa: E731
+
+            async def rows(hosts, cell, repeat):
+                await hosts.play(cells[cell], seed=repeat)
+                return {"number": list(cells).index(cell), "repeat": repeat}
+
             asyncio.run(play_missing(bench, TABLE, cells, 2, rows))
 
     with pytest.raises(KeyboardInterrupt):

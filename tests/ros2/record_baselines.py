@@ -5,6 +5,10 @@ experiment's name only that is recorded, with fields of its configuration as ``n
 broken off goes on when the same is called again. Every cell of the validation, half an hour:
 
     python tests/ros2/record_baselines.py quick transmission validation_repeats=1 validation_s=8
+
+Whole rounds of `cooperation` once, in both modes, twenty minutes:
+
+    python tests/ros2/record_baselines.py quick cooperation ros2_s=120
 """
 
 import asyncio
@@ -12,7 +16,7 @@ import sys
 
 from sfglab.lab.baselines import PART, compared
 from sfglab.lab.bench import Options
-from sfglab.lab.experiments import experiment, transmission
+from sfglab.lab.experiments import cooperation, experiment, transmission
 from sfglab.lab.notebooks import read_parameters
 from sfglab.lab.paths import find_project
 
@@ -26,6 +30,7 @@ async def record(profile="quick", name="", *changes):
         path.unlink(missing_ok=True)
         run = await exp.run(profile, path=path, options=PARTS, **read_parameters(changes))
         found = transmission.validation.validated(run) if exp is transmission.exp else compared(exp, run)
+        found = run[PART] if exp is cooperation.exp else found
         sys.stdout.write(f"{path.name}\n{run.skipped(PART)}\n{found.to_string()}\n")
         path.rename(project.reference_logs / path.name)  # a run reads its log when it is asked
 

@@ -3,6 +3,7 @@
 Orders come as JSON lines, each names a method of `Peer` as ``do``; reports go out as JSON lines. Messages
 travel as CDR in hexadecimal digits. As a host's part of scenarios of the reliability model it takes the orders
 of `sfglab.lab.workers.flowplay`, and knows samples by their values, as source time stamps are Fast DDS's own.
+In `Peer.drive` samples carry values beside their numbers, and what is new to a reader is reported at once.
 With ``crowd`` behind its name it has no node of its own, only those of `Peer.start`. Runs in ROS 2's own
 interpreter, from Python 3.10 on, and imports nothing of sfglab.
 """
@@ -12,6 +13,7 @@ from __future__ import annotations
 import importlib
 import json
 import os
+import re
 import sys
 import threading
 import time
@@ -64,8 +66,13 @@ _MISSED_NS = 50_000_000
 """How late a tick is missed: who waited does not make up for it, as a timer does not (rcl/timer.c)."""
 
 
-def sample_of(value: int, size_bytes: int) -> bytes:
-    """Return the CDR of a text of a size that carries a value's number."""
+def topic_of(flow: str) -> str:
+    """Return the topic of a flow; no part of one begins with a digit."""
+    return re.sub(r"/(?=\d)", "/_", flow)
+
+
+def sample_of(value: int | str, size_bytes: int) -> bytes:
+    """Return the CDR of a text of a size that carries a value's number, or ``number:value``."""
     letters = size_bytes - 9
     text = f"{value:>{letters}}".encode()
     return b"\x00\x01\x00\x00" + (letters + 1).to_bytes(4, "little") + text + b"\x00"
@@ -90,6 +97,9 @@ class Peer:
         self.received: dict[str, list[tuple[int, int]]] = {}
         self.written: dict[str, list[tuple[int, int]]] = {}
         self.free_ns: Counter[str] = Counter()
+        self.carried: dict[str, int] = {}
+        self.last: dict[str, int | None] = {}
+        self.halted = threading.Event()
         self.seed = 0
         self.warm = False
         self.counts: Counter[str] = Counter()
@@ -232,12 +242,12 @@ class Peer:
             depth = None if sends else flow["reader_depth"]
             profile = QoSProfile(depth=depth or flow["qos"]["depth"])
             if sends:
-                self.publishers[name] = self.node.create_publisher(kind, name, profile)
+                self.publishers[name] = self.node.create_publisher(kind, topic_of(name), profile)
             else:
-                heard = self.hearing(name)
-                self.kept.append(self.node.create_subscription(kind, name, heard, profile, raw=True))
+                topic, heard = topic_of(name), self.hearing(name)
+                self.kept.append(self.node.create_subscription(kind, topic, heard, profile, raw=True))
         counts = self.node.count_publishers, self.node.count_subscribers
-        while not all(count(name) for name in self.flows for count in counts):
+        while not all(count(topic_of(name)) for name in self.flows for count in counts):
             time.sleep(0.01)
         while not all(publisher.get_subscription_count() for publisher in self.publishers.values()):
             time.sleep(0.01)
@@ -255,12 +265,17 @@ class Peer:
         executor, then, cost_ns = flow["executor"] or name, flow["then"], round(flow["service_s"] * 1e9)
 
         def heard(cdr: bytes) -> None:
-            now_ns, value = time.time_ns(), int(cdr[8 : 7 + int.from_bytes(cdr[4:8], "little")])
-            if value <= 0:
+            now_ns, text = time.time_ns(), cdr[8 : 7 + int.from_bytes(cdr[4:8], "little")]
+            number, _, carried = text.partition(b":")
+            if (value := int(number)) <= 0:
                 return
             done_ns = self.free_ns[executor] = max(self.free_ns[executor], now_ns) + cost_ns
             received.append((value, done_ns))
+            if carried and self.last.get(name) != int(carried):
+                self.last[name] = int(carried)
+                report("heard", flow=name, value=int(carried), done_ns=done_ns)
             if then:
+                self.carried |= {then: int(carried)} if carried else {}
                 time.sleep(max(0, done_ns - time.time_ns()) / 1e9)
                 self.send(then, value)
 
@@ -268,8 +283,22 @@ class Peer:
 
     def send(self, name: str, value: int) -> None:
         """Publish a sample of a flow."""
+        carried = self.last[name] = self.carried.get(name)
+        text = value if carried is None else f"{value}:{carried}"
         self.written[name].append((time.time_ns(), value))
-        self.publishers[name].publish(sample_of(value, self.flows[name]["size_bytes"]))
+        self.publishers[name].publish(sample_of(text, self.flows[name]["size_bytes"]))
+
+    def drive(self, **order: Any) -> None:
+        """Do as `play`, until `halt`; flows carry what `carry` says, but what a local cache holds back."""
+        threading.Thread(target=self.obey, args=({"do": "play", **order},)).start()
+
+    def carry(self, flow: str, value: int) -> None:
+        """Let a flow carry a value from now on."""
+        self.carried[flow] = value
+
+    def halt(self) -> None:
+        """End what `drive` began."""
+        self.halted.set()
 
     def agenda(self, name: str, start_ns: int, last_ns: int) -> list[int]:
         """Return when a flow's sensor is read, without what its local cache holds back as nothing changed."""
@@ -290,7 +319,8 @@ class Peer:
         last_ns, agenda, held = start_ns + round(duration_s * 1e9), [], 0
         for name in self.publishers:
             dues = self.agenda(name, start_ns, last_ns)
-            held += round(duration_s * self.flows[name]["rate_hz"]) - len(dues)
+            if self.flows[name]["change_s"]:
+                held += round(duration_s * self.flows[name]["rate_hz"]) - len(dues)
             agenda += [(due_ns, value, name) for value, due_ns in enumerate(dues, 1)]
         due = len(agenda)
         # Who only hears looks at the time instead: how late shows whether it could hear in time.
@@ -299,14 +329,18 @@ class Peer:
         for due_ns, value, name in sorted(agenda):
             time.sleep(max(0, due_ns - time.time_ns()) / 1e9)
             late_ns.append(time.time_ns() - due_ns)
-            if time.time_ns() > last_ns + _SPARE_NS:
+            if self.halted.is_set() or time.time_ns() > last_ns + _SPARE_NS:
                 break
-            if name and late_ns[-1] < _MISSED_NS:
+            unchanged = self.carried.get(name, -1) == self.last.get(name)
+            if unchanged and self.flows[name]["cached"]:
+                held, due = held + 1, due - 1
+            elif name and late_ns[-1] < _MISSED_NS:
                 self.send(name, value)
                 due -= 1
-        time.sleep(max(0, last_ns + round(drain_s * 1e9) - time.time_ns()) / 1e9)
+        self.halted.wait(max(0, last_ns + round(drain_s * 1e9) - time.time_ns()) / 1e9)
+        received = {name: rows.copy() for name, rows in self.received.items()}  # which grow when it was halted
         tables = {"written sent_ns": (self.written, 0), "written value": (self.written, 1)}
-        tables |= {"received value": (self.received, 0), "received done_ns": (self.received, 1)}
+        tables |= {"received value": (received, 0), "received done_ns": (received, 1)}
         arrays: dict[str, Any] = {
             f"{name} {column}": np.array([row[place] for row in rows], np.int64)
             for column, (of_flows, place) in tables.items()
@@ -323,7 +357,8 @@ class Peer:
         for subscription in self.kept:
             self.node.destroy_subscription(subscription)
         self.publishers, self.kept, self.received, self.written = {}, [], {}, {}
-        self.free_ns.clear()
+        for kept in (self.free_ns, self.carried, self.last, self.halted):
+            kept.clear()
         report("closed")
 
     def start(self, fleet: list[str], talkers: int, listeners: int, *, composed: bool) -> None:

@@ -87,6 +87,8 @@ class Config(Profiled):
     #: its depth.
     contrast_seeds: int = 2
     live_s: float = 90.0  #: How long the live robots drive, seconds; 0: none is run.
+    ros2_s: float = 15.0  #: How long they drive on real Fast DDS, in each cell; the first corner comes before.
+    ros2_repeats: int = 1  #: How often each of these cells is driven; 0: not.
     seed: int = 0  #: The first seed.
 
 
@@ -94,8 +96,8 @@ exp = Experiment(
     "cooperation",
     Config,
     where="B 3.2",
-    smoke={"rates_hz": (100,), "seeds": 1, "contrast_seeds": 0, "live_s": 0.0},
-    paper={"seeds": 120, "contrast_seeds": 30},
+    smoke={"rates_hz": (100,), "seeds": 1, "contrast_seeds": 0, "live_s": 0.0, "ros2_repeats": 0},
+    paper={"seeds": 120, "contrast_seeds": 30, "ros2_s": LIMIT_S, "ros2_repeats": 5},
     actors=(
         *(Actor(robot, host=robot, does="sensing and actuation nodes, its physics") for robot in ROBOTS),
         Actor("station", host="station", does="localisation and planning"),
@@ -298,9 +300,10 @@ class SimulatedRun:
         point: The point.
         seed: Of physics and medium.
         tracked: Name of the run whose `tracks` are kept, each turn of the LIDAR; empty: none.
+        carrier: What carries the messages as a `Session` does; None: one of the reliability model.
     """
 
-    def __init__(self, point: Point, seed: int, *, tracked: str = "") -> None:
+    def __init__(self, point: Point, seed: int, *, tracked: str = "", carrier: Any = None) -> None:
         self._point, self._seed = point, seed
         self._world = World(seed=seed)
         self._station = Station(len(ROBOTS))
@@ -316,7 +319,8 @@ class SimulatedRun:
         self._told = [_to_relay(r) if point.hop and r != _RELAY else command_flow(r) for r in ROBOTS]
         # Nodes that hear the same again do nothing.
         watched = (*self._beams, *self._commands)
-        self._session = Session(scenario_of(point, seed=seed), seed=seed, watched=watched, news_only=True)
+        scenario = scenario_of(point, seed=seed)
+        self._session = carrier or Session(scenario, seed=seed, watched=watched, news_only=True)
         self._tracked = tracked
         self.tracks: list[TrackRow] = []
         #: With each turn's tracks: ranges as the LIDARs measure them, and as the station has them, metres,
@@ -325,6 +329,10 @@ class SimulatedRun:
 
     def run(self, limit_s: float = LIMIT_S) -> CourseRow:
         """Drive until it ends, or is given up."""
+        return self.row(*self.drive(limit_s), self._session.outcome())
+
+    def drive(self, limit_s: float) -> tuple[Verdict, int]:
+        """Drive, and return how and when it ended, or was given up."""
         for flow in self._told:
             self._session.set_value(flow, STOP.number)
         steps, verdict = 0, None
@@ -342,7 +350,7 @@ class SimulatedRun:
                 limit_s=limit_s,
             )
         self._track(steps * STEP_NS / NS_PER_S)
-        return self._row(verdict, steps * STEP_NS)
+        return verdict, steps * STEP_NS
 
     def _scan(self, now_s: float) -> None:
         for robot, node in enumerate(self._sensing):
@@ -376,8 +384,9 @@ class SimulatedRun:
         believed = [localisation.ranges_m for localisation in self._station.localisations]
         self.beliefs.append(np.array([measured, believed]))
 
-    def _row(self, verdict: Verdict, now_ns: int) -> CourseRow:
-        outcome, (rate_hz, depth) = self._session.outcome(), rate_and_depth(self._point)
+    def row(self, verdict: Verdict, now_ns: int, outcome: Outcome) -> CourseRow:
+        """Return what a run was that ended so, and whose messages came to this."""
+        rate_hz, depth = rate_and_depth(self._point)
         published = sum(len(outcome.flows[flow].fate) for flow in self._beams)
         beams_ms, commands_ms = _latencies_ms(outcome, self._beams), _latencies_ms(outcome, self._commands)
         stale_s, stale_flow = _stalest(outcome, now_ns)

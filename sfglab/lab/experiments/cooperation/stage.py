@@ -2,22 +2,28 @@
 
 Drawn runs stand in the log as ROS messages too, which every MCAP viewer shows: topics are
 ``/<run>/<robot>/pose`` and ``/scan``, and the walls are markers; areas lie beside each other, as in figures.
-Live, robots' physics runs in real time beside their nodes; the cores decide.
+Live, robots' physics runs in real time beside their nodes; the cores decide. On real Fast DDS physics and cores
+run here, and what one hears of another was published by a ROS 2 node on its host and came to another's.
 """
 
 from __future__ import annotations
 
 import asyncio
+import heapq
 import math
+import time
 from contextlib import suppress
-from dataclasses import asdict
-from typing import TYPE_CHECKING, Any
+from dataclasses import asdict, replace
+from functools import partial
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from sfglab.arp.hallway import (
     AREAS,
     BEAMS_DEG,
+    LIMIT_S,
+    STEP_NS,
     End,
     Manoeuvre,
     Verdict,
@@ -28,7 +34,9 @@ from sfglab.arp.hallway import (
 from sfglab.arp.hallway.course import scan
 from sfglab.arp.robots import METHODS
 from sfglab.bus.address import BusAddress
+from sfglab.lab.baselines import PART, REAL, declare
 from sfglab.lab.experiments.cooperation.experiment import (
+    DEPTHS,
     OPTIMUM,
     ROBOTS,
     Config,
@@ -38,12 +46,18 @@ from sfglab.lab.experiments.cooperation.experiment import (
     TrackRow,
     exp,
     point_of,
+    points_of,
     rate_and_depth,
+    scenario_of,
 )
-from sfglab.lab.hosts import Network
+from sfglab.lab.experiments.transmission.ros2 import KEPT_HZ, slowed
+from sfglab.lab.experiments.transmission.validation import play_missing
+from sfglab.lab.hosts import HostsUnavailableError, Network
+from sfglab.lab.ros2 import RosMissingError
 from sfglab.lab.workers.hallway import STATION, HallwayConfig
 from sfglab.messages import default_message, message_type
-from sfglab.processes import Member, ProcessGroup
+from sfglab.processes import Member, ProcessFailedError, ProcessGroup
+from sfglab.rtps.session import Delivery
 from sfglab.spatial.poses import header_msg
 from sfglab.units import NS_PER_S
 
@@ -55,8 +69,10 @@ if TYPE_CHECKING:
     from sfglab.arp.hallway import Area
     from sfglab.component import Report
     from sfglab.lab.bench import Bench
+    from sfglab.lab.experiments.transmission.stage import LiveHosts
     from sfglab.lab.hosts import Host, RadioCounters
     from sfglab.record import LogWriter
+    from sfglab.rtps import Scenario
 
 
 # --- Runs that are drawn --------------------------------------------------------------------------------------
@@ -285,3 +301,134 @@ def _member(host: Host, point: Point, seed: int) -> Member:
         seed=seed,
     )
     return Member(name=host.name, host=host.name, module="sfglab.lab.workers.hallway", config=config)
+
+
+# --- On real Fast DDS -----------------------------------------------------------------------------------------
+
+declare(exp, "Rounds on real Fast DDS in its modes at Rmax = 100 Hz and a depth, and the same in the model")
+
+
+class RosCell(NamedTuple):
+    """A cell on real Fast DDS."""
+
+    preset: str  #: One of `MODES`.
+    slowed: float  #: By which factor rates, air, robots and nodes are slower; the 3 s of heartbeats are not.
+    point: Point  #: Which cell.
+
+    def scenario(self, seed: int, limit_s: float) -> Scenario:
+        """Return its topics for so many seconds of the robots' time."""
+        slow = slowed(scenario_of(self.point, seed=seed), self.slowed)
+        return replace(slow, duration_s=limit_s * self.slowed)
+
+
+def ros_cells(config: Config) -> list[RosCell]:
+    """Return the cells of a whole round; of less, which is to the first corner, those that B-COOP compares.
+
+    Python cannot publish every value: without local cache all is slowed, and one cell is run at both scales.
+    """
+    whole = config.ros2_s >= LIMIT_S
+    methods: Any = ("none", "LC", "OPT", "OPT+LC") if whole else ("none", "OPT+LC")
+    depths = DEPTHS if whole else DEPTHS[1:2]
+    points = points_of(replace(config, methods=methods, rates_hz=(KEPT_HZ,), depths=depths))
+    return [
+        RosCell(mode, pace, replace(point, vendor=mode))
+        for mode in (("fast_dds_sync", "fast_dds_async") if whole else ("fast_dds_async",))
+        for point in points
+        for pace in (1.0, 2.0)
+        if (pace == 2.0) == (point.method == "none") or (point.method, point.depth) == ("LC", DEPTHS[1])
+    ]
+
+
+@exp.part(
+    PART,
+    total=lambda config: len(ros_cells(config)) * config.ros2_repeats,
+    skips=(HostsUnavailableError, RosMissingError),
+    timed=False,
+)
+async def drive_on_ros2(bench: Bench[Config]) -> None:
+    """Drive every cell on real Fast DDS and in the model; who did not keep its schedules only says so."""
+    limit_s = bench.config.ros2_s
+
+    async def rows(hosts: LiveHosts, cell: RosCell, repeat: int) -> tuple[dict[str, Any], ...]:
+        seed, mode = bench.config.seed + repeat, cell.preset.removeprefix("fast_dds_")
+        live, kept_up = await drive_cell(hosts, cell, seed, limit_s)
+        model = SimulatedRun(cell.point, seed).run(limit_s)
+        found = [(REAL, "schedules kept", float(kept_up))]
+        for kind, row in ((REAL, live), ("model", model)) if kept_up else ():
+            found.append((kind, "rounds that the slowest robot came", row.wound))
+            found.append((kind, "longest time out of date (s)", row.stale_s))
+        depth, pace = f", {cell.point.depth}" * bool(cell.point.depth), ", slowed" * (cell.slowed > 1)
+        same = {"setting": f"{cell.point.method}{depth}{pace}", "repeat": repeat}
+        return tuple(
+            same | {"quantity": what, "kind": f"{kind}, {mode}", "value": value} for kind, what, value in found
+        )
+
+    cells = {cell: cell.scenario(0, limit_s) for cell in ros_cells(bench.config)}
+    await play_missing(bench, PART, cells, bench.config.ros2_repeats, rows)
+
+
+async def drive_cell(hosts: LiveHosts, cell: RosCell, seed: int, limit_s: float) -> tuple[CourseRow, bool]:
+    """Drive a round on ROS 2 nodes; return it, in real time but for `stale_s`, and whether all were in time.
+
+    Raises:
+        ProcessFailedError: A node failed or was silent.
+        HostsError: The hosts are gone.
+    """
+    scenario, ended = cell.scenario(seed, limit_s), list[Any]()
+
+    async def drive(group: ProcessGroup, start_ns: int) -> None:
+        carrier = RosCarrier(group, scenario, start_ns, cell.slowed)
+        run = SimulatedRun(cell.point, seed, carrier=carrier)
+        try:
+            ended.extend((carrier, run, *await asyncio.to_thread(run.drive, limit_s)))
+        finally:
+            carrier.over = True
+
+    played = await hosts.play(scenario, seed=seed, drive=drive)
+    carrier, run, verdict, now_ns = ended
+    row: CourseRow = run.row(verdict, round(now_ns * cell.slowed), played.outcome)
+    kept_up = played.kept_up and bool(np.percentile(carrier.late_ns, 95) <= STEP_NS)
+    return replace(row, stale_s=row.stale_s / cell.slowed), kept_up
+
+
+class RosCarrier:
+    """What carries a round in real time, in a thread of its own: ROS 2 nodes are told values, and tell them."""
+
+    def __init__(self, group: ProcessGroup, scenario: Scenario, start_ns: int, slowed: float) -> None:
+        self.late_ns = [0]  #: How late what had arrived was in a core's hands, in the robots' time.
+        self.over = False  #: Whether nobody wants it any more.
+        self._group, self._loop = group, asyncio.get_running_loop()
+        self._start_ns, self._slowed = start_ns, slowed
+        self._sources = {flow.name: flow.source for flow in scenario.flows}
+        self._told: dict[str, int] = {}
+        self._due: list[tuple[int, str, int]] = []
+        for name in group:
+            group[name].on_report = self._take
+
+    def _take(self, report: Report) -> None:
+        if report["is"] == "heard":
+            heapq.heappush(self._due, (self._time(report["done_ns"]), report["flow"], report["value"]))
+
+    def _time(self, real_ns: int) -> int:
+        return round((real_ns - self._start_ns) / self._slowed)
+
+    def set_value(self, flow: str, value: int) -> None:
+        """Tell a flow's node what it carries from now on."""
+        if self._told.get(flow) != value:
+            self._told[flow] = value
+            order = partial(self._group.order, [self._sources[flow]], do="carry", flow=flow, value=value)
+            self._loop.call_soon_threadsafe(order)
+
+    def advance(self, until_ns: int) -> Delivery | None:
+        """Wait for the next value that is new to its reader, or until a time."""
+        while not self.over:
+            self._group.check()
+            now_ns = self._time(time.time_ns())
+            if self._due and self._due[0][0] <= min(now_ns, until_ns):
+                done_ns, flow, value = heapq.heappop(self._due)
+                self.late_ns.append(now_ns - done_ns)
+                return Delivery(flow, value, published_ns=0, now_ns=done_ns, repeated=False)
+            if now_ns >= until_ns:
+                return None
+            time.sleep(1e-3)
+        raise ProcessFailedError("the round is broken off")

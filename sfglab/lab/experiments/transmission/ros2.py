@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from sfglab.lab.bench import Bench
-    from sfglab.lab.experiments.transmission.stage import Played
+    from sfglab.lab.experiments.transmission.stage import LiveHosts
 
 KEPT_HZ = 100
 """Rmax that nodes of Python keep."""
@@ -51,18 +51,23 @@ class RosCell:
 
     def scenario(self, seed: int) -> Scenario:
         """Return what is played."""
-        given, factor = scenario_of(self.point, seed=seed, vendor=PRESETS[self.preset]), self.slowed
-        flows = (
-            replace(
-                flow,
-                rate_hz=flow.rate_hz / factor,
-                **{name: factor * getattr(flow, name) for name in ("phase_s", "service_s", "change_s")},
-            )
-            for flow in given.flows
+        given = scenario_of(self.point, seed=seed, vendor=PRESETS[self.preset])
+        return replace(slowed(given, self.slowed), drain_s=DRAIN_S)
+
+
+def slowed(scenario: Scenario, factor: float) -> Scenario:
+    """Return a scenario of which flows and air are slower by a factor; how long it takes stays."""
+    flows = (
+        replace(
+            flow,
+            rate_hz=flow.rate_hz / factor,
+            **{name: factor * getattr(flow, name) for name in ("phase_s", "service_s", "change_s")},
         )
-        medium = given.medium
-        slow = replace(medium, rate_bps=medium.rate_bps / factor, overhead_s=medium.overhead_s * factor)
-        return replace(given, flows=tuple(flows), medium=slow, drain_s=DRAIN_S)
+        for flow in scenario.flows
+    )
+    medium = scenario.medium
+    slow = replace(medium, rate_bps=medium.rate_bps / factor, overhead_s=medium.overhead_s * factor)
+    return replace(scenario, flows=tuple(flows), medium=slow)
 
 
 @exp.table(PART)
@@ -104,7 +109,8 @@ async def play_on_ros2(bench: Bench[Config]) -> None:
     """Play the cells on real Fast DDS, each beside the model."""
     config = bench.config
 
-    def rows(cell: RosCell, played: Played, repeat: int) -> tuple[dict[str, Any], ...]:
+    async def rows(hosts: LiveHosts, cell: RosCell, repeat: int) -> tuple[dict[str, Any], ...]:
+        played = await hosts.play(cells[cell], seed=config.seed + repeat)
         models = [run(played.scenario, seed=seed) for seed in seeded(config, MODEL_SEEDS)]
         own = {"preset": cell.preset, "slowed": cell.slowed, "repeat": repeat}
         compared: list[Any] = compare(cell.point, played, models)

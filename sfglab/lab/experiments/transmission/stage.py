@@ -46,7 +46,7 @@ from sfglab.rtps.model import data_bytes
 from sfglab.units import BITS_PER_BYTE, NS_PER_S
 
 if TYPE_CHECKING:
-    from collections.abc import AsyncIterator, Sequence
+    from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
 
     from numpy.typing import NDArray
 
@@ -56,6 +56,7 @@ if TYPE_CHECKING:
     from sfglab.rtps import Scenario
 
     Arrays = dict[str, NDArray[np.int64]]
+    Drive = Callable[[ProcessGroup, int], Awaitable[None]]  # of the hosts' processes, and when time begins, ns
 
 
 _MODULE = "sfglab.lab.workers.flowplay"
@@ -152,8 +153,8 @@ class Played:
     #: alone on a calm medium.
     delay_s: float
     #: As the model's; a sample that never came has the fate UNDERWAY, as nobody saw why. Counts are those that
-    #: can be seen: ``lost``, ``queue_full``, ``bytes``, ``airtime_ns``, ``held``, ``compared``, and ``missed``
-    #: for what was due while a process of rclpy was not let run.
+    #: can be seen: ``lost``, ``queue_full``, ``bytes``, ``airtime_ns``, ``processed``, ``held``,
+    #: ``compared``, and ``missed`` for what was due while a process of rclpy was not let run.
     outcome: Outcome
     radio: RadioCounters  #: The medium's own counters.
     late_p95_s: float  #: How late a host's process published, 95th percentile, of the latest host, seconds.
@@ -208,21 +209,22 @@ class LiveHosts:
         self._group = group
         self._delay_s: float | None = None
 
-    async def play(self, scenario: Scenario, *, seed: int) -> Played:
+    async def play(self, scenario: Scenario, *, seed: int, drive: Drive | None = None) -> Played:
         """Play a scenario, in real time; before the first one, the hosts' own delay is measured.
 
-        The seed is that of losses and values; which frame meets which loss depends on the machine.
+        The seed is that of losses and values; which frame meets which loss depends on the machine. With a
+        `Drive`, only on real ROS 2, that says what flows carry, and it is over when that returns.
 
         Raises:
             ProcessFailedError: A process failed or was silent.
             HostsError: The hosts are gone.
         """
         if self._delay_s is None:
-            probe = await self._play(_probe(scenario), delay_s=0.0, seed=seed)
+            probe = await self._play(_probe(scenario), delay_s=0.0, seed=seed, drive=None)
             self._delay_s = _delay_s(probe)
-        return await self._play(scenario, delay_s=self._delay_s, seed=seed)
+        return await self._play(scenario, delay_s=self._delay_s, seed=seed, drive=drive)
 
-    async def _play(self, scenario: Scenario, *, delay_s: float, seed: int) -> Played:
+    async def _play(self, scenario: Scenario, *, delay_s: float, seed: int, drive: Drive | None) -> Played:
         if scenario.vendor.prompt:
             scenario = replace(scenario, drain_s=min(scenario.drain_s, LONGEST_DRAIN_S))
         for host in self._group:
@@ -231,7 +233,7 @@ class LiveHosts:
         await self._group.expect("matched", timeout_s=MATCH_S)
         await asyncio.sleep(SETTLE_S)  # the last acknowledgements of what was said about the endpoints
         self._network.set_radio(scenario.medium, seed=seed)
-        start_ns, arrays, reports = await self._run(scenario)
+        start_ns, arrays, reports = await self._run(scenario, drive)
         radio = self._network.radio_counters()
         self._network.set_radio(QUIET)
         await self._group.ask("closed", timeout_s=START_S, do="close")
@@ -245,14 +247,19 @@ class LiveHosts:
             refused=sum(report["refused"] for report in reports),
         )
 
-    async def _run(self, scenario: Scenario) -> tuple[int, dict[str, Arrays], list[Report]]:
+    async def _run(
+        self, scenario: Scenario, drive: Drive | None
+    ) -> tuple[int, dict[str, Arrays], list[Report]]:
         """Return when it started, and each host's arrays and report."""
         with tempfile.TemporaryDirectory(prefix="sfglab-live-") as folder:
             files = {host: Path(folder, f"{host}.npz") for host in self._group}
             times = {"duration_s": scenario.duration_s, "drain_s": scenario.drain_s}
-            start_ns = time.time_ns() + round(LEAD_S * NS_PER_S)
+            start_ns, do = time.time_ns() + round(LEAD_S * NS_PER_S), "drive" if drive else "play"
             for host, file in files.items():
-                self._group.order([host], do="play", start_ns=start_ns, result=os.fspath(file), **times)
+                self._group.order([host], do=do, start_ns=start_ns, result=os.fspath(file), **times)
+            if drive:
+                await drive(self._group, start_ns)
+                self._group.order(do="halt")
             reports = await self._group.expect("done", timeout_s=sum(times.values()) + SPARE_S)
             return start_ns, {host: _read(file) for host, file in files.items()}, list(reports.values())
 
@@ -295,6 +302,7 @@ def _outcome(
         "bytes": sum(host.bytes_ for host in radio.hosts.values()),
         "airtime_ns": round(sum(host.airtime_s for host in radio.hosts.values()) * NS_PER_S),
         **{name: sum(report.get(name, 0) for report in reports) for name in ("held", "compared", "missed")},
+        "processed": sum(int(flow.delivered.sum()) for flow in flows.values()),
     }
     return Outcome(flows=flows, counts=counts)
 

@@ -41,11 +41,11 @@ from sfglab.qos import QoSProfile
 from sfglab.rtps import PRESETS, Flow, Medium, Scenario, run
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Awaitable, Callable, Mapping
     from typing import Protocol
 
     from sfglab.lab.bench import Bench
-    from sfglab.lab.experiments.transmission.stage import Played, RosMode
+    from sfglab.lab.experiments.transmission.stage import LiveHosts, RosMode
 
     class Preset(Protocol):
         """What names its preset."""
@@ -143,7 +143,8 @@ async def validate(bench: Bench[Config]) -> None:
     """Play every cell, and beside it the model."""
     config = bench.config
 
-    def rows(cell: Cell, played: Played, repeat: int) -> dict[str, Any]:
+    async def rows(hosts: LiveHosts, cell: Cell, repeat: int) -> dict[str, Any]:
+        played = await hosts.play(cells[cell], seed=config.seed + repeat)
         models = [run(played.scenario, seed=seed) for seed in seeded(config, MODEL_SEEDS)]
         found = {"repeat": repeat, "kept_up": played.kept_up, **compared(played, models, "sensors")}
         return asdict(cell) | found
@@ -153,11 +154,11 @@ async def validate(bench: Bench[Config]) -> None:
 
 
 async def play_missing(
-    bench: Bench[Config],
+    bench: Bench[Any],
     table: str,
     cells: Mapping[C, Scenario],
     repeats: int,
-    rows: Callable[[C, Played, int], Any],
+    rows: Callable[[LiveHosts, C, int], Awaitable[Any]],
 ) -> None:
     """Play cells with the nodes of their presets, one at a time, and write a table of them.
 
@@ -169,7 +170,7 @@ async def play_missing(
         table: Where rows go.
         cells: What is played; a cell's ``preset`` is one of `MODES`.
         repeats: How often each is played.
-        rows: Gives a row, or a tuple of them, from a cell, what was played, and which repetition it was.
+        rows: Plays a cell for a repetition, and gives a row, or a tuple of them.
 
     Raises:
         HostsUnavailableError: This machine has no test hosts.
@@ -181,7 +182,8 @@ async def play_missing(
     jobs = [(number, repeat) for repeat in range(repeats) for number in range(len(todo))]
     failed: Counter[tuple[int, int]] = Counter()
     reasons: dict[str, str] = {}
-    path = bench.stack.enter_context(journals(bench.log.path, f"{exp.name}-{bench.config.profile}"))
+    whose = type(bench.config).__module__.split(".")[-2]
+    path = bench.stack.enter_context(journals(bench.log.path, f"{whose}-{bench.config.profile}"))
     with Journal(path(table), identity_of(play_missing, [bench.config, *todo])) as journal:
         while missing := [job for job in jobs if job not in journal.finished and failed[job] < _TRIES]:
             job, preset = missing[0], todo[missing[0][0]].preset
@@ -189,8 +191,8 @@ async def play_missing(
                 async with live_hosts(*hosts_of(cells[todo[job[0]]]), ros=MODES[preset]) as hosts:
                     for job in takewhile(lambda other: todo[other[0]].preset == preset, missing):  # noqa: B023
                         cell, repeat = todo[job[0]], job[1]
-                        played = await hosts.play(cells[cell], seed=bench.config.seed + repeat)
-                        journal.add(Finished(*job, text_from_result(rows(cell, played, repeat))))
+                        made = await rows(hosts, cell, repeat)
+                        journal.add(Finished(*job, text_from_result(made)))
                         bench.advance(f"{preset}, repetition {repeat}")
             except (ProcessFailedError, HostsError, TimeoutError) as error:
                 failed[job] += 1
