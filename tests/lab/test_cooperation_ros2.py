@@ -17,15 +17,9 @@ from sfglab.rtps import Medium
 def test_cells_are_few_in_quick_and_slowed_where_every_value_is_published():
     quick, paper = (ros_cells(cooperation.exp.config(profile)) for profile in ("quick", "paper"))
     assert sum(15 * cell.slowed for cell in quick) < 60
-    assert {(c.point.method, c.preset) for c in quick} == {
-        ("none", "fast_dds_async"),
-        ("OPT+LC", "fast_dds_async"),
-    }
+    assert [(c.point.method, c.preset[9:]) for c in quick] == [("none", "async"), ("OPT+LC", "async")]
     assert {c.preset for c in paper} == {"fast_dds_sync", "fast_dds_async"}
-    assert {(c.point.method, c.slowed) for c in paper} == {
-        ("none", 2), ("LC", 1), ("LC", 2), ("OPT", 1), ("OPT+LC", 1)
-    }  # fmt: skip
-    assert all(cell.slowed == 2 for cell in paper if cell.point.method == "none")
+    assert {f"{c.point.method} {c.slowed:g}" for c in paper} == {"none 2", "LC 1", "LC 2", "OPT 1", "OPT+LC 1"}
     assert max(flow.rate_hz for flow in quick[0].scenario(0, 15.0).flows) == 50
 
 
@@ -42,9 +36,8 @@ async def test_a_carrier_hands_over_what_is_due_and_nothing_earlier():
     cell = ros_cells(cooperation.exp.config("quick"))[0]
     carrier = RosCarrier(group, cell.scenario(0, 1.0), now_ns, 2.0)
     for flow, after_ms in (("late", 120), ("first", 20)):
-        group["station"].on_report(
-            {"is": "heard", "flow": flow, "value": 7, "done_ns": now_ns + after_ms * 1_000_000}
-        )
+        done_ns = now_ns + after_ms * 1_000_000
+        group["station"].on_report({"is": "heard", "flow": flow, "value": 7, "done_ns": done_ns})
     for value in (5, 5, 6):
         carrier.set_value("robot1/lidar/0", value)
     assert (carrier.advance(50_000_000).flow, carrier.advance(50_000_000)) == ("first", None)
@@ -66,8 +59,5 @@ async def test_robots_set_off_on_what_real_nodes_carry():
     lossless = cell._replace(point=replace(cell.point, medium=Medium(loss=0.0)))
     async with live_hosts(*ROBOTS, "station", ros=MODES[cell.preset]) as hosts:
         row, _ = await drive_cell(hosts, lossless, 0, 4.0)
-    assert row.end == "timeout"
     assert row.wound > 0.002, "all three were told to go"
-    assert row.beams_sent > 100
     assert row.held > 10
-    assert row.beams_lost < 0.5
