@@ -328,7 +328,11 @@ def fit_residual(run: Run[Config]) -> Finding:
     if way == PAPERS_WAY and "proxy" in modes_of(run):
         ours = cost_model(run)
         details["ours, by shared memory"] = f"c_ipc {ours.ipc}, residual {ours.residual}, lack {ours.lack}"
-    said = f"lack of fit {fit.lack}; " if fit.lack and fit.lack.p < 0.05 else ""
+    off = 100 * (means["error"] / means["fitted"]).groupby(means["subscribers"]).mean()
+    where = (
+        f"with the fewest subscribers loads are {off.iloc[0]:+.1f} % off, with the most {off.iloc[-1]:+.1f} %"
+    )
+    said = f"lack of fit {fit.lack}: {where}; " if fit.lack and fit.lack.p < 0.05 else ""
     if way != PAPERS_WAY:
         said = "the log has no cells of DDS, so this is shared memory's fit; " + said
     reason = (
