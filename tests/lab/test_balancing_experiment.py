@@ -80,7 +80,13 @@ def test_a_wrong_optimum_fails_its_checks():
     rows = list(balance_rows(exp.config("smoke", **SMALL)))
     assert all(check.held == check.checked for check in balance_checks(rows))
     wrong = [replace(row, depth=row.depth * 1.001) for row in rows]
-    assert [c.check for c in balance_checks(wrong) if c.held < c.checked] == ["OPT: D is the closed form's"]
+    found = [c.check for c in balance_checks(wrong) if c.held < c.checked]
+    assert found == [
+        "OPT: D is the closed form's",
+        "OPT: Eq. 5 holds with nothing to spare, and Dmin <= D <= Dmax",
+    ]
+    both = [replace(row, depth=row.depth / 2, depth_closed=row.depth_closed / 2) for row in rows]
+    assert [c.check for c in balance_checks(both) if c.held < c.checked] == found[1:], "Eq. 5 by itself"
 
 
 def test_a_run_fills_its_claims_and_gives_the_same_again(small_run):

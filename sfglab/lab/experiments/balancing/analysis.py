@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sfglab.arp.robots import SENSORS, object_bytes
-from sfglab.lab.checks import CheckRow, Mutated, check_row
+from sfglab.arp.robots import ROBOTS, SENSORS, cdr_bytes, object_bytes
+from sfglab.lab.checks import CheckRow, Mutated, check_row, facts_row
 from sfglab.lab.claims import Finding, How
 from sfglab.lab.experiment import Look
 from sfglab.lab.experiments.balancing.experiment import Config, cache_checks, exp, shown_of
@@ -40,13 +40,23 @@ def staleness(run: Run[Config]) -> pd.DataFrame:
     return run["stale"].groupby(["qos", "silence_s"])[columns].mean().reset_index()
 
 
-TABLE_1_BYTES = {
-    **dict.fromkeys(("lidar", "dht11", "imu", "ultrasonic"), 24),
-    "flame": 28,
-    "light": 54,
-    "pir": 59,
+@derived
+def assumed(run: Run[Config]) -> pd.DataFrame:
+    """Return the optimum by Rmin and Dmin, a line each, for the first topics and the lowest Rmax of a run."""
+    balance = run["balance"]
+    balance = balance.assign(depth_min=balance.get("depth_min", 1.0))  # older runs have one
+    first = balance[["topics", "weight"]].iloc[0]
+    same = (balance[["topics", "weight"]] == first).all(axis=1)
+    return balance[same & (balance["rate_max_hz"] == balance["rate_max_hz"].min())]
+
+
+TABLE_1 = {
+    **dict.fromkeys(("lidar", "dht11", "imu", "ultrasonic"), ("std_msgs/msg/Float32", 24)),
+    "flame": ("std_msgs/msg/Bool", 28),
+    "light": ("std_msgs/msg/String", 54),
+    "pir": ("std_msgs/msg/String", 59),
 }
-"""The paper's table, from its text alone."""
+"""The paper's table, from its text alone: what each message is, and its size in bytes."""
 
 
 def _few(prefix: str) -> Iterator[CheckRow]:
@@ -54,12 +64,28 @@ def _few(prefix: str) -> Iterator[CheckRow]:
 
 
 def _sizes() -> Iterator[CheckRow]:
-    cases = [(name, name in SENSORS and object_bytes(SENSORS[name]) == n) for name, n in TABLE_1_BYTES.items()]
+    """Yield whether sensors, methods and options are the paper's, as its text has them."""
+    said = {name: ((s.type, s.table_bytes), (s.type, object_bytes(s))) for name, s in SENSORS.items()}
+    sizes = [(name, said.get(name) == (row, row)) for name, row in TABLE_1.items()]
+    yield check_row("types and sizes are Table 1's", [*sizes, ("no other", said.keys() == TABLE_1.keys())])
+    # CDR: header, then a number, a byte, or length and text with its end, in whole words.
+    wire = {name: 12 + len(str(s.example)) if s.type == _TEXT else 8 for name, s in SENSORS.items()}
     yield check_row(
-        "sizes are Table 1's", [*cases, ("no other sensor", SENSORS.keys() == TABLE_1_BYTES.keys())]
+        "CDR", [(n, cdr_bytes(s) == (wire[n] - 3 * (s.type == _TEXT) + 3) // 4 * 4) for n, s in SENSORS.items()]
     )
+    shared = {"flame", "pir", "dht11", "light"}
+    robots = {
+        "robot1": shared | {"lidar", "imu"},
+        **dict.fromkeys(("robot2", "robot3"), shared | {"ultrasonic"}),
+    }
+    facts = {
+        "robots have section 3.1's sensors": {name: set(sensors) for name, sensors in ROBOTS.items()} == robots,
+        "and each once": all(len(set(sensors)) == len(sensors) for sensors in ROBOTS.values()),
+    }
+    yield facts_row("robots", facts)
 
 
+_TEXT = "std_msgs/msg/String"
 _CACHES, _EQUATIONS, _TABLE = ("sfglab.arp.cache",), ("sfglab.arp.balancing",), ("sfglab.arp.robots",)
 
 
@@ -89,6 +115,11 @@ def optimum(run: Run[Config]) -> Finding:
         "problems": str(len(balance)),
         "without a solution": str(int((~balance["solvable"]).sum())),
         "largest relative difference of D": f"{worst:.1e}",
+        "R and D by what the paper leaves open": "; ".join(
+            f"Rmin {row.rate_min_hz:g} Hz, Dmin {row.depth_min:g}: "
+            + (f"{row.rate_hz:.1f} Hz, {row.depth:.0f}" if row.solvable else "none")
+            for row in assumed(run).itertuples()
+        ),
     }
     return _checked(run, "OPT", details)
 
@@ -102,10 +133,13 @@ def table_one(run: Run[Config]) -> Finding:
         "paper's bytes / CDR on the wire": sizes,
         "what the paper's bytes are": "the size of the value as a Python object",
     }
-    found = dict(zip(table["sensor"], table["object_bytes"], strict=True))
-    names = found.keys() | TABLE_1_BYTES.keys()
-    share = sum(found.get(name) == TABLE_1_BYTES.get(name) for name in names) / len(names)
-    return Finding(estimate=exactly(share, "share of messages that match"), details=details)
+    found = {r.sensor: ((r.type, r.table_bytes), (r.type, r.object_bytes)) for r in table.itertuples()}
+    names = found.keys() | TABLE_1.keys()
+    wrong = [name for name in names if name not in TABLE_1 or found.get(name) != (TABLE_1[name],) * 2]
+    share = exactly(1 - len(wrong) / len(names), "share of messages that match")
+    return Finding(
+        estimate=share, details=details, reason=f"not as printed: {', '.join(wrong)}" if wrong else ""
+    )
 
 
 def _checked(run: Run[Config], prefix: str, details: dict[str, str]) -> Finding:
@@ -120,7 +154,11 @@ def _cache_details(run: Run[Config], column: str, what: str) -> dict[str, str]:
     by_rate = cache.groupby("rate_hz")[["offered", column]].sum()
     shares = 1 - by_rate[column] / by_rate["offered"]
     text = ", ".join(f"{share:.0%} at {rate} Hz" for rate, share in shares.items())
-    return {f"fewer {what}": text, "readings": str(int(cache["offered"].sum()))}
+    recorded = {
+        f"of what was {row.sensor}, fewer {what}": f"{1 - getattr(row, column) / row.offered:.0%}"
+        for row in run["recorded"].query("silence_s == 0").itertuples()
+    }
+    return {f"fewer {what}": text, "readings": str(int(cache["offered"].sum())), **recorded}
 
 
 _SHADES = ("third", "proxy", "fourth", "standard")
@@ -287,6 +325,8 @@ def _draw_optimum(axes: Axes, balance: pd.DataFrame) -> None:
     rates_min = set(balance["rate_min_hz"])
     shown = 1.0 if 1.0 in rates_min else min(rates_min)
     balance = balance[(balance["weight"] == 0.5) & (balance["rate_min_hz"] == shown)]
+    if "depth_min" in balance:  # older runs have one
+        balance = balance[balance["depth_min"] == balance["depth_min"].min()]
     colors = [*COLORS.values(), "black"]
     for (topics, group), color in zip(balance.groupby("topics", sort=False), colors, strict=False):
         label = f"{mean_topics(str(topics)):.3g} topics"

@@ -7,7 +7,7 @@ over a link with losses, best effort and reliable, and with several longest sile
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
@@ -43,8 +43,9 @@ class Config(Profiled):
     loss: float = between(0.2, 0.0, 0.9)  #: Share of frames that these links lose.
     #: Values of T_avg, as topics of one agent, for which Eq. 6 is solved.
     topics: tuple[tuple[int, ...], ...] = ((6, 5, 5), (7, 6, 6), (8, 5, 5), (8, 6, 6), (9, 9, 9), (10,))
-    #: Values of Rmin for which it is solved.
+    #: Values of Rmin for which it is solved; the paper states none.
     rates_min_hz: tuple[float, ...] = between((0.5, 1.0, 10.0), 0.1, 100.0, log=True)
+    depths_min: tuple[float, ...] = (1.0, 10.0, 100.0)  #: Values of Dmin for which it is solved; nor of this.
     topic_file: str = "qos/paper_b.yaml"  #: Topics that our own problem is solved for, in the data folder.
     weights: int = between(25, 2, 100)  #: Points of the Pareto front of our own problem.
     seed: int = 0  #: Seed of everything that is drawn.
@@ -129,15 +130,32 @@ def readings(sensor: Sensor, *, rate_hz: float, duration_s: float, rng: np.rando
     return [float(np.float32(sensor.example + steps[n] * _GRAIN[sensor.name])) for n in number]
 
 
+RECORDED = tuple(replace(SENSORS[n], name=f"recorded {n}", change_s=0.0) for n in ("lidar", "pir"))
+"""Sensors that say what was recorded, in place of what is drawn, in messages of Table 1."""
+
+
+def recorded(sensor: Sensor) -> list[Any]:
+    """Return recorded readings: ``membrane.dat``, an electrode's 12,000 samples that come with matplotlib.
+
+    Two in five repeat the one before: its converter has few steps. Texts say whether it is above the mean.
+    """
+    from matplotlib.cbook import get_sample_data
+
+    samples = np.fromfile(get_sample_data("membrane.dat", asfileobj=False), np.float32)
+    if isinstance(sensor.example, str):
+        return [_STATES["pir"][int(high)] for high in samples > samples.mean()]
+    return [float(sample) for sample in samples]
+
+
 # --- The caches -----------------------------------------------------------------------------------------------
 
 SILENCE_S = 1.0
 
 
-@exp.table("cache")
+@exp.table("cache", "recorded")
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CacheRow:
-    """What local cache and cache control did with one sensor's readings."""
+    """What local cache and cache control did with one sensor's readings, drawn (``cache``) or recorded."""
 
     sensor: str  #: The sensor.
     rate_hz: int  #: At which it was read.
@@ -166,7 +184,7 @@ class Passage:
     known: list[Any]  #: What planning works with after each reading, both caches in use.
 
 
-@exp.part("caches", total=len(SENSORS), timed=False)
+@exp.part("caches", total=len(SENSORS) + len(RECORDED), timed=False)
 def run_caches(bench: Bench[Config]) -> None:
     """Run every sensor at every rate, without and with a longest silence, and check on the way."""
     bench.write_all("check", cache_checks(bench.config, bench.write, bench.advance))
@@ -178,21 +196,37 @@ def cache_checks(
     advance: Callable[[str], None] = lambda _: None,
 ) -> Iterator[CheckRow]:
     """Yield how often each property of the caches held; rows of what passed are written on the way."""
-    rng = np.random.default_rng(config.seed)
     cases: dict[str, list[Case]] = {}
+    least_hz = min(config.rates_hz)
+    for table, sensor, rate_hz, values in _what_is_read(config):
+        checked: list[tuple[str, object]] = []
+        for silence_s in (0.0, SILENCE_S):
+            passage = pass_through(sensor, values, rate_hz=rate_hz, silence_s=silence_s)
+            write(table, _cache_row(sensor, passage, rate_hz, silence_s))
+            checked += _checks(passage, rate_hz, silence_s)
+        checked.append(_check_compiled(passage, rate_hz))
+        if rate_hz == least_hz:
+            checked += _check_lossy(values, rate_hz, config.loss)
+            advance(sensor.name)
+        for check, held in checked:
+            cases.setdefault(check, []).append((f"{sensor.name} at {rate_hz} Hz", bool(held)))
+    yield from (check_row(check, tried) for check, tried in cases.items())
+
+
+def _what_is_read(config: Config) -> Iterator[tuple[str, Sensor, int, list[Any]]]:
+    """Yield table, sensor, rate and readings: each sensor at every rate, the recorded ones at the lowest."""
+    rng = np.random.default_rng(config.seed)
     for sensor in SENSORS.values():
         for rate_hz in config.rates_hz:
-            values = readings(sensor, rate_hz=rate_hz, duration_s=config.readings_s, rng=rng)
-            checked: list[tuple[str, object]] = []
-            for silence_s in (0.0, SILENCE_S):
-                passage = pass_through(sensor, values, rate_hz=rate_hz, silence_s=silence_s)
-                write("cache", _cache_row(sensor, passage, rate_hz, silence_s))
-                checked += _checks(passage, rate_hz, silence_s)
-            checked.append(_check_compiled(passage, rate_hz))
-            for check, held in checked:
-                cases.setdefault(check, []).append((f"{sensor.name} at {rate_hz} Hz", bool(held)))
-        advance(sensor.name)
-    yield from (check_row(check, tried) for check, tried in cases.items())
+            yield (
+                "cache",
+                sensor,
+                rate_hz,
+                readings(sensor, rate_hz=rate_hz, duration_s=config.readings_s, rng=rng),
+            )
+    rate_hz = min(config.rates_hz)
+    for sensor in RECORDED:
+        yield "recorded", sensor, rate_hz, recorded(sensor)[: int(rate_hz * config.readings_s)]
 
 
 def pass_through(sensor: Sensor, values: list[Any], *, rate_hz: float, silence_s: float) -> Passage:
@@ -240,24 +274,48 @@ def _checks(passage: Passage, rate_hz: float, silence_s: float) -> Iterator[tupl
 
 def _check_compiled(passage: Passage, rate_hz: float) -> tuple[str, bool]:
     """Give the same readings to the model's compiled local cache, on a link without losses."""
+    found = _played(passage.values, rate_hz, loss=0.0, cached=True, silence_s=SILENCE_S)
+    # When the model published, as numbers of readings.
+    passed = np.rint(found.published_ns * rate_hz / NS_PER_S).astype(int)
+    same = passed.tolist() == np.flatnonzero(passage.sent).tolist()
+    return "LC: the model's compiled cache lets the same readings pass", same
+
+
+def _check_lossy(values: list[Any], rate_hz: float, loss: float) -> Iterator[tuple[str, bool]]:
+    """Yield properties of the caches on a link that loses messages and repairs what is still in its history."""
+    numbered = [value for i, value in enumerate(values) if i == 0 or value != values[i - 1]]
+    for cache, cached in (("LC", True), ("CC", False)):
+        found = _played(values, rate_hz, loss=loss, cached=cached)
+        arrived = [numbered[n - 1] for n in found.value[found.delivered]]
+        control = CacheControl()
+        planned = [control.offer("a", value, now_ns=0).passes for value in arrived]
+        changed = [i == 0 or value != arrived[i - 1] for i, value in enumerate(arrived)]
+        yield (
+            f"{cache}: of what comes through losses planning gets the first and every change",
+            planned == changed,
+        )
+        yield f"{cache}: after losses planning ends with the sensor's value", control.current("a") == values[-1]
+
+
+def _played(
+    values: list[Any], rate_hz: float, *, loss: float, cached: bool, silence_s: float | None = None
+) -> FlowOutcome:
+    """Return what the model's reliable link makes of readings; its values are numbers of changes, from 1."""
     flow = Flow(
-        name="a", source="robot", target="station", rate_hz=rate_hz, cached=True, max_silence_s=SILENCE_S
+        name="a", source="robot", target="station", rate_hz=rate_hz, cached=cached, max_silence_s=silence_s
     )
-    duration_s = len(passage.values) / rate_hz
-    scenario = Scenario(flows=(flow,), medium=Medium(loss=0.0), duration_s=duration_s)
+    duration_s = len(values) / rate_hz
+    scenario = Scenario(flows=(flow,), medium=Medium(loss=loss), duration_s=duration_s)
     session = Session(scenario, seed=0, watched=())
     number, last = 0, object()
     period_ns = round(NS_PER_S / rate_hz)
-    for i, value in enumerate(passage.values):
+    for i, value in enumerate(values):
         number += value != last
         last = value
         session.set_value("a", number)
         session.advance((i + 1) * period_ns)
-    # When the model published, as numbers of readings.
-    session.advance((len(passage.values) + 1) * period_ns)
-    passed = np.rint(session.outcome().flows["a"].published_ns / period_ns).astype(int)
-    same = passed.tolist() == np.flatnonzero(passage.sent).tolist()
-    return "LC: the model's compiled cache lets the same readings pass", same
+    session.advance((len(values) + 1) * period_ns + (10 * NS_PER_S if loss else 0))
+    return session.outcome().flows["a"]
 
 
 def _cache_row(sensor: Sensor, passage: Passage, rate_hz: int, silence_s: float) -> CacheRow:

@@ -40,6 +40,7 @@ class BalanceRow:
     topics: str  #: Topics of each agent, as text.
     rate_max_hz: int  #: Rmax.
     rate_min_hz: float  #: Rmin.
+    depth_min: float  #: Dmin.
     weight: float  #: Share of R in the objective.
     solvable: bool  #: Whether CVXPY found an optimum.
     solvable_closed: bool  #: Whether the closed form did.
@@ -60,15 +61,18 @@ def solve_printed(bench: Bench[Config]) -> None:
 
 def balance_rows(config: Config) -> Iterator[BalanceRow]:
     """Yield every combination, solved."""
-    for case in product(config.topics, config.rates_hz, config.rates_min_hz, WEIGHTS):
-        topics, rate_max_hz, rate_min_hz, weight = case
-        given = BalanceInput(topics=topics, rate_max_hz=rate_max_hz, rate_min_hz=rate_min_hz)
+    for case in product(config.topics, config.rates_hz, config.rates_min_hz, config.depths_min, WEIGHTS):
+        topics, rate_max_hz, rate_min_hz, depth_min, weight = case
+        given = BalanceInput(
+            topics=topics, rate_max_hz=rate_max_hz, rate_min_hz=rate_min_hz, depth_min=depth_min
+        )
         solved, why = _attempt(partial(balance, given, weight=weight))
         closed, why_closed = _attempt(partial(balance_closed_form, given))
         yield BalanceRow(
             topics="+".join(map(str, topics)),
             rate_max_hz=rate_max_hz,
             rate_min_hz=rate_min_hz,
+            depth_min=depth_min,
             weight=weight,
             solvable=solved is not None,
             solvable_closed=closed is not None,
@@ -98,6 +102,12 @@ def balance_checks(rows: list[BalanceRow]) -> Iterator[CheckRow]:
             _at_most(r.rate_hz + r.rate_min_hz, r.rate_max_hz / mean_topics(r.topics))
             and _at_most(r.rate_min_hz, r.rate_hz)
             and _at_most(r.rate_hz, r.rate_max_hz)
+        ),
+        # By the paper's own figures, without our functions: what is left of Dmax, 5000, is all that D may take.
+        "OPT: Eq. 5 holds with nothing to spare, and Dmin <= D <= Dmax": lambda r: (
+            _close(5000 * r.rate_hz / r.rate_max_hz - r.depth_min, r.depth)
+            and _at_most(r.depth_min, r.depth)
+            and _at_most(r.depth, 5000)
         ),
     }
     for name, holds in checks.items():
