@@ -138,7 +138,7 @@ def table_one(run: Run[Config]) -> Finding:
     wrong = [name for name in names if name not in TABLE_1 or found.get(name) != (TABLE_1[name],) * 2]
     share = exactly(1 - len(wrong) / len(names), "share of messages that match")
     return Finding(
-        estimate=share, details=details, reason=f"not as printed: {', '.join(wrong)}" if wrong else ""
+        estimate=share, details=details, reason=f"not as printed: {', '.join(map(str, wrong))}" if wrong else ""
     )
 
 
