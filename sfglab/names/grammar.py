@@ -18,7 +18,8 @@ TF = "/tf"  #: The transform topic: routed by Table 1 of paper A, but outside th
 
 TF_STATIC = "/tf_static"  #: The static transform topic: routed by Table 1 of paper A, but outside the schema.
 
-# rmw/validate_full_topic_name.h, RMW_TOPIC_MAX_NAME_LENGTH = 255 - 8, counted with the leading slash.
+# rmw/validate_full_topic_name.h, RMW_TOPIC_MAX_NAME_LENGTH = 255 - 8, counted with the leading slash; a
+# namespace leaves room for a slash and a letter (rmw/validate_namespace.h), and a node's name has 255 at most.
 _RMW_MAX_LENGTH = 247
 # RTPS 2.5, clause 9.6.3: a topic name is string<256> including its terminator.
 _DDS_MAX_LENGTH = 255
@@ -106,10 +107,11 @@ def resolve(name: str, namespace: str = "/", *, node_name: str) -> str:
         FqnError: With segment `namespace`, `node` or `name`.
     """
     root = "" if namespace in ("", "/") else "/" + namespace.removeprefix("/")
-    if root and (not _NAME.fullmatch(root) or "__" in root):
-        raise FqnError("namespace", namespace, f"'/' or {_NAME_RULE}")
-    if not _TOKEN.fullmatch(node_name) or "__" in node_name:
-        raise FqnError("node", node_name, "ASCII letters, digits and single underscores, no leading digit")
+    if root and (not _NAME.fullmatch(root) or "__" in root or len(root) > _RMW_MAX_LENGTH - 2):
+        raise FqnError("namespace", namespace, f"'/' or {_NAME_RULE}; at most {_RMW_MAX_LENGTH - 2} characters")
+    if not _TOKEN.fullmatch(node_name) or "__" in node_name or len(node_name) > _DDS_MAX_LENGTH:
+        rule = f"ASCII letters, digits and single underscores, no leading digit, at most {_DDS_MAX_LENGTH}"
+        raise FqnError("node", node_name, rule)
     if name.startswith("/"):
         return validate_ros_name(name)
     if name == "~" or name.startswith("~/"):

@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from sfglab.arp.cache import exactly_equal, nearly_equal
 from sfglab.arp.robots import ROBOTS, SENSORS, cdr_bytes, object_bytes
-from sfglab.lab.checks import CheckRow, Mutated, check_row, facts_row
+from sfglab.lab.checks import Case, CheckRow, Mutated, check_row, facts_row
 from sfglab.lab.claims import Finding, How
 from sfglab.lab.experiment import Look
 from sfglab.lab.experiments.balancing.experiment import Config, cache_checks, exp, shown_of
@@ -16,6 +17,7 @@ from sfglab.lab.experiments.balancing.optimum import balance_checks, balance_row
 from sfglab.lab.figures import COLORS, MARKERS, grouped_bars
 from sfglab.lab.runs import Run, derived
 from sfglab.lab.stats import exactly
+from sfglab.messages import message_type
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -47,7 +49,8 @@ def assumed(run: Run[Config]) -> pd.DataFrame:
     balance = balance.assign(depth_min=balance.get("depth_min", 1.0))  # older runs have one
     first = balance[["topics", "weight"]].iloc[0]
     same = (balance[["topics", "weight"]] == first).all(axis=1)
-    return balance[same & (balance["rate_max_hz"] == balance["rate_max_hz"].min())]
+    found: pd.DataFrame = balance[same & (balance["rate_max_hz"] == balance["rate_max_hz"].min())]
+    return found
 
 
 TABLE_1 = {
@@ -60,7 +63,59 @@ TABLE_1 = {
 
 
 def _few(prefix: str) -> Iterator[CheckRow]:
-    return (row for row in cache_checks(exp.config("smoke", rates_hz=(100,))) if row.check.startswith(prefix))
+    yield check_row(
+        "values are the same to the bit, or within the tolerance", _compared(np.random.default_rng(0))
+    )
+    config = exp.config("smoke", rates_hz=(100,), readings_s=1.0)
+    yield from (row for row in cache_checks(config) if row.check.startswith(prefix))
+
+
+def _compared(rng: np.random.Generator) -> Iterator[Case]:
+    """Yield for drawn values of each kind whether a copy is the same, a change none, and a tolerance respected.
+
+    The sizes of changes are known by how they were made, not by the comparison.
+    """
+    for _ in range(20):
+        x, step, count = float(rng.normal()), float(rng.uniform(0.1, 1)), int(rng.integers(1, 100))
+        nan, far = float("nan"), 1000 * step
+        same, copies, changed = (_kinds(x, count, d) for d in (0.0, 0.0, step))
+        for kind, one in same.items():
+            copy, other = copies[kind], changed[kind]
+            yield f"{kind}: copy", exactly_equal(one, copy) and nearly_equal(0.0)(one, copy)
+            yield f"{kind}: change", not exactly_equal(one, other) and not exactly_equal(other, one)
+            yield (
+                f"{kind}: within",
+                nearly_equal(1.01 * far)(one, other) and nearly_equal(1.01 * far)(other, one),
+            )
+            yield f"{kind}: beyond", not nearly_equal(0.9 * step)(one, other)
+        pairs: list[tuple[Any, Any]] = [
+            ("a", "b"),
+            (True, 1),
+            (True, False),
+            ([x], [x, x]),
+            ([x], (x,)),
+            (x, "a"),
+        ]
+        pairs += [(np.array([x]), np.array([x, x])), (np.zeros(1), np.zeros(1, int)), (nan, x)]
+        for first, second in pairs:
+            alike = exactly_equal(first, second) or nearly_equal(9.0)(first, second)
+            yield f"{first!r} and {second!r}", not alike
+        yield "no number", exactly_equal(nan, float("nan")) and exactly_equal(float("inf"), float("inf"))
+        ignoring = nearly_equal(0.0, ignore=frozenset({"stamp"}))
+        yield "ignored", ignoring(same["message"], changed["message"])
+
+
+def _kinds(x: float, count: int, d: float) -> dict[str, Any]:
+    """Return a value of each kind that a cache may be offered, changed by `d` or a known multiple of it."""
+    stamp = message_type("builtin_interfaces/msg/Time")(sec=count, nanosec=int(1000 * d))
+    return {
+        "number": x + d,
+        "integer": count + 100 * d,
+        "array": np.array([float("nan"), x, x + d]),
+        "bytes": np.array([count, count + 100 * (d > 0)], np.uint8),
+        "list": [1, "a", (x, x + d)],
+        "message": message_type("std_msgs/msg/Header")(stamp=stamp, frame_id="a"),
+    }
 
 
 def _sizes() -> Iterator[CheckRow]:
@@ -133,12 +188,13 @@ def table_one(run: Run[Config]) -> Finding:
         "paper's bytes / CDR on the wire": sizes,
         "what the paper's bytes are": "the size of the value as a Python object",
     }
-    found = {r.sensor: ((r.type, r.table_bytes), (r.type, r.object_bytes)) for r in table.itertuples()}
+    rows = table[["sensor", "type", "table_bytes", "object_bytes"]].to_numpy()
+    found = {str(name): ((kind, declared), (kind, size)) for name, kind, declared, size in rows}
     names = found.keys() | TABLE_1.keys()
     wrong = [name for name in names if name not in TABLE_1 or found.get(name) != (TABLE_1[name],) * 2]
     share = exactly(1 - len(wrong) / len(names), "share of messages that match")
     return Finding(
-        estimate=share, details=details, reason=f"not as printed: {', '.join(map(str, wrong))}" if wrong else ""
+        estimate=share, details=details, reason=f"not as printed: {', '.join(wrong)}" if wrong else ""
     )
 
 

@@ -106,9 +106,9 @@ _T_AVG = (8 + 5 + 5) / 3  # topics of section 3.1's robots: their sensors, and t
 
 
 def as_in_table_2(cell: Any, duration_s: float) -> bool:
-    """Return whether a row of the grid has the rate and depth of Table 2, and published at that rate.
+    """Return whether a row of the grid has the rate and depth of Table 2, and published so.
 
-    ``opt`` is written from Eq. 3 to 6 and section 3.1, apart from the code that ran: R is Rmax / Tavg - Rmin and
+    ``opt`` is written from Eq. 3 to 6 and section 3.1, apart from the code that ran: R is Rmax / Tavg - Rmin,
     D is 5000 R / Rmax - Dmin, Rmin and Dmin 1. R is the rate of methods with OPT, D the depth ``opt``.
     """
     optimum_hz = cell.rate_max_hz / _T_AVG - 1
