@@ -87,7 +87,7 @@ class Config(Profiled):
     #: its depth.
     contrast_seeds: int = 2
     live_s: float = 90.0  #: How long the live robots drive, seconds; 0: none is run.
-    ros2_s: float = 15.0  #: How long they drive on real Fast DDS, in each cell; the first corner comes before.
+    ros2_s: float = 14.0  #: How long they drive on real Fast DDS, in each cell; the first corner comes before.
     ros2_repeats: int = 1  #: How often each of these cells is driven; 0: not.
     seed: int = 0  #: The first seed.
 
