@@ -27,7 +27,7 @@ from sfglab.spatial.scene.commands import (
     Stretch,
 )
 from sfglab.spatial.scene.editor import Editor
-from sfglab.spatial.scene.files import read_scene, scene_text
+from sfglab.spatial.scene.files import load_scene, read_scene, save_scene, scene_text
 from sfglab.spatial.scene.objects import AgentObject, Group, SceneError, TrajectoryObject, WaypointObject
 from sfglab.spatial.trajectory.path import Align, Interpolation
 from sfglab.units import NS_PER_S
@@ -144,6 +144,15 @@ def _text_reads_back(rng: np.random.Generator) -> str:
     text = scene_text(editor.scene)
     scene = read_scene(text)
     return "" if scene == editor.scene and scene_text(scene) == text else text[:200]
+
+
+@checks.trial("a saved scene is the file that is loaded")
+def _saved_and_loaded(rng: np.random.Generator) -> str:
+    scene = _begun(rng).scene
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "hall.yaml"
+        save_scene(scene, path)
+        return "" if load_scene(path) == scene and path.read_text() == scene_text(scene) else scene.name
 
 
 @checks.trial("moving a waypoint changes one line of the file")

@@ -5,18 +5,19 @@ All are made on the paper's example and on random robots of any shape: exact, no
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from sfglab.documents import DocumentError
 from sfglab.lab.checks import NOTHING, Case, CheckRow, Checks, Sample
 from sfglab.spatial import Pose, StampedTransform
 from sfglab.spatial.frames.buffer import FrameBuffer, FrameError
 from sfglab.spatial.frames.lint import FrameRule, lint_frames
-from sfglab.spatial.mocap.bridge import MocapTrees, mocap_trees
-from sfglab.spatial.mocap.mapping import MappedObject, MocapMapping
+from sfglab.spatial.mocap.bridge import BridgeCore, MocapTrees, mocap_trees, status_message
+from sfglab.spatial.mocap.mapping import MappedObject, MocapMapping, read_mapping
 from sfglab.spatial.mocap.tracking import Capture
 
 if TYPE_CHECKING:
@@ -175,6 +176,43 @@ def _cases(name: str, sample: Sample) -> Iterator[Case]:
 
 for _name in _PROPERTIES:
     checks.cases(_name)(partial(_cases, _name))
+
+
+_TEXT = f"world: {WORLD}\nobjects: {{{OBJECT}: {{via: {OBJECT}, offset: {{position_m: [1, 0, 0]}}}}}}"
+_BROKEN = (
+    *((f"via: {OBJECT}", f"via: {name}") for name in ("/markers", "' markers'", "''", "3", WORLD)),
+    ("[1, 0, 0]", "[1, 0]"),
+    ("[1, 0, 0]", "[1, 0, 0], quat_xyzw: [0, 0, 0, 0]"),
+)
+
+
+@checks.cases("a mapping's text is read as what it says, or refused in words that name the place")
+def _texts(_: Sample) -> Iterator[Case]:
+    mapped = MappedObject(id=OBJECT, via=OBJECT, offset=Pose.at((1.0, 0.0, 0.0)))
+    yield "a whole text", read_mapping(_TEXT) == MocapMapping(world=WORLD, objects={OBJECT: mapped})
+    for old, new in _BROKEN:
+        try:
+            read_mapping(_TEXT.replace(old, new))
+        except DocumentError as error:
+            yield new, f"objects.{OBJECT}" in str(error)
+        else:
+            yield new, False
+
+
+@checks.cases("proxy: what comes again or flips is not published before it is held, and all is counted")
+def _counted(_: Sample) -> Iterator[Case]:
+    robot, mapping = figure_6()
+    buffer = FrameBuffer()
+    for transform in robot:
+        buffer.insert(transform, static=True)
+    core = BridgeCore(mapping, buffer)
+    first, *flipped = captures_of([Pose(), *[Pose.from_yaw((0.0, 0.0, 0.0), np.pi)] * 60])
+    published = [len(core.take(capture, 0)) for capture in (first, first, *flipped)]
+    yield "published", published == [1, 0, *[0] * 50, *[1] * 10]
+    core.take(replace(first, number=63, sights={"stranger": Pose()}), 0)
+    said, (status,) = status_message(core, 0), core.statuses
+    yield "counted", (said.captures, said.dropped, said.unmapped, status.absent) == (63, 2, 1, 1)
+    yield "said", (said.world, said.objects[0].id, said.objects[0].published) == (WORLD, OBJECT, 11)
 
 
 def tree_rows(count: int, seed: int) -> Iterator[CheckRow]:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
-from sfglab.lab.checks import CheckRow, check_row, share_of_checks
+from sfglab.lab.checks import CheckRow, Mutated, check_row, editing, exchange, share_of_checks, trajectories
 from sfglab.lab.claims import Finding, How
 from sfglab.lab.experiment import Look
 from sfglab.lab.experiments.planning.experiment import EXAMPLE_M, Config, example_limits, exp
@@ -160,7 +160,16 @@ def apart_m(
     return times, found[0], found[1]
 
 
-@exp.claim("A-PLAN", how=how_of)
+_MODULES = ("trajectory.path", "trajectory.motion", "scene.commands", "scene.files", "execution.orders")
+
+
+def _few() -> Iterator[CheckRow]:
+    for group in (trajectories, exchange, editing):
+        yield from group.checks.rows(2, 0)
+    yield from _of_faults(pd.DataFrame(editing.faults()))
+
+
+@exp.claim("A-PLAN", how=how_of, mutated=Mutated(tuple(f"sfglab.spatial.{name}" for name in _MODULES), _few))
 def share_that_holds(run: Run[Config]) -> Finding:
     """Return the share of checks that hold.
 

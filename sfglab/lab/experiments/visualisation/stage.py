@@ -162,13 +162,12 @@ class _Waits:
     """Tells how long a picture took and, after it, how long processes waited for a CPU since the last one."""
 
     def __init__(self, pids: Sequence[int]) -> None:
-        self._pids, self._before_ms = pids, 0.0
+        self._pids, self._before_ms = pids, sum(map(_cpu_wait_ms, pids))
 
     def taken(self, since_ns: int) -> Taken:
         taken_ms = (time.time_ns() - since_ns) / 1e6
         before_ms, self._before_ms = self._before_ms, sum(map(_cpu_wait_ms, self._pids))
-        waited_ms = self._before_ms - before_ms if before_ms else float("nan")
-        return {"taken_ms": taken_ms, "cpu_wait_ms": waited_ms}
+        return {"taken_ms": taken_ms, "cpu_wait_ms": self._before_ms - before_ms}
 
 
 def _cpu_wait_ms(pid: int) -> float:
