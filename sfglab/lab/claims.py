@@ -147,6 +147,11 @@ class Entry:
         runs = [f"{run.log}: {_row(run)[2]}, {run.verdict.value}" for run in disagree]
         return "; ".join(filter(None, [m.reason, *_wrong_ends(c, m), *missing, *open_, *runs]))
 
+    @property
+    def is_whole(self) -> bool:
+        """Whether the figure and all of the claim's ends were measured."""
+        return self.measured is not None and self.claim.ends.keys() <= self.measured.ends.keys()
+
     def __repr__(self) -> str:
         name, paper, ours, unit, *_ = _row(self)
         said = f"paper {paper or 'without a number'}, ours {ours or 'none'} {unit}"
@@ -316,9 +321,11 @@ def joined(runs: Sequence[Entry]) -> Entry:
     What does not get the same verdict in all of them is undecided. The figure is their median, and the interval
     covers theirs: one over the repeats of a single run is not what a reader takes it for.
     """
-    first, *more = runs
+    first, *others = runs
+    # A log from before a figure was measured says nothing of it.
+    runs = [first, *(run for run in others if run.is_whole)]
     found = [run.measured.estimate for run in runs if run.measured]
-    if not more or first.measured is None:
+    if len(runs) == 1 or first.measured is None:
         return first
     low, high = min(e.low for e in found), max(e.high for e in found)
     estimate = replace(found[0], value=median(e.value for e in found), low=low, high=high)

@@ -13,6 +13,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from sfglab.errors import SfglabError
+from sfglab.fields import from_json, to_json
 from sfglab.lab.claims import Ledger, Measured, entry_for, joined, load_claims
 from sfglab.lab.experiments import EXPERIMENTS, experiment
 from sfglab.lab.figures import file_sha256, save_figure
@@ -41,19 +42,33 @@ class FoundLog:
 
 
 def logs_of(project: Project, name: str) -> Iterator[FoundLog]:
-    """Yield an experiment's logs: its runs, newest first, unfinished ones too, then the committed references.
-
-    Of these the first speaks; others are the same run at other times.
-    """
+    """Yield an experiment's logs: its runs, newest first, unfinished ones too, then the committed reference."""
     for path in sorted((project.runs / "logs" / name).glob("*.mcap*"), reverse=True):
         yield FoundLog(experiment=name, path=path, standing=standing(path))
-    first = project.reference_logs / f"{name}.mcap"
-    for path in (first, *sorted((project.reference_logs / "again").glob(f"{name}_[0-9].mcap"))):
-        if path.is_file():
-            committed = Standing(
-                profile="", why_not="" if path == first else "it is the same run at another time"
-            )
-            yield FoundLog(experiment=name, path=path, standing=committed, reference=True)
+    reference = project.reference_logs / f"{name}.mcap"
+    if reference.is_file():
+        yield FoundLog(
+            experiment=name, path=reference, standing=Standing(profile="", why_not=""), reference=True
+        )
+
+
+def keep_figures(project: Project, name: str, log: Path) -> Path:
+    """Keep the figures of a run, whose log need not stay, to stand beside the reference; return their file."""
+    folder = project.reference_logs / "again"
+    file = folder / f"{name}_{len(list(folder.glob(f'{name}_[0-9].json'))) + 1}.json"
+    file.parent.mkdir(parents=True, exist_ok=True)
+    file.write_text(json.dumps(to_json(_findings(name, log)), indent=1) + "\n", encoding="utf-8")
+    return file
+
+
+def _kept_again(project: Project, name: str) -> dict[str, list[_Ours]]:
+    """Return the figures of the committed runs at other times, by claim."""
+    found: dict[str, list[_Ours]] = {}
+    for file in sorted((project.reference_logs / "again").glob(f"{name}_[0-9].json")):
+        findings: Findings = from_json(Findings, json.loads(file.read_text(encoding="utf-8")))
+        for claim_id, figure in findings.measured.items():
+            found.setdefault(claim_id, []).append((figure, project.relative(file), findings.origin))
+    return found
 
 
 def find_log(project: Project, name: str, *, profile: str | None = None) -> Path | None:
@@ -87,10 +102,8 @@ def compute_ledger(project: Project, *, profile: str | None = None) -> Ledger:
             continue
         for claim_id, figure in _found(project, kept, name, log).items():
             ours[claim_id] = _stronger(ours[claim_id], figure) if claim_id in ours else figure
-        references = [other.path for other in logs_of(project, name) if other.reference]
-        for other in references[1:] if log in references else ():
-            for claim_id, figure in _found(project, kept, name, other).items():
-                again.setdefault(claim_id, []).append(figure)
+        if project.reference_logs in log.parents:
+            again |= _kept_again(project, name)
     scores = json.loads(project.mutants.read_text()) if project.mutants.is_file() else {}
     entries = Ledger()
     for claim in claims:
@@ -110,6 +123,8 @@ def history(project: Project) -> Ledger:
             mark = "speaks" if log.path == speaks else log.standing.why_not or "a newer one speaks"
             for claim_id, (figure, path, origin) in _found(project, kept, name, log.path).items():
                 found.setdefault(claim_id, []).append((figure, f"{path}: {mark}", origin))
+        for claim_id, figures in _kept_again(project, name).items():
+            found.setdefault(claim_id, []).extend(figures)
     return Ledger(
         entry_for(claim, figure, log=log, origin=origin)
         for claim in claims
@@ -125,9 +140,8 @@ def _experiments_of(claims: Sequence[Claim]) -> list[str]:
 def _found(project: Project, kept: Kept, name: str, log: Path) -> dict[str, _Ours]:
     """Return an experiment's figures from a log, by claim; nothing of one that cannot be read."""
     log_name = project.relative(log)
-    stem = log.stem if project.reference_logs in log.parents else name
     try:
-        found = kept.of(stem, log, partial(_findings, name, log))
+        found = kept.of(name, log, partial(_findings, name, log))
     except (SfglabError, KeyError) as error:
         _LOG.warning("claims: %s: %s", log_name, error)
         return {}

@@ -344,6 +344,6 @@ def draw_checks(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     axes.tick_params(axis="y", length=0)
     axes.set(xscale="log", xlim=(1, 2.5 * sums["checked"].max()), xlabel="cases; in colour: those that hold")
     count = len(run["unchecked"])
-    rest = f"; {count} properties could not be asked on that machine" if count else ""
+    rest = f"\n{count} properties could not be asked on that machine" if count else ""
     axes.set_title(f"{sums['held'].sum()} of {sums['checked'].sum()} cases hold{rest}")
     return {**{str(row.Index): f"{row.held} of {row.checked}" for row in sums.itertuples()}, "not asked": count}

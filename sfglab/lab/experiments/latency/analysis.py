@@ -324,7 +324,7 @@ def _limit(axes: Axes, groups: dict[str, NDArray[np.float64]], shown: float) -> 
 
 def _paper_line(axes: Axes, position: int, height: float, text: str) -> None:
     axes.plot([position - 0.38, position + 0.3], [height, height], color="black", **PAPER_STYLE)
-    axes.annotate(text, (position + 0.32, height), va="center", fontsize=7.5)
+    axes.annotate(text, (position + 0.32, height), va="center", fontsize=8.2)
 
 
 def _twin(run: Run[Config]) -> dict[str, Any]:

@@ -325,6 +325,7 @@ def _draw_apart(axes: Axes, run: Run[Config]) -> dict[str, Any]:
         axes.axhline(needed, color="crimson", linestyle=":", label=f"needed: radii and margin, {needed:.2f} m")
         axes.plot(times[driven.argmin()], driven.min(), "o", color="crimson", markersize=5)
         shown["closest, planned and driven (m)"] = [float(planned.min()), float(driven.min())]
+    axes.margins(y=0.6)  # room for the legend
     axes.set(ylim=(0, None), xlabel="time (s)", ylabel="distance (m)", title="How far apart they are")
     axes.legend(fontsize=8)
     return shown
@@ -339,7 +340,7 @@ def _draw_errors(axes: Axes, run: Run[Config]) -> dict[str, Any]:
         axes.axhline(allowed_m(run)[str(agent)], color=color, linestyle="--", linewidth=1.0)
         worst[str(agent)] = float(track["error_m"].max())
     axes.set(ylim=(0, 1.4 * max(allowed_m(run).values())), xlabel="time (s)", ylabel="error (m)")
-    axes.set_title("Off the plan (dotted: end, dashed: allowed)")
+    axes.set_title("Off the plan\n(dotted: its end, dashed: allowed)", fontsize=10)
     axes.legend(fontsize=8)
     return {"largest error (m)": worst}
 
