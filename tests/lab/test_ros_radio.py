@@ -52,7 +52,8 @@ async def test_chains_and_local_caches_run_on_ros2_as_in_the_model():
     assert (live["move"].published_ns >= live["hello"].published_ns + 5_000_000).all()
 
 
-@pytest.mark.parametrize(("preset", "depth"), [("fast_dds_sync", 1000), ("fast_dds_async", 1)])
+# Five: with one, each time that the sending thread waits for a CPU overwrites a sample (20 % on a busy machine).
+@pytest.mark.parametrize(("preset", "depth"), [("fast_dds_sync", 1000), ("fast_dds_async", 5)])
 async def test_a_queue_that_blocks_slows_who_publishes_as_in_the_model(preset, depth):
     air = {
         "loss": 0.0,
@@ -66,11 +67,8 @@ async def test_a_queue_that_blocks_slows_who_publishes_as_in_the_model(preset, d
         with pytest.raises(InvalidValueError, match="shared is False"):
             await hosts.play(scenario, seed=5)
     async with live_hosts("robot", "station", ros=MODES[preset]) as hosts:
-        for _ in range(3):  # a machine that is busy with others lets the relay lose some: then once more
-            played = await hosts.play(replace(scenario, medium=replace(scenario.medium, shared=False)), seed=5)
-            live, model = (outcome.flows["topic"] for outcome in (played.outcome, run(played.scenario, seed=5)))
-            if live.loss < 0.1:
-                break
+        played = await hosts.play(replace(scenario, medium=replace(scenario.medium, shared=False)), seed=5)
+    live, model = (outcome.flows["topic"] for outcome in (played.outcome, run(played.scenario, seed=5)))
     assert played.radio.queue_full == 0, "they wait at the host"
     assert model.loss == 0.0
     assert live.loss < 0.1
