@@ -1,7 +1,7 @@
 """Baselines of real ROS 2: an experiment's rows of it beside ours, their table, their figure, raw images.
 
 Measured in a part of their own, `PART`, which is skipped with its reason where there is no ROS 2. Run alone, it
-makes a log that counts beside a reference log without it: ``latency_ros2.mcap`` beside ``latency.mcap``.
+makes a log that counts beside a reference log, instead of its own part: ``x_ros2.mcap`` beside ``x.mcap``.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ class BesideRow:
 
 
 def beside(exp: Experiment[Any], run: Run[Any], table: str = PART) -> pd.DataFrame:
-    """Return a run's rows; of a reference log without them, those of the log that was measured apart."""
+    """Return a run's rows, of which those that were measured apart, if they were, are the newer ones."""
     apart = apart_of(run)
     return (exp.load(apart) if apart.is_file() else run)[table]
 
@@ -110,7 +110,8 @@ def _draw(figure: Figure, rows: pd.DataFrame) -> None:
         axes.set_xticks(range(len(settings)), settings)
         if len(settings) > 5:
             axes.tick_params(axis="x", labelrotation=60, labelsize=8)
-        axes.set(xlim=(-0.5, len(settings) - 0.5), ylim=(0, None))
+        highest = rows.loc[rows["quantity"] == quantity, "value"].max()
+        axes.set(xlim=(-0.5, len(settings) - 0.5), ylim=(0, 1.1 * highest or 1.0))
         axes.set_title(quantity, fontsize=9)
     figure.legend(*figure.axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=len(kinds))
 
