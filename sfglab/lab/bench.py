@@ -62,6 +62,7 @@ def rows_of(row_class: type[Any], result: Any, *origins: Any) -> list[Any]:
 class Bench(Generic[C]):
     """What a part of an experiment is given."""
 
+    experiment: str  #: Name of the experiment.
     config: C  #: The configuration.
     options: Options  #: How the run is made.
     log: LogWriter  #: The log, for messages that are no rows.

@@ -322,7 +322,7 @@ def joined(runs: Sequence[Entry]) -> Entry:
     covers theirs: one over the repeats of a single run is not what a reader takes it for.
     """
     first, *others = runs
-    # A log from before a figure was measured says nothing of it.
+    # What was measured before a figure, or an end of it, was asked says nothing of it.
     runs = [first, *(run for run in others if run.is_whole)]
     found = [run.measured.estimate for run in runs if run.measured]
     if len(runs) == 1 or first.measured is None:

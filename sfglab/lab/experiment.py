@@ -429,6 +429,7 @@ class Experiment(Generic[C]):
                 log.write_metadata("hosts", {"description": hosts.description, "separate": hosts.separate})
             plain = {table: [row for _, row in timed] for table, timed in rows.items()}
             bench = Bench(
+                experiment=self.name,
                 config=config,
                 options=options,
                 log=log,

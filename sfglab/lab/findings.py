@@ -43,9 +43,9 @@ class Kept:
     project: Project  #: Whose logs.
     basis: bytes  #: Hash of everything but the log.
 
-    def of(self, name: str, log: Path, make: Callable[[], Findings]) -> Findings:
-        """Return an experiment's findings from a log: those that are kept, else `make`'s, kept from then on."""
-        file = self.project.runs / "cache" / f"{name}.json"
+    def of(self, log: Path, make: Callable[[], Findings]) -> Findings:
+        """Return the findings from a log: those that are kept, else `make`'s, kept from then on."""
+        file = self.project.runs / "cache" / f"{log.stem}.json"
         key = hashlib.sha256(self.basis + log.read_bytes()).hexdigest()
         with suppress(OSError, ValueError, LookupError, TypeError, AttributeError, SfglabError):
             kept = json.loads(file.read_text())
@@ -71,7 +71,6 @@ def kept_findings(project: Project) -> Kept:
     digest = hashlib.sha256(f"{sys.version}\n{code_digest()}\n{library_versions()}\n".encode())
     for file in sorted(project.data.rglob("*")):
         if file.is_file() and project.reference_logs not in file.parents:
-            digest.update(
-                f"{file.relative_to(project.data)}\n".encode() + hashlib.sha256(file.read_bytes()).digest()
-            )
+            digest.update(f"{file.relative_to(project.data)}\n".encode())
+            digest.update(hashlib.sha256(file.read_bytes()).digest())
     return Kept(project, digest.digest())

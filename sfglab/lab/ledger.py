@@ -53,7 +53,10 @@ def logs_of(project: Project, name: str) -> Iterator[FoundLog]:
 
 
 def keep_figures(project: Project, name: str, log: Path) -> Path:
-    """Keep the figures of a run, whose log need not stay, to stand beside the reference; return their file."""
+    """Keep the figures of a run, whose log need not stay, to stand beside the reference; return their file.
+
+    They are those of today's analysis: where that changes what a claim's figure is, they are to be kept anew.
+    """
     folder = project.reference_logs / "again"
     file = folder / f"{name}_{len(list(folder.glob(f'{name}_[0-9].json'))) + 1}.json"
     file.parent.mkdir(parents=True, exist_ok=True)
@@ -141,7 +144,7 @@ def _found(project: Project, kept: Kept, name: str, log: Path) -> dict[str, _Our
     """Return an experiment's figures from a log, by claim; nothing of one that cannot be read."""
     log_name = project.relative(log)
     try:
-        found = kept.of(name, log, partial(_findings, name, log))
+        found = kept.of(log, partial(_findings, name, log))
     except (SfglabError, KeyError) as error:
         _LOG.warning("claims: %s: %s", log_name, error)
         return {}

@@ -111,10 +111,10 @@ def test_kept_findings_follow_log_claims_and_source_and_a_broken_file_is_as_none
     kept = json.loads(file.read_text())
     empty, others = Findings(measured={}, origin=""), {"key": kept["key"], "sum": "", "findings": "{}"}
     of = kept_findings(project).of
-    assert list(of("naming", log, lambda: 1 / 0).measured) == ["A-FQN"], "it is read: the package is the same"
+    assert list(of(log, lambda: 1 / 0).measured) == ["A-FQN"], "it is read: the package is the same"
     for broken in (file.read_text()[:50], "[]", json.dumps(others)):
         file.write_text(broken)
-        assert of("naming", log, lambda: empty) is empty
+        assert of(log, lambda: empty) is empty
     replace(project.claims, "unit: share of names that hold", "unit: share of all names that hold")
     assert claims_by(tmp_path, tmp_path)["A-FQN"]["unit"] == "share of all names that hold"
     replace(project.claims, "band: [1, 1]\n  experiment: naming", "band: [2, 2]\n  experiment: naming")

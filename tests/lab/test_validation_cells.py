@@ -115,6 +115,7 @@ def test_a_run_that_is_broken_off_goes_on_and_a_cell_that_fails_is_left_out(tmp_
     def play():
         with ExitStack() as stack:
             bench = SimpleNamespace(
+                experiment="transmission",
                 config=transmission.exp.config(),
                 stack=stack,
                 log=SimpleNamespace(path=tmp_path / "a.mcap"),

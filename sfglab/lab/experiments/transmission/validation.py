@@ -182,8 +182,7 @@ async def play_missing(
     jobs = [(number, repeat) for repeat in range(repeats) for number in range(len(todo))]
     failed: Counter[tuple[int, int]] = Counter()
     reasons: dict[str, str] = {}
-    whose = type(bench.config).__module__.split(".")[-2]
-    path = bench.stack.enter_context(journals(bench.log.path, f"{whose}-{bench.config.profile}"))
+    path = bench.stack.enter_context(journals(bench.log.path, f"{bench.experiment}-{bench.config.profile}"))
     with Journal(path(table), identity_of(play_missing, [bench.config, *todo])) as journal:
         while missing := [job for job in jobs if job not in journal.finished and failed[job] < _TRIES]:
             job, preset = missing[0], todo[missing[0][0]].preset
