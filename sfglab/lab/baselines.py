@@ -182,7 +182,13 @@ class _RawStream(ProcessGroup):
 async def measure_raw(
     bench: Bench[Any], quantities: Sequence[str], *, counts: Sequence[int], repeats: int, look_s: float
 ) -> None:
-    """Measure some quantities of raw images' subscribers, rclpy's beside ours in random order."""
+    """Measure some quantities of raw images' subscribers, rclpy's beside ours in random order.
+
+    Raises:
+        SkippedPartError: No look was asked for.
+    """
+    if not counts or not repeats:
+        raise SkippedPartError("ros2: none was asked for")
     rng = np.random.default_rng(bench.config.seed)
     async with _RawStream(bench.testbed, max(counts)) as stream:
         for kind in (REAL, STAND_IN):

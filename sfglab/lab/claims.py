@@ -33,17 +33,26 @@ class How(Enum):
     EXACT = "exact"
 
 
+OURS = "-OURS"
+
+
 class Verdict(Enum):
     """What our figure says of the paper's claim."""
 
     REPRODUCED = "reproduced"
     BETTER = "better"
+    AS_GOOD = "as good"
+    """Our way is as good as the paper says of its own, which another way cannot reproduce."""
     FITTED = "fitted"
     """It agrees by constants that were fitted to the paper's own figures, which predicts nothing."""
     UNDECIDED = "undecided"
     """It hangs on what the paper leaves open or what differs between runs, or a part was not measured."""
     DEVIATES = "deviates"
     NOT_YET = "not yet"
+
+
+HOLDS = frozenset({Verdict.REPRODUCED, Verdict.BETTER, Verdict.AS_GOOD})
+"""Verdicts of what the paper says and we find."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -64,7 +73,8 @@ class Criterion:
 class Claim(Shown):
     """One claim of a paper, as ``data/claims.yaml`` states it."""
 
-    id: str  #: Short, stable name.
+    #: Short, stable name; with `OURS` at its end where it judges our way beside the paper's.
+    id: str
     where: str  #: Paper and place.
     says: str  #: The statement.
     #: The paper's figure in `unit`; None where the statement is not a number.
@@ -133,11 +143,11 @@ class Entry:
 
     @property
     def reason(self) -> str:
-        """Why the verdict is neither reproduced nor better, as far as that is known."""
+        """Why the verdict is none that holds, as far as that is known."""
         m, c = self.measured, self.claim
         if m is None:
             return self.missing
-        if self.verdict in {Verdict.REPRODUCED, Verdict.BETTER}:
+        if self.verdict in HOLDS:
             return ""
         if self.verdict is Verdict.FITTED:
             return m.fitted
@@ -221,8 +231,9 @@ def judge(claim: Claim, measured: Measured | None) -> Verdict:
     """Compute the verdict from our figures: the ledger's only rule.
 
     Better asks that the whole interval lies beyond the band's end, reproduced that the figure lies in the
-    band; both ask that every one of the claim's ends lies in its own. Undecided is what was not measured whole,
-    or gets another verdict under conditions that the paper leaves open, or in another run.
+    band, which is called as good where it is our way's; all ask that every one of the claim's ends lies in its
+    own. Undecided is what was not measured whole, or gets another verdict under conditions that the paper
+    leaves open, or in another run.
     """
     if measured is None:
         return Verdict.NOT_YET
@@ -253,7 +264,7 @@ def _in_band(claim: Claim, estimate: Estimate) -> Verdict:
         claim.better == "below" and estimate.value < low
     )
     if beyond or low <= estimate.value <= high:
-        return Verdict.REPRODUCED
+        return Verdict.AS_GOOD if claim.id.endswith(OURS) else Verdict.REPRODUCED
     return Verdict.DEVIATES
 
 

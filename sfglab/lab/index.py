@@ -32,6 +32,7 @@ PAPERS = {
 _COLORS = {
     "reproduced": "#00664B",
     "better": "#00558A",
+    "as good": "#00558A",
     "fitted": "#6B4E9B",
     "undecided": "#7A6000",
     "deviates": "#A04000",

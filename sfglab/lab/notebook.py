@@ -121,14 +121,16 @@ def check(run: Run[Any], *verdicts: str, may_deviate: Sequence[str] = ()) -> str
 
     Args:
         run: The run.
-        verdicts: ``reproduced``, ``better``, or those that are known: ``fitted``, ``undecided``.
+        verdicts: ``reproduced``, ``better`` (and with it ``as good``), or those that are known: ``fitted``,
+            ``undecided``.
         may_deviate: Claims that may deviate, if the experiment gives the reason; it is said.
 
     Raises:
         AssertionError: A claim has another verdict; says which.
     """
     entries = ledger.entries_of(find_project(), run)
-    wrong = [e for e in entries if e.verdict.value not in verdicts]
+    asked = {*verdicts, *(["as good"] if "better" in verdicts else [])}
+    wrong = [e for e in entries if e.verdict.value not in asked]
     said = {e.claim.id: _excuse(e, run, may_deviate) for e in wrong}
     failed = [f"{e.claim.id}: {e.verdict.value}" for e in wrong if not said[e.claim.id]]
     if failed:

@@ -61,6 +61,19 @@ def test_verdicts_follow_from_figure_interval_and_band(better, figure, verdict):
 
 
 @pytest.mark.parametrize(
+    ("figure", "verdict"),
+    [
+        ((3, 2, 3.5), Verdict.BETTER),
+        ((5,), Verdict.AS_GOOD),
+        ((3, 2, 4.5), Verdict.AS_GOOD),
+        ((7,), Verdict.DEVIATES),
+    ],
+)
+def test_our_way_is_better_or_as_good_and_reproduces_nothing(figure, verdict):
+    assert judge(claim(id="X-OURS", better="below"), measured(*figure)) is verdict
+
+
+@pytest.mark.parametrize(
     ("more", "verdict", "reason"),
     [
         ({"ends": {"e": 0.5}}, Verdict.REPRODUCED, ""),

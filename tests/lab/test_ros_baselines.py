@@ -29,3 +29,10 @@ def test_a_smoke_run_measures_both_sides(tmp_path, exp, changes, kinds):
         assert (rows[rows["quantity"].str.startswith("until")]["value"] < 60).all()
     assert set(compared(exp, run)["quantity"]) == set(rows["quantity"])
     assert exp.draw(f"{exp.name}_{PART}", run)[1]["apart"] == ""
+
+
+@pytest.mark.parametrize(("exp", "none"), [(latency.exp, 0), (decode_once.exp, ())])
+def test_who_asks_for_no_subscriber_is_told_so(tmp_path, exp, none):
+    options = Options(only=frozenset({PART}))
+    run = asyncio.run(exp.run("smoke", path=tmp_path / "smoke.mcap", options=options, ros2=none))
+    assert run.skipped(PART) == "ros2: none was asked for"
