@@ -63,6 +63,11 @@ def grouped_bars(
     return spots
 
 
+def note(figure: Figure, text: str) -> None:
+    """Say below a figure how its numbers were got: live, simulated or exact, how many, what bars mean."""
+    figure.supxlabel(text, x=0.005, ha="left", fontsize=8.5, color="0.25")
+
+
 _RC: dict[Any, Any] = {
     "figure.dpi": 110,
     "savefig.dpi": 130,
