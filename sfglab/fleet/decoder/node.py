@@ -69,7 +69,6 @@ class _Pipeline:
     wanted: bool = False
     worker: Worker | None = None
     statistics: Statistics | None = None
-    successor: Route | None = None  # the stream came back while its old pipeline was ending
     offer: Publisher | None = None  # shows what could be decoded; nothing is ever sent by it
 
 
@@ -100,6 +99,9 @@ class AgentDecoder:
         self._on_status = on_status or (lambda _: None)
         self._demand = Demand()
         self._pipelines: dict[str, _Pipeline] = {}
+        # By local topic everything that is offered now, by agent in the order of the offers: what cannot be
+        # had yet, because another one or an old pipeline is in its place, has its turn when that has gone.
+        self._offered: dict[str, dict[str, Route]] = {}
         self._events: asyncio.Queue[Callable[[], Awaitable[None]]] = asyncio.Queue()
 
     def offer(self, agent: str, routes: Iterable[Route]) -> None:
@@ -170,16 +172,27 @@ class AgentDecoder:
 
     async def _know(self, agent: str, routes: tuple[Route, ...]) -> None:
         offered = {route.local_topic: route for route in routes}
-        for topic, pipeline in list(self._pipelines.items()):
-            if pipeline.route.agent == agent and offered.get(topic) != pipeline.route:
-                pipeline.successor = offered.pop(topic, None)
-                await self._feed(pipeline, Input.WITHDRAWN)
+        for topic in [topic for topic, by_agent in self._offered.items() if agent in by_agent]:
+            if topic not in offered:
+                del self._offered[topic][agent]
+                await self._settle(topic)
         for topic, route in offered.items():
-            known_route = self._pipelines[topic].route if topic in self._pipelines else None
-            if known_route is None:
-                await self._add(route)
-            elif known_route != route:
-                _LOG.warning("decoder: %s is offered by %s already", topic, known_route.agent)
+            by_agent = self._offered.setdefault(topic, {})
+            if by_agent and agent not in by_agent:
+                _LOG.warning("decoder: %s is offered by %s already", topic, next(iter(by_agent)))
+            by_agent[agent] = route
+            await self._settle(topic)
+
+    async def _settle(self, topic: str) -> None:
+        """Have a topic decoded from the first that offers it, once whatever else was there has gone."""
+        by_agent = self._offered.get(topic, {})
+        pipeline = self._pipelines.get(topic)
+        if not by_agent:
+            self._offered.pop(topic, None)
+        if pipeline is None and by_agent:
+            await self._add(next(iter(by_agent.values())))
+        elif pipeline is not None and by_agent.get(pipeline.route.agent) != pipeline.route:
+            await self._feed(pipeline, Input.WITHDRAWN)
 
     async def _add(self, route: Route) -> None:
         pipeline = self._pipelines[route.local_topic] = _Pipeline(route, Lifecycle(self._timing))
@@ -235,8 +248,7 @@ class AgentDecoder:
             del self._pipelines[pipeline.route.local_topic]
             if pipeline.offer is not None:
                 pipeline.offer.close()
-            if pipeline.successor is not None:
-                await self._add(pipeline.successor)
+            await self._settle(pipeline.route.local_topic)
 
     async def _carry_out(self, pipeline: _Pipeline, action: Action | None) -> None:
         if action is Action.START:

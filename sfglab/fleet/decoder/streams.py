@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 from sfglab.bus.api import EndpointAdded, EndpointEvent, EndpointKind, Transport
 from sfglab.errors import SfglabError
+from sfglab.fleet.discovery.screening import admitted
 from sfglab.fleet.gop_cache import FFMPEG_PACKET, replay_topic
 from sfglab.machine import ProcessLife, ProcessTiming
 from sfglab.names import FqnError, Resource, RosFqn, Scope, parse
@@ -74,22 +75,27 @@ def routes_of_topic(topic: str) -> tuple[Route, Route]:
     return image, _camera_info(image, str(replace(fqn, resource=Resource.CAMERA_INFO)))
 
 
-def routes_of_agent(metadata: Any) -> tuple[tuple[Route, ...], tuple[StreamError, ...]]:
+def routes_of_agent(metadata: Any) -> tuple[tuple[Route, ...], tuple[SfglabError, ...]]:
     """Return the routes of all streams that an ``AgentMetadata`` lists, and what is wrong with the others."""
-    routes: list[Route] = []
-    errors: list[StreamError] = []
+    metadata, refused = admitted(metadata)
+    routes: dict[str, Route] = {}
+    errors: list[SfglabError] = list(refused)
     for stream in (s for sensor in metadata.sensors for s in sensor.streams):
         try:
-            routes += _routes_of_stream(metadata.agent, stream)
+            for route in _routes_of_stream(stream):
+                _take(route, routes)
         except StreamError as error:
             errors.append(error)
-    return tuple(routes), tuple(errors)
+    return tuple(routes.values()), tuple(errors)
 
 
-def _routes_of_stream(agent: str, stream: Any) -> Iterable[Route]:
+def _take(route: Route, routes: dict[str, Route]) -> None:
+    if routes.setdefault(route.local_topic, route) != route:
+        raise StreamError(route.source_topic, f"{route.local_topic} is another stream's")
+
+
+def _routes_of_stream(stream: Any) -> Iterable[Route]:
     fqn = _remote_stream(stream.topic)
-    if fqn.agent != agent:
-        raise StreamError(stream.topic, f"agent {agent!r} lists it, but it bears another agent's name")
     image = _image(fqn, stream.topic, stream.type, stream.codec, stream.decoded_topic)
     yield image
     if stream.camera_info_topic:

@@ -25,7 +25,8 @@ from sfglab.errors import InvalidValueError, SfglabError
 from sfglab.fleet.discovery.lifecycle import Action
 from sfglab.fleet.discovery.listener import DISCOVERY_EVENT, DISCOVERY_QOS, HISTORY, discovery_topic
 from sfglab.fleet.discovery.registry import AgentStatus, Move, Order, Registry, Timing
-from sfglab.fleet.discovery.screening import Limits, Refusal
+from sfglab.fleet.discovery.screening import Limits, Refusal, admitted
+from sfglab.fleet.refusals import SaidOnce
 from sfglab.fleet.status.heartbeat import AGENT_HEARTBEAT, GET_METADATA, heartbeat_topic, metadata_service
 from sfglab.messages import CdrError, message_type, serialized_size, service_type, stamp_from_ns
 from sfglab.names import validate_agent
@@ -126,6 +127,7 @@ class AgentDiscoverer:
         self._history = History(HISTORY - _MARGIN)
         self._slots = asyncio.Semaphore(settings.max_queries)
         self._queries: dict[int, asyncio.Task[None]] = {}
+        self._say = SaidOnce(_LOG)
         self._rearmed = asyncio.Event()
         self._events: Publisher | None = None
         self._broken: asyncio.Future[None]
@@ -220,9 +222,14 @@ class AgentDiscoverer:
                 return None
             finally:
                 client.close()
-        metadata = response.metadata
-        fits = serialized_size(metadata) <= self._settings.limits.max_metadata_bytes
-        return metadata if response.success and fits else None
+        fits = serialized_size(response.metadata) <= self._settings.limits.max_metadata_bytes
+        if not (response.success and fits):
+            return None
+        metadata, refused = admitted(response.metadata)
+        self._registry.counts["refused_parts"] += len(refused)
+        for error in refused:
+            self._say((agent, error.place), f"discoverer: {agent}: {error}")
+        return metadata
 
     def _announce(self, news: Order | None) -> None:
         """Publish an event, and again the last news of agents that late consumers would not hear otherwise."""

@@ -127,7 +127,7 @@ class Registry:
     ) -> None:
         #: How often what happened: ``heard``, ``dropped_<reason>``, ``asked``, ``answered``, ``failed`` (of
         #: these ``mismatched``: answered with something else), ``abandoned``, ``ignored_answers`` (to queries
-        #: that had been given up), ``evicted``.
+        #: that had been given up), ``evicted``, ``refused_parts`` (of descriptions).
         self.counts: Counter[str] = Counter()
         self._timing = timing or Timing()
         self._limits = limits or Limits()

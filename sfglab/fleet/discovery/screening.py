@@ -1,5 +1,6 @@
-"""Screening of heartbeats: the domain is shared, and anybody can publish anything there.
+"""Screening of what remote agents say of themselves: the domain is shared, anybody can publish anything there.
 
+The one place where that is judged before anybody uses it: heartbeats (`Screen`) and descriptions (`admitted`).
 Pure: knows rates, bounds and the naming schema; refuses to know which agents there are.
 """
 
@@ -8,14 +9,20 @@ from __future__ import annotations
 import functools
 import math
 from collections import OrderedDict
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
+from typing import TYPE_CHECKING, Any
 
 from sfglab.errors import InvalidValueError
+from sfglab.fleet.status.description import MAX_TEXT, DescriptionError, StreamDescription
 from sfglab.fleet.status.heartbeat import MAX_PERIOD_S, MIN_PERIOD_S, Heartbeat, Phase, metadata_service
 from sfglab.names import FqnError
 
-_MAX_NAME_LENGTH = 255
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+MAX_STREAMS = 128  #: Most streams of one agent: each costs whoever decodes an endpoint before anybody wants it.
+MAX_ENTRIES = 64  #: Most sensors, codecs in hardware and pieces of software of one agent, of each.
 _MAX_VERSION_LENGTH = 128
 _PHASES = frozenset(int(phase) for phase in Phase)
 
@@ -116,7 +123,7 @@ class Screen:
 
 def _well_formed(heartbeat: Heartbeat) -> bool:
     return (
-        len(heartbeat.agent) <= _MAX_NAME_LENGTH
+        len(heartbeat.agent) <= MAX_TEXT
         and _can_be_asked(heartbeat.agent)
         and heartbeat.phase in _PHASES
         and MIN_PERIOD_S <= heartbeat.period_s <= MAX_PERIOD_S
@@ -132,3 +139,54 @@ def _can_be_asked(agent: str) -> bool:
     except FqnError:
         return False
     return True
+
+
+def admitted(metadata: Any) -> tuple[Any, tuple[DescriptionError, ...]]:
+    """Return what may be used of an ``AgentMetadata``, which may say anything, and what is wrong with the rest.
+
+    The agent is who was asked. Of two sensors or streams of one name the first counts.
+    """
+    refused: list[DescriptionError] = []
+    taken: list[str] = []
+    sensors: dict[str, Any] = {}
+    for sensor in metadata.sensors:
+        if (wrong := _wrong_sensor(sensor, sensors)) is not None:
+            refused.append(wrong)
+            continue
+        streams = []
+        for stream in sensor.streams:
+            if (wrong := _wrong_stream(metadata.agent, stream, taken)) is None:
+                taken += [stream.topic, stream.decoded_topic or stream.topic]
+                streams.append(stream)
+            else:
+                refused.append(wrong)
+        sensors[sensor.name] = replace(sensor, streams=streams)
+    lists = {name: _lines(getattr(metadata, name), name, refused) for name in ("accelerators", "software")}
+    return replace(metadata, sensors=list(sensors.values()), **lists), tuple(refused)
+
+
+def _wrong_sensor(sensor: Any, known: Mapping[str, Any]) -> DescriptionError | None:
+    names = (sensor.name, sensor.model)
+    if sensor.name not in known and len(known) < MAX_ENTRIES and all(len(name) <= MAX_TEXT for name in names):
+        return None
+    why = f"allowed are {MAX_ENTRIES} whose names differ, of {MAX_TEXT} characters"
+    return DescriptionError(f"sensor {sensor.name[:MAX_TEXT]!r}", why)
+
+
+def _wrong_stream(agent: str, message: Any, taken: Sequence[str]) -> DescriptionError | None:
+    stream = StreamDescription.from_message(message)
+    try:
+        stream.check(agent)
+    except DescriptionError as error:
+        return error
+    if stream.topic in taken or stream.decoded_topic in taken or len(taken) >= 2 * MAX_STREAMS:
+        return DescriptionError(f"stream {stream.topic!r}", f"allowed are {MAX_STREAMS}, whose topics differ")
+    return None
+
+
+def _lines(given: Sequence[str], name: str, refused: list[DescriptionError]) -> list[str]:
+    lines = [entry for entry in given if len(entry) <= MAX_TEXT and entry.isprintable()][:MAX_ENTRIES]
+    if len(lines) < len(given):
+        why = f"allowed are {MAX_ENTRIES} lines of {MAX_TEXT} characters, {len(given) - len(lines)} are not"
+        refused.append(DescriptionError(name, why))
+    return lines

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 from sfglab.errors import SfglabError
 from sfglab.fleet.policy import Direction
+from sfglab.fleet.refusals import SaidOnce
 from sfglab.messages import CdrError, deserialize, message_type, serialize
 from sfglab.names import SHARED_FRAMES, frame_owner, prefixed_frame
 
@@ -103,7 +104,6 @@ class FrameClaims:
 
 TF_TYPE = "tf2_msgs/msg/TFMessage"
 _log = logging.getLogger(__name__)
-_MAX_SAID = 1000
 
 
 @dataclass(slots=True)
@@ -121,7 +121,7 @@ class TransformGate:
         self.counts = FrameCounts()
         self._frames = frames
         self._claims = FrameClaims()
-        self._said: set[str] = set()
+        self._say = SaidOnce(_log)
         self._type = message_type(TF_TYPE)
 
     def outward(self, cdr: bytes) -> bytes | None:
@@ -171,6 +171,4 @@ class TransformGate:
 
     def _clash(self, why: str, frame: str) -> None:
         self.counts.clashed += 1
-        if frame not in self._said and len(self._said) < _MAX_SAID:
-            self._said.add(frame)
-            _log.warning("%s; it is dropped, and further ones of it silently", why)
+        self._say(frame, f"{why}; it is dropped, and further ones of it silently")

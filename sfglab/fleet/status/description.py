@@ -1,10 +1,12 @@
 """Description of an agent: its sensors and their streams, accelerators and software, as frozen values.
 
-Knows the naming schema, the metadata messages, and how hardware that works on this machine is found.
+Knows the naming schema, the metadata messages, what a stream may say of itself, whoever describes it, and how
+hardware that works on this machine is found.
 """
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
@@ -13,10 +15,17 @@ from sfglab import __version__
 from sfglab.errors import SfglabError
 from sfglab.fleet.status.heartbeat import AGENT_METADATA
 from sfglab.messages import message_type, stamp_from_ns
-from sfglab.names import FqnError, Scope, parse
+from sfglab.names import FqnError, Scope, parse, validate_ros_name
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
+
+
+CODECS = ("", "h264", "hevc", "jpeg", "png", "rvl")  #: What a stream may say that it is coded by.
+MAX_EDGE = 16_384  #: Most pixels that a stream may say that its images are wide or high.
+MAX_RATE_HZ = 10_000.0  #: Most messages per second that a stream may say that it has.
+MAX_TEXT = 255  #: Longest name or line for people, in characters.
+_TYPE = re.compile(r"[A-Za-z]\w*/msg/[A-Za-z]\w*", re.ASCII)
 
 
 class DescriptionError(SfglabError, ValueError):
@@ -39,6 +48,33 @@ class StreamDescription:
     width: int = 0  #: Pixels.
     height: int = 0  #: Pixels.
     rate_hz: float = 0.0  #: Nominal rate, messages per second.
+
+    @classmethod
+    def from_message(cls, message: Any) -> StreamDescription:
+        """Return what a ``StreamInfo`` says, which may be anything."""
+        return cls(**{name: getattr(message, name) for name in cls.__dataclass_fields__})
+
+    def check(self, agent: str) -> None:
+        """Refuse what an agent must not, or cannot, say of a stream of its own.
+
+        Raises:
+            DescriptionError: A name is no name of this agent in the scope where it belongs, or type, codec,
+                size or rate are none.
+        """
+        for topic in filter(None, (self.topic, self.camera_info_topic)):
+            _check_topic(topic, agent)
+        place = f"stream {_short(self.topic)}"
+        if self.decoded_topic:
+            _check_local(place, self.decoded_topic, agent)
+        if not (_TYPE.fullmatch(self.type) and len(self.type) <= MAX_TEXT):
+            raise DescriptionError(place, f"given the type {_short(self.type)}, allowed are names of messages")
+        if self.codec not in CODECS:
+            raise DescriptionError(place, f"given the codec {_short(self.codec)}, allowed are {CODECS}")
+        if not (
+            0 <= self.width <= MAX_EDGE and 0 <= self.height <= MAX_EDGE and 0 <= self.rate_hz <= MAX_RATE_HZ
+        ):
+            given = f"{self.width} x {self.height} pixels at {self.rate_hz} Hz"
+            raise DescriptionError(place, f"given {given}, allowed are {MAX_EDGE} and {MAX_RATE_HZ:g}")
 
     def to_message(self) -> Any:
         """Return the ``StreamInfo``."""
@@ -81,8 +117,7 @@ class AgentDescription:
         if len(set(names)) < len(names):
             raise DescriptionError("sensors", f"given {names}, allowed are names that differ")
         for stream in (stream for sensor in self.sensors for stream in sensor.streams):
-            for topic in filter(None, (stream.topic, stream.camera_info_topic)):
-                _check_topic(topic, agent)
+            stream.check(agent)
 
     def to_message(self, agent: str, *, incarnation: int, revision: int, stamp_ns: int) -> Any:
         """Return the ``AgentMetadata`` with numbers as in heartbeats, made at `stamp_ns` since the epoch."""
@@ -134,14 +169,32 @@ def _known_values(place: str, type_: type[Any], values: Any) -> dict[str, Any]:
 
 
 def _check_topic(topic: str, agent: str) -> None:
+    place = f"topic {_short(topic)}"
     try:
         fqn = parse(topic)
     except FqnError as error:
-        raise DescriptionError(f"topic {topic!r}", str(error)) from error
-    if fqn.scope is not Scope.GLOBAL or fqn.agent != agent:
-        raise DescriptionError(
-            f"topic {topic!r}", f"allowed are names of agent {agent!r} in the global scope: others stay inside"
-        )
+        raise DescriptionError(place, str(error)[:MAX_TEXT]) from error
+    allowed = f"allowed are names of agent {agent!r} in the global scope: others stay inside"
+    if fqn.agent != agent:
+        raise DescriptionError(place, f"it bears another agent's name or none; {allowed}")
+    if fqn.scope is not Scope.GLOBAL:
+        raise DescriptionError(place, allowed)
+
+
+def _check_local(place: str, topic: str, agent: str) -> None:
+    """Refuse a topic on which decoded pictures of this agent could be taken for somebody else's."""
+    try:
+        validate_ros_name(topic)
+    except FqnError as error:
+        raise DescriptionError(place, str(error)[:MAX_TEXT]) from error
+    if not topic.startswith(f"/{Scope.LOCAL.value}/{agent}/"):
+        allowed = f"allowed are names of agent {agent!r} in the local scope"
+        raise DescriptionError(place, f"given the decoded topic {_short(topic)}; {allowed}")
+
+
+def _short(text: str) -> str:
+    """Return a text of a stranger's as it can be shown."""
+    return repr(text if len(text) <= MAX_TEXT else text[:MAX_TEXT] + "...")
 
 
 _LIBRARIES = ("cyclonedds", "av", "numpy")
