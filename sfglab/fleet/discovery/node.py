@@ -227,8 +227,8 @@ class AgentDiscoverer:
             return None
         metadata, refused = admitted(response.metadata)
         self._registry.counts["refused_parts"] += len(refused)
-        for error in refused:
-            self._say((agent, error.place), f"discoverer: {agent}: {error}")
+        for wrong in refused:
+            self._say((agent, wrong.place), f"discoverer: {agent}: {wrong}")
         return metadata
 
     def _announce(self, news: Order | None) -> None:
