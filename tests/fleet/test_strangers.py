@@ -5,13 +5,23 @@ from contextlib import asynccontextmanager
 from itertools import count
 
 import pytest
-from cameras import FFMPEG, IMAGE, LOCAL, STREAM
+from cameras import FFMPEG, IMAGE, LOCAL, STREAM, behind_router
 
 from sfglab.component import beside
 from sfglab.fleet.decoder.node import AgentDecoder
 from sfglab.fleet.decoder.streams import Route, routes_of_agent
 from sfglab.fleet.discovery.screening import MAX_STREAMS, admitted
-from sfglab.messages import default_message
+from sfglab.fleet.router.frames import (
+    MAX_CLAIMS,
+    MAX_FRAME,
+    TF_TYPE,
+    FrameClaims,
+    FrameClashError,
+    Frames,
+    TransformGate,
+)
+from sfglab.messages import default_message, deserialize, message_type, serialize
+from sfglab.qos import LATCHED
 
 
 def stream_info(topic=STREAM, **fields):
@@ -163,3 +173,83 @@ async def test_who_came_second_is_decoded_when_the_first_has_gone(sim, caplog):
         await passes()
         assert decoder.status() == ()
         assert not decoder._offered
+
+
+def tf(*pairs):
+    made = []
+    for parent, child in pairs:
+        made.append(default_message("geometry_msgs/msg/TransformStamped"))
+        made[-1].header.frame_id, made[-1].child_frame_id = parent, child
+    return message_type(TF_TYPE)(transforms=made)
+
+
+def passed(way, *pairs):
+    """The children that pass a gate."""
+    cdr = way(serialize(tf(*pairs)))
+    return [] if cdr is None else [t.child_frame_id for t in deserialize(cdr, TF_TYPE).transforms]
+
+
+@pytest.mark.parametrize(
+    "pair",
+    [
+        ("odom", "base_link"),
+        ("map", "base_link"),
+        ("map", "/base_link"),
+        ("map", "//base_link"),
+        ("map", "go2"),
+        ("base_link", "evil/arm"),
+        ("map", "go2/odom"),
+        ("map", "evil/" + "x" * MAX_FRAME),
+        ("x" * 999, "evil/x"),
+    ],
+    ids=lambda pair: "-".join(pair)[:30],
+)
+def test_a_frame_of_others_that_could_mean_one_of_the_agents_stays_outside(pair, caplog):
+    gate = TransformGate(Frames(agent="go2"))
+    assert passed(gate.outward, ("odom", "base_link")) == ["go2/base_link"]
+    evil = gate.inward("evil's router")
+    for _ in range(3):
+        assert passed(evil, pair, ("map", "evil/base"), ("earth", "map")) == ["evil/base", "map"]
+    (said,) = [record.message for record in caplog.records]
+    assert (gate.counts.clashed, "evil's router" in said, len(said) < 1000) == (3, True, True)
+
+
+def test_a_frame_that_two_move_is_the_firsts_until_that_one_has_gone_and_both_are_named(caplog):
+    gate = TransformGate(Frames(agent="go2", placed_by_others=frozenset({"odom"})))
+    first, second = gate.inward("h/1"), gate.inward("h/2")
+    for pair in (("map", "spot/odom"), ("map", "go2/odom"), ("earth", "map")):
+        assert (passed(first, pair), passed(second, pair)) == ([pair[1]], [])
+    assert all("h/1" in record.message and "h/2" in record.message for record in caplog.records)
+    assert gate.keep_owners(frozenset({"h/2"})), "somebody else waits for them"
+    assert passed(second, ("map", "spot/odom")) == ["spot/odom"]
+    passed(gate.outward, ("earth", "world"))
+    assert passed(second, ("earth", "world")) == [], "the agent's own nodes place it"
+    assert ("go2 itself" in caplog.text, gate.counts.clashed) == (True, 5)
+
+
+def test_claims_are_bounded_in_number_and_length():
+    claims = FrameClaims()
+    for number in range(MAX_CLAIMS):
+        claims.claim(f"frame{number}", "evil")
+    for frame in ("one_more", "x" * (MAX_FRAME + 1)):
+        with pytest.raises(FrameClashError, match="evil has 1000") as caught:
+            claims.claim(frame, "evil")
+        assert len(str(caught.value)) < 1000
+    claims.claim("one_more", "go2")
+    assert not claims.keep(frozenset({"go2"}))
+    assert list(claims._owners) == ["one_more"]
+
+
+@pytest.mark.parametrize("sim", [{"seed": 1, "limit_s": 60}], indirect=True)
+async def test_a_static_transform_that_was_refused_is_read_again_when_its_rival_has_gone(sim):
+    node, router = behind_router(sim, "go2")
+    async with sim.node("one", host="pc") as one, sim.node("two", host="pc") as two, beside(router.run()):
+        heard = node.create_subscription(TF_TYPE, "/tf_static", qos=LATCHED)
+        rival = one.create_publisher(TF_TYPE, "/tf_static", LATCHED)
+        rival.publish(tf(("earth", "map")))
+        await heard.take(10)
+        two.create_publisher(TF_TYPE, "/tf_static", LATCHED).publish(tf(("world", "map")))
+        await asyncio.sleep(5)
+        assert router.status.clashed == 1
+        rival.close()
+        assert (await heard.take(20)).transforms[0].header.frame_id == "world"

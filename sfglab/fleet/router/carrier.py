@@ -17,7 +17,7 @@ from sfglab.fleet.policy import Direction, ReaderSpec, WriterSpec
 from sfglab.fleet.router.frames import TF_TYPE
 from sfglab.fleet.router.plan import ROUTER_KEY, Close, Forget, Judge, Open
 from sfglab.names import TF, TF_STATIC, dds_topic
-from sfglab.qos import Liveliness
+from sfglab.qos import Durability, Liveliness
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -146,6 +146,7 @@ class Carrier:
         self._forwarders = {way: nodes[way.source].open_forwarder(nodes[way.target]) for way in Direction}
         self._open: dict[Path, _OpenPath] = {}
         self._owners: dict[ReaderSpec, dict[bytes, str]] = {}
+        self._judged: dict[ReaderSpec, dict[bytes, Judge]] = {}  # of readers of others' transforms
 
     @property
     def paths(self) -> tuple[PathStatus, ...]:
@@ -160,8 +161,8 @@ class Carrier:
                     self._open_one(spec)
                 case Close(what=ReaderSpec() | WriterSpec() as spec):
                     self._close(spec)
-                case Judge(reader=reader, source=source, writer=writer):
-                    self._judge(reader, source, writer)
+                case Judge():
+                    self._judge(action)
                 case Forget(reader=reader, source=gid):
                     self._forget(reader, gid)
 
@@ -202,12 +203,16 @@ class Carrier:
         elif (forward := opened.readers.pop(spec, None)) is not None:
             forward.close()
             opened.retire(forward.counts)
+            self._judged.pop(spec, None)
             self._let_go(self._owners.pop(spec, {}))
         if not opened.readers and not opened.writers:
             del self._open[spec.path]
 
-    def _judge(self, reader: ReaderSpec, source: EndpointInfo, writer: WriterSpec | None) -> None:
+    def _judge(self, judge: Judge) -> None:
+        reader, source, writer = judge.reader, judge.source, judge.writer
         opened = self._open[reader.path]
+        if self._gate is not None and reader.path.dds_topic in _TF_TOPICS and not reader.path.outward:
+            self._judged.setdefault(reader, {})[source.gid] = judge
         if (forward := opened.readers.get(reader)) is None:
             return
         outlet = None if writer is None else opened.writers.get(writer)
@@ -219,6 +224,7 @@ class Carrier:
     def _forget(self, reader: ReaderSpec, gid: bytes) -> None:
         if (forward := self._open[reader.path].readers.get(reader)) is not None:
             forward.forget(gid)
+        self._judged.get(reader, {}).pop(gid, None)
         if (owner := self._owners.get(reader, {}).pop(gid, None)) is not None:
             self._let_go({gid: owner})
 
@@ -226,7 +232,20 @@ class Carrier:
         """Let others move the frames of those who no longer publish transforms."""
         if gone and self._gate is not None:
             kept = (owner for owners in self._owners.values() for owner in owners.values())
-            self._gate.keep_owners(frozenset(kept))
+            if self._gate.keep_owners(frozenset(kept)):
+                latched = [r for r in self._judged if r.qos.durability is Durability.TRANSIENT_LOCAL]
+                for reader in latched:
+                    self._read_again(reader)
+
+    def _read_again(self, reader: ReaderSpec) -> None:
+        """Read a latched history anew: what was refused for another's sake is not sent again by itself."""
+        opened = self._open[reader.path]
+        if (forward := opened.readers.pop(reader, None)) is not None:
+            forward.close()
+            opened.retire(forward.counts)
+            self._open_one(reader)
+            for judge in list(self._judged[reader].values()):
+                self._judge(judge)
 
     def _transform(self, reader: ReaderSpec, source: EndpointInfo) -> Transform | None:
         """Return what is done with a source's samples on their way; None: nothing."""

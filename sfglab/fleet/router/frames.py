@@ -2,8 +2,9 @@
 
 Paper A, section 4.1: "for transform topics, appropriate frame prefixing is required to prevent TF frame ID
 clashes". In the agent's own domain its frames need no prefix; everywhere else they are ``<agent>/<frame>``, so
-what stands before the first slash is an agent, and a frame without slash is shared by all, or nobody's in
-particular. A transform belongs to whoever owns its child, because a frame has one parent.
+what stands before the first slash is an agent. A frame without slash is shared by all, and then it is named in
+the fleet file, or it comes from nobody's router and stays outside: inside, its name would mean a frame of the
+agent. A transform belongs to whoever owns its child, because a frame has one parent.
 """
 
 from __future__ import annotations
@@ -20,9 +21,13 @@ from sfglab.messages import CdrError, deserialize, message_type, serialize
 from sfglab.names import SHARED_FRAMES, frame_owner, prefixed_frame
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Hashable
 
     from sfglab.bus.forwarding import Transform
+
+
+MAX_FRAME = 255  #: Longest name of a frame of others, in characters.
+MAX_CLAIMS = 1000  #: Most frames that one of the others moves; of all together ten times as many.
 
 
 class FrameClashError(SfglabError, ValueError):
@@ -31,7 +36,10 @@ class FrameClashError(SfglabError, ValueError):
     def __init__(self, direction: Direction, frame: str, allowed: str) -> None:
         self.direction = direction  #: Which way it was to cross the border.
         self.frame = frame  #: Its child, as given.
-        super().__init__(f"{direction.value} transform: given the child frame {frame!r}, allowed are {allowed}")
+        self.allowed = allowed  #: What is.
+        super().__init__(
+            f"{direction.value} transform: given the child frame {_short(frame)!r}, allowed are {allowed}"
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -60,46 +68,61 @@ class Frames:
             allowed = f"frames without prefix and those below {self.agent + '/'!r}, but no shared ones"
             raise FrameClashError(Direction.OUTWARD, child, f"{allowed} ({', '.join(sorted(self.shared))})")
 
-    def check_inward(self, child: str) -> None:
-        """Refuse a transform of others, by its child frame, that moves one of the agent's own.
+    def check_inward(self, child: str, parent: str = "map") -> None:
+        """Refuse a transform of others that moves one of the agent's own frames, or could.
 
         Raises:
-            FrameClashError: It has this agent's prefix and is not among `placed_by_others`, or it is empty.
+            FrameClashError: Its child has this agent's prefix and is not among `placed_by_others`; or child or
+                parent has no prefix and is not shared, so that inside it would mean another, or is too long.
         """
-        frame = child.removeprefix("/")
-        own = frame_owner(frame) == self.agent
-        if not frame or (own and frame.removeprefix(f"{self.agent}/") not in self.placed_by_others):
+        frame, below = child.removeprefix("/"), parent.removeprefix("/")
+        owner, shared = frame_owner(frame), ", ".join(sorted(self.shared))
+        own = owner == self.agent and frame.removeprefix(f"{self.agent}/") not in self.placed_by_others
+        if not frame or own or not (owner or frame in self.shared):
             placed = ", ".join(f"{self.agent}/{frame}" for frame in sorted(self.placed_by_others)) or "none"
-            raise FrameClashError(
-                Direction.INWARD, child, f"frames of others, and of those below {self.agent + '/'!r}: {placed}"
+            allowed = (
+                f"frames of others, by prefix or shared ({shared}), and of those below {self.agent + '/'!r}"
             )
+            raise FrameClashError(Direction.INWARD, child, f"{allowed}: {placed}")
+        if not (frame_owner(below) or below in self.shared) or max(len(frame), len(below)) > MAX_FRAME:
+            allowed = f"those below parents with a prefix or shared ({shared}), of {MAX_FRAME} characters each"
+            raise FrameClashError(Direction.INWARD, child, f"{allowed}, and its parent is {_short(parent)!r}")
 
 
 class FrameClaims:
-    """Who of the others moves the frames that are nobody's in particular: the first one that does.
-
-    Frames with a prefix need no claim; their name says whose they are.
-    """
+    """Who of the others moves a frame: the first one that does, until it has gone; bounded."""
 
     def __init__(self) -> None:
         self._owners: dict[str, str] = {}
+        self._contested: set[str] = set()
 
-    def claim(self, child: str, owner: str) -> None:
-        """Let an owner, an agent's router or a participant, move a frame.
+    def claim(self, child: str, owner: str, *, prefixed: bool = False) -> None:
+        """Let an owner, an agent's router or a participant, move a frame; with a prefix where that is asked.
 
         Raises:
-            FrameClashError: Somebody else moves it already.
+            FrameClashError: Somebody else moves it already, or this one moves too many.
         """
         frame = child.removeprefix("/")
-        if "/" in frame or (holder := self._owners.setdefault(frame, owner)) == owner:
+        if ("/" in frame and not prefixed) or (holder := self._owners.get(frame)) == owner:
             return
-        raise FrameClashError(Direction.INWARD, child, f"frames that nobody else publishes, but {holder} does")
+        if holder is not None:
+            self._contested.add(frame)
+            allowed = f"frames that nobody else publishes, but {holder} does, and now {owner}"
+            raise FrameClashError(Direction.INWARD, child, allowed)
+        held = sum(of == owner for of in list(self._owners.values()))
+        if held >= MAX_CLAIMS or len(self._owners) >= 10 * MAX_CLAIMS or len(frame) > MAX_FRAME:
+            allowed = f"{MAX_CLAIMS} frames of one publisher, of at most {MAX_FRAME} characters"
+            raise FrameClashError(Direction.INWARD, child, f"{allowed}, and {owner} has {held}")
+        self._owners[frame] = owner
 
-    def keep(self, owners: frozenset[str]) -> None:
-        """Forget the claims of all owners but these."""
-        for frame, owner in list(self._owners.items()):
-            if owner not in owners:
-                self._owners.pop(frame, None)
+    def keep(self, owners: frozenset[str]) -> bool:
+        """Forget the claims of all owners but these; return whether somebody else had wanted one of them."""
+        free = {frame for frame, owner in list(self._owners.items()) if owner not in owners}
+        for frame in free:
+            self._owners.pop(frame, None)
+        wanted = bool(free & self._contested)
+        self._contested -= free
+        return wanted
 
 
 TF_TYPE = "tf2_msgs/msg/TFMessage"
@@ -121,6 +144,7 @@ class TransformGate:
         self.counts = FrameCounts()
         self._frames = frames
         self._claims = FrameClaims()
+        self._own: set[str] = set()  # shared frames that the agent's nodes place themselves, as far as seen
         self._say = SaidOnce(_log)
         self._type = message_type(TF_TYPE)
 
@@ -132,9 +156,9 @@ class TransformGate:
         """Return what is done with messages of one of the others."""
         return partial(self._passed, check=partial(self._let_in, owner))
 
-    def keep_owners(self, owners: frozenset[str]) -> None:
-        """Forget all others but these."""
-        self._claims.keep(owners)
+    def keep_owners(self, owners: frozenset[str]) -> bool:
+        """Forget all others but these; return whether somebody else had wanted to move a frame of theirs."""
+        return self._claims.keep(owners)
 
     def _passed(self, cdr: bytes, check: Callable[[Any], bool]) -> bytes | None:
         """Return the message with the transforms that pass; the same object when nothing changed."""
@@ -149,7 +173,7 @@ class TransformGate:
                 changed |= check(transform)
                 passed.append(transform)
             except FrameClashError as error:
-                self._clash(str(error), error.frame)
+                self._clash(str(error), (error.direction, _short(error.frame)))
         if message.transforms and not passed:
             return None
         return cdr if len(passed) == len(message.transforms) and not changed else serialize(self._type(passed))
@@ -157,6 +181,7 @@ class TransformGate:
     def _let_out(self, transform: Any) -> bool:
         """Rename a transform's frames; return whether that changed anything."""
         frames = self._frames
+        self._own |= frames.shared & {transform.child_frame_id.removeprefix("/")}
         frames.check_outward(transform.child_frame_id)
         before = transform.header.frame_id, transform.child_frame_id
         after = frames.outward(before[0]), frames.outward(before[1])
@@ -165,10 +190,23 @@ class TransformGate:
         return after != before
 
     def _let_in(self, owner: str, transform: Any) -> bool:
-        self._frames.check_inward(transform.child_frame_id)
-        self._claims.claim(transform.child_frame_id, owner)
+        child, parent = transform.child_frame_id, transform.header.frame_id
+        if child.removeprefix("/") in self._own:
+            allowed = (
+                f"frames that nobody else publishes, but {self._frames.agent} itself does, and now {owner}"
+            )
+            raise FrameClashError(Direction.INWARD, child, allowed)
+        try:
+            self._frames.check_inward(child, parent)
+        except FrameClashError as error:
+            raise FrameClashError(Direction.INWARD, child, f"{error.allowed}; it is from {owner}") from None
+        self._claims.claim(child, owner, prefixed=True)
         return False
 
-    def _clash(self, why: str, frame: str) -> None:
+    def _clash(self, why: str, what: Hashable) -> None:
         self.counts.clashed += 1
-        self._say(frame, f"{why}; it is dropped, and further ones of it silently")
+        self._say(what, f"{why}; it is dropped, and further ones of it silently")
+
+
+def _short(frame: str) -> str:
+    return frame if len(frame) <= MAX_FRAME else frame[:MAX_FRAME] + "..."
