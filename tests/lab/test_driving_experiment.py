@@ -16,8 +16,13 @@ from sfglab.soc.driving import CHAIN, Camera, Rules, Stack, make_town, run_lap
 from sfglab.view.app import ViewOptions, view_log
 
 HERE = Options(workers=Workers(count=1, threads=True))
-SMALL = {"laps": 2, "lap": LapPoint(limit_s=1.5), "chain": ChainPoint(limit_s=0.4)}
-TINY = {"laps": 2, "lap": LapPoint(limit_s=0.3), "chain": ChainPoint(limit_s=0.2, width=64, height=48)}
+SMALL = {"laps": 2, "lap": LapPoint(limit_s=1.5), "chain": ChainPoint(limit_s=0.4), "live_s": 0.0}
+TINY = {
+    "laps": 2,
+    "lap": LapPoint(limit_s=0.3),
+    "chain": ChainPoint(limit_s=0.2, width=64, height=48),
+    "live_s": 0.0,
+}
 
 
 @pytest.fixture(scope="module")
@@ -77,6 +82,21 @@ def test_through_a_gateway_only_the_software_node_varies_and_both_readings_of_it
     table = analysis.chain_table(run)
     assert table["saved (ms)"].iloc[:2].tolist() == pytest.approx([saved_ms(run)] * 2)
     assert table["times as fast"].iloc[-1] == PAPER_MS["software"][0] / PAPER_MS["gateway"][0]
+
+
+@pytest.mark.live
+def test_the_chain_runs_across_processes_and_its_deviation_is_judged_beside_the_simulated_one(run, tmp_path):
+    assert run.skipped("live") == "live: no time was asked for (live_s)"
+    assert analysis.live_ms(run) == {}
+    assert not exp.measure(run)["C-DRIVE-DEV"].ends
+    only = Options(only=frozenset({"live"}))
+    live = asyncio.run(exp.run("smoke", path=tmp_path / "live.mcap", options=only, live_s=2.0))["live"]
+    assert set(live["mapping"]) == {"software", "gateway"}
+    assert live["started_s"].is_monotonic_increasing
+    assert (live["chain_s"].dropna() > 0).all()
+    assert live["chain_s"].notna().mean() > 0.5
+    ms = {"software": np.array([20.0, 40.0, 30.0]), "gateway": np.array([29.0, 31.0, 30.0])}
+    assert analysis.orders_less(list(ms.values())) == pytest.approx(1.0)
 
 
 def test_the_drawn_lap_is_in_the_log_as_messages_that_say_the_same(run):

@@ -59,6 +59,8 @@ class Config(Profiled):
     laps: int = 20  #: How many towns are driven round.
     lap: LapPoint = LapPoint(limit_s=150.0)  #: What is driven in each.
     chain: ChainPoint = ChainPoint(limit_s=150.0)  #: What the chain is timed by.
+    live_s: float = 10.0  #: How long the chain runs across processes, seconds; 0: not.
+    live_hz: float = 15.0  #: Of its camera.
     seed: int = 0  #: The first town's.
 
 
@@ -66,17 +68,21 @@ exp = Experiment(
     "driving",
     Config,
     where="C 6",
-    smoke={"laps": 1, "lap": LapPoint(limit_s=8.0), "chain": ChainPoint(limit_s=2.0)},
-    paper={"laps": 100},
+    smoke={"laps": 1, "lap": LapPoint(limit_s=8.0), "chain": ChainPoint(limit_s=2.0), "live_s": 1.0},
+    paper={"laps": 100, "live_s": 120.0},
     actors=(
         Actor("town", "simulation", "draws what the camera sees, moves the car, judges the lap"),
         Actor("stack", "application", "every node of Fig. 9, timed one by one"),
         Actor("chain", "memory model", "adds what messages take over topic A, by either mapping"),
+        Actor("compensation", "Linux", "a process, as all other nodes, live"),
+        Actor("reader of A", "Linux", "blur, detections of lights, odometry", count="4"),
     ),
     links=(
         Link("town", "stack", "an image", "calls"),
         Link("stack", "town", "speed and turn", "calls"),
         Link("stack", "chain", "node times of each frame", "calls", "software and hardware"),
+        Link("compensation", "reader of A", "a copy for each (software)"),
+        Link("compensation", "reader of A", "one copy (gateway)", over="shared memory"),
     ),
 )
 

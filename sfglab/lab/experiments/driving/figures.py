@@ -11,8 +11,10 @@ import cv2
 import numpy as np
 
 from sfglab.lab.experiments.driving.analysis import (
+    LIVE,
     Picture,
     chain_ms,
+    live_ms,
     parts_ms,
     pictures,
     ratio,
@@ -27,7 +29,7 @@ from sfglab.soc.driving import CHAIN, Camera, Rules
 from sfglab.soc.driving.nodes import WHITE, YELLOW, BirdView
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
 
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
@@ -35,7 +37,7 @@ if TYPE_CHECKING:
 
 
 _COLORS = {"software": COLORS["standard"], "gateway": COLORS["proxy"]}
-_SAID = {"software": "A in software", "gateway": "A with a gateway"}
+_SAID = {"software": "A in\nsoftware", "gateway": "A with\na gateway"}
 _GREYS = ("#444444", "#777777", "#999999", "#bbbbbb", "#222222")
 _TOPIC_COLORS = {"/blurred": COLORS["third"], "/lane_mask": COLORS["fourth"], "/lane": "#E69F00"}
 _LIGHTS = {True: "#D62728", False: "#2CA02C"}
@@ -43,34 +45,43 @@ _LIGHTS = {True: "#D62728", False: "#2CA02C"}
 
 @exp.figure("driving_chain", size=(10, 4.3))
 def draw_chain(figure: Figure, run: Run[Config]) -> dict[str, Any]:
-    """Draw the chain's time: each frame's, and what it is made of, with the paper's."""
-    left, right = figure.subplots(1, 2, width_ratios=(1, 1.25))
-    _draw_frames(left, run)
+    """Draw the chain's time: each frame's, live as well, and what it is made of, with the paper's."""
+    live = live_ms(run)
+    left, *middle, right = figure.subplots(1, 3 if live else 2, width_ratios=(1.1, *[0.7] * bool(live), 1.25))
+    _draw_frames(left, chain_ms(run), PAPER_MS)
+    for axes in middle:
+        _draw_frames(axes, live, {})
     _draw_parts(right, run)
     figure.suptitle(
         f"The node chain from image to command: {ratio(run).value:.2f} times as fast with a gateway "
         f"(paper: 1.4), {saved_ms(run):.2f} ms saved (paper: 7.99 ms)"
     )
     twin: dict[str, Any] = {"saved_ms": saved_ms(run), "frames": len(run["chain"])}
+    for mapping, ms in live.items():
+        twin[f"{LIVE}, {mapping}"] = {"mean_ms": ms.mean(), "deviation_ms": ms.std(ddof=1)}
     for reading in READINGS:
         for mapping, ms in chain_ms(run, reading).items():
             twin[f"{reading}, {mapping}"] = {"mean_ms": ms.mean(), "deviation_ms": ms.std(ddof=1)}
     return twin
 
 
-def _draw_frames(axes: Axes, run: Run[Config]) -> None:
-    """Draw a dot a frame, beside it the mean and deviation here and in the paper."""
-    for place, (mapping, ms) in enumerate(chain_ms(run).items()):
+def _draw_frames(axes: Axes, times: Mapping[str, Any], paper: Mapping[str, tuple[float, float]]) -> None:
+    """Draw a dot a frame, beside it mean and deviation here and in the paper; of live ones the latest not."""
+    top, most = 1.2 * max(np.percentile(ms, 98) for ms in times.values()), max(map(np.max, times.values()))
+    for place, (mapping, ms) in enumerate(times.items()):
         aside = (np.arange(len(ms)) * 0.6180339887 % 1.0 - 0.5) * 0.3
         axes.plot(place - 0.2 + aside, ms, ".", color=_COLORS[mapping], markersize=2, alpha=0.5)
-        ours, paper = (float(ms.mean()), float(ms.std(ddof=1))), PAPER_MS[mapping]
-        _draw_mean(axes, place + 0.1, ours, _COLORS[mapping])
-        _draw_mean(axes, place + 0.4, paper, "black")
-    axes.set(xlim=(-0.45, 1.6), ylim=(0, None))
+        _draw_mean(axes, place + 0.06, (float(ms.mean()), float(ms.std(ddof=1))), _COLORS[mapping])
+        if mapping in paper:
+            _draw_mean(axes, place + 0.5, paper[mapping], "black")
+    axes.set(xlim=(-0.45, 1.75), ylim=(0, None if paper else top))
     axes.set_xticks((0, 1), [_SAID[mapping] for mapping in MAPPINGS])
     axes.set_ylabel("time of the chain (ms)")
     axes.grid(visible=False, axis="x")
-    axes.set_title("a dot a frame; mean ± deviation: coloured ours, black the paper's", fontsize=9)
+    live = f"live across processes,\nup to {most:.0f} ms"
+    axes.set_title(
+        "simulated; mean ± deviation:\ncoloured ours, black the paper's" if paper else live, fontsize=9
+    )
 
 
 def _draw_mean(axes: Axes, place: float, stated: tuple[float, float], color: str) -> None:
