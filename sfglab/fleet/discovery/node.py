@@ -26,6 +26,7 @@ from sfglab.fleet.discovery.lifecycle import Action
 from sfglab.fleet.discovery.listener import DISCOVERY_EVENT, DISCOVERY_QOS, HISTORY, discovery_topic
 from sfglab.fleet.discovery.registry import AgentStatus, Move, Order, Registry, Timing
 from sfglab.fleet.discovery.screening import Limits, Refusal, admitted
+from sfglab.fleet.discovery.turns import Turns
 from sfglab.fleet.refusals import SaidOnce
 from sfglab.fleet.status.heartbeat import AGENT_HEARTBEAT, GET_METADATA, heartbeat_topic, metadata_service
 from sfglab.messages import CdrError, message_type, serialized_size, service_type, stamp_from_ns
@@ -85,7 +86,8 @@ class DiscoverySettings:
     #: long, and longer when those who look for it give up and begin anew.
     find_timeout_s: float = 5.0
     query_timeout_s: float = 2.0  #: How long an agent may take to answer then, seconds.
-    max_queries: int = 8  #: Queries that may be under way at once, to different agents; others wait in order.
+    #: Queries that may be under way at once, to different agents; the others have their turns (`Turns`).
+    max_queries: int = 128
 
     def __post_init__(self) -> None:
         validate_agent(self.agent)
@@ -121,13 +123,18 @@ class AgentDiscoverer:
         self._node = node
         self._settings = settings
         self._on_event = on_event
+        self._say = SaidOnce(_LOG)
         self._registry = Registry(
-            settings.agent, timing=settings.timing, limits=settings.limits, on_move=on_move
+            settings.agent,
+            timing=settings.timing,
+            limits=settings.limits,
+            on_move=on_move,
+            on_alarm=lambda key, sentence: self._say(key, f"discoverer: {sentence}"),
         )
         self._history = History(HISTORY - _MARGIN)
-        self._slots = asyncio.Semaphore(settings.max_queries)
+        self._turns = Turns(settings.max_queries)
+        self._agents: dict[int, str] = {}  # of queries that wait or are under way
         self._queries: dict[int, asyncio.Task[None]] = {}
-        self._say = SaidOnce(_LOG)
         self._rearmed = asyncio.Event()
         self._events: Publisher | None = None
         self._broken: asyncio.Future[None]
@@ -176,7 +183,7 @@ class AgentDiscoverer:
         while True:
             self._rearmed.clear()
             since_ns = now_ns
-            deadlines = (self._registry.deadline_ns, since_ns + _TICK_NS)
+            deadlines = (self._registry.deadline_ns, self._turns.deadline_ns, since_ns + _TICK_NS)
             wake_ns = min(deadline for deadline in deadlines if deadline is not None)
             rearmed = await is_set_before(self._rearmed, wake_ns / 1e9)
             now_ns = _now_ns() if rearmed else max(_now_ns(), wake_ns)  # a timer may be early by its resolution
@@ -189,39 +196,59 @@ class AgentDiscoverer:
             if order.query is None:
                 self._announce(order)
             elif order.action is Action.QUERY:
-                task = asyncio.create_task(self._ask(order.agent, order.query))
-                self._queries[order.query] = task
-                task.add_done_callback(partial(self._query_ended, order.query))
+                self._agents[order.query] = order.agent
+                self._turns.ask(order.query, order.publisher, order.failures)
             else:
-                self._queries[order.query].cancel()
+                self._end(order.query)
+        self._take_turns()
+
+    def _take_turns(self) -> None:
+        """Begin the queries whose turn it is; those in whose place they come have failed."""
+        now_ns = _now_ns()
+        while (query := (turn := self._turns.next(now_ns))[0]) is not None:
+            if (leaves := turn[1]) is not None:
+                agent = self._agents[leaves]
+                self._end(leaves)
+                self._carry_out(self._registry.failed(agent, leaves, now_ns=now_ns))
+            task = asyncio.create_task(self._ask(self._agents[query], query))
+            self._queries[query] = task
+            task.add_done_callback(partial(self._query_ended, query))
+
+    def _end(self, query: int) -> None:
+        """End a query, wherever it stands."""
+        self._agents.pop(query, None)
+        self._turns.ended(query)
+        if query in self._queries:
+            self._queries[query].cancel()
 
     def _query_ended(self, query: int, task: asyncio.Task[None]) -> None:
         del self._queries[query]
+        self._end(query)
+        self._rearmed.set()  # there is a place now, and the next try may be due before anything else
         if not task.cancelled() and (error := task.exception()) is not None and not self._broken.done():
             self._broken.set_exception(error)
 
     async def _ask(self, agent: str, query: int) -> None:
-        metadata = await self._metadata_of(agent)
+        metadata = await self._metadata_of(agent, query)
         if metadata is None:
             orders = self._registry.failed(agent, query, now_ns=_now_ns())
         else:
             orders = self._registry.answered(agent, query, metadata, now_ns=_now_ns())
         self._carry_out(orders)
-        self._rearmed.set()  # the next try may be due before anything else
 
-    async def _metadata_of(self, agent: str) -> Any:
-        """Ask an agent when it is its turn; None when there is no answer, or none of use."""
-        async with self._slots:
-            client = self._node.create_client(GET_METADATA, metadata_service(agent))
-            try:
-                request = service_type(GET_METADATA).request()
-                await client.wait_for_service(self._settings.find_timeout_s)
-                response = await client.call(request, timeout_s=self._settings.query_timeout_s)
-            except SfglabError as error:
-                _LOG.info("discoverer: %s", error)
-                return None
-            finally:
-                client.close()
+    async def _metadata_of(self, agent: str, query: int) -> Any:
+        """Ask an agent; None when there is no answer, or none of use."""
+        client = self._node.create_client(GET_METADATA, metadata_service(agent))
+        try:
+            request = service_type(GET_METADATA).request()
+            await client.wait_for_service(self._settings.find_timeout_s)
+            self._turns.found(query, _now_ns())
+            response = await client.call(request, timeout_s=self._settings.query_timeout_s)
+        except SfglabError as error:
+            _LOG.info("discoverer: %s", error)
+            return None
+        finally:
+            client.close()
         fits = serialized_size(response.metadata) <= self._settings.limits.max_metadata_bytes
         if not (response.success and fits):
             return None

@@ -3,14 +3,14 @@
 Pure: the caller passes what was heard and `now_ns`, any clock that never goes back, and carries out what is
 returned. A start of an agent is told from another by its incarnation, which grows; while one start is there,
 heartbeats of an older one are not believed, and when it is lost they are, for a robot's clock may have been
-set back while it was off.
+set back while it was off. What a heartbeat claims counts when the agent's service has answered so (`sources`).
 """
 
 from __future__ import annotations
 
 import itertools
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from sfglab.errors import InvalidValueError
@@ -24,11 +24,13 @@ from sfglab.fleet.discovery.lifecycle import (
     State,
     Told,
 )
-from sfglab.fleet.discovery.screening import Limits, Refusal, Screen
+from sfglab.fleet.discovery.screening import Bucket, Limits, Refusal, Screen
+from sfglab.fleet.discovery.sources import Source, Sources
+from sfglab.fleet.status.description import MAX_TEXT
 from sfglab.machine import BackOff
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Hashable
 
     from sfglab.fleet.status.heartbeat import Heartbeat
 
@@ -59,6 +61,8 @@ class Order:
     query: int | None = None
     incarnation: int = 0  #: Which start of the agent the description is from.
     metadata: Any = None  #: Its last known description.
+    publisher: bytes = b""  #: Who was heard, when an agent has to be asked.
+    failures: int = 0  #: How many queries of it have failed since one was answered.
 
     @property
     def event(self) -> str:
@@ -92,6 +96,10 @@ class AgentStatus:
 _OF_NO_USE = tuple(state for state, given in TRANSITIONS if given is Input.EXPIRED)
 
 
+_CLAIMS_PER_S, _CLAIMS = 0.1, 5  # claims to be another start that are followed, for long and at once
+_DOUBTS = 3  # failed queries after which who was not believed before is no sign of life
+
+
 _Version = tuple[int, int]  #: Incarnation and revision of an agent's description.
 
 
@@ -102,13 +110,21 @@ class _Remote:
     life: Lifecycle
     backoff: BackOff
     wanted: _Version  #: What its heartbeats say that there is to know.
+    claims: Bucket
+    sources: Sources = field(default_factory=Sources)
+    publisher: bytes = b""
+    doubts: int = 0
     held: _Version | None = None  #: What the description is of that was announced; None before the first.
     metadata: Any = None
     query: int | None = None  #: The outstanding query.
     heard_ns: int = 0
-    silent_ns: int = 0
     retry_ns: int = 0
     expire_ns: int = 0
+
+    @property
+    def silent_ns(self) -> int:
+        held = self.held[0] if self.held is not None and self.life.state.told is Told.PRESENT else None
+        return self.sources.silent_ns(held, doubted=self.held is not None and self.doubts >= _DOUBTS)
 
 
 class Registry:
@@ -124,10 +140,14 @@ class Registry:
         timing: Timing | None = None,
         limits: Limits | None = None,
         on_move: Callable[[Move], None] | None = None,
+        on_alarm: Callable[[Hashable, str], None] = lambda _key, _sentence: None,
     ) -> None:
+        self._on_alarm = on_alarm
+        self._own = Sources()  # who bears the own agent's name
         #: How often what happened: ``heard``, ``dropped_<reason>``, ``asked``, ``answered``, ``failed`` (of
         #: these ``mismatched``: answered with something else), ``abandoned``, ``ignored_answers`` (to queries
-        #: that had been given up), ``evicted``, ``refused_parts`` (of descriptions).
+        #: that had been given up), ``evicted``, ``refused_parts`` (of descriptions), ``twins`` (heartbeats of a
+        #: name that is used twice).
         self.counts: Counter[str] = Counter()
         self._timing = timing or Timing()
         self._limits = limits or Limits()
@@ -139,55 +159,80 @@ class Registry:
     def heard(self, heartbeat: Heartbeat, publisher_gid: bytes, *, now_ns: int) -> list[Order]:
         """Take a heartbeat, as a value or message that may say anything, and return what has to be done."""
         refusal = self._screen.check(heartbeat, publisher_gid, now_ns=now_ns)
+        version = heartbeat.incarnation, heartbeat.revision
+        if refusal in (Refusal.OWN, Refusal.SPOOFED):
+            key = publisher_gid, heartbeat.incarnation
+            self._own.note(key, now_ns=now_ns, silent_ns=now_ns, revision=heartbeat.revision)
+            self._tell_twins(heartbeat.agent, self._own)
         if refusal is not None:
-            return self.refuse(refusal)
+            return self.refuse(refusal, heartbeat.agent, publisher_gid)
         remote = self._remotes.get(heartbeat.agent)
         if remote is None:
             if not self._make_room():
-                return self.refuse(Refusal.FULL)
-            version = heartbeat.incarnation, heartbeat.revision
-            remote = _Remote(Lifecycle(heartbeat.agent), self._fresh_backoff(), version)
+                return self.refuse(Refusal.FULL, heartbeat.agent, publisher_gid)
+            claims = Bucket(_CLAIMS_PER_S, _CLAIMS, now_ns)
+            remote = _Remote(Lifecycle(heartbeat.agent), self._fresh_backoff(), version, claims)
             self._remotes[heartbeat.agent] = remote
-        given = _input_of(heartbeat, remote)
-        if given is None:
-            return self.refuse(Refusal.STALE)
+        silent_ns = now_ns + round(self._timing.missed * heartbeat.period_s * 1e9) + self._timing.slack_ns
+        key = publisher_gid, heartbeat.incarnation
+        source = remote.sources.note(key, now_ns=now_ns, silent_ns=silent_ns, revision=heartbeat.revision)
+        self._tell_twins(heartbeat.agent, remote.sources)
+        given = _input_of(version, remote, source, now_ns)
+        if isinstance(given, Refusal):
+            source.trust = False
+            return self.refuse(given, heartbeat.agent, publisher_gid)
         self.counts["heard"] += 1
-        if given is not Input.HEARD:
-            remote.wanted = heartbeat.incarnation, heartbeat.revision
         if given is Input.RESTARTED:
             remote.backoff = self._fresh_backoff()
-        remote.heard_ns = now_ns
-        remote.silent_ns = (
-            now_ns + round(self._timing.missed * heartbeat.period_s * 1e9) + self._timing.slack_ns
-        )
+        if given is not Input.HEARD and not source.trust:
+            source.trust = None  # it is being asked about
+        if given is Input.RESTARTED or version > remote.wanted:
+            remote.wanted = version
+        remote.heard_ns, remote.publisher = now_ns, publisher_gid
         return self._feed(heartbeat.agent, given, now_ns)
 
-    def refuse(self, why: Refusal) -> list[Order]:
+    def refuse(self, why: Refusal, agent: str = "", publisher: bytes = b"") -> list[Order]:
         """Count a heartbeat that does not count otherwise; nothing has to be done."""
         self.counts[f"dropped_{why.value}"] += 1
+        if why not in (Refusal.OWN, Refusal.STALE):
+            who = f"{agent[:MAX_TEXT]!r}, by {publisher.hex() or 'somebody'}"
+            self._on_alarm((why, publisher), f"a heartbeat of {who}, does not count: {why.value}")
         return []
+
+    def _tell_twins(self, agent: str, sources: Sources) -> None:
+        """Say that an agent's name is used twice at once."""
+        if twins := sources.twins():
+            self.counts["twins"] += 1
+            who = " and ".join(f"{publisher.hex()} (start {start})" for publisher, start in twins[:2])
+            self._on_alarm(
+                ("twins", agent),
+                f"two speak for agent {agent!r} at once, {who}: its name is used twice, or spoofed",
+            )
 
     def answered(self, agent: str, query: int, metadata: Any, *, now_ns: int) -> list[Order]:
         """Take the ``AgentMetadata``, which may say anything, that answers a query of an order."""
         remote = self._asked(agent, query)
         if remote is None:
             return []
-        if metadata.agent != agent or not _is_wanted(metadata, remote.wanted):
+        version = metadata.incarnation, metadata.revision
+        if metadata.agent != agent or not remote.sources.says(*version):
             self.counts["mismatched"] += 1
             return self.failed(agent, query, now_ns=now_ns)
-        anew = remote.held is not None and remote.held[0] != metadata.incarnation
-        remote.held = remote.wanted = metadata.incarnation, metadata.revision
+        anew, again = remote.held is not None and remote.held[0] != version[0], remote.held == version
+        remote.sources.answered(*version)
+        remote.held, remote.wanted, remote.doubts = version, version, 0
         remote.metadata, remote.query = metadata, None
         remote.backoff = self._fresh_backoff()
         self.counts["answered"] += 1
-        return self._feed(agent, Input.ANSWERED_ANEW if anew else Input.ANSWERED, now_ns)
+        orders = self._feed(agent, Input.ANSWERED_ANEW if anew else Input.ANSWERED, now_ns)
+        return [order for order in orders if not (again and order.action is Action.UPDATED)]
 
     def failed(self, agent: str, query: int, *, now_ns: int) -> list[Order]:
         """Take it that a query failed or was not answered in time; see `answered`."""
         remote = self._asked(agent, query)
         if remote is None:
             return []
-        remote.query = None
+        remote.query, remote.doubts = None, remote.doubts + 1
         self.counts["failed"] += 1
         return self._feed(agent, Input.FAILED, now_ns)
 
@@ -196,6 +241,9 @@ class Registry:
         orders: list[Order] = []
         for agent, remote in list(self._remotes.items()):
             given = next((given for at_ns, given in _deadlines(remote) if now_ns >= at_ns), None)
+            doubted = remote.doubts >= _DOUBTS or remote.life.state.told is not Told.PRESENT
+            if given is Input.SILENT and not doubted and remote.sources.outlive(now_ns):
+                given = Input.CHANGED  # the others have to prove that it is there
             if given is not None:
                 orders += self._feed(agent, given, now_ns)
         return orders
@@ -203,8 +251,7 @@ class Registry:
     def overslept(self, since_ns: int, now_ns: int) -> None:
         """Count nothing of the time in which the caller itself stood still as an agent's silence."""
         for remote in self._remotes.values():
-            left_ns = remote.silent_ns - max(remote.heard_ns, since_ns)
-            remote.silent_ns = max(remote.silent_ns, now_ns + left_ns)
+            remote.sources.overslept(since_ns, now_ns)
 
     @property
     def deadline_ns(self) -> int | None:
@@ -261,7 +308,8 @@ class Registry:
         if remote.life.state is State.LOST and before is not State.LOST:
             # Whoever comes back is compared with what consumers know, not with what was being asked for.
             assert remote.held is not None
-            remote.wanted, remote.expire_ns = remote.held, now_ns + self._timing.forget_ns
+            remote.wanted, remote.doubts = remote.held, 0
+            remote.expire_ns = now_ns + self._timing.forget_ns
         orders = [self._order(action, agent, remote, now_ns) for action in actions]
         return [order for order in orders if order is not None]
 
@@ -287,18 +335,23 @@ class Registry:
         return BackOff(first_ns=timing.backoff_ns, limit_ns=timing.backoff_max_ns, stable_ns=1)
 
 
-def _is_wanted(metadata: Any, wanted: _Version) -> bool:
-    """Return whether an answer is from the start that was heard, and not older than what was heard of it."""
-    return bool(metadata.incarnation == wanted[0] and metadata.revision >= wanted[1])
-
-
-def _input_of(heartbeat: Heartbeat, remote: _Remote) -> Input | None:
-    """Return which input a heartbeat is; None when it is from a start that has been followed by another."""
-    incarnation, revision = remote.wanted
-    if heartbeat.incarnation == incarnation:
-        return Input.CHANGED if heartbeat.revision > revision else Input.HEARD
-    older = heartbeat.incarnation < incarnation
-    return None if older and remote.life.state is not State.LOST else Input.RESTARTED
+def _input_of(version: _Version, remote: _Remote, source: Source, now_ns: int) -> Input | Refusal:
+    """Return which input a heartbeat is, or why it is none: it claims a start that nobody has to believe."""
+    state, wanted = remote.life.state, remote.wanted
+    idle = state.asking is Asking.NO and remote.held is not None
+    if version[0] == wanted[0]:
+        if version[1] > wanted[1]:
+            refused = idle and not source.trust and not remote.claims.take(now_ns)
+            return Refusal.CLAIMED if refused else Input.CHANGED
+        known = source.trust if state is State.LOST else remote.sources.believed()
+        return Input.CHANGED if idle and not known else Input.HEARD
+    if remote.held is not None and version[0] == remote.held[0]:
+        return Input.HEARD  # another start is being asked about, and this one is still there
+    if version[0] < wanted[0] and state.told is not Told.LOST:
+        return Refusal.STALE if state.told is Told.PRESENT else Input.HEARD
+    if remote.claims.take(now_ns):
+        return Input.RESTARTED
+    return Input.HEARD if state.told is Told.NOTHING else Refusal.CLAIMED
 
 
 def _deadlines(remote: _Remote) -> list[tuple[int, Input]]:
@@ -312,6 +365,11 @@ def _deadlines(remote: _Remote) -> list[tuple[int, Input]]:
 
 def _order(action: Action, agent: str, remote: _Remote) -> Order:
     if action not in ANNOUNCEMENTS:
-        return Order(action=action, agent=agent, query=remote.query)
+        if action is not Action.QUERY:
+            return Order(action=action, agent=agent, query=remote.query)
+        failures = remote.backoff.failures
+        return Order(
+            action=action, agent=agent, query=remote.query, publisher=remote.publisher, failures=failures
+        )
     assert remote.held is not None
     return Order(action=action, agent=agent, incarnation=remote.held[0], metadata=remote.metadata)

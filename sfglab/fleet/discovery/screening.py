@@ -35,6 +35,7 @@ class Refusal(Enum):
     OWN = "own"  #: It is the discoverer's own agent's.
     SPOOFED = "spoofed"  #: It bears the discoverer's own agent's name and comes from somebody else.
     STALE = "stale"  #: It is from a start of the agent before the one that is there.
+    CLAIMED = "claimed"  #: It claims a start, or a revision, that has not answered, again.
     FULL = "full"  #: It is from an agent for which there is no place.
 
 
@@ -59,7 +60,7 @@ class Limits:
                 raise InvalidValueError(f"discovery, {name}", given, "positive numbers")
 
 
-class _Bucket:
+class Bucket:
     """A token bucket: `rate_per_s` for long, `burst` at once."""
 
     __slots__ = ("_burst", "_rate_per_ns", "_tokens", "_updated_ns")
@@ -71,6 +72,7 @@ class _Bucket:
         self._updated_ns = now_ns
 
     def take(self, now_ns: int) -> bool:
+        """Return whether one more is within the rate, and count it then."""
         gained = max(0, now_ns - self._updated_ns) * self._rate_per_ns
         self._tokens = min(self._burst, self._tokens + gained)
         self._updated_ns = max(now_ns, self._updated_ns)
@@ -86,8 +88,8 @@ class Screen:
     def __init__(self, agent: str, limits: Limits) -> None:
         self._agent = agent
         self._limits = limits
-        self._total = _Bucket(limits.total_per_s, limits.total_burst, 0)
-        self._buckets: OrderedDict[bytes, _Bucket] = OrderedDict()
+        self._total = Bucket(limits.total_per_s, limits.total_burst, 0)
+        self._buckets: OrderedDict[bytes, Bucket] = OrderedDict()
         self._own: tuple[int, bytes] | None = None  # its last incarnation and publisher
 
     def check(self, heartbeat: Heartbeat, publisher_gid: bytes, *, now_ns: int) -> Refusal | None:
@@ -101,10 +103,10 @@ class Screen:
             return self._check_own(heartbeat, publisher_gid)
         return None
 
-    def _bucket(self, publisher_gid: bytes, now_ns: int) -> _Bucket:
+    def _bucket(self, publisher_gid: bytes, now_ns: int) -> Bucket:
         bucket = self._buckets.get(publisher_gid)
         if bucket is None:
-            bucket = _Bucket(self._limits.beats_per_s, self._limits.burst, now_ns)
+            bucket = Bucket(self._limits.beats_per_s, self._limits.burst, now_ns)
             self._buckets[publisher_gid] = bucket
             if len(self._buckets) > 2 * self._limits.max_agents:
                 self._buckets.popitem(last=False)

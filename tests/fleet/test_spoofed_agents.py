@@ -1,0 +1,150 @@
+"""Heartbeats in somebody's name, two of one name, and made-up agents: what discovery makes of them."""
+
+import asyncio
+from dataclasses import replace
+from types import SimpleNamespace
+
+import pytest
+from test_discovery_registry import BEAT, TIMING, S
+
+from sfglab.component import beside
+from sfglab.fleet.discovery.lifecycle import ANNOUNCEMENTS, Action
+from sfglab.fleet.discovery.node import AgentDiscoverer, DiscoverySettings
+from sfglab.fleet.discovery.registry import Registry
+from sfglab.fleet.discovery.sources import MAX_SOURCES, Sources
+from sfglab.fleet.discovery.turns import CHANCE_NS, Turns
+from sfglab.fleet.status.heartbeat import AGENT_HEARTBEAT, Heartbeat, heartbeat_topic
+from sfglab.fleet.status.node import StatusProvider, StatusSettings
+from sfglab.qos import LATCHED
+
+HUGE = 2**63 - 1
+SPOOFS = {
+    "a later start": {"incarnation": HUGE},
+    "an earlier start": {"incarnation": 1},
+    "the same start": {},
+    "another revision": {"revision": 2**32 - 1},
+}
+
+
+def life(spoof: dict, times_s, dies_s: float, until_s: float):
+    """A world in which go2 beats once a second until it dies, and answers: events, counts, alarms."""
+    alarms, told, failing = {}, [], {}
+    registry = Registry("station", timing=TIMING, on_alarm=alarms.__setitem__)
+
+    def carry_out(orders, now_ns):
+        for order in orders:
+            if order.action in ANNOUNCEMENTS:
+                told.append((now_ns / S, order.event))
+            elif order.action is Action.ABANDON:
+                failing.pop(order.query, None)
+            elif now_ns / S < dies_s:
+                answer = SimpleNamespace(agent="go2", incarnation=7, revision=0)
+                carry_out(registry.answered("go2", order.query, answer, now_ns=now_ns), now_ns)
+            else:
+                failing[order.query] = now_ns + 2 * S
+
+    for step in range(round(until_s * 4)):
+        now_ns = step * S // 4
+        carry_out(registry.due(now_ns), now_ns)
+        for query in [query for query, at_ns in failing.items() if at_ns <= now_ns]:
+            del failing[query]
+            carry_out(registry.failed("go2", query, now_ns=now_ns), now_ns)
+        if now_ns / S in times_s:
+            spoofed = replace(BEAT, period_s=60.0, **spoof)
+            carry_out(registry.heard(spoofed, b"evil", now_ns=now_ns), now_ns)
+        if step % 4 == 0 and now_ns / S < dies_s:
+            carry_out(registry.heard(BEAT, b"real", now_ns=now_ns), now_ns)
+    return told, registry.counts, alarms
+
+
+@pytest.mark.parametrize("spoof", SPOOFS.values(), ids=SPOOFS)
+@pytest.mark.parametrize("at_s", [0.0, 5.5], ids=["first", "later"])
+def test_one_spoofed_heartbeat_neither_hides_an_agent_nor_its_death(spoof, at_s):
+    told, _, _ = life(spoof, {at_s}, dies_s=20, until_s=60)
+    assert [event for _, event in told] == ["DISCOVERED", "LOST"]
+    assert 20 < told[1][0] <= 35
+
+
+@pytest.mark.parametrize("spoof", SPOOFS.values(), ids=SPOOFS)
+def test_spoofed_again_and_again_an_agent_stays_its_death_is_told_and_two_are_reported(spoof):
+    told, counts, alarms = life(spoof, {n / 2 for n in range(400)}, dies_s=60, until_s=200)
+    assert [event for _, event in told] == ["DISCOVERED", "LOST"]
+    assert 60 < told[1][0] <= 90
+    assert counts["twins"] > 50
+    (said,) = [sentence for sentence in alarms.values() if "two speak for agent 'go2'" in sentence]
+    assert b"evil".hex() in said
+    assert b"real".hex() in said
+    assert counts["asked"] < 60, "who was refused is not asked about at every beat"
+
+
+def test_two_agents_of_one_name_say_so_themselves_and_a_restart_is_none():
+    alarms = []
+    registry = Registry("go2", timing=TIMING, on_alarm=lambda _, sentence: alarms.append(sentence))
+    for second in range(3):
+        registry.heard(BEAT, b"mine", now_ns=second * S)
+    for second in range(3, 6):
+        registry.heard(replace(BEAT, incarnation=8), b"mine anew", now_ns=second * S)
+    assert alarms == []
+    for second in range(6, 9):
+        registry.heard(replace(BEAT, incarnation=8), b"mine anew", now_ns=second * S)
+        registry.heard(replace(BEAT, incarnation=5), b"other", now_ns=second * S + 1)
+    assert any(b"mine anew".hex() in said and b"other".hex() in said for said in alarms)
+    assert registry.counts["twins"] > 0
+
+
+def test_sources_of_a_name_are_bounded_and_who_is_believed_stays():
+    sources = Sources()
+    sources.note((b"real", 7), now_ns=0, silent_ns=S, revision=0)
+    sources.answered(7, 0)
+    for n in range(1, 100):
+        sources.note((b"%d" % n, n), now_ns=n, silent_ns=60 * S, revision=0)
+    assert len(sources._known) == MAX_SOURCES
+    assert sources.silent_ns(7, doubted=True) == S
+
+
+def test_a_query_waits_for_those_that_failed_no_oftener_and_not_for_its_publishers_thousand_others():
+    turns = Turns(2)
+    for query in range(1000):
+        turns.ask(query, b"evil", 0)
+    turns.ask(1000, b"evil failed", 3)
+    turns.ask(1001, b"real", 0)
+    assert [turns.next(0) for _ in range(3)] == [(0, None), (1001, None), (None, None)]
+    turns.ended(1001)
+    assert turns.next(1) == (1, None)
+    assert turns.deadline_ns == CHANCE_NS
+    assert turns.next(CHANCE_NS) == (2, 0), "the first had its chance"
+    turns.found(2, CHANCE_NS)
+    assert turns.next(CHANCE_NS + 1) == (3, 1), "and the next one, while who was found may answer"
+    for query in range(1, 1000):
+        turns.ended(query)
+    assert turns.next(0) == (1000, None)
+    turns.ended(1000)
+    assert (turns.next(0), turns.deadline_ns, turns._of_publisher) == ((None, None), None, {})
+
+
+@pytest.mark.parametrize("sim", [{"seed": 1, "limit_s": 60}], indirect=True)
+@pytest.mark.parametrize("publishers", [1, 50])
+async def test_a_real_agent_is_discovered_beside_a_thousand_made_up_ones(sim, publishers):
+    found = asyncio.Event()
+    loop = asyncio.get_running_loop()
+    async with sim.node("discoverer", host="pc") as node, sim.node("evil", host="evil") as evil:
+        discoverer = AgentDiscoverer(node, DiscoverySettings(agent="pc"), on_event=lambda _: found.set())
+        qos = replace(LATCHED, depth=1000)
+        made_up = [evil.create_publisher(AGENT_HEARTBEAT, heartbeat_topic(), qos) for _ in range(publishers)]
+
+        async def shout():
+            while True:
+                for n in range(1000):
+                    beat = Heartbeat(
+                        agent=f"x{n}y", incarnation=n, revision=0, phase=0, period_s=5.0, version=""
+                    )
+                    made_up[n % publishers].publish(beat.to_message(0))
+                await asyncio.sleep(2)
+
+        async with beside(discoverer.run(), shout()), sim.node("status", host="go2") as real:
+            await asyncio.sleep(1)
+            started_s = loop.time()
+            async with beside(StatusProvider(real, StatusSettings(agent="go2")).run()):
+                await asyncio.wait_for(found.wait(), 30)
+        assert loop.time() - started_s < 5
+        assert len(discoverer.status().agents) <= 500
