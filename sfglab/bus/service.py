@@ -20,6 +20,7 @@ from sfglab.bus.endpoints import Inbox, Sample
 from sfglab.bus.errors import BusTimeoutError, ClosedError, discovery_timeout_error
 from sfglab.bus.loop import Signal
 from sfglab.bus.pubsub import checked_type
+from sfglab.errors import InvalidValueError
 from sfglab.messages import (
     ServiceFrame,
     deserialize,
@@ -228,12 +229,14 @@ class Client:
         """Return once no server can be called, at once if there is none now."""
         await self._pair.changed.wait_until(lambda: not self.service_is_ready(), None)
 
-    async def call(self, request: Any, timeout_s: float | None = 5.0) -> Any:
+    async def call(self, request: Any, timeout_s: float | None = 5.0, *, max_bytes: int | None = None) -> Any:
         """Return the server's response, waiting first for a server if there is none yet.
 
-        The time-out is for server and response together, in seconds; None waits for ever.
+        The time-out is for server and response together, in seconds; None waits for ever. A response of more
+        than `max_bytes` is not read.
 
         Raises:
+            InvalidValueError: The response is larger than that.
             BusTimeoutError: No server, or no response in time: it is gone, slow, or its handler failed.
             InvalidMessageError: The request is of another type.
             ClosedError: The client is closed, or was meanwhile.
@@ -253,6 +256,8 @@ class Client:
         except TimeoutError as error:
             reason = "the server did not respond" if self.service_is_ready() else "the server has gone"
             raise BusTimeoutError(f"{said} ({reason})") from error
+        if max_bytes is not None and len(frame.cdr) > max_bytes:
+            raise InvalidValueError(f"response of {name!r}", f"{len(frame.cdr)} bytes", f"{max_bytes}")
         return deserialize(frame.cdr, self._response)
 
     def close(self) -> None:

@@ -7,15 +7,18 @@ from types import SimpleNamespace
 import pytest
 from test_discovery_registry import BEAT, TIMING, S
 
+from sfglab.bus import Node
 from sfglab.component import beside
 from sfglab.fleet.discovery.lifecycle import ANNOUNCEMENTS, Action
 from sfglab.fleet.discovery.node import AgentDiscoverer, DiscoverySettings
 from sfglab.fleet.discovery.registry import Registry
 from sfglab.fleet.discovery.sources import MAX_SOURCES, Sources
 from sfglab.fleet.discovery.turns import CHANCE_NS, Turns
+from sfglab.fleet.status.description import AgentDescription
 from sfglab.fleet.status.heartbeat import AGENT_HEARTBEAT, Heartbeat, heartbeat_topic
 from sfglab.fleet.status.node import StatusProvider, StatusSettings
-from sfglab.qos import LATCHED
+from sfglab.messages import default_message, deserialize
+from sfglab.qos import LATCHED, QoSProfile
 
 HUGE = 2**63 - 1
 SPOOFS = {
@@ -148,3 +151,42 @@ async def test_a_real_agent_is_discovered_beside_a_thousand_made_up_ones(sim, pu
                 await asyncio.wait_for(found.wait(), 30)
         assert loop.time() - started_s < 5
         assert len(discoverer.status().agents) <= 500
+
+
+@pytest.mark.live
+async def test_nothing_is_kept_of_a_message_that_is_larger_than_its_process_takes(free_domains):
+    one, other = free_domains(2)
+    qos = QoSProfile(depth=10)
+    async with (
+        Node("big", domain_id=one, interface="lo") as sender,
+        Node(
+            "small", domain_id=other, external_domain_id=one, interface="lo", max_sample_bytes=1 << 20
+        ) as taker,
+    ):
+        heard = taker.create_subscription("std_msgs/msg/String", "/x", qos=qos)
+        publisher = sender.create_publisher("std_msgs/msg/String", "/x", qos)
+        await publisher.wait_for_subscriptions(1, 30)
+        for size in (4 << 20, 1000, 20 << 20, 2000):
+            message = default_message("std_msgs/msg/String")
+            message.data = "x" * size
+            publisher.publish(message)
+        assert [len((await heard.take(30)).data) for _ in range(2)] == [1000, 2000]
+
+
+@pytest.mark.parametrize("sim", [{"seed": 1, "limit_s": 60}], indirect=True)
+async def test_a_description_that_is_too_large_is_not_read(sim, monkeypatch):
+    read = []
+
+    def reading(cdr, type_):
+        if len(cdr) > 1000:
+            read.append(type_)
+        return deserialize(cdr, type_)
+
+    monkeypatch.setattr("sfglab.bus.service.deserialize", reading)
+    software = tuple("x" * 200 for _ in range(1000))
+    settings = StatusSettings(agent="go2", description=AgentDescription(software=software))
+    async with sim.node("discoverer", host="pc") as node, sim.node("status", host="go2") as real:
+        discoverer = AgentDiscoverer(node, DiscoverySettings(agent="pc"))
+        async with beside(discoverer.run(), StatusProvider(real, settings).run()):
+            await asyncio.sleep(10)
+        assert (discoverer.status().counts["failed"] > 1, read) == (True, [])

@@ -48,7 +48,7 @@ join. Each asks every place: about 200 small packets a process within its first 
 # endpoint of ours has ended.
 _COMPATIBILITY = (
     "<Compatibility><IgnoreTypeInformation>1.15</IgnoreTypeInformation></Compatibility>"
-    "<Internal><GenerateKeyhash>true</GenerateKeyhash></Internal>"
+    "<Internal><GenerateKeyhash>true</GenerateKeyhash>{}</Internal>"
 )
 _INTERFACE_ELEMENTS = ("Interfaces", "NetworkInterfaceAddress")
 _PIECE_END = re.compile(r"(?<=>)\s*,\s*(?=<|file:|/)")
@@ -67,6 +67,7 @@ class DomainOptions(TypedDict, total=False):
     multicast: Multicast
     lease_s: float
     external_domain_id: int | None
+    max_sample_bytes: int | None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -83,6 +84,8 @@ class DomainConfig:
     #: and threads for each `domain_id`, so several of them with one external id are, for everybody else, as
     #: many processes in one domain.
     external_domain_id: int | None = None
+    #: The largest message that is sent or taken, in bytes; of a larger one nothing is kept. None: 2 GiB.
+    max_sample_bytes: int | None = None
 
     @property
     def wire_id(self) -> int:
@@ -143,7 +146,9 @@ def domain_xml(config: DomainConfig) -> str:
         DomainError: CYCLONEDDS_URI cannot be read, where an interface is asked for.
     """
     interface = config.interface or ("lo" if _stays_on_this_host() else None)
-    parts = _general(config, interface), _discovery(config, interface), _COMPATIBILITY
+    size = config.max_sample_bytes
+    bound = "" if size is None else f"<MaxSampleSize>{size}B</MaxSampleSize>"
+    parts = _general(config, interface), _discovery(config, interface), _COMPATIBILITY.format(bound)
     own = f'<CycloneDDS><Domain Id="any">{"".join(parts)}</Domain></CycloneDDS>'
     environment = os.environ.get("CYCLONEDDS_URI", "")
     if environment and interface:

@@ -29,7 +29,7 @@ from sfglab.fleet.discovery.screening import Limits, Refusal, admitted
 from sfglab.fleet.discovery.turns import Turns
 from sfglab.fleet.refusals import SaidOnce
 from sfglab.fleet.status.heartbeat import AGENT_HEARTBEAT, GET_METADATA, heartbeat_topic, metadata_service
-from sfglab.messages import CdrError, message_type, serialized_size, service_type, stamp_from_ns
+from sfglab.messages import CdrError, message_type, service_type, stamp_from_ns
 from sfglab.names import validate_agent
 from sfglab.qos import LATCHED
 
@@ -67,6 +67,7 @@ class History:
         return pushed_out
 
 
+MAX_SAMPLE_BYTES = 1 << 20  #: Largest message that a discoverer's process takes in at all.
 _LOG = logging.getLogger(__name__)
 _HEARTBEATS = replace(LATCHED, depth=1000)  # of all agents together, for they share one topic
 _TICK_NS = 1_000_000_000  # the watch looks at least this often, to notice when it stood still
@@ -243,14 +244,17 @@ class AgentDiscoverer:
             request = service_type(GET_METADATA).request()
             await client.wait_for_service(self._settings.find_timeout_s)
             self._turns.found(query, _now_ns())
-            response = await client.call(request, timeout_s=self._settings.query_timeout_s)
+            response = await client.call(
+                request,
+                timeout_s=self._settings.query_timeout_s,
+                max_bytes=self._settings.limits.max_metadata_bytes,
+            )
         except SfglabError as error:
             _LOG.info("discoverer: %s", error)
             return None
         finally:
             client.close()
-        fits = serialized_size(response.metadata) <= self._settings.limits.max_metadata_bytes
-        if not (response.success and fits):
+        if not response.success:
             return None
         metadata, refused = admitted(response.metadata)
         self._registry.counts["refused_parts"] += len(refused)
@@ -303,7 +307,7 @@ async def run_discoverer(
     """
     from sfglab.bus import Node
 
-    async with Node("agent_discoverer", **config.address.options()) as node:
+    async with Node("agent_discoverer", **config.address.options(), max_sample_bytes=MAX_SAMPLE_BYTES) as node:
         now_ns = node.get_clock().now_ns
 
         def told(event: Order) -> None:
