@@ -27,6 +27,8 @@ if TYPE_CHECKING:
 C = TypeVar("C")
 Report = dict[str, Any]  #: An order or a report.
 
+BEATS_VARIABLE = "SFGLAB_BEATS"  #: Set in a component's environment, it makes it give signs of life.
+BEAT_PERIOD_S = 1.0  #: How often, seconds.
 END_LIMIT_S = 10  #: How long a component may take to end, in seconds; then the kernel ends it.
 ORDER_LIMIT_BYTES = 1 << 22
 
@@ -52,7 +54,10 @@ def run_component(
     report = claim_standard_output()
     orders: asyncio.Queue[Report] = asyncio.Queue()
     try:
-        run(_until_told(serve(config_from_argument(config_class, sys.argv[1]), report, orders), orders))
+        body = serve(config_from_argument(config_class, sys.argv[1]), report, orders)
+        if os.environ.pop(BEATS_VARIABLE, ""):  # for this process alone, not for those that it starts
+            body = _beating(body, report)
+        run(_until_told(body, orders))
     except SfglabError as error:
         report({"is": "failed", "why": str(error)})
         sys.exit(1)
@@ -92,6 +97,18 @@ async def beside(*bodies: Coroutine[Any, Any, None]) -> AsyncIterator[list[async
         for task in tasks:
             task.cancel()
         await asyncio.gather(*tasks, return_exceptions=True)
+
+
+async def _beating(body: Awaitable[None], report: Callable[[Report], None]) -> None:
+    """Give a sign of life every second beside what a component does."""
+
+    async def beat() -> None:
+        while True:
+            report({"is": "alive"})
+            await asyncio.sleep(BEAT_PERIOD_S)
+
+    async with beside(beat()):
+        await body
 
 
 async def is_set_before(event: asyncio.Event, time_s: float) -> bool:

@@ -9,9 +9,11 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
+import os
 import signal
 import sys
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self, TypeVar
 
 from sfglab.component import Report, argument_of
@@ -195,6 +197,51 @@ def _report_from_line(line: bytes) -> Report:
     if not isinstance(report, dict) or "is" not in report:
         raise ValueError(f"given {line[:80]!r}, which is no report")
     return report
+
+
+# --- Processes that hang -------------------------------------------------------------------------------------
+
+LOOK_PERIOD_S = 1.0  #: How often a process that is watched is looked at, seconds.
+HANG_S = 10.0  #: How long one that beats may do anything else, in seconds in which it could have beaten.
+_STOPPED_COUNTS = 4.0  # one that is stopped cannot be busy, so it is known sooner
+
+
+class HangWatch:
+    """Whether a process hangs: it has stopped, or signs of life that it used to give are missing.
+
+    Only time counts in which it could have given one: while it slept, though a beat was due, or ran. One that
+    waits for a processor does not hang, nor does one whose signs its watcher was too slow to hear.
+    """
+
+    def __init__(self) -> None:
+        self._beats = False
+        self._missed_s = 0.0
+        self._cpu_s = 0.0
+
+    def beat(self) -> None:
+        """Take a sign of life."""
+        self._beats, self._missed_s = True, 0.0
+
+    def look(self, pid: int) -> str:
+        """Look at a process, every `LOOK_PERIOD_S`; return how it hangs, else an empty text."""
+        try:
+            fields = Path(f"/proc/{pid}/task/{pid}/stat").read_text().rpartition(")")[2].split()
+        except OSError:
+            return ""
+        return self.judge(fields[0], (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK"))
+
+    def judge(self, state: str, cpu_s: float) -> str:
+        """Take the state of its main thread, as Linux names it, and that thread's CPU time; see `look`."""
+        ran_s, self._cpu_s = cpu_s - self._cpu_s, cpu_s
+        if state in "Tt":
+            self._missed_s += _STOPPED_COUNTS * LOOK_PERIOD_S
+        elif self._beats:
+            self._missed_s += LOOK_PERIOD_S if state == "S" else min(ran_s, LOOK_PERIOD_S)
+        else:
+            self._missed_s = 0.0
+        if self._missed_s < HANG_S:
+            return ""
+        return "it was stopped" if state in "Tt" else f"it gave no sign of life for {HANG_S:g} s"
 
 
 # --- Groups of processes --------------------------------------------------------------------------------------

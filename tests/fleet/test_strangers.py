@@ -3,6 +3,7 @@
 import asyncio
 from contextlib import asynccontextmanager
 from itertools import count
+from signal import SIGKILL
 
 import pytest
 from cameras import FFMPEG, IMAGE, LOCAL, STREAM, behind_router
@@ -98,8 +99,9 @@ class Pipe:
         if values["do"] == "open":
             self.owner(self, {"is": "opened"})
 
-    def signal(self, _):
-        pass
+    def signal(self, number):
+        if number == SIGKILL:
+            self.owner(self, {"is": "ended", "status": -number})
 
     async def end(self):
         pass
@@ -173,6 +175,17 @@ async def test_who_came_second_is_decoded_when_the_first_has_gone(sim, caplog):
         await passes()
         assert decoder.status() == ()
         assert not decoder._offered
+
+
+@pytest.mark.parametrize("sim", [{"seed": 1, "limit_s": 60}], indirect=True)
+async def test_a_pipeline_process_that_hangs_is_replaced(sim, caplog, monkeypatch):
+    look = "sfglab.fleet.decoder.node.HangWatch.look"
+    monkeypatch.setattr(look, lambda _, pid: "it was stopped" if pid == 1 else "")
+    async with decoding(sim) as (decoder, pool, _):
+        decoder.offer("go2", [route()])
+        await asyncio.sleep(5)
+        assert [pipe.pid for pipe in pool.lent] == [1, 2]
+        assert "it was stopped" in caplog.text
 
 
 def tf(*pairs):

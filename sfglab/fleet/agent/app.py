@@ -19,12 +19,13 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from sfglab.component import Report, run_component
+from sfglab.component import Report, beside, run_component
 from sfglab.errors import SfglabError
 from sfglab.fleet.agent.plan import AgentConfig, plan
 from sfglab.fleet.agent.supervision import REST, Action, Component, ComponentProcess, Input, State, Supervision
 from sfglab.machine import ProcessTiming
 from sfglab.names import DdsRole, Resource, ros_name_from_dds
+from sfglab.processes import LOOK_PERIOD_S, HangWatch
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -97,7 +98,8 @@ class _Unit:
     component: Component
     life: Supervision
     process: ComponentProcess | None = None
-    failure: str = ""  # its last words, when it reported that it failed
+    failure: str = ""  # its last words, when it reported that it failed, or how it hung
+    watch: HangWatch = field(default_factory=HangWatch)
 
     @property
     def name(self) -> str:
@@ -149,10 +151,21 @@ class Agent:
         try:
             for unit in self._units:
                 await self._feed(unit, Input.BEGIN)
-            while any(unit.life.state not in REST for unit in self._units):
-                await self._step()
+            async with beside(self._watch()):
+                while any(unit.life.state not in REST for unit in self._units):
+                    await self._step()
         finally:
             await asyncio.gather(*(u.process.destroy() for u in self._units if u.process is not None))
+
+    async def _watch(self) -> None:
+        """End by force what hangs; it is started anew like whatever crashes."""
+        while True:
+            await asyncio.sleep(LOOK_PERIOD_S)
+            for unit in self._units:
+                process = unit.process if unit.life.state is State.RUNNING else None
+                if process is not None and (why := unit.watch.look(process.pid)):
+                    unit.failure = why
+                    process.kill()
 
     async def _step(self) -> None:
         """Handle the next event, if there is one before the next deadline, and the timers that ran out."""
@@ -181,6 +194,8 @@ class Agent:
             case "ready":
                 await self._feed(unit, Input.READY)
                 self._tell_when_complete()
+            case "alive":
+                unit.watch.beat()
             case "failed":
                 unit.failure = str(heard.get("why", ""))
             case _:
@@ -219,6 +234,7 @@ class Agent:
 
     async def _start(self, unit: _Unit) -> None:
         hear = partial(self._hear, unit)
+        unit.watch = HangWatch()
         try:
             unit.process = await ComponentProcess.start(unit.component, hear)
         except OSError as error:

@@ -20,6 +20,7 @@ from dataclasses import dataclass
 from enum import Enum, auto
 from typing import TYPE_CHECKING
 
+from sfglab.component import BEATS_VARIABLE
 from sfglab.machine import ProcessLife, ProcessTiming
 
 if TYPE_CHECKING:
@@ -159,6 +160,7 @@ class ComponentProcess:
             stderr=pipe,
             limit=LINE_LIMIT_BYTES,
             start_new_session=True,
+            env=os.environ | {BEATS_VARIABLE: "1"},
         )
         return cls(process, hear)
 

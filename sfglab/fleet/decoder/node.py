@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from signal import SIGKILL
 from typing import TYPE_CHECKING
@@ -39,6 +39,7 @@ from sfglab.fleet.decoder.streams import (
     routes_of_topic,
 )
 from sfglab.fleet.discovery.listener import Change, Withdrawn, agent_changes
+from sfglab.processes import LOOK_PERIOD_S, HangWatch
 
 if TYPE_CHECKING:
     from collections.abc import Awaitable, Callable, Iterable
@@ -47,6 +48,7 @@ if TYPE_CHECKING:
 
 
 _LOG = logging.getLogger(__name__)
+_SERVING = (State.RUNNING, State.LINGERING)
 OFFER = user_data({OFFER_KEY: "decoder"})  #: USER_DATA of writers that only show what could be decoded.
 
 
@@ -69,6 +71,7 @@ class _Pipeline:
     wanted: bool = False
     worker: Worker | None = None
     statistics: Statistics | None = None
+    watch: HangWatch = field(default_factory=HangWatch)
     offer: Publisher | None = None  # shows what could be decoded; nothing is ever sent by it
 
 
@@ -127,7 +130,9 @@ class AgentDecoder:
 
         The agent's discoverer announces remote agents on `discovery_topic`; empty: nobody does.
         """
-        watched = [self._watch_graph()] + ([self._watch_agents(discovery_topic)] if discovery_topic else [])
+        watched = [self._watch_graph(), self._watch_workers()] + (
+            [self._watch_agents(discovery_topic)] if discovery_topic else []
+        )
         try:
             async with beside(*watched) as watchers:
                 while True:
@@ -143,6 +148,16 @@ class AgentDecoder:
     async def _watch_graph(self) -> None:
         async for event in self._local.graph.events():
             self._events.put_nowait(partial(self._see, event))
+
+    async def _watch_workers(self) -> None:
+        """End by force the pipeline processes that hang; each is replaced like one that crashes."""
+        while True:
+            await asyncio.sleep(LOOK_PERIOD_S)
+            for pipeline in self._pipelines.values():
+                worker = pipeline.worker if pipeline.life.state in _SERVING else None
+                if worker is not None and (why := pipeline.watch.look(worker.pid)):
+                    _LOG.warning("decoder: %s: its pipeline process: %s", pipeline.route.local_topic, why)
+                    worker.signal(SIGKILL)
 
     async def _watch_agents(self, topic: str) -> None:
         async for change in agent_changes(self._local, topic):
@@ -216,6 +231,7 @@ class AgentDecoder:
             return
         match report["is"]:
             case "statistics":
+                pipeline.watch.beat()
                 pipeline.statistics = from_json(Statistics, report)
                 self._on_status(self._status(pipeline))
             case "opened":
@@ -265,7 +281,7 @@ class AgentDecoder:
             self._events.put_nowait(partial(self._heard, route.local_topic, worker, report))
 
         pipeline.worker = await self._pool.lend(pass_on)
-        pipeline.statistics = None
+        pipeline.statistics, pipeline.watch = None, HangWatch()
         stream = route if self._replay else replace(route, replay_topic="")
         transports = sorted(self._demand.transports(route.local_topic))
         pipeline.worker.order(do="open", stream=stream, transports=transports)
