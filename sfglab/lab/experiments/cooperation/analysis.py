@@ -63,8 +63,8 @@ def staleness(courses: pd.DataFrame) -> pd.DataFrame:
 
 
 @derived
-def contrasts(run: Run[Config]) -> pd.DataFrame:
-    """Return success rates, a line a method: as they are and in each contrast, at the rates contrasted."""
+def contrasts(run: Run[Config], values: str = "rate") -> pd.DataFrame:
+    """Return `rates`, a line a method: as they are and in each contrast, at the rates contrasted."""
     more, rows = courses(run, "contrast"), courses(run)
     if more.empty:
         return pd.DataFrame()
@@ -78,7 +78,7 @@ def contrasts(run: Run[Config]) -> pd.DataFrame:
         "rate of Eq. 6, depth 10": more[fast & (more["loss"] > 0.0)],
     }
     parts = [rates(rows, "method").assign(kind=kind) for kind, rows in kinds.items()]
-    return pd.concat(parts).pivot_table(index="method", columns="kind", values="rate", sort=False)
+    return pd.concat(parts).pivot_table(index="method", columns="kind", values=values, sort=False)
 
 
 def difference(courses: pd.DataFrame, better: str = "OPT+LC", worse: str = "none") -> Estimate:

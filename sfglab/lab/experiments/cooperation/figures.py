@@ -35,100 +35,106 @@ RUN_COLORS = {
     "live": COLORS["proxy"],
     "simulated": COLORS["fourth"],
 }
-_DEPTH_MARKERS = {1: MARKERS["third"], 10: MARKERS["standard"], 1000: MARKERS["fourth"]}
+_ROBOT_COLORS = {area.robot: COLORS[key] for area, key in zip(AREAS, ("proxy", "fourth", "third"), strict=True)}
 _MARK_S = 10.0
 _FAILED = "o"
 
 
-@exp.figure("cooperation", size=(9.6, 6.1))
+@exp.figure("cooperation", size=(10, 5.6))
 def draw_success(figure: Figure, run: Run[Config]) -> dict[str, Any]:
-    """Draw the success rate of each method, a panel for each Rmax."""
+    """Draw the rounds that succeed: by method with Wilson's 95 % intervals, and by depth and Rmax."""
     rows = courses(run)
-    shown = sorted(rows["rate_max_hz"].unique())
-    lines = (len(shown) + 1) // 2
-    figure.set_size_inches(9.6, 2.7 * lines + 0.7)
-    panels = figure.subplots(lines, min(2, len(shown)), squeeze=False, sharey=True).flat
-    for axes, rate_hz in zip(panels, shown, strict=False):
-        _draw_rates(axes, rows[rows["rate_max_hz"] == rate_hz])
-        axes.set_title(f"Rmax = {rate_hz} Hz", fontsize=9)
-    home = rates(rows, "method").set_index("method")["rate"]
-    said = ", ".join(f"{name} {home[name]:.0%}" for name in ("none", "LC", "OPT", "OPT+LC") if name in home)
-    figure.suptitle(f"Cooperation: rounds that three robots complete: {said}")
+    of_methods, of_cells = figure.subplots(1, 2, width_ratios=(1, 1.2))
+    table, cells = rates(rows, "method"), rates(rows, "method", "depth", "rate_max_hz")
+    _draw_rates(of_methods, table)
+    _draw_counts(of_cells, cells)
+    home = table.set_index("method")
+    said = ", ".join(
+        f"{name} {home['rate'][name]:.0%}" for name in ("none", "LC", "OPT", "OPT+LC") if name in home.index
+    )
+    figure.suptitle(
+        f"Rounds that three robots complete (simulated): {said}\n"
+        "in the paper's round OPT+LC completes it, none does not"
+    )
     more, names = difference(rows), ("successes", "runs", "low", "high")
     return {
         "rates": {
             f"{row.method}, Rmax {row.rate_max_hz}, depth {row.depth}": {n: getattr(row, n) for n in names}
-            for row in lines_of(rates(rows, "method", "rate_max_hz", "depth"))
+            for row in lines_of(cells)
         },
         "difference": more,
         "course": {"length_m": course_length_m(), "width_m": 2 * HALF_WIDTH_M},
     }
 
 
-def _draw_rates(axes: Axes, courses: pd.DataFrame) -> None:
-    """Draw the success rates of one Rmax: a bar and its interval a method, a mark each depth."""
-    table = rates(courses, "method")
-    deep = rates(courses[courses["depth"] > 0], "method", "depth")
-    for position, row in enumerate(lines_of(table)):
-        optimised = METHODS[row.method].optimised
-        axes.bar(position, row.rate, color=COLORS["third" if optimised else "proxy"], width=0.6)
-        error = [[row.rate - row.low], [row.high - row.rate]]
-        axes.errorbar(position, row.rate, yerr=error, color="black", capsize=3)
-        for one in lines_of(deep[deep["method"] == row.method]):
-            place = position + {1: -0.2, 10: 0.0, 1000: 0.2}.get(one.depth, 0.0)
-            marker = _DEPTH_MARKERS.get(one.depth, "x")
-            axes.plot(place, one.rate, marker, color="white", markeredgecolor="black", markersize=5)
-    axes.set_xticks(range(len(table)), [name.replace("+", "\n+") for name in table["method"]], fontsize=8)
-    axes.set(ylabel="runs that succeeded", ylim=(0, 1.08))
-    axes.grid(visible=False, axis="x")
-    if not deep.empty:
-        _depth_legend(axes)
+def _draw_rates(axes: Axes, table: pd.DataFrame) -> None:
+    for place, row in enumerate(lines_of(table)):
+        error = [[100 * (row.rate - row.low)], [100 * (row.high - row.rate)]]
+        axes.errorbar(100 * row.rate, place, xerr=error, fmt="o", color=COLORS["proxy"], capsize=3)
+        said = f"{row.successes} of {row.runs}"
+        axes.annotate(said, (100 * row.rate, place), (0, 6), textcoords="offset points", fontsize=8)
+    axes.set_yticks(range(len(table)), table["method"])
+    axes.set(xlabel="rounds completed (%), 95 % interval", xlim=(-3, 103), ylim=(len(table) - 0.5, -0.7))
 
 
-def _depth_legend(axes: Axes) -> None:
-    for depth, marker in _DEPTH_MARKERS.items():
-        axes.plot([], [], marker, color="white", markeredgecolor="black", markersize=5, label=f"depth {depth}")
-    axes.legend(fontsize=7, loc="upper left", handletextpad=0.1)
+def _draw_counts(axes: Axes, cells: pd.DataFrame) -> None:
+    """Draw how many rounds succeed, darker the more: a line a method and depth, a column an Rmax."""
+    names = cells["method"] + ", " + cells["depth"].replace(0, "opt").astype(str)
+    order, columns = list(dict.fromkeys(names)), sorted(cells["rate_max_hz"].unique())
+    for name, row in zip(names, lines_of(cells), strict=True):
+        x, y = columns.index(row.rate_max_hz), order.index(name)
+        axes.barh(y, 0.96, left=x - 0.48, height=0.92, color=COLORS["third"], alpha=0.08 + 0.62 * row.rate)
+        axes.text(x, y, f"{row.successes} of {row.runs}", ha="center", va="center", fontsize=8)
+    axes.set_xticks(range(len(columns)), [f"{rate} Hz" for rate in columns])
+    axes.set_yticks(range(len(order)), order, fontsize=8)
+    axes.set(xlabel="Rmax", ylabel="method, DEPTH", ylim=(len(order) - 0.5, -0.5))
+    axes.grid(visible=False)
 
 
-@exp.figure("cooperation_tracks", size=(10.2, 7.1))
+@exp.figure("cooperation_tracks", size=(10, 4.6))
 def draw_ways(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     """Draw the three robots' ways in a run that succeeded (Fig. 17) and in one that failed (Fig. 18)."""
     examples = run.metadata("examples")
     shown: dict[str, Any] = {name: examples[name] for name in ("success", "failure") if name in examples}
-    lines = max(1, len(shown))
-    figure.set_size_inches(10.2, 3.3 * lines + 0.5)
-    grid = figure.subplots(lines, len(AREAS), squeeze=False)
-    for row, (name, example) in zip(grid, shown.items(), strict=False):
-        _draw_run(row, run["track"][run["track"]["run"] == name], name, example)
-    figure.suptitle("The three robots' ways, a mark every 10 s, and where the failure was")
+    panels = figure.subplots(1, max(1, len(shown)), squeeze=False)[0]
+    for axes, (name, example) in zip(panels, shown.items(), strict=False):
+        _draw_run(axes, run["track"][run["track"]["run"] == name], name, example)
+    ends = [f"{one['method']} {_ended(one)}" for one in shown.values()]
+    figure.suptitle(f"Three robots in halls of one shape (simulated): {'; '.join(ends)}\na dot every 10 s")
     return shown
 
 
-def _draw_run(row: Sequence[Axes], tracks: pd.DataFrame, name: str, example: dict[str, Any]) -> None:
-    for axes, area in zip(row, AREAS, strict=True):
-        draw_area(axes, area.robot)
-        way = tracks[tracks["robot"] == area.robot]
-        _draw_track(axes, way, RUN_COLORS[name])
-        guilty = example["robot"] == area.robot
-        if guilty:
+def _ended(example: dict[str, Any]) -> str:
+    if not example["robot"]:
+        return f"completes the round in {example['ended_s']:.0f} s"
+    return f"ends by {example['robot']}'s {example['end']} at {example['ended_s']:.0f} s"
+
+
+def _draw_run(axes: Axes, tracks: pd.DataFrame, name: str, example: dict[str, Any]) -> None:
+    """Draw the ways of a run into one hallway: a colour a robot, and its boxes in that colour."""
+    for robot, color in _ROBOT_COLORS.items():
+        draw_area(axes, robot, color)
+        way = tracks[tracks["robot"] == robot]
+        _draw_track(axes, way, color, label=robot)
+        if example.get("robot") == robot:
             last = way.iloc[-1]
-            axes.plot(last["x_m"], last["y_m"], "o", markersize=15, markerfacecolor="none", color="black")
-        said = f"\n{example['end']} at {example['ended_s']:.1f} s" if guilty else ""
-        axes.set_title(f"{area.robot}{said}", fontsize=9)
+            axes.plot(last["x_m"], last["y_m"], "o", markersize=17, markerfacecolor="none", color="black")
+    left, bottom = (min(getattr(line, f"get_{of}data")().min() for line in axes.lines) for of in "xy")
+    axes.plot([left, left + 1], [bottom - 0.3] * 2, color="black", linewidth=2.5)
+    axes.annotate("1 m", (left + 1.1, bottom - 0.3), va="center", fontsize=8)
     label = "optimum" if example["depth"] == 0 else example["depth"]
-    title = f"{name}: {example['method']}, Rmax {example['rate_max_hz']} Hz, depth {label}"
-    row[0].set_ylabel(title, fontsize=8)
+    axes.set_title(f"{name}: {example['method']}, Rmax {example['rate_max_hz']} Hz, depth {label}", fontsize=9)
+    axes.legend(fontsize=8, title="way and boxes of", title_fontsize=8, loc="upper right")
 
 
-def draw_area(axes: Axes, robot: str) -> None:
-    """Draw a robot's hallway and its home."""
+def draw_area(axes: Axes, robot: str, color: str = COLORS["network"]) -> None:
+    """Draw a robot's hallway, its boxes in a colour, and its home."""
     [area] = [area for area in AREAS if area.robot == robot]
     walls = 2 * len(WAYPOINTS)
     for number, (ax, ay, bx, by) in enumerate(area.segments):
-        axes.plot([ax, bx], [ay, by], color="black" if number < walls else COLORS["network"], linewidth=1.3)
+        axes.plot([ax, bx], [ay, by], color="black" if number < walls else color, linewidth=1.3)
     for box in area.boxes:
-        axes.fill(*box.corners().T, color=COLORS["network"], alpha=0.6)
+        axes.fill(*box.corners().T, color=color, alpha=0.6)
     axes.plot(*HOME[:2], "+", color="black", markersize=9)
     axes.set(aspect="equal", xticks=(), yticks=())
     axes.grid(visible=False)
@@ -152,7 +158,7 @@ def _draw_track(axes: Axes, way: pd.DataFrame, color: str, **style: Any) -> None
     Look(
         turn=("methods", "rates_hz", "depths", "loss", "vendor", "seed"),
         needs=("course",),
-        size=(10.2, 3.9),
+        size=(6.4, 4.6),
         start={"methods": ("LC",), "rates_hz": (100,), "depths": (10,), "seeds": 1},
         reference="cooperation_tracks",
     ),
@@ -162,14 +168,14 @@ def draw_round(figure: Figure, run: Run[Config]) -> None:
     row = lines_of(run["course"])[0]
     name = "success" if row.end == End.SUCCESS.value else "failure"
     tracks = pd.DataFrame(driven(point_of(row, run.config), row.seed)[0].tracks)
-    _draw_run(figure.subplots(1, len(AREAS)), tracks, name, row._asdict())
+    _draw_run(figure.subplots(), tracks, name, row._asdict())
     late = f"at worst {row.stale_flow} was out of date for {row.stale_s:.2f} s"
     figure.suptitle(f"{row.end} after {row.ended_s:.1f} s; {late}")
 
 
 @exp.figure("cooperation_staleness", size=(9.6, 3.8))
 def draw_staleness(figure: Figure, run: Run[Config]) -> dict[str, Any]:
-    """Draw for each run the longest time that something was out of date, successes beside failures."""
+    """Draw for each round the longest time that something was out of date, successes beside failures."""
     rows, axes = courses(run), figure.subplots()
     names = [name for name in METHODS if name in set(rows["method"])]
     kinds = ((True, "third", "success"), (False, "standard", "failure"))
@@ -182,68 +188,78 @@ def draw_staleness(figure: Figure, run: Run[Config]) -> dict[str, Any]:
             axes.plot(position + aside, stale, MARKERS[color], color=COLORS[color], markersize=3.5, alpha=0.7)
         axes.plot([], [], MARKERS[color], color=COLORS[color], markersize=4, label=label)
     axes.axhline(3.0, color="black", linestyle=(0, (4, 2)), linewidth=1.0)
-    axes.annotate("heartbeat:\n3 s", (-0.48, 3.0), va="center", fontsize=8, backgroundcolor="white")
-    axes.set(xlim=(-0.52, len(names) - 0.5), yscale="log")
+    place = (1.0, 3.0)
+    axes.annotate(
+        "heartbeat: 3 s", place, xycoords=axes.get_yaxis_transform(), va="bottom", ha="right", fontsize=8
+    )
+    axes.set(xlim=(-0.5, len(names) + 0.1), yscale="log")
     axes.set_xticks(range(len(names)), names)
     axes.set_ylabel("longest time out of date (s)")
     axes.grid(visible=False, axis="x")
     axes.legend(fontsize=8, loc="lower left", ncols=2)
-    axes.set_title("What a run's readers missed at worst, and how it ended")
+    worst, failed = rows["stale_s"][rows["success"]].max(), rows["stale_s"][~rows["success"]].median()
+    axes.set_title(
+        f"In rounds that succeed nothing is out of date for more than {worst:.1f} s, in half of the others "
+        f"for {failed:.1f} s or more\n(simulated, a mark a round, {len(rows)} of them)"
+    )
     medians = rows.groupby(["method", "success"])["stale_s"].median().reset_index()
     named = {True: "success", False: "failure"}
     return {f"{row.method}, {named[row.success]}": row.stale_s for row in lines_of(medians)}
 
 
-@exp.figure("cooperation_contrasts", size=(8.6, 3.4), when=lambda run: not contrasts(run).empty)
+@exp.figure("cooperation_contrasts", size=(10, 3.8), when=lambda run: not contrasts(run).empty)
 def draw_contrasts(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     """Draw the success rates as they are beside those of each contrast."""
     table, axes = contrasts(run), figure.subplots()
-    spots = grouped_bars(axes, table, COLORS.values(), width=0.8)
+    counts = [contrasts(run, of) for of in ("successes", "runs")]
+    spots = grouped_bars(axes, 100 * table, COLORS.values(), width=0.9)
     for at, kind in zip(spots, table.columns, strict=True):
-        for spot, rate in zip(at.tolist(), table[kind], strict=True):
-            said, turn = ("not run", 90) if np.isnan(rate) else (f"{rate:.2f}", 0)
-            where = (spot, np.nan_to_num(rate))
-            axes.annotate(said, where, ha="center", va="bottom", fontsize=7, rotation=turn)
+        for spot, method in zip(at.tolist(), table.index, strict=True):
+            rate, (won, of) = table[kind][method], (count[kind][method] for count in counts)
+            said = "not run" if np.isnan(rate) else f"{won:.0f} of {of:.0f}"
+            where = (spot, 100 * np.nan_to_num(rate))
+            axes.annotate(said, where, ha="center", va="bottom", fontsize=7.5)
     axes.set_xticks(range(len(table)), list(table.index))
-    axes.set(ylabel="runs that succeeded", ylim=(0, 1.12))
+    axes.set(ylabel="rounds completed (%)", ylim=(0, 112))
     figure.legend(loc="outside lower center", ncols=len(table.columns))
-    figure.suptitle("What keeps OPT+LC from completing the round, asked from the other side")
+    best = table.iloc[-1]
+    said = "; ".join(f"{kind}: {rate:.0%}" for kind, rate in best.dropna().items())
+    figure.suptitle(f"Rounds that {best.name} completes (simulated): {said}")
     return {str(kind): table[kind].dropna().to_dict() for kind in table.columns}
 
 
-@exp.figure("cooperation_live", size=(10.2, 3.6), when=lambda run: bool((run["track"]["run"] == "live").any()))
+@exp.figure("cooperation_live", size=(10, 4.2), when=lambda run: bool((run["track"]["run"] == "live").any()))
 def draw_live(figure: Figure, run: Run[Config]) -> dict[str, Any]:
-    """Draw the live drive beside the simulated one."""
+    """Draw the live drive, and how far each robot's way is from the simulated one."""
     tracks, live = run["track"], run.metadata("live")
-    for axes, area in zip(figure.subplots(1, len(AREAS)), AREAS, strict=True):
-        draw_area(axes, area.robot)
-        for name, style in (("simulated", "-"), ("live", (0, (4, 2)))):
-            way = tracks[(tracks["run"] == name) & (tracks["robot"] == area.robot)]
-            _draw_track(axes, way, RUN_COLORS[name], linestyle=style, label=name)
-        axes.set_title(area.robot, fontsize=9)
-    figure.axes[0].legend(loc="center", fontsize=8, bbox_to_anchor=(0.42, 0.5))
+    ways, distances = figure.subplots(1, 2)
+    example = {**run.metadata("examples")["success"], **live, "robot": ""}
+    _draw_run(ways, tracks[tracks["run"] == "live"], "live", example)
+    for robot, color in _ROBOT_COLORS.items():
+        distances.plot(*off_m(tracks, robot) * [[1], [100]], color=color, label=robot)
+    distances.set(xlabel="time (s)", ylabel="from the simulated way (cm)", ylim=(0, None))
     apart = apart_m(tracks)
     figure.suptitle(
-        f"Live over DDS and simulated, the first {live['lasted_s']:.0f} s: apart by "
-        f"{100 * apart:.0f} cm at most across the way"
+        f"Live over DDS the robots stay within {100 * apart:.0f} cm of their simulated ways\n"
+        f"(one drive of {live['lasted_s']:.0f} s)"
     )
     return {"apart_m": apart, **live}
 
 
+def off_m(tracks: pd.DataFrame, robot: str) -> NDArray[np.float64]:
+    """Return when a live robot was how far from its simulated way's nearest point: s, m; shape (2, moments)."""
+    mine = tracks[tracks["robot"] == robot]
+    live, simulated = (mine[mine["run"] == run] for run in ("live", "simulated"))
+    both = [way[["x_m", "y_m"]].to_numpy() for way in (live, simulated)]
+    # The other way may have come further; its end alone does not count.
+    apart = np.linalg.norm(both[0][:, None] - both[1][None], axis=2)
+    within = apart.argmin(axis=1) < len(both[1]) - 1
+    return np.array([live["t_s"], apart.min(axis=1)])[:, within]
+
+
 def apart_m(tracks: pd.DataFrame) -> float:
-    """Return how far the live ways are from the simulated ones at most: to the nearest point of the other."""
-    worst = 0.0
-    for area in AREAS:
-        both = [
-            tracks[(tracks["run"] == run) & (tracks["robot"] == area.robot)][["x_m", "y_m"]].to_numpy()
-            for run in ("live", "simulated")
-        ]
-        # The other way may have come further; its end alone does not count.
-        distances = np.linalg.norm(both[0][:, None] - both[1][None], axis=2)
-        nearest = distances.argmin(axis=1)
-        within = nearest < len(both[1]) - 1
-        worst = max(worst, float(distances.min(axis=1)[within].max(initial=0.0)))
-    return worst
+    """Return how far the live ways are from the simulated ones at most, in metres."""
+    return max(float(off_m(tracks, area.robot)[1].max(initial=0.0)) for area in AREAS)
 
 
 # --- Films ----------------------------------------------------------------------------------------------------

@@ -305,7 +305,9 @@ def _member(host: Host, point: Point, seed: int) -> Member:
 
 # --- On real Fast DDS -----------------------------------------------------------------------------------------
 
-declare(exp, "Rounds on real Fast DDS in its modes at Rmax = 100 Hz and a depth, and the same in the model")
+declare(
+    exp, "On real Fast DDS, once each, and in the model; no value where the schedule was not kept (Rmax 100 Hz)"
+)
 
 
 class RosCell(NamedTuple):

@@ -97,9 +97,9 @@ def order_of(table: pd.DataFrame, *, tie: float = 0.0) -> dict[str, Any]:
 
 
 @derived
-def compare_ways(run: Run[Config], column: str) -> pd.DataFrame:
-    """Return means of a column of `BeyondRow`, a line an Rmax and a column a way to choose rates and depths."""
-    return run["beyond"].pivot_table(index="rate_max_hz", columns="way", values=column, sort=False)
+def compare_ways(run: Run[Config], column: str, of: str = "mean") -> pd.DataFrame:
+    """Return means, or ``min``, of a column of `BeyondRow` over seeds, a line an Rmax and a column a way."""
+    return run["beyond"].pivot_table(index="rate_max_hz", columns="way", values=column, sort=False, aggfunc=of)
 
 
 _T_AVG = (8 + 5 + 5) / 3  # topics of section 3.1's robots: their sensors, and two of "Hello"

@@ -12,7 +12,7 @@ from sfglab.lab.experiments.transmission.analysis import BEST, TIE, agreement, c
 from sfglab.lab.experiments.transmission.experiment import OPT_DEPTH, Config, exp
 from sfglab.lab.experiments.transmission.stage import LATENCY_WITHIN, LOSS_WITHIN
 from sfglab.lab.experiments.transmission.validation import MODES, READ, by_cell, validated
-from sfglab.lab.figures import COLORS, grouped_bars
+from sfglab.lab.figures import COLORS, grouped_bars, series
 from sfglab.rtps import PRESETS
 
 if TYPE_CHECKING:
@@ -23,15 +23,16 @@ if TYPE_CHECKING:
     from sfglab.lab.runs import Run
 
 
-METHOD_STYLES: dict[str, dict[str, Any]] = {
-    "none": {"color": "black", "marker": "o", "linestyle": "-"},
-    "CC": {"color": COLORS["network"], "marker": "^", "linestyle": "--"},
-    "OPT": {"color": COLORS["proxy"], "marker": "s", "linestyle": "-"},
-    "OPT+CC": {"color": COLORS["fourth"], "marker": "v", "linestyle": "--"},
-    "LC": {"color": COLORS["standard"], "marker": "D", "linestyle": "-"},
-    "OPT+LC": {"color": COLORS["third"], "marker": "P", "linestyle": "-"},
-    "OPT+LC+CC": {"color": COLORS["third"], "marker": "x", "linestyle": ":"},
+_COLORS = {
+    "none": "black",
+    "LC": COLORS["standard"],
+    "OPT": COLORS["proxy"],
+    "OPT+LC": COLORS["third"],
+    "own": COLORS["fourth"],
+    "own+LC": "#56B4E9",
 }
+"""By method without CC, and by way to choose rates and depths."""
+_MARKERS = {"none": "o", "OPT": "s", "LC": "D", "OPT+LC": "P"}
 FATES = {
     "arrived": ("arrived", COLORS["third"]),
     "lost_medium": ("lost on air, overwritten before repair", COLORS["fourth"]),
@@ -40,87 +41,82 @@ FATES = {
     "lost_underway": ("still under way at the end", COLORS["network"]),
 }
 """What became of a "Hello", and its colour, by column."""
-WAY_COLORS = {
-    "none": "black",
-    "LC": COLORS["standard"],
-    "OPT": COLORS["proxy"],
-    "OPT+LC": COLORS["network"],
-    "own": COLORS["fourth"],
-    "own+LC": COLORS["third"],
-}
 GROUP_STYLES = {
-    "sensors": (COLORS["third"], "s"),
-    "hello_up": (COLORS["proxy"], "^"),
-    "hello": (COLORS["standard"], "o"),
+    "sensors": ("sensors' topics", COLORS["third"], "s"),
+    "hello_up": ('"Hello" as far as the station', COLORS["proxy"], "^"),
+    "hello": ('"Hello" as far as its actuation', COLORS["standard"], "o"),
 }
 FATE_METHODS = ("none", "OPT", "LC", "OPT+LC")
 
 
-@exp.figure("transmission_latency", size=(10, 6.2))
+@exp.figure("transmission_latency", size=(10, 6.4))
 def draw_latency(figure: Figure, run: Run[Config]) -> dict[str, Any]:
-    """Draw Fig. 10: the latency of "Hello", a panel for each Rmax."""
-    wins = order(run, "latency_p50_ms", tie=TIE)["wins"]
-    figure.suptitle(f'Latency of "Hello" (simulated): {BEST} is lowest at {wins.sum()} of {len(wins)} rates')
-    table = cells(run, "latency_p50_ms")
-    _draw_panels(figure, table, "median latency (ms)", "log")
-    return {"latency_p50_ms": table}
+    """Draw Fig. 10: the median latency of those "Hello"s that arrive, a panel for each Rmax."""
+    _draw_panels(figure, run, "latency_p50_ms", "Latency", tie=TIE)
+    figure.axes[0].set_yscale("log")
+    for axes in figure.axes[::2]:
+        axes.set_ylabel("median latency (ms)")
+    return {"latency_p50_ms": cells(run, "latency_p50_ms")}
 
 
-@exp.figure("transmission_loss", size=(10, 6.2))
+@exp.figure("transmission_loss", size=(10, 6.4))
 def draw_loss(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     """Draw Fig. 11: the packet loss of "Hello", a panel for each Rmax."""
-    wins = order(run, "loss")["wins"]
-    figure.suptitle(
-        f'Packet loss of "Hello" (simulated): {BEST} is lowest at {wins.sum()} of {len(wins)} rates'
-    )
-    table = cells(run, "loss")
-    _draw_panels(figure, table, "packet loss (%)", "linear", scale=100.0)
-    return {"loss": table}
+    _draw_panels(figure, run, "loss", "Packet loss", scale=100.0)
+    for axes in figure.axes[::2]:
+        axes.set_ylabel("packet loss (%)")
+    return {"loss": cells(run, "loss")}
 
 
-def _draw_panels(figure: Figure, table: pd.DataFrame, label: str, kind: str, scale: float = 1.0) -> None:
+def _draw_panels(figure: Figure, run: Run[Config], column: str, what: str, **options: float) -> None:
+    wins = order(run, column, tie=options.pop("tie", 0.0))["wins"]
+    table = cells(run, column).assign(lost=cells(run, "loss")["median"])
     panels = figure.subplots(2, 2, sharex=True, sharey=True).ravel()
     for axes, rate in zip(panels, table["rate_max_hz"].unique(), strict=False):
-        draw_panel(axes, table[table["rate_max_hz"] == rate], scale=scale)
+        draw_panel(axes, table[table["rate_max_hz"] == rate], **options)
         axes.set_title(f"Rmax = {rate} Hz", fontsize=9)
-        axes.set_yscale(kind)
     for axes in panels[2:]:
         axes.set_xlabel("DEPTH")
-    for axes in panels[::2]:
-        axes.set_ylabel(label)
-    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside right center")
+    handles, labels = panels[0].get_legend_handles_labels()
+    handles += panels[0].plot([], [], "o", markerfacecolor="white", color="black", markersize=4.5)
+    labels.append("hollow: fewer than\nhalf arrived")
+    figure.legend(handles, labels, loc="outside right center")
+    figure.suptitle(
+        f'{what} of "Hello": {BEST} is lowest at {wins.sum()} of {len(wins)} rates (paper: at all)\n'
+        f"simulated; medians over {run['cell']['seed'].nunique()} seeds, bars from the lowest to the highest"
+    )
 
 
 def draw_panel(axes: Axes, table: pd.DataFrame, *, scale: float = 1.0) -> None:
-    """Draw the `cells` of one Rmax: a line a method over depths, bars from the lowest to the highest seed."""
+    """Draw the `cells` of one Rmax: a line a method over depths, bars from the lowest to the highest seed.
+
+    With CC a method has crosses beside its line; a mark is hollow where more than half are ``lost``.
+    """
     depths = list(dict.fromkeys(table["depth"]))
-    for shift, method in enumerate(METHODS):
-        if method not in set(table["method"]):
-            continue
+    for method in sorted(table["method"].unique(), key=[*_MARKERS, *METHODS].index):
         part = table[table["method"] == method].set_index("depth").reindex(depths)
         middle = part["median"] * scale
         spread = np.stack([middle - part["min"] * scale, part["max"] * scale - middle])
-        axes.errorbar(
-            np.arange(len(depths)) + 0.04 * (shift - 3),
-            middle,
-            yerr=spread,
-            label=method,
-            markersize=4.5,
-            linewidth=1.2,
-            elinewidth=0.8,
-            **METHOD_STYLES[method],
-        )
+        base, with_cc = method.removesuffix("+CC").replace("CC", "none"), "CC" in method
+        places = np.arange(len(depths)) + 0.2 * (list(_MARKERS).index(base) - 1.7 + 0.45 * with_cc)
+        style: dict[str, Any] = {"color": _COLORS[base], "marker": "x" if with_cc else _MARKERS[base]}
+        lines = {"linewidth": 0.0 if with_cc else 1.2, "elinewidth": 0.8, "markersize": 4.5}
+        axes.errorbar(places, middle, yerr=spread, label=method, **lines, **style)
+        if "lost" in part and not with_cc:
+            hollow = (part["lost"] > 0.5).to_numpy()
+            style |= {"markerfacecolor": "white", "linestyle": "", "markersize": 4.5, "zorder": 3}
+            axes.plot(places[hollow], middle[hollow], **style)
     axes.set_xticks(range(len(depths)), depths)
 
 
 @exp.figure("transmission_fates", size=(10, 7))
 def draw_fates(figure: Figure, run: Run[Config]) -> dict[str, Any]:
-    """Draw where "Hello"s were lost: a row a method, a column an Rmax, a bar a depth."""
+    """Draw where "Hello"s were lost, means over seeds: a row a method, a column an Rmax, a bar a depth."""
     rates = run["cell"]["rate_max_hz"].unique()
     shares = _shares_of_fates(run["cell"])
     panels = figure.subplots(len(FATE_METHODS), len(rates), sharex=True, sharey=True, squeeze=False)
     for row, method in zip(panels, FATE_METHODS, strict=True):
-        row[0].set_ylabel(f"{method}\nshare (%)")
+        row[0].set(ylabel=f"{method}\nshare (%)", ylim=(0, 100), yticks=(0, 50, 100))
         for axes, rate in zip(row, rates, strict=True):
             _draw_bars(axes, shares[(shares["rate_max_hz"] == rate) & (shares["method"] == method)])
     for axes, rate in zip(panels[0], rates, strict=True):
@@ -128,8 +124,13 @@ def draw_fates(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     for axes in panels[-1]:
         axes.set_xlabel("DEPTH")
         axes.tick_params(axis="x", labelrotation=60)
-    figure.legend(*panels[0][0].get_legend_handles_labels(), loc="outside lower center", ncols=3)
-    figure.suptitle('What became of every "Hello" (simulated)')
+    figure.legend(*panels[0][0].get_legend_handles_labels(), loc="outside lower center", ncols=2)
+    opt = shares[shares["depth"] == OPT_DEPTH].groupby("method")["arrived"].min()
+    said = ", ".join(f"{method} {opt[method]:.0%}" for method in FATE_METHODS)
+    figure.suptitle(
+        f"Arrived at the depth of Eq. 6, at the worst Rmax: {said}\n"
+        f'the fate of every "Hello", simulated, means over {run["cell"]["seed"].nunique()} seeds'
+    )
     return {"shares": shares}
 
 
@@ -149,60 +150,71 @@ def _draw_bars(axes: Axes, shares: pd.DataFrame) -> None:
     axes.grid(visible=False, axis="x")
 
 
-@exp.figure("transmission_beyond", size=(10, 3.8))
+@exp.figure("transmission_beyond", size=(10, 4.2))
 def draw_beyond(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     """Draw how long the station is up to date, and how late "Hello" is, for the printed problem and our own."""
     shown = {c: compare_ways(run, c) for c in ("up_to_date", "latency_p95_ms", "loss", "rate_high_hz")}
     fresh, late = figure.subplots(1, 2)
-    _draw_groups(fresh, 100 * shown["up_to_date"])
+    _draw_groups(fresh, run, "up_to_date", 100.0)
     fresh.set(ylabel="station up to date (% of the time)", ylim=(0, 100))
-    _draw_groups(late, shown["latency_p95_ms"])
+    _draw_groups(late, run, "latency_p95_ms", 1.0)
     late.set(yscale="log", ylabel='"Hello", 95th percentile (ms)')
     figure.legend(*fresh.get_legend_handles_labels(), loc="outside right center")
     low = shown["up_to_date"].min()
     figure.suptitle(
-        f"Whatever Rmax, our own programme keeps the station up to date {low['own']:.0%} of the time, "
-        f"the printed one at worst {low['OPT']:.0%} (simulated)"
+        f"Our own programme keeps the station up to date {low['own']:.0%} of the time or more at every Rmax,\n"
+        f"the printed one {low['OPT']:.0%} (simulated; means of {run['beyond']['seed'].nunique()} seeds, "
+        "bars from the lowest to the highest)"
     )
     return {name: table.reset_index() for name, table in shown.items()}
 
 
-def _draw_groups(axes: Axes, table: pd.DataFrame) -> None:
-    grouped_bars(axes, table, [WAY_COLORS[str(way)] for way in table], width=0.85)
+def _draw_groups(axes: Axes, run: Run[Config], column: str, scale: float) -> None:
+    table, low, high = (scale * compare_ways(run, column, of) for of in ("mean", "min", "max"))
+    for at, way in zip(grouped_bars(axes, table, map(_COLORS.get, table), width=0.85), table, strict=True):
+        ends = [table[way] - low[way], high[way] - table[way]]
+        axes.errorbar(at, table[way], yerr=ends, fmt="none", color="#555555", capsize=2, elinewidth=1)
     axes.set_xticks(range(len(table)), [f"{rate} Hz" for rate in table.index])
     axes.set_xlabel("Rmax")
 
 
-@exp.figure("transmission_live", size=(9.6, 4.6))
+@exp.figure("transmission_live", size=(10, 5.4))
 def draw_live(figure: Figure, run: Run[Config]) -> dict[str, Any]:
-    """Draw live cells against the model: losses left, median latencies right, with the bands asked for."""
+    """Draw how far each live cell is from the model, and the bands asked for: losses left, latencies right."""
     live, agreed = run["live"], agreement(run)
-    loss, latency = figure.subplots(1, 2)
-    _draw_scatter(loss, live, ("loss_model", "loss_live"), 100.0)
-    loss.set(xlabel="packet loss, model (%)", ylabel="packet loss, live (%)")
-    _draw_scatter(latency, live, ("p50_model_ms", "p50_live_ms"), 1.0)
-    latency.set(xlabel="median latency, model (ms)", ylabel="median latency, live (ms)")
-    if len(live):
-        _draw_bands(loss, latency, live)
-        loss.legend(title="filled: kept its schedule", fontsize=8)
+    loss, latency = figure.subplots(1, 2, sharey=True)
+    _draw_apart(loss, live, 100 * (live["loss_live"] - live["loss_model"]).astype(float))
+    loss.axvspan(-100 * LOSS_WITHIN, 100 * LOSS_WITHIN, color="black", alpha=0.1, linewidth=0)
+    loss.set(xlabel="packet loss, live less model (points)")
+    _draw_apart(latency, live, (live["p50_live_ms"] / live["p50_model_ms"]).astype(float))
+    latency.axvspan(1 / (1 + LATENCY_WITHIN), 1 / (1 - LATENCY_WITHIN), color="black", alpha=0.1, linewidth=0)
+    latency.set(xlabel="median latency, live / model")
+    figure.legend(*loss.get_legend_handles_labels(), loc="outside lower center", ncols=3)
     said = ", ".join(f"{what}: {count}" for what, count in agreed.items())
     figure.suptitle(
-        f"Live Cyclone DDS against the model: {said}" if len(live) else f"Nothing live: {run.skipped('live')}"
+        f"Live Cyclone DDS against the model: {said}\n"
+        f"each cell once for {live['duration_s'].max():g} s; hollow: did not keep its schedule; grey: asked for"
+        if len(live)
+        else f"Nothing live: {run.skipped('live')}"
     )
     return {"live": live, "agreement": agreed}
 
 
-def _draw_scatter(axes: Axes, live: pd.DataFrame, columns: tuple[str, str], scale: float) -> None:
-    for group, (color, marker) in GROUP_STYLES.items():
-        part = live[live["group"] == group]
-        fair = part["kept_up"].astype(bool)
-        for shown, face in ((part[fair], color), (part[~fair], "none")):
-            x, y = (scale * shown[column].astype(float) for column in columns)
-            label = group.replace("_", " ") if face != "none" else None
-            axes.plot(x, y, marker, color=color, markerfacecolor=face, label=label)
+def _draw_apart(axes: Axes, live: pd.DataFrame, apart: pd.Series[float]) -> None:
+    names = live["method"] + ", " + live["rate_max_hz"].astype(str) + " Hz, " + live["depth"].astype(str)
+    cells_ = list(dict.fromkeys(names))
+    for shift, (group, (label, color, marker)) in enumerate(GROUP_STYLES.items()):
+        of_group = live["group"] == group
+        for fair in (True, False):
+            part = of_group & (live["kept_up"].astype(bool) == fair)
+            places = [cells_.index(name) + 0.22 * (shift - 1) for name in names[part]]
+            style = {"color": color, "markerfacecolor": color if fair else "none", "markersize": 5}
+            axes.plot(apart[part], places, marker, label=label if fair else None, **style)
+    axes.set_yticks(range(len(cells_)), cells_, fontsize=8)
+    axes.set_ylim(len(cells_) - 0.5, -0.5)
 
 
-_KINDS = {"calm": COLORS["third"], "lossy": COLORS["proxy"], "saturated": COLORS["standard"]}
+_KINDS = {"calm": "third", "lossy": "proxy", "saturated": "standard"}
 
 
 @exp.figure("transmission_validation", size=(10, 6.4))
@@ -215,11 +227,11 @@ def draw_validation(figure: Figure, run: Run[Config]) -> dict[str, Any]:
         _draw_cells(loss, part, "loss", "", 100.0)
         _draw_cells(latency, part, "p50", "_ms", 1.0)
         left_out = "" if line["enough"] else ": too few"
+        kept = f"{line['kept']} of {line['cells']} cells kept their schedule{left_out}"
         loss.set_title(
-            f"{PRESETS[preset].name}\n{line['kept']} of {line['cells']} cells kept their schedule{left_out}\n"
-            f"within 3 points: {line['loss_within']:.0%}; 30 %: {line['latency_within']:.0%}",
-            fontsize=9,
+            f"{PRESETS[preset].name}\n{kept}\nwithin 3 points: {line['loss_within']:.0%}", fontsize=9
         )
+        latency.set_title(f"within 30 %: {line['latency_within']:.0%}", fontsize=9)
         loss.set(xlabel="loss, model (%)")
         latency.set(xlabel="median latency, model (ms)")
     if len(table):
@@ -229,21 +241,24 @@ def draw_validation(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     panels[1][0].set(ylabel="median latency, live (ms)")
     figure.legend(*panels[0][0].get_legend_handles_labels(), loc="outside lower center", ncols=4)
     read = "; ".join(f"{PRESETS[name].name}: {why}" for name, why in READ.items())
+    shares = [f"{said[c].min():.0%} to {said[c].max():.0%}" for c in ("loss_within", "latency_within")]
     figure.suptitle(
-        f"Reality beside the model, {len(table)} cells ({read})" if len(table) else "Nothing played yet"
+        f"Live against the model: loss within 3 points in {shares[0]} of the cells, median latency within 30 % "
+        f"in {shares[1]}\n{len(table)} cells, played once each ({read}); asked: 90 % of both"
+        if len(table)
+        else "Nothing played yet"
     )
     return {"cells": table, "validated": said.reset_index()}
 
 
 def _draw_cells(axes: Axes, table: pd.DataFrame, name: str, unit: str, scale: float) -> None:
     """Draw cells of a preset, with bars from the lowest to the highest repetition."""
-    for kind, color in _KINDS.items():
+    for kind, key in _KINDS.items():
         part = scale * table[table["kind"] == kind].filter(regex=f"^{name}_(live|model)")
         x, y = part[f"{name}_model{unit}"], part[f"{name}_live{unit}"]
         bars = [y - part[f"{name}_live{unit}_low"], part[f"{name}_live{unit}_high"] - y]
-        axes.errorbar(
-            x, y, yerr=bars, fmt="o", color=color, label=kind, markersize=4, elinewidth=0.8, alpha=0.8
-        )
+        style: dict[str, Any] = {"markersize": 4, "elinewidth": 0.8, "linestyle": "", **series(key)}
+        axes.errorbar(x, y, yerr=bars, label=kind, alpha=0.8, **style)
 
 
 def _draw_bands(loss: Axes, latency: Axes, live: pd.DataFrame) -> None:
