@@ -57,6 +57,10 @@ class State(Enum):
     PUBLISH_WAIT_HOLDING = auto()  #: As `PUBLISH_WAIT`.
 
 
+OURS = {State.CLAIM, State.PUBLISH_WAIT, *(state for state in State if state.name.endswith("_HOLDING"))}
+"""States that the paper's text does not have."""
+
+
 class Input(Enum):
     """What a state waits for; a state without the input it waits for stays as it is."""
 
@@ -206,7 +210,7 @@ def arrows(table: Table = TABLE) -> list[Arrow]:
 
 
 def draw_core(ax: Axes, table: Table = TABLE) -> dict[State | Arrow, list[Artist]]:
-    """Draw the core: calls and answers of its delegate yellow, uses of the stream blue.
+    """Draw the core: calls and answers of its delegate yellow, uses of the stream blue, `OURS` dashed.
 
     Letters fit from about 10 by 5 inches on.
 
@@ -246,7 +250,10 @@ def _draw_state(ax: Axes, state: State, drive: str) -> list[Artist]:
     centre = _inches(PLACES[state])
     left, bottom = centre - _HALF
     width, height = 2 * _HALF
-    box = FancyBboxPatch((left, bottom), width, height, "round,pad=0,rounding_size=0.08", fc=fill, ec=_LINE)
+    line: dict[str, Any] = {"ls": (0, (4, 2)), "lw": 1.6} if state in OURS else {}
+    box = FancyBboxPatch(
+        (left, bottom), width, height, "round,pad=0,rounding_size=0.08", fc=fill, ec=_LINE, **line
+    )
     x, y = centre
     middle: dict[str, Any] = {"ha": "center", "va": "center"}
     said = _words(state.name).replace(" holding", "\nholding")

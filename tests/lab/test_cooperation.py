@@ -204,4 +204,4 @@ async def test_the_look_drives_the_round_that_is_asked_for(method):
     async with preview(exp, "hallway", config) as run:
         figure, row = draw_look(exp, "hallway", run), run["course"].iloc[0]
     assert figure.get_suptitle().startswith(row["end"])
-    assert f"{method}, Rmax 500 Hz" in figure.axes[0].get_ylabel()
+    assert f"{method}, Rmax 500 Hz" in figure.axes[0].get_title()

@@ -14,7 +14,7 @@ from sfglab.lab.claims import Finding, How
 from sfglab.lab.experiment import Look
 from sfglab.lab.experiments.balancing.experiment import Config, cache_checks, exp, shown_of
 from sfglab.lab.experiments.balancing.optimum import balance_checks, balance_rows, mean_topics
-from sfglab.lab.figures import COLORS, MARKERS, grouped_bars
+from sfglab.lab.figures import COLORS, MARKERS, grouped_bars, note
 from sfglab.lab.runs import Run, derived
 from sfglab.lab.stats import exactly
 from sfglab.messages import message_type
@@ -217,7 +217,7 @@ def _cache_details(run: Run[Config], column: str, what: str) -> dict[str, str]:
     return {f"fewer {what}": text, "readings": str(int(cache["offered"].sum())), **recorded}
 
 
-_SHADES = ("third", "proxy", "fourth", "standard")
+_SHADES = ("#cfe3f2", "#86b9de", "#3d8fc8", COLORS["proxy"])
 
 
 @exp.figure("balancing_caches", size=(8.4, 3.6))
@@ -225,7 +225,7 @@ def draw_caches(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     """Draw what the local cache holds back of each sensor's readings, a group of bars a sensor."""
     table, axes = saved(run), figure.subplots()
     shown = (100 * table).rename(columns=lambda rate: f"{rate} Hz")
-    grouped_bars(axes, shown, [COLORS[shade] for shade in _SHADES], width=0.8)
+    grouped_bars(axes, shown, _SHADES, width=0.8)
     change = run["table_one"].set_index("sensor")["change_s"]
     names = [f"{name}\nchanges every\n{change[name]:g} s" for name in table.index]
     axes.set_xticks(range(len(table)), names, fontsize=8)
@@ -235,6 +235,7 @@ def draw_caches(figure: Figure, run: Run[Config]) -> dict[str, Any]:
         f"Local cache: read {table.columns[-1]} times a second, a sensor repeats itself in "
         f"{table.iloc[:, -1].mean():.0%} of its readings, on average"
     )
+    note(figure, f"drawn readings of {run.config.readings_s:g} s a sensor, once, through the live nodes' cache")
     return {"held": table.reset_index().rename(columns=str)}
 
 
@@ -245,7 +246,9 @@ def draw_lost_changes(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     _draw_courses(course, run["shown"], shown_of(run.config))
     _draw_staleness(share, staleness(run))
     loss = run.config.loss
-    figure.suptitle(f"A lost change stays lost: local cache on a link that loses {loss:.0%} (simulated)")
+    figure.suptitle(f"A lost change stays lost: local cache on a link that loses {loss:.0%}")
+    runs, each_s = run.config.stale_seeds, run.config.stale_s
+    note(figure, f"simulated; right: {runs} seeds of {each_s:g} s together; at a point: the longest silence")
     return {"stale": staleness(run)}
 
 
@@ -275,10 +278,11 @@ def _draw_courses(axes: Axes, shown: pd.DataFrame, lanes: Sequence[tuple[str, fl
         steps = {w: part[part["where"] == w] for w in ("sensor", "station")}
         _draw_lane(axes, -lane, steps, end)
         text = f"{qos}, " + (f"silence at most {silence_s:g} s" if silence_s else "no longest silence")
-        axes.text(0, -lane + 0.36, text, fontsize=8)
+        axes.text(0.3, -lane + 0.33, text, fontsize=8)
     axes.set(yticks=[], xlim=(0, end), ylim=(-len(lanes) + 0.5, 0.75), xlabel="time (s)")
-    axes.set_title("a PIR sensor's state: light and dark blue; red: the station has another", fontsize=9)
+    axes.set_title("a PIR sensor's state, light and dark blue; orange: the station has another", fontsize=9)
     axes.grid(visible=False)
+    axes.spines["left"].set_visible(False)
 
 
 def _draw_lane(axes: Axes, y: float, steps: dict[str, Any], end: float) -> None:
@@ -305,10 +309,10 @@ def _draw_staleness(axes: Axes, table: pd.DataFrame) -> None:
     for silence_s, messages_hz, share in points:
         text = f"{silence_s:g} s" if silence_s else "none"
         place = (messages_hz, 100 * share)
-        axes.annotate(text, place, textcoords="offset points", xytext=(5, 5), fontsize=8)
+        axes.annotate(text, place, textcoords="offset points", xytext=(6, 5), fontsize=8)
     axes.set(xscale="log", yscale="log")
+    axes.set_xlim(right=2 * points[:, 1].max())
     axes.set(xlabel="messages a second (100 without a cache)", ylabel="time with a stale value (%)")
-    axes.set_title("at each point: the longest silence", fontsize=9)
     axes.legend()
 
 
@@ -332,13 +336,9 @@ def draw_qos(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     optimum, pareto = figure.subplots(1, 2)
     _draw_optimum(optimum, run["balance"])
     _draw_front(pareto, front)
-    title = "QoS balancing: the printed optimum and our own"
-    if over:
-        rates = " and ".join(map(str, over))
-        title = (
-            f"QoS balancing: the printed optimum does not see the link, and overloads it at Rmax = {rates} Hz"
-        )
-    figure.suptitle(title)
+    rates = " and ".join(map(str, over)) or "no"
+    figure.suptitle(f"The printed optimum does not see the link, and overloads it at Rmax = {rates} Hz")
+    note(figure, "exact for Eq. 6; latency and freshness are expected by our programme, not measured")
     return {"front": front}
 
 
@@ -355,7 +355,7 @@ def _draw_front(axes: Axes, front: pd.DataFrame) -> None:
     fits = printed[printed["utilisation"] < 1]
     axes.plot(fits["freshness"], fits["latency_ms"], "s", color=COLORS["proxy"], label="printed, Eq. 6")
     for row in fits.itertuples():
-        axes.annotate(f"  Rmax {row.rate_max_hz} Hz", (row.freshness, row.latency_ms), fontsize=8, va="center")
+        axes.annotate(f"   Rmax {row.rate_max_hz} Hz", (row.freshness, row.latency_ms), fontsize=8, va="center")
     axes.set_yscale("log")
     # Room at the top for what has no finite latency.
     axes.set_ylim(top=5 * max(fits["latency_ms"].max(), ours["latency_ms"].max()))
@@ -372,7 +372,7 @@ def _draw_overloaded(axes: Axes, printed: Any) -> None:
     for line, row in enumerate(printed.itertuples()):
         height = 0.97 - 0.06 * line
         axes.plot(row.freshness, height, "s", color=COLORS["standard"], transform=edge)
-        text = f"Rmax {row.rate_max_hz} Hz needs {row.utilisation:.1f} times the air  "
+        text = f"Rmax {row.rate_max_hz} Hz needs {row.utilisation:.1f} times the air   "
         axes.annotate(text, (row.freshness, height), xycoords=edge, ha="right", va="center", fontsize=8)
 
 
@@ -383,14 +383,13 @@ def _draw_optimum(axes: Axes, balance: pd.DataFrame) -> None:
     balance = balance[(balance["weight"] == 0.5) & (balance["rate_min_hz"] == shown)]
     if "depth_min" in balance:  # older runs have one
         balance = balance[balance["depth_min"] == balance["depth_min"].min()]
-    colors = [*COLORS.values(), "black"]
-    for (topics, group), color in zip(balance.groupby("topics", sort=False), colors, strict=False):
-        label = f"{mean_topics(str(topics)):.3g} topics"
-        axes.plot(group["rate_max_hz"], group["rate_closed_hz"], color=color, linewidth=1)
-        axes.plot(group["rate_max_hz"], group["rate_hz"], "o", color=color, markersize=4, label=label)
+    for topics, group in balance.groupby("topics", sort=False):
+        axes.plot(group["rate_max_hz"], group["rate_closed_hz"], color="black", linewidth=1)
+        axes.plot(group["rate_max_hz"], group["rate_hz"], "o", color=COLORS["proxy"], markersize=4)
         last = group.iloc[int(group["rate_max_hz"].argmax())]
         place = (float(last["rate_max_hz"]), float(last["rate_hz"]))
-        axes.annotate(f" D = {last['depth']:.0f}", place, fontsize=7, va="center")
+        said = f"{mean_topics(str(topics)):.3g} topics, D = {last['depth']:.0f}"
+        axes.annotate(said, place, (6, 0), textcoords="offset points", fontsize=8, va="center")
+    axes.set_xlim(right=1.4 * balance["rate_max_hz"].max())
     axes.set(xlabel="Rmax (Hz)", ylabel="R (Hz)")
-    axes.set_title("Eq. 6: CVXPY (dots) on the closed form (lines)", fontsize=9)
-    axes.legend(title="T_avg", fontsize=8)
+    axes.set_title("Eq. 6 by mean topics a robot: CVXPY (dots) on the closed form (lines)", fontsize=9)

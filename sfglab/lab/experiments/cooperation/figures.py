@@ -5,6 +5,7 @@ In films the walls are drawn once by matplotlib; robots and beams are drawn onto
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,8 +16,8 @@ from sfglab.arp.robots import METHODS
 from sfglab.lab.experiment import Look
 from sfglab.lab.experiments.cooperation.analysis import contrasts, courses, difference, rates
 from sfglab.lab.experiments.cooperation.experiment import Config, driven, exp, point_of
-from sfglab.lab.experiments.cooperation.stage import scan_at
-from sfglab.lab.figures import COLORS, MARKERS, grouped_bars, house_style, mp4
+from sfglab.lab.experiments.cooperation.stage import LIVE_POINT, scan_at
+from sfglab.lab.figures import COLORS, MARKERS, grouped_bars, house_style, mp4, note
 from sfglab.lab.runs import lines_of
 
 if TYPE_CHECKING:
@@ -29,15 +30,9 @@ if TYPE_CHECKING:
     from sfglab.lab.runs import Run
 
 
-RUN_COLORS = {
-    "success": COLORS["third"],
-    "failure": COLORS["standard"],
-    "live": COLORS["proxy"],
-    "simulated": COLORS["fourth"],
-}
+RUN_COLORS = {"success": COLORS["third"], "failure": COLORS["standard"]}
 _ROBOT_COLORS = {area.robot: COLORS[key] for area, key in zip(AREAS, ("proxy", "fourth", "third"), strict=True)}
 _MARK_S = 10.0
-_FAILED = "o"
 
 
 @exp.figure("cooperation", size=(10, 5.6))
@@ -48,14 +43,9 @@ def draw_success(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     table, cells = rates(rows, "method"), rates(rows, "method", "depth", "rate_max_hz")
     _draw_rates(of_methods, table)
     _draw_counts(of_cells, cells)
-    home = table.set_index("method")
-    said = ", ".join(
-        f"{name} {home['rate'][name]:.0%}" for name in ("none", "LC", "OPT", "OPT+LC") if name in home.index
-    )
-    figure.suptitle(
-        f"Rounds that three robots complete (simulated): {said}\n"
-        "in the paper's round OPT+LC completes it, none does not"
-    )
+    said = ", ".join(f"{row.method} {row.rate:.0%}" for row in lines_of(table) if "CC" not in row.method)
+    figure.suptitle(f"Rounds completed: {said} (paper, one each: OPT+LC is, none is not)")
+    note(figure, "simulated; bars: Wilson's 95 % interval; DEPTH opt: Eq. 6's")
     more, names = difference(rows), ("successes", "runs", "low", "high")
     return {
         "rates": {
@@ -99,15 +89,10 @@ def draw_ways(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     panels = figure.subplots(1, max(1, len(shown)), squeeze=False)[0]
     for axes, (name, example) in zip(panels, shown.items(), strict=False):
         _draw_run(axes, run["track"][run["track"]["run"] == name], name, example)
-    ends = [f"{one['method']} {_ended(one)}" for one in shown.values()]
-    figure.suptitle(f"Three robots in halls of one shape (simulated): {'; '.join(ends)}\na dot every 10 s")
+    ends = [f"{one['method']}: {one['end']} {one['robot']} at {one['ended_s']:.0f} s" for one in shown.values()]
+    figure.suptitle("How a round ends: " + "; ".join(ends).replace("  ", " "))
+    note(figure, "simulated, one round each; a dot every 10 s; ringed: what ended the round")
     return shown
-
-
-def _ended(example: dict[str, Any]) -> str:
-    if not example["robot"]:
-        return f"completes the round in {example['ended_s']:.0f} s"
-    return f"ends by {example['robot']}'s {example['end']} at {example['ended_s']:.0f} s"
 
 
 def _draw_run(axes: Axes, tracks: pd.DataFrame, name: str, example: dict[str, Any]) -> None:
@@ -119,7 +104,7 @@ def _draw_run(axes: Axes, tracks: pd.DataFrame, name: str, example: dict[str, An
         if example.get("robot") == robot:
             last = way.iloc[-1]
             axes.plot(last["x_m"], last["y_m"], "o", markersize=17, markerfacecolor="none", color="black")
-    left, bottom = (min(getattr(line, f"get_{of}data")().min() for line in axes.lines) for of in "xy")
+    left, bottom = np.min([np.min(line.get_xydata(), axis=0) for line in axes.lines], axis=0)
     axes.plot([left, left + 1], [bottom - 0.3] * 2, color="black", linewidth=2.5)
     axes.annotate("1 m", (left + 1.1, bottom - 0.3), va="center", fontsize=8)
     label = "optimum" if example["depth"] == 0 else example["depth"]
@@ -148,7 +133,7 @@ def _draw_track(axes: Axes, way: pd.DataFrame, color: str, **style: Any) -> None
 
     axes.plot(way["x_m"], way["y_m"], color=color, linewidth=1.2, **style)
     every = way[np.isclose(way["t_s"] % _MARK_S, 0.0, atol=1e-6)]
-    axes.plot(every["x_m"], every["y_m"], _FAILED, color=color, markersize=2.5)
+    axes.plot(every["x_m"], every["y_m"], "o", color=color, markersize=2.5)
     last = way.iloc[-1]
     axes.add_patch(Circle((last["x_m"], last["y_m"]), RADIUS_M, color=color, alpha=0.7))
 
@@ -198,10 +183,11 @@ def draw_staleness(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     axes.grid(visible=False, axis="x")
     axes.legend(fontsize=8, loc="lower left", ncols=2)
     worst, failed = rows["stale_s"][rows["success"]].max(), rows["stale_s"][~rows["success"]].median()
-    axes.set_title(
+    figure.suptitle(
         f"In rounds that succeed nothing is out of date for more than {worst:.1f} s, in half of the others "
-        f"for {failed:.1f} s or more\n(simulated, a mark a round, {len(rows)} of them)"
+        f"for {failed:.1f} s or more"
     )
+    note(figure, f"simulated; a mark a round, {len(rows)} of them")
     medians = rows.groupby(["method", "success"])["stale_s"].median().reset_index()
     named = {True: "success", False: "failure"}
     return {f"{row.method}, {named[row.success]}": row.stale_s for row in lines_of(medians)}
@@ -221,10 +207,11 @@ def draw_contrasts(figure: Figure, run: Run[Config]) -> dict[str, Any]:
             axes.annotate(said, where, ha="center", va="bottom", fontsize=7.5)
     axes.set_xticks(range(len(table)), list(table.index))
     axes.set(ylabel="rounds completed (%)", ylim=(0, 112))
-    figure.legend(loc="outside lower center", ncols=len(table.columns))
+    axes.legend(loc="upper left", ncols=2)
     best = table.iloc[-1]
-    said = "; ".join(f"{kind}: {rate:.0%}" for kind, rate in best.dropna().items())
-    figure.suptitle(f"Rounds that {best.name} completes (simulated): {said}")
+    said = "; ".join(f"{kind} {rate:.0%}" for kind, rate in best.dropna().items())
+    figure.suptitle(f"{best.name} completes its rounds: {said}")
+    note(figure, "simulated; at the lowest and the highest Rmax")
     return {str(kind): table[kind].dropna().to_dict() for kind in table.columns}
 
 
@@ -233,16 +220,13 @@ def draw_live(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     """Draw the live drive, and how far each robot's way is from the simulated one."""
     tracks, live = run["track"], run.metadata("live")
     ways, distances = figure.subplots(1, 2)
-    example = {**run.metadata("examples")["success"], **live, "robot": ""}
-    _draw_run(ways, tracks[tracks["run"] == "live"], "live", example)
+    _draw_run(ways, tracks[tracks["run"] == "live"], "live", asdict(LIVE_POINT))
     for robot, color in _ROBOT_COLORS.items():
         distances.plot(*off_m(tracks, robot) * [[1], [100]], color=color, label=robot)
     distances.set(xlabel="time (s)", ylabel="from the simulated way (cm)", ylim=(0, None))
     apart = apart_m(tracks)
-    figure.suptitle(
-        f"Live over DDS the robots stay within {100 * apart:.0f} cm of their simulated ways\n"
-        f"(one drive of {live['lasted_s']:.0f} s)"
-    )
+    figure.suptitle(f"Live over DDS the robots stay within {100 * apart:.0f} cm of their simulated ways")
+    note(figure, f"live beside simulated, one drive of {live['lasted_s']:.0f} s; a dot every 10 s")
     return {"apart_m": apart, **live}
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import asdict
 from types import SimpleNamespace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import pandas as pd
 
@@ -97,7 +97,7 @@ def order_of(table: pd.DataFrame, *, tie: float = 0.0) -> dict[str, Any]:
 
 
 @derived
-def compare_ways(run: Run[Config], column: str, of: str = "mean") -> pd.DataFrame:
+def compare_ways(run: Run[Config], column: str, of: Literal["mean", "min", "max"] = "mean") -> pd.DataFrame:
     """Return means, or ``min``, of a column of `BeyondRow` over seeds, a line an Rmax and a column a way."""
     return run["beyond"].pivot_table(index="rate_max_hz", columns="way", values=column, sort=False, aggfunc=of)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from textwrap import fill
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,7 +13,7 @@ from sfglab.lab.experiments.transmission.analysis import BEST, TIE, agreement, c
 from sfglab.lab.experiments.transmission.experiment import OPT_DEPTH, Config, exp
 from sfglab.lab.experiments.transmission.stage import LATENCY_WITHIN, LOSS_WITHIN
 from sfglab.lab.experiments.transmission.validation import MODES, READ, by_cell, validated
-from sfglab.lab.figures import COLORS, grouped_bars, series
+from sfglab.lab.figures import COLORS, grouped_bars, note, series
 from sfglab.rtps import PRESETS
 
 if TYPE_CHECKING:
@@ -54,8 +55,7 @@ def draw_latency(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     """Draw Fig. 10: the median latency of those "Hello"s that arrive, a panel for each Rmax."""
     _draw_panels(figure, run, "latency_p50_ms", "Latency", tie=TIE)
     figure.axes[0].set_yscale("log")
-    for axes in figure.axes[::2]:
-        axes.set_ylabel("median latency (ms)")
+    figure.supylabel("median latency (ms)", fontsize="medium")
     return {"latency_p50_ms": cells(run, "latency_p50_ms")}
 
 
@@ -63,8 +63,7 @@ def draw_latency(figure: Figure, run: Run[Config]) -> dict[str, Any]:
 def draw_loss(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     """Draw Fig. 11: the packet loss of "Hello", a panel for each Rmax."""
     _draw_panels(figure, run, "loss", "Packet loss", scale=100.0)
-    for axes in figure.axes[::2]:
-        axes.set_ylabel("packet loss (%)")
+    figure.supylabel("packet loss (%)", fontsize="medium")
     return {"loss": cells(run, "loss")}
 
 
@@ -81,9 +80,11 @@ def _draw_panels(figure: Figure, run: Run[Config], column: str, what: str, **opt
     handles += panels[0].plot([], [], "o", markerfacecolor="white", color="black", markersize=4.5)
     labels.append("hollow: fewer than\nhalf arrived")
     figure.legend(handles, labels, loc="outside right center")
-    figure.suptitle(
-        f'{what} of "Hello": {BEST} is lowest at {wins.sum()} of {len(wins)} rates (paper: at all)\n'
-        f"simulated; medians over {run['cell']['seed'].nunique()} seeds, bars from the lowest to the highest"
+    figure.suptitle(f'{what} of "Hello": {BEST} is lowest at {wins.sum()} of {len(wins)} rates (paper: at all)')
+    seeds = run["cell"]["seed"].nunique()
+    note(
+        figure,
+        f"simulated; medians over {seeds} seeds, bars from the lowest to the highest; DEPTH opt: Eq. 6's",
     )
 
 
@@ -100,7 +101,7 @@ def draw_panel(axes: Axes, table: pd.DataFrame, *, scale: float = 1.0) -> None:
         base, with_cc = method.removesuffix("+CC").replace("CC", "none"), "CC" in method
         places = np.arange(len(depths)) + 0.2 * (list(_MARKERS).index(base) - 1.7 + 0.45 * with_cc)
         style: dict[str, Any] = {"color": _COLORS[base], "marker": "x" if with_cc else _MARKERS[base]}
-        lines = {"linewidth": 0.0 if with_cc else 1.2, "elinewidth": 0.8, "markersize": 4.5}
+        lines: dict[str, Any] = {"linewidth": 0.0 if with_cc else 1.2, "elinewidth": 0.8, "markersize": 4.5}
         axes.errorbar(places, middle, yerr=spread, label=method, **lines, **style)
         if "lost" in part and not with_cc:
             hollow = (part["lost"] > 0.5).to_numpy()
@@ -124,13 +125,12 @@ def draw_fates(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     for axes in panels[-1]:
         axes.set_xlabel("DEPTH")
         axes.tick_params(axis="x", labelrotation=60)
-    figure.legend(*panels[0][0].get_legend_handles_labels(), loc="outside lower center", ncols=2)
+    handles, labels = panels[0][0].get_legend_handles_labels()
+    figure.legend(handles, [fill(label, 20) for label in labels], loc="outside right center", fontsize=8.5)
     opt = shares[shares["depth"] == OPT_DEPTH].groupby("method")["arrived"].min()
     said = ", ".join(f"{method} {opt[method]:.0%}" for method in FATE_METHODS)
-    figure.suptitle(
-        f"Arrived at the depth of Eq. 6, at the worst Rmax: {said}\n"
-        f'the fate of every "Hello", simulated, means over {run["cell"]["seed"].nunique()} seeds'
-    )
+    figure.suptitle(f"Arrived at the depth of Eq. 6, at the worst Rmax: {said}")
+    note(figure, f'simulated; the fate of every "Hello", means over {run["cell"]["seed"].nunique()} seeds')
     return {"shares": shares}
 
 
@@ -150,7 +150,7 @@ def _draw_bars(axes: Axes, shares: pd.DataFrame) -> None:
     axes.grid(visible=False, axis="x")
 
 
-@exp.figure("transmission_beyond", size=(10, 4.2))
+@exp.figure("transmission_beyond", size=(8.8, 4.0))
 def draw_beyond(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     """Draw how long the station is up to date, and how late "Hello" is, for the printed problem and our own."""
     shown = {c: compare_ways(run, c) for c in ("up_to_date", "latency_p95_ms", "loss", "rate_high_hz")}
@@ -163,15 +163,18 @@ def draw_beyond(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     low = shown["up_to_date"].min()
     figure.suptitle(
         f"Our own programme keeps the station up to date {low['own']:.0%} of the time or more at every Rmax,\n"
-        f"the printed one {low['OPT']:.0%} (simulated; means of {run['beyond']['seed'].nunique()} seeds, "
-        "bars from the lowest to the highest)"
+        f"the printed one {low['OPT']:.0%}"
     )
+    seeds = run["beyond"]["seed"].nunique()
+    note(figure, f"simulated; means over {seeds} seeds, bars from the lowest to the highest")
     return {name: table.reset_index() for name, table in shown.items()}
 
 
 def _draw_groups(axes: Axes, run: Run[Config], column: str, scale: float) -> None:
     table, low, high = (scale * compare_ways(run, column, of) for of in ("mean", "min", "max"))
-    for at, way in zip(grouped_bars(axes, table, map(_COLORS.get, table), width=0.85), table, strict=True):
+    for at, way in zip(
+        grouped_bars(axes, table, [_COLORS[str(way)] for way in table], width=0.85), table, strict=True
+    ):
         ends = [table[way] - low[way], high[way] - table[way]]
         axes.errorbar(at, table[way], yerr=ends, fmt="none", color="#555555", capsize=2, elinewidth=1)
     axes.set_xticks(range(len(table)), [f"{rate} Hz" for rate in table.index])
@@ -189,14 +192,11 @@ def draw_live(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     _draw_apart(latency, live, (live["p50_live_ms"] / live["p50_model_ms"]).astype(float))
     latency.axvspan(1 / (1 + LATENCY_WITHIN), 1 / (1 - LATENCY_WITHIN), color="black", alpha=0.1, linewidth=0)
     latency.set(xlabel="median latency, live / model")
-    figure.legend(*loss.get_legend_handles_labels(), loc="outside lower center", ncols=3)
+    latency.legend(loc="lower right", fontsize=8)
     said = ", ".join(f"{what}: {count}" for what, count in agreed.items())
-    figure.suptitle(
-        f"Live Cyclone DDS against the model: {said}\n"
-        f"each cell once for {live['duration_s'].max():g} s; hollow: did not keep its schedule; grey: asked for"
-        if len(live)
-        else f"Nothing live: {run.skipped('live')}"
-    )
+    if len(live):
+        note(figure, f"each cell once for {live['duration_s'].max():g} s; hollow: late; grey: asked for")
+    figure.suptitle(f"Live Cyclone DDS against the model: {said if len(live) else run.skipped('live')}")
     return {"live": live, "agreement": agreed}
 
 
@@ -208,10 +208,14 @@ def _draw_apart(axes: Axes, live: pd.DataFrame, apart: pd.Series[float]) -> None
         for fair in (True, False):
             part = of_group & (live["kept_up"].astype(bool) == fair)
             places = [cells_.index(name) + 0.22 * (shift - 1) for name in names[part]]
-            style = {"color": color, "markerfacecolor": color if fair else "none", "markersize": 5}
+            style: dict[str, Any] = {
+                "color": color,
+                "markerfacecolor": color if fair else "none",
+                "markersize": 5,
+            }
             axes.plot(apart[part], places, marker, label=label if fair else None, **style)
     axes.set_yticks(range(len(cells_)), cells_, fontsize=8)
-    axes.set_ylim(len(cells_) - 0.5, -0.5)
+    axes.set_ylim(max(len(cells_), 1) - 0.5, -0.5)
 
 
 _KINDS = {"calm": "third", "lossy": "proxy", "saturated": "standard"}
@@ -239,15 +243,15 @@ def draw_validation(figure: Figure, run: Run[Config]) -> dict[str, Any]:
             _draw_bands(loss, latency, table)
     panels[0][0].set(ylabel="loss, live (%)")
     panels[1][0].set(ylabel="median latency, live (ms)")
-    figure.legend(*panels[0][0].get_legend_handles_labels(), loc="outside lower center", ncols=4)
+    panels[1][0].legend(loc="lower right", fontsize=8)
     read = "; ".join(f"{PRESETS[name].name}: {why}" for name, why in READ.items())
     shares = [f"{said[c].min():.0%} to {said[c].max():.0%}" for c in ("loss_within", "latency_within")]
-    figure.suptitle(
-        f"Live against the model: loss within 3 points in {shares[0]} of the cells, median latency within 30 % "
-        f"in {shares[1]}\n{len(table)} cells, played once each ({read}); asked: 90 % of both"
-        if len(table)
-        else "Nothing played yet"
-    )
+    if len(table):
+        kept = f"loss within 3 points in {shares[0]}, median latency within 30 % in {shares[1]}"
+        figure.suptitle(f"Live against the model: {kept} of cells")
+        note(figure, f"{len(table)} cells, each played once; grey: asked of 90 % of the cells; {read}")
+    else:
+        figure.suptitle("Nothing played yet")
     return {"cells": table, "validated": said.reset_index()}
 
 
