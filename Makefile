@@ -3,6 +3,7 @@ SHELL := /bin/bash
 VENV := .venv
 BIN := $(VENV)/bin
 PROFILE ?= quick
+MINUTES ?= 10
 # The first Python that is new enough; override with `make PYTHON=/path/to/python setup`.
 PYTHON ?= $(shell for p in python3.13 python3.12 python3.11 python3; do \
 	$$p -c 'import sys, venv, ensurepip; sys.exit(sys.version_info < (3, 11))' 2>/dev/null && echo $$p && break; done)
@@ -11,7 +12,7 @@ PYTHON ?= $(shell for p in python3.13 python3.12 python3.11 python3; do \
 export PYTHONDONTWRITEBYTECODE :=
 
 .DEFAULT_GOAL := help
-.PHONY: help setup ros lock reproduce test lab figures screenshots claims mutants check format lint types bench clean
+.PHONY: help setup ros lock reproduce test lab figures screenshots claims mutants fuzz check format lint types bench clean
 
 help: ## List the targets
 	@grep -hE '^[a-z]+:.*## ' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  make %-12s %s\n", $$1, $$2}'
@@ -57,6 +58,11 @@ claims: setup ## Print the ledger: paper said, we measured
 
 mutants: setup ## Change the code under each claim's checks in 20 places and store who sees it (some minutes)
 	$(BIN)/python tests/mutants.py
+
+fuzz: export PYTHONPATH = .
+fuzz: setup ## Send hostile bytes through every door for MINUTES, one process a core, and print counts and faults
+	@mkdir -p runs && for i in $$(seq $$(nproc)); do \
+		$(BIN)/python tests/fuzz/run.py $$(( $(MINUTES) * 60 )) $$RANDOM 2> runs/fuzz.$$i.log & done; wait
 
 check: lint types test ## Format check, lint, types and tests: what CI runs
 

@@ -32,6 +32,10 @@ if TYPE_CHECKING:
 
 KeyPath = tuple[str | int, ...]  #: Keys and list positions from the top of a document.
 
+_TEXT = "tag:yaml.org,2002:str"
+_MOST_CHARACTERS = 2**20  # ten times the largest fleet; PyYAML reads some 100,000 a second
+_LONGEST_PLAIN = 1000  # of what is no text
+
 T = TypeVar("T")
 _Choice = TypeVar("_Choice", bound=Enum)
 _REQUIRED: Any = object()
@@ -80,11 +84,15 @@ class Document:
         self._text = text
         self._lines: dict[KeyPath, int] = {(): 1}
         self._seen: set[int] = set()
+        if len(text) > _MOST_CHARACTERS:
+            raise DocumentError(Place(file=file), f"{len(text)} characters", f"at most {_MOST_CHARACTERS}")
         try:
             node = yaml.compose(text, Loader=yaml.SafeLoader)
             #: Mappings, lists and scalars.
             self.value = None if node is None else self._read(yaml.SafeLoader(""), node, ())
-        except (yaml.YAMLError, RecursionError) as error:
+        except (yaml.YAMLError, RecursionError, ValueError) as error:  # ValueError: no character has the number
+            if isinstance(error, DocumentError):
+                raise
             mark = getattr(error, "problem_mark", None)
             place = Place(file=file, line=mark.line + 1 if mark else 0)
             problem = getattr(error, "problem", None) or str(error)
@@ -133,9 +141,12 @@ class Document:
             return dict(self._read_pairs(loader, node, path))
         if isinstance(node, yaml.SequenceNode):
             return [self._read(loader, item, (*path, i)) for i, item in enumerate(node.value)]
+        if node.tag != _TEXT and len(node.value) > _LONGEST_PLAIN:  # a number by base 60 takes quadratic time
+            raise DocumentError(self.place(path), node.value, f"at most {_LONGEST_PLAIN} characters, or quoted")
         try:
             return loader.construct_object(node)
-        except (ValueError, OverflowError) as error:  # it looks like a date, and is none
+        # A date that is none, or a tag whose text is not of its kind: PyYAML looks before it has checked.
+        except (ValueError, OverflowError, LookupError, AttributeError, TypeError) as error:
             raise DocumentError(self.place(path), node.value, "a value that YAML can read") from error
 
     def _alias(self, path: KeyPath) -> Place:
@@ -154,7 +165,7 @@ class Document:
             inner = (*path, str(key.value))
             place = Place(file=self.file, key=_key_text(inner), line=key.start_mark.line + 1)
             self._lines[inner] = place.line
-            if key.tag != "tag:yaml.org,2002:str":
+            if key.tag != _TEXT:
                 raise DocumentError(place, key.value, "a key that is text (quote it)")
             if key.value in seen:
                 raise DocumentError(place, key.value, "each key once in its mapping")

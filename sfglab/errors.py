@@ -9,6 +9,8 @@ from __future__ import annotations
 
 from typing import Any
 
+_SHOWN = 500  #: Characters of a long value's beginning and end that a message shows.
+
 
 class SfglabError(Exception):
     """Anything that sfglab refuses or cannot do, said in one sentence."""
@@ -24,8 +26,17 @@ class InvalidValueError(SfglabError, ValueError):
         super().__init__(place, given, allowed)  # all arguments, so that the error survives pickling
 
     def __str__(self) -> str:
-        given = "nothing is given" if self.given is None else f"given {self.given!r}"
+        given = "nothing is given" if self.given is None else f"given {_shown(self.given)}"
         return f"{self.place}: {given}, allowed: {self.allowed}"
+
+
+def _shown(given: object) -> str:
+    """Return a value as text, cut in the middle; a refusal must stand whatever was refused."""
+    try:
+        text = repr(given)
+    except (ValueError, RecursionError):  # an integer of more digits than Python writes, or nested too deep
+        return f"a {type(given).__name__} that cannot be written"
+    return text if len(text) <= 2 * _SHOWN else f"{text[:_SHOWN]} ... {text[-_SHOWN:]}"
 
 
 class MissingExtraError(SfglabError, ImportError):

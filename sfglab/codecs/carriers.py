@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sfglab.codecs.depth import PNG_LEVEL, DepthFormat, decode_depth, encode_depth, parse_depth_format
-from sfglab.codecs.errors import CodecError, CodecUnavailableError
+from sfglab.codecs.errors import MAX_PIXELS, CodecError, CodecUnavailableError
 from sfglab.codecs.h264 import DecoderState, H264Decoder, VideoDecoder
 
 if TYPE_CHECKING:
@@ -150,7 +150,9 @@ class DecodedImage:
     intact: bool
 
 
-def image_decoder(type_name: str, codec_hint: str | None = None) -> ImageDecoder:
+def image_decoder(
+    type_name: str, codec_hint: str | None = None, *, most_pixels: int = MAX_PIXELS
+) -> ImageDecoder:
     """Return a decoder for one stream of messages.
 
     The codec is read from each message, so a stream may change it.
@@ -160,6 +162,7 @@ def image_decoder(type_name: str, codec_hint: str | None = None) -> ImageDecoder
         codec_hint: Codec to expect: ``"h264"``, ``"hevc"``, ``"jpeg"``, ``"png"`` or ``"rvl"``; empty or None
             for none. It is loaded and tried out here, so that the first message does not wait for that (0.1 s
             for H.264, up to 2 s for RVL), and assumed for messages that name no known codec themselves.
+        most_pixels: Of a picture; a message that holds a larger one is refused before memory is taken for it.
 
     Raises:
         CodecUnavailableError: If messages of this type hold no readable images, or the hint is no codec.
@@ -177,7 +180,7 @@ def image_decoder(type_name: str, codec_hint: str | None = None) -> ImageDecoder
         raise CodecUnavailableError(hint, reason=f"not a known codec; allowed are {', '.join(_HINTS)}")
     if hint in _LOADED_WITH:
         importlib.import_module(_LOADED_WITH[hint])
-    return ImageDecoder(reader, hint)
+    return ImageDecoder(reader, hint, most_pixels)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -219,10 +222,11 @@ def _read_compressed_image(message: Any) -> _Content:
 class ImageDecoder:
     """A decoder from the messages of one stream, whatever their type, to pictures; see `image_decoder`."""
 
-    def __init__(self, read: Callable[[Any], _Content], codec_hint: str) -> None:
+    def __init__(self, read: Callable[[Any], _Content], codec_hint: str, most_pixels: int) -> None:
         self._read = read
         self._hint = codec_hint
-        self._video: VideoDecoder | None = _video_decoder(codec_hint) if codec_hint in _VIDEO else None
+        self._most_pixels = most_pixels
+        self._video: VideoDecoder | None = self._video_decoder(codec_hint) if codec_hint in _VIDEO else None
         self._next_pts: int | None = None
         self._intact = True
 
@@ -243,9 +247,9 @@ class ImageDecoder:
             return self._decode_video(codec, content)
         if codec in ("depth", "rvl"):
             depth_format = content.depth_format or DepthFormat(encoding="", codec="rvl")
-            array, encoding = decode_depth(content.data, depth_format)
+            array, encoding = decode_depth(content.data, depth_format, most_pixels=self._most_pixels)
         elif codec in ("jpeg", "png"):
-            array, encoding = _decode_still(content)
+            array, encoding = _decode_still(content, self._most_pixels)
         else:
             reason = f"a message names it, but known are {', '.join(_HINTS)}; if it is one of them, hint it"
             raise CodecUnavailableError(content.codec, reason=reason)
@@ -282,7 +286,7 @@ class ImageDecoder:
 
     def _decode_packet(self, codec: str, content: _Content) -> tuple[VideoDecoder, tuple[VideoFrame, ...]]:
         if self._video is None or self._video.codec != codec:
-            self._video = _video_decoder(codec)
+            self._video = self._video_decoder(codec)
         if content.pts is not None:
             self._intact &= self._next_pts in (None, content.pts)
             self._next_pts = content.pts + 1
@@ -290,15 +294,16 @@ class ImageDecoder:
         self._intact |= any(frame.key_frame for frame in frames)
         return self._video, frames
 
+    def _video_decoder(self, codec: str) -> VideoDecoder:
+        if codec == "h264":
+            return H264Decoder(most_pixels=self._most_pixels)
+        return VideoDecoder(codec, decoder=codec, most_pixels=self._most_pixels)
 
-def _video_decoder(codec: str) -> VideoDecoder:
-    return H264Decoder() if codec == "h264" else VideoDecoder(codec, decoder=codec)
 
-
-def _decode_still(content: _Content) -> tuple[NDArray[Any], str]:
+def _decode_still(content: _Content, most_pixels: int) -> tuple[NDArray[Any], str]:
     from sfglab.codecs.still import decode_still
 
-    array = decode_still(content.data)
+    array = decode_still(content.data, most_pixels=most_pixels)
     bits = 8 * array.dtype.itemsize
     if array.ndim == 2:
         same = content.ros_encoding in (f"{bits}UC1", f"mono{bits}")

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sfglab.codecs.errors import BitstreamError, CodecError
+from sfglab.codecs.errors import MAX_PIXELS, BitstreamError, CodecError, check_size
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -99,12 +99,15 @@ def encode_depth(
     return depth_format, _HEADER.pack(_INV_DEPTH, quant_a, quant_b) + _compressed(pixels, codec, png_level)
 
 
-def decode_depth(data: bytes, depth_format: DepthFormat) -> tuple[NDArray[Any], str]:
+def decode_depth(
+    data: bytes, depth_format: DepthFormat, *, most_pixels: int = MAX_PIXELS
+) -> tuple[NDArray[Any], str]:
     """Restore a depth image.
 
     Args:
         data: The payload.
         depth_format: What the message says about it.
+        most_pixels: Of an image that is taken.
 
     Returns:
         The image, shape (rows, columns), uint16 (holes 0) or float32 in metres (holes NaN); and its encoding.
@@ -115,7 +118,7 @@ def decode_depth(data: bytes, depth_format: DepthFormat) -> tuple[NDArray[Any], 
     if len(data) <= _HEADER.size:
         raise BitstreamError("compressedDepth", reason="shorter than its header", size_bytes=len(data))
     _, quant_a, quant_b = _HEADER.unpack_from(data)
-    pixels = _decompressed(memoryview(data)[_HEADER.size :], depth_format.codec)
+    pixels = _decompressed(memoryview(data)[_HEADER.size :], depth_format.codec, most_pixels)
     quantised = "32" in depth_format.encoding or (not depth_format.encoding and quant_a != 0)
     if not quantised:
         return pixels, depth_format.encoding or "16UC1"
@@ -161,17 +164,18 @@ def _compressed(pixels: NDArray[np.uint16], codec: str, png_level: int) -> bytes
     raise CodecError(f"depth codec: given {codec!r}, allowed are 'rvl' and 'png'")
 
 
-def _decompressed(body: memoryview, codec: str) -> NDArray[np.uint16]:
+def _decompressed(body: memoryview, codec: str, most_pixels: int) -> NDArray[np.uint16]:
     if codec == "rvl":
         from sfglab.codecs.rvl import decode
 
         if len(body) < _RVL_SIZE.size:
             raise BitstreamError("rvl", reason="cut before the image size", size_bytes=len(body))
         columns, rows = _RVL_SIZE.unpack_from(body)
+        check_size("rvl", width=columns, height=rows, size_bytes=len(body), most_pixels=most_pixels)
         return decode(body[_RVL_SIZE.size :], (rows, columns))
     from sfglab.codecs.still import decode_still
 
-    image = decode_still(bytes(body))
+    image = decode_still(bytes(body), most_pixels=most_pixels)
     if image.ndim != 2 or image.dtype != np.uint16:
         reason = f"holds {image.dtype} of shape {image.shape}; depth is one channel of 16 bits"
         raise BitstreamError("png", reason=reason, size_bytes=len(body))

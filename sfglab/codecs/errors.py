@@ -34,14 +34,14 @@ class BitstreamError(CodecError):
         super().__init__(f"{codec} frame of {size_bytes} bytes: {reason}")
 
 
-def check_size(codec: str, *, width: int, height: int, size_bytes: int) -> None:
+def check_size(codec: str, *, width: int, height: int, size_bytes: int, most_pixels: int = MAX_PIXELS) -> None:
     """Refuse a frame size in pixels that a codec's header claims, before anything is allocated for it.
 
-    The claim is made in `size_bytes` of data.
+    The claim is made in `size_bytes` of data; `most_pixels` is what was announced of its stream.
 
     Raises:
-        BitstreamError: If a side is not positive or the area exceeds `MAX_PIXELS`.
+        BitstreamError: If a side is not positive or the area exceeds `most_pixels`.
     """
-    if width < 1 or height < 1 or width * height > MAX_PIXELS:
-        reason = f"claims {width} x {height} pixels; allowed are sides from 1 and at most {MAX_PIXELS} pixels"
+    if width < 1 or height < 1 or width * height > most_pixels:
+        reason = f"claims {width} x {height} pixels; allowed are sides from 1 and at most {most_pixels} pixels"
         raise BitstreamError(codec, reason=reason, size_bytes=size_bytes)

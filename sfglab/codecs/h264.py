@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, NoReturn
 import av
 import numpy as np
 
-from sfglab.codecs.errors import BitstreamError, CodecError, CodecUnavailableError
+from sfglab.codecs.errors import MAX_PIXELS, BitstreamError, CodecError, CodecUnavailableError
 from sfglab.codecs.libav import (
     TABLE_2,
     DecoderSession,
@@ -24,6 +24,7 @@ from sfglab.codecs.libav import (
     EncoderSession,
     H264Settings,
     has_start_code,
+    holds_key_picture,
     is_entry_point,
 )
 from sfglab.codecs.probe import choose_decoder, choose_encoder, why
@@ -94,19 +95,21 @@ class VideoDecoder:
     Args:
         codec: ``"h264"`` or ``"hevc"``.
         decoder: The FFmpeg decoder.
+        most_pixels: Of a frame that is taken.
 
     Raises:
         CodecError: If the decoder cannot be opened.
     """
 
-    def __init__(self, codec: str, *, decoder: str) -> None:
+    def __init__(self, codec: str, *, decoder: str, most_pixels: int = MAX_PIXELS) -> None:
         self.codec = codec  #: As given.
         self.decoder_name = decoder  #: The FFmpeg decoder that was opened.
         self.state = DecoderState.WAITING_FOR_KEYFRAME  #: Whether a key frame is still awaited.
         self.refused_packets = 0  #: Packets passed over while waiting for a key frame.
         self.broken_packets = 0  #: Packets in which a fault was found.
+        self._most_pixels = most_pixels
         try:
-            self._session = DecoderSession(decoder)
+            self._session = DecoderSession(decoder, most_pixels)
         except (av.FFmpegError, ValueError) as error:
             raise CodecError(f"decoder {decoder!r} cannot be opened: {why(error)}") from error
 
@@ -126,6 +129,10 @@ class VideoDecoder:
             return ()
         try:
             frames = self._session.decode(data)
+            if not frames and holds_key_picture(data, codec=self.codec):
+                # An earlier packet made libavcodec expect pictures out of order: it would lag from now on.
+                self._session = DecoderSession(self.decoder_name, self._most_pixels)
+                frames = self._session.decode(data)
         except av.FFmpegError as error:
             self._fail(data, f"libavcodec: {why(error)}")
         if any(frame.is_corrupt for frame in frames):
@@ -184,5 +191,5 @@ class H264Decoder(VideoDecoder):
         CodecUnavailableError: If the named decoder does not work on this machine.
     """
 
-    def __init__(self, decoder: str = "auto") -> None:
-        super().__init__("h264", decoder=choose_decoder(decoder).name)
+    def __init__(self, decoder: str = "auto", *, most_pixels: int = MAX_PIXELS) -> None:
+        super().__init__("h264", decoder=choose_decoder(decoder).name, most_pixels=most_pixels)

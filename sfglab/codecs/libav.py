@@ -168,19 +168,19 @@ class EncoderSession:
 
 
 class DecoderSession:
-    """An FFmpeg decoder, opened by its name.
+    """An FFmpeg decoder, opened by its name, for frames of at most so many pixels.
 
     Raises:
         av.FFmpegError: If FFmpeg cannot open it here.
         ValueError: If FFmpeg does not know it.
     """
 
-    def __init__(self, name: str) -> None:
+    def __init__(self, name: str, most_pixels: int = MAX_PIXELS) -> None:
         context = _context(name, "r")
         # A second thread rarely pays below full HD, and never at 640 x 360.
         context.thread_type, context.thread_count = ThreadType.SLICE, 1
         context.flags |= Flags.low_delay
-        context.options = {"max_pixels": str(MAX_PIXELS), "err_detect": "explode"}
+        context.options = {"max_pixels": str(most_pixels), "err_detect": "explode"}
         # Wrappers of hardware decoders do not all take the generic options; that is no reason to refuse them.
         context.open(strict=False)
         self._context = context
@@ -222,6 +222,9 @@ _H264_ENTRY = frozenset({5, 7})  # IDR slice, sequence parameter set
 _H265_ENTRY = frozenset({*range(16, 24), 32, 33})  # IRAP slices, video and sequence parameter sets
 
 
+_KEY_PICTURES = {"h264": frozenset({5}), "hevc": frozenset(range(16, 24))}  # IDR and IRAP slices
+
+
 def has_start_code(data: bytes) -> bool:
     """Return whether the bytes start as Annex B demands, and not with a length as in MP4 files."""
     return data.startswith((b"\0\0\1", b"\0\0\0\1"))
@@ -247,3 +250,8 @@ def is_entry_point(data: bytes, *, codec: str) -> bool:
     """
     wanted = _H264_ENTRY if codec == "h264" else _H265_ENTRY
     return any(kind in wanted for kind in nal_unit_types(data, codec=codec))
+
+
+def holds_key_picture(data: bytes, *, codec: str) -> bool:
+    """Return whether this access unit has a slice, and not parameter sets alone, with which one may start."""
+    return any(kind in _KEY_PICTURES[codec] for kind in nal_unit_types(data, codec=codec))

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import cv2
 import numpy as np
 
-from sfglab.codecs.errors import BitstreamError, CodecError, check_size
+from sfglab.codecs.errors import MAX_PIXELS, BitstreamError, CodecError, check_size
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -49,7 +49,7 @@ def encode_jpeg(image: NDArray[np.uint8]) -> bytes:
     return _encode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])
 
 
-def decode_still(data: bytes) -> NDArray[Any]:
+def decode_still(data: bytes, *, most_pixels: int = MAX_PIXELS) -> NDArray[Any]:
     """Decode a whole PNG or JPEG file, whichever it is.
 
     Pixels have the shape (rows, columns) or (rows, columns, 3 or 4), uint8 or uint16, colours as BGR(A). A
@@ -57,10 +57,10 @@ def decode_still(data: bytes) -> NDArray[Any]:
     picture.
 
     Raises:
-        BitstreamError: If it is neither, is broken, or claims more than `MAX_PIXELS`.
+        BitstreamError: If it is neither, is broken, or claims more than `most_pixels`.
     """
     codec, width, height = _claim(data)
-    check_size(codec, width=width, height=height, size_bytes=len(data))
+    check_size(codec, width=width, height=height, size_bytes=len(data), most_pixels=most_pixels)
     try:
         image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
     except cv2.error as error:

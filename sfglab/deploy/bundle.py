@@ -9,8 +9,9 @@ from __future__ import annotations
 import hashlib
 import io
 import json
+import struct
 import tarfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import TYPE_CHECKING
@@ -146,14 +147,27 @@ def pack(bundle: Bundle) -> bytes:
 
 
 def unpack(archive: bytes) -> dict[str, Member]:
-    """Return the files of a tar archive by path."""
-    members = {}
-    with tarfile.open(fileobj=io.BytesIO(archive)) as tar:
-        for info in tar:
-            file = tar.extractfile(info) if info.isfile() else None
-            if file is not None:
-                members[info.name.removeprefix("./")] = Member(data=file.read(), mode=info.mode & 0o777)
-    return members
+    """Return the files of a tar archive by path; no larger together than the archive.
+
+    Raises:
+        DeployError: It is none, leads out of its folder, or claims more than it has.
+    """
+    try:
+        with tarfile.open(fileobj=io.BytesIO(archive), mode="r:") as tar:
+            return dict(_members_of(tar, len(archive)))
+    except DeployError:
+        raise
+    except (tarfile.TarError, ValueError, LookupError, OSError, EOFError, OverflowError, struct.error) as error:
+        raise DeployError(f"not a whole tar archive: {error}") from error
+
+
+def _members_of(tar: tarfile.TarFile, left: int) -> Iterator[tuple[str, Member]]:
+    for info in filter(tarfile.TarInfo.isfile, tar):
+        path, left = info.name.removeprefix("./"), left - max(info.size, 0)
+        if left < 0 or path.startswith("/") or ".." in path.split("/"):
+            raise DeployError(f"archive: given {path!r} of {info.size} bytes, allowed is what is in it")
+        file = tar.extractfile(info)
+        yield path, Member(data=file.read() if file else b"", mode=info.mode & 0o777)
 
 
 Detect = Callable[["HostSpec"], "Accelerator | None"]

@@ -26,6 +26,7 @@ AGENT_ROOTS = (  # by their normal names (PEP 503)
     "av",  # sfglab.codecs: H.264
     "cyclonedds",  # sfglab.bus: DDS itself
     "jinja2",  # sfglab.deploy: a robot can render its own files
+    "lz4",  # sfglab.record
     "mcap",  # sfglab.record
     "numba",  # sfglab.codecs: RVL
     "numpy",

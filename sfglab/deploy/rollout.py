@@ -89,8 +89,8 @@ def _read_manifest(manifest: Member | None) -> tuple[str, dict[str, dict[str, st
         return "", {}
     try:
         values = json.loads(manifest.data)
-        return str(values["tag"]), dict(values["files"])
-    except (ValueError, KeyError, TypeError):
+        return str(values["tag"]), {path: dict(about) for path, about in values["files"].items()}
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
         return "", {}
 
 
@@ -251,7 +251,7 @@ def releases(transport: Transport, folder: str) -> tuple[str, ...]:
         DeployError: The machine cannot be reached.
     """
     place = _quoted(transport, f"{folder}/{_RELEASES}")
-    names = transport.run(f"ls -1t {place} 2>/dev/null || true").decode().splitlines()
+    names = transport.run(f"ls -1t {place} 2>/dev/null || true").decode(errors="replace").splitlines()
     return tuple(name.removesuffix(".tar") for name in names if name.endswith(".tar"))
 
 

@@ -198,15 +198,18 @@ def _has_bare_alternative(regex: Any) -> bool:
     return False
 
 
+# Every token takes all that belongs to it and gives nothing back (possessive), closed or not, so that no text
+# is read twice: time is linear.
+_TRIVIA = r"//[^\n]*+|/\*(?:[^*]|\*(?!/))*+(?:\*/|\Z)"
 _TOKEN = re.compile(
-    r"""
-      (?P<string>"(?:\\.|[^"\\\n])*"|'(?:\\.|[^'\\\n])*')
-    | (?P<comment>//[^\n]*|/\*.*?\*/)
-    | (?P<comma>,(?=(?:\s|//[^\n]*|/\*.*?\*/)*[}\]]))
+    rf"""
+      (?P<string>"(?:\\.|[^"\\\n])*+(?:"|(?=\n)|\\?\Z)|'(?:\\.|[^'\\\n])*+(?:'|(?=\n)|\\?\Z))
+    | (?P<comment>{_TRIVIA})
+    | (?P<comma>,(?=(?:\s|{_TRIVIA})*+[}}\]]))
     | (?P<colon>:)
     | (?P<tab>\t)
-    | (?P<word>[A-Za-z_$][\w$]*)
-    | (?P<power>-?\d+(?:\.\d*)?[eE][+-]?\d+)
+    | (?P<word>[A-Za-z_$][\w$]*+)
+    | (?P<number>-?\d++(?:\.\d*+)?(?:[eE][+-]?\d++)?)
     """,
     re.VERBOSE | re.DOTALL,
 )
@@ -231,8 +234,8 @@ def _as_yaml(token: re.Match[str]) -> str:
             return ": "
         case "word":
             return found
-        case "power":
-            return repr(float(found))  # YAML 1.1 asks for a dot and a sign
+        case "number":  # of a power, YAML 1.1 asks for a dot and a sign
+            return repr(float(found)) if "e" in found.lower() else found
         case _:
             return "\n" * found.count("\n") + " "
 
@@ -240,6 +243,8 @@ def _as_yaml(token: re.Match[str]) -> str:
 def _string(found: str) -> str:
     """Return a string of YAML; a pair of surrogates, which YAML does not know, becomes one character."""
     inner = found[1:-1]
+    if len(found) == 1 or found[-1] != found[0]:
+        return found  # never closed, as YAML will say
     if found[0] == "'":
         inner = inner.replace("\\'", "'").replace('"', '\\"')
     try:

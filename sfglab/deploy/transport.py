@@ -199,8 +199,11 @@ def copy_facts(transport: Transport, folder: Path) -> None:
     )
     for line in transport.run(script).decode(errors="replace").splitlines():
         path, _, content = line.removeprefix(root).partition(" ")
-        target = folder / path.lstrip("/")
-        if folder not in target.resolve().parents:
-            raise DeployError(f"{transport.name}: given {path!r}, allowed: a path below the machine's root")
-        target.parent.mkdir(parents=True, exist_ok=True)
-        target.write_bytes(base64.b64decode(content))
+        try:
+            target = (folder / path.lstrip("/")).resolve()
+            target.relative_to(folder.resolve())
+            target.parent.mkdir(parents=True, exist_ok=True)
+            target.write_bytes(base64.b64decode(content))
+        except (OSError, ValueError) as error:  # not below the root, a folder where a file is, not base64
+            given = f"given {path[:80]!r} among what it has ({error})"
+            raise DeployError(f"{transport.name}: {given}, allowed: files below the machine's root") from error

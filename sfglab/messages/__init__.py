@@ -24,20 +24,18 @@ from sfglab.messages.services import (
 )
 from sfglab.messages.store import (
     MessageError,
-    TypeNameError,
     UnknownTypeError,
-    dds_type_name,
     default_message,
     definition,
     message_type,
     message_types,
     ns_from_stamp,
     register_interfaces,
-    ros_type_name,
     service_type,
     stamp_from_ns,
     type_name,
 )
+from sfglab.messages.type_names import TypeNameError, dds_type_name, ros_type_name
 
 __all__ = [
     "ActionType",

@@ -249,7 +249,6 @@ def decoder_from_definition(name: str, text: str) -> Callable[[Buffer], Any]:
         check_new(store, parsed := parse_definition(name, text))
         store.register(parsed)
         store.get_msgdef(name)
-    except (TypesysError, KeyError, SyntaxError, MessageError) as exc:
-        reason = exc if isinstance(exc, MessageError) else repr(exc)
-        raise CdrError(name, f"its definition cannot be read: {reason}") from exc
-    return _decoder(store, name)
+        return _decoder(store, name)
+    except (MessageError, TypesysError, LookupError, SyntaxError, RecursionError) as exc:
+        raise CdrError(name, f"its definition cannot be read: {exc}") from exc

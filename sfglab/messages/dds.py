@@ -12,14 +12,8 @@ from typing import TYPE_CHECKING, Any
 
 from cyclonedds.idl import IdlStruct, make_idl_struct, types
 
-from sfglab.messages.store import (
-    TypeNameError,
-    dds_type_name,
-    message_type,
-    service_type,
-    type_name,
-    type_store,
-)
+from sfglab.messages.store import message_type, service_type, type_name, type_store
+from sfglab.messages.type_names import TypeNameError, dds_type_name
 
 if TYPE_CHECKING:
     from rosbags.interfaces.typing import FieldDesc

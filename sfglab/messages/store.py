@@ -35,6 +35,10 @@ INTERFACES_VARIABLE = "SFGLAB_INTERFACES"
 """Paths for `register_interfaces` with `os.pathsep` between: processes that we start know these types, too."""
 _log = logging.getLogger("sfglab.messages")
 _RULE = "=" * 80
+# Of a definition, as work of who reads it: ROS 2's own have at most 119 values and 5,000 characters.
+_MOST_VALUES = 4096
+_MOST_LINES = 1500
+_MOST_CHARACTERS = 2**18
 _FOLDER = re.compile("/(?:srv|action)/")
 _sources: dict[str, str] = {}
 _lock = threading.RLock()
@@ -74,12 +78,23 @@ def parse_definition(name: str, text: str) -> Typesdict:
 
     Returns:
         Field definitions as rosbags keeps them, the named type first.
-    """
-    from rosbags.typesys import get_types_from_msg
 
+    Raises:
+        MessageError: It cannot be read, or is larger than definitions are.
+    """
+    from rosbags.typesys import TypesysError, get_types_from_msg
+
+    lines = sum(not line.lstrip().startswith("#") for line in text.splitlines() if line.strip())
+    if lines > _MOST_LINES or len(text) > _MOST_CHARACTERS:
+        allowed = f"allowed are {_MOST_LINES} and {_MOST_CHARACTERS}"
+        raise MessageError(f"{name}: given {lines} lines of definition, {len(text)} characters, {allowed}")
     # rosbags files everything under /msg/, where short names are looked for, and wants the last line to end.
     filed = _FOLDER.sub("/msg/", name)
-    (_, first), *rest = get_types_from_msg(text.rstrip() + "\n", filed).items()
+    try:
+        (_, first), *rest = get_types_from_msg(text.rstrip() + "\n", filed).items()
+    # Beside its own error rosbags passes on what names and numbers raise that it did not expect.
+    except (TypesysError, SyntaxError, ValueError, LookupError, TypeError, AssertionError) as error:
+        raise MessageError(f"{name}: its definition cannot be read: {error}") from error
     return {name: first, **dict(rest)}
 
 
@@ -195,7 +210,7 @@ def _name_of(file: Path) -> str:
 def _with_wstring(parts: Mapping[Path, Mapping[str, str]]) -> set[Path]:
     """Return the files with `wstring`, or with a type of such a file."""
     uses = {
-        file: {i for n, text in part.items() for _, i in _used(_parsed(n, text)[n])}
+        file: {i for n, text in part.items() for _, i in _used(parse_definition(n, text)[n])}
         for file, part in parts.items()
     }
     wide: set[Path] = set()
@@ -212,27 +227,20 @@ def _add(texts: Mapping[str, str]) -> None:
     """Add types, all or none, by their full names; those that are there already stay."""
     with _lock:
         store = type_store()
-        parsed = {name: _parsed(name, text)[name] for name, text in texts.items()}
+        parsed = {name: parse_definition(name, text)[name] for name, text in texts.items()}
         check_new(store, parsed)
         new = {name: fields for name, fields in parsed.items() if name not in store.fielddefs}
         store.register(new)
         _sources.update({name: texts[name] for name in new})
 
 
-def _parsed(name: str, text: str) -> Typesdict:
-    from rosbags.typesys import TypesysError
-
-    try:
-        return parse_definition(name, text)
-    except (TypesysError, SyntaxError, ValueError, KeyError) as error:
-        raise MessageError(f"{name}: its definition cannot be read: {error}") from error
-
-
 def is_known_as(name: str, text: str) -> bool:
     """Return whether a definition with its dependencies, as `definition` returns it, is that of the store."""
     known = type_store().fielddefs
     try:
-        return name in known and all(_agree(known.get(n), given) for n, given in _parsed(name, text).items())
+        return name in known and all(
+            _agree(known.get(n), given) for n, given in parse_definition(name, text).items()
+        )
     except MessageError:
         return False
 
@@ -261,6 +269,35 @@ def check_new(store: Typestore, parsed: Typesdict) -> None:
                 raise MessageError(f"{name}.{field}: given wstring, allowed is string")
             if inner not in parsed and inner not in store.fielddefs:
                 raise MessageError(f"{name}.{field}: there is no type {inner}: register its package first")
+    values: dict[str, int] = {}
+    for name in parsed:
+        _check_work(name, {**store.fielddefs, **parsed}, values)
+
+
+def _check_work(name: str, known: Mapping[str, Any], values: dict[str, int]) -> int:
+    """Return how many values a type has at least, one for an array of numbers; `values` are those known.
+
+    Raises:
+        MessageError: More than its readers, which are generated with a line for each, are made for; or it
+            contains itself.
+    """
+    from rosbags.interfaces import Nodetype
+
+    if name not in values:
+        values[name] = _MOST_VALUES + 1  # until it is counted: more than allowed for who contains itself
+        count = 1
+        for field, desc in known[name][1]:
+            is_list = desc[0] in {Nodetype.ARRAY, Nodetype.SEQUENCE}
+            (kind, inner), length = desc[1] if is_list else (desc, 1)
+            if length == 0 and desc[0] == Nodetype.ARRAY:
+                raise MessageError(f"{name}.{field}: given an array of no elements, allowed is 1 and more")
+            each = 1 if kind == Nodetype.BASE else _check_work(str(inner), known, values)
+            one_by_one = desc[0] == Nodetype.ARRAY and (kind == Nodetype.NAME or inner[0] == "string")
+            count += each * (length if one_by_one else 1)
+        if count > _MOST_VALUES:
+            raise MessageError(f"{name}: given itself inside, or {count} values, allowed are {_MOST_VALUES}")
+        values[name] = count
+    return values[name]
 
 
 def message_types() -> tuple[str, ...]:
@@ -422,45 +459,10 @@ def action_texts(name: str, text: str) -> dict[str, str]:
     return texts | {f"{name}_{kind}": wrapper.format(name=name) for kind, wrapper in _ACTION_WRAPPERS.items()}
 
 
-# rosidl_adapter's rules for packages and messages (Humble); services add _Request, _Response and _Event.
 _EMPTY = "structure_needs_at_least_one_member"
 """The octet that rosbags gives a message without fields, when it is registered (rosidl's rule)."""
 _SUFFIXES = ("msg", "srv", "action")
 _WSTRING = "/wstring"  #: How the name of the type that rosbags takes `wstring` for ends.
-_PACKAGE = r"[a-z](?:_?[a-z0-9]+)*"
-_NAME = r"[A-Za-z][A-Za-z0-9]*(?:_[A-Za-z0-9]+)*"
-_ROS = re.compile(rf"(?P<package>{_PACKAGE})/(?P<kind>msg|srv|action)/(?P<name>{_NAME})")
-_DDS = re.compile(rf"(?P<package>{_PACKAGE})::(?P<kind>msg|srv|action)::dds_::(?P<name>{_NAME})_")
-
-
-class TypeNameError(MessageError):
-    """Text that is not the name of a type in the expected form."""
-
-
-def dds_type_name(name: str) -> str:
-    """Return the name under which ROS 2 announces a type in DDS (rosidl_typesupport_introspection).
-
-    `std_msgs/msg/String` gives `std_msgs::msg::dds_::String_`; so do halves, as `std_srvs/srv/Empty_Request`.
-
-    Raises:
-        TypeNameError: The name has another form.
-    """
-    if not (match := _ROS.fullmatch(name)):
-        raise TypeNameError(f"type name: given {name!r}, allowed is the form 'package/msg/Name'")
-    return "{package}::{kind}::dds_::{name}_".format_map(match.groupdict())
-
-
-def ros_type_name(name: str) -> str:
-    """Return the ROS 2 name of a type that was announced in DDS: the inverse of `dds_type_name`.
-
-    Raises:
-        TypeNameError: No ROS 2 type is announced under such a name.
-    """
-    if not (match := _DDS.fullmatch(name)):
-        raise TypeNameError(f"type name: given {name!r}, allowed is the form 'package::msg::dds_::Name_'")
-    return "{package}/{kind}/{name}".format_map(match.groupdict())
-
-
 _SECONDS = range(-(2**31), 2**31)
 
 

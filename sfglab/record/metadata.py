@@ -163,7 +163,7 @@ def _is_literal(text: str) -> bool:
         json.loads(text)
     except UnicodeEncodeError:
         return True
-    except ValueError:
+    except (ValueError, RecursionError):  # also numbers and nesting that Python does not read
         return False
     return True
 

@@ -119,7 +119,7 @@ class LogReader:
         if stream.read(len(MAGIC)) != MAGIC:
             raise LogError(f"log {self.path}: not an MCAP file, nor a bag (a folder, .db3 or .bag)")
         stream.seek(0)
-        reader = SeekingReader(stream, validate_crcs=True)
+        reader = SeekingReader(stream, validate_crcs=True, record_size_limit=size)
         own = None
         if has_sound_index(stream, size):
             with suppress(*DAMAGE):  # then a scan finds out
@@ -264,8 +264,8 @@ class LogReader:
         the messages are of the type that `sfglab.messages.message_type` returns. Arguments as of `messages`.
 
         Raises:
-            LogError: As of `messages`, or while iterating: not CDR, or no definition that can be read.
-            CdrError: While iterating: the bytes are not of the type.
+            LogError: As of `messages`, or while iterating: not CDR, or a definition that is no text.
+            CdrError: While iterating: the bytes are not of the type, or no definition that can be read.
         """
         found = self._found(topic, start_ns, end_ns)
         return (
@@ -279,7 +279,7 @@ class LogReader:
         """Return whether a topic's messages are of a type that this process has, with the same fields."""
         channels = [channel for channel in self._summary.channels.values() if channel.topic == topic]
         schemas = [self._summary.schemas.get(channel.schema_id) for channel in channels]
-        return all(schema and is_known_as(schema.name, schema.data.decode()) for schema in schemas)
+        return all(schema and is_known_as(schema.name, self._text_of(schema)) for schema in schemas)
 
     def table(self, name: str) -> pd.DataFrame:
         """Return a table: rows in the order of log times; columns are `log_time_ns` and the fields.
@@ -351,12 +351,18 @@ class LogReader:
             raise LogError(
                 f"log {self.path}: topic {channel.topic}: given {what}, allowed are 'cdr', 'ros2msg'"
             )
-        text = schema.data.decode()
+        text = self._text_of(schema)
         return (
             decoder(schema.name)
             if is_known_as(schema.name, text)
             else decoder_from_definition(schema.name, text)
         )
+
+    def _text_of(self, schema: Schema) -> str:
+        try:
+            return schema.data.decode()
+        except UnicodeDecodeError as exc:
+            raise LogError(f"log {self.path}: the definition of {schema.name} is no UTF-8: {exc}") from exc
 
 
 def _missing(kind: str, name: str, present: Iterable[str]) -> LogError:

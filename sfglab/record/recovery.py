@@ -1,7 +1,7 @@
 """Finding what is whole in an MCAP file that has no index, because its writer was killed or never wrote one.
 
 Knows how records follow each other (MCAP specification, "Records"). Refuses to guess: the first record that is
-cut off or damaged ends the file.
+cut off or damaged ends the file. Refuses to believe: what a chunk takes is bounded by its compressed size.
 """
 
 from __future__ import annotations
@@ -13,6 +13,8 @@ from dataclasses import dataclass, field
 from io import BytesIO
 from typing import TYPE_CHECKING, Any, BinaryIO
 
+from lz4.frame import LZ4FrameDecompressor
+from mcap import reader, stream_reader
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
@@ -28,9 +30,8 @@ from mcap.records import (
     Schema,
     Statistics,
 )
-from mcap.stream_reader import breakup_chunk
 from mcap.summary import Summary
-from zstandard import ZstdError
+from zstandard import ZstdDecompressor, ZstdError, frame_content_size
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -39,9 +40,15 @@ if TYPE_CHECKING:
 MAGIC = b"\x89MCAP0\r\n"
 _RECORD_HEAD = struct.Struct("<BQ")
 _FOOTER = struct.Struct("<BQQQI")
+_MESSAGE_HEAD = struct.Struct("<HIQQ")  # channel, sequence, log and publish time
 # What the library raises for bytes that are not what they should be: CRC errors and bad text are ValueErrors,
 # and lengths and offsets are believed before they are tried.
-DAMAGE = (McapError, ZstdError, ValueError, KeyError, struct.error, OSError, OverflowError, MemoryError)
+DAMAGE: tuple[type[Exception], ...] = (McapError, ZstdError, ValueError, KeyError, struct.error, OSError)
+DAMAGE += (OverflowError, MemoryError, RuntimeError, EOFError)  # lz4's is a RuntimeError
+
+_MOST_BYTES = 2**26  # of a chunk, beside a thousand for each compressed one: a black picture is that dense
+_MOST_RECORDS = 256  # of a chunk, beside two for each compressed byte: their times differ
+_INSIDE: dict[int, Any] = {Opcode.SCHEMA: Schema, Opcode.CHANNEL: Channel}
 
 
 class UnchunkedError(Exception):
@@ -87,6 +94,57 @@ def _whole_records(stream: BinaryIO, size: int) -> Iterator[tuple[int, int, byte
         offset = end
 
 
+def _content_of(chunk: Chunk) -> bytes:
+    """Return a chunk's records; decompressed as far as it says, which is bounded by what it takes."""
+    data, size, most = chunk.data, chunk.uncompressed_size, _MOST_BYTES + 1024 * len(chunk.data)
+    if size > most:
+        raise McapError(f"a chunk of {len(data)} bytes claims {size}; allowed are {most}")
+    if chunk.compression == "zstd":
+        if frame_content_size(data) > size:
+            raise McapError("a chunk holds more than it claims")
+        data = ZstdDecompressor().decompress(data, max_output_size=size)
+    elif chunk.compression == "lz4":
+        data = LZ4FrameDecompressor().decompress(data, max_length=size)
+    elif chunk.compression:
+        raise McapError(f"a chunk is compressed by {chunk.compression!r}; allowed are zstd and lz4")
+    if len(data) != size:
+        raise McapError(f"a chunk claims {size} bytes and holds {len(data)}")
+    return data
+
+
+def records_of(chunk: Chunk, validate_crc: bool = False) -> list[Any]:  # noqa: FBT001, FBT002 - as the library calls it
+    """Return a chunk's schemas, channels and messages, in work and memory bounded by its compressed size.
+
+    Raises:
+        McapError: It holds anything else, claims another size, or decompresses to far more than real ones do.
+    """
+    content = _content_of(chunk)
+    if validate_crc and chunk.uncompressed_crc not in {0, zlib.crc32(content)}:
+        raise McapError("a chunk's checksum is of other bytes")
+    records: list[Any] = []
+    at = 0
+    while at < len(content):
+        opcode, length = _RECORD_HEAD.unpack_from(content, at)
+        start, at = at + _RECORD_HEAD.size, at + _RECORD_HEAD.size + length
+        is_message = opcode == Opcode.MESSAGE and length >= _MESSAGE_HEAD.size
+        if not (is_message or opcode in _INSIDE) or at > len(content):
+            raise McapError(f"a chunk holds a record {opcode} of {length} bytes")
+        if len(records) >= _MOST_RECORDS + 2 * len(chunk.data):
+            raise McapError(f"a chunk of {len(chunk.data)} bytes holds more than {len(records)} records")
+        if is_message:
+            channel, sequence, log_ns, publish_ns = _MESSAGE_HEAD.unpack_from(content, start)
+            data = content[start + _MESSAGE_HEAD.size : at]
+            records.append(Message(channel, log_ns, data, publish_ns, sequence))
+        else:
+            records.append(_INSIDE[opcode].read(ReadDataStream(BytesIO(content[start:at]))))
+    return records
+
+
+# The library walks what a chunk decompresses to, however much; all its ways to a chunk's records lead here.
+for _module in (reader, stream_reader):
+    _module.breakup_chunk = records_of  # type: ignore[attr-defined]  # imported there, and typed as its own
+
+
 def _add_definition(summary: Summary, record: Any) -> None:
     if isinstance(record, Schema):
         summary.schemas[record.id] = record
@@ -96,7 +154,7 @@ def _add_definition(summary: Summary, record: Any) -> None:
 
 def _add_chunk(summary: Summary, offset: int, content: bytes) -> None:
     chunk = Chunk.read(ReadDataStream(BytesIO(content)))
-    records = breakup_chunk(chunk, validate_crc=True)
+    records = records_of(chunk, validate_crc=True)
     for record in records:
         _add_definition(summary, record)
     channels = Counter(record.channel_id for record in records if isinstance(record, Message))

@@ -19,7 +19,6 @@ from sfglab.codecs import (
     available_decoders,
     available_encoders,
     h264,
-    libav,
     probe,
 )
 from sfglab.codecs.libav import EncoderSession, has_start_code, is_entry_point, nal_unit_types
@@ -237,9 +236,8 @@ def test_falling_back_to_software_is_said_aloud_and_taking_what_was_asked_for_is
     assert (asked.encoder_name, asked.fallback_reason) == ("libx264", None)
 
 
-def test_frames_beyond_the_pixel_limit_are_refused(monkeypatch, stream):
-    monkeypatch.setattr(libav, "MAX_PIXELS", 640 * 360 - 1)
-    decoder = H264Decoder()
+def test_frames_beyond_the_pixel_limit_are_refused(stream):
+    decoder = H264Decoder(most_pixels=640 * 360 - 1)
     with pytest.raises(BitstreamError, match="libavcodec"):
         decoder.decode(stream[0].data)
     assert decoder.state is DecoderState.WAITING_FOR_KEYFRAME

@@ -15,6 +15,7 @@ from __future__ import annotations
 import ctypes as ct
 import os
 import struct
+from contextlib import suppress
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
@@ -46,6 +47,7 @@ from sfglab.bus.dds.clib import (
     user_data,
 )
 from sfglab.bus.dds.endpoints import DdsReader, DdsWriter
+from sfglab.bus.errors import InvalidMessageError
 from sfglab.messages import TypeNameError, ros_type_name
 from sfglab.qos import Durability, History, QoSProfile
 
@@ -121,7 +123,11 @@ def pack_nodes(participant: bytes, nodes: Iterable[NodeInfo], size: int) -> byte
 
 
 def unpack_nodes(cdr: bytes, size: int) -> tuple[bytes, tuple[NodeInfo, ...]]:
-    """Return the participant's GUID and its nodes from a message in little-endian CDR."""
+    """Return the participant's GUID and its nodes from a message in little-endian CDR.
+
+    Raises:
+        InvalidMessageError: It ends before what it counts.
+    """
     cursor = _Cursor(cdr, size)
     participant = cursor.gid()
     nodes = tuple(
@@ -152,20 +158,23 @@ class _Cursor:
         self._at = len(_ENCAPSULATION)
 
     def number(self) -> int:
-        self._at += 4
-        return int.from_bytes(self._cdr[self._at - 4 : self._at], "little")
+        return int.from_bytes(self._take(4), "little")
 
     def text(self) -> str:
         length = self.number()
-        start, self._at = self._at, self._at + length + -length % 4
-        return self._cdr[start : start + max(0, length - 1)].decode(errors="replace")
+        return self._take(length + -length % 4)[: max(0, length - 1)].decode(errors="replace")
 
     def gid(self) -> bytes:
-        start, self._at = self._at, self._at + self._size
-        return self._cdr[start : start + _GUID_BYTES]
+        return self._take(self._size)[:_GUID_BYTES]
 
     def gids(self) -> tuple[bytes, ...]:
         return tuple(self.gid() for _ in range(self.number()))
+
+    def _take(self, size: int) -> bytes:
+        start, self._at = self._at, self._at + size
+        if self._at > len(self._cdr):
+            raise InvalidMessageError(f"graph: {len(self._cdr)} bytes, which say that they are {self._at}")
+        return self._cdr[start : self._at]
 
 
 class DiscoveryInfo:
@@ -253,9 +262,10 @@ class Discovery:
             # What a participant said may be read after its end, and would then stay for ever.
             self._read_participants()
             for cdr, *_ in samples:
-                participant, nodes = unpack_nodes(bytes(cdr), size)
-                if participant in self._origins:
-                    on_nodes(participant, nodes)
+                with suppress(InvalidMessageError):  # of nobody who runs ROS 2
+                    participant, nodes = unpack_nodes(bytes(cdr), size)
+                    if participant in self._origins:
+                        on_nodes(participant, nodes)
 
         reader = self._participant.create_reader(INFO_TOPIC, info_type(size), READER_QOS)
         DdsReader(

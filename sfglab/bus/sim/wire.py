@@ -13,7 +13,8 @@ from enum import IntEnum
 from functools import cache, lru_cache
 from typing import TYPE_CHECKING, Any, Self
 
-from sfglab.messages.store import TypeNameError, dds_type_name, type_store
+from sfglab.messages.store import type_store
+from sfglab.messages.type_names import TypeNameError, dds_type_name
 from sfglab.qos import Durability, History, Liveliness, QoSProfile, Reliability
 
 if TYPE_CHECKING:

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from sfglab.bus.errors import InvalidMessageError
 from sfglab.codecs import CodecError, image_decoder
 from sfglab.component import beside
 from sfglab.fleet.decoder.splicer import Source, Splicer
@@ -193,7 +194,7 @@ class _Decoding:
     """One stream's packets on their way through the splicer and the decoder to the outputs."""
 
     def __init__(self, route: Route, outputs: Outputs, counts: Statistics) -> None:
-        self._decoder = image_decoder(route.source_type, route.codec)
+        self._decoder = image_decoder(route.source_type, route.codec, most_pixels=route.most_pixels)
         self._numbered = bool(route.replay_topic)
         self._splicer: Splicer[Any] = Splicer(replay=self._numbered)
         self._outputs = outputs
@@ -266,7 +267,7 @@ class _Decoding:
                 self._show(message)
             else:
                 self._decoder.skip(message)
-        except CodecError as error:
+        except (CodecError, InvalidMessageError) as error:  # or it is larger than what is handed on
             self._counts.broken += 1
             self._counts.last_error = str(error)
         # A burst of queued messages must not keep orders, and newer messages, from being heard.

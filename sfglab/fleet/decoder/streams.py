@@ -15,6 +15,7 @@ from enum import Enum, auto
 from typing import TYPE_CHECKING, Any
 
 from sfglab.bus.api import EndpointAdded, EndpointEvent, EndpointKind, Transport
+from sfglab.codecs.errors import MAX_PIXELS
 from sfglab.errors import SfglabError
 from sfglab.fleet.discovery.screening import admitted
 from sfglab.fleet.gop_cache import FFMPEG_PACKET, replay_topic
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
 
 CAMERA_INFO = "sensor_msgs/msg/CameraInfo"
 IMAGE_TYPE = "sensor_msgs/msg/Image"
+_EDGE_PIXELS = 64  # the largest coding block of H.265
 RELAY = "relay"  #: Codec hint of a stream whose messages pass on as they are.
 
 _TYPES = {
@@ -54,6 +56,7 @@ class Route:
     codec: str  #: Codec hint, or `RELAY` for messages that pass unchanged.
     local_topic: str  #: The local topic.
     replay_topic: str = ""  #: Where its sender may replay the last group of pictures; empty: nowhere.
+    most_pixels: int = MAX_PIXELS  #: Of a picture: as announced, with what codecs add at the edges.
 
     @property
     def local_type(self) -> str:
@@ -97,6 +100,9 @@ def _take(route: Route, routes: dict[str, Route]) -> None:
 def _routes_of_stream(stream: Any) -> Iterable[Route]:
     fqn = _remote_stream(stream.topic)
     image = _image(fqn, stream.topic, stream.type, stream.codec, stream.decoded_topic)
+    if stream.width and stream.height:
+        most = (stream.width + _EDGE_PIXELS) * (stream.height + _EDGE_PIXELS)
+        image = replace(image, most_pixels=min(most, MAX_PIXELS))
     yield image
     if stream.camera_info_topic:
         yield _camera_info(image, stream.camera_info_topic)

@@ -64,9 +64,16 @@ def text_from_result(result: object) -> str:
 
 
 def result_from_text(text: str) -> Any:
-    """Return what `text_from_result` was given."""
-    packed = json.loads(text)
-    return tuple(map(_unpacked, packed)) if isinstance(packed, list) else _unpacked(packed)
+    """Return what `text_from_result` was given.
+
+    Raises:
+        JournalError: It is no such text, or its rows are of no dataclass of a module that is there.
+    """
+    try:
+        packed = json.loads(text)
+        return tuple(map(_unpacked, packed)) if isinstance(packed, list) else _unpacked(packed)
+    except (ValueError, LookupError, TypeError, AttributeError, ImportError, RecursionError) as error:
+        raise JournalError(f"no result of a sweep ({error!r}); remove the journal to run it again") from error
 
 
 def _packed(row: object) -> dict[str, object]:
@@ -94,10 +101,11 @@ def _unpacked(packed: dict[str, Any]) -> Any:
     if "columns" in packed:
         return packed["columns"]
     module, _, name = packed["row"].partition(":")
-    kind: Any = sys.modules[module] if module in sys.modules else import_module(module)
+    # A file must not choose what is imported; a task's own module is there.
+    kind: Any = import_module(module) if module.startswith("sfglab.") else sys.modules[module]
     for part in name.split("."):
         kind = getattr(kind, part)
-    names = [field.name for field in fields(kind)]
+    names = [field.name for field in fields(kind)]  # a TypeError for what is no dataclass
     return kind(**dict(zip(names, packed["values"], strict=True)))
 
 
@@ -263,7 +271,9 @@ class Journal:
                 differs = [key for key, value in identity.items() if entry.get(key) != value]
                 if differs:
                     return ", ".join(differs)
-            elif set(entry) == {"point", "seed", "result"}:
+            elif (
+                set(entry) == {"point", "seed", "result"} and type(entry["point"]) is type(entry["seed"]) is int
+            ):
                 self.finished[entry["point"], entry["seed"]] = json.dumps(entry["result"])
             else:
                 break  # torn by a crash of the machine: this and what follows is run again
@@ -282,7 +292,7 @@ def _begins_one(content: bytes) -> bool:
 def _entry(line: bytes) -> dict[str, Any]:
     try:
         entry = json.loads(line)
-    except ValueError:
+    except (ValueError, RecursionError):
         return {}
     return entry if isinstance(entry, dict) else {}
 

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 
+_MOST_S = 2**33  # what 64 bits of nanoseconds hold
 COLUMNS = ("time_s", "x_m", "y_m", "z_m", "qx", "qy", "qz", "qw")
 
 
@@ -48,8 +49,14 @@ def trajectory_from_csv(
     Raises:
         TrajectoryError: The header is another, a field is no number, or times do not grow; says file and line.
     """
-    rows = csv.reader(io.StringIO(text))
-    header = next(rows, [])
+    try:
+        return _trajectory(csv.reader(io.StringIO(text, newline=None)), file, interpolation)
+    except csv.Error as error:
+        raise TrajectoryError(file, str(error), "lines of numbers with commas between") from error
+
+
+def _trajectory(rows: Any, file: str, interpolation: Interpolation) -> Trajectory:
+    header: list[str] = next(rows, [])
     if tuple(header) != COLUMNS:
         raise TrajectoryError(f"{file}:1", ",".join(header) or "nothing", ",".join(COLUMNS))
     pairs: list[tuple[int, Pose]] = []
@@ -65,12 +72,16 @@ def _pair(row: list[str], place: str, *, after_ns: int) -> tuple[int, Pose]:
     if len(row) != len(COLUMNS):
         raise TrajectoryError(place, f"{len(row)} fields", f"{len(COLUMNS)}: {', '.join(COLUMNS)}")
     try:
-        time_ns = int((Decimal(row[0]) * NS_PER_S).to_integral_value())
+        seconds = Decimal(row[0])
+        is_time = -_MOST_S < seconds < _MOST_S  # of others, so many digits might be written out
+        time_ns = int((seconds * NS_PER_S).to_integral_value()) if is_time else after_ns
         numbers = [float(field) for field in row[1:]]
     except (InvalidOperation, ValueError, OverflowError) as error:
         raise TrajectoryError(place, ",".join(row), "eight numbers") from error
     if time_ns <= after_ns:
-        raise TrajectoryError(place, f"{row[0]} s", f"a time above {after_ns / NS_PER_S} s")
+        raise TrajectoryError(
+            place, f"{row[0]} s", f"a time above {after_ns / NS_PER_S} s and below {_MOST_S} s"
+        )
     try:
         return time_ns, Pose.at(numbers[:3], numbers[3:], place=place)
     except PoseError as error:
