@@ -28,7 +28,13 @@ from sfglab.fleet.discovery.registry import AgentStatus, Move, Order, Registry, 
 from sfglab.fleet.discovery.screening import Limits, Refusal, admitted
 from sfglab.fleet.discovery.turns import Turns
 from sfglab.fleet.refusals import SaidOnce
-from sfglab.fleet.status.heartbeat import AGENT_HEARTBEAT, GET_METADATA, heartbeat_topic, metadata_service
+from sfglab.fleet.status.heartbeat import (
+    AGENT_HEARTBEAT,
+    GET_METADATA,
+    MAX_SAMPLE_BYTES,
+    heartbeat_topic,
+    metadata_service,
+)
 from sfglab.messages import CdrError, message_type, service_type, stamp_from_ns
 from sfglab.names import validate_agent
 from sfglab.qos import LATCHED
@@ -67,7 +73,6 @@ class History:
         return pushed_out
 
 
-MAX_SAMPLE_BYTES = 1 << 20  #: Largest message that a discoverer's process takes in at all.
 _LOG = logging.getLogger(__name__)
 _HEARTBEATS = replace(LATCHED, depth=1000)  # of all agents together, for they share one topic
 _TICK_NS = 1_000_000_000  # the watch looks at least this often, to notice when it stood still

@@ -99,6 +99,7 @@ def _holder(domains: tuple[int, int]) -> int | None:
     return pid or None
 
 
+MAX_SAMPLE_BYTES = 64 << 20  #: Largest message that a router's process takes in; a larger one does not cross.
 STATUS_PERIOD_S = 5.0  #: How often the status is told when nothing changes, seconds.
 
 # Loops keep time in floats of seconds, or in milliseconds: this much before a deadline it counts as reached.
@@ -278,12 +279,13 @@ async def run_router(config: RouterConfig, report: Callable[[Report], None]) -> 
     def tell(status: RouterStatus) -> None:
         report({"is": "status", **asdict(status)})
 
+    far = config.remote.options()
     domains = config.local.domain_id, config.remote.domain_id
     with pair_lock(*domains):
         async with (
-            Node("router", **config.local.options()) as local,
+            Node("router", **config.local.options(), max_sample_bytes=MAX_SAMPLE_BYTES) as local,
             # Every agent has one, and in the global domain they meet.
-            Node("router", namespace=f"/{config.agent}", **config.remote.options()) as remote,
+            Node("router", namespace=f"/{config.agent}", **far, max_sample_bytes=MAX_SAMPLE_BYTES) as remote,
         ):
             pair = f"{host_id()}/{config.local.domain_id}"
             router = Router(local, remote, config, pair=pair, on_status=tell)

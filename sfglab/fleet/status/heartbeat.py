@@ -82,6 +82,9 @@ MIN_PERIOD_S = 0.05  #: The shortest period that is believed; below it, heartbea
 MAX_PERIOD_S = 60.0
 """The longest period that is believed; above it, an agent that is gone would be missed too late."""
 
+MAX_SAMPLE_BYTES = 1 << 20
+"""Largest message that a process takes in that only speaks of agents, their heartbeats and descriptions."""
+
 _MAX_STARTUP_S = 3600.0
 
 

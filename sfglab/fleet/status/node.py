@@ -22,6 +22,7 @@ from sfglab.fleet.status.description import AgentDescription, DescriptionError, 
 from sfglab.fleet.status.heartbeat import (
     AGENT_HEARTBEAT,
     GET_METADATA,
+    MAX_SAMPLE_BYTES,
     MIN_PERIOD_S,
     Heartbeat,
     Schedule,
@@ -160,7 +161,8 @@ async def run_status(
     settings = config.settings
     if config.detect:
         settings = replace(settings, description=replace(settings.description, software=software()))
-    async with Node("agent_status_provider", **config.address.options()) as node:
+    bound = MAX_SAMPLE_BYTES  # anybody can send requests
+    async with Node("agent_status_provider", **config.address.options(), max_sample_bytes=bound) as node:
 
         def beat(heartbeat: Heartbeat) -> None:
             if config.report_beats:
