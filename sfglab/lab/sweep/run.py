@@ -2,21 +2,20 @@
 
 Batches grow until one takes a good tenth of a second, so that short tasks do not drown in a scheduler's
 overhead, and shrink towards the end, so that no worker waits for another. A failure is a value like any other,
-because an exception of a task's making may not survive the journey between processes. Local workers talk over
-loopback alone, show no dashboard, and are gone, with their files, when the sweep is.
+because an exception of a task's making may not survive the journey between processes. Local workers talk by
+pipes alone, and are gone when the sweep is.
 """
 
 from __future__ import annotations
 
-import asyncio
-import logging
+import multiprocessing
 import os
-import shutil
 import signal
 import threading
 import time
 import traceback
 from collections import deque
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor, wait
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -88,8 +87,6 @@ SCHEDULER_VARIABLE = "SFGLAB_SCHEDULER"
 """Environment variable with a scheduler's address, for programs that do not name one."""
 
 _CONNECT_S = 10.0
-_GRACE_S = 0.2
-_LOOPBACK = "127.0.0.1"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -113,22 +110,47 @@ class Workers:
 
 
 @contextmanager
-def connected(workers: Workers, scratch: Path) -> Iterator[Any]:
+def connected(workers: Workers) -> Iterator[tuple[Executor, int]]:
     """Connect to workers, start them if need be, and leave nothing of one's own behind.
 
-    The scratch folder is for the local workers' files, and removed before and after.
+    Local processes are spoken to by pipes that only they inherit: nothing listens, on loopback neither.
 
     Yields:
-        A `distributed.Client`.
+        Who takes tasks, and how many at a time.
 
     Raises:
         SweepError: There is no scheduler at the address, or it has no workers.
     """
     address = workers.scheduler or os.environ.get(SCHEDULER_VARIABLE)
-    with _quiet(scratch), _cluster(address) if address else _local(workers, scratch) as client:
-        if not client.nthreads():
-            raise SweepError(f"workers: the scheduler at {address} has no workers; start some and try again")
-        yield client
+    if address:
+        with _cluster(address) as client:
+            yield client.get_executor(pure=False), sum(client.nthreads().values())
+        return
+    count = workers.count or len(os.sched_getaffinity(0))
+    spawn = multiprocessing.get_context("spawn")
+    pool = ThreadPoolExecutor(count) if workers.threads else ProcessPoolExecutor(count, spawn, _begin_worker)
+    try:
+        with _deaf():
+            wait([pool.submit(code_digest) for _ in range(count)])
+        yield pool, count
+    except BaseException:
+        for process in tuple(getattr(pool, "_processes", {}).values()):
+            process.kill()  # in the middle of what it does
+        raise
+    finally:
+        pool.shutdown(cancel_futures=True)
+
+
+def _begin_worker() -> None:
+    """Leave Ctrl-C to who started the sweep, and end with that process, however it ends."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    if (parent := multiprocessing.parent_process()) is not None:
+        parent.join()
+        os._exit(1)
 
 
 @contextmanager
@@ -140,49 +162,9 @@ def _cluster(address: str) -> Iterator[Any]:
     except (OSError, ValueError) as error:
         raise SweepError(f"workers: scheduler: given {address!r}, where none answers ({error})") from error
     with client:
+        if not client.nthreads():
+            raise SweepError(f"workers: the scheduler at {address} has no workers; start some and try again")
         yield client
-
-
-@contextmanager
-def _local(workers: Workers, scratch: Path) -> Iterator[Any]:
-    from distributed import Client
-
-    shutil.rmtree(scratch, ignore_errors=True)
-    try:
-        with _started(workers, scratch) as cluster, Client(cluster, set_as_default=False) as client:
-            try:
-                yield client
-            except BaseException:
-                if not workers.threads:
-                    cluster.sync(_end_at_once, cluster)
-                raise
-    finally:
-        shutil.rmtree(scratch, ignore_errors=True)
-
-
-async def _end_at_once(cluster: Any) -> None:
-    """End worker processes in the middle of what they do; dask would wait for them, and then some."""
-    closing = (nanny.close(timeout=_GRACE_S) for nanny in cluster.workers.values())
-    await asyncio.gather(*closing, return_exceptions=True)  # where it takes longer, they are killed
-
-
-def _started(workers: Workers, scratch: Path) -> Any:
-    from distributed import LocalCluster
-
-    count = workers.count or len(os.sched_getaffinity(0))
-    with _deaf():
-        return LocalCluster(
-            n_workers=1 if workers.threads else count,
-            threads_per_worker=count if workers.threads else 1,
-            processes=not workers.threads,
-            host=None if workers.threads else _LOOPBACK,
-            dashboard_address=f"{_LOOPBACK}:0",
-            worker_dashboard_address=f"{_LOOPBACK}:0",
-            scheduler_kwargs={"dashboard": False},
-            local_directory=str(scratch),
-            memory_limit=0,
-            silence_logs=logging.CRITICAL,
-        )
 
 
 @contextmanager
@@ -197,28 +179,6 @@ def _deaf() -> Iterator[None]:
         yield
     finally:
         signal.signal(signal.SIGINT, before)
-
-
-@contextmanager
-def _quiet(scratch: Path) -> Iterator[None]:
-    """Keep the scheduler's talk about its own comings and goings to itself, and its files in one place."""
-    import dask.config
-    import distributed  # noqa: F401 - it brings the settings that are changed here, and must come first
-
-    log = logging.getLogger("distributed")
-    before = log.level
-    log.setLevel(logging.CRITICAL)
-    try:
-        with dask.config.set(
-            {
-                "distributed.scheduler.http.routes": [],
-                "distributed.worker.http.routes": [],
-                "temporary-directory": str(scratch),
-            }
-        ):
-            yield
-    finally:
-        log.setLevel(before)
 
 
 P = TypeVar("P")
@@ -268,36 +228,35 @@ def sweep(
         pairs = [(i, seed) for i in range(len(points)) for seed in seeds]
         missing = [Job(i, points[i], seed) for i, seed in pairs if (i, seed) not in log.finished]
         if missing:
-            with connected(workers, journal.with_name(f".{journal.name}.workers")) as client:
-                _hand_out(client, task, missing, log)
+            with connected(workers) as (pool, slots):
+                _hand_out(pool, slots, task, missing, log)
         return [result_from_text(log.finished[pair]) for pair in pairs]
 
 
-def _hand_out(client: Any, task: Any, missing: Sequence[Job], log: Journal) -> None:
-    from distributed import as_completed
-
-    slots = sum(client.nthreads().values())
-    waiting, under_way, code = deque(missing), as_completed(loop=client.loop), code_digest()
+def _hand_out(pool: Executor, slots: int, task: Any, missing: Sequence[Job], log: Journal) -> None:
+    waiting, under_way, code = deque(missing), set[Future[Done]](), code_digest()
 
     def submit(most: int) -> None:
         share = min(most, max(1, len(waiting) // (2 * slots)), len(waiting))
         if share:
             jobs = [waiting.popleft() for _ in range(share)]
-            under_way.add(client.submit(run_batch, task, code, jobs, pure=False))
+            under_way.add(pool.submit(run_batch, task, code, jobs))
 
     with progress_bar(len(missing), log.name) as advance:
         for _ in range(_AHEAD * slots):
             submit(1)
         size = 1
-        for future in under_way:
-            done = _done(future)
-            for finished in done.finished:
-                log.add(finished)
-                advance(f"seed {finished.seed}")
-            if done.failure:
-                _raise(done.failure)
-            size = _next_size(size, done)
-            submit(size)
+        while under_way:
+            for future in wait(under_way, return_when=FIRST_COMPLETED).done:
+                under_way.discard(future)
+                done = _done(future)
+                for finished in done.finished:
+                    log.add(finished)
+                    advance(f"seed {finished.seed}")
+                if done.failure:
+                    _raise(done.failure)
+                size = _next_size(size, done)
+                submit(size)
 
 
 def _next_size(size: int, done: Done) -> int:
@@ -305,13 +264,12 @@ def _next_size(size: int, done: Done) -> int:
     return max(1, min(2 * size, round(_BATCH_S * len(done.finished) / max(done.busy_s, 1e-9))))
 
 
-def _done(future: Any) -> Done:
+def _done(future: Future[Done]) -> Done:
     """Return a batch's result; the worker itself may be lost."""
     try:
-        done: Done = future.result()
+        return future.result()
     except Exception as error:
-        raise SweepError(f"sweep: a worker was lost or could not load the task ({error})") from error
-    return done
+        raise SweepError(f"sweep: a worker was lost or could not load the task ({error!r})") from error
 
 
 def _raise(failure: Failure) -> None:
