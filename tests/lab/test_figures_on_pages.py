@@ -1,4 +1,4 @@
-"""Figures on pages: letters at the widths of a notebook, a book and print, and no words on top of others.
+"""Figures on pages: letters at the widths of a notebook, a book and print; no words on others, cut or pale.
 
 Read from the committed SVG files, whose letters are paths between a comment with the text and the next one.
 """
@@ -15,19 +15,21 @@ FIGURES = sorted((Path(__file__).parents[2] / "figures").glob("*.svg"))
 PAGES_INCHES = {"notebook": 10.0, "book": 7.5, "print": 6.3}
 LEAST_PT = 7.0
 _TEXT = re.compile(
-    r"<!-- (.*?) -->\s*<g[^>]* transform=\"translate\(([-\d. ]+)\)(?: rotate\(([-\d.]+)\))?"
-    r" scale\(([\d.]+)[^>]*>(.*?)</g>",
+    r"<!-- (.*?) -->\s*<g(?: style=\"fill: (#\w+)[^>]*?)?[^>]*? transform=\"translate\(([-\d. ]+)\)"
+    r"(?: rotate\(([-\d.]+)\))? scale\(([\d.]+)[^>]*>(.*?)</g>",
     re.DOTALL,
 )
 _LETTER = re.compile(r"<use [^>]*?(?:translate\(([-\d.]+)[^>]*)?/>")
 _PT_PER_INCH, _LETTER_WIDTH, _ASCENT, _OVERLAP_PT = 72, 60.0, 70.0, 1.5
 """Of a font whose size is 100; and what words may overlap, at the figure's own size."""
+LEAST_CONTRAST = 4.5
+"""WCAG 2.1's ratio of luminances, success criterion 1.4.3, level AA."""
 
 
 def texts_of(svg):
-    """The texts of a figure with their sizes, points, and boxes, shape (2, 2), points from the upper left."""
+    """The texts of a figure: size, points; box, shape (2, 2), points from the upper left; colour."""
     found = []
-    for text, place, angle, scale, letters in _TEXT.findall(svg.read_text()):
+    for text, color, place, angle, scale, letters in _TEXT.findall(svg.read_text()):
         size = float(scale)
         width = max(float(x or 0) for x in _LETTER.findall(letters)) + _LETTER_WIDTH
         turn = np.radians(float(angle or 0))
@@ -35,7 +37,8 @@ def texts_of(svg):
         up = np.array([np.sin(turn), -np.cos(turn)]) * size * _ASCENT
         start = np.array([float(x) for x in place.split()])
         corners = np.array([start, start + along, start + up, start + along + up])
-        found.append((text, 100 * size, np.array([corners.min(axis=0), corners.max(axis=0)])))
+        box = np.array([corners.min(axis=0), corners.max(axis=0)])
+        found.append((text, 100 * size, box, color or "#000000"))
     return found
 
 
@@ -56,14 +59,14 @@ def test_letters_of_figures_are_large_enough_where_a_page_is_as_wide(page, inche
     found = set()
     for svg in FIGURES:
         scale = min(1.0, inches / width_inches(svg))
-        if round(scale * min(size for _, size, _ in texts_of(svg)), 1) >= LEAST_PT:
+        if round(scale * min(size for _, size, *_ in texts_of(svg)), 1) >= LEAST_PT:
             found.add(svg.stem)
     assert found == LARGE_ENOUGH[page], "a figure that is mended is taken out of what is to be mended"
 
 
 @pytest.mark.parametrize("svg", FIGURES, ids=lambda svg: svg.stem)
 def test_no_words_of_a_figure_are_on_top_of_others_and_its_png_is_of_its_shape(svg):
-    for (text, _, box), (other, _, behind) in combinations(texts_of(svg), 2):
+    for (text, _, box, _), (other, _, behind, _) in combinations(texts_of(svg), 2):
         overlap = np.minimum(box[1], behind[1]) - np.maximum(box[0], behind[0])
         assert not (overlap > _OVERLAP_PT).all(), (text, other)
     with Image.open(svg.with_suffix(".png")) as png:
@@ -71,3 +74,25 @@ def test_no_words_of_a_figure_are_on_top_of_others_and_its_png_is_of_its_shape(s
             float(x) for x in re.search(r'viewBox="0 0 ([\d.]+) ([\d.]+)"', svg.read_text()).groups()
         )
         assert png.width / png.height == pytest.approx(width / height, abs=0.01)
+
+
+def luminance(rgb):
+    """WCAG 2.1's relative luminance of a colour of three bytes."""
+    part = np.asarray(rgb) / 255
+    return np.where(part <= 0.03928, part / 12.92, ((part + 0.055) / 1.055) ** 2.4) @ (0.2126, 0.7152, 0.0722)
+
+
+@pytest.mark.parametrize("svg", FIGURES, ids=lambda svg: svg.stem)
+def test_words_are_whole_and_stand_out_from_what_is_behind_them(svg):
+    with Image.open(svg.with_suffix(".png")) as png:
+        pixels = np.asarray(png.convert("RGB"))
+    per_point = pixels.shape[1] / (width_inches(svg) * _PT_PER_INCH)
+    for text, _, box, color in texts_of(svg):
+        corners = box * per_point
+        assert (corners > -_OVERLAP_PT).all(), f"cut: {text}"
+        assert (corners < np.array(pixels.shape[1::-1]) + _OVERLAP_PT).all(), f"cut: {text}"
+        (left, top), (right, bottom) = np.clip(corners + [[-2], [2]], 0, None).round().astype(int)
+        colors, counts = np.unique(pixels[top:bottom, left:right].reshape(-1, 3), axis=0, return_counts=True)
+        ink, behind = luminance(list(bytes.fromhex(color[1:]))), luminance(colors[counts.argmax()])
+        ratio = (max(ink, behind) + 0.05) / (min(ink, behind) + 0.05)
+        assert ratio >= LEAST_CONTRAST, f"{text}: {color} on {colors[counts.argmax()]}, {ratio:.1f} to 1"
