@@ -91,7 +91,7 @@ def test_words_are_whole_and_stand_out_from_what_is_behind_them(svg):
         corners = box * per_point
         assert (corners > -_OVERLAP_PT).all(), f"cut: {text}"
         assert (corners < np.array(pixels.shape[1::-1]) + _OVERLAP_PT).all(), f"cut: {text}"
-        (left, top), (right, bottom) = np.clip(corners + [[-2], [2]], 0, None).round().astype(int)
+        (left, top), (right, bottom) = np.clip(np.add(corners, [[-2], [2]]), 0, None).round().astype(int)
         colors, counts = np.unique(pixels[top:bottom, left:right].reshape(-1, 3), axis=0, return_counts=True)
         ink, behind = luminance(list(bytes.fromhex(color[1:]))), luminance(colors[counts.argmax()])
         ratio = (max(ink, behind) + 0.05) / (min(ink, behind) + 0.05)
