@@ -296,3 +296,32 @@ async def test_no_sample_is_leaked_whether_forwarded_dropped_held_or_transformed
                 await until(lambda: publisher.get_subscription_count() == 0)
             sizes.append(psutil.Process().memory_info().rss)
         assert sizes[2] - sizes[0] < 60e6, "two rounds more forward 240 MB"
+
+
+@pytest.mark.live
+async def test_a_reader_that_stands_still_costs_bounded_memory_and_the_others_go_on(pair_ids, child, until):
+    listening = """
+    sub = node.create_subscription(String, "/t")
+    await sub.wait_for_publishers()
+    say(ready=True)
+    await asyncio.sleep(1000)
+    """
+    heard, cdr = [], serialize(text("x" * 2_000_000))
+    async with two_domains(pair_ids) as (talker, near, far, listener):
+        publisher = talker.create_publisher(STRING, "/t", QoSProfile(depth=4))
+        forwarder = near.open_forwarder(far)
+        outlet = forwarder.open_writer(endpoint(qos=QoSProfile(depth=256)))
+        forwarder.open(endpoint()).admit(publisher.gid, outlet)
+        listener.create_subscription(STRING, "/t", lambda _: heard.append(1), raw=True)
+        await publisher.wait_for_subscriptions()
+        async with child(listening, "slow", domain_id=pair_ids[1]) as other:
+            await other.hear()
+            os.kill(other.pid, signal.SIGSTOP)
+            before = psutil.Process().memory_info().rss
+            for _ in range(200):  # 400 MB
+                publisher.publish_raw(cdr)
+                await asyncio.sleep(0.02)
+            assert psutil.Process().memory_info().rss - before < 250e6
+            count = len(heard)
+            publisher.publish_raw(cdr)
+            await until(lambda: len(heard) > count)

@@ -12,7 +12,7 @@ import os
 import re
 import socket
 import threading
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypedDict, Unpack, get_args
@@ -84,8 +84,9 @@ class DomainConfig:
     #: and threads for each `domain_id`, so several of them with one external id are, for everybody else, as
     #: many processes in one domain.
     external_domain_id: int | None = None
-    #: The largest message that is sent or taken, in bytes; of a larger one nothing is kept. None: 2 GiB.
-    max_sample_bytes: int | None = None
+    #: The largest message that is sent or taken, in bytes; of a larger one nothing is kept. None: 2 GiB. The
+    #: first of a process's nodes in the domain decides.
+    max_sample_bytes: int | None = field(default=None, compare=False)
 
     @property
     def wire_id(self) -> int:

@@ -11,6 +11,7 @@ from __future__ import annotations
 import ctypes as ct
 import logging
 import re
+import time
 from collections import deque
 from dataclasses import replace
 from functools import cache, partial
@@ -64,6 +65,9 @@ _BATCH = 64
 _MAX_KEPT = 1024
 # A latched history crosses at once, and Fast DDS does not announce how deep it is: who is there gets all of it.
 _UNACKNOWLEDGED = 256
+MAX_BACKLOG_BYTES = 64 << 20
+"""What a volatile writer may keep for a reader that stands still, beside what it is sent within a second."""
+_STANDS_STILL_S = 1.0
 _PART = re.compile("_(?:SendGoal_|GetResult_)?(?:Request|Response)$|_FeedbackMessage$")
 
 
@@ -102,14 +106,22 @@ class DdsRawWriter:
 
     Its C writer batches. One that keeps all may block, because it must not lose what is not acknowledged yet.
     One whose source shows life by its process vanishes while the source shows none, since our process lives on;
-    a latched one stays, for its history would go as well.
+    a latched one stays, for its history would go as well. How many bytes its history is, samples tell: when a
+    reader stands still and they are too many, it gives way to one with a shallower history.
     """
 
     def __init__(
-        self, create: Callable[[], int], order: Callable[[Callable[[], None]], None], qos: QoSProfile
+        self,
+        create: Callable[[QoSProfile], int],
+        order: Callable[[Callable[[], None]], None],
+        qos: QoSProfile,
     ) -> None:
         self._create = create
-        self._handle = handle = create()
+        self._qos = qos
+        self._bounded = qos.history is History.KEEP_LAST and qos.durability is Durability.VOLATILE
+        self._backlog_bytes = 0  # at most, since all was acknowledged
+        self._behind_since_s: float | None = None
+        self._handle = handle = create(qos)
         self.gid = entity_guid(handle)  #: Its 16-byte GUID.
         self.sertype = sertype_of(handle)  #: What new samples for it are made with.
         self.closed = False  #: Whether it was deleted.
@@ -129,12 +141,31 @@ class DdsRawWriter:
         if self.closed or not self._vanishes or alive is bool(self._handle):
             return
         if alive:
-            self._handle = self._create()
+            self._handle = self._create(self._qos)
             self.sertype = sertype_of(self._handle)
         else:
             self.flush()
             delete_writer(self._handle)
             self._handle = 0
+
+    def _bound_backlog(self, size: int) -> None:
+        """Keep what is not acknowledged below the bound, now that a sample of so many bytes is sent."""
+        self._backlog_bytes += size
+        if self._backlog_bytes <= MAX_BACKLOG_BYTES:
+            return
+        if library().dds_wait_for_acks(self._handle, 0) >= 0:
+            self._backlog_bytes, self._behind_since_s = 0, None
+            return
+        now_s = time.monotonic()
+        self._behind_since_s = self._behind_since_s or now_s
+        depth = max(1, MAX_BACKLOG_BYTES // size)
+        if now_s - self._behind_since_s >= _STANDS_STILL_S and depth < self._qos.depth:
+            _log.warning("forwarding: a reader stands still; %d samples are kept for it from now on", depth)
+            self._qos = replace(self._qos, depth=depth)
+            self.flush()
+            delete_writer(self._handle)
+            self._handle = self._create(self._qos)
+            self.sertype = sertype_of(self._handle)
 
     def hand_on(self, serdata: int, size: int) -> int:
         """Send a sample, whose CDR has so many bytes, with its next packet or at once.
@@ -155,6 +186,8 @@ class DdsRawWriter:
         self._unsent = True
         if size >= _PACKET_BYTES:
             self.flush()
+        if self._bounded:
+            self._bound_backlog(size)
         return 0
 
     def flush(self) -> None:
@@ -221,7 +254,6 @@ class DdsForwarder:
             self._target.create_writer,
             endpoint.dds_topic,
             wire_type(endpoint),
-            endpoint.qos,
             user_data=endpoint.user_data,
             ignore_local=True,
             batching=True,
