@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import re
 import sys
 import types
 import typing
@@ -25,7 +26,6 @@ from sfglab.fields import BOUNDS, Bounds, alternatives_of, choices_of, typed_fie
 
 if TYPE_CHECKING:
     import pathlib
-    import re
 
     import yaml
 
@@ -33,8 +33,8 @@ if TYPE_CHECKING:
 KeyPath = tuple[str | int, ...]  #: Keys and list positions from the top of a document.
 
 _TEXT = "tag:yaml.org,2002:str"
-_MOST_CHARACTERS = 2**20  # ten times the largest fleet; PyYAML reads some 100,000 a second
-_LONGEST_PLAIN = 1000  # of what is no text
+_MOST_CHARACTERS, _LONGEST_PLAIN = 2**20, 1000  # ten times the largest fleet; of what is no text
+_CONTROL = re.compile("[\x00-\x1f\x7f-\x9f\u2028\u2029]")
 
 T = TypeVar("T")
 _Choice = TypeVar("_Choice", bound=Enum)
@@ -72,16 +72,19 @@ def suggestion(word: object, known: Iterable[str]) -> str:
 class Document:
     """A YAML file's plain values and the line of each; its name is for messages.
 
+    With `one_line` no text has a line break or another control character, as where texts go into other files.
+
     Raises:
         DocumentError: It is not YAML, a key stands there twice, a key is not text, or there is an alias, with
             which a file could contain itself.
     """
 
-    def __init__(self, text: str, file: str) -> None:
+    def __init__(self, text: str, file: str, *, one_line: bool = False) -> None:
         import yaml
 
         self.file = file
         self._text = text
+        self._one_line = one_line
         self._lines: dict[KeyPath, int] = {(): 1}
         self._seen: set[int] = set()
         if len(text) > _MOST_CHARACTERS:
@@ -99,7 +102,9 @@ class Document:
             raise DocumentError(place, problem, "YAML") from error
 
     @classmethod
-    def of_file(cls, path: pathlib.Path, what: str = "a readable text file") -> Document:
+    def of_file(
+        cls, path: pathlib.Path, what: str = "a readable text file", *, one_line: bool = False
+    ) -> Document:
         """Read a file; `what` says in messages what it should be.
 
         Raises:
@@ -109,7 +114,7 @@ class Document:
             text = path.read_text(encoding="utf-8")
         except (OSError, UnicodeDecodeError) as error:
             raise DocumentError(Place(file=str(path)), str(error), what) from error
-        return cls(text, str(path))
+        return cls(text, str(path), one_line=one_line)
 
     def place(self, path: KeyPath) -> Place:
         """Return where a value stands; of what is missing, where its nearest holder does."""
@@ -137,6 +142,8 @@ class Document:
         if id(node) in self._seen:
             raise DocumentError(self._alias(path), "an alias", "every value written out where it belongs")
         self._seen.add(id(node))
+        if self._one_line and isinstance(node, yaml.ScalarNode) and _CONTROL.search(node.value):
+            raise DocumentError(self.place(path), node.value, "a text of one line")
         if isinstance(node, yaml.MappingNode):
             return dict(self._read_pairs(loader, node, path))
         if isinstance(node, yaml.SequenceNode):
@@ -167,6 +174,8 @@ class Document:
             self._lines[inner] = place.line
             if key.tag != _TEXT:
                 raise DocumentError(place, key.value, "a key that is text (quote it)")
+            if self._one_line and _CONTROL.search(key.value):
+                raise DocumentError(place, key.value, "a key of one line")
             if key.value in seen:
                 raise DocumentError(place, key.value, "each key once in its mapping")
             seen.add(key.value)

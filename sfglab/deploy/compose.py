@@ -10,7 +10,7 @@ from __future__ import annotations
 from typing import Any
 
 from sfglab.deploy.deployment import FLEET_FILE, USER_ID, Deployment
-from sfglab.deploy.files import BundleFile
+from sfglab.deploy.files import BundleFile, one_line
 from sfglab.deploy.routers.targets import ROUTER_FILES
 from sfglab.fleet.fleet_file import Accelerator, RosDistribution, RouterSoftware
 
@@ -158,7 +158,5 @@ def _hardware(deployment: Deployment) -> dict[str, Any]:
 def _yaml(deployment: Deployment, project: dict[str, Any]) -> str:
     import yaml
 
-    return (
-        f"# Agent {deployment.agent.name} of fleet {deployment.fleet.name}: generated from the fleet file.\n"
-        + yaml.safe_dump(project, sort_keys=False, width=110)
-    )
+    origin = f"Agent {deployment.agent.name} of fleet {deployment.fleet.name}: generated from the fleet file."
+    return f"# {one_line(origin)}\n{yaml.safe_dump(project, sort_keys=False, width=110)}"

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from sfglab.deploy.bases import BaseImage, base_of
 from sfglab.deploy.deployment import FLEET_FILE, USER, USER_ID, Deployment
 from sfglab.deploy.errors import DeployError
-from sfglab.deploy.files import PROGRAM, BundleFile, render
+from sfglab.deploy.files import PROGRAM, BundleFile, one_line, render
 from sfglab.deploy.release import agent_lock, split_lock
 from sfglab.fleet.fleet_file import Architecture, RosDistribution
 
@@ -116,7 +116,7 @@ def _dockerfile(deployment: Deployment, base: BaseImage, locks: dict[str, str]) 
     return render(
         "Dockerfile.j2",
         agent=deployment.agent.name,
-        fleet=" ".join(deployment.fleet.name.split()),
+        fleet=one_line(deployment.fleet.name),
         accelerator=deployment.accelerator.value,
         architecture=host.architecture.value,
         base=base,

@@ -43,3 +43,8 @@ def _templates() -> Any:
     )
     environment.filters["sh"] = lambda value: shlex.quote(str(value))
     return environment
+
+
+def one_line(text: str) -> str:
+    """Return a text fit for a comment's line, which it cannot leave."""
+    return " ".join(text.split())

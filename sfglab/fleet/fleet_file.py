@@ -388,7 +388,7 @@ def load_fleet(path: Path | str) -> Fleet:
     Raises:
         DocumentError: The file cannot be read or is not a fleet; says where, what is given and allowed.
     """
-    return _read(Document.of_file(Path(path), "a fleet file in UTF-8"))
+    return _read(Document.of_file(Path(path), "a fleet file in UTF-8", one_line=True))
 
 
 def read_fleet(text: str, file: str = "fleet.yaml") -> Fleet:
@@ -397,7 +397,7 @@ def read_fleet(text: str, file: str = "fleet.yaml") -> Fleet:
     Raises:
         DocumentError: It is not a fleet; says where, what is given and what is allowed.
     """
-    return _read(Document(text, file))
+    return _read(Document(text, file, one_line=True))
 
 
 def _read(document: Document) -> Fleet:

@@ -2,6 +2,7 @@
 
 import difflib
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -9,6 +10,7 @@ from esslingen import FLEET, RELEASE
 
 from sfglab.deploy.bundle import render_bundle
 from sfglab.deploy.deployment import deployment_of
+from sfglab.deploy.routers.targets import TARGETS, render_router
 
 GOLDEN = Path(__file__).parent / "golden"
 REVIEWED = {
@@ -32,6 +34,21 @@ def rendered(agent: str, path: str) -> str:
     """Return a file with digests left out, which follow the lock file."""
     text = render_bundle(deployment_of(FLEET, agent, RELEASE))[path].text
     return re.sub(r"\b[0-9a-f]{64}\b", "<sha256>", text)
+
+
+BENT = replace(FLEET, name="a\nservices: {evil: {image: b}}\u2028privileged: true\r\x85c: d")
+
+
+@pytest.mark.parametrize("target", ["compose.yaml", "compose.dev.yaml", "Dockerfile", *TARGETS])
+def test_a_fleets_name_adds_no_line_to_a_file(target):
+    fleets = (FLEET, replace(FLEET, name="one"), BENT)
+    given = [
+        render_router(fleet, "go2", target)
+        if target in TARGETS
+        else render_bundle(deployment_of(fleet, "go2", RELEASE))[target].text
+        for fleet in fleets
+    ]
+    assert len({len(text.splitlines()) for text in given}) == 1
 
 
 def golden(agent: str, path: str) -> Path:

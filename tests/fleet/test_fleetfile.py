@@ -217,6 +217,8 @@ def test_all_keys_are_read():
         ("host", "{workspace: /abs}", "agents.go2.host.workspace", "a folder beside the fleet file"),
         ("host", "{address: '-oProxyCommand=x'}", "agents.go2.host.address", "[user@]host"),
         ("host", "{address: 'a b'}", "agents.go2.host.address", "[user@]host"),
+        ("host", r'{launch: ["a\n"]}', "agents.go2.host.launch", "a text of one line"),
+        ("host", r'{"model\u2028": a}', "agents.go2.host.model", "a key of one line"),
         ("host", "{launch: ros2 launch}", "agents.go2.host.launch", "a list of texts"),
         ("host", "jetson", "agents.go2.host", "a mapping"),
         ("deployment", "{images: Localhost/UPPER}", "deployment.images", "a repository of images"),

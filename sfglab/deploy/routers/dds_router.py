@@ -11,6 +11,7 @@ from fnmatch import fnmatchcase
 from typing import TYPE_CHECKING, Any
 
 from sfglab.deploy.errors import DeployError
+from sfglab.deploy.files import one_line
 from sfglab.fleet.policy import Direction, Policy
 from sfglab.names import TF, TF_STATIC, dds_topic
 from sfglab.qos import COMPRESSED_STREAM
@@ -66,7 +67,7 @@ def header(fleet: Fleet, agent: str, target: str) -> list[str]:
     tf = fleet.agent(agent).tf
     if tf.frames and tf.prefix_frames:
         lines.append(f"Unlike our router it renames no frames: the nodes must write {agent}/ themselves.")
-    return lines
+    return [one_line(line) for line in lines]
 
 
 def accepts(config: dict[str, Any], dds_name: str) -> bool:
