@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 
 RUN_COLORS = {"success": COLORS["third"], "failure": COLORS["standard"]}
-_ROBOT_COLORS = {area.robot: COLORS[key] for area, key in zip(AREAS, ("proxy", "fourth", "third"), strict=True)}
+_ROBOT_COLORS = {"robot1": COLORS["proxy"], "robot2": "#E69F00", "robot3": "black"}
 _MARK_S = 10.0
 
 
@@ -198,7 +198,8 @@ def draw_contrasts(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     """Draw the success rates as they are beside those of each contrast."""
     table, axes = contrasts(run), figure.subplots()
     counts = [contrasts(run, of) for of in ("successes", "runs")]
-    spots = grouped_bars(axes, 100 * table, COLORS.values(), width=0.9)
+    shades = (COLORS["standard"], COLORS["proxy"], "#56B4E9", "black")
+    spots = grouped_bars(axes, 100 * table, shades, width=0.9)
     for at, kind in zip(spots, table.columns, strict=True):
         for spot, method in zip(at.tolist(), table.index, strict=True):
             rate, (won, of) = table[kind][method], (count[kind][method] for count in counts)

@@ -29,17 +29,17 @@ _COLORS = {
     "LC": COLORS["standard"],
     "OPT": COLORS["proxy"],
     "OPT+LC": COLORS["third"],
-    "own": COLORS["fourth"],
+    "own": "#E69F00",
     "own+LC": "#56B4E9",
 }
 """By method without CC, and by way to choose rates and depths."""
 _MARKERS = {"none": "o", "OPT": "s", "LC": "D", "OPT+LC": "P"}
 FATES = {
-    "arrived": ("arrived", COLORS["third"]),
+    "arrived": ("arrived", "#D9D9D9"),
     "lost_medium": ("lost on air, overwritten before repair", COLORS["fourth"]),
     "lost_queue": ("dropped by a full sender's queue, overwritten before repair", COLORS["standard"]),
     "lost_late": ("pushed out of the reader's history", COLORS["proxy"]),
-    "lost_underway": ("still under way at the end", COLORS["network"]),
+    "lost_underway": ("still under way at the end", "black"),
 }
 """What became of a "Hello", and its colour, by column."""
 GROUP_STYLES = {
