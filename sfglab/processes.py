@@ -233,7 +233,7 @@ class HangWatch:
     def judge(self, state: str, cpu_s: float) -> str:
         """Take the state of its main thread, as Linux names it, and that thread's CPU time; see `look`."""
         ran_s, self._cpu_s = cpu_s - self._cpu_s, cpu_s
-        if state in "Tt":
+        if state == "T":
             self._missed_s += _STOPPED_COUNTS * LOOK_PERIOD_S
         elif self._beats:
             self._missed_s += LOOK_PERIOD_S if state == "S" else min(ran_s, LOOK_PERIOD_S)
@@ -241,7 +241,7 @@ class HangWatch:
             self._missed_s = 0.0
         if self._missed_s < HANG_S:
             return ""
-        return "it was stopped" if state in "Tt" else f"it gave no sign of life for {HANG_S:g} s"
+        return "it was stopped" if state == "T" else f"it gave no sign of life for {HANG_S:g} s"
 
 
 # --- Groups of processes --------------------------------------------------------------------------------------
