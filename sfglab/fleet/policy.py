@@ -131,8 +131,8 @@ class Policy:
 
 
 QUEUE_DEPTH = 256
-"""What a router's reader and its volatile writer keep: one that is late must not lose samples. In bytes a writer's
-are bounded as well, see `sfglab.bus.dds.forwarder.MAX_BACKLOG_BYTES`."""
+"""What a router's reader and its volatile writer keep at least: one that is late must not lose samples. A bound
+in bytes is `sfglab.bus.dds.forwarder.MAX_BACKLOG_BYTES`."""
 
 _SERVICE_PREFIXES = ("rq/", "rr/")
 
