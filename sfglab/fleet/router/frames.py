@@ -10,6 +10,7 @@ agent. A transform belongs to whoever owns its child, because a frame has one pa
 from __future__ import annotations
 
 import logging
+from collections import Counter
 from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -94,6 +95,7 @@ class FrameClaims:
 
     def __init__(self) -> None:
         self._owners: dict[str, str] = {}
+        self._held: Counter[str] = Counter()
         self._contested: set[str] = set()
 
     def claim(self, child: str, owner: str, *, prefixed: bool = False) -> None:
@@ -109,17 +111,19 @@ class FrameClaims:
             self._contested.add(frame)
             allowed = f"frames that nobody else publishes, but {holder} does, and now {owner}"
             raise FrameClashError(Direction.INWARD, child, allowed)
-        held = sum(of == owner for of in list(self._owners.values()))
+        held = self._held[owner]
         if held >= MAX_CLAIMS or len(self._owners) >= 10 * MAX_CLAIMS or len(frame) > MAX_FRAME:
             allowed = f"{MAX_CLAIMS} frames of one publisher, of at most {MAX_FRAME} characters"
             raise FrameClashError(Direction.INWARD, child, f"{allowed}, and {owner} has {held}")
         self._owners[frame] = owner
+        self._held[owner] += 1
 
     def keep(self, owners: frozenset[str]) -> bool:
         """Forget the claims of all owners but these; return whether somebody else had wanted one of them."""
         free = {frame for frame, owner in list(self._owners.items()) if owner not in owners}
         for frame in free:
             self._owners.pop(frame, None)
+        self._held = Counter(list(self._owners.values()))
         wanted = bool(free & self._contested)
         self._contested -= free
         return wanted
