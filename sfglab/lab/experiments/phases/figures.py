@@ -11,7 +11,7 @@ from sfglab.lab.experiments.phases.answers import ANSWERS, PLACE, criterion, mid
 from sfglab.lab.experiments.phases.experiment import Config, exp
 from sfglab.lab.experiments.phases.verdicts import phases
 from sfglab.lab.experiments.transmission.figures import draw_panel
-from sfglab.lab.figures import COLORS
+from sfglab.lab.figures import COLORS, note
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -42,6 +42,7 @@ def draw_maps(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     figure.colorbar(image, ax=panels, shrink=0.6, label="share of answers")
     rates = ", ".join(map(str, sorted(table["rate_max_hz"].unique())))
     figure.suptitle(f"Where paper B's conclusions hold, Rmax {rates} Hz; box: the plausible region")
+    note(figure, f"simulated, {run.config.seeds} seeds; a dot is a condition, its colour reaches to the next")
     return {"answers": pd.concat([part for _, part in rows])}
 
 
@@ -92,6 +93,6 @@ def draw_cells(figure: Figure, run: Run[Config]) -> dict[str, Any]:
         row[0].set(ylabel=label, yscale="linear" if column == "lost" else "log")
     figure.legend(*panels[0][0].get_legend_handles_labels(), loc="outside lower center", ncols=4)
     figure.suptitle(
-        f'"Hello" at Rmax {table["rate_max_hz"].max()} Hz by DEPTH; no median: half or more never arrived'
+        f'"Hello" at Rmax {table["rate_max_hz"].max()} Hz by DEPTH (simulated); no median: most never arrived'
     )
     return {"cells": pd.concat([part for _, part in groups])[[*PLACE, "method", "depth", *_MEASURES]]}

@@ -69,7 +69,7 @@ def draw_loss(figure: Figure, run: Run[Config]) -> dict[str, Any]:
 
 def _draw_panels(figure: Figure, run: Run[Config], column: str, what: str, **options: float) -> None:
     wins = order(run, column, tie=options.pop("tie", 0.0))["wins"]
-    table = cells(run, column).assign(lost=cells(run, "loss")["median"])
+    table = cells(run, column).assign(hollow=cells(run, "loss")["median"] > 0.5)
     panels = figure.subplots(2, 2, sharex=True, sharey=True).ravel()
     for axes, rate in zip(panels, table["rate_max_hz"].unique(), strict=False):
         draw_panel(axes, table[table["rate_max_hz"] == rate], **options)
@@ -82,16 +82,13 @@ def _draw_panels(figure: Figure, run: Run[Config], column: str, what: str, **opt
     figure.legend(handles, labels, loc="outside right center")
     figure.suptitle(f'{what} of "Hello": {BEST} is lowest at {wins.sum()} of {len(wins)} rates (paper: at all)')
     seeds = run["cell"]["seed"].nunique()
-    note(
-        figure,
-        f"simulated; medians over {seeds} seeds, bars from the lowest to the highest; DEPTH opt: Eq. 6's",
-    )
+    note(figure, f"simulated; medians over {seeds} seeds, bars: lowest to highest; DEPTH opt: Eq. 6's")
 
 
 def draw_panel(axes: Axes, table: pd.DataFrame, *, scale: float = 1.0) -> None:
     """Draw the `cells` of one Rmax: a line a method over depths, bars from the lowest to the highest seed.
 
-    With CC a method has crosses beside its line; a mark is hollow where more than half are ``lost``.
+    With CC a method has crosses beside its line; a mark is ``hollow`` where the table says so.
     """
     depths = list(dict.fromkeys(table["depth"]))
     for method in sorted(table["method"].unique(), key=[*_MARKERS, *METHODS].index):
@@ -103,8 +100,8 @@ def draw_panel(axes: Axes, table: pd.DataFrame, *, scale: float = 1.0) -> None:
         style: dict[str, Any] = {"color": _COLORS[base], "marker": "x" if with_cc else _MARKERS[base]}
         lines: dict[str, Any] = {"linewidth": 0.0 if with_cc else 1.2, "elinewidth": 0.8, "markersize": 4.5}
         axes.errorbar(places, middle, yerr=spread, label=method, **lines, **style)
-        if "lost" in part and not with_cc:
-            hollow = (part["lost"] > 0.5).to_numpy()
+        if "hollow" in part and not with_cc:
+            hollow = part["hollow"].to_numpy(bool)
             style |= {"markerfacecolor": "white", "linestyle": "", "markersize": 4.5, "zorder": 3}
             axes.plot(places[hollow], middle[hollow], **style)
     axes.set_xticks(range(len(depths)), depths)
