@@ -12,7 +12,7 @@ from sfglab.bus.dds.clib import endpoint_qos, profile_from_dds
 from sfglab.bus.dds.domain import DomainConfig, domain_xml
 from sfglab.bus.endpoints import SampleQueue
 from sfglab.bus.errors import DomainError
-from sfglab.bus.shm.fanout import MAX_CREDITS, Fanout, SlotPool, credits_of, slot_capacity
+from sfglab.bus.shm.fanout import KEEP_ALL_BYTES, MAX_CREDITS, Fanout, SlotPool, credits_of, slot_capacity
 from sfglab.bus.shm.wire import (
     DATA_OFFSET_BYTES,
     HEADER_BYTES,
@@ -186,6 +186,22 @@ class FanoutRules(RuleBasedStateMachine):
 
 
 TestFanout = FanoutRules.TestCase
+
+
+def test_hoarders_of_the_largest_messages_leave_room_for_the_others_and_backlogs_are_bounded():
+    size = 2**26 - PAGE_BYTES
+    pool = SlotPool(HEADER_BYTES + 64 * slot_capacity(size))
+    fanout = Fanout(pool, history=0)
+    for key, depth in enumerate((0, 0, 64, 10)):  # the last one returns what it gets
+        fanout.join(key, depth, wants_history=False)
+    for number in range(200):
+        while (slot := pool.acquire(size)) is None:
+            assert fanout.shed(), "nobody can publish"
+        assert 3 in fanout.publish(Announcement(number, slot[0], size, 0))
+        assert fanout.returned(3, slot[0]) == []
+        assert fanout.backlog(0) * size <= KEEP_ALL_BYTES
+    fanout.gone(2)
+    assert pool.used_bytes <= 3 * KEEP_ALL_BYTES
 
 
 def test_a_returned_slot_that_was_not_held_is_an_error():

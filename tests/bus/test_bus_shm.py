@@ -2,6 +2,7 @@
 
 import asyncio
 import ctypes
+import errno
 import gc
 import mmap
 import os
@@ -9,13 +10,14 @@ import socket
 from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from bus_messages import IMAGE, PIXELS, STRING, connected, image, text
 
 from sfglab import bus
 from sfglab.bus.api import SHM_KEY, entries
-from sfglab.bus.shm import wire
+from sfglab.bus.shm import wire, writer
 from sfglab.bus.shm.fanout import credits_of, returns_of
 from sfglab.messages import serialize
 from sfglab.qos import LATCHED, History, QoSProfile
@@ -239,6 +241,35 @@ async def test_a_peer_cannot_write_or_truncate_the_memory_and_nonsense_is_hung_u
     os.close(fd)
     with pytest.raises(PermissionError):
         os.ftruncate(publisher._writer._arena._fd, 0)
+
+
+async def test_silent_connections_end_and_used_up_descriptors_lock_nobody_out(here, monkeypatch, until):
+    monkeypatch.setattr(writer, "HELLO_S", 0.2)
+    publisher = here.create_publisher(STRING, "/t", transport="shm")
+    here.create_subscription(STRING, "/t", transport="shm")
+    await publisher.wait_for_subscriptions()
+    address = entries(here.graph.publishers("/t")[0].user_data)[SHM_KEY]
+    silent = [wire.connect(address) for _ in range(20)]
+    await until(lambda: len(publisher._writer._connections) > 1)
+    await until(lambda: len(publisher._writer._connections) == 1)
+    asked, accept = [], publisher._writer._listener.accept
+    listener = SimpleNamespace(
+        fileno=publisher._writer._listener.fileno, close=publisher._writer._listener.close
+    )
+
+    def none_left():
+        asked.append(1)
+        raise OSError(errno.EMFILE, "none left")
+
+    listener.accept = none_left
+    publisher._writer._listener = listener
+    silent += [wire.connect(address)]
+    await asyncio.sleep(0.5)
+    assert len(asked) < 5, "it spins"
+    listener.accept = accept
+    await until(lambda: len(publisher._writer._connections) == 2)
+    for peer in silent:
+        peer.close()
 
 
 async def test_a_subscriber_refuses_hostile_datagrams_of_a_publisher(here):

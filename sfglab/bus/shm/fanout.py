@@ -2,7 +2,8 @@
 
 Pure: announcements in, announcements to send out. Each slot is counted by its users. Each subscriber has
 credits, the slots it may hold at once; beyond them its newest announcements wait here, and the oldest of those
-give way. So a slow or stopped subscriber holds at most credits plus backlog, and delays nobody.
+give way. So a slow or stopped subscriber holds at most credits plus backlog, and delays nobody. Where messages
+are so large that credits are much of the memory, it holds a small share of it once half is in use.
 """
 
 from __future__ import annotations
@@ -29,6 +30,7 @@ class SlotPool:
         self._free: dict[int, list[int]] = {}  # capacity -> offsets
         self._capacity: dict[int, int] = {}  # offset -> capacity, of every slot ever made
         self._users: dict[int, int] = {}  # offset -> count, of those in use
+        self.used_bytes = 0  #: How much memory the slots in use take.
 
     @property
     def slots_in_use(self) -> int:
@@ -46,15 +48,19 @@ class SlotPool:
             self._forget()
         offset = self._reused(capacity)
         if offset is not None:
-            self._users[offset] = 1
+            self._use(offset)
             return offset, 0
         if self._end + capacity > self.arena_bytes:
             return None
         offset = self._end
         self._end += capacity
         self._capacity[offset] = capacity
-        self._users[offset] = 1
+        self._use(offset)
         return offset, capacity
+
+    def _use(self, offset: int) -> None:
+        self._users[offset] = 1
+        self.used_bytes += self._capacity[offset]
 
     def retain(self, offset: int) -> None:
         """Count one more user of a slot in use."""
@@ -65,6 +71,7 @@ class SlotPool:
         self._users[offset] -= 1
         if self._users[offset] == 0:
             del self._users[offset]
+            self.used_bytes -= self._capacity[offset]
             self._free.setdefault(self._capacity[offset], []).append(offset)
 
     def _forget(self) -> None:
@@ -93,6 +100,12 @@ def slot_capacity(size: int) -> int:
 MAX_CREDITS = 64
 """The most slots one subscriber may hold; all their datagrams fit into a socket's default buffer."""
 
+SHARES = 16
+"""So many parts has the memory of which each subscriber may hold one, whatever the others hold."""
+
+KEEP_ALL_BYTES = 256 * 2**20
+"""How much may wait for a subscriber that keeps all, as for one of another transport."""
+
 # Above the depth, so that a subscriber that is alive always learns of newer messages and keeps the last
 # ones itself, while its application still works on one.
 _SPARE_CREDITS = 4
@@ -109,13 +122,20 @@ def returns_of(credits_: int) -> int:
 
 
 class _Peer:
-    __slots__ = ("backlog", "credits", "depth", "held")
+    __slots__ = ("backlog", "credits", "depth", "held", "waiting_bytes")
 
     def __init__(self, depth: int) -> None:
         self.depth = depth
         self.credits = credits_of(depth)
-        self.held: set[int] = set()
+        self.held: dict[int, int] = {}  # offset -> size
         self.backlog: deque[Announcement] = deque()
+        self.waiting_bytes = 0  # in the backlog
+
+    def oldest(self) -> Announcement:
+        """Take the oldest announcement out of the backlog."""
+        announcement = self.backlog.popleft()
+        self.waiting_bytes -= announcement.size
+        return announcement
 
 
 class Fanout:
@@ -172,8 +192,9 @@ class Fanout:
     def refuse(self, key: int, announcement: Announcement) -> None:
         """Put an announcement that could not be sent back in front of a subscriber's backlog."""
         peer = self._peers[key]
-        peer.held.discard(announcement.offset)
+        peer.held.pop(announcement.offset, None)
         peer.backlog.appendleft(announcement)
+        peer.waiting_bytes += announcement.size
 
     def returned(self, key: int, offset: int) -> list[Announcement]:
         """Take a slot back; return what to tell the subscriber now.
@@ -182,12 +203,12 @@ class Fanout:
             KeyError: The subscriber does not hold this slot.
         """
         peer = self._peers[key]
-        peer.held.remove(offset)
+        del peer.held[offset]
         self._pool.release(offset)
-        if not peer.backlog or len(peer.held) >= peer.credits:
+        if not peer.backlog or not self._may_hold(peer, peer.backlog[0]):
             return []
-        announcement = peer.backlog.popleft()
-        peer.held.add(announcement.offset)
+        announcement = peer.oldest()
+        peer.held[announcement.offset] = announcement.size
         return [announcement]
 
     def leaving(self, key: int) -> None:
@@ -195,7 +216,7 @@ class Fanout:
         peer = self._peers.pop(key, None)
         if peer is not None:
             self._release(a.offset for a in peer.backlog)
-            self._leaving[key] = peer.held
+            self._leaving[key] = set(peer.held)
 
     def gone(self, key: int) -> None:
         """Free everything of a subscriber that hung up; unknown keys are ignored."""
@@ -204,9 +225,9 @@ class Fanout:
 
     def shed(self) -> bool:
         """Drop the oldest announcement of the longest backlog, else of the history; False: there is none."""
-        longest = max(self._peers.values(), key=lambda peer: len(peer.backlog), default=None)
+        longest = max(self._peers.values(), key=lambda peer: peer.waiting_bytes, default=None)
         if longest is not None and longest.backlog:
-            self._pool.release(longest.backlog.popleft().offset)
+            self._pool.release(longest.oldest().offset)
             return True
         if len(self._history) > 1:
             self._pool.release(self._history.popleft().offset)
@@ -216,13 +237,24 @@ class Fanout:
     def _give(self, peer: _Peer, announcement: Announcement) -> bool:
         """Count a peer as user of a slot; return whether to tell it now rather than later."""
         self._pool.retain(announcement.offset)
-        if len(peer.held) < peer.credits and not peer.backlog:
-            peer.held.add(announcement.offset)
+        if not peer.backlog and self._may_hold(peer, announcement):
+            peer.held[announcement.offset] = announcement.size
             return True
         peer.backlog.append(announcement)
-        if peer.depth and len(peer.backlog) > peer.depth:
-            self._pool.release(peer.backlog.popleft().offset)
+        peer.waiting_bytes += announcement.size
+        if peer.depth:
+            is_over = len(peer.backlog) > peer.depth
+        else:
+            is_over = peer.waiting_bytes > KEEP_ALL_BYTES and len(peer.backlog) > 1
+        if is_over:
+            self._pool.release(peer.oldest().offset)
         return False
+
+    def _may_hold(self, peer: _Peer, announcement: Announcement) -> bool:
+        """Return whether a subscriber may be told of one more slot; one it always may."""
+        own_bytes, arena = sum(peer.held.values()) + announcement.size, self._pool.arena_bytes
+        is_room = self._pool.used_bytes <= min(arena // 2, KEEP_ALL_BYTES) or own_bytes <= arena // SHARES
+        return not peer.held or (len(peer.held) < peer.credits and is_room)
 
     def _release(self, offsets: Iterable[int]) -> None:
         for offset in offsets:

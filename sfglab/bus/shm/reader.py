@@ -22,7 +22,7 @@ from sfglab.bus.api import (
     host_id,
 )
 from sfglab.bus.errors import BusError
-from sfglab.bus.shm.fanout import credits_of, returns_of
+from sfglab.bus.shm.fanout import SHARES, credits_of, returns_of
 from sfglab.bus.shm.wire import (
     ANNOUNCE_BYTES,
     RETURN_MAX,
@@ -72,6 +72,7 @@ class _Link:
 
     def __init__(self, sock: socket.socket, credits_: int) -> None:
         self.sock = sock
+        self._credits = credits_
         self._together = returns_of(credits_)
         self._urgent = credits_ - self._together
         self.gid = bytes(16)
@@ -79,6 +80,18 @@ class _Link:
         self.last_sequence = 0
         self.held: dict[int, _Reference] = {}
         self.unsent: list[int] = []
+        self._out: dict[int, int] = {}  # offset -> size, of what the publisher takes to be held
+        self._share_bytes = 0
+
+    def told(self, offset: int, size: int, share_bytes: int) -> bool:
+        """Take an announcement; return whether more may only come when something was returned."""
+        self._out[offset], self._share_bytes = size, share_bytes
+        return len(self._out) >= self._credits or self._is_share_full()
+
+    def _is_share_full(self) -> bool:
+        """Return whether one more as large as the largest here may be more than a share."""
+        sizes = self._out.values()
+        return sum(sizes) + max(sizes, default=0) > self._share_bytes
 
     def hold(self, array: Any, offset: int) -> memoryview:
         """Return an array's bytes; when their last view dies, the slot goes back."""
@@ -89,7 +102,8 @@ class _Link:
     def give_back(self, offset: int) -> None:
         """Return a slot to the publisher, a few together unless it may be waiting for them."""
         self.unsent.append(offset)
-        if len(self.unsent) < self._together and len(self.held) + len(self.unsent) < self._urgent:
+        few = len(self.unsent) < self._together and len(self.held) + len(self.unsent) < self._urgent
+        if few and not self._is_share_full():
             return
         offsets: list[int] = []
         with suppress(IndexError):  # another thread may empty the list meanwhile
@@ -97,10 +111,12 @@ class _Link:
                 offsets.append(self.unsent.pop())
         if not offsets:
             return
+        back = {slot: self._out.pop(slot, 0) for slot in offsets}  # first: it may be announced again at once
         try:
             self.sock.send(pack_returns(offsets))
         except BlockingIOError:
             self.unsent.extend(offsets)  # again with the next one
+            self._out |= back
         except OSError:
             return  # the publisher has gone, so nobody misses it
 
@@ -214,12 +230,13 @@ class ShmReader:
                 if sequence != link.last_sequence + 1 and link.last_sequence:
                     self._inbox.queue.skip(sequence - link.last_sequence - 1)
                 link.last_sequence = sequence
+                is_last = link.told(offset, size, arena.size_bytes // SHARES)
                 if self._depth and latest - sequence >= self._depth:
                     # This process slept and newer messages wait at the publisher: KEEP_LAST wants those.
                     self._inbox.queue.skip(1)
                     link.give_back(offset)
                 else:
-                    data = self._take(link, arena, offset, size)
+                    data = self._take(link, arena, offset, size, is_last=is_last)
                     self._inbox.push((data, stamp_ns, time.time_ns(), link.gid))
                 if sequence >= latest or self._closed:
                     return  # the usual case is to have the latest; saves the system call that would say so
@@ -232,10 +249,10 @@ class ShmReader:
             _log.warning("topic %r: dropping a publisher: %r", self._endpoint.name, error)
             self._drop(gid, link)
 
-    def _take(self, link: _Link, arena: ArenaMap, offset: int, size: int) -> memoryview:
+    def _take(self, link: _Link, arena: ArenaMap, offset: int, size: int, *, is_last: bool) -> memoryview:
         """Return a message's bytes, in place or, for an application that hoards messages, copied."""
         data = link.hold(arena.slice(offset, size), offset)
-        if len(link.held) + len(link.unsent) < self._credits:
+        if not is_last:
             return data
         hoarded = len(link.held) - len(self._inbox.queue) > _IN_HAND
         return memoryview(bytes(data)) if hoarded else data  # the last slot must keep flowing

@@ -42,6 +42,9 @@ ARENA_MESSAGES = 64
 """A memory file has room for so many messages of the largest allowed size; memory is taken as it is used."""
 
 _ENOSPC = 28
+_NONE_LEFT = (23, 24)  # ENFILE, EMFILE: no descriptor is left
+_AGAIN_S = 0.2
+HELLO_S = 5.0  #: A subscriber says hello as soon as it is connected; after so long nobody will.
 
 
 class ShmWriter:
@@ -71,6 +74,7 @@ class ShmWriter:
         self._arena = OwnArena(arena_bytes, f"sfglab {self._topic}")
         self._connections: dict[int, socket] = {}
         self._watched: set[int] = set()
+        self._greeted: set[int] = set()  # who has said hello
         self._hangups = select.epoll()
         self._listener = listen(address)
         bridge.watch(self._hangups.fileno(), self._on_hangup)
@@ -209,14 +213,27 @@ class ShmWriter:
     def _accept(self) -> None:
         try:
             connection, _ = self._listener.accept()
-        except OSError:
-            return  # it has hung up already
+        except OSError as error:
+            if error.errno in _NONE_LEFT:  # the listener stays readable: asking again at once would spin
+                self._bridge.unwatch(self._listener.fileno())
+                self._bridge.loop.call_later(_AGAIN_S, self._listen_again)
+            return  # else it has hung up already
         connection.setblocking(False)
         if not same_user(connection):
             connection.close()
             return
         self._connections[connection.fileno()] = connection
         self._bridge.watch(connection.fileno(), partial(self._on_hello, connection.fileno()))
+        self._bridge.loop.call_later(HELLO_S, self._hang_up_on_the_silent, connection)
+
+    def _listen_again(self) -> None:
+        if self._listener.fileno() >= 0:
+            self._bridge.watch(self._listener.fileno(), self._accept)
+
+    def _hang_up_on_the_silent(self, connection: socket) -> None:
+        key = connection.fileno()
+        if self._connections.get(key) is connection and key not in self._greeted:
+            self._hang_up(key)
 
     def _on_hello(self, key: int) -> None:
         connection = self._connections[key]
@@ -228,6 +245,7 @@ class ShmWriter:
             _log.warning("topic %r: refusing a subscriber: %s", self._topic, error)
             self._hang_up(key)
             return
+        self._greeted.add(key)
         self._hangups.register(key, select.EPOLLRDHUP)
         for announcement in self._fanout.join(key, hello.depth, wants_history=hello.wants_history):
             self._send(key, announcement, pack_announcement(announcement))
@@ -254,6 +272,7 @@ class ShmWriter:
             return
         self._bridge.unwatch(key)
         self._watched.discard(key)
+        self._greeted.discard(key)
         self._fanout.gone(key)
         connection.close()  # leaves the epoll set, too
         self._notify()
