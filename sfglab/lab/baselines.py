@@ -16,7 +16,7 @@ import pandas as pd
 from sfglab.bus.address import BusAddress
 from sfglab.codecs import COMPRESSED_IMAGE
 from sfglab.lab.experiment import Experiment, SkippedPartError
-from sfglab.lab.figures import series
+from sfglab.lab.figures import note, series
 from sfglab.lab.meters import measure
 from sfglab.lab.ros2 import RosMember
 from sfglab.lab.stats import Estimate, bootstrap
@@ -90,8 +90,10 @@ def declare(exp: Experiment[Any], title: str) -> None:
     @exp.figure(f"{exp.name}_{PART}", size=(11.5, 3.6), when=lambda run: not beside(exp, run).empty)
     def draw(figure: Figure, run: Run[Any]) -> dict[str, Any]:
         """Draw real ROS 2 beside ours over the settings, a dot a measurement and a line at each median."""
-        _draw(figure, beside(exp, run))
+        rows = beside(exp, run)
+        _draw(figure, rows)
         figure.suptitle(title)
+        note(figure, f"a dot: a measurement, {rows['repeat'].nunique()} repetitions; lines: medians")
         return {"apart": apart_of(run).name if apart_of(run).is_file() else "", "compared": compared(exp, run)}
 
 

@@ -12,18 +12,23 @@ import inspect
 import io
 import json
 from contextlib import contextmanager
+from textwrap import fill
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Mapping
+    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
     from pathlib import Path
 
     import pandas as pd
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from numpy.typing import NDArray
+
+    from sfglab.lab.runs import Run
+
+    Cell = tuple[str, str]  # a text and its colour
 
 
 # Okabe and Ito's palette, distinct for all common kinds of colour blindness; ordered by lightness so that
@@ -63,9 +68,33 @@ def grouped_bars(
     return spots
 
 
-def note(figure: Figure, text: str) -> None:
-    """Say below a figure how its numbers were got: live, simulated or exact, how many, what bars mean."""
-    figure.supxlabel(text, x=0.005, ha="left", fontsize=8.5, color="0.25")
+def note(figure: Figure, text: str, live: Run[Any] | None = None) -> None:
+    """Say below a figure how its numbers were got: live, simulated or exact, how many, what bars mean.
+
+    Of a live run, its hosts come first.
+    """
+    where = f"live, {live.metadata('hosts')['description']}; " if live else ""
+    figure.supxlabel(where + text, x=0.005, ha="left", fontsize=8.5, color="0.25")
+
+
+def word_table(figure: Figure, head: Sequence[str], rows: Mapping[str, Sequence[Cell]], *, wrap: int) -> None:
+    """Draw a table into a figure, which becomes as high as that needs: by row its cells, texts with colours."""
+    lines = [[fill(text, wrap) for text in (name, *(text for text, _ in row))] for name, row in rows.items()]
+    heights = np.array([max(text.count("\n") for text in line) + 1.9 for line in lines])
+    middles = np.cumsum(heights) - heights / 2
+    figure.set_figheight(0.95 + 0.15 * heights.sum())
+    axes = figure.subplots()
+    for (_, *texts), cells, y, height in zip(lines, rows.values(), middles, heights, strict=True):
+        for column, (text, (_, color)) in enumerate(zip(texts, cells, strict=True)):
+            axes.barh(y, 0.98, height - 0.2, left=column, color=color, alpha=0.25)
+            axes.text(column + 0.02, y, text, va="center", fontsize=7.5)
+    axes.set(xlim=(0, len(head)), ylim=(max(heights.sum(), 1), 0))
+    axes.set_xticks([column + 0.5 for column in range(len(head))], head)
+    axes.set_yticks(middles, [line[0] for line in lines], fontsize=7.5)
+    axes.xaxis.tick_top()
+    axes.tick_params(length=0)
+    axes.grid(visible=False)
+    axes.spines[:].set_visible(False)
 
 
 _RC: dict[Any, Any] = {

@@ -11,14 +11,12 @@ import os
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from textwrap import fill
 from typing import TYPE_CHECKING, Any
 
 import pandas as pd
-from matplotlib.patches import Rectangle
 
 from sfglab.lab.experiment import Actor, Experiment, Link, Profiled, SkippedPartError
-from sfglab.lab.figures import COLORS
+from sfglab.lab.figures import COLORS, note, word_table
 from sfglab.lab.ros2 import TESTED
 
 if TYPE_CHECKING:
@@ -141,24 +139,17 @@ def compatibility(tests: pd.DataFrame, distributions: Sequence[str] = TESTED) ->
 def draw_features(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     """Draw what works beside each distribution of ROS 2, feature by feature."""
     table = compatibility(run["test"], run.config.distributions)
-    axes = figure.subplots()
-    for row, line in enumerate(table.itertuples(index=False)):
-        for column, said in enumerate(line[1:]):
-            color = next(color for start, color in _COLORS.items() if said.startswith(start))
-            axes.add_patch(Rectangle((column, row), 0.98, 0.92, color=color, alpha=0.25, linewidth=0))
-            axes.text(column + 0.02, row + 0.46, fill(said, 52), va="center", fontsize=7.5)
     columns = list(table.columns[1:])
-    axes.set(xlim=(0, len(columns)), ylim=(max(len(table), 1), 0))
-    axes.set_xticks([i + 0.5 for i in range(len(columns))], [name.capitalize() for name in columns])
-    axes.set_yticks(
-        [i + 0.46 for i in range(len(table))], [fill(name, 50) for name in table["feature"]], fontsize=7.5
-    )
-    axes.xaxis.tick_top()
-    axes.tick_params(length=0)
-    axes.grid(visible=False)
-    axes.spines[:].set_visible(False)
+    rows = {
+        line[0]: [
+            (said, next(c for start, c in _COLORS.items() if said.startswith(start))) for said in line[1:]
+        ]
+        for line in table.itertuples(index=False)
+    }
+    word_table(figure, [name.capitalize() for name in columns], rows, wrap=52)
     works = table[columns].apply(lambda cells: cells.str.startswith(WORKS)).to_numpy()
     figure.suptitle(
         f"{works.all(axis=1).sum()} of {len(table)} features work beside real rclpy of every distribution"
     )
+    note(figure, f"live: {len(run['test'])} outcomes of tests; a feature works where all of its tests pass")
     return {"table": table}

@@ -223,7 +223,7 @@ async def measure_cells(bench: Bench[Config]) -> None:
             bench.write("camera", row, at_ns=stamp_ns)
 
 
-declare(exp, "Raw images from a camera of rclpy (Fast DDS), by number of subscribers: of rclpy, and ours")
+declare(exp, "Raw images, by number of subscribers: real ones (rclpy) cost more than stand-ins and lose some")
 
 
 @exp.part(PART, total=lambda config: 2 * config.samples * len(config.ros2), skips=(RosMissingError,))

@@ -14,6 +14,7 @@ from sfglab.lab.experiments.decode_once.analysis import (
     WAYS,
     CostModel,
     Slopes,
+    cells,
     codecs,
     cost_model,
     design,
@@ -24,7 +25,7 @@ from sfglab.lab.experiments.decode_once.analysis import (
     stream_facts,
 )
 from sfglab.lab.experiments.decode_once.experiment import Config, exp
-from sfglab.lab.figures import COLORS, PAPER_STYLE, series
+from sfglab.lab.figures import COLORS, PAPER_STYLE, note, series
 from sfglab.lab.paths import find_project
 
 if TYPE_CHECKING:
@@ -65,10 +66,14 @@ def _draw_stream(figure: Figure, run: Run[Config], codec: str) -> dict[str, Any]
     cpu, net, cost = figure.subplots(1, 3, width_ratios=(1.15, 1.15, 1))
     _draw_cpu(cpu, run, found, codec)
     _draw_network(net, run, codec)
-    _draw_cost_model(cost, fits)
-    less = (f"{e.value:.1f} % [{e.low:.1f}, {e.high:.1f}] by {WAYS[m]}" for m, e in found.reduction.items())
-    name = NAMES.get(codec, codec)
-    figure.suptitle(f"Decode once per device ({name}), less CPU per added subscriber: {', '.join(less)}")
+    again = int(cells(run)[cells(run)["codec"] == codec].groupby(["mode", "subscribers"]).size().max())
+    _draw_cost_model(cost, fits, spread=again > 1)
+    within = {m: f" [{e.low:.0f}, {e.high:.0f}]" if again > 1 else "" for m, e in found.reduction.items()}
+    less = (f"{e.value:.0f} %{within[m]} less by {WAYS[m]}" for m, e in found.reduction.items())
+    figure.suptitle(f"Decode once ({NAMES.get(codec, codec)}), CPU of an added subscriber: {', '.join(less)}")
+    often = f"{again} runs a setting: 95 % intervals" if again > 1 else "one run a setting: no intervals"
+    each = readings(run).groupby(["cell", "label"]).size().max()
+    note(figure, f"{often}; {each} readings a run, bands: one standard deviation of them", run)
     return {**to_json(found), **{way: _terms(fit) for way, fit in fits.items()}}
 
 
@@ -90,26 +95,21 @@ def _draw_modes(axes: Axes, run: Run[Config], codec: str, column: str) -> dict[s
         axes.fill_between(counts, mean - deviation, mean + deviation, color=color, alpha=0.18, linewidth=0)
         first[mode] = float(mean[0])
     axes.set(xlabel="local subscribers", xticks=_spread(run, codec, "standard", column)[0])
-    axes.set_ylim(bottom=0)
     return first
 
 
 def _draw_cpu(axes: Axes, run: Run[Config], found: Slopes, codec: str) -> None:
     """Draw the consumer's CPU over subscribers, with the paper's slopes for the colour stream."""
     first = _draw_modes(axes, run, codec, "cpu_percent")
-    for mode, estimate in found.cpu.items():
-        counts, mean, _ = _spread(run, codec, mode, "cpu_percent")
-        beside: dict[str, Any] = {"textcoords": "offset points", "xytext": (-4, 7), "ha": "right"}
-        text = f"{estimate.value:+.2f} %"
-        axes.annotate(text, (counts[-1], mean[-1]), color=STYLES[mode]["color"], **beside)
+    for line, estimate in zip(axes.get_lines(), found.cpu.values(), strict=True):
+        line.set_label(f"{line.get_label()}: {estimate.value:+.1f} % each")
     if codec == "h264":
         for mode, slope in zip(("standard", papers_way(run)), PAPER_CPU, strict=True):
             counts = _spread(run, codec, mode, "cpu_percent")[0]
             paper, color = first[mode] + slope * (counts - counts[0]), STYLES[mode]["color"]
             axes.plot(counts, paper, color=color, label=f"paper: +{slope} % each", **PAPER_STYLE)
-    axes.set_ylabel("CPU of the consumer host (100 % = one core)")
+    _label(axes, "consumer's CPU (100 % = one core)")
     axes.set_title("CPU" + ("; the paper's slopes start at our first point" * (codec == "h264")), fontsize=9)
-    axes.legend(fontsize=8)
 
 
 def _draw_network(axes: Axes, run: Run[Config], codec: str) -> None:
@@ -121,26 +121,30 @@ def _draw_network(axes: Axes, run: Run[Config], codec: str) -> None:
         flat = np.full_like(counts, PAPER_NET_MBIT, dtype=np.float64)
         color = STYLES[papers_way(run)]["color"]
         axes.plot(counts, flat, color=color, label="paper: about 4 Mbit/s", **PAPER_STYLE)
-    axes.set_ylabel("received at the consumer's interface (Mbit/s)")
+    _label(axes, "received by the consumer (Mbit/s)")
     axes.set_title("network", fontsize=9)
-    axes.legend(fontsize=8)
 
 
-def _draw_cost_model(axes: Axes, fits: Mapping[str, CostModel]) -> None:
-    """Draw the fitted terms of Eq. 2 and 3 with their intervals; each way of handing on has its own c_ipc."""
+def _label(axes: Axes, what: str) -> None:
+    axes.set(ylabel=what, ylim=(0, 1.45 * axes.dataLim.ymax))  # room for the legend
+    axes.legend(fontsize=8, loc="upper left")
+
+
+def _draw_cost_model(axes: Axes, fits: Mapping[str, CostModel], *, spread: bool) -> None:
+    """Draw the fitted terms of Eq. 2 and 3; each way of handing on has its own c_ipc."""
     fit = next(iter(fits.values()))
     terms = {"$c_{net}$": (fit.net, COLORS["network"]), "$c_{dec}$": (fit.dec, COLORS["standard"])}
-    terms |= {f"$c_{{ipc}}$\n{WAYS[m]}": (one.ipc, STYLES[m]["color"]) for m, one in fits.items()}
-    estimates = [estimate for estimate, _ in terms.values()]
+    terms |= {f"$c_{{ipc}}$, {WAYS[m]}": (one.ipc, STYLES[m]["color"]) for m, one in fits.items()}
+    estimates, colors = zip(*terms.values(), strict=True)
     values = [e.value for e in estimates]
     errors = np.array([(e.value - e.low, e.high - e.value) for e in estimates]).T.clip(min=0)
-    colors = [color for _, color in terms.values()]
-    bars = axes.bar(list(terms), values, color=colors, width=0.6, yerr=errors, capsize=4)
-    axes.bar_label(bars, labels=[f"{v:.2f}" for v in values], padding=6)
+    names = [name.replace(" ", "\n") for name in terms]
+    bars = axes.bar(names, values, color=colors, width=0.6, yerr=errors if spread else None, capsize=4)
+    axes.bar_label(bars, labels=[f"{v:.1f}" for v in values], padding=6)
     axes.margins(y=0.15)
     axes.set_ylabel("% of one core")
-    lack = f"\nlack of fit: p = {fit.lack.p:.2g}" if fit.lack else ""
-    axes.set_title(f"Eq. 2 and 3 fitted: {100 * fit.explained.value:.1f} % of the variance{lack}", fontsize=9)
+    lack = f"\nlack of fit: p {'< 0.001' if fit.lack.p < 1e-3 else f'= {fit.lack.p:.2g}'}" if fit.lack else ""
+    axes.set_title(f"Eq. 2 and 3 fitted: {100 * fit.explained.value:.0f} % of the variance{lack}", fontsize=9)
     axes.grid(visible=False, axis="x")
 
 

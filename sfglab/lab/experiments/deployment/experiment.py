@@ -31,7 +31,7 @@ from sfglab.lab.checks.machines import (
 from sfglab.lab.claims import Finding, How
 from sfglab.lab.experiment import Actor, Experiment, Link, Profiled
 from sfglab.lab.experiments.deployment.containers import OUTSIDER, container_checks
-from sfglab.lab.figures import COLORS
+from sfglab.lab.figures import COLORS, note, word_table
 from sfglab.lab.hosts import Network
 from sfglab.lab.paths import find_project
 from sfglab.lab.trial_build import trial_build
@@ -302,11 +302,13 @@ def draw_layers(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     axes.set_xticks(range(len(agents)), agents)
     axes.set_yticks(range(len(_LAYERS)), ["hardware base", "adapter", "application"])
     axes.set(xlim=(-0.55, len(agents) - 0.45), ylim=(-0.5, len(_LAYERS) - 0.5))
-    axes.set_title("Each agent's image in three layers; a box across agents is the same layer")
+    counts = run["layer"].groupby("layer")["digest"].nunique()
+    said = f"{counts['base']} hardware bases and {counts['adapter']} adapters carry {len(agents)} agents"
+    axes.set_title(f"{said}; a box across agents is the same layer")
+    note(figure, "exact: as rendered from the fleet file (paper A, Fig. 5)")
     axes.tick_params(length=0)
     axes.grid(visible=False)
     axes.spines[:].set_visible(False)
-    counts = run["layer"].groupby("layer")["digest"].nunique()
     return {"agents": len(agents), **{f"distinct {name}": int(n) for name, n in counts.items()}}
 
 
@@ -330,20 +332,19 @@ def _box(axes: Axes, place: tuple[int, int, int], text: str, color: str) -> None
 
 @exp.figure("deployment_checks", size=(6.4, 3.0))
 def draw_checks(figure: Figure, run: Run[Config]) -> dict[str, Any]:
-    """Draw how many checks of each part of the deployment hold."""
-    sums = run["check"].groupby("group", sort=False)[["held", "checked"]].sum().iloc[::-1]
-    kinds = run["check"].groupby("group")["check"].nunique()
-    labels = [f"{group} ({kinds[group]} properties)" for group in sums.index]
-    figure.set_size_inches(6.4, 0.9 + 0.27 * len(labels))
-    axes = figure.subplots()
-    axes.barh(labels, sums["checked"], color="0.85")
-    axes.barh(labels, sums["held"], color=COLORS["proxy"])
-    for y, row in enumerate(sums.itertuples()):
-        at, text = (row.checked, y), f"{row.held} of {row.checked}"
-        axes.annotate(text, at, xytext=(4, 0), textcoords="offset points", va="center", fontsize=8)
-    axes.tick_params(axis="y", length=0)
-    axes.set(xscale="log", xlim=(1, 2.5 * sums["checked"].max()), xlabel="cases; in colour: those that hold")
-    count = len(run["unchecked"])
-    rest = f"\n{count} properties could not be asked on that machine" if count else ""
-    axes.set_title(f"{sums['held'].sum()} of {sums['checked'].sum()} cases hold{rest}")
-    return {**{str(row.Index): f"{row.held} of {row.checked}" for row in sums.itertuples()}, "not asked": count}
+    """Draw what was checked of each part of the deployment, how many cases hold, and what nobody could ask."""
+    sums = run["check"].groupby("group", sort=False)[["held", "checked"]].sum()
+    kinds, left = run["check"].groupby("group")["check"].nunique(), run["unchecked"]["check"]
+    rows = {}
+    for group in dict.fromkeys([*sums.index, *run["unchecked"]["group"]]):
+        held, checked = sums.loc[group] if group in sums.index else (0, 0)
+        holds = f"{kinds[group]} properties: {held} of {checked}" if checked else ""
+        open_ = "; ".join(left[run["unchecked"]["group"] == group])
+        color = "network" if not checked else "proxy" if held == checked else "standard"
+        rows[group] = [(holds, COLORS[color]), (open_, COLORS["network" if open_ else "proxy"])]
+    word_table(figure, ["cases that hold", "what could not be asked there"], rows, wrap=36)
+    rest = f"\n{len(left)} properties could not be asked on that machine: the claim is open" * bool(len(left))
+    figure.suptitle(f"{sums['held'].sum()} of {sums['checked'].sum()} cases hold{rest}", fontsize=10)
+    note(figure, "exact, on files and folders; containers live, between network namespaces")
+    shown = {str(row.Index): f"{row.held} of {row.checked}" for row in sums.itertuples()}
+    return {**shown, "not asked": len(left)}

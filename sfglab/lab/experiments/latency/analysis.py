@@ -18,7 +18,7 @@ from sfglab.lab.claims import Finding, How
 from sfglab.lab.experiment import Look
 from sfglab.lab.experiments.latency.experiment import GLASS_PATHS, Config, exp
 from sfglab.lab.experiments.latency.stage import PAPERS
-from sfglab.lab.figures import COLORS, PAPER_STYLE
+from sfglab.lab.figures import COLORS, PAPER_STYLE, note
 from sfglab.lab.runs import Run, derived
 from sfglab.lab.sources import open_source
 from sfglab.lab.stats import Estimate, bootstrap, exactly, median_of
@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     Floats = NDArray[np.float64]
+    _Groups = dict[str, Floats]
 
 PAPERS_WAY, OUR_WAY = "container", "agent"
 
@@ -240,10 +241,10 @@ FIRST_LABELS = {
 }
 BAR_COLORS = {
     "standard": COLORS["standard"],
-    "container": COLORS["network"],
-    "on_demand": COLORS["network"],
-    "agent": COLORS["third"],
-    "decoder": COLORS["proxy"],
+    "container": COLORS["third"],
+    "on_demand": COLORS["third"],
+    "agent": COLORS["proxy"],
+    "decoder": COLORS["network"],
 }
 
 
@@ -253,13 +254,15 @@ def draw_latency(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     glass, first = figure.subplots(1, 2)
     _draw_glass(glass, run)
     _draw_first(first, run)
-    ways = {"the paper's way": PAPERS_WAY, "our way": OUR_WAY}
+    ways = {"The paper's way": PAPERS_WAY, "Ours": OUR_WAY}
     said = [
-        f"{name} {added(run, path).value:+.1f} ms and {first_ratio(run, path).value:.2f} times standard"
+        f"{name} adds {more.value:.1f} ms [{more.low:.1f}, {more.high:.1f}]; first picture after "
+        f"{first_ratio(run, path).value:.2g} times standard's wait"
         for name, path in ways.items()
-        if path in _firsts(run)
+        if path in _firsts(run) and (more := added(run, path))
     ]
-    figure.suptitle(f"Glass to glass, and first picture: {'; '.join(said)}")
+    figure.suptitle("\n".join(said), fontsize=11)
+    note(figure, "a dot: a look; bars: median (left), mean (right); lines: the middle two thirds", run)
     return _twin(run)
 
 
@@ -269,8 +272,8 @@ def _draw_glass(axes: Axes, run: Run[Config]) -> None:
     groups = {path: medians[path].dropna().to_numpy() for path in GLASS_LABELS if path in medians}
     heights = {path: glass_median(run, path).value for path in groups}
     paper = heights["standard"] + PAPER_ADDED_MS
-    _bars(axes, GLASS_LABELS, heights, groups)
-    _paper_line(axes, 1, paper, f"paper:\n+{PAPER_ADDED_MS} ms")
+    _bars(axes, GLASS_LABELS, heights, groups, {PAPERS_WAY: f"(paper: +{PAPER_ADDED_MS})"})
+    _paper_lines(axes, groups, {PAPERS_WAY: paper})
     _limit(axes, groups, paper)
     axes.set_ylabel("capture to picture in hand (ms)")
     axes.set_title("glass to glass, without lens and display (paper, with both: 118.3 ms)", fontsize=9)
@@ -281,19 +284,18 @@ def _draw_first(axes: Axes, run: Run[Config]) -> None:
     table = looks(run)
     by_path = {path: group["first_ms"].to_numpy() for path, group in table.groupby("path")}
     groups = {path: by_path[path] for path in FIRST_LABELS if path in by_path}
-    _bars(axes, FIRST_LABELS, {path: float(group.mean()) for path, group in groups.items()}, groups)
-    for position, path in enumerate(groups):
-        if path in PAPER_FIRST_MS:
-            _paper_line(axes, position, PAPER_FIRST_MS[path], f"paper:\n{PAPER_FIRST_MS[path]:.0f} ms")
+    said = {path: f"(paper: {paper_ms:.0f})" for path, paper_ms in PAPER_FIRST_MS.items()}
+    _bars(axes, FIRST_LABELS, {path: float(group.mean()) for path, group in groups.items()}, groups, said)
+    _paper_lines(axes, groups, PAPER_FIRST_MS)
     _limit(axes, groups, max(PAPER_FIRST_MS.values()))
     axes.set_ylabel("order to first picture (ms)")
     axes.set_title("first picture after a subscription", fontsize=9)
 
 
 def _bars(
-    axes: Axes, labels: dict[str, str], heights: dict[str, float], groups: dict[str, NDArray[np.float64]]
+    axes: Axes, labels: dict[str, str], heights: dict[str, float], groups: _Groups, said: dict[str, str]
 ) -> None:
-    """Draw one bar a path, its samples beside its middle, and the range of two thirds of them."""
+    """Draw one bar a path, its samples beside its middle, the range of two thirds of them, and what is said."""
     for position, (path, group) in enumerate(groups.items()):
         height = heights[path]
         # The paper draws one standard deviation; this is the same where samples are normal, and does not follow
@@ -304,13 +306,13 @@ def _bars(
         axes.errorbar(position, height, yerr=spread, color="black", capsize=4)
         spots = position + np.linspace(-0.25, 0.25, len(group))
         axes.plot(spots, group, ".", color="black", markersize=3, alpha=0.4)
-    names = [f"{labels[path]}\n{heights[path]:.{1 if heights[path] < 100 else 0}f} ms" for path in groups]
+    values = {path: f"{height:.{1 if height < 20 else 0}f} ms" for path, height in heights.items()}
+    names = [f"{labels[p]}\n{values[p]} (n = {len(groups[p])})\n{said.get(p, '')}".rstrip() for p in groups]
     axes.set_xticks(range(len(groups)), names)
-    axes.set_xlim(-0.5, len(groups) - 0.1)
     axes.grid(visible=False, axis="x")
 
 
-def _limit(axes: Axes, groups: dict[str, NDArray[np.float64]], shown: float) -> None:
+def _limit(axes: Axes, groups: _Groups, shown: float) -> None:
     """End the axis above nine tenths of each group; what lies beyond is marked at the edge with its value."""
     top = 1.3 * max(shown, *(float(np.percentile(group, 90)) for group in groups.values()))
     axes.set_ylim(0, top)
@@ -322,9 +324,12 @@ def _limit(axes: Axes, groups: dict[str, NDArray[np.float64]], shown: float) -> 
             axes.annotate(values, (position + 0.06, 0.98 * top), va="center", fontsize=7)
 
 
-def _paper_line(axes: Axes, position: int, height: float, text: str) -> None:
-    axes.plot([position - 0.38, position + 0.3], [height, height], color="black", **PAPER_STYLE)
-    axes.annotate(text, (position + 0.32, height), va="center", fontsize=8.2)
+def _paper_lines(axes: Axes, groups: _Groups, heights: dict[str, float]) -> None:
+    spots = np.array([place for place, path in enumerate(groups) if path in heights])
+    axes.hlines(
+        [*heights.values()], spots - 0.38, spots + 0.38, color="black", label="paper A, 5.4", **PAPER_STYLE
+    )
+    axes.legend(fontsize=8.5, loc="upper right")
 
 
 def _twin(run: Run[Config]) -> dict[str, Any]:

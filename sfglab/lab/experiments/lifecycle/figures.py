@@ -22,7 +22,7 @@ from sfglab.fleet.discovery.lifecycle import (
 from sfglab.lab.experiments.lifecycle.analysis import heard, heartbeat_checks, intervals, joined_ns, transitions
 from sfglab.lab.experiments.lifecycle.experiment import Config, exp
 from sfglab.lab.explore import Automaton, Parts
-from sfglab.lab.figures import COLORS, MARKERS, PAPER_STYLE
+from sfglab.lab.figures import COLORS, MARKERS, PAPER_STYLE, note
 from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 PAPER_PERIODS = {0: 1.0, 1: 5.0}  #: Seconds by phase (paper A, section 4.2).
 
 PHASES = {0: "start-up", 1: "steady state"}
-_STYLES = {0: "proxy", 1: "standard"}
+_STYLES = {0: "proxy", 1: "third"}
 _OVER_AXES = ("data", "axes fraction")
 
 
@@ -59,6 +59,7 @@ def draw_heartbeats(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     figure.suptitle(
         f"Heartbeats of {len(run['answer'])} agents, heard {where}{scaled}: {held} of {len(checks)} checks hold"
     )
+    note(figure, f"{len(table)} intervals, a dot each; black: medians", run)
     return {"held": held, "checks": len(checks), "heartbeats": len(table), "median_gap_s": medians}
 
 
@@ -87,7 +88,7 @@ def _mark_events(axes: Axes, run: Run[Config]) -> None:
     for at_s, text in ((startup_s, "start-up ends"), (joined_s, "a late listener joins")):
         axes.axvline(at_s, ymax=0.8, color="black", linewidth=0.8, linestyle=":")
         beside: dict[str, Any] = {"xytext": (3, 2), "textcoords": "offset points", "rotation": 90}
-        axes.annotate(text, (at_s, 0.02), xycoords=_OVER_AXES, fontsize=7.5, va="bottom", **beside)
+        axes.annotate(text, (at_s, 0.2), xycoords=_OVER_AXES, fontsize=7.5, va="bottom", **beside)
 
 
 def _draw_errors(axes: Axes, run: Run[Config]) -> dict[str, float]:
@@ -103,7 +104,7 @@ def _draw_errors(axes: Axes, run: Run[Config]) -> dict[str, float]:
         axes.plot(spread, errors_ms, linestyle="none", marker=MARKERS[style], color=COLORS[style], alpha=0.6)
         median = float(np.median(errors_ms))
         axes.hlines(median, phase - 0.3, phase + 0.3, color="black", linewidth=1.5)
-        text = f"median {median:+.2f} ms"
+        text = f"median {median:+.1f} ms"
         axes.annotate(text, (phase, 1), xycoords=_OVER_AXES, ha="center", va="top", fontsize=8)
         medians[PHASES[phase]] = float(np.median(gaps))
     axes.axhline(0, color="grey", linewidth=0.8)

@@ -17,7 +17,7 @@ from sfglab.lab.checks.trees import AGENT, RULE, WAYS, WORLD, tree_rows
 from sfglab.lab.claims import Finding, How
 from sfglab.lab.experiments.mocap.experiment import Config, exp
 from sfglab.lab.experiments.mocap.recordings import confusion_of, fault_checks, published_check
-from sfglab.lab.figures import COLORS, MARKERS
+from sfglab.lab.figures import COLORS, note, series
 from sfglab.lab.runs import Run, derived
 from sfglab.lab.stats import median_of
 from sfglab.spatial.frames.buffer import Edge
@@ -209,7 +209,11 @@ _TITLES = {
     "proxy": "Bridge, via the proxy frame (Fig. 6, right)",
 }
 _FAULTS = {"occluded": COLORS["network"], "flipped": COLORS["fourth"], "dropped": COLORS["third"]}
-_ROUNDS = {"faulty": COLORS["proxy"], "ideal": COLORS["third"]}
+_ERRORS = (
+    ("ideal", "error_mm", "third", "ideal"),
+    ("faulty", "error_mm", "proxy", "faulty"),
+    ("faulty", "latest_mm", "standard", "faulty, newest as now"),
+)
 _CASES = {
     (False, True): ("proxy", "odometry is steady"),
     (True, True): ("third", "it drifts, allowed for"),
@@ -231,19 +235,26 @@ def draw_trees(figure: Figure, run: Run[Config]) -> dict[str, Any]:
         colour = COLORS["standard"] if found else COLORS["third"]
         ax.text(0.5, -0.02, text, transform=ax.transAxes, ha="center", va="top", color=colour, fontsize=8.5)
         twin[way] = [str(finding) for finding in found]
-    figure.suptitle("What motion capture does to a robot's tree of frames (blue: what the cameras add)")
+    figure.suptitle(
+        "A direct receiver breaks a robot's tree of frames, the bridge does not (blue: cameras' edge)"
+    )
+    note(figure, "exact: the paper's example, as the linter finds it")
     return twin
 
 
 @exp.figure("mocap_error", size=(10, 6.6))
 def draw_error(figure: Figure, run: Run[Config]) -> dict[str, Any]:
-    """Draw the live rounds: error and waiting time over time, latencies, and what the error is made of."""
-    axes = figure.subplots(2, 2, width_ratios=[2, 1])
-    _draw_errors(axes[0, 0], run)
-    _draw_waits(axes[1, 0], run)
-    _draw_latencies(axes[0, 1], run)
-    _draw_parts(axes[1, 1], run)
-    figure.suptitle(f"World to camera while the robot moves, live on {run.metadata('hosts')['description']}")
+    """Draw the live rounds: error and waiting time over time, with what the error is made of, and latencies."""
+    axes = figure.subplot_mosaic("AAC;BBC")
+    _draw_errors(axes["A"], run)
+    _draw_waits(axes["B"], run)
+    _draw_latencies(axes["C"], run)
+    at, now = (errors(run)[name].get("faulty", np.nan) for name in ("error_mm", "latest_mm"))
+    figure.suptitle(
+        f"The camera's place is known to {at:.1f} mm; the newest taken for now is off by {now:.0f} mm"
+    )
+    count = run["look"].groupby("round").size().max()
+    note(figure, f"synthetic cameras; {count} looks a round, a dot each; in the legend: medians", run)
     return {"medians": errors(run).round(4).to_dict(orient="index")}
 
 
@@ -251,39 +262,36 @@ def draw_error(figure: Figure, run: Run[Config]) -> dict[str, Any]:
 def draw_offset(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     """Draw what an estimate of the offset is worth, by the length of the motion."""
     table = offsets(run)
-    error, cover, worth = figure.subplots(1, 3)
+    error, cover = figure.subplots(1, 2)
     for (drifts, modelled), (key, name) in _CASES.items():
         rows = table[(table["drifts"] == drifts) & (table["modelled"] == modelled)]
-        style = {"color": COLORS[key], "marker": MARKERS[key]}
-        error.plot(rows["length_s"], rows["error_mm"], label=name, **style)
-        error.plot(rows["length_s"], rows["sigma_mm"], linestyle=":", **style)
-        cover.plot(rows["length_s"], rows["covered"], label=name, **style)
-        worth.plot(rows["length_s"], rows["after_mm"], label=name, **style)
-    worth.axhline(table["before_mm"].median(), color=COLORS["network"], label="no offset")
-    cover.axhline(0.95, color=COLORS["network"], linestyle=":", label="stated: 95 %")
-    _label(error, "error of the offset, mm (dotted: stated)", log=True)
-    error.set_ylim(top=5 * table["error_mm"].max())  # room for the legend
-    _label(cover, "share of numbers within their interval")
-    cover.set_ylim(0, 1.05)
-    _label(worth, "base through the bridge, other motion, mm", log=True)
-    figure.suptitle("Beyond the paper: where the base is in the tracked object, from a recorded motion")
+        # Where two are equal, both are seen: the one below is broader.
+        style = series(key) | ({"linewidth": 4, "alpha": 0.5} if key == "proxy" else {})
+        error.plot(rows["length_s"], rows["after_mm"], label=name, **style)
+        cover.plot(rows["length_s"], 100 * rows["covered"], label=name, **style)
+    error.axhline(table["before_mm"].median(), color="black", linewidth=1, label="no offset")
+    cover.axhline(95, color="black", linewidth=1, linestyle=":", label="stated: 95 %")
+    error.set(yscale="log", ylabel="base through the bridge, median error (mm)")
+    cover.set(ylim=(0, 105), ylabel="numbers within their 95 % interval (%)")
+    for ax, place in ((error, (0.5, 0.38)), (cover, "lower left")):
+        ax.set(xlabel="length of the motion (s)", xticks=sorted(table["length_s"].unique()))
+        ax.legend(fontsize=8, loc=place)
+    last = table[table["drifts"]].groupby("modelled")["after_mm"].last()
+    said = f"to {last[True]:.1f} mm if drift is allowed for, else off by {last[False]:.0f} mm"
+    figure.suptitle(f"Where the base is in the tracked object: {said} (beyond the paper)", fontsize=11)
+    count = run["offset"].groupby(["drifts", "modelled", "length_s"]).size().max()
+    note(figure, f"simulated; {count} motions a dot, each tried on another motion")
     return {"by_length": table.round(4)}
-
-
-def _label(ax: Axes, what: str, *, log: bool = False) -> None:
-    ax.set(xlabel="length of the motion, s", ylabel=what, yscale="log" if log else "linear")
-    ax.legend(fontsize=8)
 
 
 def _draw_errors(ax: Axes, run: Run[Config]) -> None:
     _mark_faults(ax, run)
-    for name, colour in _ROUNDS.items():
+    for name, column, color, text in _ERRORS:
         looks = _of(run["look"], name)
-        ax.plot(looks["at_s"], looks["error_mm"], ".", color=colour, markersize=4, label=f"{name}: at its time")
-    looks = _of(run["look"], "faulty")
-    style: dict[str, Any] = {"color": COLORS["standard"], "markersize": 3, "label": "faulty: newest as now"}
-    ax.plot(looks["at_s"], looks["latest_mm"], ".", **style)
+        style: dict[str, Any] = {"color": COLORS[color], "markersize": 4}
+        ax.plot(looks["at_s"], looks[column], ".", label=f"{text}: {looks[column].median():.2g} mm", **style)
     ax.set(yscale="log", ylabel="error, mm", title="How far the camera is from where it really is")
+    ax.set_ylim(top=20 * looks["latest_mm"].max())  # room for the legend
     ax.legend(fontsize=8, ncols=3, loc="upper right")
 
 
@@ -292,6 +300,7 @@ def _draw_waits(ax: Axes, run: Run[Config]) -> None:
     looks = _of(run["look"], "faulty")
     ax.plot(looks["at_s"], looks["wait_ms"], ".", color=COLORS["proxy"], markersize=4)
     ax.set(yscale="log", xlabel="time, s", ylabel="until that time is known, ms")
+    ax.set_ylim(top=5 * looks["wait_ms"].max())
     ax.set_title("How long a look at the present waits (faulty round)")
     ax.legend(fontsize=8, loc="upper right", ncols=3)
 
@@ -303,26 +312,10 @@ def _draw_latencies(ax: Axes, run: Run[Config]) -> None:
         values = np.sort(heard[column].to_numpy())
         share = np.arange(1, len(values) + 1) / max(1, len(values))
         ax.plot(values, share, color=COLORS[key], label=name)
-    if len(heard):
-        ax.set_xlim(right=float(heard["heard_ms"].quantile(0.99)) * 1.15)
-    ax.set(xlabel="since capture, ms", ylabel="share of transforms", title="Latency")
+    ax.set(xscale="log", xlabel="since capture, ms", ylabel="share of transforms", title="Latency")
+    ax.xaxis.set_minor_formatter("")
+    ax.set_xticks([6, 10, 20, 50, 100], ["6", "10", "20", "50", "100"])
     ax.legend(fontsize=8)
-
-
-def _draw_parts(ax: Axes, run: Run[Config]) -> None:
-    medians = errors(run).to_dict(orient="index")
-    parts = (
-        ("bridge and\ntree", "ideal", "error_mm", _ROUNDS["ideal"]),
-        ("with the\ncameras' noise", "faulty", "error_mm", _ROUNDS["faulty"]),
-        ("newest\nas now", "faulty", "latest_mm", COLORS["standard"]),
-    )
-    bars = [(name, float(medians[r][c]), colour) for name, r, c, colour in parts if r in medians]
-    for place, (_, value, colour) in enumerate(bars):
-        ax.bar(place, value, color=colour)
-        ax.text(place, value, f"{value:.2g}", ha="center", va="bottom")
-    ax.set_xticks(range(len(bars)), [name for name, _, _ in bars])
-    ax.set(yscale="log", ylabel="median error, mm", title="What the error is made of")
-    ax.margins(y=0.2)
 
 
 def _mark_faults(ax: Axes, run: Run[Config], *, named: bool = False) -> None:

@@ -13,7 +13,7 @@ from sfglab.lab.checks import CheckRow, Mutated, check_row, editing, exchange, s
 from sfglab.lab.claims import Finding, How
 from sfglab.lab.experiment import Look
 from sfglab.lab.experiments.planning.experiment import EXAMPLE_M, Config, example_limits, exp
-from sfglab.lab.figures import COLORS
+from sfglab.lab.figures import COLORS, note
 from sfglab.lab.runs import Run, derived
 from sfglab.spatial.execution.agent import Dynamics, Tolerances, falls_behind_m
 from sfglab.spatial.execution.server import AgentSetup
@@ -22,7 +22,6 @@ from sfglab.spatial.scene.objects import AgentObject, ObstacleObject, ZoneObject
 from sfglab.spatial.trajectory.clearance import Box, Shape
 from sfglab.spatial.trajectory.motion import motion_of
 from sfglab.spatial.trajectory.path import Interpolation, Trajectory
-from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -199,16 +198,17 @@ _WAYS = {Interpolation.POLYLINE: "polyline (paper)", Interpolation.CATMULL_ROM: 
 _AGENTS = (COLORS["standard"], COLORS["proxy"], COLORS["third"])
 
 
-@exp.figure("planning_scene", size=(10, 6.4))
+@exp.figure("planning_scene", size=(10, 4.9))
 def draw_scene(figure: Figure, run: Run[Config]) -> dict[str, Any]:
-    """Draw the scene from above, the paper's polyline beside ours, and how far apart and off agents were."""
-    grid = figure.add_gridspec(3, 2, width_ratios=(1.55, 1.0))
-    _draw_hall(figure.add_subplot(grid[:2, 0]), run)
-    shown = _draw_ways(figure.add_subplot(grid[2, 0]), run)
-    shown |= _draw_apart(figure.add_subplot(grid[0, 1]), run)
-    shown |= _draw_errors(figure.add_subplot(grid[1:, 1]), run)
-    how = "over DDS" if run.config.live else "on the simulated bus"
-    figure.suptitle(f"{scene_of(run).name}: planned, and driven by action {how}", fontsize=11)
+    """Draw the scene from above, planned and driven, and how far apart and off their plans agents were."""
+    axes = figure.subplot_mosaic([["hall", "apart"], ["hall", "errors"]], width_ratios=(1.55, 1.0))
+    _draw_hall(axes["hall"], run)
+    shown = _draw_apart(axes["apart"], run) | _draw_errors(axes["errors"], run)
+    how = "live, over DDS on one host" if run.config.live else "simulated bus"
+    worst, allowed = shown["largest error (m)"], allowed_m(run)
+    off = ", ".join(f"{name} by {error:.2f} m of {allowed[name]:.2f} m" for name, error in worst.items())
+    figure.suptitle(f"Agents leave their plan by no more than their dynamics explain: {off}", fontsize=11)
+    note(figure, f"{how}; simulated agents, one run; the paper states no figures")
     return shown
 
 
@@ -227,8 +227,8 @@ def _draw_hall(axes: Axes, run: Run[Config]) -> None:
         drawn.set_array(track["speed_m_s"].to_numpy()[1:])
         drawn.set_clim(0.0, fastest)
         axes.add_collection(drawn)
-        beside: dict[str, Any] = {"xytext": (-7, -4), "textcoords": "offset points", "ha": "right"}
-        axes.annotate(agent.name, places[0], weight="bold", **beside)
+        beside: dict[str, Any] = {"xytext": (2, -15), "textcoords": "offset points", "weight": "bold"}
+        axes.annotate(agent.name, places[0], **beside)
     _mark_closest(axes, run)
     axes.figure.colorbar(drawn, ax=axes, label="speed, driven (m/s)", shrink=0.75, pad=0.01)
     axes.set_title("From above")
@@ -258,7 +258,8 @@ def _draw_body(axes: Axes, thing: ZoneObject | ObstacleObject, pose: Pose) -> No
     axes.add_patch(Polygon(corners, **style))
     where = corners[corners.sum(axis=1).argmin()] + (0.15, 0.15) if inside else corners.mean(axis=0)
     ha = "left" if inside else "center"
-    axes.text(where[0], where[1], thing.name, fontsize=8, color="0.25", ha=ha, va="center")
+    behind = {"boxstyle": "square,pad=0.1", "facecolor": "white", "edgecolor": "none", "alpha": 0.8}
+    axes.text(where[0], where[1], thing.name, fontsize=8, color="0.15", ha=ha, va="center", bbox=behind)
 
 
 def _outline(shape: Shape, pose: Pose) -> np.ndarray[Any, np.dtype[np.float64]]:
@@ -298,24 +299,6 @@ def _mark_closest(axes: Axes, run: Run[Config]) -> None:
         axes.plot([x1, x2], [y1, y2], "o-", color="crimson", markersize=5, linewidth=1.6, zorder=6, label=text)
 
 
-def _draw_ways(axes: Axes, run: Run[Config]) -> dict[str, Any]:
-    """Draw the first agent's way in both interpolations, across enlarged."""
-    agent = next(iter(scene_of(run).all_of(AgentObject)))
-    planned = scene_of(run).motion(agent.id)
-    times = np.linspace(planned.start_ns, planned.end_ns, 400) / NS_PER_S
-    places = {kind: motion_of(replace(planned, interpolation=kind)).positions(times) for kind in _LINES}
-    track = run["track"][run["track"]["agent"] == agent.name]
-    axes.plot(track["x_m"], track["y_m"], color=COLORS["proxy"], linewidth=4.0, alpha=0.4, label="driven")
-    for kind, found in places.items():
-        axes.plot(*found[:, :2].T, color=_LINES[kind], label=_WAYS[kind], linewidth=1.5)
-    axes.plot(*np.array([w.pose.position_m[:2] for w in planned.waypoints]).T, "k.", markersize=7)
-    apart = float(np.linalg.norm(np.subtract(*places.values()), axis=1).max())
-    axes.set(xlabel="x (m)", ylabel="y (m), enlarged")
-    axes.set_title(f"{agent.name}: the paper's polyline and ours, at most {100 * apart:.0f} cm apart at a time")
-    axes.legend(fontsize=8, ncols=3, loc="lower center")
-    return {"largest distance between polyline and spline (m)": apart}
-
-
 def _draw_apart(axes: Axes, run: Run[Config]) -> dict[str, Any]:
     shown: dict[str, Any] = {}
     for a, b, needed in _pairs(run):
@@ -340,8 +323,8 @@ def _draw_errors(axes: Axes, run: Run[Config]) -> dict[str, Any]:
         axes.axhline(allowed_m(run)[str(agent)], color=color, linestyle="--", linewidth=1.0)
         worst[str(agent)] = float(track["error_m"].max())
     axes.set(ylim=(0, 1.4 * max(allowed_m(run).values())), xlabel="time (s)", ylabel="error (m)")
-    axes.set_title("Off the plan\n(dotted: its end, dashed: allowed)", fontsize=10)
-    axes.legend(fontsize=8)
+    axes.set_title("Off the plan\n(dotted: its end, dashed: explained)", fontsize=10)
+    axes.legend(fontsize=8, loc="upper right", ncols=2)
     return {"largest error (m)": worst}
 
 
@@ -364,8 +347,13 @@ def draw_interpolation(figure: Figure, run: Run[Config]) -> dict[str, Any]:
         chosen = run["sample"][run["sample"]["retimed"] == slow]
         pair = [figure.add_subplot(grid[row, 1]), figure.add_subplot(grid[row, 2])]
         tops[words] = _draw_rates(pair, chosen, words, example_limits(run.config))
-    title = "One trajectory as polyline and as centripetal Catmull-Rom spline, before and after re-timing"
-    figure.suptitle(title, fontsize=11)
+    figure.suptitle(
+        "A spline's speed does not jump, and re-timing brings both within their limits", fontsize=11
+    )
+    note(
+        figure,
+        "exact: one trajectory as polyline and as centripetal Catmull-Rom spline (the paper's future work)",
+    )
     return {"highest speed (m/s) and acceleration (m/s^2)": tops}
 
 

@@ -18,7 +18,7 @@ from sfglab.lab.checks import CheckRow, Mutated, check_row, group, share_of_chec
 from sfglab.lab.checks.routing import in_table_1
 from sfglab.lab.claims import Finding, How
 from sfglab.lab.experiments.routing.experiment import Config, exp, halves, may_cross
-from sfglab.lab.figures import COLORS
+from sfglab.lab.figures import COLORS, note
 from sfglab.lab.runs import Run, derived
 from sfglab.lab.stats import Estimate, bootstrap, median_of
 
@@ -137,7 +137,8 @@ def latencies(run: Run[Config]) -> dict[str, Estimate]:
 
     A sample is the median of one topic, source and hearer. ``per router`` is what one router and the hop
     behind it add: half of the way from agent to agent, less the way between two hosts of the global domain.
-    Groups without samples are left out.
+    All names are sent at once, so messages wait for others; a camera's alone (`latency`) wait less. Groups
+    without samples are left out.
     """
     every = heard(run)
     chosen = every[every["allowed"] & (every["source"] != every["hearer"]) & (every["received"] > 0)]
@@ -265,7 +266,8 @@ def draw_border(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     _draw_key(axes["key"])
     sums = table.groupby("how")[["held", "checked"]].sum()
     share = ", ".join(f"{row.held} of {row.checked} {row.Index}" for row in sums.itertuples())
-    figure.suptitle(f"What crosses the border (paper A, Table 1 and Eq. 1): {share} checks hold")
+    figure.suptitle(f"Only Table 1 of paper A crosses the border: {share} checks hold")
+    note(figure, f"{run.config.rate_hz:g} messages a second and name; exact: policy against a second one", run)
     return _twin(panels, table, times)
 
 
@@ -326,13 +328,14 @@ def _draw_latencies(axes: Axes, times: dict[str, Any]) -> None:
     values = [e.value for e in shown.values()]
     spread = [[e.value - e.low for e in shown.values()], [e.high - e.value for e in shown.values()]]
     bars = axes.barh(list(shown), values, color=COLORS["network"], xerr=spread, capsize=3, height=0.5)
-    axes.bar_label(bars, labels=[f"{v:.2f} ms" for v in values], padding=14, fontsize=8)
+    axes.bar_label(bars, labels=[f"{v:.1f}" for v in values], padding=14, fontsize=8)
     axes.invert_yaxis()
     axes.margins(x=0.4, y=0.15)
-    axes.set_xlabel("from publishing to receiving, median", fontsize=8.5)
+    axes.set_xlabel("from publishing to receiving (ms),\nmedian with 95 % interval", fontsize=8.5)
     axes.grid(visible=False, axis="y")
     added = times.get("per router")
-    axes.set_title("" if added is None else f"each router adds {added.value:.2f} ms", fontsize=9.5)
+    said = "" if added is None else f":\na router adds {added.value:.1f} ms [{added.low:.1f}, {added.high:.1f}]"
+    axes.set_title(f"all names sent at once{said}", fontsize=9.5)
 
 
 def _twin(panels: dict[str, list[Cell]], table: Any, times: dict[str, Any]) -> dict[str, Any]:
