@@ -88,9 +88,10 @@ def lab(
 def figures() -> None:
     """Draw all figures of the repository again, from committed logs alone; a run's own are in runs/figures."""
     from sfglab.lab.ledger import redraw_figures
+    from sfglab.lab.summary import save_summary
 
     project = find_project()
-    for name, files in redraw_figures(project).items():
+    for name, files in {**redraw_figures(project), "summary": save_summary(project)}.items():
         typer.echo(f"{name}: {', '.join(project.relative(f) for f in files)}")
 
 

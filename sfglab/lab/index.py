@@ -29,7 +29,7 @@ PAPERS = {
     "Platforms",
     "beside": "Real ROS 2 nodes beside ours, feature by feature",
 }
-_COLORS = {
+COLORS = {
     "reproduced": "#00664B",
     "better": "#00558A",
     "as good": "#00558A",
@@ -87,7 +87,7 @@ def _row(project: Project, path: Path, ledger: Ledger) -> tuple[str, str]:
 def _verdicts(entries: Iterable[Entry]) -> str:
     return "<br>".join(
         f'<span style="white-space: nowrap">{e.claim.id} '
-        f'<b style="color: {_COLORS[e.verdict.value]}">{e.verdict.value}</b></span>'
+        f'<b style="color: {COLORS[e.verdict.value]}">{e.verdict.value}</b></span>'
         for e in entries
     )
 

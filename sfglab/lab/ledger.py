@@ -90,8 +90,8 @@ def find_log(project: Project, name: str, *, profile: str | None = None) -> Path
     return newest.path if newest else None
 
 
-def compute_ledger(project: Project, *, profile: str | None = None) -> Ledger:
-    """Return every claim with our figure and verdict, computed from logs, runs of one profile preferred.
+def compute_ledger(project: Project, *, profile: str | None = None, committed: bool = False) -> Ledger:
+    """Return every claim with our figure and verdict, from logs: runs of one profile first, or committed ones.
 
     Where the committed reference speaks, it does together with the committed runs at other times. A log that
     cannot be read costs the claims of its experiment only; it is said aloud.
@@ -100,8 +100,9 @@ def compute_ledger(project: Project, *, profile: str | None = None) -> Ledger:
     ours: dict[str, _Ours] = {}
     again: dict[str, list[_Ours]] = {}
     for name in _experiments_of(claims):
-        log = find_log(project, name, profile=profile)
-        if log is None:
+        reference = project.reference_logs / f"{name}.mcap"
+        log = reference if committed else find_log(project, name, profile=profile)
+        if log is None or not log.is_file():
             continue
         for claim_id, figure in _found(project, kept, name, log).items():
             ours[claim_id] = _stronger(ours[claim_id], figure) if claim_id in ours else figure

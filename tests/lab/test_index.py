@@ -6,7 +6,7 @@ from pathlib import Path
 import nbformat
 import pytest
 
-from sfglab.lab import notebook
+from sfglab.lab import notebook, summary
 from sfglab.lab.claims import Ledger, entry_for, load_claims
 from sfglab.lab.experiments import EXPERIMENTS, experiment
 from sfglab.lab.index import make_index
@@ -45,6 +45,7 @@ def test_pictures_carry_their_text_into_the_notebook(tmp_path):
 
 def test_pictures_on_the_repositorys_pages_have_their_figures_texts():
     captions = {d: exp.caption(d) for exp in map(experiment, EXPERIMENTS) for d in exp.drawings}
+    captions["summary"] = summary.CAPTION
     for page in ("README.md", "DESIGN.md"):
         for text, name in re.findall(r"!\[(.*?)\]\(figures/(\w+)\.png\)", (PROJECT.root / page).read_text()):
             assert text == captions[name]

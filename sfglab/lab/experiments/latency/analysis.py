@@ -325,10 +325,9 @@ def _limit(axes: Axes, groups: _Groups, shown: float) -> None:
 
 
 def _paper_lines(axes: Axes, groups: _Groups, heights: dict[str, float]) -> None:
-    spots = np.array([place for place, path in enumerate(groups) if path in heights])
-    axes.hlines(
-        [*heights.values()], spots - 0.38, spots + 0.38, color="black", label="paper A, 5.4", **PAPER_STYLE
-    )
+    shown = {place: heights[path] for place, path in enumerate(groups) if path in heights}
+    spots, style = np.array([*shown]), {**PAPER_STYLE, "color": "black", "label": "paper A, 5.4"}
+    axes.hlines([*shown.values()], spots - 0.38, spots + 0.38, **style)
     axes.legend(fontsize=8.5, loc="upper right")
 
 
