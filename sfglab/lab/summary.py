@@ -64,17 +64,19 @@ def save_summary(project: Project) -> list[Path]:
 
 
 def _draw(figure: Figure, tables: list[pd.DataFrame], entries: list[Entry]) -> None:
+    figure.set_layout_engine("constrained", rect=(0, 0.24, 1, 0.76))  # below: numbers and verdicts
     parts = zip(figure.subplots(1, 4), BOUNDARIES, tables, entries, strict=True)
     for axes, (_, _, title, cost, _), table, entry in parts:
         for column, key in zip(table.columns, ("standard", "proxy"), strict=True):
             label = {"standard": "without", "proxy": "with its proxy"}[key]
             axes.plot(table.index, table[column], markersize=4, label=label, **series(key))
-        below = f"{table.index.name}\n\n{_number(entry)}\n"  # its last line is left for the verdict
-        axes.set(xlabel=below, ylabel=cost, ylim=(0, 1.35 * float(table.to_numpy().max())))
+        axes.set(xlabel=table.index.name, ylabel=cost, ylim=(0, 1.35 * float(table.to_numpy().max())))
         axes.set_title(title, fontsize=9.5, weight="bold")
         axes.legend(fontsize=8, loc="upper left")
-        color, verdict = COLORS[entry.verdict.value], f"{entry.claim.id}: {entry.verdict.value}"
-        axes.annotate(verdict, (0.5, -0.575), xycoords="axes fraction", ha="center", color=color, weight="bold")
+        style: dict[str, Any] = {"xycoords": "axes fraction", "ha": "center", "va": "top", "in_layout": False}
+        axes.annotate(_number(entry), (0.5, -0.24), **style)
+        verdict, style["color"] = f"{entry.claim.id}: {entry.verdict.value}", COLORS[entry.verdict.value]
+        axes.annotate(verdict, (0.5, -0.5), weight="bold", **style)
         axes.locator_params(axis="x", nbins=5, integer=True)
     figure.suptitle("A message crosses each boundary once: what was paid per subscriber is paid per message")
 

@@ -232,7 +232,7 @@ def draw_trees(figure: Figure, run: Run[Config]) -> dict[str, Any]:
         text = (
             "\n".join(fill(f"{f.code}: {', '.join(f.frames)}", 42) for f in found) or "nothing is found wrong"
         )
-        colour = COLORS["standard"] if found else COLORS["third"]
+        colour = "#A04000" if found else "#00664B"  # darker, for words
         ax.text(0.5, -0.02, text, transform=ax.transAxes, ha="center", va="top", color=colour, fontsize=8.5)
         twin[way] = [str(finding) for finding in found]
     figure.suptitle(

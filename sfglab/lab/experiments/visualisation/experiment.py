@@ -321,7 +321,7 @@ def _draw_times(axes: Axes, run: Run[Config]) -> None:
     axes.set(xlabel="time until the sink has the picture (ms)", ylabel="share of pictures")
     axes.set(xlim=(0, 1.05 * max(bare + ADDED_MS, run["time"]["taken_ms"].max())), ylim=(0, 1.02))
     more, rare = added_ms(run), tails["bridge"] - tails["bare"]
-    axes.set_title(f"The bridge adds {more.value:.1f} ms at the median, {rare:.1f} ms at 99 %", fontsize=10)
+    axes.set_title(f"The bridge adds {more.value:.1f} ms at the median, {rare:.1f} ms at 99 %")
     axes.legend(loc="lower right", fontsize="small", frameon=True, framealpha=1, edgecolor="none")
 
 
@@ -338,7 +338,7 @@ def _draw_waiting(axes: Axes, memory: pd.DataFrame) -> None:
     grown = (memory["resident_bytes"] - memory["resident_bytes"].iloc[0]) / MIB
     axes.plot(memory["at_s"], grown, color=COLORS["third"], label="process, since the start")
     axes.axhline(BOUND_BYTES / MIB, color=COLORS["standard"], label="bound", **PAPER_STYLE)
-    said = f"Sink stopped (grey): at most {queued.max():.0f} MiB wait, {memory['dropped'].max()} pictures drop"
+    said = f"Sink stopped (grey): {queued.max():.0f} MiB wait, {memory['dropped'].max()} pictures drop"
     axes.set(ylabel="MiB", title=said, ylim=(0, 1.8 * BOUND_BYTES / MIB))
     axes.legend(loc="upper left", ncols=2, fontsize="small")
 
