@@ -44,7 +44,7 @@ def draw_success(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     _draw_rates(of_methods, table)
     _draw_counts(of_cells, cells)
     said = ", ".join(f"{row.method} {row.rate:.0%}" for row in lines_of(table) if "CC" not in row.method)
-    figure.suptitle(f"Rounds completed: {said} (paper, one each: OPT+LC is, none is not)")
+    figure.suptitle(f"Who completes the round: {said} (paper: OPT+LC does, none does not)")
     note(figure, "simulated; bars: Wilson's 95 % interval; DEPTH opt: Eq. 6's")
     more, names = difference(rows), ("successes", "runs", "low", "high")
     return {
@@ -89,8 +89,8 @@ def draw_ways(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     panels = figure.subplots(1, max(1, len(shown)), squeeze=False)[0]
     for axes, (name, example) in zip(panels, shown.items(), strict=False):
         _draw_run(axes, run["track"][run["track"]["run"] == name], name, example)
-    ends = [f"{one['method']}: {one['end']} {one['robot']} at {one['ended_s']:.0f} s" for one in shown.values()]
-    figure.suptitle("How a round ends: " + "; ".join(ends).replace("  ", " "))
+    by = [f"{one['method']} by {one['robot']} {one['end']} at {one['ended_s']:.0f} s" for one in shown.values()]
+    figure.suptitle("How a round ends: " + "; ".join(by).replace("by  ", "by "))
     note(figure, "simulated, one round each; a dot every 10 s; ringed: what ended the round")
     return shown
 
