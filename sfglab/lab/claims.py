@@ -133,6 +133,8 @@ class Entry:
     origin: str = ""  #: Machine, load, versions and commit of the log.
     missing: str = ""  #: Why there is no figure, as far as a log says.
     mutants: str = ""  #: How many changes of the code under them the checks see, and those that they do not.
+    figures: tuple[str, ...] = ()  #: Names of the committed figures of its experiment.
+    since: str = ""  #: When its lines in ``claims.yaml`` were last changed, and in which commit.
     runs: tuple[Entry, ...] = ()  #: The claim by each of several runs at different times, judged for itself.
 
     @property
@@ -191,6 +193,8 @@ class Entry:
             "log": self.log or None,
             "origin": self.origin or None,
             "mutants": self.mutants or None,
+            "since": self.since or None,
+            "figures": list(self.figures),
             "runs": [run.as_json() for run in self.runs],
         }
 
@@ -297,6 +301,8 @@ def _paragraph(entry: Entry) -> Iterator[str]:
     yield f"{name}: {verdict}" + (f", {how}" if how else "")
     yield f"{entry.claim.where}: {entry.claim.says}"
     yield f"paper {paper or 'without a number'}, ours {ours or 'none'} {unit}; band {_band(entry.claim.band)}"
+    yield f"criterion last changed: {entry.since or 'not known, no git here'}"
+    yield from [f"figures: {', '.join(entry.figures)}"] * bool(entry.figures)
     if entry.reason:
         yield f"why: {entry.reason}"
     m = entry.measured
@@ -307,6 +313,12 @@ def _paragraph(entry: Entry) -> Iterator[str]:
     yield from (f"{key}: {value}" for key, value in {**m.under, **m.details}.items())
     yield from [f"mutants: {entry.mutants}"] * bool(entry.mutants)
     yield f"log: {entry.log}; {entry.origin}"
+
+
+def criterion_of(claim: Claim) -> list[str]:
+    """Return by what a claim is judged, a line each: its criterion, if it has one, its band and its ends."""
+    first = [f"{c.measure}: {_band(c.band)}; until there is such a run:"] if (c := claim.criterion) else []
+    return [*first, *(f"{what}: {_band(b)}" for what, b in {claim.unit: claim.band, **claim.ends}.items())]
 
 
 def _band(band: tuple[float, float]) -> str:

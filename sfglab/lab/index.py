@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from html import escape
 from typing import TYPE_CHECKING
 
+from sfglab.lab.claims import criterion_of
 from sfglab.lab.experiments import experiment
 from sfglab.lab.figures import few_colors
 from sfglab.lab.notebooks import INDEX, experiment_of, find_notebooks, read_notebook
@@ -49,7 +50,8 @@ class IndexPage:
     html: str  #: One table a paper.
 
     def __repr__(self) -> str:
-        return f"<index of {self.html.count('<tr>')} notebooks>"
+        what = "claims" if "<th " in self.html else "notebooks"
+        return f"<index of {self.html.count('</td></tr>')} {what}>"
 
     def _repr_html_(self) -> str:
         return self.html
@@ -64,6 +66,31 @@ def make_index(project: Project, ledger: Ledger) -> IndexPage:
         lines = "".join(row for where, row in rows if where.startswith(paper))
         html += f"<h3>{part}: {title}</h3><table><tbody>{lines}</tbody></table>"
     return IndexPage(html)
+
+
+def make_claims_page(ledger: Ledger) -> IndexPage:
+    """Return every claim: the paper's words, our criterion and its last change, verdict, figures, mutants."""
+    head = ("claim", "the paper", "our criterion", "its last change", "ours", "figures", "mutants seen")
+    html = "<tr>" + "".join(f"<th {_CELL}>{escape(one)}</th>" for one in head) + "</tr>"
+    return IndexPage(f"<table><tbody>{html}{''.join(map(_claim_row, ledger))}</tbody></table>")
+
+
+def _claim_row(entry: Entry) -> str:
+    claim = entry.claim
+    cells = (
+        _verdicts([entry]),
+        escape(f"{claim.where}: {claim.criterion.sentence if claim.criterion else claim.says}"),
+        "<br>".join(map(escape, criterion_of(claim))),
+        escape(entry.since or "not known, no git here"),
+        escape(str(entry.measured.estimate) if entry.measured else entry.missing),
+        "<br>".join(f'<a href="../figures/{name}.png">{name}</a>' for name in entry.figures),
+        escape(entry.mutants.partition(" are")[0]),
+    )
+    return _line(cells)
+
+
+def _line(cells: Iterable[str]) -> str:
+    return "<tr>" + "".join(f"<td {_CELL}>{cell}</td>" for cell in cells) + "</tr>"
 
 
 def _row(project: Project, path: Path, ledger: Ledger) -> tuple[str, str]:
@@ -81,7 +108,7 @@ def _row(project: Project, path: Path, ledger: Ledger) -> tuple[str, str]:
         escape(caption),
         claims,
     )
-    return exp.where, "<tr>" + "".join(f"<td {_CELL}>{cell}</td>" for cell in cells) + "</tr>"
+    return exp.where, _line(cells)
 
 
 def _verdicts(entries: Iterable[Entry]) -> str:

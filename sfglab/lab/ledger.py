@@ -8,6 +8,9 @@ from __future__ import annotations
 
 import json
 import logging
+import re
+import subprocess
+import time
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -28,6 +31,7 @@ if TYPE_CHECKING:
     from sfglab.lab.claims import Claim
     from sfglab.lab.paths import Project
 
+_BLAMED = re.compile(r"(\^?)([0-9a-f]+) .*? (\d+) [+-]\d{4} +\d+\) (.*)")
 _LOG = logging.getLogger(__name__)
 
 
@@ -109,11 +113,14 @@ def compute_ledger(project: Project, *, profile: str | None = None, committed: b
         if project.reference_logs in log.parents:
             again |= _kept_again(project, name)
     scores = json.loads(project.mutants.read_text()) if project.mutants.is_file() else {}
+    since, drawn = _last_changes(project.claims), _committed_figures(project)
     entries = Ledger()
     for claim in claims:
         figures = [ours[claim.id], *again.get(claim.id, ())] if claim.id in ours else [(None, "", "")]
         entry = joined([entry_for(claim, one, log=log, origin=origin) for one, log, origin in figures])
-        entries.append(replace(entry, mutants=_said_of_mutants(scores.get(claim.id, {}))))
+        said = _said_of_mutants(scores.get(claim.id, {}))
+        shown = tuple(drawn.get(entry.experiment or "", ()))
+        entries.append(replace(entry, mutants=said, since=since.get(claim.id, ""), figures=shown))
     return entries
 
 
@@ -150,6 +157,30 @@ def _found(project: Project, kept: Kept, name: str, log: Path) -> dict[str, _Our
         _LOG.warning("claims: %s: %s", log_name, error)
         return {}
     return {claim_id: (figure, log_name, found.origin) for claim_id, figure in found.measured.items()}
+
+
+def _last_changes(claims: Path) -> dict[str, str]:
+    """Return by claim when its lines were last changed, and in which commit; nothing where git does not say."""
+    try:
+        blamed = ["git", "blame", "-lt", claims.name]
+        done = subprocess.run(blamed, cwd=claims.parent, capture_output=True, text=True, check=True)
+    except (OSError, subprocess.CalledProcessError):
+        return {}
+    claim, newest = "", dict[str, tuple[int, str]]()
+    for earlier, commit, time_s, text in _BLAMED.findall(done.stdout):
+        claim = text.removeprefix("- id: ") if text.startswith("- id: ") else claim
+        known = f"commit {commit[:9]}{' or earlier' * bool(earlier)}" if int(commit, 16) else "not committed"
+        if text:
+            newest[claim] = max(newest.get(claim, (0, "")), (int(time_s), known))
+    return {c: f"{time.strftime('%Y-%m-%d', time.gmtime(s))}, {known}" for c, (s, known) in newest.items()}
+
+
+def _committed_figures(project: Project) -> dict[str, list[str]]:
+    """Return the names of the figures by experiment, as their twins say."""
+    figures: dict[str, list[str]] = {}
+    for twin in sorted(project.figures.glob("*.json")):
+        figures.setdefault(json.loads(twin.read_text(encoding="utf-8"))["experiment"], []).append(twin.stem)
+    return figures
 
 
 def _said_of_mutants(score: Mapping[str, Any]) -> str:

@@ -158,6 +158,13 @@ def whole_ledger(profile: str | None = None) -> Ledger:
     return ledger.compute_ledger(find_project(), profile=profile)
 
 
+def claims_page(whole: Ledger) -> IndexPage:
+    """Return every claim of a ledger with the paper's words, our criterion and its last change, and figures."""
+    from sfglab.lab.index import make_claims_page
+
+    return make_claims_page(whole)
+
+
 def index(whole: Ledger) -> IndexPage:
     """Return the index of everything by paper and section, with the verdicts of a ledger and a figure each."""
     from sfglab.lab.index import make_index

@@ -3,6 +3,7 @@
 import asyncio
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -10,15 +11,17 @@ from pathlib import Path
 
 import pytest
 
-from sfglab.lab.claims import Verdict
+from sfglab.lab.claims import Verdict, render_in_full
 from sfglab.lab.experiments.naming import exp
 from sfglab.lab.findings import Findings, kept_findings
+from sfglab.lab.index import make_claims_page
 from sfglab.lab.ledger import compute_ledger, find_log, history, keep_figures, redraw_figures
 from sfglab.lab.paths import Project
 from sfglab.lab.runs import COMPLETION, new_log
 from sfglab.record import LogWriter
 
 LEDGER = Path(__file__).parents[2] / "data" / "claims.yaml"
+SCORE = {"A-FQN": {"caught": 3, "tried": 20, "seed": 0, "survived": []}}
 PACKAGE = Path(__file__).parents[2] / "sfglab"
 
 
@@ -85,6 +88,29 @@ def test_figures_and_verdicts_come_from_the_log_alone(project):
     assert [p.read_bytes() for p in redraw_figures(project)["naming"]] == before, "deterministic"
     twin = json.loads(next(p for p in files if p.suffix == ".json").read_text())
     assert {"experiment", "config", "log", "log_sha256", "run", "shown"} <= set(twin)
+
+
+def test_every_claim_has_its_words_criterion_the_commit_of_its_last_change_and_figures(project):
+    assert {entry.since for entry in compute_ledger(project)} == {""}, "no git here"
+    for name, values in (("figures/x.json", {"experiment": "naming"}), ("data/mutants.json", SCORE)):
+        touch(project.root / name).write_text(json.dumps(values))
+    for words in (["init", "-q"], ["add", "data"], ["commit", "-qm", "x"]):
+        who = ["-c", "user.name=x", "-c", "user.email=x"]
+        subprocess.run(["git", *who, *words], cwd=project.root, check=True)
+    replace(project.claims, "band: [7.2, 8.8]", "band: [7.3, 8.8]")
+    ledger = compute_ledger(project)
+    changed = {e.claim.id: re.sub(r"20\d\d-\d\d-\d\d, |[0-9a-f]{9}", "", e.since) for e in ledger}
+    assert changed == dict.fromkeys(changed, "commit  or earlier") | {"C-DRIVE": "not committed"}
+    page = make_claims_page(ledger)._repr_html_()
+    assert page.count("</td></tr>") == len(ledger)
+    for said in (
+        "effectively improves latency",
+        "arrive, live: 0.95 to 1",
+        'href="../figures/x.png"',
+        ">3 of 20<",
+    ):
+        assert said in page
+    assert "figures: x" in render_in_full(ledger)
 
 
 def claims_by(package: Path, root: Path) -> dict:
