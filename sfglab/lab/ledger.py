@@ -186,7 +186,7 @@ def _committed_figures(project: Project) -> dict[str, list[str]]:
 def _said_of_mutants(score: Mapping[str, Any]) -> str:
     if not score:
         return ""
-    survived = [f"{one['module']}: {' '.join(one['diff'].split())}" for one in score["survived"]]
+    survived = [f"{s['why']}: {s['module']}: {' '.join(s['diff'].split())}" for s in score["survived"]]
     text = f"{score['caught']} of {score['tried']} are seen, seed {score['seed']}"
     return "; ".join([text, *survived])
 

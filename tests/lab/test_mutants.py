@@ -17,6 +17,9 @@ def test_mutants_are_drawn_by_the_seed_and_differ_from_the_source():
     assert [m.diff for m in first] == [m.diff for m in again] != [m.diff for m in other]
     assert len({m.kind for m in first}) >= 4
     assert all(m.diff for m in first)
+    part = draw_mutants(["sfglab.fleet.policy:TABLE_1"], 20, 0)
+    assert part
+    assert all(m.diff.startswith("-TABLE_1 = ") for m in part)
 
 
 @pytest.fixture(scope="module")
@@ -33,3 +36,4 @@ def test_of_three_mutants_of_each_claim_as_many_are_seen_as_are_stored(name, cla
     assert score["tried"] == 3
     stored = json.loads(STORE.read_text())[claim]  # `make mutants` has judged twenty: these are the first
     assert {one["diff"] for one in score["survived"]} <= {one["diff"] for one in stored["survived"]}
+    assert all(one["why"] for one in stored["survived"])

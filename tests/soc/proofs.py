@@ -11,8 +11,8 @@ from amaranth.hdl import Assert, Assume
 from sfglab.soc.gateway import TABLE, Drive, Input, State
 from sfglab.soc.rtl.core import Control, code
 from sfglab.soc.rtl.data_path import MemoryPort
+from sfglab.soc.rtl.proof import is_proved
 from sfglab.soc.rtl.readers import Arbiter
-from sfglab.soc.rtl.synthesis import run_yosys
 
 _REQUESTED = (
     State.POLL_OSIF,
@@ -110,7 +110,7 @@ def control_is_safe(table=TABLE, depth=4):
     sends only a message that it holds.
     """
     watched = _Watched(table)
-    return _proved(watched, [watched.control.given, watched.control.value, watched.control.state], depth)
+    return is_proved(watched, [watched.control.given, watched.control.value, watched.control.state], depth)
 
 
 class _WatchedArbiter(Elaboratable):
@@ -173,10 +173,4 @@ def arbiter_is_fair(masters, depth=4):
     interface is free and a master waits, one is granted; while a master waits, no other is granted twice.
     """
     arbiter = Arbiter([MemoryPort() for _ in range(masters)])
-    return _proved(_WatchedArbiter(arbiter), arbiter.wires, depth)
-
-
-def _proved(watched, ports, depth):
-    script = ["prep -flatten -top top", "async2sync", "chformal -lower", "opt -full"]
-    prove = f"sat -prove-asserts -set-assumes -set-init-zero -set rst 0 -tempinduct -maxsteps {depth}"
-    return "Induction step proven" in run_yosys(watched, ports, [*script, f"tee -q -o out {prove}"])
+    return is_proved(_WatchedArbiter(arbiter), arbiter.wires, depth)

@@ -19,6 +19,7 @@ pytestmark = [pytest.mark.slow]
 
 def test_safety_of_the_control_is_proved_for_every_sequence_of_inputs():
     assert proofs.control_is_safe()
+    assert rtl.proof.control_follows()
 
 
 @pytest.mark.parametrize(
@@ -34,6 +35,7 @@ def test_a_table_with_a_wrong_move_is_not_proved(state, given, to):
     row = TABLE[state]
     table = {**TABLE, state: replace(row, moves={**row.moves, given: Move(to)})}
     assert not proofs.control_is_safe(table)
+    assert not rtl.proof.control_follows(table)
 
 
 @pytest.mark.parametrize("masters", [1, 2, 8])

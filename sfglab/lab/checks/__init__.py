@@ -39,7 +39,7 @@ class CheckRow:
 class Mutated:
     """What is changed under a claim's checks to see whether they can fail, and what must see it."""
 
-    modules: tuple[str, ...]  #: The modules that the checks check.
+    modules: tuple[str, ...]  #: Modules that the checks check; ``module:Name,name``: only these parts of one.
     rows: Callable[[], Iterable[CheckRow]]  #: A few cases of the checks.
 
 

@@ -10,11 +10,14 @@ from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 from typing import TYPE_CHECKING, Any
 
+import yaml
+
 from sfglab.deploy.bases import base_of
 from sfglab.deploy.bundle import MANIFEST, Bundle, bundle_of, load_source, render_bundle
 from sfglab.deploy.fleet_check import check_fleet
 from sfglab.deploy.verdicts import State, Verdict
 from sfglab.errors import SfglabError
+from sfglab.fleet.fleet_file import Accelerator
 from sfglab.lab.checks.machines import Unasked, held
 
 if TYPE_CHECKING:
@@ -119,6 +122,21 @@ def release_checks(pairs: Sequence[tuple[Deployment, Bundle]]) -> Iterator[Check
     yield held("equal contents are equal bytes and have one name", equal)
     yield held("any change of lock, fleet file or wheel is another release", other)
     yield held("the manifest is complete", (_complete(bundle) for _, bundle in pairs))
+    yield held("a GPU, ports and the agent's name are where they belong", map(_told, pairs))
+
+
+_GPU = [{"driver": "nvidia", "count": "all", "capabilities": ["gpu", "compute", "utility", "video"]}]
+
+
+def _told(pair: tuple[Deployment, Bundle]) -> tuple[str, bool]:
+    """Check what files say of an agent, by the fleet file and by RTPS 2.5, clause 9.6.2.3."""
+    deployment, bundle = pair
+    name, first = deployment.agent.name, 7400 + 250 * deployment.agent.domain
+    agent = yaml.safe_load(bundle.members["compose.yaml"].data)["services"]["agent"]
+    gpu = agent.get("deploy", {}).get("resources", {}).get("reservations", {}).get("devices", [])
+    started = f'"--agent", "{name}"]'.encode() in bundle.members["Dockerfile"].data
+    ports = deployment.network.local_ports == (first, first + 249)
+    return name, started and ports and gpu == _GPU * (deployment.accelerator is Accelerator.CUDA)
 
 
 def _complete(bundle: Bundle) -> tuple[str, bool]:

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sfglab.fleet.policy import Crossing, Direction, Policy, Side
+from sfglab.fleet.policy import Crossing, Direction, ForwardRule, Policy, Side
 from sfglab.lab.checks import Checks
-from sfglab.names import RosFqn, all_standard_fqns, dds_topic
+from sfglab.names import ResourceKind, RosFqn, all_standard_fqns, dds_topic
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -60,7 +60,7 @@ def _names(count: int, seed: int) -> tuple[str, ...]:
     """Return all standard names on the wire, the near misses, and so many random ones."""
     standard = (name for fqn in all_standard_fqns(AGENT) for name in fqn.dds_names)
     drawn = random_dds_names(count, rng=np.random.default_rng(seed))
-    return (*standard, *map(dds_topic, NEAR_MISSES), *drawn)
+    return ("rt/tf", "rt/tf_static", *standard, *map(dds_topic, NEAR_MISSES), *drawn)
 
 
 @checks.each("a name crosses exactly if Table 1 names it, both ways", _names)
@@ -73,6 +73,22 @@ def _as_eq_1(name: str) -> bool:
     both = frozenset(Side)
     return all(
         Policy().domains(name, side) == (both if in_table_1(name) else frozenset({side})) for side in Side
+    )
+
+
+@checks.each(
+    "what a rule opens one way crosses from that side alone, services by half", lambda *_: tuple(Direction)
+)
+def _one_way(way: Direction) -> bool:
+    policy = Policy(rules=(ForwardRule(pattern="*/global/*", directions=frozenset({way})),))
+    here, there = Side if way is Direction.OUTWARD else reversed(Side)
+    other = Direction.INWARD if way is Direction.OUTWARD else Direction.OUTWARD
+    kinds = (ResourceKind.TOPIC, way), (ResourceKind.TOPIC, other), (ResourceKind.SERVICE, way)
+    crosses = [policy.crossing("/global/a", *kind) for kind in kinds]
+    heard = [policy.domains("rt/global/a", side) for side in (here, there)]
+    ends = (way.source, way.target) == (here, there)
+    return (
+        ends and heard == [{here, there}, {there}] and crosses == [Crossing.WHOLE, Crossing.NONE, Crossing.HALF]
     )
 
 

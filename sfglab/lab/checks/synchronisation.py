@@ -16,7 +16,7 @@ from sfglab.view.arrivals import Arrival
 from sfglab.view.rerunning import open_canvas
 from sfglab.view.session import Session
 from sfglab.view.stage import replay
-from sfglab.view.sync import Approximate, Exact, synchronizer
+from sfglab.view.sync import PATIENCE, Approximate, Exact, synchronizer
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -44,6 +44,27 @@ def _exact(sample: Sample) -> Iterator[Case]:
 @checks.cases("approximate time: the sets of three topics are those that were sent, each once, in order")
 def _approximate(sample: Sample) -> Iterator[Case]:
     return _matched(sample, Approximate(slop_ns=2 * _JITTER_NS, depth=30), _JITTER_NS)
+
+
+@checks.cases(
+    "what waits is bounded, what is not newer is dropped, and a partner that comes finds the rest gone"
+)
+def _bounded(_sample: Sample) -> Iterator[Case]:
+    for policy in (Exact(depth=5), Approximate(slop_ns=0, depth=5)):
+        queues = synchronizer(policy, _TOPICS[:2])
+        found = [m for n in (*range(8), 7) for m in queues.offer("image", n, n)]
+        yield repr(policy), (found, queues.waiting, queues.unmatched, queues.disordered) == ([], 5, 3, 1)
+        [matched] = queues.offer("info", 6, 6)
+        yield repr(policy), (matched.items, queues.waiting) == (dict.fromkeys(_TOPICS[:2], (6, 6)), 1)
+
+
+@checks.cases("a camera's calibration that was said once holds, until it is said again")
+def _steady(_sample: Sample) -> Iterator[Case]:
+    for policy in (Exact(depth=30), Approximate(slop_ns=0, depth=30)):
+        queues = synchronizer(policy, _TOPICS[:2], steady=("info",))
+        said = [("info", 0), *(("image", n) for n in range(1, 9)), ("info", 9), ("image", 9), ("image", 10)]
+        found = [[n for _, n in m.items.values()] for topic, n in said for m in queues.offer(topic, n, n)]
+        yield repr(policy), found == [*([n, 0] for n in range(PATIENCE + 1, 9)), [9, 9]]
 
 
 def _matched(sample: Sample, policy: Any, jitter_ns: int) -> Iterator[Case]:

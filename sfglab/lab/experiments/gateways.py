@@ -200,7 +200,7 @@ def _few() -> Iterator[CheckRow]:
     yield _coverage(set().union(*(visited for _, visited in found)))
 
 
-@exp.claim("C-FSM", how=How.EXACT, mutated=Mutated(("sfglab.soc.gateway",), _few))
+@exp.claim("C-FSM", how=How.EXACT, mutated=Mutated(("sfglab.soc.gateway:TABLE,Move,Row,transitions",), _few))
 def core_holds(run: Run[Config]) -> Finding:
     """Return the share of bounds and states that hold."""
     explorations, checks = run["exploration"], run["check"]

@@ -141,7 +141,8 @@ def _sizes() -> Iterator[CheckRow]:
 
 
 _TEXT = "std_msgs/msg/String"
-_CACHES, _EQUATIONS, _TABLE = ("sfglab.arp.cache",), ("sfglab.arp.balancing",), ("sfglab.arp.robots",)
+_CACHES, _EQUATIONS = ("sfglab.arp.cache",), ("sfglab.arp.balancing",)
+_TABLE = ("sfglab.arp.robots:Sensor,SENSORS,ROBOTS,object_bytes,sensor_message,cdr_bytes",)
 
 
 @exp.claim("B-LC", how=How.EXACT, mutated=Mutated(_CACHES, partial(_few, "LC:")))

@@ -239,15 +239,19 @@ def _how(run: Run[Config]) -> How:
     return How.LIVE if (run["check"]["group"] == "containers").any() else How.EXACT
 
 
-_MODULES = ("deployment", "compose", "dockerfile", "bundle", "hardware.detection", "rollout")
+_MODULES = (
+    *("deployment", "compose", "dockerfile", "bundle", "hardware.detection:detect,_evidence,_judged"),
+    "rollout:Plan,plan_changes,_change,look,steps,apply_plan,releases,released,_install",
+)
 
 
 def _few() -> Iterator[CheckRow]:
-    """Yield what is checked of one agent's files without the programs that take longest."""
+    """Yield what is checked of two agents' files without the programs that take longest."""
     source = load_source(find_project().data / Config().fleet_file)
     release, wheel = make_release(SOURCE, source.text)
-    pairs = prepare(source, release, wheel, agents=("go2",))
-    yield held("who is asked for gets files", [("go2", [bundle.agent for _, bundle in pairs] == ["go2"])])
+    names = ["go2", "workstation"]
+    pairs = prepare(source, release, wheel, agents=names)
+    yield held("who is asked for gets files", [(str(names), [bundle.agent for _, bundle in pairs] == names)])
     with TemporaryDirectory() as folder:
         ways = [Path(folder, name) for name in ("detection", "rollout")]
         for way in ways:

@@ -294,7 +294,10 @@ def simulated_checks() -> list[CheckRow]:
 @exp.claim(
     "A-HEARTBEAT",
     how=How.LIVE,
-    mutated=Mutated(("sfglab.fleet.status.heartbeat", "sfglab.fleet.status.node"), simulated_checks),
+    mutated=Mutated(
+        ("sfglab.fleet.status.heartbeat", "sfglab.fleet.status.node:StatusSettings,StatusProvider"),
+        simulated_checks,
+    ),
 )
 def claim_heartbeats(run: Run[Config]) -> Finding | None:
     """Return the share of checks that hold; periods other than the paper's, as `smoke` has, answer nothing."""
@@ -319,7 +322,10 @@ def claim_heartbeats(run: Run[Config]) -> Finding | None:
 @exp.claim(
     "A-DFA",
     how=How.LIVE,
-    mutated=Mutated(("sfglab.fleet.discovery.lifecycle",), lambda: lifecycle.checks.rows(20, 0)),
+    mutated=Mutated(
+        ("sfglab.fleet.discovery.lifecycle:ANNOUNCEMENTS,TRANSITIONS,Lifecycle",),
+        lambda: lifecycle.checks.rows(20, 0),
+    ),
 )
 def claim_transitions(run: Run[Config]) -> Finding:
     """Return the share of the paper's transitions that were reached.

@@ -165,7 +165,9 @@ def latencies(run: Run[Config]) -> dict[str, Estimate]:
 @exp.claim(
     "A-NET-RULES",
     how=How.LIVE,
-    mutated=Mutated(("sfglab.fleet.policy",), lambda: group("routing").rows(20, 0)),
+    mutated=Mutated(
+        ("sfglab.fleet.policy:Side,Direction,ForwardRule,TABLE_1,Policy",), lambda: group("routing").rows(20, 0)
+    ),
 )
 def share_that_holds(run: Run[Config]) -> Finding:
     """Return the share of checks that hold.

@@ -278,6 +278,9 @@ def _hardware(run: Run[Config], asked: _Asked) -> dict[str, str]:
     if asked.panel.value in alone:
         most = alone.iloc[-1]
         text += f"; memory part alone, {most['subscribers']:.0f} nodes: {most[asked.panel.value]:.2f}"
+    if proof := run.metadata("proof"):
+        follows = "follows" if proof["holds"] else "does not follow"
+        text += f"; the control {follows} the core's table, for every sequence of inputs (Yosys, by induction)"
     return {"RTL": text}
 
 

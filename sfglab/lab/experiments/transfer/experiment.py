@@ -23,6 +23,7 @@ class Config(Profiled):
         100_032  #: Bytes that the hardware moves where a law of cycles is checked; a multiple of 64.
     )
     areas: bool = True  #: Whether the gateway is synthesised.
+    proved: bool = False  #: Whether its control is held against the core's table by induction.
     live_bytes: tuple[int, ...] = MESSAGE_BYTES  #: Message sizes across processes; multiples of 8.
     live_subscribers: tuple[int, ...] = SUBSCRIBERS  #: Numbers of subscribing processes on the hardware's side.
     live_rounds: int = 40  #: How often every cell is repeated; 0: nothing is live.
@@ -67,6 +68,7 @@ exp = Experiment(
     paper={
         "refits": 30,
         "rtl_check_bytes": 1_000_000,
+        "proved": True,
         "live_rounds": 500,
         "small_graphs": 40,
         "large_graphs": 10,

