@@ -33,6 +33,34 @@ def planner(tmp_path):
         yield made
 
 
+@pytest.mark.parametrize(
+    ("path", "headers", "status"),
+    [
+        ("{token}/", {}, 200),
+        ("{token}/", {"Origin": "http://{host}"}, 200),
+        ("", {}, 403),
+        ("{token}x/", {}, 403),
+        ("{token}/", {"Origin": "https://evil.example"}, 403),
+        ("{token}/", {"Origin": "null"}, 403),
+        ("{token}/", {"Host": "evil.example:80", "Origin": "http://evil.example:80"}, 403),
+    ],
+)
+@pytest.mark.parametrize("upgrade", [False, True])
+def test_only_who_knows_the_token_and_comes_from_its_own_page_is_served(
+    planner, path, headers, status, upgrade
+):
+    values = {"token": planner._guard.token, "host": f"127.0.0.1:{planner._server.get_port()}"}
+    with socket.create_connection(("127.0.0.1", planner._server.get_port())) as asking:
+        given = {"Host": values["host"], **{key: value.format_map(values) for key, value in headers.items()}}
+        if upgrade:
+            given |= {"Upgrade": "websocket", "Connection": "Upgrade", "Sec-WebSocket-Version": "13"}
+            given |= {"Sec-WebSocket-Key": "AAAAAAAAAAAAAAAAAAAAAA==", "Sec-WebSocket-Protocol": "viser-v0"}
+        lines = [f"GET /{path.format_map(values)} HTTP/1.1", *(f"{key}: {given[key]}" for key in given), "", ""]
+        asking.sendall("\r\n".join(lines).encode())
+        answer = asking.recv(1000).split(b" ")[1]
+    assert int(answer) == (101 if upgrade and status == 200 else status)
+
+
 def typed(planner, key, value):
     """Do what viser does when a browser types a value."""
     widget = planner._inspector._widgets[key]

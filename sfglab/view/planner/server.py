@@ -20,6 +20,7 @@ from sfglab.errors import SfglabError
 from sfglab.spatial.scene.conflicts import Conflict, conflicts
 from sfglab.spatial.scene.editor import Change, Editor
 from sfglab.view.planner.context import Context, JobQueue, Part, quiet, viser
+from sfglab.view.planner.guard import Guard
 from sfglab.view.planner.panels import Hierarchy, Inspector, Timeline, Warnings
 from sfglab.view.planner.toolbar import Toolbar
 from sfglab.view.planner.viewport import Viewport
@@ -32,6 +33,7 @@ if TYPE_CHECKING:
 
 
 DEFAULT_PORT = 8092
+_LOCAL_NAMES = frozenset({LOOPBACK, "localhost"})
 _log = logging.getLogger(__name__)
 _T = TypeVar("_T")
 _LEFT_PX, _RIGHT_PX, _TIME_PX = 270, 330, 560
@@ -123,7 +125,8 @@ class Planner:
     ) -> None:
         library = viser()
         _check_free(host, port)
-        with quiet():
+        self._guard = Guard(_LOCAL_NAMES if host == LOOPBACK and address_of_port(0).startswith("http:") else ())
+        with quiet(), self._guard.serving():
             self._server = library.ViserServer(host=host, port=port, verbose=False)
         if port not in {0, self._server.get_port()}:  # somebody was faster: viser took another one
             self._stop()
@@ -147,8 +150,8 @@ class Planner:
 
     @property
     def url(self) -> str:
-        """Where a browser finds it."""
-        return f"http://{self._host}:{self._server.get_port()}"
+        """Where a browser finds it; the token in it is all that a visitor needs, so it is kept to oneself."""
+        return f"http://{self._host}:{self._server.get_port()}/{self._guard.token}/"
 
     @property
     def closed(self) -> bool:
@@ -190,7 +193,9 @@ class Planner:
         if self.closed:
             return "<p>This scene editor is closed.</p>"
         style = f"width:100%;height:{self._height_px}px;border:1px solid #ccc"
-        address = address_of_port(self._server.get_port()) if self._host == LOOPBACK else self.url
+        address = self.url
+        if self._host == LOOPBACK:
+            address = f"{address_of_port(self._server.get_port()).rstrip('/')}/{self._guard.token}/"
         return f'<iframe src="{escape(address)}" style="{style}" title="scene editor"></iframe>'
 
     def _furnish(self) -> None:
