@@ -13,12 +13,28 @@ from made_logs import made_run
 from sfglab.bus.address import BusAddress
 from sfglab.errors import InvalidValueError
 from sfglab.lab.bench import Options
-from sfglab.lab.claims import How
+from sfglab.lab.claims import How, Verdict, judge, load_claims
 from sfglab.lab.experiments.discovery import exp
-from sfglab.lab.experiments.discovery.experiment import ROUTED, STANDARD, Fleet, Scale, Stage, cells_of
-from sfglab.lab.experiments.discovery.simulated import fleets_of, run_fleet, simulate_fleet
+from sfglab.lab.experiments.discovery.analysis import simulated as simulated_fleets
+from sfglab.lab.experiments.discovery.experiment import (
+    LAUNCHED,
+    ROUTED,
+    STANDARD,
+    Fleet,
+    Scale,
+    Stage,
+    cells_of,
+)
+from sfglab.lab.experiments.discovery.simulated import (
+    EXACT_MOST,
+    fleets_of,
+    mean_fleet,
+    run_fleet,
+    simulate_fleet,
+)
 from sfglab.lab.experiments.discovery.stage import Ingress
 from sfglab.lab.hosts.host import InterfaceBytes
+from sfglab.lab.paths import find_project
 from sfglab.lab.workers.rosnodes import RosNodesConfig
 from sfglab.lab.workers.rosstack import LISTENER, TALKER, endpoints_of
 from sfglab.processes import Member, ProcessGroup
@@ -29,17 +45,20 @@ TABLES = ("cell", "host", "simulated")
 
 def known(mode: str, agents: int, host: int) -> tuple[float, float]:
     """Seconds and bytes of an agent: standard takes longer the later the agent, routed is alike."""
+    if mode == LAUNCHED:
+        return 1 + 0.1 * agents, 1e4 * agents**2
     return (10.0 * agents + host, 1e6 * agents**2) if mode == STANDARD else (0.1 * agents, 1e3 * agents**2)
 
 
-def fleet(cell, mode, agents, *, censored=False, **nodes):
-    """Return rows of a live fleet by table."""
+def fleet(cell, mode, agents, pace_s=1.0, *, slower=1, censored=False, **nodes):
+    """Return rows of a live fleet by table, whose agents take so many times what is known."""
     hosts = []
     for host in range(agents):
         seconds, received = known(mode, agents, host)
-        row = {"cell": cell, "host": host, "resolved_s": seconds, "censored": censored}
-        hosts.append({**row, "own_bytes": received, "fleet_bytes": 2 * received})
+        row = {"cell": cell, "host": host, "resolved_s": slower * seconds, "censored": censored}
+        hosts.append({**row, "own_bytes": received})
     kind = {"cell": cell, "mode": mode, "agents": agents, "repeat": cell, "censored": censored, **NODES}
+    kind["pace_s"] = pace_s
     times = {"resolved_s": seconds, "window_s": 10.0, "nodes_cpu_s": 5.0, "components_cpu_s": 1.0}
     return {"cell": [{**kind, **times, **nodes}], "host": hosts}
 
@@ -58,47 +77,64 @@ def simulated(mode, agents, seed):
 def made(tmp_path):
     """Give a function that returns the run whose log holds some fleets."""
 
-    def make(*fleets):
+    def make(*fleets, name="made.mcap"):
         tables = {name: [row for one in fleets for row in one.get(name, ())] for name in TABLES}
-        return made_run(exp, tmp_path / "made.mcap", {name: rows for name, rows in tables.items() if rows})
+        return made_run(exp, tmp_path / name, {table: rows for table, rows in tables.items() if rows})
 
     return make
 
 
 @pytest.fixture
 def run(made):
-    """A run with known figures; fleets of few nodes beside it must not be mixed in."""
-    fleets = [(STANDARD, 2), (STANDARD, 6), *[(ROUTED, n) for n in (2, 4, 6) for _ in range(2)]]
-    few = fleet(len(fleets), ROUTED, 12, talkers=1, listeners=1)
-    return made(*(fleet(i, *one) for i, one in enumerate(fleets)), few, simulated(ROUTED, 100, 0))
+    """A run with known figures; fleets of few nodes, and those started at once, must not be mixed in."""
+    fleets = [(STANDARD, 2), (STANDARD, 6), *[(mode, n) for mode in (ROUTED, LAUNCHED) for n in (2, 6, 2, 6)]]
+    cells = [fleet(i, *one) for i, one in enumerate(fleets)]
+    few = fleet(len(cells), ROUTED, 12, talkers=1, listeners=1)
+    once = [fleet(20 + i, mode, 6, 0.0, slower=9) for i, mode in enumerate((STANDARD, LAUNCHED, ROUTED))]
+    return made(*cells, few, *once, simulated(ROUTED, 100, 0))
 
 
-def test_the_claims_are_those_of_the_largest_fleets_with_the_papers_nodes(run):
+def test_the_claims_are_those_of_the_largest_fleets_at_a_pace_with_the_papers_nodes(run):
     claims = exp.measure(run)
-    time, received = claims["A-DISC-TIME"], claims["A-DISC-BYTES"]
-    assert (time.how, received.how) == (How.LIVE, How.LIVE)
-    assert time.estimate.value == pytest.approx(0.6)
-    assert received.estimate.value == pytest.approx(3.0)
-    assert time.details["agents"] == received.details["agents"] == "6"
-    assert time.details["standard, 6 agents"] == "62.50 s (60.00 to 65.00)"
+    assert {one.how for one in claims.values()} == {How.LIVE}
+    values = {name.removeprefix("A-DISC-"): one.estimate.value for name, one in claims.items()}
+    ours = {"TIME-OURS": 0.6, "BYTES-OURS": 3.0}
+    assert values == pytest.approx({"TIME": 1.6, "BYTES": 2.0, **ours})
+    assert claims["A-DISC-TIME"].ends == pytest.approx(
+        {"s at 2 agents": 1.2, "times as long at 6 agents as at 2": 1.6 / 1.2}
+    )
+    assert claims["A-DISC-BYTES"].ends == {"MB received by standard": 36.0}
+    details = claims["A-DISC-TIME"].details
+    assert details["standard, 6 agents, 1 s apart"] == "62.50 s (60.00 to 65.00), 0.6 cores busy"
+    assert details["launched, 6 agents, at once"].startswith("14.40 s")
+
+
+def test_what_another_pace_changes_is_undecided(made):
+    fleets = [fleet(0, LAUNCHED, 2), fleet(1, LAUNCHED, 6), fleet(2, LAUNCHED, 6, 2.0, slower=3)]
+    claim = {one.id: one for one in load_claims(find_project().claims)}["A-DISC-TIME"]
+    for cells, verdict in ((fleets[:2], Verdict.REPRODUCED), (fleets, Verdict.UNDECIDED)):
+        assert judge(claim, exp.measure(made(*cells, name=verdict.name))["A-DISC-TIME"]) is verdict
 
 
 def test_an_agent_that_was_given_up_is_named(made):
-    run = made(fleet(0, STANDARD, 6, censored=True), fleet(1, ROUTED, 6))
+    run = made(fleet(0, STANDARD, 6, censored=True), fleet(1, LAUNCHED, 6))
     details = exp.measure(run)["A-DISC-TIME"].details
-    assert details["standard, 6 agents"].endswith("6 agents given up")
-    assert "given up" not in details["routed, 6 agents"]
+    assert "6 agents given up" in details["standard, 6 agents, 1 s apart"]
+    assert "given up" not in details["launched, 6 agents, 1 s apart"]
 
 
-def test_fleets_of_two_do_not_answer_claims_about_six(made):
-    assert exp.measure(made(fleet(0, STANDARD, 2), fleet(1, ROUTED, 2))) == {}
+def test_fleets_of_two_or_started_at_once_do_not_answer_claims_about_six(made):
+    fleets = [(mode, *how) for mode in (STANDARD, LAUNCHED, ROUTED) for how in ((2, 1.0), (6, 0.0))]
+    assert exp.measure(made(*(fleet(i, *one) for i, one in enumerate(fleets)))) == {}
 
 
-def test_without_live_fleets_the_figures_are_simulated_and_say_so(made):
+def test_without_live_fleets_ours_are_simulated_and_say_so(made):
     run = made(*(simulated(mode, 6, seed) for seed in range(2) for mode in (STANDARD, ROUTED)))
     claims = exp.measure(run)
-    assert {m.how for m in claims.values()} == {How.SIMULATED}
-    assert claims["A-DISC-BYTES"].estimate.value == pytest.approx(3.0)
+    assert {name: one.how for name, one in claims.items()} == dict.fromkeys(
+        ("A-DISC-TIME-OURS", "A-DISC-BYTES-OURS"), How.SIMULATED
+    )
+    assert claims["A-DISC-BYTES-OURS"].estimate.value == pytest.approx(3.0)
     assert set(exp.figures(run)) == {"discovery_scale"}
 
 
@@ -108,9 +144,9 @@ def test_the_figures_draw_from_the_log_alone(run):
     for figure, twin in drawn.values():
         figure.canvas.draw()
         json.dumps(twin)
-    fleets = {(f["mode"], f["agents"], f["talkers"]): f for f in drawn["discovery_fleet"][1]["fleets"]}
-    assert fleets[ROUTED, 6, 10]["agent_s"] == pytest.approx(0.6)
-    assert fleets[STANDARD, 6, 10]["own_bytes"] == pytest.approx(36e6)
+    fleets = {(f["mode"], f["agents"], f["pace_s"]): f for f in drawn["discovery_fleet"][1]["fleets"]}
+    assert fleets[ROUTED, 6, 1.0]["agent_s"] == pytest.approx(0.6)
+    assert fleets[STANDARD, 6, 0.0]["own_bytes"] == pytest.approx(36e6)
     assert drawn["discovery_scale"][1]["simulated"][0]["agents"] == 100
 
 
@@ -128,12 +164,11 @@ def test_standard_and_routed_fleets_of_one_size_are_run_side_by_side():
 
 
 def test_profiles_reach_their_sizes_stages_make_sense_and_fleets_are_named_the_largest_last():
-    with pytest.raises(InvalidValueError, match="mode: given 'proxy', allowed: standard and routed"):
+    with pytest.raises(InvalidValueError, match="mode: given 'proxy', allowed: standard, launched, routed"):
         Stage(mode="proxy", agents=(2,))
     with pytest.raises(InvalidValueError, match="from 2 agents"):
         Stage(mode=ROUTED, agents=(2, 1))
-    assert max(exp.config("quick").simulated.agents) == 100
-    assert max(exp.config("paper").simulated.agents) == 1000
+    assert max(exp.config("quick").simulated.agents) == max(exp.config("paper").simulated.agents) == 1000
     fleets = fleets_of(exp.config(simulated=Scale(agents=(10, 2), talkers=2, listeners=1)))
     assert [(one.mode, one.agents) for one in fleets] == [
         (mode, agents) for agents in (2, 10) for mode in (STANDARD, ROUTED)
@@ -253,3 +288,17 @@ def test_standard_traffic_is_proportional_to_the_number_of_other_agents():
     large = run_fleet(Fleet(mode=STANDARD, agents=100, talkers=2, listeners=2))
     assert len(large.hosts) == 100
     assert large.hosts[0].rx_bytes == pytest.approx(small[2] + 98 * (small[3] - small[2]), rel=0.02)
+
+
+def test_counted_queries_give_what_simulated_ones_do_up_to_the_largest_and_go_to_a_thousand():
+    exact = simulated_fleets(exp.load(find_project().reference_logs / "discovery.mcap")).hosts
+    sizes = sorted({n for n in exact.query("mode == @ROUTED")["agents"] if 4 <= n <= EXACT_MOST[ROUTED]})
+    assert sizes[-1] == EXACT_MOST[ROUTED]
+    for agents in sizes:
+        rows = exact[(exact["mode"] == ROUTED) & (exact["agents"] == agents)]
+        counted = mean_fleet(Fleet(mode=ROUTED, agents=agents)).hosts[0]
+        assert counted.resolved_s == pytest.approx(rows["resolved_s"].median(), rel=0.25)
+        assert counted.rx_bytes == pytest.approx(rows["rx_bytes"].median(), rel=0.1)
+    most = run_fleet(Fleet(mode=ROUTED, agents=1000)).hosts[0]
+    assert 100 < most.resolved_s < 300
+    assert not most.censored

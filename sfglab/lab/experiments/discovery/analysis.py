@@ -1,12 +1,14 @@
 """Times until each agent knew its peers, what was received until then, the claims, and Fig. 9 of paper A.
 
-An agent that was given up counts with the time that was waited for it, which makes the standard's figures lower
-bounds; the claims' details say how many there were.
+Claims are judged by fleets that were started at a pace that this machine's cores carry, at two paces each: what
+hangs on how many cores there are differs between them. An agent that was given up counts with the time that was
+waited for it; the claims' details say how many there were.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,8 +17,9 @@ import pandas as pd
 from sfglab.fields import Bounds
 from sfglab.lab.claims import Finding, How
 from sfglab.lab.experiment import Look
-from sfglab.lab.experiments.discovery.experiment import ROUTED, STANDARD, Config, Scale, exp
-from sfglab.lab.figures import COLORS, MARKERS
+from sfglab.lab.experiments.discovery.experiment import LAUNCHED, ROUTED, STANDARD, Config, Scale, exp
+from sfglab.lab.experiments.discovery.simulated import CORES, EXACT_MOST
+from sfglab.lab.figures import COLORS, MARKERS, series
 from sfglab.lab.runs import Run, derived
 from sfglab.lab.stats import Estimate, bootstrap
 
@@ -33,7 +36,11 @@ if TYPE_CHECKING:
 PAPERS_LARGEST = 6
 """Agents of the fleet that the claims are about; a run with smaller ones only does not answer them."""
 
+_TIME = "resolved_s"
 KEYS = ["mode", "agents", "talkers", "listeners"]
+_AT_ONCE = 0.0
+_SLOWER = ("at two thirds of the pace",)
+_OWN_COMPUTERS = float("inf")  # the pace that stands for simulated fleets: no agent takes another one's cores
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -42,7 +49,7 @@ class Fleets:
 
     cells: pd.DataFrame  #: One line a fleet.
     #: One line an agent: its fleet's columns (``mode``, ``agents``, ``repeat`` ...) with its own
-    #: ``resolved_s``, ``own_bytes``, ``fleet_bytes`` and ``censored``.
+    #: ``resolved_s``, ``own_bytes`` and ``censored``.
     hosts: pd.DataFrame
 
     def main_nodes(self) -> tuple[int, int]:
@@ -51,9 +58,8 @@ class Fleets:
         Where there are several, the largest; of a run that holds no such pair, the largest of all.
         """
         nodes = self.cells[["talkers", "listeners"]]
-        standard, routed = (
-            set(nodes[self.cells["mode"] == mode].itertuples(index=False)) for mode in (STANDARD, ROUTED)
-        )
+        is_standard = self.cells["mode"] == STANDARD
+        standard, routed = (set(nodes[of].itertuples(index=False)) for of in (is_standard, ~is_standard))
         talkers, listeners = max((standard & routed) or (standard | routed))
         return int(talkers), int(listeners)
 
@@ -63,23 +69,42 @@ class Fleets:
         kind = (table["mode"] == mode) & (table["talkers"] == talkers) & (table["listeners"] == listeners)
         return table[kind]
 
-    def sizes(self, mode: str) -> set[int]:
-        """Return the sizes of one mode's main fleets."""
-        return {int(agents) for agents in self.of_main_nodes(self.cells, mode)["agents"]}
+    def sizes(self, mode: str) -> list[int]:
+        """Return the sizes of one mode's main fleets, in order."""
+        return sorted({int(agents) for agents in self.of_main_nodes(self.cells, mode)["agents"]})
 
-    def samples(self, mode: str, agents: int, column: str) -> Floats:
-        """Return one figure of every agent of the main fleets of one size, shape (fleets, agents)."""
+    def paces_s(self, mode: str, agents: int) -> list[float]:
+        """Return the paces at which main fleets of one size were started, the fastest first."""
+        cells = self.of_main_nodes(self.cells, mode)
+        return sorted(set(cells.loc[cells["agents"] == agents, "pace_s"]) - {_AT_ONCE})
+
+    def samples(self, mode: str, agents: int, column: str, *, pace_s: float = _AT_ONCE) -> Floats:
+        """Return one figure of every agent of the main fleets of one size and pace, shape (fleets, agents)."""
         hosts = self.of_main_nodes(self.hosts, mode)
-        chosen = hosts[hosts["agents"] == agents]
+        chosen = hosts[(hosts["agents"] == agents) & (hosts["pace_s"] == pace_s)]
         if chosen.empty:
             return np.empty((0, agents))
         return chosen.pivot_table(index="cell", columns="host", values=column).to_numpy(dtype=np.float64)
+
+    def by_pace(self, modes: Sequence[str], agents: int, column: str) -> list[list[Floats]]:
+        """Return the samples of some modes for each pace, from the fastest of each mode on."""
+        paces = zip(*(self.paces_s(mode, agents) for mode in modes), strict=False)
+        return [
+            [
+                self.samples(mode, agents, column, pace_s=pace_s)
+                for mode, pace_s in zip(modes, each, strict=True)
+            ]
+            for each in paces
+        ]
 
 
 @derived
 def live(run: Run[Config]) -> Fleets:
     """Return the live fleets; of a log that was cut off, the finished ones."""
     cells, hosts = run["cell"], run["host"]
+    cells = cells.assign(cpu_s=cells["nodes_cpu_s"] + cells["components_cpu_s"])
+    if "pace_s" not in cells:  # logs from before there were paces
+        cells["pace_s"] = _AT_ONCE
     fleet = cells.drop(columns=["resolved_s", "censored"])
     return Fleets(cells=cells, hosts=hosts.merge(fleet, on="cell") if len(cells) else hosts)
 
@@ -89,8 +114,9 @@ def simulated(run: Run[Config]) -> Fleets:
     """Return the simulated fleets in the form of live ones."""
     rows = run["simulated"]
     cell = rows.groupby([*KEYS, "seed"], sort=False).ngroup()
-    hosts = rows.assign(cell=cell, own_bytes=rows["rx_bytes"], fleet_bytes=rows["rx_bytes"])
-    cells = hosts.drop_duplicates("cell")[["cell", *KEYS]].assign(
+    hosts = rows.assign(cell=cell, own_bytes=rows["rx_bytes"])
+    hosts["pace_s"] = _OWN_COMPUTERS
+    cells = hosts.drop_duplicates("cell")[["cell", *KEYS, "pace_s"]].assign(
         resolved_s=hosts.groupby("cell")["resolved_s"].max().to_numpy(),
         censored=hosts.groupby("cell")["censored"].any().to_numpy(),
     )
@@ -129,11 +155,10 @@ def _orders_of_magnitude(standard: Floats, routed: Floats) -> Estimate:
 
 @derived
 def summary(run: Run[Config]) -> pd.DataFrame:
-    """Return medians over agents and fleets, and how busy the machine was, by kind and size of fleet."""
+    """Return medians over agents and fleets, and how busy the machine was, by kind, size and pace of fleet."""
     if run["cell"].empty:
         return pd.DataFrame()
-    hosts, cells = live(run).hosts.groupby(KEYS), live(run).cells.groupby(KEYS)
-    busy_s = cells["nodes_cpu_s"].sum() + cells["components_cpu_s"].sum()
+    hosts, cells = (table.groupby([*KEYS, "pace_s"]) for table in (live(run).hosts, live(run).cells))
     table = pd.DataFrame(
         {
             "fleets": cells.size(),
@@ -141,202 +166,208 @@ def summary(run: Run[Config]) -> pd.DataFrame:
             "agent_s": hosts["resolved_s"].median(),
             "fleet_s": cells["resolved_s"].median(),
             "own_bytes": hosts["own_bytes"].median(),
-            "fleet_bytes": hosts["fleet_bytes"].median(),
-            "cpu_s": cells["nodes_cpu_s"].median() + cells["components_cpu_s"].median(),
-            "cores_busy": busy_s / cells["window_s"].sum(),
+            "cpu_s": cells["cpu_s"].median(),
+            "cores_busy": cells["cpu_s"].sum() / cells["window_s"].sum(),
         }
     )
     return table.reset_index()
 
 
-@exp.claim("A-DISC-TIME", how=_how)
-def discovery_time(run: Run[Config]) -> Finding | None:
-    """Return how long an agent of the largest routed fleet takes; None of a run with smaller fleets only."""
-    fleets = _measured(run)
-    agents = max(fleets.sizes(ROUTED), default=0) if fleets else 0
+def _time_of(run: Run[Config], mode: str) -> Finding | None:
+    """Return how long an agent of the largest fleet takes; None of a run without such fleets at a pace."""
+    fleets, agents = _measured(run), _largest(run, mode)
     if fleets is None or agents < PAPERS_LARGEST:
         return None
-    times_s = fleets.samples(ROUTED, agents, "resolved_s")
+    estimates = [_median(times, f"s at {agents} agents") for (times,) in fleets.by_pace([mode], agents, _TIME)]
+    details = {"agents": str(agents), **_by_size(fleets, mode), **_by_size(fleets, STANDARD)}
+    ends = {}
+    if pairs := fleets.by_pace([mode], 2, _TIME):
+        few_s = float(np.median(pairs[0]))
+        ends = {"s at 2 agents": few_s, "times as long at 6 agents as at 2": estimates[0].value / few_s}
+    return Finding(
+        estimate=estimates[0],
+        under=dict(zip(_SLOWER, estimates[1:], strict=False)),
+        ends=ends,
+        details=details,
+        reason=_work(fleets, mode, agents),
+    )
+
+
+def _bytes_of(run: Run[Config], mode: str) -> Finding | None:
+    """Return how much less an agent receives than standard; None of a run without both at a pace."""
+    fleets, agents = _measured(run), min(_largest(run, mode), _largest(run, STANDARD))
+    if fleets is None or agents < PAPERS_LARGEST:
+        return None
+    samples = fleets.by_pace([STANDARD, mode], agents, "own_bytes")
+    standard, routed = samples[0]
+    estimates = [_orders_of_magnitude(*each) for each in samples]
     details = {
         "agents": str(agents),
-        "fleets": str(len(times_s)),
-        "slowest agent": f"{times_s.max():.2f} s",
-        **_by_size(fleets, ROUTED),
-        **_by_size(fleets, STANDARD),
+        "standard": f"{_median(standard / 1e6, 'MB')}",
+        mode: f"{_median(routed / 1e3, 'kB')}",
     }
-    reasons = _too_many(agents)
-    if _how(run) is How.LIVE:
-        busy, share = _cores_busy(fleets, agents)
-        details |= {"cores busy, routed": f"{busy:.2f}", **_fewer_nodes(fleets, agents)}
-        reasons.append(
-            f"all agents share one machine, where they kept {busy:.1f} cores busy until then, "
-            f"{100 * share:.0f} % of that with finding the nodes inside each agent"
-        )
-    estimate = _median(times_s, f"s at {agents} agents, routed")
-    return Finding(estimate=estimate, details=details, reason="; ".join(reasons))
+    return Finding(
+        estimate=estimates[0],
+        under=dict(zip(_SLOWER, estimates[1:], strict=False)),
+        ends={"MB received by standard": float(np.median(standard)) / 1e6},
+        details=details,
+    )
 
 
-def _too_many(agents: int) -> list[str]:
-    return [] if agents == PAPERS_LARGEST else [f"the run has {agents} agents at most"]
+def _largest(run: Run[Config], mode: str) -> int:
+    """Return the size of the largest main fleet that was started at a pace; 0: there is none."""
+    fleets = _measured(run)
+    return max((n for n in fleets.sizes(mode) if fleets.paces_s(mode, n)), default=0) if fleets else 0
 
 
-def _cores_busy(fleets: Fleets, agents: int) -> tuple[float, float]:
-    """Return how many cores routed fleets of one size kept busy, and the share of the agents' own nodes."""
-    cells = fleets.of_main_nodes(fleets.cells, ROUTED)
-    sums = cells[cells["agents"] == agents][["nodes_cpu_s", "components_cpu_s", "window_s"]].sum()
-    busy_s = sums["nodes_cpu_s"] + sums["components_cpu_s"]
-    return float(busy_s / sums["window_s"]), float(sums["nodes_cpu_s"] / busy_s)
-
-
-def _fewer_nodes(fleets: Fleets, agents: int) -> dict[str, str]:
-    """Return the times of routed fleets of the same size whose agents have other nodes, by their nodes."""
-    hosts = fleets.hosts[(fleets.hosts["mode"] == ROUTED) & (fleets.hosts["agents"] == agents)]
-    return {
-        f"with {talkers} + {listeners} nodes an agent": f"{rows['resolved_s'].median():.2f} s"
-        for (talkers, listeners), rows in hosts.groupby(["talkers", "listeners"])
-        if (talkers, listeners) != fleets.main_nodes()
-    }
+for mark, mode in (("", LAUNCHED), ("-OURS", ROUTED)):  # the paper's way, and ours
+    exp.claim(f"A-DISC-TIME{mark}", how=_how)(partial(_time_of, mode=mode))
+    exp.claim(f"A-DISC-BYTES{mark}", how=_how)(partial(_bytes_of, mode=mode))
 
 
 def _by_size(fleets: Fleets, mode: str) -> dict[str, str]:
+    """Return times of one mode by size and pace, and how many cores its fleets kept busy."""
     texts = {}
-    for agents in sorted(fleets.sizes(mode)):
-        times_s = fleets.samples(mode, agents, "resolved_s")
-        given_up = int(fleets.samples(mode, agents, "censored").sum())
+    groups: Any = fleets.of_main_nodes(fleets.cells, mode).groupby(["agents", "pace_s"])
+    for (agents, pace_s), group in groups:
+        times_s = fleets.samples(mode, agents, _TIME, pace_s=pace_s)
         text = f"{np.median(times_s):.2f} s ({times_s.min():.2f} to {times_s.max():.2f})"
-        texts[f"{mode}, {agents} agents"] = text + (f", {given_up} agents given up" if given_up else "")
+        given_up = int(fleets.samples(mode, agents, "censored", pace_s=pace_s).sum())
+        text += f", {given_up} agents given up" if given_up else ""
+        text += f", {_busy(group):.1f} cores busy" if "window_s" in group else ""
+        texts[f"{mode}, {agents} agents, {f'{pace_s:g} s apart' if pace_s else 'at once'}"] = text
     return texts
 
 
-@exp.claim("A-DISC-BYTES", how=_how)
-def discovery_bytes(run: Run[Config]) -> Finding | None:
-    """Return how much less a routed agent receives; None of a run without two fleets of the paper's size."""
-    fleets = _measured(run)
-    agents = max(fleets.sizes(ROUTED) & fleets.sizes(STANDARD), default=0) if fleets else 0
-    if fleets is None or agents < PAPERS_LARGEST:
-        return None
-    own, fleet = (
-        [fleets.samples(mode, agents, column) for mode in (STANDARD, ROUTED)]
-        for column in ("own_bytes", "fleet_bytes")
-    )
-    details = {
-        "agents": str(agents),
-        "standard": f"{_median(own[0] / 1e6, 'MB')}",
-        "routed": f"{_median(own[1] / 1e3, 'kB')}",
-        "until the whole fleet is complete": str(_orders_of_magnitude(*fleet)),
-        "fleets": f"{len(own[0])} standard, {len(own[1])} routed",
-    }
-    estimate = _orders_of_magnitude(*own)
-    return Finding(estimate=estimate, details=details, reason="; ".join(_too_many(agents)))
+def _work(fleets: Fleets, mode: str, agents: int) -> str:
+    """Return what all processes of an agent take; nothing of simulated fleets."""
+    cells = fleets.of_main_nodes(fleets.cells, mode).query("agents == @agents and pace_s > 0")
+    if "window_s" not in cells:
+        return ""
+    return f"to start an agent takes {cells['cpu_s'].median() / agents:.1f} s of CPU here"
+
+
+def _busy(cells: pd.DataFrame) -> float:
+    """Return how many cores fleets kept busy, from the first start to the last agent's last peer."""
+    return float(cells["cpu_s"].sum() / cells["window_s"].sum())
 
 
 MODES = {STANDARD: "standard", ROUTED: "proxy"}
 LABELS = {STANDARD: "standard: one domain", ROUTED: "routed: a domain for each agent"}
-PAPER_S = {STANDARD: {6: 40.0}, ROUTED: {2: 0.8, 6: 2.9}}
-"""Paper A, section 5.3: the ends of the ranges that the text names, by number of agents."""
+_LIVE = {STANDARD: "standard", LAUNCHED: "third", ROUTED: "proxy"}
+_LIVE_LABELS = {**LABELS, LAUNCHED: "routed, launched by the order", ROUTED: "routed, kept ready (ours)"}
+_PANELS = {_TIME: "until an agent knows all its peers (s)", "own_bytes": "received at its interface until then"}
+_PAPER: dict[str, dict[str, dict[int, float]]] = {
+    _TIME: {STANDARD: {6: 40.0}, LAUNCHED: {2: 0.8, 6: 2.9}},
+    "own_bytes": {STANDARD: {6: 13.6e6}, LAUNCHED: {6: 13.6e6 / 10**1.8}},
+}  # section 5.3: the ends of the ranges that the text names, by number of agents
+_SIZES = (2, 3, 4, 6, 12, 25, 50, 100, 200, 500, 1000)
+_BESIDE = {STANDARD: -0.3, LAUNCHED: -0.05, ROUTED: 0.2}
+_PACED = 0.1
 
-PAPER_BYTES = {STANDARD: {6: 13.6e6}, ROUTED: {6: 13.6e6 / 10**1.8}}
-_SIZES = (2, 3, 4, 6, 8, 12, 20, 50, 100, 200, 500, 1000)
-_OFFSET = {STANDARD: -0.2, ROUTED: 0.2}
-_ASIDE = 0.07
-_NO_LINE: dict[str, Any] = {"color": "black", "linestyle": ""}
-_PAPER_MARKER: dict[str, Any] = {"marker": "*", "s": 110, "facecolors": "none", "linewidths": 1.3, "zorder": 4}
 
-
-@exp.figure("discovery_fleet", size=(9.2, 4.6), when=lambda run: not run["cell"].empty)
+@exp.figure("discovery_fleet", size=(10.4, 5.2), when=lambda run: not run["cell"].empty)
 def draw_fleet(figure: Figure, run: Run[Config]) -> dict[str, Any]:
-    """Draw discovery time (solid, linear) and traffic (dotted, logarithmic) over the number of agents.
-
-    Both quantities of both modes are violins with their samples, with the paper's points.
-    """
+    """Draw time and traffic of every agent of the live fleets, with medians and the paper's points."""
     fleets = live(run)
-    time_axes = figure.subplots()
-    bytes_axes = time_axes.twinx()
-    for mode, style in MODES.items():
-        color, aside = COLORS[style], _OFFSET[mode]
-        for agents in sorted(fleets.sizes(mode)):
-            times_s, received = (fleets.samples(mode, agents, c).ravel() for c in ("resolved_s", "own_bytes"))
-            _draw_violin(time_axes, agents + aside - _ASIDE, times_s, color, solid=True)
-            _draw_violin(bytes_axes, agents + aside + _ASIDE, np.log10(received), color, solid=False)
-        logs = {n: np.log10(received) for n, received in PAPER_BYTES[mode].items()}
-        for axes, at, points in ((time_axes, -_ASIDE, PAPER_S[mode]), (bytes_axes, _ASIDE, logs)):
-            spots = np.array(list(points)) + aside + at
-            axes.scatter(spots, list(points.values()), edgecolors=color, **_PAPER_MARKER)
-    _dress(time_axes, bytes_axes, sorted(fleets.sizes(STANDARD) | fleets.sizes(ROUTED)))
-    talkers, listeners = fleets.main_nodes()
-    figure.suptitle(f"Fleet discovery: {talkers} publishing and {listeners} subscribing nodes on every agent")
-    return {
-        "fleets": _records(summary(run)),
-        "paper": {
-            "time_s": {mode: {str(n): v for n, v in points.items()} for mode, points in PAPER_S.items()},
-            "bytes": {mode: {str(n): v for n, v in points.items()} for mode, points in PAPER_BYTES.items()},
-        },
-    }
+    sizes = sorted({size for mode in _LIVE for size in fleets.sizes(mode)})
+    for axes, column in zip(figure.subplots(1, 2), _PANELS, strict=True):
+        for mode, beside in _BESIDE.items():
+            _draw_agents(axes, fleets.of_main_nodes(fleets.hosts, mode), mode, column, beside)
+        _dress(axes, column, sizes)
+    nodes = "{} publishing and {} subscribing nodes".format(*fleets.main_nodes())
+    _explain(figure, run, f"Live, {nodes} an agent. Bars: medians of one size and pace.")
+    figure.suptitle(f"Fleet discovery: started at once, or at a pace that {_cores(run)} cores carry")
+    return {"fleets": _records(summary(run)), "paper": _PAPER}
 
 
-def _draw_violin(axes: Axes, at: float, values: Floats, color: str, *, solid: bool) -> None:
-    """Draw one distribution: its shape where there is one, all samples, and the median."""
-    if np.ptp(values) > 0:
-        parts = axes.violinplot(values, positions=[at], widths=0.17, showextrema=False)
-        for body in parts["bodies"]:  # type: ignore[attr-defined]  # a list, whatever the stubs say
-            body.set(facecolor=color if solid else "none", edgecolor=color, alpha=0.35 if solid else 0.9)
-            body.set_linestyle("-" if solid else ":")
-    axes.scatter(np.full(values.shape, at), values, s=5, color=color, alpha=0.55, linewidths=0, zorder=3)
-    axes.hlines(
-        np.median(values), at - 0.06, at + 0.06, color=color, linewidth=1.8, linestyles="-" if solid else ":"
-    )
+def _draw_agents(axes: Axes, hosts: pd.DataFrame, mode: str, column: str, beside: float = 0.0) -> None:
+    """Draw a dot an agent, filled where starts were at a pace, and the paper's stars; medians beside others."""
+    style, shift = _LIVE[mode], _PACED if beside else 0.0
+    groups: Any = hosts.groupby(["agents", "pace_s"])[column].median().items() if beside else ()
+    for (agents, pace_s), median in groups:
+        at = agents + beside + shift * (pace_s > 0)
+        axes.hlines(median, at - 0.06, at + 0.06, color=COLORS[style], linewidth=1.8)
+    for paced in (False, True):
+        rows = hosts[(hosts["mode"] == mode) & ((hosts["pace_s"] > 0) == paced)]
+        dots: dict[str, Any] = {"marker": MARKERS[style], "s": 16, "edgecolors": COLORS[style], "alpha": 0.7}
+        dots["facecolors"] = COLORS[style] if paced else "none"
+        axes.scatter(rows["agents"] + beside + shift * paced, rows[column], **dots)
+    points = _PAPER[column].get(mode, {})
+    star: dict[str, Any] = {"marker": "*", "s": 130, "facecolors": "none", "linewidths": 1.3, "zorder": 4}
+    spots = [n + beside + shift / 2 for n in points]
+    axes.scatter(spots, list(points.values()), edgecolors=COLORS[style], **star)
 
 
-def _dress(time_axes: Axes, bytes_axes: Axes, sizes: list[int]) -> None:
+def _dress(axes: Axes, column: str, sizes: Sequence[int]) -> None:
+    axes.set(yscale="log", xlabel="agents in the fleet", ylabel=_PANELS[column])
+    low, high = axes.get_ylim()
+    ticks = 10.0 ** np.arange(np.ceil(np.log10(low)), np.floor(np.log10(high)) + 1)
+    axes.set_yticks(ticks, [f"{tick:g}" if column == _TIME else _bytes_text(tick) for tick in ticks])
+    axes.set_xticks(sizes, [str(size) for size in sizes])
+    axes.minorticks_off()
+
+
+def _explain(figure: Figure, run: Run[Config], text: str, **lines: Any) -> None:
+    """Write under a figure what its dots and lines are, and how many fleets there were."""
     from matplotlib.lines import Line2D
-    from matplotlib.patches import Patch
 
-    time_axes.set_xticks(sizes)
-    time_axes.set(xlabel="agents in the fleet", ylabel="time until an agent knows all its peers (s), solid")
-    time_axes.set_ylim(bottom=0)
-    bytes_axes.set_ylabel("received at its interface until then, dotted")
-    bytes_axes.grid(visible=False)
-    bytes_axes.spines["right"].set_visible(True)
-    low, high = bytes_axes.get_ylim()
-    ticks = np.arange(np.floor(low), np.ceil(high) + 1)
-    bytes_axes.set_yticks(ticks, [_bytes_text(10**tick) for tick in ticks])
+    hollow: dict[str, Any] = {"color": "black", "linestyle": "", "markerfacecolor": "none"}
     handles = [
-        *(Patch(facecolor=COLORS[style], alpha=0.5, label=LABELS[mode]) for mode, style in MODES.items()),
-        Line2D([], [], color="black", linestyle="-", label="time (left)"),
-        Line2D([], [], color="black", linestyle=":", label="traffic (right)"),
-        Line2D([], [], marker="*", markersize=10, markerfacecolor="none", label="paper", **_NO_LINE),
+        *(Line2D([], [], linestyle="", label=_LIVE_LABELS[mode], **series(key)) for mode, key in _LIVE.items()),
+        Line2D([], [], marker="o", label="hollow: all at once", **hollow),
+        Line2D([], [], marker="*", markersize=10, label="paper", **hollow),
+        *(Line2D([], [], color="black", linestyle=line, label=label) for label, line in lines.items()),
     ]
-    time_axes.legend(handles=handles, fontsize=8, loc="upper left")
+    counts = live(run).cells.groupby(["mode", "agents"]).size().groupby("mode").agg(["min", "max"])
+    fleets = ", ".join(f"{mode} {least} to {most}" for mode, least, most in counts.itertuples())
+    title = f"{text}\nA dot is an agent. Live fleets of each size: {fleets or 'none'}."
+    of: dict[str, Any] = {"loc": "outside lower center", "ncols": 4, "fontsize": 8.5, "title_fontsize": 8.5}
+    figure.legend(handles=handles, title=title, **of)
 
 
 def _bytes_text(number: float) -> str:
-    for unit, size in (("MB", 1e6), ("kB", 1e3)):
+    for unit, size in (("GB", 1e9), ("MB", 1e6), ("kB", 1e3)):
         if number >= size:
             return f"{number / size:g} {unit}"
     return f"{number:g} B"
 
 
-@exp.figure("discovery_scale", size=(10.4, 4.1))
+@exp.figure("discovery_scale", size=(10.4, 5.4))
 def draw_scale(figure: Figure, run: Run[Config]) -> dict[str, Any]:
-    """Draw time and traffic of every fleet there is, live and simulated, over the number of agents."""
-    axes = figure.subplots(1, 2)
-    for one, column, label, text in (
-        (axes[0], "resolved_s", "time until an agent knows all its peers (s)", "{:g}".format),
-        (axes[1], "own_bytes", "received at its interface until then", _bytes_text),
-    ):
-        _draw_fleets(one, run, column)
-        one.set(xscale="log", yscale="log", xlabel="agents in the fleet", ylabel=label)
-        low, high = one.get_ylim()
-        ticks = 10.0 ** np.arange(np.ceil(np.log10(low)), np.floor(np.log10(high)) + 1)
-        one.set_yticks(ticks, [text(tick) for tick in ticks])
-        first, last = one.get_xlim()
-        sizes = [size for size in _SIZES if first <= size <= last]
-        one.set_xticks(sizes, [str(size) for size in sizes])
-        one.minorticks_off()
-    axes[1].legend(fontsize=8, loc="lower right")
-    figure.suptitle("Fleet discovery beyond six agents")
-    medians = run["simulated"].groupby(KEYS)[["resolved_s", "rx_bytes"]].median().reset_index()
+    """Draw time and traffic over the number of agents, live and simulated, and what shared cores explain."""
+    rows = run["simulated"].rename(columns={"rx_bytes": "own_bytes"})
+    medians = rows.groupby(KEYS)[list(_PANELS)].median().reset_index()
+    for axes, column in zip(figure.subplots(1, 2), _PANELS, strict=True):
+        axes.set(xscale="log")
+        for mode, style in MODES.items():
+            line = medians[medians["mode"] == mode].set_index("agents")[column]
+            axes.plot(line[line.index <= EXACT_MOST[mode]], color=COLORS[style])
+            axes.plot(line[line.index >= EXACT_MOST[mode]], color=COLORS[style], linestyle="--")
+        if not run["cell"].empty:
+            _draw_live(axes, run, column)
+        first, last = axes.get_xlim()
+        _dress(axes, column, [size for size in _SIZES if first <= size <= last])
+    cores = f"{_cores(run)} cores"
+    text = f"Simulated agents have {CORES} cores each; live ones share {cores}, which is why they take longer."
+    _explain(figure, run, text, **{"simulated": "-", "counted": "--", f"CPU time at a pace / {cores}": ":"})
+    figure.suptitle("Fleet discovery beyond six agents: simulated, with the live fleets and the paper's")
     return {"live": _records(summary(run)), "simulated": _records(medians)}
+
+
+def _draw_live(axes: Axes, run: Run[Config], column: str) -> None:
+    """Draw the live agents and, for times, the least that started at once could take on the shared cores."""
+    fleets = live(run)
+    for mode, style in _LIVE.items():
+        _draw_agents(axes, fleets.of_main_nodes(fleets.hosts, mode), mode, column)
+        cells = fleets.of_main_nodes(fleets.cells, mode).query("pace_s > 0")
+        least_s = cells.groupby("agents")["cpu_s"].median() / _cores(run)
+        if column == _TIME and len(least_s):
+            axes.plot(least_s, color=COLORS[style], linestyle=":")
+
+
+def _cores(run: Run[Config]) -> int:
+    return int(run.metadata("run").get("machine", {}).get("usable_cores", 1))
 
 
 @exp.look(
@@ -365,30 +396,6 @@ def draw_one(figure: Figure, run: Run[Config]) -> None:
             axes.plot(values, [LABELS[mode]] * len(values), MARKERS[style], color=COLORS[style], markersize=4)
             axes.annotate(text(middle), (middle, LABELS[mode]), (6, 0), textcoords="offset points", va="center")
         axes.set(xscale="log", xlim=limits, xlabel=label)
-
-
-def _draw_fleets(axes: Axes, run: Run[Config], column: str) -> None:
-    for mode, style in MODES.items():
-        for number, (nodes, table) in enumerate(_kinds(live(run).hosts, mode)):
-            color = COLORS[style]
-            dots: dict[str, Any] = {"marker": MARKERS[style], "s": 16, "edgecolors": color, "alpha": 0.6}
-            dots |= {"facecolors": color if number == 0 else "none", "label": f"{mode}, live, {nodes}"}
-            axes.scatter(table["agents"], table[column], **dots)
-        simulated = "rx_bytes" if column == "own_bytes" else column
-        for nodes, table in _kinds(run["simulated"], mode):
-            by_size = table.groupby("agents")[simulated].agg(["min", "median", "max"])
-            label = f"{mode}, simulated, {nodes}"
-            axes.plot(by_size.index, by_size["median"], color=COLORS[style], label=label)
-            axes.fill_between(by_size.index, by_size["min"], by_size["max"], color=COLORS[style], alpha=0.18)
-
-
-def _kinds(table: pd.DataFrame, mode: str) -> list[tuple[str, pd.DataFrame]]:
-    """Return a mode's rows by the nodes of its agents, most nodes first."""
-    if table.empty:
-        return []
-    groups = table[table["mode"] == mode].groupby(["talkers", "listeners"])
-    found = sorted(groups, key=lambda item: item[0], reverse=True)
-    return [(f"{talkers}+{listeners} nodes an agent", rows) for (talkers, listeners), rows in found]
 
 
 def _records(table: pd.DataFrame) -> list[dict[str, Any]]:

@@ -10,7 +10,9 @@ from sfglab.errors import InvalidValueError
 from sfglab.lab.baselines import REAL, declare
 from sfglab.lab.experiment import Actor, Experiment, Link, Profiled
 
-STANDARD, ROUTED = "standard", "routed"
+STANDARD = "standard"
+LAUNCHED = "launched"  #: Routed in the paper's way: the start order launches every process of an agent.
+ROUTED = "routed"  #: In our way: the processes are there, with everything loaded, when the order comes.
 COMPOSED = f"{REAL}, composed"  #: All nodes of an agent in one process, which is one participant.
 
 
@@ -22,15 +24,18 @@ class Stage:
         InvalidValueError: There is no such mode, or an agent would have no peer or no node.
     """
 
-    mode: str  #: ``standard``, ``routed``, or of real ROS 2 `REAL` or `COMPOSED`.
+    mode: str  #: ``standard``, ``launched``, ``routed``, or of real ROS 2 `REAL` or `COMPOSED`.
     agents: tuple[int, ...]  #: Sizes of the fleet.
     talkers: int = 10  #: Publishing nodes of each agent.
     listeners: int = 10  #: Subscribing nodes of each agent.
     repeats: int = 1  #: How often each fleet is started.
+    #: From one start to the next, seconds: of an agent; standard, of a node, agents in turn. 0 is all at once.
+    pace_s: float = 0.0
 
     def __post_init__(self) -> None:
-        if self.mode not in (STANDARD, ROUTED, REAL, COMPOSED):
-            raise InvalidValueError("mode", self.mode, f"{STANDARD} and {ROUTED}, {REAL}, {COMPOSED}")
+        modes = (STANDARD, LAUNCHED, ROUTED, REAL, COMPOSED)
+        if self.mode not in modes:
+            raise InvalidValueError("mode", self.mode, ", ".join(modes))
         if min(self.agents) < 2 or self.talkers + self.listeners < 1:
             given = f"{min(self.agents)} agents with {self.talkers} + {self.listeners} nodes"
             raise InvalidValueError("stage", given, "fleets from 2 agents with at least one node each")
@@ -47,6 +52,7 @@ class Scale:
 
 
 _FLEETS = (2, 3, 4, 5, 6)
+_PACES_S = {STANDARD: 0.35, LAUNCHED: 2.5, ROUTED: 1.0}
 
 
 def _beside(repeats: int, *fleets: tuple[int, int]) -> tuple[Stage, ...]:
@@ -58,21 +64,30 @@ def _beside(repeats: int, *fleets: tuple[int, int]) -> tuple[Stage, ...]:
     )
 
 
+def _paced(repeats: int, **agents: tuple[int, ...]) -> tuple[Stage, ...]:
+    """Return fleets of each mode at a pace that two cores carry; the largest also at two thirds of it."""
+    return tuple(
+        Stage(mode=mode, agents=sizes, repeats=repeats, pace_s=longer * _PACES_S[mode])
+        for mode, all_sizes in agents.items()
+        for sizes, longer in ((all_sizes, 1), (all_sizes[-1:], 1.5))
+    )
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Config(Profiled):
     """The whole run."""
 
     #: Live fleets; cells of one size and kind of agents are run side by side.
     stages: tuple[Stage, ...] = (
-        Stage(mode=STANDARD, agents=(2, 3, 4, 6)),
-        Stage(mode=ROUTED, agents=(2, 3, 4, 5), repeats=2),
-        Stage(mode=ROUTED, agents=(6,), repeats=3),
-        Stage(mode=ROUTED, agents=(2, 6, 12), talkers=1, listeners=1),
+        *_paced(1, standard=(2, 6), launched=(2, 4, 6), routed=(2, 6)),
+        Stage(mode=STANDARD, agents=(2, 4)),
+        Stage(mode=LAUNCHED, agents=(6,)),
+        Stage(mode=ROUTED, agents=(2, 6)),
     )
     #: Fleets of real ROS 2 and ours beside them: at most 40 participants, as the busy cores in the log show
     #: that two carry; composed, the paper's largest.
     ros2: tuple[Stage, ...] = (*_beside(2, (2, 10), (4, 3)), Stage(mode=COMPOSED, agents=(6,)))
-    simulated: Scale = Scale(agents=(2, 4, 6, 12, 25, 50, 100))  #: Simulated fleets.
+    simulated: Scale = Scale(agents=(2, 4, 6, 12, 25, 50, 100, 200, 500, 1000))  #: Simulated fleets.
     timeout_s: float = 120.0  #: When a fleet that is not complete is given up, seconds after its start.
     multicast: str = "default"  #: How far DDS uses multicast between agents: ``default`` is ROS 2's.
     seed: int = 0  #: Seed of the order of cells, and of what is simulated.
@@ -82,7 +97,7 @@ class Config(Profiled):
 class Fleet:
     """A fleet and its agents' nodes."""
 
-    mode: str  #: ``standard`` or ``routed``.
+    mode: str  #: ``standard``, ``launched`` or ``routed``.
     agents: int  #: Size of the fleet.
     talkers: int = 10  #: Publishing nodes of each agent.
     listeners: int = 10  #: Subscribing nodes of each agent.
@@ -93,6 +108,7 @@ class Cell(Fleet):
     """A live fleet to be started once."""
 
     repeat: int  #: Which repetition.
+    pace_s: float = 0.0  #: See `Stage.pace_s`.
 
 
 def host_names(count: int) -> list[str]:
@@ -117,7 +133,8 @@ def cells_of(config: Config, stages: tuple[Stage, ...] | None = None) -> list[Ce
         for agents in stage.agents:
             group = groups.setdefault((agents, stage.talkers, stage.listeners), [])
             group += [
-                Cell(mode=stage.mode, agents=agents, repeat=repeat, **nodes) for repeat in range(stage.repeats)
+                Cell(mode=stage.mode, agents=agents, repeat=repeat, pace_s=stage.pace_s, **nodes)
+                for repeat in range(stage.repeats)
             ]
     rng = np.random.default_rng(config.seed)
     shuffled = [list(groups.values())[i] for i in rng.permutation(len(groups))]
@@ -132,6 +149,7 @@ exp = Experiment(
         "stages": (
             Stage(mode=STANDARD, agents=(2,), talkers=2, listeners=1),
             Stage(mode=ROUTED, agents=(2,), talkers=2, listeners=1),
+            Stage(mode=LAUNCHED, agents=(2,), talkers=2, listeners=1, pace_s=0.5),
         ),
         "ros2": _beside(1, (2, 1)),
         "simulated": Scale(agents=(2, 10), talkers=2, listeners=1),
@@ -139,8 +157,8 @@ exp = Experiment(
     },
     paper={
         "stages": (
-            Stage(mode=STANDARD, agents=_FLEETS, repeats=120),
-            Stage(mode=ROUTED, agents=_FLEETS, repeats=120),
+            *_paced(20, standard=_FLEETS, launched=_FLEETS, routed=_FLEETS),
+            *(Stage(mode=mode, agents=_FLEETS, repeats=120) for mode in _PACES_S),
             Stage(mode=ROUTED, agents=(2, 4, 6, 8, 12, 16), talkers=1, listeners=1, repeats=10),
         ),
         "ros2": (
@@ -176,15 +194,16 @@ class FleetRow:
     """One fleet, started once."""
 
     cell: int  #: Counter from 0.
-    mode: str  #: ``standard`` or ``routed``.
+    mode: str  #: ``standard``, ``launched`` or ``routed``.
     agents: int  #: Size of the fleet.
     talkers: int  #: Publishing nodes of each agent.
     listeners: int  #: Subscribing nodes of each agent.
     repeat: int  #: Which repetition.
-    resolved_s: float  #: From the start signal until the last agent had resolved all its peers, seconds.
+    pace_s: float  #: From one start to the next, seconds; 0 is all at once.
+    resolved_s: float  #: From the last start order until the last agent had resolved all its peers, seconds.
     censored: bool  #: Whether it was given up instead; `resolved_s` is then how long it was waited for.
-    signal_s: float  #: How long it took to give the start signal to all processes, seconds.
-    window_s: float  #: From the start signal to the last reading of the meters, seconds.
+    signal_s: float  #: From the first start order to the last, seconds.
+    window_s: float  #: From the first start order to the last reading of the meters, seconds.
     nodes_cpu_s: float  #: CPU time of the ROS 2 nodes in that window, seconds.
     components_cpu_s: float  #: CPU time of routers, status providers and discoverers, seconds.
     machine_percent: float  #: Everything else that ran on the machine, per cent of one core.
@@ -197,10 +216,9 @@ class HostRow:
 
     cell: int  #: The cell.
     host: int  #: Which agent, from 0.
-    resolved_s: float  #: From the start signal until it had resolved all its peers, seconds.
+    resolved_s: float  #: From the last start order until it had resolved all its peers, seconds.
     censored: bool  #: Whether it was given up instead; `resolved_s` is then how long it was waited for.
-    own_bytes: float  #: Received at its interface until then.
-    fleet_bytes: float  #: Received at its interface until the whole fleet had resolved.
+    own_bytes: float  #: Received at its interface from the first start order until then.
     own_packets: float  #: Frames received until then.
 
 

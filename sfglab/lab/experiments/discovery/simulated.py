@@ -1,9 +1,10 @@
 """Fleets in the simulated world: *routed* with the agents' own components, *standard* with bare endpoints.
 
 A routed agent runs the same router, status provider and discoverer as a live one. Its ROS 2 nodes are left out:
-they live in its own domain, and nothing of them crosses; they only take their share of the start. A standard
-agent has its nodes as participants with the endpoints of live ones; what it receives grows in proportion to the
-number of other agents, so fleets above a few agents follow from two small ones.
+they live in its own domain, and nothing of them crosses; they only take their share of the start. Queries take
+two endpoints for each ordered pair of agents: above `EXACT_MOST` agents they are counted (`mean_fleet`).
+A standard agent has its nodes as participants with the endpoints of live ones; what it receives grows in
+proportion to the number of other agents, so fleets above a few agents follow from two small ones.
 
 Every agent has a computer of its own here, of which each process has a core (routed) or its share of `CORES`
 (standard). What processes spend is calibrated to live fleets; see `ROUTED_COSTS` and `STANDARD_COSTS`.
@@ -16,12 +17,16 @@ import gc
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 from functools import lru_cache, partial
+from statistics import mean
 from typing import TYPE_CHECKING, Any
 
 from sfglab.bus.api import EndpointAdded, EndpointEvent, RawEndpoint
 from sfglab.bus.sim import Costs, SimNode, World, run_simulated
+from sfglab.bus.sim.settings import PARTICIPANT_NS
+from sfglab.bus.sim.wire import RETRACTION_BYTES
 from sfglab.fleet.discovery.node import AgentDiscoverer, DiscoverySettings
 from sfglab.fleet.router.node import Router, RouterSettings, RouterStatus
+from sfglab.fleet.status.heartbeat import Schedule
 from sfglab.fleet.status.node import StatusProvider, StatusSettings
 from sfglab.lab.experiment import seeded
 from sfglab.lab.experiments.discovery.experiment import ROUTED, STANDARD, Config, Fleet, exp
@@ -46,7 +51,8 @@ STANDARD_COSTS = Costs(announcement_s=70e-6)
 
 LIMIT_S = 300.0  #: When a fleet that is not complete is given up, virtual seconds.
 
-_STANDARD_MOST = 4
+EXACT_MOST = {STANDARD: 4, ROUTED: 100}  #: Agents of the largest fleets that are simulated agent by agent.
+_FEW, _MORE, _STEP_S, _LEAST_RATE = 6, 12, 5e-3, 0.02
 _LOCAL_DOMAIN = 1
 
 
@@ -88,16 +94,60 @@ def run_fleet(fleet: Fleet, seed: int = 0) -> FleetOutcome:
     """Run one fleet until every agent knows its peers."""
     if fleet.mode == STANDARD:
         return _standard_fleet(fleet, seed)
-    ours = (fleet.talkers + fleet.listeners) * len(endpoints_of(TALKER, "/a/b", "/c"))
-    costs = replace(ROUTED_COSTS, start_s=ROUTED_COSTS.start_s + ours * ROUTED_COSTS.announcement_s)
+    if fleet.agents > EXACT_MOST[ROUTED]:
+        return mean_fleet(fleet, seed)
     with _rare_collections():
-        return run_simulated(partial(_routed, fleet), seed=seed, costs=costs, lean_services=True)
+        return run_simulated(partial(_routed, fleet), seed=seed, costs=_routed_costs(fleet), lean_services=True)
+
+
+def _routed_costs(fleet: Fleet) -> Costs:
+    ours = (fleet.talkers + fleet.listeners) * len(endpoints_of(TALKER, "/a/b", "/c"))
+    return replace(ROUTED_COSTS, start_s=ROUTED_COSTS.start_s + ours * ROUTED_COSTS.announcement_s)
+
+
+def mean_fleet(fleet: Fleet, seed: int = 0) -> FleetOutcome:
+    """Count what a routed fleet's queries ask of the mean agent, instead of simulating all n^2 of them.
+
+    All agents find peers at one rate. For each peer a router makes four endpoints and takes four messages; it
+    hears of the two that every other router makes in the global domain, and ignores replies to others for as
+    many services as it has open. A path outlives its query by the router's linger and ends at the cost at which
+    it began; heartbeats cost, too. So times follow from `ROUTED_COSTS`, and bytes from the retractions and the
+    quadratic through two small fleets.
+    """
+    n, costs = fleet.agents, _routed_costs(fleet)
+    four_s = 4 * (costs.endpoint_s + costs.message_s)
+    pair_s = 2 * n * costs.announcement_s
+    slots, linger_s = DiscoverySettings(agent="a").max_queries, RouterSettings(agent="a").linger_s
+    found, rate, closed = [0.0], 1 / four_s, 0.0
+    while found[-1] < n - 1 and len(found) * _STEP_S < LIMIT_S:
+        behind = round((linger_s + slots / rate) / _STEP_S)
+        before, closed = closed, max(closed, found[-behind] if len(found) >= behind else 0.0)
+        closing_s = (closed - before) / _STEP_S * (pair_s + 4 * costs.endpoint_s)
+        beating_s = n * costs.message_s / _beat_period_s(len(found) * _STEP_S)
+        ignored = min(n, found[-1] - closed + slots)
+        rate = max(_LEAST_RATE, 1 - beating_s - closing_s) / (four_s + pair_s + ignored * costs.message_s)
+        found.append(found[-1] + rate * _STEP_S)
+    resolved_s = costs.start_s + PARTICIPANT_NS / NS_PER_S + len(found) * _STEP_S
+    few, more = (_received_each(replace(fleet, agents=agents), seed) / agents for agents in (_FEW, _MORE))
+    rx_bytes = n * (few + (n - _FEW) * (more - few) / (_MORE - _FEW)) + 2 * n * closed * RETRACTION_BYTES
+    host = HostOutcome(resolved_s=resolved_s, rx_bytes=float(round(rx_bytes)), censored=found[-1] < n - 1)
+    return FleetOutcome(hosts=(host,) * n, announced=2 * n * (n + 1))
+
+
+def _beat_period_s(elapsed_s: float) -> float:
+    schedule = Schedule()
+    return schedule.startup_period_s if elapsed_s < schedule.startup_s else schedule.steady_period_s
+
+
+@lru_cache(maxsize=8)
+def _received_each(fleet: Fleet, seed: int) -> float:
+    return mean(host.rx_bytes for host in run_fleet(fleet, seed).hosts)
 
 
 @lru_cache(maxsize=64)
 def _standard_fleet(fleet: Fleet, seed: int) -> FleetOutcome:
     """Simulate a small fleet, or follow the line through two smaller ones, which all larger ones have."""
-    if fleet.agents > _STANDARD_MOST:
+    if fleet.agents > EXACT_MOST[STANDARD]:
         few, more = (_standard_fleet(replace(fleet, agents=agents), seed) for agents in (2, 3))
         return _extrapolated(few, more, fleet.agents)
     share = (fleet.talkers + fleet.listeners) / CORES

@@ -1,8 +1,13 @@
 """Live fleets: their processes on their hosts, idle, the one signal that starts them, and what is measured.
 
 *Standard*: every agent's ROS 2 nodes are in the global domain. *Routed*: they are in the agent's own domain,
-with its status provider and discoverer; its router joins the two. Fleets are live only on separate hosts; where
-the machine has none, only what is simulated is run, and the log says so.
+with its status provider and discoverer; its router joins the two. *Launched* is routed with no process there
+before the order. Fleets are live only on separate hosts; where the machine has none, only what is simulated is
+run, and the log says so.
+
+All agents share this machine's cores, so that a fleet started at once tells how many there are. Started at a
+pace, the work of one start is done before the next; time is then counted from the last start order, by when
+everybody but the last is waiting for the last, and bytes from the first.
 """
 
 from __future__ import annotations
@@ -23,6 +28,7 @@ from sfglab.fleet.status.node import StatusConfig, StatusSettings
 from sfglab.lab.baselines import PART, REAL, STAND_IN, peer_on
 from sfglab.lab.experiments.discovery.experiment import (
     COMPOSED,
+    LAUNCHED,
     ROUTED,
     STANDARD,
     Cell,
@@ -47,6 +53,7 @@ if TYPE_CHECKING:
 GLOBAL_DOMAIN = 0
 _LOAD_S = 300.0
 _DISCOVERED = "DISCOVERED"  # sfglab_interfaces/msg/AgentDiscoveryEvent
+_NODES = ", nodes"  # at the end of their processes' names
 _COMPONENTS = ("sfglab.fleet.router.node", "sfglab.fleet.status.node", "sfglab.fleet.discovery.node")
 """What an agent runs beside its nodes, routed; the discoverer last."""
 
@@ -96,7 +103,7 @@ class _Outcome:
     """What came of one start; times are Unix time in nanoseconds."""
 
     begin_ns: int
-    signalled_ns: int
+    ordered_ns: int  #: When the last start was ordered.
     resolved_ns: list[int | None]
     given_up_ns: int
     ingress: Ingress
@@ -108,22 +115,19 @@ class _Outcome:
         return [self.given_up_ns if at_ns is None else at_ns for at_ns in self.resolved_ns]
 
     def seconds(self, at_ns: int) -> float:
-        """Return an instant as seconds since the signal."""
-        return (at_ns - self.begin_ns) / NS_PER_S
+        """Return an instant as seconds since the last start order."""
+        return (at_ns - self.ordered_ns) / NS_PER_S
 
 
 async def _start(fleet: LiveFleet, bench: Bench[Config]) -> _Outcome:
     ingress = Ingress([bench.testbed.meter(host) for host in fleet.hosts])
-    nodes, components = fleet.pids()
-    window = Window(cpu={"nodes": nodes, "components": components}, interfaces={})
+    window = Window(cpu={"nodes": fleet.node_pids, "components": fleet.component_pids}, interfaces={})
     ingress.read()
     window.sample(time.time_ns())
     begin_ns = time.time_ns()
-    fleet.order(**fleet.start_order)
-    signalled_ns = time.time_ns()
     reading = asyncio.create_task(ingress.run())
     try:
-        resolved_ns = await fleet.resolved(bench.config.timeout_s)
+        ordered_ns, resolved_ns = await fleet.find_itself(bench.config.timeout_s)
     finally:
         reading.cancel()
         with suppress(asyncio.CancelledError):
@@ -131,20 +135,18 @@ async def _start(fleet: LiveFleet, bench: Bench[Config]) -> _Outcome:
     ingress.read()
     end_ns = time.time_ns()
     meters = {row.label: row for row in window.sample(end_ns)}
-    return _Outcome(begin_ns, signalled_ns, resolved_ns, end_ns, ingress, meters)
+    return _Outcome(begin_ns, ordered_ns, resolved_ns, end_ns, ingress, meters)
 
 
 def _host_row(number: int, host: int, outcome: _Outcome) -> dict[str, Any]:
     end_ns = outcome.ends_ns[host]
     own_bytes, own_packets = outcome.ingress.between(host, outcome.begin_ns, end_ns)
-    fleet_bytes, _ = outcome.ingress.between(host, outcome.begin_ns, max(outcome.ends_ns))
     return {
         "cell": number,
         "host": host,
         "resolved_s": outcome.seconds(end_ns),
         "censored": outcome.resolved_ns[host] is None,
         "own_bytes": own_bytes,
-        "fleet_bytes": fleet_bytes,
         "own_packets": own_packets,
     }
 
@@ -156,7 +158,7 @@ def _cell_row(number: int, cell: Cell, outcome: _Outcome) -> dict[str, Any]:
         **asdict(cell),
         "resolved_s": outcome.seconds(max(outcome.ends_ns)),
         "censored": None in outcome.resolved_ns,
-        "signal_s": outcome.seconds(outcome.signalled_ns),
+        "signal_s": -outcome.seconds(outcome.begin_ns),
         "window_s": meter.window_s,
         "nodes_cpu_s": _cpu_s(meter),
         "components_cpu_s": _cpu_s(outcome.meters["components"]),
@@ -184,23 +186,53 @@ class LiveFleet(ProcessGroup):
         nodes = {"talkers": cell.talkers, "listeners": cell.listeners, "composed": cell.mode == COMPOSED}
         #: What its processes are told, to find the others.
         self.start_order: dict[str, Any] = {"do": "start", "fleet": self.hosts, **nodes}
-        members = [member for i, host in enumerate(self.hosts, start=1) for member in self._members_on(i, host)]
+        if cell.mode == STANDARD and cell.pace_s:
+            self.start_order["pace_s"] = cell.agents * cell.pace_s
+        present = [] if cell.mode == LAUNCHED else list(enumerate(self.hosts, start=1))
+        members = [member for number, host in present for member in self._members_on(number, host)]
         super().__init__(testbed.argv, members, start_s=_LOAD_S)
 
-    def pids(self) -> tuple[list[int], list[int]]:
-        """Return the process ids of the ROS 2 nodes, and of routers, status providers and discoverers."""
-        nodes = [_nodes_of(host) for host in self.hosts]
-        others = [name for name in self if name not in nodes]
-        return [self[name].pid for name in nodes], [self[name].pid for name in others]
+    def node_pids(self) -> list[int]:
+        """Return the process ids of the ROS 2 nodes that are there."""
+        return [self[name].pid for name in self if name.endswith(_NODES)]
 
-    async def resolved(self, timeout_s: float) -> list[int | None]:
-        """Return when each agent had resolved all its peers (Unix time, ns), None where it did not in time.
+    def component_pids(self) -> list[int]:
+        """Return those of routers, status providers and discoverers."""
+        return [self[name].pid for name in self if not name.endswith(_NODES)]
+
+    async def find_itself(self, timeout_s: float) -> tuple[int, list[int | None]]:
+        """Order all starts; return when the last one was, and when each agent had resolved all its peers.
+
+        Times are Unix time, ns; None is an agent that had not in time, counted from the last order.
 
         Raises:
             ProcessFailedError: A process failed.
         """
-        wait = self._wait_routed if self._cell.mode == ROUTED else self._wait_standard
-        return list(await asyncio.gather(*(_within(timeout_s, wait(host)) for host in self.hosts)))
+        pace_s, starts, orders = self._cell.pace_s, [], []
+        begin_s = time.monotonic()
+        for number, host in enumerate(self.hosts):
+            await asyncio.sleep(begin_s + number * pace_s - time.monotonic())
+            orders.append(time.time_ns())
+            starts.append(asyncio.create_task(self._begin(number, host)))
+        await asyncio.gather(*starts)
+        if "pace_s" in self.start_order:
+            running = await self.expect("running", timeout_s=None)
+            orders = [int(report["last_ns"]) for report in running.values()]
+        wait = self._wait_routed if self._cell.mode in (ROUTED, LAUNCHED) else self._wait_standard
+        return max(orders), list(await asyncio.gather(*(_within(timeout_s, wait(host)) for host in self.hosts)))
+
+    async def _begin(self, number: int, host: str) -> None:
+        """Order an agent's start; what is not there is launched."""
+        if self._cell.mode != LAUNCHED:
+            self.order([name for name in self if name.startswith(f"{host}, ")], **self.start_order)
+            return
+
+        async def begin_nodes() -> None:
+            await self.start(nodes)
+            self.order([nodes.name], **self.start_order)
+
+        nodes, *components = self._members_on(number + 1, host)
+        await asyncio.gather(begin_nodes(), *map(self.start, components))
 
     async def _wait_standard(self, host: str) -> int:
         report = await self[_nodes_of(host)].expect("resolved", timeout_s=None)
@@ -209,6 +241,8 @@ class LiveFleet(ProcessGroup):
     async def _wait_routed(self, host: str) -> int:
         """Return when the discoverer had announced every peer, and complain about components that fail."""
         *others, discoverer = (f"{host}, {module}" for module in _COMPONENTS)
+        if self._cell.mode == LAUNCHED:  # it waited until all were ready
+            return await self._peers_announced(discoverer)
         announced, _ = await asyncio.gather(
             self._peers_announced(discoverer), self.expect("ready", others, timeout_s=None)
         )
@@ -228,7 +262,7 @@ class LiveFleet(ProcessGroup):
         if self._cell.mode in (REAL, COMPOSED):
             yield peer_on(self._testbed, host, _nodes_of(host), host, "crowd")
             return
-        routed = self._cell.mode == ROUTED
+        routed = self._cell.mode in (ROUTED, LAUNCHED)
         remote = BusAddress(
             domain_id=GLOBAL_DOMAIN, interface=self._testbed.interface(host), multicast=self._config.multicast
         )
@@ -251,11 +285,12 @@ class LiveFleet(ProcessGroup):
         )
         for module, config in zip(_COMPONENTS, configs, strict=True):
             idle: dict[str, Any] = {"ready": "idle", "through": "sfglab.lab.workers.idle"}
+            idle = {} if self._cell.mode == LAUNCHED else idle
             yield Member(name=f"{host}, {module}", host=host, module=module, config=config, **idle)
 
 
 def _nodes_of(host: str) -> str:
-    return f"{host}, nodes"
+    return host + _NODES
 
 
 async def _within(timeout_s: float, result: Awaitable[int]) -> int | None:
