@@ -1,9 +1,8 @@
 """The ROS 2 nodes of one agent, started at an order: ``python -m sfglab.lab.workers.rosnodes CONFIG``.
 
 Stands for as many processes of demo_nodes_cpp, see `rosstack`; a Python process for each of them would measure
-Python. Everything is loaded before ``ready`` is reported; the order ``{"do": "start"}`` creates the nodes, with
-``pace_s`` one every so many seconds, and ``running`` says when the last one's turn was (``last_ns``). The first
-node polls its graph, as an operator would, and two lines tell when it is complete: ``resolved`` when
+Python. Everything is loaded before ``ready`` is reported; the order ``{"do": "start"}`` creates the nodes. The
+first node then polls its graph, as an operator would, and two lines tell when it is complete: ``resolved`` when
 that node has seen every endpoint and the announcement of every node of the other agents, then ``settled`` when
 every node has found every other process. Ends with its standard input, at once: nobody is left to be told.
 """
@@ -69,7 +68,7 @@ class RosNodesConfig:
 class _Poller:
     """What one node's graph shows of the other agents' nodes; `own` are GUID prefixes of its own agent's."""
 
-    def __init__(self, stack: RosStack, own: set[bytes]) -> None:
+    def __init__(self, stack: RosStack, own: frozenset[bytes]) -> None:
         lib = library()
         kinds = (BUILTIN_PUBLICATION, BUILTIN_SUBSCRIPTION)
         self._readers = [lib.dds_create_reader(stack.participant, kind, None, None) for kind in kinds]
@@ -135,45 +134,28 @@ class _RosNodes:
         self._everybody = len(self._plans) * (1 + config.peers)
         self._expected = config.peers * sum(len(endpoints) for _, endpoints in self._plans)
         self._stacks: list[RosStack] = []
-        self._own: set[bytes] = set()
         self._poller: _Poller
-        self._pace_s = self._turn_s = 0.0
-        self._last_ns = 0
         self._waiting: deque[tuple[str, Callable[[], bool]]] = deque()
 
     @property
     def complete(self) -> bool:
         """Whether everything there is to report was reported."""
-        return not self._waiting and len(self._stacks) == len(self._plans)
+        return not self._waiting
 
-    def start(self, pace_s: float) -> None:
-        """Create the first node, and all of them where there is no pace."""
+    def start(self) -> None:
+        """Create all nodes."""
+        config = self._config
         self._say("started")
-        self._pace_s, self._turn_s = pace_s, time.monotonic()
-        for _ in self._plans[: 1 if pace_s else None]:
-            self._create_next()
-
-    def _create_next(self) -> None:
-        number = len(self._stacks)
-        if number == len(self._plans):
-            return
-        self._last_ns = time.time_ns()
-        name, endpoints = self._plans[number]
-        address = self._config.address
-        stack = {"domain_id": _FIRST_STACK_ID + number, "external_domain_id": address.domain_id}
-        domain = DomainConfig(**address.options() | stack)
-        self._stacks.append(RosStack(domain, self._config.namespace, name, endpoints))
-        self._own.add(self._stacks[-1].prefix)
-        if number == 0:
-            self._poller = _Poller(self._stacks[0], self._own)
-        if number + 1 == len(self._plans):
-            self._waiting.extend((("resolved", self._is_resolved), ("settled", self._is_settled)))
-            self._say("running")
+        for number, (name, endpoints) in enumerate(self._plans):
+            stack = {"domain_id": _FIRST_STACK_ID + number, "external_domain_id": config.address.domain_id}
+            domain = DomainConfig(**config.address.options() | stack)
+            self._stacks.append(RosStack(domain, config.namespace, name, endpoints))
+        self._poller = _Poller(self._stacks[0], frozenset(stack.prefix for stack in self._stacks))
+        self._waiting.extend((("resolved", self._is_resolved), ("settled", self._is_settled)))
+        self._say("running")
 
     def poll(self) -> None:
-        """Create the next node if it is its turn, look at the graph, and report what has become complete."""
-        if time.monotonic() >= self._turn_s + len(self._stacks) * self._pace_s:
-            self._create_next()
+        """Look at the graph once and report what has become complete."""
         self._poller.poll()
         while self._waiting and self._waiting[0][1]():
             kind, _ = self._waiting.popleft()
@@ -193,7 +175,7 @@ class _RosNodes:
 
     def _say(self, kind: str) -> None:
         known = {} if not self._stacks or not hasattr(self, "_poller") else self._counts()
-        self._report({"is": kind, "t_ns": time.time_ns(), "last_ns": self._last_ns, **known})
+        self._report({"is": kind, "t_ns": time.time_ns(), "cpu_ns": time.process_time_ns(), **known})
 
     def _counts(self) -> dict[str, int]:
         poller = self._poller
@@ -224,7 +206,7 @@ def _serve(nodes: _RosNodes) -> None:
     while (orders := _orders(_POLL_S if running and not nodes.complete else None, rest)) is not None:
         for order in orders:
             if order["do"] == "start":
-                nodes.start(order.get("pace_s", 0.0))
+                nodes.start()
                 running = True
             else:
                 nodes.look()

@@ -118,12 +118,13 @@ def mean_fleet(fleet: Fleet, seed: int = 0) -> FleetOutcome:
     four_s = 4 * (costs.endpoint_s + costs.message_s)
     pair_s = 2 * n * costs.announcement_s
     slots, linger_s = DiscoverySettings(agent="a").max_queries, RouterSettings(agent="a").linger_s
-    found, rate, closed = [0.0], 1 / four_s, 0.0
+    found, rate, closed, beats = [0.0], 1 / four_s, 0.0, Schedule()
     while found[-1] < n - 1 and len(found) * _STEP_S < LIMIT_S:
         behind = round((linger_s + slots / rate) / _STEP_S)
         before, closed = closed, max(closed, found[-behind] if len(found) >= behind else 0.0)
         closing_s = (closed - before) / _STEP_S * (pair_s + 4 * costs.endpoint_s)
-        beating_s = n * costs.message_s / _beat_period_s(len(found) * _STEP_S)
+        starting = len(found) * _STEP_S < beats.startup_s
+        beating_s = n * costs.message_s / (beats.startup_period_s if starting else beats.steady_period_s)
         ignored = min(n, found[-1] - closed + slots)
         rate = max(_LEAST_RATE, 1 - beating_s - closing_s) / (four_s + pair_s + ignored * costs.message_s)
         found.append(found[-1] + rate * _STEP_S)
@@ -132,11 +133,6 @@ def mean_fleet(fleet: Fleet, seed: int = 0) -> FleetOutcome:
     rx_bytes = n * (few + (n - _FEW) * (more - few) / (_MORE - _FEW)) + 2 * n * closed * RETRACTION_BYTES
     host = HostOutcome(resolved_s=resolved_s, rx_bytes=float(round(rx_bytes)), censored=found[-1] < n - 1)
     return FleetOutcome(hosts=(host,) * n, announced=2 * n * (n + 1))
-
-
-def _beat_period_s(elapsed_s: float) -> float:
-    schedule = Schedule()
-    return schedule.startup_period_s if elapsed_s < schedule.startup_s else schedule.steady_period_s
 
 
 @lru_cache(maxsize=8)

@@ -186,8 +186,6 @@ class LiveFleet(ProcessGroup):
         nodes = {"talkers": cell.talkers, "listeners": cell.listeners, "composed": cell.mode == COMPOSED}
         #: What its processes are told, to find the others.
         self.start_order: dict[str, Any] = {"do": "start", "fleet": self.hosts, **nodes}
-        if cell.mode == STANDARD and cell.pace_s:
-            self.start_order["pace_s"] = cell.agents * cell.pace_s
         present = [] if cell.mode == LAUNCHED else list(enumerate(self.hosts, start=1))
         members = [member for number, host in present for member in self._members_on(number, host)]
         super().__init__(testbed.argv, members, start_s=_LOAD_S)
@@ -215,9 +213,6 @@ class LiveFleet(ProcessGroup):
             orders.append(time.time_ns())
             starts.append(asyncio.create_task(self._begin(number, host)))
         await asyncio.gather(*starts)
-        if "pace_s" in self.start_order:
-            running = await self.expect("running", timeout_s=None)
-            orders = [int(report["last_ns"]) for report in running.values()]
         wait = self._wait_routed if self._cell.mode in (ROUTED, LAUNCHED) else self._wait_standard
         return max(orders), list(await asyncio.gather(*(_within(timeout_s, wait(host)) for host in self.hosts)))
 
