@@ -52,7 +52,7 @@ STANDARD_COSTS = Costs(announcement_s=70e-6)
 LIMIT_S = 300.0  #: When a fleet that is not complete is given up, virtual seconds.
 
 EXACT_MOST = {STANDARD: 4, ROUTED: 100}  #: Agents of the largest fleets that are simulated agent by agent.
-_FEW, _MORE, _STEP_S, _LEAST_RATE = 6, 12, 5e-3, 0.02
+_FEW, _MORE, _STEP_S, _LEAST_SHARE = 6, 12, 5e-3, 0.02
 _LOCAL_DOMAIN = 1
 
 
@@ -117,17 +117,15 @@ def mean_fleet(fleet: Fleet, seed: int = 0) -> FleetOutcome:
     n, costs = fleet.agents, _routed_costs(fleet)
     four_s = 4 * (costs.endpoint_s + costs.message_s)
     pair_s = 2 * n * costs.announcement_s
-    slots, linger_s = DiscoverySettings(agent="a").max_queries, RouterSettings(agent="a").linger_s
-    found, rate, closed, beats = [0.0], 1 / four_s, 0.0, Schedule()
+    linger = round(RouterSettings(agent="a").linger_s / _STEP_S)
+    found, closed, beats = [0.0], 0.0, Schedule()
     while found[-1] < n - 1 and len(found) * _STEP_S < LIMIT_S:
-        behind = round((linger_s + slots / rate) / _STEP_S)
-        before, closed = closed, max(closed, found[-behind] if len(found) >= behind else 0.0)
+        before, closed = closed, found[-linger] if len(found) >= linger else 0.0
         closing_s = (closed - before) / _STEP_S * (pair_s + 4 * costs.endpoint_s)
         starting = len(found) * _STEP_S < beats.startup_s
         beating_s = n * costs.message_s / (beats.startup_period_s if starting else beats.steady_period_s)
-        ignored = min(n, found[-1] - closed + slots)
-        rate = max(_LEAST_RATE, 1 - beating_s - closing_s) / (four_s + pair_s + ignored * costs.message_s)
-        found.append(found[-1] + rate * _STEP_S)
+        each_s = four_s + pair_s + (found[-1] - closed) * costs.message_s
+        found.append(found[-1] + max(_LEAST_SHARE, 1 - beating_s - closing_s) / each_s * _STEP_S)
     resolved_s = costs.start_s + PARTICIPANT_NS / NS_PER_S + len(found) * _STEP_S
     few, more = (_received_each(replace(fleet, agents=agents), seed) / agents for agents in (_FEW, _MORE))
     rx_bytes = n * (few + (n - _FEW) * (more - few) / (_MORE - _FEW)) + 2 * n * closed * RETRACTION_BYTES
