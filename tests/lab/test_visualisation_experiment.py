@@ -110,8 +110,12 @@ def test_a_plugin_that_breaks_others_would_be_found(tmp_path, monkeypatch):
 
 
 def test_streams_that_are_not_synchronised_are_found(monkeypatch):
-    monkeypatch.setattr(synchronisation, "synchronizer", lambda _, topics: synchronizer(Latest(), topics))
-    assert wrong(synchronisation.checks.rows(3, seed=1)) == ["exact time", "approximate time"]
+    monkeypatch.setattr(
+        synchronisation, "synchronizer", lambda _, topics, **_more: synchronizer(Latest(), topics)
+    )
+    found = wrong(synchronisation.checks.rows(3, seed=1))
+    assert found[:2] == ["exact time", "approximate time"]
+    assert len(found) == len(synchronisation.checks.names), "every check sees it"
 
 
 def test_the_reference_inverts_the_projection_by_hand():
@@ -182,17 +186,14 @@ def quiet(run, *, tail_ms=0.0):
     times = run.table("time")
     bridge = times["arm"] == "bridge"
     times["taken_ms"] = 2.0 + bridge + tail_ms * (bridge & (times.index % 50 == 0))
-    times["cpu_wait_ms"] = times["taken_ms"]
 
 
-def test_a_tail_fails_the_claim_and_it_is_said_who_waited_for_a_processor():
+def test_a_tail_fails_the_claim():
     run = exp.load(REFERENCE)
     quiet(run, tail_ms=20.0)
     measured = exp.measure(run)["A-VIZ"]
     assert measured.estimate.value == 0.5
     assert measured.reason == "what the bridge adds to a picture's way: 1 of 2: 99 %: 21.0 of 5 ms"
-    said = measured.details["threads of bridge and sink waited for a CPU"]
-    assert said == "23.0 ms in the slowest 1 %, else 3.0 ms"
 
 
 def test_without_rerun_the_run_says_so_and_leaves_no_log(tmp_path, monkeypatch):

@@ -126,8 +126,6 @@ class VisualisationTimeRow:
     round: int  #: Which round.
     number: int  #: Of the picture in its round.
     taken_ms: float  #: Time until the sink had it.
-    #: How long threads of this process and the sink together were ready without a CPU since the last picture.
-    cpu_wait_ms: float
 
 
 @exp.table("memory")
@@ -199,7 +197,7 @@ async def watch_bridge(bench: Bench[Config]) -> None:
             _write(bench, "run time", *rows)
             bench.advance("run time")
             pictures = {"rounds": config.rounds, "pictures": config.pictures}
-            bench.write_all("time", await time_pictures(canvas, group["sink"].pid, domain_id, **pictures))
+            bench.write_all("time", await time_pictures(canvas, domain_id, **pictures))
             bench.advance("latency")
             pid, stopped_s = group["sink"].pid, config.stopped_s
             bench.write_all("memory", await watch_memory(canvas, pid, domain_id, stopped_s=stopped_s))
@@ -267,22 +265,10 @@ def share_that_holds(run: Run[Config]) -> Finding:
     details = {
         **share.groups,
         "added by the bridge": f"{added_ms(run)}; asked is below {ADDED_MS:g} ms",
-        **_tail_details(run["time"]),
         "waiting at most, with a sink that stands still": f"{memory['queued_bytes'].max() / MIB:.1f} MiB",
         "dropped meanwhile": f"{int(memory['dropped'].max())} of {int(memory['received'].max())} pictures",
     }
     return Finding(estimate=share.estimate, details=details, reason=share.reason)
-
-
-def _tail_details(times: pd.DataFrame) -> dict[str, str]:
-    """Return what threads waited for a CPU while pictures were slow; older logs do not know."""
-    if "cpu_wait_ms" not in times:
-        return {}
-    bridge = times[times["arm"] == "bridge"]
-    slow = bridge["taken_ms"] >= bridge["taken_ms"].quantile(0.99)
-    waits = [bridge.loc[chosen, "cpu_wait_ms"].mean() for chosen in (slow, ~slow)]
-    words = f"{waits[0]:.1f} ms in the slowest 1 %, else {waits[1]:.1f} ms"
-    return {"threads of bridge and sink waited for a CPU": words}
 
 
 _ARMS = {"bare": ("standard", "Rerun alone"), "bridge": ("proxy", "through the bridge")}

@@ -12,8 +12,6 @@ import os
 import signal
 import time
 from collections import Counter
-from contextlib import suppress
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -32,7 +30,7 @@ from sfglab.view.rerunning import WINDOW_BYTES, RerunCanvas, rerun
 from sfglab.view.session import Display, Session
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from pathlib import Path
 
     from sfglab.lab.checks.recordings import Recording
 
@@ -42,8 +40,6 @@ ADDED_MS = 5.0
 PICTURE_BYTES = 640 * 360 * 3
 BOUND_BYTES = WINDOW_BYTES + 2 * PICTURE_BYTES
 """What may wait at most: a window of drawn pictures, the one that fills it, and one that waits for its turn."""
-
-Taken = dict[str, float]  #: A row's `taken_ms` and `cpu_wait_ms`.
 
 _REACH_S = 60.0
 _LATCHED = ("tf_static", "agent_status", "communication")
@@ -124,10 +120,9 @@ async def _drawn(session: Session, sent: Counter[str]) -> None:
 class _Timed:
     """A canvas that waits for the sink after each picture, and notes how long it took since its arrival."""
 
-    def __init__(self, canvas: RerunCanvas, pids: Sequence[int]) -> None:
-        self._canvas, self._clock = canvas, _Waits(pids)
-        self._received_ns = 0
-        self.taken: list[Taken] = []
+    def __init__(self, canvas: RerunCanvas) -> None:
+        self._canvas, self._received_ns = canvas, 0
+        self.taken_ms: list[float] = []
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._canvas, name)
@@ -139,58 +134,37 @@ class _Timed:
     def settle(self, size_bytes: int) -> None:
         if size_bytes:
             self._canvas.flush()
-            self.taken.append(self._clock.taken(self._received_ns))
+            self.taken_ms.append((time.time_ns() - self._received_ns) / 1e6)
 
     def close(self) -> None:
         """Leave the canvas open for the next round."""
 
 
 async def time_pictures(
-    canvas: RerunCanvas, sink_pid: int, domain_id: int, *, rounds: int, pictures: int
+    canvas: RerunCanvas, domain_id: int, *, rounds: int, pictures: int
 ) -> list[dict[str, Any]]:
     """Time so many pictures of both arms in turn, so that other load on the machine falls on both."""
-    rows, pids = list[dict[str, Any]](), (os.getpid(), sink_pid)
+    rows = list[dict[str, Any]]()
     for number in range(rounds):
-        bare = await asyncio.to_thread(_bare, canvas, pids, pictures)
-        bridge = await _through_bridge(canvas, pids, domain_id, pictures)
+        bare = await asyncio.to_thread(_bare, canvas, pictures)
+        bridge = await _through_bridge(canvas, domain_id, pictures)
         for arm, taken in (("bare", bare), ("bridge", bridge)):
-            rows += [{"arm": arm, "round": number, "number": i, **row} for i, row in enumerate(taken)]
+            rows += [{"arm": arm, "round": number, "number": i, "taken_ms": ms} for i, ms in enumerate(taken)]
     return rows
 
 
-class _Waits:
-    """Tells how long a picture took and, after it, how long processes waited for a CPU since the last one."""
-
-    def __init__(self, pids: Sequence[int]) -> None:
-        self._pids, self._before_ms = pids, sum(map(_cpu_wait_ms, pids))
-
-    def taken(self, since_ns: int) -> Taken:
-        taken_ms = (time.time_ns() - since_ns) / 1e6
-        before_ms, self._before_ms = self._before_ms, sum(map(_cpu_wait_ms, self._pids))
-        return {"taken_ms": taken_ms, "cpu_wait_ms": self._before_ms - before_ms}
-
-
-def _cpu_wait_ms(pid: int) -> float:
-    """Return how long a process's threads have been ready to run without a CPU, together."""
-    waits_ns = []
-    for task in Path(f"/proc/{pid}/task").iterdir():
-        with suppress(OSError):  # a thread that has ended
-            waits_ns.append(int((task / "schedstat").read_text().split()[1]))
-    return sum(waits_ns) / 1e6
-
-
-def _bare(canvas: RerunCanvas, pids: Sequence[int], pictures: int) -> list[Taken]:
-    rr, array, clock, taken = rerun(), picture(), _Waits(pids), list[Taken]()
+def _bare(canvas: RerunCanvas, pictures: int) -> list[float]:
+    rr, array, taken_ms = rerun(), picture(), list[float]()
     next_s = time.monotonic()
     for _ in range(pictures):
         start_ns = time.time_ns()
         canvas.recording.set_time("received", timestamp=np.datetime64(start_ns, "ns"))
         canvas.recording.log("/bare", rr.Image(array, "RGB"))
         canvas.recording.flush()
-        taken.append(clock.taken(start_ns))
+        taken_ms.append((time.time_ns() - start_ns) / 1e6)
         next_s += 1 / CAMERA_HZ
         time.sleep(max(0.0, next_s - time.monotonic()))
-    return taken
+    return taken_ms
 
 
 def _look() -> tuple[Session, Display]:
@@ -200,18 +174,16 @@ def _look() -> tuple[Session, Display]:
     return session, display
 
 
-async def _through_bridge(
-    canvas: RerunCanvas, pids: Sequence[int], domain_id: int, pictures: int
-) -> list[Taken]:
-    timed, (session, _) = _Timed(canvas, pids), _look()
+async def _through_bridge(canvas: RerunCanvas, domain_id: int, pictures: int) -> list[float]:
+    timed, (session, _) = _Timed(canvas), _look()
     async with (
         Node("view", domain_id=domain_id, interface="lo") as node,
         Bridge(node, session, timed),
         asyncio.timeout(_READY_S + 10 * pictures / CAMERA_HZ),
     ):
-        while len(timed.taken) < pictures:  # noqa: ASYNC110 - drawn in another thread
+        while len(timed.taken_ms) < pictures:  # noqa: ASYNC110 - drawn in another thread
             await asyncio.sleep(_SAMPLE_S)
-    return timed.taken[:pictures]
+    return timed.taken_ms[:pictures]
 
 
 async def watch_memory(
