@@ -4,8 +4,10 @@ import asyncio
 import logging
 import os
 import signal
+import socket
 from contextlib import AsyncExitStack, asynccontextmanager
 from dataclasses import replace
+from pathlib import Path
 
 import psutil
 import pytest
@@ -291,5 +293,7 @@ def test_the_lock_names_its_holder_and_is_free_at_once_when_let_go():
     with pair_lock(*domains), pytest.raises(RouterRunningError, match=f"process {os.getpid()} ") as caught:
         pair_lock(*reversed(domains)).__enter__()
     assert (caught.value.pid, caught.value.domains) == (os.getpid(), domains)
-    with pair_lock(*domains):
-        pass
+    with socket.socket(socket.AF_UNIX) as squatter:
+        squatter.bind("\0sfglab.router.230-231")
+        with pair_lock(*domains):
+            assert (Path.home() / ".cache/sfglab").stat().st_mode & 0o77 == 0

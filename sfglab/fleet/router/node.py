@@ -16,12 +16,12 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import errno
-import socket
-import struct
+import fcntl
+import os
 from collections import deque
 from dataclasses import asdict, dataclass
 from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from sfglab.bus.address import BusAddress
@@ -42,9 +42,6 @@ if TYPE_CHECKING:
     from sfglab.bus import Node
 
 
-_PEER = struct.Struct("3i")  # struct ucred: pid, uid, gid
-
-
 class RouterRunningError(SfglabError, RuntimeError):
     """Another router serves the pair of domains on this host."""
 
@@ -60,43 +57,27 @@ class RouterRunningError(SfglabError, RuntimeError):
 
 @contextlib.contextmanager
 def pair_lock(one: int, other: int) -> Iterator[None]:
-    """Hold the lock of a router for two domain ids, in either order.
+    """Hold the lock of a router for two domain ids, in either order, among this user's on this host.
+
+    It is a file in a folder of the user's alone: a name among abstract sockets is whose who takes it first.
 
     Raises:
         RouterRunningError: Another one holds it.
     """
-    with _bound((min(one, other), max(one, other))):
-        yield
-
-
-def _address(domains: tuple[int, int]) -> str:
-    return f"\0sfglab.router.{domains[0]}-{domains[1]}"
-
-
-def _bound(domains: tuple[int, int]) -> socket.socket:
-    lock = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
-    try:
-        lock.bind(_address(domains))
-        lock.listen()  # so that whoever comes second can ask who we are
-    except OSError as error:
-        lock.close()
-        if error.errno != errno.EADDRINUSE:
-            raise
-        raise RouterRunningError(domains, _holder(domains)) from error
-    return lock
-
-
-def _holder(domains: tuple[int, int]) -> int | None:
-    """Return who listens; None when that one just left, is asked by too many, or lives in another PID space."""
-    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as asking:
-        asking.setblocking(False)
+    domains = min(one, other), max(one, other)
+    folder = Path.home() / ".cache" / "sfglab"
+    folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+    with (folder / f"router-{host_id()}-{domains[0]}-{domains[1]}.lock").open("a+") as lock:
         try:
-            asking.connect(_address(domains))
-            credentials = asking.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _PEER.size)
-        except OSError:
-            return None
-    pid: int = _PEER.unpack(credentials)[0]
-    return pid or None
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError as error:
+            lock.seek(0)
+            pid = lock.read(20)
+            raise RouterRunningError(domains, int(pid) if pid.isdecimal() else None) from error
+        lock.truncate(0)
+        lock.write(f"{os.getpid()}")
+        lock.flush()
+        yield
 
 
 MAX_SAMPLE_BYTES = 64 << 20  #: Largest message that a router's process takes in; a larger one does not cross.
