@@ -109,22 +109,25 @@ def mean_fleet(fleet: Fleet, seed: int = 0) -> FleetOutcome:
     """Count what a routed fleet's queries ask of the mean agent, instead of simulating all n^2 of them.
 
     All agents find peers at one rate. For each peer a router makes four endpoints and takes four messages; it
-    hears of the two that every other router makes in the global domain, and ignores replies to others for as
-    many services as it has open. A path outlives its query by the router's linger and ends at the cost at which
-    it began; heartbeats cost, too. So times follow from `ROUTED_COSTS`, and bytes from the retractions and the
-    quadratic through two small fleets.
+    hears of the two that every other router makes in the global domain, and ignores replies to others on paths
+    that it has open: those it had time to open, for queries under way or within its linger of their end. A path
+    ends at the cost at which it began; heartbeats cost, too. Times follow from `ROUTED_COSTS`, bytes from the
+    retractions and the quadratic through two small fleets.
     """
     n, costs = fleet.agents, _routed_costs(fleet)
     four_s = 4 * (costs.endpoint_s + costs.message_s)
     pair_s = 2 * n * costs.announcement_s
     linger = round(RouterSettings(agent="a").linger_s / _STEP_S)
+    slots = DiscoverySettings(agent="a").max_queries
     found, closed, beats = [0.0], 0.0, Schedule()
     while found[-1] < n - 1 and len(found) * _STEP_S < LIMIT_S:
         before, closed = closed, found[-linger] if len(found) >= linger else 0.0
         closing_s = (closed - before) / _STEP_S * (pair_s + 4 * costs.endpoint_s)
-        starting = len(found) * _STEP_S < beats.startup_s
-        beating_s = n * costs.message_s / (beats.startup_period_s if starting else beats.steady_period_s)
-        each_s = four_s + pair_s + (found[-1] - closed) * costs.message_s
+        elapsed_s = len(found) * _STEP_S
+        period_s = beats.startup_period_s if elapsed_s < beats.startup_s else beats.steady_period_s
+        beating_s = n * costs.message_s / period_s
+        opened = min(n, found[-1] + slots, elapsed_s / four_s)
+        each_s = four_s + pair_s + max(0.0, opened - closed) * costs.message_s
         found.append(found[-1] + max(_LEAST_SHARE, 1 - beating_s - closing_s) / each_s * _STEP_S)
     resolved_s = costs.start_s + PARTICIPANT_NS / NS_PER_S + len(found) * _STEP_S
     few, more = (_received_each(replace(fleet, agents=agents), seed) / agents for agents in (_FEW, _MORE))
