@@ -119,7 +119,7 @@ def compute_ledger(project: Project, *, profile: str | None = None, committed: b
         figures = [ours[claim.id], *again.get(claim.id, ())] if claim.id in ours else [(None, "", "")]
         entry = joined([entry_for(claim, one, log=log, origin=origin) for one, log, origin in figures])
         said = _said_of_mutants(scores.get(claim.id, {}))
-        shown = tuple(drawn.get(entry.experiment or "", ()))
+        shown = tuple(drawn.get(entry.experiment, ()) if entry.experiment else ())
         entries.append(replace(entry, mutants=said, since=since.get(claim.id, ""), figures=shown))
     return entries
 
@@ -179,7 +179,8 @@ def _committed_figures(project: Project) -> dict[str, list[str]]:
     """Return the names of the figures by experiment, as their twins say."""
     figures: dict[str, list[str]] = {}
     for twin in sorted(project.figures.glob("*.json")):
-        figures.setdefault(json.loads(twin.read_text(encoding="utf-8"))["experiment"], []).append(twin.stem)
+        name = json.loads(twin.read_text(encoding="utf-8")).get("experiment", "")  # "": of the ledger itself
+        figures.setdefault(name, []).append(twin.stem)
     return figures
 
 
