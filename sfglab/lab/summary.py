@@ -60,7 +60,7 @@ def save_summary(project: Project) -> list[Path]:
     shown = {entry.claim.id: f"{_number(entry)}: {entry.verdict.value}" for entry in entries}
     origin = {project.relative(log): file_sha256(log) for log in logs.values()}
     figure = drawn((10, 4.2), _draw, tables, entries)
-    return save_figure(figure, project.figures / "summary", {"logs": origin, "shown": shown})
+    return save_figure(figure, project.figures / "summary", {"experiment": "", "logs": origin, "shown": shown})
 
 
 def _draw(figure: Figure, tables: list[pd.DataFrame], entries: list[Entry]) -> None:
@@ -83,8 +83,10 @@ def _draw(figure: Figure, tables: list[pd.DataFrame], entries: list[Entry]) -> N
 
 def _number(entry: Entry) -> str:
     """Return our figure with its interval, beside the paper's."""
-    assert entry.measured is not None, "its log is committed"
-    ours, paper = entry.measured.estimate, entry.claim.paper
-    spread = f" [{ours.low:.3g}, {ours.high:.3g}]" if ours.low < ours.high else ""
+    paper = entry.claim.paper
     beside = "paper: no number" if paper is None else f"paper: {paper:.3g}"
+    if entry.measured is None:
+        return f"to be recorded, {beside}\n{entry.claim.unit}"
+    ours = entry.measured.estimate
+    spread = f" [{ours.low:.3g}, {ours.high:.3g}]" if ours.low < ours.high else ""
     return f"{ours.value:.3g}{spread}, {beside}\n{entry.claim.unit}\n({entry.measured.how.value})"
