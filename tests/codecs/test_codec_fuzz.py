@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from sfglab.codecs import (
+    COMPRESSED_IMAGE,
     COMPRESSED_VIDEO,
     FFMPEG_PACKET,
     TABLE_2,
@@ -16,6 +17,7 @@ from sfglab.codecs import (
     H264Decoder,
     H264Encoder,
     H264Settings,
+    compressed_depth_fields,
     ffmpeg_packet_fields,
     image_decoder,
     parse_depth_format,
@@ -94,3 +96,11 @@ def test_strings_survive(stream):
         survives(parse_depth_format, name)
         survives(decoder.feed, SimpleNamespace(encoding=name, pts=0, data=fields.data))
         list(nal_unit_types(text, codec="hevc"))
+
+
+@pytest.mark.parametrize("codec", ["rvl", "png"])
+def test_a_depth_picture_larger_than_announced_is_refused(codec):
+    fields = compressed_depth_fields(np.zeros((1000, 1000), np.uint16), codec)
+    assert image_decoder(COMPRESSED_IMAGE, most_pixels=10**6).feed(fields)
+    with pytest.raises(CodecError, match="at most 999999 pixels"):
+        image_decoder(COMPRESSED_IMAGE, most_pixels=10**6 - 1).feed(fields)

@@ -173,3 +173,10 @@ def test_the_way_to_a_machine_follows_from_its_address(tmp_path):
     assert transport_to(HostSpec(address="deck@elsewhere.example"), root=tmp_path) == Local(folder=tmp_path)
     assert is_here(f"me@{os.uname().nodename}")
     assert Path("/") == Local().folder
+
+
+@pytest.mark.parametrize("path", ["../b", "/b", "a/../../b"])
+def test_an_archive_that_leads_out_of_its_folder_is_refused(path):
+    archive = pack(Bundle(agent="a", tag="t", image="i", members={path: Member(data=b"x", mode=0o644)}))
+    with pytest.raises(DeployError, match="allowed is what is in it"):
+        unpack(archive)
