@@ -309,7 +309,8 @@ def _paragraph(entry: Entry) -> Iterator[str]:
     if m is None:
         return
     yield from (f"run {run.log}: {_row(run)[2]}, {run.verdict.value}; {run.origin}" for run in entry.runs)
-    yield from (f"{k}: {v:.3g}; band {_band(entry.claim.ends[k])}" for k, v in m.ends.items())
+    asked = {name: f"; band {_band(band)}" for name, band in entry.claim.ends.items()}
+    yield from (f"{name}: {value:.3g}{asked.get(name, '')}" for name, value in m.ends.items())
     yield from (f"{key}: {value}" for key, value in {**m.under, **m.details}.items())
     yield from [f"mutants: {entry.mutants}"] * bool(entry.mutants)
     yield f"log: {entry.log}; {entry.origin}"

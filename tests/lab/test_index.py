@@ -7,9 +7,10 @@ import nbformat
 import pytest
 
 from sfglab.lab import notebook, summary
-from sfglab.lab.claims import Ledger, entry_for, load_claims
+from sfglab.lab.claims import Ledger, entry_for, load_claims, render_in_full
 from sfglab.lab.experiments import EXPERIMENTS, experiment
 from sfglab.lab.index import make_index
+from sfglab.lab.ledger import compute_ledger
 from sfglab.lab.notebooks import normalise
 from sfglab.lab.paths import Project
 
@@ -25,6 +26,13 @@ def test_the_index_has_every_notebook_under_its_paper_with_figure_and_verdicts()
     assert html.count(">not yet<") == len(ledger)
     assert 'href="09_transmission.ipynb"' in papers[1]
     assert papers[0].index("05_lifecycle") < papers[0].index("02_depth_codecs"), "by section"
+
+
+def test_the_committed_logs_ledger_is_told_in_full():
+    whole = compute_ledger(PROJECT, committed=True)
+    told = "\n\n" + render_in_full(whole)
+    assert all(f"\n\n{entry.claim.id}: {entry.verdict.value}" in told for entry in whole)
+    assert [entry.claim.id for entry in whole if entry.measured is None] == []
 
 
 @pytest.mark.parametrize("name", EXPERIMENTS)
