@@ -108,9 +108,14 @@ class LogReader:
 
     def _indexed(self, stream: BinaryIO) -> tuple[SeekingReader, Summary]:
         """Return a reader with the file's own index, or with one from a scan."""
-        from mcap.reader import SeekingReader
-
-        from sfglab.record.recovery import DAMAGE, MAGIC, UnchunkedError, has_sound_index, scan
+        from sfglab.record.recovery import (
+            DAMAGE,
+            MAGIC,
+            SeekingReader,
+            UnchunkedError,
+            has_sound_index,
+            scan,
+        )
 
         size = stream.seek(0, SEEK_END)
         stream.seek(0)
@@ -370,9 +375,9 @@ def _missing(kind: str, name: str, present: Iterable[str]) -> LogError:
 
 
 def _scanned_reader(stream: BinaryIO, summary: Summary) -> SeekingReader:
-    from mcap.reader import SeekingReader
+    from sfglab.record.recovery import SeekingReader
 
-    class ScannedReader(SeekingReader):
+    class ScannedReader(SeekingReader):  # type: ignore[misc]  # the library's, of a copy
         """The library's reader on an index that is not in the file."""
 
         def get_summary(self) -> Summary:

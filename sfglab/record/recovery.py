@@ -10,11 +10,11 @@ import struct
 import zlib
 from collections import Counter, defaultdict
 from dataclasses import dataclass, field
+from importlib.util import find_spec, module_from_spec
 from io import BytesIO
 from typing import TYPE_CHECKING, Any, BinaryIO
 
 from lz4.frame import LZ4FrameDecompressor
-from mcap import reader, stream_reader
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
@@ -140,9 +140,21 @@ def records_of(chunk: Chunk, validate_crc: bool = False) -> list[Any]:  # noqa: 
     return records
 
 
+def _own(name: str, **replaced: Any) -> Any:
+    """Return an own copy of a module with these names replaced: whoever else uses the library keeps it."""
+    spec = find_spec(name)
+    assert spec is not None
+    assert spec.loader is not None
+    module = module_from_spec(spec)
+    spec.loader.exec_module(module)
+    vars(module).update(replaced)
+    return module
+
+
 # The library walks what a chunk decompresses to, however much; all its ways to a chunk's records lead here.
-for _module in (reader, stream_reader):
-    _module.breakup_chunk = records_of  # type: ignore[attr-defined]  # imported there, and typed as its own
+_STREAMS = _own("mcap.stream_reader", breakup_chunk=records_of)
+_READERS = _own("mcap.reader", breakup_chunk=records_of, StreamReader=_STREAMS.StreamReader)
+SeekingReader = _READERS.SeekingReader
 
 
 def _add_definition(summary: Summary, record: Any) -> None:

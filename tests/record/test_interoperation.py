@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 from mcap.reader import make_reader
-from mcap.stream_reader import StreamReader
+from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.writer import Writer
 from rosbags.highlevel import AnyReader
 from rosbags.interfaces import QosDurability, QosHistory, QosReliability
@@ -53,6 +53,9 @@ def test_rosbags_reads_messages_types_and_qos(log_path, image):
 
 
 def test_the_plain_mcap_library_reads_it_and_every_crc_holds(log_path):
+    with LogReader(log_path) as log:
+        assert log.topics
+    assert breakup_chunk.__module__ == "mcap.stream_reader", "no module of ours stands in its place"
     with log_path.open("rb") as stream:
         records = list(StreamReader(stream, validate_crcs=True).records)
     assert sum(type(record).__name__ == "Message" for record in records) == 33
