@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+import pandas as pd
+
 from sfglab.lab.experiments import balancing, decode_once, discovery, experiment, transfer
 from sfglab.lab.figures import drawn, file_sha256, save_figure, series
 from sfglab.lab.index import COLORS
@@ -12,7 +15,6 @@ from sfglab.lab.ledger import compute_ledger
 if TYPE_CHECKING:
     from pathlib import Path
 
-    import pandas as pd
     from matplotlib.figure import Figure
 
     from sfglab.lab.claims import Entry
@@ -28,8 +30,14 @@ def _decoding(run: Run[Any]) -> pd.DataFrame:
 
 
 def _discovery(run: Run[Any]) -> pd.DataFrame:
-    table = discovery.summary(run).query("listeners == 10")
-    return table.pivot_table("own_bytes", "agents", "mode")[["standard", "routed"]].dropna() / 1e6
+    """By an agent's nodes, because larger standard fleets than these keep all cores busy, which adds bytes."""
+    fleets, agents = discovery.analysis.live(run), discovery.analysis.PAPERS_LARGEST
+    routed = fleets.by_pace("routed", agents, "own_bytes")[0]
+    columns = {
+        "standard": {nodes: np.median(sample) / 1e6 for nodes, sample in fleets.by_density(agents)},
+        "routed": {sum(fleets.main_nodes()): np.median(routed) / 1e6},
+    }
+    return pd.DataFrame(columns).rename_axis(f"nodes of each of {agents} agents")
 
 
 def _caching(run: Run[Any]) -> pd.DataFrame:
@@ -70,7 +78,7 @@ def _draw(figure: Figure, tables: list[pd.DataFrame], entries: list[Entry]) -> N
         for column, key in zip(table.columns, ("standard", "proxy"), strict=True):
             label = {"standard": "without", "proxy": "with its proxy"}[key]
             axes.plot(table.index, table[column], markersize=4, label=label, **series(key))
-        axes.set(xlabel=table.index.name, ylabel=cost, ylim=(0, 1.35 * float(table.to_numpy().max())))
+        axes.set(xlabel=table.index.name, ylabel=cost, ylim=(0, 1.35 * float(table.max().max())))
         axes.set_title(title, fontsize=9.5, weight="bold")
         axes.legend(fontsize=8, loc="upper left")
         style: dict[str, Any] = {"xycoords": "axes fraction", "ha": "center", "va": "top", "in_layout": False}
