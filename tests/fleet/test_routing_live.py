@@ -5,6 +5,7 @@ import logging
 import os
 import signal
 import socket
+import tempfile
 from contextlib import AsyncExitStack, asynccontextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -17,6 +18,7 @@ from sfglab.bus import BusTimeoutError, Node
 from sfglab.bus.address import BusAddress
 from sfglab.bus.dds.endpoints import DdsReader, DdsWriter
 from sfglab.component import beside
+from sfglab.errors import InvalidValueError
 from sfglab.fleet.router.node import (
     Router,
     RouterConfig,
@@ -297,3 +299,15 @@ def test_the_lock_names_its_holder_and_is_free_at_once_when_let_go():
         squatter.bind("\0sfglab.router.230-231")
         with pair_lock(*domains):
             assert (Path.home() / ".cache/sfglab").stat().st_mode & 0o77 == 0
+
+
+def test_without_a_home_the_lock_is_in_a_folder_that_nobody_else_can_write_to(tmp_path, monkeypatch):
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    monkeypatch.setenv("HOME", "/proc")
+    with pair_lock(230, 231):
+        [folder] = tmp_path.iterdir()
+        assert folder.stat().st_mode & 0o77 == 0
+        assert len(list(folder.iterdir())) == 1
+    folder.chmod(0o777)
+    with pytest.raises(InvalidValueError, match=r"folder for locks: given .*open to others"):
+        pair_lock(230, 231).__enter__()

@@ -22,6 +22,7 @@ from collections import deque
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
+from tempfile import gettempdir
 from typing import TYPE_CHECKING
 
 from sfglab.bus.address import BusAddress
@@ -55,6 +56,22 @@ class RouterRunningError(SfglabError, RuntimeError):
         )
 
 
+def _own_folder() -> Path:
+    """Return a folder of this user's alone: at home, or without a home beside other temporary files."""
+    with contextlib.suppress(OSError, RuntimeError):
+        folder = Path.home() / ".cache" / "sfglab"
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        if os.access(folder, os.W_OK):
+            return folder
+    folder = Path(gettempdir()) / f"sfglab-{os.getuid()}"
+    folder.mkdir(mode=0o700, exist_ok=True)
+    if folder.lstat().st_uid != os.getuid() or folder.lstat().st_mode & 0o77:
+        raise InvalidValueError(
+            "folder for locks", f"{folder}, open to others", "a folder of this user's alone"
+        )
+    return folder
+
+
 @contextlib.contextmanager
 def pair_lock(one: int, other: int) -> Iterator[None]:
     """Hold the lock of a router for two domain ids, in either order, among this user's on this host.
@@ -63,11 +80,10 @@ def pair_lock(one: int, other: int) -> Iterator[None]:
 
     Raises:
         RouterRunningError: Another one holds it.
+        InvalidValueError: There is no home, and somebody else can write to the folder in its place.
     """
     domains = min(one, other), max(one, other)
-    folder = Path.home() / ".cache" / "sfglab"
-    folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-    with (folder / f"router-{host_id()}-{domains[0]}-{domains[1]}.lock").open("a+") as lock:
+    with (_own_folder() / f"router-{host_id()}-{domains[0]}-{domains[1]}.lock").open("a+") as lock:
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError as error:

@@ -128,8 +128,8 @@ class Drawing:
             label = self._api.add_label(
                 f"{name}/label",
                 ghost.name,
-                position=(0.0, 0.0, agent.radius_m + _LIFT_M),
-                anchor="bottom-center",
+                position=(0.0, 0.0, -agent.radius_m - _LIFT_M),
+                anchor="top-center",
             )
             self._ghosts[ghost.agent] = (frame, label)
 
@@ -199,7 +199,9 @@ class Drawing:
         position = scene.world_pose(waypoint.id).position_m
         label = before.get(name)
         if label is None:
-            return self._api.add_label(name, text, position=position, anchor="top-left", font_screen_scale=0.8)
+            return self._api.add_label(
+                name, text, position=position, anchor="center-right", font_screen_scale=0.8
+            )
         if label.text != text:
             label.text = text
         if tuple(label.position) != position:
