@@ -335,10 +335,14 @@ def _communication(agents: tuple[str, ...]) -> list[Any]:
     ages = [f"{root}/heartbeat_age_s" for root in roots] or everything
     bands = [f"{root}/{what}" for root in roots for what in ("life", "decoders")] or everything
     drops = [f"{root}/{what}" for root in roots for what in ("dropped", "lost")] or everything
+    plots = {"heartbeat age (s)": ages, "dropped and lost": drops}
+    above = rrb.PlotLegend(rrb.Corner2D.LeftTop)  # where values that grow are not
     return [
         rrb.Tabs(
-            rrb.TimeSeriesView(origin=AGENTS, contents=ages, name="heartbeat age (s)"),
-            rrb.TimeSeriesView(origin=AGENTS, contents=drops, name="dropped and lost"),
+            *(
+                rrb.TimeSeriesView(origin=AGENTS, contents=paths, name=name, plot_legend=above)
+                for name, paths in plots.items()
+            )
         ),
         rrb.StateTimelineView(origin=AGENTS, contents=bands, name="life and decoders"),
         rrb.GraphView(origin="/fleet/border", name="what crosses the border"),
