@@ -82,12 +82,9 @@ class Bench(Generic[C]):
         return self.hosts
 
     def write(self, table: str, row: Row, *, at_ns: int | None = None) -> None:
-        """Write one row.
+        """Write one row, an instance of the table's class or its fields by name.
 
-        Args:
-            table: One of the experiment's tables.
-            row: An instance of the table's class, or its fields by name.
-            at_ns: Its time in the log; None: now, or its place in the table where the part is not timed.
+        Its time is now, or its place in the table where the part is not timed.
 
         Raises:
             InvalidValueError: The experiment has no such table.

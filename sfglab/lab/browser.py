@@ -48,11 +48,7 @@ class BrowserError(SfglabError, RuntimeError):
 
 
 class Browser:
-    """One page in an engine, to be closed.
-
-    Args:
-        width: Of the page, in pixels.
-        height: Of the page, in pixels.
+    """One page in an engine, of a width and height in pixels; to be closed.
 
     Raises:
         MissingExtraError: PySide6-WebEngine or websockets is not installed.

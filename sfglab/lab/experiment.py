@@ -325,11 +325,9 @@ class Experiment(Generic[C]):
         return caption_of(self._drawings[name].function) or name
 
     def config(self, profile: str = QUICK, **changes: Any) -> C:
-        """Return the configuration of a profile.
+        """Return the configuration of a profile: ``smoke``, ``quick`` or ``paper``.
 
-        Args:
-            profile: ``smoke``, ``quick`` or ``paper``.
-            changes: Fields that are set anew; values as JSON has them are read by the fields' types.
+        Changes are fields that are set anew; values as JSON has them are read by the fields' types.
 
         Raises:
             InvalidValueError: There is no such profile or field, or a value that the field cannot hold.

@@ -93,10 +93,6 @@ class CpuLedger:
     def update(self, readings: Mapping[int, ProcessStat], *, clock_ns: int) -> int:
         """Enter the readings of all processes of the tree.
 
-        Args:
-            readings: One for each living process; who is missing has ended.
-            clock_ns: The time of reading on the clock of `ProcessStat.started_ns`.
-
         Returns:
             CPU time of all processes since the first update, alive or ended, in nanoseconds; never falls.
         """
@@ -215,11 +211,7 @@ class CpuMeter:
         self._ledger = CpuLedger()
 
     def sample(self, table: Mapping[int, ProcessStat] | None = None) -> int:
-        """Read the processes' clocks; return the CPU time since the first sample, in nanoseconds.
-
-        Args:
-            table: What `process_table` has just returned; read anew when None.
-        """
+        """Return the CPU time since the first sample, ns, from a `process_table`, read anew when None."""
         clock_ns = time.clock_gettime_ns(time.CLOCK_BOOTTIME) // _TICK_NS * _TICK_NS
         table = process_table() if table is None else table
         roots, self._pids = (self._pids(), self._pids) if callable(self._pids) else (self._pids, ())
@@ -242,12 +234,7 @@ class _Reading:
 
 
 class Window:
-    """Several meters read together; each sample closes one window and opens the next.
-
-    Args:
-        cpu: Processes by label.
-        interfaces: Hosts by label; a label may have both.
-    """
+    """Several meters, by label, read together; each sample closes one window and opens the next."""
 
     def __init__(self, *, cpu: Mapping[str, Pids], interfaces: Mapping[str, CountsBytes]) -> None:
         roots = [pids if callable(pids) else tuple(pids) for pids in cpu.values()]
@@ -259,9 +246,6 @@ class Window:
 
     def sample(self, now_ns: int) -> list[MeterRow]:
         """Read all meters.
-
-        Args:
-            now_ns: The run's clock.
 
         Returns:
             One row for each label, in order of label; none at the first sample, which only opens a window.
@@ -314,17 +298,9 @@ async def measure(
     interfaces: Mapping[str, CountsBytes] | None = None,
     clock_ns: Callable[[], int] = time.monotonic_ns,
 ) -> list[MeterRow]:
-    """Measure for a while.
+    """Measure for a while; return one row for each window, of `period_s`, and label.
 
-    Args:
-        duration_s: How long, in seconds.
-        period_s: Length of one window, in seconds.
-        cpu: Processes by label.
-        interfaces: Hosts by label.
-        clock_ns: The run's clock, which must run like a real one.
-
-    Returns:
-        One row for each window and label.
+    The clock must run like a real one.
 
     Raises:
         InvalidValueError: The duration does not hold one period.

@@ -74,9 +74,7 @@ def read_parameters(pairs: Sequence[str]) -> dict[str, Any]:
 def find_notebooks(project: Project, names: Sequence[str] = ()) -> list[Path]:
     """Return the notebooks to run, in order; the index comes last, since it reports on the others.
 
-    Args:
-        project: The checkout.
-        names: File names, with or without suffix, or unambiguous beginnings of them; all when empty.
+    Names are file names, with or without suffix, or unambiguous beginnings of them; without any all are meant.
 
     Raises:
         NotebookError: A name fits no notebook, or several.
@@ -214,12 +212,8 @@ def run_notebooks(
 ) -> list[Outcome]:
     """Run notebooks one after the other; a failure does not stop the rest.
 
-    Args:
-        paths: The notebooks.
-        project: The checkout; executed copies go to ``runs/notebooks``.
-        parameters: Values for every notebook's ``parameters`` cell, or fields of its configuration.
-        write: Also put the executed, normalised copies in place of the notebooks.
-        say: Takes a line of progress.
+    Executed copies go to ``runs/notebooks``, and with `write` normalised in place of the notebooks. Parameters
+    are values for every notebook's ``parameters`` cell, or fields of its configuration.
 
     Raises:
         NotebookError: Before anything runs: parameters that do not fit a notebook.

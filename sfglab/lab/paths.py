@@ -64,10 +64,7 @@ class Project:
 
 
 def find_project(start: Path | None = None) -> Project:
-    """Find the checkout that a command or a notebook works in.
-
-    Args:
-        start: Where to look first, with all folders above; the working directory when not given.
+    """Find the checkout that a command or a notebook works in, from the working directory upwards.
 
     Raises:
         SfglabError: There is none.

@@ -57,12 +57,7 @@ class Frame:
 
 
 class Source:
-    """A stream of frames of one size that starts again at its end.
-
-    Args:
-        pictures: What it shows, without end.
-        close: Gives back the file or device.
-    """
+    """A stream of frames of one size that starts again at its end, and gives back its file or device."""
 
     def __init__(self, pictures: Iterator[Picture], close: Callable[[], None] = lambda: None) -> None:
         self._pictures = pictures

@@ -52,11 +52,7 @@ def bootstrap(
 ) -> Estimate:
     """Estimate a statistic of several groups of samples, resampling the rows of each group.
 
-    Args:
-        samples: Groups, each of shape (n, ...), resampled independently of each other.
-        statistic: Takes resampled groups, returns one number; a resample that gives NaN is left out.
-        unit: Unit of the result.
-        seed: Seed of the resampling.
+    Groups have shape (n, ...). A resample for which the statistic is NaN is left out.
 
     Raises:
         InvalidValueError: A group is empty, or no resample gave a number.
@@ -75,13 +71,7 @@ def bootstrap(
 
 
 def median_of(samples: Floats | Sequence[float], *, unit: str, seed: int = 0) -> Estimate:
-    """Estimate the median of samples.
-
-    Args:
-        samples: Shape (n,), n at least 1.
-        unit: Unit of the samples.
-        seed: Seed of the resampling.
-    """
+    """Estimate the median of samples, shape (n,), n at least 1."""
     group = np.asarray(samples, dtype=np.float64)
     return bootstrap([group], lambda groups: float(np.median(groups[0])), unit=unit, seed=seed)
 

@@ -88,13 +88,9 @@ class _Loopback:
 
 
 class Testbed:
-    """Named hosts, as a context manager.
+    """Named hosts, as a context manager: separate or one, by None separate where the machine can.
 
     On one host the domains of two runs are the same, so the second waits until the first has ended.
-
-    Args:
-        names: The hosts.
-        separate: False insists on one host, None takes separate hosts where the machine can.
     """
 
     __test__ = False  # not a test, whatever its name makes pytest think

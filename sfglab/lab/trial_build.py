@@ -44,11 +44,7 @@ _GLIBC_MINORS = (17, 24, 26, 27, 28, 31, 34, 35)
 def wheelhouse(lock: str, folder: Path, python: str, architecture: Architecture) -> tuple[Path, ...]:
     """Fetch the wheels of a lock file for another machine, each by its digest; return where they are.
 
-    Args:
-        lock: The lock file, as an image has it.
-        folder: Where they are put, as in ``image/wheels``; made if it is not there.
-        python: Version of Python in the image, as in ``3.11``.
-        architecture: The image's processor.
+    The folder, as in ``image/wheels``, is made if it is not there; the version of Python is as in ``3.11``.
 
     Raises:
         DeployError: Something cannot be fetched, as for want of a wheel for that machine.
@@ -185,12 +181,8 @@ def trial_build(
 ) -> tuple[CheckRow | Unasked, ...]:
     """Build an agent's images twice, ask them what a robot would, and take all of it away again.
 
-    Args:
-        deployment: The agent; what of it is left out is said in the module's docstring.
-        wheel: Sfglab's wheel, the one of its release.
-        folder: Where files and images are made; what the trial puts there is gone afterwards.
-        say: Told each line that the tools say.
-        cache: Where base and wheels are kept for the next trial; None keeps nothing.
+    The wheel is that of its release. Files and images are made in the folder and gone afterwards; base and
+    wheels stay in the cache for the next trial, if there is one.
 
     Raises:
         DeployError: A tool failed where nothing but the machine can be the cause.

@@ -62,12 +62,9 @@ class Pose:
         *,
         place: str = "pose",
     ) -> Self:
-        """Return a pose from any three and four numbers.
+        """Return a pose from x, y, z and a quaternion x, y, z, w of any length above 1e-6.
 
-        Args:
-            position_m: x, y, z.
-            quat_xyzw: x, y, z, w, of any length above 1e-6.
-            place: Where the numbers come from, for the message: "fleet.yaml: agents.go2.pose".
+        Messages name the place where the numbers come from: "fleet.yaml: agents.go2.pose".
 
         Raises:
             PoseError: As for the class, naming the place.
@@ -82,10 +79,7 @@ class Pose:
 
     @classmethod
     def from_matrix(cls, matrix: NDArray[np.float64]) -> Self:
-        """Return the pose of a homogeneous matrix.
-
-        Args:
-            matrix: Shape (4, 4); its rotation is brought to the nearest orthogonal one.
+        """Return the pose of a matrix, shape (4, 4), whose rotation is brought to the nearest orthogonal one.
 
         Raises:
             PoseError: It has another shape, is not finite, or mirrors.
@@ -105,11 +99,7 @@ class Pose:
 
     @classmethod
     def from_msg(cls, message: Any, *, place: str = "pose") -> Self:
-        """Return the pose in a `geometry_msgs/msg/Pose` or `geometry_msgs/msg/Transform`.
-
-        Args:
-            message: Either; anything with the same fields will do.
-            place: Where it comes from, for the message.
+        """Return the pose in a `geometry_msgs/msg/Pose` or `Transform`, or in anything with the same fields.
 
         Raises:
             PoseError: As for the class; also for an all-zero message that nobody filled.
@@ -147,9 +137,7 @@ class Pose:
     def interpolate(self, other: Pose, fraction: float) -> Pose:
         """Return the pose on the way to another: position linear, orientation by SLERP the short way around.
 
-        Args:
-            other: Where fraction 1 is.
-            fraction: 0 is here; below 0 and above 1 the motion goes on at the same rates.
+        Fraction 0 is here, 1 there; below and above the motion goes on at the same rates.
 
         Source:
             K. Shoemake: Animating rotation with quaternion curves, SIGGRAPH 1985.

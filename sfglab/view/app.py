@@ -59,12 +59,7 @@ class Report:
 
 
 def session_for(topics: Mapping[str, str], options: ViewOptions) -> Session:
-    """Return a session with everything that the installed visualizers can show of some topics.
-
-    Args:
-        topics: Type by topic.
-        options: Which of them, and the fleet file that the communication's display needs.
-    """
+    """Return a session with all that installed visualizers can show of topics, given type by topic."""
     session = Session()
     chosen = {t: kind for t, kind in topics.items() if not options.topics or t.startswith(options.topics)}
     for offer in session.offers(chosen):
@@ -81,16 +76,10 @@ def view_log(
     session: Session | None = None,
     on_shown: Callable[[Session], None] = lambda _: None,
 ) -> tuple[Report, ...]:
-    """Show a log: an MCAP file, or a bag that rosbags reads.
+    """Show a log, an MCAP file or a bag that rosbags reads; return what became of messages, one a display.
 
-    Args:
-        path: The log.
-        options: How to look.
-        session: What is shown; None for everything that can be.
-        on_shown: Called once with the session when all is sent; what is served is so as long as it runs.
-
-    Returns:
-        What became of the messages, one a display.
+    Without a session all is shown that can be. `on_shown` is called once with the session when all is sent;
+    what is served is so as long as it runs.
 
     Raises:
         LogError: There is no such file.
@@ -120,11 +109,8 @@ async def view_live(
 ) -> None:
     """Show what is on the bus, until cancelled.
 
-    Args:
-        node: On the domain to look at.
-        options: How to look.
-        session: What is shown, which may change meanwhile; None follows all topics that can be shown.
-        on_start: Called once with the session, when the bridge runs.
+    The session may change meanwhile; None follows all topics that can be shown. `on_start` is called once with
+    it, when the bridge runs.
 
     Raises:
         SinkError: What is shown cannot be sent any more.

@@ -101,10 +101,7 @@ class Log:
 
 @contextmanager
 def open_log(path: str | Path) -> Iterator[Log]:
-    """Open a log; types that this process does not know, or with other fields, are decoded by its definitions.
-
-    Args:
-        path: What `sfglab.record.LogReader` takes: an MCAP file, also one that was cut off, or a bag.
+    """Open a log or bag; types unknown to this process, or with other fields, are decoded by its definitions.
 
     Raises:
         LogError: There is no such log, or it cannot be read.

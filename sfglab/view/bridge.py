@@ -37,12 +37,7 @@ _Key = tuple[str, str, QoSProfile]
 
 
 def requested(declared: QoSProfile, offered: Iterable[QoSProfile]) -> QoSProfile:
-    """Return what to request so that it matches all that is offered.
-
-    Args:
-        declared: What the visualizer would like.
-        offered: By the publishers that there are; none changes nothing.
-    """
+    """Return what to request so that it matches all that is offered, as near as can be to what is declared."""
     profiles = tuple(offered)
     if any(profile.reliability is Reliability.BEST_EFFORT for profile in profiles):
         declared = replace(declared, reliability=Reliability.BEST_EFFORT)

@@ -26,10 +26,6 @@ Topics = Callable[[], Mapping[str, str]]
 class Panel:
     """A list of displays with what can be tuned, and a row to add one. `widget` is what a cell shows.
 
-    Args:
-        session: Whose displays.
-        topics: Returns type by topic, to choose from.
-
     Raises:
         MissingExtraError: ipywidgets is not installed.
     """

@@ -60,12 +60,7 @@ _IMAGE_BYTES = 128 * 1024  #: A batch of this size leaves at once: a picture doe
 
 
 class RerunCanvas:
-    """A recording to draw on, from one thread; made by `open_canvas`.
-
-    Args:
-        recording: A Rerun recording with its sinks.
-        where: Its sinks, for messages.
-    """
+    """A recording to draw on, from one thread; made by `open_canvas`."""
 
     def __init__(self, recording: Any, where: str) -> None:
         self.recording = recording  #: For what only Rerun can do.
@@ -259,12 +254,7 @@ class Layout:
 
 
 def layout_of_fleet(fleet: Fleet, *, frame: str = "map") -> Layout:
-    """Return the layout of a fleet: a view for every stream that its agents announce.
-
-    Args:
-        fleet: As the fleet file has it.
-        frame: The frame in which space is drawn.
-    """
+    """Return the layout of a fleet, drawn in a frame: a view for every stream that its agents announce."""
     cameras = [
         Camera(name=f"{agent.name} {sensor.name} {stream.codec}", entity=entity_of_topic(stream.topic))
         for agent in fleet.agents
@@ -276,12 +266,7 @@ def layout_of_fleet(fleet: Fleet, *, frame: str = "map") -> Layout:
 
 
 def layout_of_topics(topics: Mapping[str, str], *, frame: str = "") -> Layout:
-    """Return a layout for topics alone.
-
-    Args:
-        topics: Type by topic.
-        frame: The frame in which space is drawn.
-    """
+    """Return a layout, drawn in a frame, for topics alone, given type by topic."""
     pictures = sorted(topic for topic, type_name in topics.items() if type_name in _PICTURES)
     cameras = tuple(Camera(name=topic, entity=entity_of_topic(topic)) for topic in pictures)
     return Layout(frame=frame, cameras=cameras, communication=AGENT_HEARTBEAT in topics.values())

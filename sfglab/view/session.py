@@ -193,13 +193,9 @@ class Session:
         *,
         qos: Mapping[str, QoSProfile] | None = None,
     ) -> Display:
-        """Add a display.
+        """Add a display of a visualizer, or of the name of an installed one; a topic alone is its first role's.
 
-        Args:
-            kind: A visualizer, or the name of one that is installed.
-            topics: Topic by role; one topic alone is the first role's.
-            settings: Values of parameters that differ from their defaults.
-            qos: What is requested instead of what the visualizer declares, by role.
+        Settings are those that differ from their defaults; QoS, by role, replaces what the visualizer declares.
 
         Raises:
             InvalidValueError: There is no such visualizer, a topic is missing, or a value not allowed.
@@ -250,10 +246,7 @@ class Session:
     ) -> None:
         """Change what a display requests and which messages belong together; what waited is gone.
 
-        Args:
-            id_: Which display.
-            qos: By role, in addition to what was given before.
-            sync: None leaves it as it is.
+        QoS is by role, in addition to what was given before; without a policy it stays as it is.
         """
         display = self.display(id_)
         for role, profile in (qos or {}).items():
@@ -265,11 +258,7 @@ class Session:
         self._tell(Changed.REWIRED, display)
 
     def offers(self, topics: Mapping[str, str]) -> tuple[Offer, ...]:
-        """Return what could be added for the topics that there are, without what is shown already.
-
-        Args:
-            topics: Type by topic.
-        """
+        """Return what could be added for topics, given type by topic, without what is shown already."""
         shown = {(d.visualizer.name, next(iter(d.visualizer.topics.values()))) for d in self.displays}
         found = []
         for kind in available().kinds.values():

@@ -51,12 +51,7 @@ class Taken(NamedTuple, Generic[T]):
 class Slot(Generic[T]):
     """The queue of one visualizer.
 
-    Args:
-        roles: Its inputs, the leading one first.
-        policy: Which messages belong together.
-        max_hz: Its rate budget.
-        queue: How many sets wait for their turn.
-        steady: Roles of which one message may hold for good.
+    The first role leads; of steady ones a message may hold for good. `queue` sets wait for their turn.
     """
 
     def __init__(
@@ -74,14 +69,7 @@ class Slot(Generic[T]):
         self._received = self._shown = self._pushed_out = self._passed_over = 0
 
     def offer(self, role: str, stamp_ns: int, item: T, *, now_ns: int) -> None:
-        """Take one message.
-
-        Args:
-            role: Which input it belongs to.
-            stamp_ns: When it was captured.
-            item: The message, in any form.
-            now_ns: The clock of the rate budget.
-        """
+        """Take one message of a role, in any form, with its capture stamp; now is by the budget's clock."""
         self._received += 1
         for matched in self._synchronizer.offer(role, stamp_ns, item):
             if not self.budget.allows(now_ns):
@@ -123,13 +111,10 @@ class Slot(Generic[T]):
 
 
 class RateBudget:
-    """Lets at most `max_hz` events a second pass, evenly.
+    """Lets at most `max_hz` events a second pass, evenly; None: everything.
 
     Events that come in step with the budget pass although they jitter: half a period that an event was late is
     credited to the next one.
-
-    Args:
-        max_hz: Events a second; None lets everything pass.
     """
 
     def __init__(self, max_hz: float | None) -> None:
@@ -150,11 +135,7 @@ class RateBudget:
         self._max_hz, self._next_ns = value, None
 
     def allows(self, now_ns: int) -> bool:
-        """Return whether an event may pass now; if not, it is counted as dropped.
-
-        Args:
-            now_ns: The caller's clock in nanoseconds; when it runs backwards, counting starts anew.
-        """
+        """Return whether an event may pass now, else count it as dropped; time that runs back starts anew."""
         if self._max_hz is None:
             return True
         period_ns = round(NS_PER_S / self._max_hz)

@@ -87,11 +87,7 @@ def _noted(display: Display) -> Iterator[None]:
 
 
 class Stage:
-    """All displays of a session.
-
-    Args:
-        session: Whose displays; they may change at any time.
-    """
+    """The displays of a session, which may change at any time."""
 
     def __init__(self, session: Session) -> None:
         #: Messages that the transport knows to have lost, by topic; kept by whoever receives.
@@ -129,11 +125,9 @@ class Stage:
         return None
 
     def tick(self, now_ns: int, facts: Iterable[EndpointEvent] = ()) -> Job | None:
-        """Return what is to be done as time goes by; None when nothing is due.
+        """Return what is to be done as the received clock goes by; None when nothing is due.
 
-        Args:
-            now_ns: The received clock.
-            facts: What happened on the bus since the last call; it is passed on to every display.
+        Facts are what happened on the bus since the last call, which every display is told.
         """
         due = tuple(d for d in self._session.displays if d.enabled and self._is_due(d, now_ns))
         told = tuple(facts)
@@ -191,15 +185,7 @@ def wanted_topics(session: Session) -> frozenset[str]:
 
 
 def replay(arrivals: Iterable[Arrival], session: Session, surface: Surface) -> int:
-    """Draw messages, and what changes with time between them.
-
-    Args:
-        arrivals: In the order in which they were received.
-        session: What is shown.
-        surface: What is drawn on; it stays open.
-
-    Returns:
-        How many messages were read.
+    """Draw messages, as they were received, and what changes with time between them; return how many were read.
 
     Raises:
         SinkError: The surface does not take any more.

@@ -80,12 +80,7 @@ class Matched(Generic[T]):
 
 
 class Synchronizer(Generic[T]):
-    """The queues of several topics; made by `synchronizer`.
-
-    Args:
-        topics: Their names, the leading one first.
-        depth: Items of each that wait.
-    """
+    """The queues of several topics, the leading one first, `depth` items each; made by `synchronizer`."""
 
     def __init__(self, topics: tuple[str, ...], *, depth: int) -> None:
         self.unmatched = 0  #: Items dropped because their partners did not come.
@@ -100,13 +95,7 @@ class Synchronizer(Generic[T]):
         return sum(map(len, self._queues.values()))
 
     def offer(self, topic: str, stamp_ns: int, item: T) -> list[Matched[T]]:
-        """Take one item and return the sets that it completes, the oldest first.
-
-        Args:
-            topic: One of the synchroniser's topics.
-            stamp_ns: The item's stamp.
-            item: Anything.
-        """
+        """Take one item and return the sets that it completes, the oldest first."""
         if stamp_ns <= self._last_ns.get(topic, stamp_ns - 1):
             self.disordered += 1
             return []
@@ -281,12 +270,9 @@ class _IndependentSynchronizer(Synchronizer[T]):
 def synchronizer(
     policy: SyncPolicy, topics: tuple[str, ...], *, steady: tuple[str, ...] = ()
 ) -> Synchronizer[object]:
-    """Return the queues that a policy asks for.
+    """Return the queues that a policy asks for; the first topic leads, and one alone needs no partner.
 
-    Args:
-        policy: Which items belong together.
-        topics: Names of the topics, the leading one first; with one, every item is a set of its own.
-        steady: Those of them, but for the first, that may speak once for all; for what matches by stamps.
+    Steady ones, for what matches by stamps, may speak once for all; never the first.
     """
     match policy:
         case Exact() | Approximate() if steady and len(topics) > 1:

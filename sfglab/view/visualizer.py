@@ -105,10 +105,6 @@ class Canvas(Protocol):
 class Visualizer(ABC):
     """Shows the messages of its inputs. Made for certain topics, and used by one thread.
 
-    Args:
-        topics: Topic by role; optional inputs may be left out.
-        settings: Values of parameters that differ from their defaults.
-
     Raises:
         InvalidValueError: A value is not allowed, or a role is missing or unknown.
     """

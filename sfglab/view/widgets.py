@@ -33,9 +33,7 @@ def widgets() -> Any:
 def front_end(module: Path, traits: Mapping[str, str]) -> Any:
     """Return the class of a widget whose part in the page is an ES module of our own.
 
-    Args:
-        module: The module's file.
-        traits: What both sides share: names, and what traitlets calls their kinds, as ``Unicode``.
+    Traits are what both sides share: names, and what traitlets calls their kinds, as ``Unicode``.
 
     Raises:
         MissingExtraError: anywidget is not installed.

@@ -277,9 +277,6 @@ def draw_stages(figure: Figure, run: Run[Config]) -> dict[str, Any]:
 def press_core(run: Sequence[Step] = ()) -> Automaton:
     """Return the core as a picture to press: an arrow gives its input to the state where the core stands.
 
-    Args:
-        run: A walk of core and surroundings (`sfglab.soc.exploration.walk`), whose inputs are stepped through.
-
     Raises:
         MissingExtraError: The extra ``view`` is not installed.
     """

@@ -152,10 +152,6 @@ class NamePicture(Pressed):
 
     A press on a segment puts the next standard value there that the schema allows.
 
-    Args:
-        name: The name to begin with.
-        policy: The router's; paper A's Table 1 when not given.
-
     Raises:
         FqnError: It is no ROS name.
         MissingExtraError: The extra ``view`` is not installed.

@@ -50,9 +50,7 @@ class Task:
 class Worker:
     """A worker process as the explorer sees it, without a loop: a busy cell blocks neither orders nor reports.
 
-    Args:
-        task: What it is for.
-        on_report: Called on a thread of its own with every report; the last one is ``{"is": "ended"}``.
+    It is told every report on a thread of its own; the last one is ``{"is": "ended"}``.
     """
 
     def __init__(self, task: Task, on_report: Callable[[Report], None]) -> None:
@@ -80,21 +78,16 @@ class Worker:
 
 
 class Explorer:
-    """What `explore` shows, which has its arguments.
-
-    Attributes:
-        form: The form.
-        shown: The request whose picture is shown; whole: whether it is the whole picture.
-        kept: Logs that were kept.
-    """
+    """What `explore` shows, which has its arguments."""
 
     def __init__(self, exp: Experiment[Any], look: str, profile: str) -> None:
         self._kit = widgets()
         self._exp, self._look, self._profile = exp, look, profile
         declared = exp.looks[look]
         self.form = Form(exp.config(profile, **declared.start), declared.turn, self._ask, declared.within)
+        #: The request whose picture is shown, and whether it is the whole picture.
         self.shown, self.whole = -1, False
-        self.kept: list[str] = []
+        self.kept: list[str] = []  #: Logs that were kept.
         self._request = -1
         self._settled = threading.Event()
         self._running: Worker | None = None
@@ -250,11 +243,6 @@ def explore(exp: Experiment[Any], look: str = "", *, profile: str = "quick") -> 
     """Show a form of an experiment's configuration and a figure that follows it.
 
         explore(transmission.exp)
-
-    Args:
-        exp: The experiment.
-        look: Which of its looks; empty: its first.
-        profile: The profile that the form begins with.
 
     Raises:
         InvalidValueError: The experiment has no such look.

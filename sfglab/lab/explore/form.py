@@ -39,11 +39,7 @@ def unit_of(name: str, text: str) -> str:
 class Form:
     """Widgets that set a configuration. `widget` is what a cell shows.
 
-    Args:
-        config: The configuration to begin with.
-        first: Names of fields that are shown first; the others are in a fold below.
-        on_change: Called when a valid value was set.
-        within: Bounds of sliders that are narrower than their fields'.
+    Named fields are shown first, the others in a fold below; `within` are narrower bounds of sliders.
 
     Raises:
         MissingExtraError: ipywidgets is not installed.

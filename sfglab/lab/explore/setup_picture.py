@@ -27,14 +27,7 @@ _LETTERS = 27
 
 
 def draw_setup(setup: Setup) -> Figure:
-    """Draw a set-up.
-
-    Args:
-        setup: The set-up.
-
-    Returns:
-        A figure as large as it needs.
-    """
+    """Draw a set-up, in a figure as large as it needs."""
     from matplotlib.figure import Figure
 
     hosts = list(dict.fromkeys(actor.host for actor in setup.actors))

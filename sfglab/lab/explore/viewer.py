@@ -135,9 +135,6 @@ class LiveView:
 
         live = await LiveView.open(lambda here: run_camera(CameraConfig(places=((here, topic),))))
         live
-
-    Args:
-        node: On the domain to look at.
     """
 
     _last: ClassVar[LiveView | None] = None
@@ -163,9 +160,8 @@ class LiveView:
     ) -> Self:
         """Return one whose bridge runs, and which has heard of a program's first message.
 
-        Args:
-            programs: Run beside it until it is closed, at the address that they are given.
-            here: The domain to look at; None: one of the loopback that nobody else uses.
+        Programs run beside it until it is closed, at the address that they are given; without one it is a
+        domain of the loopback that nobody else uses.
         """
         if cls._last is not None:
             await cls._last.close()

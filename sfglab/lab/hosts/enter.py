@@ -33,10 +33,7 @@ def _call(name: str, *args: int) -> None:
 
 
 def unshare(flags: int) -> None:
-    """Give the calling thread new namespaces (unshare(2)).
-
-    Args:
-        flags: A sum of ``CLONE_NEW*``.
+    """Give the calling thread new namespaces (unshare(2)), by a sum of ``CLONE_NEW*``.
 
     Raises:
         OSError: The kernel refuses.
@@ -45,11 +42,7 @@ def unshare(flags: int) -> None:
 
 
 def setns(fd: int, flags: int) -> None:
-    """Move the calling thread into a namespace (setns(2)).
-
-    Args:
-        fd: Descriptor of a file below ``/proc/PID/ns``.
-        flags: The kind of namespace expected, one of ``CLONE_NEW*``.
+    """Move the calling thread into the namespace of a file, which must be of a kind (setns(2)).
 
     Raises:
         OSError: The kernel refuses.
@@ -89,12 +82,9 @@ def new(how: str) -> str:
 
 
 def join(pid: int, inode: int, how: str) -> None:
-    """Move this process into the namespaces of a host's holder.
+    """Move this process into the namespaces of a host's holder; ``rootless``: into its user namespace too.
 
-    Args:
-        pid: The holder.
-        inode: Inode of the network namespace, which tells the holder from a later owner of its pid.
-        how: ``rootless`` to join its user namespace too.
+    The inode of the network namespace tells the holder from a later owner of its pid.
 
     Raises:
         OSError: The holder is gone, or the kernel refuses.

@@ -66,11 +66,7 @@ def _inode(pid: int) -> int:
 
 
 def members(inodes: Collection[int]) -> list[int]:
-    """Return the pids of all processes in some network namespaces, except the calling one.
-
-    Args:
-        inodes: The namespaces, by the inodes of their files below ``/proc/PID/ns``.
-    """
+    """Return the pids of all processes, except the calling one, in network namespaces of some inodes."""
     pids = (int(entry.name) for entry in Path("/proc").iterdir() if entry.name.isdigit())
     return [pid for pid in pids if pid != os.getpid() and _inode(pid) in inodes]
 
@@ -120,10 +116,7 @@ def _signal_all(inodes: Collection[int], spare: Collection[int], number: int, de
 def end_members(inodes: Collection[int], *, grace_s: float, spare: Collection[int] = ()) -> None:
     """End all processes in some network namespaces: TERM, a grace, then KILL, until none is left.
 
-    Args:
-        inodes: The namespaces.
-        grace_s: How long a process may take to end by itself, in seconds; 0 kills at once.
-        spare: Pids to leave alone.
+    The grace is in seconds; 0 kills at once. Pids in `spare` are left alone.
 
     Raises:
         HostsError: A killed process did not end.
@@ -154,10 +147,6 @@ class InterfaceBytes(NamedTuple):
 def interface_bytes(table: str, interface: str) -> InterfaceBytes:
     """Read one interface's counters from the text of ``/proc/net/dev`` (proc(5)).
 
-    Args:
-        table: The text.
-        interface: Name of the interface.
-
     Raises:
         LookupError: The text has no such interface.
     """
@@ -173,18 +162,13 @@ class Host:
     """A host of a `Network`, made by `Network.add_host`.
 
     Hosts share the machine's file system, `/dev/shm`, processes and clock; only their network is their own.
-
-    Attributes:
-        name: Its name in the network.
-        address: Its IPv4 address.
-        interface: Its interface to the network.
     """
 
-    interface = INTERFACE
+    interface = INTERFACE  #: Its interface to the network.
 
     def __init__(self, name: str, *, address: str, holder: int, how: str) -> None:
-        self.name = name
-        self.address = address
+        self.name = name  #: Its name in the network.
+        self.address = address  #: Its IPv4 address.
         self._holder = holder
         self._how = how
         # Keeps the namespace, and with it the inode, unique as long as we refer to it.

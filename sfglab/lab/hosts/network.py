@@ -113,10 +113,7 @@ def _start(control: socket.socket, *, how: str, log: IO[bytes]) -> subprocess.Po
 
 
 class Channel:
-    """A running hub; safe to use from several threads.
-
-    Args:
-        how: ``auto``, ``root`` or ``rootless``.
+    """A running hub, ``auto``, ``root`` or ``rootless``; safe to use from several threads.
 
     Raises:
         HostsUnavailableError: The hub could not make its namespace.
@@ -276,9 +273,6 @@ class Network:
     def add_host(self, name: str) -> Host:
         """Add a host to the network; the first one has the address 10.77.0.2, the next one 10.77.0.3.
 
-        Args:
-            name: A name of your choice, once per network.
-
         Raises:
             InvalidValueError: The name is empty or taken.
             HostsUnavailableError: The kernel refuses.
@@ -312,11 +306,8 @@ class Network:
     ) -> None:
         """Replace the properties of a host's link, in both directions; what is None is unlimited or lossless.
 
-        Args:
-            name: The host.
-            rate_bps: Rate of Ethernet frames in bit/s.
-            loss: Probability with which each frame is lost.
-            queue_bytes: Size of the drop-tail queue before the rate; None is 100 ms at that rate.
+        The rate is that of Ethernet frames in bit/s; loss is the probability of each frame; the queue before
+        the rate holds 100 ms at that rate where its size is not given.
 
         Raises:
             InvalidValueError: There is no such host, or a value cannot be emulated.
@@ -338,11 +329,7 @@ class Network:
         A process relays every frame as the medium says; see `RadioCounters.kept_up` for whether it could. The
         queue is the relay's and hosts never wait, unless it blocks: then it is their kernel's, as long as a
         socket's buffer, whatever `queue_frames` says. Losses follow the seed, but which frame meets which
-        number depends on the machine. Counters begin anew.
-
-        Args:
-            medium: As in the model of RTPS; a frame's size is its Ethernet header and payload.
-            seed: Of the losses.
+        number depends on the machine. Counters begin anew. A frame's size is its Ethernet header and payload.
 
         Raises:
             InvalidValueError: The queue blocks, and the medium is shared, as a host's kernel cannot know who

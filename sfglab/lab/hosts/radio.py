@@ -80,10 +80,7 @@ class RadioCounters:
 
 
 class Relay:
-    """The running relay; lives in the hub.
-
-    Args:
-        ports: Name, interface and MAC address of each host.
+    """The running relay; lives in the hub. Ports are name, interface and MAC address of each host.
 
     Raises:
         OSError: It cannot be started.

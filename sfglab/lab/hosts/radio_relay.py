@@ -116,14 +116,9 @@ class Air(Generic[F]):
             self._start(transmitter)
 
     def offer(self, host: int, frame: F, *, size_bytes: int, now_ns: int, target: int | None = None) -> bool:
-        """Put a frame into a host's queue; False when one is dropped for it. Time must be advanced to now.
+        """Put a frame of so many bytes into a host's queue; False when one is dropped for it.
 
-        Args:
-            host: Who sends.
-            frame: What.
-            size_bytes: Bytes on the medium.
-            now_ns: When it came.
-            target: For whom; None: a group.
+        Time must be advanced to now. Without a target it is for a group.
         """
         took = self._queue(host, _Waiting(now_ns, size_bytes, frame, host, target))
         for transmitter in self._state.transmitters:
@@ -372,11 +367,7 @@ class _Relay:
 
 
 def main(control_fd: str) -> None:
-    """Be the relay.
-
-    Args:
-        control_fd: Number of its end of a SOCK_SEQPACKET pair.
-    """
+    """Be the relay."""
     # The kernel may wake a sleeper up to 50 us late by default (prctl(2)); frames take less than that.
     ctypes.CDLL(None).prctl(_PR_SET_TIMERSLACK, 1, 0, 0, 0)
     with (

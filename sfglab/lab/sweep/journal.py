@@ -195,10 +195,6 @@ def journals(log: Path, name: str) -> Iterator[Callable[[str], Path]]:
     They stand beside the log and are named for the run, not for the log, whose name may hold when it began: so
     the same run, started again after an interruption, finds them.
 
-    Args:
-        log: The run's log.
-        name: Of the run: the experiment and its profile.
-
     Yields:
         The journal of a part of the run, by the part's name.
     """
@@ -217,10 +213,6 @@ class Journal:
     """The journal of one sweep, open for one process at a time.
 
     A journal of another sweep is renamed, not lost.
-
-    Args:
-        path: The file; it and its folder are made when missing.
-        identity: From `identity_of`.
 
     Raises:
         JournalError: The file is no journal, or another process has it open.

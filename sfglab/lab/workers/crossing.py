@@ -63,11 +63,7 @@ def message_of(data: bytes, item: Round) -> memoryview:
 
 
 class End:
-    """A process of the crossing: what it does in a round.
-
-    Args:
-        config: Who it is.
-    """
+    """A process of the crossing: what it does in a round."""
 
     def __init__(self, config: CrossingConfig) -> None:
         self._config = config

@@ -60,12 +60,7 @@ class PartsConfig:
 
 
 def text_of(value: int, size_bytes: int) -> bytes:
-    """Return a sample of a size that carries a value's number: the CDR of a text of digits to base 64.
-
-    Args:
-        value: The number; its lowest digits, where there is no room for all.
-        size_bytes: CDR size; the paper's shortest message, "Hello", leaves five digits.
-    """
+    """Return the CDR, of a size, of a text of a number's lowest digits to base 64; five go into "Hello"."""
     letters = size_bytes - _FRAME_BYTES
     text = bytearray(letters)
     for place in range(letters - 1, -1, -1):
@@ -190,14 +185,7 @@ class _Executor:
 
 
 class Player:
-    """A host's part.
-
-    Args:
-        participant: In the domain of the run.
-        host: Who plays.
-        flows: Those that begin or end here.
-        seed: Of the values.
-    """
+    """A host's part: the flows that begin or end here. The seed is that of the values."""
 
     def __init__(self, participant: DdsParticipant, host: str, flows: Sequence[Flow], *, seed: int) -> None:
         from sfglab.messages.dds import idl_struct
@@ -247,13 +235,7 @@ class Player:
         }
 
     def play(self, *, start_ns: int, duration_s: float, drain_s: float) -> None:
-        """Publish and receive until time is over.
-
-        Args:
-            start_ns: Time 0 of the scenario, Unix nanoseconds.
-            duration_s: How long is published.
-            drain_s: How long is received beyond that.
-        """
+        """Publish for some seconds from `start_ns`, Unix time, and receive `drain_s` beyond that."""
         for sensor in self._sensors.values():
             if sensor.flow.rate_hz:
                 self._note(start_ns + round(sensor.flow.phase_s * NS_PER_S), sensor.flow.name, -1)

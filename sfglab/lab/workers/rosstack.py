@@ -100,11 +100,7 @@ def _parameter_services(node: str) -> Iterator[EndpointPlan]:
 class RosStack:
     """One node in a stack of its own: for everybody else, a process.
 
-    Args:
-        config: The domain; its `domain_id` is this stack's alone, its `external_domain_id` that of all.
-        namespace: The node's namespace.
-        name: The node's name.
-        plans: What `endpoints_of` returns for it.
+    The configuration's `domain_id` is this stack's alone, its `external_domain_id` that of all.
 
     Raises:
         BusError: Cyclone DDS cannot create something.

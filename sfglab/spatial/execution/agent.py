@@ -76,14 +76,7 @@ class Target:
 
 
 def steered(state: AgentState, target: Target, dt_s: float, dynamics: Dynamics) -> AgentState:
-    """Return an agent a little later, after steering towards a target.
-
-    Args:
-        state: Where it is.
-        target: Where it should be then.
-        dt_s: How much later, above zero; some hundredths of a second.
-        dynamics: How it answers.
-    """
+    """Return an agent `dt_s` later, some hundredths of a second, after steering to where it should be then."""
     missing = _minus(target.pose.position_m, state.pose.position_m)
     wanted = _plus(target.velocity_m_s, _scaled(missing, _approach_per_s(math.hypot(*missing), dynamics)))
     wanted = _at_most(wanted, dynamics.limits.speed_m_s)
@@ -160,12 +153,8 @@ def falls_behind_m(trajectory: Trajectory, dynamics: Dynamics, *, period_s: floa
 
     While it accelerates by A, a jump of v in the plan's velocity costs v^2 / (2 (A - a)), with a the plan's own
     acceleration, and A lag^2 / 2 until it steers again; without A it costs v lag. Then a costs lag a / gain, as
-    the error's equation ``lag e'' + e' + gain e = lag a`` does not overshoot; the steps of time cost v each.
-
-    Args:
-        trajectory: Where to be when.
-        dynamics: How the agent answers.
-        period_s: From one step to the next.
+    the error's equation ``lag e'' + e' + gain e = lag a`` does not overshoot; the steps of `period_s` cost v
+    each.
 
     Returns:
         Metres; infinite where the plan accelerates as hard as the agent can, which never catches up then.
@@ -258,13 +247,8 @@ class Progress:
 class Follower:
     """Moves an agent along one trajectory.
 
-    Args:
-        trajectory: Where to be when, in the agent's frame.
-        state: The agent as it is now.
-        now_ns: Now; the clock is the caller's.
-        start_ns: The trajectory's time 0 by that clock; it may lie ahead, and the agent goes to the start.
-        dynamics: How the agent answers.
-        tolerances: How well it has to follow.
+    The trajectory is in the agent's frame; its time 0 is `start_ns` by the caller's clock, which may lie ahead:
+    the agent goes to the start.
     """
 
     def __init__(  # noqa: PLR0913 - what belongs to a way is many things, and each is said by name

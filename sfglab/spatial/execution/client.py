@@ -38,11 +38,6 @@ class ExecuteOptions(TypedDict, total=False):
 class Execution:
     """One trajectory on its way; `send` makes it and sends it off.
 
-    Args:
-        node: Who sends.
-        agent: Who is to move.
-        **options: See `ExecuteOptions`.
-
     Raises:
         FqnError: No action is given, and it is not the name of an agent.
         BusTimeoutError: By what needs a server, or asks it: there is none, or it does not answer.
@@ -92,14 +87,8 @@ class Execution:
 async def send(node: Node, order: Order, **options: Unpack[ExecuteOptions]) -> Execution:
     """Send an order and return once the server has answered; `Execution.close` ends it.
 
-    Args:
-        node: Who sends.
-        order: Trajectory and agent.
-        **options: See `ExecuteOptions`.
-
     Raises:
-        BusTimeoutError: There is no server.
-        BusTimeoutError: It does not answer.
+        BusTimeoutError: There is no server, or it does not answer.
     """
     execution = Execution(node, order.agent, **options)
     try:
@@ -111,7 +100,7 @@ async def send(node: Node, order: Order, **options: Unpack[ExecuteOptions]) -> E
 
 
 async def execute(node: Node, order: Order, **options: Unpack[ExecuteOptions]) -> Ended:
-    """Send an agent along a trajectory and return how it ended.
+    """Send an agent along a trajectory; return how it ended, also where it was not taken.
 
     A task that awaits this and is cancelled cancels the goal, and ends only when the agent stands.
 
@@ -119,17 +108,8 @@ async def execute(node: Node, order: Order, **options: Unpack[ExecuteOptions]) -
     ended = await execute(node, Order(agent="go2", trajectory=trajectory), on_feedback=print)
     ```
 
-    Args:
-        node: Who sends.
-        order: Trajectory and agent, as `scene_orders` makes them.
-        **options: See `ExecuteOptions`.
-
-    Returns:
-        How it ended, also where the agent did not take it.
-
     Raises:
-        BusTimeoutError: There is no server.
-        BusTimeoutError: It does not answer.
+        BusTimeoutError: There is no server, or it does not answer.
         ActionServerGoneError: It went away before the end.
     """
     execution = Execution(node, order.agent, **options)
@@ -150,11 +130,9 @@ async def execute(node: Node, order: Order, **options: Unpack[ExecuteOptions]) -
 def scene_orders(scene: Scene, *, agents: tuple[str, ...] = (), start_ns: int = 0) -> tuple[Order, ...]:
     """Return what a scene asks of its agents; all orders share the scene's time 0.
 
-    Args:
-        scene: A plan.
-        agents: Which, by name; all that drive a trajectory where none is named.
-        start_ns: The scene's time 0, in nanoseconds since the epoch; 0: when each server takes its order, so
-            that several agents start as far apart as their orders arrive.
+    Agents are named; without names all are meant that drive a trajectory. Time 0 is `start_ns`, in nanoseconds
+    since the epoch; 0: when each server takes its order, so that several agents start as far apart as their
+    orders arrive.
 
     Raises:
         InvalidValueError: There is no such agent, several have this name, or it has no trajectory.

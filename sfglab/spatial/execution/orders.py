@@ -121,13 +121,7 @@ class Rules:
 
 
 def judge(order: Order, rules: Rules, pose: Pose, now_ns: int) -> None:
-    """Return if an agent takes an order.
-
-    Args:
-        order: What it is asked.
-        rules: What it takes.
-        pose: Where it is.
-        now_ns: Now, by the clock of the order's start.
+    """Return if an agent at a pose takes an order now, by the clock of the order's start.
 
     Raises:
         RefusalError: It does not; with the first reason.

@@ -59,18 +59,13 @@ class TrajectoryServer:
 
     Publishes ``/global/<agent>/pose`` and ``odometry``, and its frame ``<agent>/base`` on ``/tf``. A canceled
     goal ends when the agent stands; so does one that left its path. A second goal is refused while the first
-    runs, or takes its place, as the setup says.
+    runs, or takes its place, as the setup says. The action is ``/global/<agent>/execute_trajectory`` where no
+    name is given.
 
     ```python
     async with Node("go2", domain_id=7) as node, TrajectoryServer(node, "go2"):
         await asyncio.Event().wait()
     ```
-
-    Args:
-        node: The node it lives on.
-        agent: The agent's name.
-        name: The action; ``/global/<agent>/execute_trajectory`` where it is empty.
-        setup: The agent before it moves.
 
     Raises:
         FqnError: It is not the name of an agent.

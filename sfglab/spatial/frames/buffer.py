@@ -70,11 +70,7 @@ class Edge:
 
 
 class FrameBuffer:
-    """A tree of frames with a history, for one thread.
-
-    Args:
-        history_s: How long transforms are kept, counted back from each frame's newest; None keeps all.
-    """
+    """A tree of frames with a history of `history_s` back from each one's newest; None: all. For one thread."""
 
     def __init__(self, *, history_s: float | None = 10.0) -> None:
         if history_s is not None and not history_s > 0:
@@ -99,15 +95,9 @@ class FrameBuffer:
         return tuple(map(replace, self._edges.values()))
 
     def insert(self, transform: StampedTransform, *, static: bool = False, authority: str = "") -> Insertion:
-        """Take one transform.
+        """Take one transform, and return what became of it; the authority is who published it, for the lint.
 
-        Args:
-            transform: Where the child is in the parent; stamps may come in any order within the history.
-            static: Whether it holds for all times.
-            authority: Who published it, for the lint.
-
-        Returns:
-            What became of it.
+        Stamps may come in any order within the history; a static one holds for all times.
 
         Raises:
             InvalidValueError: A frame has no name.
@@ -121,17 +111,11 @@ class FrameBuffer:
         return self._history.insert(child, transform.stamp_ns, transform.pose)
 
     def look_up(self, target: str, source: str, time_ns: int | None = None, *, extrapolate_ns: int = 0) -> Pose:
-        """Return where the source frame is in the target frame.
+        """Return ``target_from_source``: where the source frame is in the target frame.
 
-        Args:
-            target: The frame in which the answer is given.
-            source: The frame whose place is asked for.
-            time_ns: When; None is the latest time at which all transforms on the way are known.
-            extrapolate_ns: By how much a motion may be continued beyond the first and last transform, at the
-                rate of the two nearest; a single one is held.
-
-        Returns:
-            ``target_from_source``.
+        Without `time_ns` it is the latest time at which all transforms on the way are known. A motion may be
+        continued by `extrapolate_ns` beyond the first and last transform, at the rate of the two nearest; a
+        single one is held.
 
         Raises:
             UnknownFrameError: Nobody speaks of one of the frames.
@@ -155,10 +139,6 @@ class FrameBuffer:
 
     def interval(self, target: str, source: str) -> tuple[int, int] | None:
         """Return from when until when all transforms between two frames are known.
-
-        Args:
-            target: One frame.
-            source: The other one.
 
         Returns:
             First and last time in ns, the ends of int64 where all are static; None when no time fits all.

@@ -42,11 +42,7 @@ class Insertion(Enum):
 
 
 class History:
-    """Stamps and poses of all frames.
-
-    Args:
-        history_ns: How long before a frame's newest row rows are kept; None keeps all.
-    """
+    """Stamps and poses of all frames, kept for `history_ns` before a frame's newest row; None keeps all."""
 
     def __init__(self, history_ns: int | None) -> None:
         self._history_ns = history_ns

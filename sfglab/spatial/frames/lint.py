@@ -41,12 +41,7 @@ class FrameRule:
             validate_agent(agent)
 
     def problem(self, frame: str, known: frozenset[str] = frozenset()) -> str | None:
-        """Say what is wrong with a name, or return None.
-
-        Args:
-            frame: The name.
-            known: Names among which to look for what was meant.
-        """
+        """Say what is wrong with a frame's name, or return None; what was meant is sought among the known."""
         agent, slash, rest = frame.partition("/")
         if frame in self.shared or (slash and agent in self.agents and rest and not rest.startswith("/")):
             return None
@@ -92,15 +87,9 @@ class FrameFinding:
 def lint_frames(
     edges: Iterable[Edge], *, rule: FrameRule | None = None, root: str | None = None
 ) -> tuple[FrameFinding, ...]:
-    """Judge a tree.
+    """Judge a tree, as `FrameBuffer.edges` has it: its parents, loops, roots, names, time.
 
-    Args:
-        edges: As `FrameBuffer.edges` has them.
-        rule: Which names are allowed; None allows all.
-        root: The one root that there should be; None allows any one.
-
-    Returns:
-        Findings: parents, loops, roots, names, time.
+    Without a rule all names are allowed, without a root any one root.
     """
     edges = tuple(edges)
     by_child: dict[str, list[Edge]] = defaultdict(list)
@@ -235,14 +224,7 @@ def draw_tree(
     findings: Sequence[FrameFinding] = (),
     outside: str = "",
 ) -> None:
-    """Draw a tree, or what should be one.
-
-    Args:
-        ax: Where.
-        edges: As `FrameBuffer.edges` has them.
-        findings: What `lint_frames` found: its frames are drawn in colour.
-        outside: The authority whose edges are drawn in colour, as motion capture's.
-    """
+    """Draw a tree, or what should be one; findings' frames and an outside authority's edges in colour."""
     edges = tuple(edges)
     places = tree_layout(edges)
     wrong = {frame for finding in findings for frame in finding.frames}
@@ -267,9 +249,6 @@ def tree_layout(edges: Iterable[Edge]) -> dict[str, tuple[float, float]]:
     """Return a place for every frame: rows by the distance to a root, leaves side by side.
 
     Where a frame has several parents, the first one counts; frames in a circle start at any of them.
-
-    Args:
-        edges: As `FrameBuffer.edges` has them.
     """
     edges = tuple(edges)
     parents: dict[str, str] = {}

@@ -34,12 +34,7 @@ _log = logging.getLogger(__name__)
 
 
 class TransformIntake:
-    """Takes whole messages into a buffer, with prefixes, and counts what was refused.
-
-    Args:
-        buffer: Where transforms go.
-        agent: Whose frames those without prefix are; empty leaves names as they are.
-    """
+    """Takes messages into a buffer, and counts what was refused; frames without prefix get the agent's."""
 
     def __init__(self, buffer: FrameBuffer, *, agent: str = "") -> None:
         self._buffer = buffer
@@ -74,17 +69,12 @@ class TransformIntake:
 
 
 class FramesListener(TransformIntake):
-    """Feeds /tf and /tf_static of a domain into a buffer while its context is open.
+    """Feeds /tf and /tf_static of a domain into a buffer, as `TransformIntake`, while its context is open.
 
     ```python
     async with FramesListener(node, buffer):
         pose = await listener.wait_for("map", "go2/base", time_ns)
     ```
-
-    Args:
-        node: The node that subscribes.
-        buffer: Where transforms go.
-        agent: Whose frames those without prefix are; empty leaves names as they are.
     """
 
     def __init__(self, node: Node, buffer: FrameBuffer, *, agent: str = "") -> None:
@@ -111,13 +101,7 @@ class FramesListener(TransformIntake):
     async def wait_for(
         self, target: str, source: str, time_ns: int | None = None, *, timeout_s: float = 1.0
     ) -> Pose:
-        """Return a pose as soon as the transforms for it are there.
-
-        Args:
-            target: The frame in which the answer is given.
-            source: The frame whose place is asked for.
-            time_ns: When; None is the latest time at which all transforms on the way are known.
-            timeout_s: How long to wait.
+        """Return a pose, as `FrameBuffer.look_up` does, as soon as the transforms for it are there.
 
         Raises:
             UnknownFrameError: A frame is still unknown at the end.
@@ -141,14 +125,7 @@ class FramesListener(TransformIntake):
 
 
 def fill_from_log(reader: LogReader, buffer: FrameBuffer) -> TransformIntake:
-    """Take all transforms of a log.
-
-    Args:
-        reader: The log, of any recorder.
-        buffer: Where transforms go; for a whole log one with ``history_s=None``.
-
-    Returns:
-        What was taken and what was refused.
+    """Take all transforms of a log, for a whole one into a buffer with ``history_s=None``; return the intake.
 
     Raises:
         LogError: The log has neither /tf nor /tf_static.

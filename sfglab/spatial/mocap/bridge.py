@@ -90,10 +90,8 @@ class MocapObjectStatus:
 class BridgeCore:
     """Turns captures into transforms that keep every agent's tree whole.
 
-    Args:
-        mapping: Which object stands for which frame.
-        buffer: The agents' own transforms, which somebody feeds.
-        reach_s: How far those may be continued when they lag behind the cameras.
+    The agents' own transforms are in the buffer, which somebody feeds; they may be continued by `reach_s` when
+    they lag behind the cameras.
     """
 
     def __init__(self, mapping: MocapMapping, buffer: FrameBuffer, *, reach_s: float = 0.1) -> None:
@@ -109,15 +107,7 @@ class BridgeCore:
         self.unmapped: Counter[str] = Counter()
 
     def take(self, capture: Capture, now_ns: int) -> tuple[StampedTransform, ...]:
-        """Take one capture.
-
-        Args:
-            capture: All objects at one time.
-            now_ns: The present, which is the time of publication.
-
-        Returns:
-            What is to be published, stamped with the capture time.
-        """
+        """Take a capture, and return what is to be published now, stamped with the capture time."""
         self._count(capture)
         transforms = []
         for id_, object_ in self._objects.items():
@@ -201,13 +191,7 @@ class MocapTrees:
 def mocap_trees(
     description: Sequence[StampedTransform], mapping: MocapMapping, captures: Sequence[Capture]
 ) -> MocapTrees:
-    """Join captures to a robot's tree in three ways.
-
-    Args:
-        description: The robot's own frames, all static.
-        mapping: Which object stands for which frame.
-        captures: What the cameras say.
-    """
+    """Join captures to the tree of a robot's own, static frames in three ways."""
     direct, renamed, proxy = (_described(description) for _ in range(3))
     right = {direct_name(id_): mapped.via for id_, mapped in mapping.objects.items()}
     core = BridgeCore(mapping, proxy)
@@ -234,22 +218,13 @@ _OBJECT = "sfglab_interfaces/msg/MocapObject"
 
 
 def status_topic(agent: str = "") -> str:
-    """Return where a bridge tells its status.
-
-    Args:
-        agent: The agent on which the bridge runs; empty: it is nobody's in particular.
-    """
+    """Return where a bridge tells its status; an empty agent: it is nobody's in particular."""
     name = RosFqnBuilder().scope(Scope.GLOBAL).resource(Custom("mocap_status"))
     return str((name.agent(agent) if agent else name.without_agent()).build())
 
 
 def status_message(core: BridgeCore, now_ns: int) -> Any:
-    """Return a `sfglab_interfaces/msg/MocapStatus` of a bridge.
-
-    Args:
-        core: The bridge's decisions.
-        now_ns: The present.
-    """
+    """Return a `sfglab_interfaces/msg/MocapStatus` of a bridge."""
     return message_type(STATUS)(
         stamp=stamp_from_ns(now_ns),
         world=core.world,
@@ -295,17 +270,12 @@ class BridgeOptions:
 class MocapBridge:
     """Publishes where a capture system sees the agents, in a way that keeps their trees whole.
 
+    Its node listens to /tf and /tf_static, and publishes on /tf, and its status on `status_topic`.
+
     ```python
     bridge = MocapBridge(node, ViconSource("192.168.10.1", clock=node.get_clock()), load_mapping(path))
     await bridge.run()
     ```
-
-    Args:
-        node: The node that listens to /tf and /tf_static and publishes on /tf, and its status on
-            `status_topic`.
-        source: Where captures come from.
-        mapping: Which object stands for which frame.
-        options: How it behaves.
     """
 
     def __init__(

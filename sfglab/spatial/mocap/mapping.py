@@ -94,10 +94,7 @@ def _taken(path: KeyPath, frame: str, before: KeyPath) -> _TakenError:
 
 
 def load_mapping(path: Path) -> MocapMapping:
-    """Read a mapping from a file.
-
-    Args:
-        path: A YAML file, such as ``data/mocap/two_agents.yaml``.
+    """Read a mapping from a YAML file, such as ``data/mocap/two_agents.yaml``.
 
     Raises:
         DocumentError: It cannot be read, or does not say what it must; says where.
@@ -106,11 +103,7 @@ def load_mapping(path: Path) -> MocapMapping:
 
 
 def read_mapping(text: str, *, file: str = "mapping.yaml") -> MocapMapping:
-    """Read a mapping from the text of a YAML file.
-
-    Args:
-        text: What stands in the file.
-        file: Its name, for messages.
+    """Read a mapping from the text of a YAML file, whose name is for messages.
 
     Raises:
         DocumentError: It does not say what it must; says where.
@@ -137,15 +130,8 @@ def place_via_proxy(
 ) -> StampedTransform:
     """Return the transform from the world to the root of an agent's tree, Eq. 4.
 
-    Args:
-        buffer: The agent's own transforms.
-        mapped: Which frame the object stands for and which one is published.
-        seen: Where the object was in the world when the cameras saw it; the agent's transforms are taken for
-            that time.
-        reach_ns: How far the agent's transforms may be continued when they lag behind the cameras.
-
-    Returns:
-        The transform, stamped with the capture time.
+    It is stamped with the capture time, for which the agent's own transforms are taken; they may be continued
+    by `reach_ns` where they lag behind the cameras.
 
     Raises:
         UnknownFrameError: The agent has not spoken of the proxy.
@@ -194,13 +180,9 @@ def direct_name(object_id: str) -> str:
 
 
 def direct_transforms(capture: Capture, *, world: str) -> Iterator[StampedTransform]:
-    """Yield what the direct receiver publishes: every object under its own name, stamped with the receipt.
+    """Yield what the direct receiver publishes: every object in the world by its own name, stamped at receipt.
 
     The baseline of paper A's Fig. 6, left: as the Vicon Receiver for ROS 2, 1.0.x, does.
-
-    Args:
-        capture: All objects at one time.
-        world: The frame in which the capture system measures.
     """
     for object_id, sight in capture.sights.items():
         if isinstance(sight, Pose):

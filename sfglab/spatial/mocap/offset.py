@@ -234,14 +234,9 @@ class OffsetEstimate:
 def pose_pairs(
     captures: Iterable[Capture], object_id: str, buffer: FrameBuffer, *, odom: str, base: str
 ) -> list[PosePair]:
-    """Return what cameras and robot say at the same moments; captures without either are left out.
+    """Return what cameras and robot say of an object at the same moments; captures without either are left out.
 
-    Args:
-        captures: A recording, of an object that is seen soundly.
-        object_id: The object.
-        buffer: The robot's transforms over the same time.
-        odom: The frame of its odometry.
-        base: The frame that is looked for.
+    The robot says where its base is in the frame of its odometry, by transforms over the same time.
     """
     pairs = []
     for capture in captures:

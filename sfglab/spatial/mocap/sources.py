@@ -54,13 +54,9 @@ def capture_of(object_id: str, message: Any, receipt_ns: int) -> Capture:
 
 
 class TopicSource:
-    """Captures from topics, one per object.
+    """Captures from topics, one per object, all of one type: `POSE` or `TRANSFORM`.
 
-    Args:
-        node: The node that subscribes.
-        topics: Each object's topic.
-        type_: Of all topics: `POSE` or `TRANSFORM`.
-        qos: What is requested; best effort by default, which fits all publishers.
+    Best effort is requested by default, which fits all publishers.
 
     Raises:
         MocapError: Another type, or no topic.
@@ -104,10 +100,7 @@ class TopicSource:
 class LogSource:
     """Captures from a log's topics, in the order in which they were received.
 
-    Args:
-        reader: The log, of any recorder.
-        topics: Each object's topic, with `POSE` or `TRANSFORM` messages.
-        clock: A node's clock, to hand captures out at the pace of the log; None hands them out at once.
+    Topics hold `POSE` or `TRANSFORM` messages. With a clock captures come at the pace of the log, else at once.
     """
 
     def __init__(self, reader: LogReader, topics: Mapping[str, str], *, clock: Clock | None = None) -> None:
@@ -149,11 +142,8 @@ _NO_FRAME_PAUSE_S = 0.002
 class ViconSource:
     """Captures of all subjects that a Vicon Tracker has, each by its root segment.
 
-    Objects are called ``subject/segment``, or ``subject`` where both have the same name.
-
-    Args:
-        host: The Tracker's address, as "192.168.10.1:801".
-        clock: The node's clock, for the times of receipt.
+    Objects are called ``subject/segment``, or ``subject`` where both have the same name. The host is as in
+    "192.168.10.1:801"; the clock gives the times of receipt.
 
     Raises:
         MocapError: `pyvicon-datastream` is not installed; says how to install it.

@@ -86,12 +86,7 @@ def synthetic_captures(
 ) -> Iterator[TrueCapture]:
     """Yield captures in the order of capture; those that are dropped leave a gap in the numbers.
 
-    Args:
-        objects: The ways of all objects.
-        config: How well the system sees.
-        rng: Where noise and faults come from.
-        start_ns: When capture 0 is taken, which is time 0 of the ways.
-        duration_s: For how long.
+    Capture 0 is taken at `start_ns`, which is time 0 of the ways.
     """
     hidden, flipped = (_Spells(rate, mean, objects) for rate, mean in _faults(config))
     for number in range(math.ceil(min(duration_s * config.rate_hz, 2**62))):
@@ -148,14 +143,8 @@ class _Spells:
 class SyntheticSource:
     """Synthetic captures in a node's time.
 
-    Args:
-        objects: The ways of all objects.
-        config: How well the system sees.
-        rng: Where noise and faults come from.
-        clock: The node's clock; captures are handed out when they would arrive, or as soon after that as they
-            are asked for, and receipt is when they are.
-        duration_s: For how long.
-        start_ns: Time 0 of the ways, by that clock; None: when the source is opened.
+    They are handed out when they would arrive by the node's clock, or as soon after that as they are asked for,
+    and receipt is when they are. Time 0 of the ways is `start_ns`; None: when the source is opened.
     """
 
     def __init__(  # noqa: PLR0913 - `synthetic_captures`' and the clock

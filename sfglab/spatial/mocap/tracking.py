@@ -144,16 +144,9 @@ class Track:
 
 
 def judge(track: Track, sight: Sight, capture_ns: int, limits: Limits) -> tuple[Track, Verdict]:
-    """Judge one sight of an object.
+    """Judge one sight of an object; return what to remember of it, and the verdict.
 
-    Args:
-        track: What is remembered of it.
-        sight: Its pose, or why there is none.
-        capture_ns: When it was captured.
-        limits: What it can do.
-
-    Returns:
-        What to remember, and the verdict; a pose is to be published if that is `believed`.
+    A sight is a pose, or why there is none; it is to be published if the verdict is `believed`.
     """
     if track.seen_ns is not None and capture_ns <= track.seen_ns:
         return track, Verdict.STALE

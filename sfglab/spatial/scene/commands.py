@@ -323,12 +323,7 @@ class Step:
 
 
 class History:
-    """A scene and the way it came about.
-
-    Args:
-        scene: Where to begin.
-        depth: How many steps can be undone; older ones are forgotten.
-    """
+    """A scene and the way it came about, of which the last `depth` steps can be undone."""
 
     def __init__(self, scene: Scene, *, depth: int = _DEPTH) -> None:
         self.scene = scene  #: As it is now.
@@ -355,12 +350,8 @@ class History:
     def do(self, command: Command, *, drag: str | None = None) -> bool:
         """Do an edit; what was undone can then no longer be redone, unless a drag ends where it began.
 
-        Args:
-            command: The edit.
-            drag: A name that is new for every drag; edits of one drag become one step.
-
-        Returns:
-            Whether anything changed. An edit that changes nothing leaves no step.
+        It returns whether anything changed; an edit that changes nothing leaves no step. Edits of one drag,
+        whose name is new for every drag, become one step.
 
         Raises:
             SceneError: It is not allowed; nothing changed.

@@ -207,12 +207,10 @@ class Ghost:
 
 
 def ghosts(scene: Scene, time_s: float) -> tuple[Ghost, ...]:
-    """Return every agent at a time, in the tree's order.
+    """Return every agent at a time of the scene, in the tree's order.
 
-    Args:
-        scene: Whose agents.
-        time_s: Seconds since the scene's time 0. Before its start and after its end an agent stands at its
-            trajectory's ends; one without trajectory stands where its own pose is.
+    Before its start and after its end an agent stands at its trajectory's ends; one without trajectory stands
+    where its own pose is.
     """
     return tuple(_ghost(scene, agent, time_s) for agent in scene.all_of(AgentObject))
 

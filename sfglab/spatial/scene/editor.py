@@ -60,11 +60,7 @@ class Change:
 
 
 class Editor:
-    """A scene that is being edited.
-
-    Args:
-        scene: Where to begin; an empty one where it is None.
-        file: Where it is saved; None until somebody says.
+    """A scene that is being edited, an empty one if none is given, and the file where it is saved, if any yet.
 
     Raises:
         SceneError: By every method that edits or selects: an id that no object has, or something that is not
@@ -112,14 +108,7 @@ class Editor:
         return self._history.redo_label
 
     def listen(self, listener: Callable[[Change], None]) -> Callable[[], None]:
-        """Call somebody after every change.
-
-        Args:
-            listener: Called with what happened, when it has happened. It must not raise.
-
-        Returns:
-            A function that ends it.
-        """
+        """Call somebody, who must not raise, after every change with what happened; return what ends it."""
         self._listeners.append(listener)
 
         def end() -> None:
@@ -129,11 +118,7 @@ class Editor:
         return end
 
     def do(self, command: Command) -> bool:
-        """Do an edit.
-
-        Returns:
-            Whether anything changed.
-        """
+        """Do an edit, and return whether anything changed."""
         before = self.scene
         done = self._history.do(command, drag=self._drag)
         if done:
@@ -175,16 +160,9 @@ class Editor:
             self.end_drag()
 
     def add(self, kind: str, name: str, *, parent: int = ROOT, **values: Any) -> int:
-        """Add an object.
+        """Add an object of one of `KINDS`, and return its id.
 
-        Args:
-            kind: Its word, one of `KINDS`.
-            name: Its name.
-            parent: Where in the tree.
-            **values: ``pose``, ``time_ns`` of a waypoint, and the kind's properties, typed or plain.
-
-        Returns:
-            Its id.
+        Values are its ``pose``, ``time_ns`` of a waypoint, and the kind's properties, typed or plain.
         """
         if kind not in KINDS:
             raise SceneError("kind", kind, " or ".join(KINDS))
@@ -200,17 +178,7 @@ class Editor:
     def add_trajectory(
         self, trajectory: Trajectory, name: str, *, agent: int | None = None, parent: int = ROOT
     ) -> int:
-        """Add a trajectory with its waypoints, such as one from a file, as one step.
-
-        Args:
-            trajectory: Its waypoints, in the parent's frame.
-            name: Its name.
-            agent: Who drives it.
-            parent: Where in the tree.
-
-        Returns:
-            Its id.
-        """
+        """Add a trajectory with its waypoints, in the parent's frame, as one step; return its id."""
         id_ = self._history.next_id
         top = TrajectoryObject(
             id=id_, name=name, parent=parent, agent=agent, interpolation=trajectory.interpolation
@@ -225,16 +193,9 @@ class Editor:
     def insert_waypoint(
         self, trajectory: int, *, time_ns: int | None = None, pose: Pose | None = None, **values: Any
     ) -> int:
-        """Add a waypoint to a trajectory.
+        """Add a waypoint to a trajectory, with its properties, and return its id.
 
-        Args:
-            trajectory: Its id.
-            time_ns: When; a second after the last one where it is None.
-            pose: Where, in the trajectory's frame; where the trajectory is at this time where it is None.
-            **values: The waypoint's properties.
-
-        Returns:
-            The waypoint's id.
+        Without a time it is a second after the last one; without a pose, where the trajectory is at this time.
 
         Raises:
             SceneError: There is no such trajectory, or another waypoint has this time.
@@ -253,12 +214,9 @@ class Editor:
             self.do(Remove(ids=chosen))
 
     def duplicate(self, id_: int) -> int:
-        """Copy an object with all it holds, beside it and under ids of its own.
+        """Copy an object with all it holds, beside it and under ids of its own; return the copy's id.
 
         A trajectory's copy has no agent, unless the agent is copied too.
-
-        Returns:
-            The copy's id.
 
         Raises:
             SceneError: There is no object of this id, or it is a waypoint, whose copy would have its time.
@@ -307,10 +265,7 @@ class Editor:
         return conflicts(self.scene)
 
     def save(self, file: Path | None = None) -> None:
-        """Save the scene, whole or not at all.
-
-        Args:
-            file: Where, also from now on; where it was last where it is None.
+        """Save the scene, whole or not at all, into a file, from now on its own; None: where it was last.
 
         Raises:
             SceneError: No file was ever named, or it cannot be written; what was there is still there.
@@ -326,10 +281,7 @@ class Editor:
         self._tell(Change(kind=ChangeKind.SAVE))
 
     def load(self, file: Path | None = None) -> None:
-        """Load a scene in place of this one; nothing before it can be undone.
-
-        Args:
-            file: Which; the editor's own where it is None, to go back to what was saved.
+        """Load a scene in place of this one; None: what was saved last. Nothing before it can be undone.
 
         Raises:
             SceneError: No file was ever named, or it is no scene; the editor keeps what it has.

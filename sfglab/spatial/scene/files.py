@@ -116,13 +116,9 @@ _LATEST_S = LATEST_NS // NS_PER_S
 
 
 def read_scene(text: str, *, file: str = "scene.yaml") -> Scene:
-    """Return the scene of a YAML text.
+    """Return the scene of a YAML text; its file's name is for messages.
 
     Aligned waypoints look along their segments afterwards, also where somebody edited the text by hand.
-
-    Args:
-        text: What stands in the file.
-        file: Its name, for messages.
 
     Raises:
         SceneError: It is not YAML, holds a key that is unknown or stands there twice, lacks one, or says what a
@@ -280,10 +276,7 @@ def _give_agents(draft: Draft, by_id: dict[int, Placed]) -> None:
 
 
 def load_scene(path: Path) -> Scene:
-    """Read a scene from a file.
-
-    Args:
-        path: A YAML file, such as ``data/scenes/hall.yaml``.
+    """Read a scene from a YAML file, such as ``data/scenes/hall.yaml``.
 
     Raises:
         SceneError: It cannot be read, or does not say what it must; says where.
@@ -299,10 +292,7 @@ def save_scene(scene: Scene, path: Path) -> None:
     """Write a scene into a file; at any moment the file holds either the old scene or the new one.
 
     The text goes into a file beside it, onto the disk, and only then takes the old one's name and permissions.
-
-    Args:
-        scene: What to write.
-        path: Where; through a symbolic link, into the file that it leads to.
+    A symbolic link stays one.
 
     Raises:
         SceneError: The file cannot be written; what was there is still there.

@@ -75,13 +75,7 @@ def text(name: str) -> Property:
 
 
 def length(name: str, *, optional: bool = False, zero: bool = False) -> Property:
-    """Return the property of a finite number above zero.
-
-    Args:
-        name: Its name, with unit.
-        optional: None is allowed, and means no limit.
-        zero: Zero is allowed.
-    """
+    """Return the property of a finite number above zero, or from it on; None, where optional, is no limit."""
 
     def parse(value: Any) -> float | None:
         if value is None and optional:

@@ -117,11 +117,7 @@ class Scene:
 
 
 class Draft:
-    """A scene in the making; the scene it was made from stays as it is.
-
-    Args:
-        scene: Where to begin.
-    """
+    """A scene in the making; the scene it was made from stays as it is."""
 
     def __init__(self, scene: Scene) -> None:
         self._scene = scene
@@ -143,11 +139,7 @@ class Draft:
         return _found(self._objects, id_)
 
     def insert(self, thing: SceneObject, index: int | None = None) -> None:
-        """Put a new object under its parent.
-
-        Args:
-            thing: With an id that no object has.
-            index: Where among its siblings; at the end where it is None. Waypoints go by time.
+        """Put a new object under its parent, at an index among its siblings or the end; waypoints go by time.
 
         Raises:
             SceneError: The object, its id, its parent, its time or its agent is not allowed.
@@ -198,10 +190,7 @@ class Draft:
     def move(self, thing: SceneObject, parent: int, index: int | None) -> None:
         """Put an object, with all it holds, under another parent or elsewhere among its siblings.
 
-        Args:
-            thing: What to move, with its pose in the new parent.
-            parent: Where to.
-            index: Where among the siblings there, counted without it; at the end where it is None.
+        Its pose is that in the new parent, the index is counted without it; None: the end.
 
         Raises:
             SceneError: The parent cannot hold it, lies inside it, or a waypoint's time is taken there.

@@ -131,10 +131,7 @@ class ObstacleApproach:
 def closest_approach(a: Trajectory, b: Trajectory, *, tolerance_m: float = TOLERANCE_M) -> Approach:
     """Return when and where two are closest, who both stand before their start and after their end.
 
-    Args:
-        a: One trajectory, in the same frame and time as the other.
-        b: The other.
-        tolerance_m: What a spline may be off.
+    Both are in the same frame and time; a spline may be off by `tolerance_m`.
     """
     one, other = motion_of(a), motion_of(b)
     start_s = float(min(one.times_s[0], other.times_s[0]))
@@ -161,13 +158,9 @@ def closest_to_shape(
     *,
     tolerance_m: float = TOLERANCE_M,
 ) -> ObstacleApproach:
-    """Return when and where a trajectory is closest to a body, or deepest inside it.
+    """Return when and where a trajectory is closest to a body in its frame, or deepest inside it.
 
-    Args:
-        trajectory: In the same frame as the body's pose.
-        shape: The body.
-        shape_pose: Where its centre is, and how it is turned.
-        tolerance_m: What a spline may be off.
+    A spline may be off by `tolerance_m`.
     """
     motion = motion_of(trajectory)
     turned = shape_pose.rotation.inv()

@@ -39,12 +39,7 @@ def csv_from_trajectory(trajectory: Trajectory) -> str:
 def trajectory_from_csv(
     text: str, *, file: str = "trajectory.csv", interpolation: Interpolation = Interpolation.POLYLINE
 ) -> Trajectory:
-    """Return the waypoints of a CSV text.
-
-    Args:
-        text: What stands in the file.
-        file: Its name, for messages.
-        interpolation: How to go from one to the next.
+    """Return the waypoints of a CSV text, whose file's name is for messages.
 
     Raises:
         TrajectoryError: The header is another, a field is no number, or times do not grow; says file and line.
@@ -89,12 +84,7 @@ def _pair(row: list[str], place: str, *, after_ns: int) -> tuple[int, Pose]:
 
 
 def path_from_trajectory(trajectory: Trajectory, *, frame_id: str, start_ns: int = 0) -> Any:
-    """Return a `nav_msgs/msg/Path`, a stamped pose for every waypoint.
-
-    Args:
-        trajectory: What to write.
-        frame_id: The frame of its poses.
-        start_ns: The trajectory's time 0, in nanoseconds since the epoch; the header's stamp.
+    """Return a `nav_msgs/msg/Path`, a stamped pose for every waypoint; times count from `start_ns`, Unix time.
 
     Raises:
         MessageError: A time does not fit into a stamp.
@@ -126,13 +116,8 @@ def multi_dof_from_trajectory(trajectory: Trajectory, joint: str, *, frame_id: s
     """Return a `trajectory_msgs/msg/MultiDOFJointTrajectory` of one joint, a point for every waypoint.
 
     Velocities are those of the segment that leaves a waypoint, at the last one of the segment that arrives.
-    Accelerations stay empty for polylines, whose corners have none.
-
-    Args:
-        trajectory: What to write.
-        joint: The joint's name, such as the agent's.
-        frame_id: The frame of its poses.
-        start_ns: The trajectory's time 0, in nanoseconds since the epoch; the header's stamp.
+    Accelerations stay empty for polylines, whose corners have none. The header's stamp is the trajectory's time
+    0, `start_ns`, in nanoseconds since the epoch.
 
     Raises:
         MessageError: A time does not fit into a stamp.
@@ -159,10 +144,8 @@ def trajectory_from_multi_dof(
 ) -> Trajectory:
     """Return one joint's waypoints of a `trajectory_msgs/msg/MultiDOFJointTrajectory`.
 
-    Args:
-        message: What to read; velocities and accelerations are not read, as waypoints imply them.
-        joint: Whose; the first joint's where it is empty.
-        interpolation: How to go from one to the next.
+    It is the first joint's where none is named. Velocities and accelerations are not read, as waypoints imply
+    them.
 
     Raises:
         TrajectoryError: It has no such joint, a point lacks its transform, or times do not grow.

@@ -104,12 +104,7 @@ def peaks(trajectory: Trajectory, quantity: Quantity) -> Peaks:
 
 
 def limit_violations(trajectory: Trajectory, limits: Limits) -> tuple[LimitViolation, ...]:
-    """Return every segment in which a limit is exceeded, in order of time.
-
-    Args:
-        trajectory: What to check.
-        limits: What is allowed; values up to a part in 10^9 above it pass, for rounding.
-    """
+    """Return every segment in which a limit is exceeded by more than a part in 10^9, for rounding, by time."""
     found = [v for quantity in Quantity for v in _violations_of(trajectory, quantity, limits.of(quantity))]
     return tuple(sorted(found, key=lambda v: (v.time_s, v.quantity.value)))
 
@@ -178,12 +173,7 @@ _CLOSE = 1e-6
 def retimed(trajectory: Trajectory, limits: Limits) -> Trajectory:
     """Return a trajectory along the same path, position and orientation, that keeps to limits.
 
-    Args:
-        trajectory: What to slow down; the first waypoint keeps its time.
-        limits: What must hold afterwards, as `limit_violations` sees it.
-
-    Returns:
-        The same object where nothing is violated.
+    The first waypoint keeps its time. Where nothing is violated it is the same object.
 
     Raises:
         TrajectoryError: It would end later than a trajectory may.

@@ -67,11 +67,7 @@ class Samples:
 
 
 class Motion:
-    """A trajectory's segments as polynomials; `motion_of` keeps those in use.
-
-    Args:
-        trajectory: At least one waypoint.
-    """
+    """The segments of a trajectory, of one waypoint or more, as polynomials; `motion_of` keeps those in use."""
 
     def __init__(self, trajectory: Trajectory) -> None:
         from scipy.spatial.transform import Rotation
@@ -194,13 +190,7 @@ def motion_of(trajectory: Trajectory) -> Motion:
 
 
 def sample(trajectory: Trajectory, times_s: ArrayLike) -> Samples:
-    """Return poses and rates at any times.
-
-    Args:
-        trajectory: What to sample.
-        times_s: One time or an array of shape (n,), in seconds since the trajectory's time 0; before its start
-            and after its end one stands.
-    """
+    """Return poses and rates at one time or several, shape (n,), in seconds; beyond its ends one stands."""
     return motion_of(trajectory).sample(times_s)
 
 
@@ -210,12 +200,7 @@ def pose_at(trajectory: Trajectory, time_s: float) -> Pose:
 
 
 def resampled(trajectory: Trajectory, period_ns: int) -> Trajectory:
-    """Return a polyline that meets a trajectory at least every so often, for who knows only polylines.
-
-    Args:
-        trajectory: What to follow.
-        period_ns: The longest time between waypoints, above zero. The trajectory's own waypoints stay.
-    """
+    """Return a polyline that meets a trajectory at its own waypoints and at least every `period_ns`."""
     grid: list[Waypoint] = []
     points = trajectory.waypoints
     for before, after in pairwise(points):

@@ -109,10 +109,6 @@ def in_frame(trajectory: Trajectory, target_from_source: Pose) -> Trajectory:
     """Return a trajectory in another frame.
 
     Both interpolations commute with rigid motions, so it does not matter which is done first.
-
-    Args:
-        trajectory: Its poses are given in the source frame.
-        target_from_source: Where the source frame is in the target frame.
     """
     if target_from_source == Pose():
         return trajectory
@@ -121,11 +117,7 @@ def in_frame(trajectory: Trajectory, target_from_source: Pose) -> Trajectory:
 
 
 def with_durations(trajectory: Trajectory, durations_ns: Iterable[int]) -> Trajectory:
-    """Return the same waypoints at other times; the first keeps its time.
-
-    Args:
-        trajectory: Whose waypoints.
-        durations_ns: How long each segment takes, one less than waypoints.
+    """Return the same waypoints with other durations between them; the first keeps its time.
 
     Raises:
         TrajectoryError: A duration is not above zero, or the end lies too late.
@@ -140,11 +132,7 @@ def with_durations(trajectory: Trajectory, durations_ns: Iterable[int]) -> Traje
 
 
 def stretched(trajectory: Trajectory, factor: float) -> Trajectory:
-    """Return the same path, driven slower or faster; the first waypoint keeps its time.
-
-    Args:
-        trajectory: What to stretch.
-        factor: By how much every duration grows; below 1 it shrinks.
+    """Return the same path with durations `factor` times as long; the first waypoint keeps its time.
 
     Raises:
         TrajectoryError: The factor is not above zero, waypoints fall together, or the end lies too late.
@@ -203,13 +191,7 @@ def aligned_quat(positions_m: Sequence[Vec3], index: int, align: Align) -> Quat 
 
 
 def align_waypoint(trajectory: Trajectory, index: int, align: Align) -> Trajectory:
-    """Return a trajectory with one waypoint turned along a neighbouring segment, as `aligned_quat` has it.
-
-    Args:
-        trajectory: What to change.
-        index: Which waypoint, from 0.
-        align: Along which segment.
-    """
+    """Return a trajectory with one waypoint turned along a neighbouring segment, as `aligned_quat` has it."""
     points = trajectory.waypoints
     quat = aligned_quat([w.pose.position_m for w in points], index, align)
     if quat is None:

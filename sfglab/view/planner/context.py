@@ -32,11 +32,7 @@ _Job = tuple["Hashable", "Callable[[], object]"]
 
 
 class JobQueue:
-    """A queue of jobs and the thread that does them.
-
-    Args:
-        refused: Told of every error that a job raises, on the jobs's thread.
-    """
+    """A queue of jobs and the thread that does them, on which `refused` is told of every error they raise."""
 
     def __init__(self, refused: Callable[[Exception], None]) -> None:
         self._refused = refused
@@ -48,13 +44,10 @@ class JobQueue:
         self._thread.start()
 
     def submit(self, job: Callable[[], object], *, key: Hashable = None, settle: bool = True) -> None:
-        """Leave a job.
+        """Leave a job; of those with the same key that wait in a row, as a slider's positions, only the newest.
 
-        Args:
-            job: What to do.
-            key: A job of the same key that waits right before it is left out: only the newest position of a
-                slider counts. None for a job that must be done.
-            settle: Do first what `later` holds back, as before an undo; not for what nobody asked for.
+        With None as key all must be done. To settle is to do first what `later` holds back, as before an undo;
+        not for what nobody asked for.
         """
         with self._wake:
             if self._closed:
@@ -137,12 +130,7 @@ class JobQueue:
 
 
 class Part(ABC):
-    """A part of the window: it shows what the editor has, and leaves what people want at the queue of jobs.
-
-    Args:
-        context: What it works with.
-        container: A context that its widgets are put into.
-    """
+    """A part of the window: it shows what the editor has, and leaves what people want at the queue of jobs."""
 
     def __init__(self, context: Context, container: Any) -> None:
         self._context = context
@@ -169,14 +157,9 @@ class Context:
         read: Callable[[Any], Any] = lambda _: None,
         key: Hashable = None,
     ) -> Callable[[Any], Awaitable[None]]:
-        """Return a callback for viser that leaves a job at the jobs.
+        """Return a callback for viser that reads of its event at once, and leaves a job with that at the queue.
 
         It is a coroutine: viser awaits those in order, and hands others to a pool that does not keep it.
-
-        Args:
-            job: What to do with what was read.
-            read: What to read of the event, at once.
-            key: As for `JobQueue.submit`.
         """
 
         async def called(event: Any) -> None:

@@ -64,13 +64,9 @@ class Drawing:
         )
 
     def object(self, scene: Scene, id_: int, before: Mapping[str, Any], *, selected: bool) -> list[Any]:
-        """Draw an obstacle, a zone or a trajectory with its waypoints; return its nodes.
+        """Draw an obstacle, a zone or a trajectory in place of its nodes until now; return its nodes.
 
-        Args:
-            scene: Whose object.
-            id_: Its id.
-            before: Its nodes until now, by name.
-            selected: Drawn broader, with its waypoints' times.
+        A selected one is drawn broader, with its waypoints' times.
         """
         thing = scene.get(id_)
         if isinstance(thing, ObstacleObject):
@@ -85,13 +81,7 @@ class Drawing:
         return []
 
     def ghosts(self, scene: Scene, ghosts: tuple[Ghost, ...], again: Collection[int] = ()) -> None:
-        """Show every agent where it is at the slider's time.
-
-        Args:
-            scene: Whose agents.
-            ghosts: Where all of them are.
-            again: Ids of those that look otherwise than before.
-        """
+        """Show every agent where it is at the slider's time; `again`: ids of those that look otherwise now."""
         for id_ in self._ghosts.keys() - {ghost.agent for ghost in ghosts}:
             self._ghosts.pop(id_)[0].remove()
         self._make_ghosts(scene, [g for g in ghosts if g.agent in again or g.agent not in self._ghosts])

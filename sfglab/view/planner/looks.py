@@ -91,10 +91,7 @@ def line_of(
 ) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
     """Return a trajectory's course as segments and their ends' colours, both of shape (n, 2, 3).
 
-    Args:
-        trajectory: In the scene's frame.
-        colour: Its colour.
-        top_m_s: Colour by speed instead, from 0 to this.
+    With `top_m_s` colours are those of speeds, from 0 to this.
     """
     knots = motion_of(trajectory).times_s
     if len(knots) < 2:

@@ -41,13 +41,10 @@ _SAID_S = 10.0
 
 
 class ConflictWatch:
-    """Checks the newest scene that it was shown, and leaves out those between.
+    """Checks the newest scene that it was shown, when it was so for `quiet_s`, and leaves out those between.
 
-    Args:
-        found: Told, on the watch's thread, of a scene and what is wrong with it.
-        failed: Told, on the watch's thread, why a scene could not be checked.
-        quiet_s: How long a scene must have been the newest.
-        check: How conflicts are found.
+    On the watch's thread `found` is told of a scene and what is wrong with it, `failed` why it could not be
+    checked.
     """
 
     def __init__(
@@ -107,13 +104,8 @@ class ConflictWatch:
 class Planner:
     """An editor, served; a context that ends with the server stopped. A notebook's cell shows it.
 
-    The editor belongs to the planner's own thread: from elsewhere go through `call`.
-
-    Args:
-        editor: What is edited.
-        host: The address to serve; only this machine's browsers reach the default.
-        port: The port; 0 for any that is free.
-        height_px: In a notebook.
+    The editor belongs to the planner's own thread: from elsewhere go through `call`. Only this machine's
+    browsers reach the default host; port 0 is any that is free.
 
     Raises:
         MissingExtraError: viser is not installed.
@@ -254,12 +246,8 @@ def show_planner(scene: Path | str | Editor, *, port: int = 0, height_px: int = 
     """Return an editor to look at in a notebook's cell, or at its `url`.
 
     Where JupyterLab runs the kernel, the editor's page is below its address; else the browser must reach this
-    machine at 127.0.0.1.
-
-    Args:
-        scene: A scene file, which need not exist yet, or an editor.
-        port: The port; 0 for any that is free.
-        height_px: In the notebook.
+    machine at 127.0.0.1. The scene is a file, which need not exist yet, or an editor; port 0 is any that is
+    free.
 
     Raises:
         SceneError: The file is no scene.

@@ -30,15 +30,9 @@ _STEP_M = 1.0
 
 
 def add(editor: Editor, kind: str, at_m: Vec3) -> int:
-    """Add an object, in the selected group where there is one, and select it.
+    """Add an object of one of `ADDABLE`, in the selected group if there is one; select it, return its id.
 
-    Args:
-        editor: Where.
-        kind: One of `ADDABLE`.
-        at_m: Near where, in the scene's frame. A trajectory of a selected agent begins where that agent is.
-
-    Returns:
-        Its id.
+    It is near a place in the scene's frame; a trajectory of a selected agent begins where that agent is.
     """
     scene = editor.scene
     parent = next((i for i in editor.selection if isinstance(scene.get(i), Group)), ROOT)

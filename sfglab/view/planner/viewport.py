@@ -26,11 +26,7 @@ _SCALE = 1.6
 
 
 class Gizmo:
-    """The transform controls, where one object is selected.
-
-    Args:
-        context: What it works with.
-    """
+    """The transform controls, where one object is selected."""
 
     def __init__(self, context: Context) -> None:
         self._context = context

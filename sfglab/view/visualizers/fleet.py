@@ -97,11 +97,7 @@ def decoded_stream_agent(topic: str) -> str | None:
 
 
 class FleetLinks:
-    """The links of a fleet.
-
-    Args:
-        max_agents: How many agents are followed at most; others are counted as `refused`.
-    """
+    """The links of a fleet of up to `max_agents`; others are counted as `refused`."""
 
     def __init__(self, *, max_agents: int = 256) -> None:
         self.refused = 0  #: Facts about agents beyond that number, or with names that no agent can bear.
@@ -113,15 +109,7 @@ class FleetLinks:
         self._agent(agent)
 
     def heard(self, agent: str, *, incarnation: int, period_s: float, is_starting: bool, now_ns: int) -> None:
-        """Take one heartbeat.
-
-        Args:
-            agent: Who sent it.
-            incarnation: When that agent started, on its own clock.
-            period_s: Time until its next one.
-            is_starting: Whether its phase says so.
-            now_ns: When it was received.
-        """
+        """Take a heartbeat of an agent, whose incarnation is when it started by its own clock."""
         known = self._agent(agent)
         if known is None:
             return

@@ -41,10 +41,6 @@ def image_plane(frame: str, topic: str) -> str:
     Streams of one camera may share its optical frame and not its intrinsics, so a picture and a camera info
     belong together by their topics' common name: ``<name>/camera_info`` with ``<name>/ffmpeg`` as the schema
     has it, or with ``<name>/image_raw`` and ``<name>/image_raw/compressed`` as image_transport has it.
-
-    Args:
-        frame: The camera's optical frame.
-        topic: Of the picture or of the camera info.
     """
     name = topic.rpartition("/")[0]
     parent, _, last = name.rpartition("/")
@@ -140,12 +136,7 @@ _IDR = {"h264": {5}, "h265": set(range(16, 22))}
 
 
 def has_key_frame(data: bytes, codec: str) -> bool:
-    """Return whether an access unit in Annex B holds a picture that a decoder can start with.
-
-    Args:
-        data: NAL units behind start codes.
-        codec: ``h264`` or ``h265``.
-    """
+    """Return whether an Annex B access unit, ``h264`` or ``h265``, holds a picture to start decoding with."""
     return not _IDR[codec].isdisjoint(nal_unit_types(data, codec=codec))
 
 

@@ -296,11 +296,8 @@ class TrackRow:
 class SimulatedRun:
     """A run that can be watched.
 
-    Args:
-        point: The point.
-        seed: Of physics and medium.
-        tracked: Name of the run whose `tracks` are kept, each turn of the LIDAR; empty: none.
-        carrier: What carries the messages as a `Session` does; None: one of the reliability model.
+    With a name in `tracked` each turn of the LIDAR is kept, in `tracks`. The carrier of messages is one like a
+    `Session`, by default one of the reliability model.
     """
 
     def __init__(self, point: Point, seed: int, *, tracked: str = "", carrier: Any = None) -> None:

@@ -63,10 +63,6 @@ def judged(run: Run[Config]) -> tuple[pd.DataFrame, pd.DataFrame] | None:
 def agreement(table: pd.DataFrame, of: str) -> pd.DataFrame:
     """Return where the criterion of B-LAT (``latency``) or B-LOSS (``loss``) holds, a line a condition.
 
-    Args:
-        table: Answers at all four Rmax of each condition.
-        of: What is asked of, ``latency`` or ``loss``.
-
     Returns:
         The columns of `PLACE` but Rmax; ``lowest`` (OPT+LC, at three Rmax or more), ``small`` (a small depth
         is worse than a deep one, at 500 or 1000 Hz), and ``agrees``: both.

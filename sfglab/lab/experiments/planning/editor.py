@@ -23,10 +23,7 @@ _SIZE = (9.0, 5.6)
 
 
 class SceneCell:
-    """A scene from above, in its editor; *Save* writes a copy below ``runs/``.
-
-    Args:
-        name: A scene file in the data folder.
+    """A scene of the data folder from above, in its editor; *Save* writes a copy below ``runs/``.
 
     Raises:
         SceneError: The file is no scene.

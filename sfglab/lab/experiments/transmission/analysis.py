@@ -67,11 +67,8 @@ def order_of(table: pd.DataFrame, *, tie: float = 0.0) -> dict[str, Any]:
     """Compare the paper's order of methods with ours at one Rmax.
 
     The paper's winner at the depth that Eq. 6 gives is compared with the methods that lack its optimisation, at
-    every depth of Table 2, and with those that lack its local cache, at its own depth.
-
-    Args:
-        table: ``depth``, ``method``, ``median`` of each cell.
-        tie: Share by which another may be lower and count as equal.
+    every depth of Table 2, and with those that lack its local cache, at its own depth. Of each cell there are
+    ``depth``, ``method`` and ``median``; within the share `tie` another counts as equal.
 
     Returns:
         ``best`` (the winner's value), ``lowest`` (the lowest of the others), ``wins``; and ``highest_method``,

@@ -186,14 +186,7 @@ def rate_and_depth(point: Point) -> tuple[float, int]:
 def scenario_of(
     point: Point, *, seed: int = 0, medium: Medium | None = None, vendor: Vendor | None = None
 ) -> Scenario:
-    """Return a cell as a scenario.
-
-    Args:
-        point: The cell.
-        seed: Of the phases: nodes do not start together.
-        medium: The air; None: `Medium`'s defaults with the cell's loss.
-        vendor: Timing; None: the cell's.
-    """
+    """Return a cell as a scenario; the seed is that of the phases, as nodes do not start together."""
     rate_hz, depth = rate_and_depth(point)
     qos = QoSProfile(depth=depth, deadline_ns=round(NS_PER_S / rate_hz))
     phases = np.random.default_rng(seed).uniform(0, 1 / rate_hz, sum(map(len, ROBOTS.values())) + 1)

@@ -34,11 +34,6 @@ def up_to_date(flow: Flow, outcome: FlowOutcome, *, duration_s: float) -> float:
 
     At a reading the sensor's value is known: that of the last sample published, held back or not. Until the
     next reading it stays with probability exp(-t / change_s), as changes come at random; that is integrated.
-
-    Args:
-        flow: The flow, with its schedule of readings.
-        outcome: What became of its samples.
-        duration_s: Over which time, seconds.
     """
     # In whole nanoseconds, as the model schedules: rounding adds up, and a reading must not precede its sample.
     first_ns, period_ns = round(flow.phase_s * NS_PER_S), round(NS_PER_S / flow.rate_hz)

@@ -67,9 +67,7 @@ class Exchange:
 class Timeline(Pressed):
     """One writer and one reader over time; a press on a frame loses it, another lets it pass.
 
-    Args:
-        lost: Frames that are lost to begin with, as in `AirFrame.name`.
-        exchange: Fields of `Exchange`.
+    Those in `lost`, named as in `AirFrame.name`, are lost to begin with.
 
     Raises:
         MissingExtraError: The extra ``view`` is not installed.

@@ -164,13 +164,8 @@ async def play_missing(
 
     What is finished stands in the part's journal at once; a run that was broken off goes on behind it. What
     fails is tried once more with new hosts, then noted in the metadata of the table's name, and left out.
-
-    Args:
-        bench: Of the part.
-        table: Where rows go.
-        cells: What is played; a cell's ``preset`` is one of `MODES`.
-        repeats: How often each is played.
-        rows: Plays a cell for a repetition, and gives a row, or a tuple of them.
+    `rows` plays a cell, whose ``preset`` is one of `MODES`, for a repetition, and gives a row or a tuple of
+    them.
 
     Raises:
         HostsUnavailableError: This machine has no test hosts.
