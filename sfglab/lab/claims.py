@@ -41,8 +41,7 @@ class Verdict(Enum):
 
     REPRODUCED = "reproduced"
     BETTER = "better"
-    AS_GOOD = "as good"
-    """Our way is as good as the paper says of its own, which another way cannot reproduce."""
+    AS_GOOD = "as good"  #: Our way is as good as the paper says of its own, which another way cannot reproduce.
     FITTED = "fitted"
     """It agrees by constants that were fitted to the paper's own figures, which predicts nothing."""
     UNDECIDED = "undecided"

@@ -32,8 +32,7 @@ _NOT_NEGATIVE = (
 
 # --- The rules of the medium, plain Python: `medium` compiles them, the test hosts' radio calls them ----------
 
-NETWORK_BYTES = 14 + 20 + 8
-"""Ethernet, IPv4 and UDP headers of a frame."""
+NETWORK_BYTES = 14 + 20 + 8  #: Ethernet, IPv4 and UDP headers of a frame.
 
 BURST_ROOM = 512
 """More than the samples of one BURST: its second argument is their number, and this times the newest sample of
@@ -76,8 +75,7 @@ def data_bytes(size_bytes: int, *, with_heartbeat: bool) -> int:
     return frame_bytes(Frame.DATA, size_bytes, int(with_heartbeat))
 
 
-ACKNACK_BYTES = frame_bytes(Frame.ACKNACK, 0, 0)
-"""Size of an acknowledgement's frame."""
+ACKNACK_BYTES = frame_bytes(Frame.ACKNACK, 0, 0)  #: Size of an acknowledgement's frame.
 
 
 def airtime_ns(size_bytes: int, contenders: int, overhead_ns: int, rate_bps: float, contention: float) -> int:

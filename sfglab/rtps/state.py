@@ -31,8 +31,7 @@ class Frame(IntEnum):
     HEARTBEAT = 1
     ACKNACK = 2
     GAP = 3
-    BURST = 4
-    """Several samples that travel together; counted as one DATA."""
+    BURST = 4  #: Several samples that travel together; counted as one DATA.
     FRAGMENT = 5
     """A full frame of a BURST that IP cuts, before the last one, which has the rest and the words."""
 
@@ -42,14 +41,10 @@ class Fate(IntEnum):
 
     NEVER_SENT = 0
     DELIVERED = 1
-    OVERWRITTEN = 2
-    """Lost on the way, and pushed out of the writer's history before it could be repaired."""
-    LATE = 3
-    """Arrived, and pushed out of the reader's history before the application took it."""
-    UNDERWAY = 4
-    """Neither delivered nor given up when time was over."""
-    NOT_REPAIRED = 5
-    """Lost on the way, best effort."""
+    OVERWRITTEN = 2  #: Lost on the way, and pushed out of the writer's history before it could be repaired.
+    LATE = 3  #: Arrived, and pushed out of the reader's history before the application took it.
+    UNDERWAY = 4  #: Neither delivered nor given up when time was over.
+    NOT_REPAIRED = 5  #: Lost on the way, best effort.
 
 
 class Drop(IntEnum):
@@ -67,25 +62,17 @@ class Count(IntEnum):
     HEARTBEAT = 1
     ACKNACK = 2
     GAP = 3
-    REPEATED = 4
-    """DATA that repairs."""
-    DUPLICATE = 5
-    """DATA that the reader had already."""
-    LOST = 6
-    """Frames that the medium lost."""
-    QUEUE_FULL = 7
-    """Frames that found the sender's queue full."""
+    REPEATED = 4  #: DATA that repairs.
+    DUPLICATE = 5  #: DATA that the reader had already.
+    LOST = 6  #: Frames that the medium lost.
+    QUEUE_FULL = 7  #: Frames that found the sender's queue full.
     BYTES = 8
     AIRTIME_NS = 9
-    HELD = 10
-    """Values that the local cache held back."""
-    THROTTLED = 11
-    """Publications that a KEEP_ALL writer refused because too much was unacknowledged."""
+    HELD = 10  #: Values that the local cache held back.
+    THROTTLED = 11  #: Publications that a KEEP_ALL writer refused because too much was unacknowledged.
     EVENTS = 12
-    PROCESSED = 13
-    """Samples that cost the application its full time."""
-    COMPARED = 14
-    """Samples that cache control discarded after a comparison."""
+    PROCESSED = 13  #: Samples that cost the application its full time.
+    COMPARED = 14  #: Samples that cache control discarded after a comparison.
 
 
 class FlowColumn(IntEnum):
@@ -94,26 +81,19 @@ class FlowColumn(IntEnum):
     SOURCE = 0
     TARGET = 1
     SERVER = 2
-    PERIOD_NS = 3
-    """0: published by a chain only."""
+    PERIOD_NS = 3  #: 0: published by a chain only.
     PHASE_NS = 4
     SIZE_BYTES = 5
-    DEPTH = 6
-    """0: KEEP_ALL."""
+    DEPTH = 6  #: 0: KEEP_ALL.
     READER_DEPTH = 7
     RELIABLE = 8
-    CHAIN = 9
-    """Flow that is published when a sample of this one was processed; -1: none."""
-    CHANGE_NS = 10
-    """Mean time between changes of the value; 0: every sample differs; `SET`: set from outside."""
+    CHAIN = 9  #: Flow that is published when a sample of this one was processed; -1: none.
+    CHANGE_NS = 10  #: Mean time between changes of the value; 0: every sample differs; `SET`: set from outside.
     CACHED = 11
-    SILENCE_NS = 12
-    """Longest silence of the local cache; 0: none."""
+    SILENCE_NS = 12  #: Longest silence of the local cache; 0: none.
     SERVICE_NS = 13
-    COMPARE_NS = 14
-    """What a repeated value costs the server; -1: as much as any."""
-    KEEPS_ACKED = 15
-    """Whether acknowledged samples stay in the writer's history, for late joiners."""
+    COMPARE_NS = 14  #: What a repeated value costs the server; -1: as much as any.
+    KEEPS_ACKED = 15  #: Whether acknowledged samples stay in the writer's history, for late joiners.
 
 
 class TimingColumn(IntEnum):
@@ -127,28 +107,22 @@ class TimingColumn(IntEnum):
     ACK_DELAY_NS = 5
     NACK_RESPONSE_NS = 6
     NACK_MOST = 7
-    SHARED = 8
-    """1: one half-duplex medium for all hosts."""
+    SHARED = 8  #: 1: one half-duplex medium for all hosts.
     LATENCY_NS = 9
     OVERHEAD_NS = 10
     DURATION_NS = 11
     UNACKED_MOST = 12
-    DRAIN_NS = 13
-    """How long repairs go on after the last publication."""
+    DRAIN_NS = 13  #: How long repairs go on after the last publication.
     PROMPT = 14
     FINAL_NS = 15
     REORDER_MOST = 16
     PIGGYBACK_BYTES = 17
-    SENT_BEFORE = 18
-    """-1: a sample adds its own bytes only."""
-    QUEUES = 19
-    """1: the history is the queue of what is not sent yet."""
+    SENT_BEFORE = 18  #: -1: a sample adds its own bytes only.
+    QUEUES = 19  #: 1: the history is the queue of what is not sent yet.
     EXTRA_BYTES = 20
     QUEUE_FRAMES = 21
-    QUEUE_RULE = 22
-    """Place in `model.QUEUE_RULES`."""
-    ACCESS_POINT = 23
-    """Its number among the hosts; -1: there is none."""
+    QUEUE_RULE = 22  #: Place in `model.QUEUE_RULES`.
+    ACCESS_POINT = 23  #: Its number among the hosts; -1: there is none.
     STALL_EVERY_NS = 24
     STALL_NS = 25
     RANDOM_TURNS = 26

@@ -22,11 +22,9 @@ if TYPE_CHECKING:
 BEAMS_DEG = (0, 45, 90, 135, 180, 225, 270, 315)
 """Directions, counter-clockwise from ahead: paper B, section 3.2."""
 
-SCAN_HZ = 10
-"""Turns a second, and new values of one beam."""
+SCAN_HZ = 10  #: Turns a second, and new values of one beam.
 
-NO_ECHO = 0
-"""Step of a range that the sensor does not see."""
+NO_ECHO = 0  #: Step of a range that the sensor does not see.
 
 _NEAREST_M, _FARTHEST_M = 0.15, 12.0
 _FINE_M, _FINE_UNTIL_M = 0.0005, 1.5
@@ -52,8 +50,7 @@ def range_from_step(step: int) -> float:
     return _FINE_UNTIL_M * math.exp((step - _FINE_STEPS) * _COARSE)
 
 
-SPEED_M_S = 0.22
-"""The constant velocity: the highest of a TurtleBot3 Burger."""
+SPEED_M_S = 0.22  #: The constant velocity: the highest of a TurtleBot3 Burger.
 
 SAFE_M = 0.21
 """A beam ahead that is shorter is an obstacle: 0.2 m, and 0.01 m for the LIDAR's error, as in ROBOTIS' own

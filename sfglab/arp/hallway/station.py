@@ -135,8 +135,7 @@ def _correction_mrad_s(view: View) -> int:
     return max(-most, min(most, round(1000 * turn)))
 
 
-LEADER = 0
-"""Whose planning moves all."""
+LEADER = 0  #: Whose planning moves all.
 
 
 class Station:

@@ -25,11 +25,9 @@ if TYPE_CHECKING:
     from sfglab.arp.hallway.course import Area
     from sfglab.arp.hallway.nodes import Command
 
-RADIUS_M = 0.105
-"""Of the robot's body; closer to a wall is a contact."""
+RADIUS_M = 0.105  #: Of the robot's body; closer to a wall is a contact.
 
-STEP_NS = 20_000_000
-"""One step: the controller board sets the motors 50 times a second."""
+STEP_NS = 20_000_000  #: One step: the controller board sets the motors 50 times a second.
 
 _BASE_M = 0.160
 _WHEEL_SIGMA = 0.005  # wheels of one robot differ by tyres and wear
@@ -85,8 +83,7 @@ class World:
         return self._wound.copy()
 
 
-LIMIT_S = 120.0
-"""When a run is given up: the round takes 77 s at the constant velocity."""
+LIMIT_S = 120.0  #: When a run is given up: the round takes 77 s at the constant velocity.
 
 _HOME_RAD = 0.1  # around the ring; 0.3 m at home
 

@@ -21,8 +21,7 @@ if TYPE_CHECKING:
     from matplotlib.artist import Artist
     from matplotlib.figure import Figure
 
-Transition: TypeAlias = tuple[Enum, Enum]
-"""A state and an input that can happen in it: a key of a table."""
+Transition: TypeAlias = tuple[Enum, Enum]  #: A state and an input that can happen in it: a key of a table.
 Parts: TypeAlias = "Mapping[Any, Sequence[Artist]]"
 """The artists of each state, its box first, and of each tuple of transitions that are drawn as one."""
 

@@ -20,10 +20,8 @@ if TYPE_CHECKING:
 
 _WIDE, _HIGH, _APART = 1.75, 0.85, 0.2
 """Size of a process, and half the room between two of different hosts, inches."""
-_LINE, _ROW = 0.13, 0.2
-"""Height of a line of words, and what an arrow takes beside its words, inches."""
-_LETTERS = 27
-"""How many letters a process is wide."""
+_LINE, _ROW = 0.13, 0.2  #: Height of a line of words, and what an arrow takes beside its words, inches.
+_LETTERS = 27  #: How many letters a process is wide.
 
 
 def draw_setup(setup: Setup) -> Figure:

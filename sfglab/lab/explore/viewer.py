@@ -40,10 +40,8 @@ if TYPE_CHECKING:
     from sfglab.lab.runs import Run
     from sfglab.view.app import Report
 
-_PERIOD_S, _FIRST_S = 0.5, 30.0
-"""How often messages are counted, and how long the first one is waited for."""
-_ROUNDED_NS = 256
-"""The viewer tells its time as a float: nanoseconds since 1970 are multiples of 256 there."""
+_PERIOD_S, _FIRST_S = 0.5, 30.0  #: How often messages are counted, and how long the first one is waited for.
+_ROUNDED_NS = 256  #: The viewer tells its time as a float: nanoseconds since 1970 are multiples of 256 there.
 
 
 class LogViewer:

@@ -48,16 +48,14 @@ DEPTHS = (1, 10, 1000)
 """Of Table 2, without optimisation: the paper does not say which depth Fig. 16 had, so the smallest, ROS 2's
 default and a large one count a third each."""
 
-OPTIMUM = 0
-"""Stands for the depth that Eq. 6 gives."""
+OPTIMUM = 0  #: Stands for the depth that Eq. 6 gives.
 
 ROBOTS = tuple(area.robot for area in AREAS)
 Sizes = Literal["table", "cdr"]
 BEAM_BYTES: dict[Sizes, int] = {"table": 24, "cdr": 8}
 """A float, as paper B counts it (Table 1 and section 3.2), and in CDR with its header."""
 
-COMMAND_BYTES = 52
-"""A geometry_msgs/msg/Twist in CDR: six doubles and the header."""
+COMMAND_BYTES = 52  #: A geometry_msgs/msg/Twist in CDR: six doubles and the header.
 
 _TOPICS = (len(BEAMS_DEG) + 1,) * len(AREAS)  # eight beams and one command each
 _RELAY = ROBOTS[2]

@@ -112,8 +112,7 @@ def _write_tracks(bench: Bench[Config], tracks: Sequence[TrackRow]) -> None:
 
 # --- Their messages -------------------------------------------------------------------------------------------
 
-AREA_SHIFT_M = 7.0
-"""How far apart areas are drawn, to the right."""
+AREA_SHIFT_M = 7.0  #: How far apart areas are drawn, to the right.
 _BY_ROBOT = {area.robot: (AREA_SHIFT_M * number, area) for number, area in enumerate(AREAS)}
 
 

@@ -29,10 +29,8 @@ from sfglab.lab.stats import share_of
 if TYPE_CHECKING:
     from sfglab.lab.claims import Criterion
 
-DEEP = 100
-"""A depth from this on is deep, as the criteria have it."""
-LOSS_POINT = 0.01
-"""By how much OPT+LC may lose more than the lowest and still agree: a point."""
+DEEP = 100  #: A depth from this on is deep, as the criteria have it.
+LOSS_POINT = 0.01  #: By how much OPT+LC may lose more than the lowest and still agree: a point.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -37,8 +37,7 @@ if TYPE_CHECKING:
 MODES = ("fast_dds_sync", "fast_dds_async", "fast_dds_foxy", "cyclone_dds")
 QUEUE_FRAMES = 277
 """Small frames that fit into Linux's default socket buffer, 212,992 B: each takes 768 B there (an skb)."""
-STALL_EVERY_S = 1.0
-"""How often the air stalls where it does: assumed; the criterion gives for how long."""
+STALL_EVERY_S = 1.0  #: How often the air stalls where it does: assumed; the criterion gives for how long.
 CELLS = (
     *((method, str(depth)) for method in ("none", "CC") for depth in DEPTHS),
     ("OPT+CC", OPT_DEPTH),

@@ -18,12 +18,9 @@ from sfglab.lab.experiments.transmission.analysis import BEST
 from sfglab.lab.runs import COMPLETION, Run, derived
 from sfglab.lab.stats import Estimate, difference_of, share_of
 
-LEAST_SEEDS = 6
-"""With how many seeds the criteria want each condition."""
-MOST_RATES = 3
-"""At how many of the four Rmax OPT+LC has to be lowest."""
-FAST_HZ = (500, 1000)
-"""Rmax at which a small depth has to be worse than a deep one, at either."""
+LEAST_SEEDS = 6  #: With how many seeds the criteria want each condition.
+MOST_RATES = 3  #: At how many of the four Rmax OPT+LC has to be lowest.
+FAST_HZ = (500, 1000)  #: Rmax at which a small depth has to be worse than a deep one, at either.
 _CONDITION = [name for name in PLACE if name != "rate_max_hz"]
 _ROBOT2 = "robot2"
 

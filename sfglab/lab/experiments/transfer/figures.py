@@ -208,8 +208,7 @@ def _finish(grid: Any, run: Run[Config], gateway: str, more: str) -> None:
 # --- Residuals ------------------------------------------------------------------------------------------------
 
 MODEL_STYLES = {MAIN: ("proxy", "core stores a chunk"), "cut-through": ("standard", "core cuts through")}
-_ASKED_STATED = 10.0
-"""What is asked: per cent of the stated numbers."""
+_ASKED_STATED = 10.0  #: What is asked: per cent of the stated numbers.
 
 
 @exp.figure("transfer_residuals", size=(10, 4.2))

@@ -27,14 +27,11 @@ from sfglab.units import NS_PER_S
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-BEST = "OPT+LC"
-"""The paper's winner."""
+BEST = "OPT+LC"  #: The paper's winner.
 
-SMALL_DEPTH = 10
-"""A depth up to this is small: the lower half of Table 2."""
+SMALL_DEPTH = 10  #: A depth up to this is small: the lower half of Table 2.
 
-TIE = 0.05
-"""Cells whose latency differs by less than this share count as equal."""
+TIE = 0.05  #: Cells whose latency differs by less than this share count as equal.
 
 
 @derived

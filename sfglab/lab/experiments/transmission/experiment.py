@@ -40,15 +40,12 @@ if TYPE_CHECKING:
     from sfglab.arp.robots import Sensor
     from sfglab.rtps import FlowOutcome, Outcome, Vendor
 
-OPT_DEPTH = "opt"
-"""The depth that Eq. 6 gives."""
+OPT_DEPTH = "opt"  #: The depth that Eq. 6 gives.
 STATION = "station"
 HELLO_UP, HELLO_HOP, HELLO_DOWN = "robot1/hello", "robot3/localisation", "robot1/move"
 HELLOS = (HELLO_UP, HELLO_HOP, HELLO_DOWN)
-HELLO_BYTES = len("Hello") + 1 + 4 + 4
-"""CDR: header, length, text and its final zero (RTPS 2.5, clause 10)."""
-THREADS = Workers(threads=True)
-"""Sweeps run in threads: the time is spent in compiled code."""
+HELLO_BYTES = len("Hello") + 1 + 4 + 4  #: CDR: header, length, text and its final zero (RTPS 2.5, clause 10).
+THREADS = Workers(threads=True)  #: Sweeps run in threads: the time is spent in compiled code.
 
 Sizes = Literal["table", "cdr"]
 

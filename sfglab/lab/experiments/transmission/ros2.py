@@ -34,10 +34,8 @@ if TYPE_CHECKING:
     from sfglab.lab.bench import Bench
     from sfglab.lab.experiments.transmission.stage import LiveHosts
 
-KEPT_HZ = 100
-"""Rmax that nodes of Python keep."""
-DRAIN_S = 7.0
-"""Two heartbeats of Fast DDS."""
+KEPT_HZ = 100  #: Rmax that nodes of Python keep.
+DRAIN_S = 7.0  #: Two heartbeats of Fast DDS.
 _KEYS = ["preset", "rate_max_hz", "method", "depth", "group", "slowed"]
 
 

@@ -61,14 +61,11 @@ if TYPE_CHECKING:
 
 _MODULE = "sfglab.lab.workers.flowplay"
 START_S, MATCH_S, SETTLE_S, LEAD_S, SPARE_S = 90.0, 90.0, 0.3, 0.15, 60.0
-LONGEST_DRAIN_S = 1.5
-"""Repairs that come later than this are rare, and a live second costs a second."""
+LONGEST_DRAIN_S = 1.5  #: Repairs that come later than this are rare, and a live second costs a second.
 
-QUIET = Medium(rate_bps=1e9, loss=0.0, overhead_s=0.0, contention=0.0)
-"""What hosts find each other over."""
+QUIET = Medium(rate_bps=1e9, loss=0.0, overhead_s=0.0, contention=0.0)  #: What hosts find each other over.
 
-PROBE_S, PROBE_HZ = 1.0, 100.0
-"""How long and how often a topic is published that shows the hosts' own delay."""
+PROBE_S, PROBE_HZ = 1.0, 100.0  #: How long and how often a topic is published that shows the hosts' own delay.
 
 _STAMP_SLACK_NS = 2  # RTPS counts time in units of 2**-32 s (RTPS 2.5, clause 9.3.2)
 

@@ -69,8 +69,7 @@ MODES: dict[str, RosMode | None] = {
 READ = {"fast_dds_foxy": "read in its sources, not measured"}
 """Presets that cannot be validated, and what they are instead."""
 _TRIES = 2
-KEPT_LEAST = 0.8
-"""Share of the cells that is asked to keep its schedule."""
+KEPT_LEAST = 0.8  #: Share of the cells that is asked to keep its schedule.
 
 MEDIUM = ("loss", "queue_frames", "queue_rule", "burst_frames", "access_point")
 """Columns of a cell that are `Medium`'s; others are ``preset``, ``kind``, ``overhead_us`` and the topic's."""
