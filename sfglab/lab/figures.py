@@ -11,6 +11,7 @@ import hashlib
 import inspect
 import io
 import json
+from collections.abc import Mapping
 from contextlib import contextmanager
 from textwrap import fill
 from typing import TYPE_CHECKING, Any
@@ -18,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+    from collections.abc import Callable, Iterable, Iterator, Sequence
     from pathlib import Path
 
     import pandas as pd
@@ -142,8 +143,17 @@ def save_figure(figure: Figure, stem: Path, twin: Mapping[str, Any]) -> list[Pat
     with house_style():
         figure.savefig(svg, metadata={"Date": None, "Creator": "sfglab"})
         figure.savefig(png, metadata={"Software": "sfglab"})
-    note.write_text(json.dumps(twin, indent=2, sort_keys=True) + "\n", encoding="utf-8")
+    note.write_text(json.dumps(settled(twin), indent=2, sort_keys=True) + "\n", encoding="utf-8")
     return [svg, png, note]
+
+
+def settled(value: Any) -> Any:
+    """Return what a twin holds, with as many digits of each number as do not depend on the processor."""
+    if isinstance(value, Mapping):
+        return {key: settled(each) for key, each in value.items()}
+    if isinstance(value, list | tuple):
+        return [settled(each) for each in value]
+    return float(f"{round(value, 12):.10g}") if isinstance(value, float) else value
 
 
 def png_of(figure: Figure) -> bytes:

@@ -1,35 +1,106 @@
-"""Committed figures, their twins and the notebooks' pictures are what today's code draws from the committed logs."""
+"""Committed figures, twins and what notebooks show are what today's code makes of committed logs."""
 
 import base64
 import json
+import re
 from pathlib import Path
 
+import cv2
 import nbformat
+import numpy as np
 import pytest
+from IPython.core.displayhook import DisplayHook
+from IPython.core.interactiveshell import InteractiveShell
+from IPython.display import Image, publish_display_data
+from IPython.utils.capture import capture_output
 
 from sfglab.fields import to_json
 from sfglab.lab import notebook
 from sfglab.lab.experiments import EXPERIMENTS, experiment
-from sfglab.lab.figures import file_sha256
+from sfglab.lab.figures import file_sha256, settled
 from sfglab.lab.notebooks import experiment_of, find_notebooks
 from sfglab.lab.paths import Project
 
 ROOT = Path(__file__).parents[2]
 
 
-def pictures_of(name):
-    """Return the pictures that an experiment's notebook holds."""
+PIXEL = cv2.imencode(".png", np.zeros((1, 1), np.uint8))[1].tobytes()
+# What runs something, draws a film or waits for a reader; and what says where files are.
+ELSEWHERE = re.compile(
+    r"await |live\.session|(setup|explore|video|Viewer|PressedMapping|press_core|Replay|save_figures)\("
+)
+
+
+def cells_of(name):
+    """Return the code cells of an experiment's notebook."""
     notebooks = (nbformat.read(path, as_version=4) for path in find_notebooks(Project(root=ROOT)))
     [page] = [page for page in notebooks if experiment_of(page) == name]
-    outputs = [output for cell in page.cells for output in cell.get("outputs", ())]
+    return [cell for cell in page.cells if cell.cell_type == "code"]
+
+
+def pictures_of(name):
+    """Return the pictures that an experiment's notebook holds."""
+    outputs = [output for cell in cells_of(name) for output in cell.outputs]
     return {base64.b64decode(o.data["image/png"]) for o in outputs if "image/png" in o.get("data", {})}
 
 
-@pytest.mark.parametrize("name", EXPERIMENTS)
-def test_figures_twins_and_pictures_follow_from_the_committed_log(name):
-    log, shown_there = ROOT / "data" / "reference" / f"{name}.mcap", pictures_of(name)
-    for stem, (figure, shown) in experiment(name).figures(experiment(name).load(log)).items():
+def words_of(outputs):
+    """Return the tables and words of outputs, in order; not what has a picture, which has a test of its own."""
+    shown = [o.get("data", {"text/plain": o.get("text", "")}) for o in outputs]
+    texts = [d.get("text/html", d.get("text/plain", "")) for d in shown if "image/png" not in d]
+    return "".join(texts).replace(f"{ROOT}/", "").split()
+
+
+class Shown(DisplayHook):
+    """What a cell's last line gives is shown like what it displays."""
+
+    def write_output_prompt(self):
+        """Write nothing: a notebook has its own."""
+
+    def write_format_data(self, format_dict, md_dict=None):
+        """Show it."""
+        publish_display_data(format_dict, md_dict)
+
+
+@pytest.fixture
+def shell(monkeypatch):
+    """What runs cells as a kernel does; pictures are not drawn, which is another test's."""
+    monkeypatch.chdir(ROOT)
+    monkeypatch.setattr(notebook, "picture", lambda *_: Image(PIXEL))
+    shell = InteractiveShell.instance(displayhook_class=Shown)
+    shell.display_formatter.active_types = shell.display_formatter.format_types
+    yield shell
+    InteractiveShell.clear_instance()
+
+
+def figures_are_as_drawn(run, name):
+    """Compare twins and pictures."""
+    shown_there = pictures_of(name)
+    for stem, (figure, shown) in experiment(name).figures(run).items():
         twin = json.loads((ROOT / "figures" / f"{stem}.json").read_text())
-        assert (twin["log"], twin["log_sha256"]) == (f"data/reference/{name}.mcap", file_sha256(log))
-        assert twin["shown"] == json.loads(json.dumps(to_json(shown)))
+        assert (twin["log"], twin["log_sha256"]) == (f"data/reference/{name}.mcap", file_sha256(run.log))
+        assert twin["shown"] == json.loads(json.dumps(settled(to_json(shown))))
         assert notebook.image_of(figure).data in shown_there, f"{stem}: its cell is to be run anew"
+
+
+def words_are_as_computed(shell, name):
+    """Compare tables, sentences and verdicts of what follows the run."""
+    is_run = False
+    for cell in cells_of(name):
+        source = re.sub(r"^run = await .*\n?", "", cell.source)
+        if ELSEWHERE.search(source):
+            continue
+        with capture_output() as captured:
+            done = shell.run_cell(source)
+        assert done.success, cell.source
+        made = [{"text": captured.stdout}, *({"data": output.data} for output in captured.outputs)]
+        assert not is_run or words_of(made) == words_of(cell.outputs), f"to be run anew: {cell.source}"
+        is_run = is_run or source != cell.source
+    assert is_run
+
+
+@pytest.mark.parametrize("name", EXPERIMENTS)
+def test_figures_twins_pictures_and_tables_follow_from_the_committed_log(name, shell):
+    run = shell.user_ns["run"] = experiment(name).load(ROOT / "data" / "reference" / f"{name}.mcap")
+    figures_are_as_drawn(run, name)
+    words_are_as_computed(shell, name)
