@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -94,6 +95,29 @@ def check(
     findings = check_file(file, policy=load_fleet(fleet).policy if fleet is not None else None)
     typer.echo(render_findings(findings))
     raise typer.Exit(any(finding.severity is Severity.ERROR for finding in findings))
+
+
+@fleet_app.command()
+def security(
+    file: Annotated[Path, typer.Argument(help="A fleet file.")],
+    out: Annotated[Path, typer.Option("--out", "-o", help="The keystore's folder; agents are added to one.")],
+    days: Annotated[int, typer.Option(min=1, help="How long certificates and permissions are valid.")] = 365,
+    renew: Annotated[
+        list[str] | None, typer.Option(help="An agent that gets a new certificate and the file's permissions.")
+    ] = None,
+) -> None:
+    """Make keys, certificates and permissions for DDS Security, as ROS 2's sros2 lays them out.
+
+    Example:
+
+      sfglab fleet security data/fleets/lab.yaml --out keystore
+    """
+    from sfglab.deploy.files import render
+    from sfglab.deploy.keystore import make_keystore
+    from sfglab.fleet.fleet_file import load_fleet
+
+    made = make_keystore(load_fleet(file), out, now=datetime.now(UTC), days=days, renew=renew or ())
+    typer.echo(render("security/usage.txt.j2", enclaves=made, root=out), nl=False)
 
 
 @agent_app.command("up")

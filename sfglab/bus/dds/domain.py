@@ -270,6 +270,11 @@ def leave(domain_id: int) -> None:
 
 def _create(config: DomainConfig) -> int:
     check_interface(config)
+    if [os.environ.get(f"ROS_SECURITY_{name}") for name in ("ENABLE", "STRATEGY")] == ["true", "Enforce"]:
+        # The wheels of Cyclone DDS have no DDS Security, and ROS 2's own nodes would not start without, either.
+        raise DomainError(
+            config.domain_id, "ROS_SECURITY_STRATEGY=Enforce is set, and sfglab's nodes cannot obey"
+        )
     handle: int = library().dds_create_domain(config.domain_id, domain_xml(config).encode())
     if handle < 0:
         raise DomainError(

@@ -1,0 +1,134 @@
+"""Keystores for DDS Security: who may what, what OpenSSL says of the files, what a second run leaves alone."""
+
+import re
+import subprocess
+from dataclasses import replace
+from datetime import UTC, datetime, timedelta
+from fnmatch import fnmatchcase
+from itertools import product
+
+import pytest
+from typer.testing import CliRunner
+
+from sfglab.bus.dds.domain import DomainConfig, join
+from sfglab.bus.errors import DomainError
+from sfglab.cli import app
+from sfglab.deploy.errors import DeployError
+from sfglab.deploy.keystore import make_keystore
+from sfglab.deploy.permissions import global_rights, render_permissions
+from sfglab.errors import InvalidValueError
+from sfglab.fleet.fleet_file import load_fleet, read_fleet
+from sfglab.fleet.lint import View
+from sfglab.fleet.policy import Direction
+from sfglab.names import ResourceKind, dds_names
+
+LAB = load_fleet("data/fleets/lab.yaml")
+NOW = datetime.now(UTC).replace(microsecond=0)
+# The tags in order, as the schemas of OMG DDS Security 1.1 want them (annexes A and B).
+SHAPES = {
+    "permissions": "dds permissions grant subject_name validity not_before not_after"
+    "( allow_rule domains id publish topics( topic)+ subscribe topics( topic)+){2} default",
+    "governance": "dds domain_access_rules domain_rule domains id_range min max"
+    " allow_unauthenticated_participants enable_join_access_control discovery liveliness rtps"
+    " topic_access_rules topic_rule topic_expression enable_discovery_protection enable_liveliness_protection"
+    " enable_read_access_control enable_write_access_control metadata data",
+}
+
+
+def openssl(*arguments):
+    return subprocess.run(["openssl", *map(str, arguments)], capture_output=True, text=True, check=False)
+
+
+def contents(root):
+    return {str(p.relative_to(root)): p.read_bytes() for p in root.rglob("*") if p.is_file()}
+
+
+def published_by(agent):
+    """Return the DDS topics that the fleet file has an agent publish: its topics, its replies, its requests."""
+    uses = [
+        (use, name) for use in View(LAB).uses if use.agent == agent for name in dds_names(use.name, use.kind)
+    ]
+    topic = ResourceKind.TOPIC
+    return {name for use, name in uses if use.speaks == (use.kind is topic or not name.startswith("rq/"))}
+
+
+@pytest.mark.parametrize("agent", [agent.name for agent in LAB.agents])
+def test_an_agent_publishes_what_the_policy_lets_out_under_its_name_or_as_the_file_says(agent):
+    agents, rights, said = [other.name for other in LAB.agents], global_rights(LAB, agent), published_by(agent)
+    names = {name for other in agents for name in published_by(other)} | {"rt/chatter", "rt/tf", "rt/global/x"}
+    prefixes = product(("rt", "rq", "rr"), ("global", "local"), [*agents, f"{agent}x"])
+    for name in names | {f"{'/'.join(prefix)}/made/up" for prefix in prefixes}:
+        may, hears = (any(fnmatchcase(name, p) for p in rights[verb]) for verb in ("publish", "subscribe"))
+        own = name.split("/")[1:3] == ["global", agent] or name in said or name.startswith("rt/tf")
+        assert may == (own and LAB.policy.crosses(name, Direction.OUTWARD)), name
+        if name.startswith("rt/"):
+            assert hears == LAB.policy.crosses(name, Direction.INWARD), name
+        if name.startswith("rq/") and not name.startswith(f"rq/global/{agent}/"):
+            assert not hears, name
+
+
+def test_openssl_takes_what_is_signed_and_only_with_its_own_authority(tmp_path):
+    one, other = tmp_path / "one", tmp_path / "other"
+    for root in (one, other):
+        make_keystore(LAB, root, now=NOW)
+    for folder in (one / "enclaves" / agent.name for agent in LAB.agents):
+        for ca, good in ((folder / "permissions_ca.cert.pem", True), (other / "public/ca.cert.pem", False)):
+            assert (openssl("verify", "-CAfile", ca, folder / "cert.pem").returncode == 0) == good
+            for kind, shape in SHAPES.items():
+                done = openssl("smime", "-verify", "-text", "-in", folder / f"{kind}.p7s", "-CAfile", ca)
+                assert (done.returncode == 0) == good
+                tags = re.sub("_protection_kind", "", " ".join(re.findall(r"<(\w+)", done.stdout)))
+                assert not good or re.fullmatch(shape, tags)
+        said = openssl("x509", "-in", folder / "cert.pem", "-noout", "-subject", "-nameopt", "RFC2253").stdout
+        text = (folder / "permissions.xml").read_text()
+        assert f"<subject_name>{said.strip().removeprefix('subject=')}</subject_name>" in text
+        assert re.findall("<id>(.*)</id>", text) == ["0", str(LAB.agent(folder.name).domain)]
+    assert [p for p in one.rglob("*") if not p.is_symlink() and p.stat().st_mode & 0o77] == []
+
+
+def test_a_second_run_adds_an_agent_and_changes_nothing_else(tmp_path):
+    def states(fleet, **options):
+        return [enclave.state for enclave in make_keystore(fleet, tmp_path, **options)]
+
+    states(replace(LAB, agents=LAB.agents[:3]), now=NOW, days=10)
+    before = contents(tmp_path)
+    assert states(LAB, now=NOW) == ["kept"] * 3 + ["new"] * 3
+    assert before.items() <= contents(tmp_path).items()
+    before = contents(tmp_path)
+    pi1 = replace(LAB.agent("pi1"), publishes=LAB.agent("steamdeck").publishes)  # it may drive the robot now
+    moved = replace(LAB, agents=(LAB.agents[0], pi1))
+    assert states(moved, now=NOW + timedelta(days=9)) == ["kept", "outdated"]
+    assert contents(tmp_path) == before
+    late = make_keystore(moved, tmp_path, now=NOW + timedelta(days=11), days=10**5, renew=["pi1"])
+    assert [enclave.state for enclave in late] == ["expired", "renewed"]
+    assert late[1].not_after == NOW + timedelta(days=3650)  # not longer than what signs
+    changed = {name for name, content in contents(tmp_path).items() if before.get(name) != content}
+    assert changed == {f"enclaves/pi1/{name}" for name in ("cert.pem", "permissions.xml", "permissions.p7s")}
+    assert "rt/global/go2/cmd_vel" in (tmp_path / "enclaves/pi1/permissions.xml").read_text()
+
+
+@pytest.mark.parametrize("fault", ["private/ca.key.pem", "public/ca.cert.pem", "another key", "no keystore"])
+def test_a_folder_that_cannot_sign_is_refused_and_left_as_it_is(fault, tmp_path):
+    root, other = tmp_path / "keys", tmp_path / "other"
+    for folder in (root, other):
+        make_keystore(replace(LAB, agents=LAB.agents[:1]), folder, now=NOW)
+    if fault == "another key":
+        (root / "private/ca.key.pem").write_bytes((other / "private/ca.key.pem").read_bytes())
+    elif fault != "no keystore":
+        (root / fault).unlink()
+    before = contents(tmp_path)
+    with pytest.raises(DeployError, match=r"ca\.(key|cert)\.pem"):
+        make_keystore(LAB, other / "enclaves" if fault == "no keystore" else root, now=NOW)
+    assert contents(tmp_path) == before
+
+
+def test_the_command_says_until_when_and_what_cannot_be_secured_is_refused(tmp_path, monkeypatch):
+    command = ["fleet", "security", "data/fleets/lab.yaml", "--out", str(tmp_path), "--days", "30"]
+    until = f"{datetime.now(UTC) + timedelta(days=30):%Y-%m-%d}"
+    assert f"go2                  new       until {until}\n" in CliRunner().invoke(app, command).output
+    with pytest.raises(InvalidValueError, match="given 231, allowed: 0 to 230"):
+        render_permissions(read_fleet("fleet: f\nagents: {a1: {domain: 231}}"), "a1", NOW, NOW)
+    monkeypatch.setenv("ROS_SECURITY_ENABLE", "true")
+    monkeypatch.setenv("ROS_SECURITY_STRATEGY", "Enforce")
+    with pytest.raises(DomainError, match="cannot obey"):
+        join(DomainConfig(domain_id=99, interface="lo"))
