@@ -243,6 +243,25 @@ async def test_a_peer_cannot_write_or_truncate_the_memory_and_nonsense_is_hung_u
         os.ftruncate(publisher._writer._arena._fd, 0)
 
 
+async def test_a_subscriber_that_gives_slots_back_and_ends_while_more_waits_is_no_fault(here, until, caplog):
+    publisher = here.create_publisher(STRING, "/t", transport="shm")
+    await until(lambda: here.graph.publishers("/t"))
+    address = entries(here.graph.publishers("/t")[0].user_data)[SHM_KEY]
+    with wire.connect(address) as peer:
+        peer.sendall(wire.pack_hello(wire.Hello(depth=1, wants_history=False)))
+        await until(lambda: publisher._writer._fanout.peers)
+        for i in range(2 * credits_of(1)):
+            publisher.publish(text(i))
+        fds = socket.recv_fds(peer, 100, 1)[1]
+        arena = publisher._writer._pool.arena_bytes
+        told = [wire.unpack_announcement(peer.recv(100), arena)[1] for _ in range(credits_of(1))]
+        peer.sendall(wire.pack_returns(told))
+    publisher.publish(text("next"))
+    assert publisher._writer._fanout.peers == ()
+    assert caplog.messages == []
+    os.close(*fds)
+
+
 async def test_silent_connections_end_and_used_up_descriptors_lock_nobody_out(here, monkeypatch, until):
     monkeypatch.setattr(writer, "HELLO_S", 0.2)
     publisher = here.create_publisher(STRING, "/t", transport="shm")

@@ -194,6 +194,8 @@ class ShmWriter:
                 for offset in unpack_returns(datagram):
                     for announcement in self._fanout.returned(key, offset):
                         self._send(key, announcement, pack_announcement(announcement))
+                    if key not in self._connections:
+                        return  # it had gone after its last return
                 if not self._fanout.holds(key):
                     return  # nothing more can come; saves the system call that would say so
             self._leave(key)
