@@ -7,9 +7,8 @@ over `state`.
 
 from __future__ import annotations
 
-from sfglab.rtps.frames import AirFrame, trace
 from sfglab.rtps.model import Flow, Medium, Scenario
-from sfglab.rtps.session import FlowOutcome, Outcome, Session, run
+from sfglab.rtps.session import AirFrame, FlowOutcome, Outcome, Session, run, trace
 from sfglab.rtps.state import Drop, Fate, Frame
 from sfglab.rtps.vendors import CYCLONE_DDS, FAST_DDS, FAST_DDS_ASYNC, FAST_DDS_SYNC, PRESETS, Vendor
 

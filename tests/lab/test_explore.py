@@ -17,7 +17,7 @@ from sfglab.fields import between
 from sfglab.lab.experiments import EXPERIMENTS, discovery, experiment, transmission
 from sfglab.lab.explore import explore
 from sfglab.lab.explore.form import Form, unit_of
-from sfglab.lab.explore.setup_picture import draw_setup
+from sfglab.lab.notebook import draw_setup
 from sfglab.lab.paths import find_project
 from sfglab.lab.workers.preview import draw_look, preview
 

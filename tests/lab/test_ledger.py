@@ -13,9 +13,16 @@ import pytest
 
 from sfglab.lab.claims import Verdict, render_in_full
 from sfglab.lab.experiments.naming import exp
-from sfglab.lab.findings import Findings, kept_findings
 from sfglab.lab.index import make_claims_page
-from sfglab.lab.ledger import compute_ledger, find_log, history, keep_figures, redraw_figures
+from sfglab.lab.ledger import (
+    Findings,
+    compute_ledger,
+    find_log,
+    history,
+    keep_figures,
+    kept_findings,
+    redraw_figures,
+)
 from sfglab.lab.paths import Project
 from sfglab.lab.runs import COMPLETION, new_log
 from sfglab.record import LogWriter

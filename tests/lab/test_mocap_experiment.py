@@ -9,8 +9,7 @@ import pytest
 from sfglab.lab.bench import as_row
 from sfglab.lab.checks import CheckRow, trees
 from sfglab.lab.experiments.mocap import checks, exp, recordings
-from sfglab.lab.experiments.mocap.experiment import CASES, offset_rows
-from sfglab.lab.experiments.mocap.stage import live_rows
+from sfglab.lab.experiments.mocap.experiment import CASES, live_rows, offset_rows
 from sfglab.lab.workers.mocap import motions, world_from_camera
 from sfglab.record import LogWriter
 from sfglab.spatial import Pose

@@ -17,8 +17,8 @@ from sfglab.soc.gateway_world import Bound, is_finished
 from sfglab.soc.graph import TopicMapping
 
 pytest.importorskip("anywidget")
-from sfglab.lab.explore.automaton import transition_part
 from sfglab.lab.explore.mapping import PressedMapping
+from sfglab.lab.explore.press import transition_part
 
 DATA = find_project(Path(__file__)).data
 DRIVING = load_graph(DATA / "graphs/driving.yaml")

@@ -12,7 +12,7 @@ from sfglab.lab.checks.routing import NEAR_MISSES, in_table_1, random_dds_names
 from sfglab.lab.checks.routing import checks as policy_checks
 from sfglab.lab.experiments.routing import checks, exp, latencies
 from sfglab.lab.experiments.routing.analysis import FORBIDDEN, HEARD, MISSING, SILENT, cells_of
-from sfglab.lab.experiments.routing.stage import PartyRow, parties_of, service_names, topics
+from sfglab.lab.experiments.routing.experiment import PartyRow, parties_of, service_names, topics
 from sfglab.lab.workers.test_peer import ReceiveStatistics
 from sfglab.names import dds_topic
 

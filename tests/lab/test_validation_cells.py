@@ -15,13 +15,13 @@ from made_logs import made_run
 from sfglab.arp.robots import DEPTHS
 from sfglab.lab.claims import load_claims
 from sfglab.lab.experiments import transmission
-from sfglab.lab.experiments.transmission import ros2
 from sfglab.lab.experiments.transmission.validation import (
     MODES,
     TABLE,
     by_cell,
     committed_cells,
     play_missing,
+    ros_cells,
     scenario_of_cell,
     validated,
 )
@@ -145,7 +145,7 @@ def test_a_run_that_is_broken_off_goes_on_and_a_cell_that_fails_is_left_out(tmp_
 
 
 def test_cells_on_real_fast_dds_are_few_in_quick_and_slowed_where_python_is_too_slow(tmp_path):
-    quick, paper = (ros2.ros_cells(transmission.exp.config(profile)) for profile in ("quick", "paper"))
+    quick, paper = (ros_cells(transmission.exp.config(profile)) for profile in ("quick", "paper"))
     assert len(quick) <= 12
     assert {cell.preset for cell in quick} == {"fast_dds_sync", "fast_dds_async"}
     assert {(c.point.rate_max_hz, c.slowed) for c in paper} == {

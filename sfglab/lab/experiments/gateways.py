@@ -280,7 +280,7 @@ def press_core(run: Sequence[Step] = ()) -> Automaton:
     Raises:
         MissingExtraError: The extra ``view`` is not installed.
     """
-    from sfglab.lab.explore.automaton import Automaton
+    from sfglab.lab.explore.press import Automaton
 
     walked = {"a walk": inputs_of(run)} if run else {}
     table = transitions()

@@ -5,8 +5,7 @@ Knows experiments, their looks and widgets; refuses to know what any of them is 
 
 from __future__ import annotations
 
-from sfglab.lab.explore.automaton import Automaton, Moment, Parts, transition_part
 from sfglab.lab.explore.explorer import Explorer, explore
-from sfglab.lab.explore.press import Pressed, part
+from sfglab.lab.explore.press import Automaton, Moment, Parts, Pressed, part, transition_part
 
 __all__ = ["Automaton", "Explorer", "Moment", "Parts", "Pressed", "explore", "part", "transition_part"]

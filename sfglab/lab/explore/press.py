@@ -2,21 +2,27 @@
 
 Every press is answered by Python, which draws the figure anew: no rule is repeated in the page. Where no kernel
 runs, the same output shows the figure as a still.
+
+An `Automaton` is a machine to press: an edge gives its input, the table moves, the transition lights up. It
+walks tables as `sfglab.machine.step` does, which also refuses what cannot happen.
 """
 
 from __future__ import annotations
 
 import base64
 import io
+from dataclasses import dataclass
+from enum import Enum
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
-from sfglab.lab.figures import caption_of, drawn, few_colors, house_style, png_of
-from sfglab.view.widgets import attempt, front_end, widgets
+from sfglab.lab.figures import COLORS, caption_of, drawn, few_colors, house_style, png_of
+from sfglab.machine import step
+from sfglab.view.widgets import attempt, button, front_end, widgets
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Collection, Mapping, Sequence
 
     from matplotlib.artist import Artist
     from matplotlib.figure import Figure
@@ -105,3 +111,149 @@ def _svg_widget() -> Any:
     """Return the class of the front-end part."""
     traits = {"svg": "Unicode", "titles": "Dict", "pressed": "Dict", "alt": "Unicode"}
     return front_end(Path(__file__).with_name("press.js"), traits)
+
+
+Transition: TypeAlias = tuple[Enum, Enum]  #: A state and an input that can happen in it: a key of a table.
+Parts: TypeAlias = "Mapping[Any, Sequence[Artist]]"
+"""The artists of each state, its box first, and of each tuple of transitions that are drawn as one."""
+
+
+def transition_part(source: Enum, given: Enum) -> str:
+    """Return the name of the part that stands for a transition; that of a state is the state's name."""
+    return f"{source.name}/{given.name}"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Moment:
+    """Where a machine stands."""
+
+    state: Enum  #: The present state.
+    taken: Transition | None = None  #: The transition that led there; None: it began there, or was put there.
+    said: str = ""  #: What happened, for people.
+
+    def color(self, moves: Collection[Transition]) -> str:
+        """Return the colour of transitions that are drawn as one: just taken, possible now, or neither."""
+        if self.taken in moves:
+            return COLORS["standard"]
+        return COLORS["proxy"] if any(source is self.state for source, _ in moves) else "#6F6F6F"
+
+    def show(self, drawn: Parts) -> None:
+        """Show it in what is drawn of a table, and let that be pressed."""
+        from matplotlib.text import Text
+
+        for of, artists in drawn.items():
+            if isinstance(of, Enum):
+                part(of.name, *artists)
+                if of is self.state:
+                    artists[0].set(edgecolor=COLORS["standard"], linewidth=3.0)
+                continue
+            part(transition_part(*of[0]), *artists)
+            for artist in artists:
+                artist.set(color=self.color(of))
+                unseen = artist.get_alpha() == 0  # broad, for the mouse
+                if self.taken in of and not unseen and not isinstance(artist, Text):
+                    artist.set(linewidth=3.0)
+
+
+class Automaton(Pressed):
+    """A machine to press: edges give their inputs, states put the machine there.
+
+    Args:
+        name: What the machine stands for, in messages.
+        table: (state, input) -> the next state, or a pair of it and what is done.
+        start: Where it begins.
+        draw: Draws the table into an empty figure, and returns what it is drawn of.
+        size: Width and height of the figure, inches.
+        runs: Recorded runs by name, as their inputs from the start on.
+
+    Raises:
+        MissingExtraError: The extra ``view`` is not installed.
+    """
+
+    def __init__(  # noqa: PLR0913  # a machine, how it is drawn, what is stepped through
+        self,
+        name: str,
+        table: Mapping[Any, Any],
+        start: Enum,
+        draw: Callable[[Figure], Parts],
+        *,
+        size: tuple[float, float],
+        runs: Mapping[str, Sequence[Enum]] | None = None,
+    ) -> None:
+        self._name, self._begin = name, Moment(state=start, said=f"begins in {start.name}")
+        self._table = {key: to if isinstance(to, tuple) else (to, None) for key, to in table.items()}
+        self._runs = {**(runs or {}), "by hand": ()}
+        self._past = [self._begin]
+        self._states = {state.name: state for state in type(start)}
+        self._moves = {transition_part(*key): key for key in table}
+        kit = widgets()
+        self.choice = kit.Dropdown(options=list(self._runs), description="run")
+        self.at = kit.IntSlider(max=0, description="step", layout={"width": "30em"})
+        self.back = button("Back", lambda: self.answer(self._undo), "As it was before")
+        self._news = kit.HTML()
+        self._choose()
+        self._tell()
+        super().__init__(
+            lambda figure: self.moment.show(draw(figure)),
+            size=size,
+            press=self._take,
+            titles=self._titled,
+            above=[kit.HBox([self.choice, self.at, self.back]), self._news],
+        )
+        self.choice.observe(lambda _: self.answer(self._choose), "value")
+        self.at.observe(lambda _: self.answer(self._replay), "value")
+
+    @property
+    def moment(self) -> Moment:
+        """Where the machine stands."""
+        return self._past[-1]
+
+    def redraw(self) -> None:
+        """Draw the present moment."""
+        self._tell()
+        super().redraw()
+
+    def _tell(self) -> None:
+        self._news.value = f"{len(self._past) - 1}: {self.moment.said}"
+
+    def feed(self, given: Enum) -> None:
+        """Give the machine an input.
+
+        Raises:
+            IllegalInputError: It cannot happen in the present state.
+        """
+        key = self.moment.state, given
+        after, _ = step(self._name, self._table, *key)
+        self._past.append(Moment(state=after, taken=key, said=self._words(key)))
+
+    def _words(self, key: Transition) -> str:
+        """Return what a transition does, in words."""
+        (source, given), (after, done) = key, self._table[key]
+        actions = [action.name for action in (done if isinstance(done, tuple) else (done,)) if action]
+        said = f"{given.name} in {source.name} leads to {after.name}"
+        return said + (f": {'; '.join(actions)}" if actions else "")
+
+    def _take(self, name: str) -> None:
+        if name in self._moves:
+            self.feed(self._moves[name][1])
+        else:
+            state = self._states[name]
+            self._past.append(Moment(state=state, said=f"put into {state.name}"))
+
+    def _titled(self) -> dict[str, str]:
+        moves = {name: self._words(key) for name, key in self._moves.items()}
+        return moves | {name: f"Put the machine into {name}" for name in self._states}
+
+    def _choose(self) -> None:
+        self.at.value, self.at.max = 0, len(self._runs[self.choice.value])
+        self.at.disabled = not self.at.max
+        self._replay()
+
+    def _replay(self) -> None:
+        self._past = [self._begin]
+        for given in self._runs[self.choice.value][: self.at.value]:
+            self.feed(given)
+
+    def _undo(self) -> None:
+        if len(self._past) > 1:
+            self._past.pop()

@@ -50,8 +50,7 @@ from sfglab.lab.experiments.cooperation.experiment import (
     rate_and_depth,
     scenario_of,
 )
-from sfglab.lab.experiments.transmission.ros2 import KEPT_HZ, slowed
-from sfglab.lab.experiments.transmission.validation import play_missing
+from sfglab.lab.experiments.transmission.validation import KEPT_HZ, play_missing, slowed
 from sfglab.lab.hosts import HostsUnavailableError, Network
 from sfglab.lab.ros2 import RosMissingError
 from sfglab.lab.workers.hallway import STATION, HallwayConfig

@@ -8,9 +8,8 @@ that a run judges the three claims.
 
 from __future__ import annotations
 
-from sfglab.lab.experiments.phases import figures
 from sfglab.lab.experiments.phases.answers import ANSWERS
 from sfglab.lab.experiments.phases.experiment import exp
 from sfglab.lab.experiments.phases.verdicts import phases, shares
 
-__all__ = ["ANSWERS", "exp", "figures", "phases", "shares"]
+__all__ = ["ANSWERS", "exp", "phases", "shares"]

@@ -9,8 +9,8 @@ from __future__ import annotations
 from sfglab.lab.experiments.transmission import figures, stage, validation
 from sfglab.lab.experiments.transmission.analysis import agreement, cells, compare_ways, order
 from sfglab.lab.experiments.transmission.experiment import Point, exp, grid, scenario_of
-from sfglab.lab.experiments.transmission.ros2 import on_ros2
 from sfglab.lab.experiments.transmission.timeline import Timeline
+from sfglab.lab.experiments.transmission.validation import on_ros2
 
 __all__ = [
     "Point",
