@@ -43,11 +43,7 @@ CA_DAYS = 3650  #: How long what signs is valid, as `sros2` has it.
 _PEM = pem.Encoding.PEM
 _LAG = timedelta(days=1)  # A robot's clock may be late when it starts.
 _LOAD_KEY, _LOAD_CERT = partial(pem.load_pem_private_key, password=None), x509.load_pem_x509_certificate
-_LINKED = {
-    "identity_ca.cert.pem": "../../public/identity_ca.cert.pem",
-    "permissions_ca.cert.pem": "../../public/permissions_ca.cert.pem",
-    "governance.p7s": "../governance.p7s",
-}
+_LINKED = "../../public/identity_ca.cert.pem", "../../public/permissions_ca.cert.pem", "../governance.p7s"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -125,8 +121,8 @@ def _issue(fleet: Fleet, folder: Path, authority: _Authority, valid: _Times) -> 
         _write(stage / "permissions.xml", permissions.encode())
         _write(stage / "permissions.p7s", _signed(permissions, authority))
         _write(stage / "cyclonedds.xml", render("security/cyclonedds.xml.j2", agent=agent).encode())
-        for name, target in _LINKED.items():
-            (stage / name).symlink_to(target)
+        for target in map(Path, _LINKED):
+            (stage / target.name).symlink_to(target)
     return Enclave(agent=agent, state="renewed" if renewed else "new", not_after=valid[1])
 
 

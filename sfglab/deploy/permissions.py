@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from fnmatch import fnmatchcase
+from itertools import product
 from typing import TYPE_CHECKING
 
 from sfglab.deploy.files import render
@@ -36,23 +37,21 @@ def global_rights(fleet: Fleet, agent: str) -> dict[str, tuple[str, ...]]:
     Raises:
         InvalidValueError: The fleet has no such agent.
     """
-    written = set(_written(fleet, agent)) | {
-        (f"{owned}{agent}/*", way) for owned in _OWNED for way in Direction
-    }
+    used = set(_used(fleet, agent))
     rights = {}
     for verb, way in (("publish", Direction.OUTWARD), ("subscribe", Direction.INWARD)):
         rules = {rule.pattern for rule in fleet.policy.rules if way in rule.directions}
-        names = _passing((name for name, its_way in written if its_way is way), rules)
-        names |= {
-            rule for rule in rules if _is_nobodys(rule) or (verb == "subscribe" and rule.startswith("rt/"))
-        }
+        may = {name for name, its_way in used if its_way is way}
+        names = _passing(may, rules) | _passing(rules, may) | set(filter(_is_nobodys, rules))
         rights[verb] = tuple(sorted(name for name in names if not _passing([name], names - {name})))
     return rights
 
 
-def _written(fleet: Fleet, agent: str) -> Iterator[tuple[str, Direction]]:
-    """Return DDS topics that the fleet file has an agent use, and which way their samples go."""
+def _used(fleet: Fleet, agent: str) -> Iterator[tuple[str, Direction]]:
+    """Return the DDS topics that an agent may use if they cross, and which way their samples go."""
     spec = fleet.agent(agent)
+    yield "rt/*", Direction.INWARD
+    yield from product((f"{owned}{agent}/*" for owned in _OWNED), Direction)
     for use in View(replace(fleet, agents=(spec,))).uses:
         for name in dds_names(use.name, use.kind):
             answers = use.kind is ResourceKind.TOPIC or not name.startswith("rq/")

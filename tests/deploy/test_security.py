@@ -6,6 +6,7 @@ from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from fnmatch import fnmatchcase
 from itertools import product
+from pathlib import Path
 
 import pytest
 from typer.testing import CliRunner
@@ -43,27 +44,30 @@ def contents(root):
     return {str(p.relative_to(root)): p.read_bytes() for p in root.rglob("*") if p.is_file()}
 
 
-def published_by(agent):
-    """Return the DDS topics that the fleet file has an agent publish: its topics, its replies, its requests."""
-    uses = [
-        (use, name) for use in View(LAB).uses if use.agent == agent for name in dds_names(use.name, use.kind)
-    ]
+def published_by(fleet, agent):
+    """Return the DDS topics that a fleet file has an agent publish: its topics, its replies, its requests."""
+    uses = [(u, name) for u in View(fleet).uses if u.agent == agent for name in dds_names(u.name, u.kind)]
     topic = ResourceKind.TOPIC
     return {name for use, name in uses if use.speaks == (use.kind is topic or not name.startswith("rq/"))}
 
 
 @pytest.mark.parametrize("agent", [agent.name for agent in LAB.agents])
-def test_an_agent_publishes_what_the_policy_lets_out_under_its_name_or_as_the_file_says(agent):
-    agents, rights, said = [other.name for other in LAB.agents], global_rights(LAB, agent), published_by(agent)
-    names = {name for other in agents for name in published_by(other)} | {"rt/chatter", "rt/tf", "rt/global/x"}
+@pytest.mark.parametrize("policy", ["table-1", "['*']", "['rt/map*', 'rt/global/*', 'rq/global/go2/x*']"])
+def test_an_agent_publishes_what_the_policy_lets_out_under_its_name_or_as_the_file_says(agent, policy):
+    fleet = read_fleet(Path("data/fleets/lab.yaml").read_text().replace("policy: table-1", f"policy: {policy}"))
+    agents, rights, said = [a.name for a in LAB.agents], global_rights(fleet, agent), published_by(fleet, agent)
+    names = {name for other in agents for name in published_by(fleet, other)}
+    names |= {"rt/map/x", "rt/chatter", "rt/tf", "rt/global/x"}
     prefixes = product(("rt", "rq", "rr"), ("global", "local"), [*agents, f"{agent}x"])
-    for name in names | {f"{'/'.join(prefix)}/made/up" for prefix in prefixes}:
+    names |= {f"{'/'.join(prefix)}/x/y" for prefix in prefixes}
+    for name in names:
         may, hears = (any(fnmatchcase(name, p) for p in rights[verb]) for verb in ("publish", "subscribe"))
-        own = name.split("/")[1:3] == ["global", agent] or name in said or name.startswith("rt/tf")
-        assert may == (own and LAB.policy.crosses(name, Direction.OUTWARD)), name
+        own = name.split("/")[1:3] == ["global", agent] or name in said
+        own |= name.startswith(("rt/tf", "rt/map")) and policy != "['*']"
+        assert may == (own and fleet.policy.crosses(name, Direction.OUTWARD)), name
         if name.startswith("rt/"):
-            assert hears == LAB.policy.crosses(name, Direction.INWARD), name
-        if name.startswith("rq/") and not name.startswith(f"rq/global/{agent}/"):
+            assert hears == fleet.policy.crosses(name, Direction.INWARD), name
+        elif name.startswith("rq/") and not name.startswith(f"rq/global/{agent}/"):
             assert not hears, name
 
 
