@@ -15,6 +15,7 @@ from contextlib import ExitStack, closing, contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol, Self
 
+from sfglab.bus.locks import LockedError, user_lock
 from sfglab.errors import SfglabError
 from sfglab.lab.hosts import Network
 from sfglab.lab.hosts.host import InterfaceBytes, interface_bytes
@@ -30,10 +31,9 @@ _turns = itertools.count(os.getpid() * 13)
 
 @contextmanager
 def held_domains(count: int = 1) -> Iterator[list[int]]:
-    """Hold DDS domains of this host's network; nobody who asks here gets the same at the same time.
+    """Hold DDS domains of this host's network; no program of this user gets the same here at the same time.
 
-    A domain is held by a name among Linux's abstract sockets, which belongs to the network namespace as the
-    domain's ports do, and which goes with the process.
+    A domain that another user's program already uses is passed over, too, as its first port is taken.
 
     Raises:
         SfglabError: So many are not free.
@@ -42,7 +42,7 @@ def held_domains(count: int = 1) -> Iterator[list[int]]:
         found: list[int] = []
         for _ in range(DOMAINS):
             domain = FIRST_DOMAIN + next(_turns) % DOMAINS
-            with suppress(OSError):
+            with suppress(OSError, LockedError):
                 locks.enter_context(_hold(domain))
                 found.append(domain)
             if len(found) == count:
@@ -55,9 +55,8 @@ def held_domains(count: int = 1) -> Iterator[list[int]]:
 
 @contextmanager
 def _hold(domain: int) -> Iterator[None]:
-    """Hold one domain; OSError says that another holds it or has its first port (RTPS 2.5, clause 9.6.2.3)."""
-    with closing(socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)) as lock:
-        lock.bind(f"\0sfglab-dds-domain-{domain}")
+    """Hold one domain; an error says that another holds it or has its first port (RTPS 2.5, clause 9.6.2.3)."""
+    with user_lock(f"dds-domain-{domain}"):
         with closing(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) as probe:
             probe.bind(("", 7400 + 250 * domain))
         yield
@@ -65,11 +64,11 @@ def _hold(domain: int) -> Iterator[None]:
 
 @contextmanager
 def _alone() -> Iterator[None]:
-    """Be the only run on this host, waiting for another that is on its way."""
-    with closing(socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)) as lock:
+    """Be the only run of this user on this host, waiting for another that is on its way."""
+    with ExitStack() as held:
         while True:
-            with suppress(OSError):
-                lock.bind("\0sfglab-run-on-one-host")
+            with suppress(LockedError):
+                held.enter_context(user_lock("run-on-one-host"))
                 break
             time.sleep(0.2)
         yield

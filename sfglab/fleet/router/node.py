@@ -16,17 +16,14 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import fcntl
-import os
 from collections import deque
 from dataclasses import asdict, dataclass
 from functools import partial
-from pathlib import Path
-from tempfile import gettempdir
 from typing import TYPE_CHECKING
 
 from sfglab.bus.address import BusAddress
 from sfglab.bus.api import EndpointEvent, EndpointKind, host_id
+from sfglab.bus.locks import LockedError, user_lock
 from sfglab.bus.parameters import Parameters, Way
 from sfglab.component import Report, is_set_before, run_component, run_until_interrupted
 from sfglab.errors import InvalidValueError, SfglabError
@@ -56,43 +53,20 @@ class RouterRunningError(SfglabError, RuntimeError):
         )
 
 
-def _own_folder() -> Path:
-    """Return a folder of this user's alone: at home, or without a home beside other temporary files."""
-    with contextlib.suppress(OSError, RuntimeError):
-        folder = Path.home() / ".cache" / "sfglab"
-        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-        if os.access(folder, os.W_OK):
-            return folder
-    folder = Path(gettempdir()) / f"sfglab-{os.getuid()}"
-    folder.mkdir(mode=0o700, exist_ok=True)
-    if folder.lstat().st_uid != os.getuid() or folder.lstat().st_mode & 0o77:
-        raise InvalidValueError(
-            "folder for locks", f"{folder}, open to others", "a folder of this user's alone"
-        )
-    return folder
-
-
 @contextlib.contextmanager
 def pair_lock(one: int, other: int) -> Iterator[None]:
     """Hold the lock of a router for two domain ids, in either order, among this user's on this host.
-
-    It is a file in a folder of the user's alone: a name among abstract sockets is whose who takes it first.
 
     Raises:
         RouterRunningError: Another one holds it.
         InvalidValueError: There is no home, and somebody else can write to the folder in its place.
     """
     domains = min(one, other), max(one, other)
-    with (_own_folder() / f"router-{host_id()}-{domains[0]}-{domains[1]}.lock").open("a+") as lock:
+    with contextlib.ExitStack() as held:
         try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError as error:
-            lock.seek(0)
-            pid = lock.read(20)
-            raise RouterRunningError(domains, int(pid) if pid.isdecimal() else None) from error
-        lock.truncate(0)
-        lock.write(f"{os.getpid()}")
-        lock.flush()
+            held.enter_context(user_lock(f"router-{domains[0]}-{domains[1]}"))
+        except LockedError as error:
+            raise RouterRunningError(domains, error.pid) from error
         yield
 
 

@@ -1,0 +1,67 @@
+"""Locks among the programs of one user on one host, as files in a folder of the user's alone.
+
+Names among abstract sockets would be whose who takes them first. The kernel frees a lock with its holder.
+Refuses to know what is locked.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import os
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from tempfile import gettempdir
+from typing import TYPE_CHECKING
+
+from sfglab.bus.api import host_id
+from sfglab.bus.errors import BusError
+from sfglab.errors import InvalidValueError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+
+class LockedError(BusError, RuntimeError):
+    """Another one holds a lock; `pid` is its process, None when it cannot be seen from here."""
+
+    def __init__(self, name: str, pid: int | None) -> None:
+        self.pid = pid
+        super().__init__(f"lock {name}: process {pid} has it, allowed is one")
+
+
+@contextmanager
+def user_lock(name: str) -> Iterator[None]:
+    """Hold a lock of this user on this host, a host being what `host_id` calls so.
+
+    Raises:
+        LockedError: Another one holds it.
+        InvalidValueError: There is no home, and somebody else can write to the folder in its place.
+    """
+    path = _own_folder() / f"{name}-{host_id()}.lock"
+    with path.open("a+") as lock:
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError as error:
+            lock.seek(0)
+            pid = lock.read(20)
+            raise LockedError(name, int(pid) if pid.isdecimal() else None) from error
+        lock.truncate(0)
+        lock.write(f"{os.getpid()}")
+        lock.flush()
+        yield
+
+
+def _own_folder() -> Path:
+    """Return a folder of this user's alone: at home, or without a home beside other temporary files."""
+    with suppress(OSError, RuntimeError):
+        folder = Path.home() / ".cache" / "sfglab"
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        if os.access(folder, os.W_OK):
+            return folder
+    folder = Path(gettempdir()) / f"sfglab-{os.getuid()}"
+    folder.mkdir(mode=0o700, exist_ok=True)
+    if folder.lstat().st_uid != os.getuid() or folder.lstat().st_mode & 0o77:
+        raise InvalidValueError(
+            "folder for locks", f"{folder}, open to others", "a folder of this user's alone"
+        )
+    return folder
