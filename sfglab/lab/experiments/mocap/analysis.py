@@ -325,7 +325,9 @@ def _mark_faults(ax: Axes, run: Run[Config], *, named: bool = False) -> None:
         for place, (begin_s, end_s) in enumerate(times):
             alpha = 0.8 if kind == "flipped" else 0.35
             label = kind if named and place == 0 else None
-            ax.axvspan(begin_s - 0.01, end_s + 0.01, color=colour, alpha=alpha, linewidth=0, label=label)
+            span = ax.axvspan(begin_s - 0.01, end_s + 0.01, color=colour, alpha=alpha, linewidth=0, label=label)
+            if kind == "dropped":  # not told by its colour alone
+                span.set_height(0.08)
 
 
 def _of(table: pd.DataFrame, name: str) -> pd.DataFrame:

@@ -179,14 +179,17 @@ def draw_maps(figure: Figure, run: Run[Config]) -> dict[str, Any]:
         for axes, answer in zip(row, ANSWERS, strict=True):
             image = _draw_map(axes, part, answer)
         row[0].set_ylabel(f"{preset}\n{rule}, loss (%)", fontsize=8)
-    for axes, last, title in zip(panels[0], panels[-1], ANSWERS.values(), strict=True):
-        axes.set_title(title, fontsize=9)
+    inside = table.merge(pd.DataFrame(plausible(), columns=PLACE))[[*ANSWERS]].mean()
+    for axes, last, answer in zip(panels[0], panels[-1], ANSWERS, strict=True):
+        share = "" if np.isnan(inside[answer]) else f"\n(in the box: {inside[answer]:.0%})"
+        axes.set_title(ANSWERS[answer] + share, fontsize=9)
         last.set_xlabel("cost of a frame (us)", fontsize=8)
     figure.colorbar(image, ax=panels, shrink=0.6, label="share of answers")
     rates = ", ".join(map(str, sorted(table["rate_max_hz"].unique())))
-    figure.suptitle(f"Where paper B's conclusions hold, Rmax {rates} Hz; box: the plausible region")
-    note(figure, f"simulated, {run.config.seeds} seeds; a dot is a condition, its colour reaches to the next")
-    return {"answers": pd.concat([part for _, part in rows])}
+    figure.suptitle("Where paper B's conclusions hold; in the box are the plausible conditions")
+    how = f"simulated, {run.config.seeds} seeds, Rmax {rates} Hz, no stalls; a dot is a condition"
+    note(figure, f"{how}, its colour reaches to the next; shares are of {' and '.join(criterion().modes)}")
+    return {"answers": pd.concat([part for _, part in rows]), "inside": inside.to_dict()}
 
 
 def _draw_map(axes: Axes, table: pd.DataFrame, answer: str) -> Any:
