@@ -111,6 +111,11 @@ async def _beating(body: Awaitable[None], report: Callable[[Report], None]) -> N
         await body
 
 
+def steady_ns() -> int:
+    """Return the running loop's time, nanoseconds, for waits: no correction of the host's clock moves it."""
+    return round(asyncio.get_running_loop().time() * 1e9)
+
+
 async def is_set_before(event: asyncio.Event, time_s: float) -> bool:
     """Wait for an event until a time of the loop's clock; return whether it came."""
     try:

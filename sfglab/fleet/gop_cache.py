@@ -31,7 +31,7 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from sfglab.bus.address import BusAddress
 from sfglab.bus.api import EndpointAdded, EndpointEvent, EndpointKind
-from sfglab.component import Report, beside, run_component
+from sfglab.component import Report, beside, run_component, steady_ns
 from sfglab.errors import InvalidValueError
 from sfglab.machine import Machine
 from sfglab.names import FqnError, Resource, ResourceKind, Suffixed, dds_names, parse
@@ -283,7 +283,7 @@ class _Stream:
             self._feed(given)
 
     def _feed(self, given: Input) -> None:
-        action = self._session.feed(given, now_ns=self._node.get_clock().now_ns())
+        action = self._session.feed(given, now_ns=steady_ns())
         if action is Action.SETTLE:
             self._timer = asyncio.create_task(self._settle())
         elif action is Action.CANCEL:
@@ -296,10 +296,9 @@ class _Stream:
             self._publisher = self._offer()
 
     async def _settle(self) -> None:
-        clock = self._node.get_clock()
-        while not self._session.due(clock.now_ns()):
+        while not self._session.due(now_ns := steady_ns()):
             assert self._session.deadline_ns is not None
-            await clock.sleep_for(max(0.0, (self._session.deadline_ns - clock.now_ns()) / 1e9))
+            await asyncio.sleep(max(0.0, (self._session.deadline_ns - now_ns) / 1e9))
         self._timer = None
         self._feed(Input.TIMER)
 

@@ -1,20 +1,28 @@
 """What strangers say of themselves, and candidates that come late: one test for each way in that was found."""
 
 import asyncio
-from contextlib import asynccontextmanager
+from contextlib import asynccontextmanager, suppress
 
 import pytest
 from cameras import FFMPEG, IMAGE, LOCAL, STREAM, behind_router
 from test_decoder_streams import metadata
 from test_routing_frames import GO2, pairs, tf
 
+from sfglab.bus.sim.backend import SimClock
 from sfglab.component import beside
 from sfglab.fleet.decoder.node import AgentDecoder
 from sfglab.fleet.decoder.streams import Route, routes_of_agent
+from sfglab.fleet.discovery.listener import DISCOVERY_EVENT, discovery_topic
+from sfglab.fleet.discovery.node import AgentDiscoverer, DiscoverySettings
 from sfglab.fleet.discovery.screening import MAX_STREAMS, admitted
 from sfglab.fleet.router import frames
 from sfglab.fleet.router.frames import MAX_FRAME, TF_TYPE, TransformGate
-from sfglab.qos import LATCHED
+from sfglab.fleet.status.heartbeat import AGENT_HEARTBEAT, Heartbeat, heartbeat_topic
+from sfglab.messages import default_message, service_type
+from sfglab.qos import LATCHED, QoSProfile
+
+METADATA, PC = "sfglab_interfaces/srv/GetMetadata", DiscoverySettings(agent="pc")
+DEEP = QoSProfile(depth=1000)
 
 
 def several(*streams):
@@ -149,6 +157,86 @@ async def test_a_pipeline_process_that_hangs_is_replaced(sim, caplog, monkeypatc
         await offer("go2", "h264")
         await asyncio.sleep(5)
         assert ([pipe.pid for pipe in pool], "it was stopped" in caplog.text) == ([1, 2], True)
+
+
+@pytest.mark.parametrize("sim", [{"seed": 1, "limit_s": 60}], indirect=True)
+async def test_a_spare_that_was_stopped_before_it_was_lent_is_replaced(sim, monkeypatch):
+    order = Pipe.order
+    monkeypatch.setattr(Pipe, "order", lambda pipe, **said: order(pipe, **said) if pipe.pid > 1 else None)
+    monkeypatch.setattr("sfglab.fleet.decoder.node.HangWatch.look", lambda _, pid: "stopped" * (pid == 1))
+    async with decoding(sim) as (pool, offer, let_end):
+        await offer("go2", "h264")
+        await asyncio.sleep(5)  # it may take 10 s to start
+        assert ([pipe.pid for pipe in pool], await let_end()) == ([1, 2], ["RUNNING"])
+
+
+@pytest.mark.parametrize("sim", [{"seed": 1, "limit_s": 60}], indirect=True)
+async def test_a_clock_that_is_set_back_keeps_no_stream_waiting(sim, monkeypatch):
+    async with decoding(sim) as (pool, offer, let_end):
+        await offer("go2", "h264")
+        pool[0].owner(pool[0], {"is": "ended", "status": -9})
+        await asyncio.sleep(0.05)
+        now_ns = SimClock.now_ns
+        monkeypatch.setattr(SimClock, "now_ns", lambda clock: now_ns(clock) - 10**17)
+        assert (await let_end(), len(pool)) == (["RUNNING"], 2)
+
+
+@pytest.mark.parametrize("sim", [{"seed": 1, "limit_s": 90}], indirect=True)
+async def test_an_evil_agent_changes_nothing_in_anothers_local_topics_and_tree(sim):
+    """It says, in every way that D_0 has, what is another agent's to say; only what is its own arrives."""
+    own, event = "/local/pc/camera_front/color/image_raw", discovery_topic("pc")
+    node, router = behind_router(sim, "pc")
+    async with sim.node("evil", host="evil") as evil:
+        described = several("/global/evil/camera_front/color/ffmpeg", "/global/evil/camera_rear/color/ffmpeg")
+        described.agent, described.incarnation, described.revision = "evil", 9, 0
+        described.sensors[0].streams[0].decoded_topic = own
+        response = service_type(METADATA).response(success=True, message="", metadata=described)
+        evil.create_service(METADATA, "/global/evil/get_metadata", lambda _: response)
+        said = {own: IMAGE, event: DISCOVERY_EVENT, "/global/evil/news": IMAGE}
+        publishers = [evil.create_publisher(type_, topic, LATCHED) for topic, type_ in said.items()]
+        beats = [evil.create_publisher(AGENT_HEARTBEAT, heartbeat_topic(), LATCHED) for _ in "ab"]
+        trees = [evil.create_publisher(TF_TYPE, topic, LATCHED) for topic in ("/tf", "/tf_static")]
+        frames_ = [("odom", "base_link"), ("map", "odom"), ("map", "pc/odom"), ("evil/a", "base_link")]
+        heard = {topic: node.create_subscription(type_, topic, qos=DEEP) for topic, type_ in said.items()}
+        moved = [node.create_subscription(TF_TYPE, topic, qos=DEEP) for topic in ("/tf", "/tf_static")]
+        mine = node.create_publisher(TF_TYPE, "/tf", LATCHED)
+        pool = Pool()
+        decoder, discoverer = AgentDecoder(node, pool, offers=False), AgentDiscoverer(node, PC)
+        async with beside(router.run(), discoverer.run(), decoder.run(event)):
+            for second in range(30):
+                mine.publish_raw(tf(("odom", "base_link")))
+                for publisher, type_ in zip(publishers, said.values(), strict=True):
+                    publisher.publish(default_message(type_))
+                for agent, beat in zip(("evil", "pc"), beats, strict=True):
+                    fields = {"incarnation": 9, "revision": 0, "phase": 1, "period_s": 1.0, "version": ""}
+                    beat.publish(Heartbeat(agent=agent, **fields).to_message(second * 10**9))
+                for tree in trees:
+                    for pair in (*frames_, ("map", "evil/base")):
+                        tree.publish_raw(tf(pair))
+                await asyncio.sleep(1)
+        got = {topic: await everything(subscription) for topic, subscription in heard.items()}
+        assert (got[own], len(got["/global/evil/news"]) > 20) == ([], True)
+        assert {message.agent for message in got[event]} == {"evil"}, "its discoverer's, of the real heartbeats"
+        assert [status.local_topic for status in decoder.status()] == [
+            "/local/evil/camera_rear/color/image_raw"
+        ]
+        edges = [
+            (t.header.frame_id, t.child_frame_id)
+            for s in moved
+            for m in await everything(s)
+            for t in m.transforms
+        ]
+        assert set(edges) == {("odom", "base_link"), ("map", "evil/base")}
+        assert edges.count(("odom", "base_link")) == 30
+
+
+async def everything(subscription):
+    """What has arrived."""
+    found = []
+    with suppress(TimeoutError):
+        while True:
+            found.append(await subscription.take(0.1))
+    return found
 
 
 def passed(way, *transforms):

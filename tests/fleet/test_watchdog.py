@@ -1,8 +1,11 @@
 """Processes that hang are ended and started anew; those that only get no processor are not."""
 
+import asyncio
 import os
 import signal
+import subprocess
 import sys
+from contextlib import contextmanager
 
 import pytest
 from test_agent_supervisor import component, running
@@ -72,3 +75,29 @@ async def test_a_component_whose_loop_hangs_is_started_anew_and_one_that_beats_i
         assert watched.states("beats") == [State.STARTING, State.RUNNING]
         (why,) = {change.why for change in watched.changes("hangs") if change.state is State.BACKING_OFF}
         assert "no sign of life" in why
+
+
+@contextmanager
+def two_endless_loops_a_core():
+    loops = []
+    try:
+        for core in sorted(os.sched_getaffinity(0)) * 2:
+            loops.append(subprocess.Popen([sys.executable, "-S", "-c", "while True: pass"]))
+            os.sched_setaffinity(loops[-1].pid, {core})
+        yield
+    finally:
+        for loop in loops:
+            loop.kill()
+            loop.wait()
+
+
+@pytest.mark.live
+async def test_under_two_endless_loops_a_core_nobody_is_restarted_who_beats_when_it_may(monkeypatch):
+    monkeypatch.setattr("sfglab.processes.HANG_S", 3.0)
+    parts = [Component(name=f"n{n}", argv=(sys.executable, "-c", HANGS, '"beats"')) for n in range(4)]
+    with two_endless_loops_a_core():
+        async with running(*parts) as watched:
+            for part in parts:
+                await watched.pid(part.name)
+            await asyncio.sleep(12)  # four times as long as one may be silent that could have beaten
+            assert [watched.states(part.name) for part in parts] == [[State.STARTING, State.RUNNING]] * 4

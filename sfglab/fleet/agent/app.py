@@ -19,7 +19,7 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from sfglab.component import Report, beside, run_component
+from sfglab.component import Report, beside, run_component, steady_ns
 from sfglab.errors import SfglabError
 from sfglab.fleet.agent.plan import AgentConfig, plan
 from sfglab.fleet.agent.supervision import REST, Action, Component, ComponentProcess, Input, State, Supervision
@@ -170,7 +170,7 @@ class Agent:
     async def _step(self) -> None:
         """Handle the next event, if there is one before the next deadline, and the timers that ran out."""
         deadlines = [u.life.deadline_ns for u in self._units if u.life.deadline_ns is not None]
-        wait_s = max(0.0, (min(deadlines) - _now_ns()) / 1e9) if deadlines else None
+        wait_s = max(0.0, (min(deadlines) - steady_ns()) / 1e9) if deadlines else None
         try:
             event = await asyncio.wait_for(self._events.get(), wait_s)
         except TimeoutError:
@@ -178,7 +178,7 @@ class Agent:
         else:
             await self._handle(event)
         for unit in self._units:
-            if unit.life.due(_now_ns()):
+            if unit.life.due(steady_ns()):
                 await self._feed(unit, Input.TIMER)
 
     async def _handle(self, event: tuple[_Unit, Report] | None) -> None:
@@ -209,14 +209,14 @@ class Agent:
         why = unit.failure or _how(status)
         unit.process, unit.failure = None, ""
         before = unit.life.state
-        action = unit.life.ended(willingly=status >= 0, now_ns=_now_ns())
+        action = unit.life.ended(willingly=status >= 0, now_ns=steady_ns())
         if unit.life.state is not before:
             self._tell(unit, why)
         await self._carry_out(unit, action, why)
 
     async def _feed(self, unit: _Unit, given: Input) -> None:
         before = unit.life.state
-        action = unit.life.feed(given, now_ns=_now_ns())
+        action = unit.life.feed(given, now_ns=steady_ns())
         await self._carry_out(unit, action, "")
         if unit.life.state is not before:
             self._tell(unit, "it took too long to start" if unit.life.state is State.REPLACING else "")
@@ -258,13 +258,9 @@ class Agent:
                 pid=None if unit.process is None else unit.process.pid,
                 crashes=unit.life.crashes,
                 why=why,
-                retry_s=None if deadline_ns is None else (deadline_ns - _now_ns()) / 1e9,
+                retry_s=None if deadline_ns is None else (deadline_ns - steady_ns()) / 1e9,
             )
         )
-
-
-def _now_ns() -> int:
-    return round(asyncio.get_running_loop().time() * 1e9)
 
 
 def _how(status: int) -> str:

@@ -23,7 +23,7 @@ from sfglab.bus.address import BusAddress
 from sfglab.bus.api import OFFER_KEY, EndpointEvent, user_data
 from sfglab.bus.parameters import Parameters, Way
 from sfglab.bus.pubsub import Publisher, topic_endpoint
-from sfglab.component import Report, beside, run_component, run_until_interrupted
+from sfglab.component import Report, beside, run_component, run_until_interrupted, steady_ns
 from sfglab.fields import from_json
 from sfglab.fleet.decoder.pipeline import LOCAL_QOS, Statistics
 from sfglab.fleet.decoder.process import Worker, WorkerConfig, WorkerPool
@@ -48,7 +48,7 @@ if TYPE_CHECKING:
 
 
 _LOG = logging.getLogger(__name__)
-_SERVING = (State.RUNNING, State.LINGERING)
+_WATCHED = (State.STARTING, State.RUNNING, State.LINGERING)  # a spare may have been stopped while it waited
 OFFER = user_data({OFFER_KEY: "decoder"})  #: USER_DATA of writers that only show what could be decoded.
 
 
@@ -154,7 +154,7 @@ class AgentDecoder:
         while True:
             await asyncio.sleep(LOOK_PERIOD_S)
             for pipeline in self._pipelines.values():
-                worker = pipeline.worker if pipeline.life.state in _SERVING else None
+                worker = pipeline.worker if pipeline.life.state in _WATCHED else None
                 if worker is not None and (why := pipeline.watch.look(worker.pid)):
                     _LOG.warning("decoder: %s: its pipeline process: %s", pipeline.route.local_topic, why)
                     worker.signal(SIGKILL)
@@ -165,7 +165,7 @@ class AgentDecoder:
 
     async def _step(self) -> None:
         """Handle the next event, or the timers that ran out before it."""
-        now_ns = self._local.get_clock().now_ns()
+        now_ns = steady_ns()
         deadlines = [p.life.deadline_ns for p in self._pipelines.values() if p.life.deadline_ns is not None]
         wait_s = max(0.0, (min(deadlines) - now_ns) / 1e9) if deadlines else None
         try:
@@ -180,7 +180,7 @@ class AgentDecoder:
             await self._follow_demand(self._pipelines[topic])
 
     async def _run_timers(self) -> None:
-        now_ns = self._local.get_clock().now_ns()
+        now_ns = steady_ns()
         for pipeline in list(self._pipelines.values()):
             if pipeline.life.due(now_ns):
                 await self._feed(pipeline, Input.TIMER)
@@ -257,7 +257,7 @@ class AgentDecoder:
     async def _feed(self, pipeline: _Pipeline, given: Input) -> None:
         if not pipeline.life.allows(given):
             return  # a withdrawn stream's demand, for instance, is nobody's business any more
-        action = pipeline.life.feed(given, now_ns=self._local.get_clock().now_ns())
+        action = pipeline.life.feed(given, now_ns=steady_ns())
         await self._carry_out(pipeline, action)
         self._on_status(self._status(pipeline))
         if pipeline.life.state is State.GONE:

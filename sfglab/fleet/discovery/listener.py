@@ -11,6 +11,7 @@ from contextlib import closing
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from sfglab.component import steady_ns
 from sfglab.names import Resource, RosFqnBuilder, Scope
 from sfglab.qos import Durability, QoSProfile
 
@@ -123,18 +124,18 @@ async def agent_changes(node: Node, topic: str, known: KnownAgents | None = None
     The node is in the agent's own domain, where its discoverer publishes on the topic. What is known is
     updated in place; None: nothing.
     """
-    known, clock = known or KnownAgents(), node.get_clock()
+    known = known or KnownAgents()
     with closing(node.create_subscription(DISCOVERY_EVENT, topic, qos=DISCOVERY_QOS)) as subscription:
         while True:
             due_ns = known.deadline_ns
-            wait_s = None if due_ns is None else max(0.0, (due_ns - clock.now_ns()) / 1e9)
+            wait_s = None if due_ns is None else max(0.0, (due_ns - steady_ns()) / 1e9)
             try:
                 event, info = await subscription.take_with_info(wait_s)
             except TimeoutError:
                 pass
             else:
-                change = known.feed(event, info.publisher_gid, now_ns=clock.now_ns())
+                change = known.feed(event, info.publisher_gid, now_ns=steady_ns())
                 if change is not None:
                     yield change
-            for withdrawn in known.expire(clock.now_ns()):
+            for withdrawn in known.expire(steady_ns()):
                 yield withdrawn

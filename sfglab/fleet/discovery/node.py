@@ -20,7 +20,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from sfglab.bus.address import BusAddress
-from sfglab.component import Report, beside, is_set_before, run_component
+from sfglab.component import Report, beside, is_set_before, run_component, steady_ns
 from sfglab.errors import InvalidValueError, SfglabError
 from sfglab.fleet.discovery.lifecycle import Action
 from sfglab.fleet.discovery.listener import DISCOVERY_EVENT, DISCOVERY_QOS, HISTORY, discovery_topic
@@ -178,21 +178,23 @@ class AgentDiscoverer:
             except CdrError:
                 self._registry.refuse(Refusal.MALFORMED)
                 continue
-            orders = self._registry.heard(heartbeat, info.publisher_gid, now_ns=_now_ns())
+            orders = self._registry.heard(heartbeat, info.publisher_gid, now_ns=steady_ns())
             self._carry_out(orders)
             if orders:  # else it put a deadline off, for which nobody has to wake
                 self._rearmed.set()
 
     async def _watch_time(self) -> None:
         """Call the registry when it is time, and tell it when this process stood still meanwhile."""
-        now_ns = _now_ns()
+        now_ns = steady_ns()
         while True:
             self._rearmed.clear()
             since_ns = now_ns
             deadlines = (self._registry.deadline_ns, self._turns.deadline_ns, since_ns + _TICK_NS)
             wake_ns = min(deadline for deadline in deadlines if deadline is not None)
             rearmed = await is_set_before(self._rearmed, wake_ns / 1e9)
-            now_ns = _now_ns() if rearmed else max(_now_ns(), wake_ns)  # a timer may be early by its resolution
+            now_ns = (
+                steady_ns() if rearmed else max(steady_ns(), wake_ns)
+            )  # a timer may be early by its resolution
             if now_ns - wake_ns > _OVERSLEPT_NS:
                 self._registry.overslept(since_ns, now_ns)
             self._carry_out(self._registry.due(now_ns))
@@ -210,7 +212,7 @@ class AgentDiscoverer:
 
     def _take_turns(self) -> None:
         """Begin the queries whose turn it is; those in whose place they come have failed."""
-        now_ns = _now_ns()
+        now_ns = steady_ns()
         while (query := (turn := self._turns.next(now_ns))[0]) is not None:
             if (leaves := turn[1]) is not None:
                 agent = self._agents[leaves]
@@ -237,9 +239,9 @@ class AgentDiscoverer:
     async def _ask(self, agent: str, query: int) -> None:
         metadata = await self._metadata_of(agent, query)
         if metadata is None:
-            orders = self._registry.failed(agent, query, now_ns=_now_ns())
+            orders = self._registry.failed(agent, query, now_ns=steady_ns())
         else:
-            orders = self._registry.answered(agent, query, metadata, now_ns=_now_ns())
+            orders = self._registry.answered(agent, query, metadata, now_ns=steady_ns())
         self._carry_out(orders)
 
     async def _metadata_of(self, agent: str, query: int) -> Any:
@@ -248,7 +250,7 @@ class AgentDiscoverer:
         try:
             request = service_type(GET_METADATA).request()
             await client.wait_for_service(self._settings.find_timeout_s)
-            self._turns.found(query, _now_ns())
+            self._turns.found(query, steady_ns())
             response = await client.call(
                 request,
                 timeout_s=self._settings.query_timeout_s,
@@ -286,11 +288,6 @@ class AgentDiscoverer:
         )
         assert self._events is not None
         self._events.publish(event)
-
-
-def _now_ns() -> int:
-    """Return the loop's time: it is the node's world's, and never set back."""
-    return round(asyncio.get_running_loop().time() * 1e9)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

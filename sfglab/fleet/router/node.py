@@ -25,7 +25,7 @@ from sfglab.bus.address import BusAddress
 from sfglab.bus.api import EndpointEvent, EndpointKind, host_id
 from sfglab.bus.locks import LockedError, user_lock
 from sfglab.bus.parameters import Parameters, Way
-from sfglab.component import Report, is_set_before, run_component, run_until_interrupted
+from sfglab.component import Report, is_set_before, run_component, run_until_interrupted, steady_ns
 from sfglab.errors import InvalidValueError, SfglabError
 from sfglab.fleet.policy import TABLE_1, ForwardRule, Policy, Side
 from sfglab.fleet.router.carrier import Carrier, Interest, PathStatus
@@ -219,8 +219,7 @@ def _is_topic(event: EndpointEvent, kind: EndpointKind) -> bool:
 
 
 def _now_ns() -> int:
-    """Return the loop's time, which no correction of the host's clock moves."""
-    return round(asyncio.get_running_loop().time() * 1e9) + _RESOLUTION_NS
+    return steady_ns() + _RESOLUTION_NS
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
