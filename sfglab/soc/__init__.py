@@ -4,7 +4,6 @@ A graph (`load_graph`, `graph_from_log`, `watch_graph`) has its nodes placed in 
 or by `place_nodes`, and its topics mapped to software, hardware or gateways by `map_communication`.
 """
 
-from sfglab.soc.build_cfg import build_cfg
 from sfglab.soc.graph import (
     EdgeKind,
     Graph,
@@ -19,7 +18,7 @@ from sfglab.soc.graph import (
     save_graph,
 )
 from sfglab.soc.graph_drawing import draw_graph, draw_mapping
-from sfglab.soc.graph_import import graph_from_endpoints, graph_from_log, graph_metadata, watch_graph
+from sfglab.soc.graph_import import build_cfg, graph_from_endpoints, graph_from_log, graph_metadata, watch_graph
 from sfglab.soc.mapping import (
     CommunicationMapping,
     arrival_s,

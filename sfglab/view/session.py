@@ -18,18 +18,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 from sfglab.errors import InvalidValueError
 from sfglab.view.slot import Slot
 from sfglab.view.visualizer import Input, Visualizer
-from sfglab.view.visualizers.clouds import CompressedDepthCloud, DepthCloud, LaserScan, PointCloud
-from sfglab.view.visualizers.fleet import AgentStatus, Communication
-from sfglab.view.visualizers.images import (
-    CameraModel,
-    CompressedImage,
-    CompressedImageVideo,
-    FfmpegVideo,
-    FoxgloveVideo,
-    Image,
-)
-from sfglab.view.visualizers.markers import Marker, MarkerArray
-from sfglab.view.visualizers.poses import Imu, Odometry, Path, Pose, StaticTransforms, Transforms
+from sfglab.view.visualizers import clouds, fleet, images, markers, poses
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping
@@ -43,26 +32,26 @@ T = TypeVar("T")
 GROUP = "sfglab.visualizers"  #: The entry points' group.
 
 BUILT_IN: tuple[type[Visualizer], ...] = (
-    Image,
-    CompressedImage,
-    CameraModel,
-    FfmpegVideo,
-    FoxgloveVideo,
-    CompressedImageVideo,
-    DepthCloud,
-    CompressedDepthCloud,
-    PointCloud,
-    LaserScan,
-    Transforms,
-    StaticTransforms,
-    Pose,
-    Path,
-    Odometry,
-    Imu,
-    Marker,
-    MarkerArray,
-    AgentStatus,
-    Communication,
+    images.Image,
+    images.CompressedImage,
+    images.CameraModel,
+    images.FfmpegVideo,
+    images.FoxgloveVideo,
+    images.CompressedImageVideo,
+    clouds.DepthCloud,
+    clouds.CompressedDepthCloud,
+    clouds.PointCloud,
+    clouds.LaserScan,
+    poses.Transforms,
+    poses.StaticTransforms,
+    poses.Pose,
+    poses.Path,
+    poses.Odometry,
+    poses.Imu,
+    markers.Marker,
+    markers.MarkerArray,
+    fleet.AgentStatus,
+    fleet.Communication,
 )
 """All of them, in the order in which they offer themselves for a topic."""
 

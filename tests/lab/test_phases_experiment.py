@@ -17,8 +17,8 @@ from sfglab.lab.experiments.transmission.experiment import (
     hello_latency_ms,
     scenario_of,
 )
-from sfglab.lab.experiments.transmission.freshness import age_ms
 from sfglab.rtps import Fate, FlowOutcome, Medium, run
+from sfglab.rtps.session import age_ms
 from sfglab.units import NS_PER_S
 
 

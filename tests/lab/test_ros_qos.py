@@ -3,9 +3,9 @@
 import pytest
 from commands import called
 
-from sfglab.lab.experiments.transmission.freshness import age_ms
 from sfglab.lab.experiments.transmission.stage import live_hosts
 from sfglab.lab.experiments.transmission.validation import MODES, scenario_of_cell
+from sfglab.rtps.session import age_ms
 
 pytestmark = [pytest.mark.live, pytest.mark.ros, pytest.mark.netns]
 

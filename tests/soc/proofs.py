@@ -11,8 +11,8 @@ from amaranth.hdl import Assert, Assume
 from sfglab.soc.gateway import TABLE, Drive, Input, State
 from sfglab.soc.rtl.core import Control, code
 from sfglab.soc.rtl.data_path import MemoryPort
-from sfglab.soc.rtl.proof import is_proved
 from sfglab.soc.rtl.readers import Arbiter
+from sfglab.soc.rtl.synthesis import is_proved
 
 _REQUESTED = (
     State.POLL_OSIF,

@@ -162,6 +162,9 @@ class Host:
     """A host of a `Network`, made by `Network.add_host`.
 
     Hosts share the machine's file system, `/dev/shm`, processes and clock; only their network is their own.
+
+    Raises:
+        HostsError: By every method that runs or reads something: the network is closed or lost.
     """
 
     interface = INTERFACE  #: Its interface to the network.
@@ -191,9 +194,6 @@ class Host:
         The wrapper becomes the command (exec), so pid, signals and pipes are the command's own. Use it with
         whatever starts processes, e.g. ``asyncio.create_subprocess_exec(*host.argv(command))``. Exit status 125
         says that the host is gone, 126 and 127 that the command cannot be run or found.
-
-        Raises:
-            HostsError: The network is closed.
         """
         if self._closed:
             raise HostsError(f"host {self.name!r} is closed: start processes inside the network's `with` block")
@@ -201,11 +201,7 @@ class Host:
         return [*wrapper, *(os.fspath(part) for part in command)]
 
     def popen(self, command: Sequence[str | os.PathLike[str]], **options: Any) -> subprocess.Popen[Any]:
-        """Start a process inside this host, with options of `subprocess.Popen`; it ends with the network.
-
-        Raises:
-            HostsError: The network is closed.
-        """
+        """Start a process inside this host, with options of `subprocess.Popen`; it ends with the network."""
         process = subprocess.Popen(self.argv(command), **options)
         self._started = [p for p in self._started if p.poll() is None]
         self._started.append(process)
@@ -219,18 +215,13 @@ class Host:
         By default its output is captured as text.
 
         Raises:
-            HostsError: The network is closed.
             subprocess.TimeoutExpired: It took longer.
         """
         options = {"capture_output": True, "text": True, "check": False} | options
         return subprocess.run(self.argv(command), timeout=timeout_s, **options)  # noqa: PLW1510 - given above
 
     def interface_bytes(self) -> InterfaceBytes:
-        """Return what this host's interface has carried so far; costs the reading of one small file.
-
-        Raises:
-            HostsError: The network is closed or lost.
-        """
+        """Return what this host's interface has carried so far; costs the reading of one small file."""
         try:
             table = Path(f"/proc/{self._holder}/net/dev").read_text(encoding="ascii")
             return interface_bytes(table, self.interface)

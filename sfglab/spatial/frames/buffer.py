@@ -70,7 +70,12 @@ class Edge:
 
 
 class FrameBuffer:
-    """A tree of frames with a history of `history_s` back from each one's newest; None: all. For one thread."""
+    """A tree of frames with a history of `history_s` back from each one's newest; None: all. For one thread.
+
+    Raises:
+        UnknownFrameError: By every method that is asked for a frame: nobody speaks of it.
+        NotConnectedError: By those that are asked for two: they stand in different trees.
+    """
 
     def __init__(self, *, history_s: float | None = 10.0) -> None:
         if history_s is not None and not history_s > 0:
@@ -118,8 +123,6 @@ class FrameBuffer:
         single one is held.
 
         Raises:
-            UnknownFrameError: Nobody speaks of one of the frames.
-            NotConnectedError: The frames stand in different trees.
             ExtrapolationError: A transform on the way is not known at that time.
         """
         kernel = self._kernel
@@ -142,10 +145,6 @@ class FrameBuffer:
 
         Returns:
             First and last time in ns, the ends of int64 where all are static; None when no time fits all.
-
-        Raises:
-            UnknownFrameError: Nobody speaks of one of the frames.
-            NotConnectedError: The frames stand in different trees.
         """
         kernel, history = self._kernel, self._history
         status, first_ns, last_ns = kernel.common_interval(
@@ -156,20 +155,12 @@ class FrameBuffer:
         return (int(first_ns), int(last_ns)) if first_ns <= last_ns else None
 
     def parent_of(self, frame: str) -> str | None:
-        """Return the frame in which a frame is placed; None for a root.
-
-        Raises:
-            UnknownFrameError: Nobody speaks of the frame.
-        """
+        """Return the frame in which a frame is placed; None for a root."""
         parent = self._history.parent_of(self._known(frame))
         return None if parent < 0 else self._names[parent]
 
     def root_of(self, frame: str) -> str:
-        """Return the root of the tree in which a frame stands.
-
-        Raises:
-            UnknownFrameError: Nobody speaks of the frame.
-        """
+        """Return the root of the tree in which a frame stands."""
         at = self._known(frame)
         while (parent := self._history.parent_of(at)) >= 0:
             at = parent

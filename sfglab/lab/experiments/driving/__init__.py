@@ -5,9 +5,8 @@ the node chain from image to command is timed with its shared topic in software 
 memory model.
 """
 
-from sfglab.lab.experiments.driving import live
 from sfglab.lab.experiments.driving.analysis import chain_table, node_table
 from sfglab.lab.experiments.driving.experiment import exp
 from sfglab.lab.experiments.driving.figures import film
 
-__all__ = ["chain_table", "exp", "film", "live", "node_table"]
+__all__ = ["chain_table", "exp", "film", "node_table"]

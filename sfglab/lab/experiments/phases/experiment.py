@@ -23,9 +23,9 @@ from sfglab.lab.experiments.phases.answers import ANSWERS, PLACE, Place, answers
 from sfglab.lab.experiments.transmission.analysis import BEST
 from sfglab.lab.experiments.transmission.experiment import HELLO_UP, OPT_DEPTH, Point, scenario_of
 from sfglab.lab.experiments.transmission.experiment import hello_latency_ms as latency_of
-from sfglab.lab.experiments.transmission.freshness import age_ms
 from sfglab.lab.sweep import Workers, sweep
 from sfglab.rtps import Medium, run
+from sfglab.rtps.session import age_ms
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -196,7 +196,7 @@ def hardware(bench: Bench[Config]) -> None:
     if config.areas and "synthesis" not in missing:
         bench.write_all("area", area_rows(config.rtl_subscribers))
     if config.proved and "synthesis" not in missing:
-        from sfglab.soc.rtl.proof import control_follows
+        from sfglab.soc.rtl.synthesis import control_follows
 
         bench.metadata("proof", {"holds": control_follows()})
 

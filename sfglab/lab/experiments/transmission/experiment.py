@@ -25,10 +25,10 @@ from sfglab.arp.topics import Topic
 from sfglab.errors import InvalidValueError
 from sfglab.fields import between
 from sfglab.lab.experiment import Actor, Experiment, Link, Profiled, seeded
-from sfglab.lab.experiments.transmission.freshness import up_to_date
 from sfglab.lab.sweep import Workers
 from sfglab.qos import QoSProfile
 from sfglab.rtps import PRESETS, Drop, Fate, Flow, Medium, Scenario, run
+from sfglab.rtps.session import up_to_date
 from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
