@@ -104,11 +104,6 @@ def decode_depth(
 ) -> tuple[NDArray[Any], str]:
     """Restore a depth image.
 
-    Args:
-        data: The payload.
-        depth_format: What the message says about it.
-        most_pixels: Of an image that is taken.
-
     Returns:
         The image, shape (rows, columns), uint16 (holes 0) or float32 in metres (holes NaN); and its encoding.
 

@@ -192,14 +192,10 @@ def file_sha256(path: Path) -> str:
 def mp4(
     images: Iterable[NDArray[np.uint8]], size: tuple[int, int], *, fps: int, crf: int, pixels: str
 ) -> bytes:
-    """Return pictures as an MP4 file, the same file for the same pictures.
+    """Return pictures, shape (height, width, 3), as an MP4 file, the same file for the same pictures.
 
-    Args:
-        images: Each of shape (height, width, 3).
-        size: Width and height, both even.
-        fps: Pictures a second.
-        crf: H.264's constant rate factor: higher is smaller and worse.
-        pixels: The order of colours: ``rgb24`` or ``bgr24``.
+    Both sides are even. A higher constant rate factor of H.264, `crf`, is smaller and worse; pixels are
+    ``rgb24`` or ``bgr24``.
     """
     import av
 

@@ -312,10 +312,9 @@ def _origin(project: Project, log: Path) -> dict[str, Any]:
 
 
 def redraw_figures(project: Project, names: Sequence[str] = EXPERIMENTS) -> dict[str, list[Path]]:
-    """Draw the figures of experiments again into ``figures/``, from committed logs alone.
+    """Draw the figures of experiments again into ``figures/``, from committed logs alone; return the files.
 
-    Returns:
-        The files written, by experiment; an experiment without a committed log is missing.
+    They are by experiment; one without a committed log is missing.
     """
     logs = {name: project.reference_logs / f"{name}.mcap" for name in names}
     return {

@@ -91,10 +91,9 @@ class CpuLedger:
         return {pid: account.last.started_ns for pid, account in self._accounts.items()}
 
     def update(self, readings: Mapping[int, ProcessStat], *, clock_ns: int) -> int:
-        """Enter the readings of all processes of the tree.
+        """Enter the readings of all processes of the tree; return their CPU time since the first update, ns.
 
-        Returns:
-            CPU time of all processes since the first update, alive or ended, in nanoseconds; never falls.
+        It holds of processes alive and ended, and never falls.
         """
         started_ns = {pid: reading.started_ns for pid, reading in readings.items()}
         gone = [pid for pid, began_ns in self.started_ns.items() if started_ns.get(pid) != began_ns]
@@ -199,11 +198,9 @@ def _read(pid: int, stat: ProcessStat) -> ProcessStat:
 
 
 class CpuMeter:
-    """CPU time of some processes with all their descendants.
+    """CPU time of some processes, or of those that a function names at each sample, with all their descendants.
 
-    Args:
-        pids: The processes, or a function that names them anew at each sample. Processes are followed from the
-            first sample that sees them to their end, never into a later owner of their pid.
+    They are followed from the first sample that sees them to their end, never into a later owner of their pid.
     """
 
     def __init__(self, pids: Pids) -> None:
@@ -245,11 +242,7 @@ class Window:
         self._before: _Reading | None = None
 
     def sample(self, now_ns: int) -> list[MeterRow]:
-        """Read all meters.
-
-        Returns:
-            One row for each label, in order of label; none at the first sample, which only opens a window.
-        """
+        """Read all meters; return a row for each label, in order, none at the first: it opens a window."""
         table = process_table()
         times = psutil.cpu_times()  # guest time is contained in user and nice
         busy_s = times.user + times.nice + times.system + times.irq + times.softirq

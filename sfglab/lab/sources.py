@@ -71,15 +71,10 @@ class Source:
 
 
 def open_source(spec: str, *, width: int = 640, height: int = 360, fps: float = 30.0, seed: int = 0) -> Source:
-    """Open a source by its name.
+    """Open a source of frames of a size by its name; its rate sets the speed of panning, its seed the path.
 
-    Args:
-        spec: ``photos`` (default material), ``stereo`` (with depth), ``camera:0``, ``bag:PATH#/topic``, or
-            the path of a video file.
-        width: Width of every frame in pixels.
-        height: Height of every frame in pixels.
-        fps: Frames a second that the caller will take; it sets the speed of panning.
-        seed: Seed of the path that the view takes over the photographs.
+    Names are ``photos`` (default material), ``stereo`` (with depth), ``camera:0``, ``bag:PATH#/topic``, or the
+    path of a video file.
 
     Raises:
         SourceError: The source is unknown, missing or unreadable.

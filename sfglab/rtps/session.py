@@ -233,10 +233,7 @@ def trace(
 ) -> tuple[Outcome, tuple[AirFrame, ...]]:
     """Simulate a scenario as `run` does, and return every frame as well, as they left the air.
 
-    Args:
-        scenario: What.
-        seed: Of losses and values.
-        lost: Names of frames that are lost, or pass, whatever the seed draws for them.
+    Frames named in `lost` are lost, or pass, whatever the seed draws for them.
     """
     wishes: dict[int, bool] = {}
     # A wish changes what follows, so that each is granted where its frame turns up: the earliest first.

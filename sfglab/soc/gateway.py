@@ -212,14 +212,8 @@ def arrows(table: Table = TABLE) -> list[Arrow]:
 def draw_core(ax: Axes, table: Table = TABLE) -> dict[State | Arrow, list[Artist]]:
     """Draw the core: calls and answers of its delegate yellow, uses of the stream blue, `OURS` dashed.
 
-    Letters fit from about 10 by 5 inches on.
-
-    Args:
-        ax: Where.
-        table: The core's behaviour.
-
-    Returns:
-        The artists of each state, its box first, and of each arrow.
+    Letters fit from about 10 by 5 inches on. It returns the artists of each state, its box first, and of each
+    arrow.
     """
     drawn = arrows(table)
     artists: dict[State | Arrow, list[Artist]] = {}

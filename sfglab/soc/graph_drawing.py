@@ -81,15 +81,9 @@ def draw_graph(
 ) -> dict[Vertex, tuple[Artist, ...]]:
     """Draw a graph as it is mapped: nodes round, topics angular, what runs in hardware blue, gateways yellow.
 
-    Args:
-        ax: Where.
-        graph: What.
-        layout: Places, so that several pictures agree; None: `layered_layout`.
-        title: Stands above, before the number of crossing edges.
-        notes: What stands on an edge, and below a node or topic.
-
-    Returns:
-        The artists of each node and topic.
+    The title stands above, before the number of crossing edges; notes on an edge, and below a node or topic.
+    Places are given so that several pictures agree; else they are those of `layered_layout`. It returns the
+    artists of each node and topic.
     """
     layout = layout or layered_layout(graph)
     pitch = _pitch(layout)
@@ -129,12 +123,7 @@ def draw_mapping(mapping: CommunicationMapping, figure: Figure, stage: str = "")
     """Draw the states of a communication mapping one below the other, with a legend: Fig. 8 (b) to (d).
 
     The figure must be empty; its size is set to what the graph needs. A graph whose lines need more than a page
-    is drawn as a matrix.
-
-    Args:
-        mapping: The mapping.
-        figure: Where.
-        stage: ``software``, ``hardware`` or ``gateways``; empty: all three.
+    is drawn as a matrix. Stages are ``software``, ``hardware`` or ``gateways``; none: all three.
 
     Raises:
         InvalidValueError: There is no such stage.

@@ -204,12 +204,8 @@ def arrival_s(graph: Graph, edge: Edge, *, costs: Costs = STORED) -> float:
 def chain_s(graph: Graph, chain: Sequence[str], *, costs: Costs = STORED) -> dict[Edge, float]:
     """Return when the next node of a chain has the message, s, from the start of the first node's work.
 
-    Work is that of a node's activation where it is placed. A topic without a size is no part of a chain.
-
-    Args:
-        graph: The graph as it is mapped.
-        chain: Names of nodes, each of which publishes to the next.
-        costs: The memory model's constants.
+    Work is that of a node's activation where it is placed. A topic without a size is no part of a chain. Each
+    node of the chain publishes to the next.
 
     Raises:
         InvalidValueError: No topic with a size goes from a node to the next.

@@ -234,12 +234,9 @@ class Programme:
 def build_programme(
     graph: Graph, platform: Platform, *, fixed: Mapping[str, Placement] | None = None
 ) -> Programme:
-    """Return the programme, unsolved.
+    """Return the programme, unsolved; the graph's own placements do not matter, but `fixed` ones are given.
 
-    Args:
-        graph: Its placements do not matter; nodes without an implementation in hardware stay in software.
-        platform: Areas and times.
-        fixed: Nodes whose placement is given.
+    Nodes without an implementation in hardware stay in software.
 
     Raises:
         InvalidValueError: A fixed node is not there, or a topic has no size or no rate.

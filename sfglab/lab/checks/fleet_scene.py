@@ -185,13 +185,10 @@ def camera_info(header: Any, size: tuple[int, int]) -> Any:
 
 
 def back_projected(depth_mm: NDArray[Any], info: Any, *, step: int, max_m: float) -> NDArray[np.float64]:
-    """Return the points of a depth image by its inverse intrinsics, in double precision, row by row.
+    """Return the points of a depth image, mm, by its inverse intrinsics, in double precision, row by row.
 
-    Args:
-        depth_mm: Shape (H, W), 0 where unknown.
-        info: Its ``CameraInfo``.
-        step: Every how many-th row and column is taken.
-        max_m: Depth beyond which pixels are left out.
+    The image has shape (H, W), 0 where unknown; every `step`-th row and column is taken up to a depth of
+    `max_m`.
     """
     inverse = np.linalg.inv(np.asarray(info.k, dtype=np.float64).reshape(3, 3))
     height, width = depth_mm.shape

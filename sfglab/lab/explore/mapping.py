@@ -49,26 +49,23 @@ class PressedMapping(Pressed):
             may stand anywhere, and topics alone are optimised, by predicted time.
         chain: Names of nodes, each of which publishes to the next, whose time is told along their edges.
 
-    Attributes:
-        graph: The graph as it is mapped now.
-        lut: The slider of look-up tables that there are.
-        why: What the last optimum's reasons are, as HTML.
-
     Raises:
         MissingExtraError: The extra ``view`` is not installed.
     """
 
     def __init__(self, graph: Graph, platform: Platform | None = None, *, chain: Sequence[str] = ()) -> None:
         kit = widgets()
-        self.graph, self._begin, self._platform, self._chain = graph, graph, platform, chain
+        self.graph = graph  #: As it is mapped now.
+        self._begin, self._platform, self._chain = graph, platform, chain
         self._layout = layered_layout(graph)
         self._asked: dict[str, TopicMapping] = {}
-        self.why = kit.HTML()
+        self.why = kit.HTML()  #: What the last optimum's reasons are.
         buttons = [
             button("Optimise", lambda: self.answer(self.optimise)),
             button("Reset", lambda: self.answer(lambda: self._set(self._begin))),
         ]
         most = platform.lut if platform else 0
+        #: The look-up tables that there are.
         self.lut = kit.IntSlider(value=most, max=most, description="LUT", layout={"width": "30em"})
         self.lut.observe(lambda change: self.answer(lambda: self._limit(change["new"])), "value")
         above = [kit.HBox([*buttons, *([self.lut] if platform else [])]), self.why]

@@ -47,14 +47,8 @@ _ROUNDED_NS = 256  #: The viewer tells its time as a float: nanoseconds since 19
 class LogViewer:
     """A log in Rerun's viewer, to scrub, and which topic has messages when.
 
-    Args:
-        recording: A run, an MCAP file, or a bag that rosbags reads, also your own.
-        frame: The frame in which space is drawn; empty: the viewer's choice.
-
-    Attributes:
-        times_ns: The time of each step on the log's clock: those at which the log has messages.
-        slider: Its value is the step that is asked for.
-        said: Its value says which step the viewer shows.
+    It shows a run, an MCAP file, or a bag that rosbags reads, also your own; space is drawn in a frame, or the
+    viewer's choice.
 
     Raises:
         LogError: There is no such file.
@@ -65,12 +59,14 @@ class LogViewer:
     def __init__(self, recording: Run[Any] | Path | str, *, frame: str = "") -> None:
         self._log = Path(recording if isinstance(recording, Path | str) else recording.log)
         self._frame, self._spoken = frame, _spoken(self._log)
+        #: The time of each step on the log's clock: those at which the log has messages.
         self.times_ns = sorted({t for times in self._spoken.values() for t in times})
         kit = widgets()
         wide = {"width": "36em"}
+        #: Its value is the step that is asked for.
         self.slider = kit.IntSlider(max=len(self.times_ns) - 1, description="step", readout=False, layout=wide)
         self.slider.observe(lambda change: self._go(change["new"]), "value")
-        self.said = kit.Label()
+        self.said = kit.Label()  #: Its value says which step the viewer shows.
         self.viewer = CellViewer(still=self.still, on_page=self._show, on_time=self._shown)
         self.widget = kit.VBox([kit.HBox([self.slider, self.said]), self.viewer.widget])
 

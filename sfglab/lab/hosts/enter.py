@@ -58,13 +58,9 @@ def _may_be_root() -> bool:
 
 
 def new(how: str) -> str:
-    """Move this process into a new network namespace, in a new user namespace where that is needed.
+    """Move this process into a new network namespace, ``root`` or ``rootless``, and return which it was.
 
-    Args:
-        how: ``root``, ``rootless``, or ``auto`` for root where the process has its capabilities.
-
-    Returns:
-        ``root`` or ``rootless``.
+    A user namespace is made for the second; ``auto`` is the first where the process has its capabilities.
 
     Raises:
         OSError: The kernel refuses.

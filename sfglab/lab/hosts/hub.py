@@ -166,10 +166,8 @@ class _Hub:
 def main(control_fd: str, creator_pidfd: str, how: str) -> NoReturn:
     """Serve until the creator closes its end or dies.
 
-    Args:
-        control_fd: Number of the hub's end of a SOCK_SEQPACKET pair.
-        creator_pidfd: Number of a pidfd of the creating process.
-        how: ``root`` or ``rootless``, which is reported back.
+    It is given the numbers of its end of a SOCK_SEQPACKET pair and of a pidfd of the creating process, and how
+    it came to be, ``root`` or ``rootless``, which is reported back.
     """
     creator = int(creator_pidfd)
     os.set_inheritable(creator, False)

@@ -77,14 +77,8 @@ class _State(Generic[F]):
 class Air(Generic[F]):
     """The medium.
 
-    Args:
-        hosts: Their names.
-        medium: What it is like.
-        lose: Whether a frame of a host is lost on its way to the access point.
-        chance: Says who sends next where chance does.
-
-    Attributes:
-        use: What each host has done with it; losses are the caller's to count.
+    A frame of a host may be lost on its way to the access point; where chance says who sends next, `chance`
+    does.
     """
 
     def __init__(
@@ -96,6 +90,7 @@ class Air(Generic[F]):
         chance: random.Random | None = None,
     ) -> None:
         self._hosts, self._lose, self._chance = tuple(hosts), lose, chance or random.Random()
+        #: What each host has done with it; losses are the caller's to count.
         self.use = [RadioHost() for _ in hosts]
         self._access_point = len(self.use)  # last, and without a part where the medium has none
         self._state: _State[F] = _State([deque() for _ in range(len(hosts) + 1)])

@@ -57,13 +57,7 @@ class EndpointPlan:
 
 
 def endpoints_of(role: str, node: str, topic: str) -> tuple[EndpointPlan, ...]:
-    """Return what rclcpp and rmw_cyclonedds create for one node in a process of its own: 18 endpoints.
-
-    Args:
-        role: ``talker`` or ``listener``.
-        node: The node's full name.
-        topic: What it talks about or listens to.
-    """
+    """Return what rclcpp and rmw_cyclonedds create for a ``talker`` or ``listener``: 18 endpoints."""
     chatter = EndpointPlan(
         writer=role == TALKER, topic=dds_topic(topic), type="std_msgs::msg::dds_::String_", qos=_CHATTER[role]
     )

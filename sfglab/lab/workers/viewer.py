@@ -74,14 +74,7 @@ class Seen:
     _last: int | None = None
 
     def look(self, items: NDArray[Any], width: int, channels: int, stamp_ns: int) -> None:
-        """Read every pixel and the number of one picture.
-
-        Args:
-            items: The pixels' items in C order, shape (H * W * channels,), a multiple of eight bytes.
-            width: Pixels in a row.
-            channels: Items in a pixel.
-            stamp_ns: Its capture stamp, nanoseconds.
-        """
+        """Read every pixel and the number of a picture, whose items are in C order, a multiple of 8 bytes."""
         seen_ns = time.time_ns()
         self.frames += 1
         self.ages_ns.append(seen_ns - stamp_ns)
