@@ -11,6 +11,7 @@ import hashlib
 import inspect
 import io
 import json
+import re
 from collections.abc import Mapping
 from contextlib import contextmanager
 from textwrap import fill
@@ -143,8 +144,16 @@ def save_figure(figure: Figure, stem: Path, twin: Mapping[str, Any]) -> list[Pat
     with house_style():
         figure.savefig(svg, metadata={"Date": None, "Creator": "sfglab"})
         figure.savefig(png, metadata={"Software": "sfglab"})
+    svg.write_text(_numbered(svg.read_text(encoding="utf-8")), encoding="utf-8")
     note.write_text(json.dumps(settled(twin), indent=2, sort_keys=True) + "\n", encoding="utf-8")
     return [svg, png, note]
+
+
+def _numbered(svg: str) -> str:
+    """Return a picture whose marks and clips are counted: their hashes follow a coordinate's last digit."""
+    hashed = re.findall(r'id="([a-z]+?)([0-9a-f]{10})"', svg)
+    names = {kind + digest: f"{kind}{place}" for place, (kind, digest) in enumerate(dict.fromkeys(hashed), 1)}
+    return re.sub(r'(?<=[#"])[a-z]+[0-9a-f]{10}(?=[")])', lambda found: names.get(found[0], found[0]), svg)
 
 
 def settled(value: Any) -> Any:

@@ -9,7 +9,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 from PIL import Image
+
+from sfglab.lab.figures import save_figure
 
 FIGURES = sorted((Path(__file__).parents[2] / "figures").glob("*.svg"))
 PAGES_INCHES = {"notebook": 10.0, "book": 7.5, "print": 6.3}
@@ -96,3 +99,18 @@ def test_words_are_whole_and_stand_out_from_what_is_behind_them(svg):
         ink, behind = luminance(list(bytes.fromhex(color[1:]))), luminance(colors[counts.argmax()])
         ratio = (max(ink, behind) + 0.05) / (min(ink, behind) + 0.05)
         assert ratio >= LEAST_CONTRAST, f"{text}: {color} on {colors[counts.argmax()]}, {ratio:.1f} to 1"
+
+
+def test_a_picture_is_the_same_where_a_processor_rounds_a_last_digit_otherwise(tmp_path):
+    def drawn(name, right):
+        figure = Figure(figsize=(5, 3))
+        axes = figure.subplots(subplot_kw={"xticks": [], "yticks": []})
+        axes.plot([0, 1], [0, right], marker="o")
+        axes.imshow(np.eye(2), extent=(0, 1, 0, right))
+        return save_figure(figure, tmp_path / name, {})[0].read_text()
+
+    text = drawn("one", 1.0)
+    assert drawn("other", 1.0 + 2**-51) == text
+    marks = re.findall(r'(?:href="#|url\(#)([a-z]+\d+)', text)
+    assert {mark[0] for mark in marks} == {"m", "p"}
+    assert all(f'id="{mark}"' in text for mark in marks)
