@@ -99,7 +99,7 @@ def link_of(topics: Sequence[Topic], medium: Medium, vendor: Vendor) -> Link:
     On a shared medium every further host that contends stretches each frame (`Medium.contention`). Capacity is
     reckoned with all hosts contending, as they do when the medium is nearly full, which is when it decides.
     """
-    hosts = sorted({t.source for t in topics} | {t.target for t in topics if t.reliable})
+    hosts = sorted({host for t in topics for host in (t.source, *(t.targets if t.reliable else ()))})
     senders = ("the medium",) if medium.shared else tuple(hosts)
     contention = medium.contention * (len(hosts) - 1) if medium.shared else 0.0
     data_s, acknack_s = _frames_s(topics, medium, senders)
@@ -215,10 +215,10 @@ def _frames_s(
         there = 0 if medium.shared else senders.index(topic.source)
         more = frames_of(topic) - 1
         size_bytes = data_bytes(topic.size_bytes, with_heartbeat=topic.reliable) + more * _AGAIN_BYTES
-        data_s[there, i] = _air_s(medium, size_bytes) + more * medium.overhead_s
-        if topic.reliable:
-            back = 0 if medium.shared else senders.index(topic.target)
-            acknack_s[back, i] = _air_s(medium, ACKNACK_BYTES)
+        data_s[there, i] = len(topic.targets) * (_air_s(medium, size_bytes) + more * medium.overhead_s)
+        for target in topic.targets if topic.reliable else ():
+            back = 0 if medium.shared else senders.index(target)
+            acknack_s[back, i] += _air_s(medium, ACKNACK_BYTES)
     return data_s, acknack_s
 
 

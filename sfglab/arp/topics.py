@@ -25,7 +25,8 @@ class Topic:
 
     name: str  #: Full name, with its leading slash.
     source: str = field(metadata=named("from"))  #: Host that publishes.
-    target: str = field(metadata=named("to"))  #: Host that subscribes.
+    #: Host that subscribes, or hosts, each of which gets a copy and acknowledges it, as DDS sends over Wi-Fi.
+    target: str | tuple[str, ...] = field(metadata=named("to"))
     size_bytes: int = field(metadata=bounds(0))  #: CDR size of a message; large ones take several frames.
     rate_min_hz: float = 1.0  #: Below this it is of no use.
     rate_max_hz: float = 1000.0  #: The most that it could be sent.
@@ -39,6 +40,11 @@ class Topic:
     reliability: Reliability = Reliability.RELIABLE
     #: With Fast DDS it decides when heartbeats come (`repairs`), and so rates and depths.
     durability: Durability = Durability.VOLATILE
+
+    @property
+    def targets(self) -> tuple[str, ...]:
+        """Hosts that subscribe."""
+        return (self.target,) if isinstance(self.target, str) else self.target
 
     @property
     def reliable(self) -> bool:
@@ -72,7 +78,7 @@ class TopicFile:
 
     def topics_of_agents(self) -> tuple[int, ...]:
         """Return T_a of paper B, Eq. 1: how many topics each agent sends or hears."""
-        return tuple(sum(agent in (t.source, t.target) for t in self.topics) for agent in self.agents)
+        return tuple(sum(agent in (t.source, *t.targets) for t in self.topics) for agent in self.agents)
 
 
 def load_topics(path: Path) -> TopicFile:
@@ -117,8 +123,8 @@ def _read_topic(name: str, section: Section, ceiling_hz: float) -> Topic:
     if least_hz > most_hz:
         given = section.get("rate_min_hz", None)
         raise section.refusal("rate_min_hz", given, f"up to the topic's rate_max_hz, {most_hz:g}")
-    if topic.source == topic.target:
-        raise section.refusal("to", topic.target, f"another host than 'from', {topic.source}")
+    if not topic.targets or len({topic.source, *topic.targets}) <= len(topic.targets):
+        raise section.refusal("to", section.get("to"), f"another host than 'from', {topic.source}, each once")
     return topic
 
 
@@ -153,7 +159,7 @@ def _read_vendor(top: Section) -> Vendor:
 
 
 def _read_agents(top: Section, topics: tuple[Topic, ...]) -> tuple[str, ...]:
-    hosts = sorted({t.source for t in topics} | {t.target for t in topics})
+    hosts = sorted({host for t in topics for host in (t.source, *t.targets)})
     given = top.get("agents", sorted({t.source for t in topics}))
     if not isinstance(given, list) or not given or not all(agent in hosts for agent in given):
         raise top.refusal("agents", given, f"a list of hosts among {', '.join(hosts)}")

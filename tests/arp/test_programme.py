@@ -237,19 +237,21 @@ def test_deadline_is_the_historys_length_both_sides_match_and_an_unplanned_topic
 def run_plan(planned, *, seed: int, duration_s: float):
     """Run a plan in the reliability model, with phases by chance."""
     rng = np.random.default_rng(seed)
+    phases_s = [float(rng.uniform(0, 1 / part.rate_hz)) for part in planned.topics]
     flows = tuple(
         Flow(
-            name=part.topic.name,
+            name=part.topic.name if target == part.topic.target else f"{part.topic.name} to {target}",
             source=part.topic.source,
-            target=part.topic.target,
+            target=target,
             size_bytes=part.topic.size_bytes,
             rate_hz=part.rate_hz,
-            phase_s=float(rng.uniform(0, 1 / part.rate_hz)),
+            phase_s=phase_s,
             qos=part.qos,
             change_s=part.topic.change_s if part.topic.cached else 0.0,
             cached=part.topic.cached,
         )
-        for part in planned.topics
+        for part, phase_s in zip(planned.topics, phases_s, strict=True)
+        for target in part.topic.targets
     )
     return run(
         Scenario(flows=flows, medium=planned.medium, vendor=planned.vendor, duration_s=duration_s), seed=seed
@@ -328,6 +330,27 @@ def test_the_allowed_loss_is_kept_and_the_air_is_the_expected_one():
     assert np.mean(losses) < 3e-4
     air = run_plan(planned, seed=4, duration_s=40.0).counts["airtime_ns"] / 40e9
     assert 0.9 < air * (1 + reckoned(planned).contention) / planned.utilisation < 1.2
+
+
+HOSTS = ("station", "robot2", "robot3")
+
+
+def test_a_topic_with_several_receivers_is_sent_as_often_as_one_for_each_of_them():
+    several = [topic(f"/t{i}", target=HOSTS, rate_max_hz=400) for i in range(4)]
+    apart = [topic(f"/t{i}/{host}", target=host, rate_max_hz=400) for i in range(4) for host in HOSTS]
+    one, other = (plan(topics, Medium(), CYCLONE_DDS, latency_price_hz=0.0) for topics in (several, apart))
+    assert one.rates_hz == pytest.approx(np.full(4, other.rates_hz.mean()), rel=1e-3)
+
+
+@VENDORS
+def test_each_of_several_receivers_takes_its_share_of_the_air_and_the_last_hears_in_the_expected_time(vendor):
+    several = [topic(f"/t{i}", target=HOSTS, rate_max_hz=400) for i in range(4)]
+    planned = plan(several, Medium(), vendor, latency_price_hz=30.0)
+    outcome = run_plan(planned, seed=4, duration_s=40.0)
+    air = outcome.counts["airtime_ns"] / 40e9
+    assert 0.9 < air * (1 + reckoned(planned).contention) / planned.utilisation < 1.1
+    latencies_s = [outcome.flows[f"/t{i} to {HOSTS[-1]}"].latency_ns.mean() / 1e9 for i in range(4)]
+    assert 0.5 < np.mean(latencies_s) / planned.latency_s < 1.05
 
 
 def alone_on_the_air(vendor, *, rate_hz: float, depth: int, loss: float, **values):
