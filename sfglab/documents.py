@@ -314,7 +314,7 @@ class Section:
         """Return the mapping at a key, an empty one where there is none."""
         return Section(self._document, (*self._path, key), self.get(key, {}))
 
-    def members(self, key: str) -> Iterator[tuple[str, Section]]:
+    def members(self, key: str) -> Iterator[tuple[Any, Section]]:
         """Yield name and section for every member of a mapping of mappings."""
         inner = self.section(key)
         for name in inner._values:  # noqa: SLF001 - of the same class
@@ -324,17 +324,16 @@ class Section:
         """Yield a section for each item of a list; a text stands for a mapping with the key `short`."""
         return _sections(self._document, (*self._path, key), self.get(key, []), short)
 
-    def read(self, cls: type[T], **given: Any) -> T:
-        """Return the section as a dataclass, each field from the key of its name, and close it.
+    def read(self, cls: type[T], *, whole_section: bool = True, **given: Any) -> T:
+        """Return the section as a dataclass, each field from the key of its name, and close it if whole.
 
         What may stand at a key follows from the field's type: ``str`` (not empty), ``bool``, ``int`` and
         ``float`` (from 0, or as `sfglab.fields.between` says), an enumeration by its values, a ``Literal``,
         another dataclass, lists (tuple, frozenset) of texts, choices or dataclasses, tuples of so many
         numbers, mappings by name, and unions of what differs in YAML. A field with a default may be left out;
         a `Place` is where the section stands. Metadata says what a type cannot: `named`, `read_by`,
-        `matching`, `by_name`, `short_for`, `OR_NULL`. An `InvalidValueError` that the class raises is refused
-        at its field's key. Fields' types must be importable at run time; given are fields that do not stand in
-        the file, or were read already.
+        `matching`, `by_name`, `short_for`, `OR_NULL`. An `InvalidValueError` of the class is refused at its
+        field's key. Types must be importable at run time; given are fields that are not read here.
 
         Raises:
             DocumentError: A key is missing or unknown, or a value is not allowed.
@@ -350,7 +349,8 @@ class Section:
                 given[f.name] = self._read_field(key, f.type, f.metadata)
             elif f.default_factory is f.type:  # all defaults, read all the same for their place
                 given[f.name] = self.section(key).read(f.default_factory)
-        self.close()
+        if whole_section:
+            self.close()
         with _refused_at(self.here, {f.name: self.place_of(key) for key, f in fields.items()}):
             return cls(**given)
 
@@ -461,9 +461,9 @@ def named(key: str) -> dict[str, Any]:
     return {"key": key}
 
 
-def read_by(read: Callable[[Section, str], Any]) -> dict[str, Any]:
-    """Read a field by a function of section and key; its `InvalidValueError` is refused at that key."""
-    return {"read": read}
+def read_by(read: Callable[[Section, str], Any], like: Any = None) -> dict[str, Any]:
+    """Read a field by a function of section and key, whose errors are refused there; `like` says its form."""
+    return {"read": read, "like": like} if like else {"read": read}
 
 
 def matching(pattern: re.Pattern[str], allowed: str) -> dict[str, Any]:

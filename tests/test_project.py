@@ -15,7 +15,19 @@ ROOT = Path(__file__).parents[1]
 PYPROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
 
 FLOORS = (
-    ("names", "qos", "errors", "machine", "component", "fields", "units", "processes", "documents", "tables"),
+    (
+        "names",
+        "qos",
+        "errors",
+        "machine",
+        "component",
+        "fields",
+        "units",
+        "processes",
+        "documents",
+        "schema",
+        "tables",
+    ),
     ("messages", "rtps", "codecs"),
     ("bus", "record"),
     ("fleet", "arp", "soc", "spatial"),

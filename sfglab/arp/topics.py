@@ -6,13 +6,14 @@ what is allowed. Refuses to know how rates are found.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from dataclasses import asdict, dataclass, field, replace
+from typing import TYPE_CHECKING, Any, Literal
 
-from sfglab.documents import Document, DocumentError, Section, named
+from sfglab.documents import Document, DocumentError, Section, by_name, named
 from sfglab.fields import between, bounds
 from sfglab.qos import Durability, Reliability
 from sfglab.rtps import FAST_DDS, PRESETS, Medium, Vendor
+from sfglab.schema import ELSEWHERE
 from sfglab.units import NS_PER_MS
 
 if TYPE_CHECKING:
@@ -28,8 +29,8 @@ class Topic:
     #: Host that subscribes, or hosts, each of which gets a copy and acknowledges it, as DDS sends over Wi-Fi.
     target: str | tuple[str, ...] = field(metadata=named("to"))
     size_bytes: int = field(metadata=bounds(0))  #: CDR size of a message; large ones take several frames.
-    rate_min_hz: float = 1.0  #: Below this it is of no use.
-    rate_max_hz: float = 1000.0  #: The most that it could be sent.
+    rate_min_hz: float = between(1.0, without=(0,))  #: Below this it is of no use.
+    rate_max_hz: float = between(1000.0, without=(0,))  #: The most that it could be sent.
     #: Mean time between changes of its value; what a higher rate is worth follows from it.
     change_s: float = between(1.0, without=(0,))
     weight: float = between(1.0, without=(0,))  #: What it is worth beside the others.
@@ -53,12 +54,63 @@ class Topic:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class TopicFile:
-    """What a file of topics says."""
+class _Link:
+    """The link that all topics share."""
 
-    topics: tuple[Topic, ...]  #: In the file's order.
-    medium: Medium = field(default_factory=Medium)  #: The link that all of them share.
-    vendor: Vendor = FAST_DDS  #: The DDS implementation, with the file's timing where it says any.
+    rate_mbps: float = between(20.0, without=(0,))  #: Megabits a second.
+    loss: float = between(0.01, 0, 1, without=(1,))  #: Share of frames that are lost.
+    shared: bool = True  #: One half-duplex medium for all hosts (Wi-Fi); else each host sends independently.
+    overhead_us: float = 300.0  #: Airtime of a frame beside its bits.
+    contention: float = 0.15  #: By which share each further host that wants to send stretches a frame.
+    latency_ms: float = 0.0  #: From the end of sending to arrival.
+    queue_frames: int = between(500, 1)  #: Frames that a host's queue holds.
+
+    @property
+    def medium(self) -> Medium:
+        """The same for the model."""
+        return Medium(
+            rate_bps=self.rate_mbps * 1e6,
+            loss=self.loss,
+            shared=self.shared,
+            overhead_s=self.overhead_us / 1e6,
+            contention=self.contention,
+            latency_s=self.latency_ms / 1e3,
+            queue_frames=self.queue_frames,
+        )
+
+
+_MILLISECONDS = bounds(without=(0,))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Timing:
+    """Times of the DDS implementation that are not its vendor's own."""
+
+    heartbeat_ms: float | None = field(default=None, metadata=_MILLISECONDS)  #: Between two heartbeats.
+    nack_delay_ms: float | None = field(default=None, metadata=_MILLISECONDS)  #: From a loss to its request.
+    ack_delay_ms: float | None = field(default=None, metadata=_MILLISECONDS)  #: From a heartbeat to its answer.
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FileKeys:
+    """Keys of a file of topics that `TopicFile` holds in another form."""
+
+    rate_max_hz: float = between(1000.0, without=(0,))  #: No topic may be sent more often.
+    link: _Link = field(default_factory=_Link)  #: The link that all topics share.
+    #: The DDS implementation, a preset of `sfglab.rtps`.
+    vendor: Literal["fast_dds", "cyclone_dds", "fast_dds_sync", "fast_dds_async", "fast_dds_foxy"] = "fast_dds"
+    timing: _Timing = field(default_factory=_Timing)  #: Its times, where they are not its own.
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TopicFile:
+    """A file of topics for `sfglab qos`: who sends what to whom over which link."""
+
+    topics: tuple[Topic, ...] = field(metadata=by_name("name"))  #: In the file's order.
+    #: The link that all of them share.
+    medium: Medium = field(default_factory=Medium, metadata=ELSEWHERE)
+    #: The DDS implementation, with the file's timing where it says any.
+    vendor: Vendor = field(default=FAST_DDS, metadata=ELSEWHERE)
     #: The most of the medium's time that may be planned.
     utilisation_max: float = between(0.9, 0.01, 1, without=(1,))
     #: Share of samples that may stay lost after repairs.
@@ -101,15 +153,15 @@ def read_topics(text: str, *, file: str = "topics.yaml") -> TopicFile:
 
 def _read(document: Document) -> TopicFile:
     top = document.section()
-    ceiling_hz = top.positive("rate_max_hz", 1000.0)
-    topics = tuple(_read_topic(name, section, ceiling_hz) for name, section in top.members("topics"))
+    keys = top.read(FileKeys, whole_section=False)
+    topics = tuple(_read_topic(name, section, keys.rate_max_hz) for name, section in top.members("topics"))
     if not topics:
         raise top.refusal("topics", top.get("topics", None), "one topic at least")
     return top.read(
         TopicFile,
         topics=topics,
-        medium=_read_link(top.section("link")),
-        vendor=_read_vendor(top),
+        medium=keys.link.medium,
+        vendor=_vendor(PRESETS[keys.vendor], keys.timing),
         agents=_read_agents(top, topics),
     )
 
@@ -128,33 +180,14 @@ def _read_topic(name: str, section: Section, ceiling_hz: float) -> Topic:
     return topic
 
 
-def _read_link(section: Section) -> Medium:
-    usual = Medium()
-    medium = Medium(
-        rate_bps=section.positive("rate_mbps", usual.rate_bps / 1e6) * 1e6,
-        loss=section.number("loss", usual.loss, high=1.0),
-        shared=section.flag("shared", default=usual.shared),
-        overhead_s=section.number("overhead_us", usual.overhead_s * 1e6) / 1e6,
-        contention=section.number("contention", usual.contention),
-        latency_s=section.number("latency_ms", usual.latency_s * 1e3) / 1e3,
-        queue_frames=section.whole("queue_frames", usual.queue_frames, low=1),
-    )
-    section.close()
-    return medium
-
-
-def _read_vendor(top: Section) -> Vendor:
-    vendor = PRESETS[top.text("vendor", "fast_dds", choices=tuple(PRESETS))]
-    section = top.section("timing")
-    keys = {"heartbeat_ms": "heartbeat_ns", "nack_delay_ms": "nack_delay_ns", "ack_delay_ms": "ack_delay_ns"}
-    given = {field: section.positive(key, None) for key, field in keys.items()}
-    changes: dict[str, Any] = {field: round(ms * NS_PER_MS) for field, ms in given.items() if ms is not None}
+def _vendor(vendor: Vendor, timing: _Timing) -> Vendor:
+    given = {name.removesuffix("_ms") + "_ns": ms for name, ms in asdict(timing).items()}
+    changes: dict[str, Any] = {name: round(ms * NS_PER_MS) for name, ms in given.items() if ms is not None}
     if "heartbeat_ns" in changes:
         # A vendor whose heartbeats never back off keeps that.
         steady = vendor.heartbeat_ns == vendor.heartbeat_max_ns
         longest = changes["heartbeat_ns"] if steady else max(vendor.heartbeat_max_ns, changes["heartbeat_ns"])
         changes["heartbeat_max_ns"] = longest
-    section.close()
     return replace(vendor, **changes)
 
 

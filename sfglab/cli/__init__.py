@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, NoReturn
 import typer
 
 from sfglab import __version__
-from sfglab.cli import deploy, experiments, fleet, interfaces, mapping, mocap, plan, view
+from sfglab.cli import deploy, experiments, fleet, interfaces, mapping, mocap, plan, schema, view
 from sfglab.errors import SfglabError
 
 if TYPE_CHECKING:
@@ -39,6 +39,7 @@ _COMMANDS: dict[str, Callable[..., None]] = {
     "decoder": fleet.decoder,
     "camera": fleet.camera,
     "interfaces": interfaces.interfaces,
+    "schema": schema.schema,
     "qos": mapping.qos,
     "map": mapping.map_graph,
     "plan": plan.plan,

@@ -9,7 +9,7 @@ forbid, domains that DDS does not have, what no machine could take. Whether the 
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import asdict, dataclass, field, fields, replace
 from enum import Enum
 from functools import partial
 from pathlib import Path
@@ -23,6 +23,7 @@ from sfglab.documents import (
     DocumentError,
     Place,
     Section,
+    by_name,
     matching,
     named,
     read_by,
@@ -34,7 +35,19 @@ from sfglab.fields import between, bounds
 from sfglab.fleet.policy import TABLE_1, Direction, ForwardRule, Policy
 from sfglab.fleet.status.description import AgentDescription, SensorDescription, StreamDescription
 from sfglab.names import SHARED_FRAMES, FqnError, ResourceKind, validate_agent, validate_ros_name
-from sfglab.qos import COMPRESSED_STREAM, DEFAULT, LATCHED, SENSOR_DATA, SERVICES, QoSProfile
+from sfglab.qos import (
+    COMPRESSED_STREAM,
+    DEFAULT,
+    LATCHED,
+    SENSOR_DATA,
+    SERVICES,
+    Durability,
+    History,
+    Liveliness,
+    QoSProfile,
+    Reliability,
+)
+from sfglab.schema import ELSEWHERE
 from sfglab.tables import html_table
 from sfglab.units import NS_PER_S
 
@@ -75,22 +88,26 @@ def _read_optional_name(section: Section, key: str) -> str:
     return _read_name(section, key) if section.get(key) else ""
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _QoS:
+    """QoS of an endpoint; what is left out is ROS 2's default."""
+
+    reliability: Reliability = DEFAULT.reliability  #: Whether what is lost is sent again.
+    durability: Durability = DEFAULT.durability  #: Whether who joins later gets what was sent before.
+    history: History = DEFAULT.history  #: Whether all messages are kept, or the last `depth`.
+    depth: int = between(DEFAULT.depth, 1)  #: Messages that are kept.
+    deadline_s: float | None = field(default=None, metadata=_POSITIVE)  #: Longest time between two messages.
+    lifespan_s: float | None = field(default=None, metadata=_POSITIVE)  #: After it a message is of no use.
+    liveliness: Liveliness = DEFAULT.liveliness  #: Who says that a publisher lives.
+    lease_s: float | None = field(default=None, metadata=_POSITIVE)  #: Longest silence of who lives.
+
+
 def _read_qos(section: Section, key: str) -> QoSProfile:
     if isinstance(section.get(key), str):
         return PROFILES[section.text(key, choices=tuple(PROFILES))]
-    inner = section.section(key)
-    profile = QoSProfile(
-        reliability=inner.choice("reliability", DEFAULT.reliability),
-        durability=inner.choice("durability", DEFAULT.durability),
-        history=inner.choice("history", DEFAULT.history),
-        depth=inner.whole("depth", DEFAULT.depth, low=1),
-        deadline_ns=_nanoseconds(inner.positive("deadline_s", None)),
-        lifespan_ns=_nanoseconds(inner.positive("lifespan_s", None)),
-        liveliness=inner.choice("liveliness", DEFAULT.liveliness),
-        lease_ns=_nanoseconds(inner.positive("lease_s", None)),
-    )
-    inner.close()
-    return profile
+    given = asdict(section.section(key).read(_QoS))
+    given |= {f"{k[:-2]}_ns": _nanoseconds(given.pop(k)) for k in ("deadline_s", "lifespan_s", "lease_s")}
+    return QoSProfile(**given)
 
 
 def _nanoseconds(value_s: float | None) -> int | None:
@@ -129,9 +146,9 @@ def _read_folder(section: Section, key: str) -> str:
     return folder
 
 
-_NAME, _OPTIONAL_NAME = read_by(_read_name), read_by(_read_optional_name)
-_SERVICES = read_by(partial(_read_uses, kind=ResourceKind.SERVICE))
-_ACTIONS = read_by(partial(_read_uses, kind=ResourceKind.ACTION))
+_NAME, _OPTIONAL_NAME = read_by(_read_name), read_by(_read_optional_name, like=str | None)
+_SERVICES = read_by(partial(_read_uses, kind=ResourceKind.SERVICE)) | short_for("name")
+_ACTIONS = read_by(partial(_read_uses, kind=ResourceKind.ACTION)) | short_for("name")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -191,7 +208,9 @@ class HostSpec(_Part):
     address: str = field(default="", metadata=matching(ADDRESS, "[user@]host, as ssh takes it"))
     architecture: Architecture = Architecture.AMD64  #: Its processor's.
     #: What it has; None leaves it to detection.
-    accelerator: Accelerator | None = field(default=None, metadata=read_by(_read_accelerator))
+    accelerator: Accelerator | None = field(
+        default=None, metadata=read_by(_read_accelerator, like=Literal[AUTO] | Accelerator)
+    )
     #: What the agent's container sees: a bridge of its own, or, for robots whose own controllers speak DDS over
     #: a cable, the host's interfaces.
     network: ContainerNetwork = ContainerNetwork.BRIDGE
@@ -231,7 +250,9 @@ class TopicUse(_Part):
     name: str = field(metadata=_NAME)  #: Absolute ROS name.
     type: str = ""  #: ROS type; empty where the file does not say.
     #: What its endpoints offer or request; None where the file does not say.
-    qos: QoSProfile | None = field(default=None, metadata={**OR_NULL, **read_by(_read_qos)})
+    qos: QoSProfile | None = field(
+        default=None, metadata={**OR_NULL, **read_by(_read_qos, like=Literal[tuple(PROFILES)] | _QoS | None)}
+    )
     #: Messages a second of all its publishers here; None where the file does not say.
     rate_hz: float | None = field(default=None, metadata=_POSITIVE)
     size_bytes: int | None = None  #: Mean serialized size; None where the file does not say.
@@ -331,15 +352,37 @@ class AgentSpec(_Part):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class _Border:
+    """The global domain, which all routers join."""
+
+    domain: int = between(0, 0, MAX_DOMAIN)  #: Its number, D_0 in the paper.
+    interface: str | None = None  #: Interface to it of agents that name none; None leaves the choice to DDS.
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FleetKeys:
+    """Keys of a fleet file that `Fleet` holds in another form."""
+
+    border: _Border = field(
+        default_factory=_Border, metadata=named("global")
+    )  #: The domain that all routers join.
+    #: What crosses: Table 1 of paper A, or rules of one's own.
+    policy: Literal["table-1"] | tuple[ForwardRule, ...] = field(
+        default="table-1", metadata=short_for("pattern")
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Fleet(_Part):
     """Agents that share a global domain."""
 
     name: str = field(metadata=named("fleet"))  #: What the fleet is called.
-    global_domain: int = 0  #: The domain that all routers join, D_0 in the paper.
-    policy: Policy = field(default_factory=Policy)  #: What crosses.
+    #: The domain that all routers join, D_0 in the paper.
+    global_domain: int = field(default=0, metadata=ELSEWHERE)
+    policy: Policy = field(default_factory=Policy, metadata=ELSEWHERE)  #: What crosses.
     #: Whether ROS 2's tools list on each agent what could be had from the others, before anybody subscribes.
     offers: bool = True
-    agents: tuple[AgentSpec, ...] = ()  #: The agents, in the order of the file.
+    agents: tuple[AgentSpec, ...] = field(default=(), metadata=by_name("name"))  #: In the order of the file.
     #: What is the same on all their machines.
     deployment: DeploymentSpec = field(default_factory=DeploymentSpec)
     #: Where each rule of the policy stands; empty where the file names a known one.
@@ -402,18 +445,18 @@ def read_fleet(text: str, file: str = "fleet.yaml") -> Fleet:
 
 def _read(document: Document) -> Fleet:
     top = document.section()
-    border = top.section("global")
-    interface = border.text("interface", None)
-    policy, places = _read_policy(top)
+    keys = top.read(FleetKeys, whole_section=False)
+    policy, places = _policy(top, keys)
     fleet = top.read(
         Fleet,
-        global_domain=border.whole("domain", 0, low=0, high=MAX_DOMAIN),
+        global_domain=keys.border.domain,
         policy=policy,
-        agents=tuple(_read_agent(agent, section, interface) for agent, section in top.members("agents")),
+        agents=tuple(
+            _read_agent(agent, section, keys.border.interface) for agent, section in top.members("agents")
+        ),
         deployment=_read_deployment(top.section("deployment"), top.text("fleet")),
         rule_places=places,
     )
-    border.close()
     if not fleet.agents:
         raise top.refusal("agents", None, "at least one agent")
     return fleet
@@ -422,20 +465,17 @@ def _read(document: Document) -> Fleet:
 def _read_deployment(section: Section, fleet: str) -> DeploymentSpec:
     """Read what is the same for all machines; without the section, everything has its default."""
     name = re.sub("[^a-z0-9]+", "-", fleet.lower()).strip("-") or "fleet"
-    return section.read(DeploymentSpec, **({} if section.has("images") else {"images": f"localhost/{name}"}))
+    given: dict[str, Any] = {} if section.has("images") else {"images": f"localhost/{name}"}
+    return section.read(DeploymentSpec, **given)
 
 
-def _read_policy(top: Section) -> tuple[Policy, tuple[Place, ...]]:
-    given = top.get("policy", "table-1")
-    if isinstance(given, str):
-        top.text("policy", "table-1", choices=("table-1",))
+def _policy(top: Section, keys: FleetKeys) -> tuple[Policy, tuple[Place, ...]]:
+    if isinstance(keys.policy, str):
         return Policy(rules=TABLE_1), ()
-    sections = tuple(top.items("policy", short="pattern"))
-    rules = (section.read(ForwardRule) for section in sections)
-    open_rules = tuple(replace(r, directions=r.directions or frozenset(Direction)) for r in rules)
+    open_rules = tuple(replace(r, directions=r.directions or frozenset(Direction)) for r in keys.policy)
     if not open_rules:
-        raise top.refusal("policy", given, "'table-1' or at least one rule: nothing would ever cross")
-    return Policy(rules=open_rules), tuple(section.here for section in sections)
+        raise top.refusal("policy", [], "'table-1' or at least one rule: nothing would ever cross")
+    return Policy(rules=open_rules), tuple(s.here for s in top.items("policy", short="pattern"))
 
 
 def _read_agent(name: str, section: Section, interface: str | None) -> AgentSpec:

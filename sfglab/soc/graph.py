@@ -9,11 +9,11 @@ was read from a written text is written byte by byte the same. Refuses to know w
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from enum import Enum
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from sfglab.documents import Document, DocumentError, Place, Section, suggestion
+from sfglab.documents import OR_NULL, Document, DocumentError, Place, Section, by_name, suggestion
 from sfglab.errors import InvalidValueError
 from sfglab.tables import html_table
 
@@ -66,7 +66,7 @@ class Node:
     rate_hz: float = 0.0  #: Activations per second; 0 where unknown.
     software_s: float = 0.0  #: Time of one activation in software, s; 0 where unknown.
     #: Its implementation in hardware; None where there is none, or nothing is known of it.
-    hardware: Implementation | None = None
+    hardware: Implementation | None = field(default=None, metadata=OR_NULL)
 
     @property
     def in_hardware(self) -> bool:
@@ -111,7 +111,7 @@ class Edge:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Graph:
-    """A computation graph, valid from its making on.
+    """A computation graph with its mapping, valid from its making on.
 
     Raises:
         InvalidValueError: A name is empty or stands twice, an edge names a node that there is not or stands
@@ -119,8 +119,8 @@ class Graph:
             software.
     """
 
-    nodes: tuple[Node, ...]  #: N, in the order in which they were named.
-    topics: tuple[Topic, ...] = ()  #: T, likewise.
+    nodes: tuple[Node, ...] = field(metadata=by_name("name"))  #: N, in the order in which they were named.
+    topics: tuple[Topic, ...] = field(default=(), metadata=by_name("name"))  #: T, likewise.
     name: str = ""  #: What it is called.
     description: str = ""  #: Where it comes from and what it is for.
 
@@ -233,8 +233,8 @@ def _check_node(node: Node) -> None:
     key, hardware = f"nodes.{node.name}", node.hardware or Implementation()
     _check_not_negative(f"{key}.rate_hz", node.rate_hz)
     _check_not_negative(f"{key}.software_s", node.software_s)
-    for field in fields(hardware):
-        _check_not_negative(f"{key}.hardware.{field.name}", getattr(hardware, field.name))
+    for part in fields(hardware):
+        _check_not_negative(f"{key}.hardware.{part.name}", getattr(hardware, part.name))
 
 
 def _check_topic(topic: Topic, known: Mapping[str, Node]) -> None:
@@ -367,7 +367,7 @@ def _read_graph(top: Section) -> Graph:
     graph = Graph(
         name=top.text("name", ""),
         description=top.text("description", ""),
-        nodes=tuple(_read_node(name, section) for name, section in top.members("nodes")),
+        nodes=tuple(section.read(Node, name=name) for name, section in top.members("nodes")),
         # A topic without publishers is the graph's to refuse.
         topics=tuple(
             section.read(Topic, name=name, publishers=section.texts("publishers"))
@@ -376,9 +376,3 @@ def _read_graph(top: Section) -> Graph:
     )
     top.close()
     return graph
-
-
-def _read_node(name: str, section: Section) -> Node:
-    if section.get("hardware", None) is None:
-        return section.read(Node, name=name, hardware=None)
-    return section.read(Node, name=name)

@@ -60,7 +60,10 @@ def line(text: str) -> str:
         ("topics: {a: {}}", r"topics\.a: given 'a', allowed: a full topic name"),
         (line("to: s, size_bytes: 8"), r"topics\./a\.from: nothing is given, allowed: 'from' is needed here"),
         (line("from: r, to: r, size_bytes: 8"), r"topics\./a\.to: given 'r', allowed: another host"),
-        (line("from: r, to: [s, s], size_bytes: 8"), r"/a\.to: given \['s', 's'\], allowed: another .*each once"),
+        (
+            line("from: r, to: [s, s], size_bytes: 8"),
+            r"/a\.to: given \['s', 's'\], allowed: another .*each once",
+        ),
         (line("from: r, to: [], size_bytes: 8"), r"/a\.to: given \[\], allowed: another host"),
         (line("from: r, to: {s: 1}, size_bytes: 8"), r"/a\.to: given .*, allowed: a text or a list"),
         (line("from: r, to: s, size_bytes: -1"), r"/a\.size_bytes: given -1, allowed: .* from 0"),

@@ -37,12 +37,19 @@ def _frame(section: Section, key: str) -> str:
     return value
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Offset:
+    """A pose."""
+
+    position_m: tuple[float, float, float]  #: Along x, y and z.
+    quat_xyzw: tuple[float, float, float, float] = Pose().quat_xyzw  #: A quaternion of length 1.
+
+
 def _offset(section: Section, key: str) -> Pose:
     inner = section.section(key)
-    position, quat = inner.numbers("position_m", 3), inner.numbers("quat_xyzw", 4, Pose().quat_xyzw)
-    inner.close()
+    given = inner.read(_Offset)
     try:
-        return Pose(position_m=position, quat_xyzw=quat)
+        return Pose(position_m=given.position_m, quat_xyzw=given.quat_xyzw)
     except PoseError as error:
         raise inner.refusal("quat_xyzw", error.given, error.allowed) from error
 
@@ -58,7 +65,7 @@ class MappedObject:
     frame: str = field(default="", metadata=read_by(_frame))
     #: Where `via` is in the object's own frame (``object_from_via``); the same place by default, else as
     #: `estimate_offset` finds it.
-    offset: Pose = field(default_factory=Pose, metadata=read_by(_offset))
+    offset: Pose = field(default_factory=Pose, metadata=read_by(_offset, like=_Offset))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -14,6 +14,8 @@ from enum import Enum
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from sfglab.errors import InvalidValueError
+from sfglab.fields import field_docs
+from sfglab.schema import Schema, text_schema
 from sfglab.spatial.poses import Pose
 from sfglab.spatial.trajectory.clearance import Box, Cylinder, Shape, Sphere
 from sfglab.spatial.trajectory.limits import Limits, Quantity
@@ -31,6 +33,7 @@ class SceneError(InvalidValueError):
 
 
 _LONGEST = 100
+_ABOVE_0, _FROM_0 = {"type": "number", "exclusiveMinimum": 0}, {"type": "number", "minimum": 0}
 _SHAPES: dict[str, type[Shape]] = {"box": Box, "sphere": Sphere, "cylinder": Cylinder}
 
 
@@ -42,6 +45,7 @@ class Property:
     allowed: str  #: What it may be, in words.
     #: From a typed or plain value to the typed one; raises ValueError or TypeError.
     parse: Callable[[Any], Any]
+    schema: Schema  #: What stands in a file, as JSON Schema.
     plain: Callable[[Any], Any] = lambda value: value  #: From the typed value to what stands in a file.
     #: What may be chosen from, for a form; empty where anything else is asked for.
     choices: tuple[str, ...] = ()
@@ -71,7 +75,8 @@ def as_name(value: Any) -> str:
 
 def text(name: str) -> Property:
     """Return the property of a short text."""
-    return Property(name=name, allowed=f"1 to {_LONGEST} printable characters", parse=as_name)
+    schema = text_schema(maxLength=_LONGEST)
+    return Property(name=name, allowed=f"1 to {_LONGEST} printable characters", parse=as_name, schema=schema)
 
 
 def length(name: str, *, optional: bool = False, zero: bool = False) -> Property:
@@ -86,14 +91,20 @@ def length(name: str, *, optional: bool = False, zero: bool = False) -> Property
         return number
 
     allowed = "a finite number " + ("from zero" if zero else "above zero") + (", or none" if optional else "")
-    return Property(name=name, allowed=allowed, parse=parse)
+    schema = (_FROM_0 if zero else _ABOVE_0) | {"type": ["number", "null"] if optional else "number"}
+    return Property(name=name, allowed=allowed, parse=parse, schema=schema)
 
 
 def choice(name: str, kind: type[Enum]) -> Property:
     """Return the property of one of an enumeration's members, in files by its value."""
     words = tuple(str(member.value) for member in kind)
     return Property(
-        name=name, allowed=" or ".join(words), parse=kind, plain=lambda value: value.value, choices=words
+        name=name,
+        allowed=" or ".join(words),
+        parse=kind,
+        plain=lambda value: value.value,
+        choices=words,
+        schema={"enum": list(words)},
     )
 
 
@@ -105,13 +116,31 @@ def reference(name: str, what: str) -> Property:
             raise TypeError(value)
         return value
 
-    return Property(name=name, allowed=f"the id of {what}, or none", parse=parse)
+    schema = {"type": ["integer", "null"]}
+    return Property(name=name, allowed=f"the id of {what}, or none", parse=parse, schema=schema)
 
 
 def shape(name: str) -> Property:
     """Return the property of a body: box, sphere or cylinder."""
     forms = (f"{word} with {' and '.join(f.name for f in fields(of))}" for word, of in _SHAPES.items())
-    return Property(name=name, allowed=" or ".join(forms), parse=_parsed_shape, plain=_plain_shape)
+    schema = {"oneOf": [_shape_schema(word, of) for word, of in _SHAPES.items()]}
+    return Property(
+        name=name, allowed=" or ".join(forms), parse=_parsed_shape, plain=_plain_shape, schema=schema
+    )
+
+
+def _shape_schema(word: str, of: type[Shape]) -> Schema:
+    edges = {"type": "array", "items": _ABOVE_0, "minItems": 3, "maxItems": 3}
+    sizes = {
+        name: (edges if name == "size_m" else _ABOVE_0) | {"description": text}
+        for name, text in field_docs(of).items()
+    }
+    return {
+        "type": "object",
+        "properties": {"kind": {"const": word}, **sizes},
+        "required": ["kind", *sizes],
+        "additionalProperties": False,
+    }
 
 
 def _number(value: Any) -> float:

@@ -1,0 +1,44 @@
+"""The command that prints the JSON Schema of a file format."""
+
+from __future__ import annotations
+
+import json
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from sfglab.cli.mapping import writing
+
+
+class _Name(StrEnum):
+    FLEET = "fleet"
+    QOS = "qos"
+    GRAPH = "graph"
+    SCENE = "scene"
+    MOCAP = "mocap"
+    CLAIMS = "claims"
+
+
+def schema(
+    name: Annotated[_Name, typer.Argument(help="The format.")],
+    out: Annotated[Path | None, typer.Option(help="Write it into this file, not to the terminal.")] = None,
+) -> None:
+    """Print the JSON Schema of a file format, by which editors complete and check such files.
+
+    An editor with YAML support takes it from the file's first line: # yaml-language-server: $schema=fleet.json
+
+    Example:
+
+      sfglab schema fleet --out fleet.json
+    """
+    from sfglab.lab.formats import FORMATS
+
+    text = json.dumps(FORMATS[name].schema(), indent=2)
+    if out is None:
+        typer.echo(text)
+        return
+    with writing("--out", out, "a file"):
+        out.write_text(text + "\n", encoding="utf-8")
+    typer.echo(out)

@@ -1,0 +1,190 @@
+"""JSON Schemas of the files that people write say what their readers do: each key, and what stands there."""
+
+from __future__ import annotations
+
+import copy
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+import yaml
+from commands import called
+from jsonschema import Draft202012Validator
+
+from sfglab.cli.schema import _Name
+from sfglab.documents import Section
+from sfglab.errors import SfglabError
+from sfglab.lab.formats import FORMATS
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+DATA = Path(__file__).parents[1] / "data"
+FILES = [(name, path) for name, form in FORMATS.items() for path in sorted(DATA.glob(form.files))]
+
+#: Beside those of data/: what no file there holds, so that every mapping of every schema is met.
+MORE = {
+    "fleet": """
+fleet: all
+policy: [rt/*, {pattern: rt/tf, directions: [inward]}]
+deployment: {time_servers: [a], ros: jazzy}
+agents:
+  a: {domain: 1, publishes: [{name: /b, qos: {depth: 2, deadline_s: 0.1}}], host: {launch: [run]}}
+""",
+    "graph": "nodes: {a: {hardware: {lut: 1}}, b: {hardware: null}}\ntopics: {t: {publishers: [a]}}",
+    "scene": """
+sfglab_scene: 1
+next_id: 9
+objects:
+- {id: 1, kind: obstacle, name: o, shape: {kind: sphere, radius_m: 1}, pose: {xyz_m: [0, 0, 1]}}
+- {id: 2, kind: agent, name: a, speed_m_s: null}
+- {id: 3, kind: group, name: g}
+- {id: 4, kind: trajectory, name: t, parent: 3, waypoints: [{id: 5, time_s: 0, xyz_m: [0, 0, 0]}]}
+- {id: 6, kind: zone, name: z, shape: {kind: cylinder, radius_m: 1, height_m: 2}}
+""",
+}
+
+
+def all_texts() -> list[Any]:
+    files = [pytest.param(name, path.read_text("utf-8"), id=path.stem) for name, path in FILES]
+    return files + [pytest.param(name, text, id=f"more_{name}") for name, text in MORE.items()]
+
+
+def reads(name: str, content: Any, folder: Path) -> bool:
+    path = folder / "file.yaml"
+    path.write_text(yaml.safe_dump(content, sort_keys=False), encoding="utf-8")
+    try:
+        FORMATS[name].load(path)
+    except SfglabError:
+        return False
+    return True
+
+
+def mappings(schema: dict[str, Any], part: dict[str, Any], value: Any) -> Iterator[tuple[dict[str, Any], Any]]:
+    """Yield the schema of every mapping with fixed keys in a value, beside the mapping."""
+    if "$ref" in part:
+        part = schema["$defs"][part["$ref"].rpartition("/")[2]]
+    for other in part.get("anyOf", part.get("oneOf", ())):
+        inside = {**other, "$defs": schema["$defs"]}
+        if Draft202012Validator(inside).is_valid(value):
+            yield from mappings(schema, other, value)
+            return
+    if isinstance(value, dict):
+        if "properties" in part:
+            yield part, value
+        for key, inner in value.items():
+            each = part.get("properties", {}).get(key, part.get("additionalProperties"))
+            yield from mappings(schema, each, inner)
+    elif isinstance(value, list):
+        for inner in value:
+            yield from mappings(schema, part["items"], inner)
+
+
+def objects(part: Any) -> Iterator[dict[str, Any]]:
+    """Yield every mapping with fixed keys that a schema describes."""
+    if isinstance(part, dict):
+        if part.get("type") == "object" and "properties" in part:
+            yield part
+        for inner in part.values():
+            yield from objects(inner)
+    elif isinstance(part, list):
+        for inner in part:
+            yield from objects(inner)
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_the_keys_of_a_schema_are_those_that_its_reader_knows(name, tmp_path, monkeypatch):
+    """A reader tells each section's keys when it closes it; shapes of scenes are read by no section."""
+    known: list[tuple[int, frozenset[str]]] = []
+    close = Section.close
+
+    def noting(self: Section) -> None:
+        known.append((id(self._values), frozenset(self._known)))
+        kept.append(self._values)
+        close(self)
+
+    monkeypatch.setattr(Section, "close", noting)
+    schema = FORMATS[name].schema()
+    met: list[frozenset[str]] = []
+    texts = [path.read_text("utf-8") for n, path in FILES if n == name] + [MORE[n] for n in MORE if n == name]
+    for text in texts:
+        known.clear()
+        kept: list[dict[str, Any]] = []  # so that no address is used twice
+        path = tmp_path / "file.yaml"
+        path.write_text(text, encoding="utf-8")
+        FORMATS[name].load(path)
+        by_content = {json.dumps(v, sort_keys=True): keys for v, (_, keys) in zip(kept, known, strict=True)}
+        for part, value in mappings(schema, schema, yaml.safe_load(text)):
+            keys = frozenset(part["properties"])
+            met.append(keys)
+            if keys not in SHAPES:
+                assert by_content[json.dumps(value, sort_keys=True)] == keys
+    missed = {frozenset(part["properties"]) for part in objects(schema)} - set(met)
+    assert missed == set()
+
+
+SHAPES = [frozenset(keys.split()) for keys in ("kind size_m", "kind radius_m", "kind radius_m height_m")]
+
+
+@pytest.mark.parametrize(("name", "text"), all_texts())
+def test_a_schema_takes_every_file_and_refuses_what_its_reader_refuses(name, text, tmp_path):
+    schema = FORMATS[name].schema()
+    Draft202012Validator.check_schema(schema)
+    validator = Draft202012Validator(schema)
+    content = yaml.safe_load(text)
+    assert list(validator.iter_errors(content)) == []
+    assert reads(name, content, tmp_path)
+    broken = list(mutations(schema, content, 50))
+    assert len(broken) > 10
+    for place, wrong in broken:
+        assert not validator.is_valid(wrong), place
+        assert not reads(name, wrong, tmp_path), place
+
+
+def mutations(schema: dict[str, Any], content: Any, most: int) -> Iterator[tuple[str, Any]]:
+    """Yield copies with one mistake each: an unknown key, one left out, a wrong kind, one out of bounds."""
+    found = list(mappings(schema, schema, content))
+    plans = [
+        (i, key, wrong)
+        for i, (part, value) in enumerate(found)
+        for key in ["no such key", *part["required"], *value]
+        for wrong in wrongs(part["properties"].get(key, {}), value.get(key))
+        if wrong is not None or key in part["required"]
+    ]
+    for i, key, wrong in plans[:: len(plans) // most + 1]:
+        broken = copy.deepcopy(content)
+        inside = list(mappings(schema, schema, broken))[i][1]
+        inside[key] = wrong
+        if wrong is None:
+            del inside[key]
+        yield f"{i}: {key}: {wrong}", broken
+
+
+def wrongs(shape: dict[str, Any], value: Any) -> list[Any]:
+    if "type" not in shape and "enum" not in shape:
+        return [["none"]] if not shape else [None]
+    low = shape.get("minimum", shape.get("exclusiveMinimum"))
+    beyond = [low - 1] if low is not None else []
+    return [None, {"no such": 1} if not isinstance(value, dict) else 7, *beyond]
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_every_key_has_a_text(name):
+    schema = FORMATS[name].schema()
+    bare = [
+        f"{part['description']}: {key}"
+        for part in objects(schema)
+        for key, shape in part["properties"].items()
+        if not shape.get("description") and "const" not in shape
+    ]
+    assert bare == []
+
+
+def test_the_command_prints_and_writes_what_an_editor_reads(tmp_path):
+    assert [member.value for member in _Name] == list(FORMATS)
+    out = tmp_path / "fleet.json"
+    assert called("schema", "fleet", "--out", str(out)) == f"{out}\n"
+    assert json.loads(out.read_text()) == json.loads(called("schema", "fleet")) == FORMATS["fleet"].schema()
+    assert "'fleet', 'qos'" in called("schema", "flet", status=2)
+    assert not json.loads(called("schema", "qos"))["$defs"]["TopicNamed"]["additionalProperties"]
