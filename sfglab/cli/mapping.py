@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
 from enum import StrEnum
@@ -38,6 +38,7 @@ class _Format(StrEnum):
     FASTDDS3 = "fastdds3"
     CYCLONE = "cyclone"
     ROS2 = "ros2"
+    TOPICS = "topics"
 
 
 class _Method(StrEnum):
@@ -64,13 +65,18 @@ _PRESET_OF = {
 
 
 def qos(
-    file: Annotated[Path, typer.Argument(help="A file of topics, e.g. data/qos/paper_b.yaml")],
+    file: Annotated[
+        Path, typer.Argument(help="A file of topics, e.g. data/qos/paper_b.yaml, or a log or bag.")
+    ],
     method: Annotated[
         _Method, typer.Option(help="ours: a convex programme that sees the link. printed: paper B, Eq. 1 to 6.")
     ] = _Method.OURS,
     output_format: Annotated[
         _Format,
-        typer.Option("--format", help="A table, or a file that Fast DDS 2 or 3, Cyclone DDS or ROS 2 reads."),
+        typer.Option(
+            "--format",
+            help="A table, a file that Fast DDS 2 or 3, Cyclone DDS or ROS 2 reads, or a log's file of topics.",
+        ),
     ] = _Format.TABLE,
     out: Annotated[
         Path | None, typer.Option(help="Write the file into this folder, not to the terminal.")
@@ -106,12 +112,20 @@ def qos(
       sfglab qos data/qos/paper_b.yaml --format fastdds --out config
 
       sfglab qos data/qos/warehouse.yaml --format cyclone --out config
+
+      sfglab qos bag/ --format topics --out config   # then say in topics.yaml what the link is
     """
-    from sfglab.arp import load_topics
     from sfglab.arp.exports import EXPORTS
+    from sfglab.arp.recorded import topics_text
+    from sfglab.record.reader import is_log
     from sfglab.rtps import PRESETS
 
-    given = load_topics(file).limited_to(rate_max)
+    given = _topics_of(file).limited_to(rate_max)
+    if output_format is _Format.TOPICS:
+        if not is_log(file):
+            raise SfglabError(f"--format topics: given {file}, needed is a log or a bag")
+        _put(topics_text(given.topics, file.name), "topics.yaml", out)
+        return
     if rmw is not None and vendor is not None:
         raise SfglabError("--rmw: given with --vendor, allowed is one of them")
     preset = _PRESET_OF[rmw] if rmw else vendor
@@ -126,6 +140,28 @@ def qos(
     else:
         export = EXPORTS[output_format.value]
         _put(export.render(plan), export.file, out)
+
+
+def _topics_of(file: Path) -> TopicFile:
+    """Return what a file of topics says, or what a log shows, and say what is not part of it."""
+    from sfglab.arp import TopicFile, load_topics
+    from sfglab.arp.recorded import topics_from_log
+    from sfglab.record import LogReader
+    from sfglab.record.reader import is_log
+
+    if not is_log(file):
+        return load_topics(file)
+    with LogReader(file) as log:
+        topics, left_out = topics_from_log(log)
+    _say_left_out(left_out)
+    if not topics:
+        raise SfglabError(f"{file}: given no topic from one host to another, needed is one at least")
+    return TopicFile(topics=topics, agents=tuple(sorted({topic.source for topic in topics})))
+
+
+def _say_left_out(topics: Mapping[str, str]) -> None:
+    for topic, why in topics.items():
+        typer.echo(f"left out: {topic}: {why}", err=True)
 
 
 def _plan(given: TopicFile, method: _Method, latency_price: float | None) -> Plan:
@@ -247,10 +283,10 @@ def map_graph(
 
       sfglab map data/graphs/driving.yaml --build-cfg build.cfg --verilog rtl
     """
-    from sfglab.record.reader import is_bag
+    from sfglab.record.reader import is_log
     from sfglab.soc import load_graph, save_graph
 
-    graph = _recorded(file) if is_bag(file) or file.suffix == ".mcap" else load_graph(file)
+    graph = _recorded(file) if is_log(file) else load_graph(file)
     if place and rule is not None:
         raise SfglabError("--rule: given with --place, which chooses gateways by their cost")
     if not place and (lut is not None or bram is not None):
@@ -274,8 +310,7 @@ def _recorded(file: Path) -> Graph:
 
     with LogReader(file) as log:
         found = graph_from_log(log)
-    for left in found.left_out:
-        typer.echo(f"left out: {left.topic}: {left.why}", err=True)
+    _say_left_out({left.topic: left.why for left in found.left_out})
     return found.graph
 
 

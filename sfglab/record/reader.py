@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import difflib
 import itertools
+import re
 from contextlib import suppress
 from dataclasses import dataclass
 from io import SEEK_END
@@ -36,6 +37,13 @@ def is_bag(path: Path) -> bool:
     """Return whether a path looks like a bag's: a folder, .db3 or .bag."""
     return path.is_dir() or path.suffix in {".db3", ".bag"}
 
+
+def is_log(path: Path) -> bool:
+    """Return whether a path looks like what `LogReader` opens: an MCAP file or a bag."""
+    return path.suffix == ".mcap" or is_bag(path)
+
+
+_HEADER_FIRST = re.compile(r"(?:\s*(?:#.*)?\n)*\s*std_msgs/(?:msg/)?Header\s")
 
 _SAMPLE = 100
 """Messages of a topic that its rate and size are taken from, so that a long log is listed at once."""
@@ -173,6 +181,12 @@ class LogReader:
             size = f"{sum(len(message.cdr) for message in first) / len(first):.0f}" if first else ""
             rows.append((topic, info.type_name, str(info.count), rate, size))
         return rows
+
+    def is_stamped(self, topic: str) -> bool:
+        """Tell whether a topic's messages begin with a header, and so with a time."""
+        ids = {channel.schema_id for channel in self._summary.channels.values() if channel.topic == topic}
+        texts = [self._text_of(schema) for key, schema in self._summary.schemas.items() if key in ids]
+        return bool(texts) and all(_HEADER_FIRST.match(text) for text in texts)
 
     def message(self, topic: str, number: int = 0) -> ShownMessage:
         """Return one message of a topic, counted from 0, to look at.

@@ -14,13 +14,11 @@ from __future__ import annotations
 import re
 from collections import defaultdict
 from dataclasses import dataclass
-from itertools import islice
 from typing import TYPE_CHECKING, Any
 
-from sfglab.documents import DocumentError, Place
 from sfglab.errors import InvalidValueError
+from sfglab.record.traffic import COMPUTATION_GRAPH, traffic_of
 from sfglab.soc.graph import Graph, Node, Topic, TopicMapping
-from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
@@ -30,11 +28,7 @@ if TYPE_CHECKING:
     from sfglab.record import LogReader
 
 
-METADATA = "computation_graph"
-"""Name of the metadata record in which a log says who publishes and who subscribes; see `graph_metadata`."""
-
 _ROS_OWN = frozenset({"/rosout", "/parameter_events"})
-_SAMPLES = 200
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -54,7 +48,7 @@ class ImportedGraph:
 
 
 def graph_metadata(graph: Graph) -> dict[str, Any]:
-    """Return the values of the metadata record `METADATA`, to be written into a log beside its messages.
+    """Return the values of the record `COMPUTATION_GRAPH`, to be written into a log beside its messages.
 
     A log's channels say what was published, but not by whom; `graph_from_log` reads that from this record.
     """
@@ -67,32 +61,26 @@ def graph_metadata(graph: Graph) -> dict[str, Any]:
 def graph_from_log(log: LogReader) -> ImportedGraph:
     """Return the graph that an open log of any recorder shows: its topics with types, sizes and rates.
 
-    Sizes are means, and rates follow from the times, of the first messages of each topic. Publishers and
-    subscribers are those of the log's metadata record `METADATA`; a topic that it does not name gets one node
-    of its own, called ``publisher of <topic>``, and no subscribers. Tables are no topics.
+    Where the log does not say who publishes a topic (`traffic_of`), it gets one node of its own, called
+    ``publisher of <topic>``, and no subscribers.
 
     Raises:
         DocumentError: The metadata record is not what `graph_metadata` returns.
         LogError: The log is damaged.
     """
-    owners = _owners(log)
-    tables = {f"/table/{name}" for name in log.tables}
     topics, left_out = [], []
-    for name, info in log.topics.items():
-        if name in tables:
-            continue
-        publishers, subscribers = owners.get(name, ((f"publisher of {name}",), ()))
+    for found in traffic_of(log):
+        publishers = (f"publisher of {found.topic}",) if found.publishers is None else found.publishers
         if not publishers:
-            left_out.append(LeftOut(topic=name, why=f"no publisher in the record {METADATA!r}"))
+            left_out.append(LeftOut(topic=found.topic, why=f"no publisher in the record {COMPUTATION_GRAPH!r}"))
             continue
-        size_bytes, rate_hz = _traffic(log, name)
         topic = Topic(
-            name=name,
-            type=info.type_name,
-            size_bytes=size_bytes,
-            rate_hz=rate_hz,
+            name=found.topic,
+            type=found.type_name,
+            size_bytes=found.size_bytes,
+            rate_hz=found.rate_hz,
             publishers=publishers,
-            subscribers=subscribers,
+            subscribers=found.subscribers,
         )
         topics.append(topic)
     return ImportedGraph(graph=_graph(topics, log.path.name), left_out=tuple(left_out))
@@ -154,29 +142,6 @@ def _obstacle(publishers: tuple[str, ...], types: set[str]) -> str:
 def _graph(topics: list[Topic], name: str) -> Graph:
     members = dict.fromkeys(member for topic in topics for member in topic.members)
     return Graph(name=name, nodes=tuple(Node(name=member) for member in members), topics=tuple(topics))
-
-
-def _owners(log: LogReader) -> Mapping[str, tuple[tuple[str, ...], tuple[str, ...]]]:
-    if METADATA not in log.metadata_names:
-        return {}
-    owners = {}
-    for topic, sides in log.metadata(METADATA).items():
-        found = [sides.get(key, []) for key in ("publishers", "subscribers")] if isinstance(sides, dict) else []
-        if not found or not all(isinstance(s, list) and all(isinstance(n, str) for n in s) for s in found):
-            place = Place(file=log.path.name, key=f"{METADATA}.{topic}")
-            raise DocumentError(place, sides, "lists of names as publishers and subscribers")
-        owners[topic] = (tuple(found[0]), tuple(found[1]))
-    return owners
-
-
-def _traffic(log: LogReader, topic: str) -> tuple[int | None, float | None]:
-    """Return mean size and rate of a topic's first messages, None for what cannot be told."""
-    found = list(islice(log.messages(topic), _SAMPLES))
-    if not found:
-        return None, None
-    size_bytes = round(sum(len(message.cdr) for message in found) / len(found))
-    duration_ns = found[-1].log_time_ns - found[0].log_time_ns
-    return size_bytes, (len(found) - 1) * NS_PER_S / duration_ns if duration_ns else None
 
 
 _GENERAL = {

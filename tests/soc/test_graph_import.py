@@ -10,6 +10,7 @@ from sfglab.errors import InvalidValueError
 from sfglab.messages import default_message
 from sfglab.qos import QoSProfile
 from sfglab.record import LogReader, LogWriter
+from sfglab.record.traffic import COMPUTATION_GRAPH
 from sfglab.soc import (
     Placement,
     graph_from_endpoints,
@@ -19,7 +20,6 @@ from sfglab.soc import (
     read_graph,
     watch_graph,
 )
-from sfglab.soc.graph_import import METADATA
 
 STRING = "std_msgs/msg/String"
 IMAGE = "sensor_msgs/msg/Image"
@@ -38,7 +38,7 @@ def imported(tmp_path):
                     message.data = "x" * 100
                     log.write(topic, message, log_time_ns=i * 100_000_000)
             if metadata is not None:
-                log.write_metadata(METADATA, metadata)
+                log.write_metadata(COMPUTATION_GRAPH, metadata)
         with LogReader(tmp_path / "run.mcap") as log:
             return graph_from_log(log)
 

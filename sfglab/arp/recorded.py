@@ -1,0 +1,104 @@
+"""Topics of a recorded log or bag as a plan of QoS wants them, and the file of topics that says them.
+
+A recording knows names, sizes, rates and how often values change; who runs where it does not say, so hosts
+follow from names, as in the naming schema (A 4.1): of a node its namespace, of a topic its agent or first
+segment. What a topic is worth, and what the link is, only its user knows: the written file is where both go.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from sfglab.arp.topics import Topic
+from sfglab.record.traffic import Traffic, traffic_of
+from sfglab.rtps import Medium
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from sfglab.record import LogReader
+
+_ROBOT, _STATION = "robot", "station"
+"""Hosts of topics whose names say none, and of readers that nobody recorded."""
+
+_SCOPES = frozenset({"global", "local"})
+
+
+def topics_from_log(log: LogReader) -> tuple[tuple[Topic, ...], dict[str, str]]:
+    """Return the topics of an open log that cross from a host to others, and why each other one is left out.
+
+    Rates go up to the recorded one.
+
+    Raises:
+        DocumentError: Its record of publishers and subscribers is not what it must be.
+        LogError: The log is damaged.
+    """
+    topics, left_out = [], {}
+    for found in traffic_of(log):
+        sources = {host_of(found.topic if node is None else node) for node in found.publishers or (None,)}
+        source = min(sources)
+        targets = {host_of(node) for node in found.subscribers} - sources
+        if why := _obstacle(found, sources, targets):
+            left_out[found.topic] = why
+        else:
+            topics.append(_topic(found, source, tuple(sorted(targets)) or (_STATION,)))
+    return tuple(topics), left_out
+
+
+def _obstacle(found: Traffic, sources: set[str], targets: set[str]) -> str:
+    if found.publishers == ():
+        return "nobody publishes it"
+    if len(sources) > 1:
+        return f"more than one host publishes it: {', '.join(sorted(sources))}"
+    if found.subscribers and not targets:
+        return f"it stays on {min(sources)}"
+    if not found.rate_hz or found.size_bytes is None:
+        return "it has too few messages to tell a rate"
+    return ""
+
+
+def _topic(found: Traffic, source: str, targets: tuple[str, ...]) -> Topic:
+    assert found.rate_hz
+    assert found.size_bytes is not None
+    assert found.change_s
+    rate_hz = float(f"{found.rate_hz:.4g}")
+    return Topic(
+        name=found.topic,
+        source=source,
+        target=targets[0] if len(targets) == 1 else targets,
+        size_bytes=found.size_bytes,
+        rate_min_hz=min(1.0, rate_hz),
+        rate_max_hz=rate_hz,
+        change_s=float(f"{found.change_s:.4g}"),
+    )
+
+
+def host_of(name: str) -> str:
+    """Return the host that a node's or topic's full name speaks of: ``/global/go2/camera`` is of go2."""
+    first, *more = [part for part in name.split("/") if part] or [_ROBOT]
+    if first in _SCOPES and more:
+        first, *more = more
+    return first if more else _ROBOT
+
+
+def topics_text(topics: Iterable[Topic], origin: str) -> str:
+    """Return a file of topics, ready to be edited: link and worth are left to be said."""
+    import yaml
+
+    link = Medium()
+    values = {
+        "link": {"rate_mbps": link.rate_bps / 1e6, "loss": link.loss},
+        "vendor": "fast_dds",
+        "topics": {topic.name: _values(topic) for topic in topics},
+    }
+    return (
+        f"# Topics of {origin!r}: rates, sizes and times between changes are those of its messages, hosts\n"
+        "# follow from names. Say what the link is, and by weight what a topic is worth beside the others.\n"
+        + yaml.safe_dump(values, sort_keys=False, default_flow_style=None, allow_unicode=True, width=120)
+    )
+
+
+def _values(topic: Topic) -> dict[str, Any]:
+    to = topic.target if isinstance(topic.target, str) else list(topic.target)
+    keys = ("size_bytes", "rate_min_hz", "rate_max_hz", "change_s")
+    return {"from": topic.source, "to": to, **{key: getattr(topic, key) for key in keys}}

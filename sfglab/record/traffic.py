@@ -1,0 +1,90 @@
+"""Traffic of a log's topics: who publishes and subscribes, how large and how often, and when the value is new.
+
+What a plan of QoS or a mapping begins with where there is a recording instead of a file written by hand.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import islice, pairwise
+from typing import TYPE_CHECKING
+
+from sfglab.documents import DocumentError, Place
+from sfglab.units import NS_PER_S
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
+
+    from sfglab.record.reader import LogReader
+
+COMPUTATION_GRAPH = "computation_graph"
+"""Name of the metadata record in which a log says who publishes and who subscribes: lists of names by topic."""
+
+_SAMPLES = 200
+_STAMP = slice(4, 12)
+"""Where a message that begins with a header has its time: behind the four bytes that say how CDR is written."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Traffic:
+    """What a log shows of one topic; numbers are of its first messages, None for what cannot be told."""
+
+    topic: str  #: Its name.
+    type_name: str  #: Its ROS type.
+    publishers: tuple[str, ...] | None  #: Nodes that publish it, None where the log does not say.
+    subscribers: tuple[str, ...] = ()  #: Nodes that subscribe.
+    size_bytes: int | None = None  #: Mean size of a message's CDR.
+    rate_hz: float | None = None  #: Mean rate.
+    #: Mean time between changes of the value, a header's time left aside; all of it where there is none.
+    change_s: float | None = None
+
+
+def traffic_of(log: LogReader) -> Iterator[Traffic]:
+    """Yield the traffic of each topic of a log, sorted by name; tables are no topics.
+
+    Raises:
+        DocumentError: The record `COMPUTATION_GRAPH` does not hold two lists of names for each topic.
+        LogError: The log is damaged.
+    """
+    sides, tables = _sides(log), {f"/table/{name}" for name in log.tables}
+    for name, info in log.topics.items():
+        if name not in tables:
+            publishers, subscribers = sides.get(name, (None, ()))
+            size_bytes, rate_hz, change_s = _measured(log, name)
+            yield Traffic(
+                topic=name,
+                type_name=info.type_name,
+                publishers=publishers,
+                subscribers=subscribers,
+                size_bytes=size_bytes,
+                rate_hz=rate_hz,
+                change_s=change_s,
+            )
+
+
+def _sides(log: LogReader) -> Mapping[str, tuple[tuple[str, ...], tuple[str, ...]]]:
+    if COMPUTATION_GRAPH not in log.metadata_names:
+        return {}
+    sides = {}
+    for topic, given in log.metadata(COMPUTATION_GRAPH).items():
+        found = [given.get(key, []) for key in ("publishers", "subscribers")] if isinstance(given, dict) else []
+        if not found or not all(isinstance(s, list) and all(isinstance(n, str) for n in s) for s in found):
+            place = Place(file=log.path.name, key=f"{COMPUTATION_GRAPH}.{topic}")
+            raise DocumentError(place, given, "lists of names as publishers and subscribers")
+        sides[topic] = (tuple(found[0]), tuple(found[1]))
+    return sides
+
+
+def _measured(log: LogReader, topic: str) -> tuple[int | None, float | None, float | None]:
+    found = list(islice(log.messages(topic), _SAMPLES))
+    if not found:
+        return None, None, None
+    size_bytes = round(sum(len(message.cdr) for message in found) / len(found))
+    span_s = (found[-1].log_time_ns - found[0].log_time_ns) / NS_PER_S
+    if span_s <= 0:
+        return size_bytes, None, None
+    values = [message.cdr for message in found]
+    if log.is_stamped(topic):
+        values = [value[: _STAMP.start] + value[_STAMP.stop :] for value in values]
+    changes = sum(one != other for one, other in pairwise(values))
+    return size_bytes, (len(found) - 1) / span_s, span_s / max(changes, 1)

@@ -1,0 +1,104 @@
+"""Topics of a recording as a plan of QoS wants them: from our logs and from other people's bags."""
+
+from itertools import count
+from pathlib import Path
+
+import numpy as np
+import pytest
+from commands import called
+from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.typesys import Stores, get_typestore
+
+from sfglab.arp.recorded import host_of, topics_from_log, topics_text
+from sfglab.arp.topics import load_topics, read_topics
+from sfglab.errors import SfglabError
+from sfglab.record import LogReader, LogWriter
+from sfglab.record.traffic import COMPUTATION_GRAPH
+
+JAZZY = get_typestore(Stores.ROS2_JAZZY)
+START_NS = 1_700_000_000 * 10**9
+
+
+def ranges(number: int):
+    """Return a reading at 20 Hz that changes with every fifth; its time is always another."""
+    kinds = JAZZY.types
+    stamp = kinds["builtin_interfaces/msg/Time"](sec=number, nanosec=number)
+    header = kinds["std_msgs/msg/Header"](stamp=stamp, frame_id="front")
+    return kinds["sensor_msgs/msg/LaserScan"](
+        header=header,
+        **dict.fromkeys(("angle_min", "angle_max", "angle_increment", "time_increment", "scan_time"), 0.1),
+        range_min=0.0,
+        range_max=9.0,
+        ranges=np.full(90, number // 5, np.float32),
+        intensities=np.zeros(0, np.float32),
+    )
+
+
+@pytest.mark.parametrize("plugin", StoragePlugin)
+def test_a_bag_of_ros_2_gives_rate_size_and_how_often_the_value_changes(tmp_path, plugin):
+    with Writer(tmp_path / "bag", version=9, storage_plugin=plugin) as bag:
+        scan = bag.add_connection("/global/go2/scan", "sensor_msgs/msg/LaserScan", typestore=JAZZY)
+        word = bag.add_connection("/said", "std_msgs/msg/String", typestore=JAZZY)
+        text = JAZZY.types["std_msgs/msg/String"](data="once")
+        bag.write(word, START_NS, JAZZY.serialize_cdr(text, text.__msgtype__))
+        for number, at in zip(range(101), count(START_NS, 50_000_000)):
+            bag.write(scan, at, JAZZY.serialize_cdr(ranges(number), "sensor_msgs/msg/LaserScan"))
+    with LogReader(tmp_path / "bag") as log:
+        (topic,), left_out = topics_from_log(log)
+    assert (topic.name, topic.source, topic.target) == ("/global/go2/scan", "go2", "station")
+    assert topic.rate_max_hz == pytest.approx(20)
+    assert topic.change_s == pytest.approx(0.25)
+    assert topic.size_bytes == len(JAZZY.serialize_cdr(ranges(0), "sensor_msgs/msg/LaserScan"))
+    assert left_out == {"/said": "it has too few messages to tell a rate"}
+    called("qos", str(tmp_path / "bag"), "--format", "topics", "--out", str(tmp_path))
+    assert load_topics(tmp_path / "topics.yaml").topics == (topic,)
+    assert "/global/go2/scan" in called("qos", str(tmp_path / "bag"), "--rate-max", "5")
+
+
+def test_who_publishes_and_subscribes_decides_what_crosses(tmp_path):
+    sides = {
+        "/a: {": (["/go2/cam"], ["/spot/map", "/base/map", "/go2/own"]),
+        "/own": (["/go2/cam"], ["/go2/own"]),
+        "/both": (["/go2/cam", "/spot/cam"], ["/base/map"]),
+        "/heard": ([], ["/base/map"]),
+    }
+    with LogWriter(tmp_path / "a.mcap") as log:
+        log.write_metadata(
+            COMPUTATION_GRAPH, {t: {"publishers": p, "subscribers": s} for t, (p, s) in sides.items()}
+        )
+        for number in range(11):
+            for topic in sides:
+                log.write_raw(topic, "std_msgs/msg/UInt8", bytes([0, 1, 0, 0, 7]), log_time_ns=number * 10**8)
+    with LogReader(tmp_path / "a.mcap") as log:
+        topics, left_out = topics_from_log(log)
+    assert [(t.name, t.source, t.target, t.change_s) for t in topics] == [
+        ("/a: {", "go2", ("base", "spot"), 1.0)
+    ]
+    assert read_topics(topics_text(topics, "a\n.mcap")).topics == topics
+    assert left_out == {
+        "/own": "it stays on go2",
+        "/both": "more than one host publishes it: go2, spot",
+        "/heard": "nobody publishes it",
+    }
+
+
+@pytest.mark.parametrize(
+    ("name", "host"),
+    [
+        ("/global/go2/imu", "go2"),
+        ("/local/go2/imu", "go2"),
+        ("/robot1/lidar", "robot1"),
+        ("/tf", "robot"),
+        ("/", "robot"),
+    ],
+)
+def test_names_say_hosts(name, host):
+    assert host_of(name) == host
+
+
+def test_a_log_with_nothing_to_plan_and_a_file_that_is_a_plan_already_are_refused():
+    data = Path(__file__).parents[2] / "data"
+    with pytest.raises(SfglabError, match=r"given no topic from one host to another"):
+        called("qos", str(data / "reference" / "latency.mcap"))
+    with pytest.raises(SfglabError, match=r"--format topics: given .*paper_b.yaml, needed is a log"):
+        called("qos", str(data / "qos" / "paper_b.yaml"), "--format", "topics")
