@@ -11,6 +11,10 @@ PYTHON ?= $(shell for p in python3.13 python3.12 python3.11 python3; do \
 # Each notebook and each live part starts processes: without bytecode on disk each compiles all libraries anew.
 export PYTHONDONTWRITEBYTECODE :=
 
+# Installs what lock files say, which is complete: what depends on what need not be found again. Without bytecode,
+# of which Python writes what is imported.
+INSTALL := -m pip install --quiet --no-compile --disable-pip-version-check --no-deps --require-hashes -r
+
 .DEFAULT_GOAL := help
 .PHONY: help setup ros yosys lock reproduce test lab figures screenshots claims mutants fuzz check format lint types bench clean
 
@@ -22,24 +26,27 @@ setup: $(VENV)/.ready ## Create .venv from the lock file (done by every other ta
 $(VENV)/.ready: requirements.lock pyproject.toml
 	@test -n "$(PYTHON)" || { echo "sfglab needs Python 3.11 or newer with venv and ensurepip (on Debian: apt install python3-venv); or name one: make PYTHON=... setup" >&2; exit 1; }
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --no-compile --disable-pip-version-check --require-hashes -r requirements.lock
+	@# By two at once: one waits for the network or the disk while the other unpacks.
+	awk '/^[a-z0-9]/ { part = 1 - part } { print > ("$(VENV)/part." part) }' requirements.lock
+	printf '%s\n' 0 1 | xargs -P 2 -I {} $(BIN)/python $(INSTALL) $(VENV)/part.{}
+	@rm $(VENV)/part.*
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation -e .
 	@touch $@
 
 # What tests and checks alone need, a browser among it: nobody who runs notebooks waits for it.
 $(VENV)/.tests: tests.lock $(VENV)/.ready
-	$(BIN)/python -m pip install --quiet --no-compile --disable-pip-version-check --require-hashes -r tests.lock
+	$(BIN)/python $(INSTALL) tests.lock
 	@touch $@
 
 ros: .venv-jazzy/.ready .venv-kilted/.ready ## Create ROS 2 Jazzy and Kilted beside .venv, for the tests against the real thing (x86-64)
 
 .venv-%/.ready: tests/ros2/%.lock
 	$(PYTHON) -m venv .venv-$*
-	.venv-$*/bin/python -m pip install --quiet --no-compile --disable-pip-version-check --require-hashes -r $<
+	.venv-$*/bin/python $(INSTALL) $<
 	@touch $@
 
 yosys: setup ## Add Yosys to .venv: area and proof of the gateway as hardware, in the profile paper
-	$(BIN)/python -m pip install --quiet --no-compile --disable-pip-version-check --require-hashes -r yosys.lock
+	$(BIN)/python $(INSTALL) yosys.lock
 
 reproduce: setup ## Run every notebook headless (PROFILE=smoke|quick|paper), write logs and figures, print the claims
 	$(BIN)/sfglab reproduce --profile $(PROFILE)
