@@ -11,15 +11,17 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from sfglab.cli.interfaces import Interfaces
+from sfglab.cli.mapping import writing
 from sfglab.errors import SfglabError
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from sfglab.view.app import ViewOptions
     from sfglab.view.session import Session
 
 
+_LAST_PORT = 65535
 _SERVED_PORT = 9876  #: Where `serve` waits when nothing else is said; the viewer's own default.
 
 
@@ -31,6 +33,7 @@ def view(
         list[str] | None,
         typer.Option(
             help="FILE.rrd, viewer, serve[[:ADDRESS]:PORT] or rerun+http://HOST:PORT/proxy; may be repeated. "
+            "Or foxglove[[:ADDRESS]:PORT], live and alone; FILE.json: a fleet's layout for it. "
             "[default: viewer, where there is a display]"
         ),
     ] = None,
@@ -64,6 +67,10 @@ def view(
       sfglab view data/reference/cooperation.mcap --to cooperation.rrd
 
       sfglab view bag/ --to serve:0.0.0.0:9876   # elsewhere: rerun rerun+http://HOST:9876/proxy
+
+      sfglab view --domain 7 --to foxglove   # in Foxglove: open connection, ws://localhost:8765
+
+      sfglab view --fleet data/fleets/lab.yaml --to lab.json   # in Foxglove: import layout
     """
     from sfglab.view.app import ViewOptions
 
@@ -75,6 +82,17 @@ def view(
         memory=memory,
         thin=thin,
     )
+    if options.to[0].endswith(".json"):
+        _write_layout(Path(options.to[0]), fleet, frame)
+        return
+    if any(_is_foxglove(place) for place in options.to):
+        if log is not None or len(options.to) > 1 or fleet is not None or frame or thin:
+            raise SfglabError(
+                "--to foxglove: given with more, allowed are --topic, --domain and --interface: "
+                "its app opens logs itself, and draws what is chosen there"
+            )
+        _foxglove(options, domain or 0, interface)
+        return
     if log is None:
         if thin:
             raise SfglabError("--thin: given without a log; what is shown live is always thinned out")
@@ -83,6 +101,62 @@ def view(
     if domain is not None or interface is not None:
         raise SfglabError("--domain and --interface: given with a log, which is on no bus")
     _logged(log, options)
+
+
+def _write_layout(path: Path, fleet: Path | None, frame: str) -> None:
+    from sfglab.fleet.fleet_file import load_fleet
+    from sfglab.view.foxglove import layout_of_fleet
+
+    if fleet is None:
+        raise SfglabError(f"--to {path}: given without --fleet, needed is the fleet whose layout it is")
+    text = layout_of_fleet(load_fleet(fleet), frame=frame or "map")
+    with writing("--to", path, "a file"):
+        path.write_text(text + "\n", encoding="utf-8")
+    typer.echo(path)
+
+
+def _is_foxglove(place: str) -> bool:
+    return place.partition(":")[0] == "foxglove"
+
+
+def _foxglove(options: ViewOptions, domain: int, interface: str | None) -> None:
+    import asyncio
+
+    from sfglab.bus import Node
+    from sfglab.component import run
+    from sfglab.view.foxglove import PORT, FoxgloveBridge
+
+    address, _, port = options.to[0].partition(":")[2].rpartition(":")
+    if not (port or str(PORT)).isdecimal() or int(port or PORT) > _LAST_PORT:
+        raise SfglabError(
+            f"--to: given {options.to[0]}, allowed: foxglove, foxglove:PORT or foxglove:ADDRESS:PORT"
+        )
+
+    async def main() -> None:
+        async with (
+            Node("view", domain_id=domain, interface=interface) as node,
+            FoxgloveBridge(
+                node,
+                host=address or "127.0.0.1",
+                port=int(port or PORT),
+                topics=options.topics or ("/",),
+            ) as bridge,
+        ):
+            typer.echo(f"domain {domain} is at ws://{address or 'localhost'}:{bridge.port}; Ctrl-C ends")
+            try:
+                await asyncio.Event().wait()
+            finally:
+                _say_left_out(bridge.left_out)
+
+    try:
+        run(main())
+    except (KeyboardInterrupt, asyncio.CancelledError):
+        typer.echo("ended")
+
+
+def _say_left_out(topics: Mapping[str, str]) -> None:
+    for topic, why in sorted(topics.items()):
+        typer.echo(f"{topic}: not shown: {why}")
 
 
 def _default_place() -> Sequence[str]:

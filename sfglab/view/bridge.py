@@ -185,7 +185,7 @@ class Bridge:
         profiles: dict[tuple[str, str], list[QoSProfile]] = {}
         for display in self._session.displays:
             for given, topic, profile in display.inputs if display.enabled else ():
-                offers = _qos_of(self._node.graph.publishers(topic), given.type)
+                offers = qos_of(self._node.graph.publishers(topic), given.type)
                 adapted = profile if given.role in display.qos else requested(profile, offers)
                 profiles.setdefault((topic, given.type), []).append(adapted)
         for (topic, type_name), asked in profiles.items():
@@ -230,5 +230,6 @@ class Bridge:
             await asyncio.get_running_loop().run_in_executor(self._thread, job, self._surface)
 
 
-def _qos_of(endpoints: Iterable[EndpointInfo], type_name: str) -> tuple[QoSProfile, ...]:
+def qos_of(endpoints: Iterable[EndpointInfo], type_name: str) -> tuple[QoSProfile, ...]:
+    """Return what endpoints of a type offer."""
     return tuple(endpoint.qos for endpoint in endpoints if endpoint.type == type_name)
