@@ -33,11 +33,11 @@ END_LIMIT_S = 10  #: How long a component may take to end, in seconds; then the 
 ORDER_LIMIT_BYTES = 1 << 22
 
 
-def run(main: Coroutine[Any, Any, None]) -> None:
+def run(main: Coroutine[Any, Any, C]) -> C:
     """Run a process's main coroutine, on uvloop: a wake-up costs half as much there."""
     import uvloop
 
-    uvloop.run(main)
+    return uvloop.run(main)
 
 
 def run_component(
@@ -78,13 +78,14 @@ def config_from_argument(config_class: type[C], argument: str) -> C:
     return config
 
 
-async def run_until_interrupted(body: Coroutine[Any, Any, None]) -> None:
-    """Run for a person at a terminal, until interrupted or terminated."""
+async def run_until_interrupted(body: Coroutine[Any, Any, None]) -> bool:
+    """Run for a person at a terminal, until interrupted or terminated; return whether it was."""
     running = asyncio.create_task(body)
     for number in (signal.SIGINT, signal.SIGTERM):
         asyncio.get_running_loop().add_signal_handler(number, running.cancel)
     with contextlib.suppress(asyncio.CancelledError):
         await running
+    return running.cancelled()
 
 
 @contextlib.asynccontextmanager

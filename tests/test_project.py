@@ -17,6 +17,7 @@ PYPROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
 FLOORS = (
     (
         "names",
+        "domains",
         "qos",
         "errors",
         "machine",

@@ -13,10 +13,11 @@ from sfglab.bus.actions.server import ActionServer, ActionServerOptions, Execute
 from sfglab.bus.api import DEFAULT_MAX_MESSAGE_BYTES, Callback, Handler, MessageType, Transport
 from sfglab.bus.backend import Backend, Clock, Join
 from sfglab.bus.dds.backend import DdsBackend
-from sfglab.bus.dds.domain import DomainConfig, DomainOptions, usual_domain_id
+from sfglab.bus.dds.domain import DomainConfig, DomainOptions
 from sfglab.bus.errors import ClosedError
 from sfglab.bus.pubsub import Publisher, Subscription, topic_endpoint
 from sfglab.bus.service import Client, Service
+from sfglab.domains import usual_domain_id
 from sfglab.errors import InvalidValueError
 from sfglab.qos import DEFAULT, QoSProfile
 

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, NoReturn
 import typer
 
 from sfglab import __version__
-from sfglab.cli import deploy, experiments, fleet, interfaces, mapping, mocap, plan, schema, view
+from sfglab.cli import deploy, experiments, fleet, interfaces, mapping, mocap, nodes, plan, schema, topics, view
 from sfglab.errors import SfglabError
 
 if TYPE_CHECKING:
@@ -52,6 +52,8 @@ _GROUPS = {
     "follow": plan.app,
     "mocap": mocap.mocap_app,
     "frames": mocap.frames_app,
+    "topic": topics.app,
+    "node": nodes.app,
 }
 for _name, _command in _COMMANDS.items():
     app.command(_name)(_command)

@@ -30,6 +30,7 @@ from sfglab.documents import (
     short_for,
     suggestion,
 )
+from sfglab.domains import MAX_DOMAIN
 from sfglab.errors import InvalidValueError
 from sfglab.fields import between, bounds
 from sfglab.fleet.policy import TABLE_1, Direction, ForwardRule, Policy
@@ -50,8 +51,6 @@ from sfglab.qos import (
 from sfglab.schema import ELSEWHERE
 from sfglab.tables import html_table
 from sfglab.units import NS_PER_S
-
-MAX_DOMAIN = 232  #: The last domain whose ports exist (RTPS 2.5, clause 9.6.2.3).
 
 PROFILES = {
     "default": DEFAULT,

@@ -6,7 +6,8 @@ from collections import Counter
 import pytest
 from beside import LATCHED, OURS_LATCHED, STRING, asked, started, until
 
-from sfglab.bus import DomainError, Node
+from sfglab.bus import Node
+from sfglab.errors import InvalidValueError
 from sfglab.messages import default_message, serialize
 from sfglab.qos import Durability, QoSProfile
 
@@ -82,7 +83,7 @@ asyncio.run(main())
 def test_a_domain_that_is_none_is_refused(monkeypatch):
     monkeypatch.setenv("ROS_DOMAIN_ID", "seven")
     with pytest.raises(
-        DomainError, match="DDS domain seven: ROS_DOMAIN_ID is no whole number; allowed are 0 to"
+        InvalidValueError, match="ROS_DOMAIN_ID: given 'seven', allowed: whole numbers from 0 to 232"
     ):
         Node("us")
 

@@ -29,6 +29,7 @@ from sfglab.bus.dds.clib import (
     qos_object,
 )
 from sfglab.bus.errors import BusError, DomainError
+from sfglab.domains import MAX_DOMAIN
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -38,8 +39,6 @@ if TYPE_CHECKING:
 
 Multicast = Literal["default", "spdp", "true", "false"]
 
-# RTPS 2.5, clause 9.6.1.1: ports are 7400 + 250 * domain id (+ offsets), so 233 leaves the 16-bit range.
-_MAX_DOMAIN_ID = 232
 _MAX_INDEX = "<MaxAutoParticipantIndex>99</MaxAutoParticipantIndex>"
 """The highest: a hundred processes of a domain find each other on one host without multicast, one more cannot
 join. Each asks every place: about 200 small packets a process within its first 20 s, on loopback alone."""
@@ -107,20 +106,8 @@ class DomainConfig:
 def _check_id(domain_id: Any) -> None:
     if isinstance(domain_id, bool) or not isinstance(domain_id, int):
         raise DomainError(domain_id, "the id is no whole number; allowed are 0 to 232")
-    if not 0 <= domain_id <= _MAX_DOMAIN_ID:
+    if not 0 <= domain_id <= MAX_DOMAIN:
         raise DomainError(domain_id, "allowed ids are 0 to 232: the UDP ports of higher ones do not exist")
-
-
-def usual_domain_id() -> int:
-    """Return the domain of a process that names none, as ROS 2 has it: ROS_DOMAIN_ID, else 0.
-
-    Raises:
-        DomainError: ROS_DOMAIN_ID is no number from 0 to 232.
-    """
-    given = os.environ.get("ROS_DOMAIN_ID") or "0"
-    if not given.isdecimal():
-        raise DomainError(given, "ROS_DOMAIN_ID is no whole number; allowed are 0 to 232")
-    return int(given)
 
 
 def check_interface(config: DomainConfig) -> None:

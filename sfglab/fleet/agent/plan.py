@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 from sfglab.bus.address import BusAddress
 from sfglab.bus.parameters import Way  # noqa: TC001 - read at run time
 from sfglab.component import argument_of
+from sfglab.domains import MAX_DOMAIN
 from sfglab.errors import InvalidValueError
 from sfglab.fleet.agent.supervision import Component
 from sfglab.fleet.decoder.node import DecoderConfig
@@ -36,8 +37,6 @@ if TYPE_CHECKING:
 
 COMPONENTS = ("router", "status", "discoverer", "keeper", "decoder")
 """The components of an agent, in the order in which they are started."""
-
-MAX_DOMAIN = 232
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

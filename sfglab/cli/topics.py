@@ -1,0 +1,349 @@
+"""Commands that look at topics, and publish: ``sfglab topic``, in the words of ``ros2 topic``."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from sfglab.cli.buses import (
+    Count,
+    Depth,
+    Domain,
+    Durability,
+    Interface,
+    Json,
+    Reliability,
+    ShowTypes,
+    SpinTime,
+    changed_qos,
+    full_type,
+    list_names,
+    look,
+    tell,
+    type_of,
+    until_interrupted,
+)
+from sfglab.cli.interfaces import Interfaces
+from sfglab.errors import InvalidValueError
+from sfglab.units import NS_PER_S
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from sfglab.bus import Node
+    from sfglab.bus.listing import View
+    from sfglab.bus.meters import Bandwidth, Rate
+    from sfglab.messages.text import Style
+
+app = typer.Typer(help="Topics of a domain, in the words of ros2 topic.", no_args_is_help=True)
+_Topic = Annotated[str, typer.Argument(help="Name of the topic, e.g. /chatter")]
+_Window = Annotated[int, typer.Option("--window", "-w", min=2, help="How many messages are averaged over.")]
+_Duration = Annotated[
+    float | None, typer.Option(min=0.1, help="Seconds of messages until it ends; else until Ctrl-C.")
+]
+_REPORT_S = 1.0
+_KEEP_ALIVE_S = 0.1  #: How long a publisher outlives its last message, as that of ros2.
+
+
+@app.command("list")
+def list_topics(
+    show_types: ShowTypes = False,
+    count: Count = False,
+    hidden: Annotated[
+        bool, typer.Option("--include-hidden-topics", "-a", help="Consider names below _ as well.")
+    ] = False,
+    verbose: Annotated[bool, typer.Option("--verbose", "-v", help="How many publish and subscribe.")] = False,
+    as_json: Json = False,
+    domain: Domain = None,
+    interface: Interface = None,
+    spin: SpinTime = None,
+) -> None:
+    """List topics.
+
+    Examples:
+
+      sfglab topic list
+
+      sfglab topic list -t --domain 7
+    """
+    seen = look((domain, interface), spin)
+    if verbose and not (count or as_json):
+        typer.echo(_counted(seen, hidden=hidden))
+    else:
+        list_names(seen.topics(hidden=hidden), show_types=show_types, count=count, as_json=as_json)
+
+
+def _counted(seen: View, *, hidden: bool) -> str:
+    """Return topics with the number of their ends."""
+    from sfglab.bus import EndpointKind
+
+    said = ""
+    for kind, head, noun in (
+        (EndpointKind.PUBLISHER, "Published", "publisher"),
+        (EndpointKind.SUBSCRIPTION, "Subscribed", "subscriber"),
+    ):
+        said += f"{head} topics:\n"
+        for topic, types in seen.topics(hidden=hidden).items():
+            if count := len(seen.ends(topic, kind)):
+                said += f" * {topic} [{', '.join(types)}] {count} {noun}{'s' * (count > 1)}\n"
+        said += "\n"
+    return said.removesuffix("\n")
+
+
+@app.command()
+def info(
+    topic: _Topic,
+    verbose: Annotated[bool, typer.Option("--verbose", "-v", help="Also nodes, QoS, hashes of types.")] = False,
+    as_json: Json = False,
+    domain: Domain = None,
+    interface: Interface = None,
+    spin: SpinTime = None,
+) -> None:
+    """Say who publishes a topic and who subscribes to it.
+
+    Examples:
+
+      sfglab topic info /chatter
+
+      sfglab topic info -v /chatter --domain 7
+    """
+    from sfglab.bus import EndpointKind
+    from sfglab.bus.listing import endpoint_text, endpoint_values, one_of
+
+    seen = look((domain, interface), spin)
+    topics = seen.topics(hidden=True)
+    types = topics[one_of(topics, topic, "topic")]
+    ends = {kind: seen.ends(topic, kind) for kind in EndpointKind}
+    if as_json:
+        sides = {f"{kind.value}s": [endpoint_values(e) for e in found] for kind, found in ends.items()}
+        tell({"name": topic, "types": types, **sides})
+        return
+    gap = "\n" * verbose
+    typer.echo(f"Type: {types[0] if len(types) == 1 else list(types)}{gap}")
+    for kind, found in ends.items():
+        typer.echo(f"{kind.value.capitalize()} count: {len(found)}{gap}")
+        for end in found if verbose else ():
+            typer.echo(f"{endpoint_text(end)}\n")
+
+
+@app.command()
+def echo(
+    topic: _Topic,
+    type_: Annotated[
+        str | None, typer.Argument(metavar="[TYPE]", help="Its type, if nobody has it yet.")
+    ] = None,
+    once: Annotated[bool, typer.Option("--once", help="End after the first message.")] = False,
+    field: Annotated[str, typer.Option(help="Only this field, e.g. pose.position.x")] = "",
+    csv: Annotated[bool, typer.Option("--csv", help="A line each, with commas between values.")] = False,
+    full_length: Annotated[bool, typer.Option("--full-length", "-f", help="Cut nothing.")] = False,
+    truncate_length: Annotated[
+        int, typer.Option("--truncate-length", "-l", min=0, help="Where strings and arrays are cut.")
+    ] = 128,
+    no_arr: Annotated[bool, typer.Option("--no-arr", help="Describe arrays only.")] = False,
+    no_str: Annotated[bool, typer.Option("--no-str", help="Describe strings only.")] = False,
+    flow_style: Annotated[bool, typer.Option("--flow-style", help="A line a message.")] = False,
+    timeout: Annotated[float | None, typer.Option(min=0.0, help="Seconds until the first message.")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="A line of JSON a message, uncut.")] = False,
+    reliability: Reliability = None,
+    durability: Durability = None,
+    depth: Depth = None,
+    domain: Domain = None,
+    interface: Interface = None,
+    _interfaces: Interfaces = None,
+) -> None:
+    """Print what is published, until Ctrl-C.
+
+    Examples:
+
+      sfglab topic echo /chatter
+
+      sfglab topic echo /chatter --once --domain 7
+
+      sfglab topic echo /odom --field pose.pose.position --csv
+
+      sfglab topic echo /chatter --json | jq .data
+    """
+    from sfglab.bus.listing import usual_qos
+    from sfglab.messages.text import Style
+
+    cut = None if full_length or as_json else truncate_length
+    style = Style(truncate_length=cut, no_arr=no_arr, no_str=no_str, flow_style=flow_style)
+    show = _shower(style, field, "json" if as_json else "csv" if csv else "yaml")
+
+    async def listen(node: Node) -> None:
+        name, publishers = await type_of(node, topic, type_, wait=False)
+        qos = changed_qos(usual_qos(publishers), reliability, durability, depth)
+        subscription = node.create_subscription(name, topic, qos=qos)
+        show(await subscription.take(timeout))
+        while not once:
+            show(await subscription.take())
+
+    until_interrupted((domain, interface), listen)
+
+
+def _shower(style: Style, field: str, form: str) -> Callable[[Any], None]:
+    """Return what prints a message in a form."""
+    from sfglab.messages.text import to_csv, to_yaml, value_at, values_of
+
+    def show(message: Any) -> None:
+        values = value_at(values_of(message, style), field, "--field")
+        if form == "yaml":
+            typer.echo(f"{to_yaml(values, flow_style=style.flow_style)}---")
+        elif form == "csv":
+            typer.echo(to_csv(values))
+        else:
+            tell(values)
+
+    return show
+
+
+@app.command()
+def hz(
+    topic: _Topic,
+    window: _Window = 10000,
+    duration: _Duration = None,
+    as_json: Json = False,
+    domain: Domain = None,
+    interface: Interface = None,
+    _interfaces: Interfaces = None,
+) -> None:
+    """Print the average rate at which messages arrive, every second until Ctrl-C.
+
+    Examples:
+
+      sfglab topic hz /chatter
+
+      sfglab topic hz /camera/image_raw --window 100 --domain 7
+
+      sfglab topic hz /chatter --duration 5 --json
+    """
+    from sfglab.bus.meters import Rate
+
+    until_interrupted((domain, interface), lambda node: _measure(node, topic, Rate(window), duration, as_json))
+
+
+@app.command()
+def bw(
+    topic: _Topic,
+    window: _Window = 100,
+    duration: _Duration = None,
+    as_json: Json = False,
+    domain: Domain = None,
+    interface: Interface = None,
+    _interfaces: Interfaces = None,
+) -> None:
+    """Print the bandwidth of a topic, the bytes of its messages, every second until Ctrl-C.
+
+    Examples:
+
+      sfglab topic bw /camera/image_raw
+
+      sfglab topic bw /chatter --duration 5 --domain 7
+    """
+    from sfglab.bus.meters import Bandwidth
+
+    meter = Bandwidth(window)
+    until_interrupted((domain, interface), lambda node: _measure(node, topic, meter, duration, as_json))
+
+
+async def _measure(
+    node: Node, topic: str, meter: Rate | Bandwidth, duration_s: float | None, as_json: bool
+) -> None:
+    """Report what a meter says, every second in which messages came."""
+    from sfglab.bus.listing import usual_qos
+
+    name, publishers = await type_of(node, topic, None, wait=True)
+    subscription = node.create_subscription(name, topic, qos=usual_qos(publishers), raw=True)
+    typer.echo(f"Subscribed to [{topic}]", err=as_json)
+    end_ns: float = 0
+    due_ns = 0
+    while True:
+        cdr, info = await subscription.take_with_info()
+        now_ns = info.received_timestamp_ns
+        meter.add(now_ns, len(cdr))
+        if not due_ns:
+            due_ns, end_ns = now_ns + NS_PER_S, now_ns + (duration_s or float("inf")) * NS_PER_S
+        if now_ns >= min(due_ns, end_ns) and (values := meter.values()):
+            due_ns = now_ns + NS_PER_S
+            tell(values) if as_json else typer.echo(meter.text(values))
+        if now_ns >= end_ns:
+            return
+
+
+@app.command()
+def pub(
+    topic: _Topic,
+    type_: Annotated[str, typer.Argument(metavar="TYPE", help="Type, e.g. std_msgs/msg/String")],
+    values: Annotated[
+        str, typer.Argument(help="Fields as YAML, e.g. '{data: hello}'; now, auto: the time.")
+    ] = "",
+    rate: Annotated[float, typer.Option("--rate", "-r", min=0.001, help="Messages a second.")] = 1.0,
+    print_: Annotated[int, typer.Option("--print", "-p", min=0, help="Print every n-th message; 0: none.")] = 1,
+    once: Annotated[bool, typer.Option("--once", "-1", help="Publish one message and end.")] = False,
+    times: Annotated[int, typer.Option("--times", "-t", min=0, help="Publish so often and end.")] = 0,
+    wait: Annotated[
+        int | None,
+        typer.Option(
+            "--wait-matching-subscriptions",
+            "-w",
+            min=0,
+            help="Begin when so many listen. [default: 1 with -1 and -t]",
+        ),
+    ] = None,
+    keep_alive: Annotated[float, typer.Option(min=0.0, help="Seconds to stay after the last message.")] = 0.1,
+    reliability: Reliability = None,
+    durability: Durability = None,
+    depth: Depth = None,
+    domain: Domain = None,
+    interface: Interface = None,
+    _interfaces: Interfaces = None,
+) -> None:
+    """Publish a message, again and again until Ctrl-C.
+
+    Examples:
+
+      sfglab topic pub /chatter std_msgs/msg/String '{data: hello}'
+
+      sfglab topic pub --once /chatter std_msgs/msg/String '{data: hello}' --domain 7
+
+      sfglab topic pub -r 10 /pose geometry_msgs/msg/PoseStamped '{header: auto, pose: {position: {x: 1}}}'
+    """
+    from sfglab.messages.text import as_rclpy_shows, message_from_yaml
+    from sfglab.qos import DEFAULT
+
+    if once and times:
+        raise InvalidValueError("--once", "--times as well", "one of them")
+    name, count = full_type(type_, "msg"), 1 if once else times
+    qos = changed_qos(DEFAULT, reliability, durability, depth)
+    message_from_yaml(name, values, "VALUES")  # before anything is opened
+
+    async def publish(node: Node) -> None:
+        publisher = node.create_publisher(name, topic, qos)
+        needed = wait if wait is not None else int(bool(count))
+        while publisher.get_subscription_count() < needed:
+            typer.echo(f"Waiting for at least {needed} matching subscription(s)...")
+            await _matched(publisher, needed)
+        typer.echo("publisher: beginning loop")
+        start_s, number = time.monotonic(), 0
+        while not count or number < count:
+            await asyncio.sleep(max(0.0, start_s + number / rate - time.monotonic()))
+            message, number = message_from_yaml(name, values, "VALUES"), number + 1
+            if print_ and number % print_ == 0:
+                typer.echo(f"publishing #{number}: {as_rclpy_shows(message)}\n")
+            publisher.publish(message)
+        await asyncio.sleep(keep_alive)
+
+    until_interrupted((domain, interface), publish)
+
+
+async def _matched(publisher: Any, count: int) -> None:
+    """Wait for subscriptions, a second at most."""
+    from contextlib import suppress
+
+    from sfglab.bus import BusTimeoutError
+
+    with suppress(BusTimeoutError):
+        await publisher.wait_for_subscriptions(count, _REPORT_S)

@@ -1,0 +1,214 @@
+"""Messages as text in the forms of ROS 2's tools: YAML as they print and read it, and rclpy's `repr`.
+
+Knows fields and their values. Refuses to know where a message is from.
+"""
+
+from __future__ import annotations
+
+import re
+import sys
+import time
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from sfglab.errors import InvalidValueError
+from sfglab.messages.store import default_message, numpy_dtype, stamp_from_ns, type_store
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+_STEP = re.compile(r"(\w+)|\[(\d+)\]|\.")
+_PADDING = "structure_needs_at_least_one_member"  #: rosidl's octet in messages without fields.
+_IDL_NAMES = {"float64": "double", "float32": "float", "bool": "boolean", "byte": "octet", "char": "uint8"}
+_HEADER, _TIME = "std_msgs/msg/Header", "builtin_interfaces/msg/Time"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Style:
+    """How much of a message is shown, in the words of `ros2 topic echo`."""
+
+    truncate_length: int | None = None  #: Longer strings and arrays are cut there; None: never.
+    no_arr: bool = False  #: Whether arrays are only described.
+    no_str: bool = False  #: Whether strings are only described.
+    flow_style: bool = False  #: Whether a message is one line.
+
+
+_WHOLE = Style()
+
+
+def fields_with_types(message: Any) -> Iterator[tuple[str, Any, Any]]:
+    """Yield the name, type and value of each field of a message, the type as rosbags has it."""
+    for name, type_ in type_store().get_msgdef(message.__msgtype__).fields:
+        if name != _PADDING:
+            yield name, type_, getattr(message, name)
+
+
+def values_of(message: Any, style: Style = _WHOLE) -> dict[str, Any]:
+    """Return a message as plain values: mappings, lists, numbers and strings."""
+    return {name: _plain(value, type_, style) for name, type_, value in fields_with_types(message)}
+
+
+def _plain(value: Any, type_: Any, style: Style) -> Any:
+    most = style.truncate_length
+    if hasattr(value, "__msgtype__"):
+        return values_of(value, style)
+    if isinstance(value, str):
+        if style.no_str:
+            return f"<string length: <{len(value)}>>"
+        return value if most is None or len(value) <= most else value[:most] + "..."
+    if not isinstance(value, (list, np.ndarray)):
+        return value
+    inner = type_[1][0][1]
+    if style.no_arr:
+        return _described(inner if isinstance(inner, str) else inner[0], len(value), type_)
+    kept = value if most is None else value[:most]
+    if isinstance(kept, np.ndarray):  # rosbags reads bytes with a sign
+        items = kept.astype(numpy_dtype(inner[0]), copy=False).tolist()
+    else:
+        items = [_plain(one, type_[1][0], style) for one in kept]
+    return items if len(kept) == len(value) else [*items, "..."]
+
+
+def _described(inner: str, count: int, type_: Any) -> str:
+    inner = _IDL_NAMES.get(inner, inner)
+    if _is_array(type_):
+        return f"<array type: {inner}[{count}]>"
+    bound = f"[{type_[1][1]}]" if type_[1][1] else ""
+    return f"<sequence type: {inner}{bound}, length: {count}>"
+
+
+def _is_array(type_: Any) -> bool:
+    return bool(type_[0].name == "ARRAY")
+
+
+def to_yaml(values: Any, *, flow_style: bool = False) -> str:
+    """Return values of a message, or one of them, as ROS 2's tools print them, with a line break at the end."""
+    import yaml
+
+    text: str = yaml.dump(
+        values, allow_unicode=True, width=sys.maxsize, sort_keys=False, default_flow_style=flow_style
+    )
+    return text.removesuffix("...\n")  # behind a single value
+
+
+def to_csv(values: Any) -> str:
+    """Return values as one line with commas between."""
+    return ",".join(map(str, _leaves(values)))
+
+
+def _leaves(values: Any) -> Iterator[Any]:
+    if isinstance(values, (dict, list)):
+        for value in values.values() if isinstance(values, dict) else values:
+            yield from _leaves(value)
+    else:
+        yield values
+
+
+def value_at(values: Any, way: str, place: str) -> Any:
+    """Return the value that a way of names and numbers leads to, as in ``pose.position.x`` or ``ranges[0]``.
+
+    Raises:
+        InvalidValueError: It leads to none; names what is there.
+    """
+    found = values
+    for name, index in _STEP.findall(way):
+        try:
+            found = found[name or int(index)] if name or index else found
+        except (KeyError, IndexError, TypeError) as error:
+            there = (
+                found if isinstance(found, dict) else [f"[0] to [{len(found) - 1}]"] if found else ["nothing"]
+            )
+            raise InvalidValueError(place, way, f"a way to a value; there is {', '.join(there)}") from error
+    return found
+
+
+def as_rclpy_shows(message: Any) -> str:
+    """Return a message as its `repr` is in rclpy."""
+    package, kind, name = message.__msgtype__.split("/")
+    fields = ", ".join(f"{n}={_shown(value, type_)}" for n, type_, value in fields_with_types(message))
+    return f"{package}.{kind}.{name}({fields})"
+
+
+def _shown(value: Any, type_: Any) -> str:
+    if hasattr(value, "__msgtype__"):
+        return as_rclpy_shows(value)
+    if isinstance(value, list):
+        return f"[{', '.join(_shown(one, type_[1][0]) for one in value)}]"
+    if isinstance(value, np.ndarray):
+        return repr(value) if _is_array(type_) else repr(value.tolist())
+    return repr(value)
+
+
+def message_from_yaml(type_name: str, text: str, place: str) -> Any:
+    """Return a message with the fields that a YAML text names; the others are zero or empty.
+
+    As `ros2 topic pub` does, ``now`` stands for the time, and ``auto`` for a header with it.
+
+    Raises:
+        InvalidValueError: The text is no YAML, or its values are not those of the type.
+        UnknownTypeError: There is no such type.
+    """
+    import yaml
+
+    try:
+        values = yaml.safe_load(text)
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
+        raise InvalidValueError(place, text, "YAML, such as '{data: hello}'") from error
+    return _message(type_name, {} if values is None else values, place)
+
+
+def _message(type_name: str, values: Any, place: str) -> Any:
+    message = default_message(type_name)
+    if (type_name, values) in ((_TIME, "now"), (_HEADER, "auto")):
+        now = stamp_from_ns(time.time_ns())
+        if type_name == _TIME:
+            return now
+        message.stamp, values = now, {}
+    types = {name: type_ for name, type_, _ in fields_with_types(message)}
+    allowed = ", ".join(types) or "no field"
+    if not isinstance(values, dict):
+        raise InvalidValueError(place, values, f"fields in braces: {allowed}")
+    for name, value in values.items():
+        if name not in types:
+            raise InvalidValueError(place, name, allowed)
+        setattr(message, name, _read(value, types[name], f"{place}: {name}"))
+    return message
+
+
+def _read(value: Any, type_: Any, place: str) -> Any:
+    if type_[0].name == "BASE":
+        return _scalar(value, type_[1], place)
+    if type_[0].name == "NAME":
+        return _message(type_[1], value, place)
+    inner, length = type_[1]
+    array = _is_array(type_)
+    if not isinstance(value, list) or (len(value) != length if array else 0 < length < len(value)):
+        count = f"{length} values" if array else f"up to {length} values" if length else "values"
+        raise InvalidValueError(place, value, f"a list of {count}")
+    items = [_read(one, inner, f"{place}[{number}]") for number, one in enumerate(value)]
+    numbers = inner[0].name == "BASE" and inner[1][0] != "string"
+    return np.array(items, numpy_dtype(inner[1][0])) if numbers else items
+
+
+def _scalar(value: Any, base: tuple[str, int], place: str) -> Any:
+    kind, longest = base
+    if kind == "string":
+        if isinstance(value, (dict, list)) or value is None or 0 < longest < len(str(value)):
+            raise InvalidValueError(place, value, f"text of up to {longest} characters" if longest else "text")
+        return str(value)
+    dtype = numpy_dtype(kind)
+    if dtype.kind == "b":
+        if not isinstance(value, bool):
+            raise InvalidValueError(place, value, "true or false")
+        return value
+    if dtype.kind == "f":
+        try:
+            return float(None if isinstance(value, bool) else value)  # type: ignore[arg-type]  # TypeError
+        except (TypeError, ValueError, OverflowError) as error:
+            raise InvalidValueError(place, value, "a number") from error
+    low, high = int(np.iinfo(dtype).min), int(np.iinfo(dtype).max)
+    if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high:
+        raise InvalidValueError(place, value, f"a whole number from {low} to {high}")
+    return value

@@ -1,0 +1,102 @@
+"""Messages as ROS 2's tools print and read them."""
+
+import numpy as np
+import pytest
+from random_messages import random_message
+from typer.testing import CliRunner
+
+from sfglab.cli import app
+from sfglab.errors import InvalidValueError
+from sfglab.messages import default_message, deserialize, message_types, serialize
+from sfglab.messages.text import Style, message_from_yaml, to_csv, to_yaml, value_at, values_of
+
+JOINTS, STRING = "sensor_msgs/msg/JointState", "std_msgs/msg/String"
+
+
+@pytest.mark.parametrize("flow_style", [False, True])
+def test_what_is_printed_of_any_type_is_read_back(flow_style):
+    rng = np.random.default_rng(5)
+    for name in message_types():
+        given = deserialize(serialize(random_message(rng, name)), name)
+        text = to_yaml(values_of(given), flow_style=flow_style)
+        read = message_from_yaml(name, text, "VALUES")
+        for field in vars(given):
+            if field == "structure_needs_at_least_one_member":
+                setattr(read, field, getattr(given, field))
+        # A number that is none is read back as one, not to the bit.
+        assert to_yaml(values_of(read), flow_style=flow_style) == text, name
+
+
+def test_long_values_are_cut_or_described_as_ros2_does():
+    message = default_message(JOINTS)
+    message.name, message.position = ["shoulder", "elbow"], np.arange(3.0)
+    message.header.frame_id = "abcde"
+    cut = values_of(message, Style(truncate_length=2))
+    assert (cut["header"]["frame_id"], cut["name"], cut["position"]) == (
+        *("ab...", ["sh...", "el..."]),
+        [0.0, 1.0, "..."],
+    )
+    told = values_of(message, Style(no_arr=True, no_str=True))
+    assert told["header"]["frame_id"] == "<string length: <5>>"
+    assert told["position"] == "<sequence type: double, length: 3>"
+    covariance = values_of(default_message("sensor_msgs/msg/Imu"), Style(no_arr=True))
+    assert covariance["orientation_covariance"] == "<array type: double[9]>"
+    assert to_csv(values_of(message)) == "0,0,abcde,shoulder,elbow,0.0,1.0,2.0"
+    assert value_at(values_of(message), "position[2]", "--field") == 2.0
+
+
+WRONG = {
+    "[": "YAML",
+    "3": "fields in braces",
+    "{nam: [a]}": "header, name, position, velocity, effort",
+    "{name: a}": "a list of values",
+    "{name: [{}]}": "text",
+    "{position: [x]}": "a number",
+    "{position: [true]}": "a number",
+    "{header: {stamp: {sec: 2147483648}}}": "a whole number from -2147483648 to 2147483647",
+    "{header: {stamp: {sec: 1.5}}}": "a whole number",
+    "{header: {stamp: then}}": "fields in braces",
+}
+
+
+@pytest.mark.parametrize("text", WRONG)
+def test_what_is_no_message_is_refused_with_its_place_and_what_is_allowed(text):
+    with pytest.raises(InvalidValueError) as refused:
+        message_from_yaml(JOINTS, text, "VALUES")
+    assert str(refused.value).startswith("VALUES")
+    assert WRONG[text] in refused.value.allowed
+
+
+def test_fixed_arrays_bounds_and_booleans_are_checked():
+    for name, text, allowed in (
+        ("sensor_msgs/msg/Imu", "{orientation_covariance: [1]}", "a list of 9 values"),
+        ("shape_msgs/msg/SolidPrimitive", "{dimensions: [1, 2, 3, 4]}", "a list of up to 3 values"),
+        ("std_msgs/msg/Bool", "{data: 1}", "true or false"),
+    ):
+        with pytest.raises(InvalidValueError) as refused:
+            message_from_yaml(name, text, "VALUES")
+        assert refused.value.allowed == allowed
+
+
+def test_now_and_auto_stand_for_the_time():
+    message = message_from_yaml("geometry_msgs/msg/PoseStamped", "{header: auto}", "VALUES")
+    stamp = message_from_yaml("std_msgs/msg/Header", "{stamp: now}", "VALUES").stamp
+    assert 0 <= stamp.sec - message.header.stamp.sec <= 60
+    assert message.header.stamp.sec > 1.7e9
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("pub", "/a", STRING, "{datum: x}"), "datum"),
+        (("pub", "/a", "std_msgs/Sting", ""), "did you mean std_msgs/msg/String"),
+        (("pub", "/a", STRING, "--once", "-t", "3"), "one of them"),
+        (("pub", "/a", STRING, "--once", "--qos-reliability", "maybe"), "best_effort or reliable"),
+        (("list", "--domain", "233"), "less than or equal to 232"),
+        (("hz", "/a", "--window", "1"), "greater than or equal to 2"),
+    ],
+)
+def test_a_mistake_is_one_sentence_before_anything_is_opened(arguments, said):
+    done = CliRunner().invoke(app, ["topic", *arguments])
+    assert done.exit_code != 0
+    assert said in (done.output + str(done.exception))

@@ -1,0 +1,136 @@
+"""Our tools beside real rclpy: what it sees in its graph, hears and says, they print."""
+
+import asyncio
+import json
+import sys
+from contextlib import asynccontextmanager
+from pathlib import Path
+from signal import SIGINT
+
+import numpy as np
+import pytest
+from beside import STRING, asked
+from random_messages import random_message
+
+from sfglab.bus import EndpointKind, Node
+from sfglab.bus.listing import endpoint_text, settled
+from sfglab.messages import deserialize, message_type, serialize
+from sfglab.messages.text import as_rclpy_shows, message_from_yaml, to_yaml, values_of
+
+pytestmark = [pytest.mark.live, pytest.mark.ros]
+feature = pytest.mark.feature("`sfglab topic` and `node`: graph, messages and rates as rclpy has them")
+PEER = Path(__file__).with_name("tool_peer.py")
+TYPES = ("sensor_msgs/msg/Imu", "sensor_msgs/msg/PointCloud2", "diagnostic_msgs/msg/KeyValue")
+SHOWN = ("sensor_msgs/msg/JointState", "nav_msgs/msg/Odometry", "sensor_msgs/msg/BatteryState")
+QOS = {"reliability": "best_effort", "depth": 3}
+LATER = {"durability": "transient_local", "depth": 1}
+
+
+@pytest.fixture
+def tool(domain_id, monkeypatch):
+    """A function that starts a command of ours in the test's domain."""
+    monkeypatch.setenv("ROS_DOMAIN_ID", str(domain_id))
+
+    @asynccontextmanager
+    async def start(*arguments):
+        argv = [sys.executable, "-m", "sfglab", *arguments, "--interface", "lo"]
+        if arguments[1] in ("list", "info"):
+            argv += ["--spin-time", "5"]  # a busy machine discovers slowly
+        pipes = {"stdout": asyncio.subprocess.PIPE, "stderr": asyncio.subprocess.PIPE}
+        process = await asyncio.create_subprocess_exec(*argv, **pipes)
+        try:
+            yield process
+        finally:
+            if process.returncode is None:
+                process.send_signal(SIGINT)
+                _, said = await process.communicate()
+                assert process.returncode == 0
+                assert said.endswith(b"ended\n")
+
+    return start
+
+
+@pytest.fixture
+def printed(tool):
+    """A function that runs a command of ours to its end and returns what it printed."""
+
+    async def run(*arguments):
+        async with tool(*arguments) as process:
+            out, said = await process.communicate()
+        assert process.returncode == 0, said
+        return out.decode()
+
+    return run
+
+
+@feature
+async def test_lists_and_infos_print_what_rclpy_s_graph_has(peer, printed):
+    async with peer("talker", program=PEER) as ros:
+        await asked(ros, "listen", "listening", kind=STRING, topic="/chatter", qos=QOS)
+        await asked(ros, "publish", "published", kind=STRING, topic="/chatter", qos=LATER, cdr=[])
+        await asked(ros, "serve", "serving", service="/enable")
+        await asked(ros, "perform", "performing", action="/count")
+        seen = await asked(ros, "seen", "seen", node="/talker")
+        topics = {name: types for name, types in seen["topics"].items() if "/_" not in name}
+        assert await printed("topic", "list", "-t") == "".join(f"{n} [{t}]\n" for n, (t,) in topics.items())
+        publishers, subscriptions = seen["ends"]["/chatter"]
+        said = await printed("topic", "info", "-v", "/chatter")
+        assert said.split("\n\n") == [
+            *("Type: std_msgs/msg/String", "Publisher count: 1", *publishers),
+            *("Subscription count: 1", *subscriptions, ""),
+        ]
+        info = await printed("node", "info", "/talker", "--include-hidden")
+        for head, found in seen["of_node"].items():
+            lines = [f"    {name}: {type_}" for name, (type_,) in sorted(found.items())]
+            assert "\n".join([f"  {head}:", *(lines or [""]), ""]) in info
+        assert info.endswith("  Action Servers:\n    /count: test_msgs/action/Fibonacci\n  Action Clients:\n\n")
+        async with Node("looker", interface="lo") as node:
+            graph = await settled(node, 5.0)
+        assert [one.full_name for one in graph.nodes] == ["/talker"]
+        for topic, sides in seen["ends"].items():
+            ours = [[endpoint_text(end) for end in graph.ends(topic, kind)] for kind in EndpointKind]
+            assert list(map(sorted, ours)) == list(map(sorted, sides))
+
+
+@feature
+async def test_echo_prints_what_rclpy_publishes_and_rclpy_hears_what_pub_says(peer, printed, tool):
+    rng = np.random.default_rng(3)
+    async with peer("talker", program=PEER) as ros:
+        for name in TYPES[:2]:
+            cdr, topic = serialize(random_message(rng, name)), f"/{name.rpartition('/')[2]}"
+            await asked(ros, "publish", "published", kind=name, topic=topic, qos=LATER, cdr=[cdr.hex()])
+            said = await printed("topic", "echo", topic, "--once", "--full-length")
+            assert said == to_yaml(values_of(deserialize(cdr, name))) + "---\n"
+            read = message_from_yaml(name, said.removesuffix("---\n"), "echo")
+            assert serialize(read) == serialize(deserialize(cdr, name))
+        await asked(ros, "listen", "listening", kind=STRING, topic="/chatter", qos={"depth": 10})
+        out = await printed("topic", "pub", "--once", "/chatter", "std_msgs/String", "{data: hällo}")
+        heard = await ros.expect("heard", timeout_s=30)
+        text = deserialize(bytes.fromhex(heard["cdr"]), STRING)
+        assert text.data == "hällo"
+        shown = await asked(ros, "shown", "shown", kind=STRING, cdr=[heard["cdr"]])
+        assert f"publishing #1: {shown['texts'][0]}\n\n" in out
+
+
+@feature
+async def test_messages_are_shown_as_rclpy_shows_them(peer):
+    rng = np.random.default_rng(4)
+    async with peer("talker", program=PEER) as ros:
+        for name in SHOWN:
+            given = [serialize(random_message(rng, name)) for _ in range(20)]
+            theirs = await asked(ros, "shown", "shown", kind=name, cdr=[cdr.hex() for cdr in given])
+            assert [as_rclpy_shows(deserialize(cdr, name)) for cdr in given] == theirs["texts"]
+
+
+@feature
+@pytest.mark.slow
+async def test_hz_of_a_topic_at_a_kilohertz_is_within_a_percent(peer, tool):
+    cdr = serialize(message_type(STRING)(data="x")).hex()
+    async with peer("talker", program=PEER) as ros:
+        await asked(ros, "publish", "published", kind=STRING, topic="/chatter", qos={"depth": 1000}, cdr=[])
+        async with tool("topic", "hz", "/chatter", "--json") as hz:
+            while b"Subscribed" not in await hz.stderr.readline():
+                pass
+            sent = await asked(ros, "beat", "beaten", topic="/chatter", cdr=cdr, times=8000, rate_hz=1000)
+            rates = [json.loads(await hz.stdout.readline())["rate_hz"] for _ in range(7)]
+    assert abs(rates[-1] / sent["rate_hz"] - 1) < 0.01
