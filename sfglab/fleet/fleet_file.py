@@ -351,7 +351,7 @@ class AgentSpec(_Part):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class _Border:
+class _GlobalDomain:
     """The global domain, which all routers join."""
 
     domain: int = between(0, 0, MAX_DOMAIN)  #: Its number, D_0 in the paper.
@@ -362,8 +362,8 @@ class _Border:
 class FleetKeys:
     """Keys of a fleet file that `Fleet` holds in another form."""
 
-    border: _Border = field(
-        default_factory=_Border, metadata=named("global")
+    border: _GlobalDomain = field(
+        default_factory=_GlobalDomain, metadata=named("global")
     )  #: The domain that all routers join.
     #: What crosses: Table 1 of paper A, or rules of one's own.
     policy: Literal["table-1"] | tuple[ForwardRule, ...] = field(

@@ -283,8 +283,8 @@ def _kind_schema(maker: SchemaMaker, kind: type[SceneObject]) -> Schema:
     schema["properties"] |= _described(kind, kind.properties)
     schema["required"].append("kind")
     if kind is TrajectoryObject:
-        waypoint = maker.mapping(_WaypointKeys)
-        waypoint["properties"] |= _described(WaypointObject, WaypointObject.properties)
+        waypoint = maker.reference(_WaypointKeys)
+        maker.definition(_WaypointKeys)["properties"] |= _described(WaypointObject, WaypointObject.properties)
         about = "In order of time."
         schema["properties"]["waypoints"] = {"description": about, "type": "array", "items": waypoint}
     return schema

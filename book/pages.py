@@ -1,0 +1,289 @@
+"""The book's pages: what stands in this folder, all notebooks, and references made from the code.
+
+``python book/pages.py FOLDER`` puts them together for Sphinx. Nothing generated is committed, and no notebook
+is executed: what a page shows is the committed output, the code as it is, or the ledger of the logs at hand.
+"""
+
+from __future__ import annotations
+
+import ast
+import importlib
+import inspect
+import json
+import pkgutil
+import re
+import shutil
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+import typer
+
+import sfglab
+from sfglab.cli import app
+from sfglab.lab.formats import FORMATS, Format
+from sfglab.lab.ledger import compute_ledger
+from sfglab.lab.paths import find_project
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+ROOT = Path(__file__).parents[1]
+
+
+def write_pages(folder: Path) -> None:
+    """Put all pages into an empty folder."""
+    shutil.rmtree(folder, ignore_errors=True)
+    shutil.copytree(ROOT / "book", folder, ignore=shutil.ignore_patterns("*.pyc", "__pycache__", "pages.py"))
+    (folder / "notebooks").mkdir()
+    (folder / "extra" / "figures").mkdir(parents=True)
+    for notebook in sorted((ROOT / "notebooks").glob("*.ipynb")):
+        text = re.sub(r'(href=\\"\d\d_\w+\.)ipynb', r"\1html", notebook.read_text("utf-8"))
+        (folder / "notebooks" / notebook.name).write_text(text, encoding="utf-8")
+        for name in re.findall(
+            r"\.\./figures/([\w.]+)", text
+        ):  # linked to from outputs, which Sphinx does not read
+            shutil.copy(ROOT / "figures" / name, folder / "extra" / "figures")
+    (folder / "figures").mkdir()
+    for page in folder.rglob("*.md"):
+        for name in re.findall(r"figures/([\w.]+)", page.read_text("utf-8")):
+            shutil.copy(ROOT / "figures" / name, folder / "figures")
+    reference = folder / "reference"
+    for sub in ("formats", "api"):
+        (reference / sub).mkdir(parents=True)
+    for name, form in FORMATS.items():
+        (reference / "formats" / f"{name}.md").write_text(format_page(name, form), encoding="utf-8")
+    for name in packages():
+        (reference / "api" / f"{name}.md").write_text(package_page(name), encoding="utf-8")
+    (reference / "commands.md").write_text(commands_page(), encoding="utf-8")
+    (reference / "ledger.md").write_text(ledger_page(), encoding="utf-8")
+
+
+def _replace(page: Path, mark: str, text: str) -> None:
+    page.write_text(page.read_text("utf-8").replace(f"<!-- {mark} -->", text), encoding="utf-8")
+
+
+def _experiment() -> str:
+    """Return the complete experiment, with its test, that DESIGN.md holds and a test runs."""
+    text = (ROOT / "DESIGN.md").read_text("utf-8")
+    return "\n".join(re.findall(r"^```python\n.*?^```\n", text, re.MULTILINE | re.DOTALL)[:2])
+
+
+def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """Return a Markdown table."""
+    lines = [head, ["---"] * len(head), *rows]
+    return "\n".join(
+        f"| {' | '.join(' '.join(c.split()).replace('|', chr(92) + '|') for c in r)} |" for r in lines
+    )
+
+
+# Formats
+
+
+def format_page(name: str, form: Format) -> str:
+    """Return the page of a file format, made from its JSON Schema."""
+    schema = form.schema()
+    example = min((ROOT / "data").glob(form.files), key=lambda p: p.stat().st_size)
+    lines = example.read_text("utf-8").splitlines()
+    shown = "\n".join(lines[:60] + ["# ..."] * (len(lines) > 60))
+    top = schema.get("items", schema)
+    about = f"{top['description']} Read by `{form.read_by}`; an editor takes `sfglab schema {name}`."
+    parts = [f"# {form.title}\n\n{about}", _mapping("Each item" if "items" in schema else "Keys", top)]
+    kinds = top["properties"].get("objects", {}).get("items", {}).get("oneOf", ())
+    parts += [_mapping(f"Object: {kind['properties']['kind']['const']}", kind) for kind in kinds]
+    parts += [_mapping(_words(key), part) for key, part in schema["$defs"].items()]
+    parts.append(f"## Example\n\n`data/{example.relative_to(ROOT / 'data')}`:\n\n```yaml\n{shown}\n```")
+    return "\n\n".join(parts) + "\n"
+
+
+def _words(name: str) -> str:
+    """Return a definition's name as words: ``TopicUse`` becomes ``Topic use``."""
+    name = name.removesuffix("Named").removesuffix("Spec")
+    return name if name == "QoS" else re.sub(r"(?<=[a-z])(?=[A-Z])", " ", name).capitalize()
+
+
+def _mapping(title: str, schema: dict[str, Any]) -> str:
+    rows = []
+    for key, part in schema["properties"].items():
+        given = part.get("default", "**needed**" if key in schema["required"] else "")
+        default = given if given in ("", "**needed**") else f"`{json.dumps(given)}`"
+        rows.append([f"`{key}`", kind_of(part), default, part.get("description", "")])
+    about = f"{schema['description'].splitlines()[0]}\n\n"
+    return f"## {title}\n\n{about}{table(['key', 'type', 'default', 'meaning'], rows)}"
+
+
+def kind_of(part: dict[str, Any]) -> str:
+    """Return in words what a schema allows."""
+    for word in ("anyOf", "oneOf"):
+        if word in part:
+            return " or ".join(kind_of(option) for option in part[word])
+    if "$ref" in part:
+        name = _words(part["$ref"].rpartition("/")[2])
+        return f"[{name}](#{name.lower().replace(' ', '-')})"
+    if "enum" in part or "const" in part:
+        return " or ".join(f"`{value}`" for value in part.get("enum", [part.get("const")]))
+    kinds = [part["type"]] if isinstance(part["type"], str) else part["type"]
+    return " or ".join(_one_kind(kind, part) for kind in kinds)
+
+
+def _one_kind(kind: str, part: dict[str, Any]) -> str:
+    if kind == "array":
+        count = f"{part['minItems']} of " if "minItems" in part else "list of "
+        return count + kind_of(part["items"])
+    if kind == "object":
+        each = part.get("additionalProperties")
+        if each:
+            return f"mapping by name to {kind_of(each)}"
+        if "id" in part["properties"]:
+            word = part["properties"]["kind"]["const"]
+            return f"[{word}](#object-{word})"
+        return "mapping: " + ", ".join(f"`{key}` {kind_of(p)}" for key, p in part["properties"].items())
+    if part.get("minimum", 0) == part.get("maximum"):
+        return f"`{part['minimum']}`"
+    ends = [
+        f"{sign} {part[word]:g}"
+        for word, sign in (
+            ("minimum", "≥"),
+            ("exclusiveMinimum", ">"),
+            ("maximum", "≤"),
+            ("exclusiveMaximum", "<"),
+        )
+        if word in part
+    ]
+    word = {"string": "text", "integer": "whole number", "boolean": "true or false"}.get(kind, kind)
+    pattern = f" like `{part['pattern'][4:-2]}`" if "pattern" in part else ""
+    return " ".join([word, *(ends if kind in ("integer", "number") else [])]) + pattern
+
+
+# Commands
+
+
+def commands() -> Iterator[tuple[str, click.Command]]:
+    """Yield every command of the program by its words."""
+
+    def walk(words: str, command: click.Command) -> Iterator[tuple[str, click.Command]]:
+        inner = getattr(command, "commands", None)
+        for name in inner or ():
+            yield from walk(f"{words} {name}", inner[name])
+        if inner is None:
+            yield words, command
+
+    yield from walk("sfglab", typer.main.get_command(app))
+
+
+def commands_page() -> str:
+    """Return the page of the command line."""
+    parts = ["# Command line\n\nErrors are one sentence; the exit status is 0 where all went well."]
+    return "\n\n".join([*parts, *(_command(words, command) for words, command in commands())]) + "\n"
+
+
+def _command(words: str, command: click.Command) -> str:
+    about, examples = [], []
+    for paragraph in re.split(r"\n\s*\n", inspect.cleandoc(command.help or "")):
+        text = " ".join(paragraph.split())
+        if re.match(r"(sfglab|SFG_\w+=|\w+=\S+ sfglab) ", text):
+            examples.append(inspect.cleandoc(paragraph))
+        elif text not in {"Example:", "Examples:"}:
+            about.append(_safe(text))
+    context = click.Context(command)
+    usage = " ".join([words, *command.collect_usage_pieces(context)])
+    rows = []
+    for parameter in command.params:
+        record = parameter.get_help_record(context) or (
+            parameter.make_metavar(context),
+            getattr(parameter, "help", "") or "",
+        )
+        rows.append([f"`{record[0]}`", _safe(record[1])])
+    shown = "\n".join(examples)
+    parts = [
+        f"## {words}",
+        *about,
+        f"```text\n{usage}\n```",
+        *([table(["option or argument", "meaning"], rows)] if rows else []),
+    ]
+    return "\n\n".join(parts + ([f"```bash\n{shown}\n```"] if shown else []))
+
+
+def _safe(text: str) -> str:
+    """Return a plain text so that Markdown shows it as it is."""
+    return re.sub(r"([*_<>\[\]`$])", r"\\\1", text)
+
+
+# Packages
+
+
+def packages() -> list[str]:
+    """Return the packages of the library."""
+    found = [m.name for m in pkgutil.iter_modules(sfglab.__path__) if m.ispkg]
+    return [name for name in found if name != "cli"]
+
+
+def package_page(name: str) -> str:
+    """Return the page of a package: its facade's public names, and what each of its modules is for."""
+    package = importlib.import_module(f"sfglab.{name}")
+    parts = [f"# sfglab.{name}\n\n{_prose(inspect.getdoc(package) or '')}"]
+    parts += [_entry(package.__name__, key, getattr(package, key)) for key in public(package)]
+    rows = list(map(_module, sorted(Path(package.__path__[0]).rglob("*.py"))))
+    return "\n\n".join([*parts, "## Modules", table(["module", "purpose", "public names"], rows)]) + "\n"
+
+
+def public(package: Any) -> list[str]:
+    """Return the names of a facade's classes and functions."""
+    names = getattr(package, "__all__", [])
+    return [n for n in names if inspect.isclass(getattr(package, n)) or inspect.isroutine(getattr(package, n))]
+
+
+def _module(path: Path) -> list[str]:
+    """Return a module's name, purpose and public names; it is not imported, for some are programs."""
+    tree = ast.parse(path.read_text("utf-8"))
+    name = ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__")
+    kinds = ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef
+    names = [n.name for n in tree.body if isinstance(n, kinds) and not n.name.startswith("_")]
+    purpose = _prose((ast.get_docstring(tree) or "").partition("\n\n")[0])
+    return [f"`{name}`", purpose, ", ".join(f"`{n}`" for n in names)]
+
+
+def _entry(holder: str, name: str, value: Any) -> str:
+    try:
+        signature = str(inspect.signature(value))
+    except (TypeError, ValueError):
+        signature = ""
+    text = f"{'class ' if inspect.isclass(value) else ''}{name}{signature}"
+    head = f"## {name}\n\n```python\nfrom {holder} import {name}\n{text}\n```"
+    return f"{head}\n\n{_prose(inspect.getdoc(value) or '')}"
+
+
+def _prose(doc: str) -> str:
+    """Return a docstring's text up to its sections as Markdown; indented lines are code."""
+    text = re.split(r"^(?:Args|Returns|Raises|Yields|Attributes):$", doc, flags=re.MULTILINE)[0]
+    made = []
+    for paragraph in text.strip().split("\n\n"):
+        parts = re.split(r"(``[^`]*``|`[^`]*`)", paragraph)
+        shown = "".join(f"`{p.strip('`')}`" if p.startswith("`") else _safe(p) for p in parts)
+        made.append(paragraph if paragraph.startswith("    ") else shown)
+    return "\n\n".join(made)
+
+
+# The ledger
+
+
+def ledger_page() -> str:
+    """Return the page of all claims with our figures and verdicts."""
+    rows: list[list[str]] = []
+    for entry in compute_ledger(find_project()):
+        line = entry.as_json()
+        low, high = (f"{line[end] or 0:.4g}" for end in ("low", "high"))
+        ours = "" if line["value"] is None else f"{line['value']:.4g} [{low}, {high}] {line['unit']}"
+        paper = "" if line["paper"] is None else f"{line['paper']:g}"
+        cells = (line["id"], line["verdict"], f"{line['says']} ({line['where']})", paper, ours)
+        rows.append([_safe(str(cell)) for cell in cells])
+    head = ["claim", "verdict", "the paper says", "paper", "ours: median, 95 % interval, unit"]
+    about = (
+        "Computed from the logs at hand when this page was built, as by `sfglab claims`; no figure is typed."
+    )
+    return f"# The ledger\n\n{about}\n\n{table(head, rows)}\n"
+
+
+if __name__ == "__main__":
+    write_pages(Path(sys.argv[1]))

@@ -1,0 +1,120 @@
+"""The book: built without a network, read without one; whole, with no dead link, and no wider than a phone."""
+
+from __future__ import annotations
+
+import json
+import re
+import subprocess
+import sys
+from contextlib import closing
+from html.parser import HTMLParser
+from pathlib import Path
+from urllib.parse import unquote, urlsplit
+
+import pytest
+import typer
+
+from sfglab.cli import app
+from sfglab.lab.browser import Browser
+from sfglab.lab.formats import FORMATS
+
+ROOT = Path(__file__).parents[1]
+PHONE = 390  # pixels
+LOADED = {("script", "src"), ("link", "href"), ("img", "src"), ("iframe", "src"), ("source", "src")}
+WIDER = "document.documentElement.scrollWidth > innerWidth || [...document.images].some(i => !i.naturalWidth)"
+
+
+class Page(HTMLParser):
+    """What a page loads, where it leads, and what of it can be led to."""
+
+    def __init__(self, file: Path) -> None:
+        super().__init__()
+        self.links: list[str] = []
+        self.loads: list[str] = []
+        self.ids = {""}
+        self.text = file.read_text("utf-8")
+        self.feed(self.text)
+
+    def handle_starttag(self, tag, attrs):
+        for key, value in attrs:
+            if key == "id":
+                self.ids.add(value)
+            elif (tag, key) in LOADED and not (value or "").startswith("data:"):
+                self.loads.append(value)
+                self.links.append(value)
+            elif key == "href":
+                self.links.append(value)
+
+
+@pytest.fixture(scope="module")
+def book(tmp_path_factory):
+    """Build it as `make book` does, in a network namespace of its own, where nothing can be reached."""
+    folder = tmp_path_factory.mktemp("book")
+    commands = re.search(r"^book:.*\n((?:\t.*\n)+)", (ROOT / "Makefile").read_text(), re.MULTILINE)[1]
+    for line in commands.strip().splitlines():
+        told = line.strip().replace("$(BIN)/python", sys.executable).replace("build/", f"{folder}/")
+        alone = ["unshare", "--map-root-user", "--net", *told.split()]
+        done = subprocess.run(alone, cwd=ROOT, capture_output=True, text=True, check=False)
+        assert (done.returncode, done.stderr) == (0, "")
+    return folder / "book"
+
+
+@pytest.mark.slow
+@pytest.mark.netns
+@pytest.mark.browser
+def test_the_book_is_whole_and_needs_no_network_and_no_wide_screen(book):
+    """One test, because building takes half a minute."""
+    pages = {file: Page(file) for file in sorted(book.rglob("*.html")) if "_static" not in file.parts}
+    dead = []
+    for file, page in pages.items():
+        assert [at for at in page.loads if urlsplit(at).netloc] == [], file
+        for link in page.links:
+            parts = urlsplit(link)
+            target = (file.parent / unquote(parts.path)).resolve() if parts.path else file
+            if not parts.scheme and not (
+                target.is_file() and unquote(parts.fragment) in (pages[target].ids if target in pages else {""})
+            ):
+                dead.append((file.name, link))
+    assert sorted(set(dead)) == []
+    for file in book.rglob("*.[cj]s*"):
+        away = r"(?:url\(|@import|src\s*=|import\()\s*[\"'](?:https?:)?//"
+        assert not re.search(away, file.read_text("utf-8", "replace")), file
+    shown = {file.relative_to(book).as_posix(): page.text for file, page in pages.items()}
+    for notebook in (ROOT / "notebooks").glob("*.ipynb"):
+        cells = json.loads(notebook.read_text("utf-8"))["cells"]
+        pictures = [
+            o for c in cells for o in c.get("outputs", ()) if {"image/png", "image/jpeg"} & {*o.get("data", ())}
+        ]
+        assert shown[f"notebooks/{notebook.stem}.html"].count("../_images/") >= len(pictures), notebook.stem
+    for name, form in FORMATS.items():
+        written = set(re.findall(r"class=\"pre\">(\w+)<", shown[f"reference/formats/{name}.html"]))
+        assert set(keys(form.schema())) <= written, name
+    for words in commands("sfglab", typer.main.get_command(app)):
+        assert f">{words}<" in shown["reference/commands.html"], words
+    with closing(Browser(PHONE, 800)) as browser:
+        wide = []
+        for file in pages:
+            browser.open(file.as_uri())
+            browser.wait_for("document.readyState === 'complete'")
+            if browser.evaluate(WIDER):
+                wide.append(file.name)
+    assert wide == []
+
+
+def keys(part):
+    """Yield the keys of every mapping of a schema."""
+    if isinstance(part, dict):
+        yield from part.get("properties", {})
+        for inner in part.values():
+            yield from keys(inner)
+    elif isinstance(part, list):
+        for inner in part:
+            yield from keys(inner)
+
+
+def commands(words, command):
+    inner = getattr(command, "commands", None)
+    if inner is None:
+        yield words
+    for name in inner or ():
+        yield from commands(f"{words} {name}", inner[name])
