@@ -48,6 +48,28 @@ def _is_mixed(value: Any) -> bool:
     return len(kinds) != 1 or not kinds <= _KINDS.keys()
 
 
+def parameter_value(value: Any) -> Any:
+    """Return a value, or a list of one kind, as a ParameterValue; None as one that is not set."""
+    if value is None:
+        return _made("ParameterValue")
+    many = isinstance(value, list)
+    kind, one, array = _KINDS[type(value[0]) if many else type(value)]
+    if many and kind != "string":
+        value = np.array(value)
+    fields = {"type": array if many else one, f"{kind}_{'array_' if many else ''}value": value}
+    return _made("ParameterValue", **fields)
+
+
+def plain_value(message: Any) -> tuple[str, Any]:
+    """Return the kind of a ParameterValue, such as ``integer`` or ``double array``, and its value."""
+    kinds = {one: kind for kind, one, _ in _KINDS.values()} | {5: "byte array"}
+    kinds |= {array: f"{kind} array" for kind, _, array in _KINDS.values()}
+    if (kind := kinds.get(message.type)) is None:
+        return "not set", None
+    value = getattr(message, f"{kind.replace(' ', '_')}_value")
+    return kind.replace("bool", "boolean"), value.tolist() if isinstance(value, np.ndarray) else value
+
+
 class Parameters:
     """The parameters of a node.
 
@@ -74,24 +96,18 @@ class Parameters:
 
         node.create_service(type_.name, f"~/{words}", handle, transport=transport)
 
-    def _value(self, name: str) -> Any:
-        if (value := self._values.get(name)) is None:
-            return _made("ParameterValue")
-        many = isinstance(value, list)
-        kind, one, array = _KINDS[type(value[0] if many else value)]
-        if many and kind != "string":
-            value = np.array(value)
-        fields = {"type": array if many else one, f"{kind}_{'array_' if many else ''}value": value}
-        return _made("ParameterValue", **fields)
-
     def _get_parameters(self, request: Any) -> dict[str, Any]:
-        return {"values": [self._value(name) for name in request.names]}
+        return {"values": [parameter_value(self._values.get(name)) for name in request.names]}
 
     def _get_parameter_types(self, request: Any) -> dict[str, Any]:
-        return {"types": np.array([self._value(name).type for name in request.names], np.uint8)}
+        return {
+            "types": np.array(
+                [parameter_value(self._values.get(name)).type for name in request.names], np.uint8
+            )
+        }
 
     def _describe_parameters(self, request: Any) -> dict[str, Any]:
-        kinds = [(name, self._value(name).type) for name in request.names]
+        kinds = [(name, parameter_value(self._values.get(name)).type) for name in request.names]
         return {"descriptors": [_made("ParameterDescriptor", name=n, type=t, read_only=True) for n, t in kinds]}
 
     def _list_parameters(self, request: Any) -> dict[str, Any]:

@@ -13,7 +13,21 @@ from typing import TYPE_CHECKING, Annotated, NoReturn
 import typer
 
 from sfglab import __version__
-from sfglab.cli import deploy, experiments, fleet, interfaces, mapping, mocap, nodes, plan, schema, topics, view
+from sfglab.cli import (
+    calls,
+    deploy,
+    experiments,
+    fleet,
+    interfaces,
+    mapping,
+    mocap,
+    nodes,
+    params,
+    plan,
+    schema,
+    topics,
+    view,
+)
 from sfglab.errors import SfglabError
 
 if TYPE_CHECKING:
@@ -54,6 +68,9 @@ _GROUPS = {
     "frames": mocap.frames_app,
     "topic": topics.app,
     "node": nodes.app,
+    "service": calls.service_app,
+    "action": calls.action_app,
+    "param": params.app,
 }
 for _name, _command in _COMMANDS.items():
     app.command(_name)(_command)

@@ -11,12 +11,13 @@ import typer
 
 from sfglab.component import run, run_until_interrupted
 from sfglab.domains import MAX_DOMAIN, VARIABLE
-from sfglab.errors import InvalidValueError
+from sfglab.errors import InvalidValueError, SfglabError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Coroutine, Iterable
 
     from sfglab.bus import EndpointInfo, Node
+    from sfglab.bus.api import Transport
     from sfglab.bus.listing import View
     from sfglab.qos import QoSProfile
 
@@ -36,9 +37,11 @@ Count = Annotated[bool, typer.Option("--count", "-c", help="Only display how man
 Reliability = Annotated[str | None, typer.Option("--qos-reliability", help="reliable or best_effort.")]
 Durability = Annotated[str | None, typer.Option("--qos-durability", help="volatile or transient_local.")]
 Depth = Annotated[int | None, typer.Option("--qos-depth", min=1, help="How many messages are kept.")]
+Timeout = Annotated[float | None, typer.Option(min=0.1, help="Seconds to wait; else for ever.")]
 Place = tuple[int | None, str | None]
 """A domain and an interface."""
 _TOPIC_S = 3.0  #: How long a topic's publisher is looked for,
+_SOON_S = 1.0  #: After which it is said that a server is waited for.
 _OTHERS_S = 0.3  #: and then the others.
 
 
@@ -65,6 +68,44 @@ def look(place: Place, spin_s: float | None) -> View:
     from sfglab.bus.listing import settled
 
     return on_node(place, lambda node: settled(node, spin_s))
+
+
+async def transport_of(node: Node, service: str, timeout_s: float | None) -> Transport:
+    """Return by which transport a service's server is reached, once there is one.
+
+    Raises:
+        BusTimeoutError: There was none in time.
+        SfglabError: It takes a ROS 2 to reach it, and there is none here.
+    """
+    from sfglab.bus import BusTimeoutError, EndpointKind
+    from sfglab.names import dds_service
+
+    request = dds_service(service)[0]
+
+    def servers() -> list[EndpointInfo]:
+        kind = EndpointKind.SUBSCRIPTION
+        return [e for e in node.graph.endpoints() if e.dds_topic == request and e.kind is kind]
+
+    if not await node.graph.wait_for(lambda: bool(servers()), _SOON_S):
+        typer.echo("waiting for service to become available...", err=True)
+        start_s = _SOON_S
+        while not await node.graph.wait_for(lambda: bool(servers()), _TOPIC_S):
+            start_s += _TOPIC_S
+            if timeout_s is not None and start_s > timeout_s:
+                raise BusTimeoutError(f"service {service!r}: no server was found within {timeout_s} s")
+    if "dds" in (found := {server.transport for server in servers()}) or "ros" not in found:
+        return "dds"
+    if why := node.backend.ros.why:
+        raise SfglabError(
+            f"service {service!r}: its server runs on rmw_fastrtps, which takes a ROS 2 to reach; {why}"
+        )
+    return "ros"
+
+
+async def call(node: Node, type_: str, service: str, request: Any, timeout_s: float | None) -> Any:
+    """Return a server's response; errors as of `transport_of` and `Client.call`."""
+    client = node.create_client(type_, service, transport=await transport_of(node, service, timeout_s))
+    return await client.call(request, timeout_s)
 
 
 def tell(values: Any) -> None:

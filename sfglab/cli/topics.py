@@ -132,9 +132,7 @@ def info(
 @app.command()
 def echo(
     topic: _Topic,
-    type_: Annotated[
-        str | None, typer.Argument(metavar="[TYPE]", help="Its type, if nobody has it yet.")
-    ] = None,
+    type_: Annotated[str | None, typer.Argument(metavar="TYPE", help="Its type, if nobody has it yet.")] = None,
     once: Annotated[bool, typer.Option("--once", help="End after the first message.")] = False,
     field: Annotated[str, typer.Option(help="Only this field, e.g. pose.position.x")] = "",
     csv: Annotated[bool, typer.Option("--csv", help="A line each, with commas between values.")] = False,

@@ -15,6 +15,7 @@ import pytest
 from beside import started
 from typer.testing import CliRunner
 
+from sfglab.bus.ros.services import PYTHON_VARIABLE
 from sfglab.cli import app
 from sfglab.lab import ros2
 from sfglab.lab.hosts import Network
@@ -57,6 +58,15 @@ def peer(distribution, domain_id):
         return started(name, argv, host)
 
     return start
+
+
+@pytest.fixture
+def python(distribution, monkeypatch):
+    """ROS 2's interpreter, which our processes know."""
+    found = str(ros2.distributions()[distribution].python)
+    monkeypatch.setenv(PYTHON_VARIABLE, found)
+    monkeypatch.setenv("FASTDDS_BUILTIN_TRANSPORTS", "UDPv4")  # hosts of a test share /dev/shm
+    return found
 
 
 def _package_of_transforms(folder):

@@ -19,7 +19,6 @@ from sfglab.bus.ros.services import PYTHON_VARIABLE
 from sfglab.fields import to_json
 from sfglab.fleet.decoder.node import DecoderConfig
 from sfglab.fleet.router.node import RouterConfig
-from sfglab.lab import ros2
 from sfglab.messages import service_type
 
 pytestmark = [pytest.mark.live, pytest.mark.ros]
@@ -60,15 +59,6 @@ async def main():
 
 asyncio.run(main())
 """
-
-
-@pytest.fixture
-def python(distribution, monkeypatch):
-    """ROS 2's interpreter, which our processes know."""
-    found = str(ros2.distributions()[distribution].python)
-    monkeypatch.setenv(PYTHON_VARIABLE, found)
-    monkeypatch.setenv("FASTDDS_BUILTIN_TRANSPORTS", "UDPv4")  # hosts of a test share /dev/shm
-    return found
 
 
 @pytest.fixture

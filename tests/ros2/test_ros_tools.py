@@ -14,6 +14,7 @@ from random_messages import random_message
 
 from sfglab.bus import EndpointKind, Node
 from sfglab.bus.listing import endpoint_text, settled
+from sfglab.lab import ros2
 from sfglab.messages import deserialize, message_type, serialize
 from sfglab.messages.text import as_rclpy_shows, message_from_yaml, to_yaml, values_of
 
@@ -54,10 +55,12 @@ def tool(domain_id, monkeypatch):
 def printed(tool):
     """A function that runs a command of ours to its end and returns what it printed."""
 
-    async def run(*arguments):
+    async def run(*arguments, status=0):
         async with tool(*arguments) as process:
             out, said = await process.communicate()
-        assert process.returncode == 0, said
+        assert process.returncode == status, said
+        if status:
+            return said.decode()
         return out.decode()
 
     return run
@@ -134,3 +137,47 @@ async def test_hz_of_a_topic_at_a_kilohertz_is_within_a_percent(peer, tool):
             sent = await asked(ros, "beat", "beaten", topic="/chatter", cdr=cdr, times=8000, rate_hz=1000)
             rates = [json.loads(await hz.stdout.readline())["rate_hz"] for _ in range(7)]
     assert abs(rates[-1] / sent["rate_hz"] - 1) < 0.01
+
+
+asking = pytest.mark.feature(
+    "`sfglab service`, `action` and `param`: rclpy's servers are listed and asked", condition="ROS 2 beside it"
+)
+
+
+@asking
+async def test_services_and_actions_of_rclpy_are_listed_and_called(peer, printed, python, distribution):
+    share = ros2.distributions()[distribution].python.parents[1] / "share" / "test_msgs"
+    async with peer("server", program=PEER) as ros:
+        await asked(ros, "serve", "serving", service="/enable")
+        await asked(ros, "perform", "performing", action="/count")
+        seen = await asked(ros, "seen", "seen", node="/server")
+        services = {name: types for name, types in seen["services"].items() if "/_" not in name}
+        listed = await printed("service", "list", "-t")
+        assert listed == "".join(f"{name} [{type_}]\n" for name, (type_,) in services.items())
+        assert await printed("action", "list", "-t") == "/count [test_msgs/action/Fibonacci]\n"
+        said = await printed("service", "call", "/enable", "std_srvs/srv/SetBool", "{data: true}")
+        assert said == (
+            "requester: making request: std_srvs.srv.SetBool_Request(data=True)\n\n"
+            "response:\nstd_srvs.srv.SetBool_Response(success=True, message='')\n\n"
+        )
+        goal = ("/count", "test_msgs/action/Fibonacci", "{order: 4}", "--interfaces", str(share))
+        lines = (await printed("action", "send-goal", "-f", "--json", *goal)).splitlines()
+        *feedback, result, status = map(json.loads, lines)
+        assert feedback[-1] == {"feedback": {"sequence": [0, 1, 1, 2, 3, 5]}}
+        assert (result, status) == ({"result": {"sequence": [0, 1, 1, 2, 3, 5]}}, {"status": "SUCCEEDED"})
+
+
+@asking
+async def test_parameters_of_rclpy_are_listed_read_and_set(peer, printed, python):
+    async with peer("server", program=PEER) as ros:
+        has = await asked(ros, "has", "has", name="gains", value=[0.5, 2.0])
+        listed = "".join(f"  {name}\n" for name in has["names"])
+        assert await printed("param", "list") == f"/server:\n{listed}"
+        assert await printed("param", "list", "server") == listed
+        assert await printed("param", "get", "/server", "gains") == "Double values are: [0.5, 2.0]\n"
+        assert await printed("param", "set", "/server", "gains", "[1.5]") == "Set parameter successful\n"
+        assert (await asked(ros, "now", "now", name="gains"))["value"] == [1.5]
+        assert "gains:\n    - 1.5\n" in await printed("param", "dump", "/server")
+        refused = await printed("param", "set", "/server", "gains", "text", status=1)
+        assert "\nsfglab: Setting parameter failed: Wrong parameter type" in f"\n{refused}"
+        assert "'typo' is not set" in await printed("param", "get", "/server", "typo", status=1)

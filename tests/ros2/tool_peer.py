@@ -36,6 +36,15 @@ class Peer(service_peer.Peer):
             },
         )
 
+    def has(self, name, value):
+        """Report the names of parameters, and one of them, which is declared so."""
+        self.node.declare_parameter(name, value)
+        report("has", names=sorted(self.node._parameters))
+
+    def now(self, name):
+        """Report a parameter."""
+        report("now", value=list(self.node.get_parameter(name).value))
+
     def shown(self, kind, cdr):
         """Report messages as rclpy shows them."""
         report("shown", texts=[repr(deserialize_message(bytes.fromhex(one), interface(kind))) for one in cdr])
