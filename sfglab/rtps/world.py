@@ -18,11 +18,15 @@ more than this) are a few percent each.
 
 from __future__ import annotations
 
+import functools
+import hashlib
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import numba as nb
 import numpy as np
 from numba.core import types
+from numba.core.caching import IndexDataCacheFile
 from numba.core.typing.templates import AttributeTemplate
 from numba.extending import (
     NativeValue,
@@ -44,9 +48,21 @@ _F = TypeVar("_F", bound="Callable[..., object]")
 
 
 def compiled(function: _F) -> _F:
-    """Compile a function of a world, or of what is in it: no references counted, no arrays made."""
-    # Numba's stubs do not know the option.
-    return nb.njit(cache=True, nogil=True, _nrt=False)(function)  # type: ignore[no-any-return,call-overload]
+    """Compile a function of a world, or of what is in it: no references counted, no arrays made.
+
+    The machine code on disk is of the whole folder's sources: it holds what other files' functions were when it
+    was compiled, while Numba itself asks only the function's own file whether it has changed.
+    """
+    dispatcher: Any = nb.njit(cache=True, nogil=True, _nrt=False)(function)  # type: ignore[call-overload]
+    cache: Any = dispatcher._cache  # noqa: SLF001 - Numba has no other place to say it
+    stamp = _folder_digest(Path(function.__code__.co_filename).parent)
+    cache._cache_file = IndexDataCacheFile(cache.cache_path, cache._impl.filename_base, stamp)  # noqa: SLF001
+    return dispatcher  # type: ignore[no-any-return]
+
+
+@functools.cache
+def _folder_digest(folder: Path) -> str:
+    return hashlib.sha256(b"\0".join(path.read_bytes() for path in sorted(folder.glob("*.py")))).hexdigest()
 
 
 class World:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
 from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple
 
@@ -125,3 +128,34 @@ def test_a_full_heap_says_so():
     push(slots, sizes, 1, 0, 0)
     with pytest.raises(IndexError, match="full"):
         push(slots, sizes, 2, 0, 0)
+
+
+INNER = """
+from sfglab.rtps.world import compiled
+
+@compiled
+def inner(a):
+    return a + {}
+"""
+OUTER = """
+from inner import inner
+from sfglab.rtps.world import compiled
+
+@compiled
+def outer(a):
+    return inner(a)
+
+print(outer(1), sum(outer.stats.cache_hits.values()))
+"""
+
+
+def test_machine_code_on_disk_follows_what_stands_in_other_files(tmp_path):
+    (tmp_path / "outer.py").write_text(OUTER)
+    env = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "cache"), "PYTHONPATH": os.pathsep.join(sys.path)}
+
+    def run_with(number: int) -> str:
+        (tmp_path / "inner.py").write_text(INNER.format(number))
+        program = [sys.executable, "-B", "outer.py"]
+        return subprocess.run(program, cwd=tmp_path, env=env, capture_output=True, text=True, check=True).stdout
+
+    assert [run_with(number) for number in (1, 1, 2)] == ["2 0\n", "2 1\n", "3 0\n"]
