@@ -23,6 +23,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from sfglab.errors import InvalidValueError
 from sfglab.fields import BOUNDS, Bounds, alternatives_of, choices_of, typed_fields
+from sfglab.files import read_text
 
 if TYPE_CHECKING:
     import pathlib
@@ -31,7 +32,6 @@ if TYPE_CHECKING:
 
 
 KeyPath = tuple[str | int, ...]  #: Keys and list positions from the top of a document.
-
 _TEXT = "tag:yaml.org,2002:str"
 _MOST_CHARACTERS, _LONGEST_PLAIN = 2**20, 1000  # ten times the largest fleet; of what is no text
 _CONTROL = re.compile("[\x00-\x1f\x7f-\x9f\u2028\u2029]")
@@ -111,9 +111,9 @@ class Document:
             DocumentError: It cannot be read, or is not YAML.
         """
         try:
-            text = path.read_text(encoding="utf-8")
-        except (OSError, UnicodeDecodeError) as error:
-            raise DocumentError(Place(file=str(path)), str(error), what) from error
+            text = read_text(path, what)
+        except InvalidValueError as error:
+            raise DocumentError(Place(file=str(path)), error.given, what) from error
         return cls(text, str(path), one_line=one_line)
 
     def place(self, path: KeyPath) -> Place:

@@ -7,6 +7,7 @@ allowed or what to try.
 
 from __future__ import annotations
 
+from os import PathLike, fspath
 from typing import Any
 
 _SHOWN = 500  #: Characters of a long value's beginning and end that a message shows.
@@ -26,14 +27,27 @@ class InvalidValueError(SfglabError, ValueError):
         super().__init__(place, given, allowed)  # all arguments, so that the error survives pickling
 
     def __str__(self) -> str:
-        given = "nothing is given" if self.given is None else f"given {_shown(self.given)}"
-        return f"{self.place}: {given}, allowed: {self.allowed}"
+        return f"{self.place}: {_said(self.given)}, allowed: {self.allowed}"
+
+
+def _said(given: object) -> str:
+    if isinstance(given, OSError | UnicodeDecodeError):
+        return why(given)
+    return "nothing is given" if given is None else f"given {_shown(given)}"
+
+
+def why(error: Exception) -> str:
+    """Return what is wrong with a file in plain words, without numbers of errors and the file's name."""
+    if isinstance(error, UnicodeDecodeError):
+        return f"byte {error.start} is no {error.encoding.upper()}"
+    reason = (error.strerror or str(error)) if isinstance(error, OSError) else str(error)
+    return reason[:1].lower() + reason[1:]
 
 
 def _shown(given: object) -> str:
     """Return a value as text, cut in the middle; a refusal must stand whatever was refused."""
     try:
-        text = repr(given)
+        text = repr(fspath(given) if isinstance(given, PathLike) else given)
     except (ValueError, RecursionError):  # an integer of more digits than Python writes, or nested too deep
         return f"a {type(given).__name__} that cannot be written"
     return text if len(text) <= 2 * _SHOWN else f"{text[:_SHOWN]} ... {text[-_SHOWN:]}"

@@ -24,6 +24,7 @@ FLOORS = (
         "component",
         "fields",
         "units",
+        "files",
         "processes",
         "documents",
         "schema",

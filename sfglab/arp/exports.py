@@ -230,12 +230,13 @@ class Export(NamedTuple):
 
     file: str  #: Usual name of the file.
     render: Callable[[Plan], str]  #: Returns a plan as the file's text.
+    vendor: Vendor | None  #: Whose timing the plan must have; None: anybody's.
 
 
 EXPORTS = {
-    "fastdds": Export("fastdds.xml", fast_dds_xml),
-    "fastdds3": Export("fastdds3.xml", partial(fast_dds_xml, generation=3)),
-    "cyclone": Export("cyclonedds.xml", cyclone_xml),
-    "ros2": Export("qos_overrides.yaml", ros2_parameters),
+    "fastdds": Export("fastdds.xml", fast_dds_xml, FAST_DDS),
+    "fastdds3": Export("fastdds3.xml", partial(fast_dds_xml, generation=3), FAST_DDS),
+    "cyclone": Export("cyclonedds.xml", cyclone_xml, CYCLONE_DDS),
+    "ros2": Export("qos_overrides.yaml", ros2_parameters, None),
 }
 """By the name that the command line uses."""

@@ -8,9 +8,11 @@ from __future__ import annotations
 
 import logging
 import sys
-from typing import TYPE_CHECKING, Annotated, NoReturn
+from os import fsdecode
+from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
 import typer
+from typer.core import TyperGroup
 
 from sfglab import __version__
 from sfglab.cli import (
@@ -28,14 +30,28 @@ from sfglab.cli import (
     topics,
     view,
 )
-from sfglab.errors import SfglabError
+from sfglab.errors import SfglabError, why
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
 __all__ = ["app", "main"]
 
+
+class _Program(TyperGroup):
+    """All commands; Ctrl-C is one line, whichever runs."""
+
+    def invoke(self, ctx: Any) -> Any:
+        """Run a command."""
+        try:
+            return super().invoke(ctx)
+        except KeyboardInterrupt:
+            typer.echo("sfglab: interrupted", err=True)
+            raise typer.Exit(130) from None
+
+
 app = typer.Typer(
+    cls=_Program,
     help="How multi-robot ROS 2 systems move data: run the experiments, or the components beside real robots.",
     no_args_is_help=True,
     add_completion=False,
@@ -79,16 +95,32 @@ for _name, _group in _GROUPS.items():
 
 
 def main() -> NoReturn:
-    """Run the command line; an error of ours is one line and exit status 1."""
+    """Run the command line; an error of ours is one line and exit status 1, of its words exit status 2."""
     logging.basicConfig(format="%(levelname)s: %(message)s", level=logging.WARNING)
     try:
-        app()
-    except SfglabError as error:
-        typer.echo(f"sfglab: {error}", err=True)
-    except KeyboardInterrupt:
-        typer.echo("sfglab: interrupted", err=True)
-        sys.exit(130)
-    sys.exit(1)
+        sys.exit(app(prog_name="sfglab", standalone_mode=False))
+    except Exception as error:
+        said, status = _sentence(error)
+        if not said:
+            raise
+        typer.echo(f"sfglab: {said}", err=True)
+    sys.exit(status)
+
+
+def _sentence(error: Any) -> tuple[str, int]:
+    """Return an error in words, none where it is a fault of ours, and an exit status."""
+    if isinstance(error, SfglabError):
+        return str(error), 1
+    if isinstance(error, OSError) and error.filename is not None:
+        return f"{fsdecode(error.filename)}: {why(error)}", 1
+    if not hasattr(error, "format_message"):  # typer brings a click of its own, or takes the installed one
+        return "", 1
+    if type(error).__name__ == "NoArgsIsHelpError":  # a group without a command
+        error.show()
+        sys.exit(error.exit_code)
+    said = " ".join(error.format_message().split())
+    path = error.ctx.command_path.partition(" ")[2] if error.ctx else ""
+    return f"{path}: {said}" if path else said, error.exit_code
 
 
 def _version(value: bool) -> None:

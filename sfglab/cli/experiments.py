@@ -24,7 +24,7 @@ def doctor() -> None:
 def reproduce(
     notebooks: Annotated[list[str] | None, typer.Argument(help="Notebooks by name; all when none.")] = None,
     profile: Annotated[str, typer.Option(help="smoke (seconds), quick (minutes) or paper.")] = "quick",
-    seed: Annotated[int, typer.Option(help="Seed of everything that is drawn.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of everything that is drawn.")] = 0,
     parameter: Annotated[
         list[str] | None, typer.Option("-p", "--parameter", help="A field of the configuration, as name=value.")
     ] = None,

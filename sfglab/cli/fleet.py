@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from sfglab.cli.interfaces import Interfaces
+from sfglab.cli.options import put, unused
 from sfglab.component import run, run_until_interrupted
 
 if TYPE_CHECKING:
@@ -72,7 +73,7 @@ def router_configuration(
     if output is None:
         typer.echo(text, nl=False)
     else:
-        output.write_text(text, encoding="utf-8")
+        put({output: text})
 
 
 @fleet_app.command()
@@ -231,7 +232,9 @@ def decoder(
         int | None, typer.Option(help="DDS domain of the remote streams; the local one when not given.")
     ] = None,
     remote_interface: Annotated[str | None, typer.Option(help="Interface of the remote domain.")] = None,
-    linger: Annotated[float, typer.Option(help="Seconds a pipeline outlives its last subscriber.")] = 1.0,
+    linger: Annotated[
+        float, typer.Option(min=0.0, help="Seconds a pipeline outlives its last subscriber.")
+    ] = 1.0,
     offers: Annotated[bool, typer.Option(help="Whether ROS 2's tools list what nobody decodes yet.")] = True,
 ) -> None:
     """Decode remote streams once for all subscribers on this device, on demand.
@@ -271,7 +274,7 @@ def camera(
         str, typer.Option(help="photos, stereo, camera:0, bag:PATH#/topic, or a video file.")
     ] = "photos",
     codec: Annotated[
-        str, typer.Option(help="h264 (colour) or rvl (depth, needs a source with depth).")
+        Literal["h264", "rvl"], typer.Option(help="h264 (colour) or rvl (depth, needs a source with depth).")
     ] = "h264",
     domain: Annotated[int, typer.Option(help="DDS domain.")] = 0,
     interface: Annotated[str | None, typer.Option(help="Network interface.")] = None,
@@ -286,6 +289,8 @@ def camera(
     from sfglab.bus.address import BusAddress
     from sfglab.lab.workers.camera import CameraConfig, run_camera
 
+    if codec != "h264":
+        unused("with --codec rvl, whose encoder is the only one", "encoder")
     config = CameraConfig(
         places=((BusAddress(domain_id=domain, interface=interface), topic),),
         codec=codec,

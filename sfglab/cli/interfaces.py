@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import os
-import shutil
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 import sfglab.messages
+from sfglab.files import write_files
 
 
 def _register(paths: list[Path] | None) -> None:
@@ -43,8 +43,7 @@ def interfaces(
 
       sfglab interfaces ~/ros2_ws/src   # then: colcon build --packages-select sfglab_interfaces
     """
-    from sfglab.cli.mapping import writing
-
     package = Path(sfglab.messages.__file__).parent / "interfaces" / "sfglab_interfaces"
-    with writing("FOLDER", folder, "a folder"):
-        typer.echo(shutil.copytree(package, folder / package.name, dirs_exist_ok=True))
+    files = {path.relative_to(package): path.read_bytes() for path in package.rglob("*") if path.is_file()}
+    write_files(files, folder=folder / package.name)
+    typer.echo(folder / package.name)

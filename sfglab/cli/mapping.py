@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+import io
+from collections.abc import Mapping
 from dataclasses import replace
 from enum import StrEnum
 from importlib.util import find_spec
@@ -12,24 +12,15 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from sfglab.errors import MissingExtraError, SfglabError
+from sfglab.cli.options import put, unused
+from sfglab.errors import InvalidValueError, MissingExtraError, SfglabError
 from sfglab.tables import columns
 from sfglab.units import NS_PER_MS
 
 if TYPE_CHECKING:
     from sfglab.arp import Plan, TopicFile
+    from sfglab.rtps import Vendor
     from sfglab.soc import CommunicationMapping, Graph, Topic
-
-
-@contextmanager
-def writing(option: str, path: Path, needed: str) -> Iterator[None]:
-    """Refuse an option's path where it cannot be written."""
-    try:
-        yield
-    except (OSError, ValueError) as error:
-        raise SfglabError(
-            f"{option}: given {path}, needed is {needed} that can be written ({error})"
-        ) from error
 
 
 class _Format(StrEnum):
@@ -132,13 +123,30 @@ def qos(
     if preset is not None and PRESETS[preset].name != given.vendor.name:
         given = replace(given, vendor=PRESETS[preset])
     if front:
+        unused(
+            "with --front, which shows all prices on the terminal",
+            "method",
+            "output_format",
+            "out",
+            "latency_price",
+        )
         typer.echo(_front_table(given))
         return
+    if method is _Method.PRINTED:
+        unused("with --method printed, which knows no price", "latency_price")
+    export = EXPORTS.get(output_format.value)
+    if export and export.vendor and not given.vendor.name.startswith(export.vendor.name):
+        fitting = [
+            n for n, e in EXPORTS.items() if e.vendor is None or given.vendor.name.startswith(e.vendor.name)
+        ]
+        needed = (
+            f"{' or '.join(fitting)} for {given.vendor.name}; this with --vendor {_vendor_of(export.vendor)}"
+        )
+        raise InvalidValueError("--format", output_format.value, needed)
     plan = _plan(given, method, latency_price)
-    if output_format is _Format.TABLE:
+    if export is None:
         _put(_plan_table(plan), "qos.txt", out)
     else:
-        export = EXPORTS[output_format.value]
         _put(export.render(plan), export.file, out)
 
 
@@ -164,6 +172,10 @@ def _say_left_out(topics: Mapping[str, str]) -> None:
         typer.echo(f"left out: {topic}: {why}", err=True)
 
 
+def _vendor_of(vendor: Vendor) -> str:
+    return vendor.name.lower().replace(" ", "_")
+
+
 def _plan(given: TopicFile, method: _Method, latency_price: float | None) -> Plan:
     from sfglab.arp import plan_as_printed, plan_file
 
@@ -175,11 +187,8 @@ def _plan(given: TopicFile, method: _Method, latency_price: float | None) -> Pla
 def _put(text: str, name: str, folder: Path | None) -> None:
     if folder is None:
         typer.echo(text, nl=False)
-        return
-    with writing("--out", folder, "a folder"):
-        folder.mkdir(parents=True, exist_ok=True)
-        (folder / name).write_text(text, encoding="utf-8")
-    typer.echo(folder / name)
+    else:
+        put({Path(name): text}, folder)
 
 
 def _plan_table(plan: Plan) -> str:
@@ -284,23 +293,29 @@ def map_graph(
       sfglab map data/graphs/driving.yaml --build-cfg build.cfg --verilog rtl
     """
     from sfglab.record.reader import is_log
-    from sfglab.soc import load_graph, save_graph
+    from sfglab.soc import build_cfg, load_graph
+    from sfglab.soc.graph import graph_text
 
     graph = _recorded(file) if is_log(file) else load_graph(file)
-    if place and rule is not None:
-        raise SfglabError("--rule: given with --place, which chooses gateways by their cost")
-    if not place and (lut is not None or bram is not None):
-        raise SfglabError("--lut and --bram: given without --place, which alone knows areas")
+    if place:
+        unused("with --place, which chooses gateways by their cost", "rule")
+    if not place:
+        unused("without --place, which alone knows areas", "lut", "bram")
+    if figure is None:
+        unused("without --figure, in which it is drawn", "stage")
     mapping = _placed(graph, lut, bram) if place else _mapped(graph, rule)
-    typer.echo(_report(mapping), nl=False)
+    found = mapping.gateways
+    files: dict[Path, str | bytes] = {}
     if figure is not None:
-        _draw(mapping, figure, stage)
+        files[figure] = _drawn(mapping, figure, stage)
     if out is not None:
-        save_graph(mapping.gateways, out)
+        files[out] = graph_text(found)
     if build is not None:
-        _write_build_cfg(mapping.gateways, build)
-    if verilog is not None:
-        _write_verilog(mapping.gateways, verilog)
+        files[build] = build_cfg(found, name=found.name or build.stem)
+    modules = _verilog(found) if verilog is not None else {}
+    typer.echo(_report(mapping), nl=False)
+    put(files)
+    put(modules, verilog)
 
 
 def _recorded(file: Path) -> Graph:
@@ -382,16 +397,8 @@ def _crossing_table(mapping: CommunicationMapping) -> list[str]:
     return [*columns(rows, right=(1, 2, 3)), f"left: {', '.join(edges) or 'none'}"]
 
 
-def _write_build_cfg(graph: Graph, path: Path) -> None:
-    from sfglab.soc import build_cfg
-
-    text = build_cfg(graph, name=graph.name or path.stem)
-    with writing("--build-cfg", path, "a file"):
-        path.write_text(text, encoding="utf-8")
-
-
-def _write_verilog(graph: Graph, folder: Path) -> None:
-    """Write one module for each number of hardware subscribers."""
+def _verilog(graph: Graph) -> dict[Path, str]:
+    """Return one module for each number of hardware subscribers, and say whose they are."""
     from sfglab.soc import TopicMapping
 
     if find_spec("amaranth") is None:
@@ -403,21 +410,23 @@ def _write_verilog(graph: Graph, folder: Path) -> None:
         if topic.mapping is TopicMapping.GATEWAY:
             count = len(graph.in_hardware.intersection(topic.subscribers))
             topics.setdefault(count, []).append(topic.name)
+    made = {}
     for count, names in sorted(topics.items()):
-        path = folder / f"sfglab_gateway_{count}.v"
-        text = gateway_verilog(count)
-        with writing("--verilog", folder, "a folder"):
-            folder.mkdir(parents=True, exist_ok=True)
-            path.write_text(text, encoding="utf-8")
-        typer.echo(f"{path.name}: for {', '.join(names)}")
+        path = Path(f"sfglab_gateway_{count}.v")
+        made[path] = gateway_verilog(count)
+        typer.echo(f"{path}: for {', '.join(names)}")
+    return made
 
 
-def _draw(mapping: CommunicationMapping, path: Path, stage: str) -> None:
+def _drawn(mapping: CommunicationMapping, path: Path, stage: str) -> bytes:
     from matplotlib.figure import Figure
 
     from sfglab.soc import draw_mapping
 
     figure = Figure(layout="constrained")
     draw_mapping(mapping, figure, stage)
-    with writing("--figure", path, "a .png, .svg or .pdf"):
-        figure.savefig(path)
+    if path.suffix not in {".png", ".svg", ".pdf"}:
+        raise InvalidValueError("--figure", path, "a .png, .svg or .pdf")
+    drawn = io.BytesIO()
+    figure.savefig(drawn, format=path.suffix[1:])
+    return drawn.getvalue()

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from sfglab.cli.options import unused
 from sfglab.component import run
 from sfglab.errors import SfglabError
 
@@ -72,6 +73,8 @@ def mocap_run(
     from sfglab.spatial.mocap.mapping import load_mapping
 
     mapping = load_mapping(file)
+    if log is not None or not topic:
+        unused("without topics of the bus, whose type it is", "type_")
     topics = _topics(topic or [], mapping)
     make = _source(vicon=vicon, topics=topics, type_=type_, log=log, synthetic=synthetic)
     options = {"domain_id": domain, "interface": interface}
@@ -142,6 +145,7 @@ def frames_lint(
         raise SfglabError("frames lint: given neither or both, allowed is a log or --domain")
     buffer = FrameBuffer(history_s=None)
     if log is not None:
+        unused("with a log, which is on no bus", "interface", "listen")
         with LogReader(log) as reader:
             fill_from_log(reader, buffer)
     else:

@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from sfglab.cli.mapping import writing
+from sfglab.cli.options import put
 
 
 class _Name(StrEnum):
@@ -38,7 +38,5 @@ def schema(
     text = json.dumps(FORMATS[name].schema(), indent=2)
     if out is None:
         typer.echo(text)
-        return
-    with writing("--out", out, "a file"):
-        out.write_text(text + "\n", encoding="utf-8")
-    typer.echo(out)
+    else:
+        put({out: text + "\n"})

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from sfglab.cli.interfaces import Interfaces
-from sfglab.cli.mapping import writing
+from sfglab.cli.options import put, unused
 from sfglab.errors import SfglabError
 
 if TYPE_CHECKING:
@@ -94,12 +94,10 @@ def view(
         _foxglove(options, domain or 0, interface)
         return
     if log is None:
-        if thin:
-            raise SfglabError("--thin: given without a log; what is shown live is always thinned out")
+        unused("without a log; what is shown live is always thinned out", "thin")
         _live(options, domain or 0, interface)
         return
-    if domain is not None or interface is not None:
-        raise SfglabError("--domain and --interface: given with a log, which is on no bus")
+    unused("with a log, which is on no bus", "domain", "interface")
     _logged(log, options)
 
 
@@ -110,9 +108,7 @@ def _write_layout(path: Path, fleet: Path | None, frame: str) -> None:
     if fleet is None:
         raise SfglabError(f"--to {path}: given without --fleet, needed is the fleet whose layout it is")
     text = layout_of_fleet(load_fleet(fleet), frame=frame or "map")
-    with writing("--to", path, "a file"):
-        path.write_text(text + "\n", encoding="utf-8")
-    typer.echo(path)
+    put({path: text + "\n"})
 
 
 def _is_foxglove(place: str) -> bool:

@@ -13,8 +13,8 @@ import struct
 import tarfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING
 
 from sfglab.deploy.compose import compose_files
 from sfglab.deploy.deployment import Deployment, Release, deployment_of
@@ -25,11 +25,8 @@ from sfglab.deploy.files import PLAIN, PROGRAM, BundleFile
 from sfglab.deploy.host import host_files
 from sfglab.deploy.routers.targets import ROUTER_FILES, render_router_file
 from sfglab.documents import suggestion
+from sfglab.files import read_text, write_files
 from sfglab.fleet.fleet_file import AUTO, Accelerator, AgentSpec, Fleet, HostSpec, read_fleet
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
 
 MANIFEST = "manifest.json"
 """What belongs to a bundle, with digests; written last, so that a bundle without it is not complete."""
@@ -127,12 +124,17 @@ def workspace_members(workspace: Path) -> dict[str, Member]:
 
 
 def write_bundle(bundle: Bundle, folder: Path) -> None:
-    """Write a bundle into a folder, which is made when it is not there."""
-    for path, member in bundle.members.items():
-        target = folder / path
-        target.parent.mkdir(parents=True, exist_ok=True)
-        target.write_bytes(member.data)
-        target.chmod(member.mode)
+    """Write a bundle into a folder, which is made when it is not there; all of it or nothing.
+
+    Raises:
+        InvalidValueError: It cannot be written.
+    """
+    members = {Path(path): member for path, member in bundle.members.items()}
+    write_files(
+        {path: member.data for path, member in members.items()},
+        folder=folder,
+        modes={path: member.mode for path, member in members.items()},
+    )
 
 
 def pack(bundle: Bundle) -> bytes:
@@ -192,13 +194,9 @@ def load_source(path: Path) -> FleetSource:
     """Read a fleet file.
 
     Raises:
-        DocumentError: It is not a fleet.
-        DeployError: It cannot be read.
+        InvalidValueError: It cannot be read, or is not a fleet.
     """
-    try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise DeployError(f"{path}: {error}, allowed: a fleet file in UTF-8") from error
+    text = read_text(path, "a fleet file in UTF-8")
     return FleetSource(fleet=read_fleet(text, str(path)), path=path, text=text)
 
 

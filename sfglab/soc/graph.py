@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from sfglab.documents import OR_NULL, Document, DocumentError, Place, Section, by_name, suggestion
 from sfglab.errors import InvalidValueError
+from sfglab.files import write_files
 from sfglab.tables import html_table
 
 if TYPE_CHECKING:
@@ -320,10 +321,7 @@ def save_graph(graph: Graph, path: Path) -> None:
     Raises:
         InvalidValueError: The file cannot be written.
     """
-    try:
-        path.write_text(graph_text(graph), encoding="utf-8")
-    except OSError as error:
-        raise InvalidValueError("graph", str(path), f"a file that can be written ({error})") from error
+    write_files({path: graph_text(graph)})
 
 
 def _node_values(node: Node) -> dict[str, Any]:

@@ -7,6 +7,7 @@ when `WINDOW_BYTES` were drawn that no sink has taken. Refuses to know messages.
 
 from __future__ import annotations
 
+import re
 import socket
 from contextlib import closing, suppress
 from dataclasses import dataclass
@@ -172,6 +173,8 @@ def open_canvas(to: Sequence[str], *, title: str = "sfglab", memory: str = "25%"
     """
     if not to:
         raise InvalidValueError("to", to, "at least one place")
+    if not re.fullmatch(r"\d+(\.\d+)?(%|[kKMGT]?i?B)", memory):
+        raise InvalidValueError("memory", memory, "a share of the host's memory as 25%, or an amount as 4GB")
     if NOTEBOOK in to and len(to) > 1:
         raise InvalidValueError("to", to, "the notebook alone, or other places")
     config = rr.ChunkBatcherConfig.LOW_LATENCY()

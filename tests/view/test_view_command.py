@@ -111,7 +111,7 @@ def test_it_shows_what_another_process_sends_until_ctrl_c_and_the_file_is_whole(
     ("arguments", "told"),
     [
         (["--thin", "--to", "a.rrd"], "--thin: given without a log"),
-        (["a.mcap", "--domain", "3", "--to", "a.rrd"], "--domain and --interface: given with a log"),
+        (["a.mcap", "--domain", "3", "--to", "a.rrd"], "--domain: given with a log"),
         (["gone.mcap", "--to", "a.rrd"], r"gone\.mcap"),
     ],
 )

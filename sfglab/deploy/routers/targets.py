@@ -13,6 +13,7 @@ from sfglab.deploy.routers.domain_bridge import check_domain_bridge, render_doma
 from sfglab.deploy.routers.zenoh import render_zenoh_acl, render_zenoh_bridge
 from sfglab.deploy.routers.zenoh_check import check_zenoh
 from sfglab.documents import Document, suggestion
+from sfglab.files import read_text
 from sfglab.fleet.fleet_file import Fleet, RouterSoftware
 
 if TYPE_CHECKING:
@@ -65,10 +66,7 @@ def check_file(path: Path | str, *, policy: Policy | None = None) -> tuple[Findi
     check = checks.get(path.suffix)
     if check is None:
         raise DeployError(f"{path}: given a file {path.suffix!r}, allowed: {', '.join(checks)}")
-    try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise DeployError(f"{path}: {error}") from error
+    text = read_text(path, f"a file {path.suffix} in UTF-8")
     return check(text, file=str(path), policy=policy)
 
 

@@ -8,16 +8,15 @@ that read back as the same float. Refuses to know defaults (`objects`) and what 
 
 from __future__ import annotations
 
-import os
 import re
-import secrets
 from dataclasses import dataclass, field, fields, replace
 from enum import Enum
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sfglab.documents import Document, DocumentError, suggestion
+from sfglab.errors import InvalidValueError
 from sfglab.fields import bounds, field_docs, to_json
+from sfglab.files import read_text, write_files
 from sfglab.schema import Schema, SchemaMaker
 from sfglab.spatial.poses import Pose, PoseError
 from sfglab.spatial.scene.objects import KINDS, ROOT, SceneError, SceneObject, TrajectoryObject, WaypointObject
@@ -27,6 +26,7 @@ from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
+    from pathlib import Path
 
     from sfglab.documents import Section
     from sfglab.spatial.scene.objects import Property
@@ -358,51 +358,19 @@ def load_scene(path: Path) -> Scene:
         SceneError: It cannot be read, or does not say what it must; says where.
     """
     try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise SceneError(path.name, str(error), "a readable text file") from error
+        text = read_text(path)
+    except InvalidValueError as error:
+        raise SceneError(path.name, error.given, error.allowed) from error
     return read_scene(text, file=path.name)
 
 
 def save_scene(scene: Scene, path: Path) -> None:
     """Write a scene into a file; at any moment the file holds either the old scene or the new one.
 
-    The text goes into a file beside it, onto the disk, and only then takes the old one's name and permissions.
-    A symbolic link stays one.
-
     Raises:
         SceneError: The file cannot be written; what was there is still there.
     """
-    text = scene_text(scene)
-    target = Path(os.path.realpath(path))
     try:
-        _replace(target, text.encode("utf-8"))
-    except OSError as error:
-        raise SceneError(path.name, str(error), "a file that can be written") from error
-
-
-def _replace(target: Path, content: bytes) -> None:
-    part = target.with_name(f".{target.name}.{secrets.token_hex(4)}.part")
-    try:
-        with part.open("xb") as file:
-            file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
-        if target.exists():
-            part.chmod(target.stat().st_mode & 0o7777)
-        part.replace(target)
-    except BaseException:
-        part.unlink(missing_ok=True)
-        raise
-    _sync_folder(target.parent)
-
-
-def _sync_folder(folder: Path) -> None:
-    """Bring the new name onto the disk; file systems that cannot sync folders do so by themselves."""
-    handle = os.open(folder, os.O_RDONLY)
-    try:
-        os.fsync(handle)
-    except OSError:
-        return
-    finally:
-        os.close(handle)
+        write_files({path: scene_text(scene)})
+    except InvalidValueError as error:
+        raise SceneError(path.name, error.given, error.allowed) from error

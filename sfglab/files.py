@@ -1,0 +1,116 @@
+"""Files whole or not at all: reading a text of bounded length, and writing files so that none is left half.
+
+Whatever keeps a file from being read or written is one `InvalidValueError` in plain words.
+"""
+
+from __future__ import annotations
+
+import os
+import secrets
+from contextlib import ExitStack, suppress
+from errno import EISDIR, ENOTDIR
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from sfglab.errors import InvalidValueError
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+_MOST_BYTES = 1 << 26  # of a text; a device may have no end
+
+
+def read_text(path: Path, allowed: str = "a readable text file") -> str:
+    """Return a file's text; `allowed` says in a refusal what it should be.
+
+    Raises:
+        InvalidValueError: It cannot be read, is longer than 64 MiB, or not in UTF-8.
+    """
+    try:
+        with path.open("rb") as file:
+            data = file.read(_MOST_BYTES + 1)
+        if len(data) > _MOST_BYTES:
+            raise InvalidValueError(path, f"more than {_MOST_BYTES} bytes", allowed)
+        return data.decode("utf-8").replace("\r\n", "\n").replace("\r", "\n")
+    except (OSError, UnicodeDecodeError) as error:
+        raise InvalidValueError(path, error, allowed) from error
+
+
+def write_files(
+    files: Mapping[Path, str | bytes], *, folder: Path | None = None, modes: Mapping[Path, int] | None = None
+) -> None:
+    """Write files, all of them or none; at any moment each path holds either the old file or the new one.
+
+    Contents go into files beside them, onto the disk, and only then take the old ones' names and permissions.
+    Symbolic links stay such; what is no file, as ``/dev/stdout``, is written straight.
+
+    Args:
+        files: What goes where.
+        folder: A folder to make where it is not there, with those of paths below it; paths are relative to it.
+        modes: Permissions, by path.
+
+    Raises:
+        InvalidValueError: One cannot be written; what was there is still there, and nothing was added.
+    """
+    staged: list[tuple[Path, Path]] = []
+    with ExitStack() as undo:
+        target = Path()
+        try:
+            for path, content in files.items():
+                target = path if folder is None else folder / path
+                data = content.encode() if isinstance(content, str) else content
+                if folder is not None:
+                    _make_folder(target.parent, undo)
+                if target.exists() and not target.is_file() and not target.is_dir():
+                    target.write_bytes(data)
+                    continue
+                staged.append(_stage(target, data, (modes or {}).get(path), undo))
+            for part, target in staged:
+                part.replace(target)
+        except (OSError, ValueError) as error:
+            raise InvalidValueError(target, error, "a file that can be written") from error
+        undo.pop_all()
+    for parent in {target.parent for _, target in staged}:
+        _sync_folder(parent)
+
+
+def _make_folder(folder: Path, undo: ExitStack) -> None:
+    if folder.exists() and not folder.is_dir():
+        raise NotADirectoryError(ENOTDIR, os.strerror(ENOTDIR))
+    if not folder.exists():
+        _make_folder(folder.parent, undo)
+        folder.mkdir()
+        undo.callback(_remove, folder)
+
+
+def _remove(folder: Path) -> None:
+    with suppress(OSError):  # somebody else has put something there meanwhile
+        folder.rmdir()
+
+
+def _stage(path: Path, data: bytes, mode: int | None, undo: ExitStack) -> tuple[Path, Path]:
+    """Write a file beside the one that it is to become; return both."""
+    target = Path(os.path.realpath(path))
+    if target.is_dir():
+        raise IsADirectoryError(EISDIR, os.strerror(EISDIR))
+    part = target.with_name(f".{target.name[:100]}.{secrets.token_hex(4)}.part")
+    with part.open("xb") as file:
+        undo.callback(part.unlink, missing_ok=True)
+        file.write(data)
+        file.flush()
+        os.fsync(file.fileno())
+    if mode is None and target.exists():
+        mode = target.stat().st_mode & 0o7777
+    if mode is not None:
+        part.chmod(mode)
+    return part, target
+
+
+def _sync_folder(folder: Path) -> None:
+    """Bring new names onto the disk; file systems that cannot sync folders do so by themselves."""
+    with suppress(OSError):
+        handle = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(handle)
+        finally:
+            os.close(handle)

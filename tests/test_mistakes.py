@@ -1,0 +1,245 @@
+"""Mistakes made from every command's files and options: one sentence, no traceback, nothing half."""
+
+import re
+import signal
+import sys
+from pathlib import Path
+
+import pytest
+import typer
+
+from sfglab import cli
+
+ROOT = Path(__file__).parents[1]
+DATA = ROOT / "data"
+FLEET, QOS, GRAPH = DATA / "fleets/lab.yaml", DATA / "qos/paper_b.yaml", DATA / "graphs/figure_8.yaml"
+SCENE, MOCAP, LOG = DATA / "scenes/hall.yaml", DATA / "mocap/two_agents.yaml", DATA / "reference/mocap.mcap"
+LIMIT_S = 60
+
+DOCUMENTS = {  # a command, BAD where the file stands, and a good one
+    "fleet lint BAD": FLEET,
+    "fleet router BAD --agent go2": FLEET,
+    f"fleet check {DATA}/deploy/none.yaml --fleet BAD": FLEET,
+    "fleet security BAD --out OUT": FLEET,
+    "agent up --fleet BAD --agent go2": FLEET,
+    "router --fleet BAD --agent go2": FLEET,
+    "deploy plan BAD": FLEET,
+    "deploy render BAD -o OUT": FLEET,
+    "deploy check BAD": FLEET,
+    "deploy apply BAD --dry-run": FLEET,
+    "deploy releases BAD": FLEET,
+    f"view {LOG} --fleet BAD --to OUT.rrd": FLEET,
+    "qos BAD": QOS,
+    "map BAD": GRAPH,
+    "plan BAD --no-browser --port 0": SCENE,
+    "follow serve --agent go2 --interface lo --scene BAD": SCENE,
+    "follow run BAD --interface lo": SCENE,
+    "mocap run BAD --domain 99 --interface lo --synthetic": MOCAP,
+}
+LOGS = [
+    "log BAD",
+    "view BAD --to OUT.rrd",
+    "frames lint BAD",
+    "mocap offset BAD --object a --odom go2/odom --base go2/base",
+    f"mocap run {MOCAP} --log BAD --topic agent_x=/p --domain 99 --interface lo",
+    "map BAD",
+    "camera /global/go2/camera_front/color/ffmpeg --interface lo --source bag:BAD#/image",
+    "camera /global/go2/camera_front/color/ffmpeg --interface lo --source BAD",
+]
+
+
+def _broken(name, folder, good, suffix):
+    """Make what a user may give in place of a good file; return its path."""
+    path, text = folder / f"bad{suffix}", good.read_bytes()
+    contents = {
+        "empty": b"",
+        "binary": bytes(range(256)) * 8,
+        "other text": b"a line\nand another\n",
+        "a list": b"- 1\n- 2\n",
+        "null": b"null\n",
+        "a number": b"17\n",
+        "an unknown key": b"nonesuch: 1\n",
+        "latin 1": b"name: caf\xe9\n",
+        "a tab": b"a:\n\t- b\n",
+        "unclosed": b"a: [1, 2\n",
+        "a key twice": b"a: 1\na: 2\n",
+        "an alias": b"a: &x 1\nb: *x\n",
+        "numbers as keys": b"1: 2\n",
+        "deep": b"a: " + b"[" * 5000,
+        "cut": text[: len(text) // 3] + b"\n  x: [",
+        "of lists": re.sub(rb"(?m)^(\w+):.*$", rb"\1: [[]]", re.sub(rb"(?m)^[ #-].*\n", b"", text)),
+        "of words": re.sub(rb"(?m): *[-\d.]+ *$", b": lots", text) + b"\nnonesuch: 1\n",
+        "misspelt": re.sub(rb"(?m)^(\w+)(\w):", rb"\1:", text),
+    }
+    match name:
+        case "missing":
+            pass
+        case "a folder":
+            path.mkdir()
+        case "in no folder":
+            return folder / "none" / path.name
+        case "below a file":
+            (folder / "file").write_text("")
+            return folder / "file" / path.name
+        case "too long":
+            return folder / ("x" * 300 + suffix)
+        case "a loop":
+            path.symlink_to(path)
+        case "dangling":
+            path.symlink_to(folder / "none")
+        case "endless":
+            path.symlink_to("/dev/zero")
+        case "a device":
+            path.symlink_to("/dev/null")
+        case _:
+            path.write_bytes(contents[name])
+    return path
+
+
+PATHS = [
+    "missing",
+    "a folder",
+    "in no folder",
+    "below a file",
+    "too long",
+    "a loop",
+    "dangling",
+    "endless",
+    "a device",
+]
+TEXTS = [
+    "empty", "binary", "other text", "a list", "null", "a number", "an unknown key", "latin 1", "a tab",
+    "unclosed", "a key twice", "an alias", "numbers as keys", "deep", "cut", "of lists", "of words", "misspelt",
+]  # fmt: skip
+SUFFIXES = [".mcap", ".db3", ".bag"]
+
+
+@pytest.fixture
+def attempt(monkeypatch, capfd):
+    """Give what runs a command as a process would; it must refuse in one sentence."""
+
+    def overdue(*_):
+        raise TimeoutError
+
+    def run(*arguments):
+        capfd.readouterr()
+        monkeypatch.setattr(sys, "argv", ["sfglab", *map(str, arguments)])
+        before = signal.signal(signal.SIGALRM, overdue)
+        signal.alarm(LIMIT_S)
+        try:
+            with pytest.raises(SystemExit) as ended:
+                cli.main()
+        finally:
+            signal.alarm(0)
+            signal.signal(signal.SIGALRM, before)
+        said = capfd.readouterr()
+        lines = [line for line in (said.out + said.err).splitlines() if line.strip()]
+        assert ended.value.code not in (0, None), lines
+        assert len(lines) == 1, lines
+        assert len(lines[0]) < 1500, lines
+        assert not re.search(r"Traceback|Errno|PosixPath|Error\(|<class|object at", lines[0]), lines
+        return lines[0]
+
+    return run
+
+
+@pytest.mark.parametrize("command", DOCUMENTS)
+@pytest.mark.parametrize("mistake", PATHS + TEXTS)
+def test_a_wrong_document(command, mistake, tmp_path, attempt):
+    bad = _broken(mistake, tmp_path, DOCUMENTS[command], ".yaml")
+    out = tmp_path / "out"
+    attempt(*(word.replace("BAD", str(bad)).replace("OUT", str(out)) for word in command.split()))
+    assert not list(tmp_path.glob("out*"))
+
+
+@pytest.mark.parametrize("command", LOGS)
+@pytest.mark.parametrize(
+    ("mistake", "suffix"),
+    [(m, ".mcap") for m in PATHS] + [(m, s) for m in ("empty", "binary", "other text") for s in SUFFIXES],
+)
+def test_a_wrong_log(command, mistake, suffix, tmp_path, attempt):
+    bad = _broken(mistake, tmp_path, LOG, suffix)
+    out = tmp_path / "out"
+    attempt(*(word.replace("BAD", str(bad)).replace("OUT", str(out)) for word in command.split()))
+    assert not list(tmp_path.glob("out*"))
+
+
+def _commands(command, words=()):
+    if hasattr(command, "commands"):
+        for name, inner in command.commands.items():
+            yield from _commands(inner, (*words, name))
+    else:
+        yield words, command
+
+
+COMMANDS = dict(_commands(typer.main.get_command(cli.app)))
+
+
+GOOD = {
+    "qos": QOS,
+    "map": GRAPH,
+    "plan": SCENE,
+    "mocap": MOCAP,
+    "follow": SCENE,
+    "domain": "99",
+    "agent": "go2",
+}
+
+
+def _needed(words, command):
+    """Yield words with which a command would run, but for one more that is wrong."""
+    for parameter in command.params:
+        if parameter.required:
+            value = GOOD.get(
+                parameter.name,
+                "none.such" if hasattr(parameter, "is_flag") else GOOD.get(words[0], "none.such"),
+            )
+            yield from [value] if not hasattr(parameter, "is_flag") else [parameter.opts[0], value]
+
+
+def _argument_mistakes():
+    for words, command in COMMANDS.items():
+        needed = [str(word) for word in _needed(words, command)]
+        yield (*words, *needed, "--nonesuch")
+        if not any(p.nargs == -1 for p in command.params):
+            yield (*words, *needed, "one", "too", "many", "of", "these")
+        if needed:
+            yield words
+        for option in (p for p in command.params if not getattr(p, "is_flag", True)):
+            yield (*words, *needed, option.opts[0])
+            kind = option.type_descriptor.annotation
+            if kind not in (str, Path, list[str], list[Path]):
+                yield (*words, *needed, option.opts[0], "lots")
+            if option.name in ("linger", "delay", "rate_max", "lut", "seed", "days", "duration", "port"):
+                yield (*words, *needed, option.opts[0], "-1")
+                yield (*words, *needed, option.opts[0], "nan")
+
+
+@pytest.mark.parametrize("words", sorted(set(_argument_mistakes())), ids=" ".join)
+def test_a_wrong_argument(words, attempt, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    said = attempt(*words)
+    assert not list(tmp_path.iterdir())
+    assert re.search(r"(?i)missing|one too many", said) or any(word in said for word in words[-2:])
+
+
+@pytest.mark.parametrize(
+    ("command", "says"),
+    {
+        f"view {LOG} --to OUT.rrd --memory lots": "25%",
+        f"view {LOG} --to OUT.rrd --domain 3 --interface lo": "--domain and --interface: given with a log",
+        f"map {GRAPH} --stage hardware": "--stage: given without --figure",
+        f"map {GRAPH} --figure OUT.gif": ".png, .svg or .pdf",
+        f"qos {QOS} --front --out OUT": "--out: given with --front",
+        f"qos {QOS} --method printed --latency-price 2": "--latency-price: given with --method printed",
+        f"qos {QOS} --format cyclone": "--vendor cyclone_dds",
+        f"frames lint {LOG} --listen 3": "--listen: given with a log",
+        f"mocap run {MOCAP} --domain 99 --synthetic --type pose": "--type: given without",
+        "camera /global/go2/camera_front/color/ffmpeg --codec rvl --encoder libx264": "--encoder: given with",
+        "qos --fromat table": "Possible options: --format",
+    }.items(),
+)
+def test_options_that_nothing_looks_at_and_kinds_of_text(command, says, attempt, tmp_path):
+    said = attempt(*(word.replace("OUT", str(tmp_path / "out")) for word in command.split()))
+    assert says in said
+    assert not list(tmp_path.iterdir())
