@@ -38,17 +38,24 @@ def user_lock(name: str) -> Iterator[None]:
         InvalidValueError: There is no home, and somebody else can write to the folder in its place.
     """
     path = _own_folder() / f"{name}-{host_id()}.lock"
-    with path.open("a+") as lock:
-        try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError as error:
-            lock.seek(0)
-            pid = lock.read(20)
-            raise LockedError(name, int(pid) if pid.isdecimal() else None) from error
-        lock.truncate(0)
-        lock.write(f"{os.getpid()}")
-        lock.flush()
-        yield
+    while True:
+        with path.open("a+") as lock:
+            try:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError as error:
+                lock.seek(0)
+                pid = lock.read(20)
+                raise LockedError(name, int(pid) if pid.isdecimal() else None) from error
+            if not os.fstat(lock.fileno()).st_nlink:
+                continue  # whoever had it has taken the file away meanwhile
+            lock.truncate(0)
+            lock.write(f"{os.getpid()}")
+            lock.flush()
+            try:
+                yield
+            finally:
+                path.unlink(missing_ok=True)
+            return
 
 
 def _own_folder() -> Path:

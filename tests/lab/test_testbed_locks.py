@@ -1,10 +1,12 @@
 """Locks of the test bed: nobody else can take them, and this user's programs exclude each other."""
 
+import fcntl
 import socket
 from contextlib import ExitStack, closing, suppress
 
 import pytest
 
+from sfglab.bus import locks
 from sfglab.bus.locks import LockedError, user_lock
 from sfglab.lab.testbed import DOMAINS, FIRST_DOMAIN, Testbed, held_domains
 
@@ -23,3 +25,23 @@ def test_names_that_another_took_hold_nobody_up_and_a_domain_is_had_once():
             for lock in ("run-on-one-host", f"dds-domain-{some[0]}"):
                 with pytest.raises(LockedError):
                     user_lock(lock).__enter__()
+
+
+@pytest.mark.parametrize("taken_away", [False, True])
+def test_a_lock_leaves_no_file_and_who_opened_the_file_of_another_takes_a_new_one(
+    tmp_path, monkeypatch, taken_away
+):
+    monkeypatch.setattr(locks, "_own_folder", lambda: tmp_path)
+
+    def flock(*args):
+        monkeypatch.undo()  # the rest of this test uses the real one
+        monkeypatch.setattr(locks, "_own_folder", lambda: tmp_path)
+        for path in tmp_path.iterdir():
+            path.unlink()
+        return fcntl.flock(*args)
+
+    if taken_away:
+        monkeypatch.setattr(locks.fcntl, "flock", flock)
+    with user_lock("a"), pytest.raises(LockedError):
+        user_lock("a").__enter__()
+    assert not list(tmp_path.iterdir())
