@@ -16,7 +16,7 @@ export PYTHONDONTWRITEBYTECODE :=
 INSTALL := -m pip install --quiet --no-compile --disable-pip-version-check --no-deps --require-hashes -r
 
 .DEFAULT_GOAL := help
-.PHONY: help setup ros yosys lock reproduce test lab figures screenshots claims mutants fuzz check format lint types bench book clean
+.PHONY: help setup ros yosys lock reproduce test lab figures screenshots claims mutants fuzz soak check format lint types bench book clean
 
 help: ## List the targets
 	@grep -hE '^[a-z]+:.*## ' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  make %-12s %s\n", $$1, $$2}'
@@ -83,6 +83,9 @@ fuzz: export PYTHONPATH = .
 fuzz: $(VENV)/.tests ## Send hostile bytes through every door for MINUTES, one process a core, and print counts and faults
 	@mkdir -p runs && for i in $$(seq $$(nproc)); do \
 		$(BIN)/python tests/fuzz/run.py $$(( $(MINUTES) * 60 )) $$RANDOM 2> runs/fuzz.$$i.log & done; wait
+
+soak: setup ## Have a fault every few seconds in three agents with streams for MINUTES, and print what came of it
+	$(BIN)/python -m sfglab.lab.experiments.reliability $(MINUTES)
 
 check: lint types test ## Format check, lint, types and tests: what CI runs
 
