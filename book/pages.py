@@ -27,7 +27,7 @@ from sfglab.lab.ledger import compute_ledger
 from sfglab.lab.paths import find_project
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
 
 ROOT = Path(__file__).parents[1]
 
@@ -49,6 +49,8 @@ def write_pages(folder: Path) -> None:
     for page in folder.rglob("*.md"):
         for name in re.findall(r"figures/([\w.]+)", page.read_text("utf-8")):
             shutil.copy(ROOT / "figures" / name, folder / "figures")
+    toy = (ROOT / "tests" / "bus" / "toy_bus.py").read_text("utf-8")
+    _replace(folder / "extend.md", {"experiment-of-design": _experiment(), "toy-bus": f"```python\n{toy}```"})
     reference = folder / "reference"
     for sub in ("formats", "api"):
         (reference / sub).mkdir(parents=True)
@@ -60,8 +62,12 @@ def write_pages(folder: Path) -> None:
     (reference / "ledger.md").write_text(ledger_page(), encoding="utf-8")
 
 
-def _replace(page: Path, mark: str, text: str) -> None:
-    page.write_text(page.read_text("utf-8").replace(f"<!-- {mark} -->", text), encoding="utf-8")
+def _replace(page: Path, marks: Mapping[str, str]) -> None:
+    text = page.read_text("utf-8")
+    for mark, made in marks.items():
+        assert f"<!-- {mark} -->" in text, mark
+        text = text.replace(f"<!-- {mark} -->", made)
+    page.write_text(text, encoding="utf-8")
 
 
 def _experiment() -> str:
