@@ -103,7 +103,8 @@ def play(*scenarios: Scenario) -> list[Played]:
 @pytest.mark.slow
 @pytest.mark.netns
 def test_flows_caches_and_chains_run_live_as_in_the_model():
-    flow = {"source": "robot", "target": "station", "rate_hz": 100.0, "qos": QoSProfile(depth=10)}
+    # Depth for all samples: a process that gets no CPU for a tenth of a second sends more than ten at once.
+    flow = {"source": "robot", "target": "station", "rate_hz": 100.0, "qos": QoSProfile(depth=100)}
     scenario = Scenario(
         flows=(
             Flow(name="plain", **flow),
