@@ -220,14 +220,38 @@ def run_notebooks(
     """
     for path in paths:
         fit_parameters(path, parameters)
-    outcomes = []
+    outcomes: list[Outcome] = []
+    before = {path.stem: seconds_before(path, project, parameters) for path in paths}
     for position, path in enumerate(paths, start=1):
         say(f"[{position}/{len(paths)}] {path.stem} ...")
         outcome = _run_one(path, project, parameters, write=write)
         outcomes.append(outcome)
         said = f"failed: {outcome.error}" if outcome.error else "done"
-        say(f"[{position}/{len(paths)}] {path.stem} {said} after {outcome.seconds:.0f} s")
+        left = f", about {seconds_left(outcomes, before) / 60:.0f} min left" if position < len(paths) else ""
+        say(f"[{position}/{len(paths)}] {path.stem} {said} after {outcome.seconds:.0f} s{left}")
     return outcomes
+
+
+def seconds_left(done: Sequence[Outcome], before: Mapping[str, float]) -> float:
+    """Return how long the notebooks that are not done may take [s].
+
+    By how long they took before (0: unknown, as long as the mean of the others), at the pace of those done.
+    """
+    took = {outcome.name: outcome.seconds for outcome in done}
+    known = [before[name] for name in took if before[name]]
+    paced = [took[name] for name in took if before[name]]
+    pace, usual = (sum(paced) / sum(known) if known else 1.0), sum(took.values()) / len(took)
+    return sum(pace * s if s else usual for name, s in before.items() if name not in took)
+
+
+def seconds_before(path: Path, project: Project, parameters: Mapping[str, Any]) -> float:
+    """Return how long a notebook took when it was last run with these parameters, by its copy; 0: unknown."""
+    try:
+        last = read_notebook(project.runs / "notebooks" / path.name).metadata.get("papermill", {})
+    except NotebookError:
+        return 0.0
+    alike = last.get("parameters") == fit_parameters(path, parameters)
+    return float(last.get("duration") or 0.0) if alike and not last.get("exception") else 0.0
 
 
 def _run_one(path: Path, project: Project, parameters: Mapping[str, Any], *, write: bool) -> Outcome:

@@ -11,11 +11,14 @@ from sfglab.lab import notebook
 from sfglab.lab.experiments import naming
 from sfglab.lab.notebooks import (
     NotebookError,
+    Outcome,
     find_notebooks,
     fit_parameters,
     normalise,
     read_parameters,
     run_notebooks,
+    seconds_before,
+    seconds_left,
 )
 from sfglab.lab.paths import Project, find_project
 from sfglab.record import LogWriter
@@ -113,7 +116,7 @@ def test_one_failed_notebook_does_not_hide_the_others_and_says_which_cell(projec
     assert good.cells[-1].outputs[0].text == "5\n"
     assert len(good.cells) == 2, "the injected cell is gone again"
     assert (project.runs / "notebooks" / "01_bad.ipynb").exists(), "the failed copy is kept"
-    assert len(said) == 4
+    assert ["min left" in line for line in said] == [False, True, False, False]
 
 
 def test_notebooks_are_found_by_name_beginning_or_topic(project):
@@ -169,3 +172,31 @@ def test_the_project_is_found_from_below_and_by_its_variable(project, monkeypatc
     monkeypatch.setenv("SFGLAB_ROOT", str(tmp_path / "nowhere"))
     with pytest.raises(SfglabError, match="SFGLAB_ROOT"):
         find_project()
+
+
+def test_the_time_left_follows_from_the_last_run_at_todays_pace():
+    done = [Outcome(name="a", seconds=30.0), Outcome(name="b", seconds=90.0)]
+    assert seconds_left(done, {"a": 0, "b": 0, "c": 0, "d": 0}) == 120, "nothing known: the mean of those done"
+    assert seconds_left(done, {"a": 15, "b": 45, "c": 100, "d": 0}) == 2 * 100 + 60, (
+        "all take twice as long today"
+    )
+    assert seconds_left(done, {"a": 15, "b": 0, "c": 0}) == 60
+
+
+@pytest.mark.parametrize(
+    ("told", "seconds"),
+    [
+        ({"parameters": {"x": 4}, "duration": 12.5}, 12.5),
+        ({"parameters": {"x": 5}, "duration": 12.5}, 0),
+        ({"parameters": {"x": 4}, "duration": 12.5, "exception": True}, 0),
+        ({"parameters": {"x": 4}, "duration": None}, 0),
+        (None, 0),
+    ],
+)
+def test_a_copy_of_a_like_run_tells_how_long_it_took(project, told, seconds):
+    write(project, "01_a", "x: int = 1")
+    if told is not None:
+        (project.runs / "notebooks").mkdir(parents=True)
+        copy = new_notebook(metadata={"papermill": told})
+        nbformat.write(copy, project.runs / "notebooks" / "01_a.ipynb")
+    assert seconds_before(project.notebooks / "01_a.ipynb", project, {"x": 4}) == seconds
