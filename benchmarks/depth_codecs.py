@@ -1,8 +1,9 @@
-"""RVL against PNG and against plain scalar RVL, in one run on the same depth frames.
+"""RVL against our own format, Zstandard, PNG and plain scalar RVL, in one run on the same depth frames.
 
 Prints the median over interleaved rounds, so that a busy machine slows all rows alike, and the ratios to
 RVL. Depth comes from the ground-truth disparities of Middlebury's motorcycle, which scikit-image carries,
-scaled to 640 x 360: as it is, and with the noise of a stereo camera. Run: python benchmarks/depth_codecs.py
+scaled to 640 x 360: as it is, and with the noise of a stereo camera; and from the elevations, in metres, of a
+mountain ridge, which Matplotlib carries: no camera's, but surveyed. Run: python benchmarks/depth_codecs.py
 """
 
 from __future__ import annotations
@@ -17,9 +18,11 @@ from typing import TYPE_CHECKING, Any
 import cv2
 import numba
 import numpy as np
+import zstandard
+from matplotlib import cbook
 from skimage import data
 
-from sfglab.codecs import rvl
+from sfglab.codecs import med, rvl
 from sfglab.codecs.depth import PNG_LEVEL
 from sfglab.codecs.still import decode_still, encode_png
 
@@ -37,7 +40,7 @@ NOISE_PX = 0.06  # disparity noise of a small stereo camera
 
 
 def depth_frames() -> dict[str, NDArray[np.uint16]]:
-    """Return depth images of shape (360, 640) in millimetres, by name."""
+    """Return depth images by name: of shape (360, 640) in millimetres, and a surveyed ridge, (344, 403)."""
     disparity = data.stereo_motorcycle()[2]
     disparity = cv2.resize(disparity, (640, 360), interpolation=cv2.INTER_NEAREST)
     noise = np.random.default_rng(0).normal(0, NOISE_PX, disparity.shape)
@@ -47,7 +50,13 @@ def depth_frames() -> dict[str, NDArray[np.uint16]]:
         depth = FOCAL_PX * BASELINE_MM / (np.where(seen, disparity_px, 1) + OFFSET_PX)
         return np.where(seen, depth.round(), 0).astype(np.uint16)
 
-    return {"ground truth": millimetres(disparity), "with noise": millimetres(disparity + noise)}
+    with cbook.get_sample_data("jacksboro_fault_dem.npz") as survey:
+        ridge = survey["elevation"].astype(np.uint16)
+    return {
+        "ground truth": millimetres(disparity),
+        "with noise": millimetres(disparity + noise),
+        "ridge": np.ascontiguousarray(ridge),
+    }
 
 
 def scalar_functions() -> tuple[Callable[..., Any], Callable[..., Any]]:
@@ -67,8 +76,17 @@ def contenders(depth: NDArray[np.uint16]) -> dict[str, tuple[Callable[[], Any], 
     out = np.empty_like(depth)
     words = rvl.encode(depth)
     count = scalar_encode(flat, nibbles)
+    frame, raw = med.encode(depth), depth.tobytes()
+    zstd, unzstd = zstandard.ZstdCompressor(level=1), zstandard.ZstdDecompressor()
+    packed = zstd.compress(raw)
     rows: dict[str, tuple[Callable[[], Any], Callable[[], Any], int]] = {
         "RVL": (lambda: rvl.encode(depth), lambda: rvl.decode(words, depth.shape, out=out), len(words)),
+        "ours: predicted, then Zstandard": (
+            lambda: med.encode(depth),
+            lambda: med.decode(frame, depth.shape),
+            len(frame),
+        ),
+        "Zstandard level 1": (lambda: zstd.compress(raw), lambda: unzstd.decompress(packed), len(packed)),
         "RVL, plain scalar, compiled": (
             lambda: scalar_encode(flat, nibbles),
             lambda: scalar_decode(nibbles, out.reshape(-1)),

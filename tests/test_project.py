@@ -29,6 +29,7 @@ FLOORS = (
         "documents",
         "schema",
         "tables",
+        "compiling",
     ),
     ("messages", "rtps", "codecs"),
     ("bus", "record"),

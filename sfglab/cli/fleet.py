@@ -274,7 +274,8 @@ def camera(
         str, typer.Option(help="photos, stereo, camera:0, bag:PATH#/topic, or a video file.")
     ] = "photos",
     codec: Annotated[
-        Literal["h264", "rvl"], typer.Option(help="h264 (colour) or rvl (depth, needs a source with depth).")
+        Literal["h264", "rvl", "med"],
+        typer.Option(help="h264 (colour); rvl, or med, ours and smaller (depth, need a source with depth)."),
     ] = "h264",
     domain: Annotated[int, typer.Option(help="DDS domain.")] = 0,
     interface: Annotated[str | None, typer.Option(help="Network interface.")] = None,
@@ -290,7 +291,7 @@ def camera(
     from sfglab.lab.workers.camera import CameraConfig, run_camera
 
     if codec != "h264":
-        unused("with --codec rvl, whose encoder is the only one", "encoder")
+        unused(f"with --codec {codec}, whose encoder is the only one", "encoder")
     config = CameraConfig(
         places=((BusAddress(domain_id=domain, interface=interface), topic),),
         codec=codec,

@@ -1,8 +1,10 @@
-"""Depth images as compressed_depth_image_transport writes them: a 12-byte header, then PNG or RVL.
+"""Depth images as compressed_depth_image_transport writes them: a 12-byte header, then PNG or RVL; or ours.
 
 Knows that payload and its format string. 16-bit depth is lossless: unlike the ROS plugin, which by default
 turns everything beyond 10 m into holes, nothing is cut unless asked. 32-bit depth is quantised to 16 bits as
-the plugin does it, bit by bit. Refuses to know messages (`sfglab.codecs.carriers`).
+the plugin does it, bit by bit. In the place of RVL there can be a smaller format of our own, for streams
+between our agents, which the plugin cannot read (`sfglab.codecs.med`). Refuses to know messages
+(`sfglab.codecs.carriers`).
 
 Source: image_transport_plugins, compressed_depth_image_transport: codec.cpp, compression_common.h.
 """
@@ -12,6 +14,7 @@ from __future__ import annotations
 import math
 import struct
 from dataclasses import dataclass
+from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -31,7 +34,9 @@ DEPTH_MAX_M = 10.0  #: The plugin's default (``depth_max``) for 32-bit depth, in
 _QUANTIZATION = np.float32(100.0)  # the plugin's default (depth_quantization)
 _HEADER = struct.Struct("<iff")  # format, depthQuantA, depthQuantB
 _INV_DEPTH = 0
-_RVL_SIZE = struct.Struct("<II")  # columns, rows
+_SIZE = struct.Struct("<II")  # columns, rows; PNG says them itself
+_CODECS = ("png", "rvl", "med")
+_ALLOWED = "'png', 'rvl' or 'med'"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -39,7 +44,7 @@ class DepthFormat:
     """What the `format` field of a compressed depth message says."""
 
     encoding: str  #: ROS image encoding such as ``"16UC1"``; empty if an old writer left it out.
-    codec: str  #: ``"png"`` or ``"rvl"``.
+    codec: str  #: ``"png"``, ``"rvl"`` or ``"med"``.
 
     def __str__(self) -> str:
         return f"{self.encoding}; compressedDepth {self.codec}"
@@ -49,14 +54,14 @@ def parse_depth_format(text: str) -> DepthFormat:
     """Read a format string, without regard to case; without a codec it is PNG, as old writers mean it.
 
     Raises:
-        CodecError: If it does not name compressedDepth, or a codec other than png and rvl.
+        CodecError: If it does not name compressedDepth, or a codec other than png, rvl and med.
     """
     encoding, _, transport = text.rpartition(";")
     words = transport.split()
     codec = words[1].lower() if len(words) == 2 else "png"
-    if not words or len(words) > 2 or words[0].lower() != "compresseddepth" or codec not in ("png", "rvl"):
+    if not words or len(words) > 2 or words[0].lower() != "compresseddepth" or codec not in _CODECS:
         raise CodecError(
-            f"depth format: given {text!r}, allowed is '<encoding>; compressedDepth' followed by 'png' or 'rvl'"
+            f"depth format: given {text!r}, allowed is '<encoding>; compressedDepth' followed by {_ALLOWED}"
         )
     return DepthFormat(encoding=encoding.strip(), codec=codec)
 
@@ -68,7 +73,7 @@ def encode_depth(
 
     Args:
         depth: Shape (rows, columns); uint16 in millimetres with 0 for holes, or float32 in metres with NaN.
-        codec: ``"rvl"`` or ``"png"``.
+        codec: ``"rvl"``, ``"png"``, or ``"med"``, which readers of image_transport do not know.
         depth_max_m: Depth in metres beyond which (uint16) or from which (float32) pixels become holes. None
             keeps all of a uint16 image, and is `DEPTH_MAX_M` for float32, which cannot do without.
         png_level: Effort of zlib for PNG, from 0 to 9.
@@ -147,27 +152,29 @@ def _metres(pixels: NDArray[np.uint16], quant_a: float, quant_b: float) -> NDArr
     return depth_m
 
 
-def _compressed(pixels: NDArray[np.uint16], codec: str, png_level: int) -> bytes:
-    if codec == "rvl":
-        from sfglab.codecs.rvl import encode  # numba takes 0.3 s to import
+def _coder(codec: str) -> Any:
+    """Return the module of a format that does not say its size; it takes Numba, 0.3 s to import."""
+    return import_module(f"sfglab.codecs.{codec}")
 
-        return _RVL_SIZE.pack(pixels.shape[1], pixels.shape[0]) + encode(pixels)
+
+def _compressed(pixels: NDArray[np.uint16], codec: str, png_level: int) -> bytes:
     if codec == "png":
         from sfglab.codecs.still import encode_png
 
         return encode_png(pixels, level=png_level)
-    raise CodecError(f"depth codec: given {codec!r}, allowed are 'rvl' and 'png'")
+    if codec not in _CODECS:
+        raise CodecError(f"depth codec: given {codec!r}, allowed are {_ALLOWED}")
+    return _SIZE.pack(pixels.shape[1], pixels.shape[0]) + bytes(_coder(codec).encode(pixels))
 
 
 def _decompressed(body: memoryview, codec: str, most_pixels: int) -> NDArray[np.uint16]:
-    if codec == "rvl":
-        from sfglab.codecs.rvl import decode
-
-        if len(body) < _RVL_SIZE.size:
-            raise BitstreamError("rvl", reason="cut before the image size", size_bytes=len(body))
-        columns, rows = _RVL_SIZE.unpack_from(body)
-        check_size("rvl", width=columns, height=rows, size_bytes=len(body), most_pixels=most_pixels)
-        return decode(body[_RVL_SIZE.size :], (rows, columns))
+    if codec != "png":
+        if len(body) < _SIZE.size:
+            raise BitstreamError(codec, reason="cut before the image size", size_bytes=len(body))
+        columns, rows = _SIZE.unpack_from(body)
+        check_size(codec, width=columns, height=rows, size_bytes=len(body), most_pixels=most_pixels)
+        pixels: NDArray[np.uint16] = _coder(codec).decode(body[_SIZE.size :], (rows, columns))
+        return pixels
     from sfglab.codecs.still import decode_still
 
     image = decode_still(bytes(body), most_pixels=most_pixels)

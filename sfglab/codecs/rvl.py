@@ -14,21 +14,17 @@ compressed_depth_image_transport, rvl_codec.cpp.
 
 from __future__ import annotations
 
-import logging
 from typing import TYPE_CHECKING, Any
 
 import numba
 import numpy as np
 
 from sfglab.codecs.errors import MAX_PIXELS, BitstreamError, CodecError, check_size
+from sfglab.compiling import compiled
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from numpy.typing import NDArray
 
-
-_log = logging.getLogger(__name__)
 
 _FAULTS = {
     1: "the words end before the last pixel",
@@ -134,19 +130,6 @@ def _delta_nibbles() -> NDArray[np.int32]:
 _DELTA_NIBBLES = _delta_nibbles()
 
 
-def _compiled(signature: str) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
-    """Return a decorator that compiles at once, from the cache where there is a writable one."""
-
-    def compile_now(function: Callable[..., Any]) -> Callable[..., Any]:
-        try:
-            return numba.njit(signature, nogil=True, cache=True)(function)
-        except RuntimeError as error:  # numba found no directory that it may write
-            _log.warning("%s is compiled anew in each process; set NUMBA_CACHE_DIR: %s", function, error)
-            return numba.njit(signature, nogil=True)(function)
-
-    return compile_now
-
-
 # In both kernels only the lowest `bits` bits of `window` count; what stands above them is left to overflow.
 
 
@@ -167,7 +150,7 @@ def _put(number: Any, words: Any, state: Any) -> Any:
     return at, window, bits
 
 
-@_compiled(
+@compiled(
     "int64(Array(uint16, 1, 'C', readonly=True), uint32[::1], Array(int32, 1, 'C', readonly=True))",
 )
 def _encode_words(pixels: Any, words: Any, table: Any) -> Any:
@@ -223,7 +206,7 @@ def _get(words: Any, state: Any) -> Any:
     return -2, (at, window, bits)
 
 
-@_compiled("Tuple((int64, int64, int64))(Array(uint32, 1, 'C', readonly=True), uint16[::1])")
+@compiled("Tuple((int64, int64, int64))(Array(uint32, 1, 'C', readonly=True), uint16[::1])")
 def _decode_words(words: Any, pixels: Any) -> Any:  # noqa: C901, PLR0911  # one loop that each fault leaves
     """Fill the non-zero pixels; return (fault or 0, words read, bits of them that were not used).
 

@@ -34,7 +34,10 @@ def test_a_payload_is_a_header_and_columns_rows_words_or_a_file():
     assert np.array_equal(picture, HOLE_STEP_PLANE)
 
 
-@given(hnp.arrays(np.uint16, st.tuples(st.integers(1, 9), st.integers(1, 40))), st.sampled_from(["rvl", "png"]))
+@given(
+    hnp.arrays(np.uint16, st.tuples(st.integers(1, 9), st.integers(1, 40))),
+    st.sampled_from(["rvl", "png", "med"]),
+)
 @settings(max_examples=100, deadline=None)
 def test_16_bit_depth_comes_back_bit_by_bit_however_far(depth, codec):
     depth_format, data = encode_depth(depth, codec=codec, png_level=1)
@@ -65,7 +68,7 @@ QUANTISED = [
 ]
 
 
-@pytest.mark.parametrize("codec", ["rvl", "png"])
+@pytest.mark.parametrize("codec", ["rvl", "png", "med"])
 def test_32_bit_depth_is_quantised_as_the_plugin_does_it(codec):
     metres, quantised, back = (np.array([column], np.float32) for column in zip(*QUANTISED, strict=True))
     depth_format, data = encode_depth(metres, codec=codec)
@@ -95,6 +98,7 @@ def test_32_bit_depth_errs_by_less_than_a_step_and_not_twice(metres):
         ("16UC1; compressedDepth png", "16UC1", "png"),
         ("16UC1; compressedDepth", "16UC1", "png"),
         ("32FC1; compressedDepth RVL", "32FC1", "rvl"),
+        ("16UC1; compressedDepth med", "16UC1", "med"),
         ("mono16;compresseddepth rvl", "mono16", "rvl"),
         ("compressedDepth", "", "png"),
     ],
@@ -123,6 +127,8 @@ def test_without_an_encoding_the_header_tells_whether_it_was_quantised_and_a_16_
         ("16UC1", "rvl", b"", "header"),
         ("16UC1", "png", bytes(12), "header"),
         ("16UC1", "rvl", bytes(12) + bytes(7), "image size"),
+        ("16UC1", "med", bytes(12) + bytes(7), "image size"),
+        ("16UC1", "med", bytes(12) + struct.pack("<II", 2**31, 2**31) + bytes(9), "claims"),
         ("16UC1", "rvl", bytes(12) + struct.pack("<II", 0, 5) + WORD, "0 x 5"),
         ("16UC1", "rvl", bytes(12) + struct.pack("<II", 2**31, 2**31) + WORD, "claims"),
         ("16UC1", "rvl", bytes(12) + struct.pack("<II", 5, 2) + WORD, "before the last pixel"),

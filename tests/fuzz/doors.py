@@ -180,7 +180,7 @@ PLACES = serialize(message_type(TF)([PLACED, PLACED]))
 DEPTH = np.arange(48 * 64, dtype=np.uint16).reshape(48, 64)
 COLOURS = np.arange(360 * 640 * 3, dtype=np.uint8).reshape(360, 640, 3)
 VIDEO = H264Encoder(TABLE_2).encode(COLOURS)[0].data
-RVL, PNG = (compressed_depth_fields(DEPTH, codec).data for codec in ("rvl", "png"))
+RVL, MED, PNG = (compressed_depth_fields(DEPTH, codec).data for codec in ("rvl", "med", "png"))
 JPEG = compressed_image_fields(COLOURS[:48, :64].copy()).data
 NODES = (NodeInfo(namespace="/", name="n", participant=bytes(16), readers=(bytes(16),), writers=()),)
 NESTED = f"p/Y[3] a\nstring[2] b\n{RULE}\nMSG: p/Y\nint8 x 3\nfloat64[<=4] y\n".encode()
@@ -216,6 +216,7 @@ DOORS: dict[str, Door] = {
     "h264": picture(FFMPEG_PACKET, VIDEO, encoding="h264"),
     "foxglove": picture(COMPRESSED_VIDEO, VIDEO, format="h264"),
     "rvl": picture(COMPRESSED_IMAGE, RVL, format="16UC1; compressedDepth rvl"),
+    "med": picture(COMPRESSED_IMAGE, MED, format="16UC1; compressedDepth med"),
     "png": picture(COMPRESSED_IMAGE, PNG, format="16UC1; compressedDepth png"),
     "jpeg": picture(COMPRESSED_IMAGE, JPEG, format="jpeg"),
     "definition": Door(text(lambda t: decoder_from_definition("p/msg/X", t)), MessageError, (NESTED,)),
@@ -266,6 +267,10 @@ ATTACKS: list[tuple[str, bytes]] = [
         for data in (b"/etc/group a\n", b"/a\0b YQ==\n", b"/etc\n/etc/group\n", b"/" + b"a" * 300)
     ),
     ("rvl", bytes(12) + struct.pack("<II", 8192, 8192) + bytes(8)),
+    *(
+        ("med", bytes(12) + struct.pack("<II", 8192, 8192) + zstandard.compress(data))
+        for data in (ZEROS, ZEROS + ZEROS, b"\xff" * len(ZEROS))
+    ),
     ("png", png(8000, 8000)),
     ("graph", bytes(20) + b"\xff\xff\xff\xff"),
     ("trajectory", CSV.replace(b"0.0", b"1e99999999")),

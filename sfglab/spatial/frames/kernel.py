@@ -10,7 +10,6 @@ have no loops (`buffer`). Refuses to know names.
 
 from __future__ import annotations
 
-import logging
 import math
 from enum import Enum
 from typing import TYPE_CHECKING, Any
@@ -18,15 +17,13 @@ from typing import TYPE_CHECKING, Any
 import numba
 import numpy as np
 
-if TYPE_CHECKING:
-    from collections.abc import Callable
+from sfglab.compiling import compiled
 
+if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from sfglab.spatial.poses import Pose
 
-
-_log = logging.getLogger(__name__)
 
 _PARENT, _STATIC, _FIRST, _COUNT = range(4)
 _SMALLEST_BLOCK = 16
@@ -159,19 +156,6 @@ NOT_CONNECTED = -2
 _NEARLY_PARALLEL = 1.0 - 1e-9
 
 
-def _compiled(signature: str) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
-    """Return a decorator that compiles at once, from the cache where there is a writable one."""
-
-    def compile_now(function: Callable[..., Any]) -> Callable[..., Any]:
-        try:
-            return numba.njit(signature, nogil=True, cache=True)(function)
-        except RuntimeError as error:  # numba found no directory that it may write
-            _log.warning("%s is compiled anew in each process; set NUMBA_CACHE_DIR: %s", function, error)
-            return numba.njit(signature, nogil=True)(function)
-
-    return compile_now
-
-
 @numba.njit
 def _turn(q: Any, v: Any) -> Any:
     x, y, z, w = q
@@ -284,7 +268,7 @@ def _meeting(edges: Any, a: Any, b: Any) -> Any:
     return a
 
 
-@_compiled("int64(int64[:, ::1], int64[::1], float64[:, ::1], float64[::1], int64, int64, int64, int64)")
+@compiled("int64(int64[:, ::1], int64[::1], float64[:, ::1], float64[::1], int64, int64, int64, int64)")
 def look_up(  # noqa: PLR0913, PLR0917 - flat arguments, as a compiled function has them
     edges: Any, stamps: Any, poses: Any, out: Any, target: Any, source: Any, time_ns: Any, reach_ns: Any
 ) -> Any:
@@ -327,7 +311,7 @@ def look_up(  # noqa: PLR0913, PLR0917 - flat arguments, as a compiled function 
     return FOUND
 
 
-@_compiled("UniTuple(int64, 3)(int64[:, ::1], int64[::1], int64, int64)")
+@compiled("UniTuple(int64, 3)(int64[:, ::1], int64[::1], int64, int64)")
 def common_interval(edges: Any, stamps: Any, target: Any, source: Any) -> Any:
     """Return `FOUND` or `NOT_CONNECTED`, and from when until when all edges on the way are known.
 
