@@ -161,7 +161,7 @@ def endpoint_text(endpoint: EndpointInfo) -> str:
         f"GID: {endpoint.gid.hex('.')}",
         "QoS profile:",
         f"  Reliability: {qos.reliability.name}",
-        f"  History (Depth): {'UNKNOWN' if _tells_no_history(endpoint) else kept}",
+        f"  History (Depth): {'UNKNOWN' if tells_no_history(endpoint) else kept}",
         f"  Durability: {qos.durability.name}",
         f"  Lifespan: {_duration(qos.lifespan_ns)}",
         f"  Deadline: {_duration(qos.deadline_ns)}",
@@ -174,7 +174,7 @@ def endpoint_text(endpoint: EndpointInfo) -> str:
 def endpoint_values(endpoint: EndpointInfo) -> dict[str, Any]:
     """Return an endpoint as JSON values; durations in nanoseconds, null where they are infinite."""
     namespace, name = node_of(endpoint)
-    qos, unknown = endpoint.qos, _tells_no_history(endpoint)
+    qos, unknown = endpoint.qos, tells_no_history(endpoint)
     return {
         "node_name": name,
         "node_namespace": namespace,
@@ -194,7 +194,7 @@ def endpoint_values(endpoint: EndpointInfo) -> dict[str, Any]:
     }
 
 
-def _tells_no_history(endpoint: EndpointInfo) -> bool:
+def tells_no_history(endpoint: EndpointInfo) -> bool:
     """Return whether its middleware does not announce how much it keeps."""
     return endpoint.gid.startswith(FAST_DDS)
 

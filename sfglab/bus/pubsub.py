@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from sfglab.bus.backend import Backend
 
 _log = logging.getLogger("sfglab.bus")
+_ACK_S = 0.01  #: How often it is asked whether all is acknowledged.
 
 
 def topic_endpoint(type_: MessageType, topic: str, qos: QoSProfile | int, **options: Any) -> RawEndpoint:
@@ -139,6 +140,18 @@ class Publisher(TopicEnd):
             BusTimeoutError: Fewer matched within `timeout_s`.
         """
         await self._wait_for(self._writer, count, "subscription", timeout_s)
+
+    async def wait_for_all_acked(self, timeout_s: float = 5.0) -> bool:
+        """Return True once all reliable subscriptions have all messages, False if they have not in time.
+
+        Over shared memory nobody acknowledges, and it is True at once.
+        """
+        asked: Callable[[], bool] = getattr(self._writer, "acknowledged", lambda: True)
+        for _ in range(round(timeout_s / _ACK_S)):
+            if asked():
+                break
+            await asyncio.sleep(_ACK_S)
+        return asked()
 
     def close(self) -> None:
         """End the publisher; again is harmless."""

@@ -115,25 +115,8 @@ def claims(
         typer.echo(render_in_full(entries) if verbose else render(entries, with_logs=every))
 
 
-def show_log(
-    path: Annotated[Path | None, typer.Argument(help="An MCAP log or a bag; all runs' logs when none.")] = None,
-) -> None:
-    """List what a log holds: topics, rates, sizes, metadata; without one, list runs and which of them speak."""
-    from sfglab.record import LogReader
-    from sfglab.tables import text_table
-
-    if path is None:
-        _list_runs()
-        return
-    with LogReader(path) as reader:
-        typer.echo(text_table(reader.overview()))
-        for name in reader.metadata_names:
-            typer.echo(f"metadata  {name}: {json.dumps(reader.metadata(name))}")
-        if reader.truncated:
-            typer.echo("the log was cut off; what stands here is all that is in it")
-
-
-def _list_runs() -> None:
+def list_runs() -> None:
+    """List the runs' logs, and which of them speak for the claims."""
     from sfglab.lab.experiments import EXPERIMENTS
     from sfglab.lab.ledger import find_log, logs_of
     from sfglab.tables import text_table

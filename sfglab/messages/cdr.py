@@ -5,6 +5,7 @@ Knows the encapsulation header (RTPS 2.5, clause 10.2) and its padding. Refuses 
 
 from __future__ import annotations
 
+import re
 import struct
 from collections.abc import Callable, Sequence
 from io import BytesIO
@@ -13,7 +14,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sfglab.messages.flat import flat_reader
-from sfglab.messages.store import MessageError, check_new, numpy_dtype, parse_definition, type_name, type_store
+from sfglab.messages.store import (
+    RULE,
+    MessageError,
+    add_types,
+    check_new,
+    is_known_as,
+    numpy_dtype,
+    parse_definition,
+    type_name,
+    type_store,
+)
 
 if TYPE_CHECKING:
     from rosbags.interfaces.typing import FieldDesc
@@ -231,6 +242,22 @@ def deserialize(data: Buffer, type_or_name: type[Any] | str) -> Any:
         UnknownTypeError: There is no such type.
     """
     return decoder(type_or_name)(data)
+
+
+def register_definition(name: str, text: str) -> None:
+    """Add the type of a definition with its dependencies, as logs have it; those that are there already stay.
+
+    Raises:
+        MessageError: It cannot be read, or is not what the store has under this name.
+    """
+    if name in type_store().fielddefs:
+        if not is_known_as(name, text):
+            raise MessageError(f"{name} is already registered with other fields")
+        return
+    first, *rest = re.split(rf"^{RULE}$\nMSG: ", text, flags=re.MULTILINE)
+    heads = [part.partition("\n") for part in rest]
+    texts = {(n if n.count("/") == 2 else n.replace("/", "/msg/")).strip(): body for n, _, body in heads}
+    add_types({name: first} | {n: body for n, body in texts.items() if n not in type_store().fielddefs})
 
 
 def decoder_from_definition(name: str, text: str) -> Callable[[Buffer], Any]:

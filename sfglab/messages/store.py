@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 INTERFACES_VARIABLE = "SFGLAB_INTERFACES"
 """Paths for `register_interfaces` with `os.pathsep` between: processes that we start know these types, too."""
 _log = logging.getLogger("sfglab.messages")
-_RULE = "=" * 80
+RULE = "=" * 80
 # Of a definition, as work of who reads it: ROS 2's own have at most 119 values and 5,000 characters.
 _MOST_VALUES = 4096
 _MOST_LINES = 1500
@@ -165,7 +165,7 @@ def register(name: str, text: str) -> type[Any]:
     Raises:
         MessageError: It cannot be read, or the name belongs to a type with other fields.
     """
-    _add({name: text})
+    add_types({name: text})
     return type_store().types[name]
 
 
@@ -195,7 +195,7 @@ def register_interfaces(path: Path) -> tuple[str, ...]:
         _log.warning("%s: given wstring, allowed is string; the type is left out", file)
         del parts[file]
     texts = {name: text for part in parts.values() for name, text in part.items()}
-    _add(texts)
+    add_types(texts)
     return tuple(sorted(texts))
 
 
@@ -223,7 +223,7 @@ def _with_wstring(parts: Mapping[Path, Mapping[str, str]]) -> set[Path]:
     return wide
 
 
-def _add(texts: Mapping[str, str]) -> None:
+def add_types(texts: Mapping[str, str]) -> None:
     """Add types, all or none, by their full names; those that are there already stay."""
     with _lock:
         store = type_store()
@@ -365,7 +365,7 @@ def definition(type_or_name: type[Any] | str) -> str:
     parts = [_sources.get(name, text)]
     for dependency, (generated, _) in dependencies.items():
         short = dependency.replace("/msg/", "/")
-        parts.append(f"{_RULE}\nMSG: {short}\n{_sources.get(dependency, generated)}")
+        parts.append(f"{RULE}\nMSG: {short}\n{_sources.get(dependency, generated)}")
     return "".join(part.rstrip("\n") + "\n" for part in parts)
 
 
@@ -378,7 +378,7 @@ def _action_fields(name: str) -> list[str]:
 
 def _wrapped(name: str, inner: list[str]) -> str:
     """Return the definition of what carries an action's part; rosbags refuses to write the part's name."""
-    rule = f"{_RULE}\n"
+    rule = f"{RULE}\n"
     blocks = [f"MSG: {type_.replace('/msg/', '/')}\n{definition(type_)}".split(rule) for type_ in inner]
     return rule.join([_sources[name], *dict.fromkeys(itertools.chain.from_iterable(blocks))])
 

@@ -12,9 +12,10 @@ from mcap.records import Channel, Message, Schema, Statistics
 from mcap.summary import Summary
 from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import Reader
+from rosbags.rosbag2.metadata import dump_qos_v8
 
 from sfglab.messages import UnknownTypeError, definition
-from sfglab.record.metadata import LogError
+from sfglab.record.metadata import QOS_KEY, LogError
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -39,9 +40,10 @@ class Bag:
         channels, counts = self.summary.channels, {}
         for found in self._bag.connections:
             self.summary.schemas[found.id] = self._schema(found)
-            channels[found.id] = Channel(found.id, found.topic, "cdr", {}, found.id)
+            offered = dump_qos_v8(getattr(found.ext, "offered_qos_profiles", []))
+            channels[found.id] = Channel(found.id, found.topic, "cdr", {QOS_KEY: offered}, found.id)
             counts[found.id] = found.msgcount
-        size, (start, end) = len(channels), (self._bag.start_time, self._bag.end_time)
+        size, (start, end) = len(channels), (self._bag.start_time, self._bag.end_time - 1)
         self.summary.statistics = Statistics(0, size, counts, 0, sum(counts.values()), end, start, 0, size)
 
     def _schema(self, found: Connection) -> Schema:

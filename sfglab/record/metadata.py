@@ -122,6 +122,7 @@ _RELIABILITY = {Reliability.RELIABLE: 1, Reliability.BEST_EFFORT: 2}
 _DURABILITY = {Durability.TRANSIENT_LOCAL: 1, Durability.VOLATILE: 2}
 _LIVELINESS = {Liveliness.AUTOMATIC: 1, Liveliness.MANUAL_BY_TOPIC: 3}
 _INFINITE_NS = 2**63 - 1
+QOS_KEY = "offered_qos_profiles"  #: Of a channel's metadata.
 
 
 def _duration_yaml(duration_ns: int | None) -> str:
@@ -144,6 +145,50 @@ def offered_qos_profiles(qos: QoSProfile) -> str:
         f"  liveliness: {_LIVELINESS[qos.liveliness]}\n"
         f"  liveliness_lease_duration:{_duration_yaml(qos.lease_ns)}\n"
         "  avoid_ros_namespace_conventions: false\n"
+    )
+
+
+def rosbags_qos(qos: QoSProfile) -> Any:
+    """Return a profile as rosbags has it."""
+    from rosbags.rosbag2.metadata import parse_qos
+
+    return parse_qos(offered_qos_profiles(qos))[0]
+
+
+def profile_from_bag(text: str) -> QoSProfile:
+    """Return the first of the profiles that rosbag2 recorded, in either of its forms.
+
+    What it leaves open, or cannot be read, is as in ROS 2's default profile.
+    """
+    from rosbags.rosbag2.errors import ReaderError
+    from rosbags.rosbag2.metadata import parse_qos
+
+    try:
+        (offered, *_) = parse_qos(text) or (None,)
+    except (ReaderError, KeyError, TypeError, AttributeError):
+        offered = None
+    if offered is None:
+        return QoSProfile()
+
+    def duration_ns(given: Any) -> int | None:
+        time_ns = given.sec * NS_PER_S + given.nsec
+        return time_ns if 0 < time_ns < _INFINITE_NS else None
+
+    tables: tuple[tuple[str, Mapping[Any, int]], ...] = (
+        ("history", _HISTORY),
+        ("reliability", _RELIABILITY),
+        ("durability", _DURABILITY),
+        ("liveliness", _LIVELINESS),
+    )
+    known = {(name, number): kind for name, kinds in tables for kind, number in kinds.items()}
+    asked = {name: known.get((name, getattr(offered, name).value)) for name, _ in tables}
+    policies: dict[str, Any] = {name: kind for name, kind in asked.items() if kind is not None}
+    return QoSProfile(
+        **policies,
+        depth=offered.depth if 0 < offered.depth < 2**31 else QoSProfile().depth,
+        deadline_ns=duration_ns(offered.deadline),
+        lifespan_ns=duration_ns(offered.lifespan),
+        lease_ns=duration_ns(offered.liveliness_lease_duration),
     )
 
 

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO, NamedTuple, Self
 from sfglab.messages import decoder, decoder_from_definition
 from sfglab.messages.store import is_known_as
 from sfglab.record.looking import ShownMessage, number_in
-from sfglab.record.metadata import LogError, values_from_strings
+from sfglab.record.metadata import QOS_KEY, LogError, profile_from_bag, values_from_strings
 from sfglab.record.writer import TABLE_PREFIX, TIME_COLUMN
 from sfglab.tables import html_table
 
@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from mcap.records import Channel, Schema
     from mcap.summary import Summary
 
+    from sfglab.qos import QoSProfile
     from sfglab.record.bags import Bag
 
 
@@ -161,6 +162,32 @@ class LogReader:
             counts[channel.topic] = TopicInfo(type_name=self._type_of(channel), count=count)
         return counts
 
+    @property
+    def span_ns(self) -> tuple[int, int]:
+        """When the first and the last message were received, log times in nanoseconds; zeros without any."""
+        statistics = self._summary.statistics
+        assert statistics is not None
+        return (
+            (statistics.message_start_time, statistics.message_end_time) if statistics.message_count else (0, 0)
+        )
+
+    def offered_qos(self, topic: str) -> QoSProfile:
+        """Return what a topic's writers offered, as the log has it, in ROS 2's default profile's place."""
+        texts = (c.metadata.get(QOS_KEY, "") for c in self._summary.channels.values() if c.topic == topic)
+        return profile_from_bag("\n".join(filter(None, texts)))
+
+    def definition(self, topic: str) -> str:
+        """Return the definition of a topic's type that the log has; empty where it has none as `.msg`."""
+        found = [
+            self._summary.schemas.get(c.schema_id) for c in self._summary.channels.values() if c.topic == topic
+        ]
+        return next((self._text_of(schema) for schema in found if schema and schema.encoding == "ros2msg"), "")
+
+    @property
+    def media_types(self) -> dict[str, str]:
+        """The attached files in this log with their media types, in the order of writing."""
+        return {index.name: index.media_type for index in self._summary.attachment_indexes}
+
     def __repr__(self) -> str:
         cut = ", cut off" if self.truncated else ""
         count = sum(info.count for info in self.topics.values())
@@ -236,7 +263,7 @@ class LogReader:
     @property
     def attachment_names(self) -> tuple[str, ...]:
         """The names of the attached files in this log, in the order of writing."""
-        return tuple(dict.fromkeys(index.name for index in self._summary.attachment_indexes))
+        return tuple(self.media_types)
 
     def metadata(self, name: str) -> dict[str, Any]:
         """Return one metadata record as it was written: text, or the values in a text that is JSON.

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO, Self
 
 from sfglab import __version__
 from sfglab.messages import definition, row_message, row_type, serialize, type_name
-from sfglab.record.metadata import LogError, offered_qos_profiles, strings_from_values
+from sfglab.record.metadata import QOS_KEY, LogError, offered_qos_profiles, strings_from_values
 from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
@@ -61,6 +61,7 @@ class LogWriter:
         self._channels: dict[tuple[str, str, QoSProfile | None], int] = {}
         self._schemas: dict[str, int] = {}
         self._types: dict[str, str] = {}
+        self._definitions: dict[str, str] = {}
         self._names: set[tuple[str, str]] = set()
         self._pending_bytes = 0
         self._chunk_start_ns: int | None = None
@@ -99,6 +100,10 @@ class LogWriter:
             except BaseException:
                 self._failed = True
                 raise
+
+    def define(self, type_name: str, definition: str) -> None:
+        """Write this definition for a type, and not the process's own."""
+        self._definitions[type_name] = definition
 
     def write_raw(  # noqa: PLR0913  # each of them is a column of the record
         self,
@@ -234,11 +239,11 @@ class LogWriter:
                 self._stream.flush()
 
     def _new_channel(self, topic: str, type_name: str, qos: QoSProfile | None) -> int:
-        schema = definition(type_name).encode()
+        schema = (self._definitions.get(type_name) or definition(type_name)).encode()
         known = self._types.setdefault(_checked_text(topic), type_name)
         if known != type_name:
             raise LogError(f"log, topic {topic}: given {type_name}, allowed is {known} as before")
-        metadata = {} if qos is None else {"offered_qos_profiles": offered_qos_profiles(qos)}
+        metadata = {} if qos is None else {QOS_KEY: offered_qos_profiles(qos)}
         with self._writing():
             if type_name not in self._schemas:
                 self._schemas[type_name] = self._mcap.register_schema(type_name, "ros2msg", schema)

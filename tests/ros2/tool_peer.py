@@ -1,7 +1,9 @@
 """A real node that says what the command line of ROS 2 would print, which its environments do not have."""
 
+import random
 import sys
 import time
+from hashlib import blake2b
 from pathlib import Path
 
 sys.path.append(str(Path(__file__).parent))
@@ -49,13 +51,45 @@ class Peer(service_peer.Peer):
         """Report messages as rclpy shows them."""
         report("shown", texts=[repr(deserialize_message(bytes.fromhex(one), interface(kind))) for one in cdr])
 
-    def beat(self, topic, cdr, times, rate_hz):
-        """Publish on schedule, catching up what was missed, and report how fast it was."""
-        message, start_s = bytes.fromhex(cdr), time.perf_counter()
-        for number in range(times):
-            time.sleep(max(0.0, start_s + number / rate_hz - time.perf_counter()))
-            self.publishers[topic].publish(message)
-        report("beaten", rate_hz=(times - 1) / (time.perf_counter() - start_s))
+    def beat(self, hz, seconds):
+        """Publish numbered messages of topics on schedule, catching up what was missed; report when [s]."""
+        made, sent_s = {topic: self.of_number(topic) for topic in hz}, {topic: [] for topic in hz}
+        due = sorted((n / hz[topic], topic, n) for topic in hz for n in range(round(hz[topic] * seconds)))
+        start_s = time.perf_counter()
+        for due_s, topic, number in due:
+            time.sleep(max(0.0, start_s + due_s - time.perf_counter()))
+            sent_s[topic].append(time.perf_counter() - start_s)
+            self.publishers[topic].publish(made[topic](number))
+        report("beaten", sent_s=sent_s)
+
+    def of_number(self, topic):
+        """Return what makes a topic's message with a number: text, or a picture of noise."""
+        if "image" not in topic:
+            return lambda number: interface("std_msgs/msg/String")(data=f"{number:07}")
+        image = interface("sensor_msgs/msg/Image")(width=640, height=480, step=1920, encoding="bgr8")
+        image.data.frombytes(random.Random(1).randbytes(921600))
+
+        def numbered(number):
+            image.header.stamp.sec = number
+            return image
+
+        return numbered
+
+    def gather(self, kinds):
+        """Keep of each topic how many messages came, and the digest of their bytes without their heads."""
+        self.digests = {topic: [0, blake2b()] for topic in kinds}
+        for topic, kind in kinds.items():
+
+            def take(cdr, kept=self.digests[topic]):
+                kept[0] += 1
+                kept[1].update(cdr[4:])
+
+            self.kept.append(self.node.create_subscription(interface(kind), topic, take, 2000, raw=True))
+        report("gathering")
+
+    def gathered(self):
+        """Report what was kept."""
+        report("gathered", seen={topic: [n, kept.hexdigest()] for topic, (n, kept) in self.digests.items()})
 
 
 if __name__ == "__main__":

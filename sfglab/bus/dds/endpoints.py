@@ -166,6 +166,11 @@ class DdsWriter:
         del size_bytes
         raise TypeError(f"topic {self._topic!r}: only a publisher with transport='shm' lends memory")
 
+    def acknowledged(self) -> bool:
+        """Return whether all reliable readers have all samples."""
+        code: int = library().dds_wait_for_acks(self.handle, 0)
+        return code >= 0
+
     def close(self) -> None:
         """Delete the writer, without waiting for readers that have not acknowledged everything."""
         self._waitset.detach(self.handle)

@@ -1,0 +1,244 @@
+"""Recording topics of a domain into a log, and playing a log into one.
+
+Files are written and read in a thread of their own, which SQLite asks for; no message waits for a disk.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import itertools
+from collections import Counter
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+from sfglab.bus.api import EndpointAdded, EndpointEvent, EndpointKind
+from sfglab.bus.listing import settled, tells_no_history, usual_qos, view
+from sfglab.messages import MessageError, UnknownTypeError, register_definition, type_name
+from sfglab.names import FqnError
+from sfglab.qos import Durability, History, QoSProfile
+from sfglab.record import LogReader
+from sfglab.units import NS_PER_S
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable
+    from pathlib import Path
+
+    from sfglab.bus.api import EndpointInfo
+    from sfglab.bus.node import Node
+    from sfglab.bus.pubsub import Publisher, Subscription
+    from sfglab.record.bag_writer import AnyWriter
+    from sfglab.record.reader import LogMessage
+
+_BATCH = 256
+_LAST_BATCHES = 8
+_OTHERS_S = 0.2  #: How long publishers of one topic may take to appear together.
+_UNACKNOWLEDGED = 256  #: How many a played reliable topic keeps: more than most writers do, for busy readers.
+_MATCH_S = 3.0
+_LATE_S = 2.0  #: How long readers may take for what was played last.
+
+
+class Recorder:
+    """Records what is published on topics that are wanted, from when they appear on.
+
+    Args:
+        node: Started.
+        open_log: Makes the log, in the thread that writes it.
+        wanted: Whether a topic of this name and type is recorded.
+        told: Given sentences for the user.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        open_log: Callable[[], AnyWriter],
+        *,
+        wanted: Callable[[str], bool],
+        told: Callable[[str], None],
+    ) -> None:
+        self.counts: Counter[str] = Counter()  #: Messages written, by topic.
+        self._node = node
+        self._open = open_log
+        self._wanted = wanted
+        self._told = told
+        self._queue: asyncio.Queue[tuple[Any, ...]] = asyncio.Queue(_BATCH)
+        self._topics: dict[str, asyncio.Task[None]] = {}
+        self._subscriptions: list[Subscription] = []
+
+    @property
+    def lost(self) -> int:
+        """How many messages the transport lost, or could not be queued."""
+        return sum(one.lost + one.dropped for one in self._subscriptions)
+
+    async def run(self) -> None:
+        """Record until cancelled; then what has arrived is written and the log ended."""
+        with ThreadPoolExecutor(1) as thread:
+            do = partial(asyncio.get_running_loop().run_in_executor, thread)
+            log = await do(self._open)
+            unlisten = self._node.graph.listen(self._heard)
+            self._told("Listening for topics...")
+            try:
+                while True:
+                    batch = [await self._queue.get(), *self._waiting()]
+                    await asyncio.shield(do(self._write, log, batch))
+            except asyncio.CancelledError:
+                for _ in range(_LAST_BATCHES):  # what had arrived when it was to end
+                    await do(self._write, log, self._waiting())
+                    await asyncio.sleep(0)
+                raise
+            finally:
+                unlisten()
+                for task in self._topics.values():
+                    task.cancel()
+                await asyncio.gather(*self._topics.values(), return_exceptions=True)
+                await do(log.close)
+
+    def _heard(self, event: EndpointEvent) -> None:
+        end = event.endpoint
+        if (
+            not isinstance(event, EndpointAdded)
+            or end.kind is not EndpointKind.PUBLISHER
+            or end.transport != "dds"
+        ):
+            return
+        if end.topic.startswith("/") and end.topic not in self._topics and self._wanted(end.topic):
+            self._topics[end.topic] = asyncio.ensure_future(self._follow(end.topic))
+
+    async def _follow(self, topic: str) -> None:
+        """Put messages of a topic into the queue; while that is full they wait in the subscription's."""
+        await asyncio.sleep(_OTHERS_S)
+        publishers = view(self._node).ends(topic, EndpointKind.PUBLISHER)
+        if not publishers:
+            del self._topics[topic]  # it has gone again
+            return
+        type_ = publishers[0].type
+        try:
+            subscription = self._node.create_subscription(type_, topic, qos=usual_qos(publishers), raw=True)
+        except (UnknownTypeError, FqnError) as error:
+            self._told(f"Topic '{topic}' is not recorded: {error}")
+            return
+        self._subscriptions.append(subscription)
+        self._told(f"Subscribed to topic '{topic}'")
+        qos = _offered(publishers)
+        while True:
+            cdr, info = await subscription.take_with_info()
+            await self._queue.put(
+                (topic, type_, cdr, info.received_timestamp_ns, info.source_timestamp_ns, qos)
+            )
+
+    def _waiting(self) -> list[tuple[Any, ...]]:
+        return [self._queue.get_nowait() for _ in range(self._queue.qsize())]
+
+    def _write(self, log: AnyWriter, messages: Iterable[tuple[Any, ...]]) -> None:
+        for topic, type_, cdr, received_ns, sent_ns, qos in messages:
+            times = {"log_time_ns": received_ns, "publish_time_ns": max(sent_ns, 0)}
+            log.write_raw(topic, type_, cdr, qos=qos, **times)
+            self.counts[topic] += 1
+
+
+def _offered(publishers: list[EndpointInfo]) -> QoSProfile:
+    """Return a topic's profile for a log; the depth that Fast DDS does not tell is the usual one."""
+    first = publishers[0]
+    if tells_no_history(first):
+        return replace(first.qos, history=History.KEEP_LAST, depth=QoSProfile().depth)
+    return first.qos
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Playing:
+    """How a log is played."""
+
+    rate: float = 1.0  #: How much faster than it was recorded.
+    loop: bool = False  #: Whether again and again.
+    start_s: float = 0.0  #: Where to begin, from the log's first message on.
+    duration_s: float | None = None  #: How much of it.
+    delay_s: float = 0.0  #: How long to wait before the first message, beside discovery.
+
+
+class Player:
+    """Plays topics of a log that are wanted, at the pace in which they were recorded, once subscriptions match.
+
+    Arguments as of `Recorder`.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        path: Path,
+        how: Playing,
+        *,
+        wanted: Callable[[str], bool],
+        told: Callable[[str], None],
+    ) -> None:
+        self.counts: Counter[str] = Counter()  #: Messages played, by topic.
+        self._node = node
+        self._path = path
+        self._how = how
+        self._wanted = wanted
+        self._told = told
+        self._publishers: dict[str, Publisher] = {}
+
+    async def run(self) -> None:
+        """Play to the end; return when all reliable subscriptions have all."""
+        with ThreadPoolExecutor(1) as thread:
+            do = partial(asyncio.get_running_loop().run_in_executor, thread)
+            reader = await do(LogReader, self._path)
+            try:
+                for topic in reader.topics:
+                    if self._wanted(topic):
+                        self._open(topic, reader)
+                await self._matched()
+                await asyncio.sleep(self._how.delay_s)
+                while True:
+                    await self._play(reader, do)
+                    if not self._how.loop or not self.counts:
+                        break
+                for publisher in self._publishers.values():
+                    await publisher.wait_for_all_acked(_LATE_S)
+            finally:
+                await do(reader.close)
+
+    def _open(self, topic: str, reader: LogReader) -> None:
+        name, qos = reader.topics[topic].type_name, reader.offered_qos(topic)
+        if qos.durability is Durability.VOLATILE and qos.history is History.KEEP_LAST:
+            qos = replace(qos, depth=max(qos.depth, _UNACKNOWLEDGED))
+        try:
+            if text := reader.definition(topic):
+                register_definition(name, text)
+            self._publishers[topic] = self._node.create_publisher(type_name(name), topic, qos)
+        except (MessageError, UnknownTypeError, FqnError) as error:
+            self._told(f"Topic '{topic}' is not played: {error}")
+
+    async def _matched(self) -> None:
+        """Wait until subscriptions that are there are found and matched."""
+        seen = await settled(self._node)
+        for topic, publisher in self._publishers.items():
+            count = len([e for e in seen.ends(topic, EndpointKind.SUBSCRIPTION) if e.transport == "dds"])
+            for _ in range(round(_MATCH_S / 0.1)):
+                if publisher.get_subscription_count() >= count:
+                    break
+                await asyncio.sleep(0.1)
+
+    async def _play(self, reader: LogReader, do: Callable[..., Any]) -> None:
+        begin_ns = reader.span_ns[0] + round(self._how.start_s * NS_PER_S)
+        more_s = self._how.duration_s
+        end_ns = None if more_s is None else begin_ns + round(more_s * NS_PER_S)
+        messages = reader.messages(start_ns=begin_ns, end_ns=end_ns)
+        loop = self._node.backend.loop
+        start_s = loop.time()
+        batch: list[LogMessage] = await do(_next, messages)
+        while batch:
+            later = asyncio.ensure_future(do(_next, messages))
+            for message in batch:
+                if publisher := self._publishers.get(message.topic):
+                    due_s = start_s + (message.log_time_ns - begin_ns) / NS_PER_S / self._how.rate
+                    if (wait_s := due_s - loop.time()) > 0:
+                        await asyncio.sleep(wait_s)
+                    publisher.publish_raw(message.cdr)
+                    self.counts[message.topic] += 1
+            batch = await later
+
+
+def _next(messages: Iterable[LogMessage]) -> list[LogMessage]:
+    return list(itertools.islice(messages, _BATCH))
