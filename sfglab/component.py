@@ -78,11 +78,19 @@ def config_from_argument(config_class: type[C], argument: str) -> C:
     return config
 
 
+def on_stop(call: Callable[[], object]) -> None:
+    """Have the running loop call something on Ctrl-C, when told to end, and when the terminal is gone."""
+    numbers = [signal.SIGINT, signal.SIGTERM]
+    if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:  # started with nohup
+        numbers.append(signal.SIGHUP)
+    for number in numbers:
+        asyncio.get_running_loop().add_signal_handler(number, call)
+
+
 async def run_until_interrupted(body: Coroutine[Any, Any, None]) -> bool:
     """Run for a person at a terminal, until interrupted or terminated; return whether it was."""
     running = asyncio.create_task(body)
-    for number in (signal.SIGINT, signal.SIGTERM):
-        asyncio.get_running_loop().add_signal_handler(number, running.cancel)
+    on_stop(running.cancel)
     with contextlib.suppress(asyncio.CancelledError):
         await running
     return running.cancelled()

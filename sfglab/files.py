@@ -1,4 +1,4 @@
-"""Files whole or not at all: reading a text of bounded length, and writing files so that none is left half.
+"""Files whole or not at all: texts of bounded length, files of which none is left half, a folder of one's own.
 
 Whatever keeps a file from being read or written is one `InvalidValueError` in plain words.
 """
@@ -10,6 +10,7 @@ import secrets
 from contextlib import ExitStack, suppress
 from errno import EISDIR, ENOTDIR
 from pathlib import Path
+from tempfile import gettempdir
 from typing import TYPE_CHECKING
 
 from sfglab.errors import InvalidValueError
@@ -114,3 +115,23 @@ def _sync_folder(folder: Path) -> None:
             os.fsync(handle)
         finally:
             os.close(handle)
+
+
+def own_folder() -> Path:
+    """Return a folder of this user's alone: at home, or without a home beside other temporary files.
+
+    Raises:
+        InvalidValueError: There is no home, and somebody else can write to the folder in its place.
+    """
+    with suppress(OSError, RuntimeError):
+        folder = Path.home() / ".cache" / "sfglab"
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        if os.access(folder, os.W_OK):
+            return folder
+    folder = Path(gettempdir()) / f"sfglab-{os.getuid()}"
+    folder.mkdir(mode=0o700, exist_ok=True)
+    if folder.lstat().st_uid != os.getuid() or folder.lstat().st_mode & 0o77:
+        raise InvalidValueError(
+            "folder for locks", f"{folder}, open to others", "a folder of this user's alone"
+        )
+    return folder

@@ -45,6 +45,7 @@ LOGS = [
     "map BAD",
     "camera /global/go2/camera_front/color/ffmpeg --interface lo --source bag:BAD#/image",
     "camera /global/go2/camera_front/color/ffmpeg --interface lo --source BAD",
+    "reproduce 03_decode_once --profile smoke -p source=BAD",
 ]
 
 
@@ -133,7 +134,7 @@ def attempt(monkeypatch, capfd):
             signal.alarm(0)
             signal.signal(signal.SIGALRM, before)
         said = capfd.readouterr()
-        lines = [line for line in (said.out + said.err).splitlines() if line.strip()]
+        lines = [line for line in (said.err or said.out).splitlines() if line.strip()]
         assert ended.value.code not in (0, None), lines
         assert len(lines) == 1, lines
         assert len(lines[0]) < 1500, lines
@@ -236,6 +237,7 @@ def test_a_wrong_argument(words, attempt, tmp_path, monkeypatch):
         f"frames lint {LOG} --listen 3": "--listen: given with a log",
         f"mocap run {MOCAP} --domain 99 --synthetic --type pose": "--type: given without",
         "camera /global/go2/camera_front/color/ffmpeg --codec rvl --encoder libx264": "--encoder: given with",
+        f"view {LOG} --to OUT.rrd --topic /typo": "the beginning of one of /",
         "qos --fromat table": "Possible options: --format",
     }.items(),
 )

@@ -8,14 +8,12 @@ from __future__ import annotations
 
 import fcntl
 import os
-from contextlib import contextmanager, suppress
-from pathlib import Path
-from tempfile import gettempdir
+from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 from sfglab.bus.api import host_id
 from sfglab.bus.errors import BusError
-from sfglab.errors import InvalidValueError
+from sfglab.files import own_folder
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -37,7 +35,7 @@ def user_lock(name: str) -> Iterator[None]:
         LockedError: Another one holds it.
         InvalidValueError: There is no home, and somebody else can write to the folder in its place.
     """
-    path = _own_folder() / f"{name}-{host_id()}.lock"
+    path = own_folder() / f"{name}-{host_id()}.lock"
     while True:
         with path.open("a+") as lock:
             try:
@@ -56,19 +54,3 @@ def user_lock(name: str) -> Iterator[None]:
             finally:
                 path.unlink(missing_ok=True)
             return
-
-
-def _own_folder() -> Path:
-    """Return a folder of this user's alone: at home, or without a home beside other temporary files."""
-    with suppress(OSError, RuntimeError):
-        folder = Path.home() / ".cache" / "sfglab"
-        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-        if os.access(folder, os.W_OK):
-            return folder
-    folder = Path(gettempdir()) / f"sfglab-{os.getuid()}"
-    folder.mkdir(mode=0o700, exist_ok=True)
-    if folder.lstat().st_uid != os.getuid() or folder.lstat().st_mode & 0o77:
-        raise InvalidValueError(
-            "folder for locks", f"{folder}, open to others", "a folder of this user's alone"
-        )
-    return folder

@@ -40,7 +40,7 @@ def reproduce(
 
       sfglab reproduce 03_decode_once --profile smoke
 
-      sfglab reproduce 03_decode_once -p source=drive.mp4
+      sfglab reproduce 03_decode_once -p source=drive.mp4   # or a log or bag with pictures
     """
     from sfglab.lab.claims import render
     from sfglab.lab.experiment import PROFILES
@@ -50,10 +50,16 @@ def reproduce(
     if profile not in PROFILES:
         raise NotebookError(f"--profile: given {profile!r}, allowed are {', '.join(PROFILES)}")
     project = find_project()
+    given = read_parameters(parameter or ())
+    if isinstance(source := given.get("source"), str):
+        from sfglab.lab.sources import absolute, is_there
+
+        typer.echo(is_there(source), err=True, nl=source not in ("photos", "stereo"))
+        given["source"] = absolute(source)
     outcomes = run_notebooks(
         find_notebooks(project, notebooks or ()),
         project=project,
-        parameters={"profile": profile, "seed": seed, **read_parameters(parameter or ())},
+        parameters={"profile": profile, "seed": seed, **given},
         write=write,
     )
     typer.echo(render(compute_ledger(project, profile=profile)))

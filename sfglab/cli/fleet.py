@@ -271,7 +271,7 @@ def decoder(
 def camera(
     topic: Annotated[str, typer.Argument(help="Topic, e.g. /global/go2/camera_front/color/ffmpeg")],
     source: Annotated[
-        str, typer.Option(help="photos, stereo, camera:0, bag:PATH#/topic, or a video file.")
+        str, typer.Option(help="photos, stereo, camera:0, a video file, log or bag, or bag:PATH#/topic.")
     ] = "photos",
     codec: Annotated[
         Literal["h264", "rvl", "med"],

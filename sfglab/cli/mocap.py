@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import json
-import signal
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -12,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from sfglab.cli.options import unused
-from sfglab.component import run
+from sfglab.component import on_stop, run
 from sfglab.errors import SfglabError
 
 if TYPE_CHECKING:
@@ -233,8 +232,7 @@ async def _serve(
                 _make_up_trees(node, mapping)
             bridge = MocapBridge(node, make(node, mapping, stack), mapping, BridgeOptions(agent=agent))
             running = asyncio.ensure_future(bridge.run())
-            for number in (signal.SIGINT, signal.SIGTERM):
-                asyncio.get_running_loop().add_signal_handler(number, running.cancel)
+            on_stop(running.cancel)
             typer.echo(f"mocap: ready, status on {status_topic(agent)}; end it with Ctrl-C")
             with contextlib.suppress(asyncio.CancelledError, TimeoutError):
                 async with asyncio.timeout(duration):

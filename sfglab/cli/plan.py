@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import signal
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from sfglab.component import run
+from sfglab.component import on_stop, run
 from sfglab.errors import SfglabError
 
 if TYPE_CHECKING:
@@ -184,8 +183,7 @@ async def _serve(agent: str, setup: AgentSetup, action: str, address: dict[str, 
     from sfglab.spatial.execution.server import TrajectoryServer
 
     asked = asyncio.Event()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        asyncio.get_running_loop().add_signal_handler(number, asked.set)
+    on_stop(asked.set)
     async with (
         Node(agent, **address) as node,
         TrajectoryServer(node, agent, name=action, setup=setup) as server,
@@ -214,8 +212,7 @@ async def _send_all(orders: Callable[[int], tuple[Order, ...]], action: str, add
         def stop() -> None:
             stopping.update(loop.create_task(execution.cancel()) for execution in sent)
 
-        for number in (signal.SIGINT, signal.SIGTERM):
-            loop.add_signal_handler(number, stop)
+        on_stop(stop)
         ended = await asyncio.gather(*(execution.result() for execution in sent))
         await asyncio.gather(*stopping)
     for order, end in zip(wanted, ended, strict=True):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import sys
 import threading
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -170,16 +171,28 @@ def _default_place() -> Sequence[str]:
 
 
 def _logged(log: Path, options: ViewOptions) -> None:
+    from tqdm import tqdm
+
+    from sfglab.record import LogReader
     from sfglab.view.app import view_log
+
+    with LogReader(log) as reader:
+        types = sorted({info.type_name for info in reader.topics.values()})
+        count = sum(info.count for info in reader.topics.values())
+        cut = "; it was cut off, what is left of it is shown" if reader.truncated else ""
+    typer.echo(f"{log}: {count} messages of {len(reader.topics)} topics go to {', '.join(options.to)}{cut}")
 
     def stay(session: Session) -> None:
         """Tell what was shown, and keep a server up until Ctrl-C: it has the data."""
         _tell(session)
+        if not session.displays:
+            typer.echo(f"no visualizer shows what is in it: {', '.join(types) or 'nothing'}")
         if _announce(options):
             threading.Event().wait()
 
     try:
-        view_log(log, options, on_shown=stay)
+        bar = partial(tqdm, total=count, unit=" messages", leave=False, disable=None)  # only at a terminal
+        view_log(log, options, progress=bar, on_shown=stay)
     except KeyboardInterrupt:
         typer.echo("ended")
 

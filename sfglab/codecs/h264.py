@@ -10,7 +10,10 @@ from __future__ import annotations
 
 import functools
 import logging
+import time
+from contextlib import suppress
 from enum import Enum
+from hashlib import sha256
 from typing import TYPE_CHECKING, NoReturn
 
 import av
@@ -28,17 +31,25 @@ from sfglab.codecs.libav import (
     is_entry_point,
 )
 from sfglab.codecs.probe import choose_decoder, choose_encoder, why
+from sfglab.errors import InvalidValueError
+from sfglab.files import own_folder
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 
 _log = logging.getLogger(__name__)
+_DAY_S = 86400.0
 
 
 @functools.cache
 def _say_once(message: str) -> None:
-    """Log a warning the first time; the same choice is made for every stream of a fleet."""
+    """Log a warning, once a day for this user; each stream, process and command makes the same choice."""
+    with suppress(OSError, InvalidValueError):
+        said = own_folder() / f"said-{sha256(message.encode()).hexdigest()[:16]}"
+        if said.exists() and 0 <= time.time() - said.stat().st_mtime < _DAY_S:
+            return
+        said.touch()
     _log.warning(message)
 
 
@@ -53,7 +64,7 @@ class H264Encoder:
         choice = choose_encoder(settings.encoder, fallback=fallback)
         self.settings = settings  #: As given.
         self.encoder_name = choice.name  #: The FFmpeg encoder that was opened.
-        #: Why it is not a preferred one, else None; also logged as a warning, once.
+        #: Why it is not a preferred one, else None; also logged as a warning, once a day.
         self.fallback_reason = choice.fallback_reason
         if choice.fallback_reason is not None:
             _say_once(f"H.264 is encoded by {choice.name}, because {choice.fallback_reason}")

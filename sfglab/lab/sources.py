@@ -3,20 +3,24 @@
 A source is a stream of numbered frames of one size: colour (BGR) and, where the material has it, depth in
 millimetres. The default pans and zooms over photographs that scikit-image ships, so that it needs neither
 a camera nor a download and shows the same frames for the same seed. The stereo pair brings measured
-disparity, hence metric depth. A video file, a camera or a bag is read with its own frame rate ignored:
-the caller asks for frames at the rate of the experiment.
+disparity, hence metric depth. A video file and a bag keep their speed and their pictures' shape: pictures are
+repeated or passed over, and stand between black bars where the experiment's shape is another. Of a camera the
+next picture is taken.
 """
 
 from __future__ import annotations
 
 import itertools
+import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from sfglab.codecs.carriers import FFMPEG_PACKET
 from sfglab.errors import SfglabError
+from sfglab.record.reader import is_log
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator, Iterator
@@ -40,6 +44,9 @@ MOTORCYCLE_OFFSET_PX = 31.086
 DEPTH_STAMP_MM = (4000, 1000)  #: White and black of the visible frame number in depth images, in millimetres.
 
 SECONDS_A_VIEW = 4.0
+_SAME_RATE = 1e-3  #: Share by which rates may differ and be one: 30 and 29.97 Hz are.
+_MOST_HZ = 1000.0  #: Of a video; containers without a rate say their clock's.
+_PICTURES = ("sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage", FFMPEG_PACKET)
 
 
 class SourceError(SfglabError, ValueError):
@@ -59,7 +66,10 @@ class Frame:
 class Source:
     """A stream of frames of one size that starts again at its end, and gives back its file or device."""
 
-    def __init__(self, pictures: Iterator[Picture], close: Callable[[], None] = lambda: None) -> None:
+    def __init__(
+        self, pictures: Iterator[Picture], close: Callable[[], None] = lambda: None, *, said: str = ""
+    ) -> None:
+        self.said = said  #: What is done to material of one's own, in a sentence; empty for the default.
         self._pictures = pictures
         self._numbers = itertools.count()
         self.close = close
@@ -74,7 +84,7 @@ def open_source(spec: str, *, width: int = 640, height: int = 360, fps: float = 
     """Open a source of frames of a size by its name; its rate sets the speed of panning, its seed the path.
 
     Names are ``photos`` (default material), ``stereo`` (with depth), ``camera:0``, ``bag:PATH#/topic``, or the
-    path of a video file.
+    path of a video file, a log or a bag; of the latter the one topic with pictures is taken.
 
     Raises:
         SourceError: The source is unknown, missing or unreadable.
@@ -83,9 +93,45 @@ def open_source(spec: str, *, width: int = 640, height: int = 360, fps: float = 
     if spec in ("photos", "stereo"):
         stills = _stereo_stills() if spec == "stereo" else _photograph_stills()
         return Source(_panned(stills, size, frames_a_view=round(SECONDS_A_VIEW * fps), seed=seed))
-    images_of = _bag_images if spec.startswith("bag:") else _video_images
-    looped = _looped(spec, images_of, images_of(spec), size)
-    return Source(looped, looped.close)
+    is_bag = spec.startswith("bag:") or (not spec.startswith("camera:") and is_log(Path(spec)))
+    images_of = _bag_images if is_bag else _video_images
+    rate_hz, images = images_of(spec)
+    rate_hz = fps if abs(rate_hz - fps) <= _SAME_RATE * fps else rate_hz * (rate_hz < _MOST_HZ)
+    step = rate_hz / fps if rate_hz else 1.0
+    first = next(images, None)
+    if first is None:
+        raise SourceError(f"source {spec!r}: it opened, but holds no picture")
+    looped = _looped(lambda: images_of(spec)[1], first, images, size, step)
+    return Source(looped, looped.close, said=_said(spec, first.shape, size, rate_hz, fps))
+
+
+def is_there(spec: str) -> str:
+    """Return what is done to a source's pictures, as `Source.said`, after a look at its first one.
+
+    Raises:
+        SourceError: The source is unknown, missing or unreadable.
+    """
+    if spec in ("", "photos", "stereo"):
+        return ""
+    source = open_source(spec)
+    source.close()
+    return source.said
+
+
+def absolute(spec: str) -> str:
+    """Return a source's name for processes that work in another folder."""
+    kind, colon, path = spec.rpartition("bag:")
+    if spec in ("", "photos", "stereo") or spec.startswith("camera:"):
+        return spec
+    return f"{kind}{colon}{Path(path).absolute()}"
+
+
+def _said(spec: str, shape: tuple[int, ...], size: tuple[int, int], rate_hz: float, fps: float) -> str:
+    (height, width), rate = shape[:2], f" at {rate_hz:.4g} Hz" if rate_hz else ""
+    bars = "" if abs(width * size[1] - height * size[0]) < max(size) else " between black bars"
+    speed = f": pictures are {'repeated' if rate_hz < fps else 'passed over'}, its speed is kept"
+    speed = "" if rate_hz in (0, fps) else speed
+    return f"{spec}: {width} x {height}{rate}, shown as {size[0]} x {size[1]}{bars} at {fps:g} Hz{speed}"
 
 
 def _panned(
@@ -137,28 +183,43 @@ def _stereo_stills() -> list[Picture]:
 
 
 def _looped(
-    spec: str, images_of: Callable[[str], Images], images: Images, size: tuple[int, int]
+    again: Callable[[], Images], image: Image, images: Images, size: tuple[int, int], step: float
 ) -> Generator[Picture, None, None]:
-    """Scale the images of a file, device or bag to one size, from the start again at the end."""
-    import cv2
+    """Fit the images of a file, device or bag into one size, from the start again at the end.
 
+    A step is how many images of the source pass in the time of one picture.
+    """
+    at, fitted = 0, _fitted(image, size)
     try:
-        while True:
-            image = next(images, None)
-            if image is None:
-                images = images_of(spec)
-                image = next(images, None)
-            if image is None:
-                raise SourceError(f"source {spec!r}: it opened, but holds no picture")
-            yield cv2.resize(image, size, interpolation=cv2.INTER_AREA), None
+        for number in itertools.count():
+            wanted = int(number * step + _SAME_RATE)
+            while at < wanted:
+                following = next(images, None)
+                if following is None:
+                    images = again()
+                    following = next(images, image)
+                image, at = following, at + 1
+                fitted = _fitted(image, size) if at == wanted else fitted
+            yield fitted.copy(), None  # the caller draws into it
     finally:
         images.close()
 
 
-def _video_images(spec: str) -> Images:
-    """Read a video file or a camera, image by image (BGR)."""
+def _fitted(image: Image, size: tuple[int, int]) -> Image:
+    """Scale an image into a size, centred, its shape kept."""
     import cv2
 
+    height, width = image.shape[:2]
+    scale = min(size[0] / width, size[1] / height)
+    inner = min(size[0], round(width * scale)), min(size[1], round(height * scale))
+    scaled = cv2.resize(image, inner, interpolation=cv2.INTER_AREA)
+    left, top = (size[0] - inner[0]) // 2, (size[1] - inner[1]) // 2
+    right, bottom = size[0] - inner[0] - left, size[1] - inner[1] - top
+    return np.asarray(cv2.copyMakeBorder(scaled, top, bottom, left, right, cv2.BORDER_CONSTANT), np.uint8)
+
+
+def _video_images(spec: str) -> tuple[float, Images]:
+    """Open a video file or a camera: its rate in Hz, 0 for a camera, and its images (BGR)."""
     is_camera = spec.startswith("camera:")
     index = spec.removeprefix("camera:")
     if is_camera and not index.isdigit():
@@ -168,6 +229,11 @@ def _video_images(spec: str) -> Images:
             f"source {spec!r}: no such file; allowed are photos, stereo, camera:N, bag:PATH#/topic "
             "or the path of a video file"
         )
+    import cv2
+
+    # What cannot be opened is said by us.
+    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
+    os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
     capture = cv2.VideoCapture(int(index) if is_camera else spec)
     if not capture.isOpened():
         capture.release()
@@ -180,21 +246,30 @@ def _video_images(spec: str) -> Images:
         finally:
             capture.release()
 
-    return images()
+    rate_hz = 0.0 if is_camera else capture.get(cv2.CAP_PROP_FPS)
+    return max(rate_hz, 0.0), images()
 
 
-def _bag_images(spec: str) -> Images:
-    """Read the colour images of one topic of an MCAP log or rosbag2, image by image (BGR)."""
-    from sfglab.record import LogReader
+def _bag_images(spec: str) -> tuple[float, Images]:
+    """Open one topic of an MCAP log or bag: its mean rate in Hz, 0 where it has none, and its images (BGR)."""
+    from sfglab.record import LogError, LogReader
 
     path, _, topic = spec.removeprefix("bag:").partition("#")
-    if not topic:
-        raise SourceError(f"source {spec!r}: say which topic, as in bag:run.mcap#/camera/image_raw")
-    with LogReader(Path(path)) as log:
+    try:
+        opened = LogReader(Path(path))
+    except LogError as error:
+        raise SourceError(f"source {spec!r}: {error}") from error
+    with opened as log:
+        seen = [name for name, info in log.topics.items() if info.type_name in _PICTURES]
+        if not topic and len(seen) != 1:
+            there = ", ".join(f"bag:{path}#{name}" for name in seen) or "none: no topic has pictures"
+            raise SourceError(f"source {spec!r}: say which topic; there are {there}")
+        topic = topic or seen[0]
         if topic not in log.topics:
             known = ", ".join(sorted(log.topics))
             raise SourceError(f"source {spec!r}: no topic {topic!r}; the log holds {known}")
         type_name = log.topics[topic].type_name
+        rate_hz, _ = log.rate_and_size(topic)
 
     def images() -> Images:
         with LogReader(Path(path)) as log:
@@ -202,7 +277,7 @@ def _bag_images(spec: str) -> Images:
             for entry in log.decoded(topic):
                 yield from bgr_images(entry.message)
 
-    return images()
+    return rate_hz, images()
 
 
 def _bgr_reader(type_name: str, spec: str) -> Callable[[Any], list[Image]]:

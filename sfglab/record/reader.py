@@ -202,12 +202,17 @@ class LogReader:
         """Return a head and a line a topic: type, count, and rate and mean size of its first messages."""
         rows: list[tuple[str, ...]] = [("topic", "type", "messages", "Hz", "bytes")]
         for topic, info in self.topics.items():
-            first = list(itertools.islice(self.messages(topic), _SAMPLE)) if info.count else []
-            span_s = (first[-1].log_time_ns - first[0].log_time_ns) * 1e-9 if first else 0
-            rate = f"{(len(first) - 1) / span_s:.3g}" if span_s else ""
-            size = f"{sum(len(message.cdr) for message in first) / len(first):.0f}" if first else ""
-            rows.append((topic, info.type_name, str(info.count), rate, size))
+            rate_hz, size = self.rate_and_size(topic)
+            shown = f"{rate_hz:.3g}" if rate_hz else "", f"{size:.0f}" if info.count else ""
+            rows.append((topic, info.type_name, str(info.count), *shown))
         return rows
+
+    def rate_and_size(self, topic: str) -> tuple[float, float]:
+        """Return rate [Hz] and mean size [bytes] of a topic's first messages; 0 where there are too few."""
+        first = list(itertools.islice(self.messages(topic), _SAMPLE)) if self.topics[topic].count else []
+        span_s = (first[-1].log_time_ns - first[0].log_time_ns) * 1e-9 if first else 0
+        size = sum(len(message.cdr) for message in first) / max(1, len(first))
+        return (len(first) - 1) / span_s if span_s else 0.0, size
 
     def is_stamped(self, topic: str) -> bool:
         """Tell whether a topic's messages begin with a header, and so with a time."""

@@ -11,6 +11,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from sfglab.documents import suggestion
+from sfglab.errors import InvalidValueError
 from sfglab.view.arrivals import open_log
 from sfglab.view.bridge import Bridge
 from sfglab.view.rerunning import (
@@ -26,9 +28,10 @@ from sfglab.view.stage import replay, wanted_topics
 from sfglab.view.visualizers.fleet import Communication
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable, Iterable, Iterator, Mapping
 
     from sfglab.bus import Node
+    from sfglab.view.arrivals import Arrival
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -62,6 +65,9 @@ def session_for(topics: Mapping[str, str], options: ViewOptions) -> Session:
     """Return a session with all that installed visualizers can show of topics, given type by topic."""
     session = Session()
     chosen = {t: kind for t, kind in topics.items() if not options.topics or t.startswith(options.topics)}
+    if topics and not chosen:
+        there = ", ".join(topics) + suggestion(options.topics[0], topics)
+        raise InvalidValueError("--topic", " ".join(options.topics), f"the beginning of one of {there}")
     for offer in session.offers(chosen):
         display = session.add(offer.kind, offer.topics)
         if offer.kind == Communication.name and options.fleet is not None:
@@ -74,12 +80,13 @@ def view_log(
     options: ViewOptions,
     *,
     session: Session | None = None,
+    progress: Callable[[Iterator[Arrival]], Iterable[Arrival]] = iter,
     on_shown: Callable[[Session], None] = lambda _: None,
 ) -> tuple[Report, ...]:
     """Show a log, an MCAP file or a bag that rosbags reads; return what became of messages, one a display.
 
-    Without a session all is shown that can be. `on_shown` is called once with the session when all is sent;
-    what is served is so as long as it runs.
+    Without a session all is shown that can be. Messages pass `progress` on their way. `on_shown` is called once
+    with the session when all is sent; what is served is so as long as it runs.
 
     Raises:
         LogError: There is no such file.
@@ -94,7 +101,7 @@ def view_log(
             for display in session.displays if not options.thin else ():
                 session.limit(display.id, None)
         with closing(_canvas(options, topics, Path(path).stem)) as canvas:
-            replay(log.arrivals(wanted_topics(session)), session, canvas)
+            replay(progress(log.arrivals(wanted_topics(session))), session, canvas)
             canvas.flush()
             on_shown(session)
     return report_of(session)

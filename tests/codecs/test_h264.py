@@ -1,4 +1,6 @@
 import logging
+import os
+import time
 from dataclasses import replace
 from fractions import Fraction
 
@@ -223,16 +225,25 @@ def test_a_named_codec_that_does_not_work_is_an_error_with_the_reason():
         H264Decoder(decoder="h264_of_nobody")
 
 
-def test_falling_back_to_software_is_said_aloud_and_taking_what_was_asked_for_is_not(caplog):
-    h264._say_once.cache_clear()
+def test_falling_back_to_software_is_said_once_a_day_and_taking_what_was_asked_for_is_not(
+    caplog, tmp_path, monkeypatch
+):
+    monkeypatch.setenv("HOME", str(tmp_path))
     with caplog.at_level(logging.WARNING):
-        encoder = H264Encoder(replace(TABLE_2, encoder="h264_of_nobody"), fallback=True)
+        for _ in range(2):
+            h264._say_once.cache_clear()  # as in another process
+            encoder = H264Encoder(replace(TABLE_2, encoder="h264_of_nobody"), fallback=True)
         asked = H264Encoder(replace(TABLE_2, encoder="libx264"), fallback=True)
-    assert encoder.encoder_name in ("libx264", "libopenh264")
-    assert "h264_of_nobody: not in this build of FFmpeg" in encoder.fallback_reason
-    (said,) = caplog.messages
-    assert encoder.encoder_name in said
-    assert "h264_of_nobody" in said
+        assert encoder.encoder_name in ("libx264", "libopenh264")
+        assert "h264_of_nobody: not in this build of FFmpeg" in encoder.fallback_reason
+        (said,) = caplog.messages
+        assert encoder.encoder_name in said
+        assert "h264_of_nobody" in said
+        h264._say_once.cache_clear()
+        (stamp,) = (tmp_path / ".cache/sfglab").iterdir()
+        os.utime(stamp, (time.time() - 90_000,) * 2)
+        H264Encoder(replace(TABLE_2, encoder="h264_of_nobody"), fallback=True)
+        assert caplog.messages == [said, said]
     assert (asked.encoder_name, asked.fallback_reason) == ("libx264", None)
 
 

@@ -9,6 +9,7 @@ from sfglab.lab.sources import (
     MOTORCYCLE_FOCAL_PX,
     MOTORCYCLE_OFFSET_PX,
     SourceError,
+    is_there,
     open_source,
 )
 from sfglab.messages import default_message
@@ -60,6 +61,23 @@ def test_a_video_file_is_scaled_and_starts_again_at_its_end(tmp_path):
     assert np.allclose(levels, [40, 120, 200, 40, 120], atol=6)
 
 
+def test_a_video_keeps_its_speed_and_its_shape_and_it_is_said(tmp_path):
+    path = tmp_path / "clip.avi"
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"MJPG"), 15, (90, 180))
+    for level in (40, 120, 200):
+        writer.write(np.full((180, 90, 3), level, dtype=np.uint8))
+    writer.release()
+    seen = [f.bgr for f in frames(str(path), 8)]
+    assert np.allclose([s[180, 320].mean() for s in seen], [40, 40, 120, 120, 200, 200, 40, 40], atol=6)
+    assert np.all(seen[0][:, :230] == 0)
+    assert np.all(seen[0][:, -230:] == 0)
+    assert np.allclose([f.bgr[180, 320].mean() for f in frames(str(path), 3, fps=7.5)], [40, 200, 120], atol=6)
+    assert is_there(str(path)) == (
+        f"{path}: 90 x 180 at 15 Hz, shown as 640 x 360 between black bars at 30 Hz: "
+        "pictures are repeated, its speed is kept"
+    )
+
+
 def test_a_bag_with_raw_images_is_read(tmp_path):
     path = tmp_path / "bag.mcap"
     with LogWriter(path) as log:
@@ -69,8 +87,9 @@ def test_a_bag_with_raw_images_is_read(tmp_path):
             image.height, image.width, image.encoding, image.step = 90, 160, encoding, 160 * channels
             image.data = np.tile(np.arange(10, 10 + channels, dtype=np.uint8), 90 * 160)
             log.write("/camera/image_raw", image, log_time_ns=i)
-    colours = [tuple(f.bgr[5, 5]) for f in frames(f"bag:{path}#/camera/image_raw", 4)]
-    assert colours == [(10, 11, 12), (12, 11, 10), (10, 10, 10), (10, 11, 12)]
+    for spec in (f"bag:{path}#/camera/image_raw", str(path)):
+        colours = [tuple(f.bgr[5, 5]) for f in frames(spec, 4)]
+        assert colours == [(10, 11, 12), (12, 11, 10), (10, 10, 10), (10, 11, 12)]
 
 
 @pytest.mark.parametrize(
@@ -79,7 +98,7 @@ def test_a_bag_with_raw_images_is_read(tmp_path):
         ("nothing.mp4", "no such file; allowed are photos"),
         ("camera:x", "camera:0"),
         ("camera:99", "cannot be opened"),
-        ("bag:run.mcap", "say which topic"),
+        ("bag:run.mcap", "no such file"),
     ],
 )
 def test_what_cannot_be_opened_is_refused_with_what_is_allowed(spec, message, capfd):

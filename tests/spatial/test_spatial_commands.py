@@ -138,7 +138,8 @@ def start(*words):
 
 
 @pytest.mark.live
-def test_ctrl_c_stops_the_agent_and_the_command_ends_when_it_stands(domain_id):
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGHUP])
+def test_ctrl_c_and_a_lost_terminal_stop_the_agent_and_the_command_ends_when_it_stands(domain_id, number):
     address = ("--domain", str(domain_id), "--interface", "lo")
     with start("serve", "--agent", "go2", "--scene", HALL, *address) as server:
         try:
@@ -149,7 +150,7 @@ def test_ctrl_c_stops_the_agent_and_the_command_ends_when_it_stands(domain_id):
                     more = sender.stderr.read(1)
                     assert more, seen
                     seen += more
-                sender.send_signal(signal.SIGINT)
+                sender.send_signal(number)
                 said, _ = sender.communicate(timeout=60)
                 assert said.startswith("go2: canceled: somebody canceled the goal, and the agent braked at (-")
                 assert sender.returncode == 130

@@ -53,10 +53,11 @@ def test_a_log_becomes_a_file_and_what_was_shown_is_told(tmp_path, pytestconfig,
     log, out = pytestconfig.rootpath / "data/reference/cooperation.mcap", tmp_path / "a.rrd"
     command = [*COMMAND, str(log), "--to", str(out), "--topic", "/failure/robot1", "--thin"]
     done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=60)
-    first, *dropped = done.stdout.splitlines()
+    begin, first, *dropped = done.stdout.splitlines()
     shown = {topic: rows for topic, rows in read_rrd(out).items() if topic.startswith("/failure")}
     assert set(shown) >= {"/failure/robot1/scan", "/failure/robot1/pose", "/failure/robot1/walls/robot1/0"}
     assert not any(topic.startswith("/failure/robot2") for topic in shown)
+    assert begin == f"{log}: 15438 messages of 22 topics go to {out}"
     assert first.startswith("3 displays, ")
     assert all("messages dropped" in line for line in dropped)
 
@@ -75,11 +76,11 @@ def test_without_a_display_it_says_how_to_serve_instead():
 def test_a_log_is_served_until_ctrl_c(pytestconfig):
     log, port = pytestconfig.rootpath / "data/reference/cooperation.mcap", free_port()
     with viewing(log, "--topic", "/failure/robot1/pose", "--to", f"serve:{port}") as process:
-        said = [process.stdout.readline(), process.stdout.readline()]
+        said = [process.stdout.readline() for _ in range(3)]
         with closing(socket.create_connection(("127.0.0.1", port), timeout=60)):
             pass
         rest, status = interrupted(process)
-    assert said[1] == f"rerun rerun+http://127.0.0.1:{port}/proxy\n"
+    assert said[2] == f"rerun rerun+http://127.0.0.1:{port}/proxy\n"
     assert (rest, status) == (["ended"], 0)
 
 

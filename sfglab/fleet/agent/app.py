@@ -19,7 +19,7 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from sfglab.component import Report, beside, run_component, steady_ns
+from sfglab.component import Report, beside, on_stop, run_component, steady_ns
 from sfglab.errors import SfglabError
 from sfglab.fleet.agent.plan import AgentConfig, plan
 from sfglab.fleet.agent.supervision import REST, Action, Component, ComponentProcess, Input, State, Supervision
@@ -377,8 +377,7 @@ async def serve_agent(config: AgentConfig, say: Callable[[str], None], *, as_jso
             say(line)
 
     agent = Agent(plan(config), timing=config.supervision, on_event=tell)
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        asyncio.get_running_loop().add_signal_handler(number, agent.stop)
+    on_stop(agent.stop)
     if not as_json:
         say(narrator.beginning())
     await agent.run()

@@ -44,6 +44,7 @@ _Sent = tuple[int, int, int]  #: Number, capture stamp (ns) and compressed size 
 class _Shooting(NamedTuple):
     encoder: _ColourEncoder | _DepthEncoder
     shoot: Coroutine[Any, Any, None]
+    said: str
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -113,14 +114,14 @@ def _message(type_: str, header: Any, fields: DataclassInstance) -> Any:
 @asynccontextmanager
 async def _camera(config: CameraConfig, sent: Callable[[list[_Sent]], None]) -> AsyncIterator[_Shooting]:
     """Open source, encoder and publisher; the caller awaits the task that shoots."""
-    encoder = _ColourEncoder(config) if config.codec == "h264" else _DepthEncoder(config)
     source = open_source(
         config.source, width=config.width, height=config.height, fps=config.fps, seed=config.seed
     )
     with closing(source):
+        encoder = _ColourEncoder(config) if config.codec == "h264" else _DepthEncoder(config)
         async with AsyncExitStack() as stack:
             publishers = [await _publisher(stack, *place, encoder.type) for place in config.places]
-            yield _Shooting(encoder, _shoot(config, source, encoder, publishers, sent))
+            yield _Shooting(encoder, _shoot(config, source, encoder, publishers, sent), source.said)
 
 
 async def _publisher(stack: AsyncExitStack, address: BusAddress, topic: str, type_: str) -> Publisher:
@@ -148,6 +149,8 @@ async def run_camera(config: CameraConfig, say: Callable[[str], None] = lambda _
         say(f"{topic}: {total} frames, {rate:.2f} Mbit/s")
 
     async with _camera(config, count) as camera:
+        if camera.said:
+            say(camera.said)
         say(f"{topic}: {camera.encoder.name}, {camera.encoder.type}; end it with Ctrl-C")
         await camera.shoot
 
