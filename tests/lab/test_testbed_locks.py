@@ -31,11 +31,11 @@ def test_names_that_another_took_hold_nobody_up_and_a_domain_is_had_once():
 def test_a_lock_leaves_no_file_and_who_opened_the_file_of_another_takes_a_new_one(
     tmp_path, monkeypatch, taken_away
 ):
-    monkeypatch.setattr(locks, "_own_folder", lambda: tmp_path)
+    monkeypatch.setattr(locks, "own_folder", lambda: tmp_path)
 
     def flock(*args):
         monkeypatch.undo()  # the rest of this test uses the real one
-        monkeypatch.setattr(locks, "_own_folder", lambda: tmp_path)
+        monkeypatch.setattr(locks, "own_folder", lambda: tmp_path)
         for path in tmp_path.iterdir():
             path.unlink()
         return fcntl.flock(*args)
