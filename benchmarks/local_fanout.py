@@ -2,9 +2,10 @@
 
 A publisher sends 640x360x3 images at 30 Hz; 1, 4 and 10 subscriber processes read every byte of each. The
 CPU time of all processes (user and system, all their threads, by the kernel's clock) over a window is divided
-by the window's length; the slope is what each further subscriber adds. Rounds of the transports alternate, so
-that other load on the machine falls on both. With --raw the subscribers read the CDR as it comes, which
-leaves out the cost of making message objects.
+by the window's length; the slope is what each further subscriber adds. Callbacks run on the loop, uvloop's as
+in every component, or in the thread that takes the messages. Rounds of these arms alternate, so that other load
+on the machine falls on all; ratios are within a round. With --raw the subscribers read the CDR as it comes,
+which leaves out the cost of making message objects.
 
     python benchmarks/local_fanout.py --seconds 6 --subscribers 1 4 10
 """
@@ -25,11 +26,13 @@ from typing import Any
 import numpy as np
 
 from sfglab.bus import Node
+from sfglab.component import run as run_loop
 from sfglab.messages import default_message, ns_from_stamp, stamp_from_ns
 
 WIDTH, HEIGHT, RATE_HZ = 640, 360, 30.0
 TYPE, TOPIC = "sensor_msgs/msg/Image", "/local/host/camera_front/color/image_raw"
 TRANSPORTS = ("shm", "dds")
+WAYS = ("loop", "thread")
 
 
 def _cpu_s() -> float:
@@ -75,8 +78,10 @@ def _stamp_ns(cdr: Any) -> int:
     return int(seconds) * 10**9 + int(nanoseconds)
 
 
-async def subscribe(transport: str, domain_id: int, seconds: float, *, raw: bool) -> None:
+async def subscribe(arm: str, domain_id: int, seconds: float, *, raw: bool) -> None:
     """Read every byte of every image, and report CPU time, latency and losses."""
+    transport, _, way = arm.partition(" ")
+    options: dict[str, Any] = {"raw": raw, "transport": transport, "threaded": way == "thread"}
     latency_ns: list[int] = []
     async with Node("subscriber", domain_id=domain_id, interface="lo") as node:
 
@@ -89,7 +94,7 @@ async def subscribe(transport: str, domain_id: int, seconds: float, *, raw: bool
             np.bitwise_xor.reduce(np.frombuffer(cdr, np.uint64, (len(cdr) - 4) // 8, 4))
 
         callback = read_raw if raw else read
-        subscription = node.create_subscription(TYPE, TOPIC, callback, 5, raw=raw, transport=transport)
+        subscription = node.create_subscription(TYPE, TOPIC, callback, 5, **options)
         await subscription.wait_for_publishers(timeout_s=20.0)
         print("{}", flush=True)
         result = await _window(seconds)
@@ -124,13 +129,14 @@ def _line(process: subprocess.Popen[str]) -> dict[str, float]:
     return values
 
 
-def run(transport: str, count: int, seconds: float, domain_id: int, *, raw: bool) -> dict[str, float]:
-    """Measure one transport with `count` subscribers.
+def run(arm: str, count: int, seconds: float, domain_id: int, *, raw: bool) -> dict[str, float]:
+    """Measure one arm, a transport and a way of subscribing, with `count` subscribers.
 
     Returns:
         Total CPU in percent of one core, latency quantiles in ms, and the numbers of messages.
     """
-    processes = [_spawn("subscribe", transport, domain_id, seconds, int(raw)) for _ in range(count)]
+    transport = arm.partition(" ")[0]
+    processes = [_spawn("subscribe", arm, domain_id, seconds, int(raw)) for _ in range(count)]
     processes.insert(0, _spawn("publish", transport, domain_id, seconds, count))
     try:
         for process in processes:
@@ -161,32 +167,41 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=6.0)
     parser.add_argument("--subscribers", type=int, nargs="+", default=[1, 4, 10])
     parser.add_argument("--rounds", type=int, default=1)
+    parser.add_argument("--transports", nargs="+", default=TRANSPORTS, choices=TRANSPORTS)
     parser.add_argument("--raw", action="store_true")
     parser.add_argument("--domain", type=int, default=os.getpid() % 100)
     options = parser.parse_args()
-    totals: dict[str, list[tuple[int, float]]] = {transport: [] for transport in TRANSPORTS}
-    print("transport  k  total %  publisher %  reader %  p50 ms  p99 ms  received  lost")
+    arms = [f"{transport} {way}" for transport in options.transports for way in WAYS]
+    totals: dict[str, list[tuple[int, float]]] = {arm: [] for arm in arms}
+    readers: dict[str, list[float]] = {arm: [] for arm in arms}
+    print("arm         k  total %  publisher %  reader %  p50 ms  p99 ms  received  lost")
     for _ in range(options.rounds):
         for count in options.subscribers:
-            for transport in TRANSPORTS:
-                r = run(transport, count, options.seconds, options.domain, raw=options.raw)
-                totals[transport].append((count, r["total"]))
+            for arm in arms:
+                r = run(arm, count, options.seconds, options.domain, raw=options.raw)
+                totals[arm].append((count, r["total"]))
+                readers[arm].append(r["reader"])
                 print(
-                    f"{transport:9} {count:2}  {r['total']:7.2f}  {r['publisher']:11.2f}  {r['reader']:8.2f}  "
+                    f"{arm:10} {count:2}  {r['total']:7.2f}  {r['publisher']:11.2f}  {r['reader']:8.2f}  "
                     f"{r['p50_ms']:6.2f}  {r['p99_ms']:6.2f}  {r['received']:8.0f}  {r['lost']:4.0f}",
                     flush=True,
                 )
-    for transport, points in totals.items():
+    for arm, points in totals.items():
         slope, offset = np.polyfit(*zip(*points, strict=True), 1)
-        print(f"{transport}: {slope:.2f} % of a core per further subscriber, {offset:.2f} % without any")
+        print(f"{arm}: {slope:.2f} % of a core per further subscriber, {offset:.2f} % without any")
+    for transport in options.transports:
+        ratios = np.divide(*(readers[f"{transport} {way}"] for way in reversed(WAYS)))
+        low, middle, high = np.percentile(ratios, [25, 50, 75])
+        spread = f"{middle:.2f} (quartiles {low:.2f}, {high:.2f})"
+        print(f"{transport}: a subscriber's thread costs {spread} of its loop")
 
 
 if __name__ == "__main__":
     if len(sys.argv) > 1 and sys.argv[1] == "publish":
-        asyncio.run(publish(sys.argv[2], int(sys.argv[3]), float(sys.argv[4]), int(sys.argv[5])))
+        run_loop(publish(sys.argv[2], int(sys.argv[3]), float(sys.argv[4]), int(sys.argv[5])))
     elif len(sys.argv) > 1 and sys.argv[1] == "subscribe":
-        asyncio.run(subscribe(sys.argv[2], int(sys.argv[3]), float(sys.argv[4]), raw=sys.argv[5] == "1"))
+        run_loop(subscribe(sys.argv[2], int(sys.argv[3]), float(sys.argv[4]), raw=sys.argv[5] == "1"))
     elif len(sys.argv) > 1 and sys.argv[1] == "idle":
-        asyncio.run(idle(int(sys.argv[2]), float(sys.argv[3])))
+        run_loop(idle(int(sys.argv[2]), float(sys.argv[3])))
     else:
         main()

@@ -73,6 +73,8 @@ class RawEndpoint:
     max_message_bytes: int = DEFAULT_MAX_MESSAGE_BYTES  #: The limit of one message's CDR with "shm".
     #: Whether samples pass as they are and endpoints of the own participant do not match, as a router wants it.
     forwards: bool = False
+    #: Whether a reader's samples are handed over in the thread that takes them, where the backend has one.
+    threaded: bool = False
 
     def __post_init__(self) -> None:
         if self.transport not in get_args(Transport):

@@ -6,9 +6,11 @@ import asyncio
 import inspect
 import threading
 from collections import deque
+from functools import partial
 from typing import TYPE_CHECKING, Any, Protocol
 
 from sfglab.bus.errors import ClosedError
+from sfglab.bus.loop import JOIN_S
 from sfglab.qos import History, QoSProfile
 
 if TYPE_CHECKING:
@@ -252,6 +254,40 @@ class Inbox:
     def _finished(self) -> None:
         self._running = None
         self._deliver()
+
+
+class ThreadInbox(Inbox):
+    """Hands samples to a plain callback where they arrive, in the transport's thread: no loop wakes for them.
+
+    What arrives while it runs waits in the transport, within the bounds of the QoS.
+    """
+
+    def __init__(self, bridge: LoopBridge, qos: QoSProfile, **options: Any) -> None:
+        super().__init__(bridge, qos, **options)
+        self._calling = threading.RLock()
+
+    def push_from_thread(self, samples: Iterable[Sample]) -> None:
+        """Hand samples over, oldest first; `close` waits for that."""
+        for sample in samples:
+            with self._calling:
+                self.push(sample)
+
+    def push(self, sample: Sample) -> None:
+        """Hand a sample over; who closes waits for the thread that does so."""
+        if self.closed:
+            return
+        try:
+            self._decoded_call(sample)
+        except Exception as error:  # noqa: BLE001 - reported; one bad message must not end the others
+            self._bridge.post(partial(self.calls.report, error))
+            self._bridge.flush()
+
+    def close(self) -> None:
+        """Hand nothing more over, and return when a call that runs has ended."""
+        self.closed = True
+        if self._calling.acquire(timeout=JOIN_S):
+            self._calling.release()
+        super().close()
 
 
 def _after(decode: Callable[[Sample], Any], callback: Callback | None) -> Callable[[Sample], Any]:

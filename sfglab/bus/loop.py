@@ -1,10 +1,12 @@
-"""A node's loop: posts of other threads, waits for a fact to become true, and the users' callbacks."""
+"""A node's loop and a thread that blocks beside it: posts, readable descriptors, waits, users' callbacks."""
 
 from __future__ import annotations
 
 import asyncio
 import inspect
 import logging
+import os
+import select
 import threading
 from collections import deque
 from collections.abc import Awaitable, Callable
@@ -13,6 +15,9 @@ from typing import Any
 _log = logging.getLogger("sfglab.bus")
 
 OnError = Callable[[BaseException, str], None]
+
+JOIN_S = 5.0  #: How long a thread may take to end, seconds: it may be in a callback that waits for the caller.
+_READABLE_AT_ONCE = 16
 
 
 class LoopBridge:
@@ -50,16 +55,95 @@ class LoopBridge:
         if not self.loop.is_closed():
             self.loop.remove_reader(fd)
 
+    def order(self, function: Callable[[], None]) -> None:
+        """Call a function where those of `watch` are called, and return when that is done."""
+        function()
+
+    def tell(self, function: Callable[[], None]) -> None:
+        """Call a function on the loop, given where those of `watch` are called."""
+        function()
+
     def _run(self) -> None:
         with self._lock:
             functions = list(self._posted)
             self._posted.clear()
             self._scheduled = False
         for function in functions:
-            try:
-                function()
-            except Exception:  # noqa: BLE001 - logged; one event must not cost the others of its batch
-                _log.exception("handling a transport's event failed")
+            _call(function)
+
+
+class WatchThread:
+    """Does what a `LoopBridge` does for descriptors, in a thread that blocks until one is readable.
+
+    Holds the bridge, and so no node, which can be collected and stop it.
+    """
+
+    def __init__(self, bridge: LoopBridge, name: str) -> None:
+        self.loop = bridge.loop
+        self._bridge = bridge
+        self._poll = select.epoll()
+        self._bell = os.eventfd(0, os.EFD_CLOEXEC | os.EFD_NONBLOCK)
+        self._functions: dict[int, Callable[[], None]] = {}
+        self._orders: deque[Callable[[], None]] = deque()
+        self._is_stopping = False
+        self.watch(self._bell, self._obey)
+        self._thread = threading.Thread(target=self._run, name=name, daemon=True)
+        self._thread.start()
+
+    def watch(self, fd: int, function: Callable[[], None]) -> None:
+        """Call a function in the thread whenever a descriptor is readable."""
+        self._functions[fd] = function
+        self._poll.register(fd, select.EPOLLIN)
+
+    def unwatch(self, fd: int) -> None:
+        """End `watch`; in the thread only; harmless for an unwatched descriptor."""
+        if self._functions.pop(fd, None) is not None:
+            self._poll.unregister(fd)
+
+    def order(self, function: Callable[[], None]) -> None:
+        """Call a function in the thread, and return when that is done."""
+        if self._thread is threading.current_thread() or not self._thread.is_alive():
+            function()
+            return
+        done = threading.Event()
+        self._orders += [function, done.set]
+        os.eventfd_write(self._bell, 1)
+        done.wait(JOIN_S)
+
+    def tell(self, function: Callable[[], None]) -> None:
+        """Call a function on the loop soon."""
+        self._bridge.post(function)
+        self._bridge.flush()
+
+    def stop(self) -> None:
+        """End the thread, and return when it has ended."""
+        self.order(self._end)
+        if self._thread is not threading.current_thread():
+            self._thread.join(JOIN_S)
+
+    def _end(self) -> None:
+        self._is_stopping = True
+
+    def _obey(self) -> None:
+        os.eventfd_read(self._bell)
+        while self._orders:
+            self._orders.popleft()()
+
+    def _run(self) -> None:
+        poll, functions = self._poll.poll, self._functions
+        while not self._is_stopping:
+            for fd, _ in poll(-1, _READABLE_AT_ONCE):
+                if fd in functions:
+                    _call(functions[fd])
+        self._poll.close()
+        os.close(self._bell)
+
+
+def _call(function: Callable[[], None]) -> None:
+    try:
+        function()
+    except Exception:  # noqa: BLE001 - logged; one event must not cost the others of its batch
+        _log.exception("handling a transport's event failed")
 
 
 class Signal:

@@ -16,7 +16,7 @@ from sfglab.bus.api import (
     MessageType,
     RawEndpoint,
 )
-from sfglab.bus.endpoints import Endpoint, Inbox, Reader, Sample
+from sfglab.bus.endpoints import Endpoint, Inbox, Reader, Sample, ThreadInbox
 from sfglab.bus.errors import BusTimeoutError, ClosedError, InvalidMessageError, discovery_timeout_error
 from sfglab.bus.loop import Signal
 from sfglab.messages import message_type, type_name
@@ -181,7 +181,8 @@ class Subscription(TopicEnd):
         super().__init__(node, backend, endpoint)
         self._decode = _raw if raw else _decoding(backend, endpoint.type)
         calls = backend.calls(self._what)
-        self._inbox = Inbox(backend.bridge, endpoint.qos, decode=self._decode, callback=callback, calls=calls)
+        kind = ThreadInbox if endpoint.threaded else Inbox
+        self._inbox = kind(backend.bridge, endpoint.qos, decode=self._decode, callback=callback, calls=calls)
         self._reader = backend.open_reader(endpoint, self._changed.notify, self._inbox)
         self.gid = self._reader.gid  #: The 16-byte DDS GUID under which others know it.
         unwatch = backend.watch_publishers(self._reader, endpoint, _Warnings(backend, endpoint).hear)

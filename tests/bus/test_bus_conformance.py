@@ -2,6 +2,7 @@
 
 import asyncio
 import logging
+import threading
 from functools import partial
 
 import numpy as np
@@ -65,6 +66,40 @@ async def test_an_async_callback_gets_the_next_message_when_done_and_only_it_mis
     await until(lambda: len(log) == 12)
     assert log == [f"{sign}{number}" for number in (0, 35, 36, 37, 38, 39) for sign in "+-"]
     assert (slowly.dropped, fast.dropped) == (34, 0)
+
+
+@pytest.mark.parametrize("transport", ["dds", "shm"])
+async def test_a_threaded_callback_gets_all_in_order_and_nothing_once_closed(here, there, until, transport):
+    got, threads = [], set()
+    there = here if transport == "shm" else there  # simulated nodes may be on a host each
+
+    def note(message):
+        got.append(message.data)
+        threads.add(threading.current_thread())
+        if message.data == "3":
+            raise ValueError(message.data)
+
+    publisher = here.create_publisher(STRING, "/t", 50, transport=transport)
+    noted = there.create_subscription(STRING, "/t", note, 50, transport=transport, threaded=True)
+    beside = there.create_subscription(STRING, "/t", qos=50, transport=transport)
+    await publisher.wait_for_subscriptions(2)
+    numbers = [str(number) for number in range(40)]
+    for number in numbers:
+        publisher.publish(text(number))
+    assert [(await beside.take(60)).data for _ in numbers] == numbers
+    await until(lambda: len(got) == len(numbers) and noted.last_error is not None)
+    noted.close()
+    publisher.publish(text("late"))
+    await beside.take(60)
+    assert (got, str(noted.last_error), noted.dropped) == (numbers, "3", 0)
+    assert len(threads) == 1
+    assert (threading.main_thread() in threads) == (there.backend.kind != "live")
+
+
+@pytest.mark.parametrize("callback", [None, asyncio.sleep])
+async def test_a_threaded_subscription_without_a_plain_callback_is_refused(here, callback):
+    with pytest.raises(InvalidValueError, match=r"threaded subscription of '/t'.*a plain function"):
+        here.create_subscription(STRING, "/t", callback, threaded=True)
 
 
 @pytest.mark.parametrize("depth", [1, 3])

@@ -7,6 +7,8 @@ import gc
 import mmap
 import os
 import socket
+import threading
+import time
 from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
@@ -127,6 +129,40 @@ async def test_a_process_that_slept_gets_the_newest_messages_only(here, child):
         await other.tell()
         assert await other.hear() == {"got": ["97", "98", "99"], "dropped": 97}
         await other.end()
+
+
+@pytest.mark.parametrize("transport", ["dds", "shm"])
+async def test_a_long_threaded_call_delays_no_other_keeps_the_newest_and_is_waited_for(node, until, transport):
+    threads, gate, called, got = set(threading.enumerate()), threading.Semaphore(0), [], []
+
+    def slow(message):
+        called.append(message.data)
+        gate.acquire()
+        got.append(message.data)
+
+    async with node("here") as here, node("there") as there:
+        publisher, fast = await pair(here, there, transport=transport)
+        slowly = there.create_subscription(STRING, "/t", slow, 3, transport=transport, threaded=True)
+        await publisher.wait_for_subscriptions(2)
+        await slowly.wait_for_publishers()
+        for number in range(20):
+            publisher.publish(text(number))
+            assert (await fast.take(60)).data == str(number)
+            await until(lambda: called)
+        gate.release(4)
+        await until(lambda: len(got) == 4)
+        assert got == ["0", "17", "18", "19"]
+        publisher.publish(text("last"))
+        await until(lambda: called[4:])
+        asyncio.get_running_loop().run_in_executor(None, lambda: time.sleep(0.2) or gate.release())
+        slowly.close()
+        assert got[4:] == ["last"]
+        await until(lambda: publisher.get_subscription_count() == 1)
+        other = there.create_subscription(STRING, "/t", slow, 3, transport=transport, threaded=True)
+        await other.wait_for_publishers()
+        publisher.close()
+        await until(lambda: other.get_publisher_count() == 0)
+    assert not [t for t in set(threading.enumerate()) - threads if t.name.startswith("sfglab")]
 
 
 async def test_the_death_of_a_subscriber_that_holds_slots_frees_them_at_once(here, child, until):

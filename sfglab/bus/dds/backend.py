@@ -12,6 +12,7 @@ from sfglab.bus.dds.discovery import Discovery, DiscoveryInfo
 from sfglab.bus.dds.domain import DdsParticipant, DomainConfig
 from sfglab.bus.dds.endpoints import DdsReader, DdsWriter, ShmAnnouncement, idl_type
 from sfglab.bus.graph import Graph
+from sfglab.bus.loop import WatchThread
 from sfglab.bus.ros.services import RosServices
 
 if TYPE_CHECKING:
@@ -36,8 +37,10 @@ class DdsBackend(Backend):
         super().__init__(on_error)
         self.graph = Graph(self.loop, read_nodes=self._read_nodes)
         identity = user_data({"enclave": "/", NODE_KEY: name, HOST_KEY: host_id()})
+        self._thread_name = f"sfglab {name}"
+        self._watcher: WatchThread | None = None
         self.participant = DdsParticipant(
-            config, identity, name=f"sfglab {name}", after_round=self.bridge.flush
+            config, identity, name=self._thread_name, after_round=self.bridge.flush
         )
         self.guid = self.participant.guid
         self.ros = RosServices(self.calls, config.wire_id, config.interface)
@@ -70,15 +73,20 @@ class DdsBackend(Backend):
             from sfglab.bus.shm.reader import ShmReader
 
             announce = partial(self._announce, endpoint, "", writer=False)
-            reader = ShmReader(self.bridge, endpoint, announce=announce, inbox=inbox, notify=notify)
+            watcher = self._receiver() if endpoint.threaded else self.bridge
+            reader = ShmReader(watcher, endpoint, announce=announce, inbox=inbox, notify=notify)
             reader.follow(self.graph)
             return reader
         if endpoint.transport == "ros":
             return self.ros.open(endpoint, notify, inbox)
         handle = self._create(self.participant.create_reader, endpoint)
+        options: dict[str, Any] = {"waitset": self.participant.waitset}
+        if endpoint.threaded:
+            # One at a time, so that it is Cyclone that drops what a slow callback leaves behind KEEP_LAST.
+            options = {"waitset": self.participant.callbacks, "batch": 1}
         return DdsReader(
             handle,
-            waitset=self.participant.waitset,
+            **options,
             on_samples=partial(_push_framed, inbox) if endpoint.is_service else inbox.push_from_thread,
             on_matched=partial(self._post, notify),
         )
@@ -92,14 +100,21 @@ class DdsBackend(Backend):
         return forwarder
 
     def close(self) -> None:
-        """End the thread that reads, and then everything; from any thread; again is harmless."""
+        """End the threads that read, and then everything; from any thread; again is harmless."""
         if not self.closed:
-            self.participant.waitset.stop()
+            self.participant.stop()
         super().close()
 
     def leave(self) -> None:
         """Leave the domain."""
+        if self._watcher is not None:
+            self._watcher.stop()
         self.participant.close()
+
+    def _receiver(self) -> WatchThread:
+        """Return the thread that takes from shared memory."""
+        self._watcher = self._watcher or WatchThread(self.bridge, f"{self._thread_name} receiver")
+        return self._watcher
 
     def _create(self, create: Callable[..., int], endpoint: RawEndpoint, **options: Any) -> int:
         """Return the handle of a new reader or writer; one that forwards takes what it does not know, too."""

@@ -13,6 +13,7 @@ import re
 import socket
 import threading
 from dataclasses import dataclass, field
+from functools import partial
 from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypedDict, Unpack, get_args
@@ -29,6 +30,7 @@ from sfglab.bus.dds.clib import (
     qos_object,
 )
 from sfglab.bus.errors import BusError, DomainError
+from sfglab.bus.loop import JOIN_S
 from sfglab.domains import MAX_DOMAIN
 
 if TYPE_CHECKING:
@@ -278,7 +280,6 @@ def _create(config: DomainConfig) -> int:
 
 _log = logging.getLogger(__name__)
 _MAX_TRIGGERED = 64
-_JOIN_TIMEOUT_S = 5.0
 
 
 class WaitSetThread:
@@ -326,7 +327,7 @@ class WaitSetThread:
         self._stop.set()
         self._wake()
         if self._thread is not threading.current_thread():
-            self._thread.join(_JOIN_TIMEOUT_S)
+            self._thread.join(JOIN_S)
         self._handlers.clear()
 
     def _wake(self) -> None:
@@ -381,8 +382,23 @@ class DdsParticipant:
             raise
         self.guid = entity_guid(self.handle)
         self.waitset = WaitSetThread(self.handle, after_round, name=name)
+        self._new_callbacks = partial(WaitSetThread, self.handle, after_round, name=f"{name} callbacks")
+        self._callbacks: WaitSetThread | None = None
         self._topics: dict[tuple[str, type[Any]], int] = {}
         self._closed = False
+
+    @property
+    def callbacks(self) -> WaitSetThread:
+        """Another such thread, for callbacks, so that they delay nothing else; there once it was asked for."""
+        if self._callbacks is None:
+            self._callbacks = self._new_callbacks()
+        return self._callbacks
+
+    def stop(self) -> None:
+        """End the threads; again is harmless."""
+        for thread in (self.waitset, self._callbacks):
+            if thread is not None:
+                thread.stop()
 
     def create_writer(
         self, topic: str, idl_type: type[Any], qos: QoSProfile, **more: Unpack[EndpointOptions]
@@ -405,7 +421,7 @@ class DdsParticipant:
         if self._closed:
             return
         self._closed = True
-        self.waitset.stop()
+        self.stop()
         library().dds_delete(self.handle)
         leave(self.config.domain_id)
 

@@ -216,7 +216,7 @@ class Publishers:
 
 
 class DdsReader:
-    """Takes CDR from a topic as it arrives.
+    """Takes CDR from a topic as it arrives, as a batch of at most so many samples.
 
     In the WaitSet thread `on_samples` is called with what arrived, `on_matched` after the matching writers
     changed.
@@ -229,6 +229,7 @@ class DdsReader:
         waitset: WaitSetThread,
         on_samples: Callable[[list[Sample]], None],
         on_matched: Callable[[], None],
+        batch: int = _BATCH,
     ) -> None:
         self.handle = handle
         self.gid = entity_guid(handle)
@@ -239,8 +240,9 @@ class DdsReader:
         self._on_samples = on_samples
         self._on_matched = on_matched
         self._publishers = Publishers(handle)
-        self._serdata: Any = (ct.c_void_p * _BATCH)()
-        self._infos: Any = (SampleInfo * _BATCH)()
+        self._batch = batch
+        self._serdata: Any = (ct.c_void_p * batch)()
+        self._infos: Any = (SampleInfo * batch)()
         library().dds_set_status_mask(handle, STATUS_SUBSCRIPTION_MATCHED | STATUS_SAMPLE_LOST)
         waitset.attach(handle, self._update_status)
         self._condition = waitset.attach_reader(handle, self._take)
@@ -253,7 +255,7 @@ class DdsReader:
 
     def _take(self) -> None:
         lib = library()
-        count = lib.dds_takecdr(self.handle, self._serdata, _BATCH, self._infos, ANY_STATE)
+        count = lib.dds_takecdr(self.handle, self._serdata, self._batch, self._infos, ANY_STATE)
         now_ns = time.time_ns()
         samples: list[Sample] = []
         for i in range(count):

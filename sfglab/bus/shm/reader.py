@@ -42,9 +42,9 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from sfglab.bus.dds.endpoints import ShmAnnouncement
-    from sfglab.bus.endpoints import Inbox
+    from sfglab.bus.endpoints import Inbox, SampleQueue
     from sfglab.bus.graph import Graph
-    from sfglab.bus.loop import LoopBridge
+    from sfglab.bus.loop import LoopBridge, WatchThread
 
 _log = logging.getLogger(__name__)
 _RETRY_S = 0.02
@@ -81,23 +81,35 @@ class _Link:
         self.held: dict[int, _Reference] = {}
         self.unsent: list[int] = []
         self._out: dict[int, int] = {}  # offset -> size, of what the publisher takes to be held
-        self._share_bytes = 0
+        self._has_large = False  # whether there was any that may fill a share with as many as there are credits
 
-    def told(self, offset: int, size: int, share_bytes: int) -> bool:
+    def take(self, arena: ArenaMap, offset: int, size: int, queue: SampleQueue) -> memoryview:
+        """Return an announced message's bytes; when their last view dies, the slot goes back.
+
+        They are in place or, for an application that hoards messages beside those in its queue, copied.
+        """
+        is_last = self.told(offset, size, arena.size_bytes)
+        array = arena.slice(offset, size)
+        reference = self.held[offset] = _Reference(array, self._let_go)
+        reference.offset = offset
+        data = memoryview(array)
+        if is_last and len(self.held) - len(queue) > _IN_HAND:
+            return memoryview(bytes(data))  # the last slot must keep flowing
+        return data
+
+    def told(self, offset: int, size: int, arena_bytes: int) -> bool:
         """Take an announcement; return whether more may only come when something was returned."""
-        self._out[offset], self._share_bytes = size, share_bytes
-        return len(self._out) >= self._credits or self._is_share_full()
+        self._out[offset] = size
+        if size * (self._credits + 1) * SHARES > arena_bytes:
+            self._has_large = True
+        return len(self._out) >= self._credits or (self._has_large and self._is_share_full())
 
     def _is_share_full(self) -> bool:
         """Return whether one more as large as the largest here may be more than a share."""
+        if not self._has_large or self.arena is None:
+            return False
         sizes = self._out.values()
-        return sum(sizes) + max(sizes, default=0) > self._share_bytes
-
-    def hold(self, array: Any, offset: int) -> memoryview:
-        """Return an array's bytes; when their last view dies, the slot goes back."""
-        reference = self.held[offset] = _Reference(array, self._let_go)
-        reference.offset = offset
-        return memoryview(array)
+        return sum(sizes) + max(sizes, default=0) > self.arena.size_bytes // SHARES
 
     def give_back(self, offset: int) -> None:
         """Return a slot to the publisher, a few together unless it may be waiting for them."""
@@ -138,18 +150,21 @@ class _Link:
 
 
 class ShmReader:
-    """Connects to every matching publisher of this host, on the node's loop, and feeds an inbox."""
+    """Connects to every matching publisher of this host, on the node's loop, and feeds an inbox.
+
+    Datagrams are taken by `watcher`, on the loop or in a thread; only there are sockets read and closed.
+    """
 
     def __init__(
         self,
-        bridge: LoopBridge,
+        watcher: LoopBridge | WatchThread,
         endpoint: RawEndpoint,
         *,
         announce: Callable[[], ShmAnnouncement],
         inbox: Inbox,
         notify: Callable[[], None],
     ) -> None:
-        self._bridge = bridge
+        self._watcher = watcher
         self._endpoint = endpoint
         self._qos = qos = endpoint.qos
         self._depth = qos.depth if qos.history is History.KEEP_LAST else 0
@@ -184,9 +199,7 @@ class ShmReader:
         self._closed = True
         self._unlisten()
         self._announced.close()
-        for link in self._links.values():
-            self._bridge.unwatch(link.sock.fileno())
-            link.close()
+        self._watcher.order(partial(self._leave, tuple(self._links.values())))
         self._links.clear()
 
     def _on_graph(self, event: EndpointEvent) -> None:
@@ -208,7 +221,7 @@ class ShmReader:
         try:
             sock = connect(entries(endpoint.user_data).get(SHM_KEY, ""))
         except BlockingIOError:  # many connect at once, and the publisher's queue is full
-            self._bridge.loop.call_later(_RETRY_S, self._connect, endpoint)
+            self._watcher.loop.call_later(_RETRY_S, self._connect, endpoint)
             return
         except OSError:
             return  # it has gone, as the graph will say soon
@@ -219,7 +232,7 @@ class ShmReader:
         link = self._links[endpoint.gid] = _Link(sock, self._credits)
         wants_history = self._qos.durability is Durability.TRANSIENT_LOCAL
         sock.send(pack_hello(Hello(self._depth, wants_history)))
-        self._bridge.watch(sock.fileno(), partial(self._receive, endpoint.gid, link))
+        self._watcher.watch(sock.fileno(), partial(self._receive, endpoint.gid, link))
 
     def _receive(self, gid: bytes, link: _Link) -> None:
         try:
@@ -230,13 +243,13 @@ class ShmReader:
                 if sequence != link.last_sequence + 1 and link.last_sequence:
                     self._inbox.queue.skip(sequence - link.last_sequence - 1)
                 link.last_sequence = sequence
-                is_last = link.told(offset, size, arena.size_bytes // SHARES)
                 if self._depth and latest - sequence >= self._depth:
                     # This process slept and newer messages wait at the publisher: KEEP_LAST wants those.
                     self._inbox.queue.skip(1)
+                    link.told(offset, size, arena.size_bytes)
                     link.give_back(offset)
                 else:
-                    data = self._take(link, arena, offset, size, is_last=is_last)
+                    data = link.take(arena, offset, size, self._inbox.queue)
                     self._inbox.push((data, stamp_ns, time.time_ns(), link.gid))
                 if sequence >= latest or self._closed:
                     return  # the usual case is to have the latest; saves the system call that would say so
@@ -248,14 +261,6 @@ class ShmReader:
         except BusError as error:
             _log.warning("topic %r: dropping a publisher: %r", self._endpoint.name, error)
             self._drop(gid, link)
-
-    def _take(self, link: _Link, arena: ArenaMap, offset: int, size: int, *, is_last: bool) -> memoryview:
-        """Return a message's bytes, in place or, for an application that hoards messages, copied."""
-        data = link.hold(arena.slice(offset, size), offset)
-        if not is_last:
-            return data
-        hoarded = len(link.held) - len(self._inbox.queue) > _IN_HAND
-        return memoryview(bytes(data)) if hoarded else data  # the last slot must keep flowing
 
     def _welcome(self, link: _Link) -> ArenaMap:
         datagram, fds, _, _ = socket.recv_fds(link.sock, 64, 1)
@@ -269,11 +274,19 @@ class ShmReader:
         finally:
             for fd in fds:
                 os.close(fd)
-        self._notify()
+        self._watcher.tell(self._notify)
         return link.arena
 
+    def _leave(self, links: tuple[_Link, ...]) -> None:
+        for link in links:
+            self._watcher.unwatch(link.sock.fileno())
+            link.close()
+
     def _drop(self, gid: bytes, link: _Link) -> None:
-        self._bridge.unwatch(link.sock.fileno())
-        self._links.pop(gid, None)
+        self._watcher.unwatch(link.sock.fileno())
         link.sock.close()
+        self._watcher.tell(partial(self._forget, gid))
+
+    def _forget(self, gid: bytes) -> None:
+        self._links.pop(gid, None)
         self._notify()

@@ -202,7 +202,7 @@ class _Viewer:
         type_ = self._config.remote_type
         async with self._node("viewer", "remote") as node:
             with contextlib.closing(
-                node.create_subscription(type_, topic, see, qos=COMPRESSED_STREAM, raw=raw)
+                node.create_subscription(type_, topic, see, COMPRESSED_STREAM, raw=raw, threaded=True)
             ):
                 await asyncio.Event().wait()
 
@@ -216,7 +216,7 @@ class _Viewer:
 
         async with self._node("viewer", side) as node:
             with contextlib.closing(
-                node.create_subscription(IMAGE, topic, see, qos=SENSOR_DATA, transport=transport)
+                node.create_subscription(IMAGE, topic, see, SENSOR_DATA, transport=transport, threaded=True)
             ):
                 await asyncio.Event().wait()
 
