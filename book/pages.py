@@ -17,7 +17,6 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import click
 import typer
 
 import sfglab
@@ -94,7 +93,10 @@ def format_page(name: str, form: Format) -> str:
     lines = example.read_text("utf-8").splitlines()
     shown = "\n".join(lines[:60] + ["# ..."] * (len(lines) > 60))
     top = schema.get("items", schema)
-    about = f"{top['description']} Read by `{form.read_by}`; an editor takes `sfglab schema {name}`."
+    about = (
+        f"{top['description']} Read by `{form.read_by}`; an editor takes `sfglab schema {name}`. "
+        "A key with neither a default nor *needed* may be left out; *None* means that it is."
+    )
     parts = [f"# {form.title}\n\n{about}", _mapping("Each item" if "items" in schema else "Keys", top)]
     kinds = top["properties"].get("objects", {}).get("items", {}).get("oneOf", ())
     parts += [_mapping(f"Object: {kind['properties']['kind']['const']}", kind) for kind in kinds]
@@ -158,22 +160,20 @@ def _one_kind(kind: str, part: dict[str, Any]) -> str:
         if word in part
     ]
     word = {"string": "text", "integer": "whole number", "boolean": "true or false"}.get(kind, kind)
-    pattern = f" like `{part['pattern'][4:-2]}`" if "pattern" in part else ""
-    return " ".join([word, *(ends if kind in ("integer", "number") else [])]) + pattern
+    return " ".join([word, *ends])
 
 
 # Commands
 
 
-def commands() -> Iterator[tuple[str, click.Command]]:
-    """Yield every command of the program by its words."""
+def commands() -> Iterator[tuple[str, Any]]:
+    """Yield every command and group of the program by its words."""
 
-    def walk(words: str, command: click.Command) -> Iterator[tuple[str, click.Command]]:
-        inner = getattr(command, "commands", None)
-        for name in inner or ():
-            yield from walk(f"{words} {name}", inner[name])
-        if inner is None:
-            yield words, command
+    def walk(words: str, command: Any) -> Iterator[tuple[str, Any]]:
+        yield words, command
+        for name, inner in getattr(command, "commands", {}).items():
+            if not inner.hidden:
+                yield from walk(f"{words} {name}", inner)
 
     yield from walk("sfglab", typer.main.get_command(app))
 
@@ -184,7 +184,7 @@ def commands_page() -> str:
     return "\n\n".join([*parts, *(_command(words, command) for words, command in commands())]) + "\n"
 
 
-def _command(words: str, command: click.Command) -> str:
+def _command(words: str, command: Any) -> str:
     about, examples = [], []
     for paragraph in re.split(r"\n\s*\n", inspect.cleandoc(command.help or "")):
         text = " ".join(paragraph.split())
@@ -192,7 +192,7 @@ def _command(words: str, command: click.Command) -> str:
             examples.append(inspect.cleandoc(paragraph))
         elif text not in {"Example:", "Examples:"}:
             about.append(_safe(text))
-    context = click.Context(command)
+    context = command.context_class(command)
     usage = " ".join([words, *command.collect_usage_pieces(context)])
     rows = []
     for parameter in command.params:

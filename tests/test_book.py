@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import inspect
 import json
 import re
+import shlex
 import subprocess
 import sys
 from contextlib import closing
@@ -22,6 +24,24 @@ ROOT = Path(__file__).parents[1]
 PHONE = 390  # pixels
 LOADED = {("script", "src"), ("link", "href"), ("img", "src"), ("iframe", "src"), ("source", "src")}
 WIDER = "document.documentElement.scrollWidth > innerWidth || [...document.images].some(i => !i.naturalWidth)"
+
+
+def commands(words, command):
+    if not hasattr(command, "commands"):
+        yield words, command
+    for name, inner in getattr(command, "commands", {}).items():
+        if not inner.hidden:
+            yield from commands(f"{words} {name}", inner)
+
+
+@pytest.mark.parametrize(("words", "command"), [*commands("sfglab", typer.main.get_command(app))])
+def test_every_command_has_examples_and_its_parser_takes_them(words, command):
+    text = inspect.cleandoc(command.help)
+    examples = re.findall(rf"^ +(?:\w+=\S+ +)*{words}\b(.*(?:\n    +\S.*)*)", text, re.MULTILINE)
+    assert examples
+    for example in examples:
+        arguments = shlex.split(re.split(r" [|>] |;", example)[0], comments=True)
+        command.make_parser(command.context_class(command)).parse_args(arguments)
 
 
 class Page(HTMLParser):
@@ -89,7 +109,7 @@ def test_the_book_is_whole_and_needs_no_network_and_no_wide_screen(book):
     for name, form in FORMATS.items():
         written = set(re.findall(r"class=\"pre\">(\w+)<", shown[f"reference/formats/{name}.html"]))
         assert set(keys(form.schema())) <= written, name
-    for words in commands("sfglab", typer.main.get_command(app)):
+    for words in dict(commands("sfglab", typer.main.get_command(app))):
         assert f">{words}<" in shown["reference/commands.html"], words
     with closing(Browser(PHONE, 800)) as browser:
         wide = []
@@ -110,11 +130,3 @@ def keys(part):
     elif isinstance(part, list):
         for inner in part:
             yield from keys(inner)
-
-
-def commands(words, command):
-    inner = getattr(command, "commands", None)
-    if inner is None:
-        yield words
-    for name in inner or ():
-        yield from commands(f"{words} {name}", inner[name])

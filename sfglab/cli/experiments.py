@@ -15,7 +15,12 @@ from sfglab.lab.paths import find_project
 
 
 def doctor() -> None:
-    """Say in plain words what this machine can do, and what an experiment will do instead."""
+    """Say in plain words what this machine can do, and what an experiment will do instead.
+
+    Example:
+
+      sfglab doctor
+    """
     from sfglab.lab.doctor import diagnose, render
 
     typer.echo(render(diagnose()))
@@ -92,7 +97,12 @@ def lab(
 
 
 def figures() -> None:
-    """Draw all figures of the repository again, from committed logs alone; a run's own are in runs/figures."""
+    """Draw all figures of the repository again, from committed logs alone; a run's own are in runs/figures.
+
+    Example:
+
+      sfglab figures
+    """
     from sfglab.lab.ledger import redraw_figures
     from sfglab.lab.summary import save_summary
 
@@ -110,7 +120,14 @@ def claims(
         bool, typer.Option("--all", help="Every run's figures, a line a log, also of those that do not speak.")
     ] = False,
 ) -> None:
-    """Print the ledger: what the papers said, what we measured, and the verdict."""
+    """Print the ledger: what the papers said, what we measured, and the verdict.
+
+    Examples:
+
+      sfglab claims
+
+      sfglab claims --json
+    """
     from sfglab.lab.claims import render, render_in_full
     from sfglab.lab.ledger import compute_ledger, history
 
