@@ -16,7 +16,7 @@ export PYTHONDONTWRITEBYTECODE :=
 INSTALL := -m pip install --quiet --no-compile --disable-pip-version-check --no-deps --require-hashes -r
 
 .DEFAULT_GOAL := help
-.PHONY: help setup ros yosys lock reproduce test lab figures screenshots claims mutants fuzz soak check format lint types bench book clean
+.PHONY: help setup ros robot yosys lock reproduce test lab figures screenshots claims mutants fuzz soak check format lint types bench book clean
 
 help: ## List the targets
 	@grep -hE '^[a-z]+:.*## ' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  make %-12s %s\n", $$1, $$2}'
@@ -52,6 +52,10 @@ ros: .venv-jazzy/.ready .venv-kilted/.ready ## Create ROS 2 Jazzy and Kilted bes
 
 yosys: setup ## Add Yosys to .venv: area and proof of the gateway as hardware, in the profile paper
 	$(BIN)/python $(INSTALL) yosys.lock
+
+robot: setup ## Build sfglab-robot into dist/: the same package with a robot's dependencies alone (under 400 MB)
+	@mkdir -p dist
+	cd robot && $(CURDIR)/$(BIN)/python -c "from hatchling.build import build_wheel; print(build_wheel('../dist'))"
 
 reproduce: setup ## Run every notebook headless (PROFILE=smoke|quick|paper), write logs and figures, print the claims
 	$(BIN)/sfglab reproduce --profile $(PROFILE)

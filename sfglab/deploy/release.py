@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -159,7 +160,7 @@ def _environment(python: str, architecture: Architecture) -> dict[str, str]:
 
 
 SOURCE = Path(sfglab.__file__).parents[1]
-"""The folder that this package runs from: what is released is what runs here, if it is a checkout."""
+"""The folder that this package runs from, a checkout or where a wheel is installed: what is released."""
 
 LOCK_FILE = "requirements.lock"
 
@@ -203,22 +204,36 @@ def make_release(project: Path, fleet_text: str) -> tuple[Release, bytes]:
     Raises:
         DeployError: The project cannot be built, or has no lock file.
     """
-    lock = project / LOCK_FILE
-    if not lock.is_file():
-        raise DeployError(f"{lock}: given no such file, allowed: a checkout of sfglab, which has a lock file")
     with tempfile.TemporaryDirectory(prefix="sfglab-wheel-") as folder:
-        wheel = build_wheel(project, Path(folder))
-        name, data = wheel.name, wheel.read_bytes()
+        source = _buildable(project, Path(folder) / "source")
+        lock = source / LOCK_FILE
+        if not lock.is_file():
+            raise DeployError(
+                f"{lock}: given no such file, allowed: a checkout of sfglab or an installed wheel of it, "
+                "which have a lock file"
+            )
+        wheel = build_wheel(source, Path(folder))
+        name, data, locked = wheel.name, wheel.read_bytes(), lock.read_text(encoding="utf-8")
     release = Release(
         version=sfglab.__version__,
         wheel=name,
         wheel_sha256=hashlib.sha256(data).hexdigest(),
-        lock=lock.read_text(encoding="utf-8"),
+        lock=locked,
         fleet_text=fleet_text,
         revision=_revision(project),
         created=_git(project, "log", "-1", "--format=%cI"),
     )
     return release, data
+
+
+def _buildable(project: Path, folder: Path) -> Path:
+    """Return a project's folder, or one that is made of an installed wheel and what that carries."""
+    carried = project / "sfglab" / "deploy" / "source"
+    if (project / LOCK_FILE).is_file() or not carried.is_dir():
+        return project
+    ignored = shutil.ignore_patterns("__pycache__", carried.name)
+    shutil.copytree(project / "sfglab", folder / "sfglab", ignore=ignored)
+    return shutil.copytree(carried, folder, dirs_exist_ok=True)
 
 
 def _revision(project: Path) -> str:
