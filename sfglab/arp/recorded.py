@@ -35,9 +35,10 @@ def topics_from_log(log: LogReader) -> tuple[tuple[Topic, ...], dict[str, str]]:
     """
     topics, left_out = [], {}
     for found in traffic_of(log):
-        sources = {host_of(found.topic if node is None else node) for node in found.publishers or (None,)}
+        usual = host_of(found.topic) or _ROBOT
+        sources = {host_of(node) or usual for node in found.publishers or ("",)}
         source = min(sources)
-        targets = {host_of(node) for node in found.subscribers} - sources
+        targets = {host_of(node) or _STATION for node in found.subscribers} - sources
         if why := _obstacle(found, sources, targets):
             left_out[found.topic] = why
         else:
@@ -74,11 +75,10 @@ def _topic(found: Traffic, source: str, targets: tuple[str, ...]) -> Topic:
 
 
 def host_of(name: str) -> str:
-    """Return the host that a node's or topic's full name speaks of: ``/global/go2/camera`` is of go2."""
-    first, *more = [part for part in name.split("/") if part] or [_ROBOT]
-    if first in _SCOPES and more:
-        first, *more = more
-    return first if more else _ROBOT
+    """Return the host that a full name speaks of, of ``/global/go2/camera`` go2; empty where it names none."""
+    parts = [part for part in name.split("/") if part]
+    parts = parts[1:] if parts and parts[0] in _SCOPES else parts
+    return parts[0] if len(parts) > 1 else ""
 
 
 def topics_text(topics: Iterable[Topic], origin: str) -> str:

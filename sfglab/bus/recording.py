@@ -18,7 +18,8 @@ from sfglab.bus.listing import settled, tells_no_history, usual_qos, view
 from sfglab.messages import MessageError, UnknownTypeError, register_definition, type_name
 from sfglab.names import FqnError
 from sfglab.qos import Durability, History, QoSProfile
-from sfglab.record import LogReader
+from sfglab.record import LogReader, LogWriter
+from sfglab.record.traffic import COMPUTATION_GRAPH
 from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
@@ -41,6 +42,8 @@ _LATE_S = 2.0  #: How long readers may take for what was played last.
 
 class Recorder:
     """Records what is published on topics that are wanted, from when they appear on.
+
+    At the end an MCAP file, which has a place for it, is told who published and who subscribed.
 
     Args:
         node: Started.
@@ -76,6 +79,7 @@ class Recorder:
         with ThreadPoolExecutor(1) as thread:
             do = partial(asyncio.get_running_loop().run_in_executor, thread)
             log = await do(self._open)
+            self._node.graph.nodes()  # from now on they are read
             unlisten = self._node.graph.listen(self._heard)
             self._told("Listening for topics...")
             try:
@@ -92,7 +96,21 @@ class Recorder:
                 for task in self._topics.values():
                     task.cancel()
                 await asyncio.gather(*self._topics.values(), return_exceptions=True)
+                if isinstance(log, LogWriter):
+                    await do(log.write_metadata, COMPUTATION_GRAPH, self._sides())
                 await do(log.close)
+
+    def _sides(self) -> dict[str, dict[str, list[str]]]:
+        """Return which nodes publish and subscribe what is recorded; not where no publisher's name is known."""
+        seen, sides = view(self._node), {}
+        for topic in self.counts:
+            publishers, subscribers = (
+                sorted({end.node for end in seen.ends(topic, kind) if end.node})
+                for kind in (EndpointKind.PUBLISHER, EndpointKind.SUBSCRIPTION)
+            )
+            if publishers:
+                sides[topic] = {"publishers": publishers, "subscribers": subscribers}
+        return sides
 
     def _heard(self, event: EndpointEvent) -> None:
         end = event.endpoint

@@ -6,6 +6,7 @@ import asyncio
 import json
 import re
 import sqlite3
+from contextlib import suppress
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -13,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer.core import TyperGroup
 
-from sfglab.cli.buses import Domain, Interface, Json, tell, until_interrupted
+from sfglab.cli.buses import Domain, Interface, Json, Place, on_node, tell, until_interrupted
 from sfglab.cli.interfaces import Interfaces
 from sfglab.errors import InvalidValueError
 from sfglab.units import NS_PER_S
@@ -234,6 +235,21 @@ def record(
                 typer.echo(f"{path}: {_counted(recorder.counts)}, {recorder.lost} lost")
 
     until_interrupted((domain, interface), run)
+
+
+def record_for(path: Path, seconds: float, place: Place) -> None:
+    """Record all that is not hidden nor every node's own for some seconds, once something is found."""
+    from sfglab.bus.recording import Recorder
+    from sfglab.record import LogWriter
+
+    wanted = _wanted(None, None, r"^/(rosout|parameter_events)$")
+
+    async def run(node: Node) -> None:
+        with suppress(TimeoutError):
+            async with asyncio.timeout(seconds):
+                await Recorder(node, lambda: LogWriter(path), wanted=wanted, told=lambda _: None).run()
+
+    on_node(place, run)
 
 
 def _counted(counts: Mapping[str, int]) -> str:

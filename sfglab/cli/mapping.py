@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import replace
 from enum import StrEnum
 from importlib.util import find_spec
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from sfglab.cli.buses import Interface
 from sfglab.cli.options import put, unused
+from sfglab.domains import MAX_DOMAIN
 from sfglab.errors import InvalidValueError, MissingExtraError, SfglabError
 from sfglab.tables import columns
 from sfglab.units import NS_PER_MS
@@ -48,6 +52,11 @@ class _Rmw(StrEnum):
     CYCLONE = "cyclone"
 
 
+_Domain = Annotated[
+    int | None, typer.Option(min=0, max=MAX_DOMAIN, help="DDS domain to listen to, instead of a file.")
+]
+_Seconds = Annotated[float, typer.Option(min=0.5, help="How long to listen to it.")]
+
 _PRESET_OF = {
     _Rmw.FASTRTPS_ASYNC: "fast_dds_async",
     _Rmw.FASTRTPS_SYNC: "fast_dds_sync",
@@ -57,8 +66,9 @@ _PRESET_OF = {
 
 def qos(
     file: Annotated[
-        Path, typer.Argument(help="A file of topics, e.g. data/qos/paper_b.yaml, or a log or bag.")
-    ],
+        Path | None,
+        typer.Argument(help="A file of topics, e.g. data/qos/paper_b.yaml, or a log or bag; else --domain."),
+    ] = None,
     method: Annotated[
         _Method, typer.Option(help="ours: a convex programme that sees the link. printed: paper B, Eq. 1 to 6.")
     ] = _Method.OURS,
@@ -87,6 +97,9 @@ def qos(
     front: Annotated[
         bool, typer.Option("--front", help="Show the Pareto front, one line for each price of latency.")
     ] = False,
+    domain: _Domain = None,
+    seconds: _Seconds = 5.0,
+    interface: Interface = None,
 ) -> None:
     """Say how often each topic should be sent, how deep its history and how long its deadline should be.
 
@@ -105,17 +118,20 @@ def qos(
       sfglab qos data/qos/warehouse.yaml --format cyclone --out config
 
       sfglab qos bag/ --format topics --out config   # then say in topics.yaml what the link is
+
+      sfglab qos --domain 7 --seconds 20 --format topics --out config
     """
     from sfglab.arp.exports import EXPORTS
     from sfglab.arp.recorded import topics_text
     from sfglab.record.reader import is_log
     from sfglab.rtps import PRESETS
 
-    given = _topics_of(file).limited_to(rate_max)
+    with _source(file, domain, interface, seconds) as source:
+        given = _topics_of(source).limited_to(rate_max)
     if output_format is _Format.TOPICS:
-        if not is_log(file):
-            raise SfglabError(f"--format topics: given {file}, needed is a log or a bag")
-        _put(topics_text(given.topics, file.name), "topics.yaml", out)
+        if not is_log(source):
+            raise SfglabError(f"--format topics: given {source}, needed is a log or a bag")
+        _put(topics_text(given.topics, source.name), "topics.yaml", out)
         return
     if rmw is not None and vendor is not None:
         raise SfglabError("--rmw: given with --vendor, allowed is one of them")
@@ -148,6 +164,26 @@ def qos(
         _put(_plan_table(plan), "qos.txt", out)
     else:
         _put(export.render(plan), export.file, out)
+
+
+@contextmanager
+def _source(file: Path | None, domain: int | None, interface: str | None, seconds: float) -> Iterator[Path]:
+    """Yield what is to be read: a file, or the recording of what is on a domain for some seconds."""
+    from sfglab.cli.logs import record_for
+
+    if file is not None and domain is None:
+        unused("with a file, which is on no domain", "seconds", "interface")
+        yield file
+        return
+    if file is not None or domain is None:
+        raise SfglabError(
+            f"given {'both a file and' if file else 'neither a file nor'} --domain, needed is one"
+        )
+    with TemporaryDirectory(prefix="sfglab-") as folder:
+        path = Path(folder) / f"domain {domain}.mcap"
+        typer.echo(f"listening to domain {domain} for {seconds:g} s", err=True)
+        record_for(path, seconds, (domain, interface))
+        yield path
 
 
 def _topics_of(file: Path) -> TopicFile:
@@ -248,8 +284,9 @@ class _Rule(StrEnum):
 
 def map_graph(
     file: Annotated[
-        Path, typer.Argument(help="A computation graph, e.g. data/graphs/figure_8.yaml, or a log.")
-    ],
+        Path | None,
+        typer.Argument(help="A computation graph, e.g. data/graphs/figure_8.yaml, or a log; else --domain."),
+    ] = None,
     rule: Annotated[
         _Rule | None,
         typer.Option(
@@ -277,6 +314,9 @@ def map_graph(
             help="Write the gateways that the mapping needs into this folder, as Verilog (needs Yosys)."
         ),
     ] = None,
+    domain: _Domain = None,
+    seconds: _Seconds = 5.0,
+    interface: Interface = None,
 ) -> None:
     """Say which topics of a ROS 2 graph go to software, to hardware or to a gateway (paper C, section 5).
 
@@ -288,6 +328,8 @@ def map_graph(
 
       sfglab map bag/ --out graph.yaml   # a bag or MCAP; then say in the file what is in hardware
 
+      sfglab map --domain 7 --out graph.yaml   # the same of what runs
+
       sfglab map data/graphs/driving.yaml --place --lut 40000 --out placed.yaml
 
       sfglab map data/graphs/driving.yaml --build-cfg build.cfg --verilog rtl
@@ -296,7 +338,8 @@ def map_graph(
     from sfglab.soc import build_cfg, load_graph
     from sfglab.soc.graph import graph_text
 
-    graph = _recorded(file) if is_log(file) else load_graph(file)
+    with _source(file, domain, interface, seconds) as source:
+        graph = _recorded(source) if is_log(source) else load_graph(source)
     if place:
         unused("with --place, which chooses gateways by their cost", "rule")
     if not place:

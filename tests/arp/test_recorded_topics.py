@@ -1,7 +1,10 @@
 """Topics of a recording as a plan of QoS wants them: from our logs and from other people's bags."""
 
+import subprocess
+import sys
 from itertools import count
 from pathlib import Path
+from subprocess import PIPE
 
 import numpy as np
 import pytest
@@ -14,6 +17,7 @@ from sfglab.arp.topics import load_topics, read_topics
 from sfglab.errors import SfglabError
 from sfglab.record import LogReader, LogWriter
 from sfglab.record.traffic import COMPUTATION_GRAPH
+from sfglab.soc import load_graph
 
 JAZZY = get_typestore(Stores.ROS2_JAZZY)
 START_NS = 1_700_000_000 * 10**9
@@ -59,6 +63,7 @@ def test_who_publishes_and_subscribes_decides_what_crosses(tmp_path):
     sides = {
         "/a: {": (["/go2/cam"], ["/spot/map", "/base/map", "/go2/own"]),
         "/own": (["/go2/cam"], ["/go2/own"]),
+        "/global/go2/scan": (["/camera"], ["/rviz"]),
         "/both": (["/go2/cam", "/spot/cam"], ["/base/map"]),
         "/heard": ([], ["/base/map"]),
     }
@@ -72,7 +77,8 @@ def test_who_publishes_and_subscribes_decides_what_crosses(tmp_path):
     with LogReader(tmp_path / "a.mcap") as log:
         topics, left_out = topics_from_log(log)
     assert [(t.name, t.source, t.target, t.change_s) for t in topics] == [
-        ("/a: {", "go2", ("base", "spot"), 1.0)
+        ("/a: {", "go2", ("base", "spot"), 1.0),
+        ("/global/go2/scan", "go2", "station", 1.0),
     ]
     assert read_topics(topics_text(topics, "a\n.mcap")).topics == topics
     assert left_out == {
@@ -88,8 +94,9 @@ def test_who_publishes_and_subscribes_decides_what_crosses(tmp_path):
         ("/global/go2/imu", "go2"),
         ("/local/go2/imu", "go2"),
         ("/robot1/lidar", "robot1"),
-        ("/tf", "robot"),
-        ("/", "robot"),
+        ("/global/agent_heartbeat", ""),
+        ("/tf", ""),
+        ("/", ""),
     ],
 )
 def test_names_say_hosts(name, host):
@@ -102,3 +109,37 @@ def test_a_log_with_nothing_to_plan_and_a_file_that_is_a_plan_already_are_refuse
         called("qos", str(data / "reference" / "latency.mcap"))
     with pytest.raises(SfglabError, match=r"--format topics: given .*paper_b.yaml, needed is a log"):
         called("qos", str(data / "qos" / "paper_b.yaml"), "--format", "topics")
+
+
+@pytest.mark.live
+def test_what_runs_is_recorded_for_a_plan_and_for_a_mapping(domain_id, tmp_path):
+    """A publisher and a subscription of other processes, from a domain's graph and messages."""
+    at = ("--domain", str(domain_id), "--interface", "lo")
+    word = ("std_msgs/msg/String", "{data: hello}")
+    commands = (
+        ["pub", "-r", "20", "-p", "0", "/global/go2/word", *word],
+        ["echo", "/global/go2/word", word[0]],
+    )
+    peers = [
+        subprocess.Popen([sys.executable, "-m", "sfglab", "topic", *c, *at], stdout=PIPE) for c in commands
+    ]
+    try:
+        peers[1].stdout.readline()  # it hears
+        called("qos", *at, "--seconds", "4", "--format", "topics", "--out", str(tmp_path))
+        called("map", *at, "--seconds", "4", "--out", str(tmp_path / "graph.yaml"))
+    finally:
+        for peer in peers:
+            peer.kill()
+            peer.communicate()
+    (topic,) = load_topics(tmp_path / "topics.yaml").topics
+    assert (topic.name, topic.source, topic.target) == ("/global/go2/word", "go2", "station")
+    assert topic.size_bytes in (14, 16), "with or without what fills four bytes"
+    assert topic.rate_max_hz == pytest.approx(20, rel=0.3)
+    (mapped,) = load_graph(tmp_path / "graph.yaml").topics
+    assert [len(side) for side in (mapped.publishers, mapped.subscribers)] == [1, 1]
+
+
+def test_a_file_and_a_domain_and_neither_are_refused():
+    for given in ([], ["a.yaml", "--domain", "3"]):
+        with pytest.raises(SfglabError, match="needed is one"):
+            called("map", *given)
