@@ -118,7 +118,8 @@ def _mapping(title: str, schema: dict[str, Any]) -> str:
         default = given if given in ("", "**needed**") else f"`{json.dumps(given)}`"
         rows.append([f"`{key}`", kind_of(part), default, part.get("description", "")])
     about = f"{schema['description'].splitlines()[0]}\n\n"
-    return f"## {title}\n\n{about}{table(['key', 'type', 'default', 'meaning'], rows)}"
+    shown = table(["key", "type", "default", "meaning"], rows)
+    return f"## {title}\n\n{about}:::{{container}} keys\n\n{shown}\n\n:::"
 
 
 def kind_of(part: dict[str, Any]) -> str:
@@ -160,7 +161,7 @@ def _one_kind(kind: str, part: dict[str, Any]) -> str:
         if word in part
     ]
     word = {"string": "text", "integer": "whole number", "boolean": "true or false"}.get(kind, kind)
-    return " ".join([word, *ends])
+    return " ".join([word, *(ends if kind in {"integer", "number"} else [])])
 
 
 # Commands

@@ -146,7 +146,8 @@ def _is_elsewhere(field: dataclasses.Field[Any]) -> bool:
 def _said(field: dataclasses.Field[Any], docs: Mapping[str, str]) -> Schema:
     """Return a field's text and default; a default of its own class's making is that class's to say."""
     said: Schema = {"description": docs[field.name]} if docs.get(field.name) else {}
-    if field.default is not dataclasses.MISSING and field.default is not None and "like" not in field.metadata:
+    other_form = {"like", "names"} & field.metadata.keys()
+    if field.default is not dataclasses.MISSING and field.default is not None and not other_form:
         plain = to_json(field.default)
         said["default"] = sorted(plain) if isinstance(field.default, frozenset) else plain
     return said

@@ -301,7 +301,7 @@ class FrameSpec(_Part):
     child: str  #: The frame that is placed.
     parent: str  #: The frame in which it is placed.
     static: bool = False  #: Sent once on /tf_static instead of again and again on /tf.
-    rate_hz: float = between(0.0, without=(0,))  #: How often it is sent when it is not static.
+    rate_hz: float = between(0.0, without=(0,))  #: How often it is sent; needed when it is not static.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -381,7 +381,7 @@ class Fleet(_Part):
     policy: Policy = field(default_factory=Policy, metadata=ELSEWHERE)  #: What crosses.
     #: Whether ROS 2's tools list on each agent what could be had from the others, before anybody subscribes.
     offers: bool = True
-    agents: tuple[AgentSpec, ...] = field(default=(), metadata=by_name("name"))  #: In the order of the file.
+    agents: tuple[AgentSpec, ...] = field(metadata=by_name("name"))  #: In the order of the file; at least one.
     #: What is the same on all their machines.
     deployment: DeploymentSpec = field(default_factory=DeploymentSpec)
     #: Where each rule of the policy stands; empty where the file names a known one.
