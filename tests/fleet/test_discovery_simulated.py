@@ -19,10 +19,12 @@ from sfglab.fleet.discovery.node import AgentDiscoverer, DiscoverySettings
 from sfglab.fleet.status.description import AgentDescription
 from sfglab.fleet.status.heartbeat import (
     AGENT_HEARTBEAT,
+    AGENT_METADATA,
     GET_METADATA,
     Heartbeat,
     heartbeat_topic,
     metadata_service,
+    metadata_topic,
 )
 from sfglab.fleet.status.node import StatusProvider, StatusSettings
 from sfglab.messages import default_message, service_type
@@ -30,17 +32,17 @@ from sfglab.qos import LATCHED
 
 
 @asynccontextmanager
-async def status(world, agent):
+async def status(world, agent, *, offers=False):
     """An agent's status provider on a host of its own."""
     async with (
         world.node("status", host=agent) as node,
-        beside(StatusProvider(node, StatusSettings(agent=agent)).run()),
+        beside(StatusProvider(node, StatusSettings(agent=agent, offers=offers)).run()),
     ):
         yield
 
 
 @asynccontextmanager
-async def discoverer(world, agent="station"):
+async def discoverer(world, agent="station", *, offers=False):
     """A discoverer on a host of its own; yields it and (time in seconds, agent, event) of all its events."""
     async with world.node("discoverer", host=agent) as node:
         events = []
@@ -48,7 +50,7 @@ async def discoverer(world, agent="station"):
         def note(news):
             events.append((round(asyncio.get_running_loop().time(), 2), news.agent, news.event))
 
-        found = AgentDiscoverer(node, DiscoverySettings(agent=agent), on_event=note)
+        found = AgentDiscoverer(node, DiscoverySettings(agent=agent, offers=offers), on_event=note)
         async with beside(found.run()) as (task,):
             yield found, events
             assert not task.done(), task.exception()
@@ -88,15 +90,16 @@ async def test_an_agent_that_was_started_again_behind_a_partition_is_restarted(s
         assert told in (["DISCOVERED", "LOST", "RESTARTED"], ["DISCOVERED", "LOST", "RESTARTED", "LOST"])
 
 
+@pytest.mark.parametrize("offers", [False, True])
 @pytest.mark.parametrize("loss", [0.0, 0.2])
-def test_everybody_in_a_fleet_finds_everybody_else_with_one_query_each(loss):
+def test_everybody_in_a_fleet_finds_everybody_else_with_one_query_each(loss, offers):
     names = [f"robot{n}" for n in range(6)]
 
     async def scenario(world):
         async with AsyncExitStack() as stack:
             for name in names:
-                await stack.enter_async_context(status(world, name))
-            found = [await stack.enter_async_context(discoverer(world, name)) for name in names]
+                await stack.enter_async_context(status(world, name, offers=offers))
+            found = [await stack.enter_async_context(discoverer(world, name, offers=offers)) for name in names]
             await sleep_until(60)
             for own, (node, events) in zip(names, found, strict=True):
                 discovered = sorted(agent for _, agent, event in events if event == "DISCOVERED")
@@ -106,6 +109,7 @@ def test_everybody_in_a_fleet_finds_everybody_else_with_one_query_each(loss):
                 assert counts["asked"] == counts["answered"] + counts.get("failed", 0)
                 if not loss:
                     assert counts["asked"] == 5
+                    assert counts.get("offered", 0) == 5 * offers
                     assert max(time_s for time_s, _, _ in events) < 0.5
 
     run_simulated(scenario, seed=3, link=LinkModel(loss=loss), limit_s=200)
@@ -132,6 +136,33 @@ def test_an_agent_whose_service_is_found_late_is_asked_once():
             assert (counts["asked"], counts.get("failed", 0)) == (1, 0)
 
     run_simulated(scenario, limit_s=20)
+
+
+@pytest.mark.parametrize("sim", [{"seed": 6, "limit_s": 60}], indirect=True)
+async def test_who_offers_nothing_or_is_spoken_for_by_two_is_asked_and_what_changes_is_offered_anew(sim):
+    async with discoverer(sim, offers=True) as (found, events), AsyncExitStack() as stack:
+        node, evil = [await stack.enter_async_context(sim.node("status", host=name)) for name in ("a", "evil")]
+        lies = evil.create_publisher(AGENT_METADATA, metadata_topic(), LATCHED)
+        provider = StatusProvider(node, StatusSettings(agent="robot", offers=True))
+        await stack.enter_async_context(beside(provider.run()))
+        await stack.enter_async_context(status(sim, "silent"))
+        await sleep_until(5)
+        (soon_s, *first), (later_s, *second) = events
+        assert (first, second) == (["robot", "DISCOVERED"], ["silent", "DISCOVERED"])
+        assert soon_s < 0.1
+        assert 0.5 <= later_s < 0.6, "asked when no offer has come"
+        assert found.status().counts["offered"] == 1
+        provider.update(AgentDescription(software=("new",)))
+        await sleep_until(10)
+        assert (events[-1][1:], found.status().counts["offered"]) == (("robot", "UPDATED"), 2)
+        lies.publish(
+            AgentDescription(software=("false",)).to_message("robot", incarnation=2**63, revision=9, stamp_ns=0)
+        )
+        await sleep_until(15)
+        provider.update(AgentDescription(software=("newer",)))
+        await sleep_until(20)
+        counts = found.status().counts
+        assert (events[-1][1:], counts["event_updated"], counts["offered"]) == (("robot", "UPDATED"), 2, 2)
 
 
 @pytest.mark.parametrize("sim", [{"seed": 4, "limit_s": 700}], indirect=True)

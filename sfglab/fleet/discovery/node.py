@@ -24,18 +24,21 @@ from sfglab.component import Report, beside, is_set_before, run_component, stead
 from sfglab.errors import InvalidValueError, SfglabError
 from sfglab.fleet.discovery.lifecycle import Action
 from sfglab.fleet.discovery.listener import DISCOVERY_EVENT, DISCOVERY_QOS, HISTORY, discovery_topic
+from sfglab.fleet.discovery.offers import Offers
 from sfglab.fleet.discovery.registry import AgentStatus, Move, Order, Registry, Timing
 from sfglab.fleet.discovery.screening import Limits, Refusal, admitted
 from sfglab.fleet.discovery.turns import Turns
 from sfglab.fleet.refusals import SaidOnce
 from sfglab.fleet.status.heartbeat import (
     AGENT_HEARTBEAT,
+    AGENT_METADATA,
     GET_METADATA,
     MAX_SAMPLE_BYTES,
     heartbeat_topic,
     metadata_service,
+    metadata_topic,
 )
-from sfglab.messages import CdrError, message_type, service_type, stamp_from_ns
+from sfglab.messages import CdrError, deserialize, message_type, service_type, stamp_from_ns
 from sfglab.names import validate_agent
 from sfglab.qos import LATCHED
 
@@ -75,6 +78,7 @@ class History:
 
 _LOG = logging.getLogger(__name__)
 _HEARTBEATS = replace(LATCHED, depth=1000)  # of all agents together, for they share one topic
+_OFFER_WAIT_S = 0.5  # what is offered comes with the heartbeat, but for a repair
 _TICK_NS = 1_000_000_000  # the watch looks at least this often, to notice when it stood still
 _OVERSLEPT_NS = 500_000_000
 # Events that are kept for late consumers beyond those that are reckoned with: a repetition is never too late.
@@ -92,6 +96,8 @@ class DiscoverySettings:
     #: long, and longer when those who look for it give up and begin anew.
     find_timeout_s: float = 5.0
     query_timeout_s: float = 2.0  #: How long an agent may take to answer then, seconds.
+    #: Whether descriptions that agents offer are read; then a service is asked only where there is none of use.
+    offers: bool = False
     #: Queries that may be under way at once, to different agents; the others have their turns (`Turns`).
     max_queries: int = 128
 
@@ -139,7 +145,9 @@ class AgentDiscoverer:
         )
         self._history = History(HISTORY - _MARGIN)
         self._turns = Turns(settings.max_queries)
-        self._agents: dict[int, str] = {}  # of queries that wait or are under way
+        self._asked: dict[int, Order] = {}  # by queries that wait or are under way
+        self._offers = Offers(settings.limits)
+        self._offered = asyncio.Event()
         self._queries: dict[int, asyncio.Task[None]] = {}
         self._rearmed = asyncio.Event()
         self._events: Publisher | None = None
@@ -154,11 +162,16 @@ class AgentDiscoverer:
         self._events = self._node.create_publisher(
             DISCOVERY_EVENT, discovery_topic(self._settings.agent), DISCOVERY_QOS
         )
-        heartbeats = self._node.create_subscription(AGENT_HEARTBEAT, heartbeat_topic(), qos=_HEARTBEATS)
+        heard = [self._node.create_subscription(AGENT_HEARTBEAT, heartbeat_topic(), qos=_HEARTBEATS)]
+        hearing = [self._hear(heard[0])]
+        if self._settings.offers:
+            topic = metadata_topic()
+            heard.append(self._node.create_subscription(AGENT_METADATA, topic, qos=_HEARTBEATS, raw=True))
+            hearing.append(self._hear_offers(heard[1]))
         on_ready()
         self._broken = asyncio.get_running_loop().create_future()
         try:
-            async with beside(self._hear(heartbeats), self._watch_time()) as serving:
+            async with beside(*hearing, self._watch_time()) as serving:
                 done, _ = await asyncio.wait([self._broken, *serving], return_when=asyncio.FIRST_COMPLETED)
                 for future in done:
                     future.result()
@@ -168,7 +181,8 @@ class AgentDiscoverer:
                 query.cancel()
             await asyncio.gather(*queries, return_exceptions=True)
             self._broken.cancel()
-            heartbeats.close()
+            for subscription in heard:
+                subscription.close()
             self._events.close()
 
     async def _hear(self, heartbeats: Subscription) -> None:
@@ -182,6 +196,19 @@ class AgentDiscoverer:
             self._carry_out(orders)
             if orders:  # else it put a deadline off, for which nobody has to wake
                 self._rearmed.set()
+
+    async def _hear_offers(self, offers: Subscription) -> None:
+        while True:
+            cdr, info = await offers.take_with_info()
+            refusal = self._offers.heard(len(cdr), info.publisher_gid, now_ns=steady_ns())
+            try:
+                if refusal is None:
+                    self._offers.take(deserialize(cdr, AGENT_METADATA), info.publisher_gid)
+                    self._offered.set()
+                    continue
+            except CdrError:
+                refusal = Refusal.MALFORMED
+            self._registry.counts[f"dropped_offer_{refusal.value}"] += 1
 
     async def _watch_time(self) -> None:
         """Call the registry when it is time, and tell it when this process stood still meanwhile."""
@@ -204,7 +231,7 @@ class AgentDiscoverer:
             if order.query is None:
                 self._announce(order)
             elif order.action is Action.QUERY:
-                self._agents[order.query] = order.agent
+                self._asked[order.query] = order
                 self._turns.ask(order.query, order.publisher, order.failures)
             else:
                 self._end(order.query)
@@ -215,16 +242,16 @@ class AgentDiscoverer:
         now_ns = steady_ns()
         while (query := (turn := self._turns.next(now_ns))[0]) is not None:
             if (leaves := turn[1]) is not None:
-                agent = self._agents[leaves]
+                agent = self._asked[leaves].agent
                 self._end(leaves)
                 self._carry_out(self._registry.failed(agent, leaves, now_ns=now_ns))
-            task = asyncio.create_task(self._ask(self._agents[query], query))
+            task = asyncio.create_task(self._ask(self._asked[query], query))
             self._queries[query] = task
             task.add_done_callback(partial(self._query_ended, query))
 
     def _end(self, query: int) -> None:
         """End a query, wherever it stands."""
-        self._agents.pop(query, None)
+        self._asked.pop(query, None)
         self._turns.ended(query)
         if query in self._queries:
             self._queries[query].cancel()
@@ -236,16 +263,33 @@ class AgentDiscoverer:
         if not task.cancelled() and (error := task.exception()) is not None and not self._broken.done():
             self._broken.set_exception(error)
 
-    async def _ask(self, agent: str, query: int) -> None:
-        metadata = await self._metadata_of(agent, query)
+    async def _ask(self, order: Order, query: int) -> None:
+        agent = order.agent
+        metadata = await self._offer_of(order) if self._settings.offers and not order.failures else None
+        metadata = self._admitted(agent, metadata or await self._answer_of(agent, query))
         if metadata is None:
             orders = self._registry.failed(agent, query, now_ns=steady_ns())
         else:
             orders = self._registry.answered(agent, query, metadata, now_ns=steady_ns())
         self._carry_out(orders)
 
-    async def _metadata_of(self, agent: str, query: int) -> Any:
-        """Ask an agent; None when there is no answer, or none of use."""
+    async def _offer_of(self, order: Order) -> Any:
+        """Return what an agent offers of itself; None where that does not come, or is disputed."""
+        end_s = steady_ns() / 1e9 + _OFFER_WAIT_S
+        waits = True
+        while waits:
+            self._offered.clear()
+            if (offer := self._offers.of(order.agent, order.wanted, self._is_there)) is not None:
+                self._registry.counts["offered"] += 1
+                return offer
+            waits = await is_set_before(self._offered, end_s)
+        return None
+
+    def _is_there(self, publisher: bytes) -> bool:
+        return any(publisher == endpoint.gid for endpoint in self._node.graph.publishers(metadata_topic()))
+
+    async def _answer_of(self, agent: str, query: int) -> Any:
+        """Ask an agent; None when there is no answer."""
         client = self._node.create_client(GET_METADATA, metadata_service(agent))
         try:
             request = service_type(GET_METADATA).request()
@@ -261,9 +305,13 @@ class AgentDiscoverer:
             return None
         finally:
             client.close()
-        if not response.success:
+        return response.metadata if response.success else None
+
+    def _admitted(self, agent: str, metadata: Any) -> Any:
+        """Return what may be used of a description; None of None."""
+        if metadata is None:
             return None
-        metadata, refused = admitted(response.metadata)
+        metadata, refused = admitted(metadata)
         self._registry.counts["refused_parts"] += len(refused)
         for wrong in refused:
             self._say((agent, wrong.place), f"discoverer: {agent}: {wrong}")

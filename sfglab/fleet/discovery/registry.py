@@ -63,6 +63,7 @@ class Order:
     metadata: Any = None  #: Its last known description.
     publisher: bytes = b""  #: Who was heard, when an agent has to be asked.
     failures: int = 0  #: How many queries of it have failed since one was answered.
+    wanted: tuple[int, int] = (0, 0)  #: Which incarnation and revision it said to be, when it has to be asked.
 
     @property
     def event(self) -> str:
@@ -367,9 +368,13 @@ def _order(action: Action, agent: str, remote: _Remote) -> Order:
     if action not in ANNOUNCEMENTS:
         if action is not Action.QUERY:
             return Order(action=action, agent=agent, query=remote.query)
-        failures = remote.backoff.failures
         return Order(
-            action=action, agent=agent, query=remote.query, publisher=remote.publisher, failures=failures
+            action=action,
+            agent=agent,
+            query=remote.query,
+            publisher=remote.publisher,
+            failures=remote.backoff.failures,
+            wanted=remote.wanted,
         )
     assert remote.held is not None
     return Order(action=action, agent=agent, incarnation=remote.held[0], metadata=remote.metadata)

@@ -82,26 +82,18 @@ class Bucket:
         return True
 
 
-class Screen:
-    """The checks by a discoverer's agent that need nothing but the heartbeat, who published it, and when."""
+class Rates:
+    """The rates of all publishers: each its own, and all together."""
 
-    def __init__(self, agent: str, limits: Limits) -> None:
-        self._agent = agent
+    def __init__(self, limits: Limits) -> None:
         self._limits = limits
         self._total = Bucket(limits.total_per_s, limits.total_burst, 0)
         self._buckets: OrderedDict[bytes, Bucket] = OrderedDict()
-        self._own: tuple[int, bytes] | None = None  # its last incarnation and publisher
 
-    def check(self, heartbeat: Heartbeat, publisher_gid: bytes, *, now_ns: int) -> Refusal | None:
-        """Return why a heartbeat of a publisher does not count, or None if it does."""
+    def take(self, publisher_gid: bytes, now_ns: int) -> bool:
+        """Return whether one more of a publisher is within the rates, and count it then."""
         # One publisher's flood must not take the others' share, so its own bucket comes first.
-        if not (self._bucket(publisher_gid, now_ns).take(now_ns) and self._total.take(now_ns)):
-            return Refusal.FLOOD
-        if not _well_formed(heartbeat):
-            return Refusal.MALFORMED
-        if heartbeat.agent == self._agent:
-            return self._check_own(heartbeat, publisher_gid)
-        return None
+        return self._bucket(publisher_gid, now_ns).take(now_ns) and self._total.take(now_ns)
 
     def _bucket(self, publisher_gid: bytes, now_ns: int) -> Bucket:
         bucket = self._buckets.get(publisher_gid)
@@ -112,6 +104,25 @@ class Screen:
                 self._buckets.popitem(last=False)
         self._buckets.move_to_end(publisher_gid)
         return bucket
+
+
+class Screen:
+    """The checks by a discoverer's agent that need nothing but the heartbeat, who published it, and when."""
+
+    def __init__(self, agent: str, limits: Limits) -> None:
+        self._agent = agent
+        self._rates = Rates(limits)
+        self._own: tuple[int, bytes] | None = None  # its last incarnation and publisher
+
+    def check(self, heartbeat: Heartbeat, publisher_gid: bytes, *, now_ns: int) -> Refusal | None:
+        """Return why a heartbeat of a publisher does not count, or None if it does."""
+        if not self._rates.take(publisher_gid, now_ns):
+            return Refusal.FLOOD
+        if not _well_formed(heartbeat):
+            return Refusal.MALFORMED
+        if heartbeat.agent == self._agent:
+            return self._check_own(heartbeat, publisher_gid)
+        return None
 
     def _check_own(self, heartbeat: Heartbeat, publisher_gid: bytes) -> Refusal:
         """Tell our own agent from another one that bears its name: the latest to start is taken for ours.

@@ -25,6 +25,11 @@ def heartbeat_topic() -> str:
     return str(RosFqnBuilder().scope(Scope.GLOBAL).without_agent().resource(Resource.AGENT_HEARTBEAT).build())
 
 
+def metadata_topic() -> str:
+    """Return ``/global/agent_metadata``, the topic on which agents offer what they are, without being asked."""
+    return str(RosFqnBuilder().scope(Scope.GLOBAL).without_agent().resource(Resource.AGENT_METADATA).build())
+
+
 def metadata_service(agent: str) -> str:
     """Return ``/global/<agent>/get_metadata``, where an agent is asked what it is: paper A, section 4.2.
 

@@ -1,7 +1,7 @@
 """Status provider: an agent's heartbeats and the answer to what it is. Paper A, section 4.2.
 
 The thin shell around `heartbeat` and `description`. Heartbeats are latched: whoever joins late hears the last
-one at once and need not wait for the next.
+one at once and need not wait for the next. So is the description, where it is offered before anybody asks.
 
 As a process (``python -m sfglab.fleet.status.node CONFIG``; see `sfglab.component`) it reports, beside
 ``ready``, every heartbeat, ``{"is": "beat", "revision", "phase", "period_s", "t_ns"}``, where the configuration
@@ -21,6 +21,7 @@ from sfglab.component import Report, beside, is_set_before, run_component
 from sfglab.fleet.status.description import AgentDescription, DescriptionError, accelerators, software
 from sfglab.fleet.status.heartbeat import (
     AGENT_HEARTBEAT,
+    AGENT_METADATA,
     GET_METADATA,
     MAX_SAMPLE_BYTES,
     MIN_PERIOD_S,
@@ -28,6 +29,7 @@ from sfglab.fleet.status.heartbeat import (
     Schedule,
     heartbeat_topic,
     metadata_service,
+    metadata_topic,
 )
 from sfglab.messages import service_type
 from sfglab.names import validate_agent
@@ -46,6 +48,7 @@ class StatusSettings:
     agent: str  #: The agent's name.
     description: AgentDescription = field(default_factory=AgentDescription)  #: What it is.
     schedule: Schedule = field(default_factory=Schedule)  #: When it beats.
+    offers: bool = False  #: Whether the description is published, too; the paper's way is to be asked for it.
 
     def __post_init__(self) -> None:
         validate_agent(self.agent)
@@ -69,6 +72,7 @@ class StatusProvider:
         self._incarnation = 0
         self._revision = 0
         self._updated = asyncio.Event()
+        self._offer: Publisher | None = None
 
     @property
     def description(self) -> AgentDescription:
@@ -85,6 +89,8 @@ class StatusProvider:
         self._description = description
         self._described_ns = self._node.get_clock().now_ns()
         self._revision += 1
+        if self._offer is not None:
+            self._offer.publish(self._metadata())
         self._updated.set()
 
     async def run(self, on_ready: Callable[[], None] = lambda: None) -> None:
@@ -95,10 +101,16 @@ class StatusProvider:
             GET_METADATA, metadata_service(self._settings.agent), lambda _: self._answer()
         )
         publisher = self._node.create_publisher(AGENT_HEARTBEAT, heartbeat_topic(), LATCHED)
+        if self._settings.offers:
+            self._offer = self._node.create_publisher(AGENT_METADATA, metadata_topic(), LATCHED)
+            self._offer.publish(self._metadata())
         try:
             on_ready()
             await self._beat(publisher)
         finally:
+            if self._offer is not None:
+                self._offer.close()
+                self._offer = None
             publisher.close()
             service.close()
 
@@ -126,14 +138,16 @@ class StatusProvider:
         publisher.publish(heartbeat.to_message(self._node.get_clock().now_ns()))
         self._on_beat(heartbeat)
 
-    def _answer(self) -> Any:
-        metadata = self._description.to_message(
+    def _metadata(self) -> Any:
+        return self._description.to_message(
             self._settings.agent,
             incarnation=self._incarnation,
             revision=self._revision,
             stamp_ns=self._described_ns,
         )
-        return service_type(GET_METADATA).response(success=True, message="", metadata=metadata)
+
+    def _answer(self) -> Any:
+        return service_type(GET_METADATA).response(success=True, message="", metadata=self._metadata())
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

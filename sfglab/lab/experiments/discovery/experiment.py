@@ -12,7 +12,9 @@ from sfglab.lab.experiment import Actor, Experiment, Link, Profiled
 
 STANDARD = "standard"
 LAUNCHED = "launched"  #: Routed in the paper's way: the start order launches every process of an agent.
-ROUTED = "routed"  #: In our way: the processes are there, with everything loaded, when the order comes.
+#: In our way: the processes are there, with everything loaded, when the order comes; and agents offer what they
+#: are, so that nobody has to be asked.
+ROUTED = "routed"
 COMPOSED = f"{REAL}, composed"  #: All nodes of an agent in one process, which is one participant.
 
 

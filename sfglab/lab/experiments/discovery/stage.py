@@ -1,9 +1,9 @@
 """Live fleets: their processes on their hosts, idle, the one signal that starts them, and what is measured.
 
 *Standard*: every agent's ROS 2 nodes are in the global domain. *Routed*: they are in the agent's own domain,
-with its status provider and discoverer; its router joins the two. *Launched* is routed with no process there
-before the order. Fleets are live only on separate hosts; where the machine has none, only what is simulated is
-run, and the log says so.
+with its status provider and discoverer, which reads what others offer of themselves; its router joins the two.
+*Launched* is the paper's way: no process is there before the order, and every agent is asked what it is. Fleets
+are live only on separate hosts; where the machine has none, only what is simulated is run, and the log says so.
 
 All agents share this machine's cores, so that a fleet started at once tells how many there are. Started at a
 pace, the work of one start is done before the next; time is then counted from the last start order, by when
@@ -272,11 +272,12 @@ class LiveFleet(ProcessGroup):
         yield Member(name=_nodes_of(host), host=host, module="sfglab.lab.workers.rosnodes", config=nodes)
         if not routed:
             return
+        offers = self._cell.mode == ROUTED  # the paper's way is to ask
         configs = (
             RouterConfig(agent=host, local=local, remote=remote),
             # Trying accelerators belongs to another experiment, and its result does not cross here.
-            StatusConfig(address=local, settings=StatusSettings(agent=host), detect=False),
-            DiscoveryConfig(address=local, settings=DiscoverySettings(agent=host)),
+            StatusConfig(address=local, settings=StatusSettings(agent=host, offers=offers), detect=False),
+            DiscoveryConfig(address=local, settings=DiscoverySettings(agent=host, offers=offers)),
         )
         for module, config in zip(_COMPONENTS, configs, strict=True):
             idle: dict[str, Any] = {"ready": "idle", "through": "sfglab.lab.workers.idle"}
