@@ -5,7 +5,8 @@ arm the router stands idle and the listener is in the talker's domain. Talker an
 little as possible, so the difference is the router. Measured are the latency of 64-byte messages at 200 Hz and
 of 691 kB images at 30 Hz, from the source time stamp to the moment the listener takes the sample, and how many
 64-byte messages and bytes of images pass in a second when the talker sends as fast as RELIABLE and KEEP_ALL let
-it. Rounds of the arms alternate, so that other load on the machine falls on both; ratios are within a round.
+it; of the router also the CPU time until it is ready and the most memory that it took. Rounds of the arms
+alternate, so that other load on the machine falls on both; ratios are within a round.
 
     python benchmarks/router.py --seconds 5 --rounds 5
 """
@@ -21,9 +22,11 @@ import subprocess
 import sys
 import time
 from contextlib import ExitStack, contextmanager
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import psutil
 
 from sfglab.bus import Node, PublishError
 from sfglab.bus.address import BusAddress
@@ -127,6 +130,18 @@ class Child:
         command = [sys.executable, *arguments]
         self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
 
+    @property
+    def cpu_s(self) -> float:
+        """CPU time so far, in seconds."""
+        times = psutil.Process(self._process.pid).cpu_times()
+        return float(times.user + times.system)
+
+    @property
+    def peak_mb(self) -> float:
+        """The most memory that it ever had, in MB."""
+        status = Path(f"/proc/{self._process.pid}/status").read_text("ascii")
+        return int(status.partition("VmHWM:")[2].split(maxsplit=1)[0]) * 1024 / 1e6
+
     def hear(self) -> dict[str, Any]:
         """Return the next thing it says."""
         assert self._process.stdout is not None
@@ -170,14 +185,17 @@ def measure(load: str, arm: str, domain_id: int, seconds: float) -> dict[str, An
         ("-m", "sfglab.fleet.router.node", argument_of(config)),
         (__file__, "listen", load, str(far)),
         (__file__, "talk", load, str(domain_id), str(seconds)),
-    ) as (_, listener, talker):
+    ) as (router, listener, talker):
+        while router.hear()["is"] != "ready":
+            pass
+        ready = {"start_cpu_s": router.cpu_s}
         listener.hear()
         time.sleep(0.5)  # until the router's reader and writer have found their peers
         talker.tell()
         sent = talker.hear()["sent"]
         time.sleep(0.5 if LOADS[load][1] else 2.0)  # until the last sample has arrived
         listener.tell()
-        return {**listener.hear(), "sent": sent}
+        return {**listener.hear(), **ready, "sent": sent, "peak_mb": router.peak_mb}
 
 
 def main() -> None:
@@ -189,7 +207,7 @@ def main() -> None:
     parser.add_argument("--domain", type=int, default=20 + os.getpid() % 60)
     options = parser.parse_args()
     found: dict[tuple[str, str], list[dict[str, Any]]] = {}
-    print("load        arm      sent    received   p50 ms   p99 ms    msg/s     MB/s")
+    print("load        arm      sent    received   p50 ms   p99 ms    msg/s     MB/s  router MB")
     for _ in range(options.rounds):
         for load in options.loads:
             size = len(_payload(LOADS[load][0]))
@@ -198,7 +216,8 @@ def main() -> None:
                 found.setdefault((load, arm), []).append(r)
                 print(
                     f"{load:10}  {arm:6}  {r['sent']:7}  {r['count']:7}  {r['p50_ms']:9.3f} "
-                    f"{r['p99_ms']:8.3f}  {r['rate_hz']:9.0f} {r['rate_hz'] * size / 1e6:7.1f}",
+                    f"{r['p99_ms']:8.3f}  {r['rate_hz']:9.0f} {r['rate_hz'] * size / 1e6:7.1f}  "
+                    f"{r['peak_mb']:9.1f}",
                     flush=True,
                 )
     for load in options.loads:
@@ -210,6 +229,9 @@ def main() -> None:
                 print(f"{load}: added {key[:3]} {_spread(added)} ms")
         else:
             print(f"{load}: rate {_spread([b['rate_hz'] / a['rate_hz'] for a, b in pairs])} of direct")
+        print(f"{load}: the router took at most {max(r['peak_mb'] for r in routed):.0f} MB")
+    starts = [r["start_cpu_s"] for runs in found.values() for r in runs]
+    print(f"the router was ready after {_spread(starts)} s of CPU")
 
 
 def _spread(values: list[float]) -> str:

@@ -8,7 +8,7 @@ from contextlib import asynccontextmanager
 
 import psutil
 import pytest
-from bus_messages import SERVICE, STRING, Request, connected, response, text
+from bus_messages import IMAGE, SERVICE, STRING, Request, connected, image, response, text
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -263,6 +263,41 @@ async def test_a_reader_that_stands_still_costs_no_sample_and_holds_up_no_other_
             assert (await other.hear())["got"] == list(range(count))
             await until(lambda: forwards["/slow"].counts.forwarded >= count)
             assert (forwards["/slow"].counts.forwarded, forwards["/slow"].counts.dropped) == (count, 0)
+
+
+@pytest.mark.live
+async def test_images_that_wait_for_a_reader_that_stands_still_stop_their_sender_and_none_is_lost(
+    pair_ids, child, until
+):
+    count = 150
+    listening = f"""
+    sub = node.create_subscription(Image, "/t", qos=QoSProfile(history=History.KEEP_ALL))
+    await sub.wait_for_publishers()
+    say(ready=True)
+    say(got=[(await sub.take(60)).step for _ in range({count})])
+    """
+    picture = image(7)
+    async with two_domains(pair_ids) as (talker, near, far, _):
+        publisher = talker.create_publisher(IMAGE, "/t", DEEP)
+        forwarder = near.open_forwarder(far)
+        forward, outlet = forwarder.open(endpoint(IMAGE)), forwarder.open_writer(endpoint(IMAGE))
+        forward.admit(publisher.gid, outlet)
+        await publisher.wait_for_subscriptions()
+        async with child(listening, "slow", domain_id=pair_ids[1]) as other:
+            await other.hear()
+            os.kill(other.pid, signal.SIGSTOP)
+            stopped_at = 0
+            for picture.step in range(count):
+                while True:
+                    try:
+                        publisher.publish(picture)
+                        break
+                    except bus.PublishError:
+                        stopped_at = stopped_at or picture.step
+                        os.kill(other.pid, signal.SIGCONT)
+            assert 0 < stopped_at < 100, "64 wait in the reader, and a few elsewhere"
+            assert (await other.hear())["got"] == list(range(count))
+            await until(lambda: forward.counts.forwarded == count)
 
 
 @pytest.mark.live
