@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import logging
 import sys
+from errno import EFBIG, EIO, ENOSPC
 from os import fsdecode
 from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
@@ -55,7 +56,7 @@ app = typer.Typer(
     cls=_Program,
     help="How multi-robot ROS 2 systems move data: run the experiments, or the components beside real robots.",
     no_args_is_help=True,
-    add_completion=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
 )
@@ -92,7 +93,12 @@ _GROUPS = {
 for _name, _command in _COMMANDS.items():
     app.command(_name)(_command)
 for _name, _group in _GROUPS.items():
-    app.add_typer(_group, name=_name)
+    app.add_typer(_group, name=_name, short_help=(_group.info.help or "").partition("\n\n")[0])
+for _each in (app, *_GROUPS.values()):
+    for _one in _each.registered_commands:  # whole in the lists of commands, where typer cuts
+        _one.short_help = " ".join(
+            ((_one.callback and _one.callback.__doc__) or "").partition("\n\n")[0].split()
+        )
 
 
 def main() -> NoReturn:
@@ -116,6 +122,8 @@ def _sentence(error: Any) -> tuple[str, int]:
         return f"{fsdecode(error.filename)}: {why(error)}", 1
     if isinstance(error, ModuleNotFoundError) and error.name and not error.name.startswith("sfglab"):
         return f"this needs {error.name}, which sfglab brings, and sfglab-robot[depth] for depth and frames", 1
+    if isinstance(error, OSError) and error.errno in (ENOSPC, EFBIG, EIO):
+        return f"standard output: {why(error)}", 1
     if not hasattr(error, "format_message"):  # typer brings a click of its own, or takes the installed one
         return "", 1
     if type(error).__name__ == "NoArgsIsHelpError":  # a group without a command

@@ -22,9 +22,14 @@ if TYPE_CHECKING:
     from sfglab.qos import QoSProfile
 
 T = TypeVar("T")
-Domain = Annotated[
-    int | None, typer.Option(min=0, max=MAX_DOMAIN, help=f"DDS domain. [default: {VARIABLE}, else 0]")
-]
+
+
+def domain_option(text: str, default: str = f"{VARIABLE}, else 0") -> Any:
+    """Return an option for a domain, whose default the command knows."""
+    return typer.Option(min=0, max=MAX_DOMAIN, help=f"{text} [default: {default}]")
+
+
+Domain = Annotated[int | None, domain_option("DDS domain.")]
 Interface = Annotated[str | None, typer.Option(help="Network interface; lo stays inside.")]
 SpinTime = Annotated[
     float | None,

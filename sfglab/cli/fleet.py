@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -9,9 +10,11 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
+from sfglab.cli.buses import Domain, domain_option
 from sfglab.cli.interfaces import Interfaces
 from sfglab.cli.options import put, unused
 from sfglab.component import run, run_until_interrupted
+from sfglab.domains import VARIABLE, usual_domain_id
 
 if TYPE_CHECKING:
     from sfglab.fleet.agent.plan import AgentConfig
@@ -22,7 +25,12 @@ fleet_app = typer.Typer(
 agent_app = typer.Typer(
     help="An agent of a fleet: router, status provider, discoverer, decoder.", no_args_is_help=True
 )
-_GlobalDomain = Annotated[int | None, typer.Option(help="The domain that all agents share; 0.")]
+_GlobalDomain = Annotated[
+    int | None, domain_option("The domain that all agents share.", "the fleet file's, else 0")
+]
+_OwnDomain = Annotated[
+    int | None, domain_option("The agent's own DDS domain.", f"the fleet file's, else {VARIABLE}")
+]
 _GlobalInterface = Annotated[str | None, typer.Option(help="Interface towards the other agents.")]
 _Offers = Annotated[
     bool | None,
@@ -123,7 +131,7 @@ def security(
 
 @agent_app.command("up")
 def agent_up(
-    domain: Annotated[int | None, typer.Option(help="The agent's own DDS domain, 1 to 101.")] = None,
+    domain: _OwnDomain = None,
     interface: Annotated[
         str | None, typer.Option(help="Interface of its own domain; lo keeps it inside.")
     ] = None,
@@ -172,7 +180,7 @@ def agent_up(
 
 
 def router(
-    domain: Annotated[int | None, typer.Option(help="The agent's own DDS domain.")] = None,
+    domain: _OwnDomain = None,
     interface: Annotated[str | None, typer.Option(help="Interface of its own domain.")] = None,
     global_domain: _GlobalDomain = None,
     global_interface: _GlobalInterface = None,
@@ -195,7 +203,7 @@ def router(
     from sfglab.fleet.agent.plan import router_config
     from sfglab.fleet.router.node import serve_terminal
 
-    if domain is None and fleet is None:
+    if domain is None and fleet is None and VARIABLE not in os.environ:
         raise typer.BadParameter("nothing is given, allowed: a domain, or a fleet file", param_hint="--domain")
     sides = (domain, interface), (global_domain, global_interface)
     config = router_config(_agent_config(agent, fleet, *sides, offers))
@@ -215,6 +223,8 @@ def _agent_config(
     from sfglab.fleet.fleet_file import load_fleet
     from sfglab.names import default_agent
 
+    if local[0] is None and fleet is None and VARIABLE in os.environ:
+        local = usual_domain_id(), local[1]
     sides = [SideOptions(domain_id=domain, interface=interface) for domain, interface in (local, remote)]
     described = load_fleet(fleet) if fleet is not None else None
     config = config_from_options(agent or default_agent(), described, local=sides[0], remote=sides[1])
@@ -226,10 +236,10 @@ def decoder(
         list[str] | None,
         typer.Argument(help="Remote streams by name, e.g. /global/go2/camera_front/color/ffmpeg"),
     ] = None,
-    domain: Annotated[int, typer.Option(help="DDS domain of the local subscribers.")] = 0,
+    domain: Annotated[int | None, domain_option("DDS domain of the local subscribers.")] = None,
     interface: Annotated[str | None, typer.Option(help="Interface of the local domain.")] = None,
     remote_domain: Annotated[
-        int | None, typer.Option(help="DDS domain of the remote streams; the local one when not given.")
+        int | None, domain_option("DDS domain of the remote streams.", "the local one")
     ] = None,
     remote_interface: Annotated[str | None, typer.Option(help="Interface of the remote domain.")] = None,
     linger: Annotated[
@@ -251,6 +261,7 @@ def decoder(
     from sfglab.fleet.decoder.node import DecoderConfig, serve_terminal
     from sfglab.names import Resource, RosFqnBuilder, Scope
 
+    domain = usual_domain_id() if domain is None else domain
     local = BusAddress(domain_id=domain, interface=interface)
     remote = local
     if remote_domain is not None or remote_interface is not None:
@@ -277,7 +288,7 @@ def camera(
         Literal["h264", "rvl", "med"],
         typer.Option(help="h264 (colour); rvl, or med, ours and smaller (depth, need a source with depth)."),
     ] = "h264",
-    domain: Annotated[int, typer.Option(help="DDS domain.")] = 0,
+    domain: Domain = None,
     interface: Annotated[str | None, typer.Option(help="Network interface.")] = None,
     encoder: Annotated[str, typer.Option(help="H.264 encoder by FFmpeg's name.")] = "auto",
 ) -> None:
@@ -293,7 +304,9 @@ def camera(
     if codec != "h264":
         unused(f"with --codec {codec}, whose encoder is the only one", "encoder")
     config = CameraConfig(
-        places=((BusAddress(domain_id=domain, interface=interface), topic),),
+        places=(
+            (BusAddress(domain_id=usual_domain_id() if domain is None else domain, interface=interface), topic),
+        ),
         codec=codec,
         source=source,
         encoder=encoder,

@@ -34,7 +34,16 @@ class _Log(TyperGroup):
         return super().resolve_command(ctx, args if args[0] in self.commands else ["show", *args])
 
 
-app = typer.Typer(cls=_Log, help="Logs and bags, in the words of ros2 bag; without a command what a log holds.")
+app = typer.Typer(
+    cls=_Log,
+    help="""Logs and bags, in the words of ros2 bag; alone, what a log holds or which runs there are.
+
+Examples:
+
+  sfglab log
+
+  sfglab log data/reference/cooperation.mcap""",
+)
 _Log_ = Annotated[Path, typer.Argument(metavar="LOG", help="An MCAP file, a rosbag2 folder, .db3 or .bag.")]
 _Topics = Annotated[list[str] | None, typer.Option("--topics", help="Only this topic; may be repeated.")]
 _Regex = Annotated[str | None, typer.Option("--regex", "-e", help="Only topics in which this is found.")]
@@ -52,14 +61,7 @@ _Duration = Annotated[float | None, typer.Option(min=0.0, help="Seconds of the l
 
 @app.callback(invoke_without_command=True)
 def log(context: typer.Context) -> None:
-    """List what a log holds; without one, list runs and which of them speak for the claims.
-
-    Examples:
-
-      sfglab log
-
-      sfglab log data/reference/cooperation.mcap
-    """
+    """List runs and which of them speak for the claims, unless a command follows."""
     from sfglab.cli.experiments import list_runs
 
     if context.invoked_subcommand is None:
@@ -203,7 +205,7 @@ def record(
 
       sfglab log record /chatter /tf /tf_static --domain 7
 
-      sfglab log record -a -o run.mcap --duration 10
+      sfglab log record -a -o session.mcap --duration 5
 
       sfglab log record -e '^/global/go2/' -x image_raw --compression-mode file
     """
@@ -309,7 +311,7 @@ def convert(
 
     Examples:
 
-      sfglab log convert data/reference/mocap.mcap -o bag -s sqlite3
+      sfglab log convert data/reference/mocap.mcap -o mocap -s sqlite3
 
       sfglab log convert old.bag -o new.mcap
 

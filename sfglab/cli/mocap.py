@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import contextlib
 import json
+import os
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from sfglab.cli.buses import domain_option
 from sfglab.cli.options import unused
 from sfglab.component import on_stop, run
+from sfglab.domains import VARIABLE
 from sfglab.errors import SfglabError
 
 if TYPE_CHECKING:
@@ -40,7 +43,7 @@ class _Type(StrEnum):
 @mocap_app.command("run")
 def mocap_run(
     file: Annotated[Path, typer.Argument(help="Which object is which frame, e.g. data/mocap/two_agents.yaml")],
-    domain: Annotated[int, typer.Option(help="DDS domain of the agents' transforms.")],
+    domain: Annotated[int | None, domain_option("DDS domain of the agents' transforms.")] = None,
     interface: Annotated[str | None, typer.Option(help="Interface of that domain.")] = None,
     vicon: Annotated[str | None, typer.Option(help="Address of a Vicon Tracker.")] = None,
     topic: Annotated[
@@ -119,7 +122,7 @@ def mocap_offset(
 @frames_app.command("lint")
 def frames_lint(
     log: Annotated[Path | None, typer.Argument(help="A log, of any recorder.")] = None,
-    domain: Annotated[int | None, typer.Option(help="A DDS domain to listen to instead.")] = None,
+    domain: Annotated[int | None, domain_option("A DDS domain to listen to, without a log.")] = None,
     interface: Annotated[str | None, typer.Option(help="Interface of that domain.")] = None,
     listen: Annotated[float, typer.Option(min=0.1, help="Seconds to listen.")] = 5.0,
     agents: Annotated[str, typer.Option(help="Agents whose prefixes are right, as go2,agent_x.")] = "",
@@ -140,7 +143,8 @@ def frames_lint(
     from sfglab.spatial.frames.lint import FrameRule, lint_frames
     from sfglab.spatial.frames.listener import fill_from_log
 
-    if (log is None) == (domain is None):
+    heard = domain is not None or (log is None and VARIABLE in os.environ)
+    if (log is not None) == heard:
         raise SfglabError("frames lint: given neither or both, allowed is a log or --domain")
     buffer = FrameBuffer(history_s=None)
     if log is not None:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from sfglab.cli.buses import Domain, Interface
 from sfglab.component import on_stop, run
 from sfglab.errors import SfglabError
 
@@ -71,8 +72,6 @@ app = typer.Typer(
     help="Trajectories carried out: a simulated agent, and sending an agent along its trajectory.",
     no_args_is_help=True,
 )
-_Domain = Annotated[int, typer.Option(help="DDS domain.")]
-_Interface = Annotated[str | None, typer.Option(help="Network interface; lo keeps it inside.")]
 _Action = Annotated[
     str, typer.Option(help="Name of the action; /global/<agent>/execute_trajectory when not given.")
 ]
@@ -81,8 +80,8 @@ _Action = Annotated[
 @app.command()
 def serve(
     agent: Annotated[str, typer.Option(help="Name of the agent.")],
-    domain: _Domain = 0,
-    interface: _Interface = None,
+    domain: Domain = None,
+    interface: Interface = None,
     action: _Action = "",
     scene: Annotated[
         Path | None, typer.Option(help="A scene that has the agent: its start and its limits.")
@@ -113,8 +112,8 @@ def run_scene(
     agent: Annotated[
         list[str] | None, typer.Option(help="Who is sent; all that have a trajectory when not given.")
     ] = None,
-    domain: _Domain = 0,
-    interface: _Interface = None,
+    domain: Domain = None,
+    interface: Interface = None,
     action: _Action = "",
     delay: Annotated[
         float, typer.Option(min=0.0, help="Seconds until all start together; 0: each when it gets its goal.")

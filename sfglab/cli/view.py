@@ -11,8 +11,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from sfglab.cli.buses import domain_option
 from sfglab.cli.interfaces import Interfaces
 from sfglab.cli.options import put, unused
+from sfglab.domains import usual_domain_id
 from sfglab.errors import SfglabError
 
 if TYPE_CHECKING:
@@ -51,7 +53,7 @@ def view(
     thin: Annotated[
         bool, typer.Option("--thin", help="Thin a log out by the visualizers' rates, as live always is.")
     ] = False,
-    domain: Annotated[int | None, typer.Option(help="DDS domain to look at, live. [default: 0]")] = None,
+    domain: Annotated[int | None, domain_option("DDS domain to look at, live.")] = None,
     interface: Annotated[str | None, typer.Option(help="Network interface, live; lo stays inside.")] = None,
     _interfaces: Interfaces = None,
 ) -> None:
@@ -96,7 +98,7 @@ def view(
         return
     if log is None:
         unused("without a log; what is shown live is always thinned out", "thin")
-        _live(options, domain or 0, interface)
+        _live(options, usual_domain_id() if domain is None else domain, interface)
         return
     unused("with a log, which is on no bus", "domain", "interface")
     _logged(log, options)

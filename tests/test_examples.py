@@ -1,0 +1,223 @@
+"""Every command's help: an example, whole descriptions; and each example that can end is run."""
+
+import itertools
+import re
+import shlex
+import shutil
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from commands import called
+from rosbags.rosbag1 import Writer
+from rosbags.typesys import Stores, get_typestore
+from typer.main import get_command
+
+from sfglab.cli import app
+from sfglab.domains import MAX_DOMAIN
+
+ROOT = Path(__file__).parents[1]
+LIVE = r"sfglab (topic|node|service|action|param|log (record|play)|frames lint --domain|mocap run)"
+# Until Ctrl-C; `test_what_never_ends_ends_by_one_line` ends some.
+ENDLESS = (
+    *(
+        "lab",
+        "router",
+        "decoder",
+        "camera",
+        "plan ",
+        "agent up",
+        "follow serve",
+        "view (bag/|--domain|--fleet .* --i)",
+    ),
+    *(r"topic echo /chatter( --json.*)?$", "topic echo /odom", r"topic hz /chatter$", "topic (hz|bw) /camera"),
+    *(r"topic pub (/chatter|-r)", "log record (/chatter|-e)"),
+)
+# Minutes, all figures, a fleet's machines, checkers of its files, cameras, robots, an editor's folder.
+ELSEWHERE = (
+    *(
+        "reproduce",
+        "figures",
+        "deploy (plan|apply|releases|check|detect --root)",
+        "mocap run .*(--vicon|--topic)",
+    ),
+    *(
+        "map .*--verilog",
+        "mocap offset",
+        "follow run",
+        "interfaces",
+        "log play run.mcap --rate",
+        "action send-goal -f",
+    ),
+)
+STATUS = {"param set": 1, "frames lint --domain": 1}
+TALKER = """
+import asyncio, sys
+import numpy as np
+from dataclasses import dataclass
+from sfglab.bus import Node
+from sfglab.bus.parameters import Parameters
+from sfglab.messages import *
+
+@dataclass
+class Config:
+    linger_s: float = 1.0
+    rate: int = 3
+
+async def execute(goal):
+    result = action_type("example_interfaces/action/Fibonacci").result(sequence=np.array([0, 1], np.int32))
+    goal.succeed()
+    return result
+
+async def main():
+    kinds = {"/chatter": "std_msgs/msg/String", "/tf": "tf2_msgs/msg/TFMessage"}
+    kinds |= {"/odom": "nav_msgs/msg/Odometry", "/camera/image_raw": "sensor_msgs/msg/Image"}
+    async with Node("talker") as talker, Node("agent_decoder") as a, Node("turtlesim") as b, Node("go2") as c:
+        for one in (a, b, c):
+            Parameters(one, Config())
+        set_bool = service_type("std_srvs/srv/SetBool")
+        yes = set_bool.response(success=True, message="")
+        talker.create_service(set_bool.name, "/enable", lambda asked: yes)
+        server = talker.create_action_server("example_interfaces/action/Fibonacci", "/count", execute)
+        publishers = [talker.create_publisher(kind, topic) for topic, kind in kinds.items()]
+        listener = talker.create_subscription(kinds["/chatter"], "/chatter", lambda heard: None)
+        print("ready", flush=True)
+        while True:
+            for publisher in publishers:
+                publisher.publish(default_message(publisher.type_name))
+            await asyncio.sleep(0.02)
+
+asyncio.run(main())
+"""
+
+
+def commands(command, path=()):
+    """Yield the path and the command of each that is no group."""
+    if inner := getattr(command, "commands", None):
+        for name, one in inner.items():
+            yield from commands(one, (*path, name))
+    elif not command.hidden:
+        yield " ".join(path), command
+
+
+COMMANDS = dict(commands(get_command(app)))
+EXAMPLES = [
+    line for one in COMMANDS.values() for line in re.findall(r"^ *(sfglab .*)$", one.help, re.MULTILINE)
+]
+
+
+def ends(example):
+    return not any(re.match(f"sfglab {pattern}", example) for pattern in (*ENDLESS, *ELSEWHERE))
+
+
+def words_of(example):
+    return shlex.split(example, comments=True)[1:]
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """A folder with what examples name: data, a log, bags of both kinds."""
+    (tmp_path / "data").symlink_to(ROOT / "data")
+    monkeypatch.chdir(tmp_path)
+    log = "data/reference/mocap.mcap"
+    for name in ("run.mcap", "monday.mcap"):
+        shutil.copy(log, name)
+    for name in ("bag", "tuesday"):
+        called("log", "convert", log, "-o", name)
+    store = get_typestore(Stores.ROS1_NOETIC)
+    with Writer("old.bag") as writer:
+        words = writer.add_connection("/words", "std_msgs/msg/String", typestore=store)
+        writer.write(words, 7, store.serialize_ros1(store.types["std_msgs/msg/String"]("hello"), words.msgtype))
+    called("fleet", "router", "data/fleets/lab.yaml", "--agent", "go2", "-o", "go2.yaml")
+    return tmp_path
+
+
+@pytest.fixture(scope="module")
+def talker():
+    """A domain in which nodes publish, serve and have parameters, for the processes of this module."""
+    from sfglab.lab.testbed import held_domains
+
+    with held_domains(1) as (domain,), pytest.MonkeyPatch.context() as patch:
+        patch.setenv("ROS_DOMAIN_ID", str(domain))
+        patch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+        process = subprocess.Popen([sys.executable, "-c", TALKER], stdout=subprocess.PIPE)
+        try:
+            assert process.stdout.readline() == b"ready\n"
+            yield domain
+        finally:
+            process.kill()
+            process.communicate()
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_help_has_an_example_and_the_list_of_commands_its_whole_description(name):
+    *group, last = name.split()
+    assert "sfglab " in COMMANDS[name].help
+    assert called(*group, last, "-h") == called(*group, last, "--help")
+    words = COMMANDS[name].help.partition("\n\n")[0].split()
+    assert " ".join(words) in " ".join(called(*group, "-h").split())
+    said = " ".join(called(*group, last, "-h").split())
+    for option in COMMANDS[name].params:
+        if option.name in ("domain", "remote_domain", "global_domain"):
+            assert f"[0<=x<={MAX_DOMAIN}]" in said.partition(f"{option.opts[0]} <")[2].partition(" --")[0]
+
+
+def pairs(example):
+    """Yield each word with the one before it."""
+    return itertools.pairwise(["", *words_of(example)])
+
+
+def status_of(example):
+    return next((status for start, status in STATUS.items() if example.startswith(f"sfglab {start}")), 0)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("example", [one for one in EXAMPLES if ends(one) and not re.match(LIVE, one)])
+def test_examples_of_files_do_what_they_say(example, folder):
+    if "bag/ --format" in example:
+        called("log", "convert", "data/reference/cooperation.mcap", "-o", "topics")
+        example = example.replace("bag/", "topics/")
+    before = set(folder.rglob("*"))
+    assert called(*words_of(example), status=status_of(example)) or set(folder.rglob("*")) > before
+
+
+@pytest.mark.slow
+@pytest.mark.live
+@pytest.mark.parametrize("example", [one for one in EXAMPLES if ends(one) and re.match(LIVE, one)])
+def test_examples_of_the_bus_do_what_they_say(example, folder, talker):
+    words = [str(talker) if before == "--domain" else word for before, word in pairs(example)]
+    if status := status_of(example):
+        argv = [sys.executable, "-m", "sfglab", *words]
+        assert subprocess.run(argv, capture_output=True, check=False).returncode == status
+        return
+    assert called(*words)
+
+
+@pytest.mark.slow
+@pytest.mark.live
+@pytest.mark.parametrize(
+    "example", [one for one in EXAMPLES if re.match("sfglab (topic|log record)", one) and not ends(one)]
+)
+def test_what_never_ends_ends_by_one_line(example, folder, talker):
+    words = [str(talker) if before == "--domain" else word for before, word in pairs(example.partition("|")[0])]
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    with subprocess.Popen([sys.executable, "-u", "-m", "sfglab", *words], **pipes) as process:
+        assert process.stdout.readline()
+        process.send_signal(signal.SIGINT)
+        _, said = process.communicate()
+    assert process.returncode == 0
+    assert said.endswith(b"ended\n")
+    assert b"Traceback" not in said
+
+
+@pytest.mark.live
+def test_output_that_nobody_reads_or_that_is_full_is_no_traceback(talker):
+    for shell, status, said in (
+        ("topic pub -r 100 /x std_msgs/msg/String | head -1; exit ${PIPESTATUS[0]}", 1, b""),
+        ("topic list > /dev/full", 1, b"sfglab: standard output: no space left on device\n"),
+    ):
+        argv = ["bash", "-c", f"{shlex.quote(sys.executable)} -m sfglab {shell}"]
+        done = subprocess.run(argv, capture_output=True, check=False)
+        assert (done.returncode, done.stderr) == (status, said)
