@@ -10,20 +10,7 @@ from typing import Literal
 
 import pytest
 
-from sfglab.documents import (
-    NOWHERE,
-    OR_NULL,
-    Document,
-    DocumentError,
-    Place,
-    Section,
-    by_name,
-    matching,
-    named,
-    read_by,
-    short_for,
-    suggestion,
-)
+from sfglab import documents
 from sfglab.errors import InvalidValueError
 from sfglab.fields import between, bounds
 
@@ -33,8 +20,8 @@ class Colour(Enum):
     GREEN = "green"
 
 
-def section(text: str) -> Section:
-    return Document(text, "f.yaml").section()
+def section(text: str) -> documents.Section:
+    return documents.Document(text, "f.yaml").section()
 
 
 def test_values_come_as_they_stand_and_defaults_where_nothing_does():
@@ -82,30 +69,30 @@ def test_numbers_come_as_a_tuple_and_what_was_asked_for_is_known():
     ],
 )
 def test_a_mistake_is_named_by_file_line_key_what_is_given_and_what_is_allowed(text, read, said):
-    with pytest.raises(DocumentError) as caught:
+    with pytest.raises(documents.DocumentError) as caught:
         read(section(text))
     assert said in str(caught.value)
 
 
 def test_a_file_that_cannot_be_read_is_named(tmp_path):
-    with pytest.raises(DocumentError, match=r"none\.yaml: .*, allowed: a fleet file$"):
-        Document.of_file(tmp_path / "none.yaml", "a fleet file")
+    with pytest.raises(documents.DocumentError, match=r"none\.yaml: .*, allowed: a fleet file$"):
+        documents.Document.of_file(tmp_path / "none.yaml", "a fleet file")
     (tmp_path / "bytes.yaml").write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(DocumentError, match=r"bytes\.yaml"):
-        Document.of_file(tmp_path / "bytes.yaml")
+    with pytest.raises(documents.DocumentError, match=r"bytes\.yaml"):
+        documents.Document.of_file(tmp_path / "bytes.yaml")
 
 
 def test_what_is_missing_stands_where_its_holder_does():
-    document = Document("x: 1\na:\n  b: 1\n", "f.yaml")
-    assert document.place(("a", "c")) == Place(file="f.yaml", key="a.c", line=2)
+    document = documents.Document("x: 1\na:\n  b: 1\n", "f.yaml")
+    assert document.place(("a", "c")) == documents.Place(file="f.yaml", key="a.c", line=2)
 
 
 def test_only_a_close_word_is_suggested():
-    assert suggestion("hardwear", ["hardware"]) == "; did you mean 'hardware'?"
-    assert not suggestion("moon", ["hardware"])
+    assert documents.suggestion("hardwear", ["hardware"]) == "; did you mean 'hardware'?"
+    assert not documents.suggestion("moon", ["hardware"])
 
 
-def even(section: Section, key: str) -> int:
+def even(section: documents.Section, key: str) -> int:
     value = section.whole(key, low=0)
     if value % 2:
         raise InvalidValueError("anything", value, "an even number")
@@ -116,33 +103,35 @@ def even(section: Section, key: str) -> int:
 class Wheel:
     name: str
     size_m: float = between(1.0, without=(0,))
-    place: Place = field(default=NOWHERE, compare=False)
+    place: documents.Place = field(default=documents.NOWHERE, compare=False)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Engine:
     fuel: Literal["sun", "wind"] = "sun"
-    place: Place = field(default=NOWHERE, compare=False)
+    place: documents.Place = field(default=documents.NOWHERE, compare=False)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Car:
-    source: str = field(metadata=named("from") | matching(re.compile("[a-z]+"), "small letters"))
+    source: str = field(
+        metadata=documents.named("from") | documents.matching(re.compile("[a-z]+"), "small letters")
+    )
     doors: int = field(metadata=bounds(1, 5))
-    seats: int = field(default=2, metadata=read_by(even))
+    seats: int = field(default=2, metadata=documents.read_by(even))
     colour: Colour = Colour.RED
     colours: frozenset[Colour] = frozenset()
     load: float = between(0.5, 0, 1, without=(1,))
     lit: bool = False
-    maybe: float | None = field(default=None, metadata=OR_NULL)
+    maybe: float | None = field(default=None, metadata=documents.OR_NULL)
     limit: float | str = "none"
     at_m: tuple[float, float] = (0, 0)
     engine: Engine = field(default_factory=Engine)
     spare: Wheel | None = None
-    tags: tuple[str, ...] = field(default=(), metadata=matching(re.compile("t."), "tags"))
-    wheels: tuple[Wheel, ...] = field(default=(), metadata=short_for("name"))
-    axles: tuple[Wheel, ...] = field(default=(), metadata=by_name("name"))
-    parts: Mapping[str, Wheel] = field(default_factory=dict, metadata=by_name("name"))
+    tags: tuple[str, ...] = field(default=(), metadata=documents.matching(re.compile("t."), "tags"))
+    wheels: tuple[Wheel, ...] = field(default=(), metadata=documents.short_for("name"))
+    axles: tuple[Wheel, ...] = field(default=(), metadata=documents.by_name("name"))
+    parts: Mapping[str, Wheel] = field(default_factory=dict, metadata=documents.by_name("name"))
     prices: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -192,7 +181,7 @@ prices: {x: 1.5}
 def test_what_is_left_out_has_its_default_and_stands_where_its_holder_does():
     car = section("from: a\n").read(Car, doors=1)
     assert car == Car(source="a", doors=1)
-    assert car.engine.place == Place(file="f.yaml", key="engine", line=1)
+    assert car.engine.place == documents.Place(file="f.yaml", key="engine", line=1)
 
 
 @pytest.mark.parametrize(
@@ -225,16 +214,16 @@ def test_what_is_left_out_has_its_default_and_stands_where_its_holder_does():
 )
 def test_a_mistake_in_what_a_dataclass_says_is_named_alike(text, said):
     needed = {"from": "from: a\n", "doors": "doors: 1\n"}
-    with pytest.raises(DocumentError) as caught:
+    with pytest.raises(documents.DocumentError) as caught:
         section("".join(line for key, line in needed.items() if f"{key}:" not in text) + text).read(Car)
     assert said in str(caught.value)
 
 
 def test_a_document_may_be_a_list():
-    document = Document("- name: a\n- name: b\n  size_m: 0\n", "f.yaml")
+    document = documents.Document("- name: a\n- name: b\n  size_m: 0\n", "f.yaml")
     first, second = document.items()
     assert first.read(Wheel) == Wheel(name="a")
-    with pytest.raises(DocumentError, match=r"^f\.yaml:3: \[1\]\.size_m: given 0"):
+    with pytest.raises(documents.DocumentError, match=r"^f\.yaml:3: \[1\]\.size_m: given 0"):
         second.read(Wheel)
-    with pytest.raises(DocumentError, match="given 1, allowed: a list"):
-        list(Document("1", "f.yaml").items())
+    with pytest.raises(documents.DocumentError, match="given 1, allowed: a list"):
+        list(documents.Document("1", "f.yaml").items())

@@ -8,21 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from sfglab.codecs import (
-    COMPRESSED_IMAGE,
-    COMPRESSED_VIDEO,
-    FFMPEG_PACKET,
-    TABLE_2,
-    CodecError,
-    H264Decoder,
-    H264Encoder,
-    H264Settings,
-    compressed_depth_fields,
-    ffmpeg_packet_fields,
-    image_decoder,
-    parse_depth_format,
-    parse_ffmpeg_encoding,
-)
+from sfglab import codecs
 from sfglab.codecs.libav import nal_unit_types
 
 
@@ -50,19 +36,19 @@ def mutations(data: bytes, rng: np.random.Generator, count: int):
 def survives(decode, data: bytes) -> bool:
     try:
         decode(data)
-    except CodecError:
+    except codecs.CodecError:
         return False
     return True
 
 
 def test_h264_survives_and_recovers_after_every_hostile_packet():
     rng = np.random.default_rng(21)
-    settings = H264Settings(width=160, height=96, fps=30, bitrate_bps=600_000, gop=30)
-    encoder = H264Encoder(settings)
+    settings = codecs.H264Settings(width=160, height=96, fps=30, bitrate_bps=600_000, gop=30)
+    encoder = codecs.H264Encoder(settings)
     pictures = rng.integers(0, 256, (4, 96, 160, 3)).astype(np.uint8)
     key, *others = [encoder.encode(picture)[0].data for picture in pictures]
-    decoder = H264Decoder()
-    expected = H264Decoder().decode_bgr(key)[0]
+    decoder = codecs.H264Decoder()
+    expected = codecs.H264Decoder().decode_bgr(key)[0]
     refused = 0
     for index, hostile in enumerate(mutations(others[0], rng, 400)):
         decoder.decode(key)
@@ -79,7 +65,7 @@ def test_h264_survives_and_recovers_after_every_hostile_packet():
 @pytest.mark.parametrize("codec", ["h264", "hevc"])
 def test_video_messages_survive_noise_that_pretends_to_be_a_key_frame(codec):
     rng = np.random.default_rng(24)
-    decoder = image_decoder(COMPRESSED_VIDEO)
+    decoder = codecs.image_decoder(codecs.COMPRESSED_VIDEO)
     start = b"\0\0\0\1" + (b"\x67" if codec == "h264" else b"\x40\1")
     for _ in range(300):
         noise = rng.integers(0, 256, int(rng.integers(1, 200)), np.uint8).tobytes()
@@ -88,19 +74,19 @@ def test_video_messages_survive_noise_that_pretends_to_be_a_key_frame(codec):
 
 def test_strings_survive(stream):
     rng = np.random.default_rng(25)
-    fields = ffmpeg_packet_fields(stream[0], TABLE_2)
-    decoder = image_decoder(FFMPEG_PACKET)
+    fields = codecs.ffmpeg_packet_fields(stream[0], codecs.TABLE_2)
+    decoder = codecs.image_decoder(codecs.FFMPEG_PACKET)
     for text in mutations(b"h264;yuv420p;bgr8;bgr8; compressedDepth rvl", rng, 300):
         name = text.decode("latin-1")
-        parse_ffmpeg_encoding(name)
-        survives(parse_depth_format, name)
+        codecs.parse_ffmpeg_encoding(name)
+        survives(codecs.parse_depth_format, name)
         survives(decoder.feed, SimpleNamespace(encoding=name, pts=0, data=fields.data))
         list(nal_unit_types(text, codec="hevc"))
 
 
 @pytest.mark.parametrize("codec", ["rvl", "png"])
 def test_a_depth_picture_larger_than_announced_is_refused(codec):
-    fields = compressed_depth_fields(np.zeros((1000, 1000), np.uint16), codec)
-    assert image_decoder(COMPRESSED_IMAGE, most_pixels=10**6).feed(fields)
-    with pytest.raises(CodecError, match="at most 999999 pixels"):
-        image_decoder(COMPRESSED_IMAGE, most_pixels=10**6 - 1).feed(fields)
+    fields = codecs.compressed_depth_fields(np.zeros((1000, 1000), np.uint16), codec)
+    assert codecs.image_decoder(codecs.COMPRESSED_IMAGE, most_pixels=10**6).feed(fields)
+    with pytest.raises(codecs.CodecError, match="at most 999999 pixels"):
+        codecs.image_decoder(codecs.COMPRESSED_IMAGE, most_pixels=10**6 - 1).feed(fields)

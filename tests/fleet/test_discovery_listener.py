@@ -8,15 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sfglab.bus import Node
-from sfglab.fleet.discovery.listener import (
-    DISCOVERY_EVENT,
-    DISCOVERY_QOS,
-    KnownAgents,
-    Offered,
-    Withdrawn,
-    agent_changes,
-    discovery_topic,
-)
+from sfglab.fleet.discovery import listener
 from sfglab.messages import default_message
 from sfglab.names import FqnError
 
@@ -26,39 +18,39 @@ OLD, NEW, NOBODY = b"o" * 16, b"n" * 16, bytes(16)
 
 
 def event(agent: str, kind: str = "DISCOVERED", incarnation: int = 1):
-    message = default_message(DISCOVERY_EVENT)
+    message = default_message(listener.DISCOVERY_EVENT)
     message.agent, message.event = agent, getattr(message, kind)
     message.metadata.agent, message.metadata.incarnation = agent, incarnation
     return message
 
 
-def known(*agents: str, grace_ns: int = 100) -> KnownAgents:
+def known(*agents: str, grace_ns: int = 100) -> listener.KnownAgents:
     """Return what is known after an old discoverer has announced some agents."""
-    known_agents = KnownAgents(grace_ns=grace_ns)
+    known_agents = listener.KnownAgents(grace_ns=grace_ns)
     for agent in agents:
         known_agents.feed(event(agent), OLD, now_ns=0)
     return known_agents
 
 
 def test_the_topic_is_the_papers():
-    assert discovery_topic("station") == "/local/station/agent_discovery_event"
+    assert listener.discovery_topic("station") == "/local/station/agent_discovery_event"
     with pytest.raises(FqnError):
-        discovery_topic("camera")
+        listener.discovery_topic("camera")
 
 
 def test_agents_are_offered_once_or_when_they_say_something_else_and_a_lost_one_withdrawn():
-    agents = KnownAgents()
+    agents = listener.KnownAgents()
     first = event("go2")
-    assert agents.feed(first, OLD, now_ns=0) == Offered(agent="go2", metadata=first.metadata)
+    assert agents.feed(first, OLD, now_ns=0) == listener.Offered(agent="go2", metadata=first.metadata)
     assert agents.feed(event("go2"), OLD, now_ns=1) is None
     assert agents.feed(event("go2", "RETURNED"), OLD, now_ns=1) is None
     for kind, incarnation in (("UPDATED", 2), ("RESTARTED", 3)):
         change = agents.feed(event("go2", kind, incarnation), OLD, now_ns=2)
         assert (change.agent, change.metadata.incarnation) == ("go2", incarnation)
     agents = known("go2")
-    assert agents.feed(event("go2", "LOST"), OLD, now_ns=1) == Withdrawn(agent="go2")
+    assert agents.feed(event("go2", "LOST"), OLD, now_ns=1) == listener.Withdrawn(agent="go2")
     assert agents.feed(event("go2", "LOST"), OLD, now_ns=1) is None
-    assert isinstance(agents.feed(event("go2", "RETURNED"), OLD, now_ns=2), Offered)
+    assert isinstance(agents.feed(event("go2", "RETURNED"), OLD, now_ns=2), listener.Offered)
 
 
 def test_whom_a_new_discoverer_does_not_announce_in_time_is_withdrawn_and_nobody_else():
@@ -68,7 +60,7 @@ def test_whom_a_new_discoverer_does_not_announce_in_time_is_withdrawn_and_nobody
     assert agents.deadline_ns == 150
     agents.feed(event("drone1x", "LOST"), NEW, now_ns=60)
     assert agents.expire(149) == ()
-    assert agents.expire(150) == (Withdrawn(agent="husky"),)
+    assert agents.expire(150) == (listener.Withdrawn(agent="husky"),)
     assert set(agents.agents) == {"go2"}
     assert agents.deadline_ns is None
     agents = known("go2", "husky")
@@ -84,7 +76,7 @@ def test_what_the_old_discoverer_says_does_not_count_but_one_whose_publisher_is_
     assert agents.feed(event("go2", "LOST"), OLD, now_ns=1) is None
     assert set(agents.agents) == {"go2"}
     agents = known("go2")
-    assert isinstance(agents.feed(event("husky"), NOBODY, now_ns=0), Offered)
+    assert isinstance(agents.feed(event("husky"), NOBODY, now_ns=0), listener.Offered)
     assert agents.deadline_ns is None
 
 
@@ -97,11 +89,11 @@ EVENTS = st.tuples(
 
 @given(before=st.lists(st.lists(EVENTS, max_size=8), max_size=3), last=st.lists(EVENTS, min_size=1, max_size=8))
 def test_in_the_end_the_last_discoverer_alone_decides(before, last):
-    agents, folded = KnownAgents(grace_ns=100), {}
+    agents, folded = listener.KnownAgents(grace_ns=100), {}
     for number, events in enumerate([*before, last]):
         for agent, kind, incarnation in events:
             change = agents.feed(event(agent, kind, incarnation), bytes([number + 1]) * 16, now_ns=number)
-            if isinstance(change, Offered):
+            if isinstance(change, listener.Offered):
                 folded[change.agent] = change.metadata
             elif change is not None:
                 del folded[change.agent]
@@ -114,14 +106,16 @@ def test_in_the_end_the_last_discoverer_alone_decides(before, last):
 
 @pytest.mark.live
 async def test_live_what_was_announced_before_is_heard_and_a_new_discoverer_leaves_no_ghosts(here, address):
-    topic = discovery_topic("station")
-    async with aclosing(agent_changes(here, topic, KnownAgents(grace_ns=300_000_000))) as changes:
+    topic = listener.discovery_topic("station")
+    async with aclosing(
+        listener.agent_changes(here, topic, listener.KnownAgents(grace_ns=300_000_000))
+    ) as changes:
         for announced, wanted in (
-            (("go2", "husky"), {(Offered, "go2"), (Offered, "husky")}),
-            (("husky",), {(Withdrawn, "go2")}),  # nobody announced it again
+            (("go2", "husky"), {(listener.Offered, "go2"), (listener.Offered, "husky")}),
+            (("husky",), {(listener.Withdrawn, "go2")}),  # nobody announced it again
         ):
             async with Node("discoverer", **address.options()) as far:
-                publisher = far.create_publisher(DISCOVERY_EVENT, topic, DISCOVERY_QOS)
+                publisher = far.create_publisher(listener.DISCOVERY_EVENT, topic, listener.DISCOVERY_QOS)
                 for agent in announced:
                     publisher.publish(event(agent))
                 async with asyncio.timeout(60):

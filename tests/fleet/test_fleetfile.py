@@ -12,17 +12,7 @@ from hypothesis import strategies as st
 from sfglab.bus.address import BusAddress
 from sfglab.documents import DocumentError
 from sfglab.errors import InvalidValueError
-from sfglab.fleet.fleet_file import (
-    Accelerator,
-    Architecture,
-    ContainerNetwork,
-    DeploymentSpec,
-    HostSpec,
-    RosDistribution,
-    RouterSoftware,
-    load_fleet,
-    read_fleet,
-)
+from sfglab.fleet import fleet_file
 from sfglab.fleet.policy import TABLE_1, Direction
 from sfglab.qos import LATCHED, QoSProfile, Reliability
 
@@ -46,12 +36,12 @@ agents:
 
 def refusal(text: str) -> DocumentError:
     with pytest.raises(DocumentError) as caught:
-        read_fleet(text)
+        fleet_file.read_fleet(text)
     return caught.value
 
 
 def test_the_labs_file_is_a_fleet_whose_sensors_are_what_the_status_provider_announces():
-    fleet = load_fleet(LAB)
+    fleet = fleet_file.load_fleet(LAB)
     assert [a.name for a in fleet.agents] == ["go2", "pi1", "pi2", "pi3", "steamdeck", "workstation"]
     assert fleet.policy.rules == TABLE_1
     go2 = fleet.agent("go2")
@@ -59,7 +49,7 @@ def test_the_labs_file_is_a_fleet_whose_sensors_are_what_the_status_provider_ann
     assert go2.streams[0].rate_hz * go2.streams[0].size_bytes * 8 == pytest.approx(4e6, rel=0.01)  # Table 2
     assert fleet.global_address("workstation") == BusAddress(domain_id=0, interface="eth0")
     assert fleet.local_address("go2") == BusAddress(domain_id=1, interface="lo")
-    go2 = load_fleet(LAB).agent("go2")
+    go2 = fleet_file.load_fleet(LAB).agent("go2")
     description = go2.description
     description.check("go2")
     color, depth = description.sensors[0].streams
@@ -70,19 +60,21 @@ def test_the_labs_file_is_a_fleet_whose_sensors_are_what_the_status_provider_ann
 
 
 def test_short_and_long_forms_and_qos_by_value_and_by_name_become_values():
-    go2, pi1 = read_fleet(SMALL).agents
+    go2, pi1 = fleet_file.read_fleet(SMALL).agents
     assert [t.name for t in go2.publishes] == ["/tf", "/global/go2/battery_state"]
     assert go2.publishes[0].qos is None
     assert go2.publishes[1].qos == QoSProfile(
         reliability=Reliability.BEST_EFFORT, depth=5, deadline_ns=500_000_000
     )
     assert (pi1.processes, pi1.lifecycle, pi1.tf.prefix_frames) == (1, True, True)
-    fleet = read_fleet("fleet: f\nagents: {a1: {domain: 1, subscribes: [{name: /tf_static, qos: latched}]}}")
+    fleet = fleet_file.read_fleet(
+        "fleet: f\nagents: {a1: {domain: 1, subscribes: [{name: /tf_static, qos: latched}]}}"
+    )
     assert fleet.agents[0].subscribes[0].qos is LATCHED
 
 
 def test_rules_of_ones_own_become_a_policy():
-    fleet = read_fleet(
+    fleet = fleet_file.read_fleet(
         "fleet: f\npolicy: [rt/tf, {pattern: rt/global/*, directions: [outward]}]\nagents: {a1: {domain: 1}}"
     )
     assert [rule.pattern for rule in fleet.policy.rules] == ["rt/tf", "rt/global/*"]
@@ -133,9 +125,9 @@ def test_what_is_no_fleet_at_all_is_refused(text):
 
 def test_a_file_that_is_not_there_and_an_unknown_agent_are_refused(tmp_path):
     with pytest.raises(DocumentError, match="a fleet file in UTF-8"):
-        load_fleet(tmp_path / "none.yaml")
+        fleet_file.load_fleet(tmp_path / "none.yaml")
     with pytest.raises(InvalidValueError, match="did you mean 'go2'"):
-        read_fleet(SMALL).agent("go3")
+        fleet_file.read_fleet(SMALL).agent("go3")
 
 
 def test_a_refusal_survives_being_sent_to_another_process():
@@ -156,25 +148,25 @@ def test_nothing_but_a_refusal_comes_of_a_wrong_file(value):
     import yaml
 
     with contextlib.suppress(DocumentError):
-        read_fleet(yaml.safe_dump(value))
+        fleet_file.read_fleet(yaml.safe_dump(value))
 
 
 # Where it runs
 
 
 def fleet_with(host: str = "{}", deployment: str = "{}"):
-    return read_fleet(
+    return fleet_file.read_fleet(
         f"fleet: My Lab\ndeployment: {deployment}\nagents:\n  go2:\n    domain: 1\n    host: {host}\n"
     )
 
 
 def test_an_agent_without_a_machine_is_one_and_everything_has_a_default():
-    fleet = read_fleet("fleet: Lab 7\nagents: {go2: {domain: 1}}")
+    fleet = fleet_file.read_fleet("fleet: Lab 7\nagents: {go2: {domain: 1}}")
     assert fleet.agents[0].host is None
-    assert fleet.deployment == DeploymentSpec(images="localhost/lab-7")
+    assert fleet.deployment == fleet_file.DeploymentSpec(images="localhost/lab-7")
     fleet = fleet_with("{accelerator: auto}")
-    assert fleet.agents[0].host == HostSpec()
-    assert fleet.deployment == DeploymentSpec(images="localhost/my-lab")
+    assert fleet.agents[0].host == fleet_file.HostSpec()
+    assert fleet.deployment == fleet_file.DeploymentSpec(images="localhost/my-lab")
 
 
 def test_all_keys_are_read():
@@ -184,21 +176,21 @@ def test_all_keys_are_read():
         "{images: 'reg.example:5000/lab/go', ros: jazzy, router: dds-router, "
         "router_image: 'ubuntu-ddsrouter:v3.5.0', time_servers: [go2, ptbtime1.ptb.de]}",
     )
-    assert fleet.agents[0].host == HostSpec(
+    assert fleet.agents[0].host == fleet_file.HostSpec(
         model="M",
         address="sfg@go2.local",
-        architecture=Architecture.ARM64,
-        accelerator=Accelerator.JETSON,
-        network=ContainerNetwork.HOST,
+        architecture=fleet_file.Architecture.ARM64,
+        accelerator=fleet_file.Accelerator.JETSON,
+        network=fleet_file.ContainerNetwork.HOST,
         devices=("/dev/video0",),
         workspace="ws/go2",
         packages=("libusb-1.0-0", "g++"),
         launch=("ros2", "a b"),
     )
-    assert fleet.deployment == DeploymentSpec(
+    assert fleet.deployment == fleet_file.DeploymentSpec(
         images="reg.example:5000/lab/go",
-        ros=RosDistribution.JAZZY,
-        router=RouterSoftware.DDS_ROUTER,
+        ros=fleet_file.RosDistribution.JAZZY,
+        router=fleet_file.RouterSoftware.DDS_ROUTER,
         router_image="ubuntu-ddsrouter:v3.5.0",
         time_servers=("go2", "ptbtime1.ptb.de"),
     )

@@ -8,15 +8,8 @@ from waiting import DEADLINE_S, process, until
 
 from sfglab.bus import Node
 from sfglab.component import beside
+from sfglab.fleet.status import heartbeat
 from sfglab.fleet.status.description import AgentDescription, DescriptionError, SensorDescription
-from sfglab.fleet.status.heartbeat import (
-    AGENT_HEARTBEAT,
-    GET_METADATA,
-    Heartbeat,
-    Schedule,
-    heartbeat_topic,
-    metadata_service,
-)
 from sfglab.fleet.status.node import StatusConfig, StatusProvider, StatusSettings
 from sfglab.messages import ns_from_stamp, service_type
 from sfglab.qos import LATCHED
@@ -24,21 +17,21 @@ from sfglab.qos import LATCHED
 pytestmark = [pytest.mark.live]
 world = pytest.fixture(lambda live: live)
 
-SELDOM = Schedule(startup_s=0, steady_period_s=60)
+SELDOM = heartbeat.Schedule(startup_s=0, steady_period_s=60)
 
 
 @asynccontextmanager
 async def running(node, **settings):
     """Run a provider of agent go2; yield it and the heartbeats that it sent."""
-    sent: asyncio.Queue[Heartbeat] = asyncio.Queue()
+    sent: asyncio.Queue[heartbeat.Heartbeat] = asyncio.Queue()
     provider = StatusProvider(node, StatusSettings(agent="go2", **settings), on_beat=sent.put_nowait)
     async with beside(provider.run()):
         yield provider, sent
 
 
 async def metadata_of(node, agent="go2"):
-    client = node.create_client(GET_METADATA, metadata_service(agent))
-    response = await client.call(service_type(GET_METADATA).request(), timeout_s=60)
+    client = node.create_client(heartbeat.GET_METADATA, heartbeat.metadata_service(agent))
+    response = await client.call(service_type(heartbeat.GET_METADATA).request(), timeout_s=60)
     client.close()
     assert (response.success, response.message) == (True, "")
     return response.metadata
@@ -47,9 +40,11 @@ async def metadata_of(node, agent="go2"):
 async def test_whoever_joins_late_hears_the_last_heartbeat_at_once_and_gets_an_answer(here, there):
     async with running(here, schedule=SELDOM) as (_, sent):
         beat = await asyncio.wait_for(sent.get(), 60)
-        heartbeats = there.create_subscription(AGENT_HEARTBEAT, heartbeat_topic(), qos=LATCHED)
+        heartbeats = there.create_subscription(
+            heartbeat.AGENT_HEARTBEAT, heartbeat.heartbeat_topic(), qos=LATCHED
+        )
         message, info = await heartbeats.take_with_info(timeout_s=60)
-        assert Heartbeat.from_message(message) == beat
+        assert heartbeat.Heartbeat.from_message(message) == beat
         assert (beat.agent, beat.revision, beat.phase, beat.period_s) == ("go2", 0, 1, 60.0)
         assert 0 <= ns_from_stamp(message.stamp) - beat.incarnation < 5e9
         await until(lambda: there.graph.publishers("/global/agent_heartbeat"))  # may come after the data
@@ -59,7 +54,7 @@ async def test_whoever_joins_late_hears_the_last_heartbeat_at_once_and_gets_an_a
 
 
 async def test_the_periods_are_kept_and_announced(here):
-    schedule = Schedule(startup_period_s=0.1, steady_period_s=0.3, startup_s=0.4)
+    schedule = heartbeat.Schedule(startup_period_s=0.1, steady_period_s=0.3, startup_s=0.4)
     loop, times = asyncio.get_running_loop(), []
     async with running(here, schedule=schedule) as (_, sent):
         beats = []

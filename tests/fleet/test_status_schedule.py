@@ -9,19 +9,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sfglab.errors import InvalidValueError
+from sfglab.fleet.status import heartbeat
 from sfglab.fleet.status.description import (
     AgentDescription,
     DescriptionError,
     SensorDescription,
     StreamDescription,
-)
-from sfglab.fleet.status.heartbeat import (
-    AGENT_HEARTBEAT,
-    Heartbeat,
-    Phase,
-    Schedule,
-    heartbeat_topic,
-    metadata_service,
 )
 from sfglab.fleet.status.node import StatusSettings
 from sfglab.messages import deserialize, serialize
@@ -45,16 +38,16 @@ DESCRIPTION = AgentDescription(
 
 
 def test_names_on_the_wire_are_the_papers():
-    assert heartbeat_topic() == "/global/agent_heartbeat"
-    assert metadata_service("go2") == "/global/go2/get_metadata"
+    assert heartbeat.heartbeat_topic() == "/global/agent_heartbeat"
+    assert heartbeat.metadata_service("go2") == "/global/go2/get_metadata"
 
 
 @pytest.mark.parametrize(
     ("schedule", "instants", "startup_s"),
     [
-        (Schedule(), [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 15, 20, 25], 10),
-        (Schedule(startup_period_s=1, steady_period_s=4, startup_s=2.5), [0, 1, 2, 3, 7, 11], 3),
-        (Schedule(startup_s=0), [0, 5, 10], 0),
+        (heartbeat.Schedule(), [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 15, 20, 25], 10),
+        (heartbeat.Schedule(startup_period_s=1, steady_period_s=4, startup_s=2.5), [0, 1, 2, 3, 7, 11], 3),
+        (heartbeat.Schedule(startup_s=0), [0, 5, 10], 0),
     ],
     ids=["the paper's", "whole periods", "no start-up"],
 )
@@ -62,8 +55,8 @@ def test_it_beats_often_at_first_and_who_is_late_goes_on_with_the_next_instant(s
     for now_s, next_s in itertools.pairwise(instants):
         for late_ns in (0, round(0.7 * S)):
             assert schedule.next_ns(now_s * S + late_ns) == next_s * S
-    assert schedule.phase(startup_s * S) is Phase.STEADY
-    assert not startup_s or schedule.phase(startup_s * S - 1) is Phase.STARTUP
+    assert schedule.phase(startup_s * S) is heartbeat.Phase.STEADY
+    assert not startup_s or schedule.phase(startup_s * S - 1) is heartbeat.Phase.STARTUP
 
 
 PERIODS = st.floats(0.05, 60)
@@ -71,9 +64,9 @@ PERIODS = st.floats(0.05, 60)
 
 @given(PERIODS, PERIODS, st.floats(0, 100), st.integers(0, 10**12))
 def test_the_next_instant_is_after_now_and_at_most_a_period_away(startup, steady, lasts, elapsed_ns):
-    schedule = Schedule(startup_period_s=startup, steady_period_s=steady, startup_s=lasts)
+    schedule = heartbeat.Schedule(startup_period_s=startup, steady_period_s=steady, startup_s=lasts)
     wait_ns = schedule.next_ns(elapsed_ns) - elapsed_ns
-    period_s = startup if schedule.phase(elapsed_ns) is Phase.STARTUP else steady
+    period_s = startup if schedule.phase(elapsed_ns) is heartbeat.Phase.STARTUP else steady
     assert 0 < wait_ns <= round(period_s * S)
     assert schedule.next_ns(elapsed_ns + wait_ns - 1) == elapsed_ns + wait_ns
 
@@ -84,13 +77,13 @@ def test_a_schedule_that_no_agent_should_keep_is_refused(name, given):
     with pytest.raises(
         InvalidValueError, match=rf"heartbeat schedule, {name}: given .*, allowed: seconds from"
     ):
-        Schedule(**{name: given})
+        heartbeat.Schedule(**{name: given})
 
 
 def test_a_heartbeat_survives_the_wire_and_a_description_becomes_the_metadata_message():
-    beat = Heartbeat(agent="go2", incarnation=2**63, revision=3, phase=1, period_s=5.0, version="1.2")
+    beat = heartbeat.Heartbeat(agent="go2", incarnation=2**63, revision=3, phase=1, period_s=5.0, version="1.2")
     wire = serialize(beat.to_message(10**18))
-    assert Heartbeat.from_message(deserialize(wire, AGENT_HEARTBEAT)) == beat
+    assert heartbeat.Heartbeat.from_message(deserialize(wire, heartbeat.AGENT_HEARTBEAT)) == beat
     message = DESCRIPTION.to_message("go2", incarnation=5, revision=2, stamp_ns=7 * S)
     again = deserialize(serialize(message), type(message))
     assert (again.agent, again.incarnation, again.revision, again.stamp.sec) == ("go2", 5, 2, 7)

@@ -20,21 +20,11 @@ import zstandard
 from mcap.data_stream import RecordBuilder
 from mcap.records import Channel, Chunk, Schema
 
+from sfglab import codecs
 from sfglab.bus.api import entries
 from sfglab.bus.dds.discovery import NodeInfo, pack_nodes, unpack_nodes
 from sfglab.bus.errors import BusError
 from sfglab.bus.shm import wire
-from sfglab.codecs import (
-    COMPRESSED_IMAGE,
-    COMPRESSED_VIDEO,
-    FFMPEG_PACKET,
-    TABLE_2,
-    CodecError,
-    H264Encoder,
-    compressed_depth_fields,
-    compressed_image_fields,
-    image_decoder,
-)
 from sfglab.deploy.bundle import Bundle, Member, pack, unpack
 from sfglab.deploy.errors import DeployError
 from sfglab.deploy.rollout import plan_changes
@@ -85,7 +75,10 @@ def message(type_name, handle=lambda _: None):
 
 def picture(kind, begin, **fields):
     """One stream of a small announced size; after each input the next good one must show."""
-    decoder, good = image_decoder(kind, most_pixels=640 * 360), SimpleNamespace(pts=1, **fields, data=begin)
+    decoder, good = (
+        codecs.image_decoder(kind, most_pixels=640 * 360),
+        SimpleNamespace(pts=1, **fields, data=begin),
+    )
 
     def read(data):
         try:
@@ -93,7 +86,7 @@ def picture(kind, begin, **fields):
         finally:
             assert decoder.feed(good)
 
-    return Door(read, CodecError, (begin,))
+    return Door(read, codecs.CodecError, (begin,))
 
 
 def log(data):
@@ -169,7 +162,7 @@ def png(width, height):
 MEMBERS = {"manifest.json": b'{"tag": "a", "files": {"b": {"sha256": "0"}}}', "b": b"x"}
 MEMBERS = {name: Member(data=data, mode=0o644) for name, data in MEMBERS.items()}
 BUNDLE = Bundle(agent="a", tag="t", image="i", members=MEMBERS)
-STREAM = {"type": FFMPEG_PACKET, "codec": "h264", "width": 640, "height": 360, "rate_hz": 30.0}
+STREAM = {"type": codecs.FFMPEG_PACKET, "codec": "h264", "width": 640, "height": 360, "rate_hz": 30.0}
 STREAMS = (StreamDescription(topic="/global/go2/camera_front/color/ffmpeg", **STREAM),)
 AGENT = AgentDescription(sensors=(SensorDescription(name="camera", streams=STREAMS),))
 METADATA = serialize(AGENT.to_message("go2", incarnation=1, revision=1, stamp_ns=1))
@@ -179,9 +172,9 @@ PLACED.header.frame_id, PLACED.child_frame_id, PLACED.transform.rotation.w = "ot
 PLACES = serialize(message_type(TF)([PLACED, PLACED]))
 DEPTH = np.arange(48 * 64, dtype=np.uint16).reshape(48, 64)
 COLOURS = np.arange(360 * 640 * 3, dtype=np.uint8).reshape(360, 640, 3)
-VIDEO = H264Encoder(TABLE_2).encode(COLOURS)[0].data
-RVL, MED, PNG = (compressed_depth_fields(DEPTH, codec).data for codec in ("rvl", "med", "png"))
-JPEG = compressed_image_fields(COLOURS[:48, :64].copy()).data
+VIDEO = codecs.H264Encoder(codecs.TABLE_2).encode(COLOURS)[0].data
+RVL, MED, PNG = (codecs.compressed_depth_fields(DEPTH, codec).data for codec in ("rvl", "med", "png"))
+JPEG = codecs.compressed_image_fields(COLOURS[:48, :64].copy()).data
 NODES = (NodeInfo(namespace="/", name="n", participant=bytes(16), readers=(bytes(16),), writers=()),)
 NESTED = f"p/Y[3] a\nstring[2] b\n{RULE}\nMSG: p/Y\nint8 x 3\nfloat64[<=4] y\n".encode()
 ZENOH = b"// x\n{mode: 'peer', plugins: {ros2dds: {domain: 1, allow: {publishers: [\"/a/.*\"], }, },},}\n"
@@ -213,12 +206,12 @@ DOORS: dict[str, Door] = {
     "shared memory": Door(shared_memory, BusError, (wire.pack_hello(wire.Hello(1, True)), bytes(32))),
     "names": Door(text(parse), FqnError, (b"/global/go2/camera_front/color/ffmpeg",)),
     "type names": Door(text(types), MessageError, (b"std_msgs::msg::dds_::String_",)),
-    "h264": picture(FFMPEG_PACKET, VIDEO, encoding="h264"),
-    "foxglove": picture(COMPRESSED_VIDEO, VIDEO, format="h264"),
-    "rvl": picture(COMPRESSED_IMAGE, RVL, format="16UC1; compressedDepth rvl"),
-    "med": picture(COMPRESSED_IMAGE, MED, format="16UC1; compressedDepth med"),
-    "png": picture(COMPRESSED_IMAGE, PNG, format="16UC1; compressedDepth png"),
-    "jpeg": picture(COMPRESSED_IMAGE, JPEG, format="jpeg"),
+    "h264": picture(codecs.FFMPEG_PACKET, VIDEO, encoding="h264"),
+    "foxglove": picture(codecs.COMPRESSED_VIDEO, VIDEO, format="h264"),
+    "rvl": picture(codecs.COMPRESSED_IMAGE, RVL, format="16UC1; compressedDepth rvl"),
+    "med": picture(codecs.COMPRESSED_IMAGE, MED, format="16UC1; compressedDepth med"),
+    "png": picture(codecs.COMPRESSED_IMAGE, PNG, format="16UC1; compressedDepth png"),
+    "jpeg": picture(codecs.COMPRESSED_IMAGE, JPEG, format="jpeg"),
     "definition": Door(text(lambda t: decoder_from_definition("p/msg/X", t)), MessageError, (NESTED,)),
     "log": Door(log, (LogError, MessageError), (written_log(), log_of(record(bytes(8))))),
     "journal": Door(journal, JournalError, (JOURNAL + POINT,)),

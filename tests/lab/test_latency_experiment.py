@@ -7,16 +7,7 @@ import pytest
 from made_logs import made_run
 
 from sfglab.lab.claims import entry_for, load_claims, render_in_full
-from sfglab.lab.experiments.latency import checks, exp
-from sfglab.lab.experiments.latency.analysis import (
-    added,
-    first_mean,
-    first_ratio,
-    glass_median,
-    idle_cost,
-    loading,
-    sights,
-)
+from sfglab.lab.experiments.latency import analysis, checks, exp
 from sfglab.lab.experiments.latency.experiment import looks_of
 from sfglab.lab.experiments.latency.stage import PATHS
 
@@ -63,16 +54,16 @@ def made(tmp_path):
 
 
 def test_what_a_path_adds_is_found_within_a_repetition_and_first_pictures_by_their_means(made):
-    assert glass_median(made, "standard").value == pytest.approx(8 + 1.5)
-    assert added(made, "decoder").value == pytest.approx(1)
-    assert added(made, "agent").value == pytest.approx(3)
-    assert added(made, "container", to="agent").value == pytest.approx(1)
-    assert "on_demand" not in set(sights(made)["path"])
-    assert first_mean(made, "standard").value == pytest.approx(515)
-    assert first_ratio(made, "agent").value == pytest.approx(90 / 515)
-    assert first_ratio(made, "container").value == pytest.approx(915 / 515)
-    assert loading(made, "on_demand").value == pytest.approx(700)
-    assert idle_cost(made, "keeper") == pytest.approx(1.5)
+    assert analysis.glass_median(made, "standard").value == pytest.approx(8 + 1.5)
+    assert analysis.added(made, "decoder").value == pytest.approx(1)
+    assert analysis.added(made, "agent").value == pytest.approx(3)
+    assert analysis.added(made, "container", to="agent").value == pytest.approx(1)
+    assert "on_demand" not in set(analysis.sights(made)["path"])
+    assert analysis.first_mean(made, "standard").value == pytest.approx(515)
+    assert analysis.first_ratio(made, "agent").value == pytest.approx(90 / 515)
+    assert analysis.first_ratio(made, "container").value == pytest.approx(915 / 515)
+    assert analysis.loading(made, "on_demand").value == pytest.approx(700)
+    assert analysis.idle_cost(made, "keeper") == pytest.approx(1.5)
 
 
 def test_a_picture_that_the_camera_did_not_send_is_noticed(made):

@@ -4,20 +4,13 @@ import cv2
 import numpy as np
 import pytest
 
-from sfglab.lab.sources import (
-    MOTORCYCLE_BASELINE_MM,
-    MOTORCYCLE_FOCAL_PX,
-    MOTORCYCLE_OFFSET_PX,
-    SourceError,
-    is_there,
-    open_source,
-)
+from sfglab.lab import sources
 from sfglab.messages import default_message
 from sfglab.record import LogWriter
 
 
 def frames(spec: str, count: int, **options) -> list:
-    source = open_source(spec, **options)
+    source = sources.open_source(spec, **options)
     try:
         return [source.frame() for _ in range(count)]
     finally:
@@ -44,7 +37,7 @@ def test_the_stereo_pair_gives_depth_from_its_measured_disparity():
     _, _, disparity = data.stereo_motorcycle()
     known = disparity[np.isfinite(disparity)]
     far, near = (
-        MOTORCYCLE_FOCAL_PX * MOTORCYCLE_BASELINE_MM / (d + MOTORCYCLE_OFFSET_PX)
+        sources.MOTORCYCLE_FOCAL_PX * sources.MOTORCYCLE_BASELINE_MM / (d + sources.MOTORCYCLE_OFFSET_PX)
         for d in (known.min(), known.max())
     )
     assert near - 1 <= depth[depth > 0].min() <= depth.max() <= far + 1
@@ -72,7 +65,7 @@ def test_a_video_keeps_its_speed_and_its_shape_and_it_is_said(tmp_path):
     assert np.all(seen[0][:, :230] == 0)
     assert np.all(seen[0][:, -230:] == 0)
     assert np.allclose([f.bgr[180, 320].mean() for f in frames(str(path), 3, fps=7.5)], [40, 200, 120], atol=6)
-    assert is_there(str(path)) == (
+    assert sources.is_there(str(path)) == (
         f"{path}: 90 x 180 at 15 Hz, shown as 640 x 360 between black bars at 30 Hz: "
         "pictures are repeated, its speed is kept"
     )
@@ -102,19 +95,19 @@ def test_a_bag_with_raw_images_is_read(tmp_path):
     ],
 )
 def test_what_cannot_be_opened_is_refused_with_what_is_allowed(spec, message, capfd):
-    with pytest.raises(SourceError, match=message):
+    with pytest.raises(sources.SourceError, match=message):
         frames(spec, 1)
 
 
 def test_a_file_without_pictures_and_a_bag_without_the_topic_are_refused(tmp_path):
     path = tmp_path / "text.mp4"
     path.write_text("no video")
-    with pytest.raises(SourceError, match=r"cannot be opened as video|holds no picture"):
+    with pytest.raises(sources.SourceError, match=r"cannot be opened as video|holds no picture"):
         frames(str(path), 1)
     path = tmp_path / "bag.mcap"
     with LogWriter(path) as log:
         log.write("/hello", default_message("std_msgs/msg/String"), log_time_ns=0)
-    with pytest.raises(SourceError, match="the log holds /hello"):
+    with pytest.raises(sources.SourceError, match="the log holds /hello"):
         frames(f"bag:{path}#/camera", 1)
-    with pytest.raises(SourceError, match="no images"):
+    with pytest.raises(sources.SourceError, match="no images"):
         frames(f"bag:{path}#/hello", 1)

@@ -15,16 +15,7 @@ from made_logs import made_run
 from sfglab.arp.robots import DEPTHS
 from sfglab.lab.claims import load_claims
 from sfglab.lab.experiments import transmission
-from sfglab.lab.experiments.transmission.validation import (
-    MODES,
-    TABLE,
-    by_cell,
-    committed_cells,
-    play_missing,
-    ros_cells,
-    scenario_of_cell,
-    validated,
-)
+from sfglab.lab.experiments.transmission import validation
 from sfglab.processes import ProcessFailedError
 from sfglab.rtps import PRESETS, Medium
 from sfglab.rtps.model import data_bytes
@@ -57,8 +48,8 @@ def drawn(rng, preset, number):
 def test_the_committed_cells_are_those_of_the_seed():
     rng = np.random.default_rng(SEED)
     cells = pd.read_csv(DATA / "qos" / "validation.csv").to_dict("records")
-    assert cells == [drawn(rng, preset, number) for preset in MODES for number in range(COUNT)]
-    assert all(scenario_of_cell(cell, duration_s=8.0).flows for cell in cells)
+    assert cells == [drawn(rng, preset, number) for preset in validation.MODES for number in range(COUNT)]
+    assert all(validation.scenario_of_cell(cell, duration_s=8.0).flows for cell in cells)
 
 
 def test_what_judges_on_the_papers_own_middleware_is_written_down():
@@ -80,15 +71,15 @@ MADE = [  # number of the cell, loss live and in the model, medians live and in 
 
 def test_shares_are_those_of_the_cells_that_kept_their_schedule(tmp_path):
     names = ("loss_live", "loss_model", "p50_live_ms", "p50_model_ms", "kept_up")
-    cells = committed_cells()
+    cells = validation.committed_cells()
     rows = [asdict(cells[number]) | dict(zip(names, values, strict=True)) for number, *values in MADE]
-    run = made_run(transmission.exp, tmp_path / "made.mcap", {TABLE: rows})
-    lines = validated(run).set_index("preset").fillna(-1)
+    run = made_run(transmission.exp, tmp_path / "made.mcap", {validation.TABLE: rows})
+    lines = validation.validated(run).set_index("preset").fillna(-1)
     shown = ["cells", "kept", "enough", "loss_within", "latency_within"]
     assert lines.loc["fast_dds_sync", shown].to_list() == [3, 2, False, 0.5, 0.5]
     assert lines.loc["cyclone_dds", shown].to_list() == [0, 0, False, -1, -1]
     assert lines.loc["fast_dds_foxy", "note"] == "read in its sources, not measured"
-    first = by_cell(run).iloc[0]
+    first = validation.by_cell(run).iloc[0]
     assert first[["loss_live", "loss_live_low", "loss_live_high"]].to_list() == pytest.approx([0.32, 0.3, 0.34])
     figure, _ = transmission.exp.draw("transmission_validation", run)
     assert "2 of 3 cells kept their schedule: too few\nwithin 3 points: 50%" in figure.axes[0].get_title()
@@ -96,7 +87,10 @@ def test_shares_are_those_of_the_cells_that_kept_their_schedule(tmp_path):
 
 
 def test_a_run_that_is_broken_off_goes_on_and_a_cell_that_fails_is_left_out(tmp_path, monkeypatch):
-    cells = {cell: scenario_of_cell(asdict(cell), duration_s=1.0) for cell in committed_cells()[38:42]}
+    cells = {
+        cell: validation.scenario_of_cell(asdict(cell), duration_s=1.0)
+        for cell in validation.committed_cells()[38:42]
+    }
     bad, broken, played, written = list(cells)[1], list(cells)[2], [], []
 
     class Hosts:
@@ -129,7 +123,7 @@ def test_a_run_that_is_broken_off_goes_on_and_a_cell_that_fails_is_left_out(tmp_
                 await hosts.play(cells[cell], seed=repeat)
                 return {"number": list(cells).index(cell), "repeat": repeat}
 
-            asyncio.run(play_missing(bench, TABLE, cells, 2, rows))
+            asyncio.run(validation.play_missing(bench, validation.TABLE, cells, 2, rows))
 
     with pytest.raises(KeyboardInterrupt):
         play()
@@ -145,7 +139,7 @@ def test_a_run_that_is_broken_off_goes_on_and_a_cell_that_fails_is_left_out(tmp_
 
 
 def test_cells_on_real_fast_dds_are_few_in_quick_and_slowed_where_python_is_too_slow(tmp_path):
-    quick, paper = (ros_cells(transmission.exp.config(profile)) for profile in ("quick", "paper"))
+    quick, paper = (validation.ros_cells(transmission.exp.config(profile)) for profile in ("quick", "paper"))
     assert len(quick) <= 12
     assert {cell.preset for cell in quick} == {"fast_dds_sync", "fast_dds_async"}
     assert {(c.point.rate_max_hz, c.slowed) for c in paper} == {

@@ -11,16 +11,7 @@ import pytest
 
 from sfglab.errors import MissingExtraError, SfglabError
 from sfglab.lab import screenshots
-from sfglab.lab.checks import handling, synchronisation
-from sfglab.lab.checks.fleet_scene import (
-    PERIOD_NS,
-    RECEIVED_AFTER_NS,
-    START_NS,
-    back_projected,
-    camera_info,
-    make_parts,
-    scene_moments,
-)
+from sfglab.lab.checks import fleet_scene, handling, synchronisation
 from sfglab.lab.checks.recordings import Shown, check_sources, check_visualizers, read_recording
 from sfglab.lab.checks.synchronisation import Cloud, check_clouds
 from sfglab.lab.experiments.visualisation import checks, exp
@@ -42,12 +33,12 @@ def _project(monkeypatch):
 
 @pytest.fixture(scope="module")
 def moments():
-    return scene_moments(2, seed=0)
+    return fleet_scene.scene_moments(2, seed=0)
 
 
 @pytest.fixture(scope="module")
 def parts(moments):
-    return [part for part in make_parts(moments) if part.expected]
+    return [part for part in fleet_scene.make_parts(moments) if part.expected]
 
 
 def recorded(parts):
@@ -56,9 +47,11 @@ def recorded(parts):
     for part in parts:
         rows = []
         for number, values in enumerate(part.expected):
-            stamp_ns = START_NS + number * PERIOD_NS
-            captured_ns = stamp_ns + RECEIVED_AFTER_NS * part.type.endswith("MarkerArray")
-            times = (None, None) if part.is_timeless else (captured_ns, stamp_ns + RECEIVED_AFTER_NS)
+            stamp_ns = fleet_scene.START_NS + number * fleet_scene.PERIOD_NS
+            captured_ns = stamp_ns + fleet_scene.RECEIVED_AFTER_NS * part.type.endswith("MarkerArray")
+            times = (
+                (None, None) if part.is_timeless else (captured_ns, stamp_ns + fleet_scene.RECEIVED_AFTER_NS)
+            )
             rows.append(Shown(capture_ns=times[0], received_ns=times[1], content=values))
         found[part.place] = rows
     return found
@@ -74,7 +67,7 @@ def changed(recording, part, **changes):
 
 
 def test_every_visualizer_that_there_is_has_its_part_in_the_scene(moments):
-    assert {part.kind for part in make_parts(moments)} == {kind.name for kind in BUILT_IN}
+    assert {part.kind for part in fleet_scene.make_parts(moments)} == {kind.name for kind in BUILT_IN}
 
 
 def test_a_perfect_recording_passes_and_whatever_is_changed_in_it_is_found(parts):
@@ -121,8 +114,8 @@ def test_streams_that_are_not_synchronised_are_found(monkeypatch):
 def test_the_reference_inverts_the_projection_by_hand():
     depth = np.zeros((4, 8), np.uint16)
     depth[1, 2], depth[3, 7] = 2000, 12_000  # the second is too far
-    info = camera_info(None, (8, 4))
-    (point,) = back_projected(depth, info, step=1, max_m=10.0)
+    info = fleet_scene.camera_info(None, (8, 4))
+    (point,) = fleet_scene.back_projected(depth, info, step=1, max_m=10.0)
     focal = info.k[0]
     assert np.allclose(point, [(2 - 3.5) * 2 / focal, (1 - 1.5) * 2 / focal, 2.0])
 

@@ -11,17 +11,7 @@ from cyclonedds.topic import Topic
 from cyclonedds.util import duration
 from random_messages import random_message
 
-from sfglab.messages import (
-    ServiceFrame,
-    UnknownTypeError,
-    dds_type_name,
-    default_message,
-    frame_service,
-    message_types,
-    ros_type_name,
-    serialize,
-    unframe_service,
-)
+from sfglab import messages
 from sfglab.messages.dds import idl_struct, service_idl_struct
 from sfglab.messages.store import register
 
@@ -61,22 +51,22 @@ def through_dds(participant, struct, cdr):
 
 
 def test_every_type_has_a_dds_type_of_its_name():
-    for name in message_types():
+    for name in messages.message_types():
         struct = idl_struct(name)
-        assert struct.__idl__.idl_transformed_typename == dds_type_name(name)
-        assert ros_type_name(dds_type_name(name)) == name
+        assert struct.__idl__.idl_transformed_typename == messages.dds_type_name(name)
+        assert messages.ros_type_name(messages.dds_type_name(name)) == name
         assert idl_struct(name) is struct
 
 
 @pytest.mark.live
 def test_bytes_of_every_type_pass_through_dds_unchanged(participant):
     rng = np.random.default_rng(11)
-    for name in message_types():
-        cdr = serialize(random_message(rng, name))
+    for name in messages.message_types():
+        cdr = messages.serialize(random_message(rng, name))
         assert through_dds(participant, idl_struct(name), cdr) == cdr, name
-    image = default_message("sensor_msgs/msg/Image")
+    image = messages.default_message("sensor_msgs/msg/Image")
     image.data = np.arange(640 * 360 * 3, dtype=np.uint32).astype(np.uint8)
-    cdr = serialize(image)
+    cdr = messages.serialize(image)
     assert through_dds(participant, idl_struct(type(image)), cdr) == cdr
 
 
@@ -84,11 +74,11 @@ def test_bytes_of_every_type_pass_through_dds_unchanged(participant):
 def test_a_framed_reply_and_field_names_of_python_pass_through_dds_unchanged(participant):
     name = "sfglab_interfaces/srv/GetMetadata"
     _, reply = service_idl_struct(name)
-    cdr = serialize(random_message(np.random.default_rng(2), f"{name}_Response"))
-    frame = ServiceFrame(7, 8, cdr)
-    assert unframe_service(through_dds(participant, reply, frame_service(frame))) == frame
+    cdr = messages.serialize(random_message(np.random.default_rng(2), f"{name}_Response"))
+    frame = messages.ServiceFrame(7, 8, cdr)
+    assert messages.unframe_service(through_dds(participant, reply, messages.frame_service(frame))) == frame
     odd = register("test_pkg/msg/OddNames", "int32 serialize\nint32 def\nstring<=4 short\nuint8[<=3] few\n")
-    cdr = serialize(odd(serialize=1, def_=2, short="abcd", few=np.array([1, 2], np.uint8)))
+    cdr = messages.serialize(odd(serialize=1, def_=2, short="abcd", few=np.array([1, 2], np.uint8)))
     assert through_dds(participant, idl_struct(odd), cdr) == cdr
 
 
@@ -100,7 +90,7 @@ def test_service_types_begin_with_the_header_of_rmw_cyclonedds():
 
 
 def test_unknown_types_have_no_struct():
-    with pytest.raises(UnknownTypeError):
+    with pytest.raises(messages.UnknownTypeError):
         idl_struct("std_msgs/msg/Strin")
-    with pytest.raises(UnknownTypeError):
+    with pytest.raises(messages.UnknownTypeError):
         service_idl_struct("sfglab_interfaces/msg/AgentMetadata")

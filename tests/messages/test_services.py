@@ -6,41 +6,27 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rosbags.typesys import get_types_from_msg
 
-from sfglab.messages import (
-    MessageError,
-    ServiceFrame,
-    UnknownTypeError,
-    action_type,
-    default_message,
-    definition,
-    deserialize,
-    frame_service,
-    message_type,
-    register_action,
-    serialize,
-    type_name,
-    unframe_service,
-)
+from sfglab import messages
 from sfglab.messages.store import parse_definition
 
 
 def test_the_header_stands_before_the_fields_and_a_big_endian_frame_is_read():
-    cdr = serialize(default_message("sfglab_interfaces/srv/GetMetadata_Request"))
-    framed = frame_service(ServiceFrame(0x1122334455667788, 9, cdr))
+    cdr = messages.serialize(messages.default_message("sfglab_interfaces/srv/GetMetadata_Request"))
+    framed = messages.frame_service(messages.ServiceFrame(0x1122334455667788, 9, cdr))
     assert framed == bytes.fromhex("00010000 8877665544332211 0900000000000000 00000000")
-    assert unframe_service(bytes(4) + struct.pack(">Qq", 1, -2) + b"x") == (1, -2, bytes(4) + b"x")
+    assert messages.unframe_service(bytes(4) + struct.pack(">Qq", 1, -2) + b"x") == (1, -2, bytes(4) + b"x")
 
 
 @given(st.integers(0, 2**64 - 1), st.integers(-(2**63), 2**63 - 1), st.binary(max_size=40))
 def test_a_frame_comes_back(guid, sequence, body):
-    frame = ServiceFrame(guid, sequence, b"\0\1\0\0" + body)
-    assert unframe_service(frame_service(frame)) == frame
+    frame = messages.ServiceFrame(guid, sequence, b"\0\1\0\0" + body)
+    assert messages.unframe_service(messages.frame_service(frame)) == frame
 
 
 @pytest.mark.parametrize("data", [b"", bytes(19), b"\0\6\0\0" + bytes(16), b"\1\1\0\0" + bytes(16)])
 def test_what_has_no_header_is_refused(data):
-    with pytest.raises(MessageError, match="rmw_cyclonedds"):
-        unframe_service(data)
+    with pytest.raises(messages.MessageError, match="rmw_cyclonedds"):
+        messages.unframe_service(data)
 
 
 FOLLOW = "sfglab_interfaces/action/FollowTrajectory"
@@ -53,7 +39,7 @@ def fields(type_):
 
 
 def test_an_action_is_three_parts_and_the_wrappers_of_the_ros_2_design():
-    action = action_type(FOLLOW)
+    action = messages.action_type(FOLLOW)
     parts = [action.goal, action.result, action.feedback, action.feedback_message]
     parts += [half for s in (action.send_goal, action.get_result) for half in (s.request, s.response)]
     assert [" ".join(sorted(fields(part))) for part in parts] == [
@@ -71,7 +57,7 @@ def test_an_action_is_three_parts_and_the_wrappers_of_the_ros_2_design():
 def test_dds_knows_the_wrappers_by_the_names_of_rosidl():
     from sfglab.messages.dds import idl_struct, service_idl_struct
 
-    action = action_type(FOLLOW)
+    action = messages.action_type(FOLLOW)
     services = (action.send_goal.name, action.get_result.name, "action_msgs/srv/CancelGoal")
     structs = [struct for name in services for struct in service_idl_struct(name)]
     structs += [idl_struct(type_) for type_ in (action.feedback_message, action.goal)]
@@ -85,22 +71,24 @@ def test_dds_knows_the_wrappers_by_the_names_of_rosidl():
 
 
 def test_a_request_for_a_goal_is_the_id_and_then_the_goal_and_no_field_is_one_octet():
-    action = register_action(COUNT, TEXT)
-    uuid = message_type("unique_identifier_msgs/msg/UUID")(uuid=np.arange(16, dtype=np.uint8))
-    cdr = serialize(action.send_goal.request(goal_id=uuid, goal=action.goal(until=7)))
+    action = messages.register_action(COUNT, TEXT)
+    uuid = messages.message_type("unique_identifier_msgs/msg/UUID")(uuid=np.arange(16, dtype=np.uint8))
+    cdr = messages.serialize(action.send_goal.request(goal_id=uuid, goal=action.goal(until=7)))
     assert cdr == b"\0\1\0\0" + bytes(range(16)) + b"\7\0\0\0"
-    assert deserialize(cdr, action.send_goal.request).goal.until == 7
+    assert messages.deserialize(cdr, action.send_goal.request).goal.until == 7
     assert action.goal.LIMIT == 9
-    action = register_action("sfglab_test_interfaces/action/Nothing", "---\n---\n")
+    action = messages.register_action("sfglab_test_interfaces/action/Nothing", "---\n---\n")
     for type_ in (action.goal, action.result, action.feedback):
-        assert len(serialize(default_message(type_))) == len(b"\0\1\0\0") + len(b"\0" + b"\0\0\0")
+        assert len(messages.serialize(messages.default_message(type_))) == len(b"\0\1\0\0") + len(
+            b"\0" + b"\0\0\0"
+        )
 
 
 def test_a_definition_holds_the_part_that_is_wrapped():
-    action = action_type(FOLLOW)
+    action = messages.action_type(FOLLOW)
     for type_ in (action.send_goal.request, action.get_result.response, action.feedback_message):
-        text = definition(type_)
-        read = get_types_from_msg(text, type_name(type_))
+        text = messages.definition(type_)
+        read = get_types_from_msg(text, messages.type_name(type_))
         assert f"MSG: {FOLLOW}_" in text
         assert len(read) == text.count("MSG: ") + 1
         assert any(name.endswith("unique_identifier_msgs/msg/UUID") for name in read) == ("goal_id" in text)
@@ -108,13 +96,13 @@ def test_a_definition_holds_the_part_that_is_wrapped():
 
 @pytest.mark.parametrize("text", ["", "int32 a\n---\nint32 b\n", "---\n---\n---\n"])
 def test_a_text_without_three_parts_is_refused_with_their_number(text):
-    with pytest.raises(MessageError, match=rf"'a/action/B'.*given {text.count('---') + 1} part"):
-        register_action("a/action/B", text)
+    with pytest.raises(messages.MessageError, match=rf"'a/action/B'.*given {text.count('---') + 1} part"):
+        messages.register_action("a/action/B", text)
 
 
 def test_a_short_name_is_looked_for_in_its_package_and_an_unknown_action_told_its_neighbours():
     name = "sfglab_interfaces/action/Watch_Goal"
     (_, fields_of_goal), *_ = parse_definition(name, "StreamInfo stream").values()
     assert [desc[1] for _, desc in fields_of_goal] == ["sfglab_interfaces/msg/StreamInfo"]
-    with pytest.raises(UnknownTypeError, match=f"did you mean {FOLLOW}"):
-        action_type("sfglab_interfaces/action/FollowTrajektory")
+    with pytest.raises(messages.UnknownTypeError, match=f"did you mean {FOLLOW}"):
+        messages.action_type("sfglab_interfaces/action/FollowTrajektory")

@@ -11,29 +11,13 @@ from hypothesis import strategies as st
 
 from sfglab.errors import InvalidValueError
 from sfglab.soc import load_graph
-from sfglab.soc.driving import NODES, Camera
+from sfglab.soc.driving import NODES, Camera, nodes
 from sfglab.soc.driving.car import CarState, Chassis, Drive, drive
-from sfglab.soc.driving.nodes import (
-    WHITE,
-    YELLOW,
-    BirdView,
-    Colour,
-    Lane,
-    LaneControl,
-    LightDetector,
-    blur,
-    compensate,
-    find_lamps,
-    fit_lane,
-    lane_mask,
-    marking_mask,
-    stretch,
-)
 from sfglab.soc.driving.odometry import Pose, VisualOdometry, planar_motion
 
 GRAPH = Path(__file__).parents[2] / "data/graphs/driving.yaml"
-VIEW = BirdView()
-STRAIGHT = Lane(offset_m=0.0, slope=0.0, bend_per_m=0.0)
+VIEW = nodes.BirdView()
+STRAIGHT = nodes.Lane(offset_m=0.0, slope=0.0, bend_per_m=0.0)
 
 
 def grey_image(level: int = 90) -> np.ndarray:
@@ -98,18 +82,18 @@ def test_compensation_keeps_an_edge_the_stretch_swaps_no_levels_and_the_blur_kee
     image = grey_image(60)
     image[:, 160:] = 180
     image[50, 50] = image[100, 250] = (255, 0, 255)
-    clean = compensate(image)
+    clean = nodes.compensate(image)
     assert set(np.unique(clean)) == {0, 255}
     assert (clean[:, :160] == 0).all()
     assert (clean[:, 160:] == 255).all()
-    assert compensate(grey_image()).shape == (240, 320, 3), "of one level alone"
+    assert nodes.compensate(grey_image()).shape == (240, 320, 3), "of one level alone"
     ramp = np.repeat(np.linspace(60, 180, 320).astype(np.uint8)[None, :, None], 240, axis=0).repeat(3, axis=2)
-    table = stretch(ramp)
+    table = nodes.stretch(ramp)
     assert (table[60], table[180]) == (0, 255)
     assert (np.diff(table.astype(int)) >= 0).all()
     image = grey_image(0)
     image[120, 160] = 250
-    blurred = blur(image)
+    blurred = nodes.blur(image)
     assert blurred[120, 160, 0] < 60
     assert int(blurred[..., 0].sum()) == pytest.approx(250, abs=15)
 
@@ -118,13 +102,14 @@ def test_compensation_keeps_an_edge_the_stretch_swaps_no_levels_and_the_blur_kee
 
 
 @pytest.mark.parametrize(
-    ("bgr", "level"), [((40, 190, 225), YELLOW), ((235, 240, 240), WHITE), ((90, 90, 90), 0), ((66, 96, 74), 0)]
+    ("bgr", "level"),
+    [((40, 190, 225), nodes.YELLOW), ((235, 240, 240), nodes.WHITE), ((90, 90, 90), 0), ((66, 96, 74), 0)],
 )
 def test_yellow_and_white_are_markings_and_asphalt_and_grass_are_not(bgr, level):
-    assert (marking_mask(np.full((8, 8, 3), bgr, np.uint8)) == level).all()
+    assert (nodes.marking_mask(np.full((8, 8, 3), bgr, np.uint8)) == level).all()
 
 
-def drawn(lane: Lane) -> np.ndarray:
+def drawn(lane: nodes.Lane) -> np.ndarray:
     """A camera image of a lane with a yellow line on the left and a white one on the right."""
     image, x = grey_image(), np.linspace(0.4, 4.0, 200)
     middle = lane.offset_m + lane.slope * x + lane.bend_per_m * x * x
@@ -139,50 +124,50 @@ def drawn(lane: Lane) -> np.ndarray:
     "lane",
     [
         STRAIGHT,
-        Lane(offset_m=0.08, slope=0.0, bend_per_m=0.0),
-        Lane(offset_m=-0.03, slope=0.1, bend_per_m=0.0),
-        Lane(offset_m=0.0, slope=0.0, bend_per_m=0.12),
-        Lane(offset_m=0.02, slope=-0.05, bend_per_m=-0.08),
+        nodes.Lane(offset_m=0.08, slope=0.0, bend_per_m=0.0),
+        nodes.Lane(offset_m=-0.03, slope=0.1, bend_per_m=0.0),
+        nodes.Lane(offset_m=0.0, slope=0.0, bend_per_m=0.12),
+        nodes.Lane(offset_m=0.02, slope=-0.05, bend_per_m=-0.08),
     ],
 )
 def test_a_drawn_lane_is_found_again_within_2_cm_where_the_car_aims(lane):
-    found = fit_lane(lane_mask(drawn(lane), VIEW), VIEW)
+    found = nodes.fit_lane(nodes.lane_mask(drawn(lane), VIEW), VIEW)
     assert found is not None
     for x_m in (0.6, 0.9, 1.5):
         assert found.y_m(x_m) == pytest.approx(lane.y_m(x_m), abs=0.02)
 
 
 def test_one_line_is_enough_and_lines_beyond_it_and_across_do_not_move_the_lane():
-    mask = lane_mask(drawn(STRAIGHT), VIEW)
+    mask = nodes.lane_mask(drawn(STRAIGHT), VIEW)
     more = mask.copy()
-    more[:, 80:85] = more[120:125, 140:180] = WHITE  # one beyond the yellow line, and a stop line
-    for seen in (np.where(mask == YELLOW, mask, 0), np.where(mask == WHITE, mask, 0), more):
-        assert fit_lane(seen.astype(np.uint8), VIEW).y_m(0.9) == pytest.approx(0.0, abs=0.02)
-    assert fit_lane(mask * 0, VIEW) is None
+    more[:, 80:85] = more[120:125, 140:180] = nodes.WHITE  # one beyond the yellow line, and a stop line
+    for seen in (np.where(mask == nodes.YELLOW, mask, 0), np.where(mask == nodes.WHITE, mask, 0), more):
+        assert nodes.fit_lane(seen.astype(np.uint8), VIEW).y_m(0.9) == pytest.approx(0.0, abs=0.02)
+    assert nodes.fit_lane(mask * 0, VIEW) is None
 
 
 # lights
 
 
-@pytest.mark.parametrize(("bgr", "colour"), [(RED, Colour.RED), (GREEN, Colour.GREEN)])
+@pytest.mark.parametrize(("bgr", "colour"), [(RED, nodes.Colour.RED), (GREEN, nodes.Colour.GREEN)])
 def test_a_lamp_is_found_by_its_own_colour_only_with_place_and_radius(bgr, colour):
     image = with_lamp(bgr, 9)
-    (lamp,) = find_lamps(image, colour)
+    (lamp,) = nodes.find_lamps(image, colour)
     assert (lamp.u, lamp.v) == pytest.approx((200, 90), abs=1)
     assert lamp.radius == pytest.approx(9, abs=1.2)
-    other = Colour.GREEN if colour is Colour.RED else Colour.RED
-    assert find_lamps(image, other) == []
+    other = nodes.Colour.GREEN if colour is nodes.Colour.RED else nodes.Colour.RED
+    assert nodes.find_lamps(image, other) == []
     bar = cv2.rectangle(grey_image(), (100, 80), (160, 90), bgr, cv2.FILLED)
-    assert find_lamps(bar, colour) == [], "not round"
+    assert nodes.find_lamps(bar, colour) == [], "not round"
 
 
 @pytest.mark.parametrize(("radius", "found"), [(4, False), (10, True), (20, False)])
 def test_a_red_light_counts_where_the_car_can_still_stop_and_see_it(radius, found):
-    assert LightDetector(Colour.RED).see(with_lamp(RED, radius)) is found
+    assert nodes.LightDetector(nodes.Colour.RED).see(with_lamp(RED, radius)) is found
 
 
 def test_the_detectors_wake_each_other_and_sleep_when_they_found_their_light():
-    red, green = LightDetector(Colour.RED), LightDetector(Colour.GREEN)
+    red, green = nodes.LightDetector(nodes.Colour.RED), nodes.LightDetector(nodes.Colour.GREEN)
     assert not green.see(with_lamp(GREEN, 10)), "green sleeps at first"
     assert red.see(with_lamp(RED, 10))
     assert not red.see(with_lamp(RED, 10)), "red sleeps now"
@@ -197,12 +182,12 @@ def test_the_detectors_wake_each_other_and_sleep_when_they_found_their_light():
 
 
 def test_a_lane_to_the_left_is_steered_to_a_bend_taken_slower_and_red_holds_until_green():
-    straight = LaneControl().step(STRAIGHT, Pose())
-    bend = LaneControl().step(Lane(offset_m=0.0, slope=0.0, bend_per_m=0.4), Pose())
+    straight = nodes.LaneControl().step(STRAIGHT, Pose())
+    bend = nodes.LaneControl().step(nodes.Lane(offset_m=0.0, slope=0.0, bend_per_m=0.4), Pose())
     assert straight == Drive(speed_mps=0.9, yaw_rate_rps=0.0)
     assert bend.yaw_rate_rps > 0
     assert bend.speed_mps < straight.speed_mps
-    control = LaneControl()
+    control = nodes.LaneControl()
     control.hear_red()
     assert control.step(STRAIGHT, Pose()) == Drive()
     control.hear_green()
@@ -210,7 +195,7 @@ def test_a_lane_to_the_left_is_steered_to_a_bend_taken_slower_and_red_holds_unti
 
 
 def test_without_a_lane_the_car_goes_on_to_the_last_point_by_odometry_and_halts_there():
-    control = LaneControl()
+    control = nodes.LaneControl()
     assert control.step(None, Pose()) == Drive(), "nothing was ever seen"
     control.step(STRAIGHT, Pose())
     assert control.step(None, Pose(x_m=0.3, y_m=0.1)).yaw_rate_rps < 0

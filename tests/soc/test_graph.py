@@ -7,47 +7,37 @@ from graph_strategies import GRAPHS, chain, graphs
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
+from sfglab import soc
 from sfglab.errors import InvalidValueError
-from sfglab.soc import (
-    Graph,
-    Node,
-    Placement,
-    Topic,
-    TopicMapping,
-    graph_text,
-    load_graph,
-    read_graph,
-    save_graph,
-)
 
-HW, SW = Placement.HARDWARE, Placement.SOFTWARE
+HW, SW = soc.Placement.HARDWARE, soc.Placement.SOFTWARE
 
 
 def refusal(text):
     with pytest.raises(InvalidValueError) as raised:
-        read_graph(text, file="g.yaml")
+        soc.read_graph(text, file="g.yaml")
     return str(raised.value)
 
 
 @settings(max_examples=60, deadline=None)
 @given(graphs())
-@example(Graph(nodes=(Node(name="1"), Node(name="no")), description="a\x85b\u2028c\u2029d\ne"))
+@example(soc.Graph(nodes=(soc.Node(name="1"), soc.Node(name="no")), description="a\x85b\u2028c\u2029d\ne"))
 def test_a_graph_is_read_back_as_it_was_written_and_written_again_byte_by_byte(graph):
-    text = graph_text(graph)
-    assert read_graph(text) == graph
-    assert graph_text(read_graph(text)) == text
+    text = soc.graph_text(graph)
+    assert soc.read_graph(text) == graph
+    assert soc.graph_text(soc.read_graph(text)) == text
 
 
 @pytest.mark.parametrize("path", sorted(GRAPHS.glob("*.yaml")), ids=lambda path: path.name)
 def test_the_graphs_of_this_repository_are_written_as_they_stand_in_their_files(path, tmp_path):
-    save_graph(load_graph(path), tmp_path / path.name)
+    soc.save_graph(soc.load_graph(path), tmp_path / path.name)
     assert (tmp_path / path.name).read_bytes() == path.read_bytes()
 
 
 def test_what_stands_in_a_file_once_has_its_default_elsewhere():
-    graph = read_graph("nodes: {a: {}}\ntopics: {t: {publishers: [a]}}")
-    assert graph == Graph(nodes=(Node(name="a"),), topics=(Topic(name="t", publishers=("a",)),))
-    assert graph.topics[0].mapping is TopicMapping.SOFTWARE
+    graph = soc.read_graph("nodes: {a: {}}\ntopics: {t: {publishers: [a]}}")
+    assert graph == soc.Graph(nodes=(soc.Node(name="a"),), topics=(soc.Topic(name="t", publishers=("a",)),))
+    assert graph.topics[0].mapping is soc.TopicMapping.SOFTWARE
     assert graph.nodes[0].placement is SW
 
 
@@ -88,27 +78,27 @@ def test_a_mistake_is_named_with_file_key_what_is_given_and_what_is_allowed(text
 @settings(max_examples=60, deadline=None)
 @given(graphs(), st.data())
 def test_no_change_of_a_word_makes_another_error_than_ours(graph, data):
-    text = graph_text(graph)
+    text = soc.graph_text(graph)
     start = data.draw(st.integers(0, len(text)))
     end = data.draw(st.integers(start, len(text)))
     changed = (
         text[:start] + data.draw(st.sampled_from(["", "x", "[", "{}", ": ", "\n", "null", "- "])) + text[end:]
     )
     with suppress(InvalidValueError):
-        read_graph(changed)
+        soc.read_graph(changed)
 
 
 def test_a_file_that_cannot_be_read_or_written_is_named_and_the_graph_refuses_what_it_would(tmp_path):
     with pytest.raises(InvalidValueError, match=r"absent\.yaml: .* allowed: a readable text file"):
-        load_graph(tmp_path / "absent.yaml")
+        soc.load_graph(tmp_path / "absent.yaml")
     with pytest.raises(InvalidValueError, match="a file that can be written"):
-        save_graph(chain(SW), tmp_path / "none" / "g.yaml")
+        soc.save_graph(chain(SW), tmp_path / "none" / "g.yaml")
     with pytest.raises(InvalidValueError, match=r"nodes\.a: given 'a', allowed: each name once, .* 2 times"):
-        Graph(nodes=(Node(name="a"), Node(name="a", placement=HW)))
+        soc.Graph(nodes=(soc.Node(name="a"), soc.Node(name="a", placement=HW)))
     with pytest.raises(InvalidValueError, match=r"topics\.t: given 't', allowed: each name once"):
-        Graph(nodes=(Node(name="a"),), topics=(Topic(name="t", publishers=("a",)),) * 2)
+        soc.Graph(nodes=(soc.Node(name="a"),), topics=(soc.Topic(name="t", publishers=("a",)),) * 2)
     with pytest.raises(InvalidValueError, match="none at all"):
-        Graph(nodes=(), topics=(Topic(name="t", publishers=("a",)),))
+        soc.Graph(nodes=(), topics=(soc.Topic(name="t", publishers=("a",)),))
 
 
 def test_what_is_not_there_is_named_and_placing_anew_takes_topics_back_to_software():
@@ -117,12 +107,12 @@ def test_what_is_not_there_is_named_and_placing_anew_takes_topics_back_to_softwa
     with pytest.raises(InvalidValueError, match=r"nodes: given 'z', allowed: one of a, b"):
         graph.node("z")
     with pytest.raises(InvalidValueError, match=r"topics: given 'bb', allowed: one of ab"):
-        graph.with_mappings({"bb": TopicMapping.GATEWAY})
+        graph.with_mappings({"bb": soc.TopicMapping.GATEWAY})
     with pytest.raises(InvalidValueError, match="nodes: given 'z'"):
         graph.with_placements({"z": HW})
-    graph = chain(HW, HW, topic_mapping=TopicMapping.HARDWARE)
+    graph = chain(HW, HW, topic_mapping=soc.TopicMapping.HARDWARE)
     placed = graph.with_placements({"b": SW})
     assert placed.in_hardware == {"a"}
-    assert placed.mapped_to(TopicMapping.SOFTWARE) == ("ab",)
+    assert placed.mapped_to(soc.TopicMapping.SOFTWARE) == ("ab",)
     with pytest.raises(InvalidValueError, match="'b' is placed in software"):
-        placed.with_mappings({"ab": TopicMapping.HARDWARE})
+        placed.with_mappings({"ab": soc.TopicMapping.HARDWARE})

@@ -5,25 +5,16 @@ import asyncio
 import pytest
 from graph_strategies import GRAPHS, chain
 
-from sfglab import bus
+from sfglab import bus, soc
 from sfglab.errors import InvalidValueError
 from sfglab.messages import default_message
 from sfglab.qos import QoSProfile
 from sfglab.record import LogReader, LogWriter
 from sfglab.record.traffic import COMPUTATION_GRAPH
-from sfglab.soc import (
-    Placement,
-    graph_from_endpoints,
-    graph_from_log,
-    graph_metadata,
-    graph_text,
-    read_graph,
-    watch_graph,
-)
 
 STRING = "std_msgs/msg/String"
 IMAGE = "sensor_msgs/msg/Image"
-SW = Placement.SOFTWARE
+SW = soc.Placement.SOFTWARE
 
 
 @pytest.fixture
@@ -40,7 +31,7 @@ def imported(tmp_path):
             if metadata is not None:
                 log.write_metadata(COMPUTATION_GRAPH, metadata)
         with LogReader(tmp_path / "run.mcap") as log:
-            return graph_from_log(log)
+            return soc.graph_from_log(log)
 
     return write_and_read
 
@@ -52,12 +43,12 @@ def test_a_log_gives_topics_with_types_sizes_and_rates(imported):
     assert topic.size_bytes == 4 + 4 + 100 + 1 + 3  # header, length, text, its end, padding
     assert topic.publishers == ("publisher of /a",)
     assert (topic.subscribers, found.left_out, found.graph.name) == ((), (), "run.mcap")
-    assert read_graph(graph_text(found.graph)) == found.graph
+    assert soc.read_graph(soc.graph_text(found.graph)) == found.graph
 
 
 def test_a_log_that_says_who_publishes_gives_the_nodes_too(imported):
     graph = chain(SW, SW, SW)
-    found = imported(["ab", "bc", "/x"], graph_metadata(graph)).graph
+    found = imported(["ab", "bc", "/x"], soc.graph_metadata(graph)).graph
     assert list(found.edges())[-4:] == list(graph.edges())
     assert found.topic("/x").publishers == ("publisher of /x",)
     assert set(found.in_hardware) == set()
@@ -78,7 +69,7 @@ def test_a_record_of_another_kind_is_refused(imported):
 
 def test_the_reference_logs_of_this_repository_have_graphs_without_their_tables():
     with LogReader(GRAPHS.parent / "reference" / "decode_once.mcap") as log:
-        found = graph_from_log(log)
+        found = soc.graph_from_log(log)
         assert log.tables
     assert not any(topic.name.startswith("/table/") for topic in found.graph.topics)
 
@@ -97,7 +88,7 @@ def endpoint(kind, topic, node="", type_name=STRING, dds_topic=None, participant
 
 
 def test_endpoints_become_a_graph_of_the_nodes_that_own_them():
-    found = graph_from_endpoints(
+    found = soc.graph_from_endpoints(
         [
             endpoint("PUBLISHER", "/image", "/camera", IMAGE),
             endpoint("PUBLISHER", "/image", "/camera", IMAGE),  # in shared memory beside DDS
@@ -117,7 +108,7 @@ def test_endpoints_become_a_graph_of_the_nodes_that_own_them():
 
 
 def test_a_topic_without_publishers_or_with_two_types_is_left_out_with_the_reason():
-    found = graph_from_endpoints(
+    found = soc.graph_from_endpoints(
         [
             endpoint("SUBSCRIPTION", "/lone", "/a"),
             endpoint("PUBLISHER", "/two", "/a"),
@@ -143,7 +134,7 @@ def test_the_graph_of_a_live_domain_names_the_nodes_on_both_sides(domain_id):
             blur.create_publisher(STRING, "/note")
             ready = await looker.graph.wait_for(lambda: len(looker.graph.endpoints()) >= 3)
             assert ready
-            return await watch_graph(looker)
+            return await soc.watch_graph(looker)
 
     found = asyncio.run(scenario()).graph
     assert [str(edge) for edge in found.edges()] == ["/camera -> /image", "/image -> /blur", "/blur -> /note"]
@@ -157,5 +148,5 @@ async def test_owners_that_stay_unknown_are_named_after_their_participant(domain
     async with quiet, bus.Node("looker", domain_id=domain_id, interface="lo") as looker:
         quiet.create_publisher(STRING, "/t")
         assert await looker.graph.wait_for(lambda: looker.graph.publishers("/t") != ())
-        guid, found = quiet.guid, await watch_graph(looker, timeout_s=0.3)
+        guid, found = quiet.guid, await soc.watch_graph(looker, timeout_s=0.3)
     assert found.graph.topic("/t").publishers in (("/quiet",), (f"participant {guid.hex()}",))

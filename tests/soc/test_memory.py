@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sfglab.errors import InvalidValueError
+from sfglab.soc import paper_values
 from sfglab.soc.memory import (
     CUT_THROUGH,
     LARGEST_BYTES,
@@ -28,15 +29,6 @@ from sfglab.soc.memory import (
     round_robin_s,
     shared_s,
     transfer_times,
-)
-from sfglab.soc.paper_values import (
-    MESSAGE_BYTES,
-    PAPER_VALUES,
-    Panel,
-    residuals,
-    sensitivity,
-    speed_ups,
-    tendencies,
 )
 
 MEMIF = MemoryInterface()
@@ -93,7 +85,7 @@ def fixed_s(size: int, costs: Costs) -> float:
 
 
 @BOTH
-@pytest.mark.parametrize("size", MESSAGE_BYTES)
+@pytest.mark.parametrize("size", paper_values.MESSAGE_BYTES)
 @pytest.mark.parametrize(("hardware", "software"), [(1, 1), (2, 1), (4, 1), (8, 1), (3, 3), (5, 0)])
 def test_the_mean_place_stands_for_every_order_of_deliveries(hardware, software, size, costs):
     found = times(Side.SOFTWARE, Transport.SMT, size, costs=costs, hardware=hardware, software=software)
@@ -210,8 +202,8 @@ def test_what_cannot_be_is_refused_by_name(make, message):
 
 @pytest.mark.parametrize(("costs", "farthest"), [(STORED, 0.03), (CUT_THROUGH, 0.10)])
 def test_every_paper_value_is_met(costs, farthest):
-    found = residuals(costs)
-    assert len(found) == len(PAPER_VALUES) == 7
+    found = paper_values.residuals(costs)
+    assert len(found) == len(paper_values.PAPER_VALUES) == 7
     assert max(abs(item.relative) for item in found) < farthest
 
 
@@ -219,14 +211,14 @@ def test_every_paper_value_is_met(costs, farthest):
     ("costs", "wanted"), [(STORED, []), (CUT_THROUGH, ["below 1 for smaller message sizes, with 8 nodes too"])]
 )
 def test_tendencies_hold_though_none_was_fitted_but_one_when_cut_through(costs, wanted):
-    assert [item.text for item, holds in tendencies(costs) if not holds] == wanted
+    assert [item.text for item, holds in paper_values.tendencies(costs) if not holds] == wanted
 
 
 def test_of_the_assumed_constants_stored_chunks_need_only_a_read_latency_above_15_cycles():
-    worst = {(v.name, v.factor): v.worst for v in sensitivity()}
+    worst = {(v.name, v.factor): v.worst for v in paper_values.sensitivity()}
     assert worst.pop(("read_latency_cycles", 0.5)) > 0.10 > worst.pop(("read_latency_cycles", 2.0))
     assert max(worst.values()) < 0.03
-    assert max(variant.worst for variant in sensitivity(CUT_THROUGH)) < 0.06
+    assert max(variant.worst for variant in paper_values.sensitivity(CUT_THROUGH)) < 0.06
 
 
 def test_every_constant_has_a_unit_an_origin_and_a_reason_and_every_bar_is_there():
@@ -234,10 +226,10 @@ def test_every_constant_has_a_unit_an_origin_and_a_reason_and_every_bar_is_there
     numbers = {f.name for cls in (Costs, MemoryInterface) for f in fields(cls)} - {"memory", "forwarding"}
     assert set(found) == numbers
     assert all(item.unit and item.reason for item in found.values())
-    bars = speed_ups()
+    bars = paper_values.speed_ups()
     assert len(bars) == 4 * 12
     assert all(bar.smt_s > 0 and bar.gateway_s > 0 for bar in bars)
-    assert {bar.panel for bar in bars} == set(Panel)
+    assert {bar.panel for bar in bars} == set(paper_values.Panel)
 
 
 def test_the_scale_of_time_is_plausible_beside_the_driving_application():

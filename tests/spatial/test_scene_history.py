@@ -7,20 +7,7 @@ import pytest
 
 from sfglab.lab.checks import editing
 from sfglab.spatial import Pose
-from sfglab.spatial.scene.commands import (
-    Add,
-    AlignWaypoints,
-    History,
-    Move,
-    Remove,
-    Rename,
-    Retime,
-    SetPose,
-    SetProperty,
-    SetScene,
-    SetTime,
-    Several,
-)
+from sfglab.spatial.scene import commands
 from sfglab.spatial.scene.editor import ChangeKind, Editor
 from sfglab.spatial.scene.objects import Group, SceneError, TrajectoryObject
 from sfglab.spatial.scene.tree import Scene
@@ -63,15 +50,15 @@ def test_undo_after_removing_a_subtree_restores_ids_order_and_references(planned
     assert editor.undo()
     assert editor.scene == before
     assert editor.scene.driven_by(agent).id == path
-    editor.do(Rename(id=agent, name="spot"))  # what was restored can be edited
+    editor.do(commands.Rename(id=agent, name="spot"))  # what was restored can be edited
     assert editor.redo_label is None
 
 
 def test_an_edit_that_changes_nothing_leaves_no_step_and_keeps_redo(planned):
     editor, _, agent, _, _ = planned
-    editor.do(Rename(id=agent, name="spot"))
+    editor.do(commands.Rename(id=agent, name="spot"))
     editor.undo()
-    assert not editor.do(Rename(id=agent, name="go2"))
+    assert not editor.do(commands.Rename(id=agent, name="go2"))
     assert editor.redo()
 
 
@@ -81,7 +68,7 @@ def test_a_drag_is_one_step_and_two_drags_are_two(planned):
     for start in (0.0, 5.0):
         with editor.drag():
             for i in range(10):
-                editor.do(SetPose(id=points[1], pose=Pose.at((1.0, start + i, 0.0))))
+                editor.do(commands.SetPose(id=points[1], pose=Pose.at((1.0, start + i, 0.0))))
     editor.undo()
     assert editor.scene.get(points[1]).pose.position_m == (1.0, 9.0, 0.0)
     editor.undo()
@@ -91,12 +78,12 @@ def test_a_drag_is_one_step_and_two_drags_are_two(planned):
 def test_a_drag_back_to_where_it_began_leaves_no_step_and_keeps_redo(planned):
     editor, _, agent, _, points = planned
     label, home = editor.undo_label, editor.scene.get(points[1]).pose
-    editor.do(Rename(id=agent, name="spot"))
+    editor.do(commands.Rename(id=agent, name="spot"))
     editor.undo()
     with editor.drag():
-        editor.do(SetPose(id=points[1], pose=Pose.at((1.0, 1.0, 0.0))))
+        editor.do(commands.SetPose(id=points[1], pose=Pose.at((1.0, 1.0, 0.0))))
         assert editor.redo_label is None
-        editor.do(SetPose(id=points[1], pose=home))
+        editor.do(commands.SetPose(id=points[1], pose=home))
     assert editor.undo_label == label
     assert editor.redo()
     assert editor.scene.get(agent).name == "spot"
@@ -106,19 +93,19 @@ def test_undo_in_the_middle_of_a_drag_takes_the_drag_back_and_ends_it(planned):
     editor, _, _, _, points = planned
     before = editor.scene
     editor.begin_drag()
-    editor.do(SetPose(id=points[1], pose=Pose.at((1.0, 1.0, 0.0))))
+    editor.do(commands.SetPose(id=points[1], pose=Pose.at((1.0, 1.0, 0.0))))
     editor.undo()
     assert editor.scene == before
-    editor.do(SetPose(id=points[1], pose=Pose.at((1.0, 2.0, 0.0))))
-    editor.do(SetPose(id=points[1], pose=Pose.at((1.0, 3.0, 0.0))))
+    editor.do(commands.SetPose(id=points[1], pose=Pose.at((1.0, 2.0, 0.0))))
+    editor.do(commands.SetPose(id=points[1], pose=Pose.at((1.0, 3.0, 0.0))))
     editor.undo()
     assert editor.scene.get(points[1]).pose.position_m == (1.0, 2.0, 0.0)
 
 
 def test_the_oldest_steps_are_forgotten_first():
-    history = History(Scene(), depth=2)
+    history = commands.History(Scene(), depth=2)
     for i in range(3):
-        history.do(SetScene(key="name", value=f"scene {i}"))
+        history.do(commands.SetScene(key="name", value=f"scene {i}"))
     while history.undo():
         pass
     assert history.scene.name == "scene 0"
@@ -127,7 +114,7 @@ def test_the_oldest_steps_are_forgotten_first():
 def test_moving_under_another_parent_keeps_the_place_in_the_scene(planned):
     editor, hall, _, path, points = planned
     before = editor.scene.world_pose(points[2])
-    editor.do(Move(id=path, parent=hall))
+    editor.do(commands.Move(id=path, parent=hall))
     assert editor.scene.get(path).pose.position_m == pytest.approx((-10.0, 0.0, 0.0))
     assert editor.scene.world_pose(points[2]).same_as(before)
     assert editor.scene.held_by(hall)[-1] == path
@@ -135,30 +122,30 @@ def test_moving_under_another_parent_keeps_the_place_in_the_scene(planned):
 
 def test_moving_without_keeping_the_place_moves_it_along(planned):
     editor, hall, _, path, points = planned
-    editor.do(Move(id=path, parent=hall, index=0, keep_place=False))
+    editor.do(commands.Move(id=path, parent=hall, index=0, keep_place=False))
     assert editor.scene.world_pose(points[0]).position_m == (10.0, 0.0, 0.0)
     assert editor.scene.held_by(hall)[0] == path
 
 
 def test_aligned_waypoints_keep_looking_along_their_segments_while_a_neighbour_is_dragged(planned):
     editor, _, _, path, points = planned
-    editor.do(AlignWaypoints(id=path, align=Align.NEXT))
-    editor.do(SetPose(id=points[1], pose=Pose.from_yaw((0.0, 1.0, 0.0), 0.3)))
+    editor.do(commands.AlignWaypoints(id=path, align=Align.NEXT))
+    editor.do(commands.SetPose(id=points[1], pose=Pose.from_yaw((0.0, 1.0, 0.0), 0.3)))
     yaws = [editor.scene.get(i).pose.yaw_rad for i in points]
     assert yaws == pytest.approx([math.pi / 2, math.atan2(-1, 2), math.atan2(-1, 2)])
 
 
 def test_a_time_beyond_a_neighbours_changes_their_order(planned):
     editor, _, _, path, (first, second, third) = planned
-    editor.do(SetTime(id=first, time_ns=90 * S))
+    editor.do(commands.SetTime(id=first, time_ns=90 * S))
     assert editor.scene.held_by(path) == (second, third, first)
 
 
 def test_retiming_uses_the_limits_of_whoever_drives(planned):
     editor, _, agent, path, points = planned
-    editor.do(SetProperty(id=agent, key="speed_m_s", value=0.5))
+    editor.do(commands.SetProperty(id=agent, key="speed_m_s", value=0.5))
     assert editor.conflicts()
-    editor.do(Retime(id=path))
+    editor.do(commands.Retime(id=path))
     assert not editor.conflicts()
     assert editor.scene.get(points[2]).time_ns == pytest.approx(4 * S, rel=1e-5)
 
@@ -174,7 +161,7 @@ def test_a_waypoint_without_pose_is_inserted_on_the_path(planned):
 
 def test_a_copy_of_a_group_drives_its_own_agent(planned):
     editor, hall, agent, path, _ = planned
-    editor.do(Move(id=path, parent=hall, index=0))  # before the agent in the tree
+    editor.do(commands.Move(id=path, parent=hall, index=0))  # before the agent in the tree
     copy = editor.duplicate(hall)
     new_path, new_agent = editor.scene.held_by(copy)
     assert editor.scene.get(new_path).agent == new_agent != agent
@@ -204,31 +191,35 @@ def refusal(editor, command):
 def test_refusals_name_place_given_and_allowed(planned):
     editor, hall, agent, path, points = planned
     inner = editor.add("group", "corner", parent=hall)
-    assert refusal(editor, Move(id=hall, parent=inner)) == (
+    assert refusal(editor, commands.Move(id=hall, parent=inner)) == (
         f"group {hall} (hall), parent: given {inner}, allowed: a parent that does not lie inside it"
     )
-    assert refusal(editor, SetTime(id=points[0], time_ns=S)) == (
+    assert refusal(editor, commands.SetTime(id=points[0], time_ns=S)) == (
         f"waypoint {points[0]}, time_ns: given {S}, allowed: a time of its own; "
         f"waypoint {points[1]} has this one"
     )
-    assert refusal(editor, SetProperty(id=agent, key="radius_m", value=-1)) == (
+    assert refusal(editor, commands.SetProperty(id=agent, key="radius_m", value=-1)) == (
         f"agent {agent} (go2), radius_m: given -1, allowed: a finite number above zero"
     )
-    assert "radius_m or speed_m_s" in refusal(editor, SetProperty(id=agent, key="colour", value="red"))
-    assert "an agent in the scene, or none" in refusal(editor, SetProperty(id=path, key="agent", value=path))
+    assert "radius_m or speed_m_s" in refusal(editor, commands.SetProperty(id=agent, key="colour", value="red"))
+    assert "an agent in the scene, or none" in refusal(
+        editor, commands.SetProperty(id=path, key="agent", value=path)
+    )
     other = editor.add("trajectory", "other")
-    assert f"drives {path}" in refusal(editor, SetProperty(id=other, key="agent", value=agent))
-    assert "the id of a trajectory" in refusal(editor, Move(id=points[0], parent=hall))
-    assert "the id of a group" in refusal(editor, Move(id=inner, parent=agent))
-    assert "metres within" in refusal(editor, SetPose(id=agent, pose=Pose.at((1e7, 0.0, 0.0))))
-    assert refusal(editor, Retime(id=other)).startswith(f"trajectory {other} (other), limits: nothing is given")
-    assert "the id of an object in the scene" in refusal(editor, Remove(ids=(999,)))
+    assert f"drives {path}" in refusal(editor, commands.SetProperty(id=other, key="agent", value=agent))
+    assert "the id of a trajectory" in refusal(editor, commands.Move(id=points[0], parent=hall))
+    assert "the id of a group" in refusal(editor, commands.Move(id=inner, parent=agent))
+    assert "metres within" in refusal(editor, commands.SetPose(id=agent, pose=Pose.at((1e7, 0.0, 0.0))))
+    assert refusal(editor, commands.Retime(id=other)).startswith(
+        f"trajectory {other} (other), limits: nothing is given"
+    )
+    assert "the id of an object in the scene" in refusal(editor, commands.Remove(ids=(999,)))
     before = editor.scene
-    wrong_second = (Rename(id=agent, name="first"), Rename(id=agent, name="two\nlines"))
-    assert "printable" in refusal(editor, Several(commands=wrong_second, label="Rename twice"))
+    wrong_second = (commands.Rename(id=agent, name="first"), commands.Rename(id=agent, name="two\nlines"))
+    assert "printable" in refusal(editor, commands.Several(commands=wrong_second, label="Rename twice"))
     wrong = ((agent, "radius_m", math.nan), (agent, "radius_m", "wide"), (agent, "yaw_rate_rad_s", math.inf))
     for id_, key, value in (*wrong, (path, "agent", 99)):
-        assert "allowed" in refusal(editor, SetProperty(id=id_, key=key, value=value))
+        assert "allowed" in refusal(editor, commands.SetProperty(id=id_, key=key, value=value))
     for value in ({"kind": "cone"}, {"kind": "cylinder", "radius_m": 1.0}, 7):
         with pytest.raises(SceneError, match="box with size_m or sphere"):
             editor.add("obstacle", "pillar", shape=value)
@@ -239,14 +230,14 @@ def test_an_added_object_must_have_an_id_that_was_never_used():
     editor = Editor()
     used = editor.add("group", "hall")
     editor.remove(used)
-    assert "never used before" in refusal(editor, Add(objects=(Group(id=used, name="again"),)))
+    assert "never used before" in refusal(editor, commands.Add(objects=(Group(id=used, name="again"),)))
 
 
 def test_listeners_hear_what_changed_and_then_no_more(planned):
     editor, _hall, agent, path, points = planned
     heard = []
     end = editor.listen(heard.append)
-    editor.do(Rename(id=agent, name="spot"))
+    editor.do(commands.Rename(id=agent, name="spot"))
     new = editor.insert_waypoint(path)
     editor.remove(points[0], points[1])
     editor.undo()

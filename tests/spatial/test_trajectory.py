@@ -9,14 +9,7 @@ from hypothesis import strategies as st
 from trajectory_strategies import trajectories
 
 from sfglab.spatial import Pose, PoseError
-from sfglab.spatial.trajectory.exchange import (
-    csv_from_trajectory,
-    multi_dof_from_trajectory,
-    path_from_trajectory,
-    trajectory_from_csv,
-    trajectory_from_multi_dof,
-    trajectory_from_path,
-)
+from sfglab.spatial.trajectory import exchange
 from sfglab.spatial.trajectory.limits import Limits, Quantity, limit_violations, peaks, retimed
 from sfglab.spatial.trajectory.motion import motion_of, resampled, sample
 from sfglab.spatial.trajectory.path import (
@@ -168,18 +161,18 @@ def test_stretching_to_nothing_or_everything_is_refused(factor):
 def test_a_multi_dof_trajectory_says_how_fast_and_for_splines_how_bent():
     points = [(0, Pose()), (S, Pose.at((2.0, 0.0, 0.0))), (3 * S, Pose.from_yaw((2.0, 2.0, 0.0), 1.0))]
     line, spline = (Trajectory.of(points, kind) for kind in Interpolation)
-    first = multi_dof_from_trajectory(line, "go2", frame_id="map").points
+    first = exchange.multi_dof_from_trajectory(line, "go2", frame_id="map").points
     assert [p.velocities[0].linear.x for p in first] == pytest.approx([2.0, 0.0, 0.0])
     assert [p.velocities[0].angular.z for p in first] == pytest.approx([0.0, 0.5, 0.5])
     assert not any(p.accelerations for p in first)
-    second = multi_dof_from_trajectory(spline, "go2", frame_id="map").points
+    second = exchange.multi_dof_from_trajectory(spline, "go2", frame_id="map").points
     found = sample(spline, [0.0, 1.0, 3.0]).accelerations_m_s2
     assert [p.accelerations[0].linear.y for p in second] == pytest.approx(found[:, 1])
     assert found[1, 1] != 0.0
 
 
 def test_csv_is_plain_to_read():
-    text = csv_from_trajectory(Trajectory.of([(1_500_000_001, Pose.at((1.0, -2.5, 0.0)))]))
+    text = exchange.csv_from_trajectory(Trajectory.of([(1_500_000_001, Pose.at((1.0, -2.5, 0.0)))]))
     assert text == "time_s,x_m,y_m,z_m,qx,qy,qz,qw\n1.500000001,1.0,-2.5,0.0,0.0,0.0,0.0,1.0\n"
 
 
@@ -204,20 +197,20 @@ HEAD = "time_s,x_m,y_m,z_m,qx,qy,qz,qw\n"
 )
 def test_broken_csv_is_refused_with_its_line(text, says):
     with pytest.raises(TrajectoryError, match=says):
-        trajectory_from_csv(text, file="path.csv")
+        exchange.trajectory_from_csv(text, file="path.csv")
 
 
 def test_messages_that_hold_no_trajectory_are_refused_by_place():
-    message = multi_dof_from_trajectory(Trajectory.standing(Pose()), "go2", frame_id="map")
+    message = exchange.multi_dof_from_trajectory(Trajectory.standing(Pose()), "go2", frame_id="map")
     with pytest.raises(TrajectoryError, match="given 'spot', allowed: one of go2"):
-        trajectory_from_multi_dof(message, "spot")
+        exchange.trajectory_from_multi_dof(message, "spot")
     message.points[0].transforms = []
     with pytest.raises(TrajectoryError, match="point 0: given 0 transforms"):
-        trajectory_from_multi_dof(message)
-    message = path_from_trajectory(Trajectory.of([(0, Pose()), (S, Pose())]), frame_id="map")
+        exchange.trajectory_from_multi_dof(message)
+    message = exchange.path_from_trajectory(Trajectory.of([(0, Pose()), (S, Pose())]), frame_id="map")
     message.poses.reverse()
     with pytest.raises(TrajectoryError, match="waypoint 1, time"):
-        trajectory_from_path(message)
+        exchange.trajectory_from_path(message)
     message.poses[0].pose.orientation.w = 0.0
     with pytest.raises(PoseError, match="path, pose 0"):
-        trajectory_from_path(message)
+        exchange.trajectory_from_path(message)

@@ -16,18 +16,9 @@ from sfglab.spatial.scene.objects import KINDS, ROOT, AgentObject, SceneError, T
 from sfglab.spatial.scene.tree import Scene
 from sfglab.spatial.trajectory.clearance import Box, Cylinder, Sphere
 from sfglab.spatial.trajectory.path import Trajectory
+from sfglab.view.planner import looks
 from sfglab.view.planner.context import JobQueue
 from sfglab.view.planner.forms import fields_of, yaw_pitch_roll_deg
-from sfglab.view.planner.looks import (
-    MOST_ROWS,
-    agent_colours,
-    camera_for,
-    line_of,
-    linear,
-    outline_of,
-    ramp,
-    rows_of,
-)
 from sfglab.view.planner.server import ConflictWatch
 from sfglab.view.planner.toolbar import ADDABLE, add, add_waypoint, insert_waypoint
 from sfglab.view.planner.viewport import concerned
@@ -57,16 +48,16 @@ def put(editor, id_, key, value):
 
 
 def test_waypoints_are_listed_under_their_trajectory_alone_and_no_more_rows_than_bearable(editor):
-    assert [r.id for r in rows_of(editor.scene, ())] == [1, 2, 3, 6, 7]
+    assert [r.id for r in looks.rows_of(editor.scene, ())] == [1, 2, 3, 6, 7]
     for selected in (3, 4):
-        assert [r.id for r in rows_of(editor.scene, (selected,))] == [1, 2, 3, 4, 5, 6, 7]
-    depths = {r.id: r.depth for r in rows_of(editor.scene, (4,))}
+        assert [r.id for r in looks.rows_of(editor.scene, (selected,))] == [1, 2, 3, 4, 5, 6, 7]
+    depths = {r.id: r.depth for r in looks.rows_of(editor.scene, (4,))}
     assert (depths[1], depths[2], depths[4]) == (0, 1, 1)
-    assert [r.id for r in rows_of(editor.scene, (4,)) if r.selected] == [4]
+    assert [r.id for r in looks.rows_of(editor.scene, (4,)) if r.selected] == [4]
     editor = Editor()
-    for i in range(MOST_ROWS + 5):
+    for i in range(looks.MOST_ROWS + 5):
         editor.add("agent", f"a{i}")
-    assert len(rows_of(editor.scene, ())) == MOST_ROWS
+    assert len(looks.rows_of(editor.scene, ())) == looks.MOST_ROWS
 
 
 # fields
@@ -160,39 +151,41 @@ def test_straight_up_or_down_the_turn_still_describes_the_same_orientation(pitch
 
 def test_agents_keep_their_colours_when_they_are_renamed_and_differ(editor):
     other = editor.add("agent", "cat")
-    before = agent_colours(editor.scene)
+    before = looks.agent_colours(editor.scene)
     put(editor, other, "name", "a cat")
-    assert agent_colours(editor.scene) == before
+    assert looks.agent_colours(editor.scene) == before
     assert before[2] != before[other]
 
 
 def test_a_line_passes_every_waypoint_and_faster_is_brighter(editor):
-    points, colours = line_of(editor.scene.world_trajectory(3), colour=(1, 2, 3))
+    points, colours = looks.line_of(editor.scene.world_trajectory(3), colour=(1, 2, 3))
     assert points[0, 0].tolist() == [0, 0, 0]
     assert points[-1, 1].tolist() == [2, 0, 0]
     assert (points[1:, 0] == points[:-1, 1]).all()
     assert (colours == (1, 2, 3)).all()
-    alone, none = line_of(Trajectory.standing(Pose()), colour=(1, 2, 3))
+    alone, none = looks.line_of(Trajectory.standing(Pose()), colour=(1, 2, 3))
     assert alone.shape == none.shape == (0, 2, 3)
     path = editor.scene.world_trajectory(3)  # 1 m/s
-    dim, bright = (line_of(path, colour=(0, 0, 0), top_m_s=top)[1].astype(int).sum() for top in (4.0, 1.0))
+    dim, bright = (
+        looks.line_of(path, colour=(0, 0, 0), top_m_s=top)[1].astype(int).sum() for top in (4.0, 1.0)
+    )
     assert dim < bright
-    assert (ramp(np.array([1.0, 7.0])) == ramp(np.array([1.0]))).all()
-    assert linear(np.array([[0, 255, 128]], np.uint8)).tolist() == [[0, 255, 55]]
+    assert (looks.ramp(np.array([1.0, 7.0])) == looks.ramp(np.array([1.0]))).all()
+    assert looks.linear(np.array([[0, 255, 128]], np.uint8)).tolist() == [[0, 255, 55]]
 
 
 @pytest.mark.parametrize(
     "shape", [Box(size_m=(1, 2, 3)), Sphere(radius_m=0.7), Cylinder(radius_m=0.4, height_m=1.5)]
 )
 def test_an_outline_lies_on_its_body(shape):
-    edges = outline_of(shape).reshape(-1, 3).astype(float)
+    edges = looks.outline_of(shape).reshape(-1, 3).astype(float)
     assert np.abs(shape.distances_m(edges)).max() < 1e-6
 
 
 def test_the_camera_sees_an_empty_scene_and_stands_outside_of_a_large_one(editor):
-    assert camera_for(Scene())[1] == (0.0, 0.0, 0.0)
+    assert looks.camera_for(Scene())[1] == (0.0, 0.0, 0.0)
     editor.add("zone", "hall", shape=Box(size_m=(30.0, 30.0, 4.0)))
-    position, look_at = camera_for(editor.scene)
+    position, look_at = looks.camera_for(editor.scene)
     assert np.linalg.norm(np.subtract(position, look_at)) > 15.0
 
 

@@ -8,17 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from sfglab.errors import InvalidValueError
 from sfglab.messages import default_message, message_type
-from sfglab.view.geometry import (
-    cloud_colors,
-    cloud_points,
-    colors_by_value,
-    covariance_ellipsoid,
-    depth_in_m,
-    depth_points,
-    pinhole_matrix,
-    pixels,
-    scan_points,
-)
+from sfglab.view import geometry
 
 K = np.array([[500.0, 0, 320], [0, 400.0, 180], [0, 0, 1]])
 rng = np.random.default_rng(0)
@@ -38,16 +28,16 @@ rng = np.random.default_rng(0)
 def test_pixels_are_what_was_sent_whatever_the_padding(make_image, encoding, dtype, channels, padding):
     shape = (4, 5, channels) if channels > 1 else (4, 5)
     array = rng.integers(0, 255, shape).astype(dtype)
-    assert np.array_equal(pixels(make_image(array, encoding, padding=padding)), array)
+    assert np.array_equal(geometry.pixels(make_image(array, encoding, padding=padding)), array)
 
 
 def test_pixels_of_the_other_byte_order_are_turned_and_without_padding_not_copied(make_image):
     array = rng.integers(0, 65535, (3, 4)).astype(np.uint16)
     message = make_image(array.byteswap(), "16UC1")
     message.is_bigendian = 1
-    assert np.array_equal(pixels(message), array)
+    assert np.array_equal(geometry.pixels(message), array)
     message = make_image(np.zeros((4, 5, 3), np.uint8), "rgb8")
-    assert np.shares_memory(pixels(message), message.data)
+    assert np.shares_memory(geometry.pixels(message), message.data)
 
 
 def test_an_image_that_contradicts_itself_is_refused(make_image):
@@ -56,20 +46,20 @@ def test_an_image_that_contradicts_itself_is_refused(make_image):
     with pytest.raises(
         InvalidValueError, match="image data: given '20 bytes with step 5', allowed: at least 400 rows"
     ):
-        pixels(message)
+        geometry.pixels(message)
     message.encoding = "yuv9"
     with pytest.raises(InvalidValueError, match="image encoding: given 'yuv9', allowed: mono8"):
-        pixels(message)
+        geometry.pixels(message)
 
 
 def test_depth_is_metres_with_holes_as_nan():
-    assert np.allclose(depth_in_m(np.array([[1500, 0]], np.uint16)), [[1.5, np.nan]], equal_nan=True)
+    assert np.allclose(geometry.depth_in_m(np.array([[1500, 0]], np.uint16)), [[1.5, np.nan]], equal_nan=True)
 
 
 @given(st.integers(1, 7), st.integers(0, 2**31))
 def test_points_of_a_depth_image_project_back_to_their_pixels(decimation, seed):
     depth = np.random.default_rng(seed).integers(0, 9000, (30, 41)).astype(np.uint16)
-    points, colors = depth_points(depth, K, decimation=decimation, max_m=8.0)
+    points, colors = geometry.depth_points(depth, K, decimation=decimation, max_m=8.0)
     assert colors is None
     u = points[:, 0] / points[:, 2] * K[0, 0] + K[0, 2]
     v = points[:, 1] / points[:, 2] * K[1, 1] + K[1, 2]
@@ -85,7 +75,7 @@ def test_points_take_the_colour_of_their_pixel_also_from_a_picture_of_another_si
     depth = np.full((4, 6), 2.0, np.float32)
     depth[1, 2] = np.nan
     color = rng.integers(0, 255, (8, 12, 3)).astype(np.uint8)
-    _, colors = depth_points(depth, K, color=color)
+    _, colors = geometry.depth_points(depth, K, color=color)
     rows, columns = np.nonzero(np.isfinite(depth))
     assert np.array_equal(colors, color[2 * rows, 2 * columns])
 
@@ -93,19 +83,19 @@ def test_points_take_the_colour_of_their_pixel_also_from_a_picture_of_another_si
 def test_the_rectified_matrix_is_p_and_k_only_without_it():
     info = default_message("sensor_msgs/msg/CameraInfo")
     info.k = K.reshape(-1)
-    assert np.array_equal(pinhole_matrix(info), K)
+    assert np.array_equal(geometry.pinhole_matrix(info), K)
     info.p = np.hstack([2 * K, np.zeros((3, 1))]).reshape(-1)
-    assert np.array_equal(pinhole_matrix(info), 2 * K)
+    assert np.array_equal(geometry.pinhole_matrix(info), 2 * K)
     info.p, info.k = np.zeros(12), np.zeros(9)
     with pytest.raises(InvalidValueError, match="positive focal lengths"):
-        pinhole_matrix(info)
+        geometry.pinhole_matrix(info)
 
 
 def test_a_scan_is_points_on_its_rays_and_its_range_limits_hold():
     scan = default_message("sensor_msgs/msg/LaserScan")
     scan.angle_min, scan.angle_increment, scan.range_min, scan.range_max = 0.0, np.pi / 2, 0.1, 10.0
     scan.ranges = np.array([1, 2, np.inf, 0.05, np.nan, 11, 3], np.float32)
-    assert np.allclose(scan_points(scan), [[1, 0, 0], [0, 2, 0], [-3, 0, 0]], atol=1e-5)
+    assert np.allclose(geometry.scan_points(scan), [[1, 0, 0], [0, 2, 0], [-3, 0, 0]], atol=1e-5)
 
 
 def cloud(records, *, row_step=None, height=1):
@@ -139,45 +129,45 @@ def test_a_cloud_gives_its_finite_points_and_their_fields(order, row_step):
     records = np.zeros(10, dtype)
     records["x"], records["ring"], records["rgb"] = range(10), range(10), 0x00102030
     records["z"][3] = np.nan
-    points, kept = cloud_points(cloud(records, row_step=row_step, height=2))
+    points, kept = geometry.cloud_points(cloud(records, row_step=row_step, height=2))
     assert np.array_equal(points[:, 0], [0, 1, 2, 4, 5, 6, 7, 8, 9])
     assert np.array_equal(kept["ring"], points[:, 0])
-    assert np.array_equal(cloud_colors(kept), [[0x10, 0x20, 0x30]] * 9)
+    assert np.array_equal(geometry.cloud_colors(kept), [[0x10, 0x20, 0x30]] * 9)
 
 
 def test_a_colour_packed_into_a_float_is_the_same_and_colours_run_from_blue_to_red():
     dtype = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("rgb", "<f4")])
     records = np.zeros(2, dtype)
     records["rgb"] = np.array([0xFF0000, 0x0000FF], np.uint32).view(np.float32)
-    assert np.array_equal(cloud_colors(records), [[255, 0, 0], [0, 0, 255]])
-    colors = colors_by_value(np.array([0.0, 1.0, 2.0, np.nan]))
+    assert np.array_equal(geometry.cloud_colors(records), [[255, 0, 0], [0, 0, 255]])
+    colors = geometry.colors_by_value(np.array([0.0, 1.0, 2.0, np.nan]))
     assert colors[0, 2] > colors[0, 0]
     assert colors[2, 0] > colors[2, 2]
-    assert colors_by_value(np.zeros(0)).shape == (0, 3)
-    assert len(colors_by_value(np.ones(3))) == 3
+    assert geometry.colors_by_value(np.zeros(0)).shape == (0, 3)
+    assert len(geometry.colors_by_value(np.ones(3))) == 3
 
 
 def test_a_cloud_without_coordinates_or_with_too_little_data_is_refused():
     records = np.zeros(4, np.dtype([("x", "<f4"), ("y", "<f4")]))
     with pytest.raises(InvalidValueError, match="point cloud, fields: given 'x, y', allowed: x, y, z"):
-        cloud_points(cloud(records))
+        geometry.cloud_points(cloud(records))
     message = cloud(np.zeros(4, np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4")])))
     message.data = message.data[:-1]
     with pytest.raises(InvalidValueError, match="point cloud data"):
-        cloud_points(message)
+        geometry.cloud_points(message)
 
 
 @given(st.tuples(*[st.floats(0.01, 5)] * 3), st.integers(0, 2**31))
 def test_the_ellipsoid_of_a_covariance_has_its_axes_and_their_lengths(sigmas, seed):
     turned = Rotation.random(random_state=seed).as_matrix()
     covariance = turned @ np.diag(np.square(sigmas)) @ turned.T
-    half_sizes, quaternion = covariance_ellipsoid(covariance)
+    half_sizes, quaternion = geometry.covariance_ellipsoid(covariance)
     axes = Rotation.from_quat(quaternion).as_matrix()
     assert np.allclose(sorted(half_sizes), sorted(sigmas), rtol=1e-4)
     assert np.allclose(axes @ np.diag(half_sizes**2) @ axes.T, covariance, atol=1e-6 * max(sigmas) ** 2)
 
 
 def test_no_covariance_draws_nothing_and_an_impossible_one_is_refused():
-    assert covariance_ellipsoid(np.zeros(9)) is None
+    assert geometry.covariance_ellipsoid(np.zeros(9)) is None
     with pytest.raises(InvalidValueError, match="eigenvalue: given -1"):
-        covariance_ellipsoid(np.diag([-1.0, 1, 1]))
+        geometry.covariance_ellipsoid(np.diag([-1.0, 1, 1]))
