@@ -144,8 +144,9 @@ def check(run: Run[Any], *verdicts: str, may_deviate: Sequence[str] = ()) -> str
         raise AssertionError(f"{run.experiment}: {', '.join(failed)}; expected {' or '.join(verdicts)}")
     held = [e.claim.id for e in entries if e not in wrong]
     reasons = [f"{claim} deviates: {reason}" for claim, reason in said.items()]
-    said_of = "hold" if {"reproduced", "better"}.issuperset(verdicts) else f"are {' or '.join(verdicts)}"
-    return "\n".join([f"{len(held)} claims {said_of}: {', '.join(held)}", *reasons])
+    one, held_by = len(held) == 1, {"reproduced", "better"}.issuperset(verdicts)
+    verb = ("holds" if one else "hold") if held_by else f"{'is' if one else 'are'} {' or '.join(verdicts)}"
+    return "\n".join([f"{len(held)} claim{'' if one else 's'} {verb}: {', '.join(held)}", *reasons])
 
 
 def _excuse(entry: Entry, run: Run[Any], may_deviate: Sequence[str]) -> str:

@@ -1,0 +1,122 @@
+"""The README's figures and verdicts are the ledger's of committed logs, and its snippet runs as a script.
+
+`python tests/test_readme.py` writes the figures anew.
+"""
+
+import os
+import re
+import signal
+import subprocess
+import sys
+from collections import Counter
+from contextlib import ExitStack
+from pathlib import Path
+
+import pytest
+
+from sfglab.lab.ledger import compute_ledger
+from sfglab.lab.paths import Project
+
+ROOT = Path(__file__).parents[1]
+README = ROOT / "README.md"
+BEGIN, END = "<!-- results: tests/test_readme.py -->\n", "<!-- end of results -->\n"
+RESULTS = {  # claim: what a reader takes with him, and its figure
+    "A-CPU-OURS": ("A stream is decoded once for all subscribers of a device", "decode_once_h264"),
+    "A-DISC-BYTES-OURS": ("Six robots find each other with a fraction of the bytes", "discovery_scale"),
+    "A-FIRST-OURS": ("Whoever subscribes late sees a picture at once", "latency"),
+    "B-LOSS": ("Local cache and balanced QoS lose the fewest messages under plausible conditions", "phases"),
+    "C-MAP": ("A mapping with gateways leaves few edges between software and hardware", "graph_mapping"),
+}
+INSTEAD = {  # claim: what one would otherwise take, and what ours is here
+    "A-CPU-OURS": ("a decoder in each subscriber (image_transport)", "`sfglab decoder`, shared memory"),
+    "A-CPU-SFG": ("the same", "`sfglab decoder`, over DDS to real ROS 2"),
+    "A-DISC-BYTES-OURS": ("DDS discovery of everybody by everybody", "`sfglab agent up`"),
+    "A-FIRST-OURS": ("waiting for the next key frame", "the agent's GOP cache"),
+    "A-RVL": ("PNG depth (compressed_depth_image_transport's), at its fastest level", "`rvl`"),
+}
+
+
+def _ours(entry):
+    one = entry.measured.estimate
+    spread = f" [{one.low:.3g}, {one.high:.3g}]" if one.low < one.high else ""
+    return f"{one.value:.3g}{spread} {entry.claim.unit}"
+
+
+def _paper(entry):
+    return "no number" if entry.claim.paper is None else f"{entry.claim.paper:g}"
+
+
+def block():
+    """Return the README's results, as the committed logs have them."""
+    ledger = {entry.claim.id: entry for entry in compute_ledger(Project(root=ROOT), committed=True)}
+    counts = Counter(entry.verdict.value for entry in ledger.values()).most_common()
+    lines = [
+        f"Of {len(ledger)} claims: {', '.join(f'{count} {verdict}' for verdict, count in counts)}.",
+        "",
+        "| result | paper | ours, with 95 % interval | verdict |",
+        "|---|---|---|---|",
+    ]
+    for name, (says, figure) in RESULTS.items():
+        e = ledger[name]
+        verdict = f"{e.verdict.value} ({name}, {e.measured.how.value})"
+        lines.append(f"| [{says}](figures/{figure}.png) | {_paper(e)} | {_ours(e)} | {verdict} |")
+    lines += [
+        "",
+        "What did not hold, or not as it is said:",
+        "",
+        "| claim | the paper's sentence | paper | ours | why |",
+        "|---|---|---|---|---|",
+    ]
+    for name, e in ledger.items():
+        if e.verdict.value == "deviates":
+            reason = " ".join("; ".join(e.reason.split("; ")[:2]).split()).replace("|", "/")
+            lines.append(f"| {name} ({e.claim.where}) | {e.claim.says} | {_paper(e)} | {_ours(e)} | {reason} |")
+    lines += [
+        "",
+        "What it does better than what one would otherwise take:",
+        "",
+        "| instead of | this | measured |",
+        "|---|---|---|",
+    ]
+    lines += [f"| {other} | {this} | {_ours(ledger[name])} |" for name, (other, this) in INSTEAD.items()]
+    return "\n".join(lines) + "\n"
+
+
+def readme():
+    """Return the README with its results as they should be."""
+    before, begin, rest = README.read_text(encoding="utf-8").partition(BEGIN)
+    _, end, after = rest.partition(END)
+    return before + begin + block() + end + after
+
+
+def test_the_readme_has_the_figures_and_verdicts_of_the_committed_logs():
+    """`python tests/test_readme.py` writes them anew."""
+    assert README.read_text(encoding="utf-8") == readme()
+
+
+@pytest.mark.live
+def test_the_readmes_snippet_runs_as_a_script_beside_its_two_commands(domain_id, tmp_path):
+    text = README.read_text(encoding="utf-8")
+    (snippet,) = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
+    commands = re.findall(r"^\.venv/bin/sfglab ((?:camera|decoder) /.* --domain 7)$", text, re.MULTILINE)
+    assert len(commands) == 2
+    (tmp_path / "view.py").write_text(snippet.replace("domain_id=7", f"domain_id={domain_id}"))
+    argvs = [
+        [sys.executable, "-P", "-m", "sfglab", *words.replace("7", str(domain_id)).split()]
+        for words in commands
+    ]
+    environment = os.environ | {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", "PYTHONUNBUFFERED": "1"}
+    with ExitStack() as stack:
+        for argv in [*argvs, [sys.executable, "-P", tmp_path / "view.py"]]:
+            process = stack.enter_context(
+                subprocess.Popen(
+                    argv, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True, env=environment
+                )
+            )
+            stack.callback(process.send_signal, signal.SIGINT)
+        seen = [process.stdout.readline() for _ in range(3)]
+        assert all(re.fullmatch(r"\d+ \d+\.\d+\n", line) for line in seen), seen
+
+
+if __name__ == "__main__":
+    README.write_text(readme(), encoding="utf-8")
