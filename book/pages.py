@@ -21,12 +21,17 @@ import typer
 
 import sfglab
 from sfglab.cli import app
+from sfglab.fields import bounds_of, field_docs, to_json
+from sfglab.lab.experiment import PROFILES
+from sfglab.lab.experiments import EXPERIMENTS, experiment
 from sfglab.lab.formats import FORMATS, Format
 from sfglab.lab.ledger import compute_ledger
 from sfglab.lab.paths import find_project
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
+
+    from sfglab.lab.experiment import Experiment
 
 ROOT = Path(__file__).parents[1]
 
@@ -58,6 +63,7 @@ def write_pages(folder: Path) -> None:
     for name in packages():
         (reference / "api" / f"{name}.md").write_text(package_page(name), encoding="utf-8")
     (reference / "commands.md").write_text(commands_page(), encoding="utf-8")
+    (reference / "experiments.md").write_text(experiments_page(), encoding="utf-8")
     (reference / "ledger.md").write_text(ledger_page(), encoding="utf-8")
 
 
@@ -215,6 +221,35 @@ def _command(words: str, command: Any) -> str:
 def _safe(text: str) -> str:
     """Return a plain text so that Markdown shows it as it is."""
     return re.sub(r"([*_<>\[\]`$])", r"\\\1", text)
+
+
+# Experiments
+
+
+def experiments_page() -> str:
+    """Return the page of what may be set in each experiment."""
+    about = (
+        "What may be set: `sfglab reproduce 02_depth_codecs -p frames=10`, `notebook.run(exp, profile, "
+        "frames=10)`, or by sliders; and the values of each profile. A run whose fields were changed, the seed "
+        "apart, is kept and shown, and speaks for no claim."
+    )
+    return "\n\n".join([f"# Experiments\n\n{about}", *map(_settings, map(experiment, EXPERIMENTS))]) + "\n"
+
+
+def _settings(exp: Experiment[Any]) -> str:
+    configs = [to_json(exp.config(profile)) for profile in PROFILES]
+    bounds, docs = bounds_of(exp.config_class), field_docs(exp.config_class)
+    rows = []
+    for name, text in ((name, docs.get(name, "")) for name in configs[0]):
+        values = [_short(config[name]) for config in configs]
+        rows.append([f"`{name}`", *values, str(bounds.get(name, "")), text])
+    head = ["field", *PROFILES, "bounds", "meaning"]
+    return f"## {exp.name}\n\nPaper {exp.where}.\n\n{table(head, rows)}"
+
+
+def _short(value: Any) -> str:
+    text = json.dumps(value)
+    return f"`{text}`" if len(text) < 40 else f"{len(value)} entries"
 
 
 # Packages

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import inspect
 import json
 import re
@@ -18,6 +19,7 @@ import typer
 
 from sfglab.cli import app
 from sfglab.lab.browser import Browser
+from sfglab.lab.experiments import EXPERIMENTS, experiment
 from sfglab.lab.formats import FORMATS
 
 ROOT = Path(__file__).parents[1]
@@ -85,32 +87,13 @@ def book(tmp_path_factory):
 def test_the_book_is_whole_and_needs_no_network_and_no_wide_screen(book):
     """One test, because building takes half a minute."""
     pages = {file: Page(file) for file in sorted(book.rglob("*.html")) if "_static" not in file.parts}
-    dead = []
-    for file, page in pages.items():
-        assert [at for at in page.loads if urlsplit(at).netloc] == [], file
-        for link in page.links:
-            parts = urlsplit(link)
-            target = (file.parent / unquote(parts.path)).resolve() if parts.path else file
-            if not parts.scheme and not (
-                target.is_file() and unquote(parts.fragment) in (pages[target].ids if target in pages else {""})
-            ):
-                dead.append((file.name, link))
-    assert sorted(set(dead)) == []
+    assert {at for page in pages.values() for at in page.loads if urlsplit(at).netloc} == set()
     for file in book.rglob("*.[cj]s*"):
         away = r"(?:url\(|@import|src\s*=|import\()\s*[\"'](?:https?:)?//"
         assert not re.search(away, file.read_text("utf-8", "replace")), file
+    assert {(file.name, link) for file in pages for link in dead_links(pages, file)} == set()
     shown = {file.relative_to(book).as_posix(): page.text for file, page in pages.items()}
-    for notebook in (ROOT / "notebooks").glob("*.ipynb"):
-        cells = json.loads(notebook.read_text("utf-8"))["cells"]
-        pictures = [
-            o for c in cells for o in c.get("outputs", ()) if {"image/png", "image/jpeg"} & {*o.get("data", ())}
-        ]
-        assert shown[f"notebooks/{notebook.stem}.html"].count("../_images/") >= len(pictures), notebook.stem
-    for name, form in FORMATS.items():
-        written = set(re.findall(r"class=\"pre\">(\w+)<", shown[f"reference/formats/{name}.html"]))
-        assert set(keys(form.schema())) <= written, name
-    for words in dict(commands("sfglab", typer.main.get_command(app))):
-        assert f">{words}<" in shown["reference/commands.html"], words
+    assert [*missing(shown)] == []
     with closing(Browser(PHONE, 800)) as browser:
         wide = []
         for file in pages:
@@ -119,6 +102,31 @@ def test_the_book_is_whole_and_needs_no_network_and_no_wide_screen(book):
             if browser.evaluate(WIDER):
                 wide.append(file.name)
     assert wide == []
+
+
+def dead_links(pages, file):
+    for link in pages[file].links:
+        parts = urlsplit(link)
+        target = (file.parent / unquote(parts.path)).resolve() if parts.path else file
+        ids = pages[target].ids if target in pages else {""}
+        if not parts.scheme and not (target.is_file() and unquote(parts.fragment) in ids):
+            yield link
+
+
+def missing(shown):
+    """Yield what the book lacks: notebooks' pictures, keys of files, fields of experiments, commands."""
+    for notebook in (ROOT / "notebooks").glob("*.ipynb"):
+        outputs = [o for c in json.loads(notebook.read_text("utf-8"))["cells"] for o in c.get("outputs", ())]
+        pictures = [o for o in outputs if {"image/png", "image/jpeg"} & {*o.get("data", ())}]
+        if shown[f"notebooks/{notebook.stem}.html"].count("../_images/") < len(pictures):
+            yield notebook.stem
+    for name, form in FORMATS.items():
+        written = set(re.findall(r"class=\"pre\">(\w+)<", shown[f"reference/formats/{name}.html"]))
+        yield from set(keys(form.schema())) - written
+    fields = {f.name for name in EXPERIMENTS for f in dataclasses.fields(experiment(name).config_class)}
+    yield from (name for name in fields if f">{name}<" not in shown["reference/experiments.html"])
+    words = dict(commands("sfglab", typer.main.get_command(app)))
+    yield from (word for word in words if f">{word}<" not in shown["reference/commands.html"])
 
 
 def keys(part):

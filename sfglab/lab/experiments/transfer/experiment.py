@@ -19,9 +19,8 @@ class Config(Profiled):
     refits: int = 20  #: Starts from which the model is fitted anew.
     #: Numbers of hardware subscribers for which the hardware is simulated.
     rtl_subscribers: tuple[int, ...] = SUBSCRIBERS
-    rtl_check_bytes: int = (
-        100_032  #: Bytes that the hardware moves where a law of cycles is checked; a multiple of 64.
-    )
+    #: Bytes that the hardware moves where a law of cycles is checked; a multiple of 64.
+    rtl_check_bytes: int = 100_032
     areas: bool = True  #: Whether the gateway is synthesised.
     proved: bool = False  #: Whether its control is held against the core's table by induction.
     live_bytes: tuple[int, ...] = MESSAGE_BYTES  #: Message sizes across processes; multiples of 8.
