@@ -39,6 +39,8 @@ class Joining:
     ("arrivals", "decoded", "shown", "phase"),
     [
         pytest.param("R567 L8 R8 L9 LA", "56789A", "789A", "FOLLOWING", id="the replay, then the stream"),
+        pytest.param("R56 R7 R8 L9 LA", "56789A", "69A", "FOLLOWING", id="another's replay is shown once"),
+        pytest.param("L9 R56 R7 R8 LA", "56789A", "9A", "FOLLOWING", id="another's replay beside the stream"),
         pytest.param("+R5678", "5678", "8", "JOINING", id="of a burst only the newest picture"),
         pytest.param("r5 r6 r7 R8", "5678", "8", "JOINING", id="a burst that trickles"),
         pytest.param("L78 r56", "5678", "8", "CONNECTED", id="live packets that came before wait"),

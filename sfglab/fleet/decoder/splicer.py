@@ -99,12 +99,16 @@ class Splicer(Generic[M]):
 
         Until the first picture is shown, only the newest one at hand is worth showing: what came before it
         is the past. Once the live stream has reached the chain its last picture is the present, whatever the
-        replay's sender could know of that.
+        replay's sender could know of that. Until then a replay that another asked for, and that DDS keeps until
+        that one's lease ends, may run through seconds of the past: a further picture of it has to be as new as
+        the live stream.
         """
         if not self._chain:
             return None
         packet = self._chain.popleft()
-        current = packet.shown or self.phase is Phase.CONNECTED
+        new = not self._shown_one if self._newest_live is None else packet.pts >= self._newest_live
+        new = new or self.phase is Phase.FOLLOWING
+        current = self.phase is Phase.CONNECTED or (packet.shown and new)
         show = current and (self._shown_one or not self._chain)
         self._shown_one |= show
         return Step(packet.content, show)
