@@ -11,11 +11,10 @@ from typing import Annotated
 import typer
 
 import sfglab.lab
-from sfglab.cli.buses import Json, say
 from sfglab.lab.paths import find_project
 
 
-def doctor(as_json: Json = False) -> None:
+def doctor() -> None:
     """Say in plain words what this machine can do, and what an experiment will do instead.
 
     Example:
@@ -24,7 +23,7 @@ def doctor(as_json: Json = False) -> None:
     """
     from sfglab.lab.doctor import diagnose, render
 
-    say(diagnose(), render, as_json=as_json)
+    typer.echo(render(diagnose()))
 
 
 def reproduce(

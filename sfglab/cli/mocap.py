@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from sfglab.cli.buses import Json, domain_option, say
+from sfglab.cli.buses import domain_option
 from sfglab.cli.options import unused
 from sfglab.component import on_stop, run
 from sfglab.domains import VARIABLE
@@ -127,7 +127,6 @@ def frames_lint(
     listen: Annotated[float, typer.Option(min=0.1, help="Seconds to listen.")] = 5.0,
     agents: Annotated[str, typer.Option(help="Agents whose prefixes are right, as go2,agent_x.")] = "",
     root: Annotated[str | None, typer.Option(help="The one root that there should be, e.g. map")] = None,
-    as_json: Json = False,
 ) -> None:
     """Say what is wrong with a tree of frames: parents, loops, roots, names, time.
 
@@ -156,9 +155,9 @@ def frames_lint(
         run(_listen(buffer, {"domain_id": domain, "interface": interface}, listen))
     names = frozenset(filter(None, agents.split(",")))
     findings = lint_frames(buffer.edges, rule=FrameRule(agents=names) if names else None, root=root)
-    lines = [*map(str, findings), f"{len(buffer.frames)} frames, {len(findings)} findings"]
-    values = {"frames": sorted(buffer.frames), "findings": findings}
-    say(values, lambda _: "\n".join(lines), as_json=as_json)
+    for finding in findings:
+        typer.echo(str(finding))
+    typer.echo(f"{len(buffer.frames)} frames, {len(findings)} findings")
     if findings or not buffer.frames:
         raise typer.Exit(1)
 

@@ -3,13 +3,14 @@
 import contextlib
 import os
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import psutil
 import pytest
 
 from sfglab.lab.checks import trees
-from sfglab.lab.experiments import EXPERIMENTS, experiment, latency, mocap, visualisation
+from sfglab.lab.experiments import EXPERIMENTS, experiment, latency, mocap, reliability, visualisation
 from sfglab.lab.experiments.latency.analysis import sights
 from sfglab.lab.experiments.latency.stage import PATHS
 from sfglab.lab.notebooks import find_notebooks, run_notebooks
@@ -53,6 +54,7 @@ FIGURES_OF_HOSTS = {
     "07_latency": {"latency"},
     "14_mocap": {"mocap_error", "mocap_offset", "mocap_trees"},
     "16_visualisation": {"visualisation_latency", "visualisation_points"},
+    "20_reliability": {"reliability"},
 }
 FIGURES = FIGURES_ANYWHERE | FIGURES_OF_HOSTS
 LIVE = [pytest.mark.live, pytest.mark.netns]
@@ -131,10 +133,20 @@ def everything_is_shown(run):
     assert run.log.stat().st_size < 500_000
 
 
+def everything_recovers(run):
+    """After each fault, whenever that was; in order, without repeats, and nothing is left."""
+    # How soon depends on the machine.
+    run.config = replace(run.config, limit_s=reliability.GIVEN_UP_S)
+    assert reliability.problems(run) == []
+    assert run["process"]["t_s"].max() > run["fault"]["begin_s"].max() > 20, "all are followed to the end"
+    assert set(run["process"]["who"]) == {*reliability.COMPONENTS[:-1], "agent", "nodes"}
+
+
 LIVE_RUNS = {
     "07_latency": pictures_are_present,
     "14_mocap": the_bridge_keeps_the_tree_whole,
     "16_visualisation": everything_is_shown,
+    "20_reliability": everything_recovers,
 }
 """What the logs of live runs say beside their claims."""
 

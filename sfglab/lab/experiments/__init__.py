@@ -33,6 +33,7 @@ EXPERIMENTS = (
     "visualisation",
     "deployment",
     "ros2",
+    "reliability",
 )
 
 
