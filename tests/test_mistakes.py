@@ -2,7 +2,9 @@
 
 import re
 import signal
+import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -245,3 +247,57 @@ def test_options_that_nothing_looks_at_and_kinds_of_text(command, says, attempt,
     said = attempt(*(word.replace("OUT", str(tmp_path / "out")) for word in command.split()))
     assert says in said
     assert not list(tmp_path.iterdir())
+
+
+WRITERS = [
+    f"fleet router {FLEET} --agent go2 -o OUT/a.yaml",
+    f"fleet security {FLEET} --out OUT/keys",
+    f"qos {QOS} --out OUT/q",
+    f"map {GRAPH} --out OUT/g.yaml --figure OUT/g.png",
+    "schema fleet --out OUT/s.json",
+    "interfaces OUT",
+    f"deploy render {DATA}/fleets/esslingen.yaml -o OUT/r",
+    f"view {LOG} --to OUT/v.rrd",
+    f"log convert {LOG} -o OUT/c.mcap",
+]
+
+
+@pytest.mark.parametrize("command", WRITERS)
+@pytest.mark.parametrize("mistake", ["below a file", "too long"])
+def test_an_output_that_cannot_be(command, mistake, tmp_path, attempt):
+    (tmp_path / "file").write_text("kept")
+    out = tmp_path / ("file" if mistake == "below a file" else "x" * 300)
+    attempt(*command.replace("OUT", str(out)).split())
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]
+    assert (tmp_path / "file").read_text() == "kept"
+
+
+MOUNT = """mount -t tmpfs -o size=4k none {out} && {more} && {run}
+code=$?; find {out} -mindepth 1 -name '[!f]*'; exit $code"""
+FULL, READ_ONLY = "head -c 4096 /dev/zero > {out}/filler", "mount -o remount,ro {out}"
+
+
+@pytest.mark.netns
+@pytest.mark.parametrize(
+    ("command", "more"), [*((w, FULL) for w in WRITERS), *((w, READ_ONLY) for w in WRITERS[:3])]
+)
+def test_a_disk_that_is_full_or_read_only(command, more, tmp_path):
+    """In mounts of the process's own."""
+    run = f"{sys.executable} -P -m sfglab {command.replace('OUT', str(tmp_path))} >/dev/null"
+    script = MOUNT.format(out=tmp_path, more=more.format(out=tmp_path), run=run)
+    done = subprocess.run(["unshare", "-rm", "sh", "-c", script], capture_output=True, text=True, check=False)
+    assert done.returncode in (1, 2)
+    assert re.fullmatch(r"sfglab: [^\n]*\n", done.stderr), done.stderr
+    assert not done.stdout, "something half is left"
+
+
+@pytest.mark.live
+@pytest.mark.parametrize("delay_s", [0.1, 2.0])
+@pytest.mark.parametrize("command", ["claims", f"qos {QOS} --front", "frames lint --domain 99 --listen 60"])
+def test_ctrl_c_is_one_line(command, delay_s):
+    argv = [sys.executable, "-P", "-m", "sfglab", *command.split()]
+    with subprocess.Popen(argv, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        time.sleep(delay_s)
+        process.send_signal(signal.SIGINT)
+        _, said = process.communicate(timeout=LIMIT_S)
+    assert said in ("", "sfglab: interrupted\n")  # empty: it had ended, or Python itself had not begun

@@ -77,6 +77,7 @@ def view(
     """
     from sfglab.view.app import ViewOptions
 
+    os.environ.setdefault("RUST_LOG", "off")  # Rerun's own lines; what fails is said once, by us
     options = ViewOptions(
         to=tuple(to or _default_place()),
         fleet=fleet,

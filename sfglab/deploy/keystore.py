@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 from sfglab.deploy.errors import DeployError, MissingProgramError
 from sfglab.deploy.files import render
 from sfglab.deploy.permissions import LAST_DOMAIN, render_permissions
+from sfglab.errors import why
 
 try:
     from cryptography import x509
@@ -90,7 +91,7 @@ def make_keystore(
             enclaves.append(_judge(fleet, folder, now) if kept else _issue(fleet, folder, (key, cert), valid))
         return tuple(enclaves)
     except OSError as error:
-        raise DeployError(f"{root}: {error}") from error
+        raise DeployError(f"{root}: {why(error)}, allowed: a folder that can be written") from error
 
 
 def _create(root: Path, valid: _Times) -> None:

@@ -63,9 +63,9 @@ _IMAGE_BYTES = 128 * 1024  #: A batch of this size leaves at once: a picture doe
 class RerunCanvas:
     """A recording to draw on, from one thread; made by `open_canvas`."""
 
-    def __init__(self, recording: Any, where: str) -> None:
+    def __init__(self, recording: Any, to: Sequence[str]) -> None:
         self.recording = recording  #: For what only Rerun can do.
-        self._where = where
+        self._to, self._where = to, " and ".join(to)
         #: What was drawn since the sinks last had everything: of messages, as they arrived; below a window.
         self.pending_bytes = 0
         self._now_ns = self._flushed_ns = 0
@@ -149,6 +149,9 @@ class RerunCanvas:
         self._closed = True
         try:
             self.flush()
+        except SinkError:
+            _discard(self._to)
+            raise
         finally:
             with suppress(RuntimeError):
                 self.recording.disconnect()
@@ -190,8 +193,9 @@ def open_canvas(to: Sequence[str], *, title: str = "sfglab", memory: str = "25%"
     except SfglabError:
         raise
     except (RuntimeError, ValueError, OSError) as error:
+        _discard(to, emptied=True)
         raise SinkError(f"{where} cannot be opened: {error}") from error
-    return RerunCanvas(recording, where)
+    return RerunCanvas(recording, to)
 
 
 def _sink(place: str, recording: Any, memory: str) -> Any:
@@ -221,6 +225,13 @@ def _bound(place: str, rest: str) -> tuple[str, int]:
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         probe.bind(bound)
     return bound
+
+
+def _discard(to: Sequence[str], *, emptied: bool = False) -> None:
+    """Remove files that are not whole; with `emptied` those in which nothing stands."""
+    for path in (Path(place) for place in to if place.endswith(".rrd")):
+        if path.is_file() and not (emptied and path.stat().st_size):
+            path.unlink()
 
 
 def _file_sink(path: Path) -> Any:

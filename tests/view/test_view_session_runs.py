@@ -337,7 +337,7 @@ class Recording:
 def test_a_canvas_waits_for_its_sinks_by_bytes_and_by_time_and_says_when_they_are_gone():
     pytest.importorskip("rerun", reason="the extra 'view' is not installed")
     recording = Recording()
-    canvas = RerunCanvas(recording, "the viewer")
+    canvas = RerunCanvas(recording, ["the viewer"])
     for number in range(100):
         canvas.at(stamp_ns=number, received_ns=number)
         canvas.settle(WINDOW_BYTES // 8)
