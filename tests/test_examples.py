@@ -1,6 +1,7 @@
 """Every command's help: an example, whole descriptions; and each example that can end is run."""
 
 import itertools
+import json
 import re
 import shlex
 import shutil
@@ -167,6 +168,26 @@ def test_help_has_an_example_and_the_list_of_commands_its_whole_description(name
 def pairs(example):
     """Yield each word with the one before it."""
     return itertools.pairwise(["", *words_of(example)])
+
+
+REPORTS = (
+    *(
+        "doctor",
+        "claims",
+        "deploy detect",
+        "log data/reference/mocap.mcap",
+        "log info data/reference/mocap.mcap",
+    ),
+    *("fleet lint data/fleets/lab.yaml", "fleet check go2.yaml", "frames lint run.mcap"),
+    *("qos data/qos/paper_b.yaml", "map data/graphs/figure_8.yaml", "deploy plan data/fleets/lab.yaml"),
+)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("command", REPORTS)
+def test_what_reports_does_so_as_json(command, folder):
+    status = int(command.startswith("deploy plan"))  # of machines that nothing names
+    assert json.loads(called(*command.split(), "--json", status=status)) is not None
 
 
 def status_of(example):

@@ -12,6 +12,7 @@ import typer
 from sfglab.component import run, run_until_interrupted
 from sfglab.domains import MAX_DOMAIN, VARIABLE
 from sfglab.errors import InvalidValueError, SfglabError
+from sfglab.fields import to_json
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Coroutine, Iterable
@@ -113,9 +114,17 @@ async def call(node: Node, type_: str, service: str, request: Any, timeout_s: fl
     return await client.call(request, timeout_s)
 
 
+def say(values: Any, text: Callable[[Any], str], *, as_json: bool) -> None:
+    """Print values as JSON, or as their text."""
+    if as_json:
+        tell(values)
+    else:
+        typer.echo(text(values).removesuffix("\n"))
+
+
 def tell(values: Any) -> None:
     """Print values as a line of JSON, at once."""
-    typer.echo(json.dumps(values, ensure_ascii=False))
+    typer.echo(json.dumps(to_json(values), ensure_ascii=False, default=str))
 
 
 def list_names(found: dict[str, tuple[str, ...]], *, show_types: bool, count: bool, as_json: bool) -> None:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from sfglab.cli.buses import Json, say
 from sfglab.deploy.errors import DeployError
 
 if TYPE_CHECKING:
@@ -37,6 +39,7 @@ _Diff = Annotated[bool, typer.Option("--diff", help="Show changed texts line by 
 @app.command()
 def detect(
     root: Annotated[Path, typer.Option(help="Folder that stands for the machine's root.")] = Path("/"),
+    as_json: Json = False,
 ) -> None:
     """Say which accelerator a machine has and why, and which codecs really open here.
 
@@ -52,7 +55,9 @@ def detect(
 
     machine = detect_machine(root)
     here = root.resolve() == Path("/")
-    typer.echo(render_machine(machine, codecs_found(machine) if here else None))
+    codecs = codecs_found(machine) if here else None
+    values = {"machine": machine, "codecs": codecs}
+    say(values, lambda _: render_machine(machine, codecs), as_json=as_json)
 
 
 @app.command()
@@ -62,6 +67,7 @@ def plan(
     root: _Root = None,
     accelerator: _Accelerator = None,
     diff: _Diff = False,
+    as_json: Json = False,
 ) -> None:
     """Say what would change on each machine; changes nothing.
 
@@ -76,7 +82,7 @@ def plan(
     from sfglab.deploy.rollout import render_prospects
 
     prospects = [prospect for prospect, _ in _prospects(_source(fleet, agent, accelerator), agent, root)]
-    typer.echo(render_prospects(prospects, diff=diff), nl=False)
+    say(prospects, partial(render_prospects, diff=diff), as_json=as_json)
     raise typer.Exit(any(prospect.plan is None for prospect in prospects))
 
 
@@ -109,6 +115,7 @@ def check(
     agent: _Agents = None,
     accelerator: _Accelerator = None,
     every: Annotated[bool, typer.Option("--all", help="List what holds as well.")] = False,
+    as_json: Json = False,
 ) -> None:
     """Check a fleet and everything that would be made of it; ends with 1 if something does not hold.
 
@@ -124,7 +131,7 @@ def check(
     source = _source(fleet, agent, accelerator)
     release, _ = make_release(SOURCE, source.text)
     verdicts = check_fleet(source, release, agents=tuple(agent or ()), detect=detect_over)
-    typer.echo(render_verdicts(verdicts, every=every))
+    say(verdicts, partial(render_verdicts, every=every), as_json=as_json)
     raise typer.Exit(fails(verdicts))
 
 
@@ -169,7 +176,7 @@ def apply(
 
 
 @app.command()
-def releases(fleet: _Fleet, agent: _Agents = None, root: _Root = None) -> None:
+def releases(fleet: _Fleet, agent: _Agents = None, root: _Root = None, as_json: Json = False) -> None:
     """List the releases that each machine keeps, the newest first: what `apply --tag` can go back to.
 
     Example:
@@ -189,7 +196,8 @@ def releases(fleet: _Fleet, agent: _Agents = None, root: _Root = None) -> None:
             raise DeployError(f"{fleet}: agents.{name}: nothing says which machine it runs on")
         try:
             found = kept(transport_to(host, root=root), f"{HOME}/{name}")
-            typer.echo(f"{name}: {', '.join(found) or 'none'}")
+            text = f"{name}: {', '.join(found) or 'none'}"
+            say({name: found}, lambda _, text=text: text, as_json=as_json)  # type: ignore[misc]
         except DeployError as error:
             typer.echo(f"sfglab: {error}", err=True)
             failed = True

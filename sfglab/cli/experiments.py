@@ -11,10 +11,11 @@ from typing import Annotated
 import typer
 
 import sfglab.lab
+from sfglab.cli.buses import Json, say
 from sfglab.lab.paths import find_project
 
 
-def doctor() -> None:
+def doctor(as_json: Json = False) -> None:
     """Say in plain words what this machine can do, and what an experiment will do instead.
 
     Example:
@@ -23,7 +24,7 @@ def doctor() -> None:
     """
     from sfglab.lab.doctor import diagnose, render
 
-    typer.echo(render(diagnose()))
+    say(diagnose(), render, as_json=as_json)
 
 
 def reproduce(

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from sfglab.cli.buses import Domain, domain_option
+from sfglab.cli.buses import Domain, Json, domain_option, say, tell
 from sfglab.cli.interfaces import Interfaces
 from sfglab.cli.options import put, unused
 from sfglab.component import run, run_until_interrupted
@@ -39,7 +39,9 @@ _Offers = Annotated[
 
 
 @fleet_app.command()
-def lint(file: Annotated[Path, typer.Argument(help="A fleet file, e.g. data/fleets/lab.yaml")]) -> None:
+def lint(
+    file: Annotated[Path, typer.Argument(help="A fleet file, e.g. data/fleets/lab.yaml")], as_json: Json = False
+) -> None:
     """Say who hears what, which services are half open, which frames clash, and what discovery will cost.
 
     Ends with 0, 1 if there are errors, 2 if the file is no fleet.
@@ -48,9 +50,14 @@ def lint(file: Annotated[Path, typer.Argument(help="A fleet file, e.g. data/flee
 
       sfglab fleet lint data/fleets/lab.yaml
     """
+    from sfglab.fleet.fleet_file import load_fleet
+    from sfglab.fleet.lint import lint as lint_fleet
     from sfglab.fleet.lint import lint_file
 
     text, code = lint_file(file)
+    if as_json and code < 2:
+        tell(lint_fleet(load_fleet(file)))
+        raise typer.Exit(code)
     typer.echo(text, nl=False)
     raise typer.Exit(code)
 
@@ -90,6 +97,7 @@ def check(
     fleet: Annotated[
         Path | None, typer.Option(help="Also: does it let through what this fleet's policy does?")
     ] = None,
+    as_json: Json = False,
 ) -> None:
     """Check a router's configuration that somebody wrote; ends with 1 if there are errors.
 
@@ -102,7 +110,7 @@ def check(
     from sfglab.fleet.lint import Severity, render_findings
 
     findings = check_file(file, policy=load_fleet(fleet).policy if fleet is not None else None)
-    typer.echo(render_findings(findings))
+    say(findings, render_findings, as_json=as_json)
     raise typer.Exit(any(finding.severity is Severity.ERROR for finding in findings))
 
 

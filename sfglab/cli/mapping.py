@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from sfglab.cli.buses import Interface
+from sfglab.cli.buses import Interface, Json, say, tell
 from sfglab.cli.options import put, unused
 from sfglab.domains import MAX_DOMAIN
 from sfglab.errors import InvalidValueError, MissingExtraError, SfglabError
@@ -100,6 +100,7 @@ def qos(
     domain: _Domain = None,
     seconds: _Seconds = 5.0,
     interface: Interface = None,
+    as_json: Json = False,
 ) -> None:
     """Say how often each topic should be sent, how deep its history and how long its deadline should be.
 
@@ -160,7 +161,10 @@ def qos(
         )
         raise InvalidValueError("--format", output_format.value, needed)
     plan = _plan(given, method, latency_price)
-    if export is None:
+    if as_json:
+        unused("with --json", "output_format", "out")
+        tell(plan)
+    elif export is None:
         _put(_plan_table(plan), "qos.txt", out)
     else:
         _put(export.render(plan), export.file, out)
@@ -317,6 +321,7 @@ def map_graph(
     domain: _Domain = None,
     seconds: _Seconds = 5.0,
     interface: Interface = None,
+    as_json: Json = False,
 ) -> None:
     """Say which topics of a ROS 2 graph go to software, to hardware or to a gateway (paper C, section 5).
 
@@ -356,7 +361,7 @@ def map_graph(
     if build is not None:
         files[build] = build_cfg(found, name=found.name or build.stem)
     modules = _verilog(found) if verilog is not None else {}
-    typer.echo(_report(mapping), nl=False)
+    say(mapping.gateways, lambda _: _report(mapping), as_json=as_json)
     put(files)
     put(modules, verilog)
 

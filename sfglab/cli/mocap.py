@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from sfglab.cli.buses import domain_option
+from sfglab.cli.buses import Json, domain_option, say
 from sfglab.cli.options import unused
 from sfglab.component import on_stop, run
 from sfglab.domains import VARIABLE
@@ -127,6 +127,7 @@ def frames_lint(
     listen: Annotated[float, typer.Option(min=0.1, help="Seconds to listen.")] = 5.0,
     agents: Annotated[str, typer.Option(help="Agents whose prefixes are right, as go2,agent_x.")] = "",
     root: Annotated[str | None, typer.Option(help="The one root that there should be, e.g. map")] = None,
+    as_json: Json = False,
 ) -> None:
     """Say what is wrong with a tree of frames: parents, loops, roots, names, time.
 
@@ -155,9 +156,9 @@ def frames_lint(
         run(_listen(buffer, {"domain_id": domain, "interface": interface}, listen))
     names = frozenset(filter(None, agents.split(",")))
     findings = lint_frames(buffer.edges, rule=FrameRule(agents=names) if names else None, root=root)
-    for finding in findings:
-        typer.echo(str(finding))
-    typer.echo(f"{len(buffer.frames)} frames, {len(findings)} findings")
+    lines = [*map(str, findings), f"{len(buffer.frames)} frames, {len(findings)} findings"]
+    values = {"frames": sorted(buffer.frames), "findings": findings}
+    say(values, lambda _: "\n".join(lines), as_json=as_json)
     if findings or not buffer.frames:
         raise typer.Exit(1)
 

@@ -381,6 +381,8 @@ class Fleet(_Part):
     policy: Policy = field(default_factory=Policy, metadata=ELSEWHERE)  #: What crosses.
     #: Whether ROS 2's tools list on each agent what could be had from the others, before anybody subscribes.
     offers: bool = True
+    #: How agents learn what the others are: each is asked, as in the paper, or offers it on one topic of all.
+    descriptions: Literal["asked", "offered"] = "asked"
     agents: tuple[AgentSpec, ...] = field(metadata=by_name("name"))  #: In the order of the file; at least one.
     #: What is the same on all their machines.
     deployment: DeploymentSpec = field(default_factory=DeploymentSpec)

@@ -104,6 +104,13 @@ def test_a_fleet_file_says_everything():
     assert sensors[0].streams[0].rate_hz == 30
 
 
+@pytest.mark.parametrize(("descriptions", "offers"), [("asked", False), ("offered", True)])
+def test_a_fleet_file_says_whether_agents_offer_what_they_are(descriptions, offers):
+    given = arguments(config_from_fleet(replace(FLEET, descriptions=descriptions), "go2"))
+    for name, type_ in (("status", StatusConfig), ("discoverer", DiscoveryConfig)):
+        assert config_from_argument(type_, given[name]).settings.offers is offers
+
+
 def test_a_keeper_runs_where_there_is_video_and_without_lifecycle_no_status_or_discoverer():
     given = arguments(config_from_fleet(FLEET, "go2"))
     assert tuple(given) == COMPONENTS

@@ -5,6 +5,7 @@ import json
 import os
 import subprocess
 import sys
+from functools import partial
 from statistics import mean
 
 import pytest
@@ -15,6 +16,7 @@ from sfglab.errors import InvalidValueError
 from sfglab.lab.bench import Options
 from sfglab.lab.claims import How, Verdict, judge, load_claims
 from sfglab.lab.experiments.discovery import exp
+from sfglab.lab.experiments.discovery import simulated as simulated_fleets
 from sfglab.lab.experiments.discovery.experiment import (
     LAUNCHED,
     ROUTED,
@@ -281,6 +283,17 @@ def test_every_routed_agent_finds_all_others_by_two_endpoints_for_each_ordered_p
     outcome = run_fleet(Fleet(mode=ROUTED, agents=6, talkers=1, listeners=1))
     # Each agent: its heartbeats both ways and its service, and a client of every other agent's.
     assert outcome.announced == pytest.approx(6 * 4 + 2 * 6 * 5, rel=0.2)
+
+
+def test_where_descriptions_are_offered_an_agent_has_five_endpoints_however_many_there_are(monkeypatch):
+    asked = {agents: run_fleet(Fleet(mode=ROUTED, agents=agents)) for agents in (6, 12)}
+    for name in ("StatusSettings", "DiscoverySettings"):
+        monkeypatch.setattr(simulated_fleets, name, partial(getattr(simulated_fleets, name), offers=True))
+    for agents, before in asked.items():
+        outcome = run_fleet(Fleet(mode=ROUTED, agents=agents))
+        assert outcome.announced == 5 * agents
+        assert not any(host.censored for host in outcome.hosts)
+        assert mean(h.rx_bytes for h in outcome.hosts) < 0.6 * mean(h.rx_bytes for h in before.hosts)
 
 
 def test_standard_traffic_is_proportional_to_the_number_of_other_agents():

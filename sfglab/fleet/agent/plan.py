@@ -58,6 +58,8 @@ class AgentConfig:
     #: Whether ROS 2's tools list what its decoder could decode and its router could open. In the global domain
     #: it costs 0.6 kB for each topic and other agent, once.
     offers: bool = True
+    #: Whether it offers its description on a topic and reads what others offer; else it is asked, and asks.
+    describes: bool = False
     #: How ROS 2's tools read what its router and its decoder were told: over "dds" (rmw_cyclonedds), by "ros"
     #: (rmw_fastrtps, with a ROS 2 here), or not at all: twelve endpoints for each.
     parameters: Way | None = None
@@ -117,12 +119,13 @@ def _status(config: AgentConfig) -> StatusConfig:
         agent=config.agent,
         description=AgentDescription(sensors=config.sensors),
         schedule=config.schedule,
+        offers=config.describes,
     )
     return StatusConfig(address=config.local, settings=settings, detect=config.detect)
 
 
 def _discoverer(config: AgentConfig) -> DiscoveryConfig:
-    settings = DiscoverySettings(agent=config.agent, timing=config.discovery)
+    settings = DiscoverySettings(agent=config.agent, timing=config.discovery, offers=config.describes)
     return DiscoveryConfig(address=config.local, settings=settings)
 
 
@@ -176,6 +179,7 @@ def config_from_fleet(fleet: Fleet, agent: str) -> AgentConfig:
         shared_frames=spec.tf.shared_frames,
         placed_by_others=spec.tf.placed_by_others,
         offers=fleet.offers,
+        describes=fleet.descriptions == "offered",
     )
     return config if spec.lifecycle else without(config, ("status", "discoverer"))
 

@@ -16,7 +16,14 @@ from sfglab.fleet.discovery.listener import DISCOVERY_EVENT, discovery_topic
 from sfglab.fleet.lint.report import Hearing
 from sfglab.fleet.policy import Crossing, Direction
 from sfglab.fleet.router.frames import TF_TYPE
-from sfglab.fleet.status.heartbeat import AGENT_HEARTBEAT, GET_METADATA, heartbeat_topic, metadata_service
+from sfglab.fleet.status.heartbeat import (
+    AGENT_HEARTBEAT,
+    AGENT_METADATA,
+    GET_METADATA,
+    heartbeat_topic,
+    metadata_service,
+    metadata_topic,
+)
 from sfglab.names import TF, TF_STATIC, ResourceKind, dds_names
 from sfglab.qos import COMPRESSED_STREAM, LATCHED, QoSProfile
 
@@ -166,6 +173,8 @@ def _transforms(agent: AgentSpec) -> Iterator[Use]:
 def _lifecycle(agent: AgentSpec, fleet: Fleet) -> Iterator[Use]:
     for speaks in (True, False):
         yield _use(agent, heartbeat_topic(), AGENT_HEARTBEAT, speaks=speaks, qos=LATCHED, implied=True)
+        if fleet.descriptions == "offered":
+            yield _use(agent, metadata_topic(), AGENT_METADATA, speaks=speaks, qos=LATCHED, implied=True)
     yield _use(agent, discovery_topic(agent.name), DISCOVERY_EVENT, speaks=True, implied=True)
     for other in fleet.agents:
         if other.lifecycle:
