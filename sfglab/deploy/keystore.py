@@ -91,7 +91,9 @@ def make_keystore(
             enclaves.append(_judge(fleet, folder, now) if kept else _issue(fleet, folder, (key, cert), valid))
         return tuple(enclaves)
     except OSError as error:
-        raise DeployError(f"{root}: {why(error)}, allowed: a folder that can be written") from error
+        raise DeployError(
+            f"{error.filename or root}: {why(error)}, allowed: a whole keystore to write"
+        ) from error
 
 
 def _create(root: Path, valid: _Times) -> None:
