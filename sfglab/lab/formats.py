@@ -18,7 +18,8 @@ from sfglab.lab.claims import Claim, load_claims
 from sfglab.schema import Schema, schema_of
 from sfglab.soc.graph import Graph, load_graph
 from sfglab.spatial.mocap.mapping import MocapMapping, load_mapping
-from sfglab.spatial.scene.files import load_scene, scene_schema
+from sfglab.spatial.scene.files import load_scene
+from sfglab.spatial.scene.schema import scene_schema
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

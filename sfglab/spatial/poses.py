@@ -37,6 +37,14 @@ class PoseError(InvalidValueError):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class PoseKeys:
+    """A pose, as a file has it."""
+
+    position_m: Vec3  #: Along x, y and z.
+    quat_xyzw: Quat = (0.0, 0.0, 0.0, 1.0)  #: x, y, z, w, of length 1.
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Pose:
     """A position and an orientation.
 

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 from sfglab.documents import Document, DocumentError, KeyPath, Place, Section, by_name, read_by
 from sfglab.errors import InvalidValueError
 from sfglab.spatial.mocap.tracking import Capture, Limits, MocapError
-from sfglab.spatial.poses import Pose, PoseError, StampedTransform
+from sfglab.spatial.poses import Pose, PoseError, PoseKeys, StampedTransform
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -37,19 +37,12 @@ def _frame(section: Section, key: str) -> str:
     return value
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Offset:
-    """A pose."""
-
-    position_m: tuple[float, float, float]  #: Along x, y and z.
-    quat_xyzw: tuple[float, float, float, float] = Pose().quat_xyzw  #: A quaternion of length 1.
-
-
 def _offset(section: Section, key: str) -> Pose:
     inner = section.section(key)
-    given = inner.read(_Offset)
+    position, quat = inner.numbers("position_m", 3), inner.numbers("quat_xyzw", 4, Pose().quat_xyzw)
+    inner.close()
     try:
-        return Pose(position_m=given.position_m, quat_xyzw=given.quat_xyzw)
+        return Pose(position_m=position, quat_xyzw=quat)
     except PoseError as error:
         raise inner.refusal("quat_xyzw", error.given, error.allowed) from error
 
@@ -65,7 +58,7 @@ class MappedObject:
     frame: str = field(default="", metadata=read_by(_frame))
     #: Where `via` is in the object's own frame (``object_from_via``); the same place by default, else as
     #: `estimate_offset` finds it.
-    offset: Pose = field(default_factory=Pose, metadata=read_by(_offset, like=_Offset))
+    offset: Pose = field(default_factory=Pose, metadata=read_by(_offset, like=PoseKeys))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -9,15 +9,12 @@ that read back as the same float. Refuses to know defaults (`objects`) and what 
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass, field, fields, replace
-from enum import Enum
+from dataclasses import fields, replace
 from typing import TYPE_CHECKING, Any
 
 from sfglab.documents import Document, DocumentError, suggestion
 from sfglab.errors import InvalidValueError
-from sfglab.fields import bounds, field_docs, to_json
 from sfglab.files import read_text, write_files
-from sfglab.schema import Schema, SchemaMaker
 from sfglab.spatial.poses import Pose, PoseError
 from sfglab.spatial.scene.objects import KINDS, ROOT, SceneError, SceneObject, TrajectoryObject, WaypointObject
 from sfglab.spatial.scene.tree import SCENE_PROPERTIES, Draft, Scene
@@ -224,79 +221,6 @@ def _properties(section: Section, properties: Iterable[Property]) -> dict[str, A
         prop.name: prop.typed(section.get(prop.name), str(section.place_of(prop.name)))
         for prop in properties
         if section.has(prop.name)
-    }
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _PoseKeys:
-    """A pose in the parent."""
-
-    xyz_m: tuple[float, float, float]  #: Position along x, y and z.
-    quat_xyzw: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 1.0)  #: Orientation, of length 1.
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _ObjectKeys:
-    """An object of a scene."""
-
-    id: int = field(metadata=bounds(1))  #: Never given to another object.
-    name: str  #: For people; several objects may share one.
-    parent: int = ROOT  #: Id of the object that holds it; 0: none.
-    pose: _PoseKeys | None = None  #: Where it is in its parent; the parent's own place where it is left out.
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _WaypointKeys(_PoseKeys):
-    """Where a trajectory is at a time."""
-
-    id: int = field(metadata=bounds(1))  #: Never given to another object.
-    time_s: float = field(metadata=bounds(0, _LATEST_S))  #: Above the previous waypoint's.
-    name: str = ""  #: Only where somebody gave it one.
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _SceneKeys:
-    """A scene for `sfglab plan`: agents, obstacles, zones and trajectories in one tree."""
-
-    sfglab_scene: int = field(metadata=bounds(FORMAT, FORMAT))  #: Version of the format.
-    next_id: int = field(metadata=bounds(1))  #: A number above every id that was ever given.
-
-
-def scene_schema() -> Schema:
-    """Return the JSON Schema of scene files."""
-    maker = SchemaMaker()
-    top = maker.mapping(_SceneKeys)
-    top["properties"] |= _described(Scene, SCENE_PROPERTIES)
-    kinds = [_kind_schema(maker, kind) for kind in KINDS.values() if kind is not WaypointObject]
-    top["properties"]["objects"] = {
-        "description": "What stands in it.",
-        "type": "array",
-        "items": {"oneOf": kinds},
-    }
-    return maker.finished(top)
-
-
-def _kind_schema(maker: SchemaMaker, kind: type[SceneObject]) -> Schema:
-    schema = maker.mapping(_ObjectKeys)
-    schema["description"] = kind.__doc__ or ""
-    schema["properties"] = {"kind": {"const": kind.kind}} | schema["properties"]
-    schema["properties"] |= _described(kind, kind.properties)
-    schema["required"].append("kind")
-    if kind is TrajectoryObject:
-        waypoint = maker.reference(_WaypointKeys)
-        maker.definition(_WaypointKeys)["properties"] |= _described(WaypointObject, WaypointObject.properties)
-        about = "In order of time."
-        schema["properties"]["waypoints"] = {"description": about, "type": "array", "items": waypoint}
-    return schema
-
-
-def _described(kind: type[Any], properties: Iterable[Property]) -> dict[str, Schema]:
-    docs, defaults = field_docs(kind), {f.name: f.default for f in fields(kind)}
-    return {
-        p.name: {"description": docs[p.name], "default": to_json(defaults[p.name])} | p.schema
-        if isinstance(defaults[p.name], str | float | Enum)
-        else {"description": docs[p.name]} | p.schema
-        for p in properties
     }
 
 
