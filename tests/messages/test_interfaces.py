@@ -119,4 +119,4 @@ def test_our_interfaces_are_written_as_a_package_of_ament(tmp_path):
     assert all(f"find_package({name} REQUIRED)" in cmake for name in depends)
     (tmp_path / "file").touch()
     refused = CliRunner().invoke(app, ["interfaces", str(tmp_path / "file")])
-    assert "given" in str(refused.exception)
+    assert "not a directory" in str(refused.exception)

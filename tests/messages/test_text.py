@@ -10,13 +10,14 @@ from sfglab.errors import InvalidValueError
 from sfglab.messages import default_message, deserialize, message_types, serialize
 from sfglab.messages.text import Style, message_from_yaml, to_csv, to_yaml, value_at, values_of
 
+NAMES = message_types()  # as they come: other tests register some whose bounds random values do not keep
 JOINTS, STRING = "sensor_msgs/msg/JointState", "std_msgs/msg/String"
 
 
 @pytest.mark.parametrize("flow_style", [False, True])
 def test_what_is_printed_of_any_type_is_read_back(flow_style):
     rng = np.random.default_rng(5)
-    for name in message_types():
+    for name in NAMES:
         given = deserialize(serialize(random_message(rng, name)), name)
         text = to_yaml(values_of(given), flow_style=flow_style)
         read = message_from_yaml(name, text, "VALUES")

@@ -131,7 +131,7 @@ def test_commands_take_bags(bag, tmp_path):
         assert drawn["/range"]["type"] == RANGE
         assert drawn["/range"]["rate_hz"] == 1
         seen = CliRunner().invoke(app, ["view", str(target), "--to", str(tmp_path / "seen.rrd")])
-        assert seen.output.split("\n")[0] == "2 displays, 6 updates shown"
+        assert "2 displays, 6 updates shown" in seen.output.split("\n")
         with open_log(target) as log:
             shown = [(entry.topic, decoded(entry)) for entry in log.arrivals(["/tf", "/range"])]
         assert [topic for topic, _ in shown].count("/tf") == 3
