@@ -165,7 +165,6 @@ class Resource(_Standard):
     MAP = "map", _SHARED, _TOPIC
     MARKERS = "markers", _SHARED, _TOPIC
     AGENT_HEARTBEAT = "agent_heartbeat", After.SCOPE, _TOPIC
-    AGENT_METADATA = "agent_metadata", After.SCOPE, _TOPIC
     AGENT_STATUS = "agent_status", After.AGENT, _TOPIC
     AGENT_DISCOVERY_EVENT = "agent_discovery_event", After.AGENT, _TOPIC
     GET_METADATA = "get_metadata", After.AGENT, _SERVICE

@@ -13,7 +13,7 @@ from typing import Any
 
 from sfglab.errors import InvalidValueError
 from sfglab.messages import message_type, stamp_from_ns
-from sfglab.names import Resource, RosFqnBuilder, Scope
+from sfglab.names import Resource, RosFqnBuilder, Scope, Suffixed
 
 AGENT_HEARTBEAT = "sfglab_interfaces/msg/AgentHeartbeat"
 AGENT_METADATA = "sfglab_interfaces/msg/AgentMetadata"
@@ -26,8 +26,9 @@ def heartbeat_topic() -> str:
 
 
 def metadata_topic() -> str:
-    """Return ``/global/agent_metadata``, the topic on which agents offer what they are, without being asked."""
-    return str(RosFqnBuilder().scope(Scope.GLOBAL).without_agent().resource(Resource.AGENT_METADATA).build())
+    """Return ``/global/agent_heartbeat_metadata``, on which agents offer what they are, without being asked."""
+    resource = Suffixed(base=Resource.AGENT_HEARTBEAT, suffix="metadata")
+    return str(RosFqnBuilder().scope(Scope.GLOBAL).without_agent().resource(resource).build())
 
 
 def metadata_service(agent: str) -> str:
