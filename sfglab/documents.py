@@ -426,9 +426,9 @@ class Section:
                 raise self.refusal(key, key, allowed)
 
     def _slip(self, key: str) -> str:
-        """Return which unknown key a missing one was probably meant by; only a typed reader knows all keys."""
+        """Return which unknown key a missing one was probably meant by; key by key, it may be known later."""
         unknown = [other for other in self._values if other not in self._known]
-        close = get_close_matches(key, unknown, n=1) if self._all_known else []
+        close = get_close_matches(key, unknown, n=1, cutoff=0.6 if self._all_known else 0.75)
         return f"; did you mean it by {close[0]!r}?" if close else ""
 
 

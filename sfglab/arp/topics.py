@@ -156,7 +156,7 @@ def _read(document: Document) -> TopicFile:
     keys = top.read(FileKeys, whole_section=False)
     topics = tuple(_read_topic(name, section, keys.rate_max_hz) for name, section in top.members("topics"))
     if not topics:
-        raise top.refusal("topics", top.get("topics", None), "one topic at least")
+        raise top.refusal("topics", top.get("topics"), "one topic at least")
     return top.read(
         TopicFile,
         topics=topics,
