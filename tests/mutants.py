@@ -36,18 +36,8 @@ STORE = Path(__file__).parents[1] / "data" / "mutants.json"
 _DRAWN = {"ax", "axes", "figure"}  # arguments of what only draws
 _ROWS = "exchanged rows"  # drawn where the other kinds are too few: a table has one place a row
 _UNSEEN = (ast.Raise, ast.JoinedStr, ast.arguments)
-_COMPARED: dict[type[ast.cmpop], type[ast.cmpop]] = {
-    ast.Lt: ast.LtE,
-    ast.LtE: ast.Lt,
-    ast.Gt: ast.GtE,
-    ast.GtE: ast.Gt,
-    ast.Eq: ast.NotEq,
-    ast.NotEq: ast.Eq,
-    ast.In: ast.NotIn,
-    ast.NotIn: ast.In,
-    ast.Is: ast.IsNot,
-    ast.IsNot: ast.Is,
-}
+_PAIRS = (ast.Lt, ast.LtE), (ast.Gt, ast.GtE), (ast.Eq, ast.NotEq), (ast.In, ast.NotIn), (ast.Is, ast.IsNot)
+_COMPARED = {one: other for pair in _PAIRS for one, other in (pair, pair[::-1])}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -271,9 +261,7 @@ def _serve() -> None:
     os.dup2(quiet, 1)
     os.dup2(quiet, 2)
     for order in map(json.loads, sys.stdin):
-        if not order[
-            "module"
-        ]:  # here, so that libraries that are imported late are there, and what is compiled
+        if not order["module"]:  # here, so that what is imported late, and what is compiled, is there
             print(json.dumps(_seen(order)), file=answers, flush=True)
             continue
         here, there = forks.Pipe(duplex=False)

@@ -16,20 +16,8 @@ PYPROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
 
 FLOORS = (
     (
-        "names",
-        "domains",
-        "qos",
-        "errors",
-        "machine",
-        "component",
-        "fields",
-        "units",
-        "files",
-        "processes",
-        "documents",
-        "schema",
-        "tables",
-        "compiling",
+        *("names", "domains", "qos", "errors", "machine", "component", "fields", "units", "files"),
+        *("processes", "documents", "schema", "tables", "compiling"),
     ),
     ("messages", "rtps", "codecs"),
     ("bus", "record"),

@@ -88,19 +88,13 @@ def test_who_publishes_and_subscribes_decides_what_crosses(tmp_path):
     }
 
 
-@pytest.mark.parametrize(
-    ("name", "host"),
-    [
-        ("/global/go2/imu", "go2"),
-        ("/local/go2/imu", "go2"),
-        ("/robot1/lidar", "robot1"),
-        ("/global/agent_heartbeat", ""),
-        ("/tf", ""),
-        ("/", ""),
-    ],
-)
-def test_names_say_hosts(name, host):
-    assert host_of(name) == host
+HOSTS = {"/global/go2/imu": "go2", "/local/go2/imu": "go2", "/robot1/lidar": "robot1"}
+HOSTS |= dict.fromkeys(("/global/agent_heartbeat", "/tf", "/"), "")
+
+
+@pytest.mark.parametrize("name", HOSTS)
+def test_names_say_hosts(name):
+    assert host_of(name) == HOSTS[name]
 
 
 def test_a_log_with_nothing_to_plan_and_a_file_that_is_a_plan_already_are_refused():
@@ -120,9 +114,8 @@ def test_what_runs_is_recorded_for_a_plan_and_for_a_mapping(domain_id, tmp_path)
         ["pub", "-r", "20", "-p", "0", "/global/go2/word", *word],
         ["echo", "/global/go2/word", word[0]],
     )
-    peers = [
-        subprocess.Popen([sys.executable, "-m", "sfglab", "topic", *c, *at], stdout=PIPE) for c in commands
-    ]
+    topic = [sys.executable, "-m", "sfglab", "topic"]
+    peers = [subprocess.Popen([*topic, *command, *at], stdout=PIPE) for command in commands]
     try:
         peers[1].stdout.readline()  # it hears
         called("qos", *at, "--seconds", "4", "--format", "topics", "--out", str(tmp_path))

@@ -183,17 +183,13 @@ def test_foreign_streams_are_converted_by_their_own_matrix(matrix, tags):
     assert np.abs(colour_difference(foreign_stream(image, matrix=matrix, tags=tags), image)).max() <= 8
 
 
+WRONG = {"fps": 0, "bitrate_bps": -1, "gop": 0, "vbv_frames": 0.5}
+WRONG_SIZES = ({"width": 641}, {"height": 0}, {"width": 2**20, "height": 2**10})
+
+
 @pytest.mark.parametrize(
     ("change", "name"),
-    [
-        ({"width": 641}, "size"),
-        ({"height": 0}, "size"),
-        ({"width": 2**20, "height": 2**10}, "size"),
-        ({"fps": 0}, "fps"),
-        ({"bitrate_bps": -1}, "bitrate_bps"),
-        ({"gop": 0}, "gop"),
-        ({"vbv_frames": 0.5}, "vbv_frames"),
-    ],
+    [*((change, "size") for change in WRONG_SIZES), *(({name: WRONG[name]}, name) for name in WRONG)],
 )
 def test_impossible_settings_are_refused_by_name(change, name):
     with pytest.raises(CodecError, match=name):

@@ -33,9 +33,8 @@ def hardened(**more):
 
 
 def project():
-    agent = hardened(
-        networks=["agent"], environment={"SFG_AGENT_NAME": "go2"}, devices=["/dev/nvmap:/dev/nvmap"]
-    )
+    named = {"SFG_AGENT_NAME": "go2"}
+    agent = hardened(networks=["agent"], environment=named, devices=["/dev/nvmap:/dev/nvmap"])
     router = hardened(network_mode="host", depends_on=["agent"], volumes=["./router/r.yaml:/etc/r.yaml:ro"])
     return {
         "name": "sfglab-go2",
@@ -253,8 +252,7 @@ def test_volumes_are_read_in_every_form(volume, expected):
 
 
 def test_variables_are_read_in_every_form():
-    found = {
-        v.name: (v.must_be_set, v.has_default) for v in variables("$A ${B} ${C:?x} ${D?} ${E:-e} ${F-} $${G}")
-    }
+    forms = "$A ${B} ${C:?x} ${D?} ${E:-e} ${F-} $${G}"
+    found = {v.name: (v.must_be_set, v.has_default) for v in variables(forms)}
     none, needed, default = (False, False), (True, False), (False, True)
     assert found == {"A": none, "B": none, "C": needed, "D": needed, "E": default, "F": default}

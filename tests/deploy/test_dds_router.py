@@ -235,12 +235,11 @@ scalars = st.sampled_from(
 KEYS = """name kind domain port ip version specs qos threads allowlist routes src dst repeater profile verbose
     tls ca transport reliability history-depth enable period listening-addresses discovery-server-guid id"""
 keys = st.sampled_from(KEYS.split())
+SERVER = {"discovery-server-guid": {"id": 1}, "connection-addresses": [ADDRESS]}
 BASES = [
     MINIMAL,
     participants(at(port=1)),
-    participants(
-        {"name": "d", "kind": "ds", "discovery-server-guid": {"id": 1}, "connection-addresses": [ADDRESS]}
-    ),
+    participants({"name": "d", "kind": "ds", **SERVER}),
     participants({"name": "e", "kind": "echo", "verbose": True}),
     changed(
         routes=[{"src": "local", "dst": ["global"]}],

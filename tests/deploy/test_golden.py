@@ -55,9 +55,7 @@ def golden(agent: str, path: str) -> Path:
     return GOLDEN / agent / path.replace("/", "_")
 
 
-@pytest.mark.parametrize(
-    ("agent", "path"), [(agent, path) for agent, paths in REVIEWED.items() for path in paths]
-)
+@pytest.mark.parametrize(("agent", "path"), [(agent, path) for agent in REVIEWED for path in REVIEWED[agent]])
 def test_a_file_is_the_one_that_was_reviewed(agent, path):
     file = golden(agent, path)
     expected, text = file.read_text(encoding="utf-8"), rendered(agent, path)

@@ -185,9 +185,8 @@ def test_a_link_that_leads_out_of_the_other_root_is_not_followed(tmp_path):
 def test_what_stands_in_the_way_of_a_file_and_a_release_that_is_missing_end_the_run_by_name(tmp_path):
     script = machine(tmp_path)
     (tmp_path / RULES).mkdir(parents=True)
-    assert run(script, root=tmp_path, status=1).endswith(
-        f"sfglab: /{RULES}: is a folder, where a file belongs\n"
-    )
+    said = run(script, root=tmp_path, status=1)
+    assert said.endswith(f"sfglab: /{RULES}: is a folder, where a file belongs\n")
     (tmp_path / RULES).rmdir()
     (script.parents[1] / "release.env").unlink()
     says = "sfglab: release.env: missing, so that no release could start"

@@ -49,9 +49,8 @@ class Camera:
         while (width, height) == self.size:
             self.level = self.level % 200 + 1
             picture = self.picture(height, width)
-            header = message_type("std_msgs/msg/Header")(
-                stamp=stamp_from_ns(self.level * 10**9), frame_id="camera"
-            )
+            stamp = stamp_from_ns(self.level * 10**9)
+            header = message_type("std_msgs/msg/Header")(stamp=stamp, frame_id="camera")
             for packet in encoder.encode(picture):
                 fields = asdict(ffmpeg_packet_fields(packet, settings))
                 fields["data"] = np.frombuffer(fields["data"], dtype=np.uint8)

@@ -63,9 +63,8 @@ def test_short_and_long_forms_and_qos_by_value_and_by_name_become_values():
     go2, pi1 = fleet_file.read_fleet(SMALL).agents
     assert [t.name for t in go2.publishes] == ["/tf", "/global/go2/battery_state"]
     assert go2.publishes[0].qos is None
-    assert go2.publishes[1].qos == QoSProfile(
-        reliability=Reliability.BEST_EFFORT, depth=5, deadline_ns=500_000_000
-    )
+    best = Reliability.BEST_EFFORT
+    assert go2.publishes[1].qos == QoSProfile(reliability=best, depth=5, deadline_ns=500_000_000)
     assert (pi1.processes, pi1.lifecycle, pi1.tf.prefix_frames) == (1, True, True)
     fleet = fleet_file.read_fleet(
         "fleet: f\nagents: {a1: {domain: 1, subscribes: [{name: /tf_static, qos: latched}]}}"
@@ -222,8 +221,6 @@ def test_all_keys_are_read():
         ("deployment", "{tag: latest}", "deployment.tag", "images, ros, router"),
     ],
 )
-def test_a_machine_or_deployment_that_cannot_be_is_refused_with_place_and_what_is_allowed(
-    part, text, key, allowed
-):
+def test_a_machine_or_deployment_that_cannot_be_is_refused_with_place_and_allowed(part, text, key, allowed):
     with pytest.raises(DocumentError, match=rf"{re.escape(key)}.*{re.escape(allowed)}"):
         fleet_with(**{part: text})

@@ -268,9 +268,8 @@ class Fleet(RuleBasedStateMachine):
                 side = spec.path.direction.source
                 known = self.world.domains[router.domains[side]]
                 reader = known[router.open[spec]]
-                heard = {
-                    e.gid for e in known.values() if matches(e, reader) and e.participant != reader.participant
-                }
+                others = [e for e in known.values() if e.participant != reader.participant]
+                heard = {e.gid for e in others if matches(e, reader)}
                 assert heard <= {gid for r, gid in router.judged if r == reader.gid}
                 assert not set(router.open.values()) & set(router.plan.paths[spec.path].barred)
 

@@ -93,9 +93,8 @@ def test_the_status_is_told_at_every_change_and_every_five_seconds():
     async def main(world):
         told = []
         near, far = (world.node("router", domain_id=domain) for domain in (7, 0))
-        router = Router(
-            near, far, RouterSettings(agent="a"), on_status=lambda s: told.append((world.now_ns, s))
-        )
+        settings = RouterSettings(agent="a")
+        router = Router(near, far, settings, on_status=lambda status: told.append((world.now_ns, status)))
         async with beside(router.run()):
             await asyncio.sleep(22)
             quiet = len(told)

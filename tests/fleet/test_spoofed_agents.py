@@ -118,12 +118,10 @@ async def test_a_real_agent_is_discovered_beside_a_thousand_made_up_ones(sim, pu
 @pytest.mark.live
 async def test_nothing_is_kept_of_a_message_that_is_larger_than_its_process_takes(free_domains):
     one, other = free_domains(2)
-    qos = QoSProfile(depth=10)
+    qos, small = QoSProfile(depth=10), {"max_sample_bytes": 1 << 20}
     async with (
         Node("big", domain_id=one, interface="lo") as sender,
-        Node(
-            "small", domain_id=other, external_domain_id=one, interface="lo", max_sample_bytes=1 << 20
-        ) as taker,
+        Node("small", domain_id=other, external_domain_id=one, interface="lo", **small) as taker,
     ):
         heard = taker.create_subscription("std_msgs/msg/String", "/x", qos=qos)
         publisher = sender.create_publisher("std_msgs/msg/String", "/x", qos)

@@ -67,9 +67,8 @@ async def test_a_component_that_is_stopped_is_started_anew_and_the_agent_says_so
 @pytest.mark.live
 async def test_a_component_whose_loop_hangs_is_started_anew_and_one_that_beats_is_not(monkeypatch):
     monkeypatch.setattr("sfglab.processes.HANG_S", 2.0)
-    parts = [
-        Component(name=name, argv=(sys.executable, "-c", HANGS, f'"{name}"')) for name in ("hangs", "beats")
-    ]
+    program = (sys.executable, "-c", HANGS)
+    parts = [Component(name=name, argv=(*program, f'"{name}"')) for name in ("hangs", "beats")]
     async with running(*parts) as watched:
         await watched.pid("hangs", 2)
         assert watched.states("beats") == [State.STARTING, State.RUNNING]

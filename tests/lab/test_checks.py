@@ -18,9 +18,8 @@ def table(*rows):
 
 
 def test_many_checks_of_one_group_hide_none_of_another_and_nothing_is_said_if_all_hold():
-    share = share_of_checks(
-        table(("exact", "a", 1000, 1000), ("live", "b", 3, 3), ("live", "c", 1, 0)), "group"
-    )
+    rows = ("exact", "a", 1000, 1000), ("live", "b", 3, 3), ("live", "c", 1, 0)
+    share = share_of_checks(table(*rows), "group")
     assert (share.estimate.low, share.estimate.value, share.estimate.high) == (0.75, 0.75, 0.75)
     assert share.groups == {"exact": "1000 of 1000", "live": "3 of 4"}
     assert share.reason == "c: 0 of 1: x"

@@ -63,9 +63,8 @@ def judged(claim, finding):
 def test_slopes_reduction_and_terms_of_known_costs_are_found_and_explain_everything(made):
     found = slopes(made)
     assert {mode: e.value for mode, e in found.cpu.items()} == pytest.approx({"standard": NET + DEC, **IPC})
-    assert {mode: e.value for mode, e in found.net.items()} == pytest.approx(
-        {"standard": 4, "dds": 0, "proxy": 0}
-    )
+    slope = {"standard": 4, "dds": 0, "proxy": 0}
+    assert {mode: e.value for mode, e in found.net.items()} == pytest.approx(slope)
     for way, ipc in IPC.items():
         assert found.reduction[way].value == pytest.approx(100 * (1 - ipc / (NET + DEC)))
         model = cost_model(made, way=way)

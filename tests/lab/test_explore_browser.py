@@ -188,9 +188,8 @@ def test_a_figure_follows_the_sliders_that_a_reader_drags(run, browser):
     before = browser.wait_for(PICTURE, ANSWER_S)
     for share in (0.3, 0.6):
         slide(browser, "loss", share)
-        before = browser.wait_for(
-            f"(() => {{ const s = {PICTURE}; return s !== {before!r} && s; }})()", ANSWER_S
-        )
+        another = f"(() => {{ const s = {PICTURE}; return s !== {before!r} && s; }})()"
+        before = browser.wait_for(another, ANSWER_S)
     browser.press("Copy as code")
     code = browser.wait_for("document.querySelector('.jp-OutputArea textarea')?.value", ANSWER_S)
     assert "loss=0.1" in code
@@ -257,9 +256,8 @@ def test_a_waypoint_is_dragged_and_saved_in_the_scene_editors_cell(run, browser,
     browser.drag(*(pixel(camera, canvas, (-2.0, 1.0, 0.3 + height)) for height in (1.4, 1.9)))
     in_frame(browser, "Undo: Change pose", press=False)
     in_frame(browser, "Save *")
-    browser.wait_for(
-        f"![...{FRAME}.contentDocument.querySelectorAll('button')].some(b => b.innerText == 'Save *')"
-    )
+    buttons = f"[...{FRAME}.contentDocument.querySelectorAll('button')]"
+    browser.wait_for(f"!{buttons}.some(b => b.innerText == 'Save *')")
     height = load_scene(folder / "runs/scenes/hall.yaml").world_pose(10).position_m[2]
     assert height == pytest.approx(0.8, abs=0.1)
 

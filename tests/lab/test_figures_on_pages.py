@@ -73,9 +73,8 @@ def test_no_words_of_a_figure_are_on_top_of_others_and_its_png_is_of_its_shape(s
         overlap = np.minimum(box[1], behind[1]) - np.maximum(box[0], behind[0])
         assert not (overlap > _OVERLAP_PT).all(), (text, other)
     with Image.open(svg.with_suffix(".png")) as png:
-        width, height = (
-            float(x) for x in re.search(r'viewBox="0 0 ([\d.]+) ([\d.]+)"', svg.read_text()).groups()
-        )
+        size = re.search(r'viewBox="0 0 ([\d.]+) ([\d.]+)"', svg.read_text())
+        width, height = map(float, size.groups())
         assert png.width / png.height == pytest.approx(width / height, abs=0.01)
 
 

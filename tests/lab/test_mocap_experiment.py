@@ -97,12 +97,9 @@ def test_many_exact_checks_do_not_hide_a_fault(made):
 
 def test_flips_that_were_published_count_whether_or_not_a_listener_kept_them(made):
     run = made()
-    assert run["sight"].to_dict("records") == [
-        {"round": "faulty", "truth": "seen", "published": True, "count": 1}
-    ]
-    flips = pd.DataFrame(
-        [{"round": "faulty", "truth": "flipped", "published": p, "count": 3} for p in (True, False)]
-    )
+    seen = {"round": "faulty", "truth": "seen", "published": True, "count": 1}
+    assert run["sight"].to_dict("records") == [seen]
+    flips = pd.DataFrame([seen | {"truth": "flipped", "published": p, "count": 3} for p in (True, False)])
     run._known["table", "sight"] = flips.assign(log_time_ns=1)
     assert broken(run) == {"live, faulty, proxy: no flipped sight is published"}
 

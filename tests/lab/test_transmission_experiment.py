@@ -133,18 +133,12 @@ def test_our_plan_fits_the_air_and_depends_on_what_changes():
     [(0.1, 0.9, 0.8, True, True), (0.3, 0.9, 0.8, False, True), (0.1, 0.8, 0.9, True, False)],
 )
 def test_the_order_is_judged_by_winner_and_by_loser(best, small, deep, wins, worst):
-    medians = {
-        ("opt", "OPT+LC"): best,
-        ("1", "none"): small,
-        ("1000", "none"): deep,
-        ("opt", "OPT"): 0.2,
-        ("10", "LC"): 0.2,
-        ("1", "OPT"): 0.0,  # not the depth that OPT chooses: no rival
-    }
-    table = pd.DataFrame(
-        [(*key, value) for key, value in medians.items()], columns=["depth", "method", "median"]
-    )
-    judged = order_of(table)
+    medians = [
+        *(("opt", "OPT+LC", best), ("1", "none", small), ("1000", "none", deep)),
+        *(("opt", "OPT", 0.2), ("10", "LC", 0.2)),
+        ("1", "OPT", 0.0),  # not the depth that OPT chooses: no rival
+    ]
+    judged = order_of(pd.DataFrame(medians, columns=["depth", "method", "median"]))
     assert (bool(judged["wins"]), bool(judged["small_is_worst"])) == (wins, worst)
 
 

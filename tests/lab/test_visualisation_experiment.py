@@ -48,10 +48,9 @@ def recorded(parts):
         rows = []
         for number, values in enumerate(part.expected):
             stamp_ns = fleet_scene.START_NS + number * fleet_scene.PERIOD_NS
-            captured_ns = stamp_ns + fleet_scene.RECEIVED_AFTER_NS * part.type.endswith("MarkerArray")
-            times = (
-                (None, None) if part.is_timeless else (captured_ns, stamp_ns + fleet_scene.RECEIVED_AFTER_NS)
-            )
+            received_ns = stamp_ns + fleet_scene.RECEIVED_AFTER_NS
+            captured_ns = received_ns if part.type.endswith("MarkerArray") else stamp_ns
+            times = (None, None) if part.is_timeless else (captured_ns, received_ns)
             rows.append(Shown(capture_ns=times[0], received_ns=times[1], content=values))
         found[part.place] = rows
     return found
@@ -213,8 +212,6 @@ def test_the_fleet_of_the_screenshot_has_its_cloud_its_lost_agent_and_nothing_th
     root = "/agents/go2/global/camera_front/aligned_depth/compressed_depth"
     assert len(shown[f"{root}/cloud", "Points3D:positions"]) == 16
     assert len(shown[root, "DepthImage:buffer"]) == 16
-    lives = {
-        a: shown[f"/agents/{a}/communication/life", "StateChange:state"][-1].content for a in ("go2", "pi3")
-    }
-    assert lives == {"go2": ["alive"], "pi3": ["late"]}
+    for agent, life in (("go2", "alive"), ("pi3", "late")):
+        assert shown[f"/agents/{agent}/communication/life", "StateChange:state"][-1].content == [life]
     assert {entity for entity, _ in shown} >= {"/tf/go2/base", "/tf/pi1/base", "/fleet/border"}

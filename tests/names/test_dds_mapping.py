@@ -20,10 +20,9 @@ from sfglab.names import (
 from sfglab.names.grammar import WireName
 
 # Tokens that like to collide with the router's words stand among the ordinary ones.
+COLLIDING = "torq carr rq rr getRequest Reply ReqRequest Req Rep uest a"
 TOKENS = st.one_of(
-    st.sampled_from(
-        ["torq", "carr", "rq", "rr", "getRequest", "Reply", "ReqRequest", "Req", "Rep", "uest", "a"]
-    ),
+    st.sampled_from(COLLIDING.split()),
     st.from_regex(r"[a-z][a-z0-9]{0,5}(_[a-z0-9]{1,4})?(rq|rr|R|Re|Request|Reply)?", fullmatch=True),
 )
 NAMES = st.lists(TOKENS, min_size=1, max_size=5).map(lambda tokens: "/" + "/".join(tokens))

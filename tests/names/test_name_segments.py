@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sfglab.names import After, Component, Custom, FqnError, Resource, ResourceKind, Stream, Suffixed
+from sfglab.names import After, Component, Custom, FqnError, Resource, ResourceKind, Stream
 from sfglab.names.vocabulary import read_standard
 
 SETS = (Component, Stream, Resource)
@@ -109,8 +109,6 @@ def test_custom_resources_may_follow_everything_and_are_topics_unless_said_other
     assert Custom("gait", kind=ResourceKind.SERVICE) != Custom("gait")
 
 
-@pytest.mark.parametrize(
-    "value", [Resource.GET_METADATA, Suffixed(base=Stream.INFRA, suffix="1"), Custom("gait")]
-)
+@pytest.mark.parametrize("value", [Resource.GET_METADATA, Stream.INFRA.suffixed("1"), Custom("gait")])
 def test_segments_survive_pickling(value):
     assert pickle.loads(pickle.dumps(value)) == value  # noqa: S301 - our own bytes

@@ -202,9 +202,8 @@ def test_what_we_record_is_read_with_the_types_of_jazzy(tmp_path):
 
     store = get_typestore(Stores.ROS2_JAZZY)
     with Reader(tmp_path / "run.mcap") as reader:
-        read = {
-            c.topic: (c.msgtype, store.deserialize_cdr(data, c.msgtype)) for c, _, data in reader.messages()
-        }
+        cdr = {c.topic: (c.msgtype, data) for c, _, data in reader.messages()}
+        read = {topic: (kind, store.deserialize_cdr(data, kind)) for topic, (kind, data) in cdr.items()}
     assert read.keys() == given.keys()
     for topic, (kind, message) in read.items():
         assert (

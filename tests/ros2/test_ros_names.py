@@ -13,43 +13,9 @@ from sfglab.names import ResourceKind as Kind
 from sfglab.names.grammar import is_wire_ros_name
 
 PARTS = (
-    *(
-        "a",
-        "Z9",
-        "_x",
-        "x_",
-        "9",
-        "_",
-        "__",
-        "/",
-        "//",
-        "~",
-        "~/",
-        "{node}",
-        "{",
-        "}",
-        " ",
-        "\t",
-        "\n",
-        ".",
-        "-",
-    ),
-    *(
-        "ä",
-        "\u0661",
-        "\u200b",
-        "\u212a",
-        "a" * 60,
-        "local",
-        "global",
-        "rt",
-        "_action",
-        "é",
-        "tf",
-        "*",
-        "\\",
-        ":",
-    ),
+    *("a", "Z9", "_x", "x_", "9", "_", "__", "/", "//", "~", "~/", "{node}", "{", "}"),
+    *(" ", "\t", "\n", ".", "-", "ä", "\u0661", "\u200b", "\u212a", "a" * 60),
+    *("local", "global", "rt", "_action", "é", "tf", "*", "\\", ":"),
 )
 
 

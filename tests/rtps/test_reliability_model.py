@@ -41,9 +41,8 @@ def test_publications_keep_their_period():
 
 def test_samples_queue_behind_each_other_on_a_shared_medium():
     medium = replace(QUIET, shared=True)
-    flows = tuple(
-        Flow(name=n, source=n, target="station", rate_hz=10, qos=BEST_EFFORT, size_bytes=24) for n in "ab"
-    )
+    given = {"target": "station", "rate_hz": 10, "qos": BEST_EFFORT, "size_bytes": 24}
+    flows = tuple(Flow(name=name, source=name, **given) for name in "ab")
     done = run(Scenario(flows=flows, medium=medium, duration_s=1), seed=0)
     assert set(done.flows["a"].latency_ns) == {122_000}
     assert set(done.flows["b"].latency_ns) == {244_000}
@@ -229,10 +228,8 @@ def test_samples_come_in_order_after_their_publication_and_every_loss_has_a_plac
 @settings(max_examples=30, deadline=None)
 @given(st.sampled_from(list(PRESETS.values())), st.sampled_from([0.0, 0.1, 0.3]), st.integers(0, 20))
 def test_keep_all_loses_nothing(vendor, loss, seed):
-    scenario = replace(
-        one(replace(QUIET, loss=loss), vendor=vendor, qos=KEEP_ALL, duration_s=2.0), drain_s=300.0
-    )
-    assert outcome(scenario, seed).loss == 0
+    scenario = one(replace(QUIET, loss=loss), vendor=vendor, qos=KEEP_ALL, duration_s=2.0)
+    assert outcome(replace(scenario, drain_s=300.0), seed).loss == 0
 
 
 A_FLOW = Flow(name="a", source="r", target="s", rate_hz=1)

@@ -14,23 +14,10 @@ from sfglab.soc.rtl.data_path import MemoryPort
 from sfglab.soc.rtl.readers import Arbiter
 from sfglab.soc.rtl.synthesis import is_proved
 
-_REQUESTED = (
-    State.POLL_OSIF,
-    State.POLL_HMT,
-    State.FILTER_HMT,
-    State.DROP_HMT,
-    State.TO_MEMORY,
-    State.CANCEL,
-    State.CANCEL_WAIT,
-)
-_STORED = (
-    State.CANCEL,
-    State.CANCEL_WAIT,
-    State.PUBLISH,
-    State.PUBLISH_WAIT,
-    State.PUBLISH_HOLDING,
-    State.PUBLISH_WAIT_HOLDING,
-)
+_BEFORE = (State.POLL_OSIF, State.POLL_HMT, State.FILTER_HMT, State.DROP_HMT, State.TO_MEMORY)
+_REQUESTED = (*_BEFORE, State.CANCEL, State.CANCEL_WAIT)
+_PUBLISHING = (State.PUBLISH_WAIT, State.PUBLISH_WAIT_HOLDING)
+_STORED = (State.CANCEL, State.CANCEL_WAIT, State.PUBLISH, State.PUBLISH_HOLDING, *_PUBLISHING)
 _HELD = (State.FILTER_SMT, State.CLAIM, State.TO_HMT, *(s for s in State if s.name.endswith("_HOLDING")))
 
 
@@ -94,7 +81,7 @@ class _Watched(Elaboratable):
             (stored, _STORED),
             (held, _HELD),
             (self._cancelling, (State.CANCEL_WAIT,)),
-            (self._publishing, (State.PUBLISH_WAIT, State.PUBLISH_WAIT_HOLDING)),
+            (self._publishing, _PUBLISHING),
         ):
             inside = Signal()
             with m.Switch(control.state), m.Case(*(code(state) for state in states)):
@@ -155,11 +142,8 @@ class _WatchedArbiter(Elaboratable):
             for turn in range(count):
                 with m.Case(1 << turn):
                     for place, passed in enumerate(self._passed):
-                        beyond = [
-                            j
-                            for j in range(count)
-                            if (j - place) % count > (turn - place) % count or j == place
-                        ]
+                        reach = (turn - place) % count
+                        beyond = [j for j in range(count) if (j - place) % count > reach or j == place]
                         m.d.comb += Assert(~Cat(passed[j] for j in beyond).any())
                         m.d.comb += Assert(self._waited[place] | ~passed.any())
             with m.Default():

@@ -114,10 +114,9 @@ def test_three_pictures_say_ten_eight_and_three_and_one_stage_is_drawn_by_choice
 
 def test_a_graph_of_fifty_nodes_fits_a_page_with_names_that_stand_apart():
     nodes = tuple(Node(name=f"perception_node_{i}", placement=(SW, HW)[i % 3 == 0]) for i in range(50))
+    names = [node.name for node in nodes]
     topics = tuple(
-        Topic(
-            name=f"topic_{i}", publishers=(nodes[i].name,), subscribers=(nodes[i + 1].name, nodes[i + 4].name)
-        )
+        Topic(name=f"topic_{i}", publishers=(names[i],), subscribers=(names[i + 1], names[i + 4]))
         for i in range(45)
     )
     figure = Figure(layout="constrained")

@@ -17,23 +17,15 @@ def broken(state: State, given: Input, to: State) -> Table:
     return {**TABLE, state: Row(row.drive, moves)}
 
 
-@pytest.mark.parametrize(
-    "bound",
-    [
-        Bound(),
-        Bound(subscribers=2),
-        Bound(calls=2),
-        Bound(port_messages=1),
-        Bound(port_messages=4),
-        Bound(software=(3,), hardware=(3,)),
-        Bound(software=(2, 1), hardware=(1, 1)),
-        Bound(software=(1,), hardware=(1, 1, 1)),
-        Bound(software=(2,), hardware=(1,), subscribers=4),
-        Bound(software=(3,), hardware=(0,)),
-        Bound(software=(0,), hardware=(3,)),
-    ],
-    ids=str,
-)
+BOUNDS = [
+    *(Bound(), Bound(subscribers=2), Bound(calls=2), Bound(port_messages=1), Bound(port_messages=4)),
+    *(Bound(software=(3,), hardware=hardware) for hardware in ((3,), (0,))),
+    *(Bound(software=(2, 1), hardware=(1, 1)), Bound(software=(1,), hardware=(1, 1, 1))),
+    *(Bound(software=(2,), hardware=(1,), subscribers=4), Bound(software=(0,), hardware=(3,))),
+]
+
+
+@pytest.mark.parametrize("bound", BOUNDS, ids=str)
 def test_within_the_bound_every_interleaving_delivers_everything_once_in_order_without_echo(bound):
     found = explore(bound)
     assert found.counterexample is None

@@ -82,16 +82,13 @@ def test_the_driving_graph_is_placed_as_by_brute_force_and_fifty_nodes_best_of_a
 def pair(size_bytes, *, gateway_lut=0, lut=1000):
     """A publisher in software, three subscribers in hardware, and a platform."""
     hardware = Implementation(lut=100, time_s=0.0)
-    nodes = [Node(name="s")] + [
-        Node(name=f"h{i}", rate_hz=10.0, software_s=1.0, hardware=hardware) for i in range(3)
-    ]
-    topic = Topic(
-        name="t", publishers=("s",), subscribers=("h0", "h1", "h2"), size_bytes=size_bytes, rate_hz=10.0
-    )
+    heard = ("h0", "h1", "h2")
+    nodes = [Node(name=name, rate_hz=10.0, software_s=1.0, hardware=hardware) for name in heard]
+    topic = Topic(name="t", publishers=("s",), subscribers=heard, size_bytes=size_bytes, rate_hz=10.0)
     platform = Platform(
         name="p", lut=lut, bram=0.0, gateway_lut=gateway_lut, bytes_per_s=1e8, carriage_s=1e-4, gateway_s=1e-3
     )
-    return Graph(nodes=tuple(nodes), topics=(topic,)), platform
+    return Graph(nodes=(Node(name="s"), *nodes), topics=(topic,)), platform
 
 
 @pytest.mark.parametrize(

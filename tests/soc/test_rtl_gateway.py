@@ -187,9 +187,8 @@ def run(seed, words, subscribers, messages=6, limit=12_000, seen=None):
     m = Module()
     m.submodules.gateway = gateway = rtl.core.Gateway(subscribers)
     delays = rtl.Delays(read=3, write=2)
-    m.submodules.memory = memory = rtl.cycles.SlowMemory(
-        gateway.mover.master.port, [0] * SLOT_WORDS * SLOTS, delays
-    )
+    port, empty = gateway.mover.master.port, [0] * SLOT_WORDS * SLOTS
+    m.submodules.memory = memory = rtl.cycles.SlowMemory(port, empty, delays)
     ends, core = [], Core()
     visited = set() if seen is None else seen
 

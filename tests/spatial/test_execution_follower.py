@@ -176,9 +176,8 @@ def test_an_agent_that_does_not_arrive_in_time_says_so():
 
 def test_an_agent_waits_at_the_start_until_the_trajectory_begins():
     path = line(0.0, 1.0)
-    following = Follower(
-        path, state=AgentState(), now_ns=0, start_ns=5 * S, dynamics=Dynamics(), tolerances=EASY
-    )
+    given = {"state": AgentState(), "dynamics": Dynamics(), "tolerances": EASY}
+    following = Follower(path, now_ns=0, start_ns=5 * S, **given)
     progress = following.step(4 * S)
     assert (progress.share, progress.time_ns, progress.state.speed_m_s) == (0.0, -S, 0.0)
 

@@ -105,10 +105,8 @@ def test_the_history_is_that_of_a_plain_list(arrivals):
         if second < newest - 10:
             assert told is Insertion.TOO_OLD
             continue
-        replaced, late = second in rows, second < newest
-        assert told is (
-            Insertion.REPLACED if replaced else Insertion.OUT_OF_ORDER if late else Insertion.APPENDED
-        )
+        new = Insertion.OUT_OF_ORDER if second < newest else Insertion.APPENDED
+        assert told is (Insertion.REPLACED if second in rows else new)
         rows[second] = count
         plain[name] = {s: c for s, c in rows.items() if s >= max(rows) - 10}
     for name, rows in plain.items():

@@ -42,9 +42,8 @@ def test_products_and_points_are_those_of_the_matrices(a, b, point):
 @given(poses, poses, st.floats(0, 1))
 def test_interpolation_is_linear_in_position_and_scipys_slerp_in_orientation(a, b, fraction):
     between = a.interpolate(b, fraction)
-    assert np.allclose(
-        between.position_m, np.add(a.position_m, fraction * np.subtract(b.position_m, a.position_m))
-    )
+    way_m = np.subtract(b.position_m, a.position_m)
+    assert np.allclose(between.position_m, np.add(a.position_m, fraction * way_m))
     if a.angle_rad(b) < math.pi - 1e-3:  # half a turn has no short way
         slerp = Slerp([0, 1], Rotation.concatenate([a.rotation, b.rotation]))
         assert (between.rotation.inv() * slerp(fraction)).magnitude() < 1e-7

@@ -357,9 +357,8 @@ def test_loose_ends_are_warned_of():
 def test_a_spline_swings_out_of_a_lane_that_its_polyline_keeps():
     editor = Editor()
     _, path = driver(editor, "a", (0, 0), (4, 0), (4, 4), (8, 4), radius_m=0.1)
-    editor.add(
-        "obstacle", "wall", shape={"kind": "box", "size_m": [8, 0.2, 2]}, pose=Pose.at((0.0, -0.25, 0.0))
-    )
+    box = {"kind": "box", "size_m": [8, 0.2, 2]}
+    editor.add("obstacle", "wall", shape=box, pose=Pose.at((0.0, -0.25, 0.0)))
     assert editor.conflicts() == ()
     editor.do(SetProperty(id=path, key="interpolation", value="catmull_rom"))
     assert only(editor).kind is ConflictKind.OBSTACLE

@@ -35,9 +35,8 @@ def tf(parent, child, stamp_ns=0, pose=None):
 def calibration(tmp_path):
     """A log of a robot that is driven around under cameras."""
     motion, path = SyntheticMotion(), tmp_path / "calib.mcap"
-    made = synthetic_captures(
-        {"o": motion}, SyntheticConfig(rate_hz=20.0), np.random.default_rng(1), duration_s=8.0
-    )
+    config = SyntheticConfig(rate_hz=20.0)
+    made = synthetic_captures({"o": motion}, config, np.random.default_rng(1), duration_s=8.0)
     header = message_type("std_msgs/msg/Header")
     with LogWriter(path) as log:
         for capture in (m.capture for m in made):

@@ -114,9 +114,8 @@ def test_no_sample_is_closer_to_a_body_than_what_is_reported(trajectory, shape, 
     found = closest_to_shape(trajectory, shape, pose, tolerance_m=1e-2)
 
     def gap(times):
-        return shape.distances_m(
-            pose.rotation.inv().apply(motion_of(trajectory).positions(times) - pose.position_m)
-        )
+        seen_m = motion_of(trajectory).positions(times) - pose.position_m
+        return shape.distances_m(pose.rotation.inv().apply(seen_m))
 
     assert found.clearance_m <= gap(dense(trajectory)).min() + found.tolerance_m + 1e-7
     assert gap(np.array([found.time_s]))[0] == pytest.approx(found.clearance_m)

@@ -46,9 +46,7 @@ def planner(tmp_path):
     ],
 )
 @pytest.mark.parametrize("upgrade", [False, True])
-def test_only_who_knows_the_token_and_comes_from_its_own_page_is_served(
-    planner, path, headers, status, upgrade
-):
+def test_who_knows_the_token_and_comes_from_its_own_page_is_served(planner, path, headers, status, upgrade):
     values = {"token": planner._guard.token, "host": f"127.0.0.1:{planner._server.get_port()}"}
     with socket.create_connection(("127.0.0.1", planner._server.get_port())) as asking:
         given = {"Host": values["host"], **{key: value.format_map(values) for key, value in headers.items()}}

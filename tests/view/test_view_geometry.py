@@ -17,11 +17,8 @@ rng = np.random.default_rng(0)
 @pytest.mark.parametrize(
     ("encoding", "dtype", "channels"),
     [
-        ("rgb8", np.uint8, 3),
-        ("bgra8", np.uint8, 4),
-        ("mono8", np.uint8, 1),
-        ("16UC1", np.uint16, 1),
-        ("32FC1", np.float32, 1),
+        *(("rgb8", np.uint8, 3), ("bgra8", np.uint8, 4), ("mono8", np.uint8, 1)),
+        *(("16UC1", np.uint16, 1), ("32FC1", np.float32, 1)),
     ],
 )
 @pytest.mark.parametrize("padding", [0, 3])

@@ -86,8 +86,7 @@ def test_a_bgr_picture_keeps_its_order_of_channels(paper, update, make_image):
 @pytest.mark.parametrize("codec", ["jpeg", "png"])
 def test_a_still_picture_goes_to_the_viewer_as_it_is(paper, update, codec):
     fields = compressed_image_fields(np.full((4, 6, 3), 90, np.uint8), codec)
-    message = coded(fields)
-    made("compressed_image").show(update(image=message), paper)
+    made("compressed_image").show(update(image=coded(fields)), paper)
     assert values(paper.drawn[0], "media_type") == [f"image/{codec}"]
     assert bytes(values(paper.drawn[0], "blob")[0]) == fields.data
 
@@ -96,8 +95,7 @@ def test_a_still_picture_goes_to_the_viewer_as_it_is(paper, update, codec):
 @pytest.mark.parametrize("dtype", [np.uint16, np.float32])
 def test_compressed_depth_is_decoded_to_metres(paper, update, codec, dtype):
     depth = np.full((8, 8), 2000 if dtype == np.uint16 else 2.0, dtype)
-    fields = compressed_depth_fields(depth, codec)
-    message = coded(fields)
+    message = coded(compressed_depth_fields(depth, codec))
     made("compressed_image").show(update(image=message), paper)
     assert paper.kinds("/image") == ["DepthImage"]
     per_metre = values(paper.drawn[0], "meter")[0]
@@ -302,21 +300,11 @@ TRIANGLE = [(0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)]
 @pytest.mark.parametrize(
     ("type_", "points", "kind"),
     [
-        (0, (), "Arrows3D"),
-        (0, TRIANGLE[:2], "Arrows3D"),
-        (1, (), "Boxes3D"),
-        (2, (), "Ellipsoids3D"),
-        (3, (), "Cylinders3D"),
-        (4, TRIANGLE, "LineStrips3D"),
-        (5, TRIANGLE[:2] * 2, "LineStrips3D"),
-        (6, TRIANGLE, "Boxes3D"),
-        (7, TRIANGLE, "Ellipsoids3D"),
-        (8, TRIANGLE, "Points3D"),
-        (9, (), "Points3D"),
-        (11, TRIANGLE, "Mesh3D"),
-        (4, (), "LineStrips3D"),
-        (6, (), "Boxes3D"),
-        (8, (), "Points3D"),
+        *((0, (), "Arrows3D"), (0, TRIANGLE[:2], "Arrows3D")),
+        *((1, (), "Boxes3D"), (2, (), "Ellipsoids3D"), (3, (), "Cylinders3D")),
+        *((4, (), "LineStrips3D"), (4, TRIANGLE, "LineStrips3D"), (5, TRIANGLE[:2] * 2, "LineStrips3D")),
+        *((6, (), "Boxes3D"), (6, TRIANGLE, "Boxes3D"), (7, TRIANGLE, "Ellipsoids3D")),
+        *((8, (), "Points3D"), (8, TRIANGLE, "Points3D"), (9, (), "Points3D"), (11, TRIANGLE, "Mesh3D")),
     ],
 )
 def test_every_common_marker_is_drawn(paper, update, type_, points, kind):
@@ -427,10 +415,8 @@ def test_an_agents_status_is_told_with_its_description(paper, update):
     visualizer.show(update(events=event), paper)
     event.event = event.LOST
     visualizer.show(update(events=event), paper)
-    assert [values(d, "text") for d in paper.at_entity("/agents/go2/status/log")] == [
-        ["go2 discovered"],
-        ["go2 lost"],
-    ]
+    told = [values(d, "text") for d in paper.at_entity("/agents/go2/status/log")]
+    assert told == [["go2 discovered"], ["go2 lost"]]
     assert [values(d, "state") for d in paper.at_entity("/agents/go2/status")] == [["there"], ["lost"]]
     assert "camera_front" in values(paper.at_entity("/agents/go2/status/description")[0], "text")[0]
     event.event = 77
@@ -473,9 +459,8 @@ def test_depth_whose_camera_was_described_once_before_the_view_began_becomes_poi
     display = session.add("depth_cloud", {"depth": "/depth", "info": "/info"})
     assert all(q.durability.value == "transient_local" for i, _, q in display.inputs if i.role == "info")
     info = Arrival("/info", "sensor_msgs/msg/CameraInfo", 0, b"", camera_info())
-    depths = [
-        make_image(np.full((4, 6), 1.0, np.float32), "32FC1", stamp_ns=number * S) for number in range(1, 21)
-    ]
+    flat = np.full((4, 6), 1.0, np.float32)
+    depths = [make_image(flat, "32FC1", stamp_ns=number * S) for number in range(1, 21)]
     arrivals = [Arrival("/depth", "sensor_msgs/msg/Image", n * S, b"", d) for n, d in enumerate(depths)]
     replay([info, *arrivals], session, paper)
     assert display.slot.counts.shown == 20 - PATIENCE
