@@ -123,6 +123,10 @@ def check(
 
       sfglab deploy check data/fleets/esslingen.yaml
     """
+    from functools import partial
+
+    from tqdm import tqdm
+
     from sfglab.deploy.fleet_check import check_fleet, fails
     from sfglab.deploy.release import SOURCE, make_release
     from sfglab.deploy.transport import detect_over
@@ -130,7 +134,8 @@ def check(
 
     source = _source(fleet, agent, accelerator)
     release, _ = make_release(SOURCE, source.text)
-    verdicts = check_fleet(source, release, agents=tuple(agent or ()), detect=detect_over)
+    bar = partial(tqdm, total=len(agent or source.fleet.agents), unit=" agents", leave=False, disable=None)
+    verdicts = check_fleet(source, release, agents=tuple(agent or ()), detect=detect_over, progress=bar)
     say(verdicts, partial(render_verdicts, every=every), as_json=as_json)
     raise typer.Exit(fails(verdicts))
 

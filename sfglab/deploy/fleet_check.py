@@ -7,9 +7,11 @@ Files are checked in memory: nothing needs to be written, built or started for t
 from __future__ import annotations
 
 from collections import defaultdict
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from functools import cache, partial
+from os import sched_getaffinity
 from typing import TYPE_CHECKING, Any
 
 from sfglab.deploy.bundle import FleetSource, describe, render_bundle
@@ -168,10 +170,20 @@ def _no_workspace(source: FleetSource) -> Iterator[Broken[Place]]:
             yield Broken(host.place, what)
 
 
+_Checked = tuple[Verdict, ...]
+
+
 def check_fleet(
-    source: FleetSource, release: Release, *, agents: Sequence[str] = (), detect: Detect = lambda _: None
+    source: FleetSource,
+    release: Release,
+    *,
+    agents: Sequence[str] = (),
+    detect: Detect = lambda _: None,
+    progress: Callable[[Iterable[_Checked]], Iterable[_Checked]] = iter,
 ) -> tuple[Verdict, ...]:
     """Check a fleet of `load_source` and everything that would be made of it for some agents; none: for all.
+
+    Agents are checked beside each other, for linters are programs; each passes `progress` when it is.
 
     Raises:
         InvalidValueError: The fleet has no such agent.
@@ -193,11 +205,13 @@ def check_fleet(
 
     verdicts += [verdict_of("files are made", name, make, name) for name in names]
     if not fails(verdicts):
-        verdicts += (
-            Verdict(check=v.check, subject=f"{name}/{v.subject}", state=v.state, says=v.says)
-            for name, (deployment, files) in rendered.items()
-            for v in check_bundle(files, deployment)
-        )
+        with ThreadPoolExecutor(len(sched_getaffinity(0))) as pool:
+            found = pool.map(lambda made: check_bundle(made[1], made[0]), rendered.values())
+            verdicts += (
+                Verdict(check=v.check, subject=f"{name}/{v.subject}", state=v.state, says=v.says)
+                for name, checked in zip(rendered, progress(found), strict=True)
+                for v in checked
+            )
     return tuple(verdicts)
 
 
