@@ -10,6 +10,7 @@ from __future__ import annotations
 import os
 import re
 import signal
+import subprocess
 import sys
 import time
 from contextlib import contextmanager
@@ -70,7 +71,9 @@ class Terminals:
         with log.open("wb") as file:
             script = f"set -e\n{self.set_up}\n{block.text if block.mark != 'stays' else 'exec ' + block.text}"
             argv = ["bash", "-c", script]
-            shell = self.host.popen(argv, cwd=self.folder, env=environment, stdout=file, stderr=file)
+            # Without a terminal, so that JupyterLab ends at once and does not ask.
+            streams = {"stdin": subprocess.DEVNULL, "stdout": file, "stderr": file}
+            shell = self.host.popen(argv, cwd=self.folder, env=environment, **streams)
         self.set_up += "".join(f"{line}\n" for line in block.text.splitlines() if line.startswith("source "))
         if block.mark == "stays":
             self.kept.append((shell, block, log))
@@ -88,10 +91,8 @@ class Terminals:
         assert missing(block, said) == [], said
 
     def end(self) -> None:
-        for shell, block, _ in reversed(self.kept):
+        for shell, _, _ in reversed(self.kept):
             shell.send_signal(signal.SIGINT)
-            if "sfglab lab" in block.text:  # JupyterLab asks first
-                shell.send_signal(signal.SIGINT)
         for shell, block, log in self.kept:
             assert shell.wait(WAIT_S) in {0, 130}, (block, log.read_text("utf-8"))
             assert "Traceback" not in log.read_text("utf-8"), (block, log.read_text("utf-8"))
