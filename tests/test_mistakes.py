@@ -240,7 +240,7 @@ def test_a_wrong_argument(words, attempt, tmp_path, monkeypatch):
         f"mocap run {MOCAP} --domain 99 --synthetic --type pose": "--type: given without",
         "camera /global/go2/camera_front/color/ffmpeg --codec rvl --encoder libx264": "--encoder: given with",
         f"view {LOG} --to OUT.rrd --topic /typo": "the beginning of one of /",
-        "qos --fromat table": "Possible options: --format",
+        "qos --fromat table": "Possible options: --domain, --format, --front",
     }.items(),
 )
 def test_options_that_nothing_looks_at_and_kinds_of_text(command, says, attempt, tmp_path):

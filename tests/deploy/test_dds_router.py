@@ -283,9 +283,9 @@ def test_files_are_checked_by_their_name_and_refused_in_one_line(tmp_path):
     bad.write_text("participants: [")
     with pytest.raises(DocumentError, match=r"router\.yml"):
         check_file(bad)
-    for path in (tmp_path / "none.yaml", tmp_path / "router.xml"):
-        with pytest.raises(DeployError):
-            check_file(path)
+    for name, error in (("none.yaml", InvalidValueError), ("router.xml", DeployError)):
+        with pytest.raises(error, match=name):
+            check_file(tmp_path / name)
 
 
 @pytest.mark.parametrize("agent", AGENTS)

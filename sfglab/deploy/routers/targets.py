@@ -53,7 +53,8 @@ def check_file(path: Path | str, *, policy: Policy | None = None) -> tuple[Findi
     policy says what should cross, as in a fleet file; None does not ask. Findings come the worst first.
 
     Raises:
-        DeployError: The file cannot be read, or its name does not say what it is.
+        InvalidValueError: The file cannot be read.
+        DeployError: Its name does not say what it is.
         DocumentError: It is neither YAML nor JSON5.
     """
     path = Path(path)
