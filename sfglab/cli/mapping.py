@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import os
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
@@ -16,7 +17,7 @@ import typer
 
 from sfglab.cli.buses import Interface, Json, say, tell
 from sfglab.cli.options import put, unused
-from sfglab.domains import MAX_DOMAIN
+from sfglab.domains import MAX_DOMAIN, VARIABLE, usual_domain_id
 from sfglab.errors import InvalidValueError, MissingExtraError, SfglabError
 from sfglab.tables import columns
 from sfglab.units import NS_PER_MS
@@ -53,7 +54,8 @@ class _Rmw(StrEnum):
 
 
 _Domain = Annotated[
-    int | None, typer.Option(min=0, max=MAX_DOMAIN, help="DDS domain to listen to, instead of a file.")
+    int | None,
+    typer.Option(min=0, max=MAX_DOMAIN, help=f"DDS domain to listen to, without a file. [default: {VARIABLE}]"),
 ]
 _Seconds = Annotated[float, typer.Option(min=0.5, help="How long to listen to it.")]
 
@@ -179,10 +181,11 @@ def _source(file: Path | None, domain: int | None, interface: str | None, second
         unused("with a file, which is on no domain", "seconds", "interface")
         yield file
         return
+    if domain is None and os.environ.get(VARIABLE):
+        domain = usual_domain_id()
     if file is not None or domain is None:
-        raise SfglabError(
-            f"given {'both a file and' if file else 'neither a file nor'} --domain, needed is one"
-        )
+        given = "both a file and --domain" if file else f"neither a file nor --domain, and no {VARIABLE} is set"
+        raise SfglabError(f"given {given}, needed is one of them")
     with TemporaryDirectory(prefix="sfglab-") as folder:
         path = Path(folder) / f"domain {domain}.mcap"
         typer.echo(f"listening to domain {domain} for {seconds:g} s", err=True)

@@ -14,7 +14,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from sfglab.arp.recorded import host_of, topics_from_log, topics_text
 from sfglab.arp.topics import load_topics, read_topics
-from sfglab.errors import SfglabError
+from sfglab.errors import InvalidValueError, SfglabError
 from sfglab.record import LogReader, LogWriter
 from sfglab.record.traffic import COMPUTATION_GRAPH
 from sfglab.soc import load_graph
@@ -132,7 +132,11 @@ def test_what_runs_is_recorded_for_a_plan_and_for_a_mapping(domain_id, tmp_path)
     assert [len(side) for side in (mapped.publishers, mapped.subscribers)] == [1, 1]
 
 
-def test_a_file_and_a_domain_and_neither_are_refused():
+def test_a_file_and_a_domain_and_neither_are_refused(monkeypatch):
+    monkeypatch.delenv("ROS_DOMAIN_ID", raising=False)
     for given in ([], ["a.yaml", "--domain", "3"]):
-        with pytest.raises(SfglabError, match="needed is one"):
+        with pytest.raises(SfglabError, match="needed is one of them"):
             called("map", *given)
+    monkeypatch.setenv("ROS_DOMAIN_ID", "400")
+    with pytest.raises(InvalidValueError, match="ROS_DOMAIN_ID: given '400'"):
+        called("map")
