@@ -6,6 +6,7 @@ the file that ``SFGLAB_SKIPS`` names, so that `make test` can end with the skips
 """
 
 import os
+import signal
 from contextlib import ExitStack
 from functools import cache
 from importlib.util import find_spec
@@ -41,6 +42,10 @@ NEEDS = {"netns": cache(_lack_of_namespaces), "browser": cache(_lack_of_a_browse
 def pytest_configure() -> None:
     from hypothesis import settings
 
+    # As in a terminal, whoever started the tests: what is ignored here would be so in every process of theirs.
+    for number, usual in ((signal.SIGINT, signal.default_int_handler), (signal.SIGHUP, signal.SIG_DFL)):
+        if signal.getsignal(number) is signal.SIG_IGN:
+            signal.signal(number, usual)
     settings.register_profile("any machine", deadline=None)  # a busy one is slow
     settings.load_profile("any machine")
     if unknown := REQUIRED - set(NEEDS):

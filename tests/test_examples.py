@@ -20,6 +20,7 @@ from sfglab.cli import app
 from sfglab.domains import MAX_DOMAIN
 
 ROOT = Path(__file__).parents[1]
+# Two that listen for seconds are tried in test_recorded_topics.
 LIVE = r"sfglab (topic|node|service|action|param|log (record|play)|frames lint --domain|mocap run)"
 # Until Ctrl-C; `test_what_never_ends_ends_by_one_line` ends some.
 ENDLESS = (
@@ -195,7 +196,9 @@ def status_of(example):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("example", [one for one in EXAMPLES if ends(one) and not re.match(LIVE, one)])
+@pytest.mark.parametrize(
+    "example", [one for one in EXAMPLES if ends(one) and not re.match(f"{LIVE}|sfglab (qos|map) --domain", one)]
+)
 def test_examples_of_files_do_what_they_say(example, folder):
     if "bag/ --format" in example:
         called("log", "convert", "data/reference/cooperation.mcap", "-o", "topics")

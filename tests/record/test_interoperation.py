@@ -81,7 +81,7 @@ def test_rerun_opens_it(tmp_path, log_path, command):
         text=True,
         timeout=60,
         check=True,
-        env=os.environ | {"HOME": str(tmp_path), "XDG_CONFIG_HOME": str(tmp_path)},
+        env=os.environ | {"HOME": str(tmp_path), "XDG_CONFIG_HOME": str(tmp_path), "RUST_LOG": "info"},
     )
     said = done.stdout + done.stderr
     for topic in ("/camera/image", "/tf_static", "/agent", "/table/meter"):
