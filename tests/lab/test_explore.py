@@ -11,14 +11,16 @@ from pathlib import Path
 from typing import Literal
 
 import pytest
+from matplotlib.figure import Figure
 
 from sfglab.errors import InvalidValueError
-from sfglab.fields import between
-from sfglab.lab.experiments import EXPERIMENTS, discovery, experiment, transmission
+from sfglab.fields import between, to_json
+from sfglab.lab.experiments import EXPERIMENTS, depth_codecs, discovery, experiment, transmission
 from sfglab.lab.explore import explore
 from sfglab.lab.explore.form import Form, unit_of
 from sfglab.lab.notebook import draw_setup
 from sfglab.lab.paths import find_project
+from sfglab.lab.workers import preview as workers_preview
 from sfglab.lab.workers.preview import draw_look, preview
 
 pytest.importorskip("ipywidgets")
@@ -179,6 +181,45 @@ def test_a_figure_follows_only_the_newest_of_many_moves_and_what_is_kept_speaks_
         assert claims() == before
     finally:
         explorer.close()
+
+
+def test_a_look_is_drawn_where_some_methods_hear_nothing():
+    """Without a latency they have no bar: a pivoted table leaves them out, which ended the process."""
+    given = {"loss": 0.229, "depths": (3000,), "rates_hz": (100,), "seeds": 1, "duration_s": 10.0}
+
+    async def look():
+        async with preview(transmission.exp, "hello", transmission.exp.config("quick", **given)) as run:
+            assert run["cell"]["latency_p50_ms"].isna().any()
+            draw_look(transmission.exp, "hello", run)
+
+    asyncio.run(look())
+
+
+def test_a_look_that_cannot_be_drawn_is_said_and_the_next_one_is_drawn(monkeypatch):
+    reports, orders = [], asyncio.Queue()
+    drawn = iter([KeyError("not in the table"), *(Figure(figsize=(1, 1)) for _ in range(2))])  # coarse, whole
+
+    def draw(*_):
+        if isinstance(one := next(drawn), Exception):
+            raise one
+        return one
+
+    monkeypatch.setattr(workers_preview, "draw_look", draw)
+    config = to_json(depth_codecs.exp.config("smoke"))
+
+    async def serve():
+        look = next(iter(depth_codecs.exp.looks))
+        for number in range(2):
+            await workers_preview._draw(
+                depth_codecs.exp,
+                {"request": number, "look": look, "config": config},
+                reports.append,
+                orders.full,
+            )
+
+    asyncio.run(serve())
+    assert [(report["is"], report["request"]) for report in reports] == [("refused", 0), *[("picture", 1)] * 2]
+    assert "not in the table" in reports[0]["why"]
 
 
 @pytest.mark.live

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import asyncio
 import base64
+import logging
 from contextlib import asynccontextmanager
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -34,6 +35,9 @@ if TYPE_CHECKING:
 
     from sfglab.lab.experiment import Experiment
     from sfglab.lab.runs import C, Run
+
+
+_log = logging.getLogger(__name__)
 
 
 class StaleError(SfglabError):
@@ -117,6 +121,9 @@ async def _draw(
         return
     except SfglabError as error:
         report({"is": "refused", "request": request, "why": str(error)})
+    except Exception as error:  # noqa: BLE001 - what cannot be drawn must not end what comes after it
+        _log.exception("a look of %s", exp.name)
+        report({"is": "refused", "request": request, "why": f"it cannot be drawn: {error!r}"})
 
 
 async def _run(exp: Experiment[Any], task: Task, report: Callable[[Report], None]) -> None:

@@ -295,7 +295,8 @@ def draw_hello(figure: Figure, run: Run[Config]) -> None:
         (loss, "loss", "packet loss (%)", 100.0),
     ):
         table = cells(run, column).pivot_table(index="method", columns="depth", values="median")
-        table = scale * table.loc[list(METHODS), depths].set_axis(names, axis="columns")
+        # Of what never arrives there is no latency, and no bar.
+        table = scale * table.reindex(index=list(METHODS), columns=depths).set_axis(names, axis="columns")
         colors: Any = [COLORS["standard"], COLORS["proxy"]]
         table.plot.barh(ax=axes, width=0.8, legend=axes is loss, color=colors)
         axes.set(xlabel=label, ylabel="")
