@@ -84,7 +84,7 @@ mutants: $(VENV)/.tests ## Change the code under each claim's checks in 20 place
 	$(BIN)/python tests/mutants.py
 
 fuzz: export PYTHONPATH = .
-fuzz: $(VENV)/.tests ## Send hostile bytes through every door for MINUTES, one process a core, and print counts and faults
+fuzz: $(VENV)/.tests ## Send hostile bytes through every door for MINUTES, as many processes as cores, and print counts, faults and peaks of memory
 	@mkdir -p runs && for i in $$(seq $$(nproc)); do \
 		$(BIN)/python tests/fuzz/run.py $$(( $(MINUTES) * 60 )) $$RANDOM 2> runs/fuzz.$$i.log & done; wait
 

@@ -1,31 +1,30 @@
 """A component's own side of its process: its configuration, its orders, its reports, and how it ends.
 
 A component is started as ``python -m MODULE CONFIG`` with its configuration, a dataclass, as one JSON argument.
-Orders arrive on standard input, one JSON object a line; so do reports on standard output, each of which names
-its kind: ``{"is": "ready"}`` once it serves, ``{"is": "failed", "why": ...}`` before it gives up, and what its
-own documentation names. It ends when its standard input ends, which is when whoever started it is gone, or when
-it is told to terminate; a clean-up that hangs is cut short, because nobody may be left to do so.
+Orders arrive on standard input, one JSON object a line; so do reports on standard output, each naming its kind:
+``{"is": "ready"}`` once it serves, ``{"is": "failed", "why": ...}`` before it gives up. It ends with its
+standard input, hence with whoever started it, or when told to terminate; a clean-up that hangs is cut short.
 """
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
+import io
 import json
 import os
 import signal
 import sys
-from typing import TYPE_CHECKING, Any, TypeVar
+from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine
+from typing import Any, TypeVar
 
 from sfglab.errors import SfglabError
 from sfglab.fields import from_json, to_json
 
-if TYPE_CHECKING:
-    from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine
-
-
 C = TypeVar("C")
 Report = dict[str, Any]  #: An order or a report.
+Reporter = Callable[[Report], None]  #: Takes a report.
+Orders = asyncio.Queue[Report]  #: What a component is told, in order.
 
 BEATS_VARIABLE = "SFGLAB_BEATS"  #: Set in a component's environment, it makes it give signs of life.
 BEAT_PERIOD_S = 1.0  #: How often, seconds.
@@ -40,19 +39,12 @@ def run(main: Coroutine[Any, Any, C]) -> C:
     return uvloop.run(main)
 
 
-def run_component(
-    config_class: type[C],
-    serve: Callable[[C, Callable[[Report], None], asyncio.Queue[Report]], Awaitable[None]],
-) -> None:
-    """Run a component until it is told to end; exit with status 1 and a ``failed`` report when it breaks.
-
-    It serves until cancelled; given are its configuration, as which the process's one argument is read, the
-    function that reports, and the orders.
-    """
+def run_component(config_class: type[C], serve: Callable[[C, Reporter, Orders], Awaitable[None]]) -> None:
+    """Run a component, given configuration, reports and orders, until it is told to end; or fail, status 1."""
     # Whoever started it decides when it ends; an interrupt from the terminal reaches that one as well.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     report = claim_standard_output()
-    orders: asyncio.Queue[Report] = asyncio.Queue()
+    orders = Orders()
     try:
         body = serve(config_from_argument(config_class, sys.argv[1]), report, orders)
         if os.environ.pop(BEATS_VARIABLE, ""):  # for this process alone, not for those that it starts
@@ -69,11 +61,7 @@ def argument_of(config: Any) -> str:
 
 
 def config_from_argument(config_class: type[C], argument: str) -> C:
-    """Return the configuration that an argument is of.
-
-    Raises:
-        SfglabError: It is none, or one that is not allowed.
-    """
+    """Return the configuration that an argument is of, or raise a `SfglabError` where it is of none."""
     config: C = from_json(config_class, json.loads(argument))
     return config
 
@@ -108,7 +96,7 @@ async def beside(*bodies: Coroutine[Any, Any, None]) -> AsyncIterator[list[async
         await asyncio.gather(*tasks, return_exceptions=True)
 
 
-async def _beating(body: Awaitable[None], report: Callable[[Report], None]) -> None:
+async def _beating(body: Awaitable[None], report: Reporter) -> None:
     """Give a sign of life every second beside what a component does."""
 
     async def beat() -> None:
@@ -135,7 +123,7 @@ async def is_set_before(event: asyncio.Event, time_s: float) -> bool:
     return True
 
 
-async def _until_told(body: Awaitable[None], orders: asyncio.Queue[Report]) -> None:
+async def _until_told(body: Awaitable[None], orders: Orders) -> None:
     serving = asyncio.ensure_future(body)
     hearing = asyncio.create_task(_hear(orders))
 
@@ -154,7 +142,7 @@ async def _until_told(body: Awaitable[None], orders: asyncio.Queue[Report]) -> N
             await hearing
 
 
-async def _hear(orders: asyncio.Queue[Report]) -> None:
+async def _hear(orders: Orders) -> None:
     async for line in standard_input_lines():
         orders.put_nowait(json.loads(line))
 
@@ -171,13 +159,12 @@ async def standard_input_lines() -> AsyncIterator[bytes]:
         transport.close()
 
 
-def claim_standard_output() -> Callable[[Report], None]:
-    """Keep standard output for reports, and return what gives one; libraries print to standard error then.
-
-    Nothing happens when nobody listens any more: the input ends too.
-    """
+def claim_standard_output() -> Reporter:
+    """Keep standard output for reports, and return what gives one; libraries print to standard error then."""
     out = os.dup(1)
     os.dup2(2, 1)
+    # Unbuffered, so that what is printed is not lost with a process that is ended.
+    sys.stdout = io.TextIOWrapper(io.FileIO(1, "w", closefd=False), write_through=True)
 
     def report(values: Report) -> None:
         view = memoryview(json.dumps(values).encode() + b"\n")

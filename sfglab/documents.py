@@ -1,9 +1,7 @@
 """YAML files that people write, read strictly into dataclasses, with the line of every mistake.
 
 `Section.read` reads a mapping by the fields of a dataclass: keys, types, bounds (`sfglab.fields.between`) and
-defaults are declared there and nowhere else. What depends on more than its field is read key by key by the
-other methods. Knows files, lines and key paths, and says for every refusal what was given and what is allowed.
-Refuses to know what a file is about: fleets, topics, graphs.
+defaults are declared there and nowhere else. What depends on more than its field is read key by key.
 """
 
 from __future__ import annotations
@@ -72,11 +70,8 @@ def suggestion(word: object, known: Iterable[str]) -> str:
 class Document:
     """A YAML file's plain values and the line of each; its name is for messages.
 
-    With `one_line` no text has a line break or another control character, as where texts go into other files.
-
-    Raises:
-        DocumentError: It is not YAML, a key stands there twice, a key is not text, or there is an alias, with
-            which a file could contain itself.
+    With `one_line` no text has a line break or another control character. A `DocumentError` says where it is
+    not YAML, a key stands twice or is not text, or there is an alias, with which a file could contain itself.
     """
 
     def __init__(self, text: str, file: str, *, one_line: bool = False) -> None:
@@ -105,11 +100,7 @@ class Document:
     def of_file(
         cls, path: pathlib.Path, what: str = "a readable text file", *, one_line: bool = False
     ) -> Document:
-        """Read a file; `what` says in messages what it should be.
-
-        Raises:
-            DocumentError: It cannot be read, or is not YAML.
-        """
+        """Read a file; `what` says in a `DocumentError` what it should be."""
         try:
             text = read_text(path, what)
         except InvalidValueError as error:
@@ -124,11 +115,7 @@ class Document:
         return Place(file=self.file, key=_key_text(path), line=self._lines[known])
 
     def section(self) -> Section:
-        """Return the whole document as a section.
-
-        Raises:
-            DocumentError: It is not a mapping.
-        """
+        """Return the whole document as a section; raises `DocumentError` if it is not a mapping."""
         return Section(self, (), self.value)
 
     def items(self) -> Iterator[Section]:
@@ -329,14 +316,11 @@ class Section:
 
         What may stand at a key follows from the field's type: ``str`` (not empty), ``bool``, ``int`` and
         ``float`` (from 0, or as `sfglab.fields.between` says), an enumeration by its values, a ``Literal``,
-        another dataclass, lists (tuple, frozenset) of texts, choices or dataclasses, tuples of so many
-        numbers, mappings by name, and unions of what differs in YAML. A field with a default may be left out;
-        a `Place` is where the section stands. Metadata says what a type cannot: `named`, `read_by`,
-        `matching`, `by_name`, `short_for`, `OR_NULL`. An `InvalidValueError` of the class is refused at its
-        field's key. Types must be importable at run time; given are fields that are not read here.
-
-        Raises:
-            DocumentError: A key is missing or unknown, or a value is not allowed.
+        another dataclass, lists (tuple, frozenset) of texts, choices or dataclasses, tuples of so many numbers,
+        mappings by name, and unions of what differs in YAML. A `Place` is where the section stands. Metadata
+        says what a type cannot: `named`, `read_by`, `matching`, `by_name`, `short_for`, `OR_NULL`. An
+        `InvalidValueError` of the class is refused at its field's key. Types must be importable at run time;
+        given are fields that are not read here.
         """
         typed = typed_fields(typing.cast("Any", cls)).values()
         fields = {f.metadata.get("key", f.name): f for f in typed if f.init and f.name not in given}
@@ -415,11 +399,7 @@ class Section:
                 raise self.refusal(key, text, allowed)
 
     def close(self) -> None:
-        """Refuse the first key that was not read.
-
-        Raises:
-            DocumentError: With the keys that are allowed and the one that was probably meant.
-        """
+        """Refuse the first key that was not read, with those that are allowed and what was probably meant."""
         for key in self._values:
             if key not in self._known:
                 allowed = ", ".join(sorted(self._known)) + suggestion(key, self._known)

@@ -12,11 +12,7 @@ VARIABLE = "ROS_DOMAIN_ID"
 
 
 def usual_domain_id() -> int:
-    """Return the domain of a process that names none, as ROS 2 has it: ROS_DOMAIN_ID, else 0.
-
-    Raises:
-        InvalidValueError: ROS_DOMAIN_ID is no number from 0 to 232.
-    """
+    """Return the domain of a process that names none: ROS_DOMAIN_ID, or an `InvalidValueError`; else 0."""
     given = os.environ.get(VARIABLE) or "0"
     if not (given.isascii() and given.isdecimal() and len(given) < 9 and int(given) <= MAX_DOMAIN):
         raise InvalidValueError(VARIABLE, given, f"whole numbers from 0 to {MAX_DOMAIN}")

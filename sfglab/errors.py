@@ -1,8 +1,7 @@
 """The root of every error that sfglab raises on purpose.
 
-Specific errors live beside the code that raises them, derive from `SfglabError` and from the built-in
-that fits, and keep the offending data as attributes. A message says where, what was given and what is
-allowed or what to try.
+Specific errors live beside the code that raises them and derive from the built-in that fits. A message says
+where, what was given and what is allowed or what to try.
 """
 
 from __future__ import annotations

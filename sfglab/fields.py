@@ -1,9 +1,4 @@
-"""Fields of dataclasses: their documentation, their bounds, and their values as JSON and back.
-
-A field is documented once, on its own line after ``#:`` or on the lines above it, and bounded by `between`.
-Forms, schemas of logs and references of file formats read both here. Knows dataclasses; refuses to know what
-they describe.
-"""
+"""Fields of dataclasses: documentation after ``#:`` or above, bounds, and values as JSON and back."""
 
 from __future__ import annotations
 
@@ -66,16 +61,15 @@ def bounds_of(row_class: type[Any]) -> dict[str, Bounds]:
     return {f.name: f.metadata[BOUNDS] for f in dataclasses.fields(row_class) if BOUNDS in f.metadata}
 
 
-def check_bounds(value: Any) -> None:
-    """Check the bounded fields of a dataclass; of a tuple each value.
+def check_bounds(value: Any, about: str = "") -> None:
+    """Check the bounded fields of a dataclass, of a tuple each value, or raise an `InvalidValueError`.
 
-    Raises:
-        InvalidValueError: A field lies beyond its bounds.
+    `about` stands in front of a field's name in the error.
     """
     for name, allowed in bounds_of(type(value)).items():
         given = getattr(value, name)
         if not all(one in allowed for one in (given if isinstance(given, tuple) else (given,))):
-            raise InvalidValueError(name, given, str(allowed))
+            raise InvalidValueError(about + name, given, str(allowed))
 
 
 def field_docs(row_class: type[Any]) -> dict[str, str]:
@@ -169,8 +163,7 @@ def from_json(hint: Any, value: Any) -> Any:  # noqa: PLR0911  # one return a ki
     """Return a JSON value as an annotated type: what `to_json` of such a value gave, or a value of it already.
 
     Keys that a dataclass does not have are left out, fields that are missing take their defaults: what another
-    version wrote stays readable. Types are dataclasses, whose fields' types must be importable at run time,
-    enums, containers, unions and plain types.
+    version wrote stays readable. Fields' types must be importable at run time.
 
     Raises:
         InvalidValueError: The value has no form in that type.
@@ -198,11 +191,7 @@ def from_json(hint: Any, value: Any) -> Any:  # noqa: PLR0911  # one return a ki
 
 
 def read_field(row_class: type[Any], name: str, value: Any) -> Any:
-    """Return what somebody gives for a field of a dataclass, as `from_json` reads it and the field holds it.
-
-    Raises:
-        InvalidValueError: The field cannot hold it; names the field and its type.
-    """
+    """Return what is given for a field as `from_json` reads it, or raise an `InvalidValueError` of its name."""
     hint = typed_fields(typing.cast("Any", row_class))[name].type
     said = hint.__name__ if isinstance(hint, type) else str(hint).replace("typing.", "")
     said = ", ".join(choices_of(hint)) or said

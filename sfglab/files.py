@@ -1,7 +1,4 @@
-"""Files whole or not at all: texts of bounded length, files of which none is left half, a folder of one's own.
-
-Whatever keeps a file from being read or written is one `InvalidValueError` in plain words.
-"""
+"""Files whole or not at all; whatever keeps one from being read or written is one `InvalidValueError`."""
 
 from __future__ import annotations
 
@@ -22,11 +19,7 @@ _MOST_BYTES = 1 << 26  # of a text; a device may have no end
 
 
 def read_text(path: Path, allowed: str = "a readable text file") -> str:
-    """Return a file's text; `allowed` says in a refusal what it should be.
-
-    Raises:
-        InvalidValueError: It cannot be read, is longer than 64 MiB, or not in UTF-8.
-    """
+    """Return a file's text of UTF-8, at most 64 MiB; `allowed` says in a refusal what it should be."""
     try:
         with path.open("rb") as file:
             data = file.read(_MOST_BYTES + 1)
@@ -49,9 +42,6 @@ def write_files(
         files: What goes where.
         folder: A folder to make where it is not there, with those of paths below it; paths are relative to it.
         modes: Permissions, by path.
-
-    Raises:
-        InvalidValueError: One cannot be written; what was there is still there, and nothing was added.
     """
     staged: list[tuple[Path, Path]] = []
     with ExitStack() as undo:
@@ -118,11 +108,7 @@ def _sync_folder(folder: Path) -> None:
 
 
 def own_folder() -> Path:
-    """Return a folder of this user's alone: at home, or without a home beside other temporary files.
-
-    Raises:
-        InvalidValueError: There is no home, and somebody else can write to the folder in its place.
-    """
+    """Return a folder of this user's alone: at home, or without a home beside other temporary files."""
     with suppress(OSError, RuntimeError):
         folder = Path.home() / ".cache" / "sfglab"
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)

@@ -1,8 +1,4 @@
-"""State machines that are tables, the one timer that their moves arm, and the waits between tries.
-
-Knows how a table is walked; refuses to know what its states mean, and every clock: the caller passes `now_ns`,
-feeds the timer when it is due, and carries the actions out.
-"""
+"""State machines that are tables, the timer that their moves arm on the caller's clock, and back-off."""
 
 from __future__ import annotations
 
@@ -34,13 +30,7 @@ class IllegalInputError(SfglabError, RuntimeError):
 
 
 def step(name: str, table: Mapping[tuple[S, I], T], state: S, given: I) -> T:
-    """Return what a table says of an input in a state, such as the next state and what has to be done.
-
-    The name is what the machine stands for, in messages.
-
-    Raises:
-        IllegalInputError: The table does not list it.
-    """
+    """Return what a table says of an input in a state; the `IllegalInputError` of others names the machine."""
     if (state, given) not in table:
         raise IllegalInputError(name, state, given, tuple(i for s, i in table if s is state))
     return table[state, given]
@@ -50,8 +40,7 @@ class Machine(Generic[S, I, A]):
     """A state that moves along a table, (state, input) -> (next state, action); what is not listed is illegal.
 
     The name is what it stands for, in messages. `wait_ns` says how long the timer runs that an action arms,
-    given the action and `now_ns`; None: that action ends the waiting. A move without an action leaves the
-    timer as it is.
+    given the action and `now_ns`; None ends the waiting. A move without an action leaves the timer as it is.
     """
 
     def __init__(
@@ -63,8 +52,7 @@ class Machine(Generic[S, I, A]):
         wait_ns: Callable[[A, int], int | None],
     ) -> None:
         self.state = start  #: Where it stands.
-        #: When the timer is due, on the caller's clock; None while nothing is waited for.
-        self.deadline_ns: int | None = None
+        self.deadline_ns: int | None = None  #: When the timer is due; None: nothing is waited for.
         self._name = name
         self._table = table
         self._wait_ns = wait_ns
@@ -119,8 +107,7 @@ class ProcessTiming:
     #: Wait before the first new try after a crash; it doubles with each further crash.
     backoff_ns: int = 200_000_000
     backoff_max_ns: int = 10_000_000_000  #: The longest wait between tries.
-    #: One that served this long has proved itself: the next crash waits `backoff_ns` again.
-    stable_ns: int = 10_000_000_000
+    stable_ns: int = 10_000_000_000  #: One that served this long has proved itself: waits begin anew.
 
 
 class ProcessLife(Machine[S, I, A]):

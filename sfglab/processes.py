@@ -1,7 +1,6 @@
 """Processes that take orders and give reports, one JSON object a line, seen from those who start them.
 
-What a process reports names its kind as ``is``; see `sfglab.component` for its own side. Knows processes and
-lines; refuses to know what a host is and what orders and reports mean.
+What a process reports names its kind as ``is``; see `sfglab.component` for its own side.
 """
 
 from __future__ import annotations
@@ -72,11 +71,7 @@ class LineProcess:
         pass_fds: Sequence[int] = (),
         limit_bytes: int = LINE_LIMIT_BYTES,
     ) -> Self:
-        """Start a process from program and arguments, with a limit of a report; its standard error stays ours.
-
-        Raises:
-            OSError: The operating system cannot.
-        """
+        """Start a process with a limit of a report; its standard error stays ours. Raises an `OSError`."""
         pipe = asyncio.subprocess.PIPE
         process = await asyncio.create_subprocess_exec(
             *argv, stdin=pipe, stdout=pipe, limit=limit_bytes, pass_fds=pass_fds
@@ -108,10 +103,8 @@ class LineProcess:
     async def expect(self, kind: str, *, timeout_s: float | None) -> Report:
         """Return the next report of a kind; those before it have been given to `on_report` and are dropped.
 
-        The kind ``ended`` waits for the end; without a time-out it waits for ever.
-
-        Raises:
-            ProcessFailedError: The process reports a failure, ends, or does not report in time.
+        The kind ``ended`` waits for the end, None for ever. Raises `ProcessFailedError` if it fails, ends, or
+        is late.
         """
         try:
             async with asyncio.timeout(timeout_s):
@@ -126,11 +119,7 @@ class LineProcess:
         return await self._process.wait()
 
     def check(self) -> None:
-        """Check that it still runs.
-
-        Raises:
-            ProcessFailedError: It has failed or ended.
-        """
+        """Check that it still runs, or raise a `ProcessFailedError`."""
         if self._over is not None:
             self._raise_if_over(self._over)
 
@@ -185,11 +174,7 @@ class LineProcess:
 
 
 def _report_from_line(line: bytes) -> Report:
-    """Return the report that a line holds.
-
-    Raises:
-        ValueError: It is none.
-    """
+    """Return the report that a line holds, or raise a `ValueError`."""
     try:
         report = json.loads(line)
     except ValueError:
@@ -271,14 +256,10 @@ class Member:
 class ProcessGroup:
     """Processes that are started and ended together: an async context manager.
 
-    Entering starts all members at once and returns when each of them serves. Leaving tells them to end in the
-    reverse order, waits for all, and uses force on those that do not end; also after a failure or a cancel.
-
-    Args:
-        argv: Gives the command line that runs a command on a host, as `sfglab.lab.testbed.Testbed.argv` does.
-        members: What is started on entering; more may be started later.
-        on_report: Called with a member's name and every report of it, as it comes.
-        start_s: How long each may take until it serves, seconds.
+    Entering starts all members at once and returns when each of them serves, within `start_s` seconds. Leaving
+    tells them to end in the reverse order, and uses force on those that do not. `argv` gives the command line
+    that runs a command on a host; `on_report` is called with a member's name and every report of it. What waits
+    for a member that fails, ends, or is late raises `ProcessFailedError`, which names those that were killed.
     """
 
     def __init__(
@@ -323,11 +304,7 @@ class ProcessGroup:
         return tuple(self._members.values())
 
     async def start(self, *members: Member) -> None:
-        """Start members at once and return when each of them serves.
-
-        Raises:
-            ProcessFailedError: One fails, ends, or does not serve in time; then none of them is left.
-        """
+        """Start members at once and return when each serves; where one does not, none of them is left."""
         try:
             for member in members:
                 await self._launch(member)
@@ -348,11 +325,7 @@ class ProcessGroup:
         await self._end([name])
 
     async def restart(self, name: str) -> None:
-        """End a member, unless it is gone already, and start it anew.
-
-        Raises:
-            ProcessFailedError: It fails, ends, or does not serve in time.
-        """
+        """End a member, unless it is gone already, and start it anew."""
         member = self._members[name]
         await self.end(name)
         await self.start(member)
@@ -365,32 +338,20 @@ class ProcessGroup:
     async def expect(
         self, kind: str, names: Iterable[str] | None = None, *, timeout_s: float | None
     ) -> dict[str, Report]:
-        """Return the next report of a kind of each member, or of those named, by name; None waits for ever.
-
-        Raises:
-            ProcessFailedError: One fails, ends, or does not report in time; those that were killed are named.
-        """
+        """Return the next report of a kind of each member, or of those named, by name; None waits for ever."""
         chosen = self if names is None else names
         return await self._watched({n: self._processes[n].expect(kind, timeout_s=timeout_s) for n in chosen})
 
     async def ask(
         self, kind: str, names: Iterable[str] | None = None, *, timeout_s: float | None, **order: Any
     ) -> dict[str, Report]:
-        """Give members, or those named, an order and return the report of a kind that each answers, by name.
-
-        Raises:
-            ProcessFailedError: One fails, ends, or does not answer in time; those that were killed are named.
-        """
+        """Give members, or those named, an order and return the report of a kind that each answers, by name."""
         chosen = tuple(self if names is None else names)
         self.order(chosen, **order)
         return await self.expect(kind, chosen, timeout_s=timeout_s)
 
     def check(self) -> None:
-        """Check that all members still run.
-
-        Raises:
-            ProcessFailedError: One has failed or ended.
-        """
+        """Check that all members still run."""
         for process in self._processes.values():
             process.check()
 

@@ -1,8 +1,4 @@
-"""Quality-of-service profiles as comparable, frozen values, in rclpy's vocabulary.
-
-Knows the policies and the profiles that ROS 2 predefines, and when a requested profile matches an offered
-one. Refuses to know any middleware: `sfglab.bus` translates profiles to DDS.
-"""
+"""Quality-of-service profiles as comparable, frozen values, in rclpy's vocabulary, and when two match."""
 
 from __future__ import annotations
 
@@ -83,10 +79,7 @@ LATCHED = QoSProfile(durability=Durability.TRANSIENT_LOCAL, depth=1)
 
 
 def incompatibilities(*, offered: QoSProfile, requested: QoSProfile) -> tuple[str, ...]:
-    """Return why a reader that requests one profile does not match a writer that offers the other.
-
-    Request versus offered as DDS 1.4, clause 2.2.3 defines it; an empty tuple means that they match.
-    """
+    """Return why a reader's request does not match a writer's offer; empty: it does (DDS 1.4, 2.2.3)."""
     reasons = []
     if requested.reliability is Reliability.RELIABLE and offered.reliability is Reliability.BEST_EFFORT:
         reasons.append("reliability: the reader requests RELIABLE, the writer offers BEST_EFFORT")

@@ -1,8 +1,7 @@
 """JSON Schema of the files that people write, made from the dataclasses that read them.
 
-The same types, bounds, names and texts by which `sfglab.documents.Section.read` refuses a file say here what an
-editor completes and checks. A schema knows one key at a time: what depends on several, as a name that must be
-defined elsewhere, is the reader's alone. Refuses to know what a file is about.
+The types, bounds, names and texts by which `sfglab.documents.Section.read` refuses a file say here what an
+editor completes and checks. What depends on several keys is the reader's alone.
 """
 
 from __future__ import annotations
@@ -90,7 +89,8 @@ class SchemaMaker:
     def _list(self, hint: Any, extra: Mapping[str, Any]) -> Schema:
         each, *more = typing.get_args(hint)
         if each in (int, float):
-            return {"type": "array", "items": {"type": "number"}} | _count(1 + len(more))
+            count = 1 + len(more)
+            return {"type": "array", "items": {"type": "number"}, "minItems": count, "maxItems": count}
         items = self.value(each, {key: value for key, value in extra.items() if key != "like"})
         if extra.get("short"):
             items = {"anyOf": [items, text_schema(description=f"The same as {{{extra['short']}: ...}}.")]}
@@ -131,10 +131,6 @@ def limits(bounds: Bounds) -> Schema:
     high = "exclusiveMaximum" if bounds.high in bounds.without else "maximum"
     ends = {low: bounds.low, high: bounds.high}
     return {word: end for word, end in ends.items() if math.isfinite(end)}
-
-
-def _count(count: int) -> Schema:
-    return {"minItems": count, "maxItems": count}
 
 
 def _is_elsewhere(field: dataclasses.Field[Any]) -> bool:

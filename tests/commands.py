@@ -1,5 +1,6 @@
 """Our commands as a user has them, in this process."""
 
+from typer.main import get_command
 from typer.testing import CliRunner
 
 from sfglab.cli import app
@@ -12,3 +13,12 @@ def called(*arguments, status=0):
         raise done.exception
     assert done.exit_code == status, done.output
     return done.output
+
+
+def commands(command=None, words=()):
+    """Yield the words and the command of each that is no group and not hidden."""
+    command = command or get_command(app)
+    for name, inner in getattr(command, "commands", {}).items():
+        yield from commands(inner, (*words, name))
+    if not hasattr(command, "commands") and not command.hidden:
+        yield words, command

@@ -11,48 +11,28 @@ import sys
 from pathlib import Path
 
 import pytest
-from commands import called
+from commands import called, commands
 from rosbags.rosbag1 import Writer
 from rosbags.typesys import Stores, get_typestore
-from typer.main import get_command
 
-from sfglab.cli import app
 from sfglab.domains import MAX_DOMAIN
 
 ROOT = Path(__file__).parents[1]
 # Two that listen for seconds are tried in test_recorded_topics.
+LISTENING = "sfglab (qos|map) --domain"
 LIVE = r"sfglab (topic|node|service|action|param|log (record|play)|frames lint --domain|mocap run)"
 # Until Ctrl-C; `test_what_never_ends_ends_by_one_line` ends some.
 ENDLESS = (
-    *(
-        "lab",
-        "router",
-        "decoder",
-        "camera",
-        "plan ",
-        "agent up",
-        "follow serve",
-        "view (bag/|--domain|--fleet .* --i)",
-    ),
+    *("lab", "router", "decoder", "camera", "plan ", "agent up", "follow serve"),
+    "view (bag/|--domain|--fleet .* --i)",
     *(r"topic echo /chatter( --json.*)?$", "topic echo /odom", r"topic hz /chatter$", "topic (hz|bw) /camera"),
     *(r"topic pub (/chatter|-r)", "log record (/chatter|-e)"),
 )
 # Minutes, all figures, a fleet's machines, checkers of its files, cameras, robots, an editor's folder.
 ELSEWHERE = (
-    *(
-        "reproduce",
-        "figures",
-        "deploy (plan|apply|releases|check|detect --root)",
-        "mocap run .*(--vicon|--topic)",
-    ),
-    *(
-        "map .*--verilog",
-        "mocap offset",
-        "follow run",
-        "interfaces",
-        "log play run.mcap --rate",
-        "action send-goal -f",
-    ),
+    *("reproduce", "figures", "deploy (plan|apply|releases|check|detect --root)"),
+    *("mocap run .*(--vicon|--topic)", "map .*--verilog", "mocap offset", "follow run"),
+    *("interfaces", "log play run.mcap --rate", "action send-goal -f"),
 )
 STATUS = {"param set": 1, "frames lint --domain": 1}
 TALKER = """
@@ -95,16 +75,7 @@ asyncio.run(main())
 """
 
 
-def commands(command, path=()):
-    """Yield the path and the command of each that is no group."""
-    if inner := getattr(command, "commands", None):
-        for name, one in inner.items():
-            yield from commands(one, (*path, name))
-    elif not command.hidden:
-        yield " ".join(path), command
-
-
-COMMANDS = dict(commands(get_command(app)))
+COMMANDS = {" ".join(words): command for words, command in commands()}
 EXAMPLES = [
     line for one in COMMANDS.values() for line in re.findall(r"^ *(sfglab .*)$", one.help, re.MULTILINE)
 ]
@@ -172,13 +143,8 @@ def pairs(example):
 
 
 REPORTS = (
-    *(
-        "doctor",
-        "claims",
-        "deploy detect",
-        "log data/reference/mocap.mcap",
-        "log info data/reference/mocap.mcap",
-    ),
+    *("doctor", "claims", "deploy detect"),
+    *("log data/reference/mocap.mcap", "log info data/reference/mocap.mcap"),
     *("fleet lint data/fleets/lab.yaml", "fleet check go2.yaml", "frames lint run.mcap"),
     *("qos data/qos/paper_b.yaml", "map data/graphs/figure_8.yaml", "deploy plan data/fleets/lab.yaml"),
 )
@@ -197,7 +163,7 @@ def status_of(example):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "example", [one for one in EXAMPLES if ends(one) and not re.match(f"{LIVE}|sfglab (qos|map) --domain", one)]
+    "example", [one for one in EXAMPLES if ends(one) and not re.match(f"{LIVE}|{LISTENING}", one)]
 )
 def test_examples_of_files_do_what_they_say(example, folder):
     if "bag/ --format" in example:

@@ -13,7 +13,6 @@ from pathlib import Path
 import pytest
 from toy_component import ToyConfig
 
-from sfglab.component import argument_of
 from sfglab.processes import LineProcess, Member, ProcessFailedError, ProcessGroup
 
 S = 30.0
@@ -182,9 +181,3 @@ def test_a_refusal_is_one_sentence_and_an_order_that_is_none_is_said_aloud():
         _, err = process.communicate("not json\n", timeout=S)
         assert "JSONDecodeError" in err
         assert process.returncode == 1
-
-
-def test_a_member_is_data():
-    member = Member(name="idle", module="m", config="told", through="loader", sends=(("b", "frames"),))
-    assert member.command == (sys.executable, "-m", "loader", "m", "told")
-    assert argument_of(ToyConfig(number=3)).startswith('{"number": 3, "pairs": []')

@@ -30,7 +30,10 @@ RESULTS = {  # claim: what a reader takes with him, and its figure
 INSTEAD = {  # claim: what one would otherwise take, and what ours is here
     "A-CPU-OURS": ("a decoder in each subscriber (image_transport)", "`sfglab decoder`, shared memory"),
     "A-CPU-SFG": ("the same", "`sfglab decoder`, over DDS to real ROS 2"),
-    "A-DISC-BYTES-OURS": ("DDS discovery of everybody by everybody", "`sfglab agent up`"),
+    "A-DISC-BYTES-OURS": (
+        "DDS discovery of everybody by everybody",
+        "`sfglab agent up`, `descriptions: offered`",
+    ),
     "A-FIRST-OURS": ("waiting for the next key frame", "the agent's GOP cache"),
     "A-RVL": ("PNG depth (compressed_depth_image_transport's), at its fastest level", "`rvl`"),
 }

@@ -66,10 +66,8 @@ def average_topics(topics: Sequence[int]) -> float:
 def balance_closed_form(given: BalanceInput) -> Balance:
     """Return the optimum without a solver: both bounds are attained at once.
 
-    R* = min(Rmax / T_avg - Rmin, Rmax) and D* = min(Dmax R* / Rmax - Dmin, Dmax).
-
-    Raises:
-        InfeasibleBalanceError: A lower bound lies above what Eq. 4 or Eq. 5 leaves.
+    R* = min(Rmax / T_avg - Rmin, Rmax) and D* = min(Dmax R* / Rmax - Dmin, Dmax); InfeasibleBalanceError where
+    a lower bound lies above what Eq. 4 or Eq. 5 leaves.
     """
     rate_hz = min(given.rate_max_hz / average_topics(given.topics) - given.rate_min_hz, given.rate_max_hz)
     if rate_hz < given.rate_min_hz:
@@ -90,11 +88,7 @@ def balance_closed_form(given: BalanceInput) -> Balance:
 
 
 def build_problem(given: BalanceInput, *, weight: float = 0.5) -> tuple[Any, Any, Any]:
-    """Return Eq. 6 as a CVXPY problem with its variables R and D.
-
-    "max R, D" is no objective that a solver takes; it is weighted here, each part by its largest value. The
-    weight, of R and between 0 and 1 exclusively, does not change the optimum.
-    """
+    """Return Eq. 6 as a CVXPY problem with R and D, weighted (0 to 1) by largest values: the optimum stays."""
     import cvxpy as cp
 
     if not 0 < weight < 1:
@@ -115,9 +109,8 @@ def build_problem(given: BalanceInput, *, weight: float = 0.5) -> tuple[Any, Any
 def balance(given: BalanceInput, *, weight: float = 0.5, solver: str = "CLARABEL") -> Balance:
     """Solve Eq. 6 with CVXPY, as the paper does; see `build_problem`.
 
-    Raises:
-        InfeasibleBalanceError: No solution; says which equation fails and by how much.
-        SfglabError: The solver ended without an optimum; says its status.
+    Raises InfeasibleBalanceError, which says what fails and by how much, or SfglabError with the solver's
+    status.
     """
     problem, rate, depth = build_problem(given, weight=weight)
     problem.solve(solver=solver)

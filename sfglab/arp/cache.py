@@ -1,11 +1,10 @@
 """Local cache and cache control: a value that repeats is held back once, before the network or before planning.
 
-The local cache stands in the robot, before the publisher (paper B, section 2.2, Fig. 3); cache control stands
-in the station, between the subscriber and planning (section 2.3, Fig. 5). Both are the same rule at another
-boundary: "the same value in a row", of scalars, strings, NumPy arrays and ROS messages, which are compared
-field by field. Beyond the paper: a tolerance, and a longest silence after which a value passes although it has
-not changed. Without it, the loss of the one message that carried a change leaves a stale value for ever, and
-who joins late knows nothing. Pure: values and `now_ns` in, a decision out.
+The local cache stands in the robot, before the publisher (paper B, section 2.2, Fig. 3), cache control in the
+station, between subscriber and planning (section 2.3, Fig. 5): one rule at two boundaries, "the same value in a
+row", of scalars, strings, NumPy arrays and ROS messages, field by field. Beyond the paper: a tolerance, and a
+longest silence after which a value passes although it has not changed, without which the loss of the one
+message with a change leaves a stale value for ever. Pure: values and `now_ns` in, a decision out.
 """
 
 from __future__ import annotations
@@ -25,21 +24,15 @@ Equality = Callable[[Any, Any], bool]
 
 
 def exactly_equal(first: Any, second: Any, *, ignore: frozenset[str] = frozenset()) -> bool:
-    """Return whether two values are the same to the bit, a NaN being the same as a NaN.
-
-    Fields of messages in `ignore` do not count, such as ``header``, whose stamp always differs.
-    """
+    """Return whether two values are the same to the bit (NaN as NaN), but for `ignore`, such as ``header``."""
     return _equal(first, second, 0.0, ignore)
 
 
 def nearly_equal(tolerance: float, *, ignore: frozenset[str] = frozenset()) -> Equality:
-    """Return a comparison that takes numbers for equal that differ by no more than a tolerance.
+    """Return a comparison that takes numbers for equal that differ by no more than a tolerance, in their unit.
 
-    It compares with the last value *sent*, so a slow drift is sent once it has left the tolerance; it cannot
-    creep away unseen. Texts and truth values stay exact. The tolerance is in the value's own unit.
-
-    Raises:
-        InvalidValueError: The tolerance is negative or no number.
+    It compares with the last value *sent*, so a slow drift cannot creep away unseen. Texts and truth values
+    stay exact. A tolerance below 0 is an InvalidValueError.
     """
     if not tolerance >= 0.0:
         raise InvalidValueError("cache tolerance", tolerance, "0 and more")
@@ -137,11 +130,7 @@ class _ChangeFilter:
             raise InvalidValueError("cache max_silence_ns", self.max_silence_ns, "positive nanoseconds or None")
 
     def offer(self, topic: str, value: Any, *, now_ns: int, size_bytes: int = 0) -> Decision:
-        """Decide on one value, and remember it if it passes; topics do not influence each other.
-
-        The value must not be changed afterwards. The time is the caller's clock, in nanoseconds;
-        `size_bytes`, what passing it would cost, is for the counters.
-        """
+        """Decide on a topic's value, not changed afterwards, of `size_bytes` to count; remember what passes."""
         entry = self._entries.get(topic)
         decision = self._decide(entry, value, now_ns)
         if decision is Decision.HELD:

@@ -87,11 +87,7 @@ _FAST_HOW = (
 
 
 def fast_dds_xml(plan: Plan, *, generation: int = 2) -> str:
-    """Return a plan as XML profiles for a generation of Fast DDS, the first number of its version: 2 or 3.
-
-    Raises:
-        InvalidValueError: The plan was reckoned with another vendor's timing, or the generation is unknown.
-    """
+    """Return a plan as XML for Fast DDS 2 or 3; InvalidValueError with another, or another vendor's timing."""
     _require_vendor(plan, FAST_DDS)
     if generation not in _NAMESPACES:
         raise InvalidValueError("Fast DDS generation", generation, "2 and 3")
@@ -150,11 +146,7 @@ _CYCLONE_HOW = (
 
 
 def cyclone_xml(plan: Plan) -> str:
-    """Return a plan's timing as a Cyclone DDS configuration.
-
-    Raises:
-        InvalidValueError: The plan was reckoned with another vendor's timing.
-    """
+    """Return a plan's timing as a Cyclone DDS configuration; InvalidValueError with another vendor's timing."""
     _require_vendor(plan, CYCLONE_DDS)
     vendor = plan.vendor
     root = ET.Element("CycloneDDS", xmlns=_NAMESPACE)

@@ -1,12 +1,9 @@
 """Link under topics: what they cost on it and how long repairs hold them up, the arithmetic of the planned QoS.
 
-The same frames, delays and heartbeats as the simulation in `sfglab.rtps`, in closed form: airtime of each
-sample and of its acknowledgements, mean wait in the queue, mean delay by repairs (`repairs`). Given the depths,
-every formula is convex in the rates; it is written once, for numbers and for CVXPY's expressions alike. Refuses
-to know what is optimal.
-
-First-order in losses. The airtime of heartbeats that travel alone and of GAPs is left out; they are rare where
-heartbeats ride with samples.
+The same frames, delays and heartbeats as the simulation in `sfglab.rtps`, in closed form: airtime of samples
+and acknowledgements, mean wait in the queue, mean delay by repairs (`repairs`). Given the depths, every formula
+is convex in the rates; it is written once, for numbers and for CVXPY's expressions. First-order in losses;
+heartbeats that travel alone and GAPs are left out, which are rare where heartbeats ride with samples.
 """
 
 from __future__ import annotations
@@ -92,9 +89,7 @@ class Link:
 
 
 def link_of(topics: Sequence[Topic], medium: Medium, vendor: Vendor) -> Link:
-    """Return what topics cost on a medium with a vendor's timing, with histories of one sample.
-
-    `at_depths` reckons with others.
+    """Return what topics cost on a medium with a vendor's timing, with histories of one sample (`at_depths`).
 
     On a shared medium every further host that contends stretches each frame (`Medium.contention`). Capacity is
     reckoned with all hosts contending, as they do when the medium is nearly full, which is when it decides.

@@ -1,9 +1,8 @@
 """Plan of the QoS: rate and depth of each topic, what the link's arithmetic expects of them, the best depths.
 
-Whatever the method that found the rates, they are judged alike here: share of the medium, latency, and the
-share of time in which the reader holds a value that is still true. Histories are as shallow as the allowed loss
-lets them be, because what is deeper waits longer. Arrays have an entry for each topic, shape (n,). Refuses to
-know how rates are found.
+Whoever found the rates, they are judged alike: share of the medium, latency, and the share of time in which the
+reader holds a value that is still true. Histories are as shallow as the allowed loss lets them be, because what
+is deeper waits longer. Arrays have an entry for each topic, shape (n,).
 """
 
 from __future__ import annotations
@@ -76,15 +75,13 @@ def depths_for(link: Link, rates_hz: NDArray[np.float64], *, residual_loss: floa
 
     Where a heartbeat rides with every sample, what is published while a sample waits for k repairs must fit
     beside it: k samples until their heartbeats, and r times the delays, with twice the queue's wait each; k
-    follows from the losses (`rounds_needed`). No deeper, as then samples are repaired that nobody wants any
-    more, which hold up newer ones.
+    follows from the losses (`rounds_needed`). No deeper: that repairs what nobody wants any more, before what
+    is newer.
 
     Where heartbeats come once in `depth` samples, depth delays repairs. Of a few candidates the one with the
     least expected latency is taken among those that keep to the allowed loss; if none does, among those that
     lose no more than one repair of every loss would leave; if none does, the one that loses least. Behind a
-    local cache samples are states, and what a newer one has replaced is no loss: there the wait for the next
-    sample counts as the latency of what is lost.
-
+    local cache what a newer state has replaced is no loss: the wait for the next counts as its latency.
     Best-effort topics get the depth of rmw's profile for sensors.
     """
     rounds = np.array([rounds_needed(float(loss), residual_loss) for loss in link.loss])
@@ -132,10 +129,7 @@ def rates_most_hz(link: Link, *, utilisation: float) -> NDArray[np.float64]:
 
 
 def rounds_needed(loss: float, residual_loss: float) -> int:
-    """Return how many repairs a sample must be able to wait for: p f^k <= residual loss, at least one.
-
-    p is the share of frames that the medium loses; f = 1 - (1 - p)^2 is a repair's.
-    """
+    """Return how many repairs a sample must await: loss (1 - (1 - loss)^2)^k <= residual loss, 1 at least."""
     if loss <= residual_loss:
         return 1
     return max(1, math.ceil(math.log(residual_loss / loss) / math.log(1 - (1 - loss) ** 2)))
@@ -187,9 +181,8 @@ class TopicPlan:
     def deadline_ns(self) -> int | None:
         """The longest gap to agree on: the history's length in time, depth / rate; None behind a local cache.
 
-        A DEADLINE of one period would be missed by every jitter and every repair. After depth / rate a sample
-        that is still missing has left the history and comes no more, so a longer gap is a fault. What a cache
-        holds back leaves gaps of any length.
+        A DEADLINE of one period would be missed by every jitter and every repair; after depth / rate a missing
+        sample comes no more. What a cache holds back leaves gaps of any length.
         """
         if self.topic.cached:
             return None
@@ -229,11 +222,7 @@ class Plan:
     airtime_price: float | None = None
 
     def __getitem__(self, name: str) -> TopicPlan:
-        """Return a topic's part.
-
-        Raises:
-            InvalidValueError: There is no such topic; says which there are.
-        """
+        """Return a topic's part; the InvalidValueError for one that is not there says which there are."""
         parts = {part.topic.name: part for part in self.topics}
         if name not in parts:
             raise InvalidValueError("topic of the plan", name, ", ".join(parts))

@@ -292,10 +292,8 @@ def _inverse_at(usual: NDArray[np.float64]) -> Callable[[Any], Any]:
 def solve(programme: Programme, link: Link, price: float) -> tuple[NDArray[np.float64], float]:
     """Return rates and the capacity's dual value at a price of latency, after the branches have settled.
 
-    The programme's other parameters are set; `link` is what it was built with.
-
-    Raises:
-        SfglabError: The solver ended without an optimum.
+    The programme's other parameters are set; `link` is what it was built with. Raises SfglabError where the
+    solver ends without an optimum.
     """
     programme.price.value = price
     rates_hz, chosen = programme.bounds_hz[0], None

@@ -94,7 +94,7 @@ def topics_text(topics: Iterable[Topic], origin: str) -> str:
     return (
         f"# Topics of {origin!r}: rates, sizes and times between changes are those of its messages, hosts\n"
         "# follow from names. Say what the link is, and by weight what a topic is worth beside the others.\n"
-        + yaml.safe_dump(values, sort_keys=False, default_flow_style=None, allow_unicode=True, width=120)
+        + yaml.safe_dump(values, sort_keys=False, default_flow_style=None, width=120)
     )
 
 

@@ -49,10 +49,7 @@ def one_repair_loss(loss: float) -> float:
 
 @lru_cache(maxsize=4096)
 def batch_loss(depth: int, during: int, loss: float) -> float:
-    """Return which share of a topic's samples stays lost, expected, with a history of d samples.
-
-    `during` is how many whole samples are published between a heartbeat and the repair that it brings.
-    """
+    """Return which share of samples stays lost with d kept and `during` published in a repair, expected."""
     place, first = _places(depth)
     # Each sample from the d-th on carries a heartbeat until a request comes, as the history stays full.
     tries = np.maximum(place + depth - during - first, 0)
@@ -128,9 +125,6 @@ def alone_held(rate_hz: float, period_s: float, round_s: float, loss: float) -> 
 
 
 def _places(depth: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return each sample's place in its batch, and the first one whose heartbeat shows that it is missing.
-
-    That is the d-th; of the d-th itself, the next one, as its own heartbeat is lost with it.
-    """
+    """Return samples' places in their batch, and the next from the d-th whose heartbeat shows one missing."""
     place = np.arange(1, depth + 1)
     return place, np.maximum(depth, place + 1)

@@ -134,24 +134,12 @@ class TopicFile:
 
 
 def load_topics(path: Path) -> TopicFile:
-    """Read a YAML file of topics, such as ``data/qos/paper_b.yaml``.
-
-    Raises:
-        DocumentError: It cannot be read, or does not say what it must.
-    """
-    return _read(Document.of_file(path))
+    """Read a YAML file of topics; DocumentError says where it does not say what it must."""
+    return read_topics(Document.of_file(path))
 
 
-def read_topics(text: str, *, file: str = "topics.yaml") -> TopicFile:
-    """Read topics from the text of a YAML file, whose name is for messages.
-
-    Raises:
-        DocumentError: It does not say what it must; says where.
-    """
-    return _read(Document(text, file))
-
-
-def _read(document: Document) -> TopicFile:
+def read_topics(document: Document) -> TopicFile:
+    """Read topics; raises `DocumentError`, as `load_topics`."""
     top = document.section()
     keys = top.read(FileKeys, whole_section=False)
     topics = tuple(_read_topic(name, section, keys.rate_max_hz) for name, section in top.members("topics"))

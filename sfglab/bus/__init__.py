@@ -1,8 +1,7 @@
 """The bus: publish, subscribe, call and look around, in rclpy's vocabulary, to be awaited.
 
-`Node` is live: DDS between hosts and with ROS 2 nodes, shared memory on one host. Components annotate with the
-classes here, receive the node as an argument and take the time only from `Node.get_clock`: so they run over any
-backend, such as the simulated world (`sfglab.bus.sim`).
+`Node` is live. Components receive a node as an argument and take the time only from `Node.get_clock`, so they
+run over any backend, such as the simulated world (`sfglab.bus.sim`).
 """
 
 from sfglab.bus.actions.client import ClientGoalHandle, GoalResult

@@ -24,8 +24,7 @@ MessageType = str | type[Any]
 Callback = Callable[[Any], Awaitable[None] | None]
 Handler = Callable[[Any], Any]
 
-DEFAULT_MAX_MESSAGE_BYTES = 64 * 2**20
-"""An uncompressed 4K image has 25 MB; a cloud of two million points 64 MB."""
+DEFAULT_MAX_MESSAGE_BYTES = 64 * 2**20  #: A 4K image has 25 MB; a cloud of two million points 64 MB.
 
 # Keys of USER_DATA, which has the `key=value;` form that ROS 2 uses there: `enclave=/;` on participants,
 # `typehash=..;` and `serviceid=..;` on endpoints. Readers ignore keys that they do not know.
@@ -33,8 +32,7 @@ NODE_KEY = "sfglab.node"
 HOST_KEY = "sfglab.host"
 SHM_KEY = "sfglab.shm"
 OFFER_KEY = "sfglab.offer"  #: On writers that send nothing: somebody would, if it were wanted.
-SHM_PARTITION = "sfglab.shm"
-"""Shared-memory endpoints show themselves in this partition, where no ordinary endpoint matches them."""
+SHM_PARTITION = "sfglab.shm"  #: Where shared-memory endpoints show themselves and no ordinary one matches them.
 
 
 FAST_DDS = b"\x01\x0f"  #: Fast DDS's vendor id, with which its GUIDs begin (RTPS 2.5, clause 9.3.1.5).
@@ -71,10 +69,8 @@ class RawEndpoint:
     #: raw writer of them.
     transport: Transport = "dds"
     max_message_bytes: int = DEFAULT_MAX_MESSAGE_BYTES  #: The limit of one message's CDR with "shm".
-    #: Whether samples pass as they are and endpoints of the own participant do not match, as a router wants it.
-    forwards: bool = False
-    #: Whether a reader's samples are handed over in the thread that takes them, where the backend has one.
-    threaded: bool = False
+    forwards: bool = False  #: Whether samples pass as they are and own endpoints do not match, for a router.
+    threaded: bool = False  #: Whether samples are handed over in the thread that takes them, if there is one.
 
     def __post_init__(self) -> None:
         if self.transport not in get_args(Transport):
@@ -115,8 +111,7 @@ class NodeInfo:
     namespace: str  #: The node's namespace, "/" for the root.
     name: str  #: Its name.
     participant: bytes  #: The 16-byte GUID of its participant.
-    #: The 16-byte GUIDs of its subscriptions, services' and clients' included, in its own order.
-    readers: tuple[bytes, ...] = ()
+    readers: tuple[bytes, ...] = ()  #: GUIDs (16 bytes) of its subscriptions, services' included, in its order.
     writers: tuple[bytes, ...] = ()  #: The same of its publishers.
 
     @property
@@ -162,11 +157,7 @@ def user_data(values: dict[str, str]) -> bytes:
 
 
 def host_id() -> str:
-    """Return 16 hexadecimal digits that two processes share exactly if they can share Unix sockets.
-
-    Abstract Unix sockets belong to a boot of a machine and a network namespace, so a container or emulated host
-    with a network of its own is another host.
-    """
+    """Return 16 hexadecimal digits of a boot and network namespace: who shares them shares Unix sockets."""
     boot_id = Path("/proc/sys/kernel/random/boot_id").read_text(encoding="ascii").strip()
     return _host_id(boot_id, str(Path("/proc/self/ns/net").readlink()))
 

@@ -1,7 +1,6 @@
 """A middleware as nodes see it: the base class of its half of a node, and forwarding between two of them.
 
-Knows what ends with a node and in which order. Refuses to know any middleware: DDS (`sfglab.bus.dds`), the
-simulated world (`sfglab.bus.sim`) and any further one derive from `Backend`, and no component needs a change.
+Knows what ends with a node and in which order. Refuses to know any middleware: each derives from `Backend`.
 """
 
 from __future__ import annotations
@@ -47,9 +46,8 @@ class Owned(Protocol):
 class Backend(ABC):
     """One node's half of a middleware, on the running loop; what is opened and registered here ends with it.
 
-    Threads, callbacks and sockets refer to the backend and never to the `Node`, so a node that a notebook
-    forgot is collected, and its finalizer closes the backend. `on_error` is told about exceptions in
-    callbacks; None logs them.
+    Nothing here refers to the `Node`, so one that a notebook forgot is collected, and its finalizer closes the
+    backend. `on_error` is told about exceptions in callbacks; None logs them.
     """
 
     kind: ClassVar[str]  #: What nodes of it are called in error messages.
@@ -195,7 +193,7 @@ class LoopForward(Forward[Sample, LoopWriter]):
     def close(self) -> None:
         """End it at once; again is harmless."""
         self._backend.end(self._reader)
-        self._gate.clear()
+        self._gate.close()
 
     def _take(self, sample: Sample) -> None:
         self._gate.take(sample[3], sample)
@@ -220,8 +218,7 @@ def _ignore() -> None:
     pass
 
 
-Join = Callable[[str, OnError | None], Backend]
-"""Joins a middleware for a node of this full name; exceptions of its callbacks go to the second."""
+Join = Callable[[str, OnError | None], Backend]  #: Given a node's full name and its errors' taker.
 
 
 def _running_loop() -> asyncio.AbstractEventLoop | None:

@@ -20,12 +20,10 @@ if TYPE_CHECKING:
     from sfglab.bus.api import Callback
     from sfglab.bus.loop import Calls, LoopBridge
 
-KEEP_ALL_LIMIT_BYTES = 256 * 2**20
-"""How much a KEEP_ALL subscription may queue; beyond it even KEEP_ALL drops the oldest, and counts."""
+KEEP_ALL_LIMIT_BYTES = 256 * 2**20  #: How much a KEEP_ALL subscription may queue; beyond it the oldest goes.
 
 Sample = tuple[bytes | memoryview, int, int, bytes]
-"""CDR, source time stamp (ns), reception time stamp (ns), publisher's gid: a plain tuple, for it is made
-for every message."""
+"""CDR, source and reception time (ns), publisher's gid: a plain tuple, as it is made for every message."""
 
 # Bookkeeping of a queued sample in CPython, so that a flood of empty messages is bounded too.
 _OVERHEAD_BYTES = 256
@@ -74,10 +72,9 @@ class Reader(Endpoint, Protocol):
 
 
 class SampleQueue:
-    """A first-in-first-out queue, bounded as a QoS history says: what does not fit pushes out the oldest.
+    """A first-in-first-out queue of `depth` samples, or for KEEP_ALL `limit_bytes`; the oldest gives way.
 
-    KEEP_LAST holds `depth` samples, KEEP_ALL `limit_bytes`. A transport's thread pushes, the loop pops. A lock
-    keeps the pushing side's bounds; popping needs none, as a deque's ends are safe between threads.
+    A transport's thread pushes, with a lock for the bounds; the loop pops, as a deque's ends are safe.
     """
 
     def __init__(self, qos: QoSProfile, *, limit_bytes: int = KEEP_ALL_LIMIT_BYTES) -> None:
@@ -138,9 +135,7 @@ class SampleQueue:
 class Inbox:
     """A queue of samples, bounded by a QoS, that hands them to `get` or decoded to a callback, oldest first.
 
-    A callback that returns an awaitable gets the next sample when that has finished; what arrives meanwhile
-    waits in the queue, which drops the oldest by its own bound. The bridge leads to the reading side's loop;
-    `calls` runs callbacks and what they return.
+    While what a callback returned is awaited, samples wait in the queue. The bridge leads to the reader's loop.
     """
 
     def __init__(
@@ -257,10 +252,7 @@ class Inbox:
 
 
 class ThreadInbox(Inbox):
-    """Hands samples to a plain callback where they arrive, in the transport's thread: no loop wakes for them.
-
-    What arrives while it runs waits in the transport, within the bounds of the QoS.
-    """
+    """Hands samples to a plain callback in the transport's thread, where what comes meanwhile waits."""
 
     def __init__(self, bridge: LoopBridge, qos: QoSProfile, **options: Any) -> None:
         super().__init__(bridge, qos, **options)

@@ -1,8 +1,8 @@
 """Samples from one node to another as they are: what a router between two domains stands on.
 
-Refuses to know policies: whoever opens a forward says which sources pass; what others send waits until then.
-Live nodes forward inside the middleware (`sfglab.bus.dds.forwarder`), without the bytes ever being Python's;
-every other backend by `sfglab.bus.backend.RawForwarder`, on the loop.
+Whoever opens a forward says which sources pass; what others send waits until then. Live nodes forward inside
+the middleware (`sfglab.bus.dds.forwarder`), every other backend by `sfglab.bus.backend.RawForwarder`, on the
+loop.
 """
 
 from __future__ import annotations
@@ -43,17 +43,12 @@ class ForwardCounts:
     """What a forward did so far."""
 
     forwarded: int = 0  #: Samples handed to a raw writer.
-    #: Samples that were not: of refused sources, by the transform, pushed out while they were held, or refused
-    #: by the target's middleware.
-    dropped: int = 0
+    dropped: int = 0  #: Samples that were refused, by a transform or the middleware too, or pushed out.
     bytes: int = 0  #: Size of the CDR that was forwarded.
 
 
 class SourceGate(Generic[_Sample, _Exit]):
-    """The judgements of sources, and the samples of those that nobody has judged yet.
-
-    Pure: samples and exits are whatever the forward at hand works with. Samples are sent to an exit or dropped.
-    """
+    """The judgements of sources, and the samples of those not judged yet; pure, whatever samples are."""
 
     def __init__(self, send: Callable[[_Exit, _Sample], None], drop: Callable[[_Sample], None]) -> None:
         self._send = send
@@ -85,11 +80,15 @@ class SourceGate(Generic[_Sample, _Exit]):
         self._exits.pop(source, None)
         self._drop_held(source)
 
-    def clear(self) -> None:
-        """Drop everything held and forget all sources."""
+    def close(self) -> None:
+        """Drop everything held, forget all sources and whom samples are given to.
+
+        So a forward, which has a gate that has its methods, is freed at once and not by the garbage collector.
+        """
         self._exits.clear()
         for source in tuple(self._held):
             self._drop_held(source)
+        self._send = self._drop = _nowhere
 
     def _hold(self, source: bytes, sample: _Sample) -> None:
         held = self._held.setdefault(source, deque())
@@ -102,6 +101,10 @@ class SourceGate(Generic[_Sample, _Exit]):
             self._drop(sample)
 
 
+def _nowhere(*_: Any) -> None:
+    pass
+
+
 class Forward(ABC, Generic[_Sample, _Writer]):
     """One raw reader of one topic, whose samples go on by their source; made by `Forwarder.open`."""
 
@@ -111,10 +114,9 @@ class Forward(ABC, Generic[_Sample, _Writer]):
         self._gate: SourceGate[_Sample, tuple[_Writer, Transform | None]] = SourceGate(self._send, self._drop)
 
     def admit(self, source: bytes, writer: _Writer, transform: Transform | None = None) -> None:
-        """Send a source's samples to a raw writer of the same forwarder from now on, those held for it first.
+        """Send a publisher's samples, by its 16-byte GUID, to a raw writer from now on, those held first.
 
-        The source is the 16-byte GUID of a publisher in the source's domain. The transform is given each
-        sample; on live nodes in the thread that reads, so it must not touch what belongs to the loop.
+        On live nodes the transform runs in the thread that reads: it must not touch what belongs to the loop.
         """
         self._order(partial(self._gate.judge, source, (writer, transform)))
 

@@ -22,11 +22,10 @@ if TYPE_CHECKING:
 
 
 class Graph:
-    """All endpoints of the node's domain, its own included.
+    """All endpoints of the node's domain, its own included, on the node's loop.
 
-    Lives on the node's loop. Discovery goes on in the background: right after the start of a node the graph
-    is incomplete, so wait with `wait_for` or read `events`. When somebody first asks for nodes, `read_nodes` is
-    called once and lets `learn_nodes` be called.
+    Discovery goes on in the background, so wait with `wait_for` or read `events`. When somebody first asks for
+    nodes, `read_nodes` is called once and lets `learn_nodes` be called.
     """
 
     def __init__(
@@ -61,10 +60,9 @@ class Graph:
         return {topic: tuple(sorted(found[topic])) for topic in sorted(found)}
 
     def nodes(self) -> tuple[NodeInfo, ...]:
-        """Return the nodes that announce themselves to ROS 2's graph, ordered by name.
+        """Return the nodes of ROS 2's graph by name, read from the first call on: wait with `wait_for`.
 
-        They are read from the first call on, so it returns nothing yet: wait with `wait_for`. From then on
-        `EndpointInfo.node` also names the owners that are not nodes of sfglab.
+        From then on `EndpointInfo.node` also names the owners that are not nodes of sfglab.
         """
         if self._read_nodes is not None:
             read, self._read_nodes = self._read_nodes, None
@@ -98,10 +96,7 @@ class Graph:
         return lambda: self._listeners.remove(listener) if listener in self._listeners else None
 
     def watch(self, dds_topic: str, kind: EndpointKind, listener: Listener) -> Callable[[], None]:
-        """Call `listener` as `listen` does, but only for endpoints of one kind on one topic of the wire.
-
-        In a domain of thousands of endpoints, whoever needs few topics watches those.
-        """
+        """Call `listener` as `listen` does, but only for endpoints of one kind on one topic of the wire."""
 
         def heard(event: EndpointEvent) -> None:
             if event.endpoint.dds_topic == dds_topic and event.endpoint.kind is kind:

@@ -1,6 +1,6 @@
 """A graph in the words of ROS 2's tools: its topics, services, actions and nodes, as values and as text.
 
-Knows what is hidden, and which topics of the wire make a service or an action. Refuses to know how it is shown.
+Knows what is hidden, and which topics of the wire make a service or an action. Refuses to know terminals.
 """
 
 from __future__ import annotations
@@ -8,7 +8,7 @@ from __future__ import annotations
 import asyncio
 import difflib
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from sfglab import names
@@ -22,8 +22,7 @@ if TYPE_CHECKING:
     from sfglab.bus.api import NodeInfo
     from sfglab.bus.node import Node
 
-Types = dict[str, tuple[str, ...]]
-"""Names, sorted, each with its types."""
+Types = dict[str, tuple[str, ...]]  #: Names, sorted, each with its types.
 
 _QUIET_S = 0.7  #: How long nothing new may come.
 _LIMIT_S = 5.0  #: How long is waited at most, and while there is nobody.
@@ -214,13 +213,18 @@ def names_text(found: Mapping[str, tuple[str, ...]], *, show_types: bool) -> str
     )
 
 
+def requested(declared: QoSProfile, offered: Iterable[QoSProfile]) -> QoSProfile:
+    """Return what to request so that it matches all that is offered, as near as can be to what is declared."""
+    profiles = tuple(offered)
+    if any(profile.reliability is Reliability.BEST_EFFORT for profile in profiles):
+        declared = replace(declared, reliability=Reliability.BEST_EFFORT)
+    if any(profile.durability is Durability.VOLATILE for profile in profiles):
+        declared = replace(declared, durability=Durability.VOLATILE)
+    return declared
+
+
 def usual_qos(publishers: Iterable[EndpointInfo]) -> QoSProfile:
-    """Return what to request so that all of these publishers are heard, as ROS 2's tools do; all is kept."""
+    """Return what to request of publishers as ROS 2's tools do: repair and the past where all offer them."""
     offered = [publisher.qos for publisher in publishers]
-    reliable = all(qos.reliability is Reliability.RELIABLE for qos in offered)
-    latched = bool(offered) and all(qos.durability is Durability.TRANSIENT_LOCAL for qos in offered)
-    return QoSProfile(
-        reliability=Reliability.RELIABLE if reliable else Reliability.BEST_EFFORT,
-        durability=Durability.TRANSIENT_LOCAL if latched else Durability.VOLATILE,
-        history=History.KEEP_ALL,
-    )
+    past = Durability.TRANSIENT_LOCAL if offered else Durability.VOLATILE
+    return requested(QoSProfile(durability=past, history=History.KEEP_ALL), offered)

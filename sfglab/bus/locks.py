@@ -1,7 +1,6 @@
-"""Locks among the programs of one user on one host, as files in a folder of the user's alone.
+"""Locks among one user's programs on one host: files in a folder of the user's, freed with their holder.
 
-Names among abstract sockets would be whose who takes them first. The kernel frees a lock with its holder.
-Refuses to know what is locked.
+Names among abstract sockets would be whose who takes them first.
 """
 
 from __future__ import annotations

@@ -73,10 +73,7 @@ class LoopBridge:
 
 
 class WatchThread:
-    """Does what a `LoopBridge` does for descriptors, in a thread that blocks until one is readable.
-
-    Holds the bridge, and so no node, which can be collected and stop it.
-    """
+    """Does what a `LoopBridge` does for descriptors, in a thread that blocks; holds the bridge and no node."""
 
     def __init__(self, bridge: LoopBridge, name: str) -> None:
         self.loop = bridge.loop
@@ -182,10 +179,8 @@ class Signal:
 class Calls:
     """The callbacks of one endpoint or timer: plain or async, tracked, and with failures reported, not spread.
 
-    Args:
-        tasks: Where running async callbacks are kept, shared with the node that ends them.
-        where: What the callback belongs to, e.g. "subscription '/chatter'".
-        on_error: Called with an exception and `where`; None logs it.
+    Async ones that run are kept in `tasks`. `on_error` is called with an exception and `where`, what the
+    callback belongs to, such as "subscription '/chatter'"; None logs it.
     """
 
     def __init__(self, tasks: set[asyncio.Task[Any]], where: str, on_error: OnError | None) -> None:
@@ -200,10 +195,7 @@ class Calls:
         *arguments: Any,
         then: Callable[[], None] | None = None,
     ) -> asyncio.Task[Any] | None:
-        """Call a callback; return the task of an awaitable that it returns, None when it has ended.
-
-        When an awaitable has ended, unless it was cancelled, `then` is called.
-        """
+        """Call a callback; return the task of an awaitable that it returns, whose end calls `then`, or None."""
         try:
             result = callback(*arguments)
         except Exception as error:  # noqa: BLE001 - reported; one bad callback must not end the others

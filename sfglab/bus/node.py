@@ -31,10 +31,7 @@ if TYPE_CHECKING:
 
 
 class Timer:
-    """Calls a callback, plain or async, every `period_s` seconds, without drift; what was missed is skipped.
-
-    An async callback that is still running when its next turn comes loses that turn.
-    """
+    """Calls a callback, plain or async, every `period_s` seconds, without drift; missed turns are skipped."""
 
     def __init__(self, period_s: float, callback: Callable[[], Awaitable[None] | None], calls: Calls) -> None:
         if not period_s > 0:
@@ -98,8 +95,8 @@ class Node:
         discovery_info: bool = True,
         **domain: Unpack[DomainOptions],
     ) -> None:
-        self._name = name
-        self._namespace = namespace
+        self.name = name  #: The node's name, without its namespace.
+        self.namespace = namespace  #: The node's namespace.
         self._on_error = on_error
         domain_id = usual_domain_id() if domain_id is None else domain_id
         config = DomainConfig(domain_id=domain_id, **domain)
@@ -133,18 +130,8 @@ class Node:
         """
         if self._live is not None and not self._live.closed:
             return
-        self._live = self._join(self._resolve(self._name), self._on_error)
+        self._live = self._join(self._resolve(self.name), self._on_error)
         self._finalizer = weakref.finalize(self, self._live.close)
-
-    @property
-    def name(self) -> str:
-        """The node's name, without its namespace."""
-        return self._name
-
-    @property
-    def namespace(self) -> str:
-        """The node's namespace."""
-        return self._namespace
 
     @property
     def backend(self) -> Backend:
@@ -154,7 +141,7 @@ class Node:
             ClosedError: The node was not started, or has ended.
         """
         if self._live is None or self._live.closed:
-            raise ClosedError(f"node {self._name!r}")
+            raise ClosedError(f"node {self.name!r}")
         return self._live
 
     @property
@@ -188,8 +175,8 @@ class Node:
             qos: What is offered; a number is the depth of an otherwise default profile.
             transport: "dds", or "shm" for subscriptions with "shm" on the same host.
             max_message_bytes: The limit of one message's CDR with "shm". The memory file is 64 times as
-                large at most; memory is taken only where messages lie, which are, besides the history for late
-                joiners, at most depth + 2 (and never more than 64) per subscriber, and the newest `depth` ones.
+                large at most; memory is taken only where messages lie: the history for late joiners, the
+                newest `depth` ones, and at most depth + 2 (never more than 64) per subscriber.
         """
         backend, options = self.backend, {"transport": transport, "max_message_bytes": max_message_bytes}
         return Publisher(self, backend, topic_endpoint(type_, self._resolve(topic), qos, **options))
@@ -229,10 +216,9 @@ class Node:
     def create_service(
         self, type_: str, name: str, handler: Handler, *, transport: Transport = "dds"
     ) -> Service:
-        """Create a service of a type such as "example_interfaces/srv/AddTwoInts".
+        """Create a service of a type such as "example_interfaces/srv/AddTwoInts"; its handler may be async.
 
-        Its handler, plain or async, is given a request and returns a response. The transport is "dds", for
-        nodes of sfglab and of rmw_cyclonedds, or "ros", for those of rmw_fastrtps, which needs a ROS 2 here.
+        The transport is "dds", for sfglab and rmw_cyclonedds, or "ros", for rmw_fastrtps, which needs a ROS 2.
         """
         name = self._resolve(name)
         return Service(self, self.backend, type_, name=name, handler=handler, transport=transport)
@@ -242,16 +228,11 @@ class Node:
         return Client(self, self.backend, type_, name=self._resolve(name), transport=transport)
 
     def create_action_server(
-        self,
-        type_: str,
-        name: str,
-        execute_callback: ExecuteCallback,
-        **options: Unpack[ActionServerOptions],
+        self, type_: str, name: str, execute_callback: ExecuteCallback, **options: Unpack[ActionServerOptions]
     ) -> ActionServer:
         """Create a server of an action such as "sfglab_interfaces/action/FollowTrajectory"; see `ActionServer`.
 
-        The execute callback, plain or async, is given a `ServerGoalHandle`, does what is asked and returns a
-        result. Without a `cancel_callback` among the options goals cannot be canceled.
+        Without a `cancel_callback` among the options goals cannot be canceled.
         """
         name = self._resolve(name)
         return ActionServer(self, self.backend, type_, name=name, execute=execute_callback, **options)
@@ -269,16 +250,13 @@ class Node:
     def open_forwarder(self, target: Node) -> Forwarder:
         """Return what forwards samples as they are, from this node to one in another domain.
 
-        Whoever opens a forward says which sources pass; what others send waits until then.
-
         Raises:
             TypeError: The two nodes have different middlewares.
         """
         here, there = self.backend, target.backend
         if type(here) is not type(there):
-            raise TypeError(
-                f"forwarding: given a {here.kind} and a {there.kind} node, allowed are two of one kind"
-            )
+            given = f"a {here.kind} and a {there.kind} node"
+            raise TypeError(f"forwarding: given {given}, allowed are two of one kind")
         return here.open_forwarder(there)
 
     async def close(self) -> None:
@@ -293,4 +271,4 @@ class Node:
             self._finalizer()
 
     def _resolve(self, name: str) -> str:
-        return names.resolve(name, self._namespace, node_name=self._name)
+        return names.resolve(name, self.namespace, node_name=self.name)

@@ -1,7 +1,6 @@
-"""Parameters of a node as ROS 2's tools ask for them: what its component was told, to be read.
+"""Parameters of a node as `ros2 param list`, `get` and `describe` ask for them, by services of rcl_interfaces.
 
-The six services of rcl_interfaces below its name, which `ros2 param list`, `get` and `describe` call. What a
-component is told is told when it starts: to set a parameter is refused with that sentence.
+What a component is told is told when it starts: to set a parameter is refused with that sentence.
 """
 
 from __future__ import annotations
@@ -18,8 +17,7 @@ if TYPE_CHECKING:
 
     from sfglab.bus.node import Node
 
-Way = Literal["dds", "ros"]
-"""Over DDS, for rmw_cyclonedds, or by ROS 2's own program, for rmw_fastrtps; see `sfglab.bus.ros`."""
+Way = Literal["dds", "ros"]  #: Over DDS, for rmw_cyclonedds, or by ROS 2's own program (`sfglab.bus.ros`).
 READ_ONLY = "it is given when the component starts"
 # rcl_interfaces/msg/ParameterType, and the field of ParameterValue: one of a kind, and many.
 _KINDS: dict[type, tuple[str, int, int]] = {
@@ -71,20 +69,13 @@ def plain_value(message: Any) -> tuple[str, Any]:
 
 
 class Parameters:
-    """The parameters of a node.
-
-    Args:
-        node: Started; the services end with it.
-        config: A dataclass; its fields are parameters, those of its parts with dots between.
-        transport: Of the services.
-    """
+    """The parameters of a started node: a dataclass's fields, those of its parts with dots between."""
 
     def __init__(self, node: Node, config: Any, transport: Way = "dds") -> None:
         self._values: Mapping[str, Any] = dict(flat(to_json(config)))
-        for name in ("DescribeParameters", "GetParameters", "ListParameters", "SetParameters"):
+        names = "DescribeParameters GetParameters ListParameters SetParameters GetParameterTypes"
+        for name in (*names.split(), "SetParametersAtomically"):
             self._serve(node, name, transport)
-        self._serve(node, "GetParameterTypes", transport)
-        self._serve(node, "SetParametersAtomically", transport)
 
     def _serve(self, node: Node, service: str, transport: Way) -> None:
         type_ = service_type(f"rcl_interfaces/srv/{service}")
@@ -100,11 +91,8 @@ class Parameters:
         return {"values": [parameter_value(self._values.get(name)) for name in request.names]}
 
     def _get_parameter_types(self, request: Any) -> dict[str, Any]:
-        return {
-            "types": np.array(
-                [parameter_value(self._values.get(name)).type for name in request.names], np.uint8
-            )
-        }
+        types = [parameter_value(self._values.get(name)).type for name in request.names]
+        return {"types": np.array(types, np.uint8)}
 
     def _describe_parameters(self, request: Any) -> dict[str, Any]:
         kinds = [(name, parameter_value(self._values.get(name)).type) for name in request.names]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
+from operator import itemgetter
 from typing import TYPE_CHECKING, Any
 
 from sfglab import names
@@ -52,30 +53,18 @@ def checked_type(message: Any, *, type_: str, where: str) -> None:
 
 
 class TopicEnd:
-    """One end of a topic, as users hold it.
-
-    Keeps the node alive for as long as it is held; None where the node itself runs with it.
-    """
+    """One end of a topic, as users hold it; it keeps its node alive, if it is given one."""
 
     def __init__(self, node: Any, backend: Backend, endpoint: RawEndpoint) -> None:
         self._node = node
         self._backend = backend
-        self._topic, self._type = endpoint.name, endpoint.type
+        self.topic_name = endpoint.name  #: The fully resolved ROS topic.
+        self.type_name = endpoint.type  #: The ROS type, e.g. "std_msgs/msg/String".
         self._changed = Signal(backend.loop)
-
-    @property
-    def topic_name(self) -> str:
-        """The fully resolved ROS topic."""
-        return self._topic
-
-    @property
-    def type_name(self) -> str:
-        """The ROS type, e.g. "std_msgs/msg/String"."""
-        return self._type
 
     async def _wait_for(self, end: Endpoint, count: int, peers: str, timeout_s: float) -> None:
         if not await self._changed.wait_until(lambda: end.matched >= count, timeout_s):
-            what = f"topic {self._topic!r}: {count} matching {peers}(s), found {end.matched},"
+            what = f"topic {self.topic_name!r}: {count} matching {peers}(s), found {end.matched},"
             raise discovery_timeout_error(what, timeout_s)
 
 
@@ -98,17 +87,15 @@ class Publisher(TopicEnd):
             ClosedError: The publisher is closed.
         """
         self._check_open()
-        checked_type(message, type_=self._type, where=self._topic)
+        checked_type(message, type_=self.type_name, where=self.topic_name)
         self._writer.write_message(message)
 
     def publish_raw(self, cdr: Any, source_timestamp_ns: int | None = None) -> None:
-        """Send one message that is already CDR, its 4-byte header included, in any contiguous buffer.
-
-        It is stamped with a Unix time in nanoseconds; None is now.
+        """Send CDR with its 4-byte header, in any contiguous buffer, stamped with a Unix time (ns) or now.
 
         Raises:
-            InvalidMessageError: The bytes are no message of the topic's type, into which shared memory does not
-                look, or too many for it.
+            InvalidMessageError: It is no message of the topic's type (unchecked by shared memory), or too
+                large.
             PublishError: The transport could not send it.
             ClosedError: The publisher is closed.
         """
@@ -116,10 +103,9 @@ class Publisher(TopicEnd):
         self._writer.write(cdr, source_timestamp_ns)
 
     def loan(self, size_bytes: int) -> AbstractContextManager[memoryview]:
-        """Return a context with memory to write a message's CDR into; leaving it publishes the message.
+        """Return a context with shared memory to write a message's CDR into, so many bytes with its header.
 
-        Shared memory only, where it saves the publisher's only copy. Leaving by an exception publishes
-        nothing. The size is that of the CDR, its header included.
+        Leaving it publishes the message; leaving by an exception publishes nothing.
 
         Raises:
             ClosedError: The publisher is closed.
@@ -142,10 +128,7 @@ class Publisher(TopicEnd):
         await self._wait_for(self._writer, count, "subscription", timeout_s)
 
     async def wait_for_all_acked(self, timeout_s: float = 5.0) -> bool:
-        """Return True once all reliable subscriptions have all messages, False if they have not in time.
-
-        Over shared memory nobody acknowledges, and it is True at once.
-        """
+        """Return whether all reliable subscriptions have all messages in time; at once over shared memory."""
         asked: Callable[[], bool] = getattr(self._writer, "acknowledged", lambda: True)
         for _ in range(round(timeout_s / _ACK_S)):
             if asked():
@@ -160,14 +143,11 @@ class Publisher(TopicEnd):
 
     def _check_open(self) -> None:
         if self._closed or self._backend.closed:
-            raise ClosedError(f"publisher {self._topic!r}")
+            raise ClosedError(f"publisher {self.topic_name!r}")
 
 
 class Subscription(TopicEnd):
-    """One topic's incoming messages, in a queue of its own that its QoS bounds.
-
-    Made by `Node.create_subscription`. Read it by `take`, by `async for` or by a callback.
-    """
+    """One topic's incoming messages, bounded by its QoS, for `take`, `async for` or a callback."""
 
     def __init__(
         self,
@@ -179,7 +159,7 @@ class Subscription(TopicEnd):
         raw: bool = False,
     ) -> None:
         super().__init__(node, backend, endpoint)
-        self._decode = _raw if raw else _decoding(backend, endpoint.type)
+        self._decode = itemgetter(0) if raw else _decoding(backend, endpoint.type)
         calls = backend.calls(self._what)
         kind = ThreadInbox if endpoint.threaded else Inbox
         self._inbox = kind(backend.bridge, endpoint.qos, decode=self._decode, callback=callback, calls=calls)
@@ -249,7 +229,7 @@ class Subscription(TopicEnd):
 
     @property
     def _what(self) -> str:
-        return f"subscription {self._topic!r}"
+        return f"subscription {self.topic_name!r}"
 
     async def _sample(self, timeout_s: float | None) -> Sample:
         if timeout_s is None:
@@ -259,7 +239,9 @@ class Subscription(TopicEnd):
                 return await self._inbox.get(self._what)
         except TimeoutError as error:
             known = f"{self._reader.matched} matching publisher(s) known"
-            raise BusTimeoutError(f"topic {self._topic!r}: no message within {timeout_s} s; {known}") from error
+            raise BusTimeoutError(
+                f"topic {self.topic_name!r}: no message within {timeout_s} s; {known}"
+            ) from error
 
 
 class _Incoming:
@@ -276,10 +258,6 @@ class _Incoming:
         self._inbox.close()
 
 
-def _raw(sample: Sample) -> Any:
-    return sample[0]
-
-
 def _decoding(backend: Backend, type_: str) -> Callable[[Sample], Any]:
     message_type(type_)  # an unknown one is an error here and now
     decode = backend.decoder(type_)
@@ -290,11 +268,7 @@ _NAME_S = 10.0  # how long a publisher's node may take to be told
 
 
 class _Warnings:
-    """Says aloud, once for each publisher, that it will never reach a subscription, and why.
-
-    Types that differ and requests beyond what is offered are silent in DDS: nothing arrives. ROS 2 warns, too.
-    The node of a publisher that is not ours is known once the graph was asked for nodes.
-    """
+    """Says aloud, once for each publisher, as ROS 2 does, that it will never reach a subscription, and why."""
 
     def __init__(self, backend: Backend, wanted: RawEndpoint) -> None:
         self._backend = backend

@@ -41,15 +41,10 @@ _LATE_S = 2.0  #: How long readers may take for what was played last.
 
 
 class Recorder:
-    """Records what is published on topics that are wanted, from when they appear on.
+    """Records topics that are wanted, by name, from when they appear; `told` is given sentences for the user.
 
-    At the end an MCAP file, which has a place for it, is told who published and who subscribed.
-
-    Args:
-        node: Started.
-        open_log: Makes the log, in the thread that writes it.
-        wanted: Whether a topic of this name and type is recorded.
-        told: Given sentences for the user.
+    `open_log` makes the log, in the thread that writes it. An MCAP file is told at its end who published and
+    who subscribed.
     """
 
     def __init__(
@@ -175,10 +170,7 @@ class Playing:
 
 
 class Player:
-    """Plays topics of a log that are wanted, at the pace in which they were recorded, once subscriptions match.
-
-    Arguments as of `Recorder`.
-    """
+    """Plays wanted topics of a log at the pace of the recording once subscriptions match; see `Recorder`."""
 
     def __init__(
         self,

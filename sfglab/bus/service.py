@@ -1,10 +1,8 @@
 """Services over DDS as rmw_cyclonedds frames them: a request topic, a reply topic, and who asked in front.
 
-Interoperates with ROS 2 nodes on rmw_cyclonedds. What cannot work is a service between these and rmw_fastrtps,
-also without us (topics are fine): rmw_fastrtps sends the bare request and reply and correlates them by the
-RTPS sample identity in the inline QoS (`related_sample_identity`), which Cyclone's API neither sets nor shows.
-As both announce the same type name, they match; from here they are told apart by their GUIDs. The transport
-"ros" is for them: the same frames, carried by a program of ROS 2's own (`sfglab.bus.ros`).
+rmw_fastrtps sends the bare request and reply and correlates them by the inline QoS `related_sample_identity`,
+which Cyclone's API neither sets nor shows; both announce the same type name, and are told apart by their GUIDs.
+Its services have the transport "ros": the same frames, by a program of ROS 2's own (`sfglab.bus.ros`).
 """
 
 from __future__ import annotations
@@ -67,7 +65,7 @@ class _Pair:
         )
         self.writer = backend.open_writer(out, self.changed.notify)
         self.reader = backend.open_reader(in_, self.changed.notify, self.inbox)
-        self._on_close: Callable[[], None] = lambda: None
+        self.on_close: Callable[[], None] = lambda: None
 
     def peers(self) -> frozenset[bytes]:
         """Return the GUID prefixes of participants that have both halves of the other side, framed as ours."""
@@ -82,14 +80,11 @@ class _Pair:
     def send(self, frame: ServiceFrame) -> None:
         self.writer.write(frame_service(frame))
 
-    def when_closed(self, function: Callable[[], None]) -> None:
-        self._on_close = function
-
     def close(self) -> None:
         self.reader.close()
         self.writer.close()
         self.inbox.close()
-        self._on_close()
+        self.on_close()
 
 
 def _halves(
@@ -99,12 +94,7 @@ def _halves(
     service = service_type(type_)
     request, reply = (
         RawEndpoint(
-            dds_topic=topic,
-            type=type_name(half),
-            qos=_QOS,
-            user_data=identity,
-            name=name,
-            transport=transport,
+            dds_topic=topic, type=type_name(half), qos=_QOS, user_data=identity, name=name, transport=transport
         )
         for topic, half in zip(names.dds_service(name), (service.request, service.response), strict=True)
     )
@@ -149,8 +139,7 @@ class Service:
     """A service's server; made by `Node.create_service`.
 
     Requests are handled concurrently, in the order of their arrival. A handler that raises is reported and
-    answers nothing, so its client runs into its timeout. `answered`, for actions, is given each request once
-    its response is sent.
+    answers nothing. `answered`, for actions, is given each request once its response is sent.
     """
 
     def __init__(  # noqa: PLR0913 - what makes a service, and one thing that only actions need
@@ -164,6 +153,7 @@ class Service:
         transport: Transport = "dds",
         answered: Callable[[Any], None] | None = None,
     ) -> None:
+        self.service_name = name  #: The fully resolved ROS service.
         service = service_type(type_)
         server = _Server(handler, service.request, type_name(service.response), answered)
         server.pair = self._pair = _Pair(
@@ -172,11 +162,6 @@ class Service:
         self._node = node  # keeps the node alive for as long as its service is held
         self._backend = backend
         backend.register(self._pair)
-
-    @property
-    def service_name(self) -> str:
-        """The fully resolved ROS service."""
-        return self._pair.name
 
     @property
     def last_error(self) -> BaseException | None:
@@ -194,6 +179,7 @@ class Client:
     def __init__(
         self, node: Any, backend: Backend, type_: str, *, name: str, transport: Transport = "dds"
     ) -> None:
+        self.service_name = name  #: The fully resolved ROS service.
         service = service_type(type_)
         self._request_type = type_name(service.request)
         self._response = service.response
@@ -202,15 +188,10 @@ class Client:
         self._pending: dict[int, asyncio.Future[ServiceFrame]] = {}
         on_frame = partial(_resolve, self._guid, self._pending)
         self._pair = _Pair(backend, type_, name, server=False, transport=transport, on_frame=on_frame)
-        self._pair.when_closed(partial(_fail, self._pending, f"client {name!r}", backend.loop))
+        self._pair.on_close = partial(_fail, self._pending, f"client {name!r}", backend.loop)
         self._node = node  # keeps the node alive for as long as its client is held
         self._backend = backend
         backend.register(self._pair)
-
-    @property
-    def service_name(self) -> str:
-        """The fully resolved ROS service."""
-        return self._pair.name
 
     def service_is_ready(self) -> bool:
         """Return whether a server can be called now."""
@@ -223,17 +204,16 @@ class Client:
             BusTimeoutError: There was none within `timeout_s`.
         """
         if not await self._pair.changed.wait_until(self.service_is_ready, timeout_s):
-            raise discovery_timeout_error(f"service {self._pair.name!r}: a server", timeout_s)
+            raise discovery_timeout_error(f"service {self.service_name!r}: a server", timeout_s)
 
     async def wait_until_gone(self) -> None:
         """Return once no server can be called, at once if there is none now."""
         await self._pair.changed.wait_until(lambda: not self.service_is_ready(), None)
 
     async def call(self, request: Any, timeout_s: float | None = 5.0, *, max_bytes: int | None = None) -> Any:
-        """Return the server's response, waiting first for a server if there is none yet.
+        """Return the server's response, unless it has more than `max_bytes`.
 
-        The time-out is for server and response together, in seconds; None waits for ever. A response of more
-        than `max_bytes` is not read.
+        The time-out, None for ever, is for finding a server and for its response together, in seconds.
 
         Raises:
             InvalidValueError: The response is larger than that.
@@ -241,8 +221,8 @@ class Client:
             InvalidMessageError: The request is of another type.
             ClosedError: The client is closed, or was meanwhile.
         """
-        said = f"service {self._pair.name!r}: no answer within {timeout_s or 0.0} s"
-        name = self._pair.name
+        name = self.service_name
+        said = f"service {name!r}: no answer within {timeout_s or 0.0} s"
         if self._pair.inbox.closed or self._backend.closed:
             raise ClosedError(f"client {name!r}")
         checked_type(request, type_=self._request_type, where=name)

@@ -7,7 +7,9 @@ Commands of one kind stand in one module and are added to the program here.
 from __future__ import annotations
 
 import logging
+import os
 import sys
+from contextlib import suppress
 from errno import EFBIG, EIO, ENOSPC
 from os import fsdecode
 from typing import TYPE_CHECKING, Annotated, Any, NoReturn
@@ -26,7 +28,6 @@ from sfglab.cli import (
     mapping,
     mocap,
     nodes,
-    params,
     plan,
     schema,
     topics,
@@ -85,10 +86,10 @@ _GROUPS = {
     "frames": mocap.frames_app,
     "log": logs.app,
     "topic": topics.app,
-    "node": nodes.app,
+    "node": nodes.node_app,
     "service": calls.service_app,
     "action": calls.action_app,
-    "param": params.app,
+    "param": nodes.param_app,
 }
 for _name, _command in _COMMANDS.items():
     app.command(_name)(_command)
@@ -105,12 +106,15 @@ def main() -> NoReturn:
     """Run the command line; an error of ours is one line and exit status 1, of its words exit status 2."""
     logging.basicConfig(format="%(levelname)s: %(message)s", level=logging.WARNING)
     try:
-        sys.exit(app(prog_name="sfglab", standalone_mode=False))
+        status = app(prog_name="sfglab", standalone_mode=False)
+        sys.stdout.flush()
     except Exception as error:
         said, status = _sentence(error)
         if not said:
             raise
         typer.echo(f"sfglab: {said}", err=True)
+        with suppress(OSError):  # what standard output could not take is not tried again at the end
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     sys.exit(status)
 
 

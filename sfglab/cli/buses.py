@@ -1,10 +1,11 @@
-"""Options of all commands that look at a DDS domain, and a node of theirs while they run."""
+"""Habits of all commands: options for a DDS domain, a node while they run, what is said and what is refused."""
 
 from __future__ import annotations
 
 import asyncio
 import json
 import os
+from importlib import import_module
 from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 import typer
@@ -13,9 +14,11 @@ from sfglab.component import run, run_until_interrupted
 from sfglab.domains import MAX_DOMAIN, VARIABLE
 from sfglab.errors import InvalidValueError, SfglabError
 from sfglab.fields import to_json
+from sfglab.files import write_files
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Coroutine, Iterable
+    from collections.abc import Callable, Coroutine, Iterable, Mapping
+    from pathlib import Path
 
     from sfglab.bus import EndpointInfo, Node
     from sfglab.bus.api import Transport
@@ -44,8 +47,7 @@ Reliability = Annotated[str | None, typer.Option("--qos-reliability", help="reli
 Durability = Annotated[str | None, typer.Option("--qos-durability", help="volatile or transient_local.")]
 Depth = Annotated[int | None, typer.Option("--qos-depth", min=1, help="How many messages are kept.")]
 Timeout = Annotated[float | None, typer.Option(min=0.1, help="Seconds to wait; else for ever.")]
-Place = tuple[int | None, str | None]
-"""A domain and an interface."""
+Place = tuple[int | None, str | None]  #: A domain and an interface.
 _TOPIC_S = 3.0  #: How long a topic's publisher is looked for,
 _SOON_S = 1.0  #: After which it is said that a server is waited for.
 _OTHERS_S = 0.3  #: and then the others.
@@ -198,3 +200,31 @@ def _only(types: Iterable[str], topic: str) -> str:
     if more:
         raise InvalidValueError(f"topic {topic}, type", None, f"one of {', '.join((first, *more))}, to be said")
     return first
+
+
+def put(files: Mapping[Path, str | bytes], folder: Path | None = None) -> None:
+    """Write files, all or none, and say which; below a folder, which is made, if one is given."""
+    write_files(files, folder=folder)
+    for path in files:
+        typer.echo(path if folder is None else folder / path)
+
+
+def say_left_out(left_out: Mapping[str, str]) -> None:
+    """Say of each topic that is left out why."""
+    for topic, why in left_out.items():
+        typer.echo(f"left out: {topic}: {why}", err=True)
+
+
+def unused(why: str, *names: str) -> None:
+    """Refuse options, by their parameters' names, that were given where nothing looks at them, and say why."""
+    # typer brings a click of its own, or takes the installed one
+    click = import_module(typer.Context.__mro__[1].__module__.partition(".core")[0] + ".globals")
+    context = click.get_current_context()
+    options = {parameter.name: max(parameter.opts, key=len) for parameter in context.command.params}
+    given = [
+        options[name]
+        for name in names
+        if getattr(context.get_parameter_source(name), "name", "") == "COMMANDLINE"
+    ]
+    if given:
+        raise SfglabError(f"{' and '.join(given)}: given {why}")

@@ -7,24 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from sfglab.cli.buses import (
-    Count,
-    Domain,
-    Hidden,
-    Interface,
-    Json,
-    ShowTypes,
-    SpinTime,
-    Timeout,
-    call,
-    full_type,
-    list_names,
-    look,
-    on_node,
-    tell,
-    transport_of,
-    until_interrupted,
-)
+import sfglab.cli.buses as bus
 from sfglab.cli.interfaces import Interfaces
 
 if TYPE_CHECKING:
@@ -38,13 +21,13 @@ action_app = typer.Typer(help="Actions of a domain, in the words of ros2 action.
 
 @service_app.command("list")
 def list_services(
-    show_types: ShowTypes = False,
-    count: Count = False,
-    hidden: Hidden = False,
-    as_json: Json = False,
-    domain: Domain = None,
-    interface: Interface = None,
-    spin: SpinTime = None,
+    show_types: bus.ShowTypes = False,
+    count: bus.Count = False,
+    hidden: bus.Hidden = False,
+    as_json: bus.Json = False,
+    domain: bus.Domain = None,
+    interface: bus.Interface = None,
+    spin: bus.SpinTime = None,
 ) -> None:
     """List services.
 
@@ -52,8 +35,8 @@ def list_services(
 
       sfglab service list -t --domain 7
     """
-    found = look((domain, interface), spin).services(hidden=hidden)
-    list_names(found, show_types=show_types, count=count, as_json=as_json)
+    found = bus.look((domain, interface), spin).services(hidden=hidden)
+    bus.list_names(found, show_types=show_types, count=count, as_json=as_json)
 
 
 @service_app.command("call")
@@ -61,10 +44,10 @@ def call_service(
     service: Annotated[str, typer.Argument(help="Name of the service, e.g. /enable")],
     type_: Annotated[str, typer.Argument(metavar="TYPE", help="Type, e.g. std_srvs/srv/SetBool")],
     values: Annotated[str, typer.Argument(help="The request's fields as YAML, e.g. '{data: true}'")] = "",
-    timeout: Timeout = None,
-    as_json: Json = False,
-    domain: Domain = None,
-    interface: Interface = None,
+    timeout: bus.Timeout = None,
+    as_json: bus.Json = False,
+    domain: bus.Domain = None,
+    interface: bus.Interface = None,
     _interfaces: Interfaces = None,
 ) -> None:
     """Call a service and print its response.
@@ -80,11 +63,13 @@ def call_service(
     from sfglab.messages import service_type, type_name
     from sfglab.messages.text import as_rclpy_shows, message_from_yaml, values_of
 
-    kind = service_type(full_type(type_, "srv"))
+    kind = service_type(bus.full_type(type_, "srv"))
     request = message_from_yaml(type_name(kind.request), values, "VALUES")
-    response = on_node((domain, interface), lambda node: call(node, kind.name, service, request, timeout))
+    response = bus.on_node(
+        (domain, interface), lambda node: bus.call(node, kind.name, service, request, timeout)
+    )
     if as_json:
-        tell(values_of(response))
+        bus.tell(values_of(response))
     else:
         typer.echo(f"requester: making request: {as_rclpy_shows(request)}\n")
         typer.echo(f"response:\n{as_rclpy_shows(response)}\n")
@@ -92,12 +77,12 @@ def call_service(
 
 @action_app.command("list")
 def list_actions(
-    show_types: ShowTypes = False,
-    count: Count = False,
-    as_json: Json = False,
-    domain: Domain = None,
-    interface: Interface = None,
-    spin: SpinTime = None,
+    show_types: bus.ShowTypes = False,
+    count: bus.Count = False,
+    as_json: bus.Json = False,
+    domain: bus.Domain = None,
+    interface: bus.Interface = None,
+    spin: bus.SpinTime = None,
 ) -> None:
     """List actions.
 
@@ -105,8 +90,8 @@ def list_actions(
 
       sfglab action list -t --domain 7
     """
-    found = look((domain, interface), spin).actions()
-    list_names(found, show_types=show_types, count=count, as_json=as_json)
+    found = bus.look((domain, interface), spin).actions()
+    bus.list_names(found, show_types=show_types, count=count, as_json=as_json)
 
 
 @action_app.command("send_goal", hidden=True)
@@ -120,8 +105,8 @@ def send_goal(
     feedback: Annotated[bool, typer.Option("--feedback", "-f", help="Print the goal's feedback.")] = False,
     timeout: Annotated[float, typer.Option(min=0.1, help="Seconds until the server accepts the goal.")] = 30.0,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON lines.")] = False,
-    domain: Domain = None,
-    interface: Interface = None,
+    domain: bus.Domain = None,
+    interface: bus.Interface = None,
     _interfaces: Interfaces = None,
 ) -> None:
     """Send an action a goal and wait for its end; Ctrl-C cancels the goal. Ends with 1 if it did not succeed.
@@ -136,18 +121,18 @@ def send_goal(
     from sfglab.messages import action_type, type_name
     from sfglab.messages.text import message_from_yaml, to_yaml, values_of
 
-    kind = action_type(full_type(type_, "action"))
+    kind = action_type(bus.full_type(type_, "action"))
     goal = message_from_yaml(type_name(kind.goal), values, "VALUES")
     ended: list[GoalStatus] = []
 
     def show(head: str, message: Any) -> None:
         if as_json:
-            tell({head.lower(): values_of(message)})
+            bus.tell({head.lower(): values_of(message)})
         else:
             typer.echo(f"{head}:\n    {to_yaml(values_of(message))}")
 
     async def send(node: Node) -> None:
-        transport = await transport_of(node, f"{action}/_action/send_goal", timeout)
+        transport = await bus.transport_of(node, f"{action}/_action/send_goal", timeout)
         client = node.create_action_client(kind.name, action, transport=transport)
         if not as_json:
             show("Sending goal", goal)
@@ -159,11 +144,11 @@ def send_goal(
         ended.append(result.status)
         show("Result", result.result)
         if as_json:
-            tell({"status": result.status.name})
+            bus.tell({"status": result.status.name})
         else:
             typer.echo(f"Goal finished with status: {result.status.name}")
 
-    until_interrupted((domain, interface), send)
+    bus.until_interrupted((domain, interface), send)
     if ended != [GoalStatus.SUCCEEDED]:
         raise typer.Exit(1 if ended else 130)
 

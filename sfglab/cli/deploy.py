@@ -123,8 +123,6 @@ def check(
 
       sfglab deploy check data/fleets/esslingen.yaml
     """
-    from functools import partial
-
     from tqdm import tqdm
 
     from sfglab.deploy.fleet_check import check_fleet, fails
@@ -230,8 +228,6 @@ def _prospects(
     source: FleetSource, agents: list[str] | None, root: Path | None, tag: str | None = None
 ) -> Iterator[tuple[Prospect, Callable[[], None]]]:
     """Yield what would happen to each agent, and what makes it happen; one's failure is not the others'."""
-    from functools import partial
-
     from sfglab.deploy.bundle import prepare
     from sfglab.deploy.release import SOURCE, make_release
     from sfglab.deploy.rollout import Prospect, apply_plan, look_and_plan, released, steps

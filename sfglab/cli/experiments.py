@@ -60,7 +60,8 @@ def reproduce(
     if isinstance(source := given.get("source"), str):
         from sfglab.lab.sources import absolute, is_there
 
-        typer.echo(is_there(source), err=True, nl=source not in ("photos", "stereo"))
+        if said := is_there(source):
+            typer.echo(said, err=True)
         given["source"] = absolute(source)
     outcomes = run_notebooks(
         find_notebooks(project, notebooks or ()),

@@ -10,9 +10,8 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from sfglab.cli.buses import Domain, Json, domain_option, say, tell
+from sfglab.cli.buses import Domain, Json, domain_option, put, say, tell, unused
 from sfglab.cli.interfaces import Interfaces
-from sfglab.cli.options import put, unused
 from sfglab.component import run, run_until_interrupted
 from sfglab.domains import VARIABLE, usual_domain_id
 

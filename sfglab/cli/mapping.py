@@ -4,19 +4,17 @@ from __future__ import annotations
 
 import io
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
-from enum import StrEnum
 from importlib.util import find_spec
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from sfglab.cli.buses import Interface, Json, say, tell
-from sfglab.cli.options import put, unused
+from sfglab.cli.buses import Interface, Json, put, say, say_left_out, tell, unused
 from sfglab.domains import MAX_DOMAIN, VARIABLE, usual_domain_id
 from sfglab.errors import InvalidValueError, MissingExtraError, SfglabError
 from sfglab.tables import columns
@@ -28,42 +26,18 @@ if TYPE_CHECKING:
     from sfglab.soc import CommunicationMapping, Graph, Topic
 
 
-class _Format(StrEnum):
-    TABLE = "table"
-    FASTDDS = "fastdds"
-    FASTDDS3 = "fastdds3"
-    CYCLONE = "cyclone"
-    ROS2 = "ros2"
-    TOPICS = "topics"
-
-
-class _Method(StrEnum):
-    OURS = "ours"
-    PRINTED = "printed"
-
-
-class _Vendor(StrEnum):
-    FAST_DDS = "fast_dds"
-    CYCLONE_DDS = "cyclone_dds"
-
-
-class _Rmw(StrEnum):
-    FASTRTPS_ASYNC = "fastrtps-async"
-    FASTRTPS_SYNC = "fastrtps-sync"
-    CYCLONE = "cyclone"
-
-
+_Format = Literal["table", "fastdds", "fastdds3", "cyclone", "ros2", "topics"]
+_Method = Literal["ours", "printed"]
+_Vendor = Literal["fast_dds", "cyclone_dds"]
+_Rmw = Literal["fastrtps-async", "fastrtps-sync", "cyclone"]
+_Rule = Literal["paper", "size"]
 _Domain = Annotated[
     int | None,
     typer.Option(min=0, max=MAX_DOMAIN, help=f"DDS domain to listen to, without a file. [default: {VARIABLE}]"),
 ]
 _Seconds = Annotated[float, typer.Option(min=0.5, help="How long to listen to it.")]
 
-_PRESET_OF = {
-    _Rmw.FASTRTPS_ASYNC: "fast_dds_async",
-    _Rmw.FASTRTPS_SYNC: "fast_dds_sync",
-    _Rmw.CYCLONE: "cyclone_dds",
-}
+_PRESET_OF = {"fastrtps-async": "fast_dds_async", "fastrtps-sync": "fast_dds_sync", "cyclone": "cyclone_dds"}
 
 
 def qos(
@@ -73,14 +47,14 @@ def qos(
     ] = None,
     method: Annotated[
         _Method, typer.Option(help="ours: a convex programme that sees the link. printed: paper B, Eq. 1 to 6.")
-    ] = _Method.OURS,
+    ] = "ours",
     output_format: Annotated[
         _Format,
         typer.Option(
             "--format",
             help="A table, a file that Fast DDS 2 or 3, Cyclone DDS or ROS 2 reads, or a log's file of topics.",
         ),
-    ] = _Format.TABLE,
+    ] = "table",
     out: Annotated[
         Path | None, typer.Option(help="Write the file into this folder, not to the terminal.")
     ] = None,
@@ -131,7 +105,7 @@ def qos(
 
     with _source(file, domain, interface, seconds) as source:
         given = _topics_of(source).limited_to(rate_max)
-    if output_format is _Format.TOPICS:
+    if output_format == "topics":
         if not is_log(source):
             raise SfglabError(f"--format topics: given {source}, needed is a log or a bag")
         _put(topics_text(given.topics, source.name), "topics.yaml", out)
@@ -151,9 +125,9 @@ def qos(
         )
         typer.echo(_front_table(given))
         return
-    if method is _Method.PRINTED:
+    if method == "printed":
         unused("with --method printed, which knows no price", "latency_price")
-    export = EXPORTS.get(output_format.value)
+    export = EXPORTS.get(output_format)
     if export and export.vendor and not given.vendor.name.startswith(export.vendor.name):
         fitting = [
             n for n, e in EXPORTS.items() if e.vendor is None or given.vendor.name.startswith(e.vendor.name)
@@ -161,7 +135,7 @@ def qos(
         needed = (
             f"{' or '.join(fitting)} for {given.vendor.name}; this with --vendor {_vendor_of(export.vendor)}"
         )
-        raise InvalidValueError("--format", output_format.value, needed)
+        raise InvalidValueError("--format", output_format, needed)
     plan = _plan(given, method, latency_price)
     if as_json:
         unused("with --json", "output_format", "out")
@@ -204,15 +178,10 @@ def _topics_of(file: Path) -> TopicFile:
         return load_topics(file)
     with LogReader(file) as log:
         topics, left_out = topics_from_log(log)
-    _say_left_out(left_out)
+    say_left_out(left_out)
     if not topics:
         raise SfglabError(f"{file}: given no topic from one host to another, needed is one at least")
     return TopicFile(topics=topics, agents=tuple(sorted({topic.source for topic in topics})))
-
-
-def _say_left_out(topics: Mapping[str, str]) -> None:
-    for topic, why in topics.items():
-        typer.echo(f"left out: {topic}: {why}", err=True)
 
 
 def _vendor_of(vendor: Vendor) -> str:
@@ -222,7 +191,7 @@ def _vendor_of(vendor: Vendor) -> str:
 def _plan(given: TopicFile, method: _Method, latency_price: float | None) -> Plan:
     from sfglab.arp import plan_as_printed, plan_file
 
-    if method is _Method.PRINTED:
+    if method == "printed":
         return plan_as_printed(given)
     return plan_file(given, latency_price_hz=latency_price)
 
@@ -282,11 +251,6 @@ def _front_table(given: TopicFile) -> str:
         for point in points
     ]
     return "\n".join(columns(rows, right=range(6)))
-
-
-class _Rule(StrEnum):
-    PAPER = "paper"
-    SIZE = "size"
 
 
 def map_graph(
@@ -376,14 +340,14 @@ def _recorded(file: Path) -> Graph:
 
     with LogReader(file) as log:
         found = graph_from_log(log)
-    _say_left_out({left.topic: left.why for left in found.left_out})
+    say_left_out(found.left_out)
     return found.graph
 
 
 def _mapped(graph: Graph, rule: _Rule | None) -> CommunicationMapping:
     from sfglab.soc import faster_by_gateway, map_communication
 
-    if rule is _Rule.SIZE:
+    if rule == "size":
         return map_communication(graph, gateway=faster_by_gateway())
     return map_communication(graph)
 

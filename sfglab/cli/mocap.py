@@ -5,14 +5,12 @@ from __future__ import annotations
 import contextlib
 import json
 import os
-from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from sfglab.cli.buses import Json, domain_option, say
-from sfglab.cli.options import unused
+from sfglab.cli.buses import Json, domain_option, say, unused
 from sfglab.component import on_stop, run
 from sfglab.domains import VARIABLE
 from sfglab.errors import SfglabError
@@ -35,9 +33,7 @@ frames_app.callback()(lambda: None)  # with a single command typer would leave i
 _POSES = ("geometry_msgs/msg/PoseStamped", "geometry_msgs/msg/TransformStamped")
 
 
-class _Type(StrEnum):
-    POSE = "pose"
-    TRANSFORM = "transform"
+_Type = Literal["pose", "transform"]
 
 
 @mocap_app.command("run")
@@ -49,7 +45,7 @@ def mocap_run(
     topic: Annotated[
         list[str] | None, typer.Option(help="An object's topic, ID=/topic; of the log if there is one.")
     ] = None,
-    type_: Annotated[_Type, typer.Option("--type", help="PoseStamped or TransformStamped.")] = _Type.POSE,
+    type_: Annotated[_Type, typer.Option("--type", help="PoseStamped or TransformStamped.")] = "pose",
     log: Annotated[Path | None, typer.Option(help="A log whose --topic are played back.")] = None,
     synthetic: Annotated[
         bool, typer.Option("--synthetic", help="Objects on ellipses, for trials without cameras.")
@@ -199,7 +195,7 @@ def _source(
         if synthetic:
             return _synthetic(mapping, clock)
         if log is None:
-            return TopicSource(node, topics, type_=_POSES[type_ is _Type.TRANSFORM])
+            return TopicSource(node, topics, type_=_POSES[type_ == "transform"])
         return LogSource(stack.enter_context(LogReader(log)), topics, clock=clock)
 
     return make
@@ -278,8 +274,8 @@ def _object_line(status: MocapObjectStatus) -> str:
     times = " + ".join("-" if ns is None else f"{ns / 1e6:.2f}" for ns in late)
     problem = f"; {status.problem}" if status.problem else ""
     return (
-        f"{status.object_id} -> {status.frame or 'nothing yet'}: {status.state.value}, {status.published} "
-        f"published, {status.unplaced} not placed ({sights}); "
+        f"{status.mapped.id} -> {status.frame or 'nothing yet'}: {status.track.state.value}, "
+        f"{status.published} published, {status.unplaced} not placed ({sights}); "
         f"capture to receipt to publication {times} ms{problem}"
     )
 

@@ -3,22 +3,14 @@
 from __future__ import annotations
 
 import json
-from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
-from sfglab.cli.options import put
+from sfglab.cli.buses import put
 
-
-class _Name(StrEnum):
-    FLEET = "fleet"
-    QOS = "qos"
-    GRAPH = "graph"
-    SCENE = "scene"
-    MOCAP = "mocap"
-    CLAIMS = "claims"
+_Name = Literal["fleet", "qos", "graph", "scene", "mocap", "claims"]
 
 
 def schema(

@@ -8,35 +8,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from sfglab.cli.buses import (
-    Count,
-    Depth,
-    Domain,
-    Durability,
-    Interface,
-    Json,
-    Reliability,
-    ShowTypes,
-    SpinTime,
-    changed_qos,
-    full_type,
-    list_names,
-    look,
-    tell,
-    type_of,
-    until_interrupted,
-)
+import sfglab.cli.buses as bus
 from sfglab.cli.interfaces import Interfaces
 from sfglab.errors import InvalidValueError
 from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from sfglab.bus import Node
-    from sfglab.bus.listing import View
     from sfglab.bus.meters import Bandwidth, Rate
-    from sfglab.messages.text import Style
 
 app = typer.Typer(help="Topics of a domain, in the words of ros2 topic.", no_args_is_help=True)
 _Topic = Annotated[str, typer.Argument(help="Name of the topic, e.g. /chatter")]
@@ -44,22 +23,22 @@ _Window = Annotated[int, typer.Option("--window", "-w", min=2, help="How many me
 _Duration = Annotated[
     float | None, typer.Option(min=0.1, help="Seconds of messages until it ends; else until Ctrl-C.")
 ]
+_HELP = "Begin when so many listen. [default: 1 with -1 and -t]"
+_Wait = Annotated[int | None, typer.Option("--wait-matching-subscriptions", "-w", min=0, help=_HELP)]
 _REPORT_S = 1.0
-_KEEP_ALIVE_S = 0.1  #: How long a publisher outlives its last message, as that of ros2.
 
 
 @app.command("list")
 def list_topics(
-    show_types: ShowTypes = False,
-    count: Count = False,
+    show_types: bus.ShowTypes = False,
+    count: bus.Count = False,
     hidden: Annotated[
         bool, typer.Option("--include-hidden-topics", "-a", help="Consider names below _ as well.")
     ] = False,
-    verbose: Annotated[bool, typer.Option("--verbose", "-v", help="How many publish and subscribe.")] = False,
-    as_json: Json = False,
-    domain: Domain = None,
-    interface: Interface = None,
-    spin: SpinTime = None,
+    as_json: bus.Json = False,
+    domain: bus.Domain = None,
+    interface: bus.Interface = None,
+    spin: bus.SpinTime = None,
 ) -> None:
     """List topics.
 
@@ -69,38 +48,18 @@ def list_topics(
 
       sfglab topic list -t --domain 7
     """
-    seen = look((domain, interface), spin)
-    if verbose and not (count or as_json):
-        typer.echo(_counted(seen, hidden=hidden))
-    else:
-        list_names(seen.topics(hidden=hidden), show_types=show_types, count=count, as_json=as_json)
-
-
-def _counted(seen: View, *, hidden: bool) -> str:
-    """Return topics with the number of their ends."""
-    from sfglab.bus import EndpointKind
-
-    said = ""
-    for kind, head, noun in (
-        (EndpointKind.PUBLISHER, "Published", "publisher"),
-        (EndpointKind.SUBSCRIPTION, "Subscribed", "subscriber"),
-    ):
-        said += f"{head} topics:\n"
-        for topic, types in seen.topics(hidden=hidden).items():
-            if count := len(seen.ends(topic, kind)):
-                said += f" * {topic} [{', '.join(types)}] {count} {noun}{'s' * (count > 1)}\n"
-        said += "\n"
-    return said.removesuffix("\n")
+    found = bus.look((domain, interface), spin).topics(hidden=hidden)
+    bus.list_names(found, show_types=show_types, count=count, as_json=as_json)
 
 
 @app.command()
 def info(
     topic: _Topic,
     verbose: Annotated[bool, typer.Option("--verbose", "-v", help="Also nodes, QoS, hashes of types.")] = False,
-    as_json: Json = False,
-    domain: Domain = None,
-    interface: Interface = None,
-    spin: SpinTime = None,
+    as_json: bus.Json = False,
+    domain: bus.Domain = None,
+    interface: bus.Interface = None,
+    spin: bus.SpinTime = None,
 ) -> None:
     """Say who publishes a topic and who subscribes to it.
 
@@ -113,13 +72,13 @@ def info(
     from sfglab.bus import EndpointKind
     from sfglab.bus.listing import endpoint_text, endpoint_values, one_of
 
-    seen = look((domain, interface), spin)
+    seen = bus.look((domain, interface), spin)
     topics = seen.topics(hidden=True)
     types = topics[one_of(topics, topic, "topic")]
     ends = {kind: seen.ends(topic, kind) for kind in EndpointKind}
     if as_json:
         sides = {f"{kind.value}s": [endpoint_values(e) for e in found] for kind, found in ends.items()}
-        tell({"name": topic, "types": types, **sides})
+        bus.tell({"name": topic, "types": types, **sides})
         return
     gap = "\n" * verbose
     typer.echo(f"Type: {types[0] if len(types) == 1 else list(types)}{gap}")
@@ -135,21 +94,19 @@ def echo(
     type_: Annotated[str | None, typer.Argument(metavar="TYPE", help="Its type, if nobody has it yet.")] = None,
     once: Annotated[bool, typer.Option("--once", help="End after the first message.")] = False,
     field: Annotated[str, typer.Option(help="Only this field, e.g. pose.position.x")] = "",
-    csv: Annotated[bool, typer.Option("--csv", help="A line each, with commas between values.")] = False,
     full_length: Annotated[bool, typer.Option("--full-length", "-f", help="Cut nothing.")] = False,
     truncate_length: Annotated[
         int, typer.Option("--truncate-length", "-l", min=0, help="Where strings and arrays are cut.")
     ] = 128,
     no_arr: Annotated[bool, typer.Option("--no-arr", help="Describe arrays only.")] = False,
     no_str: Annotated[bool, typer.Option("--no-str", help="Describe strings only.")] = False,
-    flow_style: Annotated[bool, typer.Option("--flow-style", help="A line a message.")] = False,
     timeout: Annotated[float | None, typer.Option(min=0.0, help="Seconds until the first message.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="A line of JSON a message, uncut.")] = False,
-    reliability: Reliability = None,
-    durability: Durability = None,
-    depth: Depth = None,
-    domain: Domain = None,
-    interface: Interface = None,
+    reliability: bus.Reliability = None,
+    durability: bus.Durability = None,
+    depth: bus.Depth = None,
+    domain: bus.Domain = None,
+    interface: bus.Interface = None,
     _interfaces: Interfaces = None,
 ) -> None:
     """Print what is published, until Ctrl-C.
@@ -160,42 +117,32 @@ def echo(
 
       sfglab topic echo /chatter --once --domain 7
 
-      sfglab topic echo /odom --field pose.pose.position --csv
+      sfglab topic echo /odom --field pose.pose.position
 
       sfglab topic echo /chatter --json | jq .data
     """
     from sfglab.bus.listing import usual_qos
-    from sfglab.messages.text import Style
+    from sfglab.messages.text import Style, to_yaml, value_at, values_of
 
     cut = None if full_length or as_json else truncate_length
-    style = Style(truncate_length=cut, no_arr=no_arr, no_str=no_str, flow_style=flow_style)
-    show = _shower(style, field, "json" if as_json else "csv" if csv else "yaml")
+    style = Style(truncate_length=cut, no_arr=no_arr, no_str=no_str)
+
+    def show(message: Any) -> None:
+        values = value_at(values_of(message, style), field, "--field")
+        if as_json:
+            bus.tell(values)
+        else:
+            typer.echo(f"{to_yaml(values)}---")
 
     async def listen(node: Node) -> None:
-        name, publishers = await type_of(node, topic, type_, wait=False)
-        qos = changed_qos(usual_qos(publishers), reliability, durability, depth)
+        name, publishers = await bus.type_of(node, topic, type_, wait=False)
+        qos = bus.changed_qos(usual_qos(publishers), reliability, durability, depth)
         subscription = node.create_subscription(name, topic, qos=qos)
         show(await subscription.take(timeout))
         while not once:
             show(await subscription.take())
 
-    until_interrupted((domain, interface), listen)
-
-
-def _shower(style: Style, field: str, form: str) -> Callable[[Any], None]:
-    """Return what prints a message in a form."""
-    from sfglab.messages.text import to_csv, to_yaml, value_at, values_of
-
-    def show(message: Any) -> None:
-        values = value_at(values_of(message, style), field, "--field")
-        if form == "yaml":
-            typer.echo(f"{to_yaml(values, flow_style=style.flow_style)}---")
-        elif form == "csv":
-            typer.echo(to_csv(values))
-        else:
-            tell(values)
-
-    return show
+    bus.until_interrupted((domain, interface), listen)
 
 
 @app.command()
@@ -203,9 +150,9 @@ def hz(
     topic: _Topic,
     window: _Window = 10000,
     duration: _Duration = None,
-    as_json: Json = False,
-    domain: Domain = None,
-    interface: Interface = None,
+    as_json: bus.Json = False,
+    domain: bus.Domain = None,
+    interface: bus.Interface = None,
     _interfaces: Interfaces = None,
 ) -> None:
     """Print the average rate at which messages arrive, every second until Ctrl-C.
@@ -220,7 +167,9 @@ def hz(
     """
     from sfglab.bus.meters import Rate
 
-    until_interrupted((domain, interface), lambda node: _measure(node, topic, Rate(window), duration, as_json))
+    bus.until_interrupted(
+        (domain, interface), lambda node: _measure(node, topic, Rate(window), duration, as_json)
+    )
 
 
 @app.command()
@@ -228,9 +177,9 @@ def bw(
     topic: _Topic,
     window: _Window = 100,
     duration: _Duration = None,
-    as_json: Json = False,
-    domain: Domain = None,
-    interface: Interface = None,
+    as_json: bus.Json = False,
+    domain: bus.Domain = None,
+    interface: bus.Interface = None,
     _interfaces: Interfaces = None,
 ) -> None:
     """Print the bandwidth of a topic, the bytes of its messages, every second until Ctrl-C.
@@ -244,7 +193,7 @@ def bw(
     from sfglab.bus.meters import Bandwidth
 
     meter = Bandwidth(window)
-    until_interrupted((domain, interface), lambda node: _measure(node, topic, meter, duration, as_json))
+    bus.until_interrupted((domain, interface), lambda node: _measure(node, topic, meter, duration, as_json))
 
 
 async def _measure(
@@ -253,11 +202,10 @@ async def _measure(
     """Report what a meter says, every second in which messages came."""
     from sfglab.bus.listing import usual_qos
 
-    name, publishers = await type_of(node, topic, None, wait=True)
+    name, publishers = await bus.type_of(node, topic, None, wait=True)
     subscription = node.create_subscription(name, topic, qos=usual_qos(publishers), raw=True)
     typer.echo(f"Subscribed to [{topic}]", err=as_json)
-    end_ns: float = 0
-    due_ns = 0
+    due_ns, end_ns = 0, 0.0
     while True:
         cdr, info = await subscription.take_with_info()
         now_ns = info.received_timestamp_ns
@@ -266,7 +214,7 @@ async def _measure(
             due_ns, end_ns = now_ns + NS_PER_S, now_ns + (duration_s or float("inf")) * NS_PER_S
         if now_ns >= min(due_ns, end_ns) and (values := meter.values()):
             due_ns = now_ns + NS_PER_S
-            tell(values) if as_json else typer.echo(meter.text(values))
+            bus.tell(values) if as_json else typer.echo(meter.text(values))
         if now_ns >= end_ns:
             return
 
@@ -282,21 +230,13 @@ def pub(
     print_: Annotated[int, typer.Option("--print", "-p", min=0, help="Print every n-th message; 0: none.")] = 1,
     once: Annotated[bool, typer.Option("--once", "-1", help="Publish one message and end.")] = False,
     times: Annotated[int, typer.Option("--times", "-t", min=0, help="Publish so often and end.")] = 0,
-    wait: Annotated[
-        int | None,
-        typer.Option(
-            "--wait-matching-subscriptions",
-            "-w",
-            min=0,
-            help="Begin when so many listen. [default: 1 with -1 and -t]",
-        ),
-    ] = None,
+    wait: _Wait = None,
     keep_alive: Annotated[float, typer.Option(min=0.0, help="Seconds to stay after the last message.")] = 0.1,
-    reliability: Reliability = None,
-    durability: Durability = None,
-    depth: Depth = None,
-    domain: Domain = None,
-    interface: Interface = None,
+    reliability: bus.Reliability = None,
+    durability: bus.Durability = None,
+    depth: bus.Depth = None,
+    domain: bus.Domain = None,
+    interface: bus.Interface = None,
     _interfaces: Interfaces = None,
 ) -> None:
     """Publish a message, again and again until Ctrl-C.
@@ -314,8 +254,8 @@ def pub(
 
     if once and times:
         raise InvalidValueError("--once", "--times as well", "one of them")
-    name, count = full_type(type_, "msg"), 1 if once else times
-    qos = changed_qos(DEFAULT, reliability, durability, depth)
+    name, count = bus.full_type(type_, "msg"), 1 if once else times
+    qos = bus.changed_qos(DEFAULT, reliability, durability, depth)
     message_from_yaml(name, values, "VALUES")  # before anything is opened
 
     async def publish(node: Node) -> None:
@@ -334,7 +274,7 @@ def pub(
             publisher.publish(message)
         await asyncio.sleep(keep_alive)
 
-    until_interrupted((domain, interface), publish)
+    bus.until_interrupted((domain, interface), publish)
 
 
 async def _matched(publisher: Any, count: int) -> None:

@@ -11,14 +11,13 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from sfglab.cli.buses import domain_option
+from sfglab.cli.buses import domain_option, put, say_left_out, unused
 from sfglab.cli.interfaces import Interfaces
-from sfglab.cli.options import put, unused
 from sfglab.domains import usual_domain_id
 from sfglab.errors import SfglabError
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Sequence
 
     from sfglab.view.app import ViewOptions
     from sfglab.view.session import Session
@@ -86,8 +85,11 @@ def view(
         memory=memory,
         thin=thin,
     )
-    if options.to[0].endswith(".json"):
-        _write_layout(Path(options.to[0]), fleet, frame)
+    if any(place.endswith(".json") for place in options.to):
+        unused(
+            "with a layout, which is of a fleet alone", "log", "topic", "memory", "thin", "domain", "interface"
+        )
+        _write_layout(options.to, fleet, frame)
         return
     if any(_is_foxglove(place) for place in options.to):
         if log is not None or len(options.to) > 1 or fleet is not None or frame or thin:
@@ -95,7 +97,7 @@ def view(
                 "--to foxglove: given with more, allowed are --topic, --domain and --interface: "
                 "its app opens logs itself, and draws what is chosen there"
             )
-        _foxglove(options, domain or 0, interface)
+        _foxglove(options, usual_domain_id() if domain is None else domain, interface)
         return
     if log is None:
         unused("without a log; what is shown live is always thinned out", "thin")
@@ -105,14 +107,16 @@ def view(
     _logged(log, options)
 
 
-def _write_layout(path: Path, fleet: Path | None, frame: str) -> None:
+def _write_layout(to: Sequence[str], fleet: Path | None, frame: str) -> None:
     from sfglab.fleet.fleet_file import load_fleet
     from sfglab.view.foxglove import layout_of_fleet
 
+    if len(to) > 1:
+        raise SfglabError(f"--to: given {', '.join(to)}, allowed beside a layout is no other place")
     if fleet is None:
-        raise SfglabError(f"--to {path}: given without --fleet, needed is the fleet whose layout it is")
+        raise SfglabError(f"--to {to[0]}: given without --fleet, needed is the fleet whose layout it is")
     text = layout_of_fleet(load_fleet(fleet), frame=frame or "map")
-    put({path: text + "\n"})
+    put({Path(to[0]): text + "\n"})
 
 
 def _is_foxglove(place: str) -> bool:
@@ -146,17 +150,12 @@ def _foxglove(options: ViewOptions, domain: int, interface: str | None) -> None:
             try:
                 await asyncio.Event().wait()
             finally:
-                _say_left_out(bridge.left_out)
+                say_left_out(bridge.left_out)
 
     try:
         run(main())
     except (KeyboardInterrupt, asyncio.CancelledError):
         typer.echo("ended")
-
-
-def _say_left_out(topics: Mapping[str, str]) -> None:
-    for topic, why in sorted(topics.items()):
-        typer.echo(f"{topic}: not shown: {why}")
 
 
 def _default_place() -> Sequence[str]:

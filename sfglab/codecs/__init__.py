@@ -16,7 +16,7 @@ from sfglab.codecs.carriers import (
 )
 from sfglab.codecs.depth import DepthFormat, decode_depth, encode_depth, parse_depth_format
 from sfglab.codecs.errors import MAX_PIXELS, BitstreamError, CodecError, CodecUnavailableError
-from sfglab.codecs.h264 import DecoderState, H264Decoder, H264Encoder
+from sfglab.codecs.h264 import H264Decoder, H264Encoder
 from sfglab.codecs.libav import TABLE_2, EncodedFrame, H264Settings
 from sfglab.codecs.probe import CodecProbe, available_decoders, available_encoders
 
@@ -30,7 +30,6 @@ __all__ = [
     "CodecError",
     "CodecProbe",
     "CodecUnavailableError",
-    "DecoderState",
     "DepthFormat",
     "EncodedFrame",
     "H264Decoder",

@@ -1,11 +1,9 @@
 """Messages that carry compressed images: their fields as plain values, and the way from a message to a picture.
 
 Knows ffmpeg_image_transport_msgs/FFMPEGPacket, sensor_msgs/CompressedImage and foxglove_msgs/CompressedVideo,
-headers left out; messages are read by their attributes, so no message class is needed. Refuses to know nodes
-and clocks.
+headers left out, by their attributes. Refuses to know nodes and clocks.
 
-Source: ffmpeg_image_transport 3 (FFMPEGPacket); image_transport_plugins (format strings); foxglove-sdk
-(CompressedVideo).
+Source: ffmpeg_image_transport 3; image_transport_plugins (format strings); foxglove-sdk (CompressedVideo).
 """
 
 from __future__ import annotations
@@ -18,7 +16,7 @@ import numpy as np
 
 from sfglab.codecs.depth import PNG_LEVEL, DepthFormat, decode_depth, encode_depth, parse_depth_format
 from sfglab.codecs.errors import MAX_PIXELS, CodecError, CodecUnavailableError
-from sfglab.codecs.h264 import DecoderState, H264Decoder, VideoDecoder
+from sfglab.codecs.h264 import H264Decoder, VideoDecoder
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -101,10 +99,8 @@ def compressed_depth_fields(
 def compressed_image_fields(image_bgr: NDArray[np.uint8], codec: str = "jpeg") -> CompressedImageFields:
     """Return a colour image as compressed_image_transport publishes it, with its default quality or level.
 
-    Pixels have the shape (height, width, 3), BGR, uint8; the codec is ``"jpeg"`` or ``"png"``.
-
-    Raises:
-        CodecError: If the image or the codec is of another kind.
+    Pixels have the shape (height, width, 3), BGR, uint8, and the codec is ``"jpeg"`` or ``"png"``; anything
+    else is a CodecError.
     """
     from sfglab.codecs.still import encode_jpeg, encode_png
 
@@ -123,10 +119,7 @@ def compressed_image_fields(image_bgr: NDArray[np.uint8], codec: str = "jpeg") -
 
 
 def parse_ffmpeg_encoding(text: str) -> FfmpegEncoding:
-    """Read the `encoding` field of FFMPEGPacket: four values since version 3, an encoder's name before.
-
-    ``"libx264"``, ``"h264_nvmpi"`` and the like become their codec; a codec that is not known stays as it is.
-    """
+    """Read FFMPEGPacket's `encoding`: four values, or an encoder's name, which becomes its codec if known."""
     name, *rest = [part.strip() for part in text.split(";")]
     ros_encoding = rest[2] if len(rest) >= 3 else ""
     known = next((codec for codec in _CODEC_PREFIXES if name.lower().startswith(f"{codec}_")), name)
@@ -236,14 +229,10 @@ class ImageDecoder:
     @property
     def waiting_for_keyframe(self) -> bool:
         """Whether messages of a video are passed over until a key frame comes."""
-        return self._video is not None and self._video.state is DecoderState.WAITING_FOR_KEYFRAME
+        return self._video is not None and self._video.waiting
 
     def feed(self, message: Any) -> tuple[DecodedImage, ...]:
-        """Decode one message of the stream's type; its pictures come out at once or never.
-
-        Raises:
-            CodecError: It cannot be decoded; the next messages may be.
-        """
+        """Decode one message to pictures, which come at once or never; CodecError for this one alone."""
         content = self._read(message)
         codec = self._codec(content)
         if codec in _VIDEO:

@@ -1,10 +1,8 @@
 """Depth images as compressed_depth_image_transport writes them: a 12-byte header, then PNG or RVL; or ours.
 
-Knows that payload and its format string. 16-bit depth is lossless: unlike the ROS plugin, which by default
-turns everything beyond 10 m into holes, nothing is cut unless asked. 32-bit depth is quantised to 16 bits as
-the plugin does it, bit by bit. In the place of RVL there can be a smaller format of our own, for streams
-between our agents, which the plugin cannot read (`sfglab.codecs.med`). Refuses to know messages
-(`sfglab.codecs.carriers`).
+16-bit depth is lossless: unlike the ROS plugin, which by default turns everything beyond 10 m into holes,
+nothing is cut unless asked. 32-bit depth is quantised to 16 bits as the plugin does it, bit by bit. In the
+place of RVL there can be a smaller format of our own between our agents (`sfglab.codecs.med`).
 
 Source: image_transport_plugins, compressed_depth_image_transport: codec.cpp, compression_common.h.
 """
@@ -51,11 +49,7 @@ class DepthFormat:
 
 
 def parse_depth_format(text: str) -> DepthFormat:
-    """Read a format string, without regard to case; without a codec it is PNG, as old writers mean it.
-
-    Raises:
-        CodecError: If it does not name compressedDepth, or a codec other than png, rvl and med.
-    """
+    """Read a format string in any case, PNG by default; CodecError for none, or for another codec."""
     encoding, _, transport = text.rpartition(";")
     words = transport.split()
     codec = words[1].lower() if len(words) == 2 else "png"
@@ -107,13 +101,9 @@ def encode_depth(
 def decode_depth(
     data: bytes, depth_format: DepthFormat, *, most_pixels: int = MAX_PIXELS
 ) -> tuple[NDArray[Any], str]:
-    """Restore a depth image.
+    """Restore a depth image, (rows, columns), uint16 (holes 0) or float32 in m (holes NaN), and its encoding.
 
-    Returns:
-        The image, shape (rows, columns), uint16 (holes 0) or float32 in metres (holes NaN); and its encoding.
-
-    Raises:
-        BitstreamError: If the payload is cut, damaged or claims too large an image.
+    Raises BitstreamError where the payload is cut, damaged or claims too large an image.
     """
     if len(data) <= _HEADER.size:
         raise BitstreamError("compressedDepth", reason="shorter than its header", size_bytes=len(data))

@@ -35,13 +35,7 @@ class BitstreamError(CodecError):
 
 
 def check_size(codec: str, *, width: int, height: int, size_bytes: int, most_pixels: int = MAX_PIXELS) -> None:
-    """Refuse a frame size in pixels that a codec's header claims, before anything is allocated for it.
-
-    The claim is made in `size_bytes` of data; `most_pixels` is what was announced of its stream.
-
-    Raises:
-        BitstreamError: If a side is not positive or the area exceeds `most_pixels`.
-    """
+    """Refuse, as a BitstreamError, a size above `most_pixels` that a header in `size_bytes` of data claims."""
     if width < 1 or height < 1 or width * height > most_pixels:
         reason = f"claims {width} x {height} pixels; allowed are sides from 1 and at most {most_pixels} pixels"
         raise BitstreamError(codec, reason=reason, size_bytes=size_bytes)

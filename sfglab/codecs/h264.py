@@ -12,7 +12,6 @@ import functools
 import logging
 import time
 from contextlib import suppress
-from enum import Enum
 from hashlib import sha256
 from typing import TYPE_CHECKING, NoReturn
 
@@ -54,11 +53,7 @@ def _say_once(message: str) -> None:
 
 
 class H264Encoder:
-    """An encoder for one stream; with `fallback` a software encoder will do if the settings' one does not work.
-
-    Raises:
-        CodecUnavailableError: If no wanted encoder works on this machine.
-    """
+    """An encoder for one stream, by `fallback` also in software; CodecUnavailableError where none works."""
 
     def __init__(self, settings: H264Settings = TABLE_2, *, fallback: bool = False) -> None:
         choice = choose_encoder(settings.encoder, fallback=fallback)
@@ -76,10 +71,8 @@ class H264Encoder:
     def encode(self, image_bgr: NDArray[np.uint8], *, force_key: bool = False) -> tuple[EncodedFrame, ...]:
         """Encode one image (height, width, 3), BGR, uint8, into exactly one frame.
 
-        With `force_key` it is a key frame out of turn; the next regular one comes a GOP later.
-
-        Raises:
-            CodecError: If the image does not fit the settings, or the encoder keeps it back or fails.
+        With `force_key` it is a key frame out of turn; the next regular one comes a GOP later. Raises
+        CodecError where the image does not fit the settings, or the encoder keeps it back or fails.
         """
         try:
             frames = self._session.encode(image_bgr, force_key=force_key)
@@ -90,32 +83,18 @@ class H264Encoder:
         return frames
 
 
-class DecoderState(Enum):
-    """Whether a decoder can make use of any packet."""
-
-    WAITING_FOR_KEYFRAME = "waiting_for_keyframe"
-    DECODING = "decoding"
-
-
 class VideoDecoder:
     """A decoder for one H.264 or H.265 stream that joins, and joins again after a fault, at a key frame.
 
     A packet that went missing is not noticed here: libavcodec goes on from the wrong reference and marks
-    nothing until the next key frame. Whoever can count packets should (`sfglab.codecs.carriers` does).
-
-    Args:
-        codec: ``"h264"`` or ``"hevc"``.
-        decoder: The FFmpeg decoder.
-        most_pixels: Of a frame that is taken.
-
-    Raises:
-        CodecError: If the decoder cannot be opened.
+    nothing until the next key frame. Whoever can count packets should (`sfglab.codecs.carriers` does). The
+    codec is ``"h264"`` or ``"hevc"``, the decoder FFmpeg's name; CodecError where it cannot be opened.
     """
 
     def __init__(self, codec: str, *, decoder: str, most_pixels: int = MAX_PIXELS) -> None:
         self.codec = codec  #: As given.
         self.decoder_name = decoder  #: The FFmpeg decoder that was opened.
-        self.state = DecoderState.WAITING_FOR_KEYFRAME  #: Whether a key frame is still awaited.
+        self.waiting = True  #: Whether a key frame is still awaited, and other packets are of no use.
         self.refused_packets = 0  #: Packets passed over while waiting for a key frame.
         self.broken_packets = 0  #: Packets in which a fault was found.
         self._most_pixels = most_pixels
@@ -127,15 +106,12 @@ class VideoDecoder:
     def decode(self, data: bytes) -> tuple[av.VideoFrame, ...]:
         """Decode one packet, an access unit in Annex B, to its frame.
 
-        There is none while waiting for a key frame or for a packet of parameter sets alone.
-
-        Raises:
-            BitstreamError: If the packet is broken; the decoder then waits for the next key frame.
+        There is none while waiting for a key frame or for a packet of parameter sets alone. Raises
+        BitstreamError where the packet is broken; the decoder then waits for the next key frame.
         """
         if not has_start_code(data):
             self._fail(data, "no Annex B start code (0 0 1 or 0 0 0 1) in front")
-        waiting = self.state is DecoderState.WAITING_FOR_KEYFRAME
-        if waiting and not is_entry_point(data, codec=self.codec):
+        if self.waiting and not is_entry_point(data, codec=self.codec):
             self.refused_packets += 1
             return ()
         try:
@@ -148,8 +124,7 @@ class VideoDecoder:
             self._fail(data, f"libavcodec: {why(error)}")
         if any(frame.is_corrupt for frame in frames):
             self._fail(data, "slices are damaged")
-        if frames:
-            self.state = DecoderState.DECODING
+        self.waiting &= not frames
         return frames
 
     def decode_bgr(self, data: bytes, out: NDArray[np.uint8] | None = None) -> tuple[NDArray[np.uint8], ...]:
@@ -165,11 +140,7 @@ class VideoDecoder:
         return tuple(self.bgr(frame, out) for frame in self.decode(data))
 
     def bgr(self, frame: av.VideoFrame, out: NDArray[np.uint8] | None = None) -> NDArray[np.uint8]:
-        """Convert a frame of `decode` to contiguous BGR pixels (height, width, 3), uint8: `out` or new memory.
-
-        Raises:
-            CodecError: If `out` does not fit the frame, or its pixel format cannot be converted.
-        """
+        """Convert a frame to BGR (height, width, 3), uint8, in a fitting `out` or new; or CodecError."""
         try:
             pixels = self._session.bgr(frame)
         except (av.FFmpegError, ValueError) as error:
@@ -187,7 +158,7 @@ class VideoDecoder:
     def reset(self) -> None:
         """Forget the stream: wait for a key frame again."""
         self._session.flush()
-        self.state = DecoderState.WAITING_FOR_KEYFRAME
+        self.waiting = True
 
     def _fail(self, data: bytes, reason: str) -> NoReturn:
         self.broken_packets += 1
@@ -196,11 +167,7 @@ class VideoDecoder:
 
 
 class H264Decoder(VideoDecoder):
-    """A decoder for one H.264 stream by its name, or ``"auto"`` for the first that works here, hardware first.
-
-    Raises:
-        CodecUnavailableError: If the named decoder does not work on this machine.
-    """
+    """An H.264 decoder by name, or ``"auto"``: what works, hardware first; else CodecUnavailableError."""
 
     def __init__(self, decoder: str = "auto", *, most_pixels: int = MAX_PIXELS) -> None:
         super().__init__("h264", decoder=choose_decoder(decoder).name, most_pixels=most_pixels)

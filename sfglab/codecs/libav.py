@@ -1,8 +1,7 @@
 """H.264 and H.265 bytes: entry points of Annex B streams, and one opened FFmpeg encoder or decoder.
 
-Knows start codes and NAL unit types, the options that make each encoder give one packet per frame at a constant
-bit rate, and the cheapest way from decoded planes to BGR pixels. Refuses to choose a codec
-(`sfglab.codecs.probe`) and to keep a stream's state (`sfglab.codecs.h264`).
+Knows the options that make each encoder give one packet per frame at a constant bit rate, and the cheapest way
+from planes to BGR. Refuses to choose a codec (`probe`) and to keep a stream's state (`h264`).
 
 Source: ITU-T H.264, Annex B and table 7-1; ITU-T H.265, Annex B and table 7-1.
 """
@@ -104,12 +103,7 @@ def _context(name: str, mode: str) -> VideoCodecContext:
 
 
 class EncoderSession:
-    """An FFmpeg encoder, opened by its name for a stream; the settings' own `encoder` is not looked at.
-
-    Raises:
-        av.FFmpegError: If FFmpeg cannot open it here.
-        ValueError: If FFmpeg does not know it.
-    """
+    """An FFmpeg encoder opened by name for a stream; av.FFmpegError, or ValueError for an unknown name."""
 
     def __init__(self, name: str, settings: H264Settings) -> None:
         context = _context(name, "w")
@@ -136,11 +130,7 @@ class EncoderSession:
         self._next_pts = 0
 
     def encode(self, image_bgr: NDArray[np.uint8], *, force_key: bool = False) -> tuple[EncodedFrame, ...]:
-        """Encode one image, shape (height, width, 3), uint8, and return the frames that the encoder let go.
-
-        Raises:
-            CodecError: If the image does not fit the settings.
-        """
+        """Encode one image (height, width, 3), uint8, to the frames let go; CodecError if it does not fit."""
         if image_bgr.shape != self._shape or image_bgr.dtype != np.uint8:
             raise CodecError(
                 f"H.264 encoder: given {image_bgr.dtype} of shape {image_bgr.shape}, "
@@ -187,11 +177,7 @@ class DecoderSession:
         self._reformatter = VideoReformatter()
 
     def decode(self, data: bytes) -> tuple[av.VideoFrame, ...]:
-        """Feed one packet, which must not be empty, and return the frames that come out.
-
-        Raises:
-            av.FFmpegError: If FFmpeg finds a fault in it.
-        """
+        """Feed one packet, not empty, and return the frames that come out; av.FFmpegError for a fault in it."""
         return tuple(self._context.decode(av.Packet(data)))
 
     def flush(self) -> None:
@@ -201,14 +187,9 @@ class DecoderSession:
     def bgr(self, frame: av.VideoFrame) -> NDArray[np.uint8]:
         """Convert a decoded frame to BGR by the matrix and range that the stream names (BT.601 if none).
 
-        One reformatter, bilinear, one thread: a quarter or less of what ``frame.to_ndarray(format="bgr24")``
-        costs, which builds a new context with a thread for each processor every time (benchmarks/h264.py).
-
-        Returns:
-            Pixels, shape (height, width, 3), uint8; rows may be padded, the memory is the caller's own.
-
-        Raises:
-            av.FFmpegError: If swscale cannot convert it.
+        Pixels have the shape (height, width, 3), uint8; rows may be padded, the memory is the caller's own. One
+        reformatter, bilinear, one thread: a quarter or less of what ``frame.to_ndarray(format="bgr24")`` costs,
+        which builds a new context each time (benchmarks/h264.py). Raises av.FFmpegError where swscale cannot.
         """
         converted = self._reformatter.reformat(
             frame, format="bgr24", interpolation=Interpolation.BILINEAR, threads=1
@@ -231,10 +212,7 @@ def has_start_code(data: bytes) -> bool:
 
 
 def nal_unit_types(data: bytes, *, codec: str) -> Iterator[int]:
-    """Yield the type of each NAL unit in an Annex B byte stream, as the standards' tables 7-1 number them.
-
-    The codec is ``"h264"`` or ``"hevc"``, which differ in where the type stands.
-    """
+    """Yield each NAL unit's type, as tables 7-1 number them, in Annex B bytes of ``"h264"`` or ``"hevc"``."""
     at = data.find(b"\0\0\1")
     while 0 <= at < len(data) - 3:
         header = data[at + 3]
@@ -243,11 +221,7 @@ def nal_unit_types(data: bytes, *, codec: str) -> Iterator[int]:
 
 
 def is_entry_point(data: bytes, *, codec: str) -> bool:
-    """Return whether a decoder that knows nothing may start with this access unit.
-
-    True with a slice that refers to no earlier frame, and with parameter sets, because some writers send
-    those in a packet of their own.
-    """
+    """Return whether a decoder may start here: at a slice without references, or parameter sets, sent apart."""
     wanted = _H264_ENTRY if codec == "h264" else _H265_ENTRY
     return any(kind in wanted for kind in nal_unit_types(data, codec=codec))
 

@@ -39,11 +39,7 @@ _FAULTS = {
 
 
 def encode(depth: NDArray[np.uint16]) -> bytes:
-    """Compress a depth image, shape (rows, columns), uint16, without loss; 0 is "no reading".
-
-    Raises:
-        BitstreamError: The image has no pixels or too many.
-    """
+    """Compress depth (rows, columns), uint16, without loss, 0 no reading; BitstreamError for a wrong size."""
     rows, columns = depth.shape
     check_size("med", width=columns, height=rows, size_bytes=depth.nbytes)
     content = np.empty(3 * depth.size + 1, np.uint8)  # one byte more, for a value never written
@@ -58,10 +54,8 @@ def encode(depth: NDArray[np.uint16]) -> bytes:
 def decode(data: bytes | memoryview, shape: tuple[int, int]) -> NDArray[np.uint16]:
     """Restore a depth image of a shape (rows, columns), which the frame does not hold.
 
-    Hostile bytes cost time and memory in proportion to the shape, nothing more.
-
-    Raises:
-        BitstreamError: The bytes are no frame of exactly one such image.
+    Hostile bytes cost time and memory in proportion to the shape, nothing more. Raises BitstreamError where
+    they are no frame of exactly one such image.
     """
     pixels = shape[0] * shape[1]
     check_size("med", width=shape[1], height=shape[0], size_bytes=len(data))
@@ -93,10 +87,7 @@ def _unpacked(data: bytes, pixels: int) -> bytes:
     "int64(Array(uint16, 2, 'C', readonly=True), uint8[::1], uint16[::1], int32[:, ::1])",
 )
 def _predict(pixels: Any, codes: Any, values: Any, lines: Any) -> Any:
-    """Write each pixel's byte, and the values that follow; return how many of these there are.
-
-    `lines` are two rows of depths without holes, by turns the one above and this one, with one more in front.
-    """
+    """Write pixels' bytes and the values that follow, and count these; `lines` are two rows without holes."""
     rows, columns = pixels.shape
     count = 0
     for y in range(rows):

@@ -61,7 +61,11 @@ class CodecProbe:
     name: str  #: FFmpeg's name.
     works: bool  #: Whether it encoded or decoded the trial frames at once and well.
     reason: str  #: Why not; or what was seen.
-    hardware: bool  #: Whether it is a piece of hardware.
+
+    @property
+    def hardware(self) -> bool:
+        """Whether it is a piece of hardware."""
+        return self.name not in SOFTWARE
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -94,18 +98,12 @@ def probe_decoder(name: str) -> CodecProbe:
     maker = next((found for found in ENCODERS if found in SOFTWARE and probe_encoder(found).works), None)
     if maker is None:
         reason = "not tried: there is no software encoder to make a trial stream"
-        return CodecProbe(name=name, works=False, reason=reason, hardware=name not in SOFTWARE)
+        return CodecProbe(name=name, works=False, reason=reason)
     return _verdict(name, lambda: _check_stream(_trial_stream(maker), decoder=name))
 
 
 def choose_encoder(wanted: str, *, fallback: bool) -> Choice:
-    """Choose an H.264 encoder by its name, or by ``"auto"`` the first of `ENCODERS` that works.
-
-    With `fallback` a software encoder will do if the named one does not work.
-
-    Raises:
-        CodecUnavailableError: If none works.
-    """
+    """Choose a working H.264 encoder by name or ``"auto"``, or software; else CodecUnavailableError."""
     software = [name for name in ENCODERS if name in SOFTWARE]
     names = ENCODERS if wanted == "auto" else [wanted, *(software if fallback else [])]
     return _first_working(wanted, (probe_encoder(name) for name in names))
@@ -114,17 +112,15 @@ def choose_encoder(wanted: str, *, fallback: bool) -> Choice:
 def choose_decoder(wanted: str) -> Choice:
     """Choose an H.264 decoder: ``"auto"`` for the first of `DECODERS` that works, or a name.
 
-    The software decoder is taken untried if nothing can make a trial stream for it.
-
-    Raises:
-        CodecUnavailableError: If the named one does not work.
+    The software decoder is taken untried if nothing can make a trial stream for it. Raises
+    CodecUnavailableError where the named one does not work.
     """
     if wanted == "h264":
         return Choice(name="h264", fallback_reason=None)
     if wanted != "auto":
         return _first_working(wanted, [probe_decoder(wanted)])
     hardware = [name for name in DECODERS if name not in SOFTWARE]
-    working = CodecProbe(name="h264", works=True, reason="", hardware=False)
+    working = CodecProbe(name="h264", works=True, reason="")
     return _first_working(wanted, [*(probe_decoder(name) for name in hardware), working])
 
 
@@ -153,7 +149,7 @@ def _verdict(name: str, trial: Callable[[], str]) -> CodecProbe:
         reason, works = trial(), True
     except _FAILURES as error:
         reason, works = why(error), False
-    return CodecProbe(name=name, works=works, reason=reason, hardware=name not in SOFTWARE)
+    return CodecProbe(name=name, works=works, reason=reason)
 
 
 def _trial_images() -> list[NDArray[np.uint8]]:

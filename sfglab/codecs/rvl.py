@@ -46,10 +46,8 @@ class RvlError(BitstreamError):
 def encode(depth: NDArray[np.uint16]) -> bytes:
     """Compress a depth image, shape (rows, columns), uint16, without loss; 0 is "no reading".
 
-    RVL words are at most about 1.5 times the size of the image.
-
-    Raises:
-        CodecError: If the image is not a two-dimensional uint16 array of 1 to `MAX_PIXELS` pixels.
+    RVL words are at most about 1.5 times the size of the image. Raises CodecError where it is no such array of
+    1 to `MAX_PIXELS` pixels.
     """
     if depth.ndim != 2 or depth.dtype.str[1:] != "u2" or not 0 < depth.size <= MAX_PIXELS:
         raise CodecError(
@@ -208,10 +206,7 @@ def _get(words: Any, state: Any) -> Any:
 
 @compiled("Tuple((int64, int64, int64))(Array(uint32, 1, 'C', readonly=True), uint16[::1])")
 def _decode_words(words: Any, pixels: Any) -> Any:  # noqa: C901, PLR0911  # one loop that each fault leaves
-    """Fill the non-zero pixels; return (fault or 0, words read, bits of them that were not used).
-
-    The nibble loop of `_get` is written out for the differences: a call per pixel doubles the time.
-    """
+    """Fill non-zero pixels, with `_get` written out for speed; return (fault or 0, words, unused bits)."""
     count = len(pixels)
     at = 0
     window = 0

@@ -24,12 +24,9 @@ _JPEG_START = b"\xff\xd8"
 
 
 def encode_png(image: NDArray[Any], *, level: int) -> bytes:
-    """Compress a picture without loss, with zlib's effort from 0 to 9.
+    """Compress a picture without loss, with zlib's effort from 0 to 9; CodecError where PNG cannot hold it.
 
     Pixels have the shape (rows, columns) or (rows, columns, 3 or 4), uint8 or uint16, colours as BGR(A).
-
-    Raises:
-        CodecError: If PNG cannot hold such an array.
     """
     if image.dtype not in (np.uint8, np.uint16) or not 0 <= level <= 9:
         raise CodecError(
@@ -39,25 +36,17 @@ def encode_png(image: NDArray[Any], *, level: int) -> bytes:
 
 
 def encode_jpeg(image: NDArray[np.uint8]) -> bytes:
-    """Compress a picture, shape (rows, columns) or (rows, columns, 3), uint8, colours as BGR, with loss.
-
-    Raises:
-        CodecError: If JPEG cannot hold such an array.
-    """
+    """Compress a picture, (rows, columns) or (rows, columns, 3), uint8, BGR, with loss; else CodecError."""
     if image.dtype != np.uint8:
         raise CodecError(f"JPEG: given {image.dtype}, allowed is uint8")
     return _encode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])
 
 
 def decode_still(data: bytes, *, most_pixels: int = MAX_PIXELS) -> NDArray[Any]:
-    """Decode a whole PNG or JPEG file, whichever it is.
+    """Decode a whole PNG or JPEG file, whichever it is, to pixels as `encode_png` takes them.
 
-    Pixels have the shape (rows, columns) or (rows, columns, 3 or 4), uint8 or uint16, colours as BGR(A). A
-    flipped bit in a PNG is always noticed. JPEG has no checksum: damage inside its scan is seen only in the
-    picture.
-
-    Raises:
-        BitstreamError: If it is neither, is broken, or claims more than `most_pixels`.
+    A flipped bit in a PNG is always noticed. JPEG has no checksum: damage inside its scan is seen only in the
+    picture. Raises BitstreamError where it is neither, is broken, or claims more than `most_pixels`.
     """
     codec, width, height = _claim(data)
     check_size(codec, width=width, height=height, size_bytes=len(data), most_pixels=most_pixels)

@@ -1,7 +1,5 @@
 """Base images that agents' first layer starts from: one table, by accelerator, processor and distribution.
 
-Knows what makers publish and what ROS 2 asks of a distribution; refuses to know what stands on top.
-
 Sources: tags as their makers publish them on Docker Hub and NVIDIA NGC. ROS 2 binaries exist for one Ubuntu
 release each: Humble for 22.04, Jazzy for 24.04 (REP 2000). NVIDIA's image for JetPack 6 (L4T r36) is Ubuntu
 22.04 for arm64; ROCm's images and CUDA's for desktop cards are used on amd64 alone.
@@ -100,12 +98,7 @@ _ENVIRONMENT = {Accelerator.JETSON: _NVIDIA, Accelerator.CUDA: _NVIDIA}
 
 
 def base_of(deployment: Deployment) -> BaseImage:
-    """Return what an agent's images start from.
-
-    Raises:
-        DeployError: The accelerator does not exist on that processor, or its maker has no image of the
-            distribution that the fleet's ROS 2 asks for.
-    """
+    """Return what an agent's images start from; `DeployError` if no maker has such an image."""
     accelerator, architecture = deployment.accelerator, deployment.host.architecture
     images = _IMAGES.get((accelerator, architecture))
     if images is None:

@@ -1,8 +1,4 @@
-"""Bundle of all files of one agent's machine, the release that they are, and its making from a fleet file.
-
-A release is named after its contents: equal contents, equal name; any change in any file, another one. So the
-tag of an image never changes its meaning, and going back is a name.
-"""
+"""Bundle of all files of one agent's machine, a release named after them, and its making from a fleet file."""
 
 from __future__ import annotations
 
@@ -28,11 +24,9 @@ from sfglab.documents import suggestion
 from sfglab.files import read_text, write_files
 from sfglab.fleet.fleet_file import AUTO, Accelerator, AgentSpec, Fleet, HostSpec, read_fleet
 
-MANIFEST = "manifest.json"
-"""What belongs to a bundle, with digests; written last, so that a bundle without it is not complete."""
+MANIFEST = "manifest.json"  #: A bundle's files, with digests; written last: without it one is not complete.
 
-ENVIRONMENT = "release.env"
-"""The release that Compose starts; the hooks make ``.env`` of it, with what only the machine knows."""
+ENVIRONMENT = "release.env"  #: The release that Compose starts; the hooks make ``.env`` of it.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -54,11 +48,7 @@ class Bundle:
 
 
 def render_bundle(deployment: Deployment) -> dict[str, BundleFile]:
-    """Return what is made from a fleet file for one agent, but for what names the release.
-
-    Raises:
-        DeployError: The agent cannot be deployed as it is described, or its router cannot express the policy.
-    """
+    """Return what is made from a fleet file for one agent, but for what names the release; or `DeployError`."""
     return {
         **image_files(deployment),
         **compose_files(deployment),
@@ -124,11 +114,7 @@ def workspace_members(workspace: Path) -> dict[str, Member]:
 
 
 def write_bundle(bundle: Bundle, folder: Path) -> None:
-    """Write a bundle into a folder, which is made when it is not there; all of it or nothing.
-
-    Raises:
-        InvalidValueError: It cannot be written.
-    """
+    """Write a bundle into a folder, new or old: all of it, or nothing and an `InvalidValueError`."""
     members = {Path(path): member for path, member in bundle.members.items()}
     write_files(
         {path: member.data for path, member in members.items()},
@@ -149,11 +135,7 @@ def pack(bundle: Bundle) -> bytes:
 
 
 def unpack(archive: bytes) -> dict[str, Member]:
-    """Return the files of a tar archive by path; no larger together than the archive.
-
-    Raises:
-        DeployError: It is none, leads out of its folder, or claims more than it has.
-    """
+    """Return a tar archive's files by path; `DeployError` if one leads out of its folder or claims too much."""
     try:
         with tarfile.open(fileobj=io.BytesIO(archive), mode="r:") as tar:
             return dict(_members_of(tar, len(archive)))
@@ -191,23 +173,13 @@ class FleetSource:
 
 
 def load_source(path: Path) -> FleetSource:
-    """Read a fleet file.
-
-    Raises:
-        InvalidValueError: It cannot be read, or is not a fleet.
-    """
+    """Read a fleet file; an `InvalidValueError` says why it cannot be read, or is not a fleet."""
     text = read_text(path, "a fleet file in UTF-8")
     return FleetSource(fleet=read_fleet(text, str(path)), path=path, text=text)
 
 
 def with_accelerator(source: FleetSource, agents: Sequence[str], name: str) -> FleetSource:
-    """Return a fleet whose agents' machines have an accelerator, whatever its file says; no agents: all.
-
-    Its name may be ``auto``, which leaves it to detection.
-
-    Raises:
-        DeployError: There is no accelerator of that name.
-    """
+    """Return a fleet whose agents, none: all, have an accelerator, or ``auto``; or raise `DeployError`."""
     choices = (AUTO, *(member.value for member in Accelerator))
     if name not in choices:
         raise DeployError(

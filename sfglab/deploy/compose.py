@@ -1,8 +1,7 @@
 """Compose project of an agent's two containers (paper A, section 4.4, Fig. 5): agent and router.
 
-Both run the agent's application image without a right that they do not need: no capabilities, a root file
-system that nobody writes to, no user but their own. Only the router stands on the host's network, because DDS
-finds other agents by multicast on a real interface.
+Both run the application image without a right that they do not need: no capabilities, a read-only root, no user
+but their own. Only the router stands on the host's network, because DDS finds other agents by multicast.
 """
 
 from __future__ import annotations

@@ -1,8 +1,7 @@
 """Compose files: the Compose Specification's own schema, and our rules on what may run how.
 
-Least privileges, and nothing that changes by itself. Each rule yields what is wrong in one sentence that
-begins with the place. The overlay for development is asked those alone that hold for it too: it has a debugger,
-a shell and the user's folder.
+Least privileges, and nothing that changes by itself. The overlay for development is asked those alone that hold
+for it too: it has a debugger, a shell and the user's folder.
 """
 
 from __future__ import annotations

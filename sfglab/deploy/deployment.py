@@ -1,9 +1,8 @@
 """Deployment of an agent on its machine, the one value that every renderer takes, and its containers' networks.
 
-Pure: knows fleet, machine and release; refuses to know how a file looks. Only the router's container stands on
-the host's network, because DDS needs multicast there. The agent's sees a bridge of its own without a way out;
-the router meets it at the bridge and the other agents at the global interface. So nothing that an agent says in
-its own domain can leave but through the router (paper A, section 4.1), whatever its nodes are set to.
+Only the router's container stands on the host's network, because DDS needs multicast there. The agent's sees a
+bridge of its own without a way out: nothing that it says in its own domain can leave but through the router
+(paper A, section 4.1), whatever its nodes are set to.
 """
 
 from __future__ import annotations
@@ -14,8 +13,7 @@ from dataclasses import dataclass
 from sfglab.deploy.errors import DeployError
 from sfglab.fleet.fleet_file import Accelerator, AgentSpec, ContainerNetwork, DeploymentSpec, Fleet, HostSpec
 
-LAST_EPHEMERAL_FREE_PORT = 32767
-"""The last port below those that Linux gives to anybody who asks (net.ipv4.ip_local_port_range)."""
+LAST_EPHEMERAL_FREE_PORT = 32767  #: The last port below net.ipv4.ip_local_port_range, which anybody gets.
 
 _LONGEST_INTERFACE = 15  # IFNAMSIZ of Linux, less its closing zero
 _CONTAINER_INTERFACE = "eth0"
@@ -27,8 +25,7 @@ class NetworkPlan:
 
     local_domain: int  #: The agent's own domain.
     global_domain: int  #: The domain that all routers join.
-    #: Name of the agent's bridge on the host; empty where its container stands on the host's network.
-    bridge: str
+    bridge: str  #: Name of the agent's bridge; empty where its container stands on the host's network.
     agent_interface: str  #: Where the agent's container speaks its own domain.
     router_interface: str  #: Where the router meets it.
     global_interface: str | None  #: Where the router meets the other agents; None leaves the choice to DDS.
@@ -37,10 +34,9 @@ class NetworkPlan:
 
 
 def domain_ports(domain: int) -> tuple[int, int]:
-    """Return the first and last UDP port that a domain's participants have by the standard's formula.
+    """Return the first and last UDP port that a domain's participants have: RTPS 2.5, clause 9.6.2.3.
 
-    Ports that Linux may give to any other program are left out. Source: RTPS 2.5, clause 9.6.2.3, with
-    PB = 7400 and DG = 250.
+    PB is 7400 and DG 250; ports that Linux may give to any other program are left out.
     """
     first = 7400 + 250 * domain
     return first, min(first + 249, max(first, LAST_EPHEMERAL_FREE_PORT))

@@ -1,8 +1,4 @@
-"""Files that an agent's images are built from, rendered from its deployment.
-
-Knows what each layer holds; refuses to know who builds it. Contents come in by their digests, which are part
-of the instructions: equal Dockerfiles make equal images as far as the distribution's packages allow.
-"""
+"""Files that an agent's images are built from; digests of contents make equal instructions equal images."""
 
 from __future__ import annotations
 
@@ -65,13 +61,7 @@ _CYCLONE_BUILD_LOCK = """wheel==0.45.1 \\
 
 
 def image_files(deployment: Deployment) -> dict[str, BundleFile]:
-    """Return what an agent's images are built from, by path relative to its folder.
-
-    The wheel is not among them, because it is no text: it belongs at ``image/<release.wheel>``.
-
-    Raises:
-        DeployError: There is no base image for the machine, or something is not pinned.
-    """
+    """Return what an agent's images are built from, but for the wheel; `DeployError` if it is not pinned."""
     base = base_of(deployment)
     locks = _locks(deployment, base)
     texts = {
@@ -112,7 +102,13 @@ def _from_source(deployment: Deployment) -> bool:
 
 def _dockerfile(deployment: Deployment, base: BaseImage, locks: dict[str, str]) -> str:
     release, host = deployment.release, deployment.host
-    ros = _ros(deployment)
+    ros, headers, colcon = (
+        _ros(deployment),
+        f"{base.python_packages[0]}-dev",
+        "python3-colcon-common-extensions",
+    )
+    tools = ("build-essential", "ca-certificates", "cmake", "git")
+    debug = ("build-essential", "clang-format", "clangd", "cmake", "gdb", "git")
     return render(
         "Dockerfile.j2",
         agent=deployment.agent.name,
@@ -122,14 +118,14 @@ def _dockerfile(deployment: Deployment, base: BaseImage, locks: dict[str, str]) 
         base=base,
         environment=[(name, _quoted(value)) for name, value in base.environment],
         from_source=_from_source(deployment),
-        cyclone=_Cyclone(packages=_cyclone_packages(base)),
+        cyclone=_Cyclone(packages=(*tools, *base.python_packages, headers)),
         ros=ros,
         common_packages=["ca-certificates", "ffmpeg", *base.python_packages, *(ros.packages if ros else ())],
         workspace=host.workspace,
         overlay=OVERLAY,
         host_packages=list(host.packages),
-        build_packages=["build-essential", "cmake", "git", "python3-colcon-common-extensions"],
-        development_packages=_development_packages(base, ros),
+        build_packages=["build-essential", "cmake", "git", colcon],
+        development_packages=[*debug, headers, *([colcon] if ros else [])],
         digests={path.removeprefix("image/"): _sha256(text) for path, text in locks.items()},
         release=release,
         user={"name": USER, "id": USER_ID},
@@ -151,16 +147,6 @@ def _ros(deployment: Deployment) -> _Ros | None:
             f"deployment.ros is 'none', allowed with a colcon workspace: {allowed}"
         )
     return None
-
-
-def _cyclone_packages(base: BaseImage) -> tuple[str, ...]:
-    tools = ("build-essential", "ca-certificates", "cmake", "git")
-    return (*tools, *base.python_packages, f"{base.python_packages[0]}-dev")
-
-
-def _development_packages(base: BaseImage, ros: _Ros | None) -> list[str]:
-    tools = ("build-essential", "clang-format", "clangd", "cmake", "gdb", "git")
-    return [*tools, f"{base.python_packages[0]}-dev", *(["python3-colcon-common-extensions"] if ros else [])]
 
 
 def _labels(deployment: Deployment, base: BaseImage, locks: dict[str, str]) -> dict[str, str]:

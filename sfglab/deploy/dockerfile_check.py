@@ -47,11 +47,7 @@ class Stage:
 
 
 def parse_dockerfile(text: str) -> tuple[Instruction, ...]:
-    """Return the instructions of a Dockerfile.
-
-    Raises:
-        DeployError: A line is no instruction, or a here-document does not end.
-    """
+    """Return a Dockerfile's instructions; a `DeployError` says which line is none, or what is not ended."""
     lines = text.splitlines()
     rest = enumerate(lines, start=1)
     instructions = []
@@ -77,11 +73,7 @@ def parse_dockerfile(text: str) -> tuple[Instruction, ...]:
 
 
 def stages_of(instructions: tuple[Instruction, ...]) -> tuple[Stage, ...]:
-    """Return the stages; what stands before the first FROM belongs to none.
-
-    Raises:
-        DeployError: A FROM names no image.
-    """
+    """Return the stages, from the first FROM on; a `DeployError` says which FROM names no image."""
     starts = [number for number, each in enumerate(instructions) if each.name == "FROM"]
     stages = []
     for start, end in pairwise((*starts, len(instructions))):

@@ -10,11 +10,9 @@ from sfglab.deploy.deployment import FLEET_FILE, USER, Deployment
 from sfglab.deploy.files import BundleFile
 from sfglab.fleet.fleet_file import RosDistribution
 
-INTERPRETER = "/opt/venv/bin/python"
-"""Python that has sfglab in the images; nodes of a distribution run on the system's."""
+INTERPRETER = "/opt/venv/bin/python"  #: Of images, with sfglab; nodes of a distribution run on the system's.
 
-ENVIRONMENT_FILE = "build/ros.env"
-"""Where the environment of the workspace's nodes is kept for debuggers, which source no shell files."""
+ENVIRONMENT_FILE = "build/ros.env"  #: Of the workspace's nodes, for debuggers, which source no shell files.
 
 _KEPT = "^(AMENT_|CMAKE_PREFIX_PATH=|COLCON_|LD_LIBRARY_PATH=|PATH=|PYTHONPATH=|ROS_)"
 
@@ -25,10 +23,7 @@ def _sourced(ros: RosDistribution, command: str) -> str:
 
 
 def build_command(ros: RosDistribution) -> str:
-    """Return how the workspace is built: with symbols, and with compile commands for code completion.
-
-    colcon collects the compile commands of all packages in ``build/compile_commands.json`` (colcon-cmake).
-    """
+    """Return how the workspace is built: with symbols, and compile commands for completion (colcon-cmake)."""
     flags = "-DCMAKE_BUILD_TYPE=Debug -DCMAKE_EXPORT_COMPILE_COMMANDS=ON"
     return _sourced(ros, f"colcon build --symlink-install --cmake-args {flags}")
 
@@ -41,8 +36,7 @@ def environment_command(ros: RosDistribution) -> str:
 
 _CLANGD = "llvm-vs-code-extensions.vscode-clangd"
 
-DEBUGGERS = {"debugpy": "ms-python.debugpy", "lldb": "vadimcn.vscode-lldb"}
-"""Extension that brings each type of debugger."""
+DEBUGGERS = {"debugpy": "ms-python.debugpy", "lldb": "vadimcn.vscode-lldb"}  #: Extensions.
 
 FORMATTERS = {"c": _CLANGD, "cpp": _CLANGD, "python": "charliermarsh.ruff", "cmake": "cheshirekow.cmake-format"}
 """Extension that formats each language: clangd by clang-format's rules, Ruff, cmake-format."""
@@ -54,8 +48,7 @@ EXTENSIONS = tuple(sorted({*_OTHERS, *DEBUGGERS.values(), *FORMATTERS.values()})
 _BUILT = ("build", "install", "log")
 
 
-_PYTHON = {RosDistribution.HUMBLE: "3.10", RosDistribution.JAZZY: "3.12"}
-"""Python of the Ubuntu that a distribution is made for (REP 2000)."""
+_PYTHON = {RosDistribution.HUMBLE: "3.10", RosDistribution.JAZZY: "3.12"}  #: Of their Ubuntu (REP 2000).
 
 
 def _workspace_settings(ros: RosDistribution) -> dict[str, Any]:
@@ -214,11 +207,7 @@ def _environment(task: str) -> dict[str, Any]:
 
 
 def _container(deployment: Deployment) -> dict[str, Any]:
-    """Return ``devcontainer.json``.
-
-    The hooks run on the machine, before its containers: they set time, firewall and service, and end with the
-    user's own (paper A, section 4.4, "Lifecycle Hooks").
-    """
+    """Return ``devcontainer.json``; hooks run before its containers (paper A, 4.4, "Lifecycle Hooks")."""
     ros = deployment.common.ros
     settings: dict[str, Any] = {
         "name": f"{deployment.agent.name} ({deployment.fleet.name})",
@@ -238,11 +227,7 @@ def _container(deployment: Deployment) -> dict[str, Any]:
 
 
 def editor_files(deployment: Deployment) -> dict[str, BundleFile]:
-    """Return the development container and the settings of VS Code for one agent (paper A, section 4.4).
-
-    All are plain JSON without comments, so that any program reads them. Without ROS in the agent's images
-    nothing of colcon is written.
-    """
+    """Return an agent's development container and VS Code's settings, plain JSON (paper A, section 4.4)."""
     ros = deployment.common.ros
     values: dict[str, Any] = {
         ".devcontainer/devcontainer.json": _container(deployment),

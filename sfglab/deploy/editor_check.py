@@ -1,8 +1,4 @@
-"""Faults of the files that VS Code reads: their shapes, and everything that one place says of another.
-
-Knows the formats as of 2026 (``schemas/devcontainer.yaml``, ``schemas/vscode-*.yaml``); refuses to know the
-settings of extensions, of which there are thousands.
-"""
+"""Faults of the files that VS Code reads (as of 2026): their shapes, and what one place says of another."""
 
 from __future__ import annotations
 

@@ -1,8 +1,4 @@
-"""Checks of a fleet before anything is brought anywhere, in three steps: the fleet, its files, each file.
-
-A step is asked only when the one before it holds: files of a fleet that makes no sense are not worth a word.
-Files are checked in memory: nothing needs to be written, built or started for them.
-"""
+"""Checks of a fleet, in memory: the fleet, then its files, then each file, as far as all holds until then."""
 
 from __future__ import annotations
 
@@ -40,8 +36,7 @@ if TYPE_CHECKING:
     from sfglab.fleet.policy import Policy
 
 
-RULES: Rules[FleetSource, Place] = Rules()
-"""What a fleet file may say that makes no sense to deploy; a place is its own."""
+RULES: Rules[FleetSource, Place] = Rules()  #: What a fleet file may say that makes no sense to deploy.
 
 
 def _hosts(source: FleetSource) -> Iterator[tuple[AgentSpec, HostSpec]]:

@@ -1,7 +1,4 @@
-"""Files of a machine beside containers: synchronised time, a firewall, and a service that starts them.
-
-Paper A, section 4.4, "Lifecycle Hooks": the `initialize_command` and the user's extension scripts.
-"""
+"""Files of a machine beside containers: time, firewall, service (paper A, section 4.4, "Lifecycle Hooks")."""
 
 from __future__ import annotations
 
@@ -23,11 +20,7 @@ class TimePlan:
 
 
 def plan_time(deployment: Deployment) -> TimePlan:
-    """Return whom an agent's machine asks for the time, and whether it answers others.
-
-    Raises:
-        DeployError: A time server is an agent whose machine has no address.
-    """
+    """Return whom a machine asks for the time, and whether it serves; `DeployError` if it has no address."""
     agents = {agent.name: agent for agent in deployment.fleet.agents}
     own = deployment.host.address.rpartition("@")[2]
     servers: list[str] = []
@@ -67,11 +60,7 @@ def firewall_left_out(deployment: Deployment) -> str:
 
 
 def firewall_rules(deployment: Deployment) -> str:
-    """Return the table as ``nft -f`` loads it, in one transaction; empty where there is nothing to close.
-
-    Raises:
-        DeployError: The global interface has a name that Linux does not take.
-    """
+    """Return what ``nft -f`` loads, empty if nothing is to close; `DeployError` if an interface is none."""
     network = deployment.network
     left_out = firewall_left_out(deployment)
     if left_out and not network.bridge:

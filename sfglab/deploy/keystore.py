@@ -52,22 +52,17 @@ class Enclave:
     """An agent's part of a keystore."""
 
     agent: str  #: Whose.
-    #: What has become of it; outdated is what was kept while the fleet file says other permissions.
-    state: Literal["new", "renewed", "kept", "outdated", "expired"]
+    state: Literal["new", "renewed", "kept", "outdated", "expired"]  #: Outdated: others are due.
     not_after: datetime  #: Until when certificate and permissions are valid.
 
 
 def make_keystore(
     fleet: Fleet, root: Path, *, now: datetime, days: int = 365, renew: Collection[str] = ()
 ) -> tuple[Enclave, ...]:
-    """Make a fleet's keystore, or add to it the agents that it lacks; what it has is kept.
+    """Make a fleet's keystore in a folder, or add to it the agents that it lacks; what it has is kept.
 
-    Args:
-        fleet: The agents and the policy.
-        root: The keystore's folder.
-        now: The time, with its zone.
-        days: How long certificates and permissions are valid; at most as long as what signs them.
-        renew: Agents that get a new certificate, for the key that they have, and new permissions.
+    Certificates and permissions are valid for some days from `now`, which has its zone, at most as long as what
+    signs them. Agents of `renew` get new ones, for the key that they have.
 
     Raises:
         DeployError: The folder is something else, or has not what signs, or cannot be written.

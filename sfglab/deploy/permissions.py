@@ -2,8 +2,7 @@
 
 An agent may publish in the global domain what the policy lets out, under its own name or as the fleet file
 says; it may subscribe the topics that the policy lets in, and of services the halves that it serves or calls.
-In its own domain it may everything, elsewhere nothing, whichever other agents there are.
-Refuses to know keys and files (`sfglab.deploy.keystore`).
+In its own domain it may everything, elsewhere nothing.
 """
 
 from __future__ import annotations

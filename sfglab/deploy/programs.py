@@ -1,8 +1,4 @@
-"""Other people's programs: heard while they work, or asked about texts.
-
-Checkers run without a shell, with a time limit, in an empty folder of their own and without the user's
-settings, so that the same texts give the same answer on every machine.
-"""
+"""Other people's programs: heard while they work, or asked about texts, with a limit and without settings."""
 
 from __future__ import annotations
 
@@ -29,13 +25,7 @@ _LAST_WORDS = 20
 
 
 def run_heard(command: Sequence[str], hear: Callable[[str], None], what: str = "") -> None:
-    """Run a program to a good end, and hand on each line that it says; interrupted, it ends with its children.
-
-    The command is program and arguments; the error calls it `what`, or by its name.
-
-    Raises:
-        DeployError: It failed, with its last words, or is not installed.
-    """
+    """Run a program to its end, and hand on each line; `DeployError` if it fails. Its children end with it."""
     try:
         process = subprocess.Popen(
             command,
@@ -82,11 +72,7 @@ _TIMEOUT_S = 60.0
 
 
 def find_program(name: str, install: str = EXTRA) -> str:
-    """Return the path of a program beside this Python or on ``PATH``.
-
-    Raises:
-        MissingProgramError: It is in neither; `install` is the command that installs it.
-    """
+    """Return the path of a program beside this Python or on ``PATH``, or raise a `MissingProgramError`."""
     beside = shutil.which(name, path=str(Path(sys.executable).parent))
     found = beside or shutil.which(name)
     if found is None:
@@ -134,8 +120,5 @@ def run_program(
 
 @lru_cache(maxsize=64)
 def answer_of(command: tuple[str, ...], texts: tuple[tuple[str, str], ...]) -> str:
-    """Return a linter's output about texts, asked once for the same: what it says depends on nothing else.
-
-    Arguments and errors are those of `run_program`, texts as pairs of name and content.
-    """
+    """Return a linter's output about texts, pairs of name and content, by `run_program`, once for the same."""
     return run_program(command, dict(texts))[1]

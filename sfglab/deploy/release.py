@@ -51,8 +51,7 @@ MACHINES = {Architecture.AMD64: "x86_64", Architecture.ARM64: "aarch64"}  #: Wha
 def agent_lock(lock_text: str, *, python: str, architecture: Architecture) -> str:
     """Return the part of a lock file that an agent's image installs, digests included, sorted by name.
 
-    The lock file is in pip's format with a digest for every file, as ``uv pip compile`` writes it. Python's
-    version, as in ``3.11``, and the architecture are the image's.
+    The lock file is as ``uv pip compile`` writes it; Python's version is as in ``3.11``.
 
     Raises:
         DeployError: Something that an agent needs is not pinned for that Python and processor.
@@ -159,8 +158,7 @@ def _environment(python: str, architecture: Architecture) -> dict[str, str]:
     }
 
 
-SOURCE = Path(sfglab.__file__).parents[1]
-"""The folder that this package runs from, a checkout or where a wheel is installed: what is released."""
+SOURCE = Path(sfglab.__file__).parents[1]  #: A checkout, or where a wheel is installed: what is released.
 
 LOCK_FILE = "requirements.lock"
 
@@ -170,13 +168,7 @@ _BACKEND = "import sys; from hatchling.build import build_wheel; print(build_whe
 
 
 def build_wheel(project: Path, folder: Path) -> Path:
-    """Build sfglab's wheel by its own backend (PEP 517), without network, and return where it is.
-
-    The project is the folder with ``pyproject.toml``; the wheel's folder is made if it is not there.
-
-    Raises:
-        DeployError: The project cannot be built.
-    """
+    """Build a project's wheel by its own backend (PEP 517), without network; `DeployError` if it cannot."""
     folder.mkdir(parents=True, exist_ok=True)
     try:
         built = subprocess.run(
@@ -199,11 +191,7 @@ def build_wheel(project: Path, folder: Path) -> Path:
 
 
 def make_release(project: Path, fleet_text: str) -> tuple[Release, bytes]:
-    """Return what a project's folder releases for a fleet file as it stands, and the bytes of its wheel.
-
-    Raises:
-        DeployError: The project cannot be built, or has no lock file.
-    """
+    """Return what a project releases for a fleet file, and its wheel; `DeployError` if it cannot be built."""
     with tempfile.TemporaryDirectory(prefix="sfglab-wheel-") as folder:
         source = _buildable(project, Path(folder) / "source")
         lock = source / LOCK_FILE

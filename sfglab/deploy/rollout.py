@@ -1,8 +1,8 @@
 """Rollout of a bundle to a machine: what would change, bringing it there, and going back by a release's name.
 
-A machine keeps the archives of the releases it has had, so that going back needs nothing but the machine. The
-manifest is the last file of an archive: a machine that was cut off in the middle shows what is missing, and
-applying again goes on.
+A machine keeps the archives of its releases, so that going back needs nothing else. The manifest is an
+archive's last file: a machine that was cut off shows what is missing, and applying again goes on. What talks to
+a machine raises a `DeployError` where it cannot be reached, or a command fails there.
 """
 
 from __future__ import annotations
@@ -26,8 +26,7 @@ if TYPE_CHECKING:
     from sfglab.deploy.transport import Transport
 
 
-_RESTARTING = ("compose.yaml", ENVIRONMENT, "router/")
-"""What containers take in only when they are started anew."""
+_RESTARTING = ("compose.yaml", ENVIRONMENT, "router/")  #: What containers take in when they start anew.
 
 
 class Change(Enum):
@@ -66,10 +65,7 @@ class Plan:
 
 
 def plan_changes(bundle: Bundle, present: Mapping[str, Member]) -> Plan:
-    """Return what applying a bundle would change, where a machine has `present` in the agent's folder, by path.
-
-    Files on the machine that no bundle has written (a user's own hooks) are not looked at.
-    """
+    """Return what applying a bundle changes where a machine has `present`; others' files are not looked at."""
     before, written = _read_manifest(present.get(MANIFEST))
     paths = sorted({*bundle.members, *(path for path in written if path in present)})
     files = tuple(_change(path, bundle.members.get(path), present.get(path), written) for path in paths)
@@ -123,8 +119,7 @@ class Step:
 
     what: str  #: What it does, for people.
     script: str  #: For a shell on the machine.
-    #: It talks to the running system, so that a folder in place of a machine goes without.
-    on_system: bool = True
+    on_system: bool = True  #: Of the running system, so that a folder in place of a machine goes without.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -179,11 +174,7 @@ _BUILT = " ".join(f"--exclude=./workspace/{name}" for name in ("build", "install
 
 
 def look(transport: Transport, folder: str) -> dict[str, Member]:
-    """Return what a machine has in an agent's folder, by path; nothing where there is no folder.
-
-    Raises:
-        DeployError: The machine cannot be reached.
-    """
+    """Return what a machine has in an agent's folder, by path; nothing where there is no folder."""
     place = _quoted(transport, folder)
     script = f"cd {place} 2>/dev/null || exit 0; tar -cf - --exclude=./{_RELEASES} {_BUILT} ."
     archive = transport.run(script)
@@ -191,11 +182,7 @@ def look(transport: Transport, folder: str) -> dict[str, Member]:
 
 
 def look_and_plan(transport: Transport, folder: str, bundle: Bundle) -> Plan:
-    """Return what applying a bundle to a machine would change.
-
-    Raises:
-        DeployError: The machine cannot be reached.
-    """
+    """Return what applying a bundle to a machine would change."""
     return plan_changes(bundle, look(transport, folder))
 
 
@@ -225,11 +212,7 @@ def steps(deployment: Deployment, bundle: Bundle, plan: Plan) -> tuple[Step, ...
 def apply_plan(
     plan: Plan, bundle: Bundle, deployment: Deployment, transport: Transport, say: Callable[[str], None]
 ) -> None:
-    """Bring a deployment's bundle to a machine and start it, as `look_and_plan` found; `say` hears each step.
-
-    Raises:
-        DeployError: The machine cannot be reached, or a command failed there; applying again goes on.
-    """
+    """Bring a bundle to its machine and start it, as `look_and_plan` found; `say` hears each step."""
     if plan.nothing:
         return
     _install(plan, bundle, deployment.folder, transport)
@@ -245,22 +228,14 @@ def apply_plan(
 
 
 def releases(transport: Transport, folder: str) -> tuple[str, ...]:
-    """Return the releases whose files a machine keeps, the newest first.
-
-    Raises:
-        DeployError: The machine cannot be reached.
-    """
+    """Return the releases whose files a machine keeps, the newest first."""
     place = _quoted(transport, f"{folder}/{_RELEASES}")
     names = transport.run(f"ls -1t {place} 2>/dev/null || true").decode(errors="replace").splitlines()
     return tuple(name.removesuffix(".tar") for name in names if name.endswith(".tar"))
 
 
 def released(transport: Transport, deployment: Deployment, tag: str) -> Bundle:
-    """Return an earlier release by its name, as the machine kept it.
-
-    Raises:
-        DeployError: The machine has no such release, or what it kept is not whole.
-    """
+    """Return an earlier release as the machine kept it; `DeployError` if it is not there, or not whole."""
     folder = deployment.folder
     known = releases(transport, folder)
     if tag not in known:

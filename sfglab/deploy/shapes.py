@@ -1,12 +1,9 @@
 """Foreign files: JSON5 with the lines of its values, shapes by JSON Schema, and the translator of its messages.
 
-JSON5 as routers and editors write it: comments, trailing commas, single quotes and keys without quotes are
-taken, which is most of what it adds to JSON; hexadecimal numbers, ``Infinity`` and line continuations are not.
-
-A shape is a file of the folder ``schemas`` (JSON Schema 2020-12 as YAML). Beside the standard's keywords it may
-hold ``x-allowed``, words for what is allowed; ``x-finding``, parts of the finding in place of the general ones,
-whose texts may name ``{given}``, ``{cause}`` and keys around the value; and at its top ``x-why``: what follows,
-by code.
+Of what JSON5 adds to JSON, comments, trailing commas, single quotes and keys without quotes are taken. A shape
+is a file of the folder ``schemas`` (JSON Schema 2020-12 as YAML), which may also hold ``x-allowed``, words for
+what is allowed; ``x-finding``, parts of the finding in place of the general ones, whose texts may name
+``{given}``, ``{cause}`` and keys around the value; and at its top ``x-why``: what follows, by code.
 """
 
 from __future__ import annotations
@@ -47,11 +44,7 @@ class Readable(Protocol):
 
 
 def check_shape(document: Readable, shape: str) -> tuple[Finding, ...]:
-    """Return where a document has not the shape of a file of ``schemas`` (without suffix), by line, each once.
-
-    Raises:
-        MissingProgramError: The library that reads JSON Schema is not installed.
-    """
+    """Return where a document has not a shape of ``schemas``, by line; or raise `MissingProgramError`."""
     validator = _validator(shape)
     errors = validator.iter_errors(document.value)
     found = (
@@ -216,11 +209,7 @@ _TOKEN = re.compile(
 
 
 def read_json5(text: str, file: str) -> Document:
-    """Read the text of a JSON5 file; `file` is its name, for places.
-
-    Raises:
-        DocumentError: It is not JSON5, or has more of it than is taken here.
-    """
+    """Read a JSON5 file's text; a `DocumentError` says where it is none, or has more than is taken here."""
     return Document(_TOKEN.sub(_as_yaml, text), file)
 
 

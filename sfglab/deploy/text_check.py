@@ -67,10 +67,7 @@ NAME = "Dockerfile"
 
 
 def check_dockerfiles(files: Mapping[str, BundleFile]) -> tuple[Verdict, ...]:
-    """Return hadolint's verdict about each Dockerfile of a folder.
-
-    What a recipe does against a rule on purpose, it says by hadolint's own comment with the reason beside it.
-    """
+    """Return hadolint's verdict about each Dockerfile of a folder, whose comments say what is on purpose."""
     recipes = [name for name in files if name.rpartition("/")[2].startswith(NAME)]
     if not recipes:
         return (Verdict(check=HADOLINT, subject=NAME, state=State.FAILS, says="there is no Dockerfile"),)

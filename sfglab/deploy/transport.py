@@ -52,8 +52,7 @@ class Transport(ABC):
     def run(self, script: str, *, data: bytes = b"", timeout_s: float = QUICK_S) -> bytes:
         """Run a script of `sh` there as root, with `data` as its standard input; return what it prints.
 
-        Raises:
-            DeployError: It cannot be reached, or the script failed; with its last words.
+        Raises `DeployError` if it cannot be reached, or the script failed; with its last words.
         """
         command = self.command(script)
         try:
@@ -157,11 +156,7 @@ def detect_over(host: HostSpec, *, root: Path | None = None) -> Accelerator | No
 
 
 def accelerator_of(transport: Transport) -> Accelerator:
-    """Return what images for a machine are made for.
-
-    Raises:
-        DeployError: It cannot be reached, or is a Jetson with another JetPack than the images' base.
-    """
+    """Return what images for a machine are made for; `DeployError` if it is a Jetson with another JetPack."""
     machine = machine_of(transport)
     if machine.accelerator is Accelerator.JETSON and machine.jetpack != JETPACK:
         raise DeployError(
@@ -185,11 +180,7 @@ def machine_of(transport: Transport) -> Machine:
 
 
 def copy_facts(transport: Transport, folder: Path) -> None:
-    """Copy what detection reads into a folder that stands for the machine's root; nodes become empty files.
-
-    Raises:
-        DeployError: It cannot be reached, or its answer is none.
-    """
+    """Copy what detection reads, nodes as empty files, into a folder; `DeployError` if there is no answer."""
     root = transport.root
     nodes, files = (" ".join(root + path for path in paths.split()) for paths in (NODES, FILES))
     script = (

@@ -1,8 +1,4 @@
-"""Verdicts of checks, as a table for a terminal, and rules as data, which find where they are broken.
-
-One table of rules serves any kind of file: what a rule is asked about and how it names a place are its own, and
-the table beside says what follows from it and what to do.
-"""
+"""Verdicts of checks, as a table for a terminal, and rules as data, which find where they are broken."""
 
 from __future__ import annotations
 
@@ -61,10 +57,7 @@ def verdict_of(check: str, subject: str, ask: Callable[..., Iterable[str]], *abo
 
 
 def render_verdicts(verdicts: Iterable[Verdict], *, every: bool = True) -> str:
-    """Return verdicts as a table, the failing first with their words, and how many there are of each.
-
-    With `every`, what holds is listed as well; it is counted anyway.
-    """
+    """Return verdicts as a table, the failing first, and their numbers; `every` lists what holds too."""
     order = list(State)
     verdicts = tuple(verdicts)
     shown = (verdict for verdict in verdicts if every or verdict.state is not State.HOLDS)
@@ -138,11 +131,6 @@ def worst_first(findings: Iterable[Finding]) -> tuple[Finding, ...]:
     """Return findings by their severity, else in their order."""
     order = list(Severity)
     return tuple(sorted(findings, key=lambda finding: order.index(finding.severity)))
-
-
-def has_errors(findings: Iterable[Finding]) -> bool:
-    """Tell whether a finding is an error."""
-    return any(finding.severity is Severity.ERROR for finding in findings)
 
 
 def error_sentences(findings: Iterable[Finding]) -> Iterator[str]:

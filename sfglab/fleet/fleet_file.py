@@ -1,9 +1,7 @@
 """Fleet as values, read from its file: names that agents use, their frames, and the machines they run on.
 
-Refuses what is not a fleet at all: unknown keys, wrong types, names that ROS or the schema's agent segment
-forbid, domains that DDS does not have, what no machine could take. Whether the fleet makes sense is for
-`sfglab.fleet.lint`; images, containers and services of its machines (paper A, section 4.4) are for
-`sfglab.deploy`.
+Refuses what is not a fleet at all: unknown keys, wrong types, forbidden names and domains, impossible machines.
+Whether it makes sense is for `sfglab.fleet.lint`; what runs on the machines (paper A, 4.4) for `sfglab.deploy`.
 """
 
 from __future__ import annotations
@@ -276,9 +274,8 @@ class StreamSpec(_Part):
     width: int = field(metadata=bounds(1))  #: Pixels.
     height: int = field(metadata=bounds(1))  #: Pixels.
     rate_hz: float = field(metadata=_POSITIVE)  #: Messages a second.
-    size_bytes: int | None = between(
-        None, 1
-    )  #: Mean serialized size of a message; None: the file does not say.
+    #: Mean serialized size of a message; None: the file does not say.
+    size_bytes: int | None = between(None, 1)
     #: Where the decoded stream belongs; empty: derived from `topic`.
     decoded_topic: str = field(default="", metadata=_OPTIONAL_NAME)
     #: Where the calibration is published; empty: nowhere.
@@ -362,9 +359,8 @@ class _GlobalDomain:
 class FleetKeys:
     """Keys of a fleet file that `Fleet` holds in another form."""
 
-    border: _GlobalDomain = field(
-        default_factory=_GlobalDomain, metadata=named("global")
-    )  #: The domain that all routers join.
+    #: The domain that all routers join.
+    border: _GlobalDomain = field(default_factory=_GlobalDomain, metadata=named("global"))
     #: What crosses: Table 1 of paper A, or rules of one's own.
     policy: Literal["table-1"] | tuple[ForwardRule, ...] = field(
         default="table-1", metadata=short_for("pattern")

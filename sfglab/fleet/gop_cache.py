@@ -7,17 +7,6 @@ that, nothing is written. When somebody does, the packets since the last key fra
 the newest marked as not to be shown (`FLAG_DISCARD`), and every packet follows as it comes, until the reader
 has caught up with the stream itself and leaves.
 
-Other ways were measured, over two routers with groups of 30 packets of 17 kB:
-
-* A latched topic that is always written, whose history DDS sends to late joiners by itself, is as quick and as
-  cheap. But a history counts samples, not groups: its depth has to be the group's length, all of it is sent,
-  523 kB a join where this sends 262 kB on average, and the useless packets before the key frame come first;
-  on a link of 20 Mbit/s that is 0.32 s in place of 0.21 s. And it cannot mark packets.
-* One latched message with the whole group, written anew for every frame, costs 0.1 % of a core while nobody
-  reads it, and 60 Mbit/s while somebody does.
-* A service would need its requests and its replies connected through both routers, and no caller can know when
-  they are.
-
 As a process (``python -m sfglab.fleet.gop_cache CONFIG``; see `sfglab.component`) it reports, beside ``ready``,
 every replay, ``{"is": "replayed", "topic", "packets", "size_bytes", "gaps", "overflows"}``.
 """
@@ -43,27 +32,20 @@ if TYPE_CHECKING:
     from sfglab.bus import Node
 
 
-FFMPEG_PACKET = "ffmpeg_image_transport_msgs/msg/FFMPEGPacket"
-"""The type of streams that can be replayed, and of their replays."""
+FFMPEG_PACKET = "ffmpeg_image_transport_msgs/msg/FFMPEGPacket"  #: Of streams and of replays.
 
 FLAG_KEY = 1  #: In the flags of a packet where a decoder may start (libavcodec, packet.h: AV_PKT_FLAG_KEY).
 
-FLAG_DISCARD = 4
-"""In the flags of a packet that the next ones need and whose own picture nobody wants (AV_PKT_FLAG_DISCARD)."""
+FLAG_DISCARD = 4  #: In the flags of a packet whose own picture nobody wants (AV_PKT_FLAG_DISCARD).
 
-REPLAY_DEPTH = 256
-"""The longest group of pictures that can be replayed, in packets: as deep as a router's reader."""
+REPLAY_DEPTH = 256  #: The longest group of pictures, in packets: as deep as a router's reader.
 
 REPLAY_QOS = QoSProfile(durability=Durability.TRANSIENT_LOCAL, depth=REPLAY_DEPTH)
-"""Reliable, because one lost packet spoils a group; latched, so that a router on the way that is not yet
-connected on its other side loses nothing."""
+"""Reliable, as one lost packet spoils a group; latched, so that a router that still connects loses none."""
 
 
 def replay_topic(stream_topic: str) -> str | None:
-    """Return the topic that replays a compressed stream: its companion ``<...>/ffmpeg_replay``.
-
-    None for a stream that has none: only those with the resource ``ffmpeg`` do, whose packets are numbered.
-    """
+    """Return the companion ``<...>/ffmpeg_replay`` of a stream; None without the resource ``ffmpeg``."""
     try:
         fqn = parse(stream_topic)
     except FqnError:
@@ -92,11 +74,7 @@ class Limits:
 
 
 class GopCache(Generic[M]):
-    """Keeps the group of pictures that is under way.
-
-    After a packet that went missing, or when a group outgrows the limits, nothing is kept until the next key
-    frame: the part of a group that lacks its end is of no use to a decoder that joins.
-    """
+    """Keeps the current group of pictures; after a gap or overflow nothing until the next key frame."""
 
     def __init__(self, limits: Limits | None = None) -> None:
         self.size_bytes = 0  #: Size of what is kept.
@@ -115,10 +93,7 @@ class GopCache(Generic[M]):
         return tuple(self._packets)
 
     def add(self, packet: M, *, pts: int, is_key: bool, size_bytes: int) -> bool:
-        """Take the next packet of the stream, or whatever stands for it; return whether it is kept.
-
-        Packets are numbered without gaps by `pts`; a decoder may start with one that `is_key`.
-        """
+        """Take the next packet, numbered by `pts` without gaps; return whether it is kept."""
         if is_key:
             self._clear()
         elif not self._packets:
@@ -145,8 +120,7 @@ class State(Enum):
     """Where a stream's replay stands."""
 
     IDLE = auto()  #: Nobody reads it; nothing is written.
-    #: The first reader came a moment ago; the way to whoever stands behind it is still being connected.
-    SETTLING = auto()
+    SETTLING = auto()  #: The first reader came a moment ago; the way to it is still being connected.
     SERVING = auto()  #: The group was sent; every packet follows as it comes.
 
 
@@ -308,15 +282,8 @@ class _Stream:
             self._publisher.publish(replace(packet, flags=packet.flags | FLAG_DISCARD))
         if newest is not None:
             self._publisher.publish(newest)
-        self._on_replay(
-            Replayed(
-                topic=self._topic,
-                packets=len(self._cache),
-                size_bytes=self._cache.size_bytes,
-                gaps=self._cache.gaps,
-                overflows=self._cache.overflows,
-            )
-        )
+        counts = {name: getattr(self._cache, name) for name in ("size_bytes", "gaps", "overflows")}
+        self._on_replay(Replayed(topic=self._topic, packets=len(self._cache), **counts))
 
     def _offer(self) -> Any:
         return self._node.create_publisher(FFMPEG_PACKET, self._replay_topic, REPLAY_QOS)

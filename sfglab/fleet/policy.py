@@ -1,17 +1,14 @@
 """Routing between an agent's domain and the global one: paper A, section 4.1, Eq. 1 and Table 1.
 
-What crosses, and what of a topic's way has to be open for it, as pure functions: the one place that decides it.
-The in-process router asks it for every endpoint; the configurations of other routers are generated from its
-rules. Refuses to know domain ids, samples, and what is open now (`sfglab.fleet.router.plan`).
+What crosses, and what of a topic's way has to be open for it, as pure functions: the one place that decides it,
+for the in-process router (`sfglab.fleet.router.plan`) and for other routers' configurations.
 
 A reader is opened in the source's domain when somebody subscribes in the target's; outward only if there is a
-source too, so that nothing but what is in use is announced in the global domain. Inward the reader is opened at
-once: it is how another agent's router learns that somebody here wants the topic, and if all routers waited for
-each other nothing would ever flow. A writer is opened when there is a source as well, also for one whose
-samples have to wait; where a router offers what it could open, when there is a source, so that ROS 2's tools
-list it, and still nothing is read before somebody subscribes. Nobody is to tell the router from a direct
-connection: what a source offers is offered across the border, and nothing stronger is requested than a direct
-connection would have.
+source too, so that only what is in use is announced in the global domain. Inward at once: so another agent's
+router learns that somebody here wants the topic, and routers do not wait for each other. A writer is opened
+when there is a source as well, also for one whose samples have to wait; where a router offers what it could
+open, when there is a source, so that ROS 2's tools list it. What a source offers is offered across the border,
+and nothing stronger is requested than a direct connection would have.
 """
 
 from __future__ import annotations
@@ -111,12 +108,9 @@ class Policy:
         return frozenset(Side) if self.crosses(dds_name, way) else frozenset({published_in})
 
     def crossing(self, name: str, kind: ResourceKind, direction: Direction) -> Crossing:
-        """Return how much of a ROS topic, service or action crosses; a half-open one hangs its callers.
+        """Return how much of an absolute ROS name crosses; a half-open service or action hangs its callers.
 
-        Args:
-            name: Absolute ROS name.
-            kind: What the name denotes.
-            direction: The way of a topic's messages; a service needs its requests and replies in both.
+        The direction is a topic's; a service needs its requests and replies in both.
 
         Raises:
             FqnError: The name is not valid for its kind.
@@ -130,9 +124,7 @@ class Policy:
         return Crossing.HALF if any(passes) else Crossing.NONE
 
 
-QUEUE_DEPTH = 256
-"""What a router's reader and its volatile writer keep at least: one that is late must not lose samples. A bound
-in bytes is `sfglab.bus.dds.forwarder.MAX_BACKLOG_BYTES`."""
+QUEUE_DEPTH = 256  #: What a router's reader and volatile writer keep at least; see `MAX_BACKLOG_BYTES`.
 
 _SERVICE_PREFIXES = ("rq/", "rr/")
 
@@ -140,9 +132,8 @@ _SERVICE_PREFIXES = ("rq/", "rr/")
 def requested_qos(dds_topic: str, source: QoSProfile, sinks: Iterable[QoSProfile]) -> QoSProfile:
     """Return what the router's reader of a source requests.
 
-    RELIABLE only where the source offers it and somebody wants it, so that a best-effort subscription
-    costs no retransmission on the source's side. A source's latched samples are always asked for: whoever joins
-    late across the border gets them from the router's writer, which must have them by then.
+    RELIABLE only where the source offers it and somebody wants it, so that a best-effort subscription costs no
+    retransmission. Latched samples always: who joins late across the border gets them from the router's writer.
     """
     latched = source.durability is Durability.TRANSIENT_LOCAL
     repaired = latched or any(sink.reliability is Reliability.RELIABLE for sink in sinks)
@@ -168,10 +159,9 @@ def announced_qos(dds_topic: str, sinks: Iterable[QoSProfile]) -> QoSProfile:
 
 
 def offered_qos(source: QoSProfile) -> QoSProfile:
-    """Return what the router's writer offers for a source: the same.
+    """Return what the router's writer offers for a source: the same, but for a volatile history's depth.
 
-    The depth of a volatile history is only the sender's own buffer, which no peer sees and Fast DDS does not
-    announce. A shallow one would lose reliable samples that the source's own history would have kept.
+    That is only the sender's own buffer; a shallow one would lose samples that the source's would have kept.
     """
     if source.durability is Durability.VOLATILE and source.history is History.KEEP_LAST:
         return replace(source, depth=max(source.depth, QUEUE_DEPTH))
@@ -199,6 +189,7 @@ class ReaderSpec:
     path: Path  #: What for.
     qos: QoSProfile  #: What it requests.
     transport: Transport = "dds"  #: How its sources send.
+    again: int = 0  #: Of which doubt it reads the sources anew; 0: it is the first.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -212,6 +203,7 @@ class WriterSpec:
     #: all other sources that offer the same.
     source: bytes = b""
     transport: Transport = "dds"  #: How its subscriptions receive.
+    again: int = 0  #: As its reader's.
 
 
 class Held(Enum):
@@ -243,6 +235,10 @@ class PathState:
     #: Publishers in the source's domain whose samples may not cross, by gid.
     barred: dict[bytes, EndpointInfo] = field(default_factory=dict)
     held: set[bytes] = field(default_factory=set)  #: Those of `sources` whose samples have to wait.
+    doubts: int = 0  #: How often latched sources were doubted.
+    #: Latched ones of `sources` that somebody seemed to succeed, and in which doubt. They are read anew: who
+    #: lives sends its history again, and what is left of one that was killed is sent to nobody any more.
+    doubted: dict[bytes, int] = field(default_factory=dict)
     setup: Setup = field(default_factory=Setup)  #: What is open now.
 
     def __contains__(self, gid: bytes) -> bool:
@@ -256,13 +252,20 @@ class PathState:
         for part in (self.sources, self.sinks, self.barred):
             part.pop(gid, None)
         self.held.discard(gid)
+        self.doubted.pop(gid, None)
+
+    def doubt(self, newcomer: EndpointInfo) -> None:
+        """Doubt the latched sources of other participants that have a new publisher's host and node name."""
+        self.doubts += 1
+        who = newcomer.host, newcomer.node
+        for gid, source in self.sources.items() if newcomer.node else ():
+            latched = source.qos.durability is Durability.TRANSIENT_LOCAL
+            if latched and (source.host, source.node) == who and source.participant != newcomer.participant:
+                self.doubted[gid] = self.doubts
 
 
 def wanted(path: Path, state: PathState, *, offers: bool = False) -> Setup:
-    """Return what of a path has to be open: the rules of this module, as a function of what is known.
-
-    With `offers` sources that nobody wants have their writers already, if they are no service's.
-    """
+    """Return what of a path has to be open; with `offers` also writers of topics that nobody wants."""
     sinks = [sink.qos for sink in state.sinks.values()]
     if not sinks or (path.outward and not state.sources):
         offered = offers and not path.dds_topic.startswith(_SERVICE_PREFIXES)
@@ -271,17 +274,19 @@ def wanted(path: Path, state: PathState, *, offers: bool = False) -> Setup:
         readers = {ReaderSpec(path=path, qos=announced_qos(path.dds_topic, sinks)): None}
         return Setup(tuple(readers), (), _judged(readers, {}, state))
     transport = _transport(path, {sink.transport for sink in state.sinks.values()})
-    ways = {gid: _way(path, source, sinks, transport) for gid, source in sorted(state.sources.items())}
+    ways = {
+        gid: _way(path, source, sinks, transport, again=state.doubted.get(gid, 0))
+        for gid, source in sorted(state.sources.items())
+    }
     readers = dict.fromkeys(reader for reader, _ in ways.values())
     writers = dict.fromkeys(writer for _, writer in ways.values())
     return Setup(tuple(readers), tuple(writers), _judged(readers, ways, state))
 
 
 def _offered(path: Path, state: PathState) -> tuple[WriterSpec, ...]:
-    """Return writers that show what there is.
+    """Return writers that show what there is: a volatile source's own, for latched samples another.
 
-    A volatile source's is the one that its samples will go to. Latched samples will go to another, which has no
-    history of an earlier demand: that could not be taken back.
+    For a latched writer's history of an earlier demand could not be taken back.
     """
     writers = [_writer(path, source) for _, source in sorted(state.sources.items())]
     latched = Durability.TRANSIENT_LOCAL
@@ -289,22 +294,18 @@ def _offered(path: Path, state: PathState) -> tuple[WriterSpec, ...]:
 
 
 def _transport(path: Path, sinks: set[Transport]) -> Transport:
-    """Return how the subscriptions are reached.
-
-    A request goes to one server, and one of rmw_fastrtps would take others' frames for its own. A reply goes to
-    all: only who asked takes it.
-    """
+    """Return how the subscriptions are reached: a request goes to one server, a reply to all."""
     if len(sinks) > 1 and path.dds_topic.startswith("rr/"):
         return "any"
     return "ros" if "ros" in sinks else "dds"
 
 
 def _way(
-    path: Path, source: EndpointInfo, sinks: list[QoSProfile], transport: Transport
+    path: Path, source: EndpointInfo, sinks: list[QoSProfile], transport: Transport, *, again: int
 ) -> tuple[ReaderSpec, WriterSpec]:
     qos = requested_qos(path.dds_topic, source.qos, sinks)
-    reader = ReaderSpec(path=path, qos=qos, transport=source.transport)
-    return reader, replace(_writer(path, source), transport=transport)
+    reader = ReaderSpec(path=path, qos=qos, transport=source.transport, again=again)
+    return reader, replace(_writer(path, source), transport=transport, again=again)
 
 
 def _writer(path: Path, source: EndpointInfo) -> WriterSpec:

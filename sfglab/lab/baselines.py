@@ -63,10 +63,7 @@ def apart_of(run: Run[Any]) -> Path:
 
 
 def compared(exp: Experiment[Any], run: Run[Any]) -> pd.DataFrame:
-    """Return medians of real ROS 2 and of its stand-in, and their ratio with its interval, by setting.
-
-    What is measured in one repetition is not independent of each other, so repetitions are resampled.
-    """
+    """Return medians of real ROS 2 and its stand-in, and their ratio over resampled repetitions, by setting."""
     rows = beside(exp, run).groupby(["quantity", "setting", "kind", "repeat"], sort=False)["value"].median()
     lines = []
     for (quantity, setting), values in rows.groupby(["quantity", "setting"], sort=False):
@@ -93,7 +90,7 @@ def declare(exp: Experiment[Any], title: str) -> None:
         rows = beside(exp, run)
         _draw(figure, rows)
         figure.suptitle(title)
-        note(figure, f"a dot: a measurement, {rows['repeat'].nunique()} repetitions; lines: medians")
+        note(figure, f"a dot: a measurement, repetitions: {rows['repeat'].nunique()}; lines: medians")
         return {"apart": apart_of(run).name if apart_of(run).is_file() else "", "compared": compared(exp, run)}
 
 
@@ -115,7 +112,7 @@ def _draw(figure: Figure, rows: pd.DataFrame) -> None:
         highest = rows.loc[rows["quantity"] == quantity, "value"].max()
         axes.set(xlim=(-0.5, len(settings) - 0.5), ylim=(0, 1.1 * highest or 1.0))
         axes.set_title(quantity, fontsize=9)
-    figure.legend(*figure.axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=len(kinds))
+    figure.legend(*figure.axes[0].get_legend_handles_labels(), loc="outside lower right", ncols=len(kinds))
 
 
 def peer_on(testbed: Testbed, host: str, name: str, *arguments: str) -> RosMember:

@@ -38,11 +38,7 @@ class Options:
 
 
 def as_row(row_class: type[Any], row: Row, *origins: Any) -> Any:
-    """Return a row of a table from an instance or a mapping.
-
-    Fields that a mapping lacks are taken from the first of the origins that has them: dataclasses or mappings,
-    such as a sweep's point.
-    """
+    """Return a row of an instance or a mapping, whose missing fields the first origin gives that has them."""
     if not isinstance(row, Mapping):
         return row
     names = {f.name for f in fields(row_class)}
@@ -84,10 +80,8 @@ class Bench(Generic[C]):
     def write(self, table: str, row: Row, *, at_ns: int | None = None) -> None:
         """Write one row, an instance of the table's class or its fields by name.
 
-        Its time is now, or its place in the table where the part is not timed.
-
-        Raises:
-            InvalidValueError: The experiment has no such table.
+        Its time is now, or its place in the table where the part is not timed. Raises `InvalidValueError` if
+        there is no such table.
         """
         if table not in self.row_classes:
             raise InvalidValueError("table", table, ", ".join(sorted(self.row_classes)))

@@ -75,11 +75,7 @@ class Browser:
         _stop(self._engine)
 
     def call(self, method: str, **parameters: Any) -> dict[str, Any]:
-        """Return the answer to one command of the DevTools protocol.
-
-        Raises:
-            BrowserError: The engine refuses it.
-        """
+        """Return the answer to a command of the DevTools protocol; raises `BrowserError` if it is refused."""
         id_ = next(self._ids)
         self._socket.send(json.dumps({"id": id_, "method": method, "params": parameters}))
         while True:
@@ -99,11 +95,7 @@ class Browser:
         return self.call("Runtime.evaluate", expression=script, returnByValue=True)["result"].get("value")
 
     def wait_for(self, script: str, timeout_s: float = 15.0) -> Any:
-        """Return the value of an expression as soon as it is truthy.
-
-        Raises:
-            BrowserError: It is not in time.
-        """
+        """Return the value of an expression as soon as it is truthy; `BrowserError` if it is not in time."""
         end = time.monotonic() + timeout_s
         while not (value := self.evaluate(script)):
             if time.monotonic() > end:
@@ -112,11 +104,7 @@ class Browser:
         return value
 
     def find(self, text: str, selector: str = "button", timeout_s: float = 15.0) -> tuple[float, float]:
-        """Return the middle of the first element with a text or label, once it stays where it is.
-
-        Raises:
-            BrowserError: There is none in time.
-        """
+        """Return the middle of the first element with a text or label, once it stays; else `BrowserError`."""
         script = _FIND % (json.dumps(selector), json.dumps(text), json.dumps(text))
         end = time.monotonic() + timeout_s
         since, where = time.monotonic(), None

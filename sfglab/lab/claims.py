@@ -1,9 +1,4 @@
-"""The ledger: every claim of the three papers beside our own figure and a computed verdict.
-
-``data/claims.yaml`` holds the papers' side only. Our side is computed from logs each time it is asked for,
-so that no figure and no verdict is ever typed or goes stale. Knows the ledger's form and the rule for
-verdicts; refuses to know how a figure is measured: the experiments do.
-"""
+"""The ledger: every claim of the papers (``data/claims.yaml``), our figure from logs, a computed verdict."""
 
 from __future__ import annotations
 
@@ -42,10 +37,8 @@ class Verdict(Enum):
     REPRODUCED = "reproduced"
     BETTER = "better"
     AS_GOOD = "as good"  #: Our way is as good as the paper says of its own, which another way cannot reproduce.
-    FITTED = "fitted"
-    """It agrees by constants that were fitted to the paper's own figures, which predicts nothing."""
-    UNDECIDED = "undecided"
-    """It hangs on what the paper leaves open or what differs between runs, or a part was not measured."""
+    FITTED = "fitted"  #: By constants that were fitted to the paper's own figures, which predicts nothing.
+    UNDECIDED = "undecided"  #: By what the paper leaves open or runs differ in, or a part was not measured.
     DEVIATES = "deviates"
     NOT_YET = "not yet"
 
@@ -59,8 +52,7 @@ class Criterion:
     """By what a claim is judged, written down before the runs that it judges exist."""
 
     sentence: str  #: The paper's own words that it comes from.
-    #: Presets of `sfglab.rtps` that may stand for the paper's middleware; the lowest figure of them judges.
-    modes: tuple[str, ...]
+    modes: tuple[str, ...]  #: Presets of `sfglab.rtps` for the paper's middleware; the lowest figure judges.
     region: Mapping[str, tuple[float, float]]  #: Least and largest value of each condition, bounds included.
     measure: str  #: What is computed in each condition, and of it when the claim holds there.
     unit: str  #: Of the figure.
@@ -72,22 +64,19 @@ class Criterion:
 class Claim(Shown):
     """One claim of a paper, as ``data/claims.yaml`` states it."""
 
-    #: Short, stable name; with `OURS` at its end where it judges our way beside the paper's.
-    id: str
+    id: str  #: Short, stable name; with `OURS` at its end where it judges our way.
     where: str  #: Paper and place.
     says: str  #: The statement.
     #: The paper's figure in `unit`; None where the statement is not a number.
     paper: float | None = field(metadata=read_by(Section.get))
     unit: str  #: Unit of the paper's figure and of ours.
     band: tuple[float, float]  #: Lowest and highest figure that counts as reproduced.
-    #: The end of the band beyond which our figure is better; None: neither.
-    better: Literal["above", "below"] | None = None
+    better: Literal["above", "below"] | None = None  #: The band's end beyond which ours is better.
     #: The statement's other figures, such as a range's other end: what each is, and its band.
     ends: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     #: Name of the experiment that measures it; None: there is none yet.
     experiment: str | None = field(metadata=OR_NULL)
-    #: What judges runs on the paper's own middleware, once there are any; until then `band` judges.
-    criterion: Criterion | None = None
+    criterion: Criterion | None = None  #: Judges runs on the paper's own middleware; until then `band` does.
 
     def __post_init__(self) -> None:
         for name, (low, high) in {"band": self.band, **self.ends}.items():
@@ -99,8 +88,7 @@ class Claim(Shown):
 class Finding:
     """Our figure for one claim, computed from a run."""
 
-    #: Median or fitted value with its 95 % interval; NaN where the log lacks what it is computed from.
-    estimate: Estimate
+    estimate: Estimate  #: Median or fitted value with its 95 % interval; NaN where the log lacks it.
     details: Mapping[str, str] = field(default_factory=dict)  #: Further figures, as text by name.
     reason: str = ""  #: Why it deviates from the paper's, where that is known.
     ends: Mapping[str, float] = field(default_factory=dict)  #: Of the claim's `ends`, those that were measured.
@@ -216,11 +204,7 @@ def _full_row(entry: Entry) -> tuple[str, ...]:
 
 
 def load_claims(path: Path) -> list[Claim]:
-    """Read and check the papers' side of the ledger, ``data/claims.yaml``.
-
-    Raises:
-        DocumentError: The file is missing or an entry is wrong; says where and what is allowed.
-    """
+    """Read and check ``data/claims.yaml``; a `DocumentError` says where it is wrong and what is allowed."""
     claims: dict[str, Claim] = {}
     for entry in Document.of_file(path).items():
         claim = entry.read(Claim)

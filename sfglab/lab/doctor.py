@@ -1,8 +1,4 @@
-"""Doctor: what this machine can do, in plain words, and what an experiment will do instead of what it cannot.
-
-Every check tries the thing itself rather than asking for its version. The texts hold no path and no name of
-the machine, so that they can go into a log.
-"""
+"""Doctor: what this machine can do, tried, in words without its paths and name, and what follows."""
 
 from __future__ import annotations
 

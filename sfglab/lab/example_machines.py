@@ -1,8 +1,4 @@
-"""Machines to try detection on, as the few files of each that it looks at.
-
-Made from documentation, kernel sources and what people have quoted of such machines; none is a copy of a real
-machine, and device nodes are empty plain files. Each says where its facts are from.
-"""
+"""Machines to try detection on, none a copy of a real one: the few files that it looks at, and their source."""
 
 from __future__ import annotations
 
@@ -30,11 +26,7 @@ class ExampleMachine:
 
 
 def write_example(example: ExampleMachine, folder: Path) -> Path:
-    """Write an example's files below a folder, which becomes its root for `detect`, and return that.
-
-    Raises:
-        DeployError: There is something in the folder.
-    """
+    """Write an example's files into a folder, its root for `detect`; raises `DeployError` if not empty."""
     folder.mkdir(parents=True, exist_ok=True)
     if any(folder.iterdir()):
         raise DeployError(f"{folder}: given for an example's root, allowed: an empty folder, but it has files")

@@ -2,9 +2,8 @@
 
     exp = Experiment("transmission", Config, where="B 3.1", smoke={"seeds": 1}, paper={"seeds": 30})
 
-declares a configuration whose defaults are the profile ``quick``. Decorators add the classes of its tables, its
-sweeps and parts, its claims and figures. The kit gives profiles, the log with its metadata and completion
-record, progress, resuming, typed configuration on the way back, figure style, twins, the ledger's entries.
+declares a configuration whose defaults are the profile ``quick``; decorators add the rest. The kit gives
+profiles, the log, progress, resuming, typed configuration on the way back, twins, the ledger's entries.
 """
 
 from __future__ import annotations
@@ -137,29 +136,20 @@ class Look:
     turn: Sequence[str]  #: Fields of the configuration that a form offers first.
     needs: Collection[str]  #: Tables of sweeps, and names of parts, that it is drawn from; may be empty.
     size: tuple[float, float]  #: Width and height, inches.
-    #: Fields that differ from the profile ``quick`` to begin with.
-    start: Mapping[str, Any] = field(default_factory=dict)
-    #: Fields set anew for a first picture, where the whole takes longer.
-    coarse: Mapping[str, Any] = field(default_factory=dict)
-    #: Bounds of fields that are narrower than their own, where more takes too long to follow a slider.
-    within: Mapping[str, Bounds] = field(default_factory=dict)
+    start: Mapping[str, Any] = field(default_factory=dict)  #: What differs from ``quick`` at first.
+    coarse: Mapping[str, Any] = field(default_factory=dict)  #: What a first picture sets anew.
+    within: Mapping[str, Bounds] = field(default_factory=dict)  #: Narrower bounds, to follow a slider.
     reference: str = ""  #: The experiment's figure that is shown for comparison; empty: none.
     draw: Callable[[Figure, Run[Any]], Any] = lambda _figure, _run: None  #: Draws into an empty figure.
 
 
 class Experiment(Generic[C]):
-    """An experiment.
+    """An experiment: `setup` is who sends what to whom, by actors and links.
 
-    Args:
-        name: Its name in `EXPERIMENTS`, of its logs and journals.
-        config: A frozen dataclass whose defaults are the profile ``quick``; documentation and bounds stand on
-            its fields. A field `profile` is filled in, a field `seed` is nobody's change.
-        where: Paper and section.
-        smoke: Fields that the profile ``smoke`` changes.
-        paper: Fields that the profile ``paper`` changes.
-        hosts: Names of test hosts that the run is on, or a function of the configuration; empty: none.
-        actors: Processes and nodes.
-        links: Who sends what to whom.
+    The name is that in `EXPERIMENTS`, of logs and journals; `config` a frozen dataclass whose defaults are the
+    profile ``quick``, with documentation and bounds on its fields: a field `profile` is filled in, a field
+    `seed` is nobody's change. `where` is paper and section; `smoke` and `paper` are fields that these profiles
+    change; `hosts` names test hosts that the run is on, or is a function of the configuration that does.
     """
 
     def __init__(  # noqa: PLR0913  # what an experiment declares in one place
@@ -191,10 +181,7 @@ class Experiment(Generic[C]):
     # What an experiment declares.
 
     def table(self, *names: str) -> Callable[[type[Any]], type[Any]]:
-        """Declare the class of tables' rows: its fields' names, types and texts go into the log.
-
-        A class that nobody makes rows of by name needs no decorator of its own: it becomes a dataclass.
-        """
+        """Declare the class of tables' rows, as a dataclass: its fields' names and texts go into the log."""
 
         def declare(row_class: type[Any]) -> type[Any]:
             if "__dataclass_fields__" not in vars(row_class):  # of its own, not inherited
@@ -216,14 +203,9 @@ class Experiment(Generic[C]):
         """Declare a sweep whose rows are a table; the function stays plain, an interrupted sweep goes on.
 
         The function takes a point and a seed, and returns a row, a mapping, or a tuple of them; to mappings the
-        point's fields and the seed are added.
-
-        Args:
-            table: The table, which is also the name of its journal.
-            over: Gives the points.
-            seeds: Gives the seeds; `seeds` many from `seed` on when not given.
-            workers: Who does the work.
-            at_ns: Gives a row's time in the log; its place when not given, so that equal seeds give equal logs.
+        point's fields and the seed are added. The table is also the name of the journal. `over` gives the
+        points, `seeds` the seeds: without it so many of the configuration's; `workers` do the work, and `at_ns`
+        gives a row's time in the log: without it its place, so that equal seeds give equal logs.
         """
 
         def declare(task: F) -> F:
@@ -243,13 +225,10 @@ class Experiment(Generic[C]):
     ) -> Callable[[F], F]:
         """Declare a part: a function, sync or async, that takes a `Bench` and writes; parts run in this order.
 
-        Args:
-            name: Its name, shown in progress.
-            total: How many steps it advances; or a function of the configuration.
-            skips: Errors that mean that this machine cannot do it: the reason goes into the metadata of the
-                part's name, as does that of a `SkippedPartError`.
-            timed: Whether rows get the time of writing; else their place in the table, so that equal seeds give
-                equal logs.
+        It advances `total` steps, or as many as a function of the configuration says. Errors of `skips` mean
+        that this machine cannot do it: the reason goes into the metadata of the part's name, as does that of a
+        `SkippedPartError`. Rows get the time of writing if `timed`, else their place in the table, so that
+        equal seeds give equal logs.
         """
 
         def declare(function: F) -> F:
@@ -264,10 +243,7 @@ class Experiment(Generic[C]):
     def claim(
         self, claim: str, *, how: How | Callable[[Run[C]], How], mutated: Mutated | None = None
     ) -> Callable[[F], F]:
-        """Declare which claim of ``claims.yaml`` a function of a run answers; None from it: this run does not.
-
-        How the figure is obtained may depend on the run. A share of checks says what its mutants change.
-        """
+        """Declare which claim a function of a run answers, or None; and how, and what its mutants change."""
 
         def declare(function: F) -> F:
             self._claims[claim] = function, how
@@ -284,10 +260,9 @@ class Experiment(Generic[C]):
         size: tuple[float, float],
         when: Callable[[Run[C]], bool] = lambda _: True,
     ) -> Callable[[F], F]:
-        """Declare a figure: a function that draws into an empty one and returns what it shows, by name.
+        """Declare a figure of a size in inches: a function draws into an empty one and returns what it shows.
 
-        What it shows are JSON values, dataclasses of them such as estimates, and tables. The size is in inches;
-        `when` says whether a run has the figure.
+        That are JSON values, dataclasses of them, and tables; `when` says whether a run has the figure.
         """
 
         def declare(function: F) -> F:
@@ -297,10 +272,7 @@ class Experiment(Generic[C]):
         return declare
 
     def look(self, name: str, look: Look) -> Callable[[F], F]:
-        """Declare a look: a function that draws, as those of figures do, whenever a reader turns a field.
-
-        Tables and parts that it does not need are not computed.
-        """
+        """Declare a look: a function that draws from the tables it needs whenever a reader turns a field."""
 
         def declare(function: F) -> F:
             self.looks[name] = replace(look, draw=function)
@@ -325,12 +297,10 @@ class Experiment(Generic[C]):
         return caption_of(self._drawings[name].function) or name
 
     def config(self, profile: str = QUICK, **changes: Any) -> C:
-        """Return the configuration of a profile: ``smoke``, ``quick`` or ``paper``.
+        """Return the configuration of a profile, ``smoke``, ``quick`` or ``paper``, with fields set anew.
 
-        Changes are fields that are set anew; values as JSON has them are read by the fields' types.
-
-        Raises:
-            InvalidValueError: There is no such profile or field, or a value that the field cannot hold.
+        Values as JSON has them are read by the fields' types. Raises `InvalidValueError` if there is no such
+        profile or field, or a field cannot hold its value.
         """
         if profile not in self._profiles:
             raise InvalidValueError("profile", profile, ", ".join(self._profiles))
@@ -356,19 +326,14 @@ class Experiment(Generic[C]):
         """Run the experiment into one log.
 
         Sweeps come first; interrupted, the same run goes on where it was. Then the parts write, in their order.
-
-        Args:
-            profile: ``smoke``, ``quick`` or ``paper``.
-            path: The log; a new one below ``runs/`` when not given.
-            options: How the run is made on this machine.
-            changes: Fields of the configuration that are set anew; such a run speaks for no claim, unless it is
-                only the seed.
+        The log is a new one below ``runs/`` without a path. A run with fields that are set anew speaks for no
+        claim, unless it is only the seed.
 
         Raises:
             InvalidValueError: The configuration is not one.
             LogError: There is a log of that name.
-            SfglabError: What the experiment's parts raise; what was written until then is in ``<log>.part``,
-                if it is not explored.
+            SfglabError: What the parts raise; what was written until then is in ``<log>.part``, if it is not
+                explored.
         """
         config = self.config(profile, **changes)
         path = path or new_log(find_project(), self.name, profile)
@@ -472,11 +437,7 @@ class Experiment(Generic[C]):
         return found
 
     def draw(self, name: str, run: Run[C]) -> tuple[Figure, dict[str, Any]]:
-        """Draw one figure of a run; return it with the numbers that it shows.
-
-        Raises:
-            InvalidValueError: There is no such figure.
-        """
+        """Draw a figure of a run, with the numbers that it shows; `InvalidValueError` if there is none."""
         from matplotlib.figure import Figure
 
         if name not in self._drawings:

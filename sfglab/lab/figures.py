@@ -1,8 +1,7 @@
 """Figures: one style, one `save`, one JSON twin beside each picture; films.
 
-A picture is written as deterministic SVG and as PNG; the twin says from which log, parameters and versions
-it comes and which numbers it shows, so that nobody has to guess whether a figure is current. Drawing itself
-is done by the experiments, in functions that take axes.
+A picture is written as deterministic SVG and as PNG; the twin says from which log, parameters and versions it
+comes and which numbers it shows.
 """
 
 from __future__ import annotations
@@ -33,13 +32,13 @@ if TYPE_CHECKING:
     Cell = tuple[str, str]  # a text and its colour
 
 
-# Okabe and Ito's palette, distinct for all common kinds of colour blindness; ordered by lightness so that
-# the two first differ in grey as well.
+# After Okabe and Ito's palette, distinct for all common kinds of colour blindness; blue is darker and green
+# lighter than theirs, so that the three ways which are compared most differ in grey as well.
 COLORS = {
     "standard": "#D55E00",
-    "proxy": "#0072B2",
+    "proxy": "#00528A",
     "network": "#999999",
-    "third": "#009E73",
+    "third": "#26B58A",
     "fourth": "#CC79A7",
 }
 MARKERS = {"standard": "o", "proxy": "s", "network": "^", "third": "D", "fourth": "v"}
@@ -58,10 +57,7 @@ def series(key: str) -> dict[str, Any]:
 def grouped_bars(
     axes: Axes, table: pd.DataFrame, colors: Iterable[str], *, width: float
 ) -> list[NDArray[np.floating]]:
-    """Draw a group of bars a line of a table, a bar a column; return where each column's bars stand.
-
-    A group of width 1 leaves no space between groups.
-    """
+    """Draw a group of bars a line of a table, a bar a column; return where they stand. Width 1: no space."""
     each, places = width / len(table.columns), range(len(table.columns))
     spots = [np.arange(len(table)) + (place - (len(places) - 1) / 2) * each for place in places]
     for at, column, color in zip(spots, table.columns, colors, strict=False):
@@ -71,10 +67,7 @@ def grouped_bars(
 
 
 def note(figure: Figure, text: str, live: Run[Any] | None = None) -> None:
-    """Say below a figure how its numbers were got: live, simulated or exact, how many, what bars mean.
-
-    Of a live run, its hosts come first.
-    """
+    """Say below a figure how its numbers were got: of a live run its hosts, how many, what bars mean."""
     where = f"live, {live.metadata('hosts')['description']}; " if live else ""
     figure.supxlabel(where + text, x=0.005, ha="left", fontsize=8.5, color="0.25")
 
@@ -135,10 +128,7 @@ def drawn(size: tuple[float, float], draw: Callable[..., object], *args: Any) ->
 
 
 def save_figure(figure: Figure, stem: Path, twin: Mapping[str, Any]) -> list[Path]:
-    """Write a figure as SVG and PNG beside its twin as JSON, and return the three files.
-
-    The stem is a path without suffix, as in ``figures/decode_once``; the twin holds JSON values only.
-    """
+    """Write a figure, by a path without suffix, as SVG and PNG beside its twin, JSON; return the files."""
     stem.parent.mkdir(parents=True, exist_ok=True)
     svg, png, note = (stem.with_name(stem.name + suffix) for suffix in (".svg", ".png", ".json"))
     with house_style():
@@ -201,10 +191,9 @@ def file_sha256(path: Path) -> str:
 def mp4(
     images: Iterable[NDArray[np.uint8]], size: tuple[int, int], *, fps: int, crf: int, pixels: str
 ) -> bytes:
-    """Return pictures, shape (height, width, 3), as an MP4 file, the same file for the same pictures.
+    """Return pictures of even sides, shape (height, width, 3), as an MP4 file, the same for the same pictures.
 
-    Both sides are even. A higher constant rate factor of H.264, `crf`, is smaller and worse; pixels are
-    ``rgb24`` or ``bgr24``.
+    A higher constant rate factor of H.264, `crf`, is smaller and worse; pixels are ``rgb24`` or ``bgr24``.
     """
     import av
 

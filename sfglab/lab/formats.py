@@ -1,8 +1,4 @@
-"""Formats of the files that people write: what reads each, an example, and its JSON Schema.
-
-Knows which types stand for which format, so that `sfglab schema`, the book's reference and the tests go by one
-list. Refuses to know what a format's keys mean: their types say it.
-"""
+"""Formats of the files that people write: what reads each, an example, and its JSON Schema."""
 
 from __future__ import annotations
 
@@ -22,7 +18,7 @@ from sfglab.spatial.scene.files import load_scene
 from sfglab.spatial.scene.schema import scene_schema
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class Format:
     """A file format."""
 
@@ -35,45 +31,25 @@ class Format:
 
 FORMATS = {
     "fleet": Format(
-        title="Fleet",
-        read_by="sfglab fleet lint",
-        files="fleets/*.yaml",
-        load=load_fleet,
-        schema=partial(schema_of, FleetKeys, Fleet),
+        "Fleet", "sfglab fleet lint", "fleets/*.yaml", load_fleet, partial(schema_of, FleetKeys, Fleet)
     ),
     "qos": Format(
-        title="Topics for QoS planning",
-        read_by="sfglab qos",
-        files="qos/*.yaml",
-        load=load_topics,
-        schema=partial(schema_of, FileKeys, TopicFile),
+        "Topics for QoS planning",
+        "sfglab qos",
+        "qos/*.yaml",
+        load_topics,
+        partial(schema_of, FileKeys, TopicFile),
     ),
-    "graph": Format(
-        title="Computation graph",
-        read_by="sfglab map",
-        files="graphs/*.yaml",
-        load=load_graph,
-        schema=partial(schema_of, Graph),
-    ),
-    "scene": Format(
-        title="Scene",
-        read_by="sfglab plan",
-        files="scenes/*.yaml",
-        load=load_scene,
-        schema=scene_schema,
-    ),
+    "graph": Format("Computation graph", "sfglab map", "graphs/*.yaml", load_graph, partial(schema_of, Graph)),
+    "scene": Format("Scene", "sfglab plan", "scenes/*.yaml", load_scene, scene_schema),
     "mocap": Format(
-        title="Motion capture mapping",
-        read_by="sfglab mocap run",
-        files="mocap/*.yaml",
-        load=load_mapping,
-        schema=partial(schema_of, MocapMapping),
+        "Motion capture mapping",
+        "sfglab mocap run",
+        "mocap/*.yaml",
+        load_mapping,
+        partial(schema_of, MocapMapping),
     ),
     "claims": Format(
-        title="Claims of papers",
-        read_by="sfglab claims",
-        files="claims.yaml",
-        load=load_claims,
-        schema=partial(schema_of, Claim, many=True),
+        "Claims of papers", "sfglab claims", "claims.yaml", load_claims, partial(schema_of, Claim, many=True)
     ),
 }

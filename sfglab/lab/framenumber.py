@@ -1,9 +1,8 @@
 """A number that is visible in the pixels of a frame, so that a subscriber can prove which frame it holds.
 
-The number is drawn as a row of black and white cells along the upper edge: one white and one black cell to
-calibrate the threshold, 24 bits of number (most significant first) and an 8-bit check (of CRC-32). A cell is
-16 pixels wide and high, one H.264 macroblock, so that a 4 Mbit/s stream keeps it readable. The same cells
-work for lossless depth images. Knows pixels only; refuses to know any message or codec.
+It is drawn as a row of black and white cells along the upper edge: one white and one black cell to calibrate
+the threshold, 24 bits of number (most significant first) and an 8-bit check (of CRC-32). A cell is 16 pixels
+wide and high, one H.264 macroblock, so that a 4 Mbit/s stream keeps it readable; depth images keep it as well.
 """
 
 from __future__ import annotations
@@ -47,17 +46,10 @@ def _cell_area(image: NDArray[Any]) -> NDArray[Any]:
 
 
 def stamp_number(image: NDArray[Any], number: int, *, white: int = 235, black: int = 16) -> None:
-    """Draw a number into the upper edge of an image, in place.
+    """Draw a number, 0 to 2**24 - 1, into the upper edge of an image, in place, or raise `InvalidValueError`.
 
-    Args:
-        image: Shape (H, W) or (H, W, channels), any integer type, at least 544 x 16 pixels.
-        number: 0 to 2**24 - 1.
-        white: Value of a one, in the image's own unit (millimetres for depth); its most significant byte must
-            exceed that of `black`.
-        black: Value of a zero.
-
-    Raises:
-        InvalidValueError: The image is too small or the number too large.
+    The image has shape (H, W) or (H, W, channels), any integer type, at least 544 x 16 pixels; white and black
+    are values in its own unit (millimetres for depth) whose most significant bytes differ.
     """
     if not 0 <= number < 1 << NUMBER_BITS:
         raise InvalidValueError("frame number", number, f"0 to {(1 << NUMBER_BITS) - 1}")
@@ -68,16 +60,10 @@ def stamp_number(image: NDArray[Any], number: int, *, white: int = 235, black: i
 
 
 def read_number(image: NDArray[Any]) -> int | None:
-    """Read the number that `stamp_number` drew.
+    """Return the number that `stamp_number` drew, None where the cells show none or its check fails.
 
-    Args:
-        image: Shape (H, W) or (H, W, channels), at least 544 x 16 pixels, in C order.
-
-    Returns:
-        The number, or None where the cells show none: no contrast, or a check that fails.
-
-    Raises:
-        InvalidValueError: The image is too small to hold one.
+    The image has shape (H, W) or (H, W, channels), at least 544 x 16 pixels, or raises `InvalidValueError`; C
+    order.
     """
     _cell_area(image)
     channels = image.shape[2] if image.ndim == 3 else 1
@@ -85,12 +71,9 @@ def read_number(image: NDArray[Any]) -> int | None:
 
 
 def read_number_flat(items: NDArray[Any], width: int, channels: int) -> int | None:
-    """Read the number from an image's items in C order, as messages carry them; see `read_number`.
+    """Return the number of an image's items in C order, shape (H * W * channels,); see `read_number`.
 
-    Args:
-        items: Shape (H * W * channels,).
-        width: Pixels in a row, at least 544.
-        channels: Items in a pixel; of three the second is read.
+    The width is at least 544 pixels; of three channels the second is read.
     """
     start = (_MIDDLE * width + _MIDDLE) * channels + (channels > 1)
     step = CELL_PX * channels

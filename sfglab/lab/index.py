@@ -1,7 +1,4 @@
-"""The index of everything, by paper and section: a figure, what it shows, and what the ledger says.
-
-Made from the notebooks' first cells, the committed figures and a ledger; no verdict is typed.
-"""
+"""The index of everything, by paper and section: a figure, what it shows, and what the ledger says."""
 
 from __future__ import annotations
 

@@ -1,12 +1,9 @@
 """The way from logs to the ledger and the figures: which log counts, and what is computed from it.
 
-A run's log goes to ``runs/logs/<experiment>/``; ``data/reference/<experiment>.mcap`` is a committed run, so
-that a fresh clone has figures and a filled ledger before it has run anything.
-
-What a log gave is kept from one call to the next, under the hash of all that it hangs on: the log, the claims
-file and the other small inputs, every file of the package, and the versions of Python and of the libraries that
-compute. A change of any of them is another hash, so that nothing goes stale; verdicts are judged anew each
-time. Files lie in ``runs/cache``, which is not committed; a broken one, or one of another hash, is as none.
+A run's log goes to ``runs/logs/<experiment>/``; ``data/reference/<experiment>.mcap`` is a committed run. What a
+log gave is kept in ``runs/cache`` under the hash of all that it hangs on: the log, the claims file and the
+other small inputs, every file of the package, and the versions of Python and of the libraries that compute. So
+nothing goes stale; verdicts are judged anew each time. A broken file, or one of another hash, is as none.
 """
 
 from __future__ import annotations
@@ -115,10 +112,7 @@ def logs_of(project: Project, name: str) -> Iterator[FoundLog]:
 
 
 def keep_figures(project: Project, name: str, log: Path) -> Path:
-    """Keep the figures of a run, whose log need not stay, to stand beside the reference; return their file.
-
-    They are those of today's analysis: where that changes what a claim's figure is, they are to be kept anew.
-    """
+    """Keep the figures of a run, by today's analysis, to stand beside the reference; return their file."""
     folder = project.reference_logs / "again"
     file = folder / f"{name}_{len(list(folder.glob(f'{name}_[0-9].json'))) + 1}.json"
     file.parent.mkdir(parents=True, exist_ok=True)
@@ -155,8 +149,7 @@ def find_log(project: Project, name: str, *, profile: str | None = None) -> Path
 def compute_ledger(project: Project, *, profile: str | None = None, committed: bool = False) -> Ledger:
     """Return every claim with our figure and verdict, from logs: runs of one profile first, or committed ones.
 
-    Where the committed reference speaks, it does together with the committed runs at other times. A log that
-    cannot be read costs the claims of its experiment only; it is said aloud.
+    A log that cannot be read costs the claims of its experiment only; it is said aloud.
     """
     kept, claims = kept_findings(project), load_claims(project.claims)
     ours: dict[str, _Ours] = {}
@@ -312,10 +305,7 @@ def _origin(project: Project, log: Path) -> dict[str, Any]:
 
 
 def redraw_figures(project: Project, names: Sequence[str] = EXPERIMENTS) -> dict[str, list[Path]]:
-    """Draw the figures of experiments again into ``figures/``, from committed logs alone; return the files.
-
-    They are by experiment; one without a committed log is missing.
-    """
+    """Draw the figures of experiments again into ``figures/``, from committed logs alone; return files."""
     logs = {name: project.reference_logs / f"{name}.mcap" for name in names}
     return {
         name: save_figures(project, experiment(name).load(log), project.figures)

@@ -1,10 +1,9 @@
 """Meters: CPU time of process trees and bytes at interfaces, with the machine's own load beside them.
 
-CPU time is read from the processes' own clocks in nanoseconds (clock_getcpuclockid(3)), not in the ticks of 10
-ms that proc(5) gives. 100 % is one core. One sample costs about 12 us for each process on the machine. What the
-kernel does for a packet outside of any process (soft interrupts) is charged to whoever was interrupted. A
-process that ends between two readings is not lost: its last reading stays in the sum, and what its parent
-reports as reaped (utime and stime of waited-for children, proc(5)) covers what was never read.
+CPU time is read from the processes' own clocks in nanoseconds (clock_getcpuclockid(3)); 100 % is one core. One
+sample costs about 12 us for each process on the machine. Soft interrupts are charged to whoever was
+interrupted. A process that ends between two readings is not lost: its last reading stays in the sum, and what
+its parent reports as reaped (proc(5)) covers what was never read.
 """
 
 from __future__ import annotations
@@ -34,8 +33,7 @@ class ProcessStat:
     parent: int  #: Its parent at the time of reading.
     started_ns: int  #: When it started, since the machine's start; tells it from a later owner of the pid.
     own_ns: int  #: CPU time of all its threads, in nanoseconds.
-    #: CPU time of its children that ended and were waited for, with their own such children.
-    reaped_ns: int = 0
+    reaped_ns: int = 0  #: CPU time of its children that ended and were waited for, and of theirs.
 
 
 def tree(parents: Mapping[int, int], roots: Iterable[int]) -> set[int]:
@@ -91,10 +89,7 @@ class CpuLedger:
         return {pid: account.last.started_ns for pid, account in self._accounts.items()}
 
     def update(self, readings: Mapping[int, ProcessStat], *, clock_ns: int) -> int:
-        """Enter the readings of all processes of the tree; return their CPU time since the first update, ns.
-
-        It holds of processes alive and ended, and never falls.
-        """
+        """Enter all processes' readings; return the tree's CPU time since the first, ns, which never falls."""
         started_ns = {pid: reading.started_ns for pid, reading in readings.items()}
         gone = [pid for pid, began_ns in self.started_ns.items() if started_ns.get(pid) != began_ns]
         ended = [self._accounts.pop(pid) for pid in gone]
@@ -131,8 +126,7 @@ class CpuLedger:
             account.parent.ended_children_ns += account.total_ns
 
 
-Pids = Iterable[int] | Callable[[], Iterable[int]]
-"""Processes, or a function that is asked for them anew at each sample."""
+Pids = Iterable[int] | Callable[[], Iterable[int]]  #: Processes, or what is asked for them at each sample.
 
 _TICK_NS = NS_PER_S // os.sysconf("SC_CLK_TCK")
 _CPUCLOCK_SCHED = 2  # linux/posix-timers.h: the precise clock of a process
@@ -155,11 +149,7 @@ class MeterRow:
 
 
 def counted(before: int, after: int) -> int:
-    """Return by how much a counter grew.
-
-    The kernel's counters have 64 bits and do not wrap in a lifetime, so one that fell was started anew, and
-    what it shows is what it has counted since.
-    """
+    """Return by how much a counter grew; one that fell was started anew, as 64 bits do not wrap."""
     return after - before if after >= before else after
 
 
@@ -291,12 +281,9 @@ async def measure(
     interfaces: Mapping[str, CountsBytes] | None = None,
     clock_ns: Callable[[], int] = time.monotonic_ns,
 ) -> list[MeterRow]:
-    """Measure for a while; return one row for each window, of `period_s`, and label.
+    """Measure for a while; return one row for each window, of `period_s`, and label, by a real clock.
 
-    The clock must run like a real one.
-
-    Raises:
-        InvalidValueError: The duration does not hold one period.
+    Raises `InvalidValueError` if the duration does not hold one period.
     """
     if not 0 < period_s <= duration_s:
         raise InvalidValueError("period_s", period_s, f"above 0, up to duration_s ({duration_s})")

@@ -1,10 +1,8 @@
 """Notebook helpers: one line each for a run, a picture, the claims of an experiment.
 
-Keeps the notebooks thin; what is behind it is in the modules that it imports, but for the picture of a set-up,
-drawn from what an experiment declares: processes side by side in their hosts' frames, in the order in which
-they are declared. Each link has a line of its own below them, so that no words cross: an arrow from process to
-process, and above it what is sent, over what, and what is crossed, in the colour of the standard path where
-anything is.
+What is behind it is in the modules that it imports, but for the picture of a set-up: processes side by side in
+their hosts' frames, and below them a line for each link, so that no words cross: an arrow, and above it what is
+sent, over what, and what is crossed, in the colour of the standard path where anything is.
 """
 
 from __future__ import annotations
@@ -42,17 +40,10 @@ pd.set_option("display.max_colwidth", None)  # tables show their sentences whole
 async def run(
     exp: Experiment[C], profile: str, log: str = "", settings: Mapping[str, Any] | None = None, **changes: Any
 ) -> Run[C]:
-    """Run an experiment, or read the run that somebody has made.
+    """Run an experiment of a profile, or read the run that somebody has made, by its log.
 
-    Args:
-        exp: The experiment.
-        profile: ``smoke``, ``quick`` or ``paper``.
-        log: The log of a run to read, from here or from the repository's top folder; empty: run it.
-        settings: Further fields of the configuration; they count before `changes`.
-        changes: Fields of the configuration.
-
-    Raises:
-        InvalidValueError: A value that its parameter cannot hold; says what it allows.
+    A log's path is from here or from the repository's top folder. Settings and changes are fields of the
+    configuration, settings before changes; `InvalidValueError` says what one cannot hold.
     """
     if not isinstance(settings or {}, Mapping):
         raise InvalidValueError("settings", settings, "fields of the configuration and their values")
@@ -77,10 +68,7 @@ def picture(run: Run[Any], name: str) -> Image:
 
 
 def image_of(figure: Figure, text: str = "") -> Image:
-    """Return a figure as a picture for the notebook, with a text for those who do not see it.
-
-    A large one, which has photographs in it, gets 256 colours: notebooks are committed.
-    """
+    """Return a figure as a picture, with a text for those who do not see it; a large one gets 256 colours."""
     from IPython.display import Image
 
     png = png_of(figure)
@@ -97,8 +85,6 @@ def video(mp4: bytes, width: int) -> Video:
 
 def setup(exp: Experiment[Any]) -> Image:
     """Return a picture of what an experiment runs: hosts, processes, who sends what to whom."""
-    from sfglab.lab.notebook import draw_setup
-
     return image_of(draw_setup(exp.setup), f"Hosts, processes and messages of {exp.name}")
 
 
@@ -124,13 +110,9 @@ def claims_of(run: Run[Any]) -> Ledger:
 def check(run: Run[Any], *verdicts: str, may_deviate: Sequence[str] = ()) -> str:
     """Assert that every claim of a run has one of these verdicts, and say so.
 
-    A smoke test is too short to measure by: there a claim that is measured live may deviate, and it is said.
-
-    Args:
-        run: The run.
-        verdicts: ``reproduced``, ``better`` (and with it ``as good``), or those that are known: ``fitted``,
-            ``undecided``.
-        may_deviate: Claims that may deviate, if the experiment gives the reason; it is said.
+    Verdicts are ``reproduced``, ``better`` (and with it ``as good``), or those that are known: ``fitted``,
+    ``undecided``. Claims of `may_deviate` may deviate if the experiment gives the reason, and those measured
+    live in a smoke test, which is too short to measure by; it is said.
 
     Raises:
         AssertionError: A claim has another verdict; says which.
@@ -180,8 +162,7 @@ def index(whole: Ledger) -> IndexPage:
     return make_index(find_project(), whole)
 
 
-_WIDE, _HIGH, _APART = 1.75, 0.85, 0.2
-"""Size of a process, and half the room between two of different hosts, inches."""
+_WIDE, _HIGH, _APART = 1.75, 0.85, 0.2  #: A process, and half the room between two hosts', inches.
 _LINE, _ROW = 0.13, 0.2  #: Height of a line of words, and what an arrow takes beside its words, inches.
 _LETTERS = 27  #: How many letters a process is wide.
 

@@ -1,10 +1,7 @@
 """Run notebooks headless, stricter than papermill, and make their outputs fit for version control.
 
-papermill only warns about a parameter that a notebook does not declare, and injects into a notebook that
-declares none; here both are errors, before anything runs. Fields of the configuration that a notebook's
-parameters cell does not list travel in its parameter ``settings``. One notebook that fails does not hide the
-others. `normalise` takes out what makes executed notebooks differ without a difference: times of day, paths,
-progress bars, the traces of the run itself.
+papermill only warns about a parameter that a notebook does not declare; here it is an error, before anything
+runs. Fields of the configuration that a parameters cell does not list travel in its parameter ``settings``.
 """
 
 from __future__ import annotations
@@ -58,11 +55,7 @@ _say = partial(print, file=sys.stderr, flush=True)
 
 
 def read_parameters(pairs: Sequence[str]) -> dict[str, Any]:
-    """Read parameters ``name=value`` of a command line, values as YAML: numbers are numbers, the rest is text.
-
-    Raises:
-        NotebookError: One is not of this form.
-    """
+    """Read parameters ``name=value`` of a command line, values as YAML, or raise a `NotebookError`."""
     import yaml
 
     wrong = [p for p in pairs if not p.partition("=")[0].isidentifier() or "=" not in p]
@@ -74,10 +67,8 @@ def read_parameters(pairs: Sequence[str]) -> dict[str, Any]:
 def find_notebooks(project: Project, names: Sequence[str] = ()) -> list[Path]:
     """Return the notebooks to run, in order; the index comes last, since it reports on the others.
 
-    Names are file names, with or without suffix, or unambiguous beginnings of them; without any all are meant.
-
-    Raises:
-        NotebookError: A name fits no notebook, or several.
+    Names are file names, with or without suffix, or beginnings of them; without any all are meant. Raises
+    `NotebookError` if one fits no notebook, or several.
     """
     every = sorted(p for p in project.notebooks.glob("*.ipynb") if not p.name.startswith("."))
     if not names:
@@ -96,12 +87,7 @@ def _one_notebook(name: str, every: Sequence[Path]) -> Path:
 
 
 def fit_parameters(path: Path, given: Mapping[str, Any]) -> dict[str, Any]:
-    """Return parameters as a notebook declares them: what its cell does not list is put into ``settings``.
-
-    Raises:
-        NotebookError: No cell or several are tagged ``parameters``, a name is neither declared there nor a
-            field of the configuration, or a field cannot hold its value.
-    """
+    """Return parameters as a notebook's cell declares them, others in ``settings``; or `NotebookError`."""
     notebook = read_notebook(path)
     tagged = [c for c in notebook.cells if "parameters" in c.metadata.get("tags", ())]
     if len(tagged) != 1:
@@ -149,11 +135,7 @@ def experiment_of(notebook: NotebookNode) -> str:
 
 
 def read_notebook(path: Path) -> NotebookNode:
-    """Return a notebook.
-
-    Raises:
-        NotebookError: There is none, or it is none.
-    """
+    """Return a notebook, or raise `NotebookError` if there is none, or it is none."""
     import nbformat
 
     try:
@@ -174,11 +156,7 @@ class _Steps(io.TextIOBase):
 
 
 def run_notebook(path: Path, output: Path, parameters: Mapping[str, Any]) -> None:
-    """Run one notebook with these parameters and keep the executed copy as `output`, also when it fails.
-
-    Raises:
-        NotebookError: The parameters do not fit, or a cell raised; says which.
-    """
+    """Run one notebook and keep the copy also when it fails; `NotebookError` if a parameter or cell does."""
     import papermill
     from traitlets.config import Config
 
@@ -233,10 +211,7 @@ def run_notebooks(
 
 
 def seconds_left(done: Sequence[Outcome], before: Mapping[str, float]) -> float:
-    """Return how long the notebooks that are not done may take [s].
-
-    By how long they took before (0: unknown, as long as the mean of the others), at the pace of those done.
-    """
+    """Return how long the others may take, s, by what they took before (0: unknown), at today's pace."""
     took = {outcome.name: outcome.seconds for outcome in done}
     known = [before[name] for name in took if before[name]]
     paced = [took[name] for name in took if before[name]]
@@ -269,10 +244,7 @@ def _run_one(path: Path, project: Project, parameters: Mapping[str, Any], *, wri
 
 
 def normalise(notebook: NotebookNode, project: Project) -> NotebookNode:
-    """Return an executed notebook, changed in place, without what changes from run to run for no reason.
-
-    The project's path is taken out of the outputs.
-    """
+    """Return an executed notebook, changed in place, without what differs for no reason and our path."""
     notebook.metadata = {"kernelspec": dict(KERNEL), "language_info": {"name": "python"}}
     notebook.cells = [c for c in notebook.cells if "injected-parameters" not in c.metadata.get("tags", ())]
     count = 0

@@ -64,11 +64,7 @@ class Project:
 
 
 def find_project(start: Path | None = None) -> Project:
-    """Find the checkout that a command or a notebook works in, from the working directory upwards.
-
-    Raises:
-        SfglabError: There is none.
-    """
+    """Find the checkout that a command or a notebook works in, upwards from here, or raise `SfglabError`."""
     named = os.environ.get("SFGLAB_ROOT")
     if named:
         if not (Path(named) / _MARK).is_file():

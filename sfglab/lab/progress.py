@@ -47,15 +47,7 @@ def progress_to(listener: Callable[[Step], None]) -> Iterator[None]:
 
 @contextmanager
 def progress_bar(total: int, what: str) -> Iterator[Callable[[str], None]]:
-    """Show progress to who looks on, or tell it to who listens.
-
-    Args:
-        total: Number of steps.
-        what: What is going on.
-
-    Yields:
-        A function to call after each step, with what the step was.
-    """
+    """Show progress to who looks on, or tell it to who listens; yields what is to be called after each step."""
     listener = _LISTENER.get()
     if listener is not None:
         yield _telling(total, what, listener)

@@ -1,8 +1,4 @@
-"""Real ROS 2 beside us: which distributions are there, and the command line of a program that runs in one.
-
-ROS 2 is never imported here: its programs run in its own interpreter and take orders as JSON lines, see
-`sfglab.lab.workers.rclpy_peer`.
-"""
+"""Real ROS 2 beside us, never imported here: which distributions are there, and how a program runs in one."""
 
 from __future__ import annotations
 
@@ -19,8 +15,7 @@ from sfglab.processes import Member
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-PEER = Path(__file__).parent / "workers" / "rclpy_peer.py"
-"""The program: a node of rclpy that does as it is told."""
+PEER = Path(__file__).parent / "workers" / "rclpy_peer.py"  #: A node of rclpy that does as it is told.
 TESTED = ("jazzy", "kilted")  #: The distributions that our nodes are tested beside, which `make ros` brings.
 
 
@@ -37,8 +32,7 @@ class Distribution:
 
     name: str  #: As ``ROS_DISTRO`` has it.
     python: Path  #: Its interpreter.
-    #: Whether it is the system's, whose set-up our environment has; else `make ros` made it.
-    sourced: bool = False
+    sourced: bool = False  #: Whether it is the system's, in our environment; else `make ros` made it.
 
     def __str__(self) -> str:
         return f"{self.name} ({'sourced' if self.sourced else 'make ros'})"
@@ -59,11 +53,7 @@ def distributions() -> dict[str, Distribution]:
 
 
 def distribution() -> Distribution:
-    """Return the first distribution that is there.
-
-    Raises:
-        RosMissingError: None is.
-    """
+    """Return the first distribution that is there, or raise a `RosMissingError`."""
     for found in distributions().values():
         return found
     raise RosMissingError

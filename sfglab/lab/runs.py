@@ -1,7 +1,6 @@
 """Runs on disk: a log with its tables and typed configuration, and whether it may speak for a claim.
 
-A log bears the name ``*.mcap.part`` until its run is finished; then it ends with a completion record and gets
-its name. Everything that an experiment computes after a run takes a `Run`.
+A log bears the name ``*.mcap.part`` until its run is finished; then it ends with a completion record.
 """
 
 from __future__ import annotations
@@ -28,18 +27,13 @@ C = TypeVar("C")
 P = ParamSpec("P")
 T = TypeVar("T")
 
-COMPLETION = "completion"
-"""Metadata that a finished run's log ends with: experiment, profile, changed fields, explored."""
+COMPLETION = "completion"  #: Metadata that a finished run's log ends with.
 PART_SUFFIX = ".part"
 SMOKE = "smoke"
 
 
 class Run(Generic[C]):
-    """A finished run, read from its log alone.
-
-    ``run["cell"]`` is a table, one line a row in the order of writing; a table that the log does not have is
-    empty, with its columns.
-    """
+    """A finished run, read from its log; ``run["cell"]`` is a table, empty if the log does not have it."""
 
     def __init__(self, log: Path, config_class: type[C], row_classes: Mapping[str, type[Any]]) -> None:
         self.log = log  #: The log.
@@ -60,11 +54,7 @@ class Run(Generic[C]):
         return html_table(field_rows(self.config), f"{repr(self)[1:-1]}, {said}") + html_table(tables)
 
     def __getitem__(self, table: str) -> pd.DataFrame:
-        """Return a table without the times of its rows.
-
-        Raises:
-            KeyError: The experiment has no such table.
-        """
+        """Return a table without the times of its rows; `KeyError` if the experiment has none of that name."""
         return self.table(table).drop(columns="log_time_ns")
 
     def table(self, name: str) -> pd.DataFrame:
@@ -102,11 +92,7 @@ class Run(Generic[C]):
         return str(self.metadata(part).get("hindrance", ""))
 
     def attachment(self, name: str) -> bytes:
-        """Return an attached file.
-
-        Raises:
-            LogError: There is none of that name.
-        """
+        """Return an attached file, or raise a `LogError`."""
         with LogReader(self.log) as reader:
             return reader.attachment(name)
 
@@ -169,10 +155,7 @@ class Standing:
 
 
 def standing(log: Path) -> Standing:
-    """Return whether a run's log speaks for claims: finished, no smoke test, nothing changed, not explored.
-
-    Committed reference logs speak without being asked.
-    """
+    """Return whether a run's log speaks for claims: finished, no smoke test, nothing changed, not explored."""
     if log.name.endswith(PART_SUFFIX):
         return Standing(profile="", why_not="it is not finished")
     try:

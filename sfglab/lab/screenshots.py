@@ -2,10 +2,9 @@
 
     python -m sfglab.lab.screenshots FOLDER [planner_editor] [viewer]
 
-The scene editor of paper A, section 4.5 (Fig. 7), with the hall's plan changed so that there is a conflict to
-see; and a fleet as `sfglab view` shows it, taken by the viewer itself. Nobody has to sit before them: both run
-without a window. The viewer needs a Vulkan driver, though; one that draws in software will do, such as Mesa's
-lavapipe (the package ``mesa-vulkan-drivers``). Refuses to know the editor's panels.
+The scene editor of paper A, section 4.5 (Fig. 7), with a conflict to see; and a fleet as `sfglab view` shows
+it. Both run without a window. The viewer needs a Vulkan driver; one that draws in software will do, such as
+Mesa's lavapipe (the package ``mesa-vulkan-drivers``).
 """
 
 from __future__ import annotations
@@ -31,17 +30,8 @@ from sfglab.codecs import compressed_depth_fields, compressed_image_fields
 from sfglab.errors import InvalidValueError, SfglabError
 from sfglab.fleet.fleet_file import load_fleet
 from sfglab.lab.browser import Browser, free_port
-from sfglab.lab.checks.fleet_scene import (
-    CAMERA,
-    PERIOD_NS,
-    SIZE,
-    START_NS,
-    camera_info,
-    compressed_message,
-    image_message,
-    scene_moments,
-    transforms_message,
-)
+from sfglab.lab.checks import fleet_scene
+from sfglab.lab.checks.fleet_scene import PERIOD_NS, START_NS
 from sfglab.lab.paths import find_project
 from sfglab.messages import default_message, serialize
 from sfglab.spatial.poses import Pose
@@ -50,7 +40,7 @@ from sfglab.spatial.scene.editor import Editor
 from sfglab.spatial.scene.objects import SceneError
 from sfglab.view.arrivals import Arrival
 from sfglab.view.planner.server import Planner
-from sfglab.view.rerunning import Camera, blueprint, layout_of_fleet, open_canvas
+from sfglab.view.rerunning import blueprint, layout_of_fleet, open_canvas
 from sfglab.view.session import Session
 from sfglab.view.stage import replay
 
@@ -77,6 +67,7 @@ def main(folder: Path, names: Sequence[str] = ()) -> None:
 _SIZE = (1400, 800)
 _TIME_S = 3.2
 _SETTLED_S = 3.0
+_FADED_IN = "getComputedStyle(document.querySelector('canvas')).opacity === '1'"
 _CLOSE_NOTE = "document.querySelector('.mantine-Notification-closeButton')?.click()"
 _DRONE_PATH, _DRONE_ACROSS, _DRONE_LAST, _LOW_M = 14, 17, 18, 0.6
 
@@ -92,6 +83,7 @@ def planner_editor(file: Path) -> None:
         browser.find("Save *")
         browser.evaluate(_CLOSE_NOTE)
         browser.wait_for("document.body.innerText.includes('conflict')")
+        browser.wait_for(_FADED_IN)
         time.sleep(_SETTLED_S)  # panels slide in, and the first frame is drawn in software
         browser.screenshot(file)
     image = cv2.imread(str(file))
@@ -135,8 +127,7 @@ _PLACES = {
     "steamdeck": (-1.2, -1.2),
     "workstation": (1.2, -2.4),
 }
-_OPTICAL = (-0.5, 0.5, -0.5, 0.5)
-"""Of a camera that looks ahead: z forward, x right, y down (REP 103), as x, y, z, w."""
+_OPTICAL = (-0.5, 0.5, -0.5, 0.5)  #: A camera that looks ahead: z forward, x right, y down (REP 103), as xyzw.
 
 
 def viewer(to: Path) -> None:
@@ -153,10 +144,10 @@ def record_fleet(path: Path) -> None:
     file = find_project().data / "fleets/lab.yaml"
     layout = layout_of_fleet(load_fleet(file))
     entity = "/agents/go2/global/camera_front"
-    cameras = (
-        Camera(name="go2 camera_front", entity=f"{entity}/color/compressed"),
-        Camera(name="go2 camera_front, depth", entity=f"{entity}/aligned_depth/compressed_depth"),
-    )
+    cameras = {
+        "go2 camera_front": f"{entity}/color/compressed",
+        "go2 camera_front, depth": f"{entity}/aligned_depth/compressed_depth",
+    }
     with closing(open_canvas([str(path)], title="a fleet")) as canvas:
         canvas.show_blueprint(blueprint(replace(layout, cameras=cameras)))
         replay(_arrivals(), _session(str(file)), canvas)
@@ -184,29 +175,29 @@ def _session(fleet_file: str) -> Session:
 
 
 def _arrivals() -> Iterator[Arrival]:
-    for moment in scene_moments(_MOMENTS, seed=0):
+    for moment in fleet_scene.scene_moments(_MOMENTS, seed=0):
         for topic, message in _messages(moment):
             yield Arrival(topic, message.__msgtype__, moment.stamp_ns, serialize(message))
 
 
 def _messages(moment: Moment) -> Iterator[tuple[str, Any]]:
-    header = moment.header(CAMERA)
+    header = moment.header(fleet_scene.CAMERA)
     if moment.number == 0:
-        eye = ("go2/base", CAMERA, Pose.at((0.3, 0.0, 0.4), _OPTICAL))
-        yield "/tf_static", transforms_message(moment, [eye])
+        eye = ("go2/base", fleet_scene.CAMERA, Pose.at((0.3, 0.0, 0.4), _OPTICAL))
+        yield "/tf_static", fleet_scene.transforms_message(moment, [eye])
     angle = 0.3 * math.sin(moment.number / 10) - 0.15
     base = ("map", "go2/base", Pose.from_yaw(_way(moment), angle))
     others = [("map", f"{name}/base", Pose.at((*place, 0.0))) for name, place in _PLACES.items()]
-    yield "/tf", transforms_message(moment, [base, *others])
+    yield "/tf", fleet_scene.transforms_message(moment, [base, *others])
     yield "/global/go2/localization/odometry", _odometry(moment)
     yield from _heartbeats(moment)
-    yield _PICTURE, image_message(moment.rgb, "rgb8", header)
+    yield _PICTURE, fleet_scene.image_message(moment.rgb, "rgb8", header)
     jpeg = compressed_image_fields(moment.bgr, "jpeg")
-    yield f"{_FRONT}/color/compressed", compressed_message(jpeg, header)
+    yield f"{_FRONT}/color/compressed", fleet_scene.compressed_message(jpeg, header)
     for stream in ("color", "aligned_depth"):
-        yield f"{_FRONT}/{stream}/camera_info", camera_info(header, SIZE)
+        yield f"{_FRONT}/{stream}/camera_info", fleet_scene.camera_info(header, fleet_scene.SIZE)
     depth = compressed_depth_fields(moment.depth_mm)
-    yield f"{_FRONT}/aligned_depth/compressed_depth", compressed_message(depth, header)
+    yield f"{_FRONT}/aligned_depth/compressed_depth", fleet_scene.compressed_message(depth, header)
 
 
 def _way(moment: Moment) -> tuple[float, float, float]:

@@ -1,11 +1,9 @@
 """Sources of the video of an experiment: photographs, a stereo pair, or the user's own material.
 
 A source is a stream of numbered frames of one size: colour (BGR) and, where the material has it, depth in
-millimetres. The default pans and zooms over photographs that scikit-image ships, so that it needs neither
-a camera nor a download and shows the same frames for the same seed. The stereo pair brings measured
-disparity, hence metric depth. A video file and a bag keep their speed and their pictures' shape: pictures are
-repeated or passed over, and stand between black bars where the experiment's shape is another. Of a camera the
-next picture is taken.
+millimetres. The default pans and zooms over photographs that scikit-image ships, the same for the same seed. A
+video file and a bag keep their speed and their pictures' shape: pictures are repeated or passed over, and stand
+between black bars where the experiment's shape is another. Of a camera the next picture is taken.
 """
 
 from __future__ import annotations
@@ -20,7 +18,7 @@ import numpy as np
 
 from sfglab.codecs.carriers import FFMPEG_PACKET
 from sfglab.errors import SfglabError
-from sfglab.record.reader import is_log
+from sfglab.record.reader import is_log, rate_and_size
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator, Iterator
@@ -84,10 +82,8 @@ def open_source(spec: str, *, width: int = 640, height: int = 360, fps: float = 
     """Open a source of frames of a size by its name; its rate sets the speed of panning, its seed the path.
 
     Names are ``photos`` (default material), ``stereo`` (with depth), ``camera:0``, ``bag:PATH#/topic``, or the
-    path of a video file, a log or a bag; of the latter the one topic with pictures is taken.
-
-    Raises:
-        SourceError: The source is unknown, missing or unreadable.
+    path of a video file, a log or a bag, of its one topic with pictures. Raises `SourceError` if it cannot be
+    read.
     """
     size = (width, height)
     if spec in ("photos", "stereo"):
@@ -185,10 +181,7 @@ def _stereo_stills() -> list[Picture]:
 def _looped(
     again: Callable[[], Images], image: Image, images: Images, size: tuple[int, int], step: float
 ) -> Generator[Picture, None, None]:
-    """Fit the images of a file, device or bag into one size, from the start again at the end.
-
-    A step is how many images of the source pass in the time of one picture.
-    """
+    """Fit a source's images, a step of them a picture, into one size, from the start again at the end."""
     at, fitted = 0, _fitted(image, size)
     try:
         for number in itertools.count():
@@ -269,7 +262,7 @@ def _bag_images(spec: str) -> tuple[float, Images]:
             known = ", ".join(sorted(log.topics))
             raise SourceError(f"source {spec!r}: no topic {topic!r}; the log holds {known}")
         type_name = log.topics[topic].type_name
-        rate_hz, _ = log.rate_and_size(topic)
+        rate_hz, _ = rate_and_size(log.first(topic))
 
     def images() -> Images:
         with LogReader(Path(path)) as log:

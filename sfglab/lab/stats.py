@@ -1,29 +1,24 @@
 """Estimates with intervals: medians, slopes and ratios by the bootstrap, shares and differences by scores.
 
-Every figure that the ledger prints is an `Estimate`. Intervals are percentile intervals of 2,000 seeded
-resamples (B. Efron and R. Tibshirani, An Introduction to the Bootstrap, 1993, chapter 13), of shares
-those of Wilson and Newcombe. Beside them stands the test for a model's lack of fit. Knows arrays; refuses to
-know experiments and logs.
+Intervals are percentile intervals of 2,000 seeded resamples (B. Efron and R. Tibshirani, An Introduction to the
+Bootstrap, 1993, chapter 13), of shares those of Wilson and Newcombe.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sfglab.errors import InvalidValueError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from numpy.typing import NDArray
-
-    Floats = NDArray[np.float64]
-
-
+Floats = NDArray[np.float64]
 RESAMPLES = 2000
 INTERVAL = (2.5, 97.5)
 _Z = 1.959963984540054  # of 95 %
@@ -50,12 +45,10 @@ def exactly(value: float, unit: str) -> Estimate:
 def bootstrap(
     samples: Sequence[Floats], statistic: Callable[[Sequence[Floats]], float], *, unit: str, seed: int = 0
 ) -> Estimate:
-    """Estimate a statistic of several groups of samples, resampling the rows of each group.
+    """Estimate a statistic of several groups of samples, shape (n, ...), resampling the rows of each group.
 
-    Groups have shape (n, ...). A resample for which the statistic is NaN is left out.
-
-    Raises:
-        InvalidValueError: A group is empty, or no resample gave a number.
+    A resample for which it is NaN is left out. Raises `InvalidValueError` if a group is empty, or no resample
+    gave a number.
     """
     if any(len(group) == 0 for group in samples):
         raise InvalidValueError("bootstrap", "a group of no samples", "groups of samples")
@@ -76,11 +69,21 @@ def median_of(samples: Floats | Sequence[float], *, unit: str, seed: int = 0) ->
     return bootstrap([group], lambda groups: float(np.median(groups[0])), unit=unit, seed=seed)
 
 
-def line_fit(x: Floats, y: Floats) -> tuple[float, float]:
-    """Return slope and intercept of the least-squares line through x and y, each of shape (n,).
+def ratio_of(pairs: Floats, middle: Callable[..., Any], *, unit: str) -> Estimate:
+    """Estimate the ratio of two columns' means or medians, by `np.mean` or `np.median`, resampling pairs.
 
-    Both are NaN where x holds fewer than two different values.
+    The pairs have shape (n, 2), n at least 1.
     """
+
+    def ratio(groups: Sequence[Floats]) -> float:
+        first, second = middle(groups[0], axis=0)
+        return float(first / second)
+
+    return bootstrap([pairs], ratio, unit=unit)
+
+
+def line_fit(x: Floats, y: Floats) -> tuple[float, float]:
+    """Return slope and intercept of the least-squares line through x and y, shape (n,); NaN if x is one."""
     spread = np.sum((x - x.mean()) ** 2)
     if spread == 0:
         return float("nan"), float("nan")
@@ -103,14 +106,9 @@ class LackOfFit:
 def lack_of_fit(errors: Floats, setting: NDArray[np.integer], *, parameters: int) -> LackOfFit | None:
     """Test a fit against the pure error (N. Draper and H. Smith, Applied Regression Analysis, 1998, chapter 2).
 
-    Args:
-        errors: Shape (n,); of equal variance where the model holds.
-        setting: Shape (n,), a number for each setting: errors of equal number are of replicates.
-        parameters: How many the model has.
-
-    Returns:
-        The test; None where it cannot be made: there are no replicates that differ, or not more settings than
-        parameters.
+    Errors, shape (n,), are of equal variance where the model holds; equal numbers of `setting`, shape (n,),
+    mean replicates; `parameters` is how many the model has. None where there are no replicates that differ, or
+    not more settings than parameters.
     """
     from scipy.stats import f as f_distribution
 

@@ -1,8 +1,7 @@
 """The hosts of an experiment: separate ones where the machine can, else this one, and it says which.
 
-With network namespaces every host has its own interface and nothing crosses between hosts but what is
-sent. Without them the same processes run on this host's loopback: still live, the middleware and the codecs
-are the same, but the interface counts what everybody sends, and there is no link in between.
+With network namespaces every host has its own interface and nothing crosses between hosts but what is sent.
+Without them the same processes run on this host's loopback, whose interface counts what everybody sends.
 """
 
 from __future__ import annotations
@@ -33,10 +32,8 @@ _turns = itertools.count(os.getpid() * 13)
 def held_domains(count: int = 1) -> Iterator[list[int]]:
     """Hold DDS domains of this host's network; no program of this user gets the same here at the same time.
 
-    A domain that another user's program already uses is passed over, too, as its first port is taken.
-
-    Raises:
-        SfglabError: So many are not free.
+    One that another user's program uses is passed over, as its first port is taken. Raises `SfglabError` if too
+    few are free.
     """
     with ExitStack() as locks:
         found: list[int] = []
@@ -87,10 +84,7 @@ class _Loopback:
 
 
 class Testbed:
-    """Named hosts, as a context manager: separate or one, by None separate where the machine can.
-
-    On one host the domains of two runs are the same, so the second waits until the first has ended.
-    """
+    """Named hosts, as a context manager: separate or one, None: if they can be; on one, runs wait."""
 
     __test__ = False  # not a test, whatever its name makes pytest think
 

@@ -42,13 +42,7 @@ _GLIBC_MINORS = (17, 24, 26, 27, 28, 31, 34, 35)
 
 
 def wheelhouse(lock: str, folder: Path, python: str, architecture: Architecture) -> tuple[Path, ...]:
-    """Fetch the wheels of a lock file for another machine, each by its digest; return where they are.
-
-    The folder, as in ``image/wheels``, is made if it is not there; the version of Python is as in ``3.11``.
-
-    Raises:
-        DeployError: Something cannot be fetched, as for want of a wheel for that machine.
-    """
+    """Fetch a lock file's wheels for another machine, each by its digest, or raise `DeployError`."""
     folder.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix="sfglab-lock-") as scratch:
         file = Path(scratch) / "requirements.lock"
@@ -181,11 +175,8 @@ def trial_build(
 ) -> tuple[CheckRow | Unasked, ...]:
     """Build an agent's images twice, ask them what a robot would, and take all of it away again.
 
-    The wheel is that of its release. Files and images are made in the folder and gone afterwards; base and
-    wheels stay in the cache for the next trial, if there is one.
-
-    Raises:
-        DeployError: A tool failed where nothing but the machine can be the cause.
+    The wheel is that of its release; base and wheels stay in the cache for the next trial, if there is one.
+    Raises `DeployError` if a tool failed where nothing but the machine can be the cause.
     """
     reason = why_not()
     if reason:

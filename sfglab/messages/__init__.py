@@ -1,7 +1,6 @@
 """ROS 2 messages without ROS: types, definitions, and bytes as they are on the wire.
 
-All messages of ROS 2 Humble, the video formats FFMPEGPacket and CompressedVideo, and our own interfaces (the
-files under `interfaces/`). `sfglab.messages.dds` makes the types for Cyclone DDS and is imported separately.
+All of ROS 2 Humble, FFMPEGPacket and CompressedVideo, and our own interfaces (the files under `interfaces/`).
 """
 
 from sfglab.messages.cdr import (

@@ -160,9 +160,7 @@ def serialize(message: Any) -> bytes:
 
 
 def serialize_into(message: Any, buffer: Buffer) -> int:
-    """Write what `serialize` returns into writable contiguous memory, and return how many bytes these are.
-
-    Big arrays are copied once. The buffer has at least `serialized_size` bytes; the rest is left alone.
+    """Write what `serialize` returns into contiguous memory, of at least as many bytes; return how many.
 
     Raises:
         CdrError: As for `serialize`, or the buffer is too small; then its content is undefined.
@@ -225,20 +223,13 @@ def decoder(type_or_name: type[Any] | str) -> Callable[[Buffer], Any]:
 
 
 def deserialize(data: Buffer, type_or_name: type[Any] | str) -> Any:
-    """Return the message in a CDR buffer; its numeric arrays are read-only views of that buffer.
+    """Return the message in a CDR buffer of either byte order; numeric arrays are read-only views of it.
 
-    Args:
-        data: Contiguous bytes with the 4-byte header, of either byte order (big endian is copied). The views
-            keep it alive, and an mmap or shared memory cannot be closed before they are gone.
-        type_or_name: The message type or its name.
-
-    Returns:
-        The message. Arrays of wide numbers may be unaligned in memory, which NumPy handles; `copy()` to
-        change or to keep one.
+    The views keep the buffer alive: an mmap or shared memory cannot be closed before they are gone. Arrays of
+    wide numbers may be unaligned in memory, which NumPy handles; `copy()` to change or to keep one.
 
     Raises:
-        CdrError: The bytes are truncated, malformed or of another type. What follows a whole message does
-            not matter, as in rclpy.
+        CdrError: The bytes are truncated, malformed or of another type; what follows a message does not matter.
         UnknownTypeError: There is no such type.
     """
     return decoder(type_or_name)(data)
@@ -261,10 +252,9 @@ def register_definition(name: str, text: str) -> None:
 
 
 def decoder_from_definition(name: str, text: str) -> Callable[[Buffer], Any]:
-    """Return a `deserialize` for a type that is known only by its definition, such as a log's own schema.
+    """Return a `deserialize` for a type known only by its definition, as `definition` returns it.
 
-    The text has the definition with its dependencies, as `definition` returns it. The function's types are
-    apart from those of `message_type`, even when a name is the same.
+    Its types are apart from those of `message_type`, even when a name is the same.
 
     Raises:
         CdrError: The text is no complete definition of the type.

@@ -1,7 +1,6 @@
 """Message types for Cyclone DDS: `IdlStruct` classes made from the same definitions as everything else.
 
-Knows how a definition becomes a type that raw CDR can be written and taken with. Refuses to know entities, and
-is not imported by the facade because it loads the DDS library.
+Not imported by the facade, because it loads the DDS library.
 """
 
 from __future__ import annotations
@@ -73,10 +72,7 @@ def _struct(name: str) -> type[IdlStruct]:
 
 
 def idl_struct(type_or_name: type[Any] | str) -> type[IdlStruct]:
-    """Return the Cyclone DDS type of a message or of one half of a service, made on first use and kept.
-
-    For topics, readers and writers of raw CDR; its own (de)serialisation of images is a thousand times slower
-    than `sfglab.messages`. Its DDS type name is that of `dds_type_name`.
+    """Return the Cyclone DDS type, for raw CDR, of a message or half a service, made on first use and kept.
 
     Raises:
         UnknownTypeError: There is no such type.
@@ -90,8 +86,8 @@ def idl_struct(type_or_name: type[Any] | str) -> type[IdlStruct]:
 def service_idl_struct(name: str) -> tuple[type[IdlStruct], type[IdlStruct]]:
     """Return the Cyclone DDS types of a service's request and reply as rmw_cyclonedds puts them on the wire.
 
-    They begin with `rmw_client_guid` (uint64) and `rmw_sequence` (int64); then come the fields.
-    `sfglab.messages.frame_service` makes the bytes.
+    Before the fields stand `rmw_client_guid` (uint64) and `rmw_sequence` (int64), as `frame_service` makes
+    them.
 
     Raises:
         UnknownTypeError: There is no such service.
@@ -102,9 +98,7 @@ def service_idl_struct(name: str) -> tuple[type[IdlStruct], type[IdlStruct]]:
 
 
 def service_half_idl_struct(name: str) -> type[IdlStruct]:
-    """Return the Cyclone DDS type of a half, such as `sfglab_interfaces/srv/GetMetadata_Request`, alone.
-
-    See `service_idl_struct`.
+    """Return one of `service_idl_struct`, as for `sfglab_interfaces/srv/GetMetadata_Request`.
 
     Raises:
         UnknownTypeError: There is no such service.
@@ -115,11 +109,9 @@ def service_half_idl_struct(name: str) -> type[IdlStruct]:
 
 @functools.cache
 def opaque_idl_struct(name: str) -> type[IdlStruct]:
-    """Return a Cyclone DDS type of which only the name is known, to pass samples on as they are.
+    """Return a Cyclone DDS type of which only the name, ROS' or DDS', is known, to pass any CDR on as it is.
 
-    It matches endpoints that announce no description of their type, which are those of ROS 2, and other
-    opaque ones; Cyclone DDS lets any CDR pass whose first octet exists. The name is ROS', or DDS' where that
-    has none.
+    It matches endpoints that announce no description of their type, which are those of ROS 2, and opaque ones.
     """
     try:
         announced = dds_type_name(name)

@@ -1,9 +1,8 @@
 """A faster way to read messages that are flat: numbers, strings, arrays of numbers, and such messages inside.
 
 For these types (Image, Imu, FFMPEGPacket, ...) one function is generated that reads runs of numbers with one
-`struct` call each, where the general decoder makes a call for every field. A process that wakes for every
-frame of a camera runs with cold caches, and each call counts there several times. Little endian only; all
-else stays with the general decoder, which is also the oracle of the tests.
+`struct` call each, where the general decoder, also the tests' oracle, makes a call for every field: with cold
+caches each call counts several times. Little endian only.
 """
 
 from __future__ import annotations
@@ -145,8 +144,8 @@ class _Source:
 def flat_reader(store: Typestore, name: str) -> Callable[[memoryview], Any] | None:
     """Return a function from CDR bytes to messages of a store's type, or None for a type that is not flat.
 
-    The function returns None for an encapsulation other than little-endian CDR, and raises `struct.error`,
-    `ValueError` or `IndexError` for bytes that are not of the type.
+    It returns None for other than little-endian CDR; bad bytes are a `struct.error`, `ValueError` or
+    `IndexError`.
     """
     source = _Source(store)
     try:
@@ -154,12 +153,7 @@ def flat_reader(store: Typestore, name: str) -> Callable[[memoryview], Any] | No
     except _NotFlatError:
         return None
     source.flush()
-    body = [
-        "n = len(b)",
-        "p = 0",
-        *source.lines,
-        f"return {result}",
-    ]
+    body = ["n = len(b)", "p = 0", *source.lines, f"return {result}"]
     code = "def read(b):\n" + "\n".join(f"    {line}" for line in body)
     exec(compile(code, f"<reader of {name}>", "exec"), source.names)  # noqa: S102  # our own text, from a type
     reader: Callable[[memoryview], Any] = source.names["read"]

@@ -85,19 +85,15 @@ def _registered(row_class: type[Any]) -> tuple[type[Any], dict[str, str]]:
 
 
 def row_type(row_class: type[Any]) -> type[Any]:
-    """Return the message type of a table's rows, registering it on first use.
+    """Return the message type of a table's rows, `sfglab_rows/msg/<ClassName>`, registering it on first use.
 
     Args:
         row_class: A dataclass of int (as int64), float (float64), bool, str, enums of text (string), lists and
-            tuples of any length of these, and NumPy arrays of numbers. Its fields' documentation becomes
-            the comments of the definition.
-
-    Returns:
-        The type `sfglab_rows/msg/<ClassName>`, in the order of the fields.
+            tuples of any length of these, and NumPy arrays of numbers, whose documentation becomes comments.
 
     Raises:
-        MessageError: A field is of another type, or a name is not allowed in a message.
-        MessageError: Another row class of that name has other fields.
+        MessageError: A field is of another type, a name is not allowed in a message, or another row class has
+            it.
     """
     return _registered(row_class)[0]
 

@@ -1,7 +1,6 @@
 """Requests and replies as rmw_cyclonedds frames them: 16 bytes that say who asked, in front of the fields.
 
-Knows the frame (rmw_cyclonedds, `cdds_request_header_t`). Refuses to know sockets; note that rmw_fastrtps has
-no such frame, so the two do not understand each other's services.
+The frame is `cdds_request_header_t`; rmw_fastrtps has none, so the two do not understand each other's services.
 """
 
 from __future__ import annotations
@@ -35,13 +34,9 @@ class ServiceFrame(NamedTuple):
 
 
 def frame_service(frame: ServiceFrame) -> bytes:
-    """Return the bytes that go to DDS: encapsulation, guid, sequence number, fields.
+    """Return the bytes that go to DDS, of the type `sfglab.messages.dds.service_idl_struct` makes.
 
-    Args:
-        frame: The two numbers and a request or response as `serialize` returns it.
-
-    Returns:
-        CDR of the type that `sfglab.messages.dds.service_idl_struct` makes. 16 bytes keep every alignment.
+    Encapsulation, guid, sequence number, fields; the 16 bytes keep every alignment.
     """
     header = _FRAME[1].pack(frame.client_guid, frame.sequence)
     return b"".join((frame.cdr[:_ENCAPSULATION_BYTES], header, frame.cdr[_ENCAPSULATION_BYTES:]))
@@ -102,10 +97,7 @@ def action_type(name: str) -> ActionType:
 
 
 def register_action(name: str, text: str) -> ActionType:
-    """Add an action to the store, or return it if it is there already.
-
-    The name is `package/action/Name`, the text that of its `.action` file; the types that it uses must be in
-    the store.
+    """Add the action `package/action/Name` of an `.action` text, whose types are in the store, or return it.
 
     Raises:
         MessageError: The text has not three parts, or the name belongs to an action with other fields.

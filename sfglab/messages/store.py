@@ -1,8 +1,6 @@
-"""The one store of message types: all of ROS 2 Humble, our interfaces, and types registered at run time.
+"""The one store of message types: ROS 2's of the distribution in ROS_DISTRO, our interfaces, and a user's.
 
-Where ROS_DISTRO names a later distribution, its types stand in the place of Humble's.
-
-Knows names, definitions and default values. Refuses to know bytes (`cdr`) and middleware (`dds`).
+ROS 2 Humble's stand where no later distribution is named. Refuses to know bytes (`cdr`) and middleware (`dds`).
 """
 
 from __future__ import annotations
@@ -31,8 +29,7 @@ if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore
 
 
-INTERFACES_VARIABLE = "SFGLAB_INTERFACES"
-"""Paths for `register_interfaces` with `os.pathsep` between: processes that we start know these types, too."""
+INTERFACES_VARIABLE = "SFGLAB_INTERFACES"  #: Paths for `register_interfaces`, also in what we start.
 _log = logging.getLogger("sfglab.messages")
 RULE = "=" * 80
 # Of a definition, as work of who reads it: ROS 2's own have at most 119 values and 5,000 characters.
@@ -70,14 +67,9 @@ class ServiceType:
 
 
 def parse_definition(name: str, text: str) -> Typesdict:
-    """Return the types in a `.msg` text with its dependencies, keyed by their full names.
+    """Return the types in a `.msg` text with its dependencies by their full names, the named one first.
 
-    Args:
-        name: The full name of the first type, such as `pkg/msg/Type` or `pkg/srv/Type_Request`.
-        text: The definition; further types follow after a line of 80 equal signs and `MSG: pkg/Type`.
-
-    Returns:
-        Field definitions as rosbags keeps them, the named type first.
+    Further types follow after a line of 80 equal signs and `MSG: pkg/Type`. Fields are as rosbags keeps them.
 
     Raises:
         MessageError: It cannot be read, or is larger than definitions are.
@@ -158,9 +150,7 @@ def type_store() -> Typestore:
 
 
 def register(name: str, text: str) -> type[Any]:
-    """Add the type of a `.msg` text without dependencies to the store, or return it if it is there already.
-
-    The name is the full one, such as `pkg/msg/Type`.
+    """Add the type `pkg/msg/Type` of a `.msg` text without dependencies to the store, or return it.
 
     Raises:
         MessageError: It cannot be read, or the name belongs to a type with other fields.
@@ -308,8 +298,7 @@ def message_types() -> tuple[str, ...]:
 def message_type(name: str) -> type[Any]:
     """Return a message type by its full name, `package/msg/Name`; there is no short form.
 
-    It is a dataclass whose fields are numbers, strings, NumPy arrays, messages or lists of these. Constants
-    of the definition are class attributes, `__msgtype__` is the name.
+    A dataclass of numbers, strings, NumPy arrays, messages or lists of these, with the constants as attributes.
 
     Raises:
         UnknownTypeError: There is no such type; the message lists similar names.
@@ -350,8 +339,7 @@ def type_name(type_or_name: type[Any] | str) -> str:
 def definition(type_or_name: type[Any] | str) -> str:
     """Return a type's definition with all it depends on, as MCAP's `ros2msg` encoding and rosbag2 keep it.
 
-    In the `.msg` text each dependency follows after 80 equal signs and `MSG: package/Name`. Our own types
-    keep their comments.
+    Each dependency follows after 80 equal signs and `MSG: package/Name`.
 
     Raises:
         UnknownTypeError: There is no such type.
@@ -412,8 +400,7 @@ def _default_of(store: Typestore, name: str) -> Any:
 def default_message(type_or_name: type[Any] | str) -> Any:
     """Return a new message whose numbers are zero, strings and sequences empty, all the way down.
 
-    Unlike rclpy, defaults written in a definition are not applied: a quaternion's `w` is 0. Arrays are NumPy
-    arrays of the field's dtype and belong to this message alone.
+    Unlike rclpy, defaults written in a definition are not applied: a quaternion's `w` is 0.
 
     Raises:
         UnknownTypeError: There is no such type.
@@ -437,24 +424,17 @@ _ACTION_WRAPPERS = {
 
 
 def action_texts(name: str, text: str) -> dict[str, str]:
-    """Return the message texts of an action: its three parts, and what carries them to and fro.
+    """Return the message texts of an `.action` text by full names: three parts, and what carries them.
 
-    Args:
-        name: The full name, such as `pkg/action/Name`.
-        text: The `.action` text: goal, result and feedback with lines of three dashes between them.
-
-    Returns:
-        By full name, in an order in which each needs only those before; the wrappers are those of the ROS 2
-        design (design.ros2.org, "Actions") as rosidl_parser adds them.
+    The wrappers are those of ROS 2's design (design.ros2.org, "Actions"); each text needs only those before.
 
     Raises:
         MessageError: It has another number of parts.
     """
     parts = _ACTION_RULE.split(text)
     if len(parts) != len(_ACTION_PARTS):
-        raise MessageError(
-            f"action {name!r}: given {len(parts)} part(s), allowed are 3 with lines of `---` between"
-        )
+        given = f"given {len(parts)} part(s)"
+        raise MessageError(f"action {name!r}: {given}, allowed are 3 with lines of `---` between")
     texts = {f"{name}_{kind}": part.strip("\n") for kind, part in zip(_ACTION_PARTS, parts, strict=True)}
     return texts | {f"{name}_{kind}": wrapper.format(name=name) for kind, wrapper in _ACTION_WRAPPERS.items()}
 
@@ -467,24 +447,18 @@ _SECONDS = range(-(2**31), 2**31)
 
 
 def stamp_from_ns(stamp_ns: int) -> Any:
-    """Return the `builtin_interfaces/msg/Time` of nanoseconds since the epoch, exact to the nanosecond.
-
-    Negative ones get negative seconds and positive nanoseconds.
+    """Return the `builtin_interfaces/msg/Time` of nanoseconds since the epoch, of negative seconds below 0.
 
     Raises:
         MessageError: The seconds do not fit into 32 bits.
     """
     sec, nanosec = divmod(int(stamp_ns), NS_PER_S)
     if sec not in _SECONDS:
-        raise MessageError(
-            f"stamp: given {stamp_ns} ns, allowed are {_SECONDS.start} to {_SECONDS.stop} s (int32)"
-        )
+        allowed = f"{_SECONDS.start} to {_SECONDS.stop} s (int32)"
+        raise MessageError(f"stamp: given {stamp_ns} ns, allowed are {allowed}")
     return message_type("builtin_interfaces/msg/Time")(sec=sec, nanosec=nanosec)
 
 
 def ns_from_stamp(stamp: Any) -> int:
-    """Return a stamp's nanoseconds since the epoch, exact.
-
-    It has `sec` and `nanosec`, such as a `builtin_interfaces/msg/Time` of any library.
-    """
+    """Return a stamp's nanoseconds since the epoch, exact, from its `sec` and `nanosec`."""
     return int(stamp.sec) * NS_PER_S + int(stamp.nanosec)

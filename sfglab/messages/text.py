@@ -32,7 +32,6 @@ class Style:
     truncate_length: int | None = None  #: Longer strings and arrays are cut there; None: never.
     no_arr: bool = False  #: Whether arrays are only described.
     no_str: bool = False  #: Whether strings are only described.
-    flow_style: bool = False  #: Whether a message is one line.
 
 
 _WHOLE = Style()
@@ -83,27 +82,12 @@ def _is_array(type_: Any) -> bool:
     return bool(type_[0].name == "ARRAY")
 
 
-def to_yaml(values: Any, *, flow_style: bool = False) -> str:
+def to_yaml(values: Any) -> str:
     """Return values of a message, or one of them, as ROS 2's tools print them, with a line break at the end."""
     import yaml
 
-    text: str = yaml.dump(
-        values, allow_unicode=True, width=sys.maxsize, sort_keys=False, default_flow_style=flow_style
-    )
+    text: str = yaml.dump(values, allow_unicode=True, width=sys.maxsize, sort_keys=False)
     return text.removesuffix("...\n")  # behind a single value
-
-
-def to_csv(values: Any) -> str:
-    """Return values as one line with commas between."""
-    return ",".join(map(str, _leaves(values)))
-
-
-def _leaves(values: Any) -> Iterator[Any]:
-    if isinstance(values, (dict, list)):
-        for value in values.values() if isinstance(values, dict) else values:
-            yield from _leaves(value)
-    else:
-        yield values
 
 
 def value_at(values: Any, way: str, place: str) -> Any:
@@ -142,9 +126,7 @@ def _shown(value: Any, type_: Any) -> str:
 
 
 def message_from_yaml(type_name: str, text: str, place: str) -> Any:
-    """Return a message with the fields that a YAML text names; the others are zero or empty.
-
-    As `ros2 topic pub` does, ``now`` stands for the time, and ``auto`` for a header with it.
+    """Return a message with the fields of a YAML text; ``now`` is the time, ``auto`` a header with it.
 
     Raises:
         InvalidValueError: The text is no YAML, or its values are not those of the type.

@@ -2,9 +2,7 @@
 
 Paper A, section 4.1: the set A is resolved at run time, from `SFG_AGENT_NAME` or the sanitised host name; and
 "for transform topics, appropriate frame prefixing is required to prevent TF frame ID clashes". How the prefix
-looks is not in the paper; ours is the agent's segment of the FQN schema: a topic of agent go2 is
-``/global/go2/...``, its frames are ``go2/...``. One rule for routers, who rename at the border, and for those
-who read frames.
+looks is ours: the agent's segment, so that frames of agent go2 are ``go2/...``.
 """
 
 from __future__ import annotations
@@ -27,9 +25,8 @@ AGENT_VARIABLE = "SFG_AGENT_NAME"  #: The environment variable that names the ag
 def validate_agent(agent: str) -> str:
     """Return an agent's name unchanged if every name of the schema can carry it.
 
-    Refused beside wrong characters: what reads as a scope, a component (also with a suffix), a stream or a
-    resource, so that a name whose agent was forgotten is found; and what a DDS router breaks in the agent's
-    own `/global/<agent>/get_metadata`, such as `torq`.
+    Refused beside wrong characters: what reads as a scope, component, stream or resource, so that a forgotten
+    agent is found; and what a DDS router breaks in `/global/<agent>/get_metadata`, such as `torq`.
 
     Raises:
         FqnError: With segment `agent`.
@@ -37,10 +34,8 @@ def validate_agent(agent: str) -> str:
     check_words("agent", agent)
     check_unmistakable("agent", agent, own=Component)
     if router_breaks(agent, followed=True):
-        allowed = (
-            "a name without 'Request' or 'Reply' that does not end in 'rq' or 'rr': a DDS router breaks it"
-        )
-        raise FqnError("agent", agent, allowed)
+        allowed = "a name without 'Request' or 'Reply' that does not end in 'rq' or 'rr'"
+        raise FqnError("agent", agent, f"{allowed}: a DDS router breaks it")
     return agent
 
 
@@ -83,15 +78,11 @@ def _validated(agent: str, origin: str) -> str:
         raise FqnError("agent", agent, f"{error.allowed}; {origin}") from error
 
 
-SHARED_FRAMES = ("map", "earth", "world")
-"""Roots that all agents mean by the same name: REP 105's, without `odom`, which every agent has of its own."""
+SHARED_FRAMES = ("map", "earth", "world")  #: Roots that all agents share: REP 105's without `odom`.
 
 
 def prefixed_frame(frame: str, agent: str, *, shared: frozenset[str] = frozenset(SHARED_FRAMES)) -> str:
-    """Return what an agent's frame is called by everybody else; one with a slash inside has its prefix already.
-
-    Without an agent the name stays as it is.
-    """
+    """Return a frame's name as others see it: the agent's prefix, where there is an agent and no slash yet."""
     frame = frame.removeprefix("/")  # as tf2 does
     return frame if not agent or "/" in frame or frame in shared else f"{agent}/{frame}"
 

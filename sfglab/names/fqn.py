@@ -1,17 +1,14 @@
 """The naming schema of paper A, section 4.1 and Fig. 2: `/scope[/agent[/component[/stream]]]/resource`.
 
-Which segments may be missing. The paper's tuple (s, a, c, d, r) makes scope and resource mandatory and lets
-each of the others be empty; Fig. 2 leads into the resource from the segment before it, whichever that is. Here
+The paper's tuple (s, a, c, d, r) makes scope and resource mandatory and lets each of the others be empty. Here
 an optional segment needs the one before it: a stream is a stream *of* a component, a component a part *of* an
 agent (without the agent, two agents' lidars would share one global name). So the number of segments alone says
-what each one is, and a name is read the same way whatever its values are. All names that the paper prints are
-of this form: `/global/agent_heartbeat`, `/global/<agent>/get_metadata`, `/local/<agent>/agent_discovery_event`.
+what each one is. All names that the paper prints are of this form: `/global/agent_heartbeat`,
+`/global/<agent>/get_metadata`, `/local/<agent>/agent_discovery_event`.
 
 Which resource may stand where is decided by its `After` flags and the last segment before it, not by the scope.
-
-`str()` of a `RosFqn` and `parse` are inverse to each other. What a ROS name does not say is whether a custom
-resource is a topic, a service or an action; `parse` takes that as `kind`. Refuses to know which names cross a
-domain border; that is Table 1, and `sfglab.fleet`.
+`str()` of a `RosFqn` and `parse` are inverse to each other; whether a custom resource is a topic, a service or
+an action does not stand in a name, so `parse` is told.
 """
 
 from __future__ import annotations
@@ -119,9 +116,7 @@ class RosFqn:
 
 
 def parse(name: str, kind: ResourceKind | None = None) -> RosFqn:
-    """Return the tuple that an absolute ROS name of a kind stands for; its `str()` is the same name again.
-
-    Without a kind it is a standard resource's own, and a custom one is a topic's.
+    """Return the tuple of an absolute ROS name; without a kind a custom resource is a topic.
 
     Raises:
         FqnError: Naming the segment that the schema does not allow, `name` for the whole.
@@ -132,8 +127,8 @@ def parse(name: str, kind: ResourceKind | None = None) -> RosFqn:
     return RosFqn(
         scope=scope,
         agent=agent,
-        component=None if component is None else _read_component(component),
-        stream=None if stream is None else _read_stream(stream),
+        component=None if component is None else _read(Component, "component", component),
+        stream=None if stream is None else _read(Stream, "stream", stream),
         resource=resource,
     )
 
@@ -152,12 +147,8 @@ def _shares(name: str) -> tuple[Scope, tuple[str | None, ...], str]:
     return Scope(first), (*middle, *[None] * (3 - len(middle))), last
 
 
-def _read_component(text: str) -> ComponentSegment:
-    return read_standard(Component, check_words("component", text)) or Custom(text)
-
-
-def _read_stream(text: str) -> StreamSegment:
-    return read_standard(Stream, check_words("stream", text)) or Custom(text)
+def _read(values: type[Any], label: str, text: str) -> Any:
+    return read_standard(values, check_words(label, text)) or Custom(text)
 
 
 def _read_resource(text: str, kind: ResourceKind | None) -> ResourceSegment:
@@ -225,10 +216,9 @@ def _check_routable(fqn: RosFqn) -> None:
 class RosFqnBuilder:
     """Collects the segments of one name, in any order; a later call replaces an earlier one.
 
-    The builder of paper A, section 4.1: names from enumerations, not from joined strings. Immutable: every
-    method returns a new builder, so a common beginning can be kept and continued more than once. An agent that
-    is neither given nor excluded is this host's, as `default_agent` says. Component, stream and resource take a
-    suffix, as in `Component.CAMERA, "front"` or `Stream.INFRA, "1"`; a wrong one raises `FqnError`.
+    The builder of paper A, section 4.1: names from enumerations. Every method returns a new builder. An agent
+    that is neither given nor excluded is this host's, as `default_agent` says. Component, stream and resource
+    take a suffix, as in `Component.CAMERA, "front"` or `Stream.INFRA, "1"`; a wrong one raises `FqnError`.
     """
 
     __slots__ = ("_segments",)
@@ -261,9 +251,7 @@ class RosFqnBuilder:
         return self._with("resource", resource, suffix)
 
     def build(self) -> RosFqn:
-        """Return the name.
-
-        Reads the environment and the host name only where no agent was given or excluded.
+        """Return the name; for an agent neither given nor excluded, ask the environment and the host.
 
         Raises:
             FqnError: Naming the segment that is missing or not allowed.
@@ -303,8 +291,7 @@ class SchemaEdge:
     source: str  #: Name of the node it leaves.
     target: str  #: Name of the node it enters.
     after: After | None = None  #: The constraint on a path into the resource; None on the other steps.
-    #: The standard resources that the constraint permits; empty on the other steps.
-    resources: tuple[Resource, ...] = ()
+    resources: tuple[Resource, ...] = ()  #: Standard resources that it permits; none on other steps.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

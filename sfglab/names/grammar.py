@@ -1,8 +1,7 @@
 """Grammar of ROS 2 names: characters, length, how relative ones become absolute, and how they stand on DDS.
 
-Knows the rules of the ROS 2 design articles "Topic and Service Names", "Topic and Service name mapping to DDS"
-and "Actions" (design.ros2.org), the length limits of rmw and RTPS, what a DDS router does to names, and the
-error that every module of `sfglab.names` raises. Refuses to know the schema of paper A.
+Sources: design.ros2.org, "Topic and Service Names", "Topic and Service name mapping to DDS", "Actions"; length
+limits of rmw and RTPS. Refuses to know the schema of paper A.
 """
 
 from __future__ import annotations
@@ -18,8 +17,7 @@ TF = "/tf"  #: The transform topic: routed by Table 1 of paper A, but outside th
 
 TF_STATIC = "/tf_static"  #: The static transform topic: routed by Table 1 of paper A, but outside the schema.
 
-# rmw/validate_full_topic_name.h, RMW_TOPIC_MAX_NAME_LENGTH = 255 - 8, counted with the leading slash; a
-# namespace leaves room for a slash and a letter (rmw/validate_namespace.h), and a node's name has 255 at most.
+# rmw/validate_full_topic_name.h, 255 - 8 with the leading slash; a namespace leaves room for 2 more.
 _RMW_MAX_LENGTH = 247
 # RTPS 2.5, clause 9.6.3: a topic name is string<256> including its terminator.
 _DDS_MAX_LENGTH = 255
@@ -63,19 +61,16 @@ _MAX_LENGTH = {
 
 
 def max_name_length(kind: ResourceKind) -> int:
-    """Return the longest allowed ROS name in characters, leading slash included.
+    """Return the longest allowed ROS name: 247 characters for topics, 246 for services, 226 for actions.
 
-    247 for topics (rmw), 246 for services and 226 for actions: rmw reserves 8 characters for prefixes, but
-    `rq` and `Request` take 9, and an action appends `/_action/cancel_goal` before that.
+    rmw reserves 8 characters for prefixes, but `rq` and `Request` take 9, and actions append their longest
+    part.
     """
     return _MAX_LENGTH[kind]
 
 
 def validate_ros_name(name: str, kind: ResourceKind = ResourceKind.TOPIC) -> str:
-    """Return an absolute ROS name, such as `/local/go2/arm/_action/status`, unchanged if it is valid.
-
-    Follows the design article, which is stricter than rmw in one point: rmw tolerates repeated underscores.
-    What the name denotes decides the length limit.
+    """Return an absolute ROS name unchanged if it is valid, which repeated underscores, unlike in rmw, are not.
 
     Raises:
         FqnError: With segment `name`.
@@ -89,19 +84,15 @@ def validate_ros_name(name: str, kind: ResourceKind = ResourceKind.TOPIC) -> str
 
 
 def is_wire_ros_name(name: str) -> bool:
-    """Tell whether any ROS 2 node could have made this absolute name.
-
-    As lenient as rmw (`rmw_validate_full_topic_name`), length apart, because the other end was not our code.
-    """
+    """Tell whether a ROS 2 node could have made this absolute name (`rmw_validate_full_topic_name`)."""
     return _NAME.fullmatch(name) is not None
 
 
 def resolve(name: str, namespace: str = "/", *, node_name: str) -> str:
     """Return the absolute form of a name as a node sees it, like `Node.resolve_topic_name` of rclpy.
 
-    `/x` stays, `x` becomes `<namespace>/x`, `~/x` becomes `<namespace>/<node>/x`. Substitutions such as
-    `{node}` and remapping rules are not supported. As with rclpy, `""` is the root namespace and a missing
-    first slash is added. The result is within the limits of a topic; services and actions have less room.
+    `/x` stays, `x` becomes `<namespace>/x`, `~/x` becomes `<namespace>/<node>/x`; no substitutions such as
+    `{node}`. `""` is the root namespace and a missing first slash is added. Topics' limits hold.
 
     Raises:
         FqnError: With segment `namespace`, `node` or `name`.
@@ -188,11 +179,7 @@ def dds_names(name: str, kind: ResourceKind) -> tuple[str, ...]:
 
 
 def ros_name_from_dds(dds_name: str) -> WireName | None:
-    """Return the ROS side of a DDS topic name, or None where the topic is not ROS 2's.
-
-    The inverse of `dds_topic` and `dds_service`. Topics such as `ros_discovery_info`, or `rq/` without
-    `Request` at its end, give None. Accepts what rmw accepts, so repeated underscores pass.
-    """
+    """Return the ROS side of a DDS topic name, as lenient as rmw, or None where the topic is not ROS 2's."""
     for role, tail in _TAIL.items():
         if dds_name.startswith(role.value + "/") and dds_name.endswith(tail):
             name = dds_name.removeprefix(role.value).removesuffix(tail)
@@ -204,18 +191,14 @@ def router_breaks(segment: str, *, followed: bool) -> bool:
     """Tell whether a segment of a service's name makes a DDS router confuse request and reply.
 
     The router derives one half of a service from the other by replacing *every* `rq/` by `rr/` and every
-    `Request` by `Reply`, or the reverse (eProsima DDS-Pipe, RpcTopic.cpp). A segment in front of another
-    must therefore not end in `rq` or `rr`, and none may contain `Request` or `Reply`. Nothing else breaks:
-    neither word can arise across a border, because its capital R stands only at its beginning.
+    `Request` by `Reply`, or the reverse (eProsima DDS-Pipe, RpcTopic.cpp). Nothing else breaks: neither word
+    can arise across a border, because its capital R stands only at its beginning.
     """
     return _REQUEST in segment or _REPLY in segment or (followed and segment.endswith(("rq", "rr")))
 
 
 def router_hazards(name: str, kind: ResourceKind = ResourceKind.SERVICE) -> tuple[str, ...]:
-    """Return the segments of a name that a DDS router breaks, in order; empty where it is routed safely.
-
-    Topics are never mangled; of an action also the last segment is followed by another (`/_action`).
-    """
+    """Return the segments of a service's or action's name that a DDS router breaks, in order."""
     if kind is ResourceKind.TOPIC:
         return ()
     segments = name.split("/")[1:]

@@ -1,17 +1,14 @@
 """The standard values of the schema's segments, their suffixes, and the `Custom` escape hatch.
 
-Knows the sets S, C, D and R of paper A, section 4.1, for a mixed fleet, and how one segment is written and
-read. Refuses to know how segments follow each other: that is `sfglab.names.fqn`.
-
-How a segment is written, and why it can be read back:
+The sets S, C, D and R of paper A, section 4.1, for a mixed fleet, and how one segment is written so that it can
+be read back in one way:
 
 * A suffix of digits only is appended directly (`infra1`, as camera drivers write it), every other suffix
   behind an underscore (`camera_front`). A standard value ends in a letter, so the border is clear.
 * The longest standard value wins. A suffix that would spell another value is refused: `compressed` with the
   suffix `depth` would be `compressed_depth`.
-* `Custom` is for what the standard does not know. It must not spell a standard value of any set, because the
-  segment would be taken for that one, nor a value of its own set with a suffix, in either form
-  (`camera_front`, `camera_1`). So one text has one reading.
+* A `Custom` segment must not spell a standard value of any set, nor a value of its own set with a suffix, in
+  either form (`camera_front`, `camera_1`).
 """
 
 from __future__ import annotations
@@ -193,9 +190,8 @@ class Suffixed(Generic[StandardT]):
         spelled = _split(type(self.base), self.text)
         if spelled is None or spelled[0] is not self.base:
             other = spelled[0] if spelled else None
-            raise FqnError(
-                "suffix", self.suffix, f"one that does not make {self.base.text!r} spell {label} {other}"
-            )
+            allowed = f"one that does not make {self.base.text!r} spell {label} {other}"
+            raise FqnError("suffix", self.suffix, allowed)
 
     @property
     def text(self) -> str:
@@ -208,10 +204,8 @@ class Suffixed(Generic[StandardT]):
 class Custom:
     """A segment that the standard does not know: the escape hatch of paper A, section 4.1."""
 
-    #: Letters and digits in words joined by single underscores, starting with a letter.
-    text: str = field(kw_only=False)
-    #: For a resource: topic, service or action. Leave it for a component or a stream.
-    kind: ResourceKind = ResourceKind.TOPIC
+    text: str = field(kw_only=False)  #: Words of letters and digits, joined by underscores.
+    kind: ResourceKind = ResourceKind.TOPIC  #: For a resource only: topic, service or action.
 
     def __post_init__(self) -> None:
         check_words("custom", self.text)
@@ -248,9 +242,8 @@ def check_unmistakable(segment: str, text: str, *, own: type[_Standard]) -> None
         raise FqnError(segment, text, f"a name that cannot be mistaken for the standard {meant}")
     spelled = _split(own, text)
     if spelled is not None:
-        raise FqnError(
-            segment, text, f"a name that cannot be mistaken for {own.__name__}.{spelled[0].name} with a suffix"
-        )
+        meant_value = f"{own.__name__}.{spelled[0].name}"
+        raise FqnError(segment, text, f"a name that cannot be mistaken for {meant_value} with a suffix")
 
 
 @cache

@@ -36,10 +36,8 @@ NO_HASH = "RIHS01_" + 64 * "0"
 class BagWriter:
     """A rosbag2 folder being written, with the methods of a `LogWriter` that bags have something for.
 
-    Its index is written at its end: without `close` it is no bag. Not for several threads.
-
-    Raises:
-        LogError: There is something of this name, or it cannot be written so.
+    Its index is written at its end: without `close` it is no bag. Not for several threads. Raises LogError
+    where there is something of this name, or it cannot be written so.
     """
 
     def __init__(self, path: Path, *, storage: Storage = "mcap", compression: Compression = "none") -> None:

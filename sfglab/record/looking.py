@@ -51,11 +51,7 @@ def fields_of(value: Any, name: str = "") -> Iterator[tuple[str, str]]:
 
 
 def number_in(message: Any, field: str, place: str) -> float:
-    """Return the number that a way of fields and places leads to, as in ``pose.position.x`` or ``ranges[0]``.
-
-    Raises:
-        LogError: It leads to none; names what is there.
-    """
+    """Return the number at a way as ``pose.position.x`` or ``ranges[0]``; LogError names what is there."""
     found = message
     try:
         for name, index in _STEP.findall(field):

@@ -96,9 +96,8 @@ def _source() -> dict[str, Any]:
 def run_context() -> dict[str, Any]:
     """Return versions, machine and source of this run; experiments write it as the metadata `run`.
 
-    Returns:
-        `sfglab` and `python` (versions), `libraries` (name to version), `machine` (cpu, cores, usable_cores,
-        kernel, architecture, memory_bytes), and `source` (git_commit, git_clean), empty outside a repository.
+    It has `sfglab` and `python` (versions), `libraries` (name to version), `machine` (cpu, cores, usable_cores,
+    kernel, architecture, memory_bytes), and `source` (git_commit, git_clean), empty outside a repository.
     """
     return {
         "sfglab": sfglab.__version__,
@@ -131,10 +130,7 @@ def _duration_yaml(duration_ns: int | None) -> str:
 
 
 def offered_qos_profiles(qos: QoSProfile) -> str:
-    """Return the profile that a topic's writer offers as rosbag2 records it (rosbag2_transport, qos.cpp).
-
-    It is a YAML list with one entry; policies that sfglab does not model have ROS 2's defaults.
-    """
+    """Return a profile as rosbag2's YAML list of one (rosbag2_transport, qos.cpp), else ROS 2's defaults."""
     return (
         f"- history: {_HISTORY[qos.history]}\n"
         f"  depth: {qos.depth}\n"
@@ -156,10 +152,7 @@ def rosbags_qos(qos: QoSProfile) -> Any:
 
 
 def profile_from_bag(text: str) -> QoSProfile:
-    """Return the first of the profiles that rosbag2 recorded, in either of its forms.
-
-    What it leaves open, or cannot be read, is as in ROS 2's default profile.
-    """
+    """Return the first profile that rosbag2 recorded; what it leaves open is as in ROS 2's default."""
     from rosbags.rosbag2.errors import ReaderError
     from rosbags.rosbag2.metadata import parse_qos
 
@@ -218,10 +211,7 @@ def strings_from_values(name: str, values: Mapping[str, Any]) -> dict[str, str]:
 
     Text that looks like JSON is quoted, so that `values_from_strings` returns what went in. Values may be text,
     numbers, None, lists, mappings, enums, dataclasses and NumPy values, nested as you like; tuples and arrays
-    become lists, dataclasses mappings. The mapping's name is for the error.
-
-    Raises:
-        LogError: A key is not text, or a value has no form in JSON.
+    become lists, dataclasses mappings. Others, and keys that are not text, are LogErrors that say `name`.
     """
     strings = {}
     for key, value in values.items():

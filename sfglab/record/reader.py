@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import difflib
 import itertools
-import re
 from contextlib import suppress
 from dataclasses import dataclass
 from io import SEEK_END
@@ -20,10 +19,11 @@ from sfglab.record.looking import ShownMessage, number_in
 from sfglab.record.metadata import QOS_KEY, LogError, profile_from_bag, values_from_strings
 from sfglab.record.writer import TABLE_PREFIX, TIME_COLUMN
 from sfglab.tables import html_table
+from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
     import os
-    from collections.abc import Callable, Iterable, Iterator
+    from collections.abc import Callable, Iterable, Iterator, Sequence
 
     import pandas as pd
     from mcap.reader import SeekingReader
@@ -44,9 +44,7 @@ def is_log(path: Path) -> bool:
     return path.suffix == ".mcap" or is_bag(path)
 
 
-_HEADER_FIRST = re.compile(r"(?:\s*(?:#.*)?\n)*\s*std_msgs/(?:msg/)?Header\s")
-
-_SAMPLE = 100
+_SAMPLE = 200
 """Messages of a topic that its rate and size are taken from, so that a long log is listed at once."""
 
 
@@ -78,6 +76,13 @@ class DecodedMessage(NamedTuple):
     message: Any  #: Arrays are read-only.
 
 
+def rate_and_size(messages: Sequence[LogMessage]) -> tuple[float, float]:
+    """Return rate [Hz] and mean size [bytes] of a topic's messages; 0 where there are too few."""
+    span_s = (messages[-1].log_time_ns - messages[0].log_time_ns) / NS_PER_S if messages else 0
+    size = sum(len(message.cdr) for message in messages) / max(1, len(messages))
+    return (len(messages) - 1) / span_s if span_s > 0 else 0.0, size
+
+
 class LogReader:
     """An MCAP file or a bag to read, as a context manager; for one thread.
 
@@ -90,9 +95,8 @@ class LogReader:
     def __init__(self, path: str | os.PathLike[str]) -> None:
         """Open a file of any recorder and read its index.
 
-        Raises:
-            LogError: There is no file, or it is neither an MCAP file nor a bag, or one that has neither
-                chunks nor an index.
+        Raises LogError where there is no file, or it is neither an MCAP file nor a bag, or has neither chunks
+        nor an index.
         """
         self.path = Path(path)  #: The file.
         self.truncated = False  #: Whether the file ends before its data does.
@@ -141,14 +145,14 @@ class LogReader:
         if own is not None and own.statistics is not None:
             return reader, own
         try:
-            found = scan(stream, size)
+            summary, whole = scan(stream, size)
         except UnchunkedError as exc:
             raise LogError(
                 f"log {self.path}: no index, and messages outside chunks: try `mcap recover`"
             ) from exc
-        self.truncated = not found.complete
+        self.truncated = not whole
         stream.seek(0)
-        return _scanned_reader(stream, found.summary), found.summary
+        return _scanned_reader(stream, summary), summary
 
     @property
     def topics(self) -> dict[str, TopicInfo]:
@@ -202,30 +206,17 @@ class LogReader:
         """Return a head and a line a topic: type, count, and rate and mean size of its first messages."""
         rows: list[tuple[str, ...]] = [("topic", "type", "messages", "Hz", "bytes")]
         for topic, info in self.topics.items():
-            rate_hz, size = self.rate_and_size(topic)
+            rate_hz, size = rate_and_size(self.first(topic))
             shown = f"{rate_hz:.3g}" if rate_hz else "", f"{size:.0f}" if info.count else ""
             rows.append((topic, info.type_name, str(info.count), *shown))
         return rows
 
-    def rate_and_size(self, topic: str) -> tuple[float, float]:
-        """Return rate [Hz] and mean size [bytes] of a topic's first messages; 0 where there are too few."""
-        first = list(itertools.islice(self.messages(topic), _SAMPLE)) if self.topics[topic].count else []
-        span_s = (first[-1].log_time_ns - first[0].log_time_ns) * 1e-9 if first else 0
-        size = sum(len(message.cdr) for message in first) / max(1, len(first))
-        return (len(first) - 1) / span_s if span_s else 0.0, size
-
-    def is_stamped(self, topic: str) -> bool:
-        """Tell whether a topic's messages begin with a header, and so with a time."""
-        ids = {channel.schema_id for channel in self._summary.channels.values() if channel.topic == topic}
-        texts = [self._text_of(schema) for key, schema in self._summary.schemas.items() if key in ids]
-        return bool(texts) and all(_HEADER_FIRST.match(text) for text in texts)
+    def first(self, topic: str) -> list[LogMessage]:
+        """Return a topic's first messages, at most 200: enough for its rate and size."""
+        return list(itertools.islice(self.messages(topic), _SAMPLE)) if self.topics[topic].count else []
 
     def message(self, topic: str, number: int = 0) -> ShownMessage:
-        """Return one message of a topic, counted from 0, to look at.
-
-        Raises:
-            LogError: As of `decoded`, or there are not so many.
-        """
+        """Return one message of a topic, counted from 0, to look at; LogError where there is none."""
         found = next(itertools.islice(self.decoded(topic), number, None), None)
         if found is None:
             count = self.topics[topic].count
@@ -233,17 +224,10 @@ class LogReader:
         return ShownMessage(found.topic, found.type_name, found.message)
 
     def series(self, topic: str, field: str) -> pd.Series:
-        """Return one field of a topic's messages over time, ready to `.plot()`.
+        """Return one field of a topic's messages over log time, s from the log's beginning, ready to `.plot()`.
 
-        Args:
-            topic: The topic.
-            field: The way to a number, as in ``pose.pose.position.x`` or ``ranges[0]``.
-
-        Returns:
-            Numbers; the index is log time from the log's beginning on, seconds.
-
-        Raises:
-            LogError: As of `decoded`, or a message has no such number.
+        The field is the way to a number, as in ``pose.pose.position.x`` or ``ranges[0]``; LogError where there
+        is none, and as of `decoded`.
         """
         import pandas as pd
 
@@ -271,22 +255,14 @@ class LogReader:
         return tuple(self.media_types)
 
     def metadata(self, name: str) -> dict[str, Any]:
-        """Return one metadata record as it was written: text, or the values in a text that is JSON.
-
-        Raises:
-            LogError: There is none of that name, or the record is damaged.
-        """
+        """Return one metadata record as it was written; LogError for none of that name or a damaged one."""
         if name not in self.metadata_names:
             raise _missing("metadata", name, self.metadata_names)
         records = {record.name: record.metadata for record in self._checked(self._mcap.iter_metadata())}
         return values_from_strings(records[name])
 
     def attachment(self, name: str) -> bytes:
-        """Return the content of one attached file, by its name.
-
-        Raises:
-            LogError: There is none of that name, or the record is damaged.
-        """
+        """Return the content of one attached file, by its name; LogError as of `metadata`."""
         if name not in self.attachment_names:
             raise _missing("attachment", name, self.attachment_names)
         found = {record.name: record.data for record in self._checked(self._mcap.iter_attachments())}
@@ -298,10 +274,8 @@ class LogReader:
         """Return the recorded messages in the order of their log times; a chunk is read when its turn comes.
 
         Only those of a topic, None: of all; from `start_ns` on and before `end_ns`, log times in nanoseconds.
-
-        Raises:
-            LogError: There is no such topic, or the end lies before the start, or while iterating: a chunk is
-                damaged, or the log was closed.
+        Raises LogError where there is no such topic, or the end lies before the start, or while iterating: a
+        chunk is damaged, or the log was closed.
         """
         found = self._found(topic, start_ns, end_ns)
         return (LogMessage(c.topic, self._type_of(c), m.log_time, m.publish_time, m.data) for _, c, m in found)
@@ -309,14 +283,12 @@ class LogReader:
     def decoded(
         self, topic: str, *, start_ns: int | None = None, end_ns: int | None = None
     ) -> Iterator[DecodedMessage]:
-        """Return the messages of a topic, deserialised by the definition in the log.
+        """Return the messages of a topic, deserialised by the definition in the log; arguments of `messages`.
 
         Types that this process does not know are read as well. Where the definition is the one that sfglab has,
-        the messages are of the type that `sfglab.messages.message_type` returns. Arguments as of `messages`.
-
-        Raises:
-            LogError: As of `messages`, or while iterating: not CDR, or a definition that is no text.
-            CdrError: While iterating: the bytes are not of the type, or no definition that can be read.
+        the messages are of the type that `sfglab.messages.message_type` returns. Raises LogError as `messages`,
+        and while iterating where something is no CDR or no text, CdrError where bytes or definition are of no
+        use.
         """
         found = self._found(topic, start_ns, end_ns)
         return (
@@ -333,11 +305,7 @@ class LogReader:
         return all(schema and is_known_as(schema.name, self._text_of(schema)) for schema in schemas)
 
     def table(self, name: str) -> pd.DataFrame:
-        """Return a table: rows in the order of log times; columns are `log_time_ns` and the fields.
-
-        Raises:
-            LogError: There is none of that name, or a chunk is damaged.
-        """
+        """Return a table of `log_time_ns` and fields in the order of log times; LogError as `metadata`."""
         import pandas as pd
 
         if name not in self.tables:

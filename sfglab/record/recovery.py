@@ -9,7 +9,6 @@ from __future__ import annotations
 import struct
 import zlib
 from collections import Counter, defaultdict
-from dataclasses import dataclass, field
 from importlib.util import find_spec, module_from_spec
 from io import BytesIO
 from typing import TYPE_CHECKING, Any, BinaryIO
@@ -55,19 +54,8 @@ class UnchunkedError(Exception):
     """Messages lie outside chunks, where nothing but an index finds them in order."""
 
 
-@dataclass(kw_only=True)
-class Scan:
-    """What was found so far."""
-
-    summary: Summary = field(default_factory=Summary)  #: The index that the file lacks.
-    complete: bool = False  #: Whether the data section ends as it should.
-
-
 def has_sound_index(stream: BinaryIO, size: int) -> bool:
-    """Return whether a file of so many bytes ends with an index that can be trusted; not if it was cut off.
-
-    The library does not check its CRC.
-    """
+    """Return whether a file of so many bytes ends with a sound index; the library checks no CRC."""
     footer_start = size - _FOOTER.size - len(MAGIC)
     if footer_start < len(MAGIC):
         return False
@@ -219,33 +207,18 @@ _INDEXERS: dict[int, Callable[[Summary, int, bytes], None]] = {
 }
 
 
-def scan(stream: BinaryIO, size: int) -> Scan:
-    """Read a file of so many bytes from its start; return an index of what is whole, with counts per channel.
-
-    Raises:
-        UnchunkedError: Messages lie outside chunks.
-    """
-    found = Scan()
-    found.summary.statistics = Statistics(
-        attachment_count=0,
-        channel_count=0,
-        channel_message_counts=defaultdict(int),
-        chunk_count=0,
-        message_count=0,
-        message_end_time=0,
-        message_start_time=0,
-        metadata_count=0,
-        schema_count=0,
-    )
+def scan(stream: BinaryIO, size: int) -> tuple[Summary, bool]:
+    """Index a file's whole records, and return whether the data ends well; UnchunkedError outside chunks."""
+    summary = Summary()
+    summary.statistics = Statistics(0, 0, defaultdict(int), 0, 0, 0, 0, 0, 0)  # counts by channel
     for offset, opcode, content in _whole_records(stream, size):
         if opcode == Opcode.MESSAGE:
             raise UnchunkedError
         if opcode == Opcode.DATA_END:
-            found.complete = True
-            break
+            return summary, True
         if opcode in _INDEXERS:
             try:
-                _INDEXERS[opcode](found.summary, offset, content)
+                _INDEXERS[opcode](summary, offset, content)
             except DAMAGE:
                 break
-    return found
+    return summary, False

@@ -5,12 +5,13 @@ What a plan of QoS or a mapping begins with where there is a recording instead o
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
-from itertools import islice, pairwise
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 from sfglab.documents import DocumentError, Place
-from sfglab.units import NS_PER_S
+from sfglab.record.reader import rate_and_size
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
 COMPUTATION_GRAPH = "computation_graph"
 """Name of the metadata record in which a log says who publishes and who subscribes: lists of names by topic."""
 
-_SAMPLES = 200
+_HEADER_FIRST = re.compile(r"(?:\s*(?:#.*)?\n)*\s*std_msgs/(?:msg/)?Header\s")
 _STAMP = slice(4, 12)
 """Where a message that begins with a header has its time: behind the four bytes that say how CDR is written."""
 
@@ -42,9 +43,8 @@ class Traffic:
 def traffic_of(log: LogReader) -> Iterator[Traffic]:
     """Yield the traffic of each topic of a log, sorted by name; tables are no topics.
 
-    Raises:
-        DocumentError: The record `COMPUTATION_GRAPH` does not hold two lists of names for each topic.
-        LogError: The log is damaged.
+    Raises DocumentError where the record `COMPUTATION_GRAPH` does not hold two lists of names for each topic,
+    LogError where the log is damaged.
     """
     sides, tables = _sides(log), {f"/table/{name}" for name in log.tables}
     for name, info in log.topics.items():
@@ -76,15 +76,12 @@ def _sides(log: LogReader) -> Mapping[str, tuple[tuple[str, ...], tuple[str, ...
 
 
 def _measured(log: LogReader, topic: str) -> tuple[int | None, float | None, float | None]:
-    found = list(islice(log.messages(topic), _SAMPLES))
-    if not found:
-        return None, None, None
-    size_bytes = round(sum(len(message.cdr) for message in found) / len(found))
-    span_s = (found[-1].log_time_ns - found[0].log_time_ns) / NS_PER_S
-    if span_s <= 0:
-        return size_bytes, None, None
+    found = log.first(topic)
+    rate_hz, size_bytes = rate_and_size(found)
+    if not rate_hz:
+        return round(size_bytes) if found else None, None, None
     values = [message.cdr for message in found]
-    if log.is_stamped(topic):
+    if _HEADER_FIRST.match(log.definition(topic)):
         values = [value[: _STAMP.start] + value[_STAMP.stop :] for value in values]
     changes = sum(one != other for one, other in pairwise(values))
-    return size_bytes, (len(found) - 1) / span_s, span_s / max(changes, 1)
+    return round(size_bytes), rate_hz, (len(found) - 1) / rate_hz / max(changes, 1)

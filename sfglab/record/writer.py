@@ -49,11 +49,7 @@ class LogWriter:
     def __init__(
         self, path: str | os.PathLike[str], *, library: str = f"sfglab {__version__}", overwrite: bool = False
     ) -> None:
-        """Create the file, by convention ending in `.mcap`, and its directory; `library` is who writes.
-
-        Raises:
-            LogError: There is a file, and it shall not be overwritten.
-        """
+        """Create the file and its directory, as `library`; LogError for one not to be overwritten."""
         from mcap.writer import CompressionType, Writer
 
         self.path = Path(path)
@@ -175,40 +171,27 @@ class LogWriter:
     def write_metadata(self, name: str, values: Mapping[str, Any]) -> None:
         """Write a named mapping, such as the configuration or `run_context()`, at once, once per log.
 
-        Text is kept as it is, numbers, lists, mappings, enums and dataclasses as JSON.
-
-        Raises:
-            LogError: The name is taken, or a value has no form in JSON, or the log is closed.
+        Text is kept as it is, numbers, lists, mappings, enums and dataclasses as JSON. Raises LogError where
+        the name is taken, a value has no form in JSON, or the log is closed.
         """
         strings = strings_from_values(name, values)
         with self._writing_once("metadata", name):
             self._mcap.add_metadata(name, strings)
 
     def attach(self, name: str, data: Buffer, media_type: str) -> None:
-        """Write a file of a media type, such as `image/png`, into the log, at once; a name stands once per log.
-
-        Raises:
-            LogError: The name is taken, or the log is closed.
-        """
+        """Write a file of a media type at once; LogError where the name is taken or the log is closed."""
         content = bytes(data)
         _checked_text(media_type)
         with self._writing_once("attachment", name):
             self._mcap.add_attachment(create_time=0, log_time=0, name=name, media_type=media_type, data=content)
 
     def flush(self) -> None:
-        """Finish the current chunk and hand everything to the operating system.
-
-        Raises:
-            LogError: The log is closed.
-        """
+        """Finish the chunk and hand everything to the operating system; LogError where the log is closed."""
         with self._writing():
             self._flush()
 
     def close(self) -> None:
-        """Write the index and close the file; a second time does nothing.
-
-        After a failed write only the file is closed: it is then like one that was cut off.
-        """
+        """Write the index and close the file, once; after a failed write it is as one that was cut off."""
         with self._lock:
             if self._stream.closed:
                 return

@@ -1,8 +1,6 @@
 """RELIABLE and KEEP_LAST over a lossy medium: one model of writer, reader and medium, with vendors' timing.
 
-`model` has what a run is given (flows, the medium; `vendors`: constants with their sources), `session` what it
-comes to, `frames` what was on air; between them, compiled: `world`, `medium`, `writer`, `reader` and `engine`,
-over `state`.
+A run is given by `model` and `vendors`, its outcome is in `session` and `frames`; the rest is compiled.
 """
 
 from __future__ import annotations

@@ -1,8 +1,6 @@
 """RELIABLE and BEST_EFFORT writers and readers with KEEP_LAST or KEEP_ALL, compiled: RTPS 2.5, clause 8.4.
 
-One event after the other: publications, frames, heartbeats, requests, repairs, and the executor that takes
-samples from readers. What writers and readers do at each stands in `writer` and `reader`. Everything that
-happened is in the state.
+One event after the other: publications, frames, heartbeats, requests, repairs, and executors that take samples.
 """
 
 from __future__ import annotations
@@ -146,8 +144,7 @@ def _step(world: Any, now: int, kind: int, argument: int, frame: Any) -> None:
 def advance(world: Any, until: int) -> int:
     """Run a `World` to its next watched delivery, and return its time; to `until` without any, and return -1.
 
-    Publications end with the run's duration, so that what is under way can arrive. Events at `until`, in
-    nanoseconds, are left for the next call.
+    Publications end with the run's duration. Events at `until`, in nanoseconds, are left for the next call.
     """
     frame = world.scratch[0]
     end = world.timing[TimingColumn.DURATION_NS]
@@ -165,10 +162,7 @@ def advance(world: Any, until: int) -> int:
 
 @compiled
 def publish(world: Any, now: int, flow: int, value: int) -> bool:
-    """Publish a value, by its number, from outside, and return whether the local cache let it pass.
-
-    `now` is in nanoseconds, and not before what was run so far.
-    """
+    """Publish a value, by its number, at `now` ns, and return whether the local cache let it pass."""
     held = world.counts[Count.HELD]
     world.writer[flow, W.VALUE] = value
     write(world, now, flow)

@@ -1,8 +1,7 @@
 """The medium in compiled code: queues of frames at hosts, airtime, contention, loss and latency.
 
-One half-duplex medium that all hosts share, as Wi-Fi is, or a sender of its own for each host, as an Ethernet
-port is. Sizes, airtime and turns are `model`'s, plain Python that the test hosts' radio shares. Knows frames
-only by size and way.
+All hosts share a half-duplex medium, as Wi-Fi is, or each has its sender, as an Ethernet port is. `model` has
+sizes, airtime and turns. Knows frames only by size and way.
 """
 
 from __future__ import annotations
@@ -59,10 +58,7 @@ def burst_most(size: int, message_bytes: int) -> int:
 
 @compiled
 def note_drop(world: Any, frame: Any, where: int) -> None:
-    """Note of a frame's samples that this is where they were lost, if they never were before.
-
-    Where no history is a queue, a BURST has only samples that were.
-    """
+    """Note of a frame's samples that they were lost here, if never before; a BURST's were, but for a queue."""
     flow, alone = frame[1], frame[0] == Frame.DATA
     if not alone and (frame[0] != Frame.BURST or not world.timing[TimingColumn.QUEUES]):
         return
@@ -75,10 +71,7 @@ def note_drop(world: Any, frame: Any, where: int) -> None:
 
 @compiled
 def has_room(world: Any, host: int) -> bool:
-    """Return whether a host's queue lets who sends go on.
-
-    Who once found it full waits until half of it has left: Linux wakes nobody earlier (sock_writeable).
-    """
+    """Return whether a host's queue lets who sends go on: once full, when half has left (sock_writeable)."""
     if world.timing[TimingColumn.QUEUE_RULE] != _BLOCK:
         return True
     ends, most = world.queue_ends, world.timing[TimingColumn.QUEUE_FRAMES]

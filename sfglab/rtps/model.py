@@ -1,8 +1,7 @@
 """RELIABLE and KEEP_LAST as a model: flows, the medium with its rules, scenarios.
 
 A flow is one topic's writer and its one reader; hosts share a medium; readers are served by executors that take
-time. The protocol is RTPS 2.5, clause 8.4, timed as a vendor does (`vendors`). Here is everything that a run is
-given, and it becomes the arrays that the engine takes.
+time. The protocol is RTPS 2.5, clause 8.4, timed as a vendor does (`vendors`).
 """
 
 from __future__ import annotations
@@ -85,10 +84,7 @@ def airtime_ns(size_bytes: int, contenders: int, overhead_ns: int, rate_bps: flo
 
 
 def next_sender(waiting: Sequence[Any], turn: int) -> tuple[int, int]:
-    """Return whose turn it is, -1 for nobody's, and how many want to send: those that are `waiting`.
-
-    The host `turn` is asked first; the others follow.
-    """
+    """Return whose turn it is of the `waiting`, from host `turn` on, -1 for nobody's, and how many they are."""
     hosts = len(waiting)
     chosen, contenders = -1, 0
     host = turn - 1
@@ -259,10 +255,7 @@ def _check_flow(flow: Flow, names: list[str]) -> None:
 
 
 def compile_scenario(scenario: Scenario, *, samples: int, seed: int, trace: int = 0) -> tuple[Params, State]:
-    """Return a scenario as the arrays that the engine takes.
-
-    There is room for so many samples of each flow, and for a trace of so many frames.
-    """
+    """Return a scenario as the engine's arrays, with room for so many samples a flow and frames of a trace."""
     hosts = _numbers(h for flow in scenario.flows for h in (flow.source, flow.target))
     executors = _numbers(flow.executor or f"{flow.name}\0" for flow in scenario.flows)
     medium = scenario.medium

@@ -1,7 +1,6 @@
 """The reader, compiled: samples, heartbeats and gaps that arrive, and its answers (RTPS 2.5, clause 8.4.12).
 
-Knows the state of one flow's reader. Refuses to know how a frame came, and when a heartbeat is sent. In all
-functions `world` is the run, `now` is nanoseconds, and `flow` is whose reader it is.
+In all functions `world` is the run, `now` is nanoseconds, and `flow` is whose reader it is.
 """
 
 from __future__ import annotations

@@ -1,14 +1,9 @@
-"""Runs of a scenario: at once, or in steps beside somebody who sets values and hears deliveries; their outcome.
+"""Runs of a scenario: at once, or in steps beside nodes that set values and hear deliveries; their outcome.
 
-A *simulation*, with a virtual clock and a seed; it runs compiled (`engine`). In steps it is for nodes that
-hang on what arrives: they and the model take turns. Knows flows by name and values by number: equal numbers
-are equal values, to the local cache and to cache control. Refuses to know what they mean.
-
-A trace is written where the medium decides: every frame that was on air, when, what it said, and whether it was
-lost; there somebody may wish that a frame be lost or pass. Frames have names that stay when others are lost.
-
-Of an outcome it is known how fresh what a reader has is: how old, and for how long it is what the sensor says
-now.
+A *simulation*, with a virtual clock and a seed; it runs compiled (`engine`). Flows go by name and values by
+number: equal numbers are equal values, to the local cache and to cache control. A trace has every frame that
+was on air, under a name that stays when others are lost; a frame may be told to be lost or to pass. An outcome
+tells how old what a reader has is, and for how long it is what the sensor says now.
 """
 
 from __future__ import annotations
@@ -127,8 +122,7 @@ class Session:
     """A run in steps.
 
     Args:
-        scenario: What; flows with a rate publish by themselves whatever value was last set, the others when
-            told to. `Flow.change_s` is of no account here.
+        scenario: What; flows with a rate publish by themselves, the others when told to. No value changes so.
         seed: Of losses; the same seed and the same calls give the same run to the bit.
         watched: Flows whose deliveries are returned; None: all.
         news_only: Whether a delivery of the same value as the one before in its flow is not returned.
@@ -223,18 +217,14 @@ class AirFrame:
     ended_ns: int  #: When it left the air.
     lost: bool  #: Whether the medium lost it then.
     samples: tuple[int, ...]  #: Those it carries, asks for or declares to be gone, counted from 1.
-    #: The newest sample that a heartbeat in it announces, the newest that an ACKNACK acknowledges; 0: neither.
-    newest: int
+    newest: int  #: Newest sample that its heartbeat announces, or ACKNACK acknowledges; 0: neither.
     repairs: bool  #: Whether its samples were on air before.
 
 
 def trace(
     scenario: Scenario, *, seed: int, lost: Mapping[str, bool] | None = None
 ) -> tuple[Outcome, tuple[AirFrame, ...]]:
-    """Simulate a scenario as `run` does, and return every frame as well, as they left the air.
-
-    Frames named in `lost` are lost, or pass, whatever the seed draws for them.
-    """
+    """Simulate as `run` does, but for the `lost` frames' fate, and return every frame as it left the air."""
     wishes: dict[int, bool] = {}
     # A wish changes what follows, so that each is granted where its frame turns up: the earliest first.
     while True:

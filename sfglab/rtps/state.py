@@ -1,7 +1,6 @@
 """State of the compiled engine, and its parameters: named tuples of arrays.
 
-Arrays are indexed by flow (one writer and its one reader), host, transmitter, server (a node's executor) or
-sample; samples are counted from 1, as RTPS sequence numbers are.
+Indices are flow, host, transmitter, server (a node's executor) or sample, counted from 1 as in RTPS.
 """
 
 from __future__ import annotations
@@ -129,11 +128,7 @@ class TimingColumn(IntEnum):
 
 
 class Params(NamedTuple):
-    """What does not change.
-
-    `flows` [flow, FlowColumn], `timing`, `rates` (loss, contention, mean burst of losses); `host_bps` [host]
-    are bits a second to and from each.
-    """
+    """What does not change: flows, timing, rates (loss, contention, mean burst), bits a second of each host."""
 
     flows: Any
     timing: Any

@@ -1,8 +1,4 @@
-"""Vendors: how implementations of DDS time reliability, and in which thread they send.
-
-Times are the vendors' defaults, with their sources; what a default does in the protocol stands in `writer` and
-`reader`.
-"""
+"""Vendors: the default times of DDS implementations' reliability, and in which thread they send."""
 
 from __future__ import annotations
 

@@ -1,16 +1,11 @@
 """The run as one value for compiled functions, a pointer to where the arrays are; and its heap of events.
 
-Compiled code passes a tuple of arrays by value, some two hundred words a call, and counts a reference to each,
-atomically. Numba's own mutable structure (`structref`) is passed by reference and still counts one at each
-access to a field. Here a call passes a plain pointer to a block of words: for each array its address and shape.
-Nobody owns an array in there, so that functions of a world are compiled without reference counting, and may
-not make arrays. And because only Python writes the block, and before any compiled code sees it, a function may
-read a word once and need not read it again after each write to an array.
-
-Against `structref`, on five cells of the transmission experiment, events a second of processor time are 1.4 to
-1.8 times as many, and compiling takes less. Almost all of it comes from the pointer; that words are read once
-and that nothing is counted (`_nrt=False`, an option that Numba keeps to itself and whose loss would cost no
-more than this) are a few percent each.
+Numba passes a tuple of arrays by value, some two hundred words a call, and counts a reference to each; its own
+mutable structure (`structref`) counts one at each access to a field. Here a call passes a plain pointer to a
+block of words: for each array its address and shape. Nobody owns an array in there, so functions of a world are
+compiled without reference counting (`_nrt=False`, Numba's own option), and may not make arrays. Only Python
+writes the block, beforehand, so a function may read a word once. Against `structref` that is 1.4 to 1.8 times
+as many events a second of processor time, on five cells of the transmission experiment.
 """
 
 # What Numba gives to its extensions has no types.
@@ -66,10 +61,7 @@ def _folder_digest(folder: Path) -> str:
 
 
 class World:
-    """What compiled code takes for a run; there it has the fields of all its parts.
-
-    Parts are tuples of contiguous arrays, whose names differ: `Params` and `State`.
-    """
+    """What compiled code takes: the fields of `Params` and `State`, tuples of contiguous arrays."""
 
     def __init__(self, *parts: NamedTuple) -> None:
         # Held here, borrowed by compiled code.

@@ -1,7 +1,6 @@
 """The writer, compiled: what it publishes, its heartbeats, and its repairs (RTPS 2.5, clause 8.4.9).
 
-Knows the state of one flow's writer, and readers by their requests. Refuses to know what a reader has. In all
-functions `world` is the run, `now` is nanoseconds, and `flow` is whose writer it is.
+In all functions `world` is the run, `now` is nanoseconds, and `flow` is whose writer it is.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Paper C: ROS 2 graphs on a configurable system-on-chip: their nodes, topics and gateways.
 
-A graph (`load_graph`, `graph_from_log`, `watch_graph`) has its nodes placed in software or hardware, by hand
+A graph (`load_graph`, `graph_from_log`) has its nodes placed in software or hardware, by hand
 or by `place_nodes`, and its topics mapped to software, hardware or gateways by `map_communication`.
 """
 
@@ -15,10 +15,9 @@ from sfglab.soc.graph import (
     graph_text,
     load_graph,
     read_graph,
-    save_graph,
 )
 from sfglab.soc.graph_drawing import draw_graph, draw_mapping
-from sfglab.soc.graph_import import build_cfg, graph_from_endpoints, graph_from_log, graph_metadata, watch_graph
+from sfglab.soc.graph_import import build_cfg, graph_from_log
 from sfglab.soc.mapping import (
     CommunicationMapping,
     arrival_s,
@@ -51,15 +50,11 @@ __all__ = [
     "draw_graph",
     "draw_mapping",
     "faster_by_gateway",
-    "graph_from_endpoints",
     "graph_from_log",
-    "graph_metadata",
     "graph_text",
     "load_graph",
     "map_communication",
     "place_nodes",
     "read_graph",
-    "save_graph",
     "transfer_s",
-    "watch_graph",
 ]

@@ -1,10 +1,9 @@
 """Every interleaving of a gateway core and its surroundings, up to a bound.
 
-Breadth first, so a counterexample to a step is a shortest one. Shown for the bound: no step is a fault (nothing
-doubled, overtaken, overwritten or echoed), and from every reachable moment the end is reachable in which all
-have everything (nothing lost, no deadlock, no trap). That the end is reached also takes fairness: each side
-runs now and then, and the topic's arbiter grants the core's claim now and then. Knows graphs of worlds; refuses
-to know what a step means.
+Breadth first, so a counterexample is a shortest one. Shown for the bound: no step is a fault (nothing doubled,
+overtaken, overwritten or echoed), and from every moment the end can be reached in which all have everything
+(nothing lost, no deadlock, no trap). That it is reached also takes fairness: each side runs now and then, and
+the arbiter grants the core's claim now and then. Refuses to know what a step means.
 """
 
 from __future__ import annotations
@@ -80,10 +79,7 @@ class _Graph:
         return tuple(reversed(lines))
 
     def trapped(self, bound: Bound) -> int | None:
-        """Return a world from which no finished one can be reached; None: there is none.
-
-        The first one in which nothing moves at all, or else the first one.
-        """
+        """Return a world without a way to the end, one where nothing moves first; None: there is none."""
         waiting = [i for i, world in enumerate(self.worlds) if is_finished(world, bound)]
         saved = set(waiting)
         while waiting:
@@ -95,11 +91,7 @@ class _Graph:
 
 
 def explore(bound: Bound, table: Table = TABLE, *, limit: int = 1_000_000) -> Exploration:
-    """Follow every interleaving of a core's behaviour in surroundings, up to the first fault.
-
-    Raises:
-        SfglabError: There are more worlds than `limit`.
-    """
+    """Follow every interleaving of a core's behaviour up to a fault; SfglabError beyond `limit` worlds."""
     graph = _Graph(first_world(bound))
     fault = _search(graph, bound, table, limit)
     if fault is None and (trapped := graph.trapped(bound)) is not None:
@@ -114,13 +106,7 @@ def explore(bound: Bound, table: Table = TABLE, *, limit: int = 1_000_000) -> Ex
 
 
 def walk(bound: Bound, rng: np.random.Generator, table: Table = TABLE) -> tuple[Step, ...]:
-    """Return one drawn interleaving of a core's behaviour in surroundings, until everybody has everything.
-
-    What only turns in a circle of polling comes as often as it is drawn.
-
-    Raises:
-        SfglabError: It came to a fault, or nothing could move any more; `explore` says why.
-    """
+    """Return one drawn interleaving until everybody has everything; SfglabError at a fault or a deadlock."""
     world = first_world(bound)
     done: list[Step] = []
     while not is_finished(world, bound):

@@ -2,15 +2,13 @@
 
 Paper C, section 3, Fig. 4: request a message of the software-mapped topic (SMT), poll the delegate's interface
 (OSIF) and the hardware-mapped topic (HMT) in turn, forward what came, and cancel the request before publishing,
-because a message may have come in between. Knows states, inputs and outputs; refuses to know clocks, beats and
-how topics deliver: the same table drives the exploration and becomes the hardware's control.
-
-Three things are ours, because the text leaves them open or the exploration asks for them:
+because a message may have come in between. Refuses to know clocks, beats and how topics deliver: the same table
+drives the exploration and becomes the hardware's control. Ours, as the text leaves it open:
 
 - A delegate gives exactly one answer per request; a cancel forces it (empty) or lets it through (a message).
 - Before it sends to the HMT the core claims it (`CLAIM`). A hardware node's message may occupy the topic and
-  wait for the core itself: a core that only waits for its turn waits forever, unless its port can store every
-  message that hardware may send meanwhile. So the core serves that message first, still holding its own.
+  wait for the core itself, so the core serves that message first, still holding its own: else both wait for
+  ever, unless its port can store every message that hardware may send meanwhile.
 - A publication is awaited (`PUBLISH_WAIT`): the core has one output message and must not overwrite it.
 """
 
@@ -187,7 +185,7 @@ _PITCH = np.array([1.6, 0.95])
 _HALF = np.array([0.51, 0.27])
 _APART = 0.16
 # Okabe and Ito's palette: software's side, hardware's side, neither.
-_OSIF, _HMT, _INNER = "#F5D67B", "#A8D4F0", "#FFFFFF"
+_OSIF, _HMT, _INNER = "#F7DD92", "#85BCE6", "#FFFFFF"
 _LINE = "#333333"
 
 
@@ -210,11 +208,7 @@ def arrows(table: Table = TABLE) -> list[Arrow]:
 
 
 def draw_core(ax: Axes, table: Table = TABLE) -> dict[State | Arrow, list[Artist]]:
-    """Draw the core: calls and answers of its delegate yellow, uses of the stream blue, `OURS` dashed.
-
-    Letters fit from about 10 by 5 inches on. It returns the artists of each state, its box first, and of each
-    arrow.
-    """
+    """Draw the core, OSIF yellow, HMT blue, `OURS` dashed, 10 by 5 inches; return each artist."""
     drawn = arrows(table)
     artists: dict[State | Arrow, list[Artist]] = {}
     for arrow in drawn:

@@ -1,9 +1,8 @@
 """A ROS computation graph with its mapping onto a system-on-chip (paper C, section 5), in memory and as YAML.
 
 G = (V, E) with V = (N, T), ROS nodes and topics, and E = (E_pub, E_sub). Each node is placed in software or in
-hardware, each topic is mapped to software, to hardware or to a gateway. Knows when such a graph makes sense,
-and says otherwise file, key, what was given and what is allowed. What was written is read back equal, and what
-was read from a written text is written byte by byte the same. Refuses to know which mapping is good.
+hardware, each topic is mapped to software, to hardware or to a gateway. What was written is read back equal,
+and what was read is written byte by byte the same. Refuses to know which mapping is good.
 """
 
 from __future__ import annotations
@@ -15,7 +14,6 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from sfglab.documents import OR_NULL, Document, DocumentError, Place, Section, by_name, suggestion
 from sfglab.errors import InvalidValueError
-from sfglab.files import write_files
 from sfglab.tables import html_table
 
 if TYPE_CHECKING:
@@ -31,11 +29,7 @@ class Placement(Enum):
 
 
 class TopicMapping(Enum):
-    """How a topic is implemented: T_SW, T_HW or T_GW.
-
-    A software-mapped topic keeps its messages in main memory, a hardware-mapped one streams them inside the
-    logic, and a gateway synchronises one of each, so that a message crosses once.
-    """
+    """How a topic is implemented: T_SW in main memory, T_HW as a stream in the logic, T_GW as one of each."""
 
     SOFTWARE = "software"
     HARDWARE = "hardware"
@@ -151,19 +145,11 @@ class Graph:
         return topic.name, topic.mapping.value, *ends, *numbers
 
     def node(self, name: str) -> Node:
-        """Return a node by its name.
-
-        Raises:
-            InvalidValueError: There is none of that name.
-        """
+        """Return a node by its name; InvalidValueError where there is none."""
         return _named("nodes", name, self.nodes)
 
     def topic(self, name: str) -> Topic:
-        """Return a topic by its name.
-
-        Raises:
-            InvalidValueError: There is none of that name.
-        """
+        """Return a topic by its name; InvalidValueError where there is none."""
         return _named("topics", name, self.topics)
 
     def edges(self) -> Iterator[Edge]:
@@ -184,22 +170,14 @@ class Graph:
         return tuple(topic.name for topic in self.topics if topic.mapping is mapping)
 
     def with_mappings(self, mappings: Mapping[str, TopicMapping]) -> Graph:
-        """Return the same graph with other implementations of topics; those that are not named stay.
-
-        Raises:
-            InvalidValueError: A topic is not there, or cannot be mapped so.
-        """
+        """Return the graph with other implementations of topics; InvalidValueError where one cannot be so."""
         for name in mappings:
             self.topic(name)
         topics = tuple(replace(t, mapping=mappings.get(t.name, t.mapping)) for t in self.topics)
         return replace(self, topics=topics)
 
     def with_placements(self, placements: Mapping[str, Placement]) -> Graph:
-        """Return the same graph with nodes placed anew, and so with all topics in software again.
-
-        Raises:
-            InvalidValueError: A node is not there.
-        """
+        """Return the graph with nodes placed anew, topics in software again; InvalidValueError for no node."""
         for name in placements:
             self.node(name)
         nodes = tuple(replace(n, placement=placements.get(n.name, n.placement)) for n in self.nodes)
@@ -268,21 +246,8 @@ _RARE_BREAKS = frozenset("\x85\u2028\u2029")
 
 
 def load_graph(path: Path) -> Graph:
-    """Read a graph from a YAML file, such as ``data/graphs/figure_8.yaml``.
-
-    Raises:
-        DocumentError: It cannot be read, or does not say what it must; says where.
-    """
-    return _read(Document.of_file(path))
-
-
-def read_graph(text: str, *, file: str = "graph.yaml") -> Graph:
-    """Read a graph from the text of a YAML file; `file` is its name, for messages.
-
-    Raises:
-        DocumentError: It does not say what it must; says where.
-    """
-    return _read(Document(text, file))
+    """Read a graph from a YAML file; DocumentError says where it does not say what it must."""
+    return read_graph(Document.of_file(path))
 
 
 def graph_text(graph: Graph) -> str:
@@ -315,15 +280,6 @@ def _dumper() -> Any:
     return Dumper
 
 
-def save_graph(graph: Graph, path: Path) -> None:
-    """Write a graph into a file.
-
-    Raises:
-        InvalidValueError: The file cannot be written.
-    """
-    write_files({path: graph_text(graph)})
-
-
 def _node_values(node: Node) -> dict[str, Any]:
     hardware = node.hardware
     return {"placement": node.placement.value} | _present(
@@ -349,8 +305,8 @@ def _present(**values: Any) -> dict[str, Any]:
     return {key: value for key, value in values.items() if value is not None}
 
 
-def _read(document: Document) -> Graph:
-    """Read a graph; what the graph itself refuses gets the file's name."""
+def read_graph(document: Document) -> Graph:
+    """Read a graph; raises `DocumentError`, as `load_graph`, for what the graph itself refuses too."""
     try:
         return _read_graph(document.section())
     except DocumentError:

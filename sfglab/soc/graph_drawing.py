@@ -31,10 +31,10 @@ if TYPE_CHECKING:
 CROSSING, PLAIN, OUTLINE, FRAME = "#D55E00", "#666666", "#0072B2", "#333333"
 FILLS = {
     "node in software": "#FFFFFF",
-    "node in hardware": "#A8D4F0",
-    "topic in software": "#EEEEEE",
-    "topic in hardware": "#A8D4F0",
-    "gateway": "#F5D67B",
+    "node in hardware": "#85BCE6",
+    "topic in software": "#FFFFFF",
+    "topic in hardware": "#85BCE6",
+    "gateway": "#F7DD92",
 }
 _TOPIC_FILLS = {
     TopicMapping.SOFTWARE: FILLS["topic in software"],
@@ -122,11 +122,8 @@ def _draw_note(ax: Axes, note: str, place: NDArray[np.float64] | _Box, *, crosse
 def draw_mapping(mapping: CommunicationMapping, figure: Figure, stage: str = "") -> None:
     """Draw the states of a communication mapping one below the other, with a legend: Fig. 8 (b) to (d).
 
-    The figure must be empty; its size is set to what the graph needs. A graph whose lines need more than a page
-    is drawn as a matrix. Stages are ``software``, ``hardware`` or ``gateways``; none: all three.
-
-    Raises:
-        InvalidValueError: There is no such stage.
+    The figure must be empty and gets the size that it needs. A graph wider than a page is drawn as a matrix.
+    Stages are ``software``, ``hardware`` or ``gateways``, else InvalidValueError; none: all three.
     """
     if stage and stage not in STAGES:
         raise InvalidValueError("stage", stage, ", ".join(STAGES))
@@ -146,10 +143,7 @@ def draw_mapping(mapping: CommunicationMapping, figure: Figure, stage: str = "")
 
 
 def draw_matrix(ax: Axes, graph: Graph, *, title: str = "") -> None:
-    """Draw a large graph: a row a topic, a column a node; triangles publish, circles subscribe.
-
-    Nodes in hardware stand to the right on blue; topics at gateways and in hardware have their rows' colour.
-    """
+    """Draw a large graph: a row a topic, a column a node; triangles publish, circles subscribe."""
     nodes = [node.name for node in sorted(graph.nodes, key=lambda node: node.in_hardware)]
     topics = sorted(graph.topics, key=lambda topic: list(TopicMapping).index(topic.mapping))
     rows, crossing = [topic.name for topic in topics], crossing_edges(graph)

@@ -1,20 +1,16 @@
-"""Graphs from a recorded log or the live graph of a DDS domain, and a graph as what hardware is built from.
+"""Graphs from a recorded log, or of a domain that was listened to, and a graph as what hardware is built from.
 
-Neither says where nodes run, so all of them are placed in software. What cannot stand in a graph is left out
-and named with the reason. Knows logs and endpoints. Refuses to know what is done with a graph.
-
-Built from is ReconROS' `build.cfg`: its slots, resources, threads and gateways, as in the demonstration of
-gateways that ReconROS carries. Nodes in software are no part of it; they run as ordinary ROS nodes. What a
-graph does not say is left to its user: the sources of the threads, and the board's address and password.
-Nothing here was built with Vivado.
+No log says where nodes run, so all are placed in software. What cannot stand in a graph is left out and named
+with the reason. Built from is ReconROS' `build.cfg`: its slots, resources, threads and gateways, as in the
+demonstration of gateways that ReconROS carries; nodes in software run as ordinary ROS nodes. The sources of the
+threads, and the board's address and password, are left to the user. Nothing here was built with Vivado.
 """
 
 from __future__ import annotations
 
 import re
-from collections import defaultdict
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from sfglab.errors import InvalidValueError
 from sfglab.record.traffic import COMPUTATION_GRAPH, traffic_of
@@ -23,20 +19,7 @@ from sfglab.soc.graph import Graph, Node, Topic, TopicMapping
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
-    from sfglab import bus
-    from sfglab.bus import EndpointInfo
     from sfglab.record import LogReader
-
-
-_ROS_OWN = frozenset({"/rosout", "/parameter_events"})
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class LeftOut:
-    """A topic that is not in the graph."""
-
-    topic: str  #: Its name.
-    why: str  #: Why not.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -44,18 +27,7 @@ class ImportedGraph:
     """A graph and what is missing from it."""
 
     graph: Graph  #: All nodes in software.
-    left_out: tuple[LeftOut, ...] = ()  #: Topics that are not in it.
-
-
-def graph_metadata(graph: Graph) -> dict[str, Any]:
-    """Return the values of the record `COMPUTATION_GRAPH`, to be written into a log beside its messages.
-
-    A log's channels say what was published, but not by whom; `graph_from_log` reads that from this record.
-    """
-    return {
-        topic.name: {"publishers": list(topic.publishers), "subscribers": list(topic.subscribers)}
-        for topic in graph.topics
-    }
+    left_out: dict[str, str]  #: Topics that are not in it, and why.
 
 
 def graph_from_log(log: LogReader) -> ImportedGraph:
@@ -68,11 +40,11 @@ def graph_from_log(log: LogReader) -> ImportedGraph:
         DocumentError: The metadata record is not what `graph_metadata` returns.
         LogError: The log is damaged.
     """
-    topics, left_out = [], []
+    topics, left_out = [], {}
     for found in traffic_of(log):
         publishers = (f"publisher of {found.topic}",) if found.publishers is None else found.publishers
         if not publishers:
-            left_out.append(LeftOut(topic=found.topic, why=f"no publisher in the record {COMPUTATION_GRAPH!r}"))
+            left_out[found.topic] = f"no publisher in the record {COMPUTATION_GRAPH!r}"
             continue
         topic = Topic(
             name=found.topic,
@@ -83,60 +55,7 @@ def graph_from_log(log: LogReader) -> ImportedGraph:
             subscribers=found.subscribers,
         )
         topics.append(topic)
-    return ImportedGraph(graph=_graph(topics, log.path.name), left_out=tuple(left_out))
-
-
-def graph_from_endpoints(endpoints: Iterable[EndpointInfo], *, name: str = "") -> ImportedGraph:
-    """Return the graph, called `name`, of some endpoints, such as those of `sfglab.bus.Graph.endpoints`.
-
-    Nodes have the names by which their participants announce them; an endpoint whose owner is unknown belongs
-    to a node named after its participant. Services, and the topics that every ROS node has, are no part of
-    the graph; sizes and rates are unknown.
-    """
-    from sfglab.bus import EndpointKind
-
-    types: dict[str, set[str]] = defaultdict(set)
-    sides: dict[EndpointKind, dict[str, set[str]]] = {kind: defaultdict(set) for kind in EndpointKind}
-    for endpoint in endpoints:
-        if endpoint.dds_topic.startswith("rt/") and endpoint.topic not in _ROS_OWN:
-            types[endpoint.topic].add(endpoint.type)
-            owner = endpoint.node or f"participant {endpoint.participant.hex()}"
-            sides[endpoint.kind][endpoint.topic].add(owner)
-    topics, left_out = [], []
-    for topic, kinds in sorted(types.items()):
-        publishers = tuple(sorted(sides[EndpointKind.PUBLISHER][topic]))
-        subscribers = tuple(sorted(sides[EndpointKind.SUBSCRIPTION][topic]))
-        if why := _obstacle(publishers, kinds):
-            left_out.append(LeftOut(topic=topic, why=why))
-            continue
-        topics.append(Topic(name=topic, type=min(kinds), publishers=publishers, subscribers=subscribers))
-    return ImportedGraph(graph=_graph(topics, name), left_out=tuple(left_out))
-
-
-async def watch_graph(node: bus.Node, *, timeout_s: float = 5.0) -> ImportedGraph:
-    """Return the graph that a node of the bus sees, once the owner of every topic's endpoints is known.
-
-    The open node's own topics are part of it. After `timeout_s` seconds, owners that are still unknown stay
-    so.
-    """
-    seen = node.graph
-    seen.nodes()  # from now on owners are learnt
-    await seen.wait_for(
-        lambda: (
-            bool(seen.endpoints())
-            and all(endpoint.node for endpoint in seen.endpoints() if endpoint.dds_topic.startswith("rt/"))
-        ),
-        timeout_s,
-    )
-    return graph_from_endpoints(seen.endpoints(), name=f"seen by {node.name}")
-
-
-def _obstacle(publishers: tuple[str, ...], types: set[str]) -> str:
-    if not publishers:
-        return "nobody publishes it"
-    if len(types) > 1:
-        return f"it has more than one type: {', '.join(sorted(types))}"
-    return ""
+    return ImportedGraph(graph=_graph(topics, log.path.name), left_out=left_out)
 
 
 def _graph(topics: list[Topic], name: str) -> Graph:
@@ -169,11 +88,9 @@ def build_cfg(graph: Graph, *, name: str = "application") -> str:
     """Return the text of an application's `build.cfg` for the part in hardware of a placed and mapped graph.
 
     Each node in hardware gets a slot, a thread of HLS source and its resources, each gateway a slot and its
-    section. Names are made into identifiers; ROS names of nodes and topics stay as they are. ReconROS's
-    gateway knows ``sensor_msgs/Image`` alone; other types are written all the same.
-
-    Raises:
-        InvalidValueError: A topic of a node in hardware has no ROS message type, or a name cannot be quoted.
+    section. Names are made into identifiers; ROS names stay. ReconROS's gateway knows ``sensor_msgs/Image``
+    alone; other types are written all the same. A type that is no message's, and a name that cannot be quoted,
+    are InvalidValueErrors.
     """
     placed = [node for node in graph.nodes if node.in_hardware]
     touched = [topic for topic in graph.topics if graph.in_hardware.intersection(topic.members)]

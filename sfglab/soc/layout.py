@@ -2,8 +2,7 @@
 
 Sugiyama's method: edges that close a cycle are turned round, layers follow the longest path, edges that pass
 layers bend there, each layer is ordered by the medians of its neighbours, swept forth and back, and the order
-with the fewest crossings is kept; then neighbours are drawn level as far as the order lets them. Knows the
-graph's edges. Refuses to know how it is drawn. The same graph is laid out the same way every time.
+with the fewest crossings is kept; then neighbours are drawn level. The same graph has one layout.
 """
 
 from __future__ import annotations
@@ -189,10 +188,7 @@ def _room(layer: list[Vertex]) -> list[float]:
 
 
 def _apart(wanted: list[float], room: list[float]) -> list[float]:
-    """Return the heights nearest to the wanted ones that keep their order and distances.
-
-    Least squares by pooling adjacent violators: whatever would stand too close moves as one block.
-    """
+    """Return the heights nearest to the wanted ones in order and apart, by pooling adjacent violators."""
     blocks: list[list[float]] = []
     for height, below in zip(wanted, room, strict=True):
         blocks.append([height + below])

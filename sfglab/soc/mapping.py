@@ -1,9 +1,8 @@
 """Communication mapping: which topics go to software, to hardware, or to a gateway (paper C, section 5).
 
-Node placement is given. Knows the paper's three cases, the edges that cross the boundary, how often a message
-is carried across the memory interface, and by the model of that interface (`sfglab.soc.memory`) how long a
-message takes as its topic is mapped; from this follows a gateway rule that knows sizes. One message at a time
-has the interface for itself; topics do not wait for each other.
+Node placement is given. The paper's three cases, the edges that cross the boundary, how often a message is
+carried across the memory interface, and by its model (`sfglab.soc.memory`) how long that takes, from which
+follows a gateway rule that knows sizes. One message at a time has the interface for itself.
 """
 
 from __future__ import annotations
@@ -115,10 +114,9 @@ def with_hardware_topics(graph: Graph) -> Graph:
 
 
 def crossing_edges(graph: Graph) -> Crossing:
-    """Return the edges across the boundary, as section 5 counts them.
+    """Return the edges across the boundary, as section 5 counts them; a topic in hardware has none.
 
-    Of a topic in software these are the edges of nodes in hardware; of a gateway, which stands on the
-    hardware's side, those of nodes in software; of a topic in hardware, none.
+    Of a topic in software they are those of nodes in hardware, of a gateway those of nodes in software.
     """
     placed = graph.in_hardware
     beside = {topic.name: topic.mapping is not TopicMapping.SOFTWARE for topic in graph.topics}
@@ -146,10 +144,7 @@ def carriages_per_message(graph: Graph, topic: Topic) -> float:
 
 
 def hardware_subgraphs(graph: Graph) -> tuple[tuple[frozenset[str], frozenset[str]], ...]:
-    """Return what is joined inside the logic: for each part its nodes and its topics.
-
-    They are the dashed outlines of Fig. 8: nodes in hardware, joined by topics in hardware and gateways.
-    """
+    """Return each part that is joined inside the logic, outlined in Fig. 8: its nodes and its topics."""
     placed = graph.in_hardware
     parts: list[tuple[set[str], set[str]]] = [({name}, set()) for name in sorted(placed)]
     for topic in graph.topics:
@@ -179,11 +174,8 @@ _TRANSPORTS = {
 def transfer_s(graph: Graph, topic: Topic, *, judge: Judge = Judge.LAST, costs: Costs = STORED) -> float:
     """Return how long a message takes from its publisher to its subscribers as its topic is mapped, s.
 
-    The judge says which subscriber's time counts. Where publishers stand on both sides, it is the longer of
-    the two.
-
-    Raises:
-        InvalidValueError: The topic's size is unknown.
+    The judge says which subscriber's time counts; of publishers on both sides it is the longer one's. Raises
+    InvalidValueError where the topic's size is unknown.
     """
     return max(judged_s(transfer_times(setup, costs), setup, judge) for setup in _setups(graph, topic))
 
@@ -204,11 +196,8 @@ def arrival_s(graph: Graph, edge: Edge, *, costs: Costs = STORED) -> float:
 def chain_s(graph: Graph, chain: Sequence[str], *, costs: Costs = STORED) -> dict[Edge, float]:
     """Return when the next node of a chain has the message, s, from the start of the first node's work.
 
-    Work is that of a node's activation where it is placed. A topic without a size is no part of a chain. Each
-    node of the chain publishes to the next.
-
-    Raises:
-        InvalidValueError: No topic with a size goes from a node to the next.
+    Work is that of a node's activation where it is placed. A topic without a size is no part of a chain;
+    InvalidValueError where none goes from a node to the next.
     """
     found: dict[Edge, float] = {}
     now_s = 0.0
@@ -236,11 +225,7 @@ def activation_s(node: Node) -> float:
 
 
 def faster_by_gateway(*, judge: Judge = Judge.LAST, costs: Costs = STORED) -> Callable[[Graph, Topic], bool]:
-    """Return a rule for `map_communication`: a gateway where it is predicted to be faster; see `transfer_s`.
-
-    The paper's rule knows no sizes, although its own measurements show that small messages lose by a gateway
-    (section 4).
-    """
+    """Return a rule for `map_communication`: a gateway where it is predicted to be faster; see `transfer_s`."""
 
     def rule(graph: Graph, topic: Topic) -> bool:
         software, gateway = (

@@ -7,12 +7,11 @@ chunks on; each was fitted once to the paper values of section 4 (`sfglab.soc.pa
 
 The paths are those of section 4, Fig. 5. A software-mapped topic (SMT) lies in main memory: its publisher pays
 for the publication, then one delivery a reader; a hardware reader is woken by its delegate and reads the
-message over the shared memory interface. A hardware-mapped topic (HMT) is a stream. A gateway is both, with a
-core that is one reader of the SMT and one port of the HMT. In which order readers are served the paper leaves
-open, so every order is taken as equally likely. Left out: that processors and hardware nodes share the memory
-chips, and that deliveries may run on several processors. The paper's rule (section 5) ignores the size,
-although its measurements (section 4) show small messages lose by a gateway: hence the break-even sizes. Refuses
-to know graphs.
+message over the shared interface. A hardware-mapped topic (HMT) is a stream. A gateway is both, its core one
+reader of the SMT and one port of the HMT. Every order of serving readers, which the paper leaves open, is
+equally likely. Left out: that processors and hardware share the memory chips, and that deliveries may run on
+several processors. The paper's rule (section 5) knows no sizes: hence the break-even sizes. Refuses to know
+graphs.
 """
 
 from __future__ import annotations
@@ -88,10 +87,7 @@ class MemoryInterface:
         return self._seconds(message_bytes, self._forwarded(self.read_cycles))
 
     def stream_to_memory_s(self, message_bytes: float) -> float:
-        """Return the seconds in which a gateway core brings a message from a stream to memory.
-
-        The stream's other subscribers get it no faster: a broadcast is as slow as its slowest port.
-        """
+        """Return the seconds that a gateway core, and so all of the stream, takes to store a message."""
         return self._seconds(message_bytes, self._forwarded(self.write_cycles))
 
     def _forwarded(self, memory_cycles: float) -> float:
@@ -103,21 +99,17 @@ class MemoryInterface:
 
 
 def shared_s(releases_s: Sequence[float], work_s: float) -> float:
-    """Return when the last of several nodes has read its message, given when each starts.
+    """Return when the last of several nodes has read its message, by when each starts and what it needs alone.
 
-    Alone, a node would need `work_s`. Turns do not lose time: while anybody waits, the interface works. So
-    the last node ends with the busy period that it ends in, max over j of (release j + work of all released
-    from j on), whatever the turns' size.
+    Turns lose no time, so the last ends with the busy period that it ends in, whatever the turns' size: max
+    over j of (release j + work of all released from j on).
     """
     ordered = sorted(releases_s)
     return max(release + (len(ordered) - j) * work_s for j, release in enumerate(ordered))
 
 
 def round_robin_s(releases_s: Sequence[float], chunks: int, chunk_s: float) -> list[float]:
-    """Return when each of several nodes has read its message, chunk by chunk in turn, given when each starts.
-
-    Each message has so many chunks of `chunk_s` seconds. The reference for `shared_s`: slow, and exact.
-    """
+    """Return when each node has read `chunks` chunks of `chunk_s` s in turn; slow, exact, for `shared_s`."""
     left = [chunks] * len(releases_s)
     finished_s = list(releases_s)
     now_s, turn = min(releases_s), -1
@@ -330,9 +322,8 @@ def _delivered_s(readers: int, message_bytes: int, costs: Costs) -> float:
 def _all_read_s(hardware: int, readers: int, message_bytes: int, costs: Costs) -> float:
     """Return the delay until the last hardware reader has read over the shared interface.
 
-    Either the interface is the bottleneck, busy from the first hardware reader's delivery on, or the deliveries
-    are, and the last reader finds it free. The mean place of the first of h among r readers is (r + 1)/(h + 1),
-    and h times that of the last.
+    Either the interface is the bottleneck, or the deliveries are, and the last reader finds it free. The mean
+    place of the first of h among r readers is (r + 1)/(h + 1), and h times that of the last.
     """
     place = (readers + 1) / (hardware + 1) * costs.delivery_s(message_bytes)
     read_s = costs.memory.read_s(message_bytes)
@@ -365,10 +356,7 @@ def judged_s(times: Times, setup: Setup, judge: Judge) -> float:
 
 
 def faster_transport(setup: Setup, judge: Judge = Judge.LAST, costs: Costs = STORED) -> Transport:
-    """Return the software-mapped topic or the gateway, whichever is faster; the topic if they are equal.
-
-    The setup's own transport does not matter; the judge says whose time counts.
-    """
+    """Return what is faster for a judge, whatever the setup's own; the software-mapped topic if equal."""
     smt, gateway = (replace(setup, transport=kind) for kind in (Transport.SMT, Transport.GATEWAY))
     smt_s, gateway_s = (judged_s(transfer_times(item, costs), item, judge) for item in (smt, gateway))
     return Transport.GATEWAY if gateway_s < smt_s else Transport.SMT

@@ -1,10 +1,9 @@
 """Paper values of paper C, section 4, how far the model is from them, and the one fit of its free constants.
 
-Fig. 6 and 7 reach us as text: ends of ranges and tendencies, all of them ratios. Ends are numbers with a
-residual; tendencies hold or do not. Six constants are fitted to seven ratios, by least squares on their
-logarithms: so nearly as many constants as numbers that agreement shows only that the numbers are possible
-together; more telling is what was not fitted (`TENDENCIES`), and what the assumed constants change
-(`sensitivity`). Refuses to know how a time comes about.
+Fig. 6 and 7 reach us as text: ends of ranges, which are ratios with a residual, and tendencies, which hold or
+do not. Six constants are fitted to seven ratios, by least squares on their logarithms: that shows only that the
+numbers are possible together. More telling is what was not fitted (`TENDENCIES`), and what the assumed
+constants change (`sensitivity`).
 """
 
 from __future__ import annotations
@@ -222,11 +221,7 @@ class Variant:
 
 
 def fit(start: Costs = STORED) -> Fit:
-    """Fit the fitted constants to `PAPER_VALUES` from where they start; all other constants stay.
-
-    Raises:
-        FitError: The solver did not converge.
-    """
+    """Fit the fitted constants to `PAPER_VALUES` from where they start; FitError where it does not converge."""
     from scipy.optimize import least_squares
 
     values = fitted_values(start)

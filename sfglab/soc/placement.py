@@ -66,11 +66,9 @@ class Platform:
 def platform_from_costs(name: str, *, lut: int, bram: float, costs: Costs = STORED) -> Platform:
     """Return a platform of this area whose carriages take what the memory interface model says they add.
 
-    Look-up tables and block memories of 36 kbit are for nodes and gateways. One more carriage of a
-    software-mapped topic is a delivery, a call to the delegate and a read of the message; one through a
-    gateway is the same with the core's own work on a message. That a gateway also cancels its request when
-    hardware publishes, and what writes take beyond reads, is left out: node mapping wants one number for
-    each.
+    One more carriage of a software-mapped topic is a delivery, a call to the delegate and a read of the
+    message; one through a gateway is the same with the core's own work. Cancels, and what writes take beyond
+    reads, are left out: node mapping wants one number for each.
     """
     chunk_bytes = costs.memory.chunk_bytes
     carriage_s = costs.delegate_s + costs.deliver_s
@@ -112,11 +110,7 @@ class Load:
         return self.lut <= platform.lut and self.bram <= platform.bram
 
     def check_fits(self, platform: Platform) -> None:
-        """Refuse areas that are not there.
-
-        Raises:
-            SfglabError: They are not.
-        """
+        """Refuse, as an SfglabError, areas that are not there."""
         if not self.fits(platform):
             raise SfglabError(
                 f"mapping: takes {self.lut} LUT and {self.bram:g} BRAM, "
@@ -125,11 +119,7 @@ class Load:
 
 
 def assess(graph: Graph, platform: Platform) -> Load:
-    """Return what a graph takes, with nodes and topics as they are mapped.
-
-    Raises:
-        InvalidValueError: A topic that crosses has no size or no rate.
-    """
+    """Return what a graph takes as mapped; InvalidValueError where a topic that crosses has no size or rate."""
     placed = [node for node in graph.nodes if node.in_hardware]
     gateways = len(graph.mapped_to(TopicMapping.GATEWAY))
     known = [node.hardware for node in placed if node.hardware is not None]

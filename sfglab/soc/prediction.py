@@ -1,10 +1,9 @@
 """Predictions of paper C's stated speed-ups out of sample: each from priors and the other numbers alone.
 
-A fit of six constants to seven numbers agrees with nearly any seven numbers. So every number is left out once:
-the constants get log-normal priors from what is known of such boards, the other six numbers narrow them (as
-exact as `NOISE` says), and the one left out is predicted. Intervals are those of the linearised posterior
-(Laplace's approximation on logarithms). By the same line a measurement on a board is worth by how much it would
-narrow the prediction. Refuses to know how a time comes about.
+A fit of six constants to seven numbers agrees with nearly any. So every number is left out once: the constants
+get log-normal priors from what is known of such boards, the other six numbers narrow them (as exact as `NOISE`
+says), and the one left out is predicted, with intervals of the linearised posterior (Laplace's approximation on
+logarithms). So a measurement on a board is worth by how much it would narrow the prediction.
 """
 
 from __future__ import annotations

@@ -2,8 +2,7 @@
 
 A pose reads as ``target_from_source``: it takes a point's coordinates in the source frame to those in the
 target frame, and is at the same time the source frame's place in the target frame, as TF has it. Quaternions
-are in ROS's order, x, y, z, w. Arithmetic is plain Python, because a single product through SciPy costs several
-times as much; tests hold it against SciPy. Knows geometry_msgs. Refuses to know which frames there are.
+are in ROS's order, x, y, z, w. Plain Python, because one product through SciPy costs several times as much.
 """
 
 from __future__ import annotations
@@ -70,9 +69,7 @@ class Pose:
         *,
         place: str = "pose",
     ) -> Self:
-        """Return a pose from x, y, z and a quaternion x, y, z, w of any length above 1e-6.
-
-        Messages name the place where the numbers come from: "fleet.yaml: agents.go2.pose".
+        """Return a pose of x, y, z and a quaternion x, y, z, w; the place of a file's key is for messages.
 
         Raises:
             PoseError: As for the class, naming the place.
@@ -143,9 +140,9 @@ class Pose:
         return (x + px, y + py, z + pz)
 
     def interpolate(self, other: Pose, fraction: float) -> Pose:
-        """Return the pose on the way to another: position linear, orientation by SLERP the short way around.
+        """Return the pose at a fraction of the way to another: position linear, SLERP the short way around.
 
-        Fraction 0 is here, 1 there; below and above the motion goes on at the same rates.
+        Below 0 and above 1 the motion goes on at the same rates.
 
         Source:
             K. Shoemake: Animating rotation with quaternion curves, SIGGRAPH 1985.

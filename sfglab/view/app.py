@@ -86,13 +86,8 @@ def view_log(
     """Show a log, an MCAP file or a bag that rosbags reads; return what became of messages, one a display.
 
     Without a session all is shown that can be. Messages pass `progress` on their way. `on_shown` is called once
-    with the session when all is sent; what is served is so as long as it runs.
-
-    Raises:
-        LogError: There is no such file.
-        SfglabError: It cannot be read.
-        SinkError: What is shown cannot be sent.
-        MissingExtraError: Rerun is not installed.
+    with the session when all is sent; what is served is so as long as it runs. Raises LogError or another
+    SfglabError where it cannot be read, SinkError where it cannot be sent, MissingExtraError without Rerun.
     """
     with open_log(path) as log:
         topics = log.topics
@@ -117,11 +112,7 @@ async def view_live(
     """Show what is on the bus, until cancelled.
 
     The session may change meanwhile; None follows all topics that can be shown. `on_start` is called once with
-    it, when the bridge runs.
-
-    Raises:
-        SinkError: What is shown cannot be sent any more.
-        MissingExtraError: Rerun is not installed.
+    it, when the bridge runs. Raises SinkError and MissingExtraError as `view_log`.
     """
     follow = session is None
     session = session or session_for({}, options)

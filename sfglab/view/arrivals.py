@@ -51,12 +51,7 @@ def capture_ns(arrival: Arrival) -> int:
 
 
 def decoded(arrival: Arrival) -> Any:
-    """Return the message.
-
-    Raises:
-        CdrError: The bytes are not of the type.
-        UnknownTypeError: There is no such type.
-    """
+    """Return the message; CdrError where the bytes are not of the type, UnknownTypeError for no type."""
     return _decoder(arrival.type_name)(arrival.cdr) if arrival.message is None else arrival.message
 
 
@@ -101,11 +96,7 @@ class Log:
 
 @contextmanager
 def open_log(path: str | Path) -> Iterator[Log]:
-    """Open a log or bag; types unknown to this process, or with other fields, are decoded by its definitions.
-
-    Raises:
-        LogError: There is no such log, or it cannot be read.
-    """
+    """Open a log or bag, whose own definitions decode unknown types; LogError where there is none."""
     with LogReader(path) as reader:
 
         def ours(topics: Collection[str]) -> Iterator[Arrival]:

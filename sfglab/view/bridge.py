@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 from sfglab.bus import ClosedError, EndpointAdded, EndpointKind, EndpointRemoved
 from sfglab.bus.api import OFFER_KEY, entries
+from sfglab.bus.listing import requested
 from sfglab.errors import SfglabError
 from sfglab.qos import Durability, QoSProfile, Reliability
 from sfglab.view.arrivals import Arrival
@@ -24,7 +25,7 @@ from sfglab.view.stage import Stage, Surface
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from sfglab.bus import EndpointEvent, EndpointInfo, Node
+    from sfglab.bus import EndpointEvent, Node
     from sfglab.view.session import Session
     from sfglab.view.stage import Job
 
@@ -34,16 +35,6 @@ _MOST_DISPLAYS = 500
 """How many displays are added by themselves, so that a flood of topics costs no more than this."""
 
 _Key = tuple[str, str, QoSProfile]
-
-
-def requested(declared: QoSProfile, offered: Iterable[QoSProfile]) -> QoSProfile:
-    """Return what to request so that it matches all that is offered, as near as can be to what is declared."""
-    profiles = tuple(offered)
-    if any(profile.reliability is Reliability.BEST_EFFORT for profile in profiles):
-        declared = replace(declared, reliability=Reliability.BEST_EFFORT)
-    if any(profile.durability is Durability.VOLATILE for profile in profiles):
-        declared = replace(declared, durability=Durability.VOLATILE)
-    return declared
 
 
 def strongest(profiles: Iterable[QoSProfile]) -> QoSProfile:
@@ -109,11 +100,7 @@ class Bridge:
         return self._stage
 
     async def failed(self) -> None:
-        """Return never, but raise what ended the drawing.
-
-        Raises:
-            SinkError: The viewer or the file does not take any more.
-        """
+        """Return never, but raise what ended the drawing: SinkError where the place takes no more."""
         assert self._drawing is not None
         await asyncio.shield(self._drawing)
 
@@ -185,7 +172,7 @@ class Bridge:
         profiles: dict[tuple[str, str], list[QoSProfile]] = {}
         for display in self._session.displays:
             for given, topic, profile in display.inputs if display.enabled else ():
-                offers = qos_of(self._node.graph.publishers(topic), given.type)
+                offers = [e.qos for e in self._node.graph.publishers(topic) if e.type == given.type]
                 adapted = profile if given.role in display.qos else requested(profile, offers)
                 profiles.setdefault((topic, given.type), []).append(adapted)
         for (topic, type_name), asked in profiles.items():
@@ -228,8 +215,3 @@ class Bridge:
     async def _do(self, job: Job | None) -> None:
         if job is not None:
             await asyncio.get_running_loop().run_in_executor(self._thread, job, self._surface)
-
-
-def qos_of(endpoints: Iterable[EndpointInfo], type_name: str) -> tuple[QoSProfile, ...]:
-    """Return what endpoints of a type offer."""
-    return tuple(endpoint.qos for endpoint in endpoints if endpoint.type == type_name)

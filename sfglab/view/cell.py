@@ -33,14 +33,11 @@ _KINDS, _TOKEN = {PROGRAM: "text/javascript", WASM: "application/wasm"}, token_u
 
 
 class CellViewer:
-    """A viewer; `widget` is what a cell shows.
+    """A viewer; `widget` is what a cell shows; MissingExtraError without the notebook's part of Rerun.
 
     Its height is in pixels; the still picture, PNG, is for pages that cannot have the viewer. `on_page` is
     called when a page has the viewer: what is sent then is not too early; `on_time` with the time that it
     shows, ns, whenever that changes.
-
-    Raises:
-        MissingExtraError: The notebook's part of Rerun is not installed.
     """
 
     def __init__(

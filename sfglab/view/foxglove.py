@@ -15,12 +15,12 @@ from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any, Self
 
 from sfglab.bus import ClosedError, EndpointAdded, EndpointKind
+from sfglab.bus.listing import requested
 from sfglab.errors import MissingExtraError, SfglabError
 from sfglab.fleet.decoder.streams import routes_of_topic
 from sfglab.fleet.status.heartbeat import heartbeat_topic
 from sfglab.messages import definition
 from sfglab.qos import Durability, QoSProfile
-from sfglab.view.bridge import qos_of, requested
 
 if TYPE_CHECKING:
     from sfglab.bus import EndpointEvent, Node
@@ -145,8 +145,13 @@ class FoxgloveBridge:
 
     async def _read(self, topic: str) -> None:
         type_name, channel = self._types[topic], self._channels[topic]
-        offers = qos_of(self._node.graph.publishers(topic), type_name)
-        subscription = self._node.create_subscription(type_name, topic, qos=requested(_QOS, offers), raw=True)
+        offers = [e.qos for e in self._node.graph.publishers(topic) if e.type == type_name]
+        try:
+            qos = requested(_QOS, offers)
+            subscription = self._node.create_subscription(type_name, topic, qos=qos, raw=True)
+        except SfglabError as error:
+            self.left_out[topic] = str(error)
+            return
         try:
             while True:
                 cdr, info = await subscription.take_with_info()
@@ -161,9 +166,7 @@ def layout_of_fleet(fleet: Fleet, *, frame: str = "map") -> str:
     """Return the layout, as JSON that Foxglove imports, of a fleet: space, each stream's picture, heartbeats.
 
     Pictures are those that the decoder offers on this device (A 4.3), raw, since the app knows no FFMPEGPacket.
-
-    Raises:
-        MissingExtraError: foxglove-sdk is not installed.
+    Raises MissingExtraError without foxglove-sdk.
     """
     _library()
     from foxglove import layouts

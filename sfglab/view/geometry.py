@@ -41,11 +41,8 @@ _POINT_TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8
 def pixels(image: Any) -> NDArray[Any]:
     """Return the pixels of a ``sensor_msgs/msg/Image``, without its padding and in this machine's byte order.
 
-    Returns:
-        Shape (height, width) or (height, width, channels); a view on the message where that is possible.
-
-    Raises:
-        InvalidValueError: The encoding is not known, or the sizes do not fit the data.
+    Their shape is (height, width) or (height, width, channels); a view on the message where that is possible.
+    An unknown encoding, and sizes that do not fit the data, are InvalidValueErrors.
     """
     if image.encoding not in _CHANNELS:
         raise InvalidValueError("image encoding", image.encoding, f"{', '.join(_CHANNELS)}")
@@ -75,10 +72,8 @@ def depth_in_m(depth: NDArray[Any]) -> NDArray[np.float32]:
 def pinhole_matrix(info: Any) -> NDArray[np.float64]:
     """Return the 3 x 3 matrix of a ``sensor_msgs/msg/CameraInfo`` for a rectified image.
 
-    That is the left part of P where it is given, else K; distortion is not applied.
-
-    Raises:
-        InvalidValueError: Neither has positive focal lengths.
+    That is the left part of P where it is given, else K; distortion is not applied. Raises InvalidValueError
+    where neither has positive focal lengths.
     """
     projection = np.asarray(info.p, dtype=np.float64).reshape(3, 4)[:, :3]
     matrix = projection if projection[0, 0] > 0 else np.asarray(info.k, dtype=np.float64).reshape(3, 3)
@@ -104,8 +99,7 @@ def depth_points(
         color: RGB picture, registered to the depth image; where it has another size it is sampled.
         max_m: Depth beyond which pixels are left out.
 
-    Returns:
-        Points in the camera's optical frame (z forward, REP 103), and their colours, shape (N, 3).
+    Returns points in the camera's optical frame (z forward, REP 103), and their colours, shape (N, 3).
     """
     z = depth_in_m(depth[::decimation, ::decimation])
     rows, columns = np.nonzero((z > 0) & (z <= max_m))
@@ -133,14 +127,7 @@ def scan_points(scan: Any) -> NDArray[np.float32]:
 
 
 def cloud_points(cloud: Any) -> tuple[NDArray[np.float32], NDArray[Any]]:
-    """Return the finite points of a ``sensor_msgs/msg/PointCloud2``, and all fields of these points.
-
-    Returns:
-        Points; and the same points as a structured array with the cloud's own field names.
-
-    Raises:
-        InvalidValueError: It has no x, y, z, or its sizes do not fit its data.
-    """
+    """Return a PointCloud2's finite points with all their fields, structured; InvalidValueError without xyz."""
     records = _records(cloud)
     if not {"x", "y", "z"} <= set(records.dtype.names or ()):
         names = ", ".join(records.dtype.names or ()) or "none"
@@ -151,10 +138,7 @@ def cloud_points(cloud: Any) -> tuple[NDArray[np.float32], NDArray[Any]]:
 
 
 def cloud_colors(records: NDArray[Any]) -> NDArray[np.uint8] | None:
-    """Return the colours of a cloud's points, shape (N, 3), None where it has none.
-
-    PCL packs them into the bits of a field ``rgb`` or ``rgba``: 0xAARRGGBB, declared as a float or an integer.
-    """
+    """Return a cloud's colours, (N, 3), from PCL's bits 0xAARRGGBB in ``rgb`` or ``rgba``; None without."""
     name = next((n for n in ("rgb", "rgba") if n in (records.dtype.names or ())), None)
     if name is None or records.dtype[name].itemsize != 4:
         return None
@@ -176,11 +160,7 @@ def colors_by_value(values: NDArray[Any]) -> NDArray[np.uint8]:
 
 
 def covariance_ellipsoid(covariance: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
-    """Return half sizes (one standard deviation) and orientation of a 3 x 3 covariance, None without one.
-
-    Returns:
-        Half sizes, shape (3,); orientation as a quaternion x, y, z, w.
-    """
+    """Return half sizes (3,), one sigma, and orientation (x, y, z, w) of a 3 x 3 covariance, or None."""
     from scipy.spatial.transform import Rotation
 
     matrix = np.asarray(covariance, dtype=np.float64).reshape(3, 3)

@@ -43,11 +43,7 @@ class Panel:
         self._close = session.listen(self._changed)
 
     def parameter(self, id_: str, name: str) -> Any:
-        """Return the widget of one parameter of a display; setting its value tunes the display.
-
-        Raises:
-            InvalidValueError: There is no such display or parameter.
-        """
+        """Return the widget of a display's parameter, which tunes it; InvalidValueError where there is none."""
         self._session.display(id_)
         tuned = self._tuned[id_]
         if name not in tuned:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import re
 import socket
 from contextlib import closing, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -27,11 +27,7 @@ if TYPE_CHECKING:
 
 
 def rerun() -> Any:
-    """Return the Rerun SDK.
-
-    Raises:
-        MissingExtraError: It is not installed.
-    """
+    """Return the Rerun SDK; MissingExtraError where it is not installed."""
     try:
         import rerun
     except ImportError as error:
@@ -119,23 +115,13 @@ class RerunCanvas:
         display(self.in_cell().widget)
 
     def settle(self, size_bytes: int) -> None:
-        """Wait until the sinks have taken everything, if much is on its way or the last time was a second ago.
-
-        A viewer that is gone is so noticed within seconds, also when little is drawn.
-
-        Raises:
-            SinkError: They do not take it.
-        """
+        """Wait for the sinks when much is on its way, or once a second, so that one gone is seen: SinkError."""
         self.pending_bytes += size_bytes
         if self.pending_bytes >= WINDOW_BYTES or abs(self._now_ns - self._flushed_ns) >= NS_PER_S:
             self.flush()
 
     def flush(self) -> None:
-        """Wait until the sinks have taken everything.
-
-        Raises:
-            SinkError: They do not take it within ten seconds.
-        """
+        """Wait until the sinks have taken everything; SinkError where that takes more than ten seconds."""
         try:
             self.recording.flush(timeout_sec=_TAKE_LIMIT_S)
         except (RuntimeError, ValueError, OSError) as error:
@@ -249,49 +235,38 @@ _PICTURES = (
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Camera:
-    """A view of one stream of pictures."""
-
-    name: str  #: For people.
-    entity: str  #: What it shows.
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class Layout:
     """What a viewer shows side by side."""
 
     frame: str = ""  #: The frame in which space is drawn; empty leaves the choice to the viewer.
     agents: tuple[str, ...] = ()  #: Whose heartbeats and states are drawn.
-    cameras: tuple[Camera, ...] = ()  #: One view each.
+    #: One view each: what it shows, by a name for people.
+    cameras: Mapping[str, str] = field(default_factory=dict)
     #: Whether heartbeats and states are drawn; without `agents` those of all that turn up.
     communication: bool = False
 
 
 def layout_of_fleet(fleet: Fleet, *, frame: str = "map") -> Layout:
     """Return the layout of a fleet, drawn in a frame: a view for every stream that its agents announce."""
-    cameras = [
-        Camera(name=f"{agent.name} {sensor.name} {stream.codec}", entity=entity_of_topic(stream.topic))
+    cameras = {
+        f"{agent.name} {sensor.name} {stream.codec}": entity_of_topic(stream.topic)
         for agent in fleet.agents
         for sensor in agent.sensors
         for stream in sensor.streams
-    ]
+    }
     agents = tuple(agent.name for agent in fleet.agents)
-    return Layout(frame=frame, agents=agents, cameras=tuple(cameras), communication=True)
+    return Layout(frame=frame, agents=agents, cameras=cameras, communication=True)
 
 
 def layout_of_topics(topics: Mapping[str, str], *, frame: str = "") -> Layout:
     """Return a layout, drawn in a frame, for topics alone, given type by topic."""
     pictures = sorted(topic for topic, type_name in topics.items() if type_name in _PICTURES)
-    cameras = tuple(Camera(name=topic, entity=entity_of_topic(topic)) for topic in pictures)
+    cameras = {topic: entity_of_topic(topic) for topic in pictures}
     return Layout(frame=frame, cameras=cameras, communication=AGENT_HEARTBEAT in topics.values())
 
 
 def blueprint(layout: Layout) -> Any:
-    """Return Rerun's blueprint of a layout.
-
-    Raises:
-        MissingExtraError: Rerun is not installed.
-    """
+    """Return Rerun's blueprint of a layout; MissingExtraError without Rerun."""
     rerun()
     import rerun.blueprint as rrb
 
@@ -300,8 +275,8 @@ def blueprint(layout: Layout) -> Any:
     ]
     if layout.cameras:
         cameras = (
-            rrb.Spatial2DView(origin=c.entity, contents=c.entity, name=c.name)
-            for c in layout.cameras  # no points
+            rrb.Spatial2DView(origin=entity, contents=entity, name=name)  # no points
+            for name, entity in layout.cameras.items()
         )
         views.append(rrb.Grid(*cameras, name="cameras"))
     upper = rrb.Horizontal(*views, column_shares=[3, 2][: len(views)])
@@ -312,7 +287,7 @@ def blueprint(layout: Layout) -> Any:
 
 def _contents(layout: Layout) -> list[str]:
     """Return what space holds: everything but pictures of depth, whose points it holds already, coloured."""
-    depths = [camera.entity for camera in layout.cameras if "depth" in camera.entity]
+    depths = [entity for entity in layout.cameras.values() if "depth" in entity]
     return ["/**", *(rule for depth in depths for rule in (f"- {depth}", f"+ {depth}/cloud"))]
 
 

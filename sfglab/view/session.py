@@ -79,11 +79,7 @@ def available() -> Registry:
 
 
 def find(name: str) -> type[Visualizer]:
-    """Return a visualizer by its name.
-
-    Raises:
-        InvalidValueError: None of that name is installed.
-    """
+    """Return a visualizer by its name; InvalidValueError where none of that name is installed."""
     kinds = available().kinds
     if name not in kinds:
         raise InvalidValueError("visualizer", name, _listed(kinds))
@@ -153,9 +149,8 @@ class Offer:
 class Session:
     """The displays.
 
-    Raises:
-        InvalidValueError: By every method that takes an id, a role or a value: there is none of that name, or
-            it is not allowed.
+    Every method refuses, as an InvalidValueError, an id, a role or a value that there is not or that is not
+    allowed.
     """
 
     def __init__(self) -> None:
@@ -182,13 +177,7 @@ class Session:
         *,
         qos: Mapping[str, QoSProfile] | None = None,
     ) -> Display:
-        """Add a display of a visualizer, or of the name of an installed one; a topic alone is its first role's.
-
-        Settings are those that differ from their defaults; QoS, by role, replaces what the visualizer declares.
-
-        Raises:
-            InvalidValueError: There is no such visualizer, a topic is missing, or a value not allowed.
-        """
+        """Add a display of a visualizer or its name; a topic alone is the first role's, QoS goes by role."""
         kind = find(kind) if isinstance(kind, str) else kind
         topics = {kind.inputs[0].role: topics} if isinstance(topics, str) else topics
         visualizer = kind(topics, settings)
@@ -233,10 +222,7 @@ class Session:
     def rewire(
         self, id_: str, *, qos: Mapping[str, QoSProfile] | None = None, sync: SyncPolicy | None = None
     ) -> None:
-        """Change what a display requests and which messages belong together; what waited is gone.
-
-        QoS is by role, in addition to what was given before; without a policy it stays as it is.
-        """
+        """Change a display's QoS, by role, or its policy, where given; what waited is gone."""
         display = self.display(id_)
         for role, profile in (qos or {}).items():
             if role not in display.visualizer.topics:

@@ -49,10 +49,7 @@ class Taken(NamedTuple, Generic[T]):
 
 
 class Slot(Generic[T]):
-    """The queue of one visualizer.
-
-    The first role leads; of steady ones a message may hold for good. `queue` sets wait for their turn.
-    """
+    """The queue of a visualizer's sets; the first role leads, a message of steady ones may hold for good."""
 
     def __init__(
         self,
@@ -111,11 +108,7 @@ class Slot(Generic[T]):
 
 
 class RateBudget:
-    """Lets at most `max_hz` events a second pass, evenly; None: everything.
-
-    Events that come in step with the budget pass although they jitter: half a period that an event was late is
-    credited to the next one.
-    """
+    """Lets `max_hz` events a second pass evenly, half a period late credited to the next; None: everything."""
 
     def __init__(self, max_hz: float | None) -> None:
         self.dropped = 0  #: Events that did not pass.

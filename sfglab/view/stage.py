@@ -29,11 +29,7 @@ class Surface(Canvas, Protocol):
     """A canvas that somebody owns."""
 
     def settle(self, size_bytes: int) -> None:
-        """Take note that an update of this size was drawn; wait if too much is on its way.
-
-        Raises:
-            SinkError: It cannot be sent any more.
-        """
+        """Take note of an update of this size; wait if too much is on its way. SinkError ends it all."""
 
     def close(self) -> None:
         """Send what is left and let go; again is harmless."""
@@ -125,10 +121,7 @@ class Stage:
         return None
 
     def tick(self, now_ns: int, facts: Iterable[EndpointEvent] = ()) -> Job | None:
-        """Return what is to be done as the received clock goes by; None when nothing is due.
-
-        Facts are what happened on the bus since the last call, which every display is told.
-        """
+        """Return what is due as the received clock goes by, or None; all displays are told new facts."""
         due = tuple(d for d in self._session.displays if d.enabled and self._is_due(d, now_ns))
         told = tuple(facts)
         if not due and not told:
@@ -185,11 +178,7 @@ def wanted_topics(session: Session) -> frozenset[str]:
 
 
 def replay(arrivals: Iterable[Arrival], session: Session, surface: Surface) -> int:
-    """Draw messages, as they were received, and what changes with time between them; return how many were read.
-
-    Raises:
-        SinkError: The surface does not take any more.
-    """
+    """Draw messages, and what changes with time between; return how many; SinkError if the surface ends."""
     stage, count, last_ns = Stage(session), 0, None
     try:
         for count, arrival in enumerate(arrivals, start=1):  # noqa: B007 - counts what was read

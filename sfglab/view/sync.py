@@ -1,11 +1,9 @@
 """Synchronisation of messages of several topics: exact and approximate time, and latest.
 
-Pure: knows stamps and opaque items, no message and no clock. Every policy keeps the promises of ROS 2's
-message_filters: an item is handed out once at most, sets come out in the order of time, and what waits is
-bounded by `depth` items of each topic. What is dropped unmatched is counted.
-
-Stamps of one topic have to rise; an item that is not newer than the last one of its topic is dropped as
-disordered, so a clock that jumps back needs `clear`.
+Pure: knows stamps and opaque items. Every policy keeps the promises of ROS 2's message_filters: an item is
+handed out once at most, sets come out in the order of time, and what waits is bounded by `depth` items of each
+topic. What is dropped unmatched is counted, and so is an item that is not newer than the last one of its topic;
+a clock that jumps back needs `clear`.
 """
 
 from __future__ import annotations
@@ -54,11 +52,7 @@ class Approximate:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Latest:
-    """Every item of the first topic, with the latest item that each other topic has had, whatever its stamp.
-
-    For what changes rarely, such as a calibration that is published once. Only the first topic's items are
-    handed out once at most.
-    """
+    """Every item of the first topic, once at most, with the latest of each other, which changes rarely."""
 
 
 PATIENCE = 5
@@ -172,10 +166,7 @@ class _ApproximateSynchronizer(Synchronizer[T]):
         return any(len(q) > self._depth for q in queues) or all(q[-1][0] >= pivot_ns for q in queues)
 
     def _best(self, pivot_ns: int) -> dict[str, int]:
-        """Return the nearest items to the pivot; with three topics or more they may lie too far apart.
-
-        Then the last ones that are not after the pivot are taken: none of them is more than the slop before it.
-        """
+        """Return the nearest items to the pivot; where those lie too far apart, the last ones not after it."""
         nearest = {topic: _nearest(queue, pivot_ns) for topic, queue in self._queues.items()}
         stamps = [self._queues[topic][index][0] for topic, index in nearest.items()]
         if max(stamps) - min(stamps) <= self._slop_ns:
@@ -199,11 +190,7 @@ class _LatestSynchronizer(Synchronizer[T]):
 
 
 class _SteadySynchronizer(Synchronizer[T]):
-    """Matches by stamps, unless steady topics have spoken once and are silent since: then that item holds.
-
-    A calibration is published with every picture, or once for all. When one of the steady topics speaks again,
-    stamps decide again.
-    """
+    """Matches by stamps, unless steady topics spoke only once, as of a calibration: then that item holds."""
 
     def __init__(self, policy: SyncPolicy, topics: tuple[str, ...], steady: tuple[str, ...]) -> None:
         super().__init__(topics, depth=1)
@@ -270,10 +257,7 @@ class _IndependentSynchronizer(Synchronizer[T]):
 def synchronizer(
     policy: SyncPolicy, topics: tuple[str, ...], *, steady: tuple[str, ...] = ()
 ) -> Synchronizer[object]:
-    """Return the queues that a policy asks for; the first topic leads, and one alone needs no partner.
-
-    Steady ones, for what matches by stamps, may speak once for all; never the first.
-    """
+    """Return a policy's queues, led by the first topic; steady ones, not the first, may speak once for all."""
     match policy:
         case Exact() | Approximate() if steady and len(topics) > 1:
             return _SteadySynchronizer(policy, topics, steady)

@@ -103,11 +103,7 @@ class Canvas(Protocol):
 
 
 class Visualizer(ABC):
-    """Shows the messages of its inputs. Made for certain topics, and used by one thread.
-
-    Raises:
-        InvalidValueError: A value is not allowed, or a role is missing or unknown.
-    """
+    """Shows its inputs' messages, used by one thread; InvalidValueError for a wrong value or role."""
 
     name: ClassVar[str]  #: Under which it is added; unique among all that are installed.
     #: The first one leads: it gives the entity, and the time where that matters.
@@ -133,11 +129,7 @@ class Visualizer(ABC):
         return dict(self._settings)
 
     def tune(self, name: str, value: object) -> None:
-        """Change one parameter; it counts from the next update.
-
-        Raises:
-            InvalidValueError: There is no such parameter, or the value is not allowed.
-        """
+        """Change one parameter from the next update on; InvalidValueError as of `check_all`."""
         self._settings = check_all(self.parameters, {**self._settings, name: value})
 
     def __getitem__(self, name: str) -> Any:
@@ -145,11 +137,7 @@ class Visualizer(ABC):
 
     @abstractmethod
     def show(self, update: Update, canvas: Canvas) -> None:
-        """Draw one update.
-
-        Raises:
-            SfglabError: The messages cannot be shown; it is counted and told, and the next ones are tried.
-        """
+        """Draw one update; an SfglabError is counted and told, and the next ones are tried."""
 
     def tick(self, now_ns: int, canvas: Canvas) -> None:  # noqa: B027 - most have nothing to do
         """Draw what changes as time goes by; called `tick_hz` times a second of the received clock."""
@@ -227,11 +215,7 @@ class Parameter:
         return number + low + high
 
     def check(self, value: object) -> Setting:
-        """Return a value in the parameter's type.
-
-        Raises:
-            InvalidValueError: It is of another type or out of range.
-        """
+        """Return a value in the parameter's type; InvalidValueError where it is of another or out of range."""
         checked = self._converted(value)
         if isinstance(checked, str):
             fits = not self.choices or checked in self.choices
@@ -252,11 +236,7 @@ class Parameter:
 
 
 def check_all(parameters: Iterable[Parameter], values: Mapping[str, object]) -> dict[str, Setting]:
-    """Return a value for every parameter: the given one, checked, or the default.
-
-    Raises:
-        InvalidValueError: A value is not allowed, or belongs to no parameter.
-    """
+    """Return each parameter's given value, checked, or its default; InvalidValueError for what is wrong."""
     known = {parameter.name: parameter for parameter in parameters}
     for name in values:
         if name not in known:

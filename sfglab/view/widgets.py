@@ -19,11 +19,7 @@ if TYPE_CHECKING:
 
 
 def widgets() -> Any:
-    """Return ipywidgets.
-
-    Raises:
-        MissingExtraError: They are not installed.
-    """
+    """Return ipywidgets; MissingExtraError where they are not installed."""
     try:
         return import_module("ipywidgets")
     except ImportError as error:
@@ -31,12 +27,10 @@ def widgets() -> Any:
 
 
 def front_end(module: Path, traits: Mapping[str, str]) -> Any:
-    """Return the class of a widget whose part in the page is an ES module of our own.
+    """Return the class of a widget whose part in the page is an ES module of our own, through anywidget.
 
-    Traits are what both sides share: names, and what traitlets calls their kinds, as ``Unicode``.
-
-    Raises:
-        MissingExtraError: anywidget is not installed.
+    Traits are what both sides share: names, and what traitlets calls their kinds, as ``Unicode``. Raises
+    MissingExtraError without anywidget.
     """
     try:
         anywidget, traitlets = import_module("anywidget"), import_module("traitlets")
@@ -74,11 +68,7 @@ LOOPBACK = "127.0.0.1"
 
 
 def address_of_port(port: int) -> str:
-    """Return the address of a page that this machine serves at a port of its loopback.
-
-    Below the notebook server's own path where one runs this kernel, so that it works through whatever leads
-    to that server; else on the loopback.
-    """
+    """Return the address of a page at a port of loopback, below the kernel's notebook server if any."""
     if find_spec("jupyter_server_proxy") is not None:
         from jupyter_server.serverapp import list_running_servers
 

@@ -14,6 +14,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from sfglab.arp.recorded import host_of, topics_from_log, topics_text
 from sfglab.arp.topics import load_topics, read_topics
+from sfglab.documents import Document
 from sfglab.errors import InvalidValueError, SfglabError
 from sfglab.record import LogReader, LogWriter
 from sfglab.record.traffic import COMPUTATION_GRAPH
@@ -80,7 +81,7 @@ def test_who_publishes_and_subscribes_decides_what_crosses(tmp_path):
         ("/a: {", "go2", ("base", "spot"), 1.0),
         ("/global/go2/scan", "go2", "station", 1.0),
     ]
-    assert read_topics(topics_text(topics, "a\n.mcap")).topics == topics
+    assert read_topics(Document(topics_text(topics, "a\n.mcap"), "a.yaml")).topics == topics
     assert left_out == {
         "/own": "it stays on go2",
         "/both": "more than one host publishes it: go2, spot",

@@ -6,12 +6,16 @@ import pytest
 
 from sfglab.arp.robots import ROBOTS, SENSORS, cdr_bytes, object_bytes
 from sfglab.arp.topics import load_topics, read_topics
-from sfglab.documents import DocumentError
+from sfglab.documents import Document, DocumentError
 from sfglab.qos import Durability, Reliability
 from sfglab.rtps import CYCLONE_DDS, FAST_DDS, Medium
 
 DATA = Path(__file__).parents[2] / "data" / "qos"
 ONE = "topics:\n  /a: {from: robot, to: station, size_bytes: 8}\n"
+
+
+def read(text):
+    return read_topics(Document(text, "t.yaml"))
 
 
 def test_paper_bs_file_has_table_1s_sensors_hello_the_localisation_result_and_the_models_usual_link():
@@ -27,12 +31,12 @@ def test_paper_bs_file_has_table_1s_sensors_hello_the_localisation_result_and_th
 
 
 def test_what_a_file_leaves_out_has_the_usual_value_also_of_a_vendor_without_back_off():
-    given = read_topics(ONE)
+    given = read(ONE)
     topic = given.topics[0]
     assert (given.medium, given.vendor, given.agents) == (Medium(), FAST_DDS, ("robot",))
     assert (topic.rate_min_hz, topic.rate_max_hz, topic.weight, topic.change_s) == (1, 1000, 1, 1)
     assert (topic.reliability, topic.durability) == (Reliability.RELIABLE, Durability.VOLATILE)
-    vendor = read_topics(f"timing: {{heartbeat_ms: 50}}\n{ONE}").vendor
+    vendor = read(f"timing: {{heartbeat_ms: 50}}\n{ONE}").vendor
     assert vendor.heartbeat_ns == vendor.heartbeat_max_ns == 50_000_000
 
 
@@ -82,7 +86,7 @@ def line(text: str) -> str:
 )
 def test_each_mistake_is_named_by_file_topic_and_key(text, message):
     with pytest.raises(DocumentError, match=message):
-        read_topics(text, file="t.yaml")
+        read(text)
 
 
 def test_a_file_that_is_not_there_is_named(tmp_path):

@@ -12,26 +12,11 @@ from sfglab.bus.dds.clib import endpoint_qos, profile_from_dds
 from sfglab.bus.dds.domain import DomainConfig, domain_xml
 from sfglab.bus.endpoints import SampleQueue
 from sfglab.bus.errors import DomainError
+from sfglab.bus.shm import wire
 from sfglab.bus.shm.fanout import KEEP_ALL_BYTES, MAX_CREDITS, Fanout, SlotPool, credits_of, slot_capacity
-from sfglab.bus.shm.wire import (
-    DATA_OFFSET_BYTES,
-    HEADER_BYTES,
-    PAGE_BYTES,
-    Announcement,
-    Hello,
-    ProtocolError,
-    pack_announcement,
-    pack_hello,
-    pack_returns,
-    pack_welcome,
-    unpack_announcement,
-    unpack_hello,
-    unpack_returns,
-    unpack_welcome,
-)
 from sfglab.qos import Durability, History, QoSProfile
 
-ARENA = HEADER_BYTES + 64 * PAGE_BYTES
+ARENA = wire.HEADER_BYTES + 64 * wire.PAGE_BYTES
 
 
 def sample(data):
@@ -63,9 +48,9 @@ def test_keep_all_is_bounded_by_bytes_and_keeps_at_least_one():
 @given(st.integers(0, 100_000_000))
 def test_a_slot_fits_its_message_and_wastes_at_most_a_fifth_or_a_page(size):
     capacity = slot_capacity(size)
-    assert capacity % PAGE_BYTES == 0
-    assert capacity >= size + DATA_OFFSET_BYTES
-    assert capacity - size - DATA_OFFSET_BYTES < max(PAGE_BYTES, 0.26 * size + PAGE_BYTES)
+    assert capacity % wire.PAGE_BYTES == 0
+    assert capacity >= size + wire.DATA_OFFSET_BYTES
+    assert capacity - size - wire.DATA_OFFSET_BYTES < max(wire.PAGE_BYTES, 0.26 * size + wire.PAGE_BYTES)
 
 
 class Slots(RuleBasedStateMachine):
@@ -81,7 +66,7 @@ class Slots(RuleBasedStateMachine):
         slot = self.pool.acquire(size)
         if slot is not None:
             assert slot[0] not in self.used
-            self.used[slot[0]] = size + DATA_OFFSET_BYTES
+            self.used[slot[0]] = size + wire.DATA_OFFSET_BYTES
 
     @precondition(lambda self: self.used)
     @rule(data=st.data())
@@ -92,7 +77,7 @@ class Slots(RuleBasedStateMachine):
 
     @invariant()
     def disjoint_and_inside(self):
-        end = HEADER_BYTES
+        end = wire.HEADER_BYTES
         for offset in sorted(self.used):
             assert offset >= end
             end = offset + self.used[offset]
@@ -108,7 +93,7 @@ class FanoutRules(RuleBasedStateMachine):
 
     def __init__(self):
         super().__init__()
-        self.pool = SlotPool(HEADER_BYTES + 10_000 * PAGE_BYTES)
+        self.pool = SlotPool(wire.HEADER_BYTES + 10_000 * wire.PAGE_BYTES)
         self.fanout = Fanout(self.pool, history=2)
         self.sequence = 0
         self.depth = {}
@@ -128,7 +113,7 @@ class FanoutRules(RuleBasedStateMachine):
         for held in (*self.held.values(), *self.leaving.values()):
             assert offset not in held  # nobody's message is overwritten
         self.sequence += 1
-        announcement = Announcement(self.sequence, offset, 100, 0)
+        announcement = wire.Announcement(self.sequence, offset, 100, 0)
         for key in self.fanout.publish(announcement):
             self.deliver(key, announcement)
 
@@ -189,15 +174,15 @@ TestFanout = FanoutRules.TestCase
 
 
 def test_hoarders_of_the_largest_messages_leave_room_for_the_others_and_backlogs_are_bounded():
-    size = 2**26 - PAGE_BYTES
-    pool = SlotPool(HEADER_BYTES + 64 * slot_capacity(size))
+    size = 2**26 - wire.PAGE_BYTES
+    pool = SlotPool(wire.HEADER_BYTES + 64 * slot_capacity(size))
     fanout = Fanout(pool, history=0)
     for key, depth in enumerate((0, 0, 64, 10)):  # the last one returns what it gets
         fanout.join(key, depth, wants_history=False)
     for number in range(200):
         while (slot := pool.acquire(size)) is None:
             assert fanout.shed(), "nobody can publish"
-        assert 3 in fanout.publish(Announcement(number, slot[0], size, 0))
+        assert 3 in fanout.publish(wire.Announcement(number, slot[0], size, 0))
         assert fanout.returned(3, slot[0]) == []
         assert fanout.backlog(0) * size <= KEEP_ALL_BYTES
     fanout.gone(2)
@@ -208,42 +193,49 @@ def test_a_returned_slot_that_was_not_held_is_an_error():
     fanout = Fanout(SlotPool(ARENA), history=0)
     fanout.join(1, 1, wants_history=False)
     with pytest.raises(KeyError):
-        fanout.returned(1, HEADER_BYTES)
+        fanout.returned(1, wire.HEADER_BYTES)
 
 
 def test_datagrams_have_this_layout():
-    announcement = Announcement(sequence=1, offset=8192, size=100, source_timestamp_ns=-1)
+    announcement = wire.Announcement(sequence=1, offset=8192, size=100, source_timestamp_ns=-1)
     twin = "010000000000000000200000000000006400000000000000ffffffffffffffff"
-    assert pack_announcement(announcement).hex() == twin
-    assert unpack_announcement(bytes.fromhex(twin), ARENA) == announcement
-    assert pack_hello(Hello(depth=5, wants_history=True)).hex() == "736667730100010005000000"
-    assert unpack_hello(bytes.fromhex("736667730100010005000000")) == Hello(5, wants_history=True)
-    assert pack_welcome(b"g" * 16).hex() == "7366677301000000" + "67" * 16
-    assert unpack_welcome(pack_welcome(b"g" * 16)) == b"g" * 16
+    assert wire.pack_announcement(announcement).hex() == twin
+    assert wire.unpack_announcement(bytes.fromhex(twin), ARENA) == announcement
+    assert wire.pack_hello(wire.Hello(depth=5, wants_history=True)).hex() == "736667730100010005000000"
+    assert wire.unpack_hello(bytes.fromhex("736667730100010005000000")) == wire.Hello(5, wants_history=True)
+    assert wire.pack_welcome(b"g" * 16).hex() == "7366677301000000" + "67" * 16
+    assert wire.unpack_welcome(wire.pack_welcome(b"g" * 16)) == b"g" * 16
     for offsets in ((4096,), (4096, 8192, 12288), tuple(range(4096, 4096 * 9, 4096))):
-        assert unpack_returns(pack_returns(offsets)) == offsets
+        assert wire.unpack_returns(wire.pack_returns(offsets)) == offsets
 
 
 @given(st.binary(max_size=40))
 def test_any_other_bytes_are_a_protocol_error(data):
-    for unpack in (unpack_hello, unpack_welcome, unpack_returns):
-        with suppress(ProtocolError):  # and nothing else
+    for unpack in (wire.unpack_hello, wire.unpack_welcome, wire.unpack_returns):
+        with suppress(wire.ProtocolError):  # and nothing else
             unpack(data)
     try:
-        found = Announcement(*unpack_announcement(data, ARENA))
-    except ProtocolError:
+        found = wire.Announcement(*wire.unpack_announcement(data, ARENA))
+    except wire.ProtocolError:
         return
-    assert found.offset >= HEADER_BYTES
-    assert found.offset + DATA_OFFSET_BYTES + found.size <= ARENA
+    assert found.offset >= wire.HEADER_BYTES
+    assert found.offset + wire.DATA_OFFSET_BYTES + found.size <= ARENA
 
 
 @pytest.mark.parametrize(
     ("offset", "size"),
-    [(0, 10), (4097, 10), (ARENA, 0), (ARENA - PAGE_BYTES, PAGE_BYTES), (2**64 - 4096, 10), (8192, 2**64 - 1)],
+    [
+        (0, 10),
+        (4097, 10),
+        (ARENA, 0),
+        (ARENA - wire.PAGE_BYTES, wire.PAGE_BYTES),
+        (2**64 - 4096, 10),
+        (8192, 2**64 - 1),
+    ],
 )
 def test_an_announcement_outside_the_arena_is_refused(offset, size):
-    with pytest.raises(ProtocolError, match="inside the"):
-        unpack_announcement(pack_announcement(Announcement(1, offset, size, 0)), ARENA)
+    with pytest.raises(wire.ProtocolError, match="inside the"):
+        wire.unpack_announcement(wire.pack_announcement(wire.Announcement(1, offset, size, 0)), ARENA)
 
 
 def test_user_data_is_read_as_it_is_written_and_strangers_do_not_disturb():

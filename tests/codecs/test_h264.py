@@ -14,7 +14,6 @@ from sfglab.codecs import (
     BitstreamError,
     CodecError,
     CodecUnavailableError,
-    DecoderState,
     H264Decoder,
     H264Encoder,
     H264Settings,
@@ -102,11 +101,11 @@ def test_joining_late_refuses_packets_up_to_a_key_frame_and_then_gives_the_same_
     for frame in stream[:30]:
         early.decode(frame.data)
     assert [late.decode(frame.data) for frame in stream[25:30]] == [()] * 5
-    assert late.state is DecoderState.WAITING_FOR_KEYFRAME
+    assert late.waiting
     assert (late.refused_packets, late.broken_packets) == (5, 0)
     for frame in stream[30:40]:
         assert np.array_equal(early.decode_bgr(frame.data)[0], late.decode_bgr(frame.data)[0])
-    assert late.state is DecoderState.DECODING
+    assert not late.waiting
 
 
 def test_after_lost_packets_pictures_go_on_and_are_exact_again_at_the_next_key_frame(stream):
@@ -247,7 +246,7 @@ def test_frames_beyond_the_pixel_limit_are_refused(stream):
     decoder = H264Decoder(most_pixels=640 * 360 - 1)
     with pytest.raises(BitstreamError, match="libavcodec"):
         decoder.decode(stream[0].data)
-    assert decoder.state is DecoderState.WAITING_FOR_KEYFRAME
+    assert decoder.waiting
 
 
 SPS, PPS, SEI, IDR, P = b"\x67abc", b"\x68abc", b"\x06abc", b"\x65abc", b"\x41abc"
@@ -329,7 +328,7 @@ def working(monkeypatch):
 
     def only(*names):
         def verdict(name):
-            return probe.CodecProbe(name=name, works=name in names, reason="no device", hardware=True)
+            return probe.CodecProbe(name=name, works=name in names, reason="no device")
 
         monkeypatch.setattr(probe, "probe_encoder", verdict)
 

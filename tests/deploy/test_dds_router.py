@@ -42,7 +42,7 @@ def check(config, policy=None):
 
 @pytest.mark.parametrize("agent", AGENTS)
 def test_what_is_generated_passes_the_checker_and_the_policy(agent):
-    text = render_dds_router(LAB, agent, tf_max_hz=30)
+    text = render_dds_router(LAB, agent)
     assert check_dds_router(text, policy=LAB.policy) == ()
 
 
@@ -63,12 +63,6 @@ def test_it_says_what_table_1_and_the_paper_ask_for_and_from_what():
     assert local["whitelist-interfaces"] == ["127.0.0.1"]
     assert "whitelist-interfaces" not in outside
     assert "# To keep to wlan0" in text
-
-
-def test_a_transform_rate_is_written_only_where_asked_for():
-    assert "max-rx-rate" not in render_dds_router(LAB, "go2")
-    topics = yaml.safe_load(render_dds_router(LAB, "go2", tf_max_hz=12.5))["topics"]
-    assert topics[0] == {"name": "rt/tf", "qos": {"max-rx-rate": 12.5}, "participants": ["global"]}
 
 
 PATTERNS = [*(r.pattern for r in TABLE_1), "rt/local/x", "rt/*map", "r?/global/[ab]*", "rq/a*/b", "*"]

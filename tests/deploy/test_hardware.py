@@ -13,9 +13,8 @@ from hypothesis import strategies as st
 from sfglab.codecs.probe import DECODERS, ENCODERS, probe_encoder
 from sfglab.deploy.errors import DeployError
 from sfglab.deploy.hardware.accelerators import gfx_name
-from sfglab.deploy.hardware.board import MACHINES, elf_header, find_architecture
+from sfglab.deploy.hardware.board import MACHINES, MachineFiles, elf_header, find_architecture
 from sfglab.deploy.hardware.detection import PREFERENCE, codecs_found, detect, expected_codecs
-from sfglab.deploy.hardware.files import MachineFiles
 from sfglab.deploy.hardware.machine import CodecRole, DeviceGroup, render_machine
 from sfglab.fleet.fleet_file import Accelerator, Architecture
 from sfglab.lab.example_machines import EXAMPLES, write_example

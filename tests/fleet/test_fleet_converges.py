@@ -18,7 +18,7 @@ from waiting import DEADLINE_S, lives
 from sfglab.bus.address import BusAddress
 from sfglab.component import argument_of
 from sfglab.fleet.agent.app import SupervisorConfig
-from sfglab.fleet.agent.plan import AgentConfig
+from sfglab.fleet.agent.plan import AgentConfig, plan
 from sfglab.fleet.decoder.streams import routes_of_topic
 from sfglab.fleet.discovery.registry import Timing as DiscoveryTiming
 from sfglab.fleet.status.description import SensorDescription, StreamDescription
@@ -166,8 +166,9 @@ class Fleet:
         )
 
     async def start_agent(self, name: str) -> None:
-        config = argument_of(SupervisorConfig.of_agent(self.config(name)))
-        argv = self.testbed.argv(name, [sys.executable, "-m", "sfglab.fleet.agent.app", config])
+        config = self.config(name)
+        told = argument_of(SupervisorConfig(components=plan(config), timing=config.supervision))
+        argv = self.testbed.argv(name, [sys.executable, "-m", "sfglab.fleet.agent.app", told])
         self.agents[name] = await RunningAgent.begin(argv)
 
     async def start(self) -> None:

@@ -1,13 +1,10 @@
 """The fleet file: what it says becomes values, and what it must not say is refused with its place."""
 
-import contextlib
 import copy
 import re
 from pathlib import Path
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from sfglab.bus.address import BusAddress
 from sfglab.documents import DocumentError
@@ -85,29 +82,13 @@ def test_rules_of_ones_own_become_a_policy():
     ("change", "key", "line", "part"),
     [
         (("domain: 2", "domain: 233"), "agents.pi1.domain", 11, "0 to 232"),
-        (("domain: 2", "domain: two"), "agents.pi1.domain", 11, "'two'"),
-        (("domain: 2", "domian: 2"), "agents.pi1.domain", 10, "'domain' is needed"),
-        (
-            ("    domain: 2\n", "    domain: 2\n    proceses: 3\n"),
-            "agents.pi1.proceses",
-            12,
-            "did you mean 'processes'?",
-        ),
+        (("depth: 5", "depth: 0"), "agents.go2.publishes[1].qos.depth", 9, "from 1"),
+        (("rate_hz: 1", "rate_hz: -1"), "agents.go2.publishes[1].rate_hz", 8, "above zero"),
         (("pi1:", "torq:"), "agents.torq", 10, "a DDS router breaks it"),
         (("pi1:", "camera_1:"), "agents.camera_1", 10, "mistaken"),
         (("/tf\n", "tf\n"), "agents.go2.publishes[0].name", 6, "absolute name"),
-        (("depth: 5", "depth: 0"), "agents.go2.publishes[1].qos.depth", 9, "from 1"),
-        (
-            ("best_effort", "best_efort"),
-            "agents.go2.publishes[1].qos.reliability",
-            9,
-            "did you mean 'best_effort'?",
-        ),
-        (("rate_hz: 1", "rate_hz: -1"), "agents.go2.publishes[1].rate_hz", 8, "above zero"),
-        (("fleet: pair", "fleet: 7"), "fleet", 1, "a text"),
         (("fleet: pair\n", "policy: table-2\nfleet: pair\n"), "policy", 1, "did you mean 'table-1'?"),
         (("fleet: pair\n", "policy: []\nfleet: pair\n"), "policy", 1, "nothing would ever cross"),
-        (("  pi1:", "  go2:"), "agents.go2", 10, "each key once"),
     ],
 )
 def test_a_mistake_is_refused_with_its_key_its_line_and_what_is_allowed(change, key, line, part):
@@ -117,14 +98,7 @@ def test_a_mistake_is_refused_with_its_key_its_line_and_what_is_allowed(change, 
     assert str(error).startswith("fleet.yaml:")
 
 
-@pytest.mark.parametrize("text", ["", "a list", "- 1", "fleet: x", "fleet: [", "fleet: x\nagents: {}", "1: 2"])
-def test_what_is_no_fleet_at_all_is_refused(text):
-    refusal(text)
-
-
-def test_a_file_that_is_not_there_and_an_unknown_agent_are_refused(tmp_path):
-    with pytest.raises(DocumentError, match="a fleet file in UTF-8"):
-        fleet_file.load_fleet(tmp_path / "none.yaml")
+def test_an_unknown_agent_is_refused():
     with pytest.raises(InvalidValueError, match="did you mean 'go2'"):
         fleet_file.read_fleet(SMALL).agent("go3")
 
@@ -132,22 +106,6 @@ def test_a_file_that_is_not_there_and_an_unknown_agent_are_refused(tmp_path):
 def test_a_refusal_survives_being_sent_to_another_process():
     error = refusal(SMALL.replace("domain: 2", "domain: 300"))
     assert str(copy.deepcopy(error)) == str(error)  # the same protocol as pickling
-
-
-KEYS = ["fleet", "agents", "go2", "domain", "publishes", "name", "qos", "tf", "frames", "policy"]
-values = st.recursive(
-    st.none() | st.booleans() | st.integers(-5, 300) | st.text(max_size=8) | st.sampled_from(["/tf", "go2"]),
-    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.sampled_from(KEYS), inner, max_size=4),
-    max_leaves=12,
-)
-
-
-@given(values)
-def test_nothing_but_a_refusal_comes_of_a_wrong_file(value):
-    import yaml
-
-    with contextlib.suppress(DocumentError):
-        fleet_file.read_fleet(yaml.safe_dump(value))
 
 
 # Where it runs
@@ -198,9 +156,6 @@ def test_all_keys_are_read():
 @pytest.mark.parametrize(
     ("part", "text", "key", "allowed"),
     [
-        ("host", "{accelerator: jetsn}", "agents.go2.host.accelerator", "did you mean 'jetson'?"),
-        ("host", "{acelerator: jetson}", "agents.go2.host.acelerator", "did you mean 'accelerator'?"),
-        ("host", "{architecture: x86}", "agents.go2.host.architecture", "amd64 or arm64"),
         ("host", "{devices: [video0]}", "agents.go2.host.devices", "device nodes"),
         ("host", "{devices: [/dev/../etc/shadow]}", "agents.go2.host.devices", "device nodes"),
         ("host", "{packages: ['curl; rm -rf /']}", "agents.go2.host.packages", "Debian packages"),
@@ -210,15 +165,10 @@ def test_all_keys_are_read():
         ("host", "{address: 'a b'}", "agents.go2.host.address", "[user@]host"),
         ("host", r'{launch: ["a\n"]}', "agents.go2.host.launch", "a text of one line"),
         ("host", r'{"model\u2028": a}', "agents.go2.host.model", "a key of one line"),
-        ("host", "{launch: ros2 launch}", "agents.go2.host.launch", "a list of texts"),
-        ("host", "jetson", "agents.go2.host", "a mapping"),
         ("deployment", "{images: Localhost/UPPER}", "deployment.images", "a repository of images"),
         ("deployment", "{images: 'a:1'}", "deployment.images", "a repository of images"),
-        ("deployment", "{ros: foxy}", "deployment.ros", "none or humble or jazzy"),
-        ("deployment", "{router: zenoh}", "deployment.router", "zenoh-bridge"),
         ("deployment", "{router_image: 'a b'}", "deployment.router_image", "an image"),
         ("deployment", "{time_servers: ['x y']}", "deployment.time_servers", "names or addresses"),
-        ("deployment", "{tag: latest}", "deployment.tag", "images, ros, router"),
     ],
 )
 def test_a_machine_or_deployment_that_cannot_be_is_refused_with_place_and_allowed(part, text, key, allowed):

@@ -1,10 +1,10 @@
 """Routers with real DDS on three domains: what may cross does so, once; nothing else does; nothing stays."""
 
 import asyncio
-import logging
 import os
 import signal
 import socket
+import sys
 import tempfile
 from contextlib import AsyncExitStack, asynccontextmanager
 from dataclasses import replace
@@ -17,7 +17,7 @@ from waiting import DEADLINE_S, process, until
 from sfglab.bus import BusTimeoutError, Node
 from sfglab.bus.address import BusAddress
 from sfglab.bus.dds.endpoints import DdsReader, DdsWriter
-from sfglab.component import beside
+from sfglab.component import argument_of, beside
 from sfglab.errors import InvalidValueError
 from sfglab.fleet.router.node import (
     Router,
@@ -29,7 +29,7 @@ from sfglab.fleet.router.node import (
 )
 from sfglab.messages import default_message, message_type, serialize
 from sfglab.messages.dds import opaque_idl_struct
-from sfglab.processes import ProcessFailedError
+from sfglab.processes import LineProcess, ProcessFailedError
 from sfglab.qos import LATCHED, QoSProfile
 
 pytestmark = [pytest.mark.live]
@@ -166,26 +166,7 @@ async def test_static_transforms_of_two_nodes_reach_whoever_joins_late_and_go_wi
         assert await heard(two, 1) == of_second, "a dead node's transforms are gone with it"
 
 
-async def test_a_clash_of_frames_is_dropped_and_reported_and_the_rest_passes(ids, caplog):
-    caplog.set_level(logging.WARNING)
-    async with (
-        Node("one", domain_id=ids[1], interface="lo") as one,
-        Node("everybody", domain_id=ids[0], interface="lo") as everybody,
-        routing(ids[1], ids[0], placed_by_others=("base",)) as router,
-    ):
-        me = f"robot{ids[1]}"
-        local = one.create_subscription("tf2_msgs/msg/TFMessage", "/tf", qos=DEEP)
-        outside = everybody.create_publisher("tf2_msgs/msg/TFMessage", "/tf", DEEP)
-        await local.wait_for_publishers()
-        await outside.wait_for_subscriptions()
-        outside.publish(transforms(("map", f"{me}/camera"), ("map", f"{me}/base")))
-        got = await local.take(60)
-        assert [t.child_frame_id for t in got.transforms] == [f"{me}/base"]
-        assert router.status.clashed == 1
-    assert [r.message for r in caplog.records if "inward transform" in r.message]
-
-
-async def test_an_unknown_type_crosses_two_routers(ids):
+async def test_an_unknown_type_crosses_two_routers_and_it_is_said(ids, caplog):
     custom = "my_robot_msgs/msg/Arm"
     cdr = b"\0\1\0\0" + bytes(range(200))
     async with fleet(ids) as (one, two, _):
@@ -208,6 +189,8 @@ async def test_an_unknown_type_crosses_two_routers(ids):
         )
         await until(lambda: got)
         assert [sample[:2] for sample in got] == [(cdr, 7)]
+    (said,) = [r.message for r in caplog.records if custom in r.message]
+    assert said.startswith(f"forwarding: type {custom} is not known here; its samples pass as they are")
 
 
 async def test_routers_that_come_and_go_leave_nothing(ids):
@@ -271,6 +254,43 @@ async def test_a_second_router_is_refused_and_after_kill_9_a_new_one_takes_over(
         ears.task.cancel()
 
 
+async def test_a_late_joiner_hears_no_state_from_before_a_router_was_killed_and_that_of_all_who_live(ids):
+    async def heard_late(count):
+        late = two.create_subscription(STRING, TOPIC, (heard := []).append, deep)
+        await until(lambda: len(heard) >= count)
+        await _stillness(lambda: len(heard))
+        late.close()
+        return sorted(message.data for message in heard)
+
+    config = config_of(ids)
+    async with (
+        Node("one", domain_id=ids[1], interface="lo") as one,
+        Node("two", domain_id=ids[2], interface="lo") as two,
+        routing(ids[2], ids[0]),
+    ):
+        state, known = one.create_publisher(STRING, TOPIC, LATCHED), []
+        state.publish(String(data="old"))
+        deep = replace(LATCHED, depth=9)
+        two.create_subscription(STRING, TOPIC, lambda message: known.append(message.data), deep)
+        async with process("sfglab.fleet.router.node", config) as first:
+            await until(lambda: known == ["old"])
+            first.signal(signal.SIGKILL)
+            await first.wait()
+        state.publish(String(data="new"))
+        async with (
+            process("sfglab.fleet.router.node", config),
+            Node("router", namespace="/go2", domain_id=ids[0], interface="lo") as claimer,
+        ):
+            await until(lambda: "new" in known)
+            assert await heard_late(1) == ["new"]
+            claimed = claimer.create_publisher(STRING, TOPIC, LATCHED)
+            claimed.publish(String(data="claimed"))
+            await until(lambda: "claimed" in known)
+            assert await heard_late(2) == ["claimed", "new"], (
+                "who lives is not put aside by who claims its name"
+            )
+
+
 async def test_at_a_terminal_it_says_which_paths_open_and_close(ids):
     said = []
     serving = asyncio.create_task(serve_terminal(config_of(ids), said.append))
@@ -311,3 +331,37 @@ def test_without_a_home_the_lock_is_in_a_folder_that_nobody_else_can_write_to(tm
     folder.chmod(0o777)
     with pytest.raises(InvalidValueError, match=r"folder for locks: given .*open to others"):
         pair_lock(230, 231).__enter__()
+
+
+async def visit(near: Node, remote: int, guest_domain: int) -> None:
+    """Have a participant in the global domain and a subscription of its topic in an agent's, and neither."""
+    async with Node("guest", domain_id=guest_domain, external_domain_id=remote, interface="lo") as guest:
+        heard = asyncio.Event()
+        subscription = near.create_subscription(STRING, TOPIC, lambda _: heard.set(), LATCHED)
+        publisher = guest.create_publisher(STRING, TOPIC, LATCHED)
+        guest.create_subscription(STRING, f"/global/robot{near.backend.participant.config.domain_id}/x", DEEP)
+        publisher.publish(String(data="here"))
+        async with asyncio.timeout(DEADLINE_S):
+            await heard.wait()
+        subscription.close()
+
+
+async def test_a_router_has_what_it_had_when_a_hundred_others_have_come_and_gone(ids):
+    remote, local, guests = ids
+    near_address, far_address = (BusAddress(domain_id=domain, interface="lo") for domain in (local, remote))
+    config = RouterConfig(agent=f"robot{local}", linger_s=0.05, local=near_address, remote=far_address)
+    program = Path(__file__).with_name("counted_router.py")
+    router = await LineProcess.start("router", (sys.executable, str(program), argument_of(config)))
+    try:
+        await router.expect("ready", timeout_s=DEADLINE_S)
+        counts = []
+        async with Node("near", domain_id=local, interface="lo") as near:
+            for visits in (10, 100):
+                for _ in range(visits):
+                    await visit(near, remote, guests)
+                router.order(do="count")
+                counts.append((await router.expect("counts", timeout_s=DEADLINE_S))["counts"])
+        grown = {kind: n - counts[0].get(kind, 0) for kind, n in counts[1].items()}
+        assert {kind: n for kind, n in grown.items() if n >= 50} == {}
+    finally:
+        await router.close(grace_s=DEADLINE_S)

@@ -337,15 +337,7 @@ def two_agents(*, offers: bool = False) -> tuple[World, Router, Router]:
     return world, world.start_router(1, "host/1"), world.start_router(2, "host/2")
 
 
-def test_a_local_subscription_is_announced_a_publisher_on_demand_and_shared_memory_never():
-    world, one, two = two_agents()
-    world.add(1, plain(world, PUB, "rt/global/a/pose"))
-    world.settle()
-    assert world.routers_own() == [], "nobody wants it, so nobody hears of it"
-    world.add(2, plain(world, SUB, "rt/global/a/pose"))
-    world.settle()
-    assert {type(spec) for spec in two.open} == {type(spec) for spec in one.open} == {ReaderSpec, WriterSpec}
-    assert sum(d == GLOBAL for d, _ in world.routers_own()) == 2
+def test_shared_memory_is_never_announced():
     world, one, _ = two_agents()
     world.add(1, replace(plain(world, PUB, "rt/tf"), transport="shm"))
     world.add(GLOBAL, plain(world, SUB, "rt/tf"))

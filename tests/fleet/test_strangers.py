@@ -23,6 +23,7 @@ from sfglab.qos import LATCHED, QoSProfile
 
 METADATA, PC = "sfglab_interfaces/srv/GetMetadata", DiscoverySettings(agent="pc")
 DEEP = QoSProfile(depth=1000)
+sim = pytest.fixture(lambda: {"seed": 1, "limit_s": 90})
 
 
 def several(*streams):
@@ -127,7 +128,6 @@ async def decoding(world):
             assert not task.done(), task.exception()
 
 
-@pytest.mark.parametrize("sim", [{"seed": 1, "limit_s": 60}], indirect=True)
 @pytest.mark.parametrize("back", ["h264", "hevc"], ids=["as it was", "changed"])
 async def test_a_stream_that_returns_while_its_old_pipeline_still_leaves_is_decoded_again(sim, back):
     async with decoding(sim) as (pool, offer, let_end):
@@ -137,7 +137,6 @@ async def test_a_stream_that_returns_while_its_old_pipeline_still_leaves_is_deco
         assert [pipe.stream.codec for pipe in pool] == ["h264", back]
 
 
-@pytest.mark.parametrize("sim", [{"seed": 1, "limit_s": 60}], indirect=True)
 async def test_who_came_second_is_decoded_when_the_first_has_gone(sim, caplog):
     async with decoding(sim) as (pool, offer, let_end):
         for agent, *codecs in (("evil", "h264"), ("go2", "h264"), ("spot", "h264"), ("spot",), ("evil",)):
@@ -149,7 +148,6 @@ async def test_who_came_second_is_decoded_when_the_first_has_gone(sim, caplog):
         assert await let_end() == []
 
 
-@pytest.mark.parametrize("sim", [{"seed": 1, "limit_s": 60}], indirect=True)
 async def test_a_pipeline_process_that_hangs_is_replaced(sim, caplog, monkeypatch):
     look = "sfglab.fleet.decoder.node.HangWatch.look"
     monkeypatch.setattr(look, lambda _, pid: "it was stopped" if pid == 1 else "")
@@ -159,7 +157,6 @@ async def test_a_pipeline_process_that_hangs_is_replaced(sim, caplog, monkeypatc
         assert ([pipe.pid for pipe in pool], "it was stopped" in caplog.text) == ([1, 2], True)
 
 
-@pytest.mark.parametrize("sim", [{"seed": 1, "limit_s": 60}], indirect=True)
 async def test_a_spare_that_was_stopped_before_it_was_lent_is_replaced(sim, monkeypatch):
     order = Pipe.order
     monkeypatch.setattr(Pipe, "order", lambda pipe, **said: order(pipe, **said) if pipe.pid > 1 else None)
@@ -170,7 +167,6 @@ async def test_a_spare_that_was_stopped_before_it_was_lent_is_replaced(sim, monk
         assert ([pipe.pid for pipe in pool], await let_end()) == ([1, 2], ["RUNNING"])
 
 
-@pytest.mark.parametrize("sim", [{"seed": 1, "limit_s": 60}], indirect=True)
 async def test_a_clock_that_is_set_back_keeps_no_stream_waiting(sim, monkeypatch):
     async with decoding(sim) as (pool, offer, let_end):
         await offer("go2", "h264")
@@ -181,7 +177,6 @@ async def test_a_clock_that_is_set_back_keeps_no_stream_waiting(sim, monkeypatch
         assert (await let_end(), len(pool)) == (["RUNNING"], 2)
 
 
-@pytest.mark.parametrize("sim", [{"seed": 1, "limit_s": 90}], indirect=True)
 async def test_an_evil_agent_changes_nothing_in_anothers_local_topics_and_tree(sim):
     """It says, in every way that D_0 has, what is another agent's to say; only what is its own arrives."""
     own, event = "/local/pc/camera_front/color/image_raw", discovery_topic("pc")
@@ -277,7 +272,6 @@ def test_a_frame_that_two_move_is_the_firsts_until_that_one_has_gone_and_both_ar
     claims.claim("one_more", "go2")
 
 
-@pytest.mark.parametrize("sim", [{"seed": 1, "limit_s": 60}], indirect=True)
 async def test_a_static_transform_that_was_refused_is_read_again_when_its_rival_has_gone(sim):
     node, router = behind_router(sim, "go2")
     async with sim.node("one", host="pc") as one, sim.node("two", host="pc") as two, beside(router.run()):

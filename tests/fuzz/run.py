@@ -1,108 +1,24 @@
-"""Fuzzing of every door in one process of bounded memory: ``run.py [SECONDS SEED]`` prints counts as JSON.
-
-Without seconds Hypothesis draws a few inputs for each, and shrinks what fails.
-"""
+"""Fuzzing of every door, a process for each group of them: ``run.py [SECONDS SEED]`` prints counts as JSON."""
 
 import json
-import random
-import re
-import resource
-import shutil
-import signal
+import subprocess
 import sys
-import time
-import traceback
 from pathlib import Path
 
-from doors import ATTACKS, DOORS, FOLDER
-from hypothesis import HealthCheck, Phase, given, settings
-from hypothesis import strategies as st
+GROUPS = ("messages", "names", "pictures", "depth", "logs", "documents", "machines")
 
-CALM = {"max_examples": 100, "deadline": None, "database": None, "derandomize": True}
-CALM |= {"phases": (Phase.generate, Phase.shrink), "suppress_health_check": list(HealthCheck)}
-MEMORY_BYTES, TIME_S = 300 * 2**20, 1.0
-WORDS = (
-    *(b"\0", b"\xff\xff\xff\xff", b"\xff\xff\xff\x7f", b"\0\0\0\x80", b"\0" * 64, b"-1", b"9" * 400),
-    *(b"[" * 60, b"{", b"}", b"/*", b"*/", b"//", b'"', b"'", b"\\", b"&a ", b"*a", b"!!int ", b"!!timestamp "),
-    *(b": ", b"\n", b"a" * 40, b"1e999", b"nan", b"=" * 80 + b"\nMSG: p/Z\n", b"[1000000000]", b"p/X "),
-    *(b"\xf0\x9f\x98\x80", b"../"),
+
+def through(group, seconds="", seed=""):
+    """Return what came of a group's doors in its share of the time."""
+    argv = [sys.executable, str(Path(__file__).with_name("group.py")), group]
+    argv += [f"{float(seconds) / len(GROUPS)}", seed] if seconds else []
+    return json.loads(subprocess.run(argv, stdout=subprocess.PIPE, text=True, check=True).stdout)
+
+
+found = {group: through(group, *sys.argv[1:]) for group in GROUPS}
+counts, faults = (
+    {k: v for one in found.values() for k, v in one[what].items()} for what in ("counts", "faults")
 )
-
-
-def drawn(rng, door):
-    """A friend's input with a few changes: words put in, stretches overwritten, doubled, taken out."""
-    data = bytearray(rng.choice(door.begins))
-    for _ in range(rng.randrange(7)):
-        word = rng.choice(WORDS) if rng.randrange(2) else rng.randbytes(rng.randrange(1, 9))
-        at, size = rng.randrange(len(data) + 1), rng.randrange(32)
-        old = bytes(data[at : at + size])
-        data[at : at + size] = (word, word + old, 2 * old, b"", 8 * word)[rng.randrange(5)]
-    return bytes(data)
-
-
-def fault_of(door, data):
-    """Why a door is not sound with an input; None where it is."""
-    signal.setitimer(signal.ITIMER_VIRTUAL, 5 * TIME_S)
-    started = time.process_time()
-    try:
-        door.read(data)
-    except door.refuses as error:
-        str(error)
-    except Exception as error:  # noqa: BLE001 - what it was is the finding
-        return f"{error!r:.300}\n{''.join(traceback.format_tb(error.__traceback__)[-3:])}"
-    finally:
-        signal.setitimer(signal.ITIMER_VIRTUAL, 0)
-    took_s = time.process_time() - started
-    return f"took {took_s:.1f} s" if took_s > TIME_S else None
-
-
-def tried(name, data):
-    counts[name] += 1
-    if fault := fault_of(DOORS[name], data):
-        faults[name] = f"{data[:300]!r} {fault}"
-    return name not in faults
-
-
-def too_slow(*_):
-    raise TimeoutError
-
-
-def by_hypothesis(name):
-    @settings(**CALM)
-    @given(st.randoms(use_true_random=False))
-    def sound(rng):
-        assert tried(name, drawn(rng, DOORS[name]))
-
-    try:
-        sound()
-    except AssertionError:
-        return  # the smallest that failed is kept
-
-
-def by_chance(seconds, seed):
-    rng, ends = random.Random(seed), time.monotonic() + seconds
-    while time.monotonic() < ends:
-        for name in DOORS.keys() - faults.keys():
-            until = time.monotonic() + 0.2  # each as long as any other
-            while time.monotonic() < until and tried(name, drawn(rng, DOORS[name])):
-                pass
-
-
-signal.signal(signal.SIGVTALRM, too_slow)
-counts, faults = dict.fromkeys(DOORS, 0), {}
-friendly = [(name, begin) for name, door in DOORS.items() for begin in door.begins]
-for name, data in friendly:  # what is imported late is imported now
-    fault_of(DOORS[name], data)
-used_bytes = 1024 * int(re.search(r"VmData:\s+(\d+)", Path("/proc/self/status").read_text())[1])
-resource.setrlimit(resource.RLIMIT_DATA, (used_bytes + MEMORY_BYTES, used_bytes + MEMORY_BYTES))
-for name, data in (*friendly, *ATTACKS):
-    tried(name, data)
-if len(sys.argv) > 1:
-    by_chance(float(sys.argv[1]), int(sys.argv[2]))
-else:
-    for name in DOORS:
-        by_hypothesis(name)
-shutil.rmtree(FOLDER)
-peak_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss >> 10
-result = {"inputs": sum(counts.values()), "counts": counts, "faults": faults, "peak_mb": peak_mb}
+peaks_mb = {group: round(one["peak_mb"]) for group, one in found.items()}
+result = {"inputs": sum(counts.values()), "counts": counts, "faults": faults, "peak_mb": peaks_mb}
 sys.stdout.write(json.dumps(result) + "\n")

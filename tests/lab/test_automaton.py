@@ -2,22 +2,32 @@
 
 from pathlib import Path
 
+import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 from sfglab.bus.actions.goals import TRANSITIONS as GOALS
 from sfglab.bus.actions.goals import GoalStatus
 from sfglab.fleet.discovery.lifecycle import TRANSITIONS, Input, State
 from sfglab.fleet.gop_cache import TRANSITIONS as REPLAY
 from sfglab.fleet.gop_cache import State as ReplayState
-from sfglab.lab.experiments import lifecycle
+from sfglab.fleet.policy import TABLE_1, Direction, ForwardRule, Policy
+from sfglab.lab.experiments import lifecycle, naming
+from sfglab.lab.experiments.transmission.timeline import Exchange, Timeline
 from sfglab.lab.explore import Automaton, transition_part
+from sfglab.lab.figures import drawn
+from sfglab.names import ResourceKind, dds_names, parse
+from sfglab.rtps import Drop, Frame, run, trace
+from sfglab.soc.gateway import State as CoreState
+from sfglab.soc.gateway import transitions
 
 pytest.importorskip("anywidget")
 REFERENCE = Path(__file__).parents[2] / "data" / "reference" / "lifecycle.mcap"
 TABLES = [(TRANSITIONS, State.UNKNOWN), (REPLAY, ReplayState.IDLE), (GOALS, GoalStatus.ACCEPTED)]
+TABLES += [(transitions(), CoreState.START)]
 
 
-@pytest.mark.parametrize(("table", "start"), TABLES, ids=["life cycle", "replay", "goal"])
+@pytest.mark.parametrize(("table", "start"), TABLES, ids=["life cycle", "replay", "goal", "core"])
 def test_every_press_does_what_the_table_says_in_the_present_state_or_is_refused(table, start):
     machine = Automaton("machine", table, start, lambda *_: {}, size=(3, 2))
     inputs = dict.fromkeys(given for _, given in table)
@@ -62,3 +72,120 @@ def test_a_recorded_run_is_stepped_left_by_hand_and_undone():
     machine.choice.value = "by hand"
     assert machine.moment.state is State.UNKNOWN
     assert machine.at.disabled
+
+
+pytest.importorskip("anywidget")
+OUTWARD = Policy(rules=(ForwardRule(pattern="rt/odom", directions=frozenset({Direction.OUTWARD})),))
+NAMES = {
+    "/global/go2/get_metadata": ("service", "a name of the schema; it crosses."),
+    "/local/go2/agent_discovery_event": ("topic", "a name of the schema; it stays."),
+    "/tf": ("topic", "no name of the schema: scope: given 'tf', allowed: local or global; it crosses."),
+    "/global/go2/arm/grasp": ("topic", "a name of the schema; it crosses."),
+}
+
+
+def said(picture):
+    figure = drawn(picture._size, picture._draw)
+    texts = [text for axes in figure.axes for text in axes.texts]
+    decided = {text.get_text() for text in texts if text.get_weight() == "bold"}
+    return (
+        " ".join(figure.get_suptitle().split()),
+        {text.get_text().replace(chr(10), "") for text in texts},
+        decided,
+    )
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_typed_name_shows_its_parts_its_way_and_the_rules_that_decide(name):
+    picture = naming.NamePicture()
+    picture.field.value = name
+    title, texts, decided = said(picture)
+    assert title == "The {1} {0} is {2}".format(name, *NAMES[name])
+    wire = dds_names(name, picture.kind)
+    assert {*wire, *(text for _, text in (picture.fqn.segments if picture.fqn else ()))} <= texts
+    ruled = {
+        rule.pattern for rule in TABLE_1 for dds in wire if Policy(rules=(rule,)).crosses(dds, Direction.INWARD)
+    }
+    assert decided == ruled
+
+
+def test_a_way_that_is_open_outward_only_is_said_and_kinds_are_chosen():
+    picture = naming.NamePicture("/odom", OUTWARD)
+    assert said(picture)[0].endswith("it crosses outward, stays inward.")
+    picture.choice.value = ResourceKind.ACTION
+    assert picture.kind is ResourceKind.ACTION
+    assert said(picture)[0].endswith("it stays.")
+
+
+def test_a_press_puts_the_next_value_that_the_schema_allows_and_its_refusals_are_said():
+    picture = naming.NamePicture("/global/go2/camera_front/color/ffmpeg")
+    for label in ("scope", "component", "stream", "resource"):
+        before = parse(picture.name)
+        picture.press(label)
+        assert not picture.said
+        after = parse(picture.name)
+        assert [one for one, _ in after.segments if getattr(after, one) != getattr(before, one)] == [label]
+    picture.press("agent")
+    assert "it has no standard values" in picture.said
+    picture.field.value = "/global/go2/get_metadata"
+    picture.press("stream")
+    assert "component: nothing is given" in picture.said
+    picture.field.value = "/global//go2"
+    assert "absolute name" in picture.said
+    assert picture.name == "/global/go2/get_metadata"
+
+
+pytest.importorskip("anywidget")
+
+
+@pytest.mark.parametrize("vendor", ["fast_dds", "cyclone_dds"])
+@pytest.mark.parametrize(("depth", "loss"), [(1, 0.3), (50, 0.0), (50, 0.3)])
+def test_what_is_drawn_comes_to_what_the_engine_came_to(vendor, depth, loss):
+    line = Timeline(["a/DATA/5", "a/DATA/5.1"], vendor=vendor, depth=depth, loss=loss, samples=40)
+    for press in ("a/DATA/7", "a/ACKNACK/1", "a/DATA/7", "a/HEARTBEAT/1"):
+        if press in {frame.name for frame in line.frames}:
+            line.press(press)
+        agrees(line)
+
+
+def agrees(line):
+    """The drawn frames alone tell what the engine's own counters and arrays say."""
+    figure = Figure()
+    line.draw(figure)
+    drawn = {artist.get_gid() for artist in figure.axes[0].lines} - {None}
+    assert drawn == {f"press:{frame.name}" for frame in line.frames}
+    assert len({frame.name for frame in line.frames}) == len(line.frames)
+    lost = {frame.name: frame.lost for frame in line.frames}
+    assert all(lost[name] == wished for name, wished in line.lost.items() if name in lost)
+    outcome = line.outcome
+    firsts = [f"a/DATA/{i + 1}" for i in range(len(outcome.fate))]
+    assert [lost[name] for name in firsts] == np.equal(outcome.dropped, Drop.MEDIUM).tolist()
+    arrived = {s for f in line.frames if f.kind in (Frame.DATA, Frame.BURST) and not f.lost for s in f.samples}
+    taken = set((np.flatnonzero(outcome.delivered) + 1).tolist())
+    assert taken <= arrived
+    if line.form.config.depth == 50:  # nothing is overwritten, and what waits behind a gap is under way
+        assert taken == set(range(1, next(i for i in range(1, 99) if i not in arrived)))
+    numbers = [text.get_text() for text in figure.axes[0].texts]
+    assert sum(text.isdecimal() for text in numbers) >= len(outcome.fate)
+
+
+def test_a_trace_changes_nothing_and_counts_as_the_engine_does():
+    scenario = Exchange(loss=0.3, samples=40, depth=4).scenario()
+    (traced, frames), plain = trace(scenario, seed=3), run(scenario, seed=3)
+    assert traced.counts == plain.counts
+    for column in ("published_ns", "received_ns", "fate", "dropped"):
+        assert np.array_equal(getattr(traced.flows["a"], column), getattr(plain.flows["a"], column))
+    kinds = [frame.kind for frame in frames]
+    assert all(kinds.count(kind) == plain.counts[kind.name.lower()] for kind in Frame if kind < Frame.BURST)
+    assert sum(frame.lost for frame in frames) == plain.counts["lost"]
+    assert sum(frame.repairs for frame in frames) == plain.counts["repeated"]
+
+
+def test_a_frame_that_the_seed_loses_is_made_to_pass_and_the_rest_of_the_losses_stay():
+    line = Timeline([], loss=0.3, samples=40)
+    first = next(frame for frame in line.frames if frame.lost)
+    line.press(first.name)
+    assert line.lost == {first.name: False}
+    assert not next(frame.lost for frame in line.frames if frame.name == first.name)
+    line.form.controls["depth"].value = 1
+    assert line.lost == {first.name: False}, "what was pressed stays when something else is set"

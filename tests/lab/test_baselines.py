@@ -1,4 +1,4 @@
-"""Baselines of real ROS 2: ratios of known figures, a log apart, and one sentence where there is no ROS 2."""
+"""Real ROS 2 beside us: which there is, ratios of known figures, a log apart, and where there is none."""
 
 import asyncio
 import shutil
@@ -10,6 +10,7 @@ from sfglab.lab.baselines import PART, REAL, STAND_IN, beside, compared
 from sfglab.lab.bench import Options
 from sfglab.lab.experiments import decode_once, discovery, latency
 from sfglab.lab.paths import find_project
+from sfglab.lab.ros2 import RosMissingError, distribution, distributions
 
 EXPERIMENTS = [discovery.exp, latency.exp, decode_once.exp]
 REFERENCES = find_project().reference_logs
@@ -71,3 +72,69 @@ def test_where_it_cannot_be_measured_one_sentence_says_so(tmp_path, monkeypatch,
     run = asyncio.run(exp.run("smoke", path=tmp_path / "smoke.mcap", options=options))
     assert run.skipped(PART) == why
     assert run[PART].empty
+
+
+CASES = [
+    (discovery.exp, {"timeout_s": 60.0}, {REAL, STAND_IN, "routed"}),
+    (latency.exp, {}, {REAL, STAND_IN}),
+    (decode_once.exp, {}, {REAL, STAND_IN}),
+]
+
+
+@pytest.mark.live
+@pytest.mark.ros
+@pytest.mark.netns
+@pytest.mark.parametrize(("exp", "changes", "kinds"), CASES, ids=lambda case: getattr(case, "name", ""))
+def test_a_smoke_run_measures_both_sides(tmp_path, exp, changes, kinds):
+    options = Options(only=frozenset({PART}))
+    run = asyncio.run(exp.run("smoke", path=tmp_path / "smoke.mcap", options=options, **changes))
+    assert run.skipped(PART) == ""
+    rows = beside(exp, run)
+    assert set(rows["kind"]) == kinds
+    assert (rows["value"] > 0).all()
+    if exp is discovery.exp:  # nobody was given up
+        assert (rows[rows["quantity"].str.startswith("until")]["value"] < 60).all()
+    assert set(compared(exp, run)["quantity"]) == set(rows["quantity"])
+    assert exp.draw(f"{exp.name}_{PART}", run)[1]["apart"] == ""
+
+
+@pytest.mark.live
+@pytest.mark.ros
+@pytest.mark.netns
+@pytest.mark.parametrize(("exp", "none"), [(latency.exp, 0), (decode_once.exp, ())])
+def test_who_asks_for_no_subscriber_is_told_so(tmp_path, exp, none):
+    options = Options(only=frozenset({PART}))
+    run = asyncio.run(exp.run("smoke", path=tmp_path / "smoke.mcap", options=options, ros2=none))
+    assert run.skipped(PART) == "ros2: none was asked for"
+
+
+@pytest.fixture
+def root(tmp_path, monkeypatch):
+    (tmp_path / "data").mkdir()
+    (tmp_path / "data" / "claims.yaml").touch()
+    monkeypatch.setenv("SFGLAB_ROOT", str(tmp_path))
+    for name in ("AMENT_PREFIX_PATH", "ROS_DISTRO"):
+        monkeypatch.delenv(name, raising=False)
+    return tmp_path
+
+
+def test_what_is_there_is_found_and_named(root, monkeypatch):
+    with pytest.raises(RosMissingError, match=r"^needs ROS 2: make ros$"):
+        distribution()
+    for name in ("jazzy", "kilted"):
+        (root / f".venv-{name}").mkdir()
+    (root / ".venv-jazzy" / ".ready").touch()  # the other is being made
+    monkeypatch.setenv("ROS_DISTRO", "humble")
+    assert [str(one) for one in distributions().values()] == ["jazzy (make ros)"]
+    monkeypatch.setenv("AMENT_PREFIX_PATH", "/opt/ros/humble")
+    assert [str(one) for one in distributions().values()] == ["jazzy (make ros)", "humble (sourced)"]
+    assert distribution().name == "jazzy"
+
+
+def test_a_program_runs_without_what_would_mislead_its_interpreter(root, monkeypatch):
+    (root / ".venv-jazzy").mkdir()
+    (root / ".venv-jazzy" / ".ready").touch()
+    argv = distribution().argv("script.py", "name", ROS_DOMAIN_ID=7)
+    assert argv[0] == "env"
+    assert {"--unset=PYTHONPATH", "--unset=LD_LIBRARY_PATH", "ROS_DISTRO=jazzy", "ROS_DOMAIN_ID=7"} < {*argv}
+    assert argv[-3:] == [str(root / ".venv-jazzy" / "bin" / "python"), "script.py", "name"]

@@ -1,11 +1,14 @@
-"""What follows from a table of checks for a claim."""
+"""What follows from a table of checks for a claim, and that shares of checks can fail: mutants are seen."""
 
+import json
 from dataclasses import asdict, replace
 
 import pandas as pd
 import pytest
+from mutants import STORE, Judge, draw_mutants, mutation_score
 
 from sfglab.lab.checks import GROUPS, CheckRow, Checks, exchange, group, naming, share_of_checks, trees
+from sfglab.lab.experiments import EXPERIMENTS, experiment
 
 
 def table(*rows):
@@ -49,11 +52,11 @@ def test_what_fails_is_counted_and_shown():
     ("module", "function", "check"),
     [
         (naming, "parse", "parses back to the tuple it was built from"),
-        (exchange, "trajectory_from_csv", "CSV gives back every bit"),
+        (exchange, "exchange.trajectory_from_csv", "CSV gives back every bit"),
     ],
 )
 def test_a_function_that_gives_nothing_back_is_caught(monkeypatch, module, function, check):
-    monkeypatch.setattr(module, function, lambda *_, **__: None)
+    monkeypatch.setattr(f"{module.__name__}.{function}", lambda *_, **__: None)
     assert module.checks.row(check, count=5, seed=0).held == 0
 
 
@@ -68,3 +71,31 @@ def test_trees_that_are_never_whole_with_markers_at_the_root_are_caught(monkeypa
     )
     row = next(row for row in trees.tree_rows(20, 12) if row.check == at_root)
     assert (row.held, row.checked > 1) == (0, True)
+
+
+DECLARED = [(name, claim) for name in EXPERIMENTS for claim in experiment(name).mutated]
+
+
+def test_mutants_are_drawn_by_the_seed_and_differ_from_the_source():
+    first, again, other = (draw_mutants(["sfglab.fleet.policy"], 12, seed) for seed in (1, 1, 2))
+    assert [m.diff for m in first] == [m.diff for m in again] != [m.diff for m in other]
+    assert len({m.kind for m in first}) >= 4
+    assert all(m.diff for m in first)
+    part = draw_mutants(["sfglab.fleet.policy:TABLE_1"], 20, 0)
+    assert part
+    assert all(m.diff.startswith("-TABLE_1 = ") for m in part)
+
+
+@pytest.fixture(scope="module")
+def judge():
+    with Judge() as judge:
+        yield judge
+
+
+@pytest.mark.parametrize(("name", "claim"), DECLARED)
+def test_of_three_mutants_of_each_claim_as_many_are_seen_as_are_stored(name, claim, judge):
+    score = mutation_score(judge, name, claim, 3)
+    assert score["tried"] == 3
+    stored = json.loads(STORE.read_text())[claim]  # `make mutants` has judged twenty: these are the first
+    assert {one["diff"] for one in score["survived"]} <= {one["diff"] for one in stored["survived"]}
+    assert all(one["why"] for one in stored["survived"])

@@ -11,19 +11,7 @@ from sfglab.arp import LocalCache
 from sfglab.arp.hallway import BEAMS_DEG, SCAN_HZ, Command
 from sfglab.arp.robots import METHODS, RATES_HZ
 from sfglab.lab.experiments import cooperation
-from sfglab.lab.experiments.cooperation import exp
-from sfglab.lab.experiments.cooperation.experiment import (
-    COMMAND_BYTES,
-    DEPTHS,
-    OPTIMUM,
-    ROBOTS,
-    Point,
-    SimulatedRun,
-    points_of,
-    rate_and_depth,
-    run_point,
-    scenario_of,
-)
+from sfglab.lab.experiments.cooperation import exp, experiment
 from sfglab.lab.experiments.cooperation.figures import frames_of
 from sfglab.lab.experiments.cooperation.replay import Replay
 from sfglab.lab.workers.hallway import COMMAND
@@ -39,20 +27,20 @@ DEAD = Medium(loss=1 - 1e-12)
 
 
 def of(method, **changes):
-    depth = OPTIMUM if METHODS[method].optimised else 10
-    return replace(Point(method=method, rate_max_hz=100, depth=depth), **changes)
+    depth = experiment.OPTIMUM if METHODS[method].optimised else 10
+    return replace(experiment.Point(method=method, rate_max_hz=100, depth=depth), **changes)
 
 
 @pytest.mark.parametrize("method", METHODS)
 def test_over_a_perfect_link_every_method_comes_home(method):
-    row = run_point(of(method, medium=PERFECT), 0)
+    row = experiment.run_point(of(method, medium=PERFECT), 0)
     assert (row.end, row.robot) == ("success", "")
     assert row.wound > 0.98
 
 
 def test_the_scenario_as_printed_goes_by_robot_3_and_comes_home_with_the_sizes_and_times_asked():
     printed = of("OPT", medium=PERFECT, hop=True, topics=(8, 5, 5), sizes="cdr", slower=4.0)
-    flows, before = ({f.name: f for f in scenario_of(p, seed=0).flows} for p in (printed, of("OPT")))
+    flows, before = ({f.name: f for f in experiment.scenario_of(p, seed=0).flows} for p in (printed, of("OPT")))
     ways = {name: (f.source, f.target, f.then) for name, f in flows.items() if f.target != "station"}
     assert ways["robot1/release"] == ("station", "robot3", "robot1/command")
     assert (ways["robot1/command"], ways["robot3/command"][:2]) == (
@@ -61,28 +49,30 @@ def test_the_scenario_as_printed_goes_by_robot_3_and_comes_home_with_the_sizes_a
     )
     beam, old = flows["robot1/lidar/0"], before["robot1/lidar/0"]
     assert (beam.size_bytes, old.size_bytes, beam.service_s / old.service_s) == (8, 24, 4)
-    assert rate_and_depth(printed)[0] > rate_and_depth(of("OPT"))[0], "fewer topics, each more often"
-    row = run_point(printed, 0)
+    assert experiment.rate_and_depth(printed)[0] > experiment.rate_and_depth(of("OPT"))[0], (
+        "fewer topics, each more often"
+    )
+    row = experiment.run_point(printed, 0)
     assert (row.end, row.command_p50_ms < 1) == ("success", True)
 
 
 @pytest.mark.parametrize("method", ["none", "OPT+LC"])
 def test_over_a_dead_link_nobody_moves(method):
-    run = SimulatedRun(of(method, medium=DEAD), 0, tracked="dead")
+    run = experiment.SimulatedRun(of(method, medium=DEAD), 0, tracked="dead")
     assert run.run(limit_s=5.0).end == "timeout"
     places = {(t.robot, t.x_m, t.y_m, t.heading_rad) for t in run.tracks}
-    assert len(places) == len(ROBOTS)
+    assert len(places) == len(experiment.ROBOTS)
 
 
 def test_the_same_seed_is_the_same_run_to_the_bit_and_another_one_is_not():
-    failing = Point(method="none", rate_max_hz=100, depth=1)
-    first, second, other = (repr(run_point(failing, seed)) for seed in (3, 3, 4))
+    failing = experiment.Point(method="none", rate_max_hz=100, depth=1)
+    first, second, other = (repr(experiment.run_point(failing, seed)) for seed in (3, 3, 4))
     assert first == second
     assert first != other
 
 
 def test_methods_differ_in_what_they_say_they_do():
-    short = {name: SimulatedRun(of(name), 0).run(limit_s=5.0) for name in METHODS}
+    short = {name: experiment.SimulatedRun(of(name), 0).run(limit_s=5.0) for name in METHODS}
     for name, method in METHODS.items():
         row = short[name]
         assert (row.held > 0) == method.local_cache
@@ -93,19 +83,25 @@ def test_methods_differ_in_what_they_say_they_do():
 
 def test_optimised_settings_are_those_of_equation_6():
     for rate in RATES_HZ:
-        found = rate_and_depth(Point(method="OPT", rate_max_hz=rate, depth=OPTIMUM))
+        found = experiment.rate_and_depth(
+            experiment.Point(method="OPT", rate_max_hz=rate, depth=experiment.OPTIMUM)
+        )
         assert found == (pytest.approx(rate / 9 - 1, abs=1e-4), int(5000 * (rate / 9 - 1) / rate - 1))
-    assert rate_and_depth(Point(method="OPT", rate_max_hz=100, depth=10))[1] == 10
-    assert rate_and_depth(Point(method="none", rate_max_hz=100, depth=10)) == (100, 10)
+    assert experiment.rate_and_depth(experiment.Point(method="OPT", rate_max_hz=100, depth=10))[1] == 10
+    assert experiment.rate_and_depth(experiment.Point(method="none", rate_max_hz=100, depth=10)) == (100, 10)
 
 
 def test_a_scenario_has_eight_beams_up_and_one_command_down_for_each_robot():
-    scenario = scenario_of(of("none"), seed=0)
+    scenario = experiment.scenario_of(of("none"), seed=0)
     up = [flow for flow in scenario.flows if flow.target == "station"]
     down = [flow for flow in scenario.flows if flow.source == "station"]
-    assert len(up) == len(BEAMS_DEG) * len(ROBOTS)
-    assert [flow.target for flow in down] == list(ROBOTS)
-    assert {flow.size_bytes for flow in down} == {serialized_size(default_message(COMMAND))} == {COMMAND_BYTES}
+    assert len(up) == len(BEAMS_DEG) * len(experiment.ROBOTS)
+    assert [flow.target for flow in down] == list(experiment.ROBOTS)
+    assert (
+        {flow.size_bytes for flow in down}
+        == {serialized_size(default_message(COMMAND))}
+        == {experiment.COMMAND_BYTES}
+    )
 
 
 def test_the_compiled_local_cache_passes_what_the_robots_local_cache_passes():
@@ -127,8 +123,8 @@ def test_the_compiled_local_cache_passes_what_the_robots_local_cache_passes():
 
 
 def test_the_paper_s_profile_has_every_point_once():
-    points = points_of(exp.config("paper"))
-    assert len(points) == len(RATES_HZ) * (3 * len(DEPTHS) + 4)
+    points = experiment.points_of(exp.config("paper"))
+    assert len(points) == len(RATES_HZ) * (3 * len(experiment.DEPTHS) + 4)
     assert len(set(points)) == len(points)
 
 
@@ -148,7 +144,7 @@ def test_the_log_says_how_every_run_ended():
 def test_a_drawn_run_is_in_the_log_as_tracks_and_messages_that_say_the_same(name):
     mine = REFERENCE["track"][REFERENCE["track"]["run"] == name]
     assert mine["t_s"].max() == pytest.approx(REFERENCE.metadata("examples")[name]["ended_s"])
-    for robot in ROBOTS:
+    for robot in experiment.ROBOTS:
         poses = [entry.message.pose for entry in REFERENCE.messages(f"/{name}/{robot}/pose")]
         assert [pose.position.y for pose in poses] == mine[mine["robot"] == robot]["y_m"].tolist()
         lengths = {len(entry.message.ranges) for entry in REFERENCE.messages(f"/{name}/{robot}/scan")}
@@ -181,17 +177,13 @@ def test_a_command_travels_as_a_twist_without_loss():
         assert Command.from_velocities(command.speed_m_s, command.turn_rad_s) == command
 
 
-def test_the_methods_to_choose_are_those_that_there_are():
-    assert exp.config("quick").methods == tuple(METHODS), "the order is the sweep's"
-
-
 def test_a_replay_shows_the_run_again_and_how_long_the_station_was_wrong():
     replay = Replay(REFERENCE, "OPT+LC")
     row = replay.row
     assert row.end != "success"
     measured, believed = replay.run.beliefs[-1]
-    assert measured.shape == believed.shape == (len(ROBOTS), len(BEAMS_DEG))
-    assert len(replay.late_s) * len(ROBOTS) == len(replay.run.tracks)
+    assert measured.shape == believed.shape == (len(experiment.ROBOTS), len(BEAMS_DEG))
+    assert len(replay.late_s) * len(experiment.ROBOTS) == len(replay.run.tracks)
     # What is wrong for longest was sent and not heard for no longer than the engine says.
     assert 1 < replay.late_s.max() <= row.stale_s + 2 / SCAN_HZ
     replay.press("robot2")

@@ -1,6 +1,5 @@
 """The decode-once experiment: known costs are found again, and a short live run proves itself."""
 
-import asyncio
 import itertools
 import os
 import signal
@@ -15,9 +14,8 @@ import psutil
 import pytest
 from made_logs import made_run
 
-from sfglab.lab.bench import Options
 from sfglab.lab.claims import How, Measured, Verdict, entry_for, load_claims
-from sfglab.lab.experiments.decode_once import analysis, cost_model, exp, frame_checks, slopes, stream_facts
+from sfglab.lab.experiments.decode_once import analysis, cost_model, exp, frame_checks, slopes
 from sfglab.lab.experiments.decode_once.experiment import Stage, cells_of
 from sfglab.lab.stats import exactly
 from sfglab.record import LogReader
@@ -143,40 +141,6 @@ def test_every_group_of_cells_is_side_by_side_and_profiles_differ_in_length_only
     assert [s.source for s in config.stages] == ["drive.mp4", "stereo"]
     assert config.stages[0].counts == tuple(range(1, 11))
     assert config.seed == 4
-
-
-def test_the_figure_draws_from_the_log_alone(made):
-    figure, shown = exp.figures(made)["decode_once_h264"]
-    assert len(figure.axes) == 3
-    assert shown["reduction"]["dds"]["value"] == pytest.approx(100 * (1 - IPC["dds"] / (NET + DEC)))
-
-
-SHORT = {
-    "stages": (Stage(codec="h264", counts=(1, 2), dds_counts=(1, 2)),),
-    "encoder": "libx264",
-    "period_s": 0.3,
-    "settle_s": 0.1,
-    "raw_s": 1.2,
-}
-
-
-@pytest.mark.live
-@pytest.mark.slow
-def test_a_short_live_run_shows_the_right_frames_and_leaves_nothing(tmp_path):
-    before = {p.pid for p in psutil.Process().children(recursive=True)}
-    options = Options(separate=False)
-    run = asyncio.run(exp.run("smoke", path=tmp_path / "run.mcap", options=options, **SHORT))
-    assert run.metadata("hosts")["separate"] is False
-    checks = frame_checks(run)
-    assert {*checks["mode"]} == {"standard", *IPC}
-    assert (checks["frames"] > 10).all()
-    assert (checks[["unreadable", "disordered", "broken"]] == 0).all(axis=None)
-    assert (checks["pairs"] == checks["verified"]).all()
-    assert (checks["pairs"] > 0).all()
-    facts = stream_facts(run)
-    assert (facts.width, facts.height) == (640, 360)
-    assert facts.bitrate.value > 0
-    assert {p.pid for p in psutil.Process().children(recursive=True)} <= before
 
 
 @pytest.mark.live

@@ -139,18 +139,6 @@ def test_without_live_fleets_ours_are_simulated_and_say_so(made):
     assert set(exp.figures(run)) == {"discovery_scale"}
 
 
-def test_the_figures_draw_from_the_log_alone(run):
-    drawn = exp.figures(run)
-    assert set(drawn) == {"discovery_fleet", "discovery_scale"}
-    for figure, twin in drawn.values():
-        figure.canvas.draw()
-        json.dumps(twin)
-    fleets = {(f["mode"], f["agents"], f["pace_s"]): f for f in drawn["discovery_fleet"][1]["fleets"]}
-    assert fleets[ROUTED, 6, 1.0]["agent_s"] == pytest.approx(0.6)
-    assert fleets[STANDARD, 6, 0.0]["own_bytes"] == pytest.approx(36e6)
-    assert drawn["discovery_scale"][1]["simulated"][0]["agents"] == 100
-
-
 def test_standard_and_routed_fleets_of_one_size_are_run_side_by_side():
     stages = (
         Stage(mode=STANDARD, agents=(2, 3)),

@@ -183,18 +183,6 @@ def test_a_figure_follows_only_the_newest_of_many_moves_and_what_is_kept_speaks_
         explorer.close()
 
 
-def test_a_look_is_drawn_where_some_methods_hear_nothing():
-    """Without a latency they have no bar: a pivoted table leaves them out, which ended the process."""
-    given = {"loss": 0.229, "depths": (3000,), "rates_hz": (100,), "seeds": 1, "duration_s": 10.0}
-
-    async def look():
-        async with preview(transmission.exp, "hello", transmission.exp.config("quick", **given)) as run:
-            assert run["cell"]["latency_p50_ms"].isna().any()
-            draw_look(transmission.exp, "hello", run)
-
-    asyncio.run(look())
-
-
 def test_a_look_that_cannot_be_drawn_is_said_and_the_next_one_is_drawn(monkeypatch):
     reports, orders = [], asyncio.Queue()
     drawn = iter([KeyError("not in the table"), *(Figure(figsize=(1, 1)) for _ in range(2))])  # coarse, whole

@@ -1,7 +1,6 @@
 """The experiment on the gateway core and the mapping: it fills its claims, and a broken core is seen."""
 
 import asyncio
-from pathlib import Path
 
 import pytest
 
@@ -11,12 +10,9 @@ from sfglab.soc.exploration import explore
 from sfglab.soc.gateway import TABLE, Drive, Input, Move, Row, State
 from sfglab.soc.gateway_world import Bound
 
-ROOT = Path(__file__).parents[2]
-
 
 @pytest.fixture
-def smoke(tmp_path, monkeypatch):
-    monkeypatch.setenv("SFGLAB_ROOT", str(ROOT))
+def smoke(tmp_path):
     return lambda **changes: asyncio.run(exp.run("smoke", path=tmp_path / "a.mcap", **changes))
 
 

@@ -254,13 +254,6 @@ def test_a_closed_network_starts_nothing_and_a_lost_hub_takes_the_hosts_along():
             net.add_host("late")
 
 
-@pytest.mark.netns
-def test_available_tells_how():
-    capability = Network.available()
-    assert capability.ok == (capability.how in {"root", "rootless"})
-    assert capability.ok == (capability.reason == "")
-
-
 def test_a_machine_without_namespaces_gets_one_clear_error(monkeypatch):
     # Stands for the refusing kernel: the script that makes namespaces fails as it does under seccomp.
     refusal = "import sys; sys.exit('unshare: Operation not permitted')"

@@ -103,13 +103,6 @@ def test_a_log_without_the_papers_way_leaves_its_claims_open_and_says_why(tmp_pa
     assert "container" not in str(exp.figures(old)["latency"][1].keys())
 
 
-def test_the_figure_comes_from_the_log_alone(made):
-    ((name, (figure, shown)),) = exp.figures(made).items()
-    assert name == "latency"
-    assert len(figure.axes) == 2
-    assert shown["first_ratio_agent"]["value"] == pytest.approx(90 / 515)
-
-
 def test_every_repetition_asks_all_paths_at_one_phase_and_phases_cover_the_group():
     config = exp.config(repeats=10)
     looks = looks_of(config, rng=np.random.default_rng(1))

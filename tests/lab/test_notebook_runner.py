@@ -1,4 +1,4 @@
-"""The runner: stricter than papermill, one failure hides nothing, outputs are normalised."""
+"""The runner: stricter than papermill, one failure hides nothing, outputs are normalised; progress is told."""
 
 import asyncio
 
@@ -7,20 +7,10 @@ import pytest
 from nbformat.v4 import new_code_cell, new_notebook, new_output
 
 from sfglab.errors import SfglabError
-from sfglab.lab import notebook
+from sfglab.lab import notebook, notebooks, progress
 from sfglab.lab.experiments import naming
-from sfglab.lab.notebooks import (
-    NotebookError,
-    Outcome,
-    find_notebooks,
-    fit_parameters,
-    normalise,
-    read_parameters,
-    run_notebooks,
-    seconds_before,
-    seconds_left,
-)
 from sfglab.lab.paths import Project, find_project
+from sfglab.lab.progress import is_line, progress_bar, progress_to
 from sfglab.record import LogWriter
 
 
@@ -41,8 +31,12 @@ def write(project: Project, name: str, *sources: str, tagged: int = 1) -> None:
 
 def test_a_parameter_that_is_not_declared_is_an_error_before_anything_runs(project):
     write(project, "01_a", 'profile: str = "quick"', "print(profile)")
-    with pytest.raises(NotebookError, match="declares no parameter speed; its parameters are profile"):
-        run_notebooks(find_notebooks(project), project=project, parameters={"speed": 1}, say=lambda _: None)
+    with pytest.raises(
+        notebooks.NotebookError, match="declares no parameter speed; its parameters are profile"
+    ):
+        notebooks.run_notebooks(
+            notebooks.find_notebooks(project), project=project, parameters={"speed": 1}, say=lambda _: None
+        )
     assert not project.runs.exists()
 
 
@@ -55,9 +49,9 @@ DEPTH = (
 def test_fields_that_the_parameters_cell_does_not_list_travel_as_settings(project):
     write(project, "02_a", *DEPTH)
     path = project.notebooks / "02_a.ipynb"
-    assert fit_parameters(path, {"source": "a.mp4"}) == {"source": "a.mp4"}
+    assert notebooks.fit_parameters(path, {"source": "a.mp4"}) == {"source": "a.mp4"}
     given = {"profile": "smoke", "frames": 3, "settings": {"seed": 2}}
-    assert fit_parameters(path, given) == {"profile": "smoke", "settings": {"seed": 2, "frames": 3}}
+    assert notebooks.fit_parameters(path, given) == {"profile": "smoke", "settings": {"seed": 2, "frames": 3}}
 
 
 @pytest.mark.parametrize(
@@ -73,8 +67,10 @@ def test_fields_that_the_parameters_cell_does_not_list_travel_as_settings(projec
 )
 def test_what_a_field_cannot_hold_is_one_sentence_before_anything_runs(project, given, sentence):
     write(project, "02_a", *DEPTH)
-    with pytest.raises(NotebookError, match=sentence):
-        run_notebooks(find_notebooks(project), project=project, parameters=given, say=lambda _: None)
+    with pytest.raises(notebooks.NotebookError, match=sentence):
+        notebooks.run_notebooks(
+            notebooks.find_notebooks(project), project=project, parameters=given, say=lambda _: None
+        )
     assert not project.runs.exists()
 
 
@@ -97,8 +93,8 @@ def test_a_notebook_refuses_its_parameters_in_one_sentence(project, arguments, s
 @pytest.mark.parametrize("tagged", [0, 2])
 def test_a_notebook_needs_exactly_one_parameters_cell(project, tagged):
     write(project, "01_a", "x: int = 1", "y: int = 2", tagged=tagged)
-    with pytest.raises(NotebookError, match=f"{tagged} cells are tagged"):
-        fit_parameters(project.notebooks / "01_a.ipynb", {})
+    with pytest.raises(notebooks.NotebookError, match=f"{tagged} cells are tagged"):
+        notebooks.fit_parameters(project.notebooks / "01_a.ipynb", {})
 
 
 @pytest.mark.slow
@@ -106,8 +102,8 @@ def test_one_failed_notebook_does_not_hide_the_others_and_says_which_cell(projec
     write(project, "01_bad", "x: int = 1", "1 / 0")
     write(project, "02_good", "x: int = 1", "print(x + 1)")
     said = []
-    outcomes = run_notebooks(
-        find_notebooks(project), project=project, parameters={"x": 4}, write=True, say=said.append
+    outcomes = notebooks.run_notebooks(
+        notebooks.find_notebooks(project), project=project, parameters={"x": 4}, write=True, say=said.append
     )
     assert [bool(o.error) for o in outcomes] == [True, False]
     assert "cell" in outcomes[0].error
@@ -122,20 +118,20 @@ def test_one_failed_notebook_does_not_hide_the_others_and_says_which_cell(projec
 def test_notebooks_are_found_by_name_beginning_or_topic(project):
     for name in ("01_naming", "02_depth", "03_depth_more"):
         write(project, name, "x: int = 1")
-    assert [p.stem for p in find_notebooks(project)] == ["01_naming", "02_depth", "03_depth_more"]
+    assert [p.stem for p in notebooks.find_notebooks(project)] == ["01_naming", "02_depth", "03_depth_more"]
     for given in ("01", "naming", "01_naming.ipynb", "notebooks/01_naming.ipynb"):
-        assert [p.stem for p in find_notebooks(project, [given])] == ["01_naming"]
-    with pytest.raises(NotebookError, match="fits several"):
-        find_notebooks(project, ["0"])
-    with pytest.raises(NotebookError, match="is no notebook; there are 01_naming"):
-        find_notebooks(project, ["nothing"])
+        assert [p.stem for p in notebooks.find_notebooks(project, [given])] == ["01_naming"]
+    with pytest.raises(notebooks.NotebookError, match="fits several"):
+        notebooks.find_notebooks(project, ["0"])
+    with pytest.raises(notebooks.NotebookError, match="is no notebook; there are 01_naming"):
+        notebooks.find_notebooks(project, ["nothing"])
 
 
 def test_parameters_are_read_as_yaml():
-    read = read_parameters(["seed=3", "source=drive.mp4", "ok=true"])
+    read = notebooks.read_parameters(["seed=3", "source=drive.mp4", "ok=true"])
     assert read == {"seed": 3, "source": "drive.mp4", "ok": True}
-    with pytest.raises(NotebookError, match="needed is name=value"):
-        read_parameters(["seed"])
+    with pytest.raises(notebooks.NotebookError, match="needed is name=value"):
+        notebooks.read_parameters(["seed"])
 
 
 def test_outputs_lose_paths_progress_and_traces_of_the_run(project):
@@ -149,7 +145,7 @@ def test_outputs_lose_paths_progress_and_traces_of_the_run(project):
     ]
     injected = new_code_cell("x = 2", metadata={"tags": ["injected-parameters"]})
     notebook = new_notebook(cells=[injected, cell], metadata={"papermill": {"start": "now"}})
-    normal = normalise(notebook, project)
+    normal = notebooks.normalise(notebook, project)
     assert len(normal.cells) == 1
     assert normal.cells[0].execution_count == 1
     assert normal.cells[0].metadata == {}
@@ -160,8 +156,8 @@ def test_outputs_lose_paths_progress_and_traces_of_the_run(project):
 
 def test_a_file_that_is_no_notebook_is_named(project):
     (project.notebooks / "01_a.ipynb").write_text("no json")
-    with pytest.raises(NotebookError, match=r"01_a.ipynb: not a notebook"):
-        fit_parameters(project.notebooks / "01_a.ipynb", {})
+    with pytest.raises(notebooks.NotebookError, match=r"01_a.ipynb: not a notebook"):
+        notebooks.fit_parameters(project.notebooks / "01_a.ipynb", {})
 
 
 def test_the_project_is_found_from_below_and_by_its_variable(project, monkeypatch, tmp_path):
@@ -175,11 +171,13 @@ def test_the_project_is_found_from_below_and_by_its_variable(project, monkeypatc
 
 
 def test_the_time_left_follows_from_the_last_run_at_todays_pace():
-    done = [Outcome(name="a", seconds=30.0), Outcome(name="b", seconds=90.0)]
-    assert seconds_left(done, {"a": 0, "b": 0, "c": 0, "d": 0}) == 120, "nothing known: the mean of those done"
-    slow = seconds_left(done, {"a": 15, "b": 45, "c": 100, "d": 0})
+    done = [notebooks.Outcome(name="a", seconds=30.0), notebooks.Outcome(name="b", seconds=90.0)]
+    assert notebooks.seconds_left(done, {"a": 0, "b": 0, "c": 0, "d": 0}) == 120, (
+        "nothing known: the mean of those done"
+    )
+    slow = notebooks.seconds_left(done, {"a": 15, "b": 45, "c": 100, "d": 0})
     assert slow == 2 * 100 + 60, "all take twice as long today"
-    assert seconds_left(done, {"a": 15, "b": 0, "c": 0}) == 60
+    assert notebooks.seconds_left(done, {"a": 15, "b": 0, "c": 0}) == 60
 
 
 @pytest.mark.parametrize(
@@ -198,4 +196,38 @@ def test_a_copy_of_a_like_run_tells_how_long_it_took(project, told, seconds):
         (project.runs / "notebooks").mkdir(parents=True)
         copy = new_notebook(metadata={"papermill": told})
         nbformat.write(copy, project.runs / "notebooks" / "01_a.ipynb")
-    assert seconds_before(project.notebooks / "01_a.ipynb", project, {"x": 4}) == seconds
+    assert notebooks.seconds_before(project.notebooks / "01_a.ipynb", project, {"x": 4}) == seconds
+
+
+def test_who_listens_is_told_every_step_and_lines_come_now_and_then_known_as_such(capsys):
+    told = []
+    with progress_to(told.append), progress_bar(2, "naming") as advance:
+        advance("a")
+        advance("b")
+    assert [(s.what, s.done, s.total) for s in told] == [("naming, a", 1, 2), ("naming, b", 2, 2)]
+    assert told[-1].left_s == 0
+    with progress_bar(1000, "naming") as advance:
+        for number in range(1000):
+            advance(str(number))
+    line = capsys.readouterr().err
+    assert line == "naming, 999: 1000/1000 steps, 0 s left\n"
+    assert is_line(line)
+    assert not is_line("12 steps, 0 s left over")
+
+
+def test_jupyterlab_has_a_widget_and_a_line_in_its_place_at_the_end(monkeypatch):
+    pytest.importorskip("ipywidgets")
+    shown = []
+
+    class Handle:
+        def update(self, data, raw):
+            shown.append((data, raw))
+
+    monkeypatch.setattr("IPython.display.display", lambda widget, **_: shown.append(widget) or Handle())
+    monkeypatch.setattr(progress, "_in_jupyterlab", lambda: True)
+    with progress_bar(2, "a<b") as advance:
+        bar, text = shown[0].children
+        advance("one")
+        advance("two")
+        assert (bar.value, bar.max, text.value) == (2, 2, "a&lt;b, two: 2/2 steps, 0 s left")
+    assert shown[1] == ({"text/plain": "a<b: 2 of 2 steps"}, True)

@@ -12,13 +12,12 @@ from sfglab.lab.paths import find_project
 from sfglab.soc import ZCU104, assess, chain_s, load_graph, map_communication, place_nodes
 from sfglab.soc.driving import CHAIN, Chain
 from sfglab.soc.exploration import walk
-from sfglab.soc.gateway import TABLE, State, Table, arrows
+from sfglab.soc.gateway import TABLE, State, Table
 from sfglab.soc.gateway_world import Bound, is_finished
 from sfglab.soc.graph import TopicMapping
 
 pytest.importorskip("anywidget")
 from sfglab.lab.explore.mapping import PressedMapping
-from sfglab.lab.explore.press import transition_part
 
 DATA = find_project(Path(__file__)).data
 DRIVING = load_graph(DATA / "graphs/driving.yaml")
@@ -29,17 +28,6 @@ FIGURE_8 = load_graph(DATA / "graphs/figure_8.yaml")
 def undrawn(monkeypatch):
     """What the pictures look like is the browser's test; drawing a thousand of them takes minutes."""
     monkeypatch.setattr("sfglab.lab.explore.press.Pressed._svg", lambda _: "<svg/>")
-
-
-def test_an_arrow_gives_its_input_and_the_table_says_where_it_leads():
-    core = gateways.press_core()
-    for state in State:
-        for arrow in arrows():
-            core.press(state.name)
-            core.press(transition_part(arrow.source, arrow.given))
-            moves = TABLE[state].moves
-            assert core.moment.state is (moves[arrow.given].to if arrow.given in moves else state)
-            assert bool(core.said) is (arrow.given not in moves)
 
 
 def test_a_walk_is_stepped_through_by_the_cores_inputs_and_one_that_comes_to_a_fault_says_so():

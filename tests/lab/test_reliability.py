@@ -1,4 +1,4 @@
-"""The soak: what did not hold in a log is found; a short one runs in `tests/notebooks`."""
+"""The soak: what did not hold in a log is found; a short one runs in `tests/notebooks`, one of kills here."""
 
 import json
 import struct
@@ -7,10 +7,13 @@ import sys
 from itertools import islice
 from pathlib import Path
 
+import numpy as np
+import pandas as pd
 import pytest
 from made_logs import made_run
 
 from sfglab.lab.experiments.reliability import COMPONENTS, KINDS, deck, exp, problems, recoveries, slope
+from sfglab.lab.growth import growing
 from sfglab.lab.workers import soaked
 from sfglab.lab.workers.soaked import Stream
 
@@ -58,6 +61,22 @@ def test_growth_is_that_of_lives_whatever_each_began_with(tmp_path):
     grown = slope(run, "rss_mb", "router")
     assert (grown.value, 8.9 < grown.low < 10 < grown.high < 11.1) == (pytest.approx(10), True)
     assert (slope(run, "descriptors").value, slope(run, "rss_mb", "decoder")) == (0, None)
+
+
+@pytest.mark.parametrize(("rate", "lasts_s", "told"), [(2.0, 900, []), (4.0, 900, ["router"]), (4.0, 300, [])])
+def test_memory_is_flat_when_it_does_not_double_in_a_day_after_its_warm_up(rate, lasts_s, told):
+    at_s = np.arange(0.0, lasts_s, 5)
+    warming = 10 * np.minimum(at_s, 60) / 60
+    saw = np.where(at_s // 20 % 2, 0.002, 0)
+    rows = {
+        "t_s": at_s,
+        "agent": "spot",
+        "who": "router",
+        "pid": 1,
+        "rss_mb": 60 + warming + saw + rate * at_s / 3600,
+    }
+    said = list(growing(pd.DataFrame(rows), warm_s=60))
+    assert [sentence.split(":")[0] for sentence in said] == [f"memory of {who}" for who in told]
 
 
 def test_each_round_of_faults_has_every_kind_and_component_and_a_seed_has_its_own_order():

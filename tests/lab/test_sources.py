@@ -1,10 +1,14 @@
-"""Sources: the same frames for the same seed, metric depth, the user's own material, clear refusals."""
+"""Sources: the same frames for the same seed, metric depth, one's own material; numbers drawn into frames."""
 
 import cv2
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
+from sfglab.errors import InvalidValueError
 from sfglab.lab import sources
+from sfglab.lab.framenumber import CELL_PX, CELLS, read_number, stamp_number
 from sfglab.messages import default_message
 from sfglab.record import LogWriter
 
@@ -44,28 +48,29 @@ def test_the_stereo_pair_gives_depth_from_its_measured_disparity():
     assert 0.01 < (depth == 0).mean() < 0.3, "places without disparity stay unknown"
 
 
-def test_a_video_file_is_scaled_and_starts_again_at_its_end(tmp_path):
-    path = tmp_path / "clip.avi"
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"MJPG"), 30, (320, 180))
+def video(folder, width: int, fps: int) -> str:
+    """A file of three grey pictures."""
+    path = str(folder / "clip.avi")
+    writer = cv2.VideoWriter(path, cv2.VideoWriter_fourcc(*"MJPG"), fps, (width, 180))
     for level in (40, 120, 200):
-        writer.write(np.full((180, 320, 3), level, dtype=np.uint8))
+        writer.write(np.full((180, width, 3), level, dtype=np.uint8))
     writer.release()
-    levels = [float(f.bgr.mean()) for f in frames(str(path), 5)]
+    return path
+
+
+def test_a_video_file_is_scaled_and_starts_again_at_its_end(tmp_path):
+    levels = [float(f.bgr.mean()) for f in frames(video(tmp_path, 320, 30), 5)]
     assert np.allclose(levels, [40, 120, 200, 40, 120], atol=6)
 
 
 def test_a_video_keeps_its_speed_and_its_shape_and_it_is_said(tmp_path):
-    path = tmp_path / "clip.avi"
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"MJPG"), 15, (90, 180))
-    for level in (40, 120, 200):
-        writer.write(np.full((180, 90, 3), level, dtype=np.uint8))
-    writer.release()
-    seen = [f.bgr for f in frames(str(path), 8)]
+    path = video(tmp_path, 90, 15)
+    seen = [f.bgr for f in frames(path, 8)]
     assert np.allclose([s[180, 320].mean() for s in seen], [40, 40, 120, 120, 200, 200, 40, 40], atol=6)
     assert np.all(seen[0][:, :230] == 0)
     assert np.all(seen[0][:, -230:] == 0)
-    assert np.allclose([f.bgr[180, 320].mean() for f in frames(str(path), 3, fps=7.5)], [40, 200, 120], atol=6)
-    assert sources.is_there(str(path)) == (
+    assert np.allclose([f.bgr[180, 320].mean() for f in frames(path, 3, fps=7.5)], [40, 200, 120], atol=6)
+    assert sources.is_there(path) == (
         f"{path}: 90 x 180 at 15 Hz, shown as 640 x 360 between black bars at 30 Hz: "
         "pictures are repeated, its speed is kept"
     )
@@ -111,3 +116,43 @@ def test_a_file_without_pictures_and_a_bag_without_the_topic_are_refused(tmp_pat
         frames(f"bag:{path}#/camera", 1)
     with pytest.raises(sources.SourceError, match="no images"):
         frames(f"bag:{path}#/hello", 1)
+
+
+@given(st.integers(0, 2**24 - 1))
+def test_every_number_is_read_back_from_colour_and_depth(number):
+    colour = np.full((360, 640, 3), 90, dtype=np.uint8)
+    stamp_number(colour, number)
+    assert read_number(colour) == number
+    depth = np.full((360, 640), 2000, dtype=np.uint16)
+    stamp_number(depth, number, white=4000, black=1000)
+    assert read_number(depth) == number
+
+
+def test_only_the_cells_are_touched():
+    image = np.full((360, 640, 3), 90, dtype=np.uint8)
+    stamp_number(image, 7)
+    assert (image[CELL_PX:] == 90).all()
+    assert (image[:, CELLS * CELL_PX :] == 90).all()
+
+
+def test_an_unmarked_or_noisy_image_shows_no_number():
+    assert read_number(np.zeros((360, 640, 3), dtype=np.uint8)) is None
+    rng = np.random.default_rng(1)
+    reads = [read_number(rng.integers(0, 255, (16, 640, 3), dtype=np.uint8)) for _ in range(200)]
+    assert sum(r is not None for r in reads) <= 5  # an 8-bit check lets 1 of 256 through
+
+
+@pytest.mark.parametrize("flip", range(2, CELLS))
+def test_one_wrong_cell_is_noticed(flip):
+    image = np.zeros((16, CELLS * CELL_PX), dtype=np.uint8)
+    stamp_number(image, 123456)
+    cell = image[:, flip * CELL_PX : (flip + 1) * CELL_PX]
+    cell[:] = 251 - cell
+    assert read_number(image) is None
+
+
+def test_a_frame_too_small_and_a_number_too_large_are_refused_with_the_bounds():
+    with pytest.raises(InvalidValueError, match="at least 544 x 16"):
+        read_number(np.zeros((16, 100), dtype=np.uint8))
+    with pytest.raises(InvalidValueError, match="16777215"):
+        stamp_number(np.zeros((16, 640), dtype=np.uint8), 2**24)

@@ -8,12 +8,9 @@ from sfglab.errors import InvalidValueError
 from sfglab.lab.stats import bootstrap, difference_of, lack_of_fit, line_fit, median_of, share_of
 
 
-def test_a_line_is_fitted_exactly():
+def test_a_line_is_fitted_exactly_and_one_through_one_place_is_undefined():
     x = np.arange(1.0, 11.0)
     assert line_fit(x, 6.5 * x + 3) == pytest.approx((6.5, 3))
-
-
-def test_a_line_through_one_place_is_undefined():
     assert np.isnan(line_fit(np.ones(4), np.arange(4.0))[0])
 
 

@@ -1,21 +1,28 @@
 """The transfer experiment: its rows are the model's, its claims stand, and parts that are missing are said."""
 
 import asyncio
-import json
 import math
+import os
+import signal
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
+import psutil
 import pytest
 
-from sfglab.lab.checks.placement import cost_s, greedy_placement, placed_rows, platform_for, random_graph
+from sfglab.lab.checks.placement import cost_s, greedy_placement, platform_for, random_graph
 from sfglab.lab.claims import How, Verdict, judge, load_claims
 from sfglab.lab.experiments.transfer import exp, stage
 from sfglab.lab.experiments.transfer.analysis import bars, bars_of, live_speed_up, rtl_residual, stated
 from sfglab.lab.experiments.transfer.experiment import CrossingRow
+from sfglab.lab.experiments.transfer.live import Crossing, cells_of, crossings
 from sfglab.lab.experiments.transfer.stage import IN, JUDGES, MODELS, OUT, READS, WRITE, bars_with_cycles
+from sfglab.lab.workers.crossing import Round, message_of, random_bytes
+from sfglab.processes import ProcessFailedError
 from sfglab.soc import TopicMapping, place_nodes
 from sfglab.soc.memory import STORED, Setup, Side, Transport, constants, faster_transport
 from sfglab.soc.paper_values import MESSAGE_BYTES, SUBSCRIBERS, Panel, residuals, speed_ups, tendencies
@@ -24,17 +31,10 @@ ROOT = Path(__file__).parents[2]
 CLAIMS = {"C-HWHW", "C-HWSW", "C-SWHW", "C-SWSW"}
 
 
-@pytest.fixture(autouse=True)
-def _project(monkeypatch):
-    monkeypatch.setenv("SFGLAB_ROOT", str(ROOT))
-
-
 @pytest.fixture(scope="module")
 def run(tmp_path_factory):
     """One whole run, live part and all."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("SFGLAB_ROOT", str(ROOT))
-        return asyncio.run(exp.run("smoke", path=tmp_path_factory.mktemp("transfer") / "a.mcap"))
+    return asyncio.run(exp.run("smoke", path=tmp_path_factory.mktemp("transfer") / "a.mcap"))
 
 
 def test_a_run_s_agreement_is_a_fit_and_both_ends_of_each_range_are_judged(run):
@@ -48,13 +48,6 @@ def test_a_run_s_agreement_is_a_fit_and_both_ends_of_each_range_are_judged(run):
     details = measured["C-HWSW"].details
     assert details["fit"].startswith("6 constants to 7 stated numbers")
     assert "2 readers, 10000 B" in details["live"]
-
-
-def test_a_run_draws_its_figures(run):
-    drawn = exp.figures(run)
-    names = {"transfer", "transfer_live", "transfer_residuals", "transfer_break_even", "node_mapping"}
-    assert set(drawn) == names
-    assert all(json.dumps(twin, allow_nan=False) for _, twin in drawn.values())
 
 
 @pytest.mark.parametrize("model", MODELS)
@@ -97,15 +90,9 @@ def test_the_simulated_hardware_takes_the_model_s_cycles(run):
     ran = run["cycles"][run["cycles"]["simulated"]]
     assert (ran["law_cycles"] / ran["rtl_cycles"] - 1).abs().max() < 0.002
     assert rtl_residual(run) < 0.05
-    rtl, model = (bars_of(run, Panel.HARDWARE_TO_HARDWARE, model=m, subscribers=2) for m in ("rtl", "stored"))
+    both = [bars_of(run, Panel.HARDWARE_TO_HARDWARE, model=name) for name in ("rtl", "stored")]
+    rtl, model = (bars.query("subscribers == 2") for bars in both)
     assert np.allclose(rtl["ratio"], model["ratio"], rtol=0.05)
-
-
-def test_areas_are_those_of_the_synthesis(monkeypatch):
-    rtl = pytest.importorskip("sfglab.soc.rtl", reason="the extra rtl is not installed")
-    area = {"luts": 285, "ram_cells": 10, "flip_flops": 300, "carries": 12, "block_rams": 0}
-    monkeypatch.setattr(rtl, "gateway_area", lambda _subscribers: rtl.Area(**area))
-    assert list(stage.area_rows((2,))) == [{"subscribers": 2, **area}]
 
 
 def test_cycles_that_are_the_model_s_give_the_model_s_bars():
@@ -189,12 +176,6 @@ def test_the_same_seed_gives_the_same_simulated_rows(tmp_path, monkeypatch):
     assert costs[0] == costs[1] != costs[2]
 
 
-def test_small_graphs_stay_within_their_number_of_nodes():
-    rows = list(placed_rows(np.random.default_rng(0), small=(5, 6), large=(0, 0)))
-    assert {row["nodes"] for row in rows} <= {5, 6}
-    assert len(rows) == 5
-
-
 def test_known_live_times_are_found_again(run):
     cell = {"publisher": "hardware", "message_bytes": 1000, "subscribers": 4, "place": 0}
     rows = [
@@ -217,3 +198,117 @@ def test_profiles_cover_the_paper_s_twelve_configurations(profile):
     config = exp.config(profile)
     assert (config.live_bytes, config.live_subscribers) == (MESSAGE_BYTES, SUBSCRIBERS)
     assert config.rtl_subscribers == SUBSCRIBERS
+
+
+BYTES = 10_000
+TINY = exp.config("smoke", live_bytes=(BYTES,), live_subscribers=(2,), live_rounds=2)
+ORDER = ("reader0", "subscriber", "reader1")
+SMT = Round(publisher="software", gateway=False, message_bytes=BYTES, offset=0, order=ORDER, woken=())
+
+
+def descriptors():
+    return len(os.listdir("/proc/self/fd"))  # noqa: PTH208 - what the kernel lists, counted
+
+
+def shared():
+    return {path.name for path in Path("/dev/shm").glob("*sfglab*")}
+
+
+@pytest.fixture
+def nothing_left():
+    """No process of ours lives on, and no descriptor or named memory is left."""
+    before, children = descriptors(), set(psutil.Process().children())
+    yield
+    assert set(psutil.Process().children()) <= children
+    assert not shared()
+    assert descriptors() <= before
+
+
+async def all_rows(config):
+    return [row async for row in crossings(config)]
+
+
+@pytest.mark.live
+@pytest.mark.usefixtures("nothing_left")
+def test_every_cell_is_measured_both_ways_in_every_repetition():
+    rows = asyncio.run(all_rows(TINY))
+    seen = [(row["repeat"], row["publisher"], row["transport"]) for row in rows]
+    wanted = {(r, p, t) for r in range(2) for p in ("software", "hardware") for t in ("smt", "gateway")}
+    assert set(seen) == wanted
+    assert len(seen) == len(wanted) == 2 * 2 * len(cells_of(TINY))
+    assert all(row["hardware_ns"] > 0 and row["software_ns"] > 0 for row in rows)
+
+
+@pytest.mark.live
+@pytest.mark.usefixtures("nothing_left")
+def test_a_message_that_is_not_the_published_one_is_noticed():
+    async def carry():
+        async with Crossing(2, BYTES, seed=0) as crossing:
+            await crossing.carry(SMT)
+            crossing._data = random_bytes(BYTES, seed=1)
+            await crossing.carry(replace(SMT, offset=8))
+
+    with pytest.raises(ProcessFailedError, match="reader0, reader1, subscriber did not get what was published"):
+        asyncio.run(carry())
+
+
+@pytest.mark.live
+def test_two_rounds_carry_different_words_everywhere():
+    data = random_bytes(BYTES, seed=0)
+    one, other = (message_of(data, replace(SMT, offset=offset)) for offset in (0, 8))
+    words = [view.cast("Q") for view in (one, other)]
+    assert all(a != b for a, b in zip(*words, strict=True))
+
+
+_PARENT = """
+import asyncio, dataclasses, sys
+from sfglab.lab.experiments.transfer.live import Crossing
+
+async def main():
+    async with Crossing(2, 10_000, seed=0) as crossing:
+        crossing["reader0"].order(do="round", publisher="software", gateway=False, message_bytes=8,
+                                         offset=0, order=["reader0"], woken=[])
+        await crossing["reader0"].expect("armed", timeout_s=60)
+        print(*(crossing[name].pid for name in crossing), flush=True)
+        await asyncio.sleep(60)
+
+asyncio.run(main())
+"""
+
+
+@pytest.mark.live
+def test_processes_end_when_their_parent_is_killed_in_the_middle_of_a_message():
+    with subprocess.Popen([sys.executable, "-c", _PARENT], stdout=subprocess.PIPE, cwd=Path.cwd()) as parent:
+        assert parent.stdout
+        pids = [int(pid) for pid in parent.stdout.readline().split()]
+        workers = [psutil.Process(pid) for pid in pids]
+        parent.kill()
+    assert len(workers) == 6
+    gone, alive = psutil.wait_procs(workers, timeout=60)
+    assert not alive
+    assert len(gone) == len(workers)
+
+
+@pytest.mark.usefixtures("nothing_left")
+@pytest.mark.parametrize("victim", ["software", "gateway"])
+def test_a_killed_process_is_named_and_nothing_is_left(victim):
+    async def carry():
+        async with Crossing(2, BYTES, seed=0) as crossing:
+            crossing[victim].signal(signal.SIGKILL)
+            order = {"order": ("subscriber",), "woken": ("reader0", "reader1", "gateway")}
+            await crossing.carry(replace(SMT, publisher="hardware", gateway=True, **order))
+
+    with pytest.raises(ProcessFailedError, match=f"{victim} killed by a signal"):
+        asyncio.run(carry())
+
+
+@pytest.mark.usefixtures("nothing_left")
+async def test_an_interrupted_run_leaves_nothing():
+    rows = crossings(replace(TINY, live_rounds=1000))
+    await anext(rows)
+    task = asyncio.ensure_future(anext(rows))
+    await asyncio.sleep(0)
+    task.cancel()
+    with pytest.raises(asyncio.CancelledError):
+        await task
+    await rows.aclose()

@@ -1,31 +1,27 @@
 """The transmission experiment: its flows are the paper's, its arithmetic is right, its runs repeat."""
 
+from __future__ import annotations
+
 import asyncio
+import math
 from dataclasses import replace
 
 import numpy as np
 import pandas as pd
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from sfglab.arp.robots import METHODS, ROBOTS
 from sfglab.errors import InvalidValueError
-from sfglab.lab.experiments.transmission import exp, grid
+from sfglab.lab.experiments.transmission import exp, experiment, grid
 from sfglab.lab.experiments.transmission.analysis import order_of
-from sfglab.lab.experiments.transmission.experiment import (
-    HELLO_DOWN,
-    HELLO_UP,
-    WAYS,
-    Point,
-    balance_of,
-    hello_latency_ms,
-    hello_losses,
-    own_plan,
-    rate_and_depth,
-    scenario_of,
-    simulate_cell,
-    up_to_date,
-)
-from sfglab.rtps import Drop, Fate, Flow, FlowOutcome, Medium, run
+from sfglab.lab.experiments.transmission.stage import GROUPS, Played, compare, hosts_of, live_hosts, measure
+from sfglab.lab.hosts import RadioCounters
+from sfglab.lab.workers.flowplay import text_of, value_of
+from sfglab.messages import deserialize
+from sfglab.qos import QoSProfile
+from sfglab.rtps import CYCLONE_DDS, Drop, Fate, Flow, FlowOutcome, Medium, Outcome, Scenario, run
 from sfglab.units import NS_PER_S
 
 CHANGES = {
@@ -45,40 +41,47 @@ def run_small(path):
 
 
 def point(**changes):
-    return Point(**{"rate_max_hz": 100, "depth": "10", "method": "none", "duration_s": 2.0, **changes})
+    return experiment.Point(
+        **{"rate_max_hz": 100, "depth": "10", "method": "none", "duration_s": 2.0, **changes}
+    )
 
 
 def test_the_flows_are_sixteen_sensors_and_hello_there_and_back():
-    flows = scenario_of(point()).flows
+    flows = experiment.scenario_of(point()).flows
     assert len(flows) == sum(map(len, ROBOTS.values())) + 2 == 18
     by_name = {flow.name: flow for flow in flows}
-    assert by_name[HELLO_UP].then == HELLO_DOWN
-    assert (by_name[HELLO_DOWN].source, by_name[HELLO_DOWN].target) == ("station", "robot1")
-    assert all(flow.target == "station" for flow in flows if flow.name != HELLO_DOWN)
+    assert by_name[experiment.HELLO_UP].then == experiment.HELLO_DOWN
+    assert (by_name[experiment.HELLO_DOWN].source, by_name[experiment.HELLO_DOWN].target) == (
+        "station",
+        "robot1",
+    )
+    assert all(flow.target == "station" for flow in flows if flow.name != experiment.HELLO_DOWN)
 
 
 @pytest.mark.parametrize("method", METHODS)
 def test_a_method_sets_rate_and_caches_and_nothing_else(method):
-    flows = scenario_of(point(method=method)).flows
+    flows = experiment.scenario_of(point(method=method)).flows
     sensors = [flow for flow in flows if flow.change_s]
     assert len(sensors) == 16
     assert {flow.cached for flow in sensors} == {METHODS[method].local_cache}
     assert {flow.compare_s is not None for flow in sensors} == {METHODS[method].cache_control}
     assert not any(flow.cached for flow in flows if not flow.change_s), "no hello repeats another"
-    rate_hz = balance_of(100).rate_hz if METHODS[method].optimised else 100
-    assert {flow.rate_hz for flow in flows if flow.name != HELLO_DOWN} == {rate_hz}
+    rate_hz = experiment.balance_of(100).rate_hz if METHODS[method].optimised else 100
+    assert {flow.rate_hz for flow in flows if flow.name != experiment.HELLO_DOWN} == {rate_hz}
 
 
 def test_the_depth_opt_is_eq_6_for_the_topics_that_there_are():
     # Topics of the agents: 6 sensors, hello and its answer; 5; 5. T_avg = 6, Rmin = Dmin = 1.
-    rate_hz, depth = rate_and_depth(point(method="OPT", depth="opt", rate_max_hz=500))
+    rate_hz, depth = experiment.rate_and_depth(point(method="OPT", depth="opt", rate_max_hz=500))
     assert rate_hz == pytest.approx(500 / 6 - 1)
     assert depth == int(5000 * (500 / 6 - 1) / 500 - 1)
 
 
 def test_on_a_quiet_air_hello_takes_two_ways_and_two_services():
-    scenario = scenario_of(point(depth="1000"), medium=Medium(loss=0.0, rate_bps=1e12, overhead_s=1e-6))
-    latency = hello_latency_ms(run(scenario, seed=0))
+    scenario = experiment.scenario_of(
+        point(depth="1000"), medium=Medium(loss=0.0, rate_bps=1e12, overhead_s=1e-6)
+    )
+    latency = experiment.hello_latency_ms(run(scenario, seed=0))
     assert len(latency) == 200
     services_ms = 0.18 + 0.06
     assert np.quantile(latency, 0.1) == pytest.approx(services_ms, abs=0.02)
@@ -99,13 +102,21 @@ def test_every_lost_hello_is_counted_where_it_was_lost():
     dropped = (Drop.MEDIUM, Drop.MEDIUM, Drop.QUEUE, Drop.QUEUE, Drop.NOT, Drop.MEDIUM)
     up = outcome(fates, dropped=dropped)
     down = outcome((Fate.OVERWRITTEN,), dropped=Drop.MEDIUM)
-    both = replace(run(scenario_of(point(duration_s=0.1)), seed=0), flows={HELLO_UP: up, HELLO_DOWN: down})
-    assert hello_losses(both) == {"lost_medium": 2, "lost_queue": 2, "lost_late": 1, "lost_underway": 1}
+    both = replace(
+        run(experiment.scenario_of(point(duration_s=0.1)), seed=0),
+        flows={experiment.HELLO_UP: up, experiment.HELLO_DOWN: down},
+    )
+    assert experiment.hello_losses(both) == {
+        "lost_medium": 2,
+        "lost_queue": 2,
+        "lost_late": 1,
+        "lost_underway": 1,
+    }
 
 
 @pytest.mark.parametrize("cell", grid(SMALL)[::5], ids=str)
 def test_no_hello_is_counted_twice_or_forgotten(cell):
-    row = simulate_cell(cell, 1)
+    row = experiment.simulate_cell(cell, 1)
     lost = row["lost_medium"] + row["lost_queue"] + row["lost_late"] + row["lost_underway"]
     assert row["arrived"] + lost == row["published"]
     assert row["sensor_published"] + row["sensor_held"] == row["sensor_values"]
@@ -117,12 +128,12 @@ def test_up_to_date_is_what_is_expected_of_a_perfect_and_of_a_dead_link():
     perfect, dead = (outcome(fate, times_ns=times_ns) for fate in (Fate.DELIVERED, Fate.OVERWRITTEN))
     # Between readings a value lives on with probability exp(-t / 2 s).
     expected = 2.0 / 0.1 * (1 - np.exp(-0.1 / 2.0))
-    assert up_to_date(flow, perfect, duration_s=10) == pytest.approx(expected, rel=1e-3)
-    assert up_to_date(flow, dead, duration_s=10) == 0
+    assert experiment.up_to_date(flow, perfect, duration_s=10) == pytest.approx(expected, rel=1e-3)
+    assert experiment.up_to_date(flow, dead, duration_s=10) == 0
 
 
 def test_our_plan_fits_the_air_and_depends_on_what_changes():
-    chosen = own_plan(Point(rate_max_hz=1000, depth="10", method="none", duration_s=1.0))
+    chosen = experiment.own_plan(experiment.Point(rate_max_hz=1000, depth="10", method="none", duration_s=1.0))
     assert chosen.utilisation < 0.91
     assert chosen["robot1/lidar"].rate_hz > 3 * chosen["robot1/flame"].rate_hz
     assert max(part.depth for part in chosen.topics) < 20
@@ -147,7 +158,7 @@ def test_a_run_repeats_to_the_byte_and_fills_its_claims(tmp_path):
     one, two = (run_small(tmp_path / name / "a.mcap") for name in ("one", "two"))
     assert all(one.table(name).equals(two.table(name)) for name in ("cell", "lossless", "beyond"))
     assert len(one["cell"]) == CELLS
-    assert len(one["beyond"]) == 2 * len(WAYS) * SMALL.seeds
+    assert len(one["beyond"]) == 2 * len(experiment.WAYS) * SMALL.seeds
     assert one.skipped("live") == "not asked for"
     measured = exp.measure(one)
     assert set(measured) == {"B-TAB2", "B-LAT", "B-LOSS"}
@@ -176,3 +187,125 @@ def test_bad_points_are_refused_with_the_place():
         point(method="best")
     with pytest.raises(InvalidValueError, match="depth: given '0'"):
         point(depth="0")
+
+
+CALM = Medium(rate_bps=1e8, loss=0.0, overhead_s=50e-6)
+
+
+@given(size_bytes=st.integers(min_value=14, max_value=200), value=st.integers(min_value=0, max_value=64**5 - 1))
+def test_a_sample_has_its_size_and_carries_its_value(size_bytes, value):
+    cdr = text_of(value, size_bytes)
+    assert len(cdr) == size_bytes
+    assert value_of(cdr) == value
+    assert len(deserialize(cdr, "std_msgs/msg/String").data) == size_bytes - 9
+
+
+def outcome_of_losses(lost_up: int, lost_down: int) -> Outcome:
+    """Return a run of the model with known losses: of ten "Hello"s, and of ten samples of a sensor."""
+    scenario = Scenario(
+        flows=(
+            Flow(name="robot1/lidar", source="robot1", target="station", rate_hz=10),
+            Flow(
+                name=experiment.HELLO_UP,
+                source="robot1",
+                target="station",
+                rate_hz=10,
+                then=experiment.HELLO_DOWN,
+            ),
+            Flow(name=experiment.HELLO_DOWN, source="station", target="robot1"),
+        ),
+        medium=replace(CALM, latency_s=1e-3),
+        duration_s=1.0,
+    )
+    outcome = run(scenario, seed=1)
+    outcome.flows[experiment.HELLO_UP].fate[:lost_up] = Fate.UNDERWAY
+    outcome.flows[experiment.HELLO_DOWN].fate[: lost_up + lost_down] = Fate.UNDERWAY
+    return outcome
+
+
+def played(outcome: Outcome, *, radio: RadioCounters | None = None, late_p95_s: float = 0.0) -> Played:
+    return Played(
+        scenario=experiment.scenario_of(POINT),
+        delay_s=0.0,
+        outcome=outcome,
+        radio=radio or RadioCounters(delivered=100, late_after_s=2e-3),
+        late_p95_s=late_p95_s,
+        refused=0,
+    )
+
+
+POINT = experiment.Point(rate_max_hz=100, depth="10", method="none", duration_s=1.0)
+
+
+def test_losses_and_latencies_are_those_of_their_group():
+    outcome = outcome_of_losses(1, 2)
+    assert [measure([outcome], group)["loss"] for group in GROUPS] == pytest.approx([0.0, 0.1, 0.3])
+    up_ms, round_ms = (measure([outcome], group)["p50_ms"] for group in ("hello_up", "hello"))
+    assert 1.0 < up_ms < 1.3
+    assert round_ms == pytest.approx(2 * up_ms, rel=0.1)
+    assert measure([outcome, outcome], "hello")["published"] == 20
+
+
+def test_three_points_and_thirty_percent_agree_and_more_does_not():
+    rows = compare(POINT, played(outcome_of_losses(0, 0)), [outcome_of_losses(0, 1)])
+    agrees = {row.group: row for row in rows}
+    assert agrees["sensors"].loss_agrees
+    assert agrees["sensors"].latency_agrees
+    assert not agrees["hello"].loss_agrees
+    nothing = compare(POINT, played(outcome_of_losses(10, 0)), [outcome_of_losses(0, 0)])[-1]
+    assert math.isnan(nothing.p50_live_ms)
+    assert not nothing.latency_agrees
+
+
+def test_a_run_that_did_not_keep_its_schedule_says_so():
+    outcome = outcome_of_losses(0, 0)
+    slow = RadioCounters(delivered=100, late=2, late_after_s=2e-3)
+    assert played(outcome).kept_up
+    assert not played(outcome, radio=slow).kept_up
+    assert not played(outcome, late_p95_s=3e-3).kept_up
+
+
+# --- Live -----------------------------------------------------------------------------------------------------
+
+
+def play(*scenarios: Scenario) -> list[Played]:
+    async def all_of_them() -> list[Played]:
+        async with live_hosts(*hosts_of(scenarios[0])) as hosts:
+            return [await hosts.play(scenario, seed=3) for scenario in scenarios]
+
+    return asyncio.run(all_of_them())
+
+
+@pytest.mark.slow
+@pytest.mark.netns
+def test_flows_caches_and_chains_run_live_as_in_the_model():
+    # Depth for all samples: a process that gets no CPU for a tenth of a second sends more than ten at once.
+    flow = {"source": "robot", "target": "station", "rate_hz": 100.0, "qos": QoSProfile(depth=100)}
+    scenario = Scenario(
+        flows=(
+            Flow(name="plain", **flow),
+            Flow(name="cached", change_s=0.1, cached=True, phase_s=1e-3, **flow),
+            Flow(name="compared", change_s=0.1, compare_s=1e-5, service_s=1e-4, phase_s=2e-3, **flow),
+            Flow(name="hello", size_bytes=14, then="move", phase_s=3e-3, **flow),
+            Flow(name="move", size_bytes=14, source="station", target="robot"),
+        ),
+        medium=CALM,
+        vendor=CYCLONE_DDS,
+        duration_s=1.0,
+        drain_s=3.0,
+    )
+    lossy = replace(scenario, medium=replace(CALM, loss=0.3), flows=scenario.flows[:1])
+    live, worse = play(scenario, lossy)
+    flows = live.outcome.flows
+    assert {name: f.loss for name, f in flows.items()} == dict.fromkeys(flows, 0.0)
+    assert [len(flows[name].fate) for name in ("plain", "compared", "hello", "move")] == [100] * 4
+    assert len(flows["cached"].fate) + live.outcome.counts["held"] == 100
+    assert len(flows["cached"].fate) == len(np.unique(flows["cached"].value))
+    assert live.outcome.counts["compared"] == 100 - len(np.unique(flows["compared"].value))
+    assert (flows["move"].value == flows["hello"].value).all()
+    assert (flows["move"].published_ns >= flows["hello"].received_ns).all()
+    assert (flows["plain"].latency_ns > 0).all()
+    assert live.refused == 0
+    assert live.delay_s > 0
+    assert live.scenario.medium.latency_s == live.delay_s
+    assert worse.radio.lost > 10

@@ -26,11 +26,6 @@ ROOT = Path(__file__).parents[2]
 REFERENCE = ROOT / "data" / "reference" / "visualisation.mcap"
 
 
-@pytest.fixture(autouse=True)
-def _project(monkeypatch):
-    monkeypatch.setenv("SFGLAB_ROOT", str(ROOT))
-
-
 @pytest.fixture(scope="module")
 def moments():
     return fleet_scene.scene_moments(2, seed=0)

@@ -10,7 +10,15 @@ import psutil
 import pytest
 
 from sfglab.lab.checks import trees
-from sfglab.lab.experiments import EXPERIMENTS, experiment, latency, mocap, reliability, visualisation
+from sfglab.lab.experiments import (
+    EXPERIMENTS,
+    decode_once,
+    experiment,
+    latency,
+    mocap,
+    reliability,
+    visualisation,
+)
 from sfglab.lab.experiments.latency.analysis import sights
 from sfglab.lab.experiments.latency.stage import PATHS
 from sfglab.lab.notebooks import find_notebooks, run_notebooks
@@ -97,6 +105,13 @@ def test_every_notebook_is_known_and_the_index_reports_on_all():
     assert len(FIGURES) == len(EXPERIMENTS)
 
 
+def frames_are_whole(run):
+    """Each way shows frames, in order."""
+    checks = decode_once.frame_checks(run)
+    assert {"standard", "dds", "proxy"} <= set(checks.loc[checks["pairs"] > 0, "mode"])
+    assert (checks[["disordered", "broken"]] == 0).all(axis=None)
+
+
 def pictures_are_present(run):
     """No picture on any way is a wrong one, and keepers are asked where they should be."""
     table = latency.checks(run).set_index("path")
@@ -143,6 +158,7 @@ def everything_recovers(run):
 
 
 LIVE_RUNS = {
+    "03_decode_once": frames_are_whole,
     "07_latency": pictures_are_present,
     "14_mocap": the_bridge_keeps_the_tree_whole,
     "16_visualisation": everything_is_shown,

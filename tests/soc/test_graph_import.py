@@ -1,19 +1,16 @@
-"""Graphs from logs and from live DDS domains."""
-
-import asyncio
+"""Graphs from logs."""
 
 import pytest
 from graph_strategies import GRAPHS, chain
 
-from sfglab import bus, soc
+from sfglab import soc
+from sfglab.documents import Document
 from sfglab.errors import InvalidValueError
 from sfglab.messages import default_message
-from sfglab.qos import QoSProfile
 from sfglab.record import LogReader, LogWriter
 from sfglab.record.traffic import COMPUTATION_GRAPH
 
 STRING = "std_msgs/msg/String"
-IMAGE = "sensor_msgs/msg/Image"
 SW = soc.Placement.SOFTWARE
 
 
@@ -42,13 +39,14 @@ def test_a_log_gives_topics_with_types_sizes_and_rates(imported):
     assert (topic.type, topic.rate_hz) == (STRING, pytest.approx(10))
     assert topic.size_bytes == 4 + 4 + 100 + 1 + 3  # header, length, text, its end, padding
     assert topic.publishers == ("publisher of /a",)
-    assert (topic.subscribers, found.left_out, found.graph.name) == ((), (), "run.mcap")
-    assert soc.read_graph(soc.graph_text(found.graph)) == found.graph
+    assert (topic.subscribers, found.left_out, found.graph.name) == ((), {}, "run.mcap")
+    assert soc.read_graph(Document(soc.graph_text(found.graph), "g.yaml")) == found.graph
 
 
 def test_a_log_that_says_who_publishes_gives_the_nodes_too(imported):
     graph = chain(SW, SW, SW)
-    found = imported(["ab", "bc", "/x"], soc.graph_metadata(graph)).graph
+    sides = {t.name: {"publishers": [*t.publishers], "subscribers": [*t.subscribers]} for t in graph.topics}
+    found = imported(["ab", "bc", "/x"], sides).graph
     assert list(found.edges())[-4:] == list(graph.edges())
     assert found.topic("/x").publishers == ("publisher of /x",)
     assert set(found.in_hardware) == set()
@@ -57,8 +55,7 @@ def test_a_log_that_says_who_publishes_gives_the_nodes_too(imported):
 def test_a_topic_that_the_record_gives_no_publisher_is_left_out_with_the_reason(imported):
     record = {"/a": {"publishers": [], "subscribers": ["s"]}}
     found = imported(["/a"], record)
-    (left,) = found.left_out
-    assert (left.topic, left.why) == ("/a", "no publisher in the record 'computation_graph'")
+    assert found.left_out == {"/a": "no publisher in the record 'computation_graph'"}
     assert found.graph.topics == ()
 
 
@@ -72,81 +69,3 @@ def test_the_reference_logs_of_this_repository_have_graphs_without_their_tables(
         found = soc.graph_from_log(log)
         assert log.tables
     assert not any(topic.name.startswith("/table/") for topic in found.graph.topics)
-
-
-def endpoint(kind, topic, node="", type_name=STRING, dds_topic=None, participant=b"\1" * 16):
-    return bus.EndpointInfo(
-        kind=bus.EndpointKind[kind],
-        topic=topic,
-        type=type_name,
-        gid=bytes(16),
-        qos=QoSProfile(),
-        node=node,
-        dds_topic=f"rt{topic}" if dds_topic is None else dds_topic,
-        participant=participant,
-    )
-
-
-def test_endpoints_become_a_graph_of_the_nodes_that_own_them():
-    found = soc.graph_from_endpoints(
-        [
-            endpoint("PUBLISHER", "/image", "/camera", IMAGE),
-            endpoint("PUBLISHER", "/image", "/camera", IMAGE),  # in shared memory beside DDS
-            endpoint("SUBSCRIPTION", "/image", "/blur", IMAGE),
-            endpoint("SUBSCRIPTION", "/image", "", IMAGE),
-            endpoint("PUBLISHER", "/rosout", "/camera"),
-            endpoint("PUBLISHER", "rq/sumRequest", "/camera", dds_topic="rq/sumRequest"),
-        ],
-        name="here",
-    )
-    assert found.left_out == ()
-    assert [topic.name for topic in found.graph.topics] == ["/image"]
-    topic = found.graph.topic("/image")
-    assert topic.publishers == ("/camera",)
-    assert topic.subscribers == ("/blur", "participant " + "01" * 16)
-    assert (topic.type, topic.size_bytes, topic.rate_hz, found.graph.name) == (IMAGE, None, None, "here")
-
-
-def test_a_topic_without_publishers_or_with_two_types_is_left_out_with_the_reason():
-    found = soc.graph_from_endpoints(
-        [
-            endpoint("SUBSCRIPTION", "/lone", "/a"),
-            endpoint("PUBLISHER", "/two", "/a"),
-            endpoint("SUBSCRIPTION", "/two", "/b", IMAGE),
-        ]
-    )
-    assert [(left.topic, left.why) for left in found.left_out] == [
-        ("/lone", "nobody publishes it"),
-        ("/two", f"it has more than one type: {IMAGE}, {STRING}"),
-    ]
-    assert found.graph.nodes == ()
-
-
-@pytest.mark.live
-def test_the_graph_of_a_live_domain_names_the_nodes_on_both_sides(domain_id):
-    async def scenario():
-        def node(name):
-            return bus.Node(name, domain_id=domain_id, interface="lo")
-
-        async with node("camera") as camera, node("blur") as blur, node("looker") as looker:
-            camera.create_publisher(IMAGE, "/image")
-            blur.create_subscription(IMAGE, "/image")
-            blur.create_publisher(STRING, "/note")
-            ready = await looker.graph.wait_for(lambda: len(looker.graph.endpoints()) >= 3)
-            assert ready
-            return await soc.watch_graph(looker)
-
-    found = asyncio.run(scenario()).graph
-    assert [str(edge) for edge in found.edges()] == ["/camera -> /image", "/image -> /blur", "/blur -> /note"]
-    assert found.topic("/image").type == IMAGE
-    assert found.name == "seen by looker"
-
-
-@pytest.mark.live
-async def test_owners_that_stay_unknown_are_named_after_their_participant(domain_id):
-    quiet = bus.Node("quiet", domain_id=domain_id, interface="lo", discovery_info=False)
-    async with quiet, bus.Node("looker", domain_id=domain_id, interface="lo") as looker:
-        quiet.create_publisher(STRING, "/t")
-        assert await looker.graph.wait_for(lambda: looker.graph.publishers("/t") != ())
-        guid, found = quiet.guid, await soc.watch_graph(looker, timeout_s=0.3)
-    assert found.graph.topic("/t").publishers in (("/quiet",), (f"participant {guid.hex()}",))

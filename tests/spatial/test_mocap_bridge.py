@@ -165,7 +165,7 @@ def test_live_the_bridge_joins_a_robots_tree_to_the_world(domain_id, caplog):
                 await asyncio.gather(task, return_exceptions=True)
             assert task.cancelled()
             assert [(o.id, o.frame) for o in told.objects] == [("agent_x/markers", "agent_x/base")]
-            (status,) = bridge.statuses
+            (status,) = bridge.core.statuses
             assert status.receipt_latency.median_ns > 5_900_000
             assert 0 < status.publication_latency.median_ns < 500_000_000
             assert abs(placed.position_m[0]) < 2.1

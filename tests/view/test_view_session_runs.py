@@ -246,7 +246,7 @@ def test_the_layout_has_a_view_for_every_camera_and_the_heartbeats_if_there_are_
     from sfglab.fleet.fleet_file import load_fleet
 
     layout = layout_of_fleet(load_fleet(pytestconfig.rootpath / "data/fleets/lab.yaml"))
-    assert [c.entity for c in layout.cameras] == [
+    assert list(layout.cameras.values()) == [
         "/agents/go2/global/camera_front/color/ffmpeg",
         "/agents/go2/global/camera_front/aligned_depth/compressed_depth",
     ]
@@ -254,7 +254,7 @@ def test_the_layout_has_a_view_for_every_camera_and_the_heartbeats_if_there_are_
     assert (layout.frame, layout.communication) == ("map", True)
     topics = {"/b": IMAGE, "/a": "sensor_msgs/msg/CompressedImage", "/words": STRING}
     layout = layout_of_topics(topics)
-    assert [c.entity for c in layout.cameras] == ["/a", "/b"]
+    assert list(layout.cameras.values()) == ["/a", "/b"]
     assert not layout.communication
     beats = {"/global/agent_heartbeat": "sfglab_interfaces/msg/AgentHeartbeat"}
     assert layout_of_topics({**topics, **beats}).communication

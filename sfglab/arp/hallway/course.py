@@ -99,10 +99,7 @@ AREAS = (
 
 @nb.njit(cache=True, nogil=True)
 def scan(walls: Any, pose: Any, angles: Any, ranges: Any) -> None:
-    """Write the distance to the next wall in each direction into `ranges`; infinity where there is none.
-
-    Walls have shape (walls, 4); directions, in radians from the heading, and ranges (n,).
-    """
+    """Write distances to walls (walls, 4), or infinity, by angles from ahead (n,), into `ranges` (n,)."""
     for i in range(len(angles)):
         dx, dy = math.cos(pose[2] + angles[i]), math.sin(pose[2] + angles[i])
         nearest = np.inf
@@ -134,10 +131,7 @@ def clearances(walls: Any, poses: Any, result: Any) -> None:
 
 @nb.njit(cache=True, nogil=True)
 def drive(poses: Any, wheels: Any, base_m: float, dt_s: float) -> None:
-    """Move each robot along the arc that its wheels' speeds make, and change `poses` in place.
-
-    Speeds are those of the left and the right wheel, m/s, shape (robots, 2); `base_m` is from one to the other.
-    """
+    """Move `poses` along arcs of the wheels' speeds, left and right, m/s, (robots, 2), `base_m` apart."""
     for r in range(poses.shape[0]):
         ahead = 0.5 * (wheels[r, 0] + wheels[r, 1]) * dt_s
         turn = (wheels[r, 1] - wheels[r, 0]) / base_m * dt_s

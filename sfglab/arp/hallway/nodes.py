@@ -185,11 +185,7 @@ def _view(ranges: list[float]) -> View:
 
 
 def _wall(front_m: float, beside_m: float, behind_m: float) -> tuple[float, float] | None:
-    """Return heading towards the wall on one side and distance to it, or None where three beams hit no line.
-
-    The beams at 45 and 135 degrees are at right angles to each other: with the wall they make a right-angled
-    triangle, whose height is the distance.
-    """
+    """Return heading towards a side's wall and its distance, a right triangle's height; None for no line."""
     if math.inf in (front_m, beside_m, behind_m):
         return None
     heading = math.atan2(behind_m - front_m, behind_m + front_m)

@@ -1,9 +1,8 @@
 """The station: three localisations, the leader's planning, and how a move is released (Fig. 15).
 
-Robot 1's planning decides from its localisation; the decision goes on to the localisations of robots 2 and 3,
-inside the station; robot 3's releases it to all robots if neither sees an obstacle in its area. All do the same
-at the same time ("robot1 moves as a leader", section 3.2), and each keeps to the middle of its own corridor.
-Pure: views in, manoeuvres and commands out.
+Robot 1's planning decides from its localisation; the localisations of robots 2 and 3 release that to all robots
+if neither sees an obstacle. All do the same at the same time ("robot1 moves as a leader", section 3.2), and
+each keeps to the middle of its own corridor. Pure: views in, manoeuvres and commands out.
 """
 
 from __future__ import annotations

@@ -37,10 +37,7 @@ _ANGLES = np.radians(BEAMS_DEG)
 
 
 class World:
-    """The physics of one run, with an area for each robot.
-
-    The seed decides where robots stand at first, how their wheels differ and how they slip.
-    """
+    """The physics of one run, an area a robot; the seed draws first places, wheels and slip."""
 
     def __init__(self, *, seed: int, areas: Sequence[Area] = AREAS) -> None:
         self._random = np.random.default_rng(seed)
@@ -73,10 +70,7 @@ class World:
         return [step_from_range(range_m) for range_m in self._ranges]
 
     def wound_rad(self) -> NDArray[np.float64]:
-        """Return how far around the ring each robot has come, 2 pi being a round, shape (robots,).
-
-        To be called at least once in a quarter of a round.
-        """
+        """Return how far around the ring robots have come, shape (robots,); to call four times a round."""
         for robot, (x, y, _) in enumerate(self.poses):
             ahead = math.remainder(winding_rad(x, y) - self._wound[robot], math.tau)
             self._wound[robot] += ahead

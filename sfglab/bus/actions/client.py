@@ -1,7 +1,6 @@
 """An action's client: asks for goals, listens to what becomes of them, and fetches their results.
 
-Refuses to know how long a goal may take: whoever waits is woken by its end, by its server's end, or by a
-timeout of one's own.
+Whoever waits is woken by the goal's end, its server's end, or a timeout of one's own.
 """
 
 from __future__ import annotations
@@ -24,6 +23,7 @@ from sfglab.bus.actions.goals import (
     STATUS_QOS,
     TERMINAL,
     CancelCode,
+    Canceling,
     GoalStatus,
     action_topics,
     goal_id_from,
@@ -57,14 +57,6 @@ class GoalResult:
 
     status: GoalStatus  #: SUCCEEDED, CANCELED or ABORTED.
     result: Any  #: The result message.
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class CancelReply:
-    """What came of a request to cancel."""
-
-    code: CancelCode  #: NONE when goals are being canceled, or there was none to cancel; else why not.
-    goal_ids: tuple[bytes, ...] = ()  #: The goals that are being canceled.
 
 
 class Sent:
@@ -159,10 +151,7 @@ class ClientGoalHandle:
         return bool(self._sent.feedback) or self._sent.status in TERMINAL or self._client.closed
 
     async def _settle(self) -> None:
-        """Let feedback that is on its way arrive: it and the status are two topics, which have no common order.
-
-        Whoever answers a request has sent the feedback before; only what gets lost and is repaired comes later.
-        """
+        """Let feedback arrive that was sent before the reply, but on another topic; only repairs come later."""
         with contextlib.suppress(BusError):
             await self.result()
         self._sent.ended = True
@@ -195,7 +184,7 @@ class ActionClient:
         self, node: Any, backend: Backend, type_: str, *, name: str, transport: Transport = "dds"
     ) -> None:
         action, topics = action_type(type_), action_topics(name)
-        self._name = name
+        self.action_name = name  #: The fully resolved ROS action.
         self._backend = backend
         self._action = action
         self._router = router = Router(backend.calls(f"action client {name!r}"))
@@ -212,11 +201,6 @@ class ActionClient:
         self._result: Client = client(action.get_result.name, topics.get_result)
         self._send: Client = client(action.send_goal.name, topics.send_goal)
         backend.register(router)
-
-    @property
-    def action_name(self) -> str:
-        """The fully resolved ROS action."""
-        return self._name
 
     @property
     def closed(self) -> bool:
@@ -236,23 +220,21 @@ class ActionClient:
                 for topic in self._topics:
                     await topic.wait_for_publishers(timeout_s=timeout_s)
         except TimeoutError as error:
-            raise discovery_timeout_error(f"action {self._name!r}: a server", timeout_s) from error
+            raise discovery_timeout_error(f"action {self.action_name!r}: a server", timeout_s) from error
 
     async def send_goal(
         self, goal: Any, feedback_callback: FeedbackCallback | None = None, timeout_s: float = 5.0
     ) -> ClientGoalHandle:
-        """Send a goal and return its handle once the server has accepted it.
+        """Send a goal and return its handle once the server, to be found within the time-out, has accepted it.
 
-        The callback, plain or async, is given each feedback message of this goal. The time-out is for finding
-        the server, and again for its answer, in seconds.
+        The callback, plain or async, is given each feedback message.
 
         Raises:
             GoalRejectedError: The server does not take it.
-            BusTimeoutError: There is no server, or no answer in time. The goal may then run all the same;
-                `cancel_goals` ends it.
+            BusTimeoutError: No server, or no answer in time; it may then run all the same, see `cancel_goals`.
             InvalidMessageError: The goal is of another type.
         """
-        checked_type(goal, type_=type_name(self._action.goal), where=self._name)
+        checked_type(goal, type_=type_name(self._action.goal), where=self.action_name)
         await self.wait_for_server(timeout_s)
         goal_id = uuid.UUID(bytes=self._backend.random_bytes(16), version=4).bytes
         sent = Sent(self._backend.loop, feedback_callback)
@@ -266,18 +248,17 @@ class ActionClient:
                 self._router.sent.pop(goal_id, None)
         if not response.accepted:
             why = "the server rejected the goal, for reasons of its own"
-            raise GoalRejectedError(f"action {self._name!r}: {why}")
+            raise GoalRejectedError(f"action {self.action_name!r}: {why}")
         return ClientGoalHandle(self, goal_id, sent, ns_from_stamp(response.stamp))
 
     async def cancel_goals(
         self, goal_id: bytes = NO_GOAL_ID, *, until_ns: int = 0, timeout_s: float = 5.0
-    ) -> CancelReply:
+    ) -> Canceling:
         """Ask the server to cancel goals, whoever sent them.
 
         Args:
-            goal_id: One goal; `NO_GOAL_ID`: none in particular.
-            until_ns: All goals that the server accepted until then, by its clock (Unix time, nanoseconds); 0:
-                none for that reason. Without id and time, all goals.
+            goal_id: One goal; `NO_GOAL_ID`: none in particular. Without id and time, all goals.
+            until_ns: All goals that were accepted until then, by the server's clock (Unix time, ns); 0: none.
             timeout_s: How long to wait for the answer, in seconds.
 
         Raises:
@@ -286,7 +267,7 @@ class ActionClient:
         request = service_type(CANCEL_GOAL).request(goal_info=goal_info(goal_id, until_ns))
         response = await self._cancel.call(request, timeout_s)
         ids = tuple(read_goal_info(info)[0] for info in response.goals_canceling)
-        return CancelReply(code=CancelCode(response.return_code), goal_ids=ids)
+        return Canceling(code=CancelCode(response.return_code), goal_ids=ids)
 
     async def result_of(self, goal_id: bytes, timeout_s: float | None = None) -> GoalResult:
         """Return how a goal ended, whoever sent it; see `ClientGoalHandle.result`."""
@@ -295,7 +276,7 @@ class ActionClient:
         status = GoalStatus(response.status)
         if status is GoalStatus.UNKNOWN:
             raise BusError(
-                f"action {self._name!r}: goal {goal_id.hex()} is unknown to the server; "
+                f"action {self.action_name!r}: goal {goal_id.hex()} is unknown to the server; "
                 "it forgets goals once they have been over for its result timeout"
             )
         self._router.note(goal_id, status)
@@ -312,7 +293,7 @@ class ActionClient:
             await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
             if not tasks[0].done():
                 goal = f"goal {goal_id.hex()} unfinished here"
-                raise ActionServerGoneError(f"action {self._name!r}: the server has gone with {goal}")
+                raise ActionServerGoneError(f"action {self.action_name!r}: the server has gone with {goal}")
             return tasks[0].result()
         finally:
             for task in tasks:
@@ -324,6 +305,7 @@ class ActionClient:
         if self.closed:
             return
         self._backend.end(self._router)
-        endpoints: tuple[Client | Subscription, ...] = (self._send, self._result, self._cancel, *self._topics)
-        for endpoint in endpoints:
-            endpoint.close()
+        for client in (self._send, self._result, self._cancel):
+            client.close()
+        for topic in self._topics:
+            topic.close()

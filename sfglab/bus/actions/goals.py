@@ -1,12 +1,10 @@
 """Goals of an action: their states and policies, and how ids, statuses and names stand on the bus.
 
-Knows statuses, events and policies, the two topics and three services of an action (design.ros2.org, "Actions";
-`rcl_action`'s defaults), and how values become messages. Refuses to know callbacks, clocks and who asks.
+Sources: design.ros2.org, "Actions"; `rcl_action`'s defaults. Refuses to know callbacks, clocks and who asks.
 """
 
 from __future__ import annotations
 
-import itertools
 from dataclasses import dataclass, fields, replace
 from enum import Enum, IntEnum
 from types import MappingProxyType
@@ -23,8 +21,6 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
 NO_GOAL_ID = bytes(16)
-
-
 CANCEL_GOAL = "action_msgs/srv/CancelGoal"
 STATUS = "action_msgs/msg/GoalStatusArray"
 # rcl_action's rcl_action_qos_profile_status_default; feedback has rmw's default, services their own.
@@ -91,16 +87,15 @@ class Goal:
     goal_id: bytes  #: 16 bytes, chosen by the client.
     accepted_ns: int  #: When it was accepted, by the server's clock (Unix time, nanoseconds).
     status: GoalStatus = GoalStatus.ACCEPTED  #: Its status.
-    #: When it ended, by a clock of the server that never jumps (nanoseconds); None while it runs.
-    ended_ns: int | None = None
+    ended_ns: int | None = None  #: When it ended, by a clock that never jumps (ns); None while it runs.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class CancelPlan:
-    """Which goals a request to cancel is about."""
+class Canceling:
+    """What comes of a request to cancel."""
 
-    code: CancelCode  #: NONE, or why there are none.
-    goal_ids: tuple[bytes, ...] = ()  #: The goals that may go to CANCELING, oldest first.
+    code: CancelCode  #: NONE when goals are being canceled, or there was none to cancel; else why not.
+    goal_ids: tuple[bytes, ...] = ()  #: The goals that are being canceled, or may be, oldest first.
 
 
 class GoalBook:
@@ -140,7 +135,7 @@ class GoalBook:
         self._goals[goal_id] = replace(self._goals[goal_id], status=status, ended_ns=ended_ns)
         return status
 
-    def to_cancel(self, goal_id: bytes, until_ns: int) -> CancelPlan:
+    def to_cancel(self, goal_id: bytes, until_ns: int) -> Canceling:
         """Return which goals a request is about (`action_msgs/srv/CancelGoal`).
 
         Args:
@@ -150,14 +145,14 @@ class GoalBook:
         single = goal_id != NO_GOAL_ID
         if single and not until_ns and not self._cancelable(goal_id):  # CANCELING too, as in rcl_action
             known = goal_id in self._goals
-            return CancelPlan(code=CancelCode.GOAL_TERMINATED if known else CancelCode.UNKNOWN_GOAL_ID)
+            return Canceling(code=CancelCode.GOAL_TERMINATED if known else CancelCode.UNKNOWN_GOAL_ID)
         everything = not single and not until_ns
         chosen = tuple(
             goal.goal_id
             for goal in self._goals.values()
             if everything or goal.goal_id == goal_id or goal.accepted_ns <= until_ns
         )
-        return CancelPlan(code=CancelCode.NONE, goal_ids=tuple(filter(self._cancelable, chosen)))
+        return Canceling(code=CancelCode.NONE, goal_ids=tuple(filter(self._cancelable, chosen)))
 
     def expire(self, now_ns: int) -> tuple[bytes, ...]:
         """Forget the goals that ended too long ago, by the clock that never jumps, and return which."""
@@ -219,20 +214,12 @@ def read_goal_info(message: Any) -> tuple[bytes, int]:
 def status_array(goals: Iterable[Goal]) -> Any:
     """Return an `action_msgs/msg/GoalStatusArray`."""
     type_ = message_type("action_msgs/msg/GoalStatus")
-    return message_type(STATUS)(
-        status_list=[
-            type_(goal_info=goal_info(goal.goal_id, goal.accepted_ns), status=int(goal.status))
-            for goal in goals
-        ]
-    )
+    listed = [type_(goal_info=goal_info(g.goal_id, g.accepted_ns), status=int(g.status)) for g in goals]
+    return message_type(STATUS)(status_list=listed)
 
 
 def read_statuses(message: Any) -> dict[bytes, GoalStatus]:
     """Return the statuses in a `GoalStatusArray` by goal; a number that is none counts as UNKNOWN."""
-    known = set(itertools.chain(GoalStatus))
-    return {
-        goal_id_from(entry.goal_info.goal_id): GoalStatus(entry.status)
-        if entry.status in known
-        else GoalStatus.UNKNOWN
-        for entry in message.status_list
-    }
+    known = {int(status): status for status in GoalStatus}
+    entries = [(goal_id_from(entry.goal_info.goal_id), entry.status) for entry in message.status_list]
+    return {goal_id: known.get(status, GoalStatus.UNKNOWN) for goal_id, status in entries}

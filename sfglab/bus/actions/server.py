@@ -129,9 +129,7 @@ class ActionServerOptions(TypedDict, total=False):
     handle_accepted_callback: Callable[[ServerGoalHandle], None]
     #: Plain or async: given a handle, says whether it may be canceled. The default, as rclpy's, refuses.
     cancel_callback: CancelCallback
-    #: How long a goal and its result are remembered after its end, in seconds (900). They are forgotten at the
-    #: first request after that.
-    result_timeout_s: float
+    result_timeout_s: float  #: How long a goal and its result are remembered after its end, s (900).
     transport: Transport  #: Of its services; see `Node.create_service` ("dds").
 
 
@@ -287,10 +285,8 @@ async def _awaited(value: Any) -> Any:
 class ActionServer:
     """An action's server; made by `Node.create_action_server`.
 
-    Goals run beside each other, each in a task of its own. The execute callback is given a
-    `ServerGoalHandle`, says by `succeed`, `abort` or `canceled` how the goal ends, and returns the result. One
-    that raises is reported; then, and when it says nothing, the goal is aborted. None stands for a result of
-    zeros.
+    Goals run beside each other. The execute callback is given a `ServerGoalHandle`, by which it says how the
+    goal ends, and returns the result, None for zeros. When it raises, or says nothing, the goal is aborted.
     """
 
     def __init__(
@@ -304,7 +300,7 @@ class ActionServer:
         **options: Unpack[ActionServerOptions],
     ) -> None:
         action, topics = action_type(type_), action_topics(name)
-        self._name = name
+        self.action_name = name  #: The fully resolved ROS action.
         self._backend = backend
         self._goals = Goals(backend, action, execute)
         # Without the node, as they are reachable from what its backend holds.
@@ -331,11 +327,6 @@ class ActionServer:
             status,
         )
         backend.register(self._goals)
-
-    @property
-    def action_name(self) -> str:
-        """The fully resolved ROS action."""
-        return self._name
 
     @property
     def last_error(self) -> BaseException | None:

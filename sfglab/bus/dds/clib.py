@@ -1,9 +1,7 @@
-"""The part of Cyclone DDS's C API that the bus uses, by ctypes.
+"""The part of Cyclone DDS's C API that the bus uses, by ctypes: functions, struct layouts and QoS objects.
 
-Knows function signatures, struct layouts and QoS objects of the library that the `cyclonedds` wheel ships
-(11.0; headers dds.h, ddsi_serdata.h). Refuses to know what they are used for. Two reasons not to use the Python
-API on the data path: its read and write hold the interpreter lock for the whole C call, and it (de)serializes
-in Python, which is thousands of times slower than passing CDR through.
+Of the library in the `cyclonedds` wheel (11.0; headers dds.h, ddsi_serdata.h). That wheel's Python API holds
+the interpreter lock for each whole read or write, and (de)serializes thousands of times slower.
 """
 
 from __future__ import annotations

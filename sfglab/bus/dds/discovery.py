@@ -1,13 +1,10 @@
 """Discovery in a DDS domain: participants, endpoints and ROS 2 nodes are read, and this node's own told.
 
-Knows Cyclone's built-in topics, what sfglab and ROS 2 write into USER_DATA, and the DDS topic
-`ros_discovery_info`, from which ROS 2's tools learn which nodes there are and which endpoints are theirs; a
-participant that is silent there shows as `_CREATED_BY_BARE_DDS_APP_` (rmw_dds_common; rmw_cyclonedds_cpp and
-rmw_fastrtps_cpp). Its message has two layouts: GIDs have 24 bytes up to Humble, a GUID and eight zeros, and 16
-from Iron on. Both have one type name, so a reader of the other layout matches and reads nonsense: all of a
-domain must agree, and the environment variable ROS_DISTRO says on what; without it, or with a name not known
-here, it is Humble's. Refuses to know who listens, and how endpoints are made: the graph tells it which ones the
-node has.
+Knows Cyclone's built-in topics, USER_DATA of sfglab and ROS 2, and the DDS topic `ros_discovery_info`, from
+which ROS 2's tools learn of nodes and their endpoints; who is silent there shows as `_CREATED_BY_BARE_DDS_APP_`
+(rmw_dds_common; rmw_cyclonedds_cpp and rmw_fastrtps_cpp). Its GIDs have 24 bytes up to Humble, a GUID and eight
+zeros, and 16 from Iron on, under one type name: a reader of the other layout reads nonsense, so all of a domain
+must agree. ROS_DISTRO says on what; without it, or with a name not known here, it is Humble's.
 """
 
 from __future__ import annotations
@@ -76,8 +73,7 @@ _DELAY_S = 0.01
 _BATCH = 128
 _BUILTIN_TYPES = b"org::eclipse::cyclonedds::builtin::"
 _KINDS = {BUILTIN_PUBLICATION: EndpointKind.PUBLISHER, BUILTIN_SUBSCRIPTION: EndpointKind.SUBSCRIPTION}
-Change = tuple[bytes, EndpointInfo | None]
-"""An endpoint's gid and what is known about it, None when it, or the participant of that gid, has gone."""
+Change = tuple[bytes, EndpointInfo | None]  #: A gid, of an endpoint, or a participant that has gone (None).
 
 
 def gid_bytes(distro: str | None = None) -> int:
@@ -180,8 +176,7 @@ class _Cursor:
 class DiscoveryInfo:
     """Keeps the ROS 2 graph told of a node, by its full name, and its endpoints, until the participant closes.
 
-    Endpoints are listed as the graph reports them, so none that anybody makes on the participant is forgotten.
-    Those of shared memory are left out: nothing is ever written there.
+    All that the graph reports are listed, but for those of shared memory, where nothing is ever written.
     """
 
     def __init__(
@@ -238,10 +233,7 @@ class DiscoveryInfo:
 
 
 class Discovery:
-    """Reports every endpoint of the domain that appears, changes or goes.
-
-    Changes come in their order, in the thread of the participant's waitset; its end is the reports' end.
-    """
+    """Reports endpoints that appear, change or go, in order, in the participant's waitset thread."""
 
     def __init__(self, participant: DdsParticipant, on_changes: Callable[[list[Change]], None]) -> None:
         self._participant = participant

@@ -1,7 +1,6 @@
 """Domains of DDS that this process has joined, each once, and nodes' participants in them with their threads.
 
-Knows Cyclone's configuration elements. Cyclone allows one configuration per domain and process; the registry
-makes a second, different one an error instead of a surprise.
+Cyclone allows one configuration per domain and process; a second, different one is an error here.
 """
 
 from __future__ import annotations
@@ -42,11 +41,9 @@ if TYPE_CHECKING:
 Multicast = Literal["default", "spdp", "true", "false"]
 
 _MAX_INDEX = "<MaxAutoParticipantIndex>99</MaxAutoParticipantIndex>"
-"""The highest: a hundred processes of a domain find each other on one host without multicast, one more cannot
-join. Each asks every place: about 200 small packets a process within its first 20 s, on loopback alone."""
-# Fast DDS from 3 on announces type information that Cyclone DDS cannot read: its endpoints match by name, as
-# those of older ones do; 1.15 is eProsima's vendor id. Without the hash of the key it does not notice that an
-# endpoint of ours has ended.
+"""The highest: a hundred processes of a domain find each other on one host without multicast."""
+# Fast DDS from 3 on announces type information that Cyclone DDS cannot read: its endpoints match by name; 1.15
+# is eProsima's vendor id. Without the hash of the key it does not notice that an endpoint of ours has ended.
 _COMPATIBILITY = (
     "<Compatibility><IgnoreTypeInformation>1.15</IgnoreTypeInformation></Compatibility>"
     "<Internal><GenerateKeyhash>true</GenerateKeyhash>{}</Internal>"
@@ -96,20 +93,18 @@ class DomainConfig:
 
     def __post_init__(self) -> None:
         for domain_id in (self.domain_id, self.wire_id):
-            _check_id(domain_id)
+            if isinstance(domain_id, bool) or not isinstance(domain_id, int):
+                raise DomainError(domain_id, "the id is no whole number; allowed are 0 to 232")
+            if not 0 <= domain_id <= MAX_DOMAIN:
+                raise DomainError(
+                    domain_id, "allowed ids are 0 to 232: the UDP ports of higher ones do not exist"
+                )
         if self.multicast not in get_args(Multicast):
             raise DomainError(
                 self.domain_id, f"multicast={self.multicast!r}; allowed are {', '.join(get_args(Multicast))}"
             )
         if not self.lease_s >= 0.1:
             raise DomainError(self.domain_id, f"lease_s={self.lease_s}; allowed are 0.1 s and more")
-
-
-def _check_id(domain_id: Any) -> None:
-    if isinstance(domain_id, bool) or not isinstance(domain_id, int):
-        raise DomainError(domain_id, "the id is no whole number; allowed are 0 to 232")
-    if not 0 <= domain_id <= MAX_DOMAIN:
-        raise DomainError(domain_id, "allowed ids are 0 to 232: the UDP ports of higher ones do not exist")
 
 
 def check_interface(config: DomainConfig) -> None:
@@ -182,9 +177,7 @@ def _discovery(config: DomainConfig, interface: str | None) -> str:
 
 
 def without_interfaces(uri: str, domain_id: int) -> str:
-    """Return what a CYCLONEDDS_URI configures without its choice of interfaces, as XML.
-
-    Cyclone DDS adds its lists of interfaces up: ours would be joined with that of the environment.
+    """Return a CYCLONEDDS_URI without its interfaces, to which Cyclone DDS would add ours, as XML.
 
     Raises:
         DomainError: A file or a piece of XML in it cannot be read.
@@ -285,10 +278,9 @@ _MAX_TRIGGERED = 64
 class WaitSetThread:
     """Calls handlers, in its own thread, when DDS entities have something to take.
 
-    A wait set in a thread, because a Python listener on the data path deadlocks with writers that wait for
-    acknowledgements while they hold the interpreter lock. The thread holds no reference to its owner, so an
-    abandoned owner can be collected and stop it. After each round of handlers `after_round` is called, in the
-    same thread.
+    Not a Python listener, which deadlocks with writers that wait for acknowledgements while they hold the
+    interpreter lock. The thread holds no reference to its owner, so an abandoned owner can be collected and
+    stop it. After each round of handlers it calls `after_round`.
     """
 
     def __init__(self, participant: int, after_round: Callable[[], None], *, name: str) -> None:

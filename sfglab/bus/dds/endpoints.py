@@ -1,7 +1,6 @@
-"""A raw DDS writer and a raw DDS reader of one topic: CDR in, CDR out, by samples as Cyclone DDS holds them.
+"""A raw DDS writer and reader of one topic: CDR in, CDR out, each sample's bytes copied once on either way.
 
-Every C call here releases the interpreter lock. A sample's bytes are copied once on either way: into the
-serdata that Cyclone sends, and out of the one it received.
+Every C call here releases the interpreter lock.
 """
 
 from __future__ import annotations
@@ -47,6 +46,7 @@ _PADDING_ADDRESS = ct.addressof(_PADDING)
 
 _BATCH = 64
 _MAX_MATCHED = 4096
+_MAX_LEFT = 256  # Publishers of a reader that are remembered when they have left.
 UNKNOWN_GID = bytes(16)  #: Stands for an endpoint that was gone before anybody could look.
 
 
@@ -69,10 +69,7 @@ def sertype_of(entity: int) -> int | None:
 
 
 def serdata_from_bytes(sertype: int | None, data: Any) -> int | None:
-    """Return a new sample, unstamped, whose one reference is the caller's; None when the bytes do not parse.
-
-    It is for the writer of this sertype; data are `bytes` or a contiguous NumPy array of them.
-    """
+    """Return a writer's new, unstamped sample of `bytes` or a contiguous array; None if they do not parse."""
     size = len(data)
     if size < CDR_HEADER_BYTES:
         return None
@@ -121,10 +118,7 @@ def delete_writer(handle: int) -> None:
 
 
 class DdsWriter:
-    """Writes CDR to a topic; ROS topic and type are for error messages.
-
-    In the WaitSet thread `on_matched` is called after a change of the matching readers.
-    """
+    """Writes CDR to a topic; `on_matched` is called in the WaitSet thread when the matching readers change."""
 
     def __init__(
         self, handle: int, topic: str, *, type_: str, waitset: WaitSetThread, on_matched: Callable[[], None]
@@ -210,17 +204,15 @@ class Publishers:
         """Return those that match now, and learn them: a sample of one that left has no sender to ask for."""
         handles = (ct.c_uint64 * _MAX_MATCHED)()
         count = library().dds_get_matched_publications(self._reader, ct.byref(handles), _MAX_MATCHED)
-        if len(self._gids) > _MAX_MATCHED:
-            self._gids.clear()
-        return [self.gid(publication) for publication in handles[: max(count, 0)]]
+        here = {publication: self.gid(publication) for publication in handles[: max(count, 0)]}
+        left = [publication for publication in self._gids if publication not in here]
+        for publication in left[:-_MAX_LEFT]:
+            del self._gids[publication]
+        return list(here.values())
 
 
 class DdsReader:
-    """Takes CDR from a topic as it arrives, as a batch of at most so many samples.
-
-    In the WaitSet thread `on_samples` is called with what arrived, `on_matched` after the matching writers
-    changed.
-    """
+    """Takes CDR from a topic in batches of so many samples at most; callbacks run in the WaitSet thread."""
 
     def __init__(
         self,
@@ -279,11 +271,7 @@ class DdsReader:
 
 
 class ShmAnnouncement:
-    """The DDS endpoint that shows a shared-memory one in the graph, from now on.
-
-    A real writer or reader of the topic, with its real type and QoS but in a partition of its own, where
-    nothing is ever written: discovery, leases and the graph work as for every other endpoint.
-    """
+    """The DDS endpoint that shows a shared-memory one in the graph, in a partition of its own."""
 
     def __init__(self, handle: int) -> None:
         self.gid = entity_guid(handle)  #: Its 16-byte GUID.
@@ -297,10 +285,7 @@ class ShmAnnouncement:
 
 
 def matched_gid(function: Any, entity: int, handle: int) -> bytes:
-    """Return the GUID of what matches a reader or writer, by its instance handle, zeros when it has gone.
-
-    The function is `dds_get_matched_publication_data` or `dds_get_matched_subscription_data`.
-    """
+    """Return the GUID of an instance handle's match, by Cyclone's function for that; zeros when it has gone."""
     endpoint = function(entity, handle)
     if not endpoint:
         return UNKNOWN_GID  # it left between the notice and the look

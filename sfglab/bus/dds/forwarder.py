@@ -1,9 +1,8 @@
 """Forwarding inside Cyclone DDS: samples pass from reader to writer without their bytes ever being Python's.
 
-A sample that is taken (`dds_takecdr`) and handed on (`dds_forwardcdr`) keeps its source time stamp. Everything
-that touches samples happens in one thread, the one that reads for the source node; the loop gives it orders, so
-there is nothing to lock and a writer that blocks never blocks the loop. Samples of less than a packet wait for
-`flush`, so that what was taken together is sent together.
+A sample keeps its source time stamp from `dds_takecdr` to `dds_forwardcdr`. All that touches samples happens in
+the thread that reads for the source node; the loop gives it orders, so there is nothing to lock and a writer
+that blocks never blocks the loop. Samples of less than a packet wait for `flush`.
 """
 
 from __future__ import annotations
@@ -75,10 +74,7 @@ _PART = re.compile("_(?:SendGoal_|GetResult_)?(?:Request|Response)$|_FeedbackMes
 
 
 def wire_type(endpoint: RawEndpoint) -> type[Any]:
-    """Return the Cyclone DDS type of a topic's samples.
-
-    One that is not known here is opaque: its samples pass as they are, which is said once.
-    """
+    """Return Cyclone's type of a topic's samples; for an unknown one, which is said once, an opaque type."""
     try:
         return idl_type(endpoint)
     except UnknownTypeError:
@@ -224,10 +220,7 @@ class DdsRawWriter:
 
 
 class DdsForwarder:
-    """Forwards from one live node to another; made by `Node.open_forwarder`.
-
-    Services pass on the loop, as they do elsewhere: they are few, and ROS 2's program is not inside Cyclone.
-    """
+    """Forwards from one live node to another; made by `Node.open_forwarder`. Services pass on the loop."""
 
     def __init__(
         self, source: DdsParticipant, target: DdsParticipant, backends: tuple[Backend, Backend]
@@ -237,6 +230,7 @@ class DdsForwarder:
         self._backends = backends
         self._orders: deque[Callable[[], None]] = deque()
         self._forwards: set[DdsForward] = set()
+        self._batch = _Batch()
         self._bell: int = library().dds_create_guardcondition(source.handle)
         source.waitset.attach(self._bell, self._obey)
 
@@ -252,9 +246,10 @@ class DdsForwarder:
             ignore_local=True,
             max_samples=_max_kept(endpoint.type) if endpoint.qos.history is History.KEEP_ALL else 0,
         )
-        forward = DdsForward(handle, self._order, on_closed=self._forwards.discard)
+        forward = DdsForward(
+            handle, self._batch, self._order, waitset=self._source.waitset, on_closed=self._forwards.discard
+        )
         self._forwards.add(forward)
-        forward.attach(self._source.waitset)
         return forward
 
     def open_writer(self, endpoint: RawEndpoint) -> DdsRawWriter | LoopWriter:
@@ -290,40 +285,40 @@ class DdsForwarder:
             self._orders.popleft()()
 
 
+class _Batch:
+    """Where samples are taken to: all of a forwarder's readers are read in one thread, one after the other."""
+
+    def __init__(self) -> None:
+        self.serdata: Any = (ct.c_void_p * _BATCH)()
+        self.infos: Any = (SampleInfo * _BATCH)()
+        self.each_info = list(self.infos)  # made once: views of the same memory
+
+
 class DdsForward(Forward[int, DdsRawWriter]):
     """A forward whose samples pass in a WaitSet thread, as references to what Cyclone holds."""
 
     def __init__(
         self,
         handle: int,
+        batch: _Batch,
         order: Callable[[Callable[[], None]], None],
         *,
+        waitset: WaitSetThread,
         on_closed: Callable[[DdsForward], None],
     ) -> None:
         super().__init__(entity_guid(handle))
         self._handle = handle
+        self._batch = batch
         self._give = order
+        self._waitset = waitset
         self._on_closed = on_closed
         self._open = True
         self._unflushed: set[DdsRawWriter] = set()
         self._waiting: deque[tuple[DdsRawWriter, int]] = deque()
         self._publishers = Publishers(handle)
-        self._serdata: Any = (ct.c_void_p * _BATCH)()
-        self._infos: Any = (SampleInfo * _BATCH)()
-        self._each_info = list(self._infos)  # made once: views of the same memory
-        self._detach: Callable[[], None] = lambda: None
-
-    def attach(self, waitset: WaitSetThread) -> None:
-        """Begin to read in a WaitSet thread."""
-        library().dds_set_status_mask(self._handle, STATUS_SUBSCRIPTION_MATCHED | STATUS_LIVELINESS_CHANGED)
-        waitset.attach(self._handle, self._note_publishers)
-        condition = waitset.attach_reader(self._handle, self._take)
-
-        def detach() -> None:
-            waitset.detach(condition)
-            waitset.detach(self._handle)
-
-        self._detach = detach
+        library().dds_set_status_mask(handle, STATUS_SUBSCRIPTION_MATCHED | STATUS_LIVELINESS_CHANGED)
+        waitset.attach(handle, self._note_publishers)
+        self._condition = waitset.attach_reader(handle, self._take)
 
     def close(self) -> None:
         """End it at once; again is harmless."""
@@ -339,9 +334,10 @@ class DdsForward(Forward[int, DdsRawWriter]):
         self._flush()
 
     def _end(self) -> None:
-        self._detach()
+        self._waitset.detach(self._condition)
+        self._waitset.detach(self._handle)
         library().dds_delete(self._handle)
-        self._gate.clear()
+        self._gate.close()
         while self._waiting:
             self._drop(self._waiting.popleft()[1])
         self._on_closed(self)
@@ -349,10 +345,10 @@ class DdsForward(Forward[int, DdsRawWriter]):
     def _take(self) -> None:
         if self._waiting:
             return  # the reader keeps the rest until `_resume` is through, and its senders wait
-        lib = library()
-        count = lib.dds_takecdr(self._handle, self._serdata, _BATCH, self._infos, ANY_STATE)
+        lib, batch = library(), self._batch
+        count = lib.dds_takecdr(self._handle, batch.serdata, _BATCH, batch.infos, ANY_STATE)
         for i in range(count):
-            serdata, info = self._serdata[i], self._each_info[i]
+            serdata, info = batch.serdata[i], batch.each_info[i]
             if not info.valid_data:
                 lib.ddsi_serdata_unref(serdata)
                 continue

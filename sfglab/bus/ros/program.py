@@ -1,9 +1,8 @@
 """Program that serves and calls services of ROS 2's default middleware: ``python program.py``.
 
-Runs in ROS 2's own interpreter, from Python 3.10 on, with the standard library and rclpy, and imports nothing
-of sfglab; `sfglab.bus.ros.services` starts it. Orders come as JSON lines and name a method of `Program` as
-``do``; reports go out as JSON lines. Requests and responses travel as CDR in hexadecimal digits, with two
-numbers that say which call it is. What waits is bounded: the oldest calls are forgotten.
+Runs in ROS 2's own interpreter, from Python 3.10 on, with the standard library and rclpy alone. Orders are JSON
+lines that name a method of `Program` as ``do``; reports are JSON lines. Requests and responses are CDR in
+hexadecimal digits, with two numbers that say which call it is. The oldest of too many calls are forgotten.
 """
 
 from __future__ import annotations

@@ -1,8 +1,7 @@
 """Services that a node reaches through ROS 2's own middleware: halves of servers and clients, and a program.
 
-rmw_fastrtps tells which call a reply is for by RTPS sample identities, which Cyclone DDS neither sets nor
-shows. So `program` asks and answers in ROS 2's own interpreter, over pipes; to a node it is one more transport
-of the frames of `sfglab.messages.frame_service`. It starts when it is first needed, and again when it ended.
+rmw_fastrtps finds the call of a reply by RTPS sample identities, which Cyclone DDS neither sets nor shows. So
+`program` asks and answers in ROS 2's own interpreter: one more transport of `sfglab.messages.frame_service`.
 """
 
 from __future__ import annotations
@@ -27,8 +26,7 @@ if TYPE_CHECKING:
     from sfglab.bus.loop import Calls
     from sfglab.component import Report
 
-PYTHON_VARIABLE = "SFGLAB_ROS_PYTHON"
-"""The environment variable that names ROS 2's interpreter; without it a ROS 2 that is sourced is used."""
+PYTHON_VARIABLE = "SFGLAB_ROS_PYTHON"  #: Names ROS 2's interpreter; without it that of a sourced ROS 2.
 _NO_ROS = f"there is none here: source it, or name its interpreter in {PYTHON_VARIABLE}"
 _NAME = "ROS 2's services"
 _PROGRAM = Path(__file__).with_name("program.py")

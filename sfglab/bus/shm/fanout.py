@@ -1,9 +1,8 @@
 """Fan-out of a publisher's messages: slots, who is told of which, and who still holds it; without sockets.
 
-Pure: announcements in, announcements to send out. Each slot is counted by its users. Each subscriber has
-credits, the slots it may hold at once; beyond them its newest announcements wait here, and the oldest of those
-give way. So a slow or stopped subscriber holds at most credits plus backlog, and delays nobody. Where messages
-are so large that credits are much of the memory, it holds a small share of it once half is in use.
+Each slot is counted by its users. Each subscriber has credits, the slots it may hold at once; beyond them its
+newest announcements wait here and push out the oldest, so a slow or stopped one delays nobody. Where credits
+are much of the memory, a subscriber holds a small share of it once half is in use.
 """
 
 from __future__ import annotations
@@ -97,17 +96,13 @@ def slot_capacity(size: int) -> int:
     return -(-pages // step) * step * PAGE_BYTES
 
 
-MAX_CREDITS = 64
-"""The most slots one subscriber may hold; all their datagrams fit into a socket's default buffer."""
+MAX_CREDITS = 64  #: Slots that one subscriber may hold; the datagrams fit into a socket's default buffer.
 
-SHARES = 16
-"""So many parts has the memory of which each subscriber may hold one, whatever the others hold."""
+SHARES = 16  #: So many parts has the memory of which each subscriber may hold one, whatever the others hold.
 
-KEEP_ALL_BYTES = 256 * 2**20
-"""How much may wait for a subscriber that keeps all, as for one of another transport."""
+KEEP_ALL_BYTES = 256 * 2**20  #: How much may wait for a subscriber that keeps all, as elsewhere.
 
-# Above the depth, so that a subscriber that is alive always learns of newer messages and keeps the last
-# ones itself, while its application still works on one.
+# Above the depth, so that a subscriber always learns of newer messages while its application works on one.
 _SPARE_CREDITS = 4
 
 
@@ -139,10 +134,7 @@ class _Peer:
 
 
 class Fanout:
-    """The subscribers of one publisher, by any key.
-
-    Late joiners may get so many of the newest messages as the history says; 0 is none, None all that fit.
-    """
+    """The subscribers of one publisher, by any key; late ones get the newest `history`: 0 none, None all."""
 
     def __init__(self, pool: SlotPool, history: int | None) -> None:
         self._pool = pool
@@ -170,10 +162,7 @@ class Fanout:
         return key in self._peers and bool(self._peers[key].held)
 
     def publish(self, announcement: Announcement) -> list[int]:
-        """Take over a slot with one user; return whom to tell now.
-
-        The caller's use of the slot ends here: it is free again when nobody wants it.
-        """
+        """Take over a slot from its one user, the caller; return whom to tell now."""
         told = [key for key, peer in self._peers.items() if self._give(peer, announcement)]
         if self._history_depth != 0:
             self._pool.retain(announcement.offset)

@@ -66,8 +66,7 @@ class _Reference(weakref.ref[Any]):
 class _Link:
     """One publisher's connection and map, and the slots this process holds of it.
 
-    The last view of a message may die in any thread, also while the collector runs in the middle of
-    something else: letting go is one dictionary operation and one datagram.
+    The last view of a message may die in any thread: letting go is one dictionary operation and one datagram.
     """
 
     def __init__(self, sock: socket.socket, credits_: int) -> None:
@@ -84,10 +83,7 @@ class _Link:
         self._has_large = False  # whether there was any that may fill a share with as many as there are credits
 
     def take(self, arena: ArenaMap, offset: int, size: int, queue: SampleQueue) -> memoryview:
-        """Return an announced message's bytes; when their last view dies, the slot goes back.
-
-        They are in place or, for an application that hoards messages beside those in its queue, copied.
-        """
+        """Return an announced message, copied for who hoards them; its slot goes back with its last view."""
         is_last = self.told(offset, size, arena.size_bytes)
         array = arena.slice(offset, size)
         reference = self.held[offset] = _Reference(array, self._let_go)
@@ -149,11 +145,12 @@ class _Link:
             self.sock.close()
 
 
-class ShmReader:
-    """Connects to every matching publisher of this host, on the node's loop, and feeds an inbox.
+def _nothing() -> None:
+    pass
 
-    Datagrams are taken by `watcher`, on the loop or in a thread; only there are sockets read and closed.
-    """
+
+class ShmReader:
+    """Connects to every matching publisher of this host and feeds an inbox; `watcher` takes the datagrams."""
 
     def __init__(
         self,
@@ -176,7 +173,7 @@ class ShmReader:
         self.lost = 0
         self._announced = announce()
         self.gid = self._announced.gid
-        self._unlisten: Callable[[], None] = lambda: None
+        self._unlisten: Callable[[], None] = _nothing
 
     @property
     def matched(self) -> int:
@@ -198,6 +195,7 @@ class ShmReader:
             return
         self._closed = True
         self._unlisten()
+        self._unlisten = _nothing  # the graph's listener has this reader, which so is freed at once
         self._announced.close()
         self._watcher.order(partial(self._leave, tuple(self._links.values())))
         self._links.clear()

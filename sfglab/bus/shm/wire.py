@@ -29,10 +29,8 @@ if TYPE_CHECKING:
 
 
 PAGE_BYTES = 4096
-HEADER_BYTES = PAGE_BYTES
-"""The memory file's first page: the latest sequence number, as one aligned 64-bit word."""
-DATA_OFFSET_BYTES = 60
-"""CDR starts here in a slot, so that what follows its 4-byte header is aligned to 64 bytes."""
+HEADER_BYTES = PAGE_BYTES  #: The first page: the latest sequence number, as one aligned 64-bit word.
+DATA_OFFSET_BYTES = 60  #: CDR starts here in a slot: behind its 4-byte header all is aligned to 64 bytes.
 
 _MAGIC = b"sfgs"
 _VERSION = 1
@@ -188,11 +186,7 @@ _F_SEAL_SEAL, _F_SEAL_SHRINK, _F_SEAL_GROW = 1, 2, 4
 
 
 class OwnArena:
-    """An anonymous memory file of fixed, sparse size: memory is only taken where it is written.
-
-    Sealed against shrinking, so that no peer can make another one read behind its end (SIGBUS). The name is
-    what /proc shows.
-    """
+    """A memory file of fixed, sparse size; sealed against shrinking, so that no reader meets SIGBUS."""
 
     def __init__(self, size_bytes: int, name: str) -> None:
         self.size_bytes = size_bytes

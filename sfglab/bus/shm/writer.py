@@ -38,8 +38,7 @@ if TYPE_CHECKING:
 
 _log = logging.getLogger(__name__)
 
-ARENA_MESSAGES = 64
-"""A memory file has room for so many messages of the largest allowed size; memory is taken as it is used."""
+ARENA_MESSAGES = 64  #: For so many of the largest messages a memory file has room, taken as it is used.
 
 _ENOSPC = 28
 _NONE_LEFT = (23, 24)  # ENFILE, EMFILE: no descriptor is left
@@ -48,10 +47,9 @@ HELLO_S = 5.0  #: A subscriber says hello as soon as it is connected; after so l
 
 
 class ShmWriter:
-    """Writes messages into shared memory and tells subscribers of this host where they are.
+    """Writes messages into shared memory, on the node's loop, and tells this host's subscribers where.
 
-    Lives on the node's loop; only there may it be used. Subscribers connect to the socket whose name is the
-    address; `announce` shows it in the graph.
+    Subscribers connect to the socket of this address, which `announce` shows in the graph.
     """
 
     def __init__(

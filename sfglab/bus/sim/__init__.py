@@ -1,7 +1,6 @@
 """The simulated bus: the interface of `sfglab.bus.api` in a seeded world whose time is virtual.
 
-Components written against the interface run here unchanged, thousands of them in one process, and the same
-seed gives the same run to the byte:
+Components run here unchanged, thousands of them in one process:
 
 ```python
 async def main(world):
@@ -16,11 +15,9 @@ run_simulated(main, seed=1, link=LinkModel(latency_s=0.01, loss=0.05))
 ```
 
 A node belongs to a host and a domain: that of the network (`reach="network"`), or one on the host's loopback
-interface (`reach="host"`). Messages travel as real CDR, discovery takes its time, links lose and delay, leases
-run out, and every byte is accounted as Cyclone DDS would send it (`wire`).
-
-What is not modelled: the time that components compute, unless `Costs` says so; the time that discovery's own
-packets take on a link of limited rate; collisions and retries of a shared medium.
+interface (`reach="host"`). Every byte is accounted as Cyclone DDS would send it (`wire`). Not modelled: the
+time that components compute, unless `Costs` says so; the time that discovery's own packets take on a link of
+limited rate; collisions and retries of a shared medium.
 """
 
 from sfglab.bus.sim.backend import SimNode

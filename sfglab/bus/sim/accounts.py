@@ -1,9 +1,8 @@
-"""Accounts of one domain: which host sends and receives how many bytes for what.
+"""Accounts of one domain: which host sends and receives how many bytes for what, as Cyclone DDS sends.
 
-Cyclone DDS with multicast: announcements, heartbeats of discovery, and samples for more than one other host go
-to all hosts of the domain in one packet; acknowledgements and the talk with a newcomer are unicast. What is the
-same for all is accounted once, on the domain, and settled when somebody asks or a participant comes or goes: so
-an announcement costs the same with ten participants and with a thousand. Refuses to know times of arrival.
+With multicast, announcements, heartbeats of discovery, and samples for more than one other host go to all hosts
+in one packet; acknowledgements and the talk with a newcomer are unicast. What is the same for all is accounted
+once, on the domain, and settled when somebody asks or a participant comes or goes.
 """
 
 from __future__ import annotations
@@ -40,10 +39,9 @@ _DATA, _ACKS, _DISCOVERY, _DISCOVERY_ACKS = Load.DATA, Load.ACKS, Load.DISCOVERY
 
 
 class Accounts:
-    """What a domain's participants send and receive; of a loopback interface nothing is accounted.
+    """What a domain's participants send and receive; nothing of a loopback interface.
 
-    A multicast packet reaches all hosts of the network, whether they listen or not; without multicast,
-    announcements and samples go as with Cyclone's AllowMulticast=spdp.
+    A multicast packet reaches all hosts of the network; without multicast it is Cyclone's AllowMulticast=spdp.
     """
 
     def __init__(self, domain: Domain, network: dict[str, Host], *, multicast: bool) -> None:
@@ -55,8 +53,7 @@ class Accounts:
         self._hosts: dict[Host, int] = {}
         self._count = 0
         self._sizes: dict[tuple[Topic, bool, int, int], int] = {}
-        #: Whether the network is partitioned, so that hosts of different sides do not hear each other.
-        self.parted = False
+        self.parted = False  #: Whether hosts of different sides do not hear each other.
         # Accounted for every host, and for every participant, and not yet settled.
         self._rx_host = [0] * len(Load)
         self._tx_each = [0] * len(Load)
@@ -80,13 +77,9 @@ class Accounts:
             if other.host is newcomer.host:
                 continue
             known += 1
-            told = to_newcomer + retold_bytes(
-                [*_discovery_info(other), *map(self._submessage, other.endpoints)]
-            )
-            other.host.tx[_DISCOVERY] += told
-            newcomer.host.rx[_DISCOVERY] += told
-            other.host.rx[_DISCOVERY] += from_newcomer
-            newcomer.host.tx[_DISCOVERY] += from_newcomer
+            retold = retold_bytes([*_discovery_info(other), *map(self._submessage, other.endpoints)])
+            _unicast(other.host, newcomer.host, _DISCOVERY, to_newcomer + retold)
+            _unicast(newcomer.host, other.host, _DISCOVERY, from_newcomer)
         if known:
             self._round()
         self._hosts[newcomer.host] += 1
@@ -203,9 +196,8 @@ class Accounts:
         self._ticked_ns = now_ns
         for member in self._members:
             interval_ns = member.interval_ns
-            ticks = (now_ns - member.born_ns) // interval_ns - (
-                member.ticked_ns - member.born_ns
-            ) // interval_ns
+            ticks = (now_ns - member.born_ns) // interval_ns
+            ticks -= (member.ticked_ns - member.born_ns) // interval_ns
             member.ticked_ns = now_ns
             if ticks and self.others(member):
                 periodic = presentation_bytes(member.user_data) + LIVELINESS_BYTES

@@ -79,8 +79,8 @@ class Fabric:
 class SimGraph(Graph):
     """All endpoints that a participant knows of, its own included.
 
-    Answers questions from the domain's indices and the node's view, and becomes a listener of every event only
-    while somebody listens to all of them: thousands of nodes that watch a few topics cost what these cost.
+    It hears of every event only while somebody listens to all: nodes that watch a few topics cost what these
+    cost.
     """
 
     def __init__(self, participant: Participant, discovery: Discovery) -> None:
@@ -274,10 +274,7 @@ class SimBackend(Backend):
 
 
 class SimNode(Node):
-    """A node of a simulated world; made by `World.node`, already started.
-
-    Messages that several subscriptions receive are one object, so treat them as read only.
-    """
+    """A node of a simulated world, made by `World.node`. Subscriptions share messages: treat as read only."""
 
     def crash(self) -> None:
         """Die without a word: the others notice when the lease has run out; again is harmless."""

@@ -1,7 +1,6 @@
 """Discovery in a simulated domain: who joins, leaves and falls silent, and who is told of which endpoint, when.
 
-Indices by topic and grouping by time keep the cost of an announcement to those whom it concerns: endpoints of
-the topic, watches of it, and graphs that somebody listens to. `views` decides who knows what.
+An announcement costs what it concerns: endpoints and watches of its topic, and graphs that somebody listens to.
 """
 
 from __future__ import annotations
@@ -20,8 +19,7 @@ if TYPE_CHECKING:
     from sfglab.bus.sim.network import Network
     from sfglab.bus.sim.views import Views
 
-_LOOK_AGAIN_NS = NS_PER_S
-"""How often a partitioned world looks whether somebody still believes in an endpoint that is retracted."""
+_LOOK_AGAIN_NS = NS_PER_S  #: Looks of a partitioned world for who believes in what is retracted.
 
 
 class Watch:

@@ -1,9 +1,8 @@
 """An asyncio loop whose time is virtual, the world's event list in it, and what can go wrong in a simulation.
 
-Nothing ever waits: when no callback is ready, the clock jumps to the next timer or event. What is due at one
-instant runs in the order in which it was scheduled, and tasks hash by the order of their creation, so sets of
-tasks are walked the same way in every run. Refuses to know what the events mean, and has neither threads nor
-sockets: nothing outside can wake it.
+When no callback is ready, the clock jumps to the next timer or event. What is due at one instant runs in the
+order of scheduling, and tasks hash by the order of their creation, so that sets of them are walked alike in
+every run. There are neither threads nor sockets: nothing outside can wake it.
 """
 
 from __future__ import annotations
@@ -22,8 +21,7 @@ if TYPE_CHECKING:
 _SHOWN_TASKS = 5
 
 
-START_NS = 1_767_225_600_000_000_000
-"""Where virtual time begins: 2026-01-01, Unix time in nanoseconds, so that stamps look like stamps."""
+START_NS = 1_767_225_600_000_000_000  #: Where virtual time begins: 2026-01-01, Unix time in nanoseconds.
 NEVER_NS = 2**62  #: Later than every time of a simulation.
 _Event = tuple[int, int, "Callable[..., None]", tuple[Any, ...]]
 
@@ -33,9 +31,9 @@ class DeadlockError(BusError, RuntimeError):
 
     def __init__(self, time_s: float, tasks: Iterable[asyncio.Task[object]]) -> None:
         self.waiting = _places(tasks)  #: Names and places of the tasks that wait, at most five.
+        waiting = "; ".join(self.waiting)
         super().__init__(
-            f"virtual time {time_s:g} s: nothing is scheduled and nobody is done; waiting are "
-            f"{'; '.join(self.waiting)}"
+            f"virtual time {time_s:g} s: nothing is scheduled and nobody is done; waiting are {waiting}"
         )
 
 
@@ -91,10 +89,7 @@ class VirtualLoop(asyncio.BaseEventLoop):
         return next(self._task_numbers)
 
     def select(self, timeout_s: float | None) -> list[_Event]:
-        """Advance the clock to the next instant at which something happens; return the events due then.
-
-        The time-out is how long `asyncio` would wait: 0 when callbacks are ready, None for ever.
-        """
+        """Advance the clock to the next event, or by the time-out; return the events due then."""
         schedule = self._schedule
         if timeout_s is None and not schedule:
             raise DeadlockError(self.time(), asyncio.all_tasks(self))
@@ -110,10 +105,7 @@ class VirtualLoop(asyncio.BaseEventLoop):
         return due
 
     def _next_timer_ns(self) -> int:
-        """Return the first nanosecond at which `time` is not before the next timer's: it must not be early.
-
-        A task that is woken just before its time would wait again, for less than the clock can show.
-        """
+        """Return the first nanosecond that is not before the next timer: an early task would wait again."""
         if not self._scheduled:
             return NEVER_NS
         when_s = self._scheduled[0].when()

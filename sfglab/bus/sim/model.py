@@ -177,8 +177,7 @@ class Topic:
 
     writers: dict[Endpoint, None] = field(default_factory=dict)  #: In the order of their creation.
     readers: dict[Endpoint, None] = field(default_factory=dict)  #: The same.
-    #: Those that are retracted while not everybody has heard so.
-    fading: dict[Endpoint, None] = field(default_factory=dict)
+    fading: dict[Endpoint, None] = field(default_factory=dict)  #: Retracted, but not for everybody.
     #: Watches of readers, and of writers.
     watches: tuple[dict[Observer, None], dict[Observer, None]] = field(default_factory=lambda: ({}, {}))
 
@@ -224,10 +223,7 @@ class Domain:
 
 
 class Endpoint:
-    """A writer or reader of one topic: whom it matches, and how the others hear of it.
-
-    `notify` is called when what matches has changed; with `ignores_own` nothing of its own participant does.
-    """
+    """A writer or reader of one topic: whom it matches, told by `notify`, and how the others hear of it."""
 
     __slots__ = (
         "_added",

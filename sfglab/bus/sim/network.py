@@ -31,10 +31,7 @@ _FRAME_HEADER = slice(4, 20)
 
 
 class Reader(Endpoint):
-    """Takes samples from the writers that it knows, in the order of each, and counts what was lost on the way.
-
-    Options are those of `Endpoint`; `push` is given each sample.
-    """
+    """Hands samples of known writers to `push`, each writer's in order, and counts those that were lost."""
 
     __slots__ = ("_early", "_push", "lost")
 
@@ -98,10 +95,7 @@ class _Entry:
 
 
 class Channel:
-    """The way of one writer's samples to one participant on another host, in their order.
-
-    What a reliable one loses is repeated, for as long as the writer's history holds it.
-    """
+    """The way of a writer's samples to one participant elsewhere, in order; reliable ones are repeated."""
 
     def __init__(self, writer: Endpoint, target: Participant, accounts: Accounts, *, reliable: bool) -> None:
         self.writer = writer
@@ -122,11 +116,8 @@ class Channel:
     def evicted(self, item: Item) -> bool:
         """Return whether the writer cannot repeat a sample any more."""
         depth = self.writer.depth
-        return (
-            self.ended
-            or not self.writer.is_open
-            or (depth is not None and self.writer.sequence - item[0] >= depth)
-        )
+        is_pushed_out = depth is not None and self.writer.sequence - item[0] >= depth
+        return self.ended or not self.writer.is_open or is_pushed_out
 
     def end(self) -> None:
         """Give up what is on its way: the readers are not known any more."""
@@ -253,9 +244,7 @@ class Network:
 class Services:
     """Remembers who sent which request, to hand the reply only to the participant that waits for it.
 
-    All clients of a service share its reply topic, so DDS gives every reply to all of them, and all but one
-    ignore it. With n clients of each of n services that is n**3 deliveries, which nobody needs to simulate.
-    Knows how requests and replies are framed; refuses to know anything of their content.
+    DDS gives replies to all n clients of each of n services: n**3 deliveries, which nobody needs to simulate.
     """
 
     def __init__(self) -> None:

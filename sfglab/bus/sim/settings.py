@@ -20,8 +20,7 @@ class LinkModel:
     #: What may come on top: drawn for each packet and link, evenly from 0 to this, seconds. Packets of one
     #: publisher stay in order, as on one path.
     jitter_s: float = between(0.0)
-    #: Probability with which a packet is lost, drawn for each packet and link.
-    loss: float = between(0.0, 0, 1, without=(1,))
+    loss: float = between(0.0, 0, 1, without=(1,))  #: Probability with which each link loses a packet.
     #: Rate of Ethernet frames, bit/s; what is sent faster waits in a queue without end. None is unlimited.
     rate_bps: float | None = None
 
@@ -46,27 +45,21 @@ ENDPOINT_NS = 300_000
 # From the start of a participant to its being known with what it has, latency apart: SPDP, its answer, and
 # heartbeat, request and data of SEDP behind PreEmptiveAckDelay (10 ms).
 PARTICIPANT_NS = 18_000_000
-HISTORY_NS = (
-    10_000_000  # From a match to the history's arrival at a TRANSIENT_LOCAL reader: PreEmptiveAckDelay.
-)
-REPAIR_NS = (
-    100_000_000  # From a packet's loss to its repeat: NackDelay, and the interval of heartbeats as well.
-)
+# From a match to the history's arrival at a TRANSIENT_LOCAL reader: PreEmptiveAckDelay.
+HISTORY_NS = 10_000_000
+# From a packet's loss to its repeat: NackDelay, and the interval of heartbeats as well.
+REPAIR_NS = 100_000_000
 ANNOUNCEMENT_SHARE = 0.8  # Interval of the periodic SPDP announcement as a share of the lease.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Costs:
-    """What a process spends on what it hears; while it does, everything else that it hears waits.
-
-    Zero by default: then processing takes no time, and times are those of network and protocol alone.
-    """
+    """What a process spends on what it hears, while all else that it hears waits; nothing by default."""
 
     start_s: float = between(0.0)  #: From its start until it hears anything, seconds.
     message_s: float = between(0.0)  #: For each message that one of its readers takes, seconds.
     endpoint_s: float = between(0.0)  #: For each endpoint that it makes or ends, seconds.
-    #: For each endpoint of its domains that is announced or retracted, seconds.
-    announcement_s: float = between(0.0)
+    announcement_s: float = between(0.0)  #: For each endpoint of its domains that comes or goes, seconds.
 
     def __post_init__(self) -> None:
         check_bounds(self)

@@ -1,7 +1,6 @@
 """Views of endpoints: who knows of which, as a function of what has happened so far.
 
-Each participant has a view of its own, since news take time, leases run out, and partitions keep news away.
-Refuses to know who listens: `discovery` tells observers at the instants at which a view changes.
+`discovery` tells observers at the instants at which a participant's view changes.
 """
 
 from __future__ import annotations
@@ -17,8 +16,7 @@ if TYPE_CHECKING:
     from sfglab.bus.sim.model import Endpoint, Participant, Partition
 
 
-_CROSSINGS = 4
-"""Of the network, until two participants have met: SPDP, the answer with a heartbeat, a request, the data."""
+_CROSSINGS = 4  #: Of the network, until two have met: SPDP, the answer and heartbeat, a request, the data.
 _MASK = 2**64 - 1
 
 
@@ -33,10 +31,7 @@ class Gap:
 
 
 def known_spans(learnt_ns: int, forgotten_ns: int, gaps: list[Gap]) -> list[tuple[int, int]]:
-    """Return from when until when an endpoint is known, given the same without gaps, which are in order.
-
-    It is learnt when its announcement arrives, forgotten when its retraction does or its lease runs out.
-    """
+    """Return when an endpoint is known, from its ungapped spans: from announcement to retraction or lease."""
     spans = []
     start, end = learnt_ns, forgotten_ns
     for gap in gaps:
@@ -70,10 +65,7 @@ class Views:
         return not endpoint.fades or now_ns < self._forgotten_ns(participant, endpoint)
 
     def turns_ns(self, participant: Participant, endpoint: Endpoint) -> list[int]:
-        """Return the instants from now on at which a participant may come to know an endpoint, or cease to.
-
-        Those too at which it would without a partition that lasts: that may end before they come.
-        """
+        """Return when from now on a participant may learn or forget an endpoint, also by a partition's end."""
         turns = [self._learnt_ns(participant, endpoint)]
         if endpoint.fades:
             turns.append(self._forgotten_ns(participant, endpoint))

@@ -1,8 +1,7 @@
 """Bytes that the RTPS of Cyclone DDS puts on an Ethernet, sizes only, and their sums by what they are for.
 
-Knows headers and submessages (RTPS 2.5, clause 9.4), parameter lists (clause 9.6.3), and which packets
-Cyclone DDS 11.0.1 sends for what, as captured between network namespaces. Refuses to know who sends to whom.
-All sizes are bytes of Ethernet frames without their checksums, as an interface counts them.
+Submessages (RTPS 2.5, clause 9.4), parameter lists (clause 9.6.3), and the packets of Cyclone DDS 11.0.1 as
+captured between network namespaces. Sizes are bytes of Ethernet frames without checksums.
 """
 
 from __future__ import annotations
@@ -90,17 +89,13 @@ ACKNACK_BYTES = _frames(_RTPS + _INFO_DST + _ACKNACK)
 LIVELINESS_BYTES = _frames(_RTPS + _INFO_TS + 52 + _HEARTBEAT)
 """A participant message, which asserts the liveliness of all of a participant's writers, with its heartbeat."""
 
-RETRACTION_BYTES = _frames(_RTPS + _INFO_TS + 64)
-"""The dispose of an endpoint: its key and a status in the inline QoS."""
+RETRACTION_BYTES = _frames(_RTPS + _INFO_TS + 64)  #: An endpoint's dispose: key and status.
 
-MATCH_BYTES = _frames(_RTPS + _INFO_DST + _HEARTBEAT)
-"""A reliable writer's first heartbeat to a reader that it has just found."""
+MATCH_BYTES = _frames(_RTPS + _INFO_DST + _HEARTBEAT)  #: A reliable writer's first one to a reader.
 
-MATCH_ACKS_BYTES = 2 * ACKNACK_BYTES
-"""What the reader says: once of its own accord, once to the heartbeat; captured were 1 to 2."""
+MATCH_ACKS_BYTES = 2 * ACKNACK_BYTES  #: The reader's answers, one unasked; captured were 1 to 2.
 
-DISCOVERY_INFO_BYTES = 380
-"""The DATA submessage that announces a node's writer of `ros_discovery_info` (`sfglab.bus.dds.discovery`)."""
+DISCOVERY_INFO_BYTES = 380  #: The DATA submessage that announces a writer of `ros_discovery_info`.
 
 _SEDP_PACKET = 1456  # Cyclone's Internal/MaxRexmitMessageSize: how much repeated data shares a packet
 
@@ -134,10 +129,7 @@ def announcement_bytes(submessage: int) -> int:
 
 
 def retold_bytes(submessages: list[int]) -> int:
-    """Return the size of the announcements that a participant repeats to a newcomer, packed together.
-
-    Given are the sizes of their DATA submessages; see `submessage_bytes`.
-    """
+    """Return the size of repeated announcements, packed together, from their `submessage_bytes`."""
     room = _SEDP_PACKET - _RTPS - _INFO_DST - _HEARTBEAT
     total = packed = 0
     for submessage in submessages:
@@ -156,13 +148,11 @@ def presentation_bytes(user_data: bytes) -> int:
 
 
 def acquaintance_bytes(user_data: bytes) -> tuple[int, int, int]:
-    """Return what a newcomer and one participant that it meets exchange, apart from announcements.
+    """Return what a newcomer multicasts once, what a participant that it meets sends to it, and the answer.
 
-    Returns:
-        What the newcomer multicasts, once for all; what the participant sends to it; what it sends to the
-        participant. Captured: SPDP twice in one packet and heartbeats of five built-in writers; four times SPDP
-        within 3 s, three heartbeats, two acknowledgements and the participant message; five acknowledgements,
-        two of them for all five, and its own participant message.
+    Captured: SPDP twice in one packet and heartbeats of five built-in writers; four times SPDP within 3 s,
+    three heartbeats, two acknowledgements and the participant message; five acknowledgements, two of them for
+    all five, and its own participant message.
     """
     spdp = _participant_submessage(user_data)
     five_heartbeats, five_acks = _RTPS + 5 * _HEARTBEAT, _RTPS + _INFO_DST + 5 * _ACKNACK + 8
@@ -187,7 +177,7 @@ def departure_bytes() -> int:
 
 
 def submessage_bytes(info: EndpointInfo) -> int:
-    """Return the size of the DATA submessage that announces an endpoint, with Cyclone's choice of parameters.
+    """Return the size of the DATA submessage of an endpoint, as Cyclone sends it.
 
     Policies with DDS's default value are left out (RTPS 2.5, clause 9.6.3.1), so the size depends on them.
     """

@@ -1,8 +1,4 @@
-"""The simulated world: hosts, links, domains and faults, from one seed.
-
-The same seed gives the same run, to the byte. Refuses to run by itself: `run_simulated` puts it into a loop
-whose time is virtual.
-"""
+"""The simulated world: hosts, links, domains and faults. The same seed gives the same run, to the byte."""
 
 from __future__ import annotations
 
@@ -98,9 +94,7 @@ class World(Environment):
         reach: Reach = "network",
         **options: Unpack[NodeOptions],
     ) -> SimNode:
-        """Return a started node on a host, which is made if there is none of that name yet.
-
-        Its domain, 0 to 232, is that of the network, or by its reach one on the host's loopback interface only.
+        """Return a started node on a host, made if need be, in a domain of the network or the host's own.
 
         Raises:
             DomainError: There can be no such domain.
@@ -219,11 +213,10 @@ class World(Environment):
         )
 
     def _process(self, host: Host, name: str) -> Process:
-        process = self._processes.get((host, name))
-        if process is None:
-            process = self._processes[host, name] = Process()
-            process.occupy(self.loop.now_ns, ns_from_s(self.costs.start_s))
-        return process
+        if (host, name) not in self._processes:
+            self._processes[host, name] = Process()
+            self._processes[host, name].occupy(self.loop.now_ns, ns_from_s(self.costs.start_s))
+        return self._processes[host, name]
 
     def _apart(self, partition: Partition) -> list[tuple[Discovery, Participant, Participant]]:
         """Return the ordered pairs of participants that a partition separates."""
@@ -268,14 +261,13 @@ class World(Environment):
 def run_simulated(
     main: Callable[[World], Awaitable[T]], *, limit_s: float | None = None, **options: Unpack[WorldOptions]
 ) -> T:
-    """Run a coroutine function in a world of its own, which it is given, and return its result.
+    """Run a coroutine function in a world of its own, with options of `World`, and return its result.
 
-    Inside, `asyncio.sleep`, `timeout`, `loop.time` and timers are virtual: they take no time, only order. The
-    run is given up at a limit of virtual time, in seconds; None is never. Options are those of `World`.
+    Inside, `asyncio.sleep`, `timeout`, `loop.time` and timers are virtual: they take no time, only order.
 
     Raises:
         DeadlockError: Everybody waits and nothing is scheduled.
-        TimeLimitError: It was not done at `limit_s`.
+        TimeLimitError: It was not done at `limit_s` of virtual time; None: there is no limit.
     """
 
     async def body() -> T:

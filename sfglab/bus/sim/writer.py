@@ -26,8 +26,7 @@ _QUIET_NS = 100_000_000
 class Audience:
     """The readers that a writer knows, by participant, and the ACKNACKs that they owe to the accounts.
 
-    Each ACKNACK is accounted at once with the writer, and with the readers' hosts only when somebody asks
-    or they leave: so it costs the same however many readers there are.
+    Those are accounted with the readers' hosts only when somebody asks or they leave, at a cost per host.
     """
 
     __slots__ = ("_owing", "_owner", "_readers", "_rounds", "remote")
@@ -81,10 +80,9 @@ class Audience:
 
 
 class Writer(Endpoint):
-    """Sends samples to the readers that it knows; options are those of `Endpoint`.
+    """Sends samples to the readers that it knows, replies with `services` only to who asked; see `Endpoint`.
 
-    With `services` replies go only to who asked. `check` raises `CdrError` for bytes that are no message, None
-    takes all; `limit_bytes` is the longest sample over shared memory.
+    `check` raises `CdrError` for bytes that are no message; `limit_bytes` bounds samples over shared memory.
     """
 
     __slots__ = (

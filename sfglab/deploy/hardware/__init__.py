@@ -1,4 +1,1 @@
-"""Hardware of a machine beside its processor, from its files alone, and the codecs that it lets one expect.
-
-Paper A, section 4.4, chooses an image's base by the host's accelerator; this is what finds it.
-"""
+"""Hardware of a machine from its files alone, by which paper A, section 4.4, chooses an image's base."""

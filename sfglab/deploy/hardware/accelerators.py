@@ -1,24 +1,11 @@
-"""Accelerators of a machine: NVIDIA's Jetsons and cards, graphics of AMD and Intel, codecs behind V4L2.
-
-Refuses to know what an image needs beside the device nodes: on both kinds of NVIDIA's the user-space libraries
-come from the host through its container runtime.
-"""
+"""Accelerators of a machine: NVIDIA's Jetsons and cards, graphics of AMD and Intel, codecs behind V4L2."""
 
 from __future__ import annotations
 
 import re
 
-from sfglab.deploy.hardware.board import (
-    AMD,
-    INTEL,
-    NVIDIA,
-    VENDORS,
-    display_controllers,
-    find_compatible,
-    find_model,
-    read_id,
-)
-from sfglab.deploy.hardware.files import MachineFiles, plain
+from sfglab.deploy.hardware import board
+from sfglab.deploy.hardware.board import MachineFiles, plain
 from sfglab.deploy.hardware.machine import CodecRole, Evidence, ExpectedCodec, Source
 from sfglab.fleet.fleet_file import Accelerator
 
@@ -83,7 +70,7 @@ def find_cuda(files: MachineFiles) -> Evidence:
     cards = files.paths("/dev", r"nvidia[0-9]+")
     known = [] if driver is None else [Source(path=_DRIVER_FILE, says=plain(driver.partition("\n")[0]))]
     nodes = [Source(path=path) for path in ["/dev/nvidiactl"] * control + cards]
-    sources = (*known, *nodes, *display_controllers(files, NVIDIA))
+    sources = (*known, *nodes, *board.display_controllers(files, board.NVIDIA))
     if _tegra(files):
         reason = (
             "a Tegra: its /dev/nvidia* belong to the display" if sources else "a Tegra has no card's driver"
@@ -138,7 +125,7 @@ def _why_no_cuda(*, driver: bool, control: bool, cards: bool, sources: tuple[Sou
 
 
 def _tegra(files: MachineFiles) -> Source | None:
-    return find_compatible(files, "nvidia,tegra")
+    return board.find_compatible(files, "nvidia,tegra")
 
 
 def _l4t(files: MachineFiles) -> tuple[int, str] | None:
@@ -173,7 +160,7 @@ def _jetson_devices(files: MachineFiles, nodes: list[str]) -> tuple[str, ...]:
 def _jetson_codecs(files: MachineFiles) -> tuple[ExpectedCodec, ...]:
     """Return what NVENC and NVDEC do; Orin Nano has no NVENC (NVIDIA, Jetson Orin Nano Series Data Sheet)."""
     engines = {CodecRole.ENCODER: "NVENC", CodecRole.DECODER: "NVDEC"}
-    if "Orin Nano" in find_model(files):
+    if "Orin Nano" in board.find_model(files):
         del engines[CodecRole.ENCODER]
     source = "of the jetson-ffmpeg project's FFmpeg; the wheels of PyAV on PyPI lack it"
     return tuple(
@@ -225,7 +212,7 @@ def find_rocm(files: MachineFiles) -> Evidence:
             reason=f"{names} is on AMD's list of supported chips",
             sources=(*sources, *(Source(path=path) for path in renders)),
             devices=("/dev/kfd", *renders),
-            codecs=_vaapi_codecs(frozenset({AMD})),
+            codecs=_vaapi_codecs(frozenset({board.AMD})),
         )
     reason = _why_no_rocm(node=node, chips=[name for _, name, _ in chips], good=names)
     return Evidence(accelerator=Accelerator.ROCM, found=False, reason=reason, sources=sources)
@@ -234,20 +221,19 @@ def find_rocm(files: MachineFiles) -> Evidence:
 def find_vaapi(files: MachineFiles) -> Evidence:
     """Return whether there is graphics of Intel or AMD with a render node, whose video engine VAAPI drives.
 
-    The maker is ``/sys/class/drm/renderD*/device/vendor``; what is no PCI device, as a Raspberry Pi's v3d, has
-    no such file. Others' nodes, as virtio's in a virtual machine or nouveau's, do not count: what they offer
-    depends on the host, or is too little.
+    The maker is ``/sys/class/drm/renderD*/device/vendor``, which a Raspberry Pi's v3d lacks. Others' nodes, as
+    virtio's or nouveau's, do not count: what they offer depends on the host, or is too little.
     """
     nodes = [
-        (path, read_id(files, f"/sys/class/drm/{path.rpartition('/')[2]}/device/vendor"))
+        (path, board.read_id(files, f"/sys/class/drm/{path.rpartition('/')[2]}/device/vendor"))
         for path in files.paths("/dev/dri", r"renderD[0-9]+")
     ]
     sources = tuple(
-        Source(path=path, says=VENDORS.get(vendor, vendor or "no PCI device")) for path, vendor in nodes
+        Source(path=path, says=board.VENDORS.get(vendor, vendor or "no PCI device")) for path, vendor in nodes
     )
-    good = [(path, vendor) for path, vendor in nodes if vendor in {AMD, INTEL}]
+    good = [(path, vendor) for path, vendor in nodes if vendor in {board.AMD, board.INTEL}]
     if good:
-        makers = " and ".join(sorted({VENDORS[vendor] for _, vendor in good}))
+        makers = " and ".join(sorted({board.VENDORS[vendor] for _, vendor in good}))
         return Evidence(
             accelerator=Accelerator.VAAPI,
             found=True,
@@ -295,13 +281,10 @@ def _why_no_rocm(*, node: bool, chips: list[str], good: str) -> str:
 
 
 def _vaapi_codecs(vendors: frozenset[str]) -> tuple[ExpectedCodec, ...]:
-    """Return VAAPI's encoder, and for Intel those of Quick Sync.
-
-    VAAPI decodes inside FFmpeg's ``h264``, as an acceleration: there is no decoder of its own name.
-    """
+    """Return VAAPI's encoder and Intel's Quick Sync; VAAPI decodes inside FFmpeg's ``h264``, without a name."""
     why = "video engine of the graphics; needs Mesa's or Intel's VA driver in the image"
     both = [ExpectedCodec(name="h264_vaapi", role=CodecRole.ENCODER, why=why)]
-    if INTEL in vendors:
+    if board.INTEL in vendors:
         why = "Intel's Quick Sync; needs oneVPL's or Media SDK's runtime in the image"
         both += [ExpectedCodec(name="h264_qsv", role=role, why=why) for role in CodecRole]
     return tuple(both)
@@ -310,8 +293,7 @@ def _vaapi_codecs(vendors: frozenset[str]) -> tuple[ExpectedCodec, ...]:
 _H264 = {"bcm2835-codec-decode": CodecRole.DECODER, "bcm2835-codec-encode": CodecRole.ENCODER}
 """H.264 codecs of Raspberry Pi 4 and before (Raspberry Pi's kernel, bcm2835-v4l2-codec.c)."""
 
-_HEVC = frozenset({"rpivid", "rpi-hevc-dec"})
-"""The HEVC decoder of Raspberry Pi 4 and 5, by its old and its new driver."""
+_HEVC = frozenset({"rpivid", "rpi-hevc-dec"})  #: The HEVC decoder of Raspberry Pi 4 and 5, by driver.
 
 _CODEC = re.compile(r"(?:.*[-_ ])?(?:enc|encode|encoder|dec|decode|decoder)", re.IGNORECASE)
 
@@ -319,11 +301,10 @@ _CODEC = re.compile(r"(?:.*[-_ ])?(?:enc|encode|encoder|dec|decode|decoder)", re
 def find_v4l2(files: MachineFiles) -> Evidence:
     """Return whether a V4L2 device node is a codec, by its driver's name in /sys/class/video4linux.
 
-    A codec of any format makes the machine one for V4L2, because base images differ by driver, not by format;
-    the reason says what it does for H.264, which may be nothing: a Raspberry Pi 5 has an HEVC decoder and
-    neither encodes nor decodes H.264 in hardware (Raspberry Pi 5 Product Brief: '4Kp60 HEVC decoder'). Cameras
-    and image processors, as pispbe and bcm2835-isp, are no codecs. Which formats an unknown codec has could
-    only be asked by opening it.
+    A codec of any format makes the machine one for V4L2, because base images differ by driver; the reason says
+    what it does for H.264, which may be nothing: a Raspberry Pi 5 has an HEVC decoder alone (Raspberry Pi 5
+    Product Brief: '4Kp60 HEVC decoder'). Cameras and image processors, as pispbe and bcm2835-isp, are no
+    codecs.
     """
     nodes = _video_nodes(files)
     codecs = {

@@ -1,19 +1,126 @@
-"""A machine's own names: processor architecture, model, distribution, groups, graphics controllers."""
+"""A machine's files below a folder that stands for its ``/``, and what they say: architecture, model, groups.
+
+Files are read without leaving the folder or opening a device. Whatever is missing, unreadable, looped or not a
+plain file reads as absent: detection must not fail on it.
+"""
 
 from __future__ import annotations
 
 import platform
 import re
+import stat
 import struct
-from pathlib import Path
+from collections import deque
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING
 
-from sfglab.deploy.hardware.files import MachineFiles, plain
+from sfglab.deploy.errors import DeployError
 from sfglab.deploy.hardware.machine import DeviceGroup, Source
 from sfglab.fleet.fleet_file import Architecture
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
+
+
+_MOST_BYTES = 65536
+_MOST_LINKS = 40  # Linux gives up after as many: path_resolution(7)
+_LONGEST = 160
+
+
+@dataclass(frozen=True, slots=True)
+class MachineFiles:
+    """A machine's files."""
+
+    root: Path  #: Folder that stands for ``/``.
+
+    def __post_init__(self) -> None:
+        try:
+            is_folder = self.root.is_dir()
+        except OSError:  # as for a name that is too long
+            is_folder = False
+        if not is_folder:
+            raise DeployError(f"{self.root}: given as a machine's root, allowed: a folder that exists")
+
+    def resolve(self, path: str) -> Path | None:
+        """Return where a path leads, None for a loop; absolute links start at the root, as in chroot(2)."""
+        rest, here, links = deque(_parts(path)), list[str](), 0
+        while rest:
+            part = rest.popleft()
+            if part == "..":
+                here = here[:-1]
+                continue
+            try:
+                target = self.root.joinpath(*here, part).readlink()
+            except OSError:  # not a link, or nothing at all: what comes after tells
+                here.append(part)
+                continue
+            links += 1
+            if links > _MOST_LINKS:
+                return None
+            if target.is_absolute():
+                here = []
+            rest.extendleft(reversed(_parts(str(target))))
+        return self.root.joinpath(*here)
+
+    def has(self, path: str) -> bool:
+        """Return whether there is anything at a path, and if it is a link, where it leads."""
+        return self._mode(path) is not None
+
+    def head(self, path: str, size_bytes: int = _MOST_BYTES) -> bytes | None:
+        """Return the first bytes of a plain file; None for all else, devices above all."""
+        mode, place = self._mode(path), self.resolve(path)
+        if mode is None or place is None or not stat.S_ISREG(mode):
+            return None
+        try:
+            with place.open("rb") as file:
+                return file.read(size_bytes)
+        except OSError:
+            return None
+
+    def text(self, path: str) -> str | None:
+        """Return the text at the beginning of a plain file, with marks for what is no text; None if none."""
+        head = self.head(path)
+        return None if head is None else head.decode(errors="replace")
+
+    def names(self, folder: str, pattern: str) -> list[str]:
+        """Return the names in a folder that match a regular expression as a whole, by their numbers."""
+        place = self.resolve(folder)
+        try:
+            found = [child.name for child in place.iterdir()] if place is not None else []
+        except OSError:
+            return []
+        return sorted((name for name in found if re.fullmatch(pattern, name)), key=_by_number)
+
+    def paths(self, folder: str, pattern: str) -> list[str]:
+        """Return absolute paths of what matches in a folder and leads somewhere."""
+        paths = [f"{folder}/{name}" for name in self.names(folder, pattern)]
+        return [path for path in paths if self.has(path)]
+
+    def _mode(self, path: str) -> int | None:
+        place = self.resolve(path)
+        if place is None:
+            return None
+        try:
+            return place.stat().st_mode
+        except OSError:
+            return None
+
+
+def plain(text: str) -> str:
+    """Return text fit for one line of a terminal: no control characters, no marks of bad bytes, not long."""
+    shown = "".join(char if char.isprintable() and char != "\ufffd" else " " for char in text)
+    line = " ".join(shown.split())
+    return line if len(line) <= _LONGEST else f"{line[: _LONGEST - 1]}…"
+
+
+def _parts(path: str) -> list[str]:
+    return [part for part in PurePosixPath(path).parts if part.strip("/")]
+
+
+def _by_number(name: str) -> tuple[str, int, str]:
+    stem = name.rstrip("0123456789")
+    return stem, int(name[len(stem) :] or -1), name
 
 
 MACHINES = {3: "386", 8: "mips", 20: "ppc", 21: "ppc64", 22: "s390x", 40: "arm", 62: "amd64", 183: "arm64"} | {
@@ -44,10 +151,7 @@ def find_architecture(files: MachineFiles) -> tuple[Architecture | None, str]:
 
 
 def elf_header(machine: int, *, bits: int = 64) -> bytes:
-    """Return the first 20 bytes of a little-endian program of 32 or 64 bits, which is all that is read of one.
-
-    The machine is its ``e_machine``, of `MACHINES`.
-    """
+    """Return a little-endian program's first 20 bytes, of 32 or 64 bits; its machine is an ``e_machine``."""
     identity = b"\x7fELF" + bytes([bits // 32, _LITTLE_ENDIAN, 1]) + bytes(9)
     return identity + struct.pack("<HH", 3, machine)
 
@@ -95,10 +199,7 @@ def find_model(files: MachineFiles) -> str:
 
 
 def find_compatible(files: MachineFiles, prefix: str) -> Source | None:
-    """Return what a board is compatible with that begins so, as with ``nvidia,tegra``.
-
-    Source: Devicetree Specification, 2.3.1.
-    """
+    """Return what a board is compatible with that begins so (Devicetree Specification, 2.3.1)."""
     for tree in _TREES:
         path = f"{tree}/compatible"
         names = [plain(name) for name in (files.text(path) or "").split("\0")]

@@ -1,8 +1,7 @@
 """Detection: which accelerator a machine's images are made for, and which H.264 codecs to expect and to find.
 
-Reads files and looks for device nodes below a root, and nothing else: it opens no device and starts no program,
-so that it says the same of a copy of a machine's files as on the machine. Which codecs really open is found out
-here and now, by `sfglab.codecs.probe`, in whatever image or machine this process runs in.
+It reads files below a root and nothing else, so that it says the same of a copy of them as on the machine.
+Which codecs really open is tried here and now by `sfglab.codecs.probe`.
 """
 
 from __future__ import annotations
@@ -11,22 +10,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from sfglab.deploy.hardware.accelerators import (
-    find_cuda,
-    find_jetpack,
-    find_jetson,
-    find_rocm,
-    find_v4l2,
-    find_vaapi,
-)
-from sfglab.deploy.hardware.board import (
-    find_architecture,
-    find_groups,
-    find_model,
-    find_operating_system,
-    in_container,
-)
-from sfglab.deploy.hardware.files import MachineFiles
+from sfglab.deploy.hardware import accelerators, board
+from sfglab.deploy.hardware.board import MachineFiles
 from sfglab.deploy.hardware.machine import CodecFound, CodecRole, Evidence, ExpectedCodec, Machine
 from sfglab.fleet.fleet_file import Accelerator
 
@@ -45,39 +30,34 @@ PREFERENCE = {
 """The order of choice, the first that is found; and why each comes before those below it."""
 
 _RULES: dict[Accelerator, Callable[[MachineFiles], Evidence]] = {
-    Accelerator.JETSON: find_jetson,
-    Accelerator.CUDA: find_cuda,
-    Accelerator.ROCM: find_rocm,
-    Accelerator.VAAPI: find_vaapi,
-    Accelerator.V4L2: find_v4l2,
+    Accelerator.JETSON: accelerators.find_jetson,
+    Accelerator.CUDA: accelerators.find_cuda,
+    Accelerator.ROCM: accelerators.find_rocm,
+    Accelerator.VAAPI: accelerators.find_vaapi,
+    Accelerator.V4L2: accelerators.find_v4l2,
 }
 
 
 def detect(root: Path = Path("/")) -> Machine:
-    """Return what a machine has, and what its images are made for.
+    """Return what a machine has, and what its images are made for (paper A, section 4.4).
 
-    Paper A, section 4.4, 'dynamic base image selection process that detects the host's hardware
-    accelerators'. `root` is the folder that stands for the machine's ``/``; links below it do not lead out of
-    it.
-
-    Raises:
-        DeployError: There is no such folder.
+    The root is the folder that stands for the machine's ``/``; a `DeployError` says that there is none.
     """
     files = MachineFiles(root)
     evidence = _judged([_evidence(files, accelerator) for accelerator in PREFERENCE])
     chosen = next(item for item in evidence if item.chosen)
-    architecture, reason = find_architecture(files)
+    architecture, reason = board.find_architecture(files)
     return Machine(
         root=str(root),
         architecture=architecture,
         architecture_reason=reason,
-        model=find_model(files),
-        operating_system=find_operating_system(files),
-        jetpack=find_jetpack(files),
+        model=board.find_model(files),
+        operating_system=board.find_operating_system(files),
+        jetpack=accelerators.find_jetpack(files),
         accelerator=chosen.accelerator,
         evidence=evidence,
         devices=chosen.devices,
-        groups=find_groups(files, chosen.devices),
+        groups=board.find_groups(files, chosen.devices),
     )
 
 
@@ -86,7 +66,7 @@ def _evidence(files: MachineFiles, accelerator: Accelerator) -> Evidence:
     if rule is not None:
         return rule(files)
     reason = "the processor is always there"
-    if in_container(files):
+    if board.in_container(files):
         reason += "; this is a container's root, which has only the devices that the container was given"
     return Evidence(accelerator=accelerator, found=True, reason=reason)
 

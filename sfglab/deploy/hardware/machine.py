@@ -47,8 +47,7 @@ class Evidence:
     accelerator: Accelerator  #: Which.
     found: bool  #: Whether it is there and can be used.
     reason: str  #: Why it counts as found or not.
-    #: What is there of it, which may be something though it is not found; none for what has no file.
-    sources: tuple[Source, ...] = ()
+    sources: tuple[Source, ...] = ()  #: What is there of it, found or not.
     devices: tuple[str, ...] = ()  #: Device nodes that a container needs to use it.
     codecs: tuple[ExpectedCodec, ...] = ()  #: What it lets one expect of FFmpeg.
     chosen: bool = False  #: Whether images are made for it.
@@ -60,9 +59,7 @@ class DeviceGroup:
     """A group that a container's user must be in to open the devices."""
 
     name: str  #: As udev's rules give it.
-    #: Its number on the machine, which a container needs because its own numbers differ; None if the machine's
-    #: ``/etc/group`` does not have it.
-    gid: int | None
+    gid: int | None  #: Its number on the machine; None if the machine's ``/etc/group`` does not have it.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -79,8 +76,7 @@ class Machine:
     """A machine, as its files describe it."""
 
     root: str  #: Folder that stands for its ``/``.
-    #: Of its programs; None if there are no images for it, or it is not known.
-    architecture: Architecture | None
+    architecture: Architecture | None  #: Of its programs; None if not known, or without images.
     architecture_reason: str  #: How it is known, or why not.
     model: str  #: What its maker calls it.
     operating_system: str  #: What its distribution calls itself.

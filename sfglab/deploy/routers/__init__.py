@@ -1,4 +1,1 @@
-"""Configurations for other people's routers, generated from and checked against the policy of the fleet.
-
-What a router cannot express is refused, not approximated: see each generator.
-"""
+"""Configurations for other people's routers, from the fleet's policy; what one cannot express is refused."""

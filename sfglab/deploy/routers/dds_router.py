@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 from sfglab.deploy.errors import DeployError
 from sfglab.deploy.files import one_line
 from sfglab.fleet.policy import Direction, Policy
-from sfglab.names import TF, TF_STATIC, dds_topic
+from sfglab.names import TF_STATIC, dds_topic
 from sfglab.qos import COMPRESSED_STREAM
 
 if TYPE_CHECKING:
@@ -25,15 +25,11 @@ if TYPE_CHECKING:
 VERSION = "v5.0"
 LOCAL, GLOBAL = "local", "global"
 
-HISTORY = 200
-"""Messages kept a topic: enough for a latched one of each of 200 agents, not for gigabytes of pictures."""
+HISTORY = 200  #: Messages a topic: enough for a latched one of 200 agents, not for gigabytes of pictures.
 
 
-def render_dds_router(fleet: Fleet, agent: str, *, tf_max_hz: float | None = None) -> str:
+def render_dds_router(fleet: Fleet, agent: str) -> str:
     """Return the YAML file for one agent's DDS Router; the same fleet gives the same text.
-
-    At most `tf_max_hz` /tf messages a second are let into the agent; None lets all in. The router drops by
-    arrival and for the topic as a whole, so that with several broadcasters some frames starve.
 
     Raises:
         InvalidValueError: The fleet has no such agent.
@@ -48,7 +44,7 @@ def render_dds_router(fleet: Fleet, agent: str, *, tf_max_hz: float | None = Non
     lines = [f"# {line}" for line in header(fleet, agent, "DDS Router")]
     lines += ["", f"version: {VERSION}", "", *_specs(fleet), "", "allowlist:"]
     lines += [f"  - name: {_quoted(pattern)}" for pattern in dict.fromkeys(r.pattern for r in policy.rules)]
-    lines += _topics(fleet, tf_max_hz)
+    lines += _topics(fleet)
     lines += ["", *_routes(policy)]
     lines += ["participants:"]
     lines += _participant(LOCAL, spec.domain, spec.local_interface)
@@ -107,11 +103,8 @@ def _specs(fleet: Fleet) -> Iterator[str]:
     yield "  discovery-trigger: reader"
 
 
-def _topics(fleet: Fleet, tf_max_hz: float | None) -> list[str]:
+def _topics(fleet: Fleet) -> list[str]:
     lines = []
-    if tf_max_hz is not None:
-        lines += ["  # Dropped by arrival, not by frame: with several broadcasters some frames starve."]
-        lines += _topic(dds_topic(TF), f"max-rx-rate: {tf_max_hz:g}", participant=GLOBAL)
     broadcasters = sum(a.tf.static_broadcasters for a in fleet.agents)
     if fleet.policy.crosses(dds_topic(TF_STATIC), Direction.INWARD):
         lines += ["  # Late joiners need the last message of every static broadcaster of the fleet."]
@@ -125,9 +118,8 @@ def _topics(fleet: Fleet, tf_max_hz: float | None) -> list[str]:
     return ["", "topics:", *lines] if lines else []
 
 
-def _topic(name: str, qos: str, participant: str | None = None) -> list[str]:
-    lines = [f"  - name: {_quoted(name)}", "    qos:", f"      {qos}"]
-    return lines + ([f"    participants: [{participant}]"] if participant else [])
+def _topic(name: str, qos: str) -> list[str]:
+    return [f"  - name: {_quoted(name)}", "    qos:", f"      {qos}"]
 
 
 def _routes(policy: Policy) -> list[str]:

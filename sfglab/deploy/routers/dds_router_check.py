@@ -26,18 +26,12 @@ Config = dict[str, Any]
 DEFAULT_HISTORY = 5000
 DEEP_HISTORY = 1000  #: From here on, histories of images are measured in gigabytes.
 
-IMAGE = dds_topic("/global/a/camera/color/image_raw")
-"""A topic whose messages are large, to ask whether such topics are routed."""
+IMAGE = dds_topic("/global/a/camera/color/image_raw")  #: A topic with large messages.
 
 
 RULES: Rules[Config, KeyPath] = Rules()  #: What a configuration may mean that has the right shape.
 
-POLICY: Rules[tuple[Config, Policy], KeyPath] = Rules()
-"""Whether it is the policy, name by name.
-
-Asked with names made from both sides' patterns and their neighbours, so that every difference of patterns that
-end in one ``*`` is found.
-"""
+POLICY: Rules[tuple[Config, Policy], KeyPath] = Rules()  #: Whether it is the policy, by names around both.
 
 
 def check_dds_router(

@@ -86,8 +86,7 @@ Config = dict[str, Any]
 
 RULES: Rules[Config, KeyPath] = Rules()  #: What a configuration may mean that has the right shape.
 
-POLICY: Rules[tuple[Config, Policy], KeyPath] = Rules()
-"""Whether it bridges nothing that a policy keeps, name by name."""
+POLICY: Rules[tuple[Config, Policy], KeyPath] = Rules()  #: Whether it bridges nothing that a policy keeps.
 
 
 def check_domain_bridge(

@@ -50,12 +50,9 @@ def check_file(path: Path | str, *, policy: Policy | None = None) -> tuple[Findi
     """Check a file of a DDS Router, a domain_bridge (``.yaml``, ``.yml``) or Zenoh (``.json5``, ``.json``).
 
     A domain_bridge's has ``from_domain`` or its topics by name; other YAML is taken for a DDS Router's. The
-    policy says what should cross, as in a fleet file; None does not ask. Findings come the worst first.
-
-    Raises:
-        InvalidValueError: The file cannot be read.
-        DeployError: Its name does not say what it is.
-        DocumentError: It is neither YAML nor JSON5.
+    policy says what should cross, as in a fleet file; None does not ask. Findings come the worst first. Raises
+    `InvalidValueError` or `DocumentError` if it cannot be read, `DeployError` if its name does not say what it
+    is.
     """
     path = Path(path)
     checks: dict[str, Callable[..., tuple[Finding, ...]]] = {

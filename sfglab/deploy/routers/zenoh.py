@@ -1,8 +1,8 @@
 """A Zenoh bridge's configuration and access control for one agent, from the policy that our own router obeys.
 
 Formats: `zenoh-bridge-ros2dds` (DEFAULT_CONFIG.json5 and config.rs of zenoh-plugin-ros2dds, 2025) and Zenoh's
-access control (version 1). With bridges the Zenoh network takes the place of domain 0: an agent is heard by
-other agents' bridges, and plain ROS 2 nodes in domain 0 hear nothing.
+access control (version 1). With bridges the Zenoh network takes the place of domain 0: plain ROS 2 nodes there
+hear nothing. A rule that cannot be said in ROS names is a `DeployError`.
 """
 
 from __future__ import annotations
@@ -123,9 +123,6 @@ def bridged_names(policy: Policy) -> dict[str, tuple[NamePattern, ...]]:
     A service needs requests that cross one way and replies that cross the other; an action all of its services
     and topics, feedback against the goals. An action that is called like the beginning itself, such as
     ``/global``, is left out although all of its parts lie below: the schema has no such name.
-
-    Raises:
-        DeployError: A rule cannot be said in ROS names.
     """
     topics = {way: _names(policy, DdsRole.TOPIC, way) for way in (_OUT, _IN)}
     services = {

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from sfglab.deploy.routers.dds_router import probe_names
 from sfglab.deploy.routers.zenoh import KINDS
 from sfglab.deploy.shapes import check_shape, read_json5
-from sfglab.deploy.verdicts import Broken, Rules, has_errors, worst_first
+from sfglab.deploy.verdicts import Broken, Rules, error_sentences, worst_first
 from sfglab.fleet.lint import Finding, Severity
 from sfglab.fleet.policy import Direction, Policy
 from sfglab.names import FqnError, ResourceKind, dds_names, ros_name_from_dds
@@ -29,13 +29,11 @@ PLUGIN, CONTROL = ("plugins", "ros2dds"), ("access_control",)
 
 RULES: Rules[Bridge, KeyPath] = Rules()  #: What a bridge's configuration may mean that has the right shape.
 
-POLICY: Rules[tuple[Bridge, Policy], KeyPath] = Rules()
-"""Whether it routes what a policy lets cross, name by name."""
+POLICY: Rules[tuple[Bridge, Policy], KeyPath] = Rules()  #: Whether it routes what a policy lets cross.
 
 CONTROL_RULES: Rules[Control, KeyPath] = Rules()  #: What access control may mean that has the right shape.
 
-CONTROL_POLICY: Rules[tuple[Control, Policy], KeyPath] = Rules()
-"""Whether it lets messages pass that a policy lets cross, name by name; asked where no rule is broken."""
+CONTROL_POLICY: Rules[tuple[Control, Policy], KeyPath] = Rules()  #: The same of messages, if no rule is broken.
 
 
 def check_zenoh(
@@ -56,7 +54,7 @@ def check_zenoh(
     plugins = config.get("plugins")
     bridge = plugins.get("ros2dds") if isinstance(plugins, dict) else None
     findings = list(shape)
-    if bridge is not None and not has_errors(_below(shape, ".".join(PLUGIN))):
+    if bridge is not None and not any(error_sentences(_below(shape, ".".join(PLUGIN)))):
         findings += RULES.broken(bridge, document.place)
         findings += POLICY.broken((bridge, policy), document.place) if policy else ()
     if "access_control" in config and not _below(shape, *CONTROL):
@@ -153,21 +151,14 @@ def _probes(bridge: Bridge, policy: Policy) -> tuple[str, ...]:
 
 
 def bridges(bridge: Bridge, kind: str, name: str) -> bool:
-    """Return whether a bridge with these values of ``plugins.ros2dds`` routes an interface.
-
-    That has a kind, of `KINDS`, and an absolute ROS name.
-    """
+    """Return whether a bridge with these values of ``plugins.ros2dds`` routes a ROS name, by `KINDS`."""
     if "allow" in bridge:
         return _listed(bridge["allow"].get(kind), name)
     return not _listed(bridge.get("deny", {}).get(kind), name)
 
 
 def policy_bridges(policy: Policy, kind: str, name: str) -> bool:
-    """Return whether a policy lets an interface of one kind, seen from inside the agent, cross.
-
-    Raises:
-        FqnError: The name is not valid for its kind.
-    """
+    """Return whether a policy lets a name of a kind, seen from inside, cross; `FqnError` if it is none."""
     what, role = kind.split("_") if "_" in kind else ("topic", kind)
     speaks = role in {"publishers", "servers"}
     out = Direction.OUTWARD if speaks else Direction.INWARD
@@ -280,8 +271,7 @@ def permits(control: Control, message: str, flow: str, key: str) -> bool:
     """Return whether these values of ``access_control`` let a message pass, for everybody.
 
     The message has a kind, as in ``put``, and a key; the flow is ``egress`` or ``ingress``. Denying rules win
-    over allowing ones; without either, the default decides. Rules of other subjects than everybody are passed
-    over.
+    over allowing ones; without either, the default decides. Rules of other subjects are passed over.
     """
     everybody = {subject["id"] for subject in control["subjects"] if set(subject) == {"id"}}
     used = {r for p in control["policies"] if everybody & set(p["subjects"]) for r in p["rules"]}

@@ -1,13 +1,10 @@
 """Agent of a fleet as a process: `sfglab agent up`, or ``python -m sfglab.fleet.agent.app CONFIG``.
 
-The thin shell around `supervision`: it starts the components' processes, hears them, feeds the table, and
-carries out what it says, in one task, one event after the other.
-
-A person at a terminal gets its events as few lines. The second form is for programs: it is a component as its
-own components are (see `sfglab.component`), and reports ``ready`` once all of them have served, ``{"is":
-"component", "component", "state", "pid", "crashes", "why", "retry_s"}`` for every change of one, ``{"is":
-"report", "component", "report"}`` for what one reports, and ``{"is": "line", "component", "line"}`` for what
-one writes on standard error.
+The thin shell around `supervision`, in one task, one event after the other. A person gets its events as few
+lines. The second form is a component for programs (see `sfglab.component`): it reports ``ready`` once all of
+its own have served, ``{"is": "component", "component", "state", "pid", "crashes", "why", "retry_s"}`` for every
+change of one, ``{"is": "report", "component", "report"}`` for what one reports, and ``{"is": "line",
+"component", "line"}`` for what one writes on standard error.
 """
 
 from __future__ import annotations
@@ -193,7 +190,9 @@ class Agent:
                 self._on_event(Wrote(component=unit.name, line=heard["line"]))
             case "ready":
                 await self._feed(unit, Input.READY)
-                self._tell_when_complete()
+                if not self._complete and all(unit.life.was_ready for unit in self._units):
+                    self._complete = True
+                    self._on_event(Complete())
             case "alive":
                 unit.watch.beat()
             case "failed":
@@ -243,11 +242,6 @@ class Agent:
 
     def _hear(self, unit: _Unit, heard: Report) -> None:
         self._events.put_nowait((unit, heard))
-
-    def _tell_when_complete(self) -> None:
-        if not self._complete and all(unit.life.was_ready for unit in self._units):
-            self._complete = True
-            self._on_event(Complete())
 
     def _tell(self, unit: _Unit, why: str) -> None:
         deadline_ns = unit.life.deadline_ns if unit.life.state is State.BACKING_OFF else None
@@ -350,21 +344,11 @@ class SupervisorConfig:
     components: tuple[Component, ...]  #: The processes to run.
     timing: ProcessTiming = field(default_factory=ProcessTiming)  #: The waits of every component.
 
-    @classmethod
-    def of_agent(cls, config: AgentConfig) -> SupervisorConfig:
-        """Return what the process of an agent is told.
-
-        Raises:
-            SfglabError: The agent could not be run as it is described.
-        """
-        return cls(components=plan(config), timing=config.supervision)
-
 
 async def serve_agent(config: AgentConfig, say: Callable[[str], None], *, as_json: bool = False) -> None:
     """Run an agent for a person at a terminal, until interrupted, hung up or terminated; twice ends it at once.
 
-    `say` takes a line for everything that a person should know; with `as_json` the lines are JSON reports
-    instead, and there are more of them.
+    `say` is given lines for a person, or with `as_json` the JSON reports, of which there are more.
 
     Raises:
         SfglabError: The agent could not be run as it is described.

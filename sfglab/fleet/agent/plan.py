@@ -1,7 +1,6 @@
 """Processes of an agent and what each of them is told, from the fleet file and the command line.
 
-Pure: knows the components' configurations; refuses to know processes. Everything that can be refused beforehand
-is refused here, before anything has been started.
+Pure. Everything that can be refused beforehand is refused here, before anything has been started.
 """
 
 from __future__ import annotations
@@ -35,8 +34,7 @@ if TYPE_CHECKING:
     from sfglab.fleet.fleet_file import Fleet
 
 
-COMPONENTS = ("router", "status", "discoverer", "keeper", "decoder")
-"""The components of an agent, in the order in which they are started."""
+COMPONENTS = ("router", "status", "discoverer", "keeper", "decoder")  #: In order of start.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -200,13 +198,10 @@ class SideOptions:
 def config_from_options(
     agent: str, fleet: Fleet | None, *, local: SideOptions, remote: SideOptions
 ) -> AgentConfig:
-    """Return the agent that the command line describes: the fleet file, and what is said over it.
-
-    Without a fleet file its own domain must be said; the global one is 0 unless something else is said.
+    """Return the agent of the command line: over the fleet file, or of its own domain and the global one, 0.
 
     Raises:
-        InvalidValueError: Nothing says which domain is its own.
-        InvalidValueError: The fleet has no such agent.
+        InvalidValueError: Nothing says which domain is its own, or the fleet has no such agent.
     """
     if fleet is not None:
         base = config_from_fleet(fleet, agent)

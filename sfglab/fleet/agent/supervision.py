@@ -1,12 +1,9 @@
 """Life of one component of an agent as a table, and its process: started, tried again, ended and given up.
 
-Everything that decides whether a component's process exists stands here. Paper A starts the agent's software
-by systemd and Docker Compose (section 4.4) and does not say what happens after a crash; this table is ours,
-and the caller passes `now_ns` and carries the actions out.
-
-A component leads a session of its own, so that an interrupt from the terminal reaches the agent alone, and so
-that the processes it has started can be ended with it. Its standard input is a pipe that only the agent holds:
-when the agent is gone, however it went, the input ends and the component with it.
+Paper A starts the agent's software by systemd and Docker Compose (section 4.4) and does not say what happens
+after a crash; this table is ours, and the caller passes `now_ns` and carries the actions out. A component leads
+a session of its own, so that an interrupt from the terminal reaches the agent alone and what it has started
+ends with it. Only the agent holds the pipe of its standard input, so it ends when the agent is gone.
 """
 
 from __future__ import annotations
@@ -51,8 +48,7 @@ class Input(Enum):
     BEGIN = auto()  #: The agent starts.
     READY = auto()  #: The process reports that it serves.
     ENDED = auto()  #: The process is gone, with everything it had started.
-    #: The process ended of its own accord and no try before it had ever served: its configuration is wrong.
-    REFUSED = auto()
+    REFUSED = auto()  #: It ended of its own accord before it had ever served: its configuration is wrong.
     TIMER = auto()  #: The armed timer ran out.
     TOLD_TO_STOP = auto()  #: The agent is to end; said again, it is to end at once.
 
@@ -109,17 +105,13 @@ class Supervision(ProcessLife[State, Input, Action]):
         super().__init__(name, TRANSITIONS, State.NEW, waits_ns=waits_ns, timing=timing)
 
     def ended(self, *, willingly: bool, now_ns: int) -> Action | None:
-        """Take the end of a process, which exited willingly or by a signal.
-
-        That is `Input.ENDED`, or `Input.REFUSED` where another try would not help.
-        """
+        """Take the end of a process as `Input.ENDED`, or `REFUSED` where another try would not help."""
         hopeless = willingly and self.state is State.STARTING and not self.was_ready
         return self.feed(Input.REFUSED if hopeless else Input.ENDED, now_ns=now_ns)
 
 
 LINE_LIMIT_BYTES = 1 << 22
-GROUP_GRACE_S = 1.0
-"""How long what a component has started may outlive it: its pipes have ended, so it should go by itself."""
+GROUP_GRACE_S = 1.0  #: How long what a component has started may outlive it: its pipes have ended.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -131,13 +123,10 @@ class Component:
 
 
 class ComponentProcess:
-    """A running component.
+    """A running component: a process that leads its own session, with three pipes.
 
-    Args:
-        process: The process, leader of its own session, with three pipes.
-        hear: Takes everything that is heard of it: its reports, ``{"is": "line", "line"}`` for a line on
-            standard error or one that should have been a report and is none, and at last, when it and all that
-            it had started is gone, ``{"is": "ended", "status"}``: below zero, the signal that ended it.
+    `hear` takes its reports, ``{"is": "line", "line"}`` for a line on standard error or one that is no report,
+    and at last, when all that it had started is gone, ``{"is": "ended", "status"}``: below zero, the signal.
     """
 
     def __init__(self, process: asyncio.subprocess.Process, hear: Callable[[Report], None]) -> None:

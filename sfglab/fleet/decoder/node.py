@@ -1,13 +1,10 @@
 """Agent's decoder: starts a pipeline when a local subscriber appears, ends it when the last one leaves.
 
-The thin shell around `streams` (paper A, section 4.3, Fig. 4): it listens to the local graph, to
-discovery events and to its pipeline processes, feeds the tables, and carries out what they say. Everything
-happens in one task, one event after the other.
-
-As a process (`sfglab decoder`, or ``python -m sfglab.fleet.decoder.node CONFIG``; see `sfglab.component`) it
+The thin shell around `streams` (paper A, section 4.3, Fig. 4), in one task, one event after the other. As a
+process (`sfglab decoder`, or ``python -m sfglab.fleet.decoder.node CONFIG``; see `sfglab.component`) it
 reports, beside ``ready``, every change of a stream, ``{"is": "status", ...}`` with a `PipelineStatus`. Any
-order, a JSON object, is answered with ``{"is": "processes", "pids", "warm"}``: what belongs to the decoder, and
-whether a spare pipeline process is warm.
+order, a JSON object, is answered with ``{"is": "processes", "pids", "warm"}``: whether a spare pipeline process
+is warm.
 """
 
 from __future__ import annotations
@@ -76,12 +73,11 @@ class _Pipeline:
 
 
 class AgentDecoder:
-    """Demand-driven decoding of remote streams for all subscribers on this device.
+    """Demand-driven decoding of remote streams for all subscribers on this device; the pool is started.
 
-    Its node is on the local domain, its pool of pipeline processes is started, and the timing is that of
-    every pipeline. With `replay`, streams are joined by their replay where their sender offers one. With
-    `offers`, every stream has a silent writer beside that of its pipeline, so that ROS 2's tools list it.
-    `on_status` is called with a stream's status whenever its state or counts change.
+    With `replay`, streams are joined by their replay where their sender offers one. With `offers`, every stream
+    has a silent writer beside that of its pipeline, so that ROS 2's tools list it. `on_status` is called with a
+    stream's status whenever its state or counts change.
     """
 
     def __init__(  # noqa: PLR0913 - by keyword
@@ -102,8 +98,7 @@ class AgentDecoder:
         self._on_status = on_status or (lambda _: None)
         self._demand = Demand()
         self._pipelines: dict[str, _Pipeline] = {}
-        # By local topic everything that is offered now, by agent in the order of the offers: what cannot be
-        # had yet, because another one or an old pipeline is in its place, has its turn when that has gone.
+        # By local topic and agent all offers in their order: who is not the first has its turn later.
         self._offered: dict[str, dict[str, Route]] = {}
         self._events: asyncio.Queue[Callable[[], Awaitable[None]]] = asyncio.Queue()
 
@@ -126,10 +121,7 @@ class AgentDecoder:
         return tuple(self._status(p) for _, p in sorted(self._pipelines.items()))
 
     async def run(self, discovery_topic: str = "") -> None:
-        """Serve until cancelled, then release everything but the pool.
-
-        The agent's discoverer announces remote agents on `discovery_topic`; empty: nobody does.
-        """
+        """Serve until cancelled, then release all but the pool; the discoverer's topic may be empty."""
         watched = [self._watch_graph(), self._watch_workers()] + (
             [self._watch_agents(discovery_topic)] if discovery_topic else []
         )
@@ -306,11 +298,8 @@ class DecoderConfig:
     streams: tuple[str, ...] = ()  #: Remote topics to offer from the start, by their names in the schema.
     discovery_topic: str = ""  #: Topic of discovery events; empty: none is listened to.
     linger_s: float = 1.0  #: How long a pipeline outlives its last subscriber, seconds.
-    #: Whether streams are joined by their sender's replay, if it offers one; in paper A the decoder waits for
-    #: the next key frame.
-    replay: bool = True
-    #: Whether a pipeline process waits, warm, for the next stream.
-    spare: bool = True
+    replay: bool = True  #: Whether streams are joined by their senders' replays; else by the next key frame.
+    spare: bool = True  #: Whether a pipeline process waits, warm, for the next stream.
     #: Whether another spare starts when a stream takes it. Without, one process that is there is lent to one
     #: stream after the other, as a component container loads and unloads what paper A's decoder asks for.
     refill: bool = True
@@ -345,14 +334,8 @@ async def run_decoder(
         try:
             await pool.start()
             timing = Timing(linger_ns=round(config.linger_s * 1e9))
-            decoder = AgentDecoder(
-                local,
-                pool,
-                timing=timing,
-                replay=config.replay,
-                offers=config.offers,
-                on_status=on_status,
-            )
+            how = {"replay": config.replay, "offers": config.offers}
+            decoder = AgentDecoder(local, pool, timing=timing, on_status=on_status, **how)
             for agent in sorted({route.agent for route in routes}):
                 decoder.offer(agent, [route for route in routes if route.agent == agent])
             on_ready(pool)

@@ -1,9 +1,7 @@
 """One stream decoded once: from the remote topic to everybody on this device who wants it.
 
-The coroutine that a pipeline process runs. It subscribes to the compressed remote topic, decodes each
-message once and publishes the picture on the local topic, by shared memory and by DDS as far as each is
-wanted; or relays messages unchanged (camera info). Knows nodes and codecs; refuses to know processes and
-demand.
+The coroutine of a pipeline process: it decodes each message once and publishes the picture locally, by shared
+memory and DDS as far as each is wanted; or it relays messages unchanged (camera info).
 """
 
 from __future__ import annotations
@@ -37,8 +35,7 @@ if TYPE_CHECKING:
 def image_prefix(header: Any, pixels: NDArray[np.generic], encoding: str) -> bytes:
     """Return the CDR of an Image up to its first pixel, with a ``std_msgs/msg/Header``.
 
-    Pixels have the shape (H, W) or (H, W, channels), C order; the encoding is ROS' name of their format, such
-    as ``bgr8`` or ``16UC1``.
+    Pixels have the shape (H, W) or (H, W, channels), C order; the encoding is such as ``bgr8`` or ``16UC1``.
     """
     prefix = _prefix(header.frame_id, encoding, pixels.shape[:2], pixels.strides[0], pixels.nbytes)
     # From picture to picture only the stamp changes, which stands behind the 4 bytes of the CDR header; to
@@ -72,11 +69,9 @@ def image_bytes(prefix: bytes, pixels: NDArray[np.generic]) -> bytes:
     return body + bytes(-len(body) % 4)
 
 
-LOCAL_QOS = QoSProfile(depth=5)
-"""Reliable on the device, so that every subscription matches: no less may be offered than is asked for."""
+LOCAL_QOS = QoSProfile(depth=5)  #: Reliable on the device, so that every subscription matches.
 
-PATIENCE_S = 3.0
-"""How long a replay may take to connect with the live stream; a key frame will have come by then."""
+PATIENCE_S = 3.0  #: How long a replay may take to connect; a key frame will have come by then.
 
 
 @dataclass(slots=True, kw_only=True)
@@ -135,17 +130,9 @@ class Outputs:
 async def run_pipeline(
     route: Route, transports: Iterable[str], *, remote: Node, outputs: Outputs, counts: Statistics
 ) -> None:
-    """Decode or relay one stream until cancelled.
+    """Decode or relay one stream from the remote node until cancelled, updating the counts.
 
-    A message that cannot be decoded is counted and skipped: the next key frame heals the stream. A stream
-    that pauses simply has no messages meanwhile.
-
-    Args:
-        route: The stream.
-        transports: By which transports it is wanted.
-        remote: The node on the domain where the remote topic is.
-        outputs: Where pictures go; served from here on.
-        counts: Updated in place.
+    A message that cannot be decoded is counted and skipped: the next key frame heals the stream.
 
     Raises:
         CodecError: There is no decoder for this type and codec.

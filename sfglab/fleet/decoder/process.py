@@ -1,13 +1,11 @@
 """Pipeline processes: one for each running pipeline, and one warm spare.
 
-Each is ``python -m sfglab.fleet.decoder.process CONFIG``. A process's imports take about a second; a spare that
-has done them already lets a pipeline start in milliseconds. One process a pipeline: a bitstream that kills the
-codec kills one stream.
+Each is ``python -m sfglab.fleet.decoder.process CONFIG``. Its imports take about a second, so a spare has done
+them already. One process a pipeline: a bitstream that kills the codec kills one stream.
 
 Orders: ``{"do": "open", "stream": {...}}`` with a `Route`, ``{"do": "serve", "transports": [...]}`` when the
-local topic is wanted by other transports, ``{"do": "close"}``. Reports: ``ready`` (a pipeline can be opened),
-``opened``, ``closed`` (it holds nothing any more), ``broken`` with ``why`` (it could not be opened, or it
-broke), and now and then ``statistics`` with the `Statistics` of the pipeline.
+local topic is wanted by other transports, ``{"do": "close"}``. Reports: ``ready``, ``opened``, ``closed`` (it
+holds nothing any more), ``broken`` with ``why``, and now and then ``statistics`` with `Statistics`.
 """
 
 from __future__ import annotations
@@ -136,9 +134,7 @@ if __name__ == "__main__":
 
 END_GRACE_S = 2.0
 _NAME = "pipeline process"
-REFILL_DELAY_S = 2.0
-"""A pipeline that starts needs the processor more than the spare for the next one, and whoever only has a
-glance gives its process back by then."""
+REFILL_DELAY_S = 2.0  #: A pipeline that starts needs the processor more than the next spare.
 
 
 Owner = Callable[["Worker", Report], None]
@@ -160,10 +156,7 @@ class Worker(LineProcess):
 
 
 class WorkerPool:
-    """Starts, lends, takes back and ends workers, of which so many spares wait warm.
-
-    With `refill` another spare starts after one is lent.
-    """
+    """Starts, lends and ends workers, of which so many spares wait warm; `refill` replaces one that is lent."""
 
     def __init__(self, config: WorkerConfig, *, spares: int = 1, refill: bool = True) -> None:
         self._command = Member(name=_NAME, module="sfglab.fleet.decoder.process", config=config).command
@@ -196,9 +189,8 @@ class WorkerPool:
         while not self.warm:
             await asyncio.sleep(0.02)
             if not self._spares:
-                raise ProcessFailedError(
-                    f"decoder: a pipeline process ended while it started: {self._last_words}"
-                )
+                why = f"a pipeline process ended while it started: {self._last_words}"
+                raise ProcessFailedError(f"decoder: {why}")
 
     async def lend(self, owner: Owner) -> Worker:
         """Return a worker for one pipeline, whose reports the owner hears; another spare may start later."""

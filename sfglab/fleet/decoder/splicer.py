@@ -1,12 +1,9 @@
 """Late-join splicer: a video stream that is under way, from its replay first, then live, without a seam.
 
-Two sources carry the same numbered packets: the live stream, of which a newcomer misses the beginning of the
-group of pictures, and the replay (`sfglab.fleet.gop_cache`), which repeats the group from its key frame.
-Packets of both come in any order and may be missing. The splicer makes one chain of them that begins with a key
-frame and has no gap, says which of its pictures are worth showing, and when the replay can be left. Pure: knows
-numbers and key frames; refuses to know messages, topics and clocks.
-
-It ends in, and falls back to, the ordinary case: packets of the live stream alone, as they come.
+Two sources carry the same numbered packets, in any order and with gaps: the live stream, and the replay
+(`sfglab.fleet.gop_cache`) that repeats the group of pictures from its key frame. The splicer makes one chain of
+them that begins with a key frame and has no gap, says which pictures are worth showing, and when the replay can
+be left. It ends in, and falls back to, the live stream alone. Pure: knows numbers and key frames.
 """
 
 from __future__ import annotations
@@ -76,11 +73,7 @@ class Splicer(Generic[M]):
         return self.phase is Phase.JOINING
 
     def take(self, packet: M, source: Source, *, pts: int, is_key: bool, shown: bool = True) -> None:
-        """Take a packet of either source, whatever stands for it.
-
-        A stream's packets are numbered by `pts` without gaps. A decoder may start where `is_key`, and `shown`
-        says whether the sender means the picture to be shown.
-        """
+        """Take a packet of a source, numbered by `pts` without gaps; a decoder may start where `is_key`."""
         taken = _Packet(pts, is_key, shown, packet)
         if self.phase is Phase.JOINING:
             self._take_joining(taken, source)
@@ -97,11 +90,10 @@ class Splicer(Generic[M]):
     def next(self) -> Step[M] | None:
         """Return what to decode next, of what has come so far; None: nothing is ready.
 
-        Until the first picture is shown, only the newest one at hand is worth showing: what came before it
-        is the past. Once the live stream has reached the chain its last picture is the present, whatever the
-        replay's sender could know of that. Until then a replay that another asked for, and that DDS keeps until
-        that one's lease ends, may run through seconds of the past: a further picture of it has to be as new as
-        the live stream.
+        Until the first picture is shown, only the newest one at hand is worth showing: the others are the past.
+        Once the live stream has reached the chain its last picture is the present. Until then a replay that
+        another asked for may run through seconds of the past: a further picture of it has to be as new as the
+        live stream.
         """
         if not self._chain:
             return None

@@ -2,10 +2,8 @@
 
 A compressed stream ``/global/<agent>/<component>/<stream>/<resource>`` is offered on this device as
 ``/local/<agent>/<component>/<stream>/image_raw``, its camera info under the same name in the local scope
-(paper A, section 4.3: "decoded or relayed topic"). The decoder monitors graph events to track local
-subscriptions, defers until one appears and releases when the last one leaves (Fig. 4); the recovery from a
-crash is ours. Everything that decides whether a pipeline exists stands here. Pure: refuses to know processes,
-sockets and clocks; the caller passes `now_ns` and carries the actions out.
+(paper A, section 4.3: "decoded or relayed topic"). A pipeline waits for a local subscription and goes with the
+last one (Fig. 4); the recovery from a crash is ours. Pure: the caller passes `now_ns` and carries actions out.
 """
 
 from __future__ import annotations
@@ -264,9 +262,5 @@ class Lifecycle(ProcessLife[State, Input, Action]):
     BACK_OFF = Action.BACK_OFF
 
     def __init__(self, timing: Timing) -> None:
-        waits_ns = {
-            Action.START: timing.start_ns,
-            Action.STOP: timing.stop_ns,
-            Action.LINGER: timing.linger_ns,
-        }
+        waits_ns = {Action.START: timing.start_ns, Action.STOP: timing.stop_ns, Action.LINGER: timing.linger_ns}
         super().__init__("pipeline", TRANSITIONS, State.IDLE, waits_ns=waits_ns, timing=timing)

@@ -1,10 +1,9 @@
 """Life of one remote agent as a table: paper A, section 4.2, Fig. 3.
 
-A state says two things: what local consumers have been told of the agent, and how its description is being
-asked for. So the states form a grid, and the table shows where a query is outstanding: there is never a second
-one. That, the timers and the events are the paper's (`STATED`); what happens when an agent is started again,
-changes, or does not answer is spelled out here. Knows states, inputs and actions, and the figure that is drawn
-from them; refuses to know messages, names, numbers and clocks.
+A state says what local consumers have been told of the agent, and how its description is being asked for: a
+grid, in which there is never a second query. That, the timers and the events are the paper's (`STATED`); what
+happens when an agent is started again, changes, or does not answer is ours. Refuses to know messages and
+clocks.
 """
 
 from __future__ import annotations
@@ -34,20 +33,15 @@ class Asking(Enum):
 class State(Enum):
     """Where a remote agent stands."""
 
-    #: Nothing is known of it: where every agent starts, and where it ends when it is forgotten.
-    UNKNOWN = Told.NOTHING, Asking.NO
-    #: A heartbeat was heard; what the agent is, is being asked for the first time.
-    QUERYING = Told.NOTHING, Asking.QUERYING
+    UNKNOWN = Told.NOTHING, Asking.NO  #: Nothing is known of it: the first state, and that of who is forgotten.
+    QUERYING = Told.NOTHING, Asking.QUERYING  #: A heartbeat was heard; what it is, is being asked.
     BACKING_OFF = Told.NOTHING, Asking.BACKING_OFF  #: It is alive and has not said yet what it is.
     ACTIVE = Told.PRESENT, Asking.NO  #: It is there, and what it is, is known.
-    #: It is there; what is known of it is out of date and being asked for again.
-    REFRESHING = Told.PRESENT, Asking.QUERYING
+    REFRESHING = Told.PRESENT, Asking.QUERYING  #: It is there; what is known is out of date and asked again.
     REFRESH_BACK_OFF = Told.PRESENT, Asking.BACKING_OFF  #: It is there; what is known of it is out of date.
     LOST = Told.LOST, Asking.NO  #: Its heartbeats stopped.
-    #: It was lost and is back, but not as it was; what it is now, is being asked for.
-    REJOINING = Told.LOST, Asking.QUERYING
-    #: It was lost and is back, and has not said yet what it is now.
-    REJOIN_BACK_OFF = Told.LOST, Asking.BACKING_OFF
+    REJOINING = Told.LOST, Asking.QUERYING  #: It is back, but not as it was; what it is now, is asked.
+    REJOIN_BACK_OFF = Told.LOST, Asking.BACKING_OFF  #: It is back, and has not said yet what it is now.
 
     @property
     def told(self) -> Told:
@@ -66,12 +60,9 @@ class Input(Enum):
     HEARD = auto()  #: A heartbeat that says nothing new.
     CHANGED = auto()  #: A heartbeat of the same start of the agent, with another revision of its description.
     RESTARTED = auto()  #: A heartbeat of another start of the agent.
-    #: The query was answered by the start of the agent that was announced, or none was announced yet.
-    ANSWERED = auto()
-    #: The query was answered by another start of the agent than the one that was announced.
-    ANSWERED_ANEW = auto()
-    #: The query failed, was not answered in time, or was answered with something else than was asked for.
-    FAILED = auto()
+    ANSWERED = auto()  #: The query was answered by the start that was announced, or none was announced yet.
+    ANSWERED_ANEW = auto()  #: The query was answered by another start than the one that was announced.
+    FAILED = auto()  #: The query failed, came to nothing in time, or was answered with something else.
     RETRY = auto()  #: The wait before the next query is over.
     SILENT = auto()  #: No heartbeat came for too long.
     EXPIRED = auto()  #: It has been of no use for too long, or its place is needed.

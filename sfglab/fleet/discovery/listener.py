@@ -1,8 +1,7 @@
 """The consumer's side of discovery events: which remote agents there are, folded from what the discoverer says.
 
-Everything a local consumer needs beside a subscription: type, topic and QoS of the events, and `KnownAgents`,
-which survives a discoverer that crashed and was started again. Pure: the caller passes messages, the
-publisher's gid and `now_ns`. Refuses to know heartbeats, queries and what agents are good for.
+`KnownAgents` survives a discoverer that crashed and was started again. Pure: the caller passes messages, the
+publisher's gid and `now_ns`.
 """
 
 from __future__ import annotations
@@ -62,14 +61,12 @@ Change = Offered | Withdrawn
 class KnownAgents:
     """The remote agents that are there now.
 
-    An event of a new publisher means that the discoverer was started again and knows nothing: what its
-    predecessor said holds for a grace period, and agents that are not announced again by then are withdrawn. It
-    must cover a discoverer's start: hearing the last heartbeats and asking.
+    An event of a new publisher means that the discoverer was started again: agents that it does not announce
+    within a grace period, which covers hearing the last heartbeats and asking, are withdrawn.
     """
 
     def __init__(self, *, grace_ns: int = 10_000_000_000) -> None:
-        #: When `expire` has to be called, on the caller's clock; None while nothing is waited for.
-        self.deadline_ns: int | None = None
+        self.deadline_ns: int | None = None  #: When `expire` has to be called; None: no wait.
         self._grace_ns = grace_ns
         self._publisher = _NOBODY
         self._predecessors: set[bytes] = set()
@@ -82,7 +79,7 @@ class KnownAgents:
         return dict(self._metadata)
 
     def feed(self, event: Any, publisher_gid: bytes, *, now_ns: int) -> Change | None:
-        """Take an ``AgentDiscoveryEvent`` and its publisher, from `MessageInfo`, and return what changed.
+        """Take an ``AgentDiscoveryEvent`` and its publisher; return what changed.
 
         None when the event says what is known, or comes from a discoverer that has since been replaced.
         """
@@ -119,11 +116,7 @@ class KnownAgents:
 
 
 async def agent_changes(node: Node, topic: str, known: KnownAgents | None = None) -> AsyncIterator[Change]:
-    """Yield every change of what remote agents offer, those first that the discoverer has announced before.
-
-    The node is in the agent's own domain, where its discoverer publishes on the topic. What is known is
-    updated in place; None: nothing.
-    """
+    """Yield every change of what remote agents offer on a discoverer's topic, what it said before first."""
     known = known or KnownAgents()
     with closing(node.create_subscription(DISCOVERY_EVENT, topic, qos=DISCOVERY_QOS)) as subscription:
         while True:

@@ -1,13 +1,10 @@
 """Agent discoverer: one node per agent that knows the fleet. Paper A, section 4.2, Fig. 3.
 
-The thin shell around `registry`: it hears heartbeats, asks agents what they are, watches the time, and
-publishes discovery events in the agent's own domain, so that no other node of the agent has to.
-
-As a process (``python -m sfglab.fleet.discovery.node CONFIG``; see `sfglab.component`) it reports, beside
-``ready``, every discovery event, ``{"is": "event", "agent", "event", "incarnation", "t_ns"}``, and where the
-configuration asks for it every transition, ``{"is": "move", "agent", "before", "given", "after", "actions",
-"t_ns"}``. The order ``{"report": true}`` is answered with what is known now: ``{"is": "status", "agents":
-[...], "counts": {...}}``.
+The thin shell around `registry`; it publishes discovery events in the agent's own domain. As a process
+(``python -m sfglab.fleet.discovery.node CONFIG``; see `sfglab.component`) it reports, beside ``ready``, every
+event, ``{"is": "event", "agent", "event", "incarnation", "t_ns"}``, and if so configured every transition,
+``{"is": "move", "agent", "before", "given", "after", "actions", "t_ns"}``. The order ``{"report": true}`` is
+answered with what is known now: ``{"is": "status", "agents": [...], "counts": {...}}``.
 """
 
 from __future__ import annotations
@@ -49,10 +46,7 @@ if TYPE_CHECKING:
 
 
 class History:
-    """The agents of the last events, of which `depth` are kept for consumers that come late.
-
-    With more agents than that, what is repeated pushes out what has to be repeated.
-    """
+    """The agents of the last `depth` events; what late consumers would not hear any more is repeated."""
 
     def __init__(self, depth: int) -> None:
         self._window: deque[str] = deque(maxlen=depth)
@@ -98,8 +92,7 @@ class DiscoverySettings:
     query_timeout_s: float = 2.0  #: How long an agent may take to answer then, seconds.
     #: Whether descriptions that agents offer are read; then a service is asked only where there is none of use.
     offers: bool = False
-    #: Queries that may be under way at once, to different agents; the others have their turns (`Turns`).
-    max_queries: int = 128
+    max_queries: int = 128  #: Queries that may be under way at once; the others have their turns (`Turns`).
 
     def __post_init__(self) -> None:
         validate_agent(self.agent)
@@ -119,10 +112,7 @@ class DiscoveryStatus:
 
 
 class AgentDiscoverer:
-    """The node on an agent's local domain that tells it who else is there.
-
-    `on_event` is called with every discovery event, after it was published, `on_move` with every transition.
-    """
+    """Tells an agent who else is there; calls `on_event` after an event, `on_move` at a transition."""
 
     def __init__(
         self,
@@ -219,9 +209,8 @@ class AgentDiscoverer:
             deadlines = (self._registry.deadline_ns, self._turns.deadline_ns, since_ns + _TICK_NS)
             wake_ns = min(deadline for deadline in deadlines if deadline is not None)
             rearmed = await is_set_before(self._rearmed, wake_ns / 1e9)
-            now_ns = (
-                steady_ns() if rearmed else max(steady_ns(), wake_ns)
-            )  # a timer may be early by its resolution
+            # a timer may be early by its resolution
+            now_ns = steady_ns() if rearmed else max(steady_ns(), wake_ns)
             if now_ns - wake_ns > _OVERSLEPT_NS:
                 self._registry.overslept(since_ns, now_ns)
             self._carry_out(self._registry.due(now_ns))
@@ -369,19 +358,10 @@ async def run_discoverer(
             actions = [action.name for action in move.actions]
             report({"is": "move", "agent": move.agent, **names, "actions": actions, "t_ns": now_ns()})
 
-        discoverer = AgentDiscoverer(
-            node,
-            config.settings,
-            on_event=told,
-            on_move=moved if config.report_moves else None,
-        )
+        on_move = moved if config.report_moves else None
+        discoverer = AgentDiscoverer(node, config.settings, on_event=told, on_move=on_move)
         async with beside(_obey(discoverer, report, orders)):
             await discoverer.run(on_ready=lambda: report({"is": "ready"}))
-
-
-def main() -> None:
-    """Be the process: serve until told to end."""
-    run_component(DiscoveryConfig, run_discoverer)
 
 
 async def _obey(
@@ -392,6 +372,11 @@ async def _obey(
         status = discoverer.status()
         agents = [{**asdict(agent), "state": agent.state.name} for agent in status.agents]
         report({"is": "status", "agents": agents, "counts": status.counts})
+
+
+def main() -> None:
+    """Be the process: serve until told to end."""
+    run_component(DiscoveryConfig, run_discoverer)
 
 
 if __name__ == "__main__":

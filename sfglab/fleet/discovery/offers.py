@@ -1,10 +1,8 @@
 """Descriptions that agents offer unasked: which one answers a query, and when their service has to be asked.
 
 All agents' descriptions, latched, share one topic, as their heartbeats do: in a fleet of n that is 2 n
-endpoints in the global domain, where asking each other's services takes 2 n^2 + 2 n. Anybody can publish there.
-An offer is only an answer to a query that a heartbeat has caused, and is checked as any; where two publishers
-speak for one agent neither is believed, and the agent's service is asked. Pure: the caller says what was heard
-and who is there.
+endpoints in the global domain, where asking each other's services takes 2 n^2 + 2 n. Anybody can publish there:
+an offer only answers a query and is checked as any, and where two speak for one agent neither is believed.
 """
 
 from __future__ import annotations
@@ -40,10 +38,7 @@ class Offers:
             self._last.popitem(last=False)
 
     def of(self, agent: str, wanted: tuple[int, int], is_there: Callable[[bytes], bool]) -> Any:
-        """Return an agent's undisputed description, of the wanted incarnation and revision or later; or None.
-
-        Whether a publisher is still there is asked where there are several.
-        """
+        """Return an agent's description, as new as wanted, if one publisher alone speaks for it; or None."""
         speakers = [publisher for publisher, said in self._last.items() if said.agent == agent]
         if len(speakers) > 1:
             speakers = [publisher for publisher in speakers if is_there(publisher)]

@@ -1,9 +1,8 @@
 """Registry of all remote agents: which input a heartbeat or an answer is, and when time is one.
 
-Pure: the caller passes what was heard and `now_ns`, any clock that never goes back, and carries out what is
-returned. A start of an agent is told from another by its incarnation, which grows; while one start is there,
-heartbeats of an older one are not believed, and when it is lost they are, for a robot's clock may have been
-set back while it was off. What a heartbeat claims counts when the agent's service has answered so (`sources`).
+Pure: the caller passes what was heard and `now_ns`, and carries out what is returned. A start of an agent is
+told from another by its incarnation, which grows; an older one is believed only when the newer one is lost, for
+a robot's clock may have been set back. A claim counts when the agent's service has answered so (`sources`).
 """
 
 from __future__ import annotations
@@ -13,7 +12,7 @@ from collections import Counter
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from sfglab.errors import InvalidValueError
+from sfglab.fields import between, check_bounds
 from sfglab.fleet.discovery.lifecycle import (
     ANNOUNCEMENTS,
     TRANSITIONS,
@@ -39,16 +38,15 @@ if TYPE_CHECKING:
 class Timing:
     """How long a discoverer waits for what."""
 
-    missed: float = 3.0  #: An agent is lost when this many of its announced periods pass without a heartbeat.
-    slack_ns: int = 500_000_000  #: Time on top of that, for the network.
-    backoff_ns: int = 250_000_000  #: Wait after the first failed query; it doubles with each further one.
-    backoff_max_ns: int = 10_000_000_000  #: The longest wait between queries.
-    forget_ns: int = 600_000_000_000  #: How long a lost agent is remembered.
+    missed: float = between(3.0, without=(0,))  #: Announced periods without a heartbeat: an agent is lost.
+    slack_ns: int = between(500_000_000, without=(0,))  #: Time on top of that, for the network.
+    #: Wait after the first failed query; it doubles with each further one.
+    backoff_ns: int = between(250_000_000, without=(0,))
+    backoff_max_ns: int = between(10_000_000_000, without=(0,))  #: The longest wait between queries.
+    forget_ns: int = between(600_000_000_000, without=(0,))  #: How long a lost agent is remembered.
 
     def __post_init__(self) -> None:
-        for name in ("missed", "slack_ns", "backoff_ns", "backoff_max_ns", "forget_ns"):
-            if not getattr(self, name) > 0:
-                raise InvalidValueError(f"discovery, {name}", getattr(self, name), "positive numbers")
+        check_bounds(self, "discovery, ")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -57,8 +55,7 @@ class Order:
 
     action: Action  #: What; one that is an announcement names the event.
     agent: str  #: Whom to ask, or of whom to tell.
-    #: Which query; no two are the same, and `Registry.answered` or `Registry.failed` is told of it.
-    query: int | None = None
+    query: int | None = None  #: Which query, for `Registry.answered` or `failed`; no two are the same.
     incarnation: int = 0  #: Which start of the agent the description is from.
     metadata: Any = None  #: Its last known description.
     publisher: bytes = b""  #: Who was heard, when an agent has to be asked.
@@ -129,10 +126,7 @@ class _Remote:
 
 
 class Registry:
-    """The agents other than the discoverer's own, and what has to be done about them.
-
-    `on_move` is called with every transition.
-    """
+    """The agents other than the discoverer's own, and what to do about them; `on_move` hears of transitions."""
 
     def __init__(
         self,

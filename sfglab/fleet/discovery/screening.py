@@ -1,7 +1,6 @@
-"""Screening of what remote agents say of themselves: the domain is shared, anybody can publish anything there.
+"""Screening of what remote agents say of themselves, in a domain where anybody can publish anything.
 
-The one place where that is judged before anybody uses it: heartbeats (`Screen`) and descriptions (`admitted`).
-Pure: knows rates, bounds and the naming schema; refuses to know which agents there are.
+Judged before anybody uses it: heartbeats (`Screen`) and descriptions (`admitted`). Pure.
 """
 
 from __future__ import annotations
@@ -13,7 +12,7 @@ from dataclasses import dataclass, replace
 from enum import Enum
 from typing import TYPE_CHECKING, Any
 
-from sfglab.errors import InvalidValueError
+from sfglab.fields import between, check_bounds
 from sfglab.fleet.status.description import MAX_TEXT, DescriptionError, StreamDescription
 from sfglab.fleet.status.heartbeat import MAX_PERIOD_S, MIN_PERIOD_S, Heartbeat, Phase, metadata_service
 from sfglab.names import FqnError
@@ -44,20 +43,16 @@ class Limits:
     """How much a discoverer takes in. A fleet in start-up sends one heartbeat a second and agent."""
 
     #: Remote agents that are kept track of, at most 900: consumers that come late hear of each.
-    max_agents: int = 500
-    beats_per_s: float = 25.0  #: Heartbeats per second that one publisher may send for long.
-    burst: int = 50  #: Heartbeats that one publisher may send at once.
-    total_per_s: float = 1000.0  #: The same for all publishers together.
-    total_burst: int = 5000  #: The same for all publishers together.
-    max_metadata_bytes: int = 65_536  #: Longest description, serialized.
+    max_agents: int = between(500, 1, 900)
+    #: Heartbeats per second that one publisher may send for long.
+    beats_per_s: float = between(25.0, without=(0, math.inf))
+    burst: int = between(50, without=(0, math.inf))  #: Heartbeats that one publisher may send at once.
+    total_per_s: float = between(1000.0, without=(0, math.inf))  #: The same for all publishers together.
+    total_burst: int = between(5000, without=(0, math.inf))  #: The same for all publishers together.
+    max_metadata_bytes: int = between(65_536, without=(0, math.inf))  #: Longest description, serialized.
 
     def __post_init__(self) -> None:
-        if not 1 <= self.max_agents <= 900:
-            raise InvalidValueError("discovery, max_agents", self.max_agents, "whole numbers from 1 to 900")
-        for name in ("beats_per_s", "burst", "total_per_s", "total_burst", "max_metadata_bytes"):
-            given = getattr(self, name)
-            if not 0 < given < math.inf:
-                raise InvalidValueError(f"discovery, {name}", given, "positive numbers")
+        check_bounds(self, "discovery, ")
 
 
 class Bucket:
@@ -125,10 +120,7 @@ class Screen:
         return None
 
     def _check_own(self, heartbeat: Heartbeat, publisher_gid: bytes) -> Refusal:
-        """Tell our own agent from another one that bears its name: the latest to start is taken for ours.
-
-        With two of them alive, the older one's heartbeats are counted as spoofed, for as long as it lives.
-        """
+        """Tell our agent, the latest to start, from another of its name, which is spoofed while it lives."""
         if self._own is None or heartbeat.incarnation > self._own[0]:
             self._own = heartbeat.incarnation, publisher_gid
         return Refusal.OWN if publisher_gid == self._own[1] else Refusal.SPOOFED
@@ -155,10 +147,7 @@ def _can_be_asked(agent: str) -> bool:
 
 
 def admitted(metadata: Any) -> tuple[Any, tuple[DescriptionError, ...]]:
-    """Return what may be used of an ``AgentMetadata``, which may say anything, and what is wrong with the rest.
-
-    The agent is who was asked. Of two sensors or streams of one name the first counts.
-    """
+    """Return what may be used of an ``AgentMetadata``, the first of each name, and what is wrong with it."""
     refused: list[DescriptionError] = []
     taken: list[str] = []
     sensors: dict[str, Any] = {}

@@ -1,10 +1,9 @@
 """Sources of one agent's name: who speaks for it, each publisher with each start of the agent that it claims.
 
-What a heartbeat says proves nothing, for anybody can send it. So a source is believed once the agent's service
-has answered with the start that it claims. When one of several falls silent, the others have to prove anew that
-the agent is there: a period that somebody else announces hides no death, and a short one makes none. Two that
-go on side by side are two agents of one name, or somebody speaks for another. Pure: refuses to know messages
-and states.
+Anybody can send heartbeats. So a source is believed once the agent's service has answered with the start that
+it claims. When one of several falls silent, the others have to prove anew that the agent is there: a period
+that somebody else announces hides no death, and a short one makes none. Two side by side are two agents of one
+name, or somebody speaks for another. Pure: refuses to know messages and states.
 """
 
 from __future__ import annotations
@@ -23,8 +22,7 @@ class Source:
 
     silent_ns: int = 0  #: When it has been unheard for too long, by the period that it announced.
     revision: int = 0  #: Which revision of its description it has announced.
-    #: Whether it is believed; None: nobody has asked yet, False: the service has answered otherwise.
-    trust: bool | None = None
+    trust: bool | None = None  #: Whether it is believed; None: nobody asked; False: the answer was another.
     heard_ns: int = 0  #: When it was heard last.
     beats: int = 0  #: How often it was heard.
     place: int = 0  #: Which of all beats of the name was its last.
@@ -74,9 +72,8 @@ class Sources:
     def silent_ns(self, held: int | None, *, doubted: bool) -> int:
         """Return when somebody who counts has been unheard for too long.
 
-        Where a start of the agent is there, that is the first of those that claim it and were heard more than
-        once or are believed; else the last of all who may still prove themselves. Nobody counts who is not
-        believed when asking has come to nothing (`doubted`).
+        Where a start of the agent is there, that is the first of its regular or believed claims; else the last
+        of all who may still prove themselves, or when asking has come to nothing (`doubted`) of the believed.
         """
         counted = {k: s for k, s in self._known.items() if s.trust or not (doubted or s.trust is False)}
         regular = [

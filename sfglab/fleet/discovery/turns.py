@@ -1,9 +1,7 @@
 """Turns of queries: who is asked next, so that made-up agents, one or a thousand, do not delay a real one.
 
-Places are many, because a query of somebody who is not there costs little but its wait. Who has failed less
-often comes first, then whoever's publisher has fewer queries before it. When no place is free, a query that has
-had its chance gives its place to one of another that has failed no oftener; it is repeated later, like any
-other that failed. While there are places nobody is hurried. Pure: the caller passes `now_ns`.
+Who has failed less often comes first, then whoever's publisher has fewer queries before it. When no place is
+free, a query that has had its chance gives way to one that has failed no oftener, and is repeated later.
 """
 
 from __future__ import annotations
@@ -12,8 +10,7 @@ import heapq
 from collections import Counter
 from dataclasses import dataclass
 
-CHANCE_NS = 250_000_000
-"""How long a query holds its place at least while newcomers wait; those that have failed before wait longer."""
+CHANCE_NS = 250_000_000  #: How long a query holds its place though newcomers wait; one that failed, longer.
 ANSWER_CHANCE_NS = 1_000_000_000  #: The same for one whose service was found: it may be about to answer.
 _MAX_DOUBLINGS = 4
 

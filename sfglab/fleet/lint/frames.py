@@ -1,7 +1,6 @@
 """Checks of transform frames: all agents' trees put together, as every agent sees them behind its router.
 
-Table 1 of paper A forwards /tf and /tf_static both ways, so everybody's frames meet in every agent; section
-4.1 asks for prefixes against clashes, section 4.5 for a single root.
+Table 1 of paper A forwards /tf and /tf_static; 4.1 asks for prefixes against clashes, 4.5 for a single root.
 """
 
 from __future__ import annotations
@@ -18,7 +17,6 @@ from sfglab.names import TF, TF_STATIC, ResourceKind
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
 
-    from sfglab.documents import Place
     from sfglab.fleet.fleet_file import AgentSpec, FrameSpec
     from sfglab.fleet.lint.uses import View
 
@@ -31,11 +29,6 @@ class Edge:
     child: str  #: The frame that is placed, with prefix.
     parent: str  #: The frame in which it is placed, with prefix.
     frame: FrameSpec  #: As the agent's nodes write it.
-
-    @property
-    def place(self) -> Place:
-        """Where the transform stands in the file."""
-        return self.frame.place
 
 
 def edges_of(agent: AgentSpec, *, prefix: bool | None = None) -> tuple[Edge, ...]:
@@ -53,10 +46,7 @@ def edges_of(agent: AgentSpec, *, prefix: bool | None = None) -> tuple[Edge, ...
 
 
 def roots_of(edges: Iterable[Edge]) -> dict[str, str]:
-    """Return the root above every frame; frames in a circle have none.
-
-    Where a frame has several parents, the one that stands last counts, as in a listener that heard it last.
-    """
+    """Return the root above every frame, by its last parent; frames in a circle have none."""
     parents = {edge.child: edge.parent for edge in edges}
     roots = {}
     for frame in {*parents, *parents.values()}:
@@ -94,7 +84,7 @@ def _check_own(agent: AgentSpec, tree: Sequence[Edge]) -> Iterator[Finding]:
         yield Finding(
             severity=Severity.ERROR,
             code="frame-two-parents" if len(parents) > 1 else "frame-twice",
-            place=[e for e in tree if e.child == child][-1].place,
+            place=[e for e in tree if e.child == child][-1].frame.place,
             what=f"{agent.name} broadcasts {child} more than once, below {', '.join(parents)}",
             why="a frame has one parent: listeners take whichever came last",
             remedy="keep one of the transforms",
@@ -104,7 +94,7 @@ def _check_own(agent: AgentSpec, tree: Sequence[Edge]) -> Iterator[Finding]:
         yield Finding(
             severity=Severity.ERROR,
             code="frame-circle",
-            place=tree[0].place,
+            place=tree[0].frame.place,
             what=f"frames of {agent.name} hang in a circle: {', '.join(circle)}",
             why="a tree has a root from which every frame is reached",
             remedy="turn one of the transforms around or remove it",
@@ -134,7 +124,7 @@ def _clashes(edges: Sequence[Edge]) -> Iterator[Finding]:
         yield Finding(
             severity=Severity.ERROR,
             code="frame-clash",
-            place=group[-1].place,
+            place=group[-1].frame.place,
             what=f"{' and '.join(agents)} both broadcast frame {child}, {below}",
             why="every agent hears both through its router: the frame jumps between them (paper A, 4.1)",
             remedy=_apart(group, agents),
@@ -167,7 +157,7 @@ def _kept_in(sender: AgentSpec, edge: Edge) -> Iterator[Finding]:
         yield Finding(
             severity=Severity.ERROR,
             code="frame-kept-in",
-            place=edge.place,
+            place=edge.frame.place,
             what=f"{sender.name} broadcasts {edge.child}, which is not its own, and prefixes frames",
             why=f"its router keeps it in: {error}",
             remedy="rename the frame; motion capture, which places others, has prefix_frames: false",
@@ -180,34 +170,18 @@ def _placing(owner: AgentSpec, edge: Edge, edges: Sequence[Edge]) -> Iterator[Fi
     if edge.child in {e.child for e in own}:
         return  # a clash, which is reported as such
     bare = edge.child.removeprefix(f"{owner.name}/")
-    let_in = not owner.tf.prefix_frames or bare in owner.tf.placed_by_others
-    what = f"{edge.agent} broadcasts {edge.child}, under the prefix of {owner.name}"
+    code, what = "frame-of-another", f"{edge.agent} broadcasts {edge.child}, under the prefix of {owner.name}"
     if edge.child not in {e.parent for e in own}:
-        yield Finding(
-            severity=Severity.WARNING,
-            code="frame-of-another",
-            place=edge.place,
-            what=what,
-            why=f"{owner.name} has no transform below that frame: its name may be spelled differently there",
-            remedy=f"place the root of {owner.name}'s own tree",
-        )
-    elif let_in:
-        yield Finding(
-            severity=Severity.INFO,
-            code="frame-of-another",
-            place=edge.place,
-            what=what,
-            why=f"it gives the root of {owner.name}'s tree a parent (paper A, section 4.5)",
-        )
+        severity, remedy = Severity.WARNING, f"place the root of {owner.name}'s own tree"
+        why = f"{owner.name} has no transform below that frame: its name may be spelled differently there"
+    elif not owner.tf.prefix_frames or bare in owner.tf.placed_by_others:
+        severity, remedy = Severity.INFO, ""
+        why = f"it gives the root of {owner.name}'s tree a parent (paper A, section 4.5)"
     else:
-        yield Finding(
-            severity=Severity.ERROR,
-            code="frame-kept-out",
-            place=edge.place,
-            what=what,
-            why=f"the router of {owner.name} lets nobody else move its frames, so inside there is no parent",
-            remedy=f"{owner.name}: tf: placed_by_others: [{bare}]",
-        )
+        code, severity = "frame-kept-out", Severity.ERROR
+        why = f"the router of {owner.name} lets nobody else move its frames, so inside there is no parent"
+        remedy = f"{owner.name}: tf: placed_by_others: [{bare}]"
+    yield Finding(severity=severity, code=code, place=edge.frame.place, what=what, why=why, remedy=remedy)
 
 
 def _common_root(view: View, edges: Sequence[Edge]) -> Iterator[Finding]:

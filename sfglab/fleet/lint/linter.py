@@ -97,23 +97,17 @@ def _unreachable(kind: ResourceKind, name: str, meeting: Meeting, crossing: Cros
             continue
         what = f"{use.agent} calls {kind.value} {name}"
         if servers:
-            yield Finding(
-                severity=Severity.ERROR,
-                code="does-not-cross",
-                place=use.place,
-                what=f"{what}, which {_agents(meeting)} serves, and never reaches it",
-                why="no forwarding rule lets it cross (paper A, Table 1)",
-                remedy="serve it below /global/<agent>/",
+            severity, code = Severity.ERROR, "does-not-cross"
+            what += f", which {_agents(meeting)} serves, and never reaches it"
+            why, remedy = (
+                "no forwarding rule lets it cross (paper A, Table 1)",
+                "serve it below /global/<agent>/",
             )
         else:
-            yield Finding(
-                severity=Severity.ERROR if not use.implied else Severity.WARNING,
-                code="no-server",
-                place=use.place,
-                what=f"{what}, which nobody in this file serves",
-                why="its callers wait for ever",
-                remedy="add the server to the file, or correct the name",
-            )
+            severity, code = Severity.WARNING if use.implied else Severity.ERROR, "no-server"
+            what += ", which nobody in this file serves"
+            why, remedy = "its callers wait for ever", "add the server to the file, or correct the name"
+        yield Finding(severity=severity, code=code, place=use.place, what=what, why=why, remedy=remedy)
 
 
 def check_hazards(view: View) -> Iterator[Finding]:
@@ -169,10 +163,7 @@ def lint(fleet: Fleet) -> Report:
 
 
 def lint_file(path: Path | str) -> tuple[str, int]:
-    """Check a fleet file; return the report as text, and an exit code.
-
-    The exit code is 0, 1 if there are errors, 2 if the file is not a fleet.
-    """
+    """Return the report on a fleet file and an exit code: 0, 1 with errors, 2 if it is no fleet."""
     try:
         report = lint(load_fleet(path))
     except DocumentError as error:

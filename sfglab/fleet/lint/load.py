@@ -1,8 +1,4 @@
-"""Load of a fleet before it runs: discovery between hosts, transforms and other topics across each border.
-
-Discovery is counted exactly from the file and turned into bytes by two figures of ours. Estimates, to compare
-layouts; the experiments measure.
-"""
+"""Load of a fleet before it runs: estimates of discovery, transforms and other topics, to compare layouts."""
 
 from __future__ import annotations
 
@@ -24,14 +20,12 @@ if TYPE_CHECKING:
 
 
 ROS_ENDPOINTS = 17
-"""What every ROS 2 process has by itself: rosout, parameter events both ways, six parameter services with two
-topics each, and ros_discovery_info both ways."""
+"""Of each ROS 2 process: rosout, parameter events and ros_discovery_info both ways, six parameter services."""
 
 PAIR_BYTES = 1300
 ENDPOINT_BYTES = 460
 """Received per ordered pair of participants, and per endpoint announced to one: fitted to two hosts with 20
-participants each, of 1 and of 18 endpoints (Cyclone DDS, multicast). With six hosts under full load, repeats
-made it up to six times as much."""
+participants each (Cyclone DDS, multicast). Repeats among six hosts under full load made it up to six times."""
 
 _HEARD_BY_SPEAKER = {DdsRole.TOPIC: False, DdsRole.REQUEST: True, DdsRole.REPLY: False}
 
@@ -63,11 +57,7 @@ def _endpoints(uses: Sequence[Use]) -> _Endpoints:
 
 
 def discovery(view: View) -> Discovery:
-    """Return what discovery costs with one domain for all, and through routers.
-
-    A router shows a reader for every crossing topic that is wanted inside, and writers for one that somebody
-    else wants: one, or one for each source where late joiners must hear every source's last message.
-    """
+    """Return what discovery costs with one domain for all, and through routers."""
     agents = view.fleet.agents
     ends = {a.name: _endpoints([use for use in view.uses if use.agent == a.name]) for a in agents}
     local = {a.name: (a.processes, a.processes * ROS_ENDPOINTS + ends[a.name].total) for a in agents}
@@ -115,11 +105,7 @@ def transform_bytes(parent: str, child: str) -> int:
 
 
 def loads(view: View) -> tuple[AgentLoad, ...]:
-    """Return what crosses each agent's border in steady state.
-
-    Transforms count as one message each, the most there can be. Another topic counts once for each agent
-    that subscribes it, as it is sent without multicast.
-    """
+    """Return what crosses each border in steady state: transforms one a message, topics once a subscriber."""
     hears_tf = {use.agent for use in view.uses if use.name == TF and not use.speaks}
     crosses = view.crossing(TF, ResourceKind.TOPIC) is Crossing.WHOLE
     sent = {a.name: _transforms(a) if crosses else (0.0, 0.0) for a in view.fleet.agents}

@@ -1,8 +1,4 @@
-"""Checks of domains, names and endpoints that hear each other by name.
-
-What should cross and does not, what bears another name than it should, quality of service, types, and latched
-transforms.
-"""
+"""Checks of domains and of names: what crosses or not, QoS, types, and latched transforms."""
 
 from __future__ import annotations
 
@@ -44,14 +40,12 @@ def check_types(view: View) -> Iterator[Finding]:
     for kind in ResourceKind:
         for speaker, hearer in _pairs(view, kind):
             if speaker.type and hearer.type and speaker.type != hearer.type:
+                types = f"{speaker.agent} has type {speaker.type}, {hearer.agent} has {hearer.type}"
                 yield Finding(
                     severity=Severity.ERROR,
                     code="type-mismatch",
                     place=hearer.place,
-                    what=(
-                        f"{hearer.name}: {speaker.agent} has type {speaker.type}, "
-                        f"{hearer.agent} has {hearer.type}"
-                    ),
+                    what=f"{hearer.name}: {types}",
                     why="endpoints of different types never match",
                     remedy="use one type",
                 )
@@ -75,8 +69,7 @@ def check_static_transforms(view: View) -> Iterator[Finding]:
             why=f"static transforms are sent once: {who} misses them, across a router always",
             remedy="use qos: latched (TRANSIENT_LOCAL)",
         )
-    many = [use for use in meeting.speakers if use.count > 1]
-    for use in many:
+    for use in (use for use in meeting.speakers if use.count > 1):
         yield Finding(
             severity=Severity.INFO,
             code="static-broadcasters",
@@ -98,8 +91,7 @@ def _pairs(view: View, kind: ResourceKind) -> Iterator[tuple[Use, Use]]:
                         yield speaker, hearer
 
 
-LAST_SAFE_DOMAIN = 101
-"""Above it, ports fall into Linux' ephemeral range (ROS 2 documentation, "The ROS_DOMAIN_ID")."""
+LAST_SAFE_DOMAIN = 101  #: Above it, ports are in Linux' ephemeral range (ROS 2, "The ROS_DOMAIN_ID").
 
 ROS_OWN = frozenset({TF, TF_STATIC, "/rosout", "/parameter_events", "/clock", "/diagnostics"})
 """Names that ROS 2 gives itself; they are outside the schema on purpose."""
@@ -163,23 +155,18 @@ def _deaf(name: str, meeting: Meeting, *, crosses: bool) -> Iterator[Finding]:
         if use.agent in speakers or (crosses and speakers):
             continue
         if speakers:
-            yield Finding(
-                severity=Severity.ERROR,
-                code="does-not-cross",
-                place=use.place,
-                what=f"{use.agent} subscribes {name}, which {publishers} publishes, and never hears it",
-                why="no forwarding rule lets it cross (paper A, Table 1)",
-                remedy=f"publish it below /global/, as {_global_form(name, min(speakers))}",
-            )
+            severity, code = Severity.ERROR, "does-not-cross"
+            what = f"{use.agent} subscribes {name}, which {publishers} publishes, and never hears it"
+            why = "no forwarding rule lets it cross (paper A, Table 1)"
+            remedy = f"publish it below /global/, as {_global_form(name, min(speakers))}"
         elif crosses and not use.implied and name not in ROS_OWN:
-            yield Finding(
-                severity=Severity.WARNING,
-                code="nobody-speaks",
-                place=use.place,
-                what=f"{use.agent} subscribes {name}, which nobody in this file publishes",
-                why="it may be a name that is spelled differently where it is published",
-                remedy="add the publisher to the file, or correct the name",
-            )
+            severity, code = Severity.WARNING, "nobody-speaks"
+            what = f"{use.agent} subscribes {name}, which nobody in this file publishes"
+            why = "it may be a name that is spelled differently where it is published"
+            remedy = "add the publisher to the file, or correct the name"
+        else:
+            continue
+        yield Finding(severity=severity, code=code, place=use.place, what=what, why=why, remedy=remedy)
 
 
 def check_schema(view: View) -> Iterator[Finding]:
@@ -195,34 +182,22 @@ def check_schema(view: View) -> Iterator[Finding]:
 
 
 def _outside(name: str, meeting: Meeting, error: FqnError, *, crosses: bool) -> Finding:
-    place, first = meeting.first.place, name.split("/")[1]
+    first = name.split("/")[1]
     meant = first.startswith(Scope.GLOBAL.value) or suggestion(first, (Scope.GLOBAL.value,))
+    severity, why = Severity.WARNING, str(error)
     if crosses:
-        return Finding(
-            severity=Severity.WARNING,
-            code="not-in-schema",
-            place=place,
-            what=f"{name} crosses, but is not a name of the schema",
-            why=str(error),
-            remedy="build names with RosFqnBuilder; Custom(...) is for what the standard does not know",
-        )
-    if meant:
-        return Finding(
-            severity=Severity.WARNING,
-            code="nearly-global",
-            place=place,
-            what=f"{name} stays local, though it begins almost like /global/",
-            why="a rule such as rt/global/* asks for the slash: nothing else crosses (paper A, Table 1)",
-            remedy=f"if it shall cross, name it {_global_form(name, meeting.first.agent)}",
-        )
-    return Finding(
-        severity=Severity.INFO,
-        code="local-outside-schema",
-        place=place,
-        what=f"{name} is not a name of the schema; it stays in its agent's domain",
-        why=str(error),
-        remedy="begin it with /local/<agent>/ so that its reader knows that it does not cross",
-    )
+        code, what = "not-in-schema", f"{name} crosses, but is not a name of the schema"
+        remedy = "build names with RosFqnBuilder; Custom(...) is for what the standard does not know"
+    elif meant:
+        code, what = "nearly-global", f"{name} stays local, though it begins almost like /global/"
+        why = "a rule such as rt/global/* asks for the slash: nothing else crosses (paper A, Table 1)"
+        remedy = f"if it shall cross, name it {_global_form(name, meeting.first.agent)}"
+    else:
+        severity, code = Severity.INFO, "local-outside-schema"
+        what = f"{name} is not a name of the schema; it stays in its agent's domain"
+        remedy = "begin it with /local/<agent>/ so that its reader knows that it does not cross"
+    place = meeting.first.place
+    return Finding(severity=severity, code=code, place=place, what=what, why=why, remedy=remedy)
 
 
 def check_descriptions(view: View) -> Iterator[Finding]:

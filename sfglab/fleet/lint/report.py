@@ -138,13 +138,8 @@ def _hearings(report: Report) -> Iterator[tuple[str, ...]]:
         rules = ", ".join(row.rules) if row.crosses else "does not cross"
         speakers, hearers = _crowd(row.speakers, everybody), _crowd(row.hearers, everybody)
         others = tuple(name for name in everybody if name not in row.speakers)
-        yield (
-            row.name,
-            row.kind.value,
-            speakers,
-            "all others" if set(row.hearers) == set(others) else hearers,
-            rules,
-        )
+        hearers = "all others" if set(row.hearers) == set(others) else hearers
+        yield row.name, row.kind.value, speakers, hearers, rules
 
 
 def _crowd(names: Sequence[str], everybody: Sequence[str]) -> str:

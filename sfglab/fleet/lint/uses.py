@@ -1,8 +1,4 @@
-"""Uses of names in a fleet, also those that the file only implies, and what reaches whom.
-
-Implied are the topics of sensors and transforms, and what status provider and discoverer use (paper A,
-section 4.2). Pure: works on the fleet as values.
-"""
+"""Uses of names in a fleet, also those that the file only implies (paper A, 4.2), and what reaches whom."""
 
 from __future__ import annotations
 
@@ -73,8 +69,7 @@ class View:
 
     def __init__(self, fleet: Fleet) -> None:
         self.fleet = fleet  #: As given.
-        #: Who uses what, in the order of the file.
-        self.uses = tuple(use for agent in fleet.agents for use in _uses_of(agent, fleet))
+        self.uses = tuple(use for agent in fleet.agents for use in _uses_of(agent, fleet))  #: By file order.
 
     @cached_property
     def meetings(self) -> dict[tuple[ResourceKind, str], Meeting]:
@@ -99,9 +94,9 @@ class View:
     def hearings(self) -> tuple[Hearing, ...]:
         """Return who hears what, for every name that more than one agent uses or that crosses."""
         rows = []
-        for (kind, name), meeting in sorted(
-            self.meetings.items(), key=lambda item: (item[0][1], item[0][0].value)
-        ):
+        by_name = sorted(self.meetings, key=lambda key: (key[1], key[0].value))
+        for kind, name in by_name:
+            meeting = self.meetings[kind, name]
             agents = {use.agent for use in meeting.speakers + meeting.hearers}
             crosses = self.crossing(name, kind) is Crossing.WHOLE
             if crosses or len(agents) > 1:
@@ -137,10 +132,7 @@ def _written(agent: AgentSpec) -> Iterator[Use]:
     for speaks, topics in ((True, agent.publishes), (False, agent.subscribes)):
         for t in topics:
             sizes: dict[str, Any] = {
-                "qos": t.qos,
-                "count": t.count,
-                "rate_hz": t.rate_hz,
-                "size_bytes": t.size_bytes,
+                name: getattr(t, name) for name in ("qos", "count", "rate_hz", "size_bytes")
             }
             yield _use(agent, t.name, t.type, speaks=speaks, place=t.place, **sizes)
     names = (

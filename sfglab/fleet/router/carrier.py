@@ -29,10 +29,7 @@ if TYPE_CHECKING:
     from sfglab.fleet.router.plan import Action
 
 
-_OTHER = {
-    EndpointKind.PUBLISHER: EndpointKind.SUBSCRIPTION,
-    EndpointKind.SUBSCRIPTION: EndpointKind.PUBLISHER,
-}
+_OTHER = {EndpointKind.PUBLISHER: EndpointKind.SUBSCRIPTION, EndpointKind.SUBSCRIPTION: EndpointKind.PUBLISHER}
 _Topic = tuple[str, EndpointKind]
 
 
@@ -74,10 +71,12 @@ class Interest:
     def _watch(self, topic: _Topic) -> _Watch:
         if topic not in self._watches:
             watch = self._watches[topic] = _Watch(end=lambda: None)
-            watch.end = self._graph.watch(*topic, partial(self._heard, watch))
+            watch.end = self._graph.watch(*topic, partial(self._heard, topic))
         return self._watches[topic]
 
-    def _heard(self, watch: _Watch, event: EndpointEvent) -> None:
+    def _heard(self, topic: _Topic, event: EndpointEvent) -> None:
+        if (watch := self._watches.get(topic)) is None:
+            return
         if isinstance(event, EndpointAdded):
             watch.there[event.endpoint.gid] = event.endpoint
         else:
@@ -135,10 +134,7 @@ class _OpenPath:
 
 
 class Carrier:
-    """The open half of a router, whose endpoints' USER_DATA says which pair of domains they serve.
-
-    The gate is what is done with transforms; None: nothing.
-    """
+    """The open half of a router, whose endpoints' USER_DATA names a pair of domains; without a gate if None."""
 
     def __init__(self, nodes: Mapping[Side, Node], *, pair: str, gate: TransformGate | None) -> None:
         self._tag = user_data({ROUTER_KEY: pair})
@@ -176,12 +172,9 @@ class Carrier:
     def _open_one(self, spec: ReaderSpec | WriterSpec) -> None:
         path = spec.path
         forwarder = self._forwarders[path.direction]
+        topic, tag = path.dds_topic, self._tag
         endpoint = RawEndpoint(
-            dds_topic=path.dds_topic,
-            type=path.type,
-            qos=spec.qos,
-            user_data=self._tag,
-            transport=spec.transport,
+            dds_topic=topic, type=path.type, qos=spec.qos, user_data=tag, transport=spec.transport
         )
         opened = self._open.setdefault(path, _OpenPath())
         try:
@@ -233,8 +226,7 @@ class Carrier:
         if gone and self._gate is not None:
             kept = (owner for owners in self._owners.values() for owner in owners.values())
             if self._gate.keep_owners(frozenset(kept)):
-                latched = [r for r in self._judged if r.qos.durability is Durability.TRANSIENT_LOCAL]
-                for reader in latched:
+                for reader in [r for r in self._judged if r.qos.durability is Durability.TRANSIENT_LOCAL]:
                     self._read_again(reader)
 
     def _read_again(self, reader: ReaderSpec) -> None:

@@ -1,10 +1,9 @@
 """Transform frames at the border: whose they are, how they are called across it, and which clash.
 
 Paper A, section 4.1: "for transform topics, appropriate frame prefixing is required to prevent TF frame ID
-clashes". In the agent's own domain its frames need no prefix; everywhere else they are ``<agent>/<frame>``, so
-what stands before the first slash is an agent. A frame without slash is shared by all, and then it is named in
-the fleet file, or it comes from nobody's router and stays outside: inside, its name would mean a frame of the
-agent. A transform belongs to whoever owns its child, because a frame has one parent.
+clashes". Outside the agent's own domain its frames are ``<agent>/<frame>``. A frame without slash is shared by
+all and named in the fleet file, or it stays outside: inside, its name would mean a frame of the agent. A
+transform belongs to whoever owns its child, because a frame has one parent.
 """
 
 from __future__ import annotations
@@ -38,9 +37,8 @@ class FrameClashError(SfglabError, ValueError):
         self.direction = direction  #: Which way it was to cross the border.
         self.frame = frame  #: Its child, as given.
         self.allowed = allowed  #: What is.
-        super().__init__(
-            f"{direction.value} transform: given the child frame {_short(frame)!r}, allowed are {allowed}"
-        )
+        given = f"given the child frame {_short(frame)!r}, allowed are {allowed}"
+        super().__init__(f"{direction.value} transform: {given}")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -81,10 +79,8 @@ class Frames:
         own = owner == self.agent and frame.removeprefix(f"{self.agent}/") not in self.placed_by_others
         if not frame or own or not (owner or frame in self.shared):
             placed = ", ".join(f"{self.agent}/{frame}" for frame in sorted(self.placed_by_others)) or "none"
-            allowed = (
-                f"frames of others, by prefix or shared ({shared}), and of those below {self.agent + '/'!r}"
-            )
-            raise FrameClashError(Direction.INWARD, child, f"{allowed}: {placed}")
+            allowed = f"frames of others, by prefix or shared ({shared}), and of those below"
+            raise FrameClashError(Direction.INWARD, child, f"{allowed} {self.agent + '/'!r}: {placed}")
         if not (frame_owner(below) or below in self.shared) or max(len(frame), len(below)) > MAX_FRAME:
             allowed = f"those below parents with a prefix or shared ({shared}), of {MAX_FRAME} characters each"
             raise FrameClashError(Direction.INWARD, child, f"{allowed}, and its parent is {_short(parent)!r}")
@@ -196,9 +192,8 @@ class TransformGate:
     def _let_in(self, owner: str, transform: Any) -> bool:
         child, parent = transform.child_frame_id, transform.header.frame_id
         if child.removeprefix("/") in self._own:
-            allowed = (
-                f"frames that nobody else publishes, but {self._frames.agent} itself does, and now {owner}"
-            )
+            holder = f"{self._frames.agent} itself"
+            allowed = f"frames that nobody else publishes, but {holder} does, and now {owner}"
             raise FrameClashError(Direction.INWARD, child, allowed)
         try:
             self._frames.check_inward(child, parent)

@@ -1,11 +1,9 @@
 """Router between an agent's domain and the global one: paper A, section 4.1, Eq. 1 and Table 1.
 
-A thin shell around `plan`: it listens to both graphs, feeds the plan and has the actions carried out, all in
-one task. It runs on nodes of any backend.
-
-Services of nodes that frame them as rmw_cyclonedds does pass as they are. rmw_fastrtps finds the call of a
-reply by RTPS sample identities, which a forwarded sample does not keep: in the agent's domain its services, and
-so its actions, are called and answered by a program of ROS 2 (`sfglab.bus.ros`); without one they do not cross.
+A thin shell around `plan`, in one task, on nodes of any backend. Services framed as rmw_cyclonedds does pass as
+they are. rmw_fastrtps finds the call of a reply by RTPS sample identities, which a forwarded sample does not
+keep: in the agent's domain its services, and so its actions, are called and answered by a program of ROS 2
+(`sfglab.bus.ros`); without one they do not cross.
 
 As a process (`sfglab router`, or ``python -m sfglab.fleet.router.node CONFIG``; see `sfglab.component`) it
 reports, beside ``ready``, ``{"is": "status", "paths": [...], "clashed": n}`` whenever paths change and every
@@ -100,11 +98,8 @@ class RouterSettings:
     @property
     def frames(self) -> Frames:
         """The names of the agent's frames."""
-        return Frames(
-            agent=self.agent,
-            shared=frozenset(self.shared_frames),
-            placed_by_others=frozenset(self.placed_by_others),
-        )
+        shared, placed = frozenset(self.shared_frames), frozenset(self.placed_by_others)
+        return Frames(agent=self.agent, shared=shared, placed_by_others=placed)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -116,15 +111,10 @@ class RouterStatus:
 
 
 class Router:
-    """Forwards what the policy lets cross, on demand.
+    """Forwards what the policy lets cross, on demand, between nodes of its own on both domains.
 
-    Args:
-        local: A node of its own on the agent's domain.
-        remote: A node of its own on the global domain.
-        settings: What it does.
-        pair: Names the pair of domains among all routers, so that two on one pair know each other; empty is
-            the agent's name.
-        on_status: Given the status whenever paths change, and every `STATUS_PERIOD_S`.
+    `pair` names these domains among all routers, so that two of one pair know each other; empty: as the agent.
+    `on_status` is given the status whenever paths change, and every `STATUS_PERIOD_S`.
     """
 
     def __init__(
@@ -246,9 +236,6 @@ async def run_router(config: RouterConfig, report: Callable[[Report], None]) -> 
     """
     from sfglab.bus import Node
 
-    def tell(status: RouterStatus) -> None:
-        report({"is": "status", **asdict(status)})
-
     far = config.remote.options()
     domains = config.local.domain_id, config.remote.domain_id
     with pair_lock(*domains):
@@ -258,15 +245,12 @@ async def run_router(config: RouterConfig, report: Callable[[Report], None]) -> 
             Node("router", namespace=f"/{config.agent}", **far, max_sample_bytes=MAX_SAMPLE_BYTES) as remote,
         ):
             pair = f"{host_id()}/{config.local.domain_id}"
-            router = Router(local, remote, config, pair=pair, on_status=tell)
+            router = Router(
+                local, remote, config, pair=pair, on_status=lambda s: report({"is": "status", **asdict(s)})
+            )
             if config.parameters is not None:
                 Parameters(local, config, config.parameters)
             await router.run(on_ready=lambda: report({"is": "ready"}))
-
-
-def main() -> None:
-    """Be the process: serve until told to end."""
-    run_component(RouterConfig, lambda config, report, _: run_router(config, report))
 
 
 async def serve_terminal(config: RouterConfig, say: Callable[[str], None]) -> None:
@@ -293,6 +277,11 @@ async def serve_terminal(config: RouterConfig, say: Callable[[str], None]) -> No
 
     await run_until_interrupted(run_router(config, note))
     say("router: everything is released")
+
+
+def main() -> None:
+    """Be the process: serve until told to end."""
+    run_component(RouterConfig, lambda config, report, _: run_router(config, report))
 
 
 if __name__ == "__main__":

@@ -1,11 +1,9 @@
 """Actions of a router when endpoints come and go: what it opens and closes.
 
-Pure: takes what the graphs of both domains say and the time, returns actions. Knows the policy and who is a
-router; refuses to know nodes, sockets and clocks. What has to be open stands in `sfglab.fleet.policy`.
-
-What goes away counts for a while longer (it lingers), so that a restart does not tear its path down. Routers
-that meet do not loop: in the local domain no router's endpoint counts, and in the global domain none that
-serves our own pair of domains does. A client's requests wait for the way of their replies (`Replies`).
+Pure: takes what the graphs of both domains say and the time, returns actions. What has to be open stands in
+`sfglab.fleet.policy`. What goes away counts for a while longer, so that a restart does not tear its path down.
+Routers that meet do not loop: in the local domain no router's endpoint counts, and in the global domain none of
+our own pair of domains does. A client's requests wait for the way of their replies (`Replies`).
 """
 
 from __future__ import annotations
@@ -62,11 +60,7 @@ class Replies:
         return True
 
     def opened(self, path: Path, reader: EndpointInfo) -> list[tuple[Path, bytes]]:
-        """Take a new subscription, of replies or of anything else; return what need not wait any more.
-
-        Returns:
-            Of each the path and the publisher's gid.
-        """
+        """Take a new subscription; return the path and gid of each publisher that need not wait any more."""
         asker = _asker(path, reader, DdsRole.REPLY)
         if asker is None:
             return []
@@ -157,9 +151,9 @@ class Plan:
 
     Args:
         policy: What may cross.
-        participants: The 16-byte GUIDs of the router's own participants; their endpoints never count.
-        pair: Which pair of domains the router serves, as its endpoints' USER_DATA says under `ROUTER_KEY`.
-        linger_ns: How long an endpoint that has gone still counts, nanoseconds.
+        participants: GUIDs of the router's own participants; their endpoints never count.
+        pair: Which pair of domains the router serves, as USER_DATA says under `ROUTER_KEY`.
+        linger_ns: How long an endpoint that has gone still counts.
         offers: Whether topics that nobody wants have their writers already.
     """
 
@@ -190,8 +184,7 @@ class Plan:
     def feed(self, events: Iterable[tuple[Side, EndpointEvent]], *, now_ns: int) -> list[Action]:
         """Take events of both graphs, let go of what has waited long enough, and return what to do, in order.
 
-        Each path that they touch is looked at once: in a large fleet many events come at once on few paths, and
-        a look costs what a path has of endpoints.
+        Each path that they touch is looked at once, because a look costs what a path has of endpoints.
         """
         touched: dict[Path, None] = {}
         for side, event in events:
@@ -235,7 +228,11 @@ class Plan:
     def _add(self, path: Path, side: Side, endpoint: EndpointInfo, now_ns: int) -> list[Path]:
         """Take an endpoint in; return the paths on which others need not wait for it any more."""
         state = self.paths.setdefault(path, PathState())
+        if endpoint.kind is EndpointKind.PUBLISHER and endpoint.gid not in state:
+            state.doubt(endpoint)
+        doubted = {gid: doubt for gid, doubt in state.doubted.items() if gid == endpoint.gid}
         state.discard(endpoint.gid)
+        state.doubted |= doubted  # it is what it was, and more is known of it
         counts = self._counts(side, endpoint)
         if endpoint.kind is EndpointKind.PUBLISHER:
             (state.sources if counts else state.barred)[endpoint.gid] = endpoint
@@ -268,8 +265,7 @@ class Plan:
 def _actions(before: Setup, state: PathState) -> list[Action]:
     """Return what leads from one setup to the next.
 
-    Readers are closed before others are opened, so no sample is read twice; writers before readers, so the
-    first sample finds its way; writers are closed last, when nothing goes there any more.
+    Readers close before others open, so no sample is read twice; writers open first and close last.
     """
     after = state.setup
     publishers = state.sources | state.barred

@@ -1,7 +1,6 @@
 """Description of an agent: its sensors and their streams, accelerators and software, as frozen values.
 
-Knows the naming schema, the metadata messages, what a stream may say of itself, whoever describes it, and how
-hardware that works on this machine is found.
+Knows the naming schema, the metadata messages, what a stream may say of itself, and how hardware is found.
 """
 
 from __future__ import annotations
@@ -201,10 +200,7 @@ _LIBRARIES = ("cyclonedds", "av", "numpy")
 
 
 def accelerators() -> tuple[str, ...]:
-    """Return FFmpeg's names of the H.264 codecs that work in hardware here.
-
-    Each candidate encodes or decodes a trial, which takes up to a second together.
-    """
+    """Return FFmpeg's names of the H.264 codecs that work in hardware here, after up to a second of trials."""
     from sfglab.codecs.probe import available_decoders, available_encoders
 
     probes = (*available_encoders(), *available_decoders())

@@ -1,13 +1,9 @@
-"""Heartbeats: their names on the wire, as values, and their schedule. Paper A, section 4.2: 1 s and 5 s.
-
-Pure: knows the interfaces and the grid of instants since the start; refuses to know any clock, and whether a
-heartbeat that was heard can be believed.
-"""
+"""Heartbeats: their names on the wire, as values, and their schedule. Paper A, section 4.2: 1 s and 5 s."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from enum import IntEnum
 from typing import Any
 
@@ -60,15 +56,8 @@ class Heartbeat:
 
     def to_message(self, stamp_ns: int) -> Any:
         """Return the ``AgentHeartbeat`` that is sent at `stamp_ns`, nanoseconds since the epoch."""
-        return message_type(AGENT_HEARTBEAT)(
-            stamp=stamp_from_ns(stamp_ns),
-            agent=self.agent,
-            incarnation=self.incarnation,
-            revision=self.revision,
-            phase=int(self.phase),
-            period_s=self.period_s,
-            version=self.version,
-        )
+        values = asdict(self) | {"phase": int(self.phase)}
+        return message_type(AGENT_HEARTBEAT)(stamp=stamp_from_ns(stamp_ns), **values)
 
     @classmethod
     def from_message(cls, message: Any) -> Heartbeat:
@@ -85,48 +74,34 @@ class Heartbeat:
 
 MIN_PERIOD_S = 0.05  #: The shortest period that is believed; below it, heartbeats would be traffic.
 
-MAX_PERIOD_S = 60.0
-"""The longest period that is believed; above it, an agent that is gone would be missed too late."""
+MAX_PERIOD_S = 60.0  #: The longest that is believed; above it a lost agent would be missed too late.
 
-MAX_SAMPLE_BYTES = 1 << 20
-"""Largest message that a process takes in that only speaks of agents, their heartbeats and descriptions."""
+MAX_SAMPLE_BYTES = 1 << 20  #: Largest message of a process that only hears of agents and what they are.
 
 _MAX_STARTUP_S = 3600.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Schedule:
-    """The instants of an agent's heartbeats; the first one is at its start.
-
-    The start-up phase lasts whole periods: it ends with the first of its instants at or after `startup_s`,
-    which is the first one of the steady state.
-    """
+    """The instants of an agent's heartbeats, the first at its start; the start-up phase lasts whole periods."""
 
     startup_period_s: float = 1.0  #: Period in the start-up phase, seconds.
     steady_period_s: float = 5.0  #: Period afterwards, seconds.
     startup_s: float = 10.0  #: How long the start-up phase lasts, seconds; 0: there is none.
 
     def __post_init__(self) -> None:
-        for name in ("startup_period_s", "steady_period_s"):
-            given = getattr(self, name)
-            if not MIN_PERIOD_S <= given <= MAX_PERIOD_S:
-                raise InvalidValueError(
-                    f"heartbeat schedule, {name}", given, f"seconds from {MIN_PERIOD_S} to {MAX_PERIOD_S}"
-                )
-        if not 0 <= self.startup_s <= _MAX_STARTUP_S:
-            raise InvalidValueError(
-                "heartbeat schedule, startup_s", self.startup_s, f"seconds from 0 to {_MAX_STARTUP_S}"
-            )
+        periods = (MIN_PERIOD_S, MAX_PERIOD_S)
+        ranges = {"startup_period_s": periods, "steady_period_s": periods, "startup_s": (0, _MAX_STARTUP_S)}
+        for name, (low, high) in ranges.items():
+            if not low <= (given := getattr(self, name)) <= high:
+                raise InvalidValueError(f"heartbeat schedule, {name}", given, f"seconds from {low} to {high}")
 
     def phase(self, elapsed_ns: int) -> Phase:
         """Return the phase at a time since the start, nanoseconds."""
         return Phase.STARTUP if elapsed_ns < self._steady_from_ns else Phase.STEADY
 
     def next_ns(self, elapsed_ns: int) -> int:
-        """Return the first instant after `elapsed_ns`, both in nanoseconds since the start.
-
-        Whoever was late goes on at the next instant: what was missed is not made up for.
-        """
+        """Return the next instant, ns since the start; what was missed is not made up for."""
         if elapsed_ns < self._steady_from_ns:
             return (elapsed_ns // self._startup_ns + 1) * self._startup_ns
         since_ns = elapsed_ns - self._steady_from_ns

@@ -1,12 +1,9 @@
 """Status provider: an agent's heartbeats and the answer to what it is. Paper A, section 4.2.
 
-The thin shell around `heartbeat` and `description`. Heartbeats are latched: whoever joins late hears the last
-one at once and need not wait for the next. So is the description, where it is offered before anybody asks.
-
-As a process (``python -m sfglab.fleet.status.node CONFIG``; see `sfglab.component`) it reports, beside
-``ready``, every heartbeat, ``{"is": "beat", "revision", "phase", "period_s", "t_ns"}``, where the configuration
-asks for it. The order ``{"description": {...}}`` replaces the description; one that is of no use is answered
-with ``{"is": "refused", "why"}``.
+Heartbeats are latched, so whoever joins late hears the last one at once; so is the description, where it is
+offered. As a process (``python -m sfglab.fleet.status.node CONFIG``; see `sfglab.component`) it reports, beside
+``ready``, every heartbeat, ``{"is": "beat", "revision", "phase", "period_s", "t_ns"}``, if so configured. The
+order ``{"description": {...}}`` replaces the description, or is answered with ``{"is": "refused", "why"}``.
 """
 
 from __future__ import annotations
@@ -56,10 +53,7 @@ class StatusSettings:
 
 
 class StatusProvider:
-    """The node on an agent's local domain that says that it is alive, and what it is.
-
-    `on_beat` is called with every heartbeat that was sent.
-    """
+    """The node that says that an agent is alive, and what it is; `on_beat` hears every heartbeat."""
 
     def __init__(
         self, node: Node, settings: StatusSettings, *, on_beat: Callable[[Heartbeat], None] = lambda _: None
@@ -67,17 +61,12 @@ class StatusProvider:
         self._node = node
         self._settings = settings
         self._on_beat = on_beat
-        self._description = settings.description
+        self.description = settings.description  #: What the agent is now.
         self._described_ns = 0
         self._incarnation = 0
         self._revision = 0
         self._updated = asyncio.Event()
         self._offer: Publisher | None = None
-
-    @property
-    def description(self) -> AgentDescription:
-        """What the agent is now."""
-        return self._description
 
     def update(self, description: AgentDescription) -> None:
         """Replace the description, and say at once that it has changed.
@@ -86,7 +75,7 @@ class StatusProvider:
             DescriptionError: It would be of no use to others; the old one stays.
         """
         description.check(self._settings.agent)
-        self._description = description
+        self.description = description
         self._described_ns = self._node.get_clock().now_ns()
         self._revision += 1
         if self._offer is not None:
@@ -139,12 +128,8 @@ class StatusProvider:
         self._on_beat(heartbeat)
 
     def _metadata(self) -> Any:
-        return self._description.to_message(
-            self._settings.agent,
-            incarnation=self._incarnation,
-            revision=self._revision,
-            stamp_ns=self._described_ns,
-        )
+        numbers = {"incarnation": self._incarnation, "revision": self._revision}
+        return self.description.to_message(self._settings.agent, stamp_ns=self._described_ns, **numbers)
 
     def _answer(self) -> Any:
         return service_type(GET_METADATA).response(success=True, message="", metadata=self._metadata())
@@ -190,11 +175,6 @@ async def run_status(
             await provider.run(on_ready=lambda: report({"is": "ready"}))
 
 
-def main() -> None:
-    """Be the process: serve until told to end."""
-    run_component(StatusConfig, run_status)
-
-
 async def _obey(
     provider: StatusProvider, report: Callable[[Report], None], orders: asyncio.Queue[Report]
 ) -> None:
@@ -210,6 +190,11 @@ async def _detect(provider: StatusProvider) -> None:
     found = await asyncio.to_thread(accelerators)
     if found != provider.description.accelerators:
         provider.update(replace(provider.description, accelerators=found))
+
+
+def main() -> None:
+    """Be the process: serve until told to end."""
+    run_component(StatusConfig, run_status)
 
 
 if __name__ == "__main__":

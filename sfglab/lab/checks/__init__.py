@@ -47,8 +47,7 @@ class Mutated:
 class Share:
     """How much of a table of checks holds."""
 
-    #: The share in the group where it is lowest: many checks of one kind hide none of another.
-    estimate: Estimate
+    estimate: Estimate  #: The share in the group where it is lowest.
     groups: dict[str, str]  #: ``held of checked`` by group.
     reason: str  #: The properties that did not always hold, each with an example; empty: none.
 
@@ -136,10 +135,7 @@ class Checks:
 
 
 def check_row(check: str, cases: Iterable[Case], *, shown: int = 0) -> CheckRow:
-    """Return what the cases of one property came to; without any it has not held.
-
-    The example is the first that fails; where all hold, the case at the place `shown`.
-    """
+    """Return what a property's cases came to, none: not held; the example is the first to fail or `shown`."""
     tried = list(cases) or [(NOTHING, False)]
     failed = [text for text, held in tried if not held]
     example = failed[0] if failed else tried[shown][0]

@@ -14,18 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from sfglab.lab.checks import CheckRow, Checks
 from sfglab.lab.checks.trajectories import random_limits, random_pose
-from sfglab.spatial.scene.commands import (
-    AlignWaypoints,
-    Command,
-    Move,
-    Remove,
-    Rename,
-    Retime,
-    SetPose,
-    SetProperty,
-    SetTime,
-    Stretch,
-)
+from sfglab.spatial.scene import commands
 from sfglab.spatial.scene.editor import Editor
 from sfglab.spatial.scene.files import load_scene, read_scene, save_scene, scene_text
 from sfglab.spatial.scene.objects import AgentObject, Group, SceneError, TrajectoryObject, WaypointObject
@@ -55,30 +44,30 @@ def _begun(rng: np.random.Generator) -> Editor:
     return editor
 
 
-def _command(editor: Editor, rng: np.random.Generator) -> Command:  # noqa: PLR0911 - one return a kind of edit
+def _command(editor: Editor, rng: np.random.Generator) -> commands.Command:  # noqa: PLR0911 - one return a kind of edit
     """Draw an edit, which the scene may refuse."""
     one, other = (_any(editor, rng, object) for _ in range(2))
     path, waypoint = _any(editor, rng, TrajectoryObject), _any(editor, rng, WaypointObject)
     match int(rng.integers(9)):
         case 0:
-            return SetPose(id=one, pose=random_pose(rng))
+            return commands.SetPose(id=one, pose=random_pose(rng))
         case 1:
-            return Rename(id=one, name=str(rng.choice(_NAMES)))
+            return commands.Rename(id=one, name=str(rng.choice(_NAMES)))
         case 2:
-            return Move(id=one, parent=_any(editor, rng, Group), keep_place=bool(rng.random() < 0.5))
+            return commands.Move(id=one, parent=_any(editor, rng, Group), keep_place=bool(rng.random() < 0.5))
         case 3:
-            return SetTime(id=waypoint, time_ns=int(rng.integers(0, 20 * NS_PER_S)))
+            return commands.SetTime(id=waypoint, time_ns=int(rng.integers(0, 20 * NS_PER_S)))
         case 4:
-            return AlignWaypoints(id=path, align=list(Align)[rng.integers(3)])
+            return commands.AlignWaypoints(id=path, align=list(Align)[rng.integers(3)])
         case 5:
-            return Retime(id=path, limits=random_limits(rng))
+            return commands.Retime(id=path, limits=random_limits(rng))
         case 6:
-            return Stretch(id=path, factor=float(rng.uniform(0.5, 3.0)))
+            return commands.Stretch(id=path, factor=float(rng.uniform(0.5, 3.0)))
         case 7:
             kinds = [kind.value for kind in Interpolation]
-            return SetProperty(id=path, key="interpolation", value=str(rng.choice(kinds)))
+            return commands.SetProperty(id=path, key="interpolation", value=str(rng.choice(kinds)))
         case _:
-            return Remove(ids=(other,))
+            return commands.Remove(ids=(other,))
 
 
 def _any(editor: Editor, rng: np.random.Generator, kind: type[Any]) -> int:
@@ -123,11 +112,11 @@ def _undo_and_redo(rng: np.random.Generator) -> str:
 def _refused_edits_change_nothing(rng: np.random.Generator) -> str:
     editor, _ = edited(rng)
     before, label = editor.scene, editor.undo_label
-    wrong: tuple[Command, ...] = (
-        Rename(id=10**6, name="x"),
-        SetProperty(id=_any(editor, rng, object), key="wings", value=2),
-        Move(id=_any(editor, rng, AgentObject), parent=10**6),
-        Stretch(id=_any(editor, rng, TrajectoryObject), factor=math.nan),
+    wrong: tuple[commands.Command, ...] = (
+        commands.Rename(id=10**6, name="x"),
+        commands.SetProperty(id=_any(editor, rng, object), key="wings", value=2),
+        commands.Move(id=_any(editor, rng, AgentObject), parent=10**6),
+        commands.Stretch(id=_any(editor, rng, TrajectoryObject), factor=math.nan),
     )
     for command in wrong:
         try:
@@ -160,9 +149,9 @@ def _one_line_changes(rng: np.random.Generator) -> str:
     """Moving a waypoint that is not aligned changes its line and no other."""
     editor = _begun(rng)
     path = _any(editor, rng, TrajectoryObject)
-    editor.do(AlignWaypoints(id=path, align=Align.NONE))
+    editor.do(commands.AlignWaypoints(id=path, align=Align.NONE))
     before = scene_text(editor.scene)
-    editor.do(SetPose(id=int(rng.choice(editor.scene.held_by(path))), pose=random_pose(rng)))
+    editor.do(commands.SetPose(id=int(rng.choice(editor.scene.held_by(path))), pose=random_pose(rng)))
     after = scene_text(editor.scene)
     changed = [line for line in difflib.ndiff(before.splitlines(), after.splitlines()) if line[0] in "+-"]
     return "" if len(changed) == 2 else f"{len(changed)} lines"
@@ -218,7 +207,7 @@ def faults() -> Iterator[dict[str, Any]]:
             path = Path(folder) / "hall.yaml"
             path.write_text(GOOD)
             editor = Editor.open(path)
-            editor.do(Rename(id=1, name="unsaved"))
+            editor.do(commands.Rename(id=1, name="unsaved"))
             scene, broken = editor.scene, GOOD.replace(old, new, 1)
             path.write_text(broken)
             said = _refusal(editor.load)

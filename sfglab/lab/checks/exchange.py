@@ -8,14 +8,7 @@ from sfglab.lab.checks import Checks
 from sfglab.lab.checks.trajectories import random_trajectory
 from sfglab.messages import deserialize, serialize
 from sfglab.spatial.execution.orders import Order, goal_message, order_from_goal
-from sfglab.spatial.trajectory.exchange import (
-    csv_from_trajectory,
-    multi_dof_from_trajectory,
-    path_from_trajectory,
-    trajectory_from_csv,
-    trajectory_from_multi_dof,
-    trajectory_from_path,
-)
+from sfglab.spatial.trajectory import exchange
 from sfglab.spatial.trajectory.path import Interpolation, Trajectory
 
 if TYPE_CHECKING:
@@ -42,17 +35,17 @@ def _same(name: str, there_and_back: Callable[[Trajectory], Trajectory]) -> Tria
 
 
 def _by_path(path: Trajectory) -> Trajectory:
-    message = _sent(path_from_trajectory(path, frame_id="map", start_ns=1_700_000_000_000_000_007))
-    return trajectory_from_path(message, interpolation=path.interpolation)
+    message = _sent(exchange.path_from_trajectory(path, frame_id="map", start_ns=1_700_000_000_000_000_007))
+    return exchange.trajectory_from_path(message, interpolation=path.interpolation)
 
 
 def _by_multi_dof(path: Trajectory) -> Trajectory:
-    message = _sent(multi_dof_from_trajectory(path, "go2", frame_id="map", start_ns=5))
-    return trajectory_from_multi_dof(message, "go2", interpolation=path.interpolation)
+    message = _sent(exchange.multi_dof_from_trajectory(path, "go2", frame_id="map", start_ns=5))
+    return exchange.trajectory_from_multi_dof(message, "go2", interpolation=path.interpolation)
 
 
 def _by_csv(path: Trajectory) -> Trajectory:
-    return trajectory_from_csv(csv_from_trajectory(path), interpolation=path.interpolation)
+    return exchange.trajectory_from_csv(exchange.csv_from_trajectory(path), interpolation=path.interpolation)
 
 
 checks.trial("nav_msgs/Path gives back every bit")(_same("a path", _by_path))

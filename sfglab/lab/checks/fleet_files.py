@@ -148,10 +148,7 @@ def _complete(bundle: Bundle) -> tuple[str, bool]:
 
 
 def verdict_rows(verdicts: Iterable[Verdict], names: Mapping[str, str]) -> Iterator[CheckRow | Unasked]:
-    """Yield one row for each kind of check that was asked of the fleet and its files.
-
-    Paths of this machine bear other names in the log.
-    """
+    """Yield one row for each kind of check that was asked of the fleet and its files, with paths renamed."""
     by_check: dict[str, list[Verdict]] = defaultdict(list)
     for verdict in verdicts:
         by_check[verdict.check].append(verdict)
@@ -275,11 +272,7 @@ BROKEN = (
 
 
 def break_fleet(text: str, broken: BrokenFleet) -> str:
-    """Return the paper's fleet file with one fault.
-
-    Raises:
-        ValueError: The paper's fleet file has changed, so that there is nothing to replace.
-    """
+    """Return the paper's fleet file with one fault; raises `ValueError` if there is nothing to replace."""
     if text.count(broken.old) != 1:
         raise ValueError(f"{broken.fault}: {broken.old!r} stands {text.count(broken.old)} times in the file")
     text = text.replace(broken.old, broken.new)

@@ -1,8 +1,4 @@
-"""A small fleet that says, in real messages, everything that a visualizer of the list can show.
-
-What a recording must hold is computed from the numbers that the messages are made of, and not by the view.
-Refuses to know the view.
-"""
+"""A small fleet that says, in real messages, all that a visualizer can show, and what a recording must hold."""
 
 from __future__ import annotations
 
@@ -103,16 +99,12 @@ class Part:
     messages: tuple[Any, ...]  #: One a moment, None where it does not speak.
     place: tuple[str, str] = ("", "")  #: Entity and component; empty: nothing is compared message by message.
     is_timeless: bool = False  #: Whether it is shown for all times.
-    #: What a recording must hold there, one array or list of texts for each message.
-    expected: tuple[Any, ...] = ()
+    expected: tuple[Any, ...] = ()  #: What a recording must hold there, for each message.
 
 
 @dataclass(frozen=True, slots=True)
 class _Speaker:
-    """A topic, how its messages are made, and what each moment shows as which component.
-
-    The entity is that of the agent's topic, or below it, unless it is given.
-    """
+    """A topic, how its messages are made, and what each moment shows as which component of an entity."""
 
     kind: str
     topic: str
@@ -142,10 +134,7 @@ def entity_below(agent: str, topic: str) -> str:
 
 
 def make_parts(moments: Sequence[Moment]) -> tuple[Part, ...]:
-    """Return the scene: everything speaks at every moment, but for what is said once.
-
-    Pictures are shown at half the size.
-    """
+    """Return the scene: all speak at every moment, but for what is said once; pictures at half the size."""
     small = [moment.halved() for moment in moments]
     sensors = (*_PICTURES, *_videos(small), *_POINTS)
     static = replace(_FIXED.part(small), is_timeless=True, expected=(_MOUNT,))

@@ -81,10 +81,7 @@ class _Handled:
 
 
 async def check_handling(domain_id: int, *, observed_s: float) -> list[CheckRow]:
-    """Change a session at work in every way, while a camera sends pictures in a DDS domain.
-
-    Where pictures are counted, it is for `observed_s` seconds.
-    """
+    """Change a session in every way while a camera sends in a domain; pictures are counted for `observed_s`."""
     session = Session()
     handled = _Handled(session)
     async with (
@@ -214,10 +211,7 @@ def installed(folder: Path) -> Iterator[None]:
 
 
 def check_plugins(folder: Path) -> CheckRow:
-    """Check that a package's visualizers are found, shown and tuned, and that its mistakes hurt nobody else.
-
-    Package and recording are put into an empty folder.
-    """
+    """Check in an empty folder that a package's visualizers are found and tuned, and its mistakes contained."""
     with installed(folder):
         facts = _facts(folder)
     facts["gone with its package"] = "battery" not in available().kinds

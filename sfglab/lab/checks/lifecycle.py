@@ -1,7 +1,6 @@
 """Rules of a remote agent's life cycle, written apart from the discoverer's table: paper A, section 4.2.
 
-The table lists transitions one by one; the rules say of any state and input what must follow, from what
-consumers have been told and how the agent is being asked. So a wrong row, and a wrong move in a log, is found.
+They say of any state and input what must follow, so that a wrong row, and a wrong move in a log, is found.
 """
 
 from __future__ import annotations

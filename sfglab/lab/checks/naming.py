@@ -1,8 +1,4 @@
-"""Checks of the naming schema: paper A, section 4.1, Fig. 2.
-
-Every name that the standard values can make, and a seeded sample with suffixes and custom values, is built,
-checked against ROS 2's rules and Fig. 2's constraint, and parsed back.
-"""
+"""Checks of the naming schema, paper A, section 4.1, Fig. 2: every standard name, and a seeded sample."""
 
 from __future__ import annotations
 

@@ -37,10 +37,7 @@ TIME_LIMIT_S = 10.0  #: For one programme.
 def placed_rows(
     rng: np.random.Generator, *, small: tuple[int, int], large: tuple[int, int]
 ) -> Iterator[dict[str, Any]]:
-    """Yield drawn graphs, placed; the small ones, of 5 nodes and more, are also placed by brute force.
-
-    `small` and `large` say how many graphs, and how many nodes each: of a small one that is the most.
-    """
+    """Yield drawn graphs, placed, by how many and of how many nodes; small ones by brute force too."""
     # What only the first programme of a process costs, loading the solver, is not asked here.
     import cvxpy  # noqa: F401 - loaded for its own sake
 

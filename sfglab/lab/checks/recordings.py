@@ -21,8 +21,7 @@ if TYPE_CHECKING:
     Recording = dict[tuple[str, str], list["Shown"]]
 
 
-_UNSTAMPED = "visualization_msgs/msg/MarkerArray"
-"""Has no header, so its time of capture is that of its reception."""
+_UNSTAMPED = "visualization_msgs/msg/MarkerArray"  #: No header: captured when received.
 _TOLERANCE = 1e-5  #: Relative, of single against double precision.
 
 

@@ -1,7 +1,4 @@
-"""Checks of trajectories: waypoints, headings, interpolation, re-timing and clearance; paper A, section 4.5.
-
-A trial draws a trajectory and says what is wrong with it.
-"""
+"""Checks of drawn trajectories: headings, interpolation, re-timing and clearance; paper A, section 4.5."""
 
 from __future__ import annotations
 
@@ -200,10 +197,7 @@ def _no_overshoot(rng: np.random.Generator) -> str:
 
 
 def planar_curve(points: Floats) -> Floats:
-    """Return the cubics of the segments of a spline through points in the plane, shape (n - 1, 4, 2).
-
-    Fitted to the spline as it is driven; lowest power first, each over 0 to 1.
-    """
+    """Return the cubics of a driven spline, shape (n - 1, 4, 2), lowest power first, each over 0 to 1."""
     path = _timed_by_knots(np.column_stack([points, np.zeros(len(points))]))
     times, shares = motion_of(path).times_s, np.array([0.0, 1 / 3, 2 / 3, 1.0])
     powers = np.vander(shares, 4, increasing=True)

@@ -1,7 +1,4 @@
-"""Checks of how motion capture joins a robot's tree of frames; paper A, section 4.5, Eq. 4 and Fig. 6.
-
-All are made on the paper's example and on random robots of any shape: exact, no clock and no network.
-"""
+"""Checks of how motion capture joins a robot's tree of frames, exact; paper A, section 4.5, Eq. 4, Fig. 6."""
 
 from __future__ import annotations
 

@@ -1,8 +1,7 @@
 """RVL against PNG for depth: lossless, how fast, how small (paper A, section 4.3).
 
-Every frame of the stereo pair's measured depth is encoded and decoded by RVL, by PNG as the transport
-plug-in does by default (level 9), and by PNG at its fastest (level 1), one after the other and in random
-order, so that a machine that slows down slows all. Times are CPU times of one thread.
+Every frame of the stereo pair's depth is coded by RVL, by PNG at level 9, the transport plug-in's default, and
+at level 1, in random order, so that a machine that slows down slows all. Times are CPU times of one thread.
 """
 
 from __future__ import annotations
@@ -20,16 +19,15 @@ from sfglab.lab.experiment import Experiment, Look
 from sfglab.lab.figures import COLORS, note
 from sfglab.lab.runs import Run, derived
 from sfglab.lab.sources import open_source
-from sfglab.lab.stats import Estimate, bootstrap
+from sfglab.lab.stats import Estimate, exactly, ratio_of
 from sfglab.tables import Shown
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
     from sfglab.lab.bench import Bench
+
 
 CODECS: dict[str, dict[str, Any]] = {
     "rvl": {"codec": "rvl"},
@@ -125,12 +123,7 @@ def codings(run: Run[Config]) -> pd.DataFrame:
 def ratio(run: Run[Config], column: str, against: str = "png") -> Estimate:
     """Return how many times PNG's median time is RVL's, resampling frames (pairs stay together)."""
     pairs = codings(run)[column][[against, "rvl"]].to_numpy(dtype=np.float64)
-
-    def of_medians(groups: Sequence[Any]) -> float:
-        png, rvl = np.median(groups[0], axis=0)
-        return float(png / rvl)
-
-    return bootstrap([pairs], of_medians, unit="times as fast as PNG")
+    return ratio_of(pairs, np.median, unit="times as fast as PNG")
 
 
 @derived
@@ -164,8 +157,8 @@ def encoding_speed(run: Run[Config]) -> Finding:
     speed = ratio(run, "encode_ms", "png_fast")
     if exact == 1.0:
         return Finding(estimate=speed, details=details)
-    lossy = Estimate(value=0.0, low=0.0, high=0.0, unit=speed.unit)
-    return Finding(estimate=lossy, details=details, reason="not every frame came back exactly")
+    reason = "not every frame came back exactly"
+    return Finding(estimate=exactly(0.0, speed.unit), details=details, reason=reason)
 
 
 @exp.look(
@@ -195,13 +188,10 @@ def draw_codecs(figure: Figure, run: Run[Config]) -> dict[str, Any]:
         f"Depth 640 x 360, lossless: RVL encodes {encode.value:.1f} times and decodes "
         f"{decode.value:.1f} times as fast as the fastest PNG (paper: faster)"
     )
-    note(
-        figure,
-        f"measured on {len(table)} frames; boxes: quartiles and median, whiskers: 1.5 times their distance",
-    )
-    return {
-        n: {"value": e.value, "low": e.low, "high": e.high} for n, e in (("encode", encode), ("decode", decode))
-    }
+    boxes = "boxes: quartiles and median, whiskers: 1.5 times their distance"
+    note(figure, f"measured on {len(table)} frames; {boxes}")
+    of = {"encode": encode, "decode": decode}
+    return {name: {"value": one.value, "low": one.low, "high": one.high} for name, one in of.items()}
 
 
 def _draw_spread(axes: Axes, columns: Any, title: str, png_level: int) -> None:

@@ -75,10 +75,9 @@ def draw_naming(figure: Figure, run: Run[Config]) -> dict[str, Any]:
 
 
 def draw_schema(axes: Axes, fqn: RosFqn | None = None) -> dict[str, Any]:
-    """Draw Fig. 2 from the schema's own table: the chain of segments and the ways into the resource.
+    """Draw Fig. 2 from the schema's own table; return how many standard resources each way permits.
 
-    A name stands in its segments, which can be pressed, and the way that it takes is lit; None: none does. It
-    returns how many standard resources each way permits.
+    A name stands in its segments, which can be pressed, and the way that it takes is lit; None: none does.
     """
     table = names.schema_table()
     places = {node.name: 2.2 * i for i, node in enumerate(table.nodes)}

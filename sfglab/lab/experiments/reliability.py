@@ -30,12 +30,13 @@ import psutil
 from sfglab.bus.address import BusAddress
 from sfglab.component import beside
 from sfglab.fields import between
+from sfglab.lab import growth
 from sfglab.lab.experiment import Actor, Experiment, Link, Profiled, SkippedPartError
 from sfglab.lab.figures import COLORS, note
 from sfglab.lab.hosts import LinkControlError
 from sfglab.lab.hosts.host import members
 from sfglab.lab.runs import derived
-from sfglab.lab.stats import Estimate, bootstrap, median_of
+from sfglab.lab.stats import Estimate, median_of
 from sfglab.lab.workers import soaked
 from sfglab.lab.workers.soaked import STATE, SoakedConfig
 from sfglab.processes import START_LIMIT_S, Member, ProcessGroup
@@ -58,10 +59,9 @@ ONLY = {"keeper": [*CAMERAS], "pipeline": [VIEWER], "full disk": [VIEWER]}
 #: How long faults last that are not at once, seconds.
 LASTS_S = {"suspend": (1, 12), "cut": (1, 12), "starve": (3, 6), "full disk": (2, 4)}
 KINDS = ("kill", "stop", "kill agent", "kill nodes", "clock", *LASTS_S)
-GIVEN_UP_S = 60.0  #: After which a fault counts as one that was not recovered from, seconds.
-#: What mounts a small disk over a folder for one process.
-DISK = ("unshare", "--mount", "sh", "-c", 'mount -t tmpfs -o size=32m disk "$0" && exec "$@"')
-WARM_S = 15.0  #: How long a process may still grow that is new, seconds.
+GIVEN_UP_S = 60.0  #: After which a fault counts as not recovered from, seconds.
+DISK = ("unshare", "--mount", "sh", "-c", 'mount -t tmpfs -o size=32m disk "$0" && exec "$@"')  #: Mounts one.
+ENDS = ("kill", "stop", "kill agent")  #: Faults that end processes of an agent.
 LOOPS = 3  #: How many endless loops a starving agent has beside it on its one core.
 
 
@@ -71,6 +71,9 @@ class Config(Profiled):
 
     minutes: float = between(1.2, 0.1, 1440.0)  #: How long faults are drawn.
     gap_s: float = between(1.0, 0.0, 60.0)  #: From a recovery to the next fault, seconds.
+    spared: str = "spot"  #: The agent whose components are not ended, so that their memory can be followed.
+    #: How long a process may still grow that is new, seconds: its buffers and heaps fill as they are used.
+    warm_s: float = between(15.0, 0.0, 3600.0)
     limit_s: float = 10.0  #: Within which every stream has to flow again, seconds.
     kinds: tuple[str, ...] = KINDS  #: What happens.
     sample_s: float = between(3.0, 0.1, 60.0)  #: From one reading of processes to the next, seconds.
@@ -82,7 +85,7 @@ exp = Experiment(
     Config,
     where="beside all papers",
     smoke={"minutes": 0.4, "gap_s": 0.3},
-    paper={"minutes": 30.0, "sample_s": 5.0},
+    paper={"minutes": 30.0, "sample_s": 5.0, "warm_s": 600.0},
     hosts=tuple(AGENTS),
     actors=(
         Actor("user's nodes", "each of 3 agents", "count, shoot, look, record"),
@@ -172,11 +175,11 @@ class Soak(ProcessGroup):
         super().__init__(self._on_host, (*self._users.values(), *self._agents.values()), on_report=self._hear)
 
     def _clocks(self) -> list[str]:
-        """Build what steps an agent's clock, and return how a process gets it; nothing without a compiler."""
+        """Build what steps an agent's clock, and return how a process gets it."""
         for name in AGENTS:
             (self.folder / name).write_bytes(bytes(4096))
         if (compiler := shutil.which("cc")) is None:
-            return []
+            raise SkippedPartError("there is no C compiler (cc), by which an agent's clock is stepped")
         source, shim = Path(soaked.__file__).with_name("stepped_clock.c"), self.folder / "clock.so"
         subprocess.run([compiler, "-O2", "-shared", "-fPIC", "-o", shim, source, "-ldl"], check=True)
         return [f"LD_PRELOAD={shim}"]
@@ -293,9 +296,11 @@ class Soak(ProcessGroup):
 
     async def strike(self, kind: str, component: str) -> None:
         """Have a fault somewhere, wait for the recovery, and write both down."""
-        name = self.rng.choice(ONLY.get(component or kind, list(AGENTS)))
+        spared = [self._bench.config.spared] if kind in ENDS else []
+        name = self.rng.choice([a for a in ONLY.get(component or kind, AGENTS) if a not in spared])
         lasts_s = self.rng.uniform(*LASTS_S.get(kind, (0, 0)))
-        pid = self._pid(name, component)
+        if not (pid := self._pid(name, component)) and component:
+            return  # it is not there
         if self.rng.random() < 1 / 3:  # then somebody joins late
             self.order([self._users[VIEWER].name], do="leave")
             await asyncio.sleep(2.0)
@@ -352,7 +357,7 @@ class Soak(ProcessGroup):
 
 
 def _signal(pids: set[int], number: signal.Signals) -> None:
-    for pid in pids - {0}:
+    for pid in pids:
         with suppress(ProcessLookupError):
             os.kill(pid, number)
 
@@ -381,8 +386,8 @@ def _starving(pids: Callable[[], set[int]]) -> Iterator[None]:
 
 def deck(config: Config) -> Iterator[tuple[str, str]]:
     """Yield kinds of faults and components for ever: in each round all kinds, and kills and stops of each."""
-    rng, single = random.Random(config.seed), ("kill", "stop")
-    cards = [(k, c) for k in config.kinds for c in (COMPONENTS if k in single else [""])]
+    rng = random.Random(config.seed)
+    cards = [(k, c) for k in config.kinds for c in (COMPONENTS if k in ("kill", "stop") else [""])]
     while True:
         yield from rng.sample(cards, len(cards))
 
@@ -419,27 +424,16 @@ def _kinds(faults: pd.DataFrame) -> pd.Series:
 
 
 def slope(run: Run[Config], column: str, who: str = "") -> Estimate | None:
-    """Return how fast memory (MB) or descriptors of a kind of process, without of all, grow in an hour.
-
-    Each life of a process is a line with its own start, its first seconds left out; lives are resampled. None
-    where too little is known.
-    """
-    rows, sums = run["process"], []
-    for _, life in rows[rows["who"] == who if who else slice(None)].groupby(["agent", "pid"]):
-        old = life[life["t_s"] > life["t_s"].min() + WARM_S]
-        if len(old) > 2:
-            t_h = old["t_s"] / 3600 - old["t_s"].mean() / 3600
-            sums.append((float((t_h * old[column]).sum()), float((t_h**2).sum())))
-    if len(sums) < 2:
-        return None
-    unit = "MB/h" if column == "rss_mb" else "/h"
-    return bootstrap([np.array(sums)], lambda g: float(g[0][:, 0].sum() / g[0][:, 1].sum()), unit=unit)
+    """Return how fast memory (MB) or descriptors of a kind of process, without of all, grow in an hour."""
+    rows = run["process"]
+    steps = growth.steps(rows[rows["who"] == who] if who else rows, column, warm_s=run.config.warm_s)
+    return growth.rate(steps, unit="MB/h" if column == "rss_mb" else "/h")
 
 
 def problems(run: Run[Config]) -> list[str]:
-    """Return what did not hold, a sentence each: recovery in time, order, no repeats, nothing left.
+    """Return what did not hold, a sentence each: recovery, order, no repeats, flat memory, nothing left.
 
-    A state may come again and late: DDS keeps the last one of a publisher that was killed until its lease ends.
+    A state may come again: publishers that live under one name are asked for theirs anew.
     """
     faults, streams = run["fault"], run["stream"][~run["stream"]["name"].str.startswith(STATE)]
     late = faults[~faults["recovered"] | (faults["recovered_s"] > run.config.limit_s)]
@@ -448,7 +442,11 @@ def problems(run: Run[Config]) -> list[str]:
         f"{r.kind} {r.component} of {r.agent}: {r.recovered_s:.1f} s, {r.slowest}" for r in late.itertuples()
     ]
     said += [f"{r.name} at {r.consumer}: {r.repeated} again, {r.disordered} late" for r in wrong.itertuples()]
-    return [*said, *("left: " + what for what in run["left"]["what"])]
+    return [
+        *said,
+        *growth.growing(run["process"], warm_s=run.config.warm_s),
+        *("left: " + what for what in run["left"]["what"]),
+    ]
 
 
 @exp.figure("reliability", size=(10, 4.2), when=lambda run: len(run["fault"]) > 0)
@@ -465,9 +463,10 @@ def draw(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     left.set_yticks(range(len(table)), [f"{row.kind} ({row.faults})" for row in table.itertuples()])
     left.legend()
     whose = [*COMPONENTS[:-1], "agent"]
-    for color, who in zip([*COLORS.values(), "black"], whose, strict=True):
+    lines = ("-", "-", ":", "--", "-.", "-")
+    for color, line, who in zip([*COLORS.values(), "black"], lines, whose, strict=True):
         for number, (_, life) in enumerate(processes[processes["who"] == who].groupby(["agent", "pid"])):
-            right.plot(life["t_s"] / 60, life["rss_mb"], color=color, label="" if number else who, linewidth=1)
+            right.plot(life["t_s"] / 60, life["rss_mb"], line, color=color, label="" if number else who, lw=1.2)
     right.set(xlabel="time (min)", ylabel="resident memory (MB)", ylim=(0, None))
     right.legend(ncols=2)
     done = f"{table['in_time'].sum()} of {len(faults)} faults"

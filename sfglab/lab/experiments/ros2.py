@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from sfglab.lab.bench import Bench
     from sfglab.lab.runs import Run
 
+
 TESTS = Path(__file__).parents[3] / "tests" / "ros2"
 WORKS, FAILS, CANNOT, UNTESTED = "works", "fails", "cannot work", "untested against the real thing"
 _COLORS = {WORKS: COLORS["proxy"], FAILS: COLORS["standard"], CANNOT: "#777777", UNTESTED: "#bbbbbb"}
@@ -79,13 +80,8 @@ async def run_tests(bench: Bench[Config]) -> None:
     if not TESTS.is_dir():
         raise SkippedPartError("the tests beside ROS 2 are in the repository only (tests/ros2)")
     for name in bench.config.distributions:
-        told = bench.folder(name) / "features"
-        chosen = [
-            "-k",
-            f"{name} and ({bench.config.only or name})",
-            "-m",
-            "ros" if bench.config.slow else "not slow",
-        ]
+        told, config = bench.folder(name) / "features", bench.config
+        chosen = ["-k", f"{name} and ({config.only or name})", "-m", "ros" if config.slow else "not slow"]
         said = await _run_pytest(chosen, told)
         bench.attach(f"{name}.txt", said, "text/plain")
         lines = told.read_text(encoding="utf-8").splitlines() if told.exists() else ()
@@ -140,16 +136,14 @@ def draw_features(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     """Draw what works beside each distribution of ROS 2, feature by feature."""
     table = compatibility(run["test"], run.config.distributions)
     columns = list(table.columns[1:])
-    rows = {
-        line[0]: [
-            (said, next(c for start, c in _COLORS.items() if said.startswith(start))) for said in line[1:]
-        ]
-        for line in table.itertuples(index=False)
-    }
+
+    def colored(said: str) -> tuple[str, str]:
+        return said, next(color for start, color in _COLORS.items() if said.startswith(start))
+
+    rows = {line[0]: [*map(colored, line[1:])] for line in table.itertuples(index=False)}
     word_table(figure, [name.capitalize() for name in columns], rows, wrap=52)
     works = table[columns].apply(lambda cells: cells.str.startswith(WORKS)).to_numpy()
-    figure.suptitle(
-        f"{works.all(axis=1).sum()} of {len(table)} features work beside real rclpy of every distribution"
-    )
+    count = f"{works.all(axis=1).sum()} of {len(table)}"
+    figure.suptitle(f"{count} features work beside real rclpy of every distribution")
     note(figure, f"live: {len(run['test'])} outcomes of tests; a feature works where all of its tests pass")
     return {"table": table}

@@ -1,7 +1,4 @@
-"""Exploring an experiment in a notebook: turn a field of its configuration, see the figure follow.
-
-Knows experiments, their looks and widgets; refuses to know what any of them is about.
-"""
+"""Exploring an experiment in a notebook: turn a field of its configuration, see the figure follow."""
 
 from __future__ import annotations
 

@@ -30,8 +30,7 @@ if TYPE_CHECKING:
     from sfglab.component import Report
     from sfglab.lab.experiment import Experiment
 
-_FIRST_PICTURE_S = 90.0
-"""How long a cell waits for the first picture: an empty cache compiles for 13 s, a busy machine for longer."""
+_FIRST_PICTURE_S = 90.0  #: How long a cell waits for the first picture, s: an empty cache compiles for 13.
 _FAINT = "sfglab-before"
 _STYLE = f"<style>.{_FAINT} {{ opacity: 0.35 }}</style>"
 
@@ -48,10 +47,7 @@ class Task:
 
 
 class Worker:
-    """A worker process as the explorer sees it, without a loop: a busy cell blocks neither orders nor reports.
-
-    It is told every report on a thread of its own; the last one is ``{"is": "ended"}``.
-    """
+    """A worker process without a loop; a thread of its own is told every report, ``{"is": "ended"}`` last."""
 
     def __init__(self, task: Task, on_report: Callable[[Report], None]) -> None:
         argv = [sys.executable, "-m", "sfglab.lab.workers.preview", argument_of(task)]
@@ -116,10 +112,7 @@ class Explorer:
         return still_bundle(self.widget, self._picture.value, self._exp.looks[self._look].draw)
 
     def wait(self, timeout_s: float = _FIRST_PICTURE_S) -> bool:
-        """Wait until the picture is whole and the newest one's; returns whether it is.
-
-        It is not where the time is over, the settings were refused or the worker has ended.
-        """
+        """Wait until the picture is whole and the newest one's; returns whether it is in time, not refused."""
         return self._settled.wait(timeout_s) and self.whole and self.shown == self._request
 
     def code(self) -> str:

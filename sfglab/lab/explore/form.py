@@ -1,9 +1,8 @@
 """The form of a configuration: one widget a field, made from its type, bounds, documentation and unit.
 
 A field with both bounds is a slider, on a logarithmic scale where its bounds say so; an enumeration or a
-``Literal`` is a choice; a tuple of one bounded number is a slider as well, any other tuple a text with commas.
-Fields of a part of the configuration are called ``part.field``.
-Knows dataclasses and widgets; refuses to know experiments.
+``Literal`` is a choice; a tuple of one bounded number is a slider as well, any other a text with commas. Fields
+of a part of the configuration are called ``part.field``.
 """
 
 from __future__ import annotations

@@ -1,8 +1,4 @@
-"""A picture of a mapped graph to press: a node or topic moves, and costs and times follow.
-
-What may be moved, what it costs and what would be best, the graph, the memory model and the programme of node
-mapping say; refuses to know any of it.
-"""
+"""A picture of a mapped graph to press: a node or topic moves, and costs and times follow."""
 
 from __future__ import annotations
 
@@ -12,18 +8,11 @@ from typing import TYPE_CHECKING, Any
 
 from sfglab.errors import SfglabError
 from sfglab.lab.explore.press import Pressed, part
+from sfglab.soc import mapping
 from sfglab.soc.graph import Edge, EdgeKind, Graph, Placement, TopicMapping
 from sfglab.soc.graph_drawing import draw_graph, draw_legend, size_of
 from sfglab.soc.layout import Vertex, layered_layout, node_vertex, topic_vertex
-from sfglab.soc.mapping import (
-    activation_s,
-    arrival_s,
-    carriages_per_message,
-    chain_s,
-    faster_by_gateway,
-    map_communication,
-    transfer_s,
-)
+from sfglab.soc.mapping import map_communication
 from sfglab.soc.placement import Platform, assess, check_fixed, place_nodes, topic_load
 from sfglab.view.widgets import button, widgets
 
@@ -76,7 +65,7 @@ class PressedMapping(Pressed):
     def optimise(self) -> None:
         """Map as the programme does, and say why."""
         if self._platform is None:
-            rule = faster_by_gateway()
+            rule = mapping.faster_by_gateway()
             self._set(map_communication(self.graph, gateway=rule).gateways, self._reasons_of_topics)
         else:
             self._set(place_nodes(self.graph, self._platform).graph, self._reasons)
@@ -135,7 +124,7 @@ class PressedMapping(Pressed):
         for topic in self.graph.topics:
             both = {m: self.graph.with_mappings({topic.name: m}) for m in _CYCLE[:2]}
             if topic.mapping in both:
-                times = {m.value: _MS * transfer_s(g, g.topic(topic.name)) for m, g in both.items()}
+                times = {m.value: _MS * mapping.transfer_s(g, g.topic(topic.name)) for m, g in both.items()}
                 told = ", ".join(f"{time:.2f} ms at {name}" for name, time in times.items())
                 yield f"{topic.name} to {topic.mapping.value}: {told}"
 
@@ -150,14 +139,14 @@ class PressedMapping(Pressed):
 
     def _notes(self) -> dict[Edge | Vertex, str]:
         notes: dict[Edge | Vertex, str] = {}
-        along = chain_s(self.graph, self._chain)
+        along = mapping.chain_s(self.graph, self._chain)
         for edge in self.graph.edges():
             if edge.kind is EdgeKind.SUBSCRIBE and self.graph.topic(edge.topic).size_bytes is not None:
-                notes[edge] = f"{_MS * arrival_s(self.graph, edge):.2g} ms"
+                notes[edge] = f"{_MS * mapping.arrival_s(self.graph, edge):.2g} ms"
             if edge in along:
                 notes[edge] += f"\n\N{GREEK CAPITAL LETTER SIGMA} {_MS * along[edge]:.1f}"
         for topic in self.graph.topics:
-            if times := carriages_per_message(self.graph, topic):
+            if times := mapping.carriages_per_message(self.graph, topic):
                 vertex = topic_vertex(topic.name)
                 notes[vertex] = f"carried {times:g}x"
                 if self._platform:
@@ -174,8 +163,8 @@ class PressedMapping(Pressed):
                 f"each second {_MS * load.total_s:.1f} ms ({parts}); {load.lut} LUT, {load.bram:g} BRAM"
             )
         if self._chain:
-            end_s = [*chain_s(self.graph, self._chain).values()][-1]
-            whole_s = end_s + activation_s(self.graph.node(self._chain[-1]))
+            end_s = [*mapping.chain_s(self.graph, self._chain).values()][-1]
+            whole_s = end_s + mapping.activation_s(self.graph.node(self._chain[-1]))
             told.append(f"chain (\N{GREEK CAPITAL LETTER SIGMA}) {_MS * whole_s:.2f} ms")
         return "; ".join(told)
 

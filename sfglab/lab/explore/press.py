@@ -1,10 +1,7 @@
 """A figure whose parts are pressed: artists that `part` has named send their name when the mouse is on them.
 
-Every press is answered by Python, which draws the figure anew: no rule is repeated in the page. Where no kernel
-runs, the same output shows the figure as a still.
-
-An `Automaton` is a machine to press: an edge gives its input, the table moves, the transition lights up. It
-walks tables as `sfglab.machine.step` does, which also refuses what cannot happen.
+Every press is answered by Python, which draws the figure anew; without a kernel the output shows a still. An
+`Automaton` is a machine to press: an edge gives its input, the table moves, the transition lights up.
 """
 
 from __future__ import annotations
@@ -35,10 +32,7 @@ def part(name: str, *artists: Artist) -> None:
 
 
 def still_bundle(widget: Any, png: bytes, about: object) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Return what a cell shows: the widget, and in the same output a picture for those who have no kernel.
-
-    The picture's text, in the output's metadata, is what documents the thing that it is about.
-    """
+    """Return what a cell shows: the widget, and a picture for those without a kernel, with the thing's text."""
     picture = {"image/png": base64.b64encode(png).decode()}
     return widget._repr_mimebundle_() | picture, {"image/png": {"alt": caption_of(about)}}
 
@@ -217,11 +211,7 @@ class Automaton(Pressed):
         self._news.value = f"{len(self._past) - 1}: {self.moment.said}"
 
     def feed(self, given: Enum) -> None:
-        """Give the machine an input.
-
-        Raises:
-            IllegalInputError: It cannot happen in the present state.
-        """
+        """Give the machine an input, or raise an `IllegalInputError`."""
         key = self.moment.state, given
         after, _ = step(self._name, self._table, *key)
         self._past.append(Moment(state=after, taken=key, said=self._words(key)))

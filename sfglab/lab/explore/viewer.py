@@ -1,8 +1,4 @@
-"""A log or a domain in a cell: Rerun's viewer, paused, with a slider for its steps; live with the panel above.
-
-The slider needs no mouse, and the sentence beside it says which step the viewer itself shows. What is committed
-is a still: which topic spoke when. Refuses to know messages.
-"""
+"""A log or a domain in a cell: Rerun's viewer with a slider for its steps and a still, or a live panel."""
 
 from __future__ import annotations
 
@@ -152,11 +148,7 @@ class LiveView:
     async def open(
         cls, *programs: Callable[[BusAddress], Coroutine[Any, Any, None]], here: BusAddress | None = None
     ) -> Self:
-        """Return one whose bridge runs, and which has heard of a program's first message.
-
-        Programs run beside it until it is closed, at the address that they are given; without one it is a
-        domain of the loopback that nobody else uses.
-        """
+        """Return one whose bridge runs beside programs, on a domain of its own or here, once a message came."""
         if cls._last is not None:
             await cls._last.close()
         async with AsyncExitStack() as runs:

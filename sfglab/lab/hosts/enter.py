@@ -1,6 +1,5 @@
 """Makes or joins namespaces and then becomes another program; runs as a script of its own.
 
-Python 3.11 has neither ``os.unshare`` nor ``os.setns``, so both are called in libc (unshare(2), setns(2)).
 Imports nothing of sfglab and little else: each process in a host pays for its start. Usage::
 
     enter.py new auto|root|rootless COMMAND...       appends root or rootless to COMMAND

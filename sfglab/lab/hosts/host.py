@@ -114,13 +114,7 @@ def _signal_all(inodes: Collection[int], spare: Collection[int], number: int, de
 
 
 def end_members(inodes: Collection[int], *, grace_s: float, spare: Collection[int] = ()) -> None:
-    """End all processes in some network namespaces: TERM, a grace, then KILL, until none is left.
-
-    The grace is in seconds; 0 kills at once. Pids in `spare` are left alone.
-
-    Raises:
-        HostsError: A killed process did not end.
-    """
+    """End all processes in some network namespaces: TERM, a grace in seconds, KILL; else `HostsError`."""
     if grace_s > 0:
         _signal_all(inodes, spare, signal.SIGTERM, time.monotonic() + grace_s)
     deadline_s = time.monotonic() + _KILL_TIMEOUT_S
@@ -145,11 +139,7 @@ class InterfaceBytes(NamedTuple):
 
 
 def interface_bytes(table: str, interface: str) -> InterfaceBytes:
-    """Read one interface's counters from the text of ``/proc/net/dev`` (proc(5)).
-
-    Raises:
-        LookupError: The text has no such interface.
-    """
+    """Return an interface's counters from ``/proc/net/dev`` (proc(5)); `LookupError` if it is not there."""
     for line in table.splitlines():
         name, _, numbers = line.partition(":")
         if name.strip() == interface:
@@ -191,8 +181,7 @@ class Host:
     def argv(self, command: Sequence[str | os.PathLike[str]]) -> list[str]:
         """Wrap a command line so that it runs inside this host.
 
-        The wrapper becomes the command (exec), so pid, signals and pipes are the command's own. Use it with
-        whatever starts processes, e.g. ``asyncio.create_subprocess_exec(*host.argv(command))``. Exit status 125
+        The wrapper becomes the command (exec), so pid, signals and pipes are the command's own. Exit status 125
         says that the host is gone, 126 and 127 that the command cannot be run or found.
         """
         if self._closed:
@@ -210,13 +199,7 @@ class Host:
     def run(
         self, command: Sequence[str | os.PathLike[str]], timeout_s: float, **options: Any
     ) -> subprocess.CompletedProcess[Any]:
-        """Run a process inside this host for `timeout_s` seconds at most, with options of `subprocess.run`.
-
-        By default its output is captured as text.
-
-        Raises:
-            subprocess.TimeoutExpired: It took longer.
-        """
+        """Run a process inside this host, with options of `subprocess.run`; by default its text is captured."""
         options = {"capture_output": True, "text": True, "check": False} | options
         return subprocess.run(self.argv(command), timeout=timeout_s, **options)  # noqa: PLW1510 - given above
 

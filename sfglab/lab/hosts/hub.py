@@ -1,11 +1,9 @@
-"""The process that owns a network of hosts; starts inside its own namespace, see `channel`.
+"""The process that owns a network of hosts; starts inside its own namespace, see `network.Channel`.
 
 It answers requests (JSON, one per datagram) on a socket pair and forks one *holder* per host, a process that
-does nothing but keep the host's namespace alive. Nothing is named anywhere in the file system, so when the
-processes end, the kernel removes namespaces, cables and addresses by itself.
-
-Who guards whom: the hub and every holder watch a pidfd of the creator; holders also watch one of the hub.
-Whichever wakes first kills all processes in the hosts. A parent-death signal (prctl(2), PR_SET_PDEATHSIG)
+does nothing but keep the host's namespace alive. When the processes end, the kernel removes namespaces, cables
+and addresses by itself. The hub and every holder watch a pidfd of the creator; holders also watch one of the
+hub. Whichever wakes first kills all processes in the hosts. A parent-death signal (prctl(2), PR_SET_PDEATHSIG)
 would do less: it is tied to the parent *thread*, hits only direct children, and does not survive its owner.
 """
 
@@ -164,11 +162,7 @@ class _Hub:
 
 
 def main(control_fd: str, creator_pidfd: str, how: str) -> NoReturn:
-    """Serve until the creator closes its end or dies.
-
-    It is given the numbers of its end of a SOCK_SEQPACKET pair and of a pidfd of the creating process, and how
-    it came to be, ``root`` or ``rootless``, which is reported back.
-    """
+    """Serve until the creator, of whom a pidfd is given, closes its end of a SOCK_SEQPACKET pair or dies."""
     creator = int(creator_pidfd)
     os.set_inheritable(creator, False)
     with socket.socket(fileno=int(control_fd)) as control:

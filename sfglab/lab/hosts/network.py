@@ -31,8 +31,7 @@ if TYPE_CHECKING:
     from sfglab.rtps import Medium
 
 
-FRAME_BYTES = 1514
-"""A full Ethernet frame without its checksum: 1500 B of payload and 14 B of header (IEEE 802.3, clause 3)."""
+FRAME_BYTES = 1514  #: A full Ethernet frame without its checksum: 1500 B and 14 B of header (IEEE 802.3, 3).
 
 # The kernel's struct tc_ratespec counts bytes per second in 32 bits (linux/pkt_sched.h).
 _MAX_RATE_BPS = 8 * (2**32 - 1)
@@ -88,19 +87,15 @@ _END_TIMEOUT_S = 10.0
 _MAX_ANSWER_BYTES = 65536
 
 
-def _hub_environment() -> dict[str, str]:
-    """Let the hub find the same modules as this process, wherever it found them."""
-    return os.environ | {"PYTHONPATH": os.pathsep.join(path or str(Path.cwd()) for path in sys.path)}
-
-
 def _start(control: socket.socket, *, how: str, log: IO[bytes]) -> subprocess.Popen[bytes]:
     creator = os.pidfd_open(os.getpid())
+    modules = os.pathsep.join(path or str(Path.cwd()) for path in sys.path)  # so that the hub finds the same
     try:
         numbers = (control.fileno(), creator)
         hub = (sys.executable, "-P", "-m", "sfglab.lab.hosts.hub", *map(str, numbers))
         return subprocess.Popen(
             [*ENTER, "new", how, *hub],
-            env=_hub_environment(),
+            env=os.environ | {"PYTHONPATH": modules},
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
             stderr=log,
@@ -206,14 +201,11 @@ class Capability:
 
 
 class Network:
-    """A network of test hosts, to be used as a context manager.
+    """A network of test hosts, to be used as a context manager; `HostsError` says that it is closed or lost.
 
-    Leaving the context ends every process inside the hosts (TERM, a grace, KILL) and then the hosts. When the
-    creating process is killed, the same happens without the grace.
-
-    Args:
-        rootless: True uses a user namespace even as root, False insists on root, None takes what works.
-        grace_s: How long processes may take to end after TERM, in seconds.
+    Leaving it ends every process inside the hosts (TERM, a grace in seconds, KILL) and then the hosts; when the
+    creating process is killed, without the grace. `rootless` uses a user namespace even as root, False insists
+    on root, None takes what works.
     """
 
     def __init__(self, *, rootless: bool | None = None, grace_s: float = 2.0) -> None:
@@ -292,10 +284,6 @@ class Network:
         self._hosts[name] = host
         return host
 
-    def _check(self, name: str) -> None:
-        if name not in self._hosts:
-            raise InvalidValueError("host", name, f"{sorted(self._hosts)}, which this network has")
-
     def set_link(
         self,
         name: str,
@@ -304,17 +292,14 @@ class Network:
         loss: float | None = None,
         queue_bytes: int | None = None,
     ) -> None:
-        """Replace the properties of a host's link, in both directions; what is None is unlimited or lossless.
+        """Replace a host's link, both ways; what is None is unlimited or lossless. `LinkControlError`: refused.
 
         The rate is that of Ethernet frames in bit/s; loss is the probability of each frame; the queue before
-        the rate holds 100 ms at that rate where its size is not given.
-
-        Raises:
-            InvalidValueError: There is no such host, or a value cannot be emulated.
-            LinkControlError: The kernel refuses.
-            HostsError: The network is closed or lost, or a radio.
+        the rate holds 100 ms at that rate where its size is not given. `InvalidValueError`: a value cannot be
+        emulated.
         """
-        self._check(name)
+        if name not in self._hosts:
+            raise InvalidValueError("host", name, f"{sorted(self._hosts)}, which this network has")
         if self._on_radio:
             raise HostsError("this network is a radio now: the medium of `set_radio` is its only link")
         link = Link(rate_bps=rate_bps, loss=loss or 0.0, queue_bytes=queue_bytes)
@@ -335,7 +320,6 @@ class Network:
             InvalidValueError: The queue blocks, and the medium is shared, as a host's kernel cannot know who
                 else is on air, or a frame costs more than that can count.
             LinkControlError: The kernel refuses.
-            HostsError: The network is closed or lost, or has no hosts.
         """
         if not self._hosts:
             raise HostsError("a radio needs hosts: add them before `set_radio`")
@@ -350,20 +334,12 @@ class Network:
         self._on_radio = True
 
     def end_radio(self) -> None:
-        """Go back to the Ethernet; harmless without a radio.
-
-        Raises:
-            HostsError: The network is closed or lost.
-        """
+        """Go back to the Ethernet; harmless without a radio."""
         self._channel.request("end_radio")
         self._on_radio = False
 
     def radio_counters(self) -> RadioCounters:
-        """Return what the radio has done since its medium was set.
-
-        Raises:
-            HostsError: There is no radio, or the network is closed or lost.
-        """
+        """Return what the radio has done since its medium was set; raises `HostsError` if there is none."""
         if not self._on_radio:
             raise HostsError("this network has no radio: call `set_radio` first")
         counters: RadioCounters = from_json(RadioCounters, self._channel.request("radio_counters"))

@@ -1,8 +1,4 @@
-"""A radio between test hosts, seen from the hub: starts the relay, sets its medium, reads what it did.
-
-The kernel's bridge is taken out of the way; every frame goes through `radio_relay`, a process that ends when
-its end of the control socket is closed, hence with the hub, whatever ends that.
-"""
+"""A radio between test hosts, seen from the hub: starts the relay, sets its medium, reads what it did."""
 
 from __future__ import annotations
 
@@ -51,8 +47,7 @@ class RadioCounters:
     late_after_s: float = 0.0  #: What counts as late, seconds.
     late_mean_s: float = 0.0  #: Mean delay beyond the due time, of all frames, seconds.
     late_most_s: float = 0.0  #: The longest of these delays, seconds.
-    #: Frames that the kernel dropped because the relay did not take them, or did not take from it.
-    overrun: int = 0
+    overrun: int = 0  #: Frames that the kernel dropped because the relay did not take them, or it.
     elapsed_s: float = 0.0  #: How long ago the medium was set, seconds.
 
     @property
@@ -103,11 +98,7 @@ class Relay:
             raise
 
     def request(self, operation: str, **arguments: Any) -> dict[str, Any]:
-        """Ask the relay, to ``start``, ``set`` or give its ``counters``, and wait for its answer.
-
-        Raises:
-            OSError: The relay is gone, late, or refuses.
-        """
+        """Ask the relay to ``start``, ``set`` or tell ``counters``; `OSError` if it is gone or refuses."""
         with contextlib.suppress(BrokenPipeError):  # reported by the missing answer
             self._control.send(json.dumps({"op": operation, **arguments}).encode())
         data = self._control.recv(_MAX_ANSWER_BYTES)

@@ -4,14 +4,10 @@ Takes every frame that a host sends (packet(7)), lets the medium say when it arr
 receivers then. A frame to a group reaches every other host and is on air once; a loss is drawn for each
 receiver. It ends when its control socket does.
 
-The medium is a pure machine: frames at times in, frames at later times out, all in nanoseconds of one clock
-that the caller reads. Its rules are those of the model of RTPS, frame for frame, and airtime and turns its
-very functions: queues at the hosts that drop at their tail or head, one frame on air at a time, turns or
-chance among hosts that have something to send, airtime stretched by contention, stalls, an access point that
-sends each frame once more, losses in bursts, then latency. A queue that blocks is the host's kernel, which
-lets frames leave as fast as the air takes them (`wiring`).
-The kernel's time of arrival counts, and a frame's end follows from the end of the one before, not from when
-somebody looked: the relay's own slowness adds delay, which it counts, and lowers no rate.
+The medium is a pure machine of frames at times, in nanoseconds of the caller's clock. Its rules are those of
+the model of RTPS, frame for frame, airtime and turns its very functions; a queue that blocks is the kernel's
+(`wiring`). The relay's own slowness adds delay, which it counts, and lowers no rate: a frame's end follows from
+the end of the one before.
 """
 
 from __future__ import annotations
@@ -75,11 +71,7 @@ class _State(Generic[F]):
 
 
 class Air(Generic[F]):
-    """The medium.
-
-    A frame of a host may be lost on its way to the access point; where chance says who sends next, `chance`
-    does.
-    """
+    """The medium; a frame may be lost on its way to the access point, and `chance` says who sends next."""
 
     def __init__(
         self,
@@ -111,10 +103,7 @@ class Air(Generic[F]):
             self._start(transmitter)
 
     def offer(self, host: int, frame: F, *, size_bytes: int, now_ns: int, target: int | None = None) -> bool:
-        """Put a frame of so many bytes into a host's queue; False when one is dropped for it.
-
-        Time must be advanced to now. Without a target it is for a group.
-        """
+        """Put a frame into a host's queue now, for a group without a target; False when one is dropped."""
         took = self._queue(host, _Waiting(now_ns, size_bytes, frame, host, target))
         for transmitter in self._state.transmitters:
             # A frame that finds the medium free is on air at once and takes no place in the queue.

@@ -171,12 +171,9 @@ _FRAME = 1514
 _CHAINS = {"up": ("prerouting", Meta.NFT_META_IIFNAME), "down": ("forward", Meta.NFT_META_OIFNAME)}
 
 
-def _value(data: bytes) -> dict[str, Any]:
-    return {"attrs": [("NFTA_DATA_VALUE", data)]}
-
-
 def _compare(operation: Cmp, data: bytes) -> Any:
-    return genex("cmp", {"sreg": Regs.NFT_REG_1, "op": operation, "data": _value(data)})
+    value = {"attrs": [("NFTA_DATA_VALUE", data)]}
+    return genex("cmp", {"sreg": Regs.NFT_REG_1, "op": operation, "data": value})
 
 
 def _numgen() -> dict[str, Any]:
@@ -213,10 +210,7 @@ _CLASS = 0x10010  # 1:10, HTB's default class
 
 
 def _block(netlink: Any, index: int, medium: Medium | None) -> None:
-    """Let frames leave a host no faster than a medium takes them, or as fast as they come again.
-
-    They wait in the kernel, and whose socket's buffer they fill is blocked.
-    """
+    """Let frames leave a host no faster than a medium takes them: they wait in the kernel. None: freely."""
     if any(message.get_attr("TCA_KIND") == "htb" for message in netlink.get_qdiscs(index=index)):
         netlink.tc("del", index=index, handle=_HANDLE, parent=TC_H_ROOT)
     if medium is None:

@@ -1,14 +1,10 @@
 """The journal of a sweep: what is finished, on disk, with the identity of its task, points and code.
 
 An append-only file of JSON lines that survives the death of its writer. The first line says which sweep it is,
-every other one is a finished point and seed with its result. It is not MCAP: an MCAP file ends with a summary
-and an index, so one that was cut off must be written again to be continued, while here a torn last line is cut
-away and the next is appended. Lines are handed to the operating system as they are made: they survive the
-process, killed or not; they may not survive the machine, and what is missing then is run again.
-
-A float is written as the shortest text that gives the same float again; NaN and infinities have names. Every
-result passes through that text, those that ran in this very process too, so that none of them differs. Two
-sweeps of one identity give the same rows; seeds are not part of it, as a sweep may be given more of them later.
+every other one is a finished point and seed with its result. It is not MCAP, which ends with a summary and an
+index: here a torn last line is cut away and the next is appended. Every result passes through its text, in
+which a float is the shortest that gives it again. Two sweeps of one identity give the same rows; seeds are not
+part of it.
 """
 
 from __future__ import annotations
@@ -51,24 +47,14 @@ _PLAIN = (bool, int, float, str, type(None))
 
 
 def text_from_result(result: object) -> str:
-    """Return a result as one line of JSON: a row, a mapping by column, or a tuple of them.
-
-    NumPy's scalars become Python's.
-
-    Raises:
-        SweepError: It is something else.
-    """
+    """Return a result, a row, a mapping by column, or a tuple of them, as JSON, or raise a `SweepError`."""
     if isinstance(result, tuple):
         return json.dumps([_packed(row) for row in result])
     return json.dumps(_packed(result))
 
 
 def result_from_text(text: str) -> Any:
-    """Return what `text_from_result` was given.
-
-    Raises:
-        JournalError: It is no such text, or its rows are of no dataclass of a module that is there.
-    """
+    """Return what `text_from_result` was given, or raise a `JournalError`."""
     try:
         packed = json.loads(text)
         return tuple(map(_unpacked, packed)) if isinstance(packed, list) else _unpacked(packed)
@@ -114,20 +100,12 @@ _NUMERIC = ("llvmlite", "numba", "numpy", "scipy")
 
 
 def identity_of(task: Callable[..., object], points: Sequence[object]) -> dict[str, str]:
-    """Return what a journal of a task and its points is checked against: ``task``, ``points`` and ``code``.
-
-    Raises:
-        SweepError: Points have no lasting text.
-    """
+    """Return a journal's ``task``, ``points`` and ``code``; `SweepError` if points have no lasting text."""
     return {"task": name_of(task), "points": _points_digest(points), "code": code_digest(_source_of(task))}
 
 
 def name_of(task: Callable[..., object]) -> str:
-    """Return the full name of a module's function.
-
-    Raises:
-        SweepError: It is a lambda or inside another function, so that no other process finds it.
-    """
+    """Return the full name of a module's function; raises `SweepError` if no other process finds it."""
     name = getattr(task, "__qualname__", "")
     if not name or "<" in name:
         raise SweepError(f"task: given {task!r}, needed is a function at the top of a module")
@@ -190,13 +168,9 @@ class Finished:
 
 @contextmanager
 def journals(log: Path, name: str) -> Iterator[Callable[[str], Path]]:
-    """Give each sweep of a run its journal, and remove them when the run has written its log.
+    """Give each sweep of a run its journal, by a part's name, and remove them when the log is written.
 
-    They stand beside the log and are named for the run, not for the log, whose name may hold when it began: so
-    the same run, started again after an interruption, finds them.
-
-    Yields:
-        The journal of a part of the run, by the part's name.
+    They stand beside the log and are named for the run: started again after an interruption, it finds them.
     """
     used: list[Path] = []
 
@@ -210,13 +184,7 @@ def journals(log: Path, name: str) -> Iterator[Callable[[str], Path]]:
 
 
 class Journal:
-    """The journal of one sweep, open for one process at a time.
-
-    A journal of another sweep is renamed, not lost.
-
-    Raises:
-        JournalError: The file is no journal, or another process has it open.
-    """
+    """A sweep's journal, for one process at a time, another sweep's renamed; `JournalError` if it is none."""
 
     def __init__(self, path: Path, identity: Mapping[str, str]) -> None:
         #: Result by point's index and seed: those found in it, and those added.

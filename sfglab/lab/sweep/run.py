@@ -1,9 +1,6 @@
 """A sweep: hands out what is missing in batches, writes down what comes back, returns all of it in order.
 
-Batches grow until one takes a good tenth of a second, so that short tasks do not drown in a scheduler's
-overhead, and shrink towards the end, so that no worker waits for another. A failure is a value like any other,
-because an exception of a task's making may not survive the journey between processes. Local workers talk by
-pipes alone, and are gone when the sweep is.
+Batches take a good tenth of a second. A failure is a value, because an exception may not survive its journey.
 """
 
 from __future__ import annotations
@@ -83,8 +80,7 @@ def run_batch(task: Callable[..., object], code: str, jobs: Sequence[Job]) -> Do
     return Done(tuple(finished), time.perf_counter() - start_s, failure)
 
 
-SCHEDULER_VARIABLE = "SFGLAB_SCHEDULER"
-"""Environment variable with a scheduler's address, for programs that do not name one."""
+SCHEDULER_VARIABLE = "SFGLAB_SCHEDULER"  #: A scheduler's address, for programs that do not name one.
 
 _CONNECT_S = 10.0
 
@@ -111,15 +107,9 @@ class Workers:
 
 @contextmanager
 def connected(workers: Workers) -> Iterator[tuple[Executor, int]]:
-    """Connect to workers, start them if need be, and leave nothing of one's own behind.
+    """Connect to workers, start them if need be, by pipes that only they inherit, and leave nothing behind.
 
-    Local processes are spoken to by pipes that only they inherit: nothing listens, on loopback neither.
-
-    Yields:
-        Who takes tasks, and how many at a time.
-
-    Raises:
-        SweepError: There is no scheduler at the address, or it has no workers.
+    Yields who takes tasks, and how many at a time. Raises `SweepError` if no scheduler or worker is there.
     """
     address = workers.scheduler or os.environ.get(SCHEDULER_VARIABLE)
     if address:
@@ -197,12 +187,11 @@ def sweep(
     journal: Path,
     workers: Workers = _LOCAL,
 ) -> list[R]:
-    """Run a task for every point with every seed.
+    """Run a task for every point with every seed; return results by point, then by seed, the same to the bit.
 
     What is finished stands in the journal: after an interruption, whatever its kind, the same call runs only
-    what is missing. A finished sweep's journal answers for it; delete the journal to run it again. A journal
-    of another task, of other points or of another version of the code is set aside (renamed). A script that
-    uses processes must start under ``if __name__ == "__main__"``, as with `multiprocessing`.
+    what is missing; delete it to run all again. A journal of another task, of other points or of another
+    version of the code is set aside (renamed).
 
     Args:
         task: A function at the top of a module; returns a row or a tuple of rows: flat dataclasses of bool,
@@ -210,10 +199,7 @@ def sweep(
         points: Frozen dataclasses, all different.
         seeds: All different.
         journal: The file; shown in progress by its name.
-        workers: Who does the work.
-
-    Returns:
-        Results by point, then by seed, the same to the bit wherever they ran.
+        workers: Who does the work; processes need a script that starts under ``if __name__ == "__main__"``.
 
     Raises:
         SweepError: A task failed (the message says with which point and seed), or there are no workers.

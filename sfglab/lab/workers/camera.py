@@ -1,8 +1,7 @@
 """The edge agent's camera process: ``python -m sfglab.lab.workers.camera CONFIG``.
 
-Takes frames from a source at a fixed rate, draws the frame number into the pixels, encodes each frame once
-and publishes it best effort (paper A, section 4.3 and Table 2). Reports a JSON line when it runs, and one
-every second with the numbers and stamps of what it sent; ends when its standard input ends.
+Draws each frame's number into its pixels, encodes it once and publishes it best effort (paper A, section 4.3
+and Table 2). Reports a JSON line when it runs, and one every second with numbers and stamps of what it sent.
 """
 
 from __future__ import annotations
@@ -15,20 +14,14 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from sfglab import codecs
 from sfglab.bus.address import BusAddress
-from sfglab.codecs import (
-    COMPRESSED_IMAGE,
-    FFMPEG_PACKET,
-    H264Encoder,
-    H264Settings,
-    compressed_depth_fields,
-    ffmpeg_packet_fields,
-)
-from sfglab.component import Report, run_component
+from sfglab.component import Orders, Reporter, run_component
 from sfglab.lab.framenumber import stamp_number
 from sfglab.lab.sources import DEPTH_STAMP_MM, Frame, SourceError, open_source
-from sfglab.messages import message_type, stamp_from_ns
+from sfglab.messages import message_type
 from sfglab.qos import COMPRESSED_STREAM
+from sfglab.spatial.poses import header_msg
 
 if TYPE_CHECKING:
     from collections.abc import AsyncIterator, Callable, Coroutine
@@ -68,31 +61,25 @@ class CameraConfig:
 class _ColourEncoder:
     """Frames to FFMPEGPacket messages."""
 
-    type = FFMPEG_PACKET
+    type = codecs.FFMPEG_PACKET
 
     def __init__(self, config: CameraConfig) -> None:
-        self._settings = H264Settings(
-            width=config.width,
-            height=config.height,
-            fps=config.fps,
-            bitrate_bps=config.bitrate_bps,
-            gop=config.gop,
-            encoder=config.encoder,
-        )
-        self._encoder = H264Encoder(self._settings)
+        same = ("width", "height", "fps", "bitrate_bps", "gop", "encoder")
+        self._settings = codecs.H264Settings(**{name: getattr(config, name) for name in same})
+        self._encoder = codecs.H264Encoder(self._settings)
         self.name = self._encoder.encoder_name
 
     def messages(self, frame: Frame, header: Any) -> list[Any]:
         stamp_number(frame.bgr, frame.number)
         packets = self._encoder.encode(frame.bgr)
-        fields = (ffmpeg_packet_fields(packet, self._settings) for packet in packets)
-        return [_message(FFMPEG_PACKET, header, f) for f in fields]
+        fields = (codecs.ffmpeg_packet_fields(packet, self._settings) for packet in packets)
+        return [_message(codecs.FFMPEG_PACKET, header, f) for f in fields]
 
 
 class _DepthEncoder:
     """Frames to CompressedImage messages with depth in any of its formats."""
 
-    type = COMPRESSED_IMAGE
+    type = codecs.COMPRESSED_IMAGE
 
     def __init__(self, config: CameraConfig) -> None:
         self.name = config.codec
@@ -102,8 +89,8 @@ class _DepthEncoder:
             raise SourceError(f"codec {self.name!r} codes depth, and the source has none: 'stereo' has")
         white, black = DEPTH_STAMP_MM
         stamp_number(frame.depth_mm, frame.number, white=white, black=black)
-        fields = compressed_depth_fields(frame.depth_mm, codec=self.name)
-        return [_message(COMPRESSED_IMAGE, header, fields)]
+        fields = codecs.compressed_depth_fields(frame.depth_mm, codec=self.name)
+        return [_message(codecs.COMPRESSED_IMAGE, header, fields)]
 
 
 def _message(type_: str, header: Any, fields: DataclassInstance) -> Any:
@@ -114,24 +101,20 @@ def _message(type_: str, header: Any, fields: DataclassInstance) -> Any:
 @asynccontextmanager
 async def _camera(config: CameraConfig, sent: Callable[[list[_Sent]], None]) -> AsyncIterator[_Shooting]:
     """Open source, encoder and publisher; the caller awaits the task that shoots."""
-    source = open_source(
-        config.source, width=config.width, height=config.height, fps=config.fps, seed=config.seed
-    )
-    with closing(source):
+    from sfglab.bus import Node
+
+    shape: dict[str, Any] = {"width": config.width, "height": config.height, "fps": config.fps}
+    with closing(open_source(config.source, seed=config.seed, **shape)) as source:
         encoder = _ColourEncoder(config) if config.codec == "h264" else _DepthEncoder(config)
         async with AsyncExitStack() as stack:
-            publishers = [await _publisher(stack, *place, encoder.type) for place in config.places]
+            publishers = []
+            for address, topic in config.places:
+                node = await stack.enter_async_context(Node("camera_front", **address.options()))
+                publishers.append(node.create_publisher(encoder.type, topic, COMPRESSED_STREAM))
             yield _Shooting(encoder, _shoot(config, source, encoder, publishers, sent), source.said)
 
 
-async def _publisher(stack: AsyncExitStack, address: BusAddress, topic: str, type_: str) -> Publisher:
-    from sfglab.bus import Node
-
-    node = await stack.enter_async_context(Node("camera_front", **address.options()))
-    return node.create_publisher(type_, topic, COMPRESSED_STREAM)
-
-
-async def serve(config: CameraConfig, report: Callable[[Report], None], _: asyncio.Queue[Report]) -> None:
+async def serve(config: CameraConfig, report: Reporter, _: Orders) -> None:
     """Shoot for an experiment, until told to end."""
     async with _camera(config, lambda frames: report({"is": "sent", "frames": frames})) as camera:
         report({"is": "running", "encoder": camera.encoder.name, "type": camera.encoder.type})
@@ -171,9 +154,7 @@ async def _shoot(
             due = started + frame.number / config.fps
             await asyncio.sleep(max(0.0, due - time.monotonic()))
             stamp_ns = time.time_ns()
-            header = message_type("std_msgs/msg/Header")(
-                stamp=stamp_from_ns(stamp_ns), frame_id=config.frame_id
-            )
+            header = header_msg(config.frame_id, stamp_ns)
             for message in encoder.messages(frame, header):
                 first = frame.number % len(publishers)  # no place is always the first
                 for publisher in publishers[first:] + publishers[:first]:

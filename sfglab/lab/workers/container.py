@@ -1,9 +1,8 @@
 """Runs a program in a container's place: in a network of its own that only a bridge joins to this machine.
 
 ``python -m sfglab.lab.workers.container BRIDGE COMMAND...`` makes the bridge where it is not there yet and a
-network namespace whose ``eth0`` hangs on it, and becomes the command inside. It is what Compose makes of an
-``internal`` network (no way out, no forwarding), with the same names of interfaces, no images or users. The
-namespace ends with the command; the bridge ends with the machine's own namespace.
+network namespace whose ``eth0`` hangs on it, as Compose does for an ``internal`` network (no way out, no
+forwarding), and becomes the command inside. The namespace ends with the command, the bridge with the machine's.
 """
 
 from __future__ import annotations
@@ -17,7 +16,6 @@ from sfglab.lab.hosts.host import INTERFACE
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
-
 
 _SUBNET = "10.88.0."
 _MACHINE, _FIRST = 1, 2
@@ -42,7 +40,11 @@ def enter_container(bridge: str) -> None:
         machine.link("set", index=machine.link_lookup(ifname=outer)[0], state="up")
         number = _FIRST + len(machine.get_links(master=index)) - 1
     with IPRoute() as inside:
-        _configure(inside, number)
+        index = inside.link_lookup(ifname=INTERFACE)[0]
+        for link in (_LO, index):
+            inside.link("set", index=link, state="up")
+        inside.addr("add", index=index, address=f"{_SUBNET}{number}", prefixlen=24)
+        inside.route("add", dst="224.0.0.0/4", oif=index)  # there is no other route for multicast
 
 
 def _bridge(machine: Any, name: str) -> int:
@@ -53,14 +55,6 @@ def _bridge(machine: Any, name: str) -> int:
         machine.addr("add", index=found[0], address=f"{_SUBNET}{_MACHINE}", prefixlen=24)
         machine.link("set", index=found[0], state="up")
     return int(found[0])
-
-
-def _configure(inside: Any, number: int) -> None:
-    index = inside.link_lookup(ifname=INTERFACE)[0]
-    for link in (_LO, index):
-        inside.link("set", index=link, state="up")
-    inside.addr("add", index=index, address=f"{_SUBNET}{number}", prefixlen=24)
-    inside.route("add", dst="224.0.0.0/4", oif=index)  # there is no other route for multicast
 
 
 def main(bridge: str, command: Sequence[str]) -> None:

@@ -1,10 +1,9 @@
 """One end of a boundary between processes: ``python -m sfglab.lab.workers.crossing CONFIG``.
 
-The setup of paper C, Fig. 5, with processes on both sides. ``software`` holds the topic in software and its
-publisher, ``subscriber`` is the software subscriber; ``publisher``, ``gateway`` and ``reader`` are the
-hardware's side, which shares one memory. Across the boundary a message is carried by a socket; within the
-hardware's side by that memory and a byte that wakes. Orders: ``{"do": "round", ...}``, ``{"do": "go"}`` to the
-publisher, ``{"do": "check"}`` for the checksum of what a receiver has.
+The setup of paper C, Fig. 5. ``software`` holds the topic in software and its publisher, ``subscriber`` is the
+software subscriber; ``publisher``, ``gateway`` and ``reader`` are the hardware's side, which shares one memory
+and bytes that wake. Across the boundary a socket carries. Orders: ``{"do": "round", ...}``, ``{"do": "go"}`` to
+the publisher, ``{"do": "check"}`` for the checksum of what a receiver has.
 """
 
 from __future__ import annotations
@@ -87,7 +86,9 @@ class End:
             values: dict[str, Any] = json.loads(order)
             what = values.pop("do")
             if what == "round":
-                self._take_part(Round(**values))
+                self.say("armed")
+                began_ns = getattr(self, f"_as_{self._config.role}")(Round(**values))
+                self.say("done", began_ns=began_ns or 0, done_ns=time.monotonic_ns())
             elif what == "check":
                 self.say("content", crc=zlib.crc32(self._had))
             else:
@@ -96,11 +97,6 @@ class End:
     def say(self, kind: str, **values: Any) -> None:
         """Report."""
         self._report({"is": kind, **values})
-
-    def _take_part(self, item: Round) -> None:
-        self.say("armed")
-        began_ns = getattr(self, f"_as_{self._config.role}")(item)
-        self.say("done", began_ns=began_ns or 0, done_ns=time.monotonic_ns())
 
     def _as_software(self, item: Round) -> int:
         """Publish, or take from the hardware's side what it published; then deliver, one after the other."""
@@ -135,12 +131,12 @@ class End:
             self._sockets["software"].sendall(self._shared[: item.message_bytes])
 
     def _as_reader(self, item: Round) -> None:
-        if item.gateway:
-            self._be_woken()
-            self._had = self._shared[: item.message_bytes]
-        else:
-            self._had = self._receive("software", self._local, item)
+        if not item.gateway:
+            return self._as_subscriber(item)
+        self._be_woken()
+        self._had = self._shared[: item.message_bytes]
         _touch(self._had)
+        return None
 
     def _as_subscriber(self, item: Round) -> None:
         self._had = self._receive("software", self._local, item)

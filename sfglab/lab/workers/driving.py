@@ -1,9 +1,8 @@
 """A node of the driving application as a process of its own: ``python -m sfglab.lab.workers.driving CONFIG``.
 
-It hears and says what `sfglab.soc.driving.NODES` have of the chain, and works as it does there. Messages carry
-the time at which the compensation had its picture. Topic A is there twice, and which way a picture takes is
-drawn: ``/A/software`` by DDS, where each reader gets its own copy, and ``/A/gateway``, where all read one in
-shared memory, as streams between the hardware's nodes do in either case. Orders: ``go`` to the camera, which
+It hears, says and does what `sfglab.soc.driving.NODES` have of the chain. Messages carry the time at which the
+compensation had its picture. Topic A is there twice, and which way a picture takes is drawn: ``/A/software`` by
+DDS, a copy for each reader, and ``/A/gateway``, one copy in shared memory. Orders: ``go`` to the camera, which
 reports ``over``; ``stop``, upon which a node reports ``stopped`` with its ``frames``: the compensation's start
 (ns) and mapping, the lane control's start and end.
 """
@@ -21,7 +20,7 @@ import numpy as np
 
 from sfglab.bus import Node
 from sfglab.bus.address import BusAddress
-from sfglab.component import beside, run_component
+from sfglab.component import Orders, Reporter, beside, run_component
 from sfglab.messages import default_message, ns_from_stamp, stamp_from_ns
 from sfglab.soc.driving import CHAIN, NODES, SHARED_TOPIC, Camera, Frame, Rules, Stack, run_lap
 from sfglab.soc.driving.nodes import Lane, blur, compensate, fit_lane, lane_mask
@@ -33,13 +32,9 @@ if TYPE_CHECKING:
 
     from sfglab.bus import Subscription
     from sfglab.bus.api import Transport
-    from sfglab.component import Report
 
 NAMES = tuple(ports.node for ports in NODES if ports.node != "car")  #: Of the processes.
-WAYS: dict[str, Transport] = {
-    "software": "dds",
-    "gateway": "shm",
-}  #: How a topic goes, by what it is mapped to.
+WAYS: dict[str, Transport] = {"software": "dds", "gateway": "shm"}  #: How a topic goes, by its mapping.
 _LANE = "/lane"  # heard in software
 _READERS = 4  # of topic A
 _MATCH_S, _PICTURES_S = 60.0, 2.0
@@ -69,9 +64,9 @@ def _ends(create: Callable[..., Any], topics: tuple[str, ...]) -> dict[str, Any]
     return found
 
 
-def _does(node: str, stack: Stack) -> Callable[[Any], Any]:
-    """Return what a node makes of a message."""
-    does: dict[str, Callable[[Any], Any]] = {
+def _does(stack: Stack) -> dict[str, Callable[[Any], Any]]:
+    """Return what each node makes of a message."""
+    return {
         "compensation": compensate,
         "gaussian_blur": blur,
         "lane_planner": lambda image: lane_mask(image, stack.view),
@@ -81,7 +76,6 @@ def _does(node: str, stack: Stack) -> Callable[[Any], Any]:
         "visual_odometry": stack.odometry.see,
         "lane_control": lambda lane: stack.control.step(lane, Pose()),
     }
-    return does[node]
 
 
 def _message(said: Any, stamp_ns: int) -> Any:
@@ -125,9 +119,7 @@ async def _listen(node: str, heard: Subscription, said: dict[str, Any], does: An
             said[way if way in said else next(iter(said))].publish(_message(made, stamp_ns))
 
 
-async def serve(
-    config: DrivingNodeConfig, report: Callable[[Report], None], orders: asyncio.Queue[Report]
-) -> None:
+async def serve(config: DrivingNodeConfig, report: Reporter, orders: Orders) -> None:
     """Be a node until cancelled."""
     cv2.setNumThreads(1)  # as a node's one executor
     name, frames = config.node, []
@@ -152,7 +144,7 @@ async def serve(
         for publisher in said.values():
             await publisher.wait_for_subscriptions(_READERS if len(said) > 1 else 1, _MATCH_S)
         report({"is": "ready"})
-        does = _does(name, stack) if heard else None
+        does = _does(stack)[name] if heard else None
         async with beside(*(_listen(name, one, said, does, note) for one in heard.values())):
             while (await orders.get())["do"] == "go":
                 await _shoot(config, pictures, said["gateway"])

@@ -7,12 +7,11 @@ query that arrives is reported: ``{"is": "asked", "agent", "t_ns"}``.
 from __future__ import annotations
 
 import asyncio
-import base64
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from sfglab.bus.address import BusAddress
-from sfglab.component import Report, run_component
+from sfglab.component import Orders, Report, Reporter, run_component
 from sfglab.fleet.status.description import AgentDescription
 from sfglab.fleet.status.heartbeat import (
     AGENT_HEARTBEAT,
@@ -26,8 +25,6 @@ from sfglab.messages import service_type
 from sfglab.qos import LATCHED
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from sfglab.bus import Node, Publisher
 
 
@@ -51,26 +48,23 @@ class _Fake:
 class _Fakes:
     """The agents, and what they do about their orders."""
 
-    def __init__(self, node: Node, late_s: float, report: Callable[[Report], None]) -> None:
+    def __init__(self, node: Node, late_s: float, report: Reporter) -> None:
         self._node, self._late_s, self._report = node, late_s, report
         self._fakes: dict[str, _Fake] = {}
 
     def obey(self, order: Report) -> None:
-        """Carry out an order: ``mode``, ``beat`` or ``raw``, for an agent that is made when it is new."""
+        """Carry out an order: ``mode`` or ``beat``, for an agent that is made when it is new."""
         fake = self._fakes.get(order["agent"]) or self._make(order["agent"])
         if order["do"] == "mode":
             fake.mode = order["mode"]
             fake.changed.set()
             fake.changed = asyncio.Event()
-        elif order["do"] == "raw":
-            fake.publisher.publish_raw(base64.b64decode(order["cdr"]))
         else:
             self._beat(fake, order)
 
     def _make(self, agent: str) -> _Fake:
-        fake = self._fakes[agent] = _Fake(
-            self._node.create_publisher(AGENT_HEARTBEAT, heartbeat_topic(), LATCHED)
-        )
+        publisher = self._node.create_publisher(AGENT_HEARTBEAT, heartbeat_topic(), LATCHED)
+        fake = self._fakes[agent] = _Fake(publisher)
         self._node.create_service(GET_METADATA, metadata_service(agent), lambda _: self._answer(agent, fake))
         return fake
 
@@ -93,15 +87,14 @@ class _Fakes:
             await asyncio.sleep(self._late_s)
         while fake.mode == "mute":
             await fake.changed.wait()
-        revision = fake.revision - 1 if fake.mode == "behind" else fake.revision
-        metadata = AgentDescription(software=("false agent",)).to_message(
-            agent, incarnation=fake.incarnation, revision=revision, stamp_ns=self._node.get_clock().now_ns()
-        )
+        start = {"incarnation": fake.incarnation, "revision": fake.revision}
+        description, now_ns = AgentDescription(software=("false agent",)), self._node.get_clock().now_ns()
+        metadata = description.to_message(agent, stamp_ns=now_ns, **start)
         refused = "told so" if fake.mode == "refuse" else ""
         return service_type(GET_METADATA).response(success=not refused, message=refused, metadata=metadata)
 
 
-async def serve(config: FakeConfig, report: Callable[[Report], None], orders: asyncio.Queue[Report]) -> None:
+async def serve(config: FakeConfig, report: Reporter, orders: Orders) -> None:
     """Obey until cancelled."""
     from sfglab.bus import Node
 

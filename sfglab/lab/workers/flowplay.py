@@ -28,14 +28,14 @@ from sfglab.arp.cache import CacheControl, LocalCache
 from sfglab.bus.address import BusAddress
 from sfglab.bus.dds.clib import ANY_STATE, MatchedStatus, SampleInfo, library
 from sfglab.bus.dds.endpoints import bytes_from_serdata, serdata_from_bytes, sertype_of, stamp
-from sfglab.component import Report, run_component
+from sfglab.component import Orders, Reporter, run_component
 from sfglab.fields import from_json
 from sfglab.qos import History, QoSProfile
 from sfglab.rtps import Flow
 from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Sequence
+    from collections.abc import Sequence
 
     from sfglab.bus.dds.domain import DdsParticipant
 
@@ -175,11 +175,10 @@ class _Executor:
 
     def turn(self) -> _Inlet | None:
         """Return the next flow of which something is known to wait."""
-        count = len(self.inlets)
-        for i in range(count):
-            inlet = self.inlets[(self.next_ + i) % count]
+        for i in range(self.next_, self.next_ + len(self.inlets)):
+            inlet = self.inlets[i % len(self.inlets)]
             if inlet.since_ns is not None:
-                self.next_ = (self.next_ + i + 1) % count
+                self.next_ = (i + 1) % len(self.inlets)
                 return inlet
         return None
 
@@ -193,7 +192,11 @@ class Player:
         idl = idl_struct(_TYPE)
         self._sensors = {f.name: _Sensor(f, participant, idl, seed) for f in flows if f.source == host}
         self._inlets = [_Inlet(f, participant, idl) for f in flows if f.target == host]
-        self._executors = _executors(self._inlets)
+        by_name: dict[str, _Executor] = {}
+        for inlet in self._inlets:
+            executor = inlet.flow.executor or f"{inlet.flow.name}\0"
+            by_name.setdefault(executor, _Executor([])).inlets.append(inlet)
+        self._executors = list(by_name.values())
         lib = library()
         self._waitset: int = lib.dds_create_waitset(participant.handle)
         for key, inlet in enumerate(self._inlets):
@@ -218,9 +221,8 @@ class Player:
         """Return what was published and received, a column of times or values by flow."""
         sensors, inlets = self._sensors.items(), self._inlets
         written = {f"{n} written {c}": getattr(s, c) for n, s in sensors for c in ("sent_ns", "value")}
-        received = {
-            f"{i.flow.name} received {c}": getattr(i, c) for i in inlets for c in ("sent_ns", "done_ns")
-        }
+        heard = {inlet.flow.name: inlet for inlet in inlets}.items()
+        received = {f"{n} received {c}": getattr(i, c) for n, i in heard for c in ("sent_ns", "done_ns")}
         return {name: np.array(column, np.int64) for name, column in (written | received).items()}
 
     def kept(self) -> dict[str, Any]:
@@ -236,6 +238,7 @@ class Player:
 
     def play(self, *, start_ns: int, duration_s: float, drain_s: float) -> None:
         """Publish for some seconds from `start_ns`, Unix time, and receive `drain_s` beyond that."""
+        ct.CDLL(None).prctl(_PR_SET_TIMERSLACK, 1, 0, 0, 0)  # of this thread
         for sensor in self._sensors.values():
             if sensor.flow.rate_hz:
                 self._note(start_ns + round(sensor.flow.phase_s * NS_PER_S), sensor.flow.name, -1)
@@ -286,9 +289,8 @@ class Player:
             # The wait set would return at once, for what waits for its executor or for want of anything.
             time.sleep(pause_ns / NS_PER_S)
             pause_ns = 0
-        count = library().dds_waitset_wait(
-            self._waitset, self._keys, _MAX_TRIGGERED, min(pause_ns, _LONGEST_PAUSE_NS)
-        )
+        pause_ns = min(pause_ns, _LONGEST_PAUSE_NS)
+        count = library().dds_waitset_wait(self._waitset, self._keys, _MAX_TRIGGERED, pause_ns)
         now_ns = time.time_ns()
         for i in range(min(count, _MAX_TRIGGERED)):
             inlet = self._inlets[self._keys[i]]
@@ -296,20 +298,7 @@ class Player:
                 inlet.since_ns = now_ns
 
 
-def _executors(inlets: Iterable[_Inlet]) -> list[_Executor]:
-    by_name: dict[str, _Executor] = {}
-    for inlet in inlets:
-        name = inlet.flow.executor or f"{inlet.flow.name}\0"
-        by_name.setdefault(name, _Executor([])).inlets.append(inlet)
-    return list(by_name.values())
-
-
-def _play(player: Player, order: Report) -> None:
-    ct.CDLL(None).prctl(_PR_SET_TIMERSLACK, 1, 0, 0, 0)
-    player.play(start_ns=order["start_ns"], duration_s=order["duration_s"], drain_s=order["drain_s"])
-
-
-async def serve(config: PartsConfig, report: Callable[[Report], None], orders: asyncio.Queue[Report]) -> None:
+async def serve(config: PartsConfig, report: Reporter, orders: Orders) -> None:
     """Play one scenario after the other until cancelled."""
     from sfglab.bus.dds.domain import DdsParticipant, DomainConfig
 
@@ -325,7 +314,8 @@ async def serve(config: PartsConfig, report: Callable[[Report], None], orders: a
                 await asyncio.sleep(_LOOK_S)
             report({"is": "matched"})
             order = await orders.get()
-            await asyncio.to_thread(_play, player, order)
+            times = {name: order[name] for name in ("start_ns", "duration_s", "drain_s")}
+            await asyncio.to_thread(player.play, **times)
             np.savez(order["result"], **player.arrays())
             report({"is": "done", **player.kept()})
             await orders.get()  # to close: it stays matched until everybody is done

@@ -9,13 +9,9 @@ from __future__ import annotations
 import asyncio
 from contextlib import AsyncExitStack
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from sfglab.bus.address import BusAddress
-from sfglab.component import Report, run_component
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
+from sfglab.component import Orders, Reporter, run_component
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -44,7 +40,7 @@ async def look(config: ObserverConfig) -> dict[str, list[str]]:
     return {domain: sorted(topics.values()) for domain, topics in seen.items()}
 
 
-async def serve(config: ObserverConfig, report: Callable[[Report], None], _: asyncio.Queue[Report]) -> None:
+async def serve(config: ObserverConfig, report: Reporter, _: Orders) -> None:
     """Look and report."""
     report({"is": "seen", "domains": await look(config)})
 

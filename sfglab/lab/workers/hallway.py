@@ -15,37 +15,21 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sfglab.arp import CacheControl, LocalCache
-from sfglab.arp.hallway import (
-    AREAS,
-    BEAMS_DEG,
-    SCAN_HZ,
-    STEP_NS,
-    STOP,
-    ActuationNode,
-    Command,
-    SensingNode,
-    Station,
-    World,
-    range_from_step,
-    step_from_range,
-)
+from sfglab.arp import CacheControl, LocalCache, hallway
 from sfglab.bus.address import BusAddress
-from sfglab.component import Report, run_component
+from sfglab.component import Orders, Reporter, run_component
 from sfglab.messages import default_message, message_type
 from sfglab.processes import START_LIMIT_S
 from sfglab.qos import QoSProfile
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from sfglab.bus import Node
 
 
 STATION = "station"
 BEAM, COMMAND = "std_msgs/msg/Float32", "geometry_msgs/msg/Twist"
-ROBOTS = tuple(area.robot for area in AREAS)
-_SCAN_STEPS = round(1e9 / SCAN_HZ / STEP_NS)
+ROBOTS = tuple(area.robot for area in hallway.AREAS)
+_SCAN_STEPS = round(1e9 / hallway.SCAN_HZ / hallway.STEP_NS)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -68,7 +52,7 @@ class HallwayConfig:
 
 def beam_topic(robot: str, beam: int) -> str:
     """Return the name of a beam's topic."""
-    return f"/{robot}/lidar_{BEAMS_DEG[beam]}"
+    return f"/{robot}/lidar_{hallway.BEAMS_DEG[beam]}"
 
 
 def command_topic(robot: str) -> str:
@@ -79,16 +63,16 @@ def command_topic(robot: str) -> str:
 class _Robot:
     """One robot: sensing, actuation, and the physics between them."""
 
-    def __init__(self, node: Node, config: HallwayConfig, report: Callable[[Report], None]) -> None:
+    def __init__(self, node: Node, config: HallwayConfig, report: Reporter) -> None:
         self._node, self._config, self._report = node, config, report
         self._number = ROBOTS.index(config.role)
         # The whole world, of which only this robot moves: its slips are those of the simulated run.
-        self._world = World(seed=config.seed)
-        self._sensing, self._actuation = SensingNode(), ActuationNode()
+        self._world = hallway.World(seed=config.seed)
+        self._sensing, self._actuation = hallway.SensingNode(), hallway.ActuationNode()
         self._cache = LocalCache()
         self.publishers = [
             node.create_publisher(BEAM, beam_topic(config.role, beam), config.qos)
-            for beam in range(len(BEAMS_DEG))
+            for beam in range(len(hallway.BEAMS_DEG))
         ]
         node.create_subscription(COMMAND, command_topic(config.role), self._hear, config.qos)
 
@@ -96,34 +80,26 @@ class _Robot:
         """Drive until cancelled."""
         clock, start_ns, steps = self._node.get_clock(), self._node.get_clock().now_ns(), 0
         self._sensing.turned(self._world.scan(self._number))
-        for beam in range(len(BEAMS_DEG)):
+        for beam in range(len(hallway.BEAMS_DEG)):
             self._node.create_timer(1 / self._config.rate_hz, partial(self._publish, beam))
         while True:
-            commands = [STOP] * len(ROBOTS)
+            commands = [hallway.STOP] * len(ROBOTS)
             commands[self._number] = self._actuation.command
             self._world.step(commands)
             steps += 1
             wound = self._world.wound_rad()
             if steps % _SCAN_STEPS == 0:
                 self._sensing.turned(self._world.scan(self._number))
-                self._tell(steps * STEP_NS, float(wound[self._number]))
-            early_ns = start_ns + steps * STEP_NS - clock.now_ns()
-            await clock.sleep_for(
-                max(0, early_ns) / 1e9
-            )  # also without time to spare: messages need their turn
+                self._tell(steps * hallway.STEP_NS, float(wound[self._number]))
+            early_ns = start_ns + steps * hallway.STEP_NS - clock.now_ns()
+            # Also without time to spare: messages need their turn.
+            await clock.sleep_for(max(0, early_ns) / 1e9)
 
     def _tell(self, now_ns: int, wound_rad: float) -> None:
-        self._report(
-            {
-                "is": "pose",
-                "t_s": now_ns / 1e9,
-                "pose": self._world.poses[self._number].tolist(),
-                "clearance_m": float(self._world.clearance_m[self._number]),
-                "wound_rad": wound_rad,
-                "held": self._cache.counters.held,
-                "offered": self._cache.counters.offered,
-            }
-        )
+        pose = {"pose": self._world.poses[self._number].tolist(), "wound_rad": wound_rad}
+        pose["clearance_m"] = float(self._world.clearance_m[self._number])
+        cache = {"held": self._cache.counters.held, "offered": self._cache.counters.offered}
+        self._report({"is": "pose", "t_s": now_ns / 1e9, **pose, **cache})
 
     def _publish(self, beam: int) -> None:
         step = self._sensing.value(beam)
@@ -132,23 +108,23 @@ class _Robot:
             now_ns = self._node.get_clock().now_ns()
             if not self._cache.offer(beam_topic(self._config.role, beam), step, now_ns=now_ns).passes:
                 return
-        self.publishers[beam].publish(message_type(BEAM)(data=np.float32(range_from_step(step))))
+        self.publishers[beam].publish(message_type(BEAM)(data=np.float32(hallway.range_from_step(step))))
 
     def _hear(self, twist: Any) -> None:
-        self._actuation.hear(Command.from_velocities(twist.linear.x, twist.angular.z))
+        self._actuation.hear(hallway.Command.from_velocities(twist.linear.x, twist.angular.z))
 
 
 class _Station:
     """The station's nodes on their topics."""
 
-    def __init__(self, node: Node, config: HallwayConfig, report: Callable[[Report], None]) -> None:
+    def __init__(self, node: Node, config: HallwayConfig, report: Reporter) -> None:
         self._node, self._config, self._report = node, config, report
-        self._station = Station(len(ROBOTS))
+        self._station = hallway.Station(len(ROBOTS))
         self._cache = CacheControl()
         self._said = self._station.manoeuvre
         self.publishers = [node.create_publisher(COMMAND, command_topic(name), config.qos) for name in ROBOTS]
         for robot, name in enumerate(ROBOTS):
-            for beam in range(len(BEAMS_DEG)):
+            for beam in range(len(hallway.BEAMS_DEG)):
                 hear = partial(self._hear, robot, beam)
                 node.create_subscription(BEAM, beam_topic(name, beam), hear, config.qos)
 
@@ -159,7 +135,7 @@ class _Station:
         await asyncio.Event().wait()
 
     def _hear(self, robot: int, beam: int, message: Any) -> None:
-        step = step_from_range(float(message.data))
+        step = hallway.step_from_range(float(message.data))
         if self._config.cache_control:
             now_ns = self._node.get_clock().now_ns()
             if not self._cache.offer(f"{robot}/{beam}", step, now_ns=now_ns).passes:
@@ -179,7 +155,7 @@ class _Station:
         self.publishers[robot].publish(twist)
 
 
-async def serve(config: HallwayConfig, report: Callable[[Report], None], orders: asyncio.Queue[Report]) -> None:
+async def serve(config: HallwayConfig, report: Reporter, orders: Orders) -> None:
     """Be the process."""
     from sfglab.bus import Node
 

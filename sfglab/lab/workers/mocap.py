@@ -8,6 +8,7 @@ of joining has a domain of its own, so that each tree is heard as it would be.
 from __future__ import annotations
 
 import asyncio
+import itertools
 import math
 from collections import Counter
 from contextlib import AsyncExitStack, aclosing, suppress
@@ -17,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sfglab.bus.address import BusAddress
-from sfglab.component import Report, run_component
+from sfglab.component import Orders, Report, Reporter, run_component
 from sfglab.fields import to_json
 from sfglab.lab.checks.trees import AGENT, OBJECT, WAYS, WORLD
 from sfglab.messages import message_type, ns_from_stamp
@@ -30,7 +31,7 @@ from sfglab.spatial.mocap.mapping import MappedObject, MocapMapping, direct_tran
 from sfglab.spatial.mocap.synthetic import SyntheticConfig, SyntheticMotion, SyntheticSource
 
 if TYPE_CHECKING:
-    from collections.abc import AsyncGenerator, Callable, Mapping, Sequence
+    from collections.abc import AsyncGenerator, Mapping, Sequence
 
     from sfglab.bus import Node, Publisher
     from sfglab.bus.api import MessageInfo
@@ -161,7 +162,7 @@ class _Tee:
                     _send([self._publishers["renamed"]], [replace(transform, child=OBJECT)])
 
     def _published(self) -> int:
-        return sum(status.published for status in self.bridge.statuses) if self.bridge else 0
+        return sum(status.published for status in self.bridge.core.statuses) if self.bridge else 0
 
 
 class _Bridge:
@@ -210,6 +211,10 @@ class _Listener:
                     stamp_ns = ns_from_stamp(transform.header.stamp)
                     heard.append((stamp_ns, info.source_timestamp_ns, info.received_timestamp_ns))
 
+        async def listen() -> None:
+            while True:
+                hear(*await times.take_with_info())
+
         async with AsyncExitStack() as stack:
             listeners = {
                 way: await stack.enter_async_context(FramesListener(self._nodes[way], buffers[way]))
@@ -217,7 +222,7 @@ class _Listener:
             }
             times = self._nodes["proxy"].create_subscription(TRANSFORMS, TF, qos=TF_QOS)
             stack.callback(times.close)
-            timing = asyncio.create_task(_each(times, hear))
+            timing = asyncio.create_task(listen())
             try:
                 looks, tries = await self._look(round_, listeners["proxy"], buffers)
             finally:
@@ -247,29 +252,21 @@ class _Listener:
 
 def _still(buffer: FrameBuffer) -> list[tuple[int, StampedTransform]]:
     """Return the static transforms that were heard, with no time of arrival."""
-    edges = [(e.parent, e.child) for e in buffer.edges if e.static]
-    return [
-        (0, StampedTransform(parent=parent, child=child, stamp_ns=0, pose=buffer.look_up(parent, child)))
-        for parent, child in edges
-    ]
+    ends = [(edge.parent, edge.child) for edge in buffer.edges if edge.static]
+    poses = [(parent, child, buffer.look_up(parent, child)) for parent, child in ends]
+    return [(0, StampedTransform(parent=a, child=b, stamp_ns=0, pose=pose)) for a, b, pose in poses]
 
 
 def _thinned(moving: list[tuple[int, StampedTransform]]) -> list[tuple[int, StampedTransform]]:
     """Return the same share of every frame's transforms, at most so many of each."""
     counts = Counter(transform.child for _, transform in moving)
     every = max(1, -(-max(counts.values(), default=0) // _MOST_KEPT))
-    seen: Counter[str] = Counter()
-    kept = []
-    for received_ns, transform in moving:
-        if seen[transform.child] % every == 0:
-            kept.append((received_ns, transform))
-        seen[transform.child] += 1
-    return kept
-
-
-async def _each(subscription: Any, hear: Callable[[Any, MessageInfo], None]) -> None:
-    while True:
-        hear(*await subscription.take_with_info())
+    places = {child: itertools.count() for child in counts}
+    return [
+        (received_ns, transform)
+        for received_ns, transform in moving
+        if next(places[transform.child]) % every == 0
+    ]
 
 
 def _outcome(buffer: FrameBuffer) -> str:
@@ -305,16 +302,10 @@ def _send(publishers: Sequence[Publisher], transforms: Sequence[StampedTransform
         publisher.publish(message_type(TRANSFORMS)(transforms=[t.to_msg() for t in transforms]))
 
 
-_ROLES: dict[str, Callable[[Mapping[str, Node], int], Any]] = {
-    "robot": _Robot,
-    "bridge": _Bridge,
-    "listener": _Listener,
-}
+_ROLES: dict[str, Any] = {"robot": _Robot, "bridge": _Bridge, "listener": _Listener}
 
 
-async def serve(
-    config: MocapWorkerConfig, report: Callable[[Report], None], orders: asyncio.Queue[Report]
-) -> None:
+async def serve(config: MocapWorkerConfig, report: Reporter, orders: Orders) -> None:
     """Be the process: play rounds until it is told to end."""
     from sfglab.bus import Node
 

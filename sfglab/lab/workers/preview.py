@@ -19,7 +19,7 @@ from tempfile import TemporaryDirectory
 from threading import Event
 from typing import TYPE_CHECKING, Any
 
-from sfglab.component import Report, run_component
+from sfglab.component import Orders, Report, Reporter, run_component
 from sfglab.errors import SfglabError
 from sfglab.fields import from_json
 from sfglab.lab.bench import Options, rows_of
@@ -87,7 +87,7 @@ def draw_look(exp: Experiment[C], look: str, run: Run[C]) -> Figure:
     return drawn(exp.looks[look].size, exp.looks[look].draw, run)
 
 
-async def serve(task: Task, report: Callable[[Report], None], orders: asyncio.Queue[Report]) -> None:
+async def serve(task: Task, report: Reporter, orders: Orders) -> None:
     """Draw until cancelled, or make one run."""
     exp = experiment(task.experiment)
     if task.profile:
@@ -106,9 +106,7 @@ async def serve(task: Task, report: Callable[[Report], None], orders: asyncio.Qu
         ended.set()  # the thread that draws ends between two points, and takes its folder along
 
 
-async def _draw(
-    exp: Experiment[Any], order: Report, report: Callable[[Report], None], stale: Callable[[], bool]
-) -> None:
+async def _draw(exp: Experiment[Any], order: Report, report: Reporter, stale: Callable[[], bool]) -> None:
     """Report a look's picture; first a coarse one where the look has one and the whole takes longer."""
     request, look = order["request"], exp.looks[order["look"]]
     try:
@@ -126,7 +124,7 @@ async def _draw(
         report({"is": "refused", "request": request, "why": f"it cannot be drawn: {error!r}"})
 
 
-async def _run(exp: Experiment[Any], task: Task, report: Callable[[Report], None]) -> None:
+async def _run(exp: Experiment[Any], task: Task, report: Reporter) -> None:
     def step(step: Step) -> None:
         report({"is": "step", **asdict(step)})
 

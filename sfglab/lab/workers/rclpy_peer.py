@@ -142,12 +142,8 @@ class Peer:
 
     def pass_through(self, kind: str, cdr: list[str]) -> None:
         """Read and write messages: what rclpy makes of our bytes."""
-        report(
-            "passed",
-            cdr=[
-                serialize_message(deserialize_message(bytes.fromhex(one), interface(kind))).hex() for one in cdr
-            ],
-        )
+        messages = [deserialize_message(bytes.fromhex(one), interface(kind)) for one in cdr]
+        report("passed", cdr=[serialize_message(message).hex() for message in messages])
 
     def echo(self, types: list[str], qos: dict[str, Any]) -> None:
         """Publish below /back whatever is published below /forth, a topic a type."""
@@ -170,13 +166,10 @@ class Peer:
             alive = getattr(status, "alive_count", None)
             report("told", topic=topic, event=event, alive=alive)
 
-        events = SubscriptionEventCallbacks(
-            **{name: partial(told, name) for name in ("incompatible_qos", "deadline", "liveliness")}
-        )
-        profile = profile_of(qos)
-        self.kept.append(
-            self.node.create_subscription(interface(kind), topic, heard, profile, event_callbacks=events)
-        )
+        tellers = {name: partial(told, name) for name in ("incompatible_qos", "deadline", "liveliness")}
+        events: dict[str, Any] = {"event_callbacks": SubscriptionEventCallbacks(**tellers)}
+        of = (interface(kind), topic, heard, profile_of(qos))
+        self.kept.append(self.node.create_subscription(*of, **events))
         report("listening")
 
     def count(self) -> None:
@@ -215,10 +208,8 @@ class Peer:
         topics = dict(self.node.get_topic_names_and_types())
         ends = {}
         for name in topics:
-            infos = [
-                *self.node.get_publishers_info_by_topic(name),
-                *self.node.get_subscriptions_info_by_topic(name),
-            ]
+            infos = [*self.node.get_publishers_info_by_topic(name)]
+            infos += self.node.get_subscriptions_info_by_topic(name)
             ends[name] = [
                 {
                     "node": i.node_namespace.rstrip("/") + "/" + i.node_name,
@@ -394,12 +385,9 @@ class Peer:
 
     def shoot(self, topic: str, width: int, height: int, hz: float) -> None:
         """Publish raw pictures of noise at a fixed rate from now on, best effort."""
-        publisher = self.node.create_publisher(
-            interface("sensor_msgs/msg/Image"), topic, qos_profile_sensor_data
-        )
-        picture = interface("sensor_msgs/msg/Image")(
-            width=width, height=height, step=3 * width, encoding="bgr8"
-        )
+        image = interface("sensor_msgs/msg/Image")
+        publisher = self.node.create_publisher(image, topic, qos_profile_sensor_data)
+        picture = image(width=width, height=height, step=3 * width, encoding="bgr8")
         picture.data.frombytes(np.random.default_rng(0).bytes(3 * width * height))
 
         def send() -> None:
@@ -420,9 +408,8 @@ class Peer:
             if len(self.ages_ns) == 1:
                 report("first", ordered_ns=ordered_ns, seen_ns=seen_ns)
 
-        self.looking = self.node.create_subscription(
-            interface("sensor_msgs/msg/Image"), topic, see, qos_profile_sensor_data
-        )
+        image = interface("sensor_msgs/msg/Image")
+        self.looking = self.node.create_subscription(image, topic, see, qos_profile_sensor_data)
 
     def stop(self) -> None:
         """Stop looking, and report the pictures' ages."""

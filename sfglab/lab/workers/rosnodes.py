@@ -20,15 +20,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from sfglab.bus.address import BusAddress
-from sfglab.bus.dds.clib import (
-    ALIVE,
-    ANY_STATE,
-    BUILTIN_PUBLICATION,
-    BUILTIN_SUBSCRIPTION,
-    Endpoint,
-    SampleInfo,
-    library,
-)
+from sfglab.bus.dds import clib
 from sfglab.bus.dds.domain import DomainConfig
 from sfglab.component import claim_standard_output, config_from_argument
 from sfglab.errors import SfglabError
@@ -36,7 +28,6 @@ from sfglab.lab.workers.rosstack import LISTENER, TALKER, EndpointPlan, RosStack
 
 if TYPE_CHECKING:
     from collections.abc import Callable
-
 
 _POLL_S = 0.02
 _BATCH = 256
@@ -69,13 +60,13 @@ class _Poller:
     """What one node's graph shows of the other agents' nodes; `own` are GUID prefixes of its own agent's."""
 
     def __init__(self, stack: RosStack, own: frozenset[bytes]) -> None:
-        lib = library()
-        kinds = (BUILTIN_PUBLICATION, BUILTIN_SUBSCRIPTION)
+        lib = clib.library()
+        kinds = (clib.BUILTIN_PUBLICATION, clib.BUILTIN_SUBSCRIPTION)
         self._readers = [lib.dds_create_reader(stack.participant, kind, None, None) for kind in kinds]
         self._info_reader = stack.info_reader
         self._own = own
         self._pointers: Any = (ct.c_void_p * _BATCH)()
-        self._infos: Any = (SampleInfo * _BATCH)()
+        self._infos: Any = (clib.SampleInfo * _BATCH)()
         self.endpoints: dict[int, bytes] = {}
         self._announced: set[int] = set()
 
@@ -96,7 +87,7 @@ class _Poller:
         return len(self._announced)
 
     def _poll_endpoints(self, reader: int) -> None:
-        lib = library()
+        lib = clib.library()
         while True:
             self._pointers[0] = None
             count = lib.dds_take(reader, self._pointers, self._infos, _BATCH, _BATCH)
@@ -107,17 +98,17 @@ class _Poller:
             lib.dds_return_loan(reader, self._pointers, count)
 
     def _note(self, info: Any, pointer: int) -> None:
-        if not info.valid_data or info.instance_state != ALIVE:
+        if not info.valid_data or info.instance_state != clib.ALIVE:
             self.endpoints.pop(info.instance_handle, None)
             return
-        sample = Endpoint.from_address(pointer)
+        sample = clib.Endpoint.from_address(pointer)
         prefix = bytes(sample.participant_key)[:12]
         if prefix not in self._own and sample.topic_name.startswith(_ROS_TOPICS):
             self.endpoints[info.instance_handle] = prefix
 
     def _poll_announcements(self) -> None:
-        lib = library()
-        while (count := lib.dds_takecdr(self._info_reader, self._pointers, _BATCH, self._infos, ANY_STATE)) > 0:
+        lib, into = clib.library(), (self._pointers, _BATCH, self._infos)
+        while (count := lib.dds_takecdr(self._info_reader, *into, clib.ANY_STATE)) > 0:
             for i in range(count):
                 if self._infos[i].valid_data:
                     self._announced.add(self._infos[i].publication_handle)
@@ -218,7 +209,7 @@ def main() -> None:
     """Run the nodes with the configuration given as the one argument."""
     report = claim_standard_output()
     try:
-        library()
+        clib.library()
         nodes = _RosNodes(config_from_argument(RosNodesConfig, sys.argv[1]), report)
         report({"is": "ready"})
         _serve(nodes)

@@ -28,7 +28,6 @@ from sfglab.qos import LATCHED, PARAMETER_EVENTS, Durability, History, QoSProfil
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-
 TALKER, LISTENER = "talker", "listener"
 _NS_PER_S = 1_000_000_000
 _ROSOUT = QoSProfile(depth=1000, durability=Durability.TRANSIENT_LOCAL, lifespan_ns=10 * _NS_PER_S)
@@ -58,18 +57,14 @@ class EndpointPlan:
 
 def endpoints_of(role: str, node: str, topic: str) -> tuple[EndpointPlan, ...]:
     """Return what rclcpp and rmw_cyclonedds create for a ``talker`` or ``listener``: 18 endpoints."""
-    chatter = EndpointPlan(
-        writer=role == TALKER, topic=dds_topic(topic), type="std_msgs::msg::dds_::String_", qos=_CHATTER[role]
-    )
-    return (*_info_endpoints(), *_node_endpoints(), *_parameter_services(node), chatter)
-
-
-def _info_endpoints() -> Iterator[EndpointPlan]:
-    yield EndpointPlan(writer=True, topic=INFO_TOPIC, type=_INFO_TYPE, qos=LATCHED)
-    yield EndpointPlan(writer=False, topic=INFO_TOPIC, type=_INFO_TYPE, qos=READER_QOS)
+    text = "std_msgs::msg::dds_::String_"
+    chatter = EndpointPlan(writer=role == TALKER, topic=dds_topic(topic), type=text, qos=_CHATTER[role])
+    return (*_node_endpoints(), *_parameter_services(node), chatter)
 
 
 def _node_endpoints() -> Iterator[EndpointPlan]:
+    yield EndpointPlan(writer=True, topic=INFO_TOPIC, type=_INFO_TYPE, qos=LATCHED)
+    yield EndpointPlan(writer=False, topic=INFO_TOPIC, type=_INFO_TYPE, qos=READER_QOS)
     log, event = (f"rcl_interfaces::msg::dds_::{name}_" for name in ("Log", "ParameterEvent"))
     events = dds_topic("/parameter_events")
     yield EndpointPlan(writer=True, topic=dds_topic("/rosout"), type=log, qos=_ROSOUT)
@@ -83,12 +78,9 @@ def _parameter_services(node: str) -> Iterator[EndpointPlan]:
         dds_type = f"rcl_interfaces::srv::dds_::{type_}_"
         # Of the length of rmw_cyclonedds's random ids; nobody pairs them here.
         identity = user_data({"serviceid": ".".join(["00"] * 15 + [f"{number:02x}"])})
-        yield EndpointPlan(
-            writer=False, topic=request, type=f"{dds_type}Request_", qos=_SERVICE, user_data=identity
-        )
-        yield EndpointPlan(
-            writer=True, topic=reply, type=f"{dds_type}Response_", qos=_SERVICE, user_data=identity
-        )
+        for writer, topic, half in ((False, request, "Request_"), (True, reply, "Response_")):
+            plan: dict[str, Any] = {"writer": writer, "topic": topic, "type": dds_type + half}
+            yield EndpointPlan(qos=_SERVICE, user_data=identity, **plan)
 
 
 class RosStack:
@@ -134,18 +126,10 @@ class RosStack:
         That was tried, too: no other bytes are received (2 x 20 nodes: 3.5 MB beside 3.7 MB), since whoever
         comes later is sent the last one only.
         """
-        gids = {
-            direction: tuple(
-                entity_guid(handle)
-                for plan, handle in handles
-                if plan.writer is direction and plan.topic != INFO_TOPIC
-            )
-            for direction in (True, False)
-        }
+        own = [(plan.writer, entity_guid(handle)) for plan, handle in handles if plan.topic != INFO_TOPIC]
         participant = entity_guid(self.participant)
-        node = NodeInfo(
-            namespace=namespace, name=name, participant=participant, readers=gids[False], writers=gids[True]
-        )
+        gids = {"readers": tuple(gid for w, gid in own if not w), "writers": tuple(gid for w, gid in own if w)}
+        node = NodeInfo(namespace=namespace, name=name, participant=participant, **gids)
         serdata = serdata_from_bytes(sertype_of(writer), pack_nodes(participant, [node], gid_bytes()))
         assert serdata is not None, "an opaque type takes every message"
         stamp(serdata, time.time_ns())

@@ -11,19 +11,15 @@ import json
 import sys
 from contextlib import suppress
 from itertools import groupby
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from sfglab.bus import Node
-from sfglab.component import Report, claim_standard_output, run, standard_input_lines
+from sfglab.component import Reporter, claim_standard_output, run, standard_input_lines
 from sfglab.messages import default_message, serialize, stamp_from_ns
 from sfglab.qos import Durability, QoSProfile
 from sfglab.record import LogReader
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
 
 CAMERA_TOPIC = "/global/go2/camera_front/color/image_rect"
 CAMERA_HZ = 30.0
@@ -40,7 +36,7 @@ def picture() -> Any:
     return np.random.default_rng(0).integers(0, 255, (height, width, 3), np.uint8)
 
 
-async def _scene(report: Callable[[Report], None], domain_id: int, path: str) -> None:
+async def _scene(report: Reporter, domain_id: int, path: str) -> None:
     with LogReader(path) as log:
         types = {topic: info.type_name for topic, info in log.topics.items()}
         moments = [list(group) for _, group in groupby(log.messages(), key=lambda m: m.log_time_ns)]
@@ -59,7 +55,7 @@ async def _scene(report: Callable[[Report], None], domain_id: int, path: str) ->
                 pass
 
 
-async def _camera(report: Callable[[Report], None], domain_id: int) -> None:
+async def _camera(report: Reporter, domain_id: int) -> None:
     image, array = default_message(_IMAGE), picture()
     (image.width, image.height), image.encoding, image.step = CAMERA_SIZE, "rgb8", array[0].nbytes
     image.data, image.header.stamp = array.reshape(-1), stamp_from_ns(1)
@@ -73,7 +69,7 @@ async def _camera(report: Callable[[Report], None], domain_id: int) -> None:
         timer.cancel()
 
 
-def _sink(report: Callable[[Report], None], port: int) -> None:
+def _sink(report: Reporter, port: int) -> None:
     from sfglab.view.rerunning import rerun
 
     recording = rerun().RecordingStream("sink")

@@ -20,7 +20,7 @@ import numpy as np
 
 from sfglab.bus.address import BusAddress
 from sfglab.codecs import FFMPEG_PACKET, H264Encoder, H264Settings, ffmpeg_packet_fields
-from sfglab.component import Report, beside, run_component
+from sfglab.component import Orders, Report, Reporter, beside, run_component
 from sfglab.errors import SfglabError
 from sfglab.lab.framenumber import read_number_flat, stamp_number
 from sfglab.lab.hosts.host import INTERFACE
@@ -81,7 +81,7 @@ class Stream:
     """What has arrived of one stream, which is told when the first comes that was sent after a mark."""
 
     name: str  #: What and whose.
-    report: Callable[[Report], None]  #: Takes what is to be reported.
+    report: Reporter  #: Takes what is to be reported.
     received: int = 0  #: How many.
     repeated: int = 0  #: How many came again.
     disordered: int = 0  #: How many came after a later one.
@@ -144,7 +144,7 @@ class Recorder:
 class _Soaked:
     """The nodes of one agent, as one."""
 
-    def __init__(self, node: Node, config: SoakedConfig, report: Callable[[Report], None]) -> None:
+    def __init__(self, node: Node, config: SoakedConfig, report: Reporter) -> None:
         self._node, self._config, self._report = node, config, report
         self._streams = {name: Stream(name, report) for name in config.streams}
         self._recorder: Recorder | None = None
@@ -243,7 +243,7 @@ def _shot(encoder: H264Encoder, settings: H264Settings, number: int) -> list[Any
     return [message_type(FFMPEG_PACKET)(header=header, **{**f, **d}) for f, d in zip(fields, data, strict=True)]
 
 
-async def serve(config: SoakedConfig, report: Callable[[Report], None], orders: asyncio.Queue[Report]) -> None:
+async def serve(config: SoakedConfig, report: Reporter, orders: Orders) -> None:
     """Publish, consume and obey until cancelled."""
     from sfglab.bus import Node
 

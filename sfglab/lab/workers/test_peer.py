@@ -15,16 +15,14 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from sfglab.bus.address import BusAddress
-from sfglab.bus.api import EndpointAdded, EndpointInfo, MessageInfo
+from sfglab.bus.api import EndpointAdded, MessageInfo
 from sfglab.bus.errors import BusError
-from sfglab.component import Report, run_component
+from sfglab.component import Orders, Report, Reporter, run_component
 from sfglab.messages import default_message, message_type, ns_from_stamp, serialize, service_type, stamp_from_ns
 from sfglab.names import TF_STATIC
 from sfglab.qos import LATCHED, QoSProfile
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from sfglab.bus import Node, Service, Subscription
 
 
@@ -104,7 +102,7 @@ class PeerConfig:
 class _TestPeer:
     """A test peer on its node."""
 
-    def __init__(self, node: Node, config: PeerConfig, report: Callable[[Report], None]) -> None:
+    def __init__(self, node: Node, config: PeerConfig, report: Reporter) -> None:
         self._node, self._config, self._report = node, config, report
         self._heard: dict[tuple[str, str], ReceiveStatistics] = defaultdict(ReceiveStatistics)
         self._last_s = 0.0
@@ -119,7 +117,7 @@ class _TestPeer:
             if topic.publish
         }
 
-    async def serve(self, orders: asyncio.Queue[Report]) -> None:
+    async def serve(self, orders: Orders) -> None:
         """Listen, report ``ready``, and follow orders until cancelled."""
         try:
             self._begin()
@@ -169,19 +167,15 @@ class _TestPeer:
     async def _watch(self) -> None:
         async for event in self._node.graph.events():
             if isinstance(event, EndpointAdded):
-                self._see(event.endpoint)
-
-    def _see(self, endpoint: EndpointInfo) -> None:
-        owner = endpoint.participant.hex()
-        tag = endpoint.user_data.decode(errors="replace")
-        self._endpoints.add((endpoint.dds_topic, endpoint.kind.value, owner, tag))
+                end = event.endpoint
+                owner, tag = end.participant.hex(), end.user_data.decode(errors="replace")
+                self._endpoints.add((end.dds_topic, end.kind.value, owner, tag))
 
     async def _talk(self) -> None:
-        period_s = 1 / self._config.rate_hz
         while True:
             self._sent += 1
             self._publish(latched=False)
-            await asyncio.sleep(period_s)
+            await asyncio.sleep(1 / self._config.rate_hz)
 
     def _publish(self, *, latched: bool) -> None:
         for topic, publisher in self._publishers.items():
@@ -254,11 +248,8 @@ class _TestPeer:
         return str(answer.message)
 
     def _answer(self, _request: Any) -> Any:
-        return service_type(SERVICE).response(
-            success=True,
-            message=self._config.party,
-            metadata=default_message("sfglab_interfaces/msg/AgentMetadata"),
-        )
+        metadata = default_message("sfglab_interfaces/msg/AgentMetadata")
+        return service_type(SERVICE).response(success=True, message=self._config.party, metadata=metadata)
 
     def _told(self) -> Report:
         heard = [{"name": n, "source": s, **tally.report()} for (n, s), tally in sorted(self._heard.items())]
@@ -266,7 +257,7 @@ class _TestPeer:
         return {"is": "told", "heard": heard, "endpoints": sorted(self._endpoints), "participant": participant}
 
 
-async def serve(config: PeerConfig, report: Callable[[Report], None], orders: asyncio.Queue[Report]) -> None:
+async def serve(config: PeerConfig, report: Reporter, orders: Orders) -> None:
     """Be the process."""
     from sfglab.bus import Node
 

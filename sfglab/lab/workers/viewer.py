@@ -23,7 +23,7 @@ import numpy as np
 
 from sfglab.bus.address import BusAddress
 from sfglab.codecs import CodecError, image_decoder
-from sfglab.component import Report, run_component
+from sfglab.component import Orders, Report, Reporter, run_component
 from sfglab.lab.framenumber import read_number_flat
 from sfglab.messages import ns_from_stamp
 from sfglab.qos import COMPRESSED_STREAM, SENSOR_DATA
@@ -34,7 +34,6 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from sfglab.bus.api import Transport
-
 
 PAIRS_KEPT = 30
 IMAGE = "sensor_msgs/msg/Image"
@@ -99,18 +98,19 @@ class Seen:
 class _Viewer:
     """One viewer process: takes orders, looks, reports."""
 
-    def __init__(self, config: ViewerConfig, report: Callable[[Report], None]) -> None:
+    def __init__(self, config: ViewerConfig, report: Reporter) -> None:
         self._config, self._report = config, report
         self._looking: asyncio.Task[None] | None = None
         self._seen = Seen()
         self._ordered_ns = 0
         self._nodes: dict[str, Any] = {}
 
-    async def run(self, orders: asyncio.Queue[Report]) -> None:
+    async def run(self, orders: Orders) -> None:
         """Obey orders until cancelled."""
         async with contextlib.AsyncExitStack() as stack:
-            if self._config.joined:
-                await self._join(stack)
+            for side in ("remote", "local") if self._config.joined else ():
+                self._nodes[side] = await stack.enter_async_context(self._new_node("viewer", side))
+                image_decoder(self._config.remote_type, self._config.codec)
             self._report({"is": "ready"})
             try:
                 while True:
@@ -126,11 +126,6 @@ class _Viewer:
         else:
             await self._stop()
             self._report(self._seen.report())
-
-    async def _join(self, stack: contextlib.AsyncExitStack) -> None:
-        for side in ("remote", "local"):
-            self._nodes[side] = await stack.enter_async_context(self._new_node("viewer", side))
-        image_decoder(self._config.remote_type, self._config.codec)
 
     def _new_node(self, name: str, side: str) -> Any:
         from sfglab.bus import Node
@@ -156,10 +151,9 @@ class _Viewer:
         raw: Any = partial(self._share, side="remote", transport="dds")
         ways = {"standard": self._decode, "proxy": self._share, "raw": raw, "network": self._discard}
         ways["dds"] = partial(self._share, transport="dds")
-        mode, path = order["mode"], order.get("path")
-        topic = order.get("topic") or (
-            self._config.local_topic if mode in ("proxy", "dds") else self._config.remote_topic
-        )
+        mode, path, config = order["mode"], order.get("path"), self._config
+        usual = config.local_topic if mode in ("proxy", "dds") else config.remote_topic
+        topic = order.get("topic") or usual
         try:
             await (self._record(topic, Path(path)) if path else ways[mode](topic))
         except Exception as error:  # noqa: BLE001  # the experiment must hear why a viewer fell out
@@ -181,11 +175,9 @@ class _Viewer:
                 self._seen.broken += 1
                 return
             for image in images:
-                pixels = image.array
+                pixels, stamp_ns = image.array, ns_from_stamp(message.header.stamp)
                 channels = pixels.shape[2] if pixels.ndim == 3 else 1
-                self._seen.look(
-                    pixels.reshape(-1), pixels.shape[1], channels, ns_from_stamp(message.header.stamp)
-                )
+                self._seen.look(pixels.reshape(-1), pixels.shape[1], channels, stamp_ns)
                 self._saw_one()
 
         await self._subscribe(topic, see)
@@ -230,19 +222,14 @@ class _Viewer:
             with contextlib.closing(subscription), LogWriter(path) as log:
                 while True:
                     cdr, info = await subscription.take_with_info()
-                    log.write_raw(
-                        topic,
-                        type_,
-                        cdr,
-                        log_time_ns=info.received_timestamp_ns,
-                        publish_time_ns=info.source_timestamp_ns,
-                        qos=COMPRESSED_STREAM,
-                    )
+                    times = {"log_time_ns": info.received_timestamp_ns}
+                    times["publish_time_ns"] = info.source_timestamp_ns
+                    log.write_raw(topic, type_, cdr, qos=COMPRESSED_STREAM, **times)
                     self._seen.frames += 1
                     self._saw_one()
 
 
-async def serve(config: ViewerConfig, report: Callable[[Report], None], orders: asyncio.Queue[Report]) -> None:
+async def serve(config: ViewerConfig, report: Reporter, orders: Orders) -> None:
     """Obey until cancelled."""
     await _Viewer(config, report).run(orders)
 

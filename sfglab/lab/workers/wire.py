@@ -12,14 +12,14 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from sfglab.bus.address import BusAddress
-from sfglab.component import Report, run_component
+from sfglab.component import Orders, Reporter, run_component
 from sfglab.errors import SfglabError
 from sfglab.fleet.status.heartbeat import GET_METADATA
 from sfglab.messages import service_type
 from sfglab.qos import Durability, QoSProfile
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
+    from collections.abc import Iterable
 
     from sfglab.bus import Node, Subscription
 
@@ -36,7 +36,7 @@ class WireConfig:
     topics: dict[str, str]  #: Type by topic.
 
 
-async def serve(config: WireConfig, report: Callable[[Report], None], orders: asyncio.Queue[Report]) -> None:
+async def serve(config: WireConfig, report: Reporter, orders: Orders) -> None:
     """Obey until cancelled."""
     from sfglab.bus import Node
 
@@ -56,38 +56,24 @@ async def serve(config: WireConfig, report: Callable[[Report], None], orders: as
                 _look(node, config.topics, report)
 
 
-def _look(node: Node, topics: Iterable[str], report: Callable[[Report], None]) -> None:
+def _look(node: Node, topics: Iterable[str], report: Reporter) -> None:
     for topic in topics:
         for publisher in node.graph.publishers(topic):
-            report(
-                {
-                    "is": "publisher",
-                    "topic": topic,
-                    "type": publisher.type,
-                    "reliability": publisher.qos.reliability.value,
-                    "durability": publisher.qos.durability.value,
-                    "gid": publisher.gid.hex(),
-                }
-            )
+            said = {"is": "publisher", "topic": topic, "type": publisher.type, "gid": publisher.gid.hex()}
+            qos = {name: getattr(publisher.qos, name).value for name in ("reliability", "durability")}
+            report(said | qos)
     report({"is": "looked"})
 
 
-async def _listen(subscription: Subscription, report: Callable[[Report], None]) -> None:
+async def _listen(subscription: Subscription, report: Reporter) -> None:
     while True:
         cdr, info = await subscription.take_with_info()
-        report(
-            {
-                "is": "heard",
-                "topic": subscription.topic_name,
-                "cdr": base64.b64encode(cdr).decode(),
-                "sent_ns": info.source_timestamp_ns,
-                "received_ns": info.received_timestamp_ns,
-                "gid": info.publisher_gid.hex(),
-            }
-        )
+        times = {"sent_ns": info.source_timestamp_ns, "received_ns": info.received_timestamp_ns}
+        said = {"topic": subscription.topic_name, "cdr": base64.b64encode(cdr).decode(), **times}
+        report({"is": "heard", **said, "gid": info.publisher_gid.hex()})
 
 
-async def _ask(node: Node, service: str, report: Callable[[Report], None]) -> None:
+async def _ask(node: Node, service: str, report: Reporter) -> None:
     client = node.create_client(GET_METADATA, service)
     start_s = asyncio.get_running_loop().time()
     try:

@@ -22,12 +22,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Camera:
-    """A calibrated pinhole camera on the car.
-
-    320 x 240 by default: lane markings of 5 cm still cover 4 pixels at 3 m, a lamp 8 pixels of radius where
-    the car has to brake, and a frame goes through all nodes in a few milliseconds. Everything scales with the
-    width.
-    """
+    """A pinhole camera: at a width of 320 markings of 5 cm cover 4 pixels, and all scales with it."""
 
     width: int = between(320, 16)  #: Pixels a row.
     height: int = between(240, 16)  #: Rows.
@@ -58,15 +53,7 @@ class Camera:
         return np.asarray(np.linalg.inv(self.image_from_ground), np.float64)
 
     def project(self, points_xyz: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Project points of the vehicle frame.
-
-        Args:
-            points_xyz: Shape (..., 3), in metres.
-
-        Returns:
-            Pixels (..., 2), and depths (...) along the optical axis in metres; pixels mean something only
-            where the depth is above 0.
-        """
+        """Return pixels (..., 2) of the vehicle's points (..., 3), m, good before depths (...) above 0, m."""
         matrix = _pixels_from_vehicle(self)
         raw = points_xyz @ matrix[:, :3].T + matrix[:, 3]
         depth = raw[..., 2]

@@ -1,13 +1,11 @@
 """The node chain alpha of paper C, section 6: from an image to a command, over topic A.
 
-What of a chain's time the memory model says: how long its messages travel, with topic A mapped to software or
-to a gateway, everything else alike. The text does not list the chain's members (they are a red dotted line in
-Fig. 9): `CHAIN` is our reading, and it begins when the compensation has its image. Knows transfers; refuses to
-know what a node takes, which is measured or stated elsewhere, and draws nothing by itself.
+What the memory model says of a chain's time: how long its messages travel, with topic A mapped to software or
+to a gateway, everything else alike. The text does not list the chain's members (a red dotted line in Fig. 9):
+`CHAIN` is our reading, from when the compensation has its image. Refuses to know what a node takes.
 
-What differs from frame to frame is only what the model leaves open: in which order a software-mapped topic
-serves its readers. By that order the readers meet at the memory interface, chunk by chunk in turn. Through a
-gateway nobody waits for anybody.
+Frames differ only in what the model leaves open: the order in which a software-mapped topic serves its readers,
+and so how they meet at the memory interface, chunk by chunk in turn. Through a gateway nobody waits.
 """
 
 from __future__ import annotations
@@ -67,10 +65,7 @@ class Chain:
 
     @cached_property
     def fixed_s(self) -> dict[str, float]:
-        """Seconds on the chain's other topics, the same in both versions, by topic.
-
-        They have no gateway: they are streams where all readers are in hardware, else in main memory.
-        """
+        """Seconds on the chain's other topics, by topic: streams among hardware, else in memory."""
         found = {}
         for topic in self._topics[1:]:
             streams = self.graph.in_hardware.issuperset(topic.subscribers)
@@ -102,10 +97,7 @@ class Chain:
         return {order: self.read_s(order)[CHAIN[1]] for order in self.orders}
 
     def read_s(self, order: Order) -> dict[str, float]:
-        """Return when each hardware reader of topic A has its message, from the start of its publication, s.
-
-        Readers are served one after the other in this order.
-        """
+        """Return when each hardware reader of A, served in this order, has its message, s from its start."""
         costs, memory = self.costs, self.costs.memory
         size_bytes = self._topics[0].size_bytes or 0
         sent_s = costs.endpoint_s + memory.write_s(size_bytes) + costs.delegate_s

@@ -61,10 +61,7 @@ class Verdict:
 
 
 class Judge:
-    """Watches a run in a town from its first frame at place 0, and judges it by rules.
-
-    A car is where its camera is, over the rear axle.
-    """
+    """Watches a run from its first frame at place 0, and judges it; a car is where its rear axle is."""
 
     def __init__(self, town: Town, rules: Rules | None = None) -> None:
         self._town = town

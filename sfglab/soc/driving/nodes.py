@@ -1,12 +1,11 @@
 """Nodes of the driving application, but for odometry (paper C, section 6): from an image to a command.
 
-Compensation and Gaussian blur make the image steady. The lane planner's colours are HSV, a mask each for yellow
-and for white by ranges, both combined, then the bird's view; polyfit has the lane's middle as a parabola, by
-least squares over the mask's pixels. A red light found stops the robot and activates the detection of green; a
-green one found lets it drive and activates the detection of red. Both hear each other's topic; each says
+Compensation and Gaussian blur make the image steady. The lane planner masks yellow and white by ranges of HSV
+and has the bird's view; polyfit fits a parabola by least squares to the mask's pixels. A red light found stops
+the robot and activates the detection of green, a green one lets it drive and activates that of red; each says
 something only when it found its light, and sleeps then. Lane control is pure pursuit (Coulter, 1992): the arc
-through the lane's middle a lookahead away. Where no lane is seen the car makes for the last point it was shown,
-by odometry, and halts there.
+through the lane's middle a lookahead away. Without a lane the car makes for the last point, by odometry, and
+halts there.
 """
 
 from __future__ import annotations
@@ -36,9 +35,8 @@ _TAIL = 0.005  #: Share of darkest and of brightest pixels that the histogram is
 def compensate(bgr: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """Remove outlier pixels, then stretch the histogram over all levels (paper C, section 6: Compensation).
 
-    The paper names the histogram and the removal of outliers and no method: an outlier here is a pixel far
-    from the median of its 3 x 3 neighbourhood, which replaces it, and the stretch is linear and the same for
-    all channels, so that hues stay. Image and result have the shape (height, width, 3), BGR.
+    The paper names no method: an outlier here is a pixel far from the median of its 3 x 3 neighbourhood, which
+    replaces it, and the stretch is linear and the same for all channels. Shape (height, width, 3), BGR.
     """
     median = cv2.medianBlur(bgr, 3)
     difference = cv2.absdiff(bgr, median)
@@ -132,10 +130,9 @@ class Lane:
 def fit_lane(mask: NDArray[np.uint8], view: BirdView, *, lane_m: float = 0.5) -> Lane | None:
     """Fit the middle between a yellow line on the left and a white one on the right, `lane_m` apart.
 
-    The mask is a bird's view and has the levels `YELLOW` and `WHITE`. Both lines' pixels, moved by half a
-    lane, are one parabola's: one least-squares problem with three unknowns. A first fit over one colour says
-    which pixels belong to the lane (there is a white line beyond the yellow one, and stop lines lie across);
-    the second is over those of both. None where neither line shows enough pixels.
+    The mask is a bird's view of levels `YELLOW` and `WHITE`. Both lines' pixels, moved by half a lane, are one
+    parabola's, of three unknowns. A first fit over one colour says which pixels belong to the lane (there are
+    white lines beyond and across); the second is over both. None where neither line shows enough pixels.
     """
     middle = np.array([0.0, lane_m / 2])
     yellow = view.points(mask == YELLOW) - middle

@@ -1,9 +1,8 @@
 """Visual odometry in ORB-SLAM's place: ORB features, matching, pose; no map, no loop closure, so it drifts.
 
-What it is: from frame to keyframe, ORB features (Rublee et al., 2011) of the ground ahead are matched and
-give the planar motion in metres, because the camera's height is known. What it is not: ORB-SLAM 3, which the
-paper runs, and which also lives on the buildings' key points. It refuses to know the car's commands and the
-town.
+ORB features (Rublee et al., 2011) of the ground ahead, matched from frame to keyframe, give the planar motion
+in metres, as the camera's height is known. The paper runs ORB-SLAM 3, which also lives on buildings' key
+points. Refuses to know the car's commands and the town.
 """
 
 from __future__ import annotations
@@ -57,10 +56,9 @@ class Pose:
 
 
 def planar_motion(before_xy: NDArray[np.float64], now_xy: NDArray[np.float64]) -> Pose | None:
-    """Return how a vehicle moved between two views of the same ground points, (n, 2) in its frame, in metres.
+    """Return a vehicle's motion between views (n, 2), m, of the same ground points; None if under eight agree.
 
-    The rigid motion that takes what is seen now to what was seen before, by RANSAC and then least squares
-    (Kabsch) over the inliers: the pose now in the frame before; None where fewer than eight points agree.
+    RANSAC and then least squares (Kabsch) over the inliers give the pose now in the frame before.
     """
     if len(now_xy) < _FEWEST:
         return None
@@ -102,10 +100,7 @@ class VisualOdometry:
         return self._key_pose.then(self._step)
 
     def see(self, bgr: NDArray[np.uint8]) -> Pose:
-        """Take an image of topic A and return the pose that the node publishes.
-
-        A frame that does not match is counted as `lost`; the pose stands, and the frame becomes the keyframe.
-        """
+        """Return the pose at an image of topic A; one that does not match is `lost` and begins a keyframe."""
         view = self._view(bgr)
         step = self._motion(view)
         if step is None:

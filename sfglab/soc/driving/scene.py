@@ -118,11 +118,7 @@ class Scene:
         self._gain_phase = float(rng.uniform(0, math.tau))
 
     def render(self, car: CarState, red: Sequence[bool], *, now_s: float) -> NDArray[np.uint8]:
-        """Return the camera's image (height, width, 3), BGR, from a car.
-
-        `red` says of each light whether it is red, else it is green; `now_s` is for the exposure, which
-        drifts by a tenth.
-        """
+        """Return the image (height, width, 3) BGR from a car; `red` by light; exposure drifts with `now_s`."""
         image = self._ground_image(car)
         view = _View(car, self._camera)
         shown = [self._walls[i] for i in np.flatnonzero(view.sees(self._middles, self._normals))]

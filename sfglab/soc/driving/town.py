@@ -96,10 +96,7 @@ class Light:
     offset_s: float = 0.0  #: When the clock's first red begins.
 
     def red_since_s(self, now_s: float, arrived_s: float | None) -> float | None:
-        """Return since when it has been red; None while it is green.
-
-        Both times are the town's clock's: now, and when a car first came near.
-        """
+        """Return since when it has been red, None while green, by the town's clock now and at an arrival."""
         if self.wait_s is not None:
             return -math.inf if arrived_s is None or now_s < arrived_s + self.wait_s else None
         passed = (now_s - self.offset_s) % _PERIOD_S
@@ -133,10 +130,7 @@ class Signals:
 
 
 def make_town(rng: np.random.Generator) -> Town:
-    """Draw a town: a loop of about 40 m, five lights of which three rest in red, and what buildings find room.
-
-    Three lights that rest in red make three red lights a lap certain; two by the clock are met as it happens.
-    """
+    """Draw a town: a loop of about 40 m, five lights, three at rest in red, buildings where there is room."""
     road = Road(_loop(rng))
     lane = Road(road.beside(-LANE_M / 2))
     return Town(road=road, lane=lane, buildings=_buildings(road, rng), lights=_lights(lane, rng))

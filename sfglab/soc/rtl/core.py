@@ -83,11 +83,7 @@ _ANSWERS = {
 
 
 class Gateway(Elaboratable):
-    """A gateway with one publishing hardware node and any number of subscribing ones.
-
-    Its subscribers are ports of the hardware-mapped topic besides the core's own; the table is the core's
-    behaviour.
-    """
+    """A gateway with one publishing hardware node, any number of subscribing ones, and this core."""
 
     def __init__(self, subscribers: int, table: Table = TABLE) -> None:
         self.control = Control(table)  #: The core's control.

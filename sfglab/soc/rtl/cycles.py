@@ -2,9 +2,8 @@
 """Cycles of a message between memory and stream: simulated on a test bench, and the cycle model through them.
 
 The test bench is clocked logic (memory with latencies, a delegate, a publisher and subscribers around a
-gateway), so that a simulation needs no Python per cycle. A message is an id, then chunks that are stored and
-passed on. All whole chunks take the same number of cycles, so two sizes give the cycle model and a third shows
-that it holds. Refuses to know delegates and software.
+gateway), so that a simulation needs no Python per cycle. A message is an id, then chunks; all whole chunks take
+the same number of cycles, so two sizes give the cycle model and a third shows that it holds.
 """
 
 from __future__ import annotations
@@ -237,10 +236,7 @@ class CycleModel:
 
 
 def fitted_cycle_model(simulated_cycles: Callable[[int], int]) -> CycleModel:
-    """Return the cycle model through simulated messages of `FITTED_CHUNKS` chunks.
-
-    The simulation is given a message's bytes and returns its cycles.
-    """
+    """Return the cycle model through messages of `FITTED_CHUNKS` chunks, given cycles by bytes."""
     few, many = FITTED_CHUNKS
     cycles = simulated_cycles(few * CHUNK_BYTES)
     chunk_cycles = (simulated_cycles(many * CHUNK_BYTES) - cycles) / (many - few)
@@ -250,11 +246,8 @@ def fitted_cycle_model(simulated_cycles: Callable[[int], int]) -> CycleModel:
 def run_bench(bench: Any, limit: int, ended: Callable[[Any], T | None], what: object) -> T:
     """Simulate a test bench until it has ended, within a limit of cycles; some 10 000 cycles a second.
 
-    `ended` returns the result once there is one, given the simulator's context; `what` is simulated, for the
-    error.
-
-    Raises:
-        SfglabError: It has not ended within the limit, or `ended` refuses what it found.
+    `ended` returns the result once there is one, given the simulator's context, or refuses it; `what` is
+    simulated, for the SfglabError where nothing ends within the limit.
     """
     from amaranth.sim import Simulator
 
@@ -278,14 +271,7 @@ def run_bench(bench: Any, limit: int, ended: Callable[[Any], T | None], what: ob
 
 
 def simulate_transfer(transfer: Transfer) -> int:
-    """Simulate one message of up to about 100 kB through a gateway and compare every word that arrived.
-
-    Returns:
-        Cycles from the start of the core's transfer to its last beat, inclusive.
-
-    Raises:
-        SfglabError: A word is wrong, or the message did not arrive.
-    """
+    """Return the cycles of the core's transfer of up to 100 kB; SfglabError for a wrong or missing word."""
     bench, words = TransferBench(transfer), transfer.words
     slack = 8 * (words + CHUNK_WORDS) * (2 + transfer.stalled + transfer.subscribers)
     limit = slack + (words // CHUNK_WORDS + 2) * (transfer.delays.read + transfer.delays.write)
@@ -307,11 +293,7 @@ def simulate_transfer(transfer: Transfer) -> int:
 
 
 def compare_words(given: Sequence[int], wanted: Sequence[int], place: str) -> None:
-    """Refuse words that arrived wrong at a place.
-
-    Raises:
-        SfglabError: A word is wrong; it says which.
-    """
+    """Refuse words that arrived wrong at a place; the SfglabError says which."""
     if given != wanted:
         wrong = next(i for i, pair in enumerate(zip(given, wanted, strict=True)) if pair[0] != pair[1])
         raise SfglabError(f"{place}, word {wrong}: {given[wrong]:#x}, must be {wanted[wrong]:#x}")

@@ -1,12 +1,11 @@
 # mypy: allow-subclassing-any, disable-error-code="import-not-found,import-untyped"
 """The data path of a gateway: memory interface's master, hardware-mapped topic, and the mover between both.
 
-The master moves one chunk at a time, four control cycles, nothing overlaps; the order is that of ReconROS'
-memory controller: wait for one's turn, command, address, words, completion. One message at a time holds the
-topic; a beat is through when every port has taken it, so the stream is as slow as its slowest port, and after a
-message's last beat nothing of it stands anywhere. A message on the stream is its publisher's id and then its
-words; in memory it is its words, whose number its type fixes; the mover stores a chunk before it passes it on.
-Refuses to know why a message moves.
+The master moves one chunk at a time, nothing overlaps; its four control cycles are in the order of ReconROS'
+memory controller: one's turn, command, address, words, completion. One message at a time holds the topic; a
+beat is through when every port has taken it, and after a message's last beat nothing of it stands anywhere. On
+the stream a message is its publisher's id and then its words; in memory its words, whose number its type fixes;
+the mover stores a chunk before it passes it on.
 """
 
 from __future__ import annotations

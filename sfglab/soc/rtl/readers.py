@@ -1,18 +1,15 @@
 # mypy: allow-subclassing-any, disable-error-code="import-not-found,import-untyped"
 """Hardware nodes on a software-mapped topic: the arbiter of their memory interface, and their cycles together.
 
-Known of ReconROS' arbiter: it serves the nodes that request in turn, a request each, and no request overlaps
-another. Ours is how that is done: the search for the next master takes no cycle of its own (the turn is granted
-in the cycle in which a master waits for it, one of the four that a request takes anyway), it begins behind the
-master served last, and a request ends by a wire, not by counting words. Each cycle of a slower search would add
-1.5 % to a read of the default latency. Readers share the interface chunk by chunk in turn, so n of them take n
-times what one takes: what the gateway is measured against. Refuses to know delegates, which would add the same
-to every reader.
+Known of ReconROS' arbiter: it serves the nodes that request in turn, a request each, and none overlaps another.
+Ours is how: the search for the next master takes no cycle of its own (the turn is granted in one of the four
+that a request takes anyway), it begins behind the master served last, and a request ends by a wire. Each cycle
+of a slower search would add 1.5 % to a read of the default latency. Readers share the interface chunk by chunk,
+so n take n times what one takes: what the gateway is measured against. Delegates would add the same to all.
 
 Cycles of each path across the memory interface (paper C, section 4) are simulated, or come from the cycle model
-through two small messages where a size is beyond simulation. Hardware and memory model have the same control
-cycles and latencies: agreement says that the memory model adds them up rightly (turns lose no time, a stored
-chunk costs both sides), not that another implementation takes as many.
+through two small messages where a size is beyond simulation. Hardware and memory model share control cycles and
+latencies: agreement says that the model adds them up rightly, not that another implementation takes as many.
 """
 
 from __future__ import annotations
@@ -120,10 +117,7 @@ class Arbiter(Elaboratable):
 
 
 class ChunkNode(Elaboratable):
-    """Moves one message, chunk after chunk without a pause of its own; what words do is its subclass's.
-
-    It writes or reads so many words from address 0.
-    """
+    """Writes or reads so many words from address 0 without a pause; what words do is its subclass's."""
 
     def __init__(self, words: int, *, write: bool) -> None:
         self.master = MemoryMaster()  #: Its master of the memory interface.

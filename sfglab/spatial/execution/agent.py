@@ -1,9 +1,8 @@
 """A simulated agent: a point with a heading that is steered within its limits along a timed trajectory.
 
 First order in velocity: it nears what is wanted with a time constant, and no faster than its acceleration
-allows. Orientation turns along the shortest way. A state machine over the time that it is given: it follows
-until the trajectory's time is over, settles at its end, and brakes when it is told to stop, when it is too far
-from where it should be, or when it does not arrive. Refuses to know clocks and messages.
+allows. It follows until the trajectory's time is over, settles at its end, and brakes when it is told to stop,
+is too far from where it should be, or does not arrive. Refuses to know clocks and messages.
 """
 
 from __future__ import annotations
@@ -56,8 +55,7 @@ class Dynamics:
 
     #: Never exceeded, whatever is asked for; the yaw rate's bounds the whole turn's rate.
     limits: Limits = field(default_factory=Limits)
-    #: Time constant of the velocity; 0: only the limits hold it back.
-    lag_s: float = between(0.1, without=(math.inf,))
+    lag_s: float = between(0.1, without=(math.inf,))  #: Time constant of the velocity; 0: none.
     #: How much velocity is added to a target's for every metre that is missing.
     gain_per_s: float = between(2.0, without=(0, math.inf))
 
@@ -93,11 +91,7 @@ def braked(state: AgentState, dt_s: float, dynamics: Dynamics) -> AgentState:
 
 
 def _approach_per_s(distance_m: float, dynamics: Dynamics) -> float:
-    """Return how fast to go for every metre that is missing: so fast that one can still brake.
-
-    Proportional near the target; further away the square root of acceleration times distance, whose braking
-    takes half of the acceleration, and which meets the proportional law without a step.
-    """
+    """Return how fast to go for each missing metre: by gain, or so that half the acceleration brakes."""
     acceleration = dynamics.limits.acceleration_m_s2
     if acceleration is None or distance_m * dynamics.gain_per_s**2 <= acceleration:
         return dynamics.gain_per_s
@@ -118,9 +112,8 @@ def _moved(
     share = 1.0 if rate_rad_s is None or angle <= rate_rad_s * dt_s else rate_rad_s * dt_s / angle
     turned = state.pose.interpolate(towards, share)
     pose = Pose(position_m=_plus(state.pose.position_m, _scaled(velocity, dt_s)), quat_xyzw=turned.quat_xyzw)
-    return AgentState(
-        pose=pose, velocity_m_s=velocity, yaw_rate_rad_s=_yaw_rate(state.pose, towards, share / dt_s)
-    )
+    yaw_rate = _yaw_rate(state.pose, towards, share / dt_s)
+    return AgentState(pose=pose, velocity_m_s=velocity, yaw_rate_rad_s=yaw_rate)
 
 
 def _yaw_rate(before: Pose, after: Pose, share_per_s: float) -> float:
@@ -152,12 +145,9 @@ def falls_behind_m(trajectory: Trajectory, dynamics: Dynamics, *, period_s: floa
     """Return how far an agent falls behind at most that stands at the start and catches up before each jump.
 
     While it accelerates by A, a jump of v in the plan's velocity costs v^2 / (2 (A - a)), with a the plan's own
-    acceleration, and A lag^2 / 2 until it steers again; without A it costs v lag. Then a costs lag a / gain, as
-    the error's equation ``lag e'' + e' + gain e = lag a`` does not overshoot; the steps of `period_s` cost v
-    each.
-
-    Returns:
-        Metres; infinite where the plan accelerates as hard as the agent can, which never catches up then.
+    acceleration, and A lag^2 / 2 until it steers again; without A it costs v lag. Then a costs lag a / gain,
+    and the steps of `period_s` cost v each. Metres; infinite where the plan accelerates as hard as the agent
+    can.
     """
     motion, rest = motion_of(trajectory), np.zeros((1, 3))
     segments = np.arange(len(motion))
@@ -245,11 +235,7 @@ class Progress:
 
 
 class Follower:
-    """Moves an agent along one trajectory.
-
-    The trajectory is in the agent's frame; its time 0 is `start_ns` by the caller's clock, which may lie ahead:
-    the agent goes to the start.
-    """
+    """Moves an agent along a trajectory in its frame, whose time 0 is `start_ns` by the caller's clock."""
 
     def __init__(  # noqa: PLR0913 - what belongs to a way is many things, and each is said by name
         self,

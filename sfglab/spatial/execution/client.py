@@ -128,11 +128,9 @@ async def execute(node: Node, order: Order, **options: Unpack[ExecuteOptions]) -
 
 
 def scene_orders(scene: Scene, *, agents: tuple[str, ...] = (), start_ns: int = 0) -> tuple[Order, ...]:
-    """Return what a scene asks of its agents; all orders share the scene's time 0.
+    """Return what a scene asks of its agents, the named ones or all that drive a trajectory.
 
-    Agents are named; without names all are meant that drive a trajectory. Time 0 is `start_ns`, in nanoseconds
-    since the epoch; 0: when each server takes its order, so that several agents start as far apart as their
-    orders arrive.
+    All share the time 0, `start_ns` in ns since the epoch; 0: when each server takes its order.
 
     Raises:
         InvalidValueError: There is no such agent, several have this name, or it has no trajectory.

@@ -1,7 +1,7 @@
 """Orders to agents: judged before anybody moves, how they can end, and both as messages of an action.
 
-Ours is `sfglab_interfaces/action/FollowTrajectory`. Another action, such as nav2_msgs' FollowPath, has fields
-of its own and needs an `ActionDialect` of its own: its type, and three functions. Refuses to know the bus.
+Ours is `sfglab_interfaces/action/FollowTrajectory`; another, such as nav2_msgs' FollowPath, needs an
+`ActionDialect` of its own.
 """
 
 from __future__ import annotations
@@ -76,8 +76,7 @@ OUTCOMES: dict[Outcome, Ending] = {
     Outcome.OVERTAKEN: _moved(GoalStatus.ABORTED, 6, "another goal took its place"),
     Outcome.FAILED: _moved(GoalStatus.ABORTED, 0, "the server ended, or failed"),
 }
-"""Every outcome. A server that refuses a goal takes it and aborts it at once, because on ROS 2 the answer to a
-goal is yes or no, and only a result can say why; `REJECTED` is the plain no."""
+"""Every outcome. Who refuses a goal takes and aborts it, for only a result can say why, unlike `REJECTED`."""
 
 _BY_CODE = {(e.status, e.code): outcome for outcome, e in OUTCOMES.items() if outcome is not Outcome.REJECTED}
 
@@ -199,11 +198,7 @@ def action_name(agent: str) -> str:
 
 
 def goal_message(order: Order) -> Any:
-    """Return an order as a goal of ours.
-
-    The message has no word for splines: they go as polylines with a point every tenth of a second beside their
-    own, which keep to every limit that the spline keeps to.
-    """
+    """Return an order as a goal of ours; splines become polylines with a point every tenth of a second."""
     trajectory = order.trajectory
     if trajectory.interpolation is not Interpolation.POLYLINE:
         trajectory = resampled(trajectory, _POLYLINE_STEP_NS)
@@ -258,5 +253,4 @@ def _ended(result: GoalResult) -> Ended:
     return Ended(outcome=outcome, text=str(message.text), pose=pose)
 
 
-FOLLOW_TRAJECTORY = ActionDialect(type=_TYPE, goal=goal_message, feedback=_feedback, result=_ended)
-"""Our own action."""
+FOLLOW_TRAJECTORY = ActionDialect(type=_TYPE, goal=goal_message, feedback=_feedback, result=_ended)  #: Ours.

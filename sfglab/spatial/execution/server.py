@@ -1,8 +1,4 @@
-"""A simulated agent on the bus: one action that moves it, and what it says of itself.
-
-A thin shell: `orders` says what is taken and `agent` moves. Real agents have servers of their own; this one
-stands in for them in a plan's rehearsal.
-"""
+"""A simulated agent on the bus, for rehearsals: one action that moves it, and what it says of itself."""
 
 from __future__ import annotations
 
@@ -57,10 +53,9 @@ class AgentSetup:
 class TrajectoryServer:
     """Moves one simulated agent along the trajectories that it is sent, one at a time.
 
-    Publishes ``/global/<agent>/pose`` and ``odometry``, and its frame ``<agent>/base`` on ``/tf``. A canceled
-    goal ends when the agent stands; so does one that left its path. A second goal is refused while the first
-    runs, or takes its place, as the setup says. The action is ``/global/<agent>/execute_trajectory`` where no
-    name is given.
+    Publishes ``/global/<agent>/pose`` and ``odometry``, and its frame ``<agent>/base`` on ``/tf``. A goal that
+    is canceled, or has left its path, ends when the agent stands. Without a name the action is
+    ``/global/<agent>/execute_trajectory``.
 
     ```python
     async with Node("go2", domain_id=7) as node, TrajectoryServer(node, "go2"):
@@ -73,7 +68,7 @@ class TrajectoryServer:
 
     def __init__(self, node: Node, agent: str, *, name: str = "", setup: AgentSetup | None = None) -> None:
         self._node, self._agent, self._setup = node, agent, setup or AgentSetup()
-        self._state = AgentState(pose=self._setup.pose)
+        self.state = AgentState(pose=self._setup.pose)  #: Where the agent is, and how it moves.
         self._rules = Rules(
             agent=agent,
             frame_id=self._setup.frame_id,
@@ -93,17 +88,8 @@ class TrajectoryServer:
             goal_callback=self._takes,
             cancel_callback=lambda _: CancelResponse.ACCEPT,
         )
+        self.action_name = self._action.action_name  #: The fully resolved ROS action.
         self._timer = node.create_timer(self._setup.period_s, self._tick)
-
-    @property
-    def action_name(self) -> str:
-        """The fully resolved ROS action."""
-        return self._action.action_name
-
-    @property
-    def state(self) -> AgentState:
-        """Where the agent is, and how it moves."""
-        return self._state
 
     @property
     def busy(self) -> bool:
@@ -138,7 +124,7 @@ class TrajectoryServer:
             RefusalError: It may not.
         """
         order = order_from_goal(goal)
-        judge(order, self._rules, self._state.pose, self._node.get_clock().now_ns())
+        judge(order, self._rules, self.state.pose, self._node.get_clock().now_ns())
         if self.busy and not self._setup.preempt:
             raise RefusalError(Outcome.BUSY, OUTCOMES[Outcome.BUSY].meaning)
         return order
@@ -163,7 +149,7 @@ class TrajectoryServer:
         now_ns = self._node.get_clock().now_ns()
         follower = Follower(
             order.trajectory,
-            state=self._state,
+            state=self.state,
             now_ns=now_ns,
             start_ns=order.start_ns or now_ns,
             dynamics=self._setup.dynamics,
@@ -188,30 +174,27 @@ class TrajectoryServer:
         dt_s, self._stepped_ns = (now_ns - self._stepped_ns) / NS_PER_S, now_ns
         if self._run is not None:
             self._advance(self._run, now_ns)
-        elif dt_s > 0.0 and self._state.speed_m_s > 0.0:
-            self._state = braked(self._state, dt_s, self._setup.dynamics)
+        elif dt_s > 0.0 and self.state.speed_m_s > 0.0:
+            self.state = braked(self.state, dt_s, self._setup.dynamics)
         self._publish()
 
     def _advance(self, run: _Run, now_ns: int) -> None:
         if run.handle.is_cancel_requested:
             run.follower.stop(Outcome.CANCELED)
         progress = run.follower.step(now_ns)
-        self._state = progress.state
+        self.state = progress.state
         run.steps += 1
-        if progress.outcome is not None or run.steps % _FEEDBACK_EVERY == 1:
-            self._feed_back(run, progress)
+        is_due = progress.outcome is not None or run.steps % _FEEDBACK_EVERY == 1
+        if is_due and run.handle.is_active and not run.done.done():
+            run.handle.publish_feedback(_feedback(progress, self._pose_message()))
         if progress.outcome is not None:
             run.end(progress.outcome)
 
-    def _feed_back(self, run: _Run, progress: Progress) -> None:
-        if run.handle.is_active and not run.done.done():
-            run.handle.publish_feedback(_feedback(progress, self._pose_message()))
-
     def _pose_message(self) -> Any:
-        return stamped_pose(self._state.pose, self._setup.frame_id, self._stepped_ns)
+        return stamped_pose(self.state.pose, self._setup.frame_id, self._stepped_ns)
 
     def _publish(self) -> None:
-        state, frame_id, child = self._state, self._setup.frame_id, f"{self._agent}/base"
+        state, frame_id, child = self.state, self._setup.frame_id, f"{self._agent}/base"
         transform = StampedTransform(parent=frame_id, child=child, stamp_ns=self._stepped_ns, pose=state.pose)
         pose, odometry, transforms = self._publishers
         pose.publish(self._pose_message())

@@ -1,8 +1,5 @@
 """The tree of frames with time: transforms in, poses between any two frames at any time within the history out.
 
-Knows names, trees and what was observed of every edge. Takes all times as values; refuses to know where
-transforms come from (`listener`) and whether the tree is a good one (`lint`).
-
 Semantics are tf2's where it has any: a frame has one parent, the last one told; static transforms hold for all
 times; between two stamps positions are linear and orientations SLERP; nothing is extrapolated unless asked.
 """
@@ -100,9 +97,7 @@ class FrameBuffer:
         return tuple(map(replace, self._edges.values()))
 
     def insert(self, transform: StampedTransform, *, static: bool = False, authority: str = "") -> Insertion:
-        """Take one transform, and return what became of it; the authority is who published it, for the lint.
-
-        Stamps may come in any order within the history; a static one holds for all times.
+        """Take one transform, in any order of time, of whoever published it; return what became of it.
 
         Raises:
             InvalidValueError: A frame has no name.
@@ -118,9 +113,8 @@ class FrameBuffer:
     def look_up(self, target: str, source: str, time_ns: int | None = None, *, extrapolate_ns: int = 0) -> Pose:
         """Return ``target_from_source``: where the source frame is in the target frame.
 
-        Without `time_ns` it is the latest time at which all transforms on the way are known. A motion may be
-        continued by `extrapolate_ns` beyond the first and last transform, at the rate of the two nearest; a
-        single one is held.
+        Without `time_ns`, at the latest time at which all is known. `extrapolate_ns` continues the motion of
+        the two nearest transforms beyond the first and last; a single one is held.
 
         Raises:
             ExtrapolationError: A transform on the way is not known at that time.
@@ -128,7 +122,9 @@ class FrameBuffer:
         kernel = self._kernel
         to, of = self._known(target), self._known(source)
         if time_ns is None:
-            time_ns = self._latest(target, source)
+            both = self.interval(target, source)
+            # where no time fits, the walk names the transform that lacks
+            time_ns = 0 if both is None else min(both[1], _ALWAYS.max - 1)
         history = self._history
         fault = kernel.look_up(
             history.edges, history.stamps, history.poses, self._out, to, of, time_ns, extrapolate_ns
@@ -177,9 +173,8 @@ class FrameBuffer:
         child, parent, stamp_ns = transform.child, transform.parent, transform.stamp_ns
         for name in (child, parent):
             if not name or name != name.strip():
-                raise InvalidValueError(
-                    f"transform {parent!r} -> {child!r}", name, "names without outer blanks"
-                )
+                where = f"transform {parent!r} -> {child!r}"
+                raise InvalidValueError(where, name, "names without outer blanks")
         key = (child, parent, static, authority)
         if key in self._edges:
             self._edges[key].again(stamp_ns)
@@ -218,12 +213,6 @@ class FrameBuffer:
                 name = self._names[child]
                 raise FrameLoopError(f"frame {name!r} would stand below itself: {loop} (child -> parent)")
             at = self._history.parent_of(at)
-
-    def _latest(self, target: str, source: str) -> int:
-        known = self.interval(target, source)
-        if known is not None:
-            return min(known[1], _ALWAYS.max - 1)
-        return 0  # no time fits; the walk will name the transform that lacks
 
     def _not_connected(self, target: str, source: str) -> NotConnectedError:
         return NotConnectedError(

@@ -2,10 +2,9 @@
 
 A tree is one table with a row per frame: parent (-1 for a root), whether static, first row and number of rows
 in the history; the history holds stamps, ascending, and poses, x y z qx qy qz qw as ``parent_from_child``.
-Every frame owns a block of rows; a block that is full is moved to its own beginning where that is free, or to
-one of twice the size. Rows older than the history are forgotten as new ones come. The walk interpolates on
-every edge. Importing this module imports numba and, the first time on a machine, compiles. Trusts that trees
-have no loops (`buffer`). Refuses to know names.
+Every frame owns a block of rows; a full one is moved to its own beginning where that is free, or to one of
+twice the size. Importing this module imports numba and, the first time on a machine, compiles. Trusts that
+trees have no loops (`buffer`).
 """
 
 from __future__ import annotations
@@ -272,17 +271,9 @@ def _meeting(edges: Any, a: Any, b: Any) -> Any:
 def look_up(  # noqa: PLR0913, PLR0917 - flat arguments, as a compiled function has them
     edges: Any, stamps: Any, poses: Any, out: Any, target: Any, source: Any, time_ns: Any, reach_ns: Any
 ) -> Any:
-    """Write ``target_from_source`` at a time into `out`.
+    """Write ``target_from_source`` at a time into `out`, shape (7,).
 
-    Args:
-        edges: The tree, shape (frames, 4).
-        stamps: The history's times.
-        poses: The history's poses, shape (rows, 7).
-        out: Result, shape (7,).
-        target: One frame.
-        source: The other one.
-        time_ns: When.
-        reach_ns: How far an edge may be continued beyond its first and last row.
+    Arguments are as in `History`; `reach_ns` is how far edges may be continued beyond their first and last row.
 
     Returns:
         `FOUND`, `NOT_CONNECTED`, or the frame whose pose at that time is not known.
@@ -313,11 +304,7 @@ def look_up(  # noqa: PLR0913, PLR0917 - flat arguments, as a compiled function 
 
 @compiled("UniTuple(int64, 3)(int64[:, ::1], int64[::1], int64, int64)")
 def common_interval(edges: Any, stamps: Any, target: Any, source: Any) -> Any:
-    """Return `FOUND` or `NOT_CONNECTED`, and from when until when all edges on the way are known.
-
-    Static edges are known always, so that a way of only those is known from the first to the last int64; one
-    with an edge that was never known gets the reverse.
-    """
+    """Return `FOUND` or `NOT_CONNECTED`, and when all edges on the way are known; the reverse: never."""
     always = np.iinfo(np.int64)
     begin, end = np.int64(always.min), np.int64(always.max)
     top = _meeting(edges, target, source)

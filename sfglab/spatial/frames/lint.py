@@ -1,10 +1,8 @@
 """Faults of a tree of frames, said before anybody stumbles over them: parents, loops, roots, names, time.
 
 tf2 takes what comes: with two parents the frame jumps between them, with two roots a look-up fails much later
-and elsewhere. Paper A, section 4.1, asks for prefixes, ``<agent>/<frame>``, so that the frames of different
-agents do not clash; the rule itself is `sfglab.names`', which the fleet's routers follow too. Trees are drawn
-as in the paper's Fig. 6: roots above, what is wrong in colour. Pure: judges edges that were observed; refuses
-to know how they came.
+and elsewhere. Paper A, section 4.1, asks for prefixes, ``<agent>/<frame>``; that rule is `sfglab.names`'. Trees
+are drawn as in the paper's Fig. 6: roots above, what is wrong in colour. Pure: judges edges that were observed.
 """
 
 from __future__ import annotations
@@ -87,10 +85,7 @@ class FrameFinding:
 def lint_frames(
     edges: Iterable[Edge], *, rule: FrameRule | None = None, root: str | None = None
 ) -> tuple[FrameFinding, ...]:
-    """Judge a tree, as `FrameBuffer.edges` has it: its parents, loops, roots, names, time.
-
-    Without a rule all names are allowed, without a root any one root.
-    """
+    """Judge a tree's parents, loops, roots, names and time; without rule or root any is allowed."""
     edges = tuple(edges)
     by_child: dict[str, list[Edge]] = defaultdict(list)
     for edge in edges:
@@ -164,15 +159,12 @@ def _roots(parents: Mapping[str, Sequence[str]], root: str | None) -> Iterator[F
     if root is not None and frames:
         lost = sorted(frames - _below(root, parents) - set(others))
         if others or lost:
-            yield FrameFinding(
-                "second-root" if root in frames and others else "unreachable",
-                (*others, *lost),
-                f"{_listed([*others, *lost])} cannot be reached from {root!r}",
-            )
+            code = "second-root" if root in frames and others else "unreachable"
+            what = f"{_listed([*others, *lost])} cannot be reached from {root!r}"
+            yield FrameFinding(code, (*others, *lost), what)
     elif len(roots) > 1:
-        yield FrameFinding(
-            "second-root", tuple(roots), f"there are {len(roots)} trees, with the roots {_listed(roots)}"
-        )
+        what = f"there are {len(roots)} trees, with the roots {_listed(roots)}"
+        yield FrameFinding("second-root", tuple(roots), what)
 
 
 def _below(root: str, parents: Mapping[str, Sequence[str]]) -> set[str]:
@@ -200,11 +192,8 @@ def _names(edges: Sequence[Edge], rule: FrameRule | None) -> Iterator[FrameFindi
 def _backwards(edges: Sequence[Edge]) -> Iterator[FrameFinding]:
     for edge in edges:
         if edge.backwards:
-            yield FrameFinding(
-                "backwards",
-                (edge.child,),
-                f"stamps of {edge.child!r} step back {edge.backwards} times, by up to {edge.back_ns} ns",
-            )
+            what = f"stamps of {edge.child!r} step back {edge.backwards} times, by up to {edge.back_ns} ns"
+            yield FrameFinding("backwards", (edge.child,), what)
 
 
 def _listed(names: Sequence[str]) -> str:
@@ -218,11 +207,7 @@ _FILL, _WRONG_FILL = "#FFFFFF", "#FBE3D3"
 
 
 def draw_tree(
-    ax: Axes,
-    edges: Iterable[Edge],
-    *,
-    findings: Sequence[FrameFinding] = (),
-    outside: str = "",
+    ax: Axes, edges: Iterable[Edge], *, findings: Sequence[FrameFinding] = (), outside: str = ""
 ) -> None:
     """Draw a tree, or what should be one; findings' frames and an outside authority's edges in colour."""
     edges = tuple(edges)
@@ -246,10 +231,7 @@ def draw_tree(
 
 
 def tree_layout(edges: Iterable[Edge]) -> dict[str, tuple[float, float]]:
-    """Return a place for every frame: rows by the distance to a root, leaves side by side.
-
-    Where a frame has several parents, the first one counts; frames in a circle start at any of them.
-    """
+    """Return a place for every frame, below its first parent, leaves side by side; a circle starts anywhere."""
     edges = tuple(edges)
     parents: dict[str, str] = {}
     children: dict[str, list[str]] = defaultdict(list)

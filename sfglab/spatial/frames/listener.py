@@ -1,7 +1,6 @@
 """Transforms from the bus or from a log into a buffer.
 
-Knows topics, QoS and messages. Decides nothing: what is refused is counted and said once, and the rest goes on,
-because one node's broken transform must not blind all listeners.
+What is refused is counted and said once: one node's broken transform must not blind all listeners.
 """
 
 from __future__ import annotations
@@ -25,8 +24,7 @@ if TYPE_CHECKING:
 
 
 TRANSFORMS = "tf2_msgs/msg/TFMessage"
-TF_QOS = QoSProfile(depth=100)
-"""tf2_ros: DynamicListenerQoS and DynamicBroadcasterQoS (tf2_ros/qos.hpp, Humble)."""
+TF_QOS = QoSProfile(depth=100)  #: tf2_ros: DynamicListenerQoS, DynamicBroadcasterQoS (tf2_ros/qos.hpp, Humble).
 TF_STATIC_QOS = QoSProfile(depth=100, durability=Durability.TRANSIENT_LOCAL)
 """tf2_ros: StaticListenerQoS; a broadcaster offers depth 1, or more if it splits its transforms."""
 

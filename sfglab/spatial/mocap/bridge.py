@@ -1,9 +1,7 @@
 """The bridge: captures in, transforms and a status out.
 
-`BridgeCore` decides, without clock and socket. It keeps three times of everything that is published: when the
-cameras saw it, which is its stamp, when it arrived here and when it left. `MocapBridge` is its node. The
-status, `sfglab_interfaces/msg/MocapStatus`, has a topic by the schema of paper A, section 4.1: it is global, so
-it crosses the routers, and the fleet's tools see from anywhere what the cameras see.
+`BridgeCore` decides, without clock and socket, and `MocapBridge` is its node. The status,
+`sfglab_interfaces/msg/MocapStatus`, has a global topic, so that it crosses the routers (paper A, section 4.1).
 """
 
 from __future__ import annotations
@@ -66,8 +64,7 @@ class MocapObjectStatus:
     track: Track = field(default_factory=Track)  #: What is remembered of it.
     frame: str = ""  #: The frame that was published for it last; empty before the first.
     published: int = 0  #: How many transforms left.
-    #: How many believed poses could not be published, because the agent's tree did not allow it.
-    unplaced: int = 0
+    unplaced: int = 0  #: How many believed poses the agent's tree did not allow to publish.
     absent: int = 0  #: In how many captures it did not occur at all.
     verdicts: Counter[str] = field(default_factory=Counter)  #: How many sights got each `Verdict.value`.
     capture_ns: int | None = None  #: The stamp of the last transform; None before the first.
@@ -76,25 +73,12 @@ class MocapObjectStatus:
     problem: str = ""  #: Why the last believed pose was not published; empty when it was.
     problem_kind: str = ""  #: The error's name.
 
-    @property
-    def object_id(self) -> str:
-        """Its id in the capture system."""
-        return self.mapped.id
-
-    @property
-    def state(self) -> TrackState:
-        """What is known of it."""
-        return self.track.state
-
 
 class BridgeCore:
-    """Turns captures into transforms that keep every agent's tree whole.
-
-    The agents' own transforms are in the buffer, which somebody feeds; they may be continued by `reach_s` when
-    they lag behind the cameras.
-    """
+    """Turns captures into transforms that keep agents' trees whole, which may lag by `reach_s`."""
 
     def __init__(self, mapping: MocapMapping, buffer: FrameBuffer, *, reach_s: float = 0.1) -> None:
+        self.world = mapping.world  #: The frame in which the capture system measures.
         self._mapping = mapping
         self._buffer = buffer
         self._reach_ns = round(reach_s * NS_PER_S)
@@ -103,8 +87,7 @@ class BridgeCore:
         self._number: int | None = None
         self.captures = 0  #: How many captures came.
         self.dropped = 0  #: How many frame numbers are missing between those that came.
-        #: Ids of objects that came and that the mapping does not have, with how often.
-        self.unmapped: Counter[str] = Counter()
+        self.unmapped: Counter[str] = Counter()  #: How often objects came that the mapping lacks, by id.
 
     def take(self, capture: Capture, now_ns: int) -> tuple[StampedTransform, ...]:
         """Take a capture, and return what is to be published now, stamped with the capture time."""
@@ -116,11 +99,6 @@ class BridgeCore:
             elif transform := self._placed(object_, capture.sights[id_], capture, now_ns):
                 transforms.append(transform)
         return tuple(transforms)
-
-    @property
-    def world(self) -> str:
-        """The frame in which the capture system measures."""
-        return self._mapping.world
 
     @property
     def statuses(self) -> tuple[MocapObjectStatus, ...]:
@@ -165,8 +143,7 @@ class BridgeCore:
         return transform
 
     def _transform(self, mapped: MappedObject, pose: Pose, capture_ns: int) -> StampedTransform:
-        world = self._mapping.world
-        seen = StampedTransform(parent=world, child=mapped.id, stamp_ns=capture_ns, pose=pose)
+        seen = StampedTransform(parent=self.world, child=mapped.id, stamp_ns=capture_ns, pose=pose)
         transform = place_via_proxy(self._buffer, mapped, seen, reach_ns=self._reach_ns)
         holder = self._holders.setdefault(transform.child, mapped.id)
         if holder != mapped.id:
@@ -239,9 +216,9 @@ def _object(status: MocapObjectStatus) -> Any:
     make = message_type(_OBJECT)
     states = {state: getattr(make, state.name) for state in TrackState}
     return make(
-        id=status.object_id,
+        id=status.mapped.id,
         frame=status.frame,
-        state=states[status.state],
+        state=states[status.track.state],
         published=status.published,
         unplaced=status.unplaced,
         absent=status.absent,
@@ -262,8 +239,7 @@ class BridgeOptions:
     """How a bridge behaves."""
 
     reach_s: float = 0.1  #: How far the agents' transforms may be continued when they lag behind the cameras.
-    #: The agent on which the bridge runs, for the status topic's name; empty: nobody's in particular.
-    agent: str = ""
+    agent: str = ""  #: The agent on which the bridge runs, for the topic's name; empty: nobody's.
     status_period_s: float = 1.0  #: Time between two messages about the status.
 
 
@@ -284,14 +260,8 @@ class MocapBridge:
         self.buffer = FrameBuffer()  #: All transforms heard, the bridge's own included.
         self._node, self._source = node, source
         self._options = options or BridgeOptions()
-        #: The decisions, with counts of captures.
-        self.core = BridgeCore(mapping, self.buffer, reach_s=self._options.reach_s)
+        self.core = BridgeCore(mapping, self.buffer, reach_s=self._options.reach_s)  #: It decides.
         self._said: set[tuple[str, str]] = set()
-
-    @property
-    def statuses(self) -> tuple[MocapObjectStatus, ...]:
-        """How it stands with every object of the mapping."""
-        return self.core.statuses
 
     async def run(self) -> None:
         """Run until the source ends, or until cancelled.
@@ -326,7 +296,7 @@ class MocapBridge:
     def _say_problems(self) -> None:
         """Log each kind of problem of each object once."""
         for status in self.core.statuses:
-            key = (status.object_id, status.problem_kind)
+            key = (status.mapped.id, status.problem_kind)
             if status.problem and key not in self._said:
                 self._said.add(key)
-                _log.warning("object %r: %s", status.object_id, status.problem)
+                _log.warning("object %r: %s", status.mapped.id, status.problem)

@@ -1,10 +1,9 @@
 """Objects of the capture system and the frames they stand for: read strictly, placed through a proxy frame.
 
 Paper A, section 4.5, limitation (1): the official receiver "rigidly maps Vicon tracked object IDs to ROS 2 TF
-frame IDs". Eq. 4: ``T_map_base = T_map_markers * T_markers_base``. The tree of a robot is rooted at its base
-(or its odometry), not at its markers; who publishes the markers gives the tree a second root. So the frame that
-is published is the root of the agent's tree, and the proxy, which stands somewhere within it, is where the
-cameras see it. Pure: takes texts, poses and a buffer of the agent's transforms.
+frame IDs". Eq. 4: ``T_map_base = T_map_markers * T_markers_base``. Who publishes the markers gives the robot's
+tree a second root. So the frame that is published is the root of that tree, and the proxy, which stands
+somewhere within it, is where the cameras see it. Pure.
 """
 
 from __future__ import annotations
@@ -128,10 +127,9 @@ class PlacingError(MocapError):
 def place_via_proxy(
     buffer: FrameBuffer, mapped: MappedObject, seen: StampedTransform, *, reach_ns: int = 0
 ) -> StampedTransform:
-    """Return the transform from the world to the root of an agent's tree, Eq. 4.
+    """Return the transform from the world to the root of an agent's tree, Eq. 4, at the capture time.
 
-    It is stamped with the capture time, for which the agent's own transforms are taken; they may be continued
-    by `reach_ns` where they lag behind the cameras.
+    The agent's own transforms may be continued by `reach_ns` where they lag behind the cameras.
 
     Raises:
         UnknownFrameError: The agent has not spoken of the proxy.
@@ -147,14 +145,11 @@ def place_via_proxy(
         root = root_below(buffer, frame, world)
         raise PlacingError(frame, f"it stands in {parent!r} already; publish the root of its tree, {root!r}")
     world_from_via = seen.pose @ mapped.offset
-    via_from_frame = (
-        Pose()
-        if frame == mapped.via
-        else buffer.look_up(mapped.via, frame, seen.stamp_ns, extrapolate_ns=reach_ns)
-    )
-    return StampedTransform(
-        parent=world, child=frame, stamp_ns=seen.stamp_ns, pose=world_from_via @ via_from_frame
-    )
+    via_from_frame = Pose()
+    if frame != mapped.via:
+        via_from_frame = buffer.look_up(mapped.via, frame, seen.stamp_ns, extrapolate_ns=reach_ns)
+    pose = world_from_via @ via_from_frame
+    return StampedTransform(parent=world, child=frame, stamp_ns=seen.stamp_ns, pose=pose)
 
 
 def root_below(buffer: FrameBuffer, frame: str, world: str) -> str:
@@ -180,10 +175,7 @@ def direct_name(object_id: str) -> str:
 
 
 def direct_transforms(capture: Capture, *, world: str) -> Iterator[StampedTransform]:
-    """Yield what the direct receiver publishes: every object in the world by its own name, stamped at receipt.
-
-    The baseline of paper A's Fig. 6, left: as the Vicon Receiver for ROS 2, 1.0.x, does.
-    """
+    """Yield what the Vicon Receiver for ROS 2, 1.0.x, publishes, stamped at receipt: Fig. 6, left."""
     for object_id, sight in capture.sights.items():
         if isinstance(sight, Pose):
             yield StampedTransform(

@@ -62,8 +62,7 @@ class Guess(NamedTuple):
 class Problem:
     """The residuals of ``B^-1 Z^-1 A X``, which is the identity without errors, and how they change.
 
-    The unknowns are small: a turn of X about its own axes and a shift, then the same of Z, then what Z does
-    until the end of the recording.
+    Unknowns: a turn of X about its axes and a shift, the same of Z, then what Z does until the recording's end.
     """
 
     def __init__(self, pairs: Sequence[PosePair], height_m: float | None, *, drift: bool) -> None:
@@ -234,10 +233,7 @@ class OffsetEstimate:
 def pose_pairs(
     captures: Iterable[Capture], object_id: str, buffer: FrameBuffer, *, odom: str, base: str
 ) -> list[PosePair]:
-    """Return what cameras and robot say of an object at the same moments; captures without either are left out.
-
-    The robot says where its base is in the frame of its odometry, by transforms over the same time.
-    """
+    """Return what cameras and robot, base in odometry, say at the same moments, where both do."""
     pairs = []
     for capture in captures:
         sight = capture.sights.get(object_id)
@@ -247,9 +243,8 @@ def pose_pairs(
             odom_from_base = buffer.look_up(odom, base, capture.capture_ns)
         except FrameError:
             continue
-        pairs.append(
-            PosePair(world_from_object=sight, odom_from_base=odom_from_base, time_ns=capture.capture_ns)
-        )
+        time_ns = capture.capture_ns
+        pairs.append(PosePair(world_from_object=sight, odom_from_base=odom_from_base, time_ns=time_ns))
     return pairs
 
 

@@ -1,9 +1,8 @@
 """Captures from topics of the bus, from a log of such, or from a Vicon Tracker.
 
-The Tracker speaks through `pyvicon-datastream`, which brings Vicon's DataStream SDK and is installed only where
-it is needed, as it is compiled there. It gives millimetres, quaternions as w, x, y, z, None for what is
-occluded, and the latency from the cameras to its own hands in seconds; receipt less that latency is when the
-cameras saw it. It blocks until the next frame, so it runs in a thread of its own.
+The Tracker speaks through `pyvicon-datastream`, which is installed only where it is needed. It gives
+millimetres, quaternions as w, x, y, z, None for what is occluded, and the latency from the cameras to its own
+hands in seconds; receipt less that latency is when the cameras saw it. It blocks, so it runs in a thread.
 
 Source: pyvicon_datastream/pyvicon_datastream.py of pyvicon-datastream 0.2; Vicon DataStream SDK 1.11 manual.
 """
@@ -37,13 +36,7 @@ _QUEUE = 1000
 
 
 def capture_of(object_id: str, message: Any, receipt_ns: int) -> Capture:
-    """Return a message's capture: one object, stamped as its header says.
-
-    Args:
-        object_id: The object that it is about.
-        message: A `geometry_msgs/msg/PoseStamped` or `geometry_msgs/msg/TransformStamped`.
-        receipt_ns: When it arrived.
-    """
+    """Return the capture of one object in a `POSE` or `TRANSFORM` message, stamped as its header says."""
     content = message.transform if hasattr(message, "transform") else message.pose
     try:
         sight: Sight = Pose.from_msg(content, place=object_id)
@@ -54,9 +47,7 @@ def capture_of(object_id: str, message: Any, receipt_ns: int) -> Capture:
 
 
 class TopicSource:
-    """Captures from topics, one per object, all of one type: `POSE` or `TRANSFORM`.
-
-    Best effort is requested by default, which fits all publishers.
+    """Captures from topics, one per object, all `POSE` or all `TRANSFORM`; best effort unless told otherwise.
 
     Raises:
         MocapError: Another type, or no topic.
@@ -72,8 +63,7 @@ class TopicSource:
         self._node, self._topics, self._type, self._qos = node, dict(topics), type_, qos
         self._queue: deque[Capture] = deque(maxlen=_QUEUE)
         self._came = asyncio.Event()
-        #: How many messages were pushed out by newer ones because the bridge did not keep up.
-        self.overflowed = 0
+        self.overflowed = 0  #: How many messages newer ones pushed out, as the bridge was late.
 
     async def captures(self) -> AsyncGenerator[Capture, None]:
         """Subscribe, and yield what comes."""
@@ -98,10 +88,7 @@ class TopicSource:
 
 
 class LogSource:
-    """Captures from a log's topics, in the order in which they were received.
-
-    Topics hold `POSE` or `TRANSFORM` messages. With a clock captures come at the pace of the log, else at once.
-    """
+    """Captures from a log's `POSE` or `TRANSFORM` topics as received; with a clock at the log's pace."""
 
     def __init__(self, reader: LogReader, topics: Mapping[str, str], *, clock: Clock | None = None) -> None:
         self._reader, self._topics, self._clock = reader, dict(topics), clock

@@ -1,7 +1,6 @@
 """A capture system that needs no hardware: objects on known ways, seen with every fault of a real one.
 
-`synthetic_captures` is pure: the same configuration and generator give the same captures, and each comes with
-the truth. `SyntheticSource` plays them in a node's time.
+`synthetic_captures` is pure, and each comes with the truth; `SyntheticSource` plays them in a node's time.
 """
 
 from __future__ import annotations
@@ -16,7 +15,7 @@ from sfglab.spatial.poses import Pose
 from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
-    from collections.abc import AsyncGenerator, Iterator, Mapping, Sequence
+    from collections.abc import AsyncGenerator, Iterator, Mapping
 
     import numpy as np
 
@@ -84,11 +83,9 @@ def synthetic_captures(
     start_ns: int = 0,
     duration_s: float = math.inf,
 ) -> Iterator[TrueCapture]:
-    """Yield captures in the order of capture; those that are dropped leave a gap in the numbers.
-
-    Capture 0 is taken at `start_ns`, which is time 0 of the ways.
-    """
-    hidden, flipped = (_Spells(rate, mean, objects) for rate, mean in _faults(config))
+    """Yield captures in order, the first at `start_ns`, time 0 of the ways; drops leave gaps in the numbers."""
+    hidden = _Spells(config.occlusions_hz, config.occlusion_s, objects)
+    flipped = _Spells(config.flips_hz, config.flip_s, objects)
     for number in range(math.ceil(min(duration_s * config.rate_hz, 2**62))):
         time_s = number / config.rate_hz
         truth = {id_: motion.pose_at(time_s) for id_, motion in objects.items()}
@@ -108,10 +105,6 @@ def synthetic_captures(
                 sights=sights,
             )
             yield TrueCapture(capture=capture, truth=truth, flipped=frozenset(now_flipped))
-
-
-def _faults(config: SyntheticConfig) -> Sequence[tuple[float, float]]:
-    return (config.occlusions_hz, config.occlusion_s), (config.flips_hz, config.flip_s)
 
 
 def _seen(pose: Pose, flipped: bool, config: SyntheticConfig, rng: np.random.Generator) -> Pose:  # noqa: FBT001
@@ -141,11 +134,7 @@ class _Spells:
 
 
 class SyntheticSource:
-    """Synthetic captures in a node's time.
-
-    They are handed out when they would arrive by the node's clock, or as soon after that as they are asked for,
-    and receipt is when they are. Time 0 of the ways is `start_ns`; None: when the source is opened.
-    """
+    """Synthetic captures at their receipt by the node's clock; the ways begin at `start_ns`, or when opened."""
 
     def __init__(  # noqa: PLR0913 - `synthetic_captures`' and the clock
         self,

@@ -1,10 +1,8 @@
 """Captures of a motion capture system, and which sights are believed: a state machine in one table.
 
 Cameras lose objects, confuse their markers and turn symmetric patterns around. A pose that no object of the
-kind could have reached since the last one is not published; if it stays, it is believed after a while, because
-then it was the last one that was wrong. An object that comes back flipped after it was hidden for long cannot
-be told from one that turned as far, so both are doubted for that while, and a flip that lasts is believed.
-Pure: takes sights and capture times, returns verdicts.
+kind could have reached is not published until it stays for a while, because then it was the last one that was
+wrong. One that comes back flipped cannot be told from one that turned as far, so both are doubted that long.
 """
 
 from __future__ import annotations
@@ -144,10 +142,7 @@ class Track:
 
 
 def judge(track: Track, sight: Sight, capture_ns: int, limits: Limits) -> tuple[Track, Verdict]:
-    """Judge one sight of an object; return what to remember of it, and the verdict.
-
-    A sight is a pose, or why there is none; it is to be published if the verdict is `believed`.
-    """
+    """Judge a pose, or why there is none; return what to remember, and the verdict: whether to publish it."""
     if track.seen_ns is not None and capture_ns <= track.seen_ns:
         return track, Verdict.STALE
     if isinstance(sight, Lapse):

@@ -1,14 +1,13 @@
 """Edits as values: from a scene to the next one, or an error and nothing changed; and the way back.
 
-Every step of a history keeps the scene before and after it. Scenes share what does not change, so a step costs
-little, and undoing is going back to a value: a removed subtree returns with its ids, its order and all that
-referred to it. Refuses to know who edits and why.
+A step keeps the scene before and after it, which share what does not change: undoing is going back to a value.
 """
 
 from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
 from sfglab.spatial.poses import Pose
@@ -60,9 +59,8 @@ class Add:
         draft = Draft(scene)
         for position, thing in enumerate(self.objects):
             if isinstance(thing.id, int) and thing.id < scene.next_id:
-                raise SceneError(
-                    place_of(thing), f"id {thing.id}", f"ids from {scene.next_id}, never used before"
-                )
+                allowed = f"ids from {scene.next_id}, never used before"
+                raise SceneError(place_of(thing), f"id {thing.id}", allowed)
             draft.insert(_undriven(thing), None if position else self.index)
         for thing in self.objects:
             if isinstance(thing, TrajectoryObject) and thing.agent is not None:
@@ -101,19 +99,15 @@ class Move:
     parent: int  #: The new parent's id, or `ROOT`.
     #: Where among the siblings there, counted without it; at the end where it is None.
     index: int | None = None
-    #: It stays where it is in the scene and gets another pose in its parent; else the reverse.
-    keep_place: bool = True
+    keep_place: bool = True  #: It stays where it is in the scene; else it keeps its pose in its parent.
 
     label: ClassVar[str] = "Move in the tree"
 
     def apply(self, scene: Scene) -> Scene:
         """Return the scene with the object elsewhere in the tree."""
         thing = scene.get(self.id)
-        if (
-            self.keep_place
-            and self.parent != thing.parent
-            and (not self.parent or self.parent in scene.objects)
-        ):
+        is_held = not self.parent or self.parent in scene.objects
+        if self.keep_place and is_held and self.parent != thing.parent:
             pose = scene.world_pose(self.parent).inverse() @ scene.world_pose(self.id)
             thing = replace(thing, pose=pose)
         draft = Draft(scene)
@@ -173,9 +167,8 @@ class SetProperty:
         thing = scene.get(self.id)
         known = {prop.name: prop for prop in thing.properties}
         if self.key not in known:
-            raise SceneError(
-                f"{place_of(thing)}, property", self.key, " or ".join(known) or "none has this kind"
-            )
+            allowed = " or ".join(known) or "none has this kind"
+            raise SceneError(f"{place_of(thing)}, property", self.key, allowed)
         value = known[self.key].typed(self.value, f"{place_of(thing)}, {self.key}")
         return _with(scene, replace(thing, **{self.key: value}))
 
@@ -277,8 +270,7 @@ class Retime:
             if thing.agent is None:
                 raise SceneError(f"{place_of(thing)}, limits", None, "limits, or an agent that drives it")
             limits = scene.of_kind(thing.agent, AgentObject).limits
-        given = limits
-        return _retimed(scene, thing, lambda trajectory: retimed(trajectory, given))
+        return _retimed(scene, thing, partial(retimed, limits=limits))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -293,7 +285,7 @@ class Stretch:
     def apply(self, scene: Scene) -> Scene:
         """Return the scene with the trajectory stretched."""
         thing = scene.of_kind(self.id, TrajectoryObject)
-        return _retimed(scene, thing, lambda trajectory: stretched(trajectory, self.factor))
+        return _retimed(scene, thing, partial(stretched, factor=self.factor))
 
 
 def _retimed(scene: Scene, thing: TrajectoryObject, change: Callable[[Trajectory], Trajectory]) -> Scene:
@@ -330,12 +322,7 @@ class History:
         self._done: deque[Step] = deque(maxlen=depth)
         self._undone: list[Step] = []
         self._dropped: list[Step] = []
-        self._next_id = scene.next_id
-
-    @property
-    def next_id(self) -> int:
-        """An id that no object ever had here, also none whose addition was undone."""
-        return self._next_id
+        self.next_id = scene.next_id  #: An id that no object ever had, also none whose addition was undone.
 
     @property
     def undo_label(self) -> str | None:
@@ -348,10 +335,9 @@ class History:
         return self._undone[-1].label if self._undone else None
 
     def do(self, command: Command, *, drag: str | None = None) -> bool:
-        """Do an edit; what was undone can then no longer be redone, unless a drag ends where it began.
+        """Do an edit and return whether anything changed; edits of one drag, a new name each, become one step.
 
-        It returns whether anything changed; an edit that changes nothing leaves no step. Edits of one drag,
-        whose name is new for every drag, become one step.
+        What was undone can then no longer be redone, unless a drag ends where it began.
 
         Raises:
             SceneError: It is not allowed; nothing changed.
@@ -371,7 +357,7 @@ class History:
             self._done.append(Step(label=label, before=before, after=after, drag=drag))
             self._undone = []
         self.scene = after
-        self._next_id = max(self._next_id, after.next_id)
+        self.next_id = max(self.next_id, after.next_id)
         return True
 
     def undo(self) -> Step | None:

@@ -1,8 +1,7 @@
 """Warnings about a plan, and where everybody is at a time.
 
-Who comes too close to whom, when and where; limits, zones, and loose ends. Warnings, not refusals: a plan in
-the making may be wrong. Distances come from `trajectory.clearance`: exact for polylines, within a millimetre
-for splines. Refuses to know how to mend anything.
+Warnings, not refusals: a plan in the making may be wrong. Distances come from `trajectory.clearance`: exact for
+polylines, within a millimetre for splines.
 """
 
 from __future__ import annotations
@@ -207,11 +206,7 @@ class Ghost:
 
 
 def ghosts(scene: Scene, time_s: float) -> tuple[Ghost, ...]:
-    """Return every agent at a time of the scene, in the tree's order.
-
-    Before its start and after its end an agent stands at its trajectory's ends; one without trajectory stands
-    where its own pose is.
-    """
+    """Return every agent at a time of the scene, standing before its trajectory, after it or without one."""
     return tuple(_ghost(scene, agent, time_s) for agent in scene.all_of(AgentObject))
 
 

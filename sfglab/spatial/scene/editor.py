@@ -1,7 +1,6 @@
 """An editor without a screen: a scene, its history, selection, time and file, and who wants to hear of changes.
 
-A browser, a notebook or a test calls methods and listens; everything an editor decides is decided here. One
-thread calls. Refuses to know widgets.
+A browser, a notebook or a test calls methods, in one thread, and listens; all decisions are here.
 """
 
 from __future__ import annotations
@@ -29,7 +28,7 @@ from sfglab.spatial.trajectory.motion import pose_at
 from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator
+    from collections.abc import Callable, Iterator
     from pathlib import Path
 
     from sfglab.spatial.trajectory.path import Trajectory
@@ -55,8 +54,7 @@ class Change:
     label: str = ""  #: Of the step, where it is one.
     added: tuple[int, ...] = ()  #: Ids that are new.
     removed: tuple[int, ...] = ()  #: Ids that are gone.
-    #: Ids whose object is another now, or that hold others or in another order; 0 is the scene itself.
-    changed: tuple[int, ...] = ()
+    changed: tuple[int, ...] = ()  #: Ids whose object, or what it holds, changed; 0 is the scene itself.
 
 
 class Editor:
@@ -160,10 +158,7 @@ class Editor:
             self.end_drag()
 
     def add(self, kind: str, name: str, *, parent: int = ROOT, **values: Any) -> int:
-        """Add an object of one of `KINDS`, and return its id.
-
-        Values are its ``pose``, ``time_ns`` of a waypoint, and the kind's properties, typed or plain.
-        """
+        """Add an object of one of `KINDS` with values of its fields, typed or plain, and return its id."""
         if kind not in KINDS:
             raise SceneError("kind", kind, " or ".join(KINDS))
         made = KINDS[kind]
@@ -193,9 +188,7 @@ class Editor:
     def insert_waypoint(
         self, trajectory: int, *, time_ns: int | None = None, pose: Pose | None = None, **values: Any
     ) -> int:
-        """Add a waypoint to a trajectory, with its properties, and return its id.
-
-        Without a time it is a second after the last one; without a pose, where the trajectory is at this time.
+        """Add a waypoint, by default a second after the last and where the trajectory is then; return its id.
 
         Raises:
             SceneError: There is no such trajectory, or another waypoint has this time.
@@ -214,9 +207,7 @@ class Editor:
             self.do(Remove(ids=chosen))
 
     def duplicate(self, id_: int) -> int:
-        """Copy an object with all it holds, beside it and under ids of its own; return the copy's id.
-
-        A trajectory's copy has no agent, unless the agent is copied too.
+        """Copy an object with all it holds, but no agent from outside, beside it; return the copy's id.
 
         Raises:
             SceneError: There is no object of this id, or it is a waypoint, whose copy would have its time.
@@ -307,9 +298,9 @@ class Editor:
             Change(
                 kind=kind,
                 label=label,
-                added=_sorted(after.objects.keys() - before.objects.keys()),
-                removed=_sorted(before.objects.keys() - after.objects.keys()),
-                changed=_sorted(changed),
+                added=tuple(sorted(after.objects.keys() - before.objects.keys())),
+                removed=tuple(sorted(before.objects.keys() - after.objects.keys())),
+                changed=tuple(sorted(changed)),
             )
         )
 
@@ -323,7 +314,3 @@ def _copy(thing: SceneObject, new: dict[int, int]) -> SceneObject:
     if isinstance(copy, TrajectoryObject):
         copy = replace(copy, agent=new.get(copy.agent or ROOT))
     return copy
-
-
-def _sorted(ids: Iterable[int]) -> tuple[int, ...]:
-    return tuple(sorted(ids))

@@ -2,8 +2,7 @@
 
 The same scene always gives the same bytes, and a small edit a small difference: objects stand in the tree's
 order, one key a line, a waypoint on one line; what has its default value is left out. Numbers are the shortest
-that read back as the same float. Refuses to know defaults (`objects`) and what objects may be to each other
-(`tree`).
+that read back as the same float.
 """
 
 from __future__ import annotations
@@ -22,7 +21,7 @@ from sfglab.spatial.trajectory.path import LATEST_NS
 from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
+    from collections.abc import Callable, Iterable, Iterator
     from pathlib import Path
 
     from sfglab.documents import Section
@@ -116,14 +115,12 @@ _LATEST_S = LATEST_NS // NS_PER_S
 
 
 def read_scene(text: str, *, file: str = "scene.yaml") -> Scene:
-    """Return the scene of a YAML text; its file's name is for messages.
-
-    Aligned waypoints look along their segments afterwards, also where somebody edited the text by hand.
+    """Return the scene of a YAML text, its waypoints aligned; its file's name is for messages.
 
     Raises:
-        SceneError: It is not YAML, holds a key that is unknown or stands there twice, lacks one, or says what a
-            scene cannot be: an id given twice, a parent inside its child, a time that another waypoint has or
-            that runs backwards, a number that is not finite, a quaternion of length zero.
+        SceneError: It is not YAML, has unknown, doubled or missing keys, or says what a scene cannot be: a
+            doubled id, a parent inside its child, times that collide or run backwards, a bad number or
+            quaternion.
     """
     try:
         return _scene(Document(text, file).section())
@@ -242,7 +239,9 @@ def _insert_all(draft: Draft, objects: list[Placed]) -> None:
     for lost in (id_ for ids in held.values() for id_ in ids):
         _refuse_loop(by_id, lost)
         _insert(draft, *by_id[lost])  # which says that there is no such parent
-    _give_agents(draft, by_id)
+    for place, thing in by_id.values():
+        if isinstance(thing, TrajectoryObject) and thing.agent is not None:
+            _done(draft.put, place, thing)
 
 
 def _refuse_loop(by_id: dict[int, Placed], start: int) -> None:
@@ -259,20 +258,14 @@ def _refuse_loop(by_id: dict[int, Placed], start: int) -> None:
 def _insert(draft: Draft, place: str, thing: SceneObject) -> None:
     if isinstance(thing, TrajectoryObject):
         thing = replace(thing, agent=None)  # agents may stand further down
+    _done(draft.insert, place, thing)
+
+
+def _done(edit: Callable[[SceneObject], None], place: str, thing: SceneObject) -> None:
     try:
-        draft.insert(thing)
+        edit(thing)
     except SceneError as error:
         raise SceneError(f"{place}: {error.place}", error.given, error.allowed) from error
-
-
-def _give_agents(draft: Draft, by_id: dict[int, Placed]) -> None:
-    for place, thing in by_id.values():
-        if not isinstance(thing, TrajectoryObject) or thing.agent is None:
-            continue
-        try:
-            draft.put(thing)
-        except SceneError as error:
-            raise SceneError(f"{place}: {error.place}", error.given, error.allowed) from error
 
 
 def load_scene(path: Path) -> Scene:

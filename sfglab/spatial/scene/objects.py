@@ -1,9 +1,8 @@
-"""Objects of a scene: groups, agents, obstacles, zones, trajectories and waypoints, with their properties.
+"""Objects of a scene (paper A, section 4.5): groups, agents, obstacles, zones, trajectories and waypoints.
 
-Paper A, section 4.5, calls them scene objects. Each is a value with an id that no other object ever gets, a
-name, a parent, and a pose in the parent. The inspector, the commands and the file format go by the descriptions
-of properties, whose values may be given typed or plain, as YAML or a form has them. Refuses to know the other
-objects of its scene (`tree`).
+Each is a value with an id that no other object ever gets, a name, a parent, and a pose in the parent.
+Inspector, commands and file format go by the descriptions of properties, whose values may be given typed or
+plain.
 """
 
 from __future__ import annotations
@@ -26,10 +25,7 @@ if TYPE_CHECKING:
 
 
 class SceneError(InvalidValueError):
-    """A scene, an edit of one, or a scene file that is not allowed; nothing was changed.
-
-    Its place is an object and its property, or a file, line and key.
-    """
+    """A scene, edit or file that is not allowed, by object and property or line and key; nothing changed."""
 
 
 _LONGEST = 100
@@ -296,9 +292,8 @@ def checked_object(thing: SceneObject) -> SceneObject:
         try:
             as_name(thing.name)
         except ValueError as error:
-            raise SceneError(
-                f"{thing.kind} {thing.id}, name", thing.name, "1 to 100 printable characters"
-            ) from error
+            where = f"{thing.kind} {thing.id}, name"
+            raise SceneError(where, thing.name, "1 to 100 printable characters") from error
     if not isinstance(thing.pose, Pose):
         raise SceneError(f"{place}, pose", thing.pose, "a pose")
     if not all(abs(c) <= _FARTHEST_M for c in thing.pose.position_m):

@@ -1,8 +1,7 @@
 """A scene as a value: objects, who holds whom, and what follows from it.
 
-Every state of a scene is a value of its own that shares what did not change with the one before; whoever keeps
-the old one can go back to it, and nothing has to be put together again. `Draft` is where a next state is made:
-it checks whatever concerns more than one object. Refuses to know `commands` and `files`.
+Every state of a scene is a value that shares what did not change with the one before. `Draft` is where a next
+state is made: it checks whatever concerns more than one object.
 """
 
 from __future__ import annotations
@@ -33,8 +32,7 @@ if TYPE_CHECKING:
 
 _SAME_RAD = 1e-9  #: A waypoint aligned as well as this is left alone, so that files read back byte by byte.
 
-SCENE_PROPERTIES = (text("name"), text("frame_id"), length("margin_m", zero=True))
-"""What a scene says of itself."""
+SCENE_PROPERTIES = (text("name"), text("frame_id"), length("margin_m", zero=True))  #: Of a scene itself.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -188,9 +186,7 @@ class Draft:
             self._objects[id_] = checked_object(moved)
 
     def move(self, thing: SceneObject, parent: int, index: int | None) -> None:
-        """Put an object, with all it holds, under another parent or elsewhere among its siblings.
-
-        Its pose is that in the new parent, the index is counted without it; None: the end.
+        """Put an object, its pose that in the new parent, elsewhere; the index is without it, None the end.
 
         Raises:
             SceneError: The parent cannot hold it, lies inside it, or a waypoint's time is taken there.
@@ -226,9 +222,8 @@ class Draft:
             raise SceneError(place, thing.agent, "the id of an agent in the scene, or none")
         for other in self._objects.values():
             if isinstance(other, TrajectoryObject) and other.agent == thing.agent and other.id != thing.id:
-                raise SceneError(
-                    place, thing.agent, f"an agent that drives no other; this one drives {other.id}"
-                )
+                allowed = f"an agent that drives no other; this one drives {other.id}"
+                raise SceneError(place, thing.agent, allowed)
 
     def _attach(self, thing: SceneObject, index: int | None) -> None:
         held = self._children.get(thing.parent, ())

@@ -1,12 +1,10 @@
 """Distances of agents to each other and to solid bodies, in space and time.
 
-Bodies are convex and stand in their own frames, centred; z is a cylinder's axis.
-
-Polylines are exact: between two waypoint times the relative motion is linear, and the closest point of a line
-to the origin has a closed form; the distance to a convex body is convex along a line, and a narrowing search
-finds its least value. A spline is left by a chord over h by at most h^2 / 8 max |a|, with the bound of
-`Motion`; chords are split where this much could matter, until it is below half the tolerance, and what was
-found is then sharpened on the curve itself. Refuses to know what an agent is and how close is too close.
+Bodies are convex and stand in their own frames, centred; z is a cylinder's axis. Polylines are exact: between
+two waypoint times the relative motion is linear, the closest point of a line to the origin has a closed form,
+and the distance to a convex body is convex along a line. A spline is left by a chord over h by at most h^2 / 8
+max |a|, with the bound of `Motion`; chords are split until that is below half the tolerance where it matters,
+and what was found is then sharpened on the curve itself.
 """
 
 from __future__ import annotations
@@ -24,6 +22,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from numpy.typing import NDArray
+
+    Floats = NDArray[np.float64]
 
     from sfglab.spatial.poses import Pose, Vec3
 
@@ -49,7 +49,7 @@ class Box(_Body):
         """How far its farthest point is from its centre."""
         return math.hypot(*self.size_m) / 2.0
 
-    def distances_m(self, points_m: NDArray[np.float64]) -> NDArray[np.float64]:
+    def distances_m(self, points_m: Floats) -> Floats:
         """Return distances of points, shape (n, 3), to the surface; negative inside."""
         return _hull(np.abs(points_m) - np.array(self.size_m) / 2.0)
 
@@ -65,7 +65,7 @@ class Sphere(_Body):
         """How far its farthest point is from its centre."""
         return self.radius_m
 
-    def distances_m(self, points_m: NDArray[np.float64]) -> NDArray[np.float64]:
+    def distances_m(self, points_m: Floats) -> Floats:
         """Return distances of points, shape (n, 3), to the surface; negative inside."""
         return np.asarray(np.linalg.norm(points_m, axis=1) - self.radius_m)
 
@@ -82,7 +82,7 @@ class Cylinder(_Body):
         """How far its farthest point is from its centre."""
         return math.hypot(self.radius_m, self.height_m / 2.0)
 
-    def distances_m(self, points_m: NDArray[np.float64]) -> NDArray[np.float64]:
+    def distances_m(self, points_m: Floats) -> Floats:
         """Return distances of points, shape (n, 3), to the surface; negative inside."""
         beside = np.hypot(points_m[:, 0], points_m[:, 1]) - self.radius_m
         above = np.abs(points_m[:, 2]) - self.height_m / 2.0
@@ -92,7 +92,7 @@ class Cylinder(_Body):
 Shape = Box | Sphere | Cylinder
 
 
-def _hull(beyond: NDArray[np.float64]) -> NDArray[np.float64]:
+def _hull(beyond: Floats) -> Floats:
     """Return the distance to a product of intervals, given how far one is beyond each of them."""
     outside = np.linalg.norm(np.maximum(beyond, 0.0), axis=1)
     return np.asarray(outside + np.minimum(beyond.max(axis=1), 0.0))
@@ -129,15 +129,12 @@ class ObstacleApproach:
 
 
 def closest_approach(a: Trajectory, b: Trajectory, *, tolerance_m: float = TOLERANCE_M) -> Approach:
-    """Return when and where two are closest, who both stand before their start and after their end.
-
-    Both are in the same frame and time; a spline may be off by `tolerance_m`.
-    """
+    """Return when and where two in one frame are closest, up to `tolerance_m` for splines; ends stand."""
     one, other = motion_of(a), motion_of(b)
     start_s = float(min(one.times_s[0], other.times_s[0]))
     end_s = float(max(one.times_s[-1], other.times_s[-1]))
 
-    def relative(at_s: NDArray[np.float64]) -> NDArray[np.float64]:
+    def relative(at_s: Floats) -> Floats:
         return one.positions(at_s) - other.positions(at_s)
 
     chords = _chords((one, other), start_s, end_s)
@@ -152,21 +149,14 @@ def closest_approach(a: Trajectory, b: Trajectory, *, tolerance_m: float = TOLER
 
 
 def closest_to_shape(
-    trajectory: Trajectory,
-    shape: Shape,
-    shape_pose: Pose,
-    *,
-    tolerance_m: float = TOLERANCE_M,
+    trajectory: Trajectory, shape: Shape, shape_pose: Pose, *, tolerance_m: float = TOLERANCE_M
 ) -> ObstacleApproach:
-    """Return when and where a trajectory is closest to a body in its frame, or deepest inside it.
-
-    A spline may be off by `tolerance_m`.
-    """
+    """Return when and where one is closest to a body, or deepest inside, up to `tolerance_m` for splines."""
     motion = motion_of(trajectory)
     turned = shape_pose.rotation.inv()
 
-    def relative(at_s: NDArray[np.float64]) -> NDArray[np.float64]:
-        inside: NDArray[np.float64] = turned.apply(motion.positions(at_s) - shape_pose.position_m)
+    def relative(at_s: Floats) -> Floats:
+        inside: Floats = turned.apply(motion.positions(at_s) - shape_pose.position_m)
         return inside
 
     chords = _chords((motion,), float(motion.times_s[0]), float(motion.times_s[-1]))
@@ -187,12 +177,12 @@ def _position(trajectory: Trajectory, time_s: float) -> Vec3:
 class _Chords(NamedTuple):
     """Intervals of time, and how much a motion bends in each; all of shape (n,)."""
 
-    start_s: NDArray[np.float64]
-    end_s: NDArray[np.float64]
-    bend_m_s2: NDArray[np.float64]
+    start_s: Floats
+    end_s: Floats
+    bend_m_s2: Floats
 
     @property
-    def off_m(self) -> NDArray[np.float64]:
+    def off_m(self) -> Floats:
         """How far the motion can be from its chord."""
         return (self.end_s - self.start_s) ** 2 * self.bend_m_s2 / 8.0
 
@@ -207,24 +197,24 @@ class _Chords(NamedTuple):
 class _Minimum(Protocol):
     """How close points and straight lines come to something; shares are parts of a line, 0 to 1."""
 
-    def distances(self, points_m: NDArray[np.float64]) -> NDArray[np.float64]: ...
+    def distances(self, points_m: Floats) -> Floats: ...
 
-    def bounds(self, start_m: NDArray[np.float64], end_m: NDArray[np.float64]) -> NDArray[np.float64]: ...
+    def bounds(self, start_m: Floats, end_m: Floats) -> Floats: ...
 
-    def shares(self, start_m: NDArray[np.float64], end_m: NDArray[np.float64]) -> NDArray[np.float64]: ...
+    def shares(self, start_m: Floats, end_m: Floats) -> Floats: ...
 
 
 class _OriginMinimum:
     """To the origin, in closed form."""
 
-    def distances(self, points_m: NDArray[np.float64]) -> NDArray[np.float64]:
+    def distances(self, points_m: Floats) -> Floats:
         return np.asarray(np.linalg.norm(points_m, axis=1))
 
-    def bounds(self, start_m: NDArray[np.float64], end_m: NDArray[np.float64]) -> NDArray[np.float64]:
+    def bounds(self, start_m: Floats, end_m: Floats) -> Floats:
         share = self.shares(start_m, end_m)[:, None]
         return self.distances((1.0 - share) * start_m + share * end_m)
 
-    def shares(self, start_m: NDArray[np.float64], end_m: NDArray[np.float64]) -> NDArray[np.float64]:
+    def shares(self, start_m: Floats, end_m: Floats) -> Floats:
         way = end_m - start_m
         square = np.einsum("ij,ij->i", way, way)
         along = -np.einsum("ij,ij->i", start_m, way) / np.where(square > 0.0, square, 1.0)
@@ -237,13 +227,13 @@ class _ShapeMinimum:
     def __init__(self, shape: Shape) -> None:
         self.distances = shape.distances_m
 
-    def bounds(self, start_m: NDArray[np.float64], end_m: NDArray[np.float64]) -> NDArray[np.float64]:
+    def bounds(self, start_m: Floats, end_m: Floats) -> Floats:
         """Return what no point of a line is below: distances change by a metre a metre."""
         ends = self.distances(start_m) + self.distances(end_m)
         return np.asarray((ends - np.linalg.norm(end_m - start_m, axis=1)) / 2.0)
 
-    def shares(self, start_m: NDArray[np.float64], end_m: NDArray[np.float64]) -> NDArray[np.float64]:
-        def gap(share: NDArray[np.float64]) -> NDArray[np.float64]:
+    def shares(self, start_m: Floats, end_m: Floats) -> Floats:
+        def gap(share: Floats) -> Floats:
             return self.distances((1.0 - share[:, None]) * start_m + share[:, None] * end_m)
 
         return _narrowed(np.zeros(len(start_m)), np.ones(len(start_m)), gap)
@@ -267,15 +257,11 @@ def _chords(motions: tuple[Motion, ...], start_s: float, end_s: float) -> _Chord
 
 
 def _least(
-    chords: _Chords,
-    relative: Callable[[NDArray[np.float64]], NDArray[np.float64]],
-    lines: _Minimum,
-    off_m: float,
+    chords: _Chords, relative: Callable[[Floats], Floats], lines: _Minimum, off_m: float
 ) -> tuple[float, float]:
-    """Return when something is closest, and how far it is at most from the chords that this was found on.
+    """Return when something is closest, and how far it is at most from the chords that show it.
 
-    Chords that can hold nothing closer than what is known already are dropped; the others are split until they
-    are close enough to the motion.
+    Chords that can hold nothing closer are dropped; the others are split until they are close enough.
     """
     best_m = math.inf
     for _ in range(_SPLITS):
@@ -301,13 +287,7 @@ def _least(
     return float(tried[lines.distances(relative(tried)).argmin()]), left_m
 
 
-def _narrowed(
-    low: NDArray[np.float64],
-    high: NDArray[np.float64],
-    gap: Callable[[NDArray[np.float64]], NDArray[np.float64]],
-    *,
-    rounds: int = _ROUNDS,
-) -> NDArray[np.float64]:
+def _narrowed(low: Floats, high: Floats, gap: Callable[[Floats], Floats], *, rounds: int = _ROUNDS) -> Floats:
     """Return where functions that fall and then rise are least, by golden sections, all at once."""
     for _ in range(rounds):
         left, right = high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)
@@ -316,9 +296,7 @@ def _narrowed(
     return (low + high) / 2.0
 
 
-def _sharpened(
-    chords: _Chords, gap: Callable[[NDArray[np.float64]], NDArray[np.float64]]
-) -> NDArray[np.float64]:
+def _sharpened(chords: _Chords, gap: Callable[[Floats], Floats]) -> Floats:
     """Return where a curve's distance is least inside the most promising of its chords."""
     ends = np.minimum(gap(chords.start_s), gap(chords.end_s))
     first = np.argsort(ends)[:_PARTS]

@@ -1,8 +1,7 @@
 """Trajectories as CSV and as ROS messages, and back: nav_msgs/Path, trajectory_msgs/MultiDOFJointTrajectory.
 
 All carry waypoints, to the nanosecond and bit by bit, and none says how to go from one to the next: whoever
-reads chooses, and whoever writes for a reader that knows only polylines resamples first. A CSV has a line for
-every waypoint: time in seconds with nine decimals, position, quaternion. Refuses to know files and topics.
+reads chooses, and whoever writes for a reader that knows only polylines resamples first.
 """
 
 from __future__ import annotations
@@ -74,9 +73,8 @@ def _pair(row: list[str], place: str, *, after_ns: int) -> tuple[int, Pose]:
     except (InvalidOperation, ValueError, OverflowError) as error:
         raise TrajectoryError(place, ",".join(row), "eight numbers") from error
     if time_ns <= after_ns:
-        raise TrajectoryError(
-            place, f"{row[0]} s", f"a time above {after_ns / NS_PER_S} s and below {_MOST_S} s"
-        )
+        allowed = f"a time above {after_ns / NS_PER_S} s and below {_MOST_S} s"
+        raise TrajectoryError(place, f"{row[0]} s", allowed)
     try:
         return time_ns, Pose.at(numbers[:3], numbers[3:], place=place)
     except PoseError as error:
@@ -113,11 +111,10 @@ def trajectory_from_path(message: Any, *, interpolation: Interpolation = Interpo
 
 
 def multi_dof_from_trajectory(trajectory: Trajectory, joint: str, *, frame_id: str, start_ns: int = 0) -> Any:
-    """Return a `trajectory_msgs/msg/MultiDOFJointTrajectory` of one joint, a point for every waypoint.
+    """Return a `trajectory_msgs/msg/MultiDOFJointTrajectory` of one joint, from `start_ns` (Unix time) on.
 
-    Velocities are those of the segment that leaves a waypoint, at the last one of the segment that arrives.
-    Accelerations stay empty for polylines, whose corners have none. The header's stamp is the trajectory's time
-    0, `start_ns`, in nanoseconds since the epoch.
+    Velocities are those of the segment that leaves a waypoint, at last of the one that arrives. Accelerations
+    stay empty for polylines, whose corners have none.
 
     Raises:
         MessageError: A time does not fit into a stamp.
@@ -142,10 +139,7 @@ def multi_dof_from_trajectory(trajectory: Trajectory, joint: str, *, frame_id: s
 def trajectory_from_multi_dof(
     message: Any, joint: str = "", *, interpolation: Interpolation = Interpolation.POLYLINE
 ) -> Trajectory:
-    """Return one joint's waypoints of a `trajectory_msgs/msg/MultiDOFJointTrajectory`.
-
-    It is the first joint's where none is named. Velocities and accelerations are not read, as waypoints imply
-    them.
+    """Return the waypoints of one joint, else the first, of a `trajectory_msgs/msg/MultiDOFJointTrajectory`.
 
     Raises:
         TrajectoryError: It has no such joint, a point lacks its transform, or times do not grow.

@@ -1,13 +1,11 @@
 """Speed, acceleration and yaw rate against an agent's limits; the same path in more time, so that they hold.
 
-Inside a segment the rates are the motion's own. A polyline's velocity jumps at its waypoints; there the
-acceleration is the jump over half the time of the two segments, |v_out - v_in| / ((dt_in + dt_out) / 2), as if
-it were spread over them. The first waypoint may be left, and the last reached, at any speed within the limit. A
-spline's peaks are sought on a grid that is narrowed thrice.
+A polyline's velocity jumps at its waypoints; there the acceleration is the jump over half the time of the two
+segments, |v_out - v_in| / ((dt_in + dt_out) / 2). The first waypoint may be left, and the last reached, at any
+speed within the limit. A spline's peaks are sought on a grid that is narrowed thrice.
 
-Re-timing stretches segments where they violate something; what is left after some rounds is met by stretching
-everything alike, which always ends: speeds fall with the factor, accelerations with its square. Durations only
-grow. Not the shortest such motion; what is slow already is not made faster.
+Re-timing stretches segments where they violate something, and at last everything alike, which always ends:
+speeds fall with the factor, accelerations with its square. Not the shortest such motion; durations only grow.
 """
 
 from __future__ import annotations
@@ -93,14 +91,9 @@ class Peaks:
 
 
 def peaks(trajectory: Trajectory, quantity: Quantity) -> Peaks:
-    """Return where a quantity is largest in every segment of a trajectory.
-
-    A polyline's corner counts to the segment that leaves it.
-    """
+    """Return where a quantity is largest in every segment; a corner counts to the one that leaves it."""
     motion = motion_of(trajectory)
-    if motion.exact:
-        return _exact_peaks(motion, quantity)
-    return _narrowed_peaks(motion, quantity)
+    return (_exact_peaks if motion.exact else _narrowed_peaks)(motion, quantity)
 
 
 def limit_violations(trajectory: Trajectory, limits: Limits) -> tuple[LimitViolation, ...]:
@@ -166,14 +159,11 @@ def _sizes(
 
 
 _LOCAL_ROUNDS = 30
-_CLOSE = 1e-6
-"""Segments are stretched by this share more than needed, so that rounding to nanoseconds breaks no limit."""
+_CLOSE = 1e-6  #: By which more than needed segments are stretched: rounding to ns breaks no limit.
 
 
 def retimed(trajectory: Trajectory, limits: Limits) -> Trajectory:
-    """Return a trajectory along the same path, position and orientation, that keeps to limits.
-
-    The first waypoint keeps its time. Where nothing is violated it is the same object.
+    """Return a trajectory along the same path, from the same time on, that keeps to limits; itself if it does.
 
     Raises:
         TrajectoryError: It would end later than a trajectory may.
@@ -181,12 +171,10 @@ def retimed(trajectory: Trajectory, limits: Limits) -> Trajectory:
     for _ in range(_LOCAL_ROUNDS):
         if not limit_violations(trajectory, limits):
             return trajectory
-        factors = _factors(trajectory, limits)
-        trajectory = _slower(trajectory, factors)
+        trajectory = _slower(trajectory, _factors(trajectory, limits))
     while limit_violations(trajectory, limits):
-        trajectory = _slower(
-            trajectory, np.full(len(trajectory.waypoints) - 1, _factors(trajectory, limits).max())
-        )
+        factors = _factors(trajectory, limits)
+        trajectory = _slower(trajectory, np.full_like(factors, factors.max()))
     return trajectory
 
 

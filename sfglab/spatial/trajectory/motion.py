@@ -32,6 +32,8 @@ from sfglab.units import NS_PER_S
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
+    Floats = NDArray[np.float64]
+
 
 _TOGETHER_M = 1e-9  #: Waypoints of a spline that are closer than this are one place.
 _ALPHA = 0.5
@@ -41,29 +43,27 @@ _ALPHA = 0.5
 class Samples:
     """A trajectory at n times."""
 
-    times_s: NDArray[np.float64]  #: When, shape (n,).
-    positions_m: NDArray[np.float64]  #: Shape (n, 3).
-    quats_xyzw: NDArray[np.float64]  #: Shape (n, 4); a sign says nothing.
-    velocities_m_s: NDArray[np.float64]  #: Shape (n, 3); at a waypoint, of the segment that leaves.
-    #: Shape (n, 3); inside a polyline's segments it is zero, its corners are for `limits`.
-    accelerations_m_s2: NDArray[np.float64]
-    angular_rad_s: NDArray[np.float64]  #: Angular velocity in the fixed frame, shape (n, 3).
+    times_s: Floats  #: When, shape (n,).
+    positions_m: Floats  #: Shape (n, 3).
+    quats_xyzw: Floats  #: Shape (n, 4); a sign says nothing.
+    velocities_m_s: Floats  #: Shape (n, 3); at a waypoint, of the segment that leaves.
+    accelerations_m_s2: Floats  #: Shape (n, 3); zero in a polyline, whose corners are for `limits`.
+    angular_rad_s: Floats  #: Angular velocity in the fixed frame, shape (n, 3).
 
     @property
-    def speeds_m_s(self) -> NDArray[np.float64]:
+    def speeds_m_s(self) -> Floats:
         """Lengths of the velocities, shape (n,)."""
         return np.asarray(np.linalg.norm(self.velocities_m_s, axis=1))
 
     @property
-    def yaw_rates_rad_s(self) -> NDArray[np.float64]:
+    def yaw_rates_rad_s(self) -> Floats:
         """Angular velocity about the fixed z axis, shape (n,)."""
         return self.angular_rad_s[:, 2]
 
     def pose(self, index: int) -> Pose:
         """Return one of the poses."""
-        return Pose.at(
-            self.positions_m[index].tolist(), self.quats_xyzw[index].tolist(), place=f"sample {index}"
-        )
+        position, quat = self.positions_m[index].tolist(), self.quats_xyzw[index].tolist()
+        return Pose.at(position, quat, place=f"sample {index}")
 
 
 class Motion:
@@ -73,8 +73,7 @@ class Motion:
         from scipy.spatial.transform import Rotation
 
         poses = [w.pose for w in trajectory.waypoints]
-        #: The waypoints' times, shape (n,).
-        self.times_s = np.array([w.time_ns for w in trajectory.waypoints]) / NS_PER_S
+        self.times_s = np.array([w.time_ns for w in trajectory.waypoints]) / NS_PER_S  #: Shape (n,).
         self.positions_m = np.array([p.position_m for p in poses])  #: Their positions, shape (n, 3).
         self._rotations = Rotation.from_quat([p.quat_xyzw for p in poses])
         several = len(poses) > 1
@@ -90,7 +89,7 @@ class Motion:
         """Return the number of segments."""
         return len(self.durations_s)
 
-    def positions(self, times_s: ArrayLike) -> NDArray[np.float64]:
+    def positions(self, times_s: ArrayLike) -> Floats:
         """Return positions at any times, shape (n, 3); before the start and after the end one stands."""
         segments, local_s = self._locate(np.atleast_1d(np.asarray(times_s, dtype=np.float64)))
         if not len(self):
@@ -116,21 +115,17 @@ class Motion:
             angular_rad_s=angular,
         )
 
-    def rates(
-        self, segments: NDArray[np.intp], local_s: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-        """Return position, velocity, acceleration and angular velocity inside given segments.
+    def rates(self, segments: NDArray[np.intp], local_s: Floats) -> tuple[Floats, Floats, Floats, Floats]:
+        """Return position, velocity, acceleration and angular velocity inside segments, indices of shape (n,).
 
-        Args:
-            segments: Which, shape (n,); a segment's end is its own here, not the next one's start.
-            local_s: Time since each segment's start, shape (n,).
+        Times are since each one's start, shape (n,); a segment's end is its own here, not the next one's start.
         """
         law, path = self._law[segments], self._path[segments]
         g, g1, g2 = (_value(law, local_s, order)[:, None] for order in range(3))
         p, p1, p2 = (_value(path, g, order) for order in range(3))
         return p, p1 * g1, p2 * g1**2 + p1 * g2, self._turns[segments] * g1
 
-    def bend_bounds_m_s2(self) -> NDArray[np.float64]:
+    def bend_bounds_m_s2(self) -> Floats:
         """Return a bound of the acceleration's length in every segment, shape (n - 1,).
 
         From Bézier control points, within whose hull a polynomial stays: |a| <= |P''| g'^2 + |P'| |g''|.
@@ -145,41 +140,37 @@ class Motion:
         jerk = np.abs(np.diff(law1, axis=1)).max(axis=1) * 2.0 / dt**2
         return np.asarray(bend * slope**2 + speed * jerk)
 
-    def boxes_m(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return least and greatest x, y, z between which every segment stays, each of shape (n - 1, 3).
-
-        The box of Bézier control points; of the one position where there is no segment.
-        """
+    def boxes_m(self) -> tuple[Floats, Floats]:
+        """Return least and greatest x, y, z of every segment, each (n - 1, 3); of the position without any."""
         if not len(self):
             return self.positions_m, self.positions_m
         a, b, c, d = (self._path[:, power] for power in range(4))
         points = np.stack([a, a + b / 3, a + 2 * b / 3 + c / 3, a + b + c + d])
         return points.min(axis=0), points.max(axis=0)
 
-    def _locate(self, times_s: NDArray[np.float64]) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
+    def _locate(self, times_s: Floats) -> tuple[NDArray[np.intp], Floats]:
         last = max(len(self) - 1, 0)
         segments = np.clip(np.searchsorted(self.times_s, times_s, side="right") - 1, 0, last)
         if not len(self):
             return segments, np.zeros_like(times_s)
         return segments, np.clip(times_s - self.times_s[segments], 0.0, self.durations_s[segments])
 
-    def _orientations(self, segments: NDArray[np.intp], local_s: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _orientations(self, segments: NDArray[np.intp], local_s: Floats) -> Floats:
         from scipy.spatial.transform import Rotation
 
         turned = self._turns[segments] * _value(self._law[segments], local_s)[:, None]
-        quats: NDArray[np.float64] = (Rotation.from_rotvec(turned) * self._rotations[segments]).as_quat()
+        quats: Floats = (Rotation.from_rotvec(turned) * self._rotations[segments]).as_quat()
         return quats
 
-    def _stand(self, times_s: NDArray[np.float64]) -> Samples:
+    def _stand(self, times_s: Floats) -> Samples:
         count = len(times_s)
-        zeros = np.zeros((count, 3))
         return Samples(
             times_s=times_s,
             positions_m=np.repeat(self.positions_m, count, axis=0),
             quats_xyzw=np.repeat(self._rotations.as_quat().reshape(1, 4), count, axis=0),
-            velocities_m_s=zeros,
-            accelerations_m_s2=zeros.copy(),
-            angular_rad_s=zeros.copy(),
+            velocities_m_s=np.zeros((count, 3)),
+            accelerations_m_s2=np.zeros((count, 3)),
+            angular_rad_s=np.zeros((count, 3)),
         )
 
 
@@ -211,9 +202,7 @@ def resampled(trajectory: Trajectory, period_ns: int) -> Trajectory:
     return Trajectory(waypoints=(*grid, points[-1]))
 
 
-def _linear(
-    times_s: NDArray[np.float64], positions_m: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _linear(times_s: Floats, positions_m: Floats) -> tuple[Floats, Floats]:
     """Return law (n - 1, 4) and path (n - 1, 4, 3) of a polyline, lowest power first."""
     law = np.zeros((len(times_s) - 1, 4))
     law[:, 1] = 1.0 / np.diff(times_s)
@@ -222,11 +211,7 @@ def _linear(
     return law, path
 
 
-def _catmull_rom(
-    times_s: NDArray[np.float64],
-    positions_m: NDArray[np.float64],
-    linear: tuple[NDArray[np.float64], NDArray[np.float64]],
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _catmull_rom(times_s: Floats, positions_m: Floats, linear: tuple[Floats, Floats]) -> tuple[Floats, Floats]:
     """Return law and path of the spline; where nobody moves, those of the polyline stay."""
     from scipy.interpolate import CubicHermiteSpline, PchipInterpolator
 
@@ -246,7 +231,7 @@ def _catmull_rom(
     return law, path
 
 
-def _places(positions_m: NDArray[np.float64]) -> NDArray[np.intp]:
+def _places(positions_m: Floats) -> NDArray[np.intp]:
     """Return for every waypoint which place in a row it is; those at one place share it."""
     place, last, count = [0], positions_m[0], 0
     for position in positions_m[1:]:
@@ -256,7 +241,7 @@ def _places(positions_m: NDArray[np.float64]) -> NDArray[np.intp]:
     return np.array(place)
 
 
-def _tangents(knots: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.float64]:
+def _tangents(knots: Floats, points: Floats) -> Floats:
     """Return dP/du at every point as the Barry-Goldman pyramid has it; at the ends it is the chord."""
     steps = np.diff(knots)[:, None]
     chords = np.diff(points, axis=0) / steps
@@ -267,17 +252,17 @@ def _tangents(knots: NDArray[np.float64], points: NDArray[np.float64]) -> NDArra
     return tangents
 
 
-def _value(coefficients: NDArray[np.float64], at: NDArray[np.float64], order: int = 0) -> NDArray[np.float64]:
+def _value(coefficients: Floats, at: Floats, order: int = 0) -> Floats:
     """Return cubics, or derivatives of them, by Horner's rule: coefficients (n, 4, ...), lowest power first."""
     factor = np.arange(4.0)
-    value: NDArray[np.float64] | float = 0.0
+    value: Floats | float = 0.0
     for power in range(3, order - 1, -1):
         weight = np.prod(factor[power - order + 1 : power + 1]) if order else 1.0
         value = value * at + weight * coefficients[:, power]
     return np.asarray(value)
 
 
-def _bezier_of_slope(coefficients: NDArray[np.float64]) -> NDArray[np.float64]:
+def _bezier_of_slope(coefficients: Floats) -> Floats:
     """Return the three control points of cubics' derivatives over 0 to 1, shape (n, 3, ...)."""
     a, b, c = (power * coefficients[:, power] for power in (1, 2, 3))
     return np.stack([a, a + b / 2, a + b + c], axis=1)

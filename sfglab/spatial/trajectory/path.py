@@ -1,9 +1,7 @@
 """A trajectory as a value: timed poses and how to go from one to the next. Paper A, section 4.5.
 
 The paper's T = {(p_i, t_i)}, p_i in SE(3), t_i a temporal offset from 0. Times are whole nanoseconds, so that
-files and messages give back what they were given. Knows what a trajectory may be, how it becomes another one
-along the same path, and how waypoints look along it. Refuses to know what lies between them (`motion`) and who
-drives (`scene`).
+files and messages give back what they were given. What lies between waypoints is `motion`.
 """
 
 from __future__ import annotations
@@ -22,8 +20,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
 
-LATEST_NS = 10**15
-"""Eleven days. Up to here a time in seconds, as a float with nine decimals, gives back its nanoseconds."""
+LATEST_NS = 10**15  #: Eleven days: up to here a float in seconds with nine decimals gives back its ns.
 
 
 class TrajectoryError(InvalidValueError):
@@ -37,8 +34,7 @@ class Interpolation(Enum):
     """How to go from one waypoint to the next; `motion` has the formulas."""
 
     POLYLINE = "polyline"  #: Position linear in time, orientation by SLERP; the paper's.
-    #: Position on a centripetal Catmull-Rom spline, orientation by SLERP; the paper's future work.
-    CATMULL_ROM = "catmull_rom"
+    CATMULL_ROM = "catmull_rom"  #: Position on a centripetal Catmull-Rom spline, orientation by SLERP.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -106,10 +102,7 @@ class Trajectory:
 
 
 def in_frame(trajectory: Trajectory, target_from_source: Pose) -> Trajectory:
-    """Return a trajectory in another frame.
-
-    Both interpolations commute with rigid motions, so it does not matter which is done first.
-    """
+    """Return a trajectory in another frame; both interpolations commute with rigid motions."""
     if target_from_source == Pose():
         return trajectory
     moved = tuple(replace(w, pose=target_from_source @ w.pose) for w in trajectory.waypoints)
@@ -156,11 +149,9 @@ class Align(Enum):
 
 
 def heading_quat(start_m: Vec3, end_m: Vec3) -> Quat | None:
-    """Return the orientation whose x axis points from one position to the other, without roll.
+    """Return the orientation x, y, z, w, without roll, whose x axis points from one position to the other.
 
-    Returns:
-        x, y, z, w, of yaw and pitch; None where the two lie above each other or together, as there is no yaw
-        then.
+    None where the two lie above each other or together, as there is no yaw then.
     """
     dx, dy, dz = (b - a for a, b in zip(start_m, end_m, strict=True))
     flat = math.hypot(dx, dy)
@@ -172,16 +163,9 @@ def heading_quat(start_m: Vec3, end_m: Vec3) -> Quat | None:
 
 
 def aligned_quat(positions_m: Sequence[Vec3], index: int, align: Align) -> Quat | None:
-    """Return the orientation of a waypoint that looks along a neighbouring segment.
+    """Return the orientation x, y, z, w of a waypoint that looks along a neighbouring segment; None: its own.
 
-    Args:
-        positions_m: The waypoints'.
-        index: Which waypoint.
-        align: Along which segment. The first waypoint has only the one that leaves, the last only the one that
-            arrives; they take what there is.
-
-    Returns:
-        x, y, z, w; None where the waypoint keeps its own: for `Align.NONE`, and along a segment without yaw.
+    The first waypoint has only the segment that leaves, the last only the one that arrives; they take that.
     """
     if align is Align.NONE or len(positions_m) < 2:
         return None

@@ -46,8 +46,7 @@ class JobQueue:
     def submit(self, job: Callable[[], object], *, key: Hashable = None, settle: bool = True) -> None:
         """Leave a job; of those with the same key that wait in a row, as a slider's positions, only the newest.
 
-        With None as key all must be done. To settle is to do first what `later` holds back, as before an undo;
-        not for what nobody asked for.
+        To settle is to do first what `later` holds back, as before an undo; not for what nobody asked for.
         """
         with self._wake:
             if self._closed:
@@ -72,11 +71,7 @@ class JobQueue:
             return key in self._later
 
     def call(self, job: Callable[[], _T]) -> _T:
-        """Do a job and return what it returns; raises what it raises. Not from the jobs's own thread.
-
-        Raises:
-            SfglabError: The jobs is closed.
-        """
+        """Do a job and return or raise what it does, from another thread; SfglabError where it is closed."""
         future: Future[_T] = Future()
 
         def run() -> None:
@@ -157,10 +152,7 @@ class Context:
         read: Callable[[Any], Any] = lambda _: None,
         key: Hashable = None,
     ) -> Callable[[Any], Awaitable[None]]:
-        """Return a callback for viser that reads of its event at once, and leaves a job with that at the queue.
-
-        It is a coroutine: viser awaits those in order, and hands others to a pool that does not keep it.
-        """
+        """Return a coroutine for viser, which awaits those in order, that reads an event and leaves a job."""
 
         async def called(event: Any) -> None:
             if event.client_id is not None:  # else it is our own assignment
@@ -171,11 +163,7 @@ class Context:
 
 
 def viser() -> Any:
-    """Return viser.
-
-    Raises:
-        MissingExtraError: It is not installed.
-    """
+    """Return viser; MissingExtraError where it is not installed."""
     try:
         return import_module("viser")
     except ImportError as error:

@@ -37,10 +37,8 @@ _MARK_M = 0.22
 class Drawing:
     """Draws into one server's scene; what is drawn under a name replaces what was there.
 
-    Args:
-        scene_api: Of viser.
-        clicked: Returns the callback of a node that stands for an object; given a function from the event's
-            instance index to the object's id.
+    `clicked` returns the callback of a node that stands for an object, given a function from the event's
+    instance index to the object's id.
     """
 
     def __init__(self, scene_api: Any, clicked: Callable[[Callable[[Any], int]], Any]) -> None:
@@ -64,10 +62,7 @@ class Drawing:
         )
 
     def object(self, scene: Scene, id_: int, before: Mapping[str, Any], *, selected: bool) -> list[Any]:
-        """Draw an obstacle, a zone or a trajectory in place of its nodes until now; return its nodes.
-
-        A selected one is drawn broader, with its waypoints' times.
-        """
+        """Redraw an obstacle, zone or trajectory, a selected one broader and with times; return its nodes."""
         thing = scene.get(id_)
         if isinstance(thing, ObstacleObject):
             return [self._body(scene, id_, thing.shape, _OBSTACLE, 1.0)]

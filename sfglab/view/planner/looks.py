@@ -89,10 +89,7 @@ def top_speed_m_s(scene: Scene) -> float:
 def line_of(
     trajectory: Trajectory, *, colour: Colour, top_m_s: float | None = None
 ) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
-    """Return a trajectory's course as segments and their ends' colours, both of shape (n, 2, 3).
-
-    With `top_m_s` colours are those of speeds, from 0 to this.
-    """
+    """Return a trajectory's segments and their ends' colours, (n, 2, 3) each, by speed up to `top_m_s`."""
     knots = motion_of(trajectory).times_s
     if len(knots) < 2:
         return np.zeros((0, 2, 3), np.float32), np.zeros((0, 2, 3), np.uint8)
@@ -171,10 +168,7 @@ class TreeRow:
 
 
 def rows_of(scene: Scene, selection: tuple[int, ...]) -> tuple[TreeRow, ...]:
-    """Return the rows of a scene in the tree's order, `MOST_ROWS` at most.
-
-    Waypoints are many: only those of the trajectory that is selected, or holds what is selected, are shown.
-    """
+    """Return up to `MOST_ROWS` rows of a scene in order, waypoints of the opened trajectory alone."""
     opened = open_trajectory(scene, selection)
     rows = []
     for thing in scene.walk():

@@ -46,11 +46,7 @@ _SAID_S = 10.0
 
 
 class ConflictWatch:
-    """Checks the newest scene that it was shown, when it was so for `quiet_s`, and leaves out those between.
-
-    On the watch's thread `found` is told of a scene and what is wrong with it, `failed` why it could not be
-    checked.
-    """
+    """Checks the newest scene once quiet for `quiet_s`; tells `found` or `failed` on its own thread."""
 
     def __init__(
         self,
@@ -110,11 +106,8 @@ class Planner:
     """An editor, served; a context that ends with the server stopped. A notebook's cell shows it.
 
     The editor belongs to the planner's own thread: from elsewhere go through `call`. Only this machine's
-    browsers reach the default host; port 0 is any that is free.
-
-    Raises:
-        MissingExtraError: viser is not installed.
-        SfglabError: The port is taken.
+    browsers reach the default host; port 0 is any free one, and a taken one an SfglabError; MissingExtraError
+    without viser.
     """
 
     def __init__(
@@ -156,11 +149,7 @@ class Planner:
         return self._closed.is_set()
 
     def call(self, job: Callable[[Editor], _T]) -> _T:
-        """Do something with the editor, in order with what browsers do, and return what it returns.
-
-        Raises:
-            SfglabError: The planner is closed; or what the job raises.
-        """
+        """Do something with the editor, in order with what browsers do; see `JobQueue.call`."""
         return self._jobs.call(lambda: job(self._context.editor))
 
     def wait(self) -> None:
@@ -179,11 +168,9 @@ class Planner:
         self._stop()
 
     def __enter__(self) -> Self:
-        """Return itself."""
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Close it."""
         self.close()
 
     def _repr_html_(self) -> str:
@@ -280,11 +267,9 @@ def _taken(host: str, port: int) -> SfglabError:
 
 
 class Guard:
-    """The token of one server, and the names by which it may be asked for.
+    """The token of one server, and the hosts, without port, by which it may be asked for.
 
-    Args:
-        hosts: What requests may name as their host, without port; empty: whatever leads here, as the proxy of a
-            notebook's server, whose name nobody knows here.
+    Without any it is whatever leads here, as the proxy of a notebook's server, whose name nobody knows here.
     """
 
     def __init__(self, hosts: Collection[str]) -> None:

@@ -264,11 +264,7 @@ def _description(metadata: Any) -> str:
 
 
 class Communication(Visualizer):
-    """Who is heard, whose streams are decoded, what is dropped, and what crosses the border.
-
-    Each agent's domain is a ring around it in space, coloured by its life and labelled; curves and bands below
-    ``/agents/<agent>/communication`` tell the same over time, and ``/fleet/border`` holds who hears whom.
-    """
+    """Who is heard, decoded, dropped, and what crosses: rings in space, curves and bands, ``/fleet/border``."""
 
     name = "communication"
     inputs = (

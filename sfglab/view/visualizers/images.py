@@ -1,9 +1,8 @@
 """Pictures: raw, compressed still, compressed depth, and video.
 
 A picture lies in the image plane of its camera, a frame of its own below the camera's optical frame, so that it
-hangs in space where a camera info says how (`CameraModel`). Access units of video go to the viewer as they are,
-which decodes what is looked at. A P frame is worth nothing after a gap, so none is thinned out here; after a
-loss the stream waits for its next key frame.
+hangs in space where a camera info says how (`CameraModel`). Access units of video go to the viewer as they are.
+A P frame is worth nothing after a gap, so none is thinned out; after a loss the stream waits for a key frame.
 """
 
 from __future__ import annotations
@@ -68,10 +67,7 @@ class Image(Visualizer):
 
 
 class CompressedImage(Visualizer):
-    """Pictures as JPEG or PNG, which the viewer decodes, and depth as RVL or PNG, which is decoded here.
-
-    H.264 under this type is `CompressedImageVideo`'s.
-    """
+    """Pictures as JPEG or PNG, and depth as RVL or PNG, decoded here; H.264 is `CompressedImageVideo`'s."""
 
     name = "compressed_image"
     inputs = (Input("image", COMPRESSED_IMAGE),)

@@ -32,14 +32,10 @@ _WIDTH = Parameter("width_m", 0.01, "radius of a line, m", minimum=0.001, maximu
 
 
 def pose_arrays(pose: Any) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return position and orientation of a ``geometry_msgs/msg/Pose``.
+    """Return position (3,), m, and unit quaternion (x, y, z, w) of a ``geometry_msgs/msg/Pose``.
 
-    Returns:
-        Position, shape (3,), metres; unit quaternion x, y, z, w. All zeros, which a sender leaves that does not
-        care, are no rotation.
-
-    Raises:
-        InvalidValueError: A number is not finite.
+    All zeros, which a sender leaves that does not care, are no rotation. Raises InvalidValueError where a
+    number is not finite.
     """
     position = np.array([pose.position.x, pose.position.y, pose.position.z])
     return position, _unit(pose.orientation, position)
@@ -64,11 +60,7 @@ def _log_axes(canvas: Canvas, entity: str, pose: Any, length_m: float, width_m: 
 
 
 class Transforms(Visualizer):
-    """The moving part of the frame tree.
-
-    Every frame stands at ``/tf/<frame>`` and has a rate budget of its own, so that one that is sent often does
-    not silence the others.
-    """
+    """The moving part of the frame tree; every frame stands at ``/tf/<frame>`` and has its own rate budget."""
 
     name = "tf"
     inputs = (Input("tf", _TF, pattern="*/tf", qos=QoSProfile(depth=100)),)

@@ -14,7 +14,7 @@ from sfglab.lab.claims import Finding, How
 from sfglab.lab.experiment import Look
 from sfglab.lab.experiments.balancing.experiment import Config, cache_checks, exp, shown_of
 from sfglab.lab.experiments.balancing.optimum import balance_checks, balance_rows, mean_topics
-from sfglab.lab.figures import COLORS, MARKERS, grouped_bars, note
+from sfglab.lab.figures import COLORS, grouped_bars, note, series
 from sfglab.lab.runs import Run, derived
 from sfglab.lab.stats import exactly
 from sfglab.messages import message_type
@@ -46,7 +46,6 @@ def staleness(run: Run[Config]) -> pd.DataFrame:
 def assumed(run: Run[Config]) -> pd.DataFrame:
     """Return the optimum by Rmin and Dmin, a line each, for the first topics and the lowest Rmax of a run."""
     balance = run["balance"]
-    balance = balance.assign(depth_min=balance.get("depth_min", 1.0))  # older runs have one
     first = balance[["topics", "weight"]].iloc[0]
     same = (balance[["topics", "weight"]] == first).all(axis=1)
     found: pd.DataFrame = balance[same & (balance["rate_max_hz"] == balance["rate_max_hz"].min())]
@@ -63,9 +62,8 @@ TABLE_1 = {
 
 
 def _few(prefix: str) -> Iterator[CheckRow]:
-    yield check_row(
-        "values are the same to the bit, or within the tolerance", _compared(np.random.default_rng(0))
-    )
+    compared = _compared(np.random.default_rng(0))
+    yield check_row("values are the same to the bit, or within the tolerance", compared)
     config = exp.config("smoke", rates_hz=(100,), readings_s=1.0)
     yield from (row for row in cache_checks(config) if row.check.startswith(prefix))
 
@@ -83,20 +81,12 @@ def _compared(rng: np.random.Generator) -> Iterator[Case]:
             copy, other = copies[kind], changed[kind]
             yield f"{kind}: copy", exactly_equal(one, copy) and nearly_equal(0.0)(one, copy)
             yield f"{kind}: change", not exactly_equal(one, other) and not exactly_equal(other, one)
-            yield (
-                f"{kind}: within",
-                nearly_equal(1.01 * far)(one, other) and nearly_equal(1.01 * far)(other, one),
-            )
+            within = nearly_equal(1.01 * far)
+            yield f"{kind}: within", within(one, other) and within(other, one)
             yield f"{kind}: beyond", not nearly_equal(0.9 * step)(one, other)
-        pairs: list[tuple[Any, Any]] = [
-            ("a", "b"),
-            (True, 1),
-            (True, False),
-            ([x], [x, x]),
-            ([x], (x,)),
-            (x, "a"),
-        ]
-        pairs += [(np.array([x]), np.array([x, x])), (np.zeros(1), np.zeros(1, int)), (nan, x)]
+        pairs: list[tuple[Any, Any]] = [("a", "b"), (True, 1), (True, False), (x, "a"), (nan, x)]
+        pairs += [([x], [x, x]), ([x], (x,)), (np.zeros(1), np.zeros(1, int))]
+        pairs.append((np.array([x]), np.array([x, x])))
         for first, second in pairs:
             alike = exactly_equal(first, second) or nearly_equal(9.0)(first, second)
             yield f"{first!r} and {second!r}", not alike
@@ -125,14 +115,11 @@ def _sizes() -> Iterator[CheckRow]:
     yield check_row("types and sizes are Table 1's", [*sizes, ("no other", said.keys() == TABLE_1.keys())])
     # CDR: header, then a number, a byte, or length and text with its end, in whole words.
     wire = {name: 12 + len(str(s.example)) if s.type == _TEXT else 8 for name, s in SENSORS.items()}
-    yield check_row(
-        "CDR", [(n, cdr_bytes(s) == (wire[n] - 3 * (s.type == _TEXT) + 3) // 4 * 4) for n, s in SENSORS.items()]
-    )
+    cdr = {name: (wire[name] - 3 * (s.type == _TEXT) + 3) // 4 * 4 for name, s in SENSORS.items()}
+    yield check_row("CDR", [(name, cdr_bytes(s) == cdr[name]) for name, s in SENSORS.items()])
     shared = {"flame", "pir", "dht11", "light"}
-    robots = {
-        "robot1": shared | {"lidar", "imu"},
-        **dict.fromkeys(("robot2", "robot3"), shared | {"ultrasonic"}),
-    }
+    robots = dict.fromkeys(("robot2", "robot3"), shared | {"ultrasonic"})
+    robots["robot1"] = shared | {"lidar", "imu"}
     facts = {
         "robots have section 3.1's sensors": {name: set(sensors) for name, sensors in ROBOTS.items()} == robots,
         "and each once": all(len(set(sensors)) == len(sensors) for sensors in ROBOTS.values()),
@@ -194,9 +181,8 @@ def table_one(run: Run[Config]) -> Finding:
     names = found.keys() | TABLE_1.keys()
     wrong = [name for name in names if name not in TABLE_1 or found.get(name) != (TABLE_1[name],) * 2]
     share = exactly(1 - len(wrong) / len(names), "share of messages that match")
-    return Finding(
-        estimate=share, details=details, reason=f"not as printed: {', '.join(wrong)}" if wrong else ""
-    )
+    reason = f"not as printed: {', '.join(wrong)}" if wrong else ""
+    return Finding(estimate=share, details=details, reason=reason)
 
 
 def _checked(run: Run[Config], prefix: str, details: dict[str, str]) -> Finding:
@@ -288,12 +274,10 @@ def _draw_courses(axes: Axes, shown: pd.DataFrame, lanes: Sequence[tuple[str, fl
 
 def _draw_lane(axes: Axes, y: float, steps: dict[str, Any], end: float) -> None:
     times = np.unique(np.concatenate([s["t_s"].to_numpy() for s in steps.values()]))
-    values = {}
-    for where, step in steps.items():
-        order = np.searchsorted(step["t_s"].to_numpy(), times, side="right") - 1
-        values[where] = np.where(order >= 0, step["value"].to_numpy()[order], -1)
-    lasts = np.diff([*times, end])
-    for t, lasting, true, known in zip(times, lasts, values["sensor"], values["station"], strict=True):
+    both = [
+        np.append(s["value"], -1)[np.searchsorted(s["t_s"], times, side="right") - 1] for s in steps.values()
+    ]
+    for t, lasting, true, known in zip(times, np.diff([*times, end]), *both, strict=True):
         color = COLORS["standard"] if true != known else COLORS["proxy"]
         shade = 0.9 if true != known or true % 2 else 0.4
         axes.barh(y, lasting, left=t, height=0.5, color=color, alpha=shade, linewidth=0)
@@ -303,13 +287,11 @@ def _draw_staleness(axes: Axes, table: pd.DataFrame) -> None:
     """Draw the share of time with a stale value against the messages that it costs."""
     for qos, color in (("best effort", "standard"), ("reliable", "proxy")):
         part = table[table["qos"] == qos].sort_values("messages_hz")
-        style: dict[str, Any] = {"marker": MARKERS[color], "color": COLORS[color]}
         label = f"{qos}, KEEP_LAST 1"
-        axes.plot(part["messages_hz"], 100 * part["stale_share"], label=label, **style)
+        axes.plot(part["messages_hz"], 100 * part["stale_share"], label=label, **series(color))
     points = table[table["qos"] == "best effort"][["silence_s", "messages_hz", "stale_share"]].to_numpy()
     for silence_s, messages_hz, share in points:
-        text = f"{silence_s:g} s" if silence_s else "none"
-        place = (messages_hz, 100 * share)
+        text, place = f"{silence_s:g} s" if silence_s else "none", (messages_hz, 100 * share)
         axes.annotate(text, place, textcoords="offset points", xytext=(6, 5), fontsize=8)
     axes.set(xscale="log", yscale="log")
     axes.set_xlim(right=2 * points[:, 1].max())
@@ -382,8 +364,7 @@ def _draw_optimum(axes: Axes, balance: pd.DataFrame) -> None:
     rates_min = set(balance["rate_min_hz"])
     shown = 1.0 if 1.0 in rates_min else min(rates_min)
     balance = balance[(balance["weight"] == 0.5) & (balance["rate_min_hz"] == shown)]
-    if "depth_min" in balance:  # older runs have one
-        balance = balance[balance["depth_min"] == balance["depth_min"].min()]
+    balance = balance[balance["depth_min"] == balance["depth_min"].min()]
     for topics, group in balance.groupby("topics", sort=False):
         axes.plot(group["rate_max_hz"], group["rate_closed_hz"], color="black", linewidth=1)
         axes.plot(group["rate_max_hz"], group["rate_hz"], "o", color=COLORS["proxy"], markersize=4)

@@ -1,13 +1,12 @@
 """The caches on the readings of all seven sensors, and what a lost change does.
 
-Local cache and cache control are exact: they are the ones that run in live nodes, and time is the readings'
-own. A lost change is simulated: the sensor's value changes at random, the local cache sends each change once,
-over a link with losses, best effort and reliable, and with several longest silences.
+The caches are those of live nodes, and exact. A lost change is simulated: each change is sent once, over a link
+with losses, best effort and reliable, with several longest silences.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
@@ -170,18 +169,20 @@ class CacheRow:
     join_wait_s: float  #: Mean time that somebody who joins at any time waits for the first value, seconds.
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(slots=True, kw_only=True)
 class Passage:
     """What became of a sensor's readings."""
 
     values: list[Any]  #: The readings.
-    sent: list[bool]  #: For each, whether the local cache let it pass.
-    refreshed: int  #: How many passed because of the silence.
-    held_bytes: int  #: What the local cache says it saved.
     size_bytes: int  #: Size of one message.
-    planned: list[bool]  #: For each, whether cache control let it pass, all readings being sent.
-    planned_after: list[bool]  #: For each, whether it passed both.
-    known: list[Any]  #: What planning works with after each reading, both caches in use.
+    sent: list[bool] = field(default_factory=list)  #: For each, whether the local cache let it pass.
+    #: For each, whether cache control let it pass, all readings being sent.
+    planned: list[bool] = field(default_factory=list)
+    planned_after: list[bool] = field(default_factory=list)  #: For each, whether it passed both.
+    #: What planning works with after each reading, both caches in use.
+    known: list[Any] = field(default_factory=list)
+    refreshed: int = 0  #: How many passed because of the silence.
+    held_bytes: int = 0  #: What the local cache says it saved.
 
 
 @exp.part("caches", total=len(SENSORS) + len(RECORDED), timed=False)
@@ -218,12 +219,8 @@ def _what_is_read(config: Config) -> Iterator[tuple[str, Sensor, int, list[Any]]
     rng = np.random.default_rng(config.seed)
     for sensor in SENSORS.values():
         for rate_hz in config.rates_hz:
-            yield (
-                "cache",
-                sensor,
-                rate_hz,
-                readings(sensor, rate_hz=rate_hz, duration_s=config.readings_s, rng=rng),
-            )
+            values = readings(sensor, rate_hz=rate_hz, duration_s=config.readings_s, rng=rng)
+            yield "cache", sensor, rate_hz, values
     rate_hz = min(config.rates_hz)
     for sensor in RECORDED:
         yield "recorded", sensor, rate_hz, recorded(sensor)[: int(rate_hz * config.readings_s)]
@@ -233,24 +230,17 @@ def pass_through(sensor: Sensor, values: list[Any], *, rate_hz: float, silence_s
     """Offer readings to the caches, and note what passes; a longest silence of 0: none."""
     silence_ns = round(silence_s * NS_PER_S) or None
     local, control, after = LocalCache(max_silence_ns=silence_ns), CacheControl(), CacheControl()
-    size = cdr_bytes(sensor)
-    sent, planned, planned_after, known = [], [], [], []
+    passage = Passage(values=values, size_bytes=cdr_bytes(sensor))
     for number, value in enumerate(values):
         now_ns = round(number / rate_hz * NS_PER_S)
-        sent.append(local.offer(sensor.name, value, now_ns=now_ns, size_bytes=size).passes)
-        planned.append(control.offer(sensor.name, value, now_ns=now_ns).passes)
-        planned_after.append(sent[-1] and after.offer(sensor.name, value, now_ns=now_ns) is Decision.CHANGED)
-        known.append(after.current(sensor.name))
-    return Passage(
-        values=values,
-        sent=sent,
-        refreshed=local.counters.refreshed,
-        held_bytes=local.counters.held_bytes,
-        size_bytes=size,
-        planned=planned,
-        planned_after=planned_after,
-        known=known,
-    )
+        sent = local.offer(sensor.name, value, now_ns=now_ns, size_bytes=passage.size_bytes).passes
+        passage.sent.append(sent)
+        passage.planned.append(control.offer(sensor.name, value, now_ns=now_ns).passes)
+        is_new = sent and after.offer(sensor.name, value, now_ns=now_ns) is Decision.CHANGED
+        passage.planned_after.append(is_new)
+        passage.known.append(after.current(sensor.name))
+    passage.refreshed, passage.held_bytes = local.counters.refreshed, local.counters.held_bytes
+    return passage
 
 
 def _checks(passage: Passage, rate_hz: float, silence_s: float) -> Iterator[tuple[str, object]]:
@@ -290,10 +280,8 @@ def _check_lossy(values: list[Any], rate_hz: float, loss: float) -> Iterator[tup
         control = CacheControl()
         planned = [control.offer("a", value, now_ns=0).passes for value in arrived]
         changed = [i == 0 or value != arrived[i - 1] for i, value in enumerate(arrived)]
-        yield (
-            f"{cache}: of what comes through losses planning gets the first and every change",
-            planned == changed,
-        )
+        said = f"{cache}: of what comes through losses planning gets the first and every change"
+        yield said, planned == changed
         yield f"{cache}: after losses planning ends with the sensor's value", control.current("a") == values[-1]
 
 
@@ -301,17 +289,14 @@ def _played(
     values: list[Any], rate_hz: float, *, loss: float, cached: bool, silence_s: float | None = None
 ) -> FlowOutcome:
     """Return what the model's reliable link makes of readings; its values are numbers of changes, from 1."""
-    flow = Flow(
-        name="a", source="robot", target="station", rate_hz=rate_hz, cached=cached, max_silence_s=silence_s
-    )
-    duration_s = len(values) / rate_hz
-    scenario = Scenario(flows=(flow,), medium=Medium(loss=loss), duration_s=duration_s)
+    caching: dict[str, Any] = {"cached": cached, "max_silence_s": silence_s}
+    flow = Flow(name="a", source="robot", target="station", rate_hz=rate_hz, **caching)
+    scenario = Scenario(flows=(flow,), medium=Medium(loss=loss), duration_s=len(values) / rate_hz)
     session = Session(scenario, seed=0, watched=())
     number, last = 0, object()
     period_ns = round(NS_PER_S / rate_hz)
     for i, value in enumerate(values):
-        number += value != last
-        last = value
+        number, last = number + (value != last), value
         session.set_value("a", number)
         session.advance((i + 1) * period_ns)
     session.advance((len(values) + 1) * period_ns + (10 * NS_PER_S if loss else 0))
@@ -398,9 +383,8 @@ def _simulate(qos: str, silence_s: float, config: Config, seed: int) -> FlowOutc
         cached=True,
         max_silence_s=silence_s or None,
     )
-    scenario = Scenario(
-        flows=(flow,), medium=Medium(loss=config.loss), vendor=FAST_DDS, duration_s=config.stale_s, drain_s=0.0
-    )
+    medium = Medium(loss=config.loss)
+    scenario = Scenario(flows=(flow,), medium=medium, vendor=FAST_DDS, duration_s=config.stale_s, drain_s=0.0)
     return run(scenario, seed=seed).flows[STALE_SENSOR]
 
 

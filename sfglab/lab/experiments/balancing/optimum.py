@@ -5,19 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import partial
 from itertools import product
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sfglab.arp import Plan, load_topics, pareto_front, plan_as_printed
-from sfglab.arp.balancing import (
-    Balance,
-    BalanceInput,
-    InfeasibleBalanceError,
-    average_topics,
-    balance,
-    balance_closed_form,
-)
+from sfglab.arp import Plan, balancing, load_topics, pareto_front, plan_as_printed
 from sfglab.lab.checks import CheckRow, check_row
 from sfglab.lab.experiments.balancing.experiment import Config, exp
 from sfglab.lab.paths import find_project
@@ -63,16 +55,13 @@ def balance_rows(config: Config) -> Iterator[BalanceRow]:
     """Yield every combination, solved."""
     for case in product(config.topics, config.rates_hz, config.rates_min_hz, config.depths_min, WEIGHTS):
         topics, rate_max_hz, rate_min_hz, depth_min, weight = case
-        given = BalanceInput(
-            topics=topics, rate_max_hz=rate_max_hz, rate_min_hz=rate_min_hz, depth_min=depth_min
-        )
-        solved, why = _attempt(partial(balance, given, weight=weight))
-        closed, why_closed = _attempt(partial(balance_closed_form, given))
+        of: dict[str, Any] = {"rate_max_hz": rate_max_hz, "rate_min_hz": rate_min_hz, "depth_min": depth_min}
+        given = balancing.BalanceInput(topics=topics, **of)
+        solved, why = _attempt(partial(balancing.balance, given, weight=weight))
+        closed, why_closed = _attempt(partial(balancing.balance_closed_form, given))
         yield BalanceRow(
             topics="+".join(map(str, topics)),
-            rate_max_hz=rate_max_hz,
-            rate_min_hz=rate_min_hz,
-            depth_min=depth_min,
+            **of,
             weight=weight,
             solvable=solved is not None,
             solvable_closed=closed is not None,
@@ -84,10 +73,10 @@ def balance_rows(config: Config) -> Iterator[BalanceRow]:
         )
 
 
-def _attempt(solve: Callable[[], Balance]) -> tuple[Balance | None, str]:
+def _attempt(solve: Callable[[], balancing.Balance]) -> tuple[balancing.Balance | None, str]:
     try:
         return solve(), ""
-    except InfeasibleBalanceError as error:
+    except balancing.InfeasibleBalanceError as error:
         return None, str(error)
 
 
@@ -116,7 +105,7 @@ def balance_checks(rows: list[BalanceRow]) -> Iterator[CheckRow]:
 
 def mean_topics(topics: str) -> float:
     """Return T_avg of a row's topics."""
-    return average_topics([int(part) for part in topics.split("+")])
+    return balancing.average_topics([int(part) for part in topics.split("+")])
 
 
 def _close(one: float, other: float) -> bool:

@@ -1,8 +1,7 @@
 """Cooperation: paper B, section 3.2, Fig. 12 to 18.
 
-Three robots go around a hallway on what their LIDARs' messages tell a station and what its commands tell them.
-How often they come home without contact and without a stop for an obstacle, by method and rate, simulated with
-the reliability model of `sfglab.rtps` between the nodes; and the same nodes live over DDS.
+Three robots go around a hallway on what messages tell a station and its commands tell them: how often they come
+home, by method and rate, simulated with the reliability model of `sfglab.rtps`, and live over DDS.
 """
 
 from __future__ import annotations

@@ -12,15 +12,10 @@ from sfglab.arp.robots import METHODS
 from sfglab.lab.claims import Finding, How
 from sfglab.lab.experiments.cooperation.experiment import Config, exp
 from sfglab.lab.runs import Run, derived
-from sfglab.lab.stats import Estimate, bootstrap, wilson
+from sfglab.lab.stats import Estimate, Floats, bootstrap, wilson
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
-
-    from numpy.typing import NDArray
-
-    Floats = NDArray[np.float64]
-
 
 AS_IS = "Fast DDS, 1 % loss"
 
@@ -47,9 +42,7 @@ def failures(courses: pd.DataFrame) -> pd.DataFrame:
     """Return how often each method's runs ended how, and by whom: a line a method, a column an end."""
     failed = courses[~courses["success"]]
     who = failed["end"] + failed["robot"].map(lambda robot: f", {robot}" if robot else "")
-    counts = failed.assign(how=who).pivot_table(
-        index="method", columns="how", values="seed", aggfunc="count", fill_value=0
-    )
+    counts = pd.crosstab(failed["method"], who.rename("how"))
     named = counts.reindex([name for name in METHODS if name in set(courses["method"])], fill_value=0)
     named.insert(0, End.SUCCESS.value, courses.groupby("method")["success"].sum())
     return named.astype(int)

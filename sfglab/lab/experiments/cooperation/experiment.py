@@ -1,7 +1,6 @@
 """Rounds of three robots, simulated: the world, the nodes' cores, and the reliability model between them.
 
-The only coupling between control and communication is what the model delivers and when. Deterministic: the same
-point and seed give the same run to the bit.
+Deterministic: the same point and seed give the same run to the bit.
 """
 
 from __future__ import annotations
@@ -12,29 +11,14 @@ from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
 
+from sfglab.arp import hallway
 from sfglab.arp.balancing import BalanceInput, balance
-from sfglab.arp.hallway import (
-    AREAS,
-    BEAMS_DEG,
-    LIMIT_S,
-    SCAN_HZ,
-    STEP_NS,
-    STOP,
-    ActuationNode,
-    Command,
-    SensingNode,
-    Station,
-    Verdict,
-    World,
-    judge,
-    range_from_step,
-)
 from sfglab.arp.robots import METHODS, PLAN_S, RATES_HZ, TAKE_S
 from sfglab.fields import between
 from sfglab.lab.bench import as_row
 from sfglab.lab.experiment import Actor, Experiment, Link, Profiled, seeded
 from sfglab.qos import DEFAULT, QoSProfile
-from sfglab.rtps import PRESETS, Flow, Medium, Scenario, Session
+from sfglab.rtps import PRESETS, Flow, Medium, Outcome, Scenario, Session
 from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
@@ -42,26 +26,24 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from sfglab.rtps import Outcome
-
 DEPTHS = (1, 10, 1000)
 """Of Table 2, without optimisation: the paper does not say which depth Fig. 16 had, so the smallest, ROS 2's
 default and a large one count a third each."""
 
 OPTIMUM = 0  #: Stands for the depth that Eq. 6 gives.
 
-ROBOTS = tuple(area.robot for area in AREAS)
+ROBOTS = tuple(area.robot for area in hallway.AREAS)
 Sizes = Literal["table", "cdr"]
 BEAM_BYTES: dict[Sizes, int] = {"table": 24, "cdr": 8}
 """A float, as paper B counts it (Table 1 and section 3.2), and in CDR with its header."""
 
 COMMAND_BYTES = 52  #: A geometry_msgs/msg/Twist in CDR: six doubles and the header.
 
-_TOPICS = (len(BEAMS_DEG) + 1,) * len(AREAS)  # eight beams and one command each
+_TOPICS = (len(hallway.BEAMS_DEG) + 1,) * len(hallway.AREAS)  # eight beams and one command each
 _RELAY = ROBOTS[2]
 _CONTRASTED = ("none", "LC", "OPT", "OPT+LC")
 _MEDIUM = Medium()
-_SCAN_STEPS = round(NS_PER_S / SCAN_HZ / STEP_NS)
+_SCAN_STEPS = round(NS_PER_S / hallway.SCAN_HZ / hallway.STEP_NS)
 
 
 MethodName = Literal["none", "OPT", "CC", "LC", "OPT+CC", "OPT+LC", "OPT+LC+CC"]
@@ -95,7 +77,7 @@ exp = Experiment(
     Config,
     where="B 3.2",
     smoke={"rates_hz": (100,), "seeds": 1, "contrast_seeds": 0, "live_s": 0.0, "ros2_repeats": 0},
-    paper={"seeds": 120, "contrast_seeds": 30, "ros2_s": LIMIT_S, "ros2_repeats": 5},
+    paper={"seeds": 120, "contrast_seeds": 30, "ros2_s": hallway.LIMIT_S, "ros2_repeats": 5},
     actors=(
         *(Actor(robot, host=robot, does="sensing and actuation nodes, its physics") for robot in ROBOTS),
         Actor("station", host="station", does="localisation and planning"),
@@ -138,11 +120,9 @@ def rate_and_depth(point: Point) -> tuple[float, int]:
 
 def points_of(config: Config) -> list[Point]:
     """Return the points of Fig. 16, method by method."""
-    medium = replace(_MEDIUM, loss=config.loss)
+    of = {"vendor": config.vendor, "medium": replace(_MEDIUM, loss=config.loss), **_printed(config)}
     return [
-        Point(
-            method=name, rate_max_hz=rate, depth=depth, vendor=config.vendor, medium=medium, **_printed(config)
-        )
+        Point(method=name, rate_max_hz=rate, depth=depth, **of)
         for name in config.methods
         for rate in config.rates_hz
         for depth in ((OPTIMUM,) if METHODS[name].optimised else config.depths)
@@ -155,10 +135,9 @@ def _printed(config: Config) -> dict[str, Any]:
 
 
 def contrasts_of(config: Config) -> list[Point]:
-    """Return what else is asked of the methods that matter.
+    """Return the contrasts of the methods that matter, at the lowest and the highest Rmax.
 
-    No loss at all; Cyclone DDS's timing; and of the optimisation only the rate, with ROS 2's default depth. All
-    at the lowest and the highest Rmax.
+    No loss; Cyclone DDS's timing; and of the optimisation only the rate, with ROS 2's default depth.
     """
     ends = {min(config.rates_hz), max(config.rates_hz)}
     points = [p for p in points_of(config) if p.method in _CONTRASTED and p.rate_max_hz in ends]
@@ -190,7 +169,7 @@ def scenario_of(point: Point, *, seed: int) -> Scenario:
             cached=method.local_cache,
         )
         for robot in ROBOTS
-        for beam in range(len(BEAMS_DEG))
+        for beam in range(len(hallway.BEAMS_DEG))
     ]
     commands = [
         Flow(
@@ -210,7 +189,7 @@ def scenario_of(point: Point, *, seed: int) -> Scenario:
         flows=(*beams, *(_hopped(commands) if point.hop else commands)),
         medium=point.medium,
         vendor=PRESETS[point.vendor],
-        duration_s=LIMIT_S,
+        duration_s=hallway.LIMIT_S,
         drain_s=0.0,
     )
 
@@ -234,7 +213,7 @@ def _to_relay(robot: str) -> str:
 
 def beam_flow(robot: str, beam: int) -> str:
     """Return the name of a beam's topic."""
-    return f"{robot}/lidar/{BEAMS_DEG[beam]}"
+    return f"{robot}/lidar/{hallway.BEAMS_DEG[beam]}"
 
 
 def command_flow(robot: str) -> str:
@@ -300,14 +279,14 @@ class SimulatedRun:
 
     def __init__(self, point: Point, seed: int, *, tracked: str = "", carrier: Any = None) -> None:
         self._point, self._seed = point, seed
-        self._world = World(seed=seed)
-        self._station = Station(len(ROBOTS))
-        self._sensing = [SensingNode() for _ in ROBOTS]
-        self._actuation = [ActuationNode() for _ in ROBOTS]
+        self._world = hallway.World(seed=seed)
+        self._station = hallway.Station(len(ROBOTS))
+        self._sensing = [hallway.SensingNode() for _ in ROBOTS]
+        self._actuation = [hallway.ActuationNode() for _ in ROBOTS]
         self._beams = {
             beam_flow(name, beam): (robot, beam)
             for robot, name in enumerate(ROBOTS)
-            for beam in range(len(BEAMS_DEG))
+            for beam in range(len(hallway.BEAMS_DEG))
         }
         self._commands = {command_flow(name): robot for robot, name in enumerate(ROBOTS)}
         #: What the station publishes, a robot each.
@@ -322,30 +301,26 @@ class SimulatedRun:
         #: shape (2, robots, beams).
         self.beliefs: list[NDArray[np.float64]] = []
 
-    def run(self, limit_s: float = LIMIT_S) -> CourseRow:
+    def run(self, limit_s: float = hallway.LIMIT_S) -> CourseRow:
         """Drive until it ends, or is given up."""
         return self.row(*self.drive(limit_s), self._session.outcome())
 
-    def drive(self, limit_s: float) -> tuple[Verdict, int]:
+    def drive(self, limit_s: float) -> tuple[hallway.Verdict, int]:
         """Drive, and return how and when it ended, or was given up."""
         for flow in self._told:
-            self._session.set_value(flow, STOP.number)
+            self._session.set_value(flow, hallway.STOP.number)
         steps, verdict = 0, None
         while verdict is None:
             if steps % _SCAN_STEPS == 0:
-                self._scan(steps * STEP_NS / NS_PER_S)
+                self._scan(steps * hallway.STEP_NS / NS_PER_S)
             steps += 1
-            self._exchange(steps * STEP_NS)
+            self._exchange(steps * hallway.STEP_NS)
             self._world.step([node.command for node in self._actuation])
-            verdict = judge(
-                self._world.clearance_m.tolist(),
-                self._world.wound_rad().tolist(),
-                stopped_by=self._station.stopped_by,
-                now_s=steps * STEP_NS / NS_PER_S,
-                limit_s=limit_s,
-            )
-        self._track(steps * STEP_NS / NS_PER_S)
-        return verdict, steps * STEP_NS
+            clearances, wound = self._world.clearance_m.tolist(), self._world.wound_rad().tolist()
+            now_s, stopped_by = steps * hallway.STEP_NS / NS_PER_S, self._station.stopped_by
+            verdict = hallway.judge(clearances, wound, stopped_by=stopped_by, now_s=now_s, limit_s=limit_s)
+        self._track(steps * hallway.STEP_NS / NS_PER_S)
+        return verdict, steps * hallway.STEP_NS
 
     def _scan(self, now_s: float) -> None:
         for robot, node in enumerate(self._sensing):
@@ -363,7 +338,7 @@ class SimulatedRun:
             place = self._beams.get(delivery.flow)
             if place is None:
                 robot = self._commands[delivery.flow]
-                self._actuation[robot].hear(Command.from_number(delivery.value))
+                self._actuation[robot].hear(hallway.Command.from_number(delivery.value))
             elif self._station.hear(*place, delivery.value):
                 for robot, flow in enumerate(self._told):
                     session.set_value(flow, self._station.commands[robot].number)
@@ -374,12 +349,12 @@ class SimulatedRun:
         manoeuvre = self._station.manoeuvre.value
         for robot, (x_m, y_m, heading_rad) in zip(ROBOTS, self._world.poses.tolist(), strict=True):
             self.tracks.append(TrackRow(self._tracked, robot, now_s, x_m, y_m, heading_rad, manoeuvre))
-        steps = [[node.value(beam) or 0 for beam in range(len(BEAMS_DEG))] for node in self._sensing]
-        measured = [[range_from_step(step) for step in robot] for robot in steps]
+        steps = [[node.value(beam) or 0 for beam in range(len(hallway.BEAMS_DEG))] for node in self._sensing]
+        measured = [[hallway.range_from_step(step) for step in robot] for robot in steps]
         believed = [localisation.ranges_m for localisation in self._station.localisations]
         self.beliefs.append(np.array([measured, believed]))
 
-    def row(self, verdict: Verdict, now_ns: int, outcome: Outcome) -> CourseRow:
+    def row(self, verdict: hallway.Verdict, now_ns: int, outcome: Outcome) -> CourseRow:
         """Return what a run was that ended so, and whose messages came to this."""
         rate_hz, depth = rate_and_depth(self._point)
         published = sum(len(outcome.flows[flow].fate) for flow in self._beams)
@@ -454,12 +429,11 @@ def point_of(row: Any, config: Config) -> Point:
     return Point(**given, medium=Medium(loss=row.loss))
 
 
-@exp.sweep(
-    "contrast",
-    over=contrasts_of,
-    seeds=lambda config: seeded(config, config.contrast_seeds),
-    at_ns=_ended_ns,
-)
+def _contrasted(config: Config) -> range:
+    return seeded(config, config.contrast_seeds)
+
+
+@exp.sweep("contrast", over=contrasts_of, seeds=_contrasted, at_ns=_ended_ns)
 @exp.sweep("course", over=points_of, at_ns=_ended_ns)
 def run_point(point: Point, seed: int) -> CourseRow:
     """Run a point with a seed."""

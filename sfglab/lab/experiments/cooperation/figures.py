@@ -18,7 +18,7 @@ from sfglab.lab.experiments.cooperation.analysis import contrasts, courses, diff
 from sfglab.lab.experiments.cooperation.experiment import Config, driven, exp, point_of
 from sfglab.lab.experiments.cooperation.stage import LIVE_POINT, scan_at
 from sfglab.lab.figures import COLORS, MARKERS, grouped_bars, house_style, mp4, note
-from sfglab.lab.runs import lines_of
+from sfglab.lab.runs import Run, lines_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -26,8 +26,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from numpy.typing import NDArray
-
-    from sfglab.lab.runs import Run
 
 
 RUN_COLORS = {"success": COLORS["third"], "failure": COLORS["standard"]}
@@ -163,8 +161,7 @@ def draw_staleness(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     """Draw for each round the longest time that something was out of date, successes beside failures."""
     rows, axes = courses(run), figure.subplots()
     names = [name for name in METHODS if name in set(rows["method"])]
-    kinds = ((True, "third", "success"), (False, "standard", "failure"))
-    for success, color, label in kinds:
+    for success, color, label in ((True, "third", "success"), (False, "standard", "failure")):
         for position, name in enumerate(names):
             runs = rows[(rows["method"] == name) & (rows["success"] == success)]
             # Beside each other in a fixed pattern, so that the picture is the same each time.
@@ -173,10 +170,8 @@ def draw_staleness(figure: Figure, run: Run[Config]) -> dict[str, Any]:
             axes.plot(position + aside, stale, MARKERS[color], color=COLORS[color], markersize=3.5, alpha=0.7)
         axes.plot([], [], MARKERS[color], color=COLORS[color], markersize=4, label=label)
     axes.axhline(3.0, color="black", linestyle=(0, (4, 2)), linewidth=1.0)
-    place = (1.0, 3.0)
-    axes.annotate(
-        "heartbeat: 3 s", place, xycoords=axes.get_yaxis_transform(), va="bottom", ha="right", fontsize=8
-    )
+    edge = axes.get_yaxis_transform()
+    axes.text(1.0, 3.0, "heartbeat: 3 s", transform=edge, va="bottom", ha="right", fontsize=8)
     axes.set(xlim=(-0.5, len(names) + 0.1), yscale="log")
     axes.set_xticks(range(len(names)), names)
     axes.set_ylabel("longest time out of date (s)")

@@ -8,11 +8,11 @@ import numpy as np
 
 from sfglab.arp.hallway import BEAMS_DEG, RADIUS_M, SCAN_HZ, End
 from sfglab.errors import InvalidValueError
-from sfglab.lab.experiments.cooperation.experiment import ROBOTS, driven, point_of
+from sfglab.lab.experiments.cooperation.experiment import ROBOTS, Config, driven, point_of
 from sfglab.lab.experiments.cooperation.figures import draw_area
 from sfglab.lab.explore.press import Pressed, part
 from sfglab.lab.figures import COLORS
-from sfglab.lab.runs import lines_of
+from sfglab.lab.runs import Run, lines_of
 from sfglab.view.widgets import widgets
 
 if TYPE_CHECKING:
@@ -20,8 +20,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from numpy.typing import NDArray
 
-    from sfglab.lab.experiments.cooperation.experiment import Config
-    from sfglab.lab.runs import Run
 
 WRONG_M = 0.1
 """By which a beam that the station has is wrong; in a turn of the LIDAR a robot comes a fifth of it ahead."""

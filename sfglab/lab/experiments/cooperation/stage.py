@@ -1,9 +1,8 @@
 """The runs that are drawn, and the live drive: the same nodes on four hosts, over DDS and a lossy radio.
 
-Drawn runs stand in the log as ROS messages too, which every MCAP viewer shows: topics are
-``/<run>/<robot>/pose`` and ``/scan``, and the walls are markers; areas lie beside each other, as in figures.
-Live, robots' physics runs in real time beside their nodes; the cores decide. On real Fast DDS physics and cores
-run here, and what one hears of another was published by a ROS 2 node on its host and came to another's.
+Drawn runs stand in the log as ROS messages too: ``/<run>/<robot>/pose``, ``/scan``, and walls as markers. Live,
+physics runs in real time beside the nodes. On real Fast DDS physics and cores run here, and what one hears of
+another goes from a ROS 2 node on its host to one on the other's.
 """
 
 from __future__ import annotations
@@ -19,18 +18,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from sfglab.arp.hallway import (
-    AREAS,
-    BEAMS_DEG,
-    LIMIT_S,
-    STEP_NS,
-    End,
-    Manoeuvre,
-    Verdict,
-    judge,
-    range_from_step,
-    step_from_range,
-)
+from sfglab.arp import hallway
 from sfglab.arp.hallway.course import scan
 from sfglab.arp.robots import METHODS
 from sfglab.bus.address import BusAddress
@@ -51,12 +39,13 @@ from sfglab.lab.experiments.cooperation.experiment import (
     scenario_of,
 )
 from sfglab.lab.experiments.transmission.validation import KEPT_HZ, play_missing, slowed
-from sfglab.lab.hosts import HostsUnavailableError, Network
+from sfglab.lab.hosts import Host, HostsUnavailableError, Network, RadioCounters
 from sfglab.lab.ros2 import RosMissingError
 from sfglab.lab.workers.hallway import STATION, HallwayConfig
 from sfglab.messages import default_message, message_type
 from sfglab.processes import Member, ProcessFailedError, ProcessGroup
 from sfglab.rtps.session import Delivery
+from sfglab.spatial import Pose, StampedTransform
 from sfglab.spatial.poses import header_msg
 from sfglab.units import NS_PER_S
 
@@ -69,10 +58,8 @@ if TYPE_CHECKING:
     from sfglab.component import Report
     from sfglab.lab.bench import Bench
     from sfglab.lab.experiments.transmission.stage import LiveHosts
-    from sfglab.lab.hosts import Host, RadioCounters
     from sfglab.record import LogWriter
     from sfglab.rtps import Scenario
-
 
 # --- Runs that are drawn --------------------------------------------------------------------------------------
 
@@ -82,13 +69,12 @@ def examples_of(rows: Sequence[CourseRow]) -> dict[str, CourseRow]:
 
     A success with optimisation and local cache, else with any method; a failure without either, else of any.
     """
-    successes = [row for row in rows if row.end == End.SUCCESS.value]
-    failures = [row for row in rows if row.end != End.SUCCESS.value]
-    wanted = {
-        "success": [row for row in successes if row.method == "OPT+LC"] + successes,
-        "failure": [row for row in failures if row.method == "none"] + failures,
-    }
-    return {name: found[0] for name, found in wanted.items() if found}
+    examples = {}
+    for name, method in (("success", "OPT+LC"), ("failure", "none")):
+        ended = [row for row in rows if (row.end == hallway.End.SUCCESS.value) == (name == "success")]
+        if ended:
+            examples[name] = next((row for row in ended if row.method == method), ended[0])
+    return examples
 
 
 @exp.part("drawn runs")
@@ -112,25 +98,29 @@ def _write_tracks(bench: Bench[Config], tracks: Sequence[TrackRow]) -> None:
 # --- Their messages -------------------------------------------------------------------------------------------
 
 AREA_SHIFT_M = 7.0  #: How far apart areas are drawn, to the right.
-_BY_ROBOT = {area.robot: (AREA_SHIFT_M * number, area) for number, area in enumerate(AREAS)}
+_BY_ROBOT = {area.robot: (AREA_SHIFT_M * number, area) for number, area in enumerate(hallway.AREAS)}
 
 
 def scan_at(area: Area, x: float, y: float, heading: float) -> NDArray[np.float64]:
     """Return what a robot's LIDAR measures at a pose, metres, infinity without an echo, shape (beams,)."""
-    ranges = np.empty(len(BEAMS_DEG))
-    scan(area.segments, np.array((x, y, heading)), np.radians(BEAMS_DEG), ranges)
-    return np.array([range_from_step(step_from_range(range_m)) for range_m in ranges])
+    ranges = np.empty(len(hallway.BEAMS_DEG))
+    scan(area.segments, np.array((x, y, heading)), np.radians(hallway.BEAMS_DEG), ranges)
+    return np.array([hallway.range_from_step(hallway.step_from_range(range_m)) for range_m in ranges])
 
 
 def _write_messages(log: LogWriter, tracks: Sequence[TrackRow]) -> None:
     """Write a run's tracks as poses, scans and transforms, and its walls."""
-    for area in AREAS if tracks else ():
+    for area in hallway.AREAS if tracks else ():
         log.write(f"/{tracks[0].run}/{area.robot}/walls", _walls(area), log_time_ns=0)
+    stamped, transforms = message_type("geometry_msgs/msg/PoseStamped"), message_type("tf2_msgs/msg/TFMessage")
     for track in tracks:
         now_ns, frame = round(track.t_s * NS_PER_S), f"{track.run}/{track.robot}"
-        log.write(f"/{frame}/pose", _pose(track, now_ns), log_time_ns=now_ns)
+        pose = Pose.from_yaw((track.x_m + _BY_ROBOT[track.robot][0], track.y_m, 0.0), track.heading_rad)
+        at = StampedTransform(parent="map", child=frame, stamp_ns=now_ns, pose=pose)
+        posed = stamped(header=header_msg("map", now_ns), pose=pose.to_pose_msg())
+        log.write(f"/{frame}/pose", posed, log_time_ns=now_ns)
         log.write(f"/{frame}/scan", _scan(track, frame, now_ns), log_time_ns=now_ns)
-        log.write("/tf", _transform(track, frame, now_ns), log_time_ns=now_ns)
+        log.write("/tf", transforms(transforms=[at.to_msg()]), log_time_ns=now_ns)
 
 
 def _new(type_name: str, frame: str, now_ns: int) -> Any:
@@ -139,28 +129,10 @@ def _new(type_name: str, frame: str, now_ns: int) -> Any:
     return message
 
 
-def _put(track: TrackRow, position: Any, orientation: Any) -> None:
-    position.x, position.y = track.x_m + _BY_ROBOT[track.robot][0], track.y_m
-    orientation.z, orientation.w = math.sin(track.heading_rad / 2), math.cos(track.heading_rad / 2)
-
-
-def _pose(track: TrackRow, now_ns: int) -> Any:
-    message = _new("geometry_msgs/msg/PoseStamped", "map", now_ns)
-    _put(track, message.pose.position, message.pose.orientation)
-    return message
-
-
-def _transform(track: TrackRow, frame: str, now_ns: int) -> Any:
-    transform = _new("geometry_msgs/msg/TransformStamped", "map", now_ns)
-    transform.child_frame_id = frame
-    _put(track, transform.transform.translation, transform.transform.rotation)
-    return message_type("tf2_msgs/msg/TFMessage")(transforms=[transform])
-
-
 def _scan(track: TrackRow, frame: str, now_ns: int) -> Any:
     message = _new("sensor_msgs/msg/LaserScan", frame, now_ns)
-    message.angle_max = np.float32(math.radians(BEAMS_DEG[-1]))
-    message.angle_increment = np.float32(math.radians(BEAMS_DEG[1]))
+    message.angle_max = np.float32(math.radians(hallway.BEAMS_DEG[-1]))
+    message.angle_increment = np.float32(math.radians(hallway.BEAMS_DEG[1]))
     message.scan_time = np.float32(0.1)
     message.range_min, message.range_max = np.float32(0.15), np.float32(12.0)
     ranges = scan_at(_BY_ROBOT[track.robot][1], track.x_m, track.y_m, track.heading_rad)
@@ -212,7 +184,7 @@ async def drive(bench: Bench[Config]) -> None:
         "held": live.held,
         "radio": live.radio.said(),
         "kept_up": live.radio.kept_up,
-        "simulated_end": _NO_END if row.end == End.TIMEOUT.value else row.end,
+        "simulated_end": _NO_END if row.end == hallway.End.TIMEOUT.value else row.end,
         "simulated_held": row.held / (row.held + row.beams_sent),
     }
     return bench.metadata("live", said)
@@ -223,11 +195,11 @@ class LiveDrive:
 
     def __init__(self) -> None:
         self.tracks: list[TrackRow] = []  #: Where every robot was at each turn of its LIDAR.
-        self.verdict: Verdict | None = None  #: How it ended; None: it did not, or the time was over.
+        self.verdict: hallway.Verdict | None = None  #: How it ended; None: it did not, or the time was over.
         self.radio: RadioCounters | None = None  #: What the radio did; None before the end.
         self._last: dict[str, Report] = {}
         self._stopped_by: int | None = None
-        self._manoeuvre = Manoeuvre.STOP.value
+        self._manoeuvre = hallway.Manoeuvre.STOP.value
 
     def take(self, name: str, report: Report) -> None:
         """Take a report."""
@@ -244,12 +216,8 @@ class LiveDrive:
     def ended(self) -> bool:
         """Judge, and return whether it has ended."""
         if len(self._last) == len(ROBOTS):
-            self.verdict = judge(
-                [self._last[robot]["clearance_m"] for robot in ROBOTS],
-                [self._last[robot]["wound_rad"] for robot in ROBOTS],
-                stopped_by=self._stopped_by,
-                now_s=0.0,
-            )
+            clearances, wound = ([self._last[r][what] for r in ROBOTS] for what in ("clearance_m", "wound_rad"))
+            self.verdict = hallway.judge(clearances, wound, stopped_by=self._stopped_by, now_s=0.0)
         return self.verdict is not None
 
     @property
@@ -289,23 +257,18 @@ async def drive_live(point: Point, seed: int, *, seconds: float) -> LiveDrive:
 
 def _member(host: Host, point: Point, seed: int) -> Member:
     method, (rate_hz, depth) = METHODS[point.method], rate_and_depth(point)
-    config = HallwayConfig(
-        role=host.name,
-        address=BusAddress(domain_id=DOMAIN, interface=host.interface, multicast="spdp"),
-        rate_hz=rate_hz,
-        depth=depth,
-        local_cache=method.local_cache,
-        cache_control=method.cache_control,
-        seed=seed,
-    )
+    address = BusAddress(domain_id=DOMAIN, interface=host.interface, multicast="spdp")
+    caches = {"local_cache": method.local_cache, "cache_control": method.cache_control}
+    config = HallwayConfig(role=host.name, address=address, rate_hz=rate_hz, depth=depth, seed=seed, **caches)
     return Member(name=host.name, host=host.name, module="sfglab.lab.workers.hallway", config=config)
 
 
 # --- On real Fast DDS -----------------------------------------------------------------------------------------
 
-declare(
-    exp, "On real Fast DDS, once each, and in the model; no value where the schedule was not kept (Rmax 100 Hz)"
+_ON_ROS2 = (
+    "On real Fast DDS, once each, and in the model; no value where the schedule was not kept (Rmax 100 Hz)"
 )
+declare(exp, _ON_ROS2)
 
 
 class RosCell(NamedTuple):
@@ -326,7 +289,7 @@ def ros_cells(config: Config) -> list[RosCell]:
 
     Python cannot publish every value: without local cache all is slowed, and one cell is run at both scales.
     """
-    whole = config.ros2_s >= LIMIT_S
+    whole = config.ros2_s >= hallway.LIMIT_S
     methods: Any = ("none", "LC", "OPT", "OPT+LC") if whole else ("none", "OPT+LC")
     depths = DEPTHS if whole else DEPTHS[1:2]
     points = points_of(replace(config, methods=methods, rates_hz=(KEPT_HZ,), depths=depths))
@@ -359,9 +322,8 @@ async def drive_on_ros2(bench: Bench[Config]) -> None:
             found.append((kind, "longest time out of date (s)", row.stale_s))
         depth, pace = f", {cell.point.depth}" * bool(cell.point.depth), ", slowed" * (cell.slowed > 1)
         same = {"setting": f"{cell.point.method}{depth}{pace}", "repeat": repeat}
-        return tuple(
-            same | {"quantity": what, "kind": f"{kind}, {mode}", "value": value} for kind, what, value in found
-        )
+        kinds = [{"quantity": what, "kind": f"{kind}, {mode}", "value": value} for kind, what, value in found]
+        return tuple(same | kind for kind in kinds)
 
     cells = {cell: cell.scenario(0, limit_s) for cell in ros_cells(bench.config)}
     await play_missing(bench, PART, cells, bench.config.ros2_repeats, rows)
@@ -387,7 +349,7 @@ async def drive_cell(hosts: LiveHosts, cell: RosCell, seed: int, limit_s: float)
     played = await hosts.play(scenario, seed=seed, drive=drive)
     carrier, run, verdict, now_ns = ended
     row: CourseRow = run.row(verdict, round(now_ns * cell.slowed), played.outcome)
-    kept_up = played.kept_up and bool(np.percentile(carrier.late_ns, 95) <= STEP_NS)
+    kept_up = played.kept_up and bool(np.percentile(carrier.late_ns, 95) <= hallway.STEP_NS)
     return replace(row, stale_s=row.stale_s / cell.slowed), kept_up
 
 

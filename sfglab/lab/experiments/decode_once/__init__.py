@@ -1,9 +1,8 @@
 """Decode once per device: paper A, sections 4.3 and 5.2, Fig. 8, Eq. 2 and 3.
 
-An edge host sends a camera stream to a consumer host with 1 to 10 local subscribers. *Standard*: each
-subscriber receives and decodes for itself. *DDS*, the paper's way: the decoder receives and decodes once and
-publishes the pictures. *Proxy*, ours: it shares them by shared memory. Measured are the consumer's CPU and what
-its interface receives: black-box measurements, from outside of the processes.
+A camera stream goes to a host with 1 to 10 subscribers. *Standard*: each receives and decodes. *DDS*, the
+paper's way: one decoder publishes pictures. *Proxy*, ours: it shares them in memory. CPU and received bytes are
+black-box measurements.
 """
 
 from sfglab.lab.experiments.decode_once import figures

@@ -6,20 +6,18 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-import pandas as pd
 
 from sfglab.lab.claims import Finding, How
 from sfglab.lab.experiments.decode_once.experiment import Config, exp
 from sfglab.lab.experiments.decode_once.stage import HANDED_ON
 from sfglab.lab.runs import Run, derived
-from sfglab.lab.stats import Estimate, LackOfFit, bootstrap, exactly, lack_of_fit, line_fit, median_of
+from sfglab.lab.stats import Estimate, Floats, LackOfFit, bootstrap, exactly, lack_of_fit, line_fit, median_of
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from numpy.typing import NDArray
+    import pandas as pd
 
-    Floats = NDArray[np.float64]
 
 PAPER_CPU = (6.5, 1.8)  #: Per cent of one core per subscriber, standard and decoder (paper A, section 5.2).
 PAPERS_WAY = HANDED_ON[0]
@@ -49,18 +47,15 @@ def cells(run: Run[Config]) -> pd.DataFrame:
     both = by_window.pivot_table("cpu_percent", ["codec", "cell", "window"], "label")
     pace = both["edge"] / both.groupby("codec")["edge"].transform("median")
     at = {label: group.groupby("cell") for label, group in readings(run).groupby("label")}
-    columns = pd.DataFrame(
-        {
-            "cpu": at["consumer"]["cpu_percent"].median(),
-            "paced": (both["consumer"] / pace).groupby("cell").median(),
-            "cpu_sd": at["consumer"]["cpu_percent"].std(),
-            "rx": at["consumer"]["rx_mbit_s"].median(),
-            "rx_sd": at["consumer"]["rx_mbit_s"].std(),
-            "edge_cpu": at["edge"]["cpu_percent"].median(),
-            "other": at["consumer"]["machine_percent"].median(),
-        }
+    columns = at["consumer"].agg(
+        cpu=("cpu_percent", "median"),
+        cpu_sd=("cpu_percent", "std"),
+        rx=("rx_mbit_s", "median"),
+        rx_sd=("rx_mbit_s", "std"),
+        other=("machine_percent", "median"),
     )
-    return run["cell"].merge(columns, left_on="cell", right_index=True)
+    paced, edge_cpu = (both["consumer"] / pace).groupby("cell").median(), at["edge"]["cpu_percent"].median()
+    return run["cell"].merge(columns.assign(paced=paced, edge_cpu=edge_cpu), left_on="cell", right_index=True)
 
 
 def _points(run: Run[Config], codec: str, mode: str, column: str) -> Floats:
@@ -144,10 +139,6 @@ def _errors(rows: Floats) -> Floats:
     return np.asarray(rows[:, 3] - rows[:, :3] @ _fit_costs(rows))
 
 
-def _relative_residual(groups: Sequence[Floats]) -> float:
-    return float(100 * np.sqrt(np.mean(_errors(groups[0]) ** 2)) / np.mean(groups[0][:, 3]))
-
-
 @derived
 def cost_model(run: Run[Config], codec: str = "h264", way: str = "proxy", load: str = "paced") -> CostModel:
     """Fit Eq. 2 and 3 to the cells of one codec's stream, without any term that the paper does not have.
@@ -165,6 +156,9 @@ def cost_model(run: Run[Config], codec: str = "h264", way: str = "proxy", load: 
         spread = np.var(groups[0][:, 3])
         return float(1 - np.mean(_errors(groups[0]) ** 2) / spread) if spread else float("nan")
 
+    def residual(groups: Sequence[Floats]) -> float:
+        return float(100 * np.sqrt(np.mean(_errors(groups[0]) ** 2)) / np.mean(groups[0][:, 3]))
+
     def part(index: int) -> Estimate:
         return bootstrap([rows], lambda g: float(_fit_costs(g[0])[index]), unit="% of one core")
 
@@ -176,7 +170,7 @@ def cost_model(run: Run[Config], codec: str = "h264", way: str = "proxy", load: 
         dec=part(1),
         ipc=part(2),
         explained=bootstrap([rows], explained, unit="of the variance"),
-        residual=bootstrap([rows], _relative_residual, unit="%"),
+        residual=bootstrap([rows], residual, unit="%"),
         lack=lack_of_fit(_errors(by_load), setting, parameters=3),
         lack_plain=lack_of_fit(_errors(rows), setting, parameters=3),
         residuals=table.reset_index(drop=True),
@@ -186,8 +180,7 @@ def cost_model(run: Run[Config], codec: str = "h264", way: str = "proxy", load: 
 def frame_checks(run: Run[Config]) -> pd.DataFrame:
     """Return, per stream and mode, what proves that subscribers saw the right frames.
 
-    A pair of number (from the pixels) and stamp (from the header) is verified when the camera sent that
-    number with that stamp.
+    A pair of number (pixels) and stamp (header) is verified when the camera sent that number with that stamp.
     """
     of = cells(run)[["cell", "codec", "mode"]]
     views = run["view"].merge(of, on="cell")
@@ -305,7 +298,9 @@ def bandwidth(run: Run[Config]) -> Finding:
         "subscribers": str(most),
         "multicast": run.config.multicast,
     }
-    return Finding(estimate=_rate_at(run, way, most), details=details, ends=ends)
+    consumers = readings(run).query("label == 'consumer' and codec == 'h264' and mode == @way")
+    received = consumers.loc[consumers["subscribers"] == most, "rx_mbit_s"].to_numpy(dtype=np.float64)
+    return Finding(estimate=median_of(received, unit="Mbit/s"), details=details, ends=ends)
 
 
 @exp.claim("A-COST", how=How.LIVE)
@@ -329,10 +324,10 @@ def fit_residual(run: Run[Config]) -> Finding:
         ours = cost_model(run)
         details["ours, by shared memory"] = f"c_ipc {ours.ipc}, residual {ours.residual}, lack {ours.lack}"
     off = 100 * (means["error"] / means["fitted"]).groupby(means["subscribers"]).mean()
-    where = (
+    ends = (
         f"with the fewest subscribers loads are {off.iloc[0]:+.1f} % off, with the most {off.iloc[-1]:+.1f} %"
     )
-    said = f"lack of fit {fit.lack}: {where}; " if fit.lack and fit.lack.p < 0.05 else ""
+    said = f"lack of fit {fit.lack}: {ends}; " if fit.lack and fit.lack.p < 0.05 else ""
     if way != PAPERS_WAY:
         said = "the log has no cells of DDS, so this is shared memory's fit; " + said
     reason = (
@@ -341,14 +336,6 @@ def fit_residual(run: Run[Config]) -> Finding:
     )
     p = {"p of the F test for lack of fit": fit.lack.p} if fit.lack and way == PAPERS_WAY else {}
     return Finding(estimate=fit.residual, details=details, reason=reason, ends=p)
-
-
-def _rate_at(run: Run[Config], mode: str, count: int) -> Estimate:
-    r = readings(run)
-    chosen = r[
-        (r["label"] == "consumer") & (r["codec"] == "h264") & (r["mode"] == mode) & (r["subscribers"] == count)
-    ]
-    return median_of(chosen["rx_mbit_s"].to_numpy(dtype=np.float64), unit="Mbit/s")
 
 
 @exp.claim("A-H264", how=How.LIVE)

@@ -267,7 +267,9 @@ async def _measure_cell(key: dict[str, Any], running: Running, bench: Bench[Conf
         bench.write("load", {"cell": key["cell"], **_load(reading)}, at_ns=reading.t_ns)
     for viewer, report in enumerate(reports):
         of = {"cell": key["cell"], "viewer": viewer}
-        bench.write("view", {**of, **_view(report)})
+        counts = {name: report[name] for name in ("frames", "unreadable", "missed", "disordered", "broken")}
+        age_ms = float(np.median(report["ages_ns"])) / 1e6 if report["ages_ns"] else float("nan")
+        bench.write("view", {**of, **counts, "checksum": f"{report['checksum']:016x}", "age_ms": age_ms})
         for number, stamp_ns in report["pairs"]:
             bench.write("pair", {**of, "number": number, "stamp_ns": stamp_ns})
     # Last, so that a cell that is in the log is complete.
@@ -286,13 +288,4 @@ def _load(reading: MeterRow) -> dict[str, Any]:
         "window_s": reading.window_s,
         "machine_percent": reading.machine_cpu_percent,
         "steal_percent": reading.steal_percent,
-    }
-
-
-def _view(report: dict[str, Any]) -> dict[str, Any]:
-    ages = report["ages_ns"]
-    return {
-        **{name: report[name] for name in ("frames", "unreadable", "missed", "disordered", "broken")},
-        "checksum": f"{report['checksum']:016x}",
-        "age_ms": float(np.median(ages)) / 1e6 if ages else float("nan"),
     }

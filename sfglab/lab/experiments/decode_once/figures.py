@@ -74,7 +74,10 @@ def _draw_stream(figure: Figure, run: Run[Config], codec: str) -> dict[str, Any]
     often = f"{again} runs a setting: 95 % intervals" if again > 1 else "one run a setting: no intervals"
     each = readings(run).groupby(["cell", "label"]).size().max()
     note(figure, f"{often}; {each} readings a run, bands: one standard deviation of them", run)
-    return {**to_json(found), **{way: _terms(fit) for way, fit in fits.items()}}
+    terms = {"net": "c_net", "dec": "c_dec", "ipc": "c_ipc"}
+    terms |= {name: name for name in ("explained", "residual", "lack")}
+    shown = {way: {said: getattr(fit, name) for name, said in terms.items()} for way, fit in fits.items()}
+    return {**to_json(found), **shown}
 
 
 def _spread(run: Run[Config], codec: str, mode: str, column: str) -> tuple[Any, Any, Any]:
@@ -153,7 +156,8 @@ def _reference_terms() -> tuple[dict[str, NDArray[np.float64]], float]:
     """Return the reference run's terms of Eq. 2 and 3 by mode, % of a core, and its stream's rate, Mbit/s."""
     reference = exp.load(find_project().reference_logs / f"{exp.name}.mcap")
     modes = modes_of(reference)
-    fits = {mode: cost_model(reference, way=mode if mode in WAYS else modes[1]) for mode in modes}
+    ways = {mode: mode if mode in WAYS else modes[1] for mode in modes}
+    fits = {mode: cost_model(reference, way=way) for mode, way in ways.items()}
     terms = {mode: np.array([fit.net.value, fit.dec.value, fit.ipc.value]) for mode, fit in fits.items()}
     return terms, stream_facts(reference).bitrate.value
 
@@ -179,8 +183,3 @@ def draw_equations(figure: Figure, run: Run[Config]) -> None:
         axes.set(xlabel="local subscribers", xticks=counts, ylim=(0, 1.1 * axes.dataLim.ymax))
     cpu.legend(fontsize=8)
     figure.suptitle("Computed, not measured: terms and bit rate of the reference run; Run all measures")
-
-
-def _terms(fit: CostModel) -> dict[str, Any]:
-    terms = {"c_net": fit.net, "c_dec": fit.dec, "c_ipc": fit.ipc}
-    return {**terms, "explained": fit.explained, "residual": fit.residual, "lack": fit.lack}

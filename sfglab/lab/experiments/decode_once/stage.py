@@ -44,9 +44,8 @@ class Running(StreamProcesses):
         self._stage = stage
         self._decoder_pids: tuple[int, ...] = ()
         self._topic = stream_topic(stage.codec)
-        self._viewers = [
-            f"viewer {i}" for i in range(max(stage.counts + stage.dds_counts + stage.network_counts))
-        ]
+        most = max(stage.counts + stage.dds_counts + stage.network_counts)
+        self._viewers = [f"viewer {i}" for i in range(most)]
         super().__init__(config, testbed)
 
     async def settle(self) -> None:
@@ -83,9 +82,8 @@ class Running(StreamProcesses):
             seed=self._config.seed,
             encoder=self._config.encoder,
         )
-        decoder = DecoderConfig(
-            remote=self.shared("consumer"), local=local, streams=(self._topic,), linger_s=LINGER_S
-        )
+        remote = self.shared("consumer")
+        decoder = DecoderConfig(remote=remote, local=local, streams=(self._topic,), linger_s=LINGER_S)
         viewer = self.viewer_config(self._topic, local)
         viewers = dict.fromkeys(self._viewers, ("consumer", "sfglab.lab.workers.viewer", viewer, "ready"))
         others = {

@@ -1,8 +1,7 @@
 """The experiment: a fleet's files made and checked, broken fleets, machines, containers, images.
 
-The claim A-DEPLOY is the share of checks that hold. A part of the paper's deployment of which something could
-not be checked on the machine of the run leaves the claim undecided. The figures: layers as in Fig. 5, and what
-was checked.
+The claim A-DEPLOY is the share of checks that hold; what could not be checked on the machine of the run leaves
+it undecided. The figures: layers as in Fig. 5, and what was checked.
 """
 
 from __future__ import annotations
@@ -37,18 +36,16 @@ from sfglab.lab.paths import find_project
 from sfglab.lab.trial_build import trial_build
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
 
     from sfglab.deploy.deployment import Deployment
     from sfglab.lab.bench import Bench
+    from sfglab.lab.runs import Run
 
     Pairs = Sequence[tuple[Deployment, Bundle]]
-    from collections.abc import Iterator
 
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-    from sfglab.lab.runs import Run
 
 
 _OF_ALL = ("Dockerfile", "compose.yaml")
@@ -198,8 +195,12 @@ async def deploy(bench: Bench[Config]) -> None:
     bench.advance("machines")
     await _try_containers(bench, pairs)
     bench.advance("containers")
-    if config.build:
-        _write(bench, "images", *_images(bench, pairs[0][0], wheel))
+    if config.build:  # of one agent, where the tools are; downloads are kept for the next run
+        folder, release = bench.folder("images"), pairs[0][0].release
+        (folder / release.wheel).write_bytes(wheel)
+        cache = find_project().runs / "cache"
+        built = trial_build(pairs[0][0], folder / release.wheel, folder, lambda _: None, cache=cache)
+        _write(bench, "images", *built)
     for part, (group, machine, why) in PARTS.items():
         _write(bench, group, Unasked(check=f"{part}: {machine}", why=why))
     bench.advance("images")
@@ -226,14 +227,6 @@ async def _try_containers(bench: Bench[Config], pairs: Pairs) -> None:
         _write(bench, "containers", Unasked(check=check, why=capability.reason))
 
 
-def _images(bench: Bench[Config], deployment: Deployment, wheel: bytes) -> Sequence[CheckRow | Unasked]:
-    """Build the image of one agent where the tools are, and ask it; downloads are kept for the next run."""
-    folder, cache = bench.folder("images"), find_project().runs / "cache"
-    path = folder / deployment.release.wheel
-    path.write_bytes(wheel)
-    return trial_build(deployment, path, folder, lambda _: None, cache=cache)
-
-
 def _how(run: Run[Config]) -> How:
     """Return live where containers' commands did run; all else is checked on files and folders."""
     return How.LIVE if (run["check"]["group"] == "containers").any() else How.EXACT
@@ -252,16 +245,13 @@ def _few() -> Iterator[CheckRow]:
     names = ["go2", "workstation"]
     pairs = prepare(source, release, wheel, agents=names)
     yield held("who is asked for gets files", [(str(names), [bundle.agent for _, bundle in pairs] == names)])
-    with TemporaryDirectory() as folder:
-        ways = [Path(folder, name) for name in ("detection", "rollout")]
-        for way in ways:
-            way.mkdir()
-        for deployment, _ in pairs:
-            rows = verdict_rows(check_compose(render_bundle(deployment), deployment), {})
-            yield from (row for row in rows if isinstance(row, CheckRow))
-        yield from release_checks(pairs)
-        yield from detection_checks(ways[0])
-        yield from rollout_checks(pairs, ways[1])
+    for deployment, _ in pairs:
+        rows = verdict_rows(check_compose(render_bundle(deployment), deployment), {})
+        yield from (row for row in rows if isinstance(row, CheckRow))
+    yield from release_checks(pairs)
+    with TemporaryDirectory() as detection, TemporaryDirectory() as rollout:
+        yield from detection_checks(Path(detection))
+        yield from rollout_checks(pairs, Path(rollout))
 
 
 @exp.claim("A-DEPLOY", how=_how, mutated=Mutated(tuple(f"sfglab.deploy.{name}" for name in _MODULES), _few))
@@ -301,8 +291,9 @@ def draw_layers(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     axes = figure.subplots()
     for row, (layer, color) in enumerate(_LAYERS.items()):
         table = run["layer"][run["layer"]["layer"] == layer].set_index("agent").loc[agents]
-        for first, last in _runs(list(table["digest"])):
-            _box(axes, (first, last, row), table["says"].iloc[first], color)
+        for _, same in groupby(range(len(agents)), key=list(table["digest"]).__getitem__):
+            places = list(same)
+            _box(axes, (places[0], places[-1], row), table["says"].iloc[places[0]], color)
     axes.set_xticks(range(len(agents)), agents)
     axes.set_yticks(range(len(_LAYERS)), ["hardware base", "adapter", "application"])
     axes.set(xlim=(-0.55, len(agents) - 0.45), ylim=(-0.5, len(_LAYERS) - 0.5))
@@ -314,13 +305,6 @@ def draw_layers(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     axes.grid(visible=False)
     axes.spines[:].set_visible(False)
     return {"agents": len(agents), **{f"distinct {name}": int(n) for name, n in counts.items()}}
-
-
-def _runs(digests: list[str]) -> Iterator[tuple[int, int]]:
-    """Yield first and last place of each run of equal digests."""
-    for _, places in groupby(range(len(digests)), key=digests.__getitem__):
-        run = list(places)
-        yield run[0], run[-1]
 
 
 def _box(axes: Axes, place: tuple[int, int, int], text: str, color: str) -> None:
@@ -342,7 +326,7 @@ def draw_checks(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     rows = {}
     for group in dict.fromkeys([*sums.index, *run["unchecked"]["group"]]):
         held, checked = sums.loc[group] if group in sums.index else (0, 0)
-        holds = f"{kinds[group]} properties: {held} of {checked}" if checked else ""
+        holds = f"{held} of {checked} (properties: {kinds[group]})" if checked else ""
         open_ = "; ".join(left[run["unchecked"]["group"] == group])
         color = "network" if not checked else "proxy" if held == checked else "standard"
         rows[group] = [(holds, COLORS[color]), (open_, COLORS["network" if open_ else "proxy"])]

@@ -1,8 +1,8 @@
 """Times until each agent knew its peers, what was received until then, the claims, and Fig. 9 of paper A.
 
 Claims are judged by what this machine's cores carry: routed fleets at a pace, and standard ones with few nodes,
-whose bytes lead to the paper's along the square that discovery grows with. Two paces and two pairs of densities
-tell whether the cores decide. An agent that was given up counts with the time that was waited for it.
+whose bytes lead to the paper's along the square that discovery grows with. An agent that was given up counts
+with the time that was waited for it.
 """
 
 from __future__ import annotations
@@ -22,16 +22,13 @@ from sfglab.lab.experiments.discovery.experiment import LAUNCHED, ROUTED, STANDA
 from sfglab.lab.experiments.discovery.simulated import CORES, EXACT_MOST
 from sfglab.lab.figures import COLORS, MARKERS, series
 from sfglab.lab.runs import Run, derived
-from sfglab.lab.stats import Estimate, bootstrap
+from sfglab.lab.stats import Estimate, Floats, bootstrap
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-    from numpy.typing import NDArray
-
-    Floats = NDArray[np.float64]
 
 
 PAPERS_LARGEST = 6
@@ -104,8 +101,6 @@ def live(run: Run[Config]) -> Fleets:
     """Return the live fleets; of a log that was cut off, the finished ones."""
     cells, hosts = run["cell"], run["host"]
     cells = cells.assign(cpu_s=cells["nodes_cpu_s"] + cells["components_cpu_s"])
-    if "pace_s" not in cells:  # logs from before there were paces
-        cells["pace_s"] = _AT_ONCE
     fleet = cells.drop(columns=["resolved_s", "censored"])
     return Fleets(cells=cells, hosts=hosts.merge(fleet, on="cell") if len(cells) else hosts)
 
@@ -251,7 +246,8 @@ def _by_size(fleets: Fleets, mode: str) -> dict[str, str]:
         text = f"{np.median(times_s):.2f} s ({times_s.min():.2f} to {times_s.max():.2f})"
         given_up = int(fleets.samples(mode, agents, "censored", pace_s=pace_s).sum())
         text += f", {given_up} agents given up" if given_up else ""
-        text += f", {_busy(group):.1f} cores busy" if "window_s" in group else ""
+        if "window_s" in group:  # from the first start to the last agent's last peer
+            text += f", {group['cpu_s'].sum() / group['window_s'].sum():.1f} cores busy"
         texts[f"{mode}, {agents} agents, {f'{pace_s:g} s apart' if pace_s else 'at once'}"] = text
     return texts
 
@@ -264,15 +260,11 @@ def _work(fleets: Fleets, mode: str, agents: int) -> str:
     return f"to start an agent takes {cells['cpu_s'].median() / agents:.1f} s of CPU here"
 
 
-def _busy(cells: pd.DataFrame) -> float:
-    """Return how many cores fleets kept busy, from the first start to the last agent's last peer."""
-    return float(cells["cpu_s"].sum() / cells["window_s"].sum())
-
-
 MODES = {STANDARD: "standard", ROUTED: "proxy"}
 LABELS = {STANDARD: "standard: one domain", ROUTED: "routed: a domain for each agent"}
 _LIVE = {STANDARD: "standard", LAUNCHED: "third", ROUTED: "proxy"}
 _LIVE_LABELS = {**LABELS, LAUNCHED: "routed, launched by the order", ROUTED: "routed, kept ready (ours)"}
+_SHORT = {STANDARD: "in one domain", LAUNCHED: "started in the paper's way", ROUTED: "routed by us"}
 _PANELS = {_TIME: "until an agent knows all its peers (s)", "own_bytes": "received at its interface until then"}
 _PAPER: dict[str, dict[str, dict[int, float]]] = {
     _TIME: {STANDARD: {6: 40.0}, LAUNCHED: {2: 0.8, 6: 2.9}},
@@ -297,8 +289,20 @@ def draw_fleet(figure: Figure, run: Run[Config]) -> dict[str, Any]:
         _dress(axes, column, sizes)
     nodes = "{} publishing and {} subscribing nodes".format(*fleets.main_nodes())
     _explain(figure, run, f"Live, {nodes} an agent; standard's filled one follows from few. Bars: medians.")
-    figure.suptitle(f"Fleet discovery: started at once, and what {_cores(run)} cores carry")
-    return {"fleets": _records(summary(run)), "paper": _PAPER}
+    largest = max(sizes)
+    times = {mode: fleets.by_pace(mode, largest, _TIME) for mode in (LAUNCHED, ROUTED)}
+    figure.suptitle(
+        _title(largest, "live", {m: float(np.median(paced[0])) for m, paced in times.items() if paced})
+    )
+    return {"fleets": summary(run).to_dict("records"), "paper": _PAPER}
+
+
+def _title(agents: int, how: str, times_s: Mapping[str, float]) -> str:
+    """Return what came of a size of fleet, by kind."""
+    told = " and ".join(f"{float(f'{time_s:.2g}'):g} s {_SHORT[mode]}" for mode, time_s in times_s.items())
+    return (
+        f"{agents} {how} agents know each other after {told}" if told else f"Discovery of {agents} {how} agents"
+    )
 
 
 def _draw_agents(axes: Axes, hosts: pd.DataFrame, mode: str, column: str, beside: float = 0.0) -> None:
@@ -371,8 +375,10 @@ def draw_scale(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     cores = f"{_cores(run)} cores"
     text = f"Simulated agents have {CORES} cores each; live ones share {cores}, which is why they take longer."
     _explain(figure, run, text, **{"simulated": "-", "counted": "--", f"CPU time at a pace / {cores}": ":"})
-    figure.suptitle("Fleet discovery beyond six agents: simulated, with the live fleets and the paper's")
-    return {"live": _records(summary(run)), "simulated": _records(medians)}
+    times = medians.pivot_table(index="agents", columns="mode", values=_TIME).dropna()
+    largest = {mode: float(times[mode].iloc[-1]) for mode in MODES if mode in times}
+    figure.suptitle(_title(max(times.index), "simulated", largest))
+    return {"live": summary(run).to_dict("records"), "simulated": medians.to_dict("records")}
 
 
 def _draw_live(axes: Axes, run: Run[Config], column: str) -> None:
@@ -416,11 +422,3 @@ def draw_one(figure: Figure, run: Run[Config]) -> None:
             axes.plot(values, [LABELS[mode]] * len(values), MARKERS[style], color=COLORS[style], markersize=4)
             axes.annotate(text(middle), (middle, LABELS[mode]), (6, 0), textcoords="offset points", va="center")
         axes.set(xscale="log", xlim=limits, xlabel=label)
-
-
-def _records(table: pd.DataFrame) -> list[dict[str, Any]]:
-    """Return a table as JSON values, a line a row."""
-    return [
-        {str(name): value.item() if hasattr(value, "item") else value for name, value in row.items()}
-        for row in table.to_dict("records")
-    ]

@@ -121,11 +121,6 @@ def host_names(count: int) -> list[str]:
     return [f"agent_{number}" for number in range(1, count + 1)]
 
 
-def _hosts_of(config: Config) -> list[str]:
-    stages = config.stages + config.ros2
-    return host_names(max((agents for stage in stages for agents in stage.agents), default=0))
-
-
 def cells_of(config: Config, stages: tuple[Stage, ...] | None = None) -> list[Cell]:
     """Return the cells of some stages, else of the configuration's, in the order they are run.
 
@@ -174,7 +169,7 @@ exp = Experiment(
         "simulated": Scale(agents=(2, 3, 4, 5, 6, 10, 20, 50, 100, 200, 500, 1000), repeats=5),
         "timeout_s": 300.0,
     },
-    hosts=_hosts_of,
+    hosts=lambda c: host_names(max((n for stage in c.stages + c.ros2 for n in stage.agents), default=0)),
     actors=(
         Actor("nodes", host="each agent", does="ROS 2 nodes of demo_nodes_cpp", count="2 or 20"),
         Actor("router", host="each agent", does="joins the agent's domain with the global one"),

@@ -1,13 +1,11 @@
 """Fleets in the simulated world: *routed* with the agents' own components, *standard* with bare endpoints.
 
-A routed agent runs the same router, status provider and discoverer as a live one. Its ROS 2 nodes are left out:
-they live in its own domain, and nothing of them crosses; they only take their share of the start. Queries take
-two endpoints for each ordered pair of agents: above `EXACT_MOST` agents they are counted (`mean_fleet`).
-A standard agent has its nodes as participants with the endpoints of live ones; what it receives grows in
-proportion to the number of other agents, so fleets above a few agents follow from two small ones.
+Of a routed agent only the ROS 2 nodes are left out, of which nothing crosses. Queries take two endpoints for
+each ordered pair of agents: above `EXACT_MOST` agents they are counted (`mean_fleet`). What a standard agent
+receives grows in proportion to the other agents, so that larger fleets follow from two small ones.
 
-Every agent has a computer of its own here, of which each process has a core (routed) or its share of `CORES`
-(standard). What processes spend is calibrated to live fleets; see `ROUTED_COSTS` and `STANDARD_COSTS`.
+Every agent has a computer of its own, of which each process has a core (routed) or its share of `CORES`
+(standard). What processes spend is calibrated to live fleets: `ROUTED_COSTS`, `STANDARD_COSTS`.
 """
 
 from __future__ import annotations
@@ -38,7 +36,6 @@ if TYPE_CHECKING:
 
     from sfglab.bus.sim.model import Host
     from sfglab.fleet.discovery.registry import Order
-
 
 CORES = 4  #: Of an agent's computer: a Raspberry Pi 5 in paper A, section 5.1.
 
@@ -156,17 +153,11 @@ def _extrapolated(two: FleetOutcome, three: FleetOutcome, agents: int) -> FleetO
     """Return a fleet of which each agent is the mean one on the line through fleets of two and three."""
 
     def at(name: str) -> float:
-        first, second = (
-            sum(getattr(host, name) for host in outcome.hosts) / len(outcome.hosts) for outcome in (two, three)
-        )
+        first, second = (mean(getattr(host, name) for host in outcome.hosts) for outcome in (two, three))
         return float(first + (agents - 2) * (second - first))
 
-    resolved_s = at("resolved_s")
-    host = HostOutcome(
-        resolved_s=min(LIMIT_S, resolved_s),
-        rx_bytes=float(round(at("rx_bytes"))),
-        censored=resolved_s > LIMIT_S,
-    )
+    found_s, rx_bytes = at("resolved_s"), float(round(at("rx_bytes")))
+    host = HostOutcome(resolved_s=min(LIMIT_S, found_s), rx_bytes=rx_bytes, censored=found_s > LIMIT_S)
     return FleetOutcome(hosts=(host,) * agents, announced=two.announced // len(two.hosts) * agents)
 
 
@@ -190,8 +181,7 @@ class _Arrivals:
 
     def __init__(self, world: World, hosts: int) -> None:
         self._outcomes: dict[str, HostOutcome] = {}
-        self._world = world
-        self._hosts = hosts
+        self._world, self._hosts = world, hosts
         self._all = asyncio.Event()
 
     def complete(self, host: str) -> None:
@@ -211,10 +201,8 @@ class _Arrivals:
         return tuple(self._outcomes[_name(host)] for host in range(self._hosts))
 
     def _note(self, host: str, *, censored: bool) -> None:
-        world = self._world
-        self._outcomes[host] = HostOutcome(
-            resolved_s=world.now_ns / NS_PER_S, rx_bytes=float(world.received(host)), censored=censored
-        )
+        now_s, received = self._world.now_ns / NS_PER_S, float(self._world.received(host))
+        self._outcomes[host] = HostOutcome(resolved_s=now_s, rx_bytes=received, censored=censored)
 
 
 class _QuietRouter(Router):

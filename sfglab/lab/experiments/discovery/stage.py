@@ -1,13 +1,11 @@
 """Live fleets: their processes on their hosts, idle, the one signal that starts them, and what is measured.
 
 *Standard*: every agent's ROS 2 nodes are in the global domain. *Routed*: they are in the agent's own domain,
-with its status provider and discoverer, which reads what others offer of themselves; its router joins the two.
-*Launched* is the paper's way: no process is there before the order, and every agent is asked what it is. Fleets
-are live only on separate hosts; where the machine has none, only what is simulated is run, and the log says so.
+with its status provider and discoverer; its router joins the two. *Launched* is the paper's way: no process is
+there before the order, and every agent is asked what it is. Fleets are live only on separate hosts.
 
-All agents share this machine's cores, so that a fleet started at once tells how many there are. Started at a
-pace, the work of one start is done before the next; time is then counted from the last start order, by when
-everybody but the last is waiting for the last, and bytes from the first.
+All agents share this machine's cores. Started at a pace, the work of one start is done before the next; time is
+then counted from the last start order, and bytes from the first.
 """
 
 from __future__ import annotations
@@ -16,7 +14,7 @@ import asyncio
 import math
 import time
 from contextlib import suppress
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -44,11 +42,10 @@ from sfglab.processes import Member, ProcessGroup
 from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
-    from collections.abc import Awaitable, Iterator, Sequence
+    from collections.abc import Iterator, Sequence
 
     from sfglab.lab.bench import Bench
     from sfglab.lab.testbed import CountsBytes, Testbed
-
 
 GLOBAL_DOMAIN = 0
 _LOAD_S = 300.0
@@ -213,8 +210,8 @@ class LiveFleet(ProcessGroup):
             orders.append(time.time_ns())
             starts.append(asyncio.create_task(self._begin(number, host)))
         await asyncio.gather(*starts)
-        wait = self._wait_routed if self._cell.mode in (ROUTED, LAUNCHED) else self._wait_standard
-        return max(orders), list(await asyncio.gather(*(_within(timeout_s, wait(host)) for host in self.hosts)))
+        found = await asyncio.gather(*(self._within(timeout_s, host) for host in self.hosts))
+        return max(orders), list(found)
 
     async def _begin(self, number: int, host: str) -> None:
         """Order an agent's start; what is not there is launched."""
@@ -229,18 +226,22 @@ class LiveFleet(ProcessGroup):
         nodes, *components = self._members_on(number + 1, host)
         await asyncio.gather(begin_nodes(), *map(self.start, components))
 
-    async def _wait_standard(self, host: str) -> int:
-        report = await self[_nodes_of(host)].expect("resolved", timeout_s=None)
-        return int(report["t_ns"])
+    async def _within(self, timeout_s: float, host: str) -> int | None:
+        """Return when an agent had resolved all its peers; None: not in time."""
+        with suppress(TimeoutError):
+            async with asyncio.timeout(timeout_s):
+                if self._cell.mode in (ROUTED, LAUNCHED):
+                    return await self._wait_routed(host)
+                return int((await self[_nodes_of(host)].expect("resolved", timeout_s=None))["t_ns"])
+        return None
 
     async def _wait_routed(self, host: str) -> int:
         """Return when the discoverer had announced every peer, and complain about components that fail."""
         *others, discoverer = (f"{host}, {module}" for module in _COMPONENTS)
         if self._cell.mode == LAUNCHED:  # it waited until all were ready
             return await self._peers_announced(discoverer)
-        announced, _ = await asyncio.gather(
-            self._peers_announced(discoverer), self.expect("ready", others, timeout_s=None)
-        )
+        ready = self.expect("ready", others, timeout_s=None)
+        announced, _ = await asyncio.gather(self._peers_announced(discoverer), ready)
         return announced
 
     async def _peers_announced(self, discoverer: str) -> int:
@@ -258,9 +259,8 @@ class LiveFleet(ProcessGroup):
             yield peer_on(self._testbed, host, _nodes_of(host), host, "crowd")
             return
         routed = self._cell.mode in (ROUTED, LAUNCHED)
-        remote = BusAddress(
-            domain_id=GLOBAL_DOMAIN, interface=self._testbed.interface(host), multicast=self._config.multicast
-        )
+        interface, multicast = self._testbed.interface(host), self._config.multicast
+        remote = BusAddress(domain_id=GLOBAL_DOMAIN, interface=interface, multicast=multicast)
         local = BusAddress(domain_id=GLOBAL_DOMAIN + number, interface="lo")
         nodes = RosNodesConfig(
             namespace=f"/{host}",
@@ -280,20 +280,13 @@ class LiveFleet(ProcessGroup):
             DiscoveryConfig(address=local, settings=DiscoverySettings(agent=host, offers=offers)),
         )
         for module, config in zip(_COMPONENTS, configs, strict=True):
+            member = Member(name=f"{host}, {module}", host=host, module=module, config=config)
             idle: dict[str, Any] = {"ready": "idle", "through": "sfglab.lab.workers.idle"}
-            idle = {} if self._cell.mode == LAUNCHED else idle
-            yield Member(name=f"{host}, {module}", host=host, module=module, config=config, **idle)
+            yield member if self._cell.mode == LAUNCHED else replace(member, **idle)
 
 
 def _nodes_of(host: str) -> str:
     return host + _NODES
-
-
-async def _within(timeout_s: float, result: Awaitable[int]) -> int | None:
-    with suppress(TimeoutError):
-        async with asyncio.timeout(timeout_s):
-            return await result
-    return None
 
 
 # --- Received bytes -------------------------------------------------------------------------------------------
@@ -304,8 +297,7 @@ _PERIOD_S = 0.02
 class Ingress:
     """Bytes that every meter's interface has received, as a curve that can be asked for any instant.
 
-    Counters are read again and again. On a machine that is busy readings come late; each has its own stamp, so
-    only the curve gets coarser.
+    Readings have stamps of their own: where a busy machine makes them late, only the curve gets coarser.
     """
 
     def __init__(self, meters: Sequence[CountsBytes]) -> None:

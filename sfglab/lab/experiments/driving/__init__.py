@@ -1,8 +1,7 @@
 """Driving: paper C, section 6, Fig. 9.
 
-A car goes round simulated towns by its camera, past red lights, with every node of the application real; and
-the node chain from image to command is timed with its shared topic in software and with a gateway, under the
-memory model.
+A car goes round simulated towns by its camera, every node of the application real; the node chain from image to
+command is timed with its shared topic in software and with a gateway, under the memory model.
 """
 
 from sfglab.lab.experiments.driving.analysis import chain_table, node_table

@@ -12,7 +12,7 @@ from sfglab.lab.claims import Finding, How
 from sfglab.lab.experiments.driving.experiment import MAPPINGS, PAPER_MS, READINGS, Config, chain_of, exp
 from sfglab.lab.experiments.driving.lap import IMAGE_TOPIC, MASK_TOPIC
 from sfglab.lab.runs import Run, derived, lines_of
-from sfglab.lab.stats import Estimate, bootstrap, exactly
+from sfglab.lab.stats import Estimate, Floats, bootstrap, exactly, ratio_of
 from sfglab.soc.driving import CHAIN, SHARED_TOPIC, Chain
 from sfglab.units import NS_PER_S
 
@@ -20,8 +20,6 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from numpy.typing import NDArray
-
-    Floats = NDArray[np.float64]
 
 _STORED = "stored"
 _CUT_THROUGH = "cut-through"
@@ -103,9 +101,7 @@ def _topics_ms(run: Run[Config], mapping: str, forwarding: str) -> dict[str, Flo
 
 def chain_ms(run: Run[Config], reading: str = "hardware", **more: str) -> dict[str, Floats]:
     """Return the chain's time of every frame, in milliseconds, by what topic A is mapped to; as `parts_ms`."""
-    return {
-        mapping: np.sum(list(parts_ms(run, reading, mapping, **more).values()), axis=0) for mapping in MAPPINGS
-    }
+    return {name: np.sum([*parts_ms(run, reading, name, **more).values()], axis=0) for name in MAPPINGS}
 
 
 def live_ms(run: Run[Config]) -> dict[str, Floats]:
@@ -118,12 +114,7 @@ def live_ms(run: Run[Config]) -> dict[str, Floats]:
 def ratio(run: Run[Config], reading: str = "hardware") -> Estimate:
     """Return how many times as fast the chain is with a gateway: the ratio of means over the frames."""
     both = np.column_stack([chain_ms(run, reading)[mapping] for mapping in MAPPINGS])
-
-    def of_means(drawn: Sequence[Floats]) -> float:
-        software, gateway = drawn[0].mean(axis=0)
-        return float(software / gateway)
-
-    return bootstrap([both], of_means, unit="times as fast")
+    return ratio_of(both, np.mean, unit="times as fast")
 
 
 def saved_ms(run: Run[Config]) -> float:
@@ -186,12 +177,12 @@ def shorter_chain(run: Run[Config]) -> Finding:
     """Return what a gateway saves, at the graph's image size and at others: the paper states none."""
     saved = (run["chain"]["smt_s"] - run["chain"]["gateway_s"]).to_numpy(dtype=np.float64) * _MS
     estimate = bootstrap([saved], lambda drawn: float(drawn[0].mean()), unit="ms saved")
-    return Finding(estimate=estimate, details=_details(run), reason=_REASON, under=_at_sizes(run))
+    reason = (
+        "what is saved grows with the image, whose size the paper does not state; ours is the graph's, assumed"
+    )
+    return Finding(estimate=estimate, details=_details(run), reason=reason, under=_at_sizes(run))
 
 
-_REASON = (
-    "what is saved grows with the image, whose size the paper does not state; ours is the graph's, assumed"
-)
 _SIZES = ((320, 240), (800, 600))
 
 
@@ -211,7 +202,7 @@ def _at_sizes(run: Run[Config]) -> dict[str, Estimate]:
 def steadier_chain(run: Run[Config]) -> Finding:
     """Return by how many orders of magnitude the chain's deviation is less with a gateway, frame by frame."""
     both = [chain_ms(run)[mapping] for mapping in MAPPINGS]
-    said = {f"chain, {READINGS[reading]}": _said(run, reading) for reading in READINGS}
+    said = {f"chain, {READINGS[reading]}": _of(chain_ms(run, reading)) for reading in READINGS}
     details, ends, reason = {"deviation": _deviation(run), **said}, {}, ""
     if live := live_ms(run):
         across = bootstrap([*live.values()], orders_less, unit=_ORDERS)
@@ -244,9 +235,10 @@ def _details(run: Run[Config]) -> dict[str, str]:
     laps = run["lap"]
     saved, paper_saved = saved_ms(run), PAPER_MS["software"][0] - PAPER_MS["gateway"][0]
     fewest, most = laps["red_lights_obeyed"].min(), laps["red_lights_obeyed"].max()
+    other = {name: ms.mean() for name, ms in chain_ms(run, forwarding=_CUT_THROUGH).items()}
     return {
         "laps passed": f"{int(laps['passed'].sum())} of {len(laps)}, {fewest} to {most} red lights each",
-        **{f"chain, {READINGS[reading]}": _said(run, reading) for reading in READINGS},
+        **{f"chain, {READINGS[reading]}": _of(chain_ms(run, reading)) for reading in READINGS},
         "saved on topic A": (
             f"{saved:.2f} ms (paper: {paper_saved:.3f} ms), whatever the nodes take; the model's constants "
             "were fitted to other numbers, those of Fig. 6 and 7"
@@ -255,13 +247,9 @@ def _details(run: Run[Config]) -> dict[str, str]:
         "ratio, node times measured in software": str(ratio(run, "software")),
         "ratio, the paper's own 20.270 ms and our saving": f"{1 + saved / PAPER_MS['gateway'][0]:.3f}",
         "ratio, hardware times halved and doubled": _scaled(run),
-        "ratio, the memory model's other fit": f"{_other_fit(run):.3f}, which saves more",
+        "ratio, the memory model's other fit": f"{other['software'] / other['gateway']:.3f}, which saves more",
         "the chain's members": f"{' -> '.join(CHAIN)}: our reading, the text does not list them",
     }
-
-
-def _said(run: Run[Config], reading: str) -> str:
-    return _of(chain_ms(run, reading))
 
 
 def _of(times: dict[str, Floats]) -> str:
@@ -275,11 +263,6 @@ def _scaled(run: Run[Config]) -> str:
     means = [chain_ms(run)[mapping].mean() for mapping in MAPPINGS]
     ratios = [(means[0] + more) / (means[1] + more) for more in (-nodes / 2, nodes)]
     return " and ".join(f"{value:.3f}" for value in ratios)
-
-
-def _other_fit(run: Run[Config]) -> float:
-    times = chain_ms(run, forwarding=_CUT_THROUGH)
-    return float(times["software"].mean() / times["gateway"].mean())
 
 
 def _deviation(run: Run[Config]) -> str:

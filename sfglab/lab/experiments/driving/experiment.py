@@ -1,13 +1,11 @@
 """Runs of driving: laps by seeds, the chain frame by frame, and what the memory model adds.
 
-Node times are processor time on this machine with OpenCV in one thread, as a node's one executor runs: what a
-node works, not what it waits while others have the processor. Laps may run beside each other; the chain is
+Node times are processor time here with OpenCV in one thread: what a node works, not what it waits. The chain is
 timed with no other lap beside it, at the image size of the graph.
 
-Across processes every node of Fig. 9 is one, scheduled by Linux, on the bus of this host. What this is not: the
-board. A gateway's saved crossings are there, as one copy in shared memory in place of one for each reader by
-DDS; that it takes the chain out of the scheduler's hands is not, for nodes that are hardware in the paper are
-processes here, on the same cores as everything else.
+Across processes every node of Fig. 9 is one, on this host's bus. A gateway's saved crossings are there, as one
+copy in shared memory in place of one for each reader by DDS; that it takes the chain out of the scheduler's
+hands is not: nodes that are hardware in the paper are processes here.
 """
 
 from __future__ import annotations
@@ -35,7 +33,6 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from sfglab.lab.bench import Bench
-
 
 MAPPINGS = ("software", "gateway")  #: What topic A is mapped to, in the paper's two versions.
 
@@ -193,12 +190,11 @@ def drive_lap(point: LapPoint, seed: int) -> dict[str, Any]:
     """Drive one lap in the town of a seed; all but the node times depends on the arguments alone."""
     with _one_thread():
         lap = run_lap(seed, stack=Stack(Camera(), time.thread_time_ns), rules=Rules(timeout_s=point.limit_s))
+    own = ("frames", "lanes_missed", "odometry_error_m", "odometry_lost")
     return {
         **asdict(lap.verdict),
         "lane_m": make_town(np.random.default_rng(seed)).lane.length_m,
-        **{
-            name: getattr(lap, name) for name in ("frames", "lanes_missed", "odometry_error_m", "odometry_lost")
-        },
+        **{name: getattr(lap, name) for name in own},
         **{f"{node}_s": mean_s for node, mean_s in lap.node_s.items()},
     }
 
@@ -208,9 +204,7 @@ def chain_of(point: ChainPoint) -> Chain:
     return Chain(load_graph(find_project().data / point.graph_file))
 
 
-@exp.sweep(
-    "chain", over=lambda config: [config.chain], seeds=lambda config: [config.seed], workers=Workers(count=1)
-)
+@exp.sweep("chain", over=lambda c: [c.chain], seeds=lambda c: [c.seed], workers=Workers(count=1))
 def time_chain(point: ChainPoint, seed: int) -> tuple[dict[str, Any], ...]:
     """Drive with images of the graph's size; return each frame's node times and its drawn way over topic A.
 
@@ -220,19 +214,13 @@ def time_chain(point: ChainPoint, seed: int) -> tuple[dict[str, Any], ...]:
     stack = Stack(Camera(width=point.width, height=point.height), time.thread_time_ns)
     with _one_thread():
         frames = run_lap(seed, stack=stack, rules=Rules(timeout_s=point.limit_s)).frames
-    orders = chain.draw(frames, np.random.default_rng((seed, 1)))
-    return tuple(_chain_row(stack, chain, frame, int(order)) for frame, order in enumerate(orders))
-
-
-def _chain_row(stack: Stack, chain: Chain, frame: int, order: int) -> dict[str, Any]:
-    served = chain.orders[order]
-    return {
-        **{f"{node}_ns": stack.timed.frames_ns[node][frame] for node in CHAIN},
-        "order": order,
-        "place": served.index(CHAIN[1]) + 1,
-        "smt_s": chain.smt_s[served],
-        "gateway_s": chain.gateway_s,
-    }
+    rows = []
+    for frame, order in enumerate(chain.draw(frames, np.random.default_rng((seed, 1)))):
+        served = chain.orders[order]
+        nodes = {f"{node}_ns": stack.timed.frames_ns[node][frame] for node in CHAIN}
+        row = {"order": int(order), "place": served.index(CHAIN[1]) + 1, "smt_s": chain.smt_s[served]}
+        rows.append({**nodes, **row, "gateway_s": chain.gateway_s})
+    return tuple(rows)
 
 
 def nodes_of(chain: Chain) -> Iterator[dict[str, Any]]:
@@ -245,7 +233,11 @@ def nodes_of(chain: Chain) -> Iterator[dict[str, Any]]:
 def transfers_of(chain: Chain) -> Iterator[dict[str, Any]]:
     """Yield every transfer along the chain, by both sets of the model's constants."""
     for costs in (STORED, CUT_THROUGH):
-        for topic, mapping, times_s in _ways(Chain(chain.graph, costs)):
+        other = Chain(chain.graph, costs)
+        ways = {(SHARED_TOPIC, MAPPINGS[0]): [*other.smt_s.values()]}
+        ways |= {(SHARED_TOPIC, MAPPINGS[1]): [other.gateway_s]}
+        ways |= {(topic, "as placed"): [seconds] for topic, seconds in other.fixed_s.items()}
+        for (topic, mapping), times_s in ways.items():
             yield {
                 "forwarding": costs.memory.forwarding.value,
                 "topic": topic,
@@ -255,13 +247,6 @@ def transfers_of(chain: Chain) -> Iterator[dict[str, Any]]:
                 "shortest_s": min(times_s),
                 "longest_s": max(times_s),
             }
-
-
-def _ways(chain: Chain) -> Iterator[tuple[str, str, list[float]]]:
-    yield SHARED_TOPIC, MAPPINGS[0], list(chain.smt_s.values())
-    yield SHARED_TOPIC, MAPPINGS[1], [chain.gateway_s]
-    for topic, seconds in chain.fixed_s.items():
-        yield topic, "as placed", [seconds]
 
 
 @contextmanager
@@ -297,17 +282,11 @@ async def drive_live(bench: Bench[Config]) -> None:
     if not config.live_s:
         raise SkippedPartError("live: no time was asked for (live_s)")
     with held_domains() as (domain,):
-        told: dict[str, Any] = {
-            "address": BusAddress(domain_id=domain, interface="lo"),
-            "width": config.chain.width,
-            "height": config.chain.height,
-            "rate_hz": config.live_hz,
-            "live_s": config.live_s,
-            "seed": config.seed,
-        }
-        members = [
-            Member(name=name, module=_MODULE, config=DrivingNodeConfig(node=name, **told)) for name in NAMES
-        ]
+        address = BusAddress(domain_id=domain, interface="lo")
+        told: dict[str, Any] = {"width": config.chain.width, "height": config.chain.height, "seed": config.seed}
+        told |= {"address": address, "rate_hz": config.live_hz, "live_s": config.live_s}
+        configs = [DrivingNodeConfig(node=name, **told) for name in NAMES]
+        members = [Member(name=each.node, module=_MODULE, config=each) for each in configs]
         async with ProcessGroup(lambda _host, command: command, members) as nodes:
             await nodes.ask("over", NAMES[:1], timeout_s=config.live_s + _SLACK_S, do="go")
             ends = await nodes.ask("stopped", [CHAIN[0], CHAIN[-1]], timeout_s=_SLACK_S, do="stop")

@@ -55,16 +55,12 @@ def draw_chain(figure: Figure, run: Run[Config]) -> dict[str, Any]:
         f"The node chain from image to command: {ratio(run).value:.1f} times as fast with a gateway "
         f"(paper: 1.4), {saved_ms(run):.1f} ms saved (paper: 8.0 ms)"
     )
-    note(
-        figure,
-        f"{len(run['chain'])} frames; transfers modelled, nodes assumed in hardware, measured in software",
-    )
-    twin: dict[str, Any] = {"saved_ms": saved_ms(run), "frames": len(run["chain"])}
-    for mapping, ms in live.items():
-        twin[f"{LIVE}, {mapping}"] = {"mean_ms": ms.mean(), "deviation_ms": ms.std(ddof=1)}
-    for reading in READINGS:
-        for mapping, ms in chain_ms(run, reading).items():
-            twin[f"{reading}, {mapping}"] = {"mean_ms": ms.mean(), "deviation_ms": ms.std(ddof=1)}
+    frames = len(run["chain"])
+    note(figure, f"{frames} frames; transfers modelled, nodes assumed in hardware, measured in software")
+    twin: dict[str, Any] = {"saved_ms": saved_ms(run), "frames": frames}
+    for of, times in {LIVE: live, **{reading: chain_ms(run, reading) for reading in READINGS}}.items():
+        for mapping, ms in times.items():
+            twin[f"{of}, {mapping}"] = {"mean_ms": ms.mean(), "deviation_ms": ms.std(ddof=1)}
     return twin
 
 
@@ -81,10 +77,8 @@ def _draw_frames(axes: Axes, times: Mapping[str, Any], paper: Mapping[str, tuple
     axes.set_xticks((0, 1), [_SAID[mapping] for mapping in MAPPINGS])
     axes.set_ylabel("time of the chain (ms)")
     axes.grid(visible=False, axis="x")
-    live = f"live across processes,\nup to {most:.0f} ms"
-    axes.set_title(
-        "simulated; mean ± deviation:\ncoloured ours, black the paper's" if paper else live, fontsize=9
-    )
+    simulated = "simulated; mean ± deviation:\ncoloured ours, black the paper's"
+    axes.set_title(simulated if paper else f"live across processes,\nup to {most:.0f} ms", fontsize=9)
 
 
 def _draw_mean(axes: Axes, place: float, stated: tuple[float, float], color: str) -> None:
@@ -126,7 +120,11 @@ def draw_drawn_lap(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     _draw_lateral(figure.add_subplot(grid[2, :]), run)
     moments = _chosen(run, pictures(run))
     for place, (said, picture) in enumerate(moments.items()):
-        _draw_image(figure.add_subplot(grid[place // 2, 2 + place % 2]), run, said, picture)
+        axes = figure.add_subplot(grid[place // 2, 2 + place % 2])
+        moment = lines_of(run["track"][run["track"]["t_s"] == picture.t_s])[0]
+        axes.imshow(draw_lane(picture.bgr, moment, width=480)[:, :, ::-1])
+        axes.set_title(f"{said}, {picture.t_s:.1f} s", fontsize=8.5)
+        axes.set_axis_off()
     ending, lights = "passed" if row["passed"] else "did not pass", int(row["red_lights_obeyed"])
     figure.suptitle(f"Town {int(row['seed'])}: {row['lap_s']:.1f} s, {lights} red lights obeyed, {ending}")
     note(figure, "simulated town and car, real nodes on the drawn images; one lap")
@@ -154,13 +152,11 @@ def _draw_map(axes: Axes, run: Run[Config]) -> None:
         axes.annotate(str(number), (x, y), ha="center", va="center", fontsize=7)
     for stop in stops(run):
         axes.plot(stop.x_m, stop.y_m, "o", color=_LIGHTS[True], markersize=5)
-        said = f"{stop.lasted_s:.0f} s"
-        where = (-0.22 * stop.x_m, -0.22 * stop.y_m)
-        axes.annotate(said, (stop.x_m + where[0], stop.y_m + where[1]), fontsize=8, ha="center")
+        place = (stop.x_m + -0.22 * stop.x_m, stop.y_m + -0.22 * stop.y_m)
+        axes.annotate(f"{stop.lasted_s:.0f} s", place, fontsize=8, ha="center")
     axes.set(aspect="equal", xlabel="east (m)", ylabel="north (m)")
-    axes.set_title(
-        "the track, where it stood (red),\nlights at their lines (square: rests in red)", fontsize=8.5
-    )
+    title = "the track, where it stood (red),\nlights at their lines (square: rests in red)"
+    axes.set_title(title, fontsize=8.5)
 
 
 def _draw_lateral(axes: Axes, run: Run[Config]) -> None:
@@ -182,21 +178,10 @@ def _chosen(run: Run[Config], pictures: Sequence[Picture]) -> dict[str, Picture]
     bends = [abs(bend[one.t_s]) for one in pictures]
     chosen = {"at the start": pictures[0], "in the sharpest bend": pictures[int(np.nanargmax(bends))]}
     if stood:
-        end_s = stood[0].t_s + stood[0].lasted_s
-        chosen["at the first stop"] = _first(pictures, stood[0].t_s)
-        chosen["after it"] = _first(pictures, end_s)
+        moments = {"at the first stop": stood[0].t_s, "after it": stood[0].t_s + stood[0].lasted_s}
+        for name, t_s in moments.items():
+            chosen[name] = next((one for one in pictures if one.t_s >= t_s), pictures[-1])
     return dict(sorted(chosen.items(), key=lambda item: item[1].t_s))
-
-
-def _first(pictures: Sequence[Picture], t_s: float) -> Picture:
-    return next((one for one in pictures if one.t_s >= t_s), pictures[-1])
-
-
-def _draw_image(axes: Axes, run: Run[Config], said: str, picture: Picture) -> None:
-    row = lines_of(run["track"][run["track"]["t_s"] == picture.t_s])[0]
-    axes.imshow(draw_lane(picture.bgr, row, width=480)[:, :, ::-1])
-    axes.set_title(f"{said}, {picture.t_s:.1f} s", fontsize=8.5)
-    axes.set_axis_off()
 
 
 @exp.figure("driving_laps", size=(10.2, 5.4))

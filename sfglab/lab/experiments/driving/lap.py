@@ -24,6 +24,7 @@ from sfglab.lab.experiments.driving.experiment import (
 from sfglab.messages import default_message, message_type
 from sfglab.soc.driving import Camera, Frame, Lap, Rules, Stack, Town, make_town, run_lap
 from sfglab.soc.driving.town import LANE_M, Road, Signals
+from sfglab.spatial import Pose, StampedTransform
 from sfglab.spatial.poses import header_msg
 from sfglab.units import NS_PER_S
 
@@ -201,31 +202,16 @@ def write_messages(log: LogWriter, town: Mapping[str, Any], moments: Sequence[Mo
             log.write("/lane/path", _path(row, now_ns), log_time_ns=now_ns)
 
 
-def _turn(orientation: Any, yaw_rad: float) -> None:
-    orientation.z, orientation.w = math.sin(yaw_rad / 2), math.cos(yaw_rad / 2)
-
-
-def _transform(child: str, row: DrivingTrackRow, now_ns: int) -> Any:
-    transform = default_message("geometry_msgs/msg/TransformStamped")
-    transform.header = header_msg("map", now_ns)
-    transform.child_frame_id = child
-    transform.transform.translation.x, transform.transform.translation.y = row.x_m, row.y_m
-    _turn(transform.transform.rotation, row.yaw_rad)
-    return transform
-
-
 def _transforms(start: DrivingTrackRow, row: DrivingTrackRow, now_ns: int) -> Any:
+    pose = Pose.from_yaw((row.x_m, row.y_m, 0.0), row.yaw_rad)
     children = ("car", "odom") if row is start else ("car",)
-    moved = [_transform(child, row, now_ns) for child in children]
-    return message_type("tf2_msgs/msg/TFMessage")(transforms=moved)
+    moved = [StampedTransform(parent="map", child=child, stamp_ns=now_ns, pose=pose) for child in children]
+    return message_type("tf2_msgs/msg/TFMessage")(transforms=[each.to_msg() for each in moved])
 
 
 def _odometry(row: DrivingTrackRow, now_ns: int) -> Any:
-    message = default_message("geometry_msgs/msg/PoseStamped")
-    message.header = header_msg("odom", now_ns)
-    message.pose.position.x, message.pose.position.y = row.odometry_x_m, row.odometry_y_m
-    _turn(message.pose.orientation, row.odometry_yaw_rad)
-    return message
+    pose = Pose.from_yaw((row.odometry_x_m, row.odometry_y_m, 0.0), row.odometry_yaw_rad).to_pose_msg()
+    return message_type("geometry_msgs/msg/PoseStamped")(header=header_msg("odom", now_ns), pose=pose)
 
 
 def _command(row: DrivingTrackRow) -> Any:

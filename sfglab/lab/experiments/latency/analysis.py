@@ -21,18 +21,14 @@ from sfglab.lab.experiments.latency.stage import PAPERS
 from sfglab.lab.figures import COLORS, PAPER_STYLE, note
 from sfglab.lab.runs import Run, derived
 from sfglab.lab.sources import open_source
-from sfglab.lab.stats import Estimate, bootstrap, exactly, median_of
+from sfglab.lab.stats import Estimate, Floats, bootstrap, exactly, median_of, ratio_of
 from sfglab.units import NS_PER_MS
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     import pandas as pd
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-    from numpy.typing import NDArray
 
-    Floats = NDArray[np.float64]
     _Groups = dict[str, Floats]
 
 PAPERS_WAY, OUR_WAY = "container", "agent"
@@ -42,8 +38,8 @@ PAPERS_WAY, OUR_WAY = "container", "agent"
 def looks(run: Run[Config]) -> pd.DataFrame:
     """Return one line a look: its row, and two times in milliseconds.
 
-    ``first_ms`` from the order to the first picture in hand, and ``first_age_ms`` from that picture's capture;
-    NaN for a picture that the camera did not send.
+    ``first_ms`` from the order to the first picture, ``first_age_ms`` from its capture; NaN: the camera did not
+    send it.
     """
     table = run["look"]
     table = table.assign(first_ms=(table["first_ns"] - table["ordered_ns"]) / NS_PER_MS)
@@ -97,12 +93,7 @@ def first_ratio(run: Run[Config], path: str) -> Estimate:
     The paths of one repetition were asked at one phase of the group of pictures, so repetitions are resampled.
     """
     pairs = _firsts(run)[[path, "standard"]].dropna().to_numpy()
-
-    def ratio(groups: Sequence[Floats]) -> float:
-        mean, standard = groups[0].mean(axis=0)
-        return float(mean / standard)
-
-    return bootstrap([pairs], ratio, unit="times standard")
+    return ratio_of(pairs, np.mean, unit="times standard")
 
 
 def loading(run: Run[Config], path: str) -> Estimate:
@@ -119,8 +110,7 @@ def idle_cost(run: Run[Config], label: str) -> float:
 def checks(run: Run[Config]) -> pd.DataFrame:
     """Return, per path, what proves that the viewer saw the right pictures, and present ones at first.
 
-    ``unknown`` counts first pictures that the camera did not send, ``oldest_ms`` is the largest age of a first
-    picture.
+    ``unknown`` counts first pictures that the camera did not send, ``oldest_ms`` is the largest age of one.
     """
     by_path = looks(run).groupby("path", sort=False)
     sums = ["pictures", "unreadable", "missed", "disordered", "broken", "replay_packets", "replay_bytes"]

@@ -135,10 +135,9 @@ class Look:
 def looks_of(config: Config, *, rng: np.random.Generator) -> list[Look]:
     """Return all looks in the order in which they are made.
 
-    Every repetition subscribes to all paths in random order at one phase of the group of pictures; the phases
-    are drawn from equal shares of the group (stratified), so that there is little chance in the mean wait for a
-    key frame. A process that is started for each look takes long and is judged by nothing: every second
-    repetition asks it.
+    Every repetition subscribes to all paths in random order at one phase of the group of pictures; phases are
+    drawn from equal shares of the group (stratified). What takes long and is judged by nothing, a new process
+    for each look, is asked in every second repetition.
     """
     shares = (rng.permutation(config.repeats) + rng.uniform(size=config.repeats)) / config.repeats
     return [

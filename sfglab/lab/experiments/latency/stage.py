@@ -10,9 +10,8 @@ container  the paper's way: as agent, but the decoder is loaded on demand into a
            component container; no keeper is asked, and pictures go out by DDS instead of shared memory.
 on_demand  as container, but the decoder is loaded into a process that is started for it.
 
-The streams are known beforehand, as the paper has it ("while the edge agent is already discovered"); the
-viewer's process runs and its nodes are in their domains, as a display's are. Knows how to start, order and end
-processes; refuses to know what is measured.
+Streams are known beforehand ("while the edge agent is already discovered"); the viewer's process runs and its
+nodes are in their domains, as a display's are.
 """
 
 from __future__ import annotations

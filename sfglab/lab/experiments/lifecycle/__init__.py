@@ -1,8 +1,7 @@
 """Heartbeats and the life cycle of remote agents: paper A, section 4.2, Fig. 3.
 
-First, status providers beat at the paper's periods and a listener on another host takes the times. Then a
-discoverer is led through every transition of its table, by real processes that are stopped, killed and started
-again, and by false agents that are mute, late, changed, restarted, ill-formed and too many.
+Status providers beat at the paper's periods; then a discoverer is led through every transition of its table by
+real processes, stopped, killed and started again, and by false agents.
 """
 
 from sfglab.lab.experiments.lifecycle import figures

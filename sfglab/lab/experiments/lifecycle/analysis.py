@@ -213,11 +213,8 @@ def transitions(run: Run[Config]) -> Transitions:
 
 def _doubled(run: Run[Config]) -> int:
     """Count queries that arrived at an agent beyond the one that its discoverer had outstanding."""
-    doubled = 0
-    for agent, arrived in run["query"].groupby("agent")["t_ns"]:
-        moves = run["move"][run["move"]["agent"] == agent].sort_values("t_ns")
-        doubled += _homeless(sorted(arrived), _outstanding(moves))
-    return doubled
+    moves, queries = run["move"].sort_values("t_ns"), run["query"].groupby("agent")["t_ns"]
+    return sum(_homeless(sorted(t), _outstanding(moves[moves["agent"] == agent])) for agent, t in queries)
 
 
 def _outstanding(moves: pd.DataFrame) -> list[tuple[int, int]]:
@@ -237,14 +234,11 @@ def _outstanding(moves: pd.DataFrame) -> list[tuple[int, int]]:
 def _homeless(arrivals: Sequence[int], spans: list[tuple[int, int]]) -> int:
     """Count the arrivals that no span is left for; each takes one, at its end one that is on its way."""
     left = sorted(spans, key=lambda span: span[1])
-    homeless = 0
     for t_ns in arrivals:
         home = next((span for span in left if span[0] <= t_ns <= span[1] + _ON_ITS_WAY_NS), None)
-        if home is None:
-            homeless += 1
-        else:
+        if home:
             left.remove(home)
-    return homeless
+    return len(arrivals) - len(spans) + len(left)
 
 
 async def _simulated(world: World) -> dict[str, bool]:
@@ -270,19 +264,17 @@ async def _simulated(world: World) -> dict[str, bool]:
             await asyncio.sleep(5)
     times, beats = zip(*heard["first"], strict=True)
     steady = [beat.period_s for beat in beats[5:]]
+    starts, late = [("go2", begun_ns, revision) for revision in [0] * 8 + [1] * 2], heard["late"][0]
+    expected_s = [0, 1, 2, 3, 4, 5, 10, 15, 18.5, 20]
     return {
-        "1 s, then 5 s, and at once what changed": np.allclose(
-            times, [0, 1, 2, 3, 4, 5, 10, 15, 18.5, 20], atol=0.1
-        ),
+        "1 s, then 5 s, and at once what changed": np.allclose(times, expected_s, atol=0.1),
         "the time until the next is announced": np.allclose(steady, [5, 5, 5, 1.5, 5], atol=0.1),
         "the phase": [beat.phase for beat in beats] == [0] * 5 + [1] * 5,
-        "the agent, its start and its revision": {(b.agent, b.incarnation) for b in beats}
-        == {("go2", begun_ns)}
-        and [b.revision for b in beats] == [0] * 8 + [1] * 2,
-        "who joins late hears the last one at once": heard["late"][0][1] == beats[7]
-        and heard["late"][0][0] < 18,
+        "the agent, its start and its revision": [(b.agent, b.incarnation, b.revision) for b in beats]
+        == starts,
+        "who joins late hears the last one at once": late[1] == beats[7] and late[0] < 18,
         "the service answers for the same start": (answer.agent, answer.incarnation, answer.revision)
-        == ("go2", begun_ns, 0),
+        == starts[0],
     }
 
 
@@ -333,22 +325,20 @@ def claim_transitions(run: Run[Config]) -> Finding:
     None counts when a move broke the rules, a second query was outstanding, or an event was not on the wire.
     """
     found, heard_events = transitions(run), events(run)
+    silent = sum(heard_events.get(name) != count for name, count in found.announced.items())
     wrong = {
         "moves against the rules": found.strange,
         "queries while one was outstanding": found.doubled,
-        "kinds of events that were not on the wire as often as announced": sum(
-            heard_events.get(name) != count for name, count in found.announced.items()
-        ),
+        "kinds of events that were not on the wire as often as announced": silent,
     }
     moves = run["move"]
     walked = moves.loc[moves["agent"] == WALKER, ["before", "given"]].drop_duplicates()
     missing = [f"{s.name} on {i.name}" for s, i in STATED if not found.taken[s, i]]
     ours = [count for key, count in found.taken.items() if key not in STATED]
+    stated = [f"{s.name} on {i.name} x {found.taken[s, i]} ({why!r})" for (s, i), why in STATED.items()]
     details = {
         "hosts": str(run.metadata("hosts")["description"]),
-        "stated by the paper's words": ", ".join(
-            f"{s.name} on {i.name} x {found.taken[s, i]} ({why!r})" for (s, i), why in STATED.items()
-        ),
+        "stated by the paper's words": ", ".join(stated),
         "ours beside them": f"{sum(count > 0 for count in ours)} of {len(ours)} transitions",
         "by a real process, stopped, killed and started": f"{len(walked)} transitions",
         "queries at false agents": f"{found.queries}, of these second ones at a time: {found.doubled}",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from sfglab.bus.address import BusAddress
 from sfglab.fleet.discovery.listener import DISCOVERY_EVENT, discovery_topic
@@ -35,11 +35,9 @@ FIRST_LOCAL_DOMAIN = 94
 
 
 def _timing(backoff_s: float) -> Timing:
-    backoff_ns = round(backoff_s * NS_PER_S)
+    backoff = {"backoff_ns": round(backoff_s * NS_PER_S), "backoff_max_ns": 2 * round(backoff_s * NS_PER_S)}
     # A lost agent must be remembered for longer than its process takes to start again.
-    return Timing(
-        slack_ns=300_000_000, backoff_ns=backoff_ns, backoff_max_ns=2 * backoff_ns, forget_ns=3 * NS_PER_S
-    )
+    return Timing(slack_ns=300_000_000, forget_ns=3 * NS_PER_S, **backoff)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -206,11 +204,6 @@ def _listener(bench: Bench[Config], name: str, topics: dict[str, str]) -> Member
     return Member(name=name, host=STATION, module="sfglab.lab.workers.wire", config=config)
 
 
-def _router(bench: Bench[Config], agent: str, local: BusAddress) -> Member:
-    config = RouterConfig(agent=agent, local=local, remote=_address(bench, ROBOT))
-    return Member(name=f"router of {agent}", host=ROBOT, module="sfglab.fleet.router.node", config=config)
-
-
 def _status(agent: str, schedule: Schedule, address: BusAddress) -> Member:
     settings = StatusSettings(agent=agent, schedule=schedule)
     config = StatusConfig(address=address, settings=settings, detect=False)
@@ -220,9 +213,8 @@ def _status(agent: str, schedule: Schedule, address: BusAddress) -> Member:
 def _discovering(bench: Bench[Config], own: str, topics: dict[str, str], limits: Limits) -> tuple[Member, ...]:
     """Return the discoverer of agent `own`, false agents to discover, and a listener to topics."""
     timing, timeout_s = bench.config.timing, bench.config.query_timeout_s
-    settings = DiscoverySettings(
-        agent=own, timing=timing, limits=limits, query_timeout_s=timeout_s, max_queries=32
-    )
+    waits: dict[str, Any] = {"timing": timing, "limits": limits, "query_timeout_s": timeout_s}
+    settings = DiscoverySettings(agent=own, max_queries=32, **waits)
     config = DiscoveryConfig(address=_address(bench, STATION), settings=settings, report_moves=True)
     fakes = FakeConfig(address=_address(bench, ROBOT), late_s=1.5 * timeout_s)
     return (
@@ -244,7 +236,12 @@ async def time_heartbeats(bench: Bench[Config]) -> None:
     topics = {heartbeat_topic(): AGENT_HEARTBEAT}
     async with Stage(bench, *(_listener(bench, name, topics) for name in ("first", "late"))) as stage:
         if config.routed:
-            await stage.start(*(_router(bench, agent, local[agent]) for agent in agents))
+            remote, module = _address(bench, ROBOT), "sfglab.fleet.router.node"
+            routers = {a: RouterConfig(agent=a, local=local[a], remote=remote) for a in agents}
+            start = [
+                Member(name=f"router of {a}", host=ROBOT, module=module, config=routers[a]) for a in agents
+            ]
+            await stage.start(*start)
         where = local if config.routed else dict.fromkeys(agents, _address(bench, ROBOT))
         await stage.start(*(_status(agent, config.schedule, where[agent]) for agent in agents))
         bench.advance("start-up")

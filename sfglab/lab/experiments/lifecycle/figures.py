@@ -56,9 +56,8 @@ def draw_heartbeats(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     medians = _draw_errors(errors, run)
     where = "on another host" if run.metadata("hosts")["separate"] else "by another process"
     scaled = "" if run.config.at_paper_periods else " (faster than the paper's, for a short run)"
-    figure.suptitle(
-        f"Heartbeats of {len(run['answer'])} agents, heard {where}{scaled}: {held} of {len(checks)} checks hold"
-    )
+    heard_by = f"Heartbeats of {len(run['answer'])} agents, heard {where}{scaled}"
+    figure.suptitle(f"{heard_by}: {held} of {len(checks)} checks hold")
     note(figure, f"{len(table)} intervals, a dot each; black: medians", run)
     return {"held": held, "checks": len(checks), "heartbeats": len(table), "median_gap_s": medians}
 

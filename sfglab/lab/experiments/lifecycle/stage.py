@@ -1,8 +1,7 @@
 """The processes of one part of the life-cycle experiment, and what is done to a discoverer.
 
-A `Stage` orders processes and waits for what they report. A `Puppet` is a false agent that is led step by step:
-each step waits until the discoverer has taken the transition that it is meant to provoke. A script that is too
-slow for the discoverer's waits, as on a machine that stalls, goes on and is played again with another puppet.
+A `Stage` orders processes and waits for their reports. A `Puppet` is a false agent led step by step: each waits
+for the transition that it provokes. A script too slow for the discoverer's waits is played again with another.
 """
 
 from __future__ import annotations
@@ -202,7 +201,6 @@ class Puppet(Track):
 
 
 async def _whole_row(puppet: Puppet, told: Told) -> None:
-    await puppet.stands(told)
     await puppet.is_asked(told, "mute")
     await puppet.beats(_I.HEARD, _I.CHANGED, _I.RESTARTED)
     await puppet.sees(_I.FAILED)
@@ -215,26 +213,22 @@ async def _whole_row(puppet: Puppet, told: Told) -> None:
 
 
 async def _same_start_answers(puppet: Puppet, told: Told) -> None:
-    await puppet.stands(told)
     await puppet.is_asked(told, "answer")
     await puppet.sees(_I.ANSWERED)
 
 
 async def _silent_when_asked(puppet: Puppet, told: Told) -> None:
-    await puppet.stands(told)
     await puppet.is_asked(told, "mute")
     await puppet.falls_silent()
 
 
 async def _silent_when_it_failed(puppet: Puppet, told: Told) -> None:
-    await puppet.stands(told)
     await puppet.is_asked(told, "late")
     await puppet.sees(_I.FAILED)
     await puppet.falls_silent()
 
 
-async def _comes_and_goes(puppet: Puppet, told: Told) -> None:
-    await puppet.stands(told)
+async def _comes_and_goes(puppet: Puppet, _: Told) -> None:
     await puppet.beats(_I.HEARD, _I.RESTARTED)
     await puppet.sees(_I.ANSWERED_ANEW)
     await puppet.falls_silent()
@@ -252,11 +246,14 @@ _SCRIPTS = (*((script, told) for script in _ANYWHERE for told in Told), (_comes_
 
 async def puppet_show(stage: Stage, *, attempts: int) -> None:
     """Play all scripts at once, `attempts` times at most while a transition of theirs is missing."""
+
+    async def play(script: Any, puppet: Puppet, told: Told) -> None:
+        await puppet.stands(told)
+        await script(puppet, told)
+
     for attempt in range(attempts):
-        plays = [
-            script(Puppet(f"puppet{number}_{attempt}", stage), told)
-            for number, (script, told) in enumerate(_SCRIPTS)
-        ]
+        puppets = [Puppet(f"puppet{number}_{attempt}", stage) for number in range(len(_SCRIPTS))]
+        plays = [play(script, puppet, told) for puppet, (script, told) in zip(puppets, _SCRIPTS, strict=True)]
         for outcome in await asyncio.gather(*plays, return_exceptions=True):
             if isinstance(outcome, BaseException) and not isinstance(outcome, ProcessFailedError):
                 raise outcome

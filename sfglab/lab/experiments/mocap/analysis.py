@@ -49,9 +49,8 @@ def findings_of(run: Run[Config], where: str, way: str) -> tuple[FrameFinding, .
 @derived
 def checks(run: Run[Config]) -> pd.DataFrame:
     """Return every check: ``how`` (exact, faults, flips or live), ``check``, counts and ``example``."""
-    exact = run["check"].assign(
-        how=["faults" if c.startswith("faults") else "exact" for c in run["check"]["check"]]
-    )
+    kinds = ["faults" if check.startswith("faults") else "exact" for check in run["check"]["check"]]
+    exact = run["check"].assign(how=kinds)
     counts = run["confusion"].groupby(["truth", "verdict"])["count"].sum().to_dict()
     flips = pd.DataFrame([asdict(published_check(counts))])
     live = pd.DataFrame([asdict(row) for name in run.config.rounds for row in _live_checks(run, name)])
@@ -144,11 +143,7 @@ def _few() -> Iterator[CheckRow]:
     mutated=Mutated(_MODULES, _few),
 )
 def share_that_holds(run: Run[Config]) -> Finding:
-    """Return the share of checks that hold.
-
-    Of live, fault and exact checks and flipped sights, whichever share is lowest: there are so many exact ones
-    that they would hide the others.
-    """
+    """Return the share of checks that hold, of live, fault and exact checks and flipped sights the lowest."""
     share = share_of_checks(checks(run), "how")
     details = {
         "hosts": str(run.metadata("hosts")["description"]),
@@ -179,14 +174,12 @@ def _live_details(run: Run[Config]) -> dict[str, str]:
 
 
 def _fault_details(run: Run[Config]) -> dict[str, str]:
-    table = run["confusion"]
-    flipped = table[table["truth"] == "flipped"]
-    believed = int(flipped[flipped["verdict"].isin(["sound", "confirmed"])]["count"].sum())
-    seen = table[table["truth"] == "seen"]
-    refused = int(seen[~seen["verdict"].isin(["sound", "confirmed"])]["count"].sum())
+    table = run["confusion"].assign(believed=run["confusion"]["verdict"].isin(["sound", "confirmed"]))
+    counts = {key: int(count) for key, count in table.groupby(["truth", "believed"])["count"].sum().items()}
+    flipped, seen = ([counts.get((truth, b), 0) for b in (True, False)] for truth in ("flipped", "seen"))
     return {
-        "flipped sights that were published": f"{believed} of {int(flipped['count'].sum())}",
-        "true sights that were not": f"{refused} of {int(seen['count'].sum())}: after such a flip",
+        "flipped sights that were published": f"{flipped[0]} of {sum(flipped)}",
+        "true sights that were not": f"{seen[1]} of {sum(seen)}: after such a flip",
     }
 
 
@@ -229,15 +222,13 @@ def draw_trees(figure: Figure, run: Run[Config]) -> dict[str, Any]:
         found = findings_of(run, "figure 6", way)
         draw_tree(ax, tree_of(run, "figure 6", way), findings=found, outside="mocap")
         ax.set_title(title)
-        text = (
-            "\n".join(fill(f"{f.code}: {', '.join(f.frames)}", 42) for f in found) or "nothing is found wrong"
-        )
+        text = "\n".join(fill(f"{f.code}: {', '.join(f.frames)}", 42) for f in found)
         colour = "#A04000" if found else "#00664B"  # darker, for words
-        ax.text(0.5, -0.02, text, transform=ax.transAxes, ha="center", va="top", color=colour, fontsize=8.5)
+        place: dict[str, Any] = {"transform": ax.transAxes, "ha": "center", "va": "top", "fontsize": 8.5}
+        ax.text(0.5, -0.02, text or "nothing is found wrong", color=colour, **place)
         twin[way] = [str(finding) for finding in found]
-    figure.suptitle(
-        "A direct receiver breaks a robot's tree of frames, the bridge does not (blue: cameras' edge)"
-    )
+    said = "A direct receiver breaks a robot's tree of frames, the bridge does not"
+    figure.suptitle(f"{said} (blue: cameras' edge)")
     note(figure, "exact: the paper's example, as the linter finds it")
     return twin
 
@@ -250,9 +241,8 @@ def draw_error(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     _draw_waits(axes["B"], run)
     _draw_latencies(axes["C"], run)
     at, now = (errors(run)[name].get("faulty", np.nan) for name in ("error_mm", "latest_mm"))
-    figure.suptitle(
-        f"The camera's place is known to {at:.1f} mm; the newest taken for now is off by {now:.0f} mm"
-    )
+    known = f"The camera's place is known to {at:.1f} mm"
+    figure.suptitle(f"{known}; the newest taken for now is off by {now:.0f} mm")
     count = run["look"].groupby("round").size().max()
     note(figure, f"synthetic cameras; {count} looks a round, a dot each; in the legend: medians", run)
     return {"medians": errors(run).round(4).to_dict(orient="index")}
@@ -288,8 +278,8 @@ def _draw_errors(ax: Axes, run: Run[Config]) -> None:
     _mark_faults(ax, run)
     for name, column, color, text in _ERRORS:
         looks = _of(run["look"], name)
-        style: dict[str, Any] = {"color": COLORS[color], "markersize": 4}
-        ax.plot(looks["at_s"], looks[column], ".", label=f"{text}: {looks[column].median():.2g} mm", **style)
+        style = series(color) | {"linestyle": "", "markersize": 2.5}
+        ax.plot(looks["at_s"], looks[column], label=f"{text}: {looks[column].median():.2g} mm", **style)
     ax.set(yscale="log", ylabel="error, mm", title="How far the camera is from where it really is")
     ax.set_ylim(top=20 * looks["latest_mm"].max())  # room for the legend
     ax.legend(fontsize=8, ncols=3, loc="upper right")
@@ -307,11 +297,11 @@ def _draw_waits(ax: Axes, run: Run[Config]) -> None:
 
 def _draw_latencies(ax: Axes, run: Run[Config]) -> None:
     heard = _of(run["heard"], "faulty")
-    parts = (("receipt_ms", "third", "received"), ("publication_ms", "proxy", "published"))
-    for column, key, name in (*parts, ("heard_ms", "standard", "heard")):
+    parts = (("receipt_ms", "third", ":"), ("publication_ms", "proxy", "-"), ("heard_ms", "standard", "--"))
+    for (column, key, line), name in zip(parts, ("received", "published", "heard"), strict=True):
         values = np.sort(heard[column].to_numpy())
         share = np.arange(1, len(values) + 1) / max(1, len(values))
-        ax.plot(values, share, color=COLORS[key], label=name)
+        ax.plot(values, share, color=COLORS[key], linestyle=line, label=name)
     ax.set(xscale="log", xlabel="since capture, ms", ylabel="share of transforms", title="Latency")
     ax.xaxis.set_minor_formatter("")
     ax.set_xticks([6, 10, 20, 50, 100], ["6", "10", "20", "50", "100"])

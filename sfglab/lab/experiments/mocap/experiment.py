@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sfglab.bus.address import BusAddress
+from sfglab.component import Report
 from sfglab.fields import from_json
 from sfglab.lab.checks import CheckRow, trees
 from sfglab.lab.checks.trees import OBJECT
@@ -23,17 +24,15 @@ from sfglab.processes import Member, ProcessGroup
 from sfglab.spatial import Pose, StampedTransform
 from sfglab.spatial.frames.listener import TRANSFORMS
 from sfglab.spatial.mocap.bridge import mocap_trees
-from sfglab.spatial.mocap.synthetic import synthetic_captures
+from sfglab.spatial.mocap.synthetic import TrueCapture, synthetic_captures
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from sfglab.component import Report
     from sfglab.lab.bench import Bench
     from sfglab.lab.testbed import Testbed
-    from sfglab.spatial.mocap.synthetic import TrueCapture
 
-    Reports = dict[str, Report]
+Reports = dict[str, Report]
 
 
 HOSTS = {"robot": "agent_x", "bridge": "mocap", "listener": "viewer"}

@@ -1,8 +1,7 @@
 """Synthetic recordings: faults of cameras against the bridge's verdicts, and estimates of the offset; exact.
 
-A flipped sight is told from a true one only by how it came about, so the bridge cannot know one that lasts, nor
-the first sight of all; whatever is published counts. Beyond the paper: where the base is in
-the tracked object, estimated from motions whose truth is known.
+A flipped sight is told from a true one only by how it came about; whatever is published counts. Beyond the
+paper: where the base is in the tracked object, estimated from motions whose truth is known.
 """
 
 from __future__ import annotations
@@ -20,13 +19,12 @@ from sfglab.spatial import Pose, StampedTransform
 from sfglab.spatial.frames.buffer import FrameBuffer
 from sfglab.spatial.mocap.bridge import BridgeCore
 from sfglab.spatial.mocap.mapping import MappedObject, MocapMapping
-from sfglab.spatial.mocap.offset import OffsetEstimate, estimate_offset, pose_pairs
+from sfglab.spatial.mocap.offset import estimate_offset, pose_pairs
 from sfglab.spatial.mocap.synthetic import SyntheticConfig, SyntheticMotion, TrueCapture, synthetic_captures
 from sfglab.spatial.mocap.tracking import Lapse, Verdict
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
-
 
 _BELIEVED = frozenset(v.value for v in Verdict if v.believed)
 _TURNED_RAD = 2.5
@@ -66,15 +64,11 @@ def fault_checks(tally: Tally) -> Iterator[CheckRow]:
     """Yield what must hold of the bridge's verdicts."""
     occluded = sum(n for (truth, _), n in tally.confusion.items() if truth == "occluded")
     counted = max(0, tally.missing - abs(tally.missing - tally.dropped))
+    held, plain = tally.plain - tally.plain_believed, "a flip that begins in plain sight is not published"
     rows = (
         ("occluded sights are counted as such", occluded, tally.confusion["occluded", "occluded"], "sights"),
         ("captures that never came are counted", tally.missing, counted, f"missing, {tally.dropped} counted"),
-        (
-            "a flip that begins in plain sight is not published before it is held for long",
-            tally.plain,
-            tally.plain - tally.plain_believed,
-            "flipped sights",
-        ),
+        (f"{plain} before it is held for long", tally.plain, held, "flipped sights"),
     )
     for check, checked, held, words in rows:
         yield CheckRow(check=f"faults: {check}", checked=checked, held=held, example=f"{checked} {words}")
@@ -84,14 +78,9 @@ def published_check(confusion: Mapping[Any, int]) -> CheckRow:
     """Return whether no flipped sight is published, however it came; from counts by truth and verdict."""
     verdicts = {verdict: count for (truth, verdict), count in confusion.items() if truth == "flipped"}
     published = {verdict: count for verdict, count in verdicts.items() if verdict in _BELIEVED}
-    count = sum(verdicts.values())
-    words = (
-        ", ".join(f"{count} as {verdict}" for verdict, count in published.items()) or f"{count} flipped sights"
-    )
-    held = count - sum(published.values())
-    return CheckRow(
-        check="faults: no flipped sight is published", checked=max(1, count), held=held, example=words
-    )
+    count, check = sum(verdicts.values()), "faults: no flipped sight is published"
+    words = ", ".join(f"{n} as {verdict}" for verdict, n in published.items()) or f"{count} flipped sights"
+    return CheckRow(check=check, checked=max(1, count), held=count - sum(published.values()), example=words)
 
 
 def _pass(recording: Iterator[TrueCapture], tally: Tally) -> None:
@@ -143,7 +132,8 @@ def offset_row(length_s: float, seed: tuple[int, ...], *, drifts: bool, modelled
     captures = [m.capture for m in made]
     buffer = _odometry(motion, [c.capture_ns for c in captures], rng, drifts=drifts)
     found = estimate_offset(pose_pairs(captures, OBJECT, buffer, odom=_ODOM, base=_BASE), drift=modelled)
-    error = _errors(found)
+    turn = (_OFFSET.rotation.inv() * found.object_from_base.rotation).as_rotvec()
+    error = np.concatenate([turn, np.subtract(found.object_from_base.position_m, _OFFSET.position_m)])
     sigmas = np.array([*found.sigma_rad, *found.sigma_m])
     (before_m, before_rad), (after_m, after_rad) = (_replayed(x) for x in (Pose(), found.object_from_base))
     return {
@@ -165,12 +155,6 @@ def _norms(name: str, turn_and_place: np.ndarray) -> dict[str, float]:
     turn_rad, place_m = turn_and_place[:3], turn_and_place[3:]
     norms = {"mm": np.linalg.norm(place_m), "mrad": np.linalg.norm(turn_rad)}
     return {f"{name}_{unit}": 1e3 * float(norm) for unit, norm in norms.items()}
-
-
-def _errors(found: OffsetEstimate) -> np.ndarray:
-    """Return what is wrong with the estimate, in the order of its covariance."""
-    turn = (_OFFSET.rotation.inv() * found.object_from_base.rotation).as_rotvec()
-    return np.concatenate([turn, np.subtract(found.object_from_base.position_m, _OFFSET.position_m)])
 
 
 def _odometry(

@@ -1,9 +1,7 @@
 """Phases: in which mode of publication, over which air and by which queue paper B's conclusions hold.
 
-In each condition `transmission`'s scenario, with the hop over robot 3's machine, is run with every method and
-depth that the criteria of B-LAT and B-LOSS compare (``data/claims.yaml``), and `cooperation`'s hallway driven.
-Near the borders between unlike answers more conditions follow. The criteria's own conditions are among them, so
-that a run judges the three claims.
+In each condition all is run that the criteria of B-LAT, B-LOSS and B-COOP compare (``data/claims.yaml``). Near
+borders between unlike answers more conditions follow. The criteria's own are among them, so that a run judges.
 """
 
 from __future__ import annotations

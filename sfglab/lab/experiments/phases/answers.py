@@ -1,11 +1,8 @@
 """Answers to what the criteria of B-LAT, B-LOSS and B-COOP (``data/claims.yaml``) ask, in one condition each.
 
-Where the criteria leave a choice, this is the literal reading of them. The median is over all "Hello"s of all
-seeds together, what never arrives being infinite; where OPT+LC's is infinite the condition does not
-agree, as nothing shows it to be at most 5 % above the lowest, be all others infinite, too. Intervals over seeds
-reach from the lowest seed's median to the highest: of six seeds, that has the median with 97 %.
-
-Knows tables; refuses to know how they came about.
+Where the criteria leave a choice, this is their literal reading. The median is over all "Hello"s of all seeds,
+what never arrives being infinite; where OPT+LC's is infinite the condition does not agree. Intervals reach from
+the lowest seed's median to the highest: of six seeds, that has the median with 97 %.
 """
 
 from __future__ import annotations
@@ -13,21 +10,18 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, fields
 from itertools import product
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from sfglab.arp.hallway import End
 from sfglab.arp.robots import RATES_HZ
-from sfglab.lab.claims import load_claims
+from sfglab.lab.claims import Criterion, load_claims
 from sfglab.lab.experiments.transmission.analysis import BEST, SMALL_DEPTH, TIE
 from sfglab.lab.experiments.transmission.experiment import OPT_DEPTH
 from sfglab.lab.paths import find_project
 from sfglab.lab.stats import share_of
-
-if TYPE_CHECKING:
-    from sfglab.lab.claims import Criterion
 
 DEEP = 100  #: A depth from this on is deep, as the criteria have it.
 LOSS_POINT = 0.01  #: By how much OPT+LC may lose more than the lowest and still agree: a point.
@@ -86,8 +80,8 @@ _BOTH = {"lc_lowest": "lowest", "small_worst": "small"}
 def summary(cells: pd.DataFrame) -> pd.DataFrame:
     """Return the median and its range over seeds, a line a condition, method and depth.
 
-    Columns are ``p50_ms`` (of all seeds together), ``age_ms`` (median over seeds) and ``lost`` (share over all
-    seeds, with Wilson's interval), each with ``_low`` and ``_high``.
+    Columns are ``p50_ms`` (of all seeds together), ``age_ms`` (median over seeds) and ``lost`` (of all seeds,
+    with Wilson's interval), each with ``_low`` and ``_high``.
     """
     keys = [*PLACE, "method", "depth"]
     grouped = cells.groupby(keys, sort=False)

@@ -14,7 +14,7 @@ import pandas as pd
 
 from sfglab.arp.robots import DEPTHS, RATES_HZ
 from sfglab.fields import between
-from sfglab.lab.bench import rows_of
+from sfglab.lab.bench import Bench, rows_of
 from sfglab.lab.experiment import Actor, Experiment, Link, Profiled, seeded
 from sfglab.lab.experiments.cooperation.experiment import DEPTHS as COURSE_DEPTHS
 from sfglab.lab.experiments.cooperation.experiment import OPTIMUM, SimulatedRun
@@ -24,14 +24,12 @@ from sfglab.lab.experiments.transmission.analysis import BEST
 from sfglab.lab.experiments.transmission.experiment import HELLO_UP, OPT_DEPTH, Point, scenario_of
 from sfglab.lab.experiments.transmission.experiment import hello_latency_ms as latency_of
 from sfglab.lab.sweep import Workers, sweep
-from sfglab.rtps import Medium, run
+from sfglab.rtps import Medium, Outcome, run
 from sfglab.rtps.session import age_ms
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from sfglab.lab.bench import Bench
-    from sfglab.rtps import Outcome
     from sfglab.rtps.model import QueueRule
 
 MODES = ("fast_dds_sync", "fast_dds_async", "fast_dds_foxy", "cyclone_dds")
@@ -171,16 +169,10 @@ def simulate(condition: Condition, seed: int) -> tuple[dict[str, Any], ...]:
 
 
 def _cell(condition: Condition, method: str, depth: str, first: int) -> list[dict[str, Any]]:
-    point = Point(
-        rate_max_hz=condition.rate_max_hz,
-        depth=depth,
-        method=method,
-        duration_s=condition.duration_s,
-        vendor=condition.preset,
-        hop=True,
-    )
-    seeds = range(first, first + condition.seeds)
-    medium = condition.medium()
+    of: dict[str, Any] = {"rate_max_hz": condition.rate_max_hz, "vendor": condition.preset}
+    of["duration_s"] = condition.duration_s
+    point = Point(depth=depth, method=method, hop=True, **of)
+    seeds, medium = range(first, first + condition.seeds), condition.medium()
     outcomes = [run(scenario_of(point, seed=seed, medium=medium), seed=seed) for seed in seeds]
     times_ms = [_times_ms(outcome) for outcome in outcomes]
     pooled_ms = _median(np.concatenate(times_ms))
@@ -202,8 +194,7 @@ def _cell(condition: Condition, method: str, depth: str, first: int) -> list[dic
 def _times_ms(outcome: Outcome) -> NDArray[np.float64]:
     """Return each "Hello"'s time to actuation, infinite where it never arrived, shape (published,)."""
     arrived = latency_of(outcome)
-    never = np.full(len(outcome.flows[HELLO_UP].fate) - len(arrived), np.inf)
-    return np.append(arrived, never)
+    return np.append(arrived, [np.inf] * (len(outcome.flows[HELLO_UP].fate) - len(arrived)))
 
 
 def _median(times_ms: NDArray[np.float64]) -> float:
@@ -226,8 +217,8 @@ class HallwayRow(Place):
 def drive(condition: Condition, seed: int) -> tuple[dict[str, Any], ...]:
     """Drive the hallway in a condition without any method, at three depths, and with OPT+LC."""
     air: dict[str, Any] = {"vendor": condition.preset, "medium": condition.medium()}
-    rate_hz = condition.rate_max_hz
-    points = [CoursePoint(method=method, depth=depth, rate_max_hz=rate_hz, **air) for method, depth in COURSES]
+    air["rate_max_hz"] = condition.rate_max_hz
+    points = [CoursePoint(method=method, depth=depth, **air) for method, depth in COURSES]
     rows = [asdict(SimulatedRun(point, seed).run()) for point in points]
     return tuple({name: row[name] for name in ("method", "depth", "end", "robot", "ended_s")} for row in rows)
 

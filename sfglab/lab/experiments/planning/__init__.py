@@ -1,8 +1,4 @@
-"""Planning: paper A, section 4.5, Fig. 7.
-
-Trajectories, headings, interpolation, re-timing, clearance, exchange, edits and files are checked on random
-cases; the agents of a scene are sent along its trajectories over the action's server, at once.
-"""
+"""Planning: paper A, section 4.5, Fig. 7: trajectories and edits checked, agents sent along."""
 
 from sfglab.lab.experiments.planning.analysis import apart_m, checks
 from sfglab.lab.experiments.planning.editor import SceneCell

@@ -28,8 +28,8 @@ if TYPE_CHECKING:
 
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-    from numpy.typing import NDArray
 
+    from sfglab.lab.stats import Floats
     from sfglab.spatial import Pose
     from sfglab.spatial.scene.tree import Scene
     from sfglab.spatial.trajectory.limits import Limits
@@ -75,13 +75,13 @@ def _table(rows: Iterator[CheckRow]) -> pd.DataFrame:
 
 
 def _of_faults(faults: pd.DataFrame) -> Iterator[CheckRow]:
-    named: tuple[tuple[str, str], ...] = (
-        ("a broken file is refused with file and line", "names_the_line"),
-        ("a broken file is refused in one sentence", "one_line"),
-        ("a broken file stays as it is on disk", "file_kept"),
-        ("after a broken file the editor has the scene that it had", "scene_kept"),
-    )
-    for name, column in named:
+    columns = {
+        "a broken file is refused with file and line": "names_the_line",
+        "a broken file is refused in one sentence": "one_line",
+        "a broken file stays as it is on disk": "file_kept",
+        "after a broken file the editor has the scene that it had": "scene_kept",
+    }
+    for name, column in columns.items():
         yield check_row(name, [(str(row.fault), bool(getattr(row, column))) for row in faults.itertuples()])
 
 
@@ -90,16 +90,13 @@ def _of_goals(run: Run[Config]) -> Iterator[CheckRow]:
     said = [g for g in goals if g.feedbacks]
     done = [g for g in goals if g.outcome == _SUCCEEDED]
     stopped = [g for g in goals if g.outcome == _CANCELED]
+    slow = "after success the agent is no faster than it may be there"
     ends: tuple[tuple[str, list[Any], Holds], ...] = (
         ("a goal ends as it must", goals, lambda g: g.outcome == g.expected),
         ("what a goal's feedback says is over never goes back", said, lambda g: bool(g.steady)),
         ("after success everything is over", done, lambda g: g.share == 1.0),
         ("after success the agent is at the last pose", done, lambda g: g.left_m <= _TOLERANCES.goal_m),
-        (
-            "after success the agent is no faster than it may be there",
-            done,
-            lambda g: g.end_speed_m_s <= _TOLERANCES.goal_m_s,
-        ),
+        (slow, done, lambda g: g.end_speed_m_s <= _TOLERANCES.goal_m_s),
         ("a canceled goal ends when the agent stands", stopped, lambda g: g.end_speed_m_s == 0.0),
     )
     for name, rows, holds in ends:
@@ -109,9 +106,8 @@ def _of_goals(run: Run[Config]) -> Iterator[CheckRow]:
 
 def _of_tracks(run: Run[Config]) -> Iterator[CheckRow]:
     allowed, worst = allowed_m(run), run["track"].groupby("agent")["error_m"].max()
-    near = [
-        (f"{a}: {off:.3f} of {allowed[str(a)]:.3f} m", bool(off <= allowed[str(a)])) for a, off in worst.items()
-    ]
+    off = [(str(agent), error, allowed[str(agent)]) for agent, error in worst.items()]
+    near = [(f"{agent}: {error:.3f} of {most:.3f} m", bool(error <= most)) for agent, error, most in off]
     yield check_row("an agent is never further from its plan than its dynamics explain", near)
     pairs = []
     for a, b, needed in _pairs(run):
@@ -122,12 +118,10 @@ def _of_tracks(run: Run[Config]) -> Iterator[CheckRow]:
 
 def allowed_m(run: Run[Config]) -> dict[str, float]:
     """Return by agent how far its dynamics let it fall behind its plan, at the rate of its server."""
-    agents = scene_of(run).all_of(AgentObject)
+    scene, period_s = scene_of(run), AgentSetup().period_s
     return {
-        agent.name: falls_behind_m(
-            scene_of(run).motion(agent.id), Dynamics(limits=agent.limits), period_s=AgentSetup().period_s
-        )
-        for agent in agents
+        agent.name: falls_behind_m(scene.motion(agent.id), Dynamics(limits=agent.limits), period_s=period_s)
+        for agent in scene.all_of(AgentObject)
     }
 
 
@@ -138,9 +132,7 @@ def _pairs(run: Run[Config]) -> Iterator[tuple[str, str, float]]:
         yield a.name, b.name, a.radius_m + b.radius_m + scene_of(run).margin_m
 
 
-def apart_m(
-    run: Run[Config], a: str, b: str
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+def apart_m(run: Run[Config], a: str, b: str) -> tuple[Floats, Floats, Floats]:
     """Return times, and how far apart the centres of two agents are then, as planned and as driven.
 
     Poses of the two came at times of their own; between them they are interpolated.
@@ -175,25 +167,24 @@ def share_that_holds(run: Run[Config]) -> Finding:
     Of the groups whichever share is lowest: many random cases of one would hide the few of another.
     """
     table = checks(run)
-    share = share_of_checks(table, "group")
+    share, allowed = share_of_checks(table, "group"), allowed_m(run)
     contrast, worst = run["contrast"].iloc[0], run["track"].groupby("agent")["error_m"].max()
+    loops = contrast["checked"] - contrast["held"]
     details = {
         **{f"{group} checks": held for group, held in share.groups.items()},
         "kinds of checks": str(len(table)),
         "actions": "over DDS, all nodes in one process" if run.config.live else "on the simulated bus",
         **{
-            f"largest error, {agent}": f"{error:.3f} m; its dynamics explain {allowed_m(run)[str(agent)]:.3f} m"
+            f"largest error, {agent}": f"{error:.3f} m; its dynamics explain {allowed[str(agent)]:.3f} m"
             for agent, error in worst.items()
         },
-        "loops, had the spline evenly spaced knots": (
-            f"{contrast['checked'] - contrast['held']} of {contrast['checked']} curves"
-        ),
+        "loops, had the spline evenly spaced knots": f"{loops} of {contrast['checked']} curves",
         "beyond the paper": "splines, its future work; limits, re-timing and clearance",
     }
     return Finding(estimate=share.estimate, details=details, reason=share.reason)
 
 
-_LINES = {Interpolation.POLYLINE: COLORS["network"], Interpolation.CATMULL_ROM: COLORS["fourth"]}
+_LINES = {Interpolation.POLYLINE: COLORS["network"], Interpolation.CATMULL_ROM: COLORS["proxy"]}
 _WAYS = {Interpolation.POLYLINE: "polyline (paper)", Interpolation.CATMULL_ROM: "Catmull-Rom (ours)"}
 _AGENTS = (COLORS["standard"], COLORS["proxy"], COLORS["third"])
 
@@ -347,13 +338,10 @@ def draw_interpolation(figure: Figure, run: Run[Config]) -> dict[str, Any]:
         chosen = run["sample"][run["sample"]["retimed"] == slow]
         pair = [figure.add_subplot(grid[row, 1]), figure.add_subplot(grid[row, 2])]
         tops[words] = _draw_rates(pair, chosen, words, example_limits(run.config))
-    figure.suptitle(
-        "A spline's speed does not jump, and re-timing brings both within their limits", fontsize=11
-    )
-    note(
-        figure,
-        "exact: one trajectory as polyline and as centripetal Catmull-Rom spline (the paper's future work)",
-    )
+    title = "A spline's speed does not jump, and re-timing brings both within their limits"
+    figure.suptitle(title, fontsize=11)
+    ways = "one trajectory as polyline and as centripetal Catmull-Rom spline"
+    note(figure, f"exact: {ways} (the paper's future work)")
     return {"highest speed (m/s) and acceleration (m/s^2)": tops}
 
 

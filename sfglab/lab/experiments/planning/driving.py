@@ -1,13 +1,13 @@
 """Trajectories carried out over the action: a scene's agents at once, and all that can become of a goal.
 
-The same scenario runs over DDS and on the simulated bus; who makes nodes decides. Agents, planner and viewer
-are nodes of their own in one process.
+The same runs over DDS and on the simulated bus, all nodes in one process; who makes nodes decides.
 """
 
 from __future__ import annotations
 
 import asyncio
 import math
+from collections.abc import Callable
 from contextlib import AsyncExitStack
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Self
@@ -26,12 +26,10 @@ from sfglab.spatial.trajectory.path import Trajectory
 from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from sfglab.spatial.scene.tree import Scene
 
-    MakeNode = Callable[[str], Any]
-    GoalRow = dict[str, Any]
+MakeNode = Callable[[str], Any]
+GoalRow = dict[str, Any]
 
 
 GONE = "server gone"
@@ -59,11 +57,8 @@ async def drive_scene(node: MakeNode, scene: Scene) -> Driven:
         servers = {}
         for agent in scene.all_of(AgentObject):
             home = await stack.enter_async_context(node(agent.name))
-            setup = AgentSetup(
-                pose=scene.world_pose(agent.id),
-                frame_id=scene.frame_id,
-                dynamics=Dynamics(limits=agent.limits),
-            )
+            pose, dynamics = scene.world_pose(agent.id), Dynamics(limits=agent.limits)
+            setup = AgentSetup(pose=pose, frame_id=scene.frame_id, dynamics=dynamics)
             server = TrajectoryServer(home, agent.name, setup=setup)
             servers[agent.name] = await stack.enter_async_context(server)
         viewer = await stack.enter_async_context(node("viewer"))
@@ -74,10 +69,8 @@ async def drive_scene(node: MakeNode, scene: Scene) -> Driven:
         driven.orders = scene_orders(scene, start_ns=driven.start_ns)
         for order in driven.orders:
             _listen(viewer, order, driven)
-        goals = (
-            one.timed(order, "the scene's trajectory", Outcome.SUCCEEDED)
-            for one, order in zip(sent, driven.orders, strict=True)
-        )
+        case = ("the scene's trajectory", Outcome.SUCCEEDED)
+        goals = (one.timed(order, *case) for one, order in zip(sent, driven.orders, strict=True))
         driven.goals = list(await asyncio.gather(*goals))
     return driven
 
@@ -121,9 +114,8 @@ class _Sent:
         self.moving = asyncio.Event()  # set once part of the way is over
         self._heard: list[Feedback] = []
         self._order, self._server, self._clock = order, server, planner.get_clock()
-        self.execution = Execution(
-            planner, order.agent, action=server.action_name, on_feedback=self._hear, **options
-        )
+        options |= {"action": server.action_name, "on_feedback": self._hear}
+        self.execution = Execution(planner, order.agent, **options)
 
     def _hear(self, feedback: Feedback) -> None:
         self._heard.append(feedback)
@@ -176,7 +168,11 @@ async def try_goals(node: MakeNode) -> list[GoalRow]:
             setup = AgentSetup(dynamics=Dynamics(limits=limits), preempt=preempt)
             async with node("spot") as home, TrajectoryServer(home, "spot", setup=setup) as server:
                 trials = _Trials(planner, server, rows)
-                await (trials.preempting() if preempt else trials.one_at_a_time())
+                if preempt:
+                    case = "a second goal that may overtake"
+                    await trials.second(case, Outcome.OVERTAKEN, Outcome.SUCCEEDED)
+                else:
+                    await trials.one_at_a_time()
         await _lose_server(node, planner, rows)
     return rows
 
@@ -206,15 +202,11 @@ class _Trials:
             await self._try(case, order, expected)
         await self._broken("no waypoint", near, lambda points: points[:0])
         await self._broken("time backwards", near, lambda points: points[::-1])
-        await self._second("a second goal", Outcome.SUCCEEDED, Outcome.BUSY)
+        await self.second("a second goal", Outcome.SUCCEEDED, Outcome.BUSY)
         sent = await self._sent(self._from_here(6.0, 8.0)).begin()
         await sent.moving.wait()
         await sent.execution.cancel()
         self._rows.append(await sent.ended("canceled on the way", Outcome.CANCELED))
-
-    async def preempting(self) -> None:
-        """Try what is to be tried where a second goal takes the first one's place."""
-        await self._second("a second goal that may overtake", Outcome.OVERTAKEN, Outcome.SUCCEEDED)
 
     def _from_here(self, length_m: float, duration_s: float) -> Order:
         x_m = self._server.state.pose.position_m[0]
@@ -235,7 +227,8 @@ class _Trials:
         sent = await self._sent(order, dialect=replace(FOLLOW_TRAJECTORY, goal=goal)).begin()
         self._rows.append(await sent.ended(case, Outcome.INVALID_TRAJECTORY))
 
-    async def _second(self, case: str, first: Outcome, second: Outcome) -> None:
+    async def second(self, case: str, first: Outcome, second: Outcome) -> None:
+        """Send a goal while another is on its way; given is how both have to end."""
         sent = await self._sent(self._from_here(0.4, 0.8)).begin()
         while not self._server.busy:
             await self._planner.get_clock().sleep_for(0.005)

@@ -15,7 +15,7 @@ from sfglab.bus.sim import World, run_simulated
 from sfglab.fields import between
 from sfglab.lab.checks import CheckRow, editing, exchange, trajectories
 from sfglab.lab.experiment import Actor, Experiment, Link, Profiled
-from sfglab.lab.experiments.planning.driving import drive_scene, try_goals
+from sfglab.lab.experiments.planning.driving import Driven, MakeNode, drive_scene, try_goals
 from sfglab.lab.paths import find_project
 from sfglab.spatial import Pose
 from sfglab.spatial.scene.files import load_scene, scene_text
@@ -29,9 +29,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from sfglab.lab.bench import Bench
-    from sfglab.lab.experiments.planning.driving import Driven, MakeNode
     from sfglab.spatial.scene.tree import Scene
-
 
 EXAMPLE_M = ((0.0, 0.0), (1.2, 0.3), (1.5, 1.5), (3.0, 1.5), (3.3, 1.3), (5.0, 0.0))
 """Where the waypoints lie; some far from each other and some close."""

@@ -1,8 +1,7 @@
 """Traffic routing by the naming schema: paper A, section 4.1, Eq. 1 and Table 1.
 
-Agents behind routers and two parties in the global domain publish, subscribe, serve and call the same names:
-those of Table 1, local ones and near misses. Recorded is who hears what of whom, and every endpoint that is
-seen in the global domain; beside that the policy is checked exactly, on all standard names.
+Agents behind routers and two parties in the global domain use the same names: those of Table 1, local ones and
+near misses. Recorded is who hears what of whom; beside that the policy is checked exactly.
 """
 
 from sfglab.lab.experiments.routing.analysis import checks, latencies

@@ -1,12 +1,10 @@
 """Checks, latencies, the claim A-NET-RULES, and what crosses at a glance.
 
-A check is one thing that Table 1 or Eq. 1 of paper A demands of one name and two parties; the claim is the
-share of checks that hold. They are black-box measurements: what test peers saw, and when.
+A check is one thing that Table 1 or Eq. 1 of paper A demands of one name and two parties, measured black-box.
 """
 
 from __future__ import annotations
 
-from collections import defaultdict
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -95,10 +93,11 @@ def _check(name: str, rows: pd.DataFrame, holds: Callable[[Any], Any]) -> CheckR
 
 
 def _text(row: Any) -> str:
-    name = getattr(row, "dds_topic", None) or getattr(row, "name", "rt/tf_static")
-    first = getattr(row, "source", None) or getattr(row, "caller", None) or getattr(row, "seen_by", "")
-    last = getattr(row, "hearer", None) or getattr(row, "server", None) or getattr(row, "kind", "")
-    return f"{name}: {first}, {last}"
+    def first_of(*names: str) -> Any:
+        return next((getattr(row, name) for name in names if hasattr(row, name)), "rt/tf_static")
+
+    first, last = first_of("source", "caller", "seen_by"), first_of("hearer", "server", "kind")
+    return f"{first_of('dds_topic', 'name')}: {first}, {last}"
 
 
 def _rules(run: Run[Config]) -> CheckRow:
@@ -135,10 +134,9 @@ def _crossing(dds: str, source: str, hearer: str) -> Iterator[tuple[str, str, st
 def latencies(run: Run[Config]) -> dict[str, Estimate]:
     """Return the time from publishing to receiving on topics of Table 1, by what lies between.
 
-    A sample is the median of one topic, source and hearer. ``per router`` is what one router and the hop
-    behind it add: half of the way from agent to agent, less the way between two hosts of the global domain.
-    All names are sent at once, so messages wait for others; a camera's alone (`latency`) wait less. Groups
-    without samples are left out.
+    A sample is the median of one topic, source and hearer. ``per router`` is what one router and the hop behind
+    it add: half of the way between agents, less the way between two hosts of the global domain. All names are
+    sent at once, so messages wait for others. Groups without samples are left out.
     """
     every = heard(run)
     chosen = every[every["allowed"] & (every["source"] != every["hearer"]) & (every["received"] > 0)]
@@ -154,11 +152,9 @@ def latencies(run: Run[Config]) -> dict[str, Estimate]:
     samples = {name: chosen[rows]["age_ms"].to_numpy(dtype=np.float64) for name, rows in groups.items()}
     found = {name: median_of(ages, unit="ms") for name, ages in samples.items() if len(ages)}
     if {"direct", "two routers"} <= set(found):
-        found["per router"] = bootstrap(
-            [samples["direct"], samples["two routers"]],
-            lambda drawn: float(np.median(drawn[1]) - np.median(drawn[0])) / 2,
-            unit="ms",
-        )
+        ways = [samples["direct"], samples["two routers"]]
+        each = bootstrap(ways, lambda g: float(np.median(g[1]) - np.median(g[0])) / 2, unit="ms")
+        found["per router"] = each
     return found
 
 
@@ -170,11 +166,7 @@ def latencies(run: Run[Config]) -> dict[str, Estimate]:
     ),
 )
 def share_that_holds(run: Run[Config]) -> Finding:
-    """Return the share of checks that hold.
-
-    Of live and exact checks, whichever share is lower: there are so many exact ones that they would hide the
-    others.
-    """
+    """Return the share of checks that hold, of live and exact ones whichever is lower."""
     table, times = checks(run), latencies(run)
     share = share_of_checks(table, "how")
     details = {
@@ -210,17 +202,14 @@ class Cell:
 
 def cells_of(run: Run[Config], source: str) -> list[Cell]:
     """Return what one party's messages, requests and replies reached, one cell a name and domain."""
-    found: dict[tuple[str, int], list[tuple[int, int, bool]]] = defaultdict(list)
-    for name, domain, *seen in (*_topics_of(run, source), *_calls_of(run, source)):
-        found[name, domain].append((seen[0], seen[1], seen[2]))
+    columns = ["name", "domain", "received", "sent", "across"]
+    reached = pd.DataFrame([*_topics_of(run, source), *_calls_of(run, source)], columns=columns)
+    found = reached.groupby(["name", "domain"], sort=False).agg(
+        received=("received", "sum"), sent=("sent", "sum"), across=("across", "first")
+    )
     return [
-        Cell(
-            name=name,
-            domain=domain,
-            heard=sum(received for received, _, _ in seen) / sum(sent for _, sent, _ in seen),
-            allowed=in_table_1(name) or not seen[0][2],
-        )
-        for (name, domain), seen in found.items()
+        Cell(name=name, domain=domain, heard=received / sent, allowed=in_table_1(name) or not across)
+        for (name, domain), received, sent, across in found.itertuples()
     ]
 
 
@@ -253,17 +242,17 @@ def draw_border(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     domains = sorted({int(str(p.domain)) for p in run["party"].itertuples()})
     names = sorted({c.name for cells in panels.values() for c in cells}, key=_order)
     figure.set_size_inches(10, 1.9 + 0.235 * len(names))
-    axes = figure.subplot_mosaic(
-        [["agent", "ground", "time"], ["agent", "ground", "key"]],
-        width_ratios=(1, 1, 0.75),
-        height_ratios=(1, 1.2),
-    )
+    mosaic: Any = [["agent", "ground", "time"], ["agent", "ground", "key"]]
+    axes = figure.subplot_mosaic(mosaic, width_ratios=(1, 1, 0.75), height_ratios=(1, 1.2))
     _draw_matrix(axes["agent"], panels[AGENT], names, [1, GLOBAL, *(d for d in domains if d > 1)])
     _draw_matrix(axes["ground"], panels[GROUND], names, domains)
     axes["agent"].set_title("published in\nan agent's domain, $D_1$", fontsize=9.5)
     axes["ground"].set_title("published in\nthe global domain, $D_0$", fontsize=9.5)
     axes["ground"].set_yticklabels([])
-    _draw_groups(axes["ground"], names, len(domains) - 0.4)
+    of_table = sum(in_table_1(name) for name in names)
+    for text, first, last in (("Table 1: crosses", 0, of_table), ("all else: stays", of_table, len(names))):
+        beside: dict[str, Any] = {"rotation": 270, "ha": "left", "va": "center", "fontsize": 9}
+        axes["ground"].text(len(domains) - 0.4, (first + last - 1) / 2, text, **beside)
     _draw_latencies(axes["time"], times)
     _draw_key(axes["key"])
     sums = table.groupby("how")[["held", "checked"]].sum()
@@ -300,13 +289,6 @@ def _draw_matrix(axes: Axes, cells: list[Cell], names: list[str], domains: list[
     axes.tick_params(length=0, top=True, labeltop=True, bottom=False, labelbottom=False)
     axes.grid(visible=False)
     axes.spines[:].set_visible(False)
-
-
-def _draw_groups(axes: Axes, names: list[str], x: float) -> None:
-    """Say beside the matrix which names are of Table 1."""
-    count = sum(in_table_1(name) for name in names)
-    for text, first, last in (("Table 1: crosses", 0, count), ("all else: stays", count, len(names))):
-        axes.text(x, (first + last - 1) / 2, text, rotation=270, ha="left", va="center", fontsize=9)
 
 
 def _draw_key(axes: Axes) -> None:

@@ -1,7 +1,6 @@
 """Runs of routing: the policy's checks, then who hears what of whom, and what is seen in the global domain.
 
-Agents are behind routers, two parties in the global domain. Every party publishes and subscribes all names, so
-that a router that asked only whether somebody wants a topic would let everything cross.
+Every party publishes and subscribes all names: a router that asked only who wants them would let all cross.
 """
 
 from __future__ import annotations
@@ -29,7 +28,6 @@ if TYPE_CHECKING:
     from sfglab.component import Report
     from sfglab.lab.bench import Bench
     from sfglab.lab.testbed import Testbed
-
 
 LATE_S = 5.0
 
@@ -102,6 +100,10 @@ def parties_of(agents: int) -> tuple[PartyRow, ...]:
     return (*behind, *(PartyRow(party=name, domain=GLOBAL_DOMAIN, host=name) for name in OTHERS))
 
 
+def _local(party: PartyRow) -> BusAddress:
+    return BusAddress(domain_id=party.domain, interface="lo")
+
+
 class Stage(ProcessGroup):
     """Everybody's processes, each party's on a host of its own."""
 
@@ -112,9 +114,10 @@ class Stage(ProcessGroup):
         self.topics = tuple(topics([p.party for p in self._agents], OTHERS, busy=config.busy))
         self._rate_hz, self._testbed = config.rate_hz, testbed
         router, peer = "sfglab.fleet.router.node", "sfglab.lab.workers.test_peer"
+        configs = (RouterConfig(agent=p.party, local=_local(p), remote=self._global(p)) for p in self._agents)
         routers = (
-            Member(name=f"router of {p.party}", host=p.host, module=router, config=self._router(p))
-            for p in self._agents
+            Member(name=f"router of {config.agent}", host=config.agent, module=router, config=config)
+            for config in configs
         )
         peers = (Member(name=p.party, host=p.host, module=peer, config=self._peer(p)) for p in self.parties)
         super().__init__(testbed.argv, (*routers, *peers))
@@ -122,8 +125,7 @@ class Stage(ProcessGroup):
     async def talk(self, seconds: float) -> dict[str, int]:
         """Let everybody talk, and return how many rounds of messages each has sent when all is quiet.
 
-        Goes on beyond the seconds, within limits, until whoever should hear somebody does: on a busy machine
-        paths form slowly, and that is not what is asked here.
+        Goes on beyond the seconds, within limits, until whoever should hear somebody does.
         """
         self.order([p.party for p in self.parties], do="talk")
         await asyncio.sleep(seconds)
@@ -154,12 +156,6 @@ class Stage(ProcessGroup):
     def _global(self, party: PartyRow) -> BusAddress:
         return BusAddress(domain_id=GLOBAL_DOMAIN, interface=self._testbed.interface(party.host))
 
-    def _local(self, party: PartyRow) -> BusAddress:
-        return BusAddress(domain_id=party.domain, interface="lo")
-
-    def _router(self, party: PartyRow) -> RouterConfig:
-        return RouterConfig(agent=party.party, local=self._local(party), remote=self._global(party))
-
     def _peer(self, party: PartyRow) -> PeerConfig:
         behind = party.domain != GLOBAL_DOMAIN
         uses = tuple(
@@ -175,7 +171,7 @@ class Stage(ProcessGroup):
         )
         return PeerConfig(
             party=party.party,
-            address=self._local(party) if behind else self._global(party),
+            address=_local(party) if behind else self._global(party),
             behind_router=behind,
             topics=uses,
             serves=service_names(party.party),
@@ -292,7 +288,11 @@ async def observe(bench: Bench[Config]) -> None:
         bench.advance("called")
         told = await stage.ask_all("told", do="tell")
         bench.write_all("call", calls)
-        bench.write_all("latched", _latched_rows(stage, late))
+        latched = (
+            (p.party, hearer, report["received"]) for hearer, report in late.items() for p in stage.parties
+        )
+        for party, hearer, received in latched:
+            bench.write("latched", {"source": party, "hearer": hearer, "received": received.get(party, 0)})
         bench.write_all("heard", _heard_rows(stage, sent, told))
         bench.write_all("endpoint", _endpoint_rows(stage, told))
         bench.advance("told")
@@ -332,22 +332,9 @@ async def _call(stage: Stage, call_s: float) -> list[dict[str, Any]]:
     ]
 
 
-def _latched_rows(stage: Stage, late: dict[str, dict[str, Any]]) -> Iterator[dict[str, Any]]:
-    for hearer, report in late.items():
-        for party in stage.parties:
-            received = report["received"].get(party.party, 0)
-            yield {"source": party.party, "hearer": hearer, "received": received}
-
-
-def _heard_rows(
-    stage: Stage, sent: dict[str, int], told: dict[str, dict[str, Any]]
-) -> Iterator[dict[str, Any]]:
+def _heard_rows(stage: Stage, sent: dict[str, int], told: dict[str, Report]) -> Iterator[dict[str, Any]]:
     parties = {party.party: party for party in stage.parties}
-    heard = {
-        (hearer, entry["name"], entry["source"]): entry
-        for hearer, report in told.items()
-        for entry in report["heard"]
-    }
+    heard = {(p, entry["name"], entry["source"]): entry for p, r in told.items() for entry in r["heard"]}
     for topic in stage.topics:
         for source in topic.publishers:
             for hearer in topic.subscribers:
@@ -356,9 +343,7 @@ def _heard_rows(
                 yield _heard_row(topic.name, parties[source], parties[hearer], count, entry)
 
 
-def _heard_row(
-    name: str, source: PartyRow, hearer: PartyRow, sent: int, entry: dict[str, Any]
-) -> dict[str, Any]:
+def _heard_row(name: str, source: PartyRow, hearer: PartyRow, sent: int, entry: Report) -> dict[str, Any]:
     age_ns = entry.get("age_ns")
     counts = ("received", "repeated", "disordered", "restamped", "missing", "misnamed")
     return {
@@ -374,7 +359,7 @@ def _heard_row(
     }
 
 
-def _endpoint_rows(stage: Stage, told: dict[str, dict[str, Any]]) -> Iterator[dict[str, Any]]:
+def _endpoint_rows(stage: Stage, told: dict[str, Report]) -> Iterator[dict[str, Any]]:
     """Yield what parties in the global domain saw there beside each other's endpoints."""
     others = [party.party for party in stage.parties if party.domain == GLOBAL_DOMAIN]
     own = {told[party]["participant"] for party in others}

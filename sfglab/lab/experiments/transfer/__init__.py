@@ -1,9 +1,8 @@
 """Transfer: paper C, section 4, Fig. 5 to 7, and what follows for mapping.
 
-How long a message takes over a software-mapped topic and through a gateway, from hardware or software to the
-last hardware subscriber and to a software subscriber: by the model of the memory interface, with its memory
-part in simulated hardware, and across processes on this machine. And from which size on a gateway pays, what a
-mapping gains that knows sizes, and node mapping against brute force.
+How long a message takes over a software-mapped topic and through a gateway: by the model of the memory
+interface, with its memory part in simulated hardware, and across processes. From which size on a gateway pays,
+and node mapping against brute force.
 """
 
 from sfglab.lab.experiments.transfer import figures, stage

@@ -14,14 +14,13 @@ from sfglab.lab.claims import Finding, How
 from sfglab.lab.experiments.transfer.experiment import Config, exp
 from sfglab.lab.experiments.transfer.stage import IN, OUT, READS, WRITE
 from sfglab.lab.runs import Run, derived
-from sfglab.lab.stats import Estimate, bootstrap, exactly
+from sfglab.lab.stats import Estimate, exactly, ratio_of
 from sfglab.soc.memory import Origin
 from sfglab.soc.paper_values import MESSAGE_BYTES, SUBSCRIBERS, Panel
 from sfglab.soc.prediction import PRIORS, predictions
 
 if TYPE_CHECKING:
     from collections.abc import Callable
-
 
 MAIN = "stored"  #: The constants by which claims are judged; the other set is told beside.
 
@@ -40,17 +39,10 @@ def stated(run: Run[Config]) -> pd.DataFrame:
     return run["stated"].assign(residual=lambda t: t["found"] / t["stated"] - 1)
 
 
-def bars_of(
-    run: Run[Config], panel: Panel, *, model: str = MAIN, subscribers: int | None = None
-) -> pd.DataFrame:
-    """Return a panel's bars by a set of constants, or by ``rtl``; empty where that has none.
-
-    They are in the order of subscribers and size; or only those of one number of hardware subscribers.
-    """
+def bars_of(run: Run[Config], panel: Panel, *, model: str = MAIN) -> pd.DataFrame:
+    """Return a panel's bars by a set of constants or ``rtl``, by subscribers and size; empty: it has none."""
     table = bars(run)
     chosen = table[(table["model"] == model) & (table["panel"] == panel.value)]
-    if subscribers is not None:
-        chosen = chosen[chosen["subscribers"] == subscribers]
     return chosen.sort_values(["subscribers", "message_bytes"])
 
 
@@ -59,15 +51,8 @@ def live_speed_up(run: Run[Config], panel: Panel, subscribers: int, message_byte
 
     Repetitions, in which both were measured right after each other, are resampled as pairs.
     """
-    pairs = _pairs(run, panel, subscribers, message_bytes)
-    if pairs.empty:
-        return None
-
-    def ratio(groups: Any) -> float:
-        smt, gateway = np.median(groups[0], axis=0)
-        return float(smt / gateway)
-
-    return bootstrap([pairs.to_numpy(dtype=np.float64)], ratio, unit="times as fast")
+    pairs = _pairs(run, panel, subscribers, message_bytes).to_numpy(dtype=np.float64)
+    return ratio_of(pairs, np.median, unit="times as fast") if len(pairs) else None
 
 
 def _pairs(run: Run[Config], panel: Panel, subscribers: int, message_bytes: int) -> pd.DataFrame:
@@ -90,7 +75,6 @@ def live_table(run: Run[Config]) -> pd.DataFrame:
 def _live_line(run: Run[Config], panel: Panel, count: int, size: int) -> dict[str, Any]:
     cell, speed_up = _pairs(run, panel, count, size), live_speed_up(run, panel, count, size)
     medians = cell.median() * _MS_PER_NS
-    bars = bars_of(run, panel, subscribers=count).set_index("message_bytes")["ratio"]
     assert speed_up, "the cell was measured"
     return {
         "panel": panel.value,
@@ -101,7 +85,7 @@ def _live_line(run: Run[Config], panel: Panel, count: int, size: int) -> dict[st
         "speed_up": speed_up.value,
         "low": speed_up.low,
         "high": speed_up.high,
-        "model": float(bars.get(size, np.nan)),
+        "model": float(_ratios(run, panel).get((count, size), np.nan)),
         "repeats": len(cell),
     }
 
@@ -122,9 +106,8 @@ def live_note(run: Run[Config]) -> str:
     if rows.empty:
         return "nothing ran live"
     cores, processes = machine["usable_cores"], rows["subscribers"].max() + 3
-    waits = (
-        f"; up to {processes} processes share them, so they wait for each other" if processes > cores else ""
-    )
+    share = f"; up to {processes} processes share them, so they wait for each other"
+    waits = share if processes > cores else ""
     load, times = rows["load"].median(), rows["repeat"].nunique()
     return f"{cores} cores of {machine['cpu']}{waits}; {times} repetitions, load {load:.1f}"
 
@@ -235,11 +218,13 @@ def _ratios(run: Run[Config], panel: Panel, model: str = MAIN) -> Ratios:
 
 def _measured(run: Run[Config], asked: _Asked) -> Finding:
     ratios = _ratios(run, asked.panel)
-    value = asked.value(ratios)
+    value, (count, size) = asked.value(ratios), asked.bar(ratios)
+    live = live_speed_up(run, asked.panel, count, size)
+    across = f"{live}, {count} readers, {size} B; {live_note(run)}" if live else "this bar was not measured"
     details = {
         "if the core cut through": f"{asked.value(_ratios(run, asked.panel, 'cut-through')):.3f}",
         **_hardware(run, asked),
-        **_live(run, asked, asked.bar(ratios)),
+        "live": across,
         **fit_meaning(run),
         **_out_of_sample(asked.panel),
     }
@@ -256,13 +241,11 @@ def _measured(run: Run[Config], asked: _Asked) -> Finding:
 def _out_of_sample(panel: Panel) -> dict[str, str]:
     """Return what priors and the other numbers predict of the panel's numbers, each left out."""
     found = [one for one in predictions() if one.panel is panel]
+    ranges = [(one.decider, one.low, one.high, *one.narrowed) for one in found]
+    said = [f"{by}: [{a:.3g}, {b:.3g}] becomes [{low:.3g}, {high:.3g}]" for by, a, b, low, high in ranges]
     return {
         "out of sample": ", ".join(map(str, found)),
-        "would decide": "; ".join(
-            f"{one.decider}: [{one.low:.3g}, {one.high:.3g}] becomes [{low:.3g}, {high:.3g}]"
-            for one in found
-            for low, high in (one.narrowed,)
-        ),
+        "would decide": "; ".join(said),
         "priors": "; ".join(f"{k} {p.median:g} (x/÷ {p.factor:g}), {p.source}" for k, p in PRIORS.items()),
     }
 
@@ -282,15 +265,6 @@ def _hardware(run: Run[Config], asked: _Asked) -> dict[str, str]:
         follows = "follows" if proof["holds"] else "does not follow"
         text += f"; the control {follows} the core's table, for every sequence of inputs (Yosys, by induction)"
     return {"RTL": text}
-
-
-def _live(run: Run[Config], asked: _Asked, bar: tuple[int, int]) -> dict[str, str]:
-    """Return the same bar across processes, and under which conditions."""
-    count, size = bar
-    found = live_speed_up(run, asked.panel, count, size)
-    if found is None:
-        return {"live": "this bar was not measured"}
-    return {"live": f"{found}, {count} readers, {size} B; {live_note(run)}"}
 
 
 for _claim, _asked in _ASKED.items():

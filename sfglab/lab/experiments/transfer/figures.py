@@ -55,9 +55,7 @@ def draw_transfer(figure: Figure, run: Run[Config]) -> dict[str, Any]:
             for count in _counts(table):
                 _draw_times(times, table, count, table[f"{transport}_s"] * _MS_PER_S, color)
         _draw_ratios(ratios, table, markersize=4)
-        _draw_ratios(
-            ratios, bars_of(run, panel, model="rtl"), markersize=9, markerfacecolor="none", linestyle=""
-        )
+        _draw_ratios(ratios, bars_of(run, panel, model="rtl"), markersize=9, mfc="none", linestyle="")
         _draw_stated(ratios, run, panel)
         times.set_title(panel.value)
     _finish(grid, run, "gateway,\nany number of subscribers", "hollow: with RTL's cycles\ndashed: paper")
@@ -87,11 +85,8 @@ def draw_live_transfer(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     said = f"Across processes {decided} of {all_} speed-ups are decided, {same} of them as the model has them"
     figure.suptitle(said)
     note(figure, f"live: medians, bars: 95 % interval; {live_note(run)}")
-    return {
-        "live": table,
-        "conditions": live_note(run),
-        "agreement": {"bars": all_, "decided": decided, "as the model": same},
-    }
+    agreement = {"bars": all_, "decided": decided, "as the model": same}
+    return {"live": table, "conditions": live_note(run), "agreement": agreement}
 
 
 @exp.look(
@@ -154,20 +149,13 @@ def _draw_ratios(axes: Axes, table: pd.DataFrame, **style: Any) -> None:
 def _draw_stated(axes: Axes, run: Run[Config], panel: Panel) -> None:
     table = stated(run)
     numbers = table[(table["model"] == MAIN) & (table["panel"] == panel.value)]["stated"]
+    beside: dict[str, Any] = {"xycoords": ("axes fraction", "data"), "textcoords": "offset points"}
+    beside |= {"ha": "right", "fontsize": "small"}
     for value in numbers:
-        largest = value == numbers.max()
         axes.axhline(value, color="black", **PAPER_STYLE)
         # Where the lines are not: they all leave the upper left and the lower right corner free.
-        axes.annotate(
-            f"{value:g}",
-            (0.25 if largest else 0.98, value),
-            xytext=(0, 2 if largest else -9),
-            xycoords=("axes fraction", "data"),
-            textcoords="offset points",
-            ha="right",
-            va="bottom" if largest else "top",
-            fontsize="small",
-        )
+        x, dy, va = (0.25, 2, "bottom") if value == numbers.max() else (0.98, -9, "top")
+        axes.annotate(f"{value:g}", (x, value), xytext=(0, dy), va=va, **beside)
 
 
 def _draw_live_ratios(axes: Axes, cell: pd.DataFrame, count: int) -> None:
@@ -299,8 +287,13 @@ def _draw_break_even(axes: Axes, run: Run[Config], publisher: str) -> None:
         axes.plot(part["subscribers"], sizes, **series(key), linestyle=line, markersize=size, label=label)
     axes.set_yscale("log")
     axes.minorticks_off()
-    large = {100_000_000: "100 MB", 1_000_000_000: "1 GB", int(_NEVER_BYTES): "never"}
-    ticks = {256: "any", **_BYTE_TICKS, **large}
+    ticks = {
+        256: "any",
+        **_BYTE_TICKS,
+        100_000_000: "100 MB",
+        1_000_000_000: "1 GB",
+        int(_NEVER_BYTES): "never",
+    }
     axes.set_yticks(list(ticks), list(ticks.values()))
     axes.set_xticks(range(2, int(table["subscribers"].max()) + 1, 2))
     axes.set(xlabel="hardware subscribers", ylabel="faster by a gateway from this message size")
@@ -350,8 +343,8 @@ def draw_node_mapping(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     axes_range = [0, 1.1 * small["placed"].max()]
     exact.plot(axes_range, axes_range, color="black", linewidth=0.8)
     exact.plot(small["brute_force"], small["placed"], **series("proxy"), linestyle="")
-    exact.set_xlabel("least cost, by brute force (s each second)")
-    exact.set_ylabel("cost of the programme's mapping (s each second)")
+    exact.set(xlabel="least cost, by brute force (s each second)")
+    exact.set(ylabel="cost of the programme's mapping (s each second)")
     equal = int((np.abs(small["placed"] / small["brute_force"] - 1) < 1e-6).sum())
     exact.set_title(f"{equal} of {len(small)} small graphs: the best of all")
     _draw_baselines(others, small, large)
@@ -369,20 +362,13 @@ def _draw_baselines(axes: Axes, small: pd.DataFrame, large: pd.DataFrame) -> Non
     for place, name in enumerate(BASELINES):
         for shift, part, key in ((-0.12, small, "third"), (0.12, large, "proxy")):
             ratios = part[name] / part["placed"]
-            label = f"{_nodes(part)} nodes" if place == 0 else None
+            nodes = " to ".join(str(n) for n in sorted({part["nodes"].min(), part["nodes"].max()}))
+            label = f"{nodes} nodes" if place == 0 else None
             spots = np.full(len(ratios), place + shift)
             axes.plot(spots, ratios, **series(key), markersize=5, alpha=0.7, linestyle="", label=label)
     axes.axhline(1, color="black", linewidth=0.8)
     axes.set_xticks(range(len(BASELINES)), list(BASELINES.values()))
     axes.set_ylabel("cost against the programme's mapping (times)")
-    axes.set_title(
-        f"Ignoring communication costs {(large['greedy'] / large['placed']).median():.2f} times "
-        "as much (large graphs, median)",
-        fontsize=10,
-    )
+    more = f"{(large['greedy'] / large['placed']).median():.2f} times as much"
+    axes.set_title(f"Ignoring communication costs {more} (large graphs, median)", fontsize=10)
     axes.legend(loc="upper left")
-
-
-def _nodes(part: pd.DataFrame) -> str:
-    least, most = part["nodes"].min(), part["nodes"].max()
-    return str(least) if least == most else f"{least} to {most}"

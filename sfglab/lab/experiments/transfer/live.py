@@ -1,9 +1,7 @@
 """The same question on this machine: processes on both sides of a boundary that a message is copied across.
 
-Over a software-mapped topic every reader on the hardware's side gets a copy of its own across the boundary (one
-socket transfer each); through a gateway one copy crosses into the memory that the hardware's side shares. What
-this is not: a memory interface. Processes share the cores as well, so more subscribers than cores wait for each
-other in both cases.
+Over a software-mapped topic every reader on the hardware's side gets a copy by a socket of its own; through a
+gateway one copy crosses into memory that they share. This is no memory interface: processes share the cores.
 """
 
 from __future__ import annotations
@@ -26,7 +24,6 @@ if TYPE_CHECKING:
     from collections.abc import AsyncGenerator
 
     from sfglab.lab.experiments.transfer.experiment import Config
-
 
 TIMEOUT_S = 20.0
 _STEP_BYTES = 8
@@ -51,8 +48,7 @@ def cells_of(config: Config) -> list[Cell]:
 class Crossing(ProcessGroup):
     """The processes of Fig. 5, with so many readers on the hardware's side at most.
 
-    They are joined by sockets without names and share memory without a name, so nothing outlives them. The seed
-    is that of the messages' contents.
+    Their sockets and shared memory have no names, so nothing outlives them. The seed is that of the contents.
     """
 
     def __init__(self, readers: int, largest_bytes: int, seed: int) -> None:
@@ -138,16 +134,15 @@ class Crossing(ProcessGroup):
         return shared, links
 
     def _member(self, name: str, ends: dict[str, int], shared: int) -> Member:
-        inside = name not in {"software", "subscriber"}
+        memory = () if name in {"software", "subscriber"} else (shared,)
         config = CrossingConfig(
             role="reader" if name in self._readers else name,
             links=ends,
-            shared=shared if inside else -1,
+            shared=memory[0] if memory else -1,
             largest_bytes=self._largest_bytes,
             seed=self._seed,
         )
-        passed = (*ends.values(), *([shared] if inside else []))
-        return Member(name=name, module=_MODULE, config=config, pass_fds=passed)
+        return Member(name=name, module=_MODULE, config=config, pass_fds=(*ends.values(), *memory))
 
 
 def _round(cell: Cell, readers: list[str], rng: np.random.Generator, *, gateway: bool, number: int) -> Round:

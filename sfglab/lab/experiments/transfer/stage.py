@@ -1,8 +1,7 @@
 """The parts of the run: the memory interface's model, node mapping, simulated hardware, and processes.
 
-The model gives Fig. 6 and 7, its fit run anew, and what follows for mapping. In hardware is the memory part of
-a transfer: for a software-mapped topic all readers share the memory interface; for a gateway its core reads or
-writes once and a stream is broadcast. Delegates and software are not: bars take them from the model.
+In hardware is the memory part of a transfer: all readers of a software-mapped topic share the memory interface;
+a gateway's core reads or writes once and a stream is broadcast. Delegates and software are the model's.
 """
 
 from __future__ import annotations
@@ -16,24 +15,18 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from sfglab import soc
 from sfglab.fields import to_json
 from sfglab.lab.checks.placement import placed_rows
 from sfglab.lab.experiments.transfer.experiment import Config, exp
 from sfglab.lab.experiments.transfer.live import cells_of, crossings
 from sfglab.lab.paths import find_project
-from sfglab.soc import (
-    TopicMapping,
-    carriages_per_message,
-    faster_by_gateway,
-    load_graph,
-    map_communication,
-    transfer_s,
-)
 from sfglab.soc.mapping import more_than_one_hardware_subscriber
 from sfglab.soc.memory import (
     CUT_THROUGH,
     LARGEST_BYTES,
     STORED,
+    Costs,
     Judge,
     Setup,
     Side,
@@ -51,8 +44,6 @@ if TYPE_CHECKING:
 
     from sfglab.lab.bench import Bench
     from sfglab.soc import Graph, Topic
-    from sfglab.soc.memory import Costs
-
 
 MODELS = {"stored": STORED, "cut-through": CUT_THROUGH}
 """Both sets of constants; the first is the better fit and the one that claims are judged by."""
@@ -64,7 +55,7 @@ JUDGES = {"hardware": Judge.HARDWARE, "software": Judge.SOFTWARE, "last": Judge.
 RULES: dict[str, Callable[[Graph, Topic], bool]] = {
     "none": lambda _graph, _topic: False,
     "paper": more_than_one_hardware_subscriber,
-    "size-aware": faster_by_gateway(judge=Judge.LAST),
+    "size-aware": soc.faster_by_gateway(judge=Judge.LAST),
 }
 """Topics that get a gateway: none, by section 5's rule, or by predicted time to the last subscriber."""
 
@@ -127,32 +118,28 @@ def _write_break_even(bench: Bench[Config]) -> None:
             for count in range(1, bench.config.most_subscribers + 1):
                 setup = Setup(publisher=side, transport=Transport.SMT, message_bytes=1, hardware=count)
                 found = break_even_bytes(setup, judge)
-                of = {"publisher": side.value, "judge": name, "subscribers": count}
-                came_to = {"worth": found is not None, "from_bytes": found or 0}
-                bench.write("break_even", {**of, **came_to, "changes": _changes(setup, judge)})
-
-
-def _changes(setup: Setup, judge: Judge) -> int:
-    """Return how often the faster transport changes from the smallest to the largest size."""
-    faster = [faster_transport(replace(setup, message_bytes=int(size)), judge) for size in _GRID]
-    return sum(one is not other for one, other in pairwise(faster))
+                # How often the faster transport changes from the smallest to the largest size.
+                faster = [faster_transport(replace(setup, message_bytes=int(size)), judge) for size in _GRID]
+                changes = sum(one is not other for one, other in pairwise(faster))
+                of = {"publisher": side.value, "judge": name, "subscribers": count, "changes": changes}
+                bench.write("break_even", {**of, "worth": found is not None, "from_bytes": found or 0})
 
 
 def _write_sized_mappings(bench: Bench[Config]) -> None:
     """Map the graph of Fig. 8 by each rule, all its messages of one size after the other."""
-    graph = load_graph(find_project().data / GRAPH_FILE)
+    graph = soc.load_graph(find_project().data / GRAPH_FILE)
     for size in np.geomspace(100, 10_000_000, bench.config.sizes).round().astype(int):
         topics = tuple(replace(topic, size_bytes=int(size)) for topic in graph.topics)
         for name, rule in RULES.items():
-            mapped = map_communication(replace(graph, topics=topics), gateway=rule).gateways
-            chosen = mapped.mapped_to(TopicMapping.GATEWAY)
+            mapped = soc.map_communication(replace(graph, topics=topics), gateway=rule).gateways
+            chosen = mapped.mapped_to(soc.TopicMapping.GATEWAY)
             row = {
                 "message_bytes": int(size),
                 "rule": name,
                 "gateways": len(chosen),
                 "topics": ", ".join(chosen),
-                "predicted_s": sum(transfer_s(mapped, topic) for topic in mapped.topics),
-                "carriages": float(sum(carriages_per_message(mapped, topic) for topic in mapped.topics)),
+                "predicted_s": sum(soc.transfer_s(mapped, topic) for topic in mapped.topics),
+                "carriages": float(sum(soc.carriages_per_message(mapped, topic) for topic in mapped.topics)),
             }
             bench.write("sized_mapping", row)
 
@@ -272,13 +259,11 @@ def bars_with_cycles(count: int, chunk_cycles: Mapping[str, float]) -> list[dict
 def _with_cycles(read_cycles: float, write_cycles: float, *, buffered: bool) -> Costs:
     """Return the model with other cycles of a chunk; all beyond its words are latency then."""
     words = STORED.memory.data_cycles * (2 if buffered else 1)
-    memory = replace(
-        STORED.memory,
-        control_cycles=0.0,
-        read_latency_cycles=read_cycles - words,
-        write_latency_cycles=write_cycles - words,
-    )
-    return replace(STORED, memory=memory)
+    latencies: dict[str, Any] = {
+        "read_latency_cycles": read_cycles - words,
+        "write_latency_cycles": write_cycles - words,
+    }
+    return replace(STORED, memory=replace(STORED.memory, control_cycles=0.0, **latencies))
 
 
 @exp.part("live", total=lambda config: 2 * config.live_rounds * len(cells_of(config)), timed=False)

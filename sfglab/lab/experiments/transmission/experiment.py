@@ -2,12 +2,10 @@
 
 Robot 1's sensing node publishes "Hello" to its localisation in the station; when that and robot 3's
 localisation have had it, the station publishes it to robot 1's actuation node. A topic's rate is Rmax, or R of
-Eq. 6, and so is what its local cache looks at; the topics of an agent are those flows that begin or end there
-(Eq. 1).
+Eq. 6; the topics of an agent are those flows that begin or end there (Eq. 1).
 
-Beyond the grid: which choice of rates and depths serves the station better. What serves is the share of time in
-which the station has the value that a sensor has now, beside latency and loss of "Hello": a slow topic is late
-with news, a crowded air is late with everything. The same air, seeds and sensors for all ways.
+Beyond the grid: which rates and depths serve the station better, by the share of time in which it has the value
+that a sensor has now, over the same air, seeds and sensors.
 """
 
 from __future__ import annotations
@@ -27,7 +25,7 @@ from sfglab.fields import between
 from sfglab.lab.experiment import Actor, Experiment, Link, Profiled, seeded
 from sfglab.lab.sweep import Workers
 from sfglab.qos import QoSProfile
-from sfglab.rtps import PRESETS, Drop, Fate, Flow, Medium, Scenario, run
+from sfglab.rtps import PRESETS, Drop, Fate, Flow, FlowOutcome, Medium, Outcome, Scenario, Vendor, run
 from sfglab.rtps.session import up_to_date
 from sfglab.units import NS_PER_S
 
@@ -37,8 +35,6 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from sfglab.arp.plan import Plan
-    from sfglab.arp.robots import Sensor
-    from sfglab.rtps import FlowOutcome, Outcome, Vendor
 
 OPT_DEPTH = "opt"  #: The depth that Eq. 6 gives.
 STATION = "station"
@@ -141,15 +137,8 @@ exp = Experiment(
 
 def cells_of(config: Config, *, loss: float | None = None) -> Callable[..., Point]:
     """Return what makes cells over the run's air, or over one that loses another share."""
-    return partial(
-        Point,
-        loss=config.loss if loss is None else loss,
-        size_factor=config.size_factor,
-        vendor=config.vendor,
-        hop=config.hop,
-        sizes=config.sizes,
-        slower=config.slower,
-    )
+    same = {name: getattr(config, name) for name in ("size_factor", "vendor", "hop", "sizes", "slower")}
+    return partial(Point, loss=config.loss if loss is None else loss, **same)
 
 
 def grid(config: Config, *, loss: float | None = None) -> list[Point]:
@@ -199,12 +188,13 @@ def scenario_of(
 def _sensor_flows(point: Point, rate_hz: float, qos: QoSProfile, phases: np.ndarray) -> list[Flow]:
     method = METHODS[point.method]
     pairs = [(robot, sensor) for robot, sensors in ROBOTS.items() for sensor in sensors]
+    sizes = {name: s.table_bytes if point.sizes == "table" else cdr_bytes(s) for name, s in SENSORS.items()}
     return [
         Flow(
             name=f"{robot}/{sensor}",
             source=robot,
             target=STATION,
-            size_bytes=round(point.size_factor * _size_of(SENSORS[sensor], point.sizes)),
+            size_bytes=round(point.size_factor * sizes[sensor]),
             rate_hz=rate_hz,
             phase_s=float(phase),
             qos=qos,
@@ -216,10 +206,6 @@ def _sensor_flows(point: Point, rate_hz: float, qos: QoSProfile, phases: np.ndar
         )
         for (robot, sensor), phase in zip(pairs, phases, strict=False)
     ]
-
-
-def _size_of(sensor: Sensor, sizes: Sizes) -> int:
-    return sensor.table_bytes if sizes == "table" else cdr_bytes(sensor)
 
 
 def _hello_flows(point: Point, rate_hz: float, qos: QoSProfile, phase_s: float) -> tuple[Flow, ...]:
@@ -250,12 +236,8 @@ def _hello_flows(point: Point, rate_hz: float, qos: QoSProfile, phase_s: float) 
     )
     if not point.hop:
         return up, down
-    service_s = TAKE_S + PLAN_S
-    return (
-        up,
-        replace(down, name=HELLO_HOP, source=STATION, target="robot3", service_s=service_s, then=HELLO_DOWN),
-        down,
-    )
+    to_robot3 = replace(down, name=HELLO_HOP, source=STATION, target="robot3", then=HELLO_DOWN)
+    return up, replace(to_robot3, service_s=TAKE_S + PLAN_S), down
 
 
 # --- A cell, simulated ----------------------------------------------------------------------------------------
@@ -298,12 +280,7 @@ class TransmissionRow:
     air_share: float  #: Share of the time that the air was in use while messages were published.
 
 
-@exp.sweep(
-    "lossless",
-    over=lambda config: grid(config, loss=0.0),
-    seeds=lambda config: seeded(config, 1),
-    workers=THREADS,
-)
+@exp.sweep("lossless", over=lambda c: grid(c, loss=0.0), seeds=lambda c: seeded(c, 1), workers=THREADS)
 @exp.sweep("cell", over=grid, workers=THREADS)
 def simulate_cell(point: Point, seed: int) -> dict[str, Any]:
     """Run one cell with one seed."""
@@ -348,12 +325,8 @@ def air_share(scenario: Scenario, outcome: Outcome) -> float:
 
 def latency_columns(latency_ms: NDArray[np.float64]) -> dict[str, float]:
     """Return median and 95th percentile by their columns; NaN of nothing."""
-    if not len(latency_ms):
-        return dict.fromkeys(("latency_p50_ms", "latency_p95_ms"), float("nan"))
-    return {
-        "latency_p50_ms": float(np.median(latency_ms)),
-        "latency_p95_ms": float(np.percentile(latency_ms, 95)),
-    }
+    some = latency_ms if len(latency_ms) else np.array([np.nan])
+    return {"latency_p50_ms": float(np.median(some)), "latency_p95_ms": float(np.percentile(some, 95))}
 
 
 def hello_latency_ms(outcome: Outcome) -> NDArray[np.float64]:
@@ -466,15 +439,12 @@ def own_plan(cell: Point) -> Plan:
     Where the cell's method has local caches, they send only changes, and rates are those of reading.
     """
     scenario = scenario_of(cell)
+    same = ("name", "source", "target", "size_bytes", "cached")
     topics = [
         Topic(
-            name=flow.name,
-            source=flow.source,
-            target=flow.target,
-            size_bytes=flow.size_bytes,
+            **{name: getattr(flow, name) for name in same},
             rate_max_hz=float(cell.rate_max_hz),
             change_s=flow.change_s or HELLO_CHANGE_S,
-            cached=flow.cached,
         )
         for flow in scenario.flows
     ]

@@ -36,9 +36,9 @@ _COLORS = {
 _MARKERS = {"none": "o", "OPT": "s", "LC": "D", "OPT+LC": "P"}
 FATES = {
     "arrived": ("arrived", "#D9D9D9"),
-    "lost_medium": ("lost on air, overwritten before repair", COLORS["fourth"]),
+    "lost_medium": ("lost on air, overwritten before repair", COLORS["proxy"]),
     "lost_queue": ("dropped by a full sender's queue, overwritten before repair", COLORS["standard"]),
-    "lost_late": ("pushed out of the reader's history", COLORS["proxy"]),
+    "lost_late": ("pushed out of the reader's history", COLORS["fourth"]),
     "lost_underway": ("still under way at the end", "black"),
 }
 """What became of a "Hello", and its colour, by column."""
@@ -98,6 +98,7 @@ def draw_panel(axes: Axes, table: pd.DataFrame, *, scale: float = 1.0) -> None:
         base, with_cc = method.removesuffix("+CC").replace("CC", "none"), "CC" in method
         places = np.arange(len(depths)) + 0.2 * (list(_MARKERS).index(base) - 1.7 + 0.45 * with_cc)
         style: dict[str, Any] = {"color": _COLORS[base], "marker": "x" if with_cc else _MARKERS[base]}
+        style |= {"linestyle": "--" if base == "LC" else "-"}
         lines: dict[str, Any] = {"linewidth": 0.0 if with_cc else 1.2, "elinewidth": 0.8, "markersize": 4.5}
         axes.errorbar(places, middle, yerr=spread, label=method, **lines, **style)
         if "hollow" in part and not with_cc:
@@ -169,11 +170,13 @@ def draw_beyond(figure: Figure, run: Run[Config]) -> dict[str, Any]:
 
 def _draw_groups(axes: Axes, run: Run[Config], column: str, scale: float) -> None:
     table, low, high = (scale * compare_ways(run, column, of) for of in ("mean", "min", "max"))
-    for at, way in zip(
-        grouped_bars(axes, table, [_COLORS[str(way)] for way in table], width=0.85), table, strict=True
-    ):
+    spots = grouped_bars(axes, table, [_COLORS[str(way)] for way in table], width=0.85)
+    for at, way in zip(spots, table, strict=True):
         ends = [table[way] - low[way], high[way] - table[way]]
         axes.errorbar(at, table[way], yerr=ends, fmt="none", color="#555555", capsize=2, elinewidth=1)
+    for bars in (axes.containers[place] for place, way in enumerate(table) if "LC" in str(way)):
+        for bar in bars:
+            bar.set(hatch="////", edgecolor="white", linewidth=0)
     axes.set_xticks(range(len(table)), [f"{rate} Hz" for rate in table.index])
     axes.set_xlabel("Rmax")
 
@@ -205,12 +208,8 @@ def _draw_apart(axes: Axes, live: pd.DataFrame, apart: pd.Series[float]) -> None
         for fair in (True, False):
             part = of_group & (live["kept_up"].astype(bool) == fair)
             places = [cells_.index(name) + 0.22 * (shift - 1) for name in names[part]]
-            style: dict[str, Any] = {
-                "color": color,
-                "markerfacecolor": color if fair else "none",
-                "markersize": 5,
-            }
-            axes.plot(apart[part], places, marker, label=label if fair else None, **style)
+            look: dict[str, Any] = {"label": label} if fair else {"markerfacecolor": "none"}
+            axes.plot(apart[part], places, marker, color=color, markersize=5, **look)
     axes.set_yticks(range(len(cells_)), cells_, fontsize=8)
     axes.set_ylim(max(len(cells_), 1) - 0.5, -0.5)
 
@@ -229,9 +228,8 @@ def draw_validation(figure: Figure, run: Run[Config]) -> dict[str, Any]:
         _draw_cells(latency, part, "p50", "_ms", 1.0)
         left_out = "" if line["enough"] else ": too few"
         kept = f"{line['kept']} of {line['cells']} cells kept their schedule{left_out}"
-        loss.set_title(
-            f"{PRESETS[preset].name}\n{kept}\nwithin 3 points: {line['loss_within']:.0%}", fontsize=9
-        )
+        within = f"{kept}\nwithin 3 points: {line['loss_within']:.0%}"
+        loss.set_title(f"{PRESETS[preset].name}\n{within}", fontsize=9)
         latency.set_title(f"within 30 %: {line['latency_within']:.0%}", fontsize=9)
         loss.set(xlabel="loss, model (%)")
         latency.set(xlabel="median latency, model (ms)")

@@ -1,11 +1,10 @@
 """Scenarios of the reliability model on real DDS, and beside them the model: the same air, the same timing.
 
 Each host is a namespace with one process, the air is a radio with the model's medium, the middleware is Cyclone
-DDS. What comes back is an `Outcome` too, so that everything that reads one reads the other. Hosts find each
-other, and all endpoints match, over a quiet medium before time begins; then the medium is set.
+DDS; what comes back is an `Outcome` too. Endpoints match over a quiet medium before time begins.
 
 Asked is a loss within three percentage points and a median latency within 30 %. Where a run did not keep to its
-schedules the row says so, and the comparison with it says nothing about the model.
+schedules the row says so, and the comparison says nothing about the model.
 """
 
 from __future__ import annotations
@@ -14,16 +13,18 @@ import asyncio
 import os
 import tempfile
 import time
+from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sfglab.arp.robots import METHODS
 from sfglab.bus.address import BusAddress
-from sfglab.lab.bench import as_row
+from sfglab.lab.bench import Bench, as_row
 from sfglab.lab.experiment import SkippedPartError, seeded
 from sfglab.lab.experiments.transmission.experiment import (
     HELLO_DOWN,
@@ -36,27 +37,20 @@ from sfglab.lab.experiments.transmission.experiment import (
     hello_latency_ms,
     scenario_of,
 )
-from sfglab.lab.hosts import HostsUnavailableError, Network
+from sfglab.lab.hosts import Host, HostsUnavailableError, Network, RadioCounters
 from sfglab.lab.ros2 import RosMember
 from sfglab.lab.workers.flowplay import PartsConfig
 from sfglab.processes import Member, ProcessGroup
 from sfglab.qos import QoSProfile
-from sfglab.rtps import CYCLONE_DDS, Fate, Flow, FlowOutcome, Medium, Outcome, run
+from sfglab.rtps import CYCLONE_DDS, Fate, Flow, FlowOutcome, Medium, Outcome, Scenario, run
 from sfglab.rtps.model import data_bytes
 from sfglab.units import BITS_PER_BYTE, NS_PER_S
 
 if TYPE_CHECKING:
-    from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
-
-    from numpy.typing import NDArray
-
     from sfglab.component import Report
-    from sfglab.lab.bench import Bench
-    from sfglab.lab.hosts import Host, RadioCounters
-    from sfglab.rtps import Scenario
 
-    Arrays = dict[str, NDArray[np.int64]]
-    Drive = Callable[[ProcessGroup, int], Awaitable[None]]  # of the hosts' processes, and when time begins, ns
+Arrays = dict[str, NDArray[np.int64]]
+Drive = Callable[[ProcessGroup, int], Awaitable[None]]  # of the hosts' processes, and when time begins, ns
 
 
 _MODULE = "sfglab.lab.workers.flowplay"
@@ -190,12 +184,12 @@ async def live_hosts(*names: str, ros: RosMode | None = None) -> AsyncIterator[L
 
 
 def _member(host: Host, ros: RosMode | None) -> Member:
-    if ros is None:
-        address = BusAddress(domain_id=0, interface=host.interface, multicast="spdp")
-        config = PartsConfig(host=host.name, address=address)
-        return Member(name=host.name, host=host.name, module=_MODULE, config=config)
-    environment = (("RMW_FASTRTPS_PUBLICATION_MODE", str(ros)),)
-    return RosMember(name=host.name, host=host.name, config=(host.name,), environment=environment)
+    if ros:
+        environment = (("RMW_FASTRTPS_PUBLICATION_MODE", str(ros)),)
+        return RosMember(name=host.name, host=host.name, config=(host.name,), environment=environment)
+    address = BusAddress(domain_id=0, interface=host.interface, multicast="spdp")
+    config = PartsConfig(host=host.name, address=address)
+    return Member(name=host.name, host=host.name, module=_MODULE, config=config)
 
 
 class LiveHosts:
@@ -258,7 +252,8 @@ class LiveHosts:
                 await drive(self._group, start_ns)
                 self._group.order(do="halt")
             reports = await self._group.expect("done", timeout_s=sum(times.values()) + SPARE_S)
-            return start_ns, {host: _read(file) for host, file in files.items()}, list(reports.values())
+            arrays = {host: dict(np.load(file)) for host, file in files.items()}
+            return start_ns, arrays, list(reports.values())
 
 
 def _probe(scenario: Scenario) -> Scenario:
@@ -274,11 +269,6 @@ def _delay_s(probe: Played) -> float:
     airtime_s = medium.overhead_s + bits / medium.rate_bps + medium.latency_s
     latency_s = float(np.median(probe.outcome.flows[flow.name].latency_ns)) / NS_PER_S
     return max(0.0, latency_s - airtime_s)
-
-
-def _read(path: Path) -> Arrays:
-    with np.load(path) as file:
-        return dict(file)
 
 
 def _outcome(
@@ -335,7 +325,10 @@ def measure(outcomes: Sequence[Outcome], group: str) -> dict[str, Any]:
         ``published`` samples, the ``loss`` among them, and the median latency ``p50_ms`` of those that arrived;
         NaN where there is nothing to say it of.
     """
-    flows = [flow for outcome in outcomes for flow in _flows(outcome, group)]
+    names = [HELLO_UP]
+    if group == "sensors":
+        names = [name for name in outcomes[0].flows if name not in (HELLO_UP, HELLO_DOWN)]
+    flows = [outcome.flows[name] for outcome in outcomes for name in names]
     if group == "hello":
         latency_ms = np.concatenate([hello_latency_ms(outcome) for outcome in outcomes])
     else:
@@ -346,13 +339,6 @@ def measure(outcomes: Sequence[Outcome], group: str) -> dict[str, Any]:
         "loss": 1 - len(latency_ms) / published if published else float("nan"),
         "p50_ms": float(np.median(latency_ms)) if len(latency_ms) else float("nan"),
     }
-
-
-def _flows(outcome: Outcome, group: str) -> list[FlowOutcome]:
-    """Return the flows whose samples are a group's."""
-    if group == "sensors":
-        return [flow for name, flow in outcome.flows.items() if name not in (HELLO_UP, HELLO_DOWN)]
-    return [outcome.flows[HELLO_UP]]
 
 
 def compare(point: Point, played: Played, models: Sequence[Outcome]) -> list[LiveRow]:

@@ -16,7 +16,7 @@ from sfglab.lab.explore.form import Form
 from sfglab.lab.explore.press import Pressed, part
 from sfglab.lab.figures import COLORS
 from sfglab.qos import QoSProfile
-from sfglab.rtps import PRESETS, Flow, Frame, Medium, Scenario, trace
+from sfglab.rtps import PRESETS, AirFrame, Flow, FlowOutcome, Frame, Medium, Scenario, trace
 from sfglab.units import NS_PER_S
 from sfglab.view.widgets import widgets
 
@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from sfglab.rtps import AirFrame, FlowOutcome
 
 _FLOW = "a"
 _REPAIR, _LOST = "repair", "lost"
@@ -82,16 +81,14 @@ class Timeline(Pressed):
         self._to_scale = kit.Checkbox(description="time to scale", indent=False)
         self._simulate()
         above = [self.form.widget, kit.HBox([self._shown, self._to_scale])]
-        super().__init__(self.draw, size=(11.0, 4.2), press=self._lose, titles=self._sentences, above=above)
+        titles = lambda: {frame.name: sentence(frame) for frame in self.frames}  # noqa: E731
+        super().__init__(self.draw, size=(11.0, 4.2), press=self._lose, titles=titles, above=above)
         for control in (self._shown, self._to_scale):
             control.observe(lambda _: self.redraw(), "value")
 
     def _lose(self, name: str) -> None:
         self.lost[name] = not next(frame.lost for frame in self.frames if frame.name == name)
         self._simulate()
-
-    def _sentences(self) -> dict[str, str]:
-        return {frame.name: sentence(frame) for frame in self.frames}
 
     def _simulate(self) -> None:
         config = self.form.config

@@ -1,15 +1,12 @@
 """Validation of the model beside real DDS: of the presets of RTPS, and of the grid of paper B on real Fast DDS.
 
-Of the presets, it is one topic between two hosts, live and in the model, in cells of a seed.
+Of the presets, it is one topic between two hosts, in cells that were committed (``data/qos/validation.csv``)
+before the first was played: a third offers more than the air carries, a third loses three percent of the frames
+or more, each with every depth. Its log, ``transmission_ros2.mcap``, counts beside a reference without it.
 
-The cells are committed, ``data/qos/validation.csv``, and were before the first was played: a third offers more
-than the air carries, a third loses three percent of the frames or more, each with every depth. Played in a log
-of its own, ``transmission_ros2.mcap``, it counts beside a reference without it, as baselines do.
-
-Of the grid, it is the cells that decide its questions, with rclpy nodes in both modes. Python on two cores
-cannot publish seventeen topics at 1000 Hz. What is faster than `KEPT_HZ` runs slowed: rates and the air's rate
-are divided by one factor, the cost of a frame, times of nodes and of changes multiplied by it. Only the 3 s
-between heartbeats stay as they are, in the model beside it too.
+Of the grid, it is the cells that decide its questions, with rclpy nodes in both modes. What is faster than
+`KEPT_HZ`, which Python keeps, runs slowed: rates and the air's rate are divided by one factor, the cost of a
+frame, times of nodes and of changes multiplied by it, but not the 3 s between heartbeats.
 """
 
 from __future__ import annotations
@@ -17,25 +14,20 @@ from __future__ import annotations
 from collections import Counter
 from dataclasses import asdict, dataclass, fields, replace
 from itertools import takewhile
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 import pandas as pd
 
 from sfglab.arp.robots import METHODS
 from sfglab.lab.baselines import PART, beside
 from sfglab.lab.experiment import SkippedPartError, seeded
-from sfglab.lab.experiments.transmission.experiment import (
-    OPT_DEPTH,
-    Config,
-    Point,
-    cells_of,
-    exp,
-    scenario_of,
-)
+from sfglab.lab.experiments.transmission.experiment import OPT_DEPTH, Config, Point, cells_of, exp, scenario_of
 from sfglab.lab.experiments.transmission.stage import (
     LATENCY_WITHIN,
     LOSS_WITHIN,
+    LiveHosts,
     LiveRow,
+    RosMode,
     compare,
     compared,
     hosts_of,
@@ -45,33 +37,26 @@ from sfglab.lab.hosts import HostsError, HostsUnavailableError
 from sfglab.lab.paths import find_project
 from sfglab.lab.ros2 import RosMissingError
 from sfglab.lab.runs import Run, derived
-from sfglab.lab.sweep.journal import (
-    Finished,
-    Journal,
-    identity_of,
-    journals,
-    result_from_text,
-    text_from_result,
-)
+from sfglab.lab.sweep import journal as journaled
 from sfglab.processes import ProcessFailedError
 from sfglab.qos import QoSProfile
 from sfglab.rtps import PRESETS, Flow, Medium, Scenario, run
 
 if TYPE_CHECKING:
     from collections.abc import Awaitable, Callable, Mapping
-    from typing import Protocol
 
     from sfglab.lab.bench import Bench
-    from sfglab.lab.experiments.transmission.stage import LiveHosts, RosMode
 
-    class Preset(Protocol):
-        """What names its preset."""
 
-        @property
-        def preset(self) -> str:
-            """One of `MODES`."""
+class Preset(Protocol):
+    """What names its preset."""
 
-    C = TypeVar("C", bound=Preset)
+    @property
+    def preset(self) -> str:
+        """One of `MODES`."""
+
+
+C = TypeVar("C", bound=Preset)
 
 
 TABLE = "validation"
@@ -180,9 +165,8 @@ async def play_missing(
     """Play cells with the nodes of their presets, one at a time, and write a table of them.
 
     What is finished stands in the part's journal at once; a run that was broken off goes on behind it. What
-    fails is tried once more with new hosts, then noted in the metadata of the table's name, and left out.
-    `rows` plays a cell, whose ``preset`` is one of `MODES`, for a repetition, and gives a row or a tuple of
-    them.
+    fails is tried once more with new hosts, then noted in the metadata of the table's name. `rows` plays a
+    cell, whose ``preset`` is one of `MODES`, for a repetition, and gives a row or a tuple of them.
 
     Raises:
         HostsUnavailableError: This machine has no test hosts.
@@ -194,8 +178,10 @@ async def play_missing(
     jobs = [(number, repeat) for repeat in range(repeats) for number in range(len(todo))]
     failed: Counter[tuple[int, int]] = Counter()
     reasons: dict[str, str] = {}
-    path = bench.stack.enter_context(journals(bench.log.path, f"{bench.experiment}-{bench.config.profile}"))
-    with Journal(path(table), identity_of(play_missing, [bench.config, *todo])) as journal:
+    path = bench.stack.enter_context(
+        journaled.journals(bench.log.path, f"{bench.experiment}-{bench.config.profile}")
+    )
+    with journaled.Journal(path(table), journaled.identity_of(play_missing, [bench.config, *todo])) as journal:
         while missing := [job for job in jobs if job not in journal.finished and failed[job] < _TRIES]:
             job, preset = missing[0], todo[missing[0][0]].preset
             try:
@@ -203,12 +189,14 @@ async def play_missing(
                     for job in takewhile(lambda other: todo[other[0]].preset == preset, missing):  # noqa: B023
                         cell, repeat = todo[job[0]], job[1]
                         made = await rows(hosts, cell, repeat)
-                        journal.add(Finished(*job, text_from_result(made)))
+                        journal.add(journaled.Finished(*job, journaled.text_from_result(made)))
                         bench.advance(f"{preset}, repetition {repeat}")
             except (ProcessFailedError, HostsError, TimeoutError) as error:
                 failed[job] += 1
                 reasons[f"{todo[job[0]]}, repetition {job[1]}"] = str(error)
-        for made in (result_from_text(journal.finished[job]) for job in jobs if job in journal.finished):
+        for made in (
+            journaled.result_from_text(journal.finished[job]) for job in jobs if job in journal.finished
+        ):
             bench.write_all(table, made if isinstance(made, tuple) else (made,))
     bench.metadata(table, {"hindrance": "", "failed": reasons})
 
@@ -357,9 +345,7 @@ def on_ros2(run: Run[Config]) -> pd.DataFrame:
     rows = rows[rows["group"] == "hello"]
     counts = rows.groupby(_KEYS, sort=False)["kept_up"].agg(played="size", kept="sum")
     fair = rows[rows["kept_up"].astype(bool)]
-    middle = fair.groupby(_KEYS, sort=False)[
-        ["loss_live", "loss_model", "p50_live_ms", "p50_model_ms"]
-    ].median()
+    middle = fair.groupby(_KEYS, sort=False)[list(_MEASURED)].median()
     table: pd.DataFrame = counts.join(middle).reset_index()
     for column in ("p50_live_ms", "p50_model_ms"):
         table[column] /= table["slowed"]

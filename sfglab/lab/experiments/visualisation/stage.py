@@ -1,8 +1,7 @@
 """The stage: a scene shown from a log and from the bus; a camera, a sink, and the bridge between them.
 
-A picture of 640 x 360 (691 kB) comes 30 times a second from another process over DDS; the sink is a server in a
-third process. The baseline is Rerun's own call with the same array, to the same sink, in the same run. A
-picture has been taken when a flush after it returns.
+Pictures of 640 x 360 (691 kB) come 30 times a second over DDS; the sink is a server in a third process. The
+baseline is Rerun's own call to the same sink. A picture has been taken when a flush after it returns.
 """
 
 from __future__ import annotations
@@ -33,7 +32,6 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from sfglab.lab.checks.recordings import Recording
-
 
 ADDED_MS = 5.0
 """What the bridge may add to a picture of 640 x 360, ms, at the median and at 99 %; the paper states none."""
@@ -72,8 +70,7 @@ def write_scene(parts: tuple[Part, ...], path: Path) -> None:
 async def show_live(parts: tuple[Part, ...], scene: Path, to: Path, domain_id: int) -> Recording:
     """Show the scene while another process sends it over DDS, into a file, and read that.
 
-    The next moment is sent when the last one has been drawn, and everything is reliable: whether all arrives in
-    time on a busy machine is another question.
+    The next moment is sent when the last one has been drawn, and everything is reliable.
     """
     session = _reliable_session(parts)
     async with Node("view", domain_id=domain_id, interface="lo") as node, processes() as group:

@@ -1,0 +1,179 @@
+"""What a keeper holds is a group to begin with; on real DDS it is silent until somebody reads."""
+
+from contextlib import asynccontextmanager
+
+import pytest
+from cameras import FFMPEG, STREAM, Camera
+from hypothesis import given
+from hypothesis import strategies as st
+from waiting import until
+
+from sfglab.bus import Node
+from sfglab.component import beside
+from sfglab.errors import InvalidValueError
+from sfglab.fleet import gop_cache
+from sfglab.qos import SENSOR_DATA
+
+COLOR = "/global/go2/camera_front/color/ffmpeg"
+
+
+def fill(cache: gop_cache.GopCache[int], numbers, gop: int = 5, size_bytes: int = 10) -> list[bool]:
+    return [cache.add(n, pts=n, is_key=n % gop == 0, size_bytes=size_bytes) for n in numbers]
+
+
+@pytest.mark.parametrize(
+    ("numbers", "packets", "dropped", "gaps"),
+    [
+        pytest.param([*range(8)], (5, 6, 7), [], 0, id="those since the last key frame"),
+        pytest.param([3, 4], (), [3, 4], 0, id="none before the first key frame"),
+        pytest.param([0, 1, 3, 4], (), [3, 4], 1, id="a gap makes the rest of a group useless"),
+        pytest.param([0, 1, 3, 4, 5, 6], (5, 6), [3, 4], 1, id="until the next key frame"),
+        pytest.param([10, 11, 12, 0, 1], (0, 1), [], 0, id="a sender that starts anew is followed"),
+    ],
+)
+def test_what_is_kept(numbers, packets, dropped, gaps):
+    cache: gop_cache.GopCache[int] = gop_cache.GopCache()
+    kept = fill(cache, numbers)
+    assert [number for number, one in zip(numbers, kept, strict=True) if not one] == dropped
+    assert (cache.packets, len(cache), cache.size_bytes) == (packets, len(packets), 10 * len(packets))
+    assert cache.gaps == gaps
+
+
+@pytest.mark.parametrize(
+    "limits",
+    [gop_cache.Limits(packets=3), gop_cache.Limits(size_bytes=30)],
+    ids=["too many packets", "too many bytes"],
+)
+def test_a_group_that_outgrows_the_limits_is_given_up_until_the_next_key_frame(limits):
+    cache: gop_cache.GopCache[int] = gop_cache.GopCache(limits)
+    assert fill(cache, range(5)) == [True, True, True, False, False]
+    assert (cache.packets, cache.overflows, cache.size_bytes) == ((), 1, 0)
+    fill(cache, [5])
+    assert cache.packets == (5,)
+
+
+@given(numbers=st.lists(st.integers(0, 40), max_size=60), gop=st.integers(1, 12), packets=st.integers(1, 8))
+def test_the_cache_always_begins_with_a_key_frame_has_no_gap_and_respects_its_limits(numbers, gop, packets):
+    cache: gop_cache.GopCache[int] = gop_cache.GopCache(gop_cache.Limits(packets=packets, size_bytes=1000))
+    for number in numbers:
+        kept = cache.add(number, pts=number, is_key=number % gop == 0, size_bytes=90)
+        held = cache.packets
+        assert kept == (held[-1:] == (number,) and len(held) > 0) or not kept
+        assert held == tuple(range(held[0], held[0] + len(held))) if held else True
+        assert not held or held[0] % gop == 0
+        assert len(held) <= packets
+        assert cache.size_bytes == 90 * len(held) <= 1000
+
+
+@pytest.mark.parametrize("limits", [{"packets": 0}, {"size_bytes": 0}])
+def test_limits_within_which_nothing_fits_are_refused(limits):
+    with pytest.raises(InvalidValueError, match="1 or more"):
+        gop_cache.Limits(**limits)
+
+
+def test_a_streams_replay_is_named_by_the_schema():
+    assert gop_cache.replay_topic(COLOR) == "/global/go2/camera_front/color/ffmpeg_replay"
+    assert gop_cache.replay_topic(f"{COLOR}_hq") == "/global/go2/camera_front/color/ffmpeg_replay_hq"
+    assert (
+        gop_cache.replay_topic("/local/go2/camera_front/color/ffmpeg")
+        == "/local/go2/camera_front/color/ffmpeg_replay"
+    )
+
+
+@pytest.mark.parametrize(
+    "topic",
+    ["/global/go2/camera_front/depth/compressed_depth", "/tf", "nonsense", gop_cache.replay_topic(COLOR)],
+)
+def test_what_is_no_numbered_stream_has_no_replay(topic):
+    assert gop_cache.replay_topic(topic) is None
+    with pytest.raises(InvalidValueError, match="ffmpeg"):
+        gop_cache.KeeperSettings(streams=(topic,))
+
+
+def test_more_than_a_replays_history_cannot_be_kept():
+    with pytest.raises(InvalidValueError, match="1 to 256"):
+        gop_cache.KeeperSettings(limits=gop_cache.Limits(packets=257))
+
+
+REPLAY = gop_cache.replay_topic(STREAM)
+
+
+@asynccontextmanager
+async def keeping(domains, *, gop: int = 20, **settings):
+    """A camera, a keeper and a node that reads, with everything that the keeper reported."""
+    address = domains[0].options()
+    replayed = []
+    async with (
+        Node("camera", **address) as far,
+        Node("keeper", **address) as here,
+        Node("reader", **address) as near,
+    ):
+        keeper = gop_cache.StreamKeeper(
+            here, gop_cache.KeeperSettings(streams=(STREAM,), **settings), on_replay=replayed.append
+        )
+        camera = Camera(far)
+        camera.gop = gop
+        async with beside(keeper.run()):
+            await camera.publisher.wait_for_subscriptions(1, 15)
+            async with camera.running():
+                yield near, camera, replayed
+
+
+async def read(near: Node, count: int) -> list:
+    subscription = near.create_subscription(FFMPEG, REPLAY, qos=gop_cache.REPLAY_QOS)
+    packets = [await subscription.take(timeout_s=60) for _ in range(count)]
+    subscription.close()
+    return packets
+
+
+@pytest.mark.live
+async def test_a_late_reader_gets_the_group_under_way_and_then_what_follows(domains):
+    async with keeping(domains) as (near, camera, replayed):
+        await camera.shot(30)
+        assert replayed == [], "nothing is written while nobody reads"
+        packets = await read(near, 60)
+        (report,) = replayed
+        numbers = [p.pts for p in packets]
+        assert packets[0].flags & gop_cache.FLAG_KEY
+        assert numbers == list(range(numbers[0], numbers[0] + 60)), "no gap, no repetition"
+        assert report.packets <= camera.gop
+        burst, rest = packets[: report.packets], packets[report.packets :]
+        assert all(p.flags & gop_cache.FLAG_DISCARD for p in burst[:-1])
+        assert not any(p.flags & gop_cache.FLAG_DISCARD for p in [*burst[-1:], *rest])
+        assert report.size_bytes == sum(len(p.data) for p in burst)
+        assert (report.gaps, report.overflows) == (0, 0)
+
+
+@pytest.mark.live
+async def test_the_next_reader_hears_nothing_of_the_replay_before_its_own(domains):
+    async with keeping(domains) as (near, camera, replayed):
+        await camera.shot(10)
+        first = await read(near, 3)
+        await camera.shot(2 * camera.gop)
+        second = await read(near, 3)
+        assert second[0].flags & gop_cache.FLAG_KEY
+        assert second[0].pts >= first[0].pts + camera.gop
+        assert len(replayed) == 2
+
+
+@pytest.mark.live
+async def test_a_group_that_is_too_long_is_not_replayed_and_the_live_stream_is_not_touched(domains):
+    async with keeping(domains, gop=10_000, limits=gop_cache.Limits(packets=5)) as (near, camera, replayed):
+        live = near.create_subscription(FFMPEG, STREAM, qos=SENSOR_DATA)
+        await camera.shot(20)
+        subscription = near.create_subscription(FFMPEG, REPLAY, qos=gop_cache.REPLAY_QOS)
+        await until(lambda: replayed)
+        assert (replayed[0].packets, replayed[0].overflows) == (0, 1)
+        await live.take(timeout_s=60)
+        with pytest.raises(TimeoutError):
+            await subscription.take(timeout_s=0.2)
+
+
+@pytest.mark.live
+async def test_a_best_effort_reader_is_served_too(domains):
+    async with keeping(domains) as (near, camera, replayed):
+        await camera.shot(5)
+        plain = near.create_subscription(FFMPEG, REPLAY, qos=SENSOR_DATA)
+        packet = await plain.take(timeout_s=60)
+        assert replayed
+        assert packet.encoding.startswith("h264")

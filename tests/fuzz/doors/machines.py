@@ -1,0 +1,38 @@
+"""Answers of machines that are deployed to."""
+
+import gzip
+import tarfile
+
+from doors import Door
+from sfglab.deploy.bundle import Bundle, Member, pack, unpack
+from sfglab.deploy.errors import DeployError
+from sfglab.deploy.rollout import plan_changes
+from sfglab.deploy.transport import Ssh, accelerator_of
+
+MEMBERS = {"manifest.json": b'{"tag": "a", "files": {"b": {"sha256": "0"}}}', "b": b"x"}
+MEMBERS = {name: Member(data=data, mode=0o644) for name, data in MEMBERS.items()}
+BUNDLE = Bundle(agent="a", tag="t", image="i", members=MEMBERS)
+FACTS = b"/dev/dri/card0\n/etc/group dmlkZW86eDo0NDo=\n/proc/device-tree/model YQ==\n"
+SPARSE = tarfile.TarInfo("b")
+SPARSE.size = 2**33
+BENT = tarfile.TarInfo("../b")
+
+
+class Answering(Ssh):
+    """A machine with a given answer."""
+
+    def run(self, _script, **_):
+        return self.program
+
+
+DOORS = {
+    "archive": Door(lambda data: plan_changes(BUNDLE, unpack(data)), DeployError, (pack(BUNDLE),)),
+    "machine": Door(lambda d: accelerator_of(Answering(address="m", program=d)), DeployError, (FACTS,)),
+}
+ATTACKS = [
+    *(("archive", data) for data in (SPARSE.tobuf(), BENT.tobuf(), b"x" * 600, gzip.compress(bytes(2**28)))),
+    *(
+        ("machine", data)
+        for data in (b"/etc/group a\n", b"/a\0b YQ==\n", b"/etc\n/etc/group\n", b"/" + b"a" * 300)
+    ),
+]

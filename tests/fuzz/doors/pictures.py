@@ -1,0 +1,49 @@
+"""Pictures: those of FFmpeg and of OpenCV."""
+
+import struct
+import zlib
+from types import SimpleNamespace
+
+import numpy as np
+
+from doors import Door
+from sfglab import codecs
+
+COLOURS = np.arange(360 * 640 * 3, dtype=np.uint8).reshape(360, 640, 3)
+DEPTH = np.arange(48 * 64, dtype=np.uint16).reshape(48, 64)
+VIDEO = codecs.H264Encoder(codecs.TABLE_2).encode(COLOURS)[0].data
+PNG = codecs.compressed_depth_fields(DEPTH, "png").data
+JPEG = codecs.compressed_image_fields(COLOURS[:48, :64].copy()).data
+
+
+def picture(kind, begin, **fields):
+    """One stream of a small announced size; after each input the next good one must show."""
+    decoder, good = (
+        codecs.image_decoder(kind, most_pixels=640 * 360),
+        SimpleNamespace(pts=1, **fields, data=begin),
+    )
+
+    def read(data):
+        try:
+            decoder.feed(SimpleNamespace(pts=0, **fields, data=data))
+        finally:
+            assert decoder.feed(good)
+
+    return Door(read, codecs.CodecError, (begin,))
+
+
+def png(width, height):
+    """A depth picture of zeros that is small as a file."""
+    rows = zlib.compress(bytes(height * (2 * width + 1)), 9)
+    parts = (b"IHDR", struct.pack(">IIBBBBB", width, height, 16, 0, 0, 0, 0)), (b"IDAT", rows), (b"IEND", b"")
+    blocks = (struct.pack(">I", len(d)) + n + d + struct.pack(">I", zlib.crc32(n + d)) for n, d in parts)
+    return bytes(12) + b"\x89PNG\r\n\x1a\n" + b"".join(blocks)
+
+
+DOORS = {
+    "h264": picture(codecs.FFMPEG_PACKET, VIDEO, encoding="h264"),
+    "foxglove": picture(codecs.COMPRESSED_VIDEO, VIDEO, format="h264"),
+    "png": picture(codecs.COMPRESSED_IMAGE, PNG, format="16UC1; compressedDepth png"),
+    "jpeg": picture(codecs.COMPRESSED_IMAGE, JPEG, format="jpeg"),
+}
+ATTACKS = [("png", png(8000, 8000))]
