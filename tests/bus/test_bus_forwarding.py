@@ -1,6 +1,7 @@
 """Raw forwarding between nodes: unchanged, by source, in order, held until judged, and nothing leaked."""
 
 import asyncio
+import ctypes
 import os
 import signal
 from contextlib import asynccontextmanager
@@ -13,7 +14,7 @@ from hypothesis import strategies as st
 
 from sfglab import bus
 from sfglab.bus.api import RawEndpoint
-from sfglab.bus.dds.clib import library
+from sfglab.bus.dds.clib import MatchedStatus, library
 from sfglab.bus.forwarding import HELD_SAMPLES, SourceGate
 from sfglab.messages import serialize
 from sfglab.qos import LATCHED, SENSOR_DATA, Durability, History, QoSProfile
@@ -23,6 +24,18 @@ DEEP = QoSProfile(history=History.KEEP_ALL)
 
 async def all_acked(publisher, until):
     await until(lambda: library().dds_wait_for_acks(publisher._writer.handle, 0) >= 0)
+
+
+async def matched(until, *outlets, count=1):
+    """Wait until outlets know their readers: these know them earlier or later, and what is sent before is lost."""
+
+    def readers(outlet):
+        status = MatchedStatus()
+        library().dds_get_publication_matched_status(outlet._handle, ctypes.byref(status))
+        return status.current_count
+
+    for outlet in outlets:
+        await until(lambda outlet=outlet: readers(outlet) >= count)
 
 
 @given(st.lists(st.tuples(st.sampled_from("ABC"), st.sampled_from(["take", "open", "shut", "forget"]))))
@@ -81,6 +94,7 @@ async def test_bytes_and_source_stamps_pass_unchanged_and_wait_until_their_sourc
         forwarder = near.open_forwarder(far)
         forward, outlet = forwarder.open(endpoint()), forwarder.open_writer(endpoint(user_data=b"k=v;"))
         publisher, subscription = await connected(talker, listener, 200, raw=True)
+        await matched(until, outlet)
         cdrs = [serialize(text(str(number) * (number % 9))) for number in range(100)]
         for number, cdr in enumerate(cdrs[:50]):
             publisher.publish_raw(cdr, source_timestamp_ns=1_000 + number)
@@ -131,6 +145,7 @@ async def test_a_transform_changes_drops_or_leaves_a_sample_and_the_stamp_stays(
         forwarder = near.open_forwarder(far)
         forward, outlet = forwarder.open(endpoint()), forwarder.open_writer(endpoint())
         publisher, subscription = await connected(talker, listener)
+        await matched(until, outlet)
         forward.admit(publisher.gid, outlet, transform)
         for number, letter in enumerate("abcda"):
             publisher.publish_raw(serialize(text(letter)), source_timestamp_ns=1_000 + number)
@@ -187,12 +202,13 @@ async def test_a_reader_that_stands_still_stops_its_sender_costs_no_image_and_ho
             forward, outlet = forwarder.open(end), forwarder.open_writer(end)
             forward.admit(publisher.gid, outlet)
             await publisher.wait_for_subscriptions()
-            ways.append((publisher, forward))
-        (publisher, forward), (other, _) = ways
+            ways.append((publisher, forward, outlet))
+        (publisher, forward, deep), (other, _, beside) = ways
         fast = listener.create_subscription(STRING, "/fast")
-        await fast.wait_for_publishers()
+        await matched(until, beside)
         async with child(listening, "slow", domain_id=pair_ids[1]) as slow:
             await slow.hear()
+            await matched(until, deep)
             os.kill(slow.pid, signal.SIGSTOP)
             stopped_at = 0
             for picture.step in range(count):
@@ -262,6 +278,7 @@ async def test_a_reader_that_stands_still_costs_bounded_memory_and_the_others_go
         await publisher.wait_for_subscriptions()
         async with child(listening, "slow", domain_id=pair_ids[1]) as other:
             await other.hear()
+            await matched(until, outlet, count=2)
             os.kill(other.pid, signal.SIGSTOP)
             before = psutil.Process().memory_info().rss
             for _ in range(200):  # 400 MB
@@ -285,7 +302,7 @@ async def test_both_ways_at_once_there_is_no_echo(pair_ids, until):
         inward.admit(outlets[0].gid, outlets[1])
         outward.admit(outlets[1].gid, outlets[0])
         await publisher.wait_for_subscriptions(2)
-        await other.wait_for_publishers()
+        await matched(until, outlets[0])
         publisher.publish(text("x"))
         assert (await other.take(60)).data == "x"
         assert (await own.take(60)).data == "x"
