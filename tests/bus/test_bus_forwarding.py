@@ -27,7 +27,7 @@ async def all_acked(publisher, until):
 
 
 async def matched(until, *outlets, count=1):
-    """Wait until outlets know their readers: these know them earlier or later, and what is sent before is lost."""
+    """Wait until outlets know their readers, which may know them earlier: what is sent before is lost."""
 
     def readers(outlet):
         status = MatchedStatus()
@@ -206,7 +206,8 @@ async def test_a_reader_that_stands_still_stops_its_sender_costs_no_image_and_ho
         (publisher, forward, deep), (other, _, beside) = ways
         fast = listener.create_subscription(STRING, "/fast")
         await matched(until, beside)
-        async with child(listening, "slow", domain_id=pair_ids[1]) as slow:
+        # Stands still for less than its lease: who is gone for longer has no claim to what it missed.
+        async with child(listening, "slow", domain_id=pair_ids[1], lease_s=60.0) as slow:
             await slow.hear()
             await matched(until, deep)
             os.kill(slow.pid, signal.SIGSTOP)

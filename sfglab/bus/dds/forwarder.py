@@ -230,7 +230,7 @@ class DdsForwarder:
         self._backends = backends
         self._orders: deque[Callable[[], None]] = deque()
         self._forwards: set[DdsForward] = set()
-        self._batch = _Batch()
+        self._batch = cache(_Batch)
         self._bell: int = library().dds_create_guardcondition(source.handle)
         source.waitset.attach(self._bell, self._obey)
 
@@ -238,16 +238,21 @@ class DdsForwarder:
         """Read a topic in the source's domain; until its sources are judged their samples are held."""
         if endpoint.is_service:
             return LoopForward(self._backends[0], replace(endpoint, forwards=True))
+        most = _max_kept(endpoint.type) if endpoint.qos.history is History.KEEP_ALL else 0
         handle = self._source.create_reader(
             endpoint.dds_topic,
             wire_type(endpoint),
             endpoint.qos,
             user_data=endpoint.user_data,
             ignore_local=True,
-            max_samples=_max_kept(endpoint.type) if endpoint.qos.history is History.KEEP_ALL else 0,
+            max_samples=most,
         )
         forward = DdsForward(
-            handle, self._batch, self._order, waitset=self._source.waitset, on_closed=self._forwards.discard
+            handle,
+            self._batch(most // 16 or _BATCH),  # what was taken waits as well, beside what the reader holds
+            self._order,
+            waitset=self._source.waitset,
+            on_closed=self._forwards.discard,
         )
         self._forwards.add(forward)
         return forward
@@ -288,9 +293,10 @@ class DdsForwarder:
 class _Batch:
     """Where samples are taken to: all of a forwarder's readers are read in one thread, one after the other."""
 
-    def __init__(self) -> None:
-        self.serdata: Any = (ct.c_void_p * _BATCH)()
-        self.infos: Any = (SampleInfo * _BATCH)()
+    def __init__(self, size: int) -> None:
+        self.size = size
+        self.serdata: Any = (ct.c_void_p * size)()
+        self.infos: Any = (SampleInfo * size)()
         self.each_info = list(self.infos)  # made once: views of the same memory
 
 
@@ -346,7 +352,7 @@ class DdsForward(Forward[int, DdsRawWriter]):
         if self._waiting:
             return  # the reader keeps the rest until `_resume` is through, and its senders wait
         lib, batch = library(), self._batch
-        count = lib.dds_takecdr(self._handle, batch.serdata, _BATCH, batch.infos, ANY_STATE)
+        count = lib.dds_takecdr(self._handle, batch.serdata, batch.size, batch.infos, ANY_STATE)
         for i in range(count):
             serdata, info = batch.serdata[i], batch.each_info[i]
             if not info.valid_data:
