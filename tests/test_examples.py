@@ -2,6 +2,7 @@
 
 import itertools
 import json
+import os
 import re
 import shlex
 import shutil
@@ -211,3 +212,19 @@ def test_output_that_nobody_reads_or_that_is_full_is_no_traceback(talker):
         argv = ["bash", "-c", f"{shlex.quote(sys.executable)} -m sfglab {shell}"]
         done = subprocess.run(argv, capture_output=True, check=False)
         assert (done.returncode, done.stderr) == (status, said)
+
+
+def test_what_was_said_before_an_error_is_not_lost():
+    code = """
+from sfglab import cli, errors
+
+def app(**_):
+    print("so far")
+    raise errors.SfglabError("wrong")
+
+cli.app = app
+cli.main()
+"""
+    environment = {name: value for name, value in os.environ.items() if name != "PYTHONUNBUFFERED"}
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, check=False, env=environment)
+    assert (done.returncode, done.stdout, done.stderr) == (1, b"so far\n", b"sfglab: wrong\n")

@@ -9,7 +9,6 @@ from __future__ import annotations
 import logging
 import os
 import sys
-from contextlib import suppress
 from errno import EFBIG, EIO, ENOSPC
 from os import fsdecode
 from typing import TYPE_CHECKING, Annotated, Any, NoReturn
@@ -113,9 +112,16 @@ def main() -> NoReturn:
         if not said:
             raise
         typer.echo(f"sfglab: {said}", err=True)
-        with suppress(OSError):  # what standard output could not take is not tried again at the end
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _end_output()
     sys.exit(status)
+
+
+def _end_output() -> None:
+    """Say what is still buffered; what standard output cannot take is not tried again at the end."""
+    try:
+        sys.stdout.flush()
+    except OSError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _sentence(error: Any) -> tuple[str, int]:
