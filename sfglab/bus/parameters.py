@@ -19,6 +19,14 @@ if TYPE_CHECKING:
 
 Way = Literal["dds", "ros"]  #: Over DDS, for rmw_cyclonedds, or by ROS 2's own program (`sfglab.bus.ros`).
 READ_ONLY = "it is given when the component starts"
+_SERVICES = (
+    "DescribeParameters",
+    "GetParameters",
+    "ListParameters",
+    "SetParameters",
+    "GetParameterTypes",
+    "SetParametersAtomically",
+)
 # rcl_interfaces/msg/ParameterType, and the field of ParameterValue: one of a kind, and many.
 _KINDS: dict[type, tuple[str, int, int]] = {
     bool: ("bool", 1, 6),
@@ -73,9 +81,8 @@ class Parameters:
 
     def __init__(self, node: Node, config: Any, transport: Way = "dds") -> None:
         self._values: Mapping[str, Any] = dict(flat(to_json(config)))
-        names = "DescribeParameters GetParameters ListParameters SetParameters GetParameterTypes"
-        for name in (*names.split(), "SetParametersAtomically"):
-            self._serve(node, name, transport)
+        for service in _SERVICES:
+            self._serve(node, service, transport)
 
     def _serve(self, node: Node, service: str, transport: Way) -> None:
         type_ = service_type(f"rcl_interfaces/srv/{service}")

@@ -282,8 +282,16 @@ class _Stream:
             self._publisher.publish(replace(packet, flags=packet.flags | FLAG_DISCARD))
         if newest is not None:
             self._publisher.publish(newest)
-        counts = {name: getattr(self._cache, name) for name in ("size_bytes", "gaps", "overflows")}
-        self._on_replay(Replayed(topic=self._topic, packets=len(self._cache), **counts))
+        cache = self._cache
+        self._on_replay(
+            Replayed(
+                topic=self._topic,
+                packets=len(cache),
+                size_bytes=cache.size_bytes,
+                gaps=cache.gaps,
+                overflows=cache.overflows,
+            )
+        )
 
     def _offer(self) -> Any:
         return self._node.create_publisher(FFMPEG_PACKET, self._replay_topic, REPLAY_QOS)

@@ -334,8 +334,14 @@ async def run_decoder(
         try:
             await pool.start()
             timing = Timing(linger_ns=round(config.linger_s * 1e9))
-            how = {"replay": config.replay, "offers": config.offers}
-            decoder = AgentDecoder(local, pool, timing=timing, on_status=on_status, **how)
+            decoder = AgentDecoder(
+                local,
+                pool,
+                timing=timing,
+                replay=config.replay,
+                offers=config.offers,
+                on_status=on_status,
+            )
             for agent in sorted({route.agent for route in routes}):
                 decoder.offer(agent, [route for route in routes if route.agent == agent])
             on_ready(pool)

@@ -132,7 +132,10 @@ def _written(agent: AgentSpec) -> Iterator[Use]:
     for speaks, topics in ((True, agent.publishes), (False, agent.subscribes)):
         for t in topics:
             sizes: dict[str, Any] = {
-                name: getattr(t, name) for name in ("qos", "count", "rate_hz", "size_bytes")
+                "qos": t.qos,
+                "count": t.count,
+                "rate_hz": t.rate_hz,
+                "size_bytes": t.size_bytes,
             }
             yield _use(agent, t.name, t.type, speaks=speaks, place=t.place, **sizes)
     names = (

@@ -128,8 +128,12 @@ class StatusProvider:
         self._on_beat(heartbeat)
 
     def _metadata(self) -> Any:
-        numbers = {"incarnation": self._incarnation, "revision": self._revision}
-        return self.description.to_message(self._settings.agent, stamp_ns=self._described_ns, **numbers)
+        return self.description.to_message(
+            self._settings.agent,
+            incarnation=self._incarnation,
+            revision=self._revision,
+            stamp_ns=self._described_ns,
+        )
 
     def _answer(self) -> Any:
         return service_type(GET_METADATA).response(success=True, message="", metadata=self._metadata())

@@ -64,8 +64,14 @@ class _ColourEncoder:
     type = codecs.FFMPEG_PACKET
 
     def __init__(self, config: CameraConfig) -> None:
-        same = ("width", "height", "fps", "bitrate_bps", "gop", "encoder")
-        self._settings = codecs.H264Settings(**{name: getattr(config, name) for name in same})
+        self._settings = codecs.H264Settings(
+            width=config.width,
+            height=config.height,
+            fps=config.fps,
+            bitrate_bps=config.bitrate_bps,
+            gop=config.gop,
+            encoder=config.encoder,
+        )
         self._encoder = codecs.H264Encoder(self._settings)
         self.name = self._encoder.encoder_name
 
@@ -103,8 +109,10 @@ async def _camera(config: CameraConfig, sent: Callable[[list[_Sent]], None]) -> 
     """Open source, encoder and publisher; the caller awaits the task that shoots."""
     from sfglab.bus import Node
 
-    shape: dict[str, Any] = {"width": config.width, "height": config.height, "fps": config.fps}
-    with closing(open_source(config.source, seed=config.seed, **shape)) as source:
+    source = open_source(
+        config.source, width=config.width, height=config.height, fps=config.fps, seed=config.seed
+    )
+    with closing(source):
         encoder = _ColourEncoder(config) if config.codec == "h264" else _DepthEncoder(config)
         async with AsyncExitStack() as stack:
             publishers = []

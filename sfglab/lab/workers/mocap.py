@@ -31,7 +31,7 @@ from sfglab.spatial.mocap.mapping import MappedObject, MocapMapping, direct_tran
 from sfglab.spatial.mocap.synthetic import SyntheticConfig, SyntheticMotion, SyntheticSource
 
 if TYPE_CHECKING:
-    from collections.abc import AsyncGenerator, Mapping, Sequence
+    from collections.abc import AsyncGenerator, Callable, Mapping, Sequence
 
     from sfglab.bus import Node, Publisher
     from sfglab.bus.api import MessageInfo
@@ -302,7 +302,11 @@ def _send(publishers: Sequence[Publisher], transforms: Sequence[StampedTransform
         publisher.publish(message_type(TRANSFORMS)(transforms=[t.to_msg() for t in transforms]))
 
 
-_ROLES: dict[str, Any] = {"robot": _Robot, "bridge": _Bridge, "listener": _Listener}
+_ROLES: dict[str, Callable[[Mapping[str, Node], int], Any]] = {
+    "robot": _Robot,
+    "bridge": _Bridge,
+    "listener": _Listener,
+}
 
 
 async def serve(config: MocapWorkerConfig, report: Reporter, orders: Orders) -> None:

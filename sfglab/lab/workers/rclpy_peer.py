@@ -167,9 +167,12 @@ class Peer:
             report("told", topic=topic, event=event, alive=alive)
 
         tellers = {name: partial(told, name) for name in ("incompatible_qos", "deadline", "liveliness")}
-        events: dict[str, Any] = {"event_callbacks": SubscriptionEventCallbacks(**tellers)}
-        of = (interface(kind), topic, heard, profile_of(qos))
-        self.kept.append(self.node.create_subscription(*of, **events))
+        events = SubscriptionEventCallbacks(**tellers)
+        self.kept.append(
+            self.node.create_subscription(
+                interface(kind), topic, heard, profile_of(qos), event_callbacks=events
+            )
+        )
         report("listening")
 
     def count(self) -> None:

@@ -79,8 +79,9 @@ def _parameter_services(node: str) -> Iterator[EndpointPlan]:
         # Of the length of rmw_cyclonedds's random ids; nobody pairs them here.
         identity = user_data({"serviceid": ".".join(["00"] * 15 + [f"{number:02x}"])})
         for writer, topic, half in ((False, request, "Request_"), (True, reply, "Response_")):
-            plan: dict[str, Any] = {"writer": writer, "topic": topic, "type": dds_type + half}
-            yield EndpointPlan(qos=_SERVICE, user_data=identity, **plan)
+            yield EndpointPlan(
+                writer=writer, topic=topic, type=dds_type + half, qos=_SERVICE, user_data=identity
+            )
 
 
 class RosStack:
@@ -128,8 +129,10 @@ class RosStack:
         """
         own = [(plan.writer, entity_guid(handle)) for plan, handle in handles if plan.topic != INFO_TOPIC]
         participant = entity_guid(self.participant)
-        gids = {"readers": tuple(gid for w, gid in own if not w), "writers": tuple(gid for w, gid in own if w)}
-        node = NodeInfo(namespace=namespace, name=name, participant=participant, **gids)
+        readers, writers = (tuple(gid for writes, gid in own if writes is way) for way in (False, True))
+        node = NodeInfo(
+            namespace=namespace, name=name, participant=participant, readers=readers, writers=writers
+        )
         serdata = serdata_from_bytes(sertype_of(writer), pack_nodes(participant, [node], gid_bytes()))
         assert serdata is not None, "an opaque type takes every message"
         stamp(serdata, time.time_ns())

@@ -222,9 +222,14 @@ class _Viewer:
             with contextlib.closing(subscription), LogWriter(path) as log:
                 while True:
                     cdr, info = await subscription.take_with_info()
-                    times = {"log_time_ns": info.received_timestamp_ns}
-                    times["publish_time_ns"] = info.source_timestamp_ns
-                    log.write_raw(topic, type_, cdr, qos=COMPRESSED_STREAM, **times)
+                    log.write_raw(
+                        topic,
+                        type_,
+                        cdr,
+                        qos=COMPRESSED_STREAM,
+                        log_time_ns=info.received_timestamp_ns,
+                        publish_time_ns=info.source_timestamp_ns,
+                    )
                     self._seen.frames += 1
                     self._saw_one()
 

@@ -375,9 +375,10 @@ def draw_scale(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     cores = f"{_cores(run)} cores"
     text = f"Simulated agents have {CORES} cores each; live ones share {cores}, which is why they take longer."
     _explain(figure, run, text, **{"simulated": "-", "counted": "--", f"CPU time at a pace / {cores}": ":"})
-    times = medians.pivot_table(index="agents", columns="mode", values=_TIME).dropna()
-    largest = {mode: float(times[mode].iloc[-1]) for mode in MODES if mode in times}
-    figure.suptitle(_title(max(times.index), "simulated", largest))
+    largest = medians[medians["agents"] == medians["agents"].max()]
+    times = dict(zip(largest["mode"], largest[_TIME], strict=True))
+    told = {mode: times[mode] for mode in MODES if mode in times}
+    figure.suptitle(_title(medians["agents"].max(), "simulated", told))
     return {"live": summary(run).to_dict("records"), "simulated": medians.to_dict("records")}
 
 

@@ -137,8 +137,15 @@ exp = Experiment(
 
 def cells_of(config: Config, *, loss: float | None = None) -> Callable[..., Point]:
     """Return what makes cells over the run's air, or over one that loses another share."""
-    same = {name: getattr(config, name) for name in ("size_factor", "vendor", "hop", "sizes", "slower")}
-    return partial(Point, loss=config.loss if loss is None else loss, **same)
+    return partial(
+        Point,
+        loss=config.loss if loss is None else loss,
+        size_factor=config.size_factor,
+        vendor=config.vendor,
+        hop=config.hop,
+        sizes=config.sizes,
+        slower=config.slower,
+    )
 
 
 def grid(config: Config, *, loss: float | None = None) -> list[Point]:
@@ -439,10 +446,13 @@ def own_plan(cell: Point) -> Plan:
     Where the cell's method has local caches, they send only changes, and rates are those of reading.
     """
     scenario = scenario_of(cell)
-    same = ("name", "source", "target", "size_bytes", "cached")
     topics = [
         Topic(
-            **{name: getattr(flow, name) for name in same},
+            name=flow.name,
+            source=flow.source,
+            target=flow.target,
+            size_bytes=flow.size_bytes,
+            cached=flow.cached,
             rate_max_hz=float(cell.rate_max_hz),
             change_s=flow.change_s or HELLO_CHANGE_S,
         )
