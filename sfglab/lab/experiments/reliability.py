@@ -60,13 +60,8 @@ ONLY = {"keeper": [*CAMERAS], "pipeline": [VIEWER], "full disk": [VIEWER]}
 LASTS_S = {"suspend": (1, 12), "cut": (1, 12), "starve": (3, 6), "full disk": (2, 4)}
 KINDS = ("kill", "stop", "kill agent", "kill nodes", "clock", *LASTS_S)
 GIVEN_UP_S = 60.0  #: After which a fault counts as not recovered from, seconds.
-DISK = (
-    "unshare",
-    "--mount",
-    "sh",
-    "-c",
-    'mount -t tmpfs -o size=32m disk "$0" && exec "$@"',
-)  #: A small disk of its own.
+# Gives a command a small disk of its own, at the place that is named first.
+DISK = ("unshare", "--mount", "sh", "-c", 'mount -t tmpfs -o size=32m disk "$0" && exec "$@"')
 ENDS = ("kill", "stop", "kill agent")  #: Faults that end processes of an agent.
 LOOPS = 3  #: How many endless loops a starving agent has beside it on its one core.
 
