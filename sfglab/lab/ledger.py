@@ -100,15 +100,14 @@ class FoundLog:
     reference: bool = False  #: Whether it is the committed one.
 
 
-def logs_of(project: Project, name: str) -> Iterator[FoundLog]:
+def logs_of(project: Project, name: str, *, committed: bool = False) -> Iterator[FoundLog]:
     """Yield an experiment's logs: its runs, newest first, unfinished ones too, then the committed reference."""
-    for path in sorted((project.runs / "logs" / name).glob("*.mcap*"), reverse=True):
+    runs = () if committed else (project.runs / "logs" / name).glob("*.mcap*")
+    for path in sorted(runs, reverse=True):
         yield FoundLog(experiment=name, path=path, standing=standing(path))
     reference = project.reference_logs / f"{name}.mcap"
     if reference.is_file():
-        yield FoundLog(
-            experiment=name, path=reference, standing=Standing(profile="", why_not=""), reference=True
-        )
+        yield FoundLog(experiment=name, path=reference, standing=standing(reference), reference=True)
 
 
 def keep_figures(project: Project, name: str, log: Path) -> Path:
@@ -130,14 +129,16 @@ def _kept_again(project: Project, name: str) -> dict[str, list[_Ours]]:
     return found
 
 
-def find_log(project: Project, name: str, *, profile: str | None = None) -> Path | None:
-    """Return the log that speaks for an experiment; None when none does.
+def find_log(
+    project: Project, name: str, *, profile: str | None = None, committed: bool = False
+) -> Path | None:
+    """Return the log that speaks for an experiment, of all or of the committed ones; None when none does.
 
-    The newest run of the profile asked for that speaks; else the newest run that speaks; else the committed
-    reference. Unfinished, changed and explored runs and smoke tests do not speak.
+    The newest run of the profile asked for that speaks, else the newest that speaks; the committed reference
+    comes last. Unfinished, changed and explored runs and smoke tests do not speak.
     """
     newest = None
-    for log in logs_of(project, name):
+    for log in logs_of(project, name, committed=committed):
         if not log.standing.speaks:
             continue
         newest = newest or log
@@ -155,9 +156,8 @@ def compute_ledger(project: Project, *, profile: str | None = None, committed: b
     ours: dict[str, _Ours] = {}
     again: dict[str, list[_Ours]] = {}
     for name in _experiments_of(claims):
-        reference = project.reference_logs / f"{name}.mcap"
-        log = reference if committed else find_log(project, name, profile=profile)
-        if log is None or not log.is_file():
+        log = find_log(project, name, profile=profile, committed=committed)
+        if log is None:
             continue
         for claim_id, figure in _found(project, kept, name, log).items():
             ours[claim_id] = _stronger(ours[claim_id], figure) if claim_id in ours else figure

@@ -48,7 +48,7 @@ class Run(Generic[C]):
         return f"<run of {self.experiment}: {self.log.name}>"
 
     def _repr_html_(self) -> str:
-        silent = standing(self.log).why_not if COMPLETION in self._metadata else ""  # references have none
+        silent = standing(self.log).why_not
         said = f"it speaks for no claim: {silent}" if silent else "it speaks for its claims"
         tables = [("table", "lines"), *((name, len(self.table(name))) for name in self._tables)]
         return html_table(field_rows(self.config), f"{repr(self)[1:-1]}, {said}") + html_table(tables)
@@ -80,8 +80,8 @@ class Run(Generic[C]):
 
     @property
     def profile(self) -> str:
-        """The run's profile; empty in logs from before the completion record."""
-        return str(self.metadata(COMPLETION).get("profile") or self._metadata["config"].get("profile", ""))
+        """The run's profile; empty in a log without completion record."""
+        return str(self.metadata(COMPLETION).get("profile", ""))
 
     def metadata(self, name: str) -> dict[str, Any]:
         """Return a metadata record; empty when the log does not have it."""
