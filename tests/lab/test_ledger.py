@@ -54,7 +54,7 @@ def finished(path: Path, profile: str, **other) -> Path:
 def test_the_log_that_counts_is_the_asked_profile_else_the_newest_that_speaks_else_the_reference(project):
     folder = project.runs / "logs" / "naming"
     assert find_log(project, "naming") is None
-    reference = touch(project.reference_logs / "naming.mcap")
+    reference = finished(project.reference_logs / "naming.mcap", "quick")
     finished(folder / "20260109T000003-smoke.mcap", "smoke")
     finished(folder / "20260109T000004-quick.mcap", "quick", changed=["source"])
     finished(folder / "20260109T000005-quick.mcap", "quick", explored=True)
@@ -66,6 +66,9 @@ def test_the_log_that_counts_is_the_asked_profile_else_the_newest_that_speaks_el
     quick = finished(folder / "20260102T000000-quick.mcap", "quick")
     assert find_log(project, "naming") == quick
     assert find_log(project, "naming", profile="paper") == paper
+    assert find_log(project, "naming", committed=True) == reference
+    finished(reference, "smoke")
+    assert find_log(project, "naming", committed=True) is None
 
 
 def test_new_logs_never_meet(project):
