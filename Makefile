@@ -50,7 +50,7 @@ ros: .venv-jazzy/.ready .venv-kilted/.ready ## Create ROS 2 Jazzy and Kilted bes
 	.venv-$*/bin/python $(INSTALL) $<
 	@touch $@
 
-yosys: setup ## Add Yosys to .venv: area and proof of the gateway as hardware, in the profile paper
+yosys: setup ## Add Yosys to .venv: area and proof of the gateway as hardware
 	$(BIN)/python $(INSTALL) yosys.lock
 
 robot: setup ## Build sfglab-robot into dist/: the same package with a robot's dependencies alone (under 400 MB)
