@@ -192,7 +192,7 @@ def draw_live(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     _draw_apart(latency, live, (live["p50_live_ms"] / live["p50_model_ms"]).astype(float))
     latency.axvspan(1 / (1 + LATENCY_WITHIN), 1 / (1 - LATENCY_WITHIN), color="black", alpha=0.1, linewidth=0)
     latency.set(xlabel="median latency, live / model")
-    latency.legend(loc="lower right", fontsize=8)
+    figure.legend(*latency.get_legend_handles_labels(), loc="outside lower right", ncols=3, fontsize=8)
     said = ", ".join(f"{what}: {count}" for what, count in agreed.items())
     if len(live):
         note(figure, f"each cell once for {live['duration_s'].max():g} s; hollow: late; grey: asked for")
