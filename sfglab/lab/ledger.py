@@ -158,6 +158,8 @@ def compute_ledger(project: Project, *, profile: str | None = None, committed: b
     for name in _experiments_of(claims):
         log = find_log(project, name, profile=profile, committed=committed)
         if log is None:
+            for silent in logs_of(project, name, committed=True):
+                _LOG.warning("claims: %s: %s", project.relative(silent.path), silent.standing.why_not)
             continue
         for claim_id, figure in _found(project, kept, name, log).items():
             ours[claim_id] = _stronger(ours[claim_id], figure) if claim_id in ours else figure

@@ -67,6 +67,7 @@ def test_the_log_that_counts_is_the_asked_profile_else_the_newest_that_speaks_el
     assert find_log(project, "naming") == quick
     assert find_log(project, "naming", profile="paper") == paper
     assert find_log(project, "naming", committed=True) == reference
+    reference.unlink()
     finished(reference, "smoke")
     assert find_log(project, "naming", committed=True) is None
 
