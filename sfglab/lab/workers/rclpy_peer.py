@@ -276,7 +276,9 @@ class Peer:
         return heard
 
     def send(self, name: str, value: int) -> None:
-        """Publish a sample of a flow."""
+        """Publish a sample of a flow, unless its end was taken away while the sample waited for its turn."""
+        if name not in self.written:
+            return
         carried = self.last[name] = self.carried.get(name)
         text = value if carried is None else f"{value}:{carried}"
         self.written[name].append((time.time_ns(), value))
