@@ -6,6 +6,7 @@ Knows what `rosbags` writes. Refuses to know where messages come from.
 from __future__ import annotations
 
 import heapq
+import math
 import os
 import secrets
 import shutil
@@ -108,8 +109,16 @@ def _hash(type_name: str, text: str) -> str:
 AnyWriter = BagWriter | LogWriter
 
 
-def new_log(path: Path, *, storage: Storage | None = None, compression: Compression = "none") -> AnyWriter:
+def new_log(
+    path: Path,
+    *,
+    storage: Storage | None = None,
+    compression: Compression = "none",
+    flush_after_s: float = 1.0,
+) -> AnyWriter:
     """Return a new log: one MCAP file where the name ends in ``.mcap``, else a rosbag2 folder.
+
+    A file's chunks end after so many seconds of log time, see `LogWriter`.
 
     Raises:
         InvalidValueError: There is something of this name; a file has a storage or a compression of its own.
@@ -132,7 +141,7 @@ def new_log(path: Path, *, storage: Storage | None = None, compression: Compress
             raise InvalidValueError(
                 "--output", given, "without .mcap at its end: such a file is MCAP with zstd"
             )
-        return LogWriter(path)
+        return LogWriter(path, flush_after_s=flush_after_s)
     except OSError as error:
         raise InvalidValueError(
             "--output", str(path), f"a path that can be written ({error.strerror})"
@@ -153,7 +162,8 @@ def whole_log(path: Path, **options: Any) -> Iterator[AnyWriter]:
             "--output", str(path), f"a path that can be written ({error.strerror})"
         ) from error
     try:
-        with _said(path), new_log(place / path.name, **options) as writer:
+        # Nothing reads it before it is whole, so rows that came seldom share a chunk.
+        with _said(path), new_log(place / path.name, flush_after_s=math.inf, **options) as writer:
             yield writer
         os.rename(place / path.name, path)  # noqa: PTH104 - never over what came meanwhile, as far as it is told
     finally:

@@ -30,14 +30,13 @@ TABLE_PREFIX = "/table/"
 TIME_COLUMN = "log_time_ns"
 _TABLE_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 _CHUNK_BYTES = 768 * 1024
-_FLUSH_AFTER_NS = NS_PER_S
 _TIMES = range(2**64)
 
 
 class LogWriter:
     """An MCAP file being written, as a context manager.
 
-    Messages are collected in chunks of 768 kB or one second of log time, whichever comes first. A finished
+    Messages are collected in chunks of 768 kB or `flush_after_s` of log time, whichever comes first. A finished
     chunk belongs to the operating system: it survives `kill -9`, and `LogReader` reads a file that ends there.
     What is in the current chunk does not; `flush` finishes it early, for example when messages stop coming.
 
@@ -47,7 +46,12 @@ class LogWriter:
     """
 
     def __init__(
-        self, path: str | os.PathLike[str], *, library: str = f"sfglab {__version__}", overwrite: bool = False
+        self,
+        path: str | os.PathLike[str],
+        *,
+        library: str = f"sfglab {__version__}",
+        overwrite: bool = False,
+        flush_after_s: float = 1.0,
     ) -> None:
         """Create the file and its directory, as `library`; LogError for one not to be overwritten."""
         from mcap.writer import CompressionType, Writer
@@ -61,6 +65,7 @@ class LogWriter:
         self._names: set[tuple[str, str]] = set()
         self._pending_bytes = 0
         self._chunk_start_ns: int | None = None
+        self._flush_after_ns = flush_after_s * NS_PER_S
         self._failed = False
         self._stream = self._opened(overwrite=overwrite)
         # Chunks end where `_count` says, so that each one is also handed to the operating system.
@@ -239,7 +244,7 @@ class LogWriter:
         self._pending_bytes += size_bytes
         if self._chunk_start_ns is None:
             self._chunk_start_ns = log_time_ns
-        if self._pending_bytes >= _CHUNK_BYTES or log_time_ns - self._chunk_start_ns >= _FLUSH_AFTER_NS:
+        if self._pending_bytes >= _CHUNK_BYTES or log_time_ns - self._chunk_start_ns >= self._flush_after_ns:
             self._flush()
 
     def _flush(self) -> None:

@@ -102,6 +102,7 @@ def test_several_logs_become_one_and_a_filter_takes_topics_and_times(tmp_path, g
         reader = make_reader(stream)
         assert [record.name for record in reader.iter_attachments()] == ["note"]
         assert [record.name for record in reader.iter_metadata()] == ["config"]
+        assert len(reader.get_summary().chunk_indexes) == 1, "a second apart, and in one chunk"
 
 
 def test_a_type_that_only_the_log_defines_goes_along(tmp_path):

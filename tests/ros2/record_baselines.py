@@ -19,6 +19,7 @@ from sfglab.lab.bench import Options
 from sfglab.lab.experiments import cooperation, experiment, transmission
 from sfglab.lab.notebooks import read_parameters
 from sfglab.lab.paths import find_project
+from sfglab.record.bag_writer import copy_logs
 
 PARTS = Options(only=frozenset({PART, transmission.validation.TABLE}))
 
@@ -32,7 +33,10 @@ async def record(profile="quick", name="", *changes):
         found = transmission.validation.validated(run) if exp is transmission.exp else compared(exp, run)
         found = run[PART] if exp is cooperation.exp else found
         sys.stdout.write(f"{path.name}\n{run.skipped(PART)}\n{found.to_string()}\n")
-        path.rename(project.reference_logs / path.name)  # a run reads its log when it is asked
+        reference = project.reference_logs / path.name
+        reference.unlink(missing_ok=True)
+        copy_logs([path], reference)  # in whole chunks; a run reads its log when it is asked
+        path.unlink()
 
 
 if __name__ == "__main__":

@@ -1,10 +1,13 @@
 """A user's environment, publishers that come and go, and processes that die, beside real ROS 2."""
 
+import asyncio
 import sys
+import time
 from collections import Counter
 
+import numpy as np
 import pytest
-from beside import LATCHED, OURS_LATCHED, STRING, asked, started, until
+from beside import ANSWER_S, LATCHED, OURS_LATCHED, STRING, asked, started, until
 
 from sfglab.bus import Node
 from sfglab.errors import InvalidValueError
@@ -152,3 +155,37 @@ async def test_a_process_that_is_killed_leaves_ros_2_s_graph(peer, domain_id):
         await until(seen)
         ours.signal(9)
         await until(gone)
+
+
+async def test_a_real_node_hears_on_when_flows_are_taken_away_before_a_sample_s_turn(peer, tmp_path):
+    """What a sample sets off after a second is not sent any more, and the next flow is heard."""
+    usual = {
+        "qos": {"depth": 9},
+        "reader_depth": 9,
+        "executor": "",
+        "then": "",
+        "service_s": 0,
+        "size_bytes": 24,
+    }
+    usual |= {"rate_hz": 100, "phase_s": 0, "change_s": 0, "cached": False}
+    there = {**usual, "name": "out", "source": "there"}
+    back = {**usual, "name": "back", "source": "here", "rate_hz": 0}
+    async with peer("there") as sender, peer("here") as hearer:
+        both = {"out": sender, "in": hearer}
+
+        async def played(*flows):
+            for one in both.values():
+                one.order(do="open", flows=flows)
+            for one in both.values():
+                await one.expect("matched", timeout_s=ANSWER_S)
+            times = {"start_ns": time.time_ns() + 10**8, "duration_s": 0.2, "drain_s": 0.1}
+            for name, one in both.items():
+                one.order(do="play", **times, result=str(tmp_path / f"{name}.npz"))
+            for one in both.values():
+                await one.expect("done", timeout_s=ANSWER_S)
+                await asked(one, "close", "closed")
+            return np.load(tmp_path / "in.npz")["out received value"]
+
+        assert (await played({**there, "then": "back", "service_s": 1}, back)).size
+        await asyncio.sleep(1.5)
+        assert (await played(there)).size
