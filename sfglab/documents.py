@@ -7,7 +7,6 @@ defaults are declared there and nowhere else. What depends on more than its fiel
 from __future__ import annotations
 
 import dataclasses
-import math
 import re
 import sys
 import types
@@ -16,7 +15,6 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from difflib import get_close_matches
-from enum import Enum
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from sfglab.errors import InvalidValueError
@@ -24,10 +22,9 @@ from sfglab.fields import BOUNDS, Bounds, alternatives_of, choices_of, typed_fie
 from sfglab.files import read_text
 
 if TYPE_CHECKING:
-    import pathlib
+    from pathlib import Path
 
     import yaml
-
 
 KeyPath = tuple[str | int, ...]  #: Keys and list positions from the top of a document.
 _TEXT = "tag:yaml.org,2002:str"
@@ -35,7 +32,6 @@ _MOST_CHARACTERS, _LONGEST_PLAIN = 2**20, 1000  # ten times the largest fleet; o
 _CONTROL = re.compile("[\x00-\x1f\x7f-\x9f\u2028\u2029]")
 
 T = TypeVar("T")
-_Choice = TypeVar("_Choice", bound=Enum)
 _REQUIRED: Any = object()
 
 
@@ -93,13 +89,10 @@ class Document:
                 raise
             mark = getattr(error, "problem_mark", None)
             place = Place(file=file, line=mark.line + 1 if mark else 0)
-            problem = getattr(error, "problem", None) or str(error)
-            raise DocumentError(place, problem, "YAML") from error
+            raise DocumentError(place, getattr(error, "problem", None) or str(error), "YAML") from error
 
     @classmethod
-    def of_file(
-        cls, path: pathlib.Path, what: str = "a readable text file", *, one_line: bool = False
-    ) -> Document:
+    def of_file(cls, path: Path, what: str = "a readable text file", *, one_line: bool = False) -> Document:
         """Read a file; `what` says in a `DocumentError` what it should be."""
         try:
             text = read_text(path, what)
@@ -147,8 +140,7 @@ class Document:
         """Return where the first alias stands; its node only knows where it was written out."""
         import yaml
 
-        marks = (e.start_mark for e in yaml.parse(self._text) if isinstance(e, yaml.AliasEvent))
-        mark = next(marks, None)
+        mark = next((e.start_mark for e in yaml.parse(self._text) if isinstance(e, yaml.AliasEvent)), None)
         return Place(file=self.file, key=_key_text(path), line=mark.line + 1 if mark else 0)
 
     def _read_pairs(
@@ -244,26 +236,17 @@ class Section:
             raise self.refusal(key, value, " or ".join(choices) + suggestion(value, choices))
         return value
 
-    def whole(self, key: str, default: Any = _REQUIRED, *, low: int, high: int | None = None) -> Any:
+    def whole(self, key: str, default: Any = _REQUIRED, *, low: int) -> Any:
         """Return a whole number, or the default where there is none."""
-        return self._number(key, default, int, Bounds(low, math.inf if high is None else high))
+        return self._number(key, default, int, Bounds(low))
 
     def positive(self, key: str, default: Any = _REQUIRED) -> Any:
         """Return a number above zero, or the default where there is none."""
         return self._number(key, default, float, Bounds(0, without=(0,)))
 
-    def number(self, key: str, default: Any = _REQUIRED, *, low: float = 0.0, high: float = math.inf) -> Any:
-        """Return a finite number from one bound, included, to another, excluded, or the default."""
-        return self._number(key, default, float, Bounds(low, high, without=(high,)))
-
     def _number(self, key: str, default: Any, kind: type[int | float], bounds: Bounds) -> Any:
-        word = (
-            "a whole number"
-            if kind is int
-            else "a number"
-            if bounds.low in bounds.without
-            else "a finite number"
-        )
+        word = "a number" if bounds.low in bounds.without else "a finite number"
+        word = "a whole number" if kind is int else word
 
         def fits(value: Any) -> bool:
             return (type(value) is int if kind is int else _is_finite(value)) and value in bounds
@@ -280,22 +263,13 @@ class Section:
         value = self._checked(key, default, f"{count} numbers, all finite", fits=fits)
         return tuple(value) if isinstance(value, list) else value
 
-    def choice(self, key: str, default: _Choice) -> _Choice:
-        """Return the member of an enumeration whose value stands there, or the default."""
-        value = self.text(key, default.value, choices=tuple(member.value for member in type(default)))
-        return type(default)(value)
-
-    def flag(self, key: str, default: Any = _REQUIRED) -> Any:
-        """Return true or false, or the default where there is neither."""
-        return self._checked(key, default, "true or false", fits=lambda value: isinstance(value, bool))
-
-    def texts(self, key: str, default: tuple[str, ...] = ()) -> tuple[str, ...]:
-        """Return a list of texts, or the default where there is none."""
+    def texts(self, key: str) -> tuple[str, ...]:
+        """Return a list of texts, none where nothing stands."""
 
         def fits(value: Any) -> bool:
             return isinstance(value, list) and all(map(_is_text, value))
 
-        return tuple(self._checked(key, default, "a list of texts (quote numbers)", fits=fits))
+        return tuple(self._checked(key, (), "a list of texts (quote numbers)", fits=fits))
 
     def section(self, key: str) -> Section:
         """Return the mapping at a key, an empty one where there is none."""
@@ -358,7 +332,7 @@ class Section:
         if hint in (int, float):
             return self._number(key, _REQUIRED, hint, extra.get(BOUNDS, Bounds(0)))
         if hint is bool:
-            return self.flag(key)
+            return self._checked(key, _REQUIRED, "true or false", fits=lambda value: isinstance(value, bool))
         choices = choices_of(hint)
         text = self.text(key, choices=tuple(choices))
         self._match(key, [text], extra)
@@ -381,10 +355,8 @@ class Section:
         if each in (int, float):
             return self.numbers(key, 1 + len(more))
         if dataclasses.is_dataclass(each):
-            return made(
-                item.read(typing.cast("type[Any]", each))
-                for item in self.items(key, short=extra.get("short", ""))
-            )
+            items = self.items(key, short=extra.get("short", ""))
+            return made(item.read(typing.cast("type[Any]", each)) for item in items)
         texts, choices = self.texts(key), choices_of(each)
         for text in texts:
             if choices and text not in choices:
@@ -402,8 +374,7 @@ class Section:
         """Refuse the first key that was not read, with those that are allowed and what was probably meant."""
         for key in self._values:
             if key not in self._known:
-                allowed = ", ".join(sorted(self._known)) + suggestion(key, self._known)
-                raise self.refusal(key, key, allowed)
+                raise self.refusal(key, key, ", ".join(sorted(self._known)) + suggestion(key, self._known))
 
     def _slip(self, key: str) -> str:
         """Return which unknown key a missing one was probably meant by; key by key, it may be known later."""
@@ -427,8 +398,7 @@ def _sections(document: Document, path: KeyPath, value: Any, short: str = "") ->
     if not isinstance(value, list):
         raise DocumentError(document.place(path), value, "a list")
     for position, item in enumerate(value):
-        content = {short: item} if short and isinstance(item, str) else item
-        yield Section(document, (*path, position), content)
+        yield Section(document, (*path, position), {short: item} if short and isinstance(item, str) else item)
 
 
 # What a field's type cannot say, as its metadata: ``field(metadata=named("from") | bounds(1, 9))``.

@@ -175,14 +175,11 @@ def from_json(hint: Any, value: Any) -> Any:  # noqa: PLR0911  # one return a ki
         return _union_from_json(arguments, value)
     if isinstance(hint, type) and issubclass(hint, Enum):
         return _made(hint, value)
-    if origin is tuple and isinstance(value, Sequence) and not isinstance(value, str):
+    is_list = isinstance(value, Sequence) and not isinstance(value, str)
+    if origin is tuple and is_list:
         each = arguments[:1] * len(value) if arguments[1:] == (...,) else arguments
         return tuple(from_json(h, v) for h, v in zip(each, value, strict=True))
-    if (
-        origin in (list, Sequence, frozenset, set)
-        and isinstance(value, Sequence)
-        and not isinstance(value, str)
-    ):
+    if origin in (list, Sequence, frozenset, set) and is_list:
         made = (from_json(arguments[0], v) for v in value)
         return tuple(made) if origin is Sequence else origin(made)
     if origin in (dict, Mapping) and isinstance(value, Mapping):

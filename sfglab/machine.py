@@ -11,7 +11,6 @@ from sfglab.errors import SfglabError
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-
 S = TypeVar("S", bound=Enum)
 I = TypeVar("I", bound=Enum)  # noqa: E741 - stands beside S and A, for inputs
 A = TypeVar("A", bound=Enum)

@@ -22,7 +22,6 @@ from sfglab.fields import to_json
 if TYPE_CHECKING:
     from collections.abc import AsyncIterator, Callable, Coroutine, Iterable, Iterator, Mapping, Sequence
 
-
 T = TypeVar("T")
 
 LINE_LIMIT_BYTES = 1 << 22

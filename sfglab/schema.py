@@ -55,9 +55,8 @@ class SchemaMaker:
                 properties[key] = self.value(field.type, field.metadata) | _said(field, docs)
                 if field.default is field.default_factory:  # both are missing
                     required.append(key)
-        about = (classes[-1].__doc__ or "").partition("\n\n")[0].replace("\n    ", " ")
         return {
-            "description": about,
+            "description": (classes[-1].__doc__ or "").partition("\n\n")[0].replace("\n    ", " "),
             "type": "object",
             "properties": properties,
             "required": required,
@@ -129,8 +128,7 @@ def limits(bounds: Bounds) -> Schema:
     """Return the keywords that say a number's bounds."""
     low = "exclusiveMinimum" if bounds.low in bounds.without else "minimum"
     high = "exclusiveMaximum" if bounds.high in bounds.without else "maximum"
-    ends = {low: bounds.low, high: bounds.high}
-    return {word: end for word, end in ends.items() if math.isfinite(end)}
+    return {word: end for word, end in ((low, bounds.low), (high, bounds.high)) if math.isfinite(end)}
 
 
 def _is_elsewhere(field: dataclasses.Field[Any]) -> bool:

@@ -11,7 +11,6 @@ from sfglab.fields import field_docs, to_json
 if TYPE_CHECKING:
     from collections.abc import Container, Iterable, Sequence
 
-
 WIDTH = 110  #: Of the line under the head, at most.
 
 
@@ -59,11 +58,8 @@ class Shown:
 
 def field_rows(value: Any) -> list[tuple[str, str, str]]:
     """Return a dataclass's fields with their values and documentation, after a head."""
-    docs = field_docs(type(value))
-    rows = [
-        (f.name, _text(to_json(getattr(value, f.name))), docs.get(f.name, ""))
-        for f in dataclasses.fields(value)
-    ]
+    docs, names = field_docs(type(value)), [f.name for f in dataclasses.fields(value)]
+    rows = [(name, _text(to_json(getattr(value, name))), docs.get(name, "")) for name in names]
     return [("field", "value", "meaning"), *rows]
 
 

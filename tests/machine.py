@@ -49,9 +49,8 @@ def pytest_configure() -> None:
     settings.register_profile("any machine", deadline=None)  # a busy one is slow
     settings.load_profile("any machine")
     if unknown := REQUIRED - set(NEEDS):
-        raise pytest.UsageError(
-            f"SFGLAB_REQUIRE: given {', '.join(sorted(unknown))}, allowed are {', '.join(NEEDS)}"
-        )
+        given, allowed = ", ".join(sorted(unknown)), ", ".join(NEEDS)
+        raise pytest.UsageError(f"SFGLAB_REQUIRE: given {given}, allowed are {allowed}")
 
 
 @pytest.hookimpl(trylast=True)

@@ -92,9 +92,9 @@ def _nodes(node: ast.AST) -> Iterator[ast.AST]:
                 continue
             if isinstance(child, ast.FunctionDef) and _DRAWN.intersection(arg.arg for arg in child.args.args):
                 continue
-            if isinstance(child, ast.AST) and not (
-                isinstance(child, ast.If) and "TYPE_CH" in ast.dump(child.test)
-            ):
+            if isinstance(child, ast.If) and "TYPE_CH" in ast.dump(child.test):
+                continue
+            if isinstance(child, ast.AST):
                 yield child
                 yield from _nodes(child)
 
@@ -204,9 +204,9 @@ class _Source(SourceFileLoader):
 
     def find_spec(self, name: str, _path: Any = None, _target: Any = None) -> ModuleSpec | None:
         """Return the module's place, if it is this one."""
-        return (
-            importlib.util.spec_from_file_location(name, self.path, loader=self) if name == self.name else None
-        )
+        if name != self.name:
+            return None
+        return importlib.util.spec_from_file_location(name, self.path, loader=self)
 
     def get_code(self, _fullname: str) -> Any:
         """Return the text, compiled."""

@@ -26,7 +26,6 @@ PHONE = 390  # pixels
 LOADED = {("script", "src"), ("link", "href"), ("img", "src"), ("iframe", "src"), ("source", "src")}
 WIDER = "document.documentElement.scrollWidth > innerWidth || [...document.images].some(i => !i.naturalWidth)"
 
-
 COMMANDS = {" ".join(("sfglab", *words)): command for words, command in commands()}
 
 

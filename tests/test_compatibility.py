@@ -23,12 +23,7 @@ def test_every_test_beside_ros_2_says_what_it_shows():
 
 @pytest.mark.parametrize(
     ("outcomes", "said"),
-    [
-        (["passed", "passed"], WORKS),
-        (["passed", "failed"], FAILS),
-        (["skipped"], UNTESTED),
-        ([], UNTESTED),
-    ],
+    [(["passed", "passed"], WORKS), (["passed", "failed"], FAILS), (["skipped"], UNTESTED), ([], UNTESTED)],
 )
 def test_outcomes_decide(outcomes, said):
     of = {"feature": "f", "distribution": "jazzy", "test": "t"}

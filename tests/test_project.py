@@ -90,11 +90,7 @@ def imports() -> dict[str, set[str]]:
     for path, tree in trees().items():
         nodes = list(ast.walk(tree))
         froms = [n for n in nodes if isinstance(n, ast.ImportFrom) and n.module and n.level == 0]
-        names = {
-            f"{n.module}.{a.name}" if f"{n.module}.{a.name}" in modules else n.module
-            for n in froms
-            for a in n.names
-        }
+        names = {f"{n.module}.{a.name}" for n in froms for a in n.names} & modules
         names |= {n.module for n in froms}  # a submodule's import runs its package's first
         names |= {a.name for n in nodes if isinstance(n, ast.Import) for a in n.names}
         found[name_of(path)] = {n for n in names if n.startswith("sfglab")} - {name_of(path)}

@@ -49,38 +49,28 @@ def _paper(entry):
     return "no number" if entry.claim.paper is None else f"{entry.claim.paper:g}"
 
 
+def _head(*columns):
+    return [f"| {' | '.join(columns)} |", "|" + "---|" * len(columns)]
+
+
 def block():
     """Return the README's results, as the committed logs have them."""
     ledger = {entry.claim.id: entry for entry in compute_ledger(Project(root=ROOT), committed=True)}
     counts = Counter(entry.verdict.value for entry in ledger.values()).most_common()
-    lines = [
-        f"Of {len(ledger)} claims: {', '.join(f'{count} {verdict}' for verdict, count in counts)}.",
-        "",
-        "| result | paper | ours, with 95 % interval | verdict |",
-        "|---|---|---|---|",
-    ]
+    lines = [f"Of {len(ledger)} claims: {', '.join(f'{count} {verdict}' for verdict, count in counts)}.", ""]
+    lines += _head("result", "paper", "ours, with 95 % interval", "verdict")
     for name, (says, figure) in RESULTS.items():
         e = ledger[name]
         verdict = f"{e.verdict.value} ({name}, {e.measured.how.value})"
         lines.append(f"| [{says}](figures/{figure}.png) | {_paper(e)} | {_ours(e)} | {verdict} |")
-    lines += [
-        "",
-        "What did not hold, or not as it is said:",
-        "",
-        "| claim | the paper's sentence | paper | ours | why |",
-        "|---|---|---|---|---|",
-    ]
+    lines += ["", "What did not hold, or not as it is said:", ""]
+    lines += _head("claim", "the paper's sentence", "paper", "ours", "why")
     for name, e in ledger.items():
         if e.verdict.value == "deviates":
             reason = " ".join("; ".join(e.reason.split("; ")[:2]).split()).replace("|", "/")
             lines.append(f"| {name} ({e.claim.where}) | {e.claim.says} | {_paper(e)} | {_ours(e)} | {reason} |")
-    lines += [
-        "",
-        "What it does better than what one would otherwise take:",
-        "",
-        "| instead of | this | measured |",
-        "|---|---|---|",
-    ]
+    lines += ["", "What it does better than what one would otherwise take:", ""]
+    lines += _head("instead of", "this", "measured")
     lines += [f"| {other} | {this} | {_ours(ledger[name])} |" for name, (other, this) in INSTEAD.items()]
     return "\n".join(lines) + "\n"
 
@@ -104,18 +94,13 @@ def test_the_readmes_snippet_runs_as_a_script_beside_its_two_commands(domain_id,
     commands = re.findall(r"^\.venv/bin/sfglab ((?:camera|decoder) /.* --domain 7)$", text, re.MULTILINE)
     assert len(commands) == 2
     (tmp_path / "view.py").write_text(snippet.replace("domain_id=7", f"domain_id={domain_id}"))
-    argvs = [
-        [sys.executable, "-P", "-m", "sfglab", *words.replace("7", str(domain_id)).split()]
-        for words in commands
-    ]
+    here = [words.replace("7", str(domain_id)).split() for words in commands]
+    argvs = [[sys.executable, "-P", "-m", "sfglab", *words] for words in here]
     environment = os.environ | {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", "PYTHONUNBUFFERED": "1"}
+    options = {"stdout": subprocess.PIPE, "stderr": subprocess.DEVNULL, "text": True, "env": environment}
     with ExitStack() as stack:
         for argv in [*argvs, [sys.executable, "-P", tmp_path / "view.py"]]:
-            process = stack.enter_context(
-                subprocess.Popen(
-                    argv, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True, env=environment
-                )
-            )
+            process = stack.enter_context(subprocess.Popen(argv, **options))
             stack.callback(process.send_signal, signal.SIGINT)
         seen = [process.stdout.readline() for _ in range(3)]
         assert all(re.fullmatch(r"\d+ \d+\.\d+\n", line) for line in seen), seen

@@ -109,8 +109,7 @@ def build_problem(given: BalanceInput, *, weight: float = 0.5) -> tuple[Any, Any
 def balance(given: BalanceInput, *, weight: float = 0.5, solver: str = "CLARABEL") -> Balance:
     """Solve Eq. 6 with CVXPY, as the paper does; see `build_problem`.
 
-    Raises InfeasibleBalanceError, which says what fails and by how much, or SfglabError with the solver's
-    status.
+    Raises InfeasibleBalanceError, which says what fails by how much, or SfglabError with the solver's status.
     """
     problem, rate, depth = build_problem(given, weight=weight)
     problem.solve(solver=solver)

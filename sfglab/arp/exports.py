@@ -44,9 +44,8 @@ def _summary(plan: Plan) -> str:
 
 def _rate_text(part: TopicPlan) -> str:
     """Return how often a topic's node works; behind a local cache that is how often it reads."""
-    return f"{part.rate_hz:.4g} Hz" + (
-        ", of which a local cache lets changes pass" if part.topic.cached else ""
-    )
+    passed = ", of which a local cache lets changes pass" if part.topic.cached else ""
+    return f"{part.rate_hz:.4g} Hz{passed}"
 
 
 def _new_comment(text: str) -> Any:

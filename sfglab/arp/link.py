@@ -55,8 +55,7 @@ class Link:
     loss: NDArray[np.float64]  #: Share of a topic's samples of which the medium loses a frame, shape (n,).
     reliable: NDArray[np.bool_]  #: Whether a topic is repaired, shape (n,).
     batching: NDArray[np.bool_]  #: Whether heartbeats come once in `depth` samples, shape (n,).
-    #: `repairs.Held` of each topic, zeros of those that are not repaired, shape (3, n).
-    held: NDArray[np.float64]
+    held: NDArray[np.float64]  #: `repairs.Held` of each topic, zeros of those not repaired, shape (3, n).
 
     @property
     def arriving(self) -> NDArray[np.float64]:
@@ -104,7 +103,7 @@ def link_of(topics: Sequence[Topic], medium: Medium, vendor: Vendor) -> Link:
     change_most_hz = np.array([1 / t.change_s if t.cached else np.inf for t in topics])
     frames = np.array([frames_of(t) for t in topics])
     loss = np.where(frames == 1, medium.loss, 1 - (1 - medium.loss) ** frames)
-    spacing_s = _spacing_s(vendor)
+    spacing_s = 0.0 if vendor.prompt or vendor.piggyback_when_full else vendor.heartbeat_ns / 1e9
     bundled_s = 0.0 if vendor.prompt else max(vendor.ack_delay_ns / 1e9, spacing_s)
     volatile = np.array([t.durability is Durability.VOLATILE for t in topics])
     link = Link(
@@ -128,8 +127,7 @@ def link_of(topics: Sequence[Topic], medium: Medium, vendor: Vendor) -> Link:
         batching=reliable & volatile & (vendor.piggyback_when_full and not vendor.shows_each),
         held=np.zeros((3, len(topics))),
     )
-    ones = np.ones(len(topics), np.int64)
-    return at_depths(link, ones, np.array([t.rate_max_hz for t in topics]))
+    return at_depths(link, np.ones(len(topics), np.int64), np.array([t.rate_max_hz for t in topics]))
 
 
 def at_depths(link: Link, depths: NDArray[np.int64], rates_hz: NDArray[np.float64]) -> Link:
@@ -177,8 +175,7 @@ def queue_wait_s(utilisation: Any, link: Link, *, inverse: Callable[[Any], Any])
     `inverse` is 1 / x for positive x, of the kind of `utilisation`.
     """
     k = link.contention
-    shares = (1 + k) * (inverse(1 - utilisation) - 1) + k * utilisation
-    return _times(0.5 * link.frame_s, shares)
+    return _times(0.5 * link.frame_s, (1 + k) * (inverse(1 - utilisation) - 1) + k * utilisation)
 
 
 def repair_delay_s(link: Link, sent_hz: Any, *, inverse: Callable[[Any], Any]) -> Any:
@@ -212,8 +209,7 @@ def _frames_s(
         size_bytes = data_bytes(topic.size_bytes, with_heartbeat=topic.reliable) + more * _AGAIN_BYTES
         data_s[there, i] = len(topic.targets) * (_air_s(medium, size_bytes) + more * medium.overhead_s)
         for target in topic.targets if topic.reliable else ():
-            back = 0 if medium.shared else senders.index(target)
-            acknack_s[back, i] += _air_s(medium, ACKNACK_BYTES)
+            acknack_s[0 if medium.shared else senders.index(target), i] += _air_s(medium, ACKNACK_BYTES)
     return data_s, acknack_s
 
 
@@ -232,14 +228,7 @@ def _air_s(medium: Medium, size_bytes: int) -> float:
 
 def _answer_s(vendor: Vendor) -> float:
     """Return what a repair costs beside its way: a prompt reader waits only before it asks a second time."""
-    delay_ns = 0 if vendor.prompt else vendor.nack_delay_ns
-    return (delay_ns + vendor.nack_response_ns) / 1e9
-
-
-def _spacing_s(vendor: Vendor) -> float:
-    if vendor.prompt or vendor.piggyback_when_full:
-        return 0.0
-    return vendor.heartbeat_ns / 1e9
+    return ((0 if vendor.prompt else vendor.nack_delay_ns) + vendor.nack_response_ns) / 1e9
 
 
 def _mean_frame_s(data_s: NDArray[np.float64], acknack_s: NDArray[np.float64]) -> NDArray[np.float64]:

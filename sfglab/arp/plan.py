@@ -57,8 +57,7 @@ class InfeasiblePlanError(SfglabError, ValueError):
 class Limits:
     """What a plan must keep to."""
 
-    #: The most of each sender's time that may be taken.
-    utilisation_max: float = between(0.9, 0, 1, without=(0, 1))
+    utilisation_max: float = between(0.9, 0, 1, without=(0, 1))  #: The most of a sender's time to be taken.
     #: Share of samples that may stay lost after repairs, where a history can keep it; a plan says what it
     #: expects (`TopicPlan.loss`).
     residual_loss: float = between(1e-4, 0, 1, without=(0, 1))
@@ -123,8 +122,7 @@ def rates_most_hz(link: Link, *, utilisation: float) -> NDArray[np.float64]:
     (`depths_for`). The share of each sender's time that is taken, at most, decides how long frames wait.
     """
     bounded = link.batching & ~np.isfinite(link.change_most_hz) & (link.loss > 0)
-    taken = np.full(len(link.senders), utilisation)
-    wait_s = queue_wait_s(taken, link, inverse=np.reciprocal)[link.sender]
+    wait_s = queue_wait_s(np.full(len(link.senders), utilisation), link, inverse=np.reciprocal)[link.sender]
     return np.where(bounded, (1 - 1e-9) / (link.round_s + _SLACK * wait_s), math.inf)
 
 
@@ -138,13 +136,11 @@ def rounds_needed(loss: float, residual_loss: float) -> int:
 _SLACK = 4.0  #: Mean waits in queues that a repair may meet on its three ways before it is too late.
 
 
-def _rounds_s(
-    link: Link, rates_hz: NDArray[np.float64], rounds: int | NDArray[np.int64]
-) -> NDArray[np.float64]:
+def _rounds_s(link: Link, rates_hz: NDArray[np.float64], count: int | NDArray[np.int64]) -> NDArray[np.float64]:
     """Return how long so many repairs, one after the other, take where heartbeats are steady."""
     shown_s = np.minimum(1 / link.sent_hz(rates_hz), link.period_s)
     each = shown_s + link.round_s + 2 * waits_s(link, rates_hz)
-    return np.asarray(rounds * each + (rounds - 1) * link.again_s)
+    return np.asarray(count * each + (count - 1) * link.again_s)
 
 
 def _batch_depths(link: Link, rates_hz: NDArray[np.float64], residual_loss: float) -> NDArray[np.int64]:
@@ -172,8 +168,7 @@ class TopicPlan:
     topic: Topic  #: The topic.
     rate_hz: float  #: How often it is sent.
     depth: int  #: History of its writer and of its reader.
-    #: Mean time from publication to delivery, expected; infinite where the medium is overloaded.
-    latency_s: float
+    latency_s: float  #: Mean time from publication to delivery, expected; infinite on an overloaded medium.
     up_to_date: float  #: Share of time in which the reader holds the value that the sensor has, expected.
     loss: float  #: Share of samples that never come because the medium loses frames, expected.
 
@@ -272,8 +267,7 @@ def assess(  # noqa: PLR0913 - a plan's parts, by keyword
 def plan_as_printed(given: TopicFile) -> Plan:
     """Return the plan of paper B's own problem (`balancing`): one rate and one depth for all, the link unseen.
 
-    Rmax is the largest rate that any topic could have, T_a counts the topics of each agent; the depth is
-    rounded down.
+    Rmax is the largest rate that any topic could have, T_a counts an agent's topics; the depth is rounded down.
 
     Raises:
         InfeasibleBalanceError: No rate and depth satisfy the printed constraints.

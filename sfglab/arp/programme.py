@@ -2,8 +2,7 @@
 
 The problem that paper B prints (`balancing`) knows neither link nor messages, and has no trade-off. This one
 has one. Sending more often keeps the reader's value truer; it also takes airtime, fills queues, and puts more
-samples behind each gap, so that latency grows. With rates r, times between changes t and weights w of the
-topics:
+samples behind each gap: latency grows. With rates r, times between changes t and weights w of the topics:
 
     maximise    sum_i w_i [ 1 - 1 / (1 + r_i t_i) - price * latency_i(r, u) ] / sum_i w_i
     subject to  airtime_s(r) <= u_s <= utilisation_max     for every sender s
@@ -21,8 +20,7 @@ programme is solved to its optimum; of the rounds, the best is kept. That need n
 
 There, samples that are published during a repair are lost for good, so the allowed loss bounds the rates; by
 how much depends on how long repairs queue (`rates_most_hz`). So a few bounds of u are tried, each with the
-rates that it permits: emptier air lets single topics be faster. Where losses bound no rate there is one, the
-given.
+rates that it permits: emptier air lets a topic be faster. Where losses bound no rate there is one, the given.
 """
 
 from __future__ import annotations
@@ -69,8 +67,7 @@ def plan(
     readers are expected to be up to date for the largest share of time. Without limits the usual ones are kept.
     """
     if latency_price_hz is None:
-        front = pareto_front(topics, medium, vendor, limits=limits)
-        return max(front, key=lambda point: point.up_to_date)
+        return max(pareto_front(topics, medium, vendor, limits=limits), key=lambda point: point.up_to_date)
     return pareto_front(topics, medium, vendor, limits=limits, prices_hz=(latency_price_hz,))[0]
 
 
@@ -118,9 +115,8 @@ class _Planner:
         needed = _check_feasible(topics, self._first, limits)
         bounded = bool(np.isfinite(rates_most_hz(self._bare, utilisation=0.0)).any())
         shares = np.array(_LEVELS if bounded else (1.0,))
-        self._levels = (
-            limits.utilisation_max * shares[(shares == 1) | (shares * limits.utilisation_max > needed)]
-        )
+        levels = limits.utilisation_max * shares
+        self._levels = levels[(shares == 1) | (levels > needed)]
 
     def plan(self, price: float) -> Plan:
         """Return the plan at a price of latency: the best of those with the air as full as each level."""
@@ -186,8 +182,7 @@ def _worth(found: Plan) -> float:
 
 def _check_feasible(topics: Sequence[Topic], link: Link, limits: Limits) -> float:
     """Return which share of a sender's time the minimal rates take."""
-    lowest = np.array([t.rate_min_hz for t in topics])
-    sent_hz = np.minimum(lowest, link.change_most_hz)
+    sent_hz = np.minimum(np.array([t.rate_min_hz for t in topics]), link.change_most_hz)
     needed = link.load(sent_hz)
     worst = int(needed.argmax())
     if needed[worst] <= limits.utilisation_max:
@@ -277,8 +272,7 @@ def _mean_latency_s(
 ) -> Any:
     carried = np.bincount(link.sender, weights, minlength=len(link.senders))
     waits = carried @ queue_wait_s(busy, link, inverse=_inverse_at(np.ones(len(link.senders))))
-    repairs = weights @ repair_delay_s(link, sent, inverse=_inverse_at(usual))
-    return waits + repairs + weights @ link.way_s
+    return waits + weights @ repair_delay_s(link, sent, inverse=_inverse_at(usual)) + weights @ link.way_s
 
 
 def _inverse_at(usual: NDArray[np.float64]) -> Callable[[Any], Any]:

@@ -21,8 +21,7 @@ class Sensor:
     name: str  #: Of the device, as topics name it.
     model: str  #: Maker and model (section 3.1).
     type: str  #: ROS type of its messages.
-    #: A value that it sends; of the paper's two texts, the one whose size Table 1 gives.
-    example: float | bool | str
+    example: float | bool | str  #: A value that it sends; of the paper's two texts, that of Table 1's size.
     table_bytes: int  #: Size in Table 1.
     change_s: float  #: Mean time between changes of its value, seconds, while objects move around it.
     why: str  #: Where `change_s` comes from.

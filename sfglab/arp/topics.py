@@ -107,8 +107,7 @@ class TopicFile:
     """A file of topics for `sfglab qos`: who sends what to whom over which link."""
 
     topics: tuple[Topic, ...] = field(metadata=by_name("name"))  #: In the file's order.
-    #: The link that all of them share.
-    medium: Medium = field(default_factory=Medium, metadata=ELSEWHERE)
+    medium: Medium = field(default_factory=Medium, metadata=ELSEWHERE)  #: The link that all of them share.
     #: The DDS implementation, with the file's timing where it says any.
     vendor: Vendor = field(default=FAST_DDS, metadata=ELSEWHERE)
     #: The most of the medium's time that may be planned.

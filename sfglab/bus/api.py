@@ -34,7 +34,6 @@ SHM_KEY = "sfglab.shm"
 OFFER_KEY = "sfglab.offer"  #: On writers that send nothing: somebody would, if it were wanted.
 SHM_PARTITION = "sfglab.shm"  #: Where shared-memory endpoints show themselves and no ordinary one matches them.
 
-
 FAST_DDS = b"\x01\x0f"  #: Fast DDS's vendor id, with which its GUIDs begin (RTPS 2.5, clause 9.3.1.5).
 
 

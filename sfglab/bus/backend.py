@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 from sfglab.bus.api import EndpointKind, Listener, RawEndpoint
 from sfglab.bus.endpoints import Inbox, Reader, Sample, Writer
 from sfglab.bus.forwarding import Forward, Forwarder, Transform
-from sfglab.bus.loop import Calls, LoopBridge, OnError
+from sfglab.bus.loop import Calls, LoopBridge, OnError, nothing
 from sfglab.bus.ros.services import RosServices
 from sfglab.messages import decoder
 
@@ -158,7 +158,7 @@ class LoopWriter:
     def __init__(self, backend: Backend, endpoint: RawEndpoint) -> None:
         self._backend = backend
         self._writers = [
-            backend.open_writer(replace(endpoint, transport=transport), _ignore)
+            backend.open_writer(replace(endpoint, transport=transport), nothing)
             for transport in (("dds", "ros") if endpoint.transport == "any" else (endpoint.transport,))
         ]
         self.gid = self._writers[0].gid
@@ -182,10 +182,8 @@ class LoopForward(Forward[Sample, LoopWriter]):
 
     def __init__(self, backend: Backend, endpoint: RawEndpoint) -> None:
         calls = backend.calls(f"raw reader {endpoint.dds_topic!r}")
-        inbox = Inbox(
-            backend.bridge, endpoint.qos, decode=lambda sample: sample, callback=self._take, calls=calls
-        )
-        self._reader = backend.open_reader(endpoint, _ignore, inbox)
+        inbox = Inbox(backend.bridge, endpoint.qos, decode=lambda s: s, callback=self._take, calls=calls)
+        self._reader = backend.open_reader(endpoint, nothing, inbox)
         self._backend = backend
         super().__init__(self._reader.gid)
         backend.register(self._reader)
@@ -212,10 +210,6 @@ class LoopForward(Forward[Sample, LoopWriter]):
     def _drop(self, sample: Sample) -> None:
         del sample
         self.counts.dropped += 1
-
-
-def _ignore() -> None:
-    pass
 
 
 Join = Callable[[str, OnError | None], Backend]  #: Given a node's full name and its errors' taker.

@@ -14,6 +14,8 @@ from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar
 
+from sfglab.bus.loop import nothing
+
 if TYPE_CHECKING:
     from sfglab.bus.api import RawEndpoint
 
@@ -88,7 +90,7 @@ class SourceGate(Generic[_Sample, _Exit]):
         self._exits.clear()
         for source in tuple(self._held):
             self._drop_held(source)
-        self._send = self._drop = _nowhere
+        self._send = self._drop = nothing
 
     def _hold(self, source: bytes, sample: _Sample) -> None:
         held = self._held.setdefault(source, deque())
@@ -99,10 +101,6 @@ class SourceGate(Generic[_Sample, _Exit]):
     def _drop_held(self, source: bytes) -> None:
         for sample in self._held.pop(source, ()):
             self._drop(sample)
-
-
-def _nowhere(*_: Any) -> None:
-    pass
 
 
 class Forward(ABC, Generic[_Sample, _Writer]):

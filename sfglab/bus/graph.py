@@ -6,19 +6,13 @@ import asyncio
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from sfglab.bus.api import (
-    EndpointAdded,
-    EndpointEvent,
-    EndpointInfo,
-    EndpointKind,
-    EndpointRemoved,
-    Listener,
-    NodeInfo,
-)
+from sfglab.bus.api import EndpointAdded, EndpointKind, EndpointRemoved
 from sfglab.bus.loop import Signal
 
 if TYPE_CHECKING:
     from collections.abc import AsyncIterator, Callable, Iterable
+
+    from sfglab.bus.api import EndpointEvent, EndpointInfo, Listener, NodeInfo
 
 
 class Graph:
@@ -28,9 +22,7 @@ class Graph:
     nodes, `read_nodes` is called once and lets `learn_nodes` be called.
     """
 
-    def __init__(
-        self, loop: asyncio.AbstractEventLoop, *, read_nodes: Callable[[], None] = lambda: None
-    ) -> None:
+    def __init__(self, loop: asyncio.AbstractEventLoop, read_nodes: Callable[[], None] = lambda: None) -> None:
         self._read_nodes: Callable[[], None] | None = read_nodes
         self._nodes: dict[bytes, tuple[NodeInfo, ...]] = {}
         self._owners: dict[bytes, str] = {}

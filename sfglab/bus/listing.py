@@ -114,9 +114,8 @@ def one_of(known: Iterable[str], name: str, what: str) -> str:
     if name in (there := list(dict.fromkeys(known))):
         return name
     near = difflib.get_close_matches(name, there, n=5, cutoff=0.5) or there[:5]
-    raise InvalidValueError(
-        what, name, f"one that is there, such as {', '.join(near)}" if near else "there is none"
-    )
+    allowed = f"one that is there, such as {', '.join(near)}" if near else "there is none"
+    raise InvalidValueError(what, name, allowed)
 
 
 def view(node: Node) -> View:
@@ -208,9 +207,8 @@ def _duration(duration_ns: int | None) -> str:
 
 def names_text(found: Mapping[str, tuple[str, ...]], *, show_types: bool) -> str:
     """Return names, a line each, as ROS 2's lists print them."""
-    return "".join(
-        f"{name} [{', '.join(types)}]\n" if show_types else f"{name}\n" for name, types in found.items()
-    )
+    lines = (f"{name} [{', '.join(types)}]" if show_types else name for name, types in found.items())
+    return "".join(f"{line}\n" for line in lines)
 
 
 def requested(declared: QoSProfile, offered: Iterable[QoSProfile]) -> QoSProfile:

@@ -136,6 +136,10 @@ class WatchThread:
         os.close(self._bell)
 
 
+def nothing(*_: object) -> None:
+    """Do nothing."""
+
+
 def _call(function: Callable[[], None]) -> None:
     try:
         function()

@@ -206,9 +206,8 @@ class Node:
                 Closing waits for a call that runs, 5 s at most.
         """
         if threaded and (callback is None or inspect.iscoroutinefunction(callback)):
-            raise InvalidValueError(
-                f"threaded subscription of {topic!r}, callback", callback, "a plain function"
-            )
+            place = f"threaded subscription of {topic!r}, callback"
+            raise InvalidValueError(place, callback, "a plain function")
         backend, options = self.backend, {"transport": transport, "threaded": threaded}
         endpoint = topic_endpoint(type_, self._resolve(topic), qos, **options)
         return Subscription(self, backend, endpoint, callback, raw=raw)

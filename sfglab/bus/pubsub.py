@@ -8,15 +8,7 @@ from operator import itemgetter
 from typing import TYPE_CHECKING, Any
 
 from sfglab import names
-from sfglab.bus.api import (
-    Callback,
-    EndpointAdded,
-    EndpointEvent,
-    EndpointInfo,
-    MessageInfo,
-    MessageType,
-    RawEndpoint,
-)
+from sfglab.bus.api import EndpointAdded, MessageInfo, RawEndpoint
 from sfglab.bus.endpoints import Endpoint, Inbox, Reader, Sample, ThreadInbox
 from sfglab.bus.errors import BusTimeoutError, ClosedError, InvalidMessageError, discovery_timeout_error
 from sfglab.bus.loop import Signal
@@ -27,6 +19,7 @@ if TYPE_CHECKING:
     from collections.abc import AsyncIterator, Callable
     from contextlib import AbstractContextManager
 
+    from sfglab.bus.api import Callback, EndpointEvent, EndpointInfo, MessageType
     from sfglab.bus.backend import Backend
 
 _log = logging.getLogger("sfglab.bus")
@@ -150,13 +143,7 @@ class Subscription(TopicEnd):
     """One topic's incoming messages, bounded by its QoS, for `take`, `async for` or a callback."""
 
     def __init__(
-        self,
-        node: Any,
-        backend: Backend,
-        endpoint: RawEndpoint,
-        callback: Callback | None,
-        *,
-        raw: bool = False,
+        self, node: Any, backend: Backend, endpoint: RawEndpoint, callback: Callback | None, *, raw: bool
     ) -> None:
         super().__init__(node, backend, endpoint)
         self._decode = itemgetter(0) if raw else _decoding(backend, endpoint.type)
@@ -238,10 +225,8 @@ class Subscription(TopicEnd):
             async with asyncio.timeout(timeout_s):
                 return await self._inbox.get(self._what)
         except TimeoutError as error:
-            known = f"{self._reader.matched} matching publisher(s) known"
-            raise BusTimeoutError(
-                f"topic {self.topic_name!r}: no message within {timeout_s} s; {known}"
-            ) from error
+            said = f"no message within {timeout_s} s; {self._reader.matched} matching publisher(s) known"
+            raise BusTimeoutError(f"topic {self.topic_name!r}: {said}") from error
 
 
 class _Incoming:

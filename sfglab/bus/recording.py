@@ -32,6 +32,8 @@ if TYPE_CHECKING:
     from sfglab.record.bag_writer import AnyWriter
     from sfglab.record.reader import LogMessage
 
+    Told = Callable[[str], None]
+
 _BATCH = 256
 _LAST_BATCHES = 8
 _OTHERS_S = 0.2  #: How long publishers of one topic may take to appear together.
@@ -48,12 +50,7 @@ class Recorder:
     """
 
     def __init__(
-        self,
-        node: Node,
-        open_log: Callable[[], AnyWriter],
-        *,
-        wanted: Callable[[str], bool],
-        told: Callable[[str], None],
+        self, node: Node, open_log: Callable[[], AnyWriter], *, wanted: Callable[[str], bool], told: Told
     ) -> None:
         self.counts: Counter[str] = Counter()  #: Messages written, by topic.
         self._node = node
@@ -108,15 +105,11 @@ class Recorder:
         return sides
 
     def _heard(self, event: EndpointEvent) -> None:
-        end = event.endpoint
-        if (
-            not isinstance(event, EndpointAdded)
-            or end.kind is not EndpointKind.PUBLISHER
-            or end.transport != "dds"
-        ):
-            return
-        if end.topic.startswith("/") and end.topic not in self._topics and self._wanted(end.topic):
-            self._topics[end.topic] = asyncio.ensure_future(self._follow(end.topic))
+        end, topic = event.endpoint, event.endpoint.topic
+        sends = isinstance(event, EndpointAdded) and end.kind is EndpointKind.PUBLISHER
+        is_topic = end.transport == "dds" and topic.startswith("/")
+        if sends and is_topic and topic not in self._topics and self._wanted(topic):
+            self._topics[topic] = asyncio.ensure_future(self._follow(topic))
 
     async def _follow(self, topic: str) -> None:
         """Put messages of a topic into the queue; while that is full they wait in the subscription's."""
@@ -125,9 +118,9 @@ class Recorder:
         if not publishers:
             del self._topics[topic]  # it has gone again
             return
-        type_ = publishers[0].type
+        kind = publishers[0].type
         try:
-            subscription = self._node.create_subscription(type_, topic, qos=usual_qos(publishers), raw=True)
+            subscription = self._node.create_subscription(kind, topic, qos=usual_qos(publishers), raw=True)
         except (UnknownTypeError, FqnError) as error:
             self._told(f"Topic '{topic}' is not recorded: {error}")
             return
@@ -136,9 +129,7 @@ class Recorder:
         qos = _offered(publishers)
         while True:
             cdr, info = await subscription.take_with_info()
-            await self._queue.put(
-                (topic, type_, cdr, info.received_timestamp_ns, info.source_timestamp_ns, qos)
-            )
+            await self._queue.put((topic, kind, cdr, info.received_timestamp_ns, info.source_timestamp_ns, qos))
 
     def _waiting(self) -> list[tuple[Any, ...]]:
         return [self._queue.get_nowait() for _ in range(self._queue.qsize())]
@@ -173,13 +164,7 @@ class Player:
     """Plays wanted topics of a log at the pace of the recording once subscriptions match; see `Recorder`."""
 
     def __init__(
-        self,
-        node: Node,
-        path: Path,
-        how: Playing,
-        *,
-        wanted: Callable[[str], bool],
-        told: Callable[[str], None],
+        self, node: Node, path: Path, how: Playing, *, wanted: Callable[[str], bool], told: Told
     ) -> None:
         self.counts: Counter[str] = Counter()  #: Messages played, by topic.
         self._node = node

@@ -16,7 +16,7 @@ from sfglab import names
 from sfglab.bus.api import FAST_DDS, Handler, RawEndpoint, Transport, user_data
 from sfglab.bus.endpoints import Inbox, Sample
 from sfglab.bus.errors import BusTimeoutError, ClosedError, discovery_timeout_error
-from sfglab.bus.loop import Signal
+from sfglab.bus.loop import Signal, nothing
 from sfglab.bus.pubsub import checked_type
 from sfglab.errors import InvalidValueError
 from sfglab.messages import (
@@ -65,7 +65,7 @@ class _Pair:
         )
         self.writer = backend.open_writer(out, self.changed.notify)
         self.reader = backend.open_reader(in_, self.changed.notify, self.inbox)
-        self.on_close: Callable[[], None] = lambda: None
+        self.on_close: Callable[[], None] = nothing
 
     def peers(self) -> frozenset[bytes]:
         """Return the GUID prefixes of participants that have both halves of the other side, framed as ours."""
@@ -150,7 +150,7 @@ class Service:
         *,
         name: str,
         handler: Handler,
-        transport: Transport = "dds",
+        transport: Transport,
         answered: Callable[[Any], None] | None = None,
     ) -> None:
         self.service_name = name  #: The fully resolved ROS service.
@@ -176,9 +176,7 @@ class Service:
 class Client:
     """A service's client; made by `Node.create_client`. Calls may run concurrently."""
 
-    def __init__(
-        self, node: Any, backend: Backend, type_: str, *, name: str, transport: Transport = "dds"
-    ) -> None:
+    def __init__(self, node: Any, backend: Backend, type_: str, *, name: str, transport: Transport) -> None:
         self.service_name = name  #: The fully resolved ROS service.
         service = service_type(type_)
         self._request_type = type_name(service.request)

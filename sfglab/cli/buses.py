@@ -9,6 +9,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 import typer
+from typer import Option
 
 from sfglab.component import run, run_until_interrupted
 from sfglab.domains import MAX_DOMAIN, VARIABLE
@@ -30,23 +31,23 @@ T = TypeVar("T")
 
 def domain_option(text: str, default: str = f"{VARIABLE}, else 0") -> Any:
     """Return an option for a domain, whose default the command knows."""
-    return typer.Option(min=0, max=MAX_DOMAIN, help=f"{text} [default: {default}]")
+    return Option(min=0, max=MAX_DOMAIN, help=f"{text} [default: {default}]")
 
 
 Domain = Annotated[int | None, domain_option("DDS domain.")]
-Interface = Annotated[str | None, typer.Option(help="Network interface; lo stays inside.")]
+Interface = Annotated[str | None, Option(help="Network interface; lo stays inside.")]
 SpinTime = Annotated[
     float | None,
-    typer.Option("--spin-time", min=0.0, help="Seconds to wait for discovery. [default: until all is quiet]"),
+    Option("--spin-time", min=0.0, help="Seconds to wait for discovery. [default: until all is quiet]"),
 ]
-Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
-Hidden = Annotated[bool, typer.Option("--include-hidden", "-a", help="Consider names below _ as well.")]
-ShowTypes = Annotated[bool, typer.Option("--show-types", "-t", help="Additionally show the type.")]
-Count = Annotated[bool, typer.Option("--count", "-c", help="Only display how many there are.")]
-Reliability = Annotated[str | None, typer.Option("--qos-reliability", help="reliable or best_effort.")]
-Durability = Annotated[str | None, typer.Option("--qos-durability", help="volatile or transient_local.")]
-Depth = Annotated[int | None, typer.Option("--qos-depth", min=1, help="How many messages are kept.")]
-Timeout = Annotated[float | None, typer.Option(min=0.1, help="Seconds to wait; else for ever.")]
+Json = Annotated[bool, Option("--json", help="Print JSON.")]
+Hidden = Annotated[bool, Option("--include-hidden", "-a", help="Consider names below _ as well.")]
+ShowTypes = Annotated[bool, Option("--show-types", "-t", help="Additionally show the type.")]
+Count = Annotated[bool, Option("--count", "-c", help="Only display how many there are.")]
+Reliability = Annotated[str | None, Option("--qos-reliability", help="reliable or best_effort.")]
+Durability = Annotated[str | None, Option("--qos-durability", help="volatile or transient_local.")]
+Depth = Annotated[int | None, Option("--qos-depth", min=1, help="How many messages are kept.")]
+Timeout = Annotated[float | None, Option(min=0.1, help="Seconds to wait; else for ever.")]
 Place = tuple[int | None, str | None]  #: A domain and an interface.
 _TOPIC_S = 3.0  #: How long a topic's publisher is looked for,
 _SOON_S = 1.0  #: After which it is said that a server is waited for.
@@ -88,11 +89,10 @@ async def transport_of(node: Node, service: str, timeout_s: float | None) -> Tra
     from sfglab.bus import BusTimeoutError, EndpointKind
     from sfglab.names import dds_service
 
-    request = dds_service(service)[0]
+    asked = dds_service(service)[0], EndpointKind.SUBSCRIPTION
 
     def servers() -> list[EndpointInfo]:
-        kind = EndpointKind.SUBSCRIPTION
-        return [e for e in node.graph.endpoints() if e.dds_topic == request and e.kind is kind]
+        return [e for e in node.graph.endpoints() if (e.dds_topic, e.kind) == asked]
 
     if not await node.graph.wait_for(lambda: bool(servers()), _SOON_S):
         typer.echo("waiting for service to become available...", err=True)
@@ -104,9 +104,8 @@ async def transport_of(node: Node, service: str, timeout_s: float | None) -> Tra
     if "dds" in (found := {server.transport for server in servers()}) or "ros" not in found:
         return "dds"
     if why := node.backend.ros.why:
-        raise SfglabError(
-            f"service {service!r}: its server runs on rmw_fastrtps, which takes a ROS 2 to reach; {why}"
-        )
+        runs = "its server runs on rmw_fastrtps, which takes a ROS 2 to reach"
+        raise SfglabError(f"service {service!r}: {runs}; {why}")
     return "ros"
 
 
@@ -221,10 +220,6 @@ def unused(why: str, *names: str) -> None:
     click = import_module(typer.Context.__mro__[1].__module__.partition(".core")[0] + ".globals")
     context = click.get_current_context()
     options = {parameter.name: max(parameter.opts, key=len) for parameter in context.command.params}
-    given = [
-        options[name]
-        for name in names
-        if getattr(context.get_parameter_source(name), "name", "") == "COMMANDLINE"
-    ]
-    if given:
+    source = context.get_parameter_source
+    if given := [options[name] for name in names if getattr(source(name), "name", "") == "COMMANDLINE"]:
         raise SfglabError(f"{' and '.join(given)}: given {why}")

@@ -6,6 +6,7 @@ import asyncio
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from typer import Argument, Option
 
 import sfglab.cli.buses as bus
 from sfglab.cli.interfaces import Interfaces
@@ -41,9 +42,9 @@ def list_services(
 
 @service_app.command("call")
 def call_service(
-    service: Annotated[str, typer.Argument(help="Name of the service, e.g. /enable")],
-    type_: Annotated[str, typer.Argument(metavar="TYPE", help="Type, e.g. std_srvs/srv/SetBool")],
-    values: Annotated[str, typer.Argument(help="The request's fields as YAML, e.g. '{data: true}'")] = "",
+    service: Annotated[str, Argument(help="Name of the service, e.g. /enable")],
+    type_: Annotated[str, Argument(metavar="TYPE", help="Type, e.g. std_srvs/srv/SetBool")],
+    values: Annotated[str, Argument(help="The request's fields as YAML, e.g. '{data: true}'")] = "",
     timeout: bus.Timeout = None,
     as_json: bus.Json = False,
     domain: bus.Domain = None,
@@ -65,9 +66,8 @@ def call_service(
 
     kind = service_type(bus.full_type(type_, "srv"))
     request = message_from_yaml(type_name(kind.request), values, "VALUES")
-    response = bus.on_node(
-        (domain, interface), lambda node: bus.call(node, kind.name, service, request, timeout)
-    )
+    place = domain, interface
+    response = bus.on_node(place, lambda node: bus.call(node, kind.name, service, request, timeout))
     if as_json:
         bus.tell(values_of(response))
     else:
@@ -97,14 +97,12 @@ def list_actions(
 @action_app.command("send_goal", hidden=True)
 @action_app.command("send-goal")
 def send_goal(
-    action: Annotated[str, typer.Argument(help="Name of the action, e.g. /count")],
-    type_: Annotated[
-        str, typer.Argument(metavar="TYPE", help="Type, e.g. example_interfaces/action/Fibonacci")
-    ],
-    values: Annotated[str, typer.Argument(help="The goal's fields as YAML, e.g. '{order: 5}'")] = "",
-    feedback: Annotated[bool, typer.Option("--feedback", "-f", help="Print the goal's feedback.")] = False,
-    timeout: Annotated[float, typer.Option(min=0.1, help="Seconds until the server accepts the goal.")] = 30.0,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON lines.")] = False,
+    action: Annotated[str, Argument(help="Name of the action, e.g. /count")],
+    type_: Annotated[str, Argument(metavar="TYPE", help="Type, e.g. example_interfaces/action/Fibonacci")],
+    values: Annotated[str, Argument(help="The goal's fields as YAML, e.g. '{order: 5}'")] = "",
+    feedback: Annotated[bool, Option("--feedback", "-f", help="Print the goal's feedback.")] = False,
+    timeout: Annotated[float, Option(min=0.1, help="Seconds until the server accepts the goal.")] = 30.0,
+    as_json: Annotated[bool, Option("--json", help="Print JSON lines.")] = False,
     domain: bus.Domain = None,
     interface: bus.Interface = None,
     _interfaces: Interfaces = None,

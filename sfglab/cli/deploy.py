@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
+from typer import Argument, Option
 
 from sfglab.cli.buses import Json, say
 from sfglab.deploy.errors import DeployError
@@ -14,31 +15,29 @@ from sfglab.deploy.errors import DeployError
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from sfglab.deploy.bundle import Bundle, FleetSource
-    from sfglab.deploy.deployment import Deployment
+    from sfglab.deploy.bundle import FleetSource
     from sfglab.deploy.rollout import Prospect
-
 
 app = typer.Typer(
     help="A fleet's machines: what they have, what they are given, and bringing it there.", no_args_is_help=True
 )
-_Fleet = Annotated[Path, typer.Argument(help="A fleet file, e.g. data/fleets/esslingen.yaml")]
+_Fleet = Annotated[Path, Argument(help="A fleet file, e.g. data/fleets/esslingen.yaml")]
 _Agents = Annotated[
-    list[str] | None, typer.Option("--agent", help="One agent; may be given again. All when not given.")
+    list[str] | None, Option("--agent", help="One agent; may be given again. All when not given.")
 ]
 _Root = Annotated[
-    Path | None, typer.Option(help="A folder in place of the machine's root, e.g. of an image of a disk.")
+    Path | None, Option(help="A folder in place of the machine's root, e.g. of an image of a disk.")
 ]
 _Accelerator = Annotated[
     str | None,
-    typer.Option(help="Whatever the file says: jetson, cuda, rocm, vaapi, v4l2, none, or auto to detect it."),
+    Option(help="Whatever the file says: jetson, cuda, rocm, vaapi, v4l2, none, or auto to detect it."),
 ]
-_Diff = Annotated[bool, typer.Option("--diff", help="Show changed texts line by line.")]
+_Diff = Annotated[bool, Option("--diff", help="Show changed texts line by line.")]
 
 
 @app.command()
 def detect(
-    root: Annotated[Path, typer.Option(help="Folder that stands for the machine's root.")] = Path("/"),
+    root: Annotated[Path, Option(help="Folder that stands for the machine's root.")] = Path("/"),
     as_json: Json = False,
 ) -> None:
     """Say which accelerator a machine has and why, and which codecs really open here.
@@ -54,10 +53,8 @@ def detect(
     from sfglab.deploy.hardware.machine import render_machine
 
     machine = detect_machine(root)
-    here = root.resolve() == Path("/")
-    codecs = codecs_found(machine) if here else None
-    values = {"machine": machine, "codecs": codecs}
-    say(values, lambda _: render_machine(machine, codecs), as_json=as_json)
+    codecs = codecs_found(machine) if root.resolve() == Path("/") else None
+    say({"machine": machine, "codecs": codecs}, lambda _: render_machine(machine, codecs), as_json=as_json)
 
 
 @app.command()
@@ -89,7 +86,7 @@ def plan(
 @app.command()
 def render(
     fleet: _Fleet,
-    output: Annotated[Path, typer.Option("--output", "-o", help="Folder; each agent gets one in it.")],
+    output: Annotated[Path, Option("--output", "-o", help="Folder; each agent gets one in it.")],
     agent: _Agents = None,
     accelerator: _Accelerator = None,
 ) -> None:
@@ -101,9 +98,13 @@ def render(
 
       sfglab deploy render data/fleets/esslingen.yaml -o build/laptop --agent workstation --accelerator none
     """
-    from sfglab.deploy.bundle import write_bundle
+    from sfglab.deploy.bundle import prepare, write_bundle
+    from sfglab.deploy.release import SOURCE, make_release
+    from sfglab.deploy.transport import detect_over
 
-    for _, bundle in _prepared(_source(fleet, agent, accelerator), agent):
+    source = _source(fleet, agent, accelerator)
+    release, wheel = make_release(SOURCE, source.text)
+    for _, bundle in prepare(source, release, wheel, agents=tuple(agent or ()), detect=detect_over):
         folder = output / bundle.agent
         write_bundle(bundle, folder)
         typer.echo(f"{folder}: {len(bundle.members)} files, release {bundle.tag}")
@@ -114,7 +115,7 @@ def check(
     fleet: _Fleet,
     agent: _Agents = None,
     accelerator: _Accelerator = None,
-    every: Annotated[bool, typer.Option("--all", help="List what holds as well.")] = False,
+    every: Annotated[bool, Option("--all", help="List what holds as well.")] = False,
     as_json: Json = False,
 ) -> None:
     """Check a fleet and everything that would be made of it; ends with 1 if something does not hold.
@@ -144,10 +145,10 @@ def apply(
     agent: _Agents = None,
     root: _Root = None,
     tag: Annotated[
-        str | None, typer.Option(help="Go back to this release, as each machine kept it; see `releases`.")
+        str | None, Option(help="Go back to this release, as each machine kept it; see `releases`.")
     ] = None,
     accelerator: _Accelerator = None,
-    dry_run: Annotated[bool, typer.Option("--dry-run", help="Say what would change, and stop.")] = False,
+    dry_run: Annotated[bool, Option("--dry-run", help="Say what would change, and stop.")] = False,
     diff: _Diff = False,
 ) -> None:
     """Bring the files to each machine, prepare it, build its image there, and start it.
@@ -213,15 +214,6 @@ def _source(fleet: Path, agents: list[str] | None, accelerator: str | None) -> F
 
     source = load_source(fleet)
     return source if accelerator is None else with_accelerator(source, agents or (), accelerator)
-
-
-def _prepared(source: FleetSource, agents: list[str] | None) -> tuple[tuple[Deployment, Bundle], ...]:
-    from sfglab.deploy.bundle import prepare
-    from sfglab.deploy.release import SOURCE, make_release
-    from sfglab.deploy.transport import detect_over
-
-    release, wheel = make_release(SOURCE, source.text)
-    return prepare(source, release, wheel, agents=tuple(agents or ()), detect=detect_over)
 
 
 def _prospects(

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
+from typer import Argument, Option
 
 import sfglab.lab
 from sfglab.cli.buses import Json, say
@@ -28,14 +29,14 @@ def doctor(as_json: Json = False) -> None:
 
 
 def reproduce(
-    notebooks: Annotated[list[str] | None, typer.Argument(help="Notebooks by name; all when none.")] = None,
-    profile: Annotated[str, typer.Option(help="smoke (seconds), quick (minutes) or paper.")] = "quick",
-    seed: Annotated[int, typer.Option(min=0, help="Seed of everything that is drawn.")] = 0,
+    notebooks: Annotated[list[str] | None, Argument(help="Notebooks by name; all when none.")] = None,
+    profile: Annotated[str, Option(help="smoke (seconds), quick (minutes) or paper.")] = "quick",
+    seed: Annotated[int, Option(min=0, help="Seed of everything that is drawn.")] = 0,
     parameter: Annotated[
-        list[str] | None, typer.Option("-p", "--parameter", help="A field of the configuration, as name=value.")
+        list[str] | None, Option("-p", "--parameter", help="A field of the configuration, as name=value.")
     ] = None,
     write: Annotated[
-        bool, typer.Option("--write", help="Also replace the notebooks by their executed copies.")
+        bool, Option("--write", help="Also replace the notebooks by their executed copies.")
     ] = False,
 ) -> None:
     """Run notebooks headless: logs, figures and, at the end, the ledger of claims.
@@ -77,9 +78,7 @@ def reproduce(
     raise typer.Exit(code=1 if failed else 0)
 
 
-def lab(
-    options: Annotated[list[str] | None, typer.Argument(help="JupyterLab's own, after --.")] = None,
-) -> None:
+def lab(options: Annotated[list[str] | None, Argument(help="JupyterLab's own, after --.")] = None) -> None:
     """Open JupyterLab on the index notebook, with the repository beside it.
 
     Examples:
@@ -88,8 +87,7 @@ def lab(
 
       sfglab lab -- --no-browser --ServerApp.base_url=/user/a/
     """
-    project = find_project()
-    argv = [sys.executable, "-m", "jupyterlab", f"--ServerApp.root_dir={project.root.resolve()}"]
+    argv = [sys.executable, "-m", "jupyterlab", f"--ServerApp.root_dir={find_project().root.resolve()}"]
     argv += ["--allow-root"] * (os.getuid() == 0)  # in a container everybody is
     argv += ["--LabApp.default_url=/lab/tree/notebooks/00_index.ipynb", *(options or ())]
     # Its configuration switches the part off that asks a public site for news.
@@ -114,12 +112,10 @@ def figures() -> None:
 
 
 def claims(
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")] = False,
-    verbose: Annotated[
-        bool, typer.Option(help="Say of each what it is judged by, and where it is from.")
-    ] = False,
+    as_json: Annotated[bool, Option("--json", help="Print JSON instead of a table.")] = False,
+    verbose: Annotated[bool, Option(help="Say of each what it is judged by, and where it is from.")] = False,
     every: Annotated[
-        bool, typer.Option("--all", help="Every run's figures, a line a log, also of those that do not speak.")
+        bool, Option("--all", help="Every run's figures, a line a log, also of those that do not speak.")
     ] = False,
 ) -> None:
     """Print the ledger: what the papers said, what we measured, and the verdict.

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
+from typer import Argument, Option
 
 from sfglab.cli.buses import Domain, Json, domain_option, put, say, tell, unused
 from sfglab.cli.interfaces import Interfaces
@@ -30,16 +31,16 @@ _GlobalDomain = Annotated[
 _OwnDomain = Annotated[
     int | None, domain_option("The agent's own DDS domain.", f"the fleet file's, else {VARIABLE}")
 ]
-_GlobalInterface = Annotated[str | None, typer.Option(help="Interface towards the other agents.")]
+_GlobalInterface = Annotated[str | None, Option(help="Interface towards the other agents.")]
 _Offers = Annotated[
     bool | None,
-    typer.Option(help="Whether ROS 2's tools list what nobody has subscribed yet; yes, or the fleet file's."),
+    Option(help="Whether ROS 2's tools list what nobody has subscribed yet; yes, or the fleet file's."),
 ]
 
 
 @fleet_app.command()
 def lint(
-    file: Annotated[Path, typer.Argument(help="A fleet file, e.g. data/fleets/lab.yaml")], as_json: Json = False
+    file: Annotated[Path, Argument(help="A fleet file, e.g. data/fleets/lab.yaml")], as_json: Json = False
 ) -> None:
     """Say who hears what, which services are half open, which frames clash, and what discovery will cost.
 
@@ -63,14 +64,10 @@ def lint(
 
 @fleet_app.command("router")
 def router_configuration(
-    file: Annotated[Path, typer.Argument(help="A fleet file.")],
-    agent: Annotated[str, typer.Option(help="Whose router.")],
-    target: Annotated[
-        str, typer.Option(help="dds-router, zenoh-bridge, zenoh-acl or domain-bridge.")
-    ] = "dds-router",
-    output: Annotated[
-        Path | None, typer.Option("--output", "-o", help="Write here, not to the terminal.")
-    ] = None,
+    file: Annotated[Path, Argument(help="A fleet file.")],
+    agent: Annotated[str, Option(help="Whose router.")],
+    target: Annotated[str, Option(help="dds-router, zenoh-bridge, zenoh-acl or domain-bridge.")] = "dds-router",
+    output: Annotated[Path | None, Option("--output", "-o", help="Write here, not to the terminal.")] = None,
 ) -> None:
     """Write the configuration of a router by others that lets through what our own would.
 
@@ -92,9 +89,9 @@ def router_configuration(
 
 @fleet_app.command()
 def check(
-    file: Annotated[Path, typer.Argument(help="A configuration of a DDS Router (.yaml) or Zenoh (.json5).")],
+    file: Annotated[Path, Argument(help="A configuration of a DDS Router (.yaml) or Zenoh (.json5).")],
     fleet: Annotated[
-        Path | None, typer.Option(help="Also: does it let through what this fleet's policy does?")
+        Path | None, Option(help="Also: does it let through what this fleet's policy does?")
     ] = None,
     as_json: Json = False,
 ) -> None:
@@ -115,11 +112,11 @@ def check(
 
 @fleet_app.command()
 def security(
-    file: Annotated[Path, typer.Argument(help="A fleet file.")],
-    out: Annotated[Path, typer.Option("--out", "-o", help="The keystore's folder; agents are added to one.")],
-    days: Annotated[int, typer.Option(min=1, help="How long certificates and permissions are valid.")] = 365,
+    file: Annotated[Path, Argument(help="A fleet file.")],
+    out: Annotated[Path, Option("--out", "-o", help="The keystore's folder; agents are added to one.")],
+    days: Annotated[int, Option(min=1, help="How long certificates and permissions are valid.")] = 365,
     renew: Annotated[
-        list[str] | None, typer.Option(help="An agent that gets a new certificate and the file's permissions.")
+        list[str] | None, Option(help="An agent that gets a new certificate and the file's permissions.")
     ] = None,
 ) -> None:
     """Make keys, certificates and permissions for DDS Security, as ROS 2's sros2 lays them out.
@@ -139,27 +136,22 @@ def security(
 @agent_app.command("up")
 def agent_up(
     domain: _OwnDomain = None,
-    interface: Annotated[
-        str | None, typer.Option(help="Interface of its own domain; lo keeps it inside.")
-    ] = None,
+    interface: Annotated[str | None, Option(help="Interface of its own domain; lo keeps it inside.")] = None,
     global_domain: _GlobalDomain = None,
     global_interface: _GlobalInterface = None,
-    fleet: Annotated[Path | None, typer.Option(help="A fleet file that describes the agent.")] = None,
+    fleet: Annotated[Path | None, Option(help="A fleet file that describes the agent.")] = None,
     agent: Annotated[
-        str | None, typer.Option(help="Its name; SFG_AGENT_NAME, else the host's name, when not given.")
+        str | None, Option(help="Its name; SFG_AGENT_NAME, else the host's name, when not given.")
     ] = None,
     without: Annotated[
-        list[str] | None,
-        typer.Option(help="A component to leave out: router, status, discoverer, keeper, decoder."),
+        list[str] | None, Option(help="A component to leave out: router, status, discoverer, keeper, decoder.")
     ] = None,
     offers: _Offers = None,
     parameters: Annotated[
         Literal["dds", "ros"] | None,
-        typer.Option(
-            help="Let ros2 param read router and decoder: over dds (rmw_cyclonedds), or by a ROS 2 here."
-        ),
+        Option(help="Let ros2 param read router and decoder: over dds (rmw_cyclonedds), or by a ROS 2 here."),
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Report JSON lines instead of sentences.")] = False,
+    as_json: Annotated[bool, Option("--json", help="Report JSON lines instead of sentences.")] = False,
     _interfaces: Interfaces = None,
 ) -> None:
     """Run an agent: everything that paper A puts on each robot, until Ctrl-C.
@@ -188,13 +180,13 @@ def agent_up(
 
 def router(
     domain: _OwnDomain = None,
-    interface: Annotated[str | None, typer.Option(help="Interface of its own domain.")] = None,
+    interface: Annotated[str | None, Option(help="Interface of its own domain.")] = None,
     global_domain: _GlobalDomain = None,
     global_interface: _GlobalInterface = None,
-    fleet: Annotated[Path | None, typer.Option(help="A fleet file: domains, policy and frames.")] = None,
-    agent: Annotated[str | None, typer.Option(help="Name of the agent.")] = None,
+    fleet: Annotated[Path | None, Option(help="A fleet file: domains, policy and frames.")] = None,
+    agent: Annotated[str | None, Option(help="Name of the agent.")] = None,
     prefix_frames: Annotated[
-        bool | None, typer.Option(help="Whether TF frames get the agent's name in front on their way out; yes.")
+        bool | None, Option(help="Whether TF frames get the agent's name in front on their way out; yes.")
     ] = None,
     offers: _Offers = None,
     _interfaces: Interfaces = None,
@@ -240,19 +232,16 @@ def _agent_config(
 
 def decoder(
     streams: Annotated[
-        list[str] | None,
-        typer.Argument(help="Remote streams by name, e.g. /global/go2/camera_front/color/ffmpeg"),
+        list[str] | None, Argument(help="Remote streams by name, e.g. /global/go2/camera_front/color/ffmpeg")
     ] = None,
     domain: Annotated[int | None, domain_option("DDS domain of the local subscribers.")] = None,
-    interface: Annotated[str | None, typer.Option(help="Interface of the local domain.")] = None,
+    interface: Annotated[str | None, Option(help="Interface of the local domain.")] = None,
     remote_domain: Annotated[
         int | None, domain_option("DDS domain of the remote streams.", "the local one")
     ] = None,
-    remote_interface: Annotated[str | None, typer.Option(help="Interface of the remote domain.")] = None,
-    linger: Annotated[
-        float, typer.Option(min=0.0, help="Seconds a pipeline outlives its last subscriber.")
-    ] = 1.0,
-    offers: Annotated[bool, typer.Option(help="Whether ROS 2's tools list what nobody decodes yet.")] = True,
+    remote_interface: Annotated[str | None, Option(help="Interface of the remote domain.")] = None,
+    linger: Annotated[float, Option(min=0.0, help="Seconds a pipeline outlives its last subscriber.")] = 1.0,
+    offers: Annotated[bool, Option(help="Whether ROS 2's tools list what nobody decodes yet.")] = True,
 ) -> None:
     """Decode remote streams once for all subscribers on this device, on demand.
 
@@ -287,17 +276,17 @@ def decoder(
 
 
 def camera(
-    topic: Annotated[str, typer.Argument(help="Topic, e.g. /global/go2/camera_front/color/ffmpeg")],
+    topic: Annotated[str, Argument(help="Topic, e.g. /global/go2/camera_front/color/ffmpeg")],
     source: Annotated[
-        str, typer.Option(help="photos, stereo, camera:0, a video file, log or bag, or bag:PATH#/topic.")
+        str, Option(help="photos, stereo, camera:0, a video file, log or bag, or bag:PATH#/topic.")
     ] = "photos",
     codec: Annotated[
         Literal["h264", "rvl", "med"],
-        typer.Option(help="h264 (colour); rvl, or med, ours and smaller (depth, need a source with depth)."),
+        Option(help="h264 (colour); rvl, or med, ours and smaller (depth, need a source with depth)."),
     ] = "h264",
     domain: Domain = None,
-    interface: Annotated[str | None, typer.Option(help="Network interface.")] = None,
-    encoder: Annotated[str, typer.Option(help="H.264 encoder by FFmpeg's name.")] = "auto",
+    interface: Annotated[str | None, Option(help="Network interface.")] = None,
+    encoder: Annotated[str, Option(help="H.264 encoder by FFmpeg's name.")] = "auto",
 ) -> None:
     """Publish a camera stream at the settings of the paper's Table 2, from any source.
 

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
+from typer import Argument, Option
 
 import sfglab.messages
 from sfglab.files import write_files
@@ -24,7 +25,7 @@ def _register(paths: list[Path] | None) -> None:
 
 Interfaces = Annotated[
     list[Path] | None,
-    typer.Option(
+    Option(
         "--interfaces",
         callback=_register,
         help="Types of your own: a package's folder (source or share), a folder of packages, or a file .msg, "
@@ -35,7 +36,7 @@ Interfaces = Annotated[
 
 
 def interfaces(
-    folder: Annotated[Path, typer.Argument(help="A workspace's folder for packages, e.g. ~/ros2_ws/src")],
+    folder: Annotated[Path, Argument(help="A workspace's folder for packages, e.g. ~/ros2_ws/src")],
 ) -> None:
     """Write an ament package of our message types, so that a plain ROS 2 can echo and call them.
 

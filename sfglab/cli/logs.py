@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from typer import Argument, Option
 from typer.core import TyperGroup
 
 from sfglab.cli.buses import Domain, Interface, Json, Place, on_node, tell, until_interrupted
@@ -44,19 +45,17 @@ Examples:
 
   sfglab log data/reference/cooperation.mcap""",
 )
-_Log_ = Annotated[Path, typer.Argument(metavar="LOG", help="An MCAP file, a rosbag2 folder, .db3 or .bag.")]
-_Topics = Annotated[list[str] | None, typer.Option("--topics", help="Only this topic; may be repeated.")]
-_Regex = Annotated[str | None, typer.Option("--regex", "-e", help="Only topics in which this is found.")]
-_Exclude = Annotated[
-    str | None, typer.Option("--exclude-regex", "-x", help="No topics in which this is found.")
-]
-_Storage = Annotated[str | None, typer.Option("--storage", "-s", help="mcap or sqlite3, of a folder.")]
+_Log_ = Annotated[Path, Argument(metavar="LOG", help="An MCAP file, a rosbag2 folder, .db3 or .bag.")]
+_Topics = Annotated[list[str] | None, Option("--topics", help="Only this topic; may be repeated.")]
+_Regex = Annotated[str | None, Option("--regex", "-e", help="Only topics in which this is found.")]
+_Exclude = Annotated[str | None, Option("--exclude-regex", "-x", help="No topics in which this is found.")]
+_Storage = Annotated[str | None, Option("--storage", "-s", help="mcap or sqlite3, of a folder.")]
 _Compression = Annotated[
-    str, typer.Option("--compression-mode", help="none, file, message or, of mcap alone, storage; by zstd.")
+    str, Option("--compression-mode", help="none, file, message or, of mcap alone, storage; by zstd.")
 ]
-_Output = Annotated[Path, typer.Option("--output", "-o", help="A folder to make, or FILE.mcap.")]
-_Start = Annotated[float, typer.Option("--start-offset", min=0.0, help="Seconds to leave out first.")]
-_Duration = Annotated[float | None, typer.Option(min=0.0, help="Seconds of the log.")]
+_Output = Annotated[Path, Option("--output", "-o", help="A folder to make, or FILE.mcap.")]
+_Start = Annotated[float, Option("--start-offset", min=0.0, help="Seconds to leave out first.")]
+_Duration = Annotated[float | None, Option(min=0.0, help="Seconds of the log.")]
 
 
 @app.callback(invoke_without_command=True)
@@ -109,10 +108,8 @@ def info(path: _Log_, as_json: Json = False) -> None:
         return
     times = {name: values[f"{name}_ns"] for name in ("start", "end")}
     said = {name: f"{_date(ns)} ({_seconds(ns)})" for name, ns in times.items()}
-    topics = [
-        f"Topic: {t['name']} | Type: {t['type']} | Count: {t['count']} | Serialization Format: cdr"
-        for t in values["topics"]
-    ]
+    line = "Topic: {name} | Type: {type} | Count: {count} | Serialization Format: cdr"
+    topics = [line.format_map(topic) for topic in values["topics"]]
     indent = "\n" + " " * 19
     typer.echo(
         f"\nFiles:             {indent.join(values['files'])}\n"
@@ -182,19 +179,16 @@ def _pattern(text: str | None, option: str) -> re.Pattern[str] | None:
 
 @app.command()
 def record(
-    topics: Annotated[
-        list[str] | None, typer.Argument(help="Topics, e.g. /chatter; none with -a or -e.")
-    ] = None,
-    every: Annotated[bool, typer.Option("--all", "-a", help="All topics that are not hidden.")] = False,
+    topics: Annotated[list[str] | None, Argument(help="Topics, e.g. /chatter; none with -a or -e.")] = None,
+    every: Annotated[bool, Option("--all", "-a", help="All topics that are not hidden.")] = False,
     regex: _Regex = None,
     exclude: _Exclude = None,
     output: Annotated[
-        Path | None,
-        typer.Option("--output", "-o", help="A folder to make, or FILE.mcap. [default: by the time]"),
+        Path | None, Option("--output", "-o", help="A folder to make, or FILE.mcap. [default: by the time]")
     ] = None,
     storage: _Storage = None,
     compression: _Compression = "none",
-    duration: Annotated[float | None, typer.Option(min=0.1, help="Seconds; else until Ctrl-C.")] = None,
+    duration: Annotated[float | None, Option(min=0.1, help="Seconds; else until Ctrl-C.")] = None,
     domain: Domain = None,
     interface: Interface = None,
     _interfaces: Interfaces = None,
@@ -261,16 +255,14 @@ def _counted(counts: Mapping[str, int]) -> str:
 @app.command()
 def play(
     path: _Log_,
-    rate: Annotated[
-        float, typer.Option("--rate", "-r", min=0.001, help="How much faster than recorded.")
-    ] = 1.0,
-    loop: Annotated[bool, typer.Option("--loop", "-l", help="Again and again, until Ctrl-C.")] = False,
+    rate: Annotated[float, Option("--rate", "-r", min=0.001, help="How much faster than recorded.")] = 1.0,
+    loop: Annotated[bool, Option("--loop", "-l", help="Again and again, until Ctrl-C.")] = False,
     topics: _Topics = None,
     regex: _Regex = None,
     exclude: _Exclude = None,
     start: _Start = 0.0,
     duration: _Duration = None,
-    delay: Annotated[float, typer.Option("--delay", "-d", min=0.0, help="Seconds to wait before.")] = 0.0,
+    delay: Annotated[float, Option("--delay", "-d", min=0.0, help="Seconds to wait before.")] = 0.0,
     domain: Domain = None,
     interface: Interface = None,
     _interfaces: Interfaces = None,
@@ -302,7 +294,7 @@ def play(
 
 @app.command("convert")
 def convert(
-    paths: Annotated[list[Path], typer.Argument(metavar="LOG...", help="Logs and bags; several become one.")],
+    paths: Annotated[list[Path], Argument(metavar="LOG...", help="Logs and bags; several become one.")],
     output: _Output,
     storage: _Storage = None,
     compression: _Compression = "none",
@@ -317,7 +309,7 @@ def convert(
 
       sfglab log convert monday.mcap tuesday/ -o both --compression-mode file
     """
-    _copy(paths, output, {"storage": storage, "compression": compression})
+    _copy(paths, output, storage=storage, compression=compression)
 
 
 @app.command("filter")
@@ -355,11 +347,11 @@ def filter_log(
         time_ns = message.log_time_ns
         return wanted(message.topic) and begin_ns <= time_ns and (end_ns is None or time_ns < end_ns)
 
-    _copy([path], output, {"storage": storage, "compression": compression}, keep)
+    _copy([path], output, keep, storage=storage, compression=compression)
 
 
 def _copy(
-    paths: list[Path], output: Path, options: dict[str, Any], keep: Callable[[Any], bool] = lambda _: True
+    paths: list[Path], output: Path, keep: Callable[[Any], bool] = lambda _: True, **options: Any
 ) -> None:
     from sfglab.record.bag_writer import copy_logs
 

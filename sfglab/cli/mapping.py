@@ -13,6 +13,7 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
+from typer import Argument, Option
 
 from sfglab.cli.buses import Interface, Json, put, say, say_left_out, tell, unused
 from sfglab.domains import MAX_DOMAIN, VARIABLE, usual_domain_id
@@ -22,9 +23,7 @@ from sfglab.units import NS_PER_MS
 
 if TYPE_CHECKING:
     from sfglab.arp import Plan, TopicFile
-    from sfglab.rtps import Vendor
     from sfglab.soc import CommunicationMapping, Graph, Topic
-
 
 _Format = Literal["table", "fastdds", "fastdds3", "cyclone", "ros2", "topics"]
 _Method = Literal["ours", "printed"]
@@ -33,9 +32,9 @@ _Rmw = Literal["fastrtps-async", "fastrtps-sync", "cyclone"]
 _Rule = Literal["paper", "size"]
 _Domain = Annotated[
     int | None,
-    typer.Option(min=0, max=MAX_DOMAIN, help=f"DDS domain to listen to, without a file. [default: {VARIABLE}]"),
+    Option(min=0, max=MAX_DOMAIN, help=f"DDS domain to listen to, without a file. [default: {VARIABLE}]"),
 ]
-_Seconds = Annotated[float, typer.Option(min=0.5, help="How long to listen to it.")]
+_Seconds = Annotated[float, Option(min=0.5, help="How long to listen to it.")]
 
 _PRESET_OF = {"fastrtps-async": "fast_dds_async", "fastrtps-sync": "fast_dds_sync", "cyclone": "cyclone_dds"}
 
@@ -43,35 +42,30 @@ _PRESET_OF = {"fastrtps-async": "fast_dds_async", "fastrtps-sync": "fast_dds_syn
 def qos(
     file: Annotated[
         Path | None,
-        typer.Argument(help="A file of topics, e.g. data/qos/paper_b.yaml, or a log or bag; else --domain."),
+        Argument(help="A file of topics, e.g. data/qos/paper_b.yaml, or a log or bag; else --domain."),
     ] = None,
     method: Annotated[
-        _Method, typer.Option(help="ours: a convex programme that sees the link. printed: paper B, Eq. 1 to 6.")
+        _Method, Option(help="ours: a convex programme that sees the link. printed: paper B, Eq. 1 to 6.")
     ] = "ours",
     output_format: Annotated[
         _Format,
-        typer.Option(
+        Option(
             "--format",
             help="A table, a file that Fast DDS 2 or 3, Cyclone DDS or ROS 2 reads, or a log's file of topics.",
         ),
     ] = "table",
-    out: Annotated[
-        Path | None, typer.Option(help="Write the file into this folder, not to the terminal.")
-    ] = None,
-    rate_max: Annotated[float | None, typer.Option(min=0.001, help="No topic faster than this, Hz.")] = None,
-    vendor: Annotated[
-        _Vendor | None, typer.Option(help="Another DDS than the file's, with its defaults.")
-    ] = None,
+    out: Annotated[Path | None, Option(help="Write the file into this folder, not to the terminal.")] = None,
+    rate_max: Annotated[float | None, Option(min=0.001, help="No topic faster than this, Hz.")] = None,
+    vendor: Annotated[_Vendor | None, Option(help="Another DDS than the file's, with its defaults.")] = None,
     rmw: Annotated[
-        _Rmw | None,
-        typer.Option(help="What ROS 2 runs on, and how that publishes; instead of --vendor."),
+        _Rmw | None, Option(help="What ROS 2 runs on, and how that publishes; instead of --vendor.")
     ] = None,
     latency_price: Annotated[
         float | None,
-        typer.Option(min=0.0, help="What a second of latency costs; else the front's most up-to-date point."),
+        Option(min=0.0, help="What a second of latency costs; else the front's most up-to-date point."),
     ] = None,
     front: Annotated[
-        bool, typer.Option("--front", help="Show the Pareto front, one line for each price of latency.")
+        bool, Option("--front", help="Show the Pareto front, one line for each price of latency.")
     ] = False,
     domain: _Domain = None,
     seconds: _Seconds = 5.0,
@@ -98,6 +92,7 @@ def qos(
 
       sfglab qos --domain 7 --seconds 20 --format topics --out config
     """
+    from sfglab.arp import plan_as_printed, plan_file
     from sfglab.arp.exports import EXPORTS
     from sfglab.arp.recorded import topics_text
     from sfglab.record.reader import is_log
@@ -116,27 +111,19 @@ def qos(
     if preset is not None and PRESETS[preset].name != given.vendor.name:
         given = replace(given, vendor=PRESETS[preset])
     if front:
-        unused(
-            "with --front, which shows all prices on the terminal",
-            "method",
-            "output_format",
-            "out",
-            "latency_price",
-        )
+        why = "with --front, which shows all prices on the terminal"
+        unused(why, "method", "output_format", "out", "latency_price")
         typer.echo(_front_table(given))
         return
-    if method == "printed":
+    if printed := method == "printed":
         unused("with --method printed, which knows no price", "latency_price")
-    export = EXPORTS.get(output_format)
-    if export and export.vendor and not given.vendor.name.startswith(export.vendor.name):
-        fitting = [
-            n for n, e in EXPORTS.items() if e.vendor is None or given.vendor.name.startswith(e.vendor.name)
-        ]
-        needed = (
-            f"{' or '.join(fitting)} for {given.vendor.name}; this with --vendor {_vendor_of(export.vendor)}"
-        )
+    export, name = EXPORTS.get(output_format), given.vendor.name
+    if export and export.vendor and not name.startswith(export.vendor.name):
+        fitting = [n for n, e in EXPORTS.items() if e.vendor is None or name.startswith(e.vendor.name)]
+        vendors = export.vendor.name.lower().replace(" ", "_")
+        needed = f"{' or '.join(fitting)} for {name}; this with --vendor {vendors}"
         raise InvalidValueError("--format", output_format, needed)
-    plan = _plan(given, method, latency_price)
+    plan = plan_as_printed(given) if printed else plan_file(given, latency_price_hz=latency_price)
     if as_json:
         unused("with --json", "output_format", "out")
         tell(plan)
@@ -184,18 +171,6 @@ def _topics_of(file: Path) -> TopicFile:
     return TopicFile(topics=topics, agents=tuple(sorted({topic.source for topic in topics})))
 
 
-def _vendor_of(vendor: Vendor) -> str:
-    return vendor.name.lower().replace(" ", "_")
-
-
-def _plan(given: TopicFile, method: _Method, latency_price: float | None) -> Plan:
-    from sfglab.arp import plan_as_printed, plan_file
-
-    if method == "printed":
-        return plan_as_printed(given)
-    return plan_file(given, latency_price_hz=latency_price)
-
-
 def _put(text: str, name: str, folder: Path | None) -> None:
     if folder is None:
         typer.echo(text, nl=False)
@@ -217,20 +192,17 @@ def _plan_table(plan: Plan) -> str:
         )
         for part in plan.topics
     ]
+    latency = f"{1e3 * plan.latency_s:.2f} ms" if plan.latency_s < float("inf") else "without bound"
     lines = [
         *columns(rows, right=range(1, 7)),
         "",
         f"{plan.vendor.name}, {plan.medium.rate_bps / 1e6:g} Mbit/s, {100 * plan.medium.loss:g} % loss",
-        f"taken of the medium's time {100 * plan.utilisation:.0f} %, expected latency {_ms(plan.latency_s)}",
+        f"taken of the medium's time {100 * plan.utilisation:.0f} %, expected latency {latency}",
         f"readers up to date {100 * plan.up_to_date:.1f} % of the time",
     ]
     if plan.utilisation >= 1:
         lines.append("the medium is overloaded: queues grow without end, and what they cannot hold is lost")
     return "\n".join(lines) + "\n"
-
-
-def _ms(seconds: float) -> str:
-    return f"{1e3 * seconds:.2f} ms" if seconds < float("inf") else "without bound"
 
 
 def _front_table(given: TopicFile) -> str:
@@ -256,34 +228,29 @@ def _front_table(given: TopicFile) -> str:
 def map_graph(
     file: Annotated[
         Path | None,
-        typer.Argument(help="A computation graph, e.g. data/graphs/figure_8.yaml, or a log; else --domain."),
+        Argument(help="A computation graph, e.g. data/graphs/figure_8.yaml, or a log; else --domain."),
     ] = None,
     rule: Annotated[
         _Rule | None,
-        typer.Option(
+        Option(
             help="Which topics between both sides get a gateway. paper: those with more than one subscriber in "
             "hardware. size: those that it is predicted to make faster. [default: paper]"
         ),
     ] = None,
     place: Annotated[
-        bool,
-        typer.Option("--place", help="Place the nodes as well: least work and carriage a second, HiGHS."),
+        bool, Option("--place", help="Place the nodes as well: least work and carriage a second, HiGHS.")
     ] = False,
-    lut: Annotated[int | None, typer.Option(min=0, help="LUTs that there are; else the ZCU104's.")] = None,
-    bram: Annotated[float | None, typer.Option(min=0, help="BRAMs that there are; else the ZCU104's.")] = None,
-    figure: Annotated[
-        Path | None, typer.Option(help="Draw the mapping into this file: .png, .svg or .pdf.")
-    ] = None,
-    stage: Annotated[str, typer.Option(help="Draw one alone: software, hardware or gateways.")] = "",
-    out: Annotated[Path | None, typer.Option(help="Write the mapped graph into this file, as YAML.")] = None,
+    lut: Annotated[int | None, Option(min=0, help="LUTs that there are; else the ZCU104's.")] = None,
+    bram: Annotated[float | None, Option(min=0, help="BRAMs that there are; else the ZCU104's.")] = None,
+    figure: Annotated[Path | None, Option(help="Draw the mapping into this file: .png, .svg or .pdf.")] = None,
+    stage: Annotated[str, Option(help="Draw one alone: software, hardware or gateways.")] = "",
+    out: Annotated[Path | None, Option(help="Write the mapped graph into this file, as YAML.")] = None,
     build: Annotated[
-        Path | None, typer.Option("--build-cfg", help="Write the hardware's part for ReconROS into this file.")
+        Path | None, Option("--build-cfg", help="Write the hardware's part for ReconROS into this file.")
     ] = None,
     verilog: Annotated[
         Path | None,
-        typer.Option(
-            help="Write the gateways that the mapping needs into this folder, as Verilog (needs Yosys)."
-        ),
+        Option(help="Write the gateways that the mapping needs into this folder, as Verilog (needs Yosys)."),
     ] = None,
     domain: _Domain = None,
     seconds: _Seconds = 5.0,
@@ -307,7 +274,7 @@ def map_graph(
       sfglab map data/graphs/driving.yaml --build-cfg build.cfg --verilog rtl
     """
     from sfglab.record.reader import is_log
-    from sfglab.soc import build_cfg, load_graph
+    from sfglab.soc import build_cfg, faster_by_gateway, load_graph, map_communication
     from sfglab.soc.graph import graph_text
 
     with _source(file, domain, interface, seconds) as source:
@@ -318,7 +285,8 @@ def map_graph(
         unused("without --place, which alone knows areas", "lut", "bram")
     if figure is None:
         unused("without --figure, in which it is drawn", "stage")
-    mapping = _placed(graph, lut, bram) if place else _mapped(graph, rule)
+    gateway = {"gateway": faster_by_gateway()} if rule == "size" else {}
+    mapping = _placed(graph, lut, bram) if place else map_communication(graph, **gateway)
     found = mapping.gateways
     files: dict[Path, str | bytes] = {}
     if figure is not None:
@@ -342,14 +310,6 @@ def _recorded(file: Path) -> Graph:
         found = graph_from_log(log)
     say_left_out(found.left_out)
     return found.graph
-
-
-def _mapped(graph: Graph, rule: _Rule | None) -> CommunicationMapping:
-    from sfglab.soc import faster_by_gateway, map_communication
-
-    if rule == "size":
-        return map_communication(graph, gateway=faster_by_gateway())
-    return map_communication(graph)
 
 
 def _placed(graph: Graph, lut: int | None, bram: float | None) -> CommunicationMapping:

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
+from typer import Argument, Option
 
 from sfglab.cli.buses import Json, domain_option, say, unused
 from sfglab.component import on_stop, run
@@ -26,35 +27,32 @@ if TYPE_CHECKING:
     from sfglab.spatial.mocap.offset import OffsetEstimate
     from sfglab.spatial.mocap.tracking import MocapSource
 
-
 mocap_app = typer.Typer(help="Motion capture: publish it, and calibrate it.", no_args_is_help=True)
 frames_app = typer.Typer(help="Trees of frames.", no_args_is_help=True)
 frames_app.callback()(lambda: None)  # with a single command typer would leave its name out
 _POSES = ("geometry_msgs/msg/PoseStamped", "geometry_msgs/msg/TransformStamped")
-
-
 _Type = Literal["pose", "transform"]
 
 
 @mocap_app.command("run")
 def mocap_run(
-    file: Annotated[Path, typer.Argument(help="Which object is which frame, e.g. data/mocap/two_agents.yaml")],
+    file: Annotated[Path, Argument(help="Which object is which frame, e.g. data/mocap/two_agents.yaml")],
     domain: Annotated[int | None, domain_option("DDS domain of the agents' transforms.")] = None,
-    interface: Annotated[str | None, typer.Option(help="Interface of that domain.")] = None,
-    vicon: Annotated[str | None, typer.Option(help="Address of a Vicon Tracker.")] = None,
+    interface: Annotated[str | None, Option(help="Interface of that domain.")] = None,
+    vicon: Annotated[str | None, Option(help="Address of a Vicon Tracker.")] = None,
     topic: Annotated[
-        list[str] | None, typer.Option(help="An object's topic, ID=/topic; of the log if there is one.")
+        list[str] | None, Option(help="An object's topic, ID=/topic; of the log if there is one.")
     ] = None,
-    type_: Annotated[_Type, typer.Option("--type", help="PoseStamped or TransformStamped.")] = "pose",
-    log: Annotated[Path | None, typer.Option(help="A log whose --topic are played back.")] = None,
+    type_: Annotated[_Type, Option("--type", help="PoseStamped or TransformStamped.")] = "pose",
+    log: Annotated[Path | None, Option(help="A log whose --topic are played back.")] = None,
     synthetic: Annotated[
-        bool, typer.Option("--synthetic", help="Objects on ellipses, for trials without cameras.")
+        bool, Option("--synthetic", help="Objects on ellipses, for trials without cameras.")
     ] = False,
     trees: Annotated[
-        bool, typer.Option("--trees", help="Make up the agents' own trees too, where no robot publishes them.")
+        bool, Option("--trees", help="Make up the agents' own trees too, where no robot publishes them.")
     ] = False,
-    agent: Annotated[str, typer.Option(help="The agent on which it runs, for the status topic.")] = "",
-    duration: Annotated[float | None, typer.Option(min=0.0, help="Seconds to run; else until Ctrl-C.")] = None,
+    agent: Annotated[str, Option(help="The agent on which it runs, for the status topic.")] = "",
+    duration: Annotated[float | None, Option(min=0.0, help="Seconds to run; else until Ctrl-C.")] = None,
 ) -> None:
     """Publish where cameras see agents, so that every agent's tree of frames stays whole (paper A, Eq. 4).
 
@@ -73,24 +71,22 @@ def mocap_run(
     mapping = load_mapping(file)
     if log is not None or not topic:
         unused("without topics of the bus, whose type it is", "type_")
-    topics = _topics(topic or [], mapping)
-    make = _source(vicon=vicon, topics=topics, type_=type_, log=log, synthetic=synthetic)
+    make = _source(vicon=vicon, topics=_topics(topic or [], mapping), type_=type_, log=log, synthetic=synthetic)
     options = {"domain_id": domain, "interface": interface}
     run(_serve(mapping, make, options, agent=agent, trees=trees, duration=duration))
 
 
 @mocap_app.command("offset")
 def mocap_offset(
-    log: Annotated[Path, typer.Argument(help="A log with /tf of the robot and the poses of its object.")],
-    object_: Annotated[str, typer.Option("--object", help="The object's id, as it is called in the mapping.")],
-    odom: Annotated[str, typer.Option(help="The frame of the robot's odometry.")],
-    base: Annotated[str, typer.Option(help="The frame that the object is to stand for.")],
+    log: Annotated[Path, Argument(help="A log with /tf of the robot and the poses of its object.")],
+    object_: Annotated[str, Option("--object", help="The object's id, as it is called in the mapping.")],
+    odom: Annotated[str, Option(help="The frame of the robot's odometry.")],
+    base: Annotated[str, Option(help="The frame that the object is to stand for.")],
     topic: Annotated[
-        str | None, typer.Option(help="The topic of its poses; not needed where the log has but one.")
+        str | None, Option(help="The topic of its poses; not needed where the log has but one.")
     ] = None,
     height_m: Annotated[
-        float | None,
-        typer.Option(help="The base's z in the object's frame, for robots that turn about z only."),
+        float | None, Option(help="The base's z in the object's frame, for robots that turn about z only.")
     ] = None,
 ) -> None:
     """Find where a robot's base is in its tracked object, from a recorded motion, as YAML for a mapping.
@@ -117,12 +113,12 @@ def mocap_offset(
 
 @frames_app.command("lint")
 def frames_lint(
-    log: Annotated[Path | None, typer.Argument(help="A log, of any recorder.")] = None,
+    log: Annotated[Path | None, Argument(help="A log, of any recorder.")] = None,
     domain: Annotated[int | None, domain_option("A DDS domain to listen to, without a log.")] = None,
-    interface: Annotated[str | None, typer.Option(help="Interface of that domain.")] = None,
-    listen: Annotated[float, typer.Option(min=0.1, help="Seconds to listen.")] = 5.0,
-    agents: Annotated[str, typer.Option(help="Agents whose prefixes are right, as go2,agent_x.")] = "",
-    root: Annotated[str | None, typer.Option(help="The one root that there should be, e.g. map")] = None,
+    interface: Annotated[str | None, Option(help="Interface of that domain.")] = None,
+    listen: Annotated[float, Option(min=0.1, help="Seconds to listen.")] = 5.0,
+    agents: Annotated[str, Option(help="Agents whose prefixes are right, as go2,agent_x.")] = "",
+    root: Annotated[str | None, Option(help="The one root that there should be, e.g. map")] = None,
     as_json: Json = False,
 ) -> None:
     """Say what is wrong with a tree of frames: parents, loops, roots, names, time.
@@ -153,8 +149,7 @@ def frames_lint(
     names = frozenset(filter(None, agents.split(",")))
     findings = lint_frames(buffer.edges, rule=FrameRule(agents=names) if names else None, root=root)
     lines = [*map(str, findings), f"{len(buffer.frames)} frames, {len(findings)} findings"]
-    values = {"frames": sorted(buffer.frames), "findings": findings}
-    say(values, lambda _: "\n".join(lines), as_json=as_json)
+    say({"frames": sorted(buffer.frames), "findings": findings}, lambda _: "\n".join(lines), as_json=as_json)
     if findings or not buffer.frames:
         raise typer.Exit(1)
 
@@ -180,13 +175,11 @@ def _source(
     kinds = [name for name, on in (("--vicon", vicon), ("--log", log), ("--synthetic", synthetic)) if on]
     if len(kinds) > 1 or (not kinds and not topics) or (topics and kinds not in ([], ["--log"])):
         given = " and ".join([*kinds, *(["--topic"] if topics else [])]) or "none"
-        raise SfglabError(
-            f"mocap run: given {given}, allowed is one of --vicon, --topic, --log with --topic, --synthetic"
-        )
+        allowed = "one of --vicon, --topic, --log with --topic, --synthetic"
+        raise SfglabError(f"mocap run: given {given}, allowed is {allowed}")
     if log is not None and not topics:
-        raise SfglabError(
-            "--log: given without --topic, needed is --topic ID=/topic for each object of the log"
-        )
+        needed = "--topic ID=/topic for each object of the log"
+        raise SfglabError(f"--log: given without --topic, needed is {needed}")
 
     def make(node: Node, mapping: MocapMapping, stack: contextlib.ExitStack) -> MocapSource:
         clock = node.get_clock()
@@ -206,9 +199,7 @@ def _synthetic(mapping: MocapMapping, clock: Any) -> MocapSource:
 
     from sfglab.spatial.mocap.synthetic import SyntheticConfig, SyntheticMotion, SyntheticSource
 
-    objects = {
-        id_: SyntheticMotion(centre_m=(0.0, 3.0 * place, 0.5)) for place, id_ in enumerate(mapping.objects)
-    }
+    objects = {id_: SyntheticMotion(centre_m=(0.0, 3.0 * i, 0.5)) for i, id_ in enumerate(mapping.objects)}
     config = SyntheticConfig(occlusions_hz=0.1, flips_hz=0.1, dropped=0.01)
     return SyntheticSource(objects, config, np.random.default_rng(0), clock=clock)
 
@@ -249,8 +240,7 @@ def _make_up_trees(node: Node, mapping: MocapMapping) -> None:
     from sfglab.spatial.frames.listener import TF_STATIC_QOS, TRANSFORMS
 
     above = Pose(position_m=(0.0, 0.0, 0.1))
-    placed = mapping.objects.values()
-    roots = {one.via: one.frame or f"{one.via.partition('/')[0]}/odom" for one in placed}
+    roots = {one.via: one.frame or f"{one.via.partition('/')[0]}/odom" for one in mapping.objects.values()}
     transforms = [
         StampedTransform(parent=root, child=via, stamp_ns=0, pose=above).to_msg()
         for via, root in roots.items()
@@ -267,9 +257,7 @@ def _report(core: BridgeCore) -> str:
 
 
 def _object_line(status: MocapObjectStatus) -> str:
-    sights = (
-        ", ".join(f"{count} {verdict}" for verdict, count in sorted(status.verdicts.items())) or "never seen"
-    )
+    sights = ", ".join(f"{n} {verdict}" for verdict, n in sorted(status.verdicts.items())) or "never seen"
     late = [status.receipt_latency.median_ns, status.publication_latency.median_ns]
     times = " + ".join("-" if ns is None else f"{ns / 1e6:.2f}" for ns in late)
     problem = f"; {status.problem}" if status.problem else ""
@@ -293,9 +281,8 @@ async def _listen(buffer: FrameBuffer, options: dict[str, Any], seconds: float) 
 def _only_topic(reader: LogReader) -> str:
     topics = [topic for topic, info in reader.topics.items() if info.type_name in _POSES]
     if len(topics) != 1:
-        raise SfglabError(
-            f"--topic: nothing is given, allowed are {', '.join(topics) or 'none: the log has no poses'}"
-        )
+        allowed = ", ".join(topics) or "none: the log has no poses"
+        raise SfglabError(f"--topic: nothing is given, allowed are {allowed}")
     return topics[0]
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from typer import Argument, Option
 
 from sfglab.cli.buses import Count, Domain, Hidden, Interface, Json, SpinTime, call, look, on_node, tell
 from sfglab.errors import InvalidValueError, SfglabError
@@ -14,16 +15,16 @@ if TYPE_CHECKING:
 
 node_app = typer.Typer(help="Nodes of a domain, in the words of ros2 node.", no_args_is_help=True)
 param_app = typer.Typer(help="Parameters of nodes, in the words of ros2 param.", no_args_is_help=True)
-_Node = Annotated[str, typer.Argument(metavar="NODE", help="Full name of the node, e.g. /agent_decoder")]
-_Name = Annotated[str, typer.Argument(help="Name of the parameter.")]
-_Timeout = Annotated[float, typer.Option(min=0.1, help="Seconds to wait for the node's answer.")]
+_Node = Annotated[str, Argument(metavar="NODE", help="Full name of the node, e.g. /agent_decoder")]
+_Name = Annotated[str, Argument(help="Name of the parameter.")]
+_Timeout = Annotated[float, Option(min=0.1, help="Seconds to wait for the node's answer.")]
 _SECONDS = 10.0
 _LIST = "/list_parameters"
 
 
 @node_app.command("list")
 def list_nodes(
-    hidden: Annotated[bool, typer.Option("--all", "-a", help="Consider names below _ as well.")] = False,
+    hidden: Annotated[bool, Option("--all", "-a", help="Consider names below _ as well.")] = False,
     count: Count = False,
     as_json: Json = False,
     domain: Domain = None,
@@ -50,7 +51,7 @@ def list_nodes(
 
 @node_app.command()
 def info(
-    node: Annotated[str, typer.Argument(help="Full name of the node, e.g. /talker")],
+    node: Annotated[str, Argument(help="Full name of the node, e.g. /talker")],
     hidden: Hidden = False,
     as_json: Json = False,
     domain: Domain = None,
@@ -70,14 +71,13 @@ def info(
     typer.echo(node)
     for head, names in found.items():
         typer.echo(f"  {head}:")
-        lines = [f"    {name}: {', '.join(types)}" for name, types in names.items()]
-        typer.echo("\n".join(lines))
+        typer.echo("\n".join(f"    {name}: {', '.join(types)}" for name, types in names.items()))
 
 
 @param_app.command("list")
 def list_parameters(
     node_name: Annotated[
-        str | None, typer.Argument(metavar="NODE", help="Full name of the node; all nodes when none.")
+        str | None, Argument(metavar="NODE", help="Full name of the node; all nodes when none.")
     ] = None,
     as_json: Json = False,
     timeout: _Timeout = _SECONDS,
@@ -121,8 +121,7 @@ def _absolute(node: str) -> str:
 
 
 async def _names(node: Node, name: str, timeout_s: float) -> list[str]:
-    response = await _ask(node, name, "ListParameters", {}, timeout_s)
-    return sorted(response.result.names)
+    return sorted((await _ask(node, name, "ListParameters", {}, timeout_s)).result.names)
 
 
 async def _ask(node: Node, name: str, service: str, fields: dict[str, Any], timeout_s: float) -> Any:
@@ -149,7 +148,7 @@ async def _values(node: Node, name: str, parameters: list[str], timeout_s: float
 def get(
     node_name: _Node,
     name: _Name,
-    hide_type: Annotated[bool, typer.Option("--hide-type", help="Print the value alone.")] = False,
+    hide_type: Annotated[bool, Option("--hide-type", help="Print the value alone.")] = False,
     as_json: Json = False,
     timeout: _Timeout = _SECONDS,
     domain: Domain = None,
@@ -177,7 +176,7 @@ def get(
 def set_parameter(
     node_name: _Node,
     name: _Name,
-    value: Annotated[str, typer.Argument(help="Its value as YAML, e.g. 0.5 or '[a, b]'")],
+    value: Annotated[str, Argument(help="Its value as YAML, e.g. 0.5 or '[a, b]'")],
     timeout: _Timeout = _SECONDS,
     domain: Domain = None,
     interface: Interface = None,
@@ -192,10 +191,8 @@ def set_parameter(
     from sfglab.messages import message_type
 
     parameter = message_type("rcl_interfaces/msg/Parameter")(name=name, value=parameter_value(_read(value)))
-    fields = {"parameters": [parameter]}
-    response = on_node(
-        (domain, interface), lambda node: _ask(node, node_name, "SetParameters", fields, timeout)
-    )
+    given = {"parameters": [parameter]}
+    response = on_node((domain, interface), lambda node: _ask(node, node_name, "SetParameters", given, timeout))
     if not response.results[0].successful:
         raise SfglabError(f"Setting parameter failed: {response.results[0].reason}")
     typer.echo("Set parameter successful")
@@ -212,9 +209,8 @@ def _read(text: str) -> Any:
     kinds = {type(one) for one in value} if isinstance(value, list) else {type(value)}
     whole = [value] if isinstance(value, int) else value if kinds == {int} else []
     if len(kinds) != 1 or not kinds <= {bool, int, float, str} or any(abs(one) >= 2**63 for one in whole):
-        raise InvalidValueError(
-            "VALUE", text, "true or false, a number of 64 bits, text, or a list of one of them"
-        )
+        allowed = "true or false, a number of 64 bits, text, or a list of one of them"
+        raise InvalidValueError("VALUE", text, allowed)
     return value
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from typer import Argument, Option
 
 from sfglab.cli.buses import Domain, Interface
 from sfglab.component import on_stop, run
@@ -17,20 +18,20 @@ if TYPE_CHECKING:
 
     from sfglab.bus import Node
     from sfglab.spatial.execution.client import Execution
-    from sfglab.spatial.execution.orders import Ended, Order
+    from sfglab.spatial.execution.orders import Order
     from sfglab.spatial.execution.server import AgentSetup
 
 
 def plan(
-    scene: Annotated[Path, typer.Argument(help="A scene file, e.g. data/scenes/hall.yaml")],
+    scene: Annotated[Path, Argument(help="A scene file, e.g. data/scenes/hall.yaml")],
     port: Annotated[
-        int, typer.Option(min=0, max=65535, help="Serve the editor here; 0 takes any port that is free.")
+        int, Option(min=0, max=65535, help="Serve the editor here; 0 takes any port that is free.")
     ] = 8092,
     no_browser: Annotated[
-        bool, typer.Option("--no-browser", help="Open no browser; only print the address.")
+        bool, Option("--no-browser", help="Open no browser; only print the address.")
     ] = False,
     new: Annotated[
-        bool, typer.Option("--new", help="Begin an empty scene; the file is made by the first save.")
+        bool, Option("--new", help="Begin an empty scene; the file is made by the first save.")
     ] = False,
 ) -> None:
     """Plan trajectories for several robots in 3D, in the browser (paper A, section 4.5).
@@ -72,22 +73,18 @@ app = typer.Typer(
     help="Trajectories carried out: a simulated agent, and sending an agent along its trajectory.",
     no_args_is_help=True,
 )
-_Action = Annotated[
-    str, typer.Option(help="Name of the action; /global/<agent>/execute_trajectory when not given.")
-]
+_Action = Annotated[str, Option(help="Name of the action; /global/<agent>/execute_trajectory when not given.")]
 
 
 @app.command()
 def serve(
-    agent: Annotated[str, typer.Option(help="Name of the agent.")],
+    agent: Annotated[str, Option(help="Name of the agent.")],
     domain: Domain = None,
     interface: Interface = None,
     action: _Action = "",
-    scene: Annotated[
-        Path | None, typer.Option(help="A scene that has the agent: its start and its limits.")
-    ] = None,
+    scene: Annotated[Path | None, Option(help="A scene that has the agent: its start and its limits.")] = None,
     preempt: Annotated[
-        bool, typer.Option("--preempt", help="A second goal takes the first one's place; else it is refused.")
+        bool, Option("--preempt", help="A second goal takes the first one's place; else it is refused.")
     ] = False,
 ) -> None:
     """Simulate an agent that an action moves, until Ctrl-C; without a scene it stands at 0 and has no limits.
@@ -108,15 +105,15 @@ def serve(
 
 @app.command("run")
 def run_scene(
-    file: Annotated[Path, typer.Argument(help="A scene, e.g. data/scenes/hall.yaml")],
+    file: Annotated[Path, Argument(help="A scene, e.g. data/scenes/hall.yaml")],
     agent: Annotated[
-        list[str] | None, typer.Option(help="Who is sent; all that have a trajectory when not given.")
+        list[str] | None, Option(help="Who is sent; all that have a trajectory when not given.")
     ] = None,
     domain: Domain = None,
     interface: Interface = None,
     action: _Action = "",
     delay: Annotated[
-        float, typer.Option(min=0.0, help="Seconds until all start together; 0: each when it gets its goal.")
+        float, Option(min=0.0, help="Seconds until all start together; 0: each when it gets its goal.")
     ] = 1.0,
 ) -> None:
     """Send agents along their trajectories of a scene, and wait until they are there; Ctrl-C stops them.
@@ -134,25 +131,17 @@ def run_scene(
     from sfglab.spatial.scene.files import load_scene
 
     scene = load_scene(file)
-    agents = tuple(agent or ())
 
     def orders(start_ns: int) -> tuple[Order, ...]:
         begin_ns = start_ns + round(delay * 1e9) if delay else 0
-        found = scene_orders(scene, agents=agents, start_ns=begin_ns)
+        found = scene_orders(scene, agents=tuple(agent or ()), start_ns=begin_ns)
         if action and len(found) > 1:
             raise SfglabError(f"--action: given for {len(found)} agents, allowed: with one --agent")
         return found
 
     if not orders(0):
         raise SfglabError(f"{file}: given no agent with a trajectory, allowed: at least one")
-    code = 0
-
-    async def main() -> None:
-        nonlocal code
-        code = await _send_all(orders, action, {"domain_id": domain, "interface": interface})
-
-    run(main())
-    raise typer.Exit(code)
+    raise typer.Exit(run(_send_all(orders, action, {"domain_id": domain, "interface": interface})))
 
 
 def _setup(agent: str, scene: Path | None, *, preempt: bool) -> AgentSetup:
@@ -175,7 +164,7 @@ def _setup(agent: str, scene: Path | None, *, preempt: bool) -> AgentSetup:
     )
 
 
-async def _serve(agent: str, setup: AgentSetup, action: str, address: dict[str, Any]) -> None:
+async def _serve(agent: str, setup: AgentSetup, action: str, where: dict[str, Any]) -> None:
     import asyncio
 
     from sfglab.bus import Node
@@ -183,10 +172,7 @@ async def _serve(agent: str, setup: AgentSetup, action: str, address: dict[str, 
 
     asked = asyncio.Event()
     on_stop(asked.set)
-    async with (
-        Node(agent, **address) as node,
-        TrajectoryServer(node, agent, name=action, setup=setup) as server,
-    ):
+    async with Node(agent, **where) as node, TrajectoryServer(node, agent, name=action, setup=setup) as server:
         typer.echo(f"{agent}: {server.action_name} moves it; Ctrl-C ends")
         await asked.wait()
 
@@ -199,10 +185,8 @@ async def _send_all(orders: Callable[[int], tuple[Order, ...]], action: str, add
 
     async with Node("planner", **address) as node:
         sent = [_execution(node, order.agent, action, place) for place, order in enumerate(orders(0))]
-        for order in orders(0):
-            FOLLOW_TRAJECTORY.goal(
-                order
-            )  # what is imported at first use is not to cost time once the start is set
+        for order in orders(0):  # what is imported at first use is not to cost time once the start is set
+            FOLLOW_TRAJECTORY.goal(order)
         await asyncio.gather(*(execution.ready() for execution in sent))
         wanted = orders(node.get_clock().now_ns())
         await asyncio.gather(*(e.begin(order) for e, order in zip(sent, wanted, strict=True)))
@@ -215,7 +199,8 @@ async def _send_all(orders: Callable[[int], tuple[Order, ...]], action: str, add
         ended = await asyncio.gather(*(execution.result() for execution in sent))
         await asyncio.gather(*stopping)
     for order, end in zip(wanted, ended, strict=True):
-        typer.echo(f"{order.agent}: {_sentence(end)}")
+        at = "" if end.pose is None else " at ({:.2f}, {:.2f}, {:.2f}) m".format(*end.pose.position_m)
+        typer.echo(f"{order.agent}: {end}{at}")
     if stopping:
         return 130
     return 0 if all(end.outcome.value == "succeeded" for end in ended) else 1
@@ -233,8 +218,3 @@ def _execution(node: Node, agent: str, action: str, place: int) -> Execution:
         bar.update(round(100 * feedback.share) - bar.n)
 
     return Execution(node, agent, action=action, on_feedback=show)
-
-
-def _sentence(ended: Ended) -> str:
-    at = "" if ended.pose is None else " at ({:.2f}, {:.2f}, {:.2f}) m".format(*ended.pose.position_m)
-    return f"{ended}{at}"

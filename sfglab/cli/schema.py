@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import typer
+from typer import Argument, Option
 
 from sfglab.cli.buses import put
 
@@ -14,8 +15,8 @@ _Name = Literal["fleet", "qos", "graph", "scene", "mocap", "claims"]
 
 
 def schema(
-    name: Annotated[_Name, typer.Argument(help="The format.")],
-    out: Annotated[Path | None, typer.Option(help="Write it into this file, not to the terminal.")] = None,
+    name: Annotated[_Name, Argument(help="The format.")],
+    out: Annotated[Path | None, Option(help="Write it into this file, not to the terminal.")] = None,
 ) -> None:
     """Print the JSON Schema of a file format, by which editors complete and check such files.
 

@@ -7,6 +7,7 @@ import time
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from typer import Argument, Option
 
 import sfglab.cli.buses as bus
 from sfglab.cli.interfaces import Interfaces
@@ -18,13 +19,13 @@ if TYPE_CHECKING:
     from sfglab.bus.meters import Bandwidth, Rate
 
 app = typer.Typer(help="Topics of a domain, in the words of ros2 topic.", no_args_is_help=True)
-_Topic = Annotated[str, typer.Argument(help="Name of the topic, e.g. /chatter")]
-_Window = Annotated[int, typer.Option("--window", "-w", min=2, help="How many messages are averaged over.")]
+_Topic = Annotated[str, Argument(help="Name of the topic, e.g. /chatter")]
+_Window = Annotated[int, Option("--window", "-w", min=2, help="How many messages are averaged over.")]
 _Duration = Annotated[
-    float | None, typer.Option(min=0.1, help="Seconds of messages until it ends; else until Ctrl-C.")
+    float | None, Option(min=0.1, help="Seconds of messages until it ends; else until Ctrl-C.")
 ]
 _HELP = "Begin when so many listen. [default: 1 with -1 and -t]"
-_Wait = Annotated[int | None, typer.Option("--wait-matching-subscriptions", "-w", min=0, help=_HELP)]
+_Wait = Annotated[int | None, Option("--wait-matching-subscriptions", "-w", min=0, help=_HELP)]
 _REPORT_S = 1.0
 
 
@@ -33,7 +34,7 @@ def list_topics(
     show_types: bus.ShowTypes = False,
     count: bus.Count = False,
     hidden: Annotated[
-        bool, typer.Option("--include-hidden-topics", "-a", help="Consider names below _ as well.")
+        bool, Option("--include-hidden-topics", "-a", help="Consider names below _ as well.")
     ] = False,
     as_json: bus.Json = False,
     domain: bus.Domain = None,
@@ -55,7 +56,7 @@ def list_topics(
 @app.command()
 def info(
     topic: _Topic,
-    verbose: Annotated[bool, typer.Option("--verbose", "-v", help="Also nodes, QoS, hashes of types.")] = False,
+    verbose: Annotated[bool, Option("--verbose", "-v", help="Also nodes, QoS, hashes of types.")] = False,
     as_json: bus.Json = False,
     domain: bus.Domain = None,
     interface: bus.Interface = None,
@@ -91,17 +92,17 @@ def info(
 @app.command()
 def echo(
     topic: _Topic,
-    type_: Annotated[str | None, typer.Argument(metavar="TYPE", help="Its type, if nobody has it yet.")] = None,
-    once: Annotated[bool, typer.Option("--once", help="End after the first message.")] = False,
-    field: Annotated[str, typer.Option(help="Only this field, e.g. pose.position.x")] = "",
-    full_length: Annotated[bool, typer.Option("--full-length", "-f", help="Cut nothing.")] = False,
+    type_: Annotated[str | None, Argument(metavar="TYPE", help="Its type, if nobody has it yet.")] = None,
+    once: Annotated[bool, Option("--once", help="End after the first message.")] = False,
+    field: Annotated[str, Option(help="Only this field, e.g. pose.position.x")] = "",
+    full_length: Annotated[bool, Option("--full-length", "-f", help="Cut nothing.")] = False,
     truncate_length: Annotated[
-        int, typer.Option("--truncate-length", "-l", min=0, help="Where strings and arrays are cut.")
+        int, Option("--truncate-length", "-l", min=0, help="Where strings and arrays are cut.")
     ] = 128,
-    no_arr: Annotated[bool, typer.Option("--no-arr", help="Describe arrays only.")] = False,
-    no_str: Annotated[bool, typer.Option("--no-str", help="Describe strings only.")] = False,
-    timeout: Annotated[float | None, typer.Option(min=0.0, help="Seconds until the first message.")] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="A line of JSON a message, uncut.")] = False,
+    no_arr: Annotated[bool, Option("--no-arr", help="Describe arrays only.")] = False,
+    no_str: Annotated[bool, Option("--no-str", help="Describe strings only.")] = False,
+    timeout: Annotated[float | None, Option(min=0.0, help="Seconds until the first message.")] = None,
+    as_json: Annotated[bool, Option("--json", help="A line of JSON a message, uncut.")] = False,
     reliability: bus.Reliability = None,
     durability: bus.Durability = None,
     depth: bus.Depth = None,
@@ -167,9 +168,8 @@ def hz(
     """
     from sfglab.bus.meters import Rate
 
-    bus.until_interrupted(
-        (domain, interface), lambda node: _measure(node, topic, Rate(window), duration, as_json)
-    )
+    meter = Rate(window)
+    bus.until_interrupted((domain, interface), lambda node: _measure(node, topic, meter, duration, as_json))
 
 
 @app.command()
@@ -222,16 +222,14 @@ async def _measure(
 @app.command()
 def pub(
     topic: _Topic,
-    type_: Annotated[str, typer.Argument(metavar="TYPE", help="Type, e.g. std_msgs/msg/String")],
-    values: Annotated[
-        str, typer.Argument(help="Fields as YAML, e.g. '{data: hello}'; now, auto: the time.")
-    ] = "",
-    rate: Annotated[float, typer.Option("--rate", "-r", min=0.001, help="Messages a second.")] = 1.0,
-    print_: Annotated[int, typer.Option("--print", "-p", min=0, help="Print every n-th message; 0: none.")] = 1,
-    once: Annotated[bool, typer.Option("--once", "-1", help="Publish one message and end.")] = False,
-    times: Annotated[int, typer.Option("--times", "-t", min=0, help="Publish so often and end.")] = 0,
+    type_: Annotated[str, Argument(metavar="TYPE", help="Type, e.g. std_msgs/msg/String")],
+    values: Annotated[str, Argument(help="Fields as YAML, e.g. '{data: hello}'; now, auto: the time.")] = "",
+    rate: Annotated[float, Option("--rate", "-r", min=0.001, help="Messages a second.")] = 1.0,
+    print_: Annotated[int, Option("--print", "-p", min=0, help="Print every n-th message; 0: none.")] = 1,
+    once: Annotated[bool, Option("--once", "-1", help="Publish one message and end.")] = False,
+    times: Annotated[int, Option("--times", "-t", min=0, help="Publish so often and end.")] = 0,
     wait: _Wait = None,
-    keep_alive: Annotated[float, typer.Option(min=0.0, help="Seconds to stay after the last message.")] = 0.1,
+    keep_alive: Annotated[float, Option(min=0.0, help="Seconds to stay after the last message.")] = 0.1,
     reliability: bus.Reliability = None,
     durability: bus.Durability = None,
     depth: bus.Depth = None,

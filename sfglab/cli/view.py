@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
+from typer import Argument, Option
 
 from sfglab.cli.buses import domain_option, put, say_left_out, unused
 from sfglab.cli.interfaces import Interfaces
@@ -22,38 +23,35 @@ if TYPE_CHECKING:
     from sfglab.view.app import ViewOptions
     from sfglab.view.session import Session
 
-
 _LAST_PORT = 65535
 _SERVED_PORT = 9876  #: Where `serve` waits when nothing else is said; the viewer's own default.
 
 
 def view(
     log: Annotated[
-        Path | None, typer.Argument(help="An MCAP file or a rosbag2 folder; without it the bus is shown live.")
+        Path | None, Argument(help="An MCAP file or a rosbag2 folder; without it the bus is shown live.")
     ] = None,
     to: Annotated[
         list[str] | None,
-        typer.Option(
+        Option(
             help="FILE.rrd, viewer, serve[[:ADDRESS]:PORT] or rerun+http://HOST:PORT/proxy; may be repeated. "
             "Or foxglove[[:ADDRESS]:PORT], live and alone; FILE.json: a fleet's layout for it. "
             "[default: viewer, where there is a display]"
         ),
     ] = None,
     fleet: Annotated[
-        Path | None, typer.Option(help="A fleet file, for the layout, the expected agents and the border.")
+        Path | None, Option(help="A fleet file, for the layout, the expected agents and the border.")
     ] = None,
-    frame: Annotated[
-        str, typer.Option(help="Frame in which space is drawn. [default: map with a fleet file]")
-    ] = "",
-    topic: Annotated[list[str] | None, typer.Option(help="Only topics that begin so; may be repeated.")] = None,
+    frame: Annotated[str, Option(help="Frame in which space is drawn. [default: map with a fleet file]")] = "",
+    topic: Annotated[list[str] | None, Option(help="Only topics that begin so; may be repeated.")] = None,
     memory: Annotated[
-        str, typer.Option(help="How much a viewer or server started here may keep: a share, or as 4GB.")
+        str, Option(help="How much a viewer or server started here may keep: a share, or as 4GB.")
     ] = "25%",
     thin: Annotated[
-        bool, typer.Option("--thin", help="Thin a log out by the visualizers' rates, as live always is.")
+        bool, Option("--thin", help="Thin a log out by the visualizers' rates, as live always is.")
     ] = False,
     domain: Annotated[int | None, domain_option("DDS domain to look at, live.")] = None,
-    interface: Annotated[str | None, typer.Option(help="Network interface, live; lo stays inside.")] = None,
+    interface: Annotated[str | None, Option(help="Network interface, live; lo stays inside.")] = None,
     _interfaces: Interfaces = None,
 ) -> None:
     """Show what is on the bus, or a log, in the Rerun viewer or a file (paper A, section 4.5).
@@ -86,12 +84,11 @@ def view(
         thin=thin,
     )
     if any(place.endswith(".json") for place in options.to):
-        unused(
-            "with a layout, which is of a fleet alone", "log", "topic", "memory", "thin", "domain", "interface"
-        )
+        why = "with a layout, which is of a fleet alone"
+        unused(why, "log", "topic", "memory", "thin", "domain", "interface")
         _write_layout(options.to, fleet, frame)
         return
-    if any(_is_foxglove(place) for place in options.to):
+    if any(place.partition(":")[0] == "foxglove" for place in options.to):
         if log is not None or len(options.to) > 1 or fleet is not None or frame or thin:
             raise SfglabError(
                 "--to foxglove: given with more, allowed are --topic, --domain and --interface: "
@@ -115,12 +112,7 @@ def _write_layout(to: Sequence[str], fleet: Path | None, frame: str) -> None:
         raise SfglabError(f"--to: given {', '.join(to)}, allowed beside a layout is no other place")
     if fleet is None:
         raise SfglabError(f"--to {to[0]}: given without --fleet, needed is the fleet whose layout it is")
-    text = layout_of_fleet(load_fleet(fleet), frame=frame or "map")
-    put({Path(to[0]): text + "\n"})
-
-
-def _is_foxglove(place: str) -> bool:
-    return place.partition(":")[0] == "foxglove"
+    put({Path(to[0]): layout_of_fleet(load_fleet(fleet), frame=frame or "map") + "\n"})
 
 
 def _foxglove(options: ViewOptions, domain: int, interface: str | None) -> None:
@@ -132,18 +124,14 @@ def _foxglove(options: ViewOptions, domain: int, interface: str | None) -> None:
 
     address, _, port = options.to[0].partition(":")[2].rpartition(":")
     if not (port or str(PORT)).isdecimal() or int(port or PORT) > _LAST_PORT:
-        raise SfglabError(
-            f"--to: given {options.to[0]}, allowed: foxglove, foxglove:PORT or foxglove:ADDRESS:PORT"
-        )
+        allowed = "foxglove, foxglove:PORT or foxglove:ADDRESS:PORT"
+        raise SfglabError(f"--to: given {options.to[0]}, allowed: {allowed}")
 
     async def main() -> None:
         async with (
             Node("view", domain_id=domain, interface=interface) as node,
             FoxgloveBridge(
-                node,
-                host=address or "127.0.0.1",
-                port=int(port or PORT),
-                topics=options.topics or ("/",),
+                node, host=address or "127.0.0.1", port=int(port or PORT), topics=options.topics or ("/",)
             ) as bridge,
         ):
             typer.echo(f"domain {domain} is at ws://{address or 'localhost'}:{bridge.port}; Ctrl-C ends")
@@ -241,8 +229,7 @@ def _tell(session: Session) -> None:
     from sfglab.view.app import report_of
 
     reports = report_of(session)
-    shown = sum(report.shown for report in reports)
-    typer.echo(f"{len(reports)} displays, {shown} updates shown")
+    typer.echo(f"{len(reports)} displays, {sum(report.shown for report in reports)} updates shown")
     for report in reports:
         if report.errors or report.dropped:
             failed = f", {report.errors} not shown: {report.last_error}" if report.errors else ""

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sfglab.codecs.depth import PNG_LEVEL, DepthFormat, decode_depth, encode_depth, parse_depth_format
-from sfglab.codecs.errors import MAX_PIXELS, CodecError, CodecUnavailableError
+from sfglab.codecs.errors import MAX_PIXELS, CodecError, CodecUnavailableError, kind_of
 from sfglab.codecs.h264 import H264Decoder, VideoDecoder
 
 if TYPE_CHECKING:
@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from sfglab.codecs.libav import EncodedFrame, H264Settings
-
 
 FFMPEG_PACKET = "ffmpeg_image_transport_msgs/msg/FFMPEGPacket"
 COMPRESSED_IMAGE = "sensor_msgs/msg/CompressedImage"
@@ -105,10 +104,8 @@ def compressed_image_fields(image_bgr: NDArray[np.uint8], codec: str = "jpeg") -
     from sfglab.codecs.still import encode_jpeg, encode_png
 
     if image_bgr.ndim != 3 or image_bgr.shape[2] != 3 or image_bgr.dtype != np.uint8:
-        raise CodecError(
-            f"colour image: given {image_bgr.dtype} of shape {image_bgr.shape}, "
-            f"allowed is uint8 of shape (height, width, 3)"
-        )
+        given = kind_of(image_bgr)
+        raise CodecError(f"colour image: given {given}, allowed is uint8 of shape (height, width, 3)")
     if codec == "jpeg":
         data = encode_jpeg(image_bgr)
     elif codec == "png":
@@ -203,16 +200,12 @@ def _read_compressed_video(message: Any) -> _Content:
 
 
 def _read_compressed_image(message: Any) -> _Content:
-    text = message.format.lower()
+    text, data = message.format.lower(), bytes(message.data)
     if "compresseddepth" in text:
-        return _Content(
-            codec="depth", data=bytes(message.data), depth_format=parse_depth_format(message.format)
-        )
+        return _Content(codec="depth", data=data, depth_format=parse_depth_format(message.format))
     names = {"h264": "h264", "h265": "hevc", "hevc": "hevc", "jpeg": "jpeg", "jpg": "jpeg", "png": "png"}
     codec = next((codec for name, codec in names.items() if name in text), message.format)
-    return _Content(
-        codec=codec, data=bytes(message.data), ros_encoding=message.format.partition(";")[0].strip()
-    )
+    return _Content(codec=codec, data=data, ros_encoding=message.format.partition(";")[0].strip())
 
 
 class ImageDecoder:

@@ -17,11 +17,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sfglab.codecs.errors import MAX_PIXELS, BitstreamError, CodecError, check_size
+from sfglab.codecs.errors import MAX_PIXELS, BitstreamError, CodecError, check_size, kind_of
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
-
 
 PNG_LEVEL = 9
 """The plugin's default (``png_level``), which takes 20 to 50 times as long as level 1 to
@@ -54,9 +53,8 @@ def parse_depth_format(text: str) -> DepthFormat:
     words = transport.split()
     codec = words[1].lower() if len(words) == 2 else "png"
     if not words or len(words) > 2 or words[0].lower() != "compresseddepth" or codec not in _CODECS:
-        raise CodecError(
-            f"depth format: given {text!r}, allowed is '<encoding>; compressedDepth' followed by {_ALLOWED}"
-        )
+        allowed = f"'<encoding>; compressedDepth' followed by {_ALLOWED}"
+        raise CodecError(f"depth format: given {text!r}, allowed is {allowed}")
     return DepthFormat(encoding=encoding.strip(), codec=codec)
 
 
@@ -79,9 +77,7 @@ def encode_depth(
         CodecError: If the image or the codec is of another kind.
     """
     if depth.ndim != 2 or depth.dtype not in (np.uint16, np.float32):
-        raise CodecError(
-            f"depth image: given {depth.dtype} of shape {depth.shape}, allowed are 2-D uint16 and float32"
-        )
+        raise CodecError(f"depth image: given {kind_of(depth)}, allowed are 2-D uint16 and float32")
     if depth_max_m is not None and not 0 < depth_max_m < math.inf:
         raise CodecError(f"depth_max_m: given {depth_max_m}, allowed are positive metres or None")
     if depth.dtype == np.float32:
@@ -169,6 +165,6 @@ def _decompressed(body: memoryview, codec: str, most_pixels: int) -> NDArray[np.
 
     image = decode_still(bytes(body), most_pixels=most_pixels)
     if image.ndim != 2 or image.dtype != np.uint16:
-        reason = f"holds {image.dtype} of shape {image.shape}; depth is one channel of 16 bits"
+        reason = f"holds {kind_of(image)}; depth is one channel of 16 bits"
         raise BitstreamError("png", reason=reason, size_bytes=len(body))
     return image

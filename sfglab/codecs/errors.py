@@ -5,6 +5,8 @@ Knows what can be wrong with media bytes. Refuses to know any codec.
 
 from __future__ import annotations
 
+from typing import Any
+
 from sfglab.errors import SfglabError
 
 MAX_PIXELS = 2**26
@@ -32,6 +34,11 @@ class BitstreamError(CodecError):
         self.reason = reason  #: What is wrong with the bytes.
         self.size_bytes = size_bytes  #: How many bytes were given.
         super().__init__(f"{codec} frame of {size_bytes} bytes: {reason}")
+
+
+def kind_of(array: Any) -> str:
+    """Return an array's type and shape, for messages."""
+    return f"{array.dtype} of shape {array.shape}"
 
 
 def check_size(codec: str, *, width: int, height: int, size_bytes: int, most_pixels: int = MAX_PIXELS) -> None:

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, NoReturn
 import av
 import numpy as np
 
-from sfglab.codecs.errors import MAX_PIXELS, BitstreamError, CodecError, CodecUnavailableError
+from sfglab.codecs.errors import MAX_PIXELS, BitstreamError, CodecError, CodecUnavailableError, kind_of
 from sfglab.codecs.libav import (
     TABLE_2,
     DecoderSession,
@@ -35,7 +35,6 @@ from sfglab.files import own_folder
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
-
 
 _log = logging.getLogger(__name__)
 _DAY_S = 86400.0
@@ -148,10 +147,8 @@ class VideoDecoder:
         if out is None:
             return np.ascontiguousarray(pixels)
         if out.shape != pixels.shape or out.dtype != np.uint8:
-            raise CodecError(
-                f"decoded pixels: the frame is uint8 of shape {pixels.shape}; "
-                f"given for it is {out.dtype} of shape {out.shape}"
-            )
+            both = f"the frame is {kind_of(pixels)}; given for it is {kind_of(out)}"
+            raise CodecError(f"decoded pixels: {both}")
         np.copyto(out, pixels)
         return out
 

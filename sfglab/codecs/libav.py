@@ -20,13 +20,12 @@ from av.video.codeccontext import VideoCodecContext
 from av.video.frame import PictureType
 from av.video.reformatter import ColorRange, Colorspace, Interpolation, VideoReformatter
 
-from sfglab.codecs.errors import MAX_PIXELS, CodecError
+from sfglab.codecs.errors import MAX_PIXELS, CodecError, kind_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from numpy.typing import NDArray
-
 
 # BT.601, limited range: the matrix of swscale's defaults, which ffmpeg_image_transport uses on both sides
 # without looking at the stream (ffmpeg_encoder_decoder, encoder.cpp and decoder.cpp), and of OpenCV's YUV
@@ -132,10 +131,8 @@ class EncoderSession:
     def encode(self, image_bgr: NDArray[np.uint8], *, force_key: bool = False) -> tuple[EncodedFrame, ...]:
         """Encode one image (height, width, 3), uint8, to the frames let go; CodecError if it does not fit."""
         if image_bgr.shape != self._shape or image_bgr.dtype != np.uint8:
-            raise CodecError(
-                f"H.264 encoder: given {image_bgr.dtype} of shape {image_bgr.shape}, "
-                f"allowed is uint8 of shape {self._shape}"
-            )
+            given = kind_of(image_bgr)
+            raise CodecError(f"H.264 encoder: given {given}, allowed is uint8 of shape {self._shape}")
         frame = self._planes(np.ascontiguousarray(image_bgr))
         frame.pts, frame.time_base = self._next_pts, self._context.time_base
         frame.pict_type = PictureType.I if force_key else PictureType.NONE
@@ -191,18 +188,14 @@ class DecoderSession:
         reformatter, bilinear, one thread: a quarter or less of what ``frame.to_ndarray(format="bgr24")`` costs,
         which builds a new context each time (benchmarks/h264.py). Raises av.FFmpegError where swscale cannot.
         """
-        converted = self._reformatter.reformat(
-            frame, format="bgr24", interpolation=Interpolation.BILINEAR, threads=1
-        )
-        plane = converted.planes[0]
+        bgr = self._reformatter.reformat(frame, format="bgr24", interpolation=Interpolation.BILINEAR, threads=1)
+        plane = bgr.planes[0]
         rows = np.frombuffer(cast("memoryview", plane), np.uint8).reshape(-1, plane.line_size)
         return rows[: frame.height, : 3 * frame.width].reshape(frame.height, frame.width, 3)
 
 
 _H264_ENTRY = frozenset({5, 7})  # IDR slice, sequence parameter set
 _H265_ENTRY = frozenset({*range(16, 24), 32, 33})  # IRAP slices, video and sequence parameter sets
-
-
 _KEY_PICTURES = {"h264": frozenset({5}), "hevc": frozenset(range(16, 24))}  # IDR and IRAP slices
 
 

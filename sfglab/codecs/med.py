@@ -83,9 +83,7 @@ def _unpacked(data: bytes, pixels: int) -> bytes:
 # Numba makes 64 bits of every sum; half as many go twice as fast, and no number here needs more.
 
 
-@compiled(
-    "int64(Array(uint16, 2, 'C', readonly=True), uint8[::1], uint16[::1], int32[:, ::1])",
-)
+@compiled("int64(Array(uint16, 2, 'C', readonly=True), uint8[::1], uint16[::1], int32[:, ::1])")
 def _predict(pixels: Any, codes: Any, values: Any, lines: Any) -> Any:
     """Write pixels' bytes and the values that follow, and count these; `lines` are two rows without holes."""
     rows, columns = pixels.shape
@@ -121,7 +119,7 @@ def _predict(pixels: Any, codes: Any, values: Any, lines: Any) -> Any:
 
 @compiled(
     "int64(Array(uint8, 1, 'C', readonly=True), Array(uint16, 1, 'C', readonly=True), "
-    "uint16[:, ::1], int32[::1])",
+    "uint16[:, ::1], int32[::1])"
 )
 def _restore(codes: Any, values: Any, pixels: Any, above: Any) -> Any:
     """Fill in all pixels; return a fault or 0. `above` is the row before, without holes."""

@@ -17,20 +17,14 @@ import numpy as np
 from av.codec.codec import UnknownCodecError
 
 from sfglab.codecs.errors import CodecError, CodecUnavailableError
-from sfglab.codecs.libav import (
-    DecoderSession,
-    EncodedFrame,
-    EncoderSession,
-    H264Settings,
-    has_start_code,
-    is_entry_point,
-)
+from sfglab.codecs.libav import DecoderSession, EncoderSession, H264Settings, has_start_code, is_entry_point
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
     from numpy.typing import NDArray
 
+    from sfglab.codecs.libav import EncodedFrame
 
 ENCODERS = (
     "h264_nvmpi",
@@ -130,9 +124,8 @@ def _first_working(wanted: str, probes: Iterable[CodecProbe]) -> Choice:
         if probe.works:
             return Choice(name=probe.name, fallback_reason="; ".join(failures) or None)
         failures.append(f"{probe.name}: {probe.reason}")
-    raise CodecUnavailableError(
-        wanted, reason=f"does not work here ({'; '.join(failures)}); `sfglab doctor` lists what does"
-    )
+    reason = f"does not work here ({'; '.join(failures)}); `sfglab doctor` lists what does"
+    raise CodecUnavailableError(wanted, reason=reason)
 
 
 def why(error: Exception) -> str:
@@ -182,8 +175,8 @@ def _check_stream(stream: list[EncodedFrame], *, decoder: str) -> str:
     """Decode the whole stream, then its last frame alone, and return what was seen."""
     images = _trial_images()
     worst_db = min(
-        _worst_psnr_db(DecoderSession(decoder), stream, images),
-        _worst_psnr_db(DecoderSession(decoder), stream[2:], images[2:]),
+        _worst_db(DecoderSession(decoder), stream, images),
+        _worst_db(DecoderSession(decoder), stream[2:], images[2:]),
     )
     if worst_db < _LOWEST_PSNR_DB:
         raise CodecError(f"pictures differ: {worst_db:.1f} dB, wanted {_LOWEST_PSNR_DB} dB")
@@ -192,9 +185,7 @@ def _check_stream(stream: list[EncodedFrame], *, decoder: str) -> str:
     return f"3 frames in, 3 out at once, {worst_db:.1f} dB"
 
 
-def _worst_psnr_db(
-    session: DecoderSession, stream: list[EncodedFrame], images: list[NDArray[np.uint8]]
-) -> float:
+def _worst_db(session: DecoderSession, stream: list[EncodedFrame], images: list[NDArray[np.uint8]]) -> float:
     worst_db = math.inf
     for encoded, image in zip(stream, images, strict=True):
         frames = session.decode(encoded.data)

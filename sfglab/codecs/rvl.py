@@ -19,12 +19,11 @@ from typing import TYPE_CHECKING, Any
 import numba
 import numpy as np
 
-from sfglab.codecs.errors import MAX_PIXELS, BitstreamError, CodecError, check_size
+from sfglab.codecs.errors import MAX_PIXELS, BitstreamError, CodecError, check_size, kind_of
 from sfglab.compiling import compiled
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
-
 
 _FAULTS = {
     1: "the words end before the last pixel",
@@ -50,10 +49,8 @@ def encode(depth: NDArray[np.uint16]) -> bytes:
     1 to `MAX_PIXELS` pixels.
     """
     if depth.ndim != 2 or depth.dtype.str[1:] != "u2" or not 0 < depth.size <= MAX_PIXELS:
-        raise CodecError(
-            f"RVL encodes uint16 images of shape (rows, columns) with 1 to {MAX_PIXELS} pixels; "
-            f"given {depth.dtype} of shape {depth.shape}"
-        )
+        allowed = f"uint16 images of shape (rows, columns) with 1 to {MAX_PIXELS} pixels"
+        raise CodecError(f"RVL encodes {allowed}; given {kind_of(depth)}")
     pixels = np.require(depth, np.uint16, ["C", "A"]).reshape(-1)
     # A run's length never has more nibbles than the run has pixels, and a pixel has at most six.
     words = np.empty((7 * pixels.size + 2) // 8 + 2, dtype=np.uint32)
@@ -61,10 +58,7 @@ def encode(depth: NDArray[np.uint16]) -> bytes:
 
 
 def decode(
-    data: bytes | bytearray | memoryview,
-    shape: tuple[int, int],
-    *,
-    out: NDArray[np.uint16] | None = None,
+    data: bytes | bytearray | memoryview, shape: tuple[int, int], *, out: NDArray[np.uint16] | None = None
 ) -> NDArray[np.uint16]:
     """Restore a depth image; hostile bytes cost time and memory in proportion to `shape`, nothing more.
 
@@ -102,10 +96,8 @@ def _cleared(shape: tuple[int, int], out: NDArray[np.uint16] | None) -> NDArray[
     if out is None:
         return np.zeros(shape, dtype=np.uint16)
     if out.shape != shape or out.dtype != np.uint16 or not out.flags.carray:
-        raise CodecError(
-            f"RVL decodes into a writable, contiguous uint16 array of shape {shape}; "
-            f"given {out.dtype} of shape {out.shape}"
-        )
+        allowed = f"a writable, contiguous uint16 array of shape {shape}"
+        raise CodecError(f"RVL decodes into {allowed}; given {kind_of(out)}")
     out.fill(0)
     return out
 
@@ -148,9 +140,7 @@ def _put(number: Any, words: Any, state: Any) -> Any:
     return at, window, bits
 
 
-@compiled(
-    "int64(Array(uint16, 1, 'C', readonly=True), uint32[::1], Array(int32, 1, 'C', readonly=True))",
-)
+@compiled("int64(Array(uint16, 1, 'C', readonly=True), uint32[::1], Array(int32, 1, 'C', readonly=True))")
 def _encode_words(pixels: Any, words: Any, table: Any) -> Any:
     """Write all pixels as words and return how many words they are."""
     count = len(pixels)

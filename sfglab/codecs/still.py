@@ -12,11 +12,10 @@ from typing import TYPE_CHECKING, Any
 import cv2
 import numpy as np
 
-from sfglab.codecs.errors import MAX_PIXELS, BitstreamError, CodecError, check_size
+from sfglab.codecs.errors import MAX_PIXELS, BitstreamError, CodecError, check_size, kind_of
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
-
 
 _JPEG_QUALITY = 95  # the default of compressed_image_transport
 _PNG_START = b"\x89PNG\r\n\x1a\n"
@@ -29,9 +28,8 @@ def encode_png(image: NDArray[Any], *, level: int) -> bytes:
     Pixels have the shape (rows, columns) or (rows, columns, 3 or 4), uint8 or uint16, colours as BGR(A).
     """
     if image.dtype not in (np.uint8, np.uint16) or not 0 <= level <= 9:
-        raise CodecError(
-            f"PNG: given {image.dtype} at level {level}, allowed are uint8 and uint16 at levels from 0 to 9"
-        )
+        allowed = "uint8 and uint16 at levels from 0 to 9"
+        raise CodecError(f"PNG: given {image.dtype} at level {level}, allowed are {allowed}")
     return _encode(".png", image, [cv2.IMWRITE_PNG_COMPRESSION, level])
 
 
@@ -59,15 +57,13 @@ def decode_still(data: bytes, *, most_pixels: int = MAX_PIXELS) -> NDArray[Any]:
     return image
 
 
-def _encode(extension: str, image: NDArray[Any], parameters: list[int]) -> bytes:
+def _encode(suffix: str, image: NDArray[Any], parameters: list[int]) -> bytes:
     try:
-        done, encoded = cv2.imencode(extension, image, parameters)
+        done, encoded = cv2.imencode(suffix, image, parameters)
     except cv2.error as error:
-        raise CodecError(
-            f"{extension} cannot hold {image.dtype} of shape {image.shape}: {error.err}"
-        ) from error
+        raise CodecError(f"{suffix} cannot hold {kind_of(image)}: {error.err}") from error
     if not done:
-        raise CodecError(f"{extension}: OpenCV failed to encode {image.dtype} of shape {image.shape}")
+        raise CodecError(f"{suffix}: OpenCV failed to encode {kind_of(image)}")
     return bytes(encoded)
 
 

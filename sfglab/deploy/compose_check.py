@@ -294,7 +294,8 @@ def check_compose(files: Mapping[str, BundleFile], deployment: Deployment) -> tu
     """Return one verdict about each rule for the agent's project and for its overlay for development."""
     verdicts: list[Verdict] = []
     base: dict[str, Any] = {}
-    variables = _defined(files)
+    texts = (files[name].text for name in _VARIABLES if name in files)
+    defined = frozenset(name for text in texts for name in _ASSIGNMENT.findall(text))
     for name in (BASE, OVERLAY):
         try:
             values = _services_of(files, name)
@@ -302,10 +303,9 @@ def check_compose(files: Mapping[str, BundleFile], deployment: Deployment) -> tu
             verdicts.append(Verdict(check=SCHEMA, subject=name, state=State.FAILS, says=str(error)))
             continue
         verdicts.append(verdict_of(SCHEMA, name, _by_schema, values))
-        project = Project(
-            values=values, base=base, overlay=name == OVERLAY, deployment=deployment, variables=variables
-        )
-        asked = (rule for rule in RULES if rule.overlay or not project.overlay)
+        overlay = name == OVERLAY
+        project = Project(values=values, base=base, overlay=overlay, deployment=deployment, variables=defined)
+        asked = (rule for rule in RULES if rule.overlay or not overlay)
         verdicts += (verdict_of(rule.name, name, rule.wrong, project) for rule in asked)
         base = values
     return tuple(verdicts)
@@ -337,8 +337,3 @@ def _validator(schemas: Any, validators: Any) -> Any:
     """Return what checks Compose files, made once: a fleet has many."""
     schema = schemas.get_builtin_schema("vendor.compose-spec")
     return validators.validator_for(schema)(schema)
-
-
-def _defined(files: Mapping[str, BundleFile]) -> frozenset[str]:
-    texts = (files[name].text for name in _VARIABLES if name in files)
-    return frozenset(name for text in texts for name in _ASSIGNMENT.findall(text))

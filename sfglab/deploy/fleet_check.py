@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 from functools import cache, partial
 from os import sched_getaffinity
@@ -159,10 +159,8 @@ def _encoded_by_processor(source: FleetSource) -> Iterator[Broken[Place]]:
 def _no_workspace(source: FleetSource) -> Iterator[Broken[Place]]:
     for agent, host in _hosts(source):
         if host.workspace and not (source.folder / host.workspace / "src").is_dir():
-            what = (
-                f"{agent.name} has the colcon workspace {host.workspace}, but there is no {host.workspace}/src"
-            )
-            yield Broken(host.place, what)
+            missing = f"but there is no {host.workspace}/src"
+            yield Broken(host.place, f"{agent.name} has the colcon workspace {host.workspace}, {missing}")
 
 
 _Checked = tuple[Verdict, ...]
@@ -202,11 +200,8 @@ def check_fleet(
     if not fails(verdicts):
         with ThreadPoolExecutor(len(sched_getaffinity(0))) as pool:
             found = pool.map(lambda made: check_bundle(made[1], made[0]), rendered.values())
-            verdicts += (
-                Verdict(check=v.check, subject=f"{name}/{v.subject}", state=v.state, says=v.says)
-                for name, checked in zip(rendered, progress(found), strict=True)
-                for v in checked
-            )
+            for name, checked in zip(rendered, progress(found), strict=True):
+                verdicts += (replace(verdict, subject=f"{name}/{verdict.subject}") for verdict in checked)
     return tuple(verdicts)
 
 

@@ -72,10 +72,8 @@ def make_keystore(
     try:
         if not root.exists() or not any(root.iterdir()):
             _create(root, (now - _LAG, now + timedelta(days=CA_DAYS)))
-        key, cert = (
-            _read(root / "private/ca.key.pem", _LOAD_KEY),
-            _read(root / "public/ca.cert.pem", _LOAD_CERT),
-        )
+        key = _read(root / "private/ca.key.pem", _LOAD_KEY)
+        cert = _read(root / "public/ca.cert.pem", _LOAD_CERT)
         if key.public_key() != cert.public_key():
             raise DeployError(f"{root}: given another private/ca.key.pem, allowed: that of public/ca.cert.pem")
         valid = now - _LAG, min(now + timedelta(days=days), cert.not_valid_after_utc)
@@ -86,9 +84,8 @@ def make_keystore(
             enclaves.append(_judge(fleet, folder, now) if kept else _issue(fleet, folder, (key, cert), valid))
         return tuple(enclaves)
     except OSError as error:
-        raise DeployError(
-            f"{error.filename or root}: {why(error)}, allowed: a whole keystore to write"
-        ) from error
+        given = f"{error.filename or root}: {why(error)}"
+        raise DeployError(f"{given}, allowed: a whole keystore to write") from error
 
 
 def _create(root: Path, valid: _Times) -> None:

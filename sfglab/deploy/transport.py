@@ -25,8 +25,6 @@ from sfglab.fleet.fleet_file import Accelerator, HostSpec
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from sfglab.deploy.hardware.machine import Machine
-
 
 CONNECT_S = 10  #: How long an SSH connection may take.
 QUICK_S = 120.0  #: How long a command that only moves files may take.
@@ -58,9 +56,8 @@ class Transport(ABC):
         try:
             done = subprocess.run(command, input=data, capture_output=True, timeout=timeout_s, check=False)
         except FileNotFoundError as error:
-            raise DeployError(
-                f"{self.name}: given the program {command[0]!r}, which is not installed here"
-            ) from error
+            given = f"given the program {command[0]!r}"
+            raise DeployError(f"{self.name}: {given}, which is not installed here") from error
         except subprocess.TimeoutExpired as error:
             raise DeployError(f"{self.name}: no answer within {timeout_s:.0f} s") from error
         if done.returncode:
@@ -156,27 +153,22 @@ def detect_over(host: HostSpec, *, root: Path | None = None) -> Accelerator | No
 
 
 def accelerator_of(transport: Transport) -> Accelerator:
-    """Return what images for a machine are made for; `DeployError` if it is a Jetson with another JetPack."""
-    machine = machine_of(transport)
+    """Return what images for a machine are made for.
+
+    Raises `DeployError` if it cannot be reached, or is a Jetson with another JetPack than the images' base.
+    """
+    if isinstance(transport, Local):
+        machine = detect(transport.folder)
+    else:
+        with tempfile.TemporaryDirectory(prefix="sfglab-facts-") as folder:
+            copy_facts(transport, Path(folder))
+            machine = detect(Path(folder))
     if machine.accelerator is Accelerator.JETSON and machine.jetpack != JETPACK:
         raise DeployError(
             f"{transport.name}: given JetPack {machine.jetpack or 'unknown'}, allowed: {JETPACK}, as in "
             "the images' base"
         )
     return machine.accelerator
-
-
-def machine_of(transport: Transport) -> Machine:
-    """Return what a machine was found to have.
-
-    Raises:
-        DeployError: It cannot be reached.
-    """
-    if isinstance(transport, Local):
-        return detect(transport.folder)
-    with tempfile.TemporaryDirectory(prefix="sfglab-facts-") as folder:
-        copy_facts(transport, Path(folder))
-        return detect(Path(folder))
 
 
 def copy_facts(transport: Transport, folder: Path) -> None:

@@ -106,9 +106,8 @@ def _verify(text: str, name: str) -> Iterator[Finding]:
                 check=False,
             )
         except subprocess.TimeoutExpired as error:
-            raise DeployError(
-                f"{name}: {ANALYZE} verify has not ended after {_TIMEOUT_S:g} s, allowed: that it does"
-            ) from error
+            late = f"{ANALYZE} verify has not ended after {_TIMEOUT_S:g} s"
+            raise DeployError(f"{name}: {late}, allowed: that it does") from error
     yield from _said(done.stderr, name)
 
 

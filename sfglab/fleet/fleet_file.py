@@ -7,13 +7,12 @@ Whether it makes sense is for `sfglab.fleet.lint`; what runs on the machines (pa
 from __future__ import annotations
 
 import re
-from dataclasses import asdict, dataclass, field, fields, replace
+from dataclasses import asdict, dataclass, field, replace
 from enum import Enum
 from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
-from sfglab.bus.address import BusAddress
 from sfglab.documents import (
     NOWHERE,
     OR_NULL,
@@ -112,9 +111,8 @@ def _nanoseconds(value_s: float | None) -> int | None:
 
 
 def _read_uses(section: Section, key: str, *, kind: ResourceKind) -> tuple[NameUse, ...]:
-    return tuple(
-        item.read(NameUse, name=_read_name(item, "name", kind)) for item in section.items(key, short="name")
-    )
+    items = section.items(key, short="name")
+    return tuple(item.read(NameUse, name=_read_name(item, "name", kind)) for item in items)
 
 
 def _read_frames(section: Section, key: str) -> tuple[FrameSpec, ...]:
@@ -393,26 +391,13 @@ class Fleet(_Part):
         return html_table([head, *map(_agent_row, self.agents)], repr(self)[1:-1])
 
     def agent(self, name: str) -> AgentSpec:
-        """Return an agent by its name.
-
-        Raises:
-            InvalidValueError: There is no such agent.
-        """
+        """Return an agent by its name; `InvalidValueError` if there is no such agent."""
         found = {agent.name: agent for agent in self.agents}.get(name)
         if found is None:
             names = tuple(agent.name for agent in self.agents)
             allowed = ", ".join(names) + suggestion(name, names)
             raise InvalidValueError(f"fleet {self.name}: agent", name, allowed)
         return found
-
-    def local_address(self, name: str) -> BusAddress:
-        """Return where on the bus an agent's own nodes stand."""
-        agent = self.agent(name)
-        return BusAddress(domain_id=agent.domain, interface=agent.local_interface)
-
-    def global_address(self, name: str) -> BusAddress:
-        """Return where on the bus an agent's router meets the others."""
-        return BusAddress(domain_id=self.global_domain, interface=self.agent(name).global_interface)
 
 
 def _agent_row(agent: AgentSpec) -> tuple[object, ...]:
@@ -423,20 +408,12 @@ def _agent_row(agent: AgentSpec) -> tuple[object, ...]:
 
 
 def load_fleet(path: Path | str) -> Fleet:
-    """Read a fleet from a file.
-
-    Raises:
-        DocumentError: The file cannot be read or is not a fleet; says where, what is given and allowed.
-    """
+    """Read a fleet from a file; a `DocumentError` says where it is none, what is given and what is allowed."""
     return _read(Document.of_file(Path(path), "a fleet file in UTF-8", one_line=True))
 
 
 def read_fleet(text: str, file: str = "fleet.yaml") -> Fleet:
-    """Read a fleet from the YAML text of a file, whose name is for messages.
-
-    Raises:
-        DocumentError: It is not a fleet; says where, what is given and what is allowed.
-    """
+    """Read a fleet from the YAML text of a file, whose name is for messages; errors as of `load_fleet`."""
     return _read(Document(text, file, one_line=True))
 
 
@@ -484,10 +461,5 @@ def _read_agent(name: str, section: Section, interface: str | None) -> AgentSpec
 
 
 def _describe(sensor: SensorSpec) -> SensorDescription:
-    streams = tuple(
-        StreamDescription(**{name: getattr(stream, name) for name in _DESCRIBED}) for stream in sensor.streams
-    )
+    streams = tuple(map(StreamDescription.of, sensor.streams))
     return SensorDescription(name=sensor.name, model=sensor.model, streams=streams)
-
-
-_DESCRIBED: tuple[Any, ...] = tuple(f.name for f in fields(StreamDescription))

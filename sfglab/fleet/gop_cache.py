@@ -282,16 +282,11 @@ class _Stream:
             self._publisher.publish(replace(packet, flags=packet.flags | FLAG_DISCARD))
         if newest is not None:
             self._publisher.publish(newest)
-        cache = self._cache
-        self._on_replay(
-            Replayed(
-                topic=self._topic,
-                packets=len(cache),
-                size_bytes=cache.size_bytes,
-                gaps=cache.gaps,
-                overflows=cache.overflows,
-            )
+        cache, size = self._cache, self._cache.size_bytes
+        sent = Replayed(
+            topic=self._topic, packets=len(cache), size_bytes=size, gaps=cache.gaps, overflows=cache.overflows
         )
+        self._on_replay(sent)
 
     def _offer(self) -> Any:
         return self._node.create_publisher(FFMPEG_PACKET, self._replay_topic, REPLAY_QOS)
@@ -310,11 +305,7 @@ class KeeperConfig(KeeperSettings):
 
 
 async def run_keeper(config: KeeperConfig, report: Callable[[Report], None]) -> None:
-    """Run a keeper until cancelled; everything it started has ended when this returns.
-
-    Raises:
-        BusError: The domain cannot be joined.
-    """
+    """Run a keeper until cancelled and all it started has ended; `BusError` if it cannot join the domain."""
     from sfglab.bus import Node
 
     async with Node("stream_keeper", **config.address.options()) as node:

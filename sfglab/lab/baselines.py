@@ -152,9 +152,8 @@ class _RawStream(ProcessGroup):
         ours: dict[str, Any] = {"host": "consumer", "module": "sfglab.lab.workers.viewer", "config": config}
         members: list[Member] = [peer_on(testbed, "edge", "camera", "camera")]
         members += [peer_on(testbed, "consumer", f"{REAL} {i}", f"viewer_{i}") for i in range(most)]
-        super().__init__(
-            testbed.argv, [*members, *(Member(name=f"{STAND_IN} {i}", **ours) for i in range(most))]
-        )
+        members += [Member(name=f"{STAND_IN} {i}", **ours) for i in range(most)]
+        super().__init__(testbed.argv, members)
 
     async def settle(self) -> None:
         """Start the camera."""
@@ -197,8 +196,6 @@ async def measure_raw(
                 for kind in map(str, rng.permutation([REAL, STAND_IN])):
                     found = await stream.look(kind, count, look_s)
                     row = {"setting": f"{count}", "kind": kind, "repeat": repeat}
-                    for quantity in quantities:
-                        bench.write_all(
-                            PART, [row | {"quantity": quantity, "value": v} for v in found[quantity]]
-                        )
+                    for name in quantities:
+                        bench.write_all(PART, (row | {"quantity": name, "value": v} for v in found[name]))
                     bench.advance(f"{kind} {count}")

@@ -25,7 +25,6 @@ from sfglab.errors import MissingExtraError, SfglabError
 if TYPE_CHECKING:
     from pathlib import Path
 
-
 _START_S = 90.0
 _ANSWER_S = 60.0
 _END_S = 1.0
@@ -123,9 +122,9 @@ class Browser:
         self._mouse("mousePressed", x, y, button="left", buttons=1, clickCount=1)
         self._mouse("mouseReleased", x, y, button="left", clickCount=1)
 
-    def press(self, text: str, selector: str = "button") -> None:
-        """Click an element by its text or label."""
-        self.click(*self.find(text, selector))
+    def press(self, text: str) -> None:
+        """Click a button by its text or label."""
+        self.click(*self.find(text))
 
     def drag(self, start: tuple[float, float], end: tuple[float, float], steps: int = 10) -> None:
         """Move the mouse with the left button held."""

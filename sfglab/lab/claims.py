@@ -195,12 +195,8 @@ class Ledger(list[Entry]):
 
     def _repr_html_(self) -> str:
         head = "claim", "where", "says", "paper", "ours (median, 95 % interval)", "unit", "how", "verdict"
-        return html_table([head, *map(_full_row, self)], repr(self)[1:-1])
-
-
-def _full_row(entry: Entry) -> tuple[str, ...]:
-    name, *figures = _row(entry)
-    return name, entry.claim.where, entry.claim.says, *figures
+        rows = [(e.claim.id, e.claim.where, e.claim.says, *_row(e)[1:]) for e in self]
+        return html_table([head, *rows], repr(self)[1:-1])
 
 
 def load_claims(path: Path) -> list[Claim]:
@@ -242,14 +238,10 @@ def _wrong_ends(claim: Claim, measured: Measured) -> list[str]:
 
 
 def _in_band(claim: Claim, estimate: Estimate) -> Verdict:
-    low, high = claim.band
-    if claim.better == "above" and estimate.low > high:
+    (low, high), above, below = claim.band, claim.better == "above", claim.better == "below"
+    if (above and estimate.low > high) or (below and estimate.high < low):
         return Verdict.BETTER
-    if claim.better == "below" and estimate.high < low:
-        return Verdict.BETTER
-    beyond = (claim.better == "above" and estimate.value > high) or (
-        claim.better == "below" and estimate.value < low
-    )
+    beyond = (above and estimate.value > high) or (below and estimate.value < low)
     if beyond or low <= estimate.value <= high:
         return Verdict.AS_GOOD if claim.id.endswith(OURS) else Verdict.REPRODUCED
     return Verdict.DEVIATES
@@ -336,10 +328,6 @@ def joined(runs: Sequence[Entry]) -> Entry:
         return first
     low, high = min(e.low for e in found), max(e.high for e in found)
     estimate = replace(found[0], value=median(e.value for e in found), low=low, high=high)
-    same = len({run.verdict for run in runs}) == 1
-    return replace(
-        first,
-        verdict=first.verdict if same else Verdict.UNDECIDED,
-        measured=replace(first.measured, estimate=estimate),
-        runs=tuple(runs),
-    )
+    verdict = first.verdict if len({run.verdict for run in runs}) == 1 else Verdict.UNDECIDED
+    measured = replace(first.measured, estimate=estimate)
+    return replace(first, verdict=verdict, measured=measured, runs=tuple(runs))

@@ -24,7 +24,6 @@ from sfglab.errors import SfglabError
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-
 _MIB = 1 << 20
 _LOOPBACK = "127.0.0.1"
 _ENOUGH_CORES = 4

@@ -19,7 +19,7 @@ from sfglab.errors import InvalidValueError, SfglabError
 from sfglab.fields import Bounds, check_bounds, read_field, to_json
 from sfglab.lab.bench import Bench, Options, rows_of
 from sfglab.lab.claims import Finding, How, Measured
-from sfglab.lab.figures import caption_of, house_style
+from sfglab.lab.figures import caption_of, drawn
 from sfglab.lab.paths import find_project
 from sfglab.lab.progress import progress_bar
 from sfglab.lab.runs import COMPLETION, SMOKE, Run, new_log, unfinished_of
@@ -34,7 +34,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from sfglab.lab.checks import Mutated
-
 
 C = TypeVar("C")
 F = TypeVar("F", bound=Callable[..., Any])
@@ -232,10 +231,8 @@ class Experiment(Generic[C]):
         """
 
         def declare(function: F) -> F:
-            one = _Part(
-                name=name, function=function, total=total, skips=(SkippedPartError, *skips), timed=timed
-            )
-            self._parts.append(one)
+            every: tuple[type[Exception], ...] = (SkippedPartError, *skips)
+            self._parts.append(_Part(name=name, function=function, total=total, skips=every, timed=timed))
             return function
 
         return declare
@@ -254,11 +251,7 @@ class Experiment(Generic[C]):
         return declare
 
     def figure(
-        self,
-        name: str,
-        *,
-        size: tuple[float, float],
-        when: Callable[[Run[C]], bool] = lambda _: True,
+        self, name: str, *, size: tuple[float, float], when: Callable[[Run[C]], bool] = lambda _: True
     ) -> Callable[[F], F]:
         """Declare a figure of a size in inches: a function draws into an empty one and returns what it shows.
 
@@ -400,8 +393,8 @@ class Experiment(Generic[C]):
                 rows=plain,
                 stack=stack,
                 hosts=hosts,
+                timed=False,
             )
-            bench.timed = False
             for table, timed in rows.items():
                 for at_ns, row in timed:
                     bench.write(table, row, at_ns=at_ns)
@@ -438,14 +431,10 @@ class Experiment(Generic[C]):
 
     def draw(self, name: str, run: Run[C]) -> tuple[Figure, dict[str, Any]]:
         """Draw a figure of a run, with the numbers that it shows; `InvalidValueError` if there is none."""
-        from matplotlib.figure import Figure
-
         if name not in self._drawings:
             raise InvalidValueError(f"{self.name}: figure", name, ", ".join(self._drawings))
-        drawing = self._drawings[name]
-        with house_style():
-            figure = Figure(figsize=drawing.size)
-            shown = drawing.function(figure, run)
+        drawing, shown = self._drawings[name], dict[str, Any]()
+        figure = drawn(drawing.size, lambda figure: shown.update(drawing.function(figure, run)))
         return figure, {name: _numbers(value) for name, value in shown.items()}
 
     def figures(self, log: Path | Run[C]) -> dict[str, tuple[Figure, dict[str, Any]]]:

@@ -31,7 +31,6 @@ if TYPE_CHECKING:
 
     Cell = tuple[str, str]  # a text and its colour
 
-
 # After Okabe and Ito's palette, distinct for all common kinds of colour blindness; blue is darker and green
 # lighter than theirs, so that the three ways which are compared most differ in grey as well.
 COLORS = {
@@ -44,7 +43,6 @@ COLORS = {
 MARKERS = {"standard": "o", "proxy": "s", "network": "^", "third": "D", "fourth": "v"}
 PAPER_STYLE: dict[str, Any] = {"linestyle": (0, (4, 2)), "linewidth": 1.4, "alpha": 0.75}
 """How a paper's own line is drawn beside ours: dashed, in the colour of what it states."""
-
 
 PAGE_DPI = 90  #: Resolution of pictures in a notebook.
 

@@ -17,7 +17,6 @@ from sfglab.errors import InvalidValueError
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-
 CELL_PX = 16  #: Side of a cell in pixels: one macroblock of H.264 (ITU-T H.264, clause 3).
 
 NUMBER_BITS = 24

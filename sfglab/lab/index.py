@@ -99,13 +99,8 @@ def _row(project: Project, path: Path, ledger: Ledger) -> tuple[str, str]:
     caption = exp.caption(name) if name else ""
     picture = _thumbnail(project.figures / f"{name}.png", caption) if name else ""
     claims = _verdicts(entry for entry in ledger if entry.experiment == exp.name)
-    cells = (
-        picture,
-        f'<b><a href="{path.name}">{path.stem}</a></b> {escape(exp.where)}<br>{escape(title)}',
-        escape(caption),
-        claims,
-    )
-    return exp.where, _line(cells)
+    link = f'<b><a href="{path.name}">{path.stem}</a></b> {escape(exp.where)}<br>{escape(title)}'
+    return exp.where, _line((picture, link, escape(caption), claims))
 
 
 def _verdicts(entries: Iterable[Entry]) -> str:

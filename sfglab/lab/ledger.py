@@ -308,9 +308,5 @@ def _origin(project: Project, log: Path) -> dict[str, Any]:
 
 def redraw_figures(project: Project, names: Sequence[str] = EXPERIMENTS) -> dict[str, list[Path]]:
     """Draw the figures of experiments again into ``figures/``, from committed logs alone; return files."""
-    logs = {name: project.reference_logs / f"{name}.mcap" for name in names}
-    return {
-        name: save_figures(project, experiment(name).load(log), project.figures)
-        for name, log in logs.items()
-        if log.is_file()
-    }
+    logs = {name: log for name in names if (log := project.reference_logs / f"{name}.mcap").is_file()}
+    return {n: save_figures(project, experiment(n).load(log), project.figures) for n, log in logs.items()}

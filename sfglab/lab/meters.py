@@ -113,11 +113,8 @@ class CpuLedger:
             return
         # Who started after the last sample did all its work since; of others only what follows counts.
         newborn = self._last_ns is not None and reading.started_ns >= self._last_ns
-        self._accounts[pid] = _Account(
-            last=reading,
-            own_before_ns=0 if newborn else reading.own_ns,
-            reaped_before_ns=0 if newborn else reading.reaped_ns,
-        )
+        own_ns, reaped_ns = (0, 0) if newborn else (reading.own_ns, reading.reaped_ns)
+        self._accounts[pid] = _Account(reading, own_before_ns=own_ns, reaped_before_ns=reaped_ns)
 
     def _settle(self, account: _Account) -> None:
         if account.parent is None:

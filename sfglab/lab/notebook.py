@@ -32,7 +32,6 @@ if TYPE_CHECKING:
     from sfglab.lab.experiment import Experiment, Link, Setup
     from sfglab.lab.index import IndexPage
 
-
 _LARGE_BYTES = 200_000
 pd.set_option("display.max_colwidth", None)  # tables show their sentences whole
 
@@ -173,9 +172,7 @@ def draw_setup(setup: Setup) -> Figure:
 
     hosts = list(dict.fromkeys(actor.host for actor in setup.actors))
     actors = sorted(setup.actors, key=lambda actor: hosts.index(actor.host))
-    columns = {
-        actor.name: i * (_WIDE + _APART) + hosts.index(actor.host) * _APART for i, actor in enumerate(actors)
-    }
+    columns = {a.name: i * (_WIDE + _APART) + hosts.index(a.host) * _APART for i, a in enumerate(actors)}
     said = [_words(link, abs(columns[link.target] - columns[link.source])) for link in setup.links]
     bottom = -_HIGH - sum(_ROW + _LINE * (1 + text.count("\n")) for text in said) - 0.15
     width = columns[actors[-1].name] + _WIDE

@@ -28,7 +28,6 @@ if TYPE_CHECKING:
 
     from sfglab.lab.paths import Project
 
-
 INDEX = "00_index"
 
 KERNEL = {"display_name": "Python 3 (ipykernel)", "language": "python", "name": "python3"}

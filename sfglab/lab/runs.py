@@ -59,10 +59,7 @@ class Run(Generic[C]):
 
     def table(self, name: str) -> pd.DataFrame:
         """Return a table with the column `log_time_ns`."""
-        if ("table", name) not in self._known:
-            self._known["table", name] = self._read(name)
-        found: pd.DataFrame = self._known["table", name]
-        return found
+        return self.once(("table", name), lambda: self._read(name))
 
     def _read(self, name: str) -> pd.DataFrame:
         import pandas as pd

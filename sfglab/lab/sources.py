@@ -16,8 +16,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sfglab.codecs.carriers import FFMPEG_PACKET
+from sfglab.codecs import FFMPEG_PACKET, CodecUnavailableError, image_decoder
 from sfglab.errors import SfglabError
+from sfglab.record import LogError, LogReader
 from sfglab.record.reader import is_log, rate_and_size
 
 if TYPE_CHECKING:
@@ -29,7 +30,6 @@ if TYPE_CHECKING:
     # Colour (BGR, uint8) and depth (uint16), whose types OpenCV's functions do not tell.
     Picture = tuple[NDArray[Any], NDArray[Any] | None]
     Images = Generator[Image, None, None]
-
 
 PHOTOGRAPHS = ("coffee", "astronaut", "chelsea", "rocket")
 
@@ -88,7 +88,7 @@ def open_source(spec: str, *, width: int = 640, height: int = 360, fps: float = 
     size = (width, height)
     if spec in ("photos", "stereo"):
         stills = _stereo_stills() if spec == "stereo" else _photograph_stills()
-        return Source(_panned(stills, size, frames_a_view=round(SECONDS_A_VIEW * fps), seed=seed))
+        return Source(_panned(stills, size, view_frames=round(SECONDS_A_VIEW * fps), seed=seed))
     is_bag = spec.startswith("bag:") or (not spec.startswith("camera:") and is_log(Path(spec)))
     images_of = _bag_images if is_bag else _video_images
     rate_hz, images = images_of(spec)
@@ -130,16 +130,14 @@ def _said(spec: str, shape: tuple[int, ...], size: tuple[int, int], rate_hz: flo
     return f"{spec}: {width} x {height}{rate}, shown as {size[0]} x {size[1]}{bars} at {fps:g} Hz{speed}"
 
 
-def _panned(
-    stills: list[Picture], size: tuple[int, int], *, frames_a_view: int, seed: int
-) -> Iterator[Picture]:
+def _panned(stills: list[Picture], size: tuple[int, int], *, view_frames: int, seed: int) -> Iterator[Picture]:
     """Let a window wander and zoom over still images; frame n is a function of n and the seed."""
     import cv2
 
     for number in itertools.count():
-        view, step = divmod(number, frames_a_view)
+        view, step = divmod(number, view_frames)
         bgr, depth = stills[view % len(stills)]
-        warp = _view_transform(bgr.shape[:2], size, step / frames_a_view, (seed, view))
+        warp = _view_transform(bgr.shape[:2], size, step / view_frames, (seed, view))
         picture = cv2.warpAffine(bgr, warp, size, flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP)
         if depth is not None:  # nearest: a mean of two depths is a place where nothing is
             depth = cv2.warpAffine(depth, warp, size, flags=cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP)
@@ -245,8 +243,6 @@ def _video_images(spec: str) -> tuple[float, Images]:
 
 def _bag_images(spec: str) -> tuple[float, Images]:
     """Open one topic of an MCAP log or bag: its mean rate in Hz, 0 where it has none, and its images (BGR)."""
-    from sfglab.record import LogError, LogReader
-
     path, _, topic = spec.removeprefix("bag:").partition("#")
     try:
         opened = LogReader(Path(path))
@@ -275,8 +271,6 @@ def _bag_images(spec: str) -> tuple[float, Images]:
 
 def _bgr_reader(type_name: str, spec: str) -> Callable[[Any], list[Image]]:
     """Return a function from one message to its colour images (BGR)."""
-    from sfglab.codecs import CodecUnavailableError, image_decoder
-
     if type_name == "sensor_msgs/msg/Image":
         return lambda message: [_bgr_of_image(message, spec)]
     try:
@@ -298,9 +292,8 @@ _CHANNELS = {
 
 def _bgr_of_image(message: Any, spec: str) -> Image:
     if message.encoding not in _CHANNELS:
-        raise SourceError(
-            f"source {spec!r}: given encoding {message.encoding!r}, allowed are {', '.join(_CHANNELS)}"
-        )
+        known = ", ".join(_CHANNELS)
+        raise SourceError(f"source {spec!r}: given encoding {message.encoding!r}, allowed are {known}")
     places, count = _CHANNELS[message.encoding]
     rows = np.asarray(message.data).reshape(message.height, message.step)
     pixels = rows[:, : message.width * count].reshape(message.height, message.width, count)

@@ -53,9 +53,8 @@ def bootstrap(
     if any(len(group) == 0 for group in samples):
         raise InvalidValueError("bootstrap", "a group of no samples", "groups of samples")
     rng = np.random.default_rng(seed)
-    draws = np.array(
-        [statistic([g[rng.integers(0, len(g), len(g))] for g in samples]) for _ in range(RESAMPLES)]
-    )
+    resampled = ([g[rng.integers(0, len(g), len(g))] for g in samples] for _ in range(RESAMPLES))
+    draws = np.array([statistic(groups) for groups in resampled])
     draws = draws[np.isfinite(draws)]
     if draws.size == 0:
         raise InvalidValueError("bootstrap", samples, "samples for which the statistic is not undefined")

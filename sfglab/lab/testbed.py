@@ -22,7 +22,6 @@ from sfglab.lab.hosts.host import InterfaceBytes, interface_bytes
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-
 # From 102 on a domain's ports lie among those that Linux gives to anybody who asks.
 FIRST_DOMAIN, DOMAINS = 20, 80
 _turns = itertools.count(os.getpid() * 13)

@@ -36,7 +36,6 @@ if TYPE_CHECKING:
 
     from sfglab.lab.checks import CheckRow
 
-
 _GLIBC_MINORS = (17, 24, 26, 27, 28, 31, 34, 35)
 """Wheels for these versions of glibc 2 and older run on all our bases: the oldest, Ubuntu 22.04, has 2.35."""
 
@@ -47,9 +46,8 @@ def wheelhouse(lock: str, folder: Path, python: str, architecture: Architecture)
     with tempfile.TemporaryDirectory(prefix="sfglab-lock-") as scratch:
         file = Path(scratch) / "requirements.lock"
         file.write_text(lock, encoding="utf-8")
-        fetched = subprocess.run(
-            _command(file, folder, python, MACHINES[architecture]), capture_output=True, text=True, check=False
-        )
+        command = _command(file, folder, python, MACHINES[architecture])
+        fetched = subprocess.run(command, capture_output=True, text=True, check=False)
     if fetched.returncode != 0:
         said = [line for line in fetched.stderr.splitlines() if line.startswith("ERROR")] or ["nothing"]
         raise DeployError(f"wheels for Python {python} on {architecture.value}: pip said {said[0]!r}")
@@ -90,9 +88,8 @@ def with_version(wheel: Path, folder: Path, version: str) -> Path:
             if path == f"{_NAME}/__init__.py":
                 data = data.replace(f'"{__version__}"'.encode(), f'"{version}"'.encode())
             elif path.endswith(".dist-info/METADATA"):
-                data = data.replace(
-                    f"\nVersion: {__version__}\n".encode(), f"\nVersion: {version}\n".encode(), 1
-                )
+                old, other = (f"\nVersion: {one}\n".encode() for one in (__version__, version))
+                data = data.replace(old, other, 1)
             elif path.endswith(".dist-info/RECORD"):
                 data = _record(data.decode(), was, new).encode()
             copy.writestr(zipfile.ZipInfo(path, date_time=info.date_time), data)
@@ -280,9 +277,8 @@ def _ask_image(shop: _Workshop, image: str, deployment: Deployment) -> Iterator[
         status, words = shop.run(image, _ENTRYPOINT, *arguments)
         yield _check(f"`sfglab {' '.join(arguments)}` answers", status == 0, words.partition("\n")[0])
     status, words = shop.run(image, "touch", f"{VENV}/written")
-    yield _check(
-        "its user cannot change what it runs", status != 0 and "denied" in words, words.partition("\n")[0]
-    )
+    denied = status != 0 and "denied" in words
+    yield _check("its user cannot change what it runs", denied, words.partition("\n")[0])
     search = ("find", "/root", "/home", "/var/cache", "-name", "*.whl", "-o", "-path", "*/pip/*")
     status, words = shop.run(image, *search, user="0:0")
     yield _check("no downloads are left in it", (status, words) == (0, ""), words)

@@ -31,7 +31,6 @@ if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore
     from typing_extensions import Buffer
 
-
 _HEADER = b"\x00\x01\x00\x00"  # CDR_LE, no options
 _WHOLE: Any = (int, np.integer, np.bool_)
 _NUMBERS: Any = (*_WHOLE, float, np.floating)

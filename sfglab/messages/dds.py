@@ -17,7 +17,6 @@ from sfglab.messages.type_names import TypeNameError, dds_type_name
 if TYPE_CHECKING:
     from rosbags.interfaces.typing import FieldDesc
 
-
 _PRIMITIVES: dict[str, Any] = {
     "bool": bool,
     "byte": types.uint8,

@@ -20,24 +20,11 @@ if TYPE_CHECKING:
     from rosbags.interfaces.typing import FieldDesc
     from rosbags.typesys.store import Typestore
 
-
 _START = 4  # CDR counts positions, and so alignment, from behind its 4-byte header
 _LITTLE = 0x0100  # the header 00 01 00 00, CDR_LE without options, read as a little-endian number
-_CODES = {
-    "bool": "?",
-    "byte": "B",
-    "char": "B",
-    "int8": "b",
-    "uint8": "B",
-    "int16": "h",
-    "uint16": "H",
-    "int32": "i",
-    "uint32": "I",
-    "int64": "q",
-    "uint64": "Q",
-    "float32": "f",
-    "float64": "d",
-}
+_CODES = {"bool": "?", "byte": "B", "char": "B", "float32": "f", "float64": "d"}
+_CODES |= {"int8": "b", "int16": "h", "int32": "i", "int64": "q"}
+_CODES |= {"uint8": "B", "uint16": "H", "uint32": "I", "uint64": "Q"}
 
 
 class _NotFlatError(Exception):

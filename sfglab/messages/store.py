@@ -28,7 +28,6 @@ if TYPE_CHECKING:
     from rosbags.interfaces.typing import FieldDesc, Typesdict
     from rosbags.typesys.store import Typestore
 
-
 INTERFACES_VARIABLE = "SFGLAB_INTERFACES"  #: Paths for `register_interfaces`, also in what we start.
 _log = logging.getLogger("sfglab.messages")
 RULE = "=" * 80
@@ -175,9 +174,7 @@ def register_interfaces(path: Path) -> tuple[str, ...]:
             belongs to a type with other fields; the one file has `wstring`. Nothing was added then.
     """
     found = [path] if path.is_file() else path.rglob("*")
-    files = sorted(
-        file for file in found if file.suffix[1:] in _SUFFIXES and file.parent.name == file.suffix[1:]
-    )
+    files = sorted(f for f in found if f.suffix[1:] in _SUFFIXES and f.parent.name == f.suffix[1:])
     if not files:
         raise MessageError(f"{path}: given no .msg, .srv or .action file, allowed are those of a package")
     parts = {file: dict(_parts_of_interface(_name_of(file), file.read_text("utf-8"))) for file in files}

@@ -18,7 +18,6 @@ from sfglab.names.vocabulary import Component, check_unmistakable
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-
 AGENT_VARIABLE = "SFG_AGENT_NAME"  #: The environment variable that names the agent.
 
 

@@ -41,7 +41,6 @@ from sfglab.names.vocabulary import (
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
-
 ComponentSegment: TypeAlias = Component | Suffixed[Component] | Custom
 StreamSegment: TypeAlias = Stream | Suffixed[Stream] | Custom
 ResourceSegment: TypeAlias = Resource | Suffixed[Resource] | Custom

@@ -137,15 +137,12 @@ def new_log(
         if path.suffix != ".mcap":
             return BagWriter(path, storage=storage or "mcap", compression=compression)
         if storage == "sqlite3" or compression != "none":
-            given = f"{path.name}, {storage or 'mcap'}, {compression}"
-            raise InvalidValueError(
-                "--output", given, "without .mcap at its end: such a file is MCAP with zstd"
-            )
+            said = f"{path.name}, {storage or 'mcap'}, {compression}"
+            raise InvalidValueError("--output", said, "without .mcap at its end: such a file is MCAP with zstd")
         return LogWriter(path, flush_after_s=flush_after_s)
     except OSError as error:
-        raise InvalidValueError(
-            "--output", str(path), f"a path that can be written ({error.strerror})"
-        ) from error
+        allowed = f"a path that can be written ({error.strerror})"
+        raise InvalidValueError("--output", str(path), allowed) from error
 
 
 @contextmanager
@@ -158,9 +155,8 @@ def whole_log(path: Path, **options: Any) -> Iterator[AnyWriter]:
     try:
         place.mkdir()
     except OSError as error:
-        raise InvalidValueError(
-            "--output", str(path), f"a path that can be written ({error.strerror})"
-        ) from error
+        allowed = f"a path that can be written ({error.strerror})"
+        raise InvalidValueError("--output", str(path), allowed) from error
     try:
         # Nothing reads it before it is whole, so rows that came seldom share a chunk.
         with _said(path), new_log(place / path.name, flush_after_s=math.inf, **options) as writer:

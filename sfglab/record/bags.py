@@ -70,9 +70,8 @@ class Bag:
         """Yield messages in the order of their times, with their records; of one topic, None: of all."""
         wanted = [found for found in self._bag.connections if topic in (None, found.topic)]
         with self._reading():
-            for found, time_ns, data in (
-                self._bag.messages(wanted, starting_at, ending_before) if wanted else ()
-            ):
+            messages = self._bag.messages(wanted, starting_at, ending_before) if wanted else ()
+            for found, time_ns, data in messages:
                 cdr = self._old.typestore.ros1_to_cdr(data, found.msgtype) if self._old else data
                 message = Message(found.id, time_ns, bytes(cdr), time_ns, 0)
                 yield self.summary.schemas[found.id], self.summary.channels[found.id], message

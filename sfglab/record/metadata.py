@@ -71,13 +71,8 @@ def _cpu_model() -> str:
 
 def _git(*arguments: str, tree: Path) -> str | None:
     """Return what git says about a tree, or None if it knows nothing about it."""
-    done = subprocess.run(
-        ["git", "-C", str(tree), *arguments],
-        capture_output=True,
-        text=True,
-        timeout=_GIT_TIMEOUT_S,
-        check=False,
-    )
+    command = ["git", "-C", str(tree), *arguments]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=_GIT_TIMEOUT_S, check=False)
     return done.stdout.strip() if done.returncode == 0 else None
 
 

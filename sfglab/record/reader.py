@@ -121,14 +121,7 @@ class LogReader:
 
     def _indexed(self, stream: BinaryIO) -> tuple[SeekingReader, Summary]:
         """Return a reader with the file's own index, or with one from a scan."""
-        from sfglab.record.recovery import (
-            DAMAGE,
-            MAGIC,
-            SeekingReader,
-            UnchunkedError,
-            has_sound_index,
-            scan,
-        )
+        from sfglab.record.recovery import DAMAGE, MAGIC, SeekingReader, UnchunkedError, has_sound_index, scan
 
         size = stream.seek(0, SEEK_END)
         stream.seek(0)
@@ -147,9 +140,8 @@ class LogReader:
         try:
             summary, whole = scan(stream, size)
         except UnchunkedError as exc:
-            raise LogError(
-                f"log {self.path}: no index, and messages outside chunks: try `mcap recover`"
-            ) from exc
+            said = "no index, and messages outside chunks: try `mcap recover`"
+            raise LogError(f"log {self.path}: {said}") from exc
         self.truncated = not whole
         stream.seek(0)
         return _scanned_reader(stream, summary), summary
@@ -171,9 +163,8 @@ class LogReader:
         """When the first and the last message were received, log times in nanoseconds; zeros without any."""
         statistics = self._summary.statistics
         assert statistics is not None
-        return (
-            (statistics.message_start_time, statistics.message_end_time) if statistics.message_count else (0, 0)
-        )
+        span_ns = statistics.message_start_time, statistics.message_end_time
+        return span_ns if statistics.message_count else (0, 0)
 
     def offered_qos(self, topic: str) -> QoSProfile:
         """Return what a topic's writers offered, as the log has it, in ROS 2's default profile's place."""
@@ -366,16 +357,12 @@ class LogReader:
     def _new_decoder(self, schema: Schema | None, channel: Channel) -> Callable[[bytes], Any]:
         encodings = channel.message_encoding, schema.encoding if schema else "none"
         if schema is None or encodings != ("cdr", "ros2msg"):
-            what = "messages {!r}, definition {!r}".format(*encodings)
-            raise LogError(
-                f"log {self.path}: topic {channel.topic}: given {what}, allowed are 'cdr', 'ros2msg'"
-            )
+            said = "given messages {!r}, definition {!r}".format(*encodings)
+            raise LogError(f"log {self.path}: topic {channel.topic}: {said}, allowed are 'cdr', 'ros2msg'")
         text = self._text_of(schema)
-        return (
-            decoder(schema.name)
-            if is_known_as(schema.name, text)
-            else decoder_from_definition(schema.name, text)
-        )
+        if is_known_as(schema.name, text):
+            return decoder(schema.name)
+        return decoder_from_definition(schema.name, text)
 
     def _text_of(self, schema: Schema) -> str:
         try:

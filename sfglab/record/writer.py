@@ -25,7 +25,6 @@ if TYPE_CHECKING:
 
     from sfglab.qos import QoSProfile
 
-
 TABLE_PREFIX = "/table/"
 TIME_COLUMN = "log_time_ns"
 _TABLE_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
@@ -46,14 +45,9 @@ class LogWriter:
     """
 
     def __init__(
-        self,
-        path: str | os.PathLike[str],
-        *,
-        library: str = f"sfglab {__version__}",
-        overwrite: bool = False,
-        flush_after_s: float = 1.0,
+        self, path: str | os.PathLike[str], *, overwrite: bool = False, flush_after_s: float = 1.0
     ) -> None:
-        """Create the file and its directory, as `library`; LogError for one not to be overwritten."""
+        """Create the file and its directory; LogError for one not to be overwritten."""
         from mcap.writer import CompressionType, Writer
 
         self.path = Path(path)
@@ -72,7 +66,7 @@ class LogWriter:
         self._mcap = Writer(self._stream, 2**62, CompressionType.ZSTD, enable_data_crcs=True)
         try:
             with self._writing():
-                self._mcap.start(profile="ros2", library=_checked_text(library))
+                self._mcap.start(profile="ros2", library=f"sfglab {__version__}")
                 self._stream.flush()
         except BaseException:
             self.close()
@@ -83,19 +77,16 @@ class LogWriter:
         try:
             return self.path.open("wb" if overwrite else "xb")
         except FileExistsError as exc:
-            raise LogError(
-                f"log {self.path}: there is a file already; choose another path or pass overwrite=True"
-            ) from exc
+            said = "there is a file already; choose another path or pass overwrite=True"
+            raise LogError(f"log {self.path}: {said}") from exc
 
     @contextmanager
     def _writing(self) -> Iterator[None]:
         """Hold the lock during a change; one that breaks off leaves half a record, so it is the last."""
         with self._lock:
             if self._failed or self._stream.closed:
-                why = (
-                    "an earlier write failed, so nothing more can follow it" if self._failed else "it is closed"
-                )
-                raise LogError(f"log {self.path}: {why}")
+                failed = "an earlier write failed, so nothing more can follow it"
+                raise LogError(f"log {self.path}: {failed if self._failed else 'it is closed'}")
             try:
                 yield
             except BaseException:

@@ -124,13 +124,8 @@ def _step(world: Any, now: int, kind: int, argument: int, frame: Any) -> None:
         _served(world, now, argument)
     elif kind == Event.PUBLISH:
         write(world, now, argument)
-        push(
-            world.heap,
-            world.heap_sizes,
-            now + world.flows[argument, FlowColumn.PERIOD_NS],
-            Event.PUBLISH,
-            argument,
-        )
+        again = now + world.flows[argument, FlowColumn.PERIOD_NS]
+        push(world.heap, world.heap_sizes, again, Event.PUBLISH, argument)
     elif kind == Event.ACKNACK:
         world.reader[argument, R.ARMED] = 0
         request(world, now, argument)

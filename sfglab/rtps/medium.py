@@ -37,7 +37,7 @@ def uniform(random: Any) -> float:
 
 
 _frame_bytes, _airtime_ns, _next_sender = compiled(frame_bytes), compiled(airtime_ns), compiled(next_sender)
-how_many_fragments = compiled(fragments)
+fragment_count = compiled(fragments)
 _after_stall_ns, _is_lost = compiled(after_stall_ns), compiled(is_lost)
 _TAIL, _HEAD, _BLOCK = range(len(QUEUE_RULES))
 
@@ -148,9 +148,8 @@ def _send_next(world: Any, now: int, transmitter: int) -> None:
     near = host  # the end of this crossing that is not the access point
     if host == timing[TimingColumn.ACCESS_POINT]:
         near = world.flows[flow, FlowColumn.SOURCE if kind == Frame.ACKNACK else FlowColumn.TARGET]
-    airtime = _airtime_ns(
-        size, contenders, timing[TimingColumn.OVERHEAD_NS], world.host_bps[near], world.rates[1]
-    )
+    overhead = timing[TimingColumn.OVERHEAD_NS]
+    airtime = _airtime_ns(size, contenders, overhead, world.host_bps[near], world.rates[1])
     world.counts[Count.BYTES] += size
     world.counts[Count.AIRTIME_NS] += airtime
     begin = _after_stall_ns(now, timing[TimingColumn.STALL_EVERY_NS], timing[TimingColumn.STALL_NS])
@@ -201,13 +200,8 @@ def sent_frame(world: Any, now: int, transmitter: int, frame: Any) -> bool:
         for k in range(8):
             world.flight[transmitter, place, k] = frame[k]
         ends[transmitter, 1] += 1
-        push(
-            world.heap,
-            world.heap_sizes,
-            now + world.timing[TimingColumn.LATENCY_NS],
-            Event.ARRIVED,
-            transmitter,
-        )
+        arrives = now + world.timing[TimingColumn.LATENCY_NS]
+        push(world.heap, world.heap_sizes, arrives, Event.ARRIVED, transmitter)
     _send_next(world, now, transmitter)
     return there
 

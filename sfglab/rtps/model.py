@@ -22,12 +22,10 @@ from sfglab.units import NS_PER_S
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
-
 _NOT_NEGATIVE = (
     *("rate_hz", "phase_s", "size_bytes", "reader_depth"),
     *("service_s", "compare_s", "change_s", "max_silence_s"),
 )
-
 
 # --- The rules of the medium, plain Python: `medium` compiles them, the test hosts' radio calls them ----------
 

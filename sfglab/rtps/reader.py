@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from sfglab.rtps.medium import enqueue, how_many_fragments, note_drop
+from sfglab.rtps.medium import enqueue, fragment_count, note_drop
 from sfglab.rtps.state import Count, Drop, Event, Fate, FlowColumn, Frame, R, S, TimingColumn, W
 from sfglab.rtps.world import compiled, push
 
@@ -110,7 +110,7 @@ def is_whole(world: Any, frame: Any) -> bool:
         follows = frame[2] == 0 or reader[flow, R.FRAGMENTS] == frame[2]
         reader[flow, R.FRAGMENTS] = frame[2] + 1 if follows else -1
         return False
-    before = how_many_fragments(world.flows[flow, FlowColumn.SIZE_BYTES], frame[3])
+    before = fragment_count(world.flows[flow, FlowColumn.SIZE_BYTES], frame[3])
     if before and reader[flow, R.FRAGMENTS] != before:
         note_drop(world, frame, Drop.MEDIUM)
         return False

@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     from sfglab.rtps.model import Flow, Scenario
     from sfglab.rtps.state import Params, State
 
-
 _MOST_ANSWERS = 200_000
 
 
@@ -132,12 +131,7 @@ class Session:
     """
 
     def __init__(
-        self,
-        scenario: Scenario,
-        *,
-        seed: int,
-        watched: Sequence[str] | None = None,
-        news_only: bool = False,
+        self, scenario: Scenario, *, seed: int, watched: Sequence[str] | None = None, news_only: bool = False
     ) -> None:
         from sfglab.rtps.world import World
 

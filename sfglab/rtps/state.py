@@ -230,9 +230,8 @@ def new_state(params: Params, sizes: Sizes, *, seed: int) -> State:
 
     flows = len(params.flows)
     transmitters = 1 if params.timing[TimingColumn.SHARED] else sizes.hosts
-    heap, heap_sizes = new_heap(
-        8 * flows + 4 * (transmitters + sizes.servers) + transmitters * sizes.flight + 16
-    )
+    room = 8 * flows + 4 * (transmitters + sizes.servers) + transmitters * sizes.flight + 16
+    heap, heap_sizes = new_heap(room)
     per_sample = (flows, sizes.samples + 1)
     reader = np.zeros((flows, len(R)), np.int64)
     writer = np.zeros((flows, len(W)), np.int64)

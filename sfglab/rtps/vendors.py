@@ -56,11 +56,9 @@ class Vendor:
 
     def __post_init__(self) -> None:
         if not 0 < self.heartbeat_ns <= self.heartbeat_max_ns:
-            raise InvalidValueError(
-                f"{self.name}: heartbeat_ns, heartbeat_max_ns",
-                (self.heartbeat_ns, self.heartbeat_max_ns),
-                "0 < heartbeat_ns <= heartbeat_max_ns",
-            )
+            place = f"{self.name}: heartbeat_ns, heartbeat_max_ns"
+            periods_ns = self.heartbeat_ns, self.heartbeat_max_ns
+            raise InvalidValueError(place, periods_ns, "0 < heartbeat_ns <= heartbeat_max_ns")
         delays_ns = self.nack_delay_ns, self.ack_delay_ns, self.nack_response_ns
         if min(delays_ns) < 0:
             raise InvalidValueError(f"{self.name}: delays", delays_ns, "0 and more")

@@ -10,15 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from sfglab.rtps.medium import (
-    burst_most,
-    enqueue,
-    has_room,
-    how_many_fragments,
-    message_bytes,
-    note_drop,
-    uniform,
-)
+from sfglab.rtps.medium import burst_most, enqueue, fragment_count, has_room, message_bytes, note_drop, uniform
 from sfglab.rtps.model import BURST_ROOM
 from sfglab.rtps.state import SET, Count, Drop, Event, FlowColumn, Frame, TimingColumn, W
 from sfglab.rtps.world import compiled, push
@@ -227,9 +219,8 @@ def hear_acknack(world: Any, now: int, frame: Any) -> None:
     for k in range(4):
         repair[flow, 1 + k] = frame[4 + k]
     if not waits:
-        push(
-            world.heap, world.heap_sizes, now + world.timing[TimingColumn.NACK_RESPONSE_NS], Event.REPAIR, flow
-        )
+        due = now + world.timing[TimingColumn.NACK_RESPONSE_NS]
+        push(world.heap, world.heap_sizes, due, Event.REPAIR, flow)
 
 
 @compiled
@@ -259,10 +250,8 @@ def repair(world: Any, now: int, flow: int) -> None:
 def _repair_in_bursts(world: Any, now: int, flow: int, base: int, kept: int) -> None:
     """Send what was asked for, many samples a message; a prompt vendor sends a heartbeat with the last one."""
     prompt = world.timing[TimingColumn.PROMPT]
-    last, most = (
-        world.writer[flow, W.QUEUED],
-        burst_most(world.flows[flow, FlowColumn.SIZE_BYTES], world.timing[TimingColumn.BURST_BYTES]),
-    )
+    last = world.writer[flow, W.QUEUED]
+    most = burst_most(world.flows[flow, FlowColumn.SIZE_BYTES], world.timing[TimingColumn.BURST_BYTES])
     left = 0
     for i in range(256):
         left += _asked(world, flow, i) and kept <= base + i <= last
@@ -295,7 +284,7 @@ def _send_together(world: Any, now: int, flow: int, frame: Any) -> None:
     """Send a BURST; if IP cuts it, its full frames first."""
     host, before = world.flows[flow, FlowColumn.SOURCE], world.scratch[2]
     before[0], before[1] = Frame.FRAGMENT, flow
-    for i in range(how_many_fragments(world.flows[flow, FlowColumn.SIZE_BYTES], frame[3])):
+    for i in range(fragment_count(world.flows[flow, FlowColumn.SIZE_BYTES], frame[3])):
         before[2] = before[3] = i
         enqueue(world, now, host, before)
     world.counts[Count.DATA] += 1

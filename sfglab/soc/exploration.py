@@ -29,8 +29,7 @@ class Counterexample:
     last: World  #: The last world before the violation, or the first one without a way to the end.
 
     def __str__(self) -> str:
-        lines = [f"{i:3d}  {line}" for i, line in enumerate(self.trace, start=1)]
-        return "\n".join([self.property, *lines])
+        return "\n".join([self.property, *(f"{i:3d}  {line}" for i, line in enumerate(self.trace, start=1))])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

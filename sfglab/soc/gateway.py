@@ -111,8 +111,7 @@ class Row:
     """One state of the table."""
 
     drive: Drive  #: What the outputs do in this state.
-    #: Where each input leads; an input that is not listed cannot occur here.
-    moves: Mapping[Input, Move] = field(hash=False)
+    moves: Mapping[Input, Move] = field(hash=False)  #: Where an input leads; one not listed cannot occur here.
 
 
 Table = dict[State, Row]  #: A gateway core's whole behaviour.
@@ -134,8 +133,7 @@ TABLE: Table = {
     _S.TO_MEMORY: Row(_D.HMT_TO_MEMORY, {_I.DONE: Move(_S.CANCEL)}),
     _S.CANCEL: Row(_D.CALL_CANCEL, {_I.SENT: Move(_S.CANCEL_WAIT)}),
     _S.CANCEL_WAIT: Row(
-        _D.LISTEN_OSIF,
-        {_I.CANCELLED: Move(_S.PUBLISH), _I.ANSWERED: Move(_S.PUBLISH_HOLDING, _L.HELD)},
+        _D.LISTEN_OSIF, {_I.CANCELLED: Move(_S.PUBLISH), _I.ANSWERED: Move(_S.PUBLISH_HOLDING, _L.HELD)}
     ),
     _S.PUBLISH: Row(_D.CALL_PUBLISH, {_I.SENT: Move(_S.PUBLISH_WAIT)}),
     _S.PUBLISH_WAIT: Row(_D.LISTEN_OSIF, {_I.PUBLISHED: Move(_S.REQUEST)}),

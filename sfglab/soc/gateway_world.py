@@ -33,8 +33,7 @@ class Bound:
     calls: int = 1  #: How many calls to the delegate may wait.
     echoes: bool = True  #: Both topics return the core's own messages to it, so that its filters have to work.
     listens_while_blocked: bool = True  #: The delegate hears a cancel while it waits for a message, as it must.
-    #: The delegate gives one answer per request, as it must; else also one per cancel.
-    answers_once: bool = True
+    answers_once: bool = True  #: The delegate answers once per request, as it must; else also once per cancel.
     port_messages: int = 0  #: Whole messages that the core's port of the HMT can store; 0: it is a stream.
 
     @property
@@ -154,8 +153,7 @@ def _publishers(world: World, bound: Bound) -> Iterator[Step]:
             )
             yield Step(f"software publisher {publisher}", f"publishes {message}", after)
         elif world.topic is None:
-            broadcast = Broadcast(message, _ports(bound) | OWN_PORT)
-            after = world._replace(sent=sent, topic=broadcast)
+            after = world._replace(sent=sent, topic=Broadcast(message, _ports(bound) | OWN_PORT))
             yield Step(f"hardware publisher {publisher}", f"offers {message}", after)
 
 
@@ -182,11 +180,8 @@ def _delegate(world: World, bound: Bound) -> Iterator[Step]:
     if world.blocked and world.reader:
         message, *rest = world.reader
         answers = (*world.answers, (Input.ANSWERED, message))
-        yield Step(
-            "delegate",
-            f"answers with {message}",
-            world._replace(blocked=False, reader=tuple(rest), answers=answers),
-        )
+        after = world._replace(blocked=False, reader=tuple(rest), answers=answers)
+        yield Step("delegate", f"answers with {message}", after)
     if world.calls and (not world.blocked or bound.listens_while_blocked):
         yield _obeyed(world, bound)
 
@@ -234,11 +229,8 @@ def _core(world: World, bound: Bound, table: Table) -> Iterator[Step]:
             continue
         what += move.to.name
         if move.latch is Latch.HELD and world.held is not None:
-            yield Step(
-                "gateway",
-                what,
-                Fault(f"holds {message} in place of {world.held}, which is not forwarded: lost"),
-            )
+            lost = Fault(f"holds {message} in place of {world.held}, which is not forwarded: lost")
+            yield Step("gateway", what, lost)
             continue
         if isinstance(after, Fault):
             yield Step("gateway", what, after)

@@ -110,8 +110,7 @@ class Graph:
 
     Raises:
         InvalidValueError: A name is empty or stands twice, an edge names a node that there is not or stands
-            twice, a topic has no publisher, a number has no meaning, or a hardware-mapped topic has a node in
-            software.
+            twice, a topic has no publisher, a number no meaning, or a hardware-mapped topic a node in software.
     """
 
     nodes: tuple[Node, ...] = field(metadata=by_name("name"))  #: N, in the order in which they were named.
@@ -194,10 +193,8 @@ def _named(key: str, name: str, members: Iterable[_Member]) -> _Member:
 
 def _unknown(key: str, name: str, known: Iterable[str]) -> InvalidValueError:
     listed = sorted(known)
-    shown = ", ".join(listed[:12]) + (", ..." if len(listed) > 12 else "")
-    return InvalidValueError(
-        key, name, f"one of {shown}{suggestion(name, listed)}" if listed else "none at all"
-    )
+    some = ", ".join(listed[:12]) + (", ..." if len(listed) > 12 else "")
+    return InvalidValueError(key, name, f"one of {some}{suggestion(name, listed)}" if listed else "none at all")
 
 
 def _check_names(key: str, names: list[str]) -> None:
@@ -223,9 +220,8 @@ def _check_topic(topic: Topic, known: Mapping[str, Node]) -> None:
             if name not in known:
                 raise _unknown(f"{key}.{part}", name, known)
             if times > 1:
-                raise InvalidValueError(
-                    f"{key}.{part}", name, f"each node once, and it stands there {times} times"
-                )
+                allowed = f"each node once, and it stands there {times} times"
+                raise InvalidValueError(f"{key}.{part}", name, allowed)
     if not topic.publishers:
         raise InvalidValueError(f"{key}.publishers", None, "at least one node that publishes the topic")
     _check_not_negative(f"{key}.size_bytes", topic.size_bytes)
@@ -312,8 +308,7 @@ def read_graph(document: Document) -> Graph:
     except DocumentError:
         raise
     except InvalidValueError as error:
-        place = Place(file=document.file, key=error.place)
-        raise DocumentError(place, error.given, error.allowed) from error
+        raise DocumentError(Place(file=document.file, key=error.place), error.given, error.allowed) from error
 
 
 def _read_graph(top: Section) -> Graph:

@@ -193,8 +193,7 @@ def draw_legend(figure: Figure) -> None:
 
 def _box(name: str, centre: NDArray[np.float64]) -> _Box:
     lines = _lines(name)
-    width = max(_LETTER * max(map(len, lines)), _LINE)
-    half = np.array([width, _LINE * len(lines)]) / 2 + _PAD
+    half = np.array([max(_LETTER * max(map(len, lines)), _LINE), _LINE * len(lines)]) / 2 + _PAD
     return _Box(text="\n".join(lines), centre=centre, half=half)
 
 
@@ -224,8 +223,7 @@ def _route(edge: Edge, layout: Layout, boxes: Mapping[Vertex, _Box]) -> NDArray[
     back = replace(edge, kind=EdgeKind.SUBSCRIBE if edge.kind is EdgeKind.PUBLISH else EdgeKind.PUBLISH)
     if back in layout.routes:  # there and back: each keeps to its side
         way = points[-1] - points[0]
-        aside = 0.09 * np.array([-way[1], way[0]]) / np.hypot(*way)
-        points = points + aside
+        points = points + 0.09 * np.array([-way[1], way[0]]) / np.hypot(*way)
     line = _smooth(points)
     ends = [boxes[vertex] for vertex in ends_of(edge)]
     outside = ~(ends[0].holds(line) | ends[1].holds(line))
@@ -239,10 +237,9 @@ def _smooth(points: NDArray[np.float64]) -> NDArray[np.float64]:
         straight: NDArray[np.float64] = points[0] + share * (points[1] - points[0])
         return straight
     level = 3 * share**2 - 2 * share**3
-    pieces = [
-        np.hstack([a[:1] + share * (b - a)[:1], a[1:] + level * (b - a)[1:]]) for a, b in pairwise(points)
-    ]
-    return np.vstack(pieces)
+    return np.vstack(
+        [np.hstack([a[:1] + share * (b - a)[:1], a[1:] + level * (b - a)[1:]]) for a, b in pairwise(points)]
+    )
 
 
 def _draw_route(ax: Axes, line: NDArray[np.float64], *, crosses: bool) -> None:

@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 Vertex = tuple[str, ...]
 """``("node", name)`` or ``("topic", name)``: a node and a topic may have the same name."""
 
+_Ends = tuple[Vertex, Vertex]
+
 _SWEEPS = 12
 _BEND_ROOM = 0.6
 
@@ -29,8 +31,7 @@ _BEND_ROOM = 0.6
 class Layout:
     """Places in a plane; the unit is the distance of two layers, and of two neighbours in one."""
 
-    #: Of each node and topic: x, its layer from 0, and y, upwards.
-    places: Mapping[Vertex, tuple[float, float]]
+    places: Mapping[Vertex, tuple[float, float]]  #: Of each node and topic: x, its layer from 0; y, upwards.
     routes: Mapping[Edge, tuple[tuple[float, float], ...]]  #: Of each edge: where it starts, bends and ends.
 
 
@@ -44,7 +45,7 @@ def topic_vertex(name: str) -> Vertex:
     return ("topic", name)
 
 
-def ends_of(edge: Edge) -> tuple[Vertex, Vertex]:
+def ends_of(edge: Edge) -> _Ends:
     """Return where an edge comes from and where it leads."""
     ends = (node_vertex(edge.node), topic_vertex(edge.topic))
     return ends if edge.kind is EdgeKind.PUBLISH else ends[::-1]
@@ -72,9 +73,7 @@ def layered_layout(graph: Graph) -> Layout:
     return Layout(places={vertex: places[vertex] for vertex in vertices}, routes=routes)
 
 
-def _turned(
-    edges: Mapping[Edge, tuple[Vertex, Vertex]], vertices: list[Vertex]
-) -> dict[Edge, tuple[Vertex, Vertex]]:
+def _turned(edges: Mapping[Edge, _Ends], vertices: list[Vertex]) -> dict[Edge, _Ends]:
     """Turn the edges round that lead back to where a walk in depth came from."""
     leaving: dict[Vertex, list[Edge]] = {vertex: [] for vertex in vertices}
     for edge, (source, _) in edges.items():
@@ -98,7 +97,7 @@ def _turned(
     return turned
 
 
-def _layers(vertices: list[Vertex], edges: Iterable[tuple[Vertex, Vertex]]) -> dict[Vertex, int]:
+def _layers(vertices: list[Vertex], edges: Iterable[_Ends]) -> dict[Vertex, int]:
     """Return each vertex's longest path from a start; a start stands just before what it leads to."""
     following: dict[Vertex, list[Vertex]] = {vertex: [] for vertex in vertices}
     waiting = dict.fromkeys(vertices, 0)
@@ -119,13 +118,13 @@ def _layers(vertices: list[Vertex], edges: Iterable[tuple[Vertex, Vertex]]) -> d
     return layer
 
 
-def _chain(edge: Edge, ends: tuple[Vertex, Vertex], layer_of: Mapping[Vertex, int]) -> tuple[Vertex, ...]:
+def _chain(edge: Edge, ends: _Ends, layer_of: Mapping[Vertex, int]) -> tuple[Vertex, ...]:
     """Return an edge's way through the layers; a bend is named for its layer and its edge."""
     passed = range(layer_of[ends[0]] + 1, layer_of[ends[1]])
     return (ends[0], *(("bend", str(layer), str(edge)) for layer in passed), ends[1])
 
 
-def _ordered(layers: list[list[Vertex]], lanes: list[tuple[Vertex, Vertex]]) -> list[list[Vertex]]:
+def _ordered(layers: list[list[Vertex]], lanes: list[_Ends]) -> list[list[Vertex]]:
     """Return the layers, each in an order with few crossings."""
     best, fewest = layers, _crossings(layers, lanes)
     for sweep in range(_SWEEPS):
@@ -135,9 +134,7 @@ def _ordered(layers: list[list[Vertex]], lanes: list[tuple[Vertex, Vertex]]) -> 
     return best
 
 
-def _swept(
-    layers: list[list[Vertex]], lanes: list[tuple[Vertex, Vertex]], *, forth: bool
-) -> list[list[Vertex]]:
+def _swept(layers: list[list[Vertex]], lanes: list[_Ends], *, forth: bool) -> list[list[Vertex]]:
     """Order each layer by the median place of its neighbours in the layer before it, or behind it."""
     near: dict[Vertex, list[Vertex]] = {}
     for source, target in lanes:
@@ -153,19 +150,15 @@ def _swept(
     return [swept[index] for index in range(len(layers))]
 
 
-def _crossings(layers: list[list[Vertex]], lanes: list[tuple[Vertex, Vertex]]) -> int:
+def _crossings(layers: list[list[Vertex]], lanes: list[_Ends]) -> int:
     place = {vertex: (x, i) for x, layer in enumerate(layers) for i, vertex in enumerate(layer)}
-    between: dict[int, list[tuple[int, int]]] = {}
+    gaps: dict[int, list[tuple[int, int]]] = {}
     for source, target in lanes:
-        between.setdefault(place[source][0], []).append((place[source][1], place[target][1]))
-    return sum(
-        (a[0] - b[0]) * (a[1] - b[1]) < 0 for pairs in between.values() for a, b in combinations(pairs, 2)
-    )
+        gaps.setdefault(place[source][0], []).append((place[source][1], place[target][1]))
+    return sum((a[0] - b[0]) * (a[1] - b[1]) < 0 for pairs in gaps.values() for a, b in combinations(pairs, 2))
 
 
-def _places(
-    layers: list[list[Vertex]], lanes: list[tuple[Vertex, Vertex]]
-) -> dict[Vertex, tuple[float, float]]:
+def _places(layers: list[list[Vertex]], lanes: list[_Ends]) -> dict[Vertex, tuple[float, float]]:
     """Keep the order in each layer, and draw each vertex towards the mean of its neighbours."""
     near: dict[Vertex, list[Vertex]] = {}
     for source, target in lanes:

@@ -86,31 +86,16 @@ def map_communication(
 
     How the topics of the given graph are mapped does not matter, so mapping a result again changes nothing.
     """
-    hardware = with_hardware_topics(graph)
+    placed = graph.in_hardware
+    software = graph.with_mappings({topic.name: TopicMapping.SOFTWARE for topic in graph.topics})
+    inside = [topic.name for topic in graph.topics if placed.issuperset(topic.members)]
+    hardware = software.with_mappings(dict.fromkeys(inside, TopicMapping.HARDWARE))
     chosen = {
         topic.name: TopicMapping.GATEWAY
         for topic in hardware.topics
-        if _joins_both_sides(graph, topic) and gateway(hardware, topic)
+        if topic.name not in inside and placed.intersection(topic.members) and gateway(hardware, topic)
     }
-    return CommunicationMapping(
-        software=in_software(graph), hardware=hardware, gateways=hardware.with_mappings(chosen)
-    )
-
-
-def in_software(graph: Graph) -> Graph:
-    """Return the graph with all topics in software."""
-    return graph.with_mappings({topic.name: TopicMapping.SOFTWARE for topic in graph.topics})
-
-
-def with_hardware_topics(graph: Graph) -> Graph:
-    """Return the graph with cases 1 and 2 decided, and in software what is left."""
-    placed = graph.in_hardware
-    return graph.with_mappings(
-        {
-            topic.name: TopicMapping.HARDWARE if placed.issuperset(topic.members) else TopicMapping.SOFTWARE
-            for topic in graph.topics
-        }
-    )
+    return CommunicationMapping(software=software, hardware=hardware, gateways=hardware.with_mappings(chosen))
 
 
 def crossing_edges(graph: Graph) -> Crossing:
@@ -159,11 +144,6 @@ def hardware_subgraphs(graph: Graph) -> tuple[tuple[frozenset[str], frozenset[st
     return tuple((frozenset(nodes), frozenset(topics)) for nodes, topics in parts)
 
 
-def _joins_both_sides(graph: Graph, topic: Topic) -> bool:
-    placed = graph.in_hardware
-    return bool(placed.intersection(topic.members)) and not placed.issuperset(topic.members)
-
-
 _TRANSPORTS = {
     TopicMapping.SOFTWARE: Transport.SMT,
     TopicMapping.HARDWARE: Transport.HMT,
@@ -202,16 +182,12 @@ def chain_s(graph: Graph, chain: Sequence[str], *, costs: Costs = STORED) -> dic
     found: dict[Edge, float] = {}
     now_s = 0.0
     for before, after in pairwise(map(graph.node, chain)):
-        ways = [
-            t.name
-            for t in graph.topics
-            if before.name in t.publishers and after.name in t.subscribers and t.size_bytes
-        ]
-        if not ways:
-            raise InvalidValueError(
-                "chain", f"{before.name}, {after.name}", "nodes that a topic with a size joins"
-            )
-        edge = Edge(topic=ways[0], node=after.name, kind=EdgeKind.SUBSCRIBE)
+        ways = (t for t in graph.topics if before.name in t.publishers and after.name in t.subscribers)
+        way = next((topic.name for topic in ways if topic.size_bytes), None)
+        if way is None:
+            pair = f"{before.name}, {after.name}"
+            raise InvalidValueError("chain", pair, "nodes that a topic with a size joins")
+        edge = Edge(topic=way, node=after.name, kind=EdgeKind.SUBSCRIBE)
         now_s += activation_s(before) + arrival_s(graph, edge, costs=costs)
         found[edge] = now_s
     return found
@@ -240,9 +216,8 @@ def faster_by_gateway(*, judge: Judge = Judge.LAST, costs: Costs = STORED) -> Ca
 def _setups(graph: Graph, topic: Topic) -> list[Setup]:
     """Return the model's view of a topic, once for each side from which it is published."""
     if topic.size_bytes is None:
-        raise InvalidValueError(
-            f"topics.{topic.name}.size_bytes", None, "the size of a message, to know its time"
-        )
+        key = f"topics.{topic.name}.size_bytes"
+        raise InvalidValueError(key, None, "the size of a message, to know its time")
     placed = graph.in_hardware
     hardware = len(placed.intersection(topic.subscribers))
     sides = {Side.HARDWARE if name in placed else Side.SOFTWARE: None for name in topic.publishers}

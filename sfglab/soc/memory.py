@@ -10,8 +10,7 @@ for the publication, then one delivery a reader; a hardware reader is woken by i
 message over the shared interface. A hardware-mapped topic (HMT) is a stream. A gateway is both, its core one
 reader of the SMT and one port of the HMT. Every order of serving readers, which the paper leaves open, is
 equally likely. Left out: that processors and hardware share the memory chips, and that deliveries may run on
-several processors. The paper's rule (section 5) knows no sizes: hence the break-even sizes. Refuses to know
-graphs.
+several processors. The paper's rule (section 5) knows no sizes: hence break-even sizes. Refuses to know graphs.
 """
 
 from __future__ import annotations
@@ -42,8 +41,7 @@ class MemoryInterface:
     width_bytes: int = between(8, 0, without=(0,))  #: Bytes a cycle, of MEMIF and streams alike.
     clock_hz: float = between(100e6, 0, without=(0,))  #: The system clock.
     chunk_bytes: int = between(256, 0, without=(0,))  #: Bytes of one request.
-    #: Cycles of a request in which neither address nor data are under way.
-    control_cycles: float = between(4.0)
+    control_cycles: float = between(4.0)  #: Cycles of a request with neither address nor data under way.
     read_latency_cycles: float = between(30.0)  #: From a read request to its first word.
     write_latency_cycles: float = between(9.0)  #: From a write's last word to its response.
     forwarding: Forwarding = Forwarding.STORED  #: How a gateway core passes chunks on.
@@ -149,12 +147,10 @@ class Costs:
     """The model's constants."""
 
     memory: MemoryInterface  #: The memory interface.
-    #: A hardware node's call to its delegate thread and the answer (OSIF round trip).
-    delegate_s: float = 80e-6
+    delegate_s: float = 80e-6  #: A hardware node's call to its delegate thread and back (OSIF round trip).
     publish_s: float = 80e-6  #: A publication on a software-mapped topic: fixed part.
     publish_s_per_byte: float  #: The same: for each byte of the message.
-    #: Its delivery to one reader, which follow one another: fixed part, with the reader's wake-up.
-    deliver_s: float
+    deliver_s: float  #: Its delivery to one reader, one after another: fixed part, with the reader's wake-up.
     deliver_s_per_byte: float  #: The same: for each byte of the message.
     #: What a hardware node spends on a message before it sends or after it has received, whatever the topic;
     #: also the gateway core, when it forwards.
@@ -279,8 +275,7 @@ def transfer_times(setup: Setup, costs: Costs = STORED) -> Times:
     """Return how long one message takes."""
     hardware_s, software_s = _PATHS[setup.transport](setup, costs)
     return Times(
-        hardware_s=hardware_s if setup.hardware else None,
-        software_s=software_s if setup.software else None,
+        hardware_s=hardware_s if setup.hardware else None, software_s=software_s if setup.software else None
     )
 
 

@@ -137,8 +137,7 @@ def _at(subscribers: int, message_bytes: int) -> Callable[[Sequence[SpeedUp]], f
 def _grows(bars: Sequence[SpeedUp]) -> bool:
     """Return whether the speed-up grows with size at every number of subscribers, and the other way round."""
     rows = [[_at(n, x)(bars) for x in MESSAGE_BYTES] for n in SUBSCRIBERS]
-    lines = [*rows, *map(list, zip(*rows, strict=True))]
-    return all(line == sorted(line) for line in lines)
+    return all(line == sorted(line) for line in (*rows, *map(list, zip(*rows, strict=True))))
 
 
 _SMALL, _LARGE, _MANY = MESSAGE_BYTES[0], MESSAGE_BYTES[-1], SUBSCRIBERS[-1]
@@ -164,9 +163,7 @@ TENDENCIES = (
         lambda bars: _at(2, _SMALL)(bars) < 1 and _at(4, _SMALL)(bars) < 1,
     ),
     Tendency(
-        _SH,
-        "below 1 for smaller message sizes, with 8 nodes too",
-        lambda bars: _at(_MANY, _SMALL)(bars) < 1,
+        _SH, "below 1 for smaller message sizes, with 8 nodes too", lambda bars: _at(_MANY, _SMALL)(bars) < 1
     ),
     Tendency(_SS, "speedups for all measured sizes and numbers", lambda bars: _least(bars) > 1),
 )

@@ -141,12 +141,8 @@ def topic_load(graph: Graph, topic: Topic, platform: Platform) -> float:
     carriages = carriages_per_message(graph, topic)
     if carriages == 0:
         return 0.0
-    once_s = (
-        gateway_load(topic, platform)
-        if topic.mapping is TopicMapping.GATEWAY
-        else carriage_load(topic, platform)
-    )
-    return carriages * once_s
+    load = gateway_load if topic.mapping is TopicMapping.GATEWAY else carriage_load
+    return carriages * load(topic, platform)
 
 
 def software_load(node: Node) -> float:
@@ -172,12 +168,11 @@ def gateway_load(topic: Topic, platform: Platform) -> float:
 
 
 def _traffic(topic: Topic) -> tuple[int, float]:
+    key = f"topics.{topic.name}"
     if topic.size_bytes is None:
-        raise InvalidValueError(
-            f"topics.{topic.name}.size_bytes", None, "the size of a message, to know its cost"
-        )
+        raise InvalidValueError(f"{key}.size_bytes", None, "the size of a message, to know its cost")
     if topic.rate_hz is None:
-        raise InvalidValueError(f"topics.{topic.name}.rate_hz", None, "messages per second, to know their cost")
+        raise InvalidValueError(f"{key}.rate_hz", None, "messages per second, to know their cost")
     return topic.size_bytes, topic.rate_hz
 
 
@@ -277,10 +272,9 @@ def place_nodes(
 
 def _read(programme: Programme, graph: Graph, platform: Platform) -> Graph:
     """Return the graph that the solved programme's variables stand for."""
-    chosen = programme.in_hardware.value > 0.5
     sides = {
         node.name: Placement.HARDWARE if there else Placement.SOFTWARE
-        for node, there in zip(graph.nodes, chosen, strict=True)
+        for node, there in zip(graph.nodes, programme.in_hardware.value > 0.5, strict=True)
     }
     at = set() if programme.at_gateway is None else set(np.flatnonzero(programme.at_gateway.value > 0.5))
     named = {topic.name for i, topic in enumerate(graph.topics) if i in at}
@@ -296,9 +290,7 @@ def _bounds(graph: Graph, fixed: Mapping[str, Placement]) -> tuple[NDArray[np.fl
         if graph.node(name).hardware is None and placement is Placement.HARDWARE:
             raise SfglabError(f"node {name!r}: fixed in hardware, where it has no implementation")
     low = [float(fixed.get(node.name) is Placement.HARDWARE) for node in graph.nodes]
-    free = [
-        node.hardware is not None and fixed.get(node.name) is not Placement.SOFTWARE for node in graph.nodes
-    ]
+    free = [n.hardware is not None and fixed.get(n.name) is not Placement.SOFTWARE for n in graph.nodes]
     return np.array(low), np.array(free, dtype=float)
 
 
@@ -374,8 +366,7 @@ def _solve(problem: Any, time_limit_s: float) -> float:
 def _bound_ms(problem: Any) -> float:
     """Return HiGHS's dual bound, which counts from the programme's constant; no load is below 0."""
     info = problem.solver_stats.extra_stats
-    offset = problem.value - info.objective_function_value
-    return max(0.0, float(info.mip_dual_bound + offset))
+    return max(0.0, float(info.mip_dual_bound + (problem.value - info.objective_function_value)))
 
 
 def _pays(graph: Graph, topic: Topic, platform: Platform) -> bool:

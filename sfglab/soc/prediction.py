@@ -126,8 +126,7 @@ def _gradient(function: Callable[[Costs], Floats], start: Costs, logs: Floats) -
 
 
 def _predicted(start: Costs, best: Floats, left_out: int) -> Prediction:
-    others = [i for i in range(len(PAPER_VALUES)) if i != left_out]
-    logs, covariance = _posterior(start, best, others)
+    logs, covariance = _posterior(start, best, [i for i in range(len(PAPER_VALUES)) if i != left_out])
     middle = float(_log_numbers(_costs(start, logs))[left_out])
     g = _gradient(_log_numbers, start, logs)[left_out]
     # Each constant measured by itself, and each time of Fig. 6 and 7, of which ratios alone are stated.

@@ -1,8 +1,7 @@
 """Messages as they arrive from anywhere, and logs that they come from.
 
 Bytes stay bytes until somebody wants to see them, so a message that is passed over costs no decoding; the
-capture stamp is read from where it stands in the bytes. Knows the order of a log; refuses to know what is shown
-of it.
+capture stamp is read where it stands in the bytes. Knows a log's order; refuses to know what is shown of it.
 """
 
 from __future__ import annotations

@@ -240,8 +240,7 @@ class Layout:
 
     frame: str = ""  #: The frame in which space is drawn; empty leaves the choice to the viewer.
     agents: tuple[str, ...] = ()  #: Whose heartbeats and states are drawn.
-    #: One view each: what it shows, by a name for people.
-    cameras: Mapping[str, str] = field(default_factory=dict)
+    cameras: Mapping[str, str] = field(default_factory=dict)  #: What each view shows, by a name for people.
     #: Whether heartbeats and states are drawn; without `agents` those of all that turn up.
     communication: bool = False
 
@@ -270,9 +269,8 @@ def blueprint(layout: Layout) -> Any:
     rerun()
     import rerun.blueprint as rrb
 
-    views: list[Any] = [
-        rrb.Spatial3DView(origin="/", contents=_contents(layout), name="space", **_space(layout.frame))
-    ]
+    space = rrb.Spatial3DView(origin="/", contents=_contents(layout), name="space", **_space(layout.frame))
+    views: list[Any] = [space]
     if layout.cameras:
         cameras = (
             rrb.Spatial2DView(origin=entity, contents=entity, name=name)  # no points

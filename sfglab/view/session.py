@@ -71,10 +71,8 @@ def available() -> Registry:
         kind = _load(entry)
         if isinstance(kind, str):
             broken.append(kind)
-        elif kinds.setdefault(kind.name, kind) is not kind:
-            broken.append(
-                f"visualizer {entry.value!r}: the name {kind.name!r} is taken by {kinds[kind.name]!r}"
-            )
+        elif (first := kinds.setdefault(kind.name, kind)) is not kind:
+            broken.append(f"visualizer {entry.value!r}: the name {kind.name!r} is taken by {first!r}")
     return Registry(kinds, tuple(broken))
 
 
@@ -116,8 +114,7 @@ class Display:
     visualizer: Visualizer  #: What draws.
     slot: Slot[Any]  #: Its queues.
     sync: SyncPolicy  #: Which messages belong together.
-    #: Requested instead of what the input declares, by role.
-    qos: dict[str, QoSProfile] = field(default_factory=dict)
+    qos: dict[str, QoSProfile] = field(default_factory=dict)  #: Requested instead of the inputs' own, by role.
     enabled: bool = True  #: Whether messages reach it.
     errors: int = 0  #: Updates that could not be shown.
     last_error: str = ""  #: Why the latest of these could not be.
@@ -147,11 +144,7 @@ class Offer:
 
 
 class Session:
-    """The displays.
-
-    Every method refuses, as an InvalidValueError, an id, a role or a value that there is not or that is not
-    allowed.
-    """
+    """The displays; methods refuse, as an InvalidValueError, an id, role or value not there or not allowed."""
 
     def __init__(self) -> None:
         self._displays: dict[str, Display] = {}

@@ -197,6 +197,5 @@ def replay(arrivals: Iterable[Arrival], session: Session, surface: Surface) -> i
 def _moments(last_ns: int | None, now_ns: int) -> Iterator[int]:
     """Yield when ticks may be due between two messages, so that silence is seen when it began; and `now_ns`."""
     if last_ns is not None:
-        quiet_ns = range(last_ns + _STEP_NS, now_ns, _STEP_NS)
-        yield from quiet_ns[:_MOST_STEPS]
+        yield from range(last_ns + _STEP_NS, now_ns, _STEP_NS)[:_MOST_STEPS]
     yield now_ns

@@ -12,8 +12,7 @@ It is found through the entry points of the group ``sfglab.visualizers``. A pane
 parameters; `Parameter.check` is the one place that decides which values are allowed. A name of the schema
 (paper A, section 4.1) lands below its agent, whichever scope it has, so one click hides an agent:
 ``/global/go2/camera_front/color/ffmpeg`` is ``/agents/go2/global/camera_front/color/ffmpeg``. Refuses to know
-where messages come from and where what is shown goes; it decides nothing about rates and queues, but declares
-them.
+where messages come from and where what is shown goes; it decides nothing on rates and queues but declares them.
 """
 
 from __future__ import annotations
@@ -62,8 +61,7 @@ class Update:
     messages: Mapping[str, Any]  #: Decoded, by role.
     stamp_ns: int  #: When the first was captured, on its sender's clock; without a stamp, when it was received.
     received_ns: int  #: When the last of them was received, on this host's or the log's clock.
-    #: Sets of messages that were passed over since the last update, by a full queue or the rate budget.
-    lost: int = 0
+    lost: int = 0  #: Sets of messages passed over since the last update, by a full queue or the rate budget.
 
     def __getitem__(self, role: str) -> Any:
         return self.messages[role]
@@ -106,8 +104,7 @@ class Visualizer(ABC):
     """Shows its inputs' messages, used by one thread; InvalidValueError for a wrong value or role."""
 
     name: ClassVar[str]  #: Under which it is added; unique among all that are installed.
-    #: The first one leads: it gives the entity, and the time where that matters.
-    inputs: ClassVar[tuple[Input, ...]]
+    inputs: ClassVar[tuple[Input, ...]]  #: The first leads: it gives the entity, and where it matters the time.
     sync: ClassVar[SyncPolicy] = Independent()  #: Which messages of several inputs belong together.
     max_hz: ClassVar[float | None] = 30.0  #: Its rate budget; None where each message counts.
     #: How many updates may wait for their turn; the oldest goes when there are more. 1 shows the latest.
@@ -117,10 +114,9 @@ class Visualizer(ABC):
 
     def __init__(self, topics: Mapping[str, str], settings: Mapping[str, object] | None = None) -> None:
         self.topics = _checked_topics(type(self), topics)  #: Topic by role.
-        #: Where it draws, made from the first topic.
-        self.entity = entity_of_topic(next(iter(self.topics.values())))
-        #: Whose topic the first one is; None for nobody's.
-        self.agent = agent_of_topic(next(iter(self.topics.values())))
+        first = next(iter(self.topics.values()))
+        self.entity = entity_of_topic(first)  #: Where it draws, made from the first topic.
+        self.agent = agent_of_topic(first)  #: Whose topic the first one is; None for nobody's.
         self._settings = check_all(self.parameters, settings or {})
 
     @property

@@ -4,13 +4,8 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from sfglab.arp.balancing import (
-    BalanceInput,
-    InfeasibleBalanceError,
-    average_topics,
-    balance,
-    balance_closed_form,
-)
+from sfglab.arp import balancing
+from sfglab.arp.balancing import BalanceInput, InfeasibleBalanceError, average_topics, balance
 from sfglab.errors import InvalidValueError
 
 EXPERIMENT = (7, 6, 6)  # section 3.1: six, five and five sensors, and one localisation result each
@@ -40,7 +35,7 @@ def test_optimum_for_the_papers_rates_with_rmin_1(rate_max_hz, rate_hz, depth):
 def test_solver_and_closed_form_agree_whatever_the_weight(topics, rate_max_hz, rate_min_hz, weight):
     problem = BalanceInput(topics=topics, rate_max_hz=rate_max_hz, rate_min_hz=rate_min_hz)
     try:
-        exact = balance_closed_form(problem)
+        exact = balancing.balance_closed_form(problem)
     except InfeasibleBalanceError as error:
         assume(error.lacking > 1e-3)  # at the border, a solver's tolerance decides
         with pytest.raises(InfeasibleBalanceError):

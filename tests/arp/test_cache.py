@@ -21,8 +21,7 @@ def passed(cache, values, *, period_ns=S):
 @given(st.lists(st.sampled_from([0.0, 1.0, 2.5, math.nan, math.inf])))
 def test_exactly_the_changes_pass(values):
     changes = [v for i, v in enumerate(values) if i == 0 or not exactly_equal(v, values[i - 1])]
-    sent = passed(LocalCache(), values)
-    assert [repr(v) for v in sent] == [repr(v) for v in changes]
+    assert [repr(v) for v in passed(LocalCache(), values)] == [repr(v) for v in changes]
 
 
 @given(st.lists(st.integers(0, 3)), st.integers(1, 5))

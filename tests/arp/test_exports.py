@@ -99,8 +99,7 @@ def test_fast_dds_profiles_use_only_names_of_the_schema(fast, generation):
 
 def test_best_effort_profiles_have_no_times():
     topics = (replace(PAPER_B.topics[0], reliability=Reliability.BEST_EFFORT),)
-    found = profiles(fast_dds_xml(plan_file(replace(PAPER_B, topics=topics))))
-    for profile in found.values():
+    for profile in profiles(fast_dds_xml(plan_file(replace(PAPER_B, topics=topics)))).values():
         assert not any(path.startswith("times") for path in leaves(profile))
         assert leaves(profile)["qos/reliability/kind"] == "BEST_EFFORT"
 
@@ -131,9 +130,8 @@ def test_an_unknown_generation_and_a_plan_for_another_vendor_are_refused(fast, c
 
 def run_cyclone(path: Path) -> subprocess.CompletedProcess[str]:
     code = "import sys; from cyclonedds.domain import Domain; Domain(231, open(sys.argv[1]).read())"
-    return subprocess.run(
-        [sys.executable, "-c", code, str(path)], capture_output=True, text=True, timeout=20, check=False
-    )
+    command = [sys.executable, "-c", code, str(path)]
+    return subprocess.run(command, capture_output=True, text=True, timeout=20, check=False)
 
 
 def test_cyclone_dds_itself_accepts_its_configuration_which_has_the_planned_timing(cyclone, tmp_path):

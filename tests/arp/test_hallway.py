@@ -81,8 +81,7 @@ def test_beams_agree_with_stepping_along_them(heading, aside):
 
 def free(x, y):
     """Whether a point is in the corridors, from the middle line alone."""
-    ring = (*WAYPOINTS, WAYPOINTS[0])
-    for (ax, ay), (bx, by) in pairwise(ring):
+    for (ax, ay), (bx, by) in pairwise((*WAYPOINTS, WAYPOINTS[0])):
         low_x, high_x, low_y, high_y = min(ax, bx), max(ax, bx), min(ay, by), max(ay, by)
         if low_x - 0.5 < x < high_x + 0.5 and low_y - 0.5 < y < high_y + 0.5:
             return True
@@ -90,14 +89,12 @@ def free(x, y):
 
 
 def test_the_whole_middle_line_is_free_in_every_area_and_winds_once():
-    world = World(seed=0)
-    ring = (*WAYPOINTS, WAYPOINTS[0])
+    world, ring = World(seed=0), np.array((*WAYPOINTS, WAYPOINTS[0]))
     for (ax, ay), (bx, by) in pairwise(ring):
         for share in np.linspace(0, 1, 50):
             world.poses[:, :2] = (ax + share * (bx - ax), ay + share * (by - ay))
             world.step([STOP] * 3)
             assert world.clearance_m.min() > 2 * RADIUS_M
-    ring = np.array((*WAYPOINTS, WAYPOINTS[0]))
     around = np.concatenate([np.linspace(a, b, 40) for a, b in pairwise(ring)])
     angles = np.unwrap([winding_rad(x, y) for x, y in around])
     assert (np.diff(angles) >= -1e-9).all()
@@ -145,8 +142,7 @@ def test_robots_that_are_told_nothing_stay_and_straight_ahead_they_slip_by_milli
     seconds = 2.0
     for _ in range(round(seconds * 1e9 / STEP_NS)):
         world.step([Command(moving=True)] * 3)
-    way = np.hypot(*(world.poses - before)[:, :2].T)
-    np.testing.assert_allclose(way, SPEED_M_S * seconds, rtol=0.02)
+    np.testing.assert_allclose(np.hypot(*(world.poses - before)[:, :2].T), SPEED_M_S * seconds, rtol=0.02)
 
 
 def test_the_same_seed_gives_the_same_world_to_the_bit():
@@ -216,8 +212,7 @@ def test_the_correction_turns_back_to_the_middle(aside, askew):
 
 def test_before_its_first_turn_sensing_has_no_value_nor_has_localisation_before_its_last_beam():
     node = LocalisationNode()
-    heard = [node.hear(beam, 1000) for beam in range(8)]
-    assert heard == [False] * 7 + [True]
+    assert [node.hear(beam, 1000) for beam in range(8)] == [False] * 7 + [True]
     assert node.view is not None
     node = SensingNode()
     assert node.value(0) is None

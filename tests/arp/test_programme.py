@@ -44,14 +44,12 @@ def equal_topics(count: int, **values) -> list[Topic]:
 @VENDORS
 def test_the_programme_is_convex_and_keeps_to_the_rules_for_parameters(vendor):
     topics = [topic(), topic("/b", reliability=Reliability.BEST_EFFORT)]
-    programme = build_programme(topics, link_of(topics, Medium(), vendor), Limits())
-    assert programme.problem.is_dcp(dpp=True)
+    assert build_programme(topics, link_of(topics, Medium(), vendor), Limits()).problem.is_dcp(dpp=True)
 
 
 def test_equal_topics_share_the_capacity_equally_where_latency_is_free():
     topics = equal_topics(12, rate_max_hz=150)
-    limits = Limits(utilisation_max=0.4)
-    found = plan(topics, Medium(), FAST_DDS, latency_price_hz=0.0, limits=limits)
+    found = plan(topics, Medium(), FAST_DDS, latency_price_hz=0.0, limits=Limits(utilisation_max=0.4))
     link = reckoned(found)
     closed_form = 0.4 / float((link.data_s + link.acknack_share * link.acknack_s).sum())
     assert found.rates_hz == pytest.approx(np.full(12, closed_form), rel=1e-4)
@@ -105,9 +103,8 @@ def test_no_neighbour_of_the_optimum_is_better(vendor, price):
 )
 def test_every_plan_keeps_to_its_bounds(changes, size_bytes, loss, price, shared, vendor, durability, cached):
     given = {"size_bytes": size_bytes, "durability": durability, "cached": cached}
-    topics = [
-        topic(f"/t{i}", source=f"robot{i % 2}", change_s=change, **given) for i, change in enumerate(changes)
-    ]
+    hosts = ("robot0", "robot1") * 3
+    topics = [topic(f"/t{i}", source=hosts[i], change_s=s, **given) for i, s in enumerate(changes)]
     found = plan(topics, Medium(loss=loss, shared=shared), vendor, latency_price_hz=price)
     assert (found.rates_hz >= 1).all()
     assert (found.rates_hz <= 1000).all()
@@ -144,8 +141,7 @@ def test_what_changes_slowly_leaves_the_air_to_what_does_not_and_weight_buys_rat
 def test_a_host_with_an_air_of_its_own_pays_only_for_what_it_sends():
     crowded = [topic(f"/crowd{i}", source="crowd", size_bytes=1400, change_s=0.02) for i in range(30)]
     alone = topic("/alone", source="other", target="robot9", change_s=0.02)
-    medium = Medium(shared=False, rate_bps=10e6)
-    found = plan([*crowded, alone], medium, CYCLONE_DDS, latency_price_hz=1.0)
+    found = plan([*crowded, alone], Medium(shared=False, rate_bps=10e6), CYCLONE_DDS, latency_price_hz=1.0)
     assert found["/alone"].rate_hz > 5 * found["/crowd0"].rate_hz
 
 
@@ -209,8 +205,7 @@ def test_repairs_cost_the_same_in_numbers_and_in_the_programme():
 
     topics = [topic(), topic("/b", rate_max_hz=2), topic("/c", reliability=Reliability.BEST_EFFORT)]
     link, rates_hz = link_of(topics, Medium(loss=0.1), CYCLONE_DDS), np.array([300.0, 1.5, 20.0])
-    variable = Variable(3, value=rates_hz)
-    expression = repair_delay_s(link, variable, inverse=inv_pos)
+    expression = repair_delay_s(link, Variable(3, value=rates_hz), inverse=inv_pos)
     numbers = repair_delay_s(link, rates_hz, inverse=np.reciprocal)
     assert expression.is_convex()
     assert expression.value == pytest.approx(numbers)
@@ -418,9 +413,8 @@ def test_the_printed_plan_counts_topics_of_agents_and_a_lower_rmax_lowers_minima
 
 
 def test_an_overloaded_plan_has_no_finite_latency():
-    judged = assess(
-        [topic()], Medium(), FAST_DDS, rates_hz=np.array([5000.0]), depths=np.array([5]), method="by hand"
-    )
+    chosen = {"rates_hz": np.array([5000.0]), "depths": np.array([5]), "method": "by hand"}
+    judged = assess([topic()], Medium(), FAST_DDS, **chosen)
     assert judged.latency_s == float("inf")
     assert judged.up_to_date == 0
 

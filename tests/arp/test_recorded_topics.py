@@ -69,9 +69,8 @@ def test_who_publishes_and_subscribes_decides_what_crosses(tmp_path):
         "/heard": ([], ["/base/map"]),
     }
     with LogWriter(tmp_path / "a.mcap") as log:
-        log.write_metadata(
-            COMPUTATION_GRAPH, {t: {"publishers": p, "subscribers": s} for t, (p, s) in sides.items()}
-        )
+        graph = {t: {"publishers": p, "subscribers": s} for t, (p, s) in sides.items()}
+        log.write_metadata(COMPUTATION_GRAPH, graph)
         for number in range(11):
             for topic in sides:
                 log.write_raw(topic, "std_msgs/msg/UInt8", bytes([0, 1, 0, 0, 7]), log_time_ns=number * 10**8)

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from sfglab.arp.robots import ROBOTS, SENSORS, cdr_bytes, object_bytes
+from sfglab.arp.robots import ROBOTS, SENSORS
 from sfglab.arp.topics import load_topics, read_topics
 from sfglab.documents import Document, DocumentError
 from sfglab.qos import Durability, Reliability
@@ -57,33 +57,30 @@ def line(text: str) -> str:
     return f"topics:\n  /a: {{{text}}}\n"
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("topics: {}", r"topics: given \{\}, allowed: one topic at least"),
-        ("topics: {a: {}}", r"topics\.a: given 'a', allowed: a full topic name"),
-        (line("to: s, size_bytes: 8"), r"topics\./a\.from: nothing is given, allowed: 'from' is needed here"),
-        (line("from: r, to: r, size_bytes: 8"), r"topics\./a\.to: given 'r', allowed: another host"),
-        (
-            line("from: r, to: [s, s], size_bytes: 8"),
-            r"/a\.to: given \['s', 's'\], allowed: another .*each once",
-        ),
-        (line("from: r, to: [], size_bytes: 8"), r"/a\.to: given \[\], allowed: another host"),
-        (line("from: r, to: {s: 1}, size_bytes: 8"), r"/a\.to: given .*, allowed: a text or a list"),
-        (line("from: r, to: s, size_bytes: -1"), r"/a\.size_bytes: given -1, allowed: .* from 0"),
-        (line("from: r, to: s, size_bytes: 8, weight: 0"), r"/a\.weight: given 0, allowed: a number above"),
-        (
-            line("from: r, to: s, size_bytes: 8, rate_min_hz: 9, rate_max_hz: 5"),
-            r"/a\.rate_min_hz: given 9, allowed: up to the topic's rate_max_hz, 5",
-        ),
-        (f"vendor: rti\n{ONE}", r"vendor: given 'rti', allowed: fast_dds or cyclone_dds"),
-        (f"link: {{loss: 1}}\n{ONE}", r"link\.loss: given 1, allowed: a finite number from 0, below 1"),
-        (f"link: {{rate: 1}}\n{ONE}", r"link\.rate: given 'rate', allowed: contention, .*rate_mbps"),
-        (f"agents: [moon]\n{ONE}", r"agents: given \['moon'\], allowed: a list of hosts among robot, station"),
-        (f"agents: [[1]]\n{ONE}", r"agents: given \[\[1\]\]"),
-        (f"timing: {{nack_delay_ms: 0}}\n{ONE}", r"timing\.nack_delay_ms: given 0"),
-    ],
-)
+MISTAKES = [
+    ("topics: {}", r"topics: given \{\}, allowed: one topic at least"),
+    ("topics: {a: {}}", r"topics\.a: given 'a', allowed: a full topic name"),
+    (line("to: s, size_bytes: 8"), r"topics\./a\.from: nothing is given, allowed: 'from' is needed here"),
+    (line("from: r, to: r, size_bytes: 8"), r"topics\./a\.to: given 'r', allowed: another host"),
+    (line("from: r, to: [s, s], size_bytes: 8"), r"/a\.to: given \['s', 's'\], allowed: another .*each once"),
+    (line("from: r, to: [], size_bytes: 8"), r"/a\.to: given \[\], allowed: another host"),
+    (line("from: r, to: {s: 1}, size_bytes: 8"), r"/a\.to: given .*, allowed: a text or a list"),
+    (line("from: r, to: s, size_bytes: -1"), r"/a\.size_bytes: given -1, allowed: .* from 0"),
+    (line("from: r, to: s, size_bytes: 8, weight: 0"), r"/a\.weight: given 0, allowed: a number above"),
+    (
+        line("from: r, to: s, size_bytes: 8, rate_min_hz: 9, rate_max_hz: 5"),
+        r"/a\.rate_min_hz: given 9, allowed: up to the topic's rate_max_hz, 5",
+    ),
+    (f"vendor: rti\n{ONE}", r"vendor: given 'rti', allowed: fast_dds or cyclone_dds"),
+    (f"link: {{loss: 1}}\n{ONE}", r"link\.loss: given 1, allowed: a finite number from 0, below 1"),
+    (f"link: {{rate: 1}}\n{ONE}", r"link\.rate: given 'rate', allowed: contention, .*rate_mbps"),
+    (f"agents: [moon]\n{ONE}", r"agents: given \['moon'\], allowed: a list of hosts among robot, station"),
+    (f"agents: [[1]]\n{ONE}", r"agents: given \[\[1\]\]"),
+    (f"timing: {{nack_delay_ms: 0}}\n{ONE}", r"timing\.nack_delay_ms: given 0"),
+]
+
+
+@pytest.mark.parametrize(("text", "message"), MISTAKES)
 def test_each_mistake_is_named_by_file_topic_and_key(text, message):
     with pytest.raises(DocumentError, match=message):
         read(text)
@@ -92,19 +89,3 @@ def test_each_mistake_is_named_by_file_topic_and_key(text, message):
 def test_a_file_that_is_not_there_is_named(tmp_path):
     with pytest.raises(DocumentError, match=r"none\.yaml: .*readable text file"):
         load_topics(tmp_path / "none.yaml")
-
-
-# --- Table 1's sensors, their sizes, and whose they are (paper B, section 3.1).
-
-
-@pytest.mark.parametrize("sensor", SENSORS.values(), ids=SENSORS)
-def test_table_1_gives_the_sizes_of_python_objects(sensor):
-    assert object_bytes(sensor) == sensor.table_bytes
-
-
-def test_three_robots_have_sixteen_sensors_and_what_travels_is_smaller():
-    sizes = {name: cdr_bytes(sensor) for name, sensor in SENSORS.items()}
-    eight = dict.fromkeys(("lidar", "flame", "dht11", "imu", "ultrasonic"), 8)
-    assert sizes == eight | {"pir": 20, "light": 16}
-    assert [len(sensors) for sensors in ROBOTS.values()] == [6, 5, 5]
-    assert {name for sensors in ROBOTS.values() for name in sensors} == set(SENSORS)

@@ -9,15 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sfglab import bus
-from sfglab.bus.actions.goals import (
-    NO_GOAL_ID,
-    TERMINAL,
-    TRANSITIONS,
-    CancelCode,
-    GoalBook,
-    GoalEvent,
-    GoalStatus,
-)
+from sfglab.bus.actions import goals
+from sfglab.bus.actions.goals import NO_GOAL_ID, TERMINAL, TRANSITIONS, CancelCode, GoalEvent, GoalStatus
 from sfglab.machine import IllegalInputError
 from sfglab.messages import message_type, register_action, service_type
 from sfglab.qos import DEFAULT, LATCHED, Durability, History
@@ -386,7 +379,7 @@ def test_every_goal_can_be_brought_to_an_end_and_none_leaves_it():
 
 @given(st.lists(st.tuples(st.sampled_from(IDS), st.sampled_from([None, *GoalEvent])), max_size=60))
 def test_any_history_follows_the_table_and_what_is_illegal_changes_nothing(history):
-    book, expected, ended = GoalBook(10**12), {}, {}
+    book, expected, ended = goals.GoalBook(10**12), {}, {}
     for now_ns, (goal_id, event) in enumerate(history):
         if event is None:
             assert book.accept(goal_id, now_ns) == (goal_id not in expected)
@@ -405,7 +398,7 @@ def test_any_history_follows_the_table_and_what_is_illegal_changes_nothing(histo
 
 @given(st.lists(st.booleans(), min_size=4, max_size=4), st.integers(1, 100), st.integers(0, 200))
 def test_only_ended_goals_are_forgotten_and_only_after_the_timeout(end, timeout_ns, now_ns):
-    book = GoalBook(timeout_ns)
+    book = goals.GoalBook(timeout_ns)
     for number, (goal_id, ends) in enumerate(zip(IDS, end, strict=True)):
         book.accept(goal_id, 0)
         book.apply(goal_id, E.EXECUTE, 0)
@@ -431,7 +424,7 @@ PATHS = {
     st.integers(0, 5),
 )
 def test_a_request_to_cancel_means_what_action_msgs_says(statuses, goal_id, until_ns):
-    book = GoalBook(10**9)
+    book = goals.GoalBook(10**9)
     for stamp_ns, (known, status) in enumerate(zip(IDS, statuses, strict=True), 1):
         if status is not None:
             book.accept(known, stamp_ns)

@@ -258,8 +258,7 @@ async def test_closing_ends_readers_and_further_use_is_an_error(node):
 
 
 async def test_a_closed_endpoint_does_not_match_any_more(here, there, until):
-    publisher = here.create_publisher(STRING, "/t")
-    subscription = there.create_subscription(STRING, "/t")
+    publisher, subscription = await connected(here, there)
     second = there.create_subscription(STRING, "/t")
     await publisher.wait_for_subscriptions(2)
     await second.wait_for_publishers()
@@ -323,10 +322,8 @@ async def test_a_service_shows_its_topics_types_and_who_it_is(here, there, until
     here.create_service(SERVICE, "/s", print)
     here.create_client(SERVICE, "/s")
     await until(lambda: len(there.graph.endpoints()) == 4)
-    shown = {
-        (e.kind.value, e.topic, e.type, e.user_data.partition(b"=")[0].decode())
-        for e in there.graph.endpoints()
-    }
+    ends = there.graph.endpoints()
+    shown = {(e.kind.value, e.topic, e.type, e.user_data.partition(b"=")[0].decode()) for e in ends}
     request = ("rq/sRequest", f"{SERVICE}_Request")
     reply = ("rr/sReply", f"{SERVICE}_Response")
     assert shown == {
@@ -335,7 +332,7 @@ async def test_a_service_shows_its_topics_types_and_who_it_is(here, there, until
         ("publisher", *request, "clientid"),
         ("subscription", *reply, "clientid"),
     }
-    assert {len(e.user_data.split(b".")) for e in there.graph.endpoints()} == {16}
+    assert {len(e.user_data.split(b".")) for e in ends} == {16}
 
 
 async def test_concurrent_calls_of_two_clients_get_their_own_answers(here, there):

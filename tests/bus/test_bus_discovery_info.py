@@ -154,18 +154,17 @@ async def test_another_process_sees_the_node_with_exactly_its_endpoints(
 @pytest.mark.live
 async def test_the_graph_names_nodes_while_they_live_and_hides_how_it_knows(here, node):
     async with node("quiet", discovery_info=False) as quiet:
-        assert here.graph.nodes() == ()
+        nodes = here.graph.nodes
+        assert nodes() == ()
         quiet.create_publisher(STRING, "/t")
         async with node("there", namespace="/far") as there:
             topic = there.create_publisher(STRING, "/t")
-            assert await here.graph.wait_for(
-                lambda: [n.writers for n in here.graph.nodes()][:1] == [(topic.gid,)]
-            )
-            named = [(n.namespace, n.name, n.participant) for n in here.graph.nodes()]
+            assert await here.graph.wait_for(lambda: [n.writers for n in nodes()][:1] == [(topic.gid,)])
+            named = [(n.namespace, n.name, n.participant) for n in nodes()]
             assert named == [("/far", "there", there.guid), ("/", "here", here.guid)]
             await here.graph.wait_for(lambda: len(here.graph.publishers("/t")) == 2)
             assert set(here.graph.topics()) == {"/t"}
-        assert await here.graph.wait_for(lambda: [n.name for n in here.graph.nodes()] == ["here"])
+        assert await here.graph.wait_for(lambda: [n.name for n in nodes()] == ["here"])
 
 
 @pytest.mark.live

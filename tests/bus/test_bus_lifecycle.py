@@ -26,13 +26,8 @@ def resources():
     gc.collect()
     process = psutil.Process()
     maps = Path("/proc/self/maps").read_text(encoding="ascii")
-    return (
-        threading.active_count(),
-        process.num_threads(),
-        process.num_fds(),
-        maps.count("memfd:") + maps.count("/dev/shm/"),
-        len(process.children()),
-    )
+    shared = maps.count("memfd:") + maps.count("/dev/shm/")
+    return threading.active_count(), process.num_threads(), process.num_fds(), shared, len(process.children())
 
 
 def settle(before):

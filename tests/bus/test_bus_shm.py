@@ -307,10 +307,8 @@ async def test_silent_connections_end_and_used_up_descriptors_lock_nobody_out(he
     silent = [wire.connect(address) for _ in range(20)]
     await until(lambda: len(publisher._writer._connections) > 1)
     await until(lambda: len(publisher._writer._connections) == 1)
-    asked, accept = [], publisher._writer._listener.accept
-    listener = SimpleNamespace(
-        fileno=publisher._writer._listener.fileno, close=publisher._writer._listener.close
-    )
+    asked, real = [], publisher._writer._listener
+    listener = SimpleNamespace(fileno=real.fileno, close=real.close)
 
     def none_left():
         asked.append(1)
@@ -321,7 +319,7 @@ async def test_silent_connections_end_and_used_up_descriptors_lock_nobody_out(he
     silent += [wire.connect(address)]
     await asyncio.sleep(0.5)
     assert len(asked) < 5, "it spins"
-    listener.accept = accept
+    listener.accept = real.accept
     await until(lambda: len(publisher._writer._connections) == 2)
     for peer in silent:
         peer.close()

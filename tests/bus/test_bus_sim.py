@@ -71,13 +71,8 @@ def test_the_same_seed_gives_the_same_trace_to_the_byte_in_every_process():
     code = f"import sys; sys.path.insert(0, {str(__file__).rpartition('/')[0]!r}); import test_bus_sim as t; "
     code += "print(t.digest_of(7))"
     for hash_seed in ("1", "2"):
-        done = subprocess.run(
-            [sys.executable, "-W", "error", "-c", code],
-            env={"PYTHONHASHSEED": hash_seed},
-            capture_output=True,
-            text=True,
-            check=False,
-        )
+        command, env = [sys.executable, "-W", "error", "-c", code], {"PYTHONHASHSEED": hash_seed}
+        done = subprocess.run(command, env=env, capture_output=True, text=True, check=False)
         assert done.stdout.strip() == here, done.stderr
 
 
@@ -177,9 +172,7 @@ async def test_nodes_meet_only_in_one_domain_and_a_loopback_domain_is_its_hosts_
 @pytest.mark.parametrize("sim", [{"link": LinkModel(latency_s=0.01)}], indirect=True)
 async def test_a_sample_takes_the_latency_of_both_links_and_nothing_on_its_own_host(sim):
     sim.host("far", LinkModel(latency_s=0.03))
-    nodes = [
-        sim.node(name, host=host) for name, host in (("here", "near"), ("beside", "near"), ("there", "far"))
-    ]
+    nodes = [sim.node(n, host=h) for n, h in (("here", "near"), ("beside", "near"), ("there", "far"))]
     publisher = nodes[0].create_publisher(STRING, "/t")
     readers = [node.create_subscription(STRING, "/t") for node in nodes]
     await publisher.wait_for_subscriptions(3)
@@ -193,9 +186,8 @@ async def test_a_sample_takes_the_latency_of_both_links_and_nothing_on_its_own_h
 @pytest.mark.parametrize("sim", [{"link": LinkModel(rate_bps=1e6)}], indirect=True)
 async def test_a_limited_rate_spaces_samples_and_lets_them_queue(sim):
     sender, receiver = sim.node("a", host="a"), sim.node("b", host="b")
-    publisher, reader = await connected(
-        sender, receiver, QoSProfile(reliability=SENSOR_DATA.reliability, depth=99)
-    )
+    qos = QoSProfile(reliability=SENSOR_DATA.reliability, depth=99)
+    publisher, reader = await connected(sender, receiver, qos)
     await asyncio.sleep(1)
     for _ in range(10):
         publisher.publish(text("x" * 1000))

@@ -20,7 +20,7 @@ PUBLISHER, SUBSCRIPTION = EndpointKind.PUBLISHER, EndpointKind.SUBSCRIPTION
 
 
 @pytest.mark.parametrize(
-    ("kind", "dds_topic", "type_", "qos", "user_data", "captured"),
+    ("kind", "dds_topic", "type_", "qos", "data", "captured"),
     [
         (PUBLISHER, "rt/chatter", STRING, DEFAULT, b"", 366),
         (SUBSCRIPTION, "rt/chatter", STRING, DEFAULT, b"", 354),
@@ -31,10 +31,8 @@ PUBLISHER, SUBSCRIPTION = EndpointKind.PUBLISHER, EndpointKind.SUBSCRIPTION
         (PUBLISHER, "rq/global/a/get_metadataRequest", f"{SERVICE}_Request", ALL, CLIENT, 474),
     ],
 )
-def test_an_announcement_is_as_large_as_captured(kind, dds_topic, type_, qos, user_data, captured):
-    info = EndpointInfo(
-        kind=kind, topic="", type=type_, gid=b"", qos=qos, dds_topic=dds_topic, user_data=user_data
-    )
+def test_an_announcement_is_as_large_as_captured(kind, dds_topic, type_, qos, data, captured):
+    info = EndpointInfo(kind=kind, topic="", type=type_, gid=b"", qos=qos, dds_topic=dds_topic, user_data=data)
     assert wire.announcement_bytes(wire.submessage_bytes(info)) == captured
 
 
@@ -181,9 +179,7 @@ def live_ingress():
             process.stdin.flush()
         for process in processes:
             assert process.stdout.readline() == "done\n"
-        received = [
-            host.interface_bytes().rx_bytes - earlier for host, earlier in zip(hosts, before, strict=True)
-        ]
+        received = [h.interface_bytes().rx_bytes - earlier for h, earlier in zip(hosts, before, strict=True)]
         for process in processes:
             process.communicate("\n", timeout=60)
         return received

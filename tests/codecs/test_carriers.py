@@ -10,22 +10,8 @@ import av
 import numpy as np
 import pytest
 
-from sfglab.codecs import (
-    COMPRESSED_IMAGE,
-    COMPRESSED_VIDEO,
-    FFMPEG_PACKET,
-    TABLE_2,
-    BitstreamError,
-    CodecError,
-    CodecUnavailableError,
-    EncodedFrame,
-    H264Decoder,
-    compressed_depth_fields,
-    compressed_image_fields,
-    ffmpeg_packet_fields,
-    image_decoder,
-    parse_ffmpeg_encoding,
-)
+from sfglab import codecs
+from sfglab.codecs import COMPRESSED_IMAGE, FFMPEG_PACKET, CodecUnavailableError, H264Decoder, image_decoder
 from sfglab.codecs.still import encode_png
 
 
@@ -37,12 +23,12 @@ def message(fields, **changes) -> SimpleNamespace:
 
 
 def packets(stream, start=0, stop=None):
-    return [message(ffmpeg_packet_fields(frame, TABLE_2)) for frame in stream[start:stop]]
+    return [message(codecs.ffmpeg_packet_fields(frame, codecs.TABLE_2)) for frame in stream[start:stop]]
 
 
 def test_an_ffmpeg_packet_has_the_fields_of_version_3_and_depth_its_format_and_payload():
-    frame = EncodedFrame(data=b"\0\0\1\x65", pts=7, is_key=True)
-    assert asdict(ffmpeg_packet_fields(frame, TABLE_2)) == {
+    frame = codecs.EncodedFrame(data=b"\0\0\1\x65", pts=7, is_key=True)
+    assert asdict(codecs.ffmpeg_packet_fields(frame, codecs.TABLE_2)) == {
         "width": 640,
         "height": 360,
         "encoding": "h264;yuv420p;bgr8;bgr8",
@@ -51,11 +37,13 @@ def test_an_ffmpeg_packet_has_the_fields_of_version_3_and_depth_its_format_and_p
         "is_bigendian": False,
         "data": b"\0\0\1\x65",
     }
-    assert ffmpeg_packet_fields(EncodedFrame(data=b"", pts=8, is_key=False), TABLE_2).flags == 0
-    fields = compressed_depth_fields(np.array([[0, 0, 5, 6, 6]], np.uint16))
+    other = codecs.EncodedFrame(data=b"", pts=8, is_key=False)
+    assert codecs.ffmpeg_packet_fields(other, codecs.TABLE_2).flags == 0
+    fields = codecs.compressed_depth_fields(np.array([[0, 0, 5, 6, 6]], np.uint16))
     assert fields.format == "16UC1; compressedDepth rvl"
     assert fields.data == bytes(12) + struct.pack("<II", 5, 1) + bytes.fromhex("0020a123")
-    assert compressed_depth_fields(np.ones((2, 2), np.float32), "png").format == "32FC1; compressedDepth png"
+    metres = np.ones((2, 2), np.float32)
+    assert codecs.compressed_depth_fields(metres, "png").format == "32FC1; compressedDepth png"
 
 
 @pytest.mark.parametrize(
@@ -70,7 +58,7 @@ def test_an_ffmpeg_packet_has_the_fields_of_version_3_and_depth_its_format_and_p
     ],
 )
 def test_encodings_of_both_generations_name_their_codec(text, codec, ros_encoding):
-    encoding = parse_ffmpeg_encoding(text)
+    encoding = codecs.parse_ffmpeg_encoding(text)
     assert (encoding.codec, encoding.ros_encoding) == (codec, ros_encoding)
 
 
@@ -98,7 +86,7 @@ def test_a_skipped_packet_that_is_broken_or_a_still_image_is_treated_as_it_would
     decoder.skip(packets(stream, 0, 1)[0])
     bad = packets(stream, 1, 2)[0]
     bad.data = bad.data[:100]
-    with pytest.raises(BitstreamError):
+    with pytest.raises(codecs.BitstreamError):
         decoder.skip(bad)
     assert decoder.waiting_for_keyframe
     assert decoder.feed(packets(stream, 30, 31)[0]), "heals"
@@ -131,7 +119,7 @@ def test_data_may_come_in_any_shape_that_message_libraries_use(stream, data_type
 
 
 def test_old_and_foreign_encodings_of_h264_decode_and_unknown_or_deep_ones_are_refused(stream):
-    fields, decoder = ffmpeg_packet_fields(stream[0], TABLE_2), image_decoder(FFMPEG_PACKET)
+    fields, decoder = codecs.ffmpeg_packet_fields(stream[0], codecs.TABLE_2), image_decoder(FFMPEG_PACKET)
     for encoding in ("libx264", "h264_nvmpi", "h264;yuv420p;bgr8;rgb8"):
         assert decoder.feed(message(fields, encoding=encoding))
     for deep in ("16UC1", "mono16", "32FC1", "bayer_rggb16"):
@@ -142,12 +130,12 @@ def test_old_and_foreign_encodings_of_h264_decode_and_unknown_or_deep_ones_are_r
 
 
 def test_a_hint_helps_where_the_message_names_nothing_known_and_is_overruled_where_it_does(stream):
-    packet = message(ffmpeg_packet_fields(stream[0], TABLE_2), encoding="vendor_encoder")
+    packet = message(codecs.ffmpeg_packet_fields(stream[0], codecs.TABLE_2), encoding="vendor_encoder")
     assert image_decoder(FFMPEG_PACKET, "h264").feed(packet)
-    depth = compressed_depth_fields(np.array([[3, 4]], np.uint16))
+    depth = codecs.compressed_depth_fields(np.array([[3, 4]], np.uint16))
     (image,) = image_decoder(COMPRESSED_IMAGE, "rvl").feed(message(depth, format=""))
     assert image.array.tolist() == [[3, 4]]
-    depth = compressed_depth_fields(np.array([[3, 4]], np.uint16), "png")
+    depth = codecs.compressed_depth_fields(np.array([[3, 4]], np.uint16), "png")
     assert image_decoder(COMPRESSED_IMAGE, "rvl").feed(message(depth))[0].array.tolist() == [[3, 4]]
     for hint in ("", None, "libx264"):
         assert image_decoder(FFMPEG_PACKET, hint).feed(packets(stream, 0, 1)[0])
@@ -175,7 +163,7 @@ def test_an_impossible_hint_and_an_unreadable_type_are_refused_at_once():
 @pytest.mark.parametrize("dtype", [np.uint16, np.float32])
 def test_compressed_depth_of_either_kind_decodes(codec, dtype):
     depth = (np.arange(12).reshape(3, 4) + 1).astype(dtype)
-    (image,) = image_decoder(COMPRESSED_IMAGE).feed(message(compressed_depth_fields(depth, codec)))
+    (image,) = image_decoder(COMPRESSED_IMAGE).feed(message(codecs.compressed_depth_fields(depth, codec)))
     assert image.array.dtype == dtype
     assert image.encoding == ("16UC1" if dtype is np.uint16 else "32FC1")
     assert image.is_key
@@ -185,7 +173,7 @@ def test_compressed_depth_of_either_kind_decodes(codec, dtype):
 @pytest.mark.parametrize("codec", ["jpeg", "png"])
 @pytest.mark.parametrize("rename", ["{}", "rgb8; {} compressed bgr8"])
 def test_compressed_colour_is_found_by_a_part_of_its_format(pictures, codec, rename):
-    fields = compressed_image_fields(pictures[0], codec)
+    fields = codecs.compressed_image_fields(pictures[0], codec)
     assert fields.format == f"bgr8; {codec} compressed bgr8"
     (image,) = image_decoder(COMPRESSED_IMAGE).feed(message(fields, format=rename.format(codec.upper())))
     assert image.encoding == "bgr8"
@@ -212,7 +200,7 @@ def test_grey_pictures_are_named_by_their_bits(dtype, text, encoding):
 
 def test_h264_decodes_in_a_compressed_image_or_video_and_another_kind_is_refused(stream):
     (expected,) = H264Decoder().decode_bgr(stream[0].data)
-    for type_name in (COMPRESSED_IMAGE, COMPRESSED_VIDEO):
+    for type_name in (COMPRESSED_IMAGE, codecs.COMPRESSED_VIDEO):
         (image,) = image_decoder(type_name).feed(SimpleNamespace(format="h264", data=stream[0].data))
         assert np.array_equal(image.array, expected)
     for text in ("", "tiff", "bgr8; tiff compressed "):
@@ -231,7 +219,7 @@ def test_h265_decodes_from_its_key_frame(pictures):
         frame.pts = index
         data += [bytes(packet) for packet in context.encode(frame)]
     data += [bytes(packet) for packet in context.encode(None)]
-    decoder = image_decoder(COMPRESSED_VIDEO)
+    decoder = image_decoder(codecs.COMPRESSED_VIDEO)
     shown = [decoder.feed(SimpleNamespace(format="h265", data=packet)) for packet in data[1:]]
     assert [len(images) for images in shown] == [0, 0, 0, 1, 1]
     error = np.abs(shown[-1][0].array.astype(int) - pictures[5]).mean()
@@ -243,5 +231,5 @@ def test_h265_decodes_from_its_key_frame(pictures):
     [(np.zeros((4, 4), "u1"), "jpeg"), (np.zeros((4, 4, 3), "u2"), "png"), (np.zeros((4, 4, 3), "u1"), "webp")],
 )
 def test_other_colour_images_and_codecs_are_refused(image, codec):
-    with pytest.raises(CodecError):
-        compressed_image_fields(image, codec)
+    with pytest.raises(codecs.CodecError):
+        codecs.compressed_image_fields(image, codec)

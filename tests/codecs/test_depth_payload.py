@@ -7,14 +7,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from sfglab.codecs import (
-    BitstreamError,
-    CodecError,
-    DepthFormat,
-    decode_depth,
-    encode_depth,
-    parse_depth_format,
-)
+from sfglab import codecs
+from sfglab.codecs import CodecError, DepthFormat, decode_depth, encode_depth
 
 HOLE_STEP_PLANE = np.array([[0, 0, 5, 6, 6]], np.uint16)
 WORD = bytes.fromhex("0020a123")  # worked by hand in test_rvl.py
@@ -104,7 +98,7 @@ def test_32_bit_depth_errs_by_less_than_a_step_and_not_twice(metres):
     ],
 )
 def test_format_strings_old_and_new_are_read(text, encoding, codec):
-    assert parse_depth_format(text) == DepthFormat(encoding=encoding, codec=codec)
+    assert codecs.parse_depth_format(text) == DepthFormat(encoding=encoding, codec=codec)
 
 
 @pytest.mark.parametrize(
@@ -112,7 +106,7 @@ def test_format_strings_old_and_new_are_read(text, encoding, codec):
 )
 def test_other_format_strings_are_refused(text):
     with pytest.raises(CodecError, match="compressedDepth"):
-        parse_depth_format(text)
+        codecs.parse_depth_format(text)
 
 
 def test_without_an_encoding_the_header_tells_whether_it_was_quantised_and_a_16_bit_name_is_kept():
@@ -140,7 +134,7 @@ def test_without_an_encoding_the_header_tells_whether_it_was_quantised_and_a_16_
     ],
 )
 def test_faulty_payloads_are_refused_with_the_reason(encoding, codec, data, fault):
-    with pytest.raises(BitstreamError, match=fault):
+    with pytest.raises(codecs.BitstreamError, match=fault):
         decode_depth(data, DepthFormat(encoding=encoding, codec=codec))
 
 

@@ -8,27 +8,13 @@ import av
 import numpy as np
 import pytest
 from av.video.reformatter import ColorRange, Colorspace, VideoReformatter
+from skimage.metrics import peak_signal_noise_ratio as psnr_db
 
-from sfglab.codecs import (
-    TABLE_2,
-    BitstreamError,
-    CodecError,
-    CodecUnavailableError,
-    H264Decoder,
-    H264Encoder,
-    H264Settings,
-    available_decoders,
-    available_encoders,
-    h264,
-    probe,
-)
+from sfglab import codecs
+from sfglab.codecs import TABLE_2, CodecError, CodecUnavailableError, H264Decoder, H264Encoder, h264, probe
 from sfglab.codecs.libav import EncoderSession, has_start_code, is_entry_point, nal_unit_types
 
-SMALL = H264Settings(width=320, height=192, fps=30, bitrate_bps=2_000_000, gop=10)
-
-
-def psnr_db(a, b) -> float:
-    return 10 * np.log10(255**2 / np.mean((a.astype(float) - b) ** 2))
+SMALL = codecs.H264Settings(width=320, height=192, fps=30, bitrate_bps=2_000_000, gop=10)
 
 
 def patches(rng, *, width: int = 640, height: int = 360) -> np.ndarray:
@@ -123,7 +109,7 @@ def test_after_lost_packets_pictures_go_on_and_are_exact_again_at_the_next_key_f
 def test_a_broken_packet_is_told_once_and_the_next_key_frame_heals(stream):
     decoder = H264Decoder()
     decoder.decode(stream[0].data)
-    with pytest.raises(BitstreamError) as caught:
+    with pytest.raises(codecs.BitstreamError) as caught:
         decoder.decode(stream[1].data[: len(stream[1].data) // 3])
     assert caught.value.size_bytes == len(stream[1].data) // 3
     assert caught.value.codec == "h264"
@@ -134,7 +120,7 @@ def test_a_broken_packet_is_told_once_and_the_next_key_frame_heals(stream):
 
 @pytest.mark.parametrize("data", [b"", b"\0", b"\0\0\0\x10" + bytes(16), b"jpeg"])
 def test_what_is_not_annex_b_is_refused_aloud(data):
-    with pytest.raises(BitstreamError, match="start code"):
+    with pytest.raises(codecs.BitstreamError, match="start code"):
         H264Decoder().decode(data)
 
 
@@ -220,9 +206,7 @@ def test_a_named_codec_that_does_not_work_is_an_error_with_the_reason():
         H264Decoder(decoder="h264_of_nobody")
 
 
-def test_falling_back_to_software_is_said_once_a_day_and_taking_what_was_asked_for_is_not(
-    caplog, tmp_path, monkeypatch
-):
+def test_fallback_to_software_is_said_once_a_day_and_what_was_asked_for_is_not(caplog, tmp_path, monkeypatch):
     monkeypatch.setenv("HOME", str(tmp_path))
     with caplog.at_level(logging.WARNING):
         for _ in range(2):
@@ -244,7 +228,7 @@ def test_falling_back_to_software_is_said_once_a_day_and_taking_what_was_asked_f
 
 def test_frames_beyond_the_pixel_limit_are_refused(stream):
     decoder = H264Decoder(most_pixels=640 * 360 - 1)
-    with pytest.raises(BitstreamError, match="libavcodec"):
+    with pytest.raises(codecs.BitstreamError, match="libavcodec"):
         decoder.decode(stream[0].data)
     assert decoder.waiting
 
@@ -283,7 +267,8 @@ def test_h265_starts_at_an_irap_slice_or_parameter_sets():
 
 
 def test_every_candidate_gets_a_verdict_with_a_reason():
-    for probes, names in ((available_encoders(), probe.ENCODERS), (available_decoders(), probe.DECODERS)):
+    encoders, decoders = codecs.available_encoders(), codecs.available_decoders()
+    for probes, names in ((encoders, probe.ENCODERS), (decoders, probe.DECODERS)):
         assert tuple(verdict.name for verdict in probes) == names
         assert all(verdict.reason for verdict in probes)
         assert all(verdict.hardware is (verdict.name not in probe.SOFTWARE) for verdict in probes)

@@ -41,9 +41,8 @@ def packed(codes: list[int], *values: int) -> bytes:
 
 
 def test_holes_steps_and_far_values_are_the_bytes_worked_out_by_hand():
-    content = zstandard.ZstdDecompressor().decompress(
-        encode(np.array([[0, 0, 5, 6, 6], [900, 0, 7, 6, 4]], "u2"))
-    )
+    frame = encode(np.array([[0, 0, 5, 6, 6], [900, 0, 7, 6, 4]], "u2"))
+    content = zstandard.ZstdDecompressor().decompress(frame)
     # 900 follows; below it the hole goes on as 900, so that 7 is guessed from 900, 5 and 1
     # to be 900; then 6 from 7, 6 and 5 to be 7, and 4 from 6, 6 and 6.
     assert content.hex(" ") == "00 00 09 03 01 ff 00 ff 02 04 84 03 07 00"

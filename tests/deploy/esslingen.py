@@ -1,10 +1,11 @@
 """Fleets as tests deploy them: the paper's, the lab's and others; programs, files and values for the tests."""
 
+from dataclasses import replace
 from pathlib import Path
 
 from hypothesis import strategies as st
 
-from sfglab.deploy.deployment import Release, deployment_of
+from sfglab.deploy.deployment import Deployment, Release, deployment_of
 from sfglab.fleet.fleet_file import AgentSpec, Fleet, load_fleet
 from sfglab.fleet.lint import Severity
 from sfglab.fleet.policy import Direction, ForwardRule, Policy
@@ -27,8 +28,13 @@ GO2 = deployment_of(FLEET, "go2", RELEASE)
 LAB = load_fleet(PROJECT / "data" / "fleets" / "lab.yaml")
 
 
+def deployed(agent: str = "go2", **common) -> Deployment:
+    """Return an agent's deployment where something is another for all machines."""
+    return deployment_of(replace(FLEET, deployment=replace(FLEET.deployment, **common)), agent, RELEASE)
+
+
 def rule(pattern: str, *ways: Direction) -> ForwardRule:
-    return ForwardRule(pattern=pattern, description="", directions=frozenset(ways or Direction))
+    return ForwardRule(pattern=pattern, directions=frozenset(ways or Direction))
 
 
 def fleet_of(*rules: ForwardRule) -> Fleet:

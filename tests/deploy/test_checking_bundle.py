@@ -1,11 +1,8 @@
 """A whole folder: every check appears with its subject, and our own rules are asked beside it."""
 
-from dataclasses import replace
-
 import pytest
-from esslingen import FLEET, RELEASE
+from esslingen import FLEET, GO2, deployed
 
-from sfglab.deploy.deployment import deployment_of
 from sfglab.deploy.editor import editor_files
 from sfglab.deploy.errors import DeployError
 from sfglab.deploy.files import BundleFile
@@ -19,13 +16,8 @@ from sfglab.fleet.lint import Finding, Severity
 ROUTER = "router/dds-router.yaml"
 
 
-def deployed(router=RouterSoftware.SFGLAB):
-    fleet = replace(FLEET, deployment=replace(FLEET.deployment, router=router))
-    return deployment_of(fleet, "go2", RELEASE)
-
-
 def of(check, files, deployment=None, own=()):
-    return {v.subject: v for v in check_bundle(files, deployment or deployed(), own) if v.check == check}
+    return {v.subject: v for v in check_bundle(files, deployment or GO2, own) if v.check == check}
 
 
 def rules(severity=Severity.ERROR, **options):
@@ -65,7 +57,7 @@ def test_a_program_that_our_rules_miss_is_skipped_and_rules_that_refuse_a_file_f
 
 
 def test_anothers_router_needs_its_file_and_it_must_be_the_policys():
-    dds, check = deployed(RouterSoftware.DDS_ROUTER), "router's file"
+    dds, check = deployed(router=RouterSoftware.DDS_ROUTER), "router's file"
     assert of(check, {}, dds)[ROUTER].says == "there is no such file"
     good = render_router(FLEET, "go2", "dds-router")
     texts = {good: State.HOLDS, good.replace('"rt/tf"', '"rt/*"'): State.FAILS, "a: [": State.FAILS}
@@ -75,6 +67,6 @@ def test_anothers_router_needs_its_file_and_it_must_be_the_policys():
 
 
 def test_every_file_is_searched_for_secrets_and_every_editor_file_has_a_verdict():
-    files = editor_files(deployed()) | UNIT
+    files = editor_files(GO2) | UNIT
     assert set(of("no secrets", files)) == set(files)
-    assert set(of("editor's file", files)) == set(editor_files(deployed()))
+    assert set(of("editor's file", files)) == set(editor_files(GO2))

@@ -1,16 +1,13 @@
 """`sfglab deploy` as a user meets it: the paper's fleet, broken ones, a folder in place of a machine."""
 
 import re
-from pathlib import Path
 
 import pytest
 from commands import called
+from esslingen import FILE as FLEET
 
 from sfglab.errors import SfglabError
 from sfglab.lab.example_machines import EXAMPLES, write_example
-
-ROOT = Path(__file__).parents[2]
-FLEET = ROOT / "data" / "fleets" / "esslingen.yaml"
 
 
 def call(*arguments: object, status: int = 0) -> str:

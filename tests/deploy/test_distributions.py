@@ -34,14 +34,9 @@ def installed(request, tmp_path_factory):
 def run(site, code, *words, status=0):
     environment = os.environ | {"PYTHONPATH": str(site)}
     environment.pop("SFGLAB_ROOT", None)
+    code = f"import sfglab; assert sfglab.__file__.startswith({str(site)!r}); {code}"
     done = subprocess.run(
-        [
-            sys.executable,
-            "-P",
-            "-c",
-            f"import sfglab; assert sfglab.__file__.startswith({str(site)!r}); {code}",
-            *words,
-        ],
+        [sys.executable, "-P", "-c", code, *words],
         cwd=site.parent,
         env=environment,
         capture_output=True,
@@ -83,9 +78,8 @@ def test_a_robot_gets_what_an_agents_image_gets_and_what_we_say():
 
 def test_a_robots_distribution_takes_less_than_400_mb(installed):
     _, site = installed
-    lock = agent_lock(
-        (SOURCE / "requirements.lock").read_text(), python="3.11", architecture=Architecture.AMD64
-    )
+    text = (SOURCE / "requirements.lock").read_text()
+    lock = agent_lock(text, python="3.11", architecture=Architecture.AMD64)
     names = set(re.findall(r"^([a-z0-9-]+)", lock, re.MULTILINE)) - {
         "numba",
         "llvmlite",

@@ -2,24 +2,20 @@
 
 import json
 import subprocess
-from dataclasses import replace
 
 import pytest
 import yaml
-from esslingen import FLEET, RELEASE, json_values
+from esslingen import FLEET, deployed, json_values
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sfglab.deploy.deployment import deployment_of
 from sfglab.deploy.dockerfile import VENV
 from sfglab.deploy.editor import build_command, editor_files, environment_command
-from sfglab.deploy.editor_check import check_editor
+from sfglab.deploy.editor_check import CONTAINER, EXTENSIONS, LAUNCH, SETTINGS, TASKS, check_editor
 from sfglab.deploy.files import PROGRAM, BundleFile
 from sfglab.fleet.fleet_file import RosDistribution
 
 AGENTS = [agent.name for agent in FLEET.agents]
-CONTAINER, LAUNCH, TASKS = ".devcontainer/devcontainer.json", ".vscode/launch.json", ".vscode/tasks.json"
-EXTENSIONS, SETTINGS = ".vscode/extensions.json", ".vscode/settings.json"
 FILES = (CONTAINER, EXTENSIONS, LAUNCH, TASKS, SETTINGS)
 
 COMPOSE = {"services": {"agent": {"image": "a:1"}, "router": {"image": "a:1"}}}
@@ -31,13 +27,8 @@ AROUND = {
 }
 
 
-def deployed(agent="go2", ros=RosDistribution.HUMBLE):
-    fleet = replace(FLEET, deployment=replace(FLEET.deployment, ros=ros))
-    return deployment_of(fleet, agent, RELEASE)
-
-
 def written(**options):
-    return editor_files(deployed(**options))
+    return editor_files(deployed(**{"ros": RosDistribution.HUMBLE} | options))
 
 
 def values(name, **options):

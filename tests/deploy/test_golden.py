@@ -42,12 +42,10 @@ BENT = replace(FLEET, name="a\nservices: {evil: {image: b}}\u2028privileged: tru
 @pytest.mark.parametrize("target", ["compose.yaml", "compose.dev.yaml", "Dockerfile", *TARGETS])
 def test_a_fleets_name_adds_no_line_to_a_file(target):
     fleets = (FLEET, replace(FLEET, name="one"), BENT)
-    given = [
-        render_router(fleet, "go2", target)
-        if target in TARGETS
-        else render_bundle(deployment_of(fleet, "go2", RELEASE))[target].text
-        for fleet in fleets
-    ]
+    if target in TARGETS:
+        given = [render_router(fleet, "go2", target) for fleet in fleets]
+    else:
+        given = [render_bundle(deployment_of(fleet, "go2", RELEASE))[target].text for fleet in fleets]
     assert len({len(text.splitlines()) for text in given}) == 1
 
 

@@ -25,11 +25,10 @@ needs_nft = pytest.mark.skipif(not shutil.which("nft"), reason="nft is missing: 
 def deployment(agent="go2", fleet=FLEET, **changes):
     """A deployment of the paper's test bed, with other values of its agent or its host."""
     host = {key: changes.pop(key) for key in ("address", "network") if key in changes}
-    agents = [
-        replace(spec, **changes, host=replace(spec.host, **host)) if spec.name == agent else spec
-        for spec in fleet.agents
-    ]
-    return deployment_of(replace(fleet, agents=tuple(agents)), agent, RELEASE, detected=Accelerator.NONE)
+    spec = fleet.agent(agent)
+    mine = replace(spec, **changes, host=replace(spec.host, **host))
+    agents = tuple(mine if other is spec else other for other in fleet.agents)
+    return deployment_of(replace(fleet, agents=agents), agent, RELEASE, detected=Accelerator.NONE)
 
 
 def served_by(*servers, fleet=FLEET):

@@ -10,9 +10,8 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from esslingen import FLEET, RELEASE, program, write_files
+from esslingen import deployed, program, write_files
 
-from sfglab.deploy.deployment import deployment_of
 from sfglab.deploy.host import host_files
 
 UNIT = "etc/systemd/system/sfglab-go2.service"
@@ -25,8 +24,7 @@ GROUPS = "root:x:0:\nvideo:x:44:\nrender:x:993:\n"
 
 @functools.cache
 def files_of(agent, *, servers=True, firewall=True):
-    fleet = FLEET if servers else replace(FLEET, deployment=replace(FLEET.deployment, time_servers=()))
-    deployment = deployment_of(fleet, agent, RELEASE)
+    deployment = deployed(agent) if servers else deployed(agent, time_servers=())
     if not firewall:
         network = replace(deployment.network, global_interface=None, bridge="")
         deployment = replace(deployment, network=network)
@@ -72,8 +70,16 @@ def tree(root, *, times=True):
     return found
 
 
-def test_another_root_gets_every_file_and_nothing_that_runs_is_touched(tmp_path):
+def test_another_root_gets_what_a_dry_run_shows_undo_takes_it_back_and_nothing_that_runs_is_touched(tmp_path):
     script = machine(tmp_path)
+    before = tree(tmp_path)
+    said = run(script, "--dry-run", root=tmp_path)
+    assert tree(tmp_path) == before
+    for path in (CHRONY, RULES, UNIT, NUMBERS):
+        assert f"would change: /{path}\n--- /{path}\n+++ /{path}\n" in said
+    assert "+server workstation.local iburst prefer" in said
+    assert not re.search("^changed", said, re.MULTILINE)
+    given = {name for name, (_, text, _) in before.items() if text is not None}
     said = run(script, root=tmp_path)
     assert (tmp_path / CHRONY).read_text(encoding="utf-8").endswith("server workstation.local iburst prefer\n")
     assert "table inet sfglab_go2 {" in (tmp_path / RULES).read_text(encoding="utf-8")
@@ -88,31 +94,12 @@ def test_another_root_gets_every_file_and_nothing_that_runs_is_touched(tmp_path)
     before = tree(tmp_path)
     assert words(run(script, root=tmp_path)) == {"unchanged", "skipped"}
     assert tree(tmp_path) == before, "a second run changes nothing, not even a time"
-
-
-def test_a_dry_run_changes_nothing_and_shows_what_would_change(tmp_path):
-    script = machine(tmp_path)
-    before = tree(tmp_path)
-    said = run(script, "--dry-run", root=tmp_path)
+    run(script, "--undo", "--dry-run", root=tmp_path)
     assert tree(tmp_path) == before
-    for path in (CHRONY, RULES, UNIT, NUMBERS):
-        assert f"would change: /{path}\n--- /{path}\n+++ /{path}\n" in said
-    assert "+server workstation.local iburst prefer" in said
-    assert not re.search("^changed", said, re.MULTILINE)
-    run(script, root=tmp_path)
     (tmp_path / CHRONY).write_text("server old\n", encoding="utf-8")
     assert "-server old\n" in run(script, "--dry-run", root=tmp_path)
-
-
-def test_undo_takes_back_what_was_done_and_a_second_one_has_nothing_to_do(tmp_path):
-    script = machine(tmp_path)
-    files = {name for name, (_, text, _) in tree(tmp_path).items() if text is not None}
-    run(script, root=tmp_path)
-    done = tree(tmp_path)
-    run(script, "--undo", "--dry-run", root=tmp_path)
-    assert tree(tmp_path) == done
     run(script, "--undo", root=tmp_path)
-    assert {name for name, (_, text, _) in tree(tmp_path).items() if text is not None} == files
+    assert {name for name, (_, text, _) in tree(tmp_path).items() if text is not None} == given
     assert words(run(script, "--undo", root=tmp_path)) == {"unchanged", "skipped"}
 
 
@@ -267,11 +254,10 @@ OWN_MOUNTS = ["unshare", "--mount"] if os.geteuid() == 0 else ["unshare", "--mou
 
 
 def can_mount() -> bool:
+    if not shutil.which("unshare"):
+        return False
     command = [*OWN_MOUNTS, "mount", "-t", "tmpfs", "none", "/mnt"]
-    return (
-        bool(shutil.which("unshare"))
-        and subprocess.run(command, capture_output=True, check=False).returncode == 0
-    )
+    return subprocess.run(command, capture_output=True, check=False).returncode == 0
 
 
 needs_mounts = pytest.mark.skipif(not can_mount(), reason="needs mounts of its own: root, or user namespaces")
@@ -294,10 +280,8 @@ class System:
         program(self.tools / "systemctl", log)
         program(self.tools / "chronyd")
         loaded = f"{self.tools}/loaded"
-        program(
-            self.tools / "nft",
-            f"[ $1 != list ] || exec test -e {loaded}; {log}\n[ $1 != -f ] || touch {loaded}",
-        )
+        listed = f"[ $1 != list ] || exec test -e {loaded}"
+        program(self.tools / "nft", f"{listed}; {log}\n[ $1 != -f ] || touch {loaded}")
         program(self.tools / "ip", '[ "$1" = -6 ] || echo "10.7.0.0/16 scope link src 10.7.0.4"')
 
     def run(self, *options, script="initialize.sh", status=0):
@@ -320,7 +304,7 @@ APPLIED = [
 
 
 @needs_mounts
-def test_the_running_system_is_told_once(tmp_path):
+def test_the_running_system_is_told_once_and_of_an_undo(tmp_path):
     system = System(tmp_path)
     said, calls = system.run("--dry-run")
     assert calls == []
@@ -333,6 +317,16 @@ def test_the_running_system_is_told_once(tmp_path):
     said, calls = system.run()
     assert (words(said), calls) == ({"unchanged"}, [])
     assert tree(system.root) == before
+    _, calls = system.run("--undo")
+    assert calls == [
+        "systemctl stop sfglab-go2.service",
+        "systemctl daemon-reload",
+        "nft delete table inet sfglab_go2",
+        "systemctl try-restart chronyd.service",
+    ]
+    (system.tools / "loaded").unlink()
+    said, calls = system.run("--undo")
+    assert (words(said), calls) == ({"unchanged"}, [])
 
 
 @needs_mounts
@@ -351,22 +345,6 @@ def test_what_was_owed_when_a_command_failed_is_done_by_the_next_run(number, tmp
     assert APPLIED[number] in calls
     assert list((system.root / "var/lib/sfglab").rglob("*")) == [system.root / "var/lib/sfglab/go2"]
     assert system.run()[1] == []
-
-
-@needs_mounts
-def test_undo_tells_the_running_system_too(tmp_path):
-    system = System(tmp_path)
-    system.run()
-    _, calls = system.run("--undo")
-    assert calls == [
-        "systemctl stop sfglab-go2.service",
-        "systemctl daemon-reload",
-        "nft delete table inet sfglab_go2",
-        "systemctl try-restart chronyd.service",
-    ]
-    (system.tools / "loaded").unlink()
-    said, calls = system.run("--undo")
-    assert (words(said), calls) == ({"unchanged"}, [])
 
 
 @needs_mounts

@@ -95,11 +95,8 @@ def test_files_are_written_removed_and_the_second_time_nothing_is_to_do(tmp_path
     own.write_text("mine")
     new = bundle_of({"a": b"changed"}, "2")
     install(new, machine)
-    there = look(machine, FOLDER)
-    assert {path: member.data for path, member in there.items() if path != MANIFEST} == {
-        "a": b"changed",
-        "hooks/custom.d/mine.sh": b"mine",
-    }
+    there = {path: member.data for path, member in look(machine, FOLDER).items() if path != MANIFEST}
+    assert there == {"a": b"changed", "hooks/custom.d/mine.sh": b"mine"}
     assert look_and_plan(machine, FOLDER, new).nothing
 
 
@@ -127,9 +124,8 @@ def test_an_installation_that_was_cut_off_is_seen_and_the_next_one_completes_it(
 def ssh(tmp_path):
     """A program in ssh's place that runs the remote command here, as sshd would by the user's shell."""
     command = f'shift; done\nshift 2\nPATH={tmp_path}:$PATH exec sh -c "$*"'
-    client = program(
-        tmp_path / "ssh", f'printf "%s\\n" "$@" > {tmp_path}/arguments\nwhile [ "$1" != -- ]; do {command}'
-    )
+    noted = f'printf "%s\\n" "$@" > {tmp_path}/arguments'
+    client = program(tmp_path / "ssh", f'{noted}\nwhile [ "$1" != -- ]; do {command}')
     program(tmp_path / "sudo", '[ "$1" = -n ] || exit 9\nshift\nexec "$@"')
     return Ssh(address="sfg@go2.local", program=str(client))
 

@@ -16,6 +16,7 @@ from itertools import product
 from pathlib import Path
 
 import pytest
+from esslingen import LAB
 from typer.testing import CliRunner
 
 from sfglab.bus.dds.domain import DomainConfig, join
@@ -25,13 +26,12 @@ from sfglab.deploy.errors import DeployError
 from sfglab.deploy.keystore import make_keystore
 from sfglab.deploy.permissions import global_rights, render_permissions
 from sfglab.errors import InvalidValueError
-from sfglab.fleet.fleet_file import load_fleet, read_fleet
+from sfglab.fleet.fleet_file import read_fleet
 from sfglab.fleet.lint import View
 from sfglab.fleet.policy import Direction
 from sfglab.lab.hosts import Network
 from sfglab.names import ResourceKind, dds_names
 
-LAB = load_fleet("data/fleets/lab.yaml")
 NOW = datetime.now(UTC).replace(microsecond=0)
 # The tags in order, as the schemas of OMG DDS Security 1.1 want them (annexes A and B).
 SHAPES = {
@@ -196,7 +196,7 @@ class Peer:
 def test_only_agents_of_the_fleet_speak_and_hear_and_only_in_their_own_names(built):
     """Each that is not to be heard is heard by a friend of its own meanwhile, so that its silence counts."""
     for keys in ("ours", "theirs"):
-        make_keystore(load_fleet("data/fleets/lab.yaml"), built / keys, now=datetime.now(UTC))
+        make_keystore(LAB, built / keys, now=datetime.now(UTC))
     ours, theirs = built / "ours/enclaves", built / "theirs/enclaves"
     everything = f"pub {ODOM} pub {DRIVE} sub {ODOM} sub {ASKED}"
     cast = {

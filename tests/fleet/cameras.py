@@ -1,7 +1,7 @@
 """A camera of known pictures, what a decoder tells, and simulated agents behind their routers."""
 
 import asyncio
-from contextlib import asynccontextmanager
+from contextlib import asynccontextmanager, suppress
 from dataclasses import asdict
 
 import numpy as np
@@ -28,6 +28,15 @@ def behind_router(world, name: str):
     near = world.node("router", **place, process="router")
     far = world.node("router", host=name, process="router")
     return world.node(f"of_{name}", **place), Router(near, far, RouterSettings(agent=name))
+
+
+async def everything(subscription) -> list:
+    """Return what has arrived."""
+    found = []
+    with suppress(TimeoutError):
+        while True:
+            found.append(await subscription.take(0.1))
+    return found
 
 
 class Camera:

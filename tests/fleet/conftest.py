@@ -28,14 +28,12 @@ def domains(free_domains):
 
 @pytest.fixture
 def serve(domains):
-    """A context manager: camera node, viewer node and a decoder that runs between them."""
+    """A context manager: camera node, viewer node and a decoder that runs between them, as it is told."""
 
     @asynccontextmanager
-    async def serving(streams=(STREAM,), discovery_topic=""):
+    async def serving(streams=(STREAM,), **told):
         remote, local = domains
-        config = DecoderConfig(
-            remote=remote, local=local, streams=streams, discovery_topic=discovery_topic, linger_s=0.05
-        )
+        config = DecoderConfig(remote=remote, local=local, streams=streams, linger_s=0.05, **told)
         decoder = Decoder()
         decoding = run_decoder(config, on_status=decoder.note, on_ready=decoder.is_ready)
         async with (

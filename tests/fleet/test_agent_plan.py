@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from functools import partial
 
 import pytest
 
@@ -138,32 +139,27 @@ def said(component: str, **report) -> Said:
     return Said(component=component, report=report)
 
 
+changed = partial(Changed, component="router")
+
+
 @pytest.mark.parametrize(
-    ("event", "lines"),
+    ("event", "words"),
     [
-        (Complete(), ["agent go2: ready, end it with Ctrl-C"]),
-        (Changed(component="router", state=State.STARTING, pid=7), []),
-        (Changed(component="router", state=State.RUNNING, pid=7), ["router: ready"]),
-        (Changed(component="router", state=State.RUNNING, crashes=2), ["router: ready again after 2 crashes"]),
-        (
-            Changed(component="router", state=State.BACKING_OFF, why="killed by SIGSEGV", retry_s=0.2),
-            ["router: crashed (killed by SIGSEGV); it is started again in 0.2 s"],
-        ),
-        (
-            Changed(component="router", state=State.REPLACING, why="it took too long to start"),
-            ["router: it took too long to start; it is ended and started again"],
-        ),
-        (Wrote(component="router", line="WARNING: x"), ["router: WARNING: x"]),
-        (said("status", **{"is": "beat"}), []),
-        (
-            said("discoverer", **{"is": "event", "agent": "pi1", "event": "DISCOVERED"}),
-            ["discoverer: pi1 discovered"],
-        ),
+        (changed(state=State.STARTING, pid=7), ""),
+        (changed(state=State.RUNNING, pid=7), "ready"),
+        (changed(state=State.RUNNING, crashes=2), "ready again after 2 crashes"),
+        (changed(state=State.BACKING_OFF, why="x", retry_s=0.2), "crashed (x); it is started again in 0.2 s"),
+        (changed(state=State.REPLACING, why="it took long"), "it took long; it is ended and started again"),
+        (Wrote(component="router", line="WARNING: x"), "WARNING: x"),
+        (said("status", **{"is": "beat"}), ""),
+        (said("discoverer", **{"is": "event", "agent": "pi1", "event": "DISCOVERED"}), "pi1 discovered"),
     ],
 )
-def test_a_person_reads_what_matters(event, lines):
-    assert Narrator(CONFIG).lines(event) == lines
+def test_a_person_reads_what_matters(event, words):
+    assert Narrator(CONFIG).lines(event) == ([f"{event.component}: {words}"] if words else [])
     assert "is" in json.loads(json.dumps(report_from_event(event)))
+    assert Narrator(CONFIG).lines(Complete()) == ["agent go2: ready, end it with Ctrl-C"]
+    assert report_from_event(Complete()) == {"is": "ready"}
 
 
 def test_a_person_reads_of_paths_that_open_and_close_by_ros_names_and_of_streams_that_change():

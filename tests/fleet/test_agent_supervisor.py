@@ -29,9 +29,7 @@ from sfglab.machine import ProcessTiming
 
 pytestmark = [pytest.mark.live]
 
-TIMING = ProcessTiming(
-    start_ns=10_000_000_000, stop_ns=300_000_000, backoff_ns=20_000_000, backoff_max_ns=80_000_000
-)
+TIMING = ProcessTiming(start_ns=10**10, stop_ns=300_000_000, backoff_ns=20_000_000, backoff_max_ns=80_000_000)
 
 SERVES = """
 import sys

@@ -79,6 +79,24 @@ def test_agents_of_one_domain_are_errors_and_services_that_cross_one_way_half_op
     assert "half-open-rule" in codes(report_of(agents("serves: [/global/a1/reset]"), policy))
 
 
+def tree(frames: str, *, prefix: bool = True, shared: str = "map") -> str:
+    return f"tf: {{prefix_frames: {str(prefix).lower()}, shared_frames: [{shared}], frames: [{frames}]}}"
+
+
+def edge(child: str, parent: str, *, static: bool = False) -> str:
+    return f"{{child: {child}, parent: {parent}, static: {str(static).lower()}, rate_hz: 10}}"
+
+
+def bare(child: str, parent: str) -> str:
+    return tree(edge(child, parent), prefix=False)
+
+
+BASE = tree(edge("base", "map"))
+ALONE = tree(edge("base", "map"), shared="")
+PLACING = tree(edge("map", "world"), shared="map, world")
+ROBOT = tree(edge("base", "odom"))
+HALVES = tree(edge("base", "odom") + ", " + edge("arm", "torso"))
+PLACED = ROBOT.replace("tf: {", "tf: {placed_by_others: [odom], ")
 STREAM = "{topic: /local/a1/camera/color/ffmpeg, type: x/msg/Y, codec: h264, width: 1, height: 1, rate_hz: 1}"
 POSE = "publishes: [/global/a1/pose]"
 AT_ODDS = (
@@ -111,6 +129,23 @@ AT_ODDS = (
         ("static-not-latched", "error", ("publishes: [{name: /tf_static, qos: default}]",), "latched"),
         ("static-not-latched", "error", ("subscribes: [{name: /tf_static, qos: default}]",), "latched"),
         ("description", "error", (f"sensors: [{{name: camera, streams: [{STREAM}]}}]",), "stay inside"),
+        ("frame-clash", "error", (bare("base", "map"), bare("base", "map")), "prefix_frames: true"),
+        ("frame-clash", "error", (bare("base", "map"), bare("base", "odom")), "with two parents: map, odom"),
+        ("frame-clash", "error", (PLACING, PLACING), "out of shared_frames"),
+        ("frame-clash", "error", (tree(edge("a1/base", "map")), bare("a1/base", "map")), "a1/base"),
+        ("frames-kept-apart", "info", (BASE, BASE), "keep 1 frame names of several agents apart: base"),
+        ("frame-two-parents", "error", (tree(edge("base", "map") + ", " + edge("base", "odom")),), "a1/base"),
+        ("frame-own-roots", "error", (HALVES,), "odom, a1/torso"),
+        ("frame-circle", "error", (tree(edge("b", "c") + ", " + edge("c", "b")),), "a1/b, a1/c"),
+        ("frame-no-common-root", "warning", (ALONE, ALONE), "a1/map, a2/map"),
+        ("frame-no-common-root", "warning", (BASE, ALONE), "map is shared by some agents only"),
+        ("frame-of-another", "info", (PLACED, bare("a1/odom", "map")), "a1/odom"),
+        # As in paper A, Fig. 6.
+        ("frame-of-another", "warning", (PLACED, bare("a1/markers", "map")), "a1/markers"),
+        ("frame-no-common-root", "warning", (PLACED, bare("a1/markers", "map")), "roots"),
+        ("frame-kept-out", "error", (ROBOT, bare("a1/odom", "map")), "a1: tf: placed_by_others: [odom]"),
+        ("frame-kept-in", "error", (ROBOT, tree(edge("a1/odom", "map"))), "a2 broadcasts a1/odom"),
+        ("frame-kept-in", "error", (tree(edge("map", "earth"), shared="map, earth"),), "a1 broadcasts map,"),
     ],
 )
 def test_a_mistake_is_found_with_its_place_and_what_follows(code, severity, uses, said):
@@ -133,6 +168,9 @@ def test_a_mistake_is_found_with_its_place_and_what_follows(code, severity, uses
         ("qos-mismatch", tuple(text.replace("/global/", "/local/") for text in AT_ODDS)),
         ("static-not-latched", ("publishes: [{name: /tf_static, qos: latched}]",)),
         ("static-not-latched", ("subscribes: [{name: /tf_static, qos: latched}]",)),
+        ("frame-clash", (BASE, BASE)),
+        ("frame-no-common-root", (BASE, BASE)),
+        ("frame-clash", (tree(edge("a1/base", "map")), BASE)),  # a prefix by hand is not added again
     ],
 )
 def test_what_is_no_mistake_is_not_found(code, uses):
@@ -143,9 +181,8 @@ def test_what_is_no_mistake_is_not_found(code, uses):
 def test_a_policy_with_half_of_services_is_found_in_its_rules_and_in_every_service(missing):
     rules = [r for r in ("rt/global/*", "rq/global/*", "rr/global/*") if r != missing]
     policy = f"policy: [{', '.join(rules)}]"
-    uses = agents(
-        "serves: [/global/a1/reset]", "calls: [/global/a1/reset], action_clients: [/global/a1/follow_path]"
-    )
+    calls = "calls: [/global/a1/reset], action_clients: [/global/a1/follow_path]"
+    uses = agents("serves: [/global/a1/reset]", calls)
     report = report_of(uses, policy)
     assert one(report, "half-open-rule").place.key == f"policy[{len(rules) - 1}]"
     whats = " ".join(f.what for f in report.findings if f.code == "half-open")
@@ -184,11 +221,7 @@ def test_the_text_shows_everything_and_a_file_that_is_no_fleet_gives_one_line(tm
 
 
 def fleet_of(count: int, inner: str = "", processes: int = 20):
-    text = "".join(
-        f"  pi{i}: {{domain: {i}, processes: {processes}, lifecycle: false, {inner}}}\n"
-        for i in range(1, count + 1)
-    )
-    return lint(read_fleet(f"fleet: f\nagents:\n{text}"))
+    return report_of(agents(*count * [f"processes: {processes}, lifecycle: false, {inner}"]))
 
 
 def test_with_one_domain_all_are_told_of_all_and_through_routers_only_what_is_wanted_across():
@@ -199,7 +232,7 @@ def test_with_one_domain_all_are_told_of_all_and_through_routers_only_what_is_wa
     assert standard.announced == 2 * 20 * (20 * ROS_ENDPOINTS)
     talk = "publishes: [/chatter, /global/shared/map], subscribes: [/chatter, /global/shared/map]"
     report = fleet_of(3, talk)
-    assert report.discovery.shown == {"pi1": 2, "pi2": 2, "pi3": 2}
+    assert report.discovery.shown == {"a1": 2, "a2": 2, "a3": 2}
     assert report.discovery.routed.participants == 3
     assert report.discovery.routed.pairs == 6
     assert report.discovery.routed.announced == 3 * 2 * 2
@@ -207,21 +240,15 @@ def test_with_one_domain_all_are_told_of_all_and_through_routers_only_what_is_wa
 
 def test_a_publisher_nobody_wants_is_not_shown_latched_ones_each_and_a_service_as_two_topics():
     lonely = fleet_of(2, "publishes: [/global/shared/map]")
-    assert lonely.discovery.shown == {"pi1": 0, "pi2": 0}
-    text = """
-fleet: f
-agents:
-  a1:
-    domain: 1
-    lifecycle: false
-    publishes: [{name: /tf_static, qos: latched, count: 3}, {name: /tf, count: 3}]
-  a2: {domain: 2, lifecycle: false, subscribes: [{name: /tf_static, qos: latched}, /tf]}
-"""
-    shown = lint(read_fleet(text)).discovery.shown
-    assert shown == {"a1": 3 + 1, "a2": 2}
-    text = "fleet: f\nagents:\n  a1: {domain: 1, lifecycle: false, serves: [/global/a1/reset]}\n"
-    text += "  a2: {domain: 2, lifecycle: false, calls: [/global/a1/reset]}\n"
-    assert lint(read_fleet(text)).discovery.shown == {"a1": 2, "a2": 2}
+    assert lonely.discovery.shown == {"a1": 0, "a2": 0}
+    three = "publishes: [{name: /tf_static, qos: latched, count: 3}, {name: /tf, count: 3}]"
+    heard = "subscribes: [{name: /tf_static, qos: latched}, /tf]"
+    for uses, shown in (
+        ((three, heard), 3 + 1),
+        (("serves: [/global/a1/reset]", "calls: [/global/a1/reset]"), 2),
+    ):
+        report = report_of(agents(*(f"lifecycle: false, {use}" for use in uses)))
+        assert report.discovery.shown == {"a1": shown, "a2": 2}
 
 
 def test_the_estimate_lies_among_what_was_measured_on_two_hosts():
@@ -256,92 +283,22 @@ def test_everybody_receives_the_transforms_of_all_others_and_none_that_nobody_as
     loads = fleet_of(4, inner).loads
     assert [load.tf_out_hz for load in loads] == [50.0] * 4
     assert [load.tf_in_hz for load in loads] == [150.0] * 4
-    assert loads[0].tf_in_bps == pytest.approx(150 * 8 * transform_bytes("map", "pi1/base"))
+    assert loads[0].tf_in_bps == pytest.approx(150 * 8 * transform_bytes("map", "a1/base"))
     inner = "tf: {frames: [{child: base, parent: map, rate_hz: 50}]}"
     assert all(load.tf_out_hz == load.tf_in_hz == 0 for load in fleet_of(3, inner).loads)
 
 
 def test_a_stream_counts_once_for_each_other_agent_and_unknown_sizes_are_named():
-    text = """
-fleet: f
-agents:
-  a1: {domain: 1, publishes: [{name: /global/a1/pose, rate_hz: 10, size_bytes: 100}, /global/a1/twist]}
-  a2: {domain: 2, subscribes: [/global/a1/pose, /global/a1/twist]}
-  a3: {domain: 3, subscribes: [/global/a1/pose]}
-"""
-    a1, a2, a3 = lint(read_fleet(text)).loads
+    pose = "publishes: [{name: /global/a1/pose, rate_hz: 10, size_bytes: 100}, /global/a1/twist]"
+    both, first = ("subscribes: [/global/a1/pose, /global/a1/twist]", "subscribes: [/global/a1/pose]")
+    a1, a2, a3 = report_of(agents(pose, both, first)).loads
     assert (a1.topics_out_bps, a2.topics_in_bps, a3.topics_in_bps) == (16_000, 8_000, 8_000)
     assert (a1.unsized, a2.unsized, a3.unsized) == (("/global/a1/twist",), ("/global/a1/twist",), ())
 
 
-def tree(frames: str, *, prefix: bool = True, shared: str = "map") -> str:
-    return f"tf: {{prefix_frames: {str(prefix).lower()}, shared_frames: [{shared}], frames: [{frames}]}}"
-
-
-def edge(child: str, parent: str, *, static: bool = False) -> str:
-    return f"{{child: {child}, parent: {parent}, static: {str(static).lower()}, rate_hz: 10}}"
-
-
-def found(*trees: str, policy: str = ""):
-    text = f"fleet: f\n{policy}\nagents:\n"
-    text += "".join(f"  a{i}: {{domain: {i}, {tree}}}\n" for i, tree in enumerate(trees, start=1))
-    return {f.code: f for f in lint(read_fleet(text)).findings if f.code.startswith("frame")}
-
-
-def bare(child: str, parent: str) -> str:
-    return tree(edge(child, parent), prefix=False)
-
-
-BASE = tree(edge("base", "map"))
-ALONE = tree(edge("base", "map"), shared="")
-PLACING = tree(edge("map", "world"), shared="map, world")
-ROBOT = tree(edge("base", "odom"))
-HALVES = tree(edge("base", "odom") + ", " + edge("arm", "torso"))
-PLACED = ROBOT.replace("tf: {", "tf: {placed_by_others: [odom], ")
-
-
-@pytest.mark.parametrize(
-    ("trees", "code", "severity", "said"),
-    [
-        ((bare("base", "map"), bare("base", "map")), "frame-clash", "error", "prefix_frames: true"),
-        ((bare("base", "map"), bare("base", "odom")), "frame-clash", "error", "with two parents: map, odom"),
-        ((PLACING, PLACING), "frame-clash", "error", "out of shared_frames"),
-        ((tree(edge("a1/base", "map")), bare("a1/base", "map")), "frame-clash", "error", "a1/base"),
-        ((BASE, BASE), "frames-kept-apart", "info", "keep 1 frame names of several agents apart: base"),
-        ((tree(edge("base", "map") + ", " + edge("base", "odom")),), "frame-two-parents", "error", "a1/base"),
-        ((HALVES,), "frame-own-roots", "error", "odom, a1/torso"),
-        ((tree(edge("b", "c") + ", " + edge("c", "b")),), "frame-circle", "error", "a1/b, a1/c"),
-        ((ALONE, ALONE), "frame-no-common-root", "warning", "a1/map, a2/map"),
-        ((BASE, ALONE), "frame-no-common-root", "warning", "map is shared by some agents only"),
-        ((PLACED, bare("a1/odom", "map")), "frame-of-another", "info", "a1/odom"),
-        # As in paper A, Fig. 6.
-        ((PLACED, bare("a1/markers", "map")), "frame-of-another", "warning", "a1/markers"),
-        ((PLACED, bare("a1/markers", "map")), "frame-no-common-root", "warning", "roots"),
-        ((ROBOT, bare("a1/odom", "map")), "frame-kept-out", "error", "a1: tf: placed_by_others: [odom]"),
-        ((ROBOT, tree(edge("a1/odom", "map"))), "frame-kept-in", "error", "a1/odom"),
-        ((tree(edge("map", "earth"), shared="map, earth"),), "frame-kept-in", "error", "map"),
-    ],
-)
-def test_a_mistake_of_frames_is_found(trees, code, severity, said):
-    finding = found(*trees)[code]
-    assert finding.severity.value == severity
-    assert said in f"{finding.what}; {finding.remedy}"
-
-
-@pytest.mark.parametrize(
-    ("trees", "code"),
-    [
-        ((BASE, BASE), "frame-clash"),
-        ((BASE, BASE), "frame-no-common-root"),
-        ((tree(edge("a1/base", "map")), BASE), "frame-clash"),  # a prefix by hand is not added again
-    ],
-)
-def test_what_is_no_mistake_of_frames_is_not_found(trees, code):
-    assert code not in found(*trees)
-
-
 def test_nothing_clashes_where_transforms_do_not_cross():
-    assert found(bare("base", "map"), bare("base", "map"), policy="policy: [rt/global/*]") == {}
+    report = report_of(agents(*2 * [bare("base", "map")]), "policy: [rt/global/*]")
+    assert not any(code.startswith("frame") for code in codes(report))
 
 
 names = st.sampled_from("abcdefgh")

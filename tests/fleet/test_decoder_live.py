@@ -9,12 +9,13 @@ import numpy as np
 import psutil
 import pytest
 from cameras import FFMPEG, IMAGE, INFO, LOCAL, LOCAL_INFO, STREAM, Camera
+from test_decoder_streams import metadata
 from waiting import process, until
 
 from sfglab.errors import SfglabError
 from sfglab.fleet.decoder.node import DecoderConfig, run_decoder
 from sfglab.fleet.discovery.listener import DISCOVERY_EVENT, DISCOVERY_QOS
-from sfglab.messages import default_message, ns_from_stamp, stamp_from_ns
+from sfglab.messages import default_message, ns_from_stamp
 from sfglab.qos import SENSOR_DATA
 
 pytestmark = [pytest.mark.live]
@@ -59,7 +60,7 @@ async def test_nothing_runs_until_somebody_subscribes_and_nothing_after_the_last
     assert children() == before, "the decoder leaves no process behind"
 
 
-async def test_a_plain_dds_subscriber_is_served_from_the_same_pipeline(serve):
+async def test_a_plain_dds_subscriber_is_served_from_the_same_pipeline_which_is_replaced_when_killed(serve):
     async with serve() as (far, near, decoder), Camera(far).running():
         shared = near.create_subscription(IMAGE, LOCAL, qos=SENSOR_DATA, transport="shm")
         await right_pictures(shared)
@@ -69,38 +70,16 @@ async def test_a_plain_dds_subscriber_is_served_from_the_same_pipeline(serve):
         assert (images[0].height, images[0].width, images[0].step) == (192, 320, 960)
         await right_pictures(shared)
         await until(lambda: len(decoder.pool.pids) == 2)  # one pipeline and, a while later, one spare
-
-
-async def test_a_killed_pipeline_is_replaced_and_subscribers_see_pictures_again(serve):
-    async with serve() as (far, near, decoder), Camera(far).running():
-        subscription = near.create_subscription(IMAGE, LOCAL, qos=SENSOR_DATA, transport="shm")
-        await right_pictures(subscription)
         for pid in decoder.pool.pids:
             os.kill(pid, signal.SIGKILL)
         await until(lambda: "BACKING_OFF" in decoder.states[LOCAL])
         await decoder.reaches("RUNNING")
-        await until(subscription.get_publisher_count)
-        await right_pictures(subscription, 20)
+        await until(shared.get_publisher_count)
+        await right_pictures(shared, 20)
         assert decoder.status[LOCAL].crashes >= 1
 
 
-async def test_a_stream_that_stops_and_resumes_and_changes_its_size_is_followed(serve):
-    async with serve() as (far, near, decoder):
-        camera = Camera(far)
-        subscription = near.create_subscription(IMAGE, LOCAL, qos=SENSOR_DATA, transport="shm")
-        async with camera.running():
-            await right_pictures(subscription)
-        camera.size = (640, 368)
-        async with camera.running():
-            async with asyncio.timeout(60):
-                while (image := await subscription.take()).width != 640:
-                    pass
-            assert image.height == 368
-            await right_pictures(subscription)
-        assert decoder.states[LOCAL] == ["IDLE", "STARTING", "RUNNING"], "the same pipeline all along"
-
-
-async def test_broken_packets_are_counted_and_the_stream_heals(serve):
+async def test_broken_packets_are_counted_and_heal_and_a_stream_that_changes_its_size_is_followed(serve):
     async with serve() as (far, near, decoder):
         camera = Camera(far)
         subscription = near.create_subscription(IMAGE, LOCAL, qos=SENSOR_DATA, transport="shm")
@@ -119,7 +98,14 @@ async def test_broken_packets_are_counted_and_the_stream_heals(serve):
             assert s.last_error
             images = [await subscription.take(timeout_s=60) for _ in range(15)]
             assert abs(level_of(images[-1]) - ns_from_stamp(images[-1].header.stamp) / 1e9) <= 3
-        assert decoder.status[LOCAL].state == "RUNNING"
+        camera.size = (640, 368)
+        async with camera.running():
+            async with asyncio.timeout(60):
+                while (image := await subscription.take()).width != 640:
+                    pass
+            assert image.height == 368
+            await right_pictures(subscription)
+        assert decoder.states[LOCAL] == ["IDLE", "STARTING", "RUNNING"], "the same pipeline all along"
 
 
 async def test_camera_info_is_relayed_unchanged_on_demand(serve):
@@ -144,14 +130,7 @@ async def test_camera_info_is_relayed_unchanged_on_demand(serve):
 
 def discovery_event(kind: str):
     event = default_message(DISCOVERY_EVENT)
-    event.agent, event.event = "go2", getattr(event, kind)
-    stream = default_message("sfglab_interfaces/msg/StreamInfo")
-    stream.topic, stream.type, stream.codec = STREAM, FFMPEG, "h264"
-    sensor = default_message("sfglab_interfaces/msg/SensorInfo")
-    sensor.name, sensor.streams = "camera_front", [stream]
-    event.metadata.agent, event.metadata.sensors = "go2", [sensor]
-    event.stamp = stamp_from_ns(0)
-    return event
+    return replace(event, agent="go2", event=getattr(event, kind), metadata=metadata(STREAM, codec="h264"))
 
 
 async def test_agents_come_and_go_by_discovery_events(serve):
@@ -171,7 +150,6 @@ async def test_agents_come_and_go_by_discovery_events(serve):
 
 @pytest.mark.parametrize("side", ["local", "remote"])
 def test_an_interface_that_does_not_exist_is_one_clear_error_and_leaves_no_process(domains, side, capfd):
-
     sides = dict(zip(("remote", "local"), domains, strict=True))
     sides[side] = replace(sides[side], interface="nowhere0")
     before = children()

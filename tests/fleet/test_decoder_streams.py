@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from cameras import FFMPEG, IMAGE, INFO, LOCAL, LOCAL_INFO, STREAM
 
 from sfglab.bus.api import EndpointAdded, EndpointInfo, EndpointKind, EndpointRemoved
 from sfglab.fleet.decoder.pipeline import image_bytes, image_prefix, write_image
@@ -9,12 +10,10 @@ from sfglab.fleet.decoder.streams import RELAY, Demand, StreamError, routes_of_a
 from sfglab.messages import default_message, deserialize, stamp_from_ns
 from sfglab.qos import SENSOR_DATA
 
-COLOR = "/global/go2/camera_front/color/ffmpeg"
 
-
-def metadata(topic: str = COLOR, **stream_fields):
+def metadata(topic: str = STREAM, **stream_fields):
     stream = default_message("sfglab_interfaces/msg/StreamInfo")
-    stream.topic, stream.type = topic, "ffmpeg_image_transport_msgs/msg/FFMPEGPacket"
+    stream.topic, stream.type = topic, FFMPEG
     for name, value in stream_fields.items():
         setattr(stream, name, value)
     sensor = default_message("sfglab_interfaces/msg/SensorInfo")
@@ -25,16 +24,13 @@ def metadata(topic: str = COLOR, **stream_fields):
 
 
 def test_a_stream_known_by_its_name_alone_is_offered_with_its_camera_info():
-    image, info = routes_of_topic(COLOR)
-    assert image.local_topic == "/local/go2/camera_front/color/image_raw"
-    assert (image.source_type, image.codec) == ("ffmpeg_image_transport_msgs/msg/FFMPEGPacket", "h264")
-    assert info.source_topic == "/global/go2/camera_front/color/camera_info"
-    assert info.local_topic == "/local/go2/camera_front/color/camera_info"
-    assert info.codec == RELAY
+    image, info = routes_of_topic(STREAM)
+    assert (image.local_topic, image.source_type, image.codec) == (LOCAL, FFMPEG, "h264")
+    assert (info.source_topic, info.local_topic, info.codec) == (INFO, LOCAL_INFO, RELAY)
 
 
 def test_depth_is_an_image_too_and_only_streams_of_numbered_packets_have_a_replay():
-    image, info = routes_of_topic(COLOR)
+    image, info = routes_of_topic(STREAM)
     assert image.replay_topic == "/global/go2/camera_front/color/ffmpeg_replay"
     assert info.replay_topic == ""
     (described,), _ = routes_of_agent(metadata())
@@ -63,13 +59,8 @@ def test_what_is_no_remote_image_stream_is_refused_with_the_reason(topic, why):
 
 
 def test_an_agents_metadata_says_what_it_offers():
-    routes, errors = routes_of_agent(
-        metadata(codec="h264", camera_info_topic="/global/go2/camera_front/color/camera_info")
-    )
-    assert [r.local_topic for r in routes] == [
-        "/local/go2/camera_front/color/image_raw",
-        "/local/go2/camera_front/color/camera_info",
-    ]
+    routes, errors = routes_of_agent(metadata(codec="h264", camera_info_topic=INFO))
+    assert [r.local_topic for r in routes] == [LOCAL, LOCAL_INFO]
     assert not errors
     (only,), _ = routes_of_agent(metadata(decoded_topic="/local/go2/front"))
     assert only.local_topic == "/local/go2/front"
@@ -94,9 +85,6 @@ def test_an_image_written_in_two_parts_is_the_message_itself(shape, dtype, encod
     assert len(image_bytes(prefix, pixels)) % 4 == 0
 
 
-LOCAL = "/local/go2/camera_front/color/image_raw"
-
-
 @pytest.mark.parametrize(
     ("events", "count", "transports"),
     [
@@ -112,14 +100,8 @@ def test_demand_is_the_subscriptions_of_a_topic_and_publishers_are_none(events, 
     for kind in (EndpointKind.SUBSCRIPTION, EndpointKind.PUBLISHER):
         for event in events.split():
             change = EndpointAdded if event[0] == "+" else EndpointRemoved
-            endpoint = EndpointInfo(
-                kind=kind,
-                topic=LOCAL,
-                type="sensor_msgs/msg/Image",
-                gid=event[-1].encode() * 16,
-                qos=SENSOR_DATA,
-                transport=event[1:4],
-            )
+            gid, way = event[-1].encode() * 16, event[1:4]
+            endpoint = EndpointInfo(kind=kind, topic=LOCAL, type=IMAGE, gid=gid, qos=SENSOR_DATA, transport=way)
             wanted = LOCAL if kind is EndpointKind.SUBSCRIPTION else None
             assert demand.feed(change(endpoint=endpoint)) == wanted
     assert (demand.count(LOCAL), demand.transports(LOCAL), demand.count("/elsewhere")) == (count, transports, 0)

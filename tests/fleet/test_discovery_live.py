@@ -47,9 +47,8 @@ class Watch:
 async def discovering(node, **settings):
     watch = Watch()
     values = {"agent": "station", "timing": TIMING, "query_timeout_s": 5.0} | settings
-    watch.discoverer = AgentDiscoverer(
-        node, DiscoverySettings(**values), on_event=watch.events.put_nowait, on_move=watch.moves.append
-    )
+    told, hear = DiscoverySettings(**values), watch.events.put_nowait
+    watch.discoverer = AgentDiscoverer(node, told, on_event=hear, on_move=watch.moves.append)
     async with beside(watch.discoverer.run()) as (task,):
         yield watch
         assert not task.done(), task.exception()
@@ -142,9 +141,8 @@ async def test_bytes_that_are_no_heartbeat_are_counted_and_harmless(here, there)
 
 
 async def test_as_a_process_it_reports_events_moves_and_what_it_knows(there, address):
-    config = DiscoveryConfig(
-        address=address, settings=DiscoverySettings(agent="station", timing=TIMING), report_moves=True
-    )
+    told = DiscoverySettings(agent="station", timing=TIMING)
+    config = DiscoveryConfig(address=address, settings=told, report_moves=True)
     Fake(there).say()
     async with process("sfglab.fleet.discovery.node", config) as child:
         reports = []

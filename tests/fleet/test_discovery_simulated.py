@@ -3,8 +3,10 @@
 import asyncio
 from collections import Counter
 from contextlib import AsyncExitStack, asynccontextmanager
+from dataclasses import replace
 
 import pytest
+from test_discovery_registry import BEAT
 
 from sfglab.bus.sim import LinkModel, run_simulated
 from sfglab.component import beside
@@ -92,13 +94,10 @@ def test_an_agent_whose_service_is_found_late_is_asked_once():
     async def scenario(world):
         async with discoverer(world) as (found, events), world.node("status", host="go2") as node:
             publisher = node.create_publisher(heartbeat.AGENT_HEARTBEAT, heartbeat.heartbeat_topic(), LATCHED)
-            beat = heartbeat.Heartbeat(
-                agent="go2", incarnation=1, revision=0, phase=0, period_s=30.0, version="1"
-            )
-            publisher.publish(beat.to_message(0))
+            publisher.publish(replace(BEAT, period_s=30.0).to_message(0))
             await sleep_until(4)
             response = default_message(service_type(heartbeat.GET_METADATA).response)
-            response.success, response.metadata.agent, response.metadata.incarnation = True, "go2", 1
+            response.success, response.metadata.agent, response.metadata.incarnation = True, "go2", 7
 
             async def answer(_request):
                 await asyncio.sleep(1.5)
@@ -129,9 +128,8 @@ async def test_who_offers_nothing_or_is_spoken_for_by_two_is_asked_and_what_chan
         provider.update(AgentDescription(software=("new",)))
         await sleep_until(10)
         assert (events[-1][1:], found.status().counts["offered"]) == (("robot", "UPDATED"), 2)
-        lies.publish(
-            AgentDescription(software=("false",)).to_message("robot", incarnation=2**63, revision=9, stamp_ns=0)
-        )
+        false = AgentDescription(software=("false",))
+        lies.publish(false.to_message("robot", incarnation=2**63, revision=9, stamp_ns=0))
         await sleep_until(15)
         provider.update(AgentDescription(software=("newer",)))
         await sleep_until(20)
@@ -166,9 +164,8 @@ async def test_a_consumer_that_comes_after_a_thousand_events_still_hears_of_ever
             assert kinds["busy", "UPDATED"] > listener.HISTORY
             assert kinds["quiet", "DISCOVERED"] == 2, "repeated before it was pushed out"
             async with sim.node("late", host="station") as late:
-                heard = late.create_subscription(
-                    listener.DISCOVERY_EVENT, listener.discovery_topic("station"), qos=listener.DISCOVERY_QOS
-                )
+                topic = listener.discovery_topic("station")
+                heard = late.create_subscription(listener.DISCOVERY_EVENT, topic, qos=listener.DISCOVERY_QOS)
                 agents = listener.KnownAgents()
                 for _ in range(listener.HISTORY):
                     message, info = await heard.take_with_info(timeout_s=5)

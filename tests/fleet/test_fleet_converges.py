@@ -13,6 +13,7 @@ from contextlib import suppress
 
 import psutil
 import pytest
+from cameras import FFMPEG
 from waiting import DEADLINE_S, lives
 
 from sfglab.bus.address import BusAddress
@@ -26,7 +27,6 @@ from sfglab.fleet.status.heartbeat import Schedule
 from sfglab.lab.testbed import Testbed
 from sfglab.lab.workers.camera import CameraConfig
 from sfglab.machine import ProcessTiming
-from sfglab.names import Component, Resource, RosFqnBuilder, Scope, Stream
 from sfglab.processes import LineProcess
 
 pytestmark = [pytest.mark.live, pytest.mark.slow]
@@ -68,19 +68,12 @@ run(main())
 
 
 def stream_of(agent: str) -> str:
-    builder = RosFqnBuilder().scope(Scope.GLOBAL).agent(agent).component(Component.CAMERA, "front")
-    return str(builder.stream(Stream.COLOR).resource(Resource.FFMPEG).build())
+    return f"/global/{agent}/camera_front/color/ffmpeg"
 
 
 def sensor_of(agent: str) -> SensorDescription:
-    stream = StreamDescription(
-        topic=stream_of(agent),
-        type="ffmpeg_image_transport_msgs/msg/FFMPEGPacket",
-        codec="h264",
-        width=640,
-        height=360,
-        rate_hz=10,
-    )
+    size = {"width": 640, "height": 360, "rate_hz": 10}
+    stream = StreamDescription(topic=stream_of(agent), type=FFMPEG, codec="h264", **size)
     return SensorDescription(name="camera_front", streams=(stream,))
 
 
@@ -174,9 +167,8 @@ class Fleet:
     async def start(self) -> None:
         for name in AGENTS:
             await self.start_agent(name)
-        camera = CameraConfig(
-            places=((self.local("go2"), stream_of("go2")),), fps=10, gop=10, encoder="libx264"
-        )
+        places = ((self.local("go2"), stream_of("go2")),)
+        camera = CameraConfig(places=places, fps=10, gop=10, encoder="libx264")
         argv = [sys.executable, "-m", "sfglab.lab.workers.camera", argument_of(camera)]
         self.camera = await Talker.begin(self.testbed.argv("go2", argv))
         self.others.append(self.camera)
@@ -374,7 +366,5 @@ def test_the_fleet_ends_in_order_and_leaves_nothing(world):
 
     run(gone())
     for name in AGENTS if fleet.testbed.separate else ():
-        sockets = subprocess.run(
-            fleet.testbed.argv(name, ["cat", "/proc/net/unix"]), capture_output=True, text=True, check=True
-        )
-        assert "sfglab" not in sockets.stdout
+        argv = fleet.testbed.argv(name, ["cat", "/proc/net/unix"])
+        assert "sfglab" not in subprocess.run(argv, capture_output=True, text=True, check=True).stdout

@@ -6,9 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from sfglab.bus.address import BusAddress
 from sfglab.documents import DocumentError
-from sfglab.errors import InvalidValueError
 from sfglab.fleet import fleet_file
 from sfglab.fleet.policy import TABLE_1, Direction
 from sfglab.qos import LATCHED, QoSProfile, Reliability
@@ -44,9 +42,8 @@ def test_the_labs_file_is_a_fleet_whose_sensors_are_what_the_status_provider_ann
     go2 = fleet.agent("go2")
     assert go2.streams[0].topic == "/global/go2/camera_front/color/ffmpeg"
     assert go2.streams[0].rate_hz * go2.streams[0].size_bytes * 8 == pytest.approx(4e6, rel=0.01)  # Table 2
-    assert fleet.global_address("workstation") == BusAddress(domain_id=0, interface="eth0")
-    assert fleet.local_address("go2") == BusAddress(domain_id=1, interface="lo")
-    go2 = fleet_file.load_fleet(LAB).agent("go2")
+    assert (fleet.global_domain, fleet.agent("workstation").global_interface) == (0, "eth0")
+    assert (go2.domain, go2.local_interface) == (1, "lo")
     description = go2.description
     description.check("go2")
     color, depth = description.sensors[0].streams
@@ -63,16 +60,14 @@ def test_short_and_long_forms_and_qos_by_value_and_by_name_become_values():
     best = Reliability.BEST_EFFORT
     assert go2.publishes[1].qos == QoSProfile(reliability=best, depth=5, deadline_ns=500_000_000)
     assert (pi1.processes, pi1.lifecycle, pi1.tf.prefix_frames) == (1, True, True)
-    fleet = fleet_file.read_fleet(
-        "fleet: f\nagents: {a1: {domain: 1, subscribes: [{name: /tf_static, qos: latched}]}}"
-    )
+    inner = "{domain: 1, subscribes: [{name: /tf_static, qos: latched}]}"
+    fleet = fleet_file.read_fleet(f"fleet: f\nagents: {{a1: {inner}}}")
     assert fleet.agents[0].subscribes[0].qos is LATCHED
 
 
 def test_rules_of_ones_own_become_a_policy():
-    fleet = fleet_file.read_fleet(
-        "fleet: f\npolicy: [rt/tf, {pattern: rt/global/*, directions: [outward]}]\nagents: {a1: {domain: 1}}"
-    )
+    policy = "[rt/tf, {pattern: rt/global/*, directions: [outward]}]"
+    fleet = fleet_file.read_fleet(f"fleet: f\npolicy: {policy}\nagents: {{a1: {{domain: 1}}}}")
     assert [rule.pattern for rule in fleet.policy.rules] == ["rt/tf", "rt/global/*"]
     assert fleet.policy.rules[0].directions == frozenset(Direction)
     assert fleet.policy.rules[1].directions == {Direction.OUTWARD}
@@ -98,11 +93,6 @@ def test_a_mistake_is_refused_with_its_key_its_line_and_what_is_allowed(change, 
     assert str(error).startswith("fleet.yaml:")
 
 
-def test_an_unknown_agent_is_refused():
-    with pytest.raises(InvalidValueError, match="did you mean 'go2'"):
-        fleet_file.read_fleet(SMALL).agent("go3")
-
-
 def test_a_refusal_survives_being_sent_to_another_process():
     error = refusal(SMALL.replace("domain: 2", "domain: 300"))
     assert str(copy.deepcopy(error)) == str(error)  # the same protocol as pickling
@@ -112,9 +102,8 @@ def test_a_refusal_survives_being_sent_to_another_process():
 
 
 def fleet_with(host: str = "{}", deployment: str = "{}"):
-    return fleet_file.read_fleet(
-        f"fleet: My Lab\ndeployment: {deployment}\nagents:\n  go2:\n    domain: 1\n    host: {host}\n"
-    )
+    agents = f"agents: {{go2: {{domain: 1, host: {host}}}}}"
+    return fleet_file.read_fleet(f"fleet: My Lab\ndeployment: {deployment}\n{agents}\n")
 
 
 def test_an_agent_without_a_machine_is_one_and_everything_has_a_default():
@@ -156,16 +145,13 @@ def test_all_keys_are_read():
 @pytest.mark.parametrize(
     ("part", "text", "key", "allowed"),
     [
-        ("host", "{devices: [video0]}", "agents.go2.host.devices", "device nodes"),
         ("host", "{devices: [/dev/../etc/shadow]}", "agents.go2.host.devices", "device nodes"),
-        ("host", "{packages: ['curl; rm -rf /']}", "agents.go2.host.packages", "Debian packages"),
         ("host", "{workspace: ../elsewhere}", "agents.go2.host.workspace", "a folder beside the fleet file"),
         ("host", "{workspace: /abs}", "agents.go2.host.workspace", "a folder beside the fleet file"),
         ("host", "{address: '-oProxyCommand=x'}", "agents.go2.host.address", "[user@]host"),
         ("host", "{address: 'a b'}", "agents.go2.host.address", "[user@]host"),
         ("host", r'{launch: ["a\n"]}', "agents.go2.host.launch", "a text of one line"),
         ("host", r'{"model\u2028": a}', "agents.go2.host.model", "a key of one line"),
-        ("deployment", "{images: Localhost/UPPER}", "deployment.images", "a repository of images"),
         ("deployment", "{images: 'a:1'}", "deployment.images", "a repository of images"),
         ("deployment", "{router_image: 'a b'}", "deployment.router_image", "an image"),
         ("deployment", "{time_servers: ['x y']}", "deployment.time_servers", "names or addresses"),

@@ -2,13 +2,11 @@
 
 import numpy as np
 import pytest
-from cameras import FFMPEG, IMAGE, LOCAL, STREAM, Camera, Decoder
+from cameras import FFMPEG, IMAGE, LOCAL, STREAM, Camera
 from waiting import until
 
-from sfglab.bus import Node
 from sfglab.codecs import H264Decoder
 from sfglab.component import beside
-from sfglab.fleet.decoder.node import DecoderConfig, run_decoder
 from sfglab.fleet.gop_cache import KeeperSettings, StreamKeeper, replay_topic
 from sfglab.messages import ns_from_stamp
 from sfglab.qos import COMPRESSED_STREAM, SENSOR_DATA
@@ -70,20 +68,10 @@ async def test_a_splicer_in_mid_group_sees_pictures_equal_to_continuous_decoding
 
 @pytest.mark.parametrize(("changes", "idle"), [({"spare": False}, 0), ({"refill": False}, 1)])
 async def test_the_papers_mode_does_not_replay_and_its_process_is_new_or_the_same(
-    domains, monkeypatch, changes, idle
+    serve, monkeypatch, changes, idle
 ):
     monkeypatch.setattr("sfglab.fleet.decoder.process.REFILL_DELAY_S", 0)
-    config = DecoderConfig(
-        remote=domains[0], local=domains[1], streams=(STREAM,), replay=False, linger_s=0.05, **changes
-    )
-    decoder = Decoder()
-    serving = run_decoder(config, on_status=decoder.note, on_ready=decoder.is_ready)
-    async with (
-        Node("camera", **domains[0].options()) as far,
-        Node("viewer", **domains[1].options()) as near,
-        beside(serving),
-    ):
-        await until(decoder.ready.is_set)
+    async with serve(replay=False, **changes) as (far, near, decoder):
         before = decoder.pool.pids
         assert len(before) == idle
         camera = Camera(far)

@@ -12,8 +12,8 @@ from sfglab.bus.sim import LinkModel, run_simulated
 from sfglab.codecs import TABLE_2, H264Encoder, ffmpeg_packet_fields
 from sfglab.component import beside
 from sfglab.fleet.decoder.pipeline import PATIENCE_S, Statistics, run_pipeline
-from sfglab.fleet.decoder.streams import Route
-from sfglab.fleet.gop_cache import FFMPEG_PACKET, KeeperSettings, StreamKeeper, replay_topic
+from sfglab.fleet.decoder.streams import routes_of_topic
+from sfglab.fleet.gop_cache import FFMPEG_PACKET, KeeperSettings, StreamKeeper
 from sfglab.messages import default_message, message_type
 from sfglab.qos import COMPRESSED_STREAM
 
@@ -62,14 +62,7 @@ def first_picture(
 ) -> tuple[float, Statistics, Screen]:
     """Return the time from joining, half a frame after the given one, to the first picture, in seconds."""
     screen, counts = Screen(), Statistics()
-    route = Route(
-        agent="edge",
-        source_topic=STREAM,
-        source_type=FFMPEG_PACKET,
-        codec="h264",
-        local_topic="/local/edge/camera_front/color/image_raw",
-        replay_topic=replay_topic(STREAM),
-    )
+    route, _ = routes_of_topic(STREAM)
 
     async def shoot(node):
         publisher = node.create_publisher(FFMPEG_PACKET, STREAM, COMPRESSED_STREAM)

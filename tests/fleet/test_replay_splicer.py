@@ -1,7 +1,7 @@
 """Joining a stream under way: from its replay, then live, whatever comes in whatever order."""
 
+from dataclasses import replace
 from itertools import pairwise
-from types import SimpleNamespace
 from typing import Self
 
 import numpy as np
@@ -176,9 +176,7 @@ def replay(packets, joined: int) -> list:
     for packet in packets[:joined]:
         cache.add(packet, pts=packet.pts, is_key=bool(packet.flags & FLAG_KEY), size_bytes=len(packet.data))
     *old, newest = cache.packets
-    return [
-        SimpleNamespace(pts=p.pts, flags=p.flags | FLAG_DISCARD, encoding=p.encoding, data=p.data) for p in old
-    ] + [newest]
+    return [*(replace(p, flags=p.flags | FLAG_DISCARD) for p in old), newest]
 
 
 @pytest.mark.parametrize("lag", [0, 2], ids=["live at once", "live later"])

@@ -70,14 +70,9 @@ def test_a_message_leaves_with_prefixes_otherwise_the_same_and_other_bytes_do_no
     gate = TransformGate(GO2)
     sent = tf(("map", "odom"), ("odom", "base"), ("go2/base", "go2/camera"), ("b1/base", "seen_b1"))
     out = gate.outward(sent)
-    assert pairs(out) == [
-        ("map", "go2/odom"),
-        ("go2/odom", "go2/base"),
-        ("go2/base", "go2/camera"),
-        ("b1/base", "go2/seen_b1"),
-    ]
+    ours = [("map", "go2/odom"), ("go2/odom", "go2/base"), ("go2/base", "go2/camera")]
+    assert pairs(out) == [*ours, ("b1/base", "go2/seen_b1")]
     assert [t.transform.translation.x for t in deserialize(out, TF_TYPE).transforms] == [0, 1, 2, 3]
-    assert gate.counts.prefixed == 3
     assert gate.outward(out) is out, "nothing changed, so nothing is made anew"
     assert TransformGate(GO2).outward(b"\0\1\0\0\xff\xff\xff\xff") is None
 
@@ -88,7 +83,7 @@ def test_clashes_are_left_out_counted_and_said_once_for_each_frame(caplog):
         for _ in range(3):
             assert pairs(gate.outward(tf(("earth", "map"), ("odom", "base")))) == [("go2/odom", "go2/base")]
             assert gate.outward(tf(("earth", "map"))) is None
-    assert gate.counts.clashed == 6
+    assert gate.clashed == 6
     (said,) = [r.message for r in caplog.records]
     assert said == (
         "outward transform: given the child frame 'map', allowed are frames without prefix and those below "

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import psutil
 import pytest
+from test_routing_frames import TF_TYPE, tf
 from waiting import DEADLINE_S, process, until
 
 from sfglab.bus import BusTimeoutError, Node
@@ -27,7 +28,7 @@ from sfglab.fleet.router.node import (
     pair_lock,
     serve_terminal,
 )
-from sfglab.messages import default_message, message_type, serialize
+from sfglab.messages import message_type, serialize
 from sfglab.messages.dds import opaque_idl_struct
 from sfglab.processes import LineProcess, ProcessFailedError
 from sfglab.qos import LATCHED, QoSProfile
@@ -108,9 +109,8 @@ async def test_everybody_hears_everybody_once_in_order_with_the_first_stamp(ids)
         await warm(publishers, ears)
         for number in range(50):
             for who, publisher in enumerate(publishers):
-                publisher.publish_raw(
-                    serialize(String(data=f"{who} {number}")), source_timestamp_ns=1_000 * who + number
-                )
+                cdr = serialize(String(data=f"{who} {number}"))
+                publisher.publish_raw(cdr, source_timestamp_ns=1_000 * who + number)
         await until(lambda: all(len(ear.real()) >= 150 for ear in ears))
         await _stillness(lambda: [len(ear.heard) for ear in ears])
         for ear in ears:
@@ -130,20 +130,11 @@ async def _stillness(look) -> None:
         await asyncio.sleep(0.1)
 
 
-def transforms(*pairs: tuple[str, str]):
-    made = []
-    for parent, child in pairs:
-        transform = default_message("geometry_msgs/msg/TransformStamped")
-        transform.header.frame_id, transform.child_frame_id = parent, child
-        made.append(transform)
-    return message_type("tf2_msgs/msg/TFMessage")(transforms=made)
-
-
 async def test_static_transforms_of_two_nodes_reach_whoever_joins_late_and_go_with_their_node(ids):
     listener_qos = replace(LATCHED, depth=100)
 
     async def heard(node, count):
-        late = node.create_subscription("tf2_msgs/msg/TFMessage", "/tf_static", qos=listener_qos)
+        late = node.create_subscription(TF_TYPE, "/tf_static", qos=listener_qos)
         messages = [await late.take(60) for _ in range(count)]
         with pytest.raises(BusTimeoutError):
             await late.take(0.1)
@@ -151,11 +142,9 @@ async def test_static_transforms_of_two_nodes_reach_whoever_joins_late_and_go_wi
         return {(t.header.frame_id, t.child_frame_id) for m in messages for t in m.transforms}
 
     async with fleet(ids) as (one, two, everybody):
-        first, second = (
-            one.create_publisher("tf2_msgs/msg/TFMessage", "/tf_static", LATCHED) for _ in range(2)
-        )
-        first.publish(transforms(("map", "odom"), ("odom", "base")))
-        second.publish(transforms(("base", "camera"), ("earth", "map")))
+        first, second = (one.create_publisher(TF_TYPE, "/tf_static", LATCHED) for _ in range(2))
+        first.publish_raw(tf(("map", "odom"), ("odom", "base")))
+        second.publish_raw(tf(("base", "camera"), ("earth", "map")))
         me = f"robot{ids[1]}"
         of_first = {("map", f"{me}/odom"), (f"{me}/odom", f"{me}/base")}
         of_second = {(f"{me}/base", f"{me}/camera")}
@@ -171,22 +160,13 @@ async def test_an_unknown_type_crosses_two_routers_and_it_is_said(ids, caplog):
     cdr = b"\0\1\0\0" + bytes(range(200))
     async with fleet(ids) as (one, two, _):
         got = []
-        sides = [node.backend.participant for node in (one, two)]
+        near, far = (node.backend.participant for node in (one, two))
         struct = opaque_idl_struct(custom)
-        writer = DdsWriter(
-            sides[0].create_writer("rt" + TOPIC, struct, LATCHED),
-            TOPIC,
-            type_=custom,
-            waitset=sides[0].waitset,
-            on_matched=lambda: None,
-        )
+        raw, how = near.create_writer("rt" + TOPIC, struct, LATCHED), {"on_matched": lambda: None}
+        writer = DdsWriter(raw, TOPIC, type_=custom, waitset=near.waitset, **how)
         writer.write(cdr, 7)
-        DdsReader(
-            sides[1].create_reader("rt" + TOPIC, struct, LATCHED),
-            waitset=sides[1].waitset,
-            on_samples=got.extend,
-            on_matched=lambda: None,
-        )
+        raw = far.create_reader("rt" + TOPIC, struct, LATCHED)
+        DdsReader(raw, waitset=far.waitset, on_samples=got.extend, **how)
         await until(lambda: got)
         assert [sample[:2] for sample in got] == [(cdr, 7)]
     (said,) = [r.message for r in caplog.records if custom in r.message]
@@ -286,9 +266,8 @@ async def test_a_late_joiner_hears_no_state_from_before_a_router_was_killed_and_
             claimed = claimer.create_publisher(STRING, TOPIC, LATCHED)
             claimed.publish(String(data="claimed"))
             await until(lambda: "claimed" in known)
-            assert await heard_late(2) == ["claimed", "new"], (
-                "who lives is not put aside by who claims its name"
-            )
+            # Who lives is not put aside by who claims its name.
+            assert await heard_late(2) == ["claimed", "new"]
 
 
 async def test_at_a_terminal_it_says_which_paths_open_and_close(ids):

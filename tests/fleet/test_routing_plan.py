@@ -111,13 +111,8 @@ class Router:
         self.participants = {side: world.gid() for side in Side}
         self.heard = {side: deque() for side in Side}
         self.tag = user_data({ROUTER_KEY: name})
-        self.plan = Plan(
-            POLICY,
-            participants=frozenset(self.participants.values()),
-            pair=name,
-            linger_ns=SECOND,
-            offers=world.offers,
-        )
+        own = frozenset(self.participants.values())
+        self.plan = Plan(POLICY, participants=own, pair=name, linger_ns=SECOND, offers=world.offers)
         self.open: dict[ReaderSpec | WriterSpec, bytes] = {}
         self.judged: dict[tuple[bytes, bytes], bytes | None] = {}
         self.done = []
@@ -160,16 +155,8 @@ class Router:
     def _create(self, spec) -> bytes:
         way, reads = spec.path.direction, isinstance(spec, ReaderSpec)
         side = way.source if reads else way.target
-        endpoint = EndpointInfo(
-            kind=SUB if reads else PUB,
-            topic=spec.path.dds_topic,
-            dds_topic=spec.path.dds_topic,
-            type=spec.path.type,
-            gid=self.world.gid(),
-            qos=spec.qos,
-            participant=self.participants[side],
-            user_data=self.tag,
-        )
+        made = plain(self.world, SUB if reads else PUB, spec.path.dds_topic, spec.qos, spec.path.type)
+        endpoint = replace(made, participant=self.participants[side], user_data=self.tag)
         return self.world.add(self.domains[side], endpoint).gid
 
 

@@ -13,7 +13,7 @@ from sfglab.fleet.discovery.lifecycle import ANNOUNCEMENTS, Action
 from sfglab.fleet.discovery.node import AgentDiscoverer, DiscoverySettings
 from sfglab.fleet.discovery.registry import Registry
 from sfglab.fleet.status.description import AgentDescription
-from sfglab.fleet.status.heartbeat import AGENT_HEARTBEAT, Heartbeat, heartbeat_topic
+from sfglab.fleet.status.heartbeat import AGENT_HEARTBEAT, heartbeat_topic
 from sfglab.fleet.status.node import StatusProvider, StatusSettings
 from sfglab.messages import default_message, deserialize
 from sfglab.qos import LATCHED, QoSProfile
@@ -100,9 +100,7 @@ async def test_a_real_agent_is_discovered_beside_a_thousand_made_up_ones(sim, pu
         async def shout():
             while True:
                 for n in range(1000):
-                    beat = Heartbeat(
-                        agent=f"x{n}y", incarnation=n, revision=0, phase=0, period_s=5.0, version=""
-                    )
+                    beat = replace(BEAT, agent=f"x{n}y", incarnation=n, period_s=5.0)
                     made_up[n % publishers].publish(beat.to_message(0))
                 await asyncio.sleep(2)
 

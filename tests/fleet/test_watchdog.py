@@ -8,7 +8,7 @@ import sys
 from contextlib import contextmanager
 
 import pytest
-from test_agent_supervisor import component, running
+from test_agent_supervisor import SERVES, component, running
 
 from sfglab.fleet.agent.supervision import Component, State
 from sfglab.processes import HANG_S, HangWatch
@@ -54,8 +54,7 @@ def test_only_who_could_have_beaten_and_did_not_hangs(beats, states, cpu_s, hang
 
 @pytest.mark.live
 async def test_a_component_that_is_stopped_is_started_anew_and_the_agent_says_so():
-    serves = 'import sys; print(\'{"is": "ready"}\', flush=True); sys.stdin.read()'
-    async with running(component("one", serves), component("two", serves)) as watched:
+    async with running(component("one", SERVES), component("two", SERVES)) as watched:
         pids = [await watched.pid(name) for name in ("one", "two")]
         os.kill(pids[0], signal.SIGSTOP)
         assert await watched.pid("one", 2) != pids[0]

@@ -74,7 +74,6 @@ def test_a_recorded_run_is_stepped_left_by_hand_and_undone():
     assert machine.at.disabled
 
 
-pytest.importorskip("anywidget")
 OUTWARD = Policy(rules=(ForwardRule(pattern="rt/odom", directions=frozenset({Direction.OUTWARD})),))
 NAMES = {
     "/global/go2/get_metadata": ("service", "a name of the schema; it crosses."),
@@ -87,12 +86,9 @@ NAMES = {
 def said(picture):
     figure = drawn(picture._size, picture._draw)
     texts = [text for axes in figure.axes for text in axes.texts]
+    words = {text.get_text().replace("\n", "") for text in texts}
     decided = {text.get_text() for text in texts if text.get_weight() == "bold"}
-    return (
-        " ".join(figure.get_suptitle().split()),
-        {text.get_text().replace(chr(10), "") for text in texts},
-        decided,
-    )
+    return " ".join(figure.get_suptitle().split()), words, decided
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -103,10 +99,8 @@ def test_a_typed_name_shows_its_parts_its_way_and_the_rules_that_decide(name):
     assert title == "The {1} {0} is {2}".format(name, *NAMES[name])
     wire = dds_names(name, picture.kind)
     assert {*wire, *(text for _, text in (picture.fqn.segments if picture.fqn else ()))} <= texts
-    ruled = {
-        rule.pattern for rule in TABLE_1 for dds in wire if Policy(rules=(rule,)).crosses(dds, Direction.INWARD)
-    }
-    assert decided == ruled
+    alone = [(rule.pattern, Policy(rules=(rule,))) for rule in TABLE_1]
+    assert decided == {name for name, rule in alone for dds in wire if rule.crosses(dds, Direction.INWARD)}
 
 
 def test_a_way_that_is_open_outward_only_is_said_and_kinds_are_chosen():
@@ -133,9 +127,6 @@ def test_a_press_puts_the_next_value_that_the_schema_allows_and_its_refusals_are
     picture.field.value = "/global//go2"
     assert "absolute name" in picture.said
     assert picture.name == "/global/go2/get_metadata"
-
-
-pytest.importorskip("anywidget")
 
 
 @pytest.mark.parametrize("vendor", ["fast_dds", "cyclone_dds"])

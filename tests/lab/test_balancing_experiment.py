@@ -113,12 +113,9 @@ def test_the_front_has_a_trade_off_and_the_printed_optimum_is_no_better():
         ("optimum", {"rates_min_hz": (30.0,), "rates_hz": (100,), "weights": 2}, ("CVXPY", "Rmax 100 Hz")),
     ],
 )
-def test_a_look_follows_what_is_turned(look, turned, said):
-    async def text():
-        small = {"readings_s": 2.0, "stale_s": 20.0, **turned}
-        config = exp.config(**{**exp.looks[look].start, **small})
-        async with preview(exp, look, config) as run:
-            figure = draw_look(exp, look, run)
-        return " ".join(found.get_text() for found in figure.findobj(Text))
-
-    assert all(word in asyncio.run(text()) for word in said)
+async def test_a_look_follows_what_is_turned(look, turned, said):
+    config = exp.config(**{**exp.looks[look].start, "readings_s": 2.0, "stale_s": 20.0, **turned})
+    async with preview(exp, look, config) as run:
+        figure = draw_look(exp, look, run)
+    text = " ".join(found.get_text() for found in figure.findobj(Text))
+    assert all(word in text for word in said)

@@ -54,6 +54,16 @@ def test_the_reference_has_both_sides_and_no_other_claims(exp, monkeypatch):
     assert exp.measure(without) == exp.measure(run), "claims are measured without it"
 
 
+@pytest.fixture
+def root(tmp_path, monkeypatch):
+    (tmp_path / "data").mkdir()
+    (tmp_path / "data" / "claims.yaml").touch()
+    monkeypatch.setenv("SFGLAB_ROOT", str(tmp_path))
+    for name in ("AMENT_PREFIX_PATH", "ROS_DISTRO"):
+        monkeypatch.delenv(name, raising=False)
+    return tmp_path
+
+
 @pytest.mark.live
 @pytest.mark.parametrize(
     ("exp", "separate", "why"),
@@ -63,34 +73,24 @@ def test_the_reference_has_both_sides_and_no_other_claims(exp, monkeypatch):
     ],
     ids=["no ROS 2", "one host"],
 )
-def test_where_it_cannot_be_measured_one_sentence_says_so(tmp_path, monkeypatch, exp, separate, why):
-    (tmp_path / "data").mkdir()
-    (tmp_path / "data" / "claims.yaml").touch()
-    monkeypatch.setenv("SFGLAB_ROOT", str(tmp_path))
-    monkeypatch.delenv("AMENT_PREFIX_PATH", raising=False)
+def test_where_it_cannot_be_measured_one_sentence_says_so(root, exp, separate, why):
     options = Options(only=frozenset({PART}), separate=separate)
-    run = asyncio.run(exp.run("smoke", path=tmp_path / "smoke.mcap", options=options))
+    run = asyncio.run(exp.run("smoke", path=root / "smoke.mcap", options=options))
     assert run.skipped(PART) == why
     assert run[PART].empty
-
-
-CASES = [
-    (discovery.exp, {"timeout_s": 60.0}, {REAL, STAND_IN, "routed"}),
-    (latency.exp, {}, {REAL, STAND_IN}),
-    (decode_once.exp, {}, {REAL, STAND_IN}),
-]
 
 
 @pytest.mark.live
 @pytest.mark.ros
 @pytest.mark.netns
-@pytest.mark.parametrize(("exp", "changes", "kinds"), CASES, ids=lambda case: getattr(case, "name", ""))
-def test_a_smoke_run_measures_both_sides(tmp_path, exp, changes, kinds):
+@pytest.mark.parametrize("exp", EXPERIMENTS, ids=lambda exp: exp.name)
+def test_a_smoke_run_measures_both_sides(tmp_path, exp):
+    changes, more = ({"timeout_s": 60.0}, {"routed"}) if exp is discovery.exp else ({}, set())
     options = Options(only=frozenset({PART}))
     run = asyncio.run(exp.run("smoke", path=tmp_path / "smoke.mcap", options=options, **changes))
     assert run.skipped(PART) == ""
     rows = beside(exp, run)
-    assert set(rows["kind"]) == kinds
+    assert set(rows["kind"]) == {REAL, STAND_IN} | more
     assert (rows["value"] > 0).all()
     if exp is discovery.exp:  # nobody was given up
         assert (rows[rows["quantity"].str.startswith("until")]["value"] < 60).all()
@@ -106,16 +106,6 @@ def test_who_asks_for_no_subscriber_is_told_so(tmp_path, exp, none):
     options = Options(only=frozenset({PART}))
     run = asyncio.run(exp.run("smoke", path=tmp_path / "smoke.mcap", options=options, ros2=none))
     assert run.skipped(PART) == "ros2: none was asked for"
-
-
-@pytest.fixture
-def root(tmp_path, monkeypatch):
-    (tmp_path / "data").mkdir()
-    (tmp_path / "data" / "claims.yaml").touch()
-    monkeypatch.setenv("SFGLAB_ROOT", str(tmp_path))
-    for name in ("AMENT_PREFIX_PATH", "ROS_DISTRO"):
-        monkeypatch.delenv(name, raising=False)
-    return tmp_path
 
 
 def test_what_is_there_is_found_and_named(root, monkeypatch):

@@ -12,12 +12,8 @@ from sfglab.lab.experiments import EXPERIMENTS, experiment
 
 
 def table(*rows):
-    return pd.DataFrame(
-        [
-            {"group": group, **asdict(CheckRow(check=check, checked=checked, held=held, example="x"))}
-            for group, check, checked, held in rows
-        ]
-    )
+    made = [(group, CheckRow(check=name, checked=n, held=held, example="x")) for group, name, n, held in rows]
+    return pd.DataFrame([{"group": group, **asdict(row)} for group, row in made])
 
 
 def test_many_checks_of_one_group_hide_none_of_another_and_nothing_is_said_if_all_hold():

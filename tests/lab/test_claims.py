@@ -16,12 +16,10 @@ LEDGER = Path(__file__).parents[2] / "data" / "claims.yaml"
 IDS = [
     *("A-NET-RULES", "A-FQN", "A-HEARTBEAT", "A-DFA", "A-COST", "A-CPU-BASE", "A-CPU-SFG", "A-CPU-OURS"),
     *("A-BW", "A-DISC-TIME", "A-DISC-TIME-OURS", "A-DISC-BYTES", "A-DISC-BYTES-OURS"),
-    *("A-G2G", "A-G2G-OURS", "A-FIRST", "A-FIRST-OURS", "A-H264"),
-    "A-RVL",
+    *("A-G2G", "A-G2G-OURS", "A-FIRST", "A-FIRST-OURS", "A-H264", "A-RVL"),
     *("A-VICON", "A-PLAN", "A-VIZ", "A-DEPLOY"),
     *("B-LC", "B-CC", "B-OPT", "B-TAB1", "B-TAB2", "B-LAT", "B-LOSS", "B-COOP"),
-    *("C-FSM", "C-HWHW", "C-HWSW", "C-SWHW", "C-SWSW", "C-MAP", "C-DRIVE"),
-    "C-DRIVE-DEV",
+    *("C-FSM", "C-HWHW", "C-HWSW", "C-SWHW", "C-SWSW", "C-MAP", "C-DRIVE", "C-DRIVE-DEV"),
 ]
 
 

@@ -43,15 +43,12 @@ def test_the_scenario_as_printed_goes_by_robot_3_and_comes_home_with_the_sizes_a
     flows, before = ({f.name: f for f in experiment.scenario_of(p, seed=0).flows} for p in (printed, of("OPT")))
     ways = {name: (f.source, f.target, f.then) for name, f in flows.items() if f.target != "station"}
     assert ways["robot1/release"] == ("station", "robot3", "robot1/command")
-    assert (ways["robot1/command"], ways["robot3/command"][:2]) == (
-        ("robot3", "robot1", None),
-        ("station", "robot3"),
-    )
+    assert ways["robot1/command"] == ("robot3", "robot1", None)
+    assert ways["robot3/command"][:2] == ("station", "robot3")
     beam, old = flows["robot1/lidar/0"], before["robot1/lidar/0"]
     assert (beam.size_bytes, old.size_bytes, beam.service_s / old.service_s) == (8, 24, 4)
-    assert experiment.rate_and_depth(printed)[0] > experiment.rate_and_depth(of("OPT"))[0], (
-        "fewer topics, each more often"
-    )
+    fewer, more = (experiment.rate_and_depth(point)[0] for point in (printed, of("OPT")))
+    assert fewer > more, "fewer topics, each more often"
     row = experiment.run_point(printed, 0)
     assert (row.end, row.command_p50_ms < 1) == ("success", True)
 
@@ -83,12 +80,10 @@ def test_methods_differ_in_what_they_say_they_do():
 
 def test_optimised_settings_are_those_of_equation_6():
     for rate in RATES_HZ:
-        found = experiment.rate_and_depth(
-            experiment.Point(method="OPT", rate_max_hz=rate, depth=experiment.OPTIMUM)
-        )
+        found = experiment.rate_and_depth(of("OPT", rate_max_hz=rate))
         assert found == (pytest.approx(rate / 9 - 1, abs=1e-4), int(5000 * (rate / 9 - 1) / rate - 1))
-    assert experiment.rate_and_depth(experiment.Point(method="OPT", rate_max_hz=100, depth=10))[1] == 10
-    assert experiment.rate_and_depth(experiment.Point(method="none", rate_max_hz=100, depth=10)) == (100, 10)
+    assert experiment.rate_and_depth(of("OPT", depth=10))[1] == 10
+    assert experiment.rate_and_depth(of("none")) == (100, 10)
 
 
 def test_a_scenario_has_eight_beams_up_and_one_command_down_for_each_robot():
@@ -97,11 +92,8 @@ def test_a_scenario_has_eight_beams_up_and_one_command_down_for_each_robot():
     down = [flow for flow in scenario.flows if flow.source == "station"]
     assert len(up) == len(BEAMS_DEG) * len(experiment.ROBOTS)
     assert [flow.target for flow in down] == list(experiment.ROBOTS)
-    assert (
-        {flow.size_bytes for flow in down}
-        == {serialized_size(default_message(COMMAND))}
-        == {experiment.COMMAND_BYTES}
-    )
+    sizes = {flow.size_bytes for flow in down}
+    assert sizes == {serialized_size(default_message(COMMAND))} == {experiment.COMMAND_BYTES}
 
 
 def test_the_compiled_local_cache_passes_what_the_robots_local_cache_passes():

@@ -90,15 +90,12 @@ def test_the_papers_way_and_ours_are_two_lines_and_what_a_log_lacks_is_said(made
 
 
 @pytest.mark.parametrize(
-    ("load", "verdict"),
+    ("verdict", "load"),
     [
         # A machine that slows down slows the camera too.
-        (
-            lambda cell, cpu: cpu * (1 + 0.3 * (cell // 10 % 2) + 1e-3 * (cpu != 20) * (cell % 2)),
-            Verdict.REPRODUCED,
-        ),
+        (Verdict.REPRODUCED, lambda n, cpu: cpu * (1 + 0.3 * (n // 10 % 2) + 1e-3 * (cpu != 20) * (n % 2))),
         # A residual of a few per cent, which the scatter of replicates does not account for.
-        (lambda cell, cpu: cpu + (cpu != 20) * (1 + 1e-3 * cell), Verdict.DEVIATES),
+        (Verdict.DEVIATES, lambda n, cpu: cpu + (cpu != 20) * (1 + 1e-3 * n)),
     ],
 )
 def test_the_cost_model_is_judged_at_one_pace_by_its_residual_and_by_its_lack_of_fit(tmp_path, load, verdict):
@@ -128,9 +125,8 @@ def test_a_frame_that_the_camera_never_sent_so_is_not_verified(made):
 
 
 def test_every_group_of_cells_is_side_by_side_and_profiles_differ_in_length_only():
-    stage = Stage(
-        codec="h264", source="photos", counts=(1, 2, 5), dds_counts=(1, 5), network_counts=(5,), repeats=2
-    )
+    counts = {"counts": (1, 2, 5), "dds_counts": (1, 5), "network_counts": (5,)}
+    stage = Stage(codec="h264", source="photos", **counts, repeats=2)
     order = cells_of(stage, rng=np.random.default_rng(3))
     assert len(order) == len(set(order)) == (2 * 3 + 2) * 2 + 1
     compared = [c for c in order if c[0] != "network"]
@@ -146,8 +142,7 @@ def test_every_group_of_cells_is_side_by_side_and_profiles_differ_in_length_only
 @pytest.mark.live
 @pytest.mark.slow
 def test_an_interrupted_run_ends_its_processes_and_keeps_what_was_measured(tmp_path):
-    log = tmp_path / "run.mcap"
-    part = tmp_path / "run.mcap.part"
+    log, part = tmp_path / "run.mcap", tmp_path / "run.mcap.part"
     code = (
         "import asyncio; from pathlib import Path; from dataclasses import replace\n"
         "from sfglab.lab.bench import Options\n"

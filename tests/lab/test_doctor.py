@@ -10,7 +10,7 @@ import pytest
 from sfglab.errors import SfglabError
 from sfglab.lab import doctor
 from sfglab.lab.doctor import Finding, Level, diagnose, render
-from sfglab.lab.hosts import Capability, LinkControlError, Network
+from sfglab.lab.hosts import Capability, HostsUnavailableError, LinkControlError, Network
 
 TOPICS = [check.topic for check in doctor._CHECKS]
 
@@ -38,16 +38,9 @@ def test_a_finding_is_rendered_as_what_was_found_and_what_follows():
         Finding(topic="bread", level=Level.OK, said="fresh", consequence="we eat"),
         Finding(topic="butter", level=Level.MISSING, said="none", consequence="we eat dry bread"),
     ]
-    assert render(found).splitlines() == [
-        "[ok] bread",
-        "    found: fresh",
-        "    so:    we eat",
-        "[missing] butter",
-        "    found: none",
-        "    so:    we eat dry bread",
-        "",
-        "1 of 2 are in order.",
-    ]
+    bread = "[ok] bread\n    found: fresh\n    so:    we eat\n"
+    butter = "[missing] butter\n    found: none\n    so:    we eat dry bread\n"
+    assert render(found) == f"{bread}{butter}\n1 of 2 are in order."
 
 
 def test_without_namespaces_experiments_say_what_they_do_instead(monkeypatch):
@@ -57,6 +50,17 @@ def test_without_namespaces_experiments_say_what_they_do_instead(monkeypatch):
     assert finding.level is Level.MISSING
     assert "Operation not permitted" in finding.said
     assert "simulated" in finding.consequence
+
+
+def test_a_machine_without_namespaces_gets_one_clear_error(monkeypatch):
+    # Stands for the refusing kernel: the script that makes namespaces fails as it does under seccomp.
+    refusal = "import sys; sys.exit('unshare: Operation not permitted')"
+    monkeypatch.setattr("sfglab.lab.hosts.network.ENTER", (sys.executable, "-c", refusal))
+    with pytest.raises(HostsUnavailableError, match=r"unshare: Operation not permitted.*Try one of"), Network():
+        pass
+    capability = Network.available()
+    assert (capability.ok, capability.how) == (False, "none")
+    assert "not permitted" in capability.reason
 
 
 @pytest.mark.netns

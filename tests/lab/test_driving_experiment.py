@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from sfglab.lab.bench import Options
-from sfglab.lab.experiments.driving import analysis, experiment, lap
+from sfglab.lab.experiments.driving import analysis
 from sfglab.lab.experiments.driving.analysis import chain_ms, parts_ms, pictures, saved_ms
 from sfglab.lab.experiments.driving.experiment import PAPER_MS, ChainPoint, LapPoint, exp
 from sfglab.lab.experiments.driving.figures import film, frames_of
@@ -17,12 +17,6 @@ from sfglab.view.app import ViewOptions, view_log
 
 HERE = Options(workers=Workers(count=1, threads=True))
 SMALL = {"laps": 2, "lap": LapPoint(limit_s=1.5), "chain": ChainPoint(limit_s=0.4), "live_s": 0.0}
-TINY = {
-    "laps": 2,
-    "lap": LapPoint(limit_s=0.3),
-    "chain": ChainPoint(limit_s=0.2, width=64, height=48),
-    "live_s": 0.0,
-}
 
 
 @pytest.fixture(scope="module")
@@ -160,23 +154,3 @@ def test_rerun_opens_the_log_and_the_viewer_s_bridge_shows_all_of_it(run, tmp_pa
     view_log(run.log, ViewOptions(to=(str(tmp_path / "lap.rrd"),)))
     shown = (tmp_path / "lap.rrd").read_bytes()
     assert all(name in shown for name in (b"LineStrips3D", b"/town", b"/lights", b"/lane/path"))
-
-
-def test_an_interrupted_run_goes_on_from_its_journals_and_leaves_only_its_log(tmp_path, monkeypatch):
-    def interrupted(*_):
-        raise KeyboardInterrupt
-
-    def driven_again(*_, **__):
-        raise AssertionError("what stands in the journals is not driven again")
-
-    def drive(path):
-        return asyncio.run(exp.run("smoke", path=path, options=HERE, **TINY))
-
-    with monkeypatch.context() as patch:
-        patch.setattr(lap, "record_lap", interrupted)
-        with pytest.raises(KeyboardInterrupt):
-            drive(tmp_path / "first.mcap")
-    assert sorted(path.suffix for path in tmp_path.iterdir()) == [".journal", ".journal", ".part"]
-    monkeypatch.setattr(experiment, "run_lap", driven_again)
-    assert len(drive(tmp_path / "second.mcap")["lap"]) == 2
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["first.mcap.part", "second.mcap"]

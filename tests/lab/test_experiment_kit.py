@@ -146,9 +146,11 @@ def test_an_interrupted_run_has_another_name_goes_on_and_speaks_only_when_finish
     assert sorted(p.name for p in path.parent.iterdir()) == [f"{path.name}.part", "kit-quick-cell.journal"]
     assert find_log(project, "kit") is None
     assert [log.standing.why_not for log in logs_of(project, "kit")] == ["it is not finished"]
-    monkeypatch.setattr("sfglab.lab.sweep.run.run_batch", None)
-    run(path, "quick")  # what is in the journal is not run again
-    assert find_log(project, "kit") == path
+    monkeypatch.setattr("sfglab.lab.sweep.run.connected", None)
+    again = path.with_name("20260102T000000-quick.mcap")
+    run(again, "quick")  # what is in the journal is not run again, and asks for no workers
+    assert find_log(project, "kit") == again
+    assert sorted(p.name for p in path.parent.iterdir()) == [f"{path.name}.part", again.name], "and no journal"
 
 
 def test_smoke_tests_changed_and_explored_runs_do_not_speak(tmp_path):

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-import asyncio
 import subprocess
 import sys
 import time
+from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
+from unittest.mock import Mock
 
 import pytest
 from matplotlib.figure import Figure
@@ -113,7 +114,7 @@ def test_what_cannot_be_turned_is_refused_by_name():
         explore(transmission.exp, "nothing")
 
 
-def test_a_part_of_a_configuration_is_turned_within_what_follows_a_slider():
+async def test_a_part_of_a_configuration_is_turned_within_what_follows_a_slider():
     look = discovery.exp.looks["fleet"]
     config = discovery.exp.config("quick", **look.start)
     form = Form(config, look.turn, within=look.within)
@@ -123,12 +124,9 @@ def test_a_part_of_a_configuration_is_turned_within_what_follows_a_slider():
     agents.value = 3
     form.controls["simulated.talkers"].value = form.controls["simulated.listeners"].value = 1
     assert form.config.simulated == replace(config.simulated, agents=(3,), talkers=1, listeners=1)
-
-    async def drawn():
-        async with preview(discovery.exp, "fleet", form.config) as run:
-            return set(run["simulated"]["mode"]), len(draw_look(discovery.exp, "fleet", run).axes)
-
-    assert asyncio.run(drawn()) == ({"standard", "routed"}, 2)
+    async with preview(discovery.exp, "fleet", form.config) as run:
+        assert set(run["simulated"]["mode"]) == {"standard", "routed"}
+        assert len(draw_look(discovery.exp, "fleet", run).axes) == 2
     form.reset()
     assert form.config == config
 
@@ -150,16 +148,11 @@ def test_a_picture_of_the_set_up_names_every_host_and_process_and_what_is_sent(n
 @pytest.mark.live
 def test_a_figure_follows_only_the_newest_of_many_moves_and_what_is_kept_speaks_for_no_claim(project):
     def claims() -> bytes:
-        return subprocess.run(
-            [sys.executable, "-m", "sfglab", "claims", "--json"],
-            check=True,
-            capture_output=True,
-            cwd=project.root,
-        ).stdout
+        argv = [sys.executable, "-m", "sfglab", "claims", "--json"]
+        return subprocess.run(argv, check=True, capture_output=True, cwd=project.root).stdout
 
     before = claims()
-    explorer = explore(transmission.exp)
-    try:
+    with closing(explore(transmission.exp)) as explorer:
         assert explorer.wait()
         still, alt = explorer._repr_mimebundle_()
         assert still["image/png"]
@@ -179,41 +172,22 @@ def test_a_figure_follows_only_the_newest_of_many_moves_and_what_is_kept_speaks_
         assert len(run["cell"]) == 14
         assert run.metadata("completion")["explored"] is True
         assert claims() == before
-    finally:
-        explorer.close()
 
 
-def test_a_look_that_cannot_be_drawn_is_said_and_the_next_one_is_drawn(monkeypatch):
-    reports, orders = [], asyncio.Queue()
-    drawn = iter([KeyError("not in the table"), *(Figure(figsize=(1, 1)) for _ in range(2))])  # coarse, whole
-
-    def draw(*_):
-        if isinstance(one := next(drawn), Exception):
-            raise one
-        return one
-
-    monkeypatch.setattr(workers_preview, "draw_look", draw)
-    config = to_json(depth_codecs.exp.config("smoke"))
-
-    async def serve():
-        look = next(iter(depth_codecs.exp.looks))
-        for number in range(2):
-            await workers_preview._draw(
-                depth_codecs.exp,
-                {"request": number, "look": look, "config": config},
-                reports.append,
-                orders.full,
-            )
-
-    asyncio.run(serve())
+async def test_a_look_that_cannot_be_drawn_is_said_and_the_next_one_is_drawn(monkeypatch):
+    reports, exp = [], depth_codecs.exp
+    drawn = [KeyError("not in the table"), *(Figure(figsize=(1, 1)) for _ in range(2))]  # coarse, whole
+    monkeypatch.setattr(workers_preview, "draw_look", Mock(side_effect=drawn))
+    order = {"look": next(iter(exp.looks)), "config": to_json(exp.config("smoke"))}
+    for number in range(2):
+        await workers_preview._draw(exp, order | {"request": number}, reports.append, lambda: False)
     assert [(report["is"], report["request"]) for report in reports] == [("refused", 0), *[("picture", 1)] * 2]
     assert "not in the table" in reports[0]["why"]
 
 
 @pytest.mark.live
 def test_a_run_on_a_button_is_stopped_and_nothing_is_kept(project):
-    explorer = explore(transmission.exp)
-    try:
+    with closing(explore(transmission.exp)) as explorer:
         explorer.run_all()
         assert "one run" not in explorer._state.value
         explorer.keep()
@@ -223,8 +197,6 @@ def test_a_run_on_a_button_is_stopped_and_nothing_is_kept(project):
             time.sleep(0.1)
         assert not explorer.kept
         assert not list(project.runs.glob("logs/*/*.mcap*"))
-    finally:
-        explorer.close()
 
 
 @pytest.mark.parametrize(
@@ -235,16 +207,12 @@ def test_a_run_on_a_button_is_stopped_and_nothing_is_kept(project):
         ("depth_codecs", {"frames": 1, "png_level": 1, "noise_mm": 5.0}),
     ],
 )
-def test_a_look_at_media_is_drawn_without_a_host_or_a_live_part(name, changes, monkeypatch):
+async def test_a_look_at_media_is_drawn_without_a_host_or_a_live_part(name, changes, monkeypatch):
     monkeypatch.setattr("sfglab.lab.experiment.Testbed", None)
     exp = experiment(name)
     (look,) = exp.looks
-
-    async def drawn():
-        async with preview(exp, look, exp.config(**{**exp.looks[look].start, **changes})) as run:
-            return draw_look(exp, look, run)
-
-    assert all(axes.has_data() for axes in asyncio.run(drawn()).axes)
+    async with preview(exp, look, exp.config(**{**exp.looks[look].start, **changes})) as run:
+        assert all(axes.has_data() for axes in draw_look(exp, look, run).axes)
 
 
 def test_no_more_subscribers_are_measured_than_the_configuration_asks_for():

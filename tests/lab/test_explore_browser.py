@@ -120,12 +120,8 @@ def lab(tmp_path_factory):
     (folder / "tmp").mkdir()
     for name in ("data", "figures"):
         (folder / name).symlink_to(find_project(Path(__file__)).root / name)
-    environment = os.environ | {
-        "JUPYTER_CONFIG_DIR": str(folder / "config"),
-        "IPYTHONDIR": str(folder / "ipython"),
-        "SFGLAB_ROOT": str(folder),
-        "TMPDIR": str(folder / "tmp"),
-    }
+    places = {"JUPYTER_CONFIG_DIR": "config", "IPYTHONDIR": "ipython", "SFGLAB_ROOT": "", "TMPDIR": "tmp"}
+    environment = os.environ | {name: str(folder / place) for name, place in places.items()}
     server = subprocess.Popen(argv, cwd=folder, env=environment, stderr=subprocess.DEVNULL)
     yield folder, f"http://127.0.0.1:{port}"
     server.terminate()
@@ -247,11 +243,8 @@ def test_a_waypoint_is_dragged_and_saved_in_the_scene_editors_cell(run, browser,
     for row in ("go2 patrol #8", "3.40 s #10"):
         in_frame(browser, row)
     in_frame(browser, "waypoint: 3.40 s #10", press=False)
-    camera = in_kernel(
-        browser,
-        folder,
-        f"[{CAMERA} for c in [next(iter(cell.planner._server.get_clients().values())).camera]][0]",
-    )
+    client = "next(iter(cell.planner._server.get_clients().values()))"
+    camera = in_kernel(browser, folder, f"[{CAMERA} for c in [{client}.camera]][0]")
     canvas = browser.evaluate(CANVAS)
     browser.drag(*(pixel(camera, canvas, (-2.0, 1.0, 0.3 + height)) for height in (1.4, 1.9)))
     in_frame(browser, "Undo: Change pose", press=False)

@@ -32,13 +32,18 @@ time.sleep(1000)
 """
 CREATOR = """
 import json, subprocess, sys, time
+from pathlib import Path
 from sfglab.lab.hosts import Network
+from sfglab.rtps import Medium
 with Network(grace_s=0.2, rootless={"rootless": True}.get(sys.argv[2])) as net:
     hosts = [net.add_host("edge"), net.add_host("station")]
     guests = [h.popen([sys.executable, "-I", "-S", "-c", sys.argv[1]], stdout=subprocess.PIPE, text=True)
               for h in hosts]
     daemons = [int(guest.stdout.readline()) for guest in guests]
-    print(json.dumps({"hub": net._running._process.pid, "holders": [h._holder for h in hosts],
+    net.set_radio(Medium())
+    hub = net._running._process.pid
+    relay = int(Path(f"/proc/{hub}/task/{hub}/children").read_text().split()[-1])
+    print(json.dumps({"hub": hub, "relay": relay, "holders": [h._holder for h in hosts],
         "inodes": [h.inode for h in hosts], "guests": [g.pid for g in guests], "daemons": daemons}), flush=True)
     time.sleep(1000)
 """
@@ -68,6 +73,7 @@ def wait_for_end(handles: list[int]) -> None:
         (signal.SIGKILL, ["creator"], "auto"),
         (signal.SIGKILL, ["creator"], "rootless"),
         (signal.SIGKILL, ["hub", "creator"], "auto"),
+        (signal.SIGKILL, ["relay", "creator"], "auto"),
         (signal.SIGTERM, ["creator"], "auto"),
         (signal.SIGINT, ["creator"], "auto"),
     ],
@@ -76,11 +82,11 @@ def test_a_killed_creator_takes_everything_with_it(number, victims, how):
     command = [sys.executable, "-c", CREATOR, STUBBORN, how]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL) as creator:
         made = json.loads(creator.stdout.readline())
-        pids = [made["hub"], *made["holders"], *made["guests"], *made["daemons"]]
-        assert set(members(made["inodes"])) == set(pids) - {made["hub"]}
-        handles = [os.pidfd_open(pid) for pid in pids]
+        inside = [*made["holders"], *made["guests"], *made["daemons"]]
+        assert set(members(made["inodes"])) == set(inside)
+        handles = [os.pidfd_open(pid) for pid in (made["hub"], made["relay"], *inside)]
         for victim in victims:
-            os.kill(creator.pid if victim == "creator" else made["hub"], number)
+            os.kill(made.get(victim, creator.pid), number)
         wait_for_end(handles)
         assert creator.wait(TIMEOUT_S) != 0
     assert members(made["inodes"]) == []
@@ -115,9 +121,8 @@ def test_an_interrupted_farewell_still_ends_everything(monkeypatch):
 def test_the_obedient_get_term_and_the_stubborn_kill():
     with Network(grace_s=0.2) as net:
         host = net.add_host("edge")
-        obedient = host.popen(
-            [*PYTHON, "import time; print(1, flush=True); time.sleep(1000)"], stdout=subprocess.PIPE
-        )
+        sleeps = "import time; print(1, flush=True); time.sleep(1000)"
+        obedient = host.popen([*PYTHON, sleeps], stdout=subprocess.PIPE)
         stubborn = host.popen([*PYTHON, STUBBORN], stdout=subprocess.PIPE)
         for process in (obedient, stubborn):
             assert process.stdout.readline()

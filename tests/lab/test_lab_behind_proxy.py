@@ -61,13 +61,9 @@ def address(tmp_path):
     for file in ("data/claims.yaml", "data/reference/mocap.mcap"):
         (project / file).parent.mkdir(exist_ok=True)
         shutil.copy(ROOT / file, project / file)
-    nbformat.write(
-        nbformat.v4.new_notebook(
-            cells=[nbformat.v4.new_code_cell(CELL)],
-            metadata={"kernelspec": {"name": "python3", "display_name": "Python 3"}},
-        ),
-        project / "cell.ipynb",
-    )
+    notebook = nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell(CELL)])
+    notebook.metadata.kernelspec = {"name": "python3", "display_name": "Python 3"}
+    nbformat.write(notebook, project / "cell.ipynb")
     environment = os.environ | {"SFGLAB_ROOT": str(project), "HOME": str(tmp_path), "PYTHONPATH": str(ROOT)}
     with Network() as network, socket.create_server(("127.0.0.1", 0)) as listener:
         server, proxy = network.add_host("server"), network.add_host("proxy")

@@ -23,58 +23,44 @@ def move(before, given, after, actions, at_s):
     return {"discoverer": "station", "agent": "go2", **row, "t_ns": START_NS + round(at_s * S)}
 
 
-class Story:
-    """A log as a run writes it: one agent, all of whose heartbeats are as they should be, and one move."""
-
-    def __init__(self, path) -> None:
-        self.path = path
-        self.config = exp.config("quick")
-        self.gap_scale = 1.0
-        self.topic = "/global/agent_heartbeat"
-        self.late_s = 12.1
-        self.moves = [move("UNKNOWN", "HEARD", "QUERYING", "QUERY", 1.0)]
-        self.queries = []
-
-    def run(self):
-        """Write the log and load it."""
-        return made_run(exp, self.path, self.tables(), config=self.config)
-
-    def tables(self):
-        service = {"service": "/global/go2/get_metadata", "answered": True, "incarnation": 7}
-        offered = {"reliability": "reliable", "durability": "transient_local"}
-        return {
-            "beat": [*(self.beat("first", s, s) for s in INSTANTS), self.beat("late", 10, self.late_s)],
-            "join": [{"listener": n, "t_ns": START_NS + t * S} for n, t in (("first", 0), ("late", 12))],
-            "endpoint": [{"topic": self.topic, "type": "sfglab_interfaces/msg/AgentHeartbeat", **offered}],
-            "answer": [{"agent": "go2", **service}],
-            "move": self.moves,
-            "query": [{"agent": "go2", "t_ns": START_NS + round(t * S)} for t in self.queries],
-        }
-
-    def beat(self, listener, sent_s, received_s):
-        steady = sent_s >= 5
-        return {
-            "listener": listener,
-            "agent": "go2",
-            "incarnation": 7,
-            "phase": int(steady),
-            "period_s": (5.0 if steady else 1.0) * self.gap_scale,
-            "sent_ns": START_NS + round(sent_s * self.gap_scale * S),
-            "received_ns": START_NS + round(received_s * (1 if listener == "late" else self.gap_scale) * S),
-        }
-
-
 def failed(run):
     return [check.what for check in lifecycle.heartbeat_checks(run) if not check.held]
 
 
 @pytest.fixture
-def story(tmp_path):
-    return Story(tmp_path / "made.mcap")
+def told(tmp_path):
+    """Give a function that returns a run as its log would: an agent whose heartbeats are as they should be."""
+
+    def make(*moves, queries=(), scale=1.0, topic="/global/agent_heartbeat", late_s=12.1, profile="quick"):
+        def beat(listener, sent_s, received_s):
+            steady = sent_s >= 5
+            return {
+                "listener": listener,
+                "agent": "go2",
+                "incarnation": 7,
+                "phase": int(steady),
+                "period_s": (5.0 if steady else 1.0) * scale,
+                "sent_ns": START_NS + round(sent_s * scale * S),
+                "received_ns": START_NS + round(received_s * (1 if listener == "late" else scale) * S),
+            }
+
+        service = {"service": "/global/go2/get_metadata", "answered": True, "incarnation": 7}
+        offered = {"reliability": "reliable", "durability": "transient_local"}
+        tables = {
+            "beat": [*(beat("first", s, s) for s in INSTANTS), beat("late", 10, late_s)],
+            "join": [{"listener": n, "t_ns": START_NS + t * S} for n, t in (("first", 0), ("late", 12))],
+            "endpoint": [{"topic": topic, "type": "sfglab_interfaces/msg/AgentHeartbeat", **offered}],
+            "answer": [{"agent": "go2", **service}],
+            "move": [move("UNKNOWN", "HEARD", "QUERYING", "QUERY", 1.0), *moves],
+            "query": [{"agent": "go2", "t_ns": START_NS + round(t * S)} for t in queries],
+        }
+        return made_run(exp, tmp_path / "made.mcap", tables, config=exp.config(profile))
+
+    return make
 
 
-def test_heartbeats_as_the_paper_states_them_hold_in_every_check(story):
-    run = story.run()
+def test_heartbeats_as_the_paper_states_them_hold_in_every_check(told):
+    run = told()
     assert failed(run) == []
     claim = exp.measure(run)["A-HEARTBEAT"]
     assert claim.estimate.value == 1.0
@@ -82,9 +68,8 @@ def test_heartbeats_as_the_paper_states_them_hold_in_every_check(story):
     assert lifecycle.intervals(run)["gap_s"].tolist() == [1, 1, 1, 1, 1, 5, 5, 5]
 
 
-def test_periods_that_are_a_tenth_off_are_found(story):
-    story.gap_scale = 1.1
-    run = story.run()
+def test_periods_that_are_a_tenth_off_are_found(told):
+    run = told(scale=1.1)
     wanted = {f"median {phase} period" for phase in ("startup", "steady")}
     assert {what.split(" within")[0] for what in failed(run)} == wanted
     claim = exp.measure(run)["A-HEARTBEAT"]
@@ -92,25 +77,18 @@ def test_periods_that_are_a_tenth_off_are_found(story):
     assert "median steady period" in claim.reason
 
 
-def test_a_late_listener_that_had_to_wait_and_another_topic_are_found(story):
-    story.late_s, story.topic = 15.0, "/global/heartbeat"
-    assert failed(story.run()) == [
-        "one publisher per agent on the paper's topic, latched",
-        "heard at once by who joins late",
-    ]
+def test_a_late_listener_that_had_to_wait_and_another_topic_are_found(told):
+    wrong = ["one publisher per agent on the paper's topic, latched", "heard at once by who joins late"]
+    assert failed(told(late_s=15.0, topic="/global/heartbeat")) == wrong
 
 
-def test_heartbeats_at_other_periods_say_nothing_about_the_papers(story):
-    story.config = exp.config("smoke")
-    assert set(exp.measure(story.run())) == {"A-DFA"}
+def test_heartbeats_at_other_periods_say_nothing_about_the_papers(told):
+    assert set(exp.measure(told(profile="smoke"))) == {"A-DFA"}
 
 
-def test_transitions_are_counted_and_those_that_are_not_the_tables_are_found(story):
-    story.moves += [
-        move("QUERYING", "ANSWERED", "ACTIVE", "DISCOVERED", 1.5),
-        move("ACTIVE", "SILENT", "LOST", "", 2.0),
-    ]
-    run = story.run()
+def test_transitions_are_counted_and_those_that_are_not_the_tables_are_found(told):
+    discovered = move("QUERYING", "ANSWERED", "ACTIVE", "DISCOVERED", 1.5)
+    run = told(discovered, move("ACTIVE", "SILENT", "LOST", "", 2.0))
     found = lifecycle.transitions(run)
     assert found.taken[State.UNKNOWN, Input.HEARD] == 1
     assert found.taken[State.ACTIVE, Input.SILENT] == 0
@@ -127,12 +105,11 @@ def test_transitions_are_counted_and_those_that_are_not_the_tables_are_found(sto
         (("QUERYING", "ANSWERED", "ACTIVE", "DISCOVERED"), "not on the wire"),
     ],
 )
-def test_the_discoverers_own_table_vouches_for_nothing(story, monkeypatch, wrong, why):
+def test_the_discoverers_own_table_vouches_for_nothing(told, monkeypatch, wrong, why):
     before, given, after, action = wrong
     row = State[after], tuple(Action[name] for name in action.split(";") if name)
     monkeypatch.setitem(TRANSITIONS, (State[before], Input[given]), row)
-    story.moves.append(move(*wrong, 1.5))
-    found = exp.measure(story.run())["A-DFA"]
+    found = exp.measure(told(move(*wrong, 1.5)))["A-DFA"]
     assert (found.estimate.value, why in found.reason) == (0.0, True)
 
 
@@ -147,13 +124,10 @@ def test_the_discoverers_own_table_vouches_for_nothing(story, monkeypatch, wrong
         ((1.1, 2.9, 3.1), 1),  # between the two
     ],
 )
-def test_a_query_beyond_the_outstanding_one_is_found(story, arrivals, doubled):
-    story.moves += [
-        move("QUERYING", "FAILED", "BACKING_OFF", "BACK_OFF", 2.0),
-        move("BACKING_OFF", "RETRY", "QUERYING", "QUERY", 3.0),
-    ]
-    story.queries = arrivals
-    assert lifecycle.transitions(story.run()).doubled == doubled
+def test_a_query_beyond_the_outstanding_one_is_found(told, arrivals, doubled):
+    given_up = move("QUERYING", "FAILED", "BACKING_OFF", "BACK_OFF", 2.0)
+    run = told(given_up, move("BACKING_OFF", "RETRY", "QUERYING", "QUERY", 3.0), queries=arrivals)
+    assert lifecycle.transitions(run).doubled == doubled
 
 
 def test_profiles_keep_the_papers_periods_except_the_shortest():

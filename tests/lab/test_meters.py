@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sfglab.errors import InvalidValueError
-from sfglab.lab.hosts import InterfaceBytes
+from sfglab.lab.hosts.host import InterfaceBytes, interface_bytes
 from sfglab.lab.meters import CpuLedger, CpuMeter, ProcessStat, Window, counted, measure, tree
 
 PYTHON = [sys.executable, "-I", "-S", "-c"]
@@ -48,7 +48,6 @@ def used(own_ns, parent=0, reaped_ns=0, started_ns=0):
 
 
 FAMILY = {1: used(10), 2: used(20, parent=1), 3: used(30, parent=2)}
-
 
 LEDGERS = {
     "a sum starts at zero": ([{1: used(700)}, {1: used(900)}], [0, 200]),
@@ -244,6 +243,15 @@ async def test_sampling_costs_a_few_percent_of_a_core_at_most(burner):
 
 
 # Interfaces and rows
+
+
+def test_interface_counters_are_read_from_the_kernels_table():
+    table = "Inter-| Receive\n face |bytes\n    lo: 1 2 3 4 5 6 7 8 9 10 11\n"
+    table += "  eth0:4711 12 0 0 0 0 0 0 815 34 0 0 0 0 0 0\n"
+    carried = InterfaceBytes(rx_bytes=4711, tx_bytes=815, rx_packets=12, tx_packets=34)
+    assert interface_bytes(table, "eth0") == carried
+    with pytest.raises(LookupError, match="'eth1'"):
+        interface_bytes(table, "eth1")
 
 
 class Counter:

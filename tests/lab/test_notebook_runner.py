@@ -29,21 +29,9 @@ def write(project: Project, name: str, *sources: str, tagged: int = 1) -> None:
     nbformat.write(new_notebook(cells=cells), project.notebooks / f"{name}.ipynb")
 
 
-def test_a_parameter_that_is_not_declared_is_an_error_before_anything_runs(project):
-    write(project, "01_a", 'profile: str = "quick"', "print(profile)")
-    with pytest.raises(
-        notebooks.NotebookError, match="declares no parameter speed; its parameters are profile"
-    ):
-        notebooks.run_notebooks(
-            notebooks.find_notebooks(project), project=project, parameters={"speed": 1}, say=lambda _: None
-        )
-    assert not project.runs.exists()
-
-
-DEPTH = (
-    'profile: str = "quick"\nsource: str = "stereo"\nsettings: dict = {}',
-    "notebook.run(depth_codecs.exp)",
-)
+PROFILE = 'profile: str = "quick"'
+PLAIN = PROFILE, "print(profile)"
+DEPTH = f'{PROFILE}\nsource: str = "stereo"\nsettings: dict = {{}}', "notebook.run(depth_codecs.exp)"
 
 
 def test_fields_that_the_parameters_cell_does_not_list_travel_as_settings(project):
@@ -55,22 +43,22 @@ def test_fields_that_the_parameters_cell_does_not_list_travel_as_settings(projec
 
 
 @pytest.mark.parametrize(
-    ("given", "sentence"),
+    ("sources", "given", "sentence"),
     [
-        ({"speed": 1}, r"02_a.ipynb: depth_codecs: field: given 'speed', allowed: .*frames"),
-        ({"frames": "many"}, r"02_a.ipynb: frames: given 'many', allowed: int"),
-        ({"frames": 1.5}, r"frames: given 1.5, allowed: int"),
-        ({"frames": True}, r"frames: given True, allowed: int"),
-        ({"source": 3}, r"source: given 3, allowed: str"),
-        ({"profile": "fast"}, r"profile: given 'fast', allowed: smoke, quick, paper"),
+        (PLAIN, {"speed": 1}, "02_a.ipynb: it declares no parameter speed; its parameters are profile"),
+        (DEPTH, {"speed": 1}, r"02_a.ipynb: depth_codecs: field: given 'speed', allowed: .*frames"),
+        (DEPTH, {"frames": "many"}, r"02_a.ipynb: frames: given 'many', allowed: int"),
+        (DEPTH, {"frames": 1.5}, r"frames: given 1.5, allowed: int"),
+        (DEPTH, {"frames": True}, r"frames: given True, allowed: int"),
+        (DEPTH, {"source": 3}, r"source: given 3, allowed: str"),
+        (DEPTH, {"profile": "fast"}, r"profile: given 'fast', allowed: smoke, quick, paper"),
     ],
 )
-def test_what_a_field_cannot_hold_is_one_sentence_before_anything_runs(project, given, sentence):
-    write(project, "02_a", *DEPTH)
+def test_what_no_parameter_or_field_can_hold_is_said_before_anything_runs(project, sources, given, sentence):
+    write(project, "02_a", *sources)
+    found = notebooks.find_notebooks(project)
     with pytest.raises(notebooks.NotebookError, match=sentence):
-        notebooks.run_notebooks(
-            notebooks.find_notebooks(project), project=project, parameters=given, say=lambda _: None
-        )
+        notebooks.run_notebooks(found, project=project, parameters=given, say=lambda _: None)
     assert not project.runs.exists()
 
 
@@ -172,9 +160,8 @@ def test_the_project_is_found_from_below_and_by_its_variable(project, monkeypatc
 
 def test_the_time_left_follows_from_the_last_run_at_todays_pace():
     done = [notebooks.Outcome(name="a", seconds=30.0), notebooks.Outcome(name="b", seconds=90.0)]
-    assert notebooks.seconds_left(done, {"a": 0, "b": 0, "c": 0, "d": 0}) == 120, (
-        "nothing known: the mean of those done"
-    )
+    unknown = notebooks.seconds_left(done, {"a": 0, "b": 0, "c": 0, "d": 0})
+    assert unknown == 120, "nothing known: the mean of those done"
     slow = notebooks.seconds_left(done, {"a": 15, "b": 45, "c": 100, "d": 0})
     assert slow == 2 * 100 + 60, "all take twice as long today"
     assert notebooks.seconds_left(done, {"a": 15, "b": 0, "c": 0}) == 60

@@ -1,6 +1,7 @@
 """The phase diagram: conditions and answers are the criteria's, borders are refined, verdicts follow."""
 
 import asyncio
+from dataclasses import replace
 from functools import cache
 from itertools import product
 from pathlib import Path
@@ -32,27 +33,17 @@ def test_there_are_432_conditions_and_27_of_the_criterion_for_each_mode_and_rate
 
 def tables(best_ms, small_ms, arrived, ends):
     place = dict(zip(PLACE, ("cyclone_dds", 0.01, 50.0, "block", 0.0, 500), strict=True))
-    rows = {("none", "1"): small_ms, ("none", "1000"): 20.0, ("OPT+LC", "opt"): best_ms}
+    rows = {("none", "1"): (small_ms, 50), ("none", "1000"): (20.0, 90), ("OPT+LC", "opt"): (best_ms, arrived)}
     cells = [
-        place
-        | {
-            "method": m,
-            "depth": d,
-            "seed": seed,
-            "published": 100,
-            "age_ms": 1.0,
-            "p50_ms": ms + seed / 9,
-            "pooled_ms": ms,
-        }
-        | {"arrived": arrived if m == "OPT+LC" else 50 if d == "1" else 90}
-        for (m, d), ms in rows.items()
-        for seed in range(6)
+        place | {"method": m, "depth": d, "seed": n, "p50_ms": ms + n / 9, "pooled_ms": ms, "arrived": came}
+        for (m, d), (ms, came) in rows.items()
+        for n in range(6)
     ]
     courses = [
         place | {"method": m, "depth": 1, "seed": 0, "end": e}
         for m, e in zip(("OPT+LC", "none"), ends, strict=True)
     ]
-    return pd.DataFrame(cells), pd.DataFrame(courses)
+    return pd.DataFrame(cells).assign(published=100, age_ms=1.0), pd.DataFrame(courses)
 
 
 @pytest.mark.parametrize(
@@ -89,30 +80,23 @@ def test_age_is_half_a_period_and_the_way_and_grows_where_nothing_arrives():
     published = np.arange(0, 10, 0.1)
     at = {"name": "a", "published_ns": (published * NS_PER_S).astype(np.int64), "value": np.ones(100, np.int32)}
     at |= {"received_ns": at["published_ns"] + 20_000_000, "dropped": np.zeros(100, np.int8)}
-    there, never = (
-        FlowOutcome(fate=np.full(100, fate, np.int8), **at) for fate in (Fate.DELIVERED, Fate.UNDERWAY)
-    )
+    fates = (np.full(100, fate, np.int8) for fate in (Fate.DELIVERED, Fate.UNDERWAY))
+    there, never = (FlowOutcome(fate=fate, **at) for fate in fates)
     assert age_ms(there, duration_s=10) == pytest.approx(50 + 20, abs=0.5)
     assert age_ms(never, duration_s=10) == pytest.approx(5000)
 
 
 def test_hello_goes_by_robot_3_where_asked_and_values_have_the_size_and_the_planning_the_time_asked():
-    plain, printed = (
-        experiment.Point(rate_max_hz=100, depth="10", method="none", duration_s=1, hop=hop)
-        for hop in (False, True)
-    )
+    plain = experiment.Point(rate_max_hz=100, depth="10", method="none", duration_s=1)
+    printed, slow = replace(plain, hop=True), replace(plain, sizes="cdr", slower=4.0)
     quiet = Medium(loss=0.0, rate_bps=1e12, overhead_s=1e-3, contention=0.0)
     flows = {flow.name: flow for flow in experiment.scenario_of(printed).flows}
-    assert [
-        flows[name].target for name in (experiment.HELLO_UP, experiment.HELLO_HOP, experiment.HELLO_DOWN)
-    ] == ["station", "robot3", "robot1"]
-    short, long = (
-        experiment.hello_latency_ms(run(experiment.scenario_of(p, medium=quiet), seed=0))
-        for p in (plain, printed)
-    )
+    way = experiment.HELLO_UP, experiment.HELLO_HOP, experiment.HELLO_DOWN
+    assert [flows[name].target for name in way] == ["station", "robot3", "robot1"]
+    heard = (run(experiment.scenario_of(point, medium=quiet), seed=0) for point in (plain, printed))
+    short, long = map(experiment.hello_latency_ms, heard)
     assert len(short) == len(long) == 100
     assert np.quantile(long, 0.1) - np.quantile(short, 0.1) > 0.9, "a crossing more"
-    slow = experiment.Point(rate_max_hz=100, depth="10", method="none", duration_s=1, sizes="cdr", slower=4.0)
     table, cdr = ({f.name: f for f in experiment.scenario_of(p).flows}["robot1/lidar"] for p in (plain, slow))
     assert (table.size_bytes, cdr.size_bytes, cdr.service_s / table.service_s) == (24, 8, 4)
 
@@ -153,10 +137,8 @@ def agreeing() -> tuple[pd.DataFrame, pd.DataFrame]:
     places = pd.DataFrame(plausible(), columns=PLACE)
     cells = pd.DataFrame(product(*[CELLS], range(6)), columns=["cell", "seed"])
     cells[["method", "depth"]] = cells.pop("cell").to_list()
-    best, small = (
-        cells["method"] == "OPT+LC",
-        cells["depth"].isin(["1", "5", "10"]) & (cells["method"] == "none"),
-    )
+    best = cells["method"] == "OPT+LC"
+    small = cells["depth"].isin(["1", "5", "10"]) & (cells["method"] == "none")
     for column, values in {"pooled_ms": (10.0, 30.0, 20.0), "arrived": (95, 50, 90)}.items():
         cells[column] = np.select([best, small], values[:2], values[2])
     cells = cells.assign(p50_ms=cells["pooled_ms"] + cells["seed"] / 9, published=100, age_ms=1.0)

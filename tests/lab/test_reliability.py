@@ -4,6 +4,7 @@ import json
 import struct
 import subprocess
 import sys
+from functools import partial
 from itertools import islice
 from pathlib import Path
 
@@ -67,15 +68,9 @@ def test_growth_is_that_of_lives_whatever_each_began_with(tmp_path):
 def test_memory_is_flat_when_it_does_not_double_in_a_day_after_its_warm_up(rate, lasts_s, told):
     at_s = np.arange(0.0, lasts_s, 5)
     warming = 10 * np.minimum(at_s, 60) / 60
-    saw = np.where(at_s // 20 % 2, 0.002, 0)
-    rows = {
-        "t_s": at_s,
-        "agent": "spot",
-        "who": "router",
-        "pid": 1,
-        "rss_mb": 60 + warming + saw + rate * at_s / 3600,
-    }
-    said = list(growing(pd.DataFrame(rows), warm_s=60))
+    rss_mb = 60 + warming + np.where(at_s // 20 % 2, 0.002, 0) + rate * at_s / 3600
+    rows = pd.DataFrame({"t_s": at_s, "agent": "spot", "who": "router", "pid": 1, "rss_mb": rss_mb})
+    said = list(growing(rows, warm_s=60))
     assert [sentence.split(":")[0] for sentence in said] == [f"memory of {who}" for who in told]
 
 
@@ -107,11 +102,7 @@ def test_a_stepped_clock_moves_the_time_of_day_and_neither_steady_time_nor_waits
     (tmp_path / "step").write_bytes(struct.pack("l", step_s).ljust(4096, b"\0"))
     looks = "import time, json; print(json.dumps([time.time(), time.monotonic()]))"
     environment = {"LD_PRELOAD": str(shim), "SFGLAB_SOAK_CLOCK": str(tmp_path / "step")}
-    (day, steady), (own_day, own_steady) = (
-        json.loads(
-            subprocess.run([sys.executable, "-c", looks], env=env, capture_output=True, check=True).stdout
-        )
-        for env in ({}, environment)
-    )
+    look = partial(subprocess.run, [sys.executable, "-c", looks], capture_output=True, check=True)
+    (day, steady), (own_day, own_steady) = (json.loads(look(env=env).stdout) for env in ({}, environment))
     assert (own_day - day - step_s, own_steady - steady) == (pytest.approx(0, abs=60),) * 2
     subprocess.run([sys.executable, "-c", WAITS], env=environment, timeout=60, check=True)

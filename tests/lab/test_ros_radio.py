@@ -57,12 +57,8 @@ async def test_chains_and_local_caches_run_on_ros2_as_in_the_model():
 # Five: with one, a sending thread that waits for a CPU loses what it had to send (to 20 % on a busy machine).
 @pytest.mark.parametrize(("preset", "depth"), [("fast_dds_sync", 1000), ("fast_dds_async", 5)])
 async def test_a_queue_that_blocks_slows_who_publishes_as_in_the_model(preset, depth):
-    air = {
-        "loss": 0.0,
-        "overhead_us": 10_000,
-        "queue_frames": SEND_BUFFER_BYTES // FRAME_TRUE_BYTES,
-        "queue_rule": "block",
-    }
+    frames = SEND_BUFFER_BYTES // FRAME_TRUE_BYTES
+    air = {"loss": 0.0, "overhead_us": 10_000, "queue_frames": frames, "queue_rule": "block"}
     cell = {**CELL, **RADIO, **air, "preset": preset, "rate_hz": 400.0, "depth": depth}
     scenario = scenario_of_cell(cell, duration_s=2.5, drain_s=3.0)
     async with live_hosts("robot", "station", ros=MODES[preset]) as hosts:
@@ -93,9 +89,7 @@ topics:
 
 
 @pytest.mark.parametrize(("rmw", "preset"), [("sync", "fast_dds_sync"), ("async", "fast_dds_async")])
-async def test_the_station_is_up_to_date_as_recommended_and_neither_as_printed_nor_by_default(
-    rmw, preset, tmp_path
-):
+async def test_the_station_is_up_to_date_as_recommended_and_not_as_printed_or_by_default(rmw, preset, tmp_path):
     (file := tmp_path / "topics.yaml").write_text(TOPICS)
 
     def planned(method):

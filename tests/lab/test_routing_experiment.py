@@ -16,11 +16,8 @@ from sfglab.lab.experiments.routing.experiment import PartyRow, parties_of, serv
 from sfglab.lab.workers.test_peer import ReceiveStatistics
 from sfglab.names import dds_topic
 
-PARTIES = tuple(
-    PartyRow(party=name, domain=domain, host=name)
-    for name, domain in (("agent_1", 1), ("agent_2", 2), ("ground_1", 0), ("ground_2", 0))
-)
-DOMAINS = {p.party: p.domain for p in PARTIES}
+DOMAINS = {"agent_1": 1, "agent_2": 2, "ground_1": 0, "ground_2": 0}
+PARTIES = tuple(PartyRow(party=name, domain=domain, host=name) for name, domain in DOMAINS.items())
 
 
 def heard_rows():

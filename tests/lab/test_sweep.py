@@ -58,22 +58,17 @@ def foreign_scheduler(folder):
         "    print(cluster.scheduler_address, flush=True)\n"
         "    sys.stdin.readline()\n"
     )
-    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parent)}
-    with subprocess.Popen(
-        [sys.executable, "-c", program, str(folder)],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.DEVNULL,
-        text=True,
-        env={**environment, "DASK_TEMPORARY_DIRECTORY": str(folder)},
-    ) as process:
+    own = {"PYTHONPATH": str(Path(__file__).parent), "DASK_TEMPORARY_DIRECTORY": str(folder)}
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.DEVNULL}
+    argv = [sys.executable, "-c", program, str(folder)]
+    with subprocess.Popen(argv, **pipes, text=True, env=os.environ | own) as process:
         try:
             yield process.stdout.readline().strip()
         finally:
             process.communicate("\n", timeout=60)
 
 
-def nothing_is_left(folder):
+def nothing_is_left():
     children = psutil.Process().children(recursive=True)
     assert not [p for p in children if "resource_tracker" not in str(p.cmdline())]
 
@@ -116,7 +111,7 @@ def test_threads_processes_and_a_cluster_give_the_same_bits_in_order(tmp_path, m
         assert bits(sweep(quick, POINTS, SEEDS, journal=tmp_path / "c", workers=far)) == wanted
         monkeypatch.setenv("SFGLAB_SCHEDULER", address)
         assert bits(sweep(quick, POINTS, SEEDS, journal=tmp_path / "d")) == wanted
-    nothing_is_left(tmp_path)
+    nothing_is_left()
 
 
 def test_results_are_in_order_of_points_and_seeds_whatever_finished_first(tmp_path):
@@ -161,7 +156,7 @@ def test_local_workers_listen_nowhere_and_are_gone_afterwards(tmp_path, workers)
     with connected(workers) as (_, slots):
         assert slots == 2
         assert listening() == before
-    nothing_is_left(tmp_path)
+    nothing_is_left()
 
 
 def test_an_address_where_nobody_answers_is_named(tmp_path, monkeypatch):
@@ -209,11 +204,7 @@ def test_what_follows_a_torn_line_is_run_again(tmp_path):
     assert bits(sweep(quick, POINTS, SEEDS, journal=journal, workers=THREADS)) == bits(expected())
 
 
-@pytest.mark.parametrize(
-    ("key", "task", "points"),
-    [("task", uneven, POINTS), ("points", quick, POINTS[:-1])],
-    ids=["task", "points"],
-)
+@pytest.mark.parametrize(("key", "task", "points"), [("task", uneven, POINTS), ("points", quick, POINTS[:-1])])
 def test_another_sweeps_journal_is_set_aside_with_the_difference_named(tmp_path, caplog, key, task, points):
     journal = tmp_path / "journal"
     sweep(quick, POINTS, SEEDS, journal=journal, workers=THREADS)
@@ -251,14 +242,13 @@ def test_a_file_that_is_no_journal_is_refused_and_kept_and_one_serves_one_sweep_
 @pytest.mark.parametrize("workers", [THREADS, PROCESSES], ids=["threads", "processes"])
 def test_a_failing_task_names_point_and_seed_and_what_was_finished_stays(tmp_path, workers):
     journal = tmp_path / "journal"
-    with pytest.raises(
-        SweepError, match=r"SpotPoint\(number=2.* seed 1: ZeroDivisionError: by nothing"
-    ) as caught:
+    said = r"SpotPoint\(number=2.* seed 1: ZeroDivisionError: by nothing"
+    with pytest.raises(SweepError, match=said) as caught:
         sweep(failing, POINTS, SEEDS, journal=journal, workers=workers)
     assert (caught.value.point, caught.value.seed) == (POINTS[2], 1)
     assert "in failing" in caught.value.__notes__[0]
     assert len(journal.read_text().splitlines()) > 1
-    nothing_is_left(tmp_path)
+    nothing_is_left()
 
 
 def test_unfit_tasks_points_seeds_and_results_are_refused(tmp_path):
@@ -298,14 +288,14 @@ def resumed(folder):
     assert finished
     assert set(again) == {(n, s) for n in range(6) for s in SEEDS} - finished
     assert set(again.values()) == {1}
-    nothing_is_left(folder)
+    nothing_is_left()
 
 
 def test_an_interrupted_sweep_runs_only_what_is_missing(tmp_path):
     (tmp_path / "order").write_text("interrupt")
     with pytest.raises(KeyboardInterrupt):
         sweep(obeying, obeying_points(tmp_path), SEEDS, journal=tmp_path / "journal", workers=THREADS)
-    nothing_is_left(tmp_path)
+    nothing_is_left()
     resumed(tmp_path)
 
 
@@ -323,7 +313,7 @@ def sweep_elsewhere(folder, order):
         "try:\n"
         "    sweep(obeying, obeying_points(folder), SEEDS, journal=folder / 'journal', workers=PROCESSES)\n"
         "except KeyboardInterrupt:\n"
-        "    nothing_is_left(folder)\n"
+        "    nothing_is_left()\n"
         "    print('interrupted')\n"
     )
     return subprocess.run(

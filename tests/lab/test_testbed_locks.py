@@ -28,9 +28,7 @@ def test_names_that_another_took_hold_nobody_up_and_a_domain_is_had_once():
 
 
 @pytest.mark.parametrize("taken_away", [False, True])
-def test_a_lock_leaves_no_file_and_who_opened_the_file_of_another_takes_a_new_one(
-    tmp_path, monkeypatch, taken_away
-):
+def test_a_lock_leaves_no_file_and_who_opened_another_s_file_takes_a_new_one(tmp_path, monkeypatch, taken_away):
     monkeypatch.setattr(locks, "own_folder", lambda: tmp_path)
 
     def flock(*args):

@@ -178,10 +178,9 @@ def test_the_same_seed_gives_the_same_simulated_rows(tmp_path, monkeypatch):
 
 def test_known_live_times_are_found_again(run):
     cell = {"publisher": "hardware", "message_bytes": 1000, "subscribers": 4, "place": 0}
+    cell |= {"software_ns": 1000, "load": 1.0}
     rows = [
-        CrossingRow(
-            **cell, repeat=repeat, transport=transport, hardware_ns=time_ns + repeat, software_ns=1000, load=1.0
-        )
+        CrossingRow(**cell, repeat=repeat, transport=transport, hardware_ns=time_ns + repeat)
         for repeat in range(11)
         for transport, time_ns in (("gateway", 2000), ("smt", 6000))
     ]
@@ -224,14 +223,10 @@ def nothing_left():
     assert descriptors() <= before
 
 
-async def all_rows(config):
-    return [row async for row in crossings(config)]
-
-
 @pytest.mark.live
 @pytest.mark.usefixtures("nothing_left")
-def test_every_cell_is_measured_both_ways_in_every_repetition():
-    rows = asyncio.run(all_rows(TINY))
+async def test_every_cell_is_measured_both_ways_in_every_repetition():
+    rows = [row async for row in crossings(TINY)]
     seen = [(row["repeat"], row["publisher"], row["transport"]) for row in rows]
     wanted = {(r, p, t) for r in range(2) for p in ("software", "hardware") for t in ("smt", "gateway")}
     assert set(seen) == wanted
@@ -241,15 +236,13 @@ def test_every_cell_is_measured_both_ways_in_every_repetition():
 
 @pytest.mark.live
 @pytest.mark.usefixtures("nothing_left")
-def test_a_message_that_is_not_the_published_one_is_noticed():
-    async def carry():
+async def test_a_message_that_is_not_the_published_one_is_noticed():
+    said = "reader0, reader1, subscriber did not get what was published"
+    with pytest.raises(ProcessFailedError, match=said):  # noqa: PT012 - it is raised by the second
         async with Crossing(2, BYTES, seed=0) as crossing:
             await crossing.carry(SMT)
             crossing._data = random_bytes(BYTES, seed=1)
             await crossing.carry(replace(SMT, offset=8))
-
-    with pytest.raises(ProcessFailedError, match="reader0, reader1, subscriber did not get what was published"):
-        asyncio.run(carry())
 
 
 @pytest.mark.live
@@ -291,15 +284,12 @@ def test_processes_end_when_their_parent_is_killed_in_the_middle_of_a_message():
 
 @pytest.mark.usefixtures("nothing_left")
 @pytest.mark.parametrize("victim", ["software", "gateway"])
-def test_a_killed_process_is_named_and_nothing_is_left(victim):
-    async def carry():
+async def test_a_killed_process_is_named_and_nothing_is_left(victim):
+    order = {"order": ("subscriber",), "woken": ("reader0", "reader1", "gateway")}
+    with pytest.raises(ProcessFailedError, match=f"{victim} killed by a signal"):  # noqa: PT012 - by what follows
         async with Crossing(2, BYTES, seed=0) as crossing:
             crossing[victim].signal(signal.SIGKILL)
-            order = {"order": ("subscriber",), "woken": ("reader0", "reader1", "gateway")}
             await crossing.carry(replace(SMT, publisher="hardware", gateway=True, **order))
-
-    with pytest.raises(ProcessFailedError, match=f"{victim} killed by a signal"):
-        asyncio.run(carry())
 
 
 @pytest.mark.usefixtures("nothing_left")

@@ -24,14 +24,8 @@ from sfglab.qos import QoSProfile
 from sfglab.rtps import CYCLONE_DDS, Drop, Fate, Flow, FlowOutcome, Medium, Outcome, Scenario, run
 from sfglab.units import NS_PER_S
 
-CHANGES = {
-    "live_s": 0.0,
-    "seeds": 2,
-    "duration_s": 1.0,
-    "rates_hz": (100, 1000),
-    "depths": (1, 1000),
-    "methods": ("none", "OPT", "LC", "OPT+LC"),
-}
+CHANGES = {"live_s": 0.0, "seeds": 2, "duration_s": 1.0}
+CHANGES |= {"rates_hz": (100, 1000), "depths": (1, 1000), "methods": ("none", "OPT", "LC", "OPT+LC")}
 SMALL = exp.config("smoke", **CHANGES)
 CELLS = len(grid(SMALL)) * SMALL.seeds
 
@@ -41,9 +35,8 @@ def run_small(path):
 
 
 def point(**changes):
-    return experiment.Point(
-        **{"rate_max_hz": 100, "depth": "10", "method": "none", "duration_s": 2.0, **changes}
-    )
+    usual = {"rate_max_hz": 100, "depth": "10", "method": "none", "duration_s": 2.0}
+    return experiment.Point(**usual | changes)
 
 
 def test_the_flows_are_sixteen_sensors_and_hello_there_and_back():
@@ -51,10 +44,8 @@ def test_the_flows_are_sixteen_sensors_and_hello_there_and_back():
     assert len(flows) == sum(map(len, ROBOTS.values())) + 2 == 18
     by_name = {flow.name: flow for flow in flows}
     assert by_name[experiment.HELLO_UP].then == experiment.HELLO_DOWN
-    assert (by_name[experiment.HELLO_DOWN].source, by_name[experiment.HELLO_DOWN].target) == (
-        "station",
-        "robot1",
-    )
+    down = by_name[experiment.HELLO_DOWN]
+    assert (down.source, down.target) == ("station", "robot1")
     assert all(flow.target == "station" for flow in flows if flow.name != experiment.HELLO_DOWN)
 
 
@@ -78,9 +69,8 @@ def test_the_depth_opt_is_eq_6_for_the_topics_that_there_are():
 
 
 def test_on_a_quiet_air_hello_takes_two_ways_and_two_services():
-    scenario = experiment.scenario_of(
-        point(depth="1000"), medium=Medium(loss=0.0, rate_bps=1e12, overhead_s=1e-6)
-    )
+    quiet = Medium(loss=0.0, rate_bps=1e12, overhead_s=1e-6)
+    scenario = experiment.scenario_of(point(depth="1000"), medium=quiet)
     latency = experiment.hello_latency_ms(run(scenario, seed=0))
     assert len(latency) == 200
     services_ms = 0.18 + 0.06
@@ -102,16 +92,10 @@ def test_every_lost_hello_is_counted_where_it_was_lost():
     dropped = (Drop.MEDIUM, Drop.MEDIUM, Drop.QUEUE, Drop.QUEUE, Drop.NOT, Drop.MEDIUM)
     up = outcome(fates, dropped=dropped)
     down = outcome((Fate.OVERWRITTEN,), dropped=Drop.MEDIUM)
-    both = replace(
-        run(experiment.scenario_of(point(duration_s=0.1)), seed=0),
-        flows={experiment.HELLO_UP: up, experiment.HELLO_DOWN: down},
-    )
-    assert experiment.hello_losses(both) == {
-        "lost_medium": 2,
-        "lost_queue": 2,
-        "lost_late": 1,
-        "lost_underway": 1,
-    }
+    whole = run(experiment.scenario_of(point(duration_s=0.1)), seed=0)
+    both = replace(whole, flows={experiment.HELLO_UP: up, experiment.HELLO_DOWN: down})
+    lost = {"lost_medium": 2, "lost_queue": 2, "lost_late": 1, "lost_underway": 1}
+    assert experiment.hello_losses(both) == lost
 
 
 @pytest.mark.parametrize("cell", grid(SMALL)[::5], ids=str)
@@ -133,7 +117,7 @@ def test_up_to_date_is_what_is_expected_of_a_perfect_and_of_a_dead_link():
 
 
 def test_our_plan_fits_the_air_and_depends_on_what_changes():
-    chosen = experiment.own_plan(experiment.Point(rate_max_hz=1000, depth="10", method="none", duration_s=1.0))
+    chosen = experiment.own_plan(point(rate_max_hz=1000, duration_s=1.0))
     assert chosen.utilisation < 0.91
     assert chosen["robot1/lidar"].rate_hz > 3 * chosen["robot1/flame"].rate_hz
     assert max(part.depth for part in chosen.topics) < 20
@@ -166,22 +150,6 @@ def test_a_run_repeats_to_the_byte_and_fills_its_claims(tmp_path):
     assert len(exp.figures(one)) == 6
 
 
-def test_an_interrupted_run_goes_on_in_another_log_and_leaves_no_journal(tmp_path, monkeypatch):
-    def interrupt(*_, **__):
-        raise KeyboardInterrupt
-
-    with monkeypatch.context() as patch:
-        patch.setattr("sfglab.lab.experiment.LogWriter", interrupt)
-        with pytest.raises(KeyboardInterrupt):
-            run_small(tmp_path / "20260101-smoke.mcap")
-    assert len(list(tmp_path.glob("*.journal"))) == 3
-    # Whoever has nothing left to do asks for no workers.
-    monkeypatch.setattr("sfglab.lab.sweep.run.connected", interrupt)
-    finished = run_small(tmp_path / "20260102-smoke.mcap")
-    assert len(finished["cell"]) == CELLS
-    assert [path.name for path in tmp_path.iterdir()] == [finished.log.name]
-
-
 def test_bad_points_are_refused_with_the_place():
     with pytest.raises(InvalidValueError, match="method: given 'best'"):
         point(method="best")
@@ -202,39 +170,25 @@ def test_a_sample_has_its_size_and_carries_its_value(size_bytes, value):
 
 def outcome_of_losses(lost_up: int, lost_down: int) -> Outcome:
     """Return a run of the model with known losses: of ten "Hello"s, and of ten samples of a sensor."""
-    scenario = Scenario(
-        flows=(
-            Flow(name="robot1/lidar", source="robot1", target="station", rate_hz=10),
-            Flow(
-                name=experiment.HELLO_UP,
-                source="robot1",
-                target="station",
-                rate_hz=10,
-                then=experiment.HELLO_DOWN,
-            ),
-            Flow(name=experiment.HELLO_DOWN, source="station", target="robot1"),
-        ),
-        medium=replace(CALM, latency_s=1e-3),
-        duration_s=1.0,
+    up = {"source": "robot1", "target": "station", "rate_hz": 10}
+    flows = (
+        Flow(name="robot1/lidar", **up),
+        Flow(name=experiment.HELLO_UP, then=experiment.HELLO_DOWN, **up),
+        Flow(name=experiment.HELLO_DOWN, source="station", target="robot1"),
     )
-    outcome = run(scenario, seed=1)
+    outcome = run(Scenario(flows=flows, medium=replace(CALM, latency_s=1e-3), duration_s=1.0), seed=1)
     outcome.flows[experiment.HELLO_UP].fate[:lost_up] = Fate.UNDERWAY
     outcome.flows[experiment.HELLO_DOWN].fate[: lost_up + lost_down] = Fate.UNDERWAY
     return outcome
 
 
-def played(outcome: Outcome, *, radio: RadioCounters | None = None, late_p95_s: float = 0.0) -> Played:
-    return Played(
-        scenario=experiment.scenario_of(POINT),
-        delay_s=0.0,
-        outcome=outcome,
-        radio=radio or RadioCounters(delivered=100, late_after_s=2e-3),
-        late_p95_s=late_p95_s,
-        refused=0,
-    )
+POINT = point(duration_s=1.0)
 
 
-POINT = experiment.Point(rate_max_hz=100, depth="10", method="none", duration_s=1.0)
+def played(outcome: Outcome, **changes) -> Played:
+    """Return what was played without delay, refusal and lateness, but for changes."""
+    usual = {"delay_s": 0.0, "radio": RadioCounters(delivered=100, late_after_s=2e-3), "late_p95_s": 0.0}
+    return Played(scenario=experiment.scenario_of(POINT), outcome=outcome, refused=0, **usual | changes)
 
 
 def test_losses_and_latencies_are_those_of_their_group():
@@ -268,17 +222,9 @@ def test_a_run_that_did_not_keep_its_schedule_says_so():
 # --- Live -----------------------------------------------------------------------------------------------------
 
 
-def play(*scenarios: Scenario) -> list[Played]:
-    async def all_of_them() -> list[Played]:
-        async with live_hosts(*hosts_of(scenarios[0])) as hosts:
-            return [await hosts.play(scenario, seed=3) for scenario in scenarios]
-
-    return asyncio.run(all_of_them())
-
-
 @pytest.mark.slow
 @pytest.mark.netns
-def test_flows_caches_and_chains_run_live_as_in_the_model():
+async def test_flows_caches_and_chains_run_live_as_in_the_model():
     # Depth for all samples: a process that gets no CPU for a tenth of a second sends more than ten at once.
     flow = {"source": "robot", "target": "station", "rate_hz": 100.0, "qos": QoSProfile(depth=100)}
     scenario = Scenario(
@@ -295,7 +241,8 @@ def test_flows_caches_and_chains_run_live_as_in_the_model():
         drain_s=3.0,
     )
     lossy = replace(scenario, medium=replace(CALM, loss=0.3), flows=scenario.flows[:1])
-    live, worse = play(scenario, lossy)
+    async with live_hosts(*hosts_of(scenario)) as hosts:
+        live, worse = [await hosts.play(one, seed=3) for one in (scenario, lossy)]
     flows = live.outcome.flows
     assert {name: f.loss for name, f in flows.items()} == dict.fromkeys(flows, 0.0)
     assert [len(flows[name].fate) for name in ("plain", "compared", "hello", "move")] == [100] * 4

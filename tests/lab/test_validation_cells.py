@@ -87,10 +87,8 @@ def test_shares_are_those_of_the_cells_that_kept_their_schedule(tmp_path):
 
 
 def test_a_run_that_is_broken_off_goes_on_and_a_cell_that_fails_is_left_out(tmp_path, monkeypatch):
-    cells = {
-        cell: validation.scenario_of_cell(asdict(cell), duration_s=1.0)
-        for cell in validation.committed_cells()[38:42]
-    }
+    found = validation.committed_cells()[38:42]
+    cells = {cell: validation.scenario_of_cell(asdict(cell), duration_s=1.0) for cell in found}
     bad, broken, played, written = list(cells)[1], list(cells)[2], [], []
 
     class Hosts:
@@ -130,9 +128,8 @@ def test_a_run_that_is_broken_off_goes_on_and_a_cell_that_fails_is_left_out(tmp_
     assert written == []
     before = len(played)
     play()
-    assert [(row["number"], row["repeat"]) for row in written[:-1]] == [
-        (n, r) for r in (0, 1) for n in (0, 2, 3)
-    ]
+    numbers = [(row["number"], row["repeat"]) for row in written[:-1]]
+    assert numbers == [(n, r) for r in (0, 1) for n in (0, 2, 3)]
     assert len(written[-1]) == 2
     assert len(played) - before == 2 + 2 + 1 + 1, "what failed twice again, what was broken off, what is left"
     assert not list(tmp_path.iterdir()), "a finished run leaves no journal"
@@ -149,9 +146,8 @@ def test_cells_on_real_fast_dds_are_few_in_quick_and_slowed_where_python_is_too_
     assert [flow.rate_hz for flow in slow.flows] == pytest.approx([flow.rate_hz / 10 for flow in fast.flows])
     assert slow.medium.airtime_ns(100, 1) == pytest.approx(10 * fast.medium.airtime_ns(100, 1), rel=1e-6)
     row = {"group": "hello", "preset": cell.preset, "slowed": 10.0, "p50_live_ms": 30.0, "p50_model_ms": 20.0}
-    rows = [
-        row | {"kept_up": kept, "loss_live": loss} for kept, loss in ((True, 0.2), (True, 0.3), (False, 0.9))
-    ]
+    played = (True, 0.2), (True, 0.3), (False, 0.9)
+    rows = [row | {"kept_up": kept, "loss_live": loss} for kept, loss in played]
     run = made_run(transmission.exp, tmp_path / "made.mcap", {"ros2": rows})
     [line] = transmission.on_ros2(run).to_dict("records")
     assert (line["played"], line["kept"], line["loss_live"]) == (3, 2, pytest.approx(0.25))

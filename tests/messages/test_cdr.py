@@ -10,19 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from random_messages import random_message
 
-from sfglab.messages import (
-    CdrError,
-    UnknownTypeError,
-    decoder_from_definition,
-    default_message,
-    definition,
-    deserialize,
-    message_type,
-    message_types,
-    serialize,
-    serialize_into,
-    serialized_size,
-)
+from sfglab import messages
+from sfglab.messages import CdrError, decoder_from_definition, default_message, deserialize, serialize
 from sfglab.messages.flat import flat_reader
 from sfglab.messages.store import type_store
 
@@ -38,8 +27,8 @@ def image(pixels):
 
 
 def test_golden_bytes_of_an_agent_heartbeat_and_big_endian_is_read():
-    stamp = message_type("builtin_interfaces/msg/Time")(sec=1, nanosec=2)
-    heartbeat = message_type("sfglab_interfaces/msg/AgentHeartbeat")(
+    stamp = messages.message_type("builtin_interfaces/msg/Time")(sec=1, nanosec=2)
+    heartbeat = messages.message_type("sfglab_interfaces/msg/AgentHeartbeat")(
         stamp=stamp, agent="r1", incarnation=3, revision=4, phase=1, period_s=0.5, version="0"
     )
     assert serialize(heartbeat) == (
@@ -63,19 +52,19 @@ def test_golden_bytes_of_an_agent_heartbeat_and_big_endian_is_read():
 
 @pytest.mark.parametrize("text", ["", "a", "abc", "abcd", "grün", "字"])
 def test_bytes_are_a_multiple_of_four_and_come_back(text):
-    cdr = serialize(message_type("std_msgs/msg/String")(data=text))
+    cdr = serialize(messages.message_type("std_msgs/msg/String")(data=text))
     assert len(cdr) % 4 == 0
     assert deserialize(cdr, "std_msgs/msg/String").data == text
 
 
 def test_every_type_survives_the_round_trip_and_fits_its_size():
-    for name in message_types():
+    for name in messages.message_types():
         # Other tests may have added types: each type has its own numbers.
         message = random_message(np.random.default_rng(zlib.crc32(name.encode())), name)
         cdr = serialize(message)
         dirty = bytearray(b"\xff" * (len(cdr) + 3))
         assert serialize(deserialize(cdr, name)) == cdr
-        assert serialize_into(message, dirty) == len(cdr) == serialized_size(message)
+        assert messages.serialize_into(message, dirty) == len(cdr) == messages.serialized_size(message)
         assert dirty == cdr + b"\xff\xff\xff", name
 
 
@@ -119,7 +108,7 @@ def test_a_field_that_does_not_fit_is_named(field, value, complaint):
         serialize(message)
     assert error.value.type_name == "sensor_msgs/msg/Image"
     with pytest.raises(CdrError):
-        serialize_into(message, bytearray(100))
+        messages.serialize_into(message, bytearray(100))
 
 
 @pytest.mark.parametrize(
@@ -143,11 +132,11 @@ def test_fields_deep_inside_are_named_with_their_path(name, path, value, complai
 
 
 def test_what_is_no_message_is_refused_and_a_buffer_too_small_is_left_alone():
-    with pytest.raises(UnknownTypeError):
+    with pytest.raises(messages.UnknownTypeError):
         serialize({"data": "x"})
     buffer = bytearray(b"\xff" * 10)
     with pytest.raises(CdrError, match="given a buffer of 10 bytes, needed are"):
-        serialize_into(image(np.zeros(3, np.uint8)), buffer)
+        messages.serialize_into(image(np.zeros(3, np.uint8)), buffer)
     assert buffer == b"\xff" * 10
 
 
@@ -203,7 +192,7 @@ def test_a_foreign_definition_decodes_its_messages_and_ours_decode_like_our_type
     rng = np.random.default_rng(5)
     for name in ("sfglab_interfaces/msg/AgentMetadata", "sfglab_interfaces/srv/GetMetadata_Request"):
         cdr = serialize(random_message(rng, name))
-        read = decoder_from_definition(name, definition(name))(cdr)
+        read = decoder_from_definition(name, messages.definition(name))(cdr)
         again = deserialize(cdr, name)
         assert repr(read) == repr(again)
 
@@ -217,7 +206,7 @@ def test_a_definition_that_lacks_something_is_refused(text):
 # --- Generated readers read what the general decoder reads, and refuse what it refuses.
 
 
-FLAT = [name for name in message_types() if flat_reader(type_store(), name)]
+FLAT = [name for name in messages.message_types() if flat_reader(type_store(), name)]
 
 
 def test_the_messages_of_sensors_are_flat():

@@ -11,16 +11,10 @@ import pytest
 from typer.testing import CliRunner
 
 import sfglab
+from sfglab import messages
 from sfglab.bus.dds.forwarder import _opaque
 from sfglab.cli import app
-from sfglab.messages import (
-    MessageError,
-    action_type,
-    message_type,
-    message_types,
-    register_interfaces,
-    service_type,
-)
+from sfglab.messages import MessageError, message_type, message_types, register_interfaces
 from sfglab.messages.store import INTERFACES_VARIABLE
 
 WIDE = "user_msgs_a/msg/Wide"
@@ -61,8 +55,8 @@ def test_a_folder_of_packages_is_registered_without_what_we_do_not_have(workspac
         names = register_interfaces(workspace)
     assert {"user_msgs_a/msg/Grip", "user_msgs_b/msg/Side", "user_msgs_b/srv/Open_Request"} <= set(names)
     assert message_type("user_msgs_b/msg/Side").LEFT == 1
-    assert service_type("user_msgs_b/srv/Open").request.__msgtype__ == "user_msgs_b/srv/Open_Request"
-    assert action_type("user_msgs_b/action/Grasp").goal.__msgtype__ == "user_msgs_b/action/Grasp_Goal"
+    assert messages.service_type("user_msgs_b/srv/Open").request.__msgtype__ == "user_msgs_b/srv/Open_Request"
+    assert messages.action_type("user_msgs_b/action/Grasp").goal.__msgtype__ == "user_msgs_b/action/Grasp_Goal"
     left_out = sorted(record.args[0].name for record in caplog.records)
     assert left_out == ["Ask.srv", "Wide.msg"]
     assert not {WIDE, "user_msgs_a/srv/Ask_Request", "user_msgs_a/srv/Ask_Response"} & set(message_types())

@@ -6,22 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rosbags.typesys import get_types_from_msg
 
-from sfglab.messages import (
-    MessageError,
-    TypeNameError,
-    UnknownTypeError,
-    dds_type_name,
-    default_message,
-    definition,
-    message_type,
-    message_types,
-    ns_from_stamp,
-    ros_type_name,
-    serialize,
-    service_type,
-    stamp_from_ns,
-    type_name,
-)
+from sfglab import messages
+from sfglab.messages import MessageError, dds_type_name, default_message, message_type, ros_type_name, type_name
 from sfglab.messages.store import register, type_store
 
 COPIED = {
@@ -46,34 +32,34 @@ def test_every_line_of_our_interfaces_has_a_comment():
 
 def test_a_type_is_known_by_one_spelling_and_a_service_is_its_two_halves():
     assert type_name(message_type("std_msgs/msg/String")) == "std_msgs/msg/String"
-    with pytest.raises(UnknownTypeError, match="did you mean std_msgs/msg/String") as error:
+    with pytest.raises(messages.UnknownTypeError, match="did you mean std_msgs/msg/String") as error:
         message_type("std_msgs/String")
     assert error.value.near[0] == "std_msgs/msg/String"
     with pytest.raises(LookupError, match="names look like"):
         type_name("complete_nonsense")
-    with pytest.raises(UnknownTypeError, match="int"):
+    with pytest.raises(messages.UnknownTypeError, match="int"):
         type_name(int)
-    service = service_type("sfglab_interfaces/srv/GetMetadata")
+    service = messages.service_type("sfglab_interfaces/srv/GetMetadata")
     assert type_name(service.request) == "sfglab_interfaces/srv/GetMetadata_Request"
     # rosidl gives an empty struct one octet, so that there is something on the wire.
-    assert serialize(default_message(service.request)) == b"\0\1\0\0" + b"\0" + b"\0\0\0"
+    assert messages.serialize(default_message(service.request)) == b"\0\1\0\0" + b"\0" + b"\0\0\0"
     assert default_message(service.response).metadata.sensors == []
-    with pytest.raises(UnknownTypeError, match="did you mean sfglab_interfaces/srv/GetMetadata"):
-        service_type("sfglab_interfaces/srv/GetMetaData")
+    with pytest.raises(messages.UnknownTypeError, match="did you mean sfglab_interfaces/srv/GetMetadata"):
+        messages.service_type("sfglab_interfaces/srv/GetMetaData")
 
 
 def test_definitions_are_what_rosbag2_writes_and_are_read_back_as_the_same_types():
     rule = "=" * 80
-    assert definition("sensor_msgs/msg/Image") == (
+    assert messages.definition("sensor_msgs/msg/Image") == (
         "std_msgs/Header header\nuint32 height\nuint32 width\nstring encoding\nuint8 is_bigendian\n"
         f"uint32 step\nuint8[] data\n{rule}\nMSG: std_msgs/Header\n"
         f"builtin_interfaces/Time stamp\nstring frame_id\n{rule}\n"
         "MSG: builtin_interfaces/Time\nint32 sec\nuint32 nanosec\n"
     )
-    for name in message_types():
+    for name in messages.message_types():
         if "/srv/" in name:
             continue
-        for read, fields in get_types_from_msg(definition(name), name).items():
+        for read, fields in get_types_from_msg(messages.definition(name), name).items():
             # rosbags gives empty messages their octet only when it registers them.
             assert fields == type_store().fielddefs[read] or not fields[1]
 
@@ -120,18 +106,18 @@ def test_names_are_mapped_as_rosidl_does_both_ways(ros, dds):
 )
 def test_other_forms_and_types_of_other_dds_applications_are_no_ros_types(read, said, names):
     for name in ("", *names.split()):
-        with pytest.raises(TypeNameError, match=said):
+        with pytest.raises(messages.TypeNameError, match=said):
             read(name)
 
 
 @given(st.integers(-(2**31) * 10**9, 2**31 * 10**9 - 1))
 def test_stamps_are_exact_to_the_nanosecond(stamp_ns):
-    stamp = stamp_from_ns(stamp_ns)
+    stamp = messages.stamp_from_ns(stamp_ns)
     assert 0 <= stamp.nanosec < 10**9
-    assert ns_from_stamp(stamp) == stamp_ns
+    assert messages.ns_from_stamp(stamp) == stamp_ns
 
 
 def test_a_time_beyond_32_bit_seconds_is_refused():
     for stamp_ns in (2**31 * 10**9, -(2**31) * 10**9 - 1):
         with pytest.raises(MessageError, match=f"given {stamp_ns} ns.*int32"):
-            stamp_from_ns(stamp_ns)
+            messages.stamp_from_ns(stamp_ns)

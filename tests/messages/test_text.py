@@ -32,10 +32,8 @@ def test_long_values_are_cut_or_described_as_ros2_does():
     message.name, message.position = ["shoulder", "elbow"], np.arange(3.0)
     message.header.frame_id = "abcde"
     cut = values_of(message, Style(truncate_length=2))
-    assert (cut["header"]["frame_id"], cut["name"], cut["position"]) == (
-        *("ab...", ["sh...", "el..."]),
-        [0.0, 1.0, "..."],
-    )
+    assert (cut["header"]["frame_id"], cut["name"]) == ("ab...", ["sh...", "el..."])
+    assert cut["position"] == [0.0, 1.0, "..."]
     told = values_of(message, Style(no_arr=True, no_str=True))
     assert told["header"]["frame_id"] == "<string length: <5>>"
     assert told["position"] == "<sequence type: double, length: 3>"

@@ -6,20 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sfglab.names import (
-    AGENT_VARIABLE,
-    FqnError,
-    Resource,
-    RosFqn,
-    Scope,
-    default_agent,
-    frame_owner,
-    parse,
-    prefixed_frame,
-    router_hazards,
-    sanitize_agent,
-    validate_agent,
-)
+from sfglab import names
+from sfglab.names import AGENT_VARIABLE, FqnError, default_agent, sanitize_agent, validate_agent
 
 
 @pytest.mark.parametrize(
@@ -79,22 +67,20 @@ OTHER_SEGMENTS = "local global lidar camera_front camera1 camera_1 color imu age
 
 @pytest.mark.parametrize("agent", OTHER_SEGMENTS.split())
 def test_an_agent_that_reads_as_another_segment_is_refused(agent):
-    with pytest.raises(FqnError, match="mistaken") as caught:
+    with pytest.raises(FqnError, match=r"^agent: .*mistaken"):
         validate_agent(agent)
-    assert caught.value.place == "agent"
 
 
 def test_a_name_whose_agent_was_forgotten_is_found():
-    with pytest.raises(FqnError, match=r"mistaken for Component\.CAMERA") as caught:
-        parse("/global/camera_front/color/ffmpeg")
-    assert caught.value.place == "agent"
+    with pytest.raises(FqnError, match=r"^agent: .*mistaken for Component\.CAMERA"):
+        names.parse("/global/camera_front/color/ffmpeg")
 
 
 @pytest.mark.parametrize("agent", ["torq", "carr", "rq", "xRequest", "theReplyBot"])
 def test_an_agent_that_a_router_breaks_is_refused_in_every_name(agent):
-    assert router_hazards(f"/global/{agent}/get_metadata")
+    assert names.router_hazards(f"/global/{agent}/get_metadata")
     with pytest.raises(FqnError, match="router"):
-        RosFqn(scope=Scope.LOCAL, agent=agent, resource=Resource.AGENT_DISCOVERY_EVENT)
+        names.RosFqn(scope=names.Scope.LOCAL, agent=agent, resource=names.Resource.AGENT_DISCOVERY_EVENT)
 
 
 def test_ordinary_agents_are_allowed():
@@ -113,10 +99,10 @@ def test_ordinary_agents_are_allowed():
     ],
 )
 def test_a_frame_is_called_by_its_agent_unless_it_is_shared_or_has_a_prefix(frame, agent, called):
-    assert prefixed_frame(frame, agent) == called
-    assert frame_owner(called) == called.rpartition("/")[0]
+    assert names.prefixed_frame(frame, agent) == called
+    assert names.frame_owner(called) == called.rpartition("/")[0]
 
 
 def test_what_is_shared_can_be_chosen():
-    assert prefixed_frame("hall", "go2", shared=frozenset({"hall"})) == "hall"
-    assert prefixed_frame("map", "go2", shared=frozenset()) == "go2/map"
+    assert names.prefixed_frame("hall", "go2", shared=frozenset({"hall"})) == "hall"
+    assert names.prefixed_frame("map", "go2", shared=frozenset()) == "go2/map"

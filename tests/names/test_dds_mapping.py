@@ -7,16 +7,8 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from sfglab.names import (
-    DdsRole,
-    FqnError,
-    ResourceKind,
-    dds_names,
-    dds_service,
-    dds_topic,
-    ros_name_from_dds,
-    router_hazards,
-)
+from sfglab import names
+from sfglab.names import FqnError, ResourceKind, dds_names, dds_service, dds_topic, router_hazards
 from sfglab.names.grammar import WireName
 
 # Tokens that like to collide with the router's words stand among the ordinary ones.
@@ -76,20 +68,20 @@ def test_only_valid_names_are_mapped(make, name):
 @given(NAMES)
 def test_every_name_comes_back_from_dds_with_its_role(name):
     request, reply = dds_service(name)
-    assert ros_name_from_dds(dds_topic(name)) == WireName(role=DdsRole.TOPIC, name=name)
-    assert ros_name_from_dds(request) == WireName(role=DdsRole.REQUEST, name=name)
-    assert ros_name_from_dds(reply) == WireName(role=DdsRole.REPLY, name=name)
+    assert names.ros_name_from_dds(dds_topic(name)) == WireName(role=names.DdsRole.TOPIC, name=name)
+    assert names.ros_name_from_dds(request) == WireName(role=names.DdsRole.REQUEST, name=name)
+    assert names.ros_name_from_dds(reply) == WireName(role=names.DdsRole.REPLY, name=name)
 
 
 def test_dds_topics_that_are_not_ros_have_no_ros_name_and_others_are_read_as_leniently_as_rmw():
     foreign = "ros_discovery_info DCPSParticipant rt rt/ rtx/a rq/add rr/addRequest rq/Request rt//a"
-    assert [name for name in foreign.split() if ros_name_from_dds(name)] == []
-    assert ros_name_from_dds("rt/a__b") == WireName(role=DdsRole.TOPIC, name="/a__b")
+    assert [name for name in foreign.split() if names.ros_name_from_dds(name)] == []
+    assert names.ros_name_from_dds("rt/a__b") == WireName(role=names.DdsRole.TOPIC, name="/a__b")
 
 
 @given(st.text(max_size=40))
 def test_reading_any_dds_name_never_raises(dds_name):
-    found = ros_name_from_dds(dds_name)
+    found = names.ros_name_from_dds(dds_name)
     assert found is None or dds_name.startswith(found.role.value + found.name)
 
 

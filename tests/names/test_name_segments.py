@@ -73,9 +73,8 @@ def test_no_two_suffixed_values_of_a_set_are_written_alike(a, b, first, second):
 
 @pytest.mark.parametrize("suffix", ["", "_x", "x_", "a__b", "a b", "ä", "a/b", "-", "\u0661"])
 def test_suffixes_with_other_characters_are_refused(suffix):
-    with pytest.raises(FqnError, match="component suffix") as caught:
+    with pytest.raises(FqnError, match=r"^suffix: .*component suffix"):
         Component.CAMERA.suffixed(suffix)
-    assert caught.value.place == "suffix"
 
 
 def test_a_suffix_that_spells_another_value_and_digits_behind_an_underscore_are_refused():
@@ -86,9 +85,8 @@ def test_a_suffix_that_spells_another_value_and_digits_behind_an_underscore_are_
     with pytest.raises(FqnError, match=r"Resource\.FFMPEG_REPLAY"):
         Resource.FFMPEG.suffixed("replay")
     assert read_standard(Resource, "compressed_depth_left") == Resource.COMPRESSED_DEPTH.suffixed("left")
-    with pytest.raises(FqnError, match="'camera1'") as caught:
+    with pytest.raises(FqnError, match=r"^component: .*'camera1'"):
         read_standard(Component, "camera_1")
-    assert caught.value.place == "component"
 
 
 @pytest.mark.parametrize("text", ["cameras", "mast", "arm64x", "my_camera", "infra1_left"])

@@ -4,26 +4,8 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from sfglab.names import (
-    TF,
-    TF_STATIC,
-    After,
-    Component,
-    Custom,
-    FqnError,
-    Resource,
-    ResourceKind,
-    RosFqn,
-    RosFqnBuilder,
-    Scope,
-    Stream,
-    all_standard_fqns,
-    dds_service,
-    max_name_length,
-    parse,
-    router_hazards,
-    schema_table,
-)
+from sfglab import names
+from sfglab.names import After, Component, Custom, FqnError, Resource, ResourceKind, RosFqn, Scope, parse
 
 SEGMENTS = {"name", "scope", "agent", "component", "stream", "resource"}
 WORDS = st.one_of(
@@ -57,7 +39,7 @@ def buildable(draw):
         "scope": draw(st.sampled_from(Scope)),
         "agent": draw(WORDS) if depth > 0 else None,
         "component": draw(segments(Component)) if depth > 1 else None,
-        "stream": draw(segments(Stream)) if depth > 2 else None,
+        "stream": draw(segments(names.Stream)) if depth > 2 else None,
         "resource": draw(segments(Resource, permitted)),
     }
     try:
@@ -66,7 +48,7 @@ def buildable(draw):
         # Constraint or collision: keep the shape, take what is always allowed.
         parts["agent"] = parts["agent"] and "go2"
         parts["component"] = parts["component"] and Component.CAMERA.suffixed("front")
-        parts["stream"] = parts["stream"] and Stream.INFRA.suffixed("1")
+        parts["stream"] = parts["stream"] and names.Stream.INFRA.suffixed("1")
         parts["resource"] = Custom("gait", kind=draw(KINDS))
         return RosFqn(**parts)
 
@@ -120,7 +102,7 @@ def test_any_text_parses_as_its_kind_and_rebuilds_the_same_or_is_an_error_that_n
 @settings(max_examples=300)
 @given(buildable())
 def test_a_router_pairs_the_halves_of_every_global_service_that_can_be_built(fqn):
-    assert not fqn.is_global or not router_hazards(str(fqn), fqn.kind)
+    assert not fqn.is_global or not names.router_hazards(str(fqn), fqn.kind)
 
 
 @pytest.mark.parametrize(
@@ -135,9 +117,8 @@ def test_a_router_pairs_the_halves_of_every_global_service_that_can_be_built(fqn
 )
 def test_a_segment_that_a_router_breaks_is_refused_where_it_is_routed(component, resource, kind, segment):
     parts = {"agent": "go2", "component": component, "resource": Custom(resource, kind=kind)}
-    with pytest.raises(FqnError, match="router") as caught:
+    with pytest.raises(FqnError, match=f"^{segment}: .*router"):
         RosFqn(scope=Scope.GLOBAL, **parts)
-    assert caught.value.place == segment
     assert RosFqn(scope=Scope.LOCAL, **parts).dds_names[0].startswith("rq/local/")
     topic = {**parts, "resource": Custom(resource)}
     assert len(RosFqn(scope=Scope.GLOBAL, **topic).dds_names) == 1
@@ -145,10 +126,10 @@ def test_a_segment_that_a_router_breaks_is_refused_where_it_is_routed(component,
 
 def test_the_last_segment_of_a_service_may_end_like_a_prefix():
     fqn = RosFqn(scope=Scope.GLOBAL, agent="go2", resource=Custom("torq", kind=ResourceKind.SERVICE))
-    assert fqn.dds_names == dds_service("/global/go2/torq")
+    assert fqn.dds_names == names.dds_service("/global/go2/torq")
 
 
-C, S, R = Component, Stream, Resource
+C, S, R = Component, names.Stream, Resource
 
 
 @pytest.mark.parametrize(
@@ -174,9 +155,8 @@ C, S, R = Component, Stream, Resource
     ],
 )
 def test_tuples_against_the_schema_are_refused_at_the_segment(agent, component, stream, resource, segment):
-    with pytest.raises(FqnError) as caught:
+    with pytest.raises(FqnError, match=f"^{segment}: "):
         RosFqn(scope=Scope.LOCAL, agent=agent, component=component, stream=stream, resource=resource)
-    assert caught.value.place == segment
 
 
 def test_a_scope_is_no_text():
@@ -185,20 +165,20 @@ def test_a_scope_is_no_text():
 
 
 FIVE = "at most five segments"
+OUTSIDE = "/tf /tf_static /rosout /chatter global/a /Global/x"
 
 
 @pytest.mark.parametrize(
     ("name", "message"),
     [
-        *((name, "allowed") for name in (TF, TF_STATIC, "/rosout", "/chatter", "global/a", "/Global/x", "")),
+        *((name, "allowed") for name in ("", *OUTSIDE.split())),
         ("/global/a/b/c/d/e", FIVE),
         ("/local/go2/camera/color/image_raw/compressed", FIVE),
     ],
 )
 def test_names_outside_the_schema_do_not_parse(name, message):
-    with pytest.raises(FqnError, match=message) as caught:
+    with pytest.raises(FqnError, match=f"^(scope|name): .*{message}"):
         parse(name)
-    assert caught.value.place in {"scope", "name"}
 
 
 def test_every_optional_segment_needs_the_one_before_so_position_says_what_it_is():
@@ -222,18 +202,17 @@ def test_an_error_says_where_a_resource_may_stand_and_a_standard_one_keeps_its_k
 
 @pytest.mark.parametrize("kind", ResourceKind)
 def test_the_length_limit_holds_for_the_whole_name(kind):
-    room = max_name_length(kind) - len("/local/go2/")
+    room = names.max_name_length(kind) - len("/local/go2/")
     longest = RosFqn(scope=Scope.LOCAL, agent="go2", resource=Custom("x" * room, kind=kind))
     assert max(map(len, longest.dds_names)) <= 255
-    with pytest.raises(FqnError, match="at most") as caught:
+    with pytest.raises(FqnError, match=r"^name: .*at most"):
         RosFqn(scope=Scope.LOCAL, agent="go2", resource=Custom("x" * (room + 1), kind=kind))
-    assert caught.value.place == "name"
 
 
 def test_a_builder_can_be_continued_more_than_once():
-    camera = RosFqnBuilder().scope(Scope.LOCAL).agent("go2").component(Component.CAMERA, "front")
-    raw = camera.stream(Stream.INFRA, "1").resource(Resource.IMAGE_RAW).build()
-    info = camera.stream(Stream.COLOR).resource(Resource.CAMERA_INFO).build()
+    camera = names.RosFqnBuilder().scope(Scope.LOCAL).agent("go2").component(Component.CAMERA, "front")
+    raw = camera.stream(names.Stream.INFRA, "1").resource(Resource.IMAGE_RAW).build()
+    info = camera.stream(names.Stream.COLOR).resource(Resource.CAMERA_INFO).build()
     assert str(raw) == "/local/go2/camera_front/infra1/image_raw"
     assert str(info) == "/local/go2/camera_front/color/camera_info"
     assert str(camera.resource(Resource.STATUS, "raw").build()) == "/local/go2/camera_front/status_raw"
@@ -241,29 +220,27 @@ def test_a_builder_can_be_continued_more_than_once():
 
 
 def test_a_builder_takes_this_hosts_agent_and_names_a_mandatory_segment_that_is_missing(monkeypatch):
-    status = RosFqnBuilder().scope(Scope.GLOBAL).resource(Resource.STATUS)
+    status = names.RosFqnBuilder().scope(Scope.GLOBAL).resource(Resource.STATUS)
     monkeypatch.setenv("SFG_AGENT_NAME", "spot_7")
     assert str(status.build()) == "/global/spot_7/status"
     assert str(status.without_agent().agent("go2").build()) == "/global/go2/status"
     monkeypatch.setenv("SFG_AGENT_NAME", "spot-7")
     with pytest.raises(FqnError, match="SFG_AGENT_NAME"):
         status.build()
-    with pytest.raises(FqnError, match="mandatory") as caught:
-        RosFqnBuilder().resource(Resource.STATUS).build()
-    assert caught.value.place == "scope"
-    with pytest.raises(FqnError, match="mandatory") as caught:
-        RosFqnBuilder().scope(Scope.LOCAL).build()
-    assert caught.value.place == "resource"
+    with pytest.raises(FqnError, match=r"^scope: .*mandatory"):
+        names.RosFqnBuilder().resource(Resource.STATUS).build()
+    with pytest.raises(FqnError, match=r"^resource: .*mandatory"):
+        names.RosFqnBuilder().scope(Scope.LOCAL).build()
 
 
 @pytest.mark.parametrize("value", [Custom("mast"), Component.CAMERA.suffixed("front")])
 def test_a_builder_adds_a_suffix_only_to_a_bare_standard_value(value):
     with pytest.raises(FqnError, match="suffix only on a standard value"):
-        RosFqnBuilder().component(value, "left")
+        names.RosFqnBuilder().component(value, "left")
 
 
 def test_the_graph_is_a_chain_with_an_exit_into_the_resource_from_every_segment():
-    table = schema_table()
+    table = names.schema_table()
     assert [node.name for node in table.nodes] == ["scope", "agent", "component", "stream", "resource"]
     assert [node.name for node in table.nodes if node.mandatory] == ["scope", "resource"]
     assert [node.name for node in table.nodes if node.extensible] == ["component", "stream", "resource"]
@@ -277,7 +254,7 @@ def test_the_graph_is_a_chain_with_an_exit_into_the_resource_from_every_segment(
         ("stream", "resource", After.STREAM),
     ]
     assert [node.values for node in table.nodes[:2]] == [("local", "global"), ()]
-    for node, members in zip(table.nodes[2:], (Component, Stream, Resource), strict=True):
+    for node, members in zip(table.nodes[2:], (Component, names.Stream, Resource), strict=True):
         assert node.values == tuple(member.text for member in members)
     for edge in table.edges:
         if edge.after is not None:
@@ -286,15 +263,15 @@ def test_the_graph_is_a_chain_with_an_exit_into_the_resource_from_every_segment(
 
 
 def test_all_standard_names_are_as_many_as_the_flags_permit_and_survive_a_router():
-    permitted = {edge.after: len(edge.resources) for edge in schema_table().edges if edge.after}
+    permitted = {edge.after: len(edge.resources) for edge in names.schema_table().edges if edge.after}
     expected = len(Scope) * (
         permitted[After.SCOPE]
         + permitted[After.AGENT]
         + len(Component) * permitted[After.COMPONENT]
-        + len(Component) * len(Stream) * permitted[After.STREAM]
+        + len(Component) * len(names.Stream) * permitted[After.STREAM]
     )
-    names = {str(fqn): fqn.kind for fqn in all_standard_fqns("go2")}
-    assert len(names) == expected
+    found = {str(fqn): fqn.kind for fqn in names.all_standard_fqns("go2")}
+    assert len(found) == expected
     some = {"/global/agent_heartbeat", "/global/go2/get_metadata", "/local/go2/agent_discovery_event"}
-    assert some <= names.keys()
-    assert not any(router_hazards(name, kind) for name, kind in names.items())
+    assert some <= found.keys()
+    assert not any(names.router_hazards(name, kind) for name, kind in found.items())

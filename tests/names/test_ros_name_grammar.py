@@ -71,9 +71,8 @@ def test_names_resolve_as_rclpy_resolves_them(name, namespace, expected):
 def test_what_cannot_resolve_names_the_culprit(segment, wrong):
     for given_text in wrong:
         parts = {"name": "x", "namespace": "/", "node": "talker"} | {segment: given_text}
-        with pytest.raises(FqnError) as caught:
+        with pytest.raises(FqnError, match=f"^{segment}: "):
             resolve(parts["name"], parts["namespace"], node_name=parts["node"])
-        assert caught.value.place == segment
 
 
 def test_a_name_that_outgrows_the_limit_by_its_namespace_is_refused():
@@ -110,12 +109,8 @@ def test_the_schema_stands_on_floor_zero():
         "print(sorted(m for m in sys.modules if m.startswith('sfglab') and 'names' not in m)); "
         "print(sorted({m.partition('.')[0] for m in sys.modules} - sys.stdlib_module_names - {'sfglab'}))"
     )
-    result = subprocess.run(
-        [sys.executable, "-I", "-S", "-c", f"import sys; sys.path[:0]={sys.path!r}; {code}"],
-        capture_output=True,
-        text=True,
-        check=True,
-    )
+    command = [sys.executable, "-I", "-S", "-c", f"import sys; sys.path[:0]={sys.path!r}; {code}"]
+    result = subprocess.run(command, capture_output=True, text=True, check=True)
     own, foreign = result.stdout.splitlines()
     assert own == "['sfglab', 'sfglab.errors']"
     assert set(ast.literal_eval(foreign)) <= {"__main__"}

@@ -23,7 +23,6 @@ from sfglab.lab.paths import Project
 
 ROOT = Path(__file__).parents[2]
 
-
 PIXEL = cv2.imencode(".png", np.zeros((1, 1), np.uint8))[1].tobytes()
 # What runs something, draws a film or waits for a reader; and what says where files are.
 ELSEWHERE = re.compile(

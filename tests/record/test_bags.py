@@ -6,15 +6,16 @@ import sqlite3
 import numpy as np
 import pytest
 import yaml
-from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
 from rosbags.rosbag1 import Writer as Writer1
-from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, Reader, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from typer.testing import CliRunner
 
 from sfglab.cli import app
 from sfglab.messages import CdrError, default_message, message_type, serialize
-from sfglab.record import LogError, LogReader
+from sfglab.qos import LATCHED
+from sfglab.record import LogError, LogReader, LogWriter
+from sfglab.record.metadata import rosbags_qos
 from sfglab.view.arrivals import decoded, open_log
 
 STRING = "std_msgs/msg/String"
@@ -25,18 +26,6 @@ OWN = "bag_msgs/msg/Thing"
 FORMATS = {"humble": 5, "iron": 8, "jazzy": 9, "kilted": 9}
 BAGS = list(itertools.product(FORMATS, StoragePlugin))
 SECOND = 10**9
-FOREVER = QosTime(9223372036, 854775807)
-LATCHED = Qos(
-    QosHistory.KEEP_LAST,
-    1,
-    QosReliability.RELIABLE,
-    QosDurability.TRANSIENT_LOCAL,
-    FOREVER,
-    FOREVER,
-    QosLiveliness.AUTOMATIC,
-    FOREVER,
-    False,
-)
 
 
 def transforms(parent, child):
@@ -77,7 +66,7 @@ def bag(request, tmp_path):
     far = store.types[RANGE](header=header, **zeros | {"range": 2.5})
     thing = store.types[OWN]("cup", header.stamp)
     given = [
-        ("/tf_static", TRANSFORMS, serialize(transforms("map", "go2/odom")), [LATCHED]),
+        ("/tf_static", TRANSFORMS, serialize(transforms("map", "go2/odom")), [rosbags_qos(LATCHED)]),
         ("/tf", TRANSFORMS, serialize(transforms("go2/odom", "go2/base")), []),
         ("/range", RANGE, store.serialize_cdr(far, RANGE), []),
         ("/thing", OWN, store.serialize_cdr(thing, OWN), []),
@@ -189,8 +178,6 @@ def test_what_is_no_bag_is_one_sentence(tmp_path, name):
 
 def test_what_we_record_is_read_with_the_types_of_jazzy(tmp_path):
     """`test_interoperation` has the definitions of the log; these are a distribution's own."""
-    from sfglab.record import LogWriter
-
     rng = np.random.default_rng(3)
     image = default_message("sensor_msgs/msg/Image")
     image.data = rng.integers(0, 256, 99, np.uint8)
@@ -198,15 +185,11 @@ def test_what_we_record_is_read_with_the_types_of_jazzy(tmp_path):
     with LogWriter(tmp_path / "run.mcap") as log:
         for topic, message in given.items():
             log.write(topic, message, log_time_ns=5)
-    from rosbags.rosbag2 import Reader
-
     store = get_typestore(Stores.ROS2_JAZZY)
     with Reader(tmp_path / "run.mcap") as reader:
         cdr = {c.topic: (c.msgtype, data) for c, _, data in reader.messages()}
         read = {topic: (kind, store.deserialize_cdr(data, kind)) for topic, (kind, data) in cdr.items()}
     assert read.keys() == given.keys()
     for topic, (kind, message) in read.items():
-        assert (
-            bytes(store.serialize_cdr(message, kind))
-            == serialize(given[topic])[: len(store.serialize_cdr(message, kind))]
-        )
+        again = bytes(store.serialize_cdr(message, kind))
+        assert again == serialize(given[topic])[: len(again)]

@@ -21,15 +21,8 @@ from sfglab.qos import LATCHED, QoSProfile, Reliability
 from sfglab.record import LogReader, LogWriter
 
 TF, STRING, IMAGE = "tf2_msgs/msg/TFMessage", "std_msgs/msg/String", "sensor_msgs/msg/Image"
-FOLDERS = [
-    ("mcap", "none"),
-    ("mcap", "file"),
-    ("mcap", "message"),
-    ("mcap", "storage"),
-    ("sqlite3", "none"),
-    ("sqlite3", "file"),
-    ("sqlite3", "message"),
-]
+FOLDERS = [("mcap", mode) for mode in ("none", "file", "message", "storage")]
+FOLDERS += [("sqlite3", mode) for mode in ("none", "file", "message")]
 
 
 @pytest.fixture
@@ -76,23 +69,10 @@ def test_a_log_becomes_a_bag_and_again_the_same_log(tmp_path, given, storage, mo
 
 def test_several_logs_become_one_and_a_filter_takes_topics_and_times(tmp_path, given):
     bag, part = tmp_path / "bag", tmp_path / "part.mcap"
-    called(
-        "log",
-        "filter",
-        str(given),
-        "-o",
-        str(bag),
-        "--topics",
-        "/image",
-        "--start-offset",
-        "1",
-        "--duration",
-        "1.5",
-    )
-    assert [(topic, time_ns) for topic, _, time_ns, _ in entries(bag)] == [
-        ("/image", 10**9),
-        ("/image", 2 * 10**9),
-    ]
+    wanted = ("--topics", "/image", "--start-offset", "1", "--duration", "1.5")
+    called("log", "filter", str(given), "-o", str(bag), *wanted)
+    taken = [(topic, time_ns) for topic, _, time_ns, _ in entries(bag)]
+    assert taken == [("/image", 10**9), ("/image", 2 * 10**9)]
     assert "Duration:          1.000000000s\n" in called("log", "info", str(bag))
     called("log", "filter", str(given), "-o", str(part), "-x", "image|table")
     called("log", "convert", str(part), str(bag), "-o", str(tmp_path / "both.mcap"))
@@ -158,9 +138,8 @@ def test_what_breaks_off_leaves_nothing(tmp_path, given, name):
     assert "can be written" in str(done.exception)
     for more in ([], ["-s", "sqlite3"] if name == "out" else []):
         argv = [sys.executable, "-m", "sfglab", "log", "convert", str(given), "-o", str(tmp_path / name), *more]
-        full = subprocess.run(
-            ["bash", "-c", f"ulimit -f 1; exec {shlex.join(argv)}"], capture_output=True, check=False
-        )
+        script = f"ulimit -f 1; exec {shlex.join(argv)}"
+        full = subprocess.run(["bash", "-c", script], capture_output=True, check=False)
         assert full.returncode != 0
         assert full.stderr.decode().startswith("sfglab: --output: given ")
         assert full.stderr.count(b"\n") == 1

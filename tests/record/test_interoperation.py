@@ -39,11 +39,9 @@ def log_path(tmp_path, image, meter_row):
 
 def test_rosbags_reads_messages_types_and_qos(log_path, image):
     with AnyReader([log_path]) as bag:
-        by_topic = {c.topic: c for c in bag.connections}
-        read = {
-            t: [bag.deserialize(d, c.msgtype) for c, _, d in bag.messages([c])] for t, c in by_topic.items()
-        }
-    [qos] = by_topic["/tf_static"].ext.offered_qos_profiles
+        found = {c.topic: c for c in bag.connections}
+        read = {t: [bag.deserialize(d, c.msgtype) for c, _, d in bag.messages([c])] for t, c in found.items()}
+    [qos] = found["/tf_static"].ext.offered_qos_profiles
     assert (qos.history, qos.depth) == (QosHistory.KEEP_LAST, 1)
     assert (qos.reliability, qos.durability) == (QosReliability.RELIABLE, QosDurability.TRANSIENT_LOCAL)
     assert len(read["/camera/image"]) == 30

@@ -55,12 +55,9 @@ def test_decoded_messages_are_of_our_own_types(path, image):
 
 
 def test_a_table_is_a_dataframe_of_its_rows(path, meter_row):
-    rows = [
-        meter_row(agent=f"r{i}", received=i, mean_s=i / 2, lossless=i == 1, samples_s=(0.5,) * i)
-        for i in range(3)
-    ]
     with LogWriter(path) as log:
-        for i, row in enumerate(rows):
+        for i in range(3):
+            row = meter_row(agent=f"r{i}", received=i, mean_s=i / 2, lossless=i == 1, samples_s=(0.5,) * i)
             log.write_row("meter", row, log_time_ns=100 + i)
     with LogReader(path) as log:
         assert log.tables == ("meter",)

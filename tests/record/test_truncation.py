@@ -134,10 +134,9 @@ def test_a_damaged_byte_never_shows_as_a_message(tmp_path_factory, whole, data):
 def test_a_file_without_any_index_is_scanned_if_it_has_chunks(tmp_path, chunked):
     path = tmp_path / "plain.mcap"
     with path.open("wb") as stream:
-        bare = {"repeat_channels": False, "repeat_schemas": False, "use_statistics": False}
-        writer = Writer(
-            stream, index_types=IndexType.NONE, use_chunking=chunked, use_summary_offsets=False, **bare
-        )
+        unused = ("repeat_channels", "repeat_schemas", "use_statistics", "use_summary_offsets")
+        bare = dict.fromkeys(unused, False)
+        writer = Writer(stream, index_types=IndexType.NONE, use_chunking=chunked, **bare)
         writer.start("ros2")
         schema = writer.register_schema(TEXT, "ros2msg", definition(TEXT).encode())
         channel = writer.register_channel("/text", "cdr", schema)

@@ -4,7 +4,7 @@ import asyncio
 import os
 import re
 import sys
-from contextlib import asynccontextmanager, suppress
+from contextlib import AsyncExitStack, asynccontextmanager, suppress
 from inspect import isawaitable
 from pathlib import Path
 from signal import SIGKILL
@@ -12,7 +12,9 @@ from signal import SIGKILL
 import numpy as np
 from random_messages import random_message
 
+from sfglab.bus.address import BusAddress
 from sfglab.component import argument_of
+from sfglab.fleet.router.node import RouterConfig
 from sfglab.messages import deserialize, serialize
 from sfglab.processes import LineProcess
 from sfglab.qos import Durability, QoSProfile
@@ -37,6 +39,22 @@ async def started(name, argv, host=None):
 def component(host, module, config):
     """Run a component of ours."""
     return started(module, [sys.executable, "-m", module, argument_of(config)], host)
+
+
+@asynccontextmanager
+async def agents(network, peer, domains, *more, **config):
+    """Real nodes of each agent, on a host of its own behind its router: one, and those named in addition."""
+    async with AsyncExitStack() as stack:
+        starting, remote = {}, BusAddress(domain_id=5, interface="eth0")
+        for name, domain in domains.items():
+            host, local = network.hosts[name], BusAddress(domain_id=domain, interface="lo")
+            router = RouterConfig(agent=name, local=local, remote=remote, linger_s=0.2, **config)
+            starting[f"{name}'s router"] = component(host, "sfglab.fleet.router.node", router)
+            starting[name] = peer(name, host, ROS_DOMAIN_ID=domain)
+        for name, agent in more:
+            starting[name] = peer(name, network.hosts[agent], ROS_DOMAIN_ID=domains[agent])
+        started = await asyncio.gather(*map(stack.enter_async_context, starting.values()))
+        yield dict(zip(starting, started, strict=True))
 
 
 def kill(process):

@@ -54,8 +54,7 @@ def peer(distribution, domain_id):
         values = {"ROS_DOMAIN_ID": domain_id, **environment}
         if host:  # hosts of a test share /dev/shm: Fast DDS would pass the link by
             values.setdefault("FASTDDS_BUILTIN_TRANSPORTS", "UDPv4")
-        argv = ros2.distributions()[distribution].argv(str(program), name, **values)
-        return started(name, argv, host)
+        return started(name, ros2.distributions()[distribution].argv(str(program), name, **values), host)
 
     return start
 

@@ -13,14 +13,8 @@ from random_messages import random_message
 
 from sfglab.bus import Node
 from sfglab.lab.ros2 import distributions
-from sfglab.messages import (
-    MessageError,
-    default_message,
-    message_types,
-    register_interfaces,
-    serialize,
-    service_type,
-)
+from sfglab.messages import default_message, message_types, register_interfaces, serialize, service_type
+from sfglab.messages.store import MessageError
 from sfglab.qos import Durability, QoSProfile, Reliability, incompatibilities
 
 PICTURES = 20
@@ -78,8 +72,7 @@ print(json.dumps({"is": "compared", "same": same}), flush=True)
 @pytest.mark.feature("Types as this distribution has them")
 async def test_types_are_those_of_the_distribution(peer, distribution):
     """In a process of its own, because a process has the types of one distribution."""
-    unknown = {"rcl_interfaces/msg/LoggerLevel", *UNKNOWN[distribution]}
-    names = sorted((NEWER | CHANGED) - unknown)
+    names = sorted((NEWER | CHANGED) - {"rcl_interfaces/msg/LoggerLevel", *UNKNOWN[distribution]})
     argv = ["env", f"PYTHONPATH={os.pathsep.join(sys.path)}", sys.executable, "-c", NEWER_TYPES, *names]
     async with started("ours", argv) as ours, peer() as ros:
         given, back = (await asked(ours, "give", "given"))["cdr"], {}
@@ -151,11 +144,7 @@ def named(profile):
 @pytest.mark.feature("Reliability and durability: who hears whom")
 async def test_who_hears_whom_is_what_request_versus_offered_says(peer, domain_id):
     pairs = dict(enumerate(itertools.product(PROFILES, PROFILES)))
-    expected = {
-        n
-        for n, (offered, requested) in pairs.items()
-        if not incompatibilities(offered=offered, requested=requested)
-    }
+    expected = {n for n, (o, r) in pairs.items() if not incompatibilities(offered=o, requested=r)}
     heard = Counter()
     message = default_message(STRING)
     cdr = [serialize(message).hex()]
@@ -193,17 +182,13 @@ async def test_each_side_sees_the_other_in_its_graph_and_sees_it_go(peer, domain
 
             async def graph_has(node_name, topic):
                 graph = await asked(ros, "graph", "graph")
-                kinds = {
-                    (end["kind"], end["reliability"], end["durability"]) for end in graph["ends"].get(topic, ())
-                }
+                kinds = {(e["kind"], e["reliability"], e["durability"]) for e in graph["ends"].get(topic, ())}
                 return node_name in graph["nodes"] and ("PUBLISHER", "reliable", "transient_local") in kinds
 
             def we_see():
                 names = {f"{each.namespace.rstrip('/')}/{each.name}" for each in node.graph.nodes()}
-                ends = node.graph.publishers("/answer")
-                return "/ros_node" in names and [end.qos.durability for end in ends] == [
-                    Durability.TRANSIENT_LOCAL
-                ]
+                found = [end.qos.durability for end in node.graph.publishers("/answer")]
+                return "/ros_node" in names and found == [Durability.TRANSIENT_LOCAL]
 
             await until(lambda: graph_has("/lab/us", "/chatter"))
             await until(we_see)

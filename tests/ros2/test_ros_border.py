@@ -1,17 +1,15 @@
 """The border beside real ROS 2: rclpy on both ends of two routers, each on a host of its own."""
 
 import asyncio
-from contextlib import AsyncExitStack, asynccontextmanager
 from signal import SIGCONT, SIGSTOP
 
 import numpy as np
 import pytest
-from beside import ANSWER_S, STRING, asked, component, until
+from beside import ANSWER_S, STRING, agents, asked, component, until
 
 from sfglab.bus import Node
 from sfglab.bus.address import BusAddress
 from sfglab.fleet.decoder.node import DecoderConfig
-from sfglab.fleet.router.node import RouterConfig
 from sfglab.messages import default_message, serialize
 
 pytestmark = [pytest.mark.live, pytest.mark.ros, pytest.mark.netns]
@@ -23,25 +21,7 @@ MAP = "/global/go2/map"
 STREAM = "/global/go2/camera_front/color/ffmpeg"
 DECODED = "/local/go2/camera_front/color/image_raw"
 NAMELESS = "/".join(2 * ["_CREATED_BY_BARE_DDS_APP_"])
-GLOBAL, DOMAINS = 5, {"go2": 7, "spot": 8}
-
-
-@asynccontextmanager
-async def agents(network, peer, *more):
-    """Real nodes of each agent, on a host of its own behind its router: one, and those named in addition."""
-    async with AsyncExitStack() as stack:
-        starting = {}
-        for name, domain in DOMAINS.items():
-            host = network.hosts[name]
-            local = BusAddress(domain_id=domain, interface="lo")
-            remote = BusAddress(domain_id=GLOBAL, interface="eth0")
-            config = RouterConfig(agent=name, local=local, remote=remote, linger_s=0.2, offers=True)
-            starting[f"{name}'s router"] = component(host, "sfglab.fleet.router.node", config)
-            starting[name] = peer(name, host, ROS_DOMAIN_ID=domain)
-        for name, (agent, domain) in more:
-            starting[name] = peer(name, network.hosts[agent], ROS_DOMAIN_ID=domain)
-        started = await asyncio.gather(*map(stack.enter_async_context, starting.values()))
-        yield dict(zip(starting, started, strict=True))
+DOMAINS = {"go2": 7, "spot": 8}
 
 
 async def publish(ros, topic, qos, *, times=1):
@@ -61,9 +41,8 @@ def ends(graph, topic):
     cannot={"kilted": "its Fast DDS names no node for endpoints of Cyclone DDS; the cause is not known"},
 )
 async def test_what_could_be_had_is_listed_before_anybody_subscribes(network, peer, distribution):
-    async with agents(network, peer) as ros:
-        names = distribution == "jazzy"
-        await listed_then_opened(network, ros["go2"], ros["spot"], names=names)
+    async with agents(network, peer, DOMAINS, offers=True) as ros:
+        await listed_then_opened(network, ros["go2"], ros["spot"], names=distribution == "jazzy")
 
 
 async def listed_then_opened(network, go2, spot, *, names):
@@ -123,9 +102,7 @@ MATRIX = [
     *3 * [(LATCHED, LATCHED, 5)],
 ]
 TOPICS = [f"/global/go2/pair{n}" for n in range(len(MATRIX))]
-LEASED = [
-    t for t, (offered, _, past) in zip(TOPICS, MATRIX, strict=True) if offered | LEASE == offered and past == 0
-]
+LEASED = [t for t, (o, _, past) in zip(TOPICS, MATRIX, strict=True) if o | LEASE == o and past == 0]
 
 
 class Told:
@@ -149,7 +126,7 @@ class Told:
     "latched past, for Fast DDS does not announce how deep it is",
 )
 async def test_qos_is_across_two_routers_what_it_is_without(network, peer):
-    async with agents(network, peer, ("beside", ("go2", DOMAINS["go2"]))) as ros:
+    async with agents(network, peer, DOMAINS, ("beside", "go2"), offers=True) as ros:
         go2, hearers = ros["go2"], (ros["beside"], ros["spot"])
         told = [Told(hearer) for hearer in hearers]
         await everybody_hears(go2, hearers, told)
@@ -201,7 +178,7 @@ DEEP, SECONDS, RATE_HZ = {"depth": 1000}, {"jazzy": 10, "kilted": 2}, 100
 
 @pytest.mark.feature("Across two routers: 100 messages a second, none lost", condition="reliable")
 async def test_reliable_topics_lose_nothing_across_two_routers(network, peer, distribution):
-    async with agents(network, peer) as ros:
+    async with agents(network, peer, DOMAINS, offers=True) as ros:
         await all_arrive(ros, STRING, HELLO, times=RATE_HZ * SECONDS[distribution], rate_hz=RATE_HZ)
 
 
@@ -215,7 +192,7 @@ IMAGES, IMAGE_BYTES = 60, 640 * 480 * 3
 async def test_images_arrive_across_two_routers(network, peer):
     image = default_message(IMAGE)
     image.data = np.zeros(IMAGE_BYTES, np.uint8)
-    async with agents(network, peer) as ros:
+    async with agents(network, peer, DOMAINS, offers=True) as ros:
         await all_arrive(ros, IMAGE, serialize(image).hex(), times=IMAGES, rate_hz=30)
 
 

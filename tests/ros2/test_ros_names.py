@@ -32,11 +32,8 @@ def cases(count):
     rng = random.Random(17)
     for number in range(count):
         odd = number % 4 == 0
-        yield (
-            hostile(rng),
-            hostile(rng) if odd else "/ns",
-            rng.choice((*PARTS, "n" * 255, "n" * 256)) if odd else "node",
-        )
+        name, namespace = hostile(rng), hostile(rng) if odd else "/ns"
+        yield name, namespace, rng.choice((*PARTS, "n" * 255, "n" * 256)) if odd else "node"
     yield from ((str(fqn), "/ns", "node") for fqn in all_standard_fqns("go2"))
 
 
@@ -52,9 +49,8 @@ def ours(act):
 def test_names_are_accepted_expanded_and_refused_as_ros_2_does(distribution):
     asked = list(cases(4000))
     argv = distributions()[distribution].argv(str(Path(__file__).with_name("name_validators.py")))
-    answers = subprocess.run(
-        argv, input=json.dumps(asked), capture_output=True, text=True, timeout=60, check=True
-    )
+    given = json.dumps(asked)
+    answers = subprocess.run(argv, input=given, capture_output=True, text=True, timeout=60, check=True)
     differ = []
     for (name, namespace, node), line in zip(asked, answers.stdout.splitlines(), strict=True):
         full, expanded = json.loads(line)

@@ -5,12 +5,11 @@ import signal
 import statistics
 import sys
 from collections import Counter
-from contextlib import AsyncExitStack, asynccontextmanager
 from pathlib import Path
 
 import psutil
 import pytest
-from beside import ANSWER_S, asked, component, kill, started, until
+from beside import ANSWER_S, agents, asked, component, kill, started, until
 
 from sfglab.bus import BusTimeoutError, Node
 from sfglab.bus.address import BusAddress
@@ -18,7 +17,6 @@ from sfglab.bus.parameters import READ_ONLY, flat
 from sfglab.bus.ros.services import PYTHON_VARIABLE
 from sfglab.fields import to_json
 from sfglab.fleet.decoder.node import DecoderConfig
-from sfglab.fleet.router.node import RouterConfig
 from sfglab.messages import service_type
 
 pytestmark = [pytest.mark.live, pytest.mark.ros]
@@ -68,20 +66,6 @@ def ros_node(peer):
     return lambda name, host=None, **values: peer(name, host, program=program, **values)
 
 
-@asynccontextmanager
-async def border(network, ros_node):
-    """A router on each host, and behind each a real node; both by their names."""
-    async with AsyncExitStack() as stack:
-        found = {}
-        for name, domain in DOMAINS.items():
-            host = network.hosts[name]
-            local, remote = BusAddress(domain_id=domain, interface="lo"), BusAddress(domain_id=30)
-            config = RouterConfig(agent=name, local=local, remote=remote, linger_s=0.2)
-            await stack.enter_async_context(component(host, "sfglab.fleet.router.node", config))
-            found[name] = await stack.enter_async_context(ros_node(name, host, ROS_DOMAIN_ID=domain))
-        yield found
-
-
 def node_of_ours(network, name):
     """A process on a host that serves and calls as rmw_cyclonedds does."""
     return started("ours", [sys.executable, "-c", OURS, str(DOMAINS[name])], network.hosts[name])
@@ -119,8 +103,7 @@ async def test_a_node_serves_and_calls_and_its_program_is_repaired(ros_node, pyt
             await asked_by_us(client, 0.1)
         await asked(ros, "serve", "serving", service="/theirs")
         assert await asked_by_us(client)
-        called = await call(ros, 20, ANSWER_S, "/ours")
-        assert called["answers"] == heard == alternating(20)
+        assert (await call(ros, 20, ANSWER_S, "/ours"))["answers"] == heard == alternating(20)
         stranger = node.create_client(SET_BOOL, "/theirs")
 
         async def told():
@@ -151,7 +134,7 @@ async def test_a_node_serves_and_calls_and_its_program_is_repaired(ros_node, pyt
 @pytest.mark.feature("Services of rmw_fastrtps with nodes of sfglab, across two routers", condition=BESIDE)
 @pytest.mark.feature("Actions across two routers: feedback, cancel, result", condition=BESIDE)
 async def test_services_and_actions_cross_two_routers(network, ros_node, python):
-    async with border(network, ros_node) as ros:
+    async with agents(network, ros_node, DOMAINS) as ros:
         client, server, count = ros["two"], ros["one"], Counter()
         server.on_report = lambda report: count.update([report["is"]])
         await asked(server, "serve", "serving", service=ENABLE)
@@ -190,7 +173,7 @@ async def perform(server, client):
 @netns
 @pytest.mark.feature("Services where no ROS 2 stands beside a router: not announced, which is said")
 async def test_without_ros_2_nothing_is_announced_and_it_is_said(network, ros_node, capfd):
-    async with border(network, ros_node) as ros:
+    async with agents(network, ros_node, DOMAINS) as ros:
         await asked(ros["one"], "serve", "serving", service=ENABLE)
         called, said = asyncio.create_task(call(ros["two"], timeout_s=3.0)), []
 

@@ -61,9 +61,7 @@ def printed(tool):
         async with tool(*arguments) as process:
             out, said = await process.communicate()
         assert process.returncode == status, said
-        if status:
-            return said.decode()
-        return out.decode()
+        return (said if status else out).decode()
 
     return run
 
@@ -79,8 +77,7 @@ async def test_lists_and_infos_print_what_rclpy_s_graph_has(peer, printed):
         topics = {name: types for name, types in seen["topics"].items() if "/_" not in name}
         assert await printed("topic", "list", "-t") == "".join(f"{n} [{t}]\n" for n, (t,) in topics.items())
         publishers, subscriptions = seen["ends"]["/chatter"]
-        said = await printed("topic", "info", "-v", "/chatter")
-        assert said.split("\n\n") == [
+        assert (await printed("topic", "info", "-v", "/chatter")).split("\n\n") == [
             *("Type: std_msgs/msg/String", "Publisher count: 1", *publishers),
             *("Subscription count: 1", *subscriptions, ""),
         ]
@@ -111,8 +108,7 @@ async def test_echo_prints_what_rclpy_publishes_and_rclpy_hears_what_pub_says(pe
         await asked(ros, "listen", "listening", kind=STRING, topic="/chatter", qos={"depth": 10})
         out = await printed("topic", "pub", "--once", "/chatter", "std_msgs/String", "{data: hällo}")
         heard = await ros.expect("heard", timeout_s=30)
-        text = deserialize(bytes.fromhex(heard["cdr"]), STRING)
-        assert text.data == "hällo"
+        assert deserialize(bytes.fromhex(heard["cdr"]), STRING).data == "hällo"
         shown = await asked(ros, "shown", "shown", kind=STRING, cdr=[heard["cdr"]])
         assert f"publishing #1: {shown['texts'][0]}\n\n" in out
 
@@ -158,8 +154,7 @@ async def test_services_and_actions_of_rclpy_are_listed_and_called(peer, printed
         listed = await printed("service", "list", "-t")
         assert listed == "".join(f"{name} [{type_}]\n" for name, (type_,) in services.items())
         assert await printed("action", "list", "-t") == "/count [test_msgs/action/Fibonacci]\n"
-        said = await printed("service", "call", "/enable", "std_srvs/srv/SetBool", "{data: true}")
-        assert said == (
+        assert await printed("service", "call", "/enable", "std_srvs/srv/SetBool", "{data: true}") == (
             "requester: making request: std_srvs.srv.SetBool_Request(data=True)\n\n"
             "response:\nstd_srvs.srv.SetBool_Response(success=True, message='')\n\n"
         )
@@ -196,9 +191,7 @@ STORAGES = {"jazzy": "mcap", "kilted": "sqlite3"}
     "`sfglab log record` and `play`: 10 topics at 100 Hz and 30 images of 640 x 480 a second, none lost"
 )
 @pytest.mark.slow
-async def test_what_rclpy_publishes_is_recorded_and_played_to_rclpy(
-    peer, tool, printed, distribution, tmp_path
-):
+async def test_what_rclpy_publishes_is_recorded_and_played_to_it(peer, tool, printed, distribution, tmp_path):
     bag = tmp_path / "bag"
     async with peer("talker", program=PEER) as ros:
         for topic, kind in KINDS.items():
@@ -216,9 +209,8 @@ async def test_what_rclpy_publishes_is_recorded_and_played_to_rclpy(
             digests[message.topic][0] += 1
             digests[message.topic][1].update(message.cdr[4:])
     recorded = {topic: [count, digest.hexdigest()] for topic, (count, digest) in digests.items()}
-    assert {topic: count for topic, (count, _) in recorded.items()} == {
-        t: hz * SECONDS for t, hz in RATES.items()
-    }
+    counts = {topic: count for topic, (count, _) in recorded.items()}
+    assert counts == {topic: hz * SECONDS for topic, hz in RATES.items()}
     async with peer("listener", program=PEER) as ros:
         await asked(ros, "gather", "gathering", kinds=KINDS)
         assert await printed("log", "play", str(bag)) == "played 5150 messages of 11 topics\n"

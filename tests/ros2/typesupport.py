@@ -102,8 +102,7 @@ def build(out, package):
             objects = [every[f].result() for f in each if f not in entries]
             link(out, package, python / f"lib{package.name}__rosidl_{name}.so", objects)
     for entry in entries:
-        extension = python / f"{package.name}_s__rosidl_typesupport_c{SUFFIX}"
-        link(out, package, extension, [every[entry].result()])
+        link(out, package, python / f"{package.name}_s__rosidl_typesupport_c{SUFFIX}", [every[entry].result()])
     made = out / "generator_py" / package.name
     for file in made.rglob("*.py"):
         (python / file.relative_to(made)).parent.mkdir(exist_ok=True)

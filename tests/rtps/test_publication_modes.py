@@ -88,11 +88,9 @@ def test_what_a_crowded_air_costs_depends_on_who_waits(preset, rule, depth, loss
 
 
 def test_a_queue_that_drops_its_head_keeps_what_is_newest():
-    head, tail = (
-        outcome("fast_dds", replace(SLOW, queue_rule=rule), depth=1, rate_hz=1000, duration_s=3.0,
-                reliability=BEST_EFFORT).flows["a"]
-        for rule in ("head", "tail")
-    )  # fmt: skip
+    given = {"depth": 1, "rate_hz": 1000, "duration_s": 3.0, "reliability": BEST_EFFORT}
+    media = (replace(SLOW, queue_rule=rule) for rule in ("head", "tail"))
+    head, tail = (outcome("fast_dds", medium, **given).flows["a"] for medium in media)
     assert head.loss == pytest.approx(tail.loss, abs=0.02)
     assert np.median(head.latency_ns) < 0.8 * np.median(tail.latency_ns)
 
@@ -100,11 +98,9 @@ def test_a_queue_that_drops_its_head_keeps_what_is_newest():
 def test_a_message_that_ip_cuts_is_lost_with_any_of_its_frames():
     """Of 256 samples, 24 kB: where a full queue drops its head, hardly one comes whole."""
     medium = replace(SLOW, queue_rule="head", queue_frames=100)
-    cut, small = (
-        outcome(replace(PRESETS["fast_dds_async"], burst_bytes=size), medium, depth=1000, rate_hz=1000,
-                duration_s=4.0)
-        for size in (65_500, 1456)
-    )  # fmt: skip
+    given = {"depth": 1000, "rate_hz": 1000, "duration_s": 4.0}
+    vendors = (replace(PRESETS["fast_dds_async"], burst_bytes=size) for size in (65_500, 1456))
+    cut, small = (outcome(vendor, medium, **given) for vendor in vendors)
     assert small.flows["a"].loss < 0.05
     assert cut.flows["a"].loss > 0.2
     assert frame_bytes(Frame.BURST, 24, 24) + frame_bytes(Frame.FRAGMENT, 24, 0) == 78 + 24 * 60 + 34
@@ -112,11 +108,9 @@ def test_a_message_that_ip_cuts_is_lost_with_any_of_its_frames():
 
 
 def test_an_access_point_costs_the_air_twice_and_loses_twice():
-    once, twice = (
-        outcome("fast_dds", Medium(loss=0.1, access_point=relayed), depth=1, duration_s=40.0,
-                reliability=BEST_EFFORT)
-        for relayed in (False, True)
-    )  # fmt: skip
+    given = {"depth": 1, "duration_s": 40.0, "reliability": BEST_EFFORT}
+    media = (Medium(loss=0.1, access_point=relayed) for relayed in (False, True))
+    once, twice = (outcome("fast_dds", medium, **given) for medium in media)
     assert twice.counts["airtime_ns"] == pytest.approx(1.9 * once.counts["airtime_ns"], rel=0.02)
     assert once.flows["a"].loss == pytest.approx(0.1, abs=0.02)
     assert twice.flows["a"].loss == pytest.approx(0.19, abs=0.02)
@@ -129,9 +123,7 @@ def test_an_access_point_drops_where_hosts_block():
 
 
 @pytest.mark.parametrize(("chance", "least", "most"), [(True, 0.25, 0.34), (False, 0.0, 0.05)])
-def test_beside_a_full_access_point_all_get_their_share_by_chance_and_one_host_everything_in_turns(
-    chance, least, most
-):
+def test_at_a_full_access_point_all_get_a_share_by_chance_and_one_host_everything_in_turns(chance, least, most):
     medium = replace(SLOW, queue_rule="block", access_point=True, random_turns=chance)
     flows = tuple(
         Flow(name=name, source=name, target="station", rate_hz=500.0, qos=QoSProfile(depth=10))

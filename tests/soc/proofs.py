@@ -117,13 +117,9 @@ class _WatchedArbiter(Elaboratable):
             Cat(getattr(port, name) for port in arbiter.masters) for name in ("request", "grant", "complete")
         )
         m.d.comb += Assume((self._waited & ~request) == 0)
-        m.d.sync += [
-            self._waited.eq(request & ~grant),
-            self._under.eq((self._under & ~complete) | grant),
-        ]
+        m.d.sync += [self._waited.eq(request & ~grant), self._under.eq((self._under & ~complete) | grant)]
         for place, passed in enumerate(self._passed):
-            waits = (request & ~grant)[place]
-            m.d.sync += passed.eq((passed | grant) & waits.replicate(len(grant)))
+            m.d.sync += passed.eq((passed | grant) & (request & ~grant)[place].replicate(len(grant)))
             m.d.comb += Assert((passed & grant) == 0)
         free = ~self._under.any() & arbiter.memory.grant
         m.d.comb += [

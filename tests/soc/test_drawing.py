@@ -30,6 +30,7 @@ from sfglab.soc.layout import ends_of, layered_layout, node_vertex, topic_vertex
 from sfglab.soc.mapping import hardware_subgraphs
 
 HW, SW = Placement.HARDWARE, Placement.SOFTWARE
+FIGURE_8 = map_communication(load_graph(GRAPHS / "figure_8.yaml"))
 
 
 def drawn(graph):
@@ -84,15 +85,13 @@ def test_no_line_runs_through_a_frame_that_is_not_its_end(name):
 @settings(max_examples=15, deadline=None)
 @given(graphs(most_nodes=5, most_topics=4))
 def test_every_graph_can_be_drawn_with_as_many_coloured_edges_as_cross(graph):
-    ax = drawn(graph)
-    arrows = [patch for patch in ax.patches if isinstance(patch, FancyArrowPatch)]
+    arrows = [patch for patch in drawn(graph).patches if isinstance(patch, FancyArrowPatch)]
     count = sum(np.allclose(arrow.get_edgecolor()[:3], to_rgb(CROSSING)) for arrow in arrows)
     assert count == len(crossing_edges(graph))
 
 
 def test_each_part_in_hardware_has_a_dashed_outline():
-    mapping = map_communication(load_graph(GRAPHS / "figure_8.yaml"))
-    for graph in mapping.stages:
+    for graph in FIGURE_8.stages:
         outlines = [c for c in drawn(graph).collections if isinstance(c, ContourSet)]
         assert len(outlines) == len(hardware_subgraphs(graph))
         assert all(outline.get_linestyle()[0][1] is not None for outline in outlines)
@@ -100,16 +99,16 @@ def test_each_part_in_hardware_has_a_dashed_outline():
 
 def test_three_pictures_say_ten_eight_and_three_and_one_stage_is_drawn_by_choice():
     figure = Figure(layout="constrained")
-    draw_mapping(map_communication(load_graph(GRAPHS / "figure_8.yaml")), figure)
+    draw_mapping(FIGURE_8, figure)
     titles = [ax.get_title() for ax in figure.axes]
     assert [int(title.split(": ")[1].split()[0]) for title in titles] == [10, 8, 3]
     assert len(figure.legends) == 1
     figure.savefig(BytesIO(), format="png")
-    mapping, figure = map_communication(load_graph(GRAPHS / "figure_8.yaml")), Figure(layout="constrained")
-    draw_mapping(mapping, figure, "hardware")
+    figure = Figure(layout="constrained")
+    draw_mapping(FIGURE_8, figure, "hardware")
     assert [ax.get_title() for ax in figure.axes] == ["topics in hardware: 8 edges across the boundary"]
     with pytest.raises(InvalidValueError, match="stage: given 'fast', allowed: software, hardware, gateways"):
-        draw_mapping(mapping, Figure(), "fast")
+        draw_mapping(FIGURE_8, Figure(), "fast")
 
 
 def test_a_graph_of_fifty_nodes_fits_a_page_with_names_that_stand_apart():

@@ -1,6 +1,7 @@
 """The closed loop: a lap in a town passes, and the judge fails those who drive badly."""
 
 import math
+from itertools import count
 
 import numpy as np
 import pytest
@@ -61,8 +62,7 @@ def test_a_light_rests_in_red_until_it_notices_a_car_before_its_line_or_keeps_it
 
 
 def test_the_image_shows_a_red_or_a_green_lamp_and_the_same_seed_the_same_image():
-    light = TOWN.lights[0]
-    x, y, yaw = TOWN.lane.at(light.stop_m - 0.4)
+    x, y, yaw = TOWN.lane.at(TOWN.lights[0].stop_m - 0.4)
     car = CarState(x_m=x, y_m=y, yaw_rad=yaw)
     stack = Stack(Camera())
     images = [
@@ -141,8 +141,7 @@ def test_the_judge_fails_a_car_that_sees_no_red_light_or_steers_the_wrong_way():
 
 
 def test_a_clock_gives_each_node_its_time_in_every_frame_and_without_one_nothing_is_timed():
-    ticks = iter(range(0, 10**9, 1000))
-    stack = Stack(Camera(), lambda: next(ticks))
+    stack = Stack(Camera(), count(0, 1000).__next__)
     lap = run_lap(1, stack=stack, rules=Rules(timeout_s=0.4))
     timed = {ports.node for ports in NODES if ports.subscribes} - {"car"} | {"camera"}
     assert set(stack.timed.frames_ns) == set(lap.node_s) == timed

@@ -80,8 +80,7 @@ def axes():
 def test_every_state_is_a_box_with_its_place_and_every_arrow_is_drawn_once_with_its_input(axes):
     assert set(PLACES) == set(State)
     assert len(set(PLACES.values())) == len(State)
-    boxes = [patch for patch in axes.patches if isinstance(patch, FancyBboxPatch)]
-    assert len(boxes) == len(State)
+    assert sum(isinstance(patch, FancyBboxPatch) for patch in axes.patches) == len(State)
     assert "filter SMT" in {text.get_text() for text in axes.texts}
     drawn = Counter(text.get_text() for text in axes.texts)
     inputs = Counter(arrow.given.name for arrow in arrows())

@@ -13,8 +13,7 @@ from sfglab.soc.gateway_world import Bound
 def broken(state: State, given: Input, to: State) -> Table:
     """The table with one arrow bent."""
     row = TABLE[state]
-    moves = {**row.moves, given: Move(to, row.moves[given].latch)}
-    return {**TABLE, state: Row(row.drive, moves)}
+    return {**TABLE, state: Row(row.drive, {**row.moves, given: Move(to, row.moves[given].latch)})}
 
 
 BOUNDS = [

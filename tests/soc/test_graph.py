@@ -1,5 +1,6 @@
 """Computation graphs: what they refuse, and how they go into YAML and come back."""
 
+import re
 from contextlib import suppress
 
 import pytest
@@ -16,12 +17,6 @@ HW, SW = soc.Placement.HARDWARE, soc.Placement.SOFTWARE
 
 def read(text):
     return soc.read_graph(Document(text, "g.yaml"))
-
-
-def refusal(text):
-    with pytest.raises(InvalidValueError) as raised:
-        read(text)
-    return str(raised.value)
 
 
 @settings(max_examples=60, deadline=None)
@@ -76,7 +71,8 @@ MISTAKES = [
 
 @pytest.mark.parametrize(("text", "said"), MISTAKES)
 def test_a_mistake_is_named_with_file_key_what_is_given_and_what_is_allowed(text, said):
-    assert said in refusal(text)
+    with pytest.raises(InvalidValueError, match=re.escape(said)):
+        read(text)
 
 
 @settings(max_examples=60, deadline=None)
@@ -85,11 +81,9 @@ def test_no_change_of_a_word_makes_another_error_than_ours(graph, data):
     text = soc.graph_text(graph)
     start = data.draw(st.integers(0, len(text)))
     end = data.draw(st.integers(start, len(text)))
-    changed = (
-        text[:start] + data.draw(st.sampled_from(["", "x", "[", "{}", ": ", "\n", "null", "- "])) + text[end:]
-    )
+    put = data.draw(st.sampled_from(["", "x", "[", "{}", ": ", "\n", "null", "- "]))
     with suppress(InvalidValueError):
-        read(changed)
+        read(text[:start] + put + text[end:])
 
 
 def test_a_file_that_cannot_be_read_is_named_and_the_graph_refuses_what_it_would(tmp_path):

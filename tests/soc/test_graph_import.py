@@ -53,8 +53,7 @@ def test_a_log_that_says_who_publishes_gives_the_nodes_too(imported):
 
 
 def test_a_topic_that_the_record_gives_no_publisher_is_left_out_with_the_reason(imported):
-    record = {"/a": {"publishers": [], "subscribers": ["s"]}}
-    found = imported(["/a"], record)
+    found = imported(["/a"], {"/a": {"publishers": [], "subscribers": ["s"]}})
     assert found.left_out == {"/a": "no publisher in the record 'computation_graph'"}
     assert found.graph.topics == ()
 

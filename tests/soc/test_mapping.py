@@ -45,11 +45,8 @@ def test_the_paper_s_example_has_the_paper_s_sets_and_ten_then_eight_then_three_
     assert example.crossing == (10, 8, 3)
     found = [crossing_edges(graph) for graph in example.stages]
     assert [(len(c.publications), len(c.subscriptions)) for c in found] == [(3, 7), (2, 6), (1, 2)]
-    assert {str(edge) for edge in (*found[2].publications, *found[2].subscriptions)} == {
-        "A -> 8",
-        "C -> 6",
-        "9 -> E",
-    }
+    left = {str(edge) for edge in (*found[2].publications, *found[2].subscriptions)}
+    assert left == {"A -> 8", "C -> 6", "9 -> E"}
     assert [example.software.mapped_to(kind) for kind in KINDS] == [tuple("ABCDE"), (), ()]
     assert [example.hardware.mapped_to(kind) for kind in KINDS] == [tuple("ACDE"), ("B",), ()]
     assert [example.gateways.mapped_to(kind) for kind in KINDS] == [("D",), ("B",), tuple("ACE")]
@@ -115,8 +112,7 @@ def test_no_stage_carries_a_message_more_often_and_a_gateway_carries_it_less_oft
 @given(graphs())
 def test_parts_in_hardware_share_nothing_and_hold_every_hardware_node(graph):
     parts = hardware_subgraphs(map_communication(graph).gateways)
-    held = [node for nodes, _ in parts for node in nodes]
-    assert sorted(held) == sorted(graph.in_hardware)
+    assert sorted(node for nodes, _ in parts for node in nodes) == sorted(graph.in_hardware)
     topics = [topic for _, inner in parts for topic in inner]
     assert len(topics) == len(set(topics))
 
@@ -155,10 +151,8 @@ def test_small_messages_get_no_gateway_by_the_rule_which_changes_where_the_model
 
 def test_the_time_of_a_topic_is_the_model_s_for_its_nodes_and_one_of_unknown_size_is_refused():
     mapped = map_communication(FIGURE_8).gateways
-    setup = Setup(
-        publisher=Side.HARDWARE, transport=Transport.GATEWAY, message_bytes=1_000_000, hardware=2, software=1
-    )
-    times = transfer_times(setup)
+    sides = {"publisher": Side.HARDWARE, "hardware": 2, "software": 1}
+    times = transfer_times(Setup(transport=Transport.GATEWAY, message_bytes=1_000_000, **sides))
     assert transfer_s(mapped, mapped.topic("A"), judge=Judge.HARDWARE) == times.hardware_s
     assert transfer_s(mapped, mapped.topic("A"), judge=Judge.SOFTWARE) == times.software_s
     graph = sized(None)

@@ -234,7 +234,6 @@ def test_every_constant_has_a_unit_an_origin_and_a_reason_and_every_bar_is_there
 
 def test_the_scale_of_time_is_plausible_beside_the_driving_application():
     """Section 6 saves 7.994 ms; that topic A is 640x480 rgb8 to three hardware nodes is our reading."""
-    smt, gateway = (
-        times(Side.HARDWARE, kind, 640 * 480 * 3, hardware=3) for kind in (Transport.SMT, Transport.GATEWAY)
-    )
+    kinds = Transport.SMT, Transport.GATEWAY
+    smt, gateway = (times(Side.HARDWARE, kind, 640 * 480 * 3, hardware=3) for kind in kinds)
     assert smt.hardware_s - gateway.hardware_s == pytest.approx(7.994e-3, rel=0.1)

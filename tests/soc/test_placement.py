@@ -85,9 +85,8 @@ def pair(size_bytes, *, gateway_lut=0, lut=1000):
     heard = ("h0", "h1", "h2")
     nodes = [Node(name=name, rate_hz=10.0, software_s=1.0, hardware=hardware) for name in heard]
     topic = Topic(name="t", publishers=("s",), subscribers=heard, size_bytes=size_bytes, rate_hz=10.0)
-    platform = Platform(
-        name="p", lut=lut, bram=0.0, gateway_lut=gateway_lut, bytes_per_s=1e8, carriage_s=1e-4, gateway_s=1e-3
-    )
+    times = {"bytes_per_s": 1e8, "carriage_s": 1e-4, "gateway_s": 1e-3}
+    platform = Platform(name="p", lut=lut, bram=0.0, gateway_lut=gateway_lut, **times)
     return Graph(nodes=(Node(name="s"), *nodes), topics=(topic,)), platform
 
 
@@ -101,9 +100,9 @@ def test_a_gateway_is_taken_from_the_size_on_from_which_it_pays(size_bytes, gate
 
 
 def test_a_gateway_for_which_there_is_no_room_is_not_taken():
-    found = place_nodes(*pair(10**6, gateway_lut=50, lut=349))
-    assert found.graph.mapped_to(TopicMapping.GATEWAY) == ()
-    assert place_nodes(*pair(10**6, gateway_lut=50, lut=350)).graph.mapped_to(TopicMapping.GATEWAY) == ("t",)
+    for lut, taken in ((349, ()), (350, ("t",))):
+        found = place_nodes(*pair(10**6, gateway_lut=50, lut=lut))
+        assert found.graph.mapped_to(TopicMapping.GATEWAY) == taken
 
 
 def test_the_load_of_a_chain_is_the_sum_of_its_carriages_at_the_fitted_interfaces_times():

@@ -19,7 +19,7 @@ pytestmark = [pytest.mark.slow]
 
 def test_safety_of_the_control_is_proved_for_every_sequence_of_inputs():
     assert proofs.control_is_safe()
-    assert rtl.proof.control_follows()
+    assert rtl.synthesis.control_follows()
 
 
 @pytest.mark.parametrize(
@@ -35,7 +35,7 @@ def test_a_table_with_a_wrong_move_is_not_proved(state, given, to):
     row = TABLE[state]
     table = {**TABLE, state: replace(row, moves={**row.moves, given: Move(to)})}
     assert not proofs.control_is_safe(table)
-    assert not rtl.proof.control_follows(table)
+    assert not rtl.synthesis.control_follows(table)
 
 
 @pytest.mark.parametrize("masters", [1, 2, 8])
@@ -54,9 +54,8 @@ def test_an_arbiter_that_prefers_its_first_master_is_not_proved(monkeypatch):
 
 def test_verilog_has_the_ports_of_every_subscriber():
     text = rtl.gateway_verilog(2)
-    assert [line.split("(")[0] for line in text.splitlines() if line.startswith("module")] == [
-        "module sfglab_gateway_2"
-    ]
+    modules = [line.split("(")[0] for line in text.splitlines() if line.startswith("module")]
+    assert modules == ["module sfglab_gateway_2"]
     assert "port1_valid" in text
     assert "port2_valid" not in text
     assert "$" not in text.partition(");")[0], "every port has a name of its own"

@@ -35,7 +35,7 @@ from sfglab.spatial.trajectory.path import Interpolation, Trajectory
 
 HALL = Path(__file__).parents[2] / "data" / "scenes" / "hall.yaml"
 S = 1_000_000_000
-
+QUICK = AgentSetup(dynamics=Dynamics(limits=Limits(speed_m_s=1.0, acceleration_m_s2=2.0)))
 
 simulated = pytest.mark.parametrize("world", ["simulated-apart"], indirect=True)
 
@@ -82,11 +82,9 @@ async def test_an_agent_goes_along_a_trajectory_and_says_how_it_gets_on(node):
 
 
 async def test_a_canceled_agent_brakes_and_only_then_the_goal_ends(node):
-    setup = AgentSetup(dynamics=Dynamics(limits=Limits(speed_m_s=1.0, acceleration_m_s2=2.0)))
-    async with served(node, setup) as (near, server):
+    async with served(node, QUICK) as (near, server):
         moving = asyncio.Event()
-        order = Order(agent="go2", trajectory=path(8.0, 10.0))
-        execution = await send(near, order, on_feedback=lambda f: f.share > 0.03 and moving.set())
+        execution = await send(near, order(8.0, 10.0), on_feedback=lambda f: f.share > 0.03 and moving.set())
         await asyncio.wait_for(moving.wait(), 60)
         assert server.state.speed_m_s > 0.3
         await execution.cancel()
@@ -99,8 +97,7 @@ async def test_a_canceled_agent_brakes_and_only_then_the_goal_ends(node):
 
 
 async def test_a_task_that_is_cancelled_leaves_an_agent_that_stands(node):
-    setup = AgentSetup(dynamics=Dynamics(limits=Limits(speed_m_s=1.0, acceleration_m_s2=2.0)))
-    async with served(node, setup) as (near, server):
+    async with served(node, QUICK) as (near, server):
         task = asyncio.create_task(execute(near, order(8.0, 10.0)))
         await until(lambda: server.state.speed_m_s > 0.3)
         task.cancel()
@@ -127,14 +124,12 @@ async def test_a_task_that_is_cancelled_while_it_sends_leaves_nobody_moving(afte
 
 async def test_what_an_agent_does_not_take_ends_at_once_with_the_reason(node):
     setup = AgentSetup(dynamics=Dynamics(limits=Limits(speed_m_s=0.9)))
-    spot = Order(agent="spot", trajectory=path())
-    backwards = path().waypoints[::-1]
     empty, reversed_ = (
         replace(FOLLOW_TRAJECTORY, goal=lambda order, points=points: _with_points(order, points))
-        for points in ((), backwards)
+        for points in ((), path().waypoints[::-1])
     )
     async with served(node, setup) as (near, server):
-        ended = await execute(near, spot, action=server.action_name)
+        ended = await execute(near, order(agent="spot"), action=server.action_name)
         assert (ended.outcome, ended.text) == (Outcome.UNKNOWN_AGENT, "agent: given 'spot', allowed: 'go2'")
         for dialect in (empty, reversed_):
             ended = await execute(near, order(), dialect=dialect)
@@ -151,10 +146,9 @@ def _with_points(order, waypoints):
 
 @simulated
 async def test_a_server_that_does_not_explain_rejects(node):
-    setup = AgentSetup(explain=False)
-    async with node("go2") as far, node("planner") as near, TrajectoryServer(far, "go2", setup=setup):
-        ended = await execute(near, order(agent="spot"), action=action_name("go2"))
-        assert ended.outcome is Outcome.REJECTED
+    async with served(node, AgentSetup(explain=False)) as (near, _):
+        refused = await execute(near, order(agent="spot"), action=action_name("go2"))
+        assert refused.outcome is Outcome.REJECTED
         assert (await execute(near, order())).outcome is Outcome.SUCCEEDED
 
 
@@ -194,8 +188,7 @@ async def test_both_agents_of_the_hall_go_at_once_and_stay_as_far_apart_as_plann
     async with node("agents") as far, node("planner") as near:
         servers = {}
         for agent in scene.all_of(AgentObject):
-            dynamics = Dynamics(limits=agent.limits)
-            setup = AgentSetup(pose=scene.world_pose(agent.id), dynamics=dynamics)
+            setup = AgentSetup(pose=scene.world_pose(agent.id), dynamics=Dynamics(limits=agent.limits))
             servers[agent.name] = TrajectoryServer(far, agent.name, setup=setup)
         start_ns = near.get_clock().now_ns() + S
 

@@ -42,11 +42,10 @@ def line(*points, rest_s=1.0):
     return Trajectory.of((round(i * rest_s * S), Pose.at((x, 0.0, 0.0))) for i, x in enumerate(xs))
 
 
-def follower(trajectory, *, state=None, dynamics=None, tolerances=EASY):
+def follower(trajectory, *, state=None, dynamics=None, tolerances=EASY, start_ns=0):
     state = state or AgentState(pose=trajectory.waypoints[0].pose)
-    return Follower(
-        trajectory, state=state, now_ns=0, start_ns=0, dynamics=dynamics or Dynamics(), tolerances=tolerances
-    )
+    given = {"dynamics": dynamics or Dynamics(), "tolerances": tolerances}
+    return Follower(trajectory, state=state, now_ns=0, start_ns=start_ns, **given)
 
 
 def run_to_end(following, step_ns=50_000_000, limit=100_000):
@@ -117,8 +116,7 @@ def test_an_agent_that_may_take_its_time_stands_at_the_last_pose_in_the_end(path
 @given(st.floats(0.5, 3.0), st.floats(0.5, 3.0), st.lists(st.floats(-5, 5), min_size=2, max_size=5))
 def test_a_trajectory_within_the_limits_is_followed_within_what_braking_to_its_speed_takes(speed, accel, xs):
     held = Limits(speed_m_s=speed, acceleration_m_s2=accel)
-    path = retimed(line(*xs), held)
-    progress = run_to_end(follower(path, dynamics=Dynamics(limits=held)))
+    progress = run_to_end(follower(retimed(line(*xs), held), dynamics=Dynamics(limits=held)))
     assert progress.outcome is Outcome.SUCCEEDED
     # the corner's jump of at most 2 v takes (2 v)^2 / (2 a), and the lag 0.1 s
     assert progress.largest_error_m <= 2.0 * speed**2 / accel + 0.2 * speed + 0.05
@@ -159,8 +157,7 @@ def test_time_that_stands_or_runs_backwards_moves_nobody():
 
 def test_an_agent_that_is_too_far_from_where_it_should_be_brakes_and_says_so():
     held = Dynamics(limits=Limits(speed_m_s=0.5, acceleration_m_s2=1.0))
-    tolerances = Tolerances(path_m=0.5)
-    progress = run_to_end(follower(line(0.0, 5.0), dynamics=held, tolerances=tolerances))
+    progress = run_to_end(follower(line(0.0, 5.0), dynamics=held, tolerances=Tolerances(path_m=0.5)))
     assert progress.outcome is Outcome.PATH_LEFT
     assert progress.state.speed_m_s == 0.0
     assert 0.5 < progress.largest_error_m < 0.6
@@ -175,10 +172,7 @@ def test_an_agent_that_does_not_arrive_in_time_says_so():
 
 
 def test_an_agent_waits_at_the_start_until_the_trajectory_begins():
-    path = line(0.0, 1.0)
-    given = {"state": AgentState(), "dynamics": Dynamics(), "tolerances": EASY}
-    following = Follower(path, now_ns=0, start_ns=5 * S, **given)
-    progress = following.step(4 * S)
+    progress = follower(line(0.0, 1.0), start_ns=5 * S).step(4 * S)
     assert (progress.share, progress.time_ns, progress.state.speed_m_s) == (0.0, -S, 0.0)
 
 
@@ -211,33 +205,29 @@ def test_dynamics_that_no_agent_has_are_refused(wrong):
 RULES = Rules(agent="go2", frame_id="map", limits=Limits(speed_m_s=1.0), start_m=0.5)
 
 
+def order(*points, agent="go2", **more):
+    return Order(agent=agent, trajectory=line(*points), **more)
+
+
 @pytest.mark.parametrize(
-    ("order", "outcome", "says"),
+    ("given", "outcome", "says"),
     [
-        (Order(agent="spot", trajectory=line(0.0, 1.0)), Outcome.UNKNOWN_AGENT, "given 'spot', allowed: 'go2'"),
-        (
-            Order(agent="go2", trajectory=line(0.0, 1.0), frame_id="odom"),
-            Outcome.UNKNOWN_FRAME,
-            "allowed: 'map'",
-        ),
-        (Order(agent="go2", trajectory=line(0.0, 3.0)), Outcome.LIMITS_EXCEEDED, "speed_m_s: given 3 at"),
-        (Order(agent="go2", trajectory=line(0.6, 1.0)), Outcome.START_TOO_FAR, "0.600 m away, allowed: 0.5 m"),
-        (
-            Order(agent="go2", trajectory=line(0.0, 1.0), start_ns=1),
-            Outcome.INVALID_TRAJECTORY,
-            "over 97.000 s ago",
-        ),
-        (Order(agent="go2", trajectory=line(0.0, 1.0), start_ns=98 * S), Outcome.START_TOO_FAR, "1.000 m away"),
+        (order(0.0, 1.0, agent="spot"), Outcome.UNKNOWN_AGENT, "given 'spot', allowed: 'go2'"),
+        (order(0.0, 1.0, frame_id="odom"), Outcome.UNKNOWN_FRAME, "allowed: 'map'"),
+        (order(0.0, 3.0), Outcome.LIMITS_EXCEEDED, "speed_m_s: given 3 at"),
+        (order(0.6, 1.0), Outcome.START_TOO_FAR, "0.600 m away, allowed: 0.5 m"),
+        (order(0.0, 1.0, start_ns=1), Outcome.INVALID_TRAJECTORY, "over 97.000 s ago"),
+        (order(0.0, 1.0, start_ns=98 * S), Outcome.START_TOO_FAR, "1.000 m away"),
     ],
 )
-def test_what_an_agent_does_not_take_is_refused_with_the_reason(order, outcome, says):
+def test_what_an_agent_does_not_take_is_refused_with_the_reason(given, outcome, says):
     with pytest.raises(RefusalError, match=says) as caught:
-        judge(order, RULES, Pose(), 100 * S)
+        judge(given, RULES, Pose(), 100 * S)
     assert caught.value.outcome is outcome
     assert OUTCOMES[outcome].refused
     assert str(caught.value) == f"{outcome.value}: {caught.value.text}"
 
 
 def test_a_trajectory_that_has_begun_is_taken_where_it_is_by_now():
-    judge(Order(agent="go2", trajectory=line(-1.0, 0.0), start_ns=98 * S), RULES, Pose(), 100 * S)
-    judge(Order(agent="go2", trajectory=line(0.0, 1.0), start_ns=200 * S), RULES, Pose(), 100 * S)
+    judge(order(-1.0, 0.0, start_ns=98 * S), RULES, Pose(), 100 * S)
+    judge(order(0.0, 1.0, start_ns=200 * S), RULES, Pose(), 100 * S)

@@ -10,6 +10,7 @@ import pytest
 
 from sfglab.bus import Node
 from sfglab.documents import DocumentError
+from sfglab.lab.checks.trees import figure_6
 from sfglab.messages import deserialize, message_type, ns_from_stamp, serialize
 from sfglab.names import TF_STATIC
 from sfglab.spatial import Pose, StampedTransform
@@ -37,16 +38,11 @@ from sfglab.spatial.mocap.synthetic import SyntheticConfig, SyntheticMotion, Syn
 from sfglab.spatial.mocap.tracking import Capture, Lapse, Limits, TrackState, Verdict
 
 S = 1_000_000_000
-MARKERS = Pose.at((0.1, 0.0, 0.2), (0, 0, 0.3, 1))
-CAMERA = Pose.at((0.3, 0.0, 0.0))
-FIG_6 = read_mapping("world: map\nobjects: {agent_x/markers: {via: agent_x/markers, frame: agent_x/base}}")
+ROBOT, FIG_6 = figure_6()
 
 
 def frame(parent, child, pose, stamp_ns=0):
     return StampedTransform(parent=parent, child=child, stamp_ns=stamp_ns, pose=pose)
-
-
-ROBOT = (frame("agent_x/base", "agent_x/markers", MARKERS), frame("agent_x/base", "agent_x/camera", CAMERA))
 
 
 def capture(number=0, pose=None, **sights):
@@ -143,10 +139,8 @@ def test_live_the_bridge_joins_a_robots_tree_to_the_world(domain_id, caplog):
             Node("bridge", **options) as node,
             Node("viewer", **options) as viewer,
         ):
-            clock = node.get_clock()
-            source = SyntheticSource(
-                {"agent_x/markers": motion}, SyntheticConfig(), np.random.default_rng(2), clock=clock
-            )
+            given = {"agent_x/markers": motion}, SyntheticConfig(), np.random.default_rng(2)
+            source = SyntheticSource(*given, clock=node.get_clock())
             bridge = MocapBridge(node, source, FIG_6)
             task = asyncio.create_task(bridge.run())
             buffer = FrameBuffer()
@@ -181,12 +175,11 @@ TWO = read_mapping("world: map\nobjects: {x: {via: a/markers}, y: {via: b/marker
 
 def bridge():
     buffer = FrameBuffer()
-    link = StampedTransform(parent="a/base", child="a/markers", stamp_ns=0, pose=Pose())
-    buffer.insert(link, static=True)
+    buffer.insert(frame("a/base", "a/markers", Pose()), static=True)
     return BridgeCore(TWO, buffer)
 
 
-def test_every_object_of_the_mapping_is_told_with_its_counts_and_times():
+def test_every_object_of_the_mapping_is_told_by_the_interface_s_names_and_the_status_is_global():
     core = bridge()
     sights = (
         {"x": Pose(), "z": Pose()},
@@ -197,8 +190,8 @@ def test_every_object_of_the_mapping_is_told_with_its_counts_and_times():
     for number, seen in enumerate(sights):
         time_ns = S + number * 10_000_000
         capture = Capture(number=2 * number, capture_ns=time_ns, receipt_ns=time_ns + 6_000_000, sights=seen)
-        published = core.take(capture, time_ns + 7_000_000)
-        assert [t.stamp_ns for t in published] == ([S] if number == 0 else [])
+        published = [t.stamp_ns for t in core.take(capture, time_ns + 7_000_000)]
+        assert published == ([S] if number == 0 else [])
     assert core.statuses[0].receipt_latency.largest_ns == 6_000_000
     told = deserialize(serialize(status_message(core, 5 * S)), STATUS)
     assert (ns_from_stamp(told.stamp), told.world) == (5 * S, "map")
@@ -210,12 +203,8 @@ def test_every_object_of_the_mapping_is_told_with_its_counts_and_times():
     assert (y.published, y.unplaced, y.absent) == (0, 1, 3)
     assert "'b/markers' is unknown" in y.problem
     assert math.isnan(y.receipt_latency_s)
-
-
-def test_states_and_verdicts_have_the_interface_s_names_and_the_status_is_global():
-    told = status_message(bridge(), 0).objects[0]
-    assert {getattr(told, state.name) for state in TrackState} == {0, 1, 2, 3}
-    assert all(hasattr(told, verdict.value) for verdict in Verdict)
+    assert {getattr(x, state.name) for state in TrackState} == {0, 1, 2, 3}
+    assert all(hasattr(x, verdict.value) for verdict in Verdict)
     assert status_topic() == "/global/mocap_status"
     assert status_topic("go2") == "/global/go2/mocap_status"
 
@@ -237,46 +226,43 @@ def test_the_example_says_what_it_says():
 GOOD = "world: map\nobjects:\n  a:\n    via: a/markers\n"
 
 
-@pytest.mark.parametrize(
-    ("text", "says"),
-    [
-        ("", r"m\.yaml:1: nothing is given, allowed: a mapping of keys to values"),
-        ("[1]", r"m\.yaml:1: given \[1\], allowed: a mapping of keys to values"),
-        ("objects: {a: {via: b}}", r"m\.yaml:1: world: nothing is given, allowed: 'world' is needed here"),
-        ("world: map\nobjects: {}\n", r"m\.yaml:2: objects: given \{\}, allowed: .* at least one"),
-        ("world: map\nobjects: [a]\n", r"m\.yaml:2: objects: given \['a'\], allowed: a mapping"),
-        ("world: /map\nobjects: {a: {via: b}}", r"m\.yaml:1: world: given '/map', .* without leading slash"),
-        (GOOD + "    vai: b\n", r"m\.yaml:5: objects\.a\.vai: given 'vai', .*; did you mean 'via'\?"),
-        ("world: map\nobjects: {a: {frame: b}}", r"m\.yaml:2: objects\.a\.via: nothing is given"),
-        ("world: map\nobjects: {a: {via: 3}}", r"objects\.a\.via: given 3, allowed: the name of a frame"),
-        (
-            GOOD + "    frame:\n",
-            r"m\.yaml:5: objects\.a\.frame: nothing is given, allowed: the name of a frame",
-        ),
-        (GOOD + "  a:\n    via: c\n", r"m\.yaml:5: objects\.a: given 'a', allowed: each key once"),
-        (GOOD + "  b:\n    via: a/markers\n", r"m\.yaml:6: objects\.b\.via: .* objects\.a\.via has that one"),
-        (
-            GOOD + "    frame: x\n  b: {via: c, frame: x}\n",
-            r"m\.yaml:6: objects\.b\.frame: given 'x', .* objects\.a\.frame has",
-        ),
-        (GOOD + "  b: {via: map}\n", r"objects\.b\.via: given 'map', .* world has that one"),
-        (GOOD + "  3: {via: c}\n", r"objects\.3: given '3', allowed: a key that is text"),
-        (GOOD + "    offset:\n", r"m\.yaml:5: objects\.a\.offset: nothing is given, allowed: a mapping"),
-        (GOOD + "    offset: {}\n", r"m\.yaml:5: objects\.a\.offset\.position_m: nothing is given"),
-        (GOOD + "    offset: {position_m: [1, 2]}\n", r"offset\.position_m: .* 3 numbers, all finite"),
-        (GOOD + "    offset: {position_m: [1, 2, .nan]}\n", r"offset\.position_m: .* finite"),
-        (GOOD + "    offset: {position_m: [1, 2, x]}\n", r"position_m: given .* 3 numbers"),
-        (
-            GOOD + "    offset:\n      position_m: [0, 0, 0]\n      quat_xyzw: [0, 0, 0, 0]\n",
-            r"m\.yaml:7: objects\.a\.offset\.quat_xyzw: .* length",
-        ),
-        (GOOD + "limits: {speed: 3}\n", r"m\.yaml:5: limits\.speed: given 'speed', .*did you mean 'speed_m_s'"),
-        (GOOD + "limits: {speed_m_s: -1}\n", r"limits\.speed_m_s: given -1, allowed: a number above zero"),
-        (GOOD + "limits: {speed_m_s: .nan}\n", r"limits\.speed_m_s: given nan"),
-        (GOOD + "limits: {speed_m_s: yes}\n", r"limits\.speed_m_s: given True"),
-        ("world: [", r"m\.yaml:1: given .*, allowed: YAML"),
-    ],
-)
+REFUSED = [
+    ("", r"m\.yaml:1: nothing is given, allowed: a mapping of keys to values"),
+    ("[1]", r"m\.yaml:1: given \[1\], allowed: a mapping of keys to values"),
+    ("objects: {a: {via: b}}", r"m\.yaml:1: world: nothing is given, allowed: 'world' is needed here"),
+    ("world: map\nobjects: {}\n", r"m\.yaml:2: objects: given \{\}, allowed: .* at least one"),
+    ("world: map\nobjects: [a]\n", r"m\.yaml:2: objects: given \['a'\], allowed: a mapping"),
+    ("world: /map\nobjects: {a: {via: b}}", r"m\.yaml:1: world: given '/map', .* without leading slash"),
+    (GOOD + "    vai: b\n", r"m\.yaml:5: objects\.a\.vai: given 'vai', .*; did you mean 'via'\?"),
+    ("world: map\nobjects: {a: {frame: b}}", r"m\.yaml:2: objects\.a\.via: nothing is given"),
+    ("world: map\nobjects: {a: {via: 3}}", r"objects\.a\.via: given 3, allowed: the name of a frame"),
+    (GOOD + "    frame:\n", r"m\.yaml:5: objects\.a\.frame: nothing is given, allowed: the name of a frame"),
+    (GOOD + "  a:\n    via: c\n", r"m\.yaml:5: objects\.a: given 'a', allowed: each key once"),
+    (GOOD + "  b:\n    via: a/markers\n", r"m\.yaml:6: objects\.b\.via: .* objects\.a\.via has that one"),
+    (
+        GOOD + "    frame: x\n  b: {via: c, frame: x}\n",
+        r"m\.yaml:6: objects\.b\.frame: given 'x', .* objects\.a\.frame has",
+    ),
+    (GOOD + "  b: {via: map}\n", r"objects\.b\.via: given 'map', .* world has that one"),
+    (GOOD + "  3: {via: c}\n", r"objects\.3: given '3', allowed: a key that is text"),
+    (GOOD + "    offset:\n", r"m\.yaml:5: objects\.a\.offset: nothing is given, allowed: a mapping"),
+    (GOOD + "    offset: {}\n", r"m\.yaml:5: objects\.a\.offset\.position_m: nothing is given"),
+    (GOOD + "    offset: {position_m: [1, 2]}\n", r"offset\.position_m: .* 3 numbers, all finite"),
+    (GOOD + "    offset: {position_m: [1, 2, .nan]}\n", r"offset\.position_m: .* finite"),
+    (GOOD + "    offset: {position_m: [1, 2, x]}\n", r"position_m: given .* 3 numbers"),
+    (
+        GOOD + "    offset:\n      position_m: [0, 0, 0]\n      quat_xyzw: [0, 0, 0, 0]\n",
+        r"m\.yaml:7: objects\.a\.offset\.quat_xyzw: .* length",
+    ),
+    (GOOD + "limits: {speed: 3}\n", r"m\.yaml:5: limits\.speed: given 'speed', .*did you mean 'speed_m_s'"),
+    (GOOD + "limits: {speed_m_s: -1}\n", r"limits\.speed_m_s: given -1, allowed: a number above zero"),
+    (GOOD + "limits: {speed_m_s: .nan}\n", r"limits\.speed_m_s: given nan"),
+    (GOOD + "limits: {speed_m_s: yes}\n", r"limits\.speed_m_s: given True"),
+    ("world: [", r"m\.yaml:1: given .*, allowed: YAML"),
+]
+
+
+@pytest.mark.parametrize(("text", "says"), REFUSED)
 def test_what_the_mapping_must_not_say_is_refused_with_its_place(text, says):
     with pytest.raises(DocumentError, match=says):
         read_mapping(text, file="m.yaml")

@@ -10,10 +10,11 @@ from contextlib import aclosing
 import numpy as np
 import pytest
 
-from sfglab.messages import message_type, stamp_from_ns
+from sfglab.messages import message_type
 from sfglab.qos import QoSProfile
 from sfglab.record import LogError, LogReader, LogWriter
 from sfglab.spatial import Pose, StampedTransform
+from sfglab.spatial.execution.orders import stamped_pose
 from sfglab.spatial.mocap.sources import LogSource, TopicSource, ViconSource
 from sfglab.spatial.mocap.tracking import Lapse, MocapError
 
@@ -149,8 +150,7 @@ def test_without_the_library_the_error_says_how_to_install_it(monkeypatch):
 
 
 def pose_message(stamp_ns, pose):
-    header = message_type("std_msgs/msg/Header")(stamp=stamp_from_ns(stamp_ns), frame_id="map")
-    return message_type("geometry_msgs/msg/PoseStamped")(header=header, pose=pose.to_pose_msg())
+    return stamped_pose(pose, "map", stamp_ns)
 
 
 async def test_topics_become_captures_with_the_stamp_of_the_header(here, there):
@@ -197,8 +197,7 @@ def log(tmp_path):
 async def test_a_log_is_replayed_in_the_order_and_at_the_pace_of_receipt(log):
     clock = Clock()
     with LogReader(log) as reader:
-        source = LogSource(reader, {"a": "/a", "b": "/b"}, clock=clock)
-        taken = [capture async for capture in source.captures()]
+        taken = [c async for c in LogSource(reader, {"a": "/a", "b": "/b"}, clock=clock).captures()]
     assert [next(iter(c.sights)) for c in taken] == ["a", "b"] * 4
     assert [c.capture_ns for c in taken] == [i * S // 2 for i in range(8)]
     assert all(c.receipt_ns - c.capture_ns == 6_000_000 for c in taken)

@@ -39,8 +39,7 @@ def test_a_jump_and_a_flip_are_left_out_until_the_place_is_held_for_a_while():
 
 
 def test_doubtful_places_that_change_are_never_believed_and_hiding_forgets_a_doubt():
-    sights = [Pose.at((9.0 * (-1) ** i, 0, 0)) for i in range(60)]
-    told, _ = verdicts(HERE, *sights)
+    told, _ = verdicts(HERE, *(Pose.at((9.0 * (-1) ** i, 0, 0)) for i in range(60)))
     assert set(told[1:]) == {"jumped"}
     told, track = verdicts(HERE, *[AWAY] * 9, tracking.Lapse.OCCLUDED, AWAY, AWAY)
     assert told[-2:] == ["jumped", "jumped"]
@@ -95,8 +94,7 @@ def test_every_transition_of_the_table_is_reached():
             after, verdict = tracking.judge(track, sight, now_ns, LIMITS)
             seen.add((track.state, verdict, after.state))
             track = after
-    table = {(state, verdict, to) for (state, verdict), to in tracking.TRANSITIONS.items()}
-    assert seen == table
+    assert seen == {(state, verdict, to) for (state, verdict), to in tracking.TRANSITIONS.items()}
 
 
 def synthetic(seed=3, duration_s=8.0, **faults):
@@ -156,13 +154,12 @@ def noise(rng, sigma_m, sigma_rad):
 
 def recording(rng, count=30, factor=1.0, offset=X, **motion):
     way = SyntheticMotion(**motion)
-    seen = [way.pose_at(10.0 * i / count) for i in range(count)]
     return [
         PosePair(
             world_from_object=a @ noise(rng, 0.0005 * factor, 0.002 * factor),
             odom_from_base=Z.inverse() @ a @ offset @ noise(rng, 0.003 * factor, 0.004 * factor),
         )
-        for a in seen
+        for a in (way.pose_at(10.0 * i / count) for i in range(count))
     ]
 
 
@@ -213,14 +210,12 @@ def test_pairs_come_of_the_same_time_from_captures_and_the_robot_and_too_few_are
         buffer.insert(StampedTransform(parent="odom", child="base", stamp_ns=i * 10_000_000, pose=pose))
     pairs = pose_pairs((m.capture for m in made), "o", buffer, odom="odom", base="base")
     assert 60 < len(pairs) < 120  # neither the hidden ones nor those after the robot's last transform
-    found = estimate_offset(pairs)
-    assert found.object_from_base.same_as(X, within_m=0.005, within_rad=0.002)
+    assert estimate_offset(pairs).object_from_base.same_as(X, within_m=0.005, within_rad=0.002)
 
 
 def drifting(rng, rate_rad_s, walk_m_s, seconds=10.0, **options):
     """A recording whose odometry turns and walks away in the world, with times."""
     still = recording(rng, count=200, **options)
-    moments = [(i * seconds / len(still), pair) for i, pair in enumerate(still)]
     return [
         PosePair(
             world_from_object=pair.world_from_object,
@@ -229,7 +224,7 @@ def drifting(rng, rate_rad_s, walk_m_s, seconds=10.0, **options):
             @ (Z @ pair.odom_from_base),
             time_ns=round(t * 1e9),
         )
-        for t, pair in moments
+        for t, pair in zip(np.arange(len(still)) * seconds / len(still), still, strict=True)
     ]
 
 

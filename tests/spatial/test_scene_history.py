@@ -111,17 +111,14 @@ def test_the_oldest_steps_are_forgotten_first():
     assert history.scene.name == "scene 0"
 
 
-def test_moving_under_another_parent_keeps_the_place_in_the_scene(planned):
+def test_moving_under_another_parent_keeps_the_place_in_the_scene_or_moves_along(planned):
     editor, hall, _, path, points = planned
     before = editor.scene.world_pose(points[2])
     editor.do(commands.Move(id=path, parent=hall))
     assert editor.scene.get(path).pose.position_m == pytest.approx((-10.0, 0.0, 0.0))
     assert editor.scene.world_pose(points[2]).same_as(before)
     assert editor.scene.held_by(hall)[-1] == path
-
-
-def test_moving_without_keeping_the_place_moves_it_along(planned):
-    editor, hall, _, path, points = planned
+    editor.undo()
     editor.do(commands.Move(id=path, parent=hall, index=0, keep_place=False))
     assert editor.scene.world_pose(points[0]).position_m == (10.0, 0.0, 0.0)
     assert editor.scene.held_by(hall)[0] == path
@@ -202,17 +199,15 @@ def test_refusals_name_place_given_and_allowed(planned):
         f"agent {agent} (go2), radius_m: given -1, allowed: a finite number above zero"
     )
     assert "radius_m or speed_m_s" in refusal(editor, commands.SetProperty(id=agent, key="colour", value="red"))
-    assert "an agent in the scene, or none" in refusal(
-        editor, commands.SetProperty(id=path, key="agent", value=path)
-    )
+    itself = commands.SetProperty(id=path, key="agent", value=path)
+    assert "an agent in the scene, or none" in refusal(editor, itself)
     other = editor.add("trajectory", "other")
     assert f"drives {path}" in refusal(editor, commands.SetProperty(id=other, key="agent", value=agent))
     assert "the id of a trajectory" in refusal(editor, commands.Move(id=points[0], parent=hall))
     assert "the id of a group" in refusal(editor, commands.Move(id=inner, parent=agent))
     assert "metres within" in refusal(editor, commands.SetPose(id=agent, pose=Pose.at((1e7, 0.0, 0.0))))
-    assert refusal(editor, commands.Retime(id=other)).startswith(
-        f"trajectory {other} (other), limits: nothing is given"
-    )
+    nothing = f"trajectory {other} (other), limits: nothing is given"
+    assert refusal(editor, commands.Retime(id=other)).startswith(nothing)
     assert "the id of an object in the scene" in refusal(editor, commands.Remove(ids=(999,)))
     before = editor.scene
     wrong_second = (commands.Rename(id=agent, name="first"), commands.Rename(id=agent, name="two\nlines"))
@@ -224,11 +219,7 @@ def test_refusals_name_place_given_and_allowed(planned):
         with pytest.raises(SceneError, match="box with size_m or sphere"):
             editor.add("obstacle", "pillar", shape=value)
     assert editor.scene is before
-
-
-def test_an_added_object_must_have_an_id_that_was_never_used():
-    editor = Editor()
-    used = editor.add("group", "hall")
+    used = editor.add("group", "gone")
     editor.remove(used)
     assert "never used before" in refusal(editor, commands.Add(objects=(Group(id=used, name="again"),)))
 

@@ -13,17 +13,17 @@ from typer.testing import CliRunner
 
 from sfglab.cli import app
 from sfglab.errors import SfglabError
-from sfglab.messages import message_type, stamp_from_ns
+from sfglab.messages import message_type
 from sfglab.names import TF, TF_STATIC
 from sfglab.record import LogWriter
 from sfglab.spatial import Pose, StampedTransform
+from sfglab.spatial.execution.orders import stamped_pose
 from sfglab.spatial.frames.listener import TRANSFORMS
 from sfglab.spatial.mocap.mapping import read_mapping
 from sfglab.spatial.mocap.synthetic import SyntheticConfig, SyntheticMotion, synthetic_captures
 
 EXAMPLE = str(Path(__file__).parents[2] / "data" / "mocap" / "two_agents.yaml")
 OFFSET = Pose.at((0.03, -0.01, -0.12), (0.02, -0.03, 0.06, 1.0))
-POSE = "geometry_msgs/msg/PoseStamped"
 
 
 def tf(parent, child, stamp_ns=0, pose=None):
@@ -37,19 +37,12 @@ def calibration(tmp_path):
     motion, path = SyntheticMotion(), tmp_path / "calib.mcap"
     config = SyntheticConfig(rate_hz=20.0)
     made = synthetic_captures({"o": motion}, config, np.random.default_rng(1), duration_s=8.0)
-    header = message_type("std_msgs/msg/Header")
     with LogWriter(path) as log:
         for capture in (m.capture for m in made):
             stamp_ns = capture.capture_ns
-            log.write(
-                TF,
-                tf("go2/odom", "go2/base", stamp_ns, motion.pose_at(stamp_ns / 1e9) @ OFFSET),
-                log_time_ns=stamp_ns,
-            )
-            seen = message_type(POSE)(
-                header=header(stamp=stamp_from_ns(stamp_ns), frame_id="map"),
-                pose=capture.sights["o"].to_pose_msg(),
-            )
+            base = tf("go2/odom", "go2/base", stamp_ns, motion.pose_at(stamp_ns / 1e9) @ OFFSET)
+            log.write(TF, base, log_time_ns=stamp_ns)
+            seen = stamped_pose(capture.sights["o"], "map", stamp_ns)
             log.write("/vrpn/go2", seen, log_time_ns=capture.receipt_ns)
     return str(path)
 

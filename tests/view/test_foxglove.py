@@ -4,15 +4,13 @@ import asyncio
 import json
 import re
 import struct
-import subprocess
-import sys
-from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
 import pytest
 from commands import called
 from rosbags.typesys import Stores, get_typestore
+from seen import at_work, interrupted, until
 
 from sfglab.bus import Node
 from sfglab.errors import SfglabError
@@ -42,12 +40,6 @@ async def message(client):
         said = await client.recv()
         if isinstance(said, bytes) and said[0] == 1:
             return struct.unpack_from("<I", said, 1)[0], said[13:]
-
-
-async def until(condition):
-    async with asyncio.timeout(60):
-        while not condition():
-            await asyncio.sleep(0.02)
 
 
 async def looked_at(process, domain_id):
@@ -80,17 +72,10 @@ async def looked_at(process, domain_id):
 
 @pytest.mark.live
 def test_its_app_sees_topics_of_a_domain_and_only_what_it_looks_at_is_read(domain_id):
-    where = ("--domain", str(domain_id), "--interface", "lo", "--to", "foxglove:0")
-    command = [sys.executable, "-m", "sfglab", "view", *where]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
-        try:
-            channels, heard = asyncio.run(looked_at(process, domain_id))
-            process.send_signal(2)
-            assert process.communicate(timeout=60)[0] == "ended\n"
-        finally:
-            with suppress(ProcessLookupError):
-                process.kill()
-    assert process.returncode == 0
+    where = ("--domain", domain_id, "--interface", "lo", "--to", "foxglove:0")
+    with at_work("view", *where) as process:
+        channels, heard = asyncio.run(looked_at(process, domain_id))
+        assert interrupted(process) == (["ended"], 0)
     other = get_typestore(Stores.ROS2_HUMBLE)
     assert list(other.deserialize_cdr(heard[10], SCAN).ranges) == [1.0, 2.5]
     assert other.deserialize_cdr(heard[11], WORD).data == "said before"

@@ -1,11 +1,11 @@
 """The scene editor as people have it: in a real browser, with a mouse, until the file on disk."""
 
-import time
 from contextlib import closing
 
 import machine
 import pytest
 from pixels import CAMERA, pixel
+from seen import edited
 
 from sfglab.errors import MissingExtraError
 from sfglab.lab.browser import Browser, BrowserError
@@ -36,15 +36,6 @@ def planner(tmp_path):
         yield made
 
 
-def until(planner, holds, timeout_s=60):
-    """Return what the editor says, as soon as it is truthy."""
-    end = time.monotonic() + timeout_s
-    while not (found := planner.call(holds)):
-        assert time.monotonic() < end, "the editor never came to that state"
-        time.sleep(0.02)
-    return found
-
-
 def place(planner, browser, point):
     """Where a point of the scene is on the page, by the camera that the browser reports."""
     camera = next(iter(planner._server.get_clients().values())).camera
@@ -55,44 +46,43 @@ def test_a_trajectory_is_made_dragged_undone_redone_saved_and_loaded_with_the_mo
     file = planner.call(lambda editor: editor.file)
     browser.open(planner.url)
     browser.press("trajectory")
-    waypoint = until(planner, lambda e: e.scene.objects and e.scene.held_by(1)[1])
+    waypoint = edited(planner, lambda e: e.scene.objects and e.scene.held_by(1)[1])
     browser.press(f"2.00 s #{waypoint}")
-    until(planner, lambda e: e.selection == (waypoint,))
+    edited(planner, lambda e: e.selection == (waypoint,))
     made = planner.call(lambda e: e.scene)
-    start = made.world_pose(waypoint).position_m
-    assert start == (2.0, 0.0, 0.0)
+    assert made.world_pose(waypoint).position_m == (2.0, 0.0, 0.0)
 
     browser.find(f"waypoint: 2.00 s #{waypoint}", "legend, label, button, p, div")
     arrow = (2.0, 0.0, 1.4)
     browser.drag(place(planner, browser, arrow), place(planner, browser, (2.0, 0.0, 2.4)))
     browser.find("Undo: Change pose")
-    moved = until(planner, lambda e: not e._drag and e.scene)
+    moved = edited(planner, lambda e: not e._drag and e.scene)
     x, y, z = moved.world_pose(waypoint).position_m
     assert (x, y) == pytest.approx((2.0, 0.0), abs=1e-6)
     assert z == pytest.approx(1.0, abs=0.1)
 
     browser.press("Undo: Change pose")
-    assert until(planner, lambda e: e.redo_label == "Change pose" and e.scene) == made
+    assert edited(planner, lambda e: e.redo_label == "Change pose" and e.scene) == made
     browser.press("Redo: Change pose")
-    assert until(planner, lambda e: e.redo_label is None and e.scene) == moved
+    assert edited(planner, lambda e: e.redo_label is None and e.scene) == moved
 
     browser.press("Save *")
-    until(planner, lambda e: not e.dirty)
+    edited(planner, lambda e: not e.dirty)
     assert load_scene(file) == moved
 
     browser.press("append")
-    until(planner, lambda e: len(e.scene.held_by(1)) == 3)
+    edited(planner, lambda e: len(e.scene.held_by(1)) == 3)
     assert load_scene(file) == moved
     browser.press("Reload")
     browser.press("Discard and reload")
-    assert until(planner, lambda e: not e.dirty and e.scene) == load_scene(file) == moved
+    assert edited(planner, lambda e: not e.dirty and e.scene) == load_scene(file) == moved
     browser.find("Undo")
 
 
 def test_a_second_browser_sees_what_the_first_one_does(planner, browser):
     browser.open(planner.url)
     browser.press("obstacle")
-    until(planner, lambda e: e.scene.objects)
+    edited(planner, lambda e: e.scene.objects)
     with closing(Browser(640, 400)) as other:
         other.open(planner.url)
         other.find("obstacle 1 #1")

@@ -27,8 +27,7 @@ from sfglab.view.planner.viewport import concerned
 @pytest.fixture
 def editor():
     made = Editor(Scene(name="s"))
-    group = made.add("group", "team")
-    agent = made.add("agent", "dog", parent=group, speed_m_s=1.25)
+    agent = made.add("agent", "dog", parent=made.add("group", "team"), speed_m_s=1.25)
     path = Trajectory.of([(0, Pose()), (2_000_000_000, Pose(position_m=(2.0, 0.0, 0.0)))])
     made.add_trajectory(path, "walk", agent=agent)
     made.add("obstacle", "box", shape=Box(size_m=(1.0, 2.0, 3.0)), pose=Pose.from_yaw((1 / 3, 1, 0.1), 0.3))
@@ -176,8 +175,7 @@ def test_a_line_passes_every_waypoint_and_faster_is_brighter(editor):
     "shape", [Box(size_m=(1, 2, 3)), Sphere(radius_m=0.7), Cylinder(radius_m=0.4, height_m=1.5)]
 )
 def test_an_outline_lies_on_its_body(shape):
-    edges = looks.outline_of(shape).reshape(-1, 3).astype(float)
-    assert np.abs(shape.distances_m(edges)).max() < 1e-6
+    assert np.abs(shape.distances_m(looks.outline_of(shape).reshape(-1, 3).astype(float))).max() < 1e-6
 
 
 def test_the_camera_sees_an_empty_scene_and_stands_outside_of_a_large_one(editor):
@@ -194,8 +192,7 @@ def test_the_camera_sees_an_empty_scene_and_stands_outside_of_a_large_one(editor
 def test_what_is_added_stands_where_one_looks_is_selected_and_is_one_step(kind):
     editor = Editor()
     id_ = add(editor, kind, (3.0, 4.0, 0.0))
-    thing = editor.scene.get(id_)
-    assert thing.kind == kind
+    assert editor.scene.get(id_).kind == kind
     assert editor.selection == (id_,)
     place = editor.scene.held_by(id_)[0] if kind == "trajectory" else id_
     assert editor.scene.world_pose(place).position_m[:2] == (3.0, 4.0)

@@ -7,10 +7,10 @@ import socket
 import subprocess
 import sys
 import threading
-import time
 from types import SimpleNamespace
 
 import pytest
+from seen import at_work, edited
 
 from sfglab.errors import MissingExtraError, SfglabError
 from sfglab.spatial.poses import Pose
@@ -26,8 +26,7 @@ pytestmark = pytest.mark.live
 @pytest.fixture
 def planner(tmp_path):
     editor = Editor(file=tmp_path / "scene.yaml")
-    agent = editor.add("agent", "dog")
-    editor.select(agent)
+    editor.select(editor.add("agent", "dog"))
     editor.add("obstacle", "wall")
     with Planner(editor, port=0) as made:
         yield made
@@ -63,14 +62,12 @@ def typed(planner, key, value):
     """Do what viser does when a browser types a value."""
     widget = planner._inspector._widgets[key]
     widget._impl.value = value
-    event = SimpleNamespace(client_id=1, client=None, target=widget)
-    asyncio.run(widget._impl.update_cb[0](event))
+    asyncio.run(widget._impl.update_cb[0](SimpleNamespace(client_id=1, client=None, target=widget)))
 
 
-def clicked(planner, part, *, instance=None):
-    handle = part
-    event = SimpleNamespace(client_id=1, client=None, target=handle, instance_index=instance)
-    asyncio.run(handle._impl.update_cb[0](event))
+def clicked(part):
+    event = SimpleNamespace(client_id=1, client=None, target=part, instance_index=None)
+    asyncio.run(part._impl.update_cb[0](event))
 
 
 def dragged(planner, phase, position=(0.0, 0.0, 0.0)):
@@ -120,10 +117,10 @@ def test_a_refused_value_is_taken_out_of_its_field_and_the_scene_is_as_it_was(pl
 
 def test_a_row_selects_and_a_second_click_selects_nothing(planner):
     row = planner._hierarchy._buttons[2]
-    clicked(planner, row)
+    clicked(row)
     assert planner.call(lambda e: e.selection) == (2,)
     assert row.color == "blue"
-    clicked(planner, row)
+    clicked(row)
     assert planner.call(lambda e: e.selection) == ()
     assert row.color is None
 
@@ -140,17 +137,14 @@ def test_an_edit_touches_only_the_rows_and_nodes_that_it_concerns(planner):
 
 def test_conflicts_are_listed_and_lead_to_their_time_and_objects(planner):
     planner.call(lambda e: e.do(Rename(id=1, name="cat")))
-    end = time.monotonic() + 60.0
-    while not (buttons := planner.call(lambda _: planner._warnings._buttons)):
-        assert time.monotonic() < end
-        time.sleep(0.02)
+    buttons = edited(planner, lambda _: planner._warnings._buttons)
     assert "cat is" in buttons[0].label
     planner.call(lambda e: e.select())
-    clicked(planner, buttons[0])
+    clicked(buttons[0])
     assert planner.call(lambda e: e.selection) == (1, 2)
 
 
-def test_a_loaded_scene_takes_the_place_of_what_was_drawn(planner, tmp_path):
+def test_a_loaded_scene_takes_the_place_of_what_was_drawn(planner):
     planner.call(Editor.save)
     planner.call(lambda e: (e.remove(2), e.add("agent", "bird"), e.select(1)))
     planner.call(Editor.load)
@@ -191,11 +185,8 @@ def test_paths_by_speed_are_drawn_in_other_colours_and_back(planner):
 
 def test_playing_moves_the_time_and_ends_with_the_planner(planner):
     others = set(threading.enumerate()) - {planner._jobs._thread, planner._watch._thread}
-    clicked(planner, planner._timeline._button)
-    end = time.monotonic() + 60.0
-    while planner.call(lambda e: e.time_s) == 0.0:
-        assert time.monotonic() < end
-        time.sleep(0.02)
+    clicked(planner._timeline._button)
+    edited(planner, lambda e: e.time_s)
     planner.close()
     left = [t for t in threading.enumerate() if t.name.startswith("planner-") and t not in others]
     for thread in left:  # a check of conflicts that goes on is let run out
@@ -233,15 +224,11 @@ def test_the_command_ends_at_ctrl_c_says_nothing_of_a_saved_scene_and_leaves_the
     editor = Editor()
     editor.add("agent", "a")
     editor.save(file)
-    command = [sys.executable, "-m", "sfglab", "plan", str(file), "--port", "0", "--no-browser"]
-    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
-    with subprocess.Popen(command, env=os.environ | {"PYTHONUNBUFFERED": "1"}, **pipes) as process:
-        try:
-            assert "s.yaml: http://127.0.0.1:" in process.stdout.readline()
-            process.send_signal(signal.SIGINT)
-            _, said = process.communicate(timeout=60)
-        finally:
-            process.kill()
+    more = {"stderr": subprocess.PIPE, "env": os.environ | {"PYTHONUNBUFFERED": "1"}}
+    with at_work("plan", file, "--port", "0", "--no-browser", **more) as process:
+        assert "s.yaml: http://127.0.0.1:" in process.stdout.readline()
+        process.send_signal(signal.SIGINT)
+        _, said = process.communicate(timeout=60)
     assert (process.returncode, said) == (0, "")
     assert scene_text(load_scene(file)) == file.read_text()
 
@@ -261,9 +248,8 @@ def test_what_was_not_saved_at_ctrl_c_is_said_in_one_line_and_the_file_stays_as_
     monkeypatch.setattr(Planner, "wait", edited_then_interrupted)
     result = CliRunner().invoke(app, ["plan", str(file), "--port", "0", "--no-browser"])
     assert result.exit_code == 0
-    assert result.stderr.splitlines() == [
-        "s.yaml: has changes that were not saved; the file is as it was saved last"
-    ]
+    told = "s.yaml: has changes that were not saved; the file is as it was saved last"
+    assert result.stderr.splitlines() == [told]
     assert file.read_text() == before
     assert not list(tmp_path.glob(".*.part"))
 

@@ -2,19 +2,20 @@
 
 import asyncio
 import os
-import signal
 import socket
 import subprocess
 import sys
-from contextlib import closing, contextmanager
+from contextlib import closing
 
 import pytest
 from mcap.reader import make_reader
+from seen import at_work, interrupted
 from typer.testing import CliRunner
 
 from sfglab.bus import Node
 from sfglab.cli import app
 from sfglab.errors import SfglabError
+from sfglab.lab.browser import free_port
 from sfglab.messages import default_message
 
 pytest.importorskip("rerun", reason="the extra 'view' is not installed")
@@ -24,29 +25,6 @@ COMMAND = (sys.executable, "-m", "sfglab", "view")
 
 def headless():
     return {name: value for name, value in os.environ.items() if name not in ("DISPLAY", "WAYLAND_DISPLAY")}
-
-
-@contextmanager
-def viewing(*arguments):
-    """The command at work; interrupted at the end of the block, if it still runs."""
-    with subprocess.Popen([*COMMAND, *map(str, arguments)], stdout=subprocess.PIPE, text=True) as process:
-        try:
-            yield process
-        finally:
-            process.kill()
-
-
-def interrupted(process):
-    """What it still says, and its status, after Ctrl-C."""
-    process.send_signal(signal.SIGINT)
-    said, _ = process.communicate(timeout=60)
-    return said.splitlines(), process.returncode
-
-
-def free_port():
-    with closing(socket.socket()) as probe:
-        probe.bind(("127.0.0.1", 0))
-        return probe.getsockname()[1]
 
 
 @pytest.mark.live
@@ -78,7 +56,7 @@ def test_without_a_display_it_says_how_to_serve_instead():
 @pytest.mark.live
 def test_a_log_is_served_until_ctrl_c(pytestconfig):
     log, port = pytestconfig.rootpath / "data/reference/cooperation.mcap", free_port()
-    with viewing(log, "--topic", "/failure/robot1/pose", "--to", f"serve:{port}") as process:
+    with at_work("view", log, "--topic", "/failure/robot1/pose", "--to", f"serve:{port}") as process:
         said = [process.stdout.readline() for _ in range(3)]
         with closing(socket.create_connection(("127.0.0.1", port), timeout=60)):
             pass
@@ -102,7 +80,7 @@ def test_it_shows_what_another_process_sends_until_ctrl_c_and_the_file_is_whole(
                 await asyncio.sleep(0.02)
             return interrupted(process)
 
-    with viewing("--domain", domain_id, "--interface", "lo", "--to", out) as process:
+    with at_work("view", "--domain", domain_id, "--interface", "lo", "--to", out) as process:
         assert process.stdout.readline() == f"domain {domain_id} goes to {out}; Ctrl-C ends\n"
         said, status = asyncio.run(beat_until_shown(process))
     assert status == 0

@@ -34,8 +34,7 @@ def test_a_stream_within_the_budget_passes_whole_and_thirty_hertz_of_ten_is_ever
     jitter = [0, 5, -6, 3, -4, 6, -5, 2, -6, 6] * 30
     assert all(budget.allows(i * period + j * 1_000_000) for i, j in enumerate(jitter))
     budget = RateBudget(10)
-    passed = [budget.allows(i * S // 30) for i in range(90)]
-    assert passed == [i % 3 == 0 for i in range(90)]
+    assert [budget.allows(i * S // 30) for i in range(90)] == [i % 3 == 0 for i in range(90)]
 
 
 def test_a_budget_follows_a_clock_that_jumps_back_and_a_new_rate():
@@ -102,8 +101,7 @@ def test_a_queue_of_one_shows_the_latest_and_says_how_many_were_passed_over():
 
 
 def test_topics_of_the_schema_stand_below_their_agent_and_others_keep_their_names():
-    builder = RosFqnBuilder().scope(Scope.GLOBAL).agent("go2")
-    topic = str(builder.resource(Resource.BATTERY_STATE).build())
+    topic = str(RosFqnBuilder().scope(Scope.GLOBAL).agent("go2").resource(Resource.BATTERY_STATE).build())
     assert entity_of_topic(topic) == "/agents/go2/global/battery_state"
     assert entity_of_topic("/local/go2/imu/imu") == "/agents/go2/local/imu/imu"
     assert entity_of_topic("/global/agent_heartbeat") == "/global/agent_heartbeat"
@@ -183,8 +181,7 @@ def test_what_could_be_shown_is_offered_once_and_only_when_its_partners_are_ther
 
 
 def test_what_is_requested_matches_the_weakest_offer_and_serves_the_most_demanding_display():
-    latched_reliable = requested(LATCHED, [LATCHED])
-    assert latched_reliable == LATCHED
+    assert requested(LATCHED, [LATCHED]) == LATCHED
     weakened = requested(LATCHED, [LATCHED, SENSOR_DATA])
     assert weakened.reliability is Reliability.BEST_EFFORT
     assert weakened.durability is Durability.VOLATILE
@@ -196,8 +193,7 @@ def test_what_is_requested_matches_the_weakest_offer_and_serves_the_most_demandi
 
 
 def beat(links, agent, now_ns, **changed):
-    values = {"incarnation": 1, "period_s": 1.0, "is_starting": False, **changed}
-    links.heard(agent, now_ns=now_ns, **values)
+    links.heard(agent, now_ns=now_ns, **{"incarnation": 1, "period_s": 1.0, "is_starting": False, **changed})
 
 
 def test_an_agent_lives_by_its_last_heartbeats_age_or_a_discoverers_word_until_the_next():
@@ -260,5 +256,4 @@ def test_a_visualizer_declares_before_it_is_made():
 
     assert Own({"x": "/global/go2/state"}).agent == "go2"
     assert Own({"x": "/a"}).tick(0, None) is None
-    display = Session().add(Own, "/a")
-    assert display.sync == Approximate(slop_ns=5)
+    assert Session().add(Own, "/a").sync == Approximate(slop_ns=5)

@@ -5,9 +5,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
+from seen import cloud
 
 from sfglab.errors import InvalidValueError
-from sfglab.messages import default_message, message_type
+from sfglab.messages import default_message
 from sfglab.view import geometry
 
 K = np.array([[500.0, 0, 320], [0, 400.0, 180], [0, 0, 1]])
@@ -23,8 +24,7 @@ rng = np.random.default_rng(0)
 )
 @pytest.mark.parametrize("padding", [0, 3])
 def test_pixels_are_what_was_sent_whatever_the_padding(make_image, encoding, dtype, channels, padding):
-    shape = (4, 5, channels) if channels > 1 else (4, 5)
-    array = rng.integers(0, 255, shape).astype(dtype)
+    array = rng.integers(0, 255, (4, 5, channels) if channels > 1 else (4, 5)).astype(dtype)
     assert np.array_equal(geometry.pixels(make_image(array, encoding, padding=padding)), array)
 
 
@@ -40,9 +40,8 @@ def test_pixels_of_the_other_byte_order_are_turned_and_without_padding_not_copie
 def test_an_image_that_contradicts_itself_is_refused(make_image):
     message = make_image(np.zeros((4, 5), np.uint8), "mono8")
     message.height = 400
-    with pytest.raises(
-        InvalidValueError, match="image data: given '20 bytes with step 5', allowed: at least 400 rows"
-    ):
+    said = "image data: given '20 bytes with step 5', allowed: at least 400 rows"
+    with pytest.raises(InvalidValueError, match=said):
         geometry.pixels(message)
     message.encoding = "yuv9"
     with pytest.raises(InvalidValueError, match="image encoding: given 'yuv9', allowed: mono8"):
@@ -95,23 +94,6 @@ def test_a_scan_is_points_on_its_rays_and_its_range_limits_hold():
     assert np.allclose(geometry.scan_points(scan), [[1, 0, 0], [0, 2, 0], [-3, 0, 0]], atol=1e-5)
 
 
-def cloud(records, *, row_step=None, height=1):
-    field = message_type("sensor_msgs/msg/PointField")
-    numbers = {"f4": 7, "u4": 6, "u2": 4, "f8": 8}
-    message = default_message("sensor_msgs/msg/PointCloud2")
-    message.fields = [
-        field(name=n, offset=records.dtype.fields[n][1], datatype=numbers[records.dtype[n].str[1:]], count=1)
-        for n in records.dtype.names
-    ]
-    message.height, message.width = height, len(records) // height
-    message.point_step = records.dtype.itemsize
-    message.row_step = row_step or message.point_step * message.width
-    rows = records.view(np.uint8).reshape(height, -1)
-    message.data = np.pad(rows, ((0, 0), (0, message.row_step - rows.shape[1]))).reshape(-1)
-    message.is_bigendian = bool(records.dtype["x"].str[0] == ">")
-    return message
-
-
 @pytest.mark.parametrize("order", ["<", ">"])
 @pytest.mark.parametrize("row_step", [None, 200])
 def test_a_cloud_gives_its_finite_points_and_their_fields(order, row_step):
@@ -133,8 +115,7 @@ def test_a_cloud_gives_its_finite_points_and_their_fields(order, row_step):
 
 
 def test_a_colour_packed_into_a_float_is_the_same_and_colours_run_from_blue_to_red():
-    dtype = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("rgb", "<f4")])
-    records = np.zeros(2, dtype)
+    records = np.zeros(2, np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("rgb", "<f4")]))
     records["rgb"] = np.array([0xFF0000, 0x0000FF], np.uint32).view(np.float32)
     assert np.array_equal(geometry.cloud_colors(records), [[255, 0, 0], [0, 0, 255]])
     colors = geometry.colors_by_value(np.array([0.0, 1.0, 2.0, np.nan]))

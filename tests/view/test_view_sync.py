@@ -11,9 +11,9 @@ from sfglab.view.sync import PATIENCE, synchronizer
 TOPICS = ("a", "b", "c")
 
 
-def arrivals(topics=TOPICS, *, most=40):
+def arrivals(topics=TOPICS):
     """Items of several topics whose stamps rise within each, in any interleaving."""
-    steps = st.lists(st.tuples(st.sampled_from(topics), st.integers(1, 30)), max_size=most)
+    steps = st.lists(st.tuples(st.sampled_from(topics), st.integers(1, 30)), max_size=40)
 
     def stamped(pairs):
         now = dict.fromkeys(topics, 0)

@@ -1,11 +1,12 @@
 """What each visualizer draws, on paper and in real recordings that are read back."""
 
 from contextlib import closing
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from seen import cloud
 
 from sfglab.bus import EndpointAdded, EndpointInfo, EndpointKind, EndpointRemoved
 from sfglab.codecs import TABLE_2, compressed_depth_fields, compressed_image_fields, ffmpeg_packet_fields
@@ -95,8 +96,7 @@ def test_a_still_picture_goes_to_the_viewer_as_it_is(paper, update, codec):
 @pytest.mark.parametrize("dtype", [np.uint16, np.float32])
 def test_compressed_depth_is_decoded_to_metres(paper, update, codec, dtype):
     depth = np.full((8, 8), 2000 if dtype == np.uint16 else 2.0, dtype)
-    message = coded(compressed_depth_fields(depth, codec))
-    made("compressed_image").show(update(image=message), paper)
+    made("compressed_image").show(update(image=coded(compressed_depth_fields(depth, codec))), paper)
     assert paper.kinds("/image") == ["DepthImage"]
     per_metre = values(paper.drawn[0], "meter")[0]
     stored = np.frombuffer(bytes(values(paper.drawn[0], "buffer")[0]), dtype)
@@ -110,13 +110,10 @@ def test_an_unknown_picture_format_is_said(paper, update):
         made("compressed_image").show(update(image=message), paper)
 
 
-def packets(count=8, gop=4):
-    from dataclasses import replace
-
-    settings = replace(TABLE_2, encoder="libx264", width=128, height=64, gop=gop)
+def packets(count=8):
+    settings = replace(TABLE_2, encoder="libx264", width=128, height=64, gop=4)
     encoder = H264Encoder(settings)
-    frames = [f for i in range(count) for f in encoder.encode(np.full((64, 128, 3), 20 * i, np.uint8))]
-    return settings, frames
+    return settings, [f for i in range(count) for f in encoder.encode(np.full((64, 128, 3), 20 * i, np.uint8))]
 
 
 def ffmpeg_message(frame, settings):
@@ -127,7 +124,7 @@ def ffmpeg_message(frame, settings):
 
 
 def test_after_a_lost_packet_nothing_is_shown_until_the_next_key_frame(paper, update):
-    settings, frames = packets(count=8, gop=4)
+    settings, frames = packets()
     visualizer = made("ffmpeg_video")
     for frame in frames:
         if frame.pts != 1:
@@ -138,7 +135,7 @@ def test_after_a_lost_packet_nothing_is_shown_until_the_next_key_frame(paper, up
 
 
 def test_foxglove_video_starts_with_a_key_frame_and_waits_for_one_after_a_drop(paper, update):
-    _, frames = packets(count=8, gop=4)
+    _, frames = packets()
     visualizer = made("compressed_video")
     for frame in frames[1:]:  # begins in the middle of a group
         message = coded(SimpleNamespace(format="h264", data=frame.data), "foxglove_msgs/msg/CompressedVideo")
@@ -148,9 +145,8 @@ def test_foxglove_video_starts_with_a_key_frame_and_waits_for_one_after_a_drop(p
 
 
 def test_h264_in_a_compressed_image_is_video_and_nothing_else_is(paper, update):
-    _, frames = packets(count=1)
-    message = default_message("sensor_msgs/msg/CompressedImage")
-    message.format, message.data = "h264", np.frombuffer(frames[0].data, np.uint8)
+    _, (frame,) = packets(count=1)
+    message = coded(SimpleNamespace(format="h264", data=frame.data))
     made("compressed_image").show(update(image=message), paper)
     assert paper.drawn == []
     made("compressed_image_video").show(update(video=message), paper)
@@ -360,8 +356,8 @@ def heartbeat(agent, *, phase=1, incarnation=1):
     return message
 
 
-def publisher(topic, gid=b"g"):
-    return EndpointInfo(kind=EndpointKind.PUBLISHER, topic=topic, type="x", gid=gid, qos=DEFAULT)
+def publisher(topic):
+    return EndpointInfo(kind=EndpointKind.PUBLISHER, topic=topic, type="x", gid=b"g", qos=DEFAULT)
 
 
 def test_communication_is_drawn_over_the_agents(paper, update):
@@ -379,8 +375,7 @@ def test_communication_is_drawn_over_the_agents(paper, update):
     assert paper.frames[f"{root}/ring"] == "go2/base_link"
     visualizer.observe(EndpointRemoved(endpoint=decoded))
     visualizer.tick(14 * S, paper)
-    ages = [values(d, "scalars")[0] for d in paper.at_entity(f"{root}/heartbeat_age_s")]
-    assert ages == [0.5, 4.0]
+    assert [values(d, "scalars")[0] for d in paper.at_entity(f"{root}/heartbeat_age_s")] == [0.5, 4.0]
     said = [values(d, "state") for d in paper.at_entity(f"{root}/life") if not d.static]
     assert said == [["alive"], ["lost"]]
     seen = [values(d, "state") for d in paper.at_entity(f"{root}/decoders") if not d.static]
@@ -390,8 +385,7 @@ def test_communication_is_drawn_over_the_agents(paper, update):
 
 
 def test_the_border_is_who_hears_whom_by_the_fleet_file(paper, pytestconfig):
-    fleet = pytestconfig.rootpath / "data/fleets/lab.yaml"
-    visualizer = made("communication", fleet=str(fleet))
+    visualizer = made("communication", fleet=str(pytestconfig.rootpath / "data/fleets/lab.yaml"))
     visualizer.tick(S, paper)
     (border,) = paper.at_entity("/fleet/border")
     edges = {(e["first"], e["second"]) for e in values(border, "edges")}
@@ -428,19 +422,13 @@ def test_clouds_and_scans_are_coloured_points_in_their_frame(paper, update):
     scan = default_message("sensor_msgs/msg/LaserScan")
     scan.ranges, scan.range_max, scan.header.frame_id = np.array([1.0, 2.0], np.float32), 5.0, "laser"
     made("laser_scan").show(update(scan=scan), paper)
-    dtype = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("intensity", "<f4")])
-    records = np.zeros(10, dtype)
+    records = np.zeros(10, [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("intensity", "<f4")])
     records["x"] = range(10)
-    cloud = default_message("sensor_msgs/msg/PointCloud2")
-    field = message_type("sensor_msgs/msg/PointField")
-    cloud.fields = [field(name=n, offset=4 * i, datatype=7, count=1) for i, n in enumerate(dtype.names)]
-    cloud.height, cloud.width, cloud.point_step, cloud.row_step = 1, 10, 16, 160
-    cloud.data = records.view(np.uint8)
-    made("point_cloud", decimation=3).show(update(cloud=cloud), paper)
+    made("point_cloud", decimation=3).show(update(cloud=cloud(records)), paper)
     assert paper.frames == {"/scan": "laser"}
     assert [p[0] for p in values(paper.at_entity("/cloud")[0], "positions")] == [0.0, 3.0, 6.0, 9.0]
     with pytest.raises(InvalidValueError, match=r"color_by: given 'ring', .* fields x, y, z, intensity"):
-        made("point_cloud", color_by="ring").show(update(cloud=cloud), paper)
+        made("point_cloud", color_by="ring").show(update(cloud=cloud(records)), paper)
 
 
 def test_the_calibration_of_another_camera_or_size_is_refused(paper, update, make_image):

@@ -78,15 +78,13 @@ def _offset(outwards_m: float) -> NDArray[np.float64]:
 
 def course_length_m() -> float:
     """Return the length of the middle line, corners not rounded."""
-    ring = (*WAYPOINTS, WAYPOINTS[0])
-    return sum(math.dist(a, b) for a, b in pairwise(ring))
+    return sum(math.dist(a, b) for a, b in pairwise((*WAYPOINTS, WAYPOINTS[0])))
 
 
 def winding_rad(x: float, y: float) -> float:
     """Return a position's angle around the ring: 0 at home, growing as robots drive, from -pi to pi."""
     home = math.atan2(HOME[1] - _PIVOT[1], HOME[0] - _PIVOT[0])
-    angle = home - math.atan2(y - _PIVOT[1], x - _PIVOT[0])
-    return math.remainder(angle, math.tau)
+    return math.remainder(home - math.atan2(y - _PIVOT[1], x - _PIVOT[0]), math.tau)
 
 
 AREAS = (

@@ -132,8 +132,7 @@ class View:
     right_m: float  #: The same to the right.
     beside_left_m: float  #: Range to the left.
     beside_right_m: float  #: Range to the right.
-    #: Heading towards the wall on the left, from that wall; None where it is not straight.
-    heading_left_rad: float | None
+    heading_left_rad: float | None  #: Heading to the left wall, from that wall; None where it is not straight.
     heading_right_rad: float | None  #: The same (positive is still to the left) from the wall on the right.
     offset_m: float | None  #: How far left of the middle, from the straight walls; None without any.
     obstacle: bool  #: Whether something ahead is closer than is safe.
@@ -190,5 +189,4 @@ def _wall(front_m: float, beside_m: float, behind_m: float) -> tuple[float, floa
         return None
     heading = math.atan2(behind_m - front_m, behind_m + front_m)
     distance = front_m * behind_m / math.hypot(front_m, behind_m)
-    straight = abs(beside_m * math.cos(heading) - distance) <= _STRAIGHT_M
-    return (heading, distance) if straight else None
+    return (heading, distance) if abs(beside_m * math.cos(heading) - distance) <= _STRAIGHT_M else None

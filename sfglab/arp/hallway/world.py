@@ -43,10 +43,9 @@ class World:
         self._random = np.random.default_rng(seed)
         robots = len(areas)
         most = max(len(area.segments) for area in areas)
-        padded = [
-            np.concatenate((a.segments, a.segments[:1].repeat(most - len(a.segments), axis=0))) for a in areas
-        ]
-        self._walls = np.ascontiguousarray(padded)
+        self._walls = np.ascontiguousarray(
+            [np.concatenate((a.segments, a.segments[:1].repeat(most - len(a.segments), axis=0))) for a in areas]
+        )
         put = self._random.normal(size=(robots, 3)) * (_PUT_SIGMA_M, _PUT_SIGMA_M, _PUT_SIGMA_RAD)
         #: x, y (metres) and heading (radians) of each robot, shape (robots, 3).
         self.poses: NDArray[np.float64] = np.array(HOME) + put
@@ -72,8 +71,7 @@ class World:
     def wound_rad(self) -> NDArray[np.float64]:
         """Return how far around the ring robots have come, shape (robots,); to call four times a round."""
         for robot, (x, y, _) in enumerate(self.poses):
-            ahead = math.remainder(winding_rad(x, y) - self._wound[robot], math.tau)
-            self._wound[robot] += ahead
+            self._wound[robot] += math.remainder(winding_rad(x, y) - self._wound[robot], math.tau)
         return self._wound.copy()
 
 

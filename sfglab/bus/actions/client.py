@@ -15,23 +15,8 @@ from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from sfglab.bus.actions.goals import (
-    CANCEL_GOAL,
-    FEEDBACK_QOS,
-    NO_GOAL_ID,
-    STATUS,
-    STATUS_QOS,
-    TERMINAL,
-    CancelCode,
-    Canceling,
-    GoalStatus,
-    action_topics,
-    goal_id_from,
-    goal_info,
-    read_goal_info,
-    read_statuses,
-    uuid_message,
-)
+from sfglab.bus.actions import goals
+from sfglab.bus.actions.goals import NO_GOAL_ID, TERMINAL, CancelCode, Canceling, GoalStatus
 from sfglab.bus.errors import ActionServerGoneError, BusError, GoalRejectedError, discovery_timeout_error
 from sfglab.bus.loop import Calls, Signal
 from sfglab.bus.pubsub import Subscription, checked_type
@@ -43,7 +28,6 @@ if TYPE_CHECKING:
     from sfglab.bus.service import Client
 
 FeedbackCallback = Callable[[Any], Awaitable[None] | None]
-
 
 # What `feedback()` keeps of a goal until it is read.
 _FEEDBACK_DEPTH = 100
@@ -94,7 +78,7 @@ class Router:
 
     def on_feedback(self, message: Any) -> None:
         """Give feedback to its goal; what is about goals of other clients is ignored."""
-        sent = self.sent.get(goal_id_from(message.goal_id))
+        sent = self.sent.get(goals.goal_id_from(message.goal_id))
         if sent is None:
             return
         sent.feedback.append(message.feedback)
@@ -104,7 +88,7 @@ class Router:
 
     def on_status(self, message: Any) -> None:
         """Give statuses to their goals."""
-        for goal_id, status in read_statuses(message).items():
+        for goal_id, status in goals.read_statuses(message).items():
             self.note(goal_id, status)
 
     def note(self, goal_id: bytes, status: GoalStatus) -> None:
@@ -180,10 +164,8 @@ class ClientGoalHandle:
 class ActionClient:
     """An action's client; made by `Node.create_action_client`. Goals may run beside each other."""
 
-    def __init__(
-        self, node: Any, backend: Backend, type_: str, *, name: str, transport: Transport = "dds"
-    ) -> None:
-        action, topics = action_type(type_), action_topics(name)
+    def __init__(self, node: Any, backend: Backend, type_: str, *, name: str, transport: Transport) -> None:
+        action, topics = action_type(type_), goals.action_topics(name)
         self.action_name = name  #: The fully resolved ROS action.
         self._backend = backend
         self._action = action
@@ -191,13 +173,13 @@ class ActionClient:
         # In this order: discovery tells a server of readers one after another, and it answers only to whom it
         # knows to listen for the answer, and begins after that. So by then it knows who listens for feedback.
         self._topics: tuple[Subscription, ...] = (
-            node.create_subscription(STATUS, topics.status, router.on_status, STATUS_QOS),
+            node.create_subscription(goals.STATUS, topics.status, router.on_status, goals.STATUS_QOS),
             node.create_subscription(
-                action.feedback_message, topics.feedback, router.on_feedback, FEEDBACK_QOS
+                action.feedback_message, topics.feedback, router.on_feedback, goals.FEEDBACK_QOS
             ),
         )
         client = partial(node.create_client, transport=transport)
-        self._cancel: Client = client(CANCEL_GOAL, topics.cancel_goal)
+        self._cancel: Client = client(goals.CANCEL_GOAL, topics.cancel_goal)
         self._result: Client = client(action.get_result.name, topics.get_result)
         self._send: Client = client(action.send_goal.name, topics.send_goal)
         backend.register(router)
@@ -241,7 +223,7 @@ class ActionClient:
         self._router.open(goal_id, sent)
         response = None
         try:
-            request = self._action.send_goal.request(goal_id=uuid_message(goal_id), goal=goal)
+            request = self._action.send_goal.request(goal_id=goals.uuid_message(goal_id), goal=goal)
             response = await self._send.call(request, timeout_s)
         finally:
             if response is None or not response.accepted:
@@ -264,14 +246,14 @@ class ActionClient:
         Raises:
             BusTimeoutError: No answer in time.
         """
-        request = service_type(CANCEL_GOAL).request(goal_info=goal_info(goal_id, until_ns))
+        request = service_type(goals.CANCEL_GOAL).request(goal_info=goals.goal_info(goal_id, until_ns))
         response = await self._cancel.call(request, timeout_s)
-        ids = tuple(read_goal_info(info)[0] for info in response.goals_canceling)
+        ids = tuple(goals.read_goal_info(info)[0] for info in response.goals_canceling)
         return Canceling(code=CancelCode(response.return_code), goal_ids=ids)
 
     async def result_of(self, goal_id: bytes, timeout_s: float | None = None) -> GoalResult:
         """Return how a goal ended, whoever sent it; see `ClientGoalHandle.result`."""
-        request = self._action.get_result.request(goal_id=uuid_message(goal_id))
+        request = self._action.get_result.request(goal_id=goals.uuid_message(goal_id))
         response = await self.unless_gone(goal_id, self._result.call(request, timeout_s))
         status = GoalStatus(response.status)
         if status is GoalStatus.UNKNOWN:

@@ -12,24 +12,8 @@ from enum import Enum
 from functools import partial
 from typing import TYPE_CHECKING, Any, TypedDict, Unpack
 
-from sfglab.bus.actions.goals import (
-    CANCEL_GOAL,
-    FEEDBACK_QOS,
-    STATUS,
-    STATUS_QOS,
-    TERMINAL,
-    CancelCode,
-    GoalBook,
-    GoalEvent,
-    GoalStatus,
-    action_topics,
-    goal_id_from,
-    goal_info,
-    is_allowed,
-    read_goal_info,
-    status_array,
-    uuid_message,
-)
+from sfglab.bus.actions import goals
+from sfglab.bus.actions.goals import TERMINAL, CancelCode, GoalBook, GoalEvent, GoalStatus, is_allowed
 from sfglab.bus.pubsub import Publisher, checked_type, topic_endpoint
 from sfglab.bus.service import Service
 from sfglab.messages import ActionType, action_type, default_message, service_type, stamp_from_ns, type_name
@@ -114,7 +98,6 @@ class ServerGoalHandle:
 # rcl_action's default in Humble, 15 minutes; later releases have 10 s.
 _RESULT_TIMEOUT_S = 900.0
 
-
 GoalCallback = Callable[[Any], Awaitable[GoalResponse] | GoalResponse]
 CancelCallback = Callable[[ServerGoalHandle], Awaitable[CancelResponse] | CancelResponse]
 ExecuteCallback = Callable[[ServerGoalHandle], Any]
@@ -168,12 +151,12 @@ class Goals:
         checked_type(feedback, type_=type_name(self._action.feedback), where=self._feedback.topic_name)
         if not self.closed:
             type_ = self._action.feedback_message
-            self._feedback.publish(type_(goal_id=uuid_message(goal_id), feedback=feedback))
+            self._feedback.publish(type_(goal_id=goals.uuid_message(goal_id), feedback=feedback))
 
     async def on_send_goal(self, request: Any) -> Any:
         """Return whether the goal of a request is taken."""
         self._expire()
-        goal_id = goal_id_from(request.goal_id)
+        goal_id = goals.goal_id_from(request.goal_id)
         taken = goal_id not in self._book and await self._takes(request.goal)
         stamp_ns = self._backend.clock.now_ns()
         # Two requests with one id may both have passed the callback; the book accepts one.
@@ -186,7 +169,7 @@ class Goals:
 
     def on_answered(self, request: Any) -> None:
         """Begin with a goal whose client was told; by then it is known to listen for feedback, too."""
-        goal = self._waiting.pop(goal_id_from(request.goal_id), None)
+        goal = self._waiting.pop(goals.goal_id_from(request.goal_id), None)
         if goal is not None and not self.closed:
             begin = self._options.get("handle_accepted_callback", ServerGoalHandle.execute)
             self.calls.run(begin, goal)
@@ -194,7 +177,7 @@ class Goals:
     async def on_get_result(self, request: Any) -> Any:
         """Return a goal's result once it has ended; UNKNOWN and zeros for a goal that is not remembered."""
         self._expire()
-        goal = self._running.get(goal_id_from(request.goal_id))
+        goal = self._running.get(goals.goal_id_from(request.goal_id))
         response = self._action.get_result.response
         if goal is None:
             return response(status=int(GoalStatus.UNKNOWN), result=default_message(self._action.result))
@@ -205,13 +188,13 @@ class Goals:
     async def on_cancel_goal(self, request: Any) -> Any:
         """Ask the user about each goal that a request is about, and return which go to CANCELING."""
         self._expire()
-        plan = self._book.to_cancel(*read_goal_info(request.goal_info))
+        plan = self._book.to_cancel(*goals.read_goal_info(request.goal_info))
         chosen = [self._running[goal_id] for goal_id in plan.goal_ids]
         canceling = {goal.goal_id for goal in chosen if await self._cancels(goal)}
         code = CancelCode.REJECTED if plan.goal_ids and not canceling else plan.code
         booked = [known for known in self._book.goals() if known.goal_id in canceling]
-        infos = [goal_info(known.goal_id, known.accepted_ns) for known in booked]
-        return service_type(CANCEL_GOAL).response(return_code=int(code), goals_canceling=infos)
+        infos = [goals.goal_info(known.goal_id, known.accepted_ns) for known in booked]
+        return service_type(goals.CANCEL_GOAL).response(return_code=int(code), goals_canceling=infos)
 
     async def run(self, goal: ServerGoalHandle) -> None:
         """Execute a goal to its end; a callback that does not say how it ends has failed."""
@@ -272,7 +255,7 @@ class Goals:
 
     def _publish_status(self) -> None:
         if not self.closed:
-            self._status.publish(status_array(self._book.goals()))
+            self._status.publish(goals.status_array(self._book.goals()))
 
     def _steady_ns(self) -> int:
         return round(self._backend.loop.time() * NS_PER_S)
@@ -299,29 +282,24 @@ class ActionServer:
         execute: ExecuteCallback,
         **options: Unpack[ActionServerOptions],
     ) -> None:
-        action, topics = action_type(type_), action_topics(name)
+        action, topics = action_type(type_), goals.action_topics(name)
         self.action_name = name  #: The fully resolved ROS action.
         self._backend = backend
         self._goals = Goals(backend, action, execute)
         # Without the node, as they are reachable from what its backend holds.
-        feedback, status = (
-            Publisher(None, backend, topic_endpoint(type_, topic, qos))
-            for type_, topic, qos in (
-                (action.feedback_message, topics.feedback, FEEDBACK_QOS),
-                (STATUS, topics.status, STATUS_QOS),
-            )
-        )
+        told = topic_endpoint(action.feedback_message, topics.feedback, goals.FEEDBACK_QOS)
+        feedback = Publisher(None, backend, told)
+        status = Publisher(None, backend, topic_endpoint(goals.STATUS, topics.status, goals.STATUS_QOS))
         self._goals.open(feedback, status, options)
         service = partial(Service, node, backend, transport=options.get("transport", "dds"))
-        goals = self._goals
         self._endpoints: tuple[Service | Publisher, ...] = (
-            service(CANCEL_GOAL, name=topics.cancel_goal, handler=goals.on_cancel_goal),
-            service(action.get_result.name, name=topics.get_result, handler=goals.on_get_result),
+            service(goals.CANCEL_GOAL, name=topics.cancel_goal, handler=self._goals.on_cancel_goal),
+            service(action.get_result.name, name=topics.get_result, handler=self._goals.on_get_result),
             service(
                 action.send_goal.name,
                 name=topics.send_goal,
-                handler=goals.on_send_goal,
-                answered=goals.on_answered,
+                handler=self._goals.on_send_goal,
+                answered=self._goals.on_answered,
             ),
             feedback,
             status,

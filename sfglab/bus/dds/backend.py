@@ -36,12 +36,10 @@ class DdsBackend(Backend):
     ) -> None:
         super().__init__(on_error)
         self.graph = Graph(self.loop, read_nodes=self._read_nodes)
-        identity = user_data({"enclave": "/", NODE_KEY: name, HOST_KEY: host_id()})
+        shown = user_data({"enclave": "/", NODE_KEY: name, HOST_KEY: host_id()})
         self._thread_name = f"sfglab {name}"
         self._watcher: WatchThread | None = None
-        self.participant = DdsParticipant(
-            config, identity, name=self._thread_name, after_round=self.bridge.flush
-        )
+        self.participant = DdsParticipant(config, shown, name=self._thread_name, after_round=self.bridge.flush)
         self.guid = self.participant.guid
         self.ros = RosServices(self.calls, config.wire_id, config.interface)
         self._discovery = Discovery(self.participant, partial(self._post, self.graph.apply))

@@ -17,7 +17,6 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
     from typing import Unpack
 
-
 INFINITY_NS = 2**63 - 1
 ANY_STATE = 0x7F  # any sample, view and instance state (dds.h)
 ALIVE = 16  # DDS_ALIVE_INSTANCE_STATE

@@ -29,20 +29,8 @@ from sfglab.bus.api import (
     entries,
     ros_topic,
 )
-from sfglab.bus.dds.clib import (
-    ALIVE,
-    BUILTIN_PARTICIPANT,
-    BUILTIN_PUBLICATION,
-    BUILTIN_SUBSCRIPTION,
-    Endpoint,
-    Participant,
-    SampleInfo,
-    library,
-    partitions,
-    profile_from_dds,
-    string_property,
-    user_data,
-)
+from sfglab.bus.dds import clib
+from sfglab.bus.dds.clib import ALIVE, BUILTIN_PARTICIPANT, BUILTIN_PUBLICATION, BUILTIN_SUBSCRIPTION, library
 from sfglab.bus.dds.endpoints import DdsReader, DdsWriter
 from sfglab.bus.errors import InvalidMessageError
 from sfglab.messages import TypeNameError, ros_type_name
@@ -68,8 +56,6 @@ _SHORT_GID_DISTROS = frozenset({"iron", "jazzy", "kilted", "lyrical", "rolling"}
 _ENCAPSULATION = b"\0\1\0\0"  # CDR, little endian (RTPS 2.5, clause 10.2.1.2)
 # Endpoints come in groups, such as a service's two: one message for all of them.
 _DELAY_S = 0.01
-
-
 _BATCH = 128
 _BUILTIN_TYPES = b"org::eclipse::cyclonedds::builtin::"
 _KINDS = {BUILTIN_PUBLICATION: EndpointKind.PUBLISHER, BUILTIN_SUBSCRIPTION: EndpointKind.SUBSCRIPTION}
@@ -268,24 +254,22 @@ class Discovery:
         def handle() -> None:
             # A participant is always known before its endpoints, but not always read before them.
             self._read_participants()
-            found = _take(reader, Endpoint)
-            changes = [
-                self._change(sample, kind, alive=alive) for sample, alive in found if not _builtin(sample)
-            ]
+            found = _take(reader, clib.Endpoint)
+            changes = [self._change(one, kind, alive=alive) for one, alive in found if not _builtin(one)]
             if changes:
                 self._on_changes(changes)
 
         return handle
 
     def _read_participants(self) -> None:
-        for sample, alive in _take(self._participants, Participant):
+        for sample, alive in _take(self._participants, clib.Participant):
             key = bytes(sample.key)
             if not alive:
                 self._origins.pop(key, None)
                 self._on_changes([(key, None)])
                 continue
-            known = entries(user_data(sample.qos))
-            host = known.get(HOST_KEY) or string_property(sample.qos, "__Hostname")
+            known = entries(clib.user_data(sample.qos))
+            host = known.get(HOST_KEY) or clib.string_property(sample.qos, "__Hostname")
             self._origins[key] = host, known.get(NODE_KEY, "")
 
     def _change(self, sample: Any, kind: EndpointKind, *, alive: bool) -> Change:
@@ -301,18 +285,18 @@ class Discovery:
             topic=ros_topic(dds_topic),
             type=_ros_type(sample.type_name.decode(errors="replace")),
             gid=gid,
-            qos=profile_from_dds(sample.qos),
+            qos=clib.profile_from_dds(sample.qos),
             transport=_transport(sample, dds_topic, gid),
             participant=participant,
             host=host,
             node=node,
             dds_topic=dds_topic,
-            user_data=user_data(sample.qos),
+            user_data=clib.user_data(sample.qos),
         )
 
 
 def _transport(sample: Any, dds_topic: str, gid: bytes) -> Transport:
-    if SHM_PARTITION in partitions(sample.qos):
+    if SHM_PARTITION in clib.partitions(sample.qos):
         return "shm"
     # rmw_fastrtps frames services in its own way; topics are the same for all.
     return "ros" if gid.startswith(FAST_DDS) and dds_topic.startswith(("rq/", "rr/")) else "dds"
@@ -334,7 +318,7 @@ def _take(reader: int, struct: type[ct.Structure]) -> Iterator[tuple[Any, bool]]
     """Yield what a built-in reader holds: the C sample, valid until the next one, and whether it is alive."""
     lib = library()
     pointers: Any = (ct.c_void_p * _BATCH)()
-    infos: Any = (SampleInfo * _BATCH)()
+    infos: Any = (clib.SampleInfo * _BATCH)()
     while True:
         pointers[0] = None
         count = lib.dds_take(reader, pointers, infos, _BATCH, _BATCH)

@@ -37,7 +37,6 @@ if TYPE_CHECKING:
 
     from sfglab.qos import QoSProfile
 
-
 Multicast = Literal["default", "spdp", "true", "false"]
 
 _MAX_INDEX = "<MaxAutoParticipantIndex>99</MaxAutoParticipantIndex>"
@@ -96,13 +95,11 @@ class DomainConfig:
             if isinstance(domain_id, bool) or not isinstance(domain_id, int):
                 raise DomainError(domain_id, "the id is no whole number; allowed are 0 to 232")
             if not 0 <= domain_id <= MAX_DOMAIN:
-                raise DomainError(
-                    domain_id, "allowed ids are 0 to 232: the UDP ports of higher ones do not exist"
-                )
+                why = "allowed ids are 0 to 232: the UDP ports of higher ones do not exist"
+                raise DomainError(domain_id, why)
         if self.multicast not in get_args(Multicast):
-            raise DomainError(
-                self.domain_id, f"multicast={self.multicast!r}; allowed are {', '.join(get_args(Multicast))}"
-            )
+            why = f"multicast={self.multicast!r}; allowed are {', '.join(get_args(Multicast))}"
+            raise DomainError(self.domain_id, why)
         if not self.lease_s >= 0.1:
             raise DomainError(self.domain_id, f"lease_s={self.lease_s}; allowed are 0.1 s and more")
 
@@ -113,12 +110,10 @@ def check_interface(config: DomainConfig) -> None:
     Raises:
         DomainError: The interface does not exist; the message names those that do.
     """
-    existing = [name for _, name in socket.if_nameindex()]
-    if config.interface is not None and config.interface not in existing:
-        raise DomainError(
-            config.domain_id,
-            f"there is no network interface {config.interface!r} here; there are {', '.join(sorted(existing))}",
-        )
+    here = sorted(name for _, name in socket.if_nameindex())
+    if config.interface is not None and config.interface not in here:
+        why = f"there is no network interface {config.interface!r} here; there are {', '.join(here)}"
+        raise DomainError(config.domain_id, why)
 
 
 def domain_xml(config: DomainConfig) -> str:
@@ -232,11 +227,9 @@ def join(config: DomainConfig) -> None:
         if entry is None:
             entry = _joined[config.domain_id] = _Joined(config, _create(config))
         elif entry.config != config:
-            raise DomainError(
-                config.domain_id,
-                f"this process already joined it as {entry.config}, now asked for {config}; "
-                f"close the other nodes first or use the same settings",
-            )
+            both = f"this process already joined it as {entry.config}, now asked for {config}"
+            cure = "close the other nodes first or use the same settings"
+            raise DomainError(config.domain_id, f"{both}; {cure}")
         entry.users += 1
 
 
@@ -254,9 +247,8 @@ def _create(config: DomainConfig) -> int:
     check_interface(config)
     if [os.environ.get(f"ROS_SECURITY_{name}") for name in ("ENABLE", "STRATEGY")] == ["true", "Enforce"]:
         # The wheels of Cyclone DDS have no DDS Security, and ROS 2's own nodes would not start without, either.
-        raise DomainError(
-            config.domain_id, "ROS_SECURITY_STRATEGY=Enforce is set, and sfglab's nodes cannot obey"
-        )
+        why = "ROS_SECURITY_STRATEGY=Enforce is set, and sfglab's nodes cannot obey"
+        raise DomainError(config.domain_id, why)
     handle: int = library().dds_create_domain(config.domain_id, domain_xml(config).encode())
     if handle < 0:
         raise DomainError(

@@ -12,23 +12,8 @@ from typing import TYPE_CHECKING, Any, NoReturn
 
 import numpy as np
 
-from sfglab.bus.dds.clib import (
-    ANY_STATE,
-    RETCODE_TIMEOUT,
-    SDK_DATA,
-    STATUS_PUBLICATION_MATCHED,
-    STATUS_SAMPLE_LOST,
-    STATUS_SUBSCRIPTION_MATCHED,
-    TIMESTAMP_INVALID,
-    TIMESTAMP_OFFSET,
-    IoVec,
-    MatchedStatus,
-    SampleInfo,
-    SampleLostStatus,
-    entity_guid,
-    error_text,
-    library,
-)
+from sfglab.bus.dds import clib
+from sfglab.bus.dds.clib import ANY_STATE, SDK_DATA, TIMESTAMP_INVALID, TIMESTAMP_OFFSET, IoVec, library
 from sfglab.bus.errors import PublishError, not_cdr_error
 from sfglab.messages import serialize
 
@@ -42,7 +27,6 @@ if TYPE_CHECKING:
 CDR_HEADER_BYTES = 4
 _PADDING = ct.create_string_buffer(4)
 _PADDING_ADDRESS = ct.addressof(_PADDING)
-
 
 _BATCH = 64
 _MAX_MATCHED = 4096
@@ -124,7 +108,7 @@ class DdsWriter:
         self, handle: int, topic: str, *, type_: str, waitset: WaitSetThread, on_matched: Callable[[], None]
     ) -> None:
         self.handle = handle
-        self.gid = entity_guid(handle)
+        self.gid = clib.entity_guid(handle)
         self.matched = 0
         self.matched_prefixes: frozenset[bytes] = frozenset()
         self._topic = topic
@@ -132,7 +116,7 @@ class DdsWriter:
         self._waitset = waitset
         self._on_matched = on_matched
         self._sertype = sertype_of(handle)
-        library().dds_set_status_mask(handle, STATUS_PUBLICATION_MATCHED)
+        library().dds_set_status_mask(handle, clib.STATUS_PUBLICATION_MATCHED)
         waitset.attach(handle, self._update_matched)
 
     def write(self, cdr: Any, source_timestamp_ns: int | None = None) -> None:
@@ -146,8 +130,8 @@ class DdsWriter:
         stamp(serdata, time.time_ns() if source_timestamp_ns is None else source_timestamp_ns)
         code = library().dds_forwardcdr(self.handle, serdata)  # consumes the reference, also on failure
         if code < 0:
-            reason = error_text(code)
-            if code == RETCODE_TIMEOUT:
+            reason = clib.error_text(code)
+            if code == clib.RETCODE_TIMEOUT:
                 reason += ": a KEEP_ALL writer waits for acknowledgements of slow reliable readers"
             raise PublishError(self._topic, code=code, reason=reason)
 
@@ -172,13 +156,11 @@ class DdsWriter:
 
     def _update_matched(self) -> None:
         lib = library()
-        status = MatchedStatus()
+        status = clib.MatchedStatus()
         lib.dds_get_publication_matched_status(self.handle, ct.byref(status))
-        handles = (ct.c_uint64 * _MAX_MATCHED)()
-        count = lib.dds_get_matched_subscriptions(self.handle, ct.byref(handles), _MAX_MATCHED)
-        gids = (
-            matched_gid(lib.dds_get_matched_subscription_data, self.handle, handles[i]) for i in range(count)
-        )
+        found = (ct.c_uint64 * _MAX_MATCHED)()
+        count = lib.dds_get_matched_subscriptions(self.handle, ct.byref(found), _MAX_MATCHED)
+        gids = (matched_gid(lib.dds_get_matched_subscription_data, self.handle, found[i]) for i in range(count))
         self.matched_prefixes = frozenset(gid[:12] for gid in gids)
         self.matched = status.current_count
         self._on_matched()
@@ -224,7 +206,7 @@ class DdsReader:
         batch: int = _BATCH,
     ) -> None:
         self.handle = handle
-        self.gid = entity_guid(handle)
+        self.gid = clib.entity_guid(handle)
         self.matched = 0
         self.matched_prefixes: frozenset[bytes] = frozenset()
         self.lost = 0
@@ -234,8 +216,8 @@ class DdsReader:
         self._publishers = Publishers(handle)
         self._batch = batch
         self._serdata: Any = (ct.c_void_p * batch)()
-        self._infos: Any = (SampleInfo * batch)()
-        library().dds_set_status_mask(handle, STATUS_SUBSCRIPTION_MATCHED | STATUS_SAMPLE_LOST)
+        self._infos: Any = (clib.SampleInfo * batch)()
+        library().dds_set_status_mask(handle, clib.STATUS_SUBSCRIPTION_MATCHED | clib.STATUS_SAMPLE_LOST)
         waitset.attach(handle, self._update_status)
         self._condition = waitset.attach_reader(handle, self._take)
 
@@ -261,7 +243,7 @@ class DdsReader:
 
     def _update_status(self) -> None:
         lib = library()
-        lost, matched = SampleLostStatus(), MatchedStatus()
+        lost, matched = clib.SampleLostStatus(), clib.MatchedStatus()
         lib.dds_get_sample_lost_status(self.handle, ct.byref(lost))
         lib.dds_get_subscription_matched_status(self.handle, ct.byref(matched))
         self.matched_prefixes = frozenset(gid[:12] for gid in self._publishers.matched())
@@ -274,7 +256,7 @@ class ShmAnnouncement:
     """The DDS endpoint that shows a shared-memory one in the graph, in a partition of its own."""
 
     def __init__(self, handle: int) -> None:
-        self.gid = entity_guid(handle)  #: Its 16-byte GUID.
+        self.gid = clib.entity_guid(handle)  #: Its 16-byte GUID.
         self._handle: int | None = handle
 
     def close(self) -> None:

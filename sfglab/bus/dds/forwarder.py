@@ -17,19 +17,8 @@ from functools import cache, partial
 from typing import TYPE_CHECKING, Any
 
 from sfglab.bus.backend import Backend, LoopForward, LoopWriter
-from sfglab.bus.dds.clib import (
-    ANY_STATE,
-    RETCODE_ERROR,
-    RETCODE_TIMEOUT,
-    STATUS_LIVELINESS_CHANGED,
-    STATUS_SUBSCRIPTION_MATCHED,
-    LivelinessStatus,
-    MatchedStatus,
-    SampleInfo,
-    entity_guid,
-    error_text,
-    library,
-)
+from sfglab.bus.dds import clib
+from sfglab.bus.dds.clib import ANY_STATE, RETCODE_ERROR, RETCODE_TIMEOUT, error_text, library
 from sfglab.bus.dds.endpoints import (
     UNKNOWN_GID,
     Publishers,
@@ -118,10 +107,7 @@ class DdsRawWriter:
     """
 
     def __init__(
-        self,
-        create: Callable[[QoSProfile], int],
-        order: Callable[[Callable[[], None]], None],
-        qos: QoSProfile,
+        self, create: Callable[[QoSProfile], int], order: Callable[[Callable[[], None]], None], qos: QoSProfile
     ) -> None:
         self._create = create
         self._qos = qos
@@ -129,7 +115,7 @@ class DdsRawWriter:
         self._backlog_bytes = 0  # at most, since all was acknowledged
         self._behind_since_s: float | None = None
         self._handle = handle = create(qos)
-        self.gid = entity_guid(handle)  #: Its 16-byte GUID.
+        self.gid = clib.entity_guid(handle)  #: Its 16-byte GUID.
         self.sertype = sertype_of(handle)  #: What new samples for it are made with.
         self.closed = False  #: Whether it was deleted.
         self._order = order
@@ -222,12 +208,10 @@ class DdsRawWriter:
 class DdsForwarder:
     """Forwards from one live node to another; made by `Node.open_forwarder`. Services pass on the loop."""
 
-    def __init__(
-        self, source: DdsParticipant, target: DdsParticipant, backends: tuple[Backend, Backend]
-    ) -> None:
+    def __init__(self, source: DdsParticipant, target: DdsParticipant, both: tuple[Backend, Backend]) -> None:
         self._source = source
         self._target = target
-        self._backends = backends
+        self._backends = both
         self._orders: deque[Callable[[], None]] = deque()
         self._forwards: set[DdsForward] = set()
         self._batch = cache(_Batch)
@@ -296,7 +280,7 @@ class _Batch:
     def __init__(self, size: int) -> None:
         self.size = size
         self.serdata: Any = (ct.c_void_p * size)()
-        self.infos: Any = (SampleInfo * size)()
+        self.infos: Any = (clib.SampleInfo * size)()
         self.each_info = list(self.infos)  # made once: views of the same memory
 
 
@@ -312,7 +296,7 @@ class DdsForward(Forward[int, DdsRawWriter]):
         waitset: WaitSetThread,
         on_closed: Callable[[DdsForward], None],
     ) -> None:
-        super().__init__(entity_guid(handle))
+        super().__init__(clib.entity_guid(handle))
         self._handle = handle
         self._batch = batch
         self._give = order
@@ -322,7 +306,7 @@ class DdsForward(Forward[int, DdsRawWriter]):
         self._unflushed: set[DdsRawWriter] = set()
         self._waiting: deque[tuple[DdsRawWriter, int]] = deque()
         self._publishers = Publishers(handle)
-        library().dds_set_status_mask(handle, STATUS_SUBSCRIPTION_MATCHED | STATUS_LIVELINESS_CHANGED)
+        library().dds_set_status_mask(handle, clib.STATUS_SUBSCRIPTION_MATCHED | clib.STATUS_LIVELINESS_CHANGED)
         waitset.attach(handle, self._note_publishers)
         self._condition = waitset.attach_reader(handle, self._take)
 
@@ -412,8 +396,8 @@ class DdsForward(Forward[int, DdsRawWriter]):
         self.counts.dropped += 1
 
     def _note_publishers(self) -> None:
-        life = LivelinessStatus()
-        library().dds_get_subscription_matched_status(self._handle, ct.byref(MatchedStatus()))
+        life = clib.LivelinessStatus()
+        library().dds_get_subscription_matched_status(self._handle, ct.byref(clib.MatchedStatus()))
         library().dds_get_liveliness_changed_status(self._handle, ct.byref(life))
         self._publishers.matched()
         # Cyclone names the latest of those that changed; of two at once the other goes with its participant.

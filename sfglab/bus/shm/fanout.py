@@ -15,7 +15,6 @@ from sfglab.bus.shm.wire import DATA_OFFSET_BYTES, HEADER_BYTES, PAGE_BYTES, RET
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-
 # Sizes are rounded up to four steps per octave, so at most a fifth of a slot is unused.
 _STEPS_PER_OCTAVE = 4
 
@@ -97,9 +96,7 @@ def slot_capacity(size: int) -> int:
 
 
 MAX_CREDITS = 64  #: Slots that one subscriber may hold; the datagrams fit into a socket's default buffer.
-
 SHARES = 16  #: So many parts has the memory of which each subscriber may hold one, whatever the others hold.
-
 KEEP_ALL_BYTES = 256 * 2**20  #: How much may wait for a subscriber that keeps all, as elsewhere.
 
 # Above the depth, so that a subscriber always learns of newer messages while its application works on one.

@@ -11,36 +11,18 @@ from contextlib import suppress
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from sfglab.bus.api import (
-    SHM_KEY,
-    EndpointAdded,
-    EndpointEvent,
-    EndpointInfo,
-    EndpointKind,
-    RawEndpoint,
-    entries,
-    host_id,
-)
+from sfglab.bus.api import SHM_KEY, EndpointAdded, EndpointKind, entries, host_id
 from sfglab.bus.errors import BusError
+from sfglab.bus.loop import nothing
+from sfglab.bus.shm import wire
 from sfglab.bus.shm.fanout import SHARES, credits_of, returns_of
-from sfglab.bus.shm.wire import (
-    ANNOUNCE_BYTES,
-    RETURN_MAX,
-    ArenaMap,
-    Hello,
-    ProtocolError,
-    connect,
-    pack_hello,
-    pack_returns,
-    same_user,
-    unpack_announcement,
-    unpack_welcome,
-)
+from sfglab.bus.shm.wire import ANNOUNCE_BYTES, RETURN_MAX, ArenaMap, pack_returns, unpack_announcement
 from sfglab.qos import Durability, History, incompatibilities
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from sfglab.bus.api import EndpointEvent, EndpointInfo, RawEndpoint
     from sfglab.bus.dds.endpoints import ShmAnnouncement
     from sfglab.bus.endpoints import Inbox, SampleQueue
     from sfglab.bus.graph import Graph
@@ -50,7 +32,6 @@ _log = logging.getLogger(__name__)
 _RETRY_S = 0.02
 
 _IN_HAND = 2  #: So many messages an application may keep beside its queue before it is taken for a hoarder.
-
 
 # Closed links whose messages are still in use: the collector must not hang up for them.
 _lingering: set[_Link] = set()
@@ -145,10 +126,6 @@ class _Link:
             self.sock.close()
 
 
-def _nothing() -> None:
-    pass
-
-
 class ShmReader:
     """Connects to every matching publisher of this host and feeds an inbox; `watcher` takes the datagrams."""
 
@@ -173,7 +150,7 @@ class ShmReader:
         self.lost = 0
         self._announced = announce()
         self.gid = self._announced.gid
-        self._unlisten: Callable[[], None] = _nothing
+        self._unlisten: Callable[[], None] = nothing
 
     @property
     def matched(self) -> int:
@@ -195,7 +172,7 @@ class ShmReader:
             return
         self._closed = True
         self._unlisten()
-        self._unlisten = _nothing  # the graph's listener has this reader, which so is freed at once
+        self._unlisten = nothing  # the graph's listener has this reader, which so is freed at once
         self._announced.close()
         self._watcher.order(partial(self._leave, tuple(self._links.values())))
         self._links.clear()
@@ -217,19 +194,19 @@ class ShmReader:
         if self._closed or endpoint.gid in self._links:
             return
         try:
-            sock = connect(entries(endpoint.user_data).get(SHM_KEY, ""))
+            sock = wire.connect(entries(endpoint.user_data).get(SHM_KEY, ""))
         except BlockingIOError:  # many connect at once, and the publisher's queue is full
             self._watcher.loop.call_later(_RETRY_S, self._connect, endpoint)
             return
         except OSError:
             return  # it has gone, as the graph will say soon
-        if not same_user(sock):
+        if not wire.same_user(sock):
             _log.warning("topic %r: a publisher of another user is ignored", self._endpoint.name)
             sock.close()
             return
         link = self._links[endpoint.gid] = _Link(sock, self._credits)
         wants_history = self._qos.durability is Durability.TRANSIENT_LOCAL
-        sock.send(pack_hello(Hello(self._depth, wants_history)))
+        sock.send(wire.pack_hello(wire.Hello(self._depth, wants_history)))
         self._watcher.watch(sock.fileno(), partial(self._receive, endpoint.gid, link))
 
     def _receive(self, gid: bytes, link: _Link) -> None:
@@ -265,9 +242,9 @@ class ShmReader:
         try:
             if not datagram:
                 raise ConnectionResetError("the publisher hung up")
-            link.gid = unpack_welcome(datagram)
+            link.gid = wire.unpack_welcome(datagram)
             if len(fds) != 1:
-                raise ProtocolError(datagram, "one memory file with the welcome")
+                raise wire.ProtocolError(datagram, "one memory file with the welcome")
             link.arena = ArenaMap(fds[0])
         finally:
             for fd in fds:

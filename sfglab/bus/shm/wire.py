@@ -27,7 +27,6 @@ from sfglab.bus.errors import BusError
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-
 PAGE_BYTES = 4096
 HEADER_BYTES = PAGE_BYTES  #: The first page: the latest sequence number, as one aligned 64-bit word.
 DATA_OFFSET_BYTES = 60  #: CDR starts here in a slot: behind its 4-byte header all is aligned to 64 bytes.
@@ -44,7 +43,6 @@ _FLAG_HISTORY = 1
 HELLO_BYTES = _HELLO.size
 ANNOUNCE_BYTES = _ANNOUNCE.size
 RETURN_BYTES = _RETURNS[-1].size
-
 
 _UCRED = struct.Struct("3i")  # pid, uid, gid (unix(7), SO_PEERCRED)
 _BACKLOG = 128

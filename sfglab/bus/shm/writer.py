@@ -11,21 +11,9 @@ from socket import send_fds, socket
 from typing import TYPE_CHECKING, Any
 
 from sfglab.bus.errors import PublishError, check_size
+from sfglab.bus.shm import wire
 from sfglab.bus.shm.fanout import Fanout, SlotPool, slot_capacity
-from sfglab.bus.shm.wire import (
-    HEADER_BYTES,
-    HELLO_BYTES,
-    RETURN_BYTES,
-    Announcement,
-    OwnArena,
-    ProtocolError,
-    listen,
-    pack_announcement,
-    pack_welcome,
-    same_user,
-    unpack_hello,
-    unpack_returns,
-)
+from sfglab.bus.shm.wire import RETURN_BYTES, Announcement, ProtocolError, pack_announcement, unpack_returns
 from sfglab.messages import serialize_into, serialized_size
 from sfglab.qos import Durability, History, QoSProfile
 
@@ -66,15 +54,15 @@ class ShmWriter:
         self._limit_bytes = endpoint.max_message_bytes
         self._notify = notify
         self._sequence = 0
-        arena_bytes = HEADER_BYTES + ARENA_MESSAGES * slot_capacity(self._limit_bytes)
+        arena_bytes = wire.HEADER_BYTES + ARENA_MESSAGES * slot_capacity(self._limit_bytes)
         self._pool = SlotPool(arena_bytes)
         self._fanout = Fanout(self._pool, _history_depth(endpoint.qos))
-        self._arena = OwnArena(arena_bytes, f"sfglab {self._topic}")
+        self._arena = wire.OwnArena(arena_bytes, f"sfglab {self._topic}")
         self._connections: dict[int, socket] = {}
         self._watched: set[int] = set()
         self._greeted: set[int] = set()  # who has said hello
         self._hangups = select.epoll()
-        self._listener = listen(address)
+        self._listener = wire.listen(address)
         bridge.watch(self._hangups.fileno(), self._on_hangup)
         bridge.watch(self._listener.fileno(), self._accept)
         self._announced = announce()
@@ -141,11 +129,8 @@ class ShmWriter:
     def _acquire(self, size: int) -> int:
         while (slot := self._pool.acquire(size)) is None:
             if not self._fanout.shed():
-                raise PublishError(
-                    self._topic,
-                    code=_ENOSPC,
-                    reason=f"subscribers hold all of the {self._pool.arena_bytes} bytes of shared memory",
-                )
+                reason = f"subscribers hold all of the {self._pool.arena_bytes} bytes of shared memory"
+                raise PublishError(self._topic, code=_ENOSPC, reason=reason)
         offset, added = slot
         if added:
             self._reserve(offset, added)
@@ -219,7 +204,7 @@ class ShmWriter:
                 self._bridge.loop.call_later(_AGAIN_S, self._listen_again)
             return  # else it has hung up already
         connection.setblocking(False)
-        if not same_user(connection):
+        if not wire.same_user(connection):
             connection.close()
             return
         self._connections[connection.fileno()] = connection
@@ -239,8 +224,8 @@ class ShmWriter:
         connection = self._connections[key]
         self._bridge.unwatch(key)
         try:
-            hello = unpack_hello(connection.recv(HELLO_BYTES + 1))
-            send_fds(connection, [pack_welcome(self.gid)], [self._arena.reader_fd])
+            hello = wire.unpack_hello(connection.recv(wire.HELLO_BYTES + 1))
+            send_fds(connection, [wire.pack_welcome(self.gid)], [self._arena.reader_fd])
         except (OSError, ProtocolError) as error:
             _log.warning("topic %r: refusing a subscriber: %s", self._topic, error)
             self._hang_up(key)

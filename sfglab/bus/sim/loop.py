@@ -20,7 +20,6 @@ if TYPE_CHECKING:
 
 _SHOWN_TASKS = 5
 
-
 START_NS = 1_767_225_600_000_000_000  #: Where virtual time begins: 2026-01-01, Unix time in nanoseconds.
 NEVER_NS = 2**62  #: Later than every time of a simulation.
 _Event = tuple[int, int, "Callable[..., None]", tuple[Any, ...]]
@@ -31,10 +30,8 @@ class DeadlockError(BusError, RuntimeError):
 
     def __init__(self, time_s: float, tasks: Iterable[asyncio.Task[object]]) -> None:
         self.waiting = _places(tasks)  #: Names and places of the tasks that wait, at most five.
-        waiting = "; ".join(self.waiting)
-        super().__init__(
-            f"virtual time {time_s:g} s: nothing is scheduled and nobody is done; waiting are {waiting}"
-        )
+        said = f"nothing is scheduled and nobody is done; waiting are {'; '.join(self.waiting)}"
+        super().__init__(f"virtual time {time_s:g} s: {said}")
 
 
 class TimeLimitError(BusError, TimeoutError):

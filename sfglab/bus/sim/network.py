@@ -7,16 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from sfglab.bus.sim.loop import START_NS, VirtualLoop
 from sfglab.bus.sim.model import Domain, Endpoint, Host, Item, Participant
-from sfglab.bus.sim.settings import (
-    ENDPOINT_NS,
-    REPAIR_NS,
-    SAME_HOST_NS,
-    SAME_NODE_NS,
-    STACK_NS,
-    Costs,
-    LinkModel,
-    ns_from_s,
-)
+from sfglab.bus.sim.settings import ENDPOINT_NS, REPAIR_NS, SAME_HOST_NS, SAME_NODE_NS, STACK_NS, ns_from_s
 from sfglab.units import BITS_PER_BYTE
 
 if TYPE_CHECKING:
@@ -25,6 +16,7 @@ if TYPE_CHECKING:
 
     from sfglab.bus.endpoints import Sample
     from sfglab.bus.sim.accounts import Accounts
+    from sfglab.bus.sim.settings import Costs, LinkModel
 
 # Behind the 4 bytes of encapsulation: the client's GUID and the request's number (`frame_service`).
 _FRAME_HEADER = slice(4, 20)

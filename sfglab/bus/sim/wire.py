@@ -90,11 +90,8 @@ LIVELINESS_BYTES = _frames(_RTPS + _INFO_TS + 52 + _HEARTBEAT)
 """A participant message, which asserts the liveliness of all of a participant's writers, with its heartbeat."""
 
 RETRACTION_BYTES = _frames(_RTPS + _INFO_TS + 64)  #: An endpoint's dispose: key and status.
-
 MATCH_BYTES = _frames(_RTPS + _INFO_DST + _HEARTBEAT)  #: A reliable writer's first one to a reader.
-
 MATCH_ACKS_BYTES = 2 * ACKNACK_BYTES  #: The reader's answers, one unasked; captured were 1 to 2.
-
 DISCOVERY_INFO_BYTES = 380  #: The DATA submessage that announces a writer of `ros_discovery_info`.
 
 _SEDP_PACKET = 1456  # Cyclone's Internal/MaxRexmitMessageSize: how much repeated data shares a packet

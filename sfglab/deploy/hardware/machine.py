@@ -103,6 +103,7 @@ def render_machine(machine: Machine, codecs: Sequence[CodecFound] | None = None)
 
 def _head(machine: Machine) -> Iterator[str]:
     architecture = f"{machine.architecture.value}, " if machine.architecture else ""
+    groups = [f"{g.name} ({'not in /etc/group' if g.gid is None else g.gid})" for g in machine.groups]
     rows = {
         "Model": machine.model,
         "Operating system": machine.operating_system,
@@ -110,13 +111,9 @@ def _head(machine: Machine) -> Iterator[str]:
         "JetPack": str(machine.jetpack) if machine.jetpack else "",
         "Accelerator": machine.accelerator.value,
         "Devices": ", ".join(machine.devices) or "none needed",
-        "Groups": ", ".join(map(_group, machine.groups)) or "none needed",
+        "Groups": ", ".join(groups) or "none needed",
     }
     yield from (f"{title + ':':18}{text}" for title, text in rows.items() if text)
-
-
-def _group(group: DeviceGroup) -> str:
-    return f"{group.name} ({group.gid if group.gid is not None else 'not in /etc/group'})"
 
 
 def _evidence(item: Evidence) -> Iterator[str]:

@@ -86,11 +86,7 @@ def plan(config: AgentConfig) -> tuple[Component, ...]:
 
 
 def without(config: AgentConfig, components: Iterable[str]) -> AgentConfig:
-    """Return an agent that does not run some components.
-
-    Raises:
-        InvalidValueError: There is no such component.
-    """
+    """Return an agent that does not run some components; `InvalidValueError` if there is no such component."""
     dropped = frozenset(components)
     for name in sorted(dropped - set(COMPONENTS)):
         raise InvalidValueError(f"agent {config.agent}, component", name, ", ".join(COMPONENTS))
@@ -113,11 +109,9 @@ def router_config(config: AgentConfig) -> RouterConfig:
 
 
 def _status(config: AgentConfig) -> StatusConfig:
+    description = AgentDescription(sensors=config.sensors)
     settings = StatusSettings(
-        agent=config.agent,
-        description=AgentDescription(sensors=config.sensors),
-        schedule=config.schedule,
-        offers=config.describes,
+        agent=config.agent, description=description, schedule=config.schedule, offers=config.describes
     )
     return StatusConfig(address=config.local, settings=settings, detect=config.detect)
 
@@ -161,16 +155,12 @@ _MODULES: dict[str, tuple[str, Callable[[AgentConfig], Any]]] = {
 
 
 def config_from_fleet(fleet: Fleet, agent: str) -> AgentConfig:
-    """Return what a fleet file says of one agent.
-
-    Raises:
-        InvalidValueError: The fleet has no such agent.
-    """
+    """Return what a fleet file says of one agent; `InvalidValueError` if the fleet has no such agent."""
     spec = fleet.agent(agent)
     config = AgentConfig(
         agent=agent,
-        local=fleet.local_address(agent),
-        remote=fleet.global_address(agent),
+        local=BusAddress(domain_id=spec.domain, interface=spec.local_interface),
+        remote=BusAddress(domain_id=fleet.global_domain, interface=spec.global_interface),
         sensors=spec.description.sensors,
         rules=fleet.policy.rules,
         prefix_frames=spec.tf.prefix_frames,
@@ -209,8 +199,5 @@ def config_from_options(
     if local.domain_id is None:
         allowed = f"1 to {MAX_DOMAIN} or a fleet file"
         raise InvalidValueError(f"agent {agent}: its own domain", None, allowed)
-    return AgentConfig(
-        agent=agent,
-        local=local.over(BusAddress(domain_id=local.domain_id)),
-        remote=remote.over(BusAddress(domain_id=0)),
-    )
+    own, shared = BusAddress(domain_id=local.domain_id), BusAddress(domain_id=0)
+    return AgentConfig(agent=agent, local=local.over(own), remote=remote.over(shared))

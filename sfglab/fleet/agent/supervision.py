@@ -136,11 +136,7 @@ class ComponentProcess:
 
     @classmethod
     async def start(cls, component: Component, hear: Callable[[Report], None]) -> ComponentProcess:
-        """Start a component.
-
-        Raises:
-            OSError: The operating system cannot.
-        """
+        """Start a component; `OSError` if the operating system cannot."""
         pipe = asyncio.subprocess.PIPE
         process = await asyncio.create_subprocess_exec(
             *component.argv,

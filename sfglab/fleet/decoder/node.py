@@ -122,9 +122,8 @@ class AgentDecoder:
 
     async def run(self, discovery_topic: str = "") -> None:
         """Serve until cancelled, then release all but the pool; the discoverer's topic may be empty."""
-        watched = [self._watch_graph(), self._watch_workers()] + (
-            [self._watch_agents(discovery_topic)] if discovery_topic else []
-        )
+        watched = [self._watch_graph(), self._watch_workers()]
+        watched += [self._watch_agents(discovery_topic)] if discovery_topic else []
         try:
             async with beside(*watched) as watchers:
                 while True:
@@ -335,12 +334,7 @@ async def run_decoder(
             await pool.start()
             timing = Timing(linger_ns=round(config.linger_s * 1e9))
             decoder = AgentDecoder(
-                local,
-                pool,
-                timing=timing,
-                replay=config.replay,
-                offers=config.offers,
-                on_status=on_status,
+                local, pool, timing=timing, replay=config.replay, offers=config.offers, on_status=on_status
             )
             for agent in sorted({route.agent for route in routes}):
                 decoder.offer(agent, [route for route in routes if route.agent == agent])

@@ -195,7 +195,9 @@ class _Decoding:
             try:
                 async with asyncio.timeout(PATIENCE_S):
                     while self._splicer.needs_replay:
-                        await self._step_or_wait()
+                        self._arrived.clear()
+                        if not await self._step():
+                            await self._arrived.wait()
                         for pump in pumps:
                             if pump.done():
                                 pump.result()
@@ -227,14 +229,8 @@ class _Decoding:
         else:
             self._counts.replayed += 1
         pts, flags = (message.pts, message.flags) if self._numbered else (0, FLAG_KEY)
-        self._splicer.take(
-            message, source, pts=pts, is_key=bool(flags & FLAG_KEY), shown=not flags & FLAG_DISCARD
-        )
-
-    async def _step_or_wait(self) -> None:
-        self._arrived.clear()
-        if not await self._step():
-            await self._arrived.wait()
+        is_key, shown = bool(flags & FLAG_KEY), not flags & FLAG_DISCARD
+        self._splicer.take(message, source, pts=pts, is_key=is_key, shown=shown)
 
     async def _drain(self) -> None:
         while await self._step():
@@ -251,7 +247,9 @@ class _Decoding:
     async def _decode(self, message: Any, *, show: bool) -> None:
         try:
             if show:
-                self._show(message)
+                for image in self._decoder.feed(message):
+                    self._outputs.publish_image(message.header, image.array, image.encoding)
+                    self._counts.published += 1
             else:
                 self._decoder.skip(message)
         except (CodecError, InvalidMessageError) as error:  # or it is larger than what is handed on
@@ -259,8 +257,3 @@ class _Decoding:
             self._counts.last_error = str(error)
         # A burst of queued messages must not keep orders, and newer messages, from being heard.
         await asyncio.sleep(0)
-
-    def _show(self, message: Any) -> None:
-        for image in self._decoder.feed(message):
-            self._outputs.publish_image(message.header, image.array, image.encoding)
-            self._counts.published += 1

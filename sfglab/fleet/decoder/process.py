@@ -63,9 +63,8 @@ class PipelineWorker:
     async def _obey(self, order: Report) -> None:
         if order["do"] == "open":
             await self._end()
-            self._pipeline = asyncio.create_task(
-                self._run_one(from_json(Route, order["stream"]), order["transports"])
-            )
+            route = from_json(Route, order["stream"])
+            self._pipeline = asyncio.create_task(self._run_one(route, order["transports"]))
         elif order["do"] == "serve" and self._outputs is not None:
             self._outputs.serve(order["transports"])
         elif order["do"] == "close":
@@ -180,11 +179,7 @@ class WorkerPool:
         return len(self._spares) >= self._spares_wanted and all(w.is_ready for w in self._spares)
 
     async def start(self) -> None:
-        """Start the spares and return when they are ready.
-
-        Raises:
-            ProcessFailedError: They do not start.
-        """
+        """Start the spares and return when they are ready; `ProcessFailedError` if they do not start."""
         await self._fill()
         while not self.warm:
             await asyncio.sleep(0.02)

@@ -107,23 +107,15 @@ def _routes_of_stream(stream: Any) -> Iterable[Route]:
 
 
 def _camera_info(image: Route, topic: str) -> Route:
-    return Route(
-        agent=image.agent,
-        source_topic=topic,
-        source_type=CAMERA_INFO,
-        codec=RELAY,
-        local_topic=str(replace(_remote_stream(topic), scope=Scope.LOCAL)),
-    )
+    local = str(replace(_remote_stream(topic), scope=Scope.LOCAL))
+    return Route(agent=image.agent, source_topic=topic, source_type=CAMERA_INFO, codec=RELAY, local_topic=local)
 
 
-def _image(fqn: RosFqn, topic: str, type_: str, codec: str, local_topic: str = "") -> Route:
+def _image(fqn: RosFqn, topic: str, type_: str, codec: str, local: str = "") -> Route:
+    agent, replay = str(fqn.agent), (replay_topic(topic) or "") if type_ == FFMPEG_PACKET else ""
+    local = local or str(replace(fqn, scope=Scope.LOCAL, resource=Resource.IMAGE_RAW))
     return Route(
-        agent=str(fqn.agent),
-        source_topic=topic,
-        source_type=type_,
-        codec=codec,
-        local_topic=local_topic or str(replace(fqn, scope=Scope.LOCAL, resource=Resource.IMAGE_RAW)),
-        replay_topic=(replay_topic(topic) or "") if type_ == FFMPEG_PACKET else "",
+        agent=agent, source_topic=topic, source_type=type_, codec=codec, local_topic=local, replay_topic=replay
     )
 
 

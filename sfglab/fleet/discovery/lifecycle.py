@@ -158,11 +158,7 @@ class Lifecycle:
         self._agent = agent
 
     def feed(self, given: Input) -> tuple[Action, ...]:
-        """Take one input and return what has to be done, in order.
-
-        Raises:
-            IllegalInputError: The input cannot happen in this state.
-        """
+        """Take an input and return what has to be done, in order; `IllegalInputError` if it cannot happen."""
         self.state, actions = step(f"agent {self._agent!r}", TRANSITIONS, self.state, given)
         return actions
 

@@ -31,11 +31,7 @@ _NOBODY = bytes(16)  # the gid of a publisher that was gone before its event was
 
 
 def discovery_topic(agent: str) -> str:
-    """Return where an agent's own discoverer publishes its events: paper A, section 4.2.
-
-    Raises:
-        FqnError: No agent can bear this name.
-    """
+    """Return where an agent's discoverer publishes (paper A, 4.2); `FqnError` if no agent can bear the name."""
     resource = Resource.AGENT_DISCOVERY_EVENT
     return str(RosFqnBuilder().scope(Scope.LOCAL).agent(agent).resource(resource).build())
 

@@ -149,9 +149,8 @@ class AgentDiscoverer:
 
     async def run(self, on_ready: Callable[[], None] = lambda: None) -> None:
         """Serve until cancelled; nothing of it is left then. `on_ready` is called before it hears anything."""
-        self._events = self._node.create_publisher(
-            DISCOVERY_EVENT, discovery_topic(self._settings.agent), DISCOVERY_QOS
-        )
+        own_topic = discovery_topic(self._settings.agent)
+        self._events = self._node.create_publisher(DISCOVERY_EVENT, own_topic, DISCOVERY_QOS)
         heard = [self._node.create_subscription(AGENT_HEARTBEAT, heartbeat_topic(), qos=_HEARTBEATS)]
         hearing = [self._hear(heard[0])]
         if self._settings.offers:
@@ -284,11 +283,8 @@ class AgentDiscoverer:
             request = service_type(GET_METADATA).request()
             await client.wait_for_service(self._settings.find_timeout_s)
             self._turns.found(query, steady_ns())
-            response = await client.call(
-                request,
-                timeout_s=self._settings.query_timeout_s,
-                max_bytes=self._settings.limits.max_metadata_bytes,
-            )
+            most, timeout_s = self._settings.limits.max_metadata_bytes, self._settings.query_timeout_s
+            response = await client.call(request, timeout_s=timeout_s, max_bytes=most)
         except SfglabError as error:
             _LOG.info("discoverer: %s", error)
             return None
@@ -317,12 +313,8 @@ class AgentDiscoverer:
 
     def _publish(self, news: Order) -> None:
         type_ = message_type(DISCOVERY_EVENT)
-        event: Any = type_(
-            stamp=stamp_from_ns(self._node.get_clock().now_ns()),
-            agent=news.agent,
-            event=getattr(type_, news.event),
-            metadata=news.metadata,
-        )
+        stamp, kind = stamp_from_ns(self._node.get_clock().now_ns()), getattr(type_, news.event)
+        event: Any = type_(stamp=stamp, agent=news.agent, event=kind, metadata=news.metadata)
         assert self._events is not None
         self._events.publish(event)
 
@@ -339,11 +331,7 @@ class DiscoveryConfig:
 async def run_discoverer(
     config: DiscoveryConfig, report: Callable[[Report], None], orders: asyncio.Queue[Report]
 ) -> None:
-    """Run a discoverer until cancelled; everything it started has ended when this returns.
-
-    Raises:
-        BusError: The domain cannot be joined.
-    """
+    """Run a discoverer until cancelled and all it started has ended; `BusError` if it cannot join a domain."""
     from sfglab.bus import Node
 
     async with Node("agent_discoverer", **config.address.options(), max_sample_bytes=MAX_SAMPLE_BYTES) as node:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import itertools
 from collections import Counter
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 from sfglab.fields import between, check_bounds
@@ -199,10 +199,8 @@ class Registry:
         if twins := sources.twins():
             self.counts["twins"] += 1
             who = " and ".join(f"{publisher.hex()} (start {start})" for publisher, start in twins[:2])
-            self._on_alarm(
-                ("twins", agent),
-                f"two speak for agent {agent!r} at once, {who}: its name is used twice, or spoofed",
-            )
+            said = f"two speak for agent {agent!r} at once, {who}: its name is used twice, or spoofed"
+            self._on_alarm(("twins", agent), said)
 
     def answered(self, agent: str, query: int, metadata: Any, *, now_ns: int) -> list[Order]:
         """Take the ``AgentMetadata``, which may say anything, that answers a query of an order."""
@@ -359,16 +357,11 @@ def _deadlines(remote: _Remote) -> list[tuple[int, Input]]:
 
 
 def _order(action: Action, agent: str, remote: _Remote) -> Order:
-    if action not in ANNOUNCEMENTS:
-        if action is not Action.QUERY:
-            return Order(action=action, agent=agent, query=remote.query)
-        return Order(
-            action=action,
-            agent=agent,
-            query=remote.query,
-            publisher=remote.publisher,
-            failures=remote.backoff.failures,
-            wanted=remote.wanted,
-        )
-    assert remote.held is not None
-    return Order(action=action, agent=agent, incarnation=remote.held[0], metadata=remote.metadata)
+    if action in ANNOUNCEMENTS:
+        assert remote.held is not None
+        return Order(action=action, agent=agent, incarnation=remote.held[0], metadata=remote.metadata)
+    order = Order(action=action, agent=agent, query=remote.query)
+    if action is not Action.QUERY:
+        return order
+    failures = remote.backoff.failures
+    return replace(order, publisher=remote.publisher, failures=failures, wanted=remote.wanted)

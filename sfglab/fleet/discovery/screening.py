@@ -176,7 +176,7 @@ def _wrong_sensor(sensor: Any, known: Mapping[str, Any]) -> DescriptionError | N
 
 
 def _wrong_stream(agent: str, message: Any, taken: Sequence[str]) -> DescriptionError | None:
-    stream = StreamDescription.from_message(message)
+    stream = StreamDescription.of(message)
     try:
         stream.check(agent)
     except DescriptionError as error:

@@ -9,7 +9,7 @@ from collections import Counter, defaultdict
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from sfglab.fleet.lint.report import Finding, Severity
+from sfglab.fleet.lint.report import Finding, Severity, a_remark, a_warning, an_error
 from sfglab.fleet.policy import Crossing
 from sfglab.fleet.router.frames import FrameClashError, Frames
 from sfglab.names import TF, TF_STATIC, ResourceKind
@@ -34,7 +34,6 @@ class Edge:
 def edges_of(agent: AgentSpec, *, prefix: bool | None = None) -> tuple[Edge, ...]:
     """Return an agent's transforms as others hear them, prefixed or not; None: as the agent does."""
     prefix = agent.tf.prefix_frames if prefix is None else prefix
-
     frames = Frames(agent=agent.name, shared=frozenset(agent.tf.shared_frames))
 
     def heard(frame: str) -> str:
@@ -80,35 +79,24 @@ def check_frames(view: View) -> Iterator[Finding]:
 def _check_own(agent: AgentSpec, tree: Sequence[Edge]) -> Iterator[Finding]:
     twice = [child for child, count in Counter(e.child for e in tree).items() if count > 1]
     for child in twice:
-        parents = sorted({e.parent for e in tree if e.child == child})
-        yield Finding(
-            severity=Severity.ERROR,
-            code="frame-two-parents" if len(parents) > 1 else "frame-twice",
-            place=[e for e in tree if e.child == child][-1].frame.place,
-            what=f"{agent.name} broadcasts {child} more than once, below {', '.join(parents)}",
-            why="a frame has one parent: listeners take whichever came last",
-            remedy="keep one of the transforms",
-        )
+        broadcast = [e for e in tree if e.child == child]
+        parents = sorted({e.parent for e in broadcast})
+        what = f"{agent.name} broadcasts {child} more than once, below {', '.join(parents)}"
+        why = "a frame has one parent: listeners take whichever came last"
+        code, place = "frame-two-parents" if len(parents) > 1 else "frame-twice", broadcast[-1].frame.place
+        yield an_error(code=code, place=place, what=what, why=why, remedy="keep one of the transforms")
     circle = sorted({e.child for e in tree} - set(roots_of(tree)))
     if circle:
-        yield Finding(
-            severity=Severity.ERROR,
-            code="frame-circle",
-            place=tree[0].frame.place,
-            what=f"frames of {agent.name} hang in a circle: {', '.join(circle)}",
-            why="a tree has a root from which every frame is reached",
-            remedy="turn one of the transforms around or remove it",
-        )
+        what = f"frames of {agent.name} hang in a circle: {', '.join(circle)}"
+        why = "a tree has a root from which every frame is reached"
+        remedy = "turn one of the transforms around or remove it"
+        yield an_error(code="frame-circle", place=tree[0].frame.place, what=what, why=why, remedy=remedy)
     roots = sorted(set(roots_of(tree).values()))
     if len(roots) > 1 and not twice:
-        yield Finding(
-            severity=Severity.ERROR,
-            code="frame-own-roots",
-            place=agent.tf.place,
-            what=f"the frames of {agent.name} have {len(roots)} roots: {', '.join(roots)}",
-            why="no transform leads from one part to the other (paper A, section 4.5: a single root)",
-            remedy="join the parts with a transform, or correct the frame's name",
-        )
+        what = f"the frames of {agent.name} have {len(roots)} roots: {', '.join(roots)}"
+        why = "no transform leads from one part to the other (paper A, section 4.5: a single root)"
+        remedy = "join the parts with a transform, or correct the frame's name"
+        yield an_error(code="frame-own-roots", place=agent.tf.place, what=what, why=why, remedy=remedy)
 
 
 def _clashes(edges: Sequence[Edge]) -> Iterator[Finding]:
@@ -121,14 +109,10 @@ def _clashes(edges: Sequence[Edge]) -> Iterator[Finding]:
             continue
         parents = sorted({e.parent for e in group})
         below = f"below {parents[0]}" if len(parents) == 1 else f"with two parents: {', '.join(parents)}"
-        yield Finding(
-            severity=Severity.ERROR,
-            code="frame-clash",
-            place=group[-1].frame.place,
-            what=f"{' and '.join(agents)} both broadcast frame {child}, {below}",
-            why="every agent hears both through its router: the frame jumps between them (paper A, 4.1)",
-            remedy=_apart(group, agents),
-        )
+        what = f"{' and '.join(agents)} both broadcast frame {child}, {below}"
+        why = "every agent hears both through its router: the frame jumps between them (paper A, 4.1)"
+        remedy = _apart(group, agents)
+        yield an_error(code="frame-clash", place=group[-1].frame.place, what=what, why=why, remedy=remedy)
 
 
 def _apart(group: Sequence[Edge], agents: Sequence[str]) -> str:
@@ -154,14 +138,10 @@ def _kept_in(sender: AgentSpec, edge: Edge) -> Iterator[Finding]:
     try:
         Frames(agent=sender.name, shared=frozenset(sender.tf.shared_frames)).check_outward(edge.frame.child)
     except FrameClashError as error:
-        yield Finding(
-            severity=Severity.ERROR,
-            code="frame-kept-in",
-            place=edge.frame.place,
-            what=f"{sender.name} broadcasts {edge.child}, which is not its own, and prefixes frames",
-            why=f"its router keeps it in: {error}",
-            remedy="rename the frame; motion capture, which places others, has prefix_frames: false",
-        )
+        what = f"{sender.name} broadcasts {edge.child}, which is not its own, and prefixes frames"
+        why = f"its router keeps it in: {error}"
+        remedy = "rename the frame; motion capture, which places others, has prefix_frames: false"
+        yield an_error(code="frame-kept-in", place=edge.frame.place, what=what, why=why, remedy=remedy)
 
 
 def _placing(owner: AgentSpec, edge: Edge, edges: Sequence[Edge]) -> Iterator[Finding]:
@@ -191,14 +171,11 @@ def _common_root(view: View, edges: Sequence[Edge]) -> Iterator[Finding]:
     shared = {frame for agent in view.fleet.agents for frame in agent.tf.shared_frames}
     bare = {root.rpartition("/")[2] for root in roots}
     hint = f"; {min(bare & shared)} is shared by some agents only" if bare & shared else ""
-    yield Finding(
-        severity=Severity.WARNING,
-        code="frame-no-common-root",
-        place=view.fleet.agents[0].tf.place,
-        what=f"the fleet's frames have {len(roots)} roots: {', '.join(roots)}{hint}",
-        why="where one agent stands relative to another is unknown (paper A, section 4.5: a single root)",
-        remedy="name the common frame, such as map, in shared_frames of every agent, or join the trees",
-    )
+    what = f"the fleet's frames have {len(roots)} roots: {', '.join(roots)}{hint}"
+    why = "where one agent stands relative to another is unknown (paper A, section 4.5: a single root)"
+    remedy = "name the common frame, such as map, in shared_frames of every agent, or join the trees"
+    place = view.fleet.agents[0].tf.place
+    yield a_warning(code="frame-no-common-root", place=place, what=what, why=why, remedy=remedy)
 
 
 def _kept_apart(view: View) -> Iterator[Finding]:
@@ -210,10 +187,6 @@ def _kept_apart(view: View) -> Iterator[Finding]:
                     bare[edge.child].add(agent.name)
     apart = sorted(child for child, agents in bare.items() if len(agents) > 1)
     if apart:
-        yield Finding(
-            severity=Severity.INFO,
-            code="frames-kept-apart",
-            place=view.fleet.place,
-            what=f"prefixes keep {len(apart)} frame names of several agents apart: {', '.join(apart)}",
-            why="without prefix_frames they would clash in every agent",
-        )
+        what = f"prefixes keep {len(apart)} frame names of several agents apart: {', '.join(apart)}"
+        why = "without prefix_frames they would clash in every agent"
+        yield a_remark(code="frames-kept-apart", place=view.fleet.place, what=what, why=why)

@@ -19,7 +19,7 @@ from sfglab.fleet.lint.names import (
     check_topics_cross,
     check_types,
 )
-from sfglab.fleet.lint.report import Finding, Report, Severity, render
+from sfglab.fleet.lint.report import Finding, Report, Severity, an_error, render
 from sfglab.fleet.lint.uses import Meeting, View
 from sfglab.fleet.policy import Crossing, Direction
 from sfglab.names import ResourceKind, dds_names, router_hazards
@@ -42,17 +42,14 @@ def check_rule_pairs(view: View) -> Iterator[Finding]:
         open_ways = frozenset[Direction]().union(*ways)
         if open_ways == rule.directions == frozenset(Direction):
             continue
-        yield Finding(
-            severity=Severity.ERROR,
-            code="half-open-rule",
-            place=(view.fleet.rule_places or (view.fleet.place,) * len(rules))[position],
-            what=f"rule {rule.pattern} lets one half of services pass; {mirror} is not open in the same ways",
-            why=(
-                "a call needs its request and its reply across, each out at one router and in at the other; "
-                "without them no agent learns what another is (get_metadata)"
-            ),
-            remedy=f"have both {rule.pattern} and {mirror}, in both directions, or neither",
+        what = f"rule {rule.pattern} lets one half of services pass; {mirror} is not open in the same ways"
+        why = (
+            "a call needs its request and its reply across, each out at one router and in at the other; "
+            "without them no agent learns what another is (get_metadata)"
         )
+        remedy = f"have both {rule.pattern} and {mirror}, in both directions, or neither"
+        place = (view.fleet.rule_places or (view.fleet.place,) * len(rules))[position]
+        yield an_error(code="half-open-rule", place=place, what=what, why=why, remedy=remedy)
 
 
 def check_servers(view: View) -> Iterator[Finding]:
@@ -65,14 +62,11 @@ def check_servers(view: View) -> Iterator[Finding]:
             yield _half_open(view, kind, name, meeting)
         yield from _unreachable(kind, name, meeting, crossing)
         if len({use.agent for use in meeting.speakers}) > 1 and crossing is Crossing.WHOLE:
-            yield Finding(
-                severity=Severity.ERROR,
-                code="two-servers",
-                place=meeting.speakers[-1].place,
-                what=f"{_agents(meeting)} all serve {kind.value} {name}, which crosses",
-                why="each call reaches all of them; the caller takes whichever reply is first",
-                remedy="put the agent into the name, /global/<agent>/...",
-            )
+            what = f"{_agents(meeting)} all serve {kind.value} {name}, which crosses"
+            why = "each call reaches all of them; the caller takes whichever reply is first"
+            remedy = "put the agent into the name, /global/<agent>/..."
+            place = meeting.speakers[-1].place
+            yield an_error(code="two-servers", place=place, what=what, why=why, remedy=remedy)
 
 
 def _half_open(view: View, kind: ResourceKind, name: str, meeting: Meeting) -> Finding:
@@ -80,14 +74,10 @@ def _half_open(view: View, kind: ResourceKind, name: str, meeting: Meeting) -> F
     policy = view.fleet.policy
     passing = [dds for dds in halves if all(policy.crosses(dds, way) for way in Direction)]
     stuck = [dds for dds in halves if dds not in passing]
-    return Finding(
-        severity=Severity.ERROR,
-        code="half-open",
-        place=meeting.first.place,
-        what=f"{kind.value} {name} is half open: {len(passing)} of its {len(halves)} DDS topics cross",
-        why=f"callers on other agents wait for ever: {stuck[0]} does not cross both ways",
-        remedy="allow requests and replies (rq/ and rr/) with the same pattern; an action needs rt/ as well",
-    )
+    what = f"{kind.value} {name} is half open: {len(passing)} of its {len(halves)} DDS topics cross"
+    why = f"callers on other agents wait for ever: {stuck[0]} does not cross both ways"
+    remedy = "allow requests and replies (rq/ and rr/) with the same pattern; an action needs rt/ as well"
+    return an_error(code="half-open", place=meeting.first.place, what=what, why=why, remedy=remedy)
 
 
 def _unreachable(kind: ResourceKind, name: str, meeting: Meeting, crossing: Crossing) -> Iterator[Finding]:
@@ -99,10 +89,8 @@ def _unreachable(kind: ResourceKind, name: str, meeting: Meeting, crossing: Cros
         if servers:
             severity, code = Severity.ERROR, "does-not-cross"
             what += f", which {_agents(meeting)} serves, and never reaches it"
-            why, remedy = (
-                "no forwarding rule lets it cross (paper A, Table 1)",
-                "serve it below /global/<agent>/",
-            )
+            why = "no forwarding rule lets it cross (paper A, Table 1)"
+            remedy = "serve it below /global/<agent>/"
         else:
             severity, code = Severity.WARNING if use.implied else Severity.ERROR, "no-server"
             what += ", which nobody in this file serves"
@@ -115,14 +103,10 @@ def check_hazards(view: View) -> Iterator[Finding]:
     for (kind, name), meeting in view.meetings.items():
         hazards = router_hazards(name, kind)
         if hazards and view.crossing(name, kind) is not Crossing.NONE:
-            yield Finding(
-                severity=Severity.ERROR,
-                code="router-hazard",
-                place=meeting.first.place,
-                what=f"{kind.value} {name}: a DDS Router breaks {', '.join(map(repr, hazards))}",
-                why="it finds the reply by replacing every 'rq/' by 'rr/' and every 'Request' by 'Reply'",
-                remedy="rename so that no part ends in rq or rr before a slash or contains Request or Reply",
-            )
+            what = f"{kind.value} {name}: a DDS Router breaks {', '.join(map(repr, hazards))}"
+            why = "it finds the reply by replacing every 'rq/' by 'rr/' and every 'Request' by 'Reply'"
+            remedy = "rename so that no part ends in rq or rr before a slash or contains Request or Reply"
+            yield an_error(code="router-hazard", place=meeting.first.place, what=what, why=why, remedy=remedy)
 
 
 def _agents(meeting: Meeting) -> str:
@@ -151,14 +135,11 @@ def lint(fleet: Fleet) -> Report:
     """Check a fleet without running anything."""
     view = View(fleet)
     order = list(Severity)
-    findings = [finding for check in CHECKS for finding in check(view)]
-    findings.sort(key=lambda finding: (order.index(finding.severity), finding.place.line))
+    found = [finding for check in CHECKS for finding in check(view)]
+    found.sort(key=lambda finding: (order.index(finding.severity), finding.place.line))
+    hearings, costs = view.hearings(), discovery(view)
     return Report(
-        fleet=fleet.name,
-        findings=tuple(findings),
-        hearings=view.hearings(),
-        discovery=discovery(view),
-        loads=loads(view),
+        fleet=fleet.name, findings=tuple(found), hearings=hearings, discovery=costs, loads=loads(view)
     )
 
 

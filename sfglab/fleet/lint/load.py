@@ -62,12 +62,8 @@ def discovery(view: View) -> Discovery:
     ends = {a.name: _endpoints([use for use in view.uses if use.agent == a.name]) for a in agents}
     local = {a.name: (a.processes, a.processes * ROS_ENDPOINTS + ends[a.name].total) for a in agents}
     shown = {a.name: _shown(view, a, ends) for a in agents}
-    return Discovery(
-        standard=_announcements(local),
-        routed=_announcements({name: (1, count) for name, count in shown.items()}),
-        local=local,
-        shown=shown,
-    )
+    routed = _announcements({name: (1, count) for name, count in shown.items()})
+    return Discovery(standard=_announcements(local), routed=routed, local=local, shown=shown)
 
 
 def _shown(view: View, agent: AgentSpec, ends: Mapping[str, _Endpoints]) -> int:
@@ -87,12 +83,9 @@ def _announcements(hosts: Mapping[str, tuple[int, int]]) -> Announcements:
     endpoints = sum(e for _, e in hosts.values())
     pairs = sum(p * (participants - p) for p, _ in hosts.values())
     announced = sum(p * (endpoints - e) for p, e in hosts.values())
+    size = pairs * PAIR_BYTES + announced * ENDPOINT_BYTES
     return Announcements(
-        participants=participants,
-        endpoints=endpoints,
-        pairs=pairs,
-        announced=announced,
-        estimated_bytes=pairs * PAIR_BYTES + announced * ENDPOINT_BYTES,
+        participants=participants, endpoints=endpoints, pairs=pairs, announced=announced, estimated_bytes=size
     )
 
 

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from itertools import product
 from typing import TYPE_CHECKING
 
 from sfglab.documents import suggestion
-from sfglab.fleet.lint.report import Finding, Severity
+from sfglab.fleet.lint.report import Finding, Severity, a_remark, a_warning, an_error
 from sfglab.fleet.policy import Crossing
 from sfglab.fleet.status.description import DescriptionError
 from sfglab.names import TF, TF_STATIC, FqnError, ResourceKind, Scope, parse
@@ -25,14 +26,9 @@ def check_qos(view: View) -> Iterator[Finding]:
             continue
         reasons = incompatibilities(offered=speaker.qos, requested=hearer.qos)
         if reasons:
-            yield Finding(
-                severity=Severity.ERROR,
-                code="qos-mismatch",
-                place=hearer.place,
-                what=f"{hearer.agent} never hears {hearer.name} of {speaker.agent}: QoS does not match",
-                why="; ".join(reasons),
-                remedy="request what the publisher offers, or offer more",
-            )
+            what = f"{hearer.agent} never hears {hearer.name} of {speaker.agent}: QoS does not match"
+            why, remedy = "; ".join(reasons), "request what the publisher offers, or offer more"
+            yield an_error(code="qos-mismatch", place=hearer.place, what=what, why=why, remedy=remedy)
 
 
 def check_types(view: View) -> Iterator[Finding]:
@@ -41,14 +37,9 @@ def check_types(view: View) -> Iterator[Finding]:
         for speaker, hearer in _pairs(view, kind):
             if speaker.type and hearer.type and speaker.type != hearer.type:
                 types = f"{speaker.agent} has type {speaker.type}, {hearer.agent} has {hearer.type}"
-                yield Finding(
-                    severity=Severity.ERROR,
-                    code="type-mismatch",
-                    place=hearer.place,
-                    what=f"{hearer.name}: {types}",
-                    why="endpoints of different types never match",
-                    remedy="use one type",
-                )
+                what = f"{hearer.name}: {types}"
+                why, remedy = "endpoints of different types never match", "use one type"
+                yield an_error(code="type-mismatch", place=hearer.place, what=what, why=why, remedy=remedy)
 
 
 def check_static_transforms(view: View) -> Iterator[Finding]:
@@ -61,34 +52,24 @@ def check_static_transforms(view: View) -> Iterator[Finding]:
             continue
         doing = "publishes" if use.speaks else "subscribes"
         who = "whoever starts later" if use.speaks else "it"
-        yield Finding(
-            severity=Severity.ERROR,
-            code="static-not-latched",
-            place=use.place,
-            what=f"{use.agent} {doing} {TF_STATIC} as VOLATILE",
-            why=f"static transforms are sent once: {who} misses them, across a router always",
-            remedy="use qos: latched (TRANSIENT_LOCAL)",
-        )
+        what = f"{use.agent} {doing} {TF_STATIC} as VOLATILE"
+        why = f"static transforms are sent once: {who} misses them, across a router always"
+        remedy = "use qos: latched (TRANSIENT_LOCAL)"
+        yield an_error(code="static-not-latched", place=use.place, what=what, why=why, remedy=remedy)
     for use in (use for use in meeting.speakers if use.count > 1):
-        yield Finding(
-            severity=Severity.INFO,
-            code="static-broadcasters",
-            place=use.place,
-            what=f"{use.agent} has {use.count} static broadcasters",
-            why=(
-                "a router that keeps one message a topic would lose all but the last; ours keeps a writer for "
-                "each, a DDS Router its history, a Zenoh bridge transient_local_cache_multiplier messages"
-            ),
+        what = f"{use.agent} has {use.count} static broadcasters"
+        why = (
+            "a router that keeps one message a topic would lose all but the last; ours keeps a writer for "
+            "each, a DDS Router its history, a Zenoh bridge transient_local_cache_multiplier messages"
         )
+        yield a_remark(code="static-broadcasters", place=use.place, what=what, why=why)
 
 
 def _pairs(view: View, kind: ResourceKind) -> Iterator[tuple[Use, Use]]:
     for (found, _), meeting in view.meetings.items():
         if found is kind:
-            for speaker in meeting.speakers:
-                for hearer in meeting.hearers:
-                    if view.reaches(speaker, hearer):
-                        yield speaker, hearer
+            pairs = product(meeting.speakers, meeting.hearers)
+            yield from (pair for pair in pairs if view.reaches(*pair))
 
 
 LAST_SAFE_DOMAIN = 101  #: Above it, ports are in Linux' ephemeral range (ROS 2, "The ROS_DOMAIN_ID").
@@ -102,33 +83,21 @@ def check_domains(view: View) -> Iterator[Finding]:
     taken: dict[int, AgentSpec] = {}
     for agent in view.fleet.agents:
         if agent.domain == view.fleet.global_domain:
-            yield Finding(
-                severity=Severity.ERROR,
-                code="domain-global",
-                place=agent.place,
-                what=f"{agent.name} uses domain {agent.domain}, the global one",
-                why="nothing separates it from the fleet: its names are everywhere (paper A, 4.1: D_i != 0)",
-                remedy=f"give it a domain of its own, 1 to {LAST_SAFE_DOMAIN}",
-            )
+            what = f"{agent.name} uses domain {agent.domain}, the global one"
+            why = "nothing separates it from the fleet: its names are everywhere (paper A, 4.1: D_i != 0)"
+            remedy = f"give it a domain of its own, 1 to {LAST_SAFE_DOMAIN}"
+            yield an_error(code="domain-global", place=agent.place, what=what, why=why, remedy=remedy)
         elif agent.domain in taken:
-            yield Finding(
-                severity=Severity.ERROR,
-                code="domain-shared",
-                place=agent.place,
-                what=f"{agent.name} and {taken[agent.domain].name} both use domain {agent.domain}",
-                why="where one network reaches both, their local names mix, and both routers serve both",
-                remedy="give every agent a domain of its own",
-            )
+            what = f"{agent.name} and {taken[agent.domain].name} both use domain {agent.domain}"
+            why = "where one network reaches both, their local names mix, and both routers serve both"
+            remedy = "give every agent a domain of its own"
+            yield an_error(code="domain-shared", place=agent.place, what=what, why=why, remedy=remedy)
         taken.setdefault(agent.domain, agent)
         if agent.domain > LAST_SAFE_DOMAIN:
-            yield Finding(
-                severity=Severity.WARNING,
-                code="domain-high",
-                place=agent.place,
-                what=f"{agent.name} uses domain {agent.domain}, above {LAST_SAFE_DOMAIN}",
-                why="its ports lie where Linux takes ports for outgoing connections: some starts will fail",
-                remedy=f"use 1 to {LAST_SAFE_DOMAIN}",
-            )
+            what = f"{agent.name} uses domain {agent.domain}, above {LAST_SAFE_DOMAIN}"
+            why = "its ports lie where Linux takes ports for outgoing connections: some starts will fail"
+            remedy = f"use 1 to {LAST_SAFE_DOMAIN}"
+            yield a_warning(code="domain-high", place=agent.place, what=what, why=why, remedy=remedy)
 
 
 def check_topics_cross(view: View) -> Iterator[Finding]:
@@ -139,13 +108,9 @@ def check_topics_cross(view: View) -> Iterator[Finding]:
         crosses = view.crossing(name, kind) is Crossing.WHOLE
         yield from _deaf(name, meeting, crosses=crosses)
         if crosses and not meeting.hearers and not meeting.implied:
-            yield Finding(
-                severity=Severity.INFO,
-                code="unheard",
-                place=meeting.first.place,
-                what=f"{name} may cross, but nobody in this file subscribes it",
-                why="it costs nothing until somebody does: routers show a topic only when it is wanted",
-            )
+            what = f"{name} may cross, but nobody in this file subscribes it"
+            why = "it costs nothing until somebody does: routers show a topic only when it is wanted"
+            yield a_remark(code="unheard", place=meeting.first.place, what=what, why=why)
 
 
 def _deaf(name: str, meeting: Meeting, *, crosses: bool) -> Iterator[Finding]:
@@ -206,14 +171,11 @@ def check_descriptions(view: View) -> Iterator[Finding]:
         try:
             agent.description.check(agent.name)
         except DescriptionError as error:
-            yield Finding(
-                severity=Severity.ERROR,
-                code="description",
-                place=(agent.sensors[0] if agent.sensors else agent).place,
-                what=f"{agent.name} cannot announce its sensors: {error}",
-                why="its status provider refuses to start: nobody discovers the agent (paper A, section 4.2)",
-                remedy=f"name streams /global/{agent.name}/<component>/<stream>/<resource>",
-            )
+            what = f"{agent.name} cannot announce its sensors: {error}"
+            why = "its status provider refuses to start: nobody discovers the agent (paper A, section 4.2)"
+            remedy = f"name streams /global/{agent.name}/<component>/<stream>/<resource>"
+            place = (agent.sensors[0] if agent.sensors else agent).place
+            yield an_error(code="description", place=place, what=what, why=why, remedy=remedy)
 
 
 def check_agents_named(view: View) -> Iterator[Finding]:
@@ -225,14 +187,10 @@ def check_agents_named(view: View) -> Iterator[Finding]:
         except FqnError:
             continue
         if agent is not None and agent not in known:
-            yield Finding(
-                severity=Severity.WARNING,
-                code="unknown-agent",
-                place=meeting.first.place,
-                what=f"{name} names agent {agent!r}, which is not in the fleet{suggestion(agent, known)}",
-                why="nobody will be found under that name",
-                remedy=f"use one of {', '.join(known)}, or add the agent",
-            )
+            what = f"{name} names agent {agent!r}, which is not in the fleet{suggestion(agent, known)}"
+            why = "nobody will be found under that name"
+            remedy = f"use one of {', '.join(known)}, or add the agent"
+            yield a_warning(code="unknown-agent", place=meeting.first.place, what=what, why=why, remedy=remedy)
 
 
 def check_publishers(view: View) -> Iterator[Finding]:
@@ -247,14 +205,11 @@ def check_publishers(view: View) -> Iterator[Finding]:
             continue
         if owner in agents:
             others = ", ".join(sorted(agent for agent in agents if agent != owner))
-            yield Finding(
-                severity=Severity.WARNING,
-                code="two-publishers",
-                place=meeting.speakers[-1].place,
-                what=f"{others} publishes {name}, as {owner} itself does",
-                why="subscribers hear both and cannot tell them apart",
-                remedy="publish under the own agent's name, or remove one publisher",
-            )
+            what = f"{others} publishes {name}, as {owner} itself does"
+            why = "subscribers hear both and cannot tell them apart"
+            remedy = "publish under the own agent's name, or remove one publisher"
+            place = meeting.speakers[-1].place
+            yield a_warning(code="two-publishers", place=place, what=what, why=why, remedy=remedy)
 
 
 def _global_form(name: str, agent: str) -> str:

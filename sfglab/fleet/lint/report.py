@@ -5,6 +5,7 @@ from __future__ import annotations
 import textwrap
 from dataclasses import dataclass
 from enum import Enum
+from functools import partial
 from typing import TYPE_CHECKING
 
 from sfglab.tables import WIDTH, text_table
@@ -34,6 +35,12 @@ class Finding:
     what: str  #: What was found.
     why: str  #: What follows from it, and by which rule.
     remedy: str = ""  #: What to do; empty where there is nothing to do.
+
+
+# How a check makes one.
+an_error = partial(Finding, severity=Severity.ERROR)
+a_warning = partial(Finding, severity=Severity.WARNING)
+a_remark = partial(Finding, severity=Severity.INFO)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

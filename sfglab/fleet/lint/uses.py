@@ -131,13 +131,8 @@ def _use(agent: AgentSpec, name: str, type_: str, kind: ResourceKind = ResourceK
 def _written(agent: AgentSpec) -> Iterator[Use]:
     for speaks, topics in ((True, agent.publishes), (False, agent.subscribes)):
         for t in topics:
-            sizes: dict[str, Any] = {
-                "qos": t.qos,
-                "count": t.count,
-                "rate_hz": t.rate_hz,
-                "size_bytes": t.size_bytes,
-            }
-            yield _use(agent, t.name, t.type, speaks=speaks, place=t.place, **sizes)
+            sizes: dict[str, Any] = {"count": t.count, "rate_hz": t.rate_hz, "size_bytes": t.size_bytes}
+            yield _use(agent, t.name, t.type, speaks=speaks, place=t.place, qos=t.qos, **sizes)
     names = (
         (ResourceKind.SERVICE, True, agent.serves),
         (ResourceKind.SERVICE, False, agent.calls),

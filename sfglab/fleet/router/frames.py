@@ -129,19 +129,11 @@ TF_TYPE = "tf2_msgs/msg/TFMessage"
 _log = logging.getLogger(__name__)
 
 
-@dataclass(slots=True)
-class FrameCounts:
-    """What happened to transforms at the border."""
-
-    prefixed: int = 0  #: Transforms that got other names on their way out.
-    clashed: int = 0  #: Transforms that were dropped.
-
-
 class TransformGate:
     """Lets an agent's transforms out under its prefix, and those of others in if they clash with nothing."""
 
     def __init__(self, frames: Frames) -> None:
-        self.counts = FrameCounts()
+        self.clashed = 0  #: Transforms that were dropped.
         self._frames = frames
         self._claims = FrameClaims()
         self._own: set[str] = set()  # shared frames that the agent's nodes place themselves, as far as seen
@@ -186,7 +178,6 @@ class TransformGate:
         before = transform.header.frame_id, transform.child_frame_id
         after = frames.outward(before[0]), frames.outward(before[1])
         transform.header.frame_id, transform.child_frame_id = after
-        self.counts.prefixed += after != before
         return after != before
 
     def _let_in(self, owner: str, transform: Any) -> bool:
@@ -203,7 +194,7 @@ class TransformGate:
         return False
 
     def _clash(self, why: str, what: Hashable) -> None:
-        self.counts.clashed += 1
+        self.clashed += 1
         self._say(what, f"{why}; it is dropped, and further ones of it silently")
 
 

@@ -129,24 +129,20 @@ class Router:
         self._nodes = {Side.LOCAL: local, Side.GLOBAL: remote}
         self._on_status = on_status
         policy = Policy(rules=settings.rules)
+        pair, own = pair or settings.agent, frozenset(node.guid for node in self._nodes.values())
         self._ros = RosHalves(local.backend.ros, policy, self._note)
-        self._plan = Plan(
-            policy,
-            participants=frozenset(node.guid for node in self._nodes.values()),
-            pair=pair or settings.agent,
-            linger_ns=round(settings.linger_s * 1e9),
-            offers=settings.offers,
-        )
+        linger_ns = round(settings.linger_s * 1e9)
+        self._plan = Plan(policy, participants=own, pair=pair, linger_ns=linger_ns, offers=settings.offers)
         self._offers = settings.offers
         self._gate = TransformGate(settings.frames) if settings.prefix_frames else None
-        self._carrier = Carrier(self._nodes, pair=pair or settings.agent, gate=self._gate)
+        self._carrier = Carrier(self._nodes, pair=pair, gate=self._gate)
         self._heard: deque[tuple[Side, EndpointEvent]] = deque()
         self._woken = asyncio.Event()
 
     @property
     def status(self) -> RouterStatus:
         """What it does now."""
-        clashed = 0 if self._gate is None else self._gate.counts.clashed
+        clashed = 0 if self._gate is None else self._gate.clashed
         return RouterStatus(paths=self._carrier.paths, clashed=clashed)
 
     async def run(self, on_ready: Callable[[], None] = lambda: None) -> None:

@@ -6,7 +6,7 @@ Knows the naming schema, the metadata messages, what a stream may say of itself,
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
@@ -49,9 +49,9 @@ class StreamDescription:
     rate_hz: float = 0.0  #: Nominal rate, messages per second.
 
     @classmethod
-    def from_message(cls, message: Any) -> StreamDescription:
-        """Return what a ``StreamInfo`` says, which may be anything."""
-        return cls(**{name: getattr(message, name) for name in cls.__dataclass_fields__})
+    def of(cls, stream: Any) -> StreamDescription:
+        """Return what a ``StreamInfo``, or what has its fields, says, which may be anything."""
+        return cls(**{name: getattr(stream, name) for name in cls.__dataclass_fields__})
 
     def check(self, agent: str) -> None:
         """Refuse what an agent must not, or cannot, say of a stream of its own.
@@ -77,9 +77,7 @@ class StreamDescription:
 
     def to_message(self) -> Any:
         """Return the ``StreamInfo``."""
-        return message_type("sfglab_interfaces/msg/StreamInfo")(
-            **{name: getattr(self, name) for name in self.__dataclass_fields__}
-        )
+        return message_type("sfglab_interfaces/msg/StreamInfo")(**asdict(self))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -132,11 +130,7 @@ class AgentDescription:
 
     @classmethod
     def from_values(cls, values: dict[str, Any]) -> AgentDescription:
-        """Return the description that `dataclasses.asdict` took apart.
-
-        Raises:
-            DescriptionError: It has other parts than a description.
-        """
+        """Return the description that `asdict` took apart; `DescriptionError` if it has other parts."""
         known = _known_values("values", cls, values)
         sensors = tuple(_sensor_from_values(sensor) for sensor in _list(known.pop("sensors", ())))
         return cls(sensors=sensors, **{name: tuple(map(str, _list(entry))) for name, entry in known.items()})
@@ -144,10 +138,8 @@ class AgentDescription:
 
 def _sensor_from_values(values: Any) -> SensorDescription:
     known = _known_values("sensor", SensorDescription, values)
-    streams = tuple(
-        StreamDescription(**_known_values("stream", StreamDescription, stream))
-        for stream in _list(known.pop("streams", ()))
-    )
+    given = (_known_values("stream", StreamDescription, stream) for stream in _list(known.pop("streams", ())))
+    streams = tuple(StreamDescription(**stream) for stream in given)
     try:
         return SensorDescription(streams=streams, **known)
     except TypeError as error:

@@ -154,11 +154,7 @@ class StatusConfig:
 async def run_status(
     config: StatusConfig, report: Callable[[Report], None], orders: asyncio.Queue[Report]
 ) -> None:
-    """Run a status provider until cancelled; everything it started has ended when this returns.
-
-    Raises:
-        BusError: The domain cannot be joined.
-    """
+    """Run a provider until cancelled and all it started has ended; `BusError` if it cannot join the domain."""
     from sfglab.bus import Node
 
     settings = config.settings

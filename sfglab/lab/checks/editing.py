@@ -26,7 +26,6 @@ if TYPE_CHECKING:
 
     import numpy as np
 
-
 checks = Checks("editing")
 
 _EDITS = 25
@@ -146,7 +145,6 @@ def _saved_and_loaded(rng: np.random.Generator) -> str:
 
 @checks.trial("moving a waypoint changes one line of the file")
 def _one_line_changes(rng: np.random.Generator) -> str:
-    """Moving a waypoint that is not aligned changes its line and no other."""
     editor = _begun(rng)
     path = _any(editor, rng, TrajectoryObject)
     editor.do(commands.AlignWaypoints(id=path, align=Align.NONE))

@@ -27,11 +27,9 @@ if TYPE_CHECKING:
     from sfglab.deploy.deployment import Deployment, Release
     from sfglab.lab.checks import CheckRow
 
-
 LAYERS = ("base", "adapter", "application")  #: Paper A, Fig. 5, from the hardware upwards.
 
 _STAGE = re.compile(r"^FROM\s+(?P<base>\S+)\s+AS\s+(?P<name>\S+)", re.MULTILINE | re.IGNORECASE)
-
 
 _MEANINGS = (
     ("Dockerfile", "the image in three layers: hardware base, adapter, application"),
@@ -141,9 +139,8 @@ def _told(pair: tuple[Deployment, Bundle]) -> tuple[str, bool]:
 
 def _complete(bundle: Bundle) -> tuple[str, bool]:
     files = json.loads(bundle.members[MANIFEST].data)["files"]
-    digests = {
-        path: hashlib.sha256(m.data).hexdigest() for path, m in bundle.members.items() if path != MANIFEST
-    }
+    members = {path: member for path, member in bundle.members.items() if path != MANIFEST}
+    digests = {path: hashlib.sha256(member.data).hexdigest() for path, member in members.items()}
     return bundle.agent, {path: entry["sha256"] for path, entry in files.items()} == digests
 
 

@@ -27,7 +27,6 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-
 START_NS = 1_700_000_000_000_000_000  #: The first moment; any time will do, this one is easily recognised.
 PERIOD_NS = 100_000_000
 RECEIVED_AFTER_NS = 2_000_000  #: How long after its stamp a message is in the log.

@@ -29,7 +29,6 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
-
 _SOON_S = 5.0
 _LIMIT_HZ = 5.0
 

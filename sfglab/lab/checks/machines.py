@@ -22,7 +22,6 @@ if TYPE_CHECKING:
 
     from sfglab.deploy.deployment import Deployment
 
-
 _HOOKS_S = 60.0
 _EXTENSION = "50-mine.sh"
 
@@ -109,9 +108,8 @@ def rollout_checks(pairs: Sequence[tuple[Deployment, Bundle]], folder: Path) -> 
         other, newer = _changed(deployment, bundle)
         plan = look_and_plan(machine, deployment.folder, newer)
         paths = {file.path for file in plan.files if file.change is not Change.SAME}
-        expected = {
-            p for p in {*bundle.members, *newer.members} if bundle.members.get(p) != newer.members.get(p)
-        }
+        was, now = bundle.members, newer.members
+        expected = {path for path in {*was, *now} if was.get(path) != now.get(path)}
         changed.append((f"{name}: {len(paths)} files", paths == expected and newer.tag != bundle.tag))
         apply_plan(plan, newer, other, machine, _ignore)
         old = released(machine, deployment, bundle.tag)

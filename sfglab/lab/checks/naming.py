@@ -104,7 +104,6 @@ def _stands_where_it_may(fqn: RosFqn) -> bool:
 
 @checks.cases("resources where Fig. 2 does not allow them are refused")
 def _refuses(_: Sample) -> Iterator[Case]:
-    """Build every resource after each kind of segment after which it may not stand."""
     agent = RosFqnBuilder().scope(Scope.GLOBAL).agent(AGENT)
     component = agent.component(Component.CAMERA)
     prefixes = {
@@ -141,7 +140,6 @@ def _is_name(name: str, kind: ResourceKind = ResourceKind.TOPIC) -> bool:
 
 @checks.cases("ROS 2's names end at their longest, and what is none is refused")
 def _limits(_: Sample) -> Iterator[Case]:
-    """Ask for names of the longest length, of one more, and for those that look nearly like names."""
     for kind, longest in _LONGEST.items():
         yield f"{longest} for a {kind.value}", _is_name("/" + "a" * (longest - 1), kind)
         yield f"{longest + 1} for a {kind.value}", not _is_name("/" + "a" * longest, kind)

@@ -28,7 +28,6 @@ if TYPE_CHECKING:
 
     import numpy as np
 
-
 TOPICS_PER_NODE = 0.6
 AREA_SHARE = 0.5  #: The platform holds this share of all nodes' hardware, so that placing is a choice.
 TIME_LIMIT_S = 10.0  #: For one programme.
@@ -62,9 +61,8 @@ def _node(rng: np.random.Generator, name: str) -> Node:
         bram=float(rng.integers(0, 60)) / 2,
         time_s=software_s * float(rng.uniform(0.05, 1.2)),
     )
-    return Node(
-        name=name, rate_hz=rate_hz, software_s=software_s, hardware=part if rng.random() < 0.85 else None
-    )
+    hardware = part if rng.random() < 0.85 else None
+    return Node(name=name, rate_hz=rate_hz, software_s=software_s, hardware=hardware)
 
 
 def _topic(rng: np.random.Generator, name: str, names: list[str]) -> Topic:

@@ -20,7 +20,6 @@ if TYPE_CHECKING:
 
     Recording = dict[tuple[str, str], list["Shown"]]
 
-
 _UNSTAMPED = "visualization_msgs/msg/MarkerArray"  #: No header: captured when received.
 _TOLERANCE = 1e-5  #: Relative, of single against double precision.
 
@@ -184,9 +183,8 @@ def check_fleet(fleet: Fleet, recorded: Path) -> Iterator[CheckRow]:
     said = [(agent.name, topic.name) for agent in fleet.agents for topic in agent.publishes]
     named = [(agent, name) for agent, name in said if name.split("/")[2:3] == [agent]]
     wrong = [name for agent, name in named if entity_of_topic(name) != entity_below(agent, name)]
-    yield _row(
-        "every topic of an agent stands below the agent's root", len(named), wrong, entity_below(*named[0])
-    )
+    below = "every topic of an agent stands below the agent's root"
+    yield _row(below, len(named), wrong, entity_below(*named[0]))
 
 
 def _row(check: str, checked: int, wrong: list[str], example: str) -> CheckRow:

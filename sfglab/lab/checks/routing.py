@@ -14,7 +14,6 @@ from sfglab.names import ResourceKind, RosFqn, all_standard_fqns, dds_topic
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-
 AGENT = "go2"
 
 NEAR_MISSES = (
@@ -70,10 +69,8 @@ def _as_table_1(name: str) -> bool:
 
 @checks.each("a message is heard in the domains that Eq. 1 says", _names)
 def _as_eq_1(name: str) -> bool:
-    both = frozenset(Side)
-    return all(
-        Policy().domains(name, side) == (both if in_table_1(name) else frozenset({side})) for side in Side
-    )
+    is_in = in_table_1(name)
+    return all(Policy().domains(name, side) == (frozenset(Side) if is_in else {side}) for side in Side)
 
 
 @checks.each(
@@ -86,10 +83,8 @@ def _one_way(way: Direction) -> bool:
     kinds = (ResourceKind.TOPIC, way), (ResourceKind.TOPIC, other), (ResourceKind.SERVICE, way)
     crosses = [policy.crossing("/global/a", *kind) for kind in kinds]
     heard = [policy.domains("rt/global/a", side) for side in (here, there)]
-    ends = (way.source, way.target) == (here, there)
-    return (
-        ends and heard == [{here, there}, {there}] and crosses == [Crossing.WHOLE, Crossing.NONE, Crossing.HALF]
-    )
+    ends, parts = (way.source, way.target) == (here, there), [Crossing.WHOLE, Crossing.NONE, Crossing.HALF]
+    return ends and heard == [{here, there}, {there}] and crosses == parts
 
 
 @checks.each("near misses of Table 1 stay", lambda *_: map(dds_topic, NEAR_MISSES))
@@ -101,6 +96,5 @@ def _near_misses_stay(name: str) -> bool:
     "a standard name crosses whole if it is global, else not at all", lambda *_: all_standard_fqns(AGENT)
 )
 def _crosses_by_scope(fqn: RosFqn) -> bool:
-    """Ask for topics, services and actions as wholes."""
     expected = Crossing.WHOLE if fqn.is_global else Crossing.NONE
     return all(Policy().crossing(str(fqn), fqn.kind, way) is expected for way in Direction)

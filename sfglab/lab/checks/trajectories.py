@@ -27,7 +27,6 @@ if TYPE_CHECKING:
 checks = Checks("geometry")
 contrast = Checks("contrast")  #: What must fail now and then: it shows what the check for loops can see.
 
-
 EITHER = tuple(Interpolation)
 _REACH_M = 5.0
 _WAIT = 0.15  #: Share of waypoints that stand where the one before stands.
@@ -55,9 +54,8 @@ def random_trajectory(
 
 def random_limits(rng: np.random.Generator) -> Limits:
     """Return limits, one of them missing now and then."""
-    speed, acceleration, yaw_rate = (
-        None if rng.random() < 0.1 else float(rng.uniform(0.3, 3.0)) for _ in range(3)
-    )
+    drawn = (None if rng.random() < 0.1 else float(rng.uniform(0.3, 3.0)) for _ in range(3))
+    speed, acceleration, yaw_rate = drawn
     return Limits(speed_m_s=speed, acceleration_m_s2=acceleration, yaw_rate_rad_s=yaw_rate)
 
 
@@ -188,9 +186,8 @@ def _no_overshoot(rng: np.random.Generator) -> str:
     way /= np.linalg.norm(way)
     along = np.cumsum(10.0 ** rng.uniform(-2, 1, int(rng.integers(3, 8))))
     times = np.cumsum(rng.integers(1, 3 * NS_PER_S, len(along)))
-    path = Trajectory.of(
-        ((int(t), Pose.at(s * way)) for t, s in zip(times, along, strict=True)), Interpolation.CATMULL_ROM
-    )
+    places = ((int(t), Pose.at(s * way)) for t, s in zip(times, along, strict=True))
+    path = Trajectory.of(places, Interpolation.CATMULL_ROM)
     found = sample(path, np.linspace(path.start_ns, path.end_ns, 500) / NS_PER_S)
     back = float((found.velocities_m_s @ way).min())
     return _said(back < -1e-9 * float(found.speeds_m_s.max()), f"goes back at {-back:.1g} m/s")
@@ -199,13 +196,10 @@ def _no_overshoot(rng: np.random.Generator) -> str:
 def planar_curve(points: Floats) -> Floats:
     """Return the cubics of a driven spline, shape (n - 1, 4, 2), lowest power first, each over 0 to 1."""
     path = _timed_by_knots(np.column_stack([points, np.zeros(len(points))]))
-    times, shares = motion_of(path).times_s, np.array([0.0, 1 / 3, 2 / 3, 1.0])
+    motion, shares = motion_of(path), np.array([0.0, 1 / 3, 2 / 3, 1.0])
     powers = np.vander(shares, 4, increasing=True)
-    found = [
-        np.linalg.solve(powers, motion_of(path).positions(a + shares * (b - a))[:, :2])
-        for a, b in pairwise(times)
-    ]
-    return np.array(found)
+    places = (motion.positions(a + shares * (b - a))[:, :2] for a, b in pairwise(motion.times_s))
+    return np.array([np.linalg.solve(powers, place) for place in places])
 
 
 def uniform_curve(points: Floats) -> Floats:
@@ -302,7 +296,6 @@ def _spans(path: Trajectory) -> list[tuple[int, int]]:
 
 @checks.trial("a spline within limits, resampled for an action, is a polyline within them")
 def _resampling_keeps_limits(rng: np.random.Generator) -> str:
-    """What an action is sent of a spline keeps to the limits that the spline keeps to."""
     limits = random_limits(rng)
     spline = retimed(random_trajectory(rng, least=3, kinds=_SPLINE), limits)
     slack = 1.0 + 1e-5
@@ -320,11 +313,8 @@ def _stretching_scales_rates(rng: np.random.Generator) -> str:
     path, factor = random_trajectory(rng), float(rng.uniform(1.0, 5.0))
     slower = stretched(path, factor)
     shares = np.linspace(0.05, 0.95, 9)
-    ways = [
-        motion_of(p).positions((p.start_ns + shares * (p.end_ns - p.start_ns)) / NS_PER_S)
-        for p in (path, slower)
-    ]
-    off = float(np.abs(ways[0] - ways[1]).max())
+    times = [(p.start_ns + shares * (p.end_ns - p.start_ns)) / NS_PER_S for p in (path, slower)]
+    off = float(np.abs(motion_of(path).positions(times[0]) - motion_of(slower).positions(times[1])).max())
     return _said(off > 1e-4, f"off by {off:.1g} m")
 
 

@@ -88,12 +88,9 @@ def _joined(count: int, seed: int) -> tuple[_Joined, ...]:
 
 def _random_robot(rng: np.random.Generator) -> tuple[Robot, MocapMapping]:
     """Return a robot of any shape whose markers are at any of its frames, the root included."""
-    size = int(rng.integers(1, _LARGEST))
-    robot = tuple(
-        _static(f"{AGENT}/link_{rng.integers(child)}", f"{AGENT}/link_{child}", _pose(rng))
-        for child in range(1, size + 1)
-    )
-    via = f"{AGENT}/link_{rng.integers(size + 1)}"
+    links = [f"{AGENT}/link_{number}" for number in range(int(rng.integers(1, _LARGEST)) + 1)]
+    robot = tuple(_static(links[rng.integers(i)], links[i], _pose(rng)) for i in range(1, len(links)))
+    via = links[rng.integers(len(links))]
     return robot, MocapMapping(world=WORLD, objects={OBJECT: MappedObject(id=OBJECT, via=via)})
 
 
@@ -173,7 +170,6 @@ def _cases(name: str, sample: Sample) -> Iterator[Case]:
 
 for _name in _PROPERTIES:
     checks.cases(_name)(partial(_cases, _name))
-
 
 _TEXT = f"world: {WORLD}\nobjects: {{{OBJECT}: {{via: {OBJECT}, offset: {{position_m: [1, 0, 0]}}}}}}"
 _BROKEN = (

@@ -1,7 +1,4 @@
-"""The experiments, one module or package each, whose `exp` declares it to the kit.
-
-Knows their names; `EXPERIMENTS` is the one list of them.
-"""
+"""The experiments, one module or package each, whose `exp` declares it to the kit; `EXPERIMENTS` names them."""
 
 from __future__ import annotations
 

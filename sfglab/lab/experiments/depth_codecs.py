@@ -28,7 +28,6 @@ if TYPE_CHECKING:
 
     from sfglab.lab.bench import Bench
 
-
 CODECS: dict[str, dict[str, Any]] = {
     "rvl": {"codec": "rvl"},
     "png": {"codec": "png"},

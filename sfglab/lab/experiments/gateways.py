@@ -136,8 +136,7 @@ def _explored(bound: Bound, table: Table) -> tuple[dict[str, Any], frozenset[Sta
 
 
 def _coverage(visited: set[State]) -> CheckRow:
-    missing = [state.name for state in State if state not in visited]
-    example = ", ".join(missing) or "all"
+    example = ", ".join(state.name for state in State if state not in visited) or "all"
     check = "every state of the core occurs"
     return CheckRow(check=check, checked=len(State), held=len(visited), example=example)
 
@@ -168,14 +167,13 @@ def _bent() -> CheckRow:
 def _stages(graph: Graph) -> Iterator[StageRow]:
     for stage, mapped in zip(STAGES, map_communication(graph).stages, strict=True):
         crossing = crossing_edges(mapped)
-        edges = (*crossing.publications, *crossing.subscriptions)
         yield StageRow(
             stage=stage,
             publications=len(crossing.publications),
             subscriptions=len(crossing.subscriptions),
             carriages=sum(carriages_per_message(mapped, topic) for topic in mapped.topics),
             mapped=", ".join(f"{topic.name} {topic.mapping.value}" for topic in mapped.topics),
-            left=", ".join(map(str, edges)),
+            left=", ".join(map(str, (*crossing.publications, *crossing.subscriptions))),
         )
 
 
@@ -269,8 +267,7 @@ def press_core(run: Sequence[Step] = ()) -> Automaton:
     from sfglab.lab.explore.press import Automaton
 
     walked = {"a walk": inputs_of(run)} if run else {}
-    table = transitions()
-    return Automaton("gateway core", table, State.START, _draw_to_press, size=(10, 5), runs=walked)
+    return Automaton("gateway core", transitions(), State.START, _draw_to_press, size=(10, 5), runs=walked)
 
 
 def inputs_of(run: Sequence[Step]) -> list[Input]:

@@ -28,14 +28,14 @@ import numpy as np
 import psutil
 
 from sfglab.bus.address import BusAddress
-from sfglab.component import beside
+from sfglab.component import Report, beside
 from sfglab.fields import between
 from sfglab.lab import growth
 from sfglab.lab.experiment import Actor, Experiment, Link, Profiled, SkippedPartError
 from sfglab.lab.figures import COLORS, note
 from sfglab.lab.hosts import LinkControlError
 from sfglab.lab.hosts.host import members
-from sfglab.lab.runs import derived
+from sfglab.lab.runs import Run, derived, lines_of
 from sfglab.lab.stats import Estimate, median_of
 from sfglab.lab.workers import soaked
 from sfglab.lab.workers.soaked import STATE, SoakedConfig
@@ -47,9 +47,7 @@ if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.figure import Figure
 
-    from sfglab.component import Report
     from sfglab.lab.bench import Bench
-    from sfglab.lab.runs import Run
 
 CAMERAS, VIEWER = ("go2", "spot"), "pc"  #: Agents: those with a camera, and the one that looks at both.
 AGENTS = (*CAMERAS, VIEWER)
@@ -273,8 +271,7 @@ class Soak(ProcessGroup):
         seconds, who was last, and whether it was before the limit.
         """
         self._mark, self._fresh = self._mark + 1, set()
-        users = [user.name for user in self._users.values()]
-        self.order(users, do="come", mark=self._mark, after_ns=after_ns)
+        self.order([user.name for user in self._users.values()], do="come", mark=self._mark, after_ns=after_ns)
         slowest, now_ns = "", after_ns
         with suppress(TimeoutError):
             async with asyncio.timeout(limit_s):
@@ -309,8 +306,7 @@ class Soak(ProcessGroup):
         async with self._fault(kind, name, pid):
             await asyncio.sleep(lasts_s)
         ended_ns = time.monotonic_ns() if lasts_s else begin_ns
-        old = f"{component} {pid} of {name}"
-        took_s, slowest, recovered = await self.recovery(ended_ns, old, GIVEN_UP_S)
+        took_s, slowest, recovered = await self.recovery(ended_ns, f"{component} {pid} of {name}", GIVEN_UP_S)
         row = {"kind": kind, "agent": name, "component": component, "begin_s": self._seconds(begin_ns)}
         row |= {"lasted_s": (ended_ns - begin_ns) / 1e9, "recovered_s": took_s, "slowest": slowest}
         self._bench.write("fault", row | {"recovered": recovered})
@@ -439,10 +435,8 @@ def problems(run: Run[Config]) -> list[str]:
     faults, streams = run["fault"], run["stream"][~run["stream"]["name"].str.startswith(STATE)]
     late = faults[~faults["recovered"] | (faults["recovered_s"] > run.config.limit_s)]
     wrong = streams[(streams[["repeated", "disordered"]] > 0).any(axis=1) | (streams["received"] == 0)]
-    said = [
-        f"{r.kind} {r.component} of {r.agent}: {r.recovered_s:.1f} s, {r.slowest}" for r in late.itertuples()
-    ]
-    said += [f"{r.name} at {r.consumer}: {r.repeated} again, {r.disordered} late" for r in wrong.itertuples()]
+    said = [f"{r.kind} {r.component} of {r.agent}: {r.recovered_s:.1f} s, {r.slowest}" for r in lines_of(late)]
+    said += [f"{r.name} at {r.consumer}: {r.repeated} again, {r.disordered} late" for r in lines_of(wrong)]
     return [
         *said,
         *growth.growing(run["process"], warm_s=run.config.warm_s),

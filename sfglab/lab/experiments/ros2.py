@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     from sfglab.lab.bench import Bench
     from sfglab.lab.runs import Run
 
-
 TESTS = Path(__file__).parents[3] / "tests" / "ros2"
 WORKS, FAILS, CANNOT, UNTESTED = "works", "fails", "cannot work", "untested against the real thing"
 _COLORS = {WORKS: COLORS["proxy"], FAILS: COLORS["standard"], CANNOT: "#777777", UNTESTED: "#bbbbbb"}
@@ -82,8 +81,7 @@ async def run_tests(bench: Bench[Config]) -> None:
     for name in bench.config.distributions:
         told, config = bench.folder(name) / "features", bench.config
         chosen = ["-k", f"{name} and ({config.only or name})", "-m", "ros" if config.slow else "not slow"]
-        said = await _run_pytest(chosen, told)
-        bench.attach(f"{name}.txt", said, "text/plain")
+        bench.attach(f"{name}.txt", await _run_pytest(chosen, told), "text/plain")
         lines = told.read_text(encoding="utf-8").splitlines() if told.exists() else ()
         bench.write_all("test", map(json.loads, lines))
         bench.advance(name)

@@ -122,9 +122,8 @@ class Explorer:
         changes = {name: _plain(now[name]) for name in now if now[name] != usual[name]}
         given = "".join(f", {name}={value!r}" for name, value in changes.items())
         name = self._exp.name
-        return (
-            f'from sfglab.lab.experiments import {name}\nrun = await {name}.exp.run("{self._profile}"{given})'
-        )
+        call = f'await {name}.exp.run("{self._profile}"{given})'
+        return f"from sfglab.lab.experiments import {name}\nrun = {call}"
 
     def keep(self) -> None:
         """Write what is shown into a log below ``runs/``, marked as explored: it speaks for no claim."""

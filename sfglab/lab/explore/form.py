@@ -52,10 +52,10 @@ class Form:
         on_change: Callable[[], None] = lambda: None,
         within: Mapping[str, Bounds] | None = None,
     ) -> None:
-        self._kit = widgets()
+        kit = self._kit = widgets()
         self._begin, self.config, self._on_change = config, config, on_change
         self._within = within or {}
-        self._said = self._kit.HTML()
+        self._said = kit.HTML()
         self.controls: dict[str, Any] = {}
         self._fields = _fields_of(type(config))
         rows = {name: self._row(name) for name in self._fields if name not in _HIDDEN}
@@ -64,12 +64,8 @@ class Form:
             if name not in shown:
                 raise InvalidValueError("field to turn", name, ", ".join(shown))
         others = [row for name, row in shown.items() if name not in first]
-        fold = self._kit.Accordion(
-            children=[self._kit.VBox(others)], titles=("Everything else",), selected_index=None
-        )
-        self.widget = self._kit.VBox(
-            [*(shown[name] for name in first), self._said, *([fold] if others else [])]
-        )
+        fold = kit.Accordion(children=[kit.VBox(others)], titles=("Everything else",), selected_index=None)
+        self.widget = kit.VBox([*(shown[name] for name in first), self._said, *([fold] if others else [])])
 
     def reset(self) -> None:
         """Set every field to what it was in the beginning."""

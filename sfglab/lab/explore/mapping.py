@@ -173,7 +173,6 @@ class PressedMapping(Pressed):
         for node in self.graph.nodes:
             said[node_vertex(node.name)] = f"{node.name} runs in {node.placement.value}: press to move it"
         for topic in self.graph.topics:
-            said[topic_vertex(topic.name)] = (
-                f"{topic.name} is mapped to {topic.mapping.value}: press for the next"
-            )
+            text = f"{topic.name} is mapped to {topic.mapping.value}: press for the next"
+            said[topic_vertex(topic.name)] = text
         return {":".join(vertex): text for vertex, text in said.items()}

@@ -32,20 +32,12 @@ def _call(name: str, *args: int) -> None:
 
 
 def unshare(flags: int) -> None:
-    """Give the calling thread new namespaces (unshare(2)), by a sum of ``CLONE_NEW*``.
-
-    Raises:
-        OSError: The kernel refuses.
-    """
+    """Give the calling thread new namespaces (unshare(2)), by a sum of ``CLONE_NEW*``; `OSError` if refused."""
     _call("unshare", flags)
 
 
 def setns(fd: int, flags: int) -> None:
-    """Move the calling thread into the namespace of a file, which must be of a kind (setns(2)).
-
-    Raises:
-        OSError: The kernel refuses.
-    """
+    """Move the calling thread into a file's namespace, which must be of a kind (setns(2)); else `OSError`."""
     _call("setns", fd, flags)
 
 

@@ -22,7 +22,6 @@ from sfglab.errors import SfglabError
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator, Sequence
 
-
 _REMEDY = (
     "Try one of: run as root; allow user namespaces (sysctl user.max_user_namespaces and max_net_namespaces "
     "above 0, which 'No space left' is about, and on Debian and Ubuntu kernel.unprivileged_userns_clone=1 and "
@@ -166,17 +165,12 @@ class Host:
         self._how = how
         # Keeps the namespace, and with it the inode, unique as long as we refer to it.
         self._namespace = os.open(f"/proc/{holder}/ns/net", os.O_RDONLY)
-        self._inode = os.fstat(self._namespace).st_ino
+        self.inode = os.fstat(self._namespace).st_ino  #: Of its network namespace, its identity in the kernel.
         self._started: list[subprocess.Popen[Any]] = []
         self._closed = False
 
     def __repr__(self) -> str:
         return f"Host({self.name!r}, address={self.address!r})"
-
-    @property
-    def inode(self) -> int:
-        """Return the inode of the host's network namespace, its identity in the kernel."""
-        return self._inode
 
     def argv(self, command: Sequence[str | os.PathLike[str]]) -> list[str]:
         """Wrap a command line so that it runs inside this host.
@@ -186,7 +180,7 @@ class Host:
         """
         if self._closed:
             raise HostsError(f"host {self.name!r} is closed: start processes inside the network's `with` block")
-        wrapper = [*ENTER, "join", str(self._holder), str(self._inode), self._how]
+        wrapper = [*ENTER, "join", str(self._holder), str(self.inode), self._how]
         return [*wrapper, *(os.fspath(part) for part in command)]
 
     def popen(self, command: Sequence[str | os.PathLike[str]], **options: Any) -> subprocess.Popen[Any]:

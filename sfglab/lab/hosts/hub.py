@@ -31,7 +31,6 @@ from sfglab.rtps import Medium
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-
 _MAX_REQUEST_BYTES = 65536
 
 
@@ -43,20 +42,16 @@ def _close_all_but(kept: set[int]) -> None:
                 os.close(fd)
 
 
-def _wait_for_any(fds: list[int]) -> None:
-    poll = select.poll()
-    for fd in fds:
-        poll.register(fd, select.POLLIN)
-    poll.poll()
-
-
 def _hold(ready: int, guards: list[int]) -> None:
     """Keep a new network namespace alive until one of the guarded processes ends."""
     _close_all_but({ready, *guards})
     unshare(CLONE_NEWNET)
     os.write(ready, b"1")
     os.close(ready)
-    _wait_for_any(guards)
+    poll = select.poll()
+    for guard in guards:
+        poll.register(guard, select.POLLIN)
+    poll.poll()
     end_members({os.stat("/proc/self/ns/net").st_ino}, grace_s=0)  # noqa: PTH116 - as in `processes`
 
 

@@ -30,7 +30,6 @@ if TYPE_CHECKING:
 
     from sfglab.rtps import Medium
 
-
 FRAME_BYTES = 1514  #: A full Ethernet frame without its checksum: 1500 B and 14 B of header (IEEE 802.3, 3).
 
 # The kernel's struct tc_ratespec counts bytes per second in 32 bits (linux/pkt_sched.h).
@@ -273,9 +272,8 @@ class Network:
         if self._on_radio:
             raise HostsError("this network is a radio now: add its hosts before `set_radio`")
         if not name or name in self._hosts:
-            raise InvalidValueError(
-                "host name", name, f"any text that is not empty nor in {sorted(self._hosts)}"
-            )
+            allowed = f"any text that is not empty nor in {sorted(self._hosts)}"
+            raise InvalidValueError("host name", name, allowed)
         try:
             made = self._channel.request("add_host", name=name)
         except PermissionError as error:

@@ -15,7 +15,6 @@ from sfglab.units import NS_PER_S
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-
 _ANSWER_TIMEOUT_S = 10.0
 _END_TIMEOUT_S = 2.0
 _MAX_ANSWER_BYTES = 65536

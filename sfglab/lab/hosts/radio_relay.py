@@ -261,15 +261,13 @@ class _Relay:
         self._air: Air[bytes] | None = None
         self._medium: Medium
         self._random = random.Random()
-        self._bad: dict[tuple[int, int], bool] = {}  # whether the last frame of a way was lost
+        self._bad: dict[tuple[int, int | None], bool] = {}  # whether the last frame of a way was lost
         self._kept = _Kept(time.time_ns())
 
     def set(self, *, medium: dict[str, Any], seed: int) -> dict[str, Any]:
         self._medium = Medium(**medium)
         if self._air is None:
-            self._air = Air(
-                self._names, self._medium, lose=lambda host: self._lost(host, host), chance=self._random
-            )
+            self._air = Air(self._names, self._medium, lose=self._lost, chance=self._random)
         else:
             self._air.change(self._medium)
         self._random.seed(seed)
@@ -328,8 +326,8 @@ class _Relay:
                     self._kept.overrun += 1
                 self._kept.note(due_ns, time.time_ns())
 
-    def _lost(self, host: int, receiver: int) -> bool:
-        """Return whether a frame is lost; a host's way to the access point has the host itself as receiver."""
+    def _lost(self, host: int, receiver: int | None = None) -> bool:
+        """Return whether a frame is lost on its way to a receiver, or to the access point."""
         way, medium = (host, receiver), self._medium
         draw = self._random.random()
         self._bad[way] = is_lost(self._bad.get(way, False), draw, medium.loss, medium.burst_frames)
@@ -354,10 +352,8 @@ def main(control_fd: str) -> None:
     """Be the relay."""
     # The kernel may wake a sleeper up to 50 us late by default (prctl(2)); frames take less than that.
     ctypes.CDLL(None).prctl(_PR_SET_TIMERSLACK, 1, 0, 0, 0)
-    with (
-        contextlib.suppress(BrokenPipeError, ConnectionResetError),
-        socket.socket(fileno=int(control_fd)) as control,
-    ):
+    hub_is_gone = contextlib.suppress(BrokenPipeError, ConnectionResetError)
+    with hub_is_gone, socket.socket(fileno=int(control_fd)) as control:
         start = control.recv(_START_BYTES)
         if not start:
             return  # the hub ended meanwhile

@@ -34,7 +34,6 @@ if TYPE_CHECKING:
     from sfglab.lab.hosts.network import Link
     from sfglab.rtps import Medium
 
-
 _BRIDGE = "br0"
 _SUBNET = "10.77.0."
 _FIRST, _LAST = 2, 254
@@ -230,22 +229,14 @@ class Shaping:
         self._nft: Any = None
 
     def set_link(self, port: Port, link: Link) -> None:
-        """Replace everything that was set at a port.
-
-        Raises:
-            NetlinkError: The kernel refuses, for want of a module or of permission.
-        """
+        """Replace what was set at a port; `NetlinkError`: the kernel refuses, for want of module or right."""
         _set_rate(self._wiring.netlink, port.outer_index, link)
         with self._wiring.inside(port.namespace) as netlink:
             _set_rate(netlink, port.inner_index, link)
         self._set_loss(port.outer, link.loss_per_million)
 
     def set_air(self, port: Port, medium: Medium) -> None:
-        """Let a host feel a medium whose queues block, and no other.
-
-        Raises:
-            NetlinkError: As of `set_link`.
-        """
+        """Let a host feel a medium whose queues block, and no other; `NetlinkError` as of `set_link`."""
         with self._wiring.inside(port.namespace) as netlink:
             _block(netlink, port.inner_index, medium if medium.queue_rule == "block" else None)
 

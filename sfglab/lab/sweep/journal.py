@@ -76,10 +76,8 @@ def _plain(kind: type, name: str, value: object) -> object:
     if isinstance(value, np.generic):
         value = value.item()
     if type(value) not in _PLAIN:
-        allowed = "bool, int, float, str and None"
-        raise SweepError(
-            f"row {kind.__qualname__}: {name}: given a {type(value).__name__}, allowed are {allowed}"
-        )
+        given, allowed = type(value).__name__, "bool, int, float, str and None"
+        raise SweepError(f"row {kind.__qualname__}: {name}: given a {given}, allowed are {allowed}")
     return value
 
 
@@ -116,9 +114,8 @@ def _points_digest(points: Sequence[object]) -> str:
     texts = [repr(point) for point in points]
     for text in texts:
         if " at 0x" in text:
-            raise SweepError(
-                f"points: given {text}, needed are values whose repr says all (frozen dataclasses)"
-            )
+            needed = "values whose repr says all (frozen dataclasses)"
+            raise SweepError(f"points: given {text}, needed are {needed}")
     return _digest("\n".join(texts).encode())
 
 
@@ -263,9 +260,8 @@ def _locked(path: Path) -> BinaryIO:
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
         file.close()
-        raise JournalError(
-            f"{path}: another sweep is writing this journal; wait for it, or name another"
-        ) from None
+        said = "another sweep is writing this journal; wait for it, or name another"
+        raise JournalError(f"{path}: {said}") from None
     file.seek(0)
     return file
 

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from sfglab import codecs
+from sfglab.bus import Node, Publisher
 from sfglab.bus.address import BusAddress
 from sfglab.component import Orders, Reporter, run_component
 from sfglab.lab.framenumber import stamp_number
@@ -27,9 +28,6 @@ if TYPE_CHECKING:
     from collections.abc import AsyncIterator, Callable, Coroutine
 
     from _typeshed import DataclassInstance
-
-    from sfglab.bus import Publisher
-
 
 _Sent = tuple[int, int, int]  #: Number, capture stamp (ns) and compressed size of a frame.
 
@@ -107,8 +105,6 @@ def _message(type_: str, header: Any, fields: DataclassInstance) -> Any:
 @asynccontextmanager
 async def _camera(config: CameraConfig, sent: Callable[[list[_Sent]], None]) -> AsyncIterator[_Shooting]:
     """Open source, encoder and publisher; the caller awaits the task that shoots."""
-    from sfglab.bus import Node
-
     source = open_source(
         config.source, width=config.width, height=config.height, fps=config.fps, seed=config.seed
     )

@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import asyncio
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from sfglab.bus import Node, Publisher
 from sfglab.bus.address import BusAddress
 from sfglab.component import Orders, Report, Reporter, run_component
 from sfglab.fleet.status.description import AgentDescription
@@ -23,9 +24,6 @@ from sfglab.fleet.status.heartbeat import (
 )
 from sfglab.messages import service_type
 from sfglab.qos import LATCHED
-
-if TYPE_CHECKING:
-    from sfglab.bus import Node, Publisher
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -96,8 +94,6 @@ class _Fakes:
 
 async def serve(config: FakeConfig, report: Reporter, orders: Orders) -> None:
     """Obey until cancelled."""
-    from sfglab.bus import Node
-
     async with Node("false_agents", **config.address.options()) as node:
         fakes = _Fakes(node, config.late_s, report)
         report({"is": "ready"})

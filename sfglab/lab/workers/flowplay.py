@@ -27,6 +27,7 @@ import numpy as np
 from sfglab.arp.cache import CacheControl, LocalCache
 from sfglab.bus.address import BusAddress
 from sfglab.bus.dds.clib import ANY_STATE, MatchedStatus, SampleInfo, library
+from sfglab.bus.dds.domain import DdsParticipant, DomainConfig
 from sfglab.bus.dds.endpoints import bytes_from_serdata, serdata_from_bytes, sertype_of, stamp
 from sfglab.component import Orders, Reporter, run_component
 from sfglab.fields import from_json
@@ -36,9 +37,6 @@ from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
-
-    from sfglab.bus.dds.domain import DdsParticipant
-
 
 _TYPE = "std_msgs/msg/String"
 # CDR of a text: header, length, letters, a final zero (RTPS 2.5, clause 10).
@@ -300,8 +298,6 @@ class Player:
 
 async def serve(config: PartsConfig, report: Reporter, orders: Orders) -> None:
     """Play one scenario after the other until cancelled."""
-    from sfglab.bus.dds.domain import DdsParticipant, DomainConfig
-
     domain = DomainConfig(**config.address.options())
     report({"is": "ready"})
     while True:

@@ -10,6 +10,7 @@ import asyncio
 from contextlib import AsyncExitStack
 from dataclasses import dataclass
 
+from sfglab.bus import Node
 from sfglab.bus.address import BusAddress
 from sfglab.component import Orders, Reporter, run_component
 
@@ -24,8 +25,6 @@ class ObserverConfig:
 
 async def look(config: ObserverConfig) -> dict[str, list[str]]:
     """Return the topics of all endpoints that were ever shown, by domain."""
-    from sfglab.bus import Node
-
     seen: dict[str, dict[bytes, str]] = {str(address.domain_id): {} for address in config.addresses}
     async with AsyncExitStack() as stack:
         nodes = {

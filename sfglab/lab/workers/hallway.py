@@ -11,20 +11,17 @@ from __future__ import annotations
 import asyncio
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from sfglab.arp import CacheControl, LocalCache, hallway
+from sfglab.bus import Node
 from sfglab.bus.address import BusAddress
 from sfglab.component import Orders, Reporter, run_component
 from sfglab.messages import default_message, message_type
 from sfglab.processes import START_LIMIT_S
 from sfglab.qos import QoSProfile
-
-if TYPE_CHECKING:
-    from sfglab.bus import Node
-
 
 STATION = "station"
 BEAM, COMMAND = "std_msgs/msg/Float32", "geometry_msgs/msg/Twist"
@@ -157,8 +154,6 @@ class _Station:
 
 async def serve(config: HallwayConfig, report: Reporter, orders: Orders) -> None:
     """Be the process."""
-    from sfglab.bus import Node
-
     async with Node(config.role, **config.address.options()) as node:
         shell = (_Station if config.role == STATION else _Robot)(node, config, report)
         for publisher in shell.publishers:

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from sfglab.bus import Node, Publisher
 from sfglab.bus.address import BusAddress
 from sfglab.component import Orders, Report, Reporter, run_component
 from sfglab.fields import to_json
@@ -33,10 +34,8 @@ from sfglab.spatial.mocap.synthetic import SyntheticConfig, SyntheticMotion, Syn
 if TYPE_CHECKING:
     from collections.abc import AsyncGenerator, Callable, Mapping, Sequence
 
-    from sfglab.bus import Node, Publisher
     from sfglab.bus.api import MessageInfo
     from sfglab.spatial.mocap.tracking import Capture, MocapSource
-
 
 CAMERA = f"{AGENT}/camera"
 MOTION = SyntheticMotion()  #: Of the markers, in the world.
@@ -262,11 +261,7 @@ def _thinned(moving: list[tuple[int, StampedTransform]]) -> list[tuple[int, Stam
     counts = Counter(transform.child for _, transform in moving)
     every = max(1, -(-max(counts.values(), default=0) // _MOST_KEPT))
     places = {child: itertools.count() for child in counts}
-    return [
-        (received_ns, transform)
-        for received_ns, transform in moving
-        if next(places[transform.child]) % every == 0
-    ]
+    return [(at_ns, one) for at_ns, one in moving if next(places[one.child]) % every == 0]
 
 
 def _outcome(buffer: FrameBuffer) -> str:
@@ -311,8 +306,6 @@ _ROLES: dict[str, Callable[[Mapping[str, Node], int], Any]] = {
 
 async def serve(config: MocapWorkerConfig, report: Reporter, orders: Orders) -> None:
     """Be the process: play rounds until it is told to end."""
-    from sfglab.bus import Node
-
     async with AsyncExitStack() as stack:
         nodes: dict[str, Node] = {
             way: await stack.enter_async_context(Node(config.role, **address.options()))

@@ -26,7 +26,7 @@ from sfglab.lab.bench import Options, rows_of
 from sfglab.lab.experiments import experiment
 from sfglab.lab.explore.explorer import Task
 from sfglab.lab.figures import drawn, png_of
-from sfglab.lab.progress import Step, progress_to
+from sfglab.lab.progress import progress_to
 
 if TYPE_CHECKING:
     from collections.abc import AsyncIterator, Callable
@@ -35,7 +35,6 @@ if TYPE_CHECKING:
 
     from sfglab.lab.experiment import Experiment
     from sfglab.lab.runs import C, Run
-
 
 _log = logging.getLogger(__name__)
 
@@ -125,11 +124,8 @@ async def _draw(exp: Experiment[Any], order: Report, report: Reporter, stale: Ca
 
 
 async def _run(exp: Experiment[Any], task: Task, report: Reporter) -> None:
-    def step(step: Step) -> None:
-        report({"is": "step", **asdict(step)})
-
     options = Options(explored=True, only=None if task.only is None else frozenset(task.only))
-    with progress_to(step):
+    with progress_to(lambda step: report({"is": "step", **asdict(step)})):
         run = await exp.run(task.profile, path=Path(task.log), options=options, **task.settings)
     report({"is": "done", "log": str(run.log)})
 

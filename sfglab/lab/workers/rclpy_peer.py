@@ -49,11 +49,8 @@ def interface(name: str) -> Any:
 def profile_of(given: dict[str, Any]) -> QoSProfile:
     """Return a profile from names as ROS 2 prints them."""
     named = {k: v for k, v in given.items() if k in {"reliability", "durability", "history", "liveliness"}}
-    times = {
-        k: rclpy.duration.Duration(seconds=v)
-        for k, v in given.items()
-        if k.endswith(("deadline", "lifespan", "lease_duration"))
-    }
+    spans_s = {k: v for k, v in given.items() if k.endswith(("deadline", "lifespan", "lease_duration"))}
+    times = {name: rclpy.duration.Duration(seconds=span_s) for name, span_s in spans_s.items()}
     usual = QoSProfile(depth=1)
     values = {name: type(getattr(usual, name))[value.upper()] for name, value in named.items()}
     return QoSProfile(depth=given.get("depth", 10), **values, **times)
@@ -133,11 +130,8 @@ class Peer:
         found = []
         for package in packages:
             module = importlib.import_module(f"{package}.msg")
-            found += [
-                f"{package}/msg/{name}"
-                for name in dir(module)
-                if hasattr(getattr(module, name), "_fields_and_field_types")
-            ]
+            names = [name for name in dir(module) if hasattr(getattr(module, name), "_fields_and_field_types")]
+            found += [f"{package}/msg/{name}" for name in names]
         report("types", types=found)
 
     def pass_through(self, kind: str, cdr: list[str]) -> None:
@@ -163,16 +157,12 @@ class Peer:
                 report("heard", topic=topic, cdr=serialize_message(message).hex())
 
         def told(event: str, status: Any) -> None:
-            alive = getattr(status, "alive_count", None)
-            report("told", topic=topic, event=event, alive=alive)
+            report("told", topic=topic, event=event, alive=getattr(status, "alive_count", None))
 
         tellers = {name: partial(told, name) for name in ("incompatible_qos", "deadline", "liveliness")}
         events = SubscriptionEventCallbacks(**tellers)
-        self.kept.append(
-            self.node.create_subscription(
-                interface(kind), topic, heard, profile_of(qos), event_callbacks=events
-            )
-        )
+        message, profile = interface(kind), profile_of(qos)
+        self.kept.append(self.node.create_subscription(message, topic, heard, profile, event_callbacks=events))
         report("listening")
 
     def count(self) -> None:

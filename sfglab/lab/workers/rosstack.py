@@ -26,7 +26,7 @@ from sfglab.names import dds_service, dds_topic
 from sfglab.qos import LATCHED, PARAMETER_EVENTS, Durability, History, QoSProfile
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Sequence
 
 TALKER, LISTENER = "talker", "listener"
 _NS_PER_S = 1_000_000_000
@@ -75,13 +75,11 @@ def _node_endpoints() -> Iterator[EndpointPlan]:
 def _parameter_services(node: str) -> Iterator[EndpointPlan]:
     for number, (name, type_) in enumerate(_PARAMETER_SERVICES.items()):
         request, reply = dds_service(f"{node}/{name}")
-        dds_type = f"rcl_interfaces::srv::dds_::{type_}_"
+        kind = f"rcl_interfaces::srv::dds_::{type_}_"
         # Of the length of rmw_cyclonedds's random ids; nobody pairs them here.
         identity = user_data({"serviceid": ".".join(["00"] * 15 + [f"{number:02x}"])})
         for writer, topic, half in ((False, request, "Request_"), (True, reply, "Response_")):
-            yield EndpointPlan(
-                writer=writer, topic=topic, type=dds_type + half, qos=_SERVICE, user_data=identity
-            )
+            yield EndpointPlan(writer=writer, topic=topic, type=kind + half, qos=_SERVICE, user_data=identity)
 
 
 class RosStack:
@@ -93,9 +91,7 @@ class RosStack:
         BusError: Cyclone DDS cannot create something.
     """
 
-    def __init__(
-        self, config: DomainConfig, namespace: str, name: str, plans: tuple[EndpointPlan, ...]
-    ) -> None:
+    def __init__(self, config: DomainConfig, namespace: str, name: str, plans: Sequence[EndpointPlan]) -> None:
         lib = library()
         _checked(lib.dds_create_domain(config.domain_id, domain_xml(config).encode()), "a domain")
         with qos_object(user_data({"enclave": "/"})) as qos:
@@ -119,21 +115,17 @@ class RosStack:
         with endpoint_qos(plan.qos, user_data=plan.user_data) as qos:
             return _checked(create(self.participant, topic, qos, None), f"an endpoint of {plan.topic!r}")
 
-    def _announce(
-        self, writer: int, namespace: str, name: str, handles: list[tuple[EndpointPlan, int]]
-    ) -> None:
+    def _announce(self, writer: int, namespace: str, name: str, made: list[tuple[EndpointPlan, int]]) -> None:
         """Publish which endpoints the node has: once, where rclcpp does so after each.
 
         That was tried, too: no other bytes are received (2 x 20 nodes: 3.5 MB beside 3.7 MB), since whoever
         comes later is sent the last one only.
         """
-        own = [(plan.writer, entity_guid(handle)) for plan, handle in handles if plan.topic != INFO_TOPIC]
-        participant = entity_guid(self.participant)
+        own = [(plan.writer, entity_guid(handle)) for plan, handle in made if plan.topic != INFO_TOPIC]
+        here = entity_guid(self.participant)
         readers, writers = (tuple(gid for writes, gid in own if writes is way) for way in (False, True))
-        node = NodeInfo(
-            namespace=namespace, name=name, participant=participant, readers=readers, writers=writers
-        )
-        serdata = serdata_from_bytes(sertype_of(writer), pack_nodes(participant, [node], gid_bytes()))
+        node = NodeInfo(namespace=namespace, name=name, participant=here, readers=readers, writers=writers)
+        serdata = serdata_from_bytes(sertype_of(writer), pack_nodes(here, [node], gid_bytes()))
         assert serdata is not None, "an opaque type takes every message"
         stamp(serdata, time.time_ns())
         _checked(library().dds_forwardcdr(writer, serdata), f"a message on {INFO_TOPIC!r}")

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from sfglab.bus import Node, Subscription
 from sfglab.bus.address import BusAddress
 from sfglab.codecs import FFMPEG_PACKET, H264Encoder, H264Settings, ffmpeg_packet_fields
 from sfglab.component import Orders, Report, Reporter, beside, run_component
@@ -30,8 +31,6 @@ from sfglab.record import LogWriter
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
-
-    from sfglab.bus import Node, Subscription
 
 TEXT, IMAGE = "std_msgs/msg/String", "sensor_msgs/msg/Image"
 WIDTH, HEIGHT = 544, 32  #: Size of pictures, the least that shows a number, pixels.
@@ -66,10 +65,8 @@ def stream_topic(agent: str) -> str:
 def fleet(names: Sequence[str], cameras: Sequence[str]) -> dict[str, Any]:
     """Return the fleet file of some agents, with a domain each from 1 on, some of them with a camera."""
     stream = {"type": FFMPEG_PACKET, "codec": "h264", "width": WIDTH, "height": HEIGHT, "rate_hz": RATE_HZ}
-    agents = {
-        name: {"domain": domain, "local_interface": "lo", "global_interface": INTERFACE}
-        for domain, name in enumerate(names, 1)
-    }
+    where: dict[str, Any] = {"local_interface": "lo", "global_interface": INTERFACE}
+    agents = {name: {"domain": domain, **where} for domain, name in enumerate(names, 1)}
     for name in cameras:
         streams = [stream | {"topic": stream_topic(name)}]
         agents[name] |= {"sensors": [{"name": "camera_front", "streams": streams}]}
@@ -177,9 +174,8 @@ class _Soaked:
         for other in () if self._viewing else self._config.views:
             topic = f"/local/{other}/camera_front/color/image_raw"
             see = self._seeing(self._streams[f"pictures of {other}"])
-            self._viewing.append(
-                self._node.create_subscription(IMAGE, topic, see, SENSOR_DATA, transport="shm")
-            )
+            seen = self._node.create_subscription(IMAGE, topic, see, SENSOR_DATA, transport="shm")
+            self._viewing.append(seen)
 
     def _seeing(self, stream: Stream) -> Callable[[Any], None]:
         def see(image: Any) -> None:
@@ -245,8 +241,6 @@ def _shot(encoder: H264Encoder, settings: H264Settings, number: int) -> list[Any
 
 async def serve(config: SoakedConfig, report: Reporter, orders: Orders) -> None:
     """Publish, consume and obey until cancelled."""
-    from sfglab.bus import Node
-
     async with Node("soaked", **config.address.options()) as node:
         soaked = _Soaked(node, config, report)
         async with beside(soaked.send()):

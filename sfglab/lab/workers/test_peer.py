@@ -12,8 +12,9 @@ import contextlib
 import time
 from collections import defaultdict
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from sfglab.bus import Node, Service, Subscription
 from sfglab.bus.address import BusAddress
 from sfglab.bus.api import EndpointAdded, MessageInfo
 from sfglab.bus.errors import BusError
@@ -21,9 +22,6 @@ from sfglab.component import Orders, Report, Reporter, run_component
 from sfglab.messages import default_message, message_type, ns_from_stamp, serialize, service_type, stamp_from_ns
 from sfglab.names import TF_STATIC
 from sfglab.qos import LATCHED, QoSProfile
-
-if TYPE_CHECKING:
-    from sfglab.bus import Node, Service, Subscription
 
 
 @dataclass(slots=True)
@@ -111,11 +109,8 @@ class _TestPeer:
         self._tasks: list[asyncio.Task[None]] = []
         self._services: list[Service] = []
         self._talking: asyncio.Task[None] | None = None
-        self._publishers = {
-            topic: node.create_publisher(topic.type, topic.name, topic.qos)
-            for topic in config.topics
-            if topic.publish
-        }
+        own = [topic for topic in config.topics if topic.publish]
+        self._publishers = {topic: node.create_publisher(topic.type, topic.name, topic.qos) for topic in own}
 
     async def serve(self, orders: Orders) -> None:
         """Listen, report ``ready``, and follow orders until cancelled."""
@@ -259,8 +254,6 @@ class _TestPeer:
 
 async def serve(config: PeerConfig, report: Reporter, orders: Orders) -> None:
     """Be the process."""
-    from sfglab.bus import Node
-
     async with Node(config.party, **config.address.options()) as node:
         await _TestPeer(node, config, report).serve(orders)
 

@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from sfglab.bus import Node
 from sfglab.bus.address import BusAddress
 from sfglab.codecs import CodecError, image_decoder
 from sfglab.component import Orders, Report, Reporter, run_component
@@ -29,7 +30,7 @@ from sfglab.messages import ns_from_stamp
 from sfglab.qos import COMPRESSED_STREAM, SENSOR_DATA
 
 if TYPE_CHECKING:
-    from collections.abc import AsyncIterator, Callable
+    from collections.abc import AsyncIterator
 
     from numpy.typing import NDArray
 
@@ -128,8 +129,6 @@ class _Viewer:
             self._report(self._seen.report())
 
     def _new_node(self, name: str, side: str) -> Any:
-        from sfglab.bus import Node
-
         return Node(name, **getattr(self._config, side).options())
 
     @contextlib.asynccontextmanager
@@ -180,22 +179,19 @@ class _Viewer:
                 self._seen.look(pixels.reshape(-1), pixels.shape[1], channels, stamp_ns)
                 self._saw_one()
 
-        await self._subscribe(topic, see)
+        await self._receive("remote", self._config.remote_type, topic, see, COMPRESSED_STREAM)
 
     async def _discard(self, topic: str) -> None:
         def see(_: bytes) -> None:
             self._seen.frames += 1
             self._saw_one()
 
-        await self._subscribe(topic, see, raw=True)
+        await self._receive("remote", self._config.remote_type, topic, see, COMPRESSED_STREAM, raw=True)
 
-    async def _subscribe(self, topic: str, see: Callable[[Any], None], *, raw: bool = False) -> None:
-        """Receive a remote stream until cancelled."""
-        type_ = self._config.remote_type
-        async with self._node("viewer", "remote") as node:
-            with contextlib.closing(
-                node.create_subscription(type_, topic, see, COMPRESSED_STREAM, raw=raw, threaded=True)
-            ):
+    async def _receive(self, side: str, *subscribed: Any, **options: Any) -> None:
+        """Receive what is subscribed on a side until cancelled."""
+        async with self._node("viewer", side) as node:
+            with contextlib.closing(node.create_subscription(*subscribed, **options, threaded=True)):
                 await asyncio.Event().wait()
 
     async def _share(self, topic: str, side: str = "local", transport: Transport = "shm") -> None:
@@ -206,11 +202,7 @@ class _Viewer:
             self._seen.look(items, image.width, channels, ns_from_stamp(image.header.stamp))
             self._saw_one()
 
-        async with self._node("viewer", side) as node:
-            with contextlib.closing(
-                node.create_subscription(IMAGE, topic, see, SENSOR_DATA, transport=transport, threaded=True)
-            ):
-                await asyncio.Event().wait()
+        await self._receive(side, IMAGE, topic, see, SENSOR_DATA, transport=transport)
 
     async def _record(self, topic: str, path: Path) -> None:
         """Write the stream's messages into a log of its own as they come in, unconverted."""

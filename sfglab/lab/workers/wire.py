@@ -11,6 +11,7 @@ import base64
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from sfglab.bus import Node, Subscription
 from sfglab.bus.address import BusAddress
 from sfglab.component import Orders, Reporter, run_component
 from sfglab.errors import SfglabError
@@ -20,9 +21,6 @@ from sfglab.qos import Durability, QoSProfile
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
-
-    from sfglab.bus import Node, Subscription
-
 
 QOS = QoSProfile(durability=Durability.TRANSIENT_LOCAL, depth=1000)
 ASK_TIMEOUT_S = 10.0
@@ -38,8 +36,6 @@ class WireConfig:
 
 async def serve(config: WireConfig, report: Reporter, orders: Orders) -> None:
     """Obey until cancelled."""
-    from sfglab.bus import Node
-
     report({"is": "ready"})
     await orders.get()  # to join: until then nothing of this process is in the domain
     async with Node("wire", **config.address.options()) as node, asyncio.TaskGroup() as listening:
@@ -59,32 +55,18 @@ async def serve(config: WireConfig, report: Reporter, orders: Orders) -> None:
 def _look(node: Node, topics: Iterable[str], report: Reporter) -> None:
     for topic in topics:
         for publisher in node.graph.publishers(topic):
-            report(
-                {
-                    "is": "publisher",
-                    "topic": topic,
-                    "type": publisher.type,
-                    "reliability": publisher.qos.reliability.value,
-                    "durability": publisher.qos.durability.value,
-                    "gid": publisher.gid.hex(),
-                }
-            )
+            qos = {"reliability": publisher.qos.reliability.value, "durability": publisher.qos.durability.value}
+            end = {"topic": topic, "type": publisher.type, **qos, "gid": publisher.gid.hex()}
+            report({"is": "publisher", **end})
     report({"is": "looked"})
 
 
 async def _listen(subscription: Subscription, report: Reporter) -> None:
     while True:
         cdr, info = await subscription.take_with_info()
-        report(
-            {
-                "is": "heard",
-                "topic": subscription.topic_name,
-                "cdr": base64.b64encode(cdr).decode(),
-                "sent_ns": info.source_timestamp_ns,
-                "received_ns": info.received_timestamp_ns,
-                "gid": info.publisher_gid.hex(),
-            }
-        )
+        times = {"sent_ns": info.source_timestamp_ns, "received_ns": info.received_timestamp_ns}
+        sample = {"topic": subscription.topic_name, "cdr": base64.b64encode(cdr).decode()}
+        report({"is": "heard", **sample, **times, "gid": info.publisher_gid.hex()})
 
 
 async def _ask(node: Node, service: str, report: Reporter) -> None:

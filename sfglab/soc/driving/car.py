@@ -107,8 +107,7 @@ def drive(state: CarState, command: Drive, *, dt_s: float, chassis: Chassis) -> 
     x' = v cos(yaw), y' = v sin(yaw), yaw' = v tan(steer) / wheelbase, along the arc of the mean curvature;
     speed and steering follow the command as fast as the chassis can.
     """
-    gain = chassis.acceleration_mps2 * dt_s
-    speed = state.speed_mps + _clipped(command.speed_mps - state.speed_mps, gain)
+    speed = state.speed_mps + _clipped(command.speed_mps - state.speed_mps, chassis.acceleration_mps2 * dt_s)
     wanted = math.atan(chassis.wheelbase_m * command.yaw_rate_rps / max(abs(command.speed_mps), 1e-3))
     turn = _clipped(_clipped(wanted, chassis.steer_rad) - state.steer_rad, chassis.steer_rate_rps * dt_s)
     steer = state.steer_rad + (turn if command.speed_mps else 0.0)

@@ -1,8 +1,7 @@
 """The closed loop: town, camera, nodes, car, round and round, and the judge of a lap.
 
 `Stack` is the nodes wired as in the graph, from an image to a command; it gets pixels and nothing else.
-`run_lap` drives it round a town and has it judged. Refuses to know a bus: nodes are called one after the
-other.
+`run_lap` drives it round a town and has it judged. Refuses to know a bus: nodes are called one after the other.
 """
 
 from __future__ import annotations
@@ -177,8 +176,7 @@ class Stopwatch:
 
     def __init__(self, clock: Callable[[], int] | None = None) -> None:
         self._clock = clock
-        #: Nanoseconds by node, a number a call, in the order of the calls.
-        self.frames_ns: dict[str, list[int]] = {}
+        self.frames_ns: dict[str, list[int]] = {}  #: Nanoseconds by node, one a call, in the calls' order.
 
     def __call__(self, node: str, function: Callable[..., Any], *args: Any, **kwargs: Any) -> Any:
         """Call a node's function and return what it returns."""
@@ -262,8 +260,7 @@ def run_lap(
         red_since_s = signals.red_since_s(now_s, place)
         judge.watch(now_s, place, car.speed_mps, red_since_s)
         red = [since is not None for since in red_since_s]
-        image = stack.timed("camera", scene.render, car, red, now_s=now_s)
-        frame = stack.step(image)
+        frame = stack.step(stack.timed("camera", scene.render, car, red, now_s=now_s))
         frames, missed = frames + 1, missed + (frame.lane is None)
         if watch is not None:
             watch(now_s, car, frame)
@@ -290,6 +287,5 @@ def _start(town: Town, rng: np.random.Generator) -> CarState:
 
 def _error_m(start: CarState, end: CarState, pose: Pose) -> float:
     """Return how far from the car the odometry, begun at its start, believes it to be."""
-    origin = Pose(x_m=start.x_m, y_m=start.y_m, yaw_rad=start.yaw_rad)
-    x_m, y_m = origin.outwards(pose.x_m, pose.y_m)
+    x_m, y_m = Pose(x_m=start.x_m, y_m=start.y_m, yaw_rad=start.yaw_rad).outwards(pose.x_m, pose.y_m)
     return float(np.hypot(x_m - end.x_m, y_m - end.y_m))

@@ -39,8 +39,7 @@ def compensate(bgr: NDArray[np.uint8]) -> NDArray[np.uint8]:
     replaces it, and the stretch is linear and the same for all channels. Shape (height, width, 3), BGR.
     """
     median = cv2.medianBlur(bgr, 3)
-    difference = cv2.absdiff(bgr, median)
-    outlier = cv2.inRange(difference, (0, 0, 0), (_OUTLIER, _OUTLIER, _OUTLIER)) == 0
+    outlier = cv2.inRange(cv2.absdiff(bgr, median), (0, 0, 0), (_OUTLIER, _OUTLIER, _OUTLIER)) == 0
     clean = np.where(outlier[..., None], median, bgr)
     return np.asarray(cv2.LUT(clean, stretch(clean)), np.uint8)
 
@@ -158,10 +157,8 @@ def _parabola(points: NDArray[np.float64]) -> Lane | None:
         return None
     x, y = points.T
     degree = 2 if np.ptp(x) > 0.6 else 1
-    solved = np.linalg.lstsq(np.vander(x, degree + 1, increasing=True), y, rcond=None)[0]
-    return Lane(
-        offset_m=float(solved[0]), slope=float(solved[1]), bend_per_m=float(solved[2]) if degree == 2 else 0.0
-    )
+    fit = np.linalg.lstsq(np.vander(x, degree + 1, increasing=True), y, rcond=None)[0]
+    return Lane(offset_m=float(fit[0]), slope=float(fit[1]), bend_per_m=float(fit[2]) if degree == 2 else 0.0)
 
 
 class Colour(Enum):
@@ -193,10 +190,8 @@ class Lamp:
 
 def find_lamps(bgr: NDArray[np.uint8], colour: Colour) -> list[Lamp]:
     """Return the lit lamps of a colour in an image, however small, in no order."""
-    mask = _colour_mask(bgr, colour)
-    contours = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)[0]
-    lamps = []
-    for contour in contours:
+    mask, lamps = _colour_mask(bgr, colour), []
+    for contour in cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)[0]:
         (u, v), radius = cv2.minEnclosingCircle(contour)
         if radius >= 2 and cv2.contourArea(contour) > _ROUND * math.pi * radius * radius:
             lamps.append(Lamp(u=float(u), v=float(v), radius=float(radius)))
@@ -272,6 +267,5 @@ class LaneControl:
         if x_m < self.control.arrived_m:
             return Drive()
         curvature = 2 * y_m / (x_m * x_m + y_m * y_m)
-        limit = math.sqrt(self.control.lateral_mps2 / max(abs(curvature), 1e-6))
-        speed = min(self.control.speed_mps, limit)
+        speed = min(self.control.speed_mps, math.sqrt(self.control.lateral_mps2 / max(abs(curvature), 1e-6)))
         return Drive(speed_mps=speed, yaw_rate_rps=speed * curvature)

@@ -172,8 +172,7 @@ class _View:
 
     def distances(self, points: NDArray[np.float64]) -> list[float]:
         """Return the distances over ground of points (n, 2 or more)."""
-        away = points[:, :2] - self._eye[:2]
-        return [float(distance) for distance in np.hypot(*away.T)]
+        return [float(distance) for distance in np.hypot(*(points[:, :2] - self._eye[:2]).T)]
 
     def sees(self, middles: NDArray[np.float64], normals: NDArray[np.float64]) -> NDArray[np.bool_]:
         """Return which faces (n, 3) look at the camera, are near enough and not far behind it."""
@@ -241,8 +240,7 @@ def _draw_light(image: NDArray[np.uint8], view: _View, pole: tuple[float, float,
     foot = np.array([x, y, 0.0])
     for half, bottom, top, bgr in ((0.02, 0.0, 0.34, _POLE_BGR), (0.09, 0.33, 0.65, _HEAD_BGR)):
         corners = [(-half, bottom), (half, bottom), (half, top), (-half, top)]
-        quad = np.array([foot + across * side + z * _UP for across, z in corners])
-        polygon = view.polygon(quad)
+        polygon = view.polygon(np.array([foot + across * side + z * _UP for across, z in corners]))
         if polygon is not None:
             cv2.fillConvexPoly(image, polygon, bgr)
     if not view.sees(foot[None], facing[None])[0]:

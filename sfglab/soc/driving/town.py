@@ -173,8 +173,7 @@ def _buildings(road: Road, rng: np.random.Generator) -> tuple[Building, ...]:
 
 def _building(x_m: float, y_m: float, heading: float, rng: np.random.Generator) -> Building:
     """Return a box of plain walls: pale or brick, none as vivid as a lamp or a lane's line."""
-    base = rng.uniform(80, 170)
-    blue, green, red = base + rng.uniform(-25, 25, 3)
+    blue, green, red = rng.uniform(80, 170) + rng.uniform(-25, 25, 3)
     return Building(
         x_m=x_m,
         y_m=y_m,

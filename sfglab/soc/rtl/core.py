@@ -91,8 +91,7 @@ class Gateway(Elaboratable):
         self.node = Stream("node")  #: In: the hardware publisher's stream.
         self.ports = [Stream(f"port{i}") for i in range(subscribers)]  #: Out: the subscribers' streams.
         self.own_smt = Signal(ADDRESS_BITS)  #: In: the id of the core's writer on the software-mapped topic.
-        #: In: the id of the core as a publisher of the hardware-mapped topic.
-        self.own_hmt = Signal(ADDRESS_BITS)
+        self.own_hmt = Signal(ADDRESS_BITS)  #: In: the core's id as a publisher of the hardware-mapped topic.
         self.words = Signal(32)  #: In: of every message, without its id.
         self.call_valid = Signal()  #: Out: OSIF: a call stands at `call`.
         self.call_ready = Signal()  #: In: OSIF: it is taken.

@@ -205,11 +205,7 @@ class TransferBench(Elaboratable):
 
     def _answer(self, m: Any, kind: Answer, address: int, after: str) -> None:
         gateway = self.gateway
-        m.d.comb += [
-            gateway.answer_valid.eq(1),
-            gateway.answer.eq(kind),
-            gateway.answer_address.eq(address),
-        ]
+        m.d.comb += [gateway.answer_valid.eq(1), gateway.answer.eq(kind), gateway.answer_address.eq(address)]
         with m.If(gateway.answer_ready):
             m.next = after
 

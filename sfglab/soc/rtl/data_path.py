@@ -282,11 +282,7 @@ class Mover(Elaboratable):
                 with m.If((self._left == 1) | (self._index == CHUNK_WORDS - 1)):
                     m.next = "STORE"
         with m.State("STORE"):
-            m.d.comb += [
-                self.master.start.eq(1),
-                self.master.write.eq(1),
-                self.master.words.eq(self._index),
-            ]
+            m.d.comb += [self.master.start.eq(1), self.master.write.eq(1), self.master.words.eq(self._index)]
             with m.If(self.master.done):
                 with m.If(self._left == 0):
                     m.d.comb += self.done.eq(1)

@@ -315,8 +315,7 @@ _GATEWAY = (MemoryPath.GATEWAY_OUT, MemoryPath.GATEWAY_IN)
 def simulated_cycles(path: MemoryPath, nodes: int, message_bytes: int, delays: Delays | None = None) -> int:
     """Simulate a message of a multiple of 8 bytes; 100 kB take some seconds, 1 MB minutes.
 
-    So many hardware nodes receive it: their reads take a time that grows with their square. Delays are the
-    memory's.
+    So many hardware nodes receive it: the time of their reads grows with their square. Delays are the memory's.
 
     Raises:
         SfglabError: A word is wrong, or the message did not arrive.
@@ -324,14 +323,12 @@ def simulated_cycles(path: MemoryPath, nodes: int, message_bytes: int, delays: D
     delays = delays or Delays()
     if path in _GATEWAY:
         out = path is MemoryPath.GATEWAY_OUT
-        return simulate_transfer(
-            Transfer(message_bytes=message_bytes, subscribers=nodes, from_software=out, delays=delays)
-        )
+        sent = Transfer(message_bytes=message_bytes, subscribers=nodes, from_software=out, delays=delays)
+        return simulate_transfer(sent)
     written = path is MemoryPath.WRITE
     readers = 1 if written else nodes
-    found = simulate_readers(
-        Reading(message_bytes=message_bytes, readers=readers, written=written, delays=delays)
-    )
+    reading = Reading(message_bytes=message_bytes, readers=readers, written=written, delays=delays)
+    found = simulate_readers(reading)
     return found.write_cycles if written else found.read_cycles
 
 

@@ -62,11 +62,7 @@ def gateway_area(subscribers: int) -> Area:
 
 
 def area(design: Any, wires: Sequence[Any]) -> Area:
-    """Synthesise a design with these ports for UltraScale+ and count its cells.
-
-    Raises:
-        SfglabError: Yosys is missing or failed.
-    """
+    """Synthesise a design with these ports for UltraScale+, count its cells; SfglabError as of `run_yosys`."""
     script = ["synth_xilinx -family xcup -noiopad -noclkbuf -flatten -top top", "tee -q -o out stat -json"]
     text = run_yosys(design, wires, script)
     cells: dict[str, Any] = json.loads(text[text.index("{") :])["design"]["num_cells_by_type"]

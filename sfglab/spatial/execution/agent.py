@@ -47,11 +47,7 @@ class AgentState:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Dynamics:
-    """How an agent answers.
-
-    Raises:
-        InvalidValueError: A number is out of range, or gain times lag is above 1/4, where it overshoots.
-    """
+    """How an agent answers; InvalidValueError out of range, or for gain times lag above 1/4: it overshoots."""
 
     #: Never exceeded, whatever is asked for; the yaw rate's bounds the whole turn's rate.
     limits: Limits = field(default_factory=Limits)
@@ -105,14 +101,12 @@ def _towards(velocity: Vec3, wanted: Vec3, dt_s: float, dynamics: Dynamics) -> V
     return _plus(velocity, _at_most(change, None if limit is None else limit * dt_s))
 
 
-def _moved(
-    state: AgentState, velocity: Vec3, towards: Pose, dt_s: float, rate_rad_s: float | None
-) -> AgentState:
-    angle = state.pose.angle_rad(towards)
+def _moved(state: AgentState, velocity: Vec3, aim: Pose, dt_s: float, rate_rad_s: float | None) -> AgentState:
+    angle = state.pose.angle_rad(aim)
     share = 1.0 if rate_rad_s is None or angle <= rate_rad_s * dt_s else rate_rad_s * dt_s / angle
-    turned = state.pose.interpolate(towards, share)
+    turned = state.pose.interpolate(aim, share)
     pose = Pose(position_m=_plus(state.pose.position_m, _scaled(velocity, dt_s)), quat_xyzw=turned.quat_xyzw)
-    yaw_rate = _yaw_rate(state.pose, towards, share / dt_s)
+    yaw_rate = _yaw_rate(state.pose, aim, share / dt_s)
     return AgentState(pose=pose, velocity_m_s=velocity, yaw_rate_rad_s=yaw_rate)
 
 
@@ -146,14 +140,12 @@ def falls_behind_m(trajectory: Trajectory, dynamics: Dynamics, *, period_s: floa
 
     While it accelerates by A, a jump of v in the plan's velocity costs v^2 / (2 (A - a)), with a the plan's own
     acceleration, and A lag^2 / 2 until it steers again; without A it costs v lag. Then a costs lag a / gain,
-    and the steps of `period_s` cost v each. Metres; infinite where the plan accelerates as hard as the agent
-    can.
+    and steps of `period_s` cost v each. Metres; infinite where the plan accelerates as hard as the agent can.
     """
     motion, rest = motion_of(trajectory), np.zeros((1, 3))
     segments = np.arange(len(motion))
     leaving, arriving = (motion.rates(segments, t)[1] for t in (np.zeros(len(motion)), motion.durations_s))
-    jumps = np.vstack([leaving, rest]) - np.vstack([rest, arriving])
-    jump_m_s = float(np.linalg.norm(jumps, axis=1).max())
+    jump_m_s = float(np.linalg.norm(np.vstack([leaving, rest]) - np.vstack([rest, arriving]), axis=1).max())
     bend_m_s2 = float(peaks(trajectory, Quantity.ACCELERATION).values.max(initial=0.0))
     behind_m = bend_m_s2 * dynamics.lag_s / dynamics.gain_per_s + jump_m_s * period_s
     most = dynamics.limits.acceleration_m_s2

@@ -120,11 +120,7 @@ class Rules:
 
 
 def judge(order: Order, rules: Rules, pose: Pose, now_ns: int) -> None:
-    """Return if an agent at a pose takes an order now, by the clock of the order's start.
-
-    Raises:
-        RefusalError: It does not; with the first reason.
-    """
+    """Return if an agent at a pose takes an order now, by its start's clock; RefusalError: the first reason."""
     _check_addressee(order, rules)
     trajectory = order.trajectory
     for violation in limit_violations(trajectory, _widened(rules.limits, 1.0 + rules.slack)):
@@ -189,11 +185,7 @@ class ActionDialect:
 
 
 def action_name(agent: str) -> str:
-    """Return the action that an agent is sent along trajectories by, after paper A, section 4.1.
-
-    Raises:
-        FqnError: It is not the name of an agent.
-    """
+    """Return the action that sends an agent along trajectories (paper A, 4.1); FqnError for no agent's name."""
     return str(RosFqnBuilder().scope(Scope.GLOBAL).agent(agent).resource(Resource.EXECUTE_TRAJECTORY).build())
 
 
@@ -209,11 +201,7 @@ def goal_message(order: Order) -> Any:
 
 
 def order_from_goal(goal: Any) -> Order:
-    """Return what a goal of ours asks.
-
-    Raises:
-        RefusalError: It holds no trajectory.
-    """
+    """Return what a goal of ours asks; RefusalError where it holds no trajectory."""
     message, agent = goal.trajectory, str(goal.agent)
     joint = agent if agent in message.joint_names else ""
     try:

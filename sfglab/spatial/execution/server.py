@@ -43,10 +43,8 @@ class AgentSetup:
     frame_id: str = "map"  #: The frame of its poses.
     dynamics: Dynamics = field(default_factory=Dynamics)  #: How it answers.
     tolerances: Tolerances = field(default_factory=Tolerances)  #: How well it has to follow.
-    #: A second goal takes the place of the first; else the second is refused as `Outcome.BUSY`.
-    preempt: bool = False
-    #: Refused goals are taken and aborted at once, with the reason; else they are just not taken.
-    explain: bool = True
+    preempt: bool = False  #: A second goal takes the first one's place; else it is refused as `Outcome.BUSY`.
+    explain: bool = True  #: Refused goals are taken and aborted at once, with the reason; else just not taken.
     period_s: float = 0.02  #: From one step to the next; poses leave at each.
 
 
@@ -78,9 +76,7 @@ class TrajectoryServer:
         self._run: _Run | None = None
         motion_of(Trajectory.standing(self._setup.pose))  # imports SciPy now, and not when a start time runs
         self._stepped_ns = node.get_clock().now_ns()
-        self._publishers = tuple(
-            node.create_publisher(type_, topic, qos) for type_, topic, qos in _topics(agent)
-        )
+        self._publishers = tuple(node.create_publisher(kind, topic, qos) for kind, topic, qos in _topics(agent))
         self._action = node.create_action_server(
             FOLLOW_TRAJECTORY.type,
             name or action_name(agent),
@@ -118,11 +114,7 @@ class TrajectoryServer:
         return GoalResponse.ACCEPT
 
     def _judged(self, goal: Any) -> Order:
-        """Return the order of a goal that may be followed now.
-
-        Raises:
-            RefusalError: It may not.
-        """
+        """Return the order of a goal that may be followed now; RefusalError where it may not."""
         order = order_from_goal(goal)
         judge(order, self._rules, self.state.pose, self._node.get_clock().now_ns())
         if self.busy and not self._setup.preempt:
@@ -140,8 +132,7 @@ class TrajectoryServer:
         finally:
             if self._run is run:
                 self._run = None
-        text = "" if outcome is Outcome.SUCCEEDED else OUTCOMES[outcome].meaning
-        return self._finish(handle, outcome, text)
+        return self._finish(handle, outcome, "" if outcome is Outcome.SUCCEEDED else OUTCOMES[outcome].meaning)
 
     def _begin(self, handle: ServerGoalHandle, order: Order) -> _Run:
         if self._run is not None:

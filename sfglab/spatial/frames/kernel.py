@@ -159,11 +159,7 @@ _NEARLY_PARALLEL = 1.0 - 1e-9
 def _turn(q: Any, v: Any) -> Any:
     x, y, z, w = q
     tx, ty, tz = 2.0 * (y * v[2] - z * v[1]), 2.0 * (z * v[0] - x * v[2]), 2.0 * (x * v[1] - y * v[0])
-    return (
-        v[0] + w * tx + y * tz - z * ty,
-        v[1] + w * ty + z * tx - x * tz,
-        v[2] + w * tz + x * ty - y * tx,
-    )
+    return (v[0] + w * tx + y * tz - z * ty, v[1] + w * ty + z * tx - x * tz, v[2] + w * tz + x * ty - y * tx)
 
 
 @numba.njit
@@ -191,11 +187,7 @@ def _compose(pa: Any, qa: Any, pb: Any, qb: Any) -> Any:
 def _between(poses: Any, row: Any, fraction: Any) -> Any:
     """Return the pose between a row and the next: position linear, orientation by SLERP."""
     a, b = poses[row], poses[row + 1]
-    p = (
-        a[0] + fraction * (b[0] - a[0]),
-        a[1] + fraction * (b[1] - a[1]),
-        a[2] + fraction * (b[2] - a[2]),
-    )
+    p = (a[0] + fraction * (b[0] - a[0]), a[1] + fraction * (b[1] - a[1]), a[2] + fraction * (b[2] - a[2]))
     dot = a[3] * b[3] + a[4] * b[4] + a[5] * b[5] + a[6] * b[6]
     sign = -1.0 if dot < 0.0 else 1.0
     dot *= sign

@@ -25,11 +25,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FrameRule:
-    """Which names frames may have.
-
-    Raises:
-        FqnError: A name is none that an agent may bear.
-    """
+    """Which names frames may have; FqnError where an agent's is none that an agent may bear."""
 
     agents: frozenset[str]  #: Agents whose prefixes are known.
     shared: frozenset[str] = frozenset(SHARED_FRAMES)  #: Frames without prefix that are allowed.
@@ -47,9 +43,8 @@ class FrameRule:
         near = difflib.get_close_matches(frame, fitting, n=1)
         hint = f"; did you mean {near[0]!r}?" if near else ""
         allowed = f"<agent>/<frame> of {', '.join(sorted(self.agents)) or 'no agent'}"
-        return (
-            f"given {frame!r}, allowed are {allowed}, and {', '.join(sorted(self.shared)) or 'nothing'}{hint}"
-        )
+        shared = ", ".join(sorted(self.shared)) or "nothing"
+        return f"given {frame!r}, allowed are {allowed}, and {shared}{hint}"
 
 
 _WHY = {
@@ -90,14 +85,8 @@ def lint_frames(
     by_child: dict[str, list[Edge]] = defaultdict(list)
     for edge in edges:
         by_child[edge.child].append(edge)
-    parents = {child: tuple(dict.fromkeys(e.parent for e in group)) for child, group in by_child.items()}
-    return (
-        *_parents(by_child),
-        *_loops(parents),
-        *_roots(parents, root),
-        *_names(edges, rule),
-        *_backwards(edges),
-    )
+    above = {child: tuple(dict.fromkeys(e.parent for e in group)) for child, group in by_child.items()}
+    return (*_parents(by_child), *_loops(above), *_roots(above, root), *_names(edges, rule), *_backwards(edges))
 
 
 def roots_of(edges: Iterable[Edge]) -> tuple[str, ...]:

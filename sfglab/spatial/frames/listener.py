@@ -129,8 +129,7 @@ def fill_from_log(reader: LogReader, buffer: FrameBuffer) -> TransformIntake:
         LogError: The log has neither /tf nor /tf_static.
     """
     intake = TransformIntake(buffer)
-    topics = [topic for topic in (TF_STATIC, TF) if topic in reader.topics]
-    for topic in topics or [TF]:
+    for topic in [topic for topic in (TF_STATIC, TF) if topic in reader.topics] or [TF]:
         for recorded in reader.decoded(topic):
             intake.take(recorded.message, static=topic == TF_STATIC)
     return intake

@@ -106,11 +106,7 @@ class BridgeCore:
         return tuple(self._objects.values())
 
     def verdicts(self, object_id: str) -> dict[str, int]:
-        """Return how many sights of an object got each verdict (`Verdict.value`).
-
-        Raises:
-            KeyError: The mapping has no such object.
-        """
+        """Return how many sights of an object got each `Verdict.value`; KeyError for an unknown object."""
         return dict(self._objects[object_id].verdicts)
 
     def _count(self, capture: Capture) -> None:
@@ -264,11 +260,7 @@ class MocapBridge:
         self._said: set[tuple[str, str]] = set()
 
     async def run(self) -> None:
-        """Run until the source ends, or until cancelled.
-
-        Raises:
-            MocapError: The source cannot be opened, or it broke.
-        """
+        """Run until the source ends, or until cancelled; MocapError where it cannot be opened, or broke."""
         publisher = self._node.create_publisher(TRANSFORMS, TF, TF_QOS)
         status = self._node.create_publisher(STATUS, status_topic(self._options.agent), STATUS_QOS)
         telling = asyncio.create_task(self._tell(status))

@@ -93,20 +93,12 @@ def _taken(path: KeyPath, frame: str, before: KeyPath) -> _TakenError:
 
 
 def load_mapping(path: Path) -> MocapMapping:
-    """Read a mapping from a YAML file, such as ``data/mocap/two_agents.yaml``.
-
-    Raises:
-        DocumentError: It cannot be read, or does not say what it must; says where.
-    """
+    """Read a mapping's YAML file, as ``data/mocap/two_agents.yaml``; DocumentError says where it is wrong."""
     return _mapping(Document.of_file(path))
 
 
 def read_mapping(text: str, *, file: str = "mapping.yaml") -> MocapMapping:
-    """Read a mapping from the text of a YAML file, whose name is for messages.
-
-    Raises:
-        DocumentError: It does not say what it must; says where.
-    """
+    """Read a mapping from a YAML file's text, its name for messages; DocumentError as of `load_mapping`."""
     return _mapping(Document(text, file))
 
 

@@ -76,11 +76,7 @@ class Problem:
         self._unknowns = 18 if self.half_s else 12
 
     def improved(self, guess: Guess, weights: Weights) -> Guess:
-        """Return what makes the weighted squares least, by Gauss and Newton's steps.
-
-        Raises:
-            MocapError: They do not settle.
-        """
+        """Return what makes weighted squares least, by Gauss-Newton; MocapError where that does not settle."""
         for _ in range(_STEPS):
             step = np.zeros(18)
             least = np.linalg.lstsq(self.jacobian(guess, weights), self._weighted(guess, weights))[0]

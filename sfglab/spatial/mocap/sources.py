@@ -94,12 +94,7 @@ class LogSource:
         self._reader, self._topics, self._clock = reader, dict(topics), clock
 
     def recorded(self) -> Iterator[Capture]:
-        """Yield all captures; receipt is the time of the log.
-
-        Raises:
-            LogError: The log has no such topic.
-            MocapError: A topic has another type.
-        """
+        """Yield all captures, received at log time; LogError without a topic, MocapError for another type."""
         types = {topic: info.type_name for topic, info in self._reader.topics.items()}
         for topic in self._topics.values():
             if types.get(topic, POSE) not in {POSE, TRANSFORM}:
@@ -146,11 +141,7 @@ class ViconSource:
         self._host, self._clock = host, clock
 
     async def captures(self) -> AsyncGenerator[Capture, None]:
-        """Connect, and yield what is sent.
-
-        Raises:
-            MocapError: The Tracker does not answer, or refuses a setting; also later, when the connection ends.
-        """
+        """Connect, yield what is sent; MocapError if the Tracker does not answer, refuses a setting or ends."""
         client = self._library.PyViconDatastream()
         loop = asyncio.get_running_loop()
         with ThreadPoolExecutor(1, thread_name_prefix="vicon") as thread:

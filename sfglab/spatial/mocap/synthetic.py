@@ -110,8 +110,7 @@ def synthetic_captures(
 def _seen(pose: Pose, flipped: bool, config: SyntheticConfig, rng: np.random.Generator) -> Pose:  # noqa: FBT001
     x, y, z, a, b, c = rng.normal(size=6).tolist()
     sway, shift = config.noise_rad / 2, config.noise_m
-    noise = Pose.at((x * shift, y * shift, z * shift), (a * sway, b * sway, c * sway, 1.0))
-    seen = pose @ noise
+    seen = pose @ Pose.at((x * shift, y * shift, z * shift), (a * sway, b * sway, c * sway, 1.0))
     return seen @ _HALF_TURN if flipped else seen
 
 

@@ -35,11 +35,7 @@ class Command(Protocol):
         """What the edit does, for the undo button."""
 
     def apply(self, scene: Scene) -> Scene:
-        """Return the scene after the edit.
-
-        Raises:
-            SceneError: It is not allowed.
-        """
+        """Return the scene after the edit; SceneError where it is not allowed."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -97,8 +93,7 @@ class Move:
 
     id: int  #: Which.
     parent: int  #: The new parent's id, or `ROOT`.
-    #: Where among the siblings there, counted without it; at the end where it is None.
-    index: int | None = None
+    index: int | None = None  #: Where among the siblings there, counted without it; None: at the end.
     keep_place: bool = True  #: It stays where it is in the scene; else it keeps its pose in its parent.
 
     label: ClassVar[str] = "Move in the tree"

@@ -40,7 +40,6 @@ if TYPE_CHECKING:
 
 _TOLERANCE_M = 1e-3
 
-
 _Body = tuple["ConflictKind", "ObstacleObject | ZoneObject", "Pose"]
 
 
@@ -69,13 +68,7 @@ class Conflict:
 
 def conflicts(scene: Scene) -> tuple[Conflict, ...]:
     """Return all warnings of a scene, by kind and in the tree's order."""
-    return (
-        *_between_agents(scene),
-        *_with_bodies(scene),
-        *_over_limits(scene),
-        *_outside(scene),
-        *_loose_ends(scene),
-    )
+    return (*_meetings(scene), *_touches(scene), *_over_limits(scene), *_outside(scene), *_loose_ends(scene))
 
 
 @functools.lru_cache(maxsize=4096)
@@ -89,31 +82,30 @@ def _to_body(motion: Trajectory, shape: Shape, pose: Pose) -> ObstacleApproach:
     return closest_to_shape(motion, shape, pose, tolerance_m=_TOLERANCE_M)
 
 
-def _between_agents(scene: Scene) -> Iterator[Conflict]:
+def _meetings(scene: Scene) -> Iterator[Conflict]:
     agents: list[AgentObject] = list(scene.all_of(AgentObject))
     motions = {agent.id: scene.motion(agent.id) for agent in agents}
     for a, b in combinations(agents, 2):
         found = _approach(motions[a.id], motions[b.id])
         clearance_m = found.distance_m - a.radius_m - b.radius_m
+        gap = f"are {clearance_m:.3f} m apart" if clearance_m >= 0 else f"overlap by {-clearance_m:.3f} m"
         if clearance_m < scene.margin_m:
             yield Conflict(
                 kind=ConflictKind.AGENTS,
                 objects=(a.id, b.id),
-                text=f"{a.name} and {b.name} {_distance(clearance_m)} {_when(found.time_s)}; "
-                f"allowed: {scene.margin_m:g} m",
+                text=f"{a.name} and {b.name} {gap} {_when(found.time_s)}; allowed: {scene.margin_m:g} m",
                 time_s=found.time_s,
                 position_m=_middle(found.position_a_m, found.position_b_m),
             )
 
 
-def _with_bodies(scene: Scene) -> Iterator[Conflict]:
+def _touches(scene: Scene) -> Iterator[Conflict]:
     obstacles = [(ConflictKind.OBSTACLE, thing) for thing in scene.all_of(ObstacleObject)]
     zones = [(ConflictKind.ZONE, z) for z in scene.all_of(ZoneObject) if z.rule is ZoneRule.FORBIDDEN]
     bodies = [(kind, thing, scene.world_pose(thing.id)) for kind, thing in [*obstacles, *zones]]
     for agent in scene.all_of(AgentObject) if bodies else ():
         motion = scene.motion(agent.id)
-        near = _near(motion, bodies, agent.radius_m)
-        for kind, thing, pose in (bodies[i] for i in near):
+        for kind, thing, pose in (bodies[i] for i in _near(motion, bodies, agent.radius_m)):
             found = _to_body(motion, thing.shape, pose)
             clearance_m = found.clearance_m - agent.radius_m
             if clearance_m < 0.0:
@@ -179,10 +171,6 @@ def _loose_ends(scene: Scene) -> Iterator[Conflict]:
         if not scene.held_by(driven.id):
             text = f"{driven.name}: there is no waypoint"
             yield Conflict(kind=ConflictKind.NO_WAYPOINTS, objects=(driven.id,), text=text)
-
-
-def _distance(clearance_m: float) -> str:
-    return f"are {clearance_m:.3f} m apart" if clearance_m >= 0 else f"overlap by {-clearance_m:.3f} m"
 
 
 def _when(time_s: float) -> str:

@@ -218,8 +218,7 @@ class Editor:
         copied = (original, *self.scene.walk(id_))
         new = {thing.id: self._history.next_id + i for i, thing in enumerate(copied)}
         copies = tuple(_copy(thing, new) for thing in copied)
-        siblings = self.scene.held_by(original.parent)
-        self.do(Add(objects=copies, index=siblings.index(id_) + 1))
+        self.do(Add(objects=copies, index=self.scene.held_by(original.parent).index(id_) + 1))
         return new[id_]
 
     def place(self, id_: int, world_pose: Pose) -> None:
@@ -237,11 +236,7 @@ class Editor:
             self._tell(Change(kind=ChangeKind.SELECTION))
 
     def set_time(self, time_s: float) -> None:
-        """Move the time slider.
-
-        Raises:
-            SceneError: It is no finite number.
-        """
+        """Move the time slider; SceneError where it is no finite number."""
         if not float("-inf") < time_s < float("inf"):
             raise SceneError("time", time_s, "a finite number of seconds")
         self.time_s = float(time_s)

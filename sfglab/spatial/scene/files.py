@@ -119,8 +119,7 @@ def read_scene(text: str, *, file: str = "scene.yaml") -> Scene:
 
     Raises:
         SceneError: It is not YAML, has unknown, doubled or missing keys, or says what a scene cannot be: a
-            doubled id, a parent inside its child, times that collide or run backwards, a bad number or
-            quaternion.
+            doubled id, a parent in its child, times that collide or run backwards, a bad number or quaternion.
     """
     try:
         return _scene(Document(text, file).section())
@@ -269,11 +268,7 @@ def _done(edit: Callable[[SceneObject], None], place: str, thing: SceneObject) -
 
 
 def load_scene(path: Path) -> Scene:
-    """Read a scene from a YAML file, such as ``data/scenes/hall.yaml``.
-
-    Raises:
-        SceneError: It cannot be read, or does not say what it must; says where.
-    """
+    """Read a scene file, such as ``data/scenes/hall.yaml``; SceneError says where and how it is wrong."""
     try:
         text = read_text(path)
     except InvalidValueError as error:

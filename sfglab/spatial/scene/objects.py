@@ -1,8 +1,7 @@
 """Objects of a scene (paper A, section 4.5): groups, agents, obstacles, zones, trajectories and waypoints.
 
 Each is a value with an id that no other object ever gets, a name, a parent, and a pose in the parent.
-Inspector, commands and file format go by the descriptions of properties, whose values may be given typed or
-plain.
+Inspector, commands and file format go by descriptions of properties, whose values may be given typed or plain.
 """
 
 from __future__ import annotations
@@ -39,19 +38,13 @@ class Property:
 
     name: str  #: Its name, with unit.
     allowed: str  #: What it may be, in words.
-    #: From a typed or plain value to the typed one; raises ValueError or TypeError.
-    parse: Callable[[Any], Any]
+    parse: Callable[[Any], Any]  #: From a typed or plain value to the typed; raises ValueError or TypeError.
     schema: Schema  #: What stands in a file, as JSON Schema.
     plain: Callable[[Any], Any] = lambda value: value  #: From the typed value to what stands in a file.
-    #: What may be chosen from, for a form; empty where anything else is asked for.
-    choices: tuple[str, ...] = ()
+    choices: tuple[str, ...] = ()  #: What may be chosen, for a form; empty where anything else is asked for.
 
     def typed(self, value: Any, place: str) -> Any:
-        """Return a value as the property holds it.
-
-        Raises:
-            SceneError: It is not allowed.
-        """
+        """Return a value as the property holds it; SceneError where it is not allowed."""
         try:
             return self.parse(value)
         except (ValueError, TypeError, KeyError, OverflowError) as error:
@@ -59,11 +52,7 @@ class Property:
 
 
 def as_name(value: Any) -> str:
-    """Return a name: 1 to 100 printable characters.
-
-    Raises:
-        ValueError: It is none.
-    """
+    """Return a name: 1 to 100 printable characters; ValueError where it is none."""
     if not isinstance(value, str) or not 0 < len(value) <= _LONGEST or not value.isprintable():
         raise ValueError(value)
     return value
@@ -120,9 +109,7 @@ def shape(name: str) -> Property:
     """Return the property of a body: box, sphere or cylinder."""
     forms = (f"{word} with {' and '.join(f.name for f in fields(of))}" for word, of in _SHAPES.items())
     schema = {"oneOf": [_shape_schema(word, of) for word, of in _SHAPES.items()]}
-    return Property(
-        name=name, allowed=" or ".join(forms), parse=_parsed_shape, plain=_plain_shape, schema=schema
-    )
+    return Property(name=name, allowed=" or ".join(forms), parse=_to_shape, plain=_plain_shape, schema=schema)
 
 
 def _shape_schema(word: str, of: type[Shape]) -> Schema:
@@ -145,7 +132,7 @@ def _number(value: Any) -> float:
     return float(value)
 
 
-def _parsed_shape(value: Any) -> Shape:
+def _to_shape(value: Any) -> Shape:
     sizes = _plain_shape(value) if isinstance(value, Box | Sphere | Cylinder) else dict(value)
     made = _SHAPES[sizes.pop("kind")]
     if sizes.keys() != {f.name for f in fields(made)}:
@@ -300,9 +287,8 @@ def checked_object(thing: SceneObject) -> SceneObject:
         raise SceneError(f"{place}, position", thing.pose.position_m, f"metres within {_FARTHEST_M:g} of 0")
     if isinstance(thing, WaypointObject):
         _check_time(thing)
-    return replace(
-        thing, **{p.name: p.typed(getattr(thing, p.name), f"{place}, {p.name}") for p in thing.properties}
-    )
+    typed = {p.name: p.typed(getattr(thing, p.name), f"{place}, {p.name}") for p in thing.properties}
+    return replace(thing, **typed)
 
 
 def _check_time(waypoint: WaypointObject) -> None:

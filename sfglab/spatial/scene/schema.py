@@ -63,12 +63,8 @@ def scene_schema() -> Schema:
     maker = SchemaMaker()
     top = maker.mapping(_SceneKeys)
     top["properties"] |= _described(Scene, SCENE_PROPERTIES)
-    kinds = [_kind_schema(maker, kind) for kind in KINDS.values() if kind is not WaypointObject]
-    top["properties"]["objects"] = {
-        "description": "What stands in it.",
-        "type": "array",
-        "items": {"oneOf": kinds},
-    }
+    things = {"oneOf": [_kind_schema(maker, kind) for kind in KINDS.values() if kind is not WaypointObject]}
+    top["properties"]["objects"] = {"description": "What stands in it.", "type": "array", "items": things}
     return maker.finished(top)
 
 

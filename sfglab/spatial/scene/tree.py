@@ -37,11 +37,7 @@ SCENE_PROPERTIES = (text("name"), text("frame_id"), length("margin_m", zero=True
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Scene:
-    """A tree of objects.
-
-    Raises:
-        SceneError: By every method that takes an id: there is no object of this id, or it is of another kind.
-    """
+    """A tree of objects; SceneError by every method that takes an id, for one of no object or another kind."""
 
     name: str = "scene"  #: For people.
     frame_id: str = "map"  #: The frame of what stands at the top, for messages.
@@ -153,8 +149,7 @@ class Draft:
 
     def remove(self, id_: int) -> None:
         """Take away an object with all it holds; a trajectory without its agent stays, without agent."""
-        thing = self.get(id_)
-        self._detach(thing)
+        self._detach(self.get(id_))
         pending = [id_]
         while pending:
             gone = pending.pop()
@@ -163,11 +158,7 @@ class Draft:
                 self._forget(gone)
 
     def put(self, thing: SceneObject) -> None:
-        """Replace an object by one of the same id and parent.
-
-        Raises:
-            SceneError: It is not allowed, or its time collides with another waypoint's.
-        """
+        """Replace an object by one of its id and parent; SceneError if not allowed, or its time is taken."""
         thing = checked_object(thing)
         self._check_agent(thing)
         before = self.get(thing.id)
@@ -182,8 +173,7 @@ class Draft:
     def put_times(self, trajectory: int, times_ns: list[int]) -> None:
         """Give all waypoints of a trajectory new times, which grow as the old ones did."""
         for id_, time_ns in zip(self._children.get(trajectory, ()), times_ns, strict=True):
-            moved = replace(self._waypoint(id_), time_ns=time_ns)
-            self._objects[id_] = checked_object(moved)
+            self._objects[id_] = checked_object(replace(self._waypoint(id_), time_ns=time_ns))
 
     def move(self, thing: SceneObject, parent: int, index: int | None) -> None:
         """Put an object, its pose that in the new parent, elsewhere; the index is without it, None the end.
@@ -245,8 +235,7 @@ class Draft:
         return index
 
     def _detach(self, thing: SceneObject) -> None:
-        held = self._children[thing.parent]
-        self._children[thing.parent] = tuple(id_ for id_ in held if id_ != thing.id)
+        self._children[thing.parent] = tuple(id_ for id_ in self._children[thing.parent] if id_ != thing.id)
         if isinstance(thing, WaypointObject):
             self._unsettled.add(thing.parent)
 

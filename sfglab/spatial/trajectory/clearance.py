@@ -272,9 +272,8 @@ def _least(
         coarse = chords.off_m > off_m
         if not coarse.any():
             break
-        chords = _Chords(
-            *map(np.concatenate, zip(chords.only(~coarse), chords.only(coarse).split(), strict=True))
-        )
+        both = chords.only(~coarse), chords.only(coarse).split()
+        chords = _Chords(*map(np.concatenate, zip(*both, strict=True)))
     start_m, end_m = relative(chords.start_s), relative(chords.end_s)
     share = lines.shares(start_m, end_m)
     tried = np.concatenate(
@@ -298,6 +297,5 @@ def _narrowed(low: Floats, high: Floats, gap: Callable[[Floats], Floats], *, rou
 
 def _sharpened(chords: _Chords, gap: Callable[[Floats], Floats]) -> Floats:
     """Return where a curve's distance is least inside the most promising of its chords."""
-    ends = np.minimum(gap(chords.start_s), gap(chords.end_s))
-    first = np.argsort(ends)[:_PARTS]
+    first = np.argsort(np.minimum(gap(chords.start_s), gap(chords.end_s)))[:_PARTS]
     return _narrowed(chords.start_s[first], chords.end_s[first], gap, rounds=_ROUNDS_ON_CURVES)

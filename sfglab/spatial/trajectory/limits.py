@@ -43,11 +43,7 @@ class Quantity(Enum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Limits:
-    """What an agent can do; None is no limit.
-
-    Raises:
-        TrajectoryError: A limit is not a finite number above zero.
-    """
+    """What an agent can do, None for no limit; TrajectoryError where one is no finite number above zero."""
 
     speed_m_s: float | None = None  #: Above zero.
     acceleration_m_s2: float | None = None  #: Above zero.

@@ -146,11 +146,7 @@ class Context:
     jobs: JobQueue  #: The thread.
 
     def on(
-        self,
-        job: Callable[[Any], object],
-        *,
-        read: Callable[[Any], Any] = lambda _: None,
-        key: Hashable = None,
+        self, job: Callable[[Any], object], *, read: Callable[[Any], Any] = lambda _: None, key: Hashable = None
     ) -> Callable[[Any], Awaitable[None]]:
         """Return a coroutine for viser, which awaits those in order, that reads an event and leaves a job."""
 

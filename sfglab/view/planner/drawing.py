@@ -111,10 +111,7 @@ class Drawing:
             )
             body.on_click(self._clicked(lambda _, id_=ghost.agent: id_))  # type: ignore[misc]
             label = self._api.add_label(
-                f"{name}/label",
-                ghost.name,
-                position=(0.0, 0.0, -agent.radius_m - _LIFT_M),
-                anchor="top-center",
+                f"{name}/label", ghost.name, position=(0.0, 0.0, -agent.radius_m - _LIFT_M), anchor="top-center"
             )
             self._ghosts[ghost.agent] = (frame, label)
 

@@ -241,10 +241,9 @@ def _parent(scene: Scene, thing: SceneObject) -> Field:
 
 def _place(thing: SceneObject) -> Iterator[Field]:
     position: Vec3 = _rounded3(thing.pose.position_m)
-    angles: Vec3 = _rounded3(yaw_pitch_roll_deg(thing.pose), _DECIMALS_DEG)
-    aligned = isinstance(thing, WaypointObject) and thing.align is not Align.NONE
-
     exact_deg = yaw_pitch_roll_deg(thing.pose)
+    angles: Vec3 = _rounded3(exact_deg, _DECIMALS_DEG)
+    aligned = isinstance(thing, WaypointObject) and thing.align is not Align.NONE
 
     def put(value: Vec3) -> Command:
         kept = _kept(value, position, thing.pose.position_m)
@@ -275,8 +274,7 @@ def _place(thing: SceneObject) -> Iterator[Field]:
 def _turned(pose: Pose, angles_deg: Vec3) -> Pose:
     from scipy.spatial.transform import Rotation
 
-    turn = Rotation.from_euler("ZYX", angles_deg, degrees=True)
-    return Pose.from_rotation(pose.position_m, turn)
+    return Pose.from_rotation(pose.position_m, Rotation.from_euler("ZYX", angles_deg, degrees=True))
 
 
 def _set_scene(key: str, value: Any) -> Command:

@@ -1,7 +1,4 @@
-"""A scene in numbers and words for the screen: rows of its list, colours, lines, outlines, first camera. Pure.
-
-Refuses to know viser.
-"""
+"""A scene as numbers and words for a screen: rows, colours, lines, outlines, first camera. Pure, no viser."""
 
 from __future__ import annotations
 
@@ -125,11 +122,7 @@ def camera_for(scene: Scene) -> tuple[Vec3, Vec3]:
         for thing in scene.walk()
         if isinstance(thing, AgentObject | ObstacleObject | ZoneObject | WaypointObject)
     }
-    reach = {
-        thing.id: thing.shape.reach_m
-        for thing in scene.walk()
-        if isinstance(thing, ObstacleObject | ZoneObject)
-    }
+    reach = {t.id: t.shape.reach_m for t in scene.walk() if isinstance(t, ObstacleObject | ZoneObject)}
     if not centres:
         return (-5.0, -6.0, 5.0), (0.0, 0.0, 0.0)
     points = np.array(list(centres.values()))

@@ -100,18 +100,17 @@ class Inspector(Part):
 
     def __init__(self, context: Context, container: Any) -> None:
         super().__init__(context, container)
+        gui = context.server.gui
         self._makers: dict[FieldKind, Callable[[Field], Any]] = {
-            FieldKind.TEXT: lambda f: context.server.gui.add_text(f.label, f.value, hint=f.hint),
-            FieldKind.NUMBER: lambda f: context.server.gui.add_number(
+            FieldKind.TEXT: lambda f: gui.add_text(f.label, f.value, hint=f.hint),
+            FieldKind.NUMBER: lambda f: gui.add_number(
                 f.label, float(f.value), min=0.0, step=_STEP, hint=f.hint
             ),
-            FieldKind.VECTOR: lambda f: context.server.gui.add_vector3(
-                f.label, f.value, step=_STEP, hint=f.hint
-            ),
-            FieldKind.CHOICE: lambda f: context.server.gui.add_dropdown(
+            FieldKind.VECTOR: lambda f: gui.add_vector3(f.label, f.value, step=_STEP, hint=f.hint),
+            FieldKind.CHOICE: lambda f: gui.add_dropdown(
                 f.label, f.choices, initial_value=f.value, hint=f.hint
             ),
-            FieldKind.SWITCH: lambda f: context.server.gui.add_checkbox(f.label, f.value, hint=f.hint),
+            FieldKind.SWITCH: lambda f: gui.add_checkbox(f.label, f.value, hint=f.hint),
         }
         self._form: tuple[object, ...] = ()
         self._folder: Any = None
@@ -145,8 +144,7 @@ class Inspector(Part):
         thing = self._context.editor.scene.objects.get(id_)
         gui = self._context.server.gui
         with self._container:
-            kind = f"{thing.kind}: " if thing else ""
-            self._folder = gui.add_folder(kind + title)
+            self._folder = gui.add_folder((f"{thing.kind}: " if thing else "") + title)
         with self._folder:
             self._widgets = {field.key: self._add(id_, field) for field in fields}
             if isinstance(thing, TrajectoryObject) and thing.agent is not None:
@@ -200,9 +198,8 @@ class Timeline(Part):
         gui = context.server.gui
         first, last = self._span()
         with container:
-            self._slider = gui.add_slider(
-                "time (s)", first, last, _STEP_S, min(max(context.editor.time_s, first), last)
-            )
+            shown = min(max(context.editor.time_s, first), last)
+            self._slider = gui.add_slider("time (s)", first, last, _STEP_S, shown)
             self._button = gui.add_button("Play", icon=context.viser.Icon.PLAYER_PLAY)
         self._slider.on_update(context.on(context.editor.set_time, read=lambda e: e.target.value, key="time"))
         self._button.on_click(context.on(lambda _: self._toggle()))

@@ -238,8 +238,7 @@ def show_planner(scene: Path | str | Editor, *, port: int = 0, height_px: int = 
     """Return an editor to look at in a notebook's cell, or at its `url`.
 
     Where JupyterLab runs the kernel, the editor's page is below its address; else the browser must reach this
-    machine at 127.0.0.1. The scene is a file, which need not exist yet, or an editor; port 0 is any that is
-    free.
+    machine at 127.0.0.1. The scene is a file, which need not exist yet, or an editor; port 0 is any free one.
 
     Raises:
         SceneError: The file is no scene.

@@ -64,8 +64,7 @@ def add_waypoint(editor: Editor) -> int:
         pose = Pose.at(ahead.tolist(), last.pose.quat_xyzw)
         before = path.waypoints[-2].time_ns if len(path.waypoints) > 1 else last.time_ns - 2 * NS_PER_S
         align = editor.scene.of_kind(editor.scene.held_by(id_)[-1], WaypointObject).align
-        time_ns = 2 * last.time_ns - before
-        made = editor.insert_waypoint(id_, time_ns=time_ns, pose=pose, align=align)
+        made = editor.insert_waypoint(id_, time_ns=2 * last.time_ns - before, pose=pose, align=align)
     editor.select(made)
     return made
 

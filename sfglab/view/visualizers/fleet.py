@@ -122,8 +122,7 @@ class FleetLinks:
 
     def discovered(self, agent: str, *, is_lost: bool) -> None:
         """Take what a discoverer says of an agent; a heartbeat afterwards says otherwise again."""
-        known = self._agent(agent)
-        if known is not None:
+        if (known := self._agent(agent)) is not None:
             known.said_lost = is_lost
 
     def endpoint(self, topic: str, gid: bytes, *, is_there: bool) -> None:
@@ -164,13 +163,12 @@ class FleetLinks:
 def _link(agent: str, known: _Known, now_ns: int) -> AgentLink:
     age_ns = None if known.beat_ns is None else max(0, now_ns - known.beat_ns)
     decoded = len(set(known.decoders.values()))
-    services = Services.UP if decoded else Services.DOWN if known.ever_decoded else Services.NONE
     return AgentLink(
         agent=agent,
         life=_life(known, age_ns),
         age_ns=age_ns,
         restarts=known.restarts,
-        decoders=services,
+        decoders=Services.UP if decoded else Services.DOWN if known.ever_decoded else Services.NONE,
         decoded=decoded,
         dropped=sum(dropped for dropped, _ in known.health.values()),
         lost=sum(lost for _, lost in known.health.values()),
@@ -199,11 +197,7 @@ LIFE_COLORS = {
 }
 """From the palette of Okabe and Ito, which the colour-blind tell apart."""
 
-_DECODER_COLORS = {
-    Services.NONE: (150, 150, 150),
-    Services.UP: (0, 158, 115),
-    Services.DOWN: (213, 94, 0),
-}
+_DECODER_COLORS = {Services.NONE: (150, 150, 150), Services.UP: (0, 158, 115), Services.DOWN: (213, 94, 0)}
 _RING = np.linspace(0, 2 * math.pi, 49)
 
 
@@ -337,8 +331,7 @@ class Communication(Visualizer):
     def _draw_ring(self, link: AgentLink, entity: str, canvas: Canvas) -> None:
         color, radius_m = LIFE_COLORS[link.life], self["radius_m"]
         circle = np.column_stack([np.cos(_RING), np.sin(_RING), np.zeros(len(_RING))]) * radius_m
-        frame = str(self["frame"]).replace("{agent}", link.agent)
-        canvas.place(entity, frame)
+        canvas.place(entity, str(self["frame"]).replace("{agent}", link.agent))
         ring = rr.LineStrips3D(
             [circle], colors=[color], radii=radius_m / 40, labels=[describe(link)], show_labels=True
         )

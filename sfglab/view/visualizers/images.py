@@ -62,8 +62,7 @@ class Image(Visualizer):
         if message.encoding in ("16UC1", "32FC1"):
             canvas.log(self.entity, _depth(array, message.encoding, self["depth_max_m"]))
             return
-        model = _MODELS.get(message.encoding, "L")
-        canvas.log(self.entity, rr.Image(array, model, opacity=self["opacity"]))
+        canvas.log(self.entity, rr.Image(array, _MODELS.get(message.encoding, "L"), opacity=self["opacity"]))
 
 
 class CompressedImage(Visualizer):
@@ -162,8 +161,7 @@ class _Video(Visualizer):
         if not self._complete and self["wait_for_key"]:
             return
         canvas.place(self.entity, image_plane(frame, self.topics["video"]))
-        columns = rr.VideoStream.from_fields(sample=bytes(update.only.data), is_keyframe=is_key)
-        canvas.log(self.entity, columns)
+        canvas.log(self.entity, rr.VideoStream.from_fields(sample=bytes(update.only.data), is_keyframe=is_key))
 
 
 class FfmpegVideo(_Video):

@@ -150,30 +150,22 @@ def _arrow(marker: Any) -> Any:
 
 
 def _boxes(marker: Any) -> Any:
-    centers, quaternions, sizes = _instances(marker)
-    return rr.Boxes3D(
-        centers=centers, quaternions=quaternions, sizes=sizes, colors=_colors(marker), fill_mode="solid"
-    )
+    placed, sizes = _instances(marker)
+    return rr.Boxes3D(sizes=sizes, **placed)
 
 
 def _spheres(marker: Any) -> Any:
-    centers, quaternions, sizes = _instances(marker)
-    return rr.Ellipsoids3D(
-        centers=centers,
-        quaternions=quaternions,
-        half_sizes=sizes / 2,
-        colors=_colors(marker),
-        fill_mode="solid",
-    )
+    placed, sizes = _instances(marker)
+    return rr.Ellipsoids3D(half_sizes=sizes / 2, **placed)
 
 
-def _instances(marker: Any) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
-    """Return centres, orientations and sizes: one at the pose, or of a list one at each point."""
+def _instances(marker: Any) -> tuple[dict[str, Any], NDArray[Any]]:
+    """Return centres, orientations and look, and sizes: one at the pose, or of a list one at each point."""
     position, quaternion = pose_arrays(marker.pose)
-    single = marker.type in (_CUBE, _SPHERE)
-    centers = position[None] if single else _points(marker)
-    count = len(centers)
-    return centers, np.tile(quaternion, (count, 1)), np.tile(_scale(marker), (count, 1))
+    centers = position[None] if marker.type in (_CUBE, _SPHERE) else _points(marker)
+    turned, sizes = np.tile(quaternion, (len(centers), 1)), np.tile(_scale(marker), (len(centers), 1))
+    placed = {"centers": centers, "quaternions": turned, "colors": _colors(marker), "fill_mode": "solid"}
+    return placed, sizes
 
 
 def _cylinder(marker: Any) -> Any:

@@ -25,9 +25,7 @@ _MOST_FRAMES = 10_000
 """How many frames are drawn at most, so that a sender of ever new ones does not fill the memory."""
 
 _AXES = np.array([(255, 60, 60), (60, 220, 60), (80, 120, 255)], np.uint8)
-_AXIS_LENGTH = Parameter(
-    "axis_length_m", 0.3, "length of the axes, m; 0 hides them", minimum=0.0, maximum=100.0
-)
+_AXIS_LENGTH = Parameter("axis_length_m", 0.3, "length of the axes, m; 0 hides them", minimum=0, maximum=100.0)
 _WIDTH = Parameter("width_m", 0.01, "radius of a line, m", minimum=0.001, maximum=1.0)
 
 
@@ -177,8 +175,8 @@ class Odometry(Visualizer):
             self._trail = deque(self._trail, maxlen=self["trail"])
         self._trail.append(pose_arrays(pose)[0])
         if len(self._trail) > 1:
-            strip = [np.array(self._trail)]
-            canvas.log(f"{self.entity}/trail", rr.LineStrips3D(strip, radii=self["width_m"]))
+            trail = rr.LineStrips3D([np.array(self._trail)], radii=self["width_m"])
+            canvas.log(f"{self.entity}/trail", trail)
 
     def _log_covariance(self, pose: Any, canvas: Canvas) -> None:
         ellipsoid = covariance_ellipsoid(np.asarray(pose.covariance).reshape(6, 6)[:3, :3])

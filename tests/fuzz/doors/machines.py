@@ -31,8 +31,5 @@ DOORS = {
 }
 ATTACKS = [
     *(("archive", data) for data in (SPARSE.tobuf(), BENT.tobuf(), b"x" * 600, gzip.compress(bytes(2**28)))),
-    *(
-        ("machine", data)
-        for data in (b"/etc/group a\n", b"/a\0b YQ==\n", b"/etc\n/etc/group\n", b"/" + b"a" * 300)
-    ),
+    *(("machine", d) for d in (b"/etc/group a\n", b"/a\0b YQ==\n", b"/etc\n/etc/group\n", b"/" + b"a" * 300)),
 ]

@@ -18,10 +18,8 @@ JPEG = codecs.compressed_image_fields(COLOURS[:48, :64].copy()).data
 
 def picture(kind, begin, **fields):
     """One stream of a small announced size; after each input the next good one must show."""
-    decoder, good = (
-        codecs.image_decoder(kind, most_pixels=640 * 360),
-        SimpleNamespace(pts=1, **fields, data=begin),
-    )
+    decoder = codecs.image_decoder(kind, most_pixels=640 * 360)
+    good = SimpleNamespace(pts=1, **fields, data=begin)
 
     def read(data):
         try:

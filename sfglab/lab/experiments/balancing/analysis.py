@@ -91,8 +91,7 @@ def _compared(rng: np.random.Generator) -> Iterator[Case]:
             alike = exactly_equal(first, second) or nearly_equal(9.0)(first, second)
             yield f"{first!r} and {second!r}", not alike
         yield "no number", exactly_equal(nan, float("nan")) and exactly_equal(float("inf"), float("inf"))
-        ignoring = nearly_equal(0.0, ignore=frozenset({"stamp"}))
-        yield "ignored", ignoring(same["message"], changed["message"])
+        yield "ignored", nearly_equal(0.0, ignore=frozenset({"stamp"}))(same["message"], changed["message"])
 
 
 def _kinds(x: float, count: int, d: float) -> dict[str, Any]:
@@ -211,8 +210,7 @@ _SHADES = ("#cfe3f2", "#86b9de", "#3d8fc8", COLORS["proxy"])
 def draw_caches(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     """Draw what the local cache holds back of each sensor's readings, a group of bars a sensor."""
     table, axes = saved(run), figure.subplots()
-    shown = (100 * table).rename(columns=lambda rate: f"{rate} Hz")
-    grouped_bars(axes, shown, _SHADES, width=0.8)
+    grouped_bars(axes, (100 * table).rename(columns=lambda rate: f"{rate} Hz"), _SHADES, width=0.8)
     change = run["table_one"].set_index("sensor")["change_s"]
     names = [f"{name}\nchanges every\n{change[name]:g} s" for name in table.index]
     axes.set_xticks(range(len(table)), names, fontsize=8)
@@ -232,8 +230,7 @@ def draw_lost_changes(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     course, share = figure.subplots(1, 2)
     _draw_courses(course, run["shown"], shown_of(run.config))
     _draw_staleness(share, staleness(run))
-    loss = run.config.loss
-    figure.suptitle(f"A lost change stays lost: local cache on a link that loses {loss:.0%}")
+    figure.suptitle(f"A lost change stays lost: local cache on a link that loses {run.config.loss:.0%}")
     runs, each_s = run.config.stale_seeds, run.config.stale_s
     note(figure, f"simulated; right: {runs} seeds of {each_s:g} s together; at a point: the longest silence")
     return {"stale": staleness(run)}
@@ -262,8 +259,7 @@ def _draw_courses(axes: Axes, shown: pd.DataFrame, lanes: Sequence[tuple[str, fl
     end = float(np.ceil(shown["t_s"].max()))
     for lane, (qos, silence_s) in enumerate(lanes):
         part = shown[(shown["qos"] == qos) & (shown["silence_s"] == silence_s)]
-        steps = {w: part[part["where"] == w] for w in ("sensor", "station")}
-        _draw_lane(axes, -lane, steps, end)
+        _draw_lane(axes, -lane, {w: part[part["where"] == w] for w in ("sensor", "station")}, end)
         text = f"{qos}, " + (f"silence at most {silence_s:g} s" if silence_s else "no longest silence")
         axes.text(0.3, -lane + 0.33, text, fontsize=8)
     axes.set(yticks=[], xlim=(0, end), ylim=(-len(lanes) + 0.5, 0.75), xlabel="time (s)")
@@ -274,9 +270,7 @@ def _draw_courses(axes: Axes, shown: pd.DataFrame, lanes: Sequence[tuple[str, fl
 
 def _draw_lane(axes: Axes, y: float, steps: dict[str, Any], end: float) -> None:
     times = np.unique(np.concatenate([s["t_s"].to_numpy() for s in steps.values()]))
-    both = [
-        np.append(s["value"], -1)[np.searchsorted(s["t_s"], times, side="right") - 1] for s in steps.values()
-    ]
+    both = [np.append(s["value"], -1)[np.searchsorted(s["t_s"], times, "right") - 1] for s in steps.values()]
     for t, lasting, true, known in zip(times, np.diff([*times, end]), *both, strict=True):
         color = COLORS["standard"] if true != known else COLORS["proxy"]
         shade = 0.9 if true != known or true % 2 else 0.4
@@ -287,8 +281,7 @@ def _draw_staleness(axes: Axes, table: pd.DataFrame) -> None:
     """Draw the share of time with a stale value against the messages that it costs."""
     for qos, color in (("best effort", "standard"), ("reliable", "proxy")):
         part = table[table["qos"] == qos].sort_values("messages_hz")
-        label = f"{qos}, KEEP_LAST 1"
-        axes.plot(part["messages_hz"], 100 * part["stale_share"], label=label, **series(color))
+        axes.plot(part["messages_hz"], 100 * part["stale_share"], label=f"{qos}, KEEP_LAST 1", **series(color))
     points = table[table["qos"] == "best effort"][["silence_s", "messages_hz", "stale_share"]].to_numpy()
     for silence_s, messages_hz, share in points:
         text, place = f"{silence_s:g} s" if silence_s else "none", (messages_hz, 100 * share)

@@ -4,8 +4,6 @@ Three robots go around a hallway on what messages tell a station and its command
 home, by method and rate, simulated with the reliability model of `sfglab.rtps`, and live over DDS.
 """
 
-from __future__ import annotations
-
 from sfglab.lab.experiments.cooperation.analysis import courses, difference, failures, rates, staleness
 from sfglab.lab.experiments.cooperation.experiment import exp
 from sfglab.lab.experiments.cooperation.figures import film

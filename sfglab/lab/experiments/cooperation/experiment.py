@@ -45,7 +45,6 @@ _CONTRASTED = ("none", "LC", "OPT", "OPT+LC")
 _MEDIUM = Medium()
 _SCAN_STEPS = round(NS_PER_S / hallway.SCAN_HZ / hallway.STEP_NS)
 
-
 MethodName = Literal["none", "OPT", "CC", "LC", "OPT+CC", "OPT+LC", "OPT+LC+CC"]
 
 
@@ -429,11 +428,7 @@ def point_of(row: Any, config: Config) -> Point:
     return Point(**given, medium=Medium(loss=row.loss))
 
 
-def _contrasted(config: Config) -> range:
-    return seeded(config, config.contrast_seeds)
-
-
-@exp.sweep("contrast", over=contrasts_of, seeds=_contrasted, at_ns=_ended_ns)
+@exp.sweep("contrast", over=contrasts_of, seeds=lambda c: seeded(c, c.contrast_seeds), at_ns=_ended_ns)
 @exp.sweep("course", over=points_of, at_ns=_ended_ns)
 def run_point(point: Point, seed: int) -> CourseRow:
     """Run a point with a seed."""

@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from numpy.typing import NDArray
 
-
 RUN_COLORS = {"success": COLORS["third"], "failure": COLORS["standard"]}
 _ROBOT_COLORS = {"robot1": COLORS["proxy"], "robot2": "#E69F00", "robot3": "black"}
 _MARK_S = 10.0
@@ -113,9 +112,8 @@ def _draw_run(axes: Axes, tracks: pd.DataFrame, name: str, example: dict[str, An
 def draw_area(axes: Axes, robot: str, color: str = COLORS["network"]) -> None:
     """Draw a robot's hallway, its boxes in a colour, and its home."""
     [area] = [area for area in AREAS if area.robot == robot]
-    walls = 2 * len(WAYPOINTS)
     for number, (ax, ay, bx, by) in enumerate(area.segments):
-        axes.plot([ax, bx], [ay, by], color="black" if number < walls else color, linewidth=1.3)
+        axes.plot([ax, bx], [ay, by], color="black" if number < 2 * len(WAYPOINTS) else color, linewidth=1.3)
     for box in area.boxes:
         axes.fill(*box.corners().T, color=color, alpha=0.6)
     axes.plot(*HOME[:2], "+", color="black", markersize=9)
@@ -199,8 +197,7 @@ def draw_contrasts(figure: Figure, run: Run[Config]) -> dict[str, Any]:
         for spot, method in zip(at.tolist(), table.index, strict=True):
             rate, (won, of) = table[kind][method], (count[kind][method] for count in counts)
             said = "not run" if np.isnan(rate) else f"{won:.0f} of {of:.0f}"
-            where = (spot, 100 * np.nan_to_num(rate))
-            axes.annotate(said, where, ha="center", va="bottom", fontsize=7.5)
+            axes.annotate(said, (spot, 100 * np.nan_to_num(rate)), ha="center", va="bottom", fontsize=7.5)
     axes.set_xticks(range(len(table)), list(table.index))
     axes.set(ylabel="rounds completed (%)", ylim=(0, 112))
     axes.legend(loc="upper left", ncols=2)
@@ -233,8 +230,7 @@ def off_m(tracks: pd.DataFrame, robot: str) -> NDArray[np.float64]:
     both = [way[["x_m", "y_m"]].to_numpy() for way in (live, simulated)]
     # The other way may have come further; its end alone does not count.
     apart = np.linalg.norm(both[0][:, None] - both[1][None], axis=2)
-    within = apart.argmin(axis=1) < len(both[1]) - 1
-    return np.array([live["t_s"], apart.min(axis=1)])[:, within]
+    return np.array([live["t_s"], apart.min(axis=1)])[:, apart.argmin(axis=1) < len(both[1]) - 1]
 
 
 def apart_m(tracks: pd.DataFrame) -> float:

@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from numpy.typing import NDArray
 
-
 WRONG_M = 0.1
 """By which a beam that the station has is wrong; in a turn of the LIDAR a robot comes a fifth of it ahead."""
 _FAR_M = 99.0  # stands for infinite
@@ -63,8 +62,7 @@ class Replay(Pressed):
         turn, late = self.turn.value, panels["late"]
         tracks = self.run.tracks[turn * len(ROBOTS) :][: len(ROBOTS)]
         for i, track in enumerate(tracks):
-            measured, believed = self.run.beliefs[turn][:, i]
-            _draw_robot(panels[track.robot], track, measured, believed)
+            _draw_robot(panels[track.robot], track, *self.run.beliefs[turn][:, i])
             times = np.arange(len(self.late_s)) / SCAN_HZ
             color = COLORS[_COLORS[track.robot]]
             late.plot(times, self.late_s[:, i], color=color, label=track.robot, linewidth=1)

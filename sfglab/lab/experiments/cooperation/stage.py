@@ -54,7 +54,6 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from sfglab.arp.hallway import Area
     from sfglab.component import Report
     from sfglab.lab.bench import Bench
     from sfglab.lab.experiments.transmission.stage import LiveHosts
@@ -101,7 +100,7 @@ AREA_SHIFT_M = 7.0  #: How far apart areas are drawn, to the right.
 _BY_ROBOT = {area.robot: (AREA_SHIFT_M * number, area) for number, area in enumerate(hallway.AREAS)}
 
 
-def scan_at(area: Area, x: float, y: float, heading: float) -> NDArray[np.float64]:
+def scan_at(area: hallway.Area, x: float, y: float, heading: float) -> NDArray[np.float64]:
     """Return what a robot's LIDAR measures at a pose, metres, infinity without an echo, shape (beams,)."""
     ranges = np.empty(len(hallway.BEAMS_DEG))
     scan(area.segments, np.array((x, y, heading)), np.radians(hallway.BEAMS_DEG), ranges)
@@ -140,7 +139,7 @@ def _scan(track: TrackRow, frame: str, now_ns: int) -> Any:
     return message
 
 
-def _walls(area: Area) -> Any:
+def _walls(area: hallway.Area) -> Any:
     """Return both ends of every wall, one after the other, where the area is drawn."""
     message = _new("visualization_msgs/msg/Marker", "map", 0)
     message.ns = area.robot
@@ -149,8 +148,7 @@ def _walls(area: Area) -> Any:
     message.color.r = message.color.g = message.color.b = np.float32(0.6)
     message.color.a = np.float32(1.0)
     shift, point = _BY_ROBOT[area.robot][0], message_type("geometry_msgs/msg/Point")
-    ends = area.segments.reshape(-1, 2).tolist()
-    message.points = [point(x=x + shift, y=y, z=0.0) for x, y in ends]
+    message.points = [point(x=x + shift, y=y, z=0.0) for x, y in area.segments.reshape(-1, 2).tolist()]
     return message
 
 
@@ -210,8 +208,7 @@ class LiveDrive:
         elif report["is"] == "pose":
             self._last[name] = report
             x_m, y_m, heading_rad = report["pose"]
-            track = TrackRow("live", name, report["t_s"], x_m, y_m, heading_rad, self._manoeuvre)
-            self.tracks.append(track)
+            self.tracks.append(TrackRow("live", name, report["t_s"], x_m, y_m, heading_rad, self._manoeuvre))
 
     def ended(self) -> bool:
         """Judge, and return whether it has ended."""
@@ -265,10 +262,8 @@ def _member(host: Host, point: Point, seed: int) -> Member:
 
 # --- On real Fast DDS -----------------------------------------------------------------------------------------
 
-_ON_ROS2 = (
-    "On real Fast DDS, once each, and in the model; no value where the schedule was not kept (Rmax 100 Hz)"
-)
-declare(exp, _ON_ROS2)
+_TITLE = "On real Fast DDS, once each, and in the model; no value where the schedule was not kept (Rmax 100 Hz)"
+declare(exp, _TITLE)
 
 
 class RosCell(NamedTuple):
@@ -292,11 +287,10 @@ def ros_cells(config: Config) -> list[RosCell]:
     whole = config.ros2_s >= hallway.LIMIT_S
     methods: Any = ("none", "LC", "OPT", "OPT+LC") if whole else ("none", "OPT+LC")
     depths = DEPTHS if whole else DEPTHS[1:2]
-    points = points_of(replace(config, methods=methods, rates_hz=(KEPT_HZ,), depths=depths))
     return [
         RosCell(mode, pace, replace(point, vendor=mode))
         for mode in (("fast_dds_sync", "fast_dds_async") if whole else ("fast_dds_async",))
-        for point in points
+        for point in points_of(replace(config, methods=methods, rates_hz=(KEPT_HZ,), depths=depths))
         for pace in (1.0, 2.0)
         if (pace == 2.0) == (point.method == "none") or (point.method, point.depth) == ("LC", DEPTHS[1])
     ]

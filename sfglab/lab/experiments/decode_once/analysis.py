@@ -18,7 +18,6 @@ if TYPE_CHECKING:
 
     import pandas as pd
 
-
 PAPER_CPU = (6.5, 1.8)  #: Per cent of one core per subscriber, standard and decoder (paper A, section 5.2).
 PAPERS_WAY = HANDED_ON[0]
 WAYS = {"dds": "DDS", "proxy": "shared memory"}  #: What the decoder hands pictures on by, by mode.
@@ -74,9 +73,9 @@ def modes_of(run: Run[Config], codec: str = "h264") -> tuple[str, ...]:
     return tuple(mode for mode in ("standard", *HANDED_ON) if numbers.get(mode, 0) > 1)
 
 
-def papers_way(run: Run[Config], codec: str = "h264") -> str:
+def papers_way(run: Run[Config]) -> str:
     """Return the decoder's mode that stands for the paper's: by DDS; in a log without it, by shared memory."""
-    return PAPERS_WAY if PAPERS_WAY in modes_of(run, codec) else "proxy"
+    return PAPERS_WAY if PAPERS_WAY in modes_of(run) else "proxy"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -125,8 +124,7 @@ class CostModel:
 
 def design(mode: str, count: float) -> tuple[float, float, float]:
     """Return the factors of (net, dec, ipc) in Eq. 2 (standard), Eq. 3 (decoder), or receiving alone."""
-    alone = {"standard": (count, count, 0.0), "network": (count, 0.0, 0.0)}
-    return alone.get(mode, (1.0, 1.0, count))
+    return {"standard": (count, count, 0.0), "network": (count, 0.0, 0.0)}.get(mode, (1.0, 1.0, count))
 
 
 def _fit_costs(rows: Floats) -> Floats:
@@ -215,16 +213,13 @@ def stream_facts(run: Run[Config]) -> StreamFacts:
     """Measure the stream from the raw messages in the log."""
     from sfglab.messages import ns_from_stamp
 
-    topic = run.metadata("stream_h264")["topic"]
-    packets = [entry.message for entry in run.messages(topic)]
+    packets = [entry.message for entry in run.messages(run.metadata("stream_h264")["topic"])]
     stamps = np.array([ns_from_stamp(p.header.stamp) for p in packets])
     fps = float((len(stamps) - 1) * 1e9 / (stamps[-1] - stamps[0]))
-    keys = [p.pts for p in packets if p.flags & 1]
-    gaps = [*{*np.diff(keys).tolist()}]
+    gaps = [*{*np.diff([p.pts for p in packets if p.flags & 1]).tolist()}]
     sizes = np.array([len(p.data) for p in packets], dtype=np.float64)
-    rate = bootstrap([sizes], lambda g: float(np.mean(g[0])) * 8 * fps / 1e6, unit="Mbit/s")
     return StreamFacts(
-        bitrate=rate,
+        bitrate=bootstrap([sizes], lambda g: float(np.mean(g[0])) * 8 * fps / 1e6, unit="Mbit/s"),
         width=packets[0].width,
         height=packets[0].height,
         fps=fps,
@@ -324,10 +319,8 @@ def fit_residual(run: Run[Config]) -> Finding:
         ours = cost_model(run)
         details["ours, by shared memory"] = f"c_ipc {ours.ipc}, residual {ours.residual}, lack {ours.lack}"
     off = 100 * (means["error"] / means["fitted"]).groupby(means["subscribers"]).mean()
-    ends = (
-        f"with the fewest subscribers loads are {off.iloc[0]:+.1f} % off, with the most {off.iloc[-1]:+.1f} %"
-    )
-    said = f"lack of fit {fit.lack}: {ends}; " if fit.lack and fit.lack.p < 0.05 else ""
+    at = f"with the fewest subscribers loads are {off.iloc[0]:+.1f} % off, with the most {off.iloc[-1]:+.1f} %"
+    said = f"lack of fit {fit.lack}: {at}; " if fit.lack and fit.lack.p < 0.05 else ""
     if way != PAPERS_WAY:
         said = "the log has no cells of DDS, so this is shared memory's fit; " + said
     reason = (

@@ -37,7 +37,6 @@ if TYPE_CHECKING:
 
     from sfglab.lab.runs import Run
 
-
 PAPER_NET_MBIT = 4.0
 LABELS = {
     "standard": "standard: each decodes",

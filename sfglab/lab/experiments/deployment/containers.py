@@ -27,7 +27,6 @@ if TYPE_CHECKING:
 
     from sfglab.deploy.bundle import Bundle
 
-
 OUTSIDER = "outsider"
 MEETING_S = 120.0
 LOOKING_S = 2.0
@@ -69,8 +68,7 @@ async def _start(
 def _fleet_file(deployment: Deployment, folder: Path, *, interface: str) -> Path:
     """Write the fleet file as the containers read it, with the test hosts' interface as the way out."""
     text = deployment.release.fleet_text
-    names = {agent.global_interface for agent in deployment.fleet.agents} - {None}
-    for name in names:
+    for name in {agent.global_interface for agent in deployment.fleet.agents} - {None}:
         text = text.replace(f"interface: {name}", f"interface: {interface}")
     path = folder / "fleet.yaml"
     path.write_text(text, encoding="utf-8")
@@ -79,10 +77,9 @@ def _fleet_file(deployment: Deployment, folder: Path, *, interface: str) -> Path
 
 def _commands(bundle: Bundle, fleet: Path) -> dict[str, list[str]]:
     """Return the commands of a Compose project's services, with the fleet file where it is here."""
-    services = yaml.safe_load(bundle.members["compose.yaml"].data)["services"]
     return {
         name: [str(fleet) if part == FLEET_FILE else part for part in service["command"]]
-        for name, service in services.items()
+        for name, service in yaml.safe_load(bundle.members["compose.yaml"].data)["services"].items()
     }
 
 
@@ -122,12 +119,9 @@ async def _discovered(process: asyncio.subprocess.Process, wanted: set[str]) -> 
 async def _look(outside: Host, pairs: Sequence[tuple[Deployment, Bundle]]) -> dict[int, list[str]]:
     domains = (pairs[0][0].network.global_domain, *(d.network.local_domain for d, _ in pairs))
     addresses = tuple(BusAddress(domain_id=domain, interface=outside.interface) for domain in domains)
-    onlooker = Member(
-        name="onlooker",
-        module="sfglab.lab.workers.graph_observer",
-        config=ObserverConfig(addresses=addresses, seconds=LOOKING_S),
-        ready="seen",
-    )
+    config = ObserverConfig(addresses=addresses, seconds=LOOKING_S)
+    module = "sfglab.lab.workers.graph_observer"
+    onlooker = Member(name="onlooker", module=module, config=config, ready="seen")
     start_s = LOOKING_S + MEETING_S
     async with ProcessGroup(lambda _, command: outside.argv(command), [onlooker], start_s=start_s) as group:
         seen = group["onlooker"].readiness
@@ -158,6 +152,5 @@ def _global_row(pairs: Sequence[tuple[Deployment, Bundle]], seen: dict[int, list
     local = [t for t in topics if not re.fullmatch(r"(rq|rr)?/(global/.*|tf|tf_static)", t)]
     wrong = local or ["no heartbeat"] * ("/global/agent_heartbeat" not in topics)
     example = local[0] if local else f"{len(topics)} endpoints, {len(set(topics))} names"
-    return _row(
-        "the global domain shows global names only, and the heartbeats among them", 1, wrong[:1], example
-    )
+    check = "the global domain shows global names only, and the heartbeats among them"
+    return _row(check, 1, wrong[:1], example)

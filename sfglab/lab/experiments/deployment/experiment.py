@@ -17,16 +17,9 @@ from sfglab.deploy.bundle import Bundle, load_source, prepare, render_bundle
 from sfglab.deploy.compose_check import check_compose
 from sfglab.deploy.fleet_check import check_fleet
 from sfglab.deploy.release import SOURCE, make_release
-from sfglab.lab.checks import CheckRow, Mutated, share_of_checks
+from sfglab.lab.checks import CheckRow, Mutated, machines, share_of_checks
 from sfglab.lab.checks.fleet_files import file_rows, layer_rows, refused_rows, release_checks, verdict_rows
-from sfglab.lab.checks.machines import (
-    Unasked,
-    detected_rows,
-    detection_checks,
-    held,
-    hook_checks,
-    rollout_checks,
-)
+from sfglab.lab.checks.machines import Unasked, held
 from sfglab.lab.claims import Finding, How
 from sfglab.lab.experiment import Actor, Experiment, Link, Profiled
 from sfglab.lab.experiments.deployment.containers import OUTSIDER, container_checks
@@ -46,7 +39,6 @@ if TYPE_CHECKING:
 
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
 
 _OF_ALL = ("Dockerfile", "compose.yaml")
 _TOO_LONG = ("image/requirements.lock", "image/sfglab-")
@@ -81,7 +73,6 @@ exp = Experiment(
         Link("router", "onlooker", "the global domain", boundary="network"),
     ),
 )
-
 
 PARTS = {
     "three image layers": (
@@ -163,8 +154,7 @@ class RefusedFleetRow:
 
 def _write(bench: Bench[Config], group: str, *rows: CheckRow | Unasked) -> None:
     for row in rows:
-        table = "check" if isinstance(row, CheckRow) else "unchecked"
-        bench.write(table, {"group": group, **asdict(row)})
+        bench.write("check" if isinstance(row, CheckRow) else "unchecked", {"group": group, **asdict(row)})
 
 
 @exp.part("fleet", total=7)
@@ -187,11 +177,11 @@ async def deploy(bench: Bench[Config]) -> None:
     cases = ((row["fault"], row["refused"]) for row in refused)
     _write(bench, "fleets", held("a broken fleet is refused in words that name the fault", cases))
     bench.advance("broken fleets")
-    bench.write_all("detected", detected_rows(bench.folder("machines")))
-    _write(bench, "detection", *detection_checks(bench.folder("detection")))
+    bench.write_all("detected", machines.detected_rows(bench.folder("machines")))
+    _write(bench, "detection", *machines.detection_checks(bench.folder("detection")))
     bench.advance("detection")
-    _write(bench, "hooks", *hook_checks(pairs, bench.folder("hooks")))
-    _write(bench, "rollout", *rollout_checks(pairs, bench.folder("rollout")))
+    _write(bench, "hooks", *machines.hook_checks(pairs, bench.folder("hooks")))
+    _write(bench, "rollout", *machines.rollout_checks(pairs, bench.folder("rollout")))
     bench.advance("machines")
     await _try_containers(bench, pairs)
     bench.advance("containers")
@@ -250,8 +240,8 @@ def _few() -> Iterator[CheckRow]:
         yield from (row for row in rows if isinstance(row, CheckRow))
     yield from release_checks(pairs)
     with TemporaryDirectory() as detection, TemporaryDirectory() as rollout:
-        yield from detection_checks(Path(detection))
-        yield from rollout_checks(pairs, Path(rollout))
+        yield from machines.detection_checks(Path(detection))
+        yield from machines.rollout_checks(pairs, Path(rollout))
 
 
 @exp.claim("A-DEPLOY", how=_how, mutated=Mutated(tuple(f"sfglab.deploy.{name}" for name in _MODULES), _few))

@@ -30,7 +30,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-
 PAPERS_LARGEST = 6
 """Agents of the fleet that the claims are about; a run with smaller ones only does not answer them."""
 
@@ -109,8 +108,7 @@ def live(run: Run[Config]) -> Fleets:
 def simulated(run: Run[Config]) -> Fleets:
     """Return the simulated fleets in the form of live ones."""
     rows = run["simulated"]
-    cell = rows.groupby([*KEYS, "seed"], sort=False).ngroup()
-    hosts = rows.assign(cell=cell, own_bytes=rows["rx_bytes"])
+    hosts = rows.assign(cell=rows.groupby([*KEYS, "seed"], sort=False).ngroup(), own_bytes=rows["rx_bytes"])
     hosts["pace_s"] = _OWN_COMPUTERS
     cells = hosts.drop_duplicates("cell")[["cell", *KEYS, "pace_s"]].assign(
         resolved_s=hosts.groupby("cell")["resolved_s"].max().to_numpy(),
@@ -291,18 +289,16 @@ def draw_fleet(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     _explain(figure, run, f"Live, {nodes} an agent; standard's filled one follows from few. Bars: medians.")
     largest = max(sizes)
     times = {mode: fleets.by_pace(mode, largest, _TIME) for mode in (LAUNCHED, ROUTED)}
-    figure.suptitle(
-        _title(largest, "live", {m: float(np.median(paced[0])) for m, paced in times.items() if paced})
-    )
+    told = {mode: float(np.median(paced[0])) for mode, paced in times.items() if paced}
+    figure.suptitle(_title(largest, "live", told))
     return {"fleets": summary(run).to_dict("records"), "paper": _PAPER}
 
 
 def _title(agents: int, how: str, times_s: Mapping[str, float]) -> str:
     """Return what came of a size of fleet, by kind."""
     told = " and ".join(f"{float(f'{time_s:.2g}'):g} s {_SHORT[mode]}" for mode, time_s in times_s.items())
-    return (
-        f"{agents} {how} agents know each other after {told}" if told else f"Discovery of {agents} {how} agents"
-    )
+    who = f"{agents} {how} agents"
+    return f"{who} know each other after {told}" if told else f"Discovery of {who}"
 
 
 def _draw_agents(axes: Axes, hosts: pd.DataFrame, mode: str, column: str, beside: float = 0.0) -> None:

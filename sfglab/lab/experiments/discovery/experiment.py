@@ -186,7 +186,6 @@ exp = Experiment(
     ),
 )
 
-
 declare(exp, "Discovery, agents x nodes: real ROS 2 (rclpy, Fast DDS), its stand-in, and routed")
 
 

@@ -22,6 +22,7 @@ from sfglab.bus.api import EndpointAdded, EndpointEvent, RawEndpoint
 from sfglab.bus.sim import Costs, SimNode, World, run_simulated
 from sfglab.bus.sim.settings import PARTICIPANT_NS
 from sfglab.bus.sim.wire import RETRACTION_BYTES
+from sfglab.component import beside
 from sfglab.fleet.discovery.node import AgentDiscoverer, DiscoverySettings
 from sfglab.fleet.router.node import Router, RouterSettings, RouterStatus
 from sfglab.fleet.status.heartbeat import Schedule
@@ -83,8 +84,7 @@ def fleets_of(config: Config) -> list[Fleet]:
 @exp.sweep("simulated", over=fleets_of, seeds=lambda config: seeded(config, config.simulated.repeats))
 def simulate_fleet(fleet: Fleet, seed: int) -> tuple[dict[str, Any], ...]:
     """Run one fleet until every agent knows its peers, and return one row an agent."""
-    outcome = run_fleet(fleet, seed)
-    return tuple({"host": number, **asdict(host)} for number, host in enumerate(outcome.hosts))
+    return tuple({"host": number, **asdict(host)} for number, host in enumerate(run_fleet(fleet, seed).hosts))
 
 
 def run_fleet(fleet: Fleet, seed: int = 0) -> FleetOutcome:
@@ -218,13 +218,9 @@ async def _routed(fleet: Fleet, world: World) -> FleetOutcome:
     for name in names:
         world.host(name)
     arrivals = _Arrivals(world, fleet.agents)
-    runs = [run for name in names for run in _components(world, name, arrivals)]
-    tasks = [asyncio.create_task(run()) for run in runs]
-    hosts = await arrivals.wait()
-    _, announced = world.census()
-    for task in tasks:
-        task.cancel()
-    await asyncio.gather(*tasks, return_exceptions=True)
+    async with beside(*(run() for name in names for run in _components(world, name, arrivals))):
+        hosts = await arrivals.wait()
+        _, announced = world.census()
     return FleetOutcome(hosts=hosts, announced=announced)
 
 
@@ -258,9 +254,7 @@ async def _standard(fleet: Fleet, world: World) -> FleetOutcome:
         name = _name(host)
         nodes = [_ros_node(world, name, role, number) for number, role in enumerate(roles)]
         _watch(nodes[0], world.host(name), each * (fleet.agents - 1), arrivals)
-    hosts = await arrivals.wait()
-    _, announced = world.census()
-    return FleetOutcome(hosts=hosts, announced=announced)
+    return FleetOutcome(hosts=await arrivals.wait(), announced=world.census()[1])
 
 
 def _ros_node(world: World, host: str, role: str, number: int) -> SimNode:

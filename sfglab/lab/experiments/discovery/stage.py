@@ -80,11 +80,10 @@ async def start_beside_ros2(bench: Bench[Config]) -> None:
         async with each as fleet:
             outcome = await _start(fleet, bench)
         rows = [_host_row(0, host, outcome) for host in range(cell.agents)]
-        meters = outcome.meters.values()
         quantities = {
             "until an agent knows its peers (s)": [row["resolved_s"] for row in rows],
             "received until then (MB)": [row["own_bytes"] / 1e6 for row in rows],
-            "cores busy": [sum(_cpu_s(meter) / meter.window_s for meter in meters)],
+            "cores busy": [sum(_cpu_s(meter) / meter.window_s for meter in outcome.meters.values())],
             "longest pause of an observer (s)": [outcome.ingress.longest_pause_s],
         }
         kind = STAND_IN if cell.mode == STANDARD else cell.mode
@@ -210,8 +209,7 @@ class LiveFleet(ProcessGroup):
             orders.append(time.time_ns())
             starts.append(asyncio.create_task(self._begin(number, host)))
         await asyncio.gather(*starts)
-        found = await asyncio.gather(*(self._within(timeout_s, host) for host in self.hosts))
-        return max(orders), list(found)
+        return max(orders), list(await asyncio.gather(*(self._within(timeout_s, host) for host in self.hosts)))
 
     async def _begin(self, number: int, host: str) -> None:
         """Order an agent's start; what is not there is launched."""

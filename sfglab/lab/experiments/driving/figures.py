@@ -36,7 +36,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from numpy.typing import NDArray
 
-
 _COLORS = {"software": COLORS["standard"], "gateway": COLORS["proxy"]}
 _SAID = {"software": "A in\nsoftware", "gateway": "A with\na gateway"}
 _LIGHTS = {True: "#D62728", False: "#2CA02C"}
@@ -128,10 +127,9 @@ def draw_drawn_lap(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     ending, lights = "passed" if row["passed"] else "did not pass", int(row["red_lights_obeyed"])
     figure.suptitle(f"Town {int(row['seed'])}: {row['lap_s']:.1f} s, {lights} red lights obeyed, {ending}")
     note(figure, "simulated town and car, real nodes on the drawn images; one lap")
-    stood = [{"t_s": stop.t_s, "lasted_s": stop.lasted_s} for stop in stops(run)]
     return {
         "seed": int(row["seed"]),
-        "stops": stood,
+        "stops": [{"t_s": stop.t_s, "lasted_s": stop.lasted_s} for stop in stops(run)],
         "largest_lateral_m": float(row["largest_lateral_m"]),
         "images": {said: picture.t_s for said, picture in moments.items()},
     }
@@ -139,8 +137,7 @@ def draw_drawn_lap(figure: Figure, run: Run[Config]) -> dict[str, Any]:
 
 def _draw_map(axes: Axes, run: Run[Config]) -> None:
     for name, line in road_lines(run.metadata("town")).items():
-        color = "#E6B800" if name == "yellow" else "#888888"
-        axes.plot(*np.array(line).T, color=color, linewidth=1.0)
+        axes.plot(*np.array(line).T, color="#E6B800" if name == "yellow" else "#888888", linewidth=1.0)
     for corners in run.metadata("town")["buildings"]:
         axes.fill(*np.array(corners).T, color="#d8d4cc")
     axes.plot(run["track"]["x_m"], run["track"]["y_m"], color=COLORS["proxy"], linewidth=1.6)
@@ -255,8 +252,7 @@ def _background(run: Run[Config]) -> NDArray[np.uint8]:
     for corners in run.metadata("town")["buildings"]:
         cv2.fillPoly(image, [_pixels(np.array(corners))], (204, 212, 216), cv2.LINE_AA, _SHIFT)
     for name, line in road_lines(run.metadata("town")).items():
-        color = (20, 180, 225) if name == "yellow" else (150, 150, 150)
-        _polyline(image, _pixels(np.array(line)), color, 1)
+        _polyline(image, _pixels(np.array(line)), (20, 180, 225) if name == "yellow" else (150, 150, 150), 1)
     return image
 
 
@@ -286,15 +282,13 @@ def _disc(image: NDArray[np.uint8], pixel: Any, radius: int, bgr: tuple[int, int
     cv2.circle(image, (x, y), radius << _SHIFT, bgr, cv2.FILLED, cv2.LINE_AA, _SHIFT)
 
 
-def _draw_track(
-    image: NDArray[np.uint8], track: NDArray[np.int32], row: Any, lights: NDArray[np.int32]
-) -> None:
-    _polyline(image, track, _CAR_BGR, 2)
+def _draw_track(image: NDArray[np.uint8], way: NDArray[np.int32], row: Any, lights: NDArray[np.int32]) -> None:
+    _polyline(image, way, _CAR_BGR, 2)
     for pixel, red in zip(lights, row.red, strict=True):
         _disc(image, pixel, 6, _LIGHTS_BGR[red == "1"])
     nose = np.array([(row.x_m + 0.6 * np.cos(row.yaw_rad), row.y_m + 0.6 * np.sin(row.yaw_rad))])
-    _polyline(image, np.vstack((track[-1:], _pixels(nose))), _INK, 2)
-    _disc(image, track[-1], 5, _CAR_BGR)
+    _polyline(image, np.vstack((way[-1:], _pixels(nose))), _INK, 2)
+    _disc(image, way[-1], 5, _CAR_BGR)
 
 
 def _say(image: NDArray[np.uint8], row: Any) -> None:
@@ -313,12 +307,9 @@ def _say(image: NDArray[np.uint8], row: Any) -> None:
 def draw_lane(bgr: NDArray[np.uint8], row: Any, *, width: int) -> NDArray[np.uint8]:
     """Return the camera's image at another width, pixels, with the lane's middle of its ``track`` row in it."""
     camera = Camera()
-    height = width * camera.height // camera.width
-    image = cv2.resize(bgr, (width, height), interpolation=cv2.INTER_CUBIC)
-    points = lane_points(row)
-    if points:
-        ground = np.array([(x, y, 0.0) for x, y in points])
-        pixels = camera.project(ground)[0] * (width / camera.width)
+    image = cv2.resize(bgr, (width, width * camera.height // camera.width), interpolation=cv2.INTER_CUBIC)
+    if points := lane_points(row):
+        pixels = camera.project(np.array([(x, y, 0.0) for x, y in points]))[0] * (width / camera.width)
         _polyline(image, _parts(pixels), _LANE_BGR, 3)
     return np.asarray(image, np.uint8)
 
@@ -328,9 +319,7 @@ def draw_bird(mask: NDArray[np.uint8], row: Any) -> NDArray[np.uint8]:
     image = np.full((*mask.shape, 3), 50, np.uint8)
     image[mask == YELLOW] = (40, 190, 225)
     image[mask == WHITE] = (235, 235, 235)
-    points = lane_points(row)
-    if points:
-        inverse = np.linalg.inv(BirdView().ground_from_bird)
-        pixels = np.array([(x, y, 1.0) for x, y in points]) @ inverse.T
+    if points := lane_points(row):
+        pixels = np.array([(x, y, 1.0) for x, y in points]) @ np.linalg.inv(BirdView().ground_from_bird).T
         _polyline(image, _parts(pixels[:, :2]), _LANE_BGR, 2)
     return image

@@ -92,8 +92,7 @@ def first_ratio(run: Run[Config], path: str) -> Estimate:
 
     The paths of one repetition were asked at one phase of the group of pictures, so repetitions are resampled.
     """
-    pairs = _firsts(run)[[path, "standard"]].dropna().to_numpy()
-    return ratio_of(pairs, np.mean, unit="times standard")
+    return ratio_of(_firsts(run)[[path, "standard"]].dropna().to_numpy(), np.mean, unit="times standard")
 
 
 def loading(run: Run[Config], path: str) -> Estimate:
@@ -132,10 +131,8 @@ def _not_measured(unit: str) -> Finding:
 
 
 def _hosts(run: Run[Config]) -> dict[str, str]:
-    return {
-        "hosts": str(run.metadata("hosts")["description"]),
-        "encoder": str(run.metadata("stream")["encoder"]),
-    }
+    hosts, stream = run.metadata("hosts"), run.metadata("stream")
+    return {"hosts": str(hosts["description"]), "encoder": str(stream["encoder"])}
 
 
 def _glass_details(run: Run[Config]) -> dict[str, str]:
@@ -244,11 +241,10 @@ def draw_latency(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     glass, first = figure.subplots(1, 2)
     _draw_glass(glass, run)
     _draw_first(first, run)
-    ways = {"The paper's way": PAPERS_WAY, "Ours": OUR_WAY}
     said = [
         f"{name} adds {more.value:.1f} ms [{more.low:.1f}, {more.high:.1f}]; first picture after "
         f"{first_ratio(run, path).value:.2g} times standard's wait"
-        for name, path in ways.items()
+        for name, path in (("The paper's way", PAPERS_WAY), ("Ours", OUR_WAY))
         if path in _firsts(run) and (more := added(run, path))
     ]
     figure.suptitle("\n".join(said), fontsize=11)
@@ -271,8 +267,7 @@ def _draw_glass(axes: Axes, run: Run[Config]) -> None:
 
 def _draw_first(axes: Axes, run: Run[Config]) -> None:
     """Draw the time from the order to subscribe to the first picture, a dot a subscription."""
-    table = looks(run)
-    by_path = {path: group["first_ms"].to_numpy() for path, group in table.groupby("path")}
+    by_path = {path: group["first_ms"].to_numpy() for path, group in looks(run).groupby("path")}
     groups = {path: by_path[path] for path in FIRST_LABELS if path in by_path}
     said = {path: f"(paper: {paper_ms:.0f})" for path, paper_ms in PAPER_FIRST_MS.items()}
     _bars(axes, FIRST_LABELS, {path: float(group.mean()) for path, group in groups.items()}, groups, said)

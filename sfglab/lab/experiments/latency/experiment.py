@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import time
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -217,9 +217,7 @@ async def _measure_look(number: int, look: Look, running: Running, bench: Bench[
         bench.write("sight", {"look": number, "number": picture, "seen_ns": seen_ns}, at_ns=seen_ns)
     row: dict[str, Any] = {
         "look": number,
-        "repeat": look.repeat,
-        "path": look.path,
-        "phase": look.phase,
+        **asdict(look),
         "ordered_ns": first["ordered_ns"],
         "first_ns": first["seen_ns"],
         "pictures": seen["frames"],

@@ -105,9 +105,8 @@ class Running(StreamProcesses):
         elif report["is"] == "status" and name in ("router", "router 2"):
             # The other way a path stays open all the time: the keeper subscribes to a name that may cross.
             way = "outward" if name == "router" else "inward"
-            self._open_paths[name] = sum(
-                p["direction"] == way for p in report["paths"] if "camera_" in p["topic"]
-            )
+            ways = [path["direction"] for path in report["paths"] if "camera_" in path["topic"]]
+            self._open_paths[name] = ways.count(way)
 
     def _own(self, host: str) -> BusAddress:
         return BusAddress(domain_id=EDGE_DOMAIN if host == "edge" else CONSUMER_DOMAIN, interface="lo")

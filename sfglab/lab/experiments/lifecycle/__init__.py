@@ -4,9 +4,8 @@ Status providers beat at the paper's periods; then a discoverer is led through e
 real processes, stopped, killed and started again, and by false agents.
 """
 
-from sfglab.lab.experiments.lifecycle import figures
 from sfglab.lab.experiments.lifecycle.analysis import heartbeat_checks, intervals, transitions
 from sfglab.lab.experiments.lifecycle.experiment import exp
 from sfglab.lab.experiments.lifecycle.figures import press_lifecycle, press_states
 
-__all__ = ["exp", "figures", "heartbeat_checks", "intervals", "press_lifecycle", "press_states", "transitions"]
+__all__ = ["exp", "heartbeat_checks", "intervals", "press_lifecycle", "press_states", "transitions"]

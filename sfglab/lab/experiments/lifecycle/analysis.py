@@ -19,7 +19,7 @@ from sfglab.fleet.discovery.listener import DISCOVERY_EVENT
 from sfglab.fleet.status.description import AgentDescription
 from sfglab.fleet.status.heartbeat import GET_METADATA, Heartbeat, Schedule
 from sfglab.fleet.status.node import StatusProvider, StatusSettings
-from sfglab.lab.checks import CheckRow, Mutated, facts_row, lifecycle
+from sfglab.lab.checks import Mutated, facts_row, lifecycle
 from sfglab.lab.claims import Finding, How
 from sfglab.lab.experiments.lifecycle.experiment import Config, exp
 from sfglab.lab.experiments.lifecycle.stage import WALKER
@@ -34,7 +34,6 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     import pandas as pd
-
 
 PAPER_TOPIC = "/global/agent_heartbeat"
 PAPER_SERVICE = "/global/{agent}/get_metadata"  #: As paper A, section 4.2 prints them.
@@ -138,8 +137,7 @@ def _late_check(run: Run[Config], agent: str) -> Check:
     first, late_ns = late.iloc[0], joined_ns(run)
     after_s = (first["received_ns"] - late_ns) / NS_PER_S
     age_s = (late_ns - first["sent_ns"]) / NS_PER_S
-    limit_s = min(AT_ONCE_S, 0.5 * run.config.schedule.steady_period_s)
-    held = bool(after_s <= limit_s and age_s > 0)
+    held = bool(after_s <= min(AT_ONCE_S, 0.5 * run.config.schedule.steady_period_s) and age_s > 0)
     return Check(what, agent, held, f"after {after_s:.3f} s, sent {age_s:.2f} s before it joined")
 
 
@@ -278,17 +276,12 @@ async def _simulated(world: World) -> dict[str, bool]:
     }
 
 
-def simulated_checks() -> list[CheckRow]:
-    """Return the checks of heartbeats on the simulated bus."""
-    return [facts_row("heartbeats", run_simulated(_simulated, seed=0))]
-
-
 @exp.claim(
     "A-HEARTBEAT",
     how=How.LIVE,
     mutated=Mutated(
         ("sfglab.fleet.status.heartbeat", "sfglab.fleet.status.node:StatusSettings,StatusProvider"),
-        simulated_checks,
+        lambda: [facts_row("heartbeats", run_simulated(_simulated, seed=0))],
     ),
 )
 def claim_heartbeats(run: Run[Config]) -> Finding | None:

@@ -237,10 +237,8 @@ async def time_heartbeats(bench: Bench[Config]) -> None:
     async with Stage(bench, *(_listener(bench, name, topics) for name in ("first", "late"))) as stage:
         if config.routed:
             remote, module = _address(bench, ROBOT), "sfglab.fleet.router.node"
-            routers = {a: RouterConfig(agent=a, local=local[a], remote=remote) for a in agents}
-            start = [
-                Member(name=f"router of {a}", host=ROBOT, module=module, config=routers[a]) for a in agents
-            ]
+            routers = [RouterConfig(agent=a, local=local[a], remote=remote) for a in agents]
+            start = [Member(name=f"router of {r.agent}", host=ROBOT, module=module, config=r) for r in routers]
             await stage.start(*start)
         where = local if config.routed else dict.fromkeys(agents, _address(bench, ROBOT))
         await stage.start(*(_status(agent, config.schedule, where[agent]) for agent in agents))

@@ -9,16 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sfglab.fleet.discovery.lifecycle import (
-    ANNOUNCEMENTS,
-    STATED,
-    TRANSITIONS,
-    Edge,
-    Input,
-    Node,
-    State,
-    diagram,
-)
+from sfglab.fleet.discovery import lifecycle
+from sfglab.fleet.discovery.lifecycle import ANNOUNCEMENTS, STATED, TRANSITIONS, Edge, Input, Node, State
 from sfglab.lab.experiments.lifecycle.analysis import heard, heartbeat_checks, intervals, joined_ns, transitions
 from sfglab.lab.experiments.lifecycle.experiment import Config, exp
 from sfglab.lab.explore import Automaton, Parts
@@ -37,7 +29,6 @@ if TYPE_CHECKING:
     Point = tuple[float, float]
     Taken = dict[tuple[State, Input], int]
     _Drawn = dict[Any, list[Artist]]
-
 
 PAPER_PERIODS = {0: 1.0, 1: 5.0}  #: Seconds by phase (paper A, section 4.2).
 
@@ -83,8 +74,7 @@ def _mark_events(axes: Axes, run: Run[Config]) -> None:
     """Mark where the start-up phase ends and where another listener joined."""
     first_ns = heard(run, "first").groupby("agent")["received_ns"].min()
     joined_s = float(np.median((joined_ns(run) - first_ns) / NS_PER_S))
-    startup_s = run.config.schedule.startup_s
-    for at_s, text in ((startup_s, "start-up ends"), (joined_s, "a late listener joins")):
+    for at_s, text in ((run.config.schedule.startup_s, "start-up ends"), (joined_s, "a late listener joins")):
         axes.axvline(at_s, ymax=0.8, color="black", linewidth=0.8, linestyle=":")
         beside: dict[str, Any] = {"xytext": (3, 2), "textcoords": "offset points", "rotation": 90}
         axes.annotate(text, (at_s, 0.2), xycoords=_OVER_AXES, fontsize=7.5, va="bottom", **beside)
@@ -142,10 +132,7 @@ _BETWEEN_ROWS: dict[tuple[str, str], tuple[tuple[Point, ...], Point]] = {
     ),
     ("REFRESHING", "LOST"): (((5.8, _BOTTOMS[1]), (5.8, 2.75), (0.3, 2.75), (0.3, _TOPS[2])), (2.7, 2.97)),
     ("REJOINING", "ACTIVE"): (((6.6, _TOPS[2]), (6.6, 3.45), (1.2, 3.45), (1.2, _BOTTOMS[1])), (6.7, 1.5)),
-    ("REFRESH_BACK_OFF", "LOST"): (
-        ((12.8, _BOTTOMS[1]), (12.8, 2.1), (1.0, 2.1), (1.0, _TOPS[2])),
-        (9.6, 2.32),
-    ),
+    ("REFRESH_BACK_OFF", "LOST"): (((12.8, _BOTTOMS[1]), (12.8, 2.1), (1, 2.1), (1, _TOPS[2])), (9.6, 2.32)),
 }
 
 
@@ -191,7 +178,7 @@ _KEY_OF_MOMENT = f"input / what is done;  {_KEY}orange: here, and how it came he
 
 def _draw_table(axes: Axes, key: str, taken: Taken | None = None) -> Parts:
     """Draw the states as a grid, and the transitions between them; taken: how often each was, if known."""
-    nodes, edges = diagram()
+    nodes, edges = lifecycle.diagram()
     _draw_grid(axes, key)
     drawn: _Drawn = defaultdict(list)
     for node in nodes:
@@ -289,14 +276,12 @@ def _route_in_row(source: Node, target: Node) -> tuple[list[Point], Point, bool]
         way = 1 if steps > 0 else -1
         lane = y + way * _LANE
         start, end = _X[source.column] + way * _HALF_WIDTH, _X[target.column] - way * _HALF_WIDTH
-        label = (min(start, end) + 0.25, lane + way * 0.22)
-        return [(start, lane), (end, lane)], label, way < 0
+        return [(start, lane), (end, lane)], (min(start, end) + 0.25, lane + way * 0.22), way < 0
     way = 1 if source.row == 0 else -1  # around the state between them, on the outer side of the grid
     outer = y + way * 1.5
     edge = y + way * _HALF_HEIGHT
     x, to_x = _X[source.column], _X[target.column]
-    points = [(x, edge), (x, outer), (to_x, outer), (to_x, edge)]
-    return points, (_X[1] + 1.9, outer + way * 0.22), way < 0
+    return [(x, edge), (x, outer), (to_x, outer), (to_x, edge)], (_X[1] + 1.9, outer + way * 0.22), way < 0
 
 
 def _label(edge: Edge) -> str:

@@ -124,8 +124,7 @@ class Stage(ProcessGroup):
             self._write("beat", report, beat, at_ns=report["received_ns"], listener=listener)
 
     def _write(self, table: str, *origins: Any, at_ns: int | None = None, **values: Any) -> None:
-        row = as_row(self._bench.row_classes[table], values, *origins)
-        self._bench.write(table, row, at_ns=at_ns)
+        self._bench.write(table, as_row(self._bench.row_classes[table], values, *origins), at_ns=at_ns)
 
 
 class Track:

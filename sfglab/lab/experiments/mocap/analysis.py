@@ -29,7 +29,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-
 RIGHT_MM = 20.0
 """A tenth of how far the markers are from the base: whoever takes one frame for the other is further off."""
 
@@ -55,24 +54,20 @@ def checks(run: Run[Config]) -> pd.DataFrame:
     flips = pd.DataFrame([asdict(published_check(counts))])
     live = pd.DataFrame([asdict(row) for name in run.config.rounds for row in _live_checks(run, name)])
     columns = ["how", "check", "checked", "held", "example"]
-    tables = [exact, flips.assign(how="flips"), live.assign(how="live")]
-    return pd.concat(tables, ignore_index=True)[columns]
+    return pd.concat([exact, flips.assign(how="flips"), live.assign(how="live")], ignore_index=True)[columns]
 
 
 def _live_checks(run: Run[Config], name: str) -> Iterator[CheckRow]:
     """Yield the checks of one round."""
     found = {way: findings_of(run, name, way) for way in WAYS}
-    own = {
-        way: {(e.child, e.parent, e.static) for e in tree_of(run, name, way) if e.parent != WORLD}
-        for way in WAYS
-    }
+    trees = {way: tree_of(run, name, way) for way in WAYS}
+    own = {way: {(e.child, e.parent, e.static) for e in trees[way] if e.parent != WORLD} for way in WAYS}
     looks = run["look"][run["look"]["round"] == name]
-    near = looks["error_mm"] < RIGHT_MM
     cases: dict[str, Iterable[tuple[object, object]]] = {
         "proxy: the tree as heard is whole": [(found["proxy"], own["proxy"] and not found["proxy"])],
         "proxy: the robot's own edges are as without": [(own["proxy"], own["proxy"] == own["direct"])],
         "proxy: every look is answered": _numbered(looks["wait_ms"].notna()),
-        f"proxy: the camera is within {RIGHT_MM:g} mm of the truth": _numbered(near),
+        f"proxy: the camera is within {RIGHT_MM:g} mm of the truth": _numbered(looks["error_mm"] < RIGHT_MM),
         "direct: the tree as heard has two roots": [("", _has(found["direct"], "second-root"))],
         "direct: what is published is no frame of the robot": [("", _has(found["direct"], "name"))],
         "renamed: the markers have two parents": [("", _has(found["renamed"], "two-parents"))],
@@ -138,9 +133,7 @@ def _few() -> Iterator[CheckRow]:
 
 
 @exp.claim(
-    "A-VICON",
-    how=lambda run: How.LIVE if len(run["look"]) else How.EXACT,
-    mutated=Mutated(_MODULES, _few),
+    "A-VICON", how=lambda run: How.LIVE if len(run["look"]) else How.EXACT, mutated=Mutated(_MODULES, _few)
 )
 def share_that_holds(run: Run[Config]) -> Finding:
     """Return the share of checks that hold, of live, fault and exact checks and flipped sights the lowest."""

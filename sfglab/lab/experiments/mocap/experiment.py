@@ -34,7 +34,6 @@ if TYPE_CHECKING:
 
 Reports = dict[str, Report]
 
-
 HOSTS = {"robot": "agent_x", "bridge": "mocap", "listener": "viewer"}
 CASES = ((False, True), (True, True), (True, False))
 """Whether the odometry drifts, and whether the estimate of the offset allows for it."""
@@ -221,8 +220,7 @@ def offset_rows(config: Config) -> Iterator[dict[str, Any]]:
     for drifts, modelled in CASES:
         for place, length_s in enumerate(config.lengths_s):
             for number in range(config.recordings):
-                drawn = (config.seed, 2, place, number)
-                yield offset_row(length_s, drawn, drifts=drifts, modelled=modelled)
+                yield offset_row(length_s, (config.seed, 2, place, number), drifts=drifts, modelled=modelled)
 
 
 @exp.part("live rounds", total=lambda config: len(config.rounds))

@@ -174,8 +174,7 @@ def _odometry(
 def _replayed(offset: Pose) -> tuple[float, float]:
     """Return the median error of the base through the bridge with an offset, in m and rad, on another way."""
     buffer = FrameBuffer()
-    link = StampedTransform(parent=_BASE, child=f"{AGENT}/camera", stamp_ns=0, pose=Pose())
-    buffer.insert(link, static=True)
+    buffer.insert(StampedTransform(parent=_BASE, child=f"{AGENT}/camera", stamp_ns=0, pose=Pose()), static=True)
     mapped = MappedObject(id=OBJECT, via=_BASE, offset=offset)
     core = BridgeCore(MocapMapping(world=WORLD, objects={OBJECT: mapped}), buffer)
     rng = np.random.default_rng(0)

@@ -4,8 +4,6 @@ In each condition all is run that the criteria of B-LAT, B-LOSS and B-COOP compa
 borders between unlike answers more conditions follow. The criteria's own are among them, so that a run judges.
 """
 
-from __future__ import annotations
-
 from sfglab.lab.experiments.phases.answers import ANSWERS
 from sfglab.lab.experiments.phases.experiment import exp
 from sfglab.lab.experiments.phases.verdicts import phases, shares

@@ -83,8 +83,7 @@ def summary(cells: pd.DataFrame) -> pd.DataFrame:
     Columns are ``p50_ms`` (of all seeds together), ``age_ms`` (median over seeds) and ``lost`` (of all seeds,
     with Wilson's interval), each with ``_low`` and ``_high``.
     """
-    keys = [*PLACE, "method", "depth"]
-    grouped = cells.groupby(keys, sort=False)
+    grouped = cells.groupby([*PLACE, "method", "depth"], sort=False)
     table = grouped[["p50_ms", "age_ms"]].agg(["median", "min", "max"])
     endings = {"median": "", "min": "_low", "max": "_high"}
     table.columns = pd.Index([f"{column[0]}{endings[column[1]]}" for column in table.columns.to_list()])

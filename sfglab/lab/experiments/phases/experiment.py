@@ -134,8 +134,7 @@ def midpoints(table: pd.DataFrame, config: Config, most: int) -> list[Condition]
     gaps: dict[Condition, float] = {}
     how: dict[str, Any] = {"duration_s": config.duration_s, "seeds": config.seeds}
     for axis in ("loss", "frame_us"):
-        others = [name for name in PLACE if name != axis]
-        for _, line in table.groupby(others, sort=False):
+        for _, line in table.groupby([name for name in PLACE if name != axis], sort=False):
             rows = line.sort_values(axis)
             unlike = rows[list(ANSWERS)].round().diff().abs().any(axis=1).to_numpy()[1:]
             for (low, high), differs in zip(pairwise(rows[axis]), unlike, strict=True):

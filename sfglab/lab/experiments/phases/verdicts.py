@@ -25,9 +25,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from sfglab.lab.runs import Run
-
-
 LEAST_SEEDS = 6  #: With how many seeds the criteria want each condition.
 MOST_RATES = 3  #: At how many of the four Rmax OPT+LC has to be lowest.
 FAST_HZ = (500, 1000)  #: Rmax at which a small depth has to be worse than a deep one, at either.
@@ -45,8 +42,7 @@ def phases(run: Run[Config]) -> pd.DataFrame:
 def shares(run: Run[Config]) -> pd.DataFrame:
     """Return the share of conditions, by preset and queue, with each answer: of all, and inside the region."""
     table = phases(run)
-    region = criterion().region
-    inside = np.all([table[name].between(*bounds) for name, bounds in region.items()], axis=0)
+    inside = np.all([table[name].between(*bounds) for name, bounds in criterion().region.items()], axis=0)
     keys, columns = ["preset", "queue_rule"], list(ANSWERS)
     parts = {"all": table, "region": table[inside]}
     found = [part.groupby(keys, sort=False)[columns].mean().assign(of=name) for name, part in parts.items()]
@@ -75,8 +71,7 @@ def agreement(table: pd.DataFrame, of: str) -> pd.DataFrame:
         is worse than a deep one, at 500 or 1000 Hz), and ``agrees``: both.
     """
     lowest = table.groupby(_CONDITION, sort=False)[f"{of}_lowest"].sum() >= MOST_RATES
-    fast = table[table["rate_max_hz"].isin(FAST_HZ)]
-    small = fast.groupby(_CONDITION, sort=False)[f"{of}_small"].any()
+    small = table[table["rate_max_hz"].isin(FAST_HZ)].groupby(_CONDITION, sort=False)[f"{of}_small"].any()
     found = pd.DataFrame({"lowest": lowest, "small": small})
     return found.assign(agrees=found["lowest"] & found["small"]).reset_index()
 

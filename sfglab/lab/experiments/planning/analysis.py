@@ -36,7 +36,6 @@ if TYPE_CHECKING:
 
     Holds = Callable[[Any], bool]
 
-
 _EXACT_TABLES = ("geometry", "exchange", "editing", "disk")
 _GROUPS = {"disk": "editing", "fault": "editing"}
 _SUCCEEDED, _CANCELED = "succeeded", "canceled"
@@ -58,16 +57,12 @@ def scene_of(run: Run[Config]) -> Scene:
 
 @derived
 def checks(run: Run[Config]) -> pd.DataFrame:
-    """Return every check: group, how it was made, how often, how often it held, and an example.
-
-    The example is one that does not hold, if there is any.
-    """
+    """Return every check: its group, how it was made, and what `CheckRow` says of it."""
     tables = [run[name].assign(group=_GROUPS.get(name, name)) for name in _EXACT_TABLES]
     tables.append(_table(_of_faults(run["fault"])).assign(group=_GROUPS["fault"]))
     exact = pd.concat(tables, ignore_index=True).assign(how=How.EXACT.value)
     goals = _table(_of_goals(run)).assign(group="execution", how=how_of(run).value)
-    columns = ["check", "group", "how", "checked", "held", "example"]
-    return pd.concat([exact, goals], ignore_index=True)[columns]
+    return pd.concat([exact, goals], ignore_index=True)[["check", "group", "how", "checked", "held", "example"]]
 
 
 def _table(rows: Iterator[CheckRow]) -> pd.DataFrame:
@@ -127,8 +122,7 @@ def allowed_m(run: Run[Config]) -> dict[str, float]:
 
 def _pairs(run: Run[Config]) -> Iterator[tuple[str, str, float]]:
     """Yield any two agents of the scene, and how far apart it demands their centres."""
-    agents = sorted(scene_of(run).all_of(AgentObject), key=lambda agent: agent.name)
-    for a, b in combinations(agents, 2):
+    for a, b in combinations(sorted(scene_of(run).all_of(AgentObject), key=lambda agent: agent.name), 2):
         yield a.name, b.name, a.radius_m + b.radius_m + scene_of(run).margin_m
 
 

@@ -31,7 +31,6 @@ if TYPE_CHECKING:
 MakeNode = Callable[[str], Any]
 GoalRow = dict[str, Any]
 
-
 GONE = "server gone"
 _LEAD_S = 1.0
 _LOGGED_EVERY = 5  #: Of 50 poses a second, which go into the log.
@@ -169,8 +168,7 @@ async def try_goals(node: MakeNode) -> list[GoalRow]:
             async with node("spot") as home, TrajectoryServer(home, "spot", setup=setup) as server:
                 trials = _Trials(planner, server, rows)
                 if preempt:
-                    case = "a second goal that may overtake"
-                    await trials.second(case, Outcome.OVERTAKEN, Outcome.SUCCEEDED)
+                    await trials.second("a second goal that may overtake", Outcome.OVERTAKEN, Outcome.SUCCEEDED)
                 else:
                     await trials.one_at_a_time()
         await _lose_server(node, planner, rows)

@@ -200,8 +200,7 @@ def example_limits(config: Config) -> Limits:
 def example_rows(config: Config) -> Iterator[dict[str, Any]]:
     """Yield the example's moments, by interpolation and timing."""
     segment_ns = round(config.segment_s * NS_PER_S)
-    pairs = ((i * segment_ns, Pose.at((x, y, 0.0))) for i, (x, y) in enumerate(EXAMPLE_M))
-    drawn = Trajectory.of(pairs)
+    drawn = Trajectory.of((i * segment_ns, Pose.at((x, y, 0.0))) for i, (x, y) in enumerate(EXAMPLE_M))
     for kind, slow in product(Interpolation, (False, True)):
         path = replace(drawn, interpolation=kind)
         yield from _rows(retimed(path, example_limits(config)) if slow else path, retimed_=slow)
@@ -209,8 +208,7 @@ def example_rows(config: Config) -> Iterator[dict[str, Any]]:
 
 def _rows(path: Trajectory, *, retimed_: bool) -> Iterator[dict[str, Any]]:
     corners = [w.time_ns / NS_PER_S for w in path.waypoints]
-    grid = np.linspace(corners[0], corners[-1], _SAMPLES)
-    times = np.unique(np.concatenate([grid, corners]))
+    times = np.unique(np.concatenate([np.linspace(corners[0], corners[-1], _SAMPLES), corners]))
     found = sample(path, times)
     top = peaks(path, Quantity.ACCELERATION)
     jumps = dict(zip(top.times_s.tolist(), top.values.tolist(), strict=True))

@@ -29,7 +29,6 @@ if TYPE_CHECKING:
     # Name, domain, how much arrived and was sent, and whether the domain is another.
     Reached = tuple[str, Any, Any, Any, Any]
 
-
 GLOBAL = 0
 
 
@@ -58,10 +57,7 @@ def calls(run: Run[Config]) -> pd.DataFrame:
 
 @derived
 def checks(run: Run[Config]) -> pd.DataFrame:
-    """Return every kind of check: how it was made, how often, how often it held, and an example.
-
-    The example is one that does not hold, if there is any.
-    """
+    """Return every kind of check: how it was made, and what `CheckRow` says of it."""
     live = pd.DataFrame([{"how": How.LIVE.value, **asdict(row)} for row in _live(run)])
     exact = run["policy"].assign(how=How.EXACT.value)
     return pd.concat([live, exact], ignore_index=True)[["check", "how", "checked", "held", "example"]]
@@ -112,12 +108,10 @@ def _rules(run: Run[Config]) -> CheckRow:
 def _crossings(run: Run[Config]) -> Iterator[tuple[str, str, str]]:
     """Yield rule, agent and way of everything that was seen to cross."""
     every = heard(run)
-    arrived = every[every["across"] & (every["received"] > 0)]
-    for row in arrived.itertuples():
+    for row in every[every["across"] & (every["received"] > 0)].itertuples():
         yield from _crossing(str(row.dds_topic), str(row.source), str(row.hearer))
     called = calls(run)
-    answered = called[called["across"] & called["answered"]]
-    for row in answered.itertuples():
+    for row in called[called["across"] & called["answered"]].itertuples():
         request, reply = halves(str(row.name))
         yield from _crossing(request, str(row.caller), str(row.server))
         yield from _crossing(reply, str(row.server), str(row.caller))
@@ -153,8 +147,7 @@ def latencies(run: Run[Config]) -> dict[str, Estimate]:
     found = {name: median_of(ages, unit="ms") for name, ages in samples.items() if len(ages)}
     if {"direct", "two routers"} <= set(found):
         ways = [samples["direct"], samples["two routers"]]
-        each = bootstrap(ways, lambda g: float(np.median(g[1]) - np.median(g[0])) / 2, unit="ms")
-        found["per router"] = each
+        found["per router"] = bootstrap(ways, lambda g: float(np.median(g[1]) - np.median(g[0])) / 2, unit="ms")
     return found
 
 
@@ -280,8 +273,7 @@ def _draw_matrix(axes: Axes, cells: list[Cell], names: list[str], domains: list[
                 axes.add_patch(Rectangle((x - 0.44, y - 0.42), 0.88, 0.84, facecolor=cell.color, linewidth=0))
                 share = f"{100 * cell.heard:.0f}" if cell.heard > 0 else ""
                 axes.text(x, y, share, ha="center", va="center", color="white", fontsize=7)
-    border = sum(in_table_1(name) for name in names) - 0.5
-    axes.axhline(border, color="black", linewidth=1)
+    axes.axhline(sum(in_table_1(name) for name in names) - 0.5, color="black", linewidth=1)
     axes.axvline(0.5, color="black", linewidth=1, linestyle=(0, (2, 2)))
     axes.set_xticks(range(len(domains)), [f"$D_{d}$" for d in domains])
     axes.set_yticks(range(len(names)), names, fontsize=7.5, family="monospace")

@@ -38,7 +38,6 @@ STRING = "std_msgs/msg/String"
 DEEP = "/global/deeper/than/the/schema/goes/x"
 """Crosses by ``rt/global/*``, whose ``*`` stands for slashes too."""
 
-
 GLOBAL_DOMAIN = 0
 OTHERS = ("ground_1", "ground_2")
 ANSWER_S = 90.0
@@ -133,8 +132,7 @@ class Stage(ProcessGroup):
             if self._all_heard(await self.ask_all("told", do="tell")):
                 break
             await asyncio.sleep(POLL_S)
-        reports = await self.ask_all("hushed", do="hush")
-        return {party: report["sent"] for party, report in reports.items()}
+        return {party: report["sent"] for party, report in (await self.ask_all("hushed", do="hush")).items()}
 
     def _all_heard(self, told: dict[str, dict[str, Any]]) -> bool:
         heard = {(p, entry["name"], entry["source"]) for p, r in told.items() for entry in r["heard"]}
@@ -288,11 +286,10 @@ async def observe(bench: Bench[Config]) -> None:
         bench.advance("called")
         told = await stage.ask_all("told", do="tell")
         bench.write_all("call", calls)
-        latched = (
-            (p.party, hearer, report["received"]) for hearer, report in late.items() for p in stage.parties
-        )
-        for party, hearer, received in latched:
-            bench.write("latched", {"source": party, "hearer": hearer, "received": received.get(party, 0)})
+        for hearer, report in late.items():
+            for name in (party.party for party in stage.parties):
+                row = {"source": name, "hearer": hearer, "received": report["received"].get(name, 0)}
+                bench.write("latched", row)
         bench.write_all("heard", _heard_rows(stage, sent, told))
         bench.write_all("endpoint", _endpoint_rows(stage, told))
         bench.advance("told")

@@ -135,10 +135,10 @@ def rtl_residual(run: Run[Config]) -> float | None:
     return float((ran["model_cycles"] / ran["rtl_cycles"] - 1).abs().max())
 
 
-def fit_meaning(run: Run[Config], model: str = MAIN) -> dict[str, str]:
-    """Return what the agreement of one set of constants with the stated numbers is worth, for the ledger."""
+def fit_meaning(run: Run[Config]) -> dict[str, str]:
+    """Return what the agreement of the main constants with the stated numbers is worth, for the ledger."""
     tables = (stated(run), *(run[name] for name in ("constant", "refit", "tendency", "variant")))
-    numbers, constants, refits, tendencies, variants = (t[t["model"] == model] for t in tables)
+    numbers, constants, refits, tendencies, variants = (t[t["model"] == MAIN] for t in tables)
     fitted = (constants["origin"] == Origin.FITTED.value).sum()
     ended = refits["rms"].dropna()
     best = (ended < ended.min() * 1.001).sum()
@@ -220,11 +220,10 @@ def _measured(run: Run[Config], asked: _Asked) -> Finding:
     ratios = _ratios(run, asked.panel)
     value, (count, size) = asked.value(ratios), asked.bar(ratios)
     live = live_speed_up(run, asked.panel, count, size)
-    across = f"{live}, {count} readers, {size} B; {live_note(run)}" if live else "this bar was not measured"
     details = {
         "if the core cut through": f"{asked.value(_ratios(run, asked.panel, 'cut-through')):.3f}",
         **_hardware(run, asked),
-        "live": across,
+        "live": f"{live}, {count} readers, {size} B; {live_note(run)}" if live else "this bar was not measured",
         **fit_meaning(run),
         **_out_of_sample(asked.panel),
     }

@@ -65,13 +65,7 @@ exp = Experiment(
         "large_graphs": 1,
         "large_nodes": 12,
     },
-    paper={
-        "refits": 30,
-        "rtl_check_bytes": 1_000_000,
-        "live_rounds": 500,
-        "small_graphs": 40,
-        "large_graphs": 10,
-    },
+    paper={"refits": 30, "rtl_check_bytes": 10**6, "live_rounds": 500, "small_graphs": 40, "large_graphs": 10},
     actors=(
         Actor("software", "software's side", "holds the topic in software and publishes"),
         Actor("subscriber", "software's side", "subscribes in software"),

@@ -32,7 +32,6 @@ if TYPE_CHECKING:
 
     from sfglab.lab.runs import Run
 
-
 TRANSPORT_COLORS = {"smt": COLORS["standard"], "gateway": COLORS["proxy"]}
 NODE_STYLES: dict[int, dict[str, Any]] = {
     2: {"color": "#E69F00", "marker": "o", "linestyle": ":"},
@@ -136,8 +135,7 @@ def _style(count: int) -> dict[str, Any]:
 
 def _draw_times(axes: Axes, table: pd.DataFrame, count: int, ms: pd.Series[float], color: str) -> None:
     chosen = table["subscribers"] == count
-    style = {**_style(count), "color": color}
-    axes.plot(table["message_bytes"][chosen], ms[chosen], **style, markersize=4)
+    axes.plot(table["message_bytes"][chosen], ms[chosen], **{**_style(count), "color": color}, markersize=4)
 
 
 def _draw_ratios(axes: Axes, table: pd.DataFrame, **style: Any) -> None:
@@ -252,10 +250,7 @@ JUDGE_STYLES = {
     "software": ("proxy", "-", "software subscriber"),
     "last": ("third", "--", "whoever is last"),
 }
-RULE_STYLES = {
-    "paper": ("standard", "-", "the paper's rule"),
-    "size-aware": ("proxy", "--", "by predicted time"),
-}
+_RULES = {"paper": ("standard", "-", "the paper's rule"), "size-aware": ("proxy", "--", "by predicted time")}
 _NEVER_BYTES = 2.0**33
 _BYTE_TICKS = {1_000: "1 kB", **SIZE_LABELS}
 
@@ -287,13 +282,7 @@ def _draw_break_even(axes: Axes, run: Run[Config], publisher: str) -> None:
         axes.plot(part["subscribers"], sizes, **series(key), linestyle=line, markersize=size, label=label)
     axes.set_yscale("log")
     axes.minorticks_off()
-    ticks = {
-        256: "any",
-        **_BYTE_TICKS,
-        100_000_000: "100 MB",
-        1_000_000_000: "1 GB",
-        int(_NEVER_BYTES): "never",
-    }
+    ticks = {256: "any", **_BYTE_TICKS, 10**8: "100 MB", 10**9: "1 GB", int(_NEVER_BYTES): "never"}
     axes.set_yticks(list(ticks), list(ticks.values()))
     axes.set_xticks(range(2, int(table["subscribers"].max()) + 1, 2))
     axes.set(xlabel="hardware subscribers", ylabel="faster by a gateway from this message size")
@@ -304,7 +293,7 @@ def _draw_rules(axes: Axes, run: Run[Config]) -> float:
     """Draw predicted times against no gateway at all; return what the paper's rule costs more at most."""
     table = run["sized_mapping"]
     times = table.pivot_table(index="message_bytes", columns="rule", values="predicted_s")
-    for rule, (key, line, label) in RULE_STYLES.items():
+    for rule, (key, line, label) in _RULES.items():
         relative = times[rule] / times["none"]
         axes.plot(times.index, relative, **series(key), markersize=4, linestyle=line, label=label)
     chosen = table[table["rule"] == "size-aware"].set_index("message_bytes")["gateways"]
@@ -354,8 +343,7 @@ def draw_node_mapping(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     )
     note(figure, "costs are predicted by the model, each graph solved once; time on this machine")
     # What was not computed is null in the twin: NaN is no JSON.
-    shown = placed.astype(object).where(placed.notna(), None)
-    return {"placed": shown}
+    return {"placed": placed.astype(object).where(placed.notna(), None)}
 
 
 def _draw_baselines(axes: Axes, small: pd.DataFrame, large: pd.DataFrame) -> None:

@@ -177,5 +177,4 @@ async def crossings(config: Config) -> AsyncGenerator[dict[str, Any]]:
         for repeat in range(config.live_rounds):
             for place in rng.permutation(len(cells)):
                 for gateway in rng.permutation([False, True]):
-                    row = await crossing.measure(cells[place], rng, gateway=bool(gateway))
-                    yield {**row, "repeat": repeat}
+                    yield {**await crossing.measure(cells[place], rng, gateway=bool(gateway)), "repeat": repeat}

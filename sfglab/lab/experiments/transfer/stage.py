@@ -21,29 +21,15 @@ from sfglab.lab.checks.placement import placed_rows
 from sfglab.lab.experiments.transfer.experiment import Config, exp
 from sfglab.lab.experiments.transfer.live import cells_of, crossings
 from sfglab.lab.paths import find_project
+from sfglab.soc import Graph, Topic, memory
 from sfglab.soc.mapping import more_than_one_hardware_subscriber
-from sfglab.soc.memory import (
-    CUT_THROUGH,
-    LARGEST_BYTES,
-    STORED,
-    Costs,
-    Judge,
-    Setup,
-    Side,
-    Transport,
-    break_even_bytes,
-    constants,
-    faster_transport,
-    fitted_values,
-    with_values,
-)
+from sfglab.soc.memory import CUT_THROUGH, LARGEST_BYTES, STORED, Costs, Judge, Setup, Side, Transport
 from sfglab.soc.paper_values import MESSAGE_BYTES, FitError, fit, residuals, sensitivity, speed_ups, tendencies
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
 
     from sfglab.lab.bench import Bench
-    from sfglab.soc import Graph, Topic
 
 MODELS = {"stored": STORED, "cut-through": CUT_THROUGH}
 """Both sets of constants; the first is the better fit and the one that claims are judged by."""
@@ -62,7 +48,7 @@ RULES: dict[str, Callable[[Graph, Topic], bool]] = {
 OUT, IN, READS, WRITE = "gateway, memory to stream", "gateway, stream to memory", "shared reads", "write"
 """What a message does at the memory interface, by `sfglab.soc.rtl.MemoryPath`'s values."""
 GRAPH_FILE = "graphs/figure_8.yaml"
-_GRID = np.unique(np.geomspace(STORED.memory.chunk_bytes, LARGEST_BYTES, 200).astype(int))
+_GRID = np.unique(np.geomspace(STORED.memory.chunk_bytes, LARGEST_BYTES, 200).astype(int)).tolist()
 _CURVE_BYTES = tuple(int(size) for size in np.geomspace(256, 100_000_000, 48))
 
 
@@ -93,20 +79,20 @@ def model(bench: Bench[Config]) -> None:
 
 def _write_fits(bench: Bench[Config], name: str, costs: Costs, rng: np.random.Generator) -> None:
     """Fit from drawn starts, and put the best fit's constants beside the committed ones."""
-    fitted, best = fitted_values(costs), None
+    fitted, best = memory.fitted_values(costs), None
     for start in range(bench.config.refits):
         factors = np.exp(rng.uniform(-math.log(SPREAD), math.log(SPREAD), len(fitted)))
         drawn = {key: value * float(f) for (key, value), f in zip(fitted.items(), factors, strict=True)}
         came_to = {"rms": math.nan, "shift": math.nan}
         with suppress(FitError):
-            ended = fit(with_values(costs, drawn))
-            again = fitted_values(ended.costs)
+            ended = fit(memory.with_values(costs, drawn))
+            again = memory.fitted_values(ended.costs)
             shift = max(abs(again[key] / value - 1) for key, value in fitted.items())
             came_to = {"rms": ended.rms, "shift": shift}
             best = ended if best is None or ended.rms < best.rms else best
         farthest = float(np.exp(np.abs(np.log(factors)).max()))
         bench.write("refit", {"model": name, "start": start, "farthest": farthest, **came_to})
-    for item, refitted in zip(constants(costs), constants(best.costs if best else costs), strict=True):
+    for item, refitted in zip(*map(memory.constants, (costs, best.costs if best else costs)), strict=True):
         row = to_json(item)
         bench.write("constant", {"model": name, "constant": row.pop("name"), **row, "refitted": refitted.value})
 
@@ -117,9 +103,9 @@ def _write_break_even(bench: Bench[Config]) -> None:
         for name, judge in JUDGES.items():
             for count in range(1, bench.config.most_subscribers + 1):
                 setup = Setup(publisher=side, transport=Transport.SMT, message_bytes=1, hardware=count)
-                found = break_even_bytes(setup, judge)
+                found = memory.break_even_bytes(setup, judge)
                 # How often the faster transport changes from the smallest to the largest size.
-                faster = [faster_transport(replace(setup, message_bytes=int(size)), judge) for size in _GRID]
+                faster = [memory.faster_transport(replace(setup, message_bytes=size), judge) for size in _GRID]
                 changes = sum(one is not other for one, other in pairwise(faster))
                 of = {"publisher": side.value, "judge": name, "subscribers": count, "changes": changes}
                 bench.write("break_even", {**of, "worth": found is not None, "from_bytes": found or 0})
@@ -181,7 +167,10 @@ def hardware(bench: Bench[Config]) -> None:
             if table == "cycles":
                 bench.advance(row["path"])
     if config.areas and "synthesis" not in missing:
-        bench.write_all("area", area_rows(config.rtl_subscribers))
+        from sfglab.soc.rtl import gateway_area
+
+        for count in config.rtl_subscribers:  # some 15 s each, and minutes the first time on a machine
+            bench.write("area", {"subscribers": count, **asdict(gateway_area(count))})
     if config.proved and "synthesis" not in missing:
         from sfglab.soc.rtl.synthesis import control_follows
 
@@ -213,20 +202,13 @@ def hardware_rows(subscribers: Sequence[int], check_bytes: int) -> Iterator[tupl
         yield from (("bar", bar) for bar in bars_with_cycles(count, chunk_cycles))
 
 
-def area_rows(subscribers: Sequence[int]) -> Iterator[dict[str, Any]]:
-    """Synthesise the gateway; takes some 15 s each, and minutes the first time on a machine."""
-    from sfglab.soc.rtl import gateway_area
-
-    return ({"subscribers": count, **asdict(gateway_area(count))} for count in subscribers)
-
-
 def _path(path: str, count: int, check_bytes: int) -> tuple[dict[str, Any], list[dict[str, Any]]]:
     """Measure one path: its cycle model, its cycles at the paper's sizes, and the hardware at a larger size."""
     from sfglab.soc.rtl import Delays, MemoryPath, cycle_model, memory_model_cycles, simulated_cycles
 
-    of, place, memory = {"path": path, "subscribers": count}, MemoryPath(path), STORED.memory
+    of, place, timing = {"path": path, "subscribers": count}, MemoryPath(path), STORED.memory
     # The model's latencies in whole cycles: the fitted one is no whole number.
-    delays = Delays(read=round(memory.read_latency_cycles), write=round(memory.write_latency_cycles))
+    delays = Delays(read=round(timing.read_latency_cycles), write=round(timing.write_latency_cycles))
     model = cycle_model(place, count, delays)
     # Readers together move the same bytes as one gateway, so that no check takes much longer than another.
     size = check_bytes // count if path == READS else check_bytes

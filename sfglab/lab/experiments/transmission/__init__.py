@@ -4,26 +4,10 @@ Three robots send what their sensors say to the station, and "Hello" goes from r
 to robot 1: latency and loss for every rate, depth and method, and where each lost "Hello" was lost.
 """
 
-from __future__ import annotations
-
-from sfglab.lab.experiments.transmission import figures, stage, validation
-from sfglab.lab.experiments.transmission.analysis import agreement, cells, compare_ways, order
-from sfglab.lab.experiments.transmission.experiment import Point, exp, grid, scenario_of
+from sfglab.lab.experiments.transmission import figures, validation
+from sfglab.lab.experiments.transmission.analysis import agreement, compare_ways, order
+from sfglab.lab.experiments.transmission.experiment import exp, grid
 from sfglab.lab.experiments.transmission.timeline import Timeline
 from sfglab.lab.experiments.transmission.validation import on_ros2
 
-__all__ = [
-    "Point",
-    "Timeline",
-    "agreement",
-    "cells",
-    "compare_ways",
-    "exp",
-    "figures",
-    "grid",
-    "on_ros2",
-    "order",
-    "scenario_of",
-    "stage",
-    "validation",
-]
+__all__ = ["Timeline", "agreement", "compare_ways", "exp", "figures", "grid", "on_ros2", "order", "validation"]

@@ -178,9 +178,7 @@ def loss_order(run: Run[Config]) -> Finding:
 def _order_finding(run: Run[Config], column: str, *, tie: float = 0.0) -> Finding:
     table, lossless = (order(run, column, tie=tie, table=name) for name in ("cell", "lossless"))
     wins, small = int(table["wins"].sum()), int(table["small_is_worst"].sum())
-    highest = [
-        f"{row.rate_max_hz} Hz: {row.highest_method}, depth {row.highest_depth}" for row in lines_of(table)
-    ]
+    highest = [f"{r.rate_max_hz} Hz: {r.highest_method}, depth {r.highest_depth}" for r in lines_of(table)]
     worst = "; ".join(highest)
     details = {
         f"{BEST} is lowest": f"at {wins} of {len(table)} rates",

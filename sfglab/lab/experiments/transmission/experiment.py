@@ -339,8 +339,7 @@ def latency_columns(latency_ms: NDArray[np.float64]) -> dict[str, float]:
 def hello_latency_ms(outcome: Outcome) -> NDArray[np.float64]:
     """Return the time of each "Hello" from publication to actuation, shape (arrived,)."""
     up, down = outcome.flows[HELLO_UP], outcome.flows[HELLO_DOWN]
-    arrived = down.value[down.delivered]
-    place = np.searchsorted(up.value, arrived)
+    place = np.searchsorted(up.value, down.value[down.delivered])
     return (down.received_ns[down.delivered] - up.published_ns[place]) / 1e6
 
 

@@ -23,7 +23,6 @@ if TYPE_CHECKING:
 
     from sfglab.lab.runs import Run
 
-
 _COLORS = {
     "none": "black",
     "LC": COLORS["standard"],

@@ -52,7 +52,6 @@ if TYPE_CHECKING:
 Arrays = dict[str, NDArray[np.int64]]
 Drive = Callable[[ProcessGroup, int], Awaitable[None]]  # of the hosts' processes, and when time begins, ns
 
-
 _MODULE = "sfglab.lab.workers.flowplay"
 START_S, MATCH_S, SETTLE_S, LEAD_S, SPARE_S = 90.0, 90.0, 0.3, 0.15, 60.0
 LONGEST_DRAIN_S = 1.5  #: Repairs that come later than this are rare, and a live second costs a second.
@@ -211,8 +210,7 @@ class LiveHosts:
             HostsError: The hosts are gone.
         """
         if self._delay_s is None:
-            probe = await self._play(_probe(scenario), delay_s=0.0, seed=seed, drive=None)
-            self._delay_s = _delay_s(probe)
+            self._delay_s = _delay_s(await self._play(_probe(scenario), delay_s=0.0, seed=seed, drive=None))
         return await self._play(scenario, delay_s=self._delay_s, seed=seed, drive=drive)
 
     async def _play(self, scenario: Scenario, *, delay_s: float, seed: int, drive: Drive | None) -> Played:
@@ -252,8 +250,7 @@ class LiveHosts:
                 await drive(self._group, start_ns)
                 self._group.order(do="halt")
             reports = await self._group.expect("done", timeout_s=sum(times.values()) + SPARE_S)
-            arrays = {host: dict(np.load(file)) for host, file in files.items()}
-            return start_ns, arrays, list(reports.values())
+            return start_ns, {host: dict(np.load(file)) for host, file in files.items()}, list(reports.values())
 
 
 def _probe(scenario: Scenario) -> Scenario:
@@ -267,8 +264,7 @@ def _delay_s(probe: Played) -> float:
     medium, (flow,) = probe.scenario.medium, probe.scenario.flows
     bits = data_bytes(flow.size_bytes, with_heartbeat=True) * BITS_PER_BYTE
     airtime_s = medium.overhead_s + bits / medium.rate_bps + medium.latency_s
-    latency_s = float(np.median(probe.outcome.flows[flow.name].latency_ns)) / NS_PER_S
-    return max(0.0, latency_s - airtime_s)
+    return max(0.0, float(np.median(probe.outcome.flows[flow.name].latency_ns)) / NS_PER_S - airtime_s)
 
 
 def _outcome(

@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-
 _FLOW = "a"
 _REPAIR, _LOST = "repair", "lost"
 _KINDS = {

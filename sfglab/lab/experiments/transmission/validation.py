@@ -58,7 +58,6 @@ class Preset(Protocol):
 
 C = TypeVar("C", bound=Preset)
 
-
 TABLE = "validation"
 MODEL_SEEDS = 6
 READER_DEPTH = 5000
@@ -194,9 +193,8 @@ async def play_missing(
             except (ProcessFailedError, HostsError, TimeoutError) as error:
                 failed[job] += 1
                 reasons[f"{todo[job[0]]}, repetition {job[1]}"] = str(error)
-        for made in (
-            journaled.result_from_text(journal.finished[job]) for job in jobs if job in journal.finished
-        ):
+        for text in (journal.finished[job] for job in jobs if job in journal.finished):
+            made = journaled.result_from_text(text)
             bench.write_all(table, made if isinstance(made, tuple) else (made,))
     bench.metadata(table, {"hindrance": "", "failed": reasons})
 
@@ -327,8 +325,8 @@ async def play_on_ros2(bench: Bench[Config]) -> None:
         played = await hosts.play(cells[cell], seed=config.seed + repeat)
         models = [run(played.scenario, seed=seed) for seed in seeded(config, MODEL_SEEDS)]
         own = {"preset": cell.preset, "slowed": cell.slowed, "repeat": repeat}
-        compared: list[Any] = compare(cell.point, played, models)
-        return tuple(asdict(row) | own for row in compared)
+        found: list[Any] = compare(cell.point, played, models)
+        return tuple(asdict(row) | own for row in found)
 
     cells = {cell: cell.scenario(config.seed) for cell in ros_cells(config)}
     await play_missing(bench, PART, cells, config.ros2_repeats, rows)
@@ -344,8 +342,7 @@ def on_ros2(run: Run[Config]) -> pd.DataFrame:
     rows = played(run, PART)
     rows = rows[rows["group"] == "hello"]
     counts = rows.groupby(_KEYS, sort=False)["kept_up"].agg(played="size", kept="sum")
-    fair = rows[rows["kept_up"].astype(bool)]
-    middle = fair.groupby(_KEYS, sort=False)[list(_MEASURED)].median()
+    middle = rows[rows["kept_up"].astype(bool)].groupby(_KEYS, sort=False)[list(_MEASURED)].median()
     table: pd.DataFrame = counts.join(middle).reset_index()
     for column in ("p50_live_ms", "p50_model_ms"):
         table[column] /= table["slowed"]

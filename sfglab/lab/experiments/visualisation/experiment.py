@@ -55,7 +55,6 @@ if TYPE_CHECKING:
 
     from sfglab.lab.bench import Bench
 
-
 FLEET_FILE = "fleets/lab.yaml"  #: Whose layout is checked, in the data folder.
 PICTURE, CLOUD = "picture.jpg", "cloud.npz"  #: Attachments: the first picture, and its points.
 
@@ -194,8 +193,7 @@ async def watch_bridge(bench: Bench[Config]) -> None:
     camera, sink = member("camera", domain_id=domain_id), member("sink", port=port)
     async with processes(camera, sink) as group:
         with closing(open_canvas([f"rerun+http://127.0.0.1:{port}/proxy"])) as canvas:
-            rows = await handling.check_handling(domain_id, observed_s=config.observed_s)
-            _write(bench, "run time", *rows)
+            _write(bench, "run time", *await handling.check_handling(domain_id, observed_s=config.observed_s))
             bench.advance("run time")
             pictures = {"rounds": config.rounds, "pictures": config.pictures}
             bench.write_all("time", await time_pictures(canvas, domain_id, **pictures))
@@ -218,11 +216,9 @@ def checks(run: Run[Config]) -> pd.DataFrame:
 
 def check_latency(run: Run[Config]) -> CheckRow:
     """Return whether the bridge adds no more than is asked, at the median and in the tail."""
-    table = latency_table(run)
-    arms = (table.loc[arm, ["median", "99 %"]].to_numpy(float) for arm in ("bridge", "bare"))
+    arms = (latency_table(run).loc[arm, ["median", "99 %"]].to_numpy(float) for arm in ("bridge", "bare"))
     added = dict(zip(("median", "99 %"), np.subtract(*arms), strict=True))
-    most_ms = ADDED_MS
-    facts = {f"{name}: {ms:.1f} of {most_ms:g} ms": bool(ms < most_ms) for name, ms in added.items()}
+    facts = {f"{name}: {ms:.1f} of {ADDED_MS:g} ms": bool(ms < ADDED_MS) for name, ms in added.items()}
     return facts_row("what the bridge adds to a picture's way", facts)
 
 
@@ -254,9 +250,7 @@ def added_ms(run: Run[Config]) -> Estimate:
 
 
 @exp.claim(
-    "A-VIZ",
-    how=How.LIVE,
-    mutated=Mutated(("sfglab.view.sync",), lambda: synchronisation.checks.rows(3, 0)),
+    "A-VIZ", how=How.LIVE, mutated=Mutated(("sfglab.view.sync",), lambda: synchronisation.checks.rows(3, 0))
 )
 def share_that_holds(run: Run[Config]) -> Finding:
     """Return the share of checks that hold, in the group where it is lowest.

@@ -79,8 +79,7 @@ async def show_live(parts: tuple[Part, ...], scene: Path, to: Path, domain_id: i
             await group.start(member("scene", domain_id=domain_id, path=str(scene)))
             sent: Counter[str] = Counter()
             for _ in range(group["scene"].readiness["moments"]):
-                said = await group.ask("sent", timeout_s=_REACH_S, do="next")
-                sent.update(said["scene"]["topics"])
+                sent.update((await group.ask("sent", timeout_s=_REACH_S, do="next"))["scene"]["topics"])
                 await _drawn(session, sent)
         finally:
             viewing.cancel()
