@@ -1,5 +1,10 @@
 """The first picture at once: decoder and keeper with real DDS, H.264 and processes."""
 
+import asyncio
+import os
+import signal
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from cameras import FFMPEG, IMAGE, LOCAL, STREAM, Camera
@@ -7,7 +12,7 @@ from waiting import until
 
 from sfglab.codecs import H264Decoder
 from sfglab.component import beside
-from sfglab.fleet.gop_cache import KeeperSettings, StreamKeeper, replay_topic
+from sfglab.fleet.gop_cache import REPLAY_QOS, KeeperSettings, StreamKeeper, replay_topic
 from sfglab.messages import ns_from_stamp
 from sfglab.qos import COMPRESSED_STREAM, SENSOR_DATA
 
@@ -64,6 +69,43 @@ async def test_a_splicer_in_mid_group_sees_pictures_equal_to_continuous_decoding
         for image in images:
             pixels = np.asarray(image.data).reshape(image.height, image.width, 3)
             assert np.array_equal(pixels, expected[number(image)])
+
+
+async def test_a_pipeline_that_follows_another_shows_nothing_of_a_replay_from_before_what_was_seen(serve):
+    """Routers keep a replay on for two seconds, or until the lease of a reader that was killed runs out."""
+    async with serve() as (far, near, decoder):
+        camera, shown, packets = NoisyCamera(far), [], []
+        live, camera.publisher = camera.publisher, SimpleNamespace(publish=packets.append)
+        camera.gop = 20
+        async with camera.running():
+            await camera.shot(60)
+        past, coming = packets[:3], iter(packets[3:])
+        take = {"callback": lambda image: shown.append(number(image)), "qos": SENSOR_DATA, "transport": "shm"}
+        subscription = near.create_subscription(IMAGE, LOCAL, **take)
+
+        async def join():
+            """Send a replay of the past, of which a while later the rest comes, and then the stream."""
+            await until(subscription.get_publisher_count)
+            replay, seen = far.create_publisher(FFMPEG, REPLAY, REPLAY_QOS), len(shown)
+            for packet in past[:3]:
+                replay.publish(packet)
+            await until(lambda: (s := decoder.status[LOCAL].statistics) and s.replayed >= 3)
+            for packet in past[3:]:
+                replay.publish(packet)
+            while len(shown) < seen + 5:
+                past.append(next(coming))
+                replay.publish(past[-1])
+                live.publish(past[-1])
+                await asyncio.sleep(0.02)
+            replay.close()
+
+        await join()
+        for pid in decoder.pool.pids:
+            os.kill(pid, signal.SIGKILL)
+        await until(lambda: "BACKING_OFF" in decoder.states[LOCAL])
+        await decoder.reaches("RUNNING")
+        await join()
+        assert shown == sorted(set(shown))
 
 
 @pytest.mark.parametrize(("changes", "idle"), [({"spare": False}, 0), ({"refill": False}, 1)])

@@ -20,8 +20,8 @@ GOP = 5
 class Joining:
     """A splicer whose packets are their numbers; a key frame every `gop`."""
 
-    def __init__(self, *, replay: bool = True, gop: int = GOP) -> None:
-        self.splicer: Splicer[int] = Splicer(replay=replay)
+    def __init__(self, *, replay: bool = True, resumed: bool = False, gop: int = GOP) -> None:
+        self.splicer: Splicer[int] = Splicer(replay=replay, resumed=resumed)
         self.gop = gop
         self.decoded: list[int] = []
         self.shown: list[int] = []
@@ -37,6 +37,16 @@ class Joining:
             self.shown += [step.packet] if step.show else []
             most -= 1
         return self
+
+    def hear(self, arrivals: str) -> Self:
+        """Take numbers of the replay (r: not to be shown) or live; with + nothing is decoded in between."""
+        for arrival in arrivals.split():
+            source, numbers = arrival.lstrip("+")[0], arrival.lstrip("+")[1:]
+            numbers = [int(digit, 36) for digit in numbers]
+            self.take(LIVE if source == "L" else REPLAY, *numbers, shown=source != "r")
+            if not arrival.startswith("+"):
+                self.decode()
+        return self.decode()
 
 
 @pytest.mark.parametrize(
@@ -61,17 +71,22 @@ class Joining:
     ],
 )
 def test_what_is_decoded_and_shown(arrivals, decoded, shown, phase):
-    """Arrivals are numbers of the replay (r: not to be shown) or live; with + nothing is decoded in between."""
-    joining = Joining()
-    for arrival in arrivals.split():
-        source, numbers = arrival.lstrip("+")[0], arrival.lstrip("+")[1:]
-        numbers = [int(digit, 36) for digit in numbers]
-        joining.take(LIVE if source == "L" else REPLAY, *numbers, shown=source != "r")
-        if not arrival.startswith("+"):
-            joining.decode()
-    joining.decode()
+    joining = Joining().hear(arrivals)
     assert [joining.decoded, joining.shown] == [[int(digit, 36) for digit in text] for text in (decoded, shown)]
     assert joining.splicer.phase.name == phase
+
+
+@pytest.mark.parametrize(
+    ("arrivals", "shown"),
+    [
+        pytest.param("R56 R7 R8 L9 LA", [9, 10], id="another's replay"),
+        pytest.param("r567 R8 L8 L9", [9], id="its own"),
+        pytest.param("L8 r567 R8 L9", [8, 9], id="the stream first"),
+        pytest.param("R567 R89AB", [], id="nothing but a replay"),
+    ],
+)
+def test_a_stream_that_is_resumed_shows_nothing_of_the_replay_that_is_older_than_the_stream(arrivals, shown):
+    assert Joining(resumed=True).hear(arrivals).shown == shown
 
 
 def test_a_new_group_in_the_replay_supersedes_an_old_one_and_what_waits_in_vain_is_bounded():

@@ -158,6 +158,33 @@ async def test_a_pipeline_process_that_hangs_is_replaced(sim, caplog, monkeypatc
         assert ([pipe.pid for pipe in pool], "it was stopped" in caplog.text) == ([1, 2], True)
 
 
+async def test_a_stream_is_resumed_for_who_saw_its_last_pipeline_and_not_for_who_comes_to_an_idle_one(sim):
+    async with sim.node("decoder", host="pc") as node:
+        pool, stream = Pool(), {"source_topic": STREAM, "source_type": FFMPEG, "local_topic": LOCAL}
+        decoder = AgentDecoder(node, pool, offers=False)
+        async with beside(decoder.run()):
+            decoder.offer("go2", [Route(agent="go2", codec="h264", **stream)])
+            await asyncio.sleep(1)
+            viewer = node.create_subscription(IMAGE, LOCAL)
+            await asyncio.sleep(1)
+            pool[0].owner(pool[0], {"is": "ended", "status": -9})
+            await asyncio.sleep(5)
+            viewer.close()
+            await asyncio.sleep(5)
+            pool[1].owner(pool[1], {"is": "closed"})
+            await asyncio.sleep(1)
+            node.create_subscription(IMAGE, LOCAL)
+            await asyncio.sleep(1)
+            assert [pipe.stream.resumed for pipe in pool] == [False, True, False]
+
+
+async def test_a_decoder_that_starts_anew_resumes_what_somebody_watches(sim):
+    async with decoding(sim) as (pool, offer, _):
+        await asyncio.sleep(0.5)
+        await offer("go2", "h264")
+        assert [pipe.stream.resumed for pipe in pool] == [True]
+
+
 async def test_a_spare_that_was_stopped_before_it_was_lent_is_replaced(sim, monkeypatch):
     order = Pipe.order
     monkeypatch.setattr(Pipe, "order", lambda pipe, **said: order(pipe, **said) if pipe.pid > 1 else None)

@@ -66,6 +66,7 @@ class _Pipeline:
     route: Route
     life: Lifecycle
     wanted: bool = False
+    seen: bool = False  # whether its subscribers may have seen pictures of an earlier pipeline, or decoder
     worker: Worker | None = None
     statistics: Statistics | None = None
     watch: HangWatch = field(default_factory=HangWatch)
@@ -206,6 +207,7 @@ class AgentDecoder:
             endpoint = topic_endpoint(route.local_type, route.local_topic, LOCAL_QOS, user_data=OFFER)
             pipeline.offer = Publisher(self._local, self._local.backend, endpoint)
         self._on_status(self._status(pipeline))
+        pipeline.seen = bool(self._demand.count(route.local_topic))
         await self._follow_demand(pipeline)
 
     async def _follow_demand(self, pipeline: _Pipeline) -> None:
@@ -250,6 +252,7 @@ class AgentDecoder:
             return  # a withdrawn stream's demand, for instance, is nobody's business any more
         action = pipeline.life.feed(given, now_ns=steady_ns())
         await self._carry_out(pipeline, action)
+        pipeline.seen &= pipeline.life.state is not State.IDLE
         self._on_status(self._status(pipeline))
         if pipeline.life.state is State.GONE:
             del self._pipelines[pipeline.route.local_topic]
@@ -273,7 +276,8 @@ class AgentDecoder:
 
         pipeline.worker = await self._pool.lend(pass_on)
         pipeline.statistics, pipeline.watch = None, HangWatch()
-        stream = route if self._replay else replace(route, replay_topic="")
+        stream = replace(route, resumed=pipeline.seen, replay_topic=route.replay_topic if self._replay else "")
+        pipeline.seen = True
         transports = sorted(self._demand.transports(route.local_topic))
         pipeline.worker.order(do="open", stream=stream, transports=transports)
 

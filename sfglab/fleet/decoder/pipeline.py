@@ -183,7 +183,7 @@ class _Decoding:
     def __init__(self, route: Route, outputs: Outputs, counts: Statistics) -> None:
         self._decoder = image_decoder(route.source_type, route.codec, most_pixels=route.most_pixels)
         self._numbered = bool(route.replay_topic)
-        self._splicer: Splicer[Any] = Splicer(replay=self._numbered)
+        self._splicer: Splicer[Any] = Splicer(replay=self._numbered, resumed=route.resumed)
         self._outputs = outputs
         self._counts = counts
         self._arrived = asyncio.Event()
