@@ -205,9 +205,9 @@ class Session:
         self._tell(Changed.TUNED, display)
 
     def enable(self, id_: str, *, enabled: bool) -> None:
-        """Switch a display on or off; what is off costs nothing and keeps its settings."""
+        """Switch a display on or off; what is off costs nothing and keeps its settings, not what waited."""
         display = self.display(id_)
-        if enabled and not display.enabled:
+        if display.enabled and not enabled:
             display.slot.interrupt()
         display.enabled = enabled
         self._tell(Changed.TUNED, display)

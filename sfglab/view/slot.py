@@ -78,8 +78,10 @@ class Slot(Generic[T]):
             self._ready.append(matched)  # type: ignore[arg-type]  # the synchroniser does not look at items
 
     def interrupt(self) -> None:
-        """Take note that messages were kept from here, so that the next update says that some are lost."""
-        self._passed_over += 1
+        """Let go of what waits; messages are kept from here, so the next update says that some are lost."""
+        self._pushed_out += len(self._ready)
+        self._passed_over += 1 + len(self._ready)
+        self._ready.clear()
 
     def take(self) -> Taken[T] | None:
         """Remove and return the oldest set, None when none is ready."""

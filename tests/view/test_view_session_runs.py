@@ -95,6 +95,7 @@ def test_displays_are_added_tuned_and_removed_while_messages_flow(paper):
     say("one")
     session.tune(display.id, "prefix", "> ")
     say("two")
+    stage.deliver(said("still waiting when it is switched off"))
     session.enable(display.id, enabled=False)
     say("off")
     session.enable(display.id, enabled=True)
