@@ -35,7 +35,8 @@ def topics_from_log(log: LogReader) -> tuple[tuple[Topic, ...], dict[str, str]]:
     """
     topics, left_out = [], {}
     for found in traffic_of(log):
-        sources = {host_of(node) or host_of(found.topic) or _ROBOT for node in found.publishers or ("",)}
+        usual = host_of(found.topic) or _ROBOT
+        sources = {host_of(node) or usual for node in found.publishers or ("",)}
         source = min(sources)
         targets = {host_of(node) or _STATION for node in found.subscribers} - sources
         if why := _obstacle(found, sources, targets):

@@ -23,6 +23,7 @@ from sfglab.units import NS_PER_MS
 
 if TYPE_CHECKING:
     from sfglab.arp import Plan, TopicFile
+    from sfglab.rtps import Vendor
     from sfglab.soc import CommunicationMapping, Graph, Topic
 
 _Format = Literal["table", "fastdds", "fastdds3", "cyclone", "ros2", "topics"]
@@ -92,7 +93,6 @@ def qos(
 
       sfglab qos --domain 7 --seconds 20 --format topics --out config
     """
-    from sfglab.arp import plan_as_printed, plan_file
     from sfglab.arp.exports import EXPORTS
     from sfglab.arp.recorded import topics_text
     from sfglab.record.reader import is_log
@@ -115,15 +115,14 @@ def qos(
         unused(why, "method", "output_format", "out", "latency_price")
         typer.echo(_front_table(given))
         return
-    if printed := method == "printed":
+    if method == "printed":
         unused("with --method printed, which knows no price", "latency_price")
     export, name = EXPORTS.get(output_format), given.vendor.name
     if export and export.vendor and not name.startswith(export.vendor.name):
         fitting = [n for n, e in EXPORTS.items() if e.vendor is None or name.startswith(e.vendor.name)]
-        vendors = export.vendor.name.lower().replace(" ", "_")
-        needed = f"{' or '.join(fitting)} for {name}; this with --vendor {vendors}"
+        needed = f"{' or '.join(fitting)} for {name}; this with --vendor {_vendor_of(export.vendor)}"
         raise InvalidValueError("--format", output_format, needed)
-    plan = plan_as_printed(given) if printed else plan_file(given, latency_price_hz=latency_price)
+    plan = _plan(given, method, latency_price)
     if as_json:
         unused("with --json", "output_format", "out")
         tell(plan)
@@ -171,6 +170,18 @@ def _topics_of(file: Path) -> TopicFile:
     return TopicFile(topics=topics, agents=tuple(sorted({topic.source for topic in topics})))
 
 
+def _vendor_of(vendor: Vendor) -> str:
+    return vendor.name.lower().replace(" ", "_")
+
+
+def _plan(given: TopicFile, method: _Method, latency_price: float | None) -> Plan:
+    from sfglab.arp import plan_as_printed, plan_file
+
+    if method == "printed":
+        return plan_as_printed(given)
+    return plan_file(given, latency_price_hz=latency_price)
+
+
 def _put(text: str, name: str, folder: Path | None) -> None:
     if folder is None:
         typer.echo(text, nl=False)
@@ -192,17 +203,20 @@ def _plan_table(plan: Plan) -> str:
         )
         for part in plan.topics
     ]
-    latency = f"{1e3 * plan.latency_s:.2f} ms" if plan.latency_s < float("inf") else "without bound"
     lines = [
         *columns(rows, right=range(1, 7)),
         "",
         f"{plan.vendor.name}, {plan.medium.rate_bps / 1e6:g} Mbit/s, {100 * plan.medium.loss:g} % loss",
-        f"taken of the medium's time {100 * plan.utilisation:.0f} %, expected latency {latency}",
+        f"taken of the medium's time {100 * plan.utilisation:.0f} %, expected latency {_ms(plan.latency_s)}",
         f"readers up to date {100 * plan.up_to_date:.1f} % of the time",
     ]
     if plan.utilisation >= 1:
         lines.append("the medium is overloaded: queues grow without end, and what they cannot hold is lost")
     return "\n".join(lines) + "\n"
+
+
+def _ms(seconds: float) -> str:
+    return f"{1e3 * seconds:.2f} ms" if seconds < float("inf") else "without bound"
 
 
 def _front_table(given: TopicFile) -> str:
@@ -274,7 +288,7 @@ def map_graph(
       sfglab map data/graphs/driving.yaml --build-cfg build.cfg --verilog rtl
     """
     from sfglab.record.reader import is_log
-    from sfglab.soc import build_cfg, faster_by_gateway, load_graph, map_communication
+    from sfglab.soc import build_cfg, load_graph
     from sfglab.soc.graph import graph_text
 
     with _source(file, domain, interface, seconds) as source:
@@ -285,8 +299,7 @@ def map_graph(
         unused("without --place, which alone knows areas", "lut", "bram")
     if figure is None:
         unused("without --figure, in which it is drawn", "stage")
-    gateway = {"gateway": faster_by_gateway()} if rule == "size" else {}
-    mapping = _placed(graph, lut, bram) if place else map_communication(graph, **gateway)
+    mapping = _placed(graph, lut, bram) if place else _mapped(graph, rule)
     found = mapping.gateways
     files: dict[Path, str | bytes] = {}
     if figure is not None:
@@ -310,6 +323,14 @@ def _recorded(file: Path) -> Graph:
         found = graph_from_log(log)
     say_left_out(found.left_out)
     return found.graph
+
+
+def _mapped(graph: Graph, rule: _Rule | None) -> CommunicationMapping:
+    from sfglab.soc import faster_by_gateway, map_communication
+
+    if rule == "size":
+        return map_communication(graph, gateway=faster_by_gateway())
+    return map_communication(graph)
 
 
 def _placed(graph: Graph, lut: int | None, bram: float | None) -> CommunicationMapping:

@@ -88,7 +88,7 @@ def view(
         unused(why, "log", "topic", "memory", "thin", "domain", "interface")
         _write_layout(options.to, fleet, frame)
         return
-    if any(place.partition(":")[0] == "foxglove" for place in options.to):
+    if any(_is_foxglove(place) for place in options.to):
         if log is not None or len(options.to) > 1 or fleet is not None or frame or thin:
             raise SfglabError(
                 "--to foxglove: given with more, allowed are --topic, --domain and --interface: "
@@ -113,6 +113,10 @@ def _write_layout(to: Sequence[str], fleet: Path | None, frame: str) -> None:
     if fleet is None:
         raise SfglabError(f"--to {to[0]}: given without --fleet, needed is the fleet whose layout it is")
     put({Path(to[0]): layout_of_fleet(load_fleet(fleet), frame=frame or "map") + "\n"})
+
+
+def _is_foxglove(place: str) -> bool:
+    return place.partition(":")[0] == "foxglove"
 
 
 def _foxglove(options: ViewOptions, domain: int, interface: str | None) -> None:

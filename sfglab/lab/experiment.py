@@ -19,7 +19,7 @@ from sfglab.errors import InvalidValueError, SfglabError
 from sfglab.fields import Bounds, check_bounds, read_field, to_json
 from sfglab.lab.bench import Bench, Options, rows_of
 from sfglab.lab.claims import Finding, How, Measured
-from sfglab.lab.figures import caption_of, drawn
+from sfglab.lab.figures import caption_of, house_style
 from sfglab.lab.paths import find_project
 from sfglab.lab.progress import progress_bar
 from sfglab.lab.runs import COMPLETION, SMOKE, Run, new_log, unfinished_of
@@ -431,10 +431,14 @@ class Experiment(Generic[C]):
 
     def draw(self, name: str, run: Run[C]) -> tuple[Figure, dict[str, Any]]:
         """Draw a figure of a run, with the numbers that it shows; `InvalidValueError` if there is none."""
+        from matplotlib.figure import Figure
+
         if name not in self._drawings:
             raise InvalidValueError(f"{self.name}: figure", name, ", ".join(self._drawings))
-        drawing, shown = self._drawings[name], dict[str, Any]()
-        figure = drawn(drawing.size, lambda figure: shown.update(drawing.function(figure, run)))
+        drawing = self._drawings[name]
+        with house_style():
+            figure = Figure(figsize=drawing.size)
+            shown = drawing.function(figure, run)
         return figure, {name: _numbers(value) for name, value in shown.items()}
 
     def figures(self, log: Path | Run[C]) -> dict[str, tuple[Figure, dict[str, Any]]]:

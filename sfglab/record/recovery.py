@@ -209,7 +209,17 @@ _INDEXERS: dict[int, Callable[[Summary, int, bytes], None]] = {
 def scan(stream: BinaryIO, size: int) -> tuple[Summary, bool]:
     """Index a file's whole records, and return whether the data ends well; UnchunkedError outside chunks."""
     summary = Summary()
-    summary.statistics = Statistics(0, 0, defaultdict(int), 0, 0, 0, 0, 0, 0)  # messages by channel alone
+    summary.statistics = Statistics(
+        attachment_count=0,
+        channel_count=0,
+        channel_message_counts=defaultdict(int),
+        chunk_count=0,
+        message_count=0,
+        message_end_time=0,
+        message_start_time=0,
+        metadata_count=0,
+        schema_count=0,
+    )
     for offset, opcode, content in _whole_records(stream, size):
         if opcode == Opcode.MESSAGE:
             raise UnchunkedError

@@ -73,6 +73,7 @@ def test_every_combination_has_a_pinned_base_or_an_error_with_place_given_and_al
         ("jetson", "arm64", "jazzy", "allowed at deployment.ros with it: none, humble"),
         ("cuda", "arm64", "none", "allowed with it: amd64"),
         ("rocm", "arm64", "none", "allowed with it: amd64"),
+        ("jetson", "amd64", "none", "allowed with it: arm64"),
     ],
 )
 def test_what_no_maker_offers_is_refused(accelerator, architecture, ros, words):

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from sfglab.documents import DocumentError
+from sfglab.errors import InvalidValueError
 from sfglab.fleet import fleet_file
 from sfglab.fleet.policy import TABLE_1, Direction
 from sfglab.qos import LATCHED, QoSProfile, Reliability
@@ -93,6 +94,11 @@ def test_a_mistake_is_refused_with_its_key_its_line_and_what_is_allowed(change, 
     assert str(error).startswith("fleet.yaml:")
 
 
+def test_an_unknown_agent_is_refused():
+    with pytest.raises(InvalidValueError, match="did you mean 'go2'"):
+        fleet_file.read_fleet(SMALL).agent("go3")
+
+
 def test_a_refusal_survives_being_sent_to_another_process():
     error = refusal(SMALL.replace("domain: 2", "domain: 300"))
     assert str(copy.deepcopy(error)) == str(error)  # the same protocol as pickling
@@ -145,13 +151,16 @@ def test_all_keys_are_read():
 @pytest.mark.parametrize(
     ("part", "text", "key", "allowed"),
     [
+        ("host", "{devices: [video0]}", "agents.go2.host.devices", "device nodes"),
         ("host", "{devices: [/dev/../etc/shadow]}", "agents.go2.host.devices", "device nodes"),
+        ("host", "{packages: ['curl; rm -rf /']}", "agents.go2.host.packages", "Debian packages"),
         ("host", "{workspace: ../elsewhere}", "agents.go2.host.workspace", "a folder beside the fleet file"),
         ("host", "{workspace: /abs}", "agents.go2.host.workspace", "a folder beside the fleet file"),
         ("host", "{address: '-oProxyCommand=x'}", "agents.go2.host.address", "[user@]host"),
         ("host", "{address: 'a b'}", "agents.go2.host.address", "[user@]host"),
         ("host", r'{launch: ["a\n"]}', "agents.go2.host.launch", "a text of one line"),
         ("host", r'{"model\u2028": a}', "agents.go2.host.model", "a key of one line"),
+        ("deployment", "{images: Localhost/UPPER}", "deployment.images", "a repository of images"),
         ("deployment", "{images: 'a:1'}", "deployment.images", "a repository of images"),
         ("deployment", "{router_image: 'a b'}", "deployment.router_image", "an image"),
         ("deployment", "{time_servers: ['x y']}", "deployment.time_servers", "names or addresses"),

@@ -1,12 +1,13 @@
-"""Policies other than Table 1: rules of one direction, and more rules."""
+"""Policies other than Table 1: rules of one direction, half of a service, and more rules."""
 
 from dataclasses import replace
 
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sfglab.fleet.policy import TABLE_1, Direction, ForwardRule, Policy, Side
+from sfglab.fleet.policy import TABLE_1, Crossing, Direction, ForwardRule, Policy, Side
 from sfglab.lab.checks.routing import in_table_1
+from sfglab.names import ResourceKind
 
 segments = st.from_regex(r"[A-Za-z_][A-Za-z0-9_]{0,8}", fullmatch=True)
 near = st.sampled_from(["global", "local", "tf", "tf_static", "globally", "global_x", "GLOBAL", "tf2"])
@@ -23,6 +24,12 @@ def test_a_rule_of_one_direction_lets_nothing_cross_against_it(name):
     assert policy.crosses(name, Direction.OUTWARD) is in_table_1(name)
     assert not policy.crosses(name, Direction.INWARD)
     assert policy.domains(name, Side.GLOBAL) == frozenset({Side.GLOBAL})
+
+
+def test_a_service_whose_replies_stay_is_half_open():
+    policy = Policy(rules=tuple(rule for rule in TABLE_1 if rule.pattern != "rr/global/*"))
+    crossing = policy.crossing("/global/go2/get_metadata", ResourceKind.SERVICE, Direction.OUTWARD)
+    assert crossing is Crossing.HALF
 
 
 @given(

@@ -172,9 +172,15 @@ def test_a_heartbeat_survives_the_wire_and_a_description_becomes_the_metadata_me
     assert all(getattr(stream, name) == value for name, value in asdict(STREAM).items())
 
 
-def test_a_stream_of_anothers_sensors_that_share_a_name_and_a_wrong_agents_name_are_refused():
-    with pytest.raises(DescriptionError, match=STREAM.topic):
-        StatusSettings(agent="husky", description=DESCRIPTION)
+@pytest.mark.parametrize("topic", [TOPIC.replace("global", "local"), TOPIC.replace("go2", "husky"), "no name"])
+def test_a_stream_that_does_not_cross_its_agents_border_is_refused(topic):
+    stream = StreamDescription(topic=topic, type="sensor_msgs/msg/CompressedImage", codec="jpeg")
+    description = AgentDescription(sensors=(SensorDescription(name="x", streams=(stream,)),))
+    with pytest.raises(DescriptionError, match=topic):
+        StatusSettings(agent="go2", description=description)
+
+
+def test_sensors_that_share_a_name_and_a_wrong_agents_name_are_refused():
     twice = AgentDescription(sensors=(SensorDescription(name="x"), SensorDescription(name="x")))
     with pytest.raises(DescriptionError, match="names that differ"):
         twice.check("go2")

@@ -15,7 +15,6 @@ import pytest
 import sfglab
 from sfglab.errors import InvalidValueError
 from sfglab.lab.hosts import HostsError, LinkControlError, Network
-from sfglab.lab.hosts.host import InterfaceBytes, interface_bytes
 
 pytestmark = pytest.mark.netns
 PYTHON = [sys.executable, "-I", "-S", "-c"]
@@ -167,15 +166,6 @@ def test_tcp_goes_over_the_wire_in_frames_of_the_network(edge, station):
     frames = after.rx_packets - before.rx_packets
     assert frames >= 1000, "no offloading: 1448 B of data a frame"
     assert after.rx_bytes - before.rx_bytes >= 1448000 + 1000 * (14 + 20 + 32)
-
-
-def test_interface_counters_are_read_from_the_kernels_table():
-    table = "Inter-| Receive\n face |bytes\n    lo: 1 2 3 4 5 6 7 8 9 10 11\n"
-    table += "  eth0:4711 12 0 0 0 0 0 0 815 34 0 0 0 0 0 0\n"
-    read = InterfaceBytes(rx_bytes=4711, tx_bytes=815, rx_packets=12, tx_packets=34)
-    assert interface_bytes(table, "eth0") == read
-    with pytest.raises(LookupError, match="'eth1'"):
-        interface_bytes(table, "eth1")
 
 
 def test_two_networks_at_once_do_not_meet(network, edge):

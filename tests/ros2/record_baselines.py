@@ -34,8 +34,10 @@ async def record(profile="quick", name="", *changes):
         found = run[PART] if exp is cooperation.exp else found
         sys.stdout.write(f"{path.name}\n{run.skipped(PART)}\n{found.to_string()}\n")
         reference = project.reference_logs / path.name
-        reference.unlink(missing_ok=True)
-        copy_logs([path], reference)  # in whole chunks; a run reads its log when it is asked
+        packed = path.with_suffix(".packed.mcap")
+        packed.unlink(missing_ok=True)
+        copy_logs([path], packed)  # in whole chunks; a run reads its log when it is asked
+        packed.replace(reference)
         path.unlink()
 
 

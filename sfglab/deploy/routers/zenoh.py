@@ -197,7 +197,7 @@ def _file(comments: Sequence[str], config: dict[str, Any]) -> str:
 
 def _rules(names: dict[str, tuple[NamePattern, ...]]) -> Iterator[dict[str, Any]]:
     for kind, data, wish in (("publishers", _EGRESS, _INGRESS), ("subscribers", _INGRESS, _EGRESS)):
-        keys = [pattern.key_expression for pattern in names[kind]]
+        keys = _keys(names[kind])
         # What late joiners ask of an advanced publisher lies below @adv, which no wildcard stands for.
         history = [f"{key}/@adv/**" for key in keys]
         yield _rule(f"{kind}: messages", data, ["put", "delete", "reply"], keys)
@@ -205,8 +205,7 @@ def _rules(names: dict[str, tuple[NamePattern, ...]]) -> Iterator[dict[str, Any]
         yield _rule(f"{kind}: history", data, ["declare_queryable", "liveliness_token"], history)
         yield _rule(f"{kind}: history wanted", wish, ["query", *_WANTED], history)
     for kind, calls, replies in (("server", _INGRESS, _EGRESS), ("client", _EGRESS, _INGRESS)):
-        # An action's parts are among them.
-        keys = [pattern.key_expression for pattern in names[f"service_{kind}s"]]
+        keys = _keys(names[f"service_{kind}s"])  # an action's parts are among them
         yield _rule(f"{kind}s: calls", calls, ["query"], keys)
         yield _rule(f"{kind}s: replies", replies, ["reply", "declare_queryable"], keys)
     # Bridges tell each other what they route by tokens with the name in one segment.
@@ -215,6 +214,10 @@ def _rules(names: dict[str, tuple[NamePattern, ...]]) -> Iterator[dict[str, Any]
         tokens += [f"@/*/@ros2_lv/{letters}/{pattern.announced_key}/**" for pattern in names[kind]]
     yield _rule("announcements", None, ["liveliness_token"], list(dict.fromkeys(tokens)))
     yield _rule("announcements wanted", None, _WANTED, ["@/*/@ros2_lv/**"])
+
+
+def _keys(patterns: Sequence[NamePattern]) -> list[str]:
+    return [pattern.key_expression for pattern in patterns]
 
 
 def _rule(name: str, flow: str | None, messages: list[str], keys: list[str]) -> dict[str, Any]:

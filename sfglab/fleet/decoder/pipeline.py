@@ -195,9 +195,7 @@ class _Decoding:
             try:
                 async with asyncio.timeout(PATIENCE_S):
                     while self._splicer.needs_replay:
-                        self._arrived.clear()
-                        if not await self._step():
-                            await self._arrived.wait()
+                        await self._step_or_wait()
                         for pump in pumps:
                             if pump.done():
                                 pump.result()
@@ -232,6 +230,11 @@ class _Decoding:
         is_key, shown = bool(flags & FLAG_KEY), not flags & FLAG_DISCARD
         self._splicer.take(message, source, pts=pts, is_key=is_key, shown=shown)
 
+    async def _step_or_wait(self) -> None:
+        self._arrived.clear()
+        if not await self._step():
+            await self._arrived.wait()
+
     async def _drain(self) -> None:
         while await self._step():
             pass
@@ -247,9 +250,7 @@ class _Decoding:
     async def _decode(self, message: Any, *, show: bool) -> None:
         try:
             if show:
-                for image in self._decoder.feed(message):
-                    self._outputs.publish_image(message.header, image.array, image.encoding)
-                    self._counts.published += 1
+                self._show(message)
             else:
                 self._decoder.skip(message)
         except (CodecError, InvalidMessageError) as error:  # or it is larger than what is handed on
@@ -257,3 +258,8 @@ class _Decoding:
             self._counts.last_error = str(error)
         # A burst of queued messages must not keep orders, and newer messages, from being heard.
         await asyncio.sleep(0)
+
+    def _show(self, message: Any) -> None:
+        for image in self._decoder.feed(message):
+            self._outputs.publish_image(message.header, image.array, image.encoding)
+            self._counts.published += 1

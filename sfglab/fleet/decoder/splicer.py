@@ -102,10 +102,8 @@ class Splicer(Generic[M]):
         if not self._chain:
             return None
         packet = self._chain.popleft()
-        if self._newest_live is None:
-            new = not self._shown_one and not self._resumed
-        else:
-            new = packet.pts >= self._newest_live
+        unseen = not (self._shown_one or self._resumed)
+        new = unseen if self._newest_live is None else packet.pts >= self._newest_live
         new = new or self.phase is Phase.FOLLOWING
         current = self.phase is Phase.CONNECTED or (packet.shown and new)
         show = current and (self._shown_one or not self._chain)

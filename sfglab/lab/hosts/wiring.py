@@ -229,7 +229,11 @@ class Shaping:
         self._nft: Any = None
 
     def set_link(self, port: Port, link: Link) -> None:
-        """Replace what was set at a port; `NetlinkError`: the kernel refuses, for want of module or right."""
+        """Replace everything that was set at a port.
+
+        Raises:
+            NetlinkError: The kernel refuses, for want of a module or of permission.
+        """
         _set_rate(self._wiring.netlink, port.outer_index, link)
         with self._wiring.inside(port.namespace) as netlink:
             _set_rate(netlink, port.inner_index, link)

@@ -15,7 +15,11 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from types import ModuleType
 
-_MESSAGES = [f"sfglab_interfaces/msg/Agent{name}" for name in ("Heartbeat", "DiscoveryEvent", "Metadata")]
+_MESSAGES = (
+    "sfglab_interfaces/msg/AgentHeartbeat",
+    "sfglab_interfaces/msg/AgentDiscoveryEvent",
+    "sfglab_interfaces/msg/AgentMetadata",
+)
 _SERVICES = ("sfglab_interfaces/srv/GetMetadata",)
 _HALVES = ("Request", "Response")
 

@@ -55,18 +55,32 @@ async def serve(config: WireConfig, report: Reporter, orders: Orders) -> None:
 def _look(node: Node, topics: Iterable[str], report: Reporter) -> None:
     for topic in topics:
         for publisher in node.graph.publishers(topic):
-            qos = {"reliability": publisher.qos.reliability.value, "durability": publisher.qos.durability.value}
-            end = {"topic": topic, "type": publisher.type, **qos, "gid": publisher.gid.hex()}
-            report({"is": "publisher", **end})
+            report(
+                {
+                    "is": "publisher",
+                    "topic": topic,
+                    "type": publisher.type,
+                    "reliability": publisher.qos.reliability.value,
+                    "durability": publisher.qos.durability.value,
+                    "gid": publisher.gid.hex(),
+                }
+            )
     report({"is": "looked"})
 
 
 async def _listen(subscription: Subscription, report: Reporter) -> None:
     while True:
         cdr, info = await subscription.take_with_info()
-        times = {"sent_ns": info.source_timestamp_ns, "received_ns": info.received_timestamp_ns}
-        sample = {"topic": subscription.topic_name, "cdr": base64.b64encode(cdr).decode()}
-        report({"is": "heard", **sample, **times, "gid": info.publisher_gid.hex()})
+        report(
+            {
+                "is": "heard",
+                "topic": subscription.topic_name,
+                "cdr": base64.b64encode(cdr).decode(),
+                "sent_ns": info.source_timestamp_ns,
+                "received_ns": info.received_timestamp_ns,
+                "gid": info.publisher_gid.hex(),
+            }
+        )
 
 
 async def _ask(node: Node, service: str, report: Reporter) -> None:

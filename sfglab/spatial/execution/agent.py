@@ -47,7 +47,11 @@ class AgentState:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Dynamics:
-    """How an agent answers; InvalidValueError out of range, or for gain times lag above 1/4: it overshoots."""
+    """How an agent answers.
+
+    Raises:
+        InvalidValueError: A number is out of range, or gain times lag is above 1/4, where it overshoots.
+    """
 
     #: Never exceeded, whatever is asked for; the yaw rate's bounds the whole turn's rate.
     limits: Limits = field(default_factory=Limits)

@@ -85,7 +85,11 @@ class Execution:
 
 
 async def send(node: Node, order: Order, **options: Unpack[ExecuteOptions]) -> Execution:
-    """Send an order, return once it is answered, else BusTimeoutError; `Execution.close` ends it."""
+    """Send an order and return once the server has answered; `Execution.close` ends it.
+
+    Raises:
+        BusTimeoutError: There is no server, or it does not answer.
+    """
     execution = Execution(node, order.agent, **options)
     try:
         await execution.begin(order)

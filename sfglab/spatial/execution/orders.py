@@ -120,7 +120,11 @@ class Rules:
 
 
 def judge(order: Order, rules: Rules, pose: Pose, now_ns: int) -> None:
-    """Return if an agent at a pose takes an order now, by its start's clock; RefusalError: the first reason."""
+    """Return if an agent at a pose takes an order now, by the clock of the order's start.
+
+    Raises:
+        RefusalError: It does not; with the first reason.
+    """
     _check_addressee(order, rules)
     trajectory = order.trajectory
     for violation in limit_violations(trajectory, _widened(rules.limits, 1.0 + rules.slack)):

@@ -141,7 +141,11 @@ class ViconSource:
         self._host, self._clock = host, clock
 
     async def captures(self) -> AsyncGenerator[Capture, None]:
-        """Connect, yield what is sent; MocapError if the Tracker does not answer, refuses a setting or ends."""
+        """Connect, and yield what is sent.
+
+        Raises:
+            MocapError: The Tracker does not answer, or refuses a setting; also later, when the connection ends.
+        """
         client = self._library.PyViconDatastream()
         loop = asyncio.get_running_loop()
         with ThreadPoolExecutor(1, thread_name_prefix="vicon") as thread:

@@ -88,8 +88,8 @@ def _meetings(scene: Scene) -> Iterator[Conflict]:
     for a, b in combinations(agents, 2):
         found = _approach(motions[a.id], motions[b.id])
         clearance_m = found.distance_m - a.radius_m - b.radius_m
-        gap = f"are {clearance_m:.3f} m apart" if clearance_m >= 0 else f"overlap by {-clearance_m:.3f} m"
         if clearance_m < scene.margin_m:
+            gap = f"are {clearance_m:.3f} m apart" if clearance_m >= 0 else f"overlap by {-clearance_m:.3f} m"
             yield Conflict(
                 kind=ConflictKind.AGENTS,
                 objects=(a.id, b.id),

@@ -37,7 +37,11 @@ SCENE_PROPERTIES = (text("name"), text("frame_id"), length("margin_m", zero=True
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Scene:
-    """A tree of objects; SceneError by every method that takes an id, for one of no object or another kind."""
+    """A tree of objects.
+
+    Raises:
+        SceneError: By every method that takes an id: there is no object of this id, or it is of another kind.
+    """
 
     name: str = "scene"  #: For people.
     frame_id: str = "map"  #: The frame of what stands at the top, for messages.

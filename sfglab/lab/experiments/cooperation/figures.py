@@ -112,8 +112,9 @@ def _draw_run(axes: Axes, tracks: pd.DataFrame, name: str, example: dict[str, An
 def draw_area(axes: Axes, robot: str, color: str = COLORS["network"]) -> None:
     """Draw a robot's hallway, its boxes in a colour, and its home."""
     [area] = [area for area in AREAS if area.robot == robot]
+    walls = 2 * len(WAYPOINTS)
     for number, (ax, ay, bx, by) in enumerate(area.segments):
-        axes.plot([ax, bx], [ay, by], color="black" if number < 2 * len(WAYPOINTS) else color, linewidth=1.3)
+        axes.plot([ax, bx], [ay, by], color="black" if number < walls else color, linewidth=1.3)
     for box in area.boxes:
         axes.fill(*box.corners().T, color=color, alpha=0.6)
     axes.plot(*HOME[:2], "+", color="black", markersize=9)

@@ -287,10 +287,11 @@ def ros_cells(config: Config) -> list[RosCell]:
     whole = config.ros2_s >= hallway.LIMIT_S
     methods: Any = ("none", "LC", "OPT", "OPT+LC") if whole else ("none", "OPT+LC")
     depths = DEPTHS if whole else DEPTHS[1:2]
+    points = points_of(replace(config, methods=methods, rates_hz=(KEPT_HZ,), depths=depths))
     return [
         RosCell(mode, pace, replace(point, vendor=mode))
         for mode in (("fast_dds_sync", "fast_dds_async") if whole else ("fast_dds_async",))
-        for point in points_of(replace(config, methods=methods, rates_hz=(KEPT_HZ,), depths=depths))
+        for point in points
         for pace in (1.0, 2.0)
         if (pace == 2.0) == (point.method == "none") or (point.method, point.depth) == ("LC", DEPTHS[1])
     ]

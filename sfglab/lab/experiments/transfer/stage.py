@@ -92,7 +92,8 @@ def _write_fits(bench: Bench[Config], name: str, costs: Costs, rng: np.random.Ge
             best = ended if best is None or ended.rms < best.rms else best
         farthest = float(np.exp(np.abs(np.log(factors)).max()))
         bench.write("refit", {"model": name, "start": start, "farthest": farthest, **came_to})
-    for item, refitted in zip(*map(memory.constants, (costs, best.costs if best else costs)), strict=True):
+    refits = memory.constants(best.costs if best else costs)
+    for item, refitted in zip(memory.constants(costs), refits, strict=True):
         row = to_json(item)
         bench.write("constant", {"model": name, "constant": row.pop("name"), **row, "refitted": refitted.value})
 

@@ -216,7 +216,8 @@ def checks(run: Run[Config]) -> pd.DataFrame:
 
 def check_latency(run: Run[Config]) -> CheckRow:
     """Return whether the bridge adds no more than is asked, at the median and in the tail."""
-    arms = (latency_table(run).loc[arm, ["median", "99 %"]].to_numpy(float) for arm in ("bridge", "bare"))
+    table = latency_table(run)
+    arms = (table.loc[arm, ["median", "99 %"]].to_numpy(float) for arm in ("bridge", "bare"))
     added = dict(zip(("median", "99 %"), np.subtract(*arms), strict=True))
     facts = {f"{name}: {ms:.1f} of {ADDED_MS:g} ms": bool(ms < ADDED_MS) for name, ms in added.items()}
     return facts_row("what the bridge adds to a picture's way", facts)
