@@ -20,8 +20,8 @@ GOP = 5
 class Joining:
     """A splicer whose packets are their numbers; a key frame every `gop`."""
 
-    def __init__(self, *, replay: bool = True, resumed: bool = False, gop: int = GOP) -> None:
-        self.splicer: Splicer[int] = Splicer(replay=replay, resumed=resumed)
+    def __init__(self, *, replay: bool = True, after: int = -1, gop: int = GOP) -> None:
+        self.splicer: Splicer[int] = Splicer(replay=replay, after=after)
         self.gop = gop
         self.decoded: list[int] = []
         self.shown: list[int] = []
@@ -77,16 +77,18 @@ def test_what_is_decoded_and_shown(arrivals, decoded, shown, phase):
 
 
 @pytest.mark.parametrize(
-    ("arrivals", "shown"),
+    ("after", "arrivals", "shown"),
     [
-        pytest.param("R56 R7 R8 L9 LA", [9, 10], id="another's replay"),
-        pytest.param("r567 R8 L8 L9", [9], id="its own"),
-        pytest.param("L8 r567 R8 L9", [8, 9], id="the stream first"),
-        pytest.param("R567 R89AB", [], id="nothing but a replay"),
+        pytest.param(99, "R56 R7 R8 L9 LA", [9, 10], id="another's replay"),
+        pytest.param(99, "r567 R8 L8 L9", [9], id="its own"),
+        pytest.param(99, "L8 r567 R8 L9", [8, 9], id="the stream first"),
+        pytest.param(99, "R567 R89AB", [], id="nothing but a replay"),
+        pytest.param(7, "R56 R7 R8 L9 LA", [8, 9, 10], id="another's replay, to whoever comes back"),
+        pytest.param(7, "R567 R89", [9], id="one that is newer than what was seen"),
     ],
 )
-def test_a_stream_that_is_resumed_shows_nothing_of_the_replay_that_is_older_than_the_stream(arrivals, shown):
-    assert Joining(resumed=True).hear(arrivals).shown == shown
+def test_nothing_of_the_replay_is_shown_again_nor_from_before_what_was_seen(after, arrivals, shown):
+    assert Joining(after=after).hear(arrivals).shown == shown
 
 
 def test_a_new_group_in_the_replay_supersedes_an_old_one_and_what_waits_in_vain_is_bounded():

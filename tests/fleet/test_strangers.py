@@ -1,7 +1,9 @@
 """What strangers say of themselves, and candidates that come late: one test for each way in that was found."""
 
 import asyncio
+import sys
 from contextlib import asynccontextmanager
+from dataclasses import asdict
 
 import pytest
 from cameras import FFMPEG, IMAGE, LOCAL, STREAM, behind_router, everything
@@ -11,6 +13,7 @@ from test_routing_frames import GO2, pairs, tf
 from sfglab.bus.sim.backend import SimClock
 from sfglab.component import beside
 from sfglab.fleet.decoder.node import AgentDecoder
+from sfglab.fleet.decoder.pipeline import Statistics
 from sfglab.fleet.decoder.streams import Route, routes_of_agent
 from sfglab.fleet.discovery.listener import DISCOVERY_EVENT, discovery_topic
 from sfglab.fleet.discovery.node import AgentDiscoverer, DiscoverySettings
@@ -158,7 +161,7 @@ async def test_a_pipeline_process_that_hangs_is_replaced(sim, caplog, monkeypatc
         assert ([pipe.pid for pipe in pool], "it was stopped" in caplog.text) == ([1, 2], True)
 
 
-async def test_a_stream_is_resumed_for_who_saw_its_last_pipeline_and_not_for_who_comes_to_an_idle_one(sim):
+async def test_whoever_saw_a_killed_pipeline_waits_for_the_stream_and_who_comes_back_for_what_is_newer(sim):
     async with sim.node("decoder", host="pc") as node:
         pool, stream = Pool(), {"source_topic": STREAM, "source_type": FFMPEG, "local_topic": LOCAL}
         decoder = AgentDecoder(node, pool, offers=False)
@@ -170,19 +173,21 @@ async def test_a_stream_is_resumed_for_who_saw_its_last_pipeline_and_not_for_who
             pool[0].owner(pool[0], {"is": "ended", "status": -9})
             await asyncio.sleep(5)
             viewer.close()
-            await asyncio.sleep(5)
+            await asyncio.sleep(3)
+            assert pool[1].closing
+            pool[1].owner(pool[1], {"is": "statistics", **asdict(Statistics(newest=70))})
             pool[1].owner(pool[1], {"is": "closed"})
             await asyncio.sleep(1)
             node.create_subscription(IMAGE, LOCAL)
             await asyncio.sleep(1)
-            assert [pipe.stream.resumed for pipe in pool] == [False, True, False]
+            assert [pipe.stream.after for pipe in pool] == [-1, sys.maxsize, 70]
 
 
 async def test_a_decoder_that_starts_anew_resumes_what_somebody_watches(sim):
     async with decoding(sim) as (pool, offer, _):
         await asyncio.sleep(0.5)
         await offer("go2", "h264")
-        assert [pipe.stream.resumed for pipe in pool] == [True]
+        assert [pipe.stream.after for pipe in pool] == [sys.maxsize]
 
 
 async def test_a_spare_that_was_stopped_before_it_was_lent_is_replaced(sim, monkeypatch):

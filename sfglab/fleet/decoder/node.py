@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import sys
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from signal import SIGKILL
@@ -66,7 +67,7 @@ class _Pipeline:
     route: Route
     life: Lifecycle
     wanted: bool = False
-    seen: bool = False  # whether its subscribers may have seen pictures of an earlier pipeline, or decoder
+    seen: bool = False  # whether subscribers may have seen any pictures of an earlier pipeline, or decoder
     worker: Worker | None = None
     statistics: Statistics | None = None
     watch: HangWatch = field(default_factory=HangWatch)
@@ -275,9 +276,10 @@ class AgentDecoder:
             self._events.put_nowait(partial(self._heard, route.local_topic, worker, report))
 
         pipeline.worker = await self._pool.lend(pass_on)
+        after = pipeline.statistics.newest if pipeline.statistics else -1
         pipeline.statistics, pipeline.watch = None, HangWatch()
-        stream = replace(route, resumed=pipeline.seen, replay_topic=route.replay_topic if self._replay else "")
-        pipeline.seen = True
+        after, pipeline.seen = sys.maxsize if pipeline.seen else after, True
+        stream = replace(route, after=after, replay_topic=route.replay_topic if self._replay else "")
         transports = sorted(self._demand.transports(route.local_topic))
         pipeline.worker.order(do="open", stream=stream, transports=transports)
 

@@ -81,6 +81,7 @@ class Statistics:
     received: int = 0  #: Messages from the remote stream.
     replayed: int = 0  #: Messages from its replay.
     published: int = 0  #: Images handed to local subscribers.
+    newest: int = -1  #: The latest one's number; -1: none, or they have no numbers.
     broken: int = 0  #: Messages that could not be decoded.
     last_error: str = ""  #: The latest decoding error; empty without one.
 
@@ -183,7 +184,7 @@ class _Decoding:
     def __init__(self, route: Route, outputs: Outputs, counts: Statistics) -> None:
         self._decoder = image_decoder(route.source_type, route.codec, most_pixels=route.most_pixels)
         self._numbered = bool(route.replay_topic)
-        self._splicer: Splicer[Any] = Splicer(replay=self._numbered, resumed=route.resumed)
+        self._splicer: Splicer[Any] = Splicer(replay=self._numbered, after=route.after)
         self._outputs = outputs
         self._counts = counts
         self._arrived = asyncio.Event()
@@ -263,3 +264,4 @@ class _Decoding:
         for image in self._decoder.feed(message):
             self._outputs.publish_image(message.header, image.array, image.encoding)
             self._counts.published += 1
+            self._counts.newest = message.pts if self._numbered else -1

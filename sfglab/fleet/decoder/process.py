@@ -93,6 +93,7 @@ class PipelineWorker:
                 reports.cancel()
             outputs.close()
             self._outputs = None
+            self._report({"is": "statistics", **asdict(counts)})
 
     async def _report_counts(self, counts: Statistics) -> None:
         while True:

@@ -52,10 +52,10 @@ class _Packet(Generic[M]):
 class Splicer(Generic[M]):
     """Joins one stream once; without a replay to begin with, packets of the live stream pass as they come.
 
-    Of one that is `resumed` later pictures than the replay's may have been seen before.
+    Pictures up to the number `after` may have been seen before.
     """
 
-    def __init__(self, *, replay: bool, resumed: bool = False) -> None:
+    def __init__(self, *, replay: bool, after: int = -1) -> None:
         self.phase = Phase.JOINING if replay else Phase.FOLLOWING  #: How far it is.
         self._chain: deque[_Packet[M]] = deque()  # contiguous, not decoded yet
         self._ahead: dict[int, _Packet[M]] = {}  # beyond the chain's end
@@ -63,7 +63,7 @@ class Splicer(Generic[M]):
         self._end = -1
         self._newest_live: int | None = None
         self._key_needed = False
-        self._resumed = resumed
+        self._after = after
         self._shown_one = False
 
     @property
@@ -96,13 +96,13 @@ class Splicer(Generic[M]):
 
         Until the first picture is shown, only the newest one at hand is worth showing: the others are the past.
         Once the live stream has reached the chain its last picture is the present. Until then a replay that
-        another asked for may run through seconds of the past: a further picture of it, and where a stream is
-        resumed the first one too, has to be as new as the live stream.
+        another asked for may run through seconds of the past: a further picture of it, and a first one that may
+        have been seen, has to be as new as the live stream.
         """
         if not self._chain:
             return None
         packet = self._chain.popleft()
-        unseen = not (self._shown_one or self._resumed)
+        unseen = not self._shown_one and packet.pts > self._after
         new = unseen if self._newest_live is None else packet.pts >= self._newest_live
         new = new or self.phase is Phase.FOLLOWING
         current = self.phase is Phase.CONNECTED or (packet.shown and new)

@@ -55,7 +55,7 @@ class Route:
     local_topic: str  #: The local topic.
     replay_topic: str = ""  #: Where its sender may replay the last group of pictures; empty: nowhere.
     most_pixels: int = MAX_PIXELS  #: Of a picture: as announced, with what codecs add at the edges.
-    resumed: bool = False  #: Whether its subscribers may have seen pictures of an earlier pipeline.
+    after: int = -1  #: Number of the newest picture that subscribers may have seen of an earlier pipeline.
 
     @property
     def local_type(self) -> str:

@@ -136,6 +136,17 @@ class SoakStreamRow:
     disordered: int  #: How many came after a later one.
 
 
+@exp.table("wrong")
+class SoakWrongRow:
+    """A picture or number that came again, or after a later one."""
+
+    t_s: float  #: When, seconds since the beginning.
+    consumer: str  #: At whom.
+    name: str  #: What and whose.
+    number: int  #: Which.
+    last: int  #: The newest before.
+
+
 @exp.table("left")
 class SoakLeftRow:
     """Something that should not have been there at the end."""
@@ -209,6 +220,9 @@ class Soak(ProcessGroup):
         match report:
             case {"is": "fresh", "mark": self._mark, "stream": stream}:
                 self._fresh.add(f"{stream} at {name}")
+            case {"is": "wrong", "stream": stream, "number": number, "last": last, "t_ns": at_ns}:
+                row = {"t_s": self._seconds(at_ns), "consumer": name, "name": stream}
+                self._bench.write("wrong", row | {"number": number, "last": last})
             case {"is": "component", "component": component, "state": state, "pid": pid}:
                 self.pids[name].pop(component, None)
                 if state == "running":

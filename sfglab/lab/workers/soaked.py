@@ -4,7 +4,8 @@ They publish numbered messages, a latched state and the pictures of a camera, co
 and record what they hear on a disk of their own, which can be filled. Numbers
 are those of periods of the machine's steady clock, which no step of an agent's clock moves and all test hosts
 share: what was sent after a fault is known by its number. Reports, beside ``ready``: ``{"is": "fresh", "mark",
-"stream", "t_ns"}`` for the first of each stream that was sent after a mark, ``{"is": "told", "streams"}``.
+"stream", "t_ns"}`` for the first of each stream that was sent after a mark, ``{"is": "wrong", "stream", "t_ns",
+"number", "last"}`` for a picture or number that does not come after the last, ``{"is": "told", "streams"}``.
 """
 
 from __future__ import annotations
@@ -94,11 +95,15 @@ class Stream:
         self.received += 1
         self.repeated += number == self._last
         self.disordered += number < self._last
+        if number <= self._last and not self.name.startswith(STATE):  # which may, when it is asked for anew
+            self._say("wrong", number=number, last=self._last)
         self._last = max(number, self._last)
         if self._mark and sent_ns >= self._mark[1]:
-            fresh = {"is": "fresh", "mark": self._mark[0], "stream": self.name, "t_ns": time.monotonic_ns()}
+            self._say("fresh", mark=self._mark[0])
             self._mark = None
-            self.report(fresh)
+
+    def _say(self, what: str, **values: int) -> None:
+        self.report({"is": what, "stream": self.name, "t_ns": time.monotonic_ns(), **values})
 
 
 @dataclass(slots=True)
