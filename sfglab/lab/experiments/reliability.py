@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import asyncio
 import json
-import os
 import random
 import shutil
 import signal
@@ -19,7 +18,7 @@ import subprocess
 import sys
 import time
 from collections import Counter
-from contextlib import ExitStack, asynccontextmanager, contextmanager, suppress
+from contextlib import ExitStack, asynccontextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -36,13 +35,14 @@ from sfglab.lab.figures import COLORS, note
 from sfglab.lab.hosts import LinkControlError
 from sfglab.lab.hosts.host import members
 from sfglab.lab.runs import Run, derived, lines_of
+from sfglab.lab.starvation import signal_all, starving
 from sfglab.lab.stats import Estimate, median_of
 from sfglab.lab.workers import soaked
 from sfglab.lab.workers.soaked import STATE, SoakedConfig
 from sfglab.processes import START_LIMIT_S, Member, ProcessGroup
 
 if TYPE_CHECKING:
-    from collections.abc import AsyncIterator, Callable, Iterator, Sequence
+    from collections.abc import AsyncIterator, Iterator, Sequence
 
     import pandas as pd
     from matplotlib.figure import Figure
@@ -61,7 +61,6 @@ GIVEN_UP_S = 60.0  #: After which a fault counts as not recovered from, seconds.
 # Gives a command a small disk of its own, at the place that is named first.
 DISK = ("unshare", "--mount", "sh", "-c", 'mount -t tmpfs -o size=32m disk "$0" && exec "$@"')
 ENDS = ("kill", "stop", "kill agent")  #: Faults that end processes of an agent.
-LOOPS = 3  #: How many endless loops a starving agent has beside it on its one core.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -220,9 +219,9 @@ class Soak(ProcessGroup):
         match report:
             case {"is": "fresh", "mark": self._mark, "stream": stream}:
                 self._fresh.add(f"{stream} at {name}")
-            case {"is": "wrong", "stream": stream, "number": number, "last": last, "t_ns": at_ns}:
-                row = {"t_s": self._seconds(at_ns), "consumer": name, "name": stream}
-                self._bench.write("wrong", row | {"number": number, "last": last})
+            case {"is": "wrong", "stream": stream, "t_ns": at_ns, "number": number, "last": last}:
+                row = {"consumer": name, "name": stream, "number": number, "last": last}
+                self._bench.write("wrong", {"t_s": self._seconds(at_ns), **row})
             case {"is": "component", "component": component, "state": state, "pid": pid}:
                 self.pids[name].pop(component, None)
                 if state == "running":
@@ -339,7 +338,7 @@ class Soak(ProcessGroup):
         with ExitStack() as stack:
             match kind:
                 case "kill" | "stop":
-                    _signal({pid}, signal.SIGKILL if kind == "kill" else signal.SIGSTOP)
+                    signal_all({pid}, signal.SIGKILL if kind == "kill" else signal.SIGSTOP)
                 case "kill agent":
                     await self.kill(name)
                     self.pids[name], self.views[name] = {}, {}
@@ -354,45 +353,17 @@ class Soak(ProcessGroup):
                         clock.write(struct.pack("l", away_s))
                 case "suspend":
                     asleep = self._of(name)
-                    stack.callback(_signal, asleep, signal.SIGCONT)
-                    _signal(asleep, signal.SIGSTOP)
+                    stack.callback(signal_all, asleep, signal.SIGCONT)
+                    signal_all(asleep, signal.SIGSTOP)
                 case "cut":
                     stack.callback(self._network.set_link, name)
                     self._network.set_link(name, loss=1.0)
                 case "starve":
-                    stack.enter_context(_starving(lambda: self._of(name)))
+                    stack.enter_context(starving(lambda: self._of(name)))
                 case "full disk":
                     stack.callback(self.order, [self._users[name].name], do="free")
                     self.order([self._users[name].name], do="fill")
             yield
-
-
-def _signal(pids: set[int], number: signal.Signals) -> None:
-    for pid in pids:
-        with suppress(ProcessLookupError):
-            os.kill(pid, number)
-
-
-def _pin(pids: set[int], cores: set[int]) -> None:
-    for pid in pids:
-        with suppress(OSError):
-            for thread in Path(f"/proc/{pid}/task").iterdir():
-                os.sched_setaffinity(int(thread.name), cores)
-
-
-@contextmanager
-def _starving(pids: Callable[[], set[int]]) -> Iterator[None]:
-    """Keep processes on one core, beside endless loops."""
-    cores = os.sched_getaffinity(0)
-    loops = [subprocess.Popen([sys.executable, "-S", "-c", "while True: pass"]) for _ in range(LOOPS)]
-    try:
-        _pin(pids() | {loop.pid for loop in loops}, {max(cores)})
-        yield
-    finally:
-        for loop in loops:
-            loop.kill()
-            loop.wait()
-        _pin(pids(), cores)
 
 
 def deck(config: Config) -> Iterator[tuple[str, str]]:
