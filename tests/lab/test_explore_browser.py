@@ -135,7 +135,7 @@ def browser(lab):
     except (MissingExtraError, BrowserError) as error:
         machine.skip("browser", str(error))
     with closing(made):
-        until(lambda: is_served(lab[1].removeprefix("http://")))
+        until(lambda: served(f"{lab[1]}/api"))
         yield made
 
 
@@ -153,6 +153,8 @@ def _run(lab, browser):
 
     yield run
     browser.evaluate(LEAVE)
+    # The next notebook of this name would be given a kernel that is about to end, and never be ready.
+    until(lambda: served(f"{address}/api/sessions") == served(f"{address}/api/kernels") == b"[]")
 
 
 def until(holds):
@@ -162,10 +164,10 @@ def until(holds):
         time.sleep(0.05)
 
 
-def is_served(address):
-    with suppress(OSError), urllib.request.urlopen(f"http://{address}/api", timeout=5):
-        return True
-    return False
+def served(address):
+    with suppress(OSError), urllib.request.urlopen(address, timeout=5) as answer:
+        return answer.read()
+    return b""
 
 
 def run_all(browser):
