@@ -135,7 +135,7 @@ def browser(lab):
     except (MissingExtraError, BrowserError) as error:
         machine.skip("browser", str(error))
     with closing(made):
-        until(lambda: served(f"{lab[1]}/api"))
+        until(lambda: served(f"{lab[1].removeprefix('http://')}/api"))
         yield made
 
 
@@ -154,7 +154,8 @@ def _run(lab, browser):
     yield run
     browser.evaluate(LEAVE)
     # The next notebook of this name would be given a kernel that is about to end, and never be ready.
-    until(lambda: served(f"{address}/api/sessions") == served(f"{address}/api/kernels") == b"[]")
+    server = address.removeprefix("http://")
+    until(lambda: served(f"{server}/api/sessions") == served(f"{server}/api/kernels") == b"[]")
 
 
 def until(holds):
@@ -165,7 +166,7 @@ def until(holds):
 
 
 def served(address):
-    with suppress(OSError), urllib.request.urlopen(address, timeout=5) as answer:
+    with suppress(OSError), urllib.request.urlopen(f"http://{address}", timeout=5) as answer:
         return answer.read()
     return b""
 

@@ -45,6 +45,7 @@ FIGURES_ANYWHERE = {
     "17_deployment": {"deployment_checks", "deployment_layers"},
     "18_ros2": {"ros2_features"},
     "19_phases": {"phases", "phases_cells"},
+    "21_performance": {"performance"},
 }
 # The same for those that mean little without hosts of their own.
 FIGURES_OF_HOSTS = {

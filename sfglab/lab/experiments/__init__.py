@@ -31,6 +31,7 @@ EXPERIMENTS = (
     "deployment",
     "ros2",
     "reliability",
+    "performance",
 )
 
 
