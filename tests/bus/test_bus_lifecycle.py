@@ -207,6 +207,20 @@ async def test_closing_a_publisher_waits_for_no_reader_that_acknowledges_nothing
 # --- Another process.
 
 
+async def test_a_publisher_with_more_readers_than_it_looks_at_still_counts_them(
+    here, there, until, monkeypatch
+):
+    """Anybody may make readers of a topic: they end nothing."""
+    monkeypatch.setattr("sfglab.bus.dds.endpoints._MAX_MATCHED", 2)
+    publisher = here.create_publisher(STRING, "/crowded")
+    readers = [there.create_subscription(STRING, "/crowded") for _ in range(4)]
+    await publisher.wait_for_subscriptions(4)
+    readers.pop().close()
+    await until(lambda: publisher.get_subscription_count() == 3)
+    publisher.publish(text("heard"))
+    assert (await readers[0].take(timeout_s=60)).data == "heard"
+
+
 async def test_another_process_gets_the_latched_image_whole_with_its_info(here, child):
     reader = """
     sub = node.create_subscription(Image, "/image", qos=LATCHED)

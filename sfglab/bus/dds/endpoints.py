@@ -159,8 +159,9 @@ class DdsWriter:
         status = clib.MatchedStatus()
         lib.dds_get_publication_matched_status(self.handle, ct.byref(status))
         found = (ct.c_uint64 * _MAX_MATCHED)()
-        count = lib.dds_get_matched_subscriptions(self.handle, ct.byref(found), _MAX_MATCHED)
-        gids = (matched_gid(lib.dds_get_matched_subscription_data, self.handle, found[i]) for i in range(count))
+        count = max(0, lib.dds_get_matched_subscriptions(self.handle, ct.byref(found), _MAX_MATCHED))
+        data = lib.dds_get_matched_subscription_data
+        gids = (matched_gid(data, self.handle, reader) for reader in found[:count])  # of more, the first
         self.matched_prefixes = frozenset(gid[:12] for gid in gids)
         self.matched = status.current_count
         self._on_matched()
