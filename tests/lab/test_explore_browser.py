@@ -5,8 +5,8 @@ import os
 import subprocess
 import sys
 import time
-import urllib.request
 from contextlib import closing, suppress
+from http.client import HTTPConnection
 from pathlib import Path
 
 import machine
@@ -86,10 +86,6 @@ HANDLE = """(() => { const row = [...document.querySelectorAll('.widget-slider')
   const track = row.querySelector('.noUi-base').getBoundingClientRect();
   const handle = row.querySelector('.noUi-handle').getBoundingClientRect();
   return [handle.x + handle.width / 2, handle.y + handle.height / 2, track.x, track.width]; })()"""
-LEAVE = """jupyterapp.shell.currentWidget.context.model.dirty = false;
-  window.addEventListener("beforeunload", (event) => event.stopImmediatePropagation(), { capture: true });
-  void jupyterapp.serviceManager.sessions.shutdownAll();"""
-"""End the kernel; the page does not ask whether to save when the next one is opened: nobody would answer."""
 SESSION = "window.jupyterapp?.shell.currentWidget?.sessionContext"
 FRAME = "document.querySelector('.jp-OutputArea iframe')"
 INSIDE = """(() => {
@@ -116,7 +112,11 @@ def lab(tmp_path_factory):
     (settings / "page_config.json").write_text(json.dumps(news))
     port = free_port()
     argv = [sys.executable, "-m", "jupyterlab", "--no-browser", "--allow-root", f"--ServerApp.port={port}"]
-    argv += ["--IdentityProvider.token=", "--LabApp.expose_app_in_browser=True"]
+    argv += [
+        "--IdentityProvider.token=",
+        "--LabApp.expose_app_in_browser=True",
+        "--ServerApp.disable_check_xsrf=True",
+    ]
     (folder / "tmp").mkdir()
     for name in ("data", "figures"):
         (folder / name).symlink_to(find_project(Path(__file__)).root / name)
@@ -128,14 +128,15 @@ def lab(tmp_path_factory):
     server.wait(60)
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture
 def browser(lab):
+    """One for each test: a page that is left may ask whether to save, and nobody would answer."""
     try:
         made = Browser(1300, 1100)
     except (MissingExtraError, BrowserError) as error:
         machine.skip("browser", str(error))
     with closing(made):
-        until(lambda: served(f"{lab[1].removeprefix('http://')}/api"))
+        until(lambda: served(lab[1].removeprefix("http://"), "/api"))
         yield made
 
 
@@ -152,10 +153,11 @@ def _run(lab, browser):
         run_all(browser)
 
     yield run
-    browser.evaluate(LEAVE)
-    # The next notebook of this name would be given a kernel that is about to end, and never be ready.
     server = address.removeprefix("http://")
-    until(lambda: served(f"{server}/api/sessions") == served(f"{server}/api/kernels") == b"[]")
+    for session in json.loads(served(server, "/api/sessions")):
+        served(server, f"/api/sessions/{session['id']}", "DELETE")
+    # The next notebook of this name would be given a kernel that is about to end, and never be ready.
+    until(lambda: served(server, "/api/sessions") == served(server, "/api/kernels") == b"[]")
 
 
 def until(holds):
@@ -165,9 +167,10 @@ def until(holds):
         time.sleep(0.05)
 
 
-def served(address):
-    with suppress(OSError), urllib.request.urlopen(f"http://{address}", timeout=5) as answer:
-        return answer.read()
+def served(address, path, method="GET"):
+    with closing(HTTPConnection(address, timeout=ANSWER_S)) as connection, suppress(OSError):
+        connection.request(method, path)
+        return connection.getresponse().read()
     return b""
 
 
