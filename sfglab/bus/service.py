@@ -37,6 +37,9 @@ if TYPE_CHECKING:
 
 # ROS 2 takes the profile's depth of 10; all are kept here, so that a burst of calls loses none.
 _QOS = QoSProfile(history=History.KEEP_ALL, reliability=SERVICES.reliability)
+# Were all answers kept until everybody has acknowledged them, one client that was killed, or means ill, would
+# end those to all others.
+_ANSWERS = QoSProfile(depth=100, reliability=SERVICES.reliability)
 # How long a server holds an answer back for a client whose reply reader it has not discovered yet.
 _CLIENT_TIMEOUT_S = 1.0
 
@@ -94,9 +97,14 @@ def _halves(
     service = service_type(type_)
     request, reply = (
         RawEndpoint(
-            dds_topic=topic, type=type_name(half), qos=_QOS, user_data=identity, name=name, transport=transport
+            dds_topic=topic, type=type_name(half), qos=qos, user_data=identity, name=name, transport=transport
         )
-        for topic, half in zip(names.dds_service(name), (service.request, service.response), strict=True)
+        for topic, half, qos in zip(
+            names.dds_service(name),
+            (service.request, service.response),
+            (_QOS, _ANSWERS if server else _QOS),
+            strict=True,
+        )
     )
     return (request, reply) if server else (reply, request)
 

@@ -14,6 +14,7 @@ import pytest
 from bus_messages import IMAGE, PIXELS, SERVICE, STRING, Request, connected, image, text
 
 from sfglab import bus
+from sfglab.messages import default_message, service_type
 from sfglab.names import FqnError
 from sfglab.qos import LATCHED
 
@@ -243,6 +244,26 @@ response = default_message("sfglab_interfaces/srv/GetMetadata_Response")
 node.create_service("sfglab_interfaces/srv/GetMetadata", "/agent/get_metadata", lambda _: response)
 await hear()
 """
+
+
+async def test_a_client_that_acknowledges_nothing_takes_no_answer_from_others(here, there, child, until):
+    """Killed, stopped or ill-willed: until its lease ends a reliable writer that keeps all waits for it."""
+    response = default_message(service_type(SERVICE).response)
+    response.message = "x" * 4000
+    service = here.create_service(SERVICE, "/agent/get_metadata", lambda _: response)
+    listener = f"""
+    client = node.create_client("{SERVICE}", "/agent/get_metadata")
+    await client.wait_for_service(60)
+    await hear()
+    """
+    async with child(listener, "deaf", lease_s=1000.0) as deaf:
+        client = there.create_client(SERVICE, "/agent/get_metadata")
+        await until(lambda: len(service._pair.writer.matched_prefixes) == 2)
+        deaf.process.send_signal(signal.SIGSTOP)
+        await until(lambda: psutil.Process(deaf.process.pid).status() == psutil.STATUS_STOPPED)
+        for _ in range(300):
+            assert len((await client.call(Request(), timeout_s=30)).message) == 4000
+        deaf.process.send_signal(signal.SIGCONT)
 
 
 async def test_a_servers_death_is_a_timeout(here, child):

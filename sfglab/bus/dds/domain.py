@@ -43,9 +43,12 @@ _MAX_INDEX = "<MaxAutoParticipantIndex>99</MaxAutoParticipantIndex>"
 """The highest: a hundred processes of a domain find each other on one host without multicast."""
 # Fast DDS from 3 on announces type information that Cyclone DDS cannot read: its endpoints match by name; 1.15
 # is eProsima's vendor id. Without the hash of the key it does not notice that an endpoint of ours has ended.
+# What a reliable writer may have unacknowledged falls to 1 kB where it adapts to readers that were killed: after
+# 140 of them a service answered nobody any more.
 _COMPATIBILITY = (
     "<Compatibility><IgnoreTypeInformation>1.15</IgnoreTypeInformation></Compatibility>"
-    "<Internal><GenerateKeyhash>true</GenerateKeyhash>{}</Internal>"
+    "<Internal><GenerateKeyhash>true</GenerateKeyhash><Watermarks><WhcAdaptive>false</WhcAdaptive></Watermarks>{}"
+    "</Internal>"
 )
 _INTERFACE_ELEMENTS = ("Interfaces", "NetworkInterfaceAddress")
 _PIECE_END = re.compile(r"(?<=>)\s*,\s*(?=<|file:|/)")
