@@ -133,6 +133,7 @@ class SoakStreamRow:
     received: int  #: How many messages.
     repeated: int  #: How many came again.
     disordered: int  #: How many came after a later one.
+    damaged: int = 0  #: How many pictures show another number than they have: decoded after a loss.
 
 
 @exp.table("wrong")

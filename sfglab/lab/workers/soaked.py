@@ -83,6 +83,7 @@ class Stream:
     received: int = 0  #: How many.
     repeated: int = 0  #: How many came again.
     disordered: int = 0  #: How many came after a later one.
+    damaged: int = 0  #: How many pictures show another number than they have: decoded after a loss.
     _last: int = -1
     _mark: tuple[int, int] | None = None
 
@@ -184,8 +185,9 @@ class _Soaked:
 
     def _seeing(self, stream: Stream) -> Callable[[Any], None]:
         def see(image: Any) -> None:
-            if (number := read_number_flat(image.data, image.width, 3)) is not None:
-                stream.note(number, self._ns(number))
+            number = int(image.header.frame_id.rpartition("_")[2])
+            stream.damaged += read_number_flat(image.data, image.width, 3) != number
+            stream.note(number, self._ns(number))
 
         return see
 
@@ -207,7 +209,7 @@ class _Soaked:
                 for stream in self._streams.values():
                     stream.mark(order["mark"], order["after_ns"])
             case "tell":
-                counts = ("name", "received", "repeated", "disordered")
+                counts = ("name", "received", "repeated", "disordered", "damaged")
                 streams = [{name: getattr(s, name) for name in counts} for s in self._streams.values()]
                 self._report({"is": "told", "streams": streams})
             case kind if self._recorder is not None:
@@ -235,10 +237,11 @@ class _Soaked:
 
 
 def _shot(encoder: H264Encoder, settings: H264Settings, number: int) -> list[Any]:
-    """Return the messages of a picture that shows a number, stamped by the agent's own clock."""
+    """Return the messages of a picture that shows a number, and names it in its frame; by the agent's clock."""
     picture = np.full((HEIGHT, WIDTH, 3), number % 200, np.uint8)
     stamp_number(picture, number)
-    header = message_type("std_msgs/msg/Header")(stamp=stamp_from_ns(time.time_ns()), frame_id="camera_front")
+    stamp = stamp_from_ns(time.time_ns())
+    header = message_type("std_msgs/msg/Header")(stamp=stamp, frame_id=f"camera_{number}")
     fields = [asdict(ffmpeg_packet_fields(packet, settings)) for packet in encoder.encode(picture)]
     data = [{"data": np.frombuffer(packet["data"], np.uint8)} for packet in fields]
     return [message_type(FFMPEG_PACKET)(header=header, **{**f, **d}) for f, d in zip(fields, data, strict=True)]
