@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
     from sfglab.bus.backend import Backend
 
-# ROS 2 takes the profile's depth of 10; all are kept here, so that a burst of calls loses none.
+# ROS 2 takes the profile's depth of 10; all are kept here, so that a burst of calls is heard whole.
 _QOS = QoSProfile(history=History.KEEP_ALL, reliability=SERVICES.reliability)
 # Were all answers kept until everybody has acknowledged them, one client that was killed, or means ill, would
 # end those to all others.

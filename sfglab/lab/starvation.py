@@ -10,17 +10,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    import signal
     from collections.abc import Callable, Iterator
 
 LOOPS = 3  #: How many endless loops there are beside them.
-
-
-def signal_all(pids: set[int], number: signal.Signals) -> None:
-    """Send a signal to processes, of which some may have ended."""
-    for pid in pids:
-        with suppress(ProcessLookupError):
-            os.kill(pid, number)
 
 
 def _pin(pids: set[int], cores: set[int]) -> None:

@@ -34,6 +34,13 @@ _MAX_LEFT = 256  # Publishers of a reader that are remembered when they have lef
 UNKNOWN_GID = bytes(16)  #: Stands for an endpoint that was gone before anybody could look.
 
 
+def _matched(list_of: Callable[..., int], endpoint: int) -> list[int]:
+    """Return the handles of who matches an endpoint, at most `_MAX_MATCHED`: Cyclone's count is of all."""
+    found = (ct.c_uint64 * _MAX_MATCHED)()
+    count = list_of(endpoint, ct.byref(found), _MAX_MATCHED)
+    return found[: max(count, 0)]
+
+
 def idl_type(endpoint: RawEndpoint) -> type[Any]:
     """Return the Cyclone DDS type of a topic's samples.
 
@@ -158,10 +165,8 @@ class DdsWriter:
         lib = library()
         status = clib.MatchedStatus()
         lib.dds_get_publication_matched_status(self.handle, ct.byref(status))
-        found = (ct.c_uint64 * _MAX_MATCHED)()
-        count = max(0, lib.dds_get_matched_subscriptions(self.handle, ct.byref(found), _MAX_MATCHED))
-        data = lib.dds_get_matched_subscription_data
-        gids = (matched_gid(data, self.handle, reader) for reader in found[:count])  # of more, the first
+        readers = _matched(lib.dds_get_matched_subscriptions, self.handle)
+        gids = (matched_gid(lib.dds_get_matched_subscription_data, self.handle, reader) for reader in readers)
         self.matched_prefixes = frozenset(gid[:12] for gid in gids)
         self.matched = status.current_count
         self._on_matched()
@@ -185,9 +190,8 @@ class Publishers:
 
     def matched(self) -> list[bytes]:
         """Return those that match now, and learn them: a sample of one that left has no sender to ask for."""
-        handles = (ct.c_uint64 * _MAX_MATCHED)()
-        count = library().dds_get_matched_publications(self._reader, ct.byref(handles), _MAX_MATCHED)
-        here = {publication: self.gid(publication) for publication in handles[: max(count, 0)]}
+        publications = _matched(library().dds_get_matched_publications, self._reader)
+        here = {publication: self.gid(publication) for publication in publications}
         left = [publication for publication in self._gids if publication not in here]
         for publication in left[:-_MAX_LEFT]:
             del self._gids[publication]

@@ -276,9 +276,9 @@ class AgentDecoder:
             self._events.put_nowait(partial(self._heard, route.local_topic, worker, report))
 
         pipeline.worker = await self._pool.lend(pass_on)
-        after = pipeline.statistics.newest if pipeline.statistics else -1
-        pipeline.statistics, pipeline.watch = None, HangWatch()
-        after, pipeline.seen = sys.maxsize if pipeline.seen else after, True
+        newest = pipeline.statistics.newest if pipeline.statistics else -1
+        after = sys.maxsize if pipeline.seen else newest
+        pipeline.statistics, pipeline.watch, pipeline.seen = None, HangWatch(), True
         stream = replace(route, after=after, replay_topic=route.replay_topic if self._replay else "")
         transports = sorted(self._demand.transports(route.local_topic))
         pipeline.worker.order(do="open", stream=stream, transports=transports)

@@ -5,7 +5,7 @@ them already. One process a pipeline: a bitstream that kills the codec kills one
 
 Orders: ``{"do": "open", "stream": {...}}`` with a `Route`, ``{"do": "serve", "transports": [...]}`` when the
 local topic is wanted by other transports, ``{"do": "close"}``. Reports: ``ready``, ``opened``, ``closed`` (it
-holds nothing any more), ``broken`` with ``why``, and now and then ``statistics`` with `Statistics`.
+holds nothing any more), ``broken`` with ``why``, and now and then and at last ``statistics``, `Statistics`.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Budget of a message: each step of its way to a reader, and the least that this machine takes.
 
 A picture to a local reader by shared memory and by DDS, and 64 bytes by DDS and through a router, at a camera's
-pace, when every process wakes with cold caches, and at one where they stay warm. The least is the work that
-nobody gets round: a copy of the pixels, one pass over them, and a datagram to a process that waits for it.
+pace, at which every process sleeps in between, and at a fast one. The least is the work that nobody gets round:
+a copy of the pixels, one pass over them, and a datagram to a process that waits for it.
 """
 
 from __future__ import annotations
@@ -31,8 +31,6 @@ from sfglab.messages import default_message, serialize
 from sfglab.processes import Member, ProcessGroup
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     import pandas as pd
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
@@ -40,7 +38,7 @@ if TYPE_CHECKING:
     from sfglab.lab.bench import Bench
 
 SIZE = (360, 640, 3)  #: Shape of a picture.
-RATES_HZ = (30.0, 500.0)  #: A camera's pace, and one at which caches stay warm.
+RATES_HZ = (30.0, 500.0)  #: A camera's pace, and a fast one.
 STEPS = {"prepare_us": "prepare", "write_us": "write", "hand_over_us": "hand over", "read_us": "read"}
 LEAST = "least"  #: The way that is measured for its steps alone.
 _MATCH_S = 60.0
@@ -108,13 +106,12 @@ class StepRow:
 class _Sender:
     """Sends along all ways, and notes when."""
 
-    def __init__(self, near: Node, port: int) -> None:
+    def __init__(self, near: Node, datagrams: socket.socket, port: int) -> None:
         self._pixels = np.random.default_rng(0).integers(0, 255, SIZE, np.uint8)
-        # So many that no core's own cache has the next one, as it has not a camera's next picture.
-        self._others = [self._pixels.copy() for _ in range(24)]
+        self._others = [self._pixels.copy() for _ in range(24)]  # 17 MB: a camera's next picture is in no cache
         self._text = default_message(TEXT)
         self._header = default_message(IMAGE).header
-        self._socket, self._port = socket.socket(socket.AF_INET, socket.SOCK_DGRAM), port
+        self._datagrams, self._port = datagrams, port
         self._publishers = {
             name: near.create_publisher(way.type, topic_of(name), LOCAL_QOS, transport=way.transport)  # type: ignore[arg-type]
             for name, way in WAYS.items()
@@ -126,48 +123,30 @@ class _Sender:
             await publisher.wait_for_subscriptions(1, timeout_s=_MATCH_S)
 
     async def bout(self, way: str, count: int, rate_hz: float) -> list[list[int]]:
-        """Send so many; return of each when it was begun, prepared, written, sent and read here, ns."""
-        send = self._way(way)
+        """Send so many; return of each its number, and when it was begun, prepared, written and sent, ns."""
         due_ns, noted = time.monotonic_ns(), []
         for number in range(count):
             due_ns += round(1e9 / rate_hz)
             await asyncio.sleep((due_ns - time.monotonic_ns()) / 1e9)
             self._header.stamp.sec = number
             self._text.data = f"{number:055d}"
-            noted.append([number, *send(number)])
+            noted.append([number, *(self._least(number) if way == LEAST else self._send(way))])
         return noted
 
-    def _way(self, way: str) -> Callable[[int], tuple[int, int, int, int]]:
-        if way == LEAST:
-            return self._least
-        publisher, transport = self._publishers[way], WAYS[way].transport
-
-        def text(_: int) -> tuple[int, int, int, int]:
-            begun_ns = time.monotonic_ns()
-            cdr = serialize(self._text)
-            sent_ns = time.monotonic_ns()
-            publisher.publish_raw(cdr)
-            return begun_ns, sent_ns, sent_ns, sent_ns
-
-        def shared(_: int) -> tuple[int, int, int, int]:
-            begun_ns = time.monotonic_ns()
-            prefix = image_prefix(self._header, self._pixels, "bgr8")
-            prepared_ns = time.monotonic_ns()
-            with publisher.loan(len(prefix) + self._pixels.nbytes) as buffer:
-                write_image(buffer, prefix, self._pixels)
+    def _send(self, name: str) -> tuple[int, int, int, int]:
+        publisher, way, begun_ns = self._publishers[name], WAYS[name], time.monotonic_ns()
+        picture = way.type == IMAGE
+        cdr = image_prefix(self._header, self._pixels, "bgr8") if picture else serialize(self._text)
+        prepared_ns = time.monotonic_ns()
+        if way.transport == "shm":
+            with publisher.loan(len(cdr) + self._pixels.nbytes) as buffer:
+                write_image(buffer, cdr, self._pixels)
                 sent_ns = time.monotonic_ns()
-            return begun_ns, prepared_ns, sent_ns, sent_ns
-
-        def sent(_: int) -> tuple[int, int, int, int]:
-            begun_ns = time.monotonic_ns()
-            prefix = image_prefix(self._header, self._pixels, "bgr8")
-            prepared_ns = time.monotonic_ns()
-            cdr = image_bytes(prefix, self._pixels)
+        else:
+            whole = image_bytes(cdr, self._pixels) if picture else cdr
             sent_ns = time.monotonic_ns()
-            publisher.publish_raw(cdr)
-            return begun_ns, prepared_ns, sent_ns, sent_ns
-
-        return text if WAYS[way].type == TEXT else shared if transport == "shm" else sent
+            publisher.publish_raw(whole)
+        return begun_ns, prepared_ns, sent_ns, sent_ns
 
     def _least(self, number: int) -> tuple[int, int, int, int]:
         begun_ns = time.monotonic_ns()
@@ -175,7 +154,7 @@ class _Sender:
         copied_ns = time.monotonic_ns()
         np.bitwise_xor.reduce(self._others[8 + number % 16].reshape(-1).view(np.uint64))
         sent_ns = time.monotonic_ns()
-        self._socket.sendto(self._text.data.encode(), ("127.0.0.1", self._port))
+        self._datagrams.sendto(self._text.data.encode(), ("127.0.0.1", self._port))
         return begun_ns, begun_ns, copied_ns, sent_ns
 
 
@@ -203,7 +182,8 @@ async def measure_ways(bench: Bench[Config]) -> None:
         ProcessGroup(lambda _, command: command, members) as group,
         Node("sender", **here.options()) as node,
     ):
-        sender = _Sender(node, group[LEAST].readiness["port"])
+        datagrams = bench.stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
+        sender = _Sender(node, datagrams, group[LEAST].readiness["port"])
         await sender.matched()
         for bout in range(config.bouts):
             for rate_hz in RATES_HZ:
@@ -222,6 +202,7 @@ def _write(bench: Bench[Config], of: dict[str, Any], noted: list[list[int]], tol
             in_hand_ns, read_ns = had[number]
             row = {"number": number, "prepare_us": (prepared_ns - begun_ns) / 1e3}
             row |= {"write_us": (written_ns - prepared_ns) / 1e3, "hand_over_us": (in_hand_ns - sent_ns) / 1e3}
+            # The least reads its pixels before it sends; a datagram alone is handed over.
             row["read_us"] = (read_ns - in_hand_ns + sent_ns - written_ns) / 1e3
             bench.write("step", of | row)
 
@@ -238,8 +219,8 @@ def budget(run: Run[Config]) -> pd.DataFrame:
     return medians.assign(least=[parts[row.way][row.rate_hz] for row in lines_of(medians)])
 
 
-def cold(run: Run[Config], way: str) -> Estimate:
-    """Return how many times as long a way takes at a camera's pace as where caches stay warm, by bouts."""
+def slower(run: Run[Config], way: str) -> Estimate:
+    """Return how many times as long a way takes at a camera's pace as at the fast one, by bouts."""
     rows = run["step"][run["step"]["way"] == way]
     whole = rows[list(STEPS)].sum(axis=1)
     bouts = rows.assign(whole=whole).pivot_table(

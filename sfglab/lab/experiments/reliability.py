@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import os
 import random
 import shutil
 import signal
@@ -35,7 +36,7 @@ from sfglab.lab.figures import COLORS, note
 from sfglab.lab.hosts import LinkControlError
 from sfglab.lab.hosts.host import members
 from sfglab.lab.runs import Run, derived, lines_of
-from sfglab.lab.starvation import signal_all, starving
+from sfglab.lab.starvation import starving
 from sfglab.lab.stats import Estimate, median_of
 from sfglab.lab.workers import soaked
 from sfglab.lab.workers.soaked import STATE, SoakedConfig
@@ -133,7 +134,7 @@ class SoakStreamRow:
     received: int  #: How many messages.
     repeated: int  #: How many came again.
     disordered: int  #: How many came after a later one.
-    damaged: int = 0  #: How many pictures show another number than they have: decoded after a loss.
+    damaged: int  #: How many pictures show another number than they have: decoded after a loss.
 
 
 @exp.table("wrong")
@@ -339,7 +340,7 @@ class Soak(ProcessGroup):
         with ExitStack() as stack:
             match kind:
                 case "kill" | "stop":
-                    signal_all({pid}, signal.SIGKILL if kind == "kill" else signal.SIGSTOP)
+                    _signal({pid}, signal.SIGKILL if kind == "kill" else signal.SIGSTOP)
                 case "kill agent":
                     await self.kill(name)
                     self.pids[name], self.views[name] = {}, {}
@@ -354,8 +355,8 @@ class Soak(ProcessGroup):
                         clock.write(struct.pack("l", away_s))
                 case "suspend":
                     asleep = self._of(name)
-                    stack.callback(signal_all, asleep, signal.SIGCONT)
-                    signal_all(asleep, signal.SIGSTOP)
+                    stack.callback(_signal, asleep, signal.SIGCONT)
+                    _signal(asleep, signal.SIGSTOP)
                 case "cut":
                     stack.callback(self._network.set_link, name)
                     self._network.set_link(name, loss=1.0)
@@ -365,6 +366,12 @@ class Soak(ProcessGroup):
                     stack.callback(self.order, [self._users[name].name], do="free")
                     self.order([self._users[name].name], do="fill")
             yield
+
+
+def _signal(pids: set[int], number: signal.Signals) -> None:
+    for pid in pids:
+        with suppress(ProcessLookupError):
+            os.kill(pid, number)
 
 
 def deck(config: Config) -> Iterator[tuple[str, str]]:
