@@ -5,7 +5,8 @@ arm the router stands idle and the listener is in the talker's domain. Talker an
 little as possible, so the difference is the router. Measured are the latency of 64-byte messages at 200 Hz and
 of 691 kB images at 30 Hz, from the source time stamp to the moment the listener takes the sample, and how many
 64-byte messages and bytes of images pass in a second when the talker sends as fast as RELIABLE and KEEP_ALL let
-it; of the router also the CPU time until it is ready and the most memory that it took. Rounds of the arms
+it; of the router also the CPU time until it is ready and the most memory that it took. Where there is ROS 2, a
+node of its own listens to the images too, from the stamp in the header to its callback. Rounds of the arms
 alternate, so that other load on the machine falls on both; ratios are within a round.
 
     python benchmarks/router.py --seconds 5 --rounds 5
@@ -18,6 +19,7 @@ import asyncio
 import ctypes as ct
 import json
 import os
+import struct
 import subprocess
 import sys
 import time
@@ -33,12 +35,13 @@ from sfglab.bus.address import BusAddress
 from sfglab.bus.dds.clib import ANY_STATE, SampleInfo, library
 from sfglab.component import argument_of
 from sfglab.fleet.router.node import RouterConfig
+from sfglab.lab.ros2 import PEER, distribution, distributions
 from sfglab.messages import default_message, serialize
 from sfglab.messages.dds import idl_struct
 from sfglab.qos import History, QoSProfile
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Sequence
 
 TOPIC = "/global/bench/data"
 STRING, IMAGE = "std_msgs/msg/String", "sensor_msgs/msg/Image"
@@ -48,6 +51,7 @@ LOADS = {
     "691 kB": (IMAGE, 30.0),
     "64 B max": (STRING, 0.0),
     "691 kB max": (IMAGE, 0.0),
+    "691 kB, rclpy": (IMAGE, 30.0),
 }
 ARMS = ("direct", "routed")
 _BATCH = 256
@@ -80,9 +84,12 @@ async def talk(load: str, domain_id: int, seconds: float) -> None:
         await publisher.wait_for_subscriptions(1, 20.0)
         await asyncio.to_thread(sys.stdin.readline)  # the path through the router is complete
         start_s, sent = time.monotonic(), 0
+        cdr = bytearray(cdr)
         while (now_s := time.monotonic()) < start_s + seconds:
             if rate_hz and (wait_s := start_s + sent / rate_hz - now_s) > 0:
                 time.sleep(wait_s)  # noqa: ASYNC251 - nothing else runs on this loop
+            if type_ == IMAGE:
+                struct.pack_into("<II", cdr, 4, *divmod(time.time_ns(), 10**9))
             try:
                 publisher.publish_raw(cdr)
                 sent += 1
@@ -126,9 +133,9 @@ async def listen(load: str, domain_id: int) -> None:
 class Child:
     """Another process that talks in JSON lines."""
 
-    def __init__(self, *arguments: str) -> None:
-        command = [sys.executable, *arguments]
-        self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+    def __init__(self, command: Sequence[str], environment: dict[str, str]) -> None:
+        pipes: dict[str, Any] = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
+        self._process = subprocess.Popen(command, env=os.environ | environment, **pipes)
 
     @property
     def cpu_s(self) -> float:
@@ -151,10 +158,10 @@ class Child:
         values: dict[str, Any] = json.loads(line)
         return values
 
-    def tell(self) -> None:
-        """Let it go on."""
+    def tell(self, **order: Any) -> None:
+        """Let it go on, by an order if it takes any."""
         assert self._process.stdin is not None
-        self._process.stdin.write("\n")
+        self._process.stdin.write(json.dumps(order) + "\n")
         self._process.stdin.flush()
 
     def end(self) -> None:
@@ -164,10 +171,10 @@ class Child:
 
 
 @contextmanager
-def children(*commands: tuple[str, ...]) -> Iterator[list[Child]]:
-    """Start processes and end them."""
+def children(*commands: Sequence[str], **environment: str) -> Iterator[list[Child]]:
+    """Start processes with environment variables of their own, and end them."""
     with ExitStack() as stack:
-        started = [Child(*command) for command in commands]
+        started = [Child(command, environment) for command in commands]
         for child in started:
             stack.callback(child.end)
         yield started
@@ -181,21 +188,42 @@ def measure(load: str, arm: str, domain_id: int, seconds: float) -> dict[str, An
         local=BusAddress(domain_id=domain_id, interface="lo"),
         remote=BusAddress(domain_id=domain_id + 1, interface="lo"),
     )
+    real = load.endswith("rclpy")
+    ours = (sys.executable, __file__, "listen", load, str(far))
     with children(
-        ("-m", "sfglab.fleet.router.node", argument_of(config)),
-        (__file__, "listen", load, str(far)),
-        (__file__, "talk", load, str(domain_id), str(seconds)),
+        (sys.executable, "-m", "sfglab.fleet.router.node", argument_of(config)),
+        ros_listener(far) if real else ours,
+        (sys.executable, __file__, "talk", load, str(domain_id), str(seconds)),
+        **({"ROS_DISTRO": distribution().name} if real else {}),  # as beside ROS 2
     ) as (router, listener, talker):
         while router.hear()["is"] != "ready":
             pass
         ready = {"start_cpu_s": router.cpu_s}
         listener.hear()
-        time.sleep(0.5)  # until the router's reader and writer have found their peers
+        if real:
+            listener.tell(do="look", topic=TOPIC, qos={"depth": 100})
+        time.sleep(3.0 if real else 0.5)  # until the router's reader and writer have found their peers
         talker.tell()
         sent = talker.hear()["sent"]
         time.sleep(0.5 if LOADS[load][1] else 2.0)  # until the last sample has arrived
-        listener.tell()
-        return {**listener.hear(), **ready, "sent": sent, "peak_mb": router.peak_mb}
+        listener.tell(do="stop")
+        found = seen_by_ros(listener) if real else listener.hear()
+        return {**found, **ready, "sent": sent, "peak_mb": router.peak_mb}
+
+
+def ros_listener(domain_id: int) -> list[str]:
+    """Return the command line of a node of rclpy on this host alone."""
+    values = {"ROS_DOMAIN_ID": domain_id, "FASTDDS_BUILTIN_TRANSPORTS": "UDPv4"}
+    return distribution().argv(str(PEER), "listener", ROS_AUTOMATIC_DISCOVERY_RANGE="LOCALHOST", **values)
+
+
+def seen_by_ros(listener: Child) -> dict[str, Any]:
+    """Return what a node of rclpy saw, as `listen` reports."""
+    while (report := listener.hear())["is"] != "seen":
+        pass
+    ages_ms = np.array(report["ages_ns"]) / 1e6
+    p50, p99 = np.percentile(ages_ms, [50, 99])
+    return {"count": len(ages_ms), "p50_ms": p50, "p99_ms": p99, "rate_hz": 0.0}
 
 
 def main() -> None:
@@ -203,7 +231,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seconds", type=float, default=5.0)
     parser.add_argument("--rounds", type=int, default=5)
-    parser.add_argument("--loads", nargs="+", default=list(LOADS), choices=list(LOADS))
+    here = [load for load in LOADS if distributions() or not load.endswith("rclpy")]
+    parser.add_argument("--loads", nargs="+", default=here, choices=here)
     parser.add_argument("--domain", type=int, default=20 + os.getpid() % 60)
     options = parser.parse_args()
     found: dict[tuple[str, str], list[dict[str, Any]]] = {}
@@ -226,7 +255,8 @@ def main() -> None:
         if LOADS[load][1]:
             for key in ("p50_ms", "p99_ms"):
                 added = [b[key] - a[key] for a, b in pairs]
-                print(f"{load}: added {key[:3]} {_spread(added)} ms")
+                times = [b[key] / a[key] for a, b in pairs]
+                print(f"{load}: added {key[:3]} {_spread(added)} ms, {_spread(times)} times direct")
         else:
             print(f"{load}: rate {_spread([b['rate_hz'] / a['rate_hz'] for a, b in pairs])} of direct")
         print(f"{load}: the router took at most {max(r['peak_mb'] for r in routed):.0f} MB")

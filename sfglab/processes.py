@@ -133,7 +133,8 @@ class LineProcess:
         self._process.stdin.close()
         try:
             with contextlib.suppress(TimeoutError):
-                await asyncio.wait_for(self._process.wait(), grace_s)
+                async with asyncio.timeout(grace_s):
+                    await self._process.wait()
         finally:
             self.signal(signal.SIGKILL)
         await self._listening

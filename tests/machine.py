@@ -86,6 +86,17 @@ def skip(need: str, reason: str) -> NoReturn:
     pytest.skip(reason)
 
 
+def open_browser(width: int, height: int):
+    """Return a page in a browser; skip the test where its engine does not start."""
+    from sfglab.errors import MissingExtraError
+    from sfglab.lab.browser import Browser, BrowserError
+
+    try:
+        return Browser(width, height)
+    except (MissingExtraError, BrowserError) as error:
+        skip("browser", str(error))
+
+
 def pytest_terminal_summary(terminalreporter, config) -> None:
     skipped = terminalreporter.stats.get("skipped", [])
     file = os.environ.get("SFGLAB_SKIPS")

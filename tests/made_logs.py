@@ -1,10 +1,26 @@
-"""Logs as runs write them, made by tests: only what matters is given."""
+"""Logs as runs write them, made by tests: only what matters is given; and the committed ones."""
 
 from dataclasses import fields
+from pathlib import Path
 from typing import get_type_hints
 
 from sfglab.fields import to_json
+from sfglab.lab.claims import load_claims
 from sfglab.record import LogWriter
+
+DATA = Path(__file__).parents[1] / "data"
+CLAIMS = {claim.id: claim for claim in load_claims(DATA / "claims.yaml")}
+
+
+def reference(exp):
+    """The committed run of an experiment."""
+    return exp.load(DATA / "reference" / f"{exp.name}.mcap")
+
+
+def broken(checks):
+    """What was seen by each check of a table that does not hold."""
+    wrong = checks[checks["held"] < checks["checked"]]
+    return dict(zip(wrong["check"], wrong["example"], strict=True))
 
 
 def made_row(exp, table, row):

@@ -64,14 +64,14 @@ def draw_mutants(modules: Sequence[str], count: int, seed: int) -> list[Mutant]:
         tree = ast.parse(source_of(module))
         chosen = {id(node) for top in tree.body if _name(top) in names.split(",") for node in _nodes(top)}
         for place, node in enumerate(_nodes(tree)):
-            for number, kind in enumerate(_kinds(node) if id(node) in chosen or not names else ()):
+            for number, (kind, _) in enumerate(_changes(node) if id(node) in chosen or not names else ()):
                 places[kind].append((module, place, number))
     found: list[Mutant] = []
     few = {_ROWS: places.pop(_ROWS, [])}
     for left in (dict(places), few):
         while any(left.values()) and len(found) < count:
             for kind in sorted(kind for kind in left if left[kind]):
-                mutant = _mutant(*left[kind].pop(rng.randrange(len(left[kind]))), kind)
+                mutant = _mutant(*left[kind].pop(rng.randrange(len(left[kind]))))
                 found += [mutant] if mutant and len(found) < count else []
     return found
 
@@ -99,52 +99,39 @@ def _nodes(node: ast.AST) -> Iterator[ast.AST]:
                 yield from _nodes(child)
 
 
-def _kinds(node: ast.AST) -> Iterator[str]:
-    yield from [_ROWS] * (len(node.keys) - 1 if isinstance(node, ast.Dict) else 0)
+def _changes(node: Any) -> Iterator[tuple[str, dict[str, Any]]]:
+    """Yield the kinds of change that a node allows, each with what it would have instead."""
+    for n in range(len(node.keys) - 1 if isinstance(node, ast.Dict) else 0):
+        yield _ROWS, {"values": [*node.values[:n], *node.values[n : n + 2][::-1], *node.values[n + 2 :]]}
     match node:
         case ast.Compare(ops=[op]) if type(op) in _COMPARED:
-            yield "comparison"
+            yield "comparison", {"ops": [_COMPARED[type(op)]()]}
         case ast.Constant(value=int()) if not isinstance(node.value, bool):
-            yield "off by one"
+            yield "off by one", {"value": node.value + 1}
         case ast.Expr(value=ast.Call()):
-            yield "dropped call"
-        case ast.Call(args=[_, _, *_]):
-            yield "swapped arguments"
-        case ast.Call(keywords=[_, _, *_]):
-            yield "swapped fields"
-        case ast.Dict(keys=[_, _, *_]) | ast.Set(elts=[_, _, *_]) | ast.List(elts=[_, _, *_]):
-            yield "dropped row"
-        case ast.Tuple(elts=[_, _, _, *_], ctx=ast.Load()):
-            yield "dropped row"
+            yield "dropped call", {"value": ast.Constant(None)}
+        case ast.Call(args=[first, second, *others]):
+            yield "swapped arguments", {"args": [second, first, *others]}
+        case ast.Call(keywords=[first, second, *others]):
+            swapped = [ast.keyword(first.arg, second.value), ast.keyword(second.arg, first.value)]
+            yield "swapped fields", {"keywords": [*swapped, *others]}
+        case ast.Dict(keys=[_, _, *_]):
+            yield "dropped row", {"keys": node.keys[:-1], "values": node.values[:-1]}
+        case (
+            ast.Set(elts=[_, _, *_]) | ast.List(elts=[_, _, *_]) | ast.Tuple(elts=[_, _, _, *_], ctx=ast.Load())
+        ):
+            yield "dropped row", {"elts": node.elts[:-1]}
         case ast.BoolOp():
-            yield "and for or"
+            yield "and for or", {"op": ast.Or() if isinstance(node.op, ast.And) else ast.And()}
 
 
-def _mutant(module: str, place: int, number: int, kind: str) -> Mutant | None:
-    text = source_of(module)
-    tree = ast.parse(text)
+def _mutant(module: str, place: int, number: int) -> Mutant | None:
+    tree = ast.parse(source_of(module))
     before = ast.unparse(tree)
-    node: Any = list(_nodes(tree))[place]
-    match kind:
-        case "comparison":
-            node.ops = [_COMPARED[type(node.ops[0])]()]
-        case "off by one":
-            node.value += 1
-        case "dropped call":
-            node.value = ast.Constant(None)
-        case "swapped arguments":
-            node.args[:2] = node.args[1::-1]
-        case "swapped fields":
-            first, second = node.keywords[:2]
-            first.value, second.value = second.value, first.value
-        case "dropped row" if isinstance(node, ast.Dict):
-            del node.keys[-1], node.values[-1]
-        case "dropped row":
-            del node.elts[-1]
-        case "exchanged rows":
-            node.values[number : number + 2] = node.values[number : number + 2][::-1]
-        case "and for or":
-            node.op = ast.Or() if isinstance(node.op, ast.And) else ast.And()
+    node = list(_nodes(tree))[place]
+    kind, instead = list(_changes(node))[number]
+    for field, value in instead.items():
+        setattr(node, field, value)
     after = ast.unparse(tree)
     lines = difflib.unified_diff(before.splitlines(), after.splitlines(), n=0, lineterm="")
     diff = "\n".join(line for line in lines if line[:3] not in {"---", "+++"} and line[0] in "+-")

@@ -1,5 +1,6 @@
 """Every command's help: an example, whole descriptions; and each example that can end is run."""
 
+import inspect
 import itertools
 import json
 import os
@@ -124,20 +125,27 @@ def talker():
 
 
 @pytest.mark.parametrize("name", COMMANDS)
-def test_help_has_an_example_and_the_list_of_commands_its_whole_description(name):
+def test_help_has_examples_that_its_parser_takes_and_the_list_of_commands_its_whole_description(name):
     *group, last = name.split()
+    command, text = COMMANDS[name], inspect.cleandoc(COMMANDS[name].help)
+    examples = re.findall(rf"^ +(?:\w+=\S+ +)*sfglab {name}\b(.*(?:\n    +\S.*)*)", text, re.MULTILINE)
+    assert examples
+    for example in examples:
+        arguments = shlex.split(re.split(r" [|>] |;", example)[0], comments=True)
+        command.make_parser(command.context_class(command)).parse_args(arguments)
     assert called(*group, last, "-h") == called(*group, last, "--help")
-    words = COMMANDS[name].help.partition("\n\n")[0].split()
+    words = command.help.partition("\n\n")[0].split()
     assert " ".join(words) in " ".join(called(*group, "-h").split())
     said = " ".join(called(*group, last, "-h").split())
-    for option in COMMANDS[name].params:
+    for option in command.params:
         if option.name in ("domain", "remote_domain", "global_domain"):
             assert f"[0<=x<={MAX_DOMAIN}]" in said.partition(f"{option.opts[0]} <")[2].partition(" --")[0]
 
 
-def pairs(example):
-    """Yield each word with the one before it."""
-    return itertools.pairwise(["", *words_of(example)])
+def words_in(domain, example):
+    """Return an example's words, with another domain."""
+    pairs = itertools.pairwise(["", *words_of(example)])
+    return [str(domain) if before == "--domain" else word for before, word in pairs]
 
 
 REPORTS = (
@@ -175,7 +183,7 @@ def test_examples_of_files_do_what_they_say(example, folder):
 @pytest.mark.live
 @pytest.mark.parametrize("example", [one for one in EXAMPLES if ends(one) and re.match(LIVE, one)])
 def test_examples_of_the_bus_do_what_they_say(example, folder, talker):
-    words = [str(talker) if before == "--domain" else word for before, word in pairs(example)]
+    words = words_in(talker, example)
     if status := status_of(example):
         argv = [sys.executable, "-m", "sfglab", *words]
         assert subprocess.run(argv, capture_output=True, check=False).returncode == status
@@ -189,7 +197,7 @@ def test_examples_of_the_bus_do_what_they_say(example, folder, talker):
     "example", [one for one in EXAMPLES if re.match("sfglab (topic|log record)", one) and not ends(one)]
 )
 def test_what_never_ends_ends_by_one_line(example, folder, talker):
-    words = [str(talker) if before == "--domain" else word for before, word in pairs(example.partition("|")[0])]
+    words = words_in(talker, example.partition("|")[0])
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
     with subprocess.Popen([sys.executable, "-u", "-m", "sfglab", *words], **pipes) as process:
         assert process.stdout.readline()

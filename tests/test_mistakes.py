@@ -51,29 +51,33 @@ LOGS = [
 ]
 
 
+TEXTS = {  # what stands in a user's file, in place of a good one's bytes
+    "empty": lambda _: b"",
+    "binary": lambda _: bytes(range(256)) * 8,
+    "other text": lambda _: b"a line\nand another\n",
+    "a list": lambda _: b"- 1\n- 2\n",
+    "null": lambda _: b"null\n",
+    "a number": lambda _: b"17\n",
+    "an unknown key": lambda _: b"nonesuch: 1\n",
+    "latin 1": lambda _: b"name: caf\xe9\n",
+    "a tab": lambda _: b"a:\n\t- b\n",
+    "unclosed": lambda _: b"a: [1, 2\n",
+    "a key twice": lambda _: b"a: 1\na: 2\n",
+    "an alias": lambda _: b"a: &x 1\nb: *x\n",
+    "numbers as keys": lambda _: b"1: 2\n",
+    "deep": lambda _: b"a: " + b"[" * 5000,
+    "cut": lambda good: good[: len(good) // 3] + b"\n  x: [",
+    "of lists": lambda good: re.sub(rb"(?m)^(\w+):.*$", rb"\1: [[]]", re.sub(rb"(?m)^[ #-].*\n", b"", good)),
+    "of words": lambda good: re.sub(rb"(?m): *[-\d.]+ *$", b": lots", good) + b"\nnonesuch: 1\n",
+    "misspelt": lambda good: re.sub(rb"(?m)^(\w+)(\w):", rb"\1:", good),
+}
+LINKS = {"dangling": "none", "endless": "/dev/zero", "a device": "/dev/null"}
+PATHS = ["missing", "a folder", "in no folder", "below a file", "too long", "a loop", *LINKS]
+
+
 def _broken(name, folder, good, suffix):
     """Make what a user may give in place of a good file; return its path."""
-    path, text = folder / f"bad{suffix}", good.read_bytes()
-    contents = {
-        "empty": b"",
-        "binary": bytes(range(256)) * 8,
-        "other text": b"a line\nand another\n",
-        "a list": b"- 1\n- 2\n",
-        "null": b"null\n",
-        "a number": b"17\n",
-        "an unknown key": b"nonesuch: 1\n",
-        "latin 1": b"name: caf\xe9\n",
-        "a tab": b"a:\n\t- b\n",
-        "unclosed": b"a: [1, 2\n",
-        "a key twice": b"a: 1\na: 2\n",
-        "an alias": b"a: &x 1\nb: *x\n",
-        "numbers as keys": b"1: 2\n",
-        "deep": b"a: " + b"[" * 5000,
-        "cut": text[: len(text) // 3] + b"\n  x: [",
-        "of lists": re.sub(rb"(?m)^(\w+):.*$", rb"\1: [[]]", re.sub(rb"(?m)^[ #-].*\n", b"", text)),
-        "of words": re.sub(rb"(?m): *[-\d.]+ *$", b": lots", text) + b"\nnonesuch: 1\n",
-        "misspelt": re.sub(rb"(?m)^(\w+)(\w):", rb"\1:", text),
-    }
+    path = folder / f"bad{suffix}"
     match name:
         case "missing":
             pass
@@ -88,23 +92,11 @@ def _broken(name, folder, good, suffix):
             return folder / ("x" * 300 + suffix)
         case "a loop":
             path.symlink_to(path)
-        case "dangling":
-            path.symlink_to(folder / "none")
-        case "endless":
-            path.symlink_to("/dev/zero")
-        case "a device":
-            path.symlink_to("/dev/null")
+        case _ if name in LINKS:
+            path.symlink_to(LINKS[name])
         case _:
-            path.write_bytes(contents[name])
+            path.write_bytes(TEXTS[name](good.read_bytes()))
     return path
-
-
-PATHS = ["missing", "a folder", "in no folder", "below a file", "too long", "a loop", "dangling"]
-PATHS += ["endless", "a device"]
-TEXTS = [
-    "empty", "binary", "other text", "a list", "null", "a number", "an unknown key", "latin 1", "a tab",
-    "unclosed", "a key twice", "an alias", "numbers as keys", "deep", "cut", "of lists", "of words", "misspelt",
-]  # fmt: skip
 
 
 @pytest.fixture
@@ -138,7 +130,9 @@ def attempt(monkeypatch, capfd):
 
 WRONG_LOGS = [(m, ".mcap") for m in PATHS]
 WRONG_LOGS += [(m, suffix) for m in ("empty", "binary", "other text") for suffix in (".mcap", ".db3", ".bag")]
-WRONG = [(command, good, mistake, ".yaml") for command, good in DOCUMENTS.items() for mistake in PATHS + TEXTS]
+WRONG = [
+    (command, good, mistake, ".yaml") for command, good in DOCUMENTS.items() for mistake in [*PATHS, *TEXTS]
+]
 WRONG += [(command, LOG, *mistake) for command in LOGS for mistake in WRONG_LOGS]
 
 

@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
 DATA = Path(__file__).parents[1] / "data"
-FILES = [(name, path) for name, form in FORMATS.items() for path in sorted(DATA.glob(form.files))]
 
 #: Beside those of data/: what no file there holds, so that every mapping of every schema is met.
 MORE = {
@@ -44,11 +43,8 @@ objects:
 - {id: 6, kind: zone, name: z, shape: {kind: cylinder, radius_m: 1, height_m: 2}}
 """,
 }
-
-
-def all_texts() -> list[Any]:
-    files = [pytest.param(name, path.read_text("utf-8"), id=path.stem) for name, path in FILES]
-    return files + [pytest.param(name, text, id=f"more_{name}") for name, text in MORE.items()]
+TEXTS = [(n, path.stem, path.read_text("utf-8")) for n, f in FORMATS.items() for path in DATA.glob(f.files)]
+TEXTS += [(name, f"more_{name}", text) for name, text in MORE.items()]
 
 
 def reads(name: str, content: Any, folder: Path) -> bool:
@@ -107,8 +103,7 @@ def test_the_keys_of_a_schema_are_those_that_its_reader_knows(name, tmp_path, mo
     monkeypatch.setattr(Section, "close", noting)
     schema = FORMATS[name].schema()
     met: list[frozenset[str]] = []
-    texts = [path.read_text("utf-8") for n, path in FILES if n == name] + [MORE[n] for n in MORE if n == name]
-    for text in texts:
+    for text in (text for of, _, text in TEXTS if of == name):
         known.clear()
         kept: list[dict[str, Any]] = []  # so that no address is used twice
         path = tmp_path / "file.yaml"
@@ -127,7 +122,7 @@ def test_the_keys_of_a_schema_are_those_that_its_reader_knows(name, tmp_path, mo
 SHAPES = [frozenset(keys.split()) for keys in ("kind size_m", "kind radius_m", "kind radius_m height_m")]
 
 
-@pytest.mark.parametrize(("name", "text"), all_texts())
+@pytest.mark.parametrize(("name", "text"), [pytest.param(n, text, id=stem) for n, stem, text in sorted(TEXTS)])
 def test_a_schema_takes_every_file_and_refuses_what_its_reader_refuses(name, text, tmp_path):
     schema = FORMATS[name].schema()
     Draft202012Validator.check_schema(schema)

@@ -1,11 +1,10 @@
 """Objects as notebooks show them: one table each, texts escaped, and a line for a terminal."""
 
-from pathlib import Path
-
 import pytest
+from made_logs import CLAIMS, DATA, reference
 
 from sfglab.fleet.fleet_file import load_fleet
-from sfglab.lab.claims import Ledger, entry_for, load_claims
+from sfglab.lab.claims import Ledger, entry_for
 from sfglab.lab.experiments import experiment
 from sfglab.qos import QoSProfile
 from sfglab.soc.graph import Graph, Node, Topic, load_graph
@@ -14,24 +13,18 @@ from sfglab.spatial.poses import Pose
 from sfglab.spatial.trajectory.path import Trajectory
 from sfglab.tables import html_table
 
-DATA = Path(__file__).parents[1] / "data"
-
 
 def shown():
     graph = load_graph(DATA / "graphs/figure_8.yaml")
-    claim = load_claims(DATA / "claims.yaml")[0]
+    claim = CLAIMS["A-NET-RULES"]
     return [
-        (
-            QoSProfile(deadline_ns=10**7),
-            "<QoS reliable, volatile, keep_last 10, deadline 10 ms>",
-            "Samples kept",
-        ),
+        (QoSProfile(deadline_ns=10**7), "<QoS reliable, volatile, keep_last 10, deadline 10 ms>", "Samples"),
         (graph, "<graph Paper C, Fig. 8: 11 nodes, 8 in hardware; 5 topics>", "1 (hardware)"),
         (map_communication(graph), "from 10 to 8 to 3 edges", "gateway (1)"),
         (load_fleet(DATA / "fleets/lab.yaml"), "<fleet lab: 6 agents around domain 0>", "go2"),
         (Trajectory.of([(0, Pose()), (10**9, Pose.at((1, 2, 3)))]), "2 waypoints, 1 s>", "3.000"),
         (experiment("naming").config(), "Config(samples=2000", "Random names"),
-        (experiment("naming").load(DATA / "reference/naming.mcap"), "<run of naming: naming.mcap>", "check"),
+        (reference(experiment("naming")), "<run of naming: naming.mcap>", "check"),
         (Ledger([entry_for(claim, None)]), "<ledger: 1 not yet>", "share of checks"),
         (entry_for(claim, None), f"<{claim.id}, not yet: ", "share of checks"),
         (claim, claim.id, claim.unit),

@@ -21,13 +21,10 @@ from __future__ import annotations
 
 import math
 from functools import lru_cache
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
+from numpy.typing import NDArray
 
 CANDIDATES = (2, 3, 4, 6, 8, 12, 16)
 """Depths that are tried where heartbeats come in batches: one alone repairs nothing, and the deeper it is,

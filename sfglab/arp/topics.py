@@ -7,7 +7,8 @@ what is allowed. Refuses to know how rates are found.
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass, field, replace
-from typing import TYPE_CHECKING, Any, Literal
+from pathlib import Path
+from typing import Any, Literal
 
 from sfglab.documents import Document, DocumentError, Section, by_name, named
 from sfglab.fields import between, bounds
@@ -15,9 +16,6 @@ from sfglab.qos import Durability, Reliability
 from sfglab.rtps import FAST_DDS, PRESETS, Medium, Vendor
 from sfglab.schema import ELSEWHERE
 from sfglab.units import NS_PER_MS
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -144,12 +142,16 @@ def read_topics(document: Document) -> TopicFile:
     topics = tuple(_read_topic(name, section, keys.rate_max_hz) for name, section in top.members("topics"))
     if not topics:
         raise top.refusal("topics", top.get("topics"), "one topic at least")
+    hosts = sorted({host for t in topics for host in (t.source, *t.targets)})
+    given = top.get("agents", sorted({t.source for t in topics}))
+    if not isinstance(given, list) or not given or not all(agent in hosts for agent in given):
+        raise top.refusal("agents", given, f"a list of hosts among {', '.join(hosts)}")
     return top.read(
         TopicFile,
         topics=topics,
         medium=keys.link.medium,
         vendor=_vendor(PRESETS[keys.vendor], keys.timing),
-        agents=_read_agents(top, topics),
+        agents=tuple(given),
     )
 
 
@@ -176,11 +178,3 @@ def _vendor(vendor: Vendor, timing: _Timing) -> Vendor:
         longest = changes["heartbeat_ns"] if steady else max(vendor.heartbeat_max_ns, changes["heartbeat_ns"])
         changes["heartbeat_max_ns"] = longest
     return replace(vendor, **changes)
-
-
-def _read_agents(top: Section, topics: tuple[Topic, ...]) -> tuple[str, ...]:
-    hosts = sorted({host for t in topics for host in (t.source, *t.targets)})
-    given = top.get("agents", sorted({t.source for t in topics}))
-    if not isinstance(given, list) or not given or not all(agent in hosts for agent in given):
-        raise top.refusal("agents", given, f"a list of hosts among {', '.join(hosts)}")
-    return tuple(given)

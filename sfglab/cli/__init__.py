@@ -9,9 +9,10 @@ from __future__ import annotations
 import logging
 import os
 import sys
+from collections.abc import Callable
 from errno import EFBIG, EIO, ENOSPC
 from os import fsdecode
-from typing import TYPE_CHECKING, Annotated, Any, NoReturn
+from typing import Annotated, Any, NoReturn
 
 import typer
 from typer import Option
@@ -34,9 +35,6 @@ from sfglab.cli import (
     view,
 )
 from sfglab.errors import SfglabError, why
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
 
 __all__ = ["app", "main"]
 
@@ -113,16 +111,12 @@ def main() -> NoReturn:
         if not said:
             raise
         typer.echo(f"sfglab: {said}", err=True)
-        _end_output()
+        # Say what is still buffered; what standard output cannot take is not tried again at the end.
+        try:
+            sys.stdout.flush()
+        except OSError:
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     sys.exit(status)
-
-
-def _end_output() -> None:
-    """Say what is still buffered; what standard output cannot take is not tried again at the end."""
-    try:
-        sys.stdout.flush()
-    except OSError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _sentence(error: Any) -> tuple[str, int]:

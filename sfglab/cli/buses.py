@@ -5,7 +5,9 @@ from __future__ import annotations
 import asyncio
 import json
 import os
+from collections.abc import Callable, Coroutine, Iterable, Mapping
 from importlib import import_module
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 import typer
@@ -18,9 +20,6 @@ from sfglab.fields import to_json
 from sfglab.files import write_files
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Coroutine, Iterable, Mapping
-    from pathlib import Path
-
     from sfglab.bus import EndpointInfo, Node
     from sfglab.bus.api import Transport
     from sfglab.bus.listing import View
@@ -54,22 +53,24 @@ _SOON_S = 1.0  #: After which it is said that a server is waited for.
 _OTHERS_S = 0.3  #: and then the others.
 
 
-def on_node(place: Place, body: Callable[[Node], Coroutine[Any, Any, T]]) -> T:
-    """Run something on a node that ROS 2's tools hide, and return what it returns."""
+def on_node(place: Place, body: Callable[[Node], Coroutine[Any, Any, T]], name: str = "") -> T:
+    """Run something on a node, without a name on one that ROS 2's tools hide, and return what it returns."""
 
     async def main() -> T:
         from sfglab.bus import Node
 
-        async with Node(f"_sfglab_{os.getpid()}", domain_id=place[0], interface=place[1]) as node:
+        async with Node(name or f"_sfglab_{os.getpid()}", domain_id=place[0], interface=place[1]) as node:
             return await body(node)
 
     return run(main())
 
 
-def until_interrupted(place: Place, body: Callable[[Node], Coroutine[Any, Any, None]]) -> None:
-    """Do as `on_node` until it ends, or until Ctrl-C, which is one line."""
-    if on_node(place, lambda node: run_until_interrupted(body(node))):
-        typer.echo("ended", err=True)
+def until_interrupted(
+    place: Place, body: Callable[[Node], Coroutine[Any, Any, None]], name: str = "", *, err: bool = True
+) -> None:
+    """Do as `on_node` until it ends, or until Ctrl-C, which is one line, of errors or not."""
+    if on_node(place, lambda node: run_until_interrupted(body(node)), name):
+        typer.echo("ended", err=err)
 
 
 def look(place: Place, spin_s: float | None) -> View:
@@ -199,6 +200,14 @@ def _only(types: Iterable[str], topic: str) -> str:
     if more:
         raise InvalidValueError(f"topic {topic}, type", None, f"one of {', '.join((first, *more))}, to be said")
     return first
+
+
+def put_text(text: str, path: Path | None, folder: Path | None = None) -> None:
+    """Write a text into a file as `put` does, or onto the terminal without one."""
+    if path is None:
+        typer.echo(text, nl=False)
+    else:
+        put({path: text}, folder)
 
 
 def put(files: Mapping[Path, str | bytes], folder: Path | None = None) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -12,8 +13,6 @@ import sfglab.cli.buses as bus
 from sfglab.cli.interfaces import Interfaces
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from sfglab.bus import ClientGoalHandle, Node
 
 service_app = typer.Typer(help="Services of a domain, in the words of ros2 service.", no_args_is_help=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -13,8 +14,6 @@ from sfglab.cli.buses import Json, say
 from sfglab.deploy.errors import DeployError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-
     from sfglab.deploy.bundle import FleetSource
     from sfglab.deploy.rollout import Prospect
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 from typer import Argument, Option
 
-from sfglab.cli.buses import Domain, Json, domain_option, put, say, tell, unused
+from sfglab.cli.buses import Domain, Json, domain_option, put_text, say, tell, unused
 from sfglab.cli.interfaces import Interfaces
 from sfglab.component import run, run_until_interrupted
 from sfglab.domains import VARIABLE, usual_domain_id
@@ -80,11 +80,7 @@ def router_configuration(
     from sfglab.deploy.routers.targets import render_router
     from sfglab.fleet.fleet_file import load_fleet
 
-    text = render_router(load_fleet(file), agent, target)
-    if output is None:
-        typer.echo(text, nl=False)
-    else:
-        put({output: text})
+    put_text(render_router(load_fleet(file), agent, target), output)
 
 
 @fleet_app.command()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import os
+from collections import defaultdict
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -15,7 +16,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 from typer import Argument, Option
 
-from sfglab.cli.buses import Interface, Json, put, say, say_left_out, tell, unused
+from sfglab.cli.buses import Interface, Json, put, put_text, say, say_left_out, tell, unused
 from sfglab.domains import MAX_DOMAIN, VARIABLE, usual_domain_id
 from sfglab.errors import InvalidValueError, MissingExtraError, SfglabError
 from sfglab.tables import columns
@@ -23,7 +24,6 @@ from sfglab.units import NS_PER_MS
 
 if TYPE_CHECKING:
     from sfglab.arp import Plan, TopicFile
-    from sfglab.rtps import Vendor
     from sfglab.soc import CommunicationMapping, Graph, Topic
 
 _Format = Literal["table", "fastdds", "fastdds3", "cyclone", "ros2", "topics"]
@@ -93,6 +93,7 @@ def qos(
 
       sfglab qos --domain 7 --seconds 20 --format topics --out config
     """
+    from sfglab.arp import plan_as_printed, plan_file
     from sfglab.arp.exports import EXPORTS
     from sfglab.arp.recorded import topics_text
     from sfglab.record.reader import is_log
@@ -103,7 +104,7 @@ def qos(
     if output_format == "topics":
         if not is_log(source):
             raise SfglabError(f"--format topics: given {source}, needed is a log or a bag")
-        _put(topics_text(given.topics, source.name), "topics.yaml", out)
+        put_text(topics_text(given.topics, source.name), out and Path("topics.yaml"), out)
         return
     if rmw is not None and vendor is not None:
         raise SfglabError("--rmw: given with --vendor, allowed is one of them")
@@ -120,16 +121,17 @@ def qos(
     export, name = EXPORTS.get(output_format), given.vendor.name
     if export and export.vendor and not name.startswith(export.vendor.name):
         fitting = [n for n, e in EXPORTS.items() if e.vendor is None or name.startswith(e.vendor.name)]
-        needed = f"{' or '.join(fitting)} for {name}; this with --vendor {_vendor_of(export.vendor)}"
+        vendor_name = export.vendor.name.lower().replace(" ", "_")
+        needed = f"{' or '.join(fitting)} for {name}; this with --vendor {vendor_name}"
         raise InvalidValueError("--format", output_format, needed)
-    plan = _plan(given, method, latency_price)
+    printed = method == "printed"
+    plan = plan_as_printed(given) if printed else plan_file(given, latency_price_hz=latency_price)
     if as_json:
         unused("with --json", "output_format", "out")
         tell(plan)
-    elif export is None:
-        _put(_plan_table(plan), "qos.txt", out)
     else:
-        _put(export.render(plan), export.file, out)
+        text, file_name = (export.render(plan), export.file) if export else (_plan_table(plan), "qos.txt")
+        put_text(text, out and Path(file_name), out)
 
 
 @contextmanager
@@ -170,25 +172,6 @@ def _topics_of(file: Path) -> TopicFile:
     return TopicFile(topics=topics, agents=tuple(sorted({topic.source for topic in topics})))
 
 
-def _vendor_of(vendor: Vendor) -> str:
-    return vendor.name.lower().replace(" ", "_")
-
-
-def _plan(given: TopicFile, method: _Method, latency_price: float | None) -> Plan:
-    from sfglab.arp import plan_as_printed, plan_file
-
-    if method == "printed":
-        return plan_as_printed(given)
-    return plan_file(given, latency_price_hz=latency_price)
-
-
-def _put(text: str, name: str, folder: Path | None) -> None:
-    if folder is None:
-        typer.echo(text, nl=False)
-    else:
-        put({Path(name): text}, folder)
-
-
 def _plan_table(plan: Plan) -> str:
     rows = [("topic", "rate Hz", "depth", "deadline ms", "latency ms", "lost %", "up to date %")]
     rows += [
@@ -203,20 +186,17 @@ def _plan_table(plan: Plan) -> str:
         )
         for part in plan.topics
     ]
+    latency = f"{1e3 * plan.latency_s:.2f} ms" if plan.latency_s < float("inf") else "without bound"
     lines = [
         *columns(rows, right=range(1, 7)),
         "",
         f"{plan.vendor.name}, {plan.medium.rate_bps / 1e6:g} Mbit/s, {100 * plan.medium.loss:g} % loss",
-        f"taken of the medium's time {100 * plan.utilisation:.0f} %, expected latency {_ms(plan.latency_s)}",
+        f"taken of the medium's time {100 * plan.utilisation:.0f} %, expected latency {latency}",
         f"readers up to date {100 * plan.up_to_date:.1f} % of the time",
     ]
     if plan.utilisation >= 1:
         lines.append("the medium is overloaded: queues grow without end, and what they cannot hold is lost")
     return "\n".join(lines) + "\n"
-
-
-def _ms(seconds: float) -> str:
-    return f"{1e3 * seconds:.2f} ms" if seconds < float("inf") else "without bound"
 
 
 def _front_table(given: TopicFile) -> str:
@@ -288,7 +268,7 @@ def map_graph(
       sfglab map data/graphs/driving.yaml --build-cfg build.cfg --verilog rtl
     """
     from sfglab.record.reader import is_log
-    from sfglab.soc import build_cfg, load_graph
+    from sfglab.soc import build_cfg, faster_by_gateway, load_graph, map_communication
     from sfglab.soc.graph import graph_text
 
     with _source(file, domain, interface, seconds) as source:
@@ -299,7 +279,8 @@ def map_graph(
         unused("without --place, which alone knows areas", "lut", "bram")
     if figure is None:
         unused("without --figure, in which it is drawn", "stage")
-    mapping = _placed(graph, lut, bram) if place else _mapped(graph, rule)
+    gateway = {"gateway": faster_by_gateway()} if rule == "size" else {}
+    mapping = _placed(graph, lut, bram) if place else map_communication(graph, **gateway)
     found = mapping.gateways
     files: dict[Path, str | bytes] = {}
     if figure is not None:
@@ -323,14 +304,6 @@ def _recorded(file: Path) -> Graph:
         found = graph_from_log(log)
     say_left_out(found.left_out)
     return found.graph
-
-
-def _mapped(graph: Graph, rule: _Rule | None) -> CommunicationMapping:
-    from sfglab.soc import faster_by_gateway, map_communication
-
-    if rule == "size":
-        return map_communication(graph, gateway=faster_by_gateway())
-    return map_communication(graph)
 
 
 def _placed(graph: Graph, lut: int | None, bram: float | None) -> CommunicationMapping:
@@ -401,11 +374,9 @@ def _verilog(graph: Graph) -> dict[Path, str]:
         raise MissingExtraError("amaranth", extra="rtl", purpose="--verilog")
     from sfglab.soc.rtl import gateway_verilog
 
-    topics: dict[int, list[str]] = {}
-    for topic in graph.topics:
-        if topic.mapping is TopicMapping.GATEWAY:
-            count = len(graph.in_hardware.intersection(topic.subscribers))
-            topics.setdefault(count, []).append(topic.name)
+    topics: dict[int, list[str]] = defaultdict(list)
+    for name in graph.mapped_to(TopicMapping.GATEWAY):
+        topics[len(graph.in_hardware.intersection(graph.topic(name).subscribers))].append(name)
     made = {}
     for count, names in sorted(topics.items()):
         path = Path(f"sfglab_gateway_{count}.v")

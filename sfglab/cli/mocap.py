@@ -2,26 +2,25 @@
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
 import json
 import os
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 from typer import Argument, Option
 
-from sfglab.cli.buses import Json, domain_option, say, unused
-from sfglab.component import on_stop, run
+from sfglab.cli.buses import Json, domain_option, on_node, say, unused
+from sfglab.component import on_stop
 from sfglab.domains import VARIABLE
 from sfglab.errors import SfglabError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from sfglab.bus import Node
     from sfglab.record import LogReader
-    from sfglab.spatial.frames.buffer import FrameBuffer
     from sfglab.spatial.mocap.bridge import BridgeCore, MocapObjectStatus
     from sfglab.spatial.mocap.mapping import MocapMapping
     from sfglab.spatial.mocap.offset import OffsetEstimate
@@ -66,14 +65,28 @@ def mocap_run(
 
       sfglab mocap run data/mocap/two_agents.yaml --synthetic --trees --domain 7 --interface lo --duration 10
     """
+    from sfglab.spatial.mocap.bridge import BridgeOptions, MocapBridge, status_topic
     from sfglab.spatial.mocap.mapping import load_mapping
 
     mapping = load_mapping(file)
     if log is not None or not topic:
         unused("without topics of the bus, whose type it is", "type_")
     make = _source(vicon=vicon, topics=_topics(topic or [], mapping), type_=type_, log=log, synthetic=synthetic)
-    options = {"domain_id": domain, "interface": interface}
-    run(_serve(mapping, make, options, agent=agent, trees=trees, duration=duration))
+
+    async def serve(node: Node) -> None:
+        with contextlib.ExitStack() as stack:
+            if trees:
+                _make_up_trees(node, mapping)
+            bridge = MocapBridge(node, make(node, mapping, stack), mapping, BridgeOptions(agent=agent))
+            running = asyncio.ensure_future(bridge.run())
+            on_stop(running.cancel)
+            typer.echo(f"mocap: ready, status on {status_topic(agent)}; end it with Ctrl-C")
+            with contextlib.suppress(asyncio.CancelledError, TimeoutError):
+                async with asyncio.timeout(duration):
+                    await running
+            typer.echo(_report(bridge.core), nl=False)
+
+    on_node((domain, interface), serve, "mocap_bridge")
 
 
 @mocap_app.command("offset")
@@ -134,7 +147,7 @@ def frames_lint(
     from sfglab.record import LogReader
     from sfglab.spatial.frames.buffer import FrameBuffer
     from sfglab.spatial.frames.lint import FrameRule, lint_frames
-    from sfglab.spatial.frames.listener import fill_from_log
+    from sfglab.spatial.frames.listener import FramesListener, fill_from_log
 
     heard = domain is not None or (log is None and VARIABLE in os.environ)
     if (log is not None) == heard:
@@ -145,7 +158,12 @@ def frames_lint(
         with LogReader(log) as reader:
             fill_from_log(reader, buffer)
     else:
-        run(_listen(buffer, {"domain_id": domain, "interface": interface}, listen))
+
+        async def hear(node: Node) -> None:
+            async with FramesListener(node, buffer):
+                await asyncio.sleep(listen)
+
+        on_node((domain, interface), hear, "frames_lint")
     names = frozenset(filter(None, agents.split(",")))
     findings = lint_frames(buffer.edges, rule=FrameRule(agents=names) if names else None, root=root)
     lines = [*map(str, findings), f"{len(buffer.frames)} frames, {len(findings)} findings"]
@@ -204,34 +222,6 @@ def _synthetic(mapping: MocapMapping, clock: Any) -> MocapSource:
     return SyntheticSource(objects, config, np.random.default_rng(0), clock=clock)
 
 
-async def _serve(
-    mapping: MocapMapping,
-    make: Callable[..., MocapSource],
-    options: dict[str, Any],
-    *,
-    agent: str,
-    trees: bool,
-    duration: float | None,
-) -> None:
-    import asyncio
-
-    from sfglab.bus import Node
-    from sfglab.spatial.mocap.bridge import BridgeOptions, MocapBridge, status_topic
-
-    with contextlib.ExitStack() as stack:
-        async with Node("mocap_bridge", **options) as node:
-            if trees:
-                _make_up_trees(node, mapping)
-            bridge = MocapBridge(node, make(node, mapping, stack), mapping, BridgeOptions(agent=agent))
-            running = asyncio.ensure_future(bridge.run())
-            on_stop(running.cancel)
-            typer.echo(f"mocap: ready, status on {status_topic(agent)}; end it with Ctrl-C")
-            with contextlib.suppress(asyncio.CancelledError, TimeoutError):
-                async with asyncio.timeout(duration):
-                    await running
-            typer.echo(_report(bridge.core), nl=False)
-
-
 def _make_up_trees(node: Node, mapping: MocapMapping) -> None:
     """Publish the shortest trees that objects can be placed in: a root and, above it, what the cameras see."""
     from sfglab.messages import message_type
@@ -266,16 +256,6 @@ def _object_line(status: MocapObjectStatus) -> str:
         f"{status.published} published, {status.unplaced} not placed ({sights}); "
         f"capture to receipt to publication {times} ms{problem}"
     )
-
-
-async def _listen(buffer: FrameBuffer, options: dict[str, Any], seconds: float) -> None:
-    import asyncio
-
-    from sfglab.bus import Node
-    from sfglab.spatial.frames.listener import FramesListener
-
-    async with Node("frames_lint", **options) as node, FramesListener(node, buffer):
-        await asyncio.sleep(seconds)
 
 
 def _only_topic(reader: LogReader) -> str:

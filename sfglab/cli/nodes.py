@@ -126,12 +126,10 @@ async def _names(node: Node, name: str, timeout_s: float) -> list[str]:
 
 async def _ask(node: Node, name: str, service: str, fields: dict[str, Any], timeout_s: float) -> Any:
     """Call a service of a node's parameters."""
-    from sfglab.messages import default_message, service_type, type_name
+    from sfglab.messages import default_message, service_type
 
     type_ = service_type(f"rcl_interfaces/srv/{service}")
-    request = default_message(type_name(type_.request))
-    for field, value in fields.items():
-        setattr(request, field, value)
+    request = default_message(type_.request, **fields)
     words = "".join(f"_{letter.lower()}" if letter.isupper() else letter for letter in service)[1:]
     return await call(node, type_.name, f"{_absolute(name)}/{words}", request, timeout_s)
 

@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
+import asyncio
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from typer import Argument, Option
 
-from sfglab.cli.buses import Domain, Interface
-from sfglab.component import on_stop, run
+from sfglab.cli.buses import Domain, Interface, on_node
+from sfglab.component import on_stop
 from sfglab.errors import SfglabError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from sfglab.bus import Node
     from sfglab.spatial.execution.client import Execution
     from sfglab.spatial.execution.orders import Order
@@ -98,9 +98,18 @@ def serve(
       sfglab follow serve --agent go2 --scene data/scenes/hall.yaml --domain 7 --interface lo
     """
     from sfglab.names import validate_agent
+    from sfglab.spatial.execution.server import TrajectoryServer
 
     setup = _setup(validate_agent(agent), scene, preempt=preempt)
-    run(_serve(agent, setup, action, {"domain_id": domain, "interface": interface}))
+
+    async def until_told(node: Node) -> None:
+        asked = asyncio.Event()
+        on_stop(asked.set)
+        async with TrajectoryServer(node, agent, name=action, setup=setup) as server:
+            typer.echo(f"{agent}: {server.action_name} moves it; Ctrl-C ends")
+            await asked.wait()
+
+    on_node((domain, interface), until_told, agent)
 
 
 @app.command("run")
@@ -141,7 +150,7 @@ def run_scene(
 
     if not orders(0):
         raise SfglabError(f"{file}: given no agent with a trajectory, allowed: at least one")
-    raise typer.Exit(run(_send_all(orders, action, {"domain_id": domain, "interface": interface})))
+    raise typer.Exit(on_node((domain, interface), lambda node: _send_all(node, orders, action), "planner"))
 
 
 def _setup(agent: str, scene: Path | None, *, preempt: bool) -> AgentSetup:
@@ -164,40 +173,23 @@ def _setup(agent: str, scene: Path | None, *, preempt: bool) -> AgentSetup:
     )
 
 
-async def _serve(agent: str, setup: AgentSetup, action: str, where: dict[str, Any]) -> None:
-    import asyncio
-
-    from sfglab.bus import Node
-    from sfglab.spatial.execution.server import TrajectoryServer
-
-    asked = asyncio.Event()
-    on_stop(asked.set)
-    async with Node(agent, **where) as node, TrajectoryServer(node, agent, name=action, setup=setup) as server:
-        typer.echo(f"{agent}: {server.action_name} moves it; Ctrl-C ends")
-        await asked.wait()
-
-
-async def _send_all(orders: Callable[[int], tuple[Order, ...]], action: str, address: dict[str, Any]) -> int:
-    import asyncio
-
-    from sfglab.bus import Node
+async def _send_all(node: Node, orders: Callable[[int], tuple[Order, ...]], action: str) -> int:
     from sfglab.spatial.execution.orders import FOLLOW_TRAJECTORY
 
-    async with Node("planner", **address) as node:
-        sent = [_execution(node, order.agent, action, place) for place, order in enumerate(orders(0))]
-        for order in orders(0):  # what is imported at first use is not to cost time once the start is set
-            FOLLOW_TRAJECTORY.goal(order)
-        await asyncio.gather(*(execution.ready() for execution in sent))
-        wanted = orders(node.get_clock().now_ns())
-        await asyncio.gather(*(e.begin(order) for e, order in zip(sent, wanted, strict=True)))
-        loop, stopping = asyncio.get_running_loop(), set[asyncio.Task[Any]]()
+    sent = [_execution(node, order.agent, action, place) for place, order in enumerate(orders(0))]
+    for order in orders(0):  # what is imported at first use is not to cost time once the start is set
+        FOLLOW_TRAJECTORY.goal(order)
+    await asyncio.gather(*(execution.ready() for execution in sent))
+    wanted = orders(node.get_clock().now_ns())
+    await asyncio.gather(*(e.begin(order) for e, order in zip(sent, wanted, strict=True)))
+    loop, stopping = asyncio.get_running_loop(), set[asyncio.Task[Any]]()
 
-        def stop() -> None:
-            stopping.update(loop.create_task(execution.cancel()) for execution in sent)
+    def stop() -> None:
+        stopping.update(loop.create_task(execution.cancel()) for execution in sent)
 
-        on_stop(stop)
-        ended = await asyncio.gather(*(execution.result() for execution in sent))
-        await asyncio.gather(*stopping)
+    on_stop(stop)
+    ended = await asyncio.gather(*(execution.result() for execution in sent))
+    await asyncio.gather(*stopping)
     for order, end in zip(wanted, ended, strict=True):
         at = "" if end.pose is None else " at ({:.2f}, {:.2f}, {:.2f}) m".format(*end.pose.position_m)
         typer.echo(f"{order.agent}: {end}{at}")

@@ -6,10 +6,9 @@ import json
 from pathlib import Path
 from typing import Annotated, Literal
 
-import typer
 from typer import Argument, Option
 
-from sfglab.cli.buses import put
+from sfglab.cli.buses import put_text
 
 _Name = Literal["fleet", "qos", "graph", "scene", "mocap", "claims"]
 
@@ -28,8 +27,4 @@ def schema(
     """
     from sfglab.lab.formats import FORMATS
 
-    text = json.dumps(FORMATS[name].schema(), indent=2)
-    if out is None:
-        typer.echo(text)
-    else:
-        put({out: text + "\n"})
+    put_text(json.dumps(FORMATS[name].schema(), indent=2) + "\n", out)

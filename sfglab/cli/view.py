@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import sys
 import threading
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -12,14 +13,13 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from typer import Argument, Option
 
-from sfglab.cli.buses import domain_option, put, say_left_out, unused
+from sfglab.cli.buses import Place, domain_option, put, say_left_out, until_interrupted, unused
 from sfglab.cli.interfaces import Interfaces
 from sfglab.domains import usual_domain_id
 from sfglab.errors import SfglabError
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
+    from sfglab.bus import Node
     from sfglab.view.app import ViewOptions
     from sfglab.view.session import Session
 
@@ -88,17 +88,18 @@ def view(
         unused(why, "log", "topic", "memory", "thin", "domain", "interface")
         _write_layout(options.to, fleet, frame)
         return
-    if any(_is_foxglove(place) for place in options.to):
+    place = usual_domain_id() if domain is None else domain, interface
+    if any(name.partition(":")[0] == "foxglove" for name in options.to):
         if log is not None or len(options.to) > 1 or fleet is not None or frame or thin:
             raise SfglabError(
                 "--to foxglove: given with more, allowed are --topic, --domain and --interface: "
                 "its app opens logs itself, and draws what is chosen there"
             )
-        _foxglove(options, usual_domain_id() if domain is None else domain, interface)
+        _foxglove(options, place)
         return
     if log is None:
         unused("without a log; what is shown live is always thinned out", "thin")
-        _live(options, usual_domain_id() if domain is None else domain, interface)
+        _live(options, place)
         return
     unused("with a log, which is on no bus", "domain", "interface")
     _logged(log, options)
@@ -115,15 +116,9 @@ def _write_layout(to: Sequence[str], fleet: Path | None, frame: str) -> None:
     put({Path(to[0]): layout_of_fleet(load_fleet(fleet), frame=frame or "map") + "\n"})
 
 
-def _is_foxglove(place: str) -> bool:
-    return place.partition(":")[0] == "foxglove"
-
-
-def _foxglove(options: ViewOptions, domain: int, interface: str | None) -> None:
+def _foxglove(options: ViewOptions, place: Place) -> None:
     import asyncio
 
-    from sfglab.bus import Node
-    from sfglab.component import run
     from sfglab.view.foxglove import PORT, FoxgloveBridge
 
     address, _, port = options.to[0].partition(":")[2].rpartition(":")
@@ -131,23 +126,16 @@ def _foxglove(options: ViewOptions, domain: int, interface: str | None) -> None:
         allowed = "foxglove, foxglove:PORT or foxglove:ADDRESS:PORT"
         raise SfglabError(f"--to: given {options.to[0]}, allowed: {allowed}")
 
-    async def main() -> None:
-        async with (
-            Node("view", domain_id=domain, interface=interface) as node,
-            FoxgloveBridge(
-                node, host=address or "127.0.0.1", port=int(port or PORT), topics=options.topics or ("/",)
-            ) as bridge,
-        ):
-            typer.echo(f"domain {domain} is at ws://{address or 'localhost'}:{bridge.port}; Ctrl-C ends")
+    async def serve(node: Node) -> None:
+        host, topics = address or "127.0.0.1", options.topics or ("/",)
+        async with FoxgloveBridge(node, host=host, port=int(port or PORT), topics=topics) as bridge:
+            typer.echo(f"domain {place[0]} is at ws://{address or 'localhost'}:{bridge.port}; Ctrl-C ends")
             try:
                 await asyncio.Event().wait()
             finally:
                 say_left_out(bridge.left_out)
 
-    try:
-        run(main())
-    except (KeyboardInterrupt, asyncio.CancelledError):
-        typer.echo("ended")
+    until_interrupted(place, serve, "view", err=False)
 
 
 def _default_place() -> Sequence[str]:
@@ -191,28 +179,18 @@ def _logged(log: Path, options: ViewOptions) -> None:
         typer.echo("ended")
 
 
-def _live(options: ViewOptions, domain: int, interface: str | None) -> None:
-    import asyncio
-
-    from sfglab.bus import Node
-    from sfglab.component import run
+def _live(options: ViewOptions, place: Place) -> None:
     from sfglab.view.app import view_live
 
     sessions: list[Session] = []
 
     def started(session: Session) -> None:
         sessions.append(session)
-        typer.echo(f"domain {domain} goes to {', '.join(options.to)}; Ctrl-C ends")
+        typer.echo(f"domain {place[0]} goes to {', '.join(options.to)}; Ctrl-C ends")
         _announce(options)
 
-    async def main() -> None:
-        async with Node("view", domain_id=domain, interface=interface) as node:
-            await view_live(node, options, on_start=started)
-
     try:
-        run(main())
-    except (KeyboardInterrupt, asyncio.CancelledError):
-        typer.echo("ended")
+        until_interrupted(place, lambda node: view_live(node, options, on_start=started), "view", err=False)
     finally:
         for session in sessions:
             _tell(session)

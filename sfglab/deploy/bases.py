@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import Enum
+from itertools import product
 from typing import TYPE_CHECKING
 
 from sfglab.deploy.errors import DeployError
@@ -71,16 +72,12 @@ _CUDA = {
 }
 _ROCM = {_NOBLE: "docker.io/rocm/dev-ubuntu-24.04:6.4.1", _JAMMY: "docker.io/rocm/dev-ubuntu-22.04:6.4.1"}
 
+_ANYWHERE = product((Accelerator.VAAPI, Accelerator.V4L2, Accelerator.NONE), (_AMD64, _ARM64))
 _IMAGES: dict[tuple[Accelerator, Architecture], dict[Distribution, str]] = {
     (Accelerator.JETSON, _ARM64): _JETPACK,
     (Accelerator.CUDA, _AMD64): _CUDA,
     (Accelerator.ROCM, _AMD64): _ROCM,
-    (Accelerator.VAAPI, _AMD64): _PLAIN,
-    (Accelerator.VAAPI, _ARM64): _PLAIN,
-    (Accelerator.V4L2, _AMD64): _PLAIN,
-    (Accelerator.V4L2, _ARM64): _PLAIN,
-    (Accelerator.NONE, _AMD64): _PLAIN,
-    (Accelerator.NONE, _ARM64): _PLAIN,
+    **dict.fromkeys(_ANYWHERE, _PLAIN),
 }
 
 _VAAPI = ("libva-drm2", "mesa-va-drivers", "vainfo")

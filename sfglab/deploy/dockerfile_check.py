@@ -3,19 +3,15 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise, takewhile
-from typing import TYPE_CHECKING
 
 from sfglab.deploy.dockerfile import STAGES
 from sfglab.deploy.errors import DeployError
 from sfglab.deploy.verdicts import Broken, Rules
 from sfglab.documents import Place
-from sfglab.fleet.lint import Finding, Severity
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
+from sfglab.fleet.lint.report import Finding, an_error
 
 INSTRUCTIONS = (
     *("ADD", "ARG", "CMD", "COPY", "ENTRYPOINT", "ENV", "EXPOSE", "FROM", "HEALTHCHECK", "LABEL", "ONBUILD"),
@@ -126,17 +122,14 @@ RULES: Rules[Recipe, int] = Rules()  #: What a Dockerfile may hold that builders
 
 def check_dockerfile(text: str, file: str = "Dockerfile") -> tuple[Finding, ...]:
     """Return what is wrong with a Dockerfile, in the order of its lines; `file` is its name, for people."""
-
-    def place(line: int) -> Place:
-        return Place(file=file, line=line)
-
     try:
         instructions = parse_dockerfile(text)
         recipe = Recipe(instructions, stages_of(instructions))
     except DeployError as error:
-        code, why = "dockerfile-syntax", "no builder can read it"
-        return (Finding(severity=Severity.ERROR, code=code, place=place(0), what=str(error), why=why),)
-    return tuple(sorted(RULES.broken(recipe, place), key=lambda finding: finding.place.line))
+        place, why = Place(file=file), "no builder can read it"
+        return (an_error(code="dockerfile-syntax", place=place, what=str(error), why=why),)
+    broken = RULES.broken(recipe, lambda line: Place(file=file, line=line))
+    return tuple(sorted(broken, key=lambda finding: finding.place.line))
 
 
 @RULES.add("no-stage", "there is nothing to build from")

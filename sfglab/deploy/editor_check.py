@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import posixpath
 import re
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -15,10 +16,7 @@ from sfglab.documents import Document, DocumentError, KeyPath, Place, suggestion
 from sfglab.fleet.lint import Finding, Severity
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
-
     from sfglab.deploy.files import BundleFile
-
 
 CONTAINER, LAUNCH, TASKS = ".devcontainer/devcontainer.json", ".vscode/launch.json", ".vscode/tasks.json"
 EXTENSIONS, SETTINGS = ".vscode/extensions.json", ".vscode/settings.json"

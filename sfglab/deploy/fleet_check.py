@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
@@ -10,7 +11,7 @@ from functools import cache, partial
 from os import sched_getaffinity
 from typing import TYPE_CHECKING, Any
 
-from sfglab.deploy.bundle import FleetSource, describe, render_bundle
+from sfglab.deploy.bundle import Detect, FleetSource, describe, render_bundle
 from sfglab.deploy.compose_check import check_compose
 from sfglab.deploy.dockerfile_check import check_dockerfile
 from sfglab.deploy.editor_check import SHAPES, check_editor
@@ -22,24 +23,19 @@ from sfglab.deploy.routers.zenoh_check import check_zenoh
 from sfglab.deploy.text_check import check_dockerfiles, check_secrets, check_shell
 from sfglab.deploy.unit_check import check_unit
 from sfglab.deploy.verdicts import Broken, Rules, State, Verdict, error_sentences, verdict_of
-from sfglab.fleet.fleet_file import Accelerator, ContainerNetwork, RosDistribution, RouterSoftware
+from sfglab.fleet import fleet_file
 from sfglab.fleet.lint import Finding, Severity, lint
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-
-    from sfglab.deploy.bundle import Detect
     from sfglab.deploy.deployment import Deployment, Release
     from sfglab.deploy.files import BundleFile
     from sfglab.documents import Place
-    from sfglab.fleet.fleet_file import AgentSpec, HostSpec
     from sfglab.fleet.policy import Policy
-
 
 RULES: Rules[FleetSource, Place] = Rules()  #: What a fleet file may say that makes no sense to deploy.
 
 
-def _hosts(source: FleetSource) -> Iterator[tuple[AgentSpec, HostSpec]]:
+def _hosts(source: FleetSource) -> Iterator[tuple[fleet_file.AgentSpec, fleet_file.HostSpec]]:
     yield from ((agent, agent.host) for agent in source.fleet.agents if agent.host is not None)
 
 
@@ -60,7 +56,7 @@ def _no_machine(source: FleetSource) -> Iterator[Broken[Place]]:
     "correct the address, or say the same of both",
 )
 def _one_machine_two_kinds(source: FleetSource) -> Iterator[Broken[Place]]:
-    first: dict[str, tuple[AgentSpec, HostSpec]] = {}
+    first: dict[str, tuple[fleet_file.AgentSpec, fleet_file.HostSpec]] = {}
     for agent, host in _hosts(source):
         address = host.address.rpartition("@")[2]
         other, known = first.setdefault(address, (agent, host))
@@ -88,7 +84,7 @@ def _no_interface(source: FleetSource) -> Iterator[Broken[Place]]:
 )
 def _open_domain(source: FleetSource) -> Iterator[Broken[Place]]:
     for agent, host in _hosts(source):
-        if host.network is ContainerNetwork.HOST and agent.local_interface is None:
+        if host.network is fleet_file.ContainerNetwork.HOST and agent.local_interface is None:
             what = f"{agent.name} stands on its host's network and speaks its own domain on every interface"
             yield Broken(agent.place, what)
 
@@ -100,7 +96,7 @@ def _open_domain(source: FleetSource) -> Iterator[Broken[Place]]:
 )
 def _unused_router_image(source: FleetSource) -> Iterator[Broken[Place]]:
     common = source.fleet.deployment
-    if common.router is RouterSoftware.SFGLAB and common.router_image:
+    if common.router is fleet_file.RouterSoftware.SFGLAB and common.router_image:
         what = f"router_image {common.router_image} is given, but the router is sfglab's own"
         yield Broken(common.place, what)
 
@@ -112,7 +108,7 @@ def _unused_router_image(source: FleetSource) -> Iterator[Broken[Place]]:
 )
 def _no_router_image(source: FleetSource) -> Iterator[Broken[Place]]:
     common = source.fleet.deployment
-    if common.router is not RouterSoftware.SFGLAB and not common.router_image:
+    if common.router is not fleet_file.RouterSoftware.SFGLAB and not common.router_image:
         yield Broken(common.place, f"the router is {common.router.value}, but nothing says in which image")
 
 
@@ -125,7 +121,7 @@ def _moving_router_image(source: FleetSource) -> Iterator[Broken[Place]]:
     image = source.fleet.deployment.router_image
     name = image.rpartition("/")[2]
     pinned = "@sha256:" in image or (":" in name and not name.endswith(":latest"))
-    if source.fleet.deployment.router is not RouterSoftware.SFGLAB and image and not pinned:
+    if source.fleet.deployment.router is not fleet_file.RouterSoftware.SFGLAB and image and not pinned:
         yield Broken(source.fleet.deployment.place, f"router_image {image} has no fixed tag")
 
 
@@ -136,7 +132,7 @@ def _moving_router_image(source: FleetSource) -> Iterator[Broken[Place]]:
 )
 def _workspace_without_ros(source: FleetSource) -> Iterator[Broken[Place]]:
     for agent, host in _hosts(source):
-        if host.workspace and source.fleet.deployment.ros is RosDistribution.NONE:
+        if host.workspace and source.fleet.deployment.ros is fleet_file.RosDistribution.NONE:
             what = f"{agent.name} has the colcon workspace {host.workspace}, but the images have no ROS 2"
             yield Broken(host.place, what)
 
@@ -150,7 +146,7 @@ def _workspace_without_ros(source: FleetSource) -> Iterator[Broken[Place]]:
 def _encoded_by_processor(source: FleetSource) -> Iterator[Broken[Place]]:
     for agent, host in _hosts(source):
         sends = any(stream.codec == "h264" for stream in agent.streams)
-        if sends and host.accelerator in {Accelerator.JETSON, Accelerator.V4L2}:
+        if sends and host.accelerator in {fleet_file.Accelerator.JETSON, fleet_file.Accelerator.V4L2}:
             what = f"{agent.name} sends H.264, encoded by the processor on {host.accelerator.value}"
             yield Broken(host.place, what)
 

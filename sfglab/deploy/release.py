@@ -8,6 +8,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
+from collections.abc import Iterable
 from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -18,8 +19,6 @@ from sfglab.deploy.errors import DeployError
 from sfglab.fleet.fleet_file import Architecture
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
-
     from packaging.requirements import Requirement
 
 
@@ -202,13 +201,14 @@ def make_release(project: Path, fleet_text: str) -> tuple[Release, bytes]:
             )
         wheel = build_wheel(source, Path(folder))
         name, data, locked = wheel.name, wheel.read_bytes(), lock.read_text(encoding="utf-8")
+    revision = _git(project, "rev-parse", "HEAD")
     release = Release(
         version=sfglab.__version__,
         wheel=name,
         wheel_sha256=hashlib.sha256(data).hexdigest(),
         lock=locked,
         fleet_text=fleet_text,
-        revision=_revision(project),
+        revision=f"{revision}-dirty" if revision and _git(project, "status", "--porcelain") else revision,
         created=_git(project, "log", "-1", "--format=%cI"),
     )
     return release, data
@@ -222,11 +222,6 @@ def _buildable(project: Path, folder: Path) -> Path:
     ignored = shutil.ignore_patterns("__pycache__", carried.name)
     shutil.copytree(project / "sfglab", folder / "sfglab", ignore=ignored)
     return shutil.copytree(carried, folder, dirs_exist_ok=True)
-
-
-def _revision(project: Path) -> str:
-    revision = _git(project, "rev-parse", "HEAD")
-    return f"{revision}-dirty" if revision and _git(project, "status", "--porcelain") else revision
 
 
 def _git(project: Path, *arguments: str) -> str:

@@ -7,19 +7,15 @@ import re
 import shutil
 import subprocess
 import tempfile
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from sfglab.deploy.errors import DeployError
 from sfglab.deploy.shapes import check_shape
 from sfglab.deploy.verdicts import worst_first
 from sfglab.documents import KeyPath, Place
 from sfglab.fleet.lint import Finding, Severity
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
 
 ANALYZE = "systemd-analyze"
 STAND_INS = ("docker.service",)
@@ -50,15 +46,12 @@ class Unit:
                 self.value.setdefault(section, {})
                 self._lines.setdefault((section,), number)
             elif line and line[0] not in "#;" and equals and section:
-                self._assign(section, key, value, number)
+                values = self.value[section].setdefault(key, [])
+                self._lines.setdefault((section, key), number)
+                self._lines[section, key, len(values)] = number
+                values.append(value)
             elif line and line[0] not in "#;":
                 self.odd.append(number)
-
-    def _assign(self, section: str, key: str, value: str, line: int) -> None:
-        values = self.value[section].setdefault(key, [])
-        self._lines.setdefault((section, key), line)
-        self._lines[section, key, len(values)] = line
-        values.append(value)
 
     def place(self, path: KeyPath) -> Place:
         """Return where a value stands; of what is missing, line 0."""

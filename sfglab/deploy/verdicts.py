@@ -17,7 +17,6 @@ from sfglab.tables import columns
 if TYPE_CHECKING:
     from sfglab.documents import Place
 
-
 # Names such as dds-router stay whole, so that they can be searched for.
 _WORDS = TextWrapper(110, initial_indent=" " * 4, subsequent_indent=" " * 4, break_on_hyphens=False)
 

@@ -14,6 +14,7 @@ every replay, ``{"is": "replayed", "topic", "packets", "size_bytes", "gaps", "ov
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, field, replace
 from enum import Enum, auto
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
@@ -27,10 +28,7 @@ from sfglab.names import FqnError, Resource, ResourceKind, Suffixed, dds_names, 
 from sfglab.qos import COMPRESSED_STREAM, Durability, QoSProfile, incompatibilities
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from sfglab.bus import Node
-
 
 FFMPEG_PACKET = "ffmpeg_image_transport_msgs/msg/FFMPEGPacket"  #: Of streams and of replays.
 
@@ -232,18 +230,15 @@ class _Stream:
         unwatch = self._node.graph.watch(dds_topic, EndpointKind.SUBSCRIPTION, self._count_reader)
         try:
             async for packet in subscription:
-                self._keep(packet)
+                is_key = bool(packet.flags & FLAG_KEY)
+                kept = self._cache.add(packet, pts=packet.pts, is_key=is_key, size_bytes=len(packet.data))
+                if kept and self._session.state is State.SERVING:
+                    self._publisher.publish(packet)
         finally:
             unwatch()
             self._cancel_timer()
             subscription.close()
             self._publisher.close()
-
-    def _keep(self, packet: Any) -> None:
-        is_key = bool(packet.flags & FLAG_KEY)
-        kept = self._cache.add(packet, pts=packet.pts, is_key=is_key, size_bytes=len(packet.data))
-        if kept and self._session.state is State.SERVING:
-            self._publisher.publish(packet)
 
     def _count_reader(self, event: EndpointEvent) -> None:
         endpoint = event.endpoint

@@ -12,17 +12,15 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import psutil
 
 from sfglab.errors import SfglabError
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
 
 _MIB = 1 << 20
 _LOOPBACK = "127.0.0.1"

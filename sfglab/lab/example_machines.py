@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 from sfglab.deploy.errors import DeployError
 from sfglab.deploy.hardware.board import MACHINES, elf_header
 from sfglab.fleet.fleet_file import Accelerator, Architecture
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-    from pathlib import Path
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -53,7 +50,8 @@ def _made(
     elf: str = "",
 ) -> ExampleMachine:
     """Return a machine; one with a device tree has an ARM processor, any other AMD64, unless it is given."""
-    files = _system(system)
+    groups = "root:x:0:\nvideo:x:44:\nrender:x:992:\n"
+    files = {"etc/os-release": f'NAME="Linux"\nPRETTY_NAME="{system}"\n', "etc/group": groups}
     for part in parts:
         files |= part
     is_board = f"{_TREE}/model" in files
@@ -69,11 +67,6 @@ def _made(
 _TREE = "sys/firmware/devicetree/base"
 _TREE_LINK = {"proc/device-tree": "/sys/firmware/devicetree/base"}
 _KFD = "sys/class/kfd/kfd/topology/nodes"
-
-
-def _system(name: str) -> dict[str, str]:
-    groups = "root:x:0:\nvideo:x:44:\nrender:x:992:\n"
-    return {"etc/os-release": f'NAME="Linux"\nPRETTY_NAME="{name}"\n', "etc/group": groups}
 
 
 def _board(model: str, *compatible: str) -> dict[str, str]:

@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 import base64
+from collections.abc import Iterable
 from dataclasses import dataclass
 from html import escape
+from pathlib import Path
 from typing import TYPE_CHECKING
 
-from sfglab.lab.claims import criterion_of
+from sfglab.lab.claims import Entry, Ledger, criterion_of
 from sfglab.lab.experiments import experiment
 from sfglab.lab.figures import few_colors
 from sfglab.lab.notebooks import INDEX, experiment_of, find_notebooks, read_notebook
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
-    from pathlib import Path
-
-    from sfglab.lab.claims import Entry, Ledger
     from sfglab.lab.paths import Project
 
 PAPERS = {

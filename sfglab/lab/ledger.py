@@ -15,14 +15,16 @@ import re
 import subprocess
 import sys
 import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sfglab.errors import SfglabError
 from sfglab.fields import from_json, to_json
-from sfglab.lab.claims import Ledger, Measured, entry_for, joined, load_claims
+from sfglab.lab.claims import Claim, Ledger, Measured, entry_for, joined, load_claims
 from sfglab.lab.experiments import EXPERIMENTS, experiment
 from sfglab.lab.figures import file_sha256, save_figure
 from sfglab.lab.runs import Run, Standing, standing
@@ -31,10 +33,6 @@ from sfglab.record import LogReader
 from sfglab.record.metadata import library_versions
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping, Sequence
-    from pathlib import Path
-
-    from sfglab.lab.claims import Claim
     from sfglab.lab.paths import Project
 
 

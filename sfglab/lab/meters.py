@@ -97,7 +97,10 @@ class CpuLedger:
             self._enter(pid, reading)
         # Children before parents, so that a family that ended as a whole is handed up step by step.
         for account in sorted(ended, key=_Account.depth, reverse=True):
-            self._settle(account)
+            if account.parent is None:
+                self._settled_ns += account.total_ns
+            else:
+                account.parent.ended_children_ns += account.total_ns
         for pid, reading in readings.items():
             self._accounts[pid].parent = self._accounts.get(reading.parent)
         living_ns = sum(account.total_ns for account in self._accounts.values())
@@ -115,12 +118,6 @@ class CpuLedger:
         newborn = self._last_ns is not None and reading.started_ns >= self._last_ns
         own_ns, reaped_ns = (0, 0) if newborn else (reading.own_ns, reading.reaped_ns)
         self._accounts[pid] = _Account(reading, own_before_ns=own_ns, reaped_before_ns=reaped_ns)
-
-    def _settle(self, account: _Account) -> None:
-        if account.parent is None:
-            self._settled_ns += account.total_ns
-        else:
-            account.parent.ended_children_ns += account.total_ns
 
 
 Pids = Iterable[int] | Callable[[], Iterable[int]]  #: Processes, or what is asked for them at each sample.

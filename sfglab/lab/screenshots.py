@@ -17,6 +17,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Iterator, Sequence
 from contextlib import closing, contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
@@ -31,7 +32,7 @@ from sfglab.errors import InvalidValueError, SfglabError
 from sfglab.fleet.fleet_file import load_fleet
 from sfglab.lab.browser import Browser, free_port
 from sfglab.lab.checks import fleet_scene
-from sfglab.lab.checks.fleet_scene import PERIOD_NS, START_NS
+from sfglab.lab.checks.fleet_scene import PERIOD_NS, START_NS, Moment
 from sfglab.lab.paths import find_project
 from sfglab.messages import default_message, serialize
 from sfglab.spatial.poses import Pose
@@ -45,9 +46,6 @@ from sfglab.view.session import Session
 from sfglab.view.stage import replay
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
-
-    from sfglab.lab.checks.fleet_scene import Moment
     from sfglab.spatial.scene.tree import Scene
 
 
@@ -189,7 +187,9 @@ def _messages(moment: Moment) -> Iterator[tuple[str, Any]]:
     base = ("map", "go2/base", Pose.from_yaw(_way(moment), angle))
     others = [("map", f"{name}/base", Pose.at((*place, 0.0))) for name, place in _PLACES.items()]
     yield "/tf", fleet_scene.transforms_message(moment, [base, *others])
-    yield "/global/go2/localization/odometry", _odometry(moment)
+    odometry = default_message("nav_msgs/msg/Odometry", header=moment.header("map"))
+    odometry.pose.pose = Pose.at(_way(moment)).to_pose_msg()
+    yield "/global/go2/localization/odometry", odometry
     yield from _heartbeats(moment)
     yield _PICTURE, fleet_scene.image_message(moment.rgb, "rgb8", header)
     jpeg = compressed_image_fields(moment.bgr, "jpeg")
@@ -202,12 +202,6 @@ def _messages(moment: Moment) -> Iterator[tuple[str, Any]]:
 
 def _way(moment: Moment) -> tuple[float, float, float]:
     return (-1.0 + moment.number / 40, 0.3 * math.sin(moment.number / 8), 0.0)
-
-
-def _odometry(moment: Moment) -> Any:
-    message = default_message("nav_msgs/msg/Odometry")
-    message.header, message.pose.pose = moment.header("map"), Pose.at(_way(moment)).to_pose_msg()
-    return message
 
 
 def _heartbeats(moment: Moment) -> Iterator[tuple[str, Any]]:

@@ -16,6 +16,7 @@ import subprocess
 import sys
 import tempfile
 import zipfile
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -32,8 +33,6 @@ from sfglab.fleet.fleet_file import Accelerator, Architecture, RosDistribution
 from sfglab.lab.checks.machines import Unasked, held
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-
     from sfglab.lab.checks import CheckRow
 
 _GLIBC_MINORS = (17, 24, 26, 27, 28, 31, 34, 35)
@@ -46,23 +45,20 @@ def wheelhouse(lock: str, folder: Path, python: str, architecture: Architecture)
     with tempfile.TemporaryDirectory(prefix="sfglab-lock-") as scratch:
         file = Path(scratch) / "requirements.lock"
         file.write_text(lock, encoding="utf-8")
-        command = _command(file, folder, python, MACHINES[architecture])
+        machine = MACHINES[architecture]
+        platforms = [f"manylinux_2_{minor}_{machine}" for minor in _GLIBC_MINORS]
+        command = [
+            *(sys.executable, "-m", "pip", "download", "--quiet", "--disable-pip-version-check"),
+            *("--no-deps", "--require-hashes", "--only-binary=:all:", f"--python-version={python}"),
+            "--implementation=cp",
+            *(f"--platform={platform}" for platform in (*platforms, f"manylinux2014_{machine}")),
+            *(f"--dest={folder}", f"--requirement={file}"),
+        ]
         fetched = subprocess.run(command, capture_output=True, text=True, check=False)
     if fetched.returncode != 0:
         said = [line for line in fetched.stderr.splitlines() if line.startswith("ERROR")] or ["nothing"]
         raise DeployError(f"wheels for Python {python} on {architecture.value}: pip said {said[0]!r}")
     return tuple(sorted(folder.glob("*.whl")))
-
-
-def _command(file: Path, folder: Path, python: str, machine: str) -> list[str]:
-    platforms = [f"manylinux_2_{minor}_{machine}" for minor in _GLIBC_MINORS]
-    return [
-        *(sys.executable, "-m", "pip", "download", "--quiet", "--disable-pip-version-check"),
-        *("--no-deps", "--require-hashes", "--only-binary=:all:", f"--python-version={python}"),
-        "--implementation=cp",
-        *(f"--platform={platform}" for platform in (*platforms, f"manylinux2014_{machine}")),
-        *(f"--dest={folder}", f"--requirement={file}"),
-    ]
 
 
 _NAME = "sfglab"

@@ -29,15 +29,11 @@ _KNOWN = {"np": np, "NDArray": NDArray, "Sequence": Sequence}
 _types: dict[type[Any], tuple[type[Any], dict[str, str]]] = {}
 
 
-def _is_text_enum(hint: Any) -> bool:
-    return isinstance(hint, type) and issubclass(hint, Enum) and all(isinstance(e.value, str) for e in hint)
-
-
 def _field_type(hint: Any, place: str) -> str:
     """Return the interface language's word for an annotation."""
     if isinstance(hint, type) and hint in _SCALARS:
         return _SCALARS[hint]
-    if _is_text_enum(hint):
+    if isinstance(hint, type) and issubclass(hint, Enum) and all(isinstance(e.value, str) for e in hint):
         return "string"
     origin, arguments = typing.get_origin(hint), typing.get_args(hint)
     if origin is tuple and arguments[1:] == (...,):

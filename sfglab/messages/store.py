@@ -12,7 +12,8 @@ import logging
 import os
 import re
 import threading
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
 from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -23,8 +24,6 @@ from sfglab.errors import SfglabError
 from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping
-
     from rosbags.interfaces.typing import FieldDesc, Typesdict
     from rosbags.typesys.store import Typestore
 
@@ -344,7 +343,10 @@ def definition(type_or_name: type[Any] | str) -> str:
     name = type_name(type_or_name)
     message_type(name)
     if inner := _action_fields(name):
-        return _wrapped(name, inner)
+        # The definition of what carries an action's part; rosbags refuses to write the part's name.
+        rule = f"{RULE}\n"
+        blocks = [f"MSG: {type_.replace('/msg/', '/')}\n{definition(type_)}".split(rule) for type_ in inner]
+        return rule.join([_sources[name], *dict.fromkeys(itertools.chain.from_iterable(blocks))])
     dependencies: dict[str, tuple[str, str]] = {}
     text, _ = type_store().gendefhash(name, dependencies, ros_version=2)
     parts = [_sources.get(name, text)]
@@ -359,13 +361,6 @@ def _action_fields(name: str) -> list[str]:
     fields = type_store().fielddefs[name][1] if "/action/" in name else []
     inner = [str(desc[1]) for _, desc in fields if isinstance(desc[1], str)]
     return inner if any("/action/" in type_ for type_ in inner) else []
-
-
-def _wrapped(name: str, inner: list[str]) -> str:
-    """Return the definition of what carries an action's part; rosbags refuses to write the part's name."""
-    rule = f"{RULE}\n"
-    blocks = [f"MSG: {type_.replace('/msg/', '/')}\n{definition(type_)}".split(rule) for type_ in inner]
-    return rule.join([_sources[name], *dict.fromkeys(itertools.chain.from_iterable(blocks))])
 
 
 def numpy_dtype(base: str) -> np.dtype[Any]:
@@ -394,17 +389,18 @@ def _default_of(store: Typestore, name: str) -> Any:
     return store.types[name](**{field: _default_value(store, desc) for field, desc in fields})
 
 
-def default_message(type_or_name: type[Any] | str) -> Any:
-    """Return a new message whose numbers are zero, strings and sequences empty, all the way down.
+def default_message(type_or_name: type[Any] | str, **fields: Any) -> Any:
+    """Return a new message with these fields; all others' numbers are zero, strings and sequences empty.
 
     Unlike rclpy, defaults written in a definition are not applied: a quaternion's `w` is 0.
 
     Raises:
         UnknownTypeError: There is no such type.
+        TypeError: The type has no such field.
     """
     name = type_name(type_or_name)
     message_type(name)
-    return _default_of(type_store(), name)
+    return replace(_default_of(type_store(), name), **fields)
 
 
 _SERVICE_PARTS = ("Request", "Response")

@@ -10,13 +10,10 @@ from __future__ import annotations
 import os
 import re
 import socket
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
 
 from sfglab.names.grammar import FqnError, check_words, router_breaks
 from sfglab.names.vocabulary import Component, check_unmistakable
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
 
 AGENT_VARIABLE = "SFG_AGENT_NAME"  #: The environment variable that names the agent.
 

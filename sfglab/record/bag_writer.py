@@ -10,31 +10,29 @@ import math
 import os
 import secrets
 import shutil
-from contextlib import ExitStack, contextmanager, suppress
-from typing import TYPE_CHECKING, Any, Literal, Self, get_args
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 from sfglab.errors import InvalidValueError
 from sfglab.messages import MessageError, definition
 from sfglab.messages.store import parse_definition
 from sfglab.qos import QoSProfile
 from sfglab.record.metadata import LogError, rosbags_qos
-from sfglab.record.reader import LogReader
+from sfglab.record.reader import LogMessage, LogReader
 from sfglab.record.writer import LogWriter
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
-    from pathlib import Path
-
     from rosbags.interfaces import Connection
 
-    from sfglab.record.reader import LogMessage
 
 Storage = Literal["mcap", "sqlite3"]
 Compression = Literal["none", "file", "message", "storage"]
 NO_HASH = "RIHS01_" + 64 * "0"
 
 
-class BagWriter:
+class BagWriter(AbstractContextManager["BagWriter"]):
     """A rosbag2 folder being written, with the methods of a `LogWriter` that bags have something for.
 
     Its index is written at its end: without `close` it is no bag. Not for several threads. Raises LogError
@@ -86,9 +84,6 @@ class BagWriter:
         """Write the index; a second time does nothing."""
         if self._bag.storage is not None:
             self._bag.close()
-
-    def __enter__(self) -> Self:
-        return self
 
     def __exit__(self, *_: object) -> None:
         self.close()

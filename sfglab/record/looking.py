@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import re
-from typing import TYPE_CHECKING, Any, NamedTuple
+from collections.abc import Iterator
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from sfglab.record.metadata import LogError
 from sfglab.tables import html_table
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
 
 _LONG = 8
 _STEP = re.compile(r"(\w+)|\[(\d+)\]|\.")

@@ -7,11 +7,12 @@ from __future__ import annotations
 
 import difflib
 import itertools
-from contextlib import suppress
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import AbstractContextManager, suppress
 from dataclasses import dataclass
 from io import SEEK_END
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO, NamedTuple, Self
+from typing import TYPE_CHECKING, Any, BinaryIO, NamedTuple
 
 from sfglab.messages import decoder, decoder_from_definition
 from sfglab.messages.store import is_known_as
@@ -23,7 +24,6 @@ from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
     import os
-    from collections.abc import Callable, Iterable, Iterator, Sequence
 
     import pandas as pd
     from mcap.reader import SeekingReader
@@ -83,7 +83,7 @@ def rate_and_size(messages: Sequence[LogMessage]) -> tuple[float, float]:
     return (len(messages) - 1) / span_s if span_s > 0 else 0.0, size
 
 
-class LogReader:
+class LogReader(AbstractContextManager["LogReader"]):
     """An MCAP file or a bag to read, as a context manager; for one thread.
 
     A bag is a rosbag2 folder (SQLite or MCAP) or its .db3 file, of any ROS 2, or a .bag of ROS 1.
@@ -311,9 +311,6 @@ class LogReader:
     def close(self) -> None:
         """Close the file; a second time does nothing."""
         self._stream.close()
-
-    def __enter__(self) -> Self:
-        return self
 
     def __exit__(self, *_: object) -> None:
         self.close()

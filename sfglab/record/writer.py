@@ -8,9 +8,10 @@ from __future__ import annotations
 
 import re
 import threading
-from contextlib import contextmanager, nullcontext, suppress
+from collections.abc import Iterator, Mapping
+from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO, Self
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 from sfglab import __version__
 from sfglab.messages import definition, row_message, row_type, serialize, type_name
@@ -19,7 +20,6 @@ from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
     import os
-    from collections.abc import Iterator, Mapping
 
     from typing_extensions import Buffer
 
@@ -32,7 +32,7 @@ _CHUNK_BYTES = 768 * 1024
 _TIMES = range(2**64)
 
 
-class LogWriter:
+class LogWriter(AbstractContextManager["LogWriter"]):
     """An MCAP file being written, as a context manager.
 
     Messages are collected in chunks of 768 kB or `flush_after_s` of log time, whichever comes first. A finished
@@ -200,9 +200,6 @@ class LogWriter:
                 # Half a record may be left in the buffer; the failure that left it has been raised.
                 with suppress(OSError) if self._failed else nullcontext():
                     self._stream.close()
-
-    def __enter__(self) -> Self:
-        return self
 
     def __exit__(self, *_: object) -> None:
         self.close()

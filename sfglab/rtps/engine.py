@@ -86,7 +86,7 @@ def _heartbeat_of(world: Any, frame: Any) -> tuple[int, int]:
     world.reader[flow, R.REPAIRED] = 1
     if kind == Frame.GAP:
         return frame[4], frame[5]
-    depth, last = world.flows[flow, FlowColumn.DEPTH], riding // BURST_ROOM
+    depth, last = world.flows[flow, FlowColumn.DEPTH], riding // BURST_ROOM // BURST_ROOM
     return (max(1, last - depth + 1) if depth else 1), last
 
 

@@ -87,9 +87,8 @@ def enqueue(world: Any, now: int, host: int, frame: Any) -> None:
     point's, which cannot block and drops.
 
     A frame is eight words: kind, flow, two arguments, four more. Arguments of DATA: sample, and whether a
-    heartbeat rides along, 1 to be answered, 2 FINAL; of BURST: first sample of its bitmap, and the number of
-    samples in it, to which `BURST_ROOM` times the newest sample is added if a heartbeat rides along. The sixth
-    word of GAP is not 0 if one does.
+    heartbeat rides along, 1 to be answered, 2 FINAL; of BURST: first sample of its bitmap, and what
+    `BURST_ROOM` says. The sixth word of GAP is not 0 if a heartbeat rides along.
     """
     ends = world.queue_ends
     capacity = world.queue.shape[1]

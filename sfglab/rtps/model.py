@@ -7,7 +7,7 @@ time. The protocol is RTPS 2.5, clause 8.4, timed as a vendor does (`vendors`).
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping  # noqa: TC003 - a dataclass's fields are typed at run time
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
@@ -32,11 +32,11 @@ _NOT_NEGATIVE = (
 NETWORK_BYTES = 14 + 20 + 8  #: Ethernet, IPv4 and UDP headers of a frame.
 
 BURST_ROOM = 512
-"""More than the samples of one BURST: its second argument is their number, and this times the newest sample of
-all where a heartbeat rides along."""
+"""More than the samples of one BURST: its second argument is their number, this times the heartbeats among
+them, and the square of this times the newest sample of all where there are any."""
 
 _BASE_BYTES = NETWORK_BYTES + 20
-_INFO_DST_BYTES, _HEARTBEAT_BYTES = 16, 32
+INFO_DST_BYTES, _HEARTBEAT_BYTES = 16, 32
 _AROUND_BYTES, _CUT_BYTES = 14 + 20, 1480  # Ethernet's and IP's headers, and what a frame carries behind them
 
 
@@ -53,17 +53,17 @@ def frame_bytes(kind: int, size_bytes: int, riding: int) -> int:
     if kind == Frame.FRAGMENT:
         return _AROUND_BYTES + _CUT_BYTES
     if kind == Frame.BURST:
-        heartbeat = _HEARTBEAT_BYTES if riding >= BURST_ROOM else 0
-        whole = _BASE_BYTES + _INFO_DST_BYTES + heartbeat + riding % BURST_ROOM * sample
+        heartbeats = riding // BURST_ROOM % BURST_ROOM * _HEARTBEAT_BYTES
+        whole = _BASE_BYTES + INFO_DST_BYTES + heartbeats + riding % BURST_ROOM * sample
         return _AROUND_BYTES + (whole - _AROUND_BYTES - 1) % _CUT_BYTES + 1
-    return _BASE_BYTES + _INFO_DST_BYTES + (28 + 32 if kind == Frame.ACKNACK else 32)
+    return _BASE_BYTES + INFO_DST_BYTES + (28 + 32 if kind == Frame.ACKNACK else 32)
 
 
 def fragments(size_bytes: int, riding: int) -> int:
     """Return how many full frames precede the last one of a BURST that IP cuts; arguments of `frame_bytes`."""
     payload = riding % BURST_ROOM * (12 + 24 + (size_bytes + 3) // 4 * 4)
-    heartbeat = _HEARTBEAT_BYTES if riding >= BURST_ROOM else 0
-    whole = _BASE_BYTES + _INFO_DST_BYTES + heartbeat + payload
+    heartbeats = riding // BURST_ROOM % BURST_ROOM * _HEARTBEAT_BYTES
+    whole = _BASE_BYTES + INFO_DST_BYTES + heartbeats + payload
     return (whole - _AROUND_BYTES - 1) // _CUT_BYTES
 
 
@@ -336,6 +336,7 @@ def _timing(scenario: Scenario, access_point: int) -> np.ndarray:
         TimingColumn.PIGGYBACK_BYTES: vendor.piggyback_bytes,
         TimingColumn.SENT_BEFORE: -1 if vendor.sent_before_bytes is None else vendor.sent_before_bytes,
         TimingColumn.QUEUES: int(vendor.asynchronous),
+        TimingColumn.GAPS: int(vendor.gap_for_gone),
         TimingColumn.EXTRA_BYTES: vendor.extra_bytes,
         TimingColumn.QUEUE_FRAMES: medium.queue_frames,
         TimingColumn.QUEUE_RULE: QUEUE_RULES.index(medium.queue_rule),

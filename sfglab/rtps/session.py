@@ -273,7 +273,7 @@ def _said(kind: Frame, row: Sequence[int]) -> tuple[tuple[int, ...], int]:
     if kind is Frame.ACKNACK:
         return asked, row[2] - 1
     if kind is Frame.BURST:
-        return asked, row[3] // BURST_ROOM
+        return asked, row[3] // BURST_ROOM // BURST_ROOM
     if kind is Frame.DATA:
         return (row[2],), row[5] if row[3] else 0
     return tuple(range(row[2], row[3])), row[5]  # a heartbeat's is empty

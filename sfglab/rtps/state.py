@@ -125,6 +125,7 @@ class TimingColumn(IntEnum):
     STALL_EVERY_NS = 24
     STALL_NS = 25
     RANDOM_TURNS = 26
+    GAPS = 27  #: 1: a request for what has left the history is answered by a GAP.
 
 
 class Params(NamedTuple):
@@ -224,6 +225,18 @@ class Sizes(NamedTuple):
     trace: int = 0  #: Frames of which a trace is kept.
 
 
+def _scattered(seed: int) -> int:
+    """Return where a seed's random numbers begin, far from every other seed's: all are of one sequence.
+
+    It is SplitMix64's own scattering (S. Vigna, prng.di.unimi.it); seeds that follow each other would begin one
+    number apart, and lose the same frames.
+    """
+    z = (seed + 1) * 0x9E3779B97F4A7C15 % 2**64
+    z = (z ^ z >> 30) * 0xBF58476D1CE4E5B9 % 2**64
+    z = (z ^ z >> 27) * 0x94D049BB133111EB % 2**64
+    return z ^ z >> 31
+
+
 def new_state(params: Params, sizes: Sizes, *, seed: int) -> State:
     """Return the state at time 0, with each periodic flow's first publication scheduled."""
     from sfglab.rtps.world import new_heap, push  # Numba takes its time to import
@@ -246,7 +259,7 @@ def new_state(params: Params, sizes: Sizes, *, seed: int) -> State:
     return State(
         heap=heap,
         heap_sizes=heap_sizes,
-        random=np.array([(seed * 0x9E3779B97F4A7C15 + 0x1234567) % 2**64], np.uint64),
+        random=np.array([_scattered(seed)], np.uint64),
         counts=np.zeros(len(Count), np.int64),
         **{name: np.zeros(per_sample, np.int64) for name in ("published_ns", "received_ns")},
         **{name: np.zeros(per_sample, np.int32) for name in ("value", "order")},

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from sfglab.rtps.medium import burst_most, enqueue, fragment_count, has_room, message_bytes, note_drop, uniform
-from sfglab.rtps.model import BURST_ROOM
+from sfglab.rtps.model import BURST_ROOM, INFO_DST_BYTES
 from sfglab.rtps.state import SET, Count, Drop, Event, FlowColumn, Frame, TimingColumn, W
 from sfglab.rtps.world import compiled, push
 
@@ -74,28 +74,30 @@ def _piggybacks(world: Any, flow: int) -> bool:
 
 
 @compiled
-def _rides(world: Any, now: int, flow: int, samples: int, repairs: bool) -> bool:  # noqa: FBT001 - compiled
-    """Return whether a heartbeat travels with so many samples, and note that it does."""
+def _heartbeats(world: Any, now: int, flow: int, samples: int, repairs: bool) -> int:  # noqa: FBT001 - compiled
+    """Return how many heartbeats travel with so many samples, one behind each at most, and note them."""
     writer, most = world.writer, world.timing[TimingColumn.PIGGYBACK_BYTES]
     if not world.flows[flow, FlowColumn.RELIABLE]:
-        return False
-    rides = _piggybacks(world, flow)
-    if most:
-        extra, before = world.timing[TimingColumn.EXTRA_BYTES], world.timing[TimingColumn.SENT_BEFORE]
-        own = samples * message_bytes(world.flows[flow, FlowColumn.SIZE_BYTES], extra)
+        return 0
+    each, count = _piggybacks(world, flow), 0
+    before = world.timing[TimingColumn.SENT_BEFORE]
+    # Fast DDS counts what it fills itself: not the statistics, which are put behind that.
+    own = message_bytes(world.flows[flow, FlowColumn.SIZE_BYTES], INFO_DST_BYTES)
+    for _ in range(samples):
+        sent = own
         if before >= 0 and (repairs or world.timing[TimingColumn.QUEUES]):
             writer[flow, W.BYTES] += own
-            own = samples * (before + writer[flow, W.BYTES])
-        writer[flow, W.UNSHOWN] += own
-        rides = rides or writer[flow, W.UNSHOWN] > most
-    if rides:
-        writer[flow, W.LAST_HB], writer[flow, W.UNSHOWN] = now, 0
-    return bool(rides)
+            sent = before + writer[flow, W.BYTES]
+        writer[flow, W.UNSHOWN] += sent
+        if each or writer[flow, W.UNSHOWN] > most > 0:
+            writer[flow, W.LAST_HB], writer[flow, W.UNSHOWN] = now, 0
+            count += 1
+    return count
 
 
 @compiled
 def _send_data(world: Any, now: int, flow: int, sample: int) -> None:
-    rides = 1 if _rides(world, now, flow, 1, False) else 0
+    rides = _heartbeats(world, now, flow, 1, False)
     if rides and now - world.writer[flow, W.WROTE_AT] < world.timing[TimingColumn.FINAL_NS]:
         rides = 2
     world.writer[flow, W.WROTE_AT] = now
@@ -176,7 +178,7 @@ def send_unsent(world: Any, now: int, host: int) -> None:
         return
     frame[:] = 0
     frame[0], frame[1], frame[2] = Frame.BURST, oldest, first
-    frame[3] = count + (BURST_ROOM * last if _rides(world, now, oldest, count, False) else 0)
+    frame[3] = _burst(count, _heartbeats(world, now, oldest, count, False), last)
     for i in range(count):
         frame[4 + i // 64] |= np.int64(1) << (i % 64)
     _send_together(world, now, oldest, frame)
@@ -232,7 +234,7 @@ def repair(world: Any, now: int, flow: int) -> None:
     if world.timing[TimingColumn.BURST_BYTES]:
         _repair_in_bursts(world, now, flow, base, kept)
         return
-    if base < kept:
+    if base < kept and world.timing[TimingColumn.GAPS]:
         _send(world, now, (Frame.GAP, flow), (base, kept), (0, 0))
     for k in range(4):
         word = world.repair[flow, 1 + k]
@@ -257,7 +259,7 @@ def _repair_in_bursts(world: Any, now: int, flow: int, base: int, kept: int) -> 
         left += _asked(world, flow, i) and kept <= base + i <= last
     frame = world.scratch[1]
     frame[:] = 0
-    if base < kept:
+    if base < kept and world.timing[TimingColumn.GAPS]:
         frame[0], frame[1], frame[2], frame[3] = Frame.GAP, flow, base, kept
         frame[4], frame[5] = kept, last if left == 0 and prompt else 0
         world.counts[Count.GAP] += 1
@@ -272,11 +274,17 @@ def _repair_in_bursts(world: Any, now: int, flow: int, base: int, kept: int) -> 
         frame[4 + i // 64] |= np.int64(1) << (i % 64)
         inside, left = inside + 1, left - 1
         if inside == most or left == 0:
-            rides = left == 0 if prompt else _rides(world, now, flow, inside, True)
-            frame[3] = inside + (BURST_ROOM * world.writer[flow, W.LAST] if rides else 0)
+            heartbeats = int(left == 0) if prompt else _heartbeats(world, now, flow, inside, True)
+            frame[3] = _burst(inside, heartbeats, world.writer[flow, W.LAST])
             world.counts[Count.REPEATED] += inside
             _send_together(world, now, flow, frame)
             inside = 0
+
+
+@compiled
+def _burst(samples: int, heartbeats: int, last: int) -> int:
+    """Return the second argument of a BURST with so many samples and heartbeats, which show the last sample."""
+    return samples + BURST_ROOM * (heartbeats + (BURST_ROOM * last if heartbeats else 0))
 
 
 @compiled

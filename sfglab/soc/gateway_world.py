@@ -8,14 +8,11 @@ the core included, has taken it or stored it. Refuses to know in which order mom
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 from sfglab.soc.gateway import Drive, Input, Latch, State, Table
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
 
 GATEWAY = -1  #: The publisher id under which the core forwards.
 OWN_PORT = 1  #: The bit of the core's own port among those that have yet to take the HMT's message.
@@ -137,7 +134,13 @@ def steps(world: World, bound: Bound, table: Table) -> Iterator[Step]:
     """Yield everything that can happen next in surroundings and with a core's behaviour."""
     yield from _publishers(world, bound)
     yield from _subscribers(world, bound)
-    yield from _delegate(world, bound)
+    if world.blocked and world.reader:
+        message, *rest = world.reader
+        answers = (*world.answers, (Input.ANSWERED, message))
+        after = world._replace(blocked=False, reader=tuple(rest), answers=answers)
+        yield Step("delegate", f"answers with {message}", after)
+    if world.calls and (not world.blocked or bound.listens_while_blocked):
+        yield _obeyed(world, bound)
     yield from _core(world, bound, table)
 
 
@@ -174,16 +177,6 @@ def _subscribers(world: World, bound: Bound) -> Iterator[Step]:
             continue
         taken = (*world.hmt_seen[:index], _counted(seen, message.publisher), *world.hmt_seen[index + 1 :])
         yield Step(actor, what, _without(world._replace(hmt_seen=taken), port))
-
-
-def _delegate(world: World, bound: Bound) -> Iterator[Step]:
-    if world.blocked and world.reader:
-        message, *rest = world.reader
-        answers = (*world.answers, (Input.ANSWERED, message))
-        after = world._replace(blocked=False, reader=tuple(rest), answers=answers)
-        yield Step("delegate", f"answers with {message}", after)
-    if world.calls and (not world.blocked or bound.listens_while_blocked):
-        yield _obeyed(world, bound)
 
 
 def _obeyed(world: World, bound: Bound) -> Step:

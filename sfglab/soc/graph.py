@@ -8,17 +8,15 @@ and what was read is written byte by byte the same. Refuses to know which mappin
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, fields, replace
 from enum import Enum
-from typing import TYPE_CHECKING, Any, TypeVar
+from pathlib import Path
+from typing import Any, TypeVar
 
 from sfglab.documents import OR_NULL, Document, DocumentError, Place, Section, by_name, suggestion
 from sfglab.errors import InvalidValueError
 from sfglab.tables import html_table
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Mapping
-    from pathlib import Path
 
 
 class Placement(Enum):
@@ -122,7 +120,11 @@ class Graph:
         _check_names("nodes", [node.name for node in self.nodes])
         _check_names("topics", [topic.name for topic in self.topics])
         for node in self.nodes:
-            _check_node(node)
+            key, hardware = f"nodes.{node.name}", node.hardware or Implementation()
+            _check_not_negative(f"{key}.rate_hz", node.rate_hz)
+            _check_not_negative(f"{key}.software_s", node.software_s)
+            for part in fields(hardware):
+                _check_not_negative(f"{key}.hardware.{part.name}", getattr(hardware, part.name))
         known = {node.name: node for node in self.nodes}
         for topic in self.topics:
             _check_topic(topic, known)
@@ -203,14 +205,6 @@ def _check_names(key: str, names: list[str]) -> None:
     for name, times in Counter(names).items():
         if times > 1:
             raise InvalidValueError(f"{key}.{name}", name, f"each name once, and it is defined {times} times")
-
-
-def _check_node(node: Node) -> None:
-    key, hardware = f"nodes.{node.name}", node.hardware or Implementation()
-    _check_not_negative(f"{key}.rate_hz", node.rate_hz)
-    _check_not_negative(f"{key}.software_s", node.software_s)
-    for part in fields(hardware):
-        _check_not_negative(f"{key}.hardware.{part.name}", getattr(hardware, part.name))
 
 
 def _check_topic(topic: Topic, known: Mapping[str, Node]) -> None:

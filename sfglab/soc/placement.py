@@ -23,21 +23,18 @@ messages, each as a sum; how carriages wait for each other is the memory interfa
 from __future__ import annotations
 
 import warnings
+from collections.abc import Mapping
 from dataclasses import dataclass
 from html import escape
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sfglab.errors import InvalidValueError, SfglabError
 from sfglab.soc.graph import EdgeKind, Graph, Implementation, Node, Placement, Topic, TopicMapping
 from sfglab.soc.mapping import carriages_per_message, map_communication
 from sfglab.soc.memory import STORED, Costs
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from numpy.typing import NDArray
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -360,13 +357,9 @@ def _solve(problem: Any, time_limit_s: float) -> float:
             raise SfglabError(f"node mapping: HiGHS failed: {error}") from error
     if problem.status not in {cp.OPTIMAL, cp.USER_LIMIT} or problem.value is None:
         raise SfglabError(f"node mapping: HiGHS ended with status {problem.status!r} and no mapping")
-    return _bound_ms(problem) / _MS
-
-
-def _bound_ms(problem: Any) -> float:
-    """Return HiGHS's dual bound, which counts from the programme's constant; no load is below 0."""
+    # HiGHS's dual bound, which counts from the programme's constant; no load is below 0.
     info = problem.solver_stats.extra_stats
-    return max(0.0, float(info.mip_dual_bound + (problem.value - info.objective_function_value)))
+    return max(0.0, float(info.mip_dual_bound + (problem.value - info.objective_function_value))) / _MS
 
 
 def _pays(graph: Graph, topic: Topic, platform: Platform) -> bool:

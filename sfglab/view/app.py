@@ -6,6 +6,7 @@ Ends cleanly when it is interrupted: what was drawn up to then is sent, and a fi
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,25 +14,15 @@ from typing import TYPE_CHECKING, Any
 
 from sfglab.documents import suggestion
 from sfglab.errors import InvalidValueError
-from sfglab.view.arrivals import open_log
+from sfglab.view import rerunning
+from sfglab.view.arrivals import Arrival, open_log
 from sfglab.view.bridge import Bridge
-from sfglab.view.rerunning import (
-    NOTEBOOK,
-    RerunCanvas,
-    blueprint,
-    layout_of_fleet,
-    layout_of_topics,
-    open_canvas,
-)
 from sfglab.view.session import Display, Session
 from sfglab.view.stage import replay, wanted_topics
 from sfglab.view.visualizers.fleet import Communication
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Mapping
-
     from sfglab.bus import Node
-    from sfglab.view.arrivals import Arrival
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -143,14 +134,14 @@ def _report(display: Display) -> Report:
     )
 
 
-def _canvas(options: ViewOptions, topics: Mapping[str, str], title: str) -> RerunCanvas:
-    layout: Any = layout_of_topics(topics, frame=options.frame)
+def _canvas(options: ViewOptions, topics: Mapping[str, str], title: str) -> rerunning.RerunCanvas:
+    layout: Any = rerunning.layout_of_topics(topics, frame=options.frame)
     if options.fleet is not None:
         from sfglab.fleet.fleet_file import load_fleet
 
-        layout = layout_of_fleet(load_fleet(options.fleet), frame=options.frame or "map")
-    canvas = open_canvas(options.to, title=title, memory=options.memory)
-    canvas.show_blueprint(blueprint(layout))
-    if NOTEBOOK in options.to:
+        layout = rerunning.layout_of_fleet(load_fleet(options.fleet), frame=options.frame or "map")
+    canvas = rerunning.open_canvas(options.to, title=title, memory=options.memory)
+    canvas.show_blueprint(rerunning.blueprint(layout))
+    if rerunning.NOTEBOOK in options.to:
         canvas.show_in_notebook()
     return canvas

@@ -9,26 +9,19 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, Self
+from typing import Any, Self
 
-from sfglab.bus import ClosedError, EndpointAdded, EndpointKind, EndpointRemoved
+from sfglab.bus import ClosedError, EndpointAdded, EndpointEvent, EndpointKind, EndpointRemoved, Node
 from sfglab.bus.api import OFFER_KEY, entries
 from sfglab.bus.listing import requested
 from sfglab.errors import SfglabError
 from sfglab.qos import Durability, QoSProfile, Reliability
 from sfglab.view.arrivals import Arrival
-from sfglab.view.session import Change, Changed
-from sfglab.view.stage import Stage, Surface
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable
-
-    from sfglab.bus import EndpointEvent, Node
-    from sfglab.view.session import Session
-    from sfglab.view.stage import Job
-
+from sfglab.view.session import Change, Changed, Session
+from sfglab.view.stage import Job, Stage, Surface
 
 _TICK_S = 0.05
 _MOST_DISPLAYS = 500

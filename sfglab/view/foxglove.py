@@ -12,9 +12,9 @@ import asyncio
 import contextlib
 from collections import Counter
 from importlib.util import find_spec
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any
 
-from sfglab.bus import ClosedError, EndpointAdded, EndpointKind
+from sfglab.bus import ClosedError, EndpointAdded, EndpointEvent, EndpointKind, Node
 from sfglab.bus.listing import requested
 from sfglab.errors import MissingExtraError, SfglabError
 from sfglab.fleet.decoder.streams import routes_of_topic
@@ -23,7 +23,6 @@ from sfglab.messages import definition
 from sfglab.qos import Durability, QoSProfile
 
 if TYPE_CHECKING:
-    from sfglab.bus import EndpointEvent, Node
     from sfglab.fleet.fleet_file import Fleet
 
 PORT = 8765  #: Where Foxglove's app looks when nothing else is said.
@@ -43,7 +42,7 @@ def _library() -> Any:
     return foxglove
 
 
-class FoxgloveBridge:
+class FoxgloveBridge(contextlib.AbstractAsyncContextManager["FoxgloveBridge"]):
     """Serves a node's domain to Foxglove until closed, as an async context manager.
 
     Args:
@@ -91,9 +90,6 @@ class FoxgloveBridge:
     def port(self) -> int:
         """Port that is bound."""
         return int(self._server.port)
-
-    async def __aenter__(self) -> Self:
-        return self
 
     async def __aexit__(self, *_: object) -> None:
         self._unlisten()

@@ -19,7 +19,6 @@ from sfglab.view.widgets import attempt, button, widgets
 if TYPE_CHECKING:
     from sfglab.view.visualizer import Parameter
 
-
 Topics = Callable[[], Mapping[str, str]]
 
 
@@ -39,7 +38,10 @@ class Panel:
         self._tuned: dict[str, Any] = {}
         self._said = self._kit.HTML()
         self._list = self._kit.VBox()
-        self.widget = self._kit.VBox([self._adding(), self._said, self._list])
+        kinds = self._kit.Dropdown(options=sorted(available().kinds), description="visualizer")
+        topic = self._kit.Combobox(description="topic", options=sorted(self._topics()))
+        add = button("Add", lambda: attempt(lambda: self._add(kinds.value, topic.value), self._said))
+        self.widget = self._kit.VBox([self._kit.HBox([kinds, topic, add]), self._said, self._list])
         self._close = session.listen(self._changed)
 
     def parameter(self, id_: str, name: str) -> Any:
@@ -62,12 +64,6 @@ class Panel:
             text = f"{counts.received} received, {counts.shown} shown, {counts.dropped} dropped"
             failed = f"; {display.errors} failed: {display.last_error}" if display.errors else ""
             self._states[display.id].value = text + failed
-
-    def _adding(self) -> Any:
-        kinds = self._kit.Dropdown(options=sorted(available().kinds), description="visualizer")
-        topic = self._kit.Combobox(description="topic", options=sorted(self._topics()))
-        add = button("Add", lambda: attempt(lambda: self._add(kinds.value, topic.value), self._said))
-        return self._kit.HBox([kinds, topic, add])
 
     def _add(self, kind: str, topic: str) -> None:
         """Add what the session offers for a topic, partners included; else the topic alone."""

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import re
 import socket
+from collections.abc import Mapping, Sequence
 from contextlib import closing, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -20,8 +21,6 @@ from sfglab.units import NS_PER_S
 from sfglab.view.visualizer import AGENTS, SinkError, agent_root, entity_of_topic
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
     from sfglab.fleet.fleet_file import Fleet
     from sfglab.view.cell import CellViewer
 
@@ -188,7 +187,10 @@ def _sink(place: str, recording: Any, memory: str) -> Any:
     """Return a sink; None for the notebook, which takes the recording as it is."""
     kind, _, rest = place.partition(":")
     if place.endswith(".rrd"):
-        return _file_sink(Path(place))
+        path = Path(place)
+        if not path.parent.is_dir():
+            raise SinkError(f"{path} cannot be opened: there is no directory {path.parent}")
+        return rr.FileSink(path)
     if place == "viewer":
         recording.spawn(connect=False, memory_limit=memory)
         return rr.GrpcSink()
@@ -218,12 +220,6 @@ def _discard(to: Sequence[str], *, emptied: bool = False) -> None:
     for path in (Path(place) for place in to if place.endswith(".rrd")):
         if path.is_file() and not (emptied and path.stat().st_size):
             path.unlink()
-
-
-def _file_sink(path: Path) -> Any:
-    if not path.parent.is_dir():
-        raise SinkError(f"{path} cannot be opened: there is no directory {path.parent}")
-    return rr.FileSink(path)
 
 
 _PICTURES = (

@@ -5,14 +5,10 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from sfglab.arp import balancing
-from sfglab.arp.balancing import BalanceInput, InfeasibleBalanceError, average_topics, balance
+from sfglab.arp.balancing import BalanceInput, InfeasibleBalanceError, balance
 from sfglab.errors import InvalidValueError
 
 EXPERIMENT = (7, 6, 6)  # section 3.1: six, five and five sensors, and one localisation result each
-
-
-def test_average_is_over_agents():
-    assert average_topics(EXPERIMENT) == pytest.approx(19 / 3)
 
 
 @pytest.mark.parametrize(

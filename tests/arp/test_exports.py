@@ -10,7 +10,7 @@ import pytest
 import yaml
 
 from sfglab.arp import load_topics, plan_as_printed, plan_file
-from sfglab.arp.exports import EXPORTS, cyclone_xml, fast_dds_xml, ros2_parameters
+from sfglab.arp.exports import cyclone_xml, fast_dds_xml, ros2_parameters
 from sfglab.errors import InvalidValueError
 from sfglab.qos import Reliability
 
@@ -165,10 +165,3 @@ def test_the_ros_2_file_is_a_parameter_file_with_overrides_of_both_sides_and_nam
     assert "*id" not in text
     text = ros2_parameters(fast)
     assert f"#   /hello: {fast['/hello'].rate_hz:.4g} Hz" in text
-
-
-def test_every_export_is_the_same_text_each_time(fast, cyclone):
-    plans = {"fastdds": fast, "fastdds3": fast, "cyclone": cyclone, "ros2": fast}
-    assert set(plans) == set(EXPORTS)
-    for name, export in EXPORTS.items():
-        assert export.render(plans[name]) == export.render(plans[name])

@@ -145,17 +145,7 @@ def test_robots_that_are_told_nothing_stay_and_straight_ahead_they_slip_by_milli
     np.testing.assert_allclose(np.hypot(*(world.poses - before)[:, :2].T), SPEED_M_S * seconds, rtol=0.02)
 
 
-def test_the_same_seed_gives_the_same_world_to_the_bit():
-    def run():
-        world = World(seed=5)
-        for _ in range(50):
-            world.step([Command(moving=True, turn_mrad_s=10)] * 3)
-        return world.poses.tobytes(), [world.scan(robot) for robot in range(3)]
-
-    assert run() == run()
-
-
-# --- The nodes, and that with perfect messages three robots come home.
+# --- The nodes, and how late messages may be.
 
 
 def view_at(x, y, heading):
@@ -165,7 +155,7 @@ def view_at(x, y, heading):
     return node.view
 
 
-def drive_home(seed, *, turns_late=0, limit_s=LIMIT_S):
+def drive_home(seed, *, turns_late):
     """Drive with every message delivered, all of them a number of LIDAR turns late."""
     world, station = World(seed=seed), Station()
     nodes, turns, steps, verdict = [ActuationNode() for _ in range(3)], [], 0, None
@@ -183,11 +173,6 @@ def drive_home(seed, *, turns_late=0, limit_s=LIMIT_S):
             world.clearance_m, world.wound_rad(), stopped_by=station.stopped_by, now_s=steps * STEP_NS / 1e9
         )
     return verdict
-
-
-@pytest.mark.parametrize("seed", range(5))
-def test_with_perfect_messages_three_robots_come_home(seed):
-    assert drive_home(seed) == Verdict(end=End.SUCCESS)
 
 
 def test_half_a_second_late_is_borne_and_two_seconds_are_not():

@@ -268,11 +268,14 @@ def test_with_fast_dds_ours_is_sooner_than_the_printed_optimum_and_loses_no_more
     """
     demand = PAPER_B.limited_to(rate_max_hz)
     ours, printed = plan(demand.topics, demand.medium, demand.vendor), plan_as_printed(demand)
-    for seed in (1, 2):
+    our_losses, losses = [], []
+    for seed in (1, 2, 3, 4):
         our_loss, our_latency_ms, _ = simulate(ours, seed=seed)
         loss, latency_ms, _ = simulate(printed, seed=seed)
-        assert our_loss <= max(loss, 3e-4), "the residual loss that was planned is 1e-4"
+        our_losses.append(our_loss)
+        losses.append(loss)
         assert 20 * np.percentile(our_latency_ms, 95) <= np.percentile(latency_ms, 95)
+    assert np.mean(our_losses) <= max(np.mean(losses), 3e-4), "the residual loss that was planned is 1e-4"
 
 
 @VENDORS
@@ -348,19 +351,20 @@ def test_each_of_several_receivers_takes_its_share_of_the_air_and_the_last_hears
 
 
 def alone_on_the_air(vendor, *, rate_hz: float, depth: int, loss: float, **values):
-    """Return one topic judged, and simulated: mean hold-up in ms, loss, acknowledgements a sample."""
+    """Return one topic judged, and simulated 16 times: mean hold-up in ms, loss, acknowledgements a sample."""
     one, samples = topic(rate_max_hz=1000, **values), 40_000
     medium, rates_hz = Medium(loss=loss, contention=0), np.array([float(rate_hz)])
     judged = assess([one], medium, vendor, rates_hz=rates_hz, depths=np.array([depth]), method="by hand")
     link = reckoned(judged)
     flow = Flow(name="/a", source="robot", target="station", rate_hz=rate_hz, qos=judged["/a"].qos)
     scenario = Scenario(flows=(flow,), medium=medium, vendor=vendor, duration_s=samples / rate_hz)
-    outcome = run(scenario, seed=5)
+    outcomes = [run(scenario, seed=seed) for seed in range(16)]
+    flows = [outcome.flows["/a"] for outcome in outcomes]
     held_ms = 1e3 * float(repair_delay_s(link, rates_hz, inverse=np.reciprocal)[0])
-    simulated_ms = outcome.flows["/a"].latency_ns.mean() / 1e6 - 1e3 * link.way_s[0]
-    acknacks = outcome.counts["acknack"] / samples
+    simulated_ms = np.mean([flow.latency_ns.mean() for flow in flows]) / 1e6 - 1e3 * link.way_s[0]
+    acknacks = np.mean([outcome.counts["acknack"] for outcome in outcomes]) / samples
     expected = held_ms, judged.topics[0].loss, float(link.acknack_share[0])
-    return expected, (simulated_ms, outcome.flows["/a"].loss, acknacks)
+    return expected, (simulated_ms, np.mean([flow.loss for flow in flows]), acknacks)
 
 
 @pytest.mark.parametrize("rate_hz", [5, 20, 80])

@@ -57,25 +57,21 @@ def line(text: str) -> str:
     return f"topics:\n  /a: {{{text}}}\n"
 
 
-MISTAKES = [
+MISTAKES = [  # beside what `test_documents.py` has for every file
     ("topics: {}", r"topics: given \{\}, allowed: one topic at least"),
     ("topics: {a: {}}", r"topics\.a: given 'a', allowed: a full topic name"),
-    (line("to: s, size_bytes: 8"), r"topics\./a\.from: nothing is given, allowed: 'from' is needed here"),
     (line("from: r, to: r, size_bytes: 8"), r"topics\./a\.to: given 'r', allowed: another host"),
     (line("from: r, to: [s, s], size_bytes: 8"), r"/a\.to: given \['s', 's'\], allowed: another .*each once"),
     (line("from: r, to: [], size_bytes: 8"), r"/a\.to: given \[\], allowed: another host"),
     (line("from: r, to: {s: 1}, size_bytes: 8"), r"/a\.to: given .*, allowed: a text or a list"),
-    (line("from: r, to: s, size_bytes: -1"), r"/a\.size_bytes: given -1, allowed: .* from 0"),
-    (line("from: r, to: s, size_bytes: 8, weight: 0"), r"/a\.weight: given 0, allowed: a number above"),
+    (line("from: r, to: s, size_bytes: big"), r"t\.yaml:2: topics\./a\.size_bytes: given 'big'"),
     (
         line("from: r, to: s, size_bytes: 8, rate_min_hz: 9, rate_max_hz: 5"),
         r"/a\.rate_min_hz: given 9, allowed: up to the topic's rate_max_hz, 5",
     ),
     (f"vendor: rti\n{ONE}", r"vendor: given 'rti', allowed: fast_dds or cyclone_dds"),
     (f"link: {{loss: 1}}\n{ONE}", r"link\.loss: given 1, allowed: a finite number from 0, below 1"),
-    (f"link: {{rate: 1}}\n{ONE}", r"link\.rate: given 'rate', allowed: contention, .*rate_mbps"),
     (f"agents: [moon]\n{ONE}", r"agents: given \['moon'\], allowed: a list of hosts among robot, station"),
-    (f"agents: [[1]]\n{ONE}", r"agents: given \[\[1\]\]"),
     (f"timing: {{nack_delay_ms: 0}}\n{ONE}", r"timing\.nack_delay_ms: given 0"),
 ]
 
@@ -84,8 +80,3 @@ MISTAKES = [
 def test_each_mistake_is_named_by_file_topic_and_key(text, message):
     with pytest.raises(DocumentError, match=message):
         read(text)
-
-
-def test_a_file_that_is_not_there_is_named(tmp_path):
-    with pytest.raises(DocumentError, match=r"none\.yaml: .*readable text file"):
-        load_topics(tmp_path / "none.yaml")

@@ -13,7 +13,7 @@ from sfglab import bus
 from sfglab.bus.api import NodeInfo
 from sfglab.bus.dds.clib import entity_guid
 from sfglab.bus.dds.discovery import Discovery, gid_bytes, info_type, pack_nodes, unpack_nodes
-from sfglab.bus.dds.domain import DdsParticipant, DomainConfig, domain_xml
+from sfglab.bus.dds.domain import DdsParticipant, DomainConfig
 from sfglab.bus.dds.endpoints import DdsWriter
 from sfglab.messages.dds import idl_struct
 from sfglab.qos import LATCHED, QoSProfile
@@ -109,11 +109,6 @@ def test_the_environments_distribution_chooses_the_layout(monkeypatch, distro, s
     assert gid_bytes() == 24
 
 
-def test_a_nodes_full_name_has_its_namespace():
-    for namespace, full in (("/", "/a"), ("/x/y", "/x/y/a")):
-        assert NodeInfo(namespace=namespace, name="a", participant=b"").full_name == full
-
-
 @pytest.mark.live
 @pytest.mark.parametrize(("distro", "size"), [("humble", 24), ("jazzy", 16)])
 async def test_another_process_sees_the_node_with_exactly_its_endpoints(
@@ -160,8 +155,8 @@ async def test_the_graph_names_nodes_while_they_live_and_hides_how_it_knows(here
         async with node("there", namespace="/far") as there:
             topic = there.create_publisher(STRING, "/t")
             assert await here.graph.wait_for(lambda: [n.writers for n in nodes()][:1] == [(topic.gid,)])
-            named = [(n.namespace, n.name, n.participant) for n in nodes()]
-            assert named == [("/far", "there", there.guid), ("/", "here", here.guid)]
+            named = [(n.full_name, n.participant) for n in nodes()]
+            assert named == [("/far/there", there.guid), ("/here", here.guid)]
             await here.graph.wait_for(lambda: len(here.graph.publishers("/t")) == 2)
             assert set(here.graph.topics()) == {"/t"}
         assert await here.graph.wait_for(lambda: [n.name for n in nodes()] == ["here"])
@@ -205,14 +200,3 @@ async def test_nodes_of_two_domain_ids_meet_in_one_external_domain(domain_id):
     async with bus.Node("a", domain_id=ids[0], **options) as a, bus.Node("b", domain_id=ids[1], **options) as b:
         await connected(a, b)
         assert a.guid[:12] != b.guid[:12]
-
-
-def test_an_external_domain_is_one_that_exists(monkeypatch):
-    monkeypatch.delenv("CYCLONEDDS_URI", raising=False)
-    config = DomainConfig(domain_id=100, external_domain_id=7)
-    assert config.wire_id == 7
-    assert DomainConfig(domain_id=5).wire_id == 5
-    assert "<ExternalDomainId>7</ExternalDomainId>" in domain_xml(config)
-    assert "<ExternalDomainId>5</ExternalDomainId>" in domain_xml(DomainConfig(domain_id=5))
-    with pytest.raises(bus.DomainError, match="allowed ids are 0 to 232"):
-        DomainConfig(domain_id=5, external_domain_id=233)

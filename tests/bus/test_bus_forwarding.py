@@ -4,17 +4,19 @@ import asyncio
 import ctypes
 import os
 import signal
+import time
 from contextlib import asynccontextmanager
 
 import psutil
 import pytest
-from bus_messages import IMAGE, SERVICE, STRING, Request, connected, image, response, text
+from bus_messages import IMAGE, STRING, connected, image, text
 from hypothesis import given
 from hypothesis import strategies as st
 
 from sfglab import bus
 from sfglab.bus.api import RawEndpoint
-from sfglab.bus.dds.clib import MatchedStatus, library
+from sfglab.bus.dds import forwarder as dds_forwarder
+from sfglab.bus.dds.clib import RETCODE_TIMEOUT, MatchedStatus, library
 from sfglab.bus.forwarding import HELD_SAMPLES, SourceGate
 from sfglab.messages import serialize
 from sfglab.qos import LATCHED, SENSOR_DATA, Durability, History, QoSProfile
@@ -157,33 +159,6 @@ async def test_a_transform_changes_drops_or_leaves_a_sample_and_the_stamp_stays(
 
 
 @pytest.mark.live
-async def test_a_service_passes_with_its_frames(pair_ids, until):
-    request, reply = "rq/sRequest", "rr/sReply"
-
-    async with two_domains(pair_ids) as (talker, near, far, listener):
-        listener.create_service(SERVICE, "/s", lambda _: response("hello"))
-        client = talker.create_client(SERVICE, "/s")
-        out, back = near.open_forwarder(far), far.open_forwarder(near)
-        asked = endpoint(f"{SERVICE}_Request", request)
-        answered = endpoint(f"{SERVICE}_Response", reply)
-        there, here = out.open(asked), back.open(answered)
-        outlets = out.open_writer(asked), back.open_writer(answered)
-        await near.graph.wait_for(lambda: _writer_of(near, request) is not None)
-        await far.graph.wait_for(lambda: _writer_of(far, reply) is not None)
-        there.admit(_writer_of(near, request), outlets[0])
-        here.admit(_writer_of(far, reply), outlets[1])
-        got = await client.call(Request(), 5)
-        assert got.message == "hello"
-        await until(lambda: here.counts.forwarded >= 1)  # a sample is counted after it was passed on
-        assert (there.counts.forwarded, here.counts.forwarded) == (1, 1)
-
-
-def _writer_of(node, dds_topic):
-    ends = (e for e in node.graph.endpoints() if e.dds_topic == dds_topic and e.participant != node.guid)
-    return next((e.gid for e in ends if e.kind is bus.EndpointKind.PUBLISHER), None)
-
-
-@pytest.mark.live
 async def test_a_reader_that_stands_still_stops_its_sender_costs_no_image_and_holds_up_no_other_topic(
     pair_ids, child, until
 ):
@@ -289,6 +264,48 @@ async def test_a_reader_that_stands_still_costs_bounded_memory_and_the_others_go
             count = len(heard)
             publisher.publish_raw(cdr)
             await until(lambda: len(heard) > count)
+
+
+class LateAcknowledgements:
+    """Cyclone DDS beside readers that acknowledge after 5 ms, as Fast DDS's do (heartbeatResponseDelay)."""
+
+    def __init__(self):
+        self.sent_s = 0.0
+
+    def __getattr__(self, name):
+        return getattr(library(), name)
+
+    def dds_forwardcdr(self, *arguments):
+        self.sent_s = time.monotonic()
+        return library().dds_forwardcdr(*arguments)
+
+    def dds_wait_for_acks(self, *arguments):
+        late = time.monotonic() - self.sent_s < 0.005
+        return RETCODE_TIMEOUT if late else library().dds_wait_for_acks(*arguments)
+
+
+@pytest.mark.live
+async def test_a_reader_that_keeps_up_is_not_taken_for_one_that_stands_still(pair_ids, until, monkeypatch):
+    middleware = LateAcknowledgements()
+    monkeypatch.setattr(dds_forwarder, "library", lambda: middleware)
+    monkeypatch.setattr(dds_forwarder, "MAX_BACKLOG_BYTES", 200_000)
+    monkeypatch.setattr(dds_forwarder, "_STANDS_STILL_S", 0.2)
+    heard, cdr = [], serialize(text("x" * 50_000))
+    async with two_domains(pair_ids) as (talker, near, far, listener):
+        publisher = talker.create_publisher(STRING, "/t", QoSProfile(depth=4))
+        forwarder = near.open_forwarder(far)
+        outlet = forwarder.open_writer(endpoint(qos=QoSProfile(depth=256)))
+        forwarder.open(endpoint()).admit(publisher.gid, outlet)
+        listener.create_subscription(STRING, "/t", lambda _: heard.append(1), raw=True)
+        await publisher.wait_for_subscriptions()
+        await matched(until, outlet)
+        gid, handle = outlet.gid, outlet._handle
+        for number in range(1, 21):
+            publisher.publish_raw(cdr)
+            await until(lambda number=number: len(heard) >= number)
+            await until(lambda: library().dds_wait_for_acks(handle, 0) >= 0)
+            await asyncio.sleep(0.02)
+        assert (outlet.gid, outlet._handle) == (gid, handle), "it was not given another history"
 
 
 @pytest.mark.live

@@ -3,12 +3,14 @@
 A crash of a native library ends the test run itself.
 """
 
+from functools import partial
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from sfglab import codecs
+from sfglab.codecs import med, rvl
 from sfglab.codecs.libav import nal_unit_types
 
 
@@ -60,6 +62,18 @@ def test_h264_survives_and_recovers_after_every_hostile_packet():
     assert refused > 100
     # Parameter sets that were overwritten come again with each key frame.
     assert np.array_equal(decoder.decode_bgr(key)[0], expected)
+
+
+def test_hostile_depth_is_refused_or_an_image_and_never_written_outside_of_it():
+    rng = np.random.default_rng(11)
+    image = (rng.integers(900, 1100, (24, 31)) * (rng.random((24, 31)) < 0.8)).astype(np.uint16)
+    guarded, refused = np.full((26, 31), 0xABCD, np.uint16), 0
+    for hostile in mutations(rvl.encode(image), rng, 3000):
+        refused += not survives(partial(rvl.decode, shape=image.shape, out=guarded[1:-1]), hostile)
+        assert (guarded[[0, -1]] == 0xABCD).all()
+    assert 1500 < refused < 3000
+    for hostile in mutations(med.encode(image), rng, 1000):
+        survives(partial(med.decode, shape=image.shape), hostile)
 
 
 @pytest.mark.parametrize("codec", ["h264", "hevc"])

@@ -244,26 +244,24 @@ def annexb(*units: bytes, code: bytes = b"\0\0\0\1") -> bytes:
 def test_units_are_found_behind_either_start_code(code):
     data = annexb(SPS, PPS, SEI, IDR, code=code)
     assert has_start_code(data)
+    assert not has_start_code(b"\0\0\0\4" + IDR), "a length"
     assert list(nal_unit_types(data, codec="h264")) == [7, 8, 6, 5]
 
 
-def test_a_start_code_without_a_unit_yields_nothing_false_and_a_length_is_none():
-    for data in (b"", b"\0", b"\0\0\1", b"\0\0\0\1", b"\0\0\1" * 3 + b"\0\0"):
-        assert not is_entry_point(data, codec="h264")
-    assert not has_start_code(b"\0\0\0\4" + IDR)
+ENTRIES = [
+    *(("h264", annexb(*units)) for units in ((IDR,), (SPS, PPS), (P, IDR))),
+    *(("hevc", annexb(bytes([kind << 1, 1]) + b"abc")) for kind in (16, 19, 21, 32)),
+]
+OTHERS = [
+    *(("h264", annexb(*units)) for units in ((P,), (SEI, P), (PPS, P))),
+    *(("hevc", annexb(bytes([kind << 1, 1]) + b"abc")) for kind in (0, 1)),
+    *(("h264", data) for data in (b"", b"\0", b"\0\0\1", b"\0\0\0\1", b"\0\0\1" * 3 + b"\0\0")),
+]
 
 
-@pytest.mark.parametrize(
-    ("units", "entry"),
-    [((IDR,), True), ((SPS, PPS), True), ((P,), False), ((SEI, P), False), ((PPS, P), False), ((P, IDR), True)],
-)
-def test_h264_starts_at_an_idr_slice_or_parameter_sets(units, entry):
-    assert is_entry_point(annexb(*units), codec="h264") is entry
-
-
-def test_h265_starts_at_an_irap_slice_or_parameter_sets():
-    for kind, entry in ((0, False), (1, False), (16, True), (19, True), (21, True), (32, True)):
-        assert is_entry_point(annexb(bytes([kind << 1, 1]) + b"abc"), codec="hevc") is entry
+@pytest.mark.parametrize(("codec", "data"), ENTRIES + OTHERS)
+def test_a_stream_starts_at_an_idr_or_irap_slice_or_parameter_sets(codec, data):
+    assert is_entry_point(data, codec=codec) is ((codec, data) in ENTRIES)
 
 
 def test_every_candidate_gets_a_verdict_with_a_reason():

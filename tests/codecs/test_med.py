@@ -1,4 +1,4 @@
-"""Depth in our own format: bytes worked out by hand, a plain decoder beside the fast one, and hostile bytes."""
+"""Depth in our own format: bytes worked out by hand, and a plain decoder beside the fast one."""
 
 import struct
 
@@ -92,18 +92,6 @@ def test_measured_depth_is_a_third_smaller_than_by_rvl():
 def test_other_bytes_are_refused_with_the_reason(frame, fault):
     with pytest.raises(BitstreamError, match=fault):
         decode(frame, (1, 4))
-
-
-@given(st.binary(max_size=60), st.integers(0, 70), st.integers(1, 255))
-@settings(max_examples=300, deadline=None)
-def test_damaged_frames_give_an_image_or_one_error(more, place, flip):
-    frame = bytearray(encode(np.arange(40, dtype=np.uint16).reshape(4, 10) * 77 % 1000) + more)
-    frame[place % len(frame)] ^= flip
-    for damaged in (bytes(frame), bytes(frame[:place]), more):
-        try:
-            assert decode(damaged, (4, 10)).shape == (4, 10)
-        except BitstreamError:
-            continue
 
 
 @pytest.mark.parametrize("shape", [(0, 4), (2**14, 2**14)])

@@ -144,27 +144,6 @@ def test_other_arrays_are_refused_and_outputs_that_do_not_fit():
             rvl.decode(words(6, 0), (2, 3), out=out)
 
 
-def test_hostile_words_never_write_outside_the_image():
-    rng = np.random.default_rng(11)
-    image = (rng.integers(900, 1100, (24, 31)) * (rng.random((24, 31)) < 0.8)).astype(np.uint16)
-    valid = np.frombuffer(rvl.encode(image), np.uint8)
-    guarded = np.full((26, 31), 0xABCD, np.uint16)
-    outcomes = {"decoded": 0, "refused": 0}
-    for trial in range(3000):
-        data = valid.copy() if trial % 3 else rng.integers(0, 256, rng.integers(0, 400), np.uint8)
-        if trial % 3 == 1:
-            data[rng.integers(len(data))] ^= 1 << rng.integers(8)
-        elif trial % 3 == 2:
-            data = data[: rng.integers(len(data))]
-        try:
-            rvl.decode(data.tobytes(), image.shape, out=guarded[1:-1])
-            outcomes["decoded"] += 1
-        except RvlError:
-            outcomes["refused"] += 1
-        assert (guarded[[0, -1]] == 0xABCD).all()
-    assert outcomes["refused"] > 2000
-
-
 def test_without_any_writable_cache_it_warns_and_still_encodes():
     code = (
         "import numba.core.caching as caching; caching.CacheImpl._locator_classes = []\n"

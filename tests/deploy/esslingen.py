@@ -1,8 +1,12 @@
 """Fleets as tests deploy them: the paper's, the lab's and others; programs, files and values for the tests."""
 
+import os
+import shutil
+import sys
 from dataclasses import replace
 from pathlib import Path
 
+import pytest
 from hypothesis import strategies as st
 
 from sfglab.deploy.deployment import Deployment, Release, deployment_of
@@ -68,3 +72,9 @@ json_values = st.recursive(
 
 def codes(findings, severity=Severity.ERROR):
     return {finding.code for finding in findings if finding.severity is severity}
+
+
+def needs(linter: str):
+    """Mark a test that needs a linter of the extra 'deploy'."""
+    found = shutil.which(linter, path=f"{Path(sys.executable).parent}:{os.environ['PATH']}")
+    return pytest.mark.skipif(found is None, reason=f"{linter} is not installed: pip install 'sfglab[deploy]'")

@@ -68,11 +68,8 @@ def failing(found, subject="compose.yaml"):
 
 def with_service(service, **changes):
     values = project()
-    for key, value in changes.items():
-        if value is None:
-            del values["services"][service][key]
-        else:
-            values["services"][service][key] = value
+    made = values["services"][service] | changes
+    values["services"][service] = {key: value for key, value in made.items() if value is not None}
     return values
 
 

@@ -47,7 +47,6 @@ def test_what_is_generated_passes_the_checker_and_the_policy(agent):
 
 def test_it_says_what_table_1_and_the_paper_ask_for_and_from_what():
     text = render_router(LAB, "go2", "dds-router")
-    assert text == render_router(LAB, "go2", "dds-router")
     head = text.partition("\n\n")[0]
     assert "agent go2 in fleet lab" in head
     assert "rt/tf, rt/tf_static, rt/global/*, rq/global/*, rr/global/*" in head
@@ -117,6 +116,25 @@ def test_an_open_router_is_an_error(allowlist):
     assert accepts(config, "rt/anything")
 
 
+def participants(*items):
+    return changed(participants=[*items, MINIMAL["participants"][1]])
+
+
+ADDRESS = {"ip": "10.0.0.1", "port": 7400}
+
+
+def local(**more):
+    return participants({"name": "a", "kind": "local", "domain": 1, **more})
+
+
+def wan(**more):
+    return participants({"name": "a", "kind": "wan", "listening-addresses": [ADDRESS], **more})
+
+
+def at(**more):
+    return wan(**{"listening-addresses": [{**ADDRESS, **more}]})
+
+
 @pytest.mark.parametrize(
     ("config", "code"),
     [
@@ -139,34 +157,6 @@ def test_an_open_router_is_an_error(allowlist):
         (changed(routes=[{"src": "local"}, {"src": "local"}]), "route"),
         (changed(participants=[]), "schema"),
         (changed(xml={}), "missing-key"),
-    ],
-)
-def test_a_mistake_is_an_error_of_its_kind(config, code):
-    assert code in codes(check(config))
-
-
-def participants(*items):
-    return changed(participants=[*items, MINIMAL["participants"][1]])
-
-
-ADDRESS = {"ip": "10.0.0.1", "port": 7400}
-
-
-def local(**more):
-    return {"name": "a", "kind": "local", "domain": 1, **more}
-
-
-def wan(**more):
-    return {"name": "a", "kind": "wan", "listening-addresses": [ADDRESS], **more}
-
-
-def at(**more):
-    return wan(**{"listening-addresses": [{**ADDRESS, **more}]})
-
-
-@pytest.mark.parametrize(
-    ("item", "code"),
-    [
         (local(name="global"), "duplicate-participant"),
         (local(domain=0), "loop"),
         (local(domain=233), "schema"),
@@ -174,10 +164,10 @@ def at(**more):
         (local(**{"whitelist-interfaces": ["eth0"]}), "address"),
         (local(**{"ros2-easy-mode": "::1"}), "address"),
         (local(**{"ros2-easy-mode": "10.0.0.1"}, transport="shm"), "easy-mode"),
-        ({"name": "a", "kind": "void"}, "schema"),
-        ({"name": "a", "kind": "echo", "domain": 1}, "kind-key"),
-        ({"name": "a", "kind": "wan"}, "missing-key"),
-        ({"name": "a", "kind": "xml"}, "schema"),
+        (participants({"name": "a", "kind": "void"}), "schema"),
+        (participants({"name": "a", "kind": "echo", "domain": 1}), "kind-key"),
+        (participants({"name": "a", "kind": "wan"}), "missing-key"),
+        (participants({"name": "a", "kind": "xml"}), "schema"),
         (wan(kind="ds", domain=1), "kind-key"),
         (wan(**{"listening-addresses": []}), "schema"),
         (wan(**{"listening-addresses": [{"ip": "10.0.0.1"}]}), "missing-key"),
@@ -189,12 +179,12 @@ def at(**more):
         (wan(tls={}), "missing-key"),
     ],
 )
-def test_a_wrong_participant_is_an_error_of_its_kind(item, code):
-    assert code in codes(check(participants(item)))
+def test_a_mistake_is_an_error_of_its_kind(config, code):
+    assert code in codes(check(config))
 
 
 def test_a_repeater_must_lead_to_itself():
-    config = {**participants(wan(repeater=True)), "routes": [{"src": "a", "dst": ["global"]}]}
+    config = {**wan(repeater=True), "routes": [{"src": "a", "dst": ["global"]}]}
     assert "route" in codes(check(config))
     config["routes"][0]["dst"].append("a")
     assert check(config) == ()
@@ -230,7 +220,7 @@ keys = st.sampled_from(KEYS.split())
 SERVER = {"discovery-server-guid": {"id": 1}, "connection-addresses": [ADDRESS]}
 BASES = [
     MINIMAL,
-    participants(at(port=1)),
+    at(port=1),
     participants({"name": "d", "kind": "ds", **SERVER}),
     participants({"name": "e", "kind": "echo", "verbose": True}),
     changed(

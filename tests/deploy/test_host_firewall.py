@@ -1,7 +1,5 @@
-"""The firewall on a live machine: a host, its agent's container and another host, each a network namespace."""
+"""The firewall on a live machine: a host, its agent's container and another host."""
 
-import contextlib
-import os
 import shutil
 import subprocess
 import sys
@@ -11,16 +9,16 @@ import pytest
 from esslingen import FLEET, GO2
 
 from sfglab.deploy.host import firewall_rules
+from sfglab.lab.hosts import Network
 
-MISSING = [tool for tool in ("nft", "ip", "unshare", "nsenter") if not shutil.which(tool)]
 pytestmark = [
     pytest.mark.live,
-    pytest.mark.skipif(bool(MISSING), reason=f"{', '.join(MISSING)} missing: install nftables, iproute2"),
-    pytest.mark.skipif(os.geteuid() != 0, reason="network namespaces and nft need root"),
+    pytest.mark.netns,
+    pytest.mark.skipif(not shutil.which("nft"), reason="nft is missing: install nftables"),
 ]
 
 GLOBAL_PORT, OWN_PORT, FREE_PORT = 7410, 7660, 9000
-HOST, OTHER, CONTAINER, HOST_IN_BRIDGE = "10.1.0.1", "10.1.0.2", "10.2.0.2", "10.2.0.1"
+CONTAINER, HOST_IN_BRIDGE = "10.2.0.2", "10.2.0.1"
 LISTEN = """
 import select, socket, sys
 ports = [int(port) for port in sys.argv[1:]]
@@ -47,92 +45,85 @@ MINE = (
 )
 
 
-class Namespace:
-    """A network namespace that lives as long as a process that only waits."""
-
-    def __init__(self, stack):
-        self.holder = subprocess.Popen(
-            ["unshare", "--net", "cat"], stdin=subprocess.PIPE, stdout=subprocess.PIPE
-        )
-        stack.callback(self.holder.communicate)
-        # What is written comes back once the process is in its namespace.
-        self.holder.stdin.write(b"\n")
-        self.holder.stdin.flush()
-        self.holder.stdout.readline()
-
-    def command(self, *words):
-        return ["nsenter", f"--net=/proc/{self.holder.pid}/ns/net", *words]
-
-    def run(self, *words, text=None):
-        done = subprocess.run(self.command(*words), input=text, capture_output=True, text=True, check=False)
+def run(host, *commands, text=None):
+    """Run commands on a host; return what the last one says."""
+    for command in commands:
+        done = host.run(command.split(), 60, input=text)
         assert done.returncode == 0, done.stderr
-        return done.stdout
+    return done.stdout
 
 
 class Lab:
-    def __init__(self, stack, plan):
-        self.host, self.other, self.container = (Namespace(stack) for _ in range(3))
-        self.join(plan.global_interface, self.other, HOST, OTHER)
-        self.host.run("ip", "link", "add", plan.bridge, "type", "bridge")
-        self.host.run("ip", "link", "set", plan.bridge, "up")
-        self.host.run("ip", "addr", "add", f"{HOST_IN_BRIDGE}/24", "dev", plan.bridge)
-        self.join("port0", self.container, None, CONTAINER)
-        self.host.run("ip", "link", "set", "port0", "master", plan.bridge)
-        self.other.run("ip", "route", "add", "default", "via", HOST)
-        self.container.run("ip", "route", "add", "default", "via", HOST_IN_BRIDGE)
-        self.host.run("sh", "-c", "echo 1 >/proc/sys/net/ipv4/ip_forward")
+    """A host that another one meets at its global interface, and a container at its agent's bridge."""
 
-    def join(self, name, peer, here, there):
-        pid = str(peer.holder.pid)
-        self.host.run("ip", "link", "add", name, "type", "veth", "peer", "name", "eth0", "netns", pid)
-        for space, device, address in ((self.host, name, here), (peer, "eth0", there)):
-            space.run("ip", "link", "set", device, "up")
-            if address:
-                space.run("ip", "addr", "add", f"{address}/24", "dev", device)
+    def __init__(self, network, plan):
+        self.host, self.other, self.container = map(network.add_host, ("host", "other", "container"))
+        to_global, bridge = plan.global_interface, plan.bridge
+        run(
+            self.host,
+            *("ip link set eth0 down", f"ip link set eth0 name {to_global}", f"ip link set {to_global} up"),
+            *(f"ip link add {bridge} type bridge", f"ip link set {bridge} up"),
+            f"ip addr add {HOST_IN_BRIDGE}/24 dev {bridge}",
+            f"ip link add port0 type veth peer name inside netns {self.container._holder}",
+            *(f"ip link set port0 master {bridge}", "ip link set port0 up"),
+            "tee /proc/sys/net/ipv4/ip_forward",
+            text="1",
+        )
+        run(
+            self.container,
+            *("ip link set eth0 down", "ip link set inside up", f"ip addr add {CONTAINER}/24 dev inside"),
+            f"ip route add default via {HOST_IN_BRIDGE}",
+        )
+        run(self.other, f"ip route add default via {self.host.address}")
 
     def load(self, rules):
-        self.host.run("nft", "-f", "-", text=rules)
+        run(self.host, "nft -f -", text=rules)
 
     def rules(self):
-        return self.host.run("nft", "-s", "list", "ruleset")
+        return run(self.host, "nft list ruleset")
 
 
 @pytest.fixture
 def lab():
-    with contextlib.ExitStack() as stack:
-        yield Lab(stack, GO2.network)
+    with Network(grace_s=0.2) as network:
+        yield Lab(network, GO2.network)
 
 
 def heard(sender, receiver, address, *ports, last):
     """Send to ports in order, then to one that is always heard; return which of the former were."""
-    command = receiver.command(sys.executable, "-c", LISTEN, *map(str, (*ports, last)))
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as listener:
+    command = [sys.executable, "-c", LISTEN, *map(str, (*ports, last))]
+    with receiver.popen(command, stdout=subprocess.PIPE, text=True) as listener:
         assert listener.stdout.readline() == "ready\n"
-        sender.run(sys.executable, "-c", SEND, address, *map(str, (*ports, last)))
+        send(sender, address, *ports, last)
         said = {int(port) for port in listener.stdout.read().split()}
     assert last in said
     return said - {last}
 
 
+def send(sender, address, *ports):
+    sender.run([sys.executable, "-c", SEND, address, *map(str, ports)], 60, check=True)
+
+
 def test_the_own_domain_is_heard_neither_from_outside_nor_outside_and_the_global_one_is(lab):
     ports = (OWN_PORT, GLOBAL_PORT)
-    assert heard(lab.other, lab.host, HOST, *ports, last=FREE_PORT) == set(ports)
-    assert heard(lab.host, lab.other, OTHER, *ports, last=FREE_PORT) == set(ports)
+    assert heard(lab.other, lab.host, lab.host.address, *ports, last=FREE_PORT) == set(ports)
+    assert heard(lab.host, lab.other, lab.other.address, *ports, last=FREE_PORT) == set(ports)
     lab.load(firewall_rules(GO2))
-    assert heard(lab.other, lab.host, HOST, *ports, last=FREE_PORT) == {GLOBAL_PORT}
-    assert heard(lab.host, lab.other, OTHER, *ports, last=FREE_PORT) == {GLOBAL_PORT}
+    assert heard(lab.other, lab.host, lab.host.address, *ports, last=FREE_PORT) == {GLOBAL_PORT}
+    assert heard(lab.host, lab.other, lab.other.address, *ports, last=FREE_PORT) == {GLOBAL_PORT}
     assert heard(lab.container, lab.host, HOST_IN_BRIDGE, *ports, last=FREE_PORT) == set(ports)
 
 
 def test_the_container_has_no_way_out_and_nobody_a_way_in(lab):
-    ways = {"no way out": (lab.container, lab.other, OTHER), "no way in": (lab.other, lab.container, CONTAINER)}
+    out, into = (lab.container, lab.other, lab.other.address), (lab.other, lab.container, CONTAINER)
+    ways = {"no way out": out, "no way in": into}
     for way in ways.values():
         assert heard(*way, OWN_PORT, last=FREE_PORT) == {OWN_PORT}
     lab.load(firewall_rules(GO2))
     for comment, (sender, _, address) in ways.items():
-        assert f'packets 0 bytes 0 drop comment "{comment}"' in lab.host.run("nft", "list", "ruleset")
-        sender.run(sys.executable, "-c", SEND, address, str(FREE_PORT))
-        assert f'packets 1 bytes 29 drop comment "{comment}"' in lab.host.run("nft", "list", "ruleset")
+        assert f'packets 0 bytes 0 drop comment "{comment}"' in lab.rules()
+        send(sender, address, FREE_PORT)
+        assert f'packets 1 bytes 29 drop comment "{comment}"' in lab.rules()
 
 
 def test_loading_again_changes_nothing_and_no_other_table_is_touched(lab):
@@ -144,5 +135,5 @@ def test_loading_again_changes_nothing_and_no_other_table_is_touched(lab):
     once = lab.rules().count("table inet sfglab_go2")
     assert (once, lab.rules().count("table inet sfglab_pi1")) == (1, 1)
     for agent in ("go2", "pi1"):
-        lab.host.run("nft", "delete", "table", "inet", f"sfglab_{agent}")
+        run(lab.host, f"nft delete table inet sfglab_{agent}")
     assert lab.rules() == before

@@ -7,7 +7,6 @@ import re
 import shutil
 import signal
 import subprocess
-import sys
 from collections.abc import Iterator
 from dataclasses import replace
 from itertools import product
@@ -15,7 +14,7 @@ from pathlib import Path
 
 import psutil
 import pytest
-from esslingen import RELEASE, deployed, program
+from esslingen import RELEASE, deployed, needs, program
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -26,10 +25,9 @@ from sfglab.deploy.dockerfile import _quoted, image_files
 from sfglab.deploy.dockerfile_check import check_dockerfile, parse_dockerfile, stages_of
 from sfglab.deploy.errors import DeployError
 from sfglab.deploy.files import PROGRAM
+from sfglab.deploy.text_check import check_dockerfiles, check_shell
+from sfglab.deploy.verdicts import State
 from sfglab.fleet.fleet_file import Accelerator, Architecture, RosDistribution
-
-HADOLINT = Path(sys.executable).parent / "hadolint"
-SHELLCHECK = Path(sys.executable).parent / "shellcheck"
 
 
 def deployment(agent: str = "workstation", **host) -> Deployment:
@@ -93,25 +91,21 @@ def test_our_rules_find_nothing_in_any_dockerfile():
         assert check_dockerfile(image_files(made)["Dockerfile"].text) == ()
 
 
-@pytest.mark.skipif(not HADOLINT.is_file(), reason="hadolint not installed (pip install sfglab[deploy])")
-def test_hadolint_finds_nothing_in_any_dockerfile(tmp_path):
-    files = []
+@needs("hadolint")
+def test_hadolint_finds_nothing_in_any_dockerfile():
     workspace = deployment("go2", workspace="ws", packages=("libusb-1.0-0",))
     plain = with_ros(deployment("pi1"), RosDistribution.NONE)
-    for number, made in enumerate((workspace, plain, deployment("workstation"))):
-        files.append(tmp_path / f"{number}.Dockerfile")
-        files[-1].write_text(image_files(made)["Dockerfile"].text)
-    said = subprocess.run([HADOLINT, "--no-color", *files], capture_output=True, text=True, check=False)
-    assert (said.returncode, said.stdout + said.stderr) == (0, "")
+    made = (workspace, plain, deployment("workstation"))
+    found = check_dockerfiles({f"Dockerfile.{n}": image_files(m)["Dockerfile"] for n, m in enumerate(made)})
+    assert [(v.state, v.says) for v in found] == 3 * [(State.HOLDS, "")]
 
 
-@pytest.mark.skipif(not SHELLCHECK.is_file(), reason="shellcheck not installed (pip install sfglab[deploy])")
+@needs("shellcheck")
 @pytest.mark.parametrize("launch", [(), ("ros2", "launch", "my robot", "it's.py", "$HOME")])
-def test_shellcheck_finds_nothing_in_the_entrypoint(tmp_path, launch):
-    file = tmp_path / "entrypoint.sh"
-    file.write_text(image_files(deployment(launch=launch))["image/entrypoint.sh"].text)
-    said = subprocess.run([SHELLCHECK, "--shell=sh", file], capture_output=True, text=True, check=False)
-    assert (said.returncode, said.stdout) == (0, "")
+def test_shellcheck_finds_nothing_in_the_entrypoint(launch):
+    file = image_files(deployment(launch=launch))["image/entrypoint.sh"]
+    assert file.text.startswith("#!/bin/sh\n")
+    assert [(v.state, v.says) for v in check_shell({"entrypoint.sh": file})] == 2 * [(State.HOLDS, "")]
 
 
 def test_only_arm64_compiles_cyclone_and_ros_decides_the_distribution():
@@ -255,10 +249,7 @@ def codes(text: str) -> list[tuple[str, int]]:
     return [(finding.code, finding.place.line) for finding in check_dockerfile(text)]
 
 
-def test_nothing_is_wrong_with_what_is_right_and_continued_lines_are_one_instruction():
-    assert codes(GOOD) == []
-    assert codes(GOOD.replace("debian:12.11", f"debian@{DIGEST}")) == []
-    assert codes(GOOD + "FROM application AS development\nUSER 0\nUSER sfglab\n") == []
+def test_continued_lines_are_one_instruction():
     text = GOOD + "COPY <<A <<B /x/\na\nA\nb\nB\nRUN true\n"
     steps = parse_dockerfile(text)
     assert [step.line for step in steps] == [2, 3, 4, 5, 8, 9, 10, 15]
@@ -267,65 +258,45 @@ def test_nothing_is_wrong_with_what_is_right_and_continued_lines_are_one_instruc
     assert [(stage.name, stage.image) for stage in stages_of(steps)] == stages
 
 
-@pytest.mark.parametrize(
-    ("line", "code"),
-    [
-        ("ENV DB_PASSWORD=hunter2", "secret"),
-        ("ENV API_TOKEN hunter2", "secret"),
-        ("ARG SIGNING_KEY='hunter2'", "secret"),
-        ("ADD https://example.org/x.tar.gz /x", "unchecked-download"),
-        ("RUN curl -fsSL https://example.org/x | sh", "piped-script"),
-        ("RUN wget -qO- https://example.org/x | sudo bash", "piped-script"),
-        ("COPY . /src", "copies-everything"),
-        ("FLY away", "dockerfile-syntax"),
-        ("USER root", "runs-as-root"),
-        ("USER 0:10001", "runs-as-root"),
-        ("RUN cat <<END", "dockerfile-syntax"),
-        ("WORKDIR", "dockerfile-syntax"),
-    ],
-)
-def test_a_broken_rule_is_found(line, code):
-    assert [found for found, _ in codes(GOOD + line + "\n")] == [code]
-
-
-@pytest.mark.parametrize(
-    "line",
-    [
-        "ARG API_TOKEN",
-        'ENV API_TOKEN=""',
-        "ENV MONKEY=banana KEYBOARD=de",
-        f"ADD --checksum={DIGEST} https://example.org/x /x",
-        "RUN curl -fsSL -o /tmp/x https://example.org/x && sh /tmp/checked",
-        "COPY --from=adapter . /src",
-        "RUN <<END\nFLY away\nEND",
-    ],
-)
-def test_what_only_looks_like_a_broken_rule_is_none(line):
-    assert codes(GOOD + line + "\n") == []
-
-
-@pytest.mark.parametrize(
-    "image", ["debian", "debian:latest", "localhost:5000/debian", "debian@sha256:abc", "${GIVEN}"]
-)
-def test_an_unpinned_image_is_found_where_it_is_used(image):
-    assert codes(GOOD.replace("${BASE}", image)) == [("unpinned-image", 3)]
-    assert codes(GOOD.replace("12.11", "latest")) == [("unpinned-image", 3)], "also where it is a default"
-
-
-DEVELOPMENT = "FROM application AS development\nUSER {}\n"
+LINES = [  # behind the last, and what is found of them and where
+    ("ENV DB_PASSWORD=hunter2", [("secret", 10)]),
+    ("ENV API_TOKEN hunter2", [("secret", 10)]),
+    ("ARG SIGNING_KEY='hunter2'", [("secret", 10)]),
+    ("ADD https://example.org/x.tar.gz /x", [("unchecked-download", 10)]),
+    ("RUN curl -fsSL https://example.org/x | sh", [("piped-script", 10)]),
+    ("RUN wget -qO- https://example.org/x | sudo bash", [("piped-script", 10)]),
+    ("COPY . /src", [("copies-everything", 10)]),
+    ("USER root", [("runs-as-root", 8)]),
+    ("USER 0:10001", [("runs-as-root", 8)]),
+    *((line, [("dockerfile-syntax", 0)]) for line in ("FLY away", "RUN cat <<END", "WORKDIR")),
+    ("ARG API_TOKEN", []),
+    ('ENV API_TOKEN=""', []),
+    ("ENV MONKEY=banana KEYBOARD=de", []),
+    (f"ADD --checksum={DIGEST} https://example.org/x /x", []),
+    ("RUN curl -fsSL -o /tmp/x https://example.org/x && sh /tmp/checked", []),
+    ("COPY --from=adapter . /src", []),
+    ("RUN <<END\nFLY away\nEND", []),
+    ("FROM application AS development\nUSER 0\nUSER sfglab", []),
+    ("FROM application AS development\nUSER root", [("runs-as-root", 10)]),
+]
+UNPINNED = ("debian", "debian:latest", "localhost:5000/debian", "debian@sha256:abc", "${GIVEN}")
 NOBODY = "USER 10001:10001\n"
 
 
 @pytest.mark.parametrize(
     ("text", "found"),
     [
+        (GOOD, []),
+        *((f"{GOOD}{line}\n", found) for line, found in LINES),
+        *((GOOD.replace("${BASE}", image), [("unpinned-image", 3)]) for image in UNPINNED),
+        (GOOD.replace("12.11", "latest"), [("unpinned-image", 3)]),  # also where it is a default
+        (GOOD.replace("debian:12.11", f"debian@{DIGEST}"), []),
         (GOOD.replace("AS adapter", "AS middle").replace("FROM adapter", "FROM middle"), [("layers", 3)]),
         (GOOD.replace("FROM adapter", "FROM base"), [("layers", 8)]),
         ("RUN true\n", [("no-stage", 0), ("layers", 0)]),
         (GOOD.replace(NOBODY, ""), [("runs-as-root", 8)]),
-        (GOOD + DEVELOPMENT.format("root"), [("runs-as-root", 10)]),
-        (GOOD.replace(NOBODY, DEVELOPMENT.format(1)), [("runs-as-root", 8)]),
+        (GOOD.replace(NOBODY, "FROM application AS development\nUSER 1\n"), [("runs-as-root", 8)]),
     ],
 )
-def test_layers_stand_on_each_other_and_neither_the_last_nor_the_application_is_roots(text, found):
+def test_our_rules_find_what_is_wrong_in_a_dockerfile_and_nothing_else(text, found):
     assert codes(text) == found

@@ -41,9 +41,8 @@ def bridge(**plugin) -> str:
 
 @pytest.mark.parametrize("agent", AGENTS)
 @pytest.mark.parametrize("target", WRITERS)
-def test_what_is_generated_is_the_same_again_says_from_what_and_passes_the_checker(agent, target):
+def test_what_is_generated_says_from_what_and_passes_the_checker(agent, target):
     text = WRITERS[target](LAB, agent)
-    assert text == WRITERS[target](LAB, agent)
     assert f"agent {agent} in fleet lab" in text.partition("{")[0]
     assert check_zenoh(text, policy=LAB.policy) == ()
     assert json5.loads(text) == values_of(text)
@@ -138,27 +137,53 @@ def test_access_control_keeps_what_late_joiners_need_and_announcements_of_crossi
     assert not permits(control, "liveliness_token", "egress", "@/1/@ros2_lv/MP/local§go2§x/T/q")
 
 
+RULE = {"id": "r", "permission": "allow", "messages": ["put"], "key_exprs": ["tf"]}
+
+
+def control(**changes) -> str:
+    whole = {
+        "enabled": True,
+        "default_permission": "deny",
+        "rules": [{**RULE, "flows": ["egress"]}],
+        "subjects": [{"id": "s"}],
+        "policies": [{"rules": ["r"], "subjects": ["s"]}],
+    }
+    return json.dumps({"access_control": {**whole, **changes}})
+
+
 @pytest.mark.parametrize(
-    ("plugin", "code"),
+    ("text", "code"),
     [
-        ({"domain": 1}, "open-router"),
-        ({"allow": {}, "deny": {}}, "schema"),
-        ({"alow": {}}, "unknown-key"),
-        ({"allow": {"publisher": []}}, "unknown-key"),
-        ({"allow": {"publishers": ["["]}}, "schema"),
-        ({"allow": {"publishers": ["(?!/local).*"]}}, "schema"),
-        ({"allow": {"publishers": ["/tf|/global/.*"]}}, "loose-regex"),
-        ({"allow": {"publishers": "/tf|/x"}}, "loose-regex"),
-        ({"allow": {}, "domain": 233}, "schema"),
-        ({"allow": {}, "pub_priorities": ["/tf=8"]}, "schema"),
-        ({"allow": {}, "pub_max_frequencies": ["/tf"]}, "schema"),
-        ({"allow": {}, "queries_timeout": {"actions": {"goal": 1}}}, "unknown-key"),
+        (bridge(domain=1), "open-router"),
+        (bridge(allow={}, deny={}), "schema"),
+        (bridge(alow={}), "unknown-key"),
+        (bridge(allow={"publisher": []}), "unknown-key"),
+        (bridge(allow={"publishers": ["["]}), "schema"),
+        (bridge(allow={"publishers": ["(?!/local).*"]}), "schema"),
+        (bridge(allow={"publishers": ["/tf|/global/.*"]}), "loose-regex"),
+        (bridge(allow={"publishers": "/tf|/x"}), "loose-regex"),
+        (bridge(allow={}, domain=233), "schema"),
+        (bridge(allow={}, pub_priorities=["/tf=8"]), "schema"),
+        (bridge(allow={}, pub_max_frequencies=["/tf"]), "schema"),
+        (bridge(allow={}, queries_timeout={"actions": {"goal": 1}}), "unknown-key"),
+        (control(enabled=False), "open-router"),
+        (control(rules=[RULE, RULE]), "duplicate"),
+        (control(subjects=[{"id": "s"}, {"id": "s"}]), "duplicate"),
+        (control(policies=[{"rules": ["q"], "subjects": ["s"]}]), "reference"),
+        (control(rules=[{**RULE, "messages": ["publish"]}]), "schema"),
+        (control(rules=[{**RULE, "flows": ["out"]}]), "schema"),
+        (control(rules=[{**RULE, "key_exprs": ["/tf"]}]), "key-expression"),
+        (control(rules=[{**RULE, "key_exprs": ["a*/b"]}]), "key-expression"),
+        (control(rules=[{**RULE, "key_exprs": []}]), "schema"),
+        (control(subjects=[{"id": "s", "interfaces": []}]), "schema"),
+        (control(default_permision="deny"), "unknown-key"),
+        ('{"access_control": {"enabled": true}}', "missing-key"),
+        ("[]", "schema"),
+        ("{}", "nothing-filtered"),
     ],
 )
-def test_a_wrong_bridge_is_an_error_of_its_kind(plugin, code):
-    found = check_zenoh(bridge(**plugin))
-    assert code in codes(found) | codes(found, Severity.WARNING)
-    assert code != "schema" or codes(found)
+def test_a_wrong_bridge_or_access_control_is_an_error_of_its_kind(text, code):
+    assert codes(check_zenoh(text)) == {code}
 
 
 def test_a_filter_that_denies_is_loose_or_one_sided_is_warned_of_and_lets_more_cross():
@@ -189,42 +214,7 @@ def test_every_list_that_differs_from_the_policy_is_found(kind):
     assert "policy" in codes(check_zenoh(json.dumps(config), policy=LAB.policy))
 
 
-RULE = {"id": "r", "permission": "allow", "messages": ["put"], "key_exprs": ["tf"]}
-
-
-def control(**changes) -> str:
-    whole = {
-        "enabled": True,
-        "default_permission": "deny",
-        "rules": [{**RULE, "flows": ["egress"]}],
-        "subjects": [{"id": "s"}],
-        "policies": [{"rules": ["r"], "subjects": ["s"]}],
-    }
-    return json.dumps({"access_control": {**whole, **changes}})
-
-
-@pytest.mark.parametrize(
-    ("changes", "code"),
-    [
-        ({"enabled": False}, "open-router"),
-        ({"rules": [RULE, RULE]}, "duplicate"),
-        ({"subjects": [{"id": "s"}, {"id": "s"}]}, "duplicate"),
-        ({"policies": [{"rules": ["q"], "subjects": ["s"]}]}, "reference"),
-        ({"rules": [{**RULE, "messages": ["publish"]}]}, "schema"),
-        ({"rules": [{**RULE, "flows": ["out"]}]}, "schema"),
-        ({"rules": [{**RULE, "key_exprs": ["/tf"]}]}, "key-expression"),
-        ({"rules": [{**RULE, "key_exprs": ["a*/b"]}]}, "key-expression"),
-        ({"rules": [{**RULE, "key_exprs": []}]}, "schema"),
-        ({"subjects": [{"id": "s", "interfaces": []}]}, "schema"),
-        ({"default_permision": "deny"}, "unknown-key"),
-    ],
-)
-def test_wrong_access_control_is_an_error_of_its_kind(changes, code):
-    assert code in codes(check_zenoh(control(**changes)))
-
-
 def test_access_control_that_is_not_the_policy_is_found_and_a_denying_rule_wins():
-    assert "missing-key" in codes(check_zenoh('{"access_control": {"enabled": true}}'))
     assert codes(check_zenoh(control(), policy=Policy())) == {"policy"}
     assert codes(check_zenoh(control(default_permission="allow")), Severity.WARNING) == {"open-router"}
     rules = [RULE, {**RULE, "id": "no", "permission": "deny"}]
@@ -255,8 +245,6 @@ def test_lines_are_those_of_the_file_and_what_is_no_json5_is_refused(tmp_path):
     assert found[0].place.line == 4
     with pytest.raises(DocumentError):
         check_zenoh("{a: [}")
-    assert codes(check_zenoh("[]")) == {"schema"}
-    assert codes(check_zenoh("{}")) == {"nothing-filtered"}
     path = tmp_path / "bridge.json5"
     path.write_text(render_zenoh_bridge(LAB, "go2"))
     assert check_file(path, policy=LAB.policy) == ()

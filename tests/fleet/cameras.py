@@ -30,6 +30,21 @@ def behind_router(world, name: str):
     return world.node(f"of_{name}", **place), Router(near, far, RouterSettings(agent=name))
 
 
+def rolled(settings: H264Settings, count: int) -> list:
+    """Return the packets of a picture that moves, as fields of messages."""
+    size = settings.height // 8, settings.width // 8, 3
+    still = np.random.default_rng(0).integers(0, 255, size, np.uint8).repeat(8, 0).repeat(8, 1)
+    encoder = H264Encoder(settings)
+    frames = [frame for n in range(count) for frame in encoder.encode(np.roll(still, 3 * n, axis=1))]
+    return [ffmpeg_packet_fields(frame, settings) for frame in frames]
+
+
+def packet_message(fields, header):
+    return message_type(FFMPEG)(
+        header=header, **asdict(fields) | {"data": np.frombuffer(fields.data, np.uint8)}
+    )
+
+
 async def everything(subscription) -> list:
     """Return what has arrived."""
     found = []
@@ -61,9 +76,7 @@ class Camera:
             stamp = stamp_from_ns(self.level * 10**9)
             header = message_type("std_msgs/msg/Header")(stamp=stamp, frame_id="camera")
             for packet in encoder.encode(picture):
-                fields = asdict(ffmpeg_packet_fields(packet, settings))
-                fields["data"] = np.frombuffer(fields["data"], dtype=np.uint8)
-                self.publisher.publish(message_type(FFMPEG)(header=header, **fields))
+                self.publisher.publish(packet_message(ffmpeg_packet_fields(packet, settings), header))
             await asyncio.sleep(0.02)
 
     def picture(self, height: int, width: int) -> np.ndarray:

@@ -9,16 +9,8 @@ import pytest
 from sfglab.bus.address import BusAddress
 from sfglab.component import config_from_argument
 from sfglab.errors import InvalidValueError, SfglabError
+from sfglab.fleet.agent import plan as plans
 from sfglab.fleet.agent.app import Changed, Complete, Narrator, Said, Wrote, report_from_event
-from sfglab.fleet.agent.plan import (
-    COMPONENTS,
-    AgentConfig,
-    SideOptions,
-    config_from_fleet,
-    config_from_options,
-    plan,
-    without,
-)
 from sfglab.fleet.agent.supervision import State
 from sfglab.fleet.decoder.node import DecoderConfig
 from sfglab.fleet.discovery.node import DiscoveryConfig
@@ -27,7 +19,7 @@ from sfglab.fleet.gop_cache import KeeperConfig
 from sfglab.fleet.router.node import RouterConfig
 from sfglab.fleet.status.node import StatusConfig
 
-CONFIG = AgentConfig(
+CONFIG = plans.AgentConfig(
     agent="go2", local=BusAddress(domain_id=7, interface="lo"), remote=BusAddress(domain_id=0, interface="eth0")
 )
 FLEET = read_fleet("""
@@ -54,8 +46,8 @@ agents:
 """)
 
 
-def arguments(config: AgentConfig) -> dict[str, str]:
-    return {component.name: component.argv[-1] for component in plan(config)}
+def arguments(config: plans.AgentConfig) -> dict[str, str]:
+    return {component.name: component.argv[-1] for component in plans.plan(config)}
 
 
 def test_every_component_is_told_where_it_stands_and_the_decoder_stays_inside():
@@ -82,17 +74,17 @@ def test_every_component_is_told_where_it_stands_and_the_decoder_stays_inside():
 )
 def test_what_could_not_be_run_is_refused_before_anything_is_started(changes, words):
     with pytest.raises(SfglabError, match=words):
-        plan(replace(CONFIG, **changes))
+        plans.plan(replace(CONFIG, **changes))
 
 
 def test_components_can_be_left_out():
-    assert list(arguments(without(CONFIG, ["decoder"]))) == ["router", "status", "discoverer"]
+    assert list(arguments(plans.without(CONFIG, ["decoder"]))) == ["router", "status", "discoverer"]
     with pytest.raises(InvalidValueError, match="agent go2, component: given 'decodre', allowed: router, "):
-        without(CONFIG, ["decodre"])
+        plans.without(CONFIG, ["decodre"])
 
 
 def test_a_fleet_file_says_everything():
-    config = config_from_fleet(FLEET, "go2")
+    config = plans.config_from_fleet(FLEET, "go2")
     assert config.local == BusAddress(domain_id=1, interface="lo")
     assert config.remote == BusAddress(domain_id=3, interface="wlan0")
     router = config_from_argument(RouterConfig, arguments(config)["router"])
@@ -107,26 +99,30 @@ def test_a_fleet_file_says_everything():
 
 @pytest.mark.parametrize(("descriptions", "offers"), [("asked", False), ("offered", True)])
 def test_a_fleet_file_says_whether_agents_offer_what_they_are(descriptions, offers):
-    given = arguments(config_from_fleet(replace(FLEET, descriptions=descriptions), "go2"))
+    given = arguments(plans.config_from_fleet(replace(FLEET, descriptions=descriptions), "go2"))
     for name, type_ in (("status", StatusConfig), ("discoverer", DiscoveryConfig)):
         assert config_from_argument(type_, given[name]).settings.offers is offers
 
 
 def test_a_keeper_runs_where_there_is_video_and_without_lifecycle_no_status_or_discoverer():
-    given = arguments(config_from_fleet(FLEET, "go2"))
-    assert tuple(given) == COMPONENTS
+    given = arguments(plans.config_from_fleet(FLEET, "go2"))
+    assert tuple(given) == plans.COMPONENTS
     keeper = config_from_argument(KeeperConfig, given["keeper"])
     assert keeper.streams == ("/global/go2/camera_front/color/ffmpeg",)
     assert keeper.address == BusAddress(domain_id=1, interface="lo")
-    assert {"status", "discoverer"} & set(arguments(config_from_fleet(FLEET, "bare"))) == set()
+    assert {"status", "discoverer"} & set(arguments(plans.config_from_fleet(FLEET, "bare"))) == set()
 
 
 def test_options_alone_need_a_domain_and_go_before_the_fleet_file():
-    config = config_from_options("go2", None, local=SideOptions(domain_id=7), remote=SideOptions())
+    config = plans.config_from_options(
+        "go2", None, local=plans.SideOptions(domain_id=7), remote=plans.SideOptions()
+    )
     assert (config.local, config.remote) == (BusAddress(domain_id=7), BusAddress(domain_id=0))
     with pytest.raises(InvalidValueError, match="its own domain: nothing is given, allowed: 1 to 232 or a"):
-        config_from_options("go2", None, local=SideOptions(), remote=SideOptions())
-    config = config_from_options("go2", FLEET, local=SideOptions(), remote=SideOptions(interface="eth1"))
+        plans.config_from_options("go2", None, local=plans.SideOptions(), remote=plans.SideOptions())
+    config = plans.config_from_options(
+        "go2", FLEET, local=plans.SideOptions(), remote=plans.SideOptions(interface="eth1")
+    )
     assert config.local == BusAddress(domain_id=1, interface="lo")
     assert config.remote == BusAddress(domain_id=3, interface="eth1")
 

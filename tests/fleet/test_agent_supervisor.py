@@ -11,18 +11,8 @@ from contextlib import asynccontextmanager, suppress
 import pytest
 from waiting import DEADLINE_S, lives, process, until
 
-from sfglab.bus.address import BusAddress
 from sfglab.component import beside
-from sfglab.fleet.agent.app import (
-    Agent,
-    Changed,
-    Complete,
-    ComponentError,
-    Said,
-    SupervisorConfig,
-    Wrote,
-    serve_agent,
-)
+from sfglab.fleet.agent import app
 from sfglab.fleet.agent.plan import AgentConfig
 from sfglab.fleet.agent.supervision import Component, State
 from sfglab.machine import ProcessTiming
@@ -71,16 +61,16 @@ class Watched:
 
     def __init__(self, *components, timing: ProcessTiming = TIMING) -> None:
         self.events = []
-        self.agent = Agent(components, timing=timing, on_event=self.events.append)
+        self.agent = app.Agent(components, timing=timing, on_event=self.events.append)
 
-    def changes(self, name: str) -> list[Changed]:
-        return [e for e in self.events if isinstance(e, Changed) and e.component == name]
+    def changes(self, name: str) -> list[app.Changed]:
+        return [e for e in self.events if isinstance(e, app.Changed) and e.component == name]
 
     def states(self, name: str) -> list[State]:
         return [e.state for e in self.changes(name)]
 
     def reports(self, kind: str) -> list[dict]:
-        return [e.report for e in self.events if isinstance(e, Said) and e.report["is"] == kind]
+        return [e.report for e in self.events if isinstance(e, app.Said) and e.report["is"] == kind]
 
     async def pid(self, name: str, starts: int = 1) -> int:
         """Return the process of the given start, once it serves."""
@@ -105,7 +95,7 @@ async def test_a_killed_component_is_restarted_with_back_off_and_the_others_stay
         for kills in range(1, 4):
             os.kill(await watched.pid("router", starts=kills), signal.SIGKILL)
         await watched.pid("router", starts=4)
-        assert watched.events.count(Complete()) == 1
+        assert watched.events.count(app.Complete()) == 1
         crashed = [e for e in watched.changes("router") if e.state is State.BACKING_OFF]
         assert [e.why for e in crashed] == ["killed by SIGKILL"] * 3
         assert [e.crashes for e in crashed] == [1, 2, 3]
@@ -117,15 +107,15 @@ async def test_a_killed_component_is_restarted_with_back_off_and_the_others_stay
 
 async def test_a_refused_configuration_or_one_that_dies_on_import_ends_the_agent_in_its_words():
     watched = Watched(component("status", SERVES), component("router", REFUSES))
-    with pytest.raises(ComponentError) as caught:
+    with pytest.raises(app.ComponentError) as caught:
         await watched.agent.run()
     assert str(caught.value) == "router: network interface: given 'wlan7', allowed are eth0, lo"
     assert watched.states("router") == [State.STARTING, State.FAILED]
     assert watched.states("status")[-1] is State.STOPPED
     watched = Watched(component("router", "import no_such_module"))
-    with pytest.raises(ComponentError, match="router: it ended with status 1"):
+    with pytest.raises(app.ComponentError, match="router: it ended with status 1"):
         await watched.agent.run()
-    words = [e.line for e in watched.events if isinstance(e, Wrote)]
+    words = [e.line for e in watched.events if isinstance(e, app.Wrote)]
     assert "ModuleNotFoundError: No module named 'no_such_module'" in words
 
 
@@ -188,7 +178,7 @@ async def test_a_listener_that_breaks_leaves_no_process():
             raise BrokenPipeError
 
     with pytest.raises(BrokenPipeError):
-        await Agent([component("router", SERVES)], on_event=broken).run()
+        await app.Agent([component("router", SERVES)], on_event=broken).run()
     assert not lives(pids[0])
 
 
@@ -204,37 +194,26 @@ run_component(make_dataclass("Config", ()), serve)
 """
 
 
-@asynccontextmanager
-async def supervising():
-    """A supervisor of two components in a process of its own, and what it reports; then both are gone."""
+@pytest.mark.parametrize("how", ["killed", "terminated", "input ends"])
+async def test_components_end_with_their_supervisor_and_unless_it_is_killed_in_order(how):
     argv = (sys.executable, "-c", COMPONENT, "{}")
     components = tuple(Component(name=name, argv=argv) for name in ("router", "status"))
-    async with process("sfglab.fleet.agent.app", SupervisorConfig(components=components)) as child:
+    async with process("sfglab.fleet.agent.app", app.SupervisorConfig(components=components)) as child:
         child.on_report = (reports := []).append
         await child.expect("ready", timeout_s=DEADLINE_S)
         pids = {r["component"]: r["pid"] for r in reports if r.get("state") == "running"}
         assert sorted(pids) == ["router", "status"]
         assert all(map(lives, pids.values()))
-        yield child, reports
-        await until(lambda: not any(map(lives, pids.values())))
-
-
-async def test_components_end_when_their_supervisor_is_killed():
-    async with supervising() as (child, _):
-        child.signal(signal.SIGKILL)
-        await child.wait()
-
-
-@pytest.mark.parametrize("how", ["terminated", "input ends"])
-async def test_a_supervisor_as_a_process_ends_everything_in_order(how):
-    async with supervising() as (child, reports):
-        if how == "terminated":
-            child.signal(signal.SIGTERM)
-        else:
+        if how == "input ends":
             await child.close(grace_s=DEADLINE_S)
+        else:
+            child.signal(signal.SIGKILL if how == "killed" else signal.SIGTERM)
+        await child.wait()
+        await until(lambda: not any(map(lives, pids.values())))
+    if how != "killed":
         assert (await child.expect("ended", timeout_s=DEADLINE_S))["status"] == 0
-    last = {r["component"]: r["state"] for r in reports if r["is"] == "component"}
-    assert last == {"router": "stopped", "status": "stopped"}
+        last = {r["component"]: r["state"] for r in reports if r["is"] == "component"}
+        assert last == {"router": "stopped", "status": "stopped"}
 
 
 TERMINAL = """
@@ -250,17 +229,12 @@ run(serve_agent(config, lambda line: print(line, flush=True)))
 
 
 @pytest.fixture
-def domains(free_domains):
-    return tuple(free_domains(2))
-
-
-@pytest.fixture
 def terminal(domains):
     """An agent with a router, as a person starts it, ready."""
-    argv = [sys.executable, "-c", TERMINAL, *map(str, domains)]
+    remote, local = (address.domain_id for address in domains)
+    argv = [sys.executable, "-c", TERMINAL, f"{local}", f"{remote}"]
     with subprocess.Popen(argv, stdout=subprocess.PIPE, text=True) as process:
         try:
-            local, remote = domains
             first = f"agent go2: its own domain {local} on lo, the global domain {remote} on lo; starting\n"
             assert process.stdout.readline() == first
             assert process.stdout.readline() == "router: ready\n"
@@ -281,10 +255,9 @@ def test_a_signal_ends_an_agent_in_order_and_a_second_interrupt_is_no_error(term
 
 
 def test_a_second_agent_on_the_same_domains_is_refused_in_one_sentence(terminal, domains):
-    said = []
-    local, remote = (BusAddress(domain_id=domain, interface="lo") for domain in domains)
+    said, (remote, local) = [], domains
     config = AgentConfig(agent="go2", local=local, remote=remote, components=("router",))
-    between = "router between the domains {} and {}: process ".format(*domains)
-    with pytest.raises(ComponentError, match=f"^{between}"):
-        asyncio.run(serve_agent(config, said.append))
+    between = "router between the domains {} and {}: process ".format(*sorted(d.domain_id for d in domains))
+    with pytest.raises(app.ComponentError, match=f"^{between}"):
+        asyncio.run(app.serve_agent(config, said.append))
     assert len(said) == 1, "nothing but the beginning is said"

@@ -1,36 +1,41 @@
-"""The decoder with real DDS, shared memory, H.264 and processes: on demand, once, recovered, released."""
+"""The decoder with real DDS, shared memory, H.264 and processes: on demand, once, released; first pictures."""
 
 import asyncio
 import os
 import signal
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import psutil
 import pytest
 from cameras import FFMPEG, IMAGE, INFO, LOCAL, LOCAL_INFO, STREAM, Camera
-from test_decoder_streams import metadata
 from waiting import process, until
 
+from sfglab.codecs import H264Decoder
+from sfglab.component import beside
 from sfglab.errors import SfglabError
 from sfglab.fleet.decoder.node import DecoderConfig, run_decoder
-from sfglab.fleet.discovery.listener import DISCOVERY_EVENT, DISCOVERY_QOS
+from sfglab.fleet.gop_cache import REPLAY_QOS, KeeperSettings, StreamKeeper, replay_topic
 from sfglab.messages import default_message, ns_from_stamp
-from sfglab.qos import SENSOR_DATA
+from sfglab.qos import COMPRESSED_STREAM, SENSOR_DATA
 
 pytestmark = [pytest.mark.live]
 
 
-def level_of(image) -> float:
-    """What the camera drew, read from the decoded pixels."""
-    return float(np.median(image.data))
+def number(image) -> int:
+    """Return which picture it is, by its stamp."""
+    return ns_from_stamp(image.header.stamp) // 10**9
+
+
+def is_right(image) -> bool:
+    """Return whether the decoded pixels are what the camera drew."""
+    return abs(float(np.median(image.data)) - number(image)) <= 3
 
 
 async def right_pictures(subscription, count: int = 5) -> list:
-    """Take pictures and check each against its stamp."""
     images = [await subscription.take(timeout_s=60) for _ in range(count)]
-    for image in images:
-        assert abs(level_of(image) - ns_from_stamp(image.header.stamp) / 1e9) <= 3
+    assert all(map(is_right, images))
     return images
 
 
@@ -60,7 +65,7 @@ async def test_nothing_runs_until_somebody_subscribes_and_nothing_after_the_last
     assert children() == before, "the decoder leaves no process behind"
 
 
-async def test_a_plain_dds_subscriber_is_served_from_the_same_pipeline_which_is_replaced_when_killed(serve):
+async def test_a_plain_dds_subscriber_is_served_from_the_same_pipeline(serve):
     async with serve() as (far, near, decoder), Camera(far).running():
         shared = near.create_subscription(IMAGE, LOCAL, qos=SENSOR_DATA, transport="shm")
         await right_pictures(shared)
@@ -70,13 +75,6 @@ async def test_a_plain_dds_subscriber_is_served_from_the_same_pipeline_which_is_
         assert (images[0].height, images[0].width, images[0].step) == (192, 320, 960)
         await right_pictures(shared)
         await until(lambda: len(decoder.pool.pids) == 2)  # one pipeline and, a while later, one spare
-        for pid in decoder.pool.pids:
-            os.kill(pid, signal.SIGKILL)
-        await until(lambda: "BACKING_OFF" in decoder.states[LOCAL])
-        await decoder.reaches("RUNNING")
-        await until(shared.get_publisher_count)
-        await right_pictures(shared, 20)
-        assert decoder.status[LOCAL].crashes >= 1
 
 
 async def test_broken_packets_are_counted_and_heal_and_a_stream_that_changes_its_size_is_followed(serve):
@@ -97,7 +95,7 @@ async def test_broken_packets_are_counted_and_heal_and_a_stream_that_changes_its
                     await subscription.take()
             assert s.last_error
             images = [await subscription.take(timeout_s=60) for _ in range(15)]
-            assert abs(level_of(images[-1]) - ns_from_stamp(images[-1].header.stamp) / 1e9) <= 3
+            assert is_right(images[-1])
         camera.size = (640, 368)
         async with camera.running():
             async with asyncio.timeout(60):
@@ -128,26 +126,6 @@ async def test_camera_info_is_relayed_unchanged_on_demand(serve):
         assert decoder.status[LOCAL].state == "IDLE", "nobody asked for the pictures"
 
 
-def discovery_event(kind: str):
-    event = default_message(DISCOVERY_EVENT)
-    return replace(event, agent="go2", event=getattr(event, kind), metadata=metadata(STREAM, codec="h264"))
-
-
-async def test_agents_come_and_go_by_discovery_events(serve):
-    topic = "/local/station/agent_discovery_event"
-    async with serve(streams=(), discovery_topic=topic) as (far, near, decoder), Camera(far).running():
-        subscription = near.create_subscription(IMAGE, LOCAL, qos=SENSOR_DATA, transport="shm")
-        discoverer = near.create_publisher(DISCOVERY_EVENT, topic, DISCOVERY_QOS)
-        await discoverer.wait_for_subscriptions(1, 10)
-        discoverer.publish(discovery_event("DISCOVERED"))
-        await right_pictures(subscription)
-        discoverer.publish(discovery_event("LOST"))
-        await decoder.reaches("GONE")
-        discoverer.publish(discovery_event("RETURNED"))
-        await decoder.reaches("RUNNING")
-        await right_pictures(subscription, 12)
-
-
 @pytest.mark.parametrize("side", ["local", "remote"])
 def test_an_interface_that_does_not_exist_is_one_clear_error_and_leaves_no_process(domains, side, capfd):
     sides = dict(zip(("remote", "local"), domains, strict=True))
@@ -168,3 +146,110 @@ async def test_as_a_process_it_reports_its_processes(domains, capfd):
         child.order(do="list")
         assert (await child.expect("processes", timeout_s=60))["pids"]
     assert (child.status, capfd.readouterr().err) == (0, "")
+
+
+# --- The first picture at once, from what a keeper replays.
+
+REPLAY = replay_topic(STREAM)
+ENDLESS = 200
+"""A group of pictures that outlasts the test: without a replay a late splicer would see nothing."""
+
+
+class NoisyCamera(Camera):
+    """Pictures that no two decoders would guess alike, in one group without end."""
+
+    def __init__(self, node) -> None:
+        super().__init__(node)
+        self.gop = ENDLESS
+
+    def picture(self, height: int, width: int) -> np.ndarray:
+        rng = np.random.default_rng(self.level)
+        return rng.integers(0, 255, (height // 16, width // 16, 3), np.uint8).repeat(16, 0).repeat(16, 1)
+
+
+def kept(node):
+    """A keeper beside the camera."""
+    return beside(StreamKeeper(node, KeeperSettings(streams=(STREAM,))).run())
+
+
+async def test_a_splicer_in_mid_group_sees_pictures_equal_to_continuous_decoding_and_the_replay_is_left(serve):
+    async with serve() as (far, near, decoder), kept(far):
+        camera = NoisyCamera(far)
+        await camera.publisher.wait_for_subscriptions(1, 15)
+        sent = []
+        tap = far.create_subscription(FFMPEG, STREAM, sent.append, qos=COMPRESSED_STREAM)
+        await tap.wait_for_publishers(1, 15)
+        async with camera.running():
+            await camera.shot(25)
+            began = camera.level
+            subscription = near.create_subscription(IMAGE, LOCAL, qos=SENSOR_DATA, transport="shm")
+            images = [await subscription.take(timeout_s=60) for _ in range(10)]
+            await until(lambda: not far.graph.subscriptions(REPLAY) and decoder.status[LOCAL].statistics)
+            said = decoder.status[LOCAL].statistics
+        assert number(images[0]) >= began, "the past is decoded and not shown"
+        assert said.replayed > 0
+        assert said.broken == 0
+        numbers = [number(image) for image in images]
+        assert numbers == list(range(numbers[0], numbers[0] + 10)), "no gap, no repetition"
+        continuous, expected = H264Decoder(), {}
+        for packet in sent:
+            (expected[number(packet)],) = continuous.decode_bgr(bytes(packet.data))
+        for image in images:
+            pixels = np.asarray(image.data).reshape(image.height, image.width, 3)
+            assert np.array_equal(pixels, expected[number(image)])
+
+
+async def test_a_pipeline_that_follows_another_shows_nothing_of_a_replay_from_before_what_was_seen(serve):
+    """Routers keep a replay on for two seconds, or until the lease of a reader that was killed runs out."""
+    async with serve() as (far, near, decoder):
+        camera, shown, packets = NoisyCamera(far), [], []
+        live, camera.publisher = camera.publisher, SimpleNamespace(publish=packets.append)
+        camera.gop = 20
+        async with camera.running():
+            await camera.shot(60)
+        past, coming = packets[:3], iter(packets[3:])
+        take = {"callback": lambda image: shown.append(number(image)), "qos": SENSOR_DATA, "transport": "shm"}
+        subscription = near.create_subscription(IMAGE, LOCAL, **take)
+
+        async def join():
+            """Send a replay of the past, of which a while later the rest comes, and then the stream."""
+            await until(subscription.get_publisher_count)
+            replay, seen = far.create_publisher(FFMPEG, REPLAY, REPLAY_QOS), len(shown)
+            for packet in past[:3]:
+                replay.publish(packet)
+            await until(lambda: (s := decoder.status[LOCAL].statistics) and s.replayed >= 3)
+            for packet in past[3:]:
+                replay.publish(packet)
+            while len(shown) < seen + 5:
+                past.append(next(coming))
+                replay.publish(past[-1])
+                live.publish(past[-1])
+                await asyncio.sleep(0.02)
+            replay.close()
+
+        await join()
+        for pid in decoder.pool.pids:
+            os.kill(pid, signal.SIGKILL)
+        await until(lambda: "BACKING_OFF" in decoder.states[LOCAL])
+        await decoder.reaches("RUNNING")
+        await join()
+        assert shown == sorted(set(shown))
+
+
+@pytest.mark.parametrize(("changes", "idle"), [({"spare": False}, 0), ({"refill": False}, 1)])
+async def test_the_papers_mode_does_not_replay_and_its_process_is_new_or_the_same(
+    serve, monkeypatch, changes, idle
+):
+    monkeypatch.setattr("sfglab.fleet.decoder.process.REFILL_DELAY_S", 0)
+    async with serve(replay=False, **changes) as (far, near, decoder):
+        before = decoder.pool.pids
+        assert len(before) == idle
+        camera = Camera(far)
+        async with kept(far), camera.running():
+            subscription = near.create_subscription(IMAGE, LOCAL, qos=SENSOR_DATA, transport="dds")
+            await subscription.take(timeout_s=60)
+            assert not far.graph.subscriptions(REPLAY)
+            assert len(decoder.pool.pids) == 1
+            subscription.close()
+            await until(lambda: decoder.status[LOCAL].state == "IDLE" and decoder.pool.pids == before)
+            assert decoder.pool.warm

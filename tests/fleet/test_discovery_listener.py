@@ -1,18 +1,12 @@
 """What a local consumer knows from discovery events, also when the discoverer is replaced."""
 
-import asyncio
-from contextlib import aclosing
-
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sfglab.bus import Node
 from sfglab.fleet.discovery import listener
 from sfglab.messages import default_message
 from sfglab.names import FqnError
-
-world = pytest.fixture(lambda live: live)
 
 OLD, NEW, NOBODY = b"o" * 16, b"n" * 16, bytes(16)
 
@@ -102,22 +96,3 @@ def test_in_the_end_the_last_discoverer_alone_decides(before, last):
     final = {agent: kind for agent, kind, _ in last}
     assert set(agents.agents) == {agent for agent, kind in final.items() if kind != "LOST"}
     assert folded == dict(agents.agents), "the changes tell the same as the whole"
-
-
-@pytest.mark.live
-async def test_live_what_was_announced_before_is_heard_and_a_new_discoverer_leaves_no_ghosts(here, address):
-    topic = listener.discovery_topic("station")
-    async with aclosing(
-        listener.agent_changes(here, topic, listener.KnownAgents(grace_ns=300_000_000))
-    ) as changes:
-        for announced, wanted in (
-            (("go2", "husky"), {(listener.Offered, "go2"), (listener.Offered, "husky")}),
-            (("husky",), {(listener.Withdrawn, "go2")}),  # nobody announced it again
-        ):
-            async with Node("discoverer", **address.options()) as far:
-                publisher = far.create_publisher(listener.DISCOVERY_EVENT, topic, listener.DISCOVERY_QOS)
-                for agent in announced:
-                    publisher.publish(event(agent))
-                async with asyncio.timeout(60):
-                    heard = [await anext(changes) for _ in wanted]
-                assert {(type(change), change.agent) for change in heard} == wanted

@@ -1,4 +1,4 @@
-"""Status and discovery on the simulated bus: the same code, the default waits, and hours in a second."""
+"""Status and discovery on the simulated bus: faults, default waits, and hours in a second; and as a process."""
 
 import asyncio
 from collections import Counter
@@ -7,15 +7,18 @@ from dataclasses import replace
 
 import pytest
 from test_discovery_registry import BEAT
+from waiting import DEADLINE_S, process
 
+from sfglab.bus import Node
+from sfglab.bus.api import RawEndpoint
 from sfglab.bus.sim import LinkModel, run_simulated
 from sfglab.component import beside
 from sfglab.fleet.discovery import listener
-from sfglab.fleet.discovery.node import AgentDiscoverer, DiscoverySettings
+from sfglab.fleet.discovery.node import AgentDiscoverer, DiscoveryConfig, DiscoverySettings
 from sfglab.fleet.status import heartbeat
 from sfglab.fleet.status.description import AgentDescription
 from sfglab.fleet.status.node import StatusProvider, StatusSettings
-from sfglab.messages import default_message, service_type
+from sfglab.messages import default_message, serialize, service_type
 from sfglab.qos import LATCHED
 
 sim = pytest.fixture(lambda: {"seed": 1, "limit_s": 700})
@@ -32,7 +35,7 @@ async def status(world, agent, *, offers=False):
 
 
 @asynccontextmanager
-async def discoverer(world, agent="station", *, offers=False):
+async def discoverer(world, agent="station", *, on_move=None, **settings):
     """A discoverer on a host of its own; yields it and (time in seconds, agent, event) of all its events."""
     async with world.node("discoverer", host=agent) as node:
         events = []
@@ -40,10 +43,34 @@ async def discoverer(world, agent="station", *, offers=False):
         def note(news):
             events.append((round(asyncio.get_running_loop().time(), 2), news.agent, news.event))
 
-        found = AgentDiscoverer(node, DiscoverySettings(agent=agent, offers=offers), on_event=note)
+        told = DiscoverySettings(agent=agent, **settings)
+        found = AgentDiscoverer(node, told, on_event=note, on_move=on_move)
         async with beside(found.run()) as (task,):
             yield found, events
             assert not task.done(), task.exception()
+
+
+class Fake:
+    """An agent that says and answers what it is told."""
+
+    def __init__(self, node, agent="go2", *, mute=False) -> None:
+        self.beat, self.may_answer = replace(BEAT, agent=agent, period_s=30.0), asyncio.Event()
+        if not mute:
+            self.may_answer.set()
+        self.asked = 0
+        self.publisher = node.create_publisher(heartbeat.AGENT_HEARTBEAT, heartbeat.heartbeat_topic(), LATCHED)
+        node.create_service(heartbeat.GET_METADATA, heartbeat.metadata_service(agent), self.answer)
+
+    def say(self) -> None:
+        self.publisher.publish(self.beat.to_message(0))
+
+    async def answer(self, _request):
+        self.asked += 1
+        await self.may_answer.wait()
+        response = default_message(service_type(heartbeat.GET_METADATA).response)
+        response.success, response.metadata.agent = True, self.beat.agent
+        response.metadata.incarnation, response.metadata.revision = self.beat.incarnation, self.beat.revision
+        return response
 
 
 async def sleep_until(time_s: float) -> None:
@@ -90,26 +117,60 @@ def test_everybody_in_a_fleet_finds_everybody_else_with_one_query_each(loss, off
     run_simulated(scenario, seed=3, link=LinkModel(loss=loss), limit_s=200)
 
 
-def test_an_agent_whose_service_is_found_late_is_asked_once():
-    async def scenario(world):
-        async with discoverer(world) as (found, events), world.node("status", host="go2") as node:
-            publisher = node.create_publisher(heartbeat.AGENT_HEARTBEAT, heartbeat.heartbeat_topic(), LATCHED)
-            publisher.publish(replace(BEAT, period_s=30.0).to_message(0))
-            await sleep_until(4)
-            response = default_message(service_type(heartbeat.GET_METADATA).response)
-            response.success, response.metadata.agent, response.metadata.incarnation = True, "go2", 7
+async def test_an_agent_whose_service_is_found_late_is_asked_once(sim):
+    async with discoverer(sim) as (found, events), sim.node("status", host="go2") as node:
+        publisher = node.create_publisher(heartbeat.AGENT_HEARTBEAT, heartbeat.heartbeat_topic(), LATCHED)
+        publisher.publish(replace(BEAT, period_s=30.0).to_message(0))
+        await sleep_until(4)
+        fake = Fake(node, mute=True)
+        await sleep_until(5.5)
+        fake.may_answer.set()
+        await sleep_until(10)
+        assert [event for _, _, event in events] == ["DISCOVERED"]
+        counts = found.status().counts
+        assert (counts["asked"], counts.get("failed", 0)) == (1, 0)
 
-            async def answer(_request):
-                await asyncio.sleep(1.5)
-                return response
 
-            node.create_service(heartbeat.GET_METADATA, heartbeat.metadata_service("go2"), answer)
-            await sleep_until(10)
-            assert [event for _, _, event in events] == ["DISCOVERED"]
-            counts = found.status().counts
-            assert (counts["asked"], counts.get("failed", 0)) == (1, 0)
+async def test_an_agent_that_never_answers_is_asked_again_and_not_more_often_than_is_counted(sim):
+    moves = []
+    async with discoverer(sim, on_move=moves.append) as (found, events), sim.node("fake", host="go2") as node:
+        fake = Fake(node, mute=True)
+        for _ in range(3):  # heartbeats while a query is outstanding ask nothing
+            fake.say()
+        await sleep_until(20)
+        assert found.status().agents[0].failures >= 4
+        assert events == []
+        fake.may_answer.set()
+        await sleep_until(60)
+        assert [event for _, _, event in events] == ["DISCOVERED"]
+        failed = [move for move in moves if move.given.name == "FAILED"]
+        assert found.status().counts["asked"] == fake.asked == len(failed) + 1
 
-    run_simulated(scenario, limit_s=20)
+
+async def test_at_most_so_many_agents_are_asked_at_once_and_all_in_the_end(sim):
+    async with discoverer(sim, max_queries=2) as (found, events), sim.node("fakes", host="x") as node:
+        fakes = [Fake(node, f"agent{n}x", mute=True) for n in range(6)]
+        for fake in fakes:
+            fake.say()
+        await sleep_until(1)
+        assert (found.status().counts["asked"], sum(fake.asked for fake in fakes)) == (6, 2)
+        for fake in fakes:
+            fake.may_answer.set()
+        await sleep_until(2)
+        assert Counter(event for _, _, event in events) == {"DISCOVERED": 6}
+
+
+async def test_bytes_that_are_no_heartbeat_are_counted_and_harmless(sim):
+    async with discoverer(sim) as (found, events), sim.node("fake", host="go2") as node:
+        broken = bytearray(serialize(replace(BEAT, agent="aaaa").to_message(0)))
+        broken[broken.index(b"aaaa") : broken.index(b"aaaa") + 2] = b"\xff\xfe"  # not UTF-8
+        topic = f"rt{heartbeat.heartbeat_topic()}"
+        raw = RawEndpoint(dds_topic=topic, type=heartbeat.AGENT_HEARTBEAT, qos=LATCHED, user_data=b"")
+        node.open_forwarder(node).open_writer(raw).write(bytes(broken), 0)
+        Fake(node).say()
+        await sleep_until(5)
+        assert found.status().counts["dropped_malformed"] == 1
+        assert [event for _, _, event in events] == ["DISCOVERED"]
 
 
 async def test_who_offers_nothing_or_is_spoken_for_by_two_is_asked_and_what_changes_is_offered_anew(sim):
@@ -137,15 +198,19 @@ async def test_who_offers_nothing_or_is_spoken_for_by_two_is_asked_and_what_chan
         assert (events[-1][1:], counts["event_updated"], counts["offered"]) == (("robot", "UPDATED"), 2, 2)
 
 
-async def test_an_agent_that_stays_away_is_forgotten_after_ten_minutes(sim):
+async def test_an_agent_that_is_gone_is_lost_its_next_start_restarted_and_it_is_forgotten_after_ten_minutes(
+    sim,
+):
     async with discoverer(sim) as (found, events):
-        async with status(sim, "go2"):
-            await sleep_until(5)
-        await sleep_until(600)
+        for begins_s in (0, 40):
+            await sleep_until(begins_s)
+            async with status(sim, "go2"):
+                await sleep_until(begins_s + 5)
+        await sleep_until(640)
         assert [a.state.name for a in found.status().agents] == ["LOST"]
-        await sleep_until(620)
+        await sleep_until(660)
         assert found.status().agents == ()
-        assert [event for _, _, event in events] == ["DISCOVERED", "LOST"]
+        assert [event for _, _, event in events] == ["DISCOVERED", "LOST", "RESTARTED", "LOST"]
 
 
 async def test_a_consumer_that_comes_after_a_thousand_events_still_hears_of_everybody(sim):
@@ -173,3 +238,23 @@ async def test_a_consumer_that_comes_after_a_thousand_events_still_hears_of_ever
                 assert set(agents.agents) == {"quiet", "busy"}
                 assert agents.agents["busy"].software == ["1099"]
         assert found.status().counts["event_discovered"] == 3
+
+
+@pytest.mark.live
+async def test_as_a_process_it_reports_events_moves_and_what_it_knows(address):
+    config = DiscoveryConfig(address=address, settings=DiscoverySettings(agent="station"), report_moves=True)
+    async with Node("there", **address.options()) as there:
+        Fake(there).say()
+        async with process("sfglab.fleet.discovery.node", config) as child:
+            reports = []
+            child.on_report = reports.append
+            await child.expect("event", timeout_s=DEADLINE_S)
+            child.order(report=True)
+            status = await child.expect("status", timeout_s=DEADLINE_S)
+    assert child.status == 0
+    assert reports[0] == {"is": "ready"}
+    first, event = reports[1], next(r for r in reports if r["is"] == "event")
+    assert (first["before"], first["given"], first["actions"]) == ("UNKNOWN", "HEARD", ["QUERY"])
+    assert (event["agent"], event["event"], event["incarnation"]) == ("go2", "DISCOVERED", 7)
+    assert [(a["agent"], a["state"]) for a in status["agents"]] == [("go2", "ACTIVE")]
+    assert status["counts"]["asked"] == 1

@@ -263,12 +263,6 @@ def world():
             runner.run(fleet.end())
 
 
-def test_the_agents_discover_each_other_and_pictures_cross_the_fleet(world):
-    fleet, run = world
-    run(fleet.is_together())
-    run(fleet.shows_new_pictures())
-
-
 @pytest.mark.parametrize(
     ("agent", "component"),
     [

@@ -2,19 +2,17 @@
 
 import asyncio
 from contextlib import asynccontextmanager
-from dataclasses import asdict
 
-import numpy as np
 import pytest
-from cameras import behind_router
+from cameras import behind_router, packet_message, rolled
 
 from sfglab.bus.sim import LinkModel, run_simulated
-from sfglab.codecs import TABLE_2, H264Encoder, ffmpeg_packet_fields
+from sfglab.codecs import TABLE_2
 from sfglab.component import beside
 from sfglab.fleet.decoder.pipeline import PATIENCE_S, Statistics, run_pipeline
 from sfglab.fleet.decoder.streams import routes_of_topic
 from sfglab.fleet.gop_cache import FFMPEG_PACKET, KeeperSettings, StreamKeeper
-from sfglab.messages import default_message, message_type
+from sfglab.messages import default_message
 from sfglab.qos import COMPRESSED_STREAM
 
 STREAM = "/global/edge/camera_front/color/ffmpeg"
@@ -24,15 +22,8 @@ FPS = TABLE_2.fps
 
 @pytest.fixture(scope="module")
 def packets():
-    rng = np.random.default_rng(0)
-    still = rng.integers(0, 255, (45, 80, 3), np.uint8).repeat(8, 0).repeat(8, 1)
-    encoder, made = H264Encoder(TABLE_2), []
-    for number in range(FRAMES):
-        for frame in encoder.encode(np.roll(still, 3 * number, axis=1)):
-            fields = asdict(ffmpeg_packet_fields(frame, TABLE_2))
-            fields["data"] = np.frombuffer(fields["data"], np.uint8)
-            made.append(message_type(FFMPEG_PACKET)(header=default_message("std_msgs/msg/Header"), **fields))
-    return made
+    header = default_message("std_msgs/msg/Header")
+    return [packet_message(fields, header) for fields in rolled(TABLE_2, FRAMES)]
 
 
 class Screen:

@@ -6,10 +6,11 @@ from typing import Self
 
 import numpy as np
 import pytest
+from cameras import rolled
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sfglab.codecs import FFMPEG_PACKET, H264Encoder, H264Settings, ffmpeg_packet_fields, image_decoder
+from sfglab.codecs import FFMPEG_PACKET, H264Settings, image_decoder
 from sfglab.fleet.decoder.splicer import MOST_AHEAD, Phase, Source, Splicer
 from sfglab.fleet.gop_cache import FLAG_DISCARD, FLAG_KEY, GopCache
 
@@ -175,10 +176,7 @@ SETTINGS = H264Settings(width=320, height=192, fps=30, bitrate_bps=600_000, gop=
 
 @pytest.fixture(scope="module")
 def packets():
-    encoder, rng = H264Encoder(SETTINGS), np.random.default_rng(0)
-    still = rng.integers(0, 255, (24, 40, 3), np.uint8).repeat(8, 0).repeat(8, 1)
-    frames = [frame for n in range(3 * GROUP) for frame in encoder.encode(np.roll(still, 3 * n, axis=1))]
-    return [ffmpeg_packet_fields(frame, SETTINGS) for frame in frames]
+    return rolled(SETTINGS, 3 * GROUP)
 
 
 @pytest.fixture(scope="module")

@@ -37,11 +37,6 @@ def test_a_prefix_is_put_in_front_once(frame):
     assert GO2.outward(f"/{frame}") == outside, "tf2 takes a leading slash for nothing"
 
 
-def test_odom_is_every_agents_own_and_map_is_everybodys():
-    assert GO2.outward("odom") == "go2/odom"
-    assert [GO2.outward(frame) for frame in ("map", "earth", "world")] == ["map", "earth", "world"]
-
-
 @pytest.mark.parametrize("child", ["map", "/map", "b1/base", "b1/base/x", ""])
 def test_an_agent_cannot_move_a_frame_that_is_not_its_own(child):
     with pytest.raises(FrameClashError, match=r"outward transform.*allowed.*'go2/'") as caught:

@@ -5,13 +5,15 @@ from collections import deque
 from dataclasses import replace
 
 import pytest
-from hypothesis import HealthCheck, settings
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
+from hypothesis.stateful import RuleBasedStateMachine, invariant, rule, run_state_machine_as_test
 
 from sfglab.bus.api import EndpointAdded, EndpointInfo, EndpointKind, EndpointRemoved, user_data
-from sfglab.fleet.policy import Direction, Policy, ReaderSpec, Side, WriterSpec
+from sfglab.fleet.policy import TABLE_1, Crossing, Direction, ForwardRule, Policy, ReaderSpec, Side, WriterSpec
 from sfglab.fleet.router.plan import PATIENCE_NS, ROUTER_KEY, Close, Forget, Judge, Open, Plan
+from sfglab.lab.checks.routing import in_table_1
+from sfglab.names import ResourceKind
 from sfglab.qos import DEFAULT, LATCHED, SENSOR_DATA, incompatibilities
 
 SECOND = 10**9
@@ -309,14 +311,11 @@ class CrossedFleet(Fleet):
 _SETTINGS = settings(
     max_examples=150, stateful_step_count=30, deadline=None, suppress_health_check=[HealthCheck.too_slow]
 )
-TestFleet = Fleet.TestCase
-TestFleet.settings = _SETTINGS
-TestOfferingFleet = OfferingFleet.TestCase
-TestOfferingFleet.settings = _SETTINGS
-TestDoubledFleet = DoubledFleet.TestCase
-TestDoubledFleet.settings = _SETTINGS
-TestCrossedFleet = CrossedFleet.TestCase
-TestCrossedFleet.settings = _SETTINGS
+
+
+@pytest.mark.parametrize("machine", [Fleet, OfferingFleet, DoubledFleet, CrossedFleet])
+def test_paths_are_where_they_belong_whatever_comes_and_goes(machine):
+    run_state_machine_as_test(machine, settings=_SETTINGS)
 
 
 def two_agents(*, offers: bool = False) -> tuple[World, Router, Router]:
@@ -476,3 +475,39 @@ def test_a_request_does_not_wait_for_ever_and_a_client_that_left_is_forgotten():
     one.tick()
     assert services.passes(silent)
     assert one.plan.deadline_ns is None
+
+
+# --- Policies other than Table 1: rules of one direction, half of a service, and more rules.
+
+segments = st.from_regex(r"[A-Za-z_][A-Za-z0-9_]{0,8}", fullmatch=True)
+near = st.sampled_from(["global", "local", "tf", "tf_static", "globally", "global_x", "GLOBAL", "tf2"])
+ros_names = st.lists(near | segments, min_size=1, max_size=5).map("/".join)
+tails = st.sampled_from(["", "Request", "Reply", "/_action/feedback"])
+prefixes = st.sampled_from(["rt", "rq", "rr", "rs", "rp", "RT", "rt ", ""])
+dds_names = st.builds(lambda p, n, t: f"{p}/{n}{t}", prefixes, ros_names, tails) | st.text(max_size=30)
+
+
+@given(dds_names)
+def test_a_rule_of_one_direction_lets_nothing_cross_against_it(name):
+    outward = tuple(replace(rule, directions=frozenset({Direction.OUTWARD})) for rule in TABLE_1)
+    policy = Policy(rules=outward)
+    assert policy.crosses(name, Direction.OUTWARD) is in_table_1(name)
+    assert not policy.crosses(name, Direction.INWARD)
+    assert policy.domains(name, Side.GLOBAL) == frozenset({Side.GLOBAL})
+
+
+def test_a_service_whose_replies_stay_is_half_open():
+    policy = Policy(rules=tuple(rule for rule in TABLE_1 if rule.pattern != "rr/global/*"))
+    crossing = policy.crossing("/global/go2/get_metadata", ResourceKind.SERVICE, Direction.OUTWARD)
+    assert crossing is Crossing.HALF
+
+
+@given(
+    st.lists(st.sampled_from([rule.pattern for rule in TABLE_1] + ["rt/local/*", "*", "rt/??"]), max_size=3),
+    dds_names,
+)
+def test_more_rules_never_let_less_cross(patterns, name):
+    rules = tuple(ForwardRule(pattern=pattern, description="") for pattern in patterns)
+    more = Policy(rules=(*TABLE_1, *rules))
+    for way in Direction:
+        assert more.crosses(name, way) >= Policy().crosses(name, way)

@@ -3,25 +3,32 @@
 import asyncio
 import sys
 from contextlib import asynccontextmanager
-from dataclasses import asdict
+from dataclasses import asdict, replace
+from types import SimpleNamespace
 
 import pytest
 from cameras import FFMPEG, IMAGE, LOCAL, STREAM, behind_router, everything
 from test_decoder_streams import metadata
+from test_discovery_registry import BEAT, TIMING, S
 from test_routing_frames import GO2, pairs, tf
 
+from sfglab.bus import Node
 from sfglab.bus.sim.backend import SimClock
 from sfglab.component import beside
 from sfglab.fleet.decoder.node import AgentDecoder
 from sfglab.fleet.decoder.pipeline import Statistics
 from sfglab.fleet.decoder.streams import Route, routes_of_agent
+from sfglab.fleet.discovery.lifecycle import ANNOUNCEMENTS, Action
 from sfglab.fleet.discovery.listener import DISCOVERY_EVENT, discovery_topic
 from sfglab.fleet.discovery.node import AgentDiscoverer, DiscoverySettings
+from sfglab.fleet.discovery.registry import Registry
 from sfglab.fleet.discovery.screening import MAX_STREAMS, admitted
 from sfglab.fleet.router import frames
 from sfglab.fleet.router.frames import MAX_FRAME, TF_TYPE, TransformGate
+from sfglab.fleet.status.description import AgentDescription
 from sfglab.fleet.status.heartbeat import AGENT_HEARTBEAT, Heartbeat, heartbeat_topic
-from sfglab.messages import default_message, service_type
+from sfglab.fleet.status.node import StatusProvider, StatusSettings
+from sfglab.messages import default_message, deserialize, service_type
 from sfglab.qos import LATCHED, QoSProfile
 
 METADATA, PC = "sfglab_interfaces/srv/GetMetadata", DiscoverySettings(agent="pc")
@@ -152,13 +159,31 @@ async def test_who_came_second_is_decoded_when_the_first_has_gone(sim, caplog):
         assert await let_end() == []
 
 
-async def test_a_pipeline_process_that_hangs_is_replaced(sim, caplog, monkeypatch):
-    look = "sfglab.fleet.decoder.node.HangWatch.look"
+@pytest.mark.parametrize("spare", [False, True], ids=["which had begun", "a spare that never does"])
+async def test_a_pipeline_process_that_hangs_is_replaced(sim, caplog, monkeypatch, spare):
+    order, look = Pipe.order, "sfglab.fleet.decoder.node.HangWatch.look"
+    if spare:
+        monkeypatch.setattr(Pipe, "order", lambda pipe, **said: order(pipe, **said) if pipe.pid > 1 else None)
     monkeypatch.setattr(look, lambda _, pid: "it was stopped" if pid == 1 else "")
-    async with decoding(sim) as (pool, offer, _):
+    async with decoding(sim) as (pool, offer, let_end):
         await offer("go2", "h264")
-        await asyncio.sleep(5)
-        assert ([pipe.pid for pipe in pool], "it was stopped" in caplog.text) == ([1, 2], True)
+        await asyncio.sleep(5)  # it may take 10 s to start
+        assert ([pipe.pid for pipe in pool], await let_end()) == ([1, 2], ["RUNNING"])
+        assert "it was stopped" in caplog.text
+
+
+async def test_a_decoder_that_is_told_to_end_as_something_happens_ends(sim, monkeypatch):
+    monkeypatch.setattr(Pipe, "order", lambda *_, **__: None)  # so that a time-out of its runs
+    async with sim.node("decoder", host="pc") as node:
+        node.create_subscription(IMAGE, LOCAL)
+        decoder = AgentDecoder(node, pool := Pool(), offers=False)
+        stream = {"source_topic": STREAM, "source_type": FFMPEG, "local_topic": LOCAL}
+        decoder.offer("go2", [Route(agent="go2", codec="h264", **stream)])
+        async with beside(decoder.run()) as (task,):
+            await asyncio.sleep(0.5)
+            pool[0].owner(pool[0], {"is": "opened"})
+            task.cancel()
+            assert (await asyncio.wait({task}, timeout=5))[0]
 
 
 async def test_whoever_saw_a_killed_pipeline_waits_for_the_stream_and_who_comes_back_for_what_is_newer(sim):
@@ -188,16 +213,6 @@ async def test_a_decoder_that_starts_anew_resumes_what_somebody_watches(sim):
         await asyncio.sleep(0.5)
         await offer("go2", "h264")
         assert [pipe.stream.after for pipe in pool] == [sys.maxsize]
-
-
-async def test_a_spare_that_was_stopped_before_it_was_lent_is_replaced(sim, monkeypatch):
-    order = Pipe.order
-    monkeypatch.setattr(Pipe, "order", lambda pipe, **said: order(pipe, **said) if pipe.pid > 1 else None)
-    monkeypatch.setattr("sfglab.fleet.decoder.node.HangWatch.look", lambda _, pid: "stopped" * (pid == 1))
-    async with decoding(sim) as (pool, offer, let_end):
-        await offer("go2", "h264")
-        await asyncio.sleep(5)  # it may take 10 s to start
-        assert ([pipe.pid for pipe in pool], await let_end()) == ([1, 2], ["RUNNING"])
 
 
 async def test_a_clock_that_is_set_back_keeps_no_stream_waiting(sim, monkeypatch):
@@ -308,3 +323,134 @@ async def test_a_static_transform_that_was_refused_is_read_again_when_its_rival_
         assert router.status.clashed == 1
         rival.close()
         assert (await heard.take(20)).transforms[0].header.frame_id == "world"
+
+
+# --- Heartbeats in somebody's name, two of one name, and made-up agents.
+
+SPOOFS = {
+    "a later start": {"incarnation": 2**63 - 1},
+    "an earlier start": {"incarnation": 1},
+    "the same start": {},
+    "another revision": {"revision": 2**32 - 1},
+}
+
+
+def life(spoof: dict, times_s, dies_s: float, until_s: float):
+    """A world in which go2 beats once a second until it dies, and answers: events, counts, alarms."""
+    alarms, told, failing = {}, [], {}
+    registry = Registry("station", timing=TIMING, on_alarm=alarms.__setitem__)
+
+    def carry_out(orders, now_ns):
+        for order in orders:
+            if order.action in ANNOUNCEMENTS:
+                told.append((now_ns / S, order.event))
+            elif order.action is Action.ABANDON:
+                failing.pop(order.query, None)
+            elif now_ns / S < dies_s:
+                answer = SimpleNamespace(agent="go2", incarnation=7, revision=0)
+                carry_out(registry.answered("go2", order.query, answer, now_ns=now_ns), now_ns)
+            else:
+                failing[order.query] = now_ns + 2 * S
+
+    for step in range(round(until_s * 4)):
+        now_ns = step * S // 4
+        carry_out(registry.due(now_ns), now_ns)
+        for query in [query for query, at_ns in failing.items() if at_ns <= now_ns]:
+            del failing[query]
+            carry_out(registry.failed("go2", query, now_ns=now_ns), now_ns)
+        if now_ns / S in times_s:
+            spoofed = replace(BEAT, period_s=60.0, **spoof)
+            carry_out(registry.heard(spoofed, b"evil", now_ns=now_ns), now_ns)
+        if step % 4 == 0 and now_ns / S < dies_s:
+            carry_out(registry.heard(BEAT, b"real", now_ns=now_ns), now_ns)
+    return told, registry.counts, alarms
+
+
+@pytest.mark.parametrize("spoof", SPOOFS.values(), ids=SPOOFS)
+@pytest.mark.parametrize(
+    "times_s", [{0.0}, {5.5}, {n / 2 for n in range(400)}], ids=["first", "later", "often"]
+)
+def test_spoofed_heartbeats_hide_neither_an_agent_nor_its_death_and_two_that_go_on_are_reported(spoof, times_s):
+    told, counts, alarms = life(spoof, times_s, dies_s=60, until_s=200)
+    assert [event for _, event in told] == ["DISCOVERED", "LOST"]
+    assert 60 < told[1][0] <= 85
+    said = [sentence for sentence in alarms.values() if "two speak for agent 'go2'" in sentence]
+    assert (len(said), counts["twins"] > 50) == ((1, True) if len(times_s) > 1 else (0, False))
+    assert all(gid.hex() in sentence for gid in (b"evil", b"real") for sentence in said)
+    assert counts["asked"] < 60, "who was refused is not asked about at every beat"
+
+
+def test_two_agents_of_one_name_say_so_themselves_and_a_restart_is_none():
+    alarms = []
+    registry = Registry("go2", timing=TIMING, on_alarm=lambda _, sentence: alarms.append(sentence))
+    for second in range(3):
+        registry.heard(BEAT, b"mine", now_ns=second * S)
+    for second in range(3, 6):
+        registry.heard(replace(BEAT, incarnation=8), b"mine anew", now_ns=second * S)
+    assert alarms == []
+    for second in range(6, 9):
+        registry.heard(replace(BEAT, incarnation=8), b"mine anew", now_ns=second * S)
+        registry.heard(replace(BEAT, incarnation=5), b"other", now_ns=second * S + 1)
+    assert any(b"mine anew".hex() in said and b"other".hex() in said for said in alarms)
+    assert registry.counts["twins"] > 0
+
+
+@pytest.mark.parametrize("publishers", [1, 50])
+async def test_a_real_agent_is_discovered_beside_a_thousand_made_up_ones(sim, publishers):
+    found = asyncio.Event()
+    loop = asyncio.get_running_loop()
+    async with sim.node("discoverer", host="pc") as node, sim.node("evil", host="evil") as evil:
+        discoverer = AgentDiscoverer(node, PC, on_event=lambda _: found.set())
+        qos = replace(LATCHED, depth=1000)
+        made_up = [evil.create_publisher(AGENT_HEARTBEAT, heartbeat_topic(), qos) for _ in range(publishers)]
+
+        async def shout():
+            while True:
+                for n in range(1000):
+                    beat = replace(BEAT, agent=f"x{n}y", incarnation=n, period_s=5.0)
+                    made_up[n % publishers].publish(beat.to_message(0))
+                await asyncio.sleep(2)
+
+        async with beside(discoverer.run(), shout()), sim.node("status", host="go2") as real:
+            await asyncio.sleep(1)
+            started_s = loop.time()
+            async with beside(StatusProvider(real, StatusSettings(agent="go2")).run()):
+                await asyncio.wait_for(found.wait(), 30)
+        assert loop.time() - started_s < 5
+        assert len(discoverer.status().agents) <= 500
+
+
+@pytest.mark.live
+async def test_nothing_is_kept_of_a_message_that_is_larger_than_its_process_takes(free_domains):
+    one, other = free_domains(2)
+    qos, small = QoSProfile(depth=10), {"max_sample_bytes": 1 << 20}
+    async with (
+        Node("big", domain_id=one, interface="lo") as sender,
+        Node("small", domain_id=other, external_domain_id=one, interface="lo", **small) as taker,
+    ):
+        heard = taker.create_subscription("std_msgs/msg/String", "/x", qos=qos)
+        publisher = sender.create_publisher("std_msgs/msg/String", "/x", qos)
+        await publisher.wait_for_subscriptions(1, 30)
+        for size in (4 << 20, 1000, 20 << 20, 2000):
+            message = default_message("std_msgs/msg/String")
+            message.data = "x" * size
+            publisher.publish(message)
+        assert [len((await heard.take(30)).data) for _ in range(2)] == [1000, 2000]
+
+
+async def test_a_description_that_is_too_large_is_not_read(sim, monkeypatch):
+    read = []
+
+    def reading(cdr, type_):
+        if len(cdr) > 1000:
+            read.append(type_)
+        return deserialize(cdr, type_)
+
+    monkeypatch.setattr("sfglab.bus.service.deserialize", reading)
+    software = tuple("x" * 200 for _ in range(1000))
+    settings = StatusSettings(agent="go2", description=AgentDescription(software=software))
+    async with sim.node("discoverer", host="pc") as node, sim.node("status", host="go2") as real:
+        discoverer = AgentDiscoverer(node, PC)
+        async with beside(discoverer.run(), StatusProvider(real, settings).run()):
+            await asyncio.sleep(10)
+        assert (discoverer.status().counts["failed"] > 1, read) == (True, [])

@@ -17,6 +17,7 @@ from sfglab.messages import message_type
 WAITS = {"start_ns": 100, "stop_ns": 50, "backoff_ns": 4, "backoff_max_ns": 20, "stable_ns": 1000}
 MODULES = {"component": supervision, "pipeline": pipelines, "replay": gop_cache}
 START = {"component": "NEW", "pipeline": "IDLE", "replay": "IDLE"}
+ENDS = {"component": supervision.REST, "pipeline": {pipelines.State.GONE}}
 machines = pytest.mark.parametrize("name", MODULES)
 
 
@@ -116,27 +117,28 @@ def test_a_component_that_exits_before_it_ever_served_is_given_up_else_tried_aga
     assert (life.state is supervision.State.FAILED) == (action == "GIVE_UP")
 
 
-@pytest.mark.parametrize("prefix", ["", "BEGIN", "BEGIN READY", "BEGIN TIMER", "BEGIN ENDED", "BEGIN REFUSED"])
-def test_told_to_stop_a_component_ends_wherever_it_stands(prefix):
-    walk = Walk("component", f"{prefix} TOLD_TO_STOP")
-    if walk.state == "STOPPING":
+@pytest.mark.parametrize(
+    ("name", "prefix"),
+    [
+        *(("component", f"BEGIN {then}") for then in ("", "READY", "TIMER", "ENDED", "REFUSED")),
+        *(("pipeline", f"WANTED {then}") for then in ("", "STARTED")),
+        *(("component", ""), ("pipeline", "")),
+    ],
+)
+def test_told_to_end_one_does_wherever_it_stands(name, prefix):
+    told = {"component": "TOLD_TO_STOP", "pipeline": "WITHDRAWN"}[name]
+    walk = Walk(name, f"{prefix} {told}")
+    if walk.state in ("STOPPING", "LEAVING"):
         walk.feed("ENDED")
-    assert walk.machine.state in supervision.REST
+    assert walk.machine.state in ENDS[name]
     assert walk.deadline_ns is None
-    assert walk.feed("TOLD_TO_STOP") == []
+    if name == "component":
+        assert walk.feed(told) == []
 
 
 def test_told_to_stop_while_it_is_replaced_a_component_keeps_the_deadline_of_its_end():
     walk = Walk("component", "BEGIN TIMER TOLD_TO_STOP")
     assert (walk.state, walk.deadline_ns) == ("STOPPING", WAITS["stop_ns"])
-
-
-@pytest.mark.parametrize("prefix", ["", "WANTED", "WANTED STARTED"])
-def test_a_withdrawn_stream_ends_gone(prefix):
-    walk = Walk("pipeline", f"{prefix} WITHDRAWN")
-    if walk.state == "LEAVING":
-        walk.feed("ENDED")
-    assert walk.state == "GONE"
 
 
 def test_a_replay_waits_until_its_reader_had_time_to_connect():
@@ -147,7 +149,7 @@ def test_a_replay_waits_until_its_reader_had_time_to_connect():
 @machines
 def test_every_state_is_reached_and_only_ends_have_no_way_out(name):
     module = MODULES[name]
-    ends = {"component": supervision.REST, "pipeline": {pipelines.State.GONE}}.get(name, set())
+    ends = ENDS.get(name, set())
     reached = {move[0] for move in module.TRANSITIONS.values()}
     assert reached | {module.State[START[name]]} == set(module.State)
     for state in module.State:

@@ -11,7 +11,7 @@ import time
 from contextlib import closing
 from pathlib import Path
 
-import nbformat
+from lab_page import ANSWER_S, HANDLE, OPTIONS, run_all, write_notebook
 from PIL import Image, ImageDraw
 
 from sfglab.lab.browser import Browser, free_port
@@ -20,19 +20,13 @@ from sfglab.lab.paths import find_project
 CELL = """from sfglab.lab.experiments import transmission
 from sfglab.lab.explore import explore
 explore(transmission.exp)"""
-READY = "window.jupyterapp?.shell.currentWidget?.sessionContext?.session?.kernel?.status === 'idle'"
 PICTURE = "document.querySelector('.jp-OutputArea img')?.naturalWidth > 0"
 SOURCE = "document.querySelector('.jp-OutputArea img').src"
 PLACE = """(() => { const b = document.querySelector('.jp-OutputArea').getBoundingClientRect();
   return [b.x, b.y, b.width, b.height]; })()"""
-HANDLE = """(() => { const row = [...document.querySelectorAll('.widget-slider')].find(
-  r => r.querySelector('label').innerText.trim() === '%s');
-  const track = row.querySelector('.noUi-base').getBoundingClientRect();
-  const handle = row.querySelector('.noUi-handle').getBoundingClientRect();
-  return [handle.x + handle.width / 2, handle.y + handle.height / 2, track.x, track.width]; })()"""
 MOVES = (("loss", (0.25, 0.45, 0.65)), ("depths", (0.1, 0.5)))
 WIDTH, HEIGHT, BAR, WIDEST_PX = 1180, 900, 30, 860
-ANSWER_S, LATEST_S, SETTLES_S = 240, 15, 2.0
+LATEST_S, SETTLES_S = 15, 2.0
 
 
 def shoot(browser, frames, pointer):
@@ -83,21 +77,17 @@ def write(frames, to):
 
 def main(to):
     root = find_project().root
-    notebook = nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell(CELL)])
-    notebook.metadata.kernelspec = {"name": "python3", "display_name": "Python 3 (ipykernel)"}
     (root / "runs").mkdir(exist_ok=True)
-    nbformat.write(notebook, root / "runs" / "film.ipynb")
+    write_notebook(root / "runs" / "film.ipynb", CELL)
     port = free_port()
-    argv = [sys.executable, "-m", "sfglab", "lab", "--", "--no-browser", f"--ServerApp.port={port}"]
-    argv += ["--IdentityProvider.token=", "--LabApp.expose_app_in_browser=True"]
+    argv = [sys.executable, "-m", "sfglab", "lab", "--", *OPTIONS, f"--ServerApp.port={port}"]
     server = subprocess.Popen(argv, stderr=subprocess.PIPE, text=True)
     try:
         next(line for line in server.stderr if "is running at" in line)
         with closing(Browser(WIDTH, HEIGHT)) as browser:
             browser.open(f"http://127.0.0.1:{port}/lab/tree/runs/film.ipynb?reset")
-            browser.wait_for(READY, ANSWER_S)
-            for command in ("application:toggle-left-area", "notebook:run-all-cells"):
-                browser.evaluate(f"void jupyterapp.commands.execute('{command}')")
+            run_all(browser)
+            browser.evaluate("void jupyterapp.commands.execute('application:toggle-left-area')")
             browser.wait_for(PICTURE, ANSWER_S)
             time.sleep(2 * SETTLES_S)
             frames = []

@@ -1,9 +1,8 @@
 """A machine to press follows its own table; what the table refuses is said, and recorded runs are stepped."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
+from made_logs import reference
 from matplotlib.figure import Figure
 
 from sfglab.bus.actions.goals import TRANSITIONS as GOALS
@@ -22,7 +21,6 @@ from sfglab.soc.gateway import State as CoreState
 from sfglab.soc.gateway import transitions
 
 pytest.importorskip("anywidget")
-REFERENCE = Path(__file__).parents[2] / "data" / "reference" / "lifecycle.mcap"
 TABLES = [(TRANSITIONS, State.UNKNOWN), (REPLAY, ReplayState.IDLE), (GOALS, GoalStatus.ACCEPTED)]
 TABLES += [(transitions(), CoreState.START)]
 
@@ -56,7 +54,7 @@ def test_every_transition_and_state_of_the_life_cycle_is_drawn_and_says_what_it_
 
 
 def test_a_recorded_run_is_stepped_left_by_hand_and_undone():
-    run = lifecycle.exp.load(REFERENCE)
+    run = reference(lifecycle.exp)
     machine = lifecycle.press_states(run)
     walker = "walker, seen by station"
     machine.choice.value = walker

@@ -3,25 +3,21 @@
 import asyncio
 from dataclasses import replace
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 import pytest
-from matplotlib.text import Text
+from made_logs import broken, reference
 
 from sfglab.arp.cache import Decision
 from sfglab.arp.robots import SENSORS
-from sfglab.lab.claims import How
 from sfglab.lab.experiments.balancing import exp, experiment, staleness
 from sfglab.lab.experiments.balancing.experiment import QOS, readings, staleness_of
 from sfglab.lab.experiments.balancing.optimum import balance_checks, balance_rows
-from sfglab.lab.workers.preview import draw_look, preview
 from sfglab.rtps import Drop, Fate, FlowOutcome
 from sfglab.units import NS_PER_S
 
-ROOT = Path(__file__).parents[2]
 SMALL = {"rates_hz": (100,), "stale_s": 5.0, "stale_seeds": 1, "weights": 2}
-REFERENCE = exp.load(ROOT / "data/reference/balancing.mcap")
+REFERENCE = reference(exp)
 
 
 @pytest.fixture
@@ -47,9 +43,10 @@ def test_a_cache_that_forgets_a_change_fails_its_checks(small_run, monkeypatch):
 
     monkeypatch.setattr(experiment, "LocalCache", Deaf)
     run = small_run("deaf")
-    broken = set(run["check"]["check"][run["check"]["held"] < run["check"]["checked"]])
-    assert "LC: the station always knows the sensor's value" in broken
-    assert "LC: the model's compiled cache lets the same readings pass" in broken
+    assert broken(run["check"]).keys() >= {
+        "LC: the station always knows the sensor's value",
+        "LC: the model's compiled cache lets the same readings pass",
+    }
     assert exp.measure(run)["B-LC"].estimate.value < 1
 
 
@@ -87,35 +84,6 @@ def test_a_wrong_optimum_fails_its_checks():
     assert [c.check for c in balance_checks(both) if c.held < c.checked] == found[1:], "Eq. 5 by itself"
 
 
-def test_a_run_fills_its_claims_and_gives_the_same_again(small_run):
+def test_a_run_gives_the_same_again(small_run):
     one, two = small_run("one"), small_run("two")
     assert all(one.table(table).equals(two.table(table)) for table in exp.tables)
-    measured = exp.measure(one)
-    assert set(measured) == {"B-LC", "B-CC", "B-OPT", "B-TAB1"}
-    assert all(m.estimate.value == 1 and m.how is How.EXACT for m in measured.values())
-    assert set(exp.figures(one)) == {"balancing_caches", "balancing_stale", "balancing_qos"}
-
-
-def test_the_front_has_a_trade_off_and_the_printed_optimum_is_no_better():
-    front = REFERENCE["front"]
-    for _, group in front.groupby("rate_max_hz"):
-        ours = group[group["method"] == "ours"].sort_values("freshness")
-        assert (ours["latency_ms"].diff().dropna() >= -1e-6).all(), "fresher is later"
-        printed = group[group["method"] == "printed"].iloc[0]
-        assert (ours["up_to_date"].max()) > printed["up_to_date"]
-    assert (front[front["method"] == "ours"]["utilisation"] <= 0.9 + 1e-6).all()
-
-
-@pytest.mark.parametrize(
-    ("look", "turned", "said"),
-    [
-        ("caches", {"silences_s": (2.0,), "loss": 0.5}, ("loses 50%", "silence at most 2 s")),
-        ("optimum", {"rates_min_hz": (30.0,), "rates_hz": (100,), "weights": 2}, ("CVXPY", "Rmax 100 Hz")),
-    ],
-)
-async def test_a_look_follows_what_is_turned(look, turned, said):
-    config = exp.config(**{**exp.looks[look].start, "readings_s": 2.0, "stale_s": 20.0, **turned})
-    async with preview(exp, look, config) as run:
-        figure = draw_look(exp, look, run)
-    text = " ".join(found.get_text() for found in figure.findobj(Text))
-    assert all(word in text for word in said)

@@ -4,16 +4,14 @@ import asyncio
 import shutil
 
 import pytest
-from made_logs import made_run
+from made_logs import made_run, reference
 
 from sfglab.lab.baselines import PART, REAL, STAND_IN, beside, compared
 from sfglab.lab.bench import Options
 from sfglab.lab.experiments import decode_once, discovery, latency
-from sfglab.lab.paths import find_project
 from sfglab.lab.ros2 import RosMissingError, distribution, distributions
 
 EXPERIMENTS = [discovery.exp, latency.exp, decode_once.exp]
-REFERENCES = find_project().reference_logs
 
 
 def rows(kind, factor):
@@ -45,7 +43,7 @@ def test_what_was_measured_apart_counts_beside_a_log_without_it(tmp_path):
 
 @pytest.mark.parametrize("exp", EXPERIMENTS, ids=lambda exp: exp.name)
 def test_the_reference_has_both_sides_and_no_other_claims(exp, monkeypatch):
-    run = exp.load(REFERENCES / f"{exp.name}.mcap")
+    run = reference(exp)
     assert {REAL, STAND_IN} <= set(beside(exp, run)["kind"])
     assert not compared(exp, run).empty
     without, table = exp.load(run.log), run.table
@@ -119,11 +117,7 @@ def test_what_is_there_is_found_and_named(root, monkeypatch):
     monkeypatch.setenv("AMENT_PREFIX_PATH", "/opt/ros/humble")
     assert [str(one) for one in distributions().values()] == ["jazzy (make ros)", "humble (sourced)"]
     assert distribution().name == "jazzy"
-
-
-def test_a_program_runs_without_what_would_mislead_its_interpreter(root, monkeypatch):
-    (root / ".venv-jazzy").mkdir()
-    (root / ".venv-jazzy" / ".ready").touch()
+    # A program runs without what would mislead its interpreter.
     argv = distribution().argv("script.py", "name", ROS_DOMAIN_ID=7)
     assert argv[0] == "env"
     assert {"--unset=PYTHONPATH", "--unset=LD_LIBRARY_PATH", "ROS_DISTRO=jazzy", "ROS_DOMAIN_ID=7"} < {*argv}

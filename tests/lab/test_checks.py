@@ -2,13 +2,16 @@
 
 import json
 from dataclasses import asdict, replace
+from types import SimpleNamespace
 
 import pandas as pd
 import pytest
 from mutants import STORE, Judge, draw_mutants, mutation_score
 
-from sfglab.lab.checks import GROUPS, CheckRow, Checks, exchange, group, naming, share_of_checks, trees
+from sfglab.lab.checks import ALL, GROUPS, CheckRow, Checks, group, share_of_checks, trees
 from sfglab.lab.experiments import EXPERIMENTS, experiment
+from sfglab.spatial.mocap.bridge import mocap_trees
+from sfglab.spatial.trajectory.path import Interpolation, stretched
 
 
 def table(*rows):
@@ -44,16 +47,53 @@ def test_what_fails_is_counted_and_shown():
     assert checks.row("small", count=10, seed=0) == small, "as among the others"
 
 
+def nothing(*_, **__):
+    return None
+
+
+def mistaken(way, other):
+    """The trees of mocap, where one way has another's."""
+
+    def joined(*given):
+        found = mocap_trees(*given)
+        return replace(found, **{way: getattr(found, other)})
+
+    return joined
+
+
+def otherwise(path, *_):
+    kinds = list(Interpolation)
+    return replace(path, interpolation=kinds[1 - kinds.index(path.interpolation)])
+
+
+FAR = SimpleNamespace(time_s=0.0, distance_m=1e3, tolerance_m=0.0)
+
+
 @pytest.mark.parametrize(
-    ("module", "function", "check"),
+    ("name", "place", "broken", "check", "most"),
     [
-        (naming, "parse", "parses back to the tuple it was built from"),
-        (exchange, "exchange.trajectory_from_csv", "CSV gives back every bit"),
+        ("naming", "parse", nothing, "parses back to the tuple", 0),
+        ("exchange", "exchange.trajectory_from_csv", nothing, "CSV gives back", 0),
+        ("editing", "commands.History.undo", nothing, "any edits, undone", 0),
+        ("routing", "Policy.crosses", lambda *_: True, "a name crosses exactly", 0.9),
+        ("routing", "Policy.crosses", lambda *_: True, "what a rule opens one way", 0.9),
+        ("trees", "mocap_trees", mistaken("direct", "proxy"), "direct: what is published", 0),
+        ("trees", "mocap_trees", mistaken("renamed", "proxy"), "renamed: the markers", 0),
+        ("trees", "mocap_trees", mistaken("proxy", "direct"), "proxy: nothing is", 0),
+        ("trajectories", "retimed", lambda path, *_: path, "re-timed, no sample", 0.9),
+        ("trajectories", "retimed", lambda path, *_: stretched(path, 0.1), "a spline within limits", 0.9),
+        ("trajectories", "stretched", otherwise, "stretched in time, the path stays", 0.9),
+        ("trajectories", "closest_approach", lambda *_: FAR, "no sample of two agents", 0.9),
+        ("trajectories", "align_waypoint", lambda path, *_: path, "aligned to the next waypoint", 0.9),
     ],
 )
-def test_a_function_that_gives_nothing_back_is_caught(monkeypatch, module, function, check):
-    monkeypatch.setattr(f"{module.__name__}.{function}", lambda *_, **__: None)
-    assert module.checks.row(check, count=5, seed=0).held == 0
+def test_a_broken_library_fails_its_check(monkeypatch, name, place, broken, check, most):
+    monkeypatch.setattr(f"sfglab.lab.checks.{name}.{place}", broken)
+    trees._joined.cache_clear()
+    [found] = (one for one in group(name).names if one.startswith(check))
+    row = group(name).row(found, count=10, seed=1)
+    assert row.held <= most * row.checked
+    assert row.example != ALL
 
 
 def test_trees_that_are_never_whole_with_markers_at_the_root_are_caught(monkeypatch):
@@ -61,10 +101,7 @@ def test_trees_that_are_never_whole_with_markers_at_the_root_are_caught(monkeypa
     rows = {count: [row.check for row in trees.tree_rows(count, 11)] for count in (0, 20)}
     others = [name for name in trees.checks.names if name != at_root]
     assert rows == {0: others, 20: [*trees.checks.names]}, "none asked of figure 6 alone"
-    whole = trees.mocap_trees
-    monkeypatch.setattr(
-        trees, "mocap_trees", lambda *given: replace(whole(*given), renamed=whole(*given).direct)
-    )
+    monkeypatch.setattr(trees, "mocap_trees", mistaken("renamed", "direct"))
     row = next(row for row in trees.tree_rows(20, 12) if row.check == at_root)
     assert (row.held, row.checked > 1) == (0, True)
 

@@ -9,33 +9,17 @@ from functools import partial
 from statistics import mean
 
 import pytest
-from made_logs import made_run
+from made_logs import CLAIMS, made_run, reference
 
 from sfglab.bus.address import BusAddress
 from sfglab.errors import InvalidValueError
 from sfglab.lab.bench import Options
-from sfglab.lab.claims import How, Verdict, judge, load_claims
-from sfglab.lab.experiments.discovery import exp
-from sfglab.lab.experiments.discovery import simulated as simulated_fleets
-from sfglab.lab.experiments.discovery.experiment import (
-    LAUNCHED,
-    ROUTED,
-    STANDARD,
-    Fleet,
-    Scale,
-    Stage,
-    cells_of,
-)
-from sfglab.lab.experiments.discovery.simulated import (
-    EXACT_MOST,
-    fleets_of,
-    mean_fleet,
-    run_fleet,
-    simulate_fleet,
-)
+from sfglab.lab.claims import How, Verdict, judge
+from sfglab.lab.experiments.discovery import Fleet, exp
+from sfglab.lab.experiments.discovery import simulated as world
+from sfglab.lab.experiments.discovery.experiment import LAUNCHED, ROUTED, STANDARD, Scale, Stage, cells_of
 from sfglab.lab.experiments.discovery.stage import Ingress
 from sfglab.lab.hosts.host import InterfaceBytes
-from sfglab.lab.paths import find_project
 from sfglab.lab.workers.rosnodes import RosNodesConfig
 from sfglab.lab.workers.rosstack import LISTENER, TALKER, endpoints_of
 from sfglab.processes import Member, ProcessGroup
@@ -113,9 +97,10 @@ def test_the_claims_are_those_of_the_largest_fleets_at_a_pace_with_the_papers_no
 
 def test_what_another_pace_changes_is_undecided(made):
     fleets = [fleet(0, LAUNCHED, 2), fleet(1, LAUNCHED, 6), fleet(2, LAUNCHED, 6, 2.0, slower=3)]
-    claim = {one.id: one for one in load_claims(find_project().claims)}["A-DISC-TIME"]
     for cells, verdict in ((fleets[:2], Verdict.REPRODUCED), (fleets, Verdict.UNDECIDED)):
-        assert judge(claim, exp.measure(made(*cells, name=verdict.name))["A-DISC-TIME"]) is verdict
+        assert (
+            judge(CLAIMS["A-DISC-TIME"], exp.measure(made(*cells, name=verdict.name))["A-DISC-TIME"]) is verdict
+        )
 
 
 def test_an_agent_that_was_given_up_is_named(made):
@@ -158,7 +143,7 @@ def test_profiles_reach_their_sizes_stages_make_sense_and_fleets_are_named_the_l
     with pytest.raises(InvalidValueError, match="from 2 agents"):
         Stage(mode=ROUTED, agents=(2, 1))
     assert max(exp.config("quick").simulated.agents) == max(exp.config("paper").simulated.agents) == 1000
-    fleets = fleets_of(exp.config(simulated=Scale(agents=(10, 2), talkers=2, listeners=1)))
+    fleets = world.fleets_of(exp.config(simulated=Scale(agents=(10, 2), talkers=2, listeners=1)))
     wanted = [(mode, agents) for agents in (2, 10) for mode in (STANDARD, ROUTED)]
     assert [(one.mode, one.agents) for one in fleets] == wanted
 
@@ -249,27 +234,27 @@ def test_without_separate_hosts_nothing_is_passed_off_as_live(tmp_path):
 
 def received(agents):
     wanted = Fleet(mode=STANDARD, agents=agents, talkers=2, listeners=2)
-    return mean(host.rx_bytes for host in run_fleet(wanted).hosts)
+    return mean(host.rx_bytes for host in world.run_fleet(wanted).hosts)
 
 
 def test_every_routed_agent_finds_all_others_by_two_endpoints_for_each_ordered_pair():
     agents = Fleet(mode=ROUTED, agents=5, talkers=1, listeners=1)
-    rows = simulate_fleet(agents, 0)
+    rows = world.simulate_fleet(agents, 0)
     assert [row["host"] for row in rows] == list(range(5))
     assert not any(row["censored"] for row in rows)
     assert all(0.03 < row["resolved_s"] < 5 and row["rx_bytes"] > 1000 for row in rows)
-    assert simulate_fleet(agents, 0) == rows
-    outcome = run_fleet(Fleet(mode=ROUTED, agents=6, talkers=1, listeners=1))
+    assert world.simulate_fleet(agents, 0) == rows
+    outcome = world.run_fleet(Fleet(mode=ROUTED, agents=6, talkers=1, listeners=1))
     # Each agent: its heartbeats both ways and its service, and a client of every other agent's.
     assert outcome.announced == pytest.approx(6 * 4 + 2 * 6 * 5, rel=0.2)
 
 
 def test_where_descriptions_are_offered_an_agent_has_five_endpoints_however_many_there_are(monkeypatch):
-    asked = {agents: run_fleet(Fleet(mode=ROUTED, agents=agents)) for agents in (6, 12)}
+    asked = {agents: world.run_fleet(Fleet(mode=ROUTED, agents=agents)) for agents in (6, 12)}
     for name in ("StatusSettings", "DiscoverySettings"):
-        monkeypatch.setattr(simulated_fleets, name, partial(getattr(simulated_fleets, name), offers=True))
+        monkeypatch.setattr(world, name, partial(getattr(world, name), offers=True))
     for agents, before in asked.items():
-        outcome = run_fleet(Fleet(mode=ROUTED, agents=agents))
+        outcome = world.run_fleet(Fleet(mode=ROUTED, agents=agents))
         assert outcome.announced == 5 * agents
         assert not any(host.censored for host in outcome.hosts)
         assert mean(h.rx_bytes for h in outcome.hosts) < 0.6 * mean(h.rx_bytes for h in before.hosts)
@@ -278,22 +263,22 @@ def test_where_descriptions_are_offered_an_agent_has_five_endpoints_however_many
 def test_standard_traffic_is_proportional_to_the_number_of_other_agents():
     small = {agents: received(agents) for agents in (2, 3, 4)}
     assert small[4] == pytest.approx(small[2] + 2 * (small[3] - small[2]), rel=0.02)
-    large = run_fleet(Fleet(mode=STANDARD, agents=100, talkers=2, listeners=2))
+    large = world.run_fleet(Fleet(mode=STANDARD, agents=100, talkers=2, listeners=2))
     assert len(large.hosts) == 100
     assert large.hosts[0].rx_bytes == pytest.approx(small[2] + 98 * (small[3] - small[2]), rel=0.02)
 
 
 def test_counted_queries_give_what_simulated_ones_do_and_go_to_a_thousand_agents():
-    rows = exp.load(find_project().reference_logs / f"{exp.name}.mcap")["simulated"]  # large ones take minutes
-    rows = rows[(rows["mode"] == ROUTED) & rows["agents"].between(12, EXACT_MOST[ROUTED])]
+    rows = reference(exp)["simulated"]  # large ones take minutes
+    rows = rows[(rows["mode"] == ROUTED) & rows["agents"].between(12, world.EXACT_MOST[ROUTED])]
     simulated = rows.groupby("agents")[["resolved_s", "rx_bytes"]].mean()
     assert {12, 25, 50, 100} <= {*simulated.index}
-    hosts = run_fleet(Fleet(mode=ROUTED, agents=12)).hosts
+    hosts = world.run_fleet(Fleet(mode=ROUTED, agents=12)).hosts
     assert mean(host.rx_bytes for host in hosts) == pytest.approx(simulated["rx_bytes"][12]), "of today's code"
     for agents, (resolved_s, rx_bytes) in simulated.iterrows():
-        counted = mean_fleet(Fleet(mode=ROUTED, agents=agents)).hosts[0]
+        counted = world.mean_fleet(Fleet(mode=ROUTED, agents=agents)).hosts[0]
         assert counted.resolved_s == pytest.approx(resolved_s, rel=0.3)
         assert counted.rx_bytes == pytest.approx(rx_bytes, rel=0.2)
-    most = run_fleet(Fleet(mode=ROUTED, agents=1000)).hosts[0]
+    most = world.run_fleet(Fleet(mode=ROUTED, agents=1000)).hosts[0]
     assert 100 < most.resolved_s < 300
     assert not most.censored

@@ -10,7 +10,7 @@ import pytest
 from sfglab.errors import SfglabError
 from sfglab.lab import doctor
 from sfglab.lab.doctor import Finding, Level, diagnose, render
-from sfglab.lab.hosts import Capability, HostsUnavailableError, LinkControlError, Network
+from sfglab.lab.hosts import HostsUnavailableError, LinkControlError, Network
 
 TOPICS = [check.topic for check in doctor._CHECKS]
 
@@ -43,24 +43,17 @@ def test_a_finding_is_rendered_as_what_was_found_and_what_follows():
     assert render(found) == f"{bread}{butter}\n1 of 2 are in order."
 
 
-def test_without_namespaces_experiments_say_what_they_do_instead(monkeypatch):
-    refused = Capability(ok=False, how="none", reason="unshare: Operation not permitted")
-    monkeypatch.setattr(Network, "available", lambda: refused)
-    finding = examined("network namespaces")
-    assert finding.level is Level.MISSING
-    assert "Operation not permitted" in finding.said
-    assert "simulated" in finding.consequence
-
-
-def test_a_machine_without_namespaces_gets_one_clear_error(monkeypatch):
+def test_a_machine_without_namespaces_gets_one_clear_error_and_is_told_what_is_done_instead(monkeypatch):
     # Stands for the refusing kernel: the script that makes namespaces fails as it does under seccomp.
     refusal = "import sys; sys.exit('unshare: Operation not permitted')"
     monkeypatch.setattr("sfglab.lab.hosts.network.ENTER", (sys.executable, "-c", refusal))
     with pytest.raises(HostsUnavailableError, match=r"unshare: Operation not permitted.*Try one of"), Network():
         pass
-    capability = Network.available()
-    assert (capability.ok, capability.how) == (False, "none")
-    assert "not permitted" in capability.reason
+    assert (Network.available().ok, Network.available().how) == (False, "none")
+    finding = examined("network namespaces")
+    assert finding.level is Level.MISSING
+    assert "Operation not permitted" in finding.said
+    assert "simulated" in finding.consequence
 
 
 @pytest.mark.netns

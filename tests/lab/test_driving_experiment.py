@@ -3,6 +3,7 @@
 import asyncio
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from sfglab.lab.bench import Options
@@ -43,11 +44,8 @@ def test_the_chain_is_the_sum_of_its_nodes_and_topics_in_order(run):
     assert parts["polyfit"][0] == pytest.approx(first["polyfit_ns"] / 1e6)
     assert parts["/A"][0] == pytest.approx(first["smt_s"] * 1e3)
     assert chain_ms(run, "software")["software"] == pytest.approx(sum(parts.values()))
-
-
-def test_in_hardware_a_node_takes_what_the_graph_assumes_and_software_what_was_measured(run):
     parts = parts_ms(run, "hardware", "gateway")
-    assert set(parts["compensation"]) == {3.5}
+    assert set(parts["compensation"]) == {3.5}, "what the graph assumes of hardware"
     assert parts["lane_control"] == pytest.approx(run["chain"]["lane_control_ns"] / 1e6)
 
 
@@ -69,10 +67,6 @@ def test_through_a_gateway_only_the_software_node_varies_and_both_readings_of_it
     spread = chain_ms(run, "hardware")["gateway"] - run["chain"]["lane_control_ns"] / 1e6
     assert np.ptp(spread) < 1e-9
     assert set(analysis.node_table(run).index) == set(CHAIN)
-    for reading in ("hardware", "software"):
-        times = chain_ms(run, reading)
-        saved = float((times["software"] - times["gateway"]).mean())
-        assert saved == pytest.approx(saved_ms(run))
     table = analysis.chain_table(run)
     assert table["saved (ms)"].iloc[:2].tolist() == pytest.approx([saved_ms(run)] * 2)
     assert table["times as fast"].iloc[-1] == PAPER_MS["software"][0] / PAPER_MS["gateway"][0]
@@ -122,8 +116,6 @@ def test_a_standing_car_is_pictured_seldom_and_a_stop_is_a_second_of_standing_af
     run_lap(0, stack=stack, rules=Rules(timeout_s=4.0), watch=recorder.watch)
     assert {moment.row.speed_mps for moment in recorder.moments} == {0.0}
     assert [round(m.row.t_s, 3) for m in recorder.moments if m.image_jpeg] == [0.0, 2.0, 4.0]
-    import pandas as pd
-
     speeds = [0.0] * 8 + [0.5] * 7 + [0.0] * 10 + [0.5] * 5 + [0.0] * 3 + [0.5] * 2
     moments = pd.DataFrame({"t_s": np.arange(len(speeds)) / 5, "speed_mps": speeds, "x_m": 1.0, "y_m": 2.0})
     [stop] = analysis.stops.__wrapped__({"track": moments})
@@ -133,7 +125,6 @@ def test_a_standing_car_is_pictured_seldom_and_a_stop_is_a_second_of_standing_af
 
 def test_figures_and_film_come_from_the_log(run):
     drawn = exp.figures(run)
-    assert set(drawn) == {"driving_chain", "driving_lap", "driving_laps"}
     assert drawn["driving_laps"][1]["laps"] == 2
     assert drawn["driving_chain"][1]["saved_ms"] == saved_ms(run)
     first, *_, last = frames_of(run)

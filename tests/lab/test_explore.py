@@ -13,6 +13,7 @@ from unittest.mock import Mock
 
 import pytest
 from matplotlib.figure import Figure
+from matplotlib.text import Text
 
 from sfglab.errors import InvalidValueError
 from sfglab.fields import between, to_json
@@ -164,6 +165,9 @@ def test_a_figure_follows_only_the_newest_of_many_moves_and_what_is_kept_speaks_
         assert explorer._repr_mimebundle_()[0]["image/png"] != still["image/png"]
         assert "loss=0.2" in explorer.code()
         explorer.keep()
+        assert explorer._state.value == "starting"
+        explorer.run_all()
+        assert "one run at a time" in explorer._state.value
         while explorer._running is not None:
             time.sleep(0.1)
         (log,) = map(Path, explorer.kept)
@@ -185,34 +189,40 @@ async def test_a_look_that_cannot_be_drawn_is_said_and_the_next_one_is_drawn(mon
     assert "not in the table" in reports[0]["why"]
 
 
-@pytest.mark.live
-def test_a_run_on_a_button_is_stopped_and_nothing_is_kept(project):
-    with closing(explore(transmission.exp)) as explorer:
-        explorer.run_all()
-        assert "one run" not in explorer._state.value
-        explorer.keep()
-        assert "one run at a time" in explorer._state.value
-        explorer.stop()
-        while explorer._running is not None:
-            time.sleep(0.1)
-        assert not explorer.kept
-        assert not list(project.runs.glob("logs/*/*.mcap*"))
+STALE = {"silences_s": (2.0,), "loss": 0.5, "readings_s": 2.0, "stale_s": 20.0}
+OPTIMUM = {"rates_min_hz": (30.0,), "rates_hz": (100,), "weights": 2}
 
 
 @pytest.mark.parametrize(
-    ("name", "changes"),
+    ("name", "look", "changes", "said"),
     [
-        ("decode_once", {"most": 3}),
-        ("latency", {"gop": 10}),
-        ("depth_codecs", {"frames": 1, "png_level": 1, "noise_mm": 5.0}),
+        ("decode_once", "equations", {"most": 3}, ()),
+        ("latency", "budget", {"gop": 10}, ()),
+        ("depth_codecs", "codecs", {"frames": 1, "png_level": 1, "noise_mm": 5.0}, ()),
+        ("balancing", "caches", STALE, ("loses 50%", "silence at most 2 s")),
+        ("balancing", "optimum", OPTIMUM, ("CVXPY", "Rmax 100 Hz")),
+        (
+            "cooperation",
+            "hallway",
+            {"methods": ("LC",), "rates_hz": (500,)},
+            ("LC, Rmax 500 Hz", "success after"),
+        ),
+        (
+            "cooperation",
+            "hallway",
+            {"methods": ("none",), "rates_hz": (500,)},
+            ("none, Rmax 500 Hz", "contact after"),
+        ),
     ],
 )
-async def test_a_look_at_media_is_drawn_without_a_host_or_a_live_part(name, changes, monkeypatch):
+async def test_a_look_is_drawn_as_turned_without_host_or_live_part(name, look, changes, said, monkeypatch):
     monkeypatch.setattr("sfglab.lab.experiment.Testbed", None)
     exp = experiment(name)
-    (look,) = exp.looks
     async with preview(exp, look, exp.config(**{**exp.looks[look].start, **changes})) as run:
-        assert all(axes.has_data() for axes in draw_look(exp, look, run).axes)
+        figure = draw_look(exp, look, run)
+    assert all(axes.has_data() for axes in figure.axes)
+    text = " ".join(found.get_text() for found in figure.findobj(Text))
+    assert all(word in text for word in said)
 
 
 def test_no_more_subscribers_are_measured_than_the_configuration_asks_for():

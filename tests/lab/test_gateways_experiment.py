@@ -16,20 +16,6 @@ def smoke(tmp_path):
     return lambda **changes: asyncio.run(exp.run("smoke", path=tmp_path / "a.mcap", **changes))
 
 
-def test_a_run_fills_its_claims_and_draws_its_figures(smoke):
-    run = smoke()
-    measured = exp.measure(run)
-    assert measured["C-FSM"].estimate.value == 1
-    assert measured["C-MAP"].estimate.value == 3
-    assert measured["C-MAP"].details["edges, by stage"] == "10 -> 8 -> 3"
-    assert list(measured["C-MAP"].ends.values()) == [3, 7, 2, 6, 1, 2, 0, 0]
-    assert set(exp.figures(run)) == {"gateway_core", "graph_mapping"}
-    bounds = len(run.config.bounds)
-    assert run["unclaimed"]["violation"].str.startswith("deadlock").sum() == bounds
-    said = measured["C-FSM"].details["beyond the text"]
-    assert f"{bounds} of {bounds} bounds are violated (deadlock: " in said
-
-
 def test_a_core_that_does_not_claim_fails_the_claim(smoke, monkeypatch):
     moves = TABLE[State.FILTER_SMT].moves
     bent = {**moves, Input.FOREIGN: Move(State.TO_HMT, moves[Input.FOREIGN].latch)}
@@ -42,7 +28,7 @@ def test_a_core_that_does_not_claim_fails_the_claim(smoke, monkeypatch):
 def test_a_port_that_stores_all_that_hardware_sends_needs_no_claim(smoke):
     run = smoke(bounds=(Bound(), Bound(port_messages=4)))
     assert list(run["unclaimed"]["violation"] == "") == [False, True]
-    assert "1 of 2 bounds" in exp.measure(run)["C-FSM"].details["beyond the text"]
+    assert "1 of 2 bounds are violated (deadlock: " in exp.measure(run)["C-FSM"].details["beyond the text"]
 
 
 def test_the_table_without_the_claim_differs_from_the_core_s_in_nothing_else():

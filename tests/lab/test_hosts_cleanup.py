@@ -2,17 +2,17 @@
 
 import json
 import os
-import select
 import signal
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
+import psutil
 import pytest
 
 from sfglab.lab.hosts import Network
-from sfglab.lab.hosts.host import end_members, members
+from sfglab.lab.hosts.host import members
 
 pytestmark = pytest.mark.netns
 TIMEOUT_S = 60
@@ -53,20 +53,6 @@ def descriptors() -> set[str]:
     return {file.name for file in Path("/proc/self/fd").iterdir()}
 
 
-def wait_for_end(handles: list[int]) -> None:
-    poll = select.poll()
-    for fd in handles:
-        poll.register(fd, select.POLLIN)
-    left = set(handles)
-    while left:
-        ended = {fd for fd, _ in poll.poll(TIMEOUT_S * 1000)}
-        assert ended, f"{len(left)} of {len(handles)} processes live on"
-        for fd in ended:
-            poll.unregister(fd)
-            os.close(fd)
-        left -= ended
-
-
 @pytest.mark.parametrize(
     ("number", "victims", "how"),
     [
@@ -84,10 +70,11 @@ def test_a_killed_creator_takes_everything_with_it(number, victims, how):
         made = json.loads(creator.stdout.readline())
         inside = [*made["holders"], *made["guests"], *made["daemons"]]
         assert set(members(made["inodes"])) == set(inside)
-        handles = [os.pidfd_open(pid) for pid in (made["hub"], made["relay"], *inside)]
+        processes = [psutil.Process(pid) for pid in (made["hub"], made["relay"], *inside)]
         for victim in victims:
             os.kill(made.get(victim, creator.pid), number)
-        wait_for_end(handles)
+        _, alive = psutil.wait_procs(processes, TIMEOUT_S)
+        assert alive == []
         assert creator.wait(TIMEOUT_S) != 0
     assert members(made["inodes"]) == []
 
@@ -184,4 +171,3 @@ def test_members_of_a_namespace_are_found_and_the_caller_is_spared():
         child.kill()
     assert child.pid in found
     assert os.getpid() not in found
-    end_members([], grace_s=0)

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import nbformat
 import pytest
+from made_logs import reference
 
 from sfglab.fields import to_json
 from sfglab.lab import notebook, summary
@@ -45,7 +46,7 @@ def test_every_figure_has_a_sentence_that_says_what_it_shows(name):
 
 
 def test_pictures_carry_their_text_into_the_notebook(tmp_path):
-    run = experiment("naming").load(PROJECT.reference_logs / "naming.mcap")
+    run = reference(experiment("naming"))
     _, metadata = notebook.picture(run, "naming_schema")._repr_png_()
     assert metadata == {"alt": experiment("naming").caption("naming_schema")}
     output = nbformat.v4.new_output("display_data", {"image/png": ""}, metadata={"image/png": metadata, "x": 1})
@@ -85,7 +86,7 @@ def test_every_committed_figure_of_an_experiment_is_declared_by_it():
 
 @pytest.mark.parametrize("name", EXPERIMENTS)
 def test_every_reference_log_reads_back_as_the_configuration_that_was_run(name):
-    run = experiment(name).load(PROJECT.reference_logs / f"{name}.mcap")
+    run = reference(experiment(name))
     written = run.metadata("config")
     read = {"experiment": name, **to_json(run.config)}
     assert {key: read[key] for key in written} == written

@@ -8,18 +8,16 @@ import sys
 from contextlib import closing
 from pathlib import Path
 
-import machine
-import nbformat
 import pytest
+from lab_page import ANSWER_S, OPTIONS, run_all, write_notebook
+from machine import open_browser
 
-from sfglab.errors import MissingExtraError
-from sfglab.lab.browser import Browser, BrowserError
 from sfglab.lab.hosts import Network
 
 pytestmark = [pytest.mark.live, pytest.mark.browser, pytest.mark.netns]
 
 ROOT = Path(__file__).parents[2]
-BASE, PORT, ANSWER_S = "/user/a/", 8888, 180
+BASE, PORT = "/user/a/", 8888
 # Serves the listening socket that it inherits, and passes on what begins with the path; names all else.
 PROXY = """
 import asyncio, socket, sys
@@ -55,21 +53,20 @@ CANVAS = "document.querySelector('.jp-OutputArea iframe')?.contentDocument?.quer
 @pytest.fixture
 def address(tmp_path):
     """The address, on this host, of a proxy that leads to a JupyterLab on another; it must refuse nothing."""
-    project, port = tmp_path / "checkout", None
+    project = tmp_path / "checkout"
     for folder in ("notebooks", "data/scenes"):
         shutil.copytree(ROOT / folder, project / folder)
     for file in ("data/claims.yaml", "data/reference/mocap.mcap"):
         (project / file).parent.mkdir(exist_ok=True)
         shutil.copy(ROOT / file, project / file)
-    notebook = nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell(CELL)])
-    notebook.metadata.kernelspec = {"name": "python3", "display_name": "Python 3"}
-    nbformat.write(notebook, project / "cell.ipynb")
+    write_notebook(project / "cell.ipynb", CELL)
     environment = os.environ | {"SFGLAB_ROOT": str(project), "HOME": str(tmp_path), "PYTHONPATH": str(ROOT)}
     with Network() as network, socket.create_server(("127.0.0.1", 0)) as listener:
         server, proxy = network.add_host("server"), network.add_host("proxy")
-        options = [f"--ServerApp.ip={server.address}", f"--ServerApp.port={PORT}", "--IdentityProvider.token="]
-        options += ["--no-browser", f"--ServerApp.base_url={BASE}", "--LabApp.expose_app_in_browser=True"]
-        argv = [sys.executable, "-m", "sfglab", "lab", "--", *options]
+        options = [
+            f"--ServerApp.{name}" for name in (f"ip={server.address}", f"port={PORT}", f"base_url={BASE}")
+        ]
+        argv = [sys.executable, "-m", "sfglab", "lab", "--", *OPTIONS, *options]
         lab = server.popen(argv, env=environment, cwd=project, stderr=subprocess.PIPE, text=True)
         lines = iter(lab.stderr.readline, "")
         assert any("is running at" in line for line in lines), "JupyterLab does not serve"
@@ -83,12 +80,8 @@ def address(tmp_path):
         lab.communicate(timeout=ANSWER_S)
 
 
-def test_index_widgets_and_editor_work_below_a_path_on_another_host(address, tmp_path):
-    try:
-        browser = Browser(1300, 1000)
-    except (MissingExtraError, BrowserError) as error:
-        machine.skip("browser", str(error))
-    with closing(browser):
+def test_index_widgets_and_editor_work_below_a_path_on_another_host(address):
+    with closing(open_browser(1300, 1000)) as browser:
         browser.open(address)
         browser.wait_for("document.querySelector('#jp-main-dock-panel h1') != null", ANSWER_S)
         assert "00_index" in browser.evaluate("document.title + location.href")
@@ -96,11 +89,8 @@ def test_index_widgets_and_editor_work_below_a_path_on_another_host(address, tmp
         browser.evaluate("void jupyterapp.commands.execute('filebrowser:go-to-path', {path: '/'})")
         browser.wait_for(FOLDERS, ANSWER_S)
         browser.open(f"{address}lab/tree/cell.ipynb?reset")
-        ready = "window.jupyterapp?.shell.currentWidget?.sessionContext"
-        browser.wait_for(f"{ready}?.isReady && {ready}.session?.kernel?.status === 'idle'", ANSWER_S)
-        browser.evaluate("void jupyterapp.commands.execute('notebook:run-all-cells')")
+        run_all(browser)
         browser.wait_for(CANVAS, ANSWER_S)
         browser.wait_for(SHOWN, ANSWER_S)  # through the kernel's connection: its loopback is another host's
         said = browser.evaluate("document.querySelector('.jp-OutputArea').innerText")
-        browser.screenshot(tmp_path / "proxied.png")
     assert "naming: " in said

@@ -1,32 +1,19 @@
 """The experiment on planning: it fills its claim, its checks can fail, and its log says what was driven."""
 
-from dataclasses import replace
-from pathlib import Path
-
 import numpy as np
 import pytest
+from made_logs import DATA, reference
 
 from sfglab.lab.checks import editing, trajectories
 from sfglab.lab.experiments.planning import SceneCell, checks, exp
 from sfglab.lab.experiments.planning.analysis import allowed_m
 from sfglab.lab.experiments.planning.experiment import example_rows
 from sfglab.record import LogReader
-from sfglab.spatial.trajectory.path import Interpolation, stretched
-
-REFERENCE = Path(__file__).parents[2] / "data" / "reference" / "planning.mcap"
 
 
 @pytest.fixture
 def run():
-    return exp.load(REFERENCE)
-
-
-def test_the_reference_run_fills_its_claim(run):
-    measured = exp.measure(run)["A-PLAN"]
-    assert (measured.estimate.value, measured.reason) == (1.0, "")
-    held, _, checked = measured.details["execution checks"].split()
-    assert held == checked
-    assert len(checks(run)) > 30
+    return reference(exp)
 
 
 def test_every_way_in_which_a_goal_can_end_was_seen(run):
@@ -47,69 +34,31 @@ def test_the_log_holds_plans_and_poses_as_messages(run):
     assert poses == (run["track"]["agent"] == "go2").sum() > 100
 
 
-def test_one_goal_that_ends_otherwise_fails_the_claim(run):
-    goals = run["goal"]
-    goals.loc[goals["case"] == "too fast", "outcome"] = "succeeded"
-    run.table("goal")["outcome"] = goals["outcome"]
-    table = checks(run)
-    wrong = table[table["held"] < table["checked"]]
-    assert "too fast: succeeded" in set(wrong["example"])
-    assert set(wrong["group"]) == {"execution"}
-
-
-def test_an_agent_further_from_its_plan_than_its_dynamics_explain_fails_its_check(run):
-    tracks, check = run.table("track"), "an agent is never further from its plan than its dynamics explain"
-    assert allowed_m(run) == pytest.approx({"go2": 0.532, "drone": 0.300}, abs=2e-3)
-    tracks.loc[tracks["agent"] == "drone", "error_m"] = 0.31
-    assert checks(run).set_index("check").loc[check, "held"] == 1
-
-
-def test_agents_that_come_too_close_fail_their_check(run):
-    tracks = run.table("track")
-    tracks.loc[tracks["agent"] == "drone", ["x_m", "y_m", "z_m"]] = [0.0, 1.2, 0.8]
-    table = checks(run).set_index("check")
-    assert table.loc["driven, agents stay as far apart as the scene demands", "held"] == 0
+NEAR = {"x_m": 0.0, "y_m": 1.2, "z_m": 0.8}
 
 
 @pytest.mark.parametrize(
-    ("name", "attribute", "broken"),
+    ("check", "table", "where", "changes", "held", "said"),
     [
-        ("re-timed, no sample exceeds a limit", "retimed", lambda path, *_: path),
-        ("stretched in time, the path stays", "stretched", lambda p, *_: replace(p, interpolation=_other(p))),
-        ("no sample of two agents is closer", "closest_approach", lambda *_: _Approach),
-        ("aligned to the next waypoint", "align_waypoint", lambda path, *_: path),
-        ("a spline within limits, resampled", "retimed", lambda path, *_: stretched(path, 0.1)),
+        ("a goal ends", "goal", "case == 'too fast'", {"outcome": "succeeded"}, 15, "too fast: succeeded"),
+        ("an agent is never further", "track", "agent == 'drone'", {"error_m": 0.31}, 1, "0.310 of 0.300 m"),
+        ("driven, agents stay", "track", "agent == 'drone'", NEAR, 0, "drone and go2: "),
     ],
 )
-def test_a_broken_library_fails_its_check(monkeypatch, name, attribute, broken):
-    monkeypatch.setattr(trajectories, attribute, broken)
-    check = next(check for check in trajectories.checks.names if check.startswith(name))
-    row = trajectories.checks.row(check, count=10, seed=1)
-    assert row.held < row.checked
-    assert row.example != "all of them"
-
-
-def _other(path):
-    kinds = list(Interpolation)
-    return kinds[1 - kinds.index(path.interpolation)]
-
-
-class _Approach:
-    time_s = 0.0
-    distance_m = 1e3
-    tolerance_m = 0.0
+def test_what_went_otherwise_fails_its_check_and_the_claim(run, check, table, where, changes, held, said):
+    rows = run.table(table)
+    rows.loc[rows.eval(where), list(changes)] = list(changes.values())
+    wrong = checks(run).query("held < checked")
+    assert set(wrong["group"]) == {"execution"}
+    [row] = wrong[wrong["check"].str.startswith(check)].to_dict("records")
+    assert (row["held"], said in row["example"]) == (held, True)
+    assert exp.measure(run)["A-PLAN"].estimate.value < 1
+    assert allowed_m(run) == pytest.approx({"go2": 0.532, "drone": 0.300}, abs=2e-3)
 
 
 def test_a_reader_that_lets_faults_pass_fails_the_check(monkeypatch):
     monkeypatch.setattr("sfglab.spatial.scene.editor.load_scene", lambda *_: editing.read_scene(editing.GOOD))
     assert not any(f["one_line"] or f["names_the_line"] or f["scene_kept"] for f in editing.faults())
-
-
-def test_an_undo_that_forgets_fails_its_check(monkeypatch):
-    monkeypatch.setattr("sfglab.spatial.scene.commands.History.undo", lambda *_: None)
-    row = editing.checks.row(editing.checks.names[0], count=3, seed=1)
-    assert row.held == 0
-    assert row.example.startswith("undoing")
 
 
 def test_evenly_spaced_knots_make_loops_and_the_check_sees_them():
@@ -120,7 +69,7 @@ def test_evenly_spaced_knots_make_loops_and_the_check_sees_them():
 
 def test_the_editor_in_a_cell_edits_a_copy_and_has_a_still(tmp_path, monkeypatch):
     pytest.importorskip("viser")
-    (tmp_path / "data").symlink_to(REFERENCE.parents[1])
+    (tmp_path / "data").symlink_to(DATA)
     monkeypatch.setenv("SFGLAB_ROOT", str(tmp_path))
     cell = SceneCell()
     try:

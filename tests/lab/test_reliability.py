@@ -91,12 +91,9 @@ def test_a_stream_counts_what_came_again_and_late_and_tells_what_was_sent_after_
     for number in (3, 4, 5):
         stream.note(number, number * 10)
     assert (stream.received, stream.repeated, stream.disordered) == (8, 2, 1)
-    again, late, thrice, fresh = told
-    assert [(said["is"], said["number"], said["last"]) for said in (again, late, thrice)] == [
-        ("wrong", 2, 2),
-        ("wrong", 1, 2),
-        ("wrong", 3, 3),
-    ]
+    *wrong, fresh = told
+    assert {said["is"] for said in wrong} == {"wrong"}
+    assert [(said["number"], said["last"]) for said in wrong] == [(2, 2), (1, 2), (3, 3)]
     assert (fresh["is"], fresh["mark"], fresh["stream"]) == ("fresh", 7, "count")
 
 

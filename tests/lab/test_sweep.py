@@ -9,6 +9,7 @@ import subprocess
 import sys
 from collections import Counter
 from contextlib import contextmanager, suppress
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -68,6 +69,12 @@ def foreign_scheduler(folder):
             process.communicate("\n", timeout=60)
 
 
+@pytest.fixture
+def swept(tmp_path):
+    """A sweep by threads, with a journal in the test's folder."""
+    return partial(sweep, journal=tmp_path / "journal", workers=THREADS)
+
+
 def nothing_is_left():
     children = psutil.Process().children(recursive=True)
     assert not [p for p in children if "resource_tracker" not in str(p.cmdline())]
@@ -114,22 +121,13 @@ def test_threads_processes_and_a_cluster_give_the_same_bits_in_order(tmp_path, m
     nothing_is_left()
 
 
-def test_results_are_in_order_of_points_and_seeds_whatever_finished_first(tmp_path):
-    journal = tmp_path / "journal"
-    points = [SpotPoint(number=number) for number in (0, 30, 2, 60)]
-    found = sweep(uneven, points, [5, 3], journal=journal, workers=THREADS)
-    assert [(row.number, row.seed) for row in found] == [(p.number, s) for p in points for s in (5, 3)]
-
-
-def test_a_task_may_return_several_rows_of_several_kinds(tmp_path):
+def test_a_task_may_return_several_rows_of_several_kinds(swept):
     for _ in range(2):  # run, then read
-        found = sweep(several, POINTS[2:3], [3], journal=tmp_path / "journal", workers=THREADS)
-        assert found == [(quick(POINTS[2], 3), OtherRow(level=3 / 7))]
+        assert swept(several, POINTS[2:3], [3]) == [(quick(POINTS[2], 3), OtherRow(level=3 / 7))]
 
 
-async def test_it_runs_beside_an_event_loop_as_in_a_notebook(tmp_path):
-    found = sweep(quick, POINTS, SEEDS, journal=tmp_path / "journal", workers=THREADS)
-    assert bits(found) == bits(expected())
+async def test_it_runs_beside_an_event_loop_as_in_a_notebook(swept):
+    assert bits(swept(quick, POINTS, SEEDS)) == bits(expected())
 
 
 def test_batches_grow_to_a_good_tenth_of_a_second_and_at_most_to_twice_the_last():
@@ -140,10 +138,9 @@ def test_batches_grow_to_a_good_tenth_of_a_second_and_at_most_to_twice_the_last(
     assert _next_size(1, Done((), busy_s=0.0)) == 1
 
 
-def test_thousands_of_short_tasks_are_all_run(tmp_path):
-    points = [SpotPoint(number=number) for number in range(2, 202)]
-    found = sweep(quick, points, np.arange(20), journal=tmp_path / "journal", workers=THREADS)
-    assert found == [quick(point, seed) for point in points for seed in range(20)]
+def test_thousands_of_short_tasks_are_all_run_and_in_order_whatever_finished_first(swept):
+    points, seeds = [SpotPoint(number=number) for number in (0, *range(2, 202))], np.arange(20)[::-1]
+    assert swept(uneven, points, seeds) == [quick(point, int(seed)) for point in points for seed in seeds]
 
 
 @pytest.mark.parametrize("workers", [THREADS, PROCESSES], ids=["threads", "processes"])
@@ -159,21 +156,20 @@ def test_local_workers_listen_nowhere_and_are_gone_afterwards(tmp_path, workers)
     nothing_is_left()
 
 
-def test_an_address_where_nobody_answers_is_named(tmp_path, monkeypatch):
+def test_an_address_where_nobody_answers_is_named_and_no_workers_are_refused(swept, monkeypatch):
     monkeypatch.setattr("sfglab.lab.sweep.run._CONNECT_S", 0.5)
-    workers = Workers(scheduler="tcp://127.0.0.1:9")
+    with pytest.raises(SweepError, match="count: given 0"):
+        Workers(count=0)
     with pytest.raises(SweepError, match=r"tcp://127\.0\.0\.1:9', where none answers"):
-        sweep(quick, POINTS, SEEDS, journal=tmp_path / "journal", workers=workers)
+        swept(quick, POINTS, SEEDS, workers=Workers(scheduler="tcp://127.0.0.1:9"))
 
 
 # --- The journal ----------------------------------------------------------------------------------------------
 
 
-def test_a_finished_sweep_is_read_and_not_run_again(tmp_path):
-    journal = tmp_path / "journal"
+def test_a_finished_sweep_is_read_and_not_run_again(swept, tmp_path):
     points = [SpotPoint(number=number, folder=str(tmp_path)) for number in range(3)]
-    first = sweep(obeying, points, SEEDS, journal=journal, workers=THREADS)
-    more = sweep(obeying, points, range(8), journal=journal, workers=THREADS)
+    first, more = swept(obeying, points, SEEDS), swept(obeying, points, range(8))
     assert bits(row for row in more if row.seed < 6) == bits(first)
     assert runs(tmp_path) == Counter((p.number, seed) for p in points for seed in range(8))
 
@@ -196,21 +192,20 @@ def test_a_journal_cut_off_anywhere_is_continued(tmp_path_factory, cut):
     assert path.read_bytes() == content
 
 
-def test_what_follows_a_torn_line_is_run_again(tmp_path):
-    journal = tmp_path / "journal"
-    sweep(quick, POINTS, SEEDS, journal=journal, workers=THREADS)
-    lines = journal.read_bytes().splitlines(keepends=True)
-    journal.write_bytes(b"".join([*lines[:4], b"\0" * 20 + b"\n", *lines[4:]]))
-    assert bits(sweep(quick, POINTS, SEEDS, journal=journal, workers=THREADS)) == bits(expected())
+def test_what_follows_a_torn_line_is_run_again(swept, tmp_path):
+    swept(quick, POINTS, SEEDS)
+    lines = (tmp_path / "journal").read_bytes().splitlines(keepends=True)
+    (tmp_path / "journal").write_bytes(b"".join([*lines[:4], b"\0" * 20 + b"\n", *lines[4:]]))
+    assert bits(swept(quick, POINTS, SEEDS)) == bits(expected())
 
 
 @pytest.mark.parametrize(("key", "task", "points"), [("task", uneven, POINTS), ("points", quick, POINTS[:-1])])
-def test_another_sweeps_journal_is_set_aside_with_the_difference_named(tmp_path, caplog, key, task, points):
+def test_another_sweeps_journal_is_set_aside_with_its_difference(swept, tmp_path, caplog, key, task, points):
     journal = tmp_path / "journal"
-    sweep(quick, POINTS, SEEDS, journal=journal, workers=THREADS)
+    swept(quick, POINTS, SEEDS)
     before = journal.read_bytes()
     with caplog.at_level(logging.WARNING):
-        sweep(task, points, SEEDS, journal=journal, workers=THREADS)
+        swept(task, points, SEEDS)
     assert f"differs in: {key}); renamed to journal.1" in caplog.text
     assert (tmp_path / "journal.1").read_bytes() == before
     assert json.loads(journal.read_text().splitlines()[0])[key] == identity_of(task, points)[key]
@@ -240,31 +235,26 @@ def test_a_file_that_is_no_journal_is_refused_and_kept_and_one_serves_one_sweep_
 
 
 @pytest.mark.parametrize("workers", [THREADS, PROCESSES], ids=["threads", "processes"])
-def test_a_failing_task_names_point_and_seed_and_what_was_finished_stays(tmp_path, workers):
-    journal = tmp_path / "journal"
+def test_a_failing_task_names_point_and_seed_and_what_was_finished_stays(swept, tmp_path, workers):
     said = r"SpotPoint\(number=2.* seed 1: ZeroDivisionError: by nothing"
     with pytest.raises(SweepError, match=said) as caught:
-        sweep(failing, POINTS, SEEDS, journal=journal, workers=workers)
+        swept(failing, POINTS, SEEDS, workers=workers)
     assert (caught.value.point, caught.value.seed) == (POINTS[2], 1)
     assert "in failing" in caught.value.__notes__[0]
-    assert len(journal.read_text().splitlines()) > 1
+    assert len((tmp_path / "journal").read_text().splitlines()) > 1
     nothing_is_left()
 
 
-def test_unfit_tasks_points_seeds_and_results_are_refused(tmp_path):
-    journal = tmp_path / "journal"
-    with pytest.raises(SweepError, match="needed is a row"):
-        sweep(wrong, POINTS, [0], journal=journal, workers=THREADS)
-    with pytest.raises(SweepError, match="function at the top of a module"):
-        sweep(lambda _point, _seed: None, POINTS, [0], journal=journal)
-    with pytest.raises(SweepError, match="points: given 6, of which only 5 differ"):
-        sweep(quick, [*POINTS, POINTS[0]], [0], journal=journal)
-    with pytest.raises(SweepError, match="seeds: given 2, of which only 1 differ"):
-        sweep(quick, POINTS, [0, 0], journal=journal)
-    with pytest.raises(SweepError, match="repr says all"):
-        sweep(quick, [object()], [0], journal=journal)
-    with pytest.raises(SweepError, match="count: given 0"):
-        Workers(count=0)
+def test_unfit_tasks_points_seeds_and_results_are_refused(swept):
+    for task, points, seeds, said in (
+        (wrong, POINTS, [0], "needed is a row"),
+        (lambda _point, _seed: None, POINTS, [0], "function at the top of a module"),
+        (quick, [*POINTS, POINTS[0]], [0], "points: given 6, of which only 5 differ"),
+        (quick, POINTS, [0, 0], "seeds: given 2, of which only 1 differ"),
+        (quick, [object()], [0], "repr says all"),
+    ):
+        with pytest.raises(SweepError, match=said):
+            swept(task, points, seeds)
 
 
 def runs(folder):
@@ -291,10 +281,10 @@ def resumed(folder):
     nothing_is_left()
 
 
-def test_an_interrupted_sweep_runs_only_what_is_missing(tmp_path):
+def test_an_interrupted_sweep_runs_only_what_is_missing(swept, tmp_path):
     (tmp_path / "order").write_text("interrupt")
     with pytest.raises(KeyboardInterrupt):
-        sweep(obeying, obeying_points(tmp_path), SEEDS, journal=tmp_path / "journal", workers=THREADS)
+        swept(obeying, obeying_points(tmp_path), SEEDS)
     nothing_is_left()
     resumed(tmp_path)
 

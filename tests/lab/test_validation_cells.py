@@ -2,25 +2,23 @@
 
 import asyncio
 import re
-from contextlib import ExitStack, asynccontextmanager
+from contextlib import ExitStack, nullcontext
 from dataclasses import asdict, replace
-from pathlib import Path
 from types import SimpleNamespace
+from unittest.mock import Mock
 
 import numpy as np
 import pandas as pd
 import pytest
-from made_logs import made_run
+from made_logs import CLAIMS, DATA, made_run
 
 from sfglab.arp.robots import DEPTHS
-from sfglab.lab.claims import load_claims
 from sfglab.lab.experiments import transmission
 from sfglab.lab.experiments.transmission import validation
 from sfglab.processes import ProcessFailedError
 from sfglab.rtps import PRESETS, Medium
 from sfglab.rtps.model import data_bytes
 
-DATA = Path(__file__).parents[2] / "data"
 SEED, COUNT = 18, 40
 
 
@@ -53,7 +51,7 @@ def test_the_committed_cells_are_those_of_the_seed():
 
 
 def test_what_judges_on_the_papers_own_middleware_is_written_down():
-    criteria = {claim.id: claim.criterion for claim in load_claims(DATA / "claims.yaml") if claim.criterion}
+    criteria = {claim.id: claim.criterion for claim in CLAIMS.values() if claim.criterion}
     assert set(criteria) == {"B-LAT", "B-LOSS", "B-COOP"}
     for criterion in criteria.values():
         assert set(criterion.modes) <= set(PRESETS)
@@ -86,51 +84,41 @@ def test_shares_are_those_of_the_cells_that_kept_their_schedule(tmp_path):
     assert re.match("2 cells.*asynchronous: read", figure.get_supxlabel())
 
 
+def test_a_cell_is_played_as_often_as_its_own_scatter_asks():
+    calm, bistable = (validation.committed_cells()[number] for number in (2, 10))
+    often = [validation.repeats_of(cell, 8.0, 5) for cell in (calm, bistable)]
+    assert often == [1, 5]
+    assert validation.repeats_of(bistable, 8.0, 1) == 1
+
+
 def test_a_run_that_is_broken_off_goes_on_and_a_cell_that_fails_is_left_out(tmp_path, monkeypatch):
-    found = validation.committed_cells()[38:42]
+    found, played = validation.committed_cells()[38:42], []
     cells = {cell: validation.scenario_of_cell(asdict(cell), duration_s=1.0) for cell in found}
-    bad, broken, played, written = list(cells)[1], list(cells)[2], [], []
 
-    class Hosts:
-        async def play(self, scenario, *, seed):
-            played.append((cell := next(c for c in cells if cells[c] is scenario), seed))
-            if cell is bad:
-                raise ProcessFailedError("it ended")
-            if cell is broken and played.count(played[-1]) == 1 and seed:
-                raise KeyboardInterrupt
+    async def rows(_hosts, cell, repeat):
+        played.append((number := found.index(cell), repeat))
+        if number == 1:
+            raise ProcessFailedError("it ended")
+        if (number, repeat) == (2, 1) and played.count((2, 1)) == 1:
+            raise KeyboardInterrupt
+        return {"number": number, "repeat": repeat}
 
-    @asynccontextmanager
-    async def live_hosts(*names, ros):
-        yield Hosts()
-
-    monkeypatch.setattr(transmission.validation, "live_hosts", live_hosts)
+    monkeypatch.setattr(validation, "live_hosts", lambda *_, **__: nullcontext())
+    log = SimpleNamespace(path=tmp_path / "a.mcap")
+    bench = Mock(experiment="transmission", config=transmission.exp.config(), log=log)
 
     def play():
-        with ExitStack() as stack:
-            bench = SimpleNamespace(
-                experiment="transmission",
-                config=transmission.exp.config(),
-                stack=stack,
-                log=SimpleNamespace(path=tmp_path / "a.mcap"),
-                advance=lambda _said: None,
-                write_all=lambda _table, rows: written.extend(rows),
-                metadata=lambda _name, values: written.append(values["failed"]),
-            )
-
-            async def rows(hosts, cell, repeat):
-                await hosts.play(cells[cell], seed=repeat)
-                return {"number": list(cells).index(cell), "repeat": repeat}
-
-            asyncio.run(validation.play_missing(bench, validation.TABLE, cells, 2, rows))
+        with ExitStack() as bench.stack:
+            asyncio.run(validation.play_missing(bench, validation.TABLE, cells, dict.fromkeys(cells, 2), rows))
 
     with pytest.raises(KeyboardInterrupt):
         play()
-    assert written == []
+    assert not bench.write_all.called
     before = len(played)
     play()
-    numbers = [(row["number"], row["repeat"]) for row in written[:-1]]
-    assert numbers == [(n, r) for r in (0, 1) for n in (0, 2, 3)]
-    assert len(written[-1]) == 2
+    written = [row for call in bench.write_all.call_args_list for row in call.args[1]]
+    assert written == [{"number": n, "repeat": r} for r in (0, 1) for n in (0, 2, 3)]
+    assert len(bench.metadata.call_args.args[1]["failed"]) == 2
     assert len(played) - before == 2 + 2 + 1 + 1, "what failed twice again, what was broken off, what is left"
     assert not list(tmp_path.iterdir()), "a finished run leaves no journal"
 
@@ -139,12 +127,12 @@ def test_cells_on_real_fast_dds_are_few_in_quick_and_slowed_where_python_is_too_
     quick, paper = (validation.ros_cells(transmission.exp.config(profile)) for profile in ("quick", "paper"))
     assert len(quick) <= 12
     assert {cell.preset for cell in quick} == {"fast_dds_sync", "fast_dds_async"}
-    slowed = {(100, 1), (100, 2), (200, 2), (500, 5), (1000, 10)}
+    slowed = {(100, 2), (100, 4), (200, 4), (500, 10), (1000, 20)}
     assert {(c.point.rate_max_hz, c.slowed) for c in paper} == slowed
-    cell = next(cell for cell in paper if cell.slowed == 10)
+    cell = next(cell for cell in paper if cell.slowed == 20)
     fast, slow = replace(cell, slowed=1.0).scenario(0), cell.scenario(0)
-    assert [flow.rate_hz for flow in slow.flows] == pytest.approx([flow.rate_hz / 10 for flow in fast.flows])
-    assert slow.medium.airtime_ns(100, 1) == pytest.approx(10 * fast.medium.airtime_ns(100, 1), rel=1e-6)
+    assert [flow.rate_hz for flow in slow.flows] == pytest.approx([flow.rate_hz / 20 for flow in fast.flows])
+    assert slow.medium.airtime_ns(100, 1) == pytest.approx(20 * fast.medium.airtime_ns(100, 1), rel=1e-6)
     row = {"group": "hello", "preset": cell.preset, "slowed": 10.0, "p50_live_ms": 30.0, "p50_model_ms": 20.0}
     played = (True, 0.2), (True, 0.3), (False, 0.9)
     rows = [row | {"kept_up": kept, "loss_live": loss} for kept, loss in played]

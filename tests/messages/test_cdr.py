@@ -1,13 +1,9 @@
 import mmap
-import re
 import struct
 import zlib
-from contextlib import suppress
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from random_messages import random_message
 
 from sfglab import messages
@@ -15,8 +11,9 @@ from sfglab.messages import CdrError, decoder_from_definition, default_message, 
 from sfglab.messages.flat import flat_reader
 from sfglab.messages.store import type_store
 
-FUZZED = ("sensor_msgs/msg/PointCloud2", "tf2_msgs/msg/TFMessage", "sensor_msgs/msg/Imu", "std_msgs/msg/String")
-SENSORS = ("sensor_msgs/msg/Image", "sensor_msgs/msg/CameraInfo")
+IMAGE, TF = "sensor_msgs/msg/Image", "tf2_msgs/msg/TFMessage"
+NUMBERS = "std_msgs/msg/Float64MultiArray"
+SENSORS = [f"sensor_msgs/msg/{name}" for name in ("PointCloud2", "Imu", "Image", "CameraInfo")]
 
 
 def image(pixels):
@@ -50,13 +47,6 @@ def test_golden_bytes_of_an_agent_heartbeat_and_big_endian_is_read():
     assert deserialize(cdr, "builtin_interfaces/msg/Time").nanosec == 6
 
 
-@pytest.mark.parametrize("text", ["", "a", "abc", "abcd", "grün", "字"])
-def test_bytes_are_a_multiple_of_four_and_come_back(text):
-    cdr = serialize(messages.message_type("std_msgs/msg/String")(data=text))
-    assert len(cdr) % 4 == 0
-    assert deserialize(cdr, "std_msgs/msg/String").data == text
-
-
 def test_every_type_survives_the_round_trip_and_fits_its_size():
     for name in messages.message_types():
         # Other tests may have added types: each type has its own numbers.
@@ -64,6 +54,7 @@ def test_every_type_survives_the_round_trip_and_fits_its_size():
         cdr = serialize(message)
         dirty = bytearray(b"\xff" * (len(cdr) + 3))
         assert serialize(deserialize(cdr, name)) == cdr
+        assert len(cdr) % 4 == 0
         assert messages.serialize_into(message, dirty) == len(cdr) == messages.serialized_size(message)
         assert dirty == cdr + b"\xff\xff\xff", name
 
@@ -80,7 +71,7 @@ def test_arrays_are_read_only_views_of_any_buffer(container):
     assert np.shares_memory(pixels, np.frombuffer(data, np.uint8))
     assert not pixels.flags.writeable
     assert pixels.tolist() == list(range(251))
-    wide = default_message("std_msgs/msg/Float64MultiArray")
+    wide = default_message(NUMBERS)
     wide.data = np.linspace(0, 1, 7)
     cdr = serialize(wide)
     read = deserialize(cdr, type(wide)).data
@@ -89,46 +80,33 @@ def test_arrays_are_read_only_views_of_any_buffer(container):
 
 
 @pytest.mark.parametrize(
-    ("field", "value", "complaint"),
+    ("name", "field", "value", "complaint"),
     [
-        ("data", b"abc", "data: given bytes, allowed is a NumPy array of uint8"),
-        ("data", [1, 2], "data: given list"),
-        ("data", np.zeros(3, np.int32), "data: given an array of int32, allowed is uint8"),
-        ("data", np.zeros((2, 3), np.uint8), r"data: given an array of shape \(2, 3\).*ravel"),
-        ("height", -1, "height: given -1, allowed are 0 to 4294967295"),
-        ("height", 1.5, "height: given 1.5, allowed is uint32"),
-        ("encoding", None, "encoding: given None, allowed is text"),
-        ("header", None, "header: given NoneType, allowed is std_msgs/msg/Header"),
-    ],
-)
-def test_a_field_that_does_not_fit_is_named(field, value, complaint):
-    message = image(np.zeros(3, np.uint8))
-    setattr(message, field, value)
-    with pytest.raises(CdrError, match=complaint) as error:
-        serialize(message)
-    assert error.value.type_name == "sensor_msgs/msg/Image"
-    with pytest.raises(CdrError):
-        messages.serialize_into(message, bytearray(100))
-
-
-@pytest.mark.parametrize(
-    ("name", "path", "value", "complaint"),
-    [
-        ("tf2_msgs/msg/TFMessage", "transforms[1].transform.rotation.w", "one", "given 'one'"),
+        (IMAGE, "data", b"abc", "data: given bytes, allowed is a NumPy array of uint8"),
+        (IMAGE, "data", [1, 2], "data: given list"),
+        (IMAGE, "data", np.zeros(3, np.int32), "data: given an array of int32, allowed is uint8"),
+        (IMAGE, "data", np.zeros((2, 3), np.uint8), r"data: given an array of shape \(2, 3\).*ravel"),
+        (IMAGE, "height", -1, "height: given -1, allowed are 0 to 4294967295"),
+        (IMAGE, "height", 1.5, "height: given 1.5, allowed is uint32"),
+        (IMAGE, "encoding", None, "encoding: given None, allowed is text"),
+        (IMAGE, "header", None, "header: given NoneType, allowed is std_msgs/msg/Header"),
+        (NUMBERS, "data", np.zeros(8)[::2], r"data: given an array of shape \(4,\), allowed is one contiguous"),
+        (TF, "w", "one", r"transforms\[1\].transform.rotation.w: given 'one'"),
         ("sensor_msgs/msg/Imu", "angular_velocity_covariance", np.zeros(8), "array length"),
-        ("std_msgs/msg/Float64MultiArray", "data", np.zeros(8)[::2], "shape (4,), allowed is one contiguous"),
         ("std_msgs/msg/Float32", "data", 1e300, "float"),
     ],
 )
-def test_fields_deep_inside_are_named_with_their_path(name, path, value, complaint):
+def test_a_field_that_does_not_fit_is_named_with_its_path(name, field, value, complaint):
     message = holder = default_message(name)
-    if name == "tf2_msgs/msg/TFMessage":
+    if name == TF:
         message.transforms = [default_message("geometry_msgs/msg/TransformStamped") for _ in range(2)]
         holder = message.transforms[1].transform.rotation
-        complaint = f"{path}: {complaint}"
-    setattr(holder, path.rpartition(".")[2], value)
-    with pytest.raises(CdrError, match=re.escape(complaint)):
+    setattr(holder, field, value)
+    with pytest.raises(CdrError, match=complaint) as error:
         serialize(message)
+    assert error.value.type_name == name
+    with pytest.raises(CdrError):
+        messages.serialize_into(message, bytearray(1000))
 
 
 def test_what_is_no_message_is_refused_and_a_buffer_too_small_is_left_alone():
@@ -140,28 +118,13 @@ def test_what_is_no_message_is_refused_and_a_buffer_too_small_is_left_alone():
     assert buffer == b"\xff" * 10
 
 
-@pytest.mark.parametrize("name", FUZZED + SENSORS)
+@pytest.mark.parametrize("name", [*SENSORS, TF, "std_msgs/msg/String"])
 def test_truncated_bytes_are_an_error_at_every_length(name):
     cdr = serialize(random_message(np.random.default_rng(3), name))
     for length in range(len(cdr) - 3):  # up to three bytes of padding may be missing
         with pytest.raises(CdrError) as error:
             deserialize(cdr[:length], name)
         assert error.value.size_bytes == length
-
-
-@settings(max_examples=300, deadline=None)
-@given(st.sampled_from(FUZZED), st.data())
-def test_arbitrary_and_damaged_bytes_are_a_message_or_an_error(name, data):
-    with suppress(CdrError):
-        assert deserialize(b"\0\1\0\0" + data.draw(st.binary(max_size=200)), name).__msgtype__ == name
-    message = default_message(name)
-    if name == "tf2_msgs/msg/TFMessage":
-        message.transforms = [default_message("geometry_msgs/msg/TransformStamped")]
-    cdr = bytearray(serialize(message))
-    for position in data.draw(st.lists(st.integers(0, len(cdr) - 1), max_size=4)):
-        cdr[position] = data.draw(st.integers(0, 255))
-    with suppress(CdrError):
-        assert deserialize(cdr, name).__msgtype__ == name
 
 
 @pytest.mark.parametrize("length", [1, 2**31, 2**32 - 1])
@@ -234,10 +197,3 @@ def test_a_string_without_end_is_refused_and_bytes_behind_a_message_are_none_of_
     for name in ("std_msgs/msg/String", "tf2_msgs/msg/TFMessage"):
         message = default_message(name)
         assert deserialize(serialize(message) + b"\0" * 8, name) == message
-
-
-@pytest.mark.parametrize("value", [0, 127, 128, 255])
-def test_an_octet_has_no_sign(value):
-    message = default_message("diagnostic_msgs/msg/DiagnosticStatus")
-    message.level = value
-    assert deserialize(serialize(message), "diagnostic_msgs/msg/DiagnosticStatus").level == value

@@ -87,6 +87,9 @@ def test_service_types_begin_with_the_header_of_rmw_cyclonedds():
     assert list(request.__annotations__)[:2] == ["rmw_client_guid", "rmw_sequence"]
     assert list(reply.__annotations__) == ["rmw_client_guid", "rmw_sequence", "success", "message", "metadata"]
     assert reply.__idl__.idl_transformed_typename == "sfglab_interfaces::srv::dds_::GetMetadata_Response_"
+    asked, _ = service_idl_struct("sfglab_interfaces/action/FollowTrajectory_SendGoal")
+    wrapper = "sfglab_interfaces::action::dds_::FollowTrajectory_SendGoal_Request_"
+    assert asked.__idl__.idl_transformed_typename == wrapper
 
 
 def test_unknown_types_have_no_struct():

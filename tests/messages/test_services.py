@@ -54,22 +54,6 @@ def test_an_action_is_three_parts_and_the_wrappers_of_the_ros_2_design():
     ]
 
 
-def test_dds_knows_the_wrappers_by_the_names_of_rosidl():
-    from sfglab.messages.dds import idl_struct, service_idl_struct
-
-    action = messages.action_type(FOLLOW)
-    services = (action.send_goal.name, action.get_result.name, "action_msgs/srv/CancelGoal")
-    structs = [struct for name in services for struct in service_idl_struct(name)]
-    structs += [idl_struct(type_) for type_ in (action.feedback_message, action.goal)]
-    stem = "sfglab_interfaces::action::dds_::FollowTrajectory"
-    assert [struct.__idl_typename__ for struct in structs] == [
-        *(f"{stem}_{part}_" for part in ("SendGoal_Request", "SendGoal_Response")),
-        *(f"{stem}_{part}_" for part in ("GetResult_Request", "GetResult_Response")),
-        *(f"action_msgs::srv::dds_::CancelGoal_{part}_" for part in ("Request", "Response")),
-        *(f"{stem}_{part}_" for part in ("FeedbackMessage", "Goal")),
-    ]
-
-
 def test_a_request_for_a_goal_is_the_id_and_then_the_goal_and_no_field_is_one_octet():
     action = messages.register_action(COUNT, TEXT)
     uuid = messages.message_type("unique_identifier_msgs/msg/UUID")(uuid=np.arange(16, dtype=np.uint8))

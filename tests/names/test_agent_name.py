@@ -71,11 +71,6 @@ def test_an_agent_that_reads_as_another_segment_is_refused(agent):
         validate_agent(agent)
 
 
-def test_a_name_whose_agent_was_forgotten_is_found():
-    with pytest.raises(FqnError, match=r"^agent: .*mistaken for Component\.CAMERA"):
-        names.parse("/global/camera_front/color/ffmpeg")
-
-
 @pytest.mark.parametrize("agent", ["torq", "carr", "rq", "xRequest", "theReplyBot"])
 def test_an_agent_that_a_router_breaks_is_refused_in_every_name(agent):
     assert names.router_hazards(f"/global/{agent}/get_metadata")
@@ -89,20 +84,18 @@ def test_ordinary_agents_are_allowed():
 
 
 @pytest.mark.parametrize(
-    ("frame", "agent", "called"),
+    ("frame", "agent", "shared", "called"),
     [
-        ("base", "go2", "go2/base"),
-        ("/base", "go2", "go2/base"),
-        ("map", "go2", "map"),
-        ("other/base", "go2", "other/base"),
-        ("base", "", "base"),
+        ("base", "go2", names.SHARED_FRAMES, "go2/base"),
+        ("/base", "go2", names.SHARED_FRAMES, "go2/base"),
+        ("map", "go2", names.SHARED_FRAMES, "map"),
+        ("other/base", "go2", names.SHARED_FRAMES, "other/base"),
+        ("base", "", names.SHARED_FRAMES, "base"),
+        ("hall", "go2", ["hall"], "hall"),
+        ("map", "go2", [], "go2/map"),
     ],
 )
-def test_a_frame_is_called_by_its_agent_unless_it_is_shared_or_has_a_prefix(frame, agent, called):
-    assert names.prefixed_frame(frame, agent) == called
+def test_a_frame_is_called_by_its_agent_unless_it_is_shared_or_has_a_prefix(frame, agent, shared, called):
+    assert names.prefixed_frame(frame, agent, shared=frozenset(shared)) == called
     assert names.frame_owner(called) == called.rpartition("/")[0]
-
-
-def test_what_is_shared_can_be_chosen():
-    assert names.prefixed_frame("hall", "go2", shared=frozenset({"hall"})) == "hall"
-    assert names.prefixed_frame("map", "go2", shared=frozenset()) == "go2/map"
+    assert names.prefixed_frame("map", "go2") == "map"

@@ -71,12 +71,6 @@ def test_no_two_suffixed_values_of_a_set_are_written_alike(a, b, first, second):
     assert one.text not in {value.text for value in type(a)}
 
 
-@pytest.mark.parametrize("suffix", ["", "_x", "x_", "a__b", "a b", "ä", "a/b", "-", "\u0661"])
-def test_suffixes_with_other_characters_are_refused(suffix):
-    with pytest.raises(FqnError, match=r"^suffix: .*component suffix"):
-        Component.CAMERA.suffixed(suffix)
-
-
 def test_a_suffix_that_spells_another_value_and_digits_behind_an_underscore_are_refused():
     with pytest.raises(FqnError, match=r"Resource\.COMPRESSED_DEPTH"):
         Resource.COMPRESSED.suffixed("depth")
@@ -94,8 +88,11 @@ def test_what_only_resembles_a_standard_value_is_none(text):
     assert read_standard(Component, text) is None
 
 
-@pytest.mark.parametrize("text", ["", "_x", "x_", "a__b", "9a", "a b", "a/b", "ä", "a\n"])
-def test_custom_takes_only_words_of_a_ros_name(text):
+@pytest.mark.parametrize("text", ["", "_x", "x_", "a__b", "9a", "a b", "a/b", "ä", "a\n", "-", "\u0661"])
+def test_suffixes_and_customs_take_only_words_of_a_ros_name(text):
+    if text != "9a":  # which may stand behind a word
+        with pytest.raises(FqnError, match=r"^suffix: .*component suffix"):
+            Component.CAMERA.suffixed(text)
     with pytest.raises(FqnError, match="words") as caught:
         Custom(text)
     assert (caught.value.place, caught.value.given) == ("custom", text)

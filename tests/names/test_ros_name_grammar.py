@@ -1,6 +1,8 @@
-"""Absolute ROS names, their limits, and relative names, as the design article and rmw define them."""
+"""Limits of ROS names, and what is said of those that are none.
 
-import ast
+Which names are, and what relative ones become, rclpy is asked in `tests/ros2/test_ros_names.py`.
+"""
+
 import pickle
 import subprocess
 import sys
@@ -14,23 +16,6 @@ from sfglab.names import FqnError, ResourceKind, dds_names, max_name_length, res
 
 
 @pytest.mark.parametrize(
-    "name", ["/tf", "/chatter", "/a/b_c/D9", "/x/_action/status", "/_hidden", "/rosout", "/x_"]
-)
-def test_valid_names_pass_unchanged(name):
-    assert validate_ros_name(name) == name
-
-
-WRONG = "/ chatter /a/ //a /a//b /9a /a/9b /a__b /a-b /ä /a.b ~/a /~/a /{node}/a"
-
-
-@pytest.mark.parametrize("name", ["", "/a b", "/a\n", "/a/\u0661", *WRONG.split()])
-def test_names_against_the_design_article_are_refused(name):
-    with pytest.raises(FqnError) as caught:
-        validate_ros_name(name)
-    assert (caught.value.place, caught.value.given) == ("name", name)
-
-
-@pytest.mark.parametrize(
     ("kind", "on_dds"),
     [(ResourceKind.TOPIC, 2 + 255 - 8), (ResourceKind.SERVICE, 255), (ResourceKind.ACTION, 255)],
 )
@@ -41,23 +26,6 @@ def test_the_longest_topic_is_that_of_rmw_other_names_fill_one_of_dds_and_one_mo
     assert max(map(len, dds_names(longest, kind))) == on_dds
     with pytest.raises(FqnError, match=f"at most {limit} characters"):
         validate_ros_name(longest + "a", kind)
-
-
-@pytest.mark.parametrize(
-    ("name", "namespace", "expected"),
-    [
-        ("/chatter", "/ns", "/chatter"),
-        ("chatter", "/", "/chatter"),
-        ("chatter", "", "/chatter"),
-        ("chatter", "/ns", "/ns/chatter"),
-        ("a/b", "ns/sub", "/ns/sub/a/b"),
-        ("~", "/ns", "/ns/talker"),
-        ("~/x", "/", "/talker/x"),
-        ("~/x/y", "/ns", "/ns/talker/x/y"),
-    ],
-)
-def test_names_resolve_as_rclpy_resolves_them(name, namespace, expected):
-    assert resolve(name, namespace, node_name="talker") == expected
 
 
 @pytest.mark.parametrize(
@@ -94,23 +62,17 @@ def test_the_error_carries_its_data_and_survives_pickling():
     with pytest.raises(FqnError) as caught:
         validate_ros_name("bad name")
     error = caught.value
+    assert (error.place, error.given) == ("name", "bad name")
+    assert str(error).startswith("name: given 'bad name', allowed: ")
     copy = pickle.loads(pickle.dumps(error))  # noqa: S301 - our own bytes
     assert isinstance(copy, SfglabError)
     assert isinstance(copy, ValueError)
     assert (copy.place, copy.given, copy.allowed) == (error.place, error.given, error.allowed)
     assert str(copy) == str(error)
-    for part in ("name", "'bad name'", "allowed"):
-        assert part in str(error)
 
 
 def test_the_schema_stands_on_floor_zero():
-    code = (
-        "import sys, sfglab.names; "
-        "print(sorted(m for m in sys.modules if m.startswith('sfglab') and 'names' not in m)); "
-        "print(sorted({m.partition('.')[0] for m in sys.modules} - sys.stdlib_module_names - {'sfglab'}))"
-    )
-    command = [sys.executable, "-I", "-S", "-c", f"import sys; sys.path[:0]={sys.path!r}; {code}"]
-    result = subprocess.run(command, capture_output=True, text=True, check=True)
-    own, foreign = result.stdout.splitlines()
-    assert own == "['sfglab', 'sfglab.errors']"
-    assert set(ast.literal_eval(foreign)) <= {"__main__"}
+    code = f"import sys; sys.path[:0] = {sys.path!r}; import sfglab.names; print(*sys.modules)"
+    done = subprocess.run([sys.executable, "-I", "-S", "-c", code], capture_output=True, text=True, check=True)
+    found = {m for m in done.stdout.split() if m.partition(".")[0] not in sys.stdlib_module_names}
+    assert {m for m in found if not m.startswith("sfglab.names")} == {"__main__", "sfglab", "sfglab.errors"}

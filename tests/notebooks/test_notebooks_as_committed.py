@@ -13,6 +13,7 @@ from IPython.core.displayhook import DisplayHook
 from IPython.core.interactiveshell import InteractiveShell
 from IPython.display import Image, publish_display_data
 from IPython.utils.capture import capture_output
+from made_logs import reference
 
 from sfglab.fields import to_json
 from sfglab.lab import notebook
@@ -100,6 +101,6 @@ def words_are_as_computed(shell, name):
 
 @pytest.mark.parametrize("name", EXPERIMENTS)
 def test_figures_twins_pictures_and_tables_follow_from_the_committed_log(name, shell):
-    run = shell.user_ns["run"] = experiment(name).load(ROOT / "data" / "reference" / f"{name}.mcap")
+    run = shell.user_ns["run"] = reference(experiment(name))
     figures_are_as_drawn(run, name)
     words_are_as_computed(shell, name)

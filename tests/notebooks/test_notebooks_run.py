@@ -10,16 +10,8 @@ import psutil
 import pytest
 
 from sfglab.lab.checks import trees
-from sfglab.lab.experiments import (
-    EXPERIMENTS,
-    decode_once,
-    experiment,
-    latency,
-    mocap,
-    reliability,
-    visualisation,
-)
-from sfglab.lab.experiments.latency.analysis import sights
+from sfglab.lab.experiments import EXPERIMENTS, decode_once, experiment, mocap, reliability, visualisation
+from sfglab.lab.experiments.latency import analysis
 from sfglab.lab.experiments.latency.stage import PATHS
 from sfglab.lab.notebooks import find_notebooks, run_notebooks
 from sfglab.lab.paths import Project
@@ -31,12 +23,13 @@ from sfglab.spatial.frames.listener import fill_from_log
 ROOT = Path(__file__).parents[2]
 INDEX = "00_index"
 SHOWN = "data/reference/cooperation.mcap"
+TRANSMISSION = ("beyond", "fates", "latency", "live", "loss", "validation")
 # What the notebooks draw in a smoke test.
 FIGURES_ANYWHERE = {
     "01_naming": {"naming_schema"},
     "02_depth_codecs": {"depth_codecs"},
     "08_caches_and_qos": {"balancing_caches", "balancing_qos", "balancing_stale"},
-    "09_transmission": {f"transmission_{what}" for what in "beyond fates latency live loss validation".split()},
+    "09_transmission": {f"transmission_{what}" for what in TRANSMISSION},
     "10_cooperation": {"cooperation", "cooperation_staleness", "cooperation_tracks"},
     "11_gateways": {"gateway_core", "graph_mapping"},
     "12_transfer": {"node_mapping", "transfer", "transfer_break_even", "transfer_live", "transfer_residuals"},
@@ -65,7 +58,7 @@ NAMES = [*FIGURES_ANYWHERE, *(pytest.param(name, marks=LIVE) for name in FIGURES
 
 @pytest.fixture
 def project(tmp_path, monkeypatch):
-    """A checkout of its own, without logs but the one that a reader looks at; what runs for it is gone at the end."""
+    """A checkout of its own, with one log, for readers to look at; what runs for it is gone at the end."""
     shutil.copytree(ROOT / "notebooks", tmp_path / "notebooks", ignore=shutil.ignore_patterns(".*"))
     shutil.copytree(ROOT / "data", tmp_path / "data", ignore=shutil.ignore_patterns("reference"))
     (tmp_path / "data" / "reference").mkdir()
@@ -108,13 +101,13 @@ def frames_are_whole(run):
 
 def pictures_are_present(run):
     """No picture on any way is a wrong one, and keepers are asked where they should be."""
-    table = latency.checks(run).set_index("path")
+    table = analysis.checks(run).set_index("path")
     assert set(table.index) == set(PATHS)
     assert (table[["unreadable", "disordered", "broken", "unknown"]] == 0).all(axis=None)
     assert (table["pictures"] > 0).all()
     assert (table.loc[["decoder", "agent"], "replay_packets"] > 0).all(), "keepers were asked"
     assert (table.loc[["standard", "container", "on_demand"], "replay_packets"] == 0).all()
-    assert (sights(run)["glass_ms"] > 0).all()
+    assert (analysis.sights(run)["glass_ms"] > 0).all()
 
 
 def the_bridge_keeps_the_tree_whole(run):

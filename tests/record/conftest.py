@@ -2,7 +2,9 @@ import numpy as np
 import pytest
 from meter_rows import MeterRow
 
-from sfglab.messages import default_message, stamp_from_ns
+from sfglab.messages import default_message, serialize, stamp_from_ns
+from sfglab.qos import LATCHED, QoSProfile, Reliability
+from sfglab.record import LogWriter
 
 
 @pytest.fixture
@@ -28,3 +30,20 @@ def image():
         return message
 
     return make
+
+
+@pytest.fixture
+def given(tmp_path, image, meter_row):
+    """A log with a latched topic, our own rows, metadata, an attachment, and times that are not in order."""
+    path = tmp_path / "given.mcap"
+    with LogWriter(path) as log:
+        log.write_metadata("config", {"seed": 1})
+        log.attach("note", b"x", "text/plain")
+        qos = QoSProfile(reliability=Reliability.BEST_EFFORT, depth=5)
+        for number in (0, 2, 1, 3):
+            times = {"log_time_ns": number * 10**9, "publish_time_ns": number}
+            log.write_raw("/image", "sensor_msgs/msg/Image", serialize(image(number)), qos=qos, **times)
+        tree = default_message("tf2_msgs/msg/TFMessage")
+        log.write_raw("/tf_static", "tf2_msgs/msg/TFMessage", serialize(tree), log_time_ns=5, qos=LATCHED)
+        log.write_row("meter", meter_row(received=4, samples_s=(0.25, 0.75)), log_time_ns=6)
+    return path

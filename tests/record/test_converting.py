@@ -10,35 +10,15 @@ import numpy as np
 import pytest
 from commands import called
 from mcap.reader import make_reader
-from random_messages import random_message
 from rosbags.highlevel import AnyReader
-from rosbags.interfaces import QosDurability
+from rosbags.interfaces import QosDurability, QosHistory, QosReliability
 from typer.testing import CliRunner
 
 from sfglab.cli import app
-from sfglab.messages import default_message, serialize
-from sfglab.qos import LATCHED, QoSProfile, Reliability
 from sfglab.record import LogReader, LogWriter
 
-TF, STRING, IMAGE = "tf2_msgs/msg/TFMessage", "std_msgs/msg/String", "sensor_msgs/msg/Image"
 FOLDERS = [("mcap", mode) for mode in ("none", "file", "message", "storage")]
 FOLDERS += [("sqlite3", mode) for mode in ("none", "file", "message")]
-
-
-@pytest.fixture
-def given(tmp_path, meter_row):
-    """A log with a latched topic, our own rows, metadata, an attachment, and times that are not in order."""
-    rng, path = np.random.default_rng(2), tmp_path / "given.mcap"
-    with LogWriter(path) as log:
-        log.write_metadata("config", {"seed": 1})
-        log.attach("note", b"x", "text/plain")
-        for number in (0, 2, 1, 3):
-            cdr = serialize(random_message(rng, IMAGE))
-            qos = QoSProfile(reliability=Reliability.BEST_EFFORT, depth=5)
-            log.write_raw("/image", IMAGE, cdr, log_time_ns=number * 10**9, publish_time_ns=number, qos=qos)
-        log.write_raw("/tf_static", TF, serialize(default_message(TF)), log_time_ns=5, qos=LATCHED)
-        log.write_row("meter", meter_row(received=4), log_time_ns=6)
-    return path
 
 
 def entries(path):
@@ -50,13 +30,17 @@ def entries(path):
 def test_a_log_becomes_a_bag_and_again_the_same_log(tmp_path, given, storage, mode):
     bag = tmp_path / "bag"
     called("log", "convert", str(given), "-o", str(bag), "-s", storage, "--compression-mode", mode)
-    with AnyReader([bag]) as reader:
-        theirs = [(c.topic, c.msgtype, time_ns, data) for c, time_ns, data in reader.messages()]
-        (latched,) = (c for c in reader.connections if c.topic == "/tf_static")
-        assert latched.ext.offered_qos_profiles[0].durability is QosDurability.TRANSIENT_LOCAL
-        row = next(c for c in reader.connections if c.topic == "/table/meter")
-        assert reader.deserialize(next(reader.messages([row]))[2], row.msgtype).received == 4
-    assert theirs == entries(given) == entries(bag)
+    for path in (given, bag):
+        with AnyReader([path]) as reader:
+            theirs = [(c.topic, c.msgtype, time_ns, data) for c, time_ns, data in reader.messages()]
+            (latched,) = (c for c in reader.connections if c.topic == "/tf_static")
+            (qos,) = latched.ext.offered_qos_profiles
+            row = next(c for c in reader.connections if c.topic == "/table/meter")
+            read = reader.deserialize(next(reader.messages([row]))[2], row.msgtype)
+        assert (qos.history, qos.depth, qos.reliability) == (QosHistory.KEEP_LAST, 1, QosReliability.RELIABLE)
+        assert qos.durability is QosDurability.TRANSIENT_LOCAL
+        assert (read.received, read.samples_s.tolist()) == (4, [0.25, 0.75])
+        assert theirs == entries(path) == entries(given)
     back = tmp_path / "back.mcap"
     called("log", "convert", str(bag), "-o", str(back))
     assert entries(back) == entries(given)

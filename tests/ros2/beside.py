@@ -15,12 +15,13 @@ from random_messages import random_message
 from sfglab.bus.address import BusAddress
 from sfglab.component import argument_of
 from sfglab.fleet.router.node import RouterConfig
-from sfglab.messages import deserialize, serialize
+from sfglab.messages import default_message, deserialize, serialize
 from sfglab.processes import LineProcess
 from sfglab.qos import Durability, QoSProfile
 
-ANSWER_S = 60
+ANSWER_S = 180
 STRING = "std_msgs/msg/String"
+EMPTY = serialize(default_message(STRING)).hex()
 LATCHED = {"durability": "transient_local", "depth": 1}
 OURS_LATCHED = QoSProfile(durability=Durability.TRANSIENT_LOCAL, depth=1)
 
@@ -70,6 +71,16 @@ async def asked(process, do, answer, **values):
     """Give a peer an order and return its report."""
     process.order(do=do, **values)
     return await process.expect(answer, timeout_s=ANSWER_S)
+
+
+async def publish(ros, topic, qos=LATCHED, cdr=(EMPTY,), kind=STRING):
+    """Let a peer publish messages, by default an empty text for all who will come."""
+    await asked(ros, "publish", "published", kind=kind, topic=topic, qos=qos, cdr=list(cdr))
+
+
+async def listen(ros, topic, qos, kind=STRING, **more):
+    """Let a peer listen to a topic."""
+    await asked(ros, "listen", "listening", kind=kind, topic=topic, qos=qos, **more)
 
 
 async def until(holds):

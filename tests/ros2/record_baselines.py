@@ -2,9 +2,9 @@
 
 Two minutes in the profile quick; the machine should have nothing else to do. `make figures` draws them. With an
 experiment's name only that is recorded, with fields of its configuration as ``name=value`` behind it; what was
-broken off goes on when the same is called again. Every cell of the validation, half an hour:
+broken off goes on when the same is called again. The validation, an hour, and the whole grid, another:
 
-    python tests/ros2/record_baselines.py quick transmission validation_repeats=1 validation_s=8
+    python tests/ros2/record_baselines.py paper transmission
 
 Whole rounds of `cooperation` once, in both modes, twenty minutes:
 

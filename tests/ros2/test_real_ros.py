@@ -8,7 +8,7 @@ from collections import Counter
 
 import numpy as np
 import pytest
-from beside import LATCHED, OURS_LATCHED, STRING, asked, bent, echoed, started, until, without_padding
+from beside import OURS_LATCHED, STRING, asked, bent, echoed, listen, publish, started, until, without_padding
 from random_messages import random_message
 
 from sfglab.bus import Node
@@ -146,27 +146,24 @@ async def test_who_hears_whom_is_what_request_versus_offered_says(peer, domain_i
     pairs = dict(enumerate(itertools.product(PROFILES, PROFILES)))
     expected = {n for n, (o, r) in pairs.items() if not incompatibilities(offered=o, requested=r)}
     heard = Counter()
-    message = default_message(STRING)
-    cdr = [serialize(message).hex()]
     async with peer() as ros, Node("us", domain_id=domain_id) as node:
         publishers = []
         for n, (offered, requested) in pairs.items():
             node.create_subscription(STRING, f"/to_us/pair{n}", lambda _, n=n: heard.update([n]), requested)
             publishers.append(node.create_publisher(STRING, f"/to_ros/pair{n}", offered))
-            await asked(ros, "listen", "listening", kind=STRING, topic=f"/to_ros/pair{n}", qos=named(requested))
+            await listen(ros, f"/to_ros/pair{n}", named(requested))
         told = set()
 
-        def listen(report):
+        def note(report):
             if report["is"] == "heard":
                 told.add(int(report["topic"].rpartition("pair")[2]))
 
-        ros.on_report = listen
+        ros.on_report = note
 
         async def everybody():
             for n, (offered, _) in pairs.items():
-                publishers[n].publish(message)
-                topic, qos = f"/to_us/pair{n}", named(offered)
-                await asked(ros, "publish", "published", kind=STRING, topic=topic, qos=qos, cdr=cdr)
+                publishers[n].publish(default_message(STRING))
+                await publish(ros, f"/to_us/pair{n}", named(offered))
             return expected <= told and expected <= heard.keys()
 
         await until(everybody)
@@ -178,7 +175,7 @@ async def test_each_side_sees_the_other_in_its_graph_and_sees_it_go(peer, domain
     async with Node("us", domain_id=domain_id, namespace="/lab") as node:
         async with peer("ros_node") as ros:
             publisher = node.create_publisher(STRING, "/chatter", OURS_LATCHED)
-            await asked(ros, "publish", "published", kind=STRING, topic="/answer", qos=LATCHED, cdr=[])
+            await publish(ros, "/answer", cdr=[])
 
             async def graph_has(node_name, topic):
                 graph = await asked(ros, "graph", "graph")
@@ -208,8 +205,7 @@ async def test_bytes_behind_a_message_do_not_matter(peer, domain_id):
     heard = []
     async with peer() as ros, Node("us", domain_id=domain_id) as node:
         node.create_subscription(STRING, "/padded", lambda m: heard.append(m.data), OURS_LATCHED)
-        longer = (serialize(message) + b"\0" * 8).hex()
-        await asked(ros, "publish", "published", kind=STRING, topic="/padded", qos=LATCHED, cdr=[longer])
+        await publish(ros, "/padded", cdr=[(serialize(message) + b"\0" * 8).hex()])
         await until(lambda: heard == ["three"])
 
 
@@ -221,6 +217,5 @@ async def test_nodes_kept_on_this_host_meet(peer, domain_id):
         Node("us", domain_id=domain_id, interface="lo") as node,
     ):
         node.create_subscription(STRING, "/here", heard.append, OURS_LATCHED)
-        cdr = [serialize(default_message(STRING)).hex()]
-        await asked(ros, "publish", "published", kind=STRING, topic="/here", qos=LATCHED, cdr=cdr)
+        await publish(ros, "/here")
         await until(lambda: heard)

@@ -5,7 +5,7 @@ from signal import SIGCONT, SIGSTOP
 
 import numpy as np
 import pytest
-from beside import ANSWER_S, STRING, agents, asked, component, until
+from beside import ANSWER_S, EMPTY, STRING, agents, asked, component, listen, publish, until
 
 from sfglab.bus import Node
 from sfglab.bus.address import BusAddress
@@ -15,17 +15,12 @@ from sfglab.messages import default_message, serialize
 pytestmark = [pytest.mark.live, pytest.mark.ros, pytest.mark.netns]
 
 IMAGE = "sensor_msgs/msg/Image"
-HELLO = serialize(default_message(STRING)).hex()
 STATE = "/global/go2/state"
 MAP = "/global/go2/map"
 STREAM = "/global/go2/camera_front/color/ffmpeg"
 DECODED = "/local/go2/camera_front/color/image_raw"
 NAMELESS = "/".join(2 * ["_CREATED_BY_BARE_DDS_APP_"])
 DOMAINS = {"go2": 7, "spot": 8}
-
-
-async def publish(ros, topic, qos, *, times=1):
-    await asked(ros, "publish", "published", kind=STRING, topic=topic, qos=qos, cdr=[HELLO] * times)
 
 
 def ends(graph, topic):
@@ -47,7 +42,7 @@ async def test_what_could_be_had_is_listed_before_anybody_subscribes(network, pe
 
 async def listed_then_opened(network, go2, spot, *, names):
     await publish(go2, STATE, {})
-    await publish(go2, MAP, {"durability": "transient_local", "depth": 1})
+    await publish(go2, MAP)
     local = BusAddress(domain_id=DOMAINS["spot"], interface="lo")
     config = DecoderConfig(remote=local, local=local, streams=(STREAM,), linger_s=0.1, spare=False)
     router, its_decoder = ("/router", "/agent_decoder") if names else 2 * (NAMELESS,)
@@ -68,7 +63,7 @@ async def listed_then_opened(network, go2, spot, *, names):
         decoder.order(do="tell")
         assert len((await decoder.expect("processes", timeout_s=ANSWER_S))["pids"]) == 0
         for topic, kind in ((STATE, STRING), (DECODED, IMAGE)):
-            await asked(spot, "listen", "listening", kind=kind, topic=topic, qos={})
+            await listen(spot, topic, {}, kind)
         while (await decoder.expect("status", timeout_s=ANSWER_S))["state"] != "RUNNING":
             pass
 
@@ -146,11 +141,11 @@ async def test_qos_is_across_two_routers_what_it_is_without(network, peer):
 
 async def everybody_hears(go2, hearers, told):
     for topic, (offered, _, _) in zip(TOPICS, MATRIX, strict=True):
-        await publish(go2, topic, offered, times=8)
+        await publish(go2, topic, offered, [EMPTY] * 8)
     past = {topic: past for topic, (_, _, past) in zip(TOPICS, MATRIX, strict=True) if past is not None}
     for hearer in hearers:
         for topic, (_, requested, _) in zip(TOPICS, MATRIX, strict=True):
-            await asked(hearer, "listen", "listening", kind=STRING, topic=topic, qos=requested, quiet=True)
+            await listen(hearer, topic, requested, quiet=True)
 
     async def heard():
         return [(await asked(hearer, "count", "counts"))["counts"] for hearer in hearers]
@@ -179,7 +174,7 @@ DEEP, SECONDS, RATE_HZ = {"depth": 1000}, {"jazzy": 10, "kilted": 2}, 100
 @pytest.mark.feature("Across two routers: 100 messages a second, none lost", condition="reliable")
 async def test_reliable_topics_lose_nothing_across_two_routers(network, peer, distribution):
     async with agents(network, peer, DOMAINS, offers=True) as ros:
-        await all_arrive(ros, STRING, HELLO, times=RATE_HZ * SECONDS[distribution], rate_hz=RATE_HZ)
+        await all_arrive(ros, STRING, EMPTY, times=RATE_HZ * SECONDS[distribution], rate_hz=RATE_HZ)
 
 
 IMAGES, IMAGE_BYTES = 60, 640 * 480 * 3
@@ -199,8 +194,7 @@ async def test_images_arrive_across_two_routers(network, peer):
 @pytest.mark.feature("What will never be heard is said, with the node's name: QoS and types")
 async def test_a_subscription_says_which_node_it_will_never_hear(peer, domain_id, caplog):
     async with peer("whisperer") as ros, Node("us", domain_id=domain_id) as node:
-        qos = {"reliability": "best_effort"}
-        await asked(ros, "publish", "published", kind=STRING, topic="/x", qos=qos, cdr=[])
+        await publish(ros, "/x", {"reliability": "best_effort"}, [])
         node.create_subscription(STRING, "/x")
         await until(lambda: "publisher of node '/whisperer': reliability" in caplog.text)
 
@@ -208,13 +202,13 @@ async def test_a_subscription_says_which_node_it_will_never_hear(peer, domain_id
 async def all_arrive(ros, kind, cdr, *, times, rate_hz):
     """Send one message after the other until one arrives, then more at a rate, and wait for all of them."""
     go2, spot = ros["go2"], ros["spot"]
-    await asked(spot, "listen", "listening", kind=kind, topic=STATE, qos=DEEP, quiet=True)
+    await listen(spot, STATE, DEEP, kind, quiet=True)
 
     async def heard():
         return (await asked(spot, "count", "counts"))["counts"].get(STATE, 0)
 
     async def arrived():
-        await asked(go2, "publish", "published", kind=kind, topic=STATE, qos=DEEP, cdr=[cdr])
+        await publish(go2, STATE, DEEP, [cdr], kind)
         for _ in range(20):
             await asyncio.sleep(0.1)
             if await heard():

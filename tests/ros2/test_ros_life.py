@@ -7,11 +7,11 @@ from collections import Counter
 
 import numpy as np
 import pytest
-from beside import ANSWER_S, LATCHED, OURS_LATCHED, STRING, asked, started, until
+from beside import ANSWER_S, OURS_LATCHED, STRING, asked, listen, publish, started, until
 
 from sfglab.bus import Node
 from sfglab.errors import InvalidValueError
-from sfglab.messages import default_message, serialize
+from sfglab.messages import default_message
 from sfglab.qos import Durability, QoSProfile
 
 pytestmark = [pytest.mark.live, pytest.mark.ros]
@@ -20,7 +20,6 @@ ELSEWHERE = (
     "<CycloneDDS><Domain><General><Interfaces><NetworkInterface name='none0'/></Interfaces></General></Domain>"
     "</CycloneDDS>"
 )
-CDR = [serialize(default_message(STRING)).hex()]
 ENVIRONMENT = pytest.mark.feature("A user's environment: domain, localhost only, discovery range, static peers")
 
 
@@ -44,7 +43,7 @@ async def test_the_same_environment_brings_both_together(peer, domain_id, monkey
     heard = []
     async with peer(**both) as ros, Node("us") as node:
         node.create_subscription(STRING, "/here", heard.append, OURS_LATCHED)
-        await asked(ros, "publish", "published", kind=STRING, topic="/here", qos=LATCHED, cdr=CDR)
+        await publish(ros, "/here")
         await until(lambda: heard)
 
 
@@ -54,23 +53,23 @@ async def test_range_off_keeps_everybody_out(peer, domain_id, monkeypatch):
     heard = Counter()
     async with peer() as ros, Node("open", domain_id=domain_id) as there:
         there.create_subscription(STRING, "/here", lambda _: heard.update(["open"]), OURS_LATCHED)
-        argv = [sys.executable, "-c", SHUT, str(domain_id)]
+        argv = [sys.executable, "-c", OURS, "shut", str(domain_id)]
         monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "OFF")
         async with started("shut", argv) as shut:
-            await asked(ros, "publish", "published", kind=STRING, topic="/here", qos=LATCHED, cdr=CDR)
+            await publish(ros, "/here")
             await until(lambda: heard)
             assert "/shut" not in (await asked(ros, "graph", "graph"))["nodes"]
             assert (await asked(shut, "count", "counted"))["heard"] == 0
 
 
-SHUT = """
+OURS = """
 import asyncio, json, sys
 from sfglab.bus import Node
 from sfglab.qos import Durability, QoSProfile
 
 async def main():
     heard = []
-    async with Node("shut", domain_id=int(sys.argv[1])) as node:
+    async with Node(sys.argv[1], domain_id=int(sys.argv[2]), lease_s=1.5) as node:
         latched = QoSProfile(durability=Durability.TRANSIENT_LOCAL, depth=1)
         node.create_subscription("std_msgs/msg/String", "/here", heard.append, latched)
         print(json.dumps({"is": "ready"}), flush=True)
@@ -104,12 +103,12 @@ async def test_publishers_come_and_go_on_either_side_and_nothing_is_left(peer, d
         ros.on_report = lambda report: told.update([report["topic"]] if report["is"] == "heard" else [])
         for topic in topics:
             node.create_subscription(STRING, topic, lambda _, topic=topic: heard.update([topic]), ours)
-            await asked(ros, "listen", "listening", kind=STRING, topic=topic, qos=qos)
+            await listen(ros, topic, qos)
         for wave in range(1, ROUNDS + 1):
             publishers = [node.create_publisher(STRING, topic, ours) for topic in topics]
             for publisher, topic in zip(publishers, topics, strict=True):
                 publisher.publish(default_message(STRING))
-                await asked(ros, "publish", "published", kind=STRING, topic=topic, qos=qos, cdr=CDR)
+                await publish(ros, topic, qos)
             enough = dict.fromkeys(topics, 2 * wave)
             await until(lambda enough=enough: told >= Counter(enough) and heard >= Counter(enough))
             for publisher in publishers:
@@ -125,23 +124,9 @@ async def test_publishers_come_and_go_on_either_side_and_nothing_is_left(peer, d
         await until(nobody_left)
 
 
-DYING = """
-import asyncio, json, sys
-from sfglab.bus import Node
-
-async def main():
-    async with Node("dying", domain_id=int(sys.argv[1]), lease_s=1.5) as node:
-        node.create_publisher("std_msgs/msg/String", "/here")
-        print(json.dumps({"is": "ready"}), flush=True)
-        await asyncio.to_thread(sys.stdin.readline)
-
-asyncio.run(main())
-"""
-
-
 @CHURN
 async def test_a_process_that_is_killed_leaves_ros_2_s_graph(peer, domain_id):
-    async with peer() as ros, started("dying", [sys.executable, "-c", DYING, str(domain_id)]) as ours:
+    async with peer() as ros, started("dying", [sys.executable, "-c", OURS, "dying", str(domain_id)]) as ours:
 
         async def seen():
             graph = await asked(ros, "graph", "graph")
@@ -159,15 +144,8 @@ async def test_a_process_that_is_killed_leaves_ros_2_s_graph(peer, domain_id):
 @CHURN
 async def test_a_real_node_hears_on_when_flows_are_taken_away_before_a_sample_s_turn(peer, tmp_path):
     """What a sample sets off after a second is not sent any more, and the next flow is heard."""
-    usual = {
-        "qos": {"depth": 9},
-        "reader_depth": 9,
-        "executor": "",
-        "then": "",
-        "service_s": 0,
-        "size_bytes": 24,
-    }
-    usual |= {"rate_hz": 100, "phase_s": 0, "change_s": 0, "cached": False}
+    usual = {"qos": {"depth": 9}, "reader_depth": 9, "executor": "", "then": "", "service_s": 0}
+    usual |= {"size_bytes": 24, "rate_hz": 100, "phase_s": 0, "change_s": 0, "cached": False}
     there = {**usual, "name": "out", "source": "there"}
     back = {**usual, "name": "back", "source": "here", "rate_hz": 0}
     async with peer("there") as sender, peer("here") as hearer:

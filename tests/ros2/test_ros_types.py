@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from beside import LATCHED, asked, bent, echoed, until
+from beside import LATCHED, bent, echoed, listen, publish, until
 from random_messages import random_message
 
 from sfglab.bus import Node
@@ -58,6 +58,9 @@ def tree(parent, child, *position_m):
     return message_type(TRANSFORMS)(transforms=[one.to_msg()])
 
 
+ROS_EDGES = ("map", "ros/odom", 0, 2, 0), ("ros/odom", "ros/base", 0.5, 0, 0)
+
+
 @pytest.mark.feature("TF: /tf and latched /tf_static, both ways")
 async def test_transforms_reach_both_sides_latched_ones_also_who_comes_later(peer, own_types, domain_id):
     heard = {}
@@ -67,25 +70,21 @@ async def test_transforms_reach_both_sides_latched_ones_also_who_comes_later(pee
         moving = node.create_publisher(TRANSFORMS, TF, TF_QOS)
         async with peer(PYTHONPATH=own_types) as ros:
 
-            def listen(report):
+            def note(report):
                 if report["is"] == "heard":
                     message = deserialize(bytes.fromhex(report["cdr"]), TRANSFORMS)
                     heard.update({(report["topic"], t.child_frame_id): t for t in message.transforms})
 
-            ros.on_report = listen
-
-            async def publish(topic, qos, message):
-                values = {"kind": TRANSFORMS, "topic": topic, "qos": qos, "cdr": [serialize(message).hex()]}
-                await asked(ros, "publish", "published", **values)
-
-            await publish(TF_STATIC, LATCHED, tree("map", "ros/odom", 0, 2, 0))
+            ros.on_report = note
+            fixed, base = (serialize(tree(*edge)).hex() for edge in ROS_EDGES)
+            await publish(ros, TF_STATIC, LATCHED, [fixed], TRANSFORMS)
             for topic, qos in ((TF_STATIC, LATCHED), (TF, {"depth": 100})):
-                await asked(ros, "listen", "listening", kind=TRANSFORMS, topic=topic, qos=qos)
+                await listen(ros, topic, qos, TRANSFORMS)
             async with FramesListener(node, buffer):
 
                 async def both_hear():
                     moving.publish(tree("us/odom", "us/base", 0, 0, 3))
-                    await publish(TF, {"depth": 100}, tree("ros/odom", "ros/base", 0.5, 0, 0))
+                    await publish(ros, TF, {"depth": 100}, [base], TRANSFORMS)
                     return {"ros/base", "ros/odom"} <= {edge.child for edge in buffer.edges} and {
                         (TF_STATIC, "us/odom"),
                         (TF, "us/base"),

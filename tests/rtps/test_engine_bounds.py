@@ -1,6 +1,7 @@
 """The engine as plain Python with every index checked: it stays in its arrays, as compiled code does."""
 
 import contextlib
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -10,7 +11,7 @@ from hypothesis import strategies as st
 from numba.core.registry import CPUDispatcher
 
 from sfglab.qos import Durability, History, QoSProfile, Reliability
-from sfglab.rtps import PRESETS, Fate, Flow, Medium, Scenario, engine, medium, reader, run, world, writer
+from sfglab.rtps import PRESETS, Drop, Fate, Flow, Medium, Scenario, engine, medium, reader, run, world, writer
 from sfglab.rtps.model import QUEUE_RULES
 
 MODULES = (engine, medium, reader, world, writer)
@@ -126,6 +127,21 @@ def test_no_run_leaves_its_arrays_and_compiled_code_does_the_same(scenario, seed
     for name, flow in compiled.flows.items():
         for field in ("published_ns", "received_ns", "value", "fate", "dropped"):
             assert np.array_equal(getattr(plain.flows[name], field), getattr(flow, field)), (name, field)
+
+
+@settings(max_examples=120, deadline=None)
+@given(scenarios(), st.integers(0, 5))
+def test_samples_come_in_order_after_their_publication_and_every_loss_has_a_place(scenario, seed):
+    done = run(replace(scenario, duration_s=3.0), seed=seed)
+    for told in scenario.flows:
+        flow = done.flows[told.name]
+        in_order = np.diff(flow.received_ns[flow.delivered]) >= 0
+        assert in_order.all(), "one executor, in order of sequence numbers"
+        assert (flow.latency_ns >= 0).all()
+        assert ((flow.received_ns > 0) == flow.delivered).all()
+        assert (flow.fate != Fate.NEVER_SENT).all()
+        if not 0 < scenario.vendor.reorder_most < told.qos.depth:  # else a reader drops what waits behind a gap
+            assert (flow.dropped[flow.fate == Fate.OVERWRITTEN] != Drop.NOT).all()
 
 
 def test_a_shallow_reader_of_a_deep_writer_loses_in_its_own_history_what_waits_behind_a_gap():

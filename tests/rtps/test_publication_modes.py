@@ -6,10 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sfglab.errors import InvalidValueError
 from sfglab.lab.experiments.transmission.experiment import Point, exp, simulate_cell
 from sfglab.qos import QoSProfile, Reliability
-from sfglab.rtps import PRESETS, Drop, Fate, Flow, Frame, Medium, Scenario, run
+from sfglab.rtps import PRESETS, Flow, Frame, Medium, Scenario, run
 from sfglab.rtps.model import fragments, frame_bytes, is_lost, rate_share
 
 LOSSLESS = Medium(loss=0.0)
@@ -51,13 +50,23 @@ def test_mean_latencies_at_3_percent_loss_are_those_of_real_fast_dds(preset, dep
     assert low < mean_ms(preset, depth) < high
 
 
+@pytest.mark.parametrize(("size_bytes", "sample"), [(60, 807), (200, 392), (400, 226), (1000, 100)])
+def test_a_heartbeat_rides_with_the_same_sample_as_on_real_fast_dds(size_bytes, sample):
+    name = {"name": "a", "source": "robot", "target": "station"}
+    flow = Flow(**name, rate_hz=1e3, size_bytes=size_bytes, qos=QoSProfile(depth=999))
+    given = {"medium": LOSSLESS, "vendor": PRESETS["fast_dds_sync"], "drain_s": 0.1}
+    for count in (sample - 1, sample):  # measured: rclpy of Kilted, synchronous
+        scenario = Scenario(flows=(flow,), duration_s=(count - 0.5) / 1e3, **given)
+        assert run(scenario, seed=0).counts["acknack"] == (count == sample)
+
+
 @pytest.mark.parametrize(
     ("preset", "before", "acknacks"),
     [
         ("fast_dds_sync", 0, (2, 5)),  # measured: 3 and 4 heartbeats
         ("fast_dds_foxy", None, (2, 5)),
         ("fast_dds_async", 33_000, (300, 600)),  # measured in a young process: 457 to 558
-        ("fast_dds_async", 212_992, (900, 900)),  # measured in an older one: 900
+        ("fast_dds_async", 106_496, (900, 900)),  # measured in an older one: 900
     ],
 )
 def test_heartbeats_of_900_samples_are_those_of_real_fast_dds(preset, before, acknacks):
@@ -80,11 +89,8 @@ def test_heartbeats_of_900_samples_are_those_of_real_fast_dds(preset, before, ac
 )
 def test_what_a_crowded_air_costs_depends_on_who_waits(preset, rule, depth, loss, throttled):
     done = outcome(preset, replace(SLOW, queue_rule=rule), depth=depth, rate_hz=1000, duration_s=3.0)
-    flow = done.flows["a"]
-    assert loss[0] <= flow.loss <= loss[1]
+    assert loss[0] <= done.flows["a"].loss <= loss[1]
     assert (done.counts["throttled"] > 0) == throttled
-    assert (np.diff(flow.received_ns[flow.delivered]) >= 0).all()
-    assert (flow.dropped[flow.fate == Fate.OVERWRITTEN] != Drop.NOT).all()
 
 
 def test_a_queue_that_drops_its_head_keeps_what_is_newest():
@@ -107,13 +113,14 @@ def test_a_message_that_ip_cuts_is_lost_with_any_of_its_frames():
     assert [fragments(24, n) for n in (1, 23, 24, 256)] == [0, 0, 1, 10]
 
 
-def test_an_access_point_costs_the_air_twice_and_loses_twice():
+def test_best_effort_loses_what_the_medium_loses_and_an_access_point_costs_and_loses_twice():
     given = {"depth": 1, "duration_s": 40.0, "reliability": BEST_EFFORT}
     media = (Medium(loss=0.1, access_point=relayed) for relayed in (False, True))
     once, twice = (outcome("fast_dds", medium, **given) for medium in media)
     assert twice.counts["airtime_ns"] == pytest.approx(1.9 * once.counts["airtime_ns"], rel=0.02)
     assert once.flows["a"].loss == pytest.approx(0.1, abs=0.02)
     assert twice.flows["a"].loss == pytest.approx(0.19, abs=0.02)
+    assert once.counts["heartbeat"] == once.counts["acknack"] == once.counts["repeated"] == 0
 
 
 def test_an_access_point_drops_where_hosts_block():
@@ -158,17 +165,3 @@ def test_far_hosts_are_slower():
     far = Medium(loss=0.0, distances_m={"robot": 30.0})
     near_ns, far_ns = (outcome("fast_dds", m, depth=1).counts["airtime_ns"] for m in (LOSSLESS, far))
     assert far_ns > 1.2 * near_ns
-
-
-@pytest.mark.parametrize(
-    ("build", "message"),
-    [
-        (lambda: Medium(queue_rule="middle"), "queue_rule: given 'middle', allowed: tail, head, block"),
-        (lambda: Medium(access_point=True, shared=False), "access_point"),
-        (lambda: Medium(stall_s=0.2, stall_every_s=0.1), "stall_s < stall_every_s"),
-        (lambda: replace(PRESETS["fast_dds_sync"], piggyback_bytes=-1), "bytes"),
-    ],
-)
-def test_what_no_radio_does_is_refused(build, message):
-    with pytest.raises(InvalidValueError, match=message):
-        build()

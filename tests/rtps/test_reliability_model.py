@@ -34,6 +34,15 @@ def test_latency_on_a_quiet_link_is_airtime_latency_and_service():
     assert flow.loss == 0
 
 
+def test_seeds_lose_samples_of_their_own():
+    scenario = one(replace(QUIET, loss=0.5), duration_s=20.0, qos=BEST_EFFORT)
+    lost = [outcome(scenario, seed).fate != Fate.DELIVERED for seed in range(6)]
+    pairs = [(a, b) for b in range(6) for a in range(b)]
+    alike = [np.mean(lost[a] == np.roll(lost[b], by)) for a, b in pairs for by in range(-8, 9)]
+    assert min(alike) > 0.4
+    assert max(alike) < 0.6
+
+
 def test_publications_keep_their_period():
     flow = outcome(one(rate_hz=50, phase_s=0.003))
     assert np.array_equal(flow.published_ns, 3 * MS + np.arange(50) * 20 * MS)
@@ -86,12 +95,6 @@ def test_a_slow_reader_overwrites_in_its_own_history():
     flow = outcome(one(qos=QoSProfile(depth=5), rate_hz=1000, service_s=0.002))
     assert 0.4 < flow.loss < 0.6
     assert (flow.fate[~flow.delivered] == Fate.LATE).all()
-
-
-def test_best_effort_loses_what_the_medium_loses_and_repairs_nothing():
-    done = run(one(replace(QUIET, loss=0.2), qos=BEST_EFFORT, duration_s=50), seed=1)
-    assert 0.18 < done.flows["a"].loss < 0.22
-    assert done.counts["heartbeat"] == done.counts["acknack"] == done.counts["repeated"] == 0
 
 
 def test_a_full_queue_drops_at_the_sender():
@@ -195,36 +198,6 @@ def test_prompt_repairs_travel_together():
     assert set(fate.tolist()) <= {Fate.DELIVERED, Fate.OVERWRITTEN, Fate.UNDERWAY, Fate.LATE}
 
 
-scenarios = st.builds(
-    lambda depth, rate, loss, vendor, shared, service, latency: one(
-        Medium(loss=loss, shared=shared, latency_s=latency, queue_frames=100),
-        vendor=vendor,
-        qos=QoSProfile(depth=depth) if depth else KEEP_ALL,
-        rate_hz=rate,
-        service_s=service,
-        duration_s=3.0,
-    ),
-    depth=st.sampled_from([0, 1, 2, 5, 50, 5000]),
-    rate=st.sampled_from([7.0, 100.0, 900.0]),
-    loss=st.sampled_from([0.0, 0.05, 0.4]),
-    vendor=st.sampled_from(list(PRESETS.values())),
-    shared=st.booleans(),
-    service=st.sampled_from([0.0, 0.0005, 0.01]),
-    latency=st.sampled_from([0.0, 0.004]),
-)
-
-
-@settings(max_examples=120, deadline=None)
-@given(scenarios, st.integers(0, 5))
-def test_samples_come_in_order_after_their_publication_and_every_loss_has_a_place(scenario, seed):
-    flow = outcome(scenario, seed)
-    assert (np.diff(flow.received_ns[flow.delivered]) >= 0).all(), "one executor, in order of sequence numbers"
-    assert (flow.latency_ns >= 0).all()
-    assert ((flow.received_ns > 0) == flow.delivered).all()
-    assert (flow.fate != Fate.NEVER_SENT).all()
-    assert (flow.dropped[flow.fate == Fate.OVERWRITTEN] != Drop.NOT).all()
-
-
 @settings(max_examples=30, deadline=None)
 @given(st.sampled_from(list(PRESETS.values())), st.sampled_from([0.0, 0.1, 0.3]), st.integers(0, 20))
 def test_keep_all_loses_nothing(vendor, loss, seed):
@@ -242,7 +215,11 @@ A_FLOW = Flow(name="a", source="r", target="s", rate_hz=1)
         (lambda: Scenario(flows=(replace(A_FLOW, then="b"),)), "then: given 'b'"),
         (lambda: Scenario(flows=(A_FLOW,), medium=Medium(loss=1.0)), "loss"),
         (lambda: Scenario(flows=(A_FLOW,), medium=Medium(latency_s=-1.0)), "latency_s from 0"),
+        (lambda: Medium(queue_rule="middle"), "queue_rule: given 'middle', allowed: tail, head, block"),
+        (lambda: Medium(access_point=True, shared=False), "access_point"),
+        (lambda: Medium(stall_s=0.2, stall_every_s=0.1), "stall_s < stall_every_s"),
         (lambda: replace(FAST_DDS, heartbeat_ns=0), "heartbeat"),
+        (lambda: replace(FAST_DDS, piggyback_bytes=-1), "bytes"),
         *(
             (lambda f=f: Scenario(flows=(replace(A_FLOW, **{f: -1}),)), f"{f}: given -1, allowed: 0 and more")
             for f in ("rate_hz", "phase_s", "reader_depth", "compare_s")

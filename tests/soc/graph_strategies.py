@@ -16,7 +16,7 @@ implementations = st.builds(Implementation, lut=wholes, bram=numbers, time_s=num
 
 
 @st.composite
-def graphs(draw, most_nodes=8, most_topics=6):
+def graphs(draw, most_nodes=8, most_topics=6, names=names):
     """Graphs of all kinds, also with names that YAML would take for numbers, and with mapped topics."""
     nodes = draw(
         st.lists(

@@ -12,7 +12,6 @@ from sfglab.soc.driving import CHAIN, Chain
 from sfglab.soc.memory import STORED, Setup, Side, Transport, transfer_times
 
 GRAPH = load_graph(Path(__file__).parents[2] / "data" / "graphs" / "driving.yaml")
-READERS = ("gaussian_blur", "red_light_detection", "green_light_detection", "visual_odometry")
 FRAME_BYTES = 640 * 480 * 3
 
 

@@ -41,12 +41,8 @@ def test_a_chunk_takes_data_control_and_latency_cycles_and_a_stream_carries_a_wo
     assert MEMIF.read_s(1) == MEMIF.read_s(256) == pytest.approx(660e-9)
     assert [MEMIF.chunks(size) for size in (1, 256, 257)] == [1, 1, 2]
     assert [MEMIF.stream_s(size) for size in (1, 10_000_000)] == pytest.approx([10e-9, 12.5e-3])
-
-
-@pytest.mark.parametrize(("latency", "megabytes_per_s"), [(30, 388), (0, 711)])
-def test_the_interface_reads_so_many_megabytes_a_second(latency, megabytes_per_s):
-    read_s = MemoryInterface(read_latency_cycles=latency).read_s(256)
-    assert 256 / read_s / 1e6 == pytest.approx(megabytes_per_s, abs=1)
+    a_second = [256 / MemoryInterface(read_latency_cycles=latency).read_s(256) for latency in (30, 0)]
+    assert a_second == pytest.approx([388e6, 711e6], abs=1e6)
 
 
 def test_a_stored_chunk_costs_both_sides_a_passed_on_one_the_memory_side():
@@ -92,16 +88,8 @@ def test_the_mean_place_stands_for_every_order_of_deliveries(hardware, software,
     orders = itertools.combinations(range(1, hardware + software + 1), hardware)
     each_s, read_s = delivery_s(size, costs), costs.memory.read_s(size)
     exact_s = fmean(shared_s([place * each_s for place in chosen], read_s) for chosen in orders)
-    assert found.hardware_s == pytest.approx(fixed_s(size, costs) + exact_s, rel=0.005)
-
-
-@BOTH
-def test_chunks_in_turn_give_the_same_time_as_the_formula(costs):
-    size, hardware, memory = 100_000, 8, costs.memory
-    releases = [(place + 1) * delivery_s(size, costs) for place in range(hardware)]
-    ends = round_robin_s(releases, memory.chunks(size), memory.read_cycles / memory.clock_hz)
-    found = times(Side.SOFTWARE, Transport.SMT, size, costs=costs, hardware=hardware, software=0)
-    assert found.hardware_s == pytest.approx(fixed_s(size, costs) + max(ends), rel=1e-9)
+    # Without a software reader there is one order, and that is exact.
+    assert found.hardware_s == pytest.approx(fixed_s(size, costs) + exact_s, rel=0.005 if software else 1e-9)
 
 
 def test_over_a_software_topic_each_hardware_reader_adds_a_reading_and_a_stream_is_fastest():
@@ -182,8 +170,6 @@ def test_below_the_break_even_the_topic_is_faster_and_above_it_the_gateway(
     ("make", "message"),
     [
         (lambda: MemoryInterface(width_bytes=0), "width_bytes: given 0, allowed: above zero"),
-        (lambda: MemoryInterface(clock_hz=0), "clock_hz: given 0, allowed: above zero"),
-        (lambda: MemoryInterface(chunk_bytes=0), "chunk_bytes: given 0, allowed: above zero"),
         (lambda: MemoryInterface(control_cycles=-1), "control_cycles: given -1, allowed: from 0"),
         (lambda: replace(STORED, cancel_s=-1.0), "cancel_s: given -1.0, allowed: from 0"),
         (lambda: setup(Side.SOFTWARE, Transport.SMT, 0), "allowed: a message and no negative number"),

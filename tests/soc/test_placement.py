@@ -91,18 +91,16 @@ def pair(size_bytes, *, gateway_lut=0, lut=1000):
 
 
 @pytest.mark.parametrize(
-    ("size_bytes", "gateway"), [(100, False), (34_999, False), (35_001, True), (10**6, True)]
+    ("size_bytes", "room", "gateway"),
+    [
+        *((100, {}, ()), (34_999, {}, ()), (35_001, {}, ("t",)), (10**6, {}, ("t",))),
+        *((10**6, {"gateway_lut": 50, "lut": lut}, gateway) for lut, gateway in ((349, ()), (350, ("t",)))),
+    ],
 )
-def test_a_gateway_is_taken_from_the_size_on_from_which_it_pays(size_bytes, gateway):
-    found = place_nodes(*pair(size_bytes))  # 3 (100 us + s / B) = 1 ms + s / B at s = 35 kB
+def test_a_gateway_is_taken_from_the_size_on_from_which_it_pays_where_there_is_room(size_bytes, room, gateway):
+    found = place_nodes(*pair(size_bytes, **room))  # 3 (100 us + s / B) = 1 ms + s / B at s = 35 kB
     assert found.graph.in_hardware == {"h0", "h1", "h2"}
-    assert bool(found.graph.mapped_to(TopicMapping.GATEWAY)) is gateway
-
-
-def test_a_gateway_for_which_there_is_no_room_is_not_taken():
-    for lut, taken in ((349, ()), (350, ("t",))):
-        found = place_nodes(*pair(10**6, gateway_lut=50, lut=lut))
-        assert found.graph.mapped_to(TopicMapping.GATEWAY) == taken
+    assert found.graph.mapped_to(TopicMapping.GATEWAY) == gateway
 
 
 def test_the_load_of_a_chain_is_the_sum_of_its_carriages_at_the_fitted_interfaces_times():

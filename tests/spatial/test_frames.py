@@ -195,16 +195,13 @@ def test_unknown_frames_are_refused_with_similar_names_and_loops_leave_the_tree_
     assert buffer.look_up("a", "c", 0).position_m == (1, 0, 0)
 
 
-@pytest.mark.parametrize("name", ["", " base"])
-def test_frames_without_a_sound_name_are_refused(name):
-    with pytest.raises(InvalidValueError):
-        put(FrameBuffer(), "map", name)
-
-
-@pytest.mark.parametrize("history_s", [0, -1.0, float("nan")])
-def test_a_history_of_no_time_is_refused(history_s):
-    with pytest.raises(InvalidValueError, match="history_s"):
-        FrameBuffer(history_s=history_s)
+def test_frames_without_a_sound_name_and_a_history_of_no_time_are_refused():
+    for name in ("", " base"):
+        with pytest.raises(InvalidValueError):
+            put(FrameBuffer(), "map", name)
+    for history_s in (0, -1.0, float("nan")):
+        with pytest.raises(InvalidValueError, match="history_s"):
+            FrameBuffer(history_s=history_s)
 
 
 def tree(*pairs, **options):

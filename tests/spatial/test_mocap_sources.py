@@ -115,16 +115,12 @@ def client(monkeypatch):
     return client
 
 
-def test_vicon_frames_are_taken_with_capture_time_units_and_order(client):
+async def test_vicon_frames_are_taken_with_capture_time_units_and_order(client):
     taken = []
-
-    async def main():
-        async with aclosing(ViconSource("tracker:801", clock=Clock()).captures()) as captures:
+    async with aclosing(ViconSource("tracker:801", clock=Clock()).captures()) as captures:
+        with pytest.raises(MocapError, match="801: asked to send a frame, it answered NotConnected"):  # noqa: PT012
             async for capture in captures:
                 taken.append(capture)  # noqa: PERF401 - it ends with an error
-
-    with pytest.raises(MocapError, match="tracker:801: asked to send a frame, it answered NotConnected"):
-        asyncio.run(main())
     assert [c.number for c in taken] == [1001, 1003]
     assert taken[0].receipt_ns == 100 * S
     assert taken[0].capture_ns == 100 * S - 6_500_000

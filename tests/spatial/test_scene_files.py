@@ -27,16 +27,10 @@ def lines_changed(before, after):
     return [line for line in difflib.ndiff(before.splitlines(), after.splitlines()) if line[0] in "+-"]
 
 
-BROKEN = [
-    (GOOD, "", "hall.yaml:1: nothing is given, allowed: a mapping"),
-    (GOOD, "- 1\n", r"hall.yaml:1: given \[1\], allowed: a mapping"),
+BROKEN = [  # beside what `test_documents.py` has for every file
     (GOOD, "a: [1\nb: 2\n", "hall.yaml:2: .* allowed: YAML"),
-    (GOOD, "a: \x07\n", "hall.yaml.*YAML"),
-    (GOOD, "[" * 1000, "YAML"),
     ("sfglab_scene: 1", "sfglab_scene: 2", "hall.yaml:1: sfglab_scene: given 2, allowed: 1"),
-    ("name: hall", "name: hall\nname: hall", "hall.yaml:3: name: .* each key once"),
     ("name: hall", "nam: hall", "hall.yaml:2: nam: given 'nam', .* did you mean 'name'"),
-    ("name: hall", "1: hall", "hall.yaml:2: 1: .* a key that is text"),
     ("name: hall", "margin_m: -1", "hall.yaml:2: margin_m: given -1, .* from zero"),
     ("kind: group", "kind: gruop", r"hall.yaml:6: objects\[0\].kind: given 'gruop', .* mean 'group'"),
     ("kind: group", "kind: waypoint", r"objects\[0\].kind"),
@@ -70,9 +64,7 @@ BROKEN = [
         r"hall.yaml:18: objects\[2\].waypoints\[1\].quat_xyzw: given \[0, 0, 0, 0\]",
     ),
     ("next_id: 6", "next_id: 5", "hall.yaml:3: next_id: given 5, .* above every id, from 6"),
-    ("objects:\n", "objects: &a\n- *a\n", "an alias"),
     ("name: room", "name: !!python/name:os.system room", "hall.yaml:7: .*YAML"),
-    ("name: room", "name: 2001-99-99", "hall.yaml:7: .*a value that YAML can read"),
 ]
 
 
@@ -159,12 +151,9 @@ def test_when_saving_fails_the_file_stays_whole_and_nothing_is_left_beside_it(tm
     assert load_scene(path).get(1).name == "other"
 
 
-def test_saving_to_where_nothing_is_and_loading_what_is_not_there_or_not_text_says_so(tmp_path):
+def test_saving_to_where_nothing_is_and_loading_what_is_not_there_says_so(tmp_path):
     with pytest.raises(SceneError, match=r"hall\.yaml: .*a file that can be written"):
         save_scene(Scene(), tmp_path / "nowhere" / "hall.yaml")
-    with pytest.raises(SceneError, match=r"hall\.yaml: .*a readable text file"):
-        load_scene(tmp_path / "hall.yaml")
-    (tmp_path / "hall.yaml").write_bytes(b"\xff\xfe\x00")
     with pytest.raises(SceneError, match=r"hall\.yaml: .*a readable text file"):
         load_scene(tmp_path / "hall.yaml")
 

@@ -138,15 +138,6 @@ def test_a_time_beyond_a_neighbours_changes_their_order(planned):
     assert editor.scene.held_by(path) == (second, third, first)
 
 
-def test_retiming_uses_the_limits_of_whoever_drives(planned):
-    editor, _, agent, path, points = planned
-    editor.do(commands.SetProperty(id=agent, key="speed_m_s", value=0.5))
-    assert editor.conflicts()
-    editor.do(commands.Retime(id=path))
-    assert not editor.conflicts()
-    assert editor.scene.get(points[2]).time_ns == pytest.approx(4 * S, rel=1e-5)
-
-
 def test_a_waypoint_without_pose_is_inserted_on_the_path(planned):
     editor, _, _, path, _ = planned
     before = editor.scene.world_trajectory(path)

@@ -1,6 +1,7 @@
 """Trajectories: known numbers, rates, what is refused; `sfglab.lab.checks` holds what all have."""
 
 import math
+from functools import partial
 
 import numpy as np
 import pytest
@@ -91,19 +92,50 @@ def test_resampling_a_spline_gives_a_polyline_close_to_it_that_keeps_its_waypoin
     assert np.diff([w.time_ns for w in found.waypoints]).max() == S // 50
 
 
+def at_times(*times_ns):
+    return Trajectory.of([(time_ns, Pose()) for time_ns in times_ns])
+
+
+def from_csv(*lines):
+    return partial(exchange.trajectory_from_csv, "".join(f"{line}\n" for line in lines), file="path.csv")
+
+
+HEAD = "time_s,x_m,y_m,z_m,qx,qy,qz,qw"
+
+
 @pytest.mark.parametrize(
-    ("times", "says"),
+    ("make", "says"),
     [
-        ((), "no waypoint"),
-        ((5, 5), "waypoint 1, time: given 5 ns, allowed: whole nanoseconds above 5"),
-        ((5, 4), "above 5"),
-        ((-1,), "above -1"),
-        ((LATEST_NS + 1,), "waypoint 0"),
+        (at_times, "no waypoint"),
+        (lambda: at_times(5, 5), "waypoint 1, time: given 5 ns, allowed: whole nanoseconds above 5"),
+        (lambda: at_times(5, 4), "above 5"),
+        (lambda: at_times(-1), "above -1"),
+        (lambda: at_times(LATEST_NS + 1), "waypoint 0"),
+        *((partial(Limits, speed_m_s=none), "speed_m_s") for none in (0.0, -1.0, math.nan, math.inf)),
+        *(
+            (partial(stretched, at_times(0, S, 9 * S), by), "given")
+            for by in (0.0, -1.0, math.nan, math.inf, 1e-12)
+        ),
+        (lambda: retimed(line((0, 0), (1e6, 0)), Limits(speed_m_s=1e-3)), "up to"),
+        (from_csv(), r"path\.csv:1: given nothing"),
+        (from_csv("t,x,y", "0,0,0"), r"path\.csv:1: given t,x,y, allowed: time_s"),
+        (from_csv(HEAD), r"path\.csv: given no waypoint"),
+        (from_csv(HEAD, "0,0,0,0,0,0,0,1", "1,0,0,0,0,0,1"), r"path\.csv:3: given 7 fields"),
+        (from_csv(HEAD, "0,0,here,0,0,0,0,1"), r"path\.csv:2: .* eight numbers"),
+        (from_csv(HEAD, "soon,0,0,0,0,0,0,1"), r"path\.csv:2: .* eight numbers"),
+        (from_csv(HEAD, "Infinity,0,0,0,0,0,0,1"), r"path\.csv:2"),
+        (from_csv(HEAD, "nan,0,0,0,0,0,0,1"), r"path\.csv:2"),
+        (
+            from_csv(HEAD, "2,0,0,0,0,0,0,1", "1,0,0,0,0,0,0,1"),
+            r"csv:3: given 1 s, allowed: a time above 2\.0 s",
+        ),
+        (from_csv(HEAD, "0,0,nan,0,0,0,0,1"), r"path\.csv:2.* finite"),
+        (from_csv(HEAD, "0,0,0,0,0,0,0,0"), r"path\.csv:2.*quaternion"),
     ],
 )
-def test_times_that_no_trajectory_has_are_refused_by_place(times, says):
+def test_what_no_trajectory_can_be_is_refused(make, says):
     with pytest.raises(TrajectoryError, match=says):
-        Trajectory.of([(t, Pose()) for t in times])
+        make()
 
 
 def test_straight_up_has_no_heading_and_the_waypoint_keeps_its_own():
@@ -128,33 +160,16 @@ def test_each_limit_names_place_and_value_where_it_is_exceeded_and_none_is_never
     assert limit_violations(line((0, 0), (1000, 0)), Limits()) == ()
 
 
-@pytest.mark.parametrize("value", [0.0, -1.0, math.nan, math.inf])
-def test_a_limit_that_is_none_is_refused(value):
-    with pytest.raises(TrajectoryError, match="speed_m_s"):
-        Limits(speed_m_s=value)
-
-
 def test_retiming_takes_as_long_as_the_limit_says_and_leaves_segments_alone_that_keep_to_it():
     found = retimed(line((0, 0), (1, 0), (9, 0)), Limits(speed_m_s=2.0))
     assert found.waypoints[1].time_ns == S
     assert found.end_ns == pytest.approx(5 * S, rel=1e-5)
 
 
-def test_retiming_that_would_take_weeks_is_refused():
-    with pytest.raises(TrajectoryError, match="up to"):
-        retimed(line((0, 0), (1e6, 0)), Limits(speed_m_s=1e-3))
-
-
 def test_stretching_multiplies_durations_and_keeps_the_start():
-    trajectory = Trajectory.of([(S, Pose()), (2 * S, Pose()), (4 * S, Pose())])
+    trajectory = at_times(S, 2 * S, 4 * S)
     assert [w.time_ns for w in stretched(trajectory, 2.0).waypoints] == [S, 3 * S, 7 * S]
     assert with_durations(trajectory, [5, 6]).end_ns == S + 11
-
-
-@pytest.mark.parametrize("factor", [0.0, -1.0, math.nan, math.inf, 1e-12])
-def test_stretching_to_nothing_or_everything_is_refused(factor):
-    with pytest.raises(TrajectoryError):
-        stretched(line((0, 0), (1, 0), (2, 0)), factor)
 
 
 def test_a_multi_dof_trajectory_says_how_fast_and_for_splines_how_bent():
@@ -173,30 +188,6 @@ def test_a_multi_dof_trajectory_says_how_fast_and_for_splines_how_bent():
 def test_csv_is_plain_to_read():
     text = exchange.csv_from_trajectory(Trajectory.of([(1_500_000_001, Pose.at((1.0, -2.5, 0.0)))]))
     assert text == "time_s,x_m,y_m,z_m,qx,qy,qz,qw\n1.500000001,1.0,-2.5,0.0,0.0,0.0,0.0,1.0\n"
-
-
-HEAD = "time_s,x_m,y_m,z_m,qx,qy,qz,qw\n"
-
-
-@pytest.mark.parametrize(
-    ("text", "says"),
-    [
-        ("", r"path\.csv:1: given nothing"),
-        ("t,x,y\n0,0,0\n", r"path\.csv:1: given t,x,y, allowed: time_s"),
-        (HEAD, r"path\.csv: given no waypoint"),
-        (HEAD + "0,0,0,0,0,0,0,1\n1,0,0,0,0,0,1\n", r"path\.csv:3: given 7 fields"),
-        (HEAD + "0,0,here,0,0,0,0,1\n", r"path\.csv:2: .* eight numbers"),
-        (HEAD + "soon,0,0,0,0,0,0,1\n", r"path\.csv:2: .* eight numbers"),
-        (HEAD + "Infinity,0,0,0,0,0,0,1\n", r"path\.csv:2"),
-        (HEAD + "nan,0,0,0,0,0,0,1\n", r"path\.csv:2"),
-        (HEAD + "2,0,0,0,0,0,0,1\n1,0,0,0,0,0,0,1\n", r"path\.csv:3: given 1 s, allowed: a time above 2\.0 s"),
-        (HEAD + "0,0,nan,0,0,0,0,1\n", r"path\.csv:2.* finite"),
-        (HEAD + "0,0,0,0,0,0,0,0\n", r"path\.csv:2.*quaternion"),
-    ],
-)
-def test_broken_csv_is_refused_with_its_line(text, says):
-    with pytest.raises(TrajectoryError, match=says):
-        exchange.trajectory_from_csv(text, file="path.csv")
 
 
 def test_messages_that_hold_no_trajectory_are_refused_by_place():

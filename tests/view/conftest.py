@@ -1,11 +1,12 @@
-"""A canvas that remembers, recordings read back, messages to show, and DDS domains of their own."""
+"""A canvas that remembers, and messages to show."""
 
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from sfglab.messages import default_message, stamp_from_ns
+from sfglab.lab.checks.fleet_scene import image_message
+from sfglab.spatial.poses import header_msg
 from sfglab.view import Update
 
 
@@ -47,21 +48,6 @@ def paper():
 
 
 @pytest.fixture
-def read_rrd():
-    """Return what a recording holds: by entity, one dictionary of columns a row."""
-    pytest.importorskip("rerun", reason="the extra 'view' is not installed")
-    from rerun.chunk import RrdReader
-
-    def read(path):
-        rows = {}
-        for chunk in RrdReader(path).stream().to_chunks():
-            rows.setdefault(chunk.entity_path, []).extend(chunk.to_record_batch().to_pylist())
-        return rows
-
-    return read
-
-
-@pytest.fixture
 def update():
     """Return an update of one or several messages."""
 
@@ -74,14 +60,9 @@ def update():
 @pytest.fixture
 def make_image():
     def make(array, encoding, *, frame="camera", stamp_ns=5_000_000_000, padding=0):
-        array = np.ascontiguousarray(array)
-        row_bytes = array[0].nbytes
-        rows = array.reshape(array.shape[0], -1).view(np.uint8)
-        message = default_message("sensor_msgs/msg/Image")
-        message.header.stamp, message.header.frame_id = stamp_from_ns(stamp_ns), frame
-        message.height, message.width = array.shape[:2]
-        message.encoding, message.step = encoding, row_bytes + padding
-        message.data = np.pad(rows, ((0, 0), (0, padding))).reshape(-1)
+        message = image_message(array, encoding, header_msg(frame, stamp_ns))
+        rows = message.data.reshape(message.height, -1)
+        message.step, message.data = message.step + padding, np.pad(rows, ((0, 0), (0, padding))).reshape(-1)
         return message
 
     return make

@@ -1,4 +1,4 @@
-"""What tests of views share: commands at work, clouds of points, and waiting for what nothing signals."""
+"""What tests of views share: commands at work, messages, and waiting for what nothing signals."""
 
 import asyncio
 import signal
@@ -12,6 +12,7 @@ import numpy as np
 from sfglab.messages import default_message, message_type
 
 DEADLINE_S = 60
+BEAT = "sfglab_interfaces/msg/AgentHeartbeat"
 
 
 @contextmanager
@@ -47,6 +48,12 @@ def edited(planner, holds):
         assert time.monotonic() < end, "the editor never came to that state"
         time.sleep(0.02)
     return found
+
+
+def heartbeat(agent):
+    message = default_message(BEAT)
+    message.agent, message.phase, message.period_s = agent, 1, 1.0
+    return message
 
 
 def cloud(records, *, row_step=None, height=1):

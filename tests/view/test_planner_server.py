@@ -10,6 +10,7 @@ import threading
 from types import SimpleNamespace
 
 import pytest
+from commands import called
 from seen import at_work, edited
 
 from sfglab.errors import MissingExtraError, SfglabError
@@ -202,15 +203,11 @@ def test_a_notebook_shows_a_frame_while_it_is_open_and_calls_end_with_it(planner
         planner.call(lambda _: None)
 
 
-def test_a_port_in_use_and_a_file_that_is_no_scene_are_one_clear_error(tmp_path):
+def test_a_port_in_use_is_one_clear_error(tmp_path):
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
         with pytest.raises(SfglabError, match=rf"--port: given {port}, which something else uses"):
-            Planner(Editor(), port=port)
-    file = tmp_path / "broken.yaml"
-    file.write_text("sfglab_scene: 1\nname: [\n")
-    with pytest.raises(SfglabError, match=r"broken\.yaml"):
-        show_planner(file)
+            show_planner(tmp_path / "new.yaml", port=port)
 
 
 def test_without_viser_the_extra_is_named(monkeypatch):
@@ -255,13 +252,9 @@ def test_what_was_not_saved_at_ctrl_c_is_said_in_one_line_and_the_file_stays_as_
 
 
 def test_the_command_begins_a_scene_only_when_it_is_told_to(tmp_path):
-    def refused(*arguments):
-        command = [sys.executable, "-m", "sfglab", "plan", *map(str, arguments)]
-        return subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
-
-    missing = refused(tmp_path / "none.yaml")
-    assert missing.returncode == 1
-    assert "--new begins one" in missing.stderr
+    with pytest.raises(SfglabError, match="--new begins one"):
+        called("plan", str(tmp_path / "none.yaml"))
     there = tmp_path / "there.yaml"
     Editor().save(there)
-    assert "--new" in refused(there, "--new").stderr
+    with pytest.raises(SfglabError, match="--new"):
+        called("plan", str(there), "--new")

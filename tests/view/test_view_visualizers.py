@@ -6,14 +6,18 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from seen import cloud
+from seen import cloud, heartbeat
 
 from sfglab.bus import EndpointAdded, EndpointInfo, EndpointKind, EndpointRemoved
 from sfglab.codecs import TABLE_2, compressed_depth_fields, compressed_image_fields, ffmpeg_packet_fields
 from sfglab.codecs.h264 import H264Encoder
 from sfglab.errors import InvalidValueError
+from sfglab.lab.checks.fleet_scene import camera_info
+from sfglab.lab.checks.recordings import read_recording
 from sfglab.messages import default_message, message_type, stamp_from_ns
 from sfglab.qos import DEFAULT
+from sfglab.spatial import Pose
+from sfglab.spatial.poses import header_msg
 from sfglab.view.arrivals import Arrival
 from sfglab.view.rerunning import open_canvas
 from sfglab.view.session import BUILT_IN, Session, find
@@ -54,34 +58,29 @@ def moved(parent, child, stamp_ns=0, x=0.0):
     return transform  # its quaternion of all zeros is no rotation
 
 
-def posed(message, position=(1, 2, 3), quaternion=(0, 0, 0, 1)):
-    for axis, value in zip("xyz", position, strict=True):
-        setattr(message.position, axis, float(value))
-    for axis, value in zip("xyzw", quaternion, strict=True):
-        setattr(message.orientation, axis, float(value))
-    return message
-
-
 def test_names_are_unique():
     assert len({kind.name for kind in BUILT_IN}) == len(BUILT_IN)
 
 
 @pytest.mark.parametrize(
-    ("encoding", "kind"),
-    [("rgb8", "Image"), ("mono8", "Image"), ("16UC1", "DepthImage"), ("32FC1", "DepthImage")],
+    ("encoding", "pixel", "kind", "color_model"),
+    [
+        ("rgb8", np.zeros(3, np.uint8), "Image", rr.ColorModel.RGB.value),
+        ("bgr8", np.zeros(3, np.uint8), "Image", rr.ColorModel.BGR.value),
+        ("mono8", np.uint8(1), "Image", rr.ColorModel.L.value),
+        ("16UC1", np.uint16(1), "DepthImage", None),
+        ("32FC1", np.float32(1), "DepthImage", None),
+    ],
 )
-def test_an_image_is_drawn_by_its_encoding_in_its_cameras_plane(paper, update, make_image, encoding, kind):
-    dtype = {"16UC1": np.uint16, "32FC1": np.float32}.get(encoding, np.uint8)
-    array = np.ones((4, 6, 3) if encoding == "rgb8" else (4, 6), dtype)
+def test_an_image_is_drawn_by_its_encoding_in_its_cameras_plane(
+    paper, update, make_image, encoding, pixel, kind, color_model
+):
+    array = np.full((4, 6, *pixel.shape), pixel)
     made("image").show(update(image=make_image(array, encoding, frame="go2/camera")), paper)
     assert paper.kinds("/image") == [kind]
     assert paper.frames == {"/image": "go2/camera/image_plane"}
-
-
-def test_a_bgr_picture_keeps_its_order_of_channels(paper, update, make_image):
-    made("image").show(update(image=make_image(np.zeros((2, 2, 3), np.uint8), "bgr8")), paper)
     (image_format,) = values(paper.drawn[0], "format")
-    assert image_format["color_model"] == rr.ColorModel.BGR.value
+    assert image_format["color_model"] == color_model
 
 
 @pytest.mark.parametrize("codec", ["jpeg", "png"])
@@ -156,15 +155,11 @@ def test_h264_in_a_compressed_image_is_video_and_nothing_else_is(paper, update):
     assert len(paper.drawn) == 2
 
 
-def camera_info(width=6, height=4):
-    info = default_message("sensor_msgs/msg/CameraInfo")
-    info.width, info.height, info.header.frame_id = width, height, "camera"
-    info.k = np.array([100.0, 0, 3, 0, 100, 2, 0, 0, 1])
-    return info
+CAMERA_INFO = camera_info(header_msg("camera", 0), (6, 4))
 
 
 def test_a_camera_hangs_its_image_plane_below_its_frame(paper, update):
-    made("camera_info").show(update(info=camera_info()), paper)
+    made("camera_info").show(update(info=CAMERA_INFO), paper)
     (drawn,) = paper.drawn
     assert values(drawn, "parent_frame") == ["camera"]
     assert values(drawn, "child_frame") == ["camera/image_plane"]
@@ -192,7 +187,7 @@ def test_points_take_the_colours_of_a_registered_picture(paper, update, make_ima
     topics = {"depth": "/depth", "info": "/info", "color": "/color"}
     update_ = update(
         depth=make_image(np.full((4, 6), 1.0, np.float32), "32FC1"),
-        info=camera_info(),
+        info=CAMERA_INFO,
         color=make_image(picture, "bgr8"),
     )
     made("depth_cloud", topics, decimation=1).show(update_, paper)
@@ -200,19 +195,19 @@ def test_points_take_the_colours_of_a_registered_picture(paper, update, make_ima
     assert paper.frames["/depth/cloud"] == "camera"
 
 
-def test_transforms_stand_at_their_frames_with_their_own_times(tmp_path, read_rrd, update):
+def test_transforms_stand_at_their_frames_with_their_own_times(tmp_path, update):
     path, message = tmp_path / "tf.rrd", default_message("tf2_msgs/msg/TFMessage")
     for number, (parent, child) in enumerate([("map", "go2/base"), ("go2/base", "go2/camera")], start=1):
         message.transforms.append(moved(parent, child, number * S, float(number)))
     with closing(open_canvas([str(path)])) as canvas:
         canvas.at(stamp_ns=9, received_ns=9)
         made("tf").show(update(tf=message, received_ns=77), canvas)
-    rows = read_rrd(path)
-    (row,) = [r for r in rows["/tf/go2/camera"] if r.get("Transform3D:translation")]
-    assert row["Transform3D:translation"] == [[2.0, 0.0, 0.0]]
-    assert row["Transform3D:quaternion"] == [[0.0, 0.0, 0.0, 1.0]]
-    assert (row["Transform3D:parent_frame"], row["Transform3D:child_frame"]) == (["go2/base"], ["go2/camera"])
-    assert (row["capture"].value, row["received"].value) == (2 * S, 77)
+    shown = read_recording(path)
+    wanted = {"translation": [2, 0, 0], "quaternion": [0, 0, 0, 1]}
+    wanted |= {"parent_frame": ["go2/base"], "child_frame": ["go2/camera"]}
+    for component, content in wanted.items():
+        (one,) = shown["/tf/go2/camera", f"Transform3D:{component}"]
+        assert (list(one.content), one.capture_ns, one.received_ns) == (content, 2 * S, 77)
 
 
 def test_a_frame_that_is_sent_often_does_not_silence_another(paper, update):
@@ -236,7 +231,7 @@ def test_a_static_transform_holds_for_all_times(paper, update):
 
 def test_a_pose_is_its_three_axes(paper, update):
     message = default_message("geometry_msgs/msg/PoseStamped")
-    posed(message.pose, (1, 2, 3), (0, 0, np.sqrt(0.5), np.sqrt(0.5)))  # 90 degrees about z
+    message.pose = Pose.at((1, 2, 3), (0, 0, 1, 1)).to_pose_msg()  # 90 degrees about z
     made("pose", axis_length_m=2.0).show(update(pose=message), paper)
     assert np.allclose(values(paper.drawn[0], "vectors"), [[0, 2, 0], [-2, 0, 0], [0, 0, 2]], atol=1e-6)
     assert np.allclose(values(paper.drawn[0], "origins"), [[1, 2, 3]] * 3)
@@ -250,7 +245,7 @@ def test_a_path_is_a_line_and_an_empty_one_none(paper, update):
     made("path").show(update(path=message), paper)
     for x in range(3):
         stamped = default_message("geometry_msgs/msg/PoseStamped")
-        posed(stamped.pose, (x, 0, 0))
+        stamped.pose.position.x = float(x)
         message.poses.append(stamped)
     made("path").show(update(path=message), paper)
     lines = [values(d, "strips") for d in paper.drawn]
@@ -261,7 +256,7 @@ def test_odometry_draws_axes_a_bounded_trail_and_its_uncertainty(paper, update):
     visualizer = made("odometry", trail=3, sigmas=2.0)
     for x in range(5):
         message = default_message("nav_msgs/msg/Odometry")
-        posed(message.pose.pose, (x, 0, 0))
+        message.pose.pose = Pose.at((x, 0, 0)).to_pose_msg()
         message.pose.covariance = np.diag([0.01, 0.04, 0.09, 0, 0, 0]).reshape(-1)
         visualizer.show(update(odometry=message), paper)
     trail = values(paper.at_entity("/odometry/trail")[-1], "strips")
@@ -285,7 +280,7 @@ def marker(type_, id_=0, *, points=(), scale=(1.0, 1.0, 1.0), lifetime_ns=0, act
     message.scale.x, message.scale.y, message.scale.z = scale
     message.color.a = 1.0
     message.lifetime = stamp_from_ns(lifetime_ns)
-    posed(message.pose, (1, 0, 0), (0, 0, np.sqrt(0.5), np.sqrt(0.5)))
+    message.pose = Pose.at((1, 0, 0), (0, 0, 1, 1)).to_pose_msg()
     message.points = [message_type("geometry_msgs/msg/Point")(x=x, y=y, z=z) for x, y, z in points]
     return message
 
@@ -348,12 +343,6 @@ def test_one_bad_marker_does_not_keep_the_others_of_its_array_back(paper, update
     with pytest.raises(InvalidValueError, match=r"marker type: given 10, .*; meshes are not loaded"):
         made("marker_array").show(update(markers=array), paper)
     assert set(paper.frames) == {"/markers/walls/1", "/markers/walls/3"}
-
-
-def heartbeat(agent, *, phase=1, incarnation=1):
-    message = default_message("sfglab_interfaces/msg/AgentHeartbeat")
-    message.agent, message.phase, message.incarnation, message.period_s = agent, phase, incarnation, 1.0
-    return message
 
 
 def publisher(topic):
@@ -434,10 +423,10 @@ def test_clouds_and_scans_are_coloured_points_in_their_frame(paper, update):
 def test_the_calibration_of_another_camera_or_size_is_refused(paper, update, make_image):
     depth = make_image(np.full((4, 6), 1.0, np.float32), "32FC1")
     with pytest.raises(InvalidValueError, match="camera info, size: given '12 x 8', allowed: 6 x 4"):
-        made("depth_cloud").show(update(depth=depth, info=camera_info(12, 8)), paper)
+        made("depth_cloud").show(update(depth=depth, info=camera_info(CAMERA_INFO.header, (12, 8))), paper)
     other = make_image(np.full((4, 6), 1.0, np.float32), "32FC1", frame="rear")
     with pytest.raises(InvalidValueError, match="camera info, frame: given 'camera', allowed: 'rear'"):
-        made("depth_cloud").show(update(depth=other, info=camera_info()), paper)
+        made("depth_cloud").show(update(depth=other, info=CAMERA_INFO), paper)
     assert paper.drawn == []
 
 
@@ -446,7 +435,7 @@ def test_depth_whose_camera_was_described_once_before_the_view_began_becomes_poi
     session = Session()
     display = session.add("depth_cloud", {"depth": "/depth", "info": "/info"})
     assert all(q.durability.value == "transient_local" for i, _, q in display.inputs if i.role == "info")
-    info = Arrival("/info", "sensor_msgs/msg/CameraInfo", 0, b"", camera_info())
+    info = Arrival("/info", "sensor_msgs/msg/CameraInfo", 0, b"", CAMERA_INFO)
     flat = np.full((4, 6), 1.0, np.float32)
     depths = [make_image(flat, "32FC1", stamp_ns=number * S) for number in range(1, 21)]
     arrivals = [Arrival("/depth", "sensor_msgs/msg/Image", n * S, b"", d) for n, d in enumerate(depths)]

@@ -12,13 +12,11 @@ import math
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numba as nb
 import numpy as np
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
+from numpy.typing import NDArray
 
 HALF_WIDTH_M = 0.5
 """Half of a corridor: 1 m is the narrowest that building codes allow for one person, and five robots wide."""

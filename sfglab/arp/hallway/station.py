@@ -9,13 +9,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from enum import Enum
-from typing import TYPE_CHECKING
 
 from sfglab.arp.hallway.course import HALF_WIDTH_M
-from sfglab.arp.hallway.nodes import SPEED_M_S, STOP, Command, LocalisationNode
-
-if TYPE_CHECKING:
-    from sfglab.arp.hallway.nodes import View
+from sfglab.arp.hallway.nodes import SPEED_M_S, STOP, Command, LocalisationNode, View
 
 TURN_MRAD_S = round(1000 * SPEED_M_S / HALF_WIDTH_M)
 """In a corner: an arc from the middle of one corridor to the middle of the next."""

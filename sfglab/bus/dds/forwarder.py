@@ -142,7 +142,10 @@ class DdsRawWriter:
             self._handle = 0
 
     def _bound_backlog(self, size: int) -> None:
-        """Keep what is not acknowledged below the bound, now that a sample of so many bytes is sent."""
+        """Keep what is not acknowledged below the bound, before a sample of so many bytes is sent.
+
+        Afterwards that one would not be acknowledged yet, and a reader that keeps up would seem to stand still.
+        """
         self._backlog_bytes += size
         if self._backlog_bytes <= MAX_BACKLOG_BYTES:
             return
@@ -169,6 +172,8 @@ class DdsRawWriter:
         """
         lib = library()
         self.show_life(alive=True)
+        if self._bounded:
+            self._bound_backlog(size)
         if self._keeps_all:
             lib.ddsi_serdata_ref(serdata)
         code: int = lib.dds_forwardcdr(self._handle, serdata)  # consumes a reference, also on failure
@@ -179,8 +184,6 @@ class DdsRawWriter:
         self._unsent = True
         if size >= _PACKET_BYTES:
             self.flush()
-        if self._bounded:
-            self._bound_backlog(size)
         return 0
 
     def flush(self) -> None:

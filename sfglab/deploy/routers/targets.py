@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -17,11 +18,8 @@ from sfglab.files import read_text
 from sfglab.fleet.fleet_file import Fleet, RouterSoftware
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from sfglab.fleet.lint import Finding
     from sfglab.fleet.policy import Policy
-
 
 TARGETS: dict[str, Callable[[Fleet, str], str]] = {
     "dds-router": render_dds_router,

@@ -169,7 +169,8 @@ class Agent:
         deadlines = [u.life.deadline_ns for u in self._units if u.life.deadline_ns is not None]
         wait_s = max(0.0, (min(deadlines) - steady_ns()) / 1e9) if deadlines else None
         try:
-            event = await asyncio.wait_for(self._events.get(), wait_s)
+            async with asyncio.timeout(wait_s):
+                event = await self._events.get()
         except TimeoutError:
             pass
         else:

@@ -162,7 +162,8 @@ class AgentDecoder:
         deadlines = [p.life.deadline_ns for p in self._pipelines.values() if p.life.deadline_ns is not None]
         wait_s = max(0.0, (min(deadlines) - now_ns) / 1e9) if deadlines else None
         try:
-            handle = await asyncio.wait_for(self._events.get(), wait_s)
+            async with asyncio.timeout(wait_s):
+                handle = await self._events.get()
         except TimeoutError:
             handle = self._run_timers
         await handle()

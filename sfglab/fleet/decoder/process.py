@@ -214,7 +214,8 @@ class WorkerPool:
 
     async def _refill(self) -> None:
         with contextlib.suppress(TimeoutError):
-            await asyncio.wait_for(self._closed.wait(), REFILL_DELAY_S)
+            async with asyncio.timeout(REFILL_DELAY_S):
+                await self._closed.wait()
         await self._fill()
 
     async def _fill(self) -> None:

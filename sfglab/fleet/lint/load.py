@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -13,11 +14,8 @@ from sfglab.names import TF, DdsRole, ResourceKind, dds_names, ros_name_from_dds
 from sfglab.qos import Durability
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
     from sfglab.fleet.fleet_file import AgentSpec
     from sfglab.fleet.lint.uses import Use, View
-
 
 ROS_ENDPOINTS = 17
 """Of each ROS 2 process: rosout, parameter events and ros_discovery_info both ways, six parameter services."""

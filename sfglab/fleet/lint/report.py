@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import textwrap
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from functools import partial
@@ -11,8 +12,6 @@ from typing import TYPE_CHECKING
 from sfglab.tables import WIDTH, text_table
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Sequence
-
     from sfglab.documents import Place
     from sfglab.names import ResourceKind
 
@@ -112,13 +111,14 @@ class Report:
 
 def render(report: Report) -> str:
     """Return a report as text: findings, who hears what, discovery, and what crosses each border."""
+    counts = ", ".join(f"{report.count(s)} {s.value}{'' if report.count(s) == 1 else 's'}" for s in Severity)
     blocks = [
         f"fleet {report.fleet}",
         render_findings(report.findings),
         "who hears what\n" + text_table(_hearings(report)),
         "discovery between hosts, estimated\n" + text_table(_discovery(report.discovery)),
         "across each border, estimated\n" + text_table(_loads(report.loads)),
-        _summary(report),
+        f"{report.fleet}: {counts}".replace("infos", "info"),
     ]
     return "\n\n".join(blocks) + "\n"
 
@@ -173,11 +173,6 @@ def _loads(rows: Sequence[AgentLoad]) -> Iterator[tuple[str, ...]]:
         rates = (f"{row.tf_out_hz:.4g}/s", f"{row.tf_in_hz:.4g}/s")
         bits = (row.tf_out_bps, row.tf_in_bps, row.topics_out_bps, row.topics_in_bps)
         yield row.agent, *rates, *(f"{b / 1e6:.3g} Mbit/s" for b in bits), _listed(row.unsized)
-
-
-def _summary(report: Report) -> str:
-    counts = ", ".join(f"{report.count(s)} {s.value}{'' if report.count(s) == 1 else 's'}" for s in Severity)
-    return f"{report.fleet}: {counts}".replace("infos", "info")
 
 
 def _bytes(count: int) -> str:

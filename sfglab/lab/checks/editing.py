@@ -9,6 +9,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,8 +23,6 @@ from sfglab.spatial.trajectory.path import Align, Interpolation
 from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-
     import numpy as np
 
 checks = Checks("editing")
@@ -248,7 +247,12 @@ def survives_kills(rng: np.random.Generator, count: int) -> CheckRow:
         path = Path(folder) / "plan.yaml"
         for _ in range(count):
             path.write_text(texts[0])
-            _save_until_killed(path, float(rng.uniform(0.02, 0.2)))
+            command = [sys.executable, "-c", _SAVES, str(path)]
+            with subprocess.Popen(command, stdout=subprocess.PIPE) as writer:
+                assert writer.stdout is not None
+                writer.stdout.readline()
+                time.sleep(float(rng.uniform(0.02, 0.2)))
+                writer.send_signal(signal.SIGKILL)
             whole += path.read_text() in texts
     name = "a file whose writer is killed is the old one or the new one, whole"
     return CheckRow(check=name, checked=count, held=whole, example=f"{len(texts[0])} and {len(texts[1])} bytes")
@@ -264,12 +268,3 @@ def _two_scenes(folder: Path, rng: np.random.Generator) -> list[str]:
         texts.append(scene_text(editor.scene))
         (folder / name).write_text(texts[-1])
     return texts
-
-
-def _save_until_killed(path: Path, after_s: float) -> None:
-    command = [sys.executable, "-c", _SAVES, str(path)]
-    with subprocess.Popen(command, stdout=subprocess.PIPE) as writer:
-        assert writer.stdout is not None
-        writer.stdout.readline()
-        time.sleep(after_s)
-        writer.send_signal(signal.SIGKILL)

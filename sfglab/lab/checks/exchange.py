@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 from sfglab.lab.checks import Checks
@@ -12,8 +13,6 @@ from sfglab.spatial.trajectory import exchange
 from sfglab.spatial.trajectory.path import Interpolation, Trajectory
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     import numpy as np
 
     Trial = Callable[[np.random.Generator], str]

@@ -2,30 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from operator import attrgetter
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from sfglab.codecs import (
-    COMPRESSED_IMAGE,
-    COMPRESSED_VIDEO,
-    FFMPEG_PACKET,
-    TABLE_2,
-    H264Encoder,
-    compressed_depth_fields,
-    compressed_image_fields,
-    ffmpeg_packet_fields,
-)
+from sfglab import codecs
 from sfglab.lab.sources import open_source
 from sfglab.messages import default_message, message_type, stamp_from_ns
 from sfglab.spatial.poses import Pose, StampedTransform, header_msg
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
-
-    from numpy.typing import NDArray
 
 START_NS = 1_700_000_000_000_000_000  #: The first moment; any time will do, this one is easily recognised.
 PERIOD_NS = 100_000_000
@@ -160,16 +148,14 @@ def image_message(array: NDArray[Any], encoding: str, header: Any) -> Any:
 def compressed_message(fields: Any, header: Any) -> Any:
     """Return a ``CompressedImage`` of an encoder's fields."""
     data = np.frombuffer(fields.data, np.uint8)
-    return message_type(COMPRESSED_IMAGE)(header=header, format=fields.format, data=data)
+    return message_type(codecs.COMPRESSED_IMAGE)(header=header, format=fields.format, data=data)
 
 
 def camera_info(header: Any, size: tuple[int, int]) -> Any:
     """Return a ``CameraInfo`` of a rectified camera with a focal length of 0.72 widths."""
-    info = default_message(_INFO)
-    info.header, (info.width, info.height) = header, size
-    focal = 0.72 * size[0]
-    info.k = np.array([focal, 0, size[0] / 2 - 0.5, 0, focal, size[1] / 2 - 0.5, 0, 0, 1])
-    return info
+    focal, (width, height) = 0.72 * size[0], size
+    k = np.array([focal, 0, width / 2 - 0.5, 0, focal, height / 2 - 0.5, 0, 0, 1])
+    return default_message(_INFO, header=header, width=width, height=height, k=k)
 
 
 def back_projected(depth_mm: NDArray[Any], info: Any, *, step: int, max_m: float) -> NDArray[np.float64]:
@@ -201,7 +187,7 @@ def _raw(moment: Moment) -> Any:
 
 
 def _jpeg(moment: Moment) -> Any:
-    return compressed_image_fields(moment.bgr, "jpeg")
+    return codecs.compressed_image_fields(moment.bgr, "jpeg")
 
 
 def _still(moment: Moment) -> Any:
@@ -213,7 +199,7 @@ _PICTURES = (
     _Speaker(
         "compressed_image",
         "/global/go2/camera_front/color/compressed",
-        COMPRESSED_IMAGE,
+        codecs.COMPRESSED_IMAGE,
         _still,
         "EncodedImage:blob",
         lambda m: np.frombuffer(_jpeg(m).data, np.uint8),
@@ -225,28 +211,30 @@ _PICTURES = (
 def _videos(moments: Sequence[Moment]) -> Iterator[_Speaker]:
     """Yield the same video in each of the three messages that carry one."""
     height, width = moments[0].depth_mm.shape
-    settings = replace(TABLE_2, encoder="libx264", width=width, height=height, gop=5)
-    encoder = H264Encoder(settings)
+    settings = replace(codecs.TABLE_2, encoder="libx264", width=width, height=height, gop=5)
+    encoder = codecs.H264Encoder(settings)
     units = [unit for moment in moments for unit in encoder.encode(moment.bgr)]
 
     def data(moment: Moment) -> NDArray[np.uint8]:
         return np.frombuffer(units[moment.number].data, np.uint8)
 
     def ffmpeg(moment: Moment) -> Any:
-        fields = asdict(ffmpeg_packet_fields(units[moment.number], settings)) | {"data": data(moment)}
-        return message_type(FFMPEG_PACKET)(header=moment.header(CAMERA), **fields)
+        fields = asdict(codecs.ffmpeg_packet_fields(units[moment.number], settings)) | {"data": data(moment)}
+        return message_type(codecs.FFMPEG_PACKET)(header=moment.header(CAMERA), **fields)
 
     def foxglove(moment: Moment) -> Any:
         fields = {"frame_id": CAMERA, "format": "h264", "data": data(moment)}
-        return message_type(COMPRESSED_VIDEO)(timestamp=stamp_from_ns(moment.stamp_ns), **fields)
+        return message_type(codecs.COMPRESSED_VIDEO)(timestamp=stamp_from_ns(moment.stamp_ns), **fields)
 
     def still(moment: Moment) -> Any:
-        return message_type(COMPRESSED_IMAGE)(header=moment.header(CAMERA), format="h264", data=data(moment))
+        return message_type(codecs.COMPRESSED_IMAGE)(
+            header=moment.header(CAMERA), format="h264", data=data(moment)
+        )
 
     for kind, name, type_, say in (
-        ("ffmpeg_video", "camera_front/color/ffmpeg", FFMPEG_PACKET, ffmpeg),
-        ("compressed_video", "camera_left/color/compressed", COMPRESSED_VIDEO, foxglove),
-        ("compressed_image_video", "camera_right/color/compressed", COMPRESSED_IMAGE, still),
+        ("ffmpeg_video", "camera_front/color/ffmpeg", codecs.FFMPEG_PACKET, ffmpeg),
+        ("compressed_video", "camera_left/color/compressed", codecs.COMPRESSED_VIDEO, foxglove),
+        ("compressed_image_video", "camera_right/color/compressed", codecs.COMPRESSED_IMAGE, still),
     ):
         yield _Speaker(kind, f"/global/go2/{name}", type_, say, "VideoStream:sample", data)
 
@@ -256,7 +244,7 @@ def _depth(moment: Moment) -> Any:
 
 
 def _compressed_depth(moment: Moment) -> Any:
-    return compressed_message(compressed_depth_fields(moment.depth_mm), moment.header(CAMERA))
+    return compressed_message(codecs.compressed_depth_fields(moment.depth_mm), moment.header(CAMERA))
 
 
 def _back(moment: Moment) -> NDArray[np.float64]:
@@ -289,11 +277,9 @@ def _cloud(moment: Moment) -> Any:
 
 
 def _scan(moment: Moment) -> Any:
-    scan = default_message("sensor_msgs/msg/LaserScan")
-    scan.header, scan.ranges = moment.header("go2/lidar"), _RANGES + np.float32(moment.number / 16)
-    scan.angle_min, scan.angle_increment = 0.0, float(np.pi / 6)
-    scan.range_min, scan.range_max = 0.8, 10.0
-    return scan
+    given: dict[str, Any] = {"angle_increment": float(np.pi / 6), "range_min": 0.8, "range_max": 10.0}
+    given |= {"header": moment.header("go2/lidar"), "ranges": _RANGES + np.float32(moment.number / 16)}
+    return default_message("sensor_msgs/msg/LaserScan", **given)
 
 
 def _hits(moment: Moment) -> NDArray[np.float64]:
@@ -307,7 +293,9 @@ _LIDAR, _SPOTS = "/local/go2/lidar", "Points3D:positions"
 _PACKED = f"{_DEPTH}/compressed_depth"
 _POINTS = (
     _Speaker("depth_cloud", f"{_DEPTH}/image_raw", _IMAGE, _depth, _SPOTS, _back, "/cloud"),
-    _Speaker("compressed_depth_cloud", _PACKED, COMPRESSED_IMAGE, _compressed_depth, _SPOTS, _back, "/cloud"),
+    _Speaker(
+        "compressed_depth_cloud", _PACKED, codecs.COMPRESSED_IMAGE, _compressed_depth, _SPOTS, _back, "/cloud"
+    ),
     _Speaker("point_cloud", f"{_LIDAR}/points", "sensor_msgs/msg/PointCloud2", _cloud, _SPOTS, _corner_list),
     _Speaker("laser_scan", f"{_LIDAR}/scan", "sensor_msgs/msg/LaserScan", _scan, _SPOTS, _hits),
 )
@@ -339,10 +327,8 @@ def _odometry(moment: Moment) -> Any:
 
 
 def _imu(moment: Moment) -> Any:
-    message = default_message("sensor_msgs/msg/Imu")
-    message.header, turning = moment.header("go2/imu"), message.angular_velocity
-    turning.x, turning.y, turning.z = map(float, moment.place)
-    return message
+    turning = message_type("geometry_msgs/msg/Vector3")(*map(float, moment.place))
+    return default_message("sensor_msgs/msg/Imu", header=moment.header("go2/imu"), angular_velocity=turning)
 
 
 def transforms_message(moment: Moment, edges: Sequence[tuple[str, str, Pose]]) -> Any:
@@ -361,9 +347,8 @@ def _fixed(moment: Moment) -> Any:
 
 
 def _marker(moment: Moment) -> Any:
-    marker = default_message(_MARKER)
-    marker.header, marker.ns, marker.id, marker.type = moment.header("map"), "goal", 3, 1
-    marker.pose = _pose(moment.place)
+    named = {"header": moment.header("map"), "ns": "goal", "id": 3, "type": 1}
+    marker = default_message(_MARKER, pose=_pose(moment.place), **named)
     marker.scale.x = marker.scale.y = marker.scale.z = 0.5
     marker.color.r = marker.color.a = 1.0
     return marker
@@ -402,18 +387,15 @@ _FIXED = _Speaker("tf_static", "/tf_static", _TF, _fixed, _MOVED, entity="/tf/go
 
 
 def _beat(moment: Moment) -> Any:
-    beat = default_message("sfglab_interfaces/msg/AgentHeartbeat")
-    beat.agent = "pi1" if moment.number == _SILENT_AFTER else "go2"
-    beat.stamp, beat.period_s, beat.incarnation = stamp_from_ns(moment.stamp_ns), 0.2, 1
-    beat.phase = beat.STEADY
-    return beat
+    agent = "pi1" if moment.number == _SILENT_AFTER else "go2"
+    said = {"stamp": stamp_from_ns(moment.stamp_ns), "phase": message_type(_BEAT).STEADY}
+    return default_message(_BEAT, agent=agent, period_s=0.2, incarnation=1, **said)
 
 
 def _event(moment: Moment) -> Any:
-    event = default_message("sfglab_interfaces/msg/AgentDiscoveryEvent")
-    event.stamp, event.agent = stamp_from_ns(moment.stamp_ns), "go2"
-    event.event = event.LOST if moment.number % 2 else event.DISCOVERED
-    return event
+    kinds = message_type(_EVENT)
+    event = kinds.LOST if moment.number % 2 else kinds.DISCOVERED
+    return default_message(_EVENT, stamp=stamp_from_ns(moment.stamp_ns), agent="go2", event=event)
 
 
 def _told(moment: Moment) -> list[str]:

@@ -6,7 +6,9 @@ import asyncio
 import importlib
 import sys
 import time
+from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sfglab.bus import Node
@@ -23,11 +25,7 @@ from sfglab.view.session import Display, Session, available
 from sfglab.view.stage import replay
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     Requested = Callable[[], list[Reliability]]
-    from collections.abc import Iterator
-    from pathlib import Path
 
 _SOON_S = 5.0
 _LIMIT_HZ = 5.0
@@ -235,8 +233,7 @@ def _facts(folder: Path) -> dict[str, bool]:
 
 def _charges(path: Path, topic: str) -> tuple[list[float], int]:
     """Show two half full batteries with a parameter tuned in between; return the curve, and what failed."""
-    message = default_message(BATTERY)
-    message.percentage = 0.5
+    message = default_message(BATTERY, percentage=0.5)
     session = Session()
     display, broken = session.add("battery", topic), session.add("broken", topic)
     with closing(open_canvas([str(path)])) as canvas:

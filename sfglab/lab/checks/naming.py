@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from functools import cache
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -26,9 +27,6 @@ from sfglab.names import (
     validate_agent,
     validate_ros_name,
 )
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
 
 AGENT = "go2"
 

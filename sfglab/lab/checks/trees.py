@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from typing import TYPE_CHECKING
@@ -18,8 +19,6 @@ from sfglab.spatial.mocap.mapping import MappedObject, MocapMapping, read_mappin
 from sfglab.spatial.mocap.tracking import Capture
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator
-
     Robot = tuple[StampedTransform, ...]
 
 checks = Checks("trees")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from bisect import bisect_right
+from collections.abc import Callable, Coroutine, Mapping, Sequence
 from contextlib import AsyncExitStack
 from functools import cached_property
 from pathlib import Path
@@ -18,7 +19,7 @@ from sfglab.lab.explore.press import still_bundle
 from sfglab.lab.figures import COLORS, drawn, png_of
 from sfglab.lab.testbed import held_domains
 from sfglab.units import NS_PER_S
-from sfglab.view.app import ViewOptions, report_of, session_for, view_log
+from sfglab.view.app import Report, ViewOptions, report_of, session_for, view_log
 from sfglab.view.arrivals import open_log
 from sfglab.view.bridge import Bridge
 from sfglab.view.cell import CellViewer
@@ -29,12 +30,9 @@ from sfglab.view.stage import wanted_topics
 from sfglab.view.widgets import button, widgets
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Coroutine, Mapping, Sequence
-
     from matplotlib.figure import Figure
 
     from sfglab.lab.runs import Run
-    from sfglab.view.app import Report
 
 _PERIOD_S, _FIRST_S = 0.5, 30.0  #: How often messages are counted, and how long the first one is waited for.
 _ROUNDED_NS = 256  #: The viewer tells its time as a float: nanoseconds since 1970 are multiples of 256 there.

@@ -14,13 +14,11 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Collection, Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 from sfglab.errors import SfglabError
-
-if TYPE_CHECKING:
-    from collections.abc import Collection, Iterator, Sequence
 
 _REMEDY = (
     "Try one of: run as root; allow user namespaces (sysctl user.max_user_namespaces and max_net_namespaces "
@@ -71,13 +69,11 @@ def members(inodes: Collection[int]) -> list[int]:
 
 
 @contextlib.contextmanager
-def _handles(inodes: Collection[int], spare: Collection[int]) -> Iterator[dict[int, int]]:
+def _handles(inodes: Collection[int]) -> Iterator[dict[int, int]]:
     """Open a pidfd for each member, with the pid as its value."""
     handles: dict[int, int] = {}
     try:
         for pid in members(inodes):
-            if pid in spare:
-                continue
             with contextlib.suppress(ProcessLookupError):
                 fd = os.pidfd_open(pid)
                 handles[fd] = pid
@@ -102,9 +98,9 @@ def _wait(handles: Collection[int], deadline_s: float) -> None:
             left -= 1
 
 
-def _signal_all(inodes: Collection[int], spare: Collection[int], number: int, deadline_s: float) -> list[int]:
+def _signal_all(inodes: Collection[int], number: int, deadline_s: float) -> list[int]:
     """Signal all members, wait for their end, and return those that were there."""
-    with _handles(inodes, spare) as handles:
+    with _handles(inodes) as handles:
         for fd in handles:
             with contextlib.suppress(ProcessLookupError):
                 signal.pidfd_send_signal(fd, number)
@@ -112,12 +108,12 @@ def _signal_all(inodes: Collection[int], spare: Collection[int], number: int, de
         return list(handles.values())
 
 
-def end_members(inodes: Collection[int], *, grace_s: float, spare: Collection[int] = ()) -> None:
+def end_members(inodes: Collection[int], *, grace_s: float) -> None:
     """End all processes in some network namespaces: TERM, a grace in seconds, KILL; else `HostsError`."""
     if grace_s > 0:
-        _signal_all(inodes, spare, signal.SIGTERM, time.monotonic() + grace_s)
+        _signal_all(inodes, signal.SIGTERM, time.monotonic() + grace_s)
     deadline_s = time.monotonic() + _KILL_TIMEOUT_S
-    while stubborn := _signal_all(inodes, spare, signal.SIGKILL, deadline_s):
+    while stubborn := _signal_all(inodes, signal.SIGKILL, deadline_s):
         if time.monotonic() > deadline_s:
             raise HostsError(f"processes {stubborn} inside test hosts were killed but did not end")
 

@@ -17,7 +17,8 @@ import signal
 import socket
 import sys
 import traceback
-from typing import TYPE_CHECKING, Any, NoReturn
+from collections.abc import Callable
+from typing import Any, NoReturn
 
 from pyroute2.netlink.exceptions import NetlinkError
 
@@ -27,9 +28,6 @@ from sfglab.lab.hosts.network import Link
 from sfglab.lab.hosts.radio import Relay
 from sfglab.lab.hosts.wiring import Port, Shaping, Wiring
 from sfglab.rtps import Medium
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
 
 _MAX_REQUEST_BYTES = 65536
 

@@ -1,11 +1,12 @@
 """The bridge, the cables and the addresses of a network of hosts, and rate and loss of its links.
 
 Runs in the hub's process and namespace. One bridge is the network; each host hangs on it by a veth pair whose
-outer end is named ``p2``, ``p3`` ... and whose inner end is the host's ``eth0``. IPv6 stays unconfigured and
-multicast is flooded, so that the interfaces carry nothing that no process sent. Frames to a host queue at the
-bridge, frames from it at its own end, as before a real radio; losses are drawn by nftables where frames enter
-the bridge from the host (once for all receivers, as on air) and where they leave it for the host (before the
-queue). The kernel's random numbers take no seed: single drops are not reproducible, their rate is.
+outer end is named ``p2``, ``p3`` ... and whose inner end is the host's ``eth0``. IPv6 stays unconfigured,
+multicast is flooded and hosts know each other's addresses, so that the interfaces carry nothing that no process
+sent. Frames to a host queue at the bridge, frames from it at its own end, as before a real radio; losses are
+drawn by nftables where frames enter the bridge from the host (once for all receivers, as on air) and where they
+leave it for the host (before the queue). The kernel's random numbers take no seed: single drops are not
+reproducible, their rate is.
 """
 
 from __future__ import annotations
@@ -96,6 +97,7 @@ class Wiring:
         self._bridge = self._index(self.netlink, _BRIDGE)
         _set_up(self.netlink, self._bridge)
         self._next = _FIRST
+        self._ports: list[Port] = []
 
     @staticmethod
     def _index(netlink: Any, name: str) -> int:
@@ -133,9 +135,20 @@ class Wiring:
         namespace = os.open(f"/proc/{pid}/ns/net", os.O_RDONLY)
         inner_index = self._configure(namespace, f"{_SUBNET}{number}")
         _set_up(self.netlink, outer_index)
-        return Port(
+        port = Port(
             number=number, outer=outer, outer_index=outer_index, inner_index=inner_index, namespace=namespace
         )
+        for other in self._ports:
+            self._introduce(port, other)
+            self._introduce(other, port)
+        self._ports.append(port)
+        return port
+
+    def _introduce(self, port: Port, other: Port) -> None:
+        """Tell a host another's Ethernet address, so that nobody asks for it."""
+        with self.inside(port.namespace) as netlink:
+            known = {"dst": other.address, "lladdr": other.mac, "nud": "permanent"}
+            netlink.neigh("replace", ifindex=port.inner_index, **known)
 
     def take_out(self, port: Port) -> None:
         """Take a host off the bridge, for a relay of frames to take its place."""

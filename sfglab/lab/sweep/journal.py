@@ -16,13 +16,13 @@ import json
 import logging
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, fields, is_dataclass
 from functools import cache
 from importlib import import_module
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, BinaryIO, Self
+from typing import Any, BinaryIO
 
 import numpy as np
 
@@ -180,7 +180,7 @@ def journals(log: Path, name: str) -> Iterator[Callable[[str], Path]]:
         path.unlink(missing_ok=True)
 
 
-class Journal:
+class Journal(AbstractContextManager["Journal"]):
     """A sweep's journal, for one process at a time, another sweep's renamed; `JournalError` if it is none."""
 
     def __init__(self, path: Path, identity: Mapping[str, str]) -> None:
@@ -197,9 +197,6 @@ class Journal:
         except BaseException:
             self._file.close()
             raise
-
-    def __enter__(self) -> Self:
-        return self
 
     def __exit__(self, *_: object) -> None:
         self._file.close()

@@ -45,6 +45,9 @@ _FRAME_BYTES = len(_HEADER) + 4 + 1
 _LONGEST_PAUSE_NS = 50_000_000
 _MAX_TRIGGERED = 64
 _LOOK_S = 0.02
+# Participants that say seldom that they live: times between announcements are not slowed with a medium, whose
+# frames they would then take from the samples.
+_LEASE_S = 1200.0
 _PR_SET_TIMERSLACK = 29  # linux/prctl.h
 _DIGITS = "0123456789ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz-_"
 
@@ -234,6 +237,12 @@ class Player:
             "compared": sum(inlet.compared for inlet in self._inlets),
         }
 
+    def close(self) -> None:
+        """End the endpoints."""
+        ends = [sensor.handle for sensor in self._sensors.values()] + [inlet.handle for inlet in self._inlets]
+        for handle in (self._waitset, *ends):
+            library().dds_delete(handle)
+
     def play(self, *, start_ns: int, duration_s: float, drain_s: float) -> None:
         """Publish for some seconds from `start_ns`, Unix time, and receive `drain_s` beyond that."""
         ct.CDLL(None).prctl(_PR_SET_TIMERSLACK, 1, 0, 0, 0)  # of this thread
@@ -298,12 +307,12 @@ class Player:
 
 async def serve(config: PartsConfig, report: Reporter, orders: Orders) -> None:
     """Play one scenario after the other until cancelled."""
-    domain = DomainConfig(**config.address.options())
+    domain = DomainConfig(**config.address.options(), lease_s=_LEASE_S)
+    participant = DdsParticipant(domain, b"", name=f"{config.host}.dds", after_round=lambda: None)
     report({"is": "ready"})
-    while True:
-        order = await orders.get()
-        participant = DdsParticipant(domain, b"", name=f"{config.host}.dds", after_round=lambda: None)
-        try:
+    try:
+        while True:
+            order = await orders.get()
             flows = from_json(tuple[Flow, ...], order["flows"])
             player = Player(participant, config.host, flows, seed=order["seed"])
             while not player.matched():  # noqa: ASYNC110 - nobody tells: the status is Cyclone's
@@ -315,9 +324,10 @@ async def serve(config: PartsConfig, report: Reporter, orders: Orders) -> None:
             np.savez(order["result"], **player.arrays())
             report({"is": "done", **player.kept()})
             await orders.get()  # to close: it stays matched until everybody is done
-        finally:
-            await asyncio.to_thread(participant.close)
-        report({"is": "closed"})
+            await asyncio.to_thread(player.close)
+            report({"is": "closed"})
+    finally:
+        await asyncio.to_thread(participant.close)
 
 
 if __name__ == "__main__":

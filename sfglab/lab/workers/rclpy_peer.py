@@ -392,8 +392,11 @@ class Peer:
         self.kept.append(self.node.create_timer(1 / hz, send))
         report("shooting")
 
-    def look(self, topic: str, **_: Any) -> None:
-        """Read every pixel of every picture of a topic, as `sfglab.lab.workers.viewer` does, until `stop`."""
+    def look(self, topic: str, qos: dict[str, Any] | None = None, **_: Any) -> None:
+        """Read every pixel of every picture of a topic, as `sfglab.lab.workers.viewer` does, until `stop`.
+
+        Without a profile it is that of sensor data.
+        """
         ordered_ns, self.ages_ns = time.time_ns(), []
 
         def see(picture: Any) -> None:
@@ -404,7 +407,8 @@ class Peer:
                 report("first", ordered_ns=ordered_ns, seen_ns=seen_ns)
 
         image = interface("sensor_msgs/msg/Image")
-        self.looking = self.node.create_subscription(image, topic, see, qos_profile_sensor_data)
+        profile = profile_of(qos) if qos else qos_profile_sensor_data
+        self.looking = self.node.create_subscription(image, topic, see, profile)
 
     def stop(self) -> None:
         """Stop looking, and report the pictures' ages."""

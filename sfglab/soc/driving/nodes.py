@@ -17,12 +17,11 @@ from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from sfglab.soc.driving.car import Camera, Drive
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from sfglab.soc.driving.odometry import Pose
 
 _OUTLIER = 48
@@ -190,20 +189,16 @@ class Lamp:
 
 def find_lamps(bgr: NDArray[np.uint8], colour: Colour) -> list[Lamp]:
     """Return the lit lamps of a colour in an image, however small, in no order."""
-    mask, lamps = _colour_mask(bgr, colour), []
+    hsv = cv2.cvtColor(bgr, cv2.COLOR_BGR2HSV)
+    first, last = colour.value
+    spans = [(first, last)] if first <= last else [(first, 179), (0, last)]
+    masks = [cv2.inRange(hsv, (a, _SATURATION, _VALUE), (b, 255, 255)) for a, b in spans]
+    mask, lamps = np.asarray(masks[0] if len(masks) == 1 else cv2.bitwise_or(*masks), np.uint8), []
     for contour in cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)[0]:
         (u, v), radius = cv2.minEnclosingCircle(contour)
         if radius >= 2 and cv2.contourArea(contour) > _ROUND * math.pi * radius * radius:
             lamps.append(Lamp(u=float(u), v=float(v), radius=float(radius)))
     return lamps
-
-
-def _colour_mask(bgr: NDArray[np.uint8], colour: Colour) -> NDArray[np.uint8]:
-    hsv = cv2.cvtColor(bgr, cv2.COLOR_BGR2HSV)
-    first, last = colour.value
-    spans = [(first, last)] if first <= last else [(first, 179), (0, last)]
-    masks = [cv2.inRange(hsv, (a, _SATURATION, _VALUE), (b, 255, 255)) for a, b in spans]
-    return np.asarray(masks[0] if len(masks) == 1 else cv2.bitwise_or(*masks), np.uint8)
 
 
 class LightDetector:

@@ -13,12 +13,10 @@ from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from sfglab.soc.driving.car import Camera
-
 
 _FEATURES = 220
 """On one level: a pyramid places key points a part of a pixel off, which adds up to a false heading."""
@@ -87,7 +85,9 @@ class VisualOdometry:
     def __init__(self, camera: Camera) -> None:
         self._camera = camera
         self._orb = cv2.ORB.create(nfeatures=_FEATURES, nlevels=1, fastThreshold=6, edgeThreshold=16)
-        self._top = _first_row(camera)
+        # The image's first row whose ground is not too far, with the rim that ORB needs above it.
+        _, v, w = camera.image_from_ground @ (_FARTHEST_M, 0.0, 1.0)
+        self._top = max(round(float(v / w)) - 16, camera.horizon_row)
         self._matcher = cv2.BFMatcher(cv2.NORM_HAMMING, crossCheck=True)
         self._keyframe: _View | None = None
         self._key_pose = Pose()
@@ -132,9 +132,3 @@ class VisualOdometry:
         pixels = np.array([[k.pt[0], k.pt[1] + self._top, 1.0] for k in keypoints])
         raw = pixels @ self._camera.ground_from_image.T
         return _View(points_xy=raw[:, :2] / raw[:, 2:], descriptors=np.asarray(descriptors, np.uint8))
-
-
-def _first_row(camera: Camera) -> int:
-    """Return the image's first row whose ground is not too far, with the rim that ORB needs above it."""
-    _, v, w = camera.image_from_ground @ (_FARTHEST_M, 0.0, 1.0)
-    return max(round(float(v / w)) - 16, camera.horizon_row)

@@ -8,8 +8,9 @@ the same number of cycles, so two sizes give the cycle model and a third shows t
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
 from amaranth import Elaboratable, Module, Signal
 from amaranth.lib.memory import Memory
@@ -19,10 +20,6 @@ from sfglab.fields import between, bounds, check_bounds
 from sfglab.soc.gateway import Drive
 from sfglab.soc.rtl.core import Answer, Call, Gateway
 from sfglab.soc.rtl.data_path import ADDRESS_BITS, CHUNK_WORDS, MemoryPort, Stream
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
 
 T = TypeVar("T")
 
@@ -155,7 +152,13 @@ class TransferBench(Elaboratable):
             self._subscribe(m, i, port)
         self._delegate(m)
         if not self._transfer.from_software:
-            self._publish(m)
+            # Send messages without a pause: an id, then words that count.
+            node, at = self.gateway.node, Signal(32)
+            m.d.comb += [node.valid.eq(1), node.data.eq(at + 0x1000), node.last.eq(at == self._words)]
+            with m.If(node.ready):
+                m.d.sync += at.eq(at + 1)
+                with m.If(node.last):
+                    m.d.sync += at.eq(0)
         does, mover = gateway.control.does, gateway.mover
         now = Signal(32)
         with m.If(does(Drive.MEMORY_TO_HMT) | does(Drive.HMT_TO_MEMORY)):
@@ -208,15 +211,6 @@ class TransferBench(Elaboratable):
         m.d.comb += [gateway.answer_valid.eq(1), gateway.answer.eq(kind), gateway.answer_address.eq(address)]
         with m.If(gateway.answer_ready):
             m.next = after
-
-    def _publish(self, m: Any) -> None:
-        """Send messages without a pause: an id, then words that count."""
-        node, at = self.gateway.node, Signal(32)
-        m.d.comb += [node.valid.eq(1), node.data.eq(at + 0x1000), node.last.eq(at == self._words)]
-        with m.If(node.ready):
-            m.d.sync += at.eq(at + 1)
-            with m.If(node.last):
-                m.d.sync += at.eq(0)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -14,9 +14,10 @@ latencies: agreement says that the model adds them up rightly, not that another 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from enum import Enum
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from amaranth import Cat, Elaboratable, Module, Mux, Signal
 from amaranth.lib.memory import Memory
@@ -39,9 +40,6 @@ from sfglab.soc.rtl.cycles import (
     simulate_transfer,
 )
 from sfglab.soc.rtl.data_path import ADDRESS_BITS, CHUNK_WORDS, COUNT_BITS, MemoryMaster, MemoryPort
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
 
 
 class Arbiter(Elaboratable):
@@ -231,7 +229,13 @@ class ReadersBench(Elaboratable):
         m.submodules.memory = self.memory
         there, now = Signal(init=self._writer is None), Signal(COUNT_BITS)
         if self._writer is not None:
-            self._publish(m, self._writer, there)
+            # Write the message, then say that it is there.
+            m.submodules.writer = self._writer
+            m.d.comb += self._writer.go.eq(~there)
+            with m.If(~there):
+                m.d.sync += self.write_cycles.eq(self.write_cycles + 1)
+            with m.If(self._writer.done):
+                m.d.sync += there.eq(1)
         with m.If(there):
             m.d.sync += now.eq(now + 1)
         for place, reader in enumerate(self.readers):
@@ -241,15 +245,6 @@ class ReadersBench(Elaboratable):
             with m.If(reader.done):
                 m.d.sync += self.ends[place].eq(now + 1)
         return m
-
-    def _publish(self, m: Any, writer: ChunkWriter, there: Any) -> None:
-        """Write the message, then say that it is there."""
-        m.submodules.writer = writer
-        m.d.comb += writer.go.eq(~there)
-        with m.If(~there):
-            m.d.sync += self.write_cycles.eq(self.write_cycles + 1)
-        with m.If(writer.done):
-            m.d.sync += there.eq(1)
 
 
 _CYCLES_PER_WORD = 8  #: More than any delay below makes a word take; above it, `Delays` counts.

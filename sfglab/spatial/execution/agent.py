@@ -25,7 +25,6 @@ from sfglab.units import NS_PER_S
 if TYPE_CHECKING:
     from sfglab.spatial.trajectory.path import Trajectory
 
-
 _ZERO: Vec3 = (0.0, 0.0, 0.0)
 _STANDS_M_S = 1e-9
 _WELL_DAMPED = 0.25

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import asyncio
+from contextlib import AbstractAsyncContextManager
 from dataclasses import dataclass, field
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 
@@ -48,7 +49,7 @@ class AgentSetup:
     period_s: float = 0.02  #: From one step to the next; poses leave at each.
 
 
-class TrajectoryServer:
+class TrajectoryServer(AbstractAsyncContextManager["TrajectoryServer"]):
     """Moves one simulated agent along the trajectories that it is sent, one at a time.
 
     Publishes ``/global/<agent>/pose`` and ``odometry``, and its frame ``<agent>/base`` on ``/tf``. A goal that
@@ -98,9 +99,6 @@ class TrajectoryServer:
         self._action.close()
         for publisher in self._publishers:
             publisher.close()
-
-    async def __aenter__(self) -> Self:
-        return self
 
     async def __aexit__(self, *_: object) -> None:
         self.close()

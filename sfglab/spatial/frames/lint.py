@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import difflib
 from collections import Counter, defaultdict
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 from typing import TYPE_CHECKING
@@ -16,8 +17,6 @@ from typing import TYPE_CHECKING
 from sfglab.names import SHARED_FRAMES, validate_agent
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Mapping, Sequence
-
     from matplotlib.axes import Axes
 
     from sfglab.spatial.frames.buffer import Edge
@@ -247,7 +246,8 @@ def _place(
     places: dict[str, tuple[float, float]],
 ) -> float:
     """Place a frame above its children and return where the next one may begin."""
-    width = _width(frame)
+    # The room that a name takes, in the layout's units.
+    width = 0.35 + 0.085 * max(map(len, _shown(frame).splitlines()))
     places[frame] = (left + width / 2, -float(depth))
     below = [child for child in dict.fromkeys(children.get(frame, ())) if child not in places]
     right = left
@@ -261,11 +261,6 @@ def _place(
 
 def _shown(frame: str) -> str:
     return frame.replace("/", "/\n")
-
-
-def _width(frame: str) -> float:
-    """Return the room that a name takes, in the layout's units."""
-    return 0.35 + 0.085 * max(map(len, _shown(frame).splitlines()))
 
 
 def _draw_edge(ax: Axes, edge: Edge, places: Mapping[str, tuple[float, float]], colour: str) -> None:

@@ -11,6 +11,7 @@ import logging
 import math
 import statistics
 from collections import Counter, deque
+from collections.abc import Sequence
 from contextlib import aclosing
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
@@ -20,17 +21,20 @@ from sfglab.names import TF, Custom, RosFqnBuilder, Scope
 from sfglab.qos import Durability, QoSProfile
 from sfglab.spatial.frames.buffer import FrameBuffer, FrameError
 from sfglab.spatial.frames.listener import TF_QOS, TRANSFORMS, FramesListener
-from sfglab.spatial.mocap.mapping import PlacingError, direct_name, direct_transforms, place_via_proxy
-from sfglab.spatial.mocap.tracking import Track, TrackState, Verdict, judge
+from sfglab.spatial.mocap.mapping import (
+    MappedObject,
+    MocapMapping,
+    PlacingError,
+    direct_name,
+    direct_transforms,
+    place_via_proxy,
+)
+from sfglab.spatial.mocap.tracking import Capture, MocapSource, Sight, Track, TrackState, Verdict, judge
 from sfglab.spatial.poses import Pose, StampedTransform
 from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from sfglab.bus import Node, Publisher
-    from sfglab.spatial.mocap.mapping import MappedObject, MocapMapping
-    from sfglab.spatial.mocap.tracking import Capture, MocapSource, Sight
 
 
 _log = logging.getLogger(__name__)

@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import AsyncGenerator, Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -15,8 +16,6 @@ from sfglab.spatial.poses import Pose
 from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
-    from collections.abc import AsyncGenerator, Iterator, Mapping
-
     import numpy as np
 
     from sfglab.bus import Clock

@@ -7,12 +7,14 @@ polylines, within a millimetre for splines.
 from __future__ import annotations
 
 import functools
+from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import Enum
 from itertools import combinations
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sfglab.spatial.scene.objects import (
     AgentObject,
@@ -22,19 +24,20 @@ from sfglab.spatial.scene.objects import (
     ZoneObject,
     ZoneRule,
 )
-from sfglab.spatial.trajectory.clearance import closest_approach, closest_to_shape
+from sfglab.spatial.trajectory.clearance import (
+    Approach,
+    ObstacleApproach,
+    Shape,
+    closest_approach,
+    closest_to_shape,
+)
 from sfglab.spatial.trajectory.limits import limit_violations
 from sfglab.spatial.trajectory.motion import motion_of, sample
 from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from numpy.typing import NDArray
-
     from sfglab.spatial.poses import Pose, Vec3
     from sfglab.spatial.scene.tree import Scene
-    from sfglab.spatial.trajectory.clearance import Approach, ObstacleApproach, Shape
     from sfglab.spatial.trajectory.path import Trajectory
 
 
@@ -90,12 +93,13 @@ def _meetings(scene: Scene) -> Iterator[Conflict]:
         clearance_m = found.distance_m - a.radius_m - b.radius_m
         if clearance_m < scene.margin_m:
             gap = f"are {clearance_m:.3f} m apart" if clearance_m >= 0 else f"overlap by {-clearance_m:.3f} m"
+            x, y, z = ((p + q) / 2.0 for p, q in zip(found.position_a_m, found.position_b_m, strict=True))
             yield Conflict(
                 kind=ConflictKind.AGENTS,
                 objects=(a.id, b.id),
                 text=f"{a.name} and {b.name} {gap} {_when(found.time_s)}; allowed: {scene.margin_m:g} m",
                 time_s=found.time_s,
-                position_m=_middle(found.position_a_m, found.position_b_m),
+                position_m=(x, y, z),
             )
 
 
@@ -175,11 +179,6 @@ def _loose_ends(scene: Scene) -> Iterator[Conflict]:
 
 def _when(time_s: float) -> str:
     return f"at {time_s:.3f} s"
-
-
-def _middle(a: Vec3, b: Vec3) -> Vec3:
-    x, y, z = ((p + q) / 2.0 for p, q in zip(a, b, strict=True))
-    return (x, y, z)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -8,25 +8,27 @@ that read back as the same float.
 from __future__ import annotations
 
 import re
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import fields, replace
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
-from sfglab.documents import Document, DocumentError, suggestion
+from sfglab.documents import Document, DocumentError, Section, suggestion
 from sfglab.errors import InvalidValueError
 from sfglab.files import read_text, write_files
 from sfglab.spatial.poses import Pose, PoseError
-from sfglab.spatial.scene.objects import KINDS, ROOT, SceneError, SceneObject, TrajectoryObject, WaypointObject
+from sfglab.spatial.scene.objects import (
+    KINDS,
+    ROOT,
+    Property,
+    SceneError,
+    SceneObject,
+    TrajectoryObject,
+    WaypointObject,
+)
 from sfglab.spatial.scene.tree import SCENE_PROPERTIES, Draft, Scene
 from sfglab.spatial.trajectory.path import LATEST_NS
 from sfglab.units import NS_PER_S
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator
-    from pathlib import Path
-
-    from sfglab.documents import Section
-    from sfglab.spatial.scene.objects import Property
-
 
 FORMAT = 1  #: The version of the file format.
 _PLAIN = re.compile(r"[A-Za-z][A-Za-z0-9_./()+-]*( [A-Za-z0-9_./()+-]+)*")

@@ -7,9 +7,10 @@ Inspector, commands and file format go by descriptions of properties, whose valu
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field, fields, replace
 from enum import Enum
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 from sfglab.errors import InvalidValueError
 from sfglab.fields import field_docs
@@ -18,9 +19,6 @@ from sfglab.spatial.poses import Pose
 from sfglab.spatial.trajectory.clearance import Box, Cylinder, Shape, Sphere
 from sfglab.spatial.trajectory.limits import Limits, Quantity
 from sfglab.spatial.trajectory.path import LATEST_NS, Align, Interpolation
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
 
 
 class SceneError(InvalidValueError):
@@ -286,12 +284,8 @@ def checked_object(thing: SceneObject) -> SceneObject:
     if not all(abs(c) <= _FARTHEST_M for c in thing.pose.position_m):
         raise SceneError(f"{place}, position", thing.pose.position_m, f"metres within {_FARTHEST_M:g} of 0")
     if isinstance(thing, WaypointObject):
-        _check_time(thing)
+        given = thing.time_ns
+        if isinstance(given, bool) or not isinstance(given, int) or not 0 <= given <= LATEST_NS:
+            raise SceneError(f"{place_of(thing)}, time_ns", given, f"whole nanoseconds from 0 to {LATEST_NS}")
     typed = {p.name: p.typed(getattr(thing, p.name), f"{place}, {p.name}") for p in thing.properties}
     return replace(thing, **typed)
-
-
-def _check_time(waypoint: WaypointObject) -> None:
-    given = waypoint.time_ns
-    if isinstance(given, bool) or not isinstance(given, int) or not 0 <= given <= LATEST_NS:
-        raise SceneError(f"{place_of(waypoint)}, time_ns", given, f"whole nanoseconds from 0 to {LATEST_NS}")

@@ -5,22 +5,18 @@ Knows the form of a file that `files` reads and writes; refuses to know what obj
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field, fields
 from enum import Enum
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from sfglab.fields import bounds, field_docs, to_json
 from sfglab.schema import Schema, SchemaMaker
 from sfglab.spatial.scene.files import FORMAT
-from sfglab.spatial.scene.objects import KINDS, ROOT, SceneObject, TrajectoryObject, WaypointObject
+from sfglab.spatial.scene.objects import KINDS, ROOT, Property, SceneObject, TrajectoryObject, WaypointObject
 from sfglab.spatial.scene.tree import SCENE_PROPERTIES, Scene
 from sfglab.spatial.trajectory.path import LATEST_NS
 from sfglab.units import NS_PER_S
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable
-
-    from sfglab.spatial.scene.objects import Property
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

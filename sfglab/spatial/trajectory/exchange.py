@@ -44,22 +44,19 @@ def trajectory_from_csv(
         TrajectoryError: The header is another, a field is no number, or times do not grow; says file and line.
     """
     try:
-        return _trajectory(csv.reader(io.StringIO(text, newline=None)), file, interpolation)
+        rows = csv.reader(io.StringIO(text, newline=None))
+        header: list[str] = next(rows, [])
+        if tuple(header) != COLUMNS:
+            raise TrajectoryError(f"{file}:1", ",".join(header) or "nothing", ",".join(COLUMNS))
+        pairs: list[tuple[int, Pose]] = []
+        for row in rows:
+            if row:
+                pairs.append(_pair(row, f"{file}:{rows.line_num}", after_ns=pairs[-1][0] if pairs else -1))
+        if not pairs:
+            raise TrajectoryError(file, "no waypoint", "at least one")
+        return Trajectory.of(pairs, interpolation)
     except csv.Error as error:
         raise TrajectoryError(file, str(error), "lines of numbers with commas between") from error
-
-
-def _trajectory(rows: Any, file: str, interpolation: Interpolation) -> Trajectory:
-    header: list[str] = next(rows, [])
-    if tuple(header) != COLUMNS:
-        raise TrajectoryError(f"{file}:1", ",".join(header) or "nothing", ",".join(COLUMNS))
-    pairs: list[tuple[int, Pose]] = []
-    for row in rows:
-        if row:
-            pairs.append(_pair(row, f"{file}:{rows.line_num}", after_ns=pairs[-1][0] if pairs else -1))
-    if not pairs:
-        raise TrajectoryError(file, "no waypoint", "at least one")
-    return Trajectory.of(pairs, interpolation)
 
 
 def _pair(row: list[str], place: str, *, after_ns: int) -> tuple[int, Pose]:

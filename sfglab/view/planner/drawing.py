@@ -2,30 +2,26 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Collection, Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sfglab.spatial.scene.objects import ObstacleObject, TrajectoryObject, WaypointObject, ZoneObject, ZoneRule
-from sfglab.spatial.trajectory.clearance import Box, Cylinder
+from sfglab.spatial.scene import objects
+from sfglab.spatial.trajectory.clearance import Box, Cylinder, Shape
 from sfglab.units import NS_PER_S
-from sfglab.view.planner.looks import NOBODY, agent_colours, line_of, linear, outline_of, top_speed_m_s, wxyz
+from sfglab.view.planner import looks
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Mapping
-
     from sfglab.spatial.poses import Pose
     from sfglab.spatial.scene.conflicts import Conflict, Ghost
-    from sfglab.spatial.scene.objects import AgentObject
     from sfglab.spatial.scene.tree import Scene
-    from sfglab.spatial.trajectory.clearance import Shape
-    from sfglab.view.planner.looks import Colour
 
 
-_OBSTACLE: Colour = (125, 130, 140)
-_FORBIDDEN: Colour = (214, 60, 60)
-_INSIDE: Colour = (70, 150, 90)
-_CONFLICT: Colour = (255, 20, 20)
+_OBSTACLE: looks.Colour = (125, 130, 140)
+_FORBIDDEN: looks.Colour = (214, 60, 60)
+_INSIDE: looks.Colour = (70, 150, 90)
+_CONFLICT: looks.Colour = (255, 20, 20)
 _MOST_CONFLICTS = 20
 _MOST_TIMES = 100
 _LINE_PX = 3.0
@@ -64,13 +60,13 @@ class Drawing:
     def object(self, scene: Scene, id_: int, before: Mapping[str, Any], *, selected: bool) -> list[Any]:
         """Redraw an obstacle, zone or trajectory, a selected one broader and with times; return its nodes."""
         thing = scene.get(id_)
-        if isinstance(thing, ObstacleObject):
+        if isinstance(thing, objects.ObstacleObject):
             return [self._body(scene, id_, thing.shape, _OBSTACLE, 1.0)]
-        if isinstance(thing, ZoneObject):
-            forbidden = thing.rule is ZoneRule.FORBIDDEN
+        if isinstance(thing, objects.ZoneObject):
+            forbidden = thing.rule is objects.ZoneRule.FORBIDDEN
             nodes = [self._edges(scene, id_, thing.shape, _FORBIDDEN if forbidden else _INSIDE)]
             return nodes + ([self._body(scene, id_, thing.shape, _FORBIDDEN, 0.25)] if forbidden else [])
-        if isinstance(thing, TrajectoryObject):
+        if isinstance(thing, objects.TrajectoryObject):
             nodes = self._trajectory(scene, thing, selected=selected)
             return nodes + (self._times(scene, thing, before) if selected else [])
         return []
@@ -82,7 +78,7 @@ class Drawing:
         self._make_ghosts(scene, [g for g in ghosts if g.agent in again or g.agent not in self._ghosts])
         for ghost in ghosts:
             frame, label = self._ghosts[ghost.agent]
-            frame.position, frame.wxyz = ghost.pose.position_m, wxyz(ghost.pose)
+            frame.position, frame.wxyz = ghost.pose.position_m, looks.wxyz(ghost.pose)
             text = f"{ghost.name} {ghost.speed_m_s:.2f} m/s" if ghost.driving else ghost.name
             if label.text != text:
                 label.text = text
@@ -95,16 +91,16 @@ class Drawing:
         self._conflicts = [self._conflict(i, conflict) for i, conflict in enumerate(placed)]
 
     def _make_ghosts(self, scene: Scene, ghosts: list[Ghost]) -> None:
-        colours = agent_colours(scene)
+        colours = looks.agent_colours(scene)
         for ghost in ghosts:
-            agent: AgentObject = scene.get(ghost.agent)  # type: ignore[assignment]
+            agent: objects.AgentObject = scene.get(ghost.agent)  # type: ignore[assignment]
             name = f"/ghosts/{ghost.agent}"
             frame = self._api.add_frame(
                 name,
                 axes_length=1.5 * agent.radius_m,
                 axes_radius=0.05 * agent.radius_m,
                 position=ghost.pose.position_m,
-                wxyz=wxyz(ghost.pose),
+                wxyz=looks.wxyz(ghost.pose),
             )
             body = self._api.add_icosphere(
                 f"{name}/body", agent.radius_m, color=colours[ghost.agent], opacity=0.8
@@ -126,14 +122,14 @@ class Drawing:
         )
         return frame
 
-    def _body(self, scene: Scene, id_: int, shape: Shape, colour: Colour, opacity: float) -> Any:
+    def _body(self, scene: Scene, id_: int, shape: Shape, colour: looks.Colour, opacity: float) -> Any:
         pose = scene.world_pose(id_)
         name = f"/objects/{id_}/body"
         look = {
             "color": colour,
             "opacity": None if opacity == 1.0 else opacity,
             "position": pose.position_m,
-            "wxyz": wxyz(pose),
+            "wxyz": looks.wxyz(pose),
             "cast_shadow": opacity == 1.0,
         }
         if isinstance(shape, Box):
@@ -145,24 +141,24 @@ class Drawing:
         node.on_click(self._clicked(lambda _: id_))
         return node
 
-    def _edges(self, scene: Scene, id_: int, shape: Shape, colour: Colour) -> Any:
+    def _edges(self, scene: Scene, id_: int, shape: Shape, colour: looks.Colour) -> Any:
         pose = scene.world_pose(id_)
-        return self._lines(f"/objects/{id_}/edges", outline_of(shape), np.array(colour), 1.5, pose)
+        return self._lines(f"/objects/{id_}/edges", looks.outline_of(shape), np.array(colour), 1.5, pose)
 
-    def _trajectory(self, scene: Scene, thing: TrajectoryObject, *, selected: bool) -> list[Any]:
+    def _trajectory(self, scene: Scene, thing: objects.TrajectoryObject, *, selected: bool) -> list[Any]:
         path = scene.world_trajectory(thing.id)
         if path is None:
             return []
         name = f"/objects/{thing.id}"
-        colour = NOBODY if thing.agent is None else agent_colours(scene)[thing.agent]
-        top_m_s = top_speed_m_s(scene) if self.by_speed else None
-        points, colours = line_of(path, colour=colour, top_m_s=top_m_s)
+        colour = looks.NOBODY if thing.agent is None else looks.agent_colours(scene)[thing.agent]
+        top_m_s = looks.top_speed_m_s(scene) if self.by_speed else None
+        points, colours = looks.line_of(path, colour=colour, top_m_s=top_m_s)
         width = 2.0 * _LINE_PX if selected else _LINE_PX
-        nodes = [self._lines(f"{name}/line", points, linear(colours), width)] if len(points) else []
+        nodes = [self._lines(f"{name}/line", points, looks.linear(colours), width)] if len(points) else []
         held = scene.held_by(thing.id)
         axes = self._api.add_batched_axes(
             f"{name}/waypoints",
-            np.array([wxyz(w.pose) for w in path.waypoints]),
+            np.array([looks.wxyz(w.pose) for w in path.waypoints]),
             np.array([w.pose.position_m for w in path.waypoints]),
             axes_length=_AXES_M,
             axes_radius=_AXES_M / 10.0,
@@ -170,11 +166,11 @@ class Drawing:
         axes.on_click(self._clicked(lambda index: held[index or 0]))
         return [*nodes, axes]
 
-    def _times(self, scene: Scene, thing: TrajectoryObject, before: Mapping[str, Any]) -> list[Any]:
+    def _times(self, scene: Scene, thing: objects.TrajectoryObject, before: Mapping[str, Any]) -> list[Any]:
         held = scene.held_by(thing.id)[:_MOST_TIMES]
-        return [self._time(scene, scene.of_kind(id_, WaypointObject), before) for id_ in held]
+        return [self._time(scene, scene.of_kind(id_, objects.WaypointObject), before) for id_ in held]
 
-    def _time(self, scene: Scene, waypoint: WaypointObject, before: Mapping[str, Any]) -> Any:
+    def _time(self, scene: Scene, waypoint: objects.WaypointObject, before: Mapping[str, Any]) -> Any:
         """Label a waypoint; the label that is there is moved, for there may be many, and one is dragged."""
         name = f"/objects/{waypoint.parent}/time {waypoint.id}"
         text = f"{waypoint.time_ns / NS_PER_S:g} s"
@@ -191,7 +187,7 @@ class Drawing:
         return label
 
     def _lines(self, name: str, points: Any, colours: Any, width_px: float, pose: Pose | None = None) -> Any:
-        where = {} if pose is None else {"position": pose.position_m, "wxyz": wxyz(pose)}
+        where = {} if pose is None else {"position": pose.position_m, "wxyz": looks.wxyz(pose)}
         return self._api.add_line_segments(
             name, points, colours, thickness=width_px, thickness_units="screen", **where
         )

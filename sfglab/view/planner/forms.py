@@ -7,11 +7,11 @@ checks every value; a field's range only helps people who type. Refuses to know 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from enum import Enum
-from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from sfglab.spatial.poses import Pose, Vec3
 from sfglab.spatial.scene.commands import Command, Move, Rename, SetPose, SetProperty, SetScene, SetTime
@@ -21,10 +21,6 @@ from sfglab.spatial.trajectory.clearance import Box, Cylinder, Shape, Sphere
 from sfglab.spatial.trajectory.path import Align
 from sfglab.units import NS_PER_S
 from sfglab.view.planner.looks import title_of
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-
 
 _NONE = "none"
 _SHAPES = ("box", "sphere", "cylinder")
@@ -119,12 +115,8 @@ def _of_shape(thing: SceneObject, prop: Property, shape: Shape) -> Iterator[Fiel
                 size,
                 key=f"{prop.name}.{key}",
                 label=label_of(key),
-                plain=partial(_resized, plain, key),
+                plain=lambda new, key=key: plain | {key: new},  # type: ignore[misc]
             )
-
-
-def _resized(plain: dict[str, Any], key: str, size: Any) -> dict[str, Any]:
-    return plain | {key: size}
 
 
 def _as_shape(word: str, shape: Shape) -> dict[str, Any]:
@@ -189,9 +181,13 @@ def _of_scene(scene: Scene) -> Iterator[Field]:
     for prop in SCENE_PROPERTIES:
         value = getattr(scene, prop.name)
         kind = FieldKind.TEXT if isinstance(value, str) else FieldKind.NUMBER
-        command = partial(_set_scene, prop.name)
         yield Field(
-            key=prop.name, label=label_of(prop.name), kind=kind, value=value, command=command, hint=prop.allowed
+            key=prop.name,
+            label=label_of(prop.name),
+            kind=kind,
+            value=value,
+            command=lambda new, key=prop.name: SetScene(key=key, value=new),  # type: ignore[misc]
+            hint=prop.allowed,
         )
 
 
@@ -275,10 +271,6 @@ def _turned(pose: Pose, angles_deg: Vec3) -> Pose:
     from scipy.spatial.transform import Rotation
 
     return Pose.from_rotation(pose.position_m, Rotation.from_euler("ZYX", angles_deg, degrees=True))
-
-
-def _set_scene(key: str, value: Any) -> Command:
-    return SetScene(key=key, value=value)
 
 
 def _rounded(value: float, decimals: int = _DECIMALS) -> float:

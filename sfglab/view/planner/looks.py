@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sfglab.spatial.scene.objects import (
     ROOT,
@@ -21,10 +23,6 @@ from sfglab.spatial.trajectory.motion import motion_of, sample
 from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from numpy.typing import NDArray
-
     from sfglab.spatial.poses import Pose, Quat, Vec3
     from sfglab.spatial.scene.tree import Scene
     from sfglab.spatial.trajectory.path import Trajectory
@@ -104,7 +102,9 @@ def line_of(
 def outline_of(shape: Shape) -> NDArray[np.float32]:
     """Return the edges of a body in its own frame, shape (n, 2, 3)."""
     if isinstance(shape, Box):
-        return _box_edges(np.array(shape.size_m) / 2.0)
+        corners = np.array([(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)
+        pairs = [(a, b) for i, a in enumerate(corners) for b in corners[i:] if np.abs(a - b).sum() == 2.0]
+        return np.asarray(np.array(pairs) * (np.array(shape.size_m) / 2.0), np.float32)
     if isinstance(shape, Cylinder):
         ring = _ring(shape.radius_m)
         half = np.array([0.0, 0.0, shape.height_m / 2.0])
@@ -132,12 +132,6 @@ def camera_for(scene: Scene) -> tuple[Vec3, Vec3]:
     x, y, z = (float(c) for c in middle)
     a, b, c = (float(v) for v in middle + away)
     return (a, b, c), (x, y, z)
-
-
-def _box_edges(half: NDArray[np.float64]) -> NDArray[np.float32]:
-    corners = np.array([(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)
-    pairs = [(a, b) for i, a in enumerate(corners) for b in corners[i:] if np.abs(a - b).sum() == 2.0]
-    return np.asarray(np.array(pairs) * half, np.float32)
 
 
 def _ring(radius_m: float) -> NDArray[np.float64]:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import threading
 import time
+from collections.abc import Callable
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -20,10 +21,7 @@ from sfglab.view.planner.forms import Field, FieldKind, fields_of
 from sfglab.view.planner.looks import TreeRow, rows_of, title_of
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from sfglab.spatial.scene.conflicts import Conflict
-
 
 _ICONS = {
     "group": "FOLDER",
@@ -136,7 +134,11 @@ class Inspector(Part):
             self._form = form
             return
         for field in fields:
-            self._update(field)
+            widget = self._widgets[field.key]
+            if widget.disabled is field.enabled:
+                widget.disabled = not field.enabled
+            if widget.value != field.value and not self._context.jobs.waits((self._form[0], field.key)):
+                widget.value = field.value
 
     def _build(self, id_: int, title: str, fields: tuple[Field, ...]) -> None:
         if self._folder is not None:
@@ -174,13 +176,6 @@ class Inspector(Part):
         field = next((f for f in fields_of(editor.scene, id_) if f.key == key), None)
         if field is not None and value != field.value:
             editor.do(field.command(value))
-
-    def _update(self, field: Field) -> None:
-        widget = self._widgets[field.key]
-        if widget.disabled is field.enabled:
-            widget.disabled = not field.enabled
-        if widget.value != field.value and not self._context.jobs.waits((self._form[0], field.key)):
-            widget.value = field.value
 
 
 _TICK_S = 0.05

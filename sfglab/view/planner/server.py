@@ -15,11 +15,12 @@ import logging
 import secrets
 import socket
 import threading
-from contextlib import contextmanager, nullcontext
+from collections.abc import Callable, Collection, Iterator
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from html import escape
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 from urllib.parse import urlsplit
 
 from sfglab.errors import SfglabError
@@ -32,10 +33,7 @@ from sfglab.view.planner.viewport import Viewport
 from sfglab.view.widgets import LOOPBACK, address_of_port
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Iterator
-
     from sfglab.spatial.scene.tree import Scene
-
 
 DEFAULT_PORT = 8092
 _LOCAL_NAMES = frozenset({LOOPBACK, "localhost"})
@@ -102,7 +100,7 @@ class ConflictWatch:
             return None
 
 
-class Planner:
+class Planner(AbstractContextManager["Planner"]):
     """An editor, served; a context that ends with the server stopped. A notebook's cell shows it.
 
     The editor belongs to the planner's own thread: from elsewhere go through `call`. Only this machine's
@@ -166,9 +164,6 @@ class Planner:
         self._jobs.close()
         self._end_listening()
         self._stop()
-
-    def __enter__(self) -> Self:
-        return self
 
     def __exit__(self, *_: object) -> None:
         self.close()

@@ -5,6 +5,7 @@ What it adds has sensible first values that people then drag.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -19,10 +20,7 @@ from sfglab.view.planner.context import Context, Part
 from sfglab.view.planner.looks import open_trajectory
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from sfglab.spatial.scene.tree import Scene
-
 
 ADDABLE = ("agent", "obstacle", "zone", "trajectory", "group")  #: What the toolbar adds.
 _STEP_S = 2.0
@@ -124,7 +122,8 @@ class Toolbar(Part):
         with container, gui.add_folder("Edit"):
             gui.add_html(_STYLE)
             self._group("add", ADDABLE, self._add)
-            self._group("waypoint", ("append", "at this time"), self._waypoint)
+            ways = {"append": add_waypoint, "at this time": insert_waypoint}
+            self._group("waypoint", tuple(ways), lambda given: ways[given[0]](editor))
             self._group("selected", ("duplicate", "remove"), self._selected)
             self._undo = self._button("Undo", icon.ARROW_BACK_UP, lambda _: editor.undo())
             self._redo = self._button("Redo", icon.ARROW_FORWARD_UP, lambda _: editor.redo())
@@ -164,9 +163,6 @@ class Toolbar(Part):
 
     def _add(self, given: tuple[str, Vec3]) -> None:
         add(self._context.editor, *given)
-
-    def _waypoint(self, given: tuple[str, Vec3]) -> None:
-        (add_waypoint if given[0] == "append" else insert_waypoint)(self._context.editor)
 
     def _selected(self, given: tuple[str, Vec3]) -> None:
         editor = self._context.editor

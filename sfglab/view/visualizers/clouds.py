@@ -8,15 +8,7 @@ from typing import TYPE_CHECKING, Any
 from sfglab.codecs import COMPRESSED_IMAGE, decode_depth, parse_depth_format
 from sfglab.errors import InvalidValueError
 from sfglab.qos import LATCHED, SENSOR_DATA
-from sfglab.view.geometry import (
-    cloud_colors,
-    cloud_points,
-    colors_by_value,
-    depth_points,
-    pinhole_matrix,
-    pixels,
-    scan_points,
-)
+from sfglab.view import geometry
 from sfglab.view.rerunning import rr
 from sfglab.view.sync import Approximate
 from sfglab.view.visualizer import Canvas, Input, Parameter, Update, Visualizer
@@ -50,16 +42,18 @@ class _DepthPoints(Visualizer):
         color, info = update.messages.get("color"), update["info"]
         depth = self._depth(update["depth"])
         _check_camera(update["depth"].header.frame_id, depth.shape, info)
-        points, colors = depth_points(
+        points, colors = geometry.depth_points(
             depth,
-            pinhole_matrix(info),
+            geometry.pinhole_matrix(info),
             decimation=self["decimation"],
             color=None if color is None else _rgb(color),
             max_m=self["depth_max_m"],
         )
         entity = f"{self.entity}/cloud"
         canvas.place(entity, update["depth"].header.frame_id)
-        _log_points(canvas, entity, points, colors_by_value(points[:, 2]) if colors is None else colors, self)
+        _log_points(
+            canvas, entity, points, geometry.colors_by_value(points[:, 2]) if colors is None else colors, self
+        )
 
     def _depth(self, message: Any) -> NDArray[Any]:
         raise NotImplementedError
@@ -83,7 +77,7 @@ class DepthCloud(_DepthPoints):
     def _depth(self, message: Any) -> NDArray[Any]:
         if message.encoding not in ("16UC1", "mono16", "32FC1"):
             raise InvalidValueError("depth encoding", message.encoding, "16UC1, mono16, 32FC1")
-        return pixels(message)
+        return geometry.pixels(message)
 
 
 class CompressedDepthCloud(_DepthPoints):
@@ -110,7 +104,7 @@ class PointCloud(Visualizer):
 
     def show(self, update: Update, canvas: Canvas) -> None:
         """Draw the points."""
-        points, records = cloud_points(update.only)
+        points, records = geometry.cloud_points(update.only)
         step = self["decimation"]
         points, records = points[::step], records[::step]
         canvas.place(self.entity, update.only.header.frame_id)
@@ -120,9 +114,9 @@ class PointCloud(Visualizer):
         names = records.dtype.names or ()
         if self["color_by"] and self["color_by"] not in names:
             raise InvalidValueError("color_by", self["color_by"], f"the fields {', '.join(names)}")
-        own = cloud_colors(records) if self["color_by"] in ("", "rgb", "rgba") else None
+        own = geometry.cloud_colors(records) if self["color_by"] in ("", "rgb", "rgba") else None
         field = self["color_by"] or ("intensity" if "intensity" in names else "z")
-        return colors_by_value(records[field]) if own is None else own
+        return geometry.colors_by_value(records[field]) if own is None else own
 
 
 class LaserScan(Visualizer):
@@ -136,9 +130,11 @@ class LaserScan(Visualizer):
         """Draw the hits, coloured by their distance."""
         import numpy as np
 
-        points = scan_points(update.only)
+        points = geometry.scan_points(update.only)
         canvas.place(self.entity, update.only.header.frame_id)
-        _log_points(canvas, self.entity, points, colors_by_value(np.hypot(points[:, 0], points[:, 1])), self)
+        _log_points(
+            canvas, self.entity, points, geometry.colors_by_value(np.hypot(points[:, 0], points[:, 1])), self
+        )
 
 
 def _log_points(
@@ -148,7 +144,7 @@ def _log_points(
 
 
 def _rgb(image: Any) -> NDArray[np.uint8]:
-    array = pixels(image)
+    array = geometry.pixels(image)
     if array.ndim == 2:
         return array[:, :, None].repeat(3, axis=2)
     return array[:, :, 2::-1] if image.encoding in ("bgr8", "bgra8", "8UC3") else array[:, :, :3]

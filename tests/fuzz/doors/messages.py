@@ -14,6 +14,7 @@ from sfglab.spatial.frames.buffer import FrameBuffer
 from sfglab.spatial.frames.listener import TransformIntake
 
 TF, MARKERS = "tf2_msgs/msg/TFMessage", "visualization_msgs/msg/MarkerArray"
+POINTS = "sensor_msgs/msg/PointCloud2"
 INFO = "sfglab_interfaces/msg/Agent"
 STREAM = {"type": FFMPEG_PACKET, "codec": "h264", "width": 640, "height": 360, "rate_hz": 30.0}
 STREAMS = (StreamDescription(topic="/global/go2/camera_front/color/ffmpeg", **STREAM),)
@@ -44,6 +45,7 @@ def beat(found):
 
 DOORS = {
     "cdr": Door(message(MARKERS), MessageError, (serialize(default_message(MARKERS)),)),
+    "points": Door(message(POINTS), MessageError, (serialize(default_message(POINTS)),)),
     "heartbeat": Door(message(f"{INFO}Heartbeat", beat), MessageError, (serialize(BEAT),)),
     "metadata": Door(message(f"{INFO}Metadata", routes_of_agent), MessageError, (METADATA,)),
     "transforms": Door(transforms, MessageError, (PLACES,)),

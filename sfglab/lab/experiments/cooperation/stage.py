@@ -11,16 +11,18 @@ import asyncio
 import heapq
 import math
 import time
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import asdict, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sfglab.arp import hallway
 from sfglab.arp.hallway.course import scan
-from sfglab.arp.robots import METHODS
+from sfglab.arp.robots import METHODS, RATES_HZ
 from sfglab.bus.address import BusAddress
 from sfglab.lab.baselines import PART, REAL, declare
 from sfglab.lab.experiments.cooperation.experiment import (
@@ -38,7 +40,7 @@ from sfglab.lab.experiments.cooperation.experiment import (
     rate_and_depth,
     scenario_of,
 )
-from sfglab.lab.experiments.transmission.validation import KEPT_HZ, play_missing, slowed
+from sfglab.lab.experiments.transmission.validation import play_missing, slowed
 from sfglab.lab.hosts import Host, HostsUnavailableError, Network, RadioCounters
 from sfglab.lab.ros2 import RosMissingError
 from sfglab.lab.workers.hallway import STATION, HallwayConfig
@@ -50,10 +52,6 @@ from sfglab.spatial.poses import header_msg
 from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from numpy.typing import NDArray
-
     from sfglab.component import Report
     from sfglab.lab.bench import Bench
     from sfglab.lab.experiments.transmission.stage import LiveHosts
@@ -122,28 +120,24 @@ def _write_messages(log: LogWriter, tracks: Sequence[TrackRow]) -> None:
         log.write("/tf", transforms(transforms=[at.to_msg()]), log_time_ns=now_ns)
 
 
-def _new(type_name: str, frame: str, now_ns: int) -> Any:
-    message = default_message(type_name)
-    message.header = header_msg(frame, now_ns)
-    return message
-
-
 def _scan(track: TrackRow, frame: str, now_ns: int) -> Any:
-    message = _new("sensor_msgs/msg/LaserScan", frame, now_ns)
-    message.angle_max = np.float32(math.radians(hallway.BEAMS_DEG[-1]))
-    message.angle_increment = np.float32(math.radians(hallway.BEAMS_DEG[1]))
-    message.scan_time = np.float32(0.1)
-    message.range_min, message.range_max = np.float32(0.15), np.float32(12.0)
     ranges = scan_at(_BY_ROBOT[track.robot][1], track.x_m, track.y_m, track.heading_rad)
-    message.ranges = ranges.astype(np.float32)
-    return message
+    return default_message(
+        "sensor_msgs/msg/LaserScan",
+        header=header_msg(frame, now_ns),
+        angle_max=np.float32(math.radians(hallway.BEAMS_DEG[-1])),
+        angle_increment=np.float32(math.radians(hallway.BEAMS_DEG[1])),
+        scan_time=np.float32(0.1),
+        range_min=np.float32(0.15),
+        range_max=np.float32(12.0),
+        ranges=ranges.astype(np.float32),
+    )
 
 
 def _walls(area: hallway.Area) -> Any:
     """Return both ends of every wall, one after the other, where the area is drawn."""
-    message = _new("visualization_msgs/msg/Marker", "map", 0)
-    message.ns = area.robot
-    message.type = 5  # LINE_LIST
+    kind = message_type("visualization_msgs/msg/Marker")
+    message = default_message(kind, header=header_msg("map", 0), ns=area.robot, type=kind.LINE_LIST)
     message.scale.x = 0.02
     message.color.r = message.color.g = message.color.b = np.float32(0.6)
     message.color.a = np.float32(1.0)
@@ -287,7 +281,7 @@ def ros_cells(config: Config) -> list[RosCell]:
     whole = config.ros2_s >= hallway.LIMIT_S
     methods: Any = ("none", "LC", "OPT", "OPT+LC") if whole else ("none", "OPT+LC")
     depths = DEPTHS if whole else DEPTHS[1:2]
-    points = points_of(replace(config, methods=methods, rates_hz=(KEPT_HZ,), depths=depths))
+    points = points_of(replace(config, methods=methods, rates_hz=RATES_HZ[:1], depths=depths))
     return [
         RosCell(mode, pace, replace(point, vendor=mode))
         for mode in (("fast_dds_sync", "fast_dds_async") if whole else ("fast_dds_async",))
@@ -321,7 +315,8 @@ async def drive_on_ros2(bench: Bench[Config]) -> None:
         return tuple(same | kind for kind in kinds)
 
     cells = {cell: cell.scenario(0, limit_s) for cell in ros_cells(bench.config)}
-    await play_missing(bench, PART, cells, bench.config.ros2_repeats, rows)
+    # One mode after the other: the loop is closed in this process.
+    await play_missing(bench, PART, cells, dict.fromkeys(cells, bench.config.ros2_repeats), rows, at_once=1)
 
 
 async def drive_cell(hosts: LiveHosts, cell: RosCell, seed: int, limit_s: float) -> tuple[CourseRow, bool]:

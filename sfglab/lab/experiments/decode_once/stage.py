@@ -83,7 +83,10 @@ class Running(StreamProcesses):
             encoder=self._config.encoder,
         )
         remote = self.shared("consumer")
-        decoder = DecoderConfig(remote=remote, local=local, streams=(self._topic,), linger_s=LINGER_S)
+        # One process is lent to one cell after the other, as a component container is: none starts in between.
+        decoder = DecoderConfig(
+            remote=remote, local=local, streams=(self._topic,), linger_s=LINGER_S, refill=False
+        )
         viewer = self.viewer_config(self._topic, local)
         viewers = dict.fromkeys(self._viewers, ("consumer", "sfglab.lab.workers.viewer", viewer, "ready"))
         others = {
@@ -99,10 +102,7 @@ class Running(StreamProcesses):
         """Let the first viewers look, and return how long it took until each had a frame, in seconds."""
         started = time.monotonic()
         await self.ask("first", self._viewers[:count], timeout_s=FIRST_PICTURE_S, do="look", mode=mode)
-        elapsed_s = time.monotonic() - started
-        if mode in HANDED_ON:
-            await self.settle()
-        return elapsed_s
+        return time.monotonic() - started
 
     async def record(self, path: Path, duration_s: float) -> None:
         """Let the first viewer write the stream's messages, as they arrive, into a log of its own."""
@@ -115,3 +115,8 @@ class Running(StreamProcesses):
         """Let them stop, and return what each has seen."""
         seen = await self.ask("seen", self._viewers[:count], timeout_s=FIRST_PICTURE_S, do="stop")
         return list(seen.values())
+
+    async def released(self, decoder: str) -> None:
+        """Return when a decoder has its pipeline's process back."""
+        await super().released(decoder)
+        assert await self.warm(decoder) == self._decoder_pids, "no process more, and none less"

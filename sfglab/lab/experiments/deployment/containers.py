@@ -9,7 +9,9 @@ import asyncio
 import json
 import re
 import sys
+from collections.abc import AsyncIterator, Sequence
 from contextlib import AsyncExitStack, asynccontextmanager, suppress
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import yaml
@@ -22,9 +24,6 @@ from sfglab.lab.workers.graph_observer import ObserverConfig
 from sfglab.processes import Member, ProcessFailedError, ProcessGroup
 
 if TYPE_CHECKING:
-    from collections.abc import AsyncIterator, Sequence
-    from pathlib import Path
-
     from sfglab.deploy.bundle import Bundle
 
 OUTSIDER = "outsider"
@@ -57,7 +56,11 @@ async def _start(
     stack: AsyncExitStack, deployment: Deployment, bundle: Bundle, host: Host, fleet: Path
 ) -> asyncio.subprocess.Process:
     """Start both containers of an agent, and return the agent's."""
-    commands = _commands(bundle, fleet)
+    # The commands of a Compose project's services, with the fleet file where it is here.
+    commands = {
+        name: [str(fleet) if part == FLEET_FILE else part for part in service["command"]]
+        for name, service in yaml.safe_load(bundle.members["compose.yaml"].data)["services"].items()
+    }
     enter = (sys.executable, "-m", "sfglab.lab.workers.container", deployment.network.bridge)
     inside = host.argv([*enter, *_SFGLAB, *commands["agent"], "--json"])
     agent = await stack.enter_async_context(_running(inside))
@@ -75,14 +78,6 @@ def _fleet_file(deployment: Deployment, folder: Path, *, interface: str) -> Path
     return path
 
 
-def _commands(bundle: Bundle, fleet: Path) -> dict[str, list[str]]:
-    """Return the commands of a Compose project's services, with the fleet file where it is here."""
-    return {
-        name: [str(fleet) if part == FLEET_FILE else part for part in service["command"]]
-        for name, service in yaml.safe_load(bundle.members["compose.yaml"].data)["services"].items()
-    }
-
-
 @asynccontextmanager
 async def _running(argv: Sequence[str]) -> AsyncIterator[asyncio.subprocess.Process]:
     process = await asyncio.create_subprocess_exec(
@@ -94,7 +89,8 @@ async def _running(argv: Sequence[str]) -> AsyncIterator[asyncio.subprocess.Proc
         if process.returncode is None:
             process.terminate()
         try:
-            await asyncio.wait_for(process.communicate(), _GRACE_S)
+            async with asyncio.timeout(_GRACE_S):
+                await process.communicate()
         except TimeoutError:
             process.kill()
             await process.communicate()

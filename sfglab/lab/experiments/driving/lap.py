@@ -7,11 +7,13 @@ the car's true pose with x forward.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from sfglab.lab.experiments.driving.experiment import (
     Config,
@@ -29,10 +31,6 @@ from sfglab.spatial.poses import header_msg
 from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from numpy.typing import NDArray
-
     from sfglab.lab.bench import Bench
     from sfglab.record import LogWriter
     from sfglab.soc.driving.car import CarState
@@ -192,7 +190,9 @@ def write_messages(log: LogWriter, town: Mapping[str, Any], moments: Sequence[Mo
         row, now_ns = moment.row, round(moment.row.t_s * NS_PER_S)
         log.write("/tf", _transforms(start, row, now_ns), log_time_ns=now_ns)
         log.write("/pose", _odometry(row, now_ns), log_time_ns=now_ns)
-        log.write("/cmd_vel", _command(row), log_time_ns=now_ns)
+        command = default_message("geometry_msgs/msg/Twist")
+        command.linear.x, command.angular.z = row.command_mps, row.command_rps
+        log.write("/cmd_vel", command, log_time_ns=now_ns)
         if row.red != lights:
             lights = row.red
             log.write("/lights", _light_markers(town, row, now_ns), log_time_ns=now_ns)
@@ -214,12 +214,6 @@ def _odometry(row: DrivingTrackRow, now_ns: int) -> Any:
     return message_type("geometry_msgs/msg/PoseStamped")(header=header_msg("odom", now_ns), pose=pose)
 
 
-def _command(row: DrivingTrackRow) -> Any:
-    message = default_message("geometry_msgs/msg/Twist")
-    message.linear.x, message.angular.z = row.command_mps, row.command_rps
-    return message
-
-
 def _picture(data: bytes, kind: str, now_ns: int) -> Any:
     image = message_type("sensor_msgs/msg/CompressedImage")
     frame = "camera" if kind == "jpeg" else "car"
@@ -227,20 +221,17 @@ def _picture(data: bytes, kind: str, now_ns: int) -> Any:
 
 
 def _path(row: DrivingTrackRow, now_ns: int) -> Any:
-    message = default_message("nav_msgs/msg/Path")
-    message.header = header_msg("car", now_ns)
+    message = default_message("nav_msgs/msg/Path", header=header_msg("car", now_ns))
     for x, y in lane_points(row):
-        pose = default_message("geometry_msgs/msg/PoseStamped")
-        pose.header = message.header
+        pose = default_message("geometry_msgs/msg/PoseStamped", header=message.header)
         pose.pose.position.x, pose.pose.position.y = x, y
         message.poses.append(pose)
     return message
 
 
 def _marker(name: str, number: int, kind: int, rgb: tuple[float, float, float]) -> Any:
-    message = default_message("visualization_msgs/msg/Marker")
-    message.header = header_msg("map", 0)
-    message.ns, message.id, message.type = name, number, kind
+    named = {"ns": name, "id": number, "type": kind}
+    message = default_message("visualization_msgs/msg/Marker", header=header_msg("map", 0), **named)
     message.color.r, message.color.g, message.color.b = (np.float32(part) for part in rgb)
     message.color.a = np.float32(1.0)
     message.scale.x = message.scale.y = message.scale.z = 0.05

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
+from collections.abc import Mapping, Sequence
 from itertools import accumulate
 from textwrap import fill
 from typing import TYPE_CHECKING, Any
@@ -18,8 +19,6 @@ from sfglab.lab.figures import COLORS, MARKERS, PAPER_STYLE, note
 from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
     from matplotlib.artist import Artist
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
@@ -251,7 +250,12 @@ def _weight(edge: Edge) -> str:
 
 
 def _words(edge: Edge, taken: Taken | None) -> str:
-    return _label(edge) + (f"  \u00d7{taken[edge.source, edge.given]}" if taken is not None else "")
+    # A transition's label, discovery events in capitals.
+    label = edge.label
+    for action in ANNOUNCEMENTS.intersection(edge.actions):
+        given, done = label.split(" / ")
+        label = f"{given} / {done.replace(action.name.lower(), action.name)}"
+    return label + (f"  \u00d7{taken[edge.source, edge.given]}" if taken is not None else "")
 
 
 def _line(edges: Sequence[Edge], taken: Taken | None) -> dict[str, Any]:
@@ -282,12 +286,3 @@ def _route_in_row(source: Node, target: Node) -> tuple[list[Point], Point, bool]
     edge = y + way * _HALF_HEIGHT
     x, to_x = _X[source.column], _X[target.column]
     return [(x, edge), (x, outer), (to_x, outer), (to_x, edge)], (_X[1] + 1.9, outer + way * 0.22), way < 0
-
-
-def _label(edge: Edge) -> str:
-    """Return a transition's label, discovery events in capitals."""
-    label = edge.label
-    for action in ANNOUNCEMENTS.intersection(edge.actions):
-        given, done = label.split(" / ")
-        label = f"{given} / {done.replace(action.name.lower(), action.name)}"
-    return label

@@ -92,7 +92,7 @@ class Config(Profiled):
     live_depths: tuple[str, ...] = ("1", "10", "1000")  #: Their DEPTH; optimised methods have ``opt`` as well.
     live_methods: tuple[str, ...] = ("none", "OPT+LC")  #: Methods of the live cells.
     validation_s: float = 30.0  #: How long each cell of the validation is, seconds.
-    validation_repeats: int = 0  #: How often it is played; 0: not.
+    validation_repeats: int = 0  #: How often it is played at most, an odd number; 0: not.
     ros2_s: float = 8.0  #: How long each cell on real Fast DDS is, seconds; methods and depths as above.
     ros2_repeats: int = 1  #: How often it is played; 0: not.
     ros2_rates_hz: tuple[int, ...] = (1000,)  #: Rmax of these cells.

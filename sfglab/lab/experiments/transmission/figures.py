@@ -12,7 +12,7 @@ from sfglab.lab.experiment import Look
 from sfglab.lab.experiments.transmission.analysis import BEST, TIE, agreement, cells, compare_ways, order
 from sfglab.lab.experiments.transmission.experiment import OPT_DEPTH, Config, exp
 from sfglab.lab.experiments.transmission.stage import LATENCY_WITHIN, LOSS_WITHIN
-from sfglab.lab.experiments.transmission.validation import MODES, READ, by_cell, validated
+from sfglab.lab.experiments.transmission.validation import MODES, READ, by_cell, played, validated
 from sfglab.lab.figures import COLORS, grouped_bars, note, series
 from sfglab.rtps import PRESETS
 
@@ -243,7 +243,8 @@ def draw_validation(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     if len(table):
         kept = f"loss within 3 points in {shares[0]}, median latency within 30 % in {shares[1]}"
         figure.suptitle(f"Live against the model: {kept} of cells")
-        note(figure, f"{len(table)} cells, each played once; grey: asked of 90 % of the cells; {read}")
+        said_of = f"{len(table)} cells, medians of {len(played(run))} runs, bars: the lowest and the highest"
+        note(figure, f"{said_of}; grey: asked of 90 % of the cells; {read}")
     else:
         figure.suptitle("Nothing played yet")
     return {"cells": table, "validated": said.reset_index()}

@@ -2,7 +2,8 @@
 
 Of the presets, it is one topic between two hosts, in cells that were committed (``data/qos/validation.csv``)
 before the first was played: a third offers more than the air carries, a third loses three percent of the frames
-or more, each with every depth. Its log, ``transmission_ros2.mcap``, counts beside a reference without it.
+or more, each with every depth. A cell whose runs differ by more than what is asked is played several times. Its
+log, ``transmission_ros2.mcap``, counts beside a reference without it.
 
 Of the grid, it is the cells that decide its questions, with rclpy nodes in both modes. What is faster than
 `KEPT_HZ`, which Python keeps, runs slowed: rates and the air's rate are divided by one factor, the cost of a
@@ -11,14 +12,17 @@ frame, times of nodes and of changes multiplied by it, but not the 3 s between h
 
 from __future__ import annotations
 
+import asyncio
 from collections import Counter
 from dataclasses import asdict, dataclass, fields, replace
-from itertools import takewhile
+from functools import cache
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
+import numpy as np
 import pandas as pd
 
-from sfglab.arp.robots import METHODS
+from sfglab import component
+from sfglab.arp.robots import METHODS, RATES_HZ
 from sfglab.lab.baselines import PART, beside
 from sfglab.lab.experiment import SkippedPartError, seeded
 from sfglab.lab.experiments.transmission.experiment import OPT_DEPTH, Config, Point, cells_of, exp, scenario_of
@@ -32,6 +36,7 @@ from sfglab.lab.experiments.transmission.stage import (
     compared,
     hosts_of,
     live_hosts,
+    measure,
 )
 from sfglab.lab.hosts import HostsError, HostsUnavailableError
 from sfglab.lab.paths import find_project
@@ -59,7 +64,8 @@ class Preset(Protocol):
 C = TypeVar("C", bound=Preset)
 
 TABLE = "validation"
-MODEL_SEEDS = 6
+MODEL_SEEDS = 24
+SURE = 0.95  #: Share of draws in which the median of a cell's repetitions has to agree with that of all seeds.
 READER_DEPTH = 5000
 """Of every reader, so that a node of Python that looks late loses nothing: the writer's history is asked."""
 MODES: dict[str, RosMode | None] = {
@@ -70,7 +76,7 @@ MODES: dict[str, RosMode | None] = {
 """What is validated, by preset: a real ROS 2 node's mode of publication; None: Cyclone DDS, by ourselves."""
 READ = {"fast_dds_foxy": "read in its sources, not measured"}
 """Presets that cannot be validated, and what they are instead."""
-_TRIES = 2
+_TRIES, _DRAWS = 2, 400
 KEPT_LEAST = 0.8  #: Share of the cells that is asked to keep its schedule.
 
 MEDIUM = ("loss", "queue_frames", "queue_rule", "burst_frames", "access_point")
@@ -101,9 +107,9 @@ class ValidationRow(Cell):
     repeat: int  #: Which time.
     published: int  #: Samples, live.
     loss_live: float  #: Share of them that never arrived.
-    loss_model: float  #: The same in the model, all seeds together.
+    loss_model: float  #: The same in the model, median of its seeds.
     p50_live_ms: float  #: Median latency.
-    p50_model_ms: float  #: The same in the model.
+    p50_model_ms: float  #: The same in the model, median of its seeds.
     loss_agrees: bool  #: Whether the losses differ by no more than `LOSS_WITHIN`.
     latency_agrees: bool  #: Whether the medians differ by no more than `LATENCY_WITHIN` of the live one.
     kept_up: bool  #: Whether relay and processes kept to their schedules.
@@ -131,12 +137,37 @@ def scenario_of_cell(cell: Mapping[str, Any], *, duration_s: float, drain_s: flo
     return Scenario(flows=(flow,), medium=medium, vendor=vendor, duration_s=duration_s, drain_s=drain_s)
 
 
+@cache
+def repeats_of(cell: Cell, duration_s: float, most: int) -> int:
+    """Return how often a cell is played, an odd number, at most `most`.
+
+    It is so often that the median of as many runs of the model agrees with that of all of them, but for one
+    draw in twenty; so that a cell whose outcome is chance does not judge a preset by one throw.
+    """
+    scenario = scenario_of_cell(asdict(cell), duration_s=duration_s)
+    measured = [measure(run(scenario, seed=seed), "sensors") for seed in range(MODEL_SEEDS)]
+    runs = np.array([(one["loss"], one["p50_ms"]) for one in measured])
+    rng, (loss, p50_ms) = np.random.default_rng(0), np.median(runs, axis=0)
+    for repeats in range(1, most, 2):
+        losses, p50s_ms = np.median(rng.choice(runs, (_DRAWS, repeats)), axis=1).T
+        late = np.abs(p50s_ms - p50_ms) > LATENCY_WITHIN * p50s_ms
+        if np.mean(late | (np.abs(losses - loss) > LOSS_WITHIN)) <= 1 - SURE:
+            return repeats
+    return most
+
+
 # --- Live -----------------------------------------------------------------------------------------------------
+
+
+def _repeats(config: Config) -> dict[Cell, int]:
+    return {
+        cell: repeats_of(cell, config.validation_s, config.validation_repeats) for cell in committed_cells()
+    }
 
 
 @exp.part(
     TABLE,
-    total=lambda config: len(committed_cells()) * config.validation_repeats,
+    total=lambda config: sum(_repeats(config).values()),
     skips=(HostsUnavailableError, RosMissingError),
     timed=False,
 )
@@ -151,48 +182,60 @@ async def validate(bench: Bench[Config]) -> None:
         return asdict(cell) | found
 
     cells = {cell: scenario_of_cell(asdict(cell), duration_s=config.validation_s) for cell in committed_cells()}
-    await play_missing(bench, TABLE, cells, config.validation_repeats, rows)
+    await play_missing(bench, TABLE, cells, _repeats(config), rows)
 
 
-async def play_missing(
+async def play_missing(  # noqa: PLR0913 - options
     bench: Bench[Any],
     table: str,
     cells: Mapping[C, Scenario],
-    repeats: int,
+    repeats: Mapping[C, int],
     rows: Callable[[LiveHosts, C, int], Awaitable[Any]],
+    *,
+    at_once: int = len(MODES),
 ) -> None:
-    """Play cells with the nodes of their presets, one at a time, and write a table of them.
+    """Play cells as often as `repeats` says, with their presets' nodes; write a table of them.
 
-    What is finished stands in the part's journal at once; a run that was broken off goes on behind it. What
-    fails is tried once more with new hosts, then noted in the metadata of the table's name. `rows` plays a
-    cell, whose ``preset`` is one of `MODES`, for a repetition, and gives a row or a tuple of them.
+    So many presets are played beside each other, each on hosts of its own, one cell at a time: where the air is
+    slow, nodes mostly wait. What is finished stands in the part's journal at once; a run that was broken off
+    goes on behind it. What fails is tried once more with new hosts, then noted in the metadata of the table's
+    name. `rows` plays a cell, whose ``preset`` is one of `MODES`, for a repetition, and gives a row or a tuple
+    of them.
 
     Raises:
         HostsUnavailableError: This machine has no test hosts.
         RosMissingError: This machine has no ROS 2.
     """
-    if not cells or not repeats:
+    if not any(repeats.values()):
         raise SkippedPartError("not asked for")
     todo = list(cells)
-    jobs = [(number, repeat) for repeat in range(repeats) for number in range(len(todo))]
+    rounds = range(max(repeats.values()))
+    jobs = [(number, repeat) for repeat in rounds for number, cell in enumerate(todo) if repeat < repeats[cell]]
     failed: Counter[tuple[int, int]] = Counter()
     reasons: dict[str, str] = {}
     path = bench.stack.enter_context(
         journaled.journals(bench.log.path, f"{bench.experiment}-{bench.config.profile}")
     )
     with journaled.Journal(path(table), journaled.identity_of(play_missing, [bench.config, *todo])) as journal:
-        while missing := [job for job in jobs if job not in journal.finished and failed[job] < _TRIES]:
-            job, preset = missing[0], todo[missing[0][0]].preset
-            try:
-                async with live_hosts(*hosts_of(cells[todo[job[0]]]), ros=MODES[preset]) as hosts:
-                    for job in takewhile(lambda other: todo[other[0]].preset == preset, missing):  # noqa: B023
-                        cell, repeat = todo[job[0]], job[1]
-                        made = await rows(hosts, cell, repeat)
-                        journal.add(journaled.Finished(*job, journaled.text_from_result(made)))
-                        bench.advance(f"{preset}, repetition {repeat}")
-            except (ProcessFailedError, HostsError, TimeoutError) as error:
-                failed[job] += 1
-                reasons[f"{todo[job[0]]}, repetition {job[1]}"] = str(error)
+        turn = asyncio.Semaphore(at_once)
+
+        async def play(preset: str) -> None:
+            own = [job for job in jobs if todo[job[0]].preset == preset]
+            while missing := [job for job in own if job not in journal.finished and failed[job] < _TRIES]:
+                job = missing[0]
+                try:
+                    async with turn, live_hosts(*hosts_of(cells[todo[job[0]]]), ros=MODES[preset]) as hosts:
+                        for job in missing:
+                            cell, repeat = todo[job[0]], job[1]
+                            made = await rows(hosts, cell, repeat)
+                            journal.add(journaled.Finished(*job, journaled.text_from_result(made)))
+                            bench.advance(f"{preset}, repetition {repeat}")
+                except (ProcessFailedError, HostsError, TimeoutError) as error:
+                    failed[job] += 1
+                    reasons[f"{todo[job[0]]}, repetition {job[1]}"] = str(error)
+
+        async with component.beside(*map(play, dict.fromkeys(cell.preset for cell in todo))) as played:
+            await asyncio.gather(*played)
         for text in (journal.finished[job] for job in jobs if job in journal.finished):
             made = journaled.result_from_text(text)
             bench.write_all(table, made if isinstance(made, tuple) else (made,))
@@ -248,7 +291,7 @@ def validated(run: Run[Config]) -> pd.DataFrame:
     return pd.DataFrame([*lines, *read])
 
 
-KEPT_HZ = 100  #: Rmax that nodes of Python keep.
+KEPT_HZ = 50  #: Rmax that nodes of Python keep.
 DRAIN_S = 7.0  #: Two heartbeats of Fast DDS.
 _KEYS = ["preset", "rate_max_hz", "method", "depth", "group", "slowed"]
 
@@ -294,18 +337,18 @@ class RosRow(LiveRow):
 def ros_cells(config: Config) -> list[RosCell]:
     """Return the cells: methods that optimise at Eq. 6's depth, others at every depth that is run live.
 
-    What nodes keep runs half as fast as well, to show whether that says the same.
+    The lowest rate runs half as fast as well, to show whether that says the same.
     """
     cell = cells_of(config)
     return [
         RosCell(
             preset=preset,
-            slowed=slowed,
+            slowed=pace * max(1.0, rate / KEPT_HZ),
             point=cell(rate_max_hz=rate, depth=depth, method=method, duration_s=config.ros2_s),
         )
         for preset in (name for name, mode in MODES.items() if mode)
         for rate in config.ros2_rates_hz
-        for slowed in ((1.0, 2.0) if rate <= KEPT_HZ else (rate / KEPT_HZ,))
+        for pace in (1.0, 2.0)[: 1 + (rate == RATES_HZ[0])]
         for method in config.live_methods
         for depth in ((OPT_DEPTH,) if METHODS[method].optimised else config.live_depths)
     ]
@@ -329,7 +372,7 @@ async def play_on_ros2(bench: Bench[Config]) -> None:
         return tuple(asdict(row) | own for row in found)
 
     cells = {cell: cell.scenario(config.seed) for cell in ros_cells(config)}
-    await play_missing(bench, PART, cells, config.ros2_repeats, rows)
+    await play_missing(bench, PART, cells, dict.fromkeys(cells, config.ros2_repeats), rows)
 
 
 @derived

@@ -11,14 +11,15 @@ import os
 import signal
 import time
 from collections import Counter
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import psutil
 
 from sfglab.bus import Node
 from sfglab.lab.checks.fleet_scene import PERIOD_NS, RECEIVED_AFTER_NS, START_NS, Part
-from sfglab.lab.checks.recordings import read_recording
+from sfglab.lab.checks.recordings import Recording, read_recording
 from sfglab.lab.workers.sights import CAMERA_HZ, CAMERA_TOPIC, picture
 from sfglab.processes import Member, ProcessFailedError, ProcessGroup
 from sfglab.qos import DEFAULT
@@ -27,11 +28,6 @@ from sfglab.view.app import ViewOptions, session_for, view_live
 from sfglab.view.bridge import Bridge
 from sfglab.view.rerunning import WINDOW_BYTES, RerunCanvas, rerun
 from sfglab.view.session import Display, Session
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from sfglab.lab.checks.recordings import Recording
 
 ADDED_MS = 5.0
 """What the bridge may add to a picture of 640 x 360, ms, at the median and at 99 %; the paper states none."""
