@@ -71,11 +71,9 @@ def test_three_robots_set_off_together_and_nothing_is_left_behind():
     before = {child.pid for child in psutil.Process().children(recursive=True)}
     drive = asyncio.run(stage.drive_live(stage.LIVE_POINT, 0, seconds=4.0))
     assert drive.verdict is None or drive.verdict.end is not End.CONTACT
-    # How many of them get going in these seconds, and whether they see far enough, depends on the machine's
-    # other work.
+    # How many of them get going in these seconds depends on the machine's other work.
     last = {track.robot: track for track in drive.tracks}
     assert set(last) <= {"robot1", "robot2", "robot3"}
-    going = [track.manoeuvre for track in last.values() if track.t_s > 2.0]
-    assert set(going) <= {"forward"} or not drive.radio.kept_up
+    assert all(track.manoeuvre == "forward" for track in last.values() if track.t_s > 2.0)
     assert drive.radio.delivered > 0
     assert {child.pid for child in psutil.Process().children(recursive=True)} <= before

@@ -213,8 +213,7 @@ async def test_what_rclpy_publishes_is_recorded_and_played_to_it(peer, tool, pri
     assert counts == {topic: hz * SECONDS for topic, hz in RATES.items()}
     async with peer("listener", program=PEER) as ros:
         await asked(ros, "gather", "gathering", kinds=KINDS)
-        # At half the pace: a player keeps 256 messages a topic, and a busy listener waits for seconds.
-        assert await printed("log", "play", str(bag), "--rate", "0.5") == "played 5150 messages of 11 topics\n"
+        assert await printed("log", "play", str(bag)) == "played 5150 messages of 11 topics\n"
         seen, end = {}, monotonic() + ANSWER_S
         while seen != recorded and monotonic() < end:
             await asyncio.sleep(0.5)

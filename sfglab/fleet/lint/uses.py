@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -25,6 +24,8 @@ from sfglab.names import TF, TF_STATIC, ResourceKind, dds_names
 from sfglab.qos import COMPRESSED_STREAM, LATCHED, QoSProfile
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from sfglab.fleet.fleet_file import AgentSpec, Fleet
 
 
@@ -117,26 +118,10 @@ class View:
 
 def _uses_of(agent: AgentSpec, fleet: Fleet) -> Iterator[Use]:
     yield from _written(agent)
-    for s in agent.streams:
-        sizes: dict[str, Any] = {"qos": COMPRESSED_STREAM, "rate_hz": s.rate_hz, "size_bytes": s.size_bytes}
-        yield _use(agent, s.topic, s.type, speaks=True, place=s.place, **sizes)
-        if s.camera_info_topic:
-            yield _use(agent, s.camera_info_topic, "sensor_msgs/msg/CameraInfo", speaks=True, implied=True)
-    common: dict[str, Any] = {"speaks": True, "implied": True, "place": agent.tf.place}
-    if not all(frame.static for frame in agent.tf.frames):
-        yield _use(agent, TF, TF_TYPE, **common)
-    if any(frame.static for frame in agent.tf.frames):
-        yield _use(agent, TF_STATIC, TF_TYPE, qos=LATCHED, count=agent.tf.static_broadcasters, **common)
+    yield from _streams(agent)
+    yield from _transforms(agent)
     if agent.lifecycle:
-        for speaks in (True, False):
-            yield _use(agent, heartbeat_topic(), AGENT_HEARTBEAT, speaks=speaks, qos=LATCHED, implied=True)
-            if fleet.descriptions == "offered":
-                yield _use(agent, metadata_topic(), AGENT_METADATA, speaks=speaks, qos=LATCHED, implied=True)
-        yield _use(agent, discovery_topic(agent.name), DISCOVERY_EVENT, speaks=True, implied=True)
-        for other in fleet.agents:
-            if other.lifecycle:
-                name, speaks = metadata_service(other.name), other is agent
-                yield _use(agent, name, GET_METADATA, ResourceKind.SERVICE, speaks=speaks, implied=True)
+        yield from _lifecycle(agent, fleet)
 
 
 def _use(agent: AgentSpec, name: str, type_: str, kind: ResourceKind = ResourceKind.TOPIC, **more: Any) -> Use:
@@ -157,3 +142,31 @@ def _written(agent: AgentSpec) -> Iterator[Use]:
     for kind, speaks, uses in names:
         for use in uses:
             yield _use(agent, use.name, use.type, kind, speaks=speaks, place=use.place)
+
+
+def _streams(agent: AgentSpec) -> Iterator[Use]:
+    for s in agent.streams:
+        sizes: dict[str, Any] = {"qos": COMPRESSED_STREAM, "rate_hz": s.rate_hz, "size_bytes": s.size_bytes}
+        yield _use(agent, s.topic, s.type, speaks=True, place=s.place, **sizes)
+        if s.camera_info_topic:
+            yield _use(agent, s.camera_info_topic, "sensor_msgs/msg/CameraInfo", speaks=True, implied=True)
+
+
+def _transforms(agent: AgentSpec) -> Iterator[Use]:
+    common: dict[str, Any] = {"speaks": True, "implied": True, "place": agent.tf.place}
+    if not all(frame.static for frame in agent.tf.frames):
+        yield _use(agent, TF, TF_TYPE, **common)
+    if any(frame.static for frame in agent.tf.frames):
+        yield _use(agent, TF_STATIC, TF_TYPE, qos=LATCHED, count=agent.tf.static_broadcasters, **common)
+
+
+def _lifecycle(agent: AgentSpec, fleet: Fleet) -> Iterator[Use]:
+    for speaks in (True, False):
+        yield _use(agent, heartbeat_topic(), AGENT_HEARTBEAT, speaks=speaks, qos=LATCHED, implied=True)
+        if fleet.descriptions == "offered":
+            yield _use(agent, metadata_topic(), AGENT_METADATA, speaks=speaks, qos=LATCHED, implied=True)
+    yield _use(agent, discovery_topic(agent.name), DISCOVERY_EVENT, speaks=True, implied=True)
+    for other in fleet.agents:
+        if other.lifecycle:
+            name, speaks = metadata_service(other.name), other is agent
+            yield _use(agent, name, GET_METADATA, ResourceKind.SERVICE, speaks=speaks, implied=True)
