@@ -12,6 +12,7 @@ import numpy as np
 
 from sfglab.rtps.model import (
     BURST_ROOM,
+    INFO_DST_BYTES,
     NETWORK_BYTES,
     QUEUE_RULES,
     after_stall_ns,
@@ -43,9 +44,9 @@ _TAIL, _HEAD, _BLOCK = range(len(QUEUE_RULES))
 
 
 @compiled
-def message_bytes(size: int, extra: int) -> int:
-    """Return the size of a sample's RTPS message."""
-    return int(_frame_bytes(Frame.DATA, size, 0) - NETWORK_BYTES + extra)
+def message_bytes(size: int) -> int:
+    """Return what Fast DDS counts of a sample's RTPS message: all but statistics, which it puts behind it."""
+    return int(_frame_bytes(Frame.DATA, size, 0) - NETWORK_BYTES + INFO_DST_BYTES)
 
 
 @compiled

@@ -7,7 +7,7 @@ time. The protocol is RTPS 2.5, clause 8.4, timed as a vendor does (`vendors`).
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping  # noqa: TC003 - a dataclass's fields are typed at run time
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Literal, get_args
 

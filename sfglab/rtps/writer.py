@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from sfglab.rtps.medium import burst_most, enqueue, fragment_count, has_room, message_bytes, note_drop, uniform
-from sfglab.rtps.model import BURST_ROOM, INFO_DST_BYTES
+from sfglab.rtps.model import BURST_ROOM
 from sfglab.rtps.state import SET, Count, Drop, Event, FlowColumn, Frame, TimingColumn, W
 from sfglab.rtps.world import compiled, push
 
@@ -81,8 +81,7 @@ def _heartbeats(world: Any, now: int, flow: int, samples: int, repairs: bool) ->
         return 0
     each, count = _piggybacks(world, flow), 0
     before = world.timing[TimingColumn.SENT_BEFORE]
-    # Fast DDS counts what it fills itself: not the statistics, which are put behind that.
-    own = message_bytes(world.flows[flow, FlowColumn.SIZE_BYTES], INFO_DST_BYTES)
+    own = message_bytes(world.flows[flow, FlowColumn.SIZE_BYTES])
     for _ in range(samples):
         sent = own
         if before >= 0 and (repairs or world.timing[TimingColumn.QUEUES]):

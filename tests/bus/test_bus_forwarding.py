@@ -236,6 +236,19 @@ async def test_no_sample_is_leaked_whether_forwarded_dropped_held_or_transformed
         assert sizes[2] - sizes[0] < 60e6, "two rounds more forward 240 MB"
 
 
+@asynccontextmanager
+async def forwarded(pair_ids, heard):
+    """A publisher of a topic that is forwarded to a listener, and the writer that does so."""
+    async with two_domains(pair_ids) as (talker, near, far, listener):
+        publisher = talker.create_publisher(STRING, "/t", QoSProfile(depth=4))
+        forwarder = near.open_forwarder(far)
+        outlet = forwarder.open_writer(endpoint(qos=QoSProfile(depth=256)))
+        forwarder.open(endpoint()).admit(publisher.gid, outlet)
+        listener.create_subscription(STRING, "/t", lambda _: heard.append(1), raw=True)
+        await publisher.wait_for_subscriptions()
+        yield publisher, outlet
+
+
 @pytest.mark.live
 async def test_a_reader_that_stands_still_costs_bounded_memory_and_the_others_go_on(pair_ids, child, until):
     listening = """
@@ -245,25 +258,21 @@ async def test_a_reader_that_stands_still_costs_bounded_memory_and_the_others_go
     await asyncio.sleep(1000)
     """
     heard, cdr = [], serialize(text("x" * 2_000_000))
-    async with two_domains(pair_ids) as (talker, near, far, listener):
-        publisher = talker.create_publisher(STRING, "/t", QoSProfile(depth=4))
-        forwarder = near.open_forwarder(far)
-        outlet = forwarder.open_writer(endpoint(qos=QoSProfile(depth=256)))
-        forwarder.open(endpoint()).admit(publisher.gid, outlet)
-        listener.create_subscription(STRING, "/t", lambda _: heard.append(1), raw=True)
-        await publisher.wait_for_subscriptions()
-        async with child(listening, "slow", domain_id=pair_ids[1]) as other:
-            await other.hear()
-            await matched(until, outlet, count=2)
-            os.kill(other.pid, signal.SIGSTOP)
-            before = psutil.Process().memory_info().rss
-            for _ in range(200):  # 400 MB
-                publisher.publish_raw(cdr)
-                await asyncio.sleep(0.02)
-            assert psutil.Process().memory_info().rss - before < 250e6
-            count = len(heard)
+    async with (
+        forwarded(pair_ids, heard) as (publisher, outlet),
+        child(listening, "slow", domain_id=pair_ids[1]) as other,
+    ):
+        await other.hear()
+        await matched(until, outlet, count=2)
+        os.kill(other.pid, signal.SIGSTOP)
+        before = psutil.Process().memory_info().rss
+        for _ in range(200):  # 400 MB
             publisher.publish_raw(cdr)
-            await until(lambda: len(heard) > count)
+            await asyncio.sleep(0.02)
+        assert psutil.Process().memory_info().rss - before < 250e6
+        count = len(heard)
+        publisher.publish_raw(cdr)
+        await until(lambda: len(heard) > count)
 
 
 class LateAcknowledgements:
@@ -291,13 +300,7 @@ async def test_a_reader_that_keeps_up_is_not_taken_for_one_that_stands_still(pai
     monkeypatch.setattr(dds_forwarder, "MAX_BACKLOG_BYTES", 200_000)
     monkeypatch.setattr(dds_forwarder, "_STANDS_STILL_S", 0.2)
     heard, cdr = [], serialize(text("x" * 50_000))
-    async with two_domains(pair_ids) as (talker, near, far, listener):
-        publisher = talker.create_publisher(STRING, "/t", QoSProfile(depth=4))
-        forwarder = near.open_forwarder(far)
-        outlet = forwarder.open_writer(endpoint(qos=QoSProfile(depth=256)))
-        forwarder.open(endpoint()).admit(publisher.gid, outlet)
-        listener.create_subscription(STRING, "/t", lambda _: heard.append(1), raw=True)
-        await publisher.wait_for_subscriptions()
+    async with forwarded(pair_ids, heard) as (publisher, outlet):
         await matched(until, outlet)
         gid, handle = outlet.gid, outlet._handle
         for number in range(1, 21):

@@ -55,7 +55,7 @@ def test_a_heartbeat_rides_with_the_same_sample_as_on_real_fast_dds(size_bytes, 
     name = {"name": "a", "source": "robot", "target": "station"}
     flow = Flow(**name, rate_hz=1e3, size_bytes=size_bytes, qos=QoSProfile(depth=999))
     given = {"medium": LOSSLESS, "vendor": PRESETS["fast_dds_sync"], "drain_s": 0.1}
-    for count in (sample - 1, sample):  # measured: rclpy of Kilted, synchronous
+    for count in (sample - 1, sample):  # measured: rclpy of Jazzy and Kilted, synchronous
         scenario = Scenario(flows=(flow,), duration_s=(count - 0.5) / 1e3, **given)
         assert run(scenario, seed=0).counts["acknack"] == (count == sample)
 
