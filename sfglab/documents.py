@@ -15,7 +15,6 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from difflib import get_close_matches
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from sfglab.errors import InvalidValueError
@@ -23,6 +22,8 @@ from sfglab.fields import BOUNDS, Bounds, alternatives_of, choices_of, typed_fie
 from sfglab.files import read_text
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     import yaml
 
 KeyPath = tuple[str | int, ...]  #: Keys and list positions from the top of a document.

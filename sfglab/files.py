@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import os
 import secrets
-from collections.abc import Mapping
 from contextlib import ExitStack, suppress
 from errno import EISDIR, ENOTDIR
 from pathlib import Path
 from tempfile import gettempdir
+from typing import TYPE_CHECKING
 
 from sfglab.errors import InvalidValueError
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
 
 _MOST_BYTES = 1 << 26  # of a text; a device may have no end
 

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Container, Iterable, Sequence
 from html import escape
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from sfglab.fields import field_docs, to_json
+
+if TYPE_CHECKING:
+    from collections.abc import Container, Iterable, Sequence
 
 WIDTH = 110  #: Of the line under the head, at most.
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import enum
 import json
-from collections.abc import Mapping, Sequence  # read at run time
+from collections.abc import Mapping, Sequence  # noqa: TC003  # read at run time
 from dataclasses import dataclass, field
 
 import pytest

@@ -7,11 +7,13 @@ beside the solver shows it. Knows the problem; refuses to know links and losses.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from sfglab.errors import InvalidValueError, SfglabError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
 
 DEPTH_MAX = 5000  #: Dmax: the most samples that Fast DDS kept in 2023 (paper B, section 2.4, reference 17).
 

@@ -13,7 +13,6 @@ durations are whole nanoseconds.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 from xml.etree import ElementTree as ET
@@ -23,6 +22,8 @@ from sfglab.rtps import CYCLONE_DDS, FAST_DDS, Vendor
 from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from sfglab.arp.plan import Plan, TopicPlan
     from sfglab.qos import QoSProfile
 

@@ -9,18 +9,20 @@ heartbeats that travel alone and GAPs are left out, which are rare where heartbe
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sfglab.arp.repairs import alone_held, batch_held, steady_held
 from sfglab.qos import Durability
 from sfglab.rtps.model import ACKNACK_BYTES, data_bytes
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from numpy.typing import NDArray
+
     from sfglab.arp.topics import Topic
     from sfglab.rtps import Medium, Vendor
 

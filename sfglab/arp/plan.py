@@ -8,12 +8,10 @@ is deeper waits longer. Arrays have an entry for each topic, shape (n,).
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sfglab.arp.balancing import BalanceInput, balance
 from sfglab.arp.link import Link, at_depths, link_of, queue_wait_s, repair_delay_s, waits_s
@@ -23,6 +21,10 @@ from sfglab.fields import between, check_bounds
 from sfglab.qos import SENSOR_DATA, QoSProfile
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
     from sfglab.arp.topics import Topic, TopicFile
     from sfglab.rtps import Medium, Vendor
 

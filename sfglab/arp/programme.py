@@ -26,18 +26,20 @@ rates that it permits: emptier air lets a topic be faster. Where losses bound no
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sfglab.arp.link import Link, at_depths, link_of, queue_wait_s, repair_delay_s
 from sfglab.arp.plan import InfeasiblePlanError, Limits, Plan, assess, depths_for, rates_most_hz
 from sfglab.errors import InvalidValueError, SfglabError
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from numpy.typing import NDArray
+
     from sfglab.arp.topics import Topic, TopicFile
     from sfglab.rtps import Medium, Vendor
 

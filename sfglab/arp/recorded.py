@@ -7,7 +7,6 @@ segment. What a topic is worth, and what the link is, only its user knows: the w
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
 from sfglab.arp.topics import Topic
@@ -15,6 +14,8 @@ from sfglab.record.traffic import Traffic, traffic_of
 from sfglab.rtps import Medium
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
     from sfglab.record import LogReader
 
 _ROBOT, _STATION = "robot", "station"

@@ -21,10 +21,12 @@ from __future__ import annotations
 
 import math
 from functools import lru_cache
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
 
 CANDIDATES = (2, 3, 4, 6, 8, 12, 16)
 """Depths that are tried where heartbeats come in batches: one alone repairs nothing, and the deeper it is,

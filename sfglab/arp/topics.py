@@ -7,8 +7,7 @@ what is allowed. Refuses to know how rates are found.
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass, field, replace
-from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from sfglab.documents import Document, DocumentError, Section, by_name, named
 from sfglab.fields import between, bounds
@@ -16,6 +15,9 @@ from sfglab.qos import Durability, Reliability
 from sfglab.rtps import FAST_DDS, PRESETS, Medium, Vendor
 from sfglab.schema import ELSEWHERE
 from sfglab.units import NS_PER_MS
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -9,19 +9,20 @@ Source: ffmpeg_image_transport 3; image_transport_plugins (format strings); foxg
 from __future__ import annotations
 
 import importlib
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sfglab.codecs.depth import PNG_LEVEL, DepthFormat, decode_depth, encode_depth, parse_depth_format
 from sfglab.codecs.errors import MAX_PIXELS, CodecError, CodecUnavailableError, kind_of
 from sfglab.codecs.h264 import H264Decoder, VideoDecoder
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from av import VideoFrame
+    from numpy.typing import NDArray
 
     from sfglab.codecs.libav import EncodedFrame, H264Settings
 

@@ -13,12 +13,14 @@ import math
 import struct
 from dataclasses import dataclass
 from importlib import import_module
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sfglab.codecs.errors import MAX_PIXELS, BitstreamError, CodecError, check_size, kind_of
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
 
 PNG_LEVEL = 9
 """The plugin's default (``png_level``), which takes 20 to 50 times as long as level 1 to

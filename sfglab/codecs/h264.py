@@ -13,11 +13,10 @@ import logging
 import time
 from contextlib import suppress
 from hashlib import sha256
-from typing import NoReturn
+from typing import TYPE_CHECKING, NoReturn
 
 import av
 import numpy as np
-from numpy.typing import NDArray
 
 from sfglab.codecs.errors import MAX_PIXELS, BitstreamError, CodecError, CodecUnavailableError, kind_of
 from sfglab.codecs.libav import (
@@ -33,6 +32,9 @@ from sfglab.codecs.libav import (
 from sfglab.codecs.probe import choose_decoder, choose_encoder, why
 from sfglab.errors import InvalidValueError
 from sfglab.files import own_folder
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
 
 _log = logging.getLogger(__name__)
 _DAY_S = 86400.0

@@ -9,10 +9,9 @@ Source: ITU-T H.264, Annex B and table 7-1; ITU-T H.265, Annex B and table 7-1.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import cast
+from typing import TYPE_CHECKING, cast
 
 import av
 import numpy as np
@@ -20,9 +19,13 @@ from av.codec.context import Flags, ThreadType
 from av.video.codeccontext import VideoCodecContext
 from av.video.frame import PictureType
 from av.video.reformatter import ColorRange, Colorspace, Interpolation, VideoReformatter
-from numpy.typing import NDArray
 
 from sfglab.codecs.errors import MAX_PIXELS, CodecError, kind_of
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from numpy.typing import NDArray
 
 # BT.601, limited range: the matrix of swscale's defaults, which ffmpeg_image_transport uses on both sides
 # without looking at the stream (ffmpeg_encoder_decoder, encoder.cpp and decoder.cpp), and of OpenCV's YUV

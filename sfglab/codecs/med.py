@@ -15,15 +15,17 @@ Source: M. J. Weinberger, G. Seroussi, G. Sapiro, The LOCO-I Lossless Image Comp
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import zstandard
 from numpy import int32
-from numpy.typing import NDArray
 
 from sfglab.codecs.errors import BitstreamError, check_size
 from sfglab.compiling import compiled
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
 
 # Differences have few repetitions worth a search, so long matches only: a third of level 1's time, and smaller.
 _PARAMETERS = zstandard.ZstdCompressionParameters.from_level(

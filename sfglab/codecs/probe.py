@@ -9,13 +9,12 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import av
 import numpy as np
 from av.codec.codec import UnknownCodecError
-from numpy.typing import NDArray
 
 from sfglab.codecs.errors import CodecError, CodecUnavailableError
 from sfglab.codecs.libav import (
@@ -26,6 +25,11 @@ from sfglab.codecs.libav import (
     has_start_code,
     is_entry_point,
 )
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable
+
+    from numpy.typing import NDArray
 
 ENCODERS = (
     "h264_nvmpi",

@@ -14,14 +14,16 @@ compressed_depth_image_transport, rvl_codec.cpp.
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
 
 from sfglab.codecs.errors import MAX_PIXELS, BitstreamError, CodecError, check_size, kind_of
 from sfglab.compiling import compiled
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
 
 _FAULTS = {
     1: "the words end before the last pixel",

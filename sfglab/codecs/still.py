@@ -7,13 +7,15 @@ OpenCV write a line to stderr for each broken picture; that cannot be turned off
 from __future__ import annotations
 
 import struct
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from sfglab.codecs.errors import MAX_PIXELS, BitstreamError, CodecError, check_size, kind_of
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
 
 _JPEG_QUALITY = 95  # the default of compressed_image_transport
 _PNG_START = b"\x89PNG\r\n\x1a\n"

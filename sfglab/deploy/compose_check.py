@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import importlib
 import re
-from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from functools import cache
@@ -30,6 +29,8 @@ from sfglab.documents import Document, DocumentError
 from sfglab.fleet.fleet_file import Accelerator, ContainerNetwork
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Mapping
+
     from sfglab.deploy.deployment import Deployment
     from sfglab.deploy.files import BundleFile
 

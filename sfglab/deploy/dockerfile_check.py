@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise, takewhile
+from typing import TYPE_CHECKING
 
 from sfglab.deploy.dockerfile import STAGES
 from sfglab.deploy.errors import DeployError
 from sfglab.deploy.verdicts import Broken, Rules
 from sfglab.documents import Place
 from sfglab.fleet.lint.report import Finding, an_error
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
 
 INSTRUCTIONS = (
     *("ADD", "ARG", "CMD", "COPY", "ENTRYPOINT", "ENV", "EXPOSE", "FROM", "HEALTHCHECK", "LABEL", "ONBUILD"),

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import posixpath
 import re
-from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -16,6 +15,8 @@ from sfglab.documents import Document, DocumentError, KeyPath, Place, suggestion
 from sfglab.fleet.lint import Finding, Severity
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
+
     from sfglab.deploy.files import BundleFile
 
 CONTAINER, LAUNCH, TASKS = ".devcontainer/devcontainer.json", ".vscode/launch.json", ".vscode/tasks.json"

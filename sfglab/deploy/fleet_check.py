@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
@@ -27,6 +26,8 @@ from sfglab.fleet import fleet_file
 from sfglab.fleet.lint import Finding, Severity, lint
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+
     from sfglab.deploy.deployment import Deployment, Release
     from sfglab.deploy.files import BundleFile
     from sfglab.documents import Place

@@ -10,7 +10,6 @@ from __future__ import annotations
 import os
 import shutil
 import tempfile
-from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import datetime, timedelta
@@ -33,6 +32,8 @@ except ImportError as error:
     raise MissingProgramError("cryptography") from error
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Collection, Iterator
+
     from sfglab.fleet.fleet_file import Fleet
 
     _Times: TypeAlias = tuple[datetime, datetime]  # from when, until when

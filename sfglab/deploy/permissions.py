@@ -7,9 +7,7 @@ In its own domain it may everything, elsewhere nothing.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
 from dataclasses import replace
-from datetime import datetime
 from fnmatch import fnmatchcase
 from itertools import product
 from typing import TYPE_CHECKING
@@ -22,6 +20,9 @@ from sfglab.fleet.status.heartbeat import metadata_service
 from sfglab.names import ResourceKind, dds_names, dds_service
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator
+    from datetime import datetime
+
     from sfglab.fleet.fleet_file import Fleet
 
 LAST_DOMAIN = 230  #: That these documents may name: Cyclone DDS reads none about a later one.

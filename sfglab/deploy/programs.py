@@ -10,11 +10,14 @@ import subprocess
 import sys
 import tempfile
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from sfglab.deploy.errors import EXTRA, DeployError, MissingProgramError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
 
 _GRACE_S = 10.0
 _LAST_WORDS = 20

@@ -11,7 +11,6 @@ import difflib
 import hashlib
 import json
 import shlex
-from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from typing import TYPE_CHECKING
@@ -21,6 +20,8 @@ from sfglab.deploy.errors import DeployError
 from sfglab.tables import text_table
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Mapping, Sequence
+
     from sfglab.deploy.deployment import Deployment
     from sfglab.deploy.transport import Transport
 

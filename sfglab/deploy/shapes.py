@@ -12,14 +12,16 @@ import ipaddress
 import json
 import re
 from collections import defaultdict
-from collections.abc import Callable, Iterator
 from functools import cache
 from importlib import import_module, resources
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 from sfglab.deploy.errors import MissingProgramError
 from sfglab.documents import Document, KeyPath, Place, suggestion
 from sfglab.fleet.lint import Finding, Severity
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
 
 _TYPES = {
     "array": "a list",

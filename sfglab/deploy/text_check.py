@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import re
 from collections import defaultdict
-from collections.abc import Iterator, Mapping
 from functools import cache, partial
 from typing import TYPE_CHECKING
 
@@ -13,6 +12,8 @@ from sfglab.deploy.programs import answer_of, find_program
 from sfglab.deploy.verdicts import State, Verdict, verdict_of
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
+
     from sfglab.deploy.files import BundleFile
 
 

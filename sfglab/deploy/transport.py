@@ -12,15 +12,18 @@ import socket
 import subprocess
 import tempfile
 from abc import ABC, abstractmethod
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from sfglab.deploy.bases import JETPACK
 from sfglab.deploy.errors import DeployError
 from sfglab.deploy.hardware.detection import detect
 from sfglab.deploy.programs import run_heard
 from sfglab.fleet.fleet_file import Accelerator, HostSpec
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
 
 CONNECT_S = 10  #: How long an SSH connection may take.
 QUICK_S = 120.0  #: How long a command that only moves files may take.

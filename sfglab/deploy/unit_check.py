@@ -7,15 +7,18 @@ import re
 import shutil
 import subprocess
 import tempfile
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from sfglab.deploy.errors import DeployError
 from sfglab.deploy.shapes import check_shape
 from sfglab.deploy.verdicts import worst_first
 from sfglab.documents import KeyPath, Place
 from sfglab.fleet.lint import Finding, Severity
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
 
 ANALYZE = "systemd-analyze"
 STAND_INS = ("docker.service",)

@@ -14,7 +14,6 @@ every replay, ``{"is": "replayed", "topic", "packets", "size_bytes", "gaps", "ov
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable
 from dataclasses import asdict, dataclass, field, replace
 from enum import Enum, auto
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
@@ -28,6 +27,8 @@ from sfglab.names import FqnError, Resource, ResourceKind, Suffixed, dds_names, 
 from sfglab.qos import COMPRESSED_STREAM, Durability, QoSProfile, incompatibilities
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from sfglab.bus import Node
 
 FFMPEG_PACKET = "ffmpeg_image_transport_msgs/msg/FFMPEGPacket"  #: Of streams and of replays.

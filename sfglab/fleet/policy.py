@@ -13,7 +13,6 @@ and nothing stronger is requested than a direct connection would have.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from enum import Enum
 from fnmatch import fnmatchcase
@@ -23,6 +22,8 @@ from sfglab.names import ResourceKind, dds_names
 from sfglab.qos import Durability, History, QoSProfile, Reliability
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping
+
     from sfglab.bus.api import EndpointInfo, Transport
 
 

@@ -7,9 +7,7 @@ makes a log that counts beside a reference log, instead of its own part: ``x_ros
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -28,6 +26,9 @@ from sfglab.processes import Member, ProcessGroup
 from sfglab.units import NS_PER_MS, NS_PER_S
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
     from matplotlib.figure import Figure
 
     from sfglab.lab.bench import Bench

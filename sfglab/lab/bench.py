@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
-from contextlib import ExitStack
 from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -14,6 +13,8 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 from sfglab.errors import InvalidValueError
 
 if TYPE_CHECKING:
+    from contextlib import ExitStack
+
     from sfglab.lab.sweep import Workers
     from sfglab.lab.testbed import Testbed
     from sfglab.record import LogWriter

@@ -18,10 +18,12 @@ import time
 import urllib.request
 from contextlib import suppress
 from importlib import import_module
-from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from sfglab.errors import MissingExtraError, SfglabError
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 _START_S = 90.0
 _ANSWER_S = 60.0

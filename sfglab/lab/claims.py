@@ -3,17 +3,25 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import (
+    Mapping,  # noqa: TC003 - a document's fields are typed at run time
+)
 from dataclasses import dataclass, field, replace
 from enum import Enum
-from pathlib import Path
 from statistics import median
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from sfglab.documents import OR_NULL, Document, Section, read_by
 from sfglab.errors import InvalidValueError
 from sfglab.lab.stats import Estimate  # noqa: TC001 - a document's fields are typed at run time
 from sfglab.tables import Shown, columns, html_table
+
+if TYPE_CHECKING:
+    from collections.abc import (
+        Iterator,
+        Sequence,
+    )
+    from pathlib import Path
 
 
 class How(Enum):

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable  # noqa: TC003 - a field's type
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
+from pathlib import Path  # noqa: TC003 - the same
 from typing import Any
 
 from sfglab.arp.topics import FileKeys, TopicFile, load_topics

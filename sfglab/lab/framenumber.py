@@ -8,12 +8,14 @@ wide and high, one H.264 macroblock, so that a 4 Mbit/s stream keeps it readable
 from __future__ import annotations
 
 import zlib
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sfglab.errors import InvalidValueError
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
 
 CELL_PX = 16  #: Side of a cell in pixels: one macroblock of H.264 (ITU-T H.264, clause 3).
 

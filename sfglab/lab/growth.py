@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sfglab.lab.stats import Estimate, bootstrap
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     import pandas as pd
+    from numpy.typing import NDArray
 
 STEP_S = 20.0  #: From one point of a process's course to the next, seconds.
 JUDGED_S = 600.0  #: How long processes of a kind are followed at least before they are judged, seconds.

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import base64
-from collections.abc import Iterable
 from dataclasses import dataclass
 from html import escape
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from sfglab.lab.claims import Entry, Ledger, criterion_of
@@ -15,6 +13,9 @@ from sfglab.lab.figures import few_colors
 from sfglab.lab.notebooks import INDEX, experiment_of, find_notebooks, read_notebook
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+    from pathlib import Path
+
     from sfglab.lab.paths import Project
 
 PAPERS = {

@@ -15,11 +15,9 @@ import re
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sfglab.errors import SfglabError
@@ -33,6 +31,9 @@ from sfglab.record import LogReader
 from sfglab.record.metadata import library_versions
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Mapping, Sequence
+    from pathlib import Path
+
     from sfglab.lab.paths import Project
 
 

@@ -11,10 +11,8 @@ import io
 import re
 import sys
 import time
-from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sfglab.errors import InvalidValueError, SfglabError
@@ -23,6 +21,9 @@ from sfglab.lab.experiments import experiment
 from sfglab.lab.progress import is_line
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+    from pathlib import Path
+
     from nbformat import NotebookNode
 
     from sfglab.lab.paths import Project

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from sfglab.bus.ros.services import ros_command, sourced_python
 from sfglab.errors import SfglabError
 from sfglab.lab.paths import find_project
 from sfglab.processes import Member
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
 
 PEER = Path(__file__).parent / "workers" / "rclpy_peer.py"  #: A node of rclpy that does as it is told.
 TESTED = ("jazzy", "kilted")  #: The distributions that our nodes are tested beside, which `make ros` brings.

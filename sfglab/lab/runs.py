@@ -6,10 +6,8 @@ A log bears the name ``*.mcap.part`` until its run is finished; then it ends wit
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, fields
 from functools import wraps
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, Concatenate, Generic, ParamSpec, TypeVar, cast
 
 from sfglab.errors import SfglabError
@@ -18,6 +16,9 @@ from sfglab.record import DecodedMessage, LogReader
 from sfglab.tables import field_rows, html_table
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Mapping
+    from pathlib import Path
+
     import pandas as pd
 
     from sfglab.lab.paths import Project

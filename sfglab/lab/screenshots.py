@@ -17,7 +17,6 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator, Sequence
 from contextlib import closing, contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
@@ -46,6 +45,8 @@ from sfglab.view.session import Session
 from sfglab.view.stage import replay
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
     from sfglab.spatial.scene.tree import Scene
 
 

@@ -10,13 +10,11 @@ from __future__ import annotations
 
 import itertools
 import os
-from collections.abc import Callable, Generator, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sfglab.codecs import FFMPEG_PACKET, CodecUnavailableError, image_decoder
 from sfglab.errors import SfglabError
@@ -24,6 +22,10 @@ from sfglab.record import LogError, LogReader
 from sfglab.record.reader import is_log, rate_and_size
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Generator, Iterator
+
+    from numpy.typing import NDArray
+
     Image = NDArray[np.uint8]
     # Colour (BGR, uint8) and depth (uint16), whose types OpenCV's functions do not tell.
     Picture = tuple[NDArray[Any], NDArray[Any] | None]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
 from sfglab.bus.address import BusAddress
@@ -12,6 +11,8 @@ from sfglab.lab.workers.viewer import ViewerConfig
 from sfglab.processes import Member, ProcessFailedError, ProcessGroup
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
     from sfglab.component import Report
     from sfglab.lab.testbed import Testbed
 

@@ -10,15 +10,17 @@ import itertools
 import os
 import socket
 import time
-from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, closing, contextmanager, suppress
 from pathlib import Path
-from typing import Protocol, Self
+from typing import TYPE_CHECKING, Protocol, Self
 
 from sfglab.bus.locks import LockedError, user_lock
 from sfglab.errors import SfglabError
 from sfglab.lab.hosts import Network
 from sfglab.lab.hosts.host import InterfaceBytes, interface_bytes
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
 
 # From 102 on a domain's ports lie among those that Linux gives to anybody who asks.
 FIRST_DOMAIN, DOMAINS = 20, 80

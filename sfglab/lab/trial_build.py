@@ -16,7 +16,6 @@ import subprocess
 import sys
 import tempfile
 import zipfile
-from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -33,6 +32,8 @@ from sfglab.fleet.fleet_file import Accelerator, Architecture, RosDistribution
 from sfglab.lab.checks.machines import Unasked, held
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
     from sfglab.lab.checks import CheckRow
 
 _GLIBC_MINORS = (17, 24, 26, 27, 28, 31, 34, 35)

@@ -8,7 +8,6 @@ caches each call counts several times. Little endian only.
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,6 +15,8 @@ import numpy as np
 from sfglab.messages.store import numpy_dtype
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from rosbags.interfaces.typing import FieldDesc
     from rosbags.typesys.store import Typestore
 

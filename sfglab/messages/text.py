@@ -8,14 +8,16 @@ from __future__ import annotations
 import re
 import sys
 import time
-from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from sfglab.errors import InvalidValueError
 from sfglab.messages.store import default_message, numpy_dtype, stamp_from_ns, type_store
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
 
 _STEP = re.compile(r"(\w+)|\[(\d+)\]|\.")
 _PADDING = "structure_needs_at_least_one_member"  #: rosidl's octet in messages without fields.

@@ -10,10 +10,13 @@ from __future__ import annotations
 import os
 import re
 import socket
-from collections.abc import Mapping
+from typing import TYPE_CHECKING
 
 from sfglab.names.grammar import FqnError, check_words, router_breaks
 from sfglab.names.vocabulary import Component, check_unmistakable
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
 
 AGENT_VARIABLE = "SFG_AGENT_NAME"  #: The environment variable that names the agent.
 

@@ -13,10 +13,9 @@ an action does not stand in a name, so `parse` is told.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 from sfglab.names.agent import default_agent, validate_agent
 from sfglab.names.grammar import (
@@ -38,6 +37,9 @@ from sfglab.names.vocabulary import (
     check_unmistakable,
     read_standard,
 )
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
 
 ComponentSegment: TypeAlias = Component | Suffixed[Component] | Custom
 StreamSegment: TypeAlias = Stream | Suffixed[Stream] | Custom

@@ -10,9 +10,7 @@ import math
 import os
 import secrets
 import shutil
-from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
 from sfglab.errors import InvalidValueError
@@ -24,6 +22,9 @@ from sfglab.record.reader import LogMessage, LogReader
 from sfglab.record.writer import LogWriter
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Sequence
+    from pathlib import Path
+
     from rosbags.interfaces import Connection
 
 

@@ -5,9 +5,7 @@ Knows what `rosbags` reads. Before Iron a bag defined no types: the process's ow
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from mcap.records import Channel, Message, Schema, Statistics
@@ -20,6 +18,9 @@ from sfglab.messages import UnknownTypeError, definition
 from sfglab.record.metadata import QOS_KEY, LogError
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
     from rosbags.interfaces import Connection
 
 

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from sfglab.record.metadata import LogError
 from sfglab.tables import html_table
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
 
 _LONG = 8
 _STEP = re.compile(r"(\w+)|\[(\d+)\]|\.")

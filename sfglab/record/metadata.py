@@ -12,12 +12,11 @@ import os
 import platform
 import shutil
 import subprocess
-from collections.abc import Mapping
 from contextlib import suppress
 from enum import Enum
 from importlib import metadata
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import psutil
@@ -27,6 +26,9 @@ from sfglab.errors import SfglabError
 from sfglab.fields import to_json
 from sfglab.qos import Durability, History, Liveliness, QoSProfile, Reliability
 from sfglab.units import NS_PER_S
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
 
 
 class LogError(SfglabError, ValueError):

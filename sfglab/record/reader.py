@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import difflib
 import itertools
-from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager, suppress
 from dataclasses import dataclass
 from io import SEEK_END
@@ -24,6 +23,7 @@ from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
     import os
+    from collections.abc import Callable, Iterable, Iterator, Sequence
 
     import pandas as pd
     from mcap.reader import SeekingReader

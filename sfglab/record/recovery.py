@@ -9,10 +9,9 @@ from __future__ import annotations
 import struct
 import zlib
 from collections import Counter, defaultdict
-from collections.abc import Callable, Iterator
 from importlib.util import find_spec, module_from_spec
 from io import BytesIO
-from typing import Any, BinaryIO
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 from lz4.frame import LZ4FrameDecompressor
 from mcap.data_stream import ReadDataStream
@@ -32,6 +31,9 @@ from mcap.records import (
 )
 from mcap.summary import Summary
 from zstandard import ZstdDecompressor, ZstdError, frame_content_size
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
 
 MAGIC = b"\x89MCAP0\r\n"
 _RECORD_HEAD = struct.Struct("<BQ")

@@ -6,12 +6,15 @@ What a plan of QoS or a mapping begins with where there is a recording instead o
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import TYPE_CHECKING
 
 from sfglab.documents import DocumentError, Place
 from sfglab.record.reader import LogReader, rate_and_size
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
 
 COMPUTATION_GRAPH = "computation_graph"
 """Name of the metadata record in which a log says who publishes and who subscribes: lists of names by topic."""

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import re
 import threading
-from collections.abc import Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
@@ -20,6 +19,7 @@ from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
     import os
+    from collections.abc import Iterator, Mapping
 
     from typing_extensions import Buffer
 

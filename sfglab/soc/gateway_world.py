@@ -8,11 +8,13 @@ the core included, has taken it or stored it. Refuses to know in which order mom
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from sfglab.soc.gateway import Drive, Input, Latch, State, Table
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
 
 GATEWAY = -1  #: The publisher id under which the core forwards.
 OWN_PORT = 1  #: The bit of the core's own port among those that have yet to take the HMT's message.

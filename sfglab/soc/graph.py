@@ -8,15 +8,17 @@ and what was read is written byte by byte the same. Refuses to know which mappin
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, fields, replace
 from enum import Enum
-from pathlib import Path
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from sfglab.documents import OR_NULL, Document, DocumentError, Place, Section, by_name, suggestion
 from sfglab.errors import InvalidValueError
 from sfglab.tables import html_table
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator, Mapping
+    from pathlib import Path
 
 
 class Placement(Enum):

@@ -6,14 +6,12 @@ Knows axes and mapped graphs. Refuses to know how a graph was mapped, and how fi
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sfglab.errors import InvalidValueError
 from sfglab.soc.graph import Edge, EdgeKind, Graph, TopicMapping
@@ -21,9 +19,12 @@ from sfglab.soc.layout import Layout, Vertex, ends_of, layered_layout, node_vert
 from sfglab.soc.mapping import CommunicationMapping, crossing_edges, hardware_subgraphs
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from matplotlib.artist import Artist
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from numpy.typing import NDArray
 
 
 # Okabe and Ito's palette, distinct for all common kinds of colour blindness; light where text stands on it.

@@ -9,7 +9,6 @@ threads, and the board's address and password, are left to the user. Nothing her
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -18,6 +17,8 @@ from sfglab.record.traffic import COMPUTATION_GRAPH, traffic_of
 from sfglab.soc.graph import Graph, Node, Topic, TopicMapping
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping
+
     from sfglab.record import LogReader
 
 

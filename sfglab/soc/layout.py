@@ -7,12 +7,15 @@ with the fewest crossings is kept; then neighbours are drawn level. The same gra
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from itertools import combinations, pairwise
 from statistics import fmean, median
+from typing import TYPE_CHECKING
 
 from sfglab.soc.graph import Edge, EdgeKind, Graph
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping
 
 Vertex = tuple[str, ...]
 """``("node", name)`` or ``("topic", name)``: a node and a topic may have the same name."""

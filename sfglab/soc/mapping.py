@@ -7,14 +7,17 @@ follows a gateway rule that knows sizes. One message at a time has the interface
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import TYPE_CHECKING
 
 from sfglab.errors import InvalidValueError
 from sfglab.soc.graph import Edge, EdgeKind, Graph, Node, Topic, TopicMapping
 from sfglab.soc.memory import STORED, Costs, Judge, Setup, Side, Transport, judged_s, transfer_times
 from sfglab.tables import html_table
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

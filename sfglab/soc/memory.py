@@ -16,12 +16,15 @@ several processors. The paper's rule (section 5) knows no sizes: hence break-eve
 from __future__ import annotations
 
 from bisect import bisect_left
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from enum import Enum
+from typing import TYPE_CHECKING
 
 from sfglab.errors import InvalidValueError
 from sfglab.fields import between, check_bounds
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
 
 
 class Forwarding(Enum):

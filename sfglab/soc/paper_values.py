@@ -10,12 +10,15 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
+from typing import TYPE_CHECKING
 
 from sfglab.errors import SfglabError
 from sfglab.soc.memory import STORED, Costs, Setup, Side, Transport, fitted_values, transfer_times, with_values
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
 
 MESSAGE_BYTES = (10_000, 100_000, 1_000_000, 10_000_000)  #: Image sizes of section 4.
 SUBSCRIBERS = (2, 4, 8)  #: Numbers of subscribing hardware nodes; one software node subscribes besides.

@@ -23,18 +23,21 @@ messages, each as a sum; how carriages wait for each other is the memory interfa
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping
 from dataclasses import dataclass
 from html import escape
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sfglab.errors import InvalidValueError, SfglabError
 from sfglab.soc.graph import EdgeKind, Graph, Implementation, Node, Placement, Topic, TopicMapping
 from sfglab.soc.mapping import carriages_per_message, map_communication
 from sfglab.soc.memory import STORED, Costs
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from numpy.typing import NDArray
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -9,18 +9,20 @@ logarithms). So a measurement on a board is worth by how much it would narrow th
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 from functools import cache
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sfglab.soc.memory import STORED, Costs, MemoryInterface
 from sfglab.soc.paper_values import PAPER_VALUES, Panel, residuals, speed_ups
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import NDArray
+
     Floats = NDArray[np.float64]
 
 NOISE = 0.05  #: Relative error of model and stated number together, one standard deviation: assumed.

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Self
 
@@ -17,6 +16,8 @@ from sfglab.errors import InvalidValueError
 from sfglab.messages import message_type, ns_from_stamp, stamp_from_ns
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
     import numpy as np
     from numpy.typing import NDArray
     from scipy.spatial.transform import Rotation

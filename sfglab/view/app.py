@@ -6,7 +6,6 @@ Ends cleanly when it is interrupted: what was drawn up to then is sent, and a fi
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,6 +21,8 @@ from sfglab.view.stage import replay, wanted_topics
 from sfglab.view.visualizers.fleet import Communication
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Iterator, Mapping
+
     from sfglab.bus import Node
 
 

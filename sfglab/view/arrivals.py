@@ -9,16 +9,18 @@ from __future__ import annotations
 import functools
 import heapq
 import struct
-from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from sfglab.messages import decoder, message_type, ns_from_stamp
 from sfglab.messages.store import type_store
 from sfglab.record import LogReader
 from sfglab.units import NS_PER_S
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Collection, Iterator
+    from pathlib import Path
 
 _STAMP = {b"\0\0": struct.Struct(">iI"), b"\0\1": struct.Struct("<iI")}
 """By the encapsulation that CDR begins with (OMG RTPS 2.5, clause 10.2): plain CDR, big and little endian."""

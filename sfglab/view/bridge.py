@@ -9,10 +9,9 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 from sfglab.bus import ClosedError, EndpointAdded, EndpointEvent, EndpointKind, EndpointRemoved, Node
 from sfglab.bus.api import OFFER_KEY, entries
@@ -22,6 +21,9 @@ from sfglab.qos import Durability, QoSProfile, Reliability
 from sfglab.view.arrivals import Arrival
 from sfglab.view.session import Change, Changed, Session
 from sfglab.view.stage import Job, Stage, Surface
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
 
 _TICK_S = 0.05
 _MOST_DISPLAYS = 500

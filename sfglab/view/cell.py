@@ -12,17 +12,19 @@ import base64
 import gzip
 import json
 import threading
-from collections.abc import Callable
 from functools import cache
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from importlib.util import find_spec
 from pathlib import Path
 from secrets import token_urlsafe
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from sfglab.errors import MissingExtraError
 from sfglab.view.widgets import front_end
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
 
 WAITING_BYTES = 32 * 2**20
 """How much of what is drawn waits for a page; what comes later than that, and before the page, is not shown."""

@@ -7,12 +7,14 @@ in the frame of the message's header, in metres, float32, shape (N, 3).
 from __future__ import annotations
 
 import sys
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sfglab.errors import InvalidValueError
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
 
 _CHANNELS = {
     "mono8": (np.uint8, 1),

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import re
 import socket
-from collections.abc import Mapping, Sequence
 from contextlib import closing, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -21,6 +20,8 @@ from sfglab.units import NS_PER_S
 from sfglab.view.visualizer import AGENTS, SinkError, agent_root, entity_of_topic
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
     from sfglab.fleet.fleet_file import Fleet
     from sfglab.view.cell import CellViewer
 

@@ -10,7 +10,6 @@ be loaded is told and left out, so that somebody else's mistake costs nobody the
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from enum import Enum
 from importlib.metadata import EntryPoint, entry_points
@@ -22,6 +21,8 @@ from sfglab.view.visualizer import Input, Visualizer
 from sfglab.view.visualizers import clouds, fleet, images, markers, poses
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Mapping
+
     from sfglab.qos import QoSProfile
     from sfglab.view.sync import SyncPolicy
 

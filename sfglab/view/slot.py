@@ -9,13 +9,15 @@ also in graphics memory that no limit of the viewer covers, so a rate belongs on
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Generic, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Generic, NamedTuple, TypeVar
 
 from sfglab.errors import InvalidValueError
 from sfglab.units import NS_PER_S
 from sfglab.view.sync import Matched, SyncPolicy, synchronizer
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
 
 T = TypeVar("T")
 

@@ -19,7 +19,6 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Mapping
 from dataclasses import KW_ONLY, dataclass
 from fnmatch import fnmatchcase
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol
@@ -30,6 +29,8 @@ from sfglab.qos import SENSOR_DATA, QoSProfile
 from sfglab.view.sync import Independent, SyncPolicy
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping
+
     from sfglab.bus import EndpointEvent
 
 

@@ -6,14 +6,16 @@ Refuses to know what any of them shows. They come with the extra ``view``.
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping
 from html import escape
 from importlib import import_module
 from importlib.util import find_spec
-from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from sfglab.errors import MissingExtraError, SfglabError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+    from pathlib import Path
 
 
 def widgets() -> Any:

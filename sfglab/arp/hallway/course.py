@@ -12,11 +12,13 @@ import math
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numba as nb
 import numpy as np
-from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
 
 HALF_WIDTH_M = 0.5
 """Half of a corridor: 1 m is the narrowest that building codes allow for one person, and five robots wide."""

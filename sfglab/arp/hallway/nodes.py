@@ -11,10 +11,13 @@ the reliability model compares.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from sfglab.arp.hallway.course import HALF_WIDTH_M
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
 
 BEAMS_DEG = (0, 45, 90, 135, 180, 225, 270, 315)
 """Directions, counter-clockwise from ahead: paper B, section 3.2."""

@@ -8,15 +8,19 @@ is one round without contact and without a stop for an obstacle. Refuses to know
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sfglab.arp.hallway.course import AREAS, HOME, Area, clearances, drive, scan, winding_rad
 from sfglab.arp.hallway.nodes import BEAMS_DEG, Command, step_from_range
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
 
 RADIUS_M = 0.105  #: Of the robot's body; closer to a wall is a contact.
 

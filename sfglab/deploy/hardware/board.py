@@ -11,13 +11,16 @@ import re
 import stat
 import struct
 from collections import deque
-from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
+from typing import TYPE_CHECKING
 
 from sfglab.deploy.errors import DeployError
 from sfglab.deploy.hardware.machine import DeviceGroup, Source
 from sfglab.fleet.fleet_file import Architecture
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
 
 _MOST_BYTES = 65536
 _MOST_LINKS = 40  # Linux gives up after as many: path_resolution(7)

@@ -6,14 +6,17 @@ Which codecs really open is tried here and now by `sfglab.codecs.probe`.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from sfglab.deploy.hardware import accelerators, board
 from sfglab.deploy.hardware.board import MachineFiles
 from sfglab.deploy.hardware.machine import CodecFound, CodecRole, Evidence, ExpectedCodec, Machine
 from sfglab.fleet.fleet_file import Accelerator
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
 
 PREFERENCE = {
     Accelerator.JETSON: "its libraries fit one L4T release, no other base runs there",

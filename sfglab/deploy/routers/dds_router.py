@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import ipaddress
 import json
-from collections.abc import Iterable, Iterator
 from fnmatch import fnmatchcase
 from typing import TYPE_CHECKING, Any
 
@@ -18,6 +17,8 @@ from sfglab.names import TF_STATIC, dds_topic
 from sfglab.qos import COMPRESSED_STREAM
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator
+
     from sfglab.fleet.fleet_file import Fleet
 
 

@@ -6,9 +6,8 @@ version (3.5 and older) tells less: unknown keys pass silently.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from fnmatch import fnmatchcase
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from sfglab.deploy.routers.dds_router import VERSION, accepts, probe_names
 from sfglab.deploy.shapes import check_shape
@@ -17,6 +16,9 @@ from sfglab.documents import Document, KeyPath
 from sfglab.fleet.lint import Finding, Severity
 from sfglab.fleet.policy import Direction, Policy
 from sfglab.names import TF_STATIC, dds_topic
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
 
 Config = dict[str, Any]
 

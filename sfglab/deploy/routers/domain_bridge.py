@@ -6,7 +6,6 @@ left out stands in the file's first lines.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
 from sfglab.deploy.routers.dds_router import header
@@ -19,6 +18,8 @@ from sfglab.names import ResourceKind, dds_topic
 from sfglab.qos import Durability
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from sfglab.fleet.fleet_file import Fleet
 
 

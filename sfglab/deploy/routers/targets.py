@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -18,6 +17,8 @@ from sfglab.files import read_text
 from sfglab.fleet.fleet_file import Fleet, RouterSoftware
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from sfglab.fleet.lint import Finding
     from sfglab.fleet.policy import Policy
 

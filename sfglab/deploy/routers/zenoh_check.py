@@ -7,7 +7,6 @@ sections of Zenoh's only that there are some, because they do not decide what cr
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
 from sfglab.deploy.routers.dds_router import probe_names
@@ -19,6 +18,8 @@ from sfglab.fleet.policy import Direction, Policy
 from sfglab.names import FqnError, ResourceKind, dds_names, ros_name_from_dds
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from sfglab.documents import KeyPath
 
 Bridge = dict[str, Any]

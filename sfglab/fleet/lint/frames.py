@@ -6,7 +6,6 @@ Table 1 of paper A forwards /tf and /tf_static; 4.1 asks for prefixes against cl
 from __future__ import annotations
 
 from collections import Counter, defaultdict
-from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -16,6 +15,8 @@ from sfglab.fleet.router.frames import FrameClashError, Frames
 from sfglab.names import TF, TF_STATIC, ResourceKind
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator, Sequence
+
     from sfglab.fleet.fleet_file import AgentSpec, FrameSpec
     from sfglab.fleet.lint.uses import View
 

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from pathlib import Path
+from typing import TYPE_CHECKING
 
 from sfglab.documents import DocumentError
 from sfglab.fleet.fleet_file import Fleet, load_fleet
@@ -24,6 +23,10 @@ from sfglab.fleet.lint.report import Finding, Report, Severity, an_error, render
 from sfglab.fleet.lint.uses import Meeting, View
 from sfglab.fleet.policy import Crossing, Direction
 from sfglab.names import ResourceKind, dds_names, router_hazards
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+    from pathlib import Path
 
 
 def check_rule_pairs(view: View) -> Iterator[Finding]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -14,6 +13,8 @@ from sfglab.names import TF, DdsRole, ResourceKind, dds_names, ros_name_from_dds
 from sfglab.qos import Durability
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
     from sfglab.fleet.fleet_file import AgentSpec
     from sfglab.fleet.lint.uses import Use, View
 

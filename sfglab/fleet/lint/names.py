@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from itertools import product
 from typing import TYPE_CHECKING
 
@@ -14,6 +13,8 @@ from sfglab.names import TF, TF_STATIC, FqnError, ResourceKind, Scope, parse
 from sfglab.qos import Durability, incompatibilities
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from sfglab.fleet.fleet_file import AgentSpec
     from sfglab.fleet.lint.uses import Meeting, Use, View
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from functools import partial
@@ -12,6 +11,8 @@ from typing import TYPE_CHECKING
 from sfglab.tables import WIDTH, text_table
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator, Sequence
+
     from sfglab.documents import Place
     from sfglab.names import ResourceKind
 

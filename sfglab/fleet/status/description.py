@@ -6,16 +6,18 @@ Knows the naming schema, the metadata messages, what a stream may say of itself,
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from importlib.metadata import version
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from sfglab import __version__
 from sfglab.errors import SfglabError
 from sfglab.fleet.status.heartbeat import AGENT_METADATA
 from sfglab.messages import message_type, stamp_from_ns
 from sfglab.names import FqnError, Scope, parse, validate_ros_name
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
 
 CODECS = ("", "h264", "hevc", "jpeg", "png", "rvl", "med")  #: What a stream may say that it is coded by.
 MAX_EDGE = 16_384  #: Most pixels that a stream may say that its images are wide or high.

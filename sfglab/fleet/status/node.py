@@ -9,7 +9,6 @@ order ``{"description": {...}}`` replaces the description, or is answered with `
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
@@ -34,6 +33,8 @@ from sfglab.names import validate_agent
 from sfglab.qos import LATCHED
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from sfglab.bus import Node, Publisher
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 from sfglab.lab.checks import Checks
@@ -13,6 +12,8 @@ from sfglab.spatial.trajectory import exchange
 from sfglab.spatial.trajectory.path import Interpolation, Trajectory
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     import numpy as np
 
     Trial = Callable[[np.random.Generator], str]

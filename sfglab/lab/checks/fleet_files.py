@@ -6,10 +6,8 @@ import hashlib
 import json
 import re
 from collections import defaultdict
-from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import yaml
@@ -23,6 +21,9 @@ from sfglab.fleet.fleet_file import Accelerator
 from sfglab.lab.checks.machines import Unasked, held
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator, Mapping, Sequence
+    from pathlib import Path
+
     from sfglab.deploy.deployment import Deployment, Release
     from sfglab.lab.checks import CheckRow
 

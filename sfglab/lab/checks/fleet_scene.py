@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from operator import attrgetter
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sfglab import codecs
 from sfglab.lab.sources import open_source
 from sfglab.messages import default_message, message_type, stamp_from_ns
 from sfglab.spatial.poses import Pose, StampedTransform, header_msg
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Sequence
+
+    from numpy.typing import NDArray
 
 START_NS = 1_700_000_000_000_000_000  #: The first moment; any time will do, this one is easily recognised.
 PERIOD_NS = 100_000_000

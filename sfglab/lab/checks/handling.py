@@ -6,9 +6,7 @@ import asyncio
 import importlib
 import sys
 import time
-from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sfglab.bus import Node
@@ -25,6 +23,9 @@ from sfglab.view.session import Display, Session, available
 from sfglab.view.stage import replay
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+    from pathlib import Path
+
     Requested = Callable[[], list[Reliability]]
 
 _SOON_S = 5.0

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import subprocess
-from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -19,6 +18,8 @@ from sfglab.lab.checks import CheckRow, check_row
 from sfglab.lab.example_machines import EXAMPLES, write_example
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
     from sfglab.deploy.deployment import Deployment
 
 _HOOKS_S = 60.0

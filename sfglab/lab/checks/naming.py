@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from functools import cache
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -27,6 +26,9 @@ from sfglab.names import (
     validate_agent,
     validate_ros_name,
 )
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
 
 AGENT = "go2"
 

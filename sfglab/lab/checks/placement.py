@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterator
 from dataclasses import replace
 from itertools import chain, combinations, compress, product
 from typing import TYPE_CHECKING, Any
@@ -25,6 +24,8 @@ from sfglab.soc import (
 from sfglab.soc.placement import gateway_load, hardware_load, software_load, topic_load
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     import numpy as np
 
 TOPICS_PER_NODE = 0.6

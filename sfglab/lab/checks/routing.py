@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from functools import cache
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from sfglab.fleet.policy import Crossing, Direction, ForwardRule, Policy, Side
 from sfglab.lab.checks import Checks
 from sfglab.names import ResourceKind, RosFqn, all_standard_fqns, dds_topic
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
 
 AGENT = "go2"
 

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sfglab.lab.checks import Case, CheckRow, Checks, Sample
 from sfglab.lab.checks.fleet_scene import CAMERA, SIZE, Moment, back_projected, camera_info, image_message
@@ -20,6 +17,12 @@ from sfglab.view.rerunning import open_canvas
 from sfglab.view.session import Session
 from sfglab.view.stage import replay
 from sfglab.view.sync import PATIENCE, Approximate, Exact, synchronizer
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+    from pathlib import Path
+
+    from numpy.typing import NDArray
 
 checks = Checks("synchronisation")
 

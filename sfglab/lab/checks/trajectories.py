@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sfglab.lab.checks import Checks
 from sfglab.spatial import Pose
@@ -19,6 +17,10 @@ from sfglab.spatial.trajectory.path import Align, Interpolation, Trajectory, ali
 from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import NDArray
+
     Trial = Callable[[np.random.Generator], str]
     Floats = NDArray[np.float64]
 

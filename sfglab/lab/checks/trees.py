@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from typing import TYPE_CHECKING
@@ -19,6 +18,8 @@ from sfglab.spatial.mocap.mapping import MappedObject, MocapMapping, read_mappin
 from sfglab.spatial.mocap.tracking import Capture
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Iterator
+
     Robot = tuple[StampedTransform, ...]
 
 checks = Checks("trees")

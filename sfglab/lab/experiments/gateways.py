@@ -6,7 +6,6 @@ topic and with every arrow bent, and the edges across the boundary of the paper'
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
@@ -24,6 +23,8 @@ from sfglab.soc.gateway import TABLE, Drive, Input, Move, Row, State, Table, arr
 from sfglab.soc.gateway_world import Bound, Step, World
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
     import pandas as pd
     from matplotlib.figure import Figure
 

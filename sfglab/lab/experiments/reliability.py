@@ -19,7 +19,6 @@ import subprocess
 import sys
 import time
 from collections import Counter
-from collections.abc import AsyncIterator, Iterator, Sequence
 from contextlib import ExitStack, asynccontextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -44,6 +43,8 @@ from sfglab.lab.workers.soaked import STATE, SoakedConfig
 from sfglab.processes import START_LIMIT_S, Member, ProcessGroup
 
 if TYPE_CHECKING:
+    from collections.abc import AsyncIterator, Iterator, Sequence
+
     import pandas as pd
     from matplotlib.figure import Figure
 

@@ -11,7 +11,6 @@ import json
 import subprocess
 import sys
 import threading
-from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
@@ -26,6 +25,8 @@ from sfglab.lab.runs import new_log, unfinished_of
 from sfglab.view.widgets import button, widgets
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from sfglab.lab.experiment import Experiment
 
 _FIRST_PICTURE_S = 90.0  #: How long a cell waits for the first picture, s: an empty cache compiles for 13.

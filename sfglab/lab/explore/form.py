@@ -9,15 +9,17 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Mapping, Sequence
 from dataclasses import Field, is_dataclass, replace
 from html import escape
 from operator import attrgetter
-from typing import Any, get_args, get_origin
+from typing import TYPE_CHECKING, Any, get_args, get_origin
 
 from sfglab.errors import InvalidValueError, SfglabError
 from sfglab.fields import BOUNDS, Bounds, check_bounds, choices_of, field_docs, from_json, typed_fields
 from sfglab.view.widgets import refusal_html, widgets
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
 
 _HIDDEN = ("profile",)
 _UNITS = {"hz": "Hz", "s": "s", "ms": "ms", "ns": "ns", "m": "m", "bytes": "B", "mm": "mm", "deg": "°"}

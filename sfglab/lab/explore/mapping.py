@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from html import escape
 from typing import TYPE_CHECKING, Any
@@ -18,6 +17,8 @@ from sfglab.soc.placement import Platform, assess, check_fixed, place_nodes, top
 from sfglab.view.widgets import button, widgets
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
     from matplotlib.figure import Figure
 
 _MS = 1e3

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import base64
 import io
-from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from functools import cache
@@ -20,6 +19,8 @@ from sfglab.machine import step
 from sfglab.view.widgets import attempt, button, front_end, widgets
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Collection, Mapping, Sequence
+
     from matplotlib.artist import Artist
     from matplotlib.figure import Figure
 

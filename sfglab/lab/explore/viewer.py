@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 from bisect import bisect_right
-from collections.abc import Callable, Coroutine, Mapping, Sequence
 from contextlib import AsyncExitStack
 from functools import cached_property
 from pathlib import Path
@@ -30,6 +29,8 @@ from sfglab.view.stage import wanted_topics
 from sfglab.view.widgets import button, widgets
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Coroutine, Mapping, Sequence
+
     from matplotlib.figure import Figure
 
     from sfglab.lab.runs import Run

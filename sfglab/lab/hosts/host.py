@@ -14,11 +14,13 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Collection, Iterator, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from sfglab.errors import SfglabError
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Iterator, Sequence
 
 _REMEDY = (
     "Try one of: run as root; allow user namespaces (sysctl user.max_user_namespaces and max_net_namespaces "

@@ -17,8 +17,7 @@ import signal
 import socket
 import sys
 import traceback
-from collections.abc import Callable
-from typing import Any, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn
 
 from pyroute2.netlink.exceptions import NetlinkError
 
@@ -28,6 +27,9 @@ from sfglab.lab.hosts.network import Link
 from sfglab.lab.hosts.radio import Relay
 from sfglab.lab.hosts.wiring import Port, Shaping, Wiring
 from sfglab.rtps import Medium
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
 
 _MAX_REQUEST_BYTES = 65536
 

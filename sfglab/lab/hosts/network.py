@@ -15,7 +15,6 @@ import subprocess
 import sys
 import tempfile
 import threading
-from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from types import MappingProxyType
@@ -27,6 +26,8 @@ from sfglab.lab.hosts.host import ENTER, Host, HostsError, HostsUnavailableError
 from sfglab.lab.hosts.radio import RadioCounters
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
     from sfglab.rtps import Medium
 
 FRAME_BYTES = 1514  #: A full Ethernet frame without its checksum: 1500 B and 14 B of header (IEEE 802.3, 3).

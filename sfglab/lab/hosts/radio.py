@@ -7,11 +7,13 @@ import json
 import socket
 import subprocess
 import sys
-from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from sfglab.units import NS_PER_S
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
 
 _ANSWER_TIMEOUT_S = 10.0
 _END_TIMEOUT_S = 2.0

@@ -22,14 +22,16 @@ import struct
 import sys
 import time
 from collections import deque
-from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field
-from typing import Any, Generic, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, NamedTuple, TypeVar
 
 from sfglab.lab.hosts.radio import RadioHost
 from sfglab.rtps import Medium
 from sfglab.rtps.model import is_lost, next_sender
 from sfglab.units import NS_PER_S
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
 
 F = TypeVar("F")
 

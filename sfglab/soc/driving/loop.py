@@ -6,12 +6,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sfglab.soc.driving.car import Camera, CarState, Chassis, Drive, drive
 from sfglab.soc.driving.nodes import (
@@ -28,6 +26,11 @@ from sfglab.soc.driving.nodes import (
 from sfglab.soc.driving.odometry import Pose, VisualOdometry
 from sfglab.soc.driving.scene import Scene
 from sfglab.soc.driving.town import LANE_M, Place, Signals, Town, make_town
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from numpy.typing import NDArray
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

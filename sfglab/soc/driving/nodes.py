@@ -17,11 +17,12 @@ from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from sfglab.soc.driving.car import Camera, Drive
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from sfglab.soc.driving.odometry import Pose
 
 _OUTLIER = 48

@@ -13,9 +13,10 @@ from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from sfglab.soc.driving.car import Camera
 
 _FEATURES = 220

@@ -7,17 +7,19 @@ them into pixels, which are all that the nodes get.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from sfglab.soc.driving.town import LANE_M, LINE_M, Building, Town
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
     from sfglab.soc.driving.car import Camera, CarState
 
 GRASS_BGR = (66, 96, 74)

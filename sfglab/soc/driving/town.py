@@ -9,9 +9,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
 
 LANE_M, LINE_M = 0.5, 0.05  #: Between the lines' middles, and a line's width: about a tenth of a town's road.
 

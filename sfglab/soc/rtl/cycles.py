@@ -8,9 +8,8 @@ the same number of cycles, so two sizes give the cycle model and a third shows t
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from amaranth import Elaboratable, Module, Signal
 from amaranth.lib.memory import Memory
@@ -20,6 +19,9 @@ from sfglab.fields import between, bounds, check_bounds
 from sfglab.soc.gateway import Drive
 from sfglab.soc.rtl.core import Answer, Call, Gateway
 from sfglab.soc.rtl.data_path import ADDRESS_BITS, CHUNK_WORDS, MemoryPort, Stream
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
 
 T = TypeVar("T")
 

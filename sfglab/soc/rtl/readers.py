@@ -14,10 +14,9 @@ latencies: agreement says that the model adds them up rightly, not that another 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from enum import Enum
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from amaranth import Cat, Elaboratable, Module, Mux, Signal
 from amaranth.lib.memory import Memory
@@ -40,6 +39,9 @@ from sfglab.soc.rtl.cycles import (
     simulate_transfer,
 )
 from sfglab.soc.rtl.data_path import ADDRESS_BITS, CHUNK_WORDS, COUNT_BITS, MemoryMaster, MemoryPort
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
 
 
 class Arbiter(Elaboratable):

@@ -13,12 +13,11 @@ import json
 import re
 import subprocess
 import sys
-from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from amaranth import Const, Elaboratable, Module, Signal
 from amaranth.hdl import Assert
@@ -26,6 +25,9 @@ from amaranth.hdl import Assert
 from sfglab.errors import SfglabError
 from sfglab.soc.gateway import TABLE, Latch, State, Table
 from sfglab.soc.rtl.core import Control, Gateway, code
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
 
 _TIMEOUT_S = 600.0
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, TypedDict, Unpack
 
 from sfglab.bus import BusError, ClientGoalHandle, GoalRejectedError, Node
@@ -22,6 +21,8 @@ from sfglab.spatial.execution.orders import (
 from sfglab.spatial.scene.objects import AgentObject
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from sfglab.spatial.scene.tree import Scene
 
 

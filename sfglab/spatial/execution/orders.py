@@ -6,10 +6,9 @@ Ours is `sfglab_interfaces/action/FollowTrajectory`; another, such as nav2_msgs'
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from sfglab.bus import GoalResult, GoalStatus
 from sfglab.errors import SfglabError
@@ -21,6 +20,9 @@ from sfglab.spatial.trajectory.limits import Limits, Quantity, limit_violations
 from sfglab.spatial.trajectory.motion import pose_at, resampled
 from sfglab.spatial.trajectory.path import Interpolation, Trajectory
 from sfglab.units import NS_PER_S
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
 
 
 class Outcome(Enum):

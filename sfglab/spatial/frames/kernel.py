@@ -15,11 +15,12 @@ from typing import TYPE_CHECKING, Any
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
 
 from sfglab.compiling import compiled
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from sfglab.spatial.poses import Pose
 
 _PARENT, _STATIC, _FIRST, _COUNT = range(4)

@@ -11,7 +11,6 @@ import logging
 import math
 import statistics
 from collections import Counter, deque
-from collections.abc import Sequence
 from contextlib import aclosing
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
@@ -34,6 +33,8 @@ from sfglab.spatial.poses import Pose, StampedTransform
 from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from sfglab.bus import Node, Publisher
 
 

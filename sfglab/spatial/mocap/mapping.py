@@ -8,9 +8,7 @@ somewhere within it, is where the cameras see it. Pure.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from sfglab.documents import Document, DocumentError, KeyPath, Place, Section, by_name, read_by
@@ -19,6 +17,9 @@ from sfglab.spatial.mocap.tracking import Capture, Limits, MocapError
 from sfglab.spatial.poses import Pose, PoseError, PoseKeys, StampedTransform
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
     from sfglab.spatial.frames.buffer import FrameBuffer
 
 

@@ -15,12 +15,10 @@ Mechanisms and Robotics 5(3), 2013.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sfglab.spatial.frames.buffer import FrameBuffer, FrameError
 from sfglab.spatial.mocap.tracking import Capture, MocapError
@@ -28,6 +26,9 @@ from sfglab.spatial.poses import Pose, Vec3
 from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+    from numpy.typing import NDArray
     from scipy.spatial.transform import Rotation
 
 

@@ -12,7 +12,6 @@ from __future__ import annotations
 import asyncio
 import importlib
 from collections import deque
-from collections.abc import AsyncGenerator, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from heapq import merge
@@ -25,6 +24,8 @@ from sfglab.spatial.poses import Pose, PoseError
 from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
+    from collections.abc import AsyncGenerator, Iterator, Mapping
+
     from sfglab.bus import Clock, Node
     from sfglab.record import LogReader
 

@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import AsyncGenerator, Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -16,6 +15,8 @@ from sfglab.spatial.poses import Pose
 from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
+    from collections.abc import AsyncGenerator, Iterator, Mapping
+
     import numpy as np
 
     from sfglab.bus import Clock

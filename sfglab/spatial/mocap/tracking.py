@@ -7,15 +7,17 @@ wrong. One that comes back flipped cannot be told from one that turned as far, s
 
 from __future__ import annotations
 
-from collections.abc import AsyncGenerator, Mapping
 from dataclasses import dataclass, replace
 from enum import Enum
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 from sfglab.errors import SfglabError
 from sfglab.fields import between
 from sfglab.spatial.poses import Pose
 from sfglab.units import NS_PER_S
+
+if TYPE_CHECKING:
+    from collections.abc import AsyncGenerator, Mapping
 
 
 class MocapError(SfglabError):

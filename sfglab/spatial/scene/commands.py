@@ -6,10 +6,9 @@ A step keeps the scene before and after it, which share what does not change: un
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any, ClassVar, Protocol
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
 from sfglab.spatial.poses import Pose
 from sfglab.spatial.scene.objects import (
@@ -23,6 +22,9 @@ from sfglab.spatial.scene.objects import (
 from sfglab.spatial.scene.tree import SCENE_PROPERTIES, Draft, Scene
 from sfglab.spatial.trajectory.limits import Limits, retimed
 from sfglab.spatial.trajectory.path import Align, Trajectory, TrajectoryError, stretched
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
 
 
 class Command(Protocol):

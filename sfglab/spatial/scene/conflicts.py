@@ -7,14 +7,12 @@ polylines, within a millimetre for splines.
 from __future__ import annotations
 
 import functools
-from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import Enum
 from itertools import combinations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sfglab.spatial.scene.objects import (
     AgentObject,
@@ -36,6 +34,10 @@ from sfglab.spatial.trajectory.motion import motion_of, sample
 from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from numpy.typing import NDArray
+
     from sfglab.spatial.poses import Pose, Vec3
     from sfglab.spatial.scene.tree import Scene
     from sfglab.spatial.trajectory.path import Trajectory

@@ -5,11 +5,9 @@ A browser, a notebook or a test calls methods, in one thread, and listens; all d
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, fields, replace
 from enum import Enum
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sfglab.spatial.poses import Pose
@@ -30,6 +28,9 @@ from sfglab.spatial.trajectory.motion import pose_at
 from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+    from pathlib import Path
+
     from sfglab.spatial.trajectory.path import Trajectory
 
 

@@ -8,10 +8,8 @@ that read back as the same float.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Iterator
 from dataclasses import fields, replace
-from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from sfglab.documents import Document, DocumentError, Section, suggestion
 from sfglab.errors import InvalidValueError
@@ -29,6 +27,10 @@ from sfglab.spatial.scene.objects import (
 from sfglab.spatial.scene.tree import SCENE_PROPERTIES, Draft, Scene
 from sfglab.spatial.trajectory.path import LATEST_NS
 from sfglab.units import NS_PER_S
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Iterator
+    from pathlib import Path
 
 FORMAT = 1  #: The version of the file format.
 _PLAIN = re.compile(r"[A-Za-z][A-Za-z0-9_./()+-]*( [A-Za-z0-9_./()+-]+)*")

@@ -7,10 +7,9 @@ Inspector, commands and file format go by descriptions of properties, whose valu
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, field, fields, replace
 from enum import Enum
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from sfglab.errors import InvalidValueError
 from sfglab.fields import field_docs
@@ -19,6 +18,9 @@ from sfglab.spatial.poses import Pose
 from sfglab.spatial.trajectory.clearance import Box, Cylinder, Shape, Sphere
 from sfglab.spatial.trajectory.limits import Limits, Quantity
 from sfglab.spatial.trajectory.path import LATEST_NS, Align, Interpolation
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
 
 
 class SceneError(InvalidValueError):

@@ -5,10 +5,9 @@ Knows the form of a file that `files` reads and writes; refuses to know what obj
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass, field, fields
 from enum import Enum
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from sfglab.fields import bounds, field_docs, to_json
 from sfglab.schema import Schema, SchemaMaker
@@ -17,6 +16,9 @@ from sfglab.spatial.scene.objects import KINDS, ROOT, Property, SceneObject, Tra
 from sfglab.spatial.scene.tree import SCENE_PROPERTIES, Scene
 from sfglab.spatial.trajectory.path import LATEST_NS
 from sfglab.units import NS_PER_S
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

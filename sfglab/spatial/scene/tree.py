@@ -7,9 +7,8 @@ state is made: it checks whatever concerns more than one object.
 from __future__ import annotations
 
 from bisect import bisect_left
-from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from sfglab.spatial.poses import Pose
 from sfglab.spatial.scene.objects import (
@@ -26,6 +25,9 @@ from sfglab.spatial.scene.objects import (
     text,
 )
 from sfglab.spatial.trajectory.path import Trajectory, Waypoint, aligned_quat, in_frame
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
 
 _SAME_RAD = 1e-9  #: A waypoint aligned as well as this is left alone, so that files read back byte by byte.
 

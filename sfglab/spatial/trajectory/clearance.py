@@ -10,17 +10,19 @@ and what was found is then sharpened on the curve itself.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sfglab.spatial.trajectory.motion import Motion, motion_of
 from sfglab.spatial.trajectory.path import Trajectory, TrajectoryError
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import NDArray
+
     Floats = NDArray[np.float64]
 
     from sfglab.spatial.poses import Pose, Vec3

@@ -11,18 +11,20 @@ speeds fall with the factor, accelerations with its square. Not the shortest suc
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import Enum
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sfglab.spatial.trajectory.motion import Motion, motion_of
 from sfglab.spatial.trajectory.path import Trajectory, TrajectoryError, with_durations
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from numpy.typing import NDArray
+
     from sfglab.spatial.poses import Vec3
 
 _GRID = 65

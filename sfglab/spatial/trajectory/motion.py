@@ -24,13 +24,14 @@ from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
 from sfglab.spatial.poses import Pose
 from sfglab.spatial.trajectory.path import Interpolation, Trajectory, Waypoint
 from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
     Floats = NDArray[np.float64]
 
 

@@ -7,14 +7,17 @@ files and messages give back what they were given. What lies between waypoints i
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
 from itertools import pairwise
+from typing import TYPE_CHECKING
 
 from sfglab.errors import InvalidValueError
 from sfglab.spatial.poses import Pose, Quat, Vec3
 from sfglab.tables import html_table
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
 
 LATEST_NS = 10**15  #: Eleven days: up to here a float in seconds with nine decimals gives back its ns.
 

@@ -12,7 +12,6 @@ import threading
 import time
 from abc import ABC, abstractmethod
 from collections import deque
-from collections.abc import Awaitable, Callable, Hashable, Iterator
 from concurrent.futures import Future
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -22,6 +21,8 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from sfglab.errors import MissingExtraError, SfglabError
 
 if TYPE_CHECKING:
+    from collections.abc import Awaitable, Callable, Hashable, Iterator
+
     from sfglab.spatial.scene.editor import Change, Editor
 
 

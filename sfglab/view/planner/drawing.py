@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,6 +12,8 @@ from sfglab.units import NS_PER_S
 from sfglab.view.planner import looks
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Collection, Mapping
+
     from sfglab.spatial.poses import Pose
     from sfglab.spatial.scene.conflicts import Conflict, Ghost
     from sfglab.spatial.scene.tree import Scene

@@ -7,11 +7,10 @@ checks every value; a field's range only helps people who type. Refuses to know 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from enum import Enum
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from sfglab.spatial.poses import Pose, Vec3
 from sfglab.spatial.scene.commands import Command, Move, Rename, SetPose, SetProperty, SetScene, SetTime
@@ -21,6 +20,9 @@ from sfglab.spatial.trajectory.clearance import Box, Cylinder, Shape, Sphere
 from sfglab.spatial.trajectory.path import Align
 from sfglab.units import NS_PER_S
 from sfglab.view.planner.looks import title_of
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
 
 _NONE = "none"
 _SHAPES = ("box", "sphere", "cylinder")

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sfglab.spatial.scene.objects import (
     ROOT,
@@ -23,6 +21,10 @@ from sfglab.spatial.trajectory.motion import motion_of, sample
 from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from numpy.typing import NDArray
+
     from sfglab.spatial.poses import Pose, Quat, Vec3
     from sfglab.spatial.scene.tree import Scene
     from sfglab.spatial.trajectory.path import Trajectory

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -21,6 +20,8 @@ from sfglab.view.planner.forms import Field, FieldKind, fields_of
 from sfglab.view.planner.looks import TreeRow, rows_of, title_of
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from sfglab.spatial.scene.conflicts import Conflict
 
 _ICONS = {

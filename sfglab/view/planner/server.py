@@ -15,7 +15,6 @@ import logging
 import secrets
 import socket
 import threading
-from collections.abc import Callable, Collection, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from html import escape
 from importlib import import_module
@@ -33,6 +32,8 @@ from sfglab.view.planner.viewport import Viewport
 from sfglab.view.widgets import LOOPBACK, address_of_port
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Collection, Iterator
+
     from sfglab.spatial.scene.tree import Scene
 
 DEFAULT_PORT = 8092

@@ -5,7 +5,6 @@ What it adds has sensible first values that people then drag.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -20,6 +19,8 @@ from sfglab.view.planner.context import Context, Part
 from sfglab.view.planner.looks import open_trajectory
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from sfglab.spatial.scene.tree import Scene
 
 ADDABLE = ("agent", "obstacle", "zone", "trajectory", "group")  #: What the toolbar adds.

@@ -5,7 +5,6 @@ The gizmo stands on what is selected: one drag with it is one step that can be u
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable
 from typing import TYPE_CHECKING, Any
 
 from sfglab.spatial.poses import Pose
@@ -17,6 +16,8 @@ from sfglab.view.planner.drawing import Drawing
 from sfglab.view.planner.looks import camera_for, open_trajectory, wxyz
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Collection, Iterable
+
     from sfglab.spatial.scene.conflicts import Conflict
     from sfglab.spatial.scene.tree import Scene
 

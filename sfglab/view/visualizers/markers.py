@@ -6,11 +6,9 @@ Source: visualization_msgs/msg/Marker and https://wiki.ros.org/rviz/DisplayTypes
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sfglab.errors import InvalidValueError
 from sfglab.messages import ns_from_stamp
@@ -18,6 +16,11 @@ from sfglab.qos import DEFAULT
 from sfglab.view.rerunning import rr
 from sfglab.view.visualizer import Canvas, Input, Parameter, Update, Visualizer
 from sfglab.view.visualizers.poses import pose_arrays
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import NDArray
 
 _ADD, _DELETE, _DELETE_ALL = 0, 2, 3
 _ARROW, _CUBE, _SPHERE, _CYLINDER, _LINE_STRIP, _LINE_LIST = 0, 1, 2, 3, 4, 5

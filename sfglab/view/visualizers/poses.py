@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sfglab.errors import InvalidValueError
 from sfglab.messages import ns_from_stamp
@@ -16,6 +15,9 @@ from sfglab.view.geometry import covariance_ellipsoid
 from sfglab.view.rerunning import rr
 from sfglab.view.slot import RateBudget
 from sfglab.view.visualizer import Canvas, Input, Parameter, Update, Visualizer
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
 
 _TF = "tf2_msgs/msg/TFMessage"
 _MOST_FRAMES = 10_000

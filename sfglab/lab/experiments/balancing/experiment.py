@@ -6,13 +6,11 @@ with losses, best effort and reliable, with several longest silences.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sfglab.arp.cache import CacheControl, Decision, LocalCache
 from sfglab.arp.robots import RATES_HZ, SENSORS, Sensor, cdr_bytes, object_bytes
@@ -24,6 +22,10 @@ from sfglab.rtps import FAST_DDS, Flow, FlowOutcome, Medium, Scenario, Session, 
 from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from numpy.typing import NDArray
+
     from sfglab.lab.bench import Bench
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
 from itertools import product
@@ -16,6 +15,8 @@ from sfglab.lab.experiments.balancing.experiment import Config, exp
 from sfglab.lab.paths import find_project
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
     from sfglab.lab.bench import Bench
 
 WEIGHTS = (0.05, 0.5, 0.95)

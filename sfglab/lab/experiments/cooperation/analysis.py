@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
@@ -14,6 +13,9 @@ from sfglab.lab.claims import Finding, How
 from sfglab.lab.experiments.cooperation.experiment import Config, exp
 from sfglab.lab.runs import Run, derived
 from sfglab.lab.stats import Estimate, Floats, bootstrap, wilson
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
 
 AS_IS = "Fast DDS, 1 % loss"
 

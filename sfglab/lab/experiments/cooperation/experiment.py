@@ -6,12 +6,10 @@ Deterministic: the same point and seed give the same run to the bit.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from typing import Any, Literal, get_args
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sfglab.arp import hallway
 from sfglab.arp.balancing import BalanceInput, balance
@@ -22,6 +20,11 @@ from sfglab.lab.experiment import Actor, Experiment, Link, Profiled, seeded
 from sfglab.qos import DEFAULT, QoSProfile
 from sfglab.rtps import PRESETS, Flow, Medium, Outcome, Scenario, Session
 from sfglab.units import NS_PER_S
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from numpy.typing import NDArray
 
 DEPTHS = (1, 10, 1000)
 """Of Table 2, without optimisation: the paper does not say which depth Fig. 16 had, so the smallest, ROS 2's

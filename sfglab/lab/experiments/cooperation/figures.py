@@ -5,13 +5,11 @@ In films the walls are drawn once by matplotlib; robots and beams are drawn onto
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from sfglab.arp.hallway import AREAS, BEAMS_DEG, HALF_WIDTH_M, HOME, RADIUS_M, WAYPOINTS, End, course_length_m
 from sfglab.arp.robots import METHODS
@@ -23,8 +21,11 @@ from sfglab.lab.figures import COLORS, MARKERS, grouped_bars, house_style, mp4, 
 from sfglab.lab.runs import Run, lines_of
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from numpy.typing import NDArray
 
 RUN_COLORS = {"success": COLORS["third"], "failure": COLORS["standard"]}
 _ROBOT_COLORS = {"robot1": COLORS["proxy"], "robot2": "#E69F00", "robot3": "black"}

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sfglab.arp.hallway import BEAMS_DEG, RADIUS_M, SCAN_HZ, End
 from sfglab.errors import InvalidValueError
@@ -19,6 +18,7 @@ from sfglab.view.widgets import widgets
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from numpy.typing import NDArray
 
 WRONG_M = 0.1
 """By which a beam that the station has is wrong; in a turn of the LIDAR a robot comes a fifth of it ahead."""

@@ -11,14 +11,12 @@ import asyncio
 import heapq
 import math
 import time
-from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import asdict, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sfglab.arp import hallway
 from sfglab.arp.hallway.course import scan
@@ -52,6 +50,10 @@ from sfglab.spatial.poses import header_msg
 from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
     from sfglab.component import Report
     from sfglab.lab.bench import Bench
     from sfglab.lab.experiments.transmission.stage import LiveHosts

@@ -9,9 +9,7 @@ import asyncio
 import json
 import re
 import sys
-from collections.abc import AsyncIterator, Sequence
 from contextlib import AsyncExitStack, asynccontextmanager, suppress
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import yaml
@@ -24,6 +22,9 @@ from sfglab.lab.workers.graph_observer import ObserverConfig
 from sfglab.processes import Member, ProcessFailedError, ProcessGroup
 
 if TYPE_CHECKING:
+    from collections.abc import AsyncIterator, Sequence
+    from pathlib import Path
+
     from sfglab.deploy.bundle import Bundle
 
 OUTSIDER = "outsider"

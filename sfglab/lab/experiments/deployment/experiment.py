@@ -7,7 +7,6 @@ it undecided. The figures: layers as in Fig. 5, and what was checked.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from itertools import groupby
 from pathlib import Path
@@ -30,6 +29,8 @@ from sfglab.lab.paths import find_project
 from sfglab.lab.trial_build import trial_build
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
     from sfglab.deploy.deployment import Deployment
     from sfglab.lab.bench import Bench
     from sfglab.lab.runs import Run

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from sfglab.lab.claims import Finding, How
 from sfglab.lab.experiments.driving.experiment import MAPPINGS, PAPER_MS, READINGS, Config, chain_of, exp
@@ -17,6 +15,11 @@ from sfglab.lab.runs import Run, derived, lines_of
 from sfglab.lab.stats import Estimate, Floats, bootstrap, exactly, ratio_of
 from sfglab.soc.driving import CHAIN, SHARED_TOPIC, Chain
 from sfglab.units import NS_PER_S
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
 
 _STORED = "stored"
 _CUT_THROUGH = "cut-through"

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
@@ -31,6 +30,8 @@ from sfglab.soc.driving import CHAIN, SHARED_TOPIC, Camera, Chain, Rules, Stack,
 from sfglab.soc.memory import CUT_THROUGH, STORED
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from sfglab.lab.bench import Bench
 
 MAPPINGS = ("software", "gateway")  #: What topic A is mapped to, in the paper's two versions.

@@ -5,13 +5,11 @@ The film has the camera with the lane, the bird's view, the lights, and the car 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
 from itertools import product
 from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from sfglab.lab.experiments.driving.analysis import (
     LIVE,
@@ -32,8 +30,11 @@ from sfglab.soc.driving import CHAIN, SHARED_TOPIC, Camera, Rules
 from sfglab.soc.driving.nodes import WHITE, YELLOW, BirdView
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping, Sequence
+
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from numpy.typing import NDArray
 
 _COLORS = {"software": COLORS["standard"], "gateway": COLORS["proxy"]}
 _SAID = {"software": "A in\nsoftware", "gateway": "A with\na gateway"}

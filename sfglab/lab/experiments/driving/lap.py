@@ -7,13 +7,11 @@ the car's true pose with x forward.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from sfglab.lab.experiments.driving.experiment import (
     Config,
@@ -31,6 +29,10 @@ from sfglab.spatial.poses import header_msg
 from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from numpy.typing import NDArray
+
     from sfglab.lab.bench import Bench
     from sfglab.record import LogWriter
     from sfglab.soc.driving.car import CarState

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
 from itertools import accumulate
 from textwrap import fill
 from typing import TYPE_CHECKING, Any
@@ -19,6 +18,8 @@ from sfglab.lab.figures import COLORS, MARKERS, PAPER_STYLE, note
 from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
     from matplotlib.artist import Artist
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure

@@ -11,7 +11,6 @@ import base64
 import signal
 import time
 from collections import Counter, defaultdict
-from collections.abc import Callable, Coroutine, Sequence
 from typing import TYPE_CHECKING, Any
 
 from sfglab.fleet.discovery.lifecycle import TRANSITIONS, Input, State, Told
@@ -22,6 +21,8 @@ from sfglab.messages import deserialize, message_type
 from sfglab.processes import Member, ProcessFailedError, ProcessGroup
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Coroutine, Sequence
+
     from sfglab.component import Report
 
 ASK_S = 60.0

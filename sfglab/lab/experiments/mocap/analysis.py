@@ -5,7 +5,6 @@ A live check is one thing that section 4.5 of paper A says of the direct receive
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
 from dataclasses import asdict
 from textwrap import fill
 from typing import TYPE_CHECKING, Any
@@ -25,6 +24,8 @@ from sfglab.spatial.frames.buffer import Edge
 from sfglab.spatial.frames.lint import FrameFinding, draw_tree, lint_frames
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator
+
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 

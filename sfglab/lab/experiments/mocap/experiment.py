@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from itertools import groupby
 from typing import TYPE_CHECKING, Any
@@ -28,6 +27,8 @@ from sfglab.spatial.mocap.bridge import mocap_trees
 from sfglab.spatial.mocap.synthetic import TrueCapture, synthetic_captures
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from sfglab.lab.bench import Bench
     from sfglab.lab.testbed import Testbed
 

@@ -7,9 +7,8 @@ paper: where the base is in the tracked object, estimated from motions whose tru
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -23,6 +22,9 @@ from sfglab.spatial.mocap.mapping import MappedObject, MocapMapping
 from sfglab.spatial.mocap.offset import estimate_offset, pose_pairs
 from sfglab.spatial.mocap.synthetic import SyntheticConfig, SyntheticMotion, TrueCapture, synthetic_captures
 from sfglab.spatial.mocap.tracking import Lapse, Verdict
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
 
 _BELIEVED = frozenset(v.value for v in Verdict if v.believed)
 _TURNED_RAD = 2.5

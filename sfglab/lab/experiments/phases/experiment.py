@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from sfglab.arp.robots import DEPTHS, RATES_HZ
 from sfglab.fields import between
@@ -29,6 +28,8 @@ from sfglab.rtps import Medium, Outcome, run
 from sfglab.rtps.session import age_ms
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from sfglab.rtps.model import QueueRule
 
 MODES = ("fast_dds_sync", "fast_dds_async", "fast_dds_foxy", "cyclone_dds")

@@ -5,7 +5,6 @@ A check is one thing that Table 1 or Eq. 1 of paper A demands of one name and tw
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -22,6 +21,8 @@ from sfglab.lab.runs import Run, derived
 from sfglab.lab.stats import Estimate, bootstrap, median_of
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 

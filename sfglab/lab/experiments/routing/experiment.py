@@ -6,7 +6,6 @@ Every party publishes and subscribes all names: a router that asked only who wan
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -24,6 +23,8 @@ from sfglab.processes import Member, ProcessGroup
 from sfglab.units import NS_PER_MS
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
     from sfglab.component import Report
     from sfglab.lab.bench import Bench
     from sfglab.lab.testbed import Testbed

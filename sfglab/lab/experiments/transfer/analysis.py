@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from itertools import product
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
@@ -19,6 +18,9 @@ from sfglab.lab.stats import Estimate, exactly, ratio_of
 from sfglab.soc.memory import Origin
 from sfglab.soc.paper_values import MESSAGE_BYTES, SUBSCRIBERS, Panel
 from sfglab.soc.prediction import PRIORS, predictions
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
 
 MAIN = "stored"  #: The constants by which claims are judged; the other set is told beside.
 

@@ -10,7 +10,6 @@ import os
 import signal
 import socket
 import zlib
-from collections.abc import AsyncGenerator
 from contextlib import ExitStack
 from dataclasses import asdict, dataclass
 from itertools import product
@@ -22,6 +21,8 @@ from sfglab.lab.workers.crossing import SPARE_BYTES, CrossingConfig, Round, mess
 from sfglab.processes import Member, ProcessFailedError, ProcessGroup
 
 if TYPE_CHECKING:
+    from collections.abc import AsyncGenerator
+
     from sfglab.lab.experiments.transfer.experiment import Config
 
 TIMEOUT_S = 20.0

@@ -7,7 +7,6 @@ a gateway's core reads or writes once and a stream is broadcast. Delegates and s
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import aclosing, suppress
 from dataclasses import asdict, replace
 from importlib.util import find_spec
@@ -28,6 +27,8 @@ from sfglab.soc.memory import CUT_THROUGH, LARGEST_BYTES, STORED, Costs, Judge, 
 from sfglab.soc.paper_values import MESSAGE_BYTES, FitError, fit, residuals, sensitivity, speed_ups, tendencies
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Mapping, Sequence
+
     from sfglab.lab.bench import Bench
 
 MODELS = {"stored": STORED, "cut-through": CUT_THROUGH}

@@ -6,14 +6,12 @@ The claim A-VIZ is the share of checks that hold. The figures: what the bridge a
 from __future__ import annotations
 
 import io
-from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from sfglab.codecs import compressed_image_fields
 from sfglab.fleet.fleet_file import load_fleet
@@ -49,8 +47,11 @@ from sfglab.view.app import ViewOptions, view_log
 from sfglab.view.rerunning import open_canvas, rerun
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from numpy.typing import NDArray
 
     from sfglab.lab.bench import Bench
 

@@ -11,8 +11,7 @@ import os
 import signal
 import time
 from collections import Counter
-from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import psutil
@@ -28,6 +27,9 @@ from sfglab.view.app import ViewOptions, session_for, view_live
 from sfglab.view.bridge import Bridge
 from sfglab.view.rerunning import WINDOW_BYTES, RerunCanvas, rerun
 from sfglab.view.session import Display, Session
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 ADDED_MS = 5.0
 """What the bridge may add to a picture of 640 x 360, ms, at the median and at 99 %; the paper states none."""
