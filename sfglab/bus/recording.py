@@ -37,7 +37,8 @@ if TYPE_CHECKING:
 _BATCH = 256
 _LAST_BATCHES = 8
 _OTHERS_S = 0.2  #: How long publishers of one topic may take to appear together.
-_UNACKNOWLEDGED = 256  #: How many a played reliable topic keeps: more than most writers do, for busy readers.
+_UNACKNOWLEDGED = 256  #: How many a played reliable topic keeps; its readers are waited for at half of them.
+_STANDS_STILL_S = 15.0  #: After which a reader is not waited for again; one that is gone is noticed before.
 _MATCH_S = 3.0
 _LATE_S = 2.0  #: How long readers may take for what was played last.
 
@@ -173,6 +174,7 @@ class Player:
         self._wanted = wanted
         self._told = told
         self._publishers: dict[str, Publisher] = {}
+        self._left_behind: set[str] = set()
 
     async def run(self) -> None:
         """Play to the end; return when all reliable subscriptions have all."""
@@ -232,7 +234,16 @@ class Player:
                         await asyncio.sleep(wait_s)
                     publisher.publish_raw(message.cdr)
                     self.counts[message.topic] += 1
+                    await self._wait_for_slow_readers(message.topic, publisher)
             batch = await later
+
+    async def _wait_for_slow_readers(self, topic: str, publisher: Publisher) -> None:
+        """Wait for readers slower than the log, before a sample that they do not have is overwritten."""
+        if self.counts[topic] % (_UNACKNOWLEDGED // 2) or topic in self._left_behind:
+            return
+        if not await publisher.wait_for_all_acked(_STANDS_STILL_S):
+            self._left_behind.add(topic)
+            self._told(f"Topic '{topic}': a subscription stands still, and is not waited for any more")
 
 
 def _next(messages: Iterable[LogMessage]) -> list[LogMessage]:

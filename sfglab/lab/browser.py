@@ -102,19 +102,24 @@ class Browser:
             time.sleep(0.05)
         return value
 
+    def still(self, script: str, timeout_s: float = 15.0, what: str = "") -> Any:
+        """Return the value of an expression, as a place, once it stays; else `BrowserError` says of what."""
+        end = time.monotonic() + timeout_s
+        since, last = time.monotonic(), None
+        while time.monotonic() < end:
+            value = self.evaluate(script)
+            if value is None or value != last:
+                since, last = time.monotonic(), value
+            elif time.monotonic() - since > _STILL_S:
+                return value
+            time.sleep(0.05)
+        raise BrowserError(f"browser: no {what or script} that stays within {timeout_s:g} s")
+
     def find(self, text: str, selector: str = "button", timeout_s: float = 15.0) -> tuple[float, float]:
         """Return the middle of the first element with a text or label, once it stays; else `BrowserError`."""
         script = _FIND % (json.dumps(selector), json.dumps(text), json.dumps(text))
-        end = time.monotonic() + timeout_s
-        since, where = time.monotonic(), None
-        while time.monotonic() < end:
-            found = self.evaluate(script)
-            if found is None or found != where:
-                since, where = time.monotonic(), found
-            elif time.monotonic() - since > _STILL_S:
-                return (found[0], found[1])
-            time.sleep(0.05)
-        raise BrowserError(f"browser: no {selector} {text!r} within {timeout_s:g} s")
+        x, y = self.still(script, timeout_s, f"{selector} {text!r}")
+        return x, y
 
     def click(self, x: float, y: float) -> None:
         """Press and release the left button."""

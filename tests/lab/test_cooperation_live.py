@@ -67,13 +67,19 @@ async def test_robots_set_off_on_what_real_nodes_carry():
 @pytest.mark.live
 @pytest.mark.netns
 @pytest.mark.slow
-def test_three_robots_set_off_together_and_nothing_is_left_behind():
+def test_three_robots_set_off_together_and_nothing_is_left_behind(monkeypatch):
+    class UntilAllGo(stage.LiveDrive):
+        def going(self):
+            return {track.robot for track in self.tracks if track.t_s > 2.0 and track.manoeuvre == "forward"}
+
+        def ended(self):
+            return super().ended() or len(self.going()) == 3
+
+    monkeypatch.setattr(stage, "LiveDrive", UntilAllGo)
     before = {child.pid for child in psutil.Process().children(recursive=True)}
-    drive = asyncio.run(stage.drive_live(stage.LIVE_POINT, 0, seconds=4.0))
+    # How soon they get going depends on the machine's other work.
+    drive = asyncio.run(stage.drive_live(stage.LIVE_POINT, 0, seconds=60.0))
     assert drive.verdict is None or drive.verdict.end is not End.CONTACT
-    # How many of them get going in these seconds depends on the machine's other work.
-    last = {track.robot: track for track in drive.tracks}
-    assert set(last) <= {"robot1", "robot2", "robot3"}
-    assert all(track.manoeuvre == "forward" for track in last.values() if track.t_s > 2.0)
+    assert drive.going() == {"robot1", "robot2", "robot3"}
     assert drive.radio.delivered > 0
     assert {child.pid for child in psutil.Process().children(recursive=True)} <= before

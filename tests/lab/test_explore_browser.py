@@ -173,7 +173,7 @@ def test_parts_of_pictures_are_pressed_and_python_answers_or_refuses(run, browse
     run(PICTURES)
     before = {name: browser.wait_for(LOOKS % name, ANSWER_S) for name in "ab"}
     for part, answer in PRESSED:
-        browser.click(*browser.wait_for(PART % part, ANSWER_S))
+        browser.click(*browser.still(PART % part, ANSWER_S))  # pictures above it are drawn anew
         browser.wait_for(answer, ANSWER_S)
     assert browser.evaluate(LOOKS % "a") != before["a"]
     assert browser.evaluate("document.querySelector('.jp-OutputArea svg').ariaLabel").startswith("A figure to")
@@ -228,4 +228,4 @@ def test_a_waypoint_is_added_and_saved_in_the_scene_editors_cell(run, browser, l
 
 def in_frame(browser, text):
     """Press what is in the editor's page with a text or label, once it is there."""
-    browser.click(*browser.wait_for(INSIDE % (json.dumps(text), json.dumps(text)), ANSWER_S))
+    browser.click(*browser.still(INSIDE % (json.dumps(text), json.dumps(text)), ANSWER_S))
