@@ -39,17 +39,23 @@ def run(main: Coroutine[Any, Any, C]) -> C:
     return uvloop.run(main)
 
 
-def run_component(config_class: type[C], serve: Callable[[C, Reporter, Orders], Awaitable[None]]) -> None:
+def run_component(
+    config_class: type[C],
+    serve: Callable[[C, Reporter, Orders], Awaitable[None]],
+    *,
+    end_limit_s: Callable[[C], int] = lambda _: END_LIMIT_S,
+) -> None:
     """Run a component, given configuration, reports and orders, until it is told to end; or fail, status 1."""
     # Whoever started it decides when it ends; an interrupt from the terminal reaches that one as well.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     report = claim_standard_output()
     orders = Orders()
     try:
-        body = serve(config_from_argument(config_class, sys.argv[1]), report, orders)
+        config = config_from_argument(config_class, sys.argv[1])
+        body = serve(config, report, orders)
         if os.environ.pop(BEATS_VARIABLE, ""):  # for this process alone, not for those that it starts
             body = _beating(body, report)
-        run(_until_told(body, orders))
+        run(_until_told(body, orders, end_limit_s(config)))
     except SfglabError as error:
         report({"is": "failed", "why": str(error)})
         sys.exit(1)
@@ -123,12 +129,12 @@ async def is_set_before(event: asyncio.Event, time_s: float) -> bool:
     return True
 
 
-async def _until_told(body: Awaitable[None], orders: Orders) -> None:
+async def _until_told(body: Awaitable[None], orders: Orders, end_limit_s: int) -> None:
     serving = asyncio.ensure_future(body)
     hearing = asyncio.create_task(_hear(orders))
 
     def end() -> None:
-        signal.alarm(END_LIMIT_S)  # unhandled it ends the process, whatever our threads are waiting for
+        signal.alarm(end_limit_s)  # unhandled it ends the process, whatever our threads are waiting for
         serving.cancel()
 
     asyncio.get_running_loop().add_signal_handler(signal.SIGTERM, end)

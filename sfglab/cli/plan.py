@@ -181,13 +181,18 @@ async def _send_all(node: Node, orders: Callable[[int], tuple[Order, ...]], acti
         FOLLOW_TRAJECTORY.goal(order)
     await asyncio.gather(*(execution.ready() for execution in sent))
     wanted = orders(node.get_clock().now_ns())
-    await asyncio.gather(*(e.begin(order) for e, order in zip(sent, wanted, strict=True)))
     loop, stopping = asyncio.get_running_loop(), set[asyncio.Task[Any]]()
+    begun = asyncio.gather(*(e.begin(order) for e, order in zip(sent, wanted, strict=True)))
+
+    async def cancel(execution: Execution) -> None:
+        await asyncio.wait({begun})  # an agent may move before we have its answer
+        await execution.cancel()
 
     def stop() -> None:
-        stopping.update(loop.create_task(execution.cancel()) for execution in sent)
+        stopping.update(loop.create_task(cancel(execution)) for execution in sent)
 
     on_stop(stop)
+    await begun
     ended = await asyncio.gather(*(execution.result() for execution in sent))
     await asyncio.gather(*stopping)
     for order, end in zip(wanted, ended, strict=True):

@@ -16,13 +16,14 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from sfglab.component import Report, beside, on_stop, run_component, steady_ns
+from sfglab.component import END_LIMIT_S, Report, beside, on_stop, run_component, steady_ns
 from sfglab.errors import SfglabError
 from sfglab.fleet.agent.plan import AgentConfig, plan
 from sfglab.fleet.agent.supervision import REST, Action, Component, ComponentProcess, Input, State, Supervision
 from sfglab.machine import ProcessTiming
 from sfglab.names import DdsRole, Resource, ros_name_from_dds
 from sfglab.processes import LOOK_PERIOD_S, HangWatch
+from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -378,4 +379,7 @@ async def _serve(config: SupervisorConfig, report: Callable[[Report], None], _: 
 
 
 if __name__ == "__main__":
-    run_component(SupervisorConfig, _serve)
+    # Beside its own time what its components may take until they are ended by force.
+    run_component(
+        SupervisorConfig, _serve, end_limit_s=lambda told: END_LIMIT_S + told.timing.stop_ns // NS_PER_S
+    )
