@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 RESAMPLES = 2000
+_AT_ONCE = 1 << 14  #: How many drawn rows: what fits the cache.
 INTERVAL = (2.5, 97.5)
 _Z = 1.959963984540054  # of 95 %
 
@@ -54,18 +55,33 @@ def bootstrap(
         raise InvalidValueError("bootstrap", "a group of no samples", "groups of samples")
     rng = np.random.default_rng(seed)
     resampled = ([g[rng.integers(0, len(g), len(g))] for g in samples] for _ in range(RESAMPLES))
-    draws = np.array([statistic(groups) for groups in resampled])
+    return _estimate(statistic(samples), np.array([statistic(groups) for groups in resampled]), unit)
+
+
+def _bootstrap_rows(rows: Floats, statistic: Callable[[Floats], Floats], *, unit: str, seed: int) -> Estimate:
+    """Do the same with the same draws for one group, shape (n, ...), many at once, shape (m, n, ...)."""
+    if len(rows) == 0:
+        raise InvalidValueError("bootstrap", "a group of no samples", "groups of samples")
+    rng, left, draws = np.random.default_rng(seed), RESAMPLES, []
+    while left:
+        many = min(left, 1 + _AT_ONCE // len(rows))
+        draws.append(statistic(rows[rng.integers(0, len(rows), (many, len(rows)))]))
+        left -= many
+    return _estimate(float(statistic(rows[None])[0]), np.concatenate(draws), unit)
+
+
+def _estimate(value: float, draws: Floats, unit: str) -> Estimate:
     draws = draws[np.isfinite(draws)]
     if draws.size == 0:
-        raise InvalidValueError("bootstrap", samples, "samples for which the statistic is not undefined")
+        raise InvalidValueError("bootstrap", value, "samples for which the statistic is not undefined")
     low, high = np.percentile(draws, INTERVAL)
-    return Estimate(value=float(statistic(samples)), low=float(low), high=float(high), unit=unit)
+    return Estimate(value=float(value), low=float(low), high=float(high), unit=unit)
 
 
 def median_of(samples: Floats | Sequence[float], *, unit: str, seed: int = 0) -> Estimate:
     """Estimate the median of samples, shape (n,), n at least 1."""
     group = np.asarray(samples, dtype=np.float64)
-    return bootstrap([group], lambda groups: float(np.median(groups[0])), unit=unit, seed=seed)
+    return _bootstrap_rows(group, lambda drawn: np.median(drawn, axis=1), unit=unit, seed=seed)
 
 
 def ratio_of(pairs: Floats, middle: Callable[..., Any], *, unit: str) -> Estimate:
@@ -74,11 +90,11 @@ def ratio_of(pairs: Floats, middle: Callable[..., Any], *, unit: str) -> Estimat
     The pairs have shape (n, 2), n at least 1.
     """
 
-    def ratio(groups: Sequence[Floats]) -> float:
-        first, second = middle(groups[0], axis=0)
-        return float(first / second)
+    def ratio(drawn: Floats) -> Floats:
+        first, second = middle(drawn, axis=1).T
+        return first / second  # type: ignore[no-any-return]
 
-    return bootstrap([pairs], ratio, unit=unit)
+    return _bootstrap_rows(pairs, ratio, unit=unit, seed=0)
 
 
 def line_fit(x: Floats, y: Floats) -> tuple[float, float]:
