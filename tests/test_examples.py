@@ -90,9 +90,12 @@ def words_of(example):
 
 
 @pytest.fixture
-def folder(tmp_path, monkeypatch):
-    """A folder with what examples name: data, a log, bags of both kinds."""
+def folder(tmp_path, monkeypatch, tmp_path_factory):
+    """A folder with what examples name: data, a log, bags of both kinds; what logs say is found once for all."""
     (tmp_path / "data").symlink_to(ROOT / "data")
+    (findings := tmp_path_factory.getbasetemp() / "findings").mkdir(exist_ok=True)
+    (tmp_path / "runs").mkdir()
+    (tmp_path / "runs" / "cache").symlink_to(findings)
     monkeypatch.chdir(tmp_path)
     log = "data/reference/mocap.mcap"
     for name in ("run.mcap", "monday.mcap"):
