@@ -91,7 +91,7 @@ def words_of(example):
 
 @pytest.fixture
 def folder(tmp_path, monkeypatch, tmp_path_factory):
-    """A folder with what examples name: data, a log, bags of both kinds; what logs say is found once for all."""
+    """A folder with what examples name: data, a log, bags of both kinds; what logs say is found once."""
     (tmp_path / "data").symlink_to(ROOT / "data")
     (findings := tmp_path_factory.getbasetemp() / "findings").mkdir(exist_ok=True)
     (tmp_path / "runs").mkdir()
