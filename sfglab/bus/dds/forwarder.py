@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 from sfglab.bus.backend import Backend, LoopForward, LoopWriter
 from sfglab.bus.dds import clib
-from sfglab.bus.dds.clib import ANY_STATE, RETCODE_ERROR, RETCODE_TIMEOUT, error_text, library
+from sfglab.bus.dds.clib import ANY_STATE, RETCODE_ERROR, RETCODE_TIMEOUT, brief, error_text, library
 from sfglab.bus.dds.endpoints import (
     UNKNOWN_GID,
     Publishers,
@@ -110,6 +110,8 @@ class DdsRawWriter:
         self, create: Callable[[QoSProfile], int], order: Callable[[Callable[[], None]], None], qos: QoSProfile
     ) -> None:
         self._create = create
+        self._forward = library().dds_forwardcdr
+        self._ref, self._unref = brief("ddsi_serdata_ref"), brief("ddsi_serdata_unref")
         self._qos = qos
         self._bounded = qos.history is History.KEEP_LAST and qos.durability is Durability.VOLATILE
         self._backlog_bytes = 0  # at most, since all was acknowledged
@@ -170,15 +172,15 @@ class DdsRawWriter:
             0; or `RETCODE_TIMEOUT`, when slow readers have to catch up first: the sample is still the caller's;
             or another negative code: the sample is lost.
         """
-        lib = library()
-        self.show_life(alive=True)
+        if self._vanishes:
+            self.show_life(alive=True)
         if self._bounded:
             self._bound_backlog(size)
         if self._keeps_all:
-            lib.ddsi_serdata_ref(serdata)
-        code: int = lib.dds_forwardcdr(self._handle, serdata)  # consumes a reference, also on failure
+            self._ref(serdata)
+        code: int = self._forward(self._handle, serdata)  # consumes a reference, also on failure
         if self._keeps_all and code != RETCODE_TIMEOUT:
-            lib.ddsi_serdata_unref(serdata)
+            self._unref(serdata)
         if code < 0:
             return self._refused(code)
         self._unsent = True
@@ -306,6 +308,7 @@ class DdsForward(Forward[int, DdsRawWriter]):
         self._waitset = waitset
         self._on_closed = on_closed
         self._open = True
+        self._size_of = brief("ddsi_serdata_size")
         self._unflushed: set[DdsRawWriter] = set()
         self._waiting: deque[tuple[DdsRawWriter, int]] = deque()
         self._publishers = Publishers(handle)
@@ -340,16 +343,18 @@ class DdsForward(Forward[int, DdsRawWriter]):
             return  # the reader keeps the rest until `_resume` is through, and its senders wait
         lib, batch = library(), self._batch
         count = lib.dds_takecdr(self._handle, batch.serdata, batch.size, batch.infos, ANY_STATE)
-        for i in range(count):
-            serdata, info = batch.serdata[i], batch.each_info[i]
+        if count <= 0:
+            return
+        gid, take = self._publishers.gid, self._gate.take
+        for serdata, info in zip(batch.serdata[:count], batch.each_info, strict=False):
             if not info.valid_data:
                 lib.ddsi_serdata_unref(serdata)
                 continue
-            source = self._publishers.gid(info.publication_handle)
+            source = gid(info.publication_handle)
             if source == UNKNOWN_GID or not self._open:
                 self._drop(serdata)
             else:
-                self._gate.take(source, serdata)
+                take(source, serdata)
         self._flush()
 
     def _flush(self) -> None:
@@ -370,7 +375,7 @@ class DdsForward(Forward[int, DdsRawWriter]):
 
     def _handed_on(self, writer: DdsRawWriter, serdata: int) -> bool:
         """Hand a sample to a raw writer; False when it has to wait."""
-        size = library().ddsi_serdata_size(serdata)
+        size = self._size_of(serdata)
         code = writer.hand_on(serdata, size)
         if code == RETCODE_TIMEOUT:
             return False
