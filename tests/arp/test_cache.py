@@ -14,14 +14,12 @@ from sfglab.messages import default_message, stamp_from_ns
 S = 1_000_000_000
 
 
-def passed(cache, values, *, period_ns=S):
-    return [v for i, v in enumerate(values) if cache.offer("/a", v, now_ns=i * period_ns).passes]
-
-
 @given(st.lists(st.sampled_from([0.0, 1.0, 2.5, math.nan, math.inf])))
 def test_exactly_the_changes_pass(values):
     changes = [v for i, v in enumerate(values) if i == 0 or not exactly_equal(v, values[i - 1])]
-    assert [repr(v) for v in passed(LocalCache(), values)] == [repr(v) for v in changes]
+    cache = LocalCache()
+    passed = [v for i, v in enumerate(values) if cache.offer("/a", v, now_ns=i * S).passes]
+    assert [repr(v) for v in passed] == [repr(v) for v in changes]
 
 
 @given(st.lists(st.integers(0, 3)), st.integers(1, 5))

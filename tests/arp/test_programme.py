@@ -24,14 +24,11 @@ def topic(name: str = "/a", **values) -> Topic:
     return Topic(**{"name": name, "source": "robot", "target": "station", "size_bytes": 24, **values})
 
 
-def depths_of(planned) -> np.ndarray:
-    return np.array([part.depth for part in planned.topics])
-
-
 def reckoned(planned):
     """Return the link at a plan's depths and rates."""
     bare = link_of([part.topic for part in planned.topics], planned.medium, planned.vendor)
-    return at_depths(bare, depths_of(planned), planned.rates_hz)
+    depths = np.array([part.depth for part in planned.topics])
+    return at_depths(bare, depths, planned.rates_hz)
 
 
 def equal_topics(count: int, **values) -> list[Topic]:

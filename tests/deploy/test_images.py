@@ -172,13 +172,8 @@ class Container:
 
     def start(self, *arguments: str) -> subprocess.Popen[str]:
         shell = shutil.which("dash") or "sh"
-        return subprocess.Popen(
-            [shell, self.script, *arguments],
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            text=True,
-            start_new_session=True,
-        )
+        pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
+        return subprocess.Popen([shell, self.script, *arguments], **pipes, start_new_session=True)
 
     def run(self, *arguments: str) -> tuple[int, str]:
         with self.start(*arguments) as process:
@@ -245,10 +240,6 @@ USER 10001:10001
 DIGEST = "sha256:" + "a" * 64
 
 
-def codes(text: str) -> list[tuple[str, int]]:
-    return [(finding.code, finding.place.line) for finding in check_dockerfile(text)]
-
-
 def test_continued_lines_are_one_instruction():
     text = GOOD + "COPY <<A <<B /x/\na\nA\nb\nB\nRUN true\n"
     steps = parse_dockerfile(text)
@@ -299,4 +290,4 @@ NOBODY = "USER 10001:10001\n"
     ],
 )
 def test_our_rules_find_what_is_wrong_in_a_dockerfile_and_nothing_else(text, found):
-    assert codes(text) == found
+    assert [(finding.code, finding.place.line) for finding in check_dockerfile(text)] == found

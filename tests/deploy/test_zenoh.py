@@ -64,15 +64,12 @@ parts = st.sampled_from(["tf", "tf_static", "global", "local", "glob", "a", "ab"
 names = st.lists(parts, min_size=1, max_size=4).map(lambda p: "/" + "/".join(p))
 
 
-def odd_action(rules, kind: str, name: str) -> bool:
-    """An action that bears the beginning of a rule as its whole name is left out, see `bridged_names`."""
-    return kind.startswith("action") and any(r.pattern in {f"rq{name}/*", "rq/glob*"} for r in rules)
-
-
 @given(policies, names, st.sampled_from(KINDS))
 def test_a_generated_bridge_routes_exactly_what_the_policy_lets_cross(rules, name, kind):
     fleet = fleet_of(*rules)
-    assume(not odd_action(rules, kind, name))
+    # An action that bears the beginning of a rule as its whole name is left out, see `bridged_names`.
+    odd = any(r.pattern in {f"rq{name}/*", "rq/glob*"} for r in rules)
+    assume(not (kind.startswith("action") and odd))
     assert bridges(plugin_of(fleet), kind, name) is policy_bridges(fleet.policy, kind, name)
 
 

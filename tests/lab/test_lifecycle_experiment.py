@@ -20,10 +20,6 @@ def move(before, given, after, actions, at_s):
     return {"discoverer": "station", "agent": "go2", **row, "t_ns": START_NS + round(at_s * S)}
 
 
-def failed(run):
-    return [check.what for check in lifecycle.heartbeat_checks(run) if not check.held]
-
-
 @pytest.fixture
 def told(tmp_path):
     """Give a function that returns a run as its log would: an agent whose heartbeats are as they should be."""
@@ -69,7 +65,8 @@ def told(tmp_path):
 )
 def test_what_is_not_as_the_paper_states_it_is_found(told, changes, wrong):
     run = told(**changes)
-    assert [what.split(" within")[0] for what in failed(run)] == wrong
+    failed = [check.what for check in lifecycle.heartbeat_checks(run) if not check.held]
+    assert [what.split(" within")[0] for what in failed] == wrong
     claim = exp.measure(run)["A-HEARTBEAT"]
     assert claim.estimate.value == pytest.approx(1 - len(wrong) / 7)
     assert all(what in claim.reason for what in wrong)

@@ -185,17 +185,13 @@ def descriptors():
     return len(os.listdir("/proc/self/fd"))  # noqa: PTH208 - what the kernel lists, counted
 
 
-def shared():
-    return {path.name for path in Path("/dev/shm").glob("*sfglab*")}
-
-
 @pytest.fixture
 def nothing_left():
     """No process of ours lives on, and no descriptor or named memory is left."""
     before, children = descriptors(), set(psutil.Process().children())
     yield
     assert set(psutil.Process().children()) <= children
-    assert not shared()
+    assert not list(Path("/dev/shm").glob("*sfglab*"))
     assert descriptors() <= before
 
 

@@ -30,10 +30,6 @@ SMALL = exp.config("smoke", **CHANGES)
 CELLS = len(grid(SMALL)) * SMALL.seeds
 
 
-def run_small(path):
-    return asyncio.run(exp.run("smoke", path=path, **CHANGES))
-
-
 def point(**changes):
     usual = {"rate_max_hz": 100, "depth": "10", "method": "none", "duration_s": 2.0}
     return experiment.Point(**usual | changes)
@@ -139,7 +135,8 @@ def test_the_order_is_judged_by_winner_and_by_loser(best, small, deep, wins, wor
 
 @pytest.mark.slow
 def test_a_run_repeats_to_the_byte_and_fills_its_claims(tmp_path):
-    one, two = (run_small(tmp_path / name / "a.mcap") for name in ("one", "two"))
+    paths = [tmp_path / name / "a.mcap" for name in ("one", "two")]
+    one, two = (asyncio.run(exp.run("smoke", path=path, **CHANGES)) for path in paths)
     assert all(one.table(name).equals(two.table(name)) for name in ("cell", "lossless", "beyond"))
     assert len(one["cell"]) == CELLS
     assert len(one["beyond"]) == 2 * len(experiment.WAYS) * SMALL.seeds

@@ -20,20 +20,12 @@ TOKENS = st.one_of(
 NAMES = st.lists(TOKENS, min_size=1, max_size=5).map(lambda tokens: "/" + "/".join(tokens))
 
 
-def router_reply_from_request(request: str) -> str:
-    """As RpcTopic.cpp of DDS-Pipe does it: two global replacements."""
-    return re.sub("Request", "Reply", re.sub("rq/", "rr/", request))
-
-
-def router_request_from_reply(reply: str) -> str:
-    return re.sub("Reply", "Request", re.sub("rr/", "rq/", reply))
-
-
 def router_pairs(request: str, reply: str) -> bool:
+    """As RpcTopic.cpp of DDS-Pipe does it, by global replacements."""
     service = re.sub("rq/|Request", "", request)
     return (
-        router_reply_from_request(request) == reply
-        and router_request_from_reply(reply) == request
+        re.sub("Request", "Reply", re.sub("rq/", "rr/", request)) == reply
+        and re.sub("Reply", "Request", re.sub("rr/", "rq/", reply)) == request
         and service == re.sub("rr/|Reply", "", reply)
     )
 

@@ -72,24 +72,17 @@ def times(*args, costs: Costs = STORED, **nodes: int) -> Times:
     return transfer_times(setup(*args, **nodes), costs)
 
 
-def delivery_s(size: int, costs: Costs) -> float:
-    return costs.deliver_s + size * costs.deliver_s_per_byte
-
-
-def fixed_s(size: int, costs: Costs) -> float:
-    return costs.publish_s + size * costs.publish_s_per_byte + costs.delegate_s + costs.endpoint_s
-
-
 @BOTH
 @pytest.mark.parametrize("size", paper_values.MESSAGE_BYTES)
 @pytest.mark.parametrize(("hardware", "software"), [(1, 1), (2, 1), (4, 1), (8, 1), (3, 3), (5, 0)])
 def test_the_mean_place_stands_for_every_order_of_deliveries(hardware, software, size, costs):
     found = times(Side.SOFTWARE, Transport.SMT, size, costs=costs, hardware=hardware, software=software)
     orders = itertools.combinations(range(1, hardware + software + 1), hardware)
-    each_s, read_s = delivery_s(size, costs), costs.memory.read_s(size)
+    each_s, read_s = costs.deliver_s + size * costs.deliver_s_per_byte, costs.memory.read_s(size)
+    fixed_s = costs.publish_s + size * costs.publish_s_per_byte + costs.delegate_s + costs.endpoint_s
     exact_s = fmean(shared_s([place * each_s for place in chosen], read_s) for chosen in orders)
     # Without a software reader there is one order, and that is exact.
-    assert found.hardware_s == pytest.approx(fixed_s(size, costs) + exact_s, rel=0.005 if software else 1e-9)
+    assert found.hardware_s == pytest.approx(fixed_s + exact_s, rel=0.005 if software else 1e-9)
 
 
 def test_over_a_software_topic_each_hardware_reader_adds_a_reading_and_a_stream_is_fastest():

@@ -32,10 +32,6 @@ def line(*points, step_ns=S, interpolation=Interpolation.POLYLINE):
     return Trajectory.of([(i * step_ns, Pose.at((*p, 0.0))) for i, p in enumerate(points)], interpolation)
 
 
-def inner_times(trajectory, count=40):
-    return np.linspace(trajectory.start_ns / S, trajectory.end_ns / S, count)
-
-
 def test_a_wait_in_a_spline_is_at_rest_and_turning_on_the_spot_turns_at_an_even_rate():
     trajectory = line((0, 0), (2, 1), (2, 1), (5, 0), interpolation=SPLINE)
     found = sample(trajectory, [1.0, 1.3, 1.9, 2.0])
@@ -86,7 +82,7 @@ def test_resampling_a_spline_gives_a_polyline_close_to_it_that_keeps_its_waypoin
     found = resampled(trajectory, S // 50)
     assert set(trajectory.waypoints) <= set(found.waypoints)
     assert found.interpolation is Interpolation.POLYLINE
-    times = inner_times(trajectory, 999)
+    times = np.linspace(trajectory.start_ns / S, trajectory.end_ns / S, 999)
     gap = np.linalg.norm(motion_of(found).positions(times) - motion_of(trajectory).positions(times), axis=1)
     assert gap.max() < 1e-3
     assert np.diff([w.time_ns for w in found.waypoints]).max() == S // 50

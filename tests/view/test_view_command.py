@@ -21,10 +21,6 @@ pytest.importorskip("rerun", reason="the extra 'view' is not installed")
 COMMAND = (sys.executable, "-m", "sfglab", "view")
 
 
-def headless():
-    return {name: value for name, value in os.environ.items() if name not in ("DISPLAY", "WAYLAND_DISPLAY")}
-
-
 def test_a_log_becomes_a_recording_of_every_message_and_what_was_shown_is_told(tmp_path, pytestconfig):
     """One robot of the hallway: scans, poses and walls."""
     log, out = pytestconfig.rootpath / "data/reference/cooperation.mcap", tmp_path / "a.rrd"
@@ -43,7 +39,8 @@ def test_a_log_becomes_a_recording_of_every_message_and_what_was_shown_is_told(t
 
 @pytest.mark.live
 def test_without_a_display_it_says_how_to_serve_instead():
-    done = subprocess.run(COMMAND, capture_output=True, text=True, env=headless(), check=False, timeout=60)
+    headless = {name: at for name, at in os.environ.items() if name not in ("DISPLAY", "WAYLAND_DISPLAY")}
+    done = subprocess.run(COMMAND, capture_output=True, text=True, env=headless, check=False, timeout=60)
     assert done.returncode == 1
     assert done.stdout == ""
     (line,) = done.stderr.splitlines()

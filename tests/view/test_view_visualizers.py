@@ -185,12 +185,9 @@ def test_points_take_the_colours_of_a_registered_picture(paper, update, make_ima
     picture = np.zeros((4, 6, 3), np.uint8)
     picture[..., 0] = 200  # blue, in bgr8
     topics = {"depth": "/depth", "info": "/info", "color": "/color"}
-    update_ = update(
-        depth=make_image(np.full((4, 6), 1.0, np.float32), "32FC1"),
-        info=CAMERA_INFO,
-        color=make_image(picture, "bgr8"),
-    )
-    made("depth_cloud", topics, decimation=1).show(update_, paper)
+    depth, color = make_image(np.full((4, 6), 1.0, np.float32), "32FC1"), make_image(picture, "bgr8")
+    shown = update(depth=depth, info=CAMERA_INFO, color=color)
+    made("depth_cloud", topics, decimation=1).show(shown, paper)
     assert set(values(paper.at_entity("/depth/cloud")[0], "colors")) == {0x0000C8FF}
     assert paper.frames["/depth/cloud"] == "camera"
 
@@ -345,13 +342,10 @@ def test_one_bad_marker_does_not_keep_the_others_of_its_array_back(paper, update
     assert set(paper.frames) == {"/markers/walls/1", "/markers/walls/3"}
 
 
-def publisher(topic):
-    return EndpointInfo(kind=EndpointKind.PUBLISHER, topic=topic, type="x", gid=b"g", qos=DEFAULT)
-
-
 def test_communication_is_drawn_over_the_agents(paper, update):
     visualizer = made("communication", frame="{agent}/base_link")
-    decoded = publisher("/local/go2/camera_front/color/image_raw")
+    topic = "/local/go2/camera_front/color/image_raw"
+    decoded = EndpointInfo(kind=EndpointKind.PUBLISHER, topic=topic, type="x", gid=b"g", qos=DEFAULT)
     visualizer.show(update(heartbeats=heartbeat("go2"), received_ns=10 * S), paper)
     visualizer.observe(EndpointAdded(endpoint=decoded))
     health = {"received": 9, "dropped": 2, "lost": 1}
