@@ -38,6 +38,11 @@ world = pytest.fixture(lambda live: live)
 S = 1_000_000_000
 
 
+@pytest.fixture
+def buffer():
+    return FrameBuffer()
+
+
 def put(buffer, parent, child, stamp_ns=0, pose=None, **options):
     transform = StampedTransform(parent=parent, child=child, stamp_ns=stamp_ns, pose=pose or Pose())
     return buffer.insert(transform, **options)
@@ -47,8 +52,7 @@ def random_pose(rng):
     return Pose.at(rng.normal(size=3), rng.normal(size=4))
 
 
-def test_a_known_chain_has_known_numbers():
-    buffer = FrameBuffer()
+def test_a_known_chain_has_known_numbers(buffer):
     put(buffer, "map", "odom", 0, Pose.from_yaw((1, 0, 0), 0))
     put(buffer, "map", "odom", S, Pose.from_yaw((3, 0, 0), np.pi))
     put(buffer, "odom", "base", 0, Pose.at((0, 1, 0)), static=True)
@@ -129,8 +133,7 @@ def test_memory_stays_bounded_and_clearing_forgets_transforms_but_not_the_tree()
     assert put(buffer, "map", "a", S) is Insertion.APPENDED
 
 
-def test_nothing_is_extrapolated_unless_asked_and_the_error_says_what_is_known():
-    buffer = FrameBuffer()
+def test_nothing_is_extrapolated_unless_asked_and_the_error_says_what_is_known(buffer):
     for i in range(3):
         put(buffer, "map", "a", (i + 1) * S, Pose.from_yaw((i, 0, 0), 0.1 * i))
     known = r"'a' is known from 1000000000 to 3000000000 ns"
@@ -147,8 +150,7 @@ def test_nothing_is_extrapolated_unless_asked_and_the_error_says_what_is_known()
     assert buffer.look_up("map", "single", 2 * S, extrapolate_ns=S).position_m == (1, 2, 3)
 
 
-def test_the_latest_common_time_is_the_slowest_edges_and_without_one_the_error_says_so():
-    buffer = FrameBuffer()
+def test_the_latest_common_time_is_the_slowest_edges_and_without_one_the_error_says_so(buffer):
     for i in range(5):
         put(buffer, "map", "a", i * S, Pose.at((i, 0, 0)))
     for i in range(3):
@@ -163,8 +165,7 @@ def test_the_latest_common_time_is_the_slowest_edges_and_without_one_the_error_s
         buffer.look_up("map", "b")
 
 
-def test_static_transforms_hold_at_all_times_and_the_last_parent_counts():
-    buffer = FrameBuffer()
+def test_static_transforms_hold_at_all_times_and_the_last_parent_counts(buffer):
     put(buffer, "base", "camera", 5 * S, Pose.at((1, 0, 0)), static=True)
     for time_ns in (-(2**62), 0, 2**62, None):
         assert buffer.look_up("base", "camera", time_ns).position_m == (1, 0, 0)
@@ -178,8 +179,7 @@ def test_static_transforms_hold_at_all_times_and_the_last_parent_counts():
         buffer.look_up("map", "a", 0)
 
 
-def test_unknown_frames_are_refused_with_similar_names_and_loops_leave_the_tree_as_it_was():
-    buffer = FrameBuffer()
+def test_unknown_frames_are_refused_with_similar_names_and_loops_leave_the_tree_as_it_was(buffer):
     put(buffer, "map", "agent_x/markers")
     with pytest.raises(UnknownFrameError, match="did you mean 'agent_x/markers'"):
         buffer.look_up("map", "agent_x_markers", 0)
@@ -267,8 +267,7 @@ def test_frames_are_called_after_their_agent_or_shared(frame, fits):
     assert (FrameRule(agents=frozenset({"go2"})).problem(frame) is None) == fits
 
 
-def test_time_that_runs_backwards_and_what_a_buffer_refused_are_found():
-    buffer = FrameBuffer()
+def test_time_that_runs_backwards_and_what_a_buffer_refused_are_found(buffer):
     for stamp_ns in (100, 200, 150, 300, 120):
         put(buffer, "map", "a", stamp_ns)
     (edge,) = buffer.edges
@@ -310,11 +309,10 @@ def step(parent, child, second, x_m):
     return StampedTransform(parent=parent, child=child, stamp_ns=second * S, pose=Pose.at((x_m, 0, 0)))
 
 
-async def test_a_listener_hears_static_transforms_of_before_and_waits_for_those_to_come(here, there):
+async def test_a_listener_hears_static_transforms_of_before_and_waits_for_those_to_come(here, there, buffer):
     fixed = here.create_publisher(TRANSFORMS, TF_STATIC, TF_STATIC_QOS)
     fixed.publish(message(step("base", "camera", 0, 1.0)))
     moving = here.create_publisher(TRANSFORMS, TF, TF_QOS)
-    buffer = FrameBuffer()
     async with FramesListener(there, buffer, agent="go2") as listener:
         await moving.wait_for_subscriptions()
         waiting = asyncio.create_task(listener.wait_for("map", "go2/camera", 3 * S // 2, timeout_s=10))
@@ -330,8 +328,7 @@ async def test_a_listener_hears_static_transforms_of_before_and_waits_for_those_
     assert lint_frames(buffer.edges, root="map") == ()
 
 
-def test_a_broken_transform_is_counted_and_said_once_while_the_rest_goes_on(caplog):
-    buffer = FrameBuffer()
+def test_a_broken_transform_is_counted_and_said_once_while_the_rest_goes_on(caplog, buffer):
     intake = TransformIntake(buffer)
     broken = message(step("map", "a", 1, 0.0), step("map", "b", 1, 4.0), step("c", "c", 1, 0.0))
     broken.transforms[0].transform.rotation.w = float("nan")

@@ -23,10 +23,6 @@ SCENES = Path(__file__).parents[2] / "data" / "scenes"
 GOOD = editing.GOOD.replace("0.6, 0.8]", "0.0, 1.0]")  # nothing is turned
 
 
-def lines_changed(before, after):
-    return [line for line in difflib.ndiff(before.splitlines(), after.splitlines()) if line[0] in "+-"]
-
-
 BROKEN = [  # beside what `test_documents.py` has for every file
     (GOOD, "a: [1\nb: 2\n", "hall.yaml:2: .* allowed: YAML"),
     ("sfglab_scene: 1", "sfglab_scene: 2", "hall.yaml:1: sfglab_scene: given 2, allowed: 1"),
@@ -97,7 +93,8 @@ def test_inserting_a_waypoint_adds_its_line_and_the_next_id():
     scene = read_scene(GOOD)
     editor = Editor(scene)
     editor.insert_waypoint(3, time_ns=1_000_000_001)
-    found = lines_changed(scene_text(scene), scene_text(editor.scene))
+    before, after = (scene_text(each).splitlines() for each in (scene, editor.scene))
+    found = [line for line in difflib.ndiff(before, after) if line[0] in "+-"]
     assert [line for line in found if "id: 6, time_s: 1.000000001" in line]
     assert len(found) == 3
 
@@ -116,8 +113,7 @@ def test_numbers_read_back_as_the_same_floats(number):
 @pytest.mark.parametrize(
     "name", ["null", "Yes", "~", "1", "1.5", "- x", "a: b", "#", 'q"\\', "Süd 🐕", "[x", "é"]
 )
-def test_names_read_back_as_the_same_text(name):
-    editor = Editor()
+def test_names_read_back_as_the_same_text(name, editor):
     editor.add("group", name)
     path = editor.add("trajectory", name)
     editor.do(Rename(id=editor.insert_waypoint(path), name=name))
@@ -225,6 +221,11 @@ def test_both_example_scenes_are_as_the_editor_would_save_them_and_free_of_confl
 S = 1_000_000_000
 
 
+@pytest.fixture
+def editor():
+    return Editor()
+
+
 def driver(editor, name, *points, step_ns=10 * S, **values):
     """Add an agent and its trajectory; return both ids."""
     agent = editor.add("agent", name, **values)
@@ -239,8 +240,7 @@ def only(editor):
     return found
 
 
-def test_two_agents_that_meet_are_reported_and_the_margin_counts_beyond_the_radii():
-    editor = Editor()
+def test_two_agents_that_meet_are_reported_and_the_margin_counts_beyond_the_radii(editor):
     a, _ = driver(editor, "a", (-5, 0), (5, 0), radius_m=0.3)
     b, _ = driver(editor, "b", (0, -5), (0, 5), radius_m=0.4)
     found = only(editor)
@@ -256,8 +256,7 @@ def test_two_agents_that_meet_are_reported_and_the_margin_counts_beyond_the_radi
     assert only(editor).text.startswith("a and b are 0.400 m apart")
 
 
-def test_agents_in_groups_meet_where_these_put_them_and_who_stands_in_the_way_is_hit():
-    editor = Editor()
+def test_agents_in_groups_meet_where_these_put_them_and_who_stands_in_the_way_is_hit(editor):
     driver(editor, "a", (-5, 0), (5, 0))
     group = editor.add("group", "there", pose=Pose.at((0.0, 5.0, 0.0)))
     editor.add("agent", "b", parent=group, pose=Pose.at((0.0, -5.0, 0.0)))
@@ -271,8 +270,7 @@ def test_agents_in_groups_meet_where_these_put_them_and_who_stands_in_the_way_is
     assert only(editor).kind is ConflictKind.AGENTS  # both stand at the origin now
 
 
-def test_an_agent_that_cuts_a_corner_into_a_turned_box_is_reported():
-    editor = Editor()
+def test_an_agent_that_cuts_a_corner_into_a_turned_box_is_reported(editor):
     driver(editor, "a", (-5, 1.5), (5, 1.5), radius_m=0.3)
     box = editor.add("obstacle", "crate", shape={"kind": "box", "size_m": [2, 2, 2]})
     assert editor.conflicts() == ()
@@ -282,8 +280,7 @@ def test_an_agent_that_cuts_a_corner_into_a_turned_box_is_reported():
     assert found.text == "a is 0.214 m inside crate at 5.000 s"
 
 
-def test_forbidden_zones_are_for_agents_and_inside_zones_for_waypoints():
-    editor = Editor()
+def test_forbidden_zones_are_for_agents_and_inside_zones_for_waypoints(editor):
     agent, path = driver(editor, "a", (0, 0), (4, 0))
     zone = editor.add("zone", "lab", shape={"kind": "box", "size_m": [4, 4, 4]}, rule="inside")
     found = only(editor)
@@ -296,8 +293,7 @@ def test_forbidden_zones_are_for_agents_and_inside_zones_for_waypoints():
     assert {c.kind: c for c in editor.conflicts()}[ConflictKind.ZONE].objects == (agent, zone)
 
 
-def test_limits_of_the_agent_are_checked_segment_by_segment():
-    editor = Editor()
+def test_limits_of_the_agent_are_checked_segment_by_segment(editor):
     agent, path = driver(editor, "a", (0, 0), (1, 0), (9, 0), step_ns=S, speed_m_s=2.0)
     found = only(editor)
     assert found.objects == (agent, path, editor.scene.held_by(path)[1])
@@ -306,8 +302,7 @@ def test_limits_of_the_agent_are_checked_segment_by_segment():
     assert editor.conflicts() == ()
 
 
-def test_loose_ends_are_warned_of():
-    editor = Editor()
+def test_loose_ends_are_warned_of(editor):
     path = editor.add("trajectory", "path")
     assert [c.kind for c in editor.conflicts()] == [ConflictKind.NO_AGENT, ConflictKind.NO_WAYPOINTS]
     editor.do(SetProperty(id=path, key="agent", value=editor.add("agent", "a")))
@@ -315,8 +310,7 @@ def test_loose_ends_are_warned_of():
     assert editor.conflicts() == ()
 
 
-def test_a_spline_swings_out_of_a_lane_that_its_polyline_keeps():
-    editor = Editor()
+def test_a_spline_swings_out_of_a_lane_that_its_polyline_keeps(editor):
     _, path = driver(editor, "a", (0, 0), (4, 0), (4, 4), (8, 4), radius_m=0.1)
     box = {"kind": "box", "size_m": [8, 0.2, 2]}
     editor.add("obstacle", "wall", shape=box, pose=Pose.at((0.0, -0.25, 0.0)))
@@ -325,8 +319,7 @@ def test_a_spline_swings_out_of_a_lane_that_its_polyline_keeps():
     assert only(editor).kind is ConflictKind.OBSTACLE
 
 
-def test_ghosts_stand_drive_and_stand_again_and_a_time_that_is_none_is_refused():
-    editor = Editor()
+def test_ghosts_stand_drive_and_stand_again_and_a_time_that_is_none_is_refused(editor):
     moving, path = driver(editor, "a", (0, 0), (4, 0), step_ns=2 * S)
     editor.do(AlignWaypoints(id=path, align=Align.NEXT))
     standing = editor.add("agent", "b", pose=Pose.at((0.0, 3.0, 0.0)))

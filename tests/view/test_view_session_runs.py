@@ -62,6 +62,11 @@ class Pair(Visualizer):
         canvas.log(self.entity, (update.stamp_ns, update.received_ns, sorted(update.messages)))
 
 
+@pytest.fixture
+def session():
+    return Session()
+
+
 def said(text, topic="/words", received_ns=1):
     return Arrival(topic, STRING, received_ns, serialize(message_type(STRING)(data=text)))
 
@@ -82,8 +87,7 @@ def test_the_capture_stamp_is_read_from_the_bytes_and_without_one_is_the_recepti
     assert capture_ns(Arrival("/v", "foxglove_msgs/msg/CompressedVideo", 9, b"", video)) == 3 * S
 
 
-def test_displays_are_added_tuned_and_removed_while_messages_flow(paper):
-    session = Session()
+def test_displays_are_added_tuned_and_removed_while_messages_flow(paper, session):
     stage = Stage(session)
 
     def say(text):
@@ -112,8 +116,7 @@ def test_displays_are_added_tuned_and_removed_while_messages_flow(paper):
     assert shown[4:] == ["four"]
 
 
-def test_what_a_plugin_breaks_is_noted_at_its_display_and_hurts_no_other(paper):
-    session = Session()
+def test_what_a_plugin_breaks_is_noted_at_its_display_and_hurts_no_other(paper, session):
     first, second = session.add(Word, "/words"), session.add(Word, "/others")
     garbled = Arrival("/words", STRING, 1, b"\0\1\0\0garbage")
     assert replay([said("crash"), garbled, said("fine"), said("too", "/others")], session, paper) == 4
@@ -122,8 +125,7 @@ def test_what_a_plugin_breaks_is_noted_at_its_display_and_hurts_no_other(paper):
     assert (second.errors, [d.what[0] for d in paper.drawn]) == (0, ["fine", "too"])
 
 
-def test_messages_that_belong_together_are_shown_together_with_both_times(paper):
-    session = Session()
+def test_messages_that_belong_together_are_shown_together_with_both_times(paper, session):
     display = session.add(Pair, {"image": "/image", "info": "/info"})
     info = "sensor_msgs/msg/CameraInfo"
     arrivals = [
@@ -138,8 +140,7 @@ def test_messages_that_belong_together_are_shown_together_with_both_times(paper)
     assert display.slot.counts.unmatched == 1
 
 
-def test_while_the_sink_is_slow_one_picture_waits_and_the_others_are_dropped_and_told():
-    session = Session()
+def test_while_the_sink_is_slow_one_picture_waits_and_the_others_are_dropped_and_told(session):
     display = session.add("image", "/image")
     session.limit(display.id, None)
     stage = Stage(session)
@@ -377,9 +378,10 @@ def test_every_request_of_the_viewers_program_passes_the_one_that_refuses_the_ne
 
 
 @pytest.mark.live
-async def test_the_bridge_shows_what_is_published_and_follows_new_topics(here, there, paper, make_image):
+async def test_the_bridge_shows_what_is_published_and_follows_new_topics(
+    here, there, paper, make_image, session
+):
     topic = "/global/go2/camera_front/color/image_raw"
-    session = Session()
     async with Bridge(there, session, paper, follow=("/",)) as bridge:
         publisher = here.create_publisher(IMAGE, topic, SENSOR_DATA)
         await publisher.wait_for_subscriptions(1)
@@ -399,12 +401,11 @@ async def test_the_bridge_shows_what_is_published_and_follows_new_topics(here, t
 
 
 @pytest.mark.live
-async def test_a_topic_or_type_that_cannot_be_is_noted_at_its_display_and_others_go_on(here, paper):
+async def test_a_topic_or_type_that_cannot_be_is_noted_at_its_display_and_others_go_on(here, paper, session):
     class Unknown(Word):
         name = "unknown"
         inputs = (Input(role="text", type="nobody_msgs/msg/Nothing"),)
 
-    session = Session()
     bad, unknown = session.add(Word, "/not a topic"), session.add(Unknown, "/words")
     good = session.add(Word, "/words")
     async with Bridge(here, session, paper):
@@ -418,9 +419,8 @@ async def test_a_topic_or_type_that_cannot_be_is_noted_at_its_display_and_others
 
 
 @pytest.mark.live
-async def test_a_viewer_that_hangs_costs_pictures_and_nothing_else(here, there, paper):
+async def test_a_viewer_that_hangs_costs_pictures_and_nothing_else(here, there, paper, session):
     slow = Slow(paper)
-    session = Session()
     display = session.add(Word, "/words")
     async with Bridge(there, session, slow):
         publisher = here.create_publisher(STRING, "/words", SENSOR_DATA)
@@ -437,12 +437,11 @@ async def test_a_viewer_that_hangs_costs_pictures_and_nothing_else(here, there, 
 
 
 @pytest.mark.live
-async def test_a_sink_that_breaks_ends_the_view_with_its_reason(here, paper):
+async def test_a_sink_that_breaks_ends_the_view_with_its_reason(here, paper, session):
     class Broken(type(paper)):
         def settle(self, _size_bytes):
             raise SinkError("the viewer is gone")
 
-    session = Session()
     session.add("communication", "/global/agent_heartbeat")
     async with Bridge(here, session, Broken()) as bridge:
         async with asyncio.timeout(60):
@@ -450,11 +449,10 @@ async def test_a_sink_that_breaks_ends_the_view_with_its_reason(here, paper):
                 await bridge.failed()
 
 
-def test_the_panel_is_the_session_as_widgets_which_are_found_by_display_and_parameter():
+def test_the_panel_is_the_session_as_widgets_which_are_found_by_display_and_parameter(session):
     pytest.importorskip("ipywidgets", reason="the notebook's widgets are not installed")
     from sfglab.view.panel import Panel
 
-    session = Session()
     panel = Panel(session, lambda: {"/a": IMAGE})
     adding, said_, rows = panel.widget.children
     kinds, topic, button = adding.children
