@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from waiting import until
 
 from sfglab import bus
 from sfglab.errors import InvalidValueError
@@ -57,12 +58,6 @@ async def served(node, setup=None):
     """A node that sends orders, and the server of an agent on another one."""
     async with node("go2") as far, node("planner") as near, TrajectoryServer(far, "go2", setup=setup) as server:
         yield near, server
-
-
-async def until(predicate):
-    async with asyncio.timeout(60):
-        while not predicate():
-            await asyncio.sleep(0.005)
 
 
 async def test_an_agent_goes_along_a_trajectory_and_says_how_it_gets_on(node):
