@@ -35,7 +35,7 @@ async def test_a_deep_history_stalls_in_the_mode_in_which_the_model_says_so(pres
 
 
 async def test_chains_and_local_caches_run_on_ros2_as_in_the_model():
-    flow = {"source": "robot", "target": "station", "rate_hz": 100.0, "qos": QoSProfile(depth=10)}
+    flow = {"source": "robot", "target": "station", "rate_hz": 100.0, "qos": QoSProfile(depth=100)}
     flows = (
         Flow(name="cached", change_s=0.1, cached=True, phase_s=1e-3, **flow),
         Flow(name="hello", size_bytes=14, then="move", service_s=5e-3, **flow),

@@ -61,7 +61,7 @@ exp = Experiment(
     smoke={
         "trees": 3,
         "rounds": ("faulty",),
-        "live_s": 0.8,
+        "live_s": 2.0,
         "fault_s": 10.0,
         "fault_recordings": 1,
         "lengths_s": (5.0,),
