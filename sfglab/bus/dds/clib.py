@@ -195,13 +195,6 @@ def library() -> Any:
     return lib
 
 
-@cache
-def brief(name: str) -> Any:
-    """Return a function that ends at once: to let other threads run meanwhile would cost more than it takes."""
-    result, arguments = _SIGNATURES[name]
-    return ct.PYFUNCTYPE(result, *arguments)((name, library()))
-
-
 def error_text(code: int) -> str:
     """Return Cyclone's words for a return code."""
     text: bytes = library().dds_strretcode(code)

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 from sfglab.bus.backend import Backend, LoopForward, LoopWriter
 from sfglab.bus.dds import clib
-from sfglab.bus.dds.clib import ANY_STATE, RETCODE_ERROR, RETCODE_TIMEOUT, brief, error_text, library
+from sfglab.bus.dds.clib import ANY_STATE, RETCODE_ERROR, RETCODE_TIMEOUT, error_text, library
 from sfglab.bus.dds.endpoints import (
     UNKNOWN_GID,
     Publishers,
@@ -110,8 +110,6 @@ class DdsRawWriter:
         self, create: Callable[[QoSProfile], int], order: Callable[[Callable[[], None]], None], qos: QoSProfile
     ) -> None:
         self._create = create
-        self._forward = library().dds_forwardcdr
-        self._ref, self._unref = brief("ddsi_serdata_ref"), brief("ddsi_serdata_unref")
         self._qos = qos
         self._bounded = qos.history is History.KEEP_LAST and qos.durability is Durability.VOLATILE
         self._backlog_bytes = 0  # at most, since all was acknowledged
@@ -172,15 +170,15 @@ class DdsRawWriter:
             0; or `RETCODE_TIMEOUT`, when slow readers have to catch up first: the sample is still the caller's;
             or another negative code: the sample is lost.
         """
-        if self._vanishes:
-            self.show_life(alive=True)
+        lib = library()
+        self.show_life(alive=True)
         if self._bounded:
             self._bound_backlog(size)
         if self._keeps_all:
-            self._ref(serdata)
-        code: int = self._forward(self._handle, serdata)  # consumes a reference, also on failure
+            lib.ddsi_serdata_ref(serdata)
+        code: int = lib.dds_forwardcdr(self._handle, serdata)  # consumes a reference, also on failure
         if self._keeps_all and code != RETCODE_TIMEOUT:
-            self._unref(serdata)
+            lib.ddsi_serdata_unref(serdata)
         if code < 0:
             return self._refused(code)
         self._unsent = True
@@ -308,7 +306,6 @@ class DdsForward(Forward[int, DdsRawWriter]):
         self._waitset = waitset
         self._on_closed = on_closed
         self._open = True
-        self._size_of = brief("ddsi_serdata_size")
         self._unflushed: set[DdsRawWriter] = set()
         self._waiting: deque[tuple[DdsRawWriter, int]] = deque()
         self._publishers = Publishers(handle)
@@ -343,18 +340,16 @@ class DdsForward(Forward[int, DdsRawWriter]):
             return  # the reader keeps the rest until `_resume` is through, and its senders wait
         lib, batch = library(), self._batch
         count = lib.dds_takecdr(self._handle, batch.serdata, batch.size, batch.infos, ANY_STATE)
-        if count <= 0:
-            return
-        gid, take = self._publishers.gid, self._gate.take
-        for serdata, info in zip(batch.serdata[:count], batch.each_info, strict=False):
+        for i in range(count):
+            serdata, info = batch.serdata[i], batch.each_info[i]
             if not info.valid_data:
                 lib.ddsi_serdata_unref(serdata)
                 continue
-            source = gid(info.publication_handle)
+            source = self._publishers.gid(info.publication_handle)
             if source == UNKNOWN_GID or not self._open:
                 self._drop(serdata)
             else:
-                take(source, serdata)
+                self._gate.take(source, serdata)
         self._flush()
 
     def _flush(self) -> None:
@@ -375,7 +370,7 @@ class DdsForward(Forward[int, DdsRawWriter]):
 
     def _handed_on(self, writer: DdsRawWriter, serdata: int) -> bool:
         """Hand a sample to a raw writer; False when it has to wait."""
-        size = self._size_of(serdata)
+        size = library().ddsi_serdata_size(serdata)
         code = writer.hand_on(serdata, size)
         if code == RETCODE_TIMEOUT:
             return False
