@@ -182,17 +182,12 @@ async def _send_all(node: Node, orders: Callable[[int], tuple[Order, ...]], acti
     await asyncio.gather(*(execution.ready() for execution in sent))
     wanted = orders(node.get_clock().now_ns())
     loop, stopping = asyncio.get_running_loop(), set[asyncio.Task[Any]]()
-    begun = [loop.create_task(e.begin(order)) for e, order in zip(sent, wanted, strict=True)]
-
-    async def cancel(execution: Execution, beginning: asyncio.Task[None]) -> None:
-        await asyncio.wait({beginning})  # an agent may move before we have its answer
-        await execution.cancel()
 
     def stop() -> None:
-        stopping.update(loop.create_task(cancel(*each)) for each in zip(sent, begun, strict=True))
+        stopping.update(loop.create_task(execution.cancel()) for execution in sent)
 
     on_stop(stop)
-    await asyncio.gather(*begun)
+    await asyncio.gather(*(e.begin(order) for e, order in zip(sent, wanted, strict=True)))
     ended = await asyncio.gather(*(execution.result() for execution in sent))
     await asyncio.gather(*stopping)
     for order, end in zip(wanted, ended, strict=True):

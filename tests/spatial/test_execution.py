@@ -9,6 +9,7 @@ import pytest
 from waiting import until
 
 from sfglab import bus
+from sfglab.cli import plan
 from sfglab.errors import InvalidValueError
 from sfglab.messages import message_type, register_action
 from sfglab.spatial import Pose
@@ -105,6 +106,21 @@ async def test_a_task_that_is_cancelled_while_it_sends_or_drives_leaves_nobody_m
         at = server.state.pose
         await asyncio.sleep(1.0)
         assert server.state.pose == at
+
+
+@simulated
+async def test_ctrl_c_while_an_answer_is_on_its_way_cancels_what_was_taken(node, monkeypatch, capsys):
+    stops = []
+    monkeypatch.setattr(plan, "on_stop", stops.append)
+    async with served(node, QUICK) as (near, server):
+        orders = [order(8.0, 10.0)]
+        sending = asyncio.ensure_future(plan._send_all(near, lambda _: orders, ""))
+        while not server.busy:
+            await asyncio.sleep(1e-5)
+        stops[0]()
+        assert await sending == 130
+        assert (server.state.speed_m_s, server.busy) == (0.0, False)
+    assert capsys.readouterr().out.startswith("go2: canceled")
 
 
 async def test_what_an_agent_does_not_take_ends_at_once_with_the_reason(node):

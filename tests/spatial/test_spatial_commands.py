@@ -1,30 +1,25 @@
 """`sfglab mocap`, `sfglab frames` and `sfglab follow`: what the commands print, and how they refuse."""
 
-import asyncio
 import re
 import signal
 import subprocess
 import sys
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import yaml
 from commands import called
 
-from sfglab.cli import plan
 from sfglab.errors import SfglabError
 from sfglab.messages import message_type
 from sfglab.names import TF, TF_STATIC
 from sfglab.record import LogWriter
 from sfglab.spatial import Pose, StampedTransform
-from sfglab.spatial.execution.client import scene_orders
-from sfglab.spatial.execution.orders import Ended, Outcome, stamped_pose
+from sfglab.spatial.execution.orders import stamped_pose
 from sfglab.spatial.frames.listener import TRANSFORMS
 from sfglab.spatial.mocap.mapping import read_mapping
 from sfglab.spatial.mocap.synthetic import SyntheticConfig, SyntheticMotion, synthetic_captures
-from sfglab.spatial.scene.files import load_scene
 
 EXAMPLE = str(Path(__file__).parents[2] / "data" / "mocap" / "two_agents.yaml")
 OFFSET = Pose.at((0.03, -0.01, -0.12), (0.02, -0.03, 0.06, 1.0))
@@ -134,34 +129,6 @@ def test_ctrl_c_and_a_lost_terminal_stop_the_agent_and_the_command_ends_when_it_
             server.send_signal(signal.SIGINT)
         server.communicate(timeout=60)
         assert server.returncode == 0
-
-
-async def test_who_interrupts_before_the_agents_answer_cancels_what_they_have_accepted(monkeypatch, capsys):
-    stops, done = [], []
-
-    class Sent:
-        async def ready(self):
-            pass
-
-        async def begin(self, _):
-            await asyncio.sleep(0)
-            stops[0]()  # as it moves already, and says so
-            await asyncio.sleep(0)
-            done.append("begun")
-
-        async def cancel(self):
-            done.append("canceled")
-
-        async def result(self):
-            return Ended(outcome=Outcome.CANCELED)
-
-    monkeypatch.setattr(plan, "_execution", lambda *_: Sent())
-    monkeypatch.setattr(plan, "on_stop", stops.append)
-    orders = scene_orders(load_scene(Path(HALL)), agents=("go2",))
-    node = SimpleNamespace(get_clock=lambda: SimpleNamespace(now_ns=lambda: 0))
-    assert await plan._send_all(node, lambda _: orders, "") == 130
-    assert done == ["begun", "canceled"]
-    assert capsys.readouterr().out.startswith("go2: canceled")
 
 
 SOURCE = ("mocap", "run", EXAMPLE, "--domain", "1")

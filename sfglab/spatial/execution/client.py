@@ -52,6 +52,8 @@ class Execution:
         name = options.get("action") or action_name(agent)
         self._client = node.create_action_client(self._dialect.type, name)
         self._handle: ClientGoalHandle | None = None
+        self._answered = asyncio.Event()
+        self._answered.set()  # nothing is asked yet
 
     async def ready(self) -> None:
         """Return once there is a server, so that what is sent now arrives at once."""
@@ -60,8 +62,12 @@ class Execution:
     async def begin(self, order: Order) -> None:
         """Send an order, once, and return when the server has answered."""
         goal = self._dialect.goal(order)
-        with contextlib.suppress(GoalRejectedError):
-            self._handle = await self._client.send_goal(goal, self._heard, self._timeout_s)
+        self._answered.clear()
+        try:
+            with contextlib.suppress(GoalRejectedError):
+                self._handle = await self._client.send_goal(goal, self._heard, self._timeout_s)
+        finally:
+            self._answered.set()
 
     async def result(self) -> Ended:
         """Return how it ended, waiting for the end."""
@@ -70,7 +76,11 @@ class Execution:
         return self._dialect.result(await self._handle.result())
 
     async def cancel(self) -> None:
-        """Ask the agent to stop; `result` then says when it stands. Once it ended, nothing happens."""
+        """Ask the agent to stop; `result` then says when it stands. Once it ended, nothing happens.
+
+        An agent may move before its answer is here: what is being sent is cancelled as soon as it is.
+        """
+        await self._answered.wait()
         if self._handle is not None:
             await self._handle.cancel_goal(self._timeout_s)
 
