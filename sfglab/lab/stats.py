@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 RESAMPLES = 2000
-_AT_ONCE = 1 << 14  #: How many drawn rows: what fits the cache.
+_AT_ONCE = 1 << 14  #: How many rows are drawn at once where there is one group: what fits the cache.
 INTERVAL = (2.5, 97.5)
 _Z = 1.959963984540054  # of 95 %
 
@@ -51,37 +51,40 @@ def bootstrap(
     A resample for which it is NaN is left out. Raises `InvalidValueError` if a group is empty, or no resample
     gave a number.
     """
+    return _bootstrap(samples, lambda drawn: [statistic([group[0] for group in drawn])], unit, seed)
+
+
+def _bootstrap(
+    samples: Sequence[Floats],
+    statistics: Callable[[Sequence[Floats]], Sequence[float] | Floats],
+    unit: str,
+    seed: int,
+    at_once: int = 1,
+) -> Estimate:
+    """Do so with the statistics, shape (m,), of as many resamples as are drawn at once, each (m, n, ...)."""
     if any(len(group) == 0 for group in samples):
         raise InvalidValueError("bootstrap", "a group of no samples", "groups of samples")
-    rng = np.random.default_rng(seed)
-    resampled = ([g[rng.integers(0, len(g), len(g))] for g in samples] for _ in range(RESAMPLES))
-    return _estimate(statistic(samples), np.array([statistic(groups) for groups in resampled]), unit)
-
-
-def _bootstrap_rows(rows: Floats, statistic: Callable[[Floats], Floats], *, unit: str, seed: int) -> Estimate:
-    """Do the same with the same draws for one group, shape (n, ...), many at once, shape (m, n, ...)."""
-    if len(rows) == 0:
-        raise InvalidValueError("bootstrap", "a group of no samples", "groups of samples")
-    rng, left, draws = np.random.default_rng(seed), RESAMPLES, []
-    while left:
-        many = min(left, 1 + _AT_ONCE // len(rows))
-        draws.append(statistic(rows[rng.integers(0, len(rows), (many, len(rows)))]))
-        left -= many
-    return _estimate(float(statistic(rows[None])[0]), np.concatenate(draws), unit)
-
-
-def _estimate(value: float, draws: Floats, unit: str) -> Estimate:
+    rng, found = np.random.default_rng(seed), list[float]()
+    for begin in range(0, RESAMPLES, at_once):
+        many = min(at_once, RESAMPLES - begin)
+        found.extend(statistics([g[rng.integers(0, len(g), (many, len(g)))] for g in samples]))
+    draws = np.array(found)
     draws = draws[np.isfinite(draws)]
     if draws.size == 0:
-        raise InvalidValueError("bootstrap", value, "samples for which the statistic is not undefined")
+        raise InvalidValueError("bootstrap", samples, "samples for which the statistic is not undefined")
     low, high = np.percentile(draws, INTERVAL)
+    value = statistics([group[None] for group in samples])[0]
     return Estimate(value=float(value), low=float(low), high=float(high), unit=unit)
+
+
+def _rows_at_once(rows: Floats) -> int:
+    return 1 + _AT_ONCE // max(1, len(rows))
 
 
 def median_of(samples: Floats | Sequence[float], *, unit: str, seed: int = 0) -> Estimate:
     """Estimate the median of samples, shape (n,), n at least 1."""
     group = np.asarray(samples, dtype=np.float64)
-    return _bootstrap_rows(group, lambda drawn: np.median(drawn, axis=1), unit=unit, seed=seed)
+    return _bootstrap([group], lambda drawn: np.median(drawn[0], axis=1), unit, seed, _rows_at_once(group))
 
 
 def ratio_of(pairs: Floats, middle: Callable[..., Any], *, unit: str) -> Estimate:
@@ -90,11 +93,11 @@ def ratio_of(pairs: Floats, middle: Callable[..., Any], *, unit: str) -> Estimat
     The pairs have shape (n, 2), n at least 1.
     """
 
-    def ratio(drawn: Floats) -> Floats:
-        first, second = middle(drawn, axis=1).T
+    def ratios(drawn: Sequence[Floats]) -> Floats:
+        first, second = middle(drawn[0], axis=1).T
         return first / second  # type: ignore[no-any-return]
 
-    return _bootstrap_rows(pairs, ratio, unit=unit, seed=0)
+    return _bootstrap([pairs], ratios, unit, 0, _rows_at_once(pairs))
 
 
 def line_fit(x: Floats, y: Floats) -> tuple[float, float]:
