@@ -28,7 +28,7 @@ Orders = asyncio.Queue[Report]  #: What a component is told, in order.
 
 BEATS_VARIABLE = "SFGLAB_BEATS"  #: Set in a component's environment, it makes it give signs of life.
 BEAT_PERIOD_S = 1.0  #: How often, seconds.
-END_LIMIT_S = 10  #: How long a component may take to end, in seconds; then the kernel ends it.
+END_LIMIT_S = 10  #: How long a component that starts no others may take to end, in seconds.
 ORDER_LIMIT_BYTES = 1 << 22
 
 
@@ -45,7 +45,10 @@ def run_component(
     *,
     end_limit_s: Callable[[C], int] = lambda _: END_LIMIT_S,
 ) -> None:
-    """Run a component, given configuration, reports and orders, until it is told to end; or fail, status 1."""
+    """Run a component, given configuration, reports and orders, until it is told to end; or fail, status 1.
+
+    One that has not ended so many seconds later, by its configuration, the kernel ends.
+    """
     # Whoever started it decides when it ends; an interrupt from the terminal reaches that one as well.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     report = claim_standard_output()

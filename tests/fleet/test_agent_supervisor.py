@@ -11,7 +11,7 @@ from contextlib import asynccontextmanager, suppress
 import pytest
 from waiting import DEADLINE_S, lives, process, until
 
-from sfglab.component import beside
+from sfglab.component import END_LIMIT_S, beside
 from sfglab.fleet.agent import app
 from sfglab.fleet.agent.plan import AgentConfig
 from sfglab.fleet.agent.supervision import Component, State
@@ -214,6 +214,19 @@ async def test_components_end_with_their_supervisor_and_unless_it_is_killed_in_o
         assert (await child.expect("ended", timeout_s=DEADLINE_S))["status"] == 0
         last = {r["component"]: r["state"] for r in reports if r["is"] == "component"}
         assert last == {"router": "stopped", "status": "stopped"}
+
+
+@pytest.mark.slow
+async def test_a_supervisor_has_the_time_that_its_components_have_beside_its_own():
+    timing = ProcessTiming(stop_ns=(END_LIMIT_S + 1) * 10**9)
+    config = app.SupervisorConfig(components=(component("router", STUBBORN),), timing=timing)
+    async with process("sfglab.fleet.agent.app", config) as child:
+        child.on_report = (reports := []).append
+        await child.expect("ready", timeout_s=DEADLINE_S)
+        child.signal(signal.SIGTERM)
+        await child.wait()
+    assert (await child.expect("ended", timeout_s=DEADLINE_S))["status"] == 0
+    assert [r["state"] for r in reports if r["is"] == "component"][-1] == "stopped"
 
 
 TERMINAL = """
