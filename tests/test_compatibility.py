@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pandas as pd
 import pytest
+from test_readme import README, readme
 
 from sfglab.lab.experiments.ros2 import CANNOT, FAILS, UNTESTED, WORKS, FeatureRow, compatibility
 
@@ -14,7 +15,7 @@ import features
 
 def test_the_readme_has_the_table_that_the_tests_show():
     """`python tests/ros2/features.py` writes it anew."""
-    assert features.README.read_text(encoding="utf-8") == features.readme()
+    assert README.read_text(encoding="utf-8") == readme(features.BEGIN, features.table(), features.END)
 
 
 def test_every_test_beside_ros_2_says_what_it_shows():

@@ -211,8 +211,7 @@ def test_a_mistake_in_what_a_dataclass_says_is_named_alike(text, said):
 
 
 def test_a_document_may_be_a_list():
-    document = documents.Document("- name: a\n- name: b\n  size_m: 0\n", "f.yaml")
-    first, second = document.items()
+    first, second = documents.Document("- name: a\n- name: b\n  size_m: 0\n", "f.yaml").items()
     assert first.read(Wheel) == Wheel(name="a")
     with pytest.raises(documents.DocumentError, match=r"^f\.yaml:3: \[1\]\.size_m: given 0"):
         second.read(Wheel)

@@ -207,8 +207,7 @@ def test_a_wrong_argument(words, attempt, tmp_path, monkeypatch):
     }.items(),
 )
 def test_options_that_nothing_looks_at_and_kinds_of_text(command, says, attempt, tmp_path):
-    said = attempt(*(word.replace("OUT", str(tmp_path / "out")) for word in command.split()))
-    assert says in said
+    assert says in attempt(*(word.replace("OUT", str(tmp_path / "out")) for word in command.split()))
     assert not list(tmp_path.iterdir())
 
 

@@ -123,8 +123,7 @@ def test_there_are_no_import_circles():
     import networkx as nx
 
     graph = nx.DiGraph([(m, d) for m, found in imports().items() for d in found])
-    circles = [sorted(c) for c in nx.strongly_connected_components(graph) if len(c) > 1]
-    assert circles == []
+    assert [sorted(c) for c in nx.strongly_connected_components(graph) if len(c) > 1] == []
 
 
 def test_modules_and_functions_have_a_size_and_a_beginning():

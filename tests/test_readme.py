@@ -75,16 +75,16 @@ def block():
     return "\n".join(lines) + "\n"
 
 
-def readme():
-    """Return the README with its results as they should be."""
-    before, begin, rest = README.read_text(encoding="utf-8").partition(BEGIN)
-    _, end, after = rest.partition(END)
-    return before + begin + block() + end + after
+def readme(begin, made, end):
+    """Return the README with what is made between two marks as it should be."""
+    before, begin, rest = README.read_text(encoding="utf-8").partition(begin)
+    _, end, after = rest.partition(end)
+    return before + begin + made + end + after
 
 
 def test_the_readme_has_the_figures_and_verdicts_of_the_committed_logs():
     """`python tests/test_readme.py` writes them anew."""
-    assert README.read_text(encoding="utf-8") == readme()
+    assert README.read_text(encoding="utf-8") == readme(BEGIN, block(), END)
 
 
 @pytest.mark.live
@@ -107,4 +107,4 @@ def test_the_readmes_snippet_runs_as_a_script_beside_its_two_commands(domain_id,
 
 
 if __name__ == "__main__":
-    README.write_text(readme(), encoding="utf-8")
+    README.write_text(readme(BEGIN, block(), END), encoding="utf-8")

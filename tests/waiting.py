@@ -2,6 +2,7 @@
 
 import asyncio
 import sys
+import time
 from contextlib import asynccontextmanager
 
 import psutil
@@ -12,11 +13,21 @@ from sfglab.processes import LineProcess
 DEADLINE_S = 60.0
 
 
-async def until(predicate) -> None:
-    """Wait for a fact that nothing signals, with a deadline."""
+async def until(holds, act=lambda: None, *, every_s=0.005) -> None:
+    """Act, again and again, until something holds that nothing signals; with a deadline."""
     async with asyncio.timeout(DEADLINE_S):
-        while not predicate():
-            await asyncio.sleep(0.005)
+        while not holds():
+            act()
+            await asyncio.sleep(every_s)
+
+
+def wait_until(holds, deadline_s=DEADLINE_S):
+    """Return what `holds` returns, as soon as that is truthy; for a test without asyncio."""
+    end_s = time.monotonic() + deadline_s
+    while not (found := holds()):
+        assert time.monotonic() < end_s, "it never came to that"
+        time.sleep(0.02)
+    return found
 
 
 @asynccontextmanager

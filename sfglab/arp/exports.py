@@ -187,8 +187,8 @@ def ros2_parameters(plan: Plan) -> str:
     }
     rates = "".join(f"#   {part.topic.name}: {_rate_text(part)}\n" for part in plan.topics)
     content = {"/**": {"ros__parameters": {"qos_overrides": overrides}}}
-    # The dumper would point at the subscription's equal mapping with an anchor; rcl's parser knows none.
-    body = yaml.dump(content, Dumper=_plain_dumper(), sort_keys=False)
+    # One mapping for both sides would be dumped once, with an anchor to it; rcl's parser knows none.
+    body = yaml.safe_dump(content, sort_keys=False)
     return f"# {_summary(plan)}\n{_ROS2_HOW}{rates}{body}"
 
 
@@ -202,18 +202,6 @@ def _policies(qos: QoSProfile) -> dict[str, str | int]:
     if qos.deadline_ns is not None:
         policies["deadline"] = qos.deadline_ns
     return policies
-
-
-def _plain_dumper() -> Any:
-    import yaml
-
-    class PlainDumper(yaml.SafeDumper):
-        """Writes every value where it stands, without anchors."""
-
-        def ignore_aliases(self, data: Any) -> bool:  # noqa: ARG002 - the dumper's signature
-            return True
-
-    return PlainDumper
 
 
 class Export(NamedTuple):

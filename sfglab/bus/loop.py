@@ -209,7 +209,7 @@ class Calls:
 
     def spawn(self, awaitable: Awaitable[Any], then: Callable[[], None] | None = None) -> asyncio.Task[Any]:
         """Run an awaitable as a tracked task; see `run`."""
-        task = asyncio.ensure_future(_awaited(awaitable))
+        task = asyncio.ensure_future(awaited(awaitable))
         self._tasks.add(task)
         task.add_done_callback(lambda ended: self._ended(ended, then))
         return task
@@ -232,5 +232,6 @@ class Calls:
             then()
 
 
-async def _awaited(awaitable: Awaitable[Any]) -> Any:
-    return await awaitable
+async def awaited(value: Any) -> Any:
+    """Return what a plain callback has returned, or what comes of what an async one has."""
+    return await value if inspect.isawaitable(value) else value

@@ -129,7 +129,4 @@ def _refusal() -> Any:
 
 
 def _made(type_: str, /, **fields: Any) -> Any:
-    message = default_message(f"rcl_interfaces/msg/{type_}")
-    for field, value in fields.items():
-        setattr(message, field, value)
-    return message
+    return default_message(f"rcl_interfaces/msg/{type_}", **fields)

@@ -8,7 +8,6 @@ Its services have the transport "ros": the same frames, by a program of ROS 2's 
 from __future__ import annotations
 
 import asyncio
-import inspect
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -16,7 +15,7 @@ from sfglab import names
 from sfglab.bus.api import FAST_DDS, Handler, RawEndpoint, Transport, user_data
 from sfglab.bus.endpoints import Inbox, Sample
 from sfglab.bus.errors import BusTimeoutError, ClosedError, discovery_timeout_error
-from sfglab.bus.loop import Signal, nothing
+from sfglab.bus.loop import Signal, awaited, nothing
 from sfglab.bus.pubsub import checked_type
 from sfglab.errors import InvalidValueError
 from sfglab.messages import (
@@ -131,9 +130,7 @@ class _Server:
 
     async def _answer(self, pair: _Pair, frame: ServiceFrame, publisher_gid: bytes) -> None:
         request = deserialize(frame.cdr, self._request)
-        response = self._handler(request)
-        if inspect.isawaitable(response):
-            response = await response
+        response = await awaited(self._handler(request))
         checked_type(response, type_=self._response, where=pair.name)
         prefix = publisher_gid[:12]
         # A client can know the server before the server knows it; an answer sent then is lost.

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 from typer import Argument, Option
 
-from sfglab.cli.buses import Domain, Json, domain_option, put_text, say, tell, unused
+from sfglab.cli.buses import Domain, Json, Place, domain_option, put_text, say, tell, unused
 from sfglab.cli.interfaces import Interfaces
 from sfglab.component import run, run_until_interrupted
 from sfglab.domains import VARIABLE, usual_domain_id
@@ -207,11 +207,8 @@ def router(
     run(serve_terminal(config, typer.echo))
 
 
-_Side = tuple[int | None, str | None]
-
-
 def _agent_config(
-    agent: str | None, fleet: Path | None, local: _Side, remote: _Side, offers: bool | None
+    agent: str | None, fleet: Path | None, local: Place, remote: Place, offers: bool | None
 ) -> AgentConfig:
     """Return an agent as the command line and the fleet file describe it; sides are domain and interface."""
     from sfglab.fleet.agent.plan import SideOptions, config_from_options

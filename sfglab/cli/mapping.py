@@ -124,8 +124,7 @@ def qos(
         vendor_name = export.vendor.name.lower().replace(" ", "_")
         needed = f"{' or '.join(fitting)} for {name}; this with --vendor {vendor_name}"
         raise InvalidValueError("--format", output_format, needed)
-    printed = method == "printed"
-    plan = plan_as_printed(given) if printed else plan_file(given, latency_price_hz=latency_price)
+    plan = plan_as_printed(given) if method == "printed" else plan_file(given, latency_price_hz=latency_price)
     if as_json:
         unused("with --json", "output_format", "out")
         tell(plan)

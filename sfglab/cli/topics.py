@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import time
+from contextlib import suppress
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -247,6 +248,7 @@ def pub(
 
       sfglab topic pub -r 10 /pose geometry_msgs/msg/PoseStamped '{header: auto, pose: {position: {x: 1}}}'
     """
+    from sfglab.bus import BusTimeoutError
     from sfglab.messages.text import as_rclpy_shows, message_from_yaml
     from sfglab.qos import DEFAULT
 
@@ -261,7 +263,8 @@ def pub(
         needed = wait if wait is not None else int(bool(count))
         while publisher.get_subscription_count() < needed:
             typer.echo(f"Waiting for at least {needed} matching subscription(s)...")
-            await _matched(publisher, needed)
+            with suppress(BusTimeoutError):
+                await publisher.wait_for_subscriptions(needed, _REPORT_S)
         typer.echo("publisher: beginning loop")
         start_s, number = time.monotonic(), 0
         while not count or number < count:
@@ -273,13 +276,3 @@ def pub(
         await asyncio.sleep(keep_alive)
 
     bus.until_interrupted((domain, interface), publish)
-
-
-async def _matched(publisher: Any, count: int) -> None:
-    """Wait for subscriptions, a second at most."""
-    from contextlib import suppress
-
-    from sfglab.bus import BusTimeoutError
-
-    with suppress(BusTimeoutError):
-        await publisher.wait_for_subscriptions(count, _REPORT_S)

@@ -127,8 +127,7 @@ def _read_frame(section: Section) -> FrameSpec:
 
 
 def _read_accelerator(section: Section, key: str) -> Accelerator | None:
-    choices = (AUTO, *(member.value for member in Accelerator))
-    name = section.text(key, choices=choices)
+    name = section.text(key, choices=(AUTO, *(member.value for member in Accelerator)))
     return None if name == AUTO else Accelerator(name)
 
 
@@ -392,12 +391,11 @@ class Fleet(_Part):
 
     def agent(self, name: str) -> AgentSpec:
         """Return an agent by its name; `InvalidValueError` if there is no such agent."""
-        found = {agent.name: agent for agent in self.agents}.get(name)
-        if found is None:
-            names = tuple(agent.name for agent in self.agents)
-            allowed = ", ".join(names) + suggestion(name, names)
+        agents = {agent.name: agent for agent in self.agents}
+        if name not in agents:
+            allowed = ", ".join(agents) + suggestion(name, agents)
             raise InvalidValueError(f"fleet {self.name}: agent", name, allowed)
-        return found
+        return agents[name]
 
 
 def _agent_row(agent: AgentSpec) -> tuple[object, ...]:

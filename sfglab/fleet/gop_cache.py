@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from sfglab.bus.address import BusAddress
 from sfglab.bus.api import EndpointAdded, EndpointEvent, EndpointKind
-from sfglab.component import Report, beside, run_component, steady_ns
+from sfglab.component import Reporter, beside, run_component, steady_ns
 from sfglab.errors import InvalidValueError
 from sfglab.machine import Machine
 from sfglab.names import FqnError, Resource, ResourceKind, Suffixed, dds_names, parse
@@ -300,7 +300,7 @@ class KeeperConfig(KeeperSettings):
     address: BusAddress  #: The agent's own domain.
 
 
-async def run_keeper(config: KeeperConfig, report: Callable[[Report], None]) -> None:
+async def run_keeper(config: KeeperConfig, report: Reporter) -> None:
     """Run a keeper until cancelled and all it started has ended; `BusError` if it cannot join the domain."""
     from sfglab.bus import Node
 

@@ -139,9 +139,8 @@ class _RawStream(ProcessGroup):
     """A camera of rclpy at the edge, and at the consumer viewers of rclpy and of ours."""
 
     def __init__(self, testbed: Testbed, most: int) -> None:
-        where = BusAddress(domain_id=GLOBAL_DOMAIN, interface=testbed.interface("consumer"))
         config = ViewerConfig(
-            remote=where,
+            remote=BusAddress(domain_id=GLOBAL_DOMAIN, interface=testbed.interface("consumer")),
             local=BusAddress(domain_id=GLOBAL_DOMAIN + 1, interface="lo"),
             remote_topic=_TOPIC,
             remote_type=COMPRESSED_IMAGE,
@@ -164,8 +163,7 @@ class _RawStream(ProcessGroup):
         names = [f"{kind} {i}" for i in range(count)]
         order = {"do": "look", "mode": "raw", "topic": _TOPIC}
         firsts = await self.ask("first", names, timeout_s=FIRST_PICTURE_S, **order)
-        pids = {"viewers": [self[name].pid for name in names]}
-        (reading,) = await measure(look_s, look_s, cpu=pids)
+        (reading,) = await measure(look_s, look_s, cpu={"viewers": [self[name].pid for name in names]})
         seen = (await self.ask("seen", names, timeout_s=FIRST_PICTURE_S, do="stop")).values()
         now_ns = time.time_ns()
         sent = sum(1 + _PICTURE["hz"] * (now_ns - first["seen_ns"]) / NS_PER_S for first in firsts.values())

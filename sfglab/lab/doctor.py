@@ -231,8 +231,7 @@ def _dds() -> _Verdict:
         timeout=_DDS_TIMEOUT_S,
         check=True,
     )
-    took_s = time.perf_counter() - start_s
-    said = f"a DDS participant starts on the loopback ({took_s:.1f} s with its process)"
+    said = f"a DDS participant starts on the loopback ({time.perf_counter() - start_s:.1f} s with its process)"
     return Level.OK, said, "live experiments run"
 
 
@@ -252,10 +251,7 @@ def _h264() -> _Verdict:
 
 
 def _viewer() -> _Verdict:
-    version = _version("rerun-sdk")
-    if version is None:
-        raise importlib.metadata.PackageNotFoundError("rerun-sdk")
-    return Level.OK, f"rerun-sdk {version}", "logs open in the Rerun viewer"
+    return Level.OK, f"rerun-sdk {importlib.metadata.version('rerun-sdk')}", "logs open in the Rerun viewer"
 
 
 def _ros() -> _Verdict:

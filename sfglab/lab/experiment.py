@@ -383,14 +383,13 @@ class Experiment(Generic[C]):
             log.write_metadata("config", {"experiment": self.name, **to_json(config)})
             if hosts:
                 log.write_metadata("hosts", {"description": hosts.description, "separate": hosts.separate})
-            plain = {table: [row for _, row in timed] for table, timed in rows.items()}
             bench = Bench(
                 experiment=self.name,
                 config=config,
                 options=options,
                 log=log,
                 row_classes=self.tables,
-                rows=plain,
+                rows={table: [row for _, row in timed] for table, timed in rows.items()},
                 stack=stack,
                 hosts=hosts,
                 timed=False,
@@ -422,8 +421,7 @@ class Experiment(Generic[C]):
         """Return our figures for the claims that a run answers, by claim."""
         found = {}
         for name, (answer, how) in self._claims.items():
-            finding = answer(run)
-            if finding is not None:
+            if (finding := answer(run)) is not None:
                 said = how if isinstance(how, How) else how(run)
                 values = {field_.name: getattr(finding, field_.name) for field_ in fields(Finding)}
                 found[name] = Measured(**values, how=said)

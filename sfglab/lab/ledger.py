@@ -240,8 +240,7 @@ def _said_of_mutants(score: Mapping[str, Any]) -> str:
     if not score:
         return ""
     survived = [f"{s['why']}: {s['module']}: {' '.join(s['diff'].split())}" for s in score["survived"]]
-    text = f"{score['caught']} of {score['tried']} are seen, seed {score['seed']}"
-    return "; ".join([text, *survived])
+    return "; ".join([f"{score['caught']} of {score['tried']} are seen, seed {score['seed']}", *survived])
 
 
 def _findings(name: str, log: Path) -> Findings:

@@ -65,8 +65,7 @@ class Run(Generic[C]):
         import pandas as pd
 
         if name not in self._tables:
-            columns = [f.name for f in fields(self._row_classes[name])]
-            return pd.DataFrame(columns=["log_time_ns", *columns])
+            return pd.DataFrame(columns=["log_time_ns", *(f.name for f in fields(self._row_classes[name]))])
         with LogReader(self.log) as reader:
             return reader.table(name)
 

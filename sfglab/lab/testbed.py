@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Protocol, Self
 
 from sfglab.bus.locks import LockedError, user_lock
 from sfglab.errors import SfglabError
-from sfglab.lab.hosts import Network
+from sfglab.lab.hosts import Capability, Network
 from sfglab.lab.hosts.host import InterfaceBytes, interface_bytes
 
 if TYPE_CHECKING:
@@ -91,14 +91,13 @@ class Testbed:
         self._names = names
         self._stack = ExitStack()
         self._network: Network | None = None
-        capability = Network.available() if separate is not False else None
-        self.separate = capability is not None and capability.ok  #: Whether the hosts are separate.
-        if self.separate and capability is not None:
-            #: What the hosts are, for the log.
+        one = Capability(ok=False, how="none", reason="asked for")
+        capability = one if separate is False else Network.available()
+        self.separate = capability.ok  #: Whether the hosts are separate.
+        #: What the hosts are, for the log.
+        self.description = f"one host, loopback ({capability.reason})"
+        if self.separate:
             self.description = f"separate hosts: network namespaces ({capability.how})"
-        else:
-            why = capability.reason if capability is not None else "asked for"
-            self.description = f"one host, loopback ({why})"
 
     def __enter__(self) -> Self:
         if self.separate:

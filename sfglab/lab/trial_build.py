@@ -200,10 +200,9 @@ def _reachable(deployment: Deployment) -> Deployment:
     architecture = next((known for known, name in MACHINES.items() if name == machine), None)
     if architecture is None:
         raise DeployError(f"trial: given a {machine!r} processor, allowed: {', '.join(MACHINES.values())}")
-    common = replace(deployment.common, ros=RosDistribution.NONE)
     return replace(
         deployment,
-        fleet=replace(deployment.fleet, deployment=common),
+        fleet=replace(deployment.fleet, deployment=replace(deployment.common, ros=RosDistribution.NONE)),
         host=replace(deployment.host, architecture=architecture, workspace="", packages=()),
         accelerator=Accelerator.NONE,
     )
@@ -292,8 +291,7 @@ def build_command(folder: Path, deployment: Deployment, image: str) -> list[str]
 
 def _built(shop: _Workshop, folder: Path, deployment: Deployment) -> tuple[str, list[str]]:
     """Build an agent's application image; return its name with its identity, and what the builder said."""
-    wheel = folder / "image" / deployment.release.wheel
-    image = bundle_of(deployment, wheel.read_bytes()).image
+    image = bundle_of(deployment, (folder / "image" / deployment.release.wheel).read_bytes()).image
     return image, shop.build(build_command(folder, deployment, image))
 
 

@@ -168,8 +168,7 @@ def serialize_into(message: Any, buffer: Buffer) -> int:
     size = serialized_size(message)
     view = memoryview(buffer).cast("B")
     if view.nbytes < size:
-        reason = f"given a buffer of {view.nbytes} bytes, needed are {size}"
-        raise CdrError(type_name(type(message)), reason)
+        raise CdrError(type_name(type(message)), f"given a buffer of {view.nbytes} bytes, needed are {size}")
     np.frombuffer(view, np.uint8, size).fill(0)  # alignment gaps must not show what was here before
     _write(message, view[:size])
     return size

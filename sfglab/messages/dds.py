@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from cyclonedds.idl import IdlStruct, make_idl_struct, types
 
 from sfglab.messages.store import message_type, service_type, type_name, type_store
-from sfglab.messages.type_names import TypeNameError, dds_type_name
+from sfglab.messages.type_names import announced_type_name, dds_type_name
 
 if TYPE_CHECKING:
     from rosbags.interfaces.typing import FieldDesc
@@ -61,8 +61,7 @@ def _made(name: str, header: dict[str, Any]) -> type[IdlStruct]:
     fields = header | {field: _annotation(desc) for field, desc in type_store().fielddefs[name][1]}
     # A dataclass cannot have such a field. Raw CDR does not need one; typed (de)serialisation is off for them.
     plain = not any(keyword.iskeyword(field) or hasattr(IdlStruct, field) for field in fields)
-    class_name = name.rpartition("/")[2]
-    return make_idl_struct(class_name, dds_type_name(name), fields, dataclassify=plain)
+    return make_idl_struct(name.rpartition("/")[2], dds_type_name(name), fields, dataclassify=plain)
 
 
 @functools.cache
@@ -112,8 +111,4 @@ def opaque_idl_struct(name: str) -> type[IdlStruct]:
 
     It matches endpoints that announce no description of their type, which are those of ROS 2, and opaque ones.
     """
-    try:
-        announced = dds_type_name(name)
-    except TypeNameError:
-        announced = name
-    return make_idl_struct("Opaque", announced, {"first_octet": types.uint8})
+    return make_idl_struct("Opaque", announced_type_name(name), {"first_octet": types.uint8})

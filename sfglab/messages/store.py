@@ -233,7 +233,7 @@ def is_known_as(name: str, text: str) -> bool:
 
 
 def _agree(known: Any, given: Any) -> bool:
-    return known == given or bool(known and not given[1] and known[1][0][0] == _EMPTY)
+    return known == given or bool(known and not given[1] and known[1][0][0] == EMPTY)
 
 
 def _used(definition: Any) -> Iterator[tuple[str, str]]:
@@ -433,7 +433,7 @@ def action_texts(name: str, text: str) -> dict[str, str]:
     return texts | {f"{name}_{kind}": wrapper.format(name=name) for kind, wrapper in _ACTION_WRAPPERS.items()}
 
 
-_EMPTY = "structure_needs_at_least_one_member"
+EMPTY = "structure_needs_at_least_one_member"
 """The octet that rosbags gives a message without fields, when it is registered (rosidl's rule)."""
 _SUFFIXES = ("msg", "srv", "action")
 _WSTRING = "/wstring"  #: How the name of the type that rosbags takes `wstring` for ends.

@@ -14,13 +14,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sfglab.errors import InvalidValueError
-from sfglab.messages.store import default_message, numpy_dtype, stamp_from_ns, type_store
+from sfglab.messages.store import EMPTY, default_message, numpy_dtype, stamp_from_ns, type_store
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-_STEP = re.compile(r"(\w+)|\[(\d+)\]|\.")
-_PADDING = "structure_needs_at_least_one_member"  #: rosidl's octet in messages without fields.
+STEP = re.compile(r"(\w+)|\[(\d+)\]|\.")  #: Of the way to a value: a name, a number in brackets, or a dot.
 _IDL_NAMES = {"float64": "double", "float32": "float", "bool": "boolean", "byte": "octet", "char": "uint8"}
 _HEADER, _TIME = "std_msgs/msg/Header", "builtin_interfaces/msg/Time"
 
@@ -40,7 +39,7 @@ _WHOLE = Style()
 def fields_with_types(message: Any) -> Iterator[tuple[str, Any, Any]]:
     """Yield the name, type and value of each field of a message, the type as rosbags has it."""
     for name, type_ in type_store().get_msgdef(message.__msgtype__).fields:
-        if name != _PADDING:
+        if name != EMPTY:
             yield name, type_, getattr(message, name)
 
 
@@ -97,7 +96,7 @@ def value_at(values: Any, way: str, place: str) -> Any:
         InvalidValueError: It leads to none; names what is there.
     """
     found = values
-    for name, index in _STEP.findall(way):
+    for name, index in STEP.findall(way):
         try:
             found = found[name or int(index)] if name or index else found
         except (KeyError, IndexError, TypeError) as error:

@@ -33,6 +33,11 @@ def dds_type_name(name: str) -> str:
     return "{package}::{kind}::dds_::{name}_".format_map(match.groupdict())
 
 
+def announced_type_name(name: str) -> str:
+    """Return the name under which a type is announced in DDS, given that or the one that ROS 2 has for it."""
+    return dds_type_name(name) if _ROS.fullmatch(name) else name
+
+
 def ros_type_name(name: str) -> str:
     """Return the ROS 2 name of a type that was announced in DDS: the inverse of `dds_type_name`.
 

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import re
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from sfglab.messages.text import STEP
 from sfglab.record.metadata import LogError
 from sfglab.tables import html_table
 
@@ -14,7 +14,6 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
 _LONG = 8
-_STEP = re.compile(r"(\w+)|\[(\d+)\]|\.")
 
 
 class ShownMessage(NamedTuple):
@@ -54,7 +53,7 @@ def number_in(message: Any, field: str, place: str) -> float:
     """Return the number at a way as ``pose.position.x`` or ``ranges[0]``; LogError names what is there."""
     found = message
     try:
-        for name, index in _STEP.findall(field):
+        for name, index in STEP.findall(field):
             found = getattr(found, name) if name else found[int(index)] if index else found
         return float(found)
     except (AttributeError, IndexError, TypeError, ValueError) as error:

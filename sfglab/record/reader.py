@@ -173,10 +173,8 @@ class LogReader(AbstractContextManager["LogReader"]):
 
     def definition(self, topic: str) -> str:
         """Return the definition of a topic's type that the log has; empty where it has none as `.msg`."""
-        found = [
-            self._summary.schemas.get(c.schema_id) for c in self._summary.channels.values() if c.topic == topic
-        ]
-        return next((self._text_of(schema) for schema in found if schema and schema.encoding == "ros2msg"), "")
+        found = (schema for schema in self._schemas_of(topic) if schema and schema.encoding == "ros2msg")
+        return next(map(self._text_of, found), "")
 
     @property
     def media_types(self) -> dict[str, str]:
@@ -291,8 +289,7 @@ class LogReader(AbstractContextManager["LogReader"]):
 
     def knows(self, topic: str) -> bool:
         """Return whether a topic's messages are of a type that this process has, with the same fields."""
-        channels = [channel for channel in self._summary.channels.values() if channel.topic == topic]
-        schemas = [self._summary.schemas.get(channel.schema_id) for channel in channels]
+        schemas = self._schemas_of(topic)
         return all(schema and is_known_as(schema.name, self._text_of(schema)) for schema in schemas)
 
     def table(self, name: str) -> pd.DataFrame:
@@ -319,6 +316,10 @@ class LogReader(AbstractContextManager["LogReader"]):
         schema = self._summary.schemas.get(channel.schema_id)
         return schema.name if schema else ""
 
+    def _schemas_of(self, topic: str) -> list[Schema | None]:
+        channels = [channel for channel in self._summary.channels.values() if channel.topic == topic]
+        return [self._summary.schemas.get(channel.schema_id) for channel in channels]
+
     def _found(self, topic: str | None, start_ns: int | None, end_ns: int | None) -> Iterator[Any]:
         topics = self.topics
         if topic is not None and topic not in topics:
@@ -328,8 +329,7 @@ class LogReader(AbstractContextManager["LogReader"]):
             raise LogError(f"log {self.path}: the end {end_ns} ns lies before the start {start_ns} ns")
         if self.truncated and not self._summary.chunk_indexes:
             return iter(())
-        found = self._mcap.iter_messages(topic, starting_at=start_ns, ending_before=end_ns)
-        return self._checked(found)
+        return self._checked(self._mcap.iter_messages(topic, starting_at=start_ns, ending_before=end_ns))
 
     def _checked(self, records: Iterator[Any]) -> Iterator[Any]:
         """Pass records on; what the library raises for damage becomes one error."""

@@ -196,23 +196,23 @@ class Arrow:
     target: State  #: Where it ends.
 
 
-def arrows(table: Table = TABLE) -> list[Arrow]:
-    """Return the table's arrows, in its order."""
+def arrows() -> list[Arrow]:
+    """Return the arrows of `TABLE`, in its order."""
     return [
         Arrow(source=state, given=given, target=move.to)
-        for state, row in table.items()
+        for state, row in TABLE.items()
         for given, move in row.moves.items()
     ]
 
 
-def draw_core(ax: Axes, table: Table = TABLE) -> dict[State | Arrow, list[Artist]]:
+def draw_core(ax: Axes) -> dict[State | Arrow, list[Artist]]:
     """Draw the core, OSIF yellow, HMT blue, `OURS` dashed, 10 by 5 inches; return each artist."""
-    drawn = arrows(table)
+    drawn = arrows()
     artists: dict[State | Arrow, list[Artist]] = {}
     for arrow in drawn:
         meets = any((a.source, a.target) == (arrow.target, arrow.source) for a in drawn)
         artists[arrow] = _draw_arrow(ax, arrow, _APART / 2 if meets else 0.0)
-    for state, row in table.items():
+    for state, row in TABLE.items():
         artists[state] = _draw_state(ax, state, row.drive.name)
     places = np.array([*PLACES.values(), *(p for corners in _DETOURS.values() for p in corners)])
     low, high = _inches(places.min(axis=0)), _inches(places.max(axis=0))

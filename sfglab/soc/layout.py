@@ -8,6 +8,7 @@ with the fewest crossings is kept; then neighbours are drawn level. The same gra
 from __future__ import annotations
 
 from dataclasses import dataclass
+from graphlib import TopologicalSorter
 from itertools import combinations, pairwise
 from statistics import fmean, median
 from typing import TYPE_CHECKING
@@ -98,22 +99,16 @@ def _turned(edges: Mapping[Edge, _Ends], vertices: list[Vertex]) -> dict[Edge, _
 
 def _layers(vertices: list[Vertex], edges: Iterable[_Ends]) -> dict[Vertex, int]:
     """Return each vertex's longest path from a start; a start stands just before what it leads to."""
-    following: dict[Vertex, list[Vertex]] = {vertex: [] for vertex in vertices}
-    waiting = dict.fromkeys(vertices, 0)
+    before: dict[Vertex, list[Vertex]] = {vertex: [] for vertex in vertices}
+    behind: dict[Vertex, list[Vertex]] = {vertex: [] for vertex in vertices}
     for source, target in edges:
-        following[source].append(target)
-        waiting[target] += 1
-    starts = [vertex for vertex, count in waiting.items() if not count]
-    layer, ready = dict.fromkeys(starts, 0), list(starts)
-    while ready:
-        vertex = ready.pop()
-        for target in following[vertex]:
-            layer[target] = max(layer.get(target, 0), layer[vertex] + 1)
-            waiting[target] -= 1
-            if not waiting[target]:
-                ready.append(target)
-    for vertex in starts:
-        layer[vertex] = min((layer[target] - 1 for target in following[vertex]), default=0)
+        before[target].append(source)
+        behind[source].append(target)
+    layer: dict[Vertex, int] = {}
+    for vertex in TopologicalSorter(before).static_order():
+        layer[vertex] = max((layer[source] + 1 for source in before[vertex]), default=0)
+    for start in (vertex for vertex in vertices if not before[vertex]):
+        layer[start] = min((layer[target] - 1 for target in behind[start]), default=0)
     return layer
 
 

@@ -18,7 +18,7 @@ from __future__ import annotations
 from bisect import bisect_left
 from dataclasses import dataclass, fields, replace
 from enum import Enum
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from sfglab.errors import InvalidValueError
 from sfglab.fields import between, check_bounds
@@ -224,10 +224,10 @@ def fitted_values(costs: Costs) -> dict[str, float]:
 
 
 def with_values(costs: Costs, values: Mapping[str, float]) -> Costs:
-    """Return the costs with other `fitted_values`."""
-    others = dict(values)
-    memory = replace(costs.memory, write_latency_cycles=others.pop("write_latency_cycles"))
-    return replace(costs, memory=memory, **others)
+    """Return the costs with other values of constants, by their names, the memory interface's among them."""
+    of_memory: dict[str, Any] = {name: value for name, value in values.items() if hasattr(costs.memory, name)}
+    others = {name: value for name, value in values.items() if name not in of_memory}
+    return replace(costs, memory=replace(costs.memory, **of_memory), **others)
 
 
 class Side(Enum):

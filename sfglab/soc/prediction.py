@@ -9,13 +9,13 @@ logarithms). So a measurement on a board is worth by how much it would narrow th
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass
 from functools import cache
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sfglab.soc.memory import STORED, Costs, MemoryInterface
+from sfglab.soc.memory import STORED, Costs, with_values
 from sfglab.soc.paper_values import PAPER_VALUES, Panel, residuals, speed_ups
 
 if TYPE_CHECKING:
@@ -88,10 +88,7 @@ def _medians() -> Floats:
 
 
 def _costs(start: Costs, logs: Floats) -> Costs:
-    values = dict(zip(PRIORS, np.exp(logs).tolist(), strict=True))
-    of_memory = {f.name for f in fields(MemoryInterface)}
-    memory = replace(start.memory, **{k: v for k, v in values.items() if k in of_memory})
-    return replace(start, memory=memory, **{k: v for k, v in values.items() if k not in of_memory})
+    return with_values(start, dict(zip(PRIORS, np.exp(logs).tolist(), strict=True)))
 
 
 def _log_numbers(costs: Costs) -> Floats:

@@ -179,16 +179,12 @@ class Bridge:
         except SfglabError as error:
             self._complain(topic, type_name, str(error))
             return
-        try:
+        with contextlib.closing(subscription), contextlib.suppress(ClosedError):
             while True:
                 cdr, info = await subscription.take_with_info()
                 self.stage.lost[topic] = subscription.lost + subscription.dropped
                 self.stage.deliver(Arrival(topic, type_name, info.received_timestamp_ns, cdr))
                 self._wake.set()
-        except ClosedError:
-            return
-        finally:
-            subscription.close()
 
     def _complain(self, topic: str, type_name: str, why: str) -> None:
         for display in self._session.displays:

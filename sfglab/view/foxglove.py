@@ -148,14 +148,10 @@ class FoxgloveBridge(contextlib.AbstractAsyncContextManager["FoxgloveBridge"]):
         except SfglabError as error:
             self.left_out[topic] = str(error)
             return
-        try:
+        with contextlib.closing(subscription), contextlib.suppress(ClosedError):
             while True:
                 cdr, info = await subscription.take_with_info()
                 channel.log(bytes(cdr), log_time=info.received_timestamp_ns)
-        except ClosedError:
-            return
-        finally:
-            subscription.close()
 
 
 def layout_of_fleet(fleet: Fleet, *, frame: str = "map") -> str:

@@ -171,7 +171,6 @@ def open_canvas(to: Sequence[str], *, title: str = "sfglab", memory: str = "25%"
     recording = rr.RecordingStream(title, batcher_config=config)
     rr.set_log_time_enabled(False, recording=recording)
     rr.set_log_tick_enabled(False, recording=recording)
-    where = " and ".join(to)
     try:
         sinks = [sink for place in to if (sink := _sink(place, recording, memory)) is not None]
         if sinks:
@@ -180,7 +179,7 @@ def open_canvas(to: Sequence[str], *, title: str = "sfglab", memory: str = "25%"
         raise
     except (RuntimeError, ValueError, OSError) as error:
         _discard(to, emptied=True)
-        raise SinkError(f"{where} cannot be opened: {error}") from error
+        raise SinkError(f"{' and '.join(to)} cannot be opened: {error}") from error
     return RerunCanvas(recording, to)
 
 

@@ -13,7 +13,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from enum import Enum
 from importlib.metadata import EntryPoint, entry_points
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from sfglab.errors import InvalidValueError
 from sfglab.view.slot import Slot
@@ -25,8 +25,6 @@ if TYPE_CHECKING:
 
     from sfglab.qos import QoSProfile
     from sfglab.view.sync import SyncPolicy
-
-T = TypeVar("T")
 
 GROUP = "sfglab.visualizers"  #: The entry points' group.
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from functools import partial
 from typing import TYPE_CHECKING, Protocol
 
@@ -179,8 +179,8 @@ def wanted_topics(session: Session) -> frozenset[str]:
 
 def replay(arrivals: Iterable[Arrival], session: Session, surface: Surface) -> int:
     """Draw messages, and what changes with time between; return how many; SinkError if the surface ends."""
-    stage, count, last_ns = Stage(session), 0, None
-    try:
+    count, last_ns = 0, None
+    with closing(Stage(session)) as stage:
         for count, arrival in enumerate(arrivals, start=1):  # noqa: B007 - counts what was read
             for now_ns in _moments(last_ns, arrival.received_ns):
                 if (due := stage.tick(now_ns)) is not None:
@@ -189,8 +189,6 @@ def replay(arrivals: Iterable[Arrival], session: Session, surface: Surface) -> i
             stage.deliver(arrival)
             while (job := stage.ready()) is not None:
                 job(surface)
-    finally:
-        stage.close()
     return count
 
 

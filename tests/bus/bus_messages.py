@@ -16,9 +16,7 @@ def text(value):
 
 
 def response(value=""):
-    answer = default_message(service_type(SERVICE).response)
-    answer.success, answer.message = True, value
-    return answer
+    return default_message(service_type(SERVICE).response, success=True, message=value)
 
 
 def image(fill):

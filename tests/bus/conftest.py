@@ -6,12 +6,14 @@ import signal
 import sys
 import textwrap
 from contextlib import asynccontextmanager
+from functools import partial
 
+import psutil
 import pytest
+import waiting
 from toy_bus import ToyDomain
 from worlds import World
 
-_DEADLINE_S = 60
 _PREAMBLE = """
 import asyncio, json, sys
 import numpy as np
@@ -37,25 +39,18 @@ async def hear():
 @pytest.fixture
 def until():
     """Wait for a fact that nothing signals, with a deadline."""
-
-    async def wait(predicate):
-        async with asyncio.timeout(_DEADLINE_S):
-            while not predicate():
-                await asyncio.sleep(0.002)
-
-    return wait
+    return partial(waiting.until, every_s=0.002)
 
 
 class Child:
-    """Another Python process: `hear` what it says, `tell` it something, `kill` it."""
+    """Another Python process: `hear` what it says, `tell` it something, `stop` or `kill` it."""
 
     def __init__(self, process):
         self.process = process
         self.pid = process.pid
 
     async def hear(self):
-        async with asyncio.timeout(_DEADLINE_S):
-            line = await self.process.stdout.readline()
+        line = await asyncio.wait_for(self.process.stdout.readline(), waiting.DEADLINE_S)
         if not line:
             error = (await self.process.stderr.read()).decode()
             raise AssertionError(f"the child ended with {await self.process.wait()}:\n{error}")
@@ -65,14 +60,21 @@ class Child:
         self.process.stdin.write(json.dumps(values).encode() + b"\n")
         await self.process.stdin.drain()
 
+    async def stop(self):
+        """Make it stand still; until it does, it may acknowledge."""
+        self.process.send_signal(signal.SIGSTOP)
+        await waiting.until(lambda: psutil.Process(self.pid).status() == psutil.STATUS_STOPPED)
+
+    def go_on(self):
+        self.process.send_signal(signal.SIGCONT)
+
     async def kill(self):
         self.process.send_signal(signal.SIGKILL)
         await self.process.wait()
 
     async def end(self):
         self.process.stdin.close()
-        async with asyncio.timeout(_DEADLINE_S):
-            code = await self.process.wait()
+        code = await asyncio.wait_for(self.process.wait(), waiting.DEADLINE_S)
         assert code == 0, (await self.process.stderr.read()).decode()
 
 

@@ -11,6 +11,7 @@ from bus_messages import SERVICE, STRING, Request, String, connected, response, 
 from toy_bus import ToyDomain
 
 from sfglab import bus
+from sfglab.component import beside
 from sfglab.errors import InvalidValueError
 from sfglab.fleet.discovery.node import AgentDiscoverer, DiscoverySettings
 from sfglab.fleet.router.node import Router, RouterSettings
@@ -327,8 +328,7 @@ async def test_concurrent_calls_of_two_clients_get_their_own_answers(here, there
     service = there.create_service(SERVICE, "/s", answer)
     clients = [here.create_client(SERVICE, "/s"), there.create_client(SERVICE, "s")]
     calls = [client.call(Request()) for client in clients for _ in range(5)]
-    answers = [int(r.message) for r in await asyncio.gather(*calls)]
-    assert sorted(answers) == list(range(10))
+    assert sorted(int(r.message) for r in await asyncio.gather(*calls)) == list(range(10))
     assert (service.last_error, service.service_name) == (None, "/s")
 
 
@@ -449,20 +449,13 @@ async def test_a_discoverer_finds_an_agent_and_its_description_through_the_agent
             for domain, name in ((own, "near"), (own, "status"), (network, "far"), (network, "station"))
         ]
         found = AgentDiscoverer(station, DiscoverySettings(agent="station"), on_event=news.put_nowait)
-        components = [
-            Router(near, far, RouterSettings(agent="go2")),
-            StatusProvider(status, StatusSettings(agent="go2")),
-            found,
-        ]
-        tasks = [asyncio.create_task(component.run()) for component in components]
-        async with asyncio.timeout(60):
-            heard = await news.get()
-        assert (heard.agent, heard.event) == ("go2", "DISCOVERED")
-        assert found.status().counts["asked"] == 1
-        assert {e.node for e in station.graph.publishers("/global/agent_heartbeat")} == {"/far"}
-        for task in tasks:
-            task.cancel()
-        await asyncio.gather(*tasks, return_exceptions=True)
+        router = Router(near, far, RouterSettings(agent="go2"))
+        provider = StatusProvider(status, StatusSettings(agent="go2"))
+        async with beside(router.run(), provider.run(), found.run()):
+            heard = await asyncio.wait_for(news.get(), 60)
+            assert (heard.agent, heard.event) == ("go2", "DISCOVERED")
+            assert found.status().counts["asked"] == 1
+            assert {e.node for e in station.graph.publishers("/global/agent_heartbeat")} == {"/far"}
 
 
 @pytest.mark.live

@@ -2,8 +2,6 @@
 
 import asyncio
 import ctypes
-import os
-import signal
 import time
 from contextlib import asynccontextmanager
 
@@ -185,7 +183,7 @@ async def test_a_reader_that_stands_still_stops_its_sender_costs_no_image_and_ho
         async with child(listening, "slow", domain_id=pair_ids[1], lease_s=60.0) as slow:
             await slow.hear()
             await matched(until, deep)
-            os.kill(slow.pid, signal.SIGSTOP)
+            await slow.stop()
             stopped_at = 0
             for picture.step in range(count):
                 while True:
@@ -196,7 +194,7 @@ async def test_a_reader_that_stands_still_stops_its_sender_costs_no_image_and_ho
                         stopped_at = stopped_at or picture.step
                         other.publish(text("passes"))
                         assert (await fast.take(60)).data == "passes"
-                        os.kill(slow.pid, signal.SIGCONT)
+                        slow.go_on()
             assert 0 < stopped_at < 140, "96 wait in the reader, and a few elsewhere"
             assert (await slow.hear())["got"] == list(range(count))
             await until(lambda: forward.counts.forwarded == count)
@@ -264,7 +262,7 @@ async def test_a_reader_that_stands_still_costs_bounded_memory_and_the_others_go
     ):
         await other.hear()
         await matched(until, outlet, count=2)
-        os.kill(other.pid, signal.SIGSTOP)
+        await other.stop()
         before = psutil.Process().memory_info().rss
         for _ in range(200):  # 400 MB
             publisher.publish_raw(cdr)

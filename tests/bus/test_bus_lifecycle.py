@@ -2,7 +2,6 @@
 
 import asyncio
 import gc
-import signal
 import socket
 import threading
 import time
@@ -172,9 +171,7 @@ async def test_closing_a_publisher_waits_for_no_reader_that_acknowledges_nothing
     async with child(listener, "deaf", lease_s=10.0) as deaf:
         publisher = here.create_publisher(STRING, "/t")
         await publisher.wait_for_subscriptions(timeout_s=60)
-        deaf.process.send_signal(signal.SIGSTOP)
-        # Until it has stopped, it may acknowledge.
-        await until(lambda: psutil.Process(deaf.process.pid).status() == psutil.STATUS_STOPPED)
+        await deaf.stop()
         publisher.publish(text("x"))
         threads = set(threading.enumerate())
         publisher.close()
@@ -182,7 +179,7 @@ async def test_closing_a_publisher_waits_for_no_reader_that_acknowledges_nothing
         assert waiting.daemon, "an interpreter that ends does not wait either"
         await until(lambda: not waiting.is_alive())
         await until(lambda: here.graph.publishers("/t") == ())
-        deaf.process.send_signal(signal.SIGCONT)
+        deaf.go_on()
 
 
 # --- Another process.
@@ -204,8 +201,7 @@ async def test_a_publisher_with_more_readers_than_it_looks_at_still_counts_them(
 
 async def test_a_client_that_acknowledges_nothing_takes_no_answer_from_others(here, there, child, until):
     """Killed, stopped or ill-willed: until its lease ends a reliable writer that keeps all waits for it."""
-    response = default_message(service_type(SERVICE).response)
-    response.message = "x" * 4000
+    response = default_message(service_type(SERVICE).response, message="x" * 4000)
     service = here.create_service(SERVICE, "/agent/get_metadata", lambda _: response)
     listener = f"""
     client = node.create_client("{SERVICE}", "/agent/get_metadata")
@@ -215,11 +211,10 @@ async def test_a_client_that_acknowledges_nothing_takes_no_answer_from_others(he
     async with child(listener, "deaf", lease_s=1000.0) as deaf:
         client = there.create_client(SERVICE, "/agent/get_metadata")
         await until(lambda: len(service._pair.writer.matched_prefixes) == 2)
-        deaf.process.send_signal(signal.SIGSTOP)
-        await until(lambda: psutil.Process(deaf.process.pid).status() == psutil.STATUS_STOPPED)
+        await deaf.stop()
         for _ in range(300):
             assert len((await client.call(Request(), timeout_s=30)).message) == 4000
-        deaf.process.send_signal(signal.SIGCONT)
+        deaf.go_on()
 
 
 async def test_a_servers_death_is_a_timeout(here, child):

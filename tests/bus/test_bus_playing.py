@@ -1,9 +1,7 @@
 """A log is played to readers that are slower than it, and past one that stands still."""
 
 import asyncio
-import signal
 
-import psutil
 import pytest
 from bus_messages import text
 
@@ -47,30 +45,26 @@ def _play(live, tmp_path):
     return play
 
 
-async def stop_as_it_plays(child, until):
-    await child.hear()
-    child.process.send_signal(signal.SIGSTOP)
-    await until(lambda: psutil.Process(child.pid).status() == psutil.STATUS_STOPPED)
-
-
-async def test_who_was_stopped_for_longer_than_is_kept_has_all(play, child, until):
+async def test_who_was_stopped_for_longer_than_is_kept_has_all(play, child):
     async with child(LISTENER, "listener") as listener:
         await listener.hear()
         playing = asyncio.ensure_future(play())
-        await stop_as_it_plays(listener, until)
+        await listener.hear()
+        await listener.stop()
         await asyncio.sleep(STOPPED_S)
-        listener.process.send_signal(signal.SIGCONT)
+        listener.go_on()
         assert await playing == (COUNT, [])
         await listener.tell()
         assert (await listener.hear())["numbers"] == [*range(COUNT)]
 
 
-async def test_who_stands_still_is_told_and_waited_for_once(play, child, until, monkeypatch):
+async def test_who_stands_still_is_told_and_waited_for_once(play, child, monkeypatch):
     monkeypatch.setattr(recording, "_STANDS_STILL_S", 0.3)
     async with child(LISTENER, "listener", lease_s=1000.0) as listener:
         await listener.hear()
         playing = asyncio.ensure_future(play())
-        await stop_as_it_plays(listener, until)
+        await listener.hear()
+        await listener.stop()
         count, [said] = await playing
         assert count == COUNT
         assert said == "Topic '/counted': a subscription stands still, and is not waited for any more"

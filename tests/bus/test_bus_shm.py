@@ -195,9 +195,7 @@ async def test_the_death_of_a_publisher_leaves_held_messages_readable(here, chil
     node.create_publisher(Image, "/image")  # whose death the graph tells after its lease, too
     publisher = node.create_publisher(Image, "/image", transport="shm")
     await publisher.wait_for_subscriptions()
-    image = default_message(Image)
-    image.data = np.full(1000, 9, np.uint8)
-    publisher.publish(image)
+    publisher.publish(default_message(Image, data=np.full(1000, 9, np.uint8)))
     await hear()
     """
     async with child(writer, "writer", lease_s=1.0) as other:
@@ -271,8 +269,7 @@ async def test_a_peer_cannot_write_or_truncate_the_memory_and_nonsense_is_hung_u
         peer = wire.connect(address)
         peer.send(nonsense)
         peer.setblocking(True)
-        received = asyncio.to_thread(peer.recv, 10)
-        assert await asyncio.wait_for(received, 60) == b""
+        assert await asyncio.wait_for(asyncio.to_thread(peer.recv, 10), 60) == b""
         peer.close()
     publisher.publish(text("still there"))
     assert (await subscription.take(60)).data == "still there"
@@ -335,8 +332,7 @@ async def test_a_subscriber_refuses_hostile_datagrams_of_a_publisher(here):
     (link,) = subscription._reader._links.values()
     near, far = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     near.setblocking(False)
-    loop = asyncio.get_running_loop()
-    loop.remove_reader(link.sock.fileno())
+    asyncio.get_running_loop().remove_reader(link.sock.fileno())
     real, link.sock = link.sock, near
     far.send(b"\xff" * 32)
     subscription._reader._receive(link.gid, link)
@@ -347,10 +343,8 @@ async def test_a_subscriber_refuses_hostile_datagrams_of_a_publisher(here):
 
 
 async def test_keep_all_loses_nothing_within_the_memory_limit(here):
-    qos = QoSProfile(history=History.KEEP_ALL)
-    publisher, subscription = await pair(here, here, qos=qos)
+    publisher, subscription = await pair(here, here, qos=QoSProfile(history=History.KEEP_ALL))
     for number in range(1000):
         publisher.publish(text(number))
-    got = [int((await subscription.take(60)).data) for _ in range(1000)]
-    assert got == list(range(1000))
+    assert [int((await subscription.take(60)).data) for _ in range(1000)] == list(range(1000))
     assert subscription.dropped == 0

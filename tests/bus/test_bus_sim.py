@@ -209,8 +209,7 @@ def lossy(qos, *, count=400, **link):
         for number in range(count):
             publisher.publish(text(number))
             await asyncio.sleep(0.001)
-        got = [int(number) for number in await take_all(reader, 30)]
-        return got, reader.lost
+        return [int(number) for number in await take_all(reader, 30)], reader.lost
 
     return run_simulated(main, seed=5, link=LinkModel(**link))
 
@@ -274,8 +273,7 @@ async def test_a_sample_older_than_its_lifespan_does_not_reach_a_late_joiner(sim
     publisher.publish(text("old"))
     await asyncio.sleep(2)
     publisher.publish(text("new"))
-    late = sim.node("b").create_subscription(STRING, "/t", qos=LATCHED)
-    assert await take_all(late, 1) == ["new"]
+    assert await take_all(sim.node("b").create_subscription(STRING, "/t", qos=LATCHED), 1) == ["new"]
 
 
 # --- Faults.

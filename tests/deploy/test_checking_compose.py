@@ -140,8 +140,7 @@ BROKEN = [
 
 @pytest.mark.parametrize(("rule", "service", "changes", "words"), BROKEN)
 def test_every_mutation_is_caught_by_its_rule_in_clear_words(rule, service, changes, words):
-    says = failing(verdicts(with_service(service, **changes)))[rule]
-    assert words in says
+    assert words in failing(verdicts(with_service(service, **changes)))[rule]
 
 
 def test_every_rule_has_a_mutation_that_breaks_it():
@@ -167,8 +166,7 @@ def test_what_the_fleet_file_allows_is_allowed_and_variables_may_come_from_files
     assert failing(verdicts(usb)) == {}
     assert DEVICES in failing(verdicts(usb, deployment=replace(GO2, host=replace(GO2.host, devices=()))))
     values = with_service("agent", command=["$${HOME}", "${A}", "${B:-b}", "$C"])
-    found = failing(verdicts(values, **{"release.env": "A=1\nexport C=2\n"}))
-    assert found == {}
+    assert failing(verdicts(values, **{"release.env": "A=1\nexport C=2\n"})) == {}
 
 
 @pytest.mark.parametrize("accelerator", Accelerator)
@@ -204,8 +202,7 @@ KEYS = sorted({key for _, _, changes, _ in BROKEN for key in changes} | {"deploy
 def test_no_value_makes_a_rule_stumble(key, value, networks):
     values = project() | {"networks": networks}
     values["services"]["agent"][key] = value
-    found = verdicts(values)
-    assert {v.check for v in found} >= {rule.name for rule in RULES}
+    assert {v.check for v in verdicts(values)} >= {rule.name for rule in RULES}
 
 
 @pytest.mark.parametrize(

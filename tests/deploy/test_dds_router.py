@@ -191,8 +191,7 @@ def test_a_repeater_must_lead_to_itself():
 
 
 def test_what_only_deserves_attention_is_no_error():
-    config = changed(version="v4.0", specs={}, participants=[{"name": "a", "kind": "local"}])
-    findings = check(config)
+    findings = check(changed(version="v4.0", specs={}, participants=[{"name": "a", "kind": "local"}]))
     assert codes(findings) == set()
     assert codes(findings, Severity.WARNING) == {"version", "no-domain", "one-sided"}
     assert codes(findings, Severity.INFO) == {"history"}
@@ -251,8 +250,7 @@ def test_every_message_of_the_schema_becomes_a_finding_with_place_and_words(base
             target.pop(key, None)
         else:
             target[key] = copy.deepcopy(value)
-    document = Document(yaml.safe_dump(config), "r.yaml")
-    findings = check_shape(document, "dds-router")
+    findings = check_shape(Document(yaml.safe_dump(config), "r.yaml"), "dds-router")
     assert bool(findings) is not _validator("dds-router").is_valid(config)
     assert all(f.place.line and f.what and f.why and "schema (" not in f.what for f in findings)
 

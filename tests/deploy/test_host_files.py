@@ -58,8 +58,7 @@ def test_shellcheck_has_nothing_to_say_where_it_does_not_follow_what_scripts_rea
 def test_settings_say_to_a_shell_what_the_fleet_file_says(tmp_path):
     hostile = '$(touch broken)\'; touch "broken" `'
     odd = deployment(fleet=served_by("workstation", hostile))
-    settings = tmp_path / "settings.sh"
-    settings.write_text(host_files(odd)["hooks/settings.sh"].text, encoding="utf-8")
+    (tmp_path / "settings.sh").write_text(host_files(odd)["hooks/settings.sh"].text, encoding="utf-8")
     says = 'set -u; . ./settings.sh; printf "%s|" "$SFGLAB_AGENT" "$SFGLAB_TIME_SERVERS" "$SFGLAB_SERVES_TIME"'
     done = subprocess.run(["bash", "-c", says], cwd=tmp_path, capture_output=True, text=True, check=True)
     assert done.stdout == f"go2|workstation.local {hostile}|no|"

@@ -241,8 +241,7 @@ DIGEST = "sha256:" + "a" * 64
 
 
 def test_continued_lines_are_one_instruction():
-    text = GOOD + "COPY <<A <<B /x/\na\nA\nb\nB\nRUN true\n"
-    steps = parse_dockerfile(text)
+    steps = parse_dockerfile(GOOD + "COPY <<A <<B /x/\na\nA\nb\nB\nRUN true\n")
     assert [step.line for step in steps] == [2, 3, 4, 5, 8, 9, 10, 15]
     assert steps[3].value == 'true && echo "# not a comment"'
     stages = [("base", "${BASE}"), ("adapter", "base"), ("application", "adapter")]

@@ -1,20 +1,18 @@
 """Wheels that are the same twice, releases that say where they come from, the lock that robots get."""
 
-import contextlib
 import hashlib
 import os
 import shutil
 import subprocess
 import sys
 import textwrap
-import time
 import zipfile
 from pathlib import Path
 
-import psutil
 import pytest
 from esslingen import FILE, FLEET, LOCK, PROJECT, RELEASE
 from packaging.requirements import Requirement
+from waiting import lives, wait_until
 
 from sfglab import __version__
 from sfglab.deploy.deployment import deployment_of
@@ -119,12 +117,7 @@ def test_an_interrupted_build_ends_with_its_children(tmp_path, reason):
 
     with pytest.raises(reason):
         run_heard(["sh", "-c", f"sleep 60 & echo $! > {file}; echo started; wait"], interrupt)
-    child = int(file.read_text())
-    with contextlib.suppress(psutil.NoSuchProcess):  # killed, and gone as soon as somebody reaps it
-        deadline_s = time.monotonic() + 60
-        while (status := psutil.Process(child).status()) != psutil.STATUS_ZOMBIE:
-            assert time.monotonic() < deadline_s, status
-            time.sleep(0.01)
+    wait_until(lambda: not lives(int(file.read_text())))
 
 
 def test_wheels_are_fetched_for_the_other_machine_by_their_digests(wheel, tmp_path, monkeypatch):
@@ -222,8 +215,7 @@ def test_the_components_of_an_agent_need_nothing_else():
 
 
 def test_what_is_not_in_the_lock_is_refused_by_the_two_tests_above():
-    done = robot("import pandas")
-    assert "not in a robot's lock: pandas" in done.stderr
+    assert "not in a robot's lock: pandas" in robot("import pandas").stderr
 
 
 @pytest.mark.parametrize("python", PYTHONS)

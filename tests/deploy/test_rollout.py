@@ -104,8 +104,7 @@ def test_a_machine_keeps_its_latest_releases_and_no_more(tmp_path):
     machine = Local(folder=tmp_path)
     for number in range(KEPT + 3):
         install(bundle_of({"a": b"%d" % number}, f"{number}"), machine)
-        archive = tmp_path / f"opt/sfglab/go2/.releases/{number}.tar"
-        os.utime(archive, (number, number))
+        os.utime(tmp_path / f"opt/sfglab/go2/.releases/{number}.tar", (number, number))
     assert releases(machine, FOLDER) == tuple(str(n) for n in range(KEPT + 2, 2, -1))
 
 
@@ -115,8 +114,7 @@ def test_an_installation_that_was_cut_off_is_seen_and_the_next_one_completes_it(
     install(new, machine)
     (tmp_path / "opt/sfglab/go2" / MANIFEST).unlink()  # it is the last file of an archive
     (tmp_path / "opt/sfglab/go2/b").unlink()
-    plan = install(new, machine)
-    assert changes(plan) == {"a": Change.SAME, "b": Change.NEW}
+    assert changes(install(new, machine)) == {"a": Change.SAME, "b": Change.NEW}
     assert look_and_plan(machine, FOLDER, new).nothing
 
 

@@ -16,12 +16,11 @@ from itertools import product
 from pathlib import Path
 
 import pytest
+from commands import called
 from esslingen import LAB
-from typer.testing import CliRunner
 
 from sfglab.bus.dds.domain import DomainConfig, join
 from sfglab.bus.errors import DomainError
-from sfglab.cli import app
 from sfglab.deploy.errors import DeployError
 from sfglab.deploy.keystore import make_keystore
 from sfglab.deploy.permissions import global_rights, render_permissions
@@ -135,9 +134,9 @@ def test_a_folder_that_cannot_sign_is_refused_and_left_as_it_is(fault, tmp_path)
 
 
 def test_the_command_says_until_when_and_what_cannot_be_secured_is_refused(tmp_path, monkeypatch):
-    command = ["fleet", "security", "data/fleets/lab.yaml", "--out", str(tmp_path), "--days", "30"]
+    command = ("fleet", "security", "data/fleets/lab.yaml", "--out", str(tmp_path), "--days", "30")
     until = f"{datetime.now(UTC) + timedelta(days=30):%Y-%m-%d}"
-    assert f"go2                  new       until {until}\n" in CliRunner().invoke(app, command).output
+    assert f"go2                  new       until {until}\n" in called(*command)
     with pytest.raises(InvalidValueError, match="given 231, allowed: 0 to 230"):
         render_permissions(read_fleet("fleet: f\nagents: {a1: {domain: 231}}"), "a1", NOW, NOW)
     monkeypatch.setenv("ROS_SECURITY_ENABLE", "true")

@@ -194,16 +194,14 @@ def test_a_filter_that_denies_is_loose_or_one_sided_is_warned_of_and_lets_more_c
     assert codes(loose, Severity.WARNING) == {"loose-regex"}
     assert codes(loose) == {"namespace"}
     assert "also finds /tf_static" in next(f.why for f in loose if f.code == "loose-regex")
-    anchored = check_zenoh(bridge(allow={"publishers": ["/tf"]}, pub_max_frequencies=["^/tf$=10"]))
-    assert anchored == ()
+    assert check_zenoh(bridge(allow={"publishers": ["/tf"]}, pub_max_frequencies=["^/tf$=10"])) == ()
     half = check_zenoh(bridge(allow={"service_servers": [".*/reset"]}))
     assert codes(half, Severity.WARNING) == {"half-open"}
 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_every_list_that_differs_from_the_policy_is_found(kind):
-    text = render_zenoh_bridge(LAB, "go2")
-    config = json5.loads(text)
+    config = json5.loads(render_zenoh_bridge(LAB, "go2"))
     config["plugins"]["ros2dds"]["allow"][kind].append("/local/.*")
     found = [f for f in check_zenoh(json.dumps(config), policy=LAB.policy) if f.code == "policy"]
     assert [f.place.key for f in found] == [f"plugins.ros2dds.allow.{kind}"]

@@ -40,9 +40,8 @@ def rolled(settings: H264Settings, count: int) -> list:
 
 
 def packet_message(fields, header):
-    return message_type(FFMPEG)(
-        header=header, **asdict(fields) | {"data": np.frombuffer(fields.data, np.uint8)}
-    )
+    values = asdict(fields) | {"data": np.frombuffer(fields.data, np.uint8)}
+    return message_type(FFMPEG)(header=header, **values)
 
 
 async def everything(subscription) -> list:

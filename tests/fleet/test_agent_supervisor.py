@@ -85,8 +85,7 @@ async def running(*components, **options):
     async with beside(watched.agent.run()) as (watched.task,):
         yield watched
         watched.agent.stop()
-        async with asyncio.timeout(DEADLINE_S):
-            await watched.task
+        await asyncio.wait_for(watched.task, DEADLINE_S)
 
 
 async def test_a_killed_component_is_restarted_with_back_off_and_the_others_stay():

@@ -52,8 +52,7 @@ def test_every_mistake_of_the_broken_fleet_is_found_at_its_line_the_worst_first_
         if number > 1 and code
     }
     report = lint(load_fleet(BROKEN))
-    found = {(f.place.line, f.code) for f in report.findings}
-    assert marked <= found
+    assert marked <= {(f.place.line, f.code) for f in report.findings}
     assert len({code for _, code in marked}) >= 20
     assert report.exit_code == 1
     assert list(report.findings) == sorted(report.findings, key=lambda f: list(Severity).index(f.severity))
@@ -174,8 +173,7 @@ def test_a_policy_with_half_of_services_is_found_in_its_rules_and_in_every_servi
     rules = [r for r in ("rt/global/*", "rq/global/*", "rr/global/*") if r != missing]
     policy = f"policy: [{', '.join(rules)}]"
     calls = "calls: [/global/a1/reset], action_clients: [/global/a1/follow_path]"
-    uses = agents("serves: [/global/a1/reset]", calls)
-    report = report_of(uses, policy)
+    report = report_of(agents("serves: [/global/a1/reset]", calls), policy)
     assert one(report, "half-open-rule").place.key == f"policy[{len(rules) - 1}]"
     whats = " ".join(f.what for f in report.findings if f.code == "half-open")
     assert "service /global/a1/reset is half open: 1 of its 2" in whats
@@ -231,8 +229,7 @@ def test_with_one_domain_all_are_told_of_all_and_through_routers_only_what_is_wa
 
 
 def test_a_publisher_nobody_wants_is_not_shown_latched_ones_each_and_a_service_as_two_topics():
-    lonely = fleet_of(2, "publishes: [/global/shared/map]")
-    assert lonely.discovery.shown == {"a1": 0, "a2": 0}
+    assert fleet_of(2, "publishes: [/global/shared/map]").discovery.shown == {"a1": 0, "a2": 0}
     three = "publishes: [{name: /tf_static, qos: latched, count: 3}, {name: /tf, count: 3}]"
     heard = "subscribes: [{name: /tf_static, qos: latched}, /tf]"
     for uses, shown in (
@@ -299,8 +296,7 @@ names = st.sampled_from("abcdefgh")
 @given(st.lists(st.tuples(names, names), max_size=8))
 def test_every_frame_has_the_root_that_following_parents_finds_or_hangs_in_a_circle(pairs):
     frames = tuple(FrameSpec(child=c, parent=p, static=True) for c, p in pairs)
-    spec = AgentSpec(name="r1", domain=1, tf=FrameTree(frames=frames, prefix_frames=False))
-    edges = edges_of(spec)
+    edges = edges_of(AgentSpec(name="r1", domain=1, tf=FrameTree(frames=frames, prefix_frames=False)))
     parents = {e.child: e.parent for e in edges}
     roots = roots_of(edges)
     for frame in {*parents, *parents.values()}:

@@ -7,20 +7,16 @@ from cameras import FFMPEG, IMAGE, INFO, LOCAL, LOCAL_INFO, STREAM
 from sfglab.bus.api import EndpointAdded, EndpointInfo, EndpointKind, EndpointRemoved
 from sfglab.fleet.decoder.pipeline import image_bytes, image_prefix, write_image
 from sfglab.fleet.decoder.streams import RELAY, Demand, StreamError, routes_of_agent, routes_of_topic
-from sfglab.messages import default_message, deserialize, stamp_from_ns
+from sfglab.messages import default_message, deserialize
 from sfglab.qos import SENSOR_DATA
+from sfglab.spatial.poses import header_msg
 
 
 def metadata(topic: str = STREAM, **stream_fields):
-    stream = default_message("sfglab_interfaces/msg/StreamInfo")
-    stream.topic, stream.type = topic, FFMPEG
-    for name, value in stream_fields.items():
-        setattr(stream, name, value)
-    sensor = default_message("sfglab_interfaces/msg/SensorInfo")
-    sensor.streams = [stream]
-    whole = default_message("sfglab_interfaces/msg/AgentMetadata")
-    whole.agent, whole.sensors = "go2", [sensor]
-    return whole
+    fields = {"topic": topic, "type": FFMPEG} | stream_fields
+    stream = default_message("sfglab_interfaces/msg/StreamInfo", **fields)
+    sensor = default_message("sfglab_interfaces/msg/SensorInfo", streams=[stream])
+    return default_message("sfglab_interfaces/msg/AgentMetadata", agent="go2", sensors=[sensor])
 
 
 def test_a_stream_known_by_its_name_alone_is_offered_with_its_camera_info():
@@ -72,8 +68,7 @@ def test_an_agents_metadata_says_what_it_offers():
 )
 def test_an_image_written_in_two_parts_is_the_message_itself(shape, dtype, encoding):
     pixels = np.arange(np.prod(shape)).astype(dtype).reshape(shape)
-    header = default_message("std_msgs/msg/Header")
-    header.frame_id, header.stamp = "camera", stamp_from_ns(1_700_000_000_123_456_789)
+    header = header_msg("camera", 1_700_000_000_123_456_789)
     prefix = image_prefix(header, pixels, encoding)
     buffer = bytearray(len(prefix) + pixels.nbytes)
     write_image(buffer, prefix, pixels)

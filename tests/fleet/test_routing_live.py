@@ -160,8 +160,7 @@ async def test_an_unknown_type_crosses_two_routers_and_it_is_said(ids, caplog):
 async def test_routers_that_come_and_go_leave_nothing(ids):
     async def once():
         async with fleet(ids) as (one, two, _):
-            publisher = one.create_publisher(STRING, TOPIC, LATCHED)
-            publisher.publish(String(data="x"))
+            one.create_publisher(STRING, TOPIC, LATCHED).publish(String(data="x"))
             assert (await two.create_subscription(STRING, TOPIC, qos=LATCHED).take(60)).data == "x"
 
     def resources():
@@ -213,8 +212,7 @@ async def test_a_late_joiner_hears_no_state_from_before_a_router_was_killed_and_
         ):
             await until(lambda: "new" in known)
             assert await heard_late(1) == ["new"]
-            claimed = claimer.create_publisher(STRING, TOPIC, LATCHED)
-            claimed.publish(String(data="claimed"))
+            claimer.create_publisher(STRING, TOPIC, LATCHED).publish(String(data="claimed"))
             await until(lambda: "claimed" in known)
             # Who lives is not put aside by who claims its name.
             assert await heard_late(2) == ["claimed", "new"]
@@ -268,8 +266,7 @@ async def visit(near: Node, remote: int, guest_domain: int) -> None:
         publisher = guest.create_publisher(STRING, TOPIC, LATCHED)
         guest.create_subscription(STRING, f"/global/robot{near.backend.participant.config.domain_id}/x", DEEP)
         publisher.publish(String(data="here"))
-        async with asyncio.timeout(DEADLINE_S):
-            await heard.wait()
+        await until(heard.is_set)
         subscription.close()
 
 

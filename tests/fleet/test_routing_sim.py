@@ -2,8 +2,8 @@
 
 import asyncio
 from contextlib import asynccontextmanager
-from dataclasses import replace
 
+import pytest
 from cameras import behind_router
 
 from sfglab.bus.sim import LinkModel, run_simulated
@@ -13,6 +13,7 @@ from sfglab.messages import default_message
 
 STRING, METADATA = "std_msgs/msg/String", "sfglab_interfaces/srv/GetMetadata"
 AGENTS = ("a", "b", "c", "d")
+sim = pytest.fixture(lambda: {"limit_s": 1000})
 
 
 @asynccontextmanager
@@ -27,7 +28,7 @@ def test_nobody_loses_an_answer_because_its_router_was_heard_of_in_another_order
     async def main(world):
         async with fleet(world) as nodes:
             for agent, node in nodes.items():
-                response = replace(default_message(f"{METADATA}_Response"), message=f"I am {agent}")
+                response = default_message(f"{METADATA}_Response", message=f"I am {agent}")
                 node.create_service(METADATA, f"/global/{agent}/get_metadata", lambda _, r=response: r)
 
             async def ask(node, agent):
@@ -43,36 +44,29 @@ def test_nobody_loses_an_answer_because_its_router_was_heard_of_in_another_order
     assert answered == [sorted(3 * [f"I am {agent}" for agent in AGENTS])] * 20
 
 
-def test_the_status_is_told_at_every_change_and_every_five_seconds():
-    async def main(world):
-        told = []
-        near, far = (world.node("router", domain_id=domain) for domain in (7, 0))
-        settings = RouterSettings(agent="a")
-        router = Router(near, far, settings, on_status=lambda status: told.append((world.now_ns, status)))
-        async with beside(router.run()):
-            await asyncio.sleep(22)
-            quiet = len(told)
-            world.node("one", domain_id=7).create_subscription(STRING, "/global/x")
-            await asyncio.sleep(2)
-        return [round(time_ns / 1e9) for time_ns, _ in told[:quiet]], told[quiet:]
-
-    times, after = run_simulated(main, limit_s=1000)
-    assert times == [0, 5, 10, 15, 20]
-    ((_, status),) = after
+async def test_the_status_is_told_at_every_change_and_every_five_seconds(sim):
+    told = []
+    near, far = (sim.node("router", domain_id=domain) for domain in (7, 0))
+    settings = RouterSettings(agent="a")
+    router = Router(near, far, settings, on_status=lambda status: told.append((sim.now_ns, status)))
+    async with beside(router.run()):
+        await asyncio.sleep(22)
+        quiet = len(told)
+        sim.node("one", domain_id=7).create_subscription(STRING, "/global/x")
+        await asyncio.sleep(2)
+    assert [round(time_ns / 1e9) for time_ns, _ in told[:quiet]] == [0, 5, 10, 15, 20]
+    ((_, status),) = told[quiet:]
     (path,) = status.paths
     assert (path.topic, path.direction, path.readers, path.writers) == ("rt/global/x", "inward", 1, 0)
 
 
-def test_nothing_local_is_seen_on_the_network():
-    async def main(world):
-        async with fleet(world) as nodes:
-            watcher = world.node("watcher", host="w")
-            for node in nodes.values():
-                for topic in ("/local/x", "/scan", "/global/unwanted", "/global/wanted"):
-                    node.create_publisher(STRING, topic)
-                    node.create_subscription(STRING, topic.replace("un", ""))
-            watcher.create_subscription(STRING, "/scan")
-            await asyncio.sleep(20)
-            return {e.dds_topic for e in watcher.graph.endpoints() if e.user_data}
-
-    assert run_simulated(main, limit_s=1000) == {"rt/global/wanted"}
+async def test_nothing_local_is_seen_on_the_network(sim):
+    async with fleet(sim) as nodes:
+        watcher = sim.node("watcher", host="w")
+        for node in nodes.values():
+            for topic in ("/local/x", "/scan", "/global/unwanted", "/global/wanted"):
+                node.create_publisher(STRING, topic)
+                node.create_subscription(STRING, topic.replace("un", ""))
+        watcher.create_subscription(STRING, "/scan")
+        await asyncio.sleep(20)
+        assert {e.dds_topic for e in watcher.graph.endpoints() if e.user_data} == {"rt/global/wanted"}

@@ -432,9 +432,7 @@ async def test_nothing_is_kept_of_a_message_that_is_larger_than_its_process_take
         publisher = sender.create_publisher("std_msgs/msg/String", "/x", qos)
         await publisher.wait_for_subscriptions(1, 30)
         for size in (4 << 20, 1000, 20 << 20, 2000):
-            message = default_message("std_msgs/msg/String")
-            message.data = "x" * size
-            publisher.publish(message)
+            publisher.publish(default_message("std_msgs/msg/String", data="x" * size))
         assert [len((await heard.take(30)).data) for _ in range(2)] == [1000, 2000]
 
 

@@ -52,8 +52,7 @@ def test_the_scenario_as_printed_goes_by_robot_3_and_comes_home_with_the_sizes_a
 def test_over_a_dead_link_nobody_moves(method):
     run = experiment.SimulatedRun(of(method, medium=DEAD), 0, tracked="dead")
     assert run.run(limit_s=5.0).end == "timeout"
-    places = {(t.robot, t.x_m, t.y_m, t.heading_rad) for t in run.tracks}
-    assert len(places) == len(experiment.ROBOTS)
+    assert len({(t.robot, t.x_m, t.y_m, t.heading_rad) for t in run.tracks}) == len(experiment.ROBOTS)
 
 
 def test_the_same_seed_is_the_same_run_to_the_bit_and_another_one_is_not():

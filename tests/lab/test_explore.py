@@ -135,8 +135,7 @@ async def test_a_part_of_a_configuration_is_turned_within_what_follows_a_slider(
 @pytest.mark.parametrize("name", [name for name in EXPERIMENTS if experiment(name).setup.actors])
 def test_a_picture_of_the_set_up_names_every_host_and_process_and_what_is_sent(name):
     setup = experiment(name).setup
-    figure = draw_setup(setup)
-    said = " ".join(text.get_text() for text in figure.axes[0].texts)
+    said = " ".join(text.get_text() for text in draw_setup(setup).axes[0].texts)
     flat = " ".join(said.split())
     for actor in setup.actors:
         assert actor.name in flat

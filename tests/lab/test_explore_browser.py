@@ -4,7 +4,6 @@ import json
 import os
 import subprocess
 import sys
-import time
 from contextlib import closing, suppress
 from pathlib import Path
 from urllib.request import Request, urlopen
@@ -13,6 +12,7 @@ import psutil
 import pytest
 from lab_page import ANSWER_S, HANDLE, OPTIONS, run_all, write_notebook
 from machine import open_browser
+from waiting import wait_until
 
 from sfglab.lab.browser import free_port
 from sfglab.lab.paths import find_project
@@ -116,7 +116,7 @@ def lab(tmp_path_factory):
 def browser(lab):
     """One for each test: a page that is left may ask whether to save, and nobody would answer."""
     with closing(open_browser(1300, 1100)) as made:
-        until(lambda: served(f"{lab[1]}/api"))
+        wait_until(lambda: served(f"{lab[1]}/api"), ANSWER_S)
         yield made
 
 
@@ -131,17 +131,11 @@ def _run(lab, browser):
         run_all(browser)
 
     yield run
-    for session in json.loads(served(f"{address}/api/sessions")):
-        served(f"{address}/api/sessions/{session['id']}", "DELETE")
+    api = f"{address}/api"
+    for session in json.loads(served(f"{api}/sessions")):
+        served(f"{api}/sessions/{session['id']}", "DELETE")
     # The next notebook of this name would be given a kernel that is about to end, and never be ready.
-    until(lambda: served(f"{address}/api/sessions") == served(f"{address}/api/kernels") == b"[]")
-
-
-def until(holds):
-    end = time.monotonic() + ANSWER_S
-    while not holds():
-        assert time.monotonic() < end, "it did not come to that"
-        time.sleep(0.05)
+    wait_until(lambda: served(f"{api}/sessions") == served(f"{api}/kernels") == b"[]", ANSWER_S)
 
 
 def served(address, method="GET"):
@@ -201,7 +195,7 @@ def test_a_live_run_is_stopped_from_the_page_and_leaves_nothing(run, browser, la
     browser.wait_for(PICTURE, ANSWER_S)
     before, folders = descendants(), set((folder / "tmp").iterdir())
     browser.press("Run all")
-    until(lambda: len(descendants() - before) > 3)  # the run's process, a camera, subscribers
+    wait_until(lambda: len(descendants() - before) > 3, ANSWER_S)  # the run's process, a camera, subscribers
     browser.press("Stop")
     browser.wait_for(SAYS % "stopped; nothing was kept", ANSWER_S)
     assert descendants() <= before

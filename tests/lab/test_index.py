@@ -46,8 +46,7 @@ def test_every_figure_has_a_sentence_that_says_what_it_shows(name):
 
 
 def test_pictures_carry_their_text_into_the_notebook(tmp_path):
-    run = reference(experiment("naming"))
-    _, metadata = notebook.picture(run, "naming_schema")._repr_png_()
+    _, metadata = notebook.picture(reference(experiment("naming")), "naming_schema")._repr_png_()
     assert metadata == {"alt": experiment("naming").caption("naming_schema")}
     output = nbformat.v4.new_output("display_data", {"image/png": ""}, metadata={"image/png": metadata, "x": 1})
     made = nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell("a", outputs=[output])])

@@ -109,8 +109,7 @@ def test_the_ledger_is_exact_for_any_tree_whose_parents_wait(data):
 
 
 def test_a_tree_holds_roots_and_all_descendants_that_exist():
-    parents = {1: 0, 2: 1, 3: 2, 4: 1, 9: 0}
-    assert tree(parents, [2, 9, 77]) == {2, 3, 9}
+    assert tree({1: 0, 2: 1, 3: 2, 4: 1, 9: 0}, [2, 9, 77]) == {2, 3, 9}
 
 
 # Real processes

@@ -158,8 +158,7 @@ def test_the_figure_shows_what_is_heard_what_leaks_and_what_is_missing(tmp_path)
     assert cells["rt/tf2", 0].color == SILENT
     assert cells["rt/tf2", 1].color == HEARD
     assert cells["rq/global/<agent>/get_metadataRequest", 0].heard == 1
-    drawn = exp.figures(run)
-    figure, twin = drawn["routing_border"]
+    figure, twin = exp.figures(run)["routing_border"]
     assert figure.axes
     assert twin["heard"]["agent_1"]["rt/tf2 in D_2"] == 0.3
     assert twin == exp.figures(run)["routing_border"][1]

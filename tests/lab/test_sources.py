@@ -36,8 +36,7 @@ def test_photographs_move_and_are_the_same_for_the_same_seed():
 def test_the_stereo_pair_gives_depth_from_its_measured_disparity():
     from skimage import data
 
-    frame = frames("stereo", 1)[0]
-    depth = frame.depth_mm
+    depth = frames("stereo", 1)[0].depth_mm
     assert depth.shape == (360, 640)
     assert depth.dtype == np.uint16
     _, _, disparity = data.stereo_motorcycle()

@@ -63,15 +63,13 @@ def test_curves_are_those_of_the_run_s_own_constants(run):
     assert stage.costs_of(turned).memory.read_latency_cycles == 60.0
     at = run["curve"][run["curve"]["message_bytes"] == run.config.message_bytes]
     assert set(at["subscribers"]) == {run.config.subscribers}
-    sizes = [run.config.message_bytes]
-    expected = speed_ups(subscribers=[run.config.subscribers], sizes_bytes=sizes)
+    expected = speed_ups(subscribers=[run.config.subscribers], sizes_bytes=[run.config.message_bytes])
     assert at["smt_s"].tolist() == pytest.approx([one.smt_s for one in expected])
 
 
 def test_the_committed_constants_are_what_the_run_s_own_fits_find(run):
     assert (run["refit"]["farthest"] > 1.5).all()
-    best = run["refit"].groupby("model")["shift"].min()
-    assert (best < 0.001).all()
+    assert (run["refit"].groupby("model")["shift"].min() < 0.001).all()
     fitted = run["constant"]
     assert np.allclose(fitted["refitted"], fitted["value"], rtol=0.001)
 

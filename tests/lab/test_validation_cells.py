@@ -86,8 +86,7 @@ def test_shares_are_those_of_the_cells_that_kept_their_schedule(tmp_path):
 
 def test_a_cell_is_played_as_often_as_its_own_scatter_asks():
     calm, bistable = (validation.committed_cells()[number] for number in (2, 10))
-    often = [validation.repeats_of(cell, 8.0, 5) for cell in (calm, bistable)]
-    assert often == [1, 5]
+    assert [validation.repeats_of(cell, 8.0, 5) for cell in (calm, bistable)] == [1, 5]
     assert validation.repeats_of(bistable, 8.0, 1) == 1
 
 

@@ -71,8 +71,7 @@ def test_a_perfect_recording_passes_and_whatever_is_changed_in_it_is_found(parts
         assert wrong(check_visualizers(tuple(parts), changed(perfect, part, content=values))) == [part.kind]
         late = changed(perfect, part, capture_ns=7)
         assert wrong(check_visualizers(tuple(parts), late)) == [part.kind]
-        missing = {**perfect, part.place: []}
-        assert wrong(check_visualizers(tuple(parts), missing)) == [part.kind]
+        assert wrong(check_visualizers(tuple(parts), {**perfect, part.place: []})) == [part.kind]
         twice = {key: rows * 2 for key, rows in perfect.items()}
         assert len(wrong(check_visualizers(tuple(parts), twice))) == len(parts)
 
@@ -82,8 +81,7 @@ def test_what_the_bus_shows_otherwise_than_the_log_is_found(parts):
     assert wrong(check_sources(tuple(parts), logged, logged)) == []
     other = changed(logged, image, content=np.asarray(image.expected[1]))
     assert wrong(check_sources(tuple(parts), logged, other)) == ["image"]
-    less = {**logged, image.place: []}
-    assert wrong(check_sources(tuple(parts), logged, less)) == ["image"]
+    assert wrong(check_sources(tuple(parts), logged, {**logged, image.place: []})) == ["image"]
 
 
 def test_a_plugin_that_breaks_others_would_be_found(tmp_path, monkeypatch):

@@ -17,10 +17,7 @@ SENSORS = [f"sensor_msgs/msg/{name}" for name in ("PointCloud2", "Imu", "Image",
 
 
 def image(pixels):
-    message = default_message("sensor_msgs/msg/Image")
-    message.height, message.width, message.encoding = 1, pixels.size, "mono8"
-    message.data = pixels
-    return message
+    return default_message(IMAGE, height=1, width=pixels.size, encoding="mono8", data=pixels)
 
 
 def test_golden_bytes_of_an_agent_heartbeat_and_big_endian_is_read():
@@ -71,8 +68,7 @@ def test_arrays_are_read_only_views_of_any_buffer(container):
     assert np.shares_memory(pixels, np.frombuffer(data, np.uint8))
     assert not pixels.flags.writeable
     assert pixels.tolist() == list(range(251))
-    wide = default_message(NUMBERS)
-    wide.data = np.linspace(0, 1, 7)
+    wide = default_message(NUMBERS, data=np.linspace(0, 1, 7))
     cdr = serialize(wide)
     read = deserialize(cdr, type(wide)).data
     assert np.shares_memory(read, np.frombuffer(cdr, np.uint8))
@@ -156,8 +152,7 @@ def test_a_foreign_definition_decodes_its_messages_and_ours_decode_like_our_type
     for name in ("sfglab_interfaces/msg/AgentMetadata", "sfglab_interfaces/srv/GetMetadata_Request"):
         cdr = serialize(random_message(rng, name))
         read = decoder_from_definition(name, messages.definition(name))(cdr)
-        again = deserialize(cdr, name)
-        assert repr(read) == repr(again)
+        assert repr(read) == repr(deserialize(cdr, name))
 
 
 @pytest.mark.parametrize("text", ["int32", "other_pkg/Missing x\n", "int32 x\nint32 x y\n"])

@@ -8,12 +8,12 @@ import sys
 from importlib import resources
 
 import pytest
-from typer.testing import CliRunner
+from commands import called
 
 import sfglab
 from sfglab import messages
 from sfglab.bus.dds.forwarder import _opaque
-from sfglab.cli import app
+from sfglab.errors import SfglabError
 from sfglab.messages import MessageError, message_type, message_types, register_interfaces
 from sfglab.messages.store import INTERFACES_VARIABLE
 
@@ -57,8 +57,7 @@ def test_a_folder_of_packages_is_registered_without_what_we_do_not_have(workspac
     assert message_type("user_msgs_b/msg/Side").LEFT == 1
     assert messages.service_type("user_msgs_b/srv/Open").request.__msgtype__ == "user_msgs_b/srv/Open_Request"
     assert messages.action_type("user_msgs_b/action/Grasp").goal.__msgtype__ == "user_msgs_b/action/Grasp_Goal"
-    left_out = sorted(record.args[0].name for record in caplog.records)
-    assert left_out == ["Ask.srv", "Wide.msg"]
+    assert sorted(record.args[0].name for record in caplog.records) == ["Ask.srv", "Wide.msg"]
     assert not {WIDE, "user_msgs_a/srv/Ask_Request", "user_msgs_a/srv/Ask_Response"} & set(message_types())
 
 
@@ -68,8 +67,8 @@ def test_types_given_to_a_command_are_known_to_it_and_to_the_processes_it_starts
     texts = {"user_msgs_c/msg/One.msg": "int32 x\n", "user_msgs_d/msg/Two.msg": "user_msgs_c/One one\n"}
     first, second = (written(tmp_path, texts) / name.partition("/")[0] for name in names)
     both = ["--interfaces", str(first), "--interfaces", str(second)]
-    done = CliRunner().invoke(app, ["router", "--domain", "0", *both])
-    assert "domain on both sides" in str(done.exception)
+    with pytest.raises(SfglabError, match="domain on both sides"):
+        called("router", "--domain", "0", *both)
     assert set(names) <= set(message_types())
     code = f"from sfglab.messages import message_type; print(*map(message_type, {names}))"
     child = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
@@ -79,9 +78,10 @@ def test_types_given_to_a_command_are_known_to_it_and_to_the_processes_it_starts
 
 @pytest.mark.parametrize("command", [["agent", "up"], ["router"], ["view"]])
 def test_commands_that_meet_types_of_users_say_what_is_wrong_with_them(tmp_path, command):
-    done = CliRunner().invoke(app, [*command, "--interfaces", str(tmp_path)])
+    with pytest.raises(SfglabError) as refused:
+        called(*command, "--interfaces", str(tmp_path))
     said = "given no .msg, .srv or .action file, allowed are those of a package"
-    assert str(done.exception) == f"{tmp_path}: {said}"
+    assert str(refused.value) == f"{tmp_path}: {said}"
 
 
 def test_a_router_warns_once_of_an_interface_that_it_does_not_know_and_names_the_cure(caplog):
@@ -95,9 +95,8 @@ def test_a_router_warns_once_of_an_interface_that_it_does_not_know_and_names_the
 
 
 def test_our_interfaces_are_written_as_a_package_of_ament(tmp_path):
-    done = CliRunner().invoke(app, ["interfaces", str(tmp_path)])
     package = tmp_path / "sfglab_interfaces"
-    assert done.output == f"{package}\n"
+    assert called("interfaces", str(tmp_path)) == f"{package}\n"
     ours = resources.files("sfglab.messages") / "interfaces" / "sfglab_interfaces"
     kinds = [ours / kind for kind in ("msg", "srv", "action")]
     files = {f"{kind.name}/{file.name}": file.read_text() for kind in kinds for file in kind.iterdir()}
@@ -112,5 +111,5 @@ def test_our_interfaces_are_written_as_a_package_of_ament(tmp_path):
     assert all(f'  "{name}"\n' in cmake for name in files)
     assert all(f"find_package({name} REQUIRED)" in cmake for name in depends)
     (tmp_path / "file").touch()
-    refused = CliRunner().invoke(app, ["interfaces", str(tmp_path / "file")])
-    assert "not a directory" in str(refused.exception)
+    with pytest.raises(SfglabError, match="not a directory"):
+        called("interfaces", str(tmp_path / "file"))

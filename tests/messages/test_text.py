@@ -28,8 +28,7 @@ def test_what_is_printed_of_any_type_is_read_back():
 
 
 def test_long_values_are_cut_or_described_as_ros2_does():
-    message = default_message(JOINTS)
-    message.name, message.position = ["shoulder", "elbow"], np.arange(3.0)
+    message = default_message(JOINTS, name=["shoulder", "elbow"], position=np.arange(3.0))
     message.header.frame_id = "abcde"
     cut = values_of(message, Style(truncate_length=2))
     assert (cut["header"]["frame_id"], cut["name"]) == ("ab...", ["sh...", "el..."])

@@ -87,8 +87,7 @@ def run_through(project, name):
 
 
 def test_every_notebook_is_known_and_the_index_reports_on_all():
-    names = [path.stem for path in find_notebooks(Project(root=ROOT))]
-    assert names == [*sorted(FIGURES), INDEX]
+    assert [path.stem for path in find_notebooks(Project(root=ROOT))] == [*sorted(FIGURES), INDEX]
     assert len(FIGURES) == len(EXPERIMENTS)
 
 

@@ -2,9 +2,10 @@ import numpy as np
 import pytest
 from meter_rows import MeterRow
 
-from sfglab.messages import default_message, serialize, stamp_from_ns
+from sfglab.messages import default_message, serialize
 from sfglab.qos import LATCHED, QoSProfile, Reliability
 from sfglab.record import LogWriter
+from sfglab.spatial.poses import header_msg
 
 
 @pytest.fixture
@@ -23,11 +24,9 @@ def image():
     """A function from a stamp to an image whose pixels do not compress."""
 
     def make(stamp_ns, height=36, width=64):
-        message = default_message("sensor_msgs/msg/Image")
-        message.header.stamp = stamp_from_ns(stamp_ns)
-        message.height, message.width, message.step, message.encoding = height, width, 3 * width, "rgb8"
-        message.data = np.frombuffer(np.random.default_rng(stamp_ns).bytes(3 * height * width), np.uint8)
-        return message
+        shape = {"height": height, "width": width, "step": 3 * width, "encoding": "rgb8"}
+        data = np.frombuffer(np.random.default_rng(stamp_ns).bytes(3 * height * width), np.uint8)
+        return default_message("sensor_msgs/msg/Image", header=header_msg("", stamp_ns), data=data, **shape)
 
     return make
 

@@ -6,16 +6,16 @@ import sqlite3
 import numpy as np
 import pytest
 import yaml
+from commands import called
 from rosbags.rosbag1 import Writer as Writer1
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, Reader, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
-from typer.testing import CliRunner
 
-from sfglab.cli import app
 from sfglab.messages import CdrError, default_message, message_type, serialize
 from sfglab.qos import LATCHED
 from sfglab.record import LogError, LogReader, LogWriter
 from sfglab.record.metadata import rosbags_qos
+from sfglab.spatial import Pose, StampedTransform
 from sfglab.view.arrivals import decoded, open_log
 
 STRING = "std_msgs/msg/String"
@@ -29,11 +29,8 @@ SECOND = 10**9
 
 
 def transforms(parent, child):
-    message = default_message(TRANSFORMS)
-    one = default_message("geometry_msgs/msg/TransformStamped")
-    one.header.frame_id, one.child_frame_id, one.transform.rotation.w = parent, child, 1.0
-    message.transforms.append(one)
-    return message
+    one = StampedTransform(parent=parent, child=child, stamp_ns=0, pose=Pose())
+    return message_type(TRANSFORMS)(transforms=[one.to_msg()])
 
 
 def as_humble_has_it(path, storage):
@@ -110,17 +107,15 @@ def test_a_bag_is_a_log(bag):
 def test_commands_take_bags(bag, tmp_path):
     path, _ = bag
     for target in (path, *path.glob("*.db3"), *path.glob("*.mcap")):
-        linted = CliRunner().invoke(app, ["frames", "lint", str(target), "--root", "map", "--agents", "go2"])
-        assert "3 frames" in linted.output, linted
-        listed = CliRunner().invoke(app, ["log", str(target)])
-        assert f"/thing      {OWN}" in listed.output
-        mapped = CliRunner().invoke(app, ["map", str(target), "--out", str(tmp_path / "graph.yaml")])
-        assert mapped.exit_code == 0
+        linted = called("frames", "lint", str(target), "--root", "map", "--agents", "go2")
+        assert "3 frames" in linted
+        assert f"/thing      {OWN}" in called("log", str(target))
+        called("map", str(target), "--out", str(tmp_path / "graph.yaml"))
         drawn = yaml.safe_load((tmp_path / "graph.yaml").read_text())["topics"]
         assert drawn["/range"]["type"] == RANGE
         assert drawn["/range"]["rate_hz"] == 1
-        seen = CliRunner().invoke(app, ["view", str(target), "--to", str(tmp_path / "seen.rrd")])
-        assert "2 displays, 6 updates shown" in seen.output.split("\n")
+        seen = called("view", str(target), "--to", str(tmp_path / "seen.rrd"))
+        assert "2 displays, 6 updates shown" in seen.split("\n")
         with open_log(target) as log:
             shown = [(entry.topic, decoded(entry)) for entry in log.arrivals(["/tf", "/range"])]
         assert [topic for topic, _ in shown].count("/tf") == 3
@@ -179,8 +174,7 @@ def test_what_is_no_bag_is_one_sentence(tmp_path, name):
 def test_what_we_record_is_read_with_the_types_of_jazzy(tmp_path):
     """`test_interoperation` has the definitions of the log; these are a distribution's own."""
     rng = np.random.default_rng(3)
-    image = default_message("sensor_msgs/msg/Image")
-    image.data = rng.integers(0, 256, 99, np.uint8)
+    image = default_message("sensor_msgs/msg/Image", data=rng.integers(0, 256, 99, np.uint8))
     given = {"/tf": transforms("map", "go2/odom"), "/image": image}
     with LogWriter(tmp_path / "run.mcap") as log:
         for topic, message in given.items():

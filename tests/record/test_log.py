@@ -277,9 +277,8 @@ def test_threads_may_share_a_writer(path, meter_row):
 def log(tmp_path):
     with LogWriter(tmp_path / "a.mcap") as writer:
         for second in range(4):
-            scan = default_message("sensor_msgs/msg/LaserScan")
+            scan = default_message("sensor_msgs/msg/LaserScan", ranges=np.full(20, second + 0.5, np.float32))
             scan.header.frame_id = "<b>"
-            scan.ranges = np.full(20, second + 0.5, np.float32)
             writer.write("/scan", scan, log_time_ns=second * 500_000_000)
     with LogReader(tmp_path / "a.mcap") as reader:
         yield reader

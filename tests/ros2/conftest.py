@@ -13,10 +13,9 @@ from pathlib import Path
 import features
 import pytest
 from beside import started
-from typer.testing import CliRunner
+from commands import called
 
 from sfglab.bus.ros.services import PYTHON_VARIABLE
-from sfglab.cli import app
 from sfglab.lab import ros2
 from sfglab.lab.hosts import Network
 from sfglab.messages import definition
@@ -92,7 +91,7 @@ def network(request):
 def own_types(distribution, tmp_path):
     """The ``PYTHONPATH`` on which rclpy finds tf2_msgs and our own interfaces; made when it is missing."""
     found = ros2.distributions()[distribution]
-    CliRunner().invoke(app, ["interfaces", str(tmp_path)])
+    called("interfaces", str(tmp_path))
     packages = [_package_of_transforms(tmp_path), tmp_path / "sfglab_interfaces"]
     files = [Path(__file__).with_name("typesupport.py"), *sorted(f for p in packages for f in p.rglob("*.*"))]
     digest = sha256(b"".join(file.read_bytes() for file in files if file.is_file())).hexdigest()[:16]

@@ -115,10 +115,8 @@ async def test_pictures_come_back_whole(peer, domain_id):
     rng = np.random.default_rng(21)
     given = []
     for _ in range(PICTURES):
-        picture = default_message(kind)
-        picture.height, picture.width, picture.step, picture.encoding = 480, 640, 3 * 640, "rgb8"
-        picture.data = rng.integers(0, 256, 480 * 640 * 3, np.uint8)
-        given.append(picture)
+        data = rng.integers(0, 256, 480 * 640 * 3, np.uint8)
+        given.append(default_message(kind, height=480, width=640, step=3 * 640, encoding="rgb8", data=data))
     back, own = [], {"durability": "transient_local", "depth": PICTURES}
     async with peer() as ros, Node("us", domain_id=domain_id) as node:
         node.create_subscription(kind, "/back/sensor_msgs_msg_Image", back.append, qos)
@@ -200,8 +198,7 @@ async def test_each_side_sees_the_other_in_its_graph_and_sees_it_go(peer, domain
 
 @pytest.mark.feature("Bytes behind a message, as rclpy sends serialised ones")
 async def test_bytes_behind_a_message_do_not_matter(peer, domain_id):
-    message = default_message(STRING)
-    message.data = "three"
+    message = default_message(STRING, data="three")
     heard = []
     async with peer() as ros, Node("us", domain_id=domain_id) as node:
         node.create_subscription(STRING, "/padded", lambda m: heard.append(m.data), OURS_LATCHED)

@@ -185,8 +185,7 @@ IMAGES, IMAGE_BYTES = 60, 640 * 480 * 3
     condition="reliable, or `net.core.rmem_default` raised",
 )
 async def test_images_arrive_across_two_routers(network, peer):
-    image = default_message(IMAGE)
-    image.data = np.zeros(IMAGE_BYTES, np.uint8)
+    image = default_message(IMAGE, data=np.zeros(IMAGE_BYTES, np.uint8))
     async with agents(network, peer, DOMAINS, offers=True) as ros:
         await all_arrive(ros, IMAGE, serialize(image).hex(), times=IMAGES, rate_hz=30)
 

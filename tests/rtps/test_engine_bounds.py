@@ -145,8 +145,7 @@ def test_samples_come_in_order_after_their_publication_and_every_loss_has_a_plac
 
 
 def test_a_shallow_reader_of_a_deep_writer_loses_in_its_own_history_what_waits_behind_a_gap():
-    fate = run(DEEP_WRITER, seed=0).flows["a"].fate
-    assert (fate == Fate.LATE).sum() > 500
+    assert (run(DEEP_WRITER, seed=0).flows["a"].fate == Fate.LATE).sum() > 500
 
 
 @pytest.mark.parametrize("rate_hz", [4e8, 7e8, 1e9])

@@ -66,8 +66,7 @@ def test_a_heartbeat_rides_with_the_same_sample_as_on_real_fast_dds(size_bytes, 
     ],
 )
 def test_heartbeats_of_900_samples_are_those_of_real_fast_dds(preset, before, acknacks):
-    vendor = replace(PRESETS[preset], sent_before_bytes=before)
-    counts = outcome(vendor, LOSSLESS, depth=1000).counts
+    counts = outcome(replace(PRESETS[preset], sent_before_bytes=before), LOSSLESS, depth=1000).counts
     assert acknacks[0] <= counts["acknack"] <= acknacks[1]
 
 

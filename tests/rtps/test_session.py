@@ -40,8 +40,7 @@ def test_in_steps_it_is_the_same_run_as_at_once():
     assert at_once.counts == stepwise.counts
     for name, flow in at_once.flows.items():
         assert np.array_equal(flow.received_ns, stepwise.flows[name].received_ns)
-        times = [d.now_ns for d in heard if d.flow == name]
-        assert times == flow.received_ns[flow.delivered].tolist()
+        assert [d.now_ns for d in heard if d.flow == name] == flow.received_ns[flow.delivered].tolist()
 
 
 def test_values_set_from_outside_are_what_arrives_and_what_the_cache_compares():
@@ -60,8 +59,7 @@ def test_values_set_from_outside_are_what_arrives_and_what_the_cache_compares():
 def test_an_answer_is_published_now_and_arrives():
     up = Flow(name="up", source="robot1", target="station", rate_hz=10)
     down = Flow(name="down", source="station", target="robot1")
-    scenario = Scenario(flows=(up, down), medium=Medium(loss=0.0), duration_s=2)
-    session = Session(scenario, seed=0)
+    session = Session(Scenario(flows=(up, down), medium=Medium(loss=0.0), duration_s=2), seed=0)
     answered, heard = [], []
     while session.now_ns < 3 * S:
         delivery = session.advance(3 * S)

@@ -28,39 +28,37 @@ def sections(parser, kind):
     return {title.split("@")[1]: dict(parser[title]) for title in parser.sections() if title.startswith(kind)}
 
 
-@pytest.fixture(scope="module")
-def example():
-    return read(build_cfg(map_communication(load_graph(GRAPHS / "figure_8.yaml")).gateways, name="Fig. 8"))
+FIGURE_8 = map_communication(load_graph(GRAPHS / "figure_8.yaml"))
+EXAMPLE = read(build_cfg(FIGURE_8.gateways, name="Fig. 8"))
 
 
-def test_each_gateway_has_a_slot_and_joins_stream_and_topic_on_the_paper_s_board(example):
-    found = sections(example, "ROSGateway")
+def test_each_gateway_has_a_slot_and_joins_stream_and_topic_on_the_paper_s_board():
+    found = sections(EXAMPLE, "ROSGateway")
     joined = {"HWTopic": '"A"', "SWTopic": '"A"', "MsgType": "sensor_msgs/Image"}
     assert found["gateway_A"] == {"Slot": "Gateways(0)", **joined}
     assert [gateway["Slot"] for gateway in found.values()] == ["Gateways(0)", "Gateways(1)", "Gateways(2)"]
-    assert sections(example, "HwSlot")["Gateways(0:2)"] == {"Id": "8", "Clock": "System"}
-    assert example["General"]["Name"] == "Fig_8"
-    assert example["General"]["TargetPart"] == "xczu7ev-ffvc1156-2-e"
-    assert example["Clock@System"]["ClockFreq"] == "100000000"
+    assert sections(EXAMPLE, "HwSlot")["Gateways(0:2)"] == {"Id": "8", "Clock": "System"}
+    assert EXAMPLE["General"]["Name"] == "Fig_8"
+    assert EXAMPLE["General"]["TargetPart"] == "xczu7ev-ffvc1156-2-e"
+    assert EXAMPLE["Clock@System"]["ClockFreq"] == "100000000"
 
 
-def test_each_hardware_node_has_a_thread_in_a_slot_of_its_own(example):
-    threads, slots = sections(example, "ReconosThread"), sections(example, "HwSlot")
+def test_each_hardware_node_has_a_thread_in_a_slot_of_its_own():
+    threads, slots = sections(EXAMPLE, "ReconosThread"), sections(EXAMPLE, "HwSlot")
     assert set(threads) == {f"n{name}" for name in ("1", "2", "3", "4", "5", "7", "10", "11")}
     assert len({slot["Id"] for slot in slots.values()}) == len(slots) == 9
     for thread in threads.values():
         assert thread["Slot"].replace("(*)", "(0:0)") in slots
-        assert thread["ResourceGroup"] in sections(example, "ResourceGroup")
+        assert thread["ResourceGroup"] in sections(EXAMPLE, "ResourceGroup")
 
 
-def test_a_topic_in_hardware_or_at_a_gateway_is_a_stream_and_one_in_software_a_message(example):
-    assert sections(example, "ResourceGroup")["R_n2"] == {
+def test_a_topic_in_hardware_or_at_a_gateway_is_a_stream_and_one_in_software_a_message():
+    assert sections(EXAMPLE, "ResourceGroup")["R_n2"] == {
         "node": 'rosnode, "2"',
         "sub_A": 'rossub, node, sensor_msgs/Image, "A", hw',
         "pub_B": 'rospub, node, sensor_msgs/Image, "B", hw',
     }
-    in_software = map_communication(load_graph(GRAPHS / "figure_8.yaml")).software
-    assert sections(read(build_cfg(in_software)), "ResourceGroup")["R_n2"] == {
+    assert sections(read(build_cfg(FIGURE_8.software)), "ResourceGroup")["R_n2"] == {
         "node": 'rosnode, "2"',
         "sub_A_msg": "rosmsg, sensor_msgs, msg, Image",
         "sub_A": 'rossub, node, sub_A_msg, "A", 10000',

@@ -70,14 +70,9 @@ def test_the_core_walks_as_the_text_says(inputs, drives):
     assert core.held == (0xBEEF if "ANSWERED" in inputs else 0)
 
 
-@pytest.fixture
-def axes():
-    ax = Figure().add_subplot()
-    draw_core(ax)
-    return ax
-
-
-def test_every_state_is_a_box_with_its_place_and_every_arrow_is_drawn_once_with_its_input(axes):
+def test_every_state_is_a_box_with_its_place_and_every_arrow_is_drawn_once_with_its_input():
+    axes = Figure().add_subplot()
+    draw_core(axes)
     assert set(PLACES) == set(State)
     assert len(set(PLACES.values())) == len(State)
     assert sum(isinstance(patch, FancyBboxPatch) for patch in axes.patches) == len(State)

@@ -22,9 +22,7 @@ def imported(tmp_path):
         with LogWriter(tmp_path / "run.mcap") as log:
             for i in range(11):
                 for topic in topics:
-                    message = default_message(STRING)
-                    message.data = "x" * 100
-                    log.write(topic, message, log_time_ns=i * 100_000_000)
+                    log.write(topic, default_message(STRING, data="x" * 100), log_time_ns=i * 100_000_000)
             if metadata is not None:
                 log.write_metadata(COMPUTATION_GRAPH, metadata)
         with LogReader(tmp_path / "run.mcap") as log:

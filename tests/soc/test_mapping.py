@@ -26,12 +26,8 @@ from sfglab.soc.memory import Judge, Setup, Side, Transport, break_even_bytes, t
 HW, SW = Placement.HARDWARE, Placement.SOFTWARE
 KINDS = tuple(TopicMapping)
 FIGURE_8 = load_graph(GRAPHS / "figure_8.yaml")
+EXAMPLE = map_communication(FIGURE_8)
 SOME = settings(max_examples=60, deadline=None)
-
-
-@pytest.fixture(scope="module")
-def example():
-    return map_communication(FIGURE_8)
 
 
 def one_topic(publishers, subscribers):
@@ -41,21 +37,21 @@ def one_topic(publishers, subscribers):
     return Graph(nodes=nodes, topics=(Topic(name="t", publishers=publishers, subscribers=subscribers),))
 
 
-def test_the_paper_s_example_has_the_paper_s_sets_and_ten_then_eight_then_three_edges(example):
-    assert example.crossing == (10, 8, 3)
-    found = [crossing_edges(graph) for graph in example.stages]
+def test_the_paper_s_example_has_the_paper_s_sets_and_ten_then_eight_then_three_edges():
+    assert EXAMPLE.crossing == (10, 8, 3)
+    found = [crossing_edges(graph) for graph in EXAMPLE.stages]
     assert [(len(c.publications), len(c.subscriptions)) for c in found] == [(3, 7), (2, 6), (1, 2)]
     left = {str(edge) for edge in (*found[2].publications, *found[2].subscriptions)}
     assert left == {"A -> 8", "C -> 6", "9 -> E"}
-    assert [example.software.mapped_to(kind) for kind in KINDS] == [tuple("ABCDE"), (), ()]
-    assert [example.hardware.mapped_to(kind) for kind in KINDS] == [tuple("ACDE"), ("B",), ()]
-    assert [example.gateways.mapped_to(kind) for kind in KINDS] == [("D",), ("B",), tuple("ACE")]
+    assert [EXAMPLE.software.mapped_to(kind) for kind in KINDS] == [tuple("ABCDE"), (), ()]
+    assert [EXAMPLE.hardware.mapped_to(kind) for kind in KINDS] == [tuple("ACDE"), ("B",), ()]
+    assert [EXAMPLE.gateways.mapped_to(kind) for kind in KINDS] == [("D",), ("B",), tuple("ACE")]
 
 
-def test_the_dashed_parts_grow_and_another_rule_may_decide_between_software_and_gateway(example):
-    assert len(hardware_subgraphs(example.software)) == 8
-    assert (frozenset("24"), frozenset("B")) in hardware_subgraphs(example.hardware)
-    parts = hardware_subgraphs(example.gateways)
+def test_the_dashed_parts_grow_and_another_rule_may_decide_between_software_and_gateway():
+    assert len(hardware_subgraphs(EXAMPLE.software)) == 8
+    assert (frozenset("24"), frozenset("B")) in hardware_subgraphs(EXAMPLE.hardware)
+    parts = hardware_subgraphs(EXAMPLE.gateways)
     assert set(parts) == {(frozenset("123457"), frozenset("ABC")), (frozenset({"10", "11"}), frozenset("E"))}
     graph = one_topic(("h1",), ("s1", "h2"))
     asked = []
@@ -150,7 +146,7 @@ def test_small_messages_get_no_gateway_by_the_rule_which_changes_where_the_model
 
 
 def test_the_time_of_a_topic_is_the_model_s_for_its_nodes_and_one_of_unknown_size_is_refused():
-    mapped = map_communication(FIGURE_8).gateways
+    mapped = EXAMPLE.gateways
     sides = {"publisher": Side.HARDWARE, "hardware": 2, "software": 1}
     times = transfer_times(Setup(transport=Transport.GATEWAY, message_bytes=1_000_000, **sides))
     assert transfer_s(mapped, mapped.topic("A"), judge=Judge.HARDWARE) == times.hardware_s

@@ -1,6 +1,5 @@
 """The bridge: Eq. 4, both trees of Fig. 6, its status, its mapping of objects to frames, and a live run."""
 
-import asyncio
 import logging
 import math
 from pathlib import Path
@@ -8,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from sfglab.component import beside
 from sfglab.documents import DocumentError
 from sfglab.lab.checks.trees import figure_6
 from sfglab.messages import deserialize, message_type, ns_from_stamp, serialize
@@ -126,21 +126,16 @@ async def test_live_the_bridge_joins_a_robots_tree_to_the_world(node, here, ther
     async with node("bridge") as between:
         given = {"agent_x/markers": SyntheticMotion()}, SyntheticConfig(), np.random.default_rng(2)
         bridge = MocapBridge(between, SyntheticSource(*given, clock=between.get_clock()), FIG_6)
-        task = asyncio.create_task(bridge.run())
         buffer = FrameBuffer()
-        try:
-            async with FramesListener(there, buffer) as listener:
-                publisher = here.create_publisher(TRANSFORMS, TF_STATIC, TF_STATIC_QOS)
-                publisher.publish(message_type(TRANSFORMS)(transforms=[t.to_msg() for t in ROBOT]))
-                placed = await listener.wait_for("map", "agent_x/markers", timeout_s=25)
-                await listener.wait_for("map", "agent_x/camera", timeout_s=10)
-                statuses = there.create_subscription(STATUS, status_topic(), qos=STATUS_QOS)
+        async with beside(bridge.run()) as (task,), FramesListener(there, buffer) as listener:
+            publisher = here.create_publisher(TRANSFORMS, TF_STATIC, TF_STATIC_QOS)
+            publisher.publish(message_type(TRANSFORMS)(transforms=[t.to_msg() for t in ROBOT]))
+            placed = await listener.wait_for("map", "agent_x/markers", timeout_s=25)
+            await listener.wait_for("map", "agent_x/camera", timeout_s=10)
+            statuses = there.create_subscription(STATUS, status_topic(), qos=STATUS_QOS)
+            told = await statuses.take(timeout_s=10)
+            while not told.objects[0].frame:
                 told = await statuses.take(timeout_s=10)
-                while not told.objects[0].frame:
-                    told = await statuses.take(timeout_s=10)
-        finally:
-            task.cancel()
-            await asyncio.gather(task, return_exceptions=True)
     assert task.cancelled()
     assert [(o.id, o.frame) for o in told.objects] == [("agent_x/markers", "agent_x/base")]
     (status,) = bridge.core.statuses

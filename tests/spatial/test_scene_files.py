@@ -264,8 +264,7 @@ def test_agents_in_groups_meet_where_these_put_them_and_who_stands_in_the_way_is
     editor = Editor()
     driver(editor, "early", (0, 5), (0, 0), step_ns=S)
     _, late = driver(editor, "late", (-5, 0), (5, 0))
-    found = only(editor)
-    assert found.time_s == pytest.approx(5.0)
+    assert only(editor).time_s == pytest.approx(5.0)
     editor.remove(late)
     assert only(editor).kind is ConflictKind.AGENTS  # both stand at the origin now
 

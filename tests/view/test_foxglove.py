@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 from commands import called
 from rosbags.typesys import Stores, get_typestore
-from seen import at_work, interrupted, until
+from seen import at_work, interrupted
+from waiting import until
 
 from sfglab.bus import Node
 from sfglab.errors import SfglabError
@@ -51,9 +52,7 @@ async def looked_at(process, domain_id):
         websockets.connect(address, subprotocols=["foxglove.sdk.v1"], max_size=None) as client,
     ):
         scans, words = node.create_publisher(SCAN, "/scan"), node.create_publisher(WORD, "/word", qos=LATCHED)
-        word = default_message(WORD)
-        word.data = "said before"
-        words.publish(word)
+        words.publish(default_message(WORD, data="said before"))
         channels = await advertised(client, "/scan", "/word")
         assert (scans.get_subscription_count(), words.get_subscription_count()) == (0, 0), "nobody looks yet"
         numbers = {topic: channels[topic]["id"] for topic in ("/scan", "/word")}
@@ -61,9 +60,7 @@ async def looked_at(process, domain_id):
         await asyncio.sleep(1)  # the library advertises a channel a moment before it knows it
         await client.send(json.dumps({"op": "subscribe", "subscriptions": wanted}))
         await until(lambda: scans.get_subscription_count() == words.get_subscription_count() == 1)
-        scan = default_message(SCAN)
-        scan.ranges = np.array([1.0, 2.5], np.float32)
-        scans.publish(scan)
+        scans.publish(default_message(SCAN, ranges=np.array([1.0, 2.5], np.float32)))
         heard = dict([await message(client), await message(client)])
         await client.send(json.dumps({"op": "unsubscribe", "subscriptionIds": [10, 11]}))
         await until(lambda: scans.get_subscription_count() == words.get_subscription_count() == 0)

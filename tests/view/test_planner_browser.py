@@ -2,13 +2,12 @@
 
 from contextlib import closing
 
-import machine
 import pytest
+from machine import open_browser
 from pixels import CAMERA, pixel
 from seen import edited
 
-from sfglab.errors import MissingExtraError
-from sfglab.lab.browser import Browser, BrowserError
+from sfglab.lab.browser import Browser
 from sfglab.spatial.scene.editor import Editor
 from sfglab.spatial.scene.files import load_scene
 
@@ -20,11 +19,7 @@ CANVAS = """(() => { const r = document.querySelector('canvas').getBoundingClien
 
 @pytest.fixture(scope="module")
 def browser():
-    try:
-        made = Browser(1200, 700)
-    except (MissingExtraError, BrowserError) as error:
-        machine.skip("browser", str(error))
-    with closing(made):
+    with closing(open_browser(1200, 700)) as made:
         yield made
 
 

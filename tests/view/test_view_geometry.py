@@ -77,8 +77,7 @@ def test_points_take_the_colour_of_their_pixel_also_from_a_picture_of_another_si
 
 
 def test_the_rectified_matrix_is_p_and_k_only_without_it():
-    info = default_message("sensor_msgs/msg/CameraInfo")
-    info.k = K.reshape(-1)
+    info = default_message("sensor_msgs/msg/CameraInfo", k=K.reshape(-1))
     assert np.array_equal(geometry.pinhole_matrix(info), K)
     info.p = np.hstack([2 * K, np.zeros((3, 1))]).reshape(-1)
     assert np.array_equal(geometry.pinhole_matrix(info), 2 * K)

@@ -15,7 +15,8 @@ from urllib.request import urlopen
 
 import numpy as np
 import pytest
-from seen import BEAT, heartbeat, until
+from seen import BEAT, heartbeat
+from waiting import until
 
 from sfglab.errors import InvalidValueError, MissingExtraError
 from sfglab.lab.checks.handling import installed
@@ -81,8 +82,7 @@ def test_the_capture_stamp_is_read_from_the_bytes_and_without_one_is_the_recepti
     assert capture_ns(stamped(IMAGE, "/a", 5 * S + 7, 9)) == 5 * S + 7
     assert capture_ns(stamped(IMAGE, "/a", 0, 9)) == 9
     assert capture_ns(said("x", received_ns=9)) == 9
-    video = default_message("foxglove_msgs/msg/CompressedVideo")
-    video.timestamp = stamp_from_ns(3 * S)
+    video = default_message("foxglove_msgs/msg/CompressedVideo", timestamp=stamp_from_ns(3 * S))
     assert capture_ns(Arrival("/v", "foxglove_msgs/msg/CompressedVideo", 9, serialize(video))) == 3 * S
     assert capture_ns(Arrival("/v", "foxglove_msgs/msg/CompressedVideo", 9, b"", video)) == 3 * S
 
@@ -212,8 +212,7 @@ def test_a_log_is_thinned_by_the_budgets_where_that_is_asked_for(tmp_path, make_
         for number in range(100):
             log.write("/image", make_image(np.zeros((2, 3), np.uint8), "mono8"), log_time_ns=number * S // 100)
     for thin, shown in ((False, 100), (True, 30)):
-        options = ViewOptions(to=(str(tmp_path / "a.rrd"),), thin=thin)
-        (report,) = view_log(tmp_path / "a.mcap", options)
+        (report,) = view_log(tmp_path / "a.mcap", ViewOptions(to=(str(tmp_path / "a.rrd"),), thin=thin))
         assert (report.shown, report.dropped) == (shown, 100 - shown)
 
 

@@ -45,15 +45,12 @@ def values(drawn, component):
 
 
 def coded(fields, type_name="sensor_msgs/msg/CompressedImage"):
-    message = default_message(type_name)
-    message.format, message.data = fields.format, np.frombuffer(fields.data, np.uint8)
-    return message
+    return default_message(type_name, format=fields.format, data=np.frombuffer(fields.data, np.uint8))
 
 
 def moved(parent, child, stamp_ns=0, x=0.0):
-    transform = default_message("geometry_msgs/msg/TransformStamped")
-    transform.header.frame_id, transform.child_frame_id = parent, child
-    transform.header.stamp = stamp_from_ns(stamp_ns)
+    header = header_msg(parent, stamp_ns)
+    transform = default_message("geometry_msgs/msg/TransformStamped", header=header, child_frame_id=child)
     transform.transform.translation.x = x
     return transform  # its quaternion of all zeros is no rotation
 
@@ -103,8 +100,7 @@ def test_compressed_depth_is_decoded_to_metres(paper, update, codec, dtype):
 
 
 def test_an_unknown_picture_format_is_said(paper, update):
-    message = default_message("sensor_msgs/msg/CompressedImage")
-    message.format = "tiff"
+    message = default_message("sensor_msgs/msg/CompressedImage", format="tiff")
     with pytest.raises(InvalidValueError, match="compressed image format: given 'tiff'"):
         made("compressed_image").show(update(image=message), paper)
 
@@ -118,7 +114,7 @@ def packets(count=8):
 def ffmpeg_message(frame, settings):
     fields = asdict(ffmpeg_packet_fields(frame, settings))
     fields["data"] = np.frombuffer(fields["data"], np.uint8)
-    header = message_type("std_msgs/msg/Header")(stamp=stamp_from_ns(frame.pts * S), frame_id="camera")
+    header = header_msg("camera", frame.pts * S)
     return message_type("ffmpeg_image_transport_msgs/msg/FFMPEGPacket")(header=header, **fields)
 
 
@@ -219,8 +215,7 @@ def test_a_frame_that_is_sent_often_does_not_silence_another(paper, update):
 
 
 def test_a_static_transform_holds_for_all_times(paper, update):
-    message = default_message("tf2_msgs/msg/TFMessage")
-    message.transforms = [moved("", "imu")]
+    message = default_message("tf2_msgs/msg/TFMessage", transforms=[moved("", "imu")])
     made("tf_static").show(update(tf=message), paper)
     assert [d.static for d in paper.at_entity("/tf/imu")] == [True, True]
     assert paper.kinds("/tf/imu") == ["Transform3D", "TransformAxes3D"]
@@ -271,8 +266,7 @@ def test_an_inertial_measurement_is_six_curves(paper, update):
 
 
 def marker(type_, id_=0, *, points=(), scale=(1.0, 1.0, 1.0), lifetime_ns=0, action=0):
-    message = default_message("visualization_msgs/msg/Marker")
-    message.header.frame_id, message.ns, message.id = "map", "walls", id_
+    message = default_message("visualization_msgs/msg/Marker", header=header_msg("map", 0), ns="walls", id=id_)
     message.type, message.action, message.text = type_, action, "hello"
     message.scale.x, message.scale.y, message.scale.z = scale
     message.color.a = 1.0
@@ -335,8 +329,8 @@ def test_a_flood_of_markers_pushes_the_oldest_out(paper, update):
 
 
 def test_one_bad_marker_does_not_keep_the_others_of_its_array_back(paper, update):
-    array = default_message("visualization_msgs/msg/MarkerArray")
-    array.markers = [marker(1, 1), marker(10, 2), marker(1, 3)]
+    markers = [marker(1, 1), marker(10, 2), marker(1, 3)]
+    array = default_message("visualization_msgs/msg/MarkerArray", markers=markers)
     with pytest.raises(InvalidValueError, match=r"marker type: given 10, .*; meshes are not loaded"):
         made("marker_array").show(update(markers=array), paper)
     assert set(paper.frames) == {"/markers/walls/1", "/markers/walls/3"}
@@ -383,11 +377,9 @@ def test_the_border_is_who_hears_whom_by_the_fleet_file(paper, pytestconfig):
 
 
 def test_an_agents_status_is_told_with_its_description(paper, update):
-    event = default_message("sfglab_interfaces/msg/AgentDiscoveryEvent")
-    event.agent, event.metadata.agent = "go2", "go2"
-    sensor = default_message("sfglab_interfaces/msg/SensorInfo")
-    sensor.name = "camera_front"
-    event.metadata.sensors = [sensor]
+    sensor = default_message("sfglab_interfaces/msg/SensorInfo", name="camera_front")
+    metadata = default_message("sfglab_interfaces/msg/AgentMetadata", agent="go2", sensors=[sensor])
+    event = default_message("sfglab_interfaces/msg/AgentDiscoveryEvent", agent="go2", metadata=metadata)
     visualizer = made("agent_status")
     visualizer.show(update(events=event), paper)
     event.event = event.LOST

@@ -6,7 +6,6 @@ Knows callbacks, tasks and what is sent when. Which status follows which is the 
 from __future__ import annotations
 
 import asyncio
-import inspect
 from collections.abc import Awaitable, Callable
 from enum import Enum
 from functools import partial
@@ -14,6 +13,7 @@ from typing import TYPE_CHECKING, Any, TypedDict, Unpack
 
 from sfglab.bus.actions import goals
 from sfglab.bus.actions.goals import TERMINAL, CancelCode, GoalBook, GoalEvent, GoalStatus, is_allowed
+from sfglab.bus.loop import awaited
 from sfglab.bus.pubsub import Publisher, checked_type, topic_endpoint
 from sfglab.bus.service import Service
 from sfglab.messages import ActionType, action_type, default_message, service_type, stamp_from_ns, type_name
@@ -200,7 +200,7 @@ class Goals:
         """Execute a goal to its end; a callback that does not say how it ends has failed."""
         result = None
         try:
-            result = await _awaited(self._execute(goal))
+            result = await awaited(self._execute(goal))
             if result is not None:
                 checked_type(result, type_=type_name(self._action.result), where=self._action.name)
         except Exception as error:  # noqa: BLE001 - reported; the client gets an aborted goal
@@ -244,7 +244,7 @@ class Goals:
     async def _asked(self, callback: Callable[[Any], Any], about: Any, answers: type[Enum]) -> Enum | None:
         """Return a callback's answer; None, which refuses, when it fails or gives another, both reported."""
         try:
-            return answers(await _awaited(callback(about)))
+            return answers(await awaited(callback(about)))
         except Exception as error:  # noqa: BLE001 - reported
             self.calls.report(error)
             return None
@@ -259,10 +259,6 @@ class Goals:
 
     def _steady_ns(self) -> int:
         return round(self._backend.loop.time() * NS_PER_S)
-
-
-async def _awaited(value: Any) -> Any:
-    return await value if inspect.isawaitable(value) else value
 
 
 class ActionServer:

@@ -114,12 +114,12 @@ class DdsBackend(Backend):
         self._watcher = self._watcher or WatchThread(self.bridge, f"{self._thread_name} receiver")
         return self._watcher
 
-    def _create(self, create: Callable[..., int], endpoint: RawEndpoint, **options: Any) -> int:
+    def _create(self, create: Callable[..., int], endpoint: RawEndpoint) -> int:
         """Return the handle of a new reader or writer; one that forwards takes what it does not know, too."""
         from sfglab.bus.dds.forwarder import wire_type
 
         type_ = (wire_type if endpoint.forwards else idl_type)(endpoint)
-        options |= {"user_data": endpoint.user_data, "ignore_local": endpoint.forwards}
+        options = {"user_data": endpoint.user_data, "ignore_local": endpoint.forwards}
         return create(endpoint.dds_topic, type_, endpoint.qos, **options)
 
     def _post(self, function: Callable[..., None], *values: Any) -> None:

@@ -222,7 +222,7 @@ _MAX_BLOCKING_NS = 100_000_000
 
 
 @contextmanager
-def qos_object(user_data: bytes = b"") -> Iterator[int]:
+def qos_object(user_data: bytes) -> Iterator[int]:
     """Yield a C QoS object that is freed afterwards."""
     lib = library()
     qos = lib.dds_create_qos()

@@ -187,8 +187,7 @@ class Network:
         source, target = channel.writer.participant.host, channel.target.host
         if sent_ns is None or source.side != target.side or self._loses(target):
             if entry is not None:
-                again_ns = self._loop.now_ns + REPAIR_NS
-                self._loop.at(again_ns, self._repeat, channel, entry, size)
+                self._loop.at(self._loop.now_ns + REPAIR_NS, self._repeat, channel, entry, size)
             return
         delay_ns = source.latency_ns + target.latency_ns + STACK_NS
         arrived_ns = sent_ns + delay_ns + self._jitter_ns(source) + self._jitter_ns(target)

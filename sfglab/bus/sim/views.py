@@ -91,8 +91,7 @@ class Views:
 
     def lease_end_ns(self, participant: Participant, silent_ns: int) -> int:
         """Return when the lease of a participant runs out that was last able to speak at `silent_ns`."""
-        interval_ns = participant.interval_ns
-        announced_ns = silent_ns - (silent_ns - participant.born_ns) % interval_ns
+        announced_ns = silent_ns - (silent_ns - participant.born_ns) % participant.interval_ns
         return max(announced_ns, min(participant.last_sent_ns, silent_ns)) + participant.lease_ns
 
     def _learnt_ns(self, participant: Participant, endpoint: Endpoint) -> int:
@@ -120,8 +119,7 @@ class Views:
             return SAME_HOST_NS
         delay_ns = owner.latency_ns + participant.latency_ns + ENDPOINT_NS
         if owner.loss or participant.loss:
-            losses = self._losses(owner, participant, endpoint.number, participant.number)
-            delay_ns += losses * REPAIR_NS
+            delay_ns += self._losses(owner, participant, endpoint.number, participant.number) * REPAIR_NS
         return delay_ns
 
     def _meeting_ns(self, one: Participant, other: Participant) -> int:

@@ -13,7 +13,7 @@ from functools import cache, lru_cache
 from typing import TYPE_CHECKING, Any, Self
 
 from sfglab.messages.store import type_store
-from sfglab.messages.type_names import TypeNameError, dds_type_name
+from sfglab.messages.type_names import announced_type_name
 from sfglab.qos import Durability, History, Liveliness, QoSProfile, Reliability
 
 if TYPE_CHECKING:
@@ -179,7 +179,7 @@ def submessage_bytes(info: EndpointInfo) -> int:
     Policies with DDS's default value are left out (RTPS 2.5, clause 9.6.3.1), so the size depends on them.
     """
     writer = info.kind.value == "publisher"
-    size = _DATA + _ENCAPSULATION + _text(info.dds_topic) + _text(_dds_type(info.type))
+    size = _DATA + _ENCAPSULATION + _text(info.dds_topic) + _text(announced_type_name(info.type))
     size += _qos(info.qos, writer=writer)
     size += _bytes(info.user_data) + (_PARTITION if info.transport == "shm" else 0)
     size += 4 + _type_information(info.type)
@@ -216,13 +216,6 @@ def _qos(qos: QoSProfile, *, writer: bool) -> int:
     size += 12 if qos.deadline_ns is not None else 0
     size += 16 if qos.lease_ns is not None or qos.liveliness is not Liveliness.AUTOMATIC else 0
     return size + (12 if writer and qos.lifespan_ns is not None else 0)
-
-
-def _dds_type(type_: str) -> str:
-    try:
-        return dds_type_name(type_)
-    except TypeNameError:
-        return type_
 
 
 @cache

@@ -174,14 +174,17 @@ class World(Environment):
         domains = [d for (_, local), d in self._domains.items() if local is None]
         return sum(counted.rx) + sum(discovery.accounts.pending_rx() for discovery in domains)
 
-    def census(self, domain_id: int = 0) -> tuple[int, int]:
-        """Return how many endpoints a domain of the network has now, and how many it has had so far."""
-        domain = self._domain(domain_id, None).domain
-        return sum(len(t.writers) + len(t.readers) for t in domain.topics.values()), domain.announced
+    def announced(self) -> int:
+        """Return how many endpoints domain 0 of the network has had so far."""
+        return self._domain(0, None).domain.announced
 
-    def trace_to(self, sink: Callable[[TraceEvent], None] | None) -> None:
-        """Give everything that happens from now on to a sink; None to nobody."""
-        self.trace = None if sink is None else self._tracer(sink)
+    def trace_to(self, sink: Callable[[TraceEvent], None]) -> None:
+        """Give everything that happens from now on to a sink."""
+
+        def trace(what: str, gid: bytes, data: bytes) -> None:
+            sink(TraceEvent(time_ns=self.loop.now_ns, what=what, gid=gid, data=data))
+
+        self.trace = trace
 
     def close(self) -> None:
         """Close all nodes."""
@@ -246,12 +249,6 @@ class World(Environment):
     def _settle(self) -> None:
         for discovery in self._domains.values():
             discovery.settle()
-
-    def _tracer(self, sink: Callable[[TraceEvent], None]) -> Callable[[str, bytes, bytes], None]:
-        def trace(what: str, gid: bytes, data: bytes) -> None:
-            sink(TraceEvent(time_ns=self.loop.now_ns, what=what, gid=gid, data=data))
-
-        return trace
 
     def _note(self, what: str, gid: bytes, data: bytes) -> None:
         if self.trace is not None:

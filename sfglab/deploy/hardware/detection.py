@@ -95,11 +95,10 @@ def expected_codecs(machine: Machine) -> tuple[ExpectedCodec, ...]:
     return (*machine.evidence_of(machine.accelerator).codecs, *_SOFTWARE)
 
 
-def codecs_found(machine: Machine | None = None) -> tuple[CodecFound, ...]:
-    """Try all of FFmpeg's H.264 codecs here, and return them beside those expected of a machine, or of this."""
+def codecs_found(machine: Machine) -> tuple[CodecFound, ...]:
+    """Try all of FFmpeg's H.264 codecs here, and return them beside those expected of a machine."""
     from sfglab.codecs.probe import available_decoders, available_encoders
 
-    machine = machine or detect()
     expected = {(item.name, item.role): item.why for item in expected_codecs(machine)}
     probes = [(probe, CodecRole.ENCODER) for probe in available_encoders()]
     probes += [(probe, CodecRole.DECODER) for probe in available_decoders()]

@@ -63,8 +63,7 @@ def check_file(path: Path | str, *, policy: Policy | None = None) -> tuple[Findi
     check = checks.get(path.suffix)
     if check is None:
         raise DeployError(f"{path}: given a file {path.suffix!r}, allowed: {', '.join(checks)}")
-    text = read_text(path, f"a file {path.suffix} in UTF-8")
-    return check(text, file=str(path), policy=policy)
+    return check(read_text(path, f"a file {path.suffix} in UTF-8"), file=str(path), policy=policy)
 
 
 ROUTER_FILES = {

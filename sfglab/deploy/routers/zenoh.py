@@ -178,8 +178,7 @@ def render_zenoh_acl(fleet: Fleet, agent: str) -> str:
         DeployError: A rule cannot be said in ROS names.
     """
     fleet.agent(agent)
-    names = bridged_names(fleet.policy)
-    rules = [rule for rule in _rules(names) if rule["key_exprs"]]
+    rules = [rule for rule in _rules(bridged_names(fleet.policy)) if rule["key_exprs"]]
     control = {
         "enabled": True,
         "default_permission": "deny",

@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from sfglab.component import END_LIMIT_S, Report, beside, on_stop, run_component, steady_ns
+from sfglab.component import END_LIMIT_S, Orders, Report, Reporter, beside, on_stop, run_component, steady_ns
 from sfglab.errors import SfglabError
 from sfglab.fleet.agent.plan import AgentConfig, plan
 from sfglab.fleet.agent.supervision import REST, Action, Component, ComponentProcess, Input, State, Supervision
@@ -217,8 +217,7 @@ class Agent:
 
     async def _feed(self, unit: _Unit, given: Input) -> None:
         before = unit.life.state
-        action = unit.life.feed(given, now_ns=steady_ns())
-        await self._carry_out(unit, action, "")
+        await self._carry_out(unit, unit.life.feed(given, now_ns=steady_ns()), "")
         if unit.life.state is not before:
             self._tell(unit, "it took too long to start" if unit.life.state is State.REPLACING else "")
 
@@ -371,7 +370,7 @@ async def serve_agent(config: AgentConfig, say: Callable[[str], None], *, as_jso
         say(narrator.end())
 
 
-async def _serve(config: SupervisorConfig, report: Callable[[Report], None], _: asyncio.Queue[Report]) -> None:
+async def _serve(config: SupervisorConfig, report: Reporter, _: Orders) -> None:
     agent = Agent(
         config.components, timing=config.timing, on_event=lambda event: report(report_from_event(event))
     )

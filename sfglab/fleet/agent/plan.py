@@ -197,7 +197,6 @@ def config_from_options(
         base = config_from_fleet(fleet, agent)
         return replace(base, local=local.over(base.local), remote=remote.over(base.remote))
     if local.domain_id is None:
-        allowed = f"1 to {MAX_DOMAIN} or a fleet file"
-        raise InvalidValueError(f"agent {agent}: its own domain", None, allowed)
+        raise InvalidValueError(f"agent {agent}: its own domain", None, f"1 to {MAX_DOMAIN} or a fleet file")
     own, shared = BusAddress(domain_id=local.domain_id), BusAddress(domain_id=0)
     return AgentConfig(agent=agent, local=local.over(own), remote=remote.over(shared))

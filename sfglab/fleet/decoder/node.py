@@ -21,7 +21,7 @@ from sfglab.bus.address import BusAddress
 from sfglab.bus.api import OFFER_KEY, EndpointEvent, user_data
 from sfglab.bus.parameters import Parameters, Way
 from sfglab.bus.pubsub import Publisher, topic_endpoint
-from sfglab.component import Report, beside, run_component, run_until_interrupted, steady_ns
+from sfglab.component import Orders, Report, Reporter, beside, run_component, run_until_interrupted, steady_ns
 from sfglab.fields import from_json
 from sfglab.fleet.decoder.pipeline import LOCAL_QOS, Statistics
 from sfglab.fleet.decoder.process import Worker, WorkerConfig, WorkerPool
@@ -252,8 +252,7 @@ class AgentDecoder:
     async def _feed(self, pipeline: _Pipeline, given: Input) -> None:
         if not pipeline.life.allows(given):
             return  # a withdrawn stream's demand, for instance, is nobody's business any more
-        action = pipeline.life.feed(given, now_ns=steady_ns())
-        await self._carry_out(pipeline, action)
+        await self._carry_out(pipeline, pipeline.life.feed(given, now_ns=steady_ns()))
         pipeline.seen &= pipeline.life.state is not State.IDLE
         self._on_status(self._status(pipeline))
         if pipeline.life.state is State.GONE:
@@ -351,9 +350,7 @@ async def run_decoder(
             await pool.close()
 
 
-async def _serve(
-    config: DecoderConfig, report: Callable[[Report], None], orders: asyncio.Queue[Report]
-) -> None:
+async def _serve(config: DecoderConfig, report: Reporter, orders: Orders) -> None:
     """Run a decoder that reports, and answer orders once it serves."""
     serving: asyncio.Future[WorkerPool] = asyncio.get_running_loop().create_future()
 

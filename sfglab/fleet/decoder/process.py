@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING
 
 from sfglab.bus.address import BusAddress
 from sfglab.codecs import FFMPEG_PACKET, CodecError, image_decoder
-from sfglab.component import Report, run_component
+from sfglab.component import Orders, Report, Reporter, run_component
 from sfglab.fields import from_json
 from sfglab.fleet.decoder.pipeline import Outputs, Statistics, run_pipeline
 from sfglab.fleet.decoder.streams import IMAGE_TYPE, Route
@@ -44,14 +44,14 @@ class WorkerConfig:
 class PipelineWorker:
     """Takes orders, runs one pipeline at a time from `remote` to `local`, and reports."""
 
-    def __init__(self, remote: Node, local: Node, report: Callable[[Report], None]) -> None:
+    def __init__(self, remote: Node, local: Node, report: Reporter) -> None:
         self._remote = remote
         self._local = local
         self._report = report
         self._pipeline: asyncio.Task[None] | None = None
         self._outputs: Outputs | None = None
 
-    async def run(self, orders: asyncio.Queue[Report]) -> None:
+    async def run(self, orders: Orders) -> None:
         """Obey until cancelled."""
         self._report({"is": "ready"})
         try:
@@ -115,7 +115,7 @@ def _warm_up() -> None:
         deserialize(serialize(default_message(type_)), type_)
 
 
-async def serve(config: WorkerConfig, report: Callable[[Report], None], orders: asyncio.Queue[Report]) -> None:
+async def serve(config: WorkerConfig, report: Reporter, orders: Orders) -> None:
     """Be the process."""
     from sfglab.bus import Node
 

@@ -32,8 +32,7 @@ _NOBODY = bytes(16)  # the gid of a publisher that was gone before its event was
 
 def discovery_topic(agent: str) -> str:
     """Return where an agent's discoverer publishes (paper A, 4.2); `FqnError` if no agent can bear the name."""
-    resource = Resource.AGENT_DISCOVERY_EVENT
-    return str(RosFqnBuilder().scope(Scope.LOCAL).agent(agent).resource(resource).build())
+    return str(RosFqnBuilder().scope(Scope.LOCAL).agent(agent).resource(Resource.AGENT_DISCOVERY_EVENT).build())
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -111,9 +110,9 @@ class KnownAgents:
         self.deadline_ns = now_ns + self._grace_ns if self._unconfirmed else None
 
 
-async def agent_changes(node: Node, topic: str, known: KnownAgents | None = None) -> AsyncIterator[Change]:
+async def agent_changes(node: Node, topic: str) -> AsyncIterator[Change]:
     """Yield every change of what remote agents offer on a discoverer's topic, what it said before first."""
-    known = known or KnownAgents()
+    known = KnownAgents()
     with closing(node.create_subscription(DISCOVERY_EVENT, topic, qos=DISCOVERY_QOS)) as subscription:
         while True:
             due_ns = known.deadline_ns

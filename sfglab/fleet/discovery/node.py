@@ -17,7 +17,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from sfglab.bus.address import BusAddress
-from sfglab.component import Report, beside, is_set_before, run_component, steady_ns
+from sfglab.component import Orders, Reporter, beside, is_set_before, run_component, steady_ns
 from sfglab.errors import InvalidValueError, SfglabError
 from sfglab.fleet.discovery.lifecycle import Action
 from sfglab.fleet.discovery.listener import DISCOVERY_EVENT, DISCOVERY_QOS, HISTORY, discovery_topic
@@ -328,9 +328,7 @@ class DiscoveryConfig:
     report_moves: bool = False  #: Whether every transition is reported.
 
 
-async def run_discoverer(
-    config: DiscoveryConfig, report: Callable[[Report], None], orders: asyncio.Queue[Report]
-) -> None:
+async def run_discoverer(config: DiscoveryConfig, report: Reporter, orders: Orders) -> None:
     """Run a discoverer until cancelled and all it started has ended; `BusError` if it cannot join a domain."""
     from sfglab.bus import Node
 
@@ -352,9 +350,7 @@ async def run_discoverer(
             await discoverer.run(on_ready=lambda: report({"is": "ready"}))
 
 
-async def _obey(
-    discoverer: AgentDiscoverer, report: Callable[[Report], None], orders: asyncio.Queue[Report]
-) -> None:
+async def _obey(discoverer: AgentDiscoverer, report: Reporter, orders: Orders) -> None:
     while True:
         await orders.get()
         status = discoverer.status()

@@ -363,5 +363,4 @@ def _order(action: Action, agent: str, remote: _Remote) -> Order:
     order = Order(action=action, agent=agent, query=remote.query)
     if action is not Action.QUERY:
         return order
-    failures = remote.backoff.failures
-    return replace(order, publisher=remote.publisher, failures=failures, wanted=remote.wanted)
+    return replace(order, publisher=remote.publisher, failures=remote.backoff.failures, wanted=remote.wanted)

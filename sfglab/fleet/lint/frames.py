@@ -62,8 +62,7 @@ def roots_of(edges: Iterable[Edge]) -> dict[str, str]:
 
 def check_frames(view: View) -> Iterator[Finding]:
     """Find frames that clash, circles, trees without common root and frames under another agent's prefix."""
-    topics = (TF, TF_STATIC)
-    crossing = any(view.crossing(name, ResourceKind.TOPIC) is Crossing.WHOLE for name in topics)
+    crossing = any(view.crossing(name, ResourceKind.TOPIC) is Crossing.WHOLE for name in (TF, TF_STATIC))
     trees = [edges_of(agent) for agent in view.fleet.agents]
     for agent, tree in zip(view.fleet.agents, trees, strict=True):
         yield from _check_own(agent, tree)

@@ -68,8 +68,7 @@ def check_static_transforms(view: View) -> Iterator[Finding]:
 def _pairs(view: View, kind: ResourceKind) -> Iterator[tuple[Use, Use]]:
     for (found, _), meeting in view.meetings.items():
         if found is kind:
-            pairs = product(meeting.speakers, meeting.hearers)
-            yield from (pair for pair in pairs if view.reaches(*pair))
+            yield from (pair for pair in product(meeting.speakers, meeting.hearers) if view.reaches(*pair))
 
 
 LAST_SAFE_DOMAIN = 101  #: Above it, ports are in Linux' ephemeral range (ROS 2, "The ROS_DOMAIN_ID").
@@ -142,8 +141,7 @@ def check_schema(view: View) -> Iterator[Finding]:
         try:
             parse(name, kind)
         except FqnError as error:
-            crosses = view.crossing(name, kind) is not Crossing.NONE
-            yield _outside(name, meeting, error, crosses=crosses)
+            yield _outside(name, meeting, error, crosses=view.crossing(name, kind) is not Crossing.NONE)
 
 
 def _outside(name: str, meeting: Meeting, error: FqnError, *, crosses: bool) -> Finding:
@@ -161,8 +159,7 @@ def _outside(name: str, meeting: Meeting, error: FqnError, *, crosses: bool) -> 
         severity, code = Severity.INFO, "local-outside-schema"
         what = f"{name} is not a name of the schema; it stays in its agent's domain"
         remedy = "begin it with /local/<agent>/ so that its reader knows that it does not cross"
-    place = meeting.first.place
-    return Finding(severity=severity, code=code, place=place, what=what, why=why, remedy=remedy)
+    return Finding(severity=severity, code=code, place=meeting.first.place, what=what, why=why, remedy=remedy)
 
 
 def check_descriptions(view: View) -> Iterator[Finding]:

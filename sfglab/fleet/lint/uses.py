@@ -94,8 +94,7 @@ class View:
     def hearings(self) -> tuple[Hearing, ...]:
         """Return who hears what, for every name that more than one agent uses or that crosses."""
         rows = []
-        by_name = sorted(self.meetings, key=lambda key: (key[1], key[0].value))
-        for kind, name in by_name:
+        for kind, name in sorted(self.meetings, key=lambda key: (key[1], key[0].value)):
             meeting = self.meetings[kind, name]
             agents = {use.agent for use in meeting.speakers + meeting.hearers}
             crosses = self.crossing(name, kind) is Crossing.WHOLE

@@ -94,14 +94,14 @@ class FrameClaims:
         self._held: Counter[str] = Counter()
         self._contested: set[str] = set()
 
-    def claim(self, child: str, owner: str, *, prefixed: bool = False) -> None:
-        """Let an owner, an agent's router or a participant, move a frame; with a prefix where that is asked.
+    def claim(self, child: str, owner: str) -> None:
+        """Let an owner, an agent's router or a participant, move a frame.
 
         Raises:
             FrameClashError: Somebody else moves it already, or this one moves too many.
         """
         frame = child.removeprefix("/")
-        if ("/" in frame and not prefixed) or (holder := self._owners.get(frame)) == owner:
+        if (holder := self._owners.get(frame)) == owner:
             return
         if holder is not None:
             self._contested.add(frame)
@@ -190,7 +190,7 @@ class TransformGate:
             self._frames.check_inward(child, parent)
         except FrameClashError as error:
             raise FrameClashError(Direction.INWARD, child, f"{error.allowed}; it is from {owner}") from None
-        self._claims.claim(child, owner, prefixed=True)
+        self._claims.claim(child, owner)
         return False
 
     def _clash(self, why: str, what: Hashable) -> None:

@@ -23,7 +23,7 @@ from sfglab.bus.address import BusAddress
 from sfglab.bus.api import EndpointEvent, EndpointKind, host_id
 from sfglab.bus.locks import LockedError, user_lock
 from sfglab.bus.parameters import Parameters, Way
-from sfglab.component import Report, is_set_before, run_component, run_until_interrupted, steady_ns
+from sfglab.component import Report, Reporter, is_set_before, run_component, run_until_interrupted, steady_ns
 from sfglab.errors import InvalidValueError, SfglabError
 from sfglab.fleet.policy import TABLE_1, ForwardRule, Policy, Side
 from sfglab.fleet.router.carrier import Carrier, Interest, PathStatus
@@ -223,7 +223,7 @@ class RouterConfig(RouterSettings):
             raise InvalidValueError(where, self.local.domain_id, "two")
 
 
-async def run_router(config: RouterConfig, report: Callable[[Report], None]) -> None:
+async def run_router(config: RouterConfig, report: Reporter) -> None:
     """Run a router until cancelled; everything it started has ended when this returns.
 
     Raises:
@@ -233,8 +233,7 @@ async def run_router(config: RouterConfig, report: Callable[[Report], None]) -> 
     from sfglab.bus import Node
 
     far = config.remote.options()
-    domains = config.local.domain_id, config.remote.domain_id
-    with pair_lock(*domains):
+    with pair_lock(config.local.domain_id, config.remote.domain_id):
         async with (
             Node("router", **config.local.options(), max_sample_bytes=MAX_SAMPLE_BYTES) as local,
             # Every agent has one, and in the global domain they meet.

@@ -220,8 +220,7 @@ class Plan:
         """Return the path that an endpoint is part of; None for what may not cross or is nobody's business."""
         if endpoint.transport == "shm" or endpoint.participant in self._participants:
             return None
-        source = endpoint.kind is EndpointKind.PUBLISHER
-        outward = source is (side is Side.LOCAL)
+        outward = (endpoint.kind is EndpointKind.PUBLISHER) is (side is Side.LOCAL)
         path = Path(dds_topic=endpoint.dds_topic, type=endpoint.type, outward=outward)
         return path if self._policy.crosses(path.dds_topic, path.direction) else None
 

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from sfglab import __version__
 from sfglab.bus.address import BusAddress
-from sfglab.component import Report, beside, is_set_before, run_component
+from sfglab.component import Orders, Report, Reporter, beside, is_set_before, run_component
 from sfglab.fleet.status.description import AgentDescription, DescriptionError, accelerators, software
 from sfglab.fleet.status.heartbeat import (
     AGENT_HEARTBEAT,
@@ -151,9 +151,7 @@ class StatusConfig:
     report_beats: bool = False  #: Whether every heartbeat is reported.
 
 
-async def run_status(
-    config: StatusConfig, report: Callable[[Report], None], orders: asyncio.Queue[Report]
-) -> None:
+async def run_status(config: StatusConfig, report: Reporter, orders: Orders) -> None:
     """Run a provider until cancelled and all it started has ended; `BusError` if it cannot join the domain."""
     from sfglab.bus import Node
 
@@ -175,9 +173,7 @@ async def run_status(
             await provider.run(on_ready=lambda: report({"is": "ready"}))
 
 
-async def _obey(
-    provider: StatusProvider, report: Callable[[Report], None], orders: asyncio.Queue[Report]
-) -> None:
+async def _obey(provider: StatusProvider, report: Reporter, orders: Orders) -> None:
     while True:
         order = await orders.get()
         try:

@@ -248,8 +248,7 @@ def survives_kills(rng: np.random.Generator, count: int) -> CheckRow:
         path = Path(folder) / "plan.yaml"
         for _ in range(count):
             path.write_text(texts[0])
-            command = [sys.executable, "-c", _SAVES, str(path)]
-            with subprocess.Popen(command, stdout=subprocess.PIPE) as writer:
+            with subprocess.Popen([sys.executable, "-c", _SAVES, str(path)], stdout=subprocess.PIPE) as writer:
                 assert writer.stdout is not None
                 writer.stdout.readline()
                 time.sleep(float(rng.uniform(0.02, 0.2)))

@@ -274,8 +274,7 @@ def break_fleet(text: str, broken: BrokenFleet) -> str:
         raise ValueError(f"{broken.fault}: {broken.old!r} stands {text.count(broken.old)} times in the file")
     text = text.replace(broken.old, broken.new)
     if "directions" in broken.new:
-        image = "router: dds-router\n  router_image: ubuntu-ddsrouter:v3.5.0"
-        return text.replace("router: sfglab", image)
+        return text.replace("router: sfglab", "router: dds-router\n  router_image: ubuntu-ddsrouter:v3.5.0")
     return text
 
 

@@ -124,9 +124,8 @@ async def _limited(handled: _Handled, display: Display, seconds: float) -> dict[
     limited = await handled.count(seconds)
     handled.session.limit(display.id, None)
     freed = await handled.count(seconds)
-    expected = _LIMIT_HZ * seconds
     return {
-        f"{limited} pictures in {seconds:g} s at {_LIMIT_HZ:g} Hz": abs(limited - expected) <= 2,
+        f"{limited} pictures in {seconds:g} s at {_LIMIT_HZ:g} Hz": abs(limited - _LIMIT_HZ * seconds) <= 2,
         f"{freed} without a limit": freed > 2 * limited,
     }
 
@@ -145,12 +144,11 @@ async def _removed(handled: _Handled, display: Display, requested: Requested) ->
     session.enable(display.id, enabled=True)
     again = await handled.drawn_again()
     session.remove(display.id)
-    gone = await handled.until(lambda: not requested())
     return {
         "off: unsubscribed": ended,
         "off: nothing is drawn": silent == 0,
         "on: drawn again": again,
-        "removed: unsubscribed": gone,
+        "removed: unsubscribed": await handled.until(lambda: not requested()),
         "removed: nothing is drawn": await handled.count(0.3) == 0,
     }
 
@@ -241,6 +239,5 @@ def _charges(path: Path, topic: str) -> tuple[list[float], int]:
         for number, scale in enumerate((100.0, 1.0)):
             session.tune(display.id, "scale", scale)
             replay([Arrival(topic, BATTERY, 10**9 * number, serialize(message))], session, canvas)
-    recording = read_recording(path)
-    shown = recording.get(("/agents/go2/global/battery_state", "Scalars:scalars"), [])
+    shown = read_recording(path).get(("/agents/go2/global/battery_state", "Scalars:scalars"), [])
     return [float(value) for s in shown for value in s.content], broken.errors

@@ -125,8 +125,7 @@ def _changed(deployment: Deployment, bundle: Bundle) -> tuple[Deployment, Bundle
     """Return the same agent with one package more, whose release is another one."""
     host = replace(deployment.host, packages=(*deployment.host.packages, "can-utils"))
     changed = replace(deployment, host=host)
-    wheel = bundle.members[f"image/{deployment.release.wheel}"].data
-    return changed, bundle_of(changed, wheel)
+    return changed, bundle_of(changed, bundle.members[f"image/{deployment.release.wheel}"].data)
 
 
 def _initialize(home: Path, root: Path, *options: str) -> str:

@@ -75,8 +75,7 @@ def _random_segment(values: list[Any], rng: np.random.Generator) -> tuple[Any, .
 @cache
 def _names(count: int, seed: int) -> tuple[RosFqn, ...]:
     """Return all standard names and so many random ones."""
-    rng = np.random.default_rng(seed)
-    return (*all_standard_fqns(AGENT), *random_fqns(count, rng=rng))
+    return (*all_standard_fqns(AGENT), *random_fqns(count, rng=np.random.default_rng(seed)))
 
 
 @checks.each("parses back to the tuple it was built from", _names)

@@ -130,8 +130,7 @@ def show_clouds(moments: Sequence[Moment], path: Path) -> list[Cloud]:
     """Show synchronised depth, camera info and picture as points in a recording, and read them back."""
     session = Session()
     topics = {"depth": f"{_ROOT}/image_raw", "info": f"{_ROOT}/camera_info", "color": _PICTURE}
-    settings = {"decimation": _STEP, "depth_max_m": _MAX_M}
-    display = session.add("depth_cloud", topics, settings)
+    display = session.add("depth_cloud", topics, {"decimation": _STEP, "depth_max_m": _MAX_M})
     session.rewire(display.id, sync=Exact())
     session.limit(display.id, None)
     with closing(open_canvas([str(path)])) as canvas:

@@ -253,8 +253,7 @@ def _no_loop(rng: np.random.Generator) -> str:
 def _retiming_meets_limits(rng: np.random.Generator) -> str:
     path, limits = random_trajectory(rng), random_limits(rng)
     slower = retimed(path, limits)
-    times = np.linspace(slower.start_ns, slower.end_ns, 4000)[1:-1] / NS_PER_S
-    found = sample(slower, times)
+    found = sample(slower, np.linspace(slower.start_ns, slower.end_ns, 4000)[1:-1] / NS_PER_S)
     tops = {
         "speed": (found.speeds_m_s.max(), limits.speed_m_s),
         "yaw rate": (np.abs(found.yaw_rates_rad_s).max(), limits.yaw_rate_rad_s),

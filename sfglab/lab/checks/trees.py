@@ -67,8 +67,7 @@ class _Joined:
 
     def found(self, way: str) -> set[str]:
         """Return codes of everything that is wrong with a tree."""
-        edges = getattr(self.trees, way).edges
-        return {finding.code for finding in lint_frames(edges, rule=RULE, root=WORLD)}
+        return {finding.code for finding in lint_frames(getattr(self.trees, way).edges, rule=RULE, root=WORLD)}
 
 
 @lru_cache(maxsize=1)
@@ -210,5 +209,4 @@ def _counted(_: Sample) -> Iterator[Case]:
 
 def tree_rows(count: int, seed: int) -> Iterator[CheckRow]:
     """Return the properties' rows, without the one of markers at the root where no robot has them there."""
-    rows = checks.rows(count, seed)
-    return (row for row in rows if (row.check, row.example) != (_AT_THE_ROOT, NOTHING))
+    return (row for row in checks.rows(count, seed) if (row.check, row.example) != (_AT_THE_ROOT, NOTHING))

@@ -222,10 +222,8 @@ def budget(run: Run[Config]) -> pd.DataFrame:
 def slower(run: Run[Config], way: str) -> Estimate:
     """Return how many times as long a way takes at a camera's pace as at the fast one, by bouts."""
     rows = run["step"][run["step"]["way"] == way]
-    whole = rows[list(STEPS)].sum(axis=1)
-    bouts = rows.assign(whole=whole).pivot_table(
-        index="bout", columns="rate_hz", values="whole", aggfunc="median"
-    )
+    rows = rows.assign(whole=rows[list(STEPS)].sum(axis=1))
+    bouts = rows.pivot_table(index="bout", columns="rate_hz", values="whole", aggfunc="median")
     return ratio_of(bouts.to_numpy(float), np.median, unit="times as long")
 
 
@@ -241,10 +239,8 @@ def draw(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     figure.suptitle(
         f"A picture reaches a local reader in {took:.2f} ms; copy, wake-up and reading take {least:.2f} ms"
     )
-    config = run.config
-    note(
-        figure, f"medians of {config.bouts} bouts of {config.messages} messages; pictures {SIZE[1]} x {SIZE[0]}"
-    )
+    bouts, messages = run.config.bouts, run.config.messages
+    note(figure, f"medians of {bouts} bouts of {messages} messages; pictures {SIZE[1]} x {SIZE[0]}")
     return shown
 
 

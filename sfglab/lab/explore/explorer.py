@@ -147,8 +147,7 @@ class Explorer:
     def _ask(self) -> None:
         self._request += 1
         self._settled.clear()
-        config = to_json(self.form.config)
-        self._worker.order(do="draw", request=self._request, look=self._look, config=config)
+        self._worker.order(do="draw", request=self._request, look=self._look, config=to_json(self.form.config))
 
     def _take(self, report: Report) -> None:
         if report["is"] == "ended":

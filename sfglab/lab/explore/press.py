@@ -84,8 +84,7 @@ class Pressed:
     @property
     def said(self) -> str:
         """The sentence below the figure, as HTML; empty: nothing was refused."""
-        text: str = self._said.value
-        return text
+        return str(self._said.value)
 
     def _repr_mimebundle_(self, **_: object) -> tuple[dict[str, Any], dict[str, Any]]:
         return still_bundle(self.widget, few_colors(png_of(drawn(self._size, self._draw))), type(self))

@@ -152,8 +152,7 @@ class _Hub:
         for pid in self._holders:
             os.kill(pid, signal.SIGKILL)
             os.waitpid(pid, 0)
-        inodes = {os.fstat(port.namespace).st_ino for port in self._ports.values()}
-        end_members(inodes, grace_s=0)
+        end_members({os.fstat(port.namespace).st_ino for port in self._ports.values()}, grace_s=0)
 
 
 def main(control_fd: str, creator_pidfd: str, how: str) -> NoReturn:

@@ -91,9 +91,8 @@ def _start(control: socket.socket, *, how: str, log: IO[bytes]) -> subprocess.Po
     modules = os.pathsep.join(path or str(Path.cwd()) for path in sys.path)  # so that the hub finds the same
     try:
         numbers = (control.fileno(), creator)
-        hub = (sys.executable, "-P", "-m", "sfglab.lab.hosts.hub", *map(str, numbers))
         return subprocess.Popen(
-            [*ENTER, "new", how, *hub],
+            [*ENTER, "new", how, sys.executable, "-P", "-m", "sfglab.lab.hosts.hub", *map(str, numbers)],
             env=os.environ | {"PYTHONPATH": modules},
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,

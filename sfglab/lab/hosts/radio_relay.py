@@ -280,8 +280,7 @@ class _Relay:
         assert self._air is not None
         self._kept.overrun += self._overrun()
         names = [*self._names, "access point"] if self._medium.access_point else self._names
-        hosts = zip(names, map(asdict, self._air.use), strict=False)
-        return {"hosts": dict(hosts), **self._kept.report()}
+        return {"hosts": dict(zip(names, map(asdict, self._air.use), strict=False)), **self._kept.report()}
 
     def answer(self, request: dict[str, Any]) -> dict[str, Any]:
         return self.set(**request) if request.pop("op") == "set" else self.counters()

@@ -198,13 +198,12 @@ def _numgen() -> dict[str, Any]:
 def _lossy(interface: str, key: Meta, per_million: int) -> list[Any]:
     """Compile ``iifname|oifname X numgen random mod 1000000 < P drop``."""
     register = Regs.NFT_REG_1
-    swap = {"sreg": register, "dreg": register, "op": _HTON, "len": 4, "size": 4}
     return [
         genex("meta", {"key": key, "dreg": register}),
         _compare(Cmp.NFT_CMP_EQ, interface.encode().ljust(_NAME_BYTES, b"\0")),
         _numgen(),
         # Comparison is bytewise, the random number is in the machine's order.
-        genex("byteorder", swap),
+        genex("byteorder", {"sreg": register, "dreg": register, "op": _HTON, "len": 4, "size": 4}),
         _compare(Cmp.NFT_CMP_LT, struct.pack(">I", per_million)),
         *verdict(_DROP),
     ]

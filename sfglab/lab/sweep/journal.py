@@ -214,14 +214,13 @@ class Journal(AbstractContextManager["Journal"]):
         """Take over what is there and stand behind it; return what differs when it is another sweep's."""
         content = self._file.read()
         whole = content[: content.rfind(b"\n") + 1].splitlines(keepends=True)
-        if not whole and not _begins_one(content):
+        known = _entry(whole[0]).get(_MAGIC) == _VERSION if whole else _begins_one(content)
+        if not known:
             raise JournalError(f"{path} is no journal of a sweep; name another file")
         end = 0
         for number, line in enumerate(whole):
             entry = _entry(line)
             if number == 0:
-                if entry.get(_MAGIC) != _VERSION:
-                    raise JournalError(f"{path} is no journal of a sweep; name another file")
                 differs = [key for key, value in identity.items() if entry.get(key) != value]
                 if differs:
                     return ", ".join(differs)

@@ -74,8 +74,7 @@ def run_batch(task: Callable[..., object], code: str, jobs: Sequence[Job]) -> Do
             finished.append(Finished(job.index, job.seed, text_from_result(result)))
         except (Exception, KeyboardInterrupt, SystemExit) as error:  # noqa: BLE001 - told to who started the sweep
             stop = isinstance(error, KeyboardInterrupt)
-            reason = f"{type(error).__name__}: {error}"
-            failure = Failure(job, reason, traceback.format_exc(), interrupt=stop)
+            failure = Failure(job, f"{type(error).__name__}: {error}", traceback.format_exc(), interrupt=stop)
             break
     return Done(tuple(finished), time.perf_counter() - start_s, failure)
 
@@ -209,8 +208,7 @@ def sweep(
     for name, given in (("points", points), ("seeds", seeds)):
         if (differ := len({repr(one) for one in given})) != len(given):
             raise SweepError(f"{name}: given {len(given)}, of which only {differ} differ; give each once")
-    identity = identity_of(task, points)
-    with Journal(journal, identity) as log:
+    with Journal(journal, identity_of(task, points)) as log:
         pairs = [(i, seed) for i in range(len(points)) for seed in seeds]
         missing = [Job(i, points[i], seed) for i, seed in pairs if (i, seed) not in log.finished]
         if missing:

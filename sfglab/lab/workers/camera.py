@@ -158,8 +158,7 @@ async def _shoot(
             due = started + frame.number / config.fps
             await asyncio.sleep(max(0.0, due - time.monotonic()))
             stamp_ns = time.time_ns()
-            header = header_msg(config.frame_id, stamp_ns)
-            for message in encoder.messages(frame, header):
+            for message in encoder.messages(frame, header_msg(config.frame_id, stamp_ns)):
                 first = frame.number % len(publishers)  # no place is always the first
                 for publisher in publishers[first:] + publishers[:first]:
                     publisher.publish(message)

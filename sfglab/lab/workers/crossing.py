@@ -131,12 +131,12 @@ class End:
             self._sockets["software"].sendall(self._shared[: item.message_bytes])
 
     def _as_reader(self, item: Round) -> None:
-        if not item.gateway:
-            return self._as_subscriber(item)
-        self._be_woken()
-        self._had = self._shared[: item.message_bytes]
-        _touch(self._had)
-        return None
+        if item.gateway:
+            self._be_woken()
+            self._had = self._shared[: item.message_bytes]
+            _touch(self._had)
+        else:
+            self._as_subscriber(item)
 
     def _as_subscriber(self, item: Round) -> None:
         self._had = self._receive("software", self._local, item)

@@ -133,8 +133,7 @@ class _Robot:
         due_ns = round_.start_ns - _EARLY_NS
         while due_ns < round_.end_ns + round(TAIL_S * 1e9):
             await clock.sleep_for(max(0.0, (due_ns - clock.now_ns()) / 1e9))
-            stamp_ns = clock.now_ns()
-            _send(self._moving, motions(round_.start_ns, stamp_ns))
+            _send(self._moving, motions(round_.start_ns, clock.now_ns()))
             due_ns += period_ns
         return {}
 
@@ -154,8 +153,7 @@ class _Tee:
             async for capture in captures:
                 before = self._published()
                 yield capture
-                published = self._published() > before
-                self.receipts.append((capture.capture_ns, capture.receipt_ns, published))
+                self.receipts.append((capture.capture_ns, capture.receipt_ns, self._published() > before))
                 for transform in direct_transforms(capture, world=WORLD):
                     _send([self._publishers["direct"]], [transform])
                     _send([self._publishers["renamed"]], [replace(transform, child=OBJECT)])

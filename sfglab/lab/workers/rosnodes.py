@@ -165,7 +165,7 @@ class _RosNodes:
         return all(stack.known_nodes() >= self._everybody for stack in self._stacks)
 
     def _say(self, kind: str) -> None:
-        known = {} if not self._stacks or not hasattr(self, "_poller") else self._counts()
+        known = self._counts() if hasattr(self, "_poller") else {}
         self._report({"is": kind, "t_ns": time.time_ns(), "cpu_ns": time.process_time_ns(), **known})
 
     def _counts(self) -> dict[str, int]:

@@ -41,8 +41,7 @@ async def serve(config: WireConfig, report: Reporter, orders: Orders) -> None:
     async with Node("wire", **config.address.options()) as node, asyncio.TaskGroup() as listening:
         now_ns = node.get_clock().now_ns()
         for topic, type_ in config.topics.items():
-            subscription = node.create_subscription(type_, topic, qos=QOS, raw=True)
-            listening.create_task(_listen(subscription, report))
+            listening.create_task(_listen(node.create_subscription(type_, topic, qos=QOS, raw=True), report))
         report({"is": "joined", "t_ns": now_ns})
         while True:
             order = await orders.get()

@@ -223,21 +223,17 @@ class LightDetector:
         self.active = True
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Control:
-    """Constants of the controller, all chosen here (the paper gives none)."""
-
-    speed_mps: float = 0.9  #: On a straight lane.
-    lookahead_m: float = 0.9  #: How far ahead the car aims.
-    lateral_mps2: float = 0.35  #: Highest lateral acceleration; bends are taken slower for it.
-    arrived_m: float = 0.3  #: How near a remembered point is not aimed at any more.
+# Constants of the controller, all chosen here (the paper gives none).
+_SPEED_MPS = 0.9  #: On a straight lane.
+_LOOKAHEAD_M = 0.9  #: How far ahead the car aims.
+_LATERAL_MPS2 = 0.35  #: Highest lateral acceleration; bends are taken slower for it.
+_ARRIVED_M = 0.3  #: How near a remembered point is not aimed at any more.
 
 
 class LaneControl:
     """The lane-control node: remembers whether a red light holds the car, and the last point it aimed at."""
 
-    def __init__(self, control: Control | None = None) -> None:
-        self.control = control or Control()
+    def __init__(self) -> None:
         self.held = False
         self._aim_odometry: tuple[float, float] | None = None
 
@@ -252,16 +248,16 @@ class LaneControl:
     def step(self, lane: Lane | None, pose: Pose) -> Drive:
         """Return the command for a frame, given what `fit_lane` found in it and the odometry at that frame."""
         if lane is not None:
-            x = self.control.lookahead_m
-            self._aim_odometry = pose.outwards(x, lane.y_m(x))
+            self._aim_odometry = pose.outwards(_LOOKAHEAD_M, lane.y_m(_LOOKAHEAD_M))
         if self.held or self._aim_odometry is None:
             return Drive()
         return self._towards(*pose.inwards(*self._aim_odometry))
 
-    def _towards(self, x_m: float, y_m: float) -> Drive:
+    @staticmethod
+    def _towards(x_m: float, y_m: float) -> Drive:
         """Return the command along the arc through a point of the vehicle frame."""
-        if x_m < self.control.arrived_m:
+        if x_m < _ARRIVED_M:
             return Drive()
         curvature = 2 * y_m / (x_m * x_m + y_m * y_m)
-        speed = min(self.control.speed_mps, math.sqrt(self.control.lateral_mps2 / max(abs(curvature), 1e-6)))
+        speed = min(_SPEED_MPS, math.sqrt(_LATERAL_MPS2 / max(abs(curvature), 1e-6)))
         return Drive(speed_mps=speed, yaw_rate_rps=speed * curvature)

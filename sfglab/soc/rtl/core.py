@@ -85,8 +85,8 @@ _ANSWERS = {
 class Gateway(Elaboratable):
     """A gateway with one publishing hardware node, any number of subscribing ones, and this core."""
 
-    def __init__(self, subscribers: int, table: Table = TABLE) -> None:
-        self.control = Control(table)  #: The core's control.
+    def __init__(self, subscribers: int) -> None:
+        self.control = Control()  #: The core's control.
         self.mover = Mover()  #: The core's data path; `mover.master.port` is the memory interface.
         self.node = Stream("node")  #: In: the hardware publisher's stream.
         self.ports = [Stream(f"port{i}") for i in range(subscribers)]  #: Out: the subscribers' streams.

@@ -29,7 +29,6 @@ OWN_SMT, OWN_HMT = 0x5_0001, 0x4_0001  #: Ids of the core on both topics.
 OUTPUT_WORD = 0  #: Word of the memory at which the output message begins; the message to forward follows it.
 WORD_FACTOR = 0x9E37_79B9_7F4A_7C15
 """Word i of a message in memory is i times this: all differ, in every part."""
-FITTED_CHUNKS = (2, 8)  #: Sizes of the messages through whose cycles a cycle model goes.
 WORD_BYTES = ADDRESS_BITS // 8
 CHUNK_BYTES = CHUNK_WORDS * WORD_BYTES
 _STEP_CYCLES = 64  #: How often a simulation looks whether it is through.
@@ -225,14 +224,6 @@ class CycleModel:
     def cycles(self, message_bytes: int) -> float:
         """Return the cycles of a message; a last chunk that is not full counts as if it were."""
         return self.fixed_cycles + self.chunk_cycles * -(-message_bytes // CHUNK_BYTES)
-
-
-def fitted_cycle_model(simulated_cycles: Callable[[int], int]) -> CycleModel:
-    """Return the cycle model through messages of `FITTED_CHUNKS` chunks, given cycles by bytes."""
-    few, many = FITTED_CHUNKS
-    cycles = simulated_cycles(few * CHUNK_BYTES)
-    chunk_cycles = (simulated_cycles(many * CHUNK_BYTES) - cycles) / (many - few)
-    return CycleModel(fixed_cycles=cycles - few * chunk_cycles, chunk_cycles=chunk_cycles)
 
 
 def run_bench(bench: Any, limit: int, ended: Callable[[Any], T | None], what: object) -> T:

@@ -34,7 +34,6 @@ from sfglab.soc.rtl.cycles import (
     Transfer,
     check_words,
     compare_words,
-    fitted_cycle_model,
     run_bench,
     simulate_transfer,
 )
@@ -307,6 +306,7 @@ class MemoryPath(Enum):
 
 
 _GATEWAY = (MemoryPath.GATEWAY_OUT, MemoryPath.GATEWAY_IN)
+_FITTED_CHUNKS = (2, 8)  #: Sizes of the messages through whose cycles a cycle model goes.
 
 
 def simulated_cycles(path: MemoryPath, nodes: int, message_bytes: int, delays: Delays | None = None) -> int:
@@ -331,7 +331,10 @@ def simulated_cycles(path: MemoryPath, nodes: int, message_bytes: int, delays: D
 
 def cycle_model(path: MemoryPath, nodes: int, delays: Delays | None = None) -> CycleModel:
     """Return the cycle model of a path through two simulated messages; arguments as of `simulated_cycles`."""
-    return fitted_cycle_model(lambda message_bytes: simulated_cycles(path, nodes, message_bytes, delays))
+    few, many = _FITTED_CHUNKS
+    cycles = simulated_cycles(path, nodes, few * CHUNK_BYTES, delays)
+    chunk_cycles = (simulated_cycles(path, nodes, many * CHUNK_BYTES, delays) - cycles) / (many - few)
+    return CycleModel(fixed_cycles=cycles - few * chunk_cycles, chunk_cycles=chunk_cycles)
 
 
 def memory_model_cycles(

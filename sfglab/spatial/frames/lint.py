@@ -89,12 +89,6 @@ def lint_frames(
     return (*_parents(by_child), *_loops(above), *_roots(above, root), *_names(edges, rule), *_backwards(edges))
 
 
-def roots_of(edges: Iterable[Edge]) -> tuple[str, ...]:
-    """Return all frames that have children but no parent, sorted; a good tree has one."""
-    edges = tuple(edges)
-    return tuple(sorted({e.parent for e in edges} - {e.child for e in edges}))
-
-
 def _parents(by_child: Mapping[str, Sequence[Edge]]) -> Iterator[FrameFinding]:
     for child, group in by_child.items():
         parents = sorted({e.parent for e in group})

@@ -64,6 +64,9 @@ def text(name: str) -> Property:
     return Property(name=name, allowed=f"1 to {_LONGEST} printable characters", parse=as_name, schema=schema)
 
 
+_NAME = text("name")
+
+
 def length(name: str, *, optional: bool = False, zero: bool = False) -> Property:
     """Return the property of a finite number above zero, or from it on; None, where optional, is no limit."""
 
@@ -276,11 +279,7 @@ def checked_object(thing: SceneObject) -> SceneObject:
     if isinstance(thing.id, bool) or not isinstance(thing.id, int) or thing.id <= ROOT:
         raise SceneError(f"{thing.kind}, id", thing.id, "a whole number from 1")
     if thing.name != "" or not isinstance(thing, WaypointObject):
-        try:
-            as_name(thing.name)
-        except ValueError as error:
-            where = f"{thing.kind} {thing.id}, name"
-            raise SceneError(where, thing.name, "1 to 100 printable characters") from error
+        _NAME.typed(thing.name, f"{thing.kind} {thing.id}, name")
     if not isinstance(thing.pose, Pose):
         raise SceneError(f"{place}, pose", thing.pose, "a pose")
     if not all(abs(c) <= _FARTHEST_M for c in thing.pose.position_m):

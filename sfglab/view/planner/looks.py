@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import islice
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -159,22 +160,17 @@ class TreeRow:
 def rows_of(scene: Scene, selection: tuple[int, ...]) -> tuple[TreeRow, ...]:
     """Return up to `MOST_ROWS` rows of a scene in order, waypoints of the opened trajectory alone."""
     opened = open_trajectory(scene, selection)
-    rows = []
-    for thing in scene.walk():
-        if isinstance(thing, WaypointObject) and thing.parent != opened:
-            continue
-        rows.append(
-            TreeRow(
-                id=thing.id,
-                kind=thing.kind,
-                depth=_depth(scene, thing),
-                text=title_of(thing),
-                selected=thing.id in selection,
-            )
+    shown = (t for t in scene.walk() if not isinstance(t, WaypointObject) or t.parent == opened)
+    return tuple(
+        TreeRow(
+            id=thing.id,
+            kind=thing.kind,
+            depth=_depth(scene, thing),
+            text=title_of(thing),
+            selected=thing.id in selection,
         )
-        if len(rows) == MOST_ROWS:
-            break
-    return tuple(rows)
+        for thing in islice(shown, MOST_ROWS)
+    )
 
 
 def open_trajectory(scene: Scene, selection: tuple[int, ...]) -> int | None:

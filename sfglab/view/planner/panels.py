@@ -163,8 +163,7 @@ class Inspector(Part):
         async def typed(event: Any) -> None:
             if event.client_id is not None:
                 value = event.target.value
-                key = (id_, field.key)
-                jobs.later(key, lambda: self._set(id_, field.key, value), delay_s=delay_s)
+                jobs.later((id_, field.key), lambda: self._set(id_, field.key, value), delay_s=delay_s)
 
         widget.on_update(typed)
         return widget

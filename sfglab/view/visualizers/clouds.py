@@ -132,9 +132,8 @@ class LaserScan(Visualizer):
 
         points = geometry.scan_points(update.only)
         canvas.place(self.entity, update.only.header.frame_id)
-        _log_points(
-            canvas, self.entity, points, geometry.colors_by_value(np.hypot(points[:, 0], points[:, 1])), self
-        )
+        colors = geometry.colors_by_value(np.hypot(points[:, 0], points[:, 1]))
+        _log_points(canvas, self.entity, points, colors, self)
 
 
 def _log_points(

@@ -46,8 +46,7 @@ def staleness(run: Run[Config]) -> pd.DataFrame:
 def assumed(run: Run[Config]) -> pd.DataFrame:
     """Return the optimum by Rmin and Dmin, a line each, for the first topics and the lowest Rmax of a run."""
     balance = run["balance"]
-    first = balance[["topics", "weight"]].iloc[0]
-    same = (balance[["topics", "weight"]] == first).all(axis=1)
+    same = (balance[["topics", "weight"]] == balance[["topics", "weight"]].iloc[0]).all(axis=1)
     found: pd.DataFrame = balance[same & (balance["rate_max_hz"] == balance["rate_max_hz"].min())]
     return found
 

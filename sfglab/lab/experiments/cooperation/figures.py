@@ -120,8 +120,7 @@ def draw_area(axes: Axes, robot: str, color: str = COLORS["network"]) -> None:
     axes.plot(*HOME[:2], "+", color="black", markersize=9)
     axes.set(aspect="equal", xticks=(), yticks=())
     axes.grid(visible=False)
-    for spine in axes.spines.values():
-        spine.set_visible(False)
+    axes.spines[:].set_visible(False)
 
 
 def _draw_track(axes: Axes, way: pd.DataFrame, color: str, **style: Any) -> None:

@@ -123,7 +123,6 @@ def _write_messages(log: LogWriter, tracks: Sequence[TrackRow]) -> None:
 
 
 def _scan(track: TrackRow, frame: str, now_ns: int) -> Any:
-    ranges = scan_at(_BY_ROBOT[track.robot][1], track.x_m, track.y_m, track.heading_rad)
     return default_message(
         "sensor_msgs/msg/LaserScan",
         header=header_msg(frame, now_ns),
@@ -132,7 +131,7 @@ def _scan(track: TrackRow, frame: str, now_ns: int) -> Any:
         scan_time=np.float32(0.1),
         range_min=np.float32(0.15),
         range_max=np.float32(12.0),
-        ranges=ranges.astype(np.float32),
+        ranges=scan_at(_BY_ROBOT[track.robot][1], track.x_m, track.y_m, track.heading_rad).astype(np.float32),
     )
 
 

@@ -82,20 +82,18 @@ class Running(StreamProcesses):
             seed=self._config.seed,
             encoder=self._config.encoder,
         )
-        remote = self.shared("consumer")
         # One process is lent to one cell after the other, as a component container is: none starts in between.
         decoder = DecoderConfig(
-            remote=remote, local=local, streams=(self._topic,), linger_s=LINGER_S, refill=False
+            remote=self.shared("consumer"), local=local, streams=(self._topic,), linger_s=LINGER_S, refill=False
         )
         viewer = self.viewer_config(self._topic, local)
-        viewers = dict.fromkeys(self._viewers, ("consumer", "sfglab.lab.workers.viewer", viewer, "ready"))
-        others = {
-            "decoder": ("consumer", "sfglab.fleet.decoder.node", decoder, "ready"),
-            "camera": ("edge", "sfglab.lab.workers.camera", camera, "running"),
-        }
+        looks = "sfglab.lab.workers.viewer"
         return [
-            Member(name=name, host=host, module=module, config=config, ready=ready)
-            for name, (host, module, config, ready) in (viewers | others).items()
+            *(Member(name=name, host="consumer", module=looks, config=viewer) for name in self._viewers),
+            Member(name="decoder", host="consumer", module="sfglab.fleet.decoder.node", config=decoder),
+            Member(
+                name="camera", host="edge", module="sfglab.lab.workers.camera", config=camera, ready="running"
+            ),
         ]
 
     async def look(self, mode: str, count: int) -> float:

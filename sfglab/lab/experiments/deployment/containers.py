@@ -117,8 +117,7 @@ async def _look(outside: Host, pairs: Sequence[tuple[Deployment, Bundle]]) -> di
     domains = (pairs[0][0].network.global_domain, *(d.network.local_domain for d, _ in pairs))
     addresses = tuple(BusAddress(domain_id=domain, interface=outside.interface) for domain in domains)
     config = ObserverConfig(addresses=addresses, seconds=LOOKING_S)
-    module = "sfglab.lab.workers.graph_observer"
-    onlooker = Member(name="onlooker", module=module, config=config, ready="seen")
+    onlooker = Member(name="onlooker", module="sfglab.lab.workers.graph_observer", config=config, ready="seen")
     start_s = LOOKING_S + MEETING_S
     async with ProcessGroup(lambda _, command: outside.argv(command), [onlooker], start_s=start_s) as group:
         seen = group["onlooker"].readiness

@@ -220,7 +220,7 @@ async def _routed(fleet: Fleet, world: World) -> FleetOutcome:
     arrivals = _Arrivals(world, fleet.agents)
     async with beside(*(run() for name in names for run in _components(world, name, arrivals))):
         hosts = await arrivals.wait()
-        _, announced = world.census()
+        announced = world.announced()
     return FleetOutcome(hosts=hosts, announced=announced)
 
 
@@ -254,7 +254,7 @@ async def _standard(fleet: Fleet, world: World) -> FleetOutcome:
         name = _name(host)
         nodes = [_ros_node(world, name, role, number) for number, role in enumerate(roles)]
         _watch(nodes[0], world.host(name), each * (fleet.agents - 1), arrivals)
-    return FleetOutcome(hosts=await arrivals.wait(), announced=world.census()[1])
+    return FleetOutcome(hosts=await arrivals.wait(), announced=world.announced())
 
 
 def _ros_node(world: World, host: str, role: str, number: int) -> SimNode:

@@ -6,6 +6,7 @@ any other there is no finding. Of the modes that may stand for the paper's middl
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -76,19 +77,8 @@ def agreement(table: pd.DataFrame, of: str) -> pd.DataFrame:
     return found.assign(agrees=found["lowest"] & found["small"]).reset_index()
 
 
-@exp.claim("B-LAT", how=How.SIMULATED)
-def latency_verdict(run: Run[Config]) -> Finding | None:
-    """Return in what share of the plausible conditions the criterion of B-LAT holds."""
-    return _agreement_finding(run, "latency")
-
-
-@exp.claim("B-LOSS", how=How.SIMULATED)
-def loss_verdict(run: Run[Config]) -> Finding | None:
-    """Return in what share of the plausible conditions the criterion of B-LOSS holds."""
-    return _agreement_finding(run, "loss")
-
-
-def _agreement_finding(run: Run[Config], of: str) -> Finding | None:
+def _agreement_finding(run: Run[Config], *, of: str) -> Finding | None:
+    """Return in what share of the plausible conditions the criterion of B-LAT or B-LOSS holds."""
     if (tables := judged(run)) is None:
         return None
     table = run.once("plausible", lambda: answers(*tables))
@@ -115,6 +105,10 @@ def _agreement_finding(run: Run[Config], of: str) -> Finding | None:
     where = _where(found[found["preset"] == mode], "agrees")
     reason = f"as {mode}, {'; '.join(halves)}; agree {where} (map: figure phases, notebook 19)"
     return Finding(estimate=figures[mode], details=details, reason=reason, by_criterion=True)
+
+
+exp.claim("B-LAT", how=How.SIMULATED)(partial(_agreement_finding, of="latency"))
+exp.claim("B-LOSS", how=How.SIMULATED)(partial(_agreement_finding, of="loss"))
 
 
 def _where(table: pd.DataFrame, column: str) -> str:

@@ -59,14 +59,10 @@ def scene_of(run: Run[Config]) -> Scene:
 def checks(run: Run[Config]) -> pd.DataFrame:
     """Return every check: its group, how it was made, and what `CheckRow` says of it."""
     tables = [run[name].assign(group=_GROUPS.get(name, name)) for name in _EXACT_TABLES]
-    tables.append(_table(_of_faults(run["fault"])).assign(group=_GROUPS["fault"]))
+    tables.append(pd.DataFrame(map(asdict, _of_faults(run["fault"]))).assign(group=_GROUPS["fault"]))
     exact = pd.concat(tables, ignore_index=True).assign(how=How.EXACT.value)
-    goals = _table(_of_goals(run)).assign(group="execution", how=how_of(run).value)
+    goals = pd.DataFrame(map(asdict, _of_goals(run))).assign(group="execution", how=how_of(run).value)
     return pd.concat([exact, goals], ignore_index=True)[["check", "group", "how", "checked", "held", "example"]]
-
-
-def _table(rows: Iterator[CheckRow]) -> pd.DataFrame:
-    return pd.DataFrame([asdict(row) for row in rows])
 
 
 def _of_faults(faults: pd.DataFrame) -> Iterator[CheckRow]:
@@ -212,8 +208,7 @@ def _draw_hall(axes: Axes, run: Run[Config]) -> None:
         drawn.set_array(track["speed_m_s"].to_numpy()[1:])
         drawn.set_clim(0.0, fastest)
         axes.add_collection(drawn)
-        beside: dict[str, Any] = {"xytext": (2, -15), "textcoords": "offset points", "weight": "bold"}
-        axes.annotate(agent.name, places[0], **beside)
+        axes.annotate(agent.name, places[0], (2, -15), textcoords="offset points", weight="bold")
     _mark_closest(axes, run)
     axes.figure.colorbar(drawn, ax=axes, label="speed, driven (m/s)", shrink=0.75, pad=0.01)
     axes.set_title("From above")
@@ -234,11 +229,10 @@ def _draw_body(axes: Axes, thing: ZoneObject | ObstacleObject, pose: Pose) -> No
 
     corners = _outline(thing.shape, pose)
     inside = isinstance(thing, ZoneObject) and thing.rule is ZoneRule.INSIDE
-    zone = isinstance(thing, ZoneObject) and not inside
     style: dict[str, Any] = {"facecolor": "0.8", "edgecolor": "0.4"}
     if inside:
         style = {"fill": False, "edgecolor": "0.5", "linewidth": 1.6}
-    elif zone:
+    elif isinstance(thing, ZoneObject):
         style = {"facecolor": "#f3d6c8", "edgecolor": COLORS["standard"], "hatch": "//", "alpha": 0.6}
     axes.add_patch(Polygon(corners, **style))
     where = corners[corners.sum(axis=1).argmin()] + (0.15, 0.15) if inside else corners.mean(axis=0)

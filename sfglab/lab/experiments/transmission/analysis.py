@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING, Any, Literal
 
 import pandas as pd
@@ -146,8 +147,7 @@ def share_of_grid(run: Run[Config]) -> Finding:
         for row in run["cell"].itertuples()
         if not as_in_table_2(row, run.config.duration_s)
     }
-    columns = run["cell"][["rate_max_hz", "depth", "method"]]
-    done = set(columns.drop_duplicates().itertuples(index=False, name=None))
+    done = set(run["cell"][["rate_max_hz", "depth", "method"]].itertuples(index=False, name=None))
     policies = _policies(run.config)
     details = {
         "cells": str(len(done)),
@@ -163,19 +163,8 @@ def share_of_grid(run: Run[Config]) -> Finding:
     return Finding(estimate=estimate, details=details, reason="; ".join(reasons))
 
 
-@exp.claim("B-LAT", how=How.SIMULATED)
-def latency_order(run: Run[Config]) -> Finding:
-    """Return the share of rates at which latencies have the paper's order."""
-    return _order_finding(run, "latency_p50_ms", tie=TIE)
-
-
-@exp.claim("B-LOSS", how=How.SIMULATED)
-def loss_order(run: Run[Config]) -> Finding:
-    """Return the share of rates at which losses have the paper's order."""
-    return _order_finding(run, "loss")
-
-
-def _order_finding(run: Run[Config], column: str, *, tie: float = 0.0) -> Finding:
+def _order_finding(run: Run[Config], *, column: str, tie: float = 0.0) -> Finding:
+    """Return the share of rates at which latencies, or losses, have the paper's order."""
     table, lossless = (order(run, column, tie=tie, table=name) for name in ("cell", "lossless"))
     wins, small = int(table["wins"].sum()), int(table["small_is_worst"].sum())
     highest = [f"{r.rate_max_hz} Hz: {r.highest_method}, depth {r.highest_depth}" for r in lines_of(table)]
@@ -201,3 +190,7 @@ def _order_finding(run: Run[Config], column: str, *, tie: float = 0.0) -> Findin
     share = float((table["wins"] & table["small_is_worst"]).mean())
     estimate = exactly(share, "share of rates with this order")
     return Finding(estimate=estimate, details=details, reason="; ".join(reasons))
+
+
+exp.claim("B-LAT", how=How.SIMULATED)(partial(_order_finding, column="latency_p50_ms", tie=TIE))
+exp.claim("B-LOSS", how=How.SIMULATED)(partial(_order_finding, column="loss"))

@@ -52,9 +52,8 @@ class Exchange:
     def scenario(self) -> Scenario:
         """Return it as what the model runs."""
         qos = QoSProfile(depth=self.depth)
-        flow = Flow(name=_FLOW, source="robot", target="station", rate_hz=self.rate_hz, qos=qos)
         return Scenario(
-            flows=(flow,),
+            flows=(Flow(name=_FLOW, source="robot", target="station", rate_hz=self.rate_hz, qos=qos),),
             medium=Medium(loss=self.loss),
             vendor=PRESETS[self.vendor],
             duration_s=(self.samples - 0.5) / self.rate_hz,
