@@ -115,8 +115,7 @@ def test_the_keys_of_a_schema_are_those_that_its_reader_knows(name, tmp_path, mo
             met.append(keys)
             if keys not in SHAPES:
                 assert by_content[json.dumps(value, sort_keys=True)] == keys
-    missed = {frozenset(part["properties"]) for part in objects(schema)} - set(met)
-    assert missed == set()
+    assert {frozenset(part["properties"]) for part in objects(schema)} - set(met) == set()
 
 
 SHAPES = [frozenset(keys.split()) for keys in ("kind size_m", "kind radius_m", "kind radius_m height_m")]

@@ -78,7 +78,8 @@ async def test_transforms_reach_both_sides_latched_ones_also_who_comes_later(pee
             ros.on_report = note
             fixed, base = (serialize(tree(*edge)).hex() for edge in ROS_EDGES)
             await publish(ros, TF_STATIC, LATCHED, [fixed], TRANSFORMS)
-            for topic, qos in ((TF_STATIC, LATCHED), (TF, {"depth": 100})):
+            # As tf2_ros listens: of two latched trees, a depth of one keeps what came last.
+            for topic, qos in ((TF_STATIC, LATCHED | {"depth": 100}), (TF, {"depth": 100})):
                 await listen(ros, topic, qos, TRANSFORMS)
             async with FramesListener(node, buffer):
 
