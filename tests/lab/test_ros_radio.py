@@ -39,7 +39,7 @@ async def test_chains_and_local_caches_run_on_ros2_as_in_the_model():
     flows = (
         Flow(name="cached", change_s=0.1, cached=True, phase_s=1e-3, **flow),
         Flow(name="hello", size_bytes=14, then="move", service_s=5e-3, **flow),
-        Flow(name="move", size_bytes=14, source="station", target="robot"),
+        Flow(name="move", size_bytes=14, source="station", target="robot", qos=flow["qos"]),
     )
     calm = Medium(rate_bps=1e8, loss=0.0, overhead_s=50e-6)
     scenario = Scenario(flows=flows, medium=calm, vendor=PRESETS["fast_dds_sync"], duration_s=1.0, drain_s=3.0)
