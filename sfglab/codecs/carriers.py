@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sfglab.codecs.depth import DepthFormat, decode_depth, encode_depth, parse_depth_format
+from sfglab.codecs.depth import PNG_LEVEL, DepthFormat, decode_depth, encode_depth, parse_depth_format
 from sfglab.codecs.errors import MAX_PIXELS, CodecError, CodecUnavailableError, kind_of
 from sfglab.codecs.h264 import H264Decoder, VideoDecoder
 
@@ -83,13 +83,15 @@ def ffmpeg_packet_fields(frame: EncodedFrame, settings: H264Settings) -> FfmpegP
     )
 
 
-def compressed_depth_fields(depth: NDArray[Any], codec: str = "rvl") -> CompressedImageFields:
+def compressed_depth_fields(
+    depth: NDArray[Any], codec: str = "rvl", *, depth_max_m: float | None = None, png_level: int = PNG_LEVEL
+) -> CompressedImageFields:
     """Return a depth image as compressed_depth_image_transport publishes it; see `encode_depth`.
 
     Raises:
         CodecError: If the image or the codec is of another kind.
     """
-    depth_format, data = encode_depth(depth, codec=codec)
+    depth_format, data = encode_depth(depth, codec=codec, depth_max_m=depth_max_m, png_level=png_level)
     return CompressedImageFields(format=str(depth_format), data=data)
 
 

@@ -91,8 +91,8 @@ class Testbed:
         self._names = names
         self._stack = ExitStack()
         self._network: Network | None = None
-        one = Capability(ok=False, how="none", reason="asked for")
-        capability = one if separate is False else Network.available()
+        asked_for = Capability(ok=False, how="none", reason="asked for")
+        capability = asked_for if separate is False else Network.available()
         self.separate = capability.ok  #: Whether the hosts are separate.
         #: What the hosts are, for the log.
         self.description = f"one host, loopback ({capability.reason})"

@@ -7,6 +7,7 @@ are in ROS's order, x, y, z, w. Plain Python, because one product through SciPy 
 
 from __future__ import annotations
 
+import functools
 import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Self
@@ -188,16 +189,16 @@ class Pose:
 
     def to_pose_msg(self) -> Any:
         """Return a `geometry_msgs/msg/Pose`."""
-        position = message_type("geometry_msgs/msg/Point")(*self.position_m)
-        return message_type("geometry_msgs/msg/Pose")(position=position, orientation=self._quaternion_msg())
+        pose, _, _, point, _ = _types()
+        return pose(position=point(*self.position_m), orientation=self._quaternion_msg())
 
     def to_transform_msg(self) -> Any:
         """Return a `geometry_msgs/msg/Transform`."""
-        moved = message_type("geometry_msgs/msg/Vector3")(*self.position_m)
-        return message_type("geometry_msgs/msg/Transform")(translation=moved, rotation=self._quaternion_msg())
+        _, transform, vector, _, _ = _types()
+        return transform(translation=vector(*self.position_m), rotation=self._quaternion_msg())
 
     def _quaternion_msg(self) -> Any:
-        return message_type("geometry_msgs/msg/Quaternion")(*self.quat_xyzw)
+        return _types()[4](*self.quat_xyzw)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -232,6 +233,13 @@ class StampedTransform:
 def header_msg(frame_id: str, stamp_ns: int) -> Any:
     """Return a `std_msgs/msg/Header`."""
     return message_type("std_msgs/msg/Header")(stamp=stamp_from_ns(stamp_ns), frame_id=frame_id)
+
+
+@functools.cache
+def _types() -> tuple[Any, Any, Any, Any, Any]:
+    names = ("Pose", "Transform", "Vector3", "Point", "Quaternion")
+    pose, transform, vector, point, quaternion = (message_type(f"geometry_msgs/msg/{n}") for n in names)
+    return pose, transform, vector, point, quaternion
 
 
 def _checked(position: Iterable[float], quat: Iterable[float], place: str) -> tuple[Vec3, Quat]:

@@ -219,7 +219,7 @@ def test_a_signal_reaches_both_and_the_agent_says_how_it_ended(tmp_path):
     assert ready == {"agent ready\n", "launch ready\n"}
     assert set(said.splitlines()) == {"agent ended", "launch ended"}
     assert process.returncode == 0
-    wait_until(lambda: not running(process.pid))  # its timer's shell is killed, whose sleep ends by itself
+    wait_until(lambda: not running(process.pid))  # both closed the pipe; the timer ends by itself
 
 
 def test_the_users_software_is_started_beside_an_agent_alone(tmp_path):
