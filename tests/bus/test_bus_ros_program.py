@@ -40,6 +40,7 @@ async def test_why_nothing_can_be_served_is_said(domain_id, monkeypatch, python,
     monkeypatch.delenv("AMENT_PREFIX_PATH", raising=False)
     monkeypatch.setenv(services.PYTHON_VARIABLE, python)
     async with Node("us", domain_id=domain_id) as node:
+        node.backend.ros.start()
         for _ in range(2):
             told = asyncio.get_running_loop().create_future()
             node.backend.ros.find("std_srvs/srv/SetBool_Request", told.set_result)

@@ -121,20 +121,22 @@ class RosServices:
         self._calls = calls
         self._argv = _argv(python, domain_id, interface)
         self._halves: list[RosHalf] = []
-        self._askers: dict[str, list[Callable[[str], None]]] = {}
+        self._askers: dict[str, dict[object, Callable[[str], None]]] = {}
         self._process: LineProcess | None = None
         self._serves = False
         self._running: asyncio.Task[Any] | None = None
 
-    def find(self, half: str, told: Callable[[str], None]) -> None:
-        """Call back, now or later, with why half a service of this type cannot be served; empty if it can."""
+    def find(self, half: str, told: Callable[[str], None], *, asker: object = None) -> None:
+        """Call back with why half a service of this type cannot be served; empty if it can.
+
+        That is now or once the program runs, and then once for each asker.
+        """
         if self.why:
             told(self.why)
             return
         service = half.rpartition("_")[0]
-        self._askers.setdefault(service, []).append(told)
+        self._askers.setdefault(service, {})[asker] = told
         self._order(do="find", service=service)
-        self._start()
 
     def open(self, endpoint: RawEndpoint, notify: Callable[[], None], inbox: Inbox | None) -> RosHalf:
         """Open a reader, which has an inbox, or a writer."""
@@ -144,7 +146,7 @@ class RosServices:
         else:
             self._order(do="open", **half.order)
         self._halves.append(half)
-        self._start()
+        self.start()
         return half
 
     def close(self, half: RosHalf) -> None:
@@ -167,7 +169,8 @@ class RosServices:
         if self._process is not None and self._serves:
             self._process.order(**values)
 
-    def _start(self) -> None:
+    def start(self) -> None:
+        """Run the program, unless it runs or cannot."""
         if self._running is None and not self.why:
             self._running = self._calls(_NAME).spawn(self._run())
 
@@ -195,7 +198,7 @@ class RosServices:
             case {"is": "failed", "why": why}:
                 self._refuse(why)
             case {"is": "found", "service": service, "why": why}:
-                for told in self._askers.pop(service, ()):
+                for told in self._askers.pop(service, {}).values():
                     told(why)
             case {"is": "matched", "key": key, "ready": ready}:
                 self._match(self._halves_of(key), ready=ready)
@@ -213,7 +216,7 @@ class RosServices:
     def _refuse(self, why: str) -> None:
         self.why = self.why or why
         while self._askers:
-            for told in self._askers.popitem()[1]:
+            for told in self._askers.popitem()[1].values():
                 told(self.why)
 
     def _match(self, halves: list[RosHalf], *, ready: bool) -> None:

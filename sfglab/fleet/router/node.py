@@ -130,7 +130,7 @@ class Router:
         self._on_status = on_status
         policy = Policy(rules=settings.rules)
         pair, own = pair or settings.agent, frozenset(node.guid for node in self._nodes.values())
-        self._ros = RosHalves(local.backend.ros, policy, self._note)
+        self._ros = RosHalves(local.backend.ros, policy, self._hear)
         linger_ns = round(settings.linger_s * 1e9)
         self._plan = Plan(policy, participants=own, pair=pair, linger_ns=linger_ns, offers=settings.offers)
         self._offers = settings.offers
@@ -148,17 +148,17 @@ class Router:
     async def run(self, on_ready: Callable[[], None] = lambda: None) -> None:
         """Route until cancelled, from `on_ready` on; everything it opened is closed when this returns."""
         local, remote = (self._nodes[side] for side in (Side.LOCAL, Side.GLOBAL))
-        interest = Interest(remote.graph, partial(self._hear, Side.GLOBAL))
+        interest = Interest(remote.graph, partial(self._ros.feed, Side.GLOBAL))
 
         def hear(event: EndpointEvent) -> None:
             if event.endpoint.participant not in (local.guid, *local.backend.ros.participants):
                 if not (self._offers and _is_topic(event, EndpointKind.SUBSCRIPTION)):
                     interest.feed(event)
-                self._hear(Side.LOCAL, event)
+                self._ros.feed(Side.LOCAL, event)
 
         def hear_publisher(event: EndpointEvent) -> None:
             if _is_topic(event, EndpointKind.PUBLISHER):
-                self._hear(Side.GLOBAL, event)
+                self._ros.feed(Side.GLOBAL, event)
 
         ends = [local.graph.listen(hear)]
         if self._offers:  # all publishers there, met or not; then nothing has to ask for those
@@ -173,9 +173,6 @@ class Router:
             self._carrier.close()
 
     def _hear(self, side: Side, event: EndpointEvent) -> None:
-        (self._ros.feed if event.endpoint.transport == "ros" else self._note)(side, event)
-
-    def _note(self, side: Side, event: EndpointEvent) -> None:
         self._heard.append((side, event))
         self._woken.set()
 

@@ -1,4 +1,8 @@
-"""Services of rmw_fastrtps at a router: those that ROS 2's program serves are events, the others a sentence."""
+"""Services of rmw_fastrtps at a router: those that ROS 2's program serves are events, the others a sentence.
+
+rclpy takes a server framed as rmw_cyclonedds does for one of its own, and a request that only such a one hears
+is lost. So beside rmw_fastrtps the program runs before anybody asks, and serves what a framed client asks for.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +23,10 @@ _log = logging.getLogger(__name__)
 
 
 class RosHalves:
-    """Passes on the first and the last of half a service's endpoints in the agent's domain as one endpoint."""
+    """Passes on the first and the last of half a service's endpoints in the agent's domain as one endpoint.
+
+    Endpoints of other middleware pass as they are.
+    """
 
     def __init__(
         self, services: RosServices, policy: Policy, hear: Callable[[Side, EndpointEvent], None]
@@ -29,20 +36,33 @@ class RosHalves:
         self._refused: set[bytes] = set()
 
     def feed(self, side: Side, event: EndpointEvent) -> None:
-        """Take an event of an endpoint in rmw_fastrtps."""
+        """Take an event of an endpoint."""
         endpoint = event.endpoint
-        outward = (endpoint.kind is EndpointKind.PUBLISHER) is (side is Side.LOCAL)
+        publishes, framed = endpoint.kind is EndpointKind.PUBLISHER, endpoint.transport != "ros"
+        if framed:
+            self._hear(side, event)
+            if side is Side.GLOBAL or not endpoint.dds_topic.startswith("rq/" if publishes else "rr/"):
+                return
+        elif side is Side.LOCAL:
+            self._services.start()
+        outward = publishes is (side is Side.LOCAL)
         if not self._policy.crosses(endpoint.dds_topic, Direction.OUTWARD if outward else Direction.INWARD):
             return
         gid, qos = ros_gid(endpoint.dds_topic), QoSProfile(history=History.KEEP_ALL)
-        one = replace(endpoint, gid=gid, participant=gid[:12], qos=qos)
+        one = replace(endpoint, gid=gid, participant=gid[:12], qos=qos, user_data=b"", transport="ros")
         if side is Side.GLOBAL:
             self._judge(one, "it does in the domain of an agent, not in the global one")
             return
-        known = self._known.setdefault(gid + endpoint.kind.value.encode(), set())
+        half = gid + endpoint.kind.value.encode()
+        known = self._known.setdefault(half, set())
+
+        def found(why: str) -> None:
+            if known and not (framed and why):
+                self._judge(one, why)
+
         if isinstance(event, EndpointAdded):
             known.add(endpoint.gid)
-            self._services.find(endpoint.type, lambda why: self._judge(one, why) if known else None)
+            self._services.find(endpoint.type, found, asker=half)
         else:
             known.discard(endpoint.gid)
             if not known:
