@@ -13,7 +13,6 @@ import os
 import re
 import threading
 from dataclasses import dataclass, replace
-from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -105,7 +104,7 @@ def _parts_of_interface(name: str, text: str) -> Iterator[tuple[str, str]]:
 
 def _shipped_texts() -> Iterator[tuple[str, str]]:
     """Yield the full name and the text of every message that this package defines."""
-    root = resources.files("sfglab.messages") / "interfaces"
+    root = Path(__file__).with_name("interfaces")
     for package in sorted(root.iterdir(), key=lambda p: p.name):
         for folder in (package / kind for kind in _SUFFIXES if (package / kind).is_dir()):
             for file in folder.iterdir():

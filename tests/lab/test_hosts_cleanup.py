@@ -15,8 +15,7 @@ from sfglab.lab.hosts import Network
 from sfglab.lab.hosts.host import members
 
 pytestmark = pytest.mark.netns
-TIMEOUT_S = 60
-PYTHON = [sys.executable, "-I", "-S", "-c"]
+TIMEOUT_S, PYTHON = 60, [sys.executable, "-I", "-S", "-c"]
 
 # A guest that ignores every polite signal, with a daemon that has left its session.
 STUBBORN = """
@@ -70,6 +69,7 @@ def test_a_killed_creator_takes_everything_with_it(number, victims, how):
         made = json.loads(creator.stdout.readline())
         inside = [*made["holders"], *made["guests"], *made["daemons"]]
         assert set(members(made["inodes"])) == set(inside)
+        held = [os.open(f"/proc/{pid}/ns/net", os.O_RDONLY) for pid in made["holders"]]  # no other's inode yet
         processes = [psutil.Process(pid) for pid in (made["hub"], made["relay"], *inside)]
         for victim in victims:
             os.kill(made.get(victim, creator.pid), number)
@@ -77,6 +77,7 @@ def test_a_killed_creator_takes_everything_with_it(number, victims, how):
         assert alive == []
         assert creator.wait(TIMEOUT_S) != 0
     assert members(made["inodes"]) == []
+    list(map(os.close, held))
 
 
 @pytest.mark.parametrize("error", [RuntimeError, KeyboardInterrupt, SystemExit])
@@ -111,8 +112,7 @@ def test_the_obedient_get_term_and_the_stubborn_kill():
         sleeps = "import time; print(1, flush=True); time.sleep(1000)"
         obedient = host.popen([*PYTHON, sleeps], stdout=subprocess.PIPE)
         stubborn = host.popen([*PYTHON, STUBBORN], stdout=subprocess.PIPE)
-        for process in (obedient, stubborn):
-            assert process.stdout.readline()
+        assert all(process.stdout.readline() for process in (obedient, stubborn))
     assert obedient.returncode == -signal.SIGTERM
     assert stubborn.returncode == -signal.SIGKILL
     obedient.stdout.close()

@@ -70,7 +70,7 @@ async def test_a_queue_that_blocks_slows_who_publishes_as_in_the_model(preset, d
     assert played.radio.queue_full == 0, "they wait at the host"
     assert model.loss == 0.0
     assert live.loss < 0.1
-    assert len(live.fate) == pytest.approx(len(model.fate), rel=0.15)
+    assert len(live.fate) == pytest.approx(len(model.fate), rel=0.25), "of 1,000 without a queue"
     assert len(live.fate) < 600, "of a thousand"
     assert np.median(live.latency_ns) == pytest.approx(np.median(model.latency_ns), rel=0.3)
 

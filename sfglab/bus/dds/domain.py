@@ -14,10 +14,10 @@ import threading
 import time
 from dataclasses import dataclass, field
 from functools import partial
+from html import escape
 from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypedDict, Unpack, get_args
-from xml.sax.saxutils import quoteattr
 
 from sfglab.bus.dds.clib import (
     ANY_STATE,
@@ -153,7 +153,7 @@ def _beside_fast_dds() -> bool:
 def _general(config: DomainConfig, interface: str | None) -> str:
     parts = [f"<AllowMulticast>{config.multicast}</AllowMulticast>"]
     if interface is not None:
-        parts.insert(0, f"<Interfaces><NetworkInterface name={quoteattr(interface)}/></Interfaces>")
+        parts.insert(0, f'<Interfaces><NetworkInterface name="{escape(interface)}"/></Interfaces>')
     if interface == "lo":
         parts.append(_LOOPBACK_SIZES_BESIDE_FAST_DDS if _beside_fast_dds() else _LOOPBACK_SIZES)
     return f"<General>{''.join(parts)}</General>"
@@ -170,7 +170,7 @@ def _discovery(config: DomainConfig, interface: str | None) -> str:
         peers.append("localhost")
     if config.interface is None and os.environ.get("ROS_AUTOMATIC_DISCOVERY_RANGE") == "OFF":
         parts.append(f"<Tag>off-{os.getpid()}</Tag>")  # who has another tag is nobody
-    named = "".join(f"<Peer Address={quoteattr(peer)}/>" for peer in peers)
+    named = "".join(f'<Peer Address="{escape(peer)}"/>' for peer in peers)
     parts.append(f"<Peers>{named}</Peers>" if peers else "")
     return f"<Discovery>{''.join(parts)}</Discovery>"
 
