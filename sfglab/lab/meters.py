@@ -227,8 +227,9 @@ class Window:
 
     def sample(self, now_ns: int) -> list[MeterRow]:
         """Read all meters; return a row for each label, in order, none at the first: it opens a window."""
-        table = process_table()
+        # First, for it has no time of its own, and the table takes long on a busy machine.
         times = psutil.cpu_times()  # guest time is contained in user and nice
+        table = process_table()
         busy_s = times.user + times.nice + times.system + times.irq + times.softirq
         now = _Reading(
             t_ns=now_ns,

@@ -112,6 +112,9 @@ def test_a_tree_holds_roots_and_all_descendants_that_exist():
     assert tree({1: 0, 2: 1, 3: 2, 4: 1, 9: 0}, [2, 9, 77]) == {2, 3, 9}
 
 
+# Real processes
+
+
 @pytest.fixture
 def burner():
     with subprocess.Popen([*PYTHON, BURNER], stdin=-1, stdout=-1, text=True) as process:
@@ -138,7 +141,7 @@ async def test_a_busy_process_shows_in_its_row_and_not_in_the_machines(burner):
     assert sum(row.cpu_percent / 100 * row.window_s for row in rows) <= elapsed_s
     for row in rows:
         assert row.cpu_percent > 0, "other processes of this machine may take the rest"
-        assert 0 <= row.machine_cpu_percent <= 200 * os.cpu_count(), "a stopped core's ticks come later"
+        assert 0 <= row.machine_cpu_percent <= 100 * os.cpu_count()
         assert row.rx_bps is None
 
 
