@@ -43,5 +43,5 @@ async def test_why_nothing_can_be_served_is_said(domain_id, monkeypatch, python,
         node.backend.ros.start()
         for _ in range(2):
             told = asyncio.get_running_loop().create_future()
-            node.backend.ros.find("std_srvs/srv/SetBool_Request", told.set_result)
+            node.backend.ros.find("std_srvs/srv/SetBool_Request", "us", told.set_result)
             assert said in await told

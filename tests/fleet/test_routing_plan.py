@@ -3,6 +3,7 @@
 import itertools
 from collections import deque
 from dataclasses import replace
+from types import SimpleNamespace
 
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -12,6 +13,7 @@ from hypothesis.stateful import RuleBasedStateMachine, invariant, rule, run_stat
 from sfglab.bus.api import EndpointAdded, EndpointInfo, EndpointKind, EndpointRemoved, user_data
 from sfglab.fleet.policy import TABLE_1, Crossing, Direction, ForwardRule, Policy, ReaderSpec, Side, WriterSpec
 from sfglab.fleet.router.plan import PATIENCE_NS, ROUTER_KEY, Close, Forget, Judge, Open, Plan
+from sfglab.fleet.router.ros import RosHalves
 from sfglab.lab.checks.routing import in_table_1
 from sfglab.names import ResourceKind
 from sfglab.qos import DEFAULT, LATCHED, SENSOR_DATA, incompatibilities
@@ -511,3 +513,23 @@ def test_more_rules_never_let_less_cross(patterns, name):
     more = Policy(rules=(*TABLE_1, *rules))
     for way in Direction:
         assert more.crosses(name, way) >= Policy().crosses(name, way)
+
+
+@pytest.mark.parametrize(
+    ("kind", "data", "transports"),
+    [
+        (PUB, b"", {"dds", "ros"}),
+        (PUB, user_data({"clientid": "7"}), {"dds", "ros"}),
+        (PUB, user_data({ROUTER_KEY: "another"}), {"dds"}),
+        (SUB, b"", {"dds"}),
+    ],
+    ids=["client", "client of Cyclone", "router", "server"],
+)
+def test_what_a_framed_client_asks_is_served_by_ros_2_too_and_nothing_else_framed(kind, data, transports):
+    services, heard = SimpleNamespace(find=lambda _type, _asker, told: told("")), []
+    halves = RosHalves(services, POLICY, lambda _, event: heard.append((type(event), event.endpoint.transport)))
+    half = EndpointInfo(kind=kind, topic="", type="x/srv/X_Request", gid=b"g", qos=DEFAULT, user_data=data)
+    for event in (EndpointAdded, EndpointRemoved):
+        halves.feed(Side.LOCAL, event(endpoint=replace(half, dds_topic=REQUESTS)))
+        assert set(heard) == {(event, transport) for transport in transports}
+        heard.clear()

@@ -21,10 +21,14 @@ from sfglab.messages import service_type
 
 pytestmark = [pytest.mark.live, pytest.mark.ros]
 
-CALLS, NUMBERS, SET_BOOL = 1000, [0, 1, 1, 2, 3, 5], "std_srvs/srv/SetBool"
+CALLS = 1000
+SET_BOOL = "std_srvs/srv/SetBool"
+NUMBERS = [0, 1, 1, 2, 3, 5]
 ENABLE, OURS_TOO, COUNT = "/global/one/enable", "/global/one/ours", "/global/one/count"
-DOMAINS, ENDED = {"one": 31, "two": 32}, {"succeeded": 4, "canceled": 5}
+LATER = "/global/one/later"
+DOMAINS = {"one": 31, "two": 32}
 PROGRAM = "sfglab/bus/ros/program.py"
+ENDED = {"succeeded": 4, "canceled": 5}
 BESIDE = "ROS 2 beside each router"
 netns = pytest.mark.netns
 OURS = """
@@ -111,7 +115,7 @@ async def test_a_node_serves_and_calls_and_its_program_is_repaired(ros_node, pyt
         await until(told)
 
         unknown = asyncio.get_running_loop().create_future()
-        node.backend.ros.find("nowhere/srv/Nothing_Response", unknown.set_result)
+        node.backend.ros.find("nowhere/srv/Nothing_Response", "us", unknown.set_result)
         assert "does not know nowhere/srv/Nothing" in await unknown
 
         (program,) = programs([psutil.Process()])
@@ -141,11 +145,14 @@ async def test_services_and_actions_cross_two_routers(network, ros_node, python)
         async with node_of_ours(network, "one") as ours, node_of_ours(network, "two") as our_client:
             await asked(ours, "serve", "serving", service=OURS_TOO)
             for service in (ENABLE, OURS_TOO):
-                theirs = asyncio.create_task(call(our_client, 500, ANSWER_S, service))
-                await asyncio.sleep(0.3)  # rclpy must not take what answers them for its own server
-                both = await call(client, 50, ANSWER_S, service), await theirs
-                assert [one["answers"] for one in both] == [alternating(50), alternating(500)]
-        assert count["asked"] == CALLS + 550
+                both = call(client, 50, ANSWER_S, service), call(our_client, 50, ANSWER_S, service)
+                assert [one["answers"] for one in await asyncio.gather(*both)] == [alternating(50)] * 2
+            await asked(server, "serve", "serving", service=LATER)
+            earlier = asyncio.create_task(call(our_client, 500, ANSWER_S, LATER))
+            await asyncio.sleep(0.3)  # rclpy must not take what answers those for its own server
+            assert (await call(client, 50, ANSWER_S, LATER))["answers"] == alternating(50)
+            assert (await earlier)["answers"] == alternating(500)
+        assert count["asked"] == CALLS + 650
         await perform(server, client)
 
         for program in programs(psutil.Process().children(recursive=True)):

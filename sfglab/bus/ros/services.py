@@ -126,10 +126,10 @@ class RosServices:
         self._serves = False
         self._running: asyncio.Task[Any] | None = None
 
-    def find(self, half: str, told: Callable[[str], None], *, asker: object = None) -> None:
+    def find(self, half: str, asker: object, told: Callable[[str], None]) -> None:
         """Call back with why half a service of this type cannot be served; empty if it can.
 
-        That is now or once the program runs, and then once for each asker.
+        That is now, or once the program runs, and then only what an asker, of any name, asked last.
         """
         if self.why:
             told(self.why)

@@ -10,9 +10,17 @@ import logging
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from sfglab.bus.api import EndpointAdded, EndpointEvent, EndpointInfo, EndpointKind, EndpointRemoved
+from sfglab.bus.api import (
+    EndpointAdded,
+    EndpointEvent,
+    EndpointInfo,
+    EndpointKind,
+    EndpointRemoved,
+    entries,
+)
 from sfglab.bus.ros.services import RosServices, ros_gid, service_of
 from sfglab.fleet.policy import Direction, Policy, Side
+from sfglab.fleet.router.plan import ROUTER_KEY
 from sfglab.qos import History, QoSProfile
 
 if TYPE_CHECKING:
@@ -38,14 +46,18 @@ class RosHalves:
     def feed(self, side: Side, event: EndpointEvent) -> None:
         """Take an event of an endpoint."""
         endpoint = event.endpoint
-        publishes, framed = endpoint.kind is EndpointKind.PUBLISHER, endpoint.transport != "ros"
+        framed = endpoint.transport != "ros"
         if framed:
             self._hear(side, event)
-            if side is Side.GLOBAL or not endpoint.dds_topic.startswith("rq/" if publishes else "rr/"):
-                return
         elif side is Side.LOCAL:
             self._services.start()
-        outward = publishes is (side is Side.LOCAL)
+        if not framed or (side is Side.LOCAL and _asks(endpoint)):
+            self._serve(side, event, framed=framed)
+
+    def _serve(self, side: Side, event: EndpointEvent, *, framed: bool) -> None:
+        """Take an event of what the program is to serve, if it may cross."""
+        endpoint = event.endpoint
+        outward = (endpoint.kind is EndpointKind.PUBLISHER) is (side is Side.LOCAL)
         if not self._policy.crosses(endpoint.dds_topic, Direction.OUTWARD if outward else Direction.INWARD):
             return
         gid, qos = ros_gid(endpoint.dds_topic), QoSProfile(history=History.KEEP_ALL)
@@ -62,7 +74,7 @@ class RosHalves:
 
         if isinstance(event, EndpointAdded):
             known.add(endpoint.gid)
-            self._services.find(endpoint.type, found, asker=half)
+            self._services.find(endpoint.type, (half, framed), found)
         else:
             known.discard(endpoint.gid)
             if not known:
@@ -75,3 +87,10 @@ class RosHalves:
             self._refused.add(one.participant)
             name = service_of(one.dds_topic)
             _log.warning("service %s of rmw_fastrtps stays here: only ROS 2 can serve it, and %s", name, why)
+
+
+def _asks(endpoint: EndpointInfo) -> bool:
+    """Whether it is half a client over DDS, and none of a router's, whose requests are others'."""
+    prefix = "rq/" if endpoint.kind is EndpointKind.PUBLISHER else "rr/"
+    there = endpoint.transport == "dds" and endpoint.dds_topic.startswith(prefix)
+    return there and ROUTER_KEY not in entries(endpoint.user_data)
