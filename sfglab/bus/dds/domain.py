@@ -11,7 +11,6 @@ import os
 import re
 import socket
 import threading
-import time
 from dataclasses import dataclass, field
 from functools import partial
 from html import escape
@@ -269,7 +268,6 @@ def _create(config: DomainConfig) -> int:
 
 _log = logging.getLogger(__name__)
 _MAX_TRIGGERED = 64
-_AGAIN_S = 0.05
 
 
 class WaitSetThread:
@@ -436,10 +434,6 @@ def _create_topic(participant: int, name: str, idl_type: Any) -> int:
     idl_type.__idl__.populate()
     idl_type.__idl__.fill_type_data()
     handle: int = ddspy_topic_create(participant, name, idl_type, None, None)
-    if handle < 0:
-        # Seen once, "Bad Parameter" for a type of which others' endpoints were just being found.
-        time.sleep(_AGAIN_S)
-        handle = ddspy_topic_create(participant, name, idl_type, None, None)
     return handle
 
 
