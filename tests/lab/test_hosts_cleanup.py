@@ -15,7 +15,8 @@ from sfglab.lab.hosts import Network
 from sfglab.lab.hosts.host import members
 
 pytestmark = pytest.mark.netns
-TIMEOUT_S, PYTHON = 60, [sys.executable, "-I", "-S", "-c"]
+TIMEOUT_S = 60
+PYTHON = [sys.executable, "-I", "-S", "-c"]
 
 # A guest that ignores every polite signal, with a daemon that has left its session.
 STUBBORN = """
@@ -69,7 +70,8 @@ def test_a_killed_creator_takes_everything_with_it(number, victims, how):
         made = json.loads(creator.stdout.readline())
         inside = [*made["holders"], *made["guests"], *made["daemons"]]
         assert set(members(made["inodes"])) == set(inside)
-        held = [os.open(f"/proc/{pid}/ns/net", os.O_RDONLY) for pid in made["holders"]]  # no other's inode yet
+        # While they are held, no other's namespace is given their inodes.
+        held = [os.open(f"/proc/{pid}/ns/net", os.O_RDONLY) for pid in made["holders"]]
         processes = [psutil.Process(pid) for pid in (made["hub"], made["relay"], *inside)]
         for victim in victims:
             os.kill(made.get(victim, creator.pid), number)
@@ -77,7 +79,8 @@ def test_a_killed_creator_takes_everything_with_it(number, victims, how):
         assert alive == []
         assert creator.wait(TIMEOUT_S) != 0
     assert members(made["inodes"]) == []
-    list(map(os.close, held))
+    for descriptor in held:
+        os.close(descriptor)
 
 
 @pytest.mark.parametrize("error", [RuntimeError, KeyboardInterrupt, SystemExit])
@@ -112,7 +115,8 @@ def test_the_obedient_get_term_and_the_stubborn_kill():
         sleeps = "import time; print(1, flush=True); time.sleep(1000)"
         obedient = host.popen([*PYTHON, sleeps], stdout=subprocess.PIPE)
         stubborn = host.popen([*PYTHON, STUBBORN], stdout=subprocess.PIPE)
-        assert all(process.stdout.readline() for process in (obedient, stubborn))
+        for process in (obedient, stubborn):
+            assert process.stdout.readline()
     assert obedient.returncode == -signal.SIGTERM
     assert stubborn.returncode == -signal.SIGKILL
     obedient.stdout.close()
