@@ -1,5 +1,6 @@
-"""Logs as runs write them, made by tests: only what matters is given; and the committed ones."""
+"""Logs as runs write them: made by tests, with only what matters given; smoke runs; and the committed ones."""
 
+import asyncio
 from dataclasses import fields
 from pathlib import Path
 from typing import get_type_hints
@@ -15,6 +16,11 @@ CLAIMS = {claim.id: claim for claim in load_claims(DATA / "claims.yaml")}
 def reference(exp):
     """The committed run of an experiment."""
     return exp.load(DATA / "reference" / f"{exp.name}.mcap")
+
+
+def ran(exp, path, **changes):
+    """A smoke run of an experiment, with other values of its configuration."""
+    return asyncio.run(exp.run("smoke", path=path, **changes))
 
 
 def broken(checks):

@@ -1,4 +1,4 @@
-"""`sfglab qos`: what the command prints and writes, and how it refuses."""
+"""`sfglab qos`: what the command prints and writes; `test_mistakes.py` has how it refuses."""
 
 import re
 from functools import partial
@@ -8,8 +8,6 @@ from xml.etree import ElementTree as ET
 import pytest
 import yaml
 from commands import called
-
-from sfglab.errors import SfglabError
 
 DATA = Path(__file__).parents[2] / "data" / "qos"
 PAPER_B, WAREHOUSE = str(DATA / "paper_b.yaml"), str(DATA / "warehouse.yaml")
@@ -75,8 +73,3 @@ def test_what_is_recommended_follows_what_ros_2_runs_on(rmw, named, depth, said)
     assert int(re.search(r"^/hello +\S+ +(\d+)", text, re.MULTILINE)[1]) == depth
     if said:
         assert said in call(PAPER_B, "--rmw", rmw, "--format", "fastdds")
-
-
-def test_two_words_for_one_thing_are_refused():
-    with pytest.raises(SfglabError, match="--rmw: given with --vendor"):
-        call(PAPER_B, "--rmw", "cyclone", "--vendor", "cyclone_dds")

@@ -3,7 +3,6 @@
 import subprocess
 import sys
 from itertools import count
-from pathlib import Path
 from subprocess import PIPE
 
 import numpy as np
@@ -95,14 +94,6 @@ HOSTS |= dict.fromkeys(("/global/agent_heartbeat", "/tf", "/"), "")
 @pytest.mark.parametrize("name", HOSTS)
 def test_names_say_hosts(name):
     assert host_of(name) == HOSTS[name]
-
-
-def test_a_log_with_nothing_to_plan_and_a_file_that_is_a_plan_already_are_refused():
-    data = Path(__file__).parents[2] / "data"
-    with pytest.raises(SfglabError, match=r"given no topic from one host to another"):
-        called("qos", str(data / "reference" / "latency.mcap"))
-    with pytest.raises(SfglabError, match=r"--format topics: given .*paper_b.yaml, needed is a log"):
-        called("qos", str(data / "qos" / "paper_b.yaml"), "--format", "topics")
 
 
 @pytest.mark.live

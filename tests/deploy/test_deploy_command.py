@@ -4,7 +4,6 @@ import pytest
 from commands import called
 from esslingen import FILE as FLEET
 
-from sfglab.errors import SfglabError
 from sfglab.lab.example_machines import EXAMPLES, write_example
 
 
@@ -36,11 +35,6 @@ def test_a_fleet_is_planned_applied_and_taken_back_on_a_folder_in_place_of_a_mac
     call("apply", other, *machine, "--tag", kept)
     assert kept in compose.read_text()
     assert kept in " ".join(call("apply", FLEET, *machine, "--tag", "0.0-none", status=1).split())
-
-
-def test_an_unknown_name_is_one_sentence_with_the_likely_one(tmp_path):
-    with pytest.raises(SfglabError, match="did you mean 'go2'"):
-        call("render", FLEET, "-o", tmp_path, "--agent", "go3")
 
 
 def test_a_machine_that_cannot_be_reached_for_detection_does_not_keep_the_others_from_their_plan(tmp_path):

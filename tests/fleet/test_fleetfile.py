@@ -9,7 +9,6 @@ import pytest
 import yaml
 
 from sfglab.documents import DocumentError
-from sfglab.errors import InvalidValueError
 from sfglab.fields import from_json
 from sfglab.fleet import fleet_file
 from sfglab.fleet.policy import TABLE_1, Direction
@@ -92,11 +91,6 @@ def test_a_mistake_is_refused_with_its_key_its_line_and_what_is_allowed(change, 
     assert part in str(error)
     assert str(error).startswith("fleet.yaml:")
     assert str(copy.deepcopy(error)) == str(error), "also in another process: the same protocol as pickling"
-
-
-def test_an_unknown_agent_is_refused():
-    with pytest.raises(InvalidValueError, match="did you mean 'go2'"):
-        fleet_file.read_fleet(SMALL).agent("go3")
 
 
 # Where it runs

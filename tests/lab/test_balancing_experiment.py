@@ -1,12 +1,11 @@
 """The experiment on caches and balanced QoS: known staleness is found, a broken cache is seen, runs repeat."""
 
-import asyncio
 from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 import pytest
-from made_logs import broken, reference
+from made_logs import broken, ran, reference
 
 from sfglab.arp.cache import Decision
 from sfglab.arp.robots import SENSORS
@@ -20,11 +19,6 @@ SMALL = {"rates_hz": (100,), "stale_s": 5.0, "stale_seeds": 1, "weights": 2}
 REFERENCE = reference(exp)
 
 
-@pytest.fixture
-def small_run(tmp_path):
-    return lambda name: asyncio.run(exp.run("smoke", path=tmp_path / f"{name}.mcap", **SMALL))
-
-
 @pytest.mark.parametrize("name", SENSORS)
 def test_readings_repeat_as_long_as_the_sensor_says(name):
     sensor = SENSORS[name]
@@ -34,7 +28,7 @@ def test_readings_repeat_as_long_as_the_sensor_says(name):
     assert 320 < changes < 480, "400 are expected, and a few are too short to be read"
 
 
-def test_a_cache_that_forgets_a_change_fails_its_checks(small_run, monkeypatch):
+def test_a_cache_that_forgets_a_change_fails_its_checks(tmp_path, monkeypatch):
     class Deaf(experiment.LocalCache):
         def offer(self, topic, value, *, now_ns, size_bytes=0):
             if now_ns == 0:
@@ -42,7 +36,7 @@ def test_a_cache_that_forgets_a_change_fails_its_checks(small_run, monkeypatch):
             return Decision.HELD
 
     monkeypatch.setattr(experiment, "LocalCache", Deaf)
-    run = small_run("deaf")
+    run = ran(exp, tmp_path / "deaf.mcap", **SMALL)
     assert broken(run["check"]).keys() >= {
         "LC: the station always knows the sensor's value",
         "LC: the model's compiled cache lets the same readings pass",
@@ -84,6 +78,6 @@ def test_a_wrong_optimum_fails_its_checks():
     assert [c.check for c in balance_checks(both) if c.held < c.checked] == found[1:], "Eq. 5 by itself"
 
 
-def test_a_run_gives_the_same_again(small_run):
-    one, two = small_run("one"), small_run("two")
+def test_a_run_gives_the_same_again(tmp_path):
+    one, two = (ran(exp, tmp_path / name, **SMALL) for name in ("one.mcap", "two.mcap"))
     assert all(one.table(table).equals(two.table(table)) for table in exp.tables)

@@ -98,9 +98,8 @@ def test_the_claims_are_those_of_the_largest_fleets_at_a_pace_with_the_papers_no
 def test_what_another_pace_changes_is_undecided(made):
     fleets = [fleet(0, LAUNCHED, 2), fleet(1, LAUNCHED, 6), fleet(2, LAUNCHED, 6, 2.0, slower=3)]
     for cells, verdict in ((fleets[:2], Verdict.REPRODUCED), (fleets, Verdict.UNDECIDED)):
-        assert (
-            judge(CLAIMS["A-DISC-TIME"], exp.measure(made(*cells, name=verdict.name))["A-DISC-TIME"]) is verdict
-        )
+        measured = exp.measure(made(*cells, name=verdict.name))["A-DISC-TIME"]
+        assert judge(CLAIMS["A-DISC-TIME"], measured) is verdict
 
 
 def test_an_agent_that_was_given_up_is_named(made):

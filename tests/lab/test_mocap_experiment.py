@@ -96,9 +96,8 @@ def test_flips_that_were_published_count_whether_or_not_a_listener_kept_them(mad
 
 def test_a_round_in_which_nothing_was_heard_has_not_shown_anything(made):
     run = made(looks=[], tries={way: {} for way in trees.WAYS}, heard=[], edges=[])
-    assert (
-        len([check for check in broken(checks(run)) if check.startswith("live")]) == 8
-    )  # nothing is as nothing was
+    live = [check for check in broken(checks(run)) if check.startswith("live")]
+    assert len(live) == 8  # nothing is as nothing was
 
 
 def test_a_bridge_that_believes_everything_fails_its_checks(monkeypatch):

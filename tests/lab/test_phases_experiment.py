@@ -1,6 +1,5 @@
 """The phase diagram: conditions and answers are the criteria's, borders are refined, verdicts follow."""
 
-import asyncio
 from dataclasses import replace
 from functools import cache
 from itertools import product
@@ -8,7 +7,7 @@ from itertools import product
 import numpy as np
 import pandas as pd
 import pytest
-from made_logs import CLAIMS
+from made_logs import CLAIMS, ran
 
 from sfglab.lab.claims import How, Measured, Verdict, entry_for
 from sfglab.lab.experiments.phases import exp, shares
@@ -71,7 +70,7 @@ def test_hello_goes_by_robot_3_where_asked_and_values_have_the_size_and_the_plan
 
 
 def test_a_small_run_is_refined_and_drawn(tmp_path):
-    found = asyncio.run(exp.run("smoke", path=tmp_path / "a.mcap"))
+    found = ran(exp, tmp_path / "a.mcap")
     assert len(found["cell"]) == 14 * len(found["course"]) / 4
     assert set(found["course"]["frame_us"]) == {50.0, 245.0, 1200.0}
     assert set(exp.figures(found)) == {"phases", "phases_cells"}

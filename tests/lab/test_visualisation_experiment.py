@@ -1,13 +1,12 @@
 """The visualisation experiment: everything that is wrong is seen. Its live run is that of its notebook."""
 
-import asyncio
 import sys
 from dataclasses import replace
 
 import numpy as np
 import pandas as pd
 import pytest
-from made_logs import reference
+from made_logs import ran, reference
 
 from sfglab.errors import MissingExtraError, SfglabError
 from sfglab.lab import screenshots
@@ -176,7 +175,7 @@ def test_the_claim_is_the_group_that_is_worst_and_a_tail_fails_it():
 def test_without_rerun_the_run_says_so_and_leaves_no_log(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "rerun", None)
     with pytest.raises(MissingExtraError, match="the view needs 'rerun'"):
-        asyncio.run(exp.run("smoke", path=tmp_path / "a.mcap"))
+        ran(exp, tmp_path / "a.mcap")
     assert not list(tmp_path.glob("*.mcap"))
 
 

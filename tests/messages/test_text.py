@@ -3,15 +3,13 @@
 import numpy as np
 import pytest
 from random_messages import random_message
-from typer.testing import CliRunner
 
-from sfglab.cli import app
 from sfglab.errors import InvalidValueError
 from sfglab.messages import default_message, deserialize, message_types, serialize
 from sfglab.messages.text import Style, message_from_yaml, to_yaml, value_at, values_of
 
 NAMES = message_types()  # as they come: other tests register some whose bounds random values do not keep
-JOINTS, STRING = "sensor_msgs/msg/JointState", "std_msgs/msg/String"
+JOINTS = "sensor_msgs/msg/JointState"
 
 
 def test_what_is_printed_of_any_type_is_read_back():
@@ -71,20 +69,3 @@ def test_now_and_auto_stand_for_the_time():
     stamp = message_from_yaml("std_msgs/msg/Header", "{stamp: now}", "VALUES").stamp
     assert 0 <= stamp.sec - message.header.stamp.sec <= 60
     assert message.header.stamp.sec > 1.7e9
-
-
-@pytest.mark.parametrize(
-    ("arguments", "said"),
-    [
-        (("pub", "/a", STRING, "{datum: x}"), "datum"),
-        (("pub", "/a", "std_msgs/Sting", ""), "did you mean std_msgs/msg/String"),
-        (("pub", "/a", STRING, "--once", "-t", "3"), "one of them"),
-        (("pub", "/a", STRING, "--once", "--qos-reliability", "maybe"), "best_effort or reliable"),
-        (("list", "--domain", "233"), "less than or equal to 232"),
-        (("hz", "/a", "--window", "1"), "greater than or equal to 2"),
-    ],
-)
-def test_a_mistake_is_one_sentence_before_anything_is_opened(arguments, said):
-    done = CliRunner().invoke(app, ["topic", *arguments])
-    assert done.exit_code != 0
-    assert said in (done.output + str(done.exception))

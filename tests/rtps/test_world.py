@@ -1,7 +1,5 @@
 """The world in compiled code: the very arrays in any number of threads; and its heap of events."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -68,21 +68,6 @@ def test_what_is_written_is_mapped_the_same_way_again_and_for_reconros_in_its_wo
     assert '[ROSGateway@gateway_A]\nSlot = Gateways(0)\nHWTopic = "A"\nSWTopic = "/A"' in text
 
 
-@pytest.mark.parametrize(
-    ("arguments", "said"),
-    [
-        ((FIGURE_8, "--lut", "5"), "given without --place"),
-        ((DRIVING, "--place", "--rule", "paper"), "given with --place"),
-        ((FIGURE_8, "--figure", "none/map.png"), "none/map.png: no such file or directory"),
-        ((DRIVING, "--build-cfg", "none/build.cfg"), "a file that can be written"),
-    ],
-)
-def test_what_cannot_be_done_is_refused_in_one_sentence(tmp_path, monkeypatch, arguments, said):
-    monkeypatch.chdir(tmp_path)
-    with pytest.raises(SfglabError, match=said):
-        call(*arguments)
-
-
 def test_a_graph_without_topics_is_mapped_too_and_drawn_as_the_file_s_name_asks(tmp_path):
     (tmp_path / "lone.yaml").write_text("nodes: {a: {}}\n")
     for name, begin in (("lone.png", b"\x89PNG\r"), ("lone.svg", b"<?xml")):

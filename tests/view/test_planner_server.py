@@ -10,7 +10,6 @@ import threading
 from types import SimpleNamespace
 
 import pytest
-from commands import called
 from seen import at_work, edited
 
 from sfglab.errors import MissingExtraError, SfglabError
@@ -249,12 +248,3 @@ def test_what_was_not_saved_at_ctrl_c_is_said_in_one_line_and_the_file_stays_as_
     assert result.stderr.splitlines() == [told]
     assert file.read_text() == before
     assert not list(tmp_path.glob(".*.part"))
-
-
-def test_the_command_begins_a_scene_only_when_it_is_told_to(tmp_path):
-    with pytest.raises(SfglabError, match="--new begins one"):
-        called("plan", str(tmp_path / "none.yaml"))
-    there = tmp_path / "there.yaml"
-    Editor().save(there)
-    with pytest.raises(SfglabError, match="--new"):
-        called("plan", str(there), "--new")

@@ -13,7 +13,6 @@ from mcap.reader import make_reader
 from seen import BEAT, at_work, heartbeat, interrupted
 
 from sfglab.bus import Node
-from sfglab.errors import SfglabError
 from sfglab.lab.browser import free_port
 from sfglab.lab.checks.recordings import read_recording
 
@@ -80,11 +79,6 @@ def test_it_shows_what_another_process_sends_until_ctrl_c_and_the_file_is_whole(
     assert said[0] == "ended"
     assert said[1].startswith("1 displays, ")
     assert ("/agents/go2/communication/heartbeat_age_s", "Scalars:scalars") in read_recording(out)
-
-
-def test_only_a_log_is_thinned():
-    with pytest.raises(SfglabError, match="--thin: given without a log"):
-        called("view", "--thin", "--to", "a.rrd")
 
 
 PANEL = """
