@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 
 WAITING_BYTES = 32 * 2**20
 """How much of what is drawn waits for a page; what comes later than that, and before the page, is not shown."""
+ROUNDED_NS = 256  #: The viewer tells its time as a float: nanoseconds since 1970 are multiples of 256 there.
 PROGRAM, WASM = "widget.js", "re_viewer_bg.wasm"
 _KINDS, _TOKEN = {PROGRAM: "text/javascript", WASM: "application/wasm"}, token_urlsafe()
 
@@ -55,7 +56,7 @@ class CellViewer:
         self._on_page, self._on_time = on_page, on_time
         self._ready = self._opened = False
         self._waiting: list[bytes] = []
-        self._start: tuple[str, int] | None = None
+        self._asked: tuple[str, int] | None = None
 
     @property
     def mode(self) -> str:
@@ -71,8 +72,12 @@ class CellViewer:
             self._waiting.append(recording)
 
     def go_to(self, timeline: str, at_ns: int) -> None:
-        """Pause, and show a time; before there is a recording, show it as soon as there is one."""
-        self._start = timeline, at_ns
+        """Pause, and show a time; before there is a recording, show it as soon as there is one.
+
+        The viewer refuses, to its page alone, a timeline of which it has read nothing yet: it is asked again when
+        it says that it shows something else.
+        """
+        self._asked = timeline, at_ns
         if self._opened:
             order = {"type": "time_ctrl", "timeline": timeline, "timestamp_nanos": str(at_ns), "play": False}
             self.widget.send(order | {"sequence": None, "duration_nanos": None})
@@ -88,10 +93,15 @@ class CellViewer:
         event = json.loads(content) if isinstance(content, str) else {}
         if event.get("type") == "recording_open":
             self._opened = True
-            if self._start:
-                self.go_to(*self._start)
-        if event.get("type") in ("time_update", "timeline_change"):
-            self._on_time(round(event["time"]))
+        elif event.get("type") in ("time_update", "timeline_change"):
+            shown_ns = round(event["time"])
+            self._on_time(shown_ns)
+            if self._asked and abs(shown_ns - self._asked[1]) <= ROUNDED_NS:
+                self._asked = None
+        else:
+            return
+        if self._asked:
+            self.go_to(*self._asked)
 
     def _give(self, wanted: str) -> None:
         """Give the page the viewer's program, by the way that it asks for."""

@@ -60,8 +60,8 @@ async def test_a_queue_that_blocks_slows_who_publishes_as_in_the_model(preset, d
     frames = SEND_BUFFER_BYTES // FRAME_TRUE_BYTES
     air = {"loss": 0.0, "overhead_us": 10_000, "queue_frames": frames, "queue_rule": "block"}
     cell = {**CELL, **RADIO, **air, "preset": preset, "rate_hz": 400.0, "depth": depth}
-    # Linux wakes who waits at half the buffer: from 2.5 s on it is full again, and at 3.5 half.
-    scenario = scenario_of_cell(cell, duration_s=3.0, drain_s=3.0)
+    # Linux wakes who waits at half the buffer: 158 are published at once, of ten seconds' 1,114 a seventh.
+    scenario = scenario_of_cell(cell, duration_s=10.0, drain_s=3.0)
     async with live_hosts("robot", "station", ros=MODES[preset]) as hosts:
         with pytest.raises(InvalidValueError, match="shared is False"):
             await hosts.play(scenario, seed=5)
@@ -72,7 +72,7 @@ async def test_a_queue_that_blocks_slows_who_publishes_as_in_the_model(preset, d
     assert model.loss == 0.0
     assert live.loss < 0.1
     assert len(live.fate) == pytest.approx(len(model.fate), rel=0.15)
-    assert len(live.fate) < 600, "of 1,200"
+    assert len(live.fate) < 2000, "of 4,000"
     assert np.median(live.latency_ns) == pytest.approx(np.median(model.latency_ns), rel=0.3)
 
 

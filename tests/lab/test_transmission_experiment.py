@@ -229,7 +229,7 @@ async def test_flows_caches_and_chains_run_live_as_in_the_model():
             Flow(name="cached", change_s=0.1, cached=True, phase_s=1e-3, **flow),
             Flow(name="compared", change_s=0.1, compare_s=1e-5, service_s=1e-4, phase_s=2e-3, **flow),
             Flow(name="hello", size_bytes=14, then="move", phase_s=3e-3, **flow),
-            Flow(name="move", size_bytes=14, source="station", target="robot"),
+            Flow(name="move", size_bytes=14, source="station", target="robot", qos=flow["qos"]),
         ),
         medium=CALM,
         vendor=CYCLONE_DDS,

@@ -359,9 +359,13 @@ def test_a_page_gets_the_viewer_by_the_way_it_asks_for_and_nothing_else():
     assert gzip.decompress(viewer.widget.packed)[:4] == b"\0asm"
     viewer._heard(None, "ready", [])
     viewer._heard(None, '{"type": "recording_open"}', [])
-    viewer._heard(None, '{"type": "time_update", "time": 7.0}', [])
-    assert [(what["type"], data) for what, data in sent] == [("rrd", [b"part"]), ("time_ctrl", None)]
-    assert times == [7]
+    # It refuses a timeline of which it has read nothing yet, and goes on; later it is the user who scrubs.
+    for shown_ns in (7000, 7, 8000):
+        viewer._heard(None, f'{{"type": "time_update", "time": {shown_ns}.0}}', [])
+    orders = [(what["type"], what.get("timestamp_nanos")) for what, _ in sent]
+    assert orders == [("rrd", None), ("time_ctrl", "7"), ("time_ctrl", "7")]
+    assert sent[0][1] == [b"part"]
+    assert times == [7000, 7, 8000]
 
 
 def test_every_request_of_the_viewers_program_passes_the_one_that_refuses_the_network():

@@ -21,7 +21,7 @@ from sfglab.units import NS_PER_S
 from sfglab.view.app import Report, ViewOptions, report_of, session_for, view_log
 from sfglab.view.arrivals import open_log
 from sfglab.view.bridge import Bridge
-from sfglab.view.cell import CellViewer
+from sfglab.view.cell import ROUNDED_NS, CellViewer
 from sfglab.view.panel import Panel
 from sfglab.view.rerunning import NOTEBOOK, RECEIVED, open_canvas
 from sfglab.view.session import Session
@@ -36,7 +36,6 @@ if TYPE_CHECKING:
     from sfglab.lab.runs import Run
 
 _PERIOD_S, _FIRST_S = 0.5, 30.0  #: How often messages are counted, and how long the first one is waited for.
-_ROUNDED_NS = 256  #: The viewer tells its time as a float: nanoseconds since 1970 are multiples of 256 there.
 
 
 class LogViewer:
@@ -90,7 +89,7 @@ class LogViewer:
         self.viewer.go_to(RECEIVED, self.times_ns[step])
 
     def _shown(self, at_ns: int) -> None:
-        step = max(bisect_right(self.times_ns, at_ns + _ROUNDED_NS) - 1, 0)
+        step = max(bisect_right(self.times_ns, at_ns + ROUNDED_NS) - 1, 0)
         at_s = (self.times_ns[step] - self.times_ns[0]) / NS_PER_S
         self.said.value = f"shown: step {step} of {len(self.times_ns) - 1}, {at_s:.3f} s"
 
