@@ -74,8 +74,8 @@ class CellViewer:
     def go_to(self, timeline: str, at_ns: int) -> None:
         """Pause, and show a time; before there is a recording, show it as soon as there is one.
 
-        The viewer refuses, to its page alone, a timeline of which it has read nothing yet: it is asked again when
-        it says that it shows something else.
+        The viewer refuses, to its page alone, a timeline of which it has read nothing yet: it is asked again
+        when it says that it shows something else.
         """
         self._asked = timeline, at_ns
         if self._opened:
