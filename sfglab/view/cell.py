@@ -72,11 +72,7 @@ class CellViewer:
             self._waiting.append(recording)
 
     def go_to(self, timeline: str, at_ns: int) -> None:
-        """Pause, and show a time; before there is a recording, show it as soon as there is one.
-
-        The viewer refuses, to its page alone, a timeline of which it has read nothing yet: it is asked again
-        when it says that it shows something else.
-        """
+        """Pause, and show a time; of a timeline of which the viewer knows nothing yet, as soon as it does."""
         self._asked = timeline, at_ns
         if self._opened:
             order = {"type": "time_ctrl", "timeline": timeline, "timestamp_nanos": str(at_ns), "play": False}
@@ -91,16 +87,13 @@ class CellViewer:
             self._on_page()
             return
         event = json.loads(content) if isinstance(content, str) else {}
-        if event.get("type") == "recording_open":
-            self._opened = True
-        elif event.get("type") in ("time_update", "timeline_change"):
+        self._opened |= event.get("type") == "recording_open"
+        if event.get("type") in ("time_update", "timeline_change"):
             shown_ns = round(event["time"])
             self._on_time(shown_ns)
             if self._asked and abs(shown_ns - self._asked[1]) <= ROUNDED_NS:
                 self._asked = None
-        else:
-            return
-        if self._asked:
+        if self._asked:  # what the viewer refuses it says to its page alone
             self.go_to(*self._asked)
 
     def _give(self, wanted: str) -> None:
