@@ -362,9 +362,8 @@ def draw_scale(figure: Figure, run: Run[Config]) -> dict[str, Any]:
         axes.set(xscale="log")
         for mode, style in MODES.items():
             line = medians[medians["mode"] == mode].set_index("agents")[column]
-            exact = line[line.index <= EXACT_MOST[mode]]
-            axes.plot(exact, color=COLORS[style])
-            axes.plot(line.iloc[max(0, len(exact) - 1) :], color=COLORS[style], linestyle="--")
+            axes.plot(line[line.index <= EXACT_MOST[mode]], color=COLORS[style])
+            axes.plot(line[line.index >= EXACT_MOST[mode]], color=COLORS[style], linestyle="--")
         if not run["cell"].empty:
             _draw_live(axes, run, column)
         first, last = axes.get_xlim()

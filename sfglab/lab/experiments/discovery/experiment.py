@@ -92,7 +92,7 @@ class Config(Profiled):
     #: Fleets of real ROS 2 and ours beside them: at most 40 participants, as the busy cores in the log show
     #: that two carry; composed, the paper's largest.
     ros2: tuple[Stage, ...] = (*_beside(2, (2, 10), (4, 3)), Stage(mode=COMPOSED, agents=(6,)))
-    simulated: Scale = Scale(agents=(2, 4, 6, 12, 25, 50, 200, 500, 1000))  #: Simulated fleets; 100 take 100 s.
+    simulated: Scale = Scale(agents=(2, 4, 6, 12, 25, 50, 100, 200, 500, 1000))  #: Simulated fleets.
     timeout_s: float = 120.0  #: When a fleet that is not complete is given up, seconds after its start.
     multicast: str = "default"  #: How far DDS uses multicast between agents: ``default`` is ROS 2's.
     seed: int = 0  #: Seed of the order of cells, and of what is simulated.
