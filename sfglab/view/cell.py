@@ -54,7 +54,7 @@ class CellViewer:
         self.widget.on_msg(self._heard)
         self.widget.observe(lambda change: self._give(change["new"]), "wanted")
         self._on_page, self._on_time = on_page, on_time
-        self._ready = self._opened = False
+        self._ready = self._opened = self._obeyed = False
         self._waiting: list[bytes] = []
         self._asked: tuple[str, int] | None = None
 
@@ -80,7 +80,7 @@ class CellViewer:
 
     def _heard(self, _: Any, content: Any, __: Any) -> None:
         if content == "ready":
-            self._ready = True
+            self._ready, self._obeyed = True, False
             waiting, self._waiting = self._waiting, []
             for part in waiting:
                 self.send(part)
@@ -91,9 +91,8 @@ class CellViewer:
         if event.get("type") in ("time_update", "timeline_change"):
             shown_ns = round(event["time"])
             self._on_time(shown_ns)
-            if self._asked and abs(shown_ns - self._asked[1]) <= ROUNDED_NS:
-                self._asked = None
-        if self._asked:  # what the viewer refuses it says to its page alone
+            self._obeyed |= self._asked is not None and abs(shown_ns - self._asked[1]) <= ROUNDED_NS
+        if self._asked and not self._obeyed:  # what the viewer refuses it says to its page alone
             self.go_to(*self._asked)
 
     def _give(self, wanted: str) -> None:

@@ -362,10 +362,12 @@ def test_a_page_gets_the_viewer_by_the_way_it_asks_for_and_nothing_else():
     # It refuses a timeline of which it has read nothing yet, and goes on; later it is the user who scrubs.
     for shown_ns in (7000, 7, 8000):
         viewer._heard(None, f'{{"type": "time_update", "time": {shown_ns}.0}}', [])
+    viewer.go_to("received", 8000)  # where it is: no event says that it obeys
+    viewer._heard(None, '{"type": "time_update", "time": 9000.0}', [])
     orders = [(what["type"], what.get("timestamp_nanos")) for what, _ in sent]
-    assert orders == [("rrd", None), ("time_ctrl", "7"), ("time_ctrl", "7")]
+    assert orders == [("rrd", None), ("time_ctrl", "7"), ("time_ctrl", "7"), ("time_ctrl", "8000")]
     assert sent[0][1] == [b"part"]
-    assert times == [7000, 7, 8000]
+    assert times == [7000, 7, 8000, 9000]
 
 
 def test_every_request_of_the_viewers_program_passes_the_one_that_refuses_the_network():
