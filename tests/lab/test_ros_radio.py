@@ -20,7 +20,7 @@ CELL = {"kind": "lossy", "rate_hz": 100.0, "depth": 800, "size_bytes": 24, "loss
 RADIO = {"queue_frames": 500, "queue_rule": "tail", "burst_frames": 0, "access_point": False}
 
 FRAME_TRUE_BYTES = 2048 + 256
-"""What a frame of 1.3 kB takes of a socket's buffer: a block of 2 kB and its sk_buff (Linux 6.18)."""
+"""What a frame of 1.3 kB takes of a socket's buffer: a block of 2 kB and its sk_buff (Linux 6.18, SIOCOUTQ)."""
 
 
 @pytest.mark.parametrize(("preset", "stalls"), [("fast_dds_sync", True), ("fast_dds_async", False)])

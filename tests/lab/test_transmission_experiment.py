@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import asyncio
 import math
+import time
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -18,7 +20,7 @@ from sfglab.lab.experiments.transmission import exp, experiment, grid
 from sfglab.lab.experiments.transmission.analysis import order_of
 from sfglab.lab.experiments.transmission.stage import GROUPS, Played, compare, hosts_of, live_hosts, measure
 from sfglab.lab.hosts import RadioCounters
-from sfglab.lab.workers.flowplay import text_of, value_of
+from sfglab.lab.workers.flowplay import Player, _Executor, text_of, value_of
 from sfglab.messages import deserialize
 from sfglab.qos import QoSProfile
 from sfglab.rtps import CYCLONE_DDS, Drop, Fate, Flow, FlowOutcome, Medium, Outcome, Scenario, run
@@ -213,6 +215,14 @@ def test_a_run_that_did_not_keep_its_schedule_says_so():
     assert played(outcome).kept_up
     assert not played(outcome, radio=slow).kept_up
     assert not played(outcome, late_p95_s=3e-3).kept_up
+
+
+def test_a_sample_that_was_sent_while_its_reader_had_no_cpu_is_received_after_it_was_sent():
+    samples = [(time.time_ns(), 1), None]
+    inlet = SimpleNamespace(flow=Flow(name="a", source="r", target="s"), since_ns=1, sent_ns=[], done_ns=[])
+    inlet.take, inlet.cost_ns = lambda: samples.pop(0), lambda _value, _now_ns: 0
+    Player._serve(SimpleNamespace(), _Executor([inlet]), now_ns=2)
+    assert inlet.done_ns[0] > inlet.sent_ns[0]
 
 
 # --- Live -----------------------------------------------------------------------------------------------------

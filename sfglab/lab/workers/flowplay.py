@@ -279,7 +279,7 @@ class Player:
                 continue
             sent_ns, value = sample
             assert inlet.since_ns is not None
-            since_ns = inlet.since_ns if inlet.since_ns > sent_ns else time.time_ns()  # we had no CPU
+            since_ns = inlet.since_ns if inlet.since_ns > sent_ns else time.time_ns()  # sent since then
             start_ns = max(executor.free_ns, since_ns)
             done_ns = executor.free_ns = start_ns + inlet.cost_ns(value, start_ns)
             inlet.since_ns = now_ns
