@@ -67,12 +67,15 @@ class Config(Profiled):
     @property
     def measured(self) -> tuple[Stage, ...]:
         """The stages with at most so many subscribers."""
-
-        def few(stage: Stage) -> Any:
-            kinds = ("counts", "dds_counts", "network_counts")
-            return {kind: tuple(n for n in getattr(stage, kind) if n <= self.most) for kind in kinds}
-
-        return tuple(replace(stage, **few(stage)) for stage in self.stages)
+        return tuple(
+            replace(
+                stage,
+                counts=tuple(n for n in stage.counts if n <= self.most),
+                dds_counts=tuple(n for n in stage.dds_counts if n <= self.most),
+                network_counts=tuple(n for n in stage.network_counts if n <= self.most),
+            )
+            for stage in self.stages
+        )
 
 
 exp = Experiment(
