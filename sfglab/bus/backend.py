@@ -11,6 +11,7 @@ import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
 from sfglab.bus.api import EndpointKind, Listener, RawEndpoint
@@ -178,20 +179,29 @@ class LoopWriter:
 
 
 class LoopForward(Forward[Sample, LoopWriter]):
-    """A forward whose samples pass on the loop."""
+    """A forward whose samples pass on the loop; half a server waits for that of rmw_fastrtps, if one comes."""
 
     def __init__(self, backend: Backend, endpoint: RawEndpoint) -> None:
-        calls = backend.calls(f"raw reader {endpoint.dds_topic!r}")
-        inbox = Inbox(backend.bridge, endpoint.qos, decode=lambda s: s, callback=self._take, calls=calls)
-        self._reader = backend.open_reader(endpoint, nothing, inbox)
+        super().__init__()
         self._backend = backend
-        super().__init__(self._reader.gid)
-        backend.register(self._reader)
+        self._reader: Reader | None = None
+        self._closed = False
+        backend.ros.when_settled(endpoint, partial(self._open, endpoint))
 
     def close(self) -> None:
         """End it at once; again is harmless."""
-        self._backend.end(self._reader)
+        self._closed = True
+        if self._reader is not None:
+            self._backend.end(self._reader)
         self._gate.close()
+
+    def _open(self, endpoint: RawEndpoint) -> None:
+        if self._closed or self._backend.closed:
+            return
+        calls = self._backend.calls(f"raw reader {endpoint.dds_topic!r}")
+        inbox = Inbox(self._backend.bridge, endpoint.qos, decode=lambda s: s, callback=self._take, calls=calls)
+        self._reader = self._backend.open_reader(endpoint, nothing, inbox)
+        self._backend.register(self._reader)
 
     def _take(self, sample: Sample) -> None:
         self._gate.take(sample[3], sample)

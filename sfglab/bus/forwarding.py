@@ -106,8 +106,7 @@ class SourceGate(Generic[_Sample, _Exit]):
 class Forward(ABC, Generic[_Sample, _Writer]):
     """One raw reader of one topic, whose samples go on by their source; made by `Forwarder.open`."""
 
-    def __init__(self, gid: bytes) -> None:
-        self.gid = gid  #: The reader's 16-byte GUID.
+    def __init__(self) -> None:
         self.counts = ForwardCounts()
         self._gate: SourceGate[_Sample, tuple[_Writer, Transform | None]] = SourceGate(self._send, self._drop)
 

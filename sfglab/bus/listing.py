@@ -124,6 +124,11 @@ def view(node: Node) -> View:
     return View(seen, tuple(one for one in node.graph.nodes() if one.participant != node.guid))
 
 
+def _is_half_known(endpoint: EndpointInfo) -> bool:
+    """Whether it is ROS 2's, as its type's hash says, and its node's announcement is yet to come."""
+    return not endpoint.node and _TYPE_HASH in entries(endpoint.user_data)
+
+
 async def settled(node: Node, spin_s: float | None = None) -> View:
     """Return the graph once it stands still, or after so many seconds."""
     node.graph.nodes()  # from now on they are read
@@ -133,7 +138,7 @@ async def settled(node: Node, spin_s: float | None = None) -> View:
     end_s, before = time.monotonic() + _LIMIT_S, _NOTHING
     while time.monotonic() < end_s:
         await asyncio.sleep(_QUIET_S)
-        if (now := view(node)) == before != _NOTHING:
+        if (now := view(node)) == before != _NOTHING and not any(map(_is_half_known, now.endpoints)):
             break
         before = now
     return view(node)

@@ -80,7 +80,7 @@ class Slots(RuleBasedStateMachine):
             assert offset >= end
             end = offset + self.used[offset]
         assert end <= ARENA
-        assert self.pool.slots_in_use == len(self.used)
+        assert len(self.pool._users) == len(self.used)
 
 
 TestSlots = Slots.TestCase
@@ -158,14 +158,14 @@ class FanoutRules(RuleBasedStateMachine):
         if all(self.depth.values()):
             # the history, what is held, and backlogs, which are all among the newest three
             held = sum(len(h) for h in (*self.held.values(), *self.leaving.values()))
-            assert self.pool.slots_in_use <= 2 + held + max(self.depth.values(), default=0)
+            assert len(self.pool._users) <= 2 + held + max(self.depth.values(), default=0)
 
     def teardown(self):
         for key in (*self.held, *self.leaving):
             self.fanout.gone(key)
         while self.fanout.shed():
             pass
-        assert self.pool.slots_in_use <= 1  # the newest of the history
+        assert len(self.pool._users) <= 1  # the newest of the history
 
 
 TestFanout = FanoutRules.TestCase

@@ -97,7 +97,7 @@ async def test_a_held_message_is_never_overwritten_and_its_slot_is_free_once_let
     assert len(addresses) <= 1 + TOGETHER  # the others' slots were used again and again
     del held
     publisher.publish(image(60))
-    assert pool.slots_in_use <= TOGETHER
+    assert len(pool._users) <= TOGETHER
 
 
 async def test_a_reader_that_keeps_everything_goes_on_receiving_in_bounded_memory(here, there):
@@ -111,7 +111,7 @@ async def test_a_reader_that_keeps_everything_goes_on_receiving_in_bounded_memor
         assert (await fast.take(60)).data[0] == fill
         hoard.append(await hoarder.take(60))
     assert [m.data[0] for m in hoard] == list(range(50)), "beyond its slots it is given copies"
-    assert publisher._writer._pool.slots_in_use <= 2 * credits_of(2)
+    assert len(publisher._writer._pool._users) <= 2 * credits_of(2)
     assert (hoarder.dropped, fast.dropped) == (0, 0)
 
 
@@ -128,7 +128,7 @@ async def test_a_process_that_slept_gets_the_newest_messages_only(here, child):
         await other.hear()
         for number in range(100):
             publisher.publish(text(number))
-        assert publisher._writer._pool.slots_in_use <= credits_of(3) + 3
+        assert len(publisher._writer._pool._users) <= credits_of(3) + 3
         await other.tell()
         assert await other.hear() == {"got": ["97", "98", "99"], "dropped": 97}
         await other.end()
@@ -183,10 +183,10 @@ async def test_the_death_of_a_subscriber_that_holds_slots_frees_them_at_once(her
         for fill in range(5):
             publisher.publish(image(fill))
         assert await other.hear() == {"held": 5}
-        assert publisher._writer._pool.slots_in_use == 5
+        assert len(publisher._writer._pool._users) == 5
         await other.kill()
         await until(lambda: publisher.get_subscription_count() == 0)
-        assert publisher._writer._pool.slots_in_use < TOGETHER, "but for what is given back together"
+        assert len(publisher._writer._pool._users) < TOGETHER, "but for what is given back together"
         assert await here.graph.wait_for(lambda: not here.graph.subscriptions("/t"), 60)
 
 
@@ -244,7 +244,7 @@ async def test_a_loan_is_written_in_place_and_an_exception_publishes_nothing(her
     publisher.publish(text("next"))
     assert [(await subscription.take(60)).data for _ in range(2)] == ["in place", "next"]
     publisher._writer._collect()
-    assert publisher._writer._pool.slots_in_use < TOGETHER, "let go, but for what is given back together"
+    assert len(publisher._writer._pool._users) < TOGETHER, "let go, but for what is given back together"
 
 
 async def test_limits_of_size_and_memory_are_errors_that_say_so(here):

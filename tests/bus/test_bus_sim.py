@@ -37,7 +37,7 @@ async def take_all(subscription, wait_s=5.0):
 
 async def busy(world, events):
     """Do everything that a world can: six nodes, loss, jitter, services, timers, a crash and a partition."""
-    world.trace_to(events.append)
+    world.trace = lambda *happened: events.append((world.loop.now_ns, *happened))
     nodes = [world.node(f"n{i}", host=f"h{i}", lease_s=2.0) for i in range(6)]
     publishers = [node.create_publisher(STRING, "/t", LATCHED) for node in nodes]
     heard = []

@@ -299,7 +299,7 @@ class DdsForward(Forward[int, DdsRawWriter]):
         waitset: WaitSetThread,
         on_closed: Callable[[DdsForward], None],
     ) -> None:
-        super().__init__(clib.entity_guid(handle))
+        super().__init__()
         self._handle = handle
         self._batch = batch
         self._give = order

@@ -32,6 +32,7 @@ _NAME = "ROS 2's services"
 _PROGRAM = Path(__file__).with_name("program.py")
 _LINE_LIMIT_BYTES = 40 * 2**20  # the program's limit of a message in hexadecimal digits, and more
 _PAUSE_S = 0.5
+_PATIENCE_S = 5.0
 _PARTICIPANT = bytes.fromhex("000001c1")  # its entity id (RTPS 2.5, clause 9.3.1.3)
 # Ours, and those of a ROS 2 that is sourced, would mislead another one's interpreter.
 _FOREIGN = ("PYTHONPATH", "LD_LIBRARY_PATH", "_ROS_WHEELS_BOOTSTRAP_COMPLETE")
@@ -122,6 +123,8 @@ class RosServices:
         self._argv = _argv(python, domain_id, interface)
         self._halves: list[RosHalf] = []
         self._askers: dict[str, dict[object, Callable[[str], None]]] = {}
+        self._unknown: set[str] = set()
+        self._waiting: dict[Callable[[], None], RawEndpoint] = {}
         self._process: LineProcess | None = None
         self._serves = False
         self._running: asyncio.Task[Any] | None = None
@@ -137,6 +140,32 @@ class RosServices:
         service = half.rpartition("_")[0]
         self._askers.setdefault(service, {})[asker] = told
         self._order(do="find", service=service)
+
+    def when_settled(self, endpoint: RawEndpoint, act: Callable[[], None]) -> None:
+        """Call back once half a server over DDS misleads nobody: rclpy takes it for one of its own.
+
+        That is now, or where the program is there to serve as well, once it does or cannot, or after a while.
+        """
+        if (
+            endpoint.transport != "dds"
+            or not endpoint.dds_topic.startswith("rq/")
+            or self._is_settled(endpoint)
+        ):
+            act()
+            return
+        self._waiting[act] = endpoint
+        asyncio.get_running_loop().call_later(_PATIENCE_S, self._go_on, act)
+
+    def _is_settled(self, endpoint: RawEndpoint) -> bool:
+        unserved = self.why or self._running is None or endpoint.type.rpartition("_")[0] in self._unknown
+        halves = self._halves_of(f"server {service_of(endpoint.dds_topic)}")
+        return bool(unserved) or any(half.matched for half in halves)
+
+    def _go_on(self, late: Callable[[], None] | None = None) -> None:
+        """Call back who need not wait any more, and who has waited long enough."""
+        for act in [a for a, endpoint in self._waiting.items() if a is late or self._is_settled(endpoint)]:
+            del self._waiting[act]
+            asyncio.get_running_loop().call_soon(act)
 
     def open(self, endpoint: RawEndpoint, notify: Callable[[], None], inbox: Inbox | None) -> RosHalf:
         """Open a reader, which has an inbox, or a writer."""
@@ -200,6 +229,8 @@ class RosServices:
             case {"is": "found", "service": service, "why": why}:
                 for told in self._askers.pop(service, {}).values():
                     told(why)
+                self._unknown |= {service} if why else set()
+                self._go_on()
             case {"is": "matched", "key": key, "ready": ready}:
                 self._match(self._halves_of(key), ready=ready)
             case {"is": "sample", "key": key, "call": [guid, number], "cdr": cdr}:
@@ -218,11 +249,13 @@ class RosServices:
         while self._askers:
             for told in self._askers.popitem()[1].values():
                 told(self.why)
+        self._go_on()
 
     def _match(self, halves: list[RosHalf], *, ready: bool) -> None:
         for half in halves:
             half.matched = int(ready)
             half.notify()
+        self._go_on()
 
     def _push(self, key: str, frame: bytes) -> None:
         now_ns = time.time_ns()

@@ -30,11 +30,6 @@ class SlotPool:
         self._users: dict[int, int] = {}  # offset -> count, of those in use
         self.used_bytes = 0  #: How much memory the slots in use take.
 
-    @property
-    def slots_in_use(self) -> int:
-        """How many slots somebody uses."""
-        return len(self._users)
-
     def acquire(self, size: int) -> tuple[int, int] | None:
         """Return a free slot with one user, into which so many bytes fit; None when the arena is full.
 

@@ -28,7 +28,9 @@ class Environment:
     def __init__(self, loop: VirtualLoop, costs: Costs) -> None:
         self.loop = loop
         self.costs = costs
-        self.trace: Callable[[str, bytes, bytes], None] | None = None  #: Told of what happens; None is nobody.
+        #: Told what happens ("join", "leave", "crash", "open", "close", "send", "take", "part" or "heal"), to
+        #: whose gid, and the sample's CDR, the topic or the name; None is nobody.
+        self.trace: Callable[[str, bytes, bytes], None] | None = None
         self._numbers = count()
         self._shapes: dict[tuple[str, str, QoSProfile], int] = {}
         self._compatible: dict[tuple[int, int], bool] = {}

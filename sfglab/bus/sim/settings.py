@@ -68,13 +68,3 @@ class Costs:
 def ns_from_s(duration_s: float) -> int:
     """Return a duration in whole nanoseconds."""
     return round(duration_s * NS_PER_S)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class TraceEvent:
-    """Something that happened."""
-
-    time_ns: int  #: When, virtual nanoseconds since the start.
-    what: str  #: "join", "leave", "crash", "open", "close", "send", "take", "part" or "heal".
-    gid: bytes  #: Of the endpoint or participant; empty for what happens to the network.
-    data: bytes  #: The sample's CDR, the topic of what is opened, the name of who joins.

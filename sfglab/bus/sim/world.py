@@ -15,7 +15,7 @@ from sfglab.bus.sim.discovery import Discovery
 from sfglab.bus.sim.loop import VirtualLoop
 from sfglab.bus.sim.model import Domain, Environment, Host, Participant, Partition, Process, new_host
 from sfglab.bus.sim.network import Network, Services
-from sfglab.bus.sim.settings import ANNOUNCEMENT_SHARE, Costs, LinkModel, TraceEvent, ns_from_s
+from sfglab.bus.sim.settings import ANNOUNCEMENT_SHARE, Costs, LinkModel, ns_from_s
 from sfglab.bus.sim.views import Views
 from sfglab.bus.sim.wire import HostTraffic, KindBytes
 from sfglab.errors import InvalidValueError
@@ -177,14 +177,6 @@ class World(Environment):
     def announced(self) -> int:
         """Return how many endpoints domain 0 of the network has had so far."""
         return self._domain(0, None).domain.announced
-
-    def trace_to(self, sink: Callable[[TraceEvent], None]) -> None:
-        """Give everything that happens from now on to a sink."""
-
-        def trace(what: str, gid: bytes, data: bytes) -> None:
-            sink(TraceEvent(time_ns=self.loop.now_ns, what=what, gid=gid, data=data))
-
-        self.trace = trace
 
     def close(self) -> None:
         """Close all nodes."""

@@ -165,8 +165,10 @@ class Carrier:
     def close(self) -> None:
         """Close everything."""
         for opened in self._open.values():
-            for thing in (*opened.readers.values(), *opened.writers.values()):
-                thing.close()
+            for forward in opened.readers.values():
+                forward.close()
+            for writer in opened.writers.values():
+                writer.close()
         self._open.clear()
 
     def _open_one(self, spec: ReaderSpec | WriterSpec) -> None:
