@@ -12,8 +12,8 @@ from sfglab.fleet.gop_cache import TRANSITIONS as REPLAY
 from sfglab.fleet.gop_cache import State as ReplayState
 from sfglab.fleet.policy import TABLE_1, Direction, ForwardRule, Policy
 from sfglab.lab.experiments import lifecycle, naming
-from sfglab.lab.experiments.transmission.timeline import Exchange, Timeline
 from sfglab.lab.explore import Automaton, transition_part
+from sfglab.lab.explore.timeline import Exchange, Timeline
 from sfglab.lab.figures import drawn
 from sfglab.names import ResourceKind, dds_names, parse
 from sfglab.rtps import Drop, Frame, run, trace

@@ -9,8 +9,7 @@ import pytest
 
 from sfglab.arp.hallway import End
 from sfglab.lab.experiments.cooperation import exp, stage
-from sfglab.lab.experiments.transmission.stage import live_hosts
-from sfglab.lab.experiments.transmission.validation import MODES
+from sfglab.lab.live_flows import MODES, live_hosts
 from sfglab.processes import ProcessFailedError
 from sfglab.rtps import Medium
 

@@ -7,8 +7,8 @@ import pytest
 from commands import called
 
 from sfglab.errors import InvalidValueError
-from sfglab.lab.experiments.transmission.stage import live_hosts
-from sfglab.lab.experiments.transmission.validation import MODES, scenario_of_cell
+from sfglab.lab.experiments.transmission.validation import scenario_of_cell
+from sfglab.lab.live_flows import MODES, live_hosts
 from sfglab.qos import QoSProfile
 from sfglab.rtps import PRESETS, Flow, Medium, Scenario, run
 from sfglab.rtps.session import age_ms

@@ -18,8 +18,9 @@ from sfglab.arp.robots import METHODS, ROBOTS
 from sfglab.errors import InvalidValueError
 from sfglab.lab.experiments.transmission import exp, experiment, grid
 from sfglab.lab.experiments.transmission.analysis import order_of
-from sfglab.lab.experiments.transmission.stage import GROUPS, Played, compare, hosts_of, live_hosts, measure
+from sfglab.lab.experiments.transmission.stage import GROUPS, compare, measure
 from sfglab.lab.hosts import RadioCounters
+from sfglab.lab.live_flows import Played, hosts_of, live_hosts
 from sfglab.lab.workers.flowplay import Player, _Executor, text_of, value_of
 from sfglab.messages import deserialize
 from sfglab.qos import QoSProfile

@@ -13,6 +13,7 @@ import pytest
 from made_logs import CLAIMS, DATA, made_run
 
 from sfglab.arp.robots import DEPTHS
+from sfglab.lab import live_flows
 from sfglab.lab.experiments import transmission
 from sfglab.lab.experiments.transmission import validation
 from sfglab.processes import ProcessFailedError
@@ -46,7 +47,7 @@ def drawn(rng, preset, number):
 def test_the_committed_cells_are_those_of_the_seed():
     rng = np.random.default_rng(SEED)
     cells = pd.read_csv(DATA / "qos" / "validation.csv").to_dict("records")
-    assert cells == [drawn(rng, preset, number) for preset in validation.MODES for number in range(COUNT)]
+    assert cells == [drawn(rng, preset, number) for preset in live_flows.MODES for number in range(COUNT)]
     assert all(validation.scenario_of_cell(cell, duration_s=8.0).flows for cell in cells)
 
 
@@ -102,13 +103,13 @@ def test_a_run_that_is_broken_off_goes_on_and_a_cell_that_fails_is_left_out(tmp_
             raise KeyboardInterrupt
         return {"number": number, "repeat": repeat}
 
-    monkeypatch.setattr(validation, "live_hosts", lambda *_, **__: nullcontext())
+    monkeypatch.setattr(live_flows, "live_hosts", lambda *_, **__: nullcontext())
     log = SimpleNamespace(path=tmp_path / "a.mcap")
     bench = Mock(experiment="transmission", config=transmission.exp.config(), log=log)
 
     def play():
         with ExitStack() as bench.stack:
-            asyncio.run(validation.play_missing(bench, validation.TABLE, cells, dict.fromkeys(cells, 2), rows))
+            asyncio.run(live_flows.play_missing(bench, validation.TABLE, cells, dict.fromkeys(cells, 2), rows))
 
     with pytest.raises(KeyboardInterrupt):
         play()

@@ -315,7 +315,7 @@ class SimulatedRun:
             steps += 1
             self._exchange(steps * hallway.STEP_NS)
             self._world.step([node.command for node in self._actuation])
-            clearances, wound = self._world.clearance_m.tolist(), self._world.wound_rad().tolist()
+            clearances, wound = self._world.clearance_m.tolist(), self._world.wound_rad()
             now_s, stopped_by = steps * hallway.STEP_NS / NS_PER_S, self._station.stopped_by
             verdict = hallway.judge(clearances, wound, stopped_by=stopped_by, now_s=now_s, limit_s=limit_s)
         self._track(steps * hallway.STEP_NS / NS_PER_S)
@@ -367,7 +367,7 @@ class SimulatedRun:
             "end": verdict.end.value,
             "robot": "" if verdict.robot < 0 else ROBOTS[verdict.robot],
             "ended_s": now_ns / NS_PER_S,
-            "wound": float(self._world.wound_rad().min() / math.tau),
+            "wound": min(self._world.wound_rad()) / math.tau,
             "airtime": outcome.counts["airtime_ns"] / now_ns,
             "beams_sent": published,
             "beams_lost": 1 - len(beams_ms) / published if published else math.nan,

@@ -38,8 +38,8 @@ from sfglab.lab.experiments.cooperation.experiment import (
     rate_and_depth,
     scenario_of,
 )
-from sfglab.lab.experiments.transmission.validation import play_missing, slowed
 from sfglab.lab.hosts import Host, HostsUnavailableError, Network, RadioCounters
+from sfglab.lab.live_flows import play_missing, slowed
 from sfglab.lab.ros2 import RosMissingError
 from sfglab.lab.workers.hallway import STATION, HallwayConfig
 from sfglab.messages import default_message, message_type
@@ -56,7 +56,7 @@ if TYPE_CHECKING:
 
     from sfglab.component import Report
     from sfglab.lab.bench import Bench
-    from sfglab.lab.experiments.transmission.stage import LiveHosts
+    from sfglab.lab.live_flows import LiveHosts
     from sfglab.record import LogWriter
     from sfglab.rtps import Scenario
 

@@ -7,7 +7,7 @@ to robot 1: latency and loss for every rate, depth and method, and where each lo
 from sfglab.lab.experiments.transmission import figures, validation
 from sfglab.lab.experiments.transmission.analysis import agreement, compare_ways, order
 from sfglab.lab.experiments.transmission.experiment import exp, grid
-from sfglab.lab.experiments.transmission.timeline import Timeline
 from sfglab.lab.experiments.transmission.validation import on_ros2
+from sfglab.lab.explore.timeline import Timeline
 
 __all__ = ["Timeline", "agreement", "compare_ways", "exp", "figures", "grid", "on_ros2", "order", "validation"]

@@ -12,8 +12,9 @@ from sfglab.lab.experiment import Look
 from sfglab.lab.experiments.transmission.analysis import BEST, TIE, agreement, cells, compare_ways, order
 from sfglab.lab.experiments.transmission.experiment import OPT_DEPTH, Config, exp
 from sfglab.lab.experiments.transmission.stage import LATENCY_WITHIN, LOSS_WITHIN
-from sfglab.lab.experiments.transmission.validation import MODES, READ, by_cell, played, validated
+from sfglab.lab.experiments.transmission.validation import READ, by_cell, played, validated
 from sfglab.lab.figures import COLORS, grouped_bars, note, series
+from sfglab.lab.live_flows import MODES
 from sfglab.rtps import PRESETS
 
 if TYPE_CHECKING:

@@ -12,71 +12,47 @@ frame, times of nodes and of changes multiplied by it, but not the 3 s between h
 
 from __future__ import annotations
 
-import asyncio
-from collections import Counter
 from dataclasses import asdict, dataclass, fields, replace
 from functools import cache
-from typing import TYPE_CHECKING, Any, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
 
-from sfglab import component
 from sfglab.arp.robots import METHODS, RATES_HZ
 from sfglab.lab.baselines import PART, beside
-from sfglab.lab.experiment import SkippedPartError, seeded
+from sfglab.lab.experiment import seeded
 from sfglab.lab.experiments.transmission.experiment import OPT_DEPTH, Config, Point, cells_of, exp, scenario_of
 from sfglab.lab.experiments.transmission.stage import (
     LATENCY_WITHIN,
     LOSS_WITHIN,
-    LiveHosts,
     LiveRow,
-    RosMode,
     compare,
     compared,
-    hosts_of,
-    live_hosts,
     measure,
 )
-from sfglab.lab.hosts import HostsError, HostsUnavailableError
+from sfglab.lab.hosts import HostsUnavailableError
+from sfglab.lab.live_flows import MODES, LiveHosts, play_missing, slowed
 from sfglab.lab.paths import find_project
 from sfglab.lab.ros2 import RosMissingError
 from sfglab.lab.runs import Run, derived
-from sfglab.lab.sweep import journal as journaled
-from sfglab.processes import ProcessFailedError
 from sfglab.qos import QoSProfile
 from sfglab.rtps import PRESETS, Flow, Medium, Scenario, run
 
 if TYPE_CHECKING:
-    from collections.abc import Awaitable, Callable, Mapping
+    from collections.abc import Mapping
 
     from sfglab.lab.bench import Bench
 
-
-class Preset(Protocol):
-    """What names its preset."""
-
-    @property
-    def preset(self) -> str:
-        """One of `MODES`."""
-
-
-C = TypeVar("C", bound=Preset)
 
 TABLE = "validation"
 MODEL_SEEDS = 24
 SURE = 0.95  #: Share of draws in which the median of a cell's repetitions has to agree with that of all seeds.
 READER_DEPTH = 5000
 """Of every reader, so that a node of Python that looks late loses nothing: the writer's history is asked."""
-MODES: dict[str, RosMode | None] = {
-    "fast_dds_sync": "SYNCHRONOUS",
-    "fast_dds_async": "ASYNCHRONOUS",
-    "cyclone_dds": None,
-}
-"""What is validated, by preset: a real ROS 2 node's mode of publication; None: Cyclone DDS, by ourselves."""
 READ = {"fast_dds_foxy": "read in its sources, not measured"}
 """Presets that cannot be validated, and what they are instead."""
-_TRIES, _DRAWS = 2, 400
+_DRAWS = 400
 KEPT_LEAST = 0.8  #: Share of the cells that is asked to keep its schedule.
 
 MEDIUM = ("loss", "queue_frames", "queue_rule", "burst_frames", "access_point")
@@ -185,63 +161,6 @@ async def validate(bench: Bench[Config]) -> None:
     await play_missing(bench, TABLE, cells, _repeats(config), rows)
 
 
-async def play_missing(  # noqa: PLR0913 - options
-    bench: Bench[Any],
-    table: str,
-    cells: Mapping[C, Scenario],
-    repeats: Mapping[C, int],
-    rows: Callable[[LiveHosts, C, int], Awaitable[Any]],
-    *,
-    at_once: int = len(MODES),
-) -> None:
-    """Play cells as often as `repeats` says, with their presets' nodes; write a table of them.
-
-    So many presets are played beside each other, each on hosts of its own, one cell at a time: where the air is
-    slow, nodes mostly wait. What is finished stands in the part's journal at once; a run that was broken off
-    goes on behind it. What fails is tried once more with new hosts, then noted in the metadata of the table's
-    name. `rows` plays a cell, whose ``preset`` is one of `MODES`, for a repetition, and gives a row or a tuple
-    of them.
-
-    Raises:
-        HostsUnavailableError: This machine has no test hosts.
-        RosMissingError: This machine has no ROS 2.
-    """
-    if not any(repeats.values()):
-        raise SkippedPartError("not asked for")
-    todo = list(cells)
-    rounds = range(max(repeats.values()))
-    jobs = [(number, repeat) for repeat in rounds for number, cell in enumerate(todo) if repeat < repeats[cell]]
-    failed: Counter[tuple[int, int]] = Counter()
-    reasons: dict[str, str] = {}
-    path = bench.stack.enter_context(
-        journaled.journals(bench.log.path, f"{bench.experiment}-{bench.config.profile}")
-    )
-    with journaled.Journal(path(table), journaled.identity_of(play_missing, [bench.config, *todo])) as journal:
-        turn = asyncio.Semaphore(at_once)
-
-        async def play(preset: str) -> None:
-            own = [job for job in jobs if todo[job[0]].preset == preset]
-            while missing := [job for job in own if job not in journal.finished and failed[job] < _TRIES]:
-                job = missing[0]
-                try:
-                    async with turn, live_hosts(*hosts_of(cells[todo[job[0]]]), ros=MODES[preset]) as hosts:
-                        for job in missing:
-                            cell, repeat = todo[job[0]], job[1]
-                            made = await rows(hosts, cell, repeat)
-                            journal.add(journaled.Finished(*job, journaled.text_from_result(made)))
-                            bench.advance(f"{preset}, repetition {repeat}")
-                except (ProcessFailedError, HostsError, TimeoutError) as error:
-                    failed[job] += 1
-                    reasons[f"{todo[job[0]]}, repetition {job[1]}"] = str(error)
-
-        async with component.beside(*map(play, dict.fromkeys(cell.preset for cell in todo))) as played:
-            await asyncio.gather(*played)
-        for text in (journal.finished[job] for job in jobs if job in journal.finished):
-            made = journaled.result_from_text(text)
-            bench.write_all(table, made if isinstance(made, tuple) else (made,))
-    bench.metadata(table, {"hindrance": "", "failed": reasons})
-
-
 # --- Beside the model -----------------------------------------------------------------------------------------
 
 KEYS = [f.name for f in fields(Cell)]
@@ -308,21 +227,6 @@ class RosCell:
         """Return what is played."""
         given = scenario_of(self.point, seed=seed, vendor=PRESETS[self.preset])
         return replace(slowed(given, self.slowed), drain_s=DRAIN_S)
-
-
-def slowed(scenario: Scenario, factor: float) -> Scenario:
-    """Return a scenario of which flows and air are slower by a factor; how long it takes stays."""
-    flows = (
-        replace(
-            flow,
-            rate_hz=flow.rate_hz / factor,
-            **{name: factor * getattr(flow, name) for name in ("phase_s", "service_s", "change_s")},
-        )
-        for flow in scenario.flows
-    )
-    medium = scenario.medium
-    slow = replace(medium, rate_bps=medium.rate_bps / factor, overhead_s=medium.overhead_s * factor)
-    return replace(scenario, flows=tuple(flows), medium=slow)
 
 
 @exp.table(PART)

@@ -1,0 +1,324 @@
+"""Scenarios of the reliability model on real DDS: the same air, the same timing, between real processes.
+
+Each host is a namespace with one process, the air is a radio with the model's medium, the middleware is Cyclone
+DDS or a real ROS 2 node's Fast DDS; what comes back is an `Outcome` too. Endpoints match over a quiet medium
+before time begins. `play_missing` plays many cells and goes on behind those that a broken run has finished.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import tempfile
+import time
+from collections import Counter
+from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
+from contextlib import asynccontextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sfglab import component
+from sfglab.bus.address import BusAddress
+from sfglab.lab import workers
+from sfglab.lab.experiment import SkippedPartError
+from sfglab.lab.hosts import Host, HostsError, Network, RadioCounters
+from sfglab.lab.ros2 import RosMember
+from sfglab.lab.sweep import journal as journaled
+from sfglab.lab.workers.flowplay import PartsConfig
+from sfglab.processes import Member, ProcessFailedError, ProcessGroup
+from sfglab.qos import QoSProfile
+from sfglab.rtps import Fate, Flow, FlowOutcome, Medium, Outcome, Scenario
+from sfglab.rtps.model import data_bytes
+from sfglab.units import BITS_PER_BYTE, NS_PER_S
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from sfglab.component import Report
+    from sfglab.lab.bench import Bench
+
+Arrays = dict[str, NDArray[np.int64]]
+Drive = Callable[[ProcessGroup, int], Awaitable[None]]  # of the hosts' processes, and when time begins, ns
+
+_MODULE = "sfglab.lab.workers.flowplay"
+START_S, MATCH_S, LEAD_S, SPARE_S = 90.0, 90.0, 0.15, 60.0
+LONGEST_DRAIN_S = 1.5  #: Repairs that come later than this are rare, and a live second costs a second.
+
+QUIET = Medium(rate_bps=1e9, loss=0.0, overhead_s=0.0, contention=0.0)  #: What hosts find each other over.
+SETTLE_S = {True: 0.3, False: 1.5}
+"""Until what was said about endpoints is acknowledged, by `Vendor.prompt`: Fast DDS asks after a second."""
+
+PROBE_S = 2.0  #: How long a topic is published that shows the hosts' own delay.
+_SELDOM = Path(workers.__file__).with_name("quiet_participants.xml")
+
+_STAMP_SLACK_NS = 2  # RTPS counts time in units of 2**-32 s (RTPS 2.5, clause 9.3.2)
+
+RosMode = Literal["SYNCHRONOUS", "ASYNCHRONOUS"]
+MODES: dict[str, RosMode | None] = {
+    "fast_dds_sync": "SYNCHRONOUS",
+    "fast_dds_async": "ASYNCHRONOUS",
+    "cyclone_dds": None,
+}
+"""How presets are played: in which mode a real ROS 2 node publishes; None: on Cyclone DDS, by ourselves."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Played:
+    """What a live run came to."""
+
+    #: What the model has to run beside it: as asked, with the drain that it had, and with `delay_s` as latency
+    #: of the medium.
+    scenario: Scenario
+    #: What kernel, relay and DDS add to a sample's airtime between the applications, measured with one topic
+    #: alone on a calm medium.
+    delay_s: float
+    #: As the model's; a sample that never came has the fate UNDERWAY, as nobody saw why. Counts are those that
+    #: can be seen: ``lost``, ``queue_full``, ``bytes``, ``airtime_ns``, ``processed``, ``held``,
+    #: ``compared``, and ``missed`` for what was due while a process of rclpy was not let run.
+    outcome: Outcome
+    radio: RadioCounters  #: The medium's own counters.
+    late_p95_s: float  #: How late a host's process published, 95th percentile, of the latest host, seconds.
+    refused: int  #: Samples that DDS refused.
+
+    @property
+    def kept_up(self) -> bool:
+        """Whether relay and publishers kept within 2 ms, but for 1 % of the frames and 5 % of the samples."""
+        return self.radio.kept_up and self.late_p95_s <= self.radio.late_after_s
+
+
+def hosts_of(scenario: Scenario) -> tuple[str, ...]:
+    """Return the hosts of a scenario, in the order of the model."""
+    return tuple(dict.fromkeys(host for flow in scenario.flows for host in (flow.source, flow.target)))
+
+
+@asynccontextmanager
+async def live_hosts(*names: str, ros: RosMode | None = None) -> AsyncIterator[LiveHosts]:
+    """Provide hosts of these names on a radio, with a process each.
+
+    None: of our own, on Cyclone DDS; else a real ROS 2 node that publishes in this mode of Fast DDS.
+
+    Raises:
+        HostsUnavailableError: This machine has no test hosts.
+        RosMissingError: This machine has no ROS 2.
+        ProcessFailedError: A process did not start.
+    """
+    with Network() as network:
+        members = [_member(host, ros) for host in map(network.add_host, names)]
+        network.set_radio(QUIET)
+        async with ProcessGroup(network.argv, members, start_s=START_S) as group:
+            yield LiveHosts(network, group)
+
+
+def _member(host: Host, ros: RosMode | None) -> Member:
+    if ros:
+        profiles = (f"{library}_DEFAULT_PROFILES_FILE" for library in ("FASTDDS", "FASTRTPS"))  # 3.x, 2.x
+        environment = (("RMW_FASTRTPS_PUBLICATION_MODE", str(ros)), *((n, str(_SELDOM)) for n in profiles))
+        return RosMember(name=host.name, host=host.name, config=(host.name,), environment=environment)
+    address = BusAddress(domain_id=0, interface=host.interface, multicast="spdp")
+    config = PartsConfig(host=host.name, address=address)
+    return Member(name=host.name, host=host.name, module=_MODULE, config=config)
+
+
+class LiveHosts:
+    """Hosts on a radio that play one scenario after the other; their processes are named like them."""
+
+    def __init__(self, network: Network, group: ProcessGroup) -> None:
+        self._network = network
+        self._group = group
+        self._delays_s: dict[float, float] = {}
+
+    async def play(self, scenario: Scenario, *, seed: int, drive: Drive | None = None) -> Played:
+        """Play a scenario, in real time; before the first one at its rate, the hosts' own delay is measured.
+
+        The seed is that of losses and values; which frame meets which loss depends on the machine. With a
+        `Drive`, only on real ROS 2, that says what flows carry, and it is over when that returns.
+
+        Raises:
+            ProcessFailedError: A process failed or was silent.
+            HostsError: The hosts are gone.
+        """
+        rate_hz = scenario.flows[0].rate_hz
+        if rate_hz not in self._delays_s:
+            probe = await self._play(_probe(scenario), delay_s=0.0, seed=seed, drive=None)
+            self._delays_s[rate_hz] = _delay_s(probe)
+        return await self._play(scenario, delay_s=self._delays_s[rate_hz], seed=seed, drive=drive)
+
+    async def _play(self, scenario: Scenario, *, delay_s: float, seed: int, drive: Drive | None) -> Played:
+        if scenario.vendor.prompt:
+            scenario = replace(scenario, drain_s=min(scenario.drain_s, LONGEST_DRAIN_S))
+        for host in self._group:
+            flows = [flow for flow in scenario.flows if host in (flow.source, flow.target)]
+            self._group.order([host], do="open", flows=flows, seed=seed)
+        await self._group.expect("matched", timeout_s=MATCH_S)
+        await asyncio.sleep(SETTLE_S[scenario.vendor.prompt])
+        self._network.set_radio(scenario.medium, seed=seed)
+        start_ns, arrays, reports = await self._run(scenario, drive)
+        radio = self._network.radio_counters()
+        self._network.set_radio(QUIET)
+        await self._group.ask("closed", timeout_s=START_S, do="close")
+        latency_s = scenario.medium.latency_s + delay_s
+        return Played(
+            scenario=replace(scenario, medium=replace(scenario.medium, latency_s=latency_s)),
+            delay_s=delay_s,
+            outcome=_outcome(scenario, arrays, reports, radio=radio, start_ns=start_ns),
+            radio=radio,
+            late_p95_s=max(report["late_p95_s"] for report in reports),
+            refused=sum(report["refused"] for report in reports),
+        )
+
+    async def _run(
+        self, scenario: Scenario, drive: Drive | None
+    ) -> tuple[int, dict[str, Arrays], list[Report]]:
+        """Return when it started, and each host's arrays and report."""
+        with tempfile.TemporaryDirectory(prefix="sfglab-live-") as folder:
+            files = {host: Path(folder, f"{host}.npz") for host in self._group}
+            times = {"duration_s": scenario.duration_s, "drain_s": scenario.drain_s}
+            start_ns, do = time.time_ns() + round(LEAD_S * NS_PER_S), "drive" if drive else "play"
+            for host, file in files.items():
+                self._group.order([host], do=do, start_ns=start_ns, result=os.fspath(file), **times)
+            if drive:
+                await drive(self._group, start_ns)
+                self._group.order(do="halt")
+            reports = await self._group.expect("done", timeout_s=sum(times.values()) + SPARE_S)
+            return start_ns, {host: dict(np.load(file)) for host, file in files.items()}, list(reports.values())
+
+
+def _probe(scenario: Scenario) -> Scenario:
+    """Return a scenario of one topic at the first one's rate, since who wakes often wakes faster."""
+    flow, medium, qos = scenario.flows[0], Medium(loss=0.0), QoSProfile(depth=10)
+    probe = Flow(name="probe", source=flow.source, target=flow.target, rate_hz=flow.rate_hz, qos=qos)
+    return replace(scenario, flows=(probe,), medium=medium, duration_s=PROBE_S, drain_s=LEAD_S)
+
+
+def _delay_s(probe: Played) -> float:
+    """Return what the median sample took beyond its airtime; never less than nothing."""
+    medium, (flow,) = probe.scenario.medium, probe.scenario.flows
+    bits = data_bytes(flow.size_bytes, with_heartbeat=True) * BITS_PER_BYTE
+    airtime_s = medium.overhead_s + bits / medium.rate_bps + medium.latency_s
+    return max(0.0, float(np.median(probe.outcome.flows[flow.name].latency_ns)) / NS_PER_S - airtime_s)
+
+
+def _outcome(
+    scenario: Scenario,
+    arrays: dict[str, Arrays],
+    reports: Sequence[Report],
+    *,
+    radio: RadioCounters,
+    start_ns: int,
+) -> Outcome:
+    flows = {
+        flow.name: _flow_outcome(flow, arrays[flow.source], arrays[flow.target], start_ns)
+        for flow in scenario.flows
+    }
+    counts = {
+        "lost": radio.lost,
+        "queue_full": radio.queue_full,
+        "bytes": sum(host.bytes_ for host in radio.hosts.values()),
+        "airtime_ns": round(sum(host.airtime_s for host in radio.hosts.values()) * NS_PER_S),
+        **{name: sum(report.get(name, 0) for report in reports) for name in ("held", "compared", "missed")},
+        "processed": sum(int(flow.delivered.sum()) for flow in flows.values()),
+    }
+    return Outcome(flows=flows, counts=counts)
+
+
+def _flow_outcome(flow: Flow, source: Arrays, target: Arrays, start_ns: int) -> FlowOutcome:
+    sent_ns = source[f"{flow.name} written sent_ns"]
+    received_ns = np.zeros(len(sent_ns), np.int64)
+    if (stamps := f"{flow.name} received sent_ns") in target:
+        place = np.searchsorted(sent_ns, target[stamps] - _STAMP_SLACK_NS)
+    else:  # Fast DDS's stamps are its own
+        place = np.searchsorted(source[f"{flow.name} written value"], target[f"{flow.name} received value"])
+    received_ns[place] = target[f"{flow.name} received done_ns"] - start_ns
+    fate = np.full(len(sent_ns), Fate.UNDERWAY, np.int8)
+    fate[place] = Fate.DELIVERED
+    return FlowOutcome(
+        name=flow.name,
+        published_ns=sent_ns - start_ns,
+        received_ns=received_ns,
+        value=source[f"{flow.name} written value"].astype(np.int32),
+        fate=fate,
+        dropped=np.zeros(len(sent_ns), np.int8),
+        deadline_ns=flow.qos.deadline_ns,
+    )
+
+
+# --- Many cells -----------------------------------------------------------------------------------------------
+
+
+_TRIES = 2
+
+
+def slowed(scenario: Scenario, factor: float) -> Scenario:
+    """Return a scenario of which flows and air are slower by a factor; how long it takes stays."""
+    flows = (
+        replace(
+            flow,
+            rate_hz=flow.rate_hz / factor,
+            **{name: factor * getattr(flow, name) for name in ("phase_s", "service_s", "change_s")},
+        )
+        for flow in scenario.flows
+    )
+    medium = scenario.medium
+    slow = replace(medium, rate_bps=medium.rate_bps / factor, overhead_s=medium.overhead_s * factor)
+    return replace(scenario, flows=tuple(flows), medium=slow)
+
+
+async def play_missing(  # noqa: PLR0913 - options
+    bench: Bench[Any],
+    table: str,
+    cells: Mapping[Any, Scenario],
+    repeats: Mapping[Any, int],
+    rows: Callable[[LiveHosts, Any, int], Awaitable[Any]],
+    *,
+    at_once: int = len(MODES),
+) -> None:
+    """Play cells as often as `repeats` says, with their presets' nodes; write a table of them.
+
+    So many presets are played beside each other, each on hosts of its own, one cell at a time: where the air is
+    slow, nodes mostly wait. What is finished stands in the part's journal at once; a run that was broken off
+    goes on behind it. What fails is tried once more with new hosts, then noted in the metadata of the table's
+    name. `rows` plays a cell, whose ``preset`` is one of `MODES`, for a repetition, and gives a row or a tuple
+    of them.
+
+    Raises:
+        HostsUnavailableError: This machine has no test hosts.
+        RosMissingError: This machine has no ROS 2.
+    """
+    if not any(repeats.values()):
+        raise SkippedPartError("not asked for")
+    todo = list(cells)
+    rounds = range(max(repeats.values()))
+    jobs = [(number, repeat) for repeat in rounds for number, cell in enumerate(todo) if repeat < repeats[cell]]
+    failed: Counter[tuple[int, int]] = Counter()
+    reasons: dict[str, str] = {}
+    path = bench.stack.enter_context(
+        journaled.journals(bench.log.path, f"{bench.experiment}-{bench.config.profile}")
+    )
+    with journaled.Journal(path(table), journaled.identity_of(play_missing, [bench.config, *todo])) as journal:
+        turn = asyncio.Semaphore(at_once)
+
+        async def play(preset: str) -> None:
+            own = [job for job in jobs if todo[job[0]].preset == preset]
+            while missing := [job for job in own if job not in journal.finished and failed[job] < _TRIES]:
+                job = missing[0]
+                try:
+                    async with turn, live_hosts(*hosts_of(cells[todo[job[0]]]), ros=MODES[preset]) as hosts:
+                        for job in missing:
+                            cell, repeat = todo[job[0]], job[1]
+                            made = await rows(hosts, cell, repeat)
+                            journal.add(journaled.Finished(*job, journaled.text_from_result(made)))
+                            bench.advance(f"{preset}, repetition {repeat}")
+                except (ProcessFailedError, HostsError, TimeoutError) as error:
+                    failed[job] += 1
+                    reasons[f"{todo[job[0]]}, repetition {job[1]}"] = str(error)
+
+        async with component.beside(*map(play, dict.fromkeys(cell.preset for cell in todo))) as played:
+            await asyncio.gather(*played)
+        for text in (journal.finished[job] for job in jobs if job in journal.finished):
+            made = journaled.result_from_text(text)
+            bench.write_all(table, made if isinstance(made, tuple) else (made,))
+    bench.metadata(table, {"hindrance": "", "failed": reasons})
