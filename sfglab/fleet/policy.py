@@ -16,7 +16,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from enum import Enum
 from fnmatch import fnmatchcase
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from sfglab.names import ResourceKind, dds_names
 from sfglab.qos import Durability, History, QoSProfile, Reliability
@@ -221,7 +221,7 @@ class Setup:
 
     readers: tuple[ReaderSpec, ...] = ()
     writers: tuple[WriterSpec, ...] = ()
-    judged: Mapping[tuple[ReaderSpec, bytes], Verdict] = field(default_factory=dict)
+    judged: Mapping[ReaderSpec, Mapping[bytes, Verdict]] = field(default_factory=dict)
 
 
 @dataclass(slots=True)
@@ -240,6 +240,9 @@ class PathState:
     #: lives sends its history again, and what is left of one that was killed is sent to nobody any more.
     doubted: dict[bytes, int] = field(default_factory=dict)
     setup: Setup = field(default_factory=Setup)  #: What is open now.
+    asked: Any = None  #: By what subscriptions, and how they are reached.
+    #: Reader and writer of sources that are alike, of which there may be hundreds, by what they have in common.
+    alike: dict[Any, tuple[ReaderSpec, WriterSpec]] = field(default_factory=dict)
 
     def __contains__(self, gid: bytes) -> bool:
         return any(gid in part for part in (self.sources, self.sinks, self.barred))
@@ -266,7 +269,7 @@ class PathState:
 
 def wanted(path: Path, state: PathState, *, offers: bool = False) -> Setup:
     """Return what of a path has to be open; with `offers` also writers of topics that nobody wants."""
-    sinks = [sink.qos for sink in state.sinks.values()]
+    sinks = tuple(dict.fromkeys(sink.qos for sink in state.sinks.values()))
     if not sinks or (path.outward and not state.sources):
         offered = offers and not path.dds_topic.startswith(_SERVICE_PREFIXES)
         return Setup(writers=_offered(path, state) if offered else ())
@@ -274,11 +277,16 @@ def wanted(path: Path, state: PathState, *, offers: bool = False) -> Setup:
         readers = {ReaderSpec(path=path, qos=announced_qos(path.dds_topic, sinks)): None}
         return Setup(tuple(readers), (), _judged(readers, {}, state))
     transport = _transport(path, {sink.transport for sink in state.sinks.values()})
-    ways = {
-        gid: _way(path, source, sinks, transport, again=state.doubted.get(gid, 0))
-        for gid, source in sorted(state.sources.items())
-    }
-    readers = dict.fromkeys(reader for reader, _ in ways.values())
+    if state.asked != (sinks, transport):
+        state.asked, state.alike = (sinks, transport), {}
+    ways, kinds = {}, {}
+    for gid, source in sorted(state.sources.items()):
+        kind = source.qos, source.transport, state.doubted.get(gid, 0)
+        if kind not in kinds:
+            state.alike[kind] = kinds[kind] = state.alike.get(kind) or _way(path, sinks, transport, kind)
+        reader, writer = kinds[kind]
+        ways[gid] = reader, replace(writer, source=gid) if _is_alone(source) else writer
+    readers = dict.fromkeys(reader for reader, _ in kinds.values())
     writers = dict.fromkeys(writer for _, writer in ways.values())
     return Setup(tuple(readers), tuple(writers), _judged(readers, ways, state))
 
@@ -288,9 +296,11 @@ def _offered(path: Path, state: PathState) -> tuple[WriterSpec, ...]:
 
     For a latched writer's history of an earlier demand could not be taken back.
     """
-    writers = [_writer(path, source) for _, source in sorted(state.sources.items())]
-    latched = Durability.TRANSIENT_LOCAL
-    return tuple(dict.fromkeys(replace(w, source=b"") if w.qos.durability is latched else w for w in writers))
+    specs: dict[WriterSpec, None] = {}
+    for gid, source in sorted(state.sources.items()):
+        alone = _is_alone(source) and source.qos.durability is Durability.VOLATILE
+        specs[WriterSpec(path=path, qos=offered_qos(source.qos), source=gid if alone else b"")] = None
+    return tuple(specs)
 
 
 def _transport(path: Path, sinks: set[Transport]) -> Transport:
@@ -301,26 +311,26 @@ def _transport(path: Path, sinks: set[Transport]) -> Transport:
 
 
 def _way(
-    path: Path, source: EndpointInfo, sinks: list[QoSProfile], transport: Transport, *, again: int
+    path: Path, sinks: tuple[QoSProfile, ...], to: Transport, alike: tuple[QoSProfile, Transport, int]
 ) -> tuple[ReaderSpec, WriterSpec]:
-    qos = requested_qos(path.dds_topic, source.qos, sinks)
-    reader = ReaderSpec(path=path, qos=qos, transport=source.transport, again=again)
-    return reader, replace(_writer(path, source), transport=transport, again=again)
+    qos, transport, again = alike
+    wanted = requested_qos(path.dds_topic, qos, sinks)
+    reader = ReaderSpec(path=path, qos=wanted, transport=transport, again=again)
+    return reader, WriterSpec(path=path, qos=offered_qos(qos), transport=to, again=again)
 
 
-def _writer(path: Path, source: EndpointInfo) -> WriterSpec:
-    alone = source.qos.durability is Durability.TRANSIENT_LOCAL or source.qos.lease_ns is not None
-    return WriterSpec(path=path, qos=offered_qos(source.qos), source=source.gid if alone else b"")
+def _is_alone(source: EndpointInfo) -> bool:
+    return source.qos.durability is Durability.TRANSIENT_LOCAL or source.qos.lease_ns is not None
 
 
 def _judged(
     readers: Iterable[ReaderSpec], ways: Mapping[bytes, tuple[ReaderSpec, WriterSpec]], state: PathState
-) -> dict[tuple[ReaderSpec, bytes], Verdict]:
+) -> dict[ReaderSpec, dict[bytes, Verdict]]:
     """Say for every reader where each publisher's samples go: each source is heard by one reader alone."""
-    judged: dict[tuple[ReaderSpec, bytes], Verdict] = {}
+    judged: dict[ReaderSpec, dict[bytes, Verdict]] = {}
     for reader in readers:
-        judged |= {(reader, gid): None for gid in state.barred}
+        judged[reader] = verdicts = dict.fromkeys(state.barred)
         for gid, (own, writer) in ways.items():
             here = Held.HELD if gid in state.held else writer
-            judged[reader, gid] = here if own == reader else None
+            verdicts[gid] = here if own == reader else None
     return judged

@@ -341,6 +341,10 @@ def test_whatever_happens_queries_never_double_events_make_sense_and_memory_is_b
         waiting = [a for a in statuses if a.state.name.endswith("ING")]
         assert {a.agent for a in waiting if a.state is not State.BACKING_OFF} == set(checker.outstanding)
         assert all(a.agent not in ("station", "camera", "") for a in statuses)
+        known_ns = checker.registry.deadline_ns
+        for remote in checker.registry._remotes.values():
+            remote.due = None
+        assert checker.registry.deadline_ns == known_ns
 
 
 @given(

@@ -118,6 +118,7 @@ class _Remote:
     heard_ns: int = 0
     retry_ns: int = 0
     expire_ns: int = 0
+    due: list[tuple[int, Input]] | None = None  #: What time will bring; None: to be found out anew.
 
     @property
     def silent_ns(self) -> int:
@@ -171,6 +172,7 @@ class Registry:
         silent_ns = now_ns + round(self._timing.missed * heartbeat.period_s * 1e9) + self._timing.slack_ns
         key = publisher_gid, heartbeat.incarnation
         source = remote.sources.note(key, now_ns=now_ns, silent_ns=silent_ns, revision=heartbeat.revision)
+        remote.due = None
         self._tell_twins(heartbeat.agent, remote.sources)
         given = _input_of(version, remote, source, now_ns)
         if isinstance(given, Refusal):
@@ -245,6 +247,7 @@ class Registry:
         """Count nothing of the time in which the caller itself stood still as an agent's silence."""
         for remote in self._remotes.values():
             remote.sources.overslept(since_ns, now_ns)
+            remote.due = None
 
     @property
     def deadline_ns(self) -> int | None:
@@ -293,7 +296,7 @@ class Registry:
 
     def _feed(self, agent: str, given: Input, now_ns: int) -> list[Order]:
         remote = self._remotes[agent]
-        before = remote.life.state
+        before, remote.due = remote.life.state, None
         actions = remote.life.feed(given)
         if self._on_move is not None:
             move = Move(agent=agent, before=before, given=given, after=remote.life.state, actions=actions)
@@ -348,12 +351,12 @@ def _input_of(version: _Version, remote: _Remote, source: Source, now_ns: int) -
 
 
 def _deadlines(remote: _Remote) -> list[tuple[int, Input]]:
-    """Return what time will bring to an agent, and when."""
-    state = remote.life.state
-    if state is State.LOST:
-        return [(remote.expire_ns, Input.EXPIRED)]
-    silent = (remote.silent_ns, Input.SILENT)
-    return [silent, (remote.retry_ns, Input.RETRY)] if state.asking is Asking.BACKING_OFF else [silent]
+    """Return what time will bring to an agent, and when; asked of all agents whenever one is heard."""
+    if remote.due is None:
+        state, lost = remote.life.state, [(remote.expire_ns, Input.EXPIRED)]
+        remote.due = lost if state is State.LOST else [(remote.silent_ns, Input.SILENT)]
+        remote.due += [(remote.retry_ns, Input.RETRY)] if state.asking is Asking.BACKING_OFF else []
+    return remote.due
 
 
 def _order(action: Action, agent: str, remote: _Remote) -> Order:

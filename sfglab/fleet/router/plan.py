@@ -272,15 +272,14 @@ def _actions(before: Setup, state: PathState) -> list[Action]:
     actions: list[Action] = [Close(what=reader) for reader in before.readers if reader not in kept]
     actions += [Open(what=writer) for writer in after.writers if writer not in before.writers]
     actions += [Open(what=reader) for reader in after.readers if reader not in kept]
-    actions += [
-        Judge(reader=reader, source=publishers[gid], writer=verdict)
-        for (reader, gid), verdict in after.judged.items()
-        if not isinstance(verdict, Held)
-        and (reader not in kept or before.judged.get((reader, gid), Held.HELD) != verdict)
-    ]
-    actions += [
-        Forget(reader=reader, source=gid)
-        for reader, gid in before.judged
-        if reader in kept and (reader, gid) not in after.judged
-    ]
+    for reader, verdicts in after.judged.items():
+        known = before.judged[reader] if reader in kept else {}
+        actions += [
+            Judge(reader=reader, source=publishers[gid], writer=verdict)
+            for gid, verdict in verdicts.items()
+            if not isinstance(verdict, Held) and known.get(gid, Held.HELD) != verdict
+        ]
+    for reader in kept:
+        gone = before.judged[reader].keys() - after.judged[reader].keys()
+        actions += [Forget(reader=reader, source=gid) for gid in sorted(gone)]
     return actions + [Close(what=writer) for writer in before.writers if writer not in after.writers]
