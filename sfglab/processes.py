@@ -218,13 +218,14 @@ class HangWatch:
     def judge(self, state: str, cpu_s: float) -> str:
         """Take the state of its main thread, as Linux names it, and that thread's CPU time; see `look`."""
         ran_s, self._cpu_s = cpu_s - self._cpu_s, cpu_s
+        missed_s = self._missed_s  # which no sign since has taken back; one may be on its way yet
         if state == "T":
             self._missed_s += _STOPPED_COUNTS * LOOK_PERIOD_S
         elif self._beats:
             self._missed_s += LOOK_PERIOD_S if state == "S" else min(ran_s, LOOK_PERIOD_S)
         else:
             self._missed_s = 0.0
-        if self._missed_s < HANG_S:
+        if (self._missed_s if state == "T" else missed_s) < HANG_S:
             return ""
         return "it was stopped" if state == "T" else f"it gave no sign of life for {HANG_S:g} s"
 

@@ -219,11 +219,6 @@ class ImageDecoder:
         self._next_pts: int | None = None
         self._intact = True
 
-    @property
-    def waiting_for_keyframe(self) -> bool:
-        """Whether messages of a video are passed over until a key frame comes."""
-        return self._video is not None and self._video.waiting
-
     def feed(self, message: Any) -> tuple[DecodedImage, ...]:
         """Decode one message to pictures, which come at once or never; CodecError for this one alone."""
         content = self._read(message)

@@ -88,7 +88,7 @@ def test_a_skipped_packet_that_is_broken_or_a_still_image_is_treated_as_it_would
     bad.data = bad.data[:100]
     with pytest.raises(codecs.BitstreamError):
         decoder.skip(bad)
-    assert decoder.waiting_for_keyframe
+    assert decoder._video.waiting
     assert decoder.feed(packets(stream, 30, 31)[0]), "heals"
     image_decoder(COMPRESSED_IMAGE, "png").skip(SimpleNamespace(format="bgr8; png compressed bgr8", data=b""))
 
@@ -105,9 +105,9 @@ def test_reset_forgets_the_stream_which_goes_on_with_a_key_frame(stream):
     decoder.feed(packets(stream, 0, 1)[0])
     decoder.reset()
     assert [decoder.feed(packet) for packet in packets(stream, 20, 30)] == [()] * 10
-    assert decoder.waiting_for_keyframe
+    assert decoder._video.waiting
     (image,) = decoder.feed(packets(stream, 30, 31)[0])
-    assert (image.is_key, image.intact, decoder.waiting_for_keyframe) == (True, True, False)
+    assert (image.is_key, image.intact, decoder._video.waiting) == (True, True, False)
     image_decoder(COMPRESSED_IMAGE).reset()
 
 
@@ -148,8 +148,8 @@ def test_a_hint_loads_the_codec_before_the_first_message():
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=60)
     assert done.stdout.strip() == "True"
-    assert image_decoder(FFMPEG_PACKET, "h264").waiting_for_keyframe
-    assert not image_decoder(COMPRESSED_IMAGE).waiting_for_keyframe
+    assert image_decoder(FFMPEG_PACKET, "h264")._video.waiting
+    assert image_decoder(COMPRESSED_IMAGE)._video is None
 
 
 def test_an_impossible_hint_and_an_unreadable_type_are_refused_at_once():

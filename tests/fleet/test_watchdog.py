@@ -35,13 +35,24 @@ NONE = f"no sign of life for {HANG_S:g} s"
         ({*range(60)}, "S" * 60, 0.01, ""),
         ({0}, "R" * 60, 0.02, ""),
         ({0, 9}, "S" * 18, 0.0, ""),
+        ({0, 10, 20}, "S" * 30, 0.0, ""),
         ({0}, "Dt" * 10, 0.0, ""),
         ({}, "S" * 60, 0.0, ""),
         ({0}, "S" * 20, 0.0, NONE),
         ({0}, "R" * 100, 0.25, NONE),
         ({0, 1}, "SSTTT", 0.0, "stopped"),
     ],
-    ids=["idle", "starved", "late", "disk and debugger", "never beat", "deadlock", "slow loop", "stopped"],
+    ids=[
+        "idle",
+        "starved",
+        "late",
+        "on its way",
+        "disk and debugger",
+        "never beat",
+        "deadlock",
+        "slow loop",
+        "stopped",
+    ],
 )
 def test_only_who_could_have_beaten_and_did_not_hangs(beats, states, cpu_s, hangs):
     watch, said = HangWatch(), ""

@@ -29,6 +29,7 @@ WAYPOINTS = ((0.0, 4.0), (3.0, 4.0), (3.0, 2.0), (5.0, 2.0), (5.0, 0.0), (0.0, 0
 HOME = (1.0, 4.0, 0.0)  #: Where robots start and return to: x, y and heading; half a metre behind a corner.
 
 _PIVOT = (1.5, 1.0)  # inside the ring, and seen from everywhere on the middle line
+_HOME_RAD = math.atan2(HOME[1] - _PIVOT[1], HOME[0] - _PIVOT[0])
 _BOX_LONG_M, _BOX_DEEP_M = 0.3, 0.2
 
 
@@ -83,8 +84,7 @@ def course_length_m() -> float:
 
 def winding_rad(x: float, y: float) -> float:
     """Return a position's angle around the ring: 0 at home, growing as robots drive, from -pi to pi."""
-    home = math.atan2(HOME[1] - _PIVOT[1], HOME[0] - _PIVOT[0])
-    return math.remainder(home - math.atan2(y - _PIVOT[1], x - _PIVOT[0]), math.tau)
+    return math.remainder(_HOME_RAD - math.atan2(y - _PIVOT[1], x - _PIVOT[0]), math.tau)
 
 
 AREAS = (

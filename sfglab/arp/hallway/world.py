@@ -18,7 +18,7 @@ from sfglab.arp.hallway.course import AREAS, HOME, Area, clearances, drive, scan
 from sfglab.arp.hallway.nodes import BEAMS_DEG, Command, step_from_range
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
 
     from numpy.typing import NDArray
 
@@ -49,27 +49,34 @@ class World:
         self._scale = 1.0 + self._random.normal(size=(robots, 2)) * _WHEEL_SIGMA
         self.clearance_m = np.empty(robots)  #: From each robot's middle to the nearest wall, shape (robots,).
         self._ranges = np.empty(len(_ANGLES))
-        self._wound = np.array([winding_rad(x, y) for x, y, _ in self.poses])
+        self._wound = [winding_rad(x, y) for x, y, _ in self.poses.tolist()]
+        self._commands, self._told = list[Command](), np.empty(0)  # wheels' speeds, left and right
+        self._factors = self._drawn_factors()
         clearances(self._walls, self.poses, self.clearance_m)
 
     def step(self, commands: Sequence[Command]) -> None:
         """Let every robot execute its command for `STEP_NS`."""
-        speeds = np.array([(c.speed_m_s, c.turn_rad_s * _BASE_M / 2) for c in commands])
-        wheels = speeds[:, :1] + speeds[:, 1:] * (-1.0, 1.0)
-        slip = self._random.normal(size=wheels.shape) * _SLIP_SIGMA
-        drive(self.poses, wheels * (self._scale + slip), _BASE_M, STEP_NS / 1e9)
+        if commands != self._commands:
+            speeds = np.array([(c.speed_m_s, c.turn_rad_s * _BASE_M / 2) for c in commands])
+            self._commands, self._told = list(commands), speeds[:, :1] + speeds[:, 1:] * (-1.0, 1.0)
+        drive(self.poses, self._told * next(self._factors), _BASE_M, STEP_NS / 1e9)
         clearances(self._walls, self.poses, self.clearance_m)
 
     def scan(self, robot: int) -> list[int]:
         """Return what a robot's LIDAR measures: a step for each of `BEAMS_DEG`."""
         scan(self._walls[robot], self.poses[robot], _ANGLES, self._ranges)
-        return [step_from_range(range_m) for range_m in self._ranges]
+        return [step_from_range(range_m) for range_m in self._ranges.tolist()]
 
-    def wound_rad(self) -> NDArray[np.float64]:
-        """Return how far around the ring robots have come, shape (robots,); to call four times a round."""
-        for robot, (x, y, _) in enumerate(self.poses):
+    def wound_rad(self) -> list[float]:
+        """Return how far around the ring each robot has come; to call four times a round."""
+        for robot, (x, y, _) in enumerate(self.poses.tolist()):
             self._wound[robot] += math.remainder(winding_rad(x, y) - self._wound[robot], math.tau)
         return self._wound.copy()
+
+    def _drawn_factors(self) -> Iterator[NDArray[np.float64]]:
+        """Yield by how much each wheel is faster than told in a step, shape (robots, 2); drawn many at once."""
+        while True:
+            yield from self._scale + self._random.normal(size=(512, *self._scale.shape)) * _SLIP_SIGMA
 
 
 LIMIT_S = 120.0  #: When a run is given up: the round takes 77 s at the constant velocity.
