@@ -25,7 +25,7 @@ CALLS = 1000
 SET_BOOL = "std_srvs/srv/SetBool"
 NUMBERS = [0, 1, 1, 2, 3, 5]
 ENABLE, OURS_TOO, COUNT = "/global/one/enable", "/global/one/ours", "/global/one/count"
-LATER = "/global/one/later"
+LATER, AT_ONCE = "/global/one/later", "/global/one/at_once"
 DOMAINS = {"one": 31, "two": 32}
 PROGRAM = "sfglab/bus/ros/program.py"
 ENDED = {"succeeded": 4, "canceled": 5}
@@ -80,6 +80,13 @@ def programs(parents):
 
 async def call(ros, times=1, timeout_s=10.0, service=ENABLE):
     return await asked(ros, "call", "called", service=service, times=times, timeout_s=timeout_s)
+
+
+async def stalled(processes):
+    for turn in ("suspend", "resume"):
+        for process in processes:
+            getattr(process, turn)()
+        await asyncio.sleep(1.0)
 
 
 def alternating(times):
@@ -144,15 +151,17 @@ async def test_services_and_actions_cross_two_routers(network, ros_node, python)
         sys.stdout.write(f"p50 {1e3 * statistics.median(called['took_s']):.1f} ms\n")
         async with node_of_ours(network, "one") as ours, node_of_ours(network, "two") as our_client:
             await asked(ours, "serve", "serving", service=OURS_TOO)
-            for service in (ENABLE, OURS_TOO):
-                both = call(client, 50, ANSWER_S, service), call(our_client, 50, ANSWER_S, service)
+            await asked(server, "serve", "serving", service=AT_ONCE)
+            for service in (ENABLE, OURS_TOO, AT_ONCE):
+                both = [asyncio.create_task(call(one, 50, ANSWER_S, service)) for one in (client, our_client)]
+                await stalled(programs(psutil.Process().children(recursive=True)))
                 assert [one["answers"] for one in await asyncio.gather(*both)] == [alternating(50)] * 2
             await asked(server, "serve", "serving", service=LATER)
             earlier = asyncio.create_task(call(our_client, 500, ANSWER_S, LATER))
             await asyncio.sleep(0.3)  # rclpy must not take what answers those for its own server
             assert (await call(client, 50, ANSWER_S, LATER))["answers"] == alternating(50)
             assert (await earlier)["answers"] == alternating(500)
-        assert count["asked"] == CALLS + 650
+        assert count["asked"] == CALLS + 750
         await perform(server, client)
 
         for program in programs(psutil.Process().children(recursive=True)):
