@@ -122,9 +122,7 @@ class TopicFile:
         if rate_max_hz is None:
             return self
         limits = ("rate_max_hz", "rate_min_hz")
-        topics = (
-            replace(t, **{name: min(getattr(t, name), rate_max_hz) for name in limits}) for t in self.topics
-        )
+        topics = (replace(t, **{n: min(getattr(t, n), rate_max_hz) for n in limits}) for t in self.topics)
         return replace(self, topics=tuple(topics))
 
     def topics_of_agents(self) -> tuple[int, ...]:

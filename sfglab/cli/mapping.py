@@ -308,16 +308,14 @@ def _recorded(file: Path) -> Graph:
 def _placed(graph: Graph, lut: int | None, bram: float | None) -> CommunicationMapping:
     from sfglab.soc import ZCU104, TopicMapping, map_communication, place_nodes
 
-    platform = replace(
-        ZCU104, lut=ZCU104.lut if lut is None else lut, bram=ZCU104.bram if bram is None else bram
-    )
-    found = place_nodes(graph, platform)
+    board = replace(ZCU104, lut=ZCU104.lut if lut is None else lut, bram=ZCU104.bram if bram is None else bram)
+    found = place_nodes(graph, board)
     load = found.load
     proved = "no mapping takes less" if found.optimal else f"at most {100 * found.gap:.2g} % above the least"
     typer.echo(
         f"work each second: software {1e3 * load.software_s:.2f} ms, hardware {1e3 * load.hardware_s:.2f} ms, "
         f"carriage {1e3 * load.communication_s:.2f} ms; {proved}\n"
-        f"area: {load.lut} of {platform.lut} LUT, {load.bram:g} of {platform.bram:g} BRAM\n"
+        f"area: {load.lut} of {board.lut} LUT, {load.bram:g} of {board.bram:g} BRAM\n"
     )
     at = set(found.graph.mapped_to(TopicMapping.GATEWAY))
     return map_communication(found.graph, gateway=lambda _, topic: topic.name in at)

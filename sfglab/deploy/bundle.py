@@ -180,11 +180,9 @@ def load_source(path: Path) -> FleetSource:
 
 def with_accelerator(source: FleetSource, agents: Sequence[str], name: str) -> FleetSource:
     """Return a fleet whose agents, none: all, have an accelerator, or ``auto``; or raise `DeployError`."""
-    choices = (AUTO, *(member.value for member in Accelerator))
-    if name not in choices:
-        raise DeployError(
-            f"accelerator: given {name!r}, allowed: {', '.join(choices)}{suggestion(name, choices)}"
-        )
+    known = (AUTO, *(member.value for member in Accelerator))
+    if name not in known:
+        raise DeployError(f"accelerator: given {name!r}, allowed: {', '.join(known)}{suggestion(name, known)}")
     accelerator = None if name == AUTO else Accelerator(name)
 
     def changed(agent: AgentSpec) -> AgentSpec:

@@ -87,9 +87,7 @@ def _entries(lock_text: str) -> tuple[tuple[Requirement, str], ...]:
             entries[-1] += line
         elif line.strip() and not line.startswith("#"):
             entries.append(line)
-    return tuple(
-        (Requirement(entry.partition("\n")[0].rstrip().removesuffix("\\")), entry) for entry in entries
-    )
+    return tuple((Requirement(one.partition("\n")[0].rstrip().removesuffix("\\")), one) for one in entries)
 
 
 def _name(requirement: Requirement) -> str:

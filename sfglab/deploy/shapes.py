@@ -46,9 +46,7 @@ def check_shape(document: Readable, shape: str) -> tuple[Finding, ...]:
     """Return where a document has not a shape of ``schemas``, by line; or raise `MissingProgramError`."""
     validator = _validator(shape)
     errors = validator.iter_errors(document.value)
-    found = (
-        _finding(document, error, validator.schema, *fault) for error in errors for fault in _faults(error)
-    )
+    found = (_finding(document, error, validator.schema, *one) for error in errors for one in _faults(error))
     # The library goes through some of a schema's keys in the order of a set.
     return tuple(sorted(dict.fromkeys(found), key=lambda finding: (finding.place.line or 0, finding.what)))
 

@@ -17,10 +17,7 @@ from sfglab.lab.stats import Estimate  # noqa: TC001 - a document's fields are t
 from sfglab.tables import Shown, columns, html_table
 
 if TYPE_CHECKING:
-    from collections.abc import (
-        Iterator,
-        Sequence,
-    )
+    from collections.abc import Iterator, Sequence
     from pathlib import Path
 
 

@@ -55,6 +55,7 @@ SETTLE_S = {True: 0.3, False: 1.5}
 PROBE_S = 2.0  #: How long a topic is published that shows the hosts' own delay.
 _SELDOM = Path(workers.__file__).with_name("quiet_participants.xml")
 
+_TRIES = 2
 _STAMP_SLACK_NS = 2  # RTPS counts time in units of 2**-32 s (RTPS 2.5, clause 9.3.2)
 
 RosMode = Literal["SYNCHRONOUS", "ASYNCHRONOUS"]
@@ -244,12 +245,6 @@ def _flow_outcome(flow: Flow, source: Arrays, target: Arrays, start_ns: int) -> 
         dropped=np.zeros(len(sent_ns), np.int8),
         deadline_ns=flow.qos.deadline_ns,
     )
-
-
-# --- Many cells -----------------------------------------------------------------------------------------------
-
-
-_TRIES = 2
 
 
 def slowed(scenario: Scenario, factor: float) -> Scenario:

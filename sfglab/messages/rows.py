@@ -73,9 +73,7 @@ def _fields(row_class: type[Any]) -> dict[str, str]:
 def _registered(row_class: type[Any]) -> tuple[type[Any], dict[str, str]]:
     if row_class not in _types:
         fields, docs = _fields(row_class), field_docs(row_class)
-        lines = [
-            f"{word} {name}" + (f"  # {docs[name]}" if name in docs else "") for name, word in fields.items()
-        ]
+        lines = [f"{word} {n}" + (f"  # {docs[n]}" if n in docs else "") for n, word in fields.items()]
         _types[row_class] = register(f"{_PACKAGE}/msg/{row_class.__name__}", "\n".join(lines) + "\n"), fields
     return _types[row_class]
 

@@ -106,11 +106,7 @@ AnyWriter = BagWriter | LogWriter
 
 
 def new_log(
-    path: Path,
-    *,
-    storage: Storage | None = None,
-    compression: Compression = "none",
-    flush_after_s: float = 1.0,
+    path: Path, *, storage: Storage | None = None, compression: Compression = "none", flush_after_s: float = 1.0
 ) -> AnyWriter:
     """Return a new log: one MCAP file where the name ends in ``.mcap``, else a rosbag2 folder.
 

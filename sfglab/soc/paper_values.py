@@ -162,9 +162,7 @@ TENDENCIES = (
         "below 1 for smaller message sizes, at least with 2 and 4 nodes",
         lambda bars: _at(2, _SMALL)(bars) < 1 and _at(4, _SMALL)(bars) < 1,
     ),
-    Tendency(
-        _SH, "below 1 for smaller message sizes, with 8 nodes too", lambda bars: _at(_MANY, _SMALL)(bars) < 1
-    ),
+    Tendency(_SH, "below 1 for smaller message sizes, with 8 nodes too", lambda b: _at(_MANY, _SMALL)(b) < 1),
     Tendency(_SS, "speedups for all measured sizes and numbers", lambda bars: _least(bars) > 1),
 )
 """The sentences of section 4 without a number."""

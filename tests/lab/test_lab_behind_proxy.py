@@ -63,9 +63,7 @@ def address(tmp_path):
     environment = os.environ | {"SFGLAB_ROOT": str(project), "HOME": str(tmp_path), "PYTHONPATH": str(ROOT)}
     with Network() as network, socket.create_server(("127.0.0.1", 0)) as listener:
         server, proxy = network.add_host("server"), network.add_host("proxy")
-        options = [
-            f"--ServerApp.{name}" for name in (f"ip={server.address}", f"port={PORT}", f"base_url={BASE}")
-        ]
+        options = [f"--ServerApp.{one}" for one in (f"ip={server.address}", f"port={PORT}", f"base_url={BASE}")]
         argv = [sys.executable, "-m", "sfglab", "lab", "--", *OPTIONS, *options]
         lab = server.popen(argv, env=environment, cwd=project, stderr=subprocess.PIPE, text=True)
         lines = iter(lab.stderr.readline, "")

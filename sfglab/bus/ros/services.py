@@ -142,15 +142,9 @@ class RosServices:
         self._order(do="find", service=service)
 
     def when_settled(self, endpoint: RawEndpoint, act: Callable[[], None]) -> None:
-        """Call back once half a server over DDS misleads nobody: rclpy takes it for one of its own.
-
-        That is now, or where the program is there to serve as well, once it does or cannot, or after a while.
-        """
-        if (
-            endpoint.transport != "dds"
-            or not endpoint.dds_topic.startswith("rq/")
-            or self._is_settled(endpoint)
-        ):
+        """Call back once no rclpy takes half a server over DDS for its own: now, or when the program serves."""
+        misleads = endpoint.transport == "dds" and endpoint.dds_topic.startswith("rq/")
+        if not misleads or self._is_settled(endpoint):
             act()
             return
         self._waiting[act] = endpoint

@@ -307,9 +307,7 @@ def find_v4l2(files: MachineFiles) -> Evidence:
     codecs.
     """
     nodes = _video_nodes(files)
-    codecs = {
-        path: name for path, name in nodes.items() if name in _H264 or name in _HEVC or _CODEC.fullmatch(name)
-    }
+    codecs = {path: n for path, n in nodes.items() if n in _H264 or n in _HEVC or _CODEC.fullmatch(n)}
     if not codecs:
         seen = f"{len(nodes)} video device(s), but none is a codec" if nodes else "no video device"
         return Evidence(accelerator=Accelerator.V4L2, found=False, reason=seen)

@@ -136,9 +136,7 @@ _CLASS_64, _LITTLE_ENDIAN = 2, 1
 
 def find_architecture(files: MachineFiles) -> tuple[Architecture | None, str]:
     """Return the architecture, and how it is known or why there is none."""
-    loaders = [
-        path for folder in _LOADERS for path in files.paths(folder, r"ld-(linux|musl)-?[\w.-]*so[\w.-]*")
-    ]
+    loaders = [path for place in _LOADERS for path in files.paths(place, r"ld-(linux|musl)-?[\w.-]*so[\w.-]*")]
     for path in (*_PROGRAMS, *loaders):
         name = _elf_name(files.head(path, 20))
         if name is not None:

@@ -371,14 +371,10 @@ async def serve_agent(config: AgentConfig, say: Callable[[str], None], *, as_jso
 
 
 async def _serve(config: SupervisorConfig, report: Reporter, _: Orders) -> None:
-    agent = Agent(
-        config.components, timing=config.timing, on_event=lambda event: report(report_from_event(event))
-    )
+    agent = Agent(config.components, timing=config.timing, on_event=lambda e: report(report_from_event(e)))
     await agent.run()
 
 
 if __name__ == "__main__":
     # Beside its own time what its components may take until they are ended by force.
-    run_component(
-        SupervisorConfig, _serve, end_limit_s=lambda told: END_LIMIT_S + told.timing.stop_ns // NS_PER_S
-    )
+    run_component(SupervisorConfig, _serve, end_limit_s=lambda c: END_LIMIT_S + c.timing.stop_ns // NS_PER_S)

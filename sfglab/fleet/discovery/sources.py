@@ -76,9 +76,7 @@ class Sources:
         of all who may still prove themselves, or when asking has come to nothing (`doubted`) of the believed.
         """
         counted = {k: s for k, s in self._known.items() if s.trust or not (doubted or s.trust is False)}
-        regular = [
-            s.silent_ns for (_, start), s in counted.items() if start == held and (s.trust or s.beats > 1)
-        ]
+        regular = [s.silent_ns for (_, at), s in counted.items() if at == held and (s.trust or s.beats > 1)]
         return min(regular, default=max((s.silent_ns for s in counted.values()), default=0))
 
     def outlive(self, now_ns: int) -> bool:

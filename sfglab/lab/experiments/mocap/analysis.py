@@ -132,9 +132,7 @@ def _few() -> Iterator[CheckRow]:
     yield from (*tree_rows(3, 0), *fault_checks(tally), published_check(tally.confusion))
 
 
-@exp.claim(
-    "A-VICON", how=lambda run: How.LIVE if len(run["look"]) else How.EXACT, mutated=Mutated(_MODULES, _few)
-)
+@exp.claim("A-VICON", how=lambda r: How.LIVE if len(r["look"]) else How.EXACT, mutated=Mutated(_MODULES, _few))
 def share_that_holds(run: Run[Config]) -> Finding:
     """Return the share of checks that hold, of live, fault and exact checks and flipped sights the lowest."""
     share = share_of_checks(checks(run), "how")

@@ -136,9 +136,7 @@ def repeats_of(cell: Cell, duration_s: float, most: int) -> int:
 
 
 def _repeats(config: Config) -> dict[Cell, int]:
-    return {
-        cell: repeats_of(cell, config.validation_s, config.validation_repeats) for cell in committed_cells()
-    }
+    return {c: repeats_of(c, config.validation_s, config.validation_repeats) for c in committed_cells()}
 
 
 @exp.part(
