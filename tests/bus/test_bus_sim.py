@@ -456,7 +456,7 @@ async def test_a_forward_hears_others_and_not_its_own_nodes_writer(sim):
     message, info = await heard.take_with_info()
     assert (message.data, info.source_timestamp_ns, info.publisher_gid) == ("other", 42, target.gid)
     shown = {e.gid: e.user_data for e in there.graph.endpoints()}
-    assert shown == dict.fromkeys([forward.gid, *(w.gid for w in writers)], b"sfglab.router=x;")
+    assert shown == dict.fromkeys([forward._reader.gid, *(w.gid for w in writers)], b"sfglab.router=x;")
     for thing in (forward, *writers) * 2:
         thing.close()
     writers[1].write(serialize(text("late")), 1)

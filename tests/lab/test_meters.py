@@ -139,7 +139,7 @@ async def test_a_busy_process_shows_in_its_row_and_not_in_the_machines(burner):
     assert [row.label for row in rows] == ["busy", "busy"]
     assert 0.39 <= sum(row.window_s for row in rows) <= elapsed_s
     assert sum(row.cpu_percent / 100 * row.window_s for row in rows) <= elapsed_s
-    for row in rows:
+    for row in (one for one in rows if one.window_s > 0.05):  # the last is shorter where one before was late
         assert row.cpu_percent > 0, "other processes of this machine may take the rest"
         assert 0 <= row.machine_cpu_percent <= 100 * os.cpu_count()
         assert row.rx_bps is None
