@@ -138,19 +138,19 @@ def arrivals(draw, *, lossy: bool):
 @settings(max_examples=300)
 @given(case=arrivals(lossy=False))
 def test_in_any_order_what_is_decoded_is_the_stream_itself_from_a_key_frame_on(case):
-    gop, joined, packets = case
-    joining = Joining(gop=gop)
+    (gop, joined, packets), joining = case, Joining(gop=case[0])
+    newest, early = max(n for s, n, *_ in packets if s is LIVE), False
     for source, number, shown, decodes in packets:
+        # Of the replay alone it might be the past that another asked for: the one that follows it is shown.
+        early |= source is LIVE and number == newest and newest in joining.decoded
         joining.take(source, number, shown=shown).decode(decodes)
-    joining.decode()
-    decoded, newest = joining.decoded, max(n for s, n, *_ in packets if s is LIVE)
+    decoded = joining.decode().decoded
     assert not joining.splicer.needs_replay, "a live stream with a key frame always connects"
     breaks = [b for a, b in pairwise(decoded) if b != a + 1]
     assert decoded[0] % gop == 0
     assert all(b % gop == 0 and b > joined for b in breaks), "only a newer key frame may be jumped to"
-    assert decoded == sorted(set(decoded))
-    assert decoded[-1] == newest
-    assert joining.shown[-1] == newest
+    assert (decoded, decoded[-1]) == (sorted(set(decoded)), newest)
+    assert early or joining.shown[-1] == newest
     assert set(joining.shown) <= set(decoded)
 
 
