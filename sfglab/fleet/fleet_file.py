@@ -424,7 +424,7 @@ def _read(document: Document) -> Fleet:
         global_domain=keys.border.domain,
         policy=policy,
         agents=tuple(
-            _read_agent(one, section, keys.border.interface) for one, section in top.members("agents")
+            _read_agent(agent, section, keys.border.interface) for agent, section in top.members("agents")
         ),
         deployment=_read_deployment(top.section("deployment"), top.text("fleet")),
         rule_places=places,

@@ -16,7 +16,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from enum import Enum
 from fnmatch import fnmatchcase
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from sfglab.names import ResourceKind, dds_names
 from sfglab.qos import Durability, History, QoSProfile, Reliability
@@ -240,9 +240,6 @@ class PathState:
     #: lives sends its history again, and what is left of one that was killed is sent to nobody any more.
     doubted: dict[bytes, int] = field(default_factory=dict)
     setup: Setup = field(default_factory=Setup)  #: What is open now.
-    asked: Any = None  #: By what subscriptions, and how they are reached.
-    #: Reader and writer of sources that are alike, of which there may be hundreds, by what they have in common.
-    alike: dict[Any, tuple[ReaderSpec, WriterSpec]] = field(default_factory=dict)
 
     def __contains__(self, gid: bytes) -> bool:
         return any(gid in part for part in (self.sources, self.sinks, self.barred))
@@ -269,7 +266,7 @@ class PathState:
 
 def wanted(path: Path, state: PathState, *, offers: bool = False) -> Setup:
     """Return what of a path has to be open; with `offers` also writers of topics that nobody wants."""
-    sinks = tuple(dict.fromkeys(sink.qos for sink in state.sinks.values()))
+    sinks = [sink.qos for sink in state.sinks.values()]
     if not sinks or (path.outward and not state.sources):
         offered = offers and not path.dds_topic.startswith(_SERVICE_PREFIXES)
         return Setup(writers=_offered(path, state) if offered else ())
@@ -277,16 +274,14 @@ def wanted(path: Path, state: PathState, *, offers: bool = False) -> Setup:
         readers = {ReaderSpec(path=path, qos=announced_qos(path.dds_topic, sinks)): None}
         return Setup(tuple(readers), (), _judged(readers, {}, state))
     transport = _transport(path, {sink.transport for sink in state.sinks.values()})
-    if state.asked != (sinks, transport):
-        state.asked, state.alike = (sinks, transport), {}
-    ways, kinds = {}, {}
+    ways, alike = {}, {}
     for gid, source in sorted(state.sources.items()):
         kind = source.qos, source.transport, state.doubted.get(gid, 0)
-        if kind not in kinds:
-            state.alike[kind] = kinds[kind] = state.alike.get(kind) or _way(path, sinks, transport, kind)
-        reader, writer = kinds[kind]
+        if kind not in alike:  # of one kind there may be hundreds
+            alike[kind] = _way(path, sinks, transport, *kind)
+        reader, writer = alike[kind]
         ways[gid] = reader, replace(writer, source=gid) if _is_alone(source) else writer
-    readers = dict.fromkeys(reader for reader, _ in kinds.values())
+    readers = dict.fromkeys(reader for reader, _ in alike.values())
     writers = dict.fromkeys(writer for _, writer in ways.values())
     return Setup(tuple(readers), tuple(writers), _judged(readers, ways, state))
 
@@ -310,12 +305,10 @@ def _transport(path: Path, sinks: set[Transport]) -> Transport:
     return "ros" if "ros" in sinks else "dds"
 
 
-def _way(
-    path: Path, sinks: tuple[QoSProfile, ...], to: Transport, alike: tuple[QoSProfile, Transport, int]
+def _way(  # noqa: PLR0913, PLR0917 - what a reader and a writer are made of
+    path: Path, sinks: Iterable[QoSProfile], to: Transport, qos: QoSProfile, of: Transport, again: int
 ) -> tuple[ReaderSpec, WriterSpec]:
-    qos, transport, again = alike
-    wanted = requested_qos(path.dds_topic, qos, sinks)
-    reader = ReaderSpec(path=path, qos=wanted, transport=transport, again=again)
+    reader = ReaderSpec(path=path, qos=requested_qos(path.dds_topic, qos, sinks), transport=of, again=again)
     return reader, WriterSpec(path=path, qos=offered_qos(qos), transport=to, again=again)
 
 
