@@ -127,6 +127,7 @@ class Policy:
 QUEUE_DEPTH = 256  #: What a router's reader and volatile writer keep at least; see `MAX_BACKLOG_BYTES`.
 
 _SERVICE_PREFIXES = ("rq/", "rr/")
+_CALLS_KEPT = 1000
 
 
 def requested_qos(dds_topic: str, source: QoSProfile, sinks: Iterable[QoSProfile]) -> QoSProfile:
@@ -158,11 +159,14 @@ def announced_qos(dds_topic: str, sinks: Iterable[QoSProfile]) -> QoSProfile:
     return requested_qos(dds_topic, strongest, requests)
 
 
-def offered_qos(source: QoSProfile) -> QoSProfile:
+def offered_qos(dds_topic: str, source: QoSProfile) -> QoSProfile:
     """Return what the router's writer offers for a source: the same, but for a volatile history's depth.
 
-    That is only the sender's own buffer; a shallow one would lose samples that the source's would have kept.
+    That is only the sender's own buffer; a shallow one would lose samples that the source's would have kept. Of
+    calls it does not keep all: it would wait for one client that stands still, and with it all others.
     """
+    if dds_topic.startswith(_SERVICE_PREFIXES):
+        return replace(source, history=History.KEEP_LAST, depth=_CALLS_KEPT)
     if source.durability is Durability.VOLATILE and source.history is History.KEEP_LAST:
         return replace(source, depth=max(source.depth, QUEUE_DEPTH))
     return source
@@ -294,7 +298,9 @@ def _offered(path: Path, state: PathState) -> tuple[WriterSpec, ...]:
     specs: dict[WriterSpec, None] = {}
     for gid, source in sorted(state.sources.items()):
         alone = _is_alone(source) and source.qos.durability is Durability.VOLATILE
-        specs[WriterSpec(path=path, qos=offered_qos(source.qos), source=gid if alone else b"")] = None
+        specs[
+            WriterSpec(path=path, qos=offered_qos(path.dds_topic, source.qos), source=gid if alone else b"")
+        ] = None
     return tuple(specs)
 
 
@@ -309,7 +315,7 @@ def _way(  # noqa: PLR0913, PLR0917 - what a reader and a writer are made of
     path: Path, sinks: Iterable[QoSProfile], to: Transport, qos: QoSProfile, of: Transport, again: int
 ) -> tuple[ReaderSpec, WriterSpec]:
     reader = ReaderSpec(path=path, qos=requested_qos(path.dds_topic, qos, sinks), transport=of, again=again)
-    return reader, WriterSpec(path=path, qos=offered_qos(qos), transport=to, again=again)
+    return reader, WriterSpec(path=path, qos=offered_qos(path.dds_topic, qos), transport=to, again=again)
 
 
 def _is_alone(source: EndpointInfo) -> bool:

@@ -13,6 +13,7 @@ from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.executors import MultiThreadedExecutor
 from rclpy.parameter import Parameter, parameter_value_to_python
 from rclpy.parameter_client import AsyncParameterClient
+from rclpy.qos import QoSProfile
 from rclpy_peer import report
 from std_srvs.srv import SetBool
 from test_msgs.action import Fibonacci
@@ -42,8 +43,9 @@ class Peer(rclpy_peer.Peer):
 
     def call(self, service, times, timeout_s):
         """Call one time after another, the data alternating; report the answers and their times [s]."""
+        deep = QoSProfile(depth=1000)  # ten replies to others push one's own out of a reader that stands still
         if service not in self.clients:
-            self.clients[service] = self.node.create_client(SetBool, service)
+            self.clients[service] = self.node.create_client(SetBool, service, qos_profile=deep)
         client, answers, took_s = self.clients[service], [], []
         ready = client.wait_for_service(timeout_s)
         for n in range(times if ready else 0):
@@ -87,10 +89,7 @@ class Peer(rclpy_peer.Peer):
             goal.succeed()
             return Fibonacci.Result(sequence=feedback.sequence)
 
-        def accept(_):
-            return CancelResponse.ACCEPT
-
-        options = {"callback_group": self.group, "cancel_callback": accept}
+        options = {"callback_group": self.group, "cancel_callback": lambda _: CancelResponse.ACCEPT}
         self.kept.append(ActionServer(self.node, Fibonacci, action, execute, **options))
         report("performing")
 

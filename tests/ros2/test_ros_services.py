@@ -51,9 +51,8 @@ async def main():
                 report({"is": "serving"})
                 continue
             client = node.create_client(SET_BOOL.name, order["service"])
-            requests = [SET_BOOL.request(data=n % 2 == 1) for n in range(order["times"])]
-            answers = [(await client.call(one, order["timeout_s"])).success for one in requests]
-            report({"is": "called", "answers": answers})
+            asked, most = [SET_BOOL.request(data=n % 2 == 1) for n in range(order["times"])], order["timeout_s"]
+            report({"is": "called", "answers": [(await client.call(one, most)).success for one in asked]})
             client.close()
 
 asyncio.run(main())
@@ -83,9 +82,8 @@ async def call(ros, times=1, timeout_s=10.0, service=ENABLE):
 
 
 async def stalled(processes):
-    for turn in ("suspend", "resume"):
-        for process in processes:
-            getattr(process, turn)()
+    for turn in (psutil.Process.suspend, psutil.Process.resume):
+        list(map(turn, processes))
         await asyncio.sleep(1.0)
 
 
@@ -159,7 +157,10 @@ async def test_services_and_actions_cross_two_routers(network, ros_node, python)
             await asked(server, "serve", "serving", service=LATER)
             earlier = asyncio.create_task(call(our_client, 500, ANSWER_S, LATER))
             await asyncio.sleep(0.3)  # rclpy must not take what answers those for its own server
-            assert (await call(client, 50, ANSWER_S, LATER))["answers"] == alternating(50)
+            later = asyncio.create_task(call(client, 50, ANSWER_S, LATER))
+            await asyncio.sleep(0.2)
+            await stalled([psutil.Process(client.pid)])
+            assert (await later)["answers"] == alternating(50)
             assert (await earlier)["answers"] == alternating(500)
         assert count["asked"] == CALLS + 750
         await perform(server, client)
