@@ -26,7 +26,7 @@ async function served(model) {
   model.set("wanted", "served");
   model.save_changes();
   const address = await changed(model, "address");
-  const answer = await fetch(`${address}/widget.js`);
+  const answer = await fetch(`${address}/widget.js`, { signal: AbortSignal.timeout(20000) });
   return [await answer.text(), `${address}/re_viewer_bg.wasm`];
 }
 

@@ -19,7 +19,7 @@ def write_notebook(file, cell):
     nbformat.write(notebook, file)
 
 
-def run_all(browser):
+def run_all(page):
     """Run the notebook that is open, once its kernel is there."""
-    browser.wait_for(f"{SESSION}?.isReady && {SESSION}.session?.kernel?.status === 'idle'", ANSWER_S)
-    browser.evaluate("void jupyterapp.commands.execute('notebook:run-all-cells')")
+    page.wait_for(f"{SESSION}?.isReady && {SESSION}.session?.kernel?.connectionStatus == 'connected'", ANSWER_S)
+    page.evaluate("void jupyterapp.commands.execute('notebook:run-all-cells')")

@@ -92,7 +92,7 @@ INSIDE = """(() => {
 
 @pytest.fixture(scope="module")
 def lab(tmp_path_factory):
-    """A JupyterLab on an empty folder: the folder and its address."""
+    """A JupyterLab on an empty folder, whose kernels need no port, which may be taken: both's places."""
     folder = tmp_path_factory.mktemp("lab")
     settings = folder / "config" / "labconfig"
     settings.mkdir(parents=True)
@@ -100,7 +100,7 @@ def lab(tmp_path_factory):
     (settings / "page_config.json").write_text(json.dumps(news))
     port = free_port()
     argv = [sys.executable, "-m", "jupyterlab", *OPTIONS, "--allow-root", f"--ServerApp.port={port}"]
-    argv += ["--ServerApp.disable_check_xsrf=True"]
+    argv += ["--ServerApp.disable_check_xsrf=True", "--KernelManager.transport=ipc"]
     (folder / "tmp").mkdir()
     for name in ("data", "figures"):
         (folder / name).symlink_to(find_project(Path(__file__)).root / name)
