@@ -77,6 +77,7 @@ PART = """(() => { const part = document.querySelector('.jp-OutputArea [id="pres
   part.scrollIntoView({block: 'center'});
   const box = part.getBoundingClientRect();
   return [box.x + box.width / 2, box.y + box.height / 2]; })()"""
+REDRAWN = "void (onpointerdown = e => (b => b && (b.innerHTML += ''))(e.target.closest('.sfglab-press')))"
 LOOKS = "getComputedStyle(document.querySelector('.jp-OutputArea [id=\"press:%s\"] path')).fill"
 FRAME = "document.querySelector('.jp-OutputArea iframe')"
 INSIDE = """(() => {
@@ -155,17 +156,16 @@ def test_a_figure_follows_the_sliders_that_a_reader_drags(run, browser):
     before = browser.wait_for(PICTURE, ANSWER_S)
     for share in (0.3, 0.6):
         slide(browser, "loss", share)
-        another = f"(() => {{ const s = {PICTURE}; return s !== {before!r} && s; }})()"
-        before = browser.wait_for(another, ANSWER_S)
+        before = browser.wait_for(f"(s => s !== {before!r} && s)({PICTURE})", ANSWER_S)
     browser.press("Copy as code")
-    code = browser.wait_for("document.querySelector('.jp-OutputArea textarea')?.value", ANSWER_S)
-    assert "loss=0.1" in code
+    assert "loss=0.1" in browser.wait_for("document.querySelector('.jp-OutputArea textarea')?.value", ANSWER_S)
 
 
 def test_parts_of_pictures_are_pressed_and_python_answers_or_refuses(run, browser):
     """All pictures stand below one cell, so that one kernel answers."""
     run(PICTURES)
     before = {name: browser.wait_for(LOOKS % name, ANSWER_S) for name in "ab"}
+    browser.evaluate(REDRAWN)
     for part, answer in PRESSED:
         browser.click(*browser.still(PART % part, ANSWER_S))  # pictures above it are drawn anew
         browser.wait_for(answer, ANSWER_S)

@@ -43,9 +43,9 @@ function render({ model, el }) {
     return [(event.clientX - frame.x) / frame.width, (event.clientY - frame.y) / frame.height];
   }
 
-  box.addEventListener("click", (event) => {
-    const part = event.target.closest(`[id^="${PRESS}"]`);
-    if (!part || drag?.moved) return;
+  box.addEventListener("pointerup", (event) => { // no click comes where the figure was drawn anew meanwhile
+    const part = drag?.part;
+    if (!part || drag.moved || event.button) return;
     count += 1;
     model.set("pressed", { part: part.id.slice(PRESS.length), count });
     model.save_changes();
@@ -59,7 +59,8 @@ function render({ model, el }) {
     show([x + across * width * (1 - factor), y + down * height * (1 - factor), width * factor, height * factor]);
   }, { passive: false });
   box.addEventListener("pointerdown", (event) => {
-    drag = { from: at(event), view: seen ?? whole(), moved: false };
+    const part = event.target.closest(`[id^="${PRESS}"]`);
+    drag = { from: at(event), view: seen ?? whole(), moved: false, part };
   });
   box.addEventListener("pointermove", (event) => {
     if (!drag || event.buttons !== 1) return;
