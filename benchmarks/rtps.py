@@ -11,7 +11,7 @@ a round.
 Then the grid of the transmission experiment, 4 Rmax x 7 DEPTH x 7 methods of 60 simulated seconds, as a sweep
 over local threads, after everything is compiled.
 
-    python benchmarks/rtps.py --rounds 3 --workers 2
+    python benchmarks/rtps.py --rounds 30 --workers 2
 """
 
 from __future__ import annotations
@@ -474,7 +474,7 @@ def time_grid(workers: int) -> None:
 def main() -> None:
     """Run both and print."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--rounds", type=int, default=3)
+    parser.add_argument("--rounds", type=int, default=30, help="of few, chance alone exceeds what is allowed")
     parser.add_argument("--workers", type=int, default=2)
     options = parser.parse_args()
     compiled(scenario_of(CELLS[0]), 0)
