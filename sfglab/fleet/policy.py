@@ -127,7 +127,7 @@ class Policy:
 QUEUE_DEPTH = 256  #: What a router's reader and volatile writer keep at least; see `MAX_BACKLOG_BYTES`.
 
 _SERVICE_PREFIXES = ("rq/", "rr/")
-_CALLS_KEPT = 1000
+_CALLS_KEPT = 1000  # as `sfglab.bus.ros.program` keeps
 
 
 def requested_qos(dds_topic: str, source: QoSProfile, sinks: Iterable[QoSProfile]) -> QoSProfile:
@@ -298,9 +298,8 @@ def _offered(path: Path, state: PathState) -> tuple[WriterSpec, ...]:
     specs: dict[WriterSpec, None] = {}
     for gid, source in sorted(state.sources.items()):
         alone = _is_alone(source) and source.qos.durability is Durability.VOLATILE
-        specs[
-            WriterSpec(path=path, qos=offered_qos(path.dds_topic, source.qos), source=gid if alone else b"")
-        ] = None
+        qos = offered_qos(path.dds_topic, source.qos)
+        specs[WriterSpec(path=path, qos=qos, source=gid if alone else b"")] = None
     return tuple(specs)
 
 

@@ -44,9 +44,8 @@ class Peer(rclpy_peer.Peer):
     def call(self, service, times, timeout_s):
         """Call one time after another, the data alternating; report the answers and their times [s]."""
         deep = QoSProfile(depth=1000)  # ten replies to others push one's own out of a reader that stands still
-        if service not in self.clients:
-            self.clients[service] = self.node.create_client(SetBool, service, qos_profile=deep)
-        client, answers, took_s = self.clients[service], [], []
+        client = self.clients.get(service) or self.node.create_client(SetBool, service, qos_profile=deep)
+        self.clients[service], answers, took_s = client, [], []
         ready = client.wait_for_service(timeout_s)
         for n in range(times if ready else 0):
             start_s, done = time.perf_counter(), threading.Event()

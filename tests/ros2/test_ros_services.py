@@ -51,8 +51,9 @@ async def main():
                 report({"is": "serving"})
                 continue
             client = node.create_client(SET_BOOL.name, order["service"])
-            asked, most = [SET_BOOL.request(data=n % 2 == 1) for n in range(order["times"])], order["timeout_s"]
-            report({"is": "called", "answers": [(await client.call(one, most)).success for one in asked]})
+            requests = [SET_BOOL.request(data=n % 2 == 1) for n in range(order["times"])]
+            answers = [(await client.call(one, order["timeout_s"])).success for one in requests]
+            report({"is": "called", "answers": answers})
             client.close()
 
 asyncio.run(main())

@@ -44,8 +44,9 @@ function render({ model, el }) {
   }
 
   box.addEventListener("pointerup", (event) => { // no click comes where the figure was drawn anew meanwhile
-    const part = drag?.part;
-    if (!part || drag.moved || event.button) return;
+    const { part, moved } = drag ?? {};
+    drag = null;
+    if (!part || moved || event.button) return;
     count += 1;
     model.set("pressed", { part: part.id.slice(PRESS.length), count });
     model.save_changes();
@@ -63,6 +64,7 @@ function render({ model, el }) {
     drag = { from: at(event), view: seen ?? whole(), moved: false, part };
   });
   box.addEventListener("pointermove", (event) => {
+    if (!event.buttons) drag = null; // it ended elsewhere
     if (!drag || event.buttons !== 1) return;
     const [across, down] = at(event).map((value, i) => value - drag.from[i]);
     if (Math.hypot(across, down) < 0.01 && !drag.moved) return;
