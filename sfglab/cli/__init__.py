@@ -11,6 +11,7 @@ import os
 import sys
 from collections.abc import Callable
 from errno import EFBIG, EIO, ENOSPC
+from inspect import cleandoc
 from os import fsdecode
 from typing import Annotated, Any, NoReturn
 
@@ -95,9 +96,9 @@ for _name, _group in _GROUPS.items():
     app.add_typer(_group, name=_name, short_help=(_group.info.help or "").partition("\n\n")[0])
 for _each in (app, *_GROUPS.values()):
     for _one in _each.registered_commands:  # whole in the lists of commands, where typer cuts
-        _one.short_help = " ".join(
-            ((_one.callback and _one.callback.__doc__) or "").partition("\n\n")[0].split()
-        )
+        _text = cleandoc((_one.callback and _one.callback.__doc__) or "")
+        _one.short_help = " ".join(_text.partition("\n\n")[0].split())
+        _one.help = _text.replace("\n\nExample", "\n\n\b\nExample")  # which stand as they are written
 
 
 def main() -> NoReturn:

@@ -32,7 +32,6 @@ def list_services(
     """List services.
 
     Example:
-
       sfglab service list -t --domain 7
     """
     found = bus.look((domain, interface), spin).services(hidden=hidden)
@@ -55,9 +54,7 @@ def call_service(
     A server on rmw_fastrtps is called by a ROS 2 that is sourced or that SFGLAB_ROS_PYTHON names.
 
     Examples:
-
       sfglab service call /enable std_srvs/srv/SetBool '{data: true}' --domain 7
-
       sfglab service call /go2/get_parameters rcl_interfaces/srv/GetParameters '{names: [rate]}' --timeout 5
     """
     from sfglab.messages import service_type, type_name
@@ -86,7 +83,6 @@ def list_actions(
     """List actions.
 
     Example:
-
       sfglab action list -t --domain 7
     """
     found = bus.look((domain, interface), spin).actions()
@@ -109,9 +105,7 @@ def send_goal(
     """Send an action a goal and wait for its end; Ctrl-C cancels the goal. Ends with 1 if it did not succeed.
 
     Examples:
-
       sfglab action send-goal /count example_interfaces/action/Fibonacci '{order: 5}' --domain 7
-
       sfglab action send-goal -f /go2/follow sfglab_interfaces/action/FollowTrajectory --domain 7
     """
     from sfglab.bus import GoalStatus

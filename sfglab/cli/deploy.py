@@ -42,9 +42,7 @@ def detect(
     """Say which accelerator a machine has and why, and which codecs really open here.
 
     Examples:
-
       sfglab deploy detect
-
       sfglab deploy detect --root /mnt/sdcard
     """
     from sfglab.deploy.hardware.detection import codecs_found
@@ -70,9 +68,7 @@ def plan(
     Machines are asked over SSH; one that cannot be reached is told, and the others are planned.
 
     Examples:
-
       sfglab deploy plan data/fleets/esslingen.yaml
-
       sfglab deploy plan data/fleets/esslingen.yaml --agent go2 --diff
     """
     from sfglab.deploy.rollout import render_prospects
@@ -92,9 +88,7 @@ def render(
     """Write all files of the agents into a folder, to be read or brought there by other means.
 
     Examples:
-
       sfglab deploy render data/fleets/esslingen.yaml -o build/esslingen
-
       sfglab deploy render data/fleets/esslingen.yaml -o build/laptop --agent workstation --accelerator none
     """
     from sfglab.deploy.bundle import prepare, write_bundle
@@ -120,7 +114,6 @@ def check(
     """Check a fleet and everything that would be made of it; ends with 1 if something does not hold.
 
     Example:
-
       sfglab deploy check data/fleets/esslingen.yaml
     """
     from tqdm import tqdm
@@ -155,11 +148,8 @@ def apply(
     What fails on one machine does not keep the others from theirs; applying again goes on where it ended.
 
     Examples:
-
       sfglab deploy apply data/fleets/esslingen.yaml --dry-run
-
       sfglab deploy apply data/fleets/esslingen.yaml --agent go2
-
       sfglab deploy apply data/fleets/esslingen.yaml --agent go2 --tag 0.6.0-1a2b3c4d5e6f
     """
     from sfglab.deploy.rollout import render_prospects
@@ -183,7 +173,6 @@ def releases(fleet: _Fleet, agent: _Agents = None, root: _Root = None, as_json: 
     """List the releases that each machine keeps, the newest first: what `apply --tag` can go back to.
 
     Example:
-
       sfglab deploy releases data/fleets/esslingen.yaml --agent go2
     """
     from sfglab.deploy.deployment import HOME

@@ -20,7 +20,6 @@ def doctor(as_json: Json = False) -> None:
     """Say in plain words what this machine can do, and what an experiment will do instead.
 
     Example:
-
       sfglab doctor
     """
     from sfglab.lab.doctor import diagnose, render
@@ -38,21 +37,22 @@ def reproduce(
     write: Annotated[
         bool, Option("--write", help="Also replace the notebooks by their executed copies.")
     ] = False,
+    ahead: Annotated[
+        bool, Option(help="Compute sweeps of notebooks to come while live parts leave processors idle.")
+    ] = True,
 ) -> None:
     """Run notebooks headless: logs, figures and, at the end, the ledger of claims.
 
     Examples:
-
       sfglab reproduce
-
       sfglab reproduce 03_decode_once --profile smoke
-
       sfglab reproduce 03_decode_once -p source=drive.mp4   # or a log or bag with pictures
     """
     from sfglab.lab.claims import render
     from sfglab.lab.experiment import PROFILES
     from sfglab.lab.ledger import compute_ledger
     from sfglab.lab.notebooks import NotebookError, find_notebooks, read_parameters, run_notebooks
+    from sfglab.lab.runs import SMOKE
 
     if profile not in PROFILES:
         raise NotebookError(f"--profile: given {profile!r}, allowed are {', '.join(PROFILES)}")
@@ -69,6 +69,7 @@ def reproduce(
         project=project,
         parameters={"profile": profile, "seed": seed, **given},
         write=write,
+        ahead=ahead and profile != SMOKE,  # whose sweeps are over before a process would have started
     )
     typer.echo(render(compute_ledger(project, profile=profile)))
     failed = [o for o in outcomes if o.error]
@@ -82,9 +83,7 @@ def lab(options: Annotated[list[str] | None, Argument(help="JupyterLab's own, af
     """Open JupyterLab on the index notebook, with the repository beside it.
 
     Examples:
-
       sfglab lab
-
       sfglab lab -- --no-browser --ServerApp.base_url=/user/a/
     """
     argv = [sys.executable, "-m", "jupyterlab", f"--ServerApp.root_dir={find_project().root.resolve()}"]
@@ -100,7 +99,6 @@ def figures() -> None:
     """Draw all figures of the repository again, from committed logs alone; a run's own are in runs/figures.
 
     Example:
-
       sfglab figures
     """
     from sfglab.lab.ledger import redraw_figures
@@ -121,9 +119,7 @@ def claims(
     """Print the ledger: what the papers said, what we measured, and the verdict.
 
     Examples:
-
       sfglab claims
-
       sfglab claims --json
     """
     from sfglab.lab.claims import render, render_in_full

@@ -47,7 +47,6 @@ def lint(
     Ends with 0, 1 if there are errors, 2 if the file is no fleet.
 
     Example:
-
       sfglab fleet lint data/fleets/lab.yaml
     """
     from sfglab.fleet.fleet_file import load_fleet
@@ -72,9 +71,7 @@ def router_configuration(
     """Write the configuration of a router by others that lets through what our own would.
 
     Examples:
-
       sfglab fleet router data/fleets/lab.yaml --agent go2 -o go2.yaml
-
       sfglab fleet router data/fleets/lab.yaml --agent go2 --target zenoh-bridge
     """
     from sfglab.deploy.routers.targets import render_router
@@ -94,7 +91,6 @@ def check(
     """Check a router's configuration that somebody wrote; ends with 1 if there are errors.
 
     Example:
-
       sfglab fleet check go2.yaml --fleet data/fleets/lab.yaml
     """
     from sfglab.deploy.routers.targets import check_file
@@ -118,7 +114,6 @@ def security(
     """Make keys, certificates and permissions for DDS Security, as ROS 2's sros2 lays them out.
 
     Example:
-
       sfglab fleet security data/fleets/lab.yaml --out keystore
     """
     from sfglab.deploy.files import render
@@ -155,15 +150,10 @@ def agent_up(
     A component that crashes is started again, and it is said.
 
     Examples:
-
       sfglab agent up --domain 7
-
       sfglab agent up --domain 7 --interface lo --global-interface wlan0
-
       sfglab agent up --fleet data/fleets/lab.yaml --agent go2
-
       sfglab agent up --domain 7 --interfaces ~/ros2_ws/src/my_msgs   # types of your own
-
       sfglab agent up --domain 7 --without router   # beside a DDS Router of your own
     """
     from sfglab.fleet.agent import plan
@@ -190,9 +180,7 @@ def router(
     """Run a router alone: what Table 1, or the fleet file's policy, names crosses, everything else stays.
 
     Examples:
-
       sfglab router --domain 7 --interface lo --global-interface wlan0
-
       sfglab router --fleet data/fleets/lab.yaml --agent go2
     """
     from sfglab.fleet.agent.plan import router_config
@@ -239,9 +227,7 @@ def decoder(
     """Decode remote streams once for all subscribers on this device, on demand.
 
     Examples:
-
       sfglab decoder --domain 7 /global/go2/camera_front/color/ffmpeg
-
       sfglab decoder --domain 7 --interface lo --remote-domain 0 --remote-interface eth0
 
     Without streams it offers what remote agents announce on /local/<agent>/agent_discovery_event.
@@ -284,7 +270,6 @@ def camera(
     """Publish a camera stream at the settings of the paper's Table 2, from any source.
 
     Example:
-
       sfglab camera /global/go2/camera_front/color/ffmpeg --source drive.mp4
     """
     from sfglab.bus.address import BusAddress

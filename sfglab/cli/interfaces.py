@@ -41,7 +41,6 @@ def interfaces(
     """Write an ament package of our message types, so that a plain ROS 2 can echo and call them.
 
     Example:
-
       sfglab interfaces ~/ros2_ws/src   # then: colcon build --packages-select sfglab_interfaces
     """
     package = Path(sfglab.messages.__file__).parent / "interfaces" / "sfglab_interfaces"

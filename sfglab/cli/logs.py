@@ -71,7 +71,6 @@ def show(path: _Log_, as_json: Json = False) -> None:
     """List what a log holds: topics, rates, sizes, metadata.
 
     Example:
-
       sfglab log data/reference/cooperation.mcap
     """
     from sfglab.record import LogReader
@@ -95,7 +94,6 @@ def info(path: _Log_, as_json: Json = False) -> None:
     """Print what is in a log as ros2 bag info does.
 
     Example:
-
       sfglab log info data/reference/mocap.mcap
     """
     from sfglab.record import LogReader
@@ -195,11 +193,8 @@ def record(
     """Record topics, also those that appear later, into a bag or one MCAP file, until Ctrl-C.
 
     Examples:
-
       sfglab log record /chatter /tf /tf_static --domain 7
-
       sfglab log record -a -o session.mcap --duration 5
-
       sfglab log record -e '^/global/go2/' -x image_raw --compression-mode file
     """
     from sfglab.bus.recording import Recorder
@@ -269,11 +264,8 @@ def play(
     """Publish what a log holds as it was recorded, once the subscriptions that are there have been found.
 
     Examples:
-
       sfglab log play bag/ --domain 7
-
       sfglab log play run.mcap --rate 2 --topics /tf --topics /tf_static
-
       sfglab log play data/reference/mocap.mcap --topics /tf --duration 2 --domain 7
     """
     from sfglab.bus.recording import Player, Playing
@@ -301,11 +293,8 @@ def convert(
     """Write logs into a rosbag2 folder or one MCAP file, in the order of their times.
 
     Examples:
-
       sfglab log convert data/reference/mocap.mcap -o mocap -s sqlite3
-
       sfglab log convert old.bag -o new.mcap
-
       sfglab log convert monday.mcap tuesday/ -o both --compression-mode file
     """
     _copy(paths, output, storage=storage, compression=compression)
@@ -326,9 +315,7 @@ def filter_log(
     """Write some topics, or some seconds, of a log into another one.
 
     Examples:
-
       sfglab log filter data/reference/mocap.mcap -o tf.mcap --topics /tf --topics /tf_static
-
       sfglab log filter run.mcap -o minute -x image_raw --start-offset 60 --duration 60
     """
     from sfglab.record import LogReader

@@ -76,21 +76,13 @@ def qos(
     """Say how often each topic should be sent, how deep its history and how long its deadline should be.
 
     Examples:
-
       sfglab qos data/qos/paper_b.yaml
-
       sfglab qos data/qos/paper_b.yaml --method printed --rate-max 500
-
       sfglab qos data/qos/paper_b.yaml --rmw fastrtps-async
-
       sfglab qos data/qos/paper_b.yaml --front
-
       sfglab qos data/qos/paper_b.yaml --format fastdds --out config
-
       sfglab qos data/qos/warehouse.yaml --format cyclone --out config
-
       sfglab qos bag/ --format topics --out config   # then say in topics.yaml what the link is
-
       sfglab qos --domain 7 --seconds 20 --format topics --out config
     """
     from sfglab.arp import plan_as_printed, plan_file
@@ -253,17 +245,11 @@ def map_graph(
     """Say which topics of a ROS 2 graph go to software, to hardware or to a gateway (paper C, section 5).
 
     Examples:
-
       sfglab map data/graphs/figure_8.yaml
-
       sfglab map data/graphs/driving.yaml --rule size --figure driving.png
-
       sfglab map bag/ --out graph.yaml   # a bag or MCAP; then say in the file what is in hardware
-
       sfglab map --domain 7 --out graph.yaml   # the same of what runs
-
       sfglab map data/graphs/driving.yaml --place --lut 40000 --out placed.yaml
-
       sfglab map data/graphs/driving.yaml --build-cfg build.cfg --verilog rtl
     """
     from sfglab.record.reader import is_log

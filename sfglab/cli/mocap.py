@@ -56,13 +56,9 @@ def mocap_run(
     """Publish where cameras see agents, so that every agent's tree of frames stays whole (paper A, Eq. 4).
 
     Examples:
-
       sfglab mocap run data/mocap/two_agents.yaml --vicon 192.168.10.1 --domain 0
-
       sfglab mocap run data/mocap/two_agents.yaml --topic "Go2 Body=/vrpn/go2/pose" --domain 0
-
       sfglab mocap run data/mocap/two_agents.yaml --log run.mcap --topic "Go2 Body=/vrpn/go2/pose" --domain 7
-
       sfglab mocap run data/mocap/two_agents.yaml --synthetic --trees --domain 7 --interface lo --duration 10
     """
     from sfglab.spatial.mocap.bridge import BridgeOptions, MocapBridge, status_topic
@@ -107,7 +103,6 @@ def mocap_offset(
     Drive curves for 10 to 30 s; tilt the robot as well if it can be lifted, else measure the height by hand.
 
     Example:
-
       sfglab mocap offset calib.mcap --object "Go2 Body" --odom go2/odom --base go2/base --height-m -0.118
     """
     from sfglab.record import LogReader
@@ -139,9 +134,7 @@ def frames_lint(
     Exit status 1 if anything is, or if there are no frames.
 
     Examples:
-
       sfglab frames lint run.mcap --root map --agents go2,agent_x
-
       sfglab frames lint --domain 0 --listen 10
     """
     from sfglab.record import LogReader

@@ -34,9 +34,7 @@ def list_nodes(
     """List nodes.
 
     Examples:
-
       sfglab node list
-
       sfglab node list --domain 7
     """
     from sfglab.bus.listing import is_hidden
@@ -61,7 +59,6 @@ def info(
     """Say what a node publishes, subscribes to, serves and calls.
 
     Example:
-
       sfglab node info /talker --domain 7
     """
     found = look((domain, interface), spin).of_node(node, hidden=hidden)
@@ -88,9 +85,7 @@ def list_parameters(
     """List the parameters of a node, or of all nodes.
 
     Examples:
-
       sfglab param list --domain 7
-
       sfglab param list /agent_decoder --domain 7
     """
 
@@ -155,7 +150,6 @@ def get(
     """Print the value of a parameter.
 
     Example:
-
       sfglab param get /agent_decoder linger_s --domain 7
     """
     found = on_node((domain, interface), lambda node: _values(node, node_name, [name], timeout))
@@ -182,7 +176,6 @@ def set_parameter(
     """Set a parameter; ends with 1 if the node refuses, as nodes of sfglab do: theirs are given at the start.
 
     Example:
-
       sfglab param set /turtlesim background_r 120 --domain 7
     """
     from sfglab.bus.parameters import parameter_value
@@ -223,7 +216,6 @@ def dump(
     """Print all parameters of a node as a file of parameters.
 
     Example:
-
       sfglab param dump /agent_decoder --domain 7
     """
     from sfglab.messages.text import to_yaml

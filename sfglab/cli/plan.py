@@ -39,11 +39,8 @@ def plan(
     Every browser that opens the address edits the same scene. Ctrl-C ends and saves nothing.
 
     Examples:
-
       sfglab plan data/scenes/hall.yaml
-
       sfglab plan warehouse.yaml --new
-
       sfglab plan data/scenes/course.yaml --port 0 --no-browser
     """
     from sfglab.spatial.scene.editor import Editor
@@ -92,9 +89,7 @@ def serve(
     It publishes /global/<agent>/pose, /global/<agent>/odometry and <agent>/base on /tf.
 
     Examples:
-
       sfglab follow serve --agent go2 --domain 7
-
       sfglab follow serve --agent go2 --scene data/scenes/hall.yaml --domain 7 --interface lo
     """
     from sfglab.names import validate_agent
@@ -131,9 +126,7 @@ def run_scene(
     and 130 after Ctrl-C, when all stand.
 
     Examples:
-
       sfglab follow run data/scenes/hall.yaml --agent go2 --domain 7
-
       sfglab follow run data/scenes/hall.yaml --domain 7 --interface lo
     """
     from sfglab.spatial.execution.client import scene_orders

@@ -22,7 +22,6 @@ def schema(
     An editor with YAML support takes it from the file's first line: # yaml-language-server: $schema=fleet.json
 
     Example:
-
       sfglab schema fleet --out fleet.json
     """
     from sfglab.lab.formats import FORMATS

@@ -45,9 +45,7 @@ def list_topics(
     """List topics.
 
     Examples:
-
       sfglab topic list
-
       sfglab topic list -t --domain 7
     """
     found = bus.look((domain, interface), spin).topics(hidden=hidden)
@@ -66,9 +64,7 @@ def info(
     """Say who publishes a topic and who subscribes to it.
 
     Examples:
-
       sfglab topic info /chatter
-
       sfglab topic info -v /chatter --domain 7
     """
     from sfglab.bus import EndpointKind
@@ -114,13 +110,9 @@ def echo(
     """Print what is published, until Ctrl-C.
 
     Examples:
-
       sfglab topic echo /chatter
-
       sfglab topic echo /chatter --once --domain 7
-
       sfglab topic echo /odom --field pose.pose.position
-
       sfglab topic echo /chatter --json | jq .data
     """
     from sfglab.bus.listing import usual_qos
@@ -160,11 +152,8 @@ def hz(
     """Print the average rate at which messages arrive, every second until Ctrl-C.
 
     Examples:
-
       sfglab topic hz /chatter
-
       sfglab topic hz /camera/image_raw --window 100 --domain 7
-
       sfglab topic hz /chatter --duration 5 --json
     """
     from sfglab.bus.meters import Rate
@@ -186,9 +175,7 @@ def bw(
     """Print the bandwidth of a topic, the bytes of its messages, every second until Ctrl-C.
 
     Examples:
-
       sfglab topic bw /camera/image_raw
-
       sfglab topic bw /chatter --duration 5 --domain 7
     """
     from sfglab.bus.meters import Bandwidth
@@ -241,11 +228,8 @@ def pub(
     """Publish a message, again and again until Ctrl-C.
 
     Examples:
-
       sfglab topic pub /chatter std_msgs/msg/String '{data: hello}'
-
       sfglab topic pub --once /chatter std_msgs/msg/String '{data: hello}' --domain 7
-
       sfglab topic pub -r 10 /pose geometry_msgs/msg/PoseStamped '{header: auto, pose: {position: {x: 1}}}'
     """
     from sfglab.bus import BusTimeoutError

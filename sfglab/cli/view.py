@@ -59,17 +59,11 @@ def view(
     Everything is shown that an installed visualizer knows; Ctrl-C ends, and a file is then whole.
 
     Examples:
-
       sfglab view --domain 7
-
       sfglab view --fleet data/fleets/lab.yaml --interface wlan0 --topic /global/go2
-
       sfglab view data/reference/cooperation.mcap --to cooperation.rrd
-
       sfglab view bag/ --to serve:0.0.0.0:9876   # elsewhere: rerun rerun+http://HOST:9876/proxy
-
       sfglab view --domain 7 --to foxglove   # in Foxglove: open connection, ws://localhost:8765
-
       sfglab view --fleet data/fleets/lab.yaml --to lab.json   # in Foxglove: import layout
     """
     from sfglab.view.app import ViewOptions

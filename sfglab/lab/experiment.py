@@ -23,7 +23,7 @@ from sfglab.lab.figures import caption_of, house_style
 from sfglab.lab.paths import find_project
 from sfglab.lab.progress import progress_bar
 from sfglab.lab.runs import COMPLETION, SMOKE, Run, new_log, unfinished_of
-from sfglab.lab.sweep import Workers, journals, sweep
+from sfglab.lab.sweep import Workers, journal_of, journals, sweep
 from sfglab.lab.testbed import Testbed
 from sfglab.record import LogError, LogWriter, run_context
 from sfglab.tables import Shown
@@ -337,7 +337,7 @@ class Experiment(Generic[C]):
             sweeps = [one for one in self.sweeps if options.wants(one.table)]
             # A smoke test's sweeps are over before processes would have started.
             usual = options.workers or (Workers(threads=True) if profile == SMOKE else None)
-            rows = {one.table: self._swept(one, config, journal, usual) for one in sweeps}
+            rows = {one.table: self._swept(one, config, journal(one.table), usual) for one in sweeps}
             unfinished = unfinished_of(path)
             done: dict[str, Any] = {"experiment": self.name, "profile": profile, "explored": options.explored}
             done["changed"] = self._changed(profile, config)
@@ -350,18 +350,24 @@ class Experiment(Generic[C]):
             unfinished.rename(path)
         return self.load(path)
 
+    def sweep_ahead(self, profile: str = QUICK, **changes: Any) -> None:
+        """Compute a run's sweeps into the journals in which it will look for them; errors as of `run`."""
+        log, config = new_log(find_project(), self.name, profile), self.config(profile, **changes)
+        for one in self.sweeps:
+            self._swept(one, config, journal_of(log, f"{self.name}-{profile}", one.table), None)
+
     def _changed(self, profile: str, config: C) -> list[str]:
         usual, given = asdict(self.config(profile)), asdict(config)  # type: ignore[call-overload]
         return [name for name in usual if usual[name] != given[name] and name not in _UNCOUNTED]
 
     def _swept(
-        self, one: _Sweep, config: C, journal: Callable[[str], Path], workers: Workers | None
+        self, one: _Sweep, config: C, journal: Path, workers: Workers | None
     ) -> list[tuple[int | None, Any]]:
         """Return a sweep's rows with their times."""
         points, seeds = one.over(config), one.seeds(config)
         if not points or not seeds:
             return []
-        results = sweep(one.task, points, seeds, journal=journal(one.table), workers=workers or one.workers)
+        results = sweep(one.task, points, seeds, journal=journal, workers=workers or one.workers)
         pairs = [(point, seed) for point in points for seed in seeds]
         rows: list[tuple[int | None, Any]] = []
         for (point, seed), result in zip(pairs, results, strict=True):

@@ -12,16 +12,16 @@ import re
 import sys
 import time
 from dataclasses import dataclass
-from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from sfglab.errors import InvalidValueError, SfglabError
+from sfglab.lab.ahead import sweeps_ahead
 from sfglab.lab.experiment import QUICK
 from sfglab.lab.experiments import experiment
 from sfglab.lab.progress import is_line
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Mapping, Sequence
     from pathlib import Path
 
     from nbformat import NotebookNode
@@ -50,7 +50,8 @@ class Outcome:
     error: str = ""  #: What went wrong, one line; empty when it ran through.
 
 
-_say = partial(print, file=sys.stderr, flush=True)
+def _say(text: str) -> None:
+    print(text, file=sys.stderr, flush=True)
 
 
 def read_parameters(pairs: Sequence[str]) -> dict[str, Any]:
@@ -185,12 +186,13 @@ def run_notebooks(
     project: Project,
     parameters: Mapping[str, Any],
     write: bool = False,
-    say: Callable[[str], None] = _say,
+    ahead: bool = False,
 ) -> list[Outcome]:
     """Run notebooks one after the other; a failure does not stop the rest.
 
     Executed copies go to ``runs/notebooks``, and with `write` normalised in place of the notebooks. Parameters
-    are values for every notebook's ``parameters`` cell, or fields of its configuration.
+    are values for every notebook's ``parameters`` cell, or fields of its configuration. Sweeps of notebooks to
+    come are computed beside the others if they may go `ahead`.
 
     Raises:
         NotebookError: Before anything runs: parameters that do not fit a notebook.
@@ -199,14 +201,29 @@ def run_notebooks(
         fit_parameters(path, parameters)
     outcomes: list[Outcome] = []
     before = {path.stem: seconds_before(path, project, parameters) for path in paths}
-    for position, path in enumerate(paths, start=1):
-        say(f"[{position}/{len(paths)}] {path.stem} ...")
-        outcome = _run_one(path, project, parameters, write=write)
-        outcomes.append(outcome)
-        said = f"failed: {outcome.error}" if outcome.error else "done"
-        left = f", about {seconds_left(outcomes, before) / 60:.0f} min left" if position < len(paths) else ""
-        say(f"[{position}/{len(paths)}] {path.stem} {said} after {outcome.seconds:.0f} s{left}")
+    with sweeps_ahead(_sweeping(paths, parameters) if ahead else {}) as leave:
+        for position, path in enumerate(paths, start=1):
+            at = f"[{position}/{len(paths)}] {path.stem}"
+            _say(f"{at} ...")
+            leave(experiment_of(read_notebook(path)))
+            outcome = _run_one(path, project, parameters, write=write)
+            outcomes.append(outcome)
+            said = f"failed: {outcome.error}" if outcome.error else "done"
+            left_min = seconds_left(outcomes, before) / 60
+            left = f", about {left_min:.0f} min left" if position < len(paths) else ""
+            _say(f"{at} {said} after {outcome.seconds:.0f} s{left}")
     return outcomes
+
+
+def _sweeping(paths: Sequence[Path], parameters: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
+    """Return the profile and the fields of the runs that have sweeps, by experiment."""
+    runs = {}
+    for path in paths:
+        given = fit_parameters(path, parameters)
+        settings, name = given.pop(SETTINGS, {}), experiment_of(read_notebook(path))
+        if name and "log" not in given and experiment(name).sweeps:
+            runs[name] = given | settings
+    return runs
 
 
 def seconds_left(done: Sequence[Outcome], before: Mapping[str, float]) -> float:

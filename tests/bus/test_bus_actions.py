@@ -380,12 +380,8 @@ def test_only_ended_goals_are_forgotten_and_only_after_the_timeout(end, timeout_
     assert all(book.status(goal_id) is S.UNKNOWN and goal_id not in book for goal_id in old)
 
 
-PATHS = {
-    S.ACCEPTED: (),
-    S.EXECUTING: (E.EXECUTE,),
-    S.CANCELING: (E.CANCEL_GOAL,),
-    S.SUCCEEDED: (E.EXECUTE, E.SUCCEED),
-}
+PATHS = {S.ACCEPTED: (), S.EXECUTING: (E.EXECUTE,), S.CANCELING: (E.CANCEL_GOAL,)}
+PATHS[S.SUCCEEDED] = (E.EXECUTE, E.SUCCEED)
 
 
 @given(

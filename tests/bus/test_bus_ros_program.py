@@ -30,11 +30,7 @@ def test_both_topics_of_a_service_are_one_participant_s_whatever_its_name():
 @pytest.mark.live
 @pytest.mark.parametrize(
     ("python", "said"),
-    [
-        ("", "there is none here"),
-        (sys.executable, "has no rclpy"),
-        ("/nowhere/python", "ended with status 127"),
-    ],
+    [("", "there is none here"), (sys.executable, "has no rclpy"), ("/no/python", "ended with status 127")],
 )
 async def test_why_nothing_can_be_served_is_said(domain_id, monkeypatch, python, said):
     monkeypatch.delenv("AMENT_PREFIX_PATH", raising=False)

@@ -177,7 +177,7 @@ def test_a_device_tree_is_read_from_sys_where_proc_has_no_link_to_it(machine, tm
 CUDA, ROCM, VAAPI, V4L2, NONE = (Accelerator(name) for name in ("cuda", "rocm", "vaapi", "v4l2", "none"))
 QCOM = {"dev/video1": "", "sys/class/video4linux/video1/name": "qcom-venus-encoder\n"}
 NO_TEGRA_NODES = {path: None for path in EXAMPLES["jetson_orin_nx"].files if path.startswith("dev/nv")}
-CARD = "sys/bus/pci/devices/0000:01:00.0"
+UNDRIVEN, CARD = "nvidia_without_driver", "sys/bus/pci/devices/0000:01:00.0"
 UEVENTS = {"driven by nouveau": "DRIVER=nouveau\nPCI_CLASS=30000\n", "without a driver": "PCI_CLASS=30000\n"}
 UEVENTS |= {"by whom driven is not known": None}
 
@@ -186,18 +186,12 @@ UEVENTS |= {"by whom driven is not known": None}
     ("name", "changes", "asked", "says", "chosen"),
     [
         ("jetson_orin_nx", NO_TEGRA_NODES, Accelerator.JETSON, "container without NVIDIA's runtime", NONE),
-        ("nvidia_without_driver", {}, CUDA, "NVIDIA's driver does not run; install it", NONE),
+        (UNDRIVEN, {}, CUDA, "NVIDIA's driver does not run; install it", NONE),
         *(
-            (
-                "nvidia_without_driver",
-                {f"{CARD}/uevent": text},
-                CUDA,
-                f"(a graphics card of NVIDIA, {by})",
-                NONE,
-            )
+            (UNDRIVEN, {f"{CARD}/uevent": text}, CUDA, f"(a graphics card of NVIDIA, {by})", NONE)
             for by, text in UEVENTS.items()
         ),
-        ("nvidia_without_driver", {f"{CARD}/class": "0x040300\n"}, CUDA, "no card", NONE),  # a card's sound
+        (UNDRIVEN, {f"{CARD}/class": "0x040300\n"}, CUDA, "no card", NONE),  # a card's sound
         ("wsl2", {"usr/lib/wsl/lib/libcuda.so.1.1": None}, CUDA, "not NVIDIA's", NONE),  # a link to it dangles
         ("container", {}, CUDA, "without /dev/nvidiactl, /dev/nvidia0: a container without the card", NONE),
         ("laptop_intel", {}, CUDA, "no driver of NVIDIA and no card", VAAPI),

@@ -189,6 +189,7 @@ async def test_a_look_that_cannot_be_drawn_is_said_and_the_next_one_is_drawn(mon
 
 
 STALE = {"silences_s": (2.0,), "loss": 0.5, "readings_s": 2.0, "stale_s": 20.0}
+FAST = {"rates_hz": (500,)}
 OPTIMUM = {"rates_min_hz": (30.0,), "rates_hz": (100,), "weights": 2}
 
 
@@ -200,18 +201,8 @@ OPTIMUM = {"rates_min_hz": (30.0,), "rates_hz": (100,), "weights": 2}
         ("depth_codecs", "codecs", {"frames": 1, "png_level": 1, "noise_mm": 5.0}, ()),
         ("balancing", "caches", STALE, ("loses 50%", "silence at most 2 s")),
         ("balancing", "optimum", OPTIMUM, ("CVXPY", "Rmax 100 Hz")),
-        (
-            "cooperation",
-            "hallway",
-            {"methods": ("LC",), "rates_hz": (500,)},
-            ("LC, Rmax 500 Hz", "success after"),
-        ),
-        (
-            "cooperation",
-            "hallway",
-            {"methods": ("none",), "rates_hz": (500,)},
-            ("none, Rmax 500 Hz", "contact after"),
-        ),
+        ("cooperation", "hallway", FAST | {"methods": ("LC",)}, ("LC, Rmax 500 Hz", "success after")),
+        ("cooperation", "hallway", FAST | {"methods": ("none",)}, ("none, Rmax 500 Hz", "contact after")),
     ],
 )
 async def test_a_look_is_drawn_as_turned_without_host_or_live_part(name, look, changes, said, monkeypatch):

@@ -58,7 +58,7 @@ def test_what_no_parameter_or_field_can_hold_is_said_before_anything_runs(projec
     write(project, "02_a", *sources)
     found = notebooks.find_notebooks(project)
     with pytest.raises(notebooks.NotebookError, match=sentence):
-        notebooks.run_notebooks(found, project=project, parameters=given, say=lambda _: None)
+        notebooks.run_notebooks(found, project=project, parameters=given)
     assert not project.runs.exists()
 
 
@@ -86,13 +86,12 @@ def test_a_notebook_needs_exactly_one_parameters_cell(project, tagged):
 
 
 @pytest.mark.slow
-def test_one_failed_notebook_does_not_hide_the_others_and_says_which_cell(project):
+def test_one_failed_notebook_does_not_hide_the_others_and_says_which_cell(project, capsys):
     write(project, "01_bad", "x: int = 1", "1 / 0")
     write(project, "02_good", "x: int = 1", "print(x + 1)")
-    said = []
-    outcomes = notebooks.run_notebooks(
-        notebooks.find_notebooks(project), project=project, parameters={"x": 4}, write=True, say=said.append
-    )
+    found = notebooks.find_notebooks(project)
+    outcomes = notebooks.run_notebooks(found, project=project, parameters={"x": 4}, write=True)
+    said = [line for line in capsys.readouterr().err.splitlines() if line.startswith("[")]
     assert [bool(o.error) for o in outcomes] == [True, False]
     assert "cell" in outcomes[0].error
     assert "ZeroDivisionError" in outcomes[0].error

@@ -82,7 +82,7 @@ def processes_of(folder):
 def run_through(project, name):
     """Run one notebook, which must end well."""
     found = find_notebooks(project, [name])
-    outcomes = run_notebooks(found, project=project, parameters={"profile": "smoke"}, say=lambda _: None)
+    outcomes = run_notebooks(found, project=project, parameters={"profile": "smoke"})
     assert [(o.name, o.error) for o in outcomes] == [(name, "")]
 
 

@@ -16,6 +16,7 @@ from sfglab.qos import Durability, QoSProfile
 
 pytestmark = [pytest.mark.live, pytest.mark.ros]
 
+RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
 ELSEWHERE = (
     "<CycloneDDS><Domain><General><Interfaces><NetworkInterface name='none0'/></Interfaces></General></Domain>"
     "</CycloneDDS>"
@@ -27,13 +28,9 @@ ENVIRONMENT = pytest.mark.feature("A user's environment: domain, localhost only,
 @pytest.mark.parametrize(
     "both",
     [
-        {"ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET", "RMW_IMPLEMENTATION": "rmw_fastrtps_cpp"},
+        {RANGE: "SUBNET", "RMW_IMPLEMENTATION": "rmw_fastrtps_cpp"},
         {"ROS_LOCALHOST_ONLY": "1"},
-        {
-            "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
-            "ROS_STATIC_PEERS": "127.0.0.1",
-            "CYCLONEDDS_URI": ELSEWHERE,
-        },
+        {RANGE: "LOCALHOST", "ROS_STATIC_PEERS": "127.0.0.1", "CYCLONEDDS_URI": ELSEWHERE},
     ],
     ids=["subnet", "localhost only", "localhost and peers"],
 )

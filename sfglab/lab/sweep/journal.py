@@ -163,16 +163,21 @@ class Finished:
     text: str  #: The result, see `rows`.
 
 
+def journal_of(log: Path, name: str, part: str) -> Path:
+    """Return the journal of a part of a run: beside its log, and named for the run."""
+    return log.with_name(f"{name}-{part}.journal")
+
+
 @contextmanager
 def journals(log: Path, name: str) -> Iterator[Callable[[str], Path]]:
     """Give each sweep of a run its journal, by a part's name, and remove them when the log is written.
 
-    They stand beside the log and are named for the run: started again after an interruption, it finds them.
+    Started again after an interruption, the run finds them.
     """
     used: list[Path] = []
 
     def journal(part: str) -> Path:
-        used.append(log.with_name(f"{name}-{part}.journal"))
+        used.append(journal_of(log, name, part))
         return used[-1]
 
     yield journal

@@ -117,7 +117,7 @@ def connected(workers: Workers) -> Iterator[tuple[Executor, int]]:
         return
     count = workers.count or len(os.sched_getaffinity(0))
     spawn = multiprocessing.get_context("spawn")
-    pool = ThreadPoolExecutor(count) if workers.threads else ProcessPoolExecutor(count, spawn, _begin_worker)
+    pool = ThreadPoolExecutor(count) if workers.threads else ProcessPoolExecutor(count, spawn, begin_worker)
     try:
         with _deaf():
             wait([pool.submit(code_digest) for _ in range(count)])
@@ -130,7 +130,7 @@ def connected(workers: Workers) -> Iterator[tuple[Executor, int]]:
         pool.shutdown(cancel_futures=True)
 
 
-def _begin_worker() -> None:
+def begin_worker() -> None:
     """Leave Ctrl-C to who started the sweep, and end with that process, however it ends."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with_parent, daemon=True).start()

@@ -1,0 +1,76 @@
+"""Sweeps of runs that are still to come, computed while the processors have nothing else to do.
+
+Live parts mostly wait. Results go into the journals in which the runs look for them, so that a run takes what
+is there and computes the rest: its rows are the same. Whoever is measured has a processor when it wants one.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+import sys
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from sfglab.errors import SfglabError
+from sfglab.lab.experiments import experiment
+from sfglab.lab.progress import progress_to
+from sfglab.lab.sweep.run import begin_worker
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Mapping
+    from multiprocessing.context import SpawnProcess
+
+_LEAST_NICE = "19"
+_END_S = 10.0
+
+
+@contextmanager
+def sweeps_ahead(runs: Mapping[str, Mapping[str, Any]]) -> Iterator[Callable[[str], None]]:
+    """Compute sweeps of experiments, one after the other, from their profiles and fields; in the end, stop.
+
+    Yields what is to be called before an experiment runs itself: what is not finished is left to it.
+    """
+    waiting = dict(runs)
+    process = _start(waiting)
+
+    def leave(name: str) -> None:
+        nonlocal process
+        if waiting.pop(name, None) is not None:
+            _end(process)
+            process = _start(waiting)
+
+    try:
+        yield leave
+    finally:
+        _end(process)
+
+
+def _start(runs: Mapping[str, Mapping[str, Any]]) -> SpawnProcess:
+    process = multiprocessing.get_context("spawn").Process(target=_compute, args=(runs,))
+    if runs:
+        process.start()
+    return process
+
+
+def _end(process: SpawnProcess) -> None:
+    if process.is_alive():
+        process.terminate()
+        process.join(_END_S)
+        process.kill()
+        process.join()
+
+
+def _compute(runs: Mapping[str, Mapping[str, Any]]) -> None:
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit())  # so that its workers are ended, too
+    begin_worker()
+    os.setsid()
+    with suppress(OSError):  # where the scheduler groups by session, a policy counts within its own
+        Path("/proc/self/autogroup").write_text(_LEAST_NICE, encoding="ascii")
+    os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
+    with progress_to(lambda _: None):
+        for name, fields in runs.items():
+            with suppress(SfglabError):  # the run itself will say it
+                experiment(name).sweep_ahead(**fields)
