@@ -51,7 +51,7 @@ class Outcome:
 
 
 def _say(text: str) -> None:
-    print(text, file=sys.stderr, flush=True)
+    sys.stderr.write(f"{text}\n")
 
 
 def read_parameters(pairs: Sequence[str]) -> dict[str, Any]:
