@@ -6,11 +6,14 @@ schedules the row says so, and the comparison says nothing about the model.
 
 from __future__ import annotations
 
+import asyncio
+from collections import deque
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from sfglab.arp.robots import METHODS
+from sfglab.component import beside
 from sfglab.lab.bench import Bench, as_row
 from sfglab.lab.experiment import SkippedPartError, seeded
 from sfglab.lab.experiments.transmission.experiment import (
@@ -33,12 +36,10 @@ if TYPE_CHECKING:
 
 LOSS_WITHIN = 0.03
 LATENCY_WITHIN = 0.30
+_AT_ONCE = 2  #: Cells that are played beside each other: their nodes mostly wait.
 
 GROUPS = ("sensors", "hello_up", "hello")
 """All sensors' topics; "Hello" to the station; "Hello" from publication to actuation."""
-
-
-# --- The part of the experiment -------------------------------------------------------------------------------
 
 
 @exp.table("live")
@@ -84,21 +85,27 @@ def live_cells(config: Config) -> list[Point]:
 
 @exp.part("live", total=lambda config: len(live_cells(config)), skips=(HostsUnavailableError,), timed=False)
 async def play_cells(bench: Bench[Config]) -> None:
-    """Play cells live, one after the other, each beside the model with all seeds."""
+    """Play cells live, two at once on hosts and air of their own, each beside the model with all seeds."""
     config = bench.config
     scenarios = {cell: scenario_of(cell, seed=config.seed, vendor=CYCLONE_DDS) for cell in live_cells(config)}
     if not scenarios:
         raise SkippedPartError("not asked for")
-    async with live_hosts(*hosts_of(next(iter(scenarios.values())))) as hosts:
-        for cell, scenario in scenarios.items():
-            played = await hosts.play(scenario, seed=config.seed)
-            models = [run(played.scenario, seed=seed) for seed in seeded(config, config.seeds)]
-            bench.write_all("live", compare(cell, played, models))
-            bench.advance(f"{cell.method}, {cell.rate_max_hz} Hz, depth {cell.depth}")
+    waiting, rows = deque(scenarios), dict[Point, list[LiveRow]]()
+
+    async def play() -> None:
+        async with live_hosts(*hosts_of(scenarios[waiting[0]])) as hosts:
+            while waiting:
+                cell = waiting.popleft()
+                played = await hosts.play(scenarios[cell], seed=config.seed)
+                models = [run(played.scenario, seed=seed) for seed in seeded(config, config.seeds)]
+                rows[cell] = compare(cell, played, models)
+                bench.advance(f"{cell.method}, {cell.rate_max_hz} Hz, depth {cell.depth}")
+
+    async with beside(*(play() for _ in range(min(_AT_ONCE, len(scenarios))))) as players:
+        await asyncio.gather(*players)
+    for cell in scenarios:
+        bench.write_all("live", rows[cell])
     bench.metadata("live", {"hindrance": ""})
-
-
-# --- Live against simulated -----------------------------------------------------------------------------------
 
 
 def measure(outcome: Outcome, group: str) -> dict[str, Any]:
