@@ -301,7 +301,8 @@ def sweep_elsewhere(folder, order):
     code_digest()
     (folder / "order").write_text(order)
     program = (
-        "import sys\n"
+        "import signal, sys\n"
+        "signal.signal(signal.SIGINT, signal.default_int_handler)\n"  # a shell's background ignores it
         "from pathlib import Path\n"
         "import psutil\n"
         "from test_sweep import PROCESSES, SEEDS, obeying, obeying_points, sweep, nothing_is_left\n"
