@@ -382,13 +382,10 @@ def test_only_ended_goals_are_forgotten_and_only_after_the_timeout(end, timeout_
 
 PATHS = {S.ACCEPTED: (), S.EXECUTING: (E.EXECUTE,), S.CANCELING: (E.CANCEL_GOAL,)}
 PATHS[S.SUCCEEDED] = (E.EXECUTE, E.SUCCEED)
+STATES = st.lists(st.sampled_from([None, *PATHS]), min_size=4, max_size=4)
 
 
-@given(
-    st.lists(st.sampled_from([None, *PATHS]), min_size=4, max_size=4),
-    st.sampled_from([NO_GOAL_ID, *IDS]),
-    st.integers(0, 5),
-)
+@given(STATES, st.sampled_from([NO_GOAL_ID, *IDS]), st.integers(0, 5))
 def test_a_request_to_cancel_means_what_action_msgs_says(statuses, goal_id, until_ns):
     book = goals.GoalBook(10**9)
     for stamp_ns, (known, status) in enumerate(zip(IDS, statuses, strict=True), 1):

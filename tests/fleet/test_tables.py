@@ -18,6 +18,7 @@ WAITS = {"start_ns": 100, "stop_ns": 50, "backoff_ns": 4, "backoff_max_ns": 20, 
 MODULES = {"component": supervision, "pipeline": pipelines, "replay": gop_cache}
 START = {"component": "NEW", "pipeline": "IDLE", "replay": "IDLE"}
 ENDS = {"component": supervision.REST, "pipeline": {pipelines.State.GONE}}
+LINGERED = "START CANCEL_TIMER LINGER"
 machines = pytest.mark.parametrize("name", MODULES)
 
 
@@ -49,9 +50,6 @@ class Walk:
     @property
     def deadline_ns(self) -> int | None:
         return self.machine.deadline_ns
-
-
-LINGERED = "START CANCEL_TIMER LINGER"
 
 
 @pytest.mark.parametrize(

@@ -5,6 +5,7 @@ import json
 import logging
 import math
 import os
+import signal
 import struct
 import subprocess
 import sys
@@ -26,15 +27,8 @@ from sfglab.lab.bench import Options
 from sfglab.lab.experiments import experiment
 from sfglab.lab.progress import progress_to
 from sfglab.lab.sweep import JournalError, SweepError, Workers, sweep
-from sfglab.lab.sweep.journal import (
-    Finished,
-    Journal,
-    code_digest,
-    identity_of,
-    result_from_text,
-    text_from_result,
-)
-from sfglab.lab.sweep.run import Done, _next_size, connected
+from sfglab.lab.sweep.journal import Finished, Journal, identity_of, result_from_text, text_from_result
+from sfglab.lab.sweep.run import Done, _next_size, code_digest, connected
 
 POINTS = [SpotPoint(number=number) for number in range(5)]
 SEEDS = range(6)
@@ -301,8 +295,7 @@ def sweep_elsewhere(folder, order):
     code_digest()
     (folder / "order").write_text(order)
     program = (
-        "import signal, sys\n"
-        "signal.signal(signal.SIGINT, signal.default_int_handler)\n"  # a shell's background ignores it
+        "import sys\n"
         "from pathlib import Path\n"
         "import psutil\n"
         "from test_sweep import PROCESSES, SEEDS, obeying, obeying_points, sweep, nothing_is_left\n"
@@ -329,6 +322,18 @@ def test_ctrl_c_in_a_terminal_ends_a_sweep_quietly_with_all_its_processes(tmp_pa
     assert ended.stdout == "interrupted\n", ended.stderr
     assert "Traceback" not in ended.stderr
     resumed(tmp_path)
+
+
+def test_ctrl_c_is_heard_between_batches_so_that_no_lock_of_the_pool_stays_closed(swept):
+    steps = []
+
+    def interrupted(step):
+        signal.raise_signal(signal.SIGINT)
+        steps.append(step.done)
+
+    with progress_to(interrupted), pytest.raises(KeyboardInterrupt):
+        swept(quick, POINTS, SEEDS)
+    assert steps
 
 
 @pytest.mark.slow

@@ -121,10 +121,6 @@ def _discoverer(config: AgentConfig) -> DiscoveryConfig:
     return DiscoveryConfig(address=config.local, settings=settings)
 
 
-def _keeper(config: AgentConfig) -> KeeperConfig:
-    return KeeperConfig(address=config.local, streams=_videos(config))
-
-
 def _videos(config: AgentConfig) -> tuple[str, ...]:
     """Return the streams of which only a whole group of pictures is of use to whoever joins."""
     streams = (stream for sensor in config.sensors for stream in sensor.streams)
@@ -149,7 +145,7 @@ _MODULES: dict[str, tuple[str, Callable[[AgentConfig], Any]]] = {
     "router": ("sfglab.fleet.router.node", router_config),
     "status": ("sfglab.fleet.status.node", _status),
     "discoverer": ("sfglab.fleet.discovery.node", _discoverer),
-    "keeper": ("sfglab.fleet.gop_cache", _keeper),
+    "keeper": ("sfglab.fleet.gop_cache", lambda c: KeeperConfig(address=c.local, streams=_videos(c))),
     "decoder": ("sfglab.fleet.decoder.node", _decoder),
 }
 

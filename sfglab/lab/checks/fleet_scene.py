@@ -193,17 +193,13 @@ def _jpeg(moment: Moment) -> Any:
     return codecs.compressed_image_fields(moment.bgr, "jpeg")
 
 
-def _still(moment: Moment) -> Any:
-    return compressed_message(_jpeg(moment), moment.header(CAMERA))
-
-
 _PICTURES = (
     _Speaker("image", f"{_COLOR}/image_raw", _IMAGE, _raw, "Image:buffer", lambda m: m.rgb.reshape(-1)),
     _Speaker(
         "compressed_image",
         "/global/go2/camera_front/color/compressed",
         codecs.COMPRESSED_IMAGE,
-        _still,
+        lambda moment: compressed_message(_jpeg(moment), moment.header(CAMERA)),
         "EncodedImage:blob",
         lambda m: np.frombuffer(_jpeg(m).data, np.uint8),
     ),

@@ -12,9 +12,10 @@ import threading
 import time
 import traceback
 from collections import deque
-from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor, wait
+from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor, wait
 from contextlib import contextmanager
 from dataclasses import dataclass
+from queue import SimpleQueue
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from sfglab.lab.progress import progress_bar
@@ -119,7 +120,7 @@ def connected(workers: Workers) -> Iterator[tuple[Executor, int]]:
     spawn = multiprocessing.get_context("spawn")
     pool = ThreadPoolExecutor(count) if workers.threads else ProcessPoolExecutor(count, spawn, begin_worker)
     try:
-        with _deaf():
+        with _hearing(signal.SIG_IGN):  # inherited by processes: the sweep ends them, not the terminal
             wait([pool.submit(code_digest) for _ in range(count)])
         yield pool, count
     except BaseException:
@@ -157,15 +158,15 @@ def _cluster(address: str) -> Iterator[Any]:
 
 
 @contextmanager
-def _deaf() -> Iterator[None]:
-    """Ignore Ctrl-C while processes are started, which inherit that: the sweep ends them, not the terminal."""
+def _hearing(handler: Any) -> Iterator[Any]:
+    """Handle Ctrl-C otherwise for a while, where signals are ours to set; yields what handled it before."""
     before = signal.getsignal(signal.SIGINT)
-    if threading.current_thread() is not threading.main_thread() or before is None:
-        yield  # signals are not ours to set
+    if threading.current_thread() is not threading.main_thread() or not callable(before):
+        yield before
         return
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGINT, handler)
     try:
-        yield
+        yield before
     finally:
         signal.signal(signal.SIGINT, before)
 
@@ -219,28 +220,35 @@ def sweep(
 
 def _hand_out(pool: Executor, slots: int, task: Any, missing: Sequence[Job], log: Journal) -> None:
     waiting, under_way, code = deque(missing), set[Future[Done]](), code_digest()
+    ended = SimpleQueue[Future[Done] | None]()
 
     def submit(most: int) -> None:
         share = min(most, max(1, len(waiting) // (2 * slots)), len(waiting))
         if share:
             jobs = [waiting.popleft() for _ in range(share)]
-            under_way.add(pool.submit(run_batch, task, code, jobs))
+            future = pool.submit(run_batch, task, code, jobs)
+            under_way.add(future)
+            future.add_done_callback(ended.put)
 
-    with progress_bar(len(missing), log.name) as advance:
+    # Ctrl-C waits for its turn: raised in the middle of a pool's code, it would leave locks that nobody opens.
+    with progress_bar(len(missing), log.name) as advance, _hearing(lambda *_: ended.put(None)) as interrupt:
         for _ in range(_AHEAD * slots):
             submit(1)
         size = 1
-        while under_way:
-            for future in wait(under_way, return_when=FIRST_COMPLETED).done:
-                under_way.discard(future)
-                done = _done(future)
-                for finished in done.finished:
-                    log.add(finished)
-                    advance(f"seed {finished.seed}")
-                if done.failure:
-                    _raise(done.failure)
-                size = _next_size(size, done)
-                submit(size)
+        while under_way or not ended.empty():
+            future = ended.get()
+            if future is None:
+                interrupt(signal.SIGINT, None)
+                continue
+            under_way.discard(future)
+            done = _done(future)
+            for finished in done.finished:
+                log.add(finished)
+                advance(f"seed {finished.seed}")
+            if done.failure:
+                _raise(done.failure)
+            size = _next_size(size, done)
+            submit(size)
 
 
 def _next_size(size: int, done: Done) -> int:
