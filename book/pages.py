@@ -194,11 +194,10 @@ def commands_page() -> str:
 def _command(words: str, command: Any) -> str:
     about, examples = [], []
     for paragraph in re.split(r"\n\s*\n", inspect.cleandoc(command.help or "")):
-        text = " ".join(paragraph.split())
-        if re.match(r"(sfglab|SFG_\w+=|\w+=\S+ sfglab) ", text):
-            examples.append(inspect.cleandoc(paragraph))
-        elif text not in {"Example:", "Examples:"}:
-            about.append(_safe(text))
+        if paragraph.startswith("\b"):  # as it is written: a line "Examples:", and the examples
+            examples += inspect.cleandoc(paragraph.partition(":\n")[2]).splitlines()
+        else:
+            about.append(_safe(" ".join(paragraph.split())))
     context = command.context_class(command)
     usage = " ".join([words, *command.collect_usage_pieces(context)])
     rows = []

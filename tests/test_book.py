@@ -106,6 +106,7 @@ def missing(shown):
     fields = {f.name for name in EXPERIMENTS for f in dataclasses.fields(experiment(name).config_class)}
     yield from (name for name in fields if f">{name}<" not in shown["reference/experiments.html"])
     yield from (word for word in COMMANDS if f">{word}<" not in shown["reference/commands.html"])
+    yield from ["examples"] * (shown["reference/commands.html"].count("highlight-bash") < len(COMMANDS) / 2)
 
 
 def keys(part):

@@ -98,7 +98,7 @@ for _each in (app, *_GROUPS.values()):
     for _one in _each.registered_commands:  # whole in the lists of commands, where typer cuts
         _text = cleandoc((_one.callback and _one.callback.__doc__) or "")
         _one.short_help = " ".join(_text.partition("\n\n")[0].split())
-        _one.help = _text.replace("\n\nExample", "\n\n\b\nExample")  # which stand as they are written
+        _one.help = _text.replace("\n\nExample", "\n\n\b\nExample")  # a line each, as written
 
 
 def main() -> NoReturn:

@@ -201,11 +201,12 @@ def run_notebooks(
         fit_parameters(path, parameters)
     outcomes: list[Outcome] = []
     before = {path.stem: seconds_before(path, project, parameters) for path in paths}
-    with sweeps_ahead(_sweeping(paths, parameters) if ahead else {}) as leave:
+    names = {path: experiment_of(read_notebook(path)) for path in paths}
+    with sweeps_ahead(_sweeping(names, parameters) if ahead else {}) as leave:
         for position, path in enumerate(paths, start=1):
             at = f"[{position}/{len(paths)}] {path.stem}"
             _say(f"{at} ...")
-            leave(experiment_of(read_notebook(path)))
+            leave(names[path])
             outcome = _run_one(path, project, parameters, write=write)
             outcomes.append(outcome)
             said = f"failed: {outcome.error}" if outcome.error else "done"
@@ -215,13 +216,12 @@ def run_notebooks(
     return outcomes
 
 
-def _sweeping(paths: Sequence[Path], parameters: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
+def _sweeping(names: Mapping[Path, str], parameters: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
     """Return the profile and the fields of the runs that have sweeps, by experiment."""
     runs = {}
-    for path in paths:
-        given = fit_parameters(path, parameters)
-        settings, name = given.pop(SETTINGS, {}), experiment_of(read_notebook(path))
-        if name and "log" not in given and experiment(name).sweeps:
+    for path, name in names.items():
+        if name and experiment(name).sweeps and "log" not in parameters:
+            settings = (given := fit_parameters(path, parameters)).pop(SETTINGS, {})
             runs[name] = given | settings
     return runs
 

@@ -54,7 +54,7 @@ async def test_chains_and_local_caches_run_on_ros2_as_in_the_model():
     assert (live["move"].published_ns >= live["hello"].published_ns + 5_000_000).all()
 
 
-# Ten, as is usual: a sending thread that waits for a CPU loses more of less (of five 13 % beside loops).
+# ROS 2's usual ten: of fewer, a sending thread that waits for a CPU loses more (of five 13 % beside six loops).
 @pytest.mark.parametrize(("preset", "depth"), [("fast_dds_sync", 1000), ("fast_dds_async", 10)])
 async def test_a_queue_that_blocks_slows_who_publishes_as_in_the_model(preset, depth):
     frames = SEND_BUFFER_BYTES // FRAME_TRUE_BYTES
