@@ -38,7 +38,7 @@ def reproduce(
         bool, Option("--write", help="Also replace the notebooks by their executed copies.")
     ] = False,
     ahead: Annotated[
-        bool, Option(help="Compute sweeps of notebooks to come while live parts leave processors idle.")
+        bool, Option(help="Compute sweeps of notebooks to come, and draw figures, while live parts run.")
     ] = True,
 ) -> None:
     """Run notebooks headless: logs, figures and, at the end, the ledger of claims.

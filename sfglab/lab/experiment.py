@@ -285,6 +285,11 @@ class Experiment(Generic[C]):
         """Names of its figures."""
         return tuple(self._drawings)
 
+    @property
+    def measures(self) -> bool:
+        """Whether it has a live or timed part, of which whoever works beside it may change a figure."""
+        return bool(self._hosts) or any(p.timed or inspect.iscoroutinefunction(p.function) for p in self._parts)
+
     def caption(self, name: str) -> str:
         """Return what a figure shows, one sentence, from the documentation of the function that draws it."""
         return caption_of(self._drawings[name].function) or name

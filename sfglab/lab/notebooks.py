@@ -8,21 +8,29 @@ from __future__ import annotations
 
 import ast
 import io
+import multiprocessing.connection
 import re
 import sys
 import time
+from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
+import psutil
+
 from sfglab.errors import InvalidValueError, SfglabError
-from sfglab.lab.ahead import sweeps_ahead
+from sfglab.lab.ahead import give_way, sweeps_ahead
 from sfglab.lab.experiment import QUICK
 from sfglab.lab.experiments import experiment
 from sfglab.lab.progress import is_line
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Callable, Mapping, Sequence
+    from multiprocessing.connection import Connection
+    from multiprocessing.process import BaseProcess
     from pathlib import Path
+    from typing import Self
 
     from nbformat import NotebookNode
 
@@ -35,6 +43,7 @@ KERNEL = {"display_name": "Python 3 (ipykernel)", "language": "python", "name": 
 SETTINGS = "settings"
 _EXPERIMENT = re.compile(r"notebook\.run\((\w+)\.exp\b")
 _CELL_METADATA_KEPT = ("tags",)
+_END_S = 10.0
 
 
 class NotebookError(SfglabError, ValueError):
@@ -155,8 +164,13 @@ class _Steps(io.TextIOBase):
         return len(text)
 
 
-def run_notebook(path: Path, output: Path, parameters: Mapping[str, Any]) -> None:
-    """Run one notebook and keep the copy also when it fails; `NotebookError` if a parameter or cell does."""
+def run_notebook(
+    path: Path, output: Path, parameters: Mapping[str, Any], after_cell: Callable[[str], None] | None = None
+) -> None:
+    """Run one notebook and keep the copy also when it fails; `NotebookError` if a parameter or cell does.
+
+    What is to be done after each cell is given its source.
+    """
     import papermill
     from traitlets.config import Config
 
@@ -175,6 +189,7 @@ def run_notebook(path: Path, output: Path, parameters: Mapping[str, Any]) -> Non
             stderr_file=sys.stderr,
             # A kernel is reached by this user only, and not over TCP.
             config=Config({"KernelManager": {"transport": "ipc"}}),
+            on_cell_executed=after_cell and (lambda cell, **_: after_cell(cell.source)),
         )
     except papermill.PapermillExecutionError as error:
         raise NotebookError(f"{path.name}: cell {error.exec_count}: {error.ename}: {error.evalue}") from error
@@ -191,29 +206,119 @@ def run_notebooks(
     """Run notebooks one after the other; a failure does not stop the rest.
 
     Executed copies go to ``runs/notebooks``, and with `write` normalised in place of the notebooks. Parameters
-    are values for every notebook's ``parameters`` cell, or fields of its configuration. Sweeps of notebooks to
-    come are computed beside the others if they may go `ahead`.
+    are values for every notebook's ``parameters`` cell, or fields of its configuration. If others may go
+    `ahead`, sweeps of notebooks to come are computed beside the others, and a notebook begins when nothing
+    is measured any more in the one before, whose figures are drawn meanwhile.
 
     Raises:
         NotebookError: Before anything runs: parameters that do not fit a notebook.
     """
     for path in paths:
         fit_parameters(path, parameters)
-    outcomes: list[Outcome] = []
     before = {path.stem: seconds_before(path, project, parameters) for path in paths}
     names = {path: experiment_of(read_notebook(path)) for path in paths}
-    with sweeps_ahead(_sweeping(names, parameters) if ahead else {}) as leave:
-        for position, path in enumerate(paths, start=1):
-            at = f"[{position}/{len(paths)}] {path.stem}"
-            _say(f"{at} ...")
+    outcomes: list[Outcome] = []
+    started_s = time.monotonic()
+
+    def ended(outcome: Outcome) -> None:
+        outcomes.append(outcome)
+        said = f"failed: {outcome.error}" if outcome.error else "done"
+        overlap = (time.monotonic() - started_s) / sum(one.seconds for one in outcomes)
+        left_min = seconds_left(outcomes, before) * min(1.0, overlap) / 60
+        left = f", about {left_min:.0f} min left" if len(outcomes) < len(paths) else ""
+        _say(f"{_at(outcome.name, paths)} {said} after {outcome.seconds:.0f} s{left}")
+
+    with sweeps_ahead(_sweeping(names, parameters) if ahead else {}) as leave, _Turns(ended) as turns:
+        for path in paths:
+            if path.stem == INDEX:
+                turns.end_all()
             leave(names[path])
-            outcome = _run_one(path, project, parameters, write=write)
-            outcomes.append(outcome)
-            said = f"failed: {outcome.error}" if outcome.error else "done"
-            left_min = seconds_left(outcomes, before) / 60
-            left = f", about {left_min:.0f} min left" if position < len(paths) else ""
-            _say(f"{at} {said} after {outcome.seconds:.0f} s{left}")
-    return outcomes
+            _say(f"{_at(path.stem, paths)} ...")
+            if ahead:
+                run = partial(_run_one, path, project, parameters, write=write)
+                turns.take(path.stem, run, _last_measuring(names[path]))
+            else:
+                ended(_run_one(path, project, parameters, write=write))
+        turns.end_all()
+    return sorted(outcomes, key=lambda outcome: [path.stem for path in paths].index(outcome.name))
+
+
+class _Turns:
+    """Notebooks in processes of their own: one begins when nothing is measured any more in the one before."""
+
+    def __init__(self, ended: Callable[[Outcome], None]) -> None:
+        self._ended = ended
+        self._running: dict[Any, tuple[str, float, BaseProcess]] = {}  # by connection
+        self._measured: Any = None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        processes = [running[2] for running in self._running.values()]
+        for process in processes:
+            process.terminate()
+        for process in processes:
+            process.join(_END_S)
+            process.kill()
+
+    def take(self, name: str, run: Callable[..., Outcome], last: re.Pattern[str]) -> None:
+        """Begin a notebook, and return when the last cell that measures, by what is in it, is done.
+
+        Beside it one other may end.
+        """
+        while len(self._running) > 1:
+            self._hear()
+        here, there = multiprocessing.Pipe(duplex=False)
+        # Forked, for papermill is imported; this process has no threads.
+        process = multiprocessing.get_context("fork").Process(target=_take_turn, args=(run, last, there))
+        process.start()
+        there.close()
+        self._running[here] = name, time.monotonic(), process
+        self._measured = here
+        while self._measured is not None:
+            self._hear()
+
+    def end_all(self) -> None:
+        """Return when all have ended."""
+        while self._running:
+            self._hear()
+
+    def _hear(self) -> None:
+        ready: list[Any] = multiprocessing.connection.wait(list(self._running))
+        for connection in ready:
+            name, started_s, process = self._running[connection]
+            try:
+                outcome: Outcome | None = connection.recv()
+            except EOFError:
+                seconds = time.monotonic() - started_s
+                outcome = Outcome(name=name, seconds=seconds, error="its process ended")
+            if self._measured is connection:
+                self._measured = None
+            if outcome is not None:
+                del self._running[connection]
+                process.join()
+                self._ended(outcome)
+
+
+def _take_turn(run: Callable[..., Outcome], last: re.Pattern[str], there: Connection) -> None:
+    def after_cell(source: str) -> None:
+        if last.search(source):
+            for kernel in psutil.Process().children():
+                give_way(kernel.pid)
+            there.send(None)
+
+    with suppress(KeyboardInterrupt):  # who waits for it has it, too
+        there.send(run(after_cell=after_cell))
+
+
+def _at(name: str, paths: Sequence[Path]) -> str:
+    return f"[{[path.stem for path in paths].index(name) + 1}/{len(paths)}] {name}"
+
+
+def _last_measuring(name: str) -> re.Pattern[str]:
+    """Return what is in a notebook's last cell that measures: its run, or any where nothing is measured."""
+    return _EXPERIMENT if not name or experiment(name).measures else re.compile("")
 
 
 def _sweeping(names: Mapping[Path, str], parameters: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
@@ -245,13 +350,20 @@ def seconds_before(path: Path, project: Project, parameters: Mapping[str, Any]) 
     return float(last.get("duration") or 0.0) if alike and not last.get("exception") else 0.0
 
 
-def _run_one(path: Path, project: Project, parameters: Mapping[str, Any], *, write: bool) -> Outcome:
+def _run_one(
+    path: Path,
+    project: Project,
+    parameters: Mapping[str, Any],
+    *,
+    write: bool,
+    after_cell: Callable[[str], None] | None = None,
+) -> Outcome:
     import nbformat
 
     output = project.runs / "notebooks" / path.name
     started = time.monotonic()
     try:
-        run_notebook(path, output, parameters)
+        run_notebook(path, output, parameters, after_cell)
     except NotebookError as error:
         return Outcome(name=path.stem, seconds=time.monotonic() - started, error=str(error))
     if write:

@@ -3,6 +3,7 @@
 import asyncio
 
 import nbformat
+import psutil
 import pytest
 from nbformat.v4 import new_code_cell, new_notebook, new_output
 
@@ -100,6 +101,62 @@ def test_one_failed_notebook_does_not_hide_the_others_and_says_which_cell(projec
     assert len(good.cells) == 2, "the injected cell is gone again"
     assert (project.runs / "notebooks" / "01_bad.ipynb").exists(), "the failed copy is kept"
     assert ["min left" in line for line in said] == [False, True, False, False]
+
+
+MEASURED = "# notebook.run(depth_codecs.exp)"
+WAITS = """
+import os, time
+from pathlib import Path
+until = time.monotonic() + 60
+while not Path("../{0}").exists() and time.monotonic() < until:
+    time.sleep(0.05)
+assert Path("../{0}").exists()
+print(os.getpriority(os.PRIO_PROCESS, 0))
+"""
+BEGINS = "from pathlib import Path; Path('../{}').touch()"
+
+
+@pytest.mark.slow
+def test_a_notebook_begins_when_nothing_is_measured_any_more_in_the_one_before(project, capsys):
+    write(project, "00_index", "x: int = 1", "from pathlib import Path; assert Path('../third').exists()")
+    write(project, "01_a", "x: int = 1", MEASURED, WAITS.format("second"))
+    write(project, "02_b", "x: int = 1", BEGINS.format("second"), MEASURED, WAITS.format("third"))
+    write(project, "03_c", "x: int = 1", BEGINS.format("third"))
+    found = notebooks.find_notebooks(project)
+    outcomes = notebooks.run_notebooks(found, project=project, parameters={"x": 4}, ahead=True)
+    assert [(o.name, o.error) for o in outcomes] == [(p.stem, "") for p in found]
+    assert outcomes[-1].name == "00_index", "it reports on all others"
+    for name in ("01_a", "02_b"):
+        last = nbformat.read(project.runs / "notebooks" / f"{name}.ipynb", as_version=4).cells[-1]
+        assert int(last.outputs[0].text) == 10, "it gives way to what is measured"
+    assert capsys.readouterr().err.count(" done after ") == 4
+
+
+@pytest.mark.slow
+def test_a_notebook_whose_process_is_killed_has_failed_and_the_others_run(project):
+    write(project, "01_a", "x: int = 1", "import os, signal; os.kill(os.getppid(), signal.SIGKILL)")
+    write(project, "02_b", "x: int = 1")
+    outcomes = notebooks.run_notebooks(
+        notebooks.find_notebooks(project), project=project, parameters={}, ahead=True
+    )
+    assert [o.error for o in outcomes] == ["its process ended", ""]
+
+
+@pytest.mark.slow
+def test_ctrl_c_ends_all_that_run(project, monkeypatch):
+    write(project, "01_a", "x: int = 1", MEASURED, "import time; time.sleep(600)")
+    write(project, "02_b", "x: int = 1")
+
+    def interrupted(_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(notebooks._Turns, "end_all", interrupted)
+    before = {process.pid for process in psutil.Process().children(recursive=True)}
+    with pytest.raises(KeyboardInterrupt):
+        notebooks.run_notebooks(notebooks.find_notebooks(project), project=project, parameters={}, ahead=True)
+    left = [p for p in psutil.Process().children(recursive=True) if p.pid not in before]
+    _, alive = psutil.wait_procs(left, timeout=10)
+    assert alive == []
 
 
 def test_notebooks_are_found_by_name_beginning_or_topic(project):

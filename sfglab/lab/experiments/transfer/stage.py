@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from contextlib import aclosing, suppress
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, replace
 from importlib.util import find_spec
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
@@ -27,9 +27,10 @@ from sfglab.soc.memory import CUT_THROUGH, LARGEST_BYTES, STORED, Costs, Judge, 
 from sfglab.soc.paper_values import MESSAGE_BYTES, FitError, fit, residuals, sensitivity, speed_ups, tendencies
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping, Sequence
+    from collections.abc import Callable, Mapping
 
     from sfglab.lab.bench import Bench
+    from sfglab.soc.rtl.cycles import CycleModel, Delays
 
 MODELS = {"stored": STORED, "cut-through": CUT_THROUGH}
 """Both sets of constants; the first is the better fit and the one that claims are judged by."""
@@ -157,16 +158,34 @@ def node_mapping(bench: Bench[Config]) -> None:
         bench.advance(f"{row['nodes']} nodes")
 
 
-@exp.part("hardware", total=lambda config: 20 * len(config.rtl_subscribers) + config.areas, timed=False)
+@dataclass(frozen=True, slots=True)
+class Moving:
+    """Messages at the memory interface."""
+
+    path: str  #: What they do there.
+    subscribers: int  #: Hardware subscribers.
+    check_bytes: int  #: How many are moved where the law is checked.
+
+
+def moving(config: Config) -> list[Moving]:
+    """Return what is simulated; nothing without the extra ``rtl``."""
+    counts = () if "rtl" in what_is_missing() else config.rtl_subscribers
+    return [Moving(path, n, config.rtl_check_bytes) for n in counts for path in (OUT, IN, READS, WRITE)]
+
+
+@exp.part("hardware", total=lambda config: len(moving(config)) + config.areas, timed=False)
 def hardware(bench: Bench[Config]) -> None:
-    """Simulate and synthesise the hardware, where that is installed; what is missing is written down."""
+    """Write the hardware's laws and its area, where that is installed; what is missing is written down."""
     config, missing = bench.config, what_is_missing()
     bench.metadata("missing", missing)
-    if "rtl" not in missing:
-        for table, row in hardware_rows(config.rtl_subscribers, config.rtl_check_bytes):
-            bench.write(table, row)
-            if table == "cycles":
-                bench.advance(row["path"])
+    chunk_cycles: dict[int, dict[str, float]] = {}
+    for point in moving(config):
+        law = _law(point)
+        chunk_cycles.setdefault(point.subscribers, {})[point.path] = law.chunk_cycles
+        bench.write("law", {"path": point.path, "subscribers": point.subscribers, **asdict(law)})
+        bench.advance(point.path)
+    for count, cycles in chunk_cycles.items():
+        bench.write_all("bar", bars_with_cycles(count, cycles))
     if config.areas and "synthesis" not in missing:
         from sfglab.soc.rtl import gateway_area
 
@@ -188,44 +207,39 @@ def what_is_missing() -> dict[str, str]:
     return missing
 
 
-def hardware_rows(subscribers: Sequence[int], check_bytes: int) -> Iterator[tuple[str, dict[str, Any]]]:
-    """Simulate the hardware and return cycle models, their checks, and bars with them; needs the extra ``rtl``.
+def _law(point: Moving) -> CycleModel:
+    from sfglab.soc.rtl import MemoryPath, cycle_model
 
-    Cycle models are checked where `check_bytes` are moved.
-    """
-    for count in subscribers:
-        chunk_cycles = {}
-        for path in (OUT, IN, READS, WRITE):
-            model, checks = _path(path, count, check_bytes)
-            chunk_cycles[path] = model["chunk_cycles"]
-            yield "law", model
-            yield from (("cycles", check) for check in checks)
-        yield from (("bar", bar) for bar in bars_with_cycles(count, chunk_cycles))
+    return cycle_model(MemoryPath(point.path), point.subscribers, _delays())
 
 
-def _path(path: str, count: int, check_bytes: int) -> tuple[dict[str, Any], list[dict[str, Any]]]:
-    """Measure one path: its cycle model, its cycles at the paper's sizes, and the hardware at a larger size."""
-    from sfglab.soc.rtl import Delays, MemoryPath, cycle_model, memory_model_cycles, simulated_cycles
+def _delays() -> Delays:
+    """Return the model's latencies in whole cycles: the fitted one is no whole number."""
+    from sfglab.soc.rtl import Delays
 
-    of, place, timing = {"path": path, "subscribers": count}, MemoryPath(path), STORED.memory
-    # The model's latencies in whole cycles: the fitted one is no whole number.
-    delays = Delays(read=round(timing.read_latency_cycles), write=round(timing.write_latency_cycles))
-    model = cycle_model(place, count, delays)
+    timing = STORED.memory
+    return Delays(read=round(timing.read_latency_cycles), write=round(timing.write_latency_cycles))
+
+
+@exp.sweep("cycles", over=moving, seeds=lambda _: (0,))
+def check_law(point: Moving, _seed: int) -> tuple[dict[str, Any], ...]:
+    """Hold a law to the hardware, simulated at a larger size, and to the model at the paper's sizes."""
+    from sfglab.soc.rtl import MemoryPath, memory_model_cycles, simulated_cycles
+
+    law, place, delays, count = _law(point), MemoryPath(point.path), _delays(), point.subscribers
     # Readers together move the same bytes as one gateway, so that no check takes much longer than another.
-    size = check_bytes // count if path == READS else check_bytes
+    size = point.check_bytes // count if point.path == READS else point.check_bytes
     simulated = float(simulated_cycles(place, count, size, delays))
-    checks = [
+    return tuple(
         {
-            **of,
             "message_bytes": message_bytes,
             "simulated": cycles is not None,
-            "rtl_cycles": model.cycles(message_bytes) if cycles is None else cycles,
-            "law_cycles": model.cycles(message_bytes),
+            "rtl_cycles": law.cycles(message_bytes) if cycles is None else cycles,
+            "law_cycles": law.cycles(message_bytes),
             "model_cycles": memory_model_cycles(place, count, message_bytes, delays),
         }
         for message_bytes, cycles in [(size, simulated), *((size, None) for size in MESSAGE_BYTES)]
-    ]
-    return {**of, **asdict(model)}, checks
+    )
 
 
 def bars_with_cycles(count: int, chunk_cycles: Mapping[str, float]) -> list[dict[str, Any]]:
