@@ -15,6 +15,7 @@ import time
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
+from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 import psutil
@@ -217,6 +218,7 @@ def run_notebooks(
         fit_parameters(path, parameters)
     before = {path.stem: seconds_before(path, project, parameters) for path in paths}
     names = {path: experiment_of(read_notebook(path)) for path in paths}
+    places = {path.stem: f"[{place}/{len(paths)}] {path.stem}" for place, path in enumerate(paths, start=1)}
     outcomes: list[Outcome] = []
     started_s = time.monotonic()
 
@@ -226,27 +228,28 @@ def run_notebooks(
         overlap = (time.monotonic() - started_s) / sum(one.seconds for one in outcomes)
         left_min = seconds_left(outcomes, before) * min(1.0, overlap) / 60
         left = f", about {left_min:.0f} min left" if len(outcomes) < len(paths) else ""
-        _say(f"{_at(outcome.name, paths)} {said} after {outcome.seconds:.0f} s{left}")
+        _say(f"{places[outcome.name]} {said} after {outcome.seconds:.0f} s{left}")
 
     with sweeps_ahead(_sweeping(names, parameters) if ahead else {}) as leave, _Turns(ended) as turns:
         for path in paths:
             if path.stem == INDEX:
                 turns.end_all()
             leave(names[path])
-            _say(f"{_at(path.stem, paths)} ...")
+            _say(f"{places[path.stem]} ...")
             if ahead:
                 run = partial(_run_one, path, project, parameters, write=write)
                 turns.take(path.stem, run, _last_measuring(names[path]))
             else:
                 ended(_run_one(path, project, parameters, write=write))
         turns.end_all()
-    return sorted(outcomes, key=lambda outcome: [path.stem for path in paths].index(outcome.name))
+    return sorted(outcomes, key=lambda outcome: list(places).index(outcome.name))
 
 
 class _Turns:
     """Notebooks in processes of their own: one begins when nothing is measured any more in the one before."""
 
     def __init__(self, ended: Callable[[Outcome], None]) -> None:
+        import_module("papermill")  # once, and not in each process
         self._ended = ended
         self._running: dict[Any, tuple[str, float, BaseProcess]] = {}  # by connection
         self._measured: Any = None
@@ -270,7 +273,7 @@ class _Turns:
         while len(self._running) > 1:
             self._hear()
         here, there = multiprocessing.Pipe(duplex=False)
-        # Forked, for papermill is imported; this process has no threads.
+        # Forked, because all is imported, and this process has no threads.
         process = multiprocessing.get_context("fork").Process(target=_take_turn, args=(run, last, there))
         process.start()
         there.close()
@@ -310,10 +313,6 @@ def _take_turn(run: Callable[..., Outcome], last: re.Pattern[str], there: Connec
 
     with suppress(KeyboardInterrupt):  # who waits for it has it, too
         there.send(run(after_cell=after_cell))
-
-
-def _at(name: str, paths: Sequence[Path]) -> str:
-    return f"[{[path.stem for path in paths].index(name) + 1}/{len(paths)}] {name}"
 
 
 def _last_measuring(name: str) -> re.Pattern[str]:
