@@ -22,6 +22,7 @@ from sfglab.lab.sweep.run import begin_worker
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
     from multiprocessing.context import SpawnProcess
+    from multiprocessing.process import BaseProcess
 
 _LEAST_NICE = 19
 _NICE = 10  # of two that want a processor, nine tenths go to who is measured
@@ -40,13 +41,13 @@ def sweeps_ahead(runs: Mapping[str, Mapping[str, Any]]) -> Iterator[Callable[[st
     def leave(name: str) -> None:
         nonlocal process
         if waiting.pop(name, None) is not None:
-            _end(process)
+            end_process(process)
             process = _start(waiting)
 
     try:
         yield leave
     finally:
-        _end(process)
+        end_process(process)
 
 
 def _start(runs: Mapping[str, Mapping[str, Any]]) -> SpawnProcess:
@@ -56,7 +57,8 @@ def _start(runs: Mapping[str, Mapping[str, Any]]) -> SpawnProcess:
     return process
 
 
-def _end(process: SpawnProcess) -> None:
+def end_process(process: BaseProcess) -> None:
+    """End a process, by force if it does not end in time; harmless if it has ended."""
     if process.is_alive():
         process.terminate()
         process.join(_END_S)

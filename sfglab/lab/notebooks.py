@@ -12,7 +12,7 @@ import multiprocessing.connection
 import re
 import sys
 import time
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from functools import partial
 from importlib import import_module
@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any
 import psutil
 
 from sfglab.errors import InvalidValueError, SfglabError
-from sfglab.lab.ahead import give_way, sweeps_ahead
+from sfglab.lab.ahead import end_process, give_way, sweeps_ahead
 from sfglab.lab.experiment import QUICK
 from sfglab.lab.experiments import experiment
 from sfglab.lab.progress import is_line
@@ -31,7 +31,6 @@ if TYPE_CHECKING:
     from multiprocessing.connection import Connection
     from multiprocessing.process import BaseProcess
     from pathlib import Path
-    from typing import Self
 
     from nbformat import NotebookNode
 
@@ -44,7 +43,6 @@ KERNEL = {"display_name": "Python 3 (ipykernel)", "language": "python", "name": 
 SETTINGS = "settings"
 _EXPERIMENT = re.compile(r"notebook\.run\((\w+)\.exp\b")
 _CELL_METADATA_KEPT = ("tags",)
-_END_S = 10.0
 
 
 class NotebookError(SfglabError, ValueError):
@@ -230,7 +228,9 @@ def run_notebooks(
         left = f", about {left_min:.0f} min left" if len(outcomes) < len(paths) else ""
         _say(f"{places[outcome.name]} {said} after {outcome.seconds:.0f} s{left}")
 
-    with sweeps_ahead(_sweeping(names, parameters) if ahead else {}) as leave, _Turns(ended) as turns:
+    with ExitStack() as stack:
+        leave = stack.enter_context(sweeps_ahead(_sweeping(names, parameters) if ahead else {}))
+        turns = _Turns(ended, stack)
         for path in paths:
             if path.stem == INDEX:
                 turns.end_all()
@@ -246,24 +246,13 @@ def run_notebooks(
 
 
 class _Turns:
-    """Notebooks in processes of their own: one begins when nothing is measured any more in the one before."""
+    """Notebooks in processes, which end with a stack: one begins when nothing is measured in the one before."""
 
-    def __init__(self, ended: Callable[[Outcome], None]) -> None:
+    def __init__(self, ended: Callable[[Outcome], None], stack: ExitStack) -> None:
         import_module("papermill")  # once, and not in each process
-        self._ended = ended
+        self._ended, self._stack = ended, stack
         self._running: dict[Any, tuple[str, float, BaseProcess]] = {}  # by connection
         self._measured: Any = None
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        processes = [running[2] for running in self._running.values()]
-        for process in processes:
-            process.terminate()
-        for process in processes:
-            process.join(_END_S)
-            process.kill()
 
     def take(self, name: str, run: Callable[..., Outcome], last: re.Pattern[str]) -> None:
         """Begin a notebook, and return when the last cell that measures, by what is in it, is done.
@@ -276,6 +265,7 @@ class _Turns:
         # Forked, because all is imported, and this process has no threads.
         process = multiprocessing.get_context("fork").Process(target=_take_turn, args=(run, last, there))
         process.start()
+        self._stack.callback(end_process, process)
         there.close()
         self._running[here] = name, time.monotonic(), process
         self._measured = here
