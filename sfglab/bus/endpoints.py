@@ -10,7 +10,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, Protocol
 
 from sfglab.bus.errors import ClosedError
-from sfglab.bus.loop import JOIN_S
+from sfglab.bus.loop import JOIN_S, Calls, LoopBridge
 from sfglab.qos import History, QoSProfile
 
 if TYPE_CHECKING:
@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from contextlib import AbstractContextManager
 
     from sfglab.bus.api import Callback
-    from sfglab.bus.loop import Calls, LoopBridge
 
 KEEP_ALL_LIMIT_BYTES = 256 * 2**20  #: How much a KEEP_ALL subscription may queue; beyond it the oldest goes.
 

@@ -12,14 +12,13 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from sfglab import names
-from sfglab.bus.api import FAST_DDS, EndpointInfo, EndpointKind, entries
+from sfglab.bus.api import FAST_DDS, EndpointInfo, EndpointKind, NodeInfo, entries
 from sfglab.errors import InvalidValueError
 from sfglab.qos import Durability, History, QoSProfile, Reliability
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping
 
-    from sfglab.bus.api import NodeInfo
     from sfglab.bus.node import Node
 
 Types = dict[str, tuple[str, ...]]  #: Names, sorted, each with its types.

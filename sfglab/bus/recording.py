@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from sfglab.bus.api import EndpointAdded, EndpointEvent, EndpointKind
+from sfglab.bus.api import EndpointAdded, EndpointEvent, EndpointInfo, EndpointKind
 from sfglab.bus.listing import settled, tells_no_history, usual_qos, view
 from sfglab.messages import MessageError, UnknownTypeError, register_definition, type_name
 from sfglab.names import FqnError
@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
     from pathlib import Path
 
-    from sfglab.bus.api import EndpointInfo
     from sfglab.bus.node import Node
     from sfglab.bus.pubsub import Publisher, Subscription
     from sfglab.record.bag_writer import AnyWriter

@@ -12,7 +12,7 @@ import os
 import tempfile
 import time
 from collections import Counter
-from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
+from collections.abc import AsyncIterator, Awaitable, Callable, Mapping, Sequence
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -36,8 +36,6 @@ from sfglab.rtps.model import data_bytes
 from sfglab.units import BITS_PER_BYTE, NS_PER_S
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
     from sfglab.component import Report
     from sfglab.lab.bench import Bench
 

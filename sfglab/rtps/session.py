@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sfglab.errors import InvalidValueError
-from sfglab.rtps.model import BURST_ROOM, compile_scenario, most_samples, scheduled_samples
+from sfglab.rtps.model import BURST_ROOM, Flow, Scenario, compile_scenario, most_samples, scheduled_samples
 from sfglab.rtps.state import SET, Count, D, Drop, Fate, FlowColumn, Frame, TimingColumn, TraceColumn, W
 from sfglab.units import NS_PER_S
 
@@ -24,7 +24,6 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from sfglab.rtps.model import Flow, Scenario
     from sfglab.rtps.state import Params, State
 
 _MOST_ANSWERS = 200_000

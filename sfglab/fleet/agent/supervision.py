@@ -17,13 +17,11 @@ from dataclasses import dataclass
 from enum import Enum, auto
 from typing import TYPE_CHECKING
 
-from sfglab.component import BEATS_VARIABLE
+from sfglab.component import BEATS_VARIABLE, Report
 from sfglab.machine import ProcessLife, ProcessTiming
 
 if TYPE_CHECKING:
     from collections.abc import Callable
-
-    from sfglab.component import Report
 
 
 class State(Enum):

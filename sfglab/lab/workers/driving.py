@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 import cv2
 import numpy as np
 
-from sfglab.bus import Node
+from sfglab.bus import Node, Subscription
 from sfglab.bus.address import BusAddress
 from sfglab.component import Orders, Reporter, beside, run_component
 from sfglab.messages import default_message, ns_from_stamp, stamp_from_ns
@@ -30,7 +30,6 @@ from sfglab.soc.driving.town import LANE_M
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from sfglab.bus import Subscription
     from sfglab.bus.api import Transport
 
 NAMES = tuple(ports.node for ports in NODES if ports.node != "car")  #: Of the processes.

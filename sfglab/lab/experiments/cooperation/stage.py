@@ -39,7 +39,7 @@ from sfglab.lab.experiments.cooperation.experiment import (
     scenario_of,
 )
 from sfglab.lab.hosts import Host, HostsUnavailableError, Network, RadioCounters
-from sfglab.lab.live_flows import play_missing, slowed
+from sfglab.lab.live_flows import LiveHosts, play_missing, slowed
 from sfglab.lab.ros2 import RosMissingError
 from sfglab.lab.workers.hallway import STATION, HallwayConfig
 from sfglab.messages import default_message, message_type
@@ -56,7 +56,6 @@ if TYPE_CHECKING:
 
     from sfglab.component import Report
     from sfglab.lab.bench import Bench
-    from sfglab.lab.live_flows import LiveHosts
     from sfglab.record import LogWriter
     from sfglab.rtps import Scenario
 
