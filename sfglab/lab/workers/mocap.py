@@ -19,7 +19,7 @@ import numpy as np
 
 from sfglab.bus import Node, Publisher
 from sfglab.bus.address import BusAddress
-from sfglab.component import Orders, Report, Reporter, run_component
+from sfglab.component import Orders, Report, Reporter, beside, run_component
 from sfglab.fields import to_json
 from sfglab.lab.checks.trees import AGENT, OBJECT, WAYS, WORLD
 from sfglab.messages import message_type, ns_from_stamp
@@ -219,12 +219,8 @@ class _Listener:
             }
             times = self._nodes["proxy"].create_subscription(TRANSFORMS, TF, qos=TF_QOS)
             stack.callback(times.close)
-            timing = asyncio.create_task(listen())
-            try:
-                looks, tries = await self._look(round_, listeners["proxy"], buffers)
-            finally:
-                timing.cancel()
-                await asyncio.gather(timing, return_exceptions=True)
+            await stack.enter_async_context(beside(listen()))
+            looks, tries = await self._look(round_, listeners["proxy"], buffers)
         edges = [{"way": way, **asdict(edge)} for way in WAYS for edge in buffers[way].edges]
         tree = to_json({"still": _still(buffers["proxy"]), "moving": _thinned(moving)})
         return {"looks": looks, "tries": tries, "heard": heard, "edges": edges, "tree": tree}

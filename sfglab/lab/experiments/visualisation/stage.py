@@ -17,6 +17,7 @@ import numpy as np
 import psutil
 
 from sfglab.bus import Node
+from sfglab.component import beside
 from sfglab.lab.checks.fleet_scene import PERIOD_NS, RECEIVED_AFTER_NS, START_NS, Part
 from sfglab.lab.checks.recordings import Recording, read_recording
 from sfglab.lab.workers.sights import CAMERA_HZ, CAMERA_TOPIC, picture
@@ -71,17 +72,16 @@ async def show_live(parts: tuple[Part, ...], scene: Path, to: Path, domain_id: i
     The next moment is sent when the last one has been drawn, and everything is reliable.
     """
     session = _reliable_session(parts)
-    async with Node("view", domain_id=domain_id, interface="lo") as node, processes() as group:
-        viewing = asyncio.create_task(view_live(node, ViewOptions(to=(str(to),)), session=session))
-        try:
-            await group.start(member("scene", domain_id=domain_id, path=str(scene)))
-            sent: Counter[str] = Counter()
-            for _ in range(group["scene"].readiness["moments"]):
-                sent.update((await group.ask("sent", timeout_s=_REACH_S, do="next"))["scene"]["topics"])
-                await _drawn(session, sent)
-        finally:
-            viewing.cancel()
-            await asyncio.gather(viewing, return_exceptions=True)
+    async with (
+        Node("view", domain_id=domain_id, interface="lo") as node,
+        processes() as group,
+        beside(view_live(node, ViewOptions(to=(str(to),)), session=session)),
+    ):
+        await group.start(member("scene", domain_id=domain_id, path=str(scene)))
+        sent: Counter[str] = Counter()
+        for _ in range(group["scene"].readiness["moments"]):
+            sent.update((await group.ask("sent", timeout_s=_REACH_S, do="next"))["scene"]["topics"])
+            await _drawn(session, sent)
     return read_recording(to)
 
 
