@@ -258,6 +258,7 @@ def compile_scenario(scenario: Scenario, *, samples: int, seed: int, trace: int 
     executors = _numbers(flow.executor or f"{flow.name}\0" for flow in scenario.flows)
     medium = scenario.medium
     access_point = len(hosts) if medium.access_point else -1
+    shortest_s = medium.overhead_s + _BASE_BYTES * 8 / medium.rate_bps
     params = Params(
         flows=_flow_table(scenario, hosts, executors),
         timing=_timing(scenario, access_point),
@@ -269,7 +270,7 @@ def compile_scenario(scenario: Scenario, *, samples: int, seed: int, trace: int 
         servers=len(executors),
         samples=samples,
         queue=medium.queue_frames + (_BEYOND if medium.queue_rule == "block" else 0),
-        flight=_most_under_way(medium),
+        flight=int(medium.latency_s / shortest_s) + 2,
         trace=trace,
     )
     return params, new_state(params, sizes, seed=seed)
@@ -316,36 +317,24 @@ _BEYOND = 4096
 def _timing(scenario: Scenario, access_point: int) -> np.ndarray:
     vendor, medium = scenario.vendor, scenario.medium
     values: dict[TimingColumn, int] = {
-        TimingColumn.HEARTBEAT_NS: vendor.heartbeat_ns,
-        TimingColumn.HEARTBEAT_MAX_NS: vendor.heartbeat_max_ns,
-        TimingColumn.PIGGYBACK_WHEN_FULL: int(vendor.piggyback_when_full),
-        TimingColumn.NACK_DELAY_NS: vendor.nack_delay_ns,
-        TimingColumn.ACK_DELAY_NS: vendor.ack_delay_ns,
-        TimingColumn.NACK_RESPONSE_NS: vendor.nack_response_ns,
-        TimingColumn.NACK_MOST: vendor.nack_most,
-        TimingColumn.SHARED: int(medium.shared),
-        TimingColumn.LATENCY_NS: medium.latency_ns,
-        TimingColumn.OVERHEAD_NS: medium.overhead_ns,
         TimingColumn.DURATION_NS: _ns(scenario.duration_s),
-        TimingColumn.UNACKED_MOST: scenario.unacked_most,
         TimingColumn.DRAIN_NS: _ns(scenario.drain_s),
-        TimingColumn.PROMPT: int(vendor.prompt),
         TimingColumn.FINAL_NS: vendor.final_within_ns,
-        TimingColumn.REORDER_MOST: vendor.reorder_most,
-        TimingColumn.BURST_BYTES: vendor.burst_bytes,
-        TimingColumn.PIGGYBACK_BYTES: vendor.piggyback_bytes,
         TimingColumn.SENT_BEFORE: -1 if vendor.sent_before_bytes is None else vendor.sent_before_bytes,
         TimingColumn.QUEUES: int(vendor.asynchronous),
         TimingColumn.GAPS: int(vendor.gap_for_gone),
-        TimingColumn.EXTRA_BYTES: vendor.extra_bytes,
-        TimingColumn.QUEUE_FRAMES: medium.queue_frames,
         TimingColumn.QUEUE_RULE: QUEUE_RULES.index(medium.queue_rule),
         TimingColumn.ACCESS_POINT: access_point,
         TimingColumn.STALL_EVERY_NS: _ns(medium.stall_every_s),
         TimingColumn.STALL_NS: _ns(medium.stall_s),
-        TimingColumn.RANDOM_TURNS: int(medium.random_turns),
     }
-    return np.array([values[column] for column in TimingColumn], np.int64)
+
+    def of_field(name: str) -> int:
+        return int(next(getattr(one, name) for one in (vendor, medium, scenario) if hasattr(one, name)))
+
+    # Other columns bear the names of fields.
+    named = (values[c] if c in values else of_field(c.name.lower()) for c in TimingColumn)
+    return np.fromiter(named, np.int64)
 
 
 def most_samples(scenario: Scenario) -> int:
@@ -365,11 +354,6 @@ def most_samples(scenario: Scenario) -> int:
 def scheduled_samples(scenario: Scenario, flow: Flow) -> int:
     """Return how many samples a flow publishes by itself at most."""
     return _ns(scenario.duration_s) // _ns(1 / flow.rate_hz) + 2 if flow.rate_hz else 0
-
-
-def _most_under_way(medium: Medium) -> int:
-    shortest_s = medium.overhead_s + _BASE_BYTES * 8 / medium.rate_bps
-    return int(medium.latency_s / shortest_s) + 2
 
 
 def _ns(seconds: float) -> int:
