@@ -104,6 +104,9 @@ def link_of(topics: Sequence[Topic], medium: Medium, vendor: Vendor) -> Link:
     loss = np.where(frames == 1, medium.loss, 1 - (1 - medium.loss) ** frames)
     spacing_s = 0.0 if vendor.prompt or vendor.piggyback_when_full else vendor.heartbeat_ns / 1e9
     bundled_s = 0.0 if vendor.prompt else max(vendor.ack_delay_ns / 1e9, spacing_s)
+    # What a repair costs beside its way: a prompt reader waits only before it asks a second time.
+    answer_ns = (0 if vendor.prompt else vendor.nack_delay_ns) + vendor.nack_response_ns
+    frames_s = np.concatenate([data_s, acknack_s], axis=1)
     volatile = np.array([t.durability is Durability.VOLATILE for t in topics])
     link = Link(
         senders=senders,
@@ -113,10 +116,10 @@ def link_of(topics: Sequence[Topic], medium: Medium, vendor: Vendor) -> Link:
         acknack_share=np.ones(len(topics)),
         acknack_most_hz=np.full(len(topics), 1 / max(bundled_s, _LEAST)),
         change_most_hz=change_most_hz,
-        frame_s=_mean_frame_s(data_s, acknack_s),
+        frame_s=frames_s.sum(axis=1) / np.maximum((frames_s > 0).sum(axis=1), 1),
         contention=contention,
         way_s=way_s,
-        round_s=_answer_s(vendor) + spacing_s + acknack_way_s + way_s,
+        round_s=answer_ns / 1e9 + spacing_s + acknack_way_s + way_s,
         again_s=vendor.nack_delay_ns / 1e9 if vendor.prompt else 0.0,
         period_s=vendor.heartbeat_ns / 1e9,
         final_within_s=vendor.final_within_ns / 1e9,
@@ -223,13 +226,3 @@ def frames_of(topic: Topic) -> int:
 
 def _air_s(medium: Medium, size_bytes: int) -> float:
     return medium.overhead_s + size_bytes * 8 / medium.rate_bps
-
-
-def _answer_s(vendor: Vendor) -> float:
-    """Return what a repair costs beside its way: a prompt reader waits only before it asks a second time."""
-    return ((0 if vendor.prompt else vendor.nack_delay_ns) + vendor.nack_response_ns) / 1e9
-
-
-def _mean_frame_s(data_s: NDArray[np.float64], acknack_s: NDArray[np.float64]) -> NDArray[np.float64]:
-    frames = np.concatenate([data_s, acknack_s], axis=1)
-    return np.asarray(frames.sum(axis=1) / np.maximum((frames > 0).sum(axis=1), 1))

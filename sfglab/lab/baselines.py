@@ -19,7 +19,7 @@ from sfglab.lab.experiment import Experiment, SkippedPartError
 from sfglab.lab.figures import note, series
 from sfglab.lab.meters import measure
 from sfglab.lab.ros2 import RosMember
-from sfglab.lab.stats import Estimate, bootstrap
+from sfglab.lab.stats import bootstrap
 from sfglab.lab.streams import FIRST_PICTURE_S, GLOBAL_DOMAIN
 from sfglab.lab.workers.viewer import ViewerConfig
 from sfglab.processes import Member, ProcessGroup
@@ -72,12 +72,10 @@ def compared(exp: Experiment[Any], run: Run[Any]) -> pd.DataFrame:
             pair = [by_kind[STAND_IN], by_kind[REAL]]
             stand_in, real = map(float, map(np.median, pair))
             line = {"quantity": quantity, "setting": setting, REAL: real, STAND_IN: stand_in}
-            lines.append(line | {"ratio": str(_ratio(pair)) if real > 0 else ""})
+            if real > 0:
+                ratio = bootstrap(pair, lambda g: float(np.median(g[0]) / np.median(g[1])), unit="times ROS 2")
+            lines.append(line | {"ratio": str(ratio) if real > 0 else ""})
     return pd.DataFrame(lines)
-
-
-def _ratio(pair: Sequence[Any]) -> Estimate:
-    return bootstrap(pair, lambda g: float(np.median(g[0]) / np.median(g[1])), unit="times ROS 2")
 
 
 def declare(exp: Experiment[Any], title: str) -> None:

@@ -218,8 +218,12 @@ def scattered(rng: np.random.Generator) -> Floats:
 @contrast.trial("with evenly spaced knots instead, there would be no loop")
 def uniform_has_no_loop(rng: np.random.Generator) -> str:
     """Say where evenly spaced knots make a loop: the contrast that shows what the check can see."""
+    return _looped(uniform_curve, rng)
+
+
+def _looped(curve: Callable[[Floats], Floats], rng: np.random.Generator) -> str:
     points = scattered(rng)
-    bad = [i for i, cubic in enumerate(uniform_curve(points)) if loops(cubic)]
+    bad = [i for i, cubic in enumerate(curve(points)) if loops(cubic)]
     return _said(bool(bad), f"segment {bad} of {points.round(3).tolist()}")
 
 
@@ -244,9 +248,7 @@ def loops(cubic: Floats) -> bool:
 @checks.trial("a spline in the plane has no loop and no cusp within a segment")
 def _no_loop(rng: np.random.Generator) -> str:
     """Yuksel et al. 2011: centripetal segments have neither cusps nor loops, whatever the points."""
-    points = scattered(rng)
-    bad = [i for i, cubic in enumerate(planar_curve(points)) if loops(cubic)]
-    return _said(bool(bad), f"segment {bad} of {points.round(3).tolist()}")
+    return _looped(planar_curve, rng)
 
 
 @checks.trial("re-timed, no sample exceeds a limit")

@@ -193,10 +193,6 @@ def _line_list(marker: Any) -> Any:
     return rr.LineStrips3D(pairs, radii=marker.scale.x / 2, colors=colors)
 
 
-def _point_list(marker: Any) -> Any:
-    return rr.Points3D(_points(marker), radii=marker.scale.x / 2, colors=_colors(marker))
-
-
 def _text(marker: Any) -> Any:
     position, _ = pose_arrays(marker.pose)
     return rr.Points3D(
@@ -222,7 +218,7 @@ _SHAPES: dict[int, Callable[[Any], Any]] = {
     _LINE_LIST: _line_list,
     _CUBE_LIST: _boxes,
     _SPHERE_LIST: _spheres,
-    _POINTS: _point_list,
+    _POINTS: lambda m: rr.Points3D(_points(m), radii=m.scale.x / 2, colors=_colors(m)),
     _TEXT: _text,
     _TRIANGLES: _triangles,
 }
