@@ -16,6 +16,7 @@ import sfglab
 from sfglab.deploy.deployment import Release
 from sfglab.deploy.errors import DeployError
 from sfglab.fleet.fleet_file import Architecture
+from sfglab.record.metadata import git
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -200,15 +201,15 @@ def make_release(project: Path, fleet_text: str) -> tuple[Release, bytes]:
             )
         wheel = build_wheel(source, Path(folder))
         name, data, locked = wheel.name, wheel.read_bytes(), lock.read_text(encoding="utf-8")
-    revision = _git(project, "rev-parse", "HEAD")
+    revision = git(project, "rev-parse", "HEAD") or ""
     release = Release(
         version=sfglab.__version__,
         wheel=name,
         wheel_sha256=hashlib.sha256(data).hexdigest(),
         lock=locked,
         fleet_text=fleet_text,
-        revision=f"{revision}-dirty" if revision and _git(project, "status", "--porcelain") else revision,
-        created=_git(project, "log", "-1", "--format=%cI"),
+        revision=f"{revision}-dirty" if revision and git(project, "status", "--porcelain") else revision,
+        created=git(project, "log", "-1", "--format=%cI") or "",
     )
     return release, data
 
@@ -221,14 +222,3 @@ def _buildable(project: Path, folder: Path) -> Path:
     ignored = shutil.ignore_patterns("__pycache__", carried.name)
     shutil.copytree(project / "sfglab", folder / "sfglab", ignore=ignored)
     return shutil.copytree(carried, folder, dirs_exist_ok=True)
-
-
-def _git(project: Path, *arguments: str) -> str:
-    """Return what git says of a folder; nothing where there is no git or no history."""
-    try:
-        said = subprocess.run(
-            ["git", "-C", str(project), *arguments], capture_output=True, text=True, check=False
-        )
-    except OSError:
-        return ""
-    return said.stdout.strip() if said.returncode == 0 else ""

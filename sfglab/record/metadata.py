@@ -10,7 +10,6 @@ import dataclasses
 import json
 import os
 import platform
-import shutil
 import subprocess
 from contextlib import suppress
 from enum import Enum
@@ -69,10 +68,13 @@ def _cpu_model() -> str:
     return platform.machine()
 
 
-def _git(*arguments: str, tree: Path) -> str | None:
-    """Return what git says about a tree, or None if it knows nothing about it."""
+def git(tree: Path, *arguments: str) -> str | None:
+    """Return what git says about a tree, or None if it knows nothing about it, or is not there."""
     command = ["git", "-C", str(tree), *arguments]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=_GIT_TIMEOUT_S, check=False)
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, timeout=_GIT_TIMEOUT_S, check=False)
+    except OSError:
+        return None
     return done.stdout.strip() if done.returncode == 0 else None
 
 
@@ -80,12 +82,9 @@ def _source() -> dict[str, Any]:
     """Return commit and cleanness of the tree that the package is imported from, if it is one."""
     tree = Path(sfglab.__file__).resolve().parent.parent
     # An environment may lie inside the repository of somebody else's project.
-    if not shutil.which("git") or _git("rev-parse", "--show-prefix", tree=tree) != "":
+    if git(tree, "rev-parse", "--show-prefix") != "" or (commit := git(tree, "rev-parse", "HEAD")) is None:
         return {}
-    commit = _git("rev-parse", "HEAD", tree=tree)
-    if commit is None:
-        return {}
-    return {"git_commit": commit, "git_clean": _git("status", "--porcelain", tree=tree) == ""}
+    return {"git_commit": commit, "git_clean": git(tree, "status", "--porcelain") == ""}
 
 
 def run_context() -> dict[str, Any]:
