@@ -113,7 +113,7 @@ class Cell(Fleet):
     """A live fleet to be started once."""
 
     repeat: int  #: Which repetition.
-    pace_s: float = 0.0  #: See `Stage.pace_s`.
+    pace_s: float = 0.0  #: From one start to the next, seconds; 0 is all at once.
 
 
 def host_names(count: int) -> list[str]:
@@ -190,16 +190,10 @@ declare(exp, "Discovery, agents x nodes: real ROS 2 (rclpy, Fast DDS), its stand
 
 
 @exp.table("cell")
-class FleetRow:
+class FleetRow(Cell):
     """One fleet, started once."""
 
     cell: int  #: Counter from 0.
-    mode: str  #: ``standard``, ``launched`` or ``routed``.
-    agents: int  #: Size of the fleet.
-    talkers: int  #: Publishing nodes of each agent.
-    listeners: int  #: Subscribing nodes of each agent.
-    repeat: int  #: Which repetition.
-    pace_s: float  #: From one start to the next, seconds; 0 is all at once.
     resolved_s: float  #: From the last start order until the last agent had resolved all its peers, seconds.
     censored: bool  #: Whether it was given up instead; `resolved_s` is then how long it was waited for.
     signal_s: float  #: From the first start order to the last, seconds.

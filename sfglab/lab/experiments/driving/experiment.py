@@ -27,6 +27,7 @@ from sfglab.lab.workers.driving import NAMES, DrivingNodeConfig
 from sfglab.processes import Member, ProcessGroup
 from sfglab.soc import load_graph
 from sfglab.soc.driving import CHAIN, SHARED_TOPIC, Camera, Chain, Rules, Stack, make_town, run_lap
+from sfglab.soc.driving.loop import Verdict
 from sfglab.soc.memory import CUT_THROUGH, STORED
 
 if TYPE_CHECKING:
@@ -97,16 +98,10 @@ exp = Experiment(
 
 
 @exp.table("lap")
-class DrivingLapRow:
+class DrivingLapRow(Verdict):
     """One lap. Node times are means over its frames, in seconds."""
 
     seed: int  #: Of the town.
-    passed: bool  #: Whether the judge's rules are met.
-    completed: bool  #: Whether the car came round.
-    red_lights_obeyed: int  #: Red lights that it stopped at and did not run.
-    red_lights_run: int  #: Lines that it crossed at red.
-    largest_lateral_m: float  #: Largest distance from the lane's middle.
-    lap_s: float  #: Time in the town.
     lane_m: float  #: Length of the lap.
     frames: int  #: Images.
     lanes_missed: int  #: Of them, those without a lane found.

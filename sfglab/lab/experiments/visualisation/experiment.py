@@ -96,13 +96,10 @@ exp = Experiment(
 
 
 @exp.table("check")
-class VisualisationCheckRow:
+class VisualisationCheckRow(CheckRow):
     """How often one property was checked and how often it held."""
 
     group: str  #: What it belongs to, such as ``visualizers`` or ``synchronisation``.
-    check: str  #: The property.
-    checked: int  #: Cases it was checked on.
-    held: int  #: Cases in which it held.
     example: str  #: A case in which it did not; else what was seen.
 
 
