@@ -24,9 +24,9 @@ from numpy.typing import NDArray
 from sfglab import component
 from sfglab.bus.address import BusAddress
 from sfglab.lab import workers
-from sfglab.lab.experiment import SkippedPartError
-from sfglab.lab.hosts import Host, HostsError, Network, RadioCounters
-from sfglab.lab.ros2 import RosMember
+from sfglab.lab.experiment import C, Experiment, F, SkippedPartError
+from sfglab.lab.hosts import Host, HostsError, HostsUnavailableError, Network, RadioCounters
+from sfglab.lab.ros2 import RosMember, RosMissingError
 from sfglab.lab.sweep import journal as journaled
 from sfglab.lab.workers.flowplay import PartsConfig
 from sfglab.processes import Member, ProcessFailedError, ProcessGroup
@@ -243,6 +243,11 @@ def _flow_outcome(flow: Flow, source: Arrays, target: Arrays, start_ns: int) -> 
         dropped=np.zeros(len(sent_ns), np.int8),
         deadline_ns=flow.qos.deadline_ns,
     )
+
+
+def cells_part(exp: Experiment[C], name: str, total: Callable[[C], int]) -> Callable[[F], F]:
+    """Declare an experiment's part of `play_missing`, skipped where there are no test hosts or no ROS 2."""
+    return exp.part(name, total=total, skips=(HostsUnavailableError, RosMissingError), timed=False)
 
 
 def slowed(scenario: Scenario, factor: float) -> Scenario:

@@ -38,9 +38,8 @@ from sfglab.lab.experiments.cooperation.experiment import (
     rate_and_depth,
     scenario_of,
 )
-from sfglab.lab.hosts import Host, HostsUnavailableError, Network, RadioCounters
-from sfglab.lab.live_flows import LiveHosts, play_missing, slowed
-from sfglab.lab.ros2 import RosMissingError
+from sfglab.lab.hosts import Host, Network, RadioCounters
+from sfglab.lab.live_flows import LiveHosts, cells_part, play_missing, slowed
 from sfglab.lab.workers.hallway import STATION, HallwayConfig
 from sfglab.messages import default_message, message_type
 from sfglab.processes import Member, ProcessFailedError, ProcessGroup
@@ -291,12 +290,7 @@ def ros_cells(config: Config) -> list[RosCell]:
     ]
 
 
-@exp.part(
-    PART,
-    total=lambda config: len(ros_cells(config)) * config.ros2_repeats,
-    skips=(HostsUnavailableError, RosMissingError),
-    timed=False,
-)
+@cells_part(exp, PART, total=lambda config: len(ros_cells(config)) * config.ros2_repeats)
 async def drive_on_ros2(bench: Bench[Config]) -> None:
     """Drive every cell on real Fast DDS and in the model; who did not keep its schedules only says so."""
     limit_s = bench.config.ros2_s

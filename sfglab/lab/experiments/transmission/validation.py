@@ -31,10 +31,8 @@ from sfglab.lab.experiments.transmission.stage import (
     compared,
     measure,
 )
-from sfglab.lab.hosts import HostsUnavailableError
-from sfglab.lab.live_flows import MODES, LiveHosts, play_missing, slowed
+from sfglab.lab.live_flows import MODES, LiveHosts, cells_part, play_missing, slowed
 from sfglab.lab.paths import find_project
-from sfglab.lab.ros2 import RosMissingError
 from sfglab.lab.runs import Run, derived
 from sfglab.qos import QoSProfile
 from sfglab.rtps import PRESETS, Flow, Medium, Scenario, run
@@ -139,12 +137,7 @@ def _repeats(config: Config) -> dict[Cell, int]:
     return {c: repeats_of(c, config.validation_s, config.validation_repeats) for c in committed_cells()}
 
 
-@exp.part(
-    TABLE,
-    total=lambda config: sum(_repeats(config).values()),
-    skips=(HostsUnavailableError, RosMissingError),
-    timed=False,
-)
+@cells_part(exp, TABLE, total=lambda config: sum(_repeats(config).values()))
 async def validate(bench: Bench[Config]) -> None:
     """Play every cell, and beside it the model."""
     config = bench.config
@@ -256,12 +249,7 @@ def ros_cells(config: Config) -> list[RosCell]:
     ]
 
 
-@exp.part(
-    PART,
-    total=lambda config: len(ros_cells(config)) * config.ros2_repeats,
-    skips=(HostsUnavailableError, RosMissingError),
-    timed=False,
-)
+@cells_part(exp, PART, total=lambda config: len(ros_cells(config)) * config.ros2_repeats)
 async def play_on_ros2(bench: Bench[Config]) -> None:
     """Play the cells on real Fast DDS, each beside the model."""
     config = bench.config
