@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 from sfglab.bus.api import EndpointAdded, EndpointEvent, EndpointInfo, EndpointKind
 from sfglab.bus.listing import settled, tells_no_history, usual_qos, view
+from sfglab.component import end_tasks
 from sfglab.messages import MessageError, UnknownTypeError, register_definition, type_name
 from sfglab.names import FqnError
 from sfglab.qos import Durability, History, QoSProfile
@@ -85,9 +86,7 @@ class Recorder:
                 raise
             finally:
                 unlisten()
-                for task in self._topics.values():
-                    task.cancel()
-                await asyncio.gather(*self._topics.values(), return_exceptions=True)
+                await end_tasks(*self._topics.values())
                 if isinstance(log, LogWriter):
                     await do(log.write_metadata, COMPUTATION_GRAPH, self._sides())
                 await do(log.close)

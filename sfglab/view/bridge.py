@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, Self
 from sfglab.bus import ClosedError, EndpointAdded, EndpointEvent, EndpointKind, EndpointRemoved, Node
 from sfglab.bus.api import OFFER_KEY, entries
 from sfglab.bus.listing import requested
+from sfglab.component import end_tasks
 from sfglab.errors import SfglabError
 from sfglab.qos import Durability, QoSProfile, Reliability
 from sfglab.view.arrivals import Arrival
@@ -104,12 +105,8 @@ class Bridge:
         ends, self._ends = self._ends, []
         for end in ends:
             end()
-        readers = [*self._readers.values()]
-        self._readers.clear()
-        tasks = [*readers, *([self._drawing] if self._drawing else [])]
-        for task in tasks:
-            task.cancel()
-        await asyncio.gather(*tasks, return_exceptions=True)
+        readers, self._readers = self._readers, {}
+        await end_tasks(*readers.values(), *([self._drawing] if self._drawing else []))
         if self._stage is not None:
             self._stage.close()
         if ends:

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 from sfglab.bus import ClosedError, EndpointAdded, EndpointEvent, EndpointKind, Node
 from sfglab.bus.listing import requested
+from sfglab.component import end_tasks
 from sfglab.errors import MissingExtraError, SfglabError
 from sfglab.fleet.decoder.streams import routes_of_topic
 from sfglab.fleet.status.heartbeat import heartbeat_topic
@@ -93,10 +94,7 @@ class FoxgloveBridge(contextlib.AbstractAsyncContextManager["FoxgloveBridge"]):
 
     async def __aexit__(self, *_: object) -> None:
         self._unlisten()
-        readers = [*self._readers.values()]
-        for reader in readers:
-            reader.cancel()
-        await asyncio.gather(*readers, return_exceptions=True)
+        await end_tasks(*self._readers.values())
         await asyncio.to_thread(self._server.stop)
         for channel in self._channels.values():
             channel.close()

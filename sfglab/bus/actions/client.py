@@ -20,6 +20,7 @@ from sfglab.bus.actions.goals import NO_GOAL_ID, TERMINAL, CancelCode, Canceling
 from sfglab.bus.errors import ActionServerGoneError, BusError, GoalRejectedError, discovery_timeout_error
 from sfglab.bus.loop import Calls, Signal
 from sfglab.bus.pubsub import Subscription, checked_type
+from sfglab.component import end_tasks
 from sfglab.messages import action_type, ns_from_stamp, service_type, type_name
 
 if TYPE_CHECKING:
@@ -278,9 +279,7 @@ class ActionClient:
                 raise ActionServerGoneError(f"action {self.action_name!r}: the server has gone with {goal}")
             return tasks[0].result()
         finally:
-            for task in tasks:
-                task.cancel()
-            await asyncio.gather(*tasks, return_exceptions=True)
+            await end_tasks(*tasks)
 
     def close(self) -> None:
         """End the client and its pending calls; its goals go on. Again is harmless."""

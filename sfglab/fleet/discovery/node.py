@@ -17,7 +17,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from sfglab.bus.address import BusAddress
-from sfglab.component import Orders, Reporter, beside, is_set_before, run_component, steady_ns
+from sfglab.component import Orders, Reporter, beside, end_tasks, is_set_before, run_component, steady_ns
 from sfglab.errors import InvalidValueError, SfglabError
 from sfglab.fleet.discovery.lifecycle import Action
 from sfglab.fleet.discovery.listener import DISCOVERY_EVENT, DISCOVERY_QOS, HISTORY, discovery_topic
@@ -165,10 +165,7 @@ class AgentDiscoverer:
                 for future in done:
                     future.result()
         finally:
-            queries = list(self._queries.values())
-            for query in queries:
-                query.cancel()
-            await asyncio.gather(*queries, return_exceptions=True)
+            await end_tasks(*self._queries.values())
             self._broken.cancel()
             for subscription in heard:
                 subscription.close()

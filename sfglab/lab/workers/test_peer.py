@@ -18,7 +18,7 @@ from sfglab.bus import Node, Service, Subscription
 from sfglab.bus.address import BusAddress
 from sfglab.bus.api import EndpointAdded, MessageInfo
 from sfglab.bus.errors import BusError
-from sfglab.component import Orders, Report, Reporter, run_component
+from sfglab.component import Orders, Report, Reporter, end_tasks, run_component
 from sfglab.messages import default_message, message_type, ns_from_stamp, serialize, service_type, stamp_from_ns
 from sfglab.names import TF_STATIC
 from sfglab.qos import LATCHED, QoSProfile
@@ -120,9 +120,7 @@ class _TestPeer:
             while True:
                 await self.obey(await orders.get())
         finally:
-            for task in self._tasks:
-                task.cancel()
-            await asyncio.gather(*self._tasks, return_exceptions=True)
+            await end_tasks(*self._tasks)
 
     def _begin(self) -> None:
         self._spawn(self._watch())

@@ -12,6 +12,7 @@ from contextlib import suppress
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Self
 
+from sfglab.component import end_tasks
 from sfglab.errors import SfglabError
 from sfglab.names import TF, TF_STATIC, prefixed_frame
 from sfglab.qos import Durability, QoSProfile
@@ -90,9 +91,7 @@ class FramesListener(TransformIntake):
         return self
 
     async def __aexit__(self, *_: object) -> None:
-        for task in self._tasks:
-            task.cancel()
-        await asyncio.gather(*self._tasks, return_exceptions=True)
+        await end_tasks(*self._tasks)
         for subscription in self._subscriptions:
             subscription.close()
 
