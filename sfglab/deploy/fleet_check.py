@@ -292,6 +292,8 @@ def _editor(files: Mapping[str, BundleFile]) -> Iterator[Verdict]:
     found = cache(partial(check_editor, files))
     names = {name for name in files if name.startswith((".devcontainer/", ".vscode/"))}
     for name in sorted(names | set(SHAPES)):
-        yield verdict_of(
-            "editor's file", name, _errors, lambda file=name: [f for f in found() if f.place.file == file]
-        )
+        yield verdict_of("editor's file", name, _errors, _of_file, found, name)
+
+
+def _of_file(found: Callable[[], Iterable[Finding]], name: str) -> list[Finding]:
+    return [finding for finding in found() if finding.place.file == name]

@@ -102,9 +102,12 @@ def _read_qos(section: Section, key: str) -> QoSProfile:
     if isinstance(section.get(key), str):
         return PROFILES[section.text(key, choices=tuple(PROFILES))]
     given = asdict(section.section(key).read(_QoS))
-    spans_s = {name: given.pop(name) for name in ("deadline_s", "lifespan_s", "lease_s")}
-    spans = {f"{k[:-2]}_ns": s and max(1, round(s * NS_PER_S)) for k, s in spans_s.items()}
-    return QoSProfile(**given, **spans)
+    given |= {f"{k[:-2]}_ns": _nanoseconds(given.pop(k)) for k in ("deadline_s", "lifespan_s", "lease_s")}
+    return QoSProfile(**given)
+
+
+def _nanoseconds(value_s: float | None) -> int | None:
+    return None if value_s is None else max(1, round(value_s * NS_PER_S))
 
 
 def _read_uses(section: Section, key: str, *, kind: ResourceKind) -> tuple[NameUse, ...]:

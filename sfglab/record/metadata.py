@@ -69,11 +69,11 @@ def _cpu_model() -> str:
 
 
 def git(tree: Path, *arguments: str) -> str | None:
-    """Return what git says about a tree, or None if it knows nothing about it, or is not there."""
+    """Return what git says about a tree, or None where it knows nothing, is not there or takes too long."""
     command = ["git", "-C", str(tree), *arguments]
     try:
         done = subprocess.run(command, capture_output=True, text=True, timeout=_GIT_TIMEOUT_S, check=False)
-    except OSError:
+    except (OSError, subprocess.TimeoutExpired):
         return None
     return done.stdout.strip() if done.returncode == 0 else None
 

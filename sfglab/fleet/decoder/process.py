@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING
 
 from sfglab.bus.address import BusAddress
 from sfglab.codecs import FFMPEG_PACKET, CodecError, image_decoder
-from sfglab.component import Orders, Report, Reporter, end_tasks, run_component
+from sfglab.component import Orders, Report, Reporter, run_component
 from sfglab.fields import from_json
 from sfglab.fleet.decoder.pipeline import Outputs, Statistics, run_pipeline
 from sfglab.fleet.decoder.streams import IMAGE_TYPE, Route
@@ -73,7 +73,9 @@ class PipelineWorker:
 
     async def _end(self) -> None:
         if self._pipeline is not None:
-            await end_tasks(self._pipeline)
+            self._pipeline.cancel()
+            with contextlib.suppress(asyncio.CancelledError):
+                await self._pipeline
             self._pipeline = None
 
     async def _run_one(self, route: Route, transports: list[str]) -> None:

@@ -24,7 +24,7 @@ import numpy as np
 from sfglab.bus import Node
 from sfglab.bus.address import BusAddress
 from sfglab.codecs import CodecError, image_decoder
-from sfglab.component import Orders, Report, Reporter, end_tasks, run_component
+from sfglab.component import Orders, Report, Reporter, run_component
 from sfglab.lab.framenumber import read_number_flat
 from sfglab.messages import ns_from_stamp
 from sfglab.qos import COMPRESSED_STREAM, SENSOR_DATA
@@ -141,7 +141,9 @@ class _Viewer:
 
     async def _stop(self) -> None:
         if self._looking is not None:
-            await end_tasks(self._looking)
+            self._looking.cancel()
+            with contextlib.suppress(asyncio.CancelledError):
+                await self._looking
             self._looking = None
 
     async def _look(self, order: Report) -> None:

@@ -266,11 +266,11 @@ class MocapBridge:
 
     async def run(self) -> None:
         """Run until the source ends, or until cancelled; MocapError where it cannot be opened, or broke."""
-        topic, publisher = (
-            status_topic(self._options.agent),
-            self._node.create_publisher(TRANSFORMS, TF, TF_QOS),
-        )
-        with closing(publisher), closing(self._node.create_publisher(STATUS, topic, STATUS_QOS)) as status:
+        topic, create = status_topic(self._options.agent), self._node.create_publisher
+        with (
+            closing(create(TRANSFORMS, TF, TF_QOS)) as publisher,
+            closing(create(STATUS, topic, STATUS_QOS)) as status,
+        ):
             telling, listening = beside(self._tell(status)), FramesListener(self._node, self.buffer)
             async with telling, listening, aclosing(self._source.captures()) as captures:
                 async for capture in captures:
