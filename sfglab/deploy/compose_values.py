@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
 _VARIABLE = re.compile(r"\$(?:\$|(?P<plain>[A-Za-z_]\w*)|\{(?P<name>[A-Za-z_]\w*)(?P<rest>[^}]*)\})")
+_COLON = re.compile(r":(?![^{]*\})")  # between parts, not within a variable as ${A:?what to do}
 _DEFAULT = re.compile(r"\$\{[A-Za-z_]\w*:?-([^}]*)\}")
 _PLAIN = "plain"
 
@@ -31,6 +32,7 @@ class Mount:
     """A volume of a service."""
 
     source: str  #: Folder of the machine, or name of a volume; empty where it has none.
+    target: str  #: Where it is in the container.
     bind: bool  #: Whether it is a folder of the machine.
     read_only: bool  #: Whether the container cannot write to it.
 
@@ -63,18 +65,18 @@ def mounts(service: dict[str, Any]) -> Iterator[Mount]:
     volumes = service.get("volumes")
     for volume in volumes if isinstance(volumes, list) else []:
         if isinstance(volume, dict):
-            source = str(volume.get("source", ""))
+            places = {place: str(volume.get(place, "")) for place in ("source", "target")}
             bind = volume.get("type") == "bind"
-            yield Mount(source=source, bind=bind, read_only=volume.get("read_only") is True)
+            yield Mount(**places, bind=bind, read_only=volume.get("read_only") is True)
         else:
             yield _short_mount(str(volume))
 
 
 def _short_mount(text: str) -> Mount:
-    source, *rest = _DEFAULT.sub(lambda match: match[1], text).split(":")
-    modes = rest[1].split(",") if len(rest) > 1 else []
-    bind = bool(rest) and source.startswith((".", "/", "~", "$"))
-    return Mount(source=source if rest else "", bind=bind, read_only="ro" in modes)
+    parts = _COLON.split(_DEFAULT.sub(lambda match: match[1], text))
+    source, target, modes = [*parts, ""][:3] if len(parts) > 1 else ("", text, "")
+    bind = source.startswith((".", "/", "~", "$"))
+    return Mount(source=source, target=target, bind=bind, read_only="ro" in modes.split(","))
 
 
 def variables(value: Any) -> Iterator[Variable]:

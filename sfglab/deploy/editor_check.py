@@ -8,6 +8,7 @@ import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from sfglab.deploy.compose_values import mounts
 from sfglab.deploy.editor import DEBUGGERS
 from sfglab.deploy.shapes import check_shape, read_json5
 from sfglab.deploy.verdicts import Broken, Rules
@@ -117,24 +118,23 @@ def _missing_compose(editor: Editor) -> Iterator[Broken[KeyPath]]:
 
 @RULES.add("missing-service", _NO_START)
 def _missing_service(editor: Editor) -> Iterator[Broken[KeyPath]]:
-    mounts = _mounts(editor)
+    targets = _targets(editor)
     for name in (editor.container["service"], *_listed(editor.container.get("runServices"))):
-        if mounts and name not in mounts:
-            yield Broken((CONTAINER, "service"), f"given {name!r}, allowed: {', '.join(mounts)}")
+        if targets and name not in targets:
+            yield Broken((CONTAINER, "service"), f"given {name!r}, allowed: {', '.join(targets)}")
 
 
 @RULES.add("missing-mount", "VS Code finds no files there")
 def _missing_mount(editor: Editor) -> Iterator[Broken[KeyPath]]:
-    mounts = _mounts(editor)
-    folder, targets = editor.container["workspaceFolder"], mounts.get(editor.container["service"], [])
-    for target in (folder, f"{folder}/.vscode") if mounts else ():
-        if target not in targets:
+    targets, folder = _targets(editor), editor.container["workspaceFolder"]
+    for target in (folder, f"{folder}/.vscode") if targets else ():
+        if target not in targets.get(editor.container["service"], ()):
             yield Broken((CONTAINER, "workspaceFolder"), f"nothing is mounted at {target}")
 
 
-def _mounts(editor: Editor) -> dict[str, list[str]]:
+def _targets(editor: Editor) -> dict[str, list[str]]:
     """Return where each service of the Compose files has something mounted."""
-    mounts: dict[str, list[str]] = {}
+    targets: dict[str, list[str]] = {}
     for _, path in _compose_files(editor):
         try:
             project = Document(editor.files[path].text, path).value if path in editor.files else None
@@ -142,17 +142,9 @@ def _mounts(editor: Editor) -> dict[str, list[str]]:
             continue
         services = project.get("services") if isinstance(project, dict) else None
         for name, service in (services or {}).items():
-            volumes = service.get("volumes", []) if isinstance(service, dict) else []
-            mounts.setdefault(name, []).extend(_target(volume) for volume in volumes)
-    return mounts
-
-
-def _target(volume: Any) -> str:
-    """Return a volume's place in the container, from its long form or ``source:target[:mode]``."""
-    if isinstance(volume, dict):
-        return str(volume.get("target", ""))
-    parts = re.sub(r"\$\{[^}]*\}", "", str(volume)).split(":")
-    return parts[1] if len(parts) > 1 else parts[0]
+            volumes = mounts(service) if isinstance(service, dict) else ()
+            targets.setdefault(name, []).extend(volume.target for volume in volumes)
+    return targets
 
 
 @RULES.add("hook", _NO_START)

@@ -32,7 +32,6 @@ from sfglab.names.vocabulary import (
     Custom,
     Resource,
     Scope,
-    StandardT,
     Stream,
     Suffixed,
     check_unmistakable,
@@ -127,8 +126,8 @@ def parse(name: str, kind: ResourceKind | None = None) -> RosFqn:
     return RosFqn(
         scope=scope,
         agent=agent,
-        component=None if component is None else _read("component", Component, component),
-        stream=None if stream is None else _read("stream", Stream, stream),
+        component=None if component is None else _read_component(component),
+        stream=None if stream is None else _read_stream(stream),
         resource=resource,
     )
 
@@ -147,8 +146,12 @@ def _shares(name: str) -> tuple[Scope, tuple[str | None, ...], str]:
     return Scope(first), (*middle, *[None] * (3 - len(middle))), last
 
 
-def _read(label: str, values: type[StandardT], text: str) -> StandardT | Suffixed[StandardT] | Custom:
-    return read_standard(values, check_words(label, text)) or Custom(text)
+def _read_component(text: str) -> ComponentSegment:
+    return read_standard(Component, check_words("component", text)) or Custom(text)
+
+
+def _read_stream(text: str) -> StreamSegment:
+    return read_standard(Stream, check_words("stream", text)) or Custom(text)
 
 
 def _read_resource(text: str, kind: ResourceKind | None) -> ResourceSegment:

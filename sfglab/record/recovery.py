@@ -9,6 +9,7 @@ from __future__ import annotations
 import struct
 import zlib
 from collections import Counter, defaultdict
+from dataclasses import fields
 from importlib.util import find_spec, module_from_spec
 from io import BytesIO
 from typing import TYPE_CHECKING, Any, BinaryIO
@@ -209,17 +210,8 @@ _INDEXERS: dict[int, Callable[[Summary, int, bytes], None]] = {
 def scan(stream: BinaryIO, size: int) -> tuple[Summary, bool]:
     """Index a file's whole records, and return whether the data ends well; UnchunkedError outside chunks."""
     summary = Summary()
-    summary.statistics = Statistics(
-        attachment_count=0,
-        channel_count=0,
-        channel_message_counts=defaultdict(int),
-        chunk_count=0,
-        message_count=0,
-        message_end_time=0,
-        message_start_time=0,
-        metadata_count=0,
-        schema_count=0,
-    )
+    counts: dict[str, Any] = {field.name: 0 for field in fields(Statistics)}
+    summary.statistics = Statistics(**counts | {"channel_message_counts": defaultdict(int)})
     for offset, opcode, content in _whole_records(stream, size):
         if opcode == Opcode.MESSAGE:
             raise UnchunkedError

@@ -216,9 +216,7 @@ def draw_core(ax: Axes) -> dict[State | Arrow, list[Artist]]:
         artists[state] = _draw_state(ax, state, row.drive.name)
     places = np.array([*PLACES.values(), *(p for corners in _DETOURS.values() for p in corners)])
     low, high = _inches(places.min(axis=0)), _inches(places.max(axis=0))
-    ax.set_xlim(low[0] - 0.65, high[0] + 0.1)
-    ax.set_ylim(high[1] - 0.4, low[1] + 0.4)
-    ax.set_aspect("equal")
+    ax.set(xlim=(low[0] - 0.65, high[0] + 0.1), ylim=(high[1] - 0.4, low[1] + 0.4), aspect="equal")
     ax.axis("off")
     return artists
 

@@ -159,8 +159,7 @@ def draw_matrix(ax: Axes, graph: Graph, *, title: str = "") -> None:
     names: dict[str, Any] = {"fontsize": 7, "parse_math": False}
     ax.set_xticks(range(len(nodes)), nodes, rotation=90, **names)
     ax.set_yticks(range(len(rows)), rows, **names)
-    ax.set_xlim(-0.5, len(nodes) - 0.5)
-    ax.set_ylim(len(rows) - 0.5, -0.5)
+    ax.set(xlim=(-0.5, len(nodes) - 0.5), ylim=(len(rows) - 0.5, -0.5))
     ax.set_xlabel("triangles publish, circles subscribe", fontsize=8)
     ax.set_title(_counted(title, len(crossing)))
 
@@ -302,7 +301,5 @@ def _limits(layout: Layout) -> tuple[tuple[float, float], tuple[float, float]]:
 
 def _frame(ax: Axes, layout: Layout) -> None:
     horizontal, vertical = _limits(layout)
-    ax.set_xlim(*horizontal)
-    ax.set_ylim(*vertical)
-    ax.set_aspect("equal")
+    ax.set(xlim=horizontal, ylim=vertical, aspect="equal")
     ax.set_axis_off()

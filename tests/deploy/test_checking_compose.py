@@ -237,6 +237,7 @@ def test_without_the_schema_the_check_says_what_to_install_and_our_rules_are_ask
         ("data:/b", ("data", False, False)),
         ("/b", ("", False, False)),
         ("${W:-./w}:/b", ("./w", True, False)),
+        ("${W:?set it}:/b:ro", ("${W:?set it}", True, True)),
         ({"type": "tmpfs", "target": "/t"}, ("", False, False)),
     ],
 )

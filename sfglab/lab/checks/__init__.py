@@ -149,6 +149,15 @@ def facts_row(check: str, facts: Mapping[str, bool]) -> CheckRow:
     return CheckRow(check=check, checked=len(facts), held=len(facts) - len(wrong), example=example)
 
 
+def refusal(act: Callable[[], object], kind: type[Exception]) -> str:
+    """Return in which words an act is refused by an error of a kind; empty where it is done."""
+    try:
+        act()
+    except kind as error:
+        return str(error)
+    return ""
+
+
 def group(name: str) -> Checks:
     """Return a group of checks by its name in `GROUPS`."""
     found: Checks = import_module(f"sfglab.lab.checks.{name}").checks

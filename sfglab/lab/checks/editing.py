@@ -9,10 +9,11 @@ import subprocess
 import sys
 import tempfile
 import time
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sfglab.lab.checks import CheckRow, Checks
+from sfglab.lab.checks import CheckRow, Checks, refusal
 from sfglab.lab.checks.trajectories import random_limits, random_pose
 from sfglab.spatial.scene import commands
 from sfglab.spatial.scene.editor import Editor
@@ -22,7 +23,7 @@ from sfglab.spatial.trajectory.path import Align, Interpolation
 from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Iterator
 
     import numpy as np
 
@@ -118,11 +119,8 @@ def _refused_edits_change_nothing(rng: np.random.Generator) -> str:
         commands.Stretch(id=_any(editor, rng, TrajectoryObject), factor=math.nan),
     )
     for command in wrong:
-        try:
-            editor.do(command)
-        except SceneError:
-            continue
-        return f"{command} was done"
+        if not refusal(partial(editor.do, command), SceneError):
+            return f"{command} was done"
     return "" if editor.scene is before and editor.undo_label == label else "something changed"
 
 
@@ -208,7 +206,7 @@ def faults() -> Iterator[dict[str, Any]]:
             editor.do(commands.Rename(id=1, name="unsaved"))
             scene, broken = editor.scene, GOOD.replace(old, new, 1)
             path.write_text(broken)
-            said = _refusal(editor.load)
+            said = refusal(editor.load, SceneError)
             yield {
                 "fault": name,
                 "said": said.removeprefix(f"{folder}/"),
@@ -217,14 +215,6 @@ def faults() -> Iterator[dict[str, Any]]:
                 "file_kept": path.read_text() == broken,
                 "scene_kept": editor.scene is scene,
             }
-
-
-def _refusal(act: Callable[[], None]) -> str:
-    try:
-        act()
-    except SceneError as error:
-        return str(error)
-    return ""
 
 
 _SAVES = """

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sfglab.lab.checks import Case, Checks, Sample
+from sfglab.lab.checks import Case, Checks, Sample, refusal
 from sfglab.names import (
     After,
     Component,
@@ -114,16 +114,8 @@ def _refuses(_: Sample) -> Iterator[Case]:
     for flag, prefix in prefixes.items():
         for resource in Resource:
             if flag not in resource.after:
-                refusal = _refusal(prefix.resource(resource))
-                yield refusal or f"{resource.value} after {flag.name}", bool(refusal)
-
-
-def _refusal(builder: RosFqnBuilder) -> str:
-    try:
-        builder.build()
-    except FqnError as error:
-        return str(error)
-    return ""
+                said = refusal(prefix.resource(resource).build, FqnError)
+                yield said or f"{resource.value} after {flag.name}", bool(said)
 
 
 _LONGEST = {ResourceKind.TOPIC: 247, ResourceKind.SERVICE: 246, ResourceKind.ACTION: 226}

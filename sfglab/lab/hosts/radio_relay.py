@@ -340,11 +340,8 @@ class _Relay:
 
     def _overrun(self) -> int:
         """Return how many frames the kernel has dropped since the last look (packet(7), PACKET_STATISTICS)."""
-        dropped = 0
-        for sock in self._sockets:
-            _packets, drops = struct.unpack("@II", sock.getsockopt(_SOL_PACKET, _PACKET_STATISTICS, 8))
-            dropped += drops
-        return dropped
+        told = (sock.getsockopt(_SOL_PACKET, _PACKET_STATISTICS, 8) for sock in self._sockets)
+        return sum(drops for _packets, drops in (struct.unpack("@II", counts) for counts in told))
 
 
 def main(control_fd: str) -> None:

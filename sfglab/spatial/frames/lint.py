@@ -208,8 +208,7 @@ def draw_tree(
         }
         ax.text(x, y, _shown(frame), ha="center", va="center", fontsize=8, bbox=box, zorder=3)
     xs, ys = zip(*places.values(), strict=True) if places else ((0.0,), (0.0,))
-    ax.set_xlim(min(xs) - 0.6, max(xs) + 0.6)
-    ax.set_ylim(min(ys) - 0.5, max(ys) + 0.5)
+    ax.set(xlim=(min(xs) - 0.6, max(xs) + 0.6), ylim=(min(ys) - 0.5, max(ys) + 0.5))
     ax.set_axis_off()
 
 

@@ -6,15 +6,15 @@
 
 from __future__ import annotations
 
+import asyncio
 import logging
 import math
 import statistics
 from collections import Counter, deque
-from contextlib import aclosing, closing
+from contextlib import aclosing
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
-from sfglab.component import beside
 from sfglab.messages import message_type, stamp_from_ns
 from sfglab.names import TF, Custom, RosFqnBuilder, Scope
 from sfglab.qos import Durability, QoSProfile
@@ -266,15 +266,18 @@ class MocapBridge:
 
     async def run(self) -> None:
         """Run until the source ends, or until cancelled; MocapError where it cannot be opened, or broke."""
-        topic, create = status_topic(self._options.agent), self._node.create_publisher
-        with (
-            closing(create(TRANSFORMS, TF, TF_QOS)) as publisher,
-            closing(create(STATUS, topic, STATUS_QOS)) as status,
-        ):
-            telling, listening = beside(self._tell(status)), FramesListener(self._node, self.buffer)
-            async with telling, listening, aclosing(self._source.captures()) as captures:
+        publisher = self._node.create_publisher(TRANSFORMS, TF, TF_QOS)
+        status = self._node.create_publisher(STATUS, status_topic(self._options.agent), STATUS_QOS)
+        telling = asyncio.create_task(self._tell(status))
+        try:
+            async with FramesListener(self._node, self.buffer), aclosing(self._source.captures()) as captures:
                 async for capture in captures:
                     self._pass_on(capture, publisher)
+        finally:
+            telling.cancel()
+            await asyncio.gather(telling, return_exceptions=True)
+            status.close()
+            publisher.close()
 
     def _pass_on(self, capture: Capture, publisher: Publisher) -> None:
         if transforms := self.core.take(capture, self._node.get_clock().now_ns()):

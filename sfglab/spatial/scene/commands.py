@@ -57,9 +57,7 @@ class Add:
             if isinstance(thing.id, int) and thing.id < scene.next_id:
                 allowed = f"ids from {scene.next_id}, never used before"
                 raise SceneError(place_of(thing), f"id {thing.id}", allowed)
-            # A trajectory without its agent, which may come after it.
-            undriven = replace(thing, agent=None) if isinstance(thing, TrajectoryObject) else thing
-            draft.insert(undriven, None if position else self.index)
+            draft.insert(_undriven(thing), None if position else self.index)
         for thing in self.objects:
             if isinstance(thing, TrajectoryObject) and thing.agent is not None:
                 draft.put(thing)
@@ -202,6 +200,11 @@ class Several:
         for command in self.commands:
             scene = command.apply(scene)
         return scene
+
+
+def _undriven(thing: SceneObject) -> SceneObject:
+    """Return a trajectory without its agent, which may come after it; anything else as it is."""
+    return replace(thing, agent=None) if isinstance(thing, TrajectoryObject) else thing
 
 
 def _with(scene: Scene, thing: SceneObject) -> Scene:

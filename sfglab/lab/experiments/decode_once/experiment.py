@@ -5,20 +5,18 @@ from __future__ import annotations
 import asyncio
 import time
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 
 from sfglab.fields import between
 from sfglab.lab.baselines import PART, declare, measure_raw
+from sfglab.lab.bench import Bench, as_row
 from sfglab.lab.experiment import Actor, Experiment, Link, Profiled
 from sfglab.lab.experiments.decode_once.stage import HANDED_ON, MBIT, Running
 from sfglab.lab.meters import MeterRow, measure
 from sfglab.lab.ros2 import RosMissingError
 from sfglab.record import LogReader
-
-if TYPE_CHECKING:
-    from sfglab.lab.bench import Bench
 
 _ALL = tuple(range(1, 11))
 
@@ -264,7 +262,7 @@ async def _measure_cell(key: dict[str, Any], running: Running, bench: Bench[Conf
     if mode in HANDED_ON:
         await running.released("decoder")
     for reading in readings:
-        bench.write("load", {"cell": key["cell"], **_load(reading)}, at_ns=reading.t_ns)
+        bench.write("load", _load(key["cell"], reading), at_ns=reading.t_ns)
     for viewer, report in enumerate(reports):
         of = {"cell": key["cell"], "viewer": viewer}
         counts = {name: report[name] for name in ("frames", "unreadable", "missed", "disordered", "broken")}
@@ -276,16 +274,10 @@ async def _measure_cell(key: dict[str, Any], running: Running, bench: Bench[Conf
     bench.write("cell", {**key, "first_frame_s": first_frame_s})
 
 
-def _load(reading: MeterRow) -> dict[str, Any]:
+def _load(cell: int, reading: MeterRow) -> Any:
     assert reading.cpu_percent is not None, "every label has processes"
     assert reading.rx_bps is not None, "every label has an interface"
     assert reading.tx_bps is not None
-    return {
-        "label": reading.label,
-        "cpu_percent": reading.cpu_percent,
-        "rx_mbit_s": reading.rx_bps / MBIT,
-        "tx_mbit_s": reading.tx_bps / MBIT,
-        "window_s": reading.window_s,
-        "machine_percent": reading.machine_cpu_percent,
-        "steal_percent": reading.steal_percent,
-    }
+    rates = {"rx_mbit_s": reading.rx_bps / MBIT, "tx_mbit_s": reading.tx_bps / MBIT}
+    row = {"cell": cell, "machine_percent": reading.machine_cpu_percent, **rates}
+    return as_row(LoadRow, row, reading)

@@ -163,8 +163,7 @@ def _draw_lateral(axes: Axes, run: Run[Config]) -> None:
         axes.axhline(side, color="black", linestyle=":", linewidth=1)
     for stop in stops(run):
         axes.axvspan(stop.t_s, stop.t_s + stop.lasted_s, color=_LIGHTS[True], alpha=0.15, linewidth=0)
-    axes.set_ylim(-limit * 1.15, limit * 1.15)
-    axes.set_xlim(0, tracks["t_s"].iloc[-1])
+    axes.set(xlim=(0, tracks["t_s"].iloc[-1]), ylim=(-limit * 1.15, limit * 1.15))
     axes.set(xlabel="time (s); red: the car stands", ylabel="left of the lane's\nmiddle (cm)")
     axes.set_title("dotted: a wheel would leave the lane", fontsize=8.5)
 

@@ -5,20 +5,18 @@ from __future__ import annotations
 import asyncio
 import time
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from sfglab.fields import between
 from sfglab.lab.baselines import PART, declare, measure_raw
+from sfglab.lab.bench import Bench, as_row
 from sfglab.lab.experiment import Actor, Experiment, Link, Profiled
 from sfglab.lab.experiments.latency.stage import PATHS, Running
 from sfglab.lab.meters import measure
 from sfglab.lab.ros2 import RosMissingError
 from sfglab.units import BITS_PER_BYTE, BITS_PER_MBIT
-
-if TYPE_CHECKING:
-    from sfglab.lab.bench import Bench
 
 GLASS_PATHS = ("standard", "decoder", "agent", "container")
 """Those whose steady state is measured as well; the fifth differs from the fourth in its beginning only."""
@@ -195,14 +193,9 @@ async def _measure_idle(running: Running, bench: Bench[Config]) -> None:
     for reading in readings:
         assert reading.cpu_percent is not None, "every label has a process"
         assert reading.tx_bps is not None, "every label has an interface"
-        row = {
-            "label": reading.label,
-            "cpu_percent": reading.cpu_percent,
-            "tx_mbit_s": reading.tx_bps / BITS_PER_MBIT,
-            "loopback_mbit_s": carried_bps / BITS_PER_MBIT,
-            "window_s": reading.window_s,
-        }
-        bench.write("idle", row, at_ns=reading.t_ns)
+        rates_bps = {"tx_mbit_s": reading.tx_bps, "loopback_mbit_s": carried_bps}
+        row = {name: rate_bps / BITS_PER_MBIT for name, rate_bps in rates_bps.items()}
+        bench.write("idle", as_row(IdleRow, row, reading), at_ns=reading.t_ns)
 
 
 async def _measure_look(number: int, look: Look, running: Running, bench: Bench[Config]) -> None:
