@@ -8,58 +8,44 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sfglab.arp import LocalCache
+from sfglab.arp import LocalCache, hallway
 from sfglab.arp.hallway import (
-    AREAS,
-    BEAMS_DEG,
-    HALF_WIDTH_M,
-    HOME,
-    LIMIT_S,
-    RADIUS_M,
-    SCAN_HZ,
     STEP_NS,
     STOP,
     WAYPOINTS,
-    ActuationNode,
-    Area,
-    Command,
     End,
     Manoeuvre,
-    SensingNode,
     Station,
     Verdict,
-    World,
-    course_length_m,
     judge,
-    range_from_step,
     step_from_range,
 )
 from sfglab.arp.hallway.course import drive, scan, winding_rad
 from sfglab.arp.hallway.nodes import NO_ECHO, SAFE_M, SPEED_M_S, LocalisationNode
 from sfglab.arp.hallway.station import TRANSITIONS, PlanningNode, Sight, command_for
 
-EMPTY = Area(robot="robot1")
+EMPTY = hallway.Area(robot="robot1")
 
 
 def ranges_at(area, pose):
-    ranges = np.empty(len(BEAMS_DEG))
-    scan(area.segments, np.array(pose), np.radians(BEAMS_DEG), ranges)
+    ranges = np.empty(len(hallway.BEAMS_DEG))
+    scan(area.segments, np.array(pose), np.radians(hallway.BEAMS_DEG), ranges)
     return ranges
 
 
 def test_at_home_the_beams_are_what_a_ruler_says_and_a_box_shortens_the_one_that_meets_it():
-    half, diagonal = HALF_WIDTH_M, HALF_WIDTH_M * math.sqrt(2)
-    beside_corner = [WAYPOINTS[1][0] + half - HOME[0], diagonal, half, diagonal]
-    behind = [HOME[0] - WAYPOINTS[0][0] + half, diagonal, half, diagonal]
+    half, diagonal = hallway.HALF_WIDTH_M, hallway.HALF_WIDTH_M * math.sqrt(2)
+    beside_corner = [WAYPOINTS[1][0] + half - hallway.HOME[0], diagonal, half, diagonal]
+    behind = [hallway.HOME[0] - WAYPOINTS[0][0] + half, diagonal, half, diagonal]
     # Backwards to the right the beam leaves through the corner that the robot came from.
     expected = [*beside_corner, *behind]
     expected[5] = math.sqrt(2) * 1.5
-    ours = ranges_at(EMPTY, HOME)
+    ours = ranges_at(EMPTY, hallway.HOME)
     np.testing.assert_allclose(ours[[0, 1, 2, 3, 4, 6, 7]], np.delete(expected, 5), rtol=1e-12)
-    [box, *_] = AREAS[1].boxes
+    [box, *_] = hallway.AREAS[1].boxes
     x, y = np.array(WAYPOINTS[box.leg]) - (box.along_m, 0.0)
-    with_box, without = (ranges_at(area, (x, y, math.pi)) for area in (AREAS[1], EMPTY))
-    right, left = BEAMS_DEG.index(270), BEAMS_DEG.index(90)
+    with_box, without = (ranges_at(area, (x, y, math.pi)) for area in (hallway.AREAS[1], EMPTY))
+    right, left = hallway.BEAMS_DEG.index(270), hallway.BEAMS_DEG.index(90)
     assert with_box[right] == pytest.approx(0.3)
     assert without[right] == pytest.approx(0.5)
     assert with_box[left] == pytest.approx(without[left])
@@ -70,7 +56,7 @@ def test_beams_agree_with_stepping_along_them(heading, aside):
     pose = (4.0, aside, heading)
     ours = ranges_at(EMPTY, pose)
     corners = EMPTY.segments[:, :2]
-    for angle, range_m in zip(np.radians(BEAMS_DEG), ours, strict=True):
+    for angle, range_m in zip(np.radians(hallway.BEAMS_DEG), ours, strict=True):
         way = np.array((math.cos(heading + angle), math.sin(heading + angle)))
         met = np.array(pose[:2]) + range_m * way
         if np.hypot(*(corners - met).T).min() < 1e-5:
@@ -89,23 +75,23 @@ def free(x, y):
 
 
 def test_the_whole_middle_line_is_free_in_every_area_and_winds_once():
-    world, ring = World(seed=0), np.array((*WAYPOINTS, WAYPOINTS[0]))
+    world, ring = hallway.World(seed=0), np.array((*WAYPOINTS, WAYPOINTS[0]))
     for (ax, ay), (bx, by) in pairwise(ring):
         for share in np.linspace(0, 1, 50):
             world.poses[:, :2] = (ax + share * (bx - ax), ay + share * (by - ay))
             world.step([STOP] * 3)
-            assert world.clearance_m.min() > 2 * RADIUS_M
+            assert world.clearance_m.min() > 2 * hallway.RADIUS_M
     around = np.concatenate([np.linspace(a, b, 40) for a, b in pairwise(ring)])
     angles = np.unwrap([winding_rad(x, y) for x, y in around])
     assert (np.diff(angles) >= -1e-9).all()
     assert angles[-1] - angles[0] == pytest.approx(math.tau)
-    assert course_length_m() == 18.0
+    assert hallway.course_length_m() == 18.0
 
 
 @given(st.floats(0.15, 11.9))
 def test_a_range_is_measured_within_the_data_sheets_resolution(range_m):
     step = step_from_range(range_m)
-    measured = range_from_step(step)
+    measured = hallway.range_from_step(step)
     assert abs(measured - range_m) <= (0.00026 if range_m <= 1.5 else 0.0051 * range_m)
     assert step_from_range(measured) == step
 
@@ -113,14 +99,14 @@ def test_a_range_is_measured_within_the_data_sheets_resolution(range_m):
 @given(st.one_of(st.floats(0, 0.149), st.floats(12.001, 1e9), st.just(math.inf)))
 def test_what_the_lidar_cannot_see_has_no_echo(range_m):
     assert step_from_range(range_m) == NO_ECHO
-    assert range_from_step(NO_ECHO) == math.inf
+    assert hallway.range_from_step(NO_ECHO) == math.inf
 
 
 @given(st.booleans(), st.integers(-3000, 3000))
 def test_a_command_and_its_number_say_the_same(moving, turn_mrad_s):
-    command = Command(moving, turn_mrad_s)
-    assert Command.from_number(command.number) == command
-    assert Command.from_velocities(command.speed_m_s, command.turn_rad_s) == command
+    command = hallway.Command(moving, turn_mrad_s)
+    assert hallway.Command.from_number(command.number) == command
+    assert hallway.Command.from_velocities(command.speed_m_s, command.turn_rad_s) == command
 
 
 def test_wheels_of_different_speed_make_an_arc():
@@ -134,14 +120,14 @@ def test_wheels_of_different_speed_make_an_arc():
 
 
 def test_robots_that_are_told_nothing_stay_and_straight_ahead_they_slip_by_millimetres_only():
-    world = World(seed=3)
+    world = hallway.World(seed=3)
     before = world.poses.copy()
     for _ in range(100):
         world.step([STOP] * 3)
     np.testing.assert_array_equal(world.poses, before)
     seconds = 2.0
     for _ in range(round(seconds * 1e9 / STEP_NS)):
-        world.step([Command(moving=True)] * 3)
+        world.step([hallway.Command(moving=True)] * 3)
     np.testing.assert_allclose(np.hypot(*(world.poses - before)[:, :2].T), SPEED_M_S * seconds, rtol=0.02)
 
 
@@ -157,10 +143,10 @@ def view_at(x, y, heading):
 
 def drive_home(seed, *, turns_late):
     """Drive with every message delivered, all of them a number of LIDAR turns late."""
-    world, station = World(seed=seed), Station()
-    nodes, turns, steps, verdict = [ActuationNode() for _ in range(3)], [], 0, None
+    world, station = hallway.World(seed=seed), Station()
+    nodes, turns, steps, verdict = [hallway.ActuationNode() for _ in range(3)], [], 0, None
     while verdict is None:
-        if steps % round(1e9 / SCAN_HZ / STEP_NS) == 0:
+        if steps % round(1e9 / hallway.SCAN_HZ / STEP_NS) == 0:
             turns.append([world.scan(robot) for robot in range(3)])
             for robot, scans in enumerate(turns[-1 - turns_late] if len(turns) > turns_late else ()):
                 for beam, step in enumerate(scans):
@@ -199,7 +185,7 @@ def test_before_its_first_turn_sensing_has_no_value_nor_has_localisation_before_
     node = LocalisationNode()
     assert [node.hear(beam, 1000) for beam in range(8)] == [False] * 7 + [True]
     assert node.view is not None
-    node = SensingNode()
+    node = hallway.SensingNode()
     assert node.value(0) is None
     node.turned(range(8))
     assert [node.value(beam) for beam in range(8)] == list(range(8))
@@ -235,7 +221,7 @@ def test_nobody_moves_before_all_have_been_heard_and_an_obstacle_stops_all_and_s
     for robot, beam in product(range(3), range(8)):
         station.hear(robot, beam, step_from_range(1.2))
     assert all(command.moving for command in station.commands)
-    assert station.hear(1, BEAMS_DEG.index(45), step_from_range(SAFE_M - 0.01))
+    assert station.hear(1, hallway.BEAMS_DEG.index(45), step_from_range(SAFE_M - 0.01))
     assert station.commands == [STOP] * 3
     assert station.stopped_by == 1
 
@@ -247,9 +233,9 @@ def test_a_stopped_leader_never_starts_again(manoeuvre, sight):
 
 
 def test_the_verdict_names_the_robot():
-    free, home = [0.3] * 3, [math.tau] * 3
-    assert judge([0.3, RADIUS_M, 0.3], home, stopped_by=None, now_s=1) == Verdict(end=End.CONTACT, robot=1)
+    free, near, home = [0.3] * 3, [0.3, hallway.RADIUS_M, 0.3], [math.tau] * 3
+    assert judge(near, home, stopped_by=None, now_s=1) == Verdict(end=End.CONTACT, robot=1)
     assert judge(free, home, stopped_by=2, now_s=1) == Verdict(end=End.STOP, robot=2)
     assert judge(free, home, stopped_by=None, now_s=1) == Verdict(end=End.SUCCESS)
     assert judge(free, [6.2, 6.2, 3.0], stopped_by=None, now_s=1) is None
-    assert judge(free, [0.0] * 3, stopped_by=None, now_s=LIMIT_S) == Verdict(end=End.TIMEOUT)
+    assert judge(free, [0.0] * 3, stopped_by=None, now_s=hallway.LIMIT_S) == Verdict(end=End.TIMEOUT)

@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 from sfglab.soc import Graph, Implementation, Node, Placement, Topic, TopicMapping
 
 GRAPHS = Path(__file__).parents[2] / "data" / "graphs"
+HW, SW = Placement.HARDWARE, Placement.SOFTWARE
 
 names = st.text(st.characters(categories=("L", "N", "P", "S", "Zs")), min_size=1, max_size=8)
 numbers = st.floats(0, 1e12, allow_nan=False)

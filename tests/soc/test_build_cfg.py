@@ -5,14 +5,13 @@ import re
 from dataclasses import replace
 
 import pytest
-from graph_strategies import GRAPHS, chain, graphs
+from graph_strategies import GRAPHS, HW, SW, chain, graphs
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sfglab.errors import InvalidValueError
-from sfglab.soc import Graph, Node, Placement, Topic, build_cfg, load_graph, map_communication
+from sfglab.soc import Graph, Node, Topic, build_cfg, load_graph, map_communication
 
-HW, SW = Placement.HARDWARE, Placement.SOFTWARE
 IMAGE = "sensor_msgs/msg/Image"
 
 

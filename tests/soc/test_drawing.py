@@ -6,36 +6,25 @@ from itertools import combinations
 import networkx as nx
 import numpy as np
 import pytest
-from graph_strategies import GRAPHS, chain, graphs
+from graph_strategies import GRAPHS, HW, SW, chain, graphs
 from hypothesis import given, settings
 from matplotlib.colors import to_rgb
 from matplotlib.contour import ContourSet
 from matplotlib.figure import Figure
 from matplotlib.patches import FancyArrowPatch, FancyBboxPatch
 
+from sfglab import soc
 from sfglab.errors import InvalidValueError
-from sfglab.soc import (
-    Graph,
-    Node,
-    Placement,
-    Topic,
-    crossing_edges,
-    draw_graph,
-    draw_mapping,
-    load_graph,
-    map_communication,
-)
 from sfglab.soc.graph_drawing import CROSSING
 from sfglab.soc.layout import ends_of, layered_layout, node_vertex, topic_vertex
 from sfglab.soc.mapping import hardware_subgraphs
 
-HW, SW = Placement.HARDWARE, Placement.SOFTWARE
-FIGURE_8 = map_communication(load_graph(GRAPHS / "figure_8.yaml"))
+FIGURE_8 = soc.map_communication(soc.load_graph(GRAPHS / "figure_8.yaml"))
 
 
 def drawn(graph):
     ax = Figure(layout="constrained").subplots()
-    draw_graph(ax, graph)
+    soc.draw_graph(ax, graph)
     return ax
 
 
@@ -70,7 +59,7 @@ def test_a_chain_is_drawn_in_one_line():
 
 @pytest.mark.parametrize("name", ["figure_8", "driving"])
 def test_no_line_runs_through_a_frame_that_is_not_its_end(name):
-    graph = load_graph(GRAPHS / f"{name}.yaml")
+    graph = soc.load_graph(GRAPHS / f"{name}.yaml")
     ax = drawn(graph)
     frames = [patch.get_extents() for patch in ax.patches if isinstance(patch, FancyBboxPatch)]
     lines = [patch.get_path().vertices for patch in ax.patches if isinstance(patch, FancyArrowPatch)]
@@ -87,7 +76,7 @@ def test_no_line_runs_through_a_frame_that_is_not_its_end(name):
 def test_every_graph_can_be_drawn_with_as_many_coloured_edges_as_cross(graph):
     arrows = [patch for patch in drawn(graph).patches if isinstance(patch, FancyArrowPatch)]
     count = sum(np.allclose(arrow.get_edgecolor()[:3], to_rgb(CROSSING)) for arrow in arrows)
-    assert count == len(crossing_edges(graph))
+    assert count == len(soc.crossing_edges(graph))
 
 
 def test_each_part_in_hardware_has_a_dashed_outline():
@@ -99,27 +88,27 @@ def test_each_part_in_hardware_has_a_dashed_outline():
 
 def test_three_pictures_say_ten_eight_and_three_and_one_stage_is_drawn_by_choice():
     figure = Figure(layout="constrained")
-    draw_mapping(FIGURE_8, figure)
+    soc.draw_mapping(FIGURE_8, figure)
     titles = [ax.get_title() for ax in figure.axes]
     assert [int(title.split(": ")[1].split()[0]) for title in titles] == [10, 8, 3]
     assert len(figure.legends) == 1
     figure.savefig(BytesIO(), format="png")
     figure = Figure(layout="constrained")
-    draw_mapping(FIGURE_8, figure, "hardware")
+    soc.draw_mapping(FIGURE_8, figure, "hardware")
     assert [ax.get_title() for ax in figure.axes] == ["topics in hardware: 8 edges across the boundary"]
     with pytest.raises(InvalidValueError, match="stage: given 'fast', allowed: software, hardware, gateways"):
-        draw_mapping(FIGURE_8, Figure(), "fast")
+        soc.draw_mapping(FIGURE_8, Figure(), "fast")
 
 
 def test_a_graph_of_fifty_nodes_fits_a_page_with_names_that_stand_apart():
-    nodes = tuple(Node(name=f"perception_node_{i}", placement=(SW, HW)[i % 3 == 0]) for i in range(50))
+    nodes = tuple(soc.Node(name=f"perception_node_{i}", placement=(SW, HW)[i % 3 == 0]) for i in range(50))
     names = [node.name for node in nodes]
     topics = tuple(
-        Topic(name=f"topic_{i}", publishers=(names[i],), subscribers=(names[i + 1], names[i + 4]))
+        soc.Topic(name=f"topic_{i}", publishers=(names[i],), subscribers=(names[i + 1], names[i + 4]))
         for i in range(45)
     )
     figure = Figure(layout="constrained")
-    draw_mapping(map_communication(Graph(nodes=nodes, topics=topics)), figure, "gateways")
+    soc.draw_mapping(soc.map_communication(soc.Graph(nodes=nodes, topics=topics)), figure, "gateways")
     assert figure.get_size_inches().max() < 11
     figure.savefig(BytesIO(), format="png")
     (ax,) = figure.axes
@@ -133,15 +122,17 @@ def test_a_graph_of_fifty_nodes_fits_a_page_with_names_that_stand_apart():
 def test_frames_of_long_names_stand_apart_and_names_in_dollars_are_drawn_as_they_are():
     names = ["publisher of /camera/depth_registered/image_raw", "participant " + "ab" * 16, "x" * 200, "n"]
     topics = tuple(
-        Topic(name=f"/a_rather_long/name_of_a_topic_{i}", publishers=(names[0],), subscribers=tuple(names[1:]))
+        soc.Topic(
+            name=f"/a_rather_long/name_of_a_topic_{i}", publishers=(names[0],), subscribers=tuple(names[1:])
+        )
         for i in range(3)
     )
-    ax = drawn(Graph(nodes=tuple(Node(name=name) for name in names), topics=topics))
+    ax = drawn(soc.Graph(nodes=tuple(soc.Node(name=name) for name in names), topics=topics))
     frames = [patch.get_extents() for patch in ax.patches if isinstance(patch, FancyBboxPatch)]
     assert not any(one.overlaps(other) for one, other in combinations(frames, 2))
     texts = [text.get_text() for text in ax.texts]
     assert "n" in texts
     assert any(text.endswith("\u2026") for text in texts)
-    topic = Topic(name="a$_b", publishers=("$x^{$",), subscribers=("$x^{$",))
-    ax = drawn(Graph(nodes=(Node(name="$x^{$"),), topics=(topic,)))
+    topic = soc.Topic(name="a$_b", publishers=("$x^{$",), subscribers=("$x^{$",))
+    ax = drawn(soc.Graph(nodes=(soc.Node(name="$x^{$"),), topics=(topic,)))
     ax.figure.savefig(BytesIO(), format="png")

@@ -4,15 +4,13 @@ import re
 from contextlib import suppress
 
 import pytest
-from graph_strategies import GRAPHS, chain, graphs
+from graph_strategies import GRAPHS, HW, SW, chain, graphs
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from sfglab import soc
 from sfglab.documents import Document
 from sfglab.errors import InvalidValueError
-
-HW, SW = soc.Placement.HARDWARE, soc.Placement.SOFTWARE
 
 
 def read(text):

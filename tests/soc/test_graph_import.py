@@ -1,7 +1,7 @@
 """Graphs from logs."""
 
 import pytest
-from graph_strategies import GRAPHS, chain
+from graph_strategies import GRAPHS, SW, chain
 
 from sfglab import soc
 from sfglab.documents import Document
@@ -11,7 +11,6 @@ from sfglab.record import LogReader, LogWriter
 from sfglab.record.traffic import COMPUTATION_GRAPH
 
 STRING = "std_msgs/msg/String"
-SW = soc.Placement.SOFTWARE
 
 
 @pytest.fixture

@@ -9,27 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sfglab.errors import InvalidValueError
-from sfglab.soc import paper_values
-from sfglab.soc.memory import (
-    CUT_THROUGH,
-    LARGEST_BYTES,
-    STORED,
-    Costs,
-    Forwarding,
-    Judge,
-    MemoryInterface,
-    Setup,
-    Side,
-    Times,
-    Transport,
-    break_even_bytes,
-    constants,
-    faster_transport,
-    judged_s,
-    round_robin_s,
-    shared_s,
-    transfer_times,
-)
+from sfglab.soc import memory, paper_values
+from sfglab.soc.memory import CUT_THROUGH, STORED, Judge, MemoryInterface, Setup, Side, Times, Transport
 
 MEMIF = MemoryInterface()
 CHUNK_BYTES = MEMIF.chunk_bytes
@@ -46,7 +27,7 @@ def test_a_chunk_takes_data_control_and_latency_cycles_and_a_stream_carries_a_wo
 
 
 def test_a_stored_chunk_costs_both_sides_a_passed_on_one_the_memory_side():
-    passing = MemoryInterface(forwarding=Forwarding.CUT_THROUGH)
+    passing = MemoryInterface(forwarding=memory.Forwarding.CUT_THROUGH)
     assert MEMIF.memory_to_stream_s(25_600) == pytest.approx(MEMIF.read_s(25_600) + MEMIF.stream_s(25_600))
     assert MEMIF.stream_to_memory_s(25_600) == pytest.approx(MEMIF.write_s(25_600) + MEMIF.stream_s(25_600))
     assert passing.memory_to_stream_s(25_600) == passing.read_s(25_600)
@@ -55,21 +36,21 @@ def test_a_stored_chunk_costs_both_sides_a_passed_on_one_the_memory_side():
 @settings(max_examples=60, deadline=None)
 @given(st.lists(st.integers(0, 400), min_size=1, max_size=8), st.integers(1, 40))
 def test_the_last_of_several_readers_ends_with_the_busy_period_whatever_the_turns(releases, chunks):
-    ends = round_robin_s(releases, chunks, 1.0)
-    assert max(ends) == pytest.approx(shared_s(releases, chunks))
+    ends = memory.round_robin_s(releases, chunks, 1.0)
+    assert max(ends) == pytest.approx(memory.shared_s(releases, chunks))
     assert all(end >= release + chunks for end, release in zip(ends, releases, strict=True))
 
 
 def test_readers_that_start_together_share_evenly():
-    assert round_robin_s([0.0] * 4, 100, 1.0) == [397.0, 398.0, 399.0, 400.0]
+    assert memory.round_robin_s([0.0] * 4, 100, 1.0) == [397.0, 398.0, 399.0, 400.0]
 
 
 def setup(publisher: Side, transport: Transport = Transport.SMT, size: int = 1_000_000, **nodes: int) -> Setup:
     return Setup(publisher=publisher, transport=transport, message_bytes=size, **{"hardware": 4, **nodes})
 
 
-def times(*args, costs: Costs = STORED, **nodes: int) -> Times:
-    return transfer_times(setup(*args, **nodes), costs)
+def times(*args, costs: memory.Costs = STORED, **nodes: int) -> Times:
+    return memory.transfer_times(setup(*args, **nodes), costs)
 
 
 @BOTH
@@ -80,7 +61,7 @@ def test_the_mean_place_stands_for_every_order_of_deliveries(hardware, software,
     orders = itertools.combinations(range(1, hardware + software + 1), hardware)
     each_s, read_s = costs.deliver_s + size * costs.deliver_s_per_byte, costs.memory.read_s(size)
     fixed_s = costs.publish_s + size * costs.publish_s_per_byte + costs.delegate_s + costs.endpoint_s
-    exact_s = fmean(shared_s([place * each_s for place in chosen], read_s) for chosen in orders)
+    exact_s = fmean(memory.shared_s([place * each_s for place in chosen], read_s) for chosen in orders)
     # Without a software reader there is one order, and that is exact.
     assert found.hardware_s == pytest.approx(fixed_s + exact_s, rel=0.005 if software else 1e-9)
 
@@ -89,11 +70,11 @@ def test_over_a_software_topic_each_hardware_reader_adds_a_reading_and_a_stream_
     size = 10_000_000
     few, many = (times(Side.HARDWARE, Transport.SMT, size, hardware=n).hardware_s for n in (4, 8))
     assert many - few == pytest.approx(4 * STORED.memory.read_s(size), rel=0.01)
-    stream, gateway, memory = (
+    stream, gateway, topic = (
         times(Side.HARDWARE, kind, software=int(kind is not Transport.HMT)).hardware_s
         for kind in (Transport.HMT, Transport.GATEWAY, Transport.SMT)
     )
-    assert stream < gateway < memory
+    assert stream < gateway < topic
 
 
 @pytest.mark.parametrize("publisher", Side)
@@ -108,8 +89,8 @@ def test_a_gateway_costs_a_software_reader_turn_and_cancel_and_who_does_not_subs
     assert times(Side.SOFTWARE, hardware=0).hardware_s is None
     assert times(Side.SOFTWARE, software=0).software_s is None
     alone = setup(Side.SOFTWARE, hardware=0, software=0)
-    assert judged_s(Times(hardware_s=None, software_s=None), alone, Judge.MEAN) == 0.0
-    assert faster_transport(alone) is Transport.SMT
+    assert memory.judged_s(Times(hardware_s=None, software_s=None), alone, Judge.MEAN) == 0.0
+    assert memory.faster_transport(alone) is Transport.SMT
 
 
 @given(
@@ -130,15 +111,15 @@ def test_a_larger_message_and_more_readers_never_arrive_earlier(publisher, trans
 
 @BOTH
 def test_for_one_hardware_subscriber_a_gateway_never_serves_a_software_publisher_better(costs):
-    assert break_even_bytes(setup(Side.SOFTWARE, hardware=1), Judge.HARDWARE, costs) is None
+    assert memory.break_even_bytes(setup(Side.SOFTWARE, hardware=1), Judge.HARDWARE, costs) is None
 
 
 def test_more_hardware_subscribers_break_even_at_smaller_messages_and_who_counts_decides():
-    sizes = [break_even_bytes(setup(Side.SOFTWARE, hardware=n), Judge.HARDWARE) for n in (2, 3, 4, 8)]
+    sizes = [memory.break_even_bytes(setup(Side.SOFTWARE, hardware=n), Judge.HARDWARE) for n in (2, 3, 4, 8)]
     assert sizes == [301_056, 101_120, 60_928, 11_264]
-    found = [break_even_bytes(setup(Side.HARDWARE), judge) for judge in Judge]
+    found = [memory.break_even_bytes(setup(Side.HARDWARE), judge) for judge in Judge]
     assert found == [CHUNK_BYTES, None, 27_392, CHUNK_BYTES]  # hardware, software, last, mean
-    assert break_even_bytes(setup(Side.HARDWARE, hardware=2), Judge.HARDWARE) == CHUNK_BYTES
+    assert memory.break_even_bytes(setup(Side.HARDWARE, hardware=2), Judge.HARDWARE) == CHUNK_BYTES
 
 
 @given(
@@ -146,17 +127,17 @@ def test_more_hardware_subscribers_break_even_at_smaller_messages_and_who_counts
     hardware=st.integers(1, 8),
     software=st.integers(0, 3),
     judge=st.sampled_from(Judge),
-    message_bytes=st.integers(1, LARGEST_BYTES),
+    message_bytes=st.integers(1, memory.LARGEST_BYTES),
 )
 def test_below_the_break_even_the_topic_is_faster_and_above_it_the_gateway(
     publisher, hardware, software, judge, message_bytes
 ):
     at = setup(publisher, size=message_bytes, hardware=hardware, software=software)
-    limit = break_even_bytes(at, judge)
+    limit = memory.break_even_bytes(at, judge)
     if limit is None or message_bytes <= limit - CHUNK_BYTES:
-        assert faster_transport(at, judge) is Transport.SMT
+        assert memory.faster_transport(at, judge) is Transport.SMT
     elif message_bytes >= limit:
-        assert faster_transport(at, judge) is Transport.GATEWAY
+        assert memory.faster_transport(at, judge) is Transport.GATEWAY
 
 
 @pytest.mark.parametrize(
@@ -201,8 +182,11 @@ def test_of_the_assumed_constants_stored_chunks_need_only_a_read_latency_above_1
 
 
 def test_every_constant_has_a_unit_an_origin_and_a_reason_and_every_bar_is_there():
-    found = {item.name: item for item in constants()}
-    numbers = {f.name for cls in (Costs, MemoryInterface) for f in fields(cls)} - {"memory", "forwarding"}
+    found = {item.name: item for item in memory.constants()}
+    numbers = {f.name for cls in (memory.Costs, MemoryInterface) for f in fields(cls)} - {
+        "memory",
+        "forwarding",
+    }
     assert set(found) == numbers
     assert all(item.unit and item.reason for item in found.values())
     bars = paper_values.speed_ups()

@@ -5,31 +5,18 @@ from itertools import compress, product
 
 import numpy as np
 import pytest
-from graph_strategies import GRAPHS, chain
+from graph_strategies import GRAPHS, HW, SW, chain
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from sfglab import soc
 from sfglab.errors import InvalidValueError, SfglabError
 from sfglab.lab.checks.placement import cost_s, gateway_choices, random_graph
-from sfglab.soc import (
-    ZCU104,
-    Graph,
-    Implementation,
-    Node,
-    Placement,
-    Platform,
-    Topic,
-    TopicMapping,
-    assess,
-    load_graph,
-    place_nodes,
-)
 from sfglab.soc.memory import STORED
 from sfglab.soc.placement import carriage_load, gateway_load
 
-HW, SW = Placement.HARDWARE, Placement.SOFTWARE
 TIMES = {"bytes_per_s": 388e6, "carriage_s": 80e-6, "gateway_s": 122e-6}
-SMALL = Platform(name="small", lut=1000, bram=10.0, gateway_lut=60, gateway_bram=0.5, **TIMES)
+SMALL = soc.Platform(name="small", lut=1000, bram=10.0, gateway_lut=60, gateway_bram=0.5, **TIMES)
 
 
 def best_of_all(graph, platform, fixed):
@@ -46,7 +33,7 @@ def drawn(rng, nodes, share=0.35):
     parts = [node.hardware for node in graph.nodes if node.hardware]
     lut, bram = sum(part.lut for part in parts), sum(part.bram for part in parts)
     area = {"lut": int(share * lut), "bram": share * bram, "gateway_lut": 690, "gateway_bram": 0.5}
-    return graph, Platform(name="drawn", **area, **TIMES)
+    return graph, soc.Platform(name="drawn", **area, **TIMES)
 
 
 @settings(max_examples=25, deadline=None)
@@ -59,35 +46,35 @@ def test_no_placement_with_any_gateways_is_better_than_the_one_found(seed, nodes
         for n in graph.nodes
         if rng.random() < 0.15
     }
-    found = place_nodes(graph, platform, fixed=fixed)
+    found = soc.place_nodes(graph, platform, fixed=fixed)
     assert found.load.total_s == pytest.approx(best_of_all(graph, platform, fixed), rel=1e-6, abs=1e-9)
     assert found.optimal
     assert found.load.fits(platform)
     assert all(found.graph.node(name).placement is placement for name, placement in fixed.items())
     assert all(node.hardware is not None for node in found.graph.nodes if node.in_hardware)
-    assert found.load == assess(found.graph, platform)
+    assert found.load == soc.assess(found.graph, platform)
 
 
 def test_the_driving_graph_is_placed_as_by_brute_force_and_fifty_nodes_best_of_all():
-    graph = load_graph(GRAPHS / "driving.yaml")
-    tight = replace(ZCU104, lut=40_000)
-    found = place_nodes(graph, tight)
+    graph = soc.load_graph(GRAPHS / "driving.yaml")
+    tight = replace(soc.ZCU104, lut=40_000)
+    found = soc.place_nodes(graph, tight)
     assert found.load.total_s == pytest.approx(best_of_all(graph, tight, {}), rel=1e-6)
     assert 0 < len(found.graph.in_hardware) < 7
     graph, platform = drawn(np.random.default_rng(1), 50)
-    found = place_nodes(graph, platform, time_limit_s=120)  # quiet, it takes less than ten
+    found = soc.place_nodes(graph, platform, time_limit_s=120)  # quiet, it takes less than ten
     assert found.optimal
 
 
 def pair(size_bytes, *, gateway_lut=0, lut=1000):
     """A publisher in software, three subscribers in hardware, and a platform."""
-    hardware = Implementation(lut=100, time_s=0.0)
+    hardware = soc.Implementation(lut=100, time_s=0.0)
     heard = ("h0", "h1", "h2")
-    nodes = [Node(name=name, rate_hz=10.0, software_s=1.0, hardware=hardware) for name in heard]
-    topic = Topic(name="t", publishers=("s",), subscribers=heard, size_bytes=size_bytes, rate_hz=10.0)
+    nodes = [soc.Node(name=name, rate_hz=10.0, software_s=1.0, hardware=hardware) for name in heard]
+    topic = soc.Topic(name="t", publishers=("s",), subscribers=heard, size_bytes=size_bytes, rate_hz=10.0)
     times = {"bytes_per_s": 1e8, "carriage_s": 1e-4, "gateway_s": 1e-3}
-    platform = Platform(name="p", lut=lut, bram=0.0, gateway_lut=gateway_lut, **times)
-    return Graph(nodes=(Node(name="s"), *nodes), topics=(topic,)), platform
+    platform = soc.Platform(name="p", lut=lut, bram=0.0, gateway_lut=gateway_lut, **times)
+    return soc.Graph(nodes=(soc.Node(name="s"), *nodes), topics=(topic,)), platform
 
 
 @pytest.mark.parametrize(
@@ -98,24 +85,24 @@ def pair(size_bytes, *, gateway_lut=0, lut=1000):
     ],
 )
 def test_a_gateway_is_taken_from_the_size_on_from_which_it_pays_where_there_is_room(size_bytes, room, gateway):
-    found = place_nodes(*pair(size_bytes, **room))  # 3 (100 us + s / B) = 1 ms + s / B at s = 35 kB
+    found = soc.place_nodes(*pair(size_bytes, **room))  # 3 (100 us + s / B) = 1 ms + s / B at s = 35 kB
     assert found.graph.in_hardware == {"h0", "h1", "h2"}
-    assert found.graph.mapped_to(TopicMapping.GATEWAY) == gateway
+    assert found.graph.mapped_to(soc.TopicMapping.GATEWAY) == gateway
 
 
 def test_the_load_of_a_chain_is_the_sum_of_its_carriages_at_the_fitted_interfaces_times():
-    platform = replace(ZCU104, bytes_per_s=1e8, carriage_s=1e-3, gateway_s=2e-3)
-    load = assess(chain(SW, HW, SW), platform)
+    platform = replace(soc.ZCU104, bytes_per_s=1e8, carriage_s=1e-3, gateway_s=2e-3)
+    load = soc.assess(chain(SW, HW, SW), platform)
     assert load.communication_s == pytest.approx(2 * 10 * (1e-3 + 1e6 / 1e8))
-    assert assess(chain(HW, HW, topic_mapping=TopicMapping.HARDWARE), platform).communication_s == 0
-    gateway = assess(chain(SW, HW, topic_mapping=TopicMapping.GATEWAY), platform)
+    assert soc.assess(chain(HW, HW, topic_mapping=soc.TopicMapping.HARDWARE), platform).communication_s == 0
+    gateway = soc.assess(chain(SW, HW, topic_mapping=soc.TopicMapping.GATEWAY), platform)
     assert gateway.communication_s == pytest.approx(10 * (2e-3 + 1e6 / 1e8))
     assert (gateway.lut, load.lut) == (platform.gateway_lut, 0)
     one, other = (replace(chain(SW, HW).topics[0], size_bytes=size, rate_hz=1.0) for size in (0, 256_000))
-    assert carriage_load(one, ZCU104) == pytest.approx(STORED.delegate_s + STORED.deliver_s)
-    added = carriage_load(other, ZCU104) - carriage_load(one, ZCU104)
+    assert carriage_load(one, soc.ZCU104) == pytest.approx(STORED.delegate_s + STORED.deliver_s)
+    added = carriage_load(other, soc.ZCU104) - carriage_load(one, soc.ZCU104)
     assert added == pytest.approx(STORED.memory.read_s(256_000) + 256_000 * STORED.deliver_s_per_byte)
-    assert gateway_load(one, ZCU104) > carriage_load(one, ZCU104)
+    assert gateway_load(one, soc.ZCU104) > carriage_load(one, soc.ZCU104)
 
 
 def test_a_topic_of_unknown_size_or_rate_is_refused_by_name():
@@ -123,19 +110,19 @@ def test_a_topic_of_unknown_size_or_rate_is_refused_by_name():
     for key in ("size_bytes", "rate_hz"):
         unknown = replace(graph, topics=(replace(graph.topics[0], **{key: None}),))
         with pytest.raises(InvalidValueError, match=rf"topics\.ab\.{key}: nothing is given"):
-            place_nodes(unknown, ZCU104)
+            soc.place_nodes(unknown, soc.ZCU104)
         with pytest.raises(InvalidValueError, match=rf"topics\.ab\.{key}"):
-            assess(unknown, ZCU104)
+            soc.assess(unknown, soc.ZCU104)
 
 
 def test_fixed_nodes_that_are_not_there_or_do_not_fit_are_refused():
-    graph = Graph(nodes=(Node(name="a", hardware=Implementation(lut=2000)), Node(name="b")))
+    graph = soc.Graph(nodes=(soc.Node(name="a", hardware=soc.Implementation(lut=2000)), soc.Node(name="b")))
     with pytest.raises(SfglabError, match="take 2000 LUT and 0 BRAM, small has 1000 and 10"):
-        place_nodes(graph, SMALL, fixed={"a": HW})
+        soc.place_nodes(graph, SMALL, fixed={"a": HW})
     with pytest.raises(SfglabError, match="'b': fixed in hardware, where it has no implementation"):
-        place_nodes(graph, SMALL, fixed={"b": HW})
+        soc.place_nodes(graph, SMALL, fixed={"b": HW})
     with pytest.raises(InvalidValueError, match="nodes: given 'z'"):
-        place_nodes(graph, SMALL, fixed={"z": SW})
+        soc.place_nodes(graph, SMALL, fixed={"z": SW})
     with pytest.raises(InvalidValueError, match=r"platform\.bytes_per_s: given 0"):
         replace(SMALL, bytes_per_s=0)
     with pytest.raises(InvalidValueError, match=r"platform\.lut: given -1"):
@@ -144,7 +131,7 @@ def test_fixed_nodes_that_are_not_there_or_do_not_fit_are_refused():
 
 def test_a_search_that_a_limit_stops_leaves_a_mapping_with_its_gap():
     graph, platform = drawn(np.random.default_rng(1), 300)
-    found = place_nodes(graph, platform, time_limit_s=1e-3)  # what HiGHS's heuristics find at once
+    found = soc.place_nodes(graph, platform, time_limit_s=1e-3)  # what HiGHS's heuristics find at once
     assert found.load.fits(platform)
     assert 0 <= found.bound_s < found.load.total_s
     assert 0 < found.gap <= 1
