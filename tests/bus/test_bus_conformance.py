@@ -420,11 +420,8 @@ async def test_names_are_relative_to_the_namespace_or_the_node(node, until):
 
 
 async def test_the_two_transports_do_not_meet(here):
-    publisher = here.create_publisher(STRING, "/t", transport="shm")
     dds = here.create_subscription(STRING, "/t")
-    shm = here.create_subscription(STRING, "/t", transport="shm")
-    await publisher.wait_for_subscriptions()
-    await shm.wait_for_publishers()
+    publisher, shm = await connected(here, here, transport="shm")
     with publisher.loan(len(serialize(text("lent")))) as memory:
         memory[:] = serialize(text("lent"))
     assert (await shm.take(60)).data == "lent"

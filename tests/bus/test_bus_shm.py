@@ -302,9 +302,7 @@ async def test_a_subscriber_that_gives_slots_back_and_ends_while_more_waits_is_n
 
 async def test_silent_connections_end_and_used_up_descriptors_lock_nobody_out(here, monkeypatch, until):
     monkeypatch.setattr(writer, "HELLO_S", 0.2)
-    publisher = here.create_publisher(STRING, "/t", transport="shm")
-    here.create_subscription(STRING, "/t", transport="shm")
-    await publisher.wait_for_subscriptions()
+    publisher, _ = await pair(here, here)
     address = entries(here.graph.publishers("/t")[0].user_data)[SHM_KEY]
     silent = [wire.connect(address) for _ in range(20)]
     await until(lambda: len(publisher._writer._connections) > 1)

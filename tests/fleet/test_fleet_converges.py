@@ -354,11 +354,7 @@ def test_no_picture_was_shown_twice_or_late_but_the_first_of_a_stream_that_was_l
 def test_the_fleet_ends_in_order_and_leaves_nothing(world):
     fleet, run = world
     assert run(fleet.end()) == [0] * (2 + len(AGENTS))
-
-    async def gone():
-        await fleet.until("all processes are gone", lambda: not any(map(lives, fleet.seen)))
-
-    run(gone())
+    run(fleet.until("all processes are gone", lambda: not any(map(lives, fleet.seen))))
     for name in AGENTS if fleet.testbed.separate else ():
         argv = fleet.testbed.argv(name, ["cat", "/proc/net/unix"])
         assert "sfglab" not in subprocess.run(argv, capture_output=True, text=True, check=True).stdout
