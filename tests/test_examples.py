@@ -16,6 +16,7 @@ import pytest
 from commands import called, commands
 from rosbags.rosbag1 import Writer
 from rosbags.typesys import Stores, get_typestore
+from waiting import program
 
 from sfglab.domains import MAX_DOMAIN
 
@@ -118,13 +119,9 @@ def talker():
     with held_domains(1) as (domain,), pytest.MonkeyPatch.context() as patch:
         patch.setenv("ROS_DOMAIN_ID", str(domain))
         patch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-        process = subprocess.Popen([sys.executable, "-c", TALKER], stdout=subprocess.PIPE)
-        try:
-            assert process.stdout.readline() == b"ready\n"
+        with program(sys.executable, "-c", TALKER) as process:
+            assert process.stdout.readline() == "ready\n"
             yield domain
-        finally:
-            process.kill()
-            process.communicate()
 
 
 @pytest.mark.parametrize("name", COMMANDS)

@@ -6,12 +6,12 @@ import os
 import signal
 import subprocess
 import sys
-from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from toy_component import ToyConfig
+from waiting import program
 
 from sfglab.processes import LineProcess, Member, ProcessFailedError, ProcessGroup
 
@@ -145,15 +145,9 @@ async def test_an_error_of_who_listens_is_raised_when_the_process_is_closed():
         await group.__aexit__(None, None, None)
 
 
-@contextmanager
 def component(**config: object):
     argv = on_host("", toy("a", **config).command)
-    pipe = subprocess.PIPE
-    with subprocess.Popen(argv, stdin=pipe, stdout=pipe, stderr=pipe, text=True) as process:
-        try:
-            yield process
-        finally:
-            process.kill()
+    return program(*argv, stdin=subprocess.PIPE, stderr=subprocess.PIPE)
 
 
 @pytest.mark.parametrize("told", ["signal", "input"])

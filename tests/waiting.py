@@ -1,9 +1,10 @@
 """Waiting for what nothing signals, and for processes."""
 
 import asyncio
+import subprocess
 import sys
 import time
-from contextlib import asynccontextmanager
+from contextlib import asynccontextmanager, contextmanager
 
 import psutil
 
@@ -39,6 +40,16 @@ async def process(module: str, config):
         yield child
     finally:
         await child.close(grace_s=DEADLINE_S)
+
+
+@contextmanager
+def program(*argv: str, **options):
+    """Run a program whose standard output is read as text; whatever happens, it is killed at last."""
+    with subprocess.Popen(argv, stdout=subprocess.PIPE, text=True, **options) as child:
+        try:
+            yield child
+        finally:
+            child.kill()
 
 
 def lives(pid: int) -> bool:

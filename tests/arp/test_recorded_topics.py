@@ -1,15 +1,14 @@
 """Topics of a recording as a plan of QoS wants them: from our logs and from other people's bags."""
 
-import subprocess
 import sys
 from itertools import count
-from subprocess import PIPE
 
 import numpy as np
 import pytest
 from commands import called
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
+from waiting import program
 
 from sfglab.arp.recorded import host_of, topics_from_log, topics_text
 from sfglab.arp.topics import load_topics, read_topics
@@ -101,20 +100,13 @@ def test_what_runs_is_recorded_for_a_plan_and_for_a_mapping(domain_id, tmp_path)
     """A publisher and a subscription of other processes, from a domain's graph and messages."""
     at = ("--domain", str(domain_id), "--interface", "lo")
     word = ("std_msgs/msg/String", "{data: hello}")
-    commands = (
-        ["pub", "-r", "20", "-p", "0", "/global/go2/word", *word],
-        ["echo", "/global/go2/word", word[0]],
-    )
-    topic = [sys.executable, "-m", "sfglab", "topic"]
-    peers = [subprocess.Popen([*topic, *command, *at], stdout=PIPE) for command in commands]
-    try:
-        peers[1].stdout.readline()  # it hears
+    topic = (sys.executable, "-m", "sfglab", "topic")
+    speaks = (*topic, "pub", "-r", "20", "-p", "0", "/global/go2/word", *word, *at)
+    hears = (*topic, "echo", "/global/go2/word", word[0], *at)
+    with program(*speaks), program(*hears) as hearer:
+        hearer.stdout.readline()  # it hears
         called("qos", *at, "--seconds", "4", "--format", "topics", "--out", str(tmp_path))
         called("map", *at, "--seconds", "4", "--out", str(tmp_path / "graph.yaml"))
-    finally:
-        for peer in peers:
-            peer.kill()
-            peer.communicate()
     (topic,) = load_topics(tmp_path / "topics.yaml").topics
     assert (topic.name, topic.source, topic.target) == ("/global/go2/word", "go2", "station")
     assert topic.size_bytes in (14, 16), "with or without what fills four bytes"

@@ -3,13 +3,12 @@
 import asyncio
 import os
 import signal
-import subprocess
 import sys
 import textwrap
 from contextlib import asynccontextmanager, suppress
 
 import pytest
-from waiting import DEADLINE_S, lives, process, until
+from waiting import DEADLINE_S, lives, process, program, until
 
 from sfglab.component import END_LIMIT_S, beside
 from sfglab.fleet.agent import app
@@ -244,16 +243,12 @@ run(serve_agent(config, lambda line: print(line, flush=True)))
 def terminal(domains):
     """An agent with a router, as a person starts it, ready."""
     remote, local = (address.domain_id for address in domains)
-    argv = [sys.executable, "-c", TERMINAL, f"{local}", f"{remote}"]
-    with subprocess.Popen(argv, stdout=subprocess.PIPE, text=True) as process:
-        try:
-            first = f"agent go2: its own domain {local} on lo, the global domain {remote} on lo; starting\n"
-            assert process.stdout.readline() == first
-            assert process.stdout.readline() == "router: ready\n"
-            assert process.stdout.readline() == "agent go2: ready, end it with Ctrl-C\n"
-            yield process
-        finally:
-            process.kill()
+    with program(sys.executable, "-c", TERMINAL, f"{local}", f"{remote}") as process:
+        first = f"agent go2: its own domain {local} on lo, the global domain {remote} on lo; starting\n"
+        assert process.stdout.readline() == first
+        assert process.stdout.readline() == "router: ready\n"
+        assert process.stdout.readline() == "agent go2: ready, end it with Ctrl-C\n"
+        yield process
 
 
 @pytest.mark.parametrize(

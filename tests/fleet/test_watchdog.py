@@ -3,12 +3,12 @@
 import asyncio
 import os
 import signal
-import subprocess
 import sys
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 
 import pytest
 from test_agent_supervisor import SERVES, component, running
+from waiting import program
 
 from sfglab.fleet.agent.supervision import Component, State
 from sfglab.processes import HANG_S, HangWatch
@@ -67,8 +67,8 @@ async def test_a_component_that_is_stopped_is_started_anew_and_the_agent_says_so
 @pytest.mark.live
 async def test_a_component_whose_loop_hangs_is_started_anew_and_one_that_beats_is_not(monkeypatch):
     monkeypatch.setattr("sfglab.processes.HANG_S", 2.0)
-    program = (sys.executable, "-c", HANGS)
-    parts = [Component(name=name, argv=(*program, f'"{name}"')) for name in ("hangs", "beats")]
+    argv = (sys.executable, "-c", HANGS)
+    parts = [Component(name=name, argv=(*argv, f'"{name}"')) for name in ("hangs", "beats")]
     async with running(*parts) as watched:
         await watched.pid("hangs", 2)
         assert watched.states("beats") == [State.STARTING, State.RUNNING]
@@ -78,16 +78,11 @@ async def test_a_component_whose_loop_hangs_is_started_anew_and_one_that_beats_i
 
 @contextmanager
 def two_endless_loops_a_core():
-    loops = []
-    try:
+    with ExitStack() as loops:
         for core in sorted(os.sched_getaffinity(0)) * 2:
-            loops.append(subprocess.Popen([sys.executable, "-S", "-c", "while True: pass"]))
-            os.sched_setaffinity(loops[-1].pid, {core})
+            loop = loops.enter_context(program(sys.executable, "-S", "-c", "while True: pass"))
+            os.sched_setaffinity(loop.pid, {core})
         yield
-    finally:
-        for loop in loops:
-            loop.kill()
-            loop.wait()
 
 
 @pytest.mark.live

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import psutil
 import pytest
+from waiting import program
 
 from sfglab.lab.hosts import Network
 from sfglab.lab.hosts.host import members
@@ -124,13 +125,12 @@ def test_the_obedient_get_term_and_the_stubborn_kill():
 
 
 def test_processes_elsewhere_are_left_alone():
-    with Network(grace_s=0.2) as other, subprocess.Popen(["sleep", "1000"]) as outside:
+    with Network(grace_s=0.2) as other, program("sleep", "1000") as outside:
         neighbour = other.add_host("edge").popen(["sleep", "1000"])
         with Network(grace_s=0.2) as net:
             net.add_host("edge").popen(["sleep", "1000"])
         assert neighbour.poll() is None
         assert outside.poll() is None
-        outside.kill()
 
 
 def in_a_thread(do):
@@ -170,8 +170,7 @@ os.killpg(0, signal.SIGKILL)
 
 def test_members_of_a_namespace_are_found_and_the_caller_is_spared():
     own = Path("/proc/self/ns/net").stat().st_ino
-    with subprocess.Popen(["sleep", "1000"]) as child:
+    with program("sleep", "1000") as child:
         found = members([own])
-        child.kill()
     assert child.pid in found
     assert os.getpid() not in found

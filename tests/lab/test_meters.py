@@ -3,13 +3,14 @@
 import asyncio
 import os
 import signal
-import subprocess
 import sys
 import time
+from subprocess import PIPE
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from waiting import program
 
 from sfglab.errors import InvalidValueError
 from sfglab.lab.hosts.host import InterfaceBytes, interface_bytes
@@ -117,10 +118,9 @@ def test_a_tree_holds_roots_and_all_descendants_that_exist():
 
 @pytest.fixture
 def burner():
-    with subprocess.Popen([*PYTHON, BURNER], stdin=-1, stdout=-1, text=True) as process:
+    with program(*PYTHON, BURNER, stdin=PIPE) as process:
         assert process.stdout.readline() == "ready\n"
         yield process
-        process.kill()
 
 
 def burn(process, seconds):
@@ -158,13 +158,12 @@ def test_a_known_cpu_time_is_measured_and_below_two_labels_taken_from_the_machin
 
 @pytest.mark.live
 def test_children_that_live_and_die_between_samples_are_counted():
-    with subprocess.Popen([*PYTHON, PARENT], stdin=-1, stdout=-1, text=True) as parent:
+    with program(*PYTHON, PARENT, stdin=PIPE) as parent:
         parent.stdout.readline()
         meter = CpuMeter([parent.pid])
         meter.sample()
         burn(parent, 0.1)
         total_ns = meter.sample()
-        parent.kill()
     # The kernel tells of them in ticks of 10 ms.
     assert total_ns == pytest.approx(300 * MS, rel=0.1, abs=20 * MS)
 
@@ -198,7 +197,7 @@ if os.fork() == 0:
 os.wait()
 time.sleep(1000)  # standard input is the grandchild's alone
 """
-    with subprocess.Popen([*PYTHON, code], stdin=-1, stdout=-1, text=True, bufsize=1) as process:
+    with program(*PYTHON, code, stdin=PIPE, bufsize=1) as process:
         grandchild, middle = map(int, process.stdout.readline().split())
         meter = CpuMeter([process.pid])
         meter.sample()
@@ -208,7 +207,6 @@ time.sleep(1000)  # standard input is the grandchild's alone
         total_ns = meter.sample()
         followed = set(meter._ledger.started_ns)
         process.stdin.close()
-        process.kill()
     assert grandchild in followed
     assert middle not in followed
     assert total_ns >= 90 * MS
