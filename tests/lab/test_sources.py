@@ -1,5 +1,6 @@
 """Sources: the same frames for the same seed, metric depth, one's own material; numbers drawn into frames."""
 
+from contextlib import closing
 from pathlib import Path
 
 import cv2
@@ -16,11 +17,8 @@ from sfglab.record import LogWriter
 
 
 def frames(spec: str, count: int, **options) -> list:
-    source = sources.open_source(spec, **options)
-    try:
+    with closing(sources.open_source(spec, **options)) as source:
         return [source.frame() for _ in range(count)]
-    finally:
-        source.close()
 
 
 def test_photographs_move_and_are_the_same_for_the_same_seed():

@@ -72,10 +72,9 @@ def test_no_two_suffixed_values_of_a_set_are_written_alike(a, b, first, second):
 
 
 def test_a_suffix_that_spells_another_value_and_digits_behind_an_underscore_are_refused():
-    with pytest.raises(FqnError, match=r"Resource\.COMPRESSED_DEPTH"):
-        Resource.COMPRESSED.suffixed("depth")
-    with pytest.raises(FqnError, match=r"Resource\.COMPRESSED_DEPTH"):
-        Resource.COMPRESSED.suffixed("depth_left")
+    for suffix in ("depth", "depth_left"):
+        with pytest.raises(FqnError, match=r"Resource\.COMPRESSED_DEPTH"):
+            Resource.COMPRESSED.suffixed(suffix)
     with pytest.raises(FqnError, match=r"Resource\.FFMPEG_REPLAY"):
         Resource.FFMPEG.suffixed("replay")
     assert read_standard(Resource, "compressed_depth_left") == Resource.COMPRESSED_DEPTH.suffixed("left")
