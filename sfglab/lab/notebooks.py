@@ -7,10 +7,12 @@ runs. Fields of the configuration that a parameters cell does not list travel in
 from __future__ import annotations
 
 import ast
+import asyncio
 import io
 import multiprocessing.connection
 import re
 import sys
+import tempfile
 import time
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
@@ -25,9 +27,10 @@ from sfglab.lab.ahead import end_process, give_way, sweeps_ahead
 from sfglab.lab.experiment import QUICK
 from sfglab.lab.experiments import experiment
 from sfglab.lab.progress import is_line
+from sfglab.lab.sweep.run import begin_worker
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Iterable, Mapping, Sequence
     from multiprocessing.connection import Connection
     from multiprocessing.process import BaseProcess
     from pathlib import Path
@@ -163,12 +166,10 @@ class _Steps(io.TextIOBase):
         return len(text)
 
 
-def run_notebook(
-    path: Path, output: Path, parameters: Mapping[str, Any], after_cell: Callable[[str], None] | None = None
-) -> None:
+def run_notebook(path: Path, output: Path, parameters: Mapping[str, Any], **hooks: Callable[..., Any]) -> None:
     """Run one notebook and keep the copy also when it fails; `NotebookError` if a parameter or cell does.
 
-    What is to be done after each cell is given its source.
+    Hooks are those of nbclient.
     """
     import papermill
     from traitlets.config import Config
@@ -176,20 +177,22 @@ def run_notebook(
     parameters = fit_parameters(path, parameters)
     output.parent.mkdir(parents=True, exist_ok=True)
     try:
-        papermill.execute_notebook(
-            str(path),
-            str(output),
-            parameters=parameters,
-            kernel_name="python3",
-            language="python",
-            cwd=str(path.parent),
-            progress_bar=False,
-            stdout_file=_Steps(),
-            stderr_file=sys.stderr,
+        with tempfile.TemporaryDirectory() as folder:
             # A kernel is reached by this user only, and not over TCP.
-            config=Config({"KernelManager": {"transport": "ipc"}}),
-            on_cell_executed=after_cell and (lambda cell, **_: after_cell(cell.source)),
-        )
+            sockets = {"transport": "ipc", "ip": f"{folder}/kernel"}
+            papermill.execute_notebook(
+                str(path),
+                str(output),
+                parameters=parameters,
+                kernel_name="python3",
+                language="python",
+                cwd=str(path.parent),
+                progress_bar=False,
+                stdout_file=_Steps(),
+                stderr_file=sys.stderr,
+                config=Config({"KernelManager": sockets}),
+                **hooks,
+            )
     except papermill.PapermillExecutionError as error:
         raise NotebookError(f"{path.name}: cell {error.exec_count}: {error.ename}: {error.evalue}") from error
 
@@ -230,45 +233,52 @@ def run_notebooks(
 
     with ExitStack() as stack:
         leave = stack.enter_context(sweeps_ahead(_sweeping(names, parameters) if ahead else {}))
-        turns = _Turns(ended, stack)
-        for path in paths:
+        runs = {path: partial(_run_one, path, project, parameters, write=write) for path in paths}
+        every = ((path.stem, run, _last_measuring(names[path])) for path, run in runs.items())
+        turns = _Turns(every if ahead else (), ended, stack)
+        for path, run in runs.items():
             if path.stem == INDEX:
                 turns.end_all()
             leave(names[path])
             _say(f"{places[path.stem]} ...")
             if ahead:
-                run = partial(_run_one, path, project, parameters, write=write)
-                turns.take(path.stem, run, _last_measuring(names[path]))
+                turns.take()
             else:
-                ended(_run_one(path, project, parameters, write=write))
+                ended(run())
         turns.end_all()
     return sorted(outcomes, key=lambda outcome: list(places).index(outcome.name))
 
 
 class _Turns:
-    """Notebooks in processes, which end with a stack: one begins when nothing is measured in the one before."""
+    """Notebooks in processes, which end with a stack: one begins when nothing is measured in the one before.
 
-    def __init__(self, ended: Callable[[Outcome], None], stack: ExitStack) -> None:
+    A turn is a notebook's name, how it is run, and what is in its last cell that measures.
+    """
+
+    def __init__(
+        self,
+        turns: Iterable[tuple[str, Callable[..., Outcome], re.Pattern[str]]],
+        ended: Callable[[Outcome], None],
+        stack: ExitStack,
+    ) -> None:
         import_module("papermill")  # once, and not in each process
-        self._ended, self._stack = ended, stack
+        self._turns, self._ended, self._stack = iter(turns), ended, stack
         self._running: dict[Any, tuple[str, float, BaseProcess]] = {}  # by connection
         self._measured: Any = None
+        self._make_ready()
 
-    def take(self, name: str, run: Callable[..., Outcome], last: re.Pattern[str]) -> None:
-        """Begin a notebook, and return when the last cell that measures, by what is in it, is done.
+    def take(self) -> None:
+        """Let the next notebook begin, and return when its last cell that measures is done.
 
-        Beside it one other may end.
+        Beside it one other may end, and the one that follows stands ready with its kernel.
         """
         while len(self._running) > 1:
             self._hear()
-        here, there = multiprocessing.Pipe(duplex=False)
-        # Forked, because all is imported, and this process has no threads.
-        process = multiprocessing.get_context("fork").Process(target=_take_turn, args=(run, last, there))
-        process.start()
-        self._stack.callback(end_process, process)
-        there.close()
-        self._running[here] = name, time.monotonic(), process
-        self._measured = here
+        name, process, self._measured = self._ready
+        self._running[self._measured] = name, time.monotonic(), process
+        with suppress(BrokenPipeError):  # it has ended, which is heard
+            self._measured.send(None)
+        self._make_ready()
         while self._measured is not None:
             self._hear()
 
@@ -277,13 +287,24 @@ class _Turns:
         while self._running:
             self._hear()
 
+    def _make_ready(self) -> None:
+        for name, run, last in self._turns:
+            here, there = multiprocessing.Pipe()
+            # Forked, because all is imported, and this process has no threads.
+            process = multiprocessing.get_context("fork").Process(target=_take_turn, args=(run, last, there))
+            process.start()
+            self._stack.callback(end_process, process)
+            there.close()
+            self._ready = name, process, here
+            return
+
     def _hear(self) -> None:
         ready: list[Any] = multiprocessing.connection.wait(list(self._running))
         for connection in ready:
             name, started_s, process = self._running[connection]
             try:
                 outcome: Outcome | None = connection.recv()
-            except EOFError:
+            except (EOFError, OSError):
                 seconds = time.monotonic() - started_s
                 outcome = Outcome(name=name, seconds=seconds, error="its process ended")
             if self._measured is connection:
@@ -295,14 +316,23 @@ class _Turns:
 
 
 def _take_turn(run: Callable[..., Outcome], last: re.Pattern[str], there: Connection) -> None:
-    def after_cell(source: str) -> None:
-        if last.search(source):
+    begin_worker()
+    told = asyncio.Event()
+
+    async def before_cell(**_: Any) -> None:
+        if not told.is_set():
+            asyncio.get_running_loop().add_reader(there.fileno(), told.set)
+            await told.wait()
+            asyncio.get_running_loop().remove_reader(there.fileno())
+            there.recv()
+
+    def after_cell(cell: NotebookNode, **_: Any) -> None:
+        if last.search(cell.source):
             for kernel in psutil.Process().children():
                 give_way(kernel.pid)
             there.send(None)
 
-    with suppress(KeyboardInterrupt):  # who waits for it has it, too
-        there.send(run(after_cell=after_cell))
+    there.send(run(on_cell_start=before_cell, on_cell_executed=after_cell))
 
 
 def _last_measuring(name: str) -> re.Pattern[str]:
@@ -345,14 +375,14 @@ def _run_one(
     parameters: Mapping[str, Any],
     *,
     write: bool,
-    after_cell: Callable[[str], None] | None = None,
+    **hooks: Callable[..., Any],
 ) -> Outcome:
     import nbformat
 
     output = project.runs / "notebooks" / path.name
     started = time.monotonic()
     try:
-        run_notebook(path, output, parameters, after_cell)
+        run_notebook(path, output, parameters, **hooks)
     except NotebookError as error:
         return Outcome(name=path.stem, seconds=time.monotonic() - started, error=str(error))
     if write:
