@@ -164,14 +164,10 @@ class Entry:
     def as_json(self) -> dict[str, Any]:
         """Return the line as JSON values; figures are null where nothing was measured."""
         m = self.measured
+        estimate = m.estimate if m else None
         return {
-            "id": self.claim.id,
-            "where": self.claim.where,
-            "says": self.claim.says,
-            "paper": self.claim.paper,
-            "value": m.estimate.value if m else None,
-            "low": m.estimate.low if m else None,
-            "high": m.estimate.high if m else None,
+            **{name: getattr(self.claim, name) for name in ("id", "where", "says", "paper")},
+            **{name: getattr(estimate, name, None) for name in ("value", "low", "high")},
             "unit": self.claim.unit,
             "how": m.how.value if m else None,
             "verdict": self.verdict.value,

@@ -14,8 +14,9 @@ import re
 import sys
 import tempfile
 import time
+from collections.abc import Callable
 from contextlib import ExitStack, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
@@ -30,9 +31,8 @@ from sfglab.lab.progress import is_line
 from sfglab.lab.sweep.run import begin_worker
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
     from multiprocessing.connection import Connection
-    from multiprocessing.process import BaseProcess
     from pathlib import Path
 
     from nbformat import NotebookNode
@@ -45,6 +45,7 @@ KERNEL = {"display_name": "Python 3 (ipykernel)", "language": "python", "name": 
 """The kernel that notebooks name, so that none asks for one when it is opened."""
 SETTINGS = "settings"
 _EXPERIMENT = re.compile(r"notebook\.run\((\w+)\.exp\b")
+_ANY = re.compile("")
 _CELL_METADATA_KEPT = ("tags",)
 
 
@@ -167,10 +168,7 @@ class _Steps(io.TextIOBase):
 
 
 def run_notebook(path: Path, output: Path, parameters: Mapping[str, Any], **hooks: Callable[..., Any]) -> None:
-    """Run one notebook and keep the copy also when it fails; `NotebookError` if a parameter or cell does.
-
-    Hooks are those of nbclient.
-    """
+    """Run one notebook with hooks of nbclient; a copy is kept also if it fails, which is a `NotebookError`."""
     import papermill
     from traitlets.config import Config
 
@@ -234,7 +232,8 @@ def run_notebooks(
     with ExitStack() as stack:
         leave = stack.enter_context(sweeps_ahead(_sweeping(names, parameters) if ahead else {}))
         runs = {path: partial(_run_one, path, project, parameters, write=write) for path in paths}
-        every = ((path.stem, run, _last_measuring(names[path])) for path, run in runs.items())
+        measure = {path: not name or experiment(name).measures for path, name in names.items()}
+        every = ((path.stem, run, _EXPERIMENT if measure[path] else _ANY) for path, run in runs.items())
         turns = _Turns(every if ahead else (), ended, stack)
         for path, run in runs.items():
             if path.stem == INDEX:
@@ -249,33 +248,25 @@ def run_notebooks(
     return sorted(outcomes, key=lambda outcome: list(places).index(outcome.name))
 
 
+_Turn = tuple[str, Callable[..., Outcome], re.Pattern[str]]  # name, how it is run, its last cell that measures
+
+
 class _Turns:
-    """Notebooks in processes, which end with a stack: one begins when nothing is measured in the one before.
+    """Notebooks in processes, which end with a stack: one begins when nothing is measured in the one before."""
 
-    A turn is a notebook's name, how it is run, and what is in its last cell that measures.
-    """
-
-    def __init__(
-        self,
-        turns: Iterable[tuple[str, Callable[..., Outcome], re.Pattern[str]]],
-        ended: Callable[[Outcome], None],
-        stack: ExitStack,
-    ) -> None:
+    def __init__(self, turns: Iterable[_Turn], ended: Callable[[Outcome], None], stack: ExitStack) -> None:
         import_module("papermill")  # once, and not in each process
         self._turns, self._ended, self._stack = iter(turns), ended, stack
-        self._running: dict[Any, tuple[str, float, BaseProcess]] = {}  # by connection
+        self._running: dict[Any, tuple[str, float]] = {}  # name and begin, by connection
         self._measured: Any = None
         self._make_ready()
 
     def take(self) -> None:
-        """Let the next notebook begin, and return when its last cell that measures is done.
-
-        Beside it one other may end, and the one that follows stands ready with its kernel.
-        """
+        """Let the next begin, beside which one other may end; return when its last measuring cell has run."""
         while len(self._running) > 1:
             self._hear()
-        name, process, self._measured = self._ready
-        self._running[self._measured] = name, time.monotonic(), process
+        name, self._measured = self._ready
+        self._running[self._measured] = name, time.monotonic()
         with suppress(BrokenPipeError):  # it has ended, which is heard
             self._measured.send(None)
         self._make_ready()
@@ -288,6 +279,7 @@ class _Turns:
             self._hear()
 
     def _make_ready(self) -> None:
+        """Start the next one's kernel, as far as there is one."""
         for name, run, last in self._turns:
             here, there = multiprocessing.Pipe()
             # Forked, because all is imported, and this process has no threads.
@@ -295,24 +287,21 @@ class _Turns:
             process.start()
             self._stack.callback(end_process, process)
             there.close()
-            self._ready = name, process, here
+            self._ready = name, here
             return
 
     def _hear(self) -> None:
         ready: list[Any] = multiprocessing.connection.wait(list(self._running))
         for connection in ready:
-            name, started_s, process = self._running[connection]
+            name, started_s = self._running[connection]
             try:
                 outcome: Outcome | None = connection.recv()
             except (EOFError, OSError):
-                seconds = time.monotonic() - started_s
-                outcome = Outcome(name=name, seconds=seconds, error="its process ended")
-            if self._measured is connection:
-                self._measured = None
+                outcome = Outcome(name=name, seconds=0.0, error="its process ended")
+            self._measured = None if self._measured is connection else self._measured
             if outcome is not None:
                 del self._running[connection]
-                process.join()
-                self._ended(outcome)
+                self._ended(replace(outcome, seconds=time.monotonic() - started_s))
 
 
 def _take_turn(run: Callable[..., Outcome], last: re.Pattern[str], there: Connection) -> None:
@@ -333,11 +322,6 @@ def _take_turn(run: Callable[..., Outcome], last: re.Pattern[str], there: Connec
             there.send(None)
 
     there.send(run(on_cell_start=before_cell, on_cell_executed=after_cell))
-
-
-def _last_measuring(name: str) -> re.Pattern[str]:
-    """Return what is in a notebook's last cell that measures: its run, or any where nothing is measured."""
-    return _EXPERIMENT if not name or experiment(name).measures else re.compile("")
 
 
 def _sweeping(names: Mapping[Path, str], parameters: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
@@ -362,11 +346,14 @@ def seconds_left(done: Sequence[Outcome], before: Mapping[str, float]) -> float:
 def seconds_before(path: Path, project: Project, parameters: Mapping[str, Any]) -> float:
     """Return how long a notebook took when it was last run with these parameters, by its copy; 0: unknown."""
     try:
-        last = read_notebook(project.runs / "notebooks" / path.name).metadata.get("papermill", {})
+        copy = read_notebook(project.runs / "notebooks" / path.name)
     except NotebookError:
         return 0.0
-    alike = last.get("parameters") == fit_parameters(path, parameters)
-    return float(last.get("duration") or 0.0) if alike and not last.get("exception") else 0.0
+    # Its first cell, the title, waited for its turn.
+    last, *firsts = (part.metadata.get("papermill", {}) for part in (copy, *copy.cells[:1]))
+    alike = last.get("parameters") == fit_parameters(path, parameters) and not last.get("exception")
+    waited_s = sum(first.get("duration") or 0.0 for first in firsts)
+    return float(last.get("duration") or waited_s) - waited_s if alike else 0.0
 
 
 def _run_one(

@@ -165,15 +165,12 @@ def _add_chunk(summary: Summary, offset: int, content: bytes) -> None:
         summary.statistics.channel_message_counts[channel] += count
     summary.chunk_indexes.append(
         ChunkIndex(
-            message_start_time=chunk.message_start_time,
-            message_end_time=chunk.message_end_time,
             chunk_start_offset=offset,
             chunk_length=_RECORD_HEAD.size + len(content),
             message_index_offsets={},
             message_index_length=0,
-            compression=chunk.compression,
             compressed_size=len(chunk.data),
-            uncompressed_size=chunk.uncompressed_size,
+            **_same(chunk, "message_start_time", "message_end_time", "compression", "uncompressed_size"),
         )
     )
 
@@ -189,13 +186,14 @@ def _add_attachment(summary: Summary, offset: int, content: bytes) -> None:
         AttachmentIndex(
             offset=offset,
             length=len(content),
-            log_time=found.log_time,
-            create_time=found.create_time,
             data_size=len(found.data),
-            name=found.name,
-            media_type=found.media_type,
+            **_same(found, "log_time", "create_time", "name", "media_type"),
         )
     )
+
+
+def _same(record: Any, *names: str) -> dict[str, Any]:
+    return {name: getattr(record, name) for name in names}
 
 
 _INDEXERS: dict[int, Callable[[Summary, int, bytes], None]] = {

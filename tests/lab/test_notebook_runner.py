@@ -5,7 +5,7 @@ import asyncio
 import nbformat
 import psutil
 import pytest
-from nbformat.v4 import new_code_cell, new_notebook, new_output
+from nbformat.v4 import new_code_cell, new_markdown_cell, new_notebook, new_output
 
 from sfglab.errors import SfglabError
 from sfglab.lab import notebook, notebooks, progress
@@ -226,7 +226,7 @@ def test_the_time_left_follows_from_the_last_run_at_todays_pace():
 @pytest.mark.parametrize(
     ("told", "seconds"),
     [
-        ({"parameters": {"x": 4}, "duration": 12.5}, 12.5),
+        ({"parameters": {"x": 4}, "duration": 14.5}, 12.5),
         ({"parameters": {"x": 5}, "duration": 12.5}, 0),
         ({"parameters": {"x": 4}, "duration": 12.5, "exception": True}, 0),
         ({"parameters": {"x": 4}, "duration": None}, 0),
@@ -237,7 +237,8 @@ def test_a_copy_of_a_like_run_tells_how_long_it_took(project, told, seconds):
     write(project, "01_a", "x: int = 1")
     if told is not None:
         (project.runs / "notebooks").mkdir(parents=True)
-        copy = new_notebook(metadata={"papermill": told})
+        waited = new_markdown_cell("# A", metadata={"papermill": {"duration": 2.0}})
+        copy = new_notebook(cells=[waited], metadata={"papermill": told})
         nbformat.write(copy, project.runs / "notebooks" / "01_a.ipynb")
     assert notebooks.seconds_before(project.notebooks / "01_a.ipynb", project, {"x": 4}) == seconds
 

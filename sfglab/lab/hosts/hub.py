@@ -17,7 +17,7 @@ import signal
 import socket
 import sys
 import traceback
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import Any, NoReturn
 
 from pyroute2.netlink.exceptions import NetlinkError
 
@@ -27,9 +27,6 @@ from sfglab.lab.hosts.network import Link
 from sfglab.lab.hosts.radio import Relay
 from sfglab.lab.hosts.wiring import Port, Shaping, Wiring
 from sfglab.rtps import Medium
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
 
 _MAX_REQUEST_BYTES = 65536
 
@@ -119,13 +116,8 @@ class _Hub:
         return self._relay.request("counters")
 
     def answer(self, request: dict[str, Any]) -> dict[str, Any]:
-        operations: dict[str, Callable[..., dict[str, Any]]] = {
-            "add_host": self.add_host,
-            "set_link": self.set_link,
-            "set_radio": self.set_radio,
-            "end_radio": self.end_radio,
-            "radio_counters": self.radio_counters,
-        }
+        known = (self.add_host, self.set_link, self.set_radio, self.end_radio, self.radio_counters)
+        operations = {operation.__name__: operation for operation in known}
         try:
             return {"ok": operations[request.pop("op")](**request)}
         except NetlinkError as error:
