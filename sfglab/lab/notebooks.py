@@ -213,6 +213,7 @@ def run_notebooks(
     Raises:
         NotebookError: Before anything runs: parameters that do not fit a notebook.
     """
+    paths = list(dict.fromkeys(paths))  # one that is named twice runs once
     for path in paths:
         fit_parameters(path, parameters)
     before = {path.stem: seconds_before(path, project, parameters) for path in paths}

@@ -91,7 +91,7 @@ def test_one_failed_notebook_does_not_hide_the_others_and_says_which_cell(projec
     write(project, "01_bad", "x: int = 1", "1 / 0")
     write(project, "02_good", "x: int = 1", "print(x + 1)")
     found = notebooks.find_notebooks(project)
-    outcomes = notebooks.run_notebooks(found, project=project, parameters={"x": 4}, write=True)
+    outcomes = notebooks.run_notebooks([*found, *found], project=project, parameters={"x": 4}, write=True)
     said = [line for line in capsys.readouterr().err.splitlines() if line.startswith("[")]
     assert [bool(o.error) for o in outcomes] == [True, False]
     assert "cell" in outcomes[0].error
