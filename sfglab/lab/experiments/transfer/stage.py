@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
     from sfglab.lab.bench import Bench
-    from sfglab.soc.rtl.cycles import CycleModel, Delays
+    from sfglab.soc.rtl import Delays
 
 MODELS = {"stored": STORED, "cut-through": CUT_THROUGH}
 """Both sets of constants; the first is the better fit and the one that claims are judged by."""
@@ -173,18 +173,14 @@ def moving(config: Config) -> list[Moving]:
     return [Moving(path, n, config.rtl_check_bytes) for n in counts for path in (OUT, IN, READS, WRITE)]
 
 
-@exp.part("hardware", total=lambda config: len(moving(config)) + config.areas, timed=False)
+@exp.part("hardware", timed=False)
 def hardware(bench: Bench[Config]) -> None:
-    """Write the hardware's laws and its area, where that is installed; what is missing is written down."""
+    """Write what follows from the hardware's laws, and its area; what is missing is written down."""
     config, missing = bench.config, what_is_missing()
     bench.metadata("missing", missing)
-    chunk_cycles: dict[int, dict[str, float]] = {}
-    for point in moving(config):
-        law = _law(point)
-        chunk_cycles.setdefault(point.subscribers, {})[point.path] = law.chunk_cycles
-        bench.write("law", {"path": point.path, "subscribers": point.subscribers, **asdict(law)})
-        bench.advance(point.path)
-    for count, cycles in chunk_cycles.items():
+    laws = bench.rows.get("law", ())
+    for count in dict.fromkeys(law.subscribers for law in laws):
+        cycles = {law.path: law.chunk_cycles for law in laws if law.subscribers == count}
         bench.write_all("bar", bars_with_cycles(count, cycles))
     if config.areas and "synthesis" not in missing:
         from sfglab.soc.rtl import gateway_area
@@ -207,12 +203,6 @@ def what_is_missing() -> dict[str, str]:
     return missing
 
 
-def _law(point: Moving) -> CycleModel:
-    from sfglab.soc.rtl import MemoryPath, cycle_model
-
-    return cycle_model(MemoryPath(point.path), point.subscribers, _delays())
-
-
 def _delays() -> Delays:
     """Return the model's latencies in whole cycles: the fitted one is no whole number."""
     from sfglab.soc.rtl import Delays
@@ -221,12 +211,22 @@ def _delays() -> Delays:
     return Delays(read=round(timing.read_latency_cycles), write=round(timing.write_latency_cycles))
 
 
+@exp.sweep("law", over=moving, seeds=lambda _: (0,))
+def simulate_law(point: Moving, _seed: int) -> dict[str, float]:
+    """Simulate a path with two sizes, which give its law."""
+    from sfglab.soc.rtl import MemoryPath, cycle_model
+
+    return asdict(cycle_model(MemoryPath(point.path), point.subscribers, _delays()))
+
+
 @exp.sweep("cycles", over=moving, seeds=lambda _: (0,))
 def check_law(point: Moving, _seed: int) -> tuple[dict[str, Any], ...]:
     """Hold a law to the hardware, simulated at a larger size, and to the model at the paper's sizes."""
     from sfglab.soc.rtl import MemoryPath, memory_model_cycles, simulated_cycles
+    from sfglab.soc.rtl.cycles import CycleModel
 
-    law, place, delays, count = _law(point), MemoryPath(point.path), _delays(), point.subscribers
+    law, place = CycleModel(**simulate_law(point, 0)), MemoryPath(point.path)
+    delays, count = _delays(), point.subscribers
     # Readers together move the same bytes as one gateway, so that no check takes much longer than another.
     size = point.check_bytes // count if point.path == READS else point.check_bytes
     simulated = float(simulated_cycles(place, count, size, delays))
