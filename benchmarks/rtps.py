@@ -28,7 +28,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import simpy
 
-from sfglab.lab.experiments.transmission.experiment import Point, exp, grid, scenario_of, simulate_cell
+from sfglab.lab.experiments.transmission.experiment import (
+    Point,
+    exp,
+    grid,
+    scenario_of,
+    simulate_cell,
+)
 from sfglab.lab.sweep import Workers, sweep
 from sfglab.rtps import run
 

@@ -13,7 +13,15 @@ from collections.abc import Mapping
 from typing import Any
 
 from sfglab.documents import Place
-from sfglab.fields import BOUNDS, Bounds, alternatives_of, choices_of, field_docs, to_json, typed_fields
+from sfglab.fields import (
+    BOUNDS,
+    Bounds,
+    alternatives_of,
+    choices_of,
+    field_docs,
+    to_json,
+    typed_fields,
+)
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 

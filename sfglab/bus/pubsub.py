@@ -10,7 +10,12 @@ from typing import TYPE_CHECKING, Any
 from sfglab import names
 from sfglab.bus.api import EndpointAdded, MessageInfo, RawEndpoint
 from sfglab.bus.endpoints import Endpoint, Inbox, Reader, Sample, ThreadInbox
-from sfglab.bus.errors import BusTimeoutError, ClosedError, InvalidMessageError, discovery_timeout_error
+from sfglab.bus.errors import (
+    BusTimeoutError,
+    ClosedError,
+    InvalidMessageError,
+    discovery_timeout_error,
+)
 from sfglab.bus.loop import Signal
 from sfglab.messages import message_type, type_name
 from sfglab.qos import QoSProfile, incompatibilities

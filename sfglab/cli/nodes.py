@@ -7,7 +7,18 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer import Argument, Option
 
-from sfglab.cli.buses import Count, Domain, Hidden, Interface, Json, SpinTime, call, look, on_node, tell
+from sfglab.cli.buses import (
+    Count,
+    Domain,
+    Hidden,
+    Interface,
+    Json,
+    SpinTime,
+    call,
+    look,
+    on_node,
+    tell,
+)
 from sfglab.errors import InvalidValueError, SfglabError
 
 if TYPE_CHECKING:

@@ -14,7 +14,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sfglab.codecs.depth import PNG_LEVEL, DepthFormat, decode_depth, encode_depth, parse_depth_format
+from sfglab.codecs.depth import (
+    PNG_LEVEL,
+    DepthFormat,
+    decode_depth,
+    encode_depth,
+    parse_depth_format,
+)
 from sfglab.codecs.errors import MAX_PIXELS, CodecError, CodecUnavailableError, kind_of
 from sfglab.codecs.h264 import H264Decoder, VideoDecoder
 

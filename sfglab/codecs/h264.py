@@ -18,7 +18,13 @@ from typing import TYPE_CHECKING, NoReturn
 import av
 import numpy as np
 
-from sfglab.codecs.errors import MAX_PIXELS, BitstreamError, CodecError, CodecUnavailableError, kind_of
+from sfglab.codecs.errors import (
+    MAX_PIXELS,
+    BitstreamError,
+    CodecError,
+    CodecUnavailableError,
+    kind_of,
+)
 from sfglab.codecs.libav import (
     TABLE_2,
     DecoderSession,

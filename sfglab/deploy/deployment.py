@@ -11,7 +11,14 @@ import hashlib
 from dataclasses import dataclass
 
 from sfglab.deploy.errors import DeployError
-from sfglab.fleet.fleet_file import Accelerator, AgentSpec, ContainerNetwork, DeploymentSpec, Fleet, HostSpec
+from sfglab.fleet.fleet_file import (
+    Accelerator,
+    AgentSpec,
+    ContainerNetwork,
+    DeploymentSpec,
+    Fleet,
+    HostSpec,
+)
 
 LAST_EPHEMERAL_FREE_PORT = 32767  #: The last port below net.ipv4.ip_local_port_range, which anybody gets.
 

@@ -19,7 +19,14 @@ from sfglab.names.agent import (
     sanitize_agent,
     validate_agent,
 )
-from sfglab.names.fqn import RosFqn, RosFqnBuilder, SchemaNode, all_standard_fqns, parse, schema_table
+from sfglab.names.fqn import (
+    RosFqn,
+    RosFqnBuilder,
+    SchemaNode,
+    all_standard_fqns,
+    parse,
+    schema_table,
+)
 from sfglab.names.grammar import (
     TF,
     TF_STATIC,

@@ -41,7 +41,13 @@ class BagWriter(AbstractContextManager["BagWriter"]):
     """
 
     def __init__(self, path: Path, *, storage: Storage = "mcap", compression: Compression = "none") -> None:
-        from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer, WriterError
+        from rosbags.rosbag2 import (
+            CompressionFormat,
+            CompressionMode,
+            StoragePlugin,
+            Writer,
+            WriterError,
+        )
 
         self.path = path
         self._definitions: dict[str, str] = {}

@@ -121,7 +121,14 @@ class LogReader(AbstractContextManager["LogReader"]):
 
     def _indexed(self, stream: BinaryIO) -> tuple[SeekingReader, Summary]:
         """Return a reader with the file's own index, or with one from a scan."""
-        from sfglab.record.recovery import DAMAGE, MAGIC, SeekingReader, UnchunkedError, has_sound_index, scan
+        from sfglab.record.recovery import (
+            DAMAGE,
+            MAGIC,
+            SeekingReader,
+            UnchunkedError,
+            has_sound_index,
+            scan,
+        )
 
         size = stream.seek(0, SEEK_END)
         stream.seek(0)

@@ -8,7 +8,14 @@ from __future__ import annotations
 from sfglab.rtps.model import Flow, Medium, Scenario
 from sfglab.rtps.session import AirFrame, FlowOutcome, Outcome, Session, run, trace
 from sfglab.rtps.state import Drop, Fate, Frame
-from sfglab.rtps.vendors import CYCLONE_DDS, FAST_DDS, FAST_DDS_ASYNC, FAST_DDS_SYNC, PRESETS, Vendor
+from sfglab.rtps.vendors import (
+    CYCLONE_DDS,
+    FAST_DDS,
+    FAST_DDS_ASYNC,
+    FAST_DDS_SYNC,
+    PRESETS,
+    Vendor,
+)
 
 __all__ = [
     "CYCLONE_DDS",

@@ -9,7 +9,14 @@ from typing import Any
 
 from sfglab.rtps.medium import arrived_frame, sent_frame
 from sfglab.rtps.model import BURST_ROOM
-from sfglab.rtps.reader import drop_overflow, hear_gap, hear_heartbeat, hear_samples, is_whole, request
+from sfglab.rtps.reader import (
+    drop_overflow,
+    hear_gap,
+    hear_heartbeat,
+    hear_samples,
+    is_whole,
+    request,
+)
 from sfglab.rtps.state import Count, D, Event, Fate, FlowColumn, Frame, R, S, TimingColumn, W
 from sfglab.rtps.world import compiled, pop, push
 from sfglab.rtps.writer import hear_acknack, heartbeat, repair, send_unsent, write

@@ -15,8 +15,26 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sfglab.errors import InvalidValueError
-from sfglab.rtps.model import BURST_ROOM, Flow, Scenario, compile_scenario, most_samples, scheduled_samples
-from sfglab.rtps.state import SET, Count, D, Drop, Fate, FlowColumn, Frame, TimingColumn, TraceColumn, W
+from sfglab.rtps.model import (
+    BURST_ROOM,
+    Flow,
+    Scenario,
+    compile_scenario,
+    most_samples,
+    scheduled_samples,
+)
+from sfglab.rtps.state import (
+    SET,
+    Count,
+    D,
+    Drop,
+    Fate,
+    FlowColumn,
+    Frame,
+    TimingColumn,
+    TraceColumn,
+    W,
+)
 from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:

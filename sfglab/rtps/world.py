@@ -23,7 +23,14 @@ import numpy as np
 from numba.core import types
 from numba.core.caching import IndexDataCacheFile
 from numba.core.typing.templates import AttributeTemplate
-from numba.extending import NativeValue, infer_getattr, lower_getattr_generic, models, register_model, unbox
+from numba.extending import (
+    NativeValue,
+    infer_getattr,
+    lower_getattr_generic,
+    models,
+    register_model,
+    unbox,
+)
 from numba.np.arrayobj import get_itemsize, make_array, populate_array
 
 if TYPE_CHECKING:

@@ -10,7 +10,15 @@ from typing import Any
 
 import numpy as np
 
-from sfglab.rtps.medium import burst_most, enqueue, fragment_count, has_room, message_bytes, note_drop, uniform
+from sfglab.rtps.medium import (
+    burst_most,
+    enqueue,
+    fragment_count,
+    has_room,
+    message_bytes,
+    note_drop,
+    uniform,
+)
 from sfglab.rtps.model import BURST_ROOM
 from sfglab.rtps.state import SET, Count, Drop, Event, FlowColumn, Frame, TimingColumn, W
 from sfglab.rtps.world import compiled, push

@@ -14,7 +14,16 @@ from typing import TYPE_CHECKING
 
 from sfglab.errors import SfglabError
 from sfglab.soc.gateway import TABLE, State, Table
-from sfglab.soc.gateway_world import Bound, Fault, Step, World, first_world, in_flight, is_finished, steps
+from sfglab.soc.gateway_world import (
+    Bound,
+    Fault,
+    Step,
+    World,
+    first_world,
+    in_flight,
+    is_finished,
+    steps,
+)
 
 if TYPE_CHECKING:
     import numpy as np

@@ -15,7 +15,16 @@ from enum import Enum
 from typing import TYPE_CHECKING
 
 from sfglab.errors import SfglabError
-from sfglab.soc.memory import STORED, Costs, Setup, Side, Transport, fitted_values, transfer_times, with_values
+from sfglab.soc.memory import (
+    STORED,
+    Costs,
+    Setup,
+    Side,
+    Transport,
+    fitted_values,
+    transfer_times,
+    with_values,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

@@ -13,7 +13,14 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Self
 
-from sfglab.bus import ClosedError, EndpointAdded, EndpointEvent, EndpointKind, EndpointRemoved, Node
+from sfglab.bus import (
+    ClosedError,
+    EndpointAdded,
+    EndpointEvent,
+    EndpointKind,
+    EndpointRemoved,
+    Node,
+)
 from sfglab.bus.api import OFFER_KEY, entries
 from sfglab.bus.listing import requested
 from sfglab.component import end_tasks

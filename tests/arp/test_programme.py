@@ -9,7 +9,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sfglab.arp.link import at_depths, link_of, repair_delay_s, waits_s
-from sfglab.arp.plan import InfeasiblePlanError, Limits, assess, depths_for, plan_as_printed, rounds_needed
+from sfglab.arp.plan import (
+    InfeasiblePlanError,
+    Limits,
+    assess,
+    depths_for,
+    plan_as_printed,
+    rounds_needed,
+)
 from sfglab.arp.programme import build_programme, pareto_front, plan
 from sfglab.arp.topics import Topic, TopicFile, load_topics
 from sfglab.errors import InvalidValueError

@@ -10,7 +10,14 @@ from hypothesis import strategies as st
 
 from sfglab import bus
 from sfglab.bus.actions import goals
-from sfglab.bus.actions.goals import NO_GOAL_ID, TERMINAL, TRANSITIONS, CancelCode, GoalEvent, GoalStatus
+from sfglab.bus.actions.goals import (
+    NO_GOAL_ID,
+    TERMINAL,
+    TRANSITIONS,
+    CancelCode,
+    GoalEvent,
+    GoalStatus,
+)
 from sfglab.machine import IllegalInputError
 from sfglab.messages import message_type, register_action, service_type
 from sfglab.qos import DEFAULT, LATCHED, Durability, History

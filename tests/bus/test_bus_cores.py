@@ -11,7 +11,14 @@ from sfglab.bus.dds.domain import DomainConfig, domain_xml
 from sfglab.bus.endpoints import SampleQueue
 from sfglab.bus.errors import DomainError
 from sfglab.bus.shm import wire
-from sfglab.bus.shm.fanout import KEEP_ALL_BYTES, MAX_CREDITS, Fanout, SlotPool, credits_of, slot_capacity
+from sfglab.bus.shm.fanout import (
+    KEEP_ALL_BYTES,
+    MAX_CREDITS,
+    Fanout,
+    SlotPool,
+    credits_of,
+    slot_capacity,
+)
 from sfglab.qos import Durability, History, QoSProfile
 
 ARENA = wire.HEADER_BYTES + 64 * wire.PAGE_BYTES

@@ -11,7 +11,13 @@ import numpy as np
 import pytest
 
 from sfglab import codecs
-from sfglab.codecs import COMPRESSED_IMAGE, FFMPEG_PACKET, CodecUnavailableError, H264Decoder, image_decoder
+from sfglab.codecs import (
+    COMPRESSED_IMAGE,
+    FFMPEG_PACKET,
+    CodecUnavailableError,
+    H264Decoder,
+    image_decoder,
+)
 from sfglab.codecs.still import encode_png
 
 

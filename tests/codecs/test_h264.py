@@ -11,7 +11,15 @@ from av.video.reformatter import ColorRange, Colorspace, VideoReformatter
 from skimage.metrics import peak_signal_noise_ratio as psnr_db
 
 from sfglab import codecs
-from sfglab.codecs import TABLE_2, CodecError, CodecUnavailableError, H264Decoder, H264Encoder, h264, probe
+from sfglab.codecs import (
+    TABLE_2,
+    CodecError,
+    CodecUnavailableError,
+    H264Decoder,
+    H264Encoder,
+    h264,
+    probe,
+)
 from sfglab.codecs.libav import EncoderSession, has_start_code, is_entry_point, nal_unit_types
 
 SMALL = codecs.H264Settings(width=320, height=192, fps=30, bitrate_bps=2_000_000, gop=10)

@@ -9,9 +9,20 @@ from esslingen import FLEET, RELEASE, needs, write_files
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sfglab.deploy.deployment import LAST_EPHEMERAL_FREE_PORT, bridge_name, deployment_of, domain_ports
+from sfglab.deploy.deployment import (
+    LAST_EPHEMERAL_FREE_PORT,
+    bridge_name,
+    deployment_of,
+    domain_ports,
+)
 from sfglab.deploy.errors import DeployError
-from sfglab.deploy.host import firewall_left_out, firewall_rules, host_files, plan_time, service_unit
+from sfglab.deploy.host import (
+    firewall_left_out,
+    firewall_rules,
+    host_files,
+    plan_time,
+    service_unit,
+)
 from sfglab.deploy.programs import find_program
 from sfglab.deploy.unit_check import ANALYZE, check_unit
 from sfglab.fleet.fleet_file import Accelerator, ContainerNetwork

@@ -13,7 +13,15 @@ from hypothesis import strategies as st
 
 from sfglab.deploy.bundle import MANIFEST, Bundle, Member, pack, unpack
 from sfglab.deploy.errors import DeployError
-from sfglab.deploy.rollout import KEPT, Change, _install, look, look_and_plan, plan_changes, releases
+from sfglab.deploy.rollout import (
+    KEPT,
+    Change,
+    _install,
+    look,
+    look_and_plan,
+    plan_changes,
+    releases,
+)
 from sfglab.deploy.transport import Local, Ssh, accelerator_of, is_here, transport_to
 from sfglab.fleet.fleet_file import Accelerator, HostSpec
 from sfglab.lab.example_machines import EXAMPLES, write_example

@@ -11,7 +11,13 @@ from hypothesis import strategies as st
 from sfglab.deploy.errors import DeployError
 from sfglab.deploy.routers.targets import check_file
 from sfglab.deploy.routers.zenoh import KINDS, render_zenoh_acl, render_zenoh_bridge
-from sfglab.deploy.routers.zenoh_check import bridges, check_zenoh, includes, permits, policy_bridges
+from sfglab.deploy.routers.zenoh_check import (
+    bridges,
+    check_zenoh,
+    includes,
+    permits,
+    policy_bridges,
+)
 from sfglab.deploy.shapes import read_json5
 from sfglab.documents import DocumentError
 from sfglab.fleet.lint import Severity

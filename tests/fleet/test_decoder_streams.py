@@ -6,7 +6,13 @@ from cameras import FFMPEG, IMAGE, INFO, LOCAL, LOCAL_INFO, STREAM
 
 from sfglab.bus.api import EndpointAdded, EndpointInfo, EndpointKind, EndpointRemoved
 from sfglab.fleet.decoder.pipeline import image_bytes, image_prefix, write_image
-from sfglab.fleet.decoder.streams import RELAY, Demand, StreamError, routes_of_agent, routes_of_topic
+from sfglab.fleet.decoder.streams import (
+    RELAY,
+    Demand,
+    StreamError,
+    routes_of_agent,
+    routes_of_topic,
+)
 from sfglab.messages import default_message, deserialize
 from sfglab.qos import SENSOR_DATA
 from sfglab.spatial.poses import header_msg

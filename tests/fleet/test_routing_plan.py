@@ -11,7 +11,16 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, rule, run_state_machine_as_test
 
 from sfglab.bus.api import EndpointAdded, EndpointInfo, EndpointKind, EndpointRemoved, user_data
-from sfglab.fleet.policy import TABLE_1, Crossing, Direction, ForwardRule, Policy, ReaderSpec, Side, WriterSpec
+from sfglab.fleet.policy import (
+    TABLE_1,
+    Crossing,
+    Direction,
+    ForwardRule,
+    Policy,
+    ReaderSpec,
+    Side,
+    WriterSpec,
+)
 from sfglab.fleet.router.plan import PATIENCE_NS, ROUTER_KEY, Close, Forget, Judge, Open, Plan
 from sfglab.fleet.router.ros import RosHalves
 from sfglab.lab.checks.routing import in_table_1

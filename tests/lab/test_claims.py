@@ -8,7 +8,17 @@ import pytest
 from made_logs import CLAIMS, DATA
 
 from sfglab.documents import DocumentError
-from sfglab.lab.claims import Claim, How, Measured, Verdict, entry_for, joined, judge, load_claims, render
+from sfglab.lab.claims import (
+    Claim,
+    How,
+    Measured,
+    Verdict,
+    entry_for,
+    joined,
+    judge,
+    load_claims,
+    render,
+)
 from sfglab.lab.stats import Estimate
 
 IDS = [

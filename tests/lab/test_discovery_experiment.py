@@ -17,7 +17,14 @@ from sfglab.lab.bench import Options
 from sfglab.lab.claims import How, Verdict, judge
 from sfglab.lab.experiments.discovery import Fleet, exp
 from sfglab.lab.experiments.discovery import simulated as world
-from sfglab.lab.experiments.discovery.experiment import LAUNCHED, ROUTED, STANDARD, Scale, Stage, cells_of
+from sfglab.lab.experiments.discovery.experiment import (
+    LAUNCHED,
+    ROUTED,
+    STANDARD,
+    Scale,
+    Stage,
+    cells_of,
+)
 from sfglab.lab.experiments.discovery.stage import Ingress
 from sfglab.lab.hosts.host import InterfaceBytes
 from sfglab.lab.workers.rosnodes import RosNodesConfig

@@ -13,7 +13,15 @@ import pandas as pd
 import pytest
 from made_logs import made_run
 
-from sfglab.lab.experiments.reliability import COMPONENTS, KINDS, deck, exp, problems, recoveries, slope
+from sfglab.lab.experiments.reliability import (
+    COMPONENTS,
+    KINDS,
+    deck,
+    exp,
+    problems,
+    recoveries,
+    slope,
+)
 from sfglab.lab.growth import growing
 from sfglab.lab.workers import soaked
 from sfglab.lab.workers.soaked import Stream

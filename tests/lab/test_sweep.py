@@ -20,14 +20,30 @@ import psutil
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from sweep_tasks import OtherRow, SpotPoint, SpotRow, failing, obeying, quick, several, uneven, wrong
+from sweep_tasks import (
+    OtherRow,
+    SpotPoint,
+    SpotRow,
+    failing,
+    obeying,
+    quick,
+    several,
+    uneven,
+    wrong,
+)
 
 from sfglab.lab.ahead import sweeps_ahead
 from sfglab.lab.bench import Options
 from sfglab.lab.experiments import experiment
 from sfglab.lab.progress import progress_to
 from sfglab.lab.sweep import JournalError, SweepError, Workers, sweep
-from sfglab.lab.sweep.journal import Finished, Journal, identity_of, result_from_text, text_from_result
+from sfglab.lab.sweep.journal import (
+    Finished,
+    Journal,
+    identity_of,
+    result_from_text,
+    text_from_result,
+)
 from sfglab.lab.sweep.run import Done, _next_size, code_digest, connected
 
 POINTS = [SpotPoint(number=number) for number in range(5)]

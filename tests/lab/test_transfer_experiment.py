@@ -17,7 +17,13 @@ from made_logs import CLAIMS
 
 from sfglab.lab.checks.placement import cost_s, greedy_placement, platform_for, random_graph
 from sfglab.lab.experiments.transfer import exp, stage
-from sfglab.lab.experiments.transfer.analysis import bars, bars_of, live_speed_up, rtl_residual, stated
+from sfglab.lab.experiments.transfer.analysis import (
+    bars,
+    bars_of,
+    live_speed_up,
+    rtl_residual,
+    stated,
+)
 from sfglab.lab.experiments.transfer.experiment import CrossingRow
 from sfglab.lab.experiments.transfer.live import Crossing, cells_of, crossings
 from sfglab.lab.experiments.transfer.stage import IN, MODELS, OUT, READS, WRITE, bars_with_cycles
@@ -25,7 +31,14 @@ from sfglab.lab.workers.crossing import Round, message_of, random_bytes
 from sfglab.processes import ProcessFailedError
 from sfglab.soc import TopicMapping, place_nodes
 from sfglab.soc.memory import STORED, constants
-from sfglab.soc.paper_values import MESSAGE_BYTES, SUBSCRIBERS, Panel, residuals, speed_ups, tendencies
+from sfglab.soc.paper_values import (
+    MESSAGE_BYTES,
+    SUBSCRIBERS,
+    Panel,
+    residuals,
+    speed_ups,
+    tendencies,
+)
 
 
 @pytest.fixture(scope="module")

@@ -7,7 +7,13 @@ import pytest
 from random_messages import random_message
 
 from sfglab import messages
-from sfglab.messages import CdrError, decoder_from_definition, default_message, deserialize, serialize
+from sfglab.messages import (
+    CdrError,
+    decoder_from_definition,
+    default_message,
+    deserialize,
+    serialize,
+)
 from sfglab.messages.flat import flat_reader
 from sfglab.messages.store import type_store
 

@@ -7,7 +7,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from sfglab.messages import MessageError, definition, deserialize, row_message, row_type, serialize, type_name
+from sfglab.messages import (
+    MessageError,
+    definition,
+    deserialize,
+    row_message,
+    row_type,
+    serialize,
+    type_name,
+)
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -7,7 +7,14 @@ from hypothesis import strategies as st
 from rosbags.typesys import get_types_from_msg
 
 from sfglab import messages
-from sfglab.messages import MessageError, dds_type_name, default_message, message_type, ros_type_name, type_name
+from sfglab.messages import (
+    MessageError,
+    dds_type_name,
+    default_message,
+    message_type,
+    ros_type_name,
+    type_name,
+)
 from sfglab.messages.store import register, type_store
 
 COPIED = {

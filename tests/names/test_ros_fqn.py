@@ -5,7 +5,17 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from sfglab import names
-from sfglab.names import After, Component, Custom, FqnError, Resource, ResourceKind, RosFqn, Scope, parse
+from sfglab.names import (
+    After,
+    Component,
+    Custom,
+    FqnError,
+    Resource,
+    ResourceKind,
+    RosFqn,
+    Scope,
+    parse,
+)
 
 SEGMENTS = {"name", "scope", "agent", "component", "stream", "resource"}
 WORDS = st.one_of(

@@ -12,7 +12,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sfglab.errors import SfglabError
-from sfglab.names import FqnError, ResourceKind, dds_names, max_name_length, resolve, validate_ros_name
+from sfglab.names import (
+    FqnError,
+    ResourceKind,
+    dds_names,
+    max_name_length,
+    resolve,
+    validate_ros_name,
+)
 
 
 @pytest.mark.parametrize(

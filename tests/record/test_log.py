@@ -8,7 +8,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from mcap.writer import IndexType, Writer
 
-from sfglab.messages import CdrError, MessageError, UnknownTypeError, default_message, message_type, serialize
+from sfglab.messages import (
+    CdrError,
+    MessageError,
+    UnknownTypeError,
+    default_message,
+    message_type,
+    serialize,
+)
 from sfglab.qos import DEFAULT, LATCHED
 from sfglab.record import LogError, LogReader, LogWriter, TopicInfo
 

@@ -8,12 +8,29 @@ from collections import Counter
 
 import numpy as np
 import pytest
-from beside import OURS_LATCHED, STRING, asked, bent, echoed, listen, publish, started, until, without_padding
+from beside import (
+    OURS_LATCHED,
+    STRING,
+    asked,
+    bent,
+    echoed,
+    listen,
+    publish,
+    started,
+    until,
+    without_padding,
+)
 from random_messages import random_message
 
 from sfglab.bus import Node
 from sfglab.lab.ros2 import distributions
-from sfglab.messages import default_message, message_types, register_interfaces, serialize, service_type
+from sfglab.messages import (
+    default_message,
+    message_types,
+    register_interfaces,
+    serialize,
+    service_type,
+)
 from sfglab.messages.store import MessageError
 from sfglab.qos import Durability, QoSProfile, Reliability, incompatibilities
 

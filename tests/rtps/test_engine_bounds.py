@@ -11,7 +11,20 @@ from hypothesis import strategies as st
 from numba.core.registry import CPUDispatcher
 
 from sfglab.qos import Durability, History, QoSProfile, Reliability
-from sfglab.rtps import PRESETS, Drop, Fate, Flow, Medium, Scenario, engine, medium, reader, run, world, writer
+from sfglab.rtps import (
+    PRESETS,
+    Drop,
+    Fate,
+    Flow,
+    Medium,
+    Scenario,
+    engine,
+    medium,
+    reader,
+    run,
+    world,
+    writer,
+)
 from sfglab.rtps.model import QUEUE_RULES
 
 MODULES = (engine, medium, reader, world, writer)

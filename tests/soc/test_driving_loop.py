@@ -6,7 +6,17 @@ from itertools import count
 import numpy as np
 import pytest
 
-from sfglab.soc.driving import NODES, Camera, Judge, Rules, Scene, Stack, Stopwatch, make_town, run_lap
+from sfglab.soc.driving import (
+    NODES,
+    Camera,
+    Judge,
+    Rules,
+    Scene,
+    Stack,
+    Stopwatch,
+    make_town,
+    run_lap,
+)
 from sfglab.soc.driving.car import CarState
 from sfglab.soc.driving.nodes import LightDetector
 from sfglab.soc.driving.town import Light, Place, Road, Signals

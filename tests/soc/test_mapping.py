@@ -8,7 +8,11 @@ from hypothesis import given, settings
 
 from sfglab import soc
 from sfglab.errors import InvalidValueError
-from sfglab.soc.mapping import carriages_per_message, hardware_subgraphs, more_than_one_hardware_subscriber
+from sfglab.soc.mapping import (
+    carriages_per_message,
+    hardware_subgraphs,
+    more_than_one_hardware_subscriber,
+)
 from sfglab.soc.memory import Judge, Setup, Side, Transport, break_even_bytes, transfer_times
 
 KINDS = tuple(soc.TopicMapping)

@@ -10,7 +10,16 @@ from hypothesis import strategies as st
 
 from sfglab.errors import InvalidValueError
 from sfglab.soc import memory, paper_values
-from sfglab.soc.memory import CUT_THROUGH, STORED, Judge, MemoryInterface, Setup, Side, Times, Transport
+from sfglab.soc.memory import (
+    CUT_THROUGH,
+    STORED,
+    Judge,
+    MemoryInterface,
+    Setup,
+    Side,
+    Times,
+    Transport,
+)
 
 MEMIF = MemoryInterface()
 CHUNK_BYTES = MEMIF.chunk_bytes

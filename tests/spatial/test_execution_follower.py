@@ -21,7 +21,15 @@ from sfglab.spatial.execution.agent import (
     Tolerances,
     falls_behind_m,
 )
-from sfglab.spatial.execution.orders import OUTCOMES, Order, Outcome, RefusalError, Rules, judge, outcome_of
+from sfglab.spatial.execution.orders import (
+    OUTCOMES,
+    Order,
+    Outcome,
+    RefusalError,
+    Rules,
+    judge,
+    outcome_of,
+)
 from sfglab.spatial.trajectory.limits import Limits, retimed
 from sfglab.spatial.trajectory.path import Trajectory
 

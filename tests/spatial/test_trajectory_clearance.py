@@ -10,7 +10,13 @@ from hypothesis import strategies as st
 from trajectory_strategies import poses, positions, trajectories
 
 from sfglab.spatial import Pose
-from sfglab.spatial.trajectory.clearance import Box, Cylinder, Sphere, closest_approach, closest_to_shape
+from sfglab.spatial.trajectory.clearance import (
+    Box,
+    Cylinder,
+    Sphere,
+    closest_approach,
+    closest_to_shape,
+)
 from sfglab.spatial.trajectory.motion import motion_of
 from sfglab.spatial.trajectory.path import Interpolation, Trajectory, TrajectoryError, in_frame
 

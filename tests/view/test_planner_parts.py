@@ -14,7 +14,14 @@ from scipy.spatial.transform import Rotation
 from sfglab.errors import SfglabError
 from sfglab.spatial.poses import Pose
 from sfglab.spatial.scene.editor import Change, ChangeKind, Editor
-from sfglab.spatial.scene.objects import KINDS, ROOT, AgentObject, SceneError, TrajectoryObject, WaypointObject
+from sfglab.spatial.scene.objects import (
+    KINDS,
+    ROOT,
+    AgentObject,
+    SceneError,
+    TrajectoryObject,
+    WaypointObject,
+)
 from sfglab.spatial.scene.tree import Scene
 from sfglab.spatial.trajectory.clearance import Box, Cylinder, Sphere
 from sfglab.spatial.trajectory.path import Trajectory

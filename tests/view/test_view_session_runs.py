@@ -28,7 +28,13 @@ from sfglab.view import Approximate, Input, Parameter, Visualizer
 from sfglab.view.app import ViewOptions, view_log
 from sfglab.view.arrivals import Arrival, capture_ns, open_log
 from sfglab.view.bridge import Bridge
-from sfglab.view.rerunning import WINDOW_BYTES, RerunCanvas, layout_of_fleet, layout_of_topics, open_canvas
+from sfglab.view.rerunning import (
+    WINDOW_BYTES,
+    RerunCanvas,
+    layout_of_fleet,
+    layout_of_topics,
+    open_canvas,
+)
 from sfglab.view.session import Session, available
 from sfglab.view.stage import Stage, replay
 from sfglab.view.visualizer import SinkError

@@ -9,7 +9,12 @@ import pytest
 from seen import cloud, heartbeat
 
 from sfglab.bus import EndpointAdded, EndpointInfo, EndpointKind, EndpointRemoved
-from sfglab.codecs import TABLE_2, compressed_depth_fields, compressed_image_fields, ffmpeg_packet_fields
+from sfglab.codecs import (
+    TABLE_2,
+    compressed_depth_fields,
+    compressed_image_fields,
+    ffmpeg_packet_fields,
+)
 from sfglab.codecs.h264 import H264Encoder
 from sfglab.errors import InvalidValueError
 from sfglab.lab.checks.fleet_scene import camera_info

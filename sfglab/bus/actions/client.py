@@ -17,7 +17,12 @@ from typing import TYPE_CHECKING, Any
 
 from sfglab.bus.actions import goals
 from sfglab.bus.actions.goals import NO_GOAL_ID, TERMINAL, CancelCode, Canceling, GoalStatus
-from sfglab.bus.errors import ActionServerGoneError, BusError, GoalRejectedError, discovery_timeout_error
+from sfglab.bus.errors import (
+    ActionServerGoneError,
+    BusError,
+    GoalRejectedError,
+    discovery_timeout_error,
+)
 from sfglab.bus.loop import Calls, Signal
 from sfglab.bus.pubsub import Subscription, checked_type
 from sfglab.component import end_tasks

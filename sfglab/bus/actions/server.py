@@ -12,11 +12,25 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, TypedDict, Unpack
 
 from sfglab.bus.actions import goals
-from sfglab.bus.actions.goals import TERMINAL, CancelCode, GoalBook, GoalEvent, GoalStatus, is_allowed
+from sfglab.bus.actions.goals import (
+    TERMINAL,
+    CancelCode,
+    GoalBook,
+    GoalEvent,
+    GoalStatus,
+    is_allowed,
+)
 from sfglab.bus.loop import awaited
 from sfglab.bus.pubsub import Publisher, checked_type, topic_endpoint
 from sfglab.bus.service import Service
-from sfglab.messages import ActionType, action_type, default_message, service_type, stamp_from_ns, type_name
+from sfglab.messages import (
+    ActionType,
+    action_type,
+    default_message,
+    service_type,
+    stamp_from_ns,
+    type_name,
+)
 from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:

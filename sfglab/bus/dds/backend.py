@@ -6,7 +6,16 @@ import secrets
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from sfglab.bus.api import FAST_DDS, HOST_KEY, NODE_KEY, SHM_KEY, SHM_PARTITION, RawEndpoint, host_id, user_data
+from sfglab.bus.api import (
+    FAST_DDS,
+    HOST_KEY,
+    NODE_KEY,
+    SHM_KEY,
+    SHM_PARTITION,
+    RawEndpoint,
+    host_id,
+    user_data,
+)
 from sfglab.bus.backend import Backend
 from sfglab.bus.dds.discovery import Discovery, DiscoveryInfo
 from sfglab.bus.dds.domain import DdsParticipant, DomainConfig

@@ -30,7 +30,13 @@ from sfglab.bus.api import (
     ros_topic,
 )
 from sfglab.bus.dds import clib
-from sfglab.bus.dds.clib import ALIVE, BUILTIN_PARTICIPANT, BUILTIN_PUBLICATION, BUILTIN_SUBSCRIPTION, library
+from sfglab.bus.dds.clib import (
+    ALIVE,
+    BUILTIN_PARTICIPANT,
+    BUILTIN_PUBLICATION,
+    BUILTIN_SUBSCRIPTION,
+    library,
+)
 from sfglab.bus.dds.endpoints import DdsReader, DdsWriter
 from sfglab.bus.errors import InvalidMessageError
 from sfglab.messages import TypeNameError, ros_type_name

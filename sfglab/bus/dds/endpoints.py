@@ -13,7 +13,14 @@ from typing import TYPE_CHECKING, Any, NoReturn
 import numpy as np
 
 from sfglab.bus.dds import clib
-from sfglab.bus.dds.clib import ANY_STATE, SDK_DATA, TIMESTAMP_INVALID, TIMESTAMP_OFFSET, IoVec, library
+from sfglab.bus.dds.clib import (
+    ANY_STATE,
+    SDK_DATA,
+    TIMESTAMP_INVALID,
+    TIMESTAMP_OFFSET,
+    IoVec,
+    library,
+)
 from sfglab.bus.errors import PublishError, not_cdr_error
 from sfglab.messages import serialize
 

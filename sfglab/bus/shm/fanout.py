@@ -10,7 +10,13 @@ from __future__ import annotations
 from collections import deque
 from typing import TYPE_CHECKING
 
-from sfglab.bus.shm.wire import DATA_OFFSET_BYTES, HEADER_BYTES, PAGE_BYTES, RETURN_MAX, Announcement
+from sfglab.bus.shm.wire import (
+    DATA_OFFSET_BYTES,
+    HEADER_BYTES,
+    PAGE_BYTES,
+    RETURN_MAX,
+    Announcement,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Iterable

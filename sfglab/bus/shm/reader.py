@@ -16,7 +16,13 @@ from sfglab.bus.errors import BusError
 from sfglab.bus.loop import nothing
 from sfglab.bus.shm import wire
 from sfglab.bus.shm.fanout import SHARES, credits_of, returns_of
-from sfglab.bus.shm.wire import ANNOUNCE_BYTES, RETURN_MAX, ArenaMap, pack_returns, unpack_announcement
+from sfglab.bus.shm.wire import (
+    ANNOUNCE_BYTES,
+    RETURN_MAX,
+    ArenaMap,
+    pack_returns,
+    unpack_announcement,
+)
 from sfglab.qos import Durability, History, incompatibilities
 
 if TYPE_CHECKING:

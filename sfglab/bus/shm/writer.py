@@ -13,7 +13,13 @@ from typing import TYPE_CHECKING, Any
 from sfglab.bus.errors import PublishError, check_size
 from sfglab.bus.shm import wire
 from sfglab.bus.shm.fanout import Fanout, SlotPool, slot_capacity
-from sfglab.bus.shm.wire import RETURN_BYTES, Announcement, ProtocolError, pack_announcement, unpack_returns
+from sfglab.bus.shm.wire import (
+    RETURN_BYTES,
+    Announcement,
+    ProtocolError,
+    pack_announcement,
+    unpack_returns,
+)
 from sfglab.messages import serialize_into, serialized_size
 from sfglab.qos import Durability, History, QoSProfile
 

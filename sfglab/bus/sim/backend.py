@@ -6,7 +6,15 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, cast
 
 from sfglab import names
-from sfglab.bus.api import EndpointEvent, EndpointInfo, EndpointKind, Listener, NodeInfo, RawEndpoint, ros_topic
+from sfglab.bus.api import (
+    EndpointEvent,
+    EndpointInfo,
+    EndpointKind,
+    Listener,
+    NodeInfo,
+    RawEndpoint,
+    ros_topic,
+)
 from sfglab.bus.backend import Backend, Clock
 from sfglab.bus.graph import Graph
 from sfglab.bus.node import Node

@@ -7,7 +7,14 @@ from typing import TYPE_CHECKING, Any
 
 from sfglab.bus.sim.loop import START_NS, VirtualLoop
 from sfglab.bus.sim.model import Domain, Endpoint, Host, Item, Participant
-from sfglab.bus.sim.settings import ENDPOINT_NS, REPAIR_NS, SAME_HOST_NS, SAME_NODE_NS, STACK_NS, ns_from_s
+from sfglab.bus.sim.settings import (
+    ENDPOINT_NS,
+    REPAIR_NS,
+    SAME_HOST_NS,
+    SAME_NODE_NS,
+    STACK_NS,
+    ns_from_s,
+)
 from sfglab.units import BITS_PER_BYTE
 
 if TYPE_CHECKING:

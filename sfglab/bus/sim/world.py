@@ -13,7 +13,15 @@ from sfglab.bus.sim.accounts import Accounts
 from sfglab.bus.sim.backend import Fabric, SimBackend, SimNode
 from sfglab.bus.sim.discovery import Discovery
 from sfglab.bus.sim.loop import VirtualLoop
-from sfglab.bus.sim.model import Domain, Environment, Host, Participant, Partition, Process, new_host
+from sfglab.bus.sim.model import (
+    Domain,
+    Environment,
+    Host,
+    Participant,
+    Partition,
+    Process,
+    new_host,
+)
 from sfglab.bus.sim.network import Network, Services
 from sfglab.bus.sim.settings import ANNOUNCEMENT_SHARE, Costs, LinkModel, ns_from_s
 from sfglab.bus.sim.views import Views

@@ -16,10 +16,27 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from sfglab.component import END_LIMIT_S, Orders, Report, Reporter, beside, on_stop, run_component, steady_ns
+from sfglab.component import (
+    END_LIMIT_S,
+    Orders,
+    Report,
+    Reporter,
+    beside,
+    on_stop,
+    run_component,
+    steady_ns,
+)
 from sfglab.errors import SfglabError
 from sfglab.fleet.agent.plan import AgentConfig, plan
-from sfglab.fleet.agent.supervision import REST, Action, Component, ComponentProcess, Input, State, Supervision
+from sfglab.fleet.agent.supervision import (
+    REST,
+    Action,
+    Component,
+    ComponentProcess,
+    Input,
+    State,
+    Supervision,
+)
 from sfglab.machine import ProcessTiming
 from sfglab.names import DdsRole, Resource, ros_name_from_dds
 from sfglab.processes import LOOK_PERIOD_S, HangWatch

@@ -21,7 +21,15 @@ from sfglab.bus.address import BusAddress
 from sfglab.bus.api import OFFER_KEY, EndpointEvent, user_data
 from sfglab.bus.parameters import Parameters, Way
 from sfglab.bus.pubsub import Publisher, topic_endpoint
-from sfglab.component import Orders, Report, Reporter, beside, run_component, run_until_interrupted, steady_ns
+from sfglab.component import (
+    Orders,
+    Report,
+    Reporter,
+    beside,
+    run_component,
+    run_until_interrupted,
+    steady_ns,
+)
 from sfglab.fields import from_json
 from sfglab.fleet.decoder.pipeline import LOCAL_QOS, Statistics
 from sfglab.fleet.decoder.process import Worker, WorkerConfig, WorkerPool

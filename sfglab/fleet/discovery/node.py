@@ -17,7 +17,15 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from sfglab.bus.address import BusAddress
-from sfglab.component import Orders, Reporter, beside, end_tasks, is_set_before, run_component, steady_ns
+from sfglab.component import (
+    Orders,
+    Reporter,
+    beside,
+    end_tasks,
+    is_set_before,
+    run_component,
+    steady_ns,
+)
 from sfglab.errors import InvalidValueError, SfglabError
 from sfglab.fleet.discovery.lifecycle import Action
 from sfglab.fleet.discovery.listener import DISCOVERY_EVENT, DISCOVERY_QOS, HISTORY, discovery_topic

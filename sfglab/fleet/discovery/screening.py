@@ -14,7 +14,13 @@ from typing import TYPE_CHECKING, Any
 
 from sfglab.fields import between, check_bounds
 from sfglab.fleet.status.description import MAX_TEXT, DescriptionError, StreamDescription
-from sfglab.fleet.status.heartbeat import MAX_PERIOD_S, MIN_PERIOD_S, Heartbeat, Phase, metadata_service
+from sfglab.fleet.status.heartbeat import (
+    MAX_PERIOD_S,
+    MIN_PERIOD_S,
+    Heartbeat,
+    Phase,
+    metadata_service,
+)
 from sfglab.names import FqnError
 
 if TYPE_CHECKING:

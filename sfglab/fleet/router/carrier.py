@@ -10,7 +10,14 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from sfglab.bus.api import EndpointAdded, EndpointKind, EndpointRemoved, RawEndpoint, entries, user_data
+from sfglab.bus.api import (
+    EndpointAdded,
+    EndpointKind,
+    EndpointRemoved,
+    RawEndpoint,
+    entries,
+    user_data,
+)
 from sfglab.bus.errors import BusError
 from sfglab.bus.forwarding import ForwardCounts
 from sfglab.fleet.policy import Direction, ReaderSpec, WriterSpec

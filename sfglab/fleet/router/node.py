@@ -23,7 +23,14 @@ from sfglab.bus.address import BusAddress
 from sfglab.bus.api import EndpointEvent, EndpointKind, host_id
 from sfglab.bus.locks import LockedError, user_lock
 from sfglab.bus.parameters import Parameters, Way
-from sfglab.component import Report, Reporter, is_set_before, run_component, run_until_interrupted, steady_ns
+from sfglab.component import (
+    Report,
+    Reporter,
+    is_set_before,
+    run_component,
+    run_until_interrupted,
+    steady_ns,
+)
 from sfglab.errors import InvalidValueError, SfglabError
 from sfglab.fleet.policy import TABLE_1, ForwardRule, Policy, Side
 from sfglab.fleet.router.carrier import Carrier, Interest, PathStatus

@@ -14,7 +14,17 @@ from itertools import takewhile
 from typing import TYPE_CHECKING, NamedTuple
 
 from sfglab.bus.api import EndpointAdded, EndpointEvent, EndpointInfo, EndpointKind, entries
-from sfglab.fleet.policy import Held, Path, PathState, Policy, ReaderSpec, Setup, Side, WriterSpec, wanted
+from sfglab.fleet.policy import (
+    Held,
+    Path,
+    PathState,
+    Policy,
+    ReaderSpec,
+    Setup,
+    Side,
+    WriterSpec,
+    wanted,
+)
 from sfglab.names import DdsRole, ros_name_from_dds
 
 if TYPE_CHECKING:

@@ -10,7 +10,14 @@ import logging
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from sfglab.bus.api import EndpointAdded, EndpointEvent, EndpointInfo, EndpointKind, EndpointRemoved, entries
+from sfglab.bus.api import (
+    EndpointAdded,
+    EndpointEvent,
+    EndpointInfo,
+    EndpointKind,
+    EndpointRemoved,
+    entries,
+)
 from sfglab.bus.ros.services import RosServices, ros_gid, service_of
 from sfglab.fleet.policy import Direction, Policy, Side
 from sfglab.fleet.router.plan import ROUTER_KEY

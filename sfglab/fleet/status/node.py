@@ -15,7 +15,12 @@ from typing import TYPE_CHECKING, Any
 from sfglab import __version__
 from sfglab.bus.address import BusAddress
 from sfglab.component import Orders, Report, Reporter, beside, is_set_before, run_component
-from sfglab.fleet.status.description import AgentDescription, DescriptionError, accelerators, software
+from sfglab.fleet.status.description import (
+    AgentDescription,
+    DescriptionError,
+    accelerators,
+    software,
+)
 from sfglab.fleet.status.heartbeat import (
     AGENT_HEARTBEAT,
     AGENT_METADATA,

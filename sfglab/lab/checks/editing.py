@@ -18,7 +18,13 @@ from sfglab.lab.checks.trajectories import random_limits, random_pose
 from sfglab.spatial.scene import commands
 from sfglab.spatial.scene.editor import Editor
 from sfglab.spatial.scene.files import load_scene, read_scene, save_scene, scene_text
-from sfglab.spatial.scene.objects import AgentObject, Group, SceneError, TrajectoryObject, WaypointObject
+from sfglab.spatial.scene.objects import (
+    AgentObject,
+    Group,
+    SceneError,
+    TrajectoryObject,
+    WaypointObject,
+)
 from sfglab.spatial.trajectory.path import Align, Interpolation
 from sfglab.units import NS_PER_S
 

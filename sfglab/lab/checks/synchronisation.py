@@ -9,7 +9,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sfglab.lab.checks import Case, CheckRow, Checks, Sample
-from sfglab.lab.checks.fleet_scene import CAMERA, SIZE, Moment, back_projected, camera_info, image_message
+from sfglab.lab.checks.fleet_scene import (
+    CAMERA,
+    SIZE,
+    Moment,
+    back_projected,
+    camera_info,
+    image_message,
+)
 from sfglab.lab.checks.recordings import read_recording
 from sfglab.messages import serialize
 from sfglab.view.arrivals import Arrival

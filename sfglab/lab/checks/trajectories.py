@@ -13,7 +13,14 @@ from sfglab.spatial import Pose
 from sfglab.spatial.trajectory.clearance import closest_approach
 from sfglab.spatial.trajectory.limits import Limits, limit_violations, retimed
 from sfglab.spatial.trajectory.motion import motion_of, pose_at, resampled, sample
-from sfglab.spatial.trajectory.path import Align, Interpolation, Trajectory, align_waypoint, in_frame, stretched
+from sfglab.spatial.trajectory.path import (
+    Align,
+    Interpolation,
+    Trajectory,
+    align_waypoint,
+    in_frame,
+    stretched,
+)
 from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:

@@ -19,7 +19,18 @@ from sfglab.lab.runs import Run, lines_of
 from sfglab.lab.stats import exactly
 from sfglab.soc import carriages_per_message, crossing_edges, load_graph, map_communication
 from sfglab.soc.exploration import explore
-from sfglab.soc.gateway import TABLE, Drive, Input, Move, Row, State, Table, arrows, draw_core, transitions
+from sfglab.soc.gateway import (
+    TABLE,
+    Drive,
+    Input,
+    Move,
+    Row,
+    State,
+    Table,
+    arrows,
+    draw_core,
+    transitions,
+)
 from sfglab.soc.gateway_world import Bound, Step, World
 
 if TYPE_CHECKING:

@@ -15,7 +15,15 @@ from operator import attrgetter
 from typing import TYPE_CHECKING, Any, get_args, get_origin
 
 from sfglab.errors import InvalidValueError, SfglabError
-from sfglab.fields import BOUNDS, Bounds, check_bounds, choices_of, field_docs, from_json, typed_fields
+from sfglab.fields import (
+    BOUNDS,
+    Bounds,
+    check_bounds,
+    choices_of,
+    field_docs,
+    from_json,
+    typed_fields,
+)
 from sfglab.view.widgets import refusal_html, widgets
 
 if TYPE_CHECKING:

@@ -8,7 +8,13 @@
 Everything is gone at the end of the block, also after an exception or when the creating process is killed.
 """
 
-from sfglab.lab.hosts.host import Host, HostsError, HostsUnavailableError, InterfaceBytes, LinkControlError
+from sfglab.lab.hosts.host import (
+    Host,
+    HostsError,
+    HostsUnavailableError,
+    InterfaceBytes,
+    LinkControlError,
+)
 from sfglab.lab.hosts.network import Capability, Link, Network
 from sfglab.lab.hosts.radio import RadioCounters, RadioHost
 

@@ -22,7 +22,14 @@ from typing import IO, TYPE_CHECKING, Any, Literal, Self
 
 from sfglab.errors import InvalidValueError
 from sfglab.fields import between, check_bounds, from_json
-from sfglab.lab.hosts.host import ENTER, Host, HostsError, HostsUnavailableError, LinkControlError, end_members
+from sfglab.lab.hosts.host import (
+    ENTER,
+    Host,
+    HostsError,
+    HostsUnavailableError,
+    LinkControlError,
+    end_members,
+)
 from sfglab.lab.hosts.radio import RadioCounters
 
 if TYPE_CHECKING:

@@ -17,7 +17,14 @@ from functools import cache
 from typing import TYPE_CHECKING, Any
 
 from sfglab.bus.api import NodeInfo, user_data
-from sfglab.bus.dds.clib import MatchedStatus, endpoint_qos, entity_guid, error_text, library, qos_object
+from sfglab.bus.dds.clib import (
+    MatchedStatus,
+    endpoint_qos,
+    entity_guid,
+    error_text,
+    library,
+    qos_object,
+)
 from sfglab.bus.dds.discovery import INFO_TOPIC, READER_QOS, gid_bytes, pack_nodes
 from sfglab.bus.dds.domain import DomainConfig, domain_xml
 from sfglab.bus.dds.endpoints import serdata_from_bytes, sertype_of, stamp

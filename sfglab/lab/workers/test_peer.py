@@ -19,7 +19,14 @@ from sfglab.bus.address import BusAddress
 from sfglab.bus.api import EndpointAdded, MessageInfo
 from sfglab.bus.errors import BusError
 from sfglab.component import Orders, Report, Reporter, end_tasks, run_component
-from sfglab.messages import default_message, message_type, ns_from_stamp, serialize, service_type, stamp_from_ns
+from sfglab.messages import (
+    default_message,
+    message_type,
+    ns_from_stamp,
+    serialize,
+    service_type,
+    stamp_from_ns,
+)
 from sfglab.names import TF_STATIC
 from sfglab.qos import LATCHED, QoSProfile
 

@@ -16,7 +16,16 @@ from itertools import pairwise, permutations
 from typing import TYPE_CHECKING
 
 from sfglab.errors import SfglabError
-from sfglab.soc.memory import STORED, Costs, Setup, Side, Times, Transport, round_robin_s, transfer_times
+from sfglab.soc.memory import (
+    STORED,
+    Costs,
+    Setup,
+    Side,
+    Times,
+    Transport,
+    round_robin_s,
+    transfer_times,
+)
 
 if TYPE_CHECKING:
     import numpy as np

@@ -12,7 +12,14 @@ import numpy as np
 from sfglab.bus import CancelResponse, GoalResponse, GoalStatus, Node, ServerGoalHandle
 from sfglab.messages import action_type, message_type
 from sfglab.names import TF, Resource, RosFqnBuilder, Scope
-from sfglab.spatial.execution.agent import AgentState, Dynamics, Follower, Progress, Tolerances, braked
+from sfglab.spatial.execution.agent import (
+    AgentState,
+    Dynamics,
+    Follower,
+    Progress,
+    Tolerances,
+    braked,
+)
 from sfglab.spatial.execution.orders import (
     FOLLOW_TRAJECTORY,
     OUTCOMES,

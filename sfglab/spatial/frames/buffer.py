@@ -77,7 +77,9 @@ class FrameBuffer:
     def __init__(self, *, history_s: float | None = 10.0) -> None:
         if history_s is not None and not history_s > 0:
             raise InvalidValueError("history_s", history_s, "seconds above 0, or None for all")
-        from sfglab.spatial.frames import kernel  # numba takes 0.5 s to import, here rather than at a look-up
+        from sfglab.spatial.frames import (
+            kernel,  # numba takes 0.5 s to import, here rather than at a look-up
+        )
 
         self._kernel = kernel
         self._history = kernel.History(None if history_s is None else round(history_s * NS_PER_S))

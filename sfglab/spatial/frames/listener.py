@@ -16,7 +16,12 @@ from sfglab.component import end_tasks
 from sfglab.errors import SfglabError
 from sfglab.names import TF, TF_STATIC, prefixed_frame
 from sfglab.qos import Durability, QoSProfile
-from sfglab.spatial.frames.buffer import ExtrapolationError, FrameBuffer, NotConnectedError, UnknownFrameError
+from sfglab.spatial.frames.buffer import (
+    ExtrapolationError,
+    FrameBuffer,
+    NotConnectedError,
+    UnknownFrameError,
+)
 from sfglab.spatial.poses import Pose, StampedTransform
 
 if TYPE_CHECKING:

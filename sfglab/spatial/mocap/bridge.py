@@ -28,7 +28,15 @@ from sfglab.spatial.mocap.mapping import (
     direct_transforms,
     place_via_proxy,
 )
-from sfglab.spatial.mocap.tracking import Capture, MocapSource, Sight, Track, TrackState, Verdict, judge
+from sfglab.spatial.mocap.tracking import (
+    Capture,
+    MocapSource,
+    Sight,
+    Track,
+    TrackState,
+    Verdict,
+    judge,
+)
 from sfglab.spatial.poses import Pose, StampedTransform
 from sfglab.units import NS_PER_S
 

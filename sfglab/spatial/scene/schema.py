@@ -12,7 +12,14 @@ from typing import TYPE_CHECKING, Any
 from sfglab.fields import bounds, field_docs, to_json
 from sfglab.schema import Schema, SchemaMaker
 from sfglab.spatial.scene.files import FORMAT
-from sfglab.spatial.scene.objects import KINDS, ROOT, Property, SceneObject, TrajectoryObject, WaypointObject
+from sfglab.spatial.scene.objects import (
+    KINDS,
+    ROOT,
+    Property,
+    SceneObject,
+    TrajectoryObject,
+    WaypointObject,
+)
 from sfglab.spatial.scene.tree import SCENE_PROPERTIES, Scene
 from sfglab.spatial.trajectory.path import LATEST_NS
 from sfglab.units import NS_PER_S

@@ -13,8 +13,23 @@ from enum import Enum
 from typing import TYPE_CHECKING, Any
 
 from sfglab.spatial.poses import Pose, Vec3
-from sfglab.spatial.scene.commands import Command, Move, Rename, SetPose, SetProperty, SetScene, SetTime
-from sfglab.spatial.scene.objects import ROOT, AgentObject, Group, Property, SceneObject, WaypointObject
+from sfglab.spatial.scene.commands import (
+    Command,
+    Move,
+    Rename,
+    SetPose,
+    SetProperty,
+    SetScene,
+    SetTime,
+)
+from sfglab.spatial.scene.objects import (
+    ROOT,
+    AgentObject,
+    Group,
+    Property,
+    SceneObject,
+    WaypointObject,
+)
 from sfglab.spatial.scene.tree import SCENE_PROPERTIES, Scene
 from sfglab.spatial.trajectory.clearance import Box, Cylinder, Shape, Sphere
 from sfglab.spatial.trajectory.path import Align

@@ -4,7 +4,13 @@ Three robots go around a hallway on what messages tell a station and its command
 home, by method and rate, simulated with the reliability model of `sfglab.rtps`, and live over DDS.
 """
 
-from sfglab.lab.experiments.cooperation.analysis import courses, difference, failures, rates, staleness
+from sfglab.lab.experiments.cooperation.analysis import (
+    courses,
+    difference,
+    failures,
+    rates,
+    staleness,
+)
 from sfglab.lab.experiments.cooperation.experiment import exp
 from sfglab.lab.experiments.cooperation.figures import film
 from sfglab.lab.experiments.cooperation.replay import Replay

@@ -11,7 +11,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
-from sfglab.arp.hallway import AREAS, BEAMS_DEG, HALF_WIDTH_M, HOME, RADIUS_M, WAYPOINTS, End, course_length_m
+from sfglab.arp.hallway import (
+    AREAS,
+    BEAMS_DEG,
+    HALF_WIDTH_M,
+    HOME,
+    RADIUS_M,
+    WAYPOINTS,
+    End,
+    course_length_m,
+)
 from sfglab.arp.robots import METHODS
 from sfglab.lab.experiment import Look
 from sfglab.lab.experiments.cooperation.analysis import contrasts, courses, difference, rates

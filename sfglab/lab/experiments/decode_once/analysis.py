@@ -11,7 +11,16 @@ from sfglab.lab.claims import Finding, How
 from sfglab.lab.experiments.decode_once.experiment import Config, exp
 from sfglab.lab.experiments.decode_once.stage import HANDED_ON
 from sfglab.lab.runs import Run, derived
-from sfglab.lab.stats import Estimate, Floats, LackOfFit, bootstrap, exactly, lack_of_fit, line_fit, median_of
+from sfglab.lab.stats import (
+    Estimate,
+    Floats,
+    LackOfFit,
+    bootstrap,
+    exactly,
+    lack_of_fit,
+    line_fit,
+    median_of,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

@@ -18,7 +18,13 @@ from sfglab.deploy.compose_check import check_compose
 from sfglab.deploy.fleet_check import check_fleet
 from sfglab.deploy.release import SOURCE, make_release
 from sfglab.lab.checks import CheckRow, Mutated, machines, share_of_checks
-from sfglab.lab.checks.fleet_files import file_rows, layer_rows, refused_rows, release_checks, verdict_rows
+from sfglab.lab.checks.fleet_files import (
+    file_rows,
+    layer_rows,
+    refused_rows,
+    release_checks,
+    verdict_rows,
+)
 from sfglab.lab.checks.machines import Unasked, held
 from sfglab.lab.claims import Finding, How
 from sfglab.lab.experiment import Actor, Experiment, Link, Profiled

@@ -18,7 +18,14 @@ import pandas as pd
 from sfglab.fields import Bounds
 from sfglab.lab.claims import Finding, How
 from sfglab.lab.experiment import Look
-from sfglab.lab.experiments.discovery.experiment import LAUNCHED, ROUTED, STANDARD, Config, Scale, exp
+from sfglab.lab.experiments.discovery.experiment import (
+    LAUNCHED,
+    ROUTED,
+    STANDARD,
+    Config,
+    Scale,
+    exp,
+)
 from sfglab.lab.experiments.discovery.simulated import CORES, EXACT_MOST
 from sfglab.lab.figures import COLORS, MARKERS, series
 from sfglab.lab.runs import Run, derived

@@ -9,7 +9,14 @@ import numpy as np
 import pandas as pd
 
 from sfglab.lab.claims import Finding, How
-from sfglab.lab.experiments.driving.experiment import MAPPINGS, PAPER_MS, READINGS, Config, chain_of, exp
+from sfglab.lab.experiments.driving.experiment import (
+    MAPPINGS,
+    PAPER_MS,
+    READINGS,
+    Config,
+    chain_of,
+    exp,
+)
 from sfglab.lab.experiments.driving.lap import IMAGE_TOPIC, MASK_TOPIC
 from sfglab.lab.runs import Run, derived, lines_of
 from sfglab.lab.stats import Estimate, Floats, bootstrap, exactly, ratio_of

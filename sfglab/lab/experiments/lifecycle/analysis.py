@@ -14,7 +14,14 @@ import numpy as np
 
 from sfglab.bus.sim import World, run_simulated
 from sfglab.component import beside
-from sfglab.fleet.discovery.lifecycle import ANNOUNCEMENTS, STATED, TRANSITIONS, Action, Input, State
+from sfglab.fleet.discovery.lifecycle import (
+    ANNOUNCEMENTS,
+    STATED,
+    TRANSITIONS,
+    Action,
+    Input,
+    State,
+)
 from sfglab.fleet.discovery.listener import DISCOVERY_EVENT
 from sfglab.fleet.status.description import AgentDescription
 from sfglab.fleet.status.heartbeat import GET_METADATA, Heartbeat, Schedule

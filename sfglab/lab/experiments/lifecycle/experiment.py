@@ -12,10 +12,23 @@ from sfglab.fleet.discovery.node import DiscoveryConfig, DiscoverySettings
 from sfglab.fleet.discovery.registry import Timing
 from sfglab.fleet.discovery.screening import Limits
 from sfglab.fleet.router.node import RouterConfig
-from sfglab.fleet.status.heartbeat import AGENT_HEARTBEAT, Schedule, heartbeat_topic, metadata_service
+from sfglab.fleet.status.heartbeat import (
+    AGENT_HEARTBEAT,
+    Schedule,
+    heartbeat_topic,
+    metadata_service,
+)
 from sfglab.fleet.status.node import StatusConfig, StatusSettings
 from sfglab.lab.experiment import Actor, Experiment, Link, Profiled
-from sfglab.lab.experiments.lifecycle.stage import FAKES, STEP_S, WALKER, Stage, crowd, puppet_show, walk
+from sfglab.lab.experiments.lifecycle.stage import (
+    FAKES,
+    STEP_S,
+    WALKER,
+    Stage,
+    crowd,
+    puppet_show,
+    walk,
+)
 from sfglab.lab.workers.false_agents import FakeConfig
 from sfglab.lab.workers.wire import WireConfig
 from sfglab.processes import Member

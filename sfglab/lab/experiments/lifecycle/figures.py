@@ -10,8 +10,22 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sfglab.fleet.discovery import lifecycle
-from sfglab.fleet.discovery.lifecycle import ANNOUNCEMENTS, STATED, TRANSITIONS, Edge, Input, Node, State
-from sfglab.lab.experiments.lifecycle.analysis import heard, heartbeat_checks, intervals, joined_ns, transitions
+from sfglab.fleet.discovery.lifecycle import (
+    ANNOUNCEMENTS,
+    STATED,
+    TRANSITIONS,
+    Edge,
+    Input,
+    Node,
+    State,
+)
+from sfglab.lab.experiments.lifecycle.analysis import (
+    heard,
+    heartbeat_checks,
+    intervals,
+    joined_ns,
+    transitions,
+)
 from sfglab.lab.experiments.lifecycle.experiment import Config, exp
 from sfglab.lab.explore import Automaton, Parts
 from sfglab.lab.figures import COLORS, MARKERS, PAPER_STYLE, note

@@ -20,7 +20,12 @@ from sfglab.spatial.frames.buffer import FrameBuffer
 from sfglab.spatial.mocap.bridge import BridgeCore
 from sfglab.spatial.mocap.mapping import MappedObject, MocapMapping
 from sfglab.spatial.mocap.offset import estimate_offset, pose_pairs
-from sfglab.spatial.mocap.synthetic import SyntheticConfig, SyntheticMotion, TrueCapture, synthetic_captures
+from sfglab.spatial.mocap.synthetic import (
+    SyntheticConfig,
+    SyntheticMotion,
+    TrueCapture,
+    synthetic_captures,
+)
 from sfglab.spatial.mocap.tracking import Lapse, Verdict
 
 if TYPE_CHECKING:

@@ -14,7 +14,15 @@ import pandas as pd
 
 from sfglab.arp.hallway import End
 from sfglab.lab.claims import Finding, How
-from sfglab.lab.experiments.phases.answers import ANSWERS, PLACE, answers, criterion, middle, plausible, summary
+from sfglab.lab.experiments.phases.answers import (
+    ANSWERS,
+    PLACE,
+    answers,
+    criterion,
+    middle,
+    plausible,
+    summary,
+)
 from sfglab.lab.experiments.phases.experiment import CELLS, COURSES, Config, exp
 from sfglab.lab.experiments.transmission.analysis import BEST
 from sfglab.lab.experiments.transmission.figures import draw_panel

@@ -9,7 +9,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
-from sfglab.lab.checks import CheckRow, Mutated, check_row, editing, exchange, share_of_checks, trajectories
+from sfglab.lab.checks import (
+    CheckRow,
+    Mutated,
+    check_row,
+    editing,
+    exchange,
+    share_of_checks,
+    trajectories,
+)
 from sfglab.lab.claims import Finding, How
 from sfglab.lab.experiment import Look
 from sfglab.lab.experiments.planning.experiment import EXAMPLE_M, Config, example_limits, exp

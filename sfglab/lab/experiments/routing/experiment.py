@@ -18,7 +18,16 @@ from sfglab.lab.checks.routing import NEAR_MISSES, in_table_1
 from sfglab.lab.checks.routing import checks as policy_checks
 from sfglab.lab.experiment import Actor, Experiment, Link, Profiled
 from sfglab.lab.workers.test_peer import TRANSFORMS, PeerConfig, TopicUse
-from sfglab.names import TF, TF_STATIC, Resource, ResourceKind, RosFqnBuilder, Scope, dds_names, dds_topic
+from sfglab.names import (
+    TF,
+    TF_STATIC,
+    Resource,
+    ResourceKind,
+    RosFqnBuilder,
+    Scope,
+    dds_names,
+    dds_topic,
+)
 from sfglab.processes import Member, ProcessGroup
 from sfglab.units import NS_PER_MS
 

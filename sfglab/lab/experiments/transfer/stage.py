@@ -23,8 +23,25 @@ from sfglab.lab.experiments.transfer.live import cells_of, crossings
 from sfglab.lab.paths import find_project
 from sfglab.soc import Graph, Topic, memory
 from sfglab.soc.mapping import more_than_one_hardware_subscriber
-from sfglab.soc.memory import CUT_THROUGH, LARGEST_BYTES, STORED, Costs, Judge, Setup, Side, Transport
-from sfglab.soc.paper_values import MESSAGE_BYTES, FitError, fit, residuals, sensitivity, speed_ups, tendencies
+from sfglab.soc.memory import (
+    CUT_THROUGH,
+    LARGEST_BYTES,
+    STORED,
+    Costs,
+    Judge,
+    Setup,
+    Side,
+    Transport,
+)
+from sfglab.soc.paper_values import (
+    MESSAGE_BYTES,
+    FitError,
+    fit,
+    residuals,
+    sensitivity,
+    speed_ups,
+    tendencies,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping

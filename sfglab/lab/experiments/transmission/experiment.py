@@ -25,7 +25,18 @@ from sfglab.fields import between
 from sfglab.lab.experiment import Actor, Experiment, Link, Profiled, seeded
 from sfglab.lab.sweep import Workers
 from sfglab.qos import QoSProfile
-from sfglab.rtps import PRESETS, Drop, Fate, Flow, FlowOutcome, Medium, Outcome, Scenario, Vendor, run
+from sfglab.rtps import (
+    PRESETS,
+    Drop,
+    Fate,
+    Flow,
+    FlowOutcome,
+    Medium,
+    Outcome,
+    Scenario,
+    Vendor,
+    run,
+)
 from sfglab.rtps.session import up_to_date
 from sfglab.units import NS_PER_S
 

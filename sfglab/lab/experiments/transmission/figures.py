@@ -9,7 +9,14 @@ import numpy as np
 
 from sfglab.arp.robots import METHODS
 from sfglab.lab.experiment import Look
-from sfglab.lab.experiments.transmission.analysis import BEST, TIE, agreement, cells, compare_ways, order
+from sfglab.lab.experiments.transmission.analysis import (
+    BEST,
+    TIE,
+    agreement,
+    cells,
+    compare_ways,
+    order,
+)
 from sfglab.lab.experiments.transmission.experiment import OPT_DEPTH, Config, exp
 from sfglab.lab.experiments.transmission.stage import LATENCY_WITHIN, LOSS_WITHIN
 from sfglab.lab.experiments.transmission.validation import READ, by_cell, played, validated

@@ -22,7 +22,14 @@ import pandas as pd
 from sfglab.arp.robots import METHODS, RATES_HZ
 from sfglab.lab.baselines import PART, beside
 from sfglab.lab.experiment import seeded
-from sfglab.lab.experiments.transmission.experiment import OPT_DEPTH, Config, Point, cells_of, exp, scenario_of
+from sfglab.lab.experiments.transmission.experiment import (
+    OPT_DEPTH,
+    Config,
+    Point,
+    cells_of,
+    exp,
+    scenario_of,
+)
 from sfglab.lab.experiments.transmission.stage import (
     LATENCY_WITHIN,
     LOSS_WITHIN,
