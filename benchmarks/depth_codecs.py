@@ -35,7 +35,11 @@ sys.path.append(str(Path(__file__).parents[1] / "tests" / "codecs"))
 rvl_reference = importlib.import_module("rvl_reference")  # the tests' plain implementation
 
 ROUNDS = 21
-FOCAL_PX, BASELINE_MM, OFFSET_PX = 994.978, 193.001, 31.086  # from the docstring of stereo_motorcycle
+FOCAL_PX, BASELINE_MM, OFFSET_PX = (
+    994.978,
+    193.001,
+    31.086,
+)  # from the docstring of stereo_motorcycle
 NOISE_PX = 0.06  # disparity noise of a small stereo camera
 
 
@@ -69,7 +73,9 @@ def scalar_functions() -> tuple[Callable[..., Any], Callable[..., Any]]:
     return encode, decode
 
 
-def contenders(depth: NDArray[np.uint16]) -> dict[str, tuple[Callable[[], Any], Callable[[], Any], int]]:
+def contenders(
+    depth: NDArray[np.uint16],
+) -> dict[str, tuple[Callable[[], Any], Callable[[], Any], int]]:
     """Return for each codec how to encode and how to decode the frame, and its size in bytes."""
     scalar_encode, scalar_decode = scalar_functions()
     flat, nibbles = depth.reshape(-1), np.zeros(8 * depth.size + 8, np.uint8)
@@ -80,13 +86,21 @@ def contenders(depth: NDArray[np.uint16]) -> dict[str, tuple[Callable[[], Any], 
     zstd, unzstd = zstandard.ZstdCompressor(level=1), zstandard.ZstdDecompressor()
     packed = zstd.compress(raw)
     rows: dict[str, tuple[Callable[[], Any], Callable[[], Any], int]] = {
-        "RVL": (lambda: rvl.encode(depth), lambda: rvl.decode(words, depth.shape, out=out), len(words)),
+        "RVL": (
+            lambda: rvl.encode(depth),
+            lambda: rvl.decode(words, depth.shape, out=out),
+            len(words),
+        ),
         "ours: predicted, then Zstandard": (
             lambda: med.encode(depth),
             lambda: med.decode(frame, depth.shape),
             len(frame),
         ),
-        "Zstandard level 1": (lambda: zstd.compress(raw), lambda: unzstd.decompress(packed), len(packed)),
+        "Zstandard level 1": (
+            lambda: zstd.compress(raw),
+            lambda: unzstd.decompress(packed),
+            len(packed),
+        ),
         "RVL, plain scalar, compiled": (
             lambda: scalar_encode(flat, nibbles),
             lambda: scalar_decode(nibbles, out.reshape(-1)),
@@ -127,12 +141,18 @@ def report(name: str, depth: NDArray[np.uint16]) -> None:
             encode_ms[row].append(elapsed_ms(encode))
             decode_ms[row].append(elapsed_ms(decode))
     holes = np.mean(depth == 0)
-    print(f"\n{name}: {depth.shape[1]} x {depth.shape[0]}, {holes:.1%} holes, {len(np.unique(depth))} values")
+    print(
+        f"\n{name}: {depth.shape[1]} x {depth.shape[0]}, {holes:.1%} holes, {len(np.unique(depth))} values"
+    )
     print(f"{'':36}{'encode':>16}{'decode':>16}{'raw/coded':>11}")
-    medians = {row: (statistics.median(encode_ms[row]), statistics.median(decode_ms[row])) for row in rows}
+    medians = {
+        row: (statistics.median(encode_ms[row]), statistics.median(decode_ms[row])) for row in rows
+    }
     base = medians["RVL"]
     for row, (_, _, size) in rows.items():
-        columns = "".join(f"{ms:8.2f} ms {ms / of:4.1f}x" for ms, of in zip(medians[row], base, strict=True))
+        columns = "".join(
+            f"{ms:8.2f} ms {ms / of:4.1f}x" for ms, of in zip(medians[row], base, strict=True)
+        )
         print(f"{row:36}{columns}{depth.nbytes / size:11.2f}")
     python_ms = python_scalar_ms(depth)
     print(f"{'RVL, plain scalar, Python (once)':36}{python_ms:8.0f} ms {python_ms / base[0]:4.0f}x")

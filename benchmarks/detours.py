@@ -37,7 +37,8 @@ STREAM = "/global/edge/camera_front/color/ffmpeg"
 LOCAL = "/local/edge/camera_front/color/image_raw"
 FPS, FRAMES = 4.0, 8
 HEARTBEAT, EVENT, SERVICE = (
-    f"sfglab_interfaces/{n}" for n in ("msg/AgentHeartbeat", "msg/AgentDiscoveryEvent", "srv/GetMetadata")
+    f"sfglab_interfaces/{n}"
+    for n in ("msg/AgentHeartbeat", "msg/AgentDiscoveryEvent", "srv/GetMetadata")
 )
 LIMIT_S = 60
 
@@ -95,7 +96,9 @@ async def trace_frames(remote: dict[str, Any], local: dict[str, Any], trace: Fra
     async with Node("camera_pipeline", **remote) as far, Node("viewer", **local) as near:
         near.create_subscription(IMAGE_TYPE, LOCAL, trace.seen, SENSOR_DATA, transport="shm")
         decoding = asyncio.create_task(pipeline(far, Outputs(near, IMAGE_TYPE, LOCAL)))
-        async with camera._camera(camera_config(camera.CameraConfig, remote), lambda _: None) as opened:  # noqa: SLF001
+        async with camera._camera(
+            camera_config(camera.CameraConfig, remote), lambda _: None
+        ) as opened:  # noqa: SLF001
             shooting = asyncio.create_task(opened.shoot)
             async with asyncio.timeout(LIMIT_S):
                 while len(trace.frames) < FRAMES:  # noqa: ASYNC110 - the profiler has no events
@@ -154,7 +157,9 @@ class ShapeTrace:
         path = file_of(frame.f_code) if event in {"call", "return"} else None
         if path is None or not path.startswith(("fleet/", "bus/")):
             return
-        values = [value] if event == "return" else [frame.f_locals[n] for n in arguments(frame.f_code)]
+        values = (
+            [value] if event == "return" else [frame.f_locals[n] for n in arguments(frame.f_code)]
+        )
         for item in values:
             many = isinstance(item, tuple | list) and not is_value(type(item))
             for part in item if many else (item,):
@@ -189,7 +194,9 @@ async def trace_heartbeat(address: dict[str, Any]) -> None:
     async with Node("agent", **address) as agent, Node("discoverer", **address) as node:
         agent.create_service(SERVICE, "/global/go2/get_metadata", lambda _: answer())
         publisher = agent.create_publisher(HEARTBEAT, "/global/agent_heartbeat", LATCHED)
-        discoverer = AgentDiscoverer(node, DiscoverySettings(agent="station"), on_event=lambda _: told.set())
+        discoverer = AgentDiscoverer(
+            node, DiscoverySettings(agent="station"), on_event=lambda _: told.set()
+        )
         running = asyncio.create_task(discoverer.run())
         beat = default_message(HEARTBEAT)
         beat.agent, beat.incarnation, beat.period_s, beat.version = "go2", 1, 10.0, "1"
@@ -210,7 +217,9 @@ def answer() -> Any:
 def main() -> None:
     """Trace both and print what was counted."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--domain", type=int, default=91, help="the first of two DDS domains that nobody uses")
+    parser.add_argument(
+        "--domain", type=int, default=91, help="the first of two DDS domains that nobody uses"
+    )
     domain = parser.parse_args().domain
     remote, local = ({"domain_id": domain + i, "interface": "lo"} for i in range(2))
     frames, shapes = FrameTrace(), ShapeTrace()

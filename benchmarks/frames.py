@@ -76,9 +76,13 @@ class Plain:
         """Return the same as a buffer of frames."""
         buffer = FrameBuffer(history_s=HISTORY_S)
         for child, parent in enumerate(self.parents):
-            for stamp_ns, pose in zip(self.stamps, self.poses[child] if parent >= 0 else (), strict=False):
+            for stamp_ns, pose in zip(
+                self.stamps, self.poses[child] if parent >= 0 else (), strict=False
+            ):
                 buffer.insert(
-                    StampedTransform(parent=f"f{parent}", child=f"f{child}", stamp_ns=stamp_ns, pose=pose)
+                    StampedTransform(
+                        parent=f"f{parent}", child=f"f{child}", stamp_ns=stamp_ns, pose=pose
+                    )
                 )
         return buffer
 
@@ -134,7 +138,9 @@ def cases(rng: np.random.Generator, count: int) -> dict[str, tuple[list[int], li
     """Return trees and what they are asked."""
     times = rng.integers(0, HISTORY_S * 10**9, count).tolist()
     any_two = rng.integers(0, FRAMES, (count, 2)).tolist()
-    leaves = [[3 + 11 * a + i, 3 + 11 * b + j] for a, b, i, j in rng.integers(0, 9, (count, 4)).tolist()]
+    leaves = [
+        [3 + 11 * a + i, 3 + 11 * b + j] for a, b, i, j in rng.integers(0, 9, (count, 4)).tolist()
+    ]
     pairs = {"fleet": leaves, "random": any_two, "chain": [[0, FRAMES - 1]] * count}
     trees = {
         "fleet": fleet(),
@@ -142,7 +148,10 @@ def cases(rng: np.random.Generator, count: int) -> dict[str, tuple[list[int], li
         "chain": list(range(-1, FRAMES - 1)),
     }
     return {
-        name: (trees[name], [Question(f"f{a}", f"f{b}", t) for (a, b), t in zip(two, times, strict=True)])
+        name: (
+            trees[name],
+            [Question(f"f{a}", f"f{b}", t) for (a, b), t in zip(two, times, strict=True)],
+        )
         for name, two in pairs.items()
     }
 
@@ -166,11 +175,17 @@ def compare(name: str, parents: list[int], questions: list[Question], rounds: in
         ours = buffer.look_up(*question)
         for theirs in (plain_look_up(tree, question), scipy_look_up(tree, question)):
             assert ours.same_as(theirs, within_m=1e-6, within_rad=1e-6), (name, question)
-    edges = np.mean([sum(map(len, tree.ways(int(q.target[1:]), int(q.source[1:])))) for q in questions])
+    edges = np.mean(
+        [sum(map(len, tree.ways(int(q.target[1:]), int(q.source[1:])))) for q in questions]
+    )
     ours_us = best_us(lambda: [buffer.look_up(*q) for q in questions], len(questions), rounds)
     plain_us = best_us(lambda: [plain_look_up(tree, q) for q in few], len(few), rounds)
     scipy_us = best_us(lambda: [scipy_look_up(tree, q) for q in few], len(few), rounds)
-    verdict = "" if name == "chain" else f"  asked < {ASKED_US:g}: {'yes' if ours_us < ASKED_US else 'NO'}"
+    verdict = (
+        ""
+        if name == "chain"
+        else f"  asked < {ASKED_US:g}: {'yes' if ours_us < ASKED_US else 'NO'}"
+    )
     print(
         f"{name:8} {edges:5.1f} edges  ours {ours_us:6.2f} us  plain Python {plain_us:7.1f} us ="
         f" {plain_us / ours_us:5.1f} x  SciPy {scipy_us:8.1f} us = {scipy_us / ours_us:5.0f} x{verdict}"
@@ -181,7 +196,9 @@ def insertion(rounds: int) -> float:
     """Return what one transform costs, in microseconds."""
     count = 20_000
     transforms = [
-        StampedTransform(parent="map", child=f"f{i % FRAMES}", stamp_ns=i * STEP_NS // FRAMES, pose=Pose())
+        StampedTransform(
+            parent="map", child=f"f{i % FRAMES}", stamp_ns=i * STEP_NS // FRAMES, pose=Pose()
+        )
         for i in range(count)
     ]
 
@@ -206,7 +223,10 @@ def bridge(rounds: int) -> float:
         for name in names:
             buffer.insert(
                 StampedTransform(
-                    parent=f"{name}/base", child=f"{name}/markers", stamp_ns=0, pose=Pose.at((0, 0, 0.1))
+                    parent=f"{name}/base",
+                    child=f"{name}/markers",
+                    stamp_ns=0,
+                    pose=Pose.at((0, 0, 0.1)),
                 ),
                 static=True,
             )
@@ -219,7 +239,9 @@ def bridge(rounds: int) -> float:
 
 def main() -> None:
     """Print all rows."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--rounds", type=int, default=5)
     parser.add_argument("--questions", type=int, default=5000)
     options = parser.parse_args()

@@ -33,7 +33,9 @@ def pan() -> list[NDArray[np.uint8]]:
     picture = cv2.cvtColor(data.stereo_motorcycle()[0], cv2.COLOR_RGB2BGR)
     height, width = picture.shape[0] - 360, picture.shape[1] - 640
     corners = [(index % height, 3 * index % width) for index in range(FRAMES)]
-    return [np.ascontiguousarray(picture[top : top + 360, left : left + 640]) for top, left in corners]
+    return [
+        np.ascontiguousarray(picture[top : top + 360, left : left + 640]) for top, left in corners
+    ]
 
 
 def frame_ms(work: Callable[[], Any]) -> float:
@@ -67,7 +69,9 @@ def conversions() -> dict[str, Callable[[av.VideoFrame], Any]]:
     return ways
 
 
-def workloads(pictures: list[NDArray[np.uint8]], packets: list[bytes]) -> dict[str, Callable[[], Any]]:
+def workloads(
+    pictures: list[NDArray[np.uint8]], packets: list[bytes]
+) -> dict[str, Callable[[], Any]]:
     """Return what is measured, by name; each opens its own encoder or decoder."""
 
     def encode() -> None:
@@ -101,7 +105,9 @@ def main() -> None:
     encoder = H264Encoder(TABLE_2)
     packets = [frame.data for picture in pictures for frame in encoder.encode(picture)]
     rate_bps = sum(map(len, packets)) * 8 * TABLE_2.fps / FRAMES
-    print(f"{encoder.encoder_name}, {rate_bps / 1e6:.3f} Mbit/s, {FRAMES} frames, median of {ROUNDS} rounds")
+    print(
+        f"{encoder.encoder_name}, {rate_bps / 1e6:.3f} Mbit/s, {FRAMES} frames, median of {ROUNDS} rounds"
+    )
     rows = workloads(pictures, packets)
     times: dict[str, list[float]] = {name: [] for name in rows}
     for _ in range(ROUNDS):

@@ -101,7 +101,9 @@ async def subscribe(arm: str, domain_id: int, seconds: float, *, raw: bool) -> N
         p50, p99 = np.percentile(latency_ns, [50, 99]) / 1e6
         lost = subscription.dropped + subscription.lost
         print(
-            json.dumps(result | {"p50_ms": p50, "p99_ms": p99, "count": len(latency_ns), "lost": lost}),
+            json.dumps(
+                result | {"p50_ms": p50, "p99_ms": p99, "count": len(latency_ns), "lost": lost}
+            ),
             flush=True,
         )
         await asyncio.to_thread(sys.stdin.readline)
@@ -200,7 +202,9 @@ if __name__ == "__main__":
     if len(sys.argv) > 1 and sys.argv[1] == "publish":
         run_loop(publish(sys.argv[2], int(sys.argv[3]), float(sys.argv[4]), int(sys.argv[5])))
     elif len(sys.argv) > 1 and sys.argv[1] == "subscribe":
-        run_loop(subscribe(sys.argv[2], int(sys.argv[3]), float(sys.argv[4]), raw=sys.argv[5] == "1"))
+        run_loop(
+            subscribe(sys.argv[2], int(sys.argv[3]), float(sys.argv[4]), raw=sys.argv[5] == "1")
+        )
     elif len(sys.argv) > 1 and sys.argv[1] == "idle":
         run_loop(idle(int(sys.argv[2]), float(sys.argv[3])))
     else:

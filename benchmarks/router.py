@@ -202,7 +202,9 @@ def measure(load: str, arm: str, domain_id: int, seconds: float) -> dict[str, An
         listener.hear()
         if real:
             listener.tell(do="look", topic=TOPIC, qos={"depth": 100})
-        time.sleep(3.0 if real else 0.5)  # until the router's reader and writer have found their peers
+        time.sleep(
+            3.0 if real else 0.5
+        )  # until the router's reader and writer have found their peers
         talker.tell()
         sent = talker.hear()["sent"]
         time.sleep(0.5 if LOADS[load][1] else 2.0)  # until the last sample has arrived
@@ -214,7 +216,9 @@ def measure(load: str, arm: str, domain_id: int, seconds: float) -> dict[str, An
 def ros_listener(domain_id: int) -> list[str]:
     """Return the command line of a node of rclpy on this host alone."""
     values = {"ROS_DOMAIN_ID": domain_id, "FASTDDS_BUILTIN_TRANSPORTS": "UDPv4"}
-    return distribution().argv(str(PEER), "listener", ROS_AUTOMATIC_DISCOVERY_RANGE="LOCALHOST", **values)
+    return distribution().argv(
+        str(PEER), "listener", ROS_AUTOMATIC_DISCOVERY_RANGE="LOCALHOST", **values
+    )
 
 
 def seen_by_ros(listener: Child) -> dict[str, Any]:
@@ -258,7 +262,9 @@ def main() -> None:
                 times = [b[key] / a[key] for a, b in pairs]
                 print(f"{load}: added {key[:3]} {_spread(added)} ms, {_spread(times)} times direct")
         else:
-            print(f"{load}: rate {_spread([b['rate_hz'] / a['rate_hz'] for a, b in pairs])} of direct")
+            print(
+                f"{load}: rate {_spread([b['rate_hz'] / a['rate_hz'] for a, b in pairs])} of direct"
+            )
         print(f"{load}: the router took at most {max(r['peak_mb'] for r in routed):.0f} MB")
     starts = [r["start_cpu_s"] for runs in found.values() for r in runs]
     print(f"the router was ready after {_spread(starts)} s of CPU")

@@ -169,7 +169,9 @@ class SimpyModel:
             return channel.value
         while self.env.now >= channel.change_at:
             channel.value += 1
-            channel.change_at += max(1, int(self.random.expovariate(1 / (channel.flow.change_s * NS))))
+            channel.change_at += max(
+                1, int(self.random.expovariate(1 / (channel.flow.change_s * NS)))
+            )
         return channel.value
 
     def publish(self, channel: Channel) -> None:
@@ -193,7 +195,9 @@ class SimpyModel:
         """Send a sample, with a heartbeat where the vendor does that."""
         rides = self.vendor.piggyback_when_full and channel.last - channel.acked >= channel.depth
         self.counts["data"] += 1
-        self.enqueue(channel.flow.source, (DATA, channel, sample, rides, channel.first_kept, channel.last))
+        self.enqueue(
+            channel.flow.source, (DATA, channel, sample, rides, channel.first_kept, channel.last)
+        )
 
     def heartbeat(self, channel: Channel) -> None:
         """Say what there is, while anything is unacknowledged."""
@@ -201,7 +205,9 @@ class SimpyModel:
         channel.armed = False
         if channel.acked >= channel.last:
             return
-        self.enqueue(channel.flow.source, (HEARTBEAT, channel, 0, False, channel.first_kept, channel.last))
+        self.enqueue(
+            channel.flow.source, (HEARTBEAT, channel, 0, False, channel.first_kept, channel.last)
+        )
         stuck = channel.acked == channel.acked_at_heartbeat
         longer = min(2 * channel.interval, self.vendor.heartbeat_max_ns)
         channel.interval = longer if stuck else self.vendor.heartbeat_ns
@@ -427,7 +433,9 @@ def interpreted(scenario: Scenario, seed: int) -> Timed:
 
 def compare(rounds: int) -> None:
     """Print both event rates, their ratio, and whether both say the same."""
-    print("cell                          events   ours events/s  SimPy events/s  ratio  delivered    repeated")
+    print(
+        "cell                          events   ours events/s  SimPy events/s  ratio  delivered    repeated"
+    )
     ratios = []
     for point in CELLS:
         scenario = scenario_of(point, seed=0)
@@ -480,7 +488,9 @@ def time_grid(workers: int) -> None:
 def main() -> None:
     """Run both and print."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--rounds", type=int, default=30, help="of few, chance alone exceeds what is allowed")
+    parser.add_argument(
+        "--rounds", type=int, default=30, help="of few, chance alone exceeds what is allowed"
+    )
     parser.add_argument("--workers", type=int, default=2)
     options = parser.parse_args()
     compiled(scenario_of(CELLS[0]), 0)

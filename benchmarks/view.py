@@ -45,8 +45,10 @@ if TYPE_CHECKING:
 TOPIC = "/global/bench/camera/color/image_raw"
 IMAGE = "sensor_msgs/msg/Image"
 RATE_HZ = 30.0
-_SERVER = "import rerun, sys; r = rerun.RecordingStream('sink'); r.serve_grpc(grpc_port=int(sys.argv[1]), \
+_SERVER = (
+    "import rerun, sys; r = rerun.RecordingStream('sink'); r.serve_grpc(grpc_port=int(sys.argv[1]), \
 server_memory_limit='256MB'); print('ready', flush=True); sys.stdin.read()"
+)
 
 
 def _pixels() -> Any:
@@ -116,12 +118,17 @@ class Measured:
         """Leave the canvas open for the next round."""
 
 
-async def through_bridge(canvas: RerunCanvas, domain_id: int, seconds: float, *, flush: bool) -> Any:
+async def through_bridge(
+    canvas: RerunCanvas, domain_id: int, seconds: float, *, flush: bool
+) -> Any:
     """Return how long each picture took, nanoseconds."""
     measured, session = Measured(canvas, flush=flush), Session()
     display = session.add("image", TOPIC)
     session.limit(display.id, None)
-    async with Node("view", domain_id=domain_id, interface="lo") as node, Bridge(node, session, measured):
+    async with (
+        Node("view", domain_id=domain_id, interface="lo") as node,
+        Bridge(node, session, measured),
+    ):
         await asyncio.sleep(seconds)
     if display.errors or not measured.taken_ns:
         raise RuntimeError(f"no pictures: {display.last_error}")
@@ -168,14 +175,19 @@ def compare(options: argparse.Namespace) -> None:
                 bridged = asyncio.run(work) / 1e6
                 for arm, found in (("bare", direct), ("bridge", bridged)):
                     median, p99 = np.percentile(found, [50, 99])
-                    print(f"{until:13}  {arm:7}  {len(found):8}   {median:9.3f}   {p99:6.2f}", flush=True)
+                    print(
+                        f"{until:13}  {arm:7}  {len(found):8}   {median:9.3f}   {p99:6.2f}",
+                        flush=True,
+                    )
                 added[until].append(float(np.median(bridged) - np.median(direct)))
     for until, values in added.items():
         spread = f"{np.median(values):.3f} ms ({min(values):.3f} to {max(values):.3f})"
         print(f"added by the bridge until {until}: median {spread}")
 
 
-async def _soak(canvas: RerunCanvas, server: subprocess.Popen[str], options: argparse.Namespace) -> None:
+async def _soak(
+    canvas: RerunCanvas, server: subprocess.Popen[str], options: argparse.Namespace
+) -> None:
     session = Session()
     display = session.add("image", TOPIC)
     session.limit(display.id, None)

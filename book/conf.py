@@ -15,7 +15,11 @@ copyright = author  # noqa: A001 - Sphinx's name
 extensions = ["myst_nb", "sphinx_copybutton"]
 html_theme = "sphinx_book_theme"
 html_title = "sfglab"
-html_theme_options = {"show_navbar_depth": 1, "use_download_button": False, "use_fullscreen_button": False}
+html_theme_options = {
+    "show_navbar_depth": 1,
+    "use_download_button": False,
+    "use_fullscreen_button": False,
+}
 html_static_path = ["_static"]
 html_extra_path = ["extra"]
 html_css_files = ["book.css"]

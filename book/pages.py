@@ -39,7 +39,9 @@ ROOT = Path(__file__).parents[1]
 def write_pages(folder: Path) -> None:
     """Put all pages into an empty folder."""
     shutil.rmtree(folder, ignore_errors=True)
-    shutil.copytree(ROOT / "book", folder, ignore=shutil.ignore_patterns("*.pyc", "__pycache__", "pages.py"))
+    shutil.copytree(
+        ROOT / "book", folder, ignore=shutil.ignore_patterns("*.pyc", "__pycache__", "pages.py")
+    )
     (folder / "notebooks").mkdir()
     (folder / "extra" / "figures").mkdir(parents=True)
     for notebook in sorted((ROOT / "notebooks").glob("*.ipynb")):
@@ -54,7 +56,10 @@ def write_pages(folder: Path) -> None:
         for name in re.findall(r"figures/([\w.]+)", page.read_text("utf-8")):
             shutil.copy(ROOT / "figures" / name, folder / "figures")
     toy = (ROOT / "tests" / "bus" / "toy_bus.py").read_text("utf-8")
-    _replace(folder / "extend.md", {"experiment-of-design": _experiment(), "toy-bus": f"```python\n{toy}```"})
+    _replace(
+        folder / "extend.md",
+        {"experiment-of-design": _experiment(), "toy-bus": f"```python\n{toy}```"},
+    )
     reference = folder / "reference"
     for sub in ("formats", "api"):
         (reference / sub).mkdir(parents=True)
@@ -85,7 +90,8 @@ def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     """Return a Markdown table."""
     lines = [head, ["---"] * len(head), *rows]
     return "\n".join(
-        f"| {' | '.join(' '.join(c.split()).replace('|', chr(92) + '|') for c in r)} |" for r in lines
+        f"| {' | '.join(' '.join(c.split()).replace('|', chr(92) + '|') for c in r)} |"
+        for r in lines
     )
 
 
@@ -103,11 +109,16 @@ def format_page(name: str, form: Format) -> str:
         f"{top['description']} Read by `{form.read_by}`; an editor takes `sfglab schema {name}`. "
         "A key with neither a default nor *needed* may be left out; *None* means that it is."
     )
-    parts = [f"# {form.title}\n\n{about}", _mapping("Each item" if "items" in schema else "Keys", top)]
+    parts = [
+        f"# {form.title}\n\n{about}",
+        _mapping("Each item" if "items" in schema else "Keys", top),
+    ]
     kinds = top["properties"].get("objects", {}).get("items", {}).get("oneOf", ())
     parts += [_mapping(f"Object: {kind['properties']['kind']['const']}", kind) for kind in kinds]
     parts += [_mapping(_words(key), part) for key, part in schema["$defs"].items()]
-    parts.append(f"## Example\n\n`data/{example.relative_to(ROOT / 'data')}`:\n\n```yaml\n{shown}\n```")
+    parts.append(
+        f"## Example\n\n`data/{example.relative_to(ROOT / 'data')}`:\n\n```yaml\n{shown}\n```"
+    )
     return "\n\n".join(parts) + "\n"
 
 
@@ -153,7 +164,9 @@ def _one_kind(kind: str, part: dict[str, Any]) -> str:
         if "id" in part["properties"]:
             word = part["properties"]["kind"]["const"]
             return f"[{word}](#object-{word})"
-        return "mapping: " + ", ".join(f"`{key}` {kind_of(p)}" for key, p in part["properties"].items())
+        return "mapping: " + ", ".join(
+            f"`{key}` {kind_of(p)}" for key, p in part["properties"].items()
+        )
     if part.get("minimum", 0) == part.get("maximum"):
         return f"`{part['minimum']}`"
     ends = [
@@ -188,7 +201,9 @@ def commands() -> Iterator[tuple[str, Any]]:
 def commands_page() -> str:
     """Return the page of the command line."""
     parts = ["# Command line\n\nErrors are one sentence; the exit status is 0 where all went well."]
-    return "\n\n".join([*parts, *(_command(words, command) for words, command in commands())]) + "\n"
+    return (
+        "\n\n".join([*parts, *(_command(words, command) for words, command in commands())]) + "\n"
+    )
 
 
 def _command(words: str, command: Any) -> str:
@@ -232,7 +247,10 @@ def experiments_page() -> str:
         "frames=10)`, or by sliders; and the values of each profile. A run whose fields were changed, the seed "
         "apart, is kept and shown, and speaks for no claim."
     )
-    return "\n\n".join([f"# Experiments\n\n{about}", *map(_settings, map(experiment, EXPERIMENTS))]) + "\n"
+    return (
+        "\n\n".join([f"# Experiments\n\n{about}", *map(_settings, map(experiment, EXPERIMENTS))])
+        + "\n"
+    )
 
 
 def _settings(exp: Experiment[Any]) -> str:
@@ -266,13 +284,20 @@ def package_page(name: str) -> str:
     parts = [f"# sfglab.{name}\n\n{_prose(inspect.getdoc(package) or '')}"]
     parts += [_entry(package.__name__, key, getattr(package, key)) for key in public(package)]
     rows = list(map(_module, sorted(Path(package.__path__[0]).rglob("*.py"))))
-    return "\n\n".join([*parts, "## Modules", table(["module", "purpose", "public names"], rows)]) + "\n"
+    return (
+        "\n\n".join([*parts, "## Modules", table(["module", "purpose", "public names"], rows)])
+        + "\n"
+    )
 
 
 def public(package: Any) -> list[str]:
     """Return the names of a facade's classes and functions."""
     names = getattr(package, "__all__", [])
-    return [n for n in names if inspect.isclass(getattr(package, n)) or inspect.isroutine(getattr(package, n))]
+    return [
+        n
+        for n in names
+        if inspect.isclass(getattr(package, n)) or inspect.isroutine(getattr(package, n))
+    ]
 
 
 def _module(path: Path) -> list[str]:
@@ -315,14 +340,14 @@ def ledger_page() -> str:
     for entry in compute_ledger(find_project()):
         line = entry.as_json()
         low, high = (f"{line[end] or 0:.4g}" for end in ("low", "high"))
-        ours = "" if line["value"] is None else f"{line['value']:.4g} [{low}, {high}] {line['unit']}"
+        ours = (
+            "" if line["value"] is None else f"{line['value']:.4g} [{low}, {high}] {line['unit']}"
+        )
         paper = "" if line["paper"] is None else f"{line['paper']:g}"
         cells = (line["id"], line["verdict"], f"{line['says']} ({line['where']})", paper, ours)
         rows.append([_safe(str(cell)) for cell in cells])
     head = ["claim", "verdict", "the paper says", "paper", "ours: median, 95 % interval, unit"]
-    about = (
-        "Computed from the logs at hand when this page was built, as by `sfglab claims`; no figure is typed."
-    )
+    about = "Computed from the logs at hand when this page was built, as by `sfglab claims`; no figure is typed."
     return f"# The ledger\n\n{about}\n\n{table(head, rows)}\n"
 
 

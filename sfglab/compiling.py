@@ -20,7 +20,9 @@ def compiled(signature: str) -> Callable[[Callable[..., Any]], Callable[..., Any
         try:
             return numba.njit(signature, nogil=True, cache=True)(function)
         except RuntimeError as error:  # numba found no directory that it may write
-            _log.warning("%s is compiled anew in each process; set NUMBA_CACHE_DIR: %s", function, error)
+            _log.warning(
+                "%s is compiled anew in each process; set NUMBA_CACHE_DIR: %s", function, error
+            )
             return numba.njit(signature, nogil=True)(function)
 
     return compile_now

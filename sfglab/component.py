@@ -26,7 +26,9 @@ Report = dict[str, Any]  #: An order or a report.
 Reporter = Callable[[Report], None]  #: Takes a report.
 Orders = asyncio.Queue[Report]  #: What a component is told, in order.
 
-BEATS_VARIABLE = "SFGLAB_BEATS"  #: Set in a component's environment, it makes it give signs of life.
+BEATS_VARIABLE = (
+    "SFGLAB_BEATS"  #: Set in a component's environment, it makes it give signs of life.
+)
 BEAT_PERIOD_S = 1.0  #: How often, seconds.
 END_LIMIT_S = 10  #: How long a component that starts no others may take to end, in seconds.
 ORDER_LIMIT_BYTES = 1 << 22
@@ -56,7 +58,9 @@ def run_component(
     try:
         config = config_from_argument(config_class, sys.argv[1])
         body = serve(config, report, orders)
-        if os.environ.pop(BEATS_VARIABLE, ""):  # for this process alone, not for those that it starts
+        if os.environ.pop(
+            BEATS_VARIABLE, ""
+        ):  # for this process alone, not for those that it starts
             body = _beating(body, report)
         run(_until_told(body, orders, end_limit_s(config)))
     except SfglabError as error:
@@ -142,7 +146,9 @@ async def _until_told(body: Awaitable[None], orders: Orders, end_limit_s: int) -
     hearing = asyncio.create_task(_hear(orders))
 
     def end() -> None:
-        signal.alarm(end_limit_s)  # unhandled it ends the process, whatever our threads are waiting for
+        signal.alarm(
+            end_limit_s
+        )  # unhandled it ends the process, whatever our threads are waiting for
         serving.cancel()
 
     asyncio.get_running_loop().add_signal_handler(signal.SIGTERM, end)
@@ -165,7 +171,9 @@ async def standard_input_lines() -> AsyncIterator[bytes]:
     """Yield the lines of standard input until it ends, which it does when the parent is gone."""
     reader = asyncio.StreamReader(limit=ORDER_LIMIT_BYTES)
     loop = asyncio.get_running_loop()
-    transport, _ = await loop.connect_read_pipe(lambda: asyncio.StreamReaderProtocol(reader), sys.stdin)
+    transport, _ = await loop.connect_read_pipe(
+        lambda: asyncio.StreamReaderProtocol(reader), sys.stdin
+    )
     try:
         while line := await reader.readline():
             yield line

@@ -40,7 +40,9 @@ class Place:
     """Where something stands in a file."""
 
     file: str = ""  #: Name of the file.
-    key: str = ""  #: Keys from the top, as in ``agents.go2.publishes[2]``; empty for the whole file.
+    key: str = (
+        ""  #: Keys from the top, as in ``agents.go2.publishes[2]``; empty for the whole file.
+    )
     line: int = 0  #: Line from 1; 0 where there is none.
 
     def __str__(self) -> str:
@@ -79,20 +81,30 @@ class Document:
         self._lines: dict[KeyPath, int] = {(): 1}
         self._seen: set[int] = set()
         if len(text) > _MOST_CHARACTERS:
-            raise DocumentError(Place(file=file), f"{len(text)} characters", f"at most {_MOST_CHARACTERS}")
+            raise DocumentError(
+                Place(file=file), f"{len(text)} characters", f"at most {_MOST_CHARACTERS}"
+            )
         try:
             node = yaml.compose(text, Loader=yaml.SafeLoader)
             #: Mappings, lists and scalars.
             self.value = None if node is None else self._read(yaml.SafeLoader(""), node, ())
-        except (yaml.YAMLError, RecursionError, ValueError) as error:  # ValueError: no character has the number
+        except (
+            yaml.YAMLError,
+            RecursionError,
+            ValueError,
+        ) as error:  # ValueError: no character has the number
             if isinstance(error, DocumentError):
                 raise
             mark = getattr(error, "problem_mark", None)
             place = Place(file=file, line=mark.line + 1 if mark else 0)
-            raise DocumentError(place, getattr(error, "problem", None) or str(error), "YAML") from error
+            raise DocumentError(
+                place, getattr(error, "problem", None) or str(error), "YAML"
+            ) from error
 
     @classmethod
-    def of_file(cls, path: Path, what: str = "a readable text file", *, one_line: bool = False) -> Document:
+    def of_file(
+        cls, path: Path, what: str = "a readable text file", *, one_line: bool = False
+    ) -> Document:
         """Read a file; `what` says in a `DocumentError` what it should be."""
         try:
             text = read_text(path, what)
@@ -120,7 +132,9 @@ class Document:
 
         self._lines.setdefault(path, node.start_mark.line + 1)
         if id(node) in self._seen:
-            raise DocumentError(self._alias(path), "an alias", "every value written out where it belongs")
+            raise DocumentError(
+                self._alias(path), "an alias", "every value written out where it belongs"
+            )
         self._seen.add(id(node))
         if self._one_line and isinstance(node, yaml.ScalarNode) and _CONTROL.search(node.value):
             raise DocumentError(self.place(path), node.value, "a text of one line")
@@ -128,19 +142,27 @@ class Document:
             return dict(self._read_pairs(loader, node, path))
         if isinstance(node, yaml.SequenceNode):
             return [self._read(loader, item, (*path, i)) for i, item in enumerate(node.value)]
-        if node.tag != _TEXT and len(node.value) > _LONGEST_PLAIN:  # a number by base 60 takes quadratic time
-            raise DocumentError(self.place(path), node.value, f"at most {_LONGEST_PLAIN} characters, or quoted")
+        if (
+            node.tag != _TEXT and len(node.value) > _LONGEST_PLAIN
+        ):  # a number by base 60 takes quadratic time
+            raise DocumentError(
+                self.place(path), node.value, f"at most {_LONGEST_PLAIN} characters, or quoted"
+            )
         try:
             return loader.construct_object(node)
         # A date that is none, or a tag whose text is not of its kind: PyYAML looks before it has checked.
         except (ValueError, OverflowError, LookupError, AttributeError, TypeError) as error:
-            raise DocumentError(self.place(path), node.value, "a value that YAML can read") from error
+            raise DocumentError(
+                self.place(path), node.value, "a value that YAML can read"
+            ) from error
 
     def _alias(self, path: KeyPath) -> Place:
         """Return where the first alias stands; its node only knows where it was written out."""
         import yaml
 
-        mark = next((e.start_mark for e in yaml.parse(self._text) if isinstance(e, yaml.AliasEvent)), None)
+        mark = next(
+            (e.start_mark for e in yaml.parse(self._text) if isinstance(e, yaml.AliasEvent)), None
+        )
         return Place(file=self.file, key=_key_text(path), line=mark.line + 1 if mark else 0)
 
     def _read_pairs(
@@ -163,7 +185,11 @@ class Document:
 
 def _is_finite(value: object) -> bool:
     """Tell whether a value is a number that a float can hold."""
-    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= sys.float_info.max
+    return (
+        isinstance(value, int | float)
+        and not isinstance(value, bool)
+        and abs(value) <= sys.float_info.max
+    )
 
 
 def _is_text(value: object) -> bool:
@@ -325,14 +351,18 @@ class Section:
         kind = next((k for k in options if isinstance(value, _KINDS[k])), next(iter(options)))
         if len(options) > 1 and not isinstance(value, _KINDS[kind]):
             raise self.refusal(key, value, " or ".join(options))
-        read = {"a mapping": self._read_mapping, "a list": self._read_list}.get(kind, self._read_scalar)
+        read = {"a mapping": self._read_mapping, "a list": self._read_list}.get(
+            kind, self._read_scalar
+        )
         return read(key, options[kind], extra)
 
     def _read_scalar(self, key: str, hint: Any, extra: Mapping[str, Any]) -> Any:
         if hint in (int, float):
             return self._number(key, _REQUIRED, hint, extra.get(BOUNDS, Bounds(0)))
         if hint is bool:
-            return self._checked(key, _REQUIRED, "true or false", fits=lambda value: isinstance(value, bool))
+            return self._checked(
+                key, _REQUIRED, "true or false", fits=lambda value: isinstance(value, bool)
+            )
         choices = choices_of(hint)
         text = self.text(key, choices=tuple(choices))
         self._match(key, [text], extra)
@@ -374,7 +404,9 @@ class Section:
         """Refuse the first key that was not read, with those that are allowed and what was probably meant."""
         for key in self._values:
             if key not in self._known:
-                raise self.refusal(key, key, ", ".join(sorted(self._known)) + suggestion(key, self._known))
+                raise self.refusal(
+                    key, key, ", ".join(sorted(self._known)) + suggestion(key, self._known)
+                )
 
     def _slip(self, key: str) -> str:
         """Return which unknown key a missing one was probably meant by; key by key, it may be known later."""
@@ -384,21 +416,27 @@ class Section:
 
 
 @contextmanager
-def _refused_at(place: Place, fields: Mapping[str, Place] = types.MappingProxyType({})) -> Iterator[None]:
+def _refused_at(
+    place: Place, fields: Mapping[str, Place] = types.MappingProxyType({})
+) -> Iterator[None]:
     """Let an error that is not about a place say one: its field's, or the one given."""
     try:
         yield
     except DocumentError:
         raise
     except InvalidValueError as error:
-        raise DocumentError(fields.get(str(error.place), place), error.given, error.allowed) from error
+        raise DocumentError(
+            fields.get(str(error.place), place), error.given, error.allowed
+        ) from error
 
 
 def _sections(document: Document, path: KeyPath, value: Any, short: str = "") -> Iterator[Section]:
     if not isinstance(value, list):
         raise DocumentError(document.place(path), value, "a list")
     for position, item in enumerate(value):
-        yield Section(document, (*path, position), {short: item} if short and isinstance(item, str) else item)
+        yield Section(
+            document, (*path, position), {short: item} if short and isinstance(item, str) else item
+        )
 
 
 # What a field's type cannot say, as its metadata: ``field(metadata=named("from") | bounds(1, 9))``.

@@ -23,7 +23,9 @@ class InvalidValueError(SfglabError, ValueError):
         self.place = place  #: A field, an argument, an option, a key; of documents, a `sfglab.documents.Place`.
         self.given = given  #: The value; None where nothing is given.
         self.allowed = allowed  #: What is allowed in its place.
-        super().__init__(place, given, allowed)  # all arguments, so that the error survives pickling
+        super().__init__(
+            place, given, allowed
+        )  # all arguments, so that the error survives pickling
 
     def __str__(self) -> str:
         return f"{self.place}: {_said(self.given)}, allowed: {self.allowed}"
@@ -47,7 +49,10 @@ def _shown(given: object) -> str:
     """Return a value as text, cut in the middle; a refusal must stand whatever was refused."""
     try:
         text = repr(fspath(given) if isinstance(given, PathLike) else given)
-    except (ValueError, RecursionError):  # an integer of more digits than Python writes, or nested too deep
+    except (
+        ValueError,
+        RecursionError,
+    ):  # an integer of more digits than Python writes, or nested too deep
         return f"a {type(given).__name__} that cannot be written"
     return text if len(text) <= 2 * _SHOWN else f"{text[:_SHOWN]} ... {text[-_SHOWN:]}"
 
@@ -58,4 +63,6 @@ class MissingExtraError(SfglabError, ImportError):
     def __init__(self, library: str, *, extra: str, purpose: str) -> None:
         self.library = library  #: The import name of what is missing.
         self.extra = extra  #: The extra of sfglab that brings it.
-        super().__init__(f"{purpose} needs {library!r}, which is not installed: pip install 'sfglab[{extra}]'")
+        super().__init__(
+            f"{purpose} needs {library!r}, which is not installed: pip install 'sfglab[{extra}]'"
+        )

@@ -35,7 +35,9 @@ class Bounds:
         return self.low <= value <= self.high and value not in self.without
 
     def __str__(self) -> str:
-        low, high = (str(end) if isinstance(end, int) else f"{end:g}" for end in (self.low, self.high))
+        low, high = (
+            str(end) if isinstance(end, int) else f"{end:g}" for end in (self.low, self.high)
+        )
         text = f"above {low if self.low else 'zero'}" if self.low in self.without else f"from {low}"
         if self.high == math.inf:
             return text
@@ -50,7 +52,12 @@ def bounds(
 
 
 def between(
-    default: T, low: float = 0, high: float = math.inf, *, log: bool = False, without: tuple[float, ...] = ()
+    default: T,
+    low: float = 0,
+    high: float = math.inf,
+    *,
+    log: bool = False,
+    without: tuple[float, ...] = (),
 ) -> T:
     """Bound a field of a dataclass, whose default this is; further arguments as of `Bounds`."""
     return dataclasses.field(default=default, metadata=bounds(low, high, log=log, without=without))
@@ -58,7 +65,9 @@ def between(
 
 def bounds_of(row_class: type[Any]) -> dict[str, Bounds]:
     """Return the bounds of a dataclass's bounded fields, by name."""
-    return {f.name: f.metadata[BOUNDS] for f in dataclasses.fields(row_class) if BOUNDS in f.metadata}
+    return {
+        f.name: f.metadata[BOUNDS] for f in dataclasses.fields(row_class) if BOUNDS in f.metadata
+    }
 
 
 def check_bounds(value: Any, about: str = "") -> None:
@@ -92,7 +101,9 @@ def _module_docs(module: str) -> dict[str, dict[str, str]]:
     return found
 
 
-def _collect(node: ast.AST, prefix: str, lines: list[str], found: dict[str, dict[str, str]]) -> None:
+def _collect(
+    node: ast.AST, prefix: str, lines: list[str], found: dict[str, dict[str, str]]
+) -> None:
     for child in ast.iter_child_nodes(node):
         if isinstance(child, ast.ClassDef):
             name = prefix + child.name
@@ -111,7 +122,9 @@ def _collect(node: ast.AST, prefix: str, lines: list[str], found: dict[str, dict
 
 def _text(field: ast.AnnAssign, lines: list[str]) -> str:
     """Return what stands behind ``#:`` on a field's last line, else on the lines directly above it."""
-    last = lines[(field.end_lineno or field.lineno) - 1].encode()[field.end_col_offset or 0 :].decode()
+    last = (
+        lines[(field.end_lineno or field.lineno) - 1].encode()[field.end_col_offset or 0 :].decode()
+    )
     if "#:" in last:
         return last.partition("#:")[2].strip()
     above: list[str] = []
@@ -134,7 +147,11 @@ def typed_fields(cls: type[Any]) -> dict[str, dataclasses.Field[Any]]:
 
 def alternatives_of(hint: Any) -> list[Any]:
     """Return the alternatives of an annotated type, without None."""
-    options = typing.get_args(hint) if typing.get_origin(hint) in (typing.Union, types.UnionType) else (hint,)
+    options = (
+        typing.get_args(hint)
+        if typing.get_origin(hint) in (typing.Union, types.UnionType)
+        else (hint,)
+    )
     return [option for option in options if option is not types.NoneType]
 
 
@@ -217,7 +234,9 @@ def _holds(hint: Any, value: Any) -> bool:
 
 
 def _dataclass_from_json(hint: type[Any], value: Mapping[str, Any]) -> Any:
-    fields = [f for f in typed_fields(typing.cast("Any", hint)).values() if f.init and f.name in value]
+    fields = [
+        f for f in typed_fields(typing.cast("Any", hint)).values() if f.init and f.name in value
+    ]
     try:
         return hint(**{f.name: from_json(f.type, value[f.name]) for f in fields})
     except (TypeError, KeyError) as error:

@@ -31,7 +31,10 @@ def read_text(path: Path, allowed: str = "a readable text file") -> str:
 
 
 def write_files(
-    files: Mapping[Path, str | bytes], *, folder: Path | None = None, modes: Mapping[Path, int] | None = None
+    files: Mapping[Path, str | bytes],
+    *,
+    folder: Path | None = None,
+    modes: Mapping[Path, int] | None = None,
 ) -> None:
     """Write files, all of them or none; at any moment each path holds either the old file or the new one.
 

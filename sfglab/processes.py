@@ -118,7 +118,9 @@ class LineProcess:
                 while (report := await self._backlog.get())["is"] != kind:
                     self._raise_if_over(report)
         except TimeoutError:
-            raise ProcessFailedError(f"{self.name}: no {kind!r} within {timeout_s or 0:g} s") from None
+            raise ProcessFailedError(
+                f"{self.name}: no {kind!r} within {timeout_s or 0:g} s"
+            ) from None
         return report
 
     async def wait(self) -> int:
@@ -195,7 +197,9 @@ def _report_from_line(line: bytes) -> Report:
 # --- Processes that hang -------------------------------------------------------------------------------------
 
 LOOK_PERIOD_S = 1.0  #: How often a process that is watched is looked at, seconds.
-HANG_S = 10.0  #: How long one that beats may do anything else, in seconds in which it could have beaten.
+HANG_S = (
+    10.0  #: How long one that beats may do anything else, in seconds in which it could have beaten.
+)
 _STOPPED_COUNTS = 4.0  # one that is stopped cannot be busy, so it is known sooner
 
 
@@ -349,10 +353,17 @@ class ProcessGroup:
     ) -> dict[str, Report]:
         """Return the next report of a kind of each member, or of those named, by name; None waits for ever."""
         chosen = self if names is None else names
-        return await self._watched({n: self._processes[n].expect(kind, timeout_s=timeout_s) for n in chosen})
+        return await self._watched(
+            {n: self._processes[n].expect(kind, timeout_s=timeout_s) for n in chosen}
+        )
 
     async def ask(
-        self, kind: str, names: Iterable[str] | None = None, *, timeout_s: float | None, **order: Any
+        self,
+        kind: str,
+        names: Iterable[str] | None = None,
+        *,
+        timeout_s: float | None,
+        **order: Any,
     ) -> dict[str, Report]:
         """Give members, or those named, an order and return the report of a kind that each answers, by name."""
         chosen = tuple(self if names is None else names)
@@ -381,7 +392,9 @@ class ProcessGroup:
 
         assert member.name not in self._members, f"there is a {member.name!r} already"
         argv = self._argv(member.host, member.command)
-        process = await LineProcess.start(member.name, argv, on_report=take, pass_fds=member.pass_fds)
+        process = await LineProcess.start(
+            member.name, argv, on_report=take, pass_fds=member.pass_fds
+        )
         self._members[member.name], self._processes[member.name] = member, process
 
     async def _watched(self, waits: Mapping[str, Coroutine[Any, Any, Report]]) -> dict[str, Report]:
@@ -390,7 +403,9 @@ class ProcessGroup:
         except ProcessFailedError as error:
             killed = await self._killed()
             if killed:
-                raise ProcessFailedError(f"{', '.join(killed)} killed by a signal; {error}") from None
+                raise ProcessFailedError(
+                    f"{', '.join(killed)} killed by a signal; {error}"
+                ) from None
             raise
 
     async def _killed(self) -> list[str]:

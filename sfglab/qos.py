@@ -42,14 +42,22 @@ class QoSProfile(Shown):
     """One endpoint's quality of service; the defaults are rmw's default profile (rmw 7.5, qos_profiles.h)."""
 
     reliability: Reliability = Reliability.RELIABLE  #: Whether lost samples are repaired.
-    durability: Durability = Durability.VOLATILE  #: Whether late joiners receive the writer's history.
+    durability: Durability = (
+        Durability.VOLATILE
+    )  #: Whether late joiners receive the writer's history.
     #: Whether the history is bounded by `depth` (KEEP_LAST) or not (KEEP_ALL).
     history: History = History.KEEP_LAST
     depth: int = 10  #: Samples kept with KEEP_LAST, at least 1; ignored with KEEP_ALL.
-    deadline_ns: int | None = None  #: Longest agreed gap between samples, in nanoseconds; None is infinite.
-    lifespan_ns: int | None = None  #: Age after which a sample is dropped, in nanoseconds; None is infinite.
+    deadline_ns: int | None = (
+        None  #: Longest agreed gap between samples, in nanoseconds; None is infinite.
+    )
+    lifespan_ns: int | None = (
+        None  #: Age after which a sample is dropped, in nanoseconds; None is infinite.
+    )
     liveliness: Liveliness = Liveliness.AUTOMATIC  #: Whether the process or each sample shows life.
-    lease_ns: int | None = None  #: After how long without life a writer is lost, in ns; None is infinite.
+    lease_ns: int | None = (
+        None  #: After how long without life a writer is lost, in ns; None is infinite.
+    )
 
     def __post_init__(self) -> None:
         if self.depth < 1:
@@ -81,13 +89,23 @@ LATCHED = QoSProfile(durability=Durability.TRANSIENT_LOCAL, depth=1)
 def incompatibilities(*, offered: QoSProfile, requested: QoSProfile) -> tuple[str, ...]:
     """Return why a reader's request does not match a writer's offer; empty: it does (DDS 1.4, 2.2.3)."""
     reasons = []
-    if requested.reliability is Reliability.RELIABLE and offered.reliability is Reliability.BEST_EFFORT:
+    if (
+        requested.reliability is Reliability.RELIABLE
+        and offered.reliability is Reliability.BEST_EFFORT
+    ):
         reasons.append("reliability: the reader requests RELIABLE, the writer offers BEST_EFFORT")
-    if requested.durability is Durability.TRANSIENT_LOCAL and offered.durability is Durability.VOLATILE:
-        reasons.append("durability: the reader requests TRANSIENT_LOCAL, the writer offers VOLATILE")
+    if (
+        requested.durability is Durability.TRANSIENT_LOCAL
+        and offered.durability is Durability.VOLATILE
+    ):
+        reasons.append(
+            "durability: the reader requests TRANSIENT_LOCAL, the writer offers VOLATILE"
+        )
     kinds = list(Liveliness)
     if kinds.index(requested.liveliness) > kinds.index(offered.liveliness):
-        reasons.append("liveliness: the reader requests MANUAL_BY_TOPIC, the writer offers AUTOMATIC")
+        reasons.append(
+            "liveliness: the reader requests MANUAL_BY_TOPIC, the writer offers AUTOMATIC"
+        )
     for name in ("deadline", "lease"):
         asked, given = getattr(requested, f"{name}_ns"), getattr(offered, f"{name}_ns")
         if asked is not None and (given is None or given > asked):

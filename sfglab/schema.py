@@ -85,7 +85,9 @@ class SchemaMaker:
             return self.reference(typing.cast("type[Any]", hint))
         if origin in (dict, Mapping) or "names" in extra:
             return {"type": "object", "additionalProperties": self._member(hint, extra)}
-        return self._list(hint, extra) if origin in (tuple, list, frozenset) else _scalar(hint, extra)
+        return (
+            self._list(hint, extra) if origin in (tuple, list, frozenset) else _scalar(hint, extra)
+        )
 
     def _member(self, hint: Any, extra: Mapping[str, Any]) -> Schema:
         if "names" not in extra:
@@ -97,10 +99,17 @@ class SchemaMaker:
         each, *more = typing.get_args(hint)
         if each in (int, float):
             count = 1 + len(more)
-            return {"type": "array", "items": {"type": "number"}, "minItems": count, "maxItems": count}
+            return {
+                "type": "array",
+                "items": {"type": "number"},
+                "minItems": count,
+                "maxItems": count,
+            }
         items = self.value(each, {key: value for key, value in extra.items() if key != "like"})
         if extra.get("short"):
-            items = {"anyOf": [items, text_schema(description=f"The same as {{{extra['short']}: ...}}.")]}
+            items = {
+                "anyOf": [items, text_schema(description=f"The same as {{{extra['short']}: ...}}.")]
+            }
         return {"type": "array", "items": items}
 
     def reference(self, cls: type[Any], *, without: str = "") -> Schema:
@@ -136,7 +145,9 @@ def limits(bounds: Bounds) -> Schema:
     """Return the keywords that say a number's bounds."""
     low = "exclusiveMinimum" if bounds.low in bounds.without else "minimum"
     high = "exclusiveMaximum" if bounds.high in bounds.without else "maximum"
-    return {word: end for word, end in ((low, bounds.low), (high, bounds.high)) if math.isfinite(end)}
+    return {
+        word: end for word, end in ((low, bounds.low), (high, bounds.high)) if math.isfinite(end)
+    }
 
 
 def _is_elsewhere(field: dataclasses.Field[Any]) -> bool:
@@ -155,4 +166,6 @@ def _said(field: dataclasses.Field[Any], docs: Mapping[str, str]) -> Schema:
     return said
 
 
-ELSEWHERE: Mapping[str, Any] = {"elsewhere": True}  #: Metadata of a field that a file holds in another form.
+ELSEWHERE: Mapping[str, Any] = {
+    "elsewhere": True
+}  #: Metadata of a field that a file holds in another form.

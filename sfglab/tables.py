@@ -39,7 +39,9 @@ _CELL = "text-align: left; white-space: normal; vertical-align: top"
 
 def html_table(rows: Iterable[Sequence[object]], caption: str = "") -> str:
     """Return rows as an HTML table, all texts escaped and shown in full; the first is the head."""
-    lines = ("".join(f'<td style="{_CELL}">{escape(str(cell))}</td>' for cell in row) for row in rows)
+    lines = (
+        "".join(f'<td style="{_CELL}">{escape(str(cell))}</td>' for cell in row) for row in rows
+    )
     head, *body = (f"<tr>{line}</tr>" for line in lines)
     said = f'<caption style="text-align: left">{escape(caption)}</caption>' if caption else ""
     head = head.replace("<td ", "<th ").replace("</td>", "</th>")

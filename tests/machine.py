@@ -36,14 +36,21 @@ def _lack_of_ros() -> str:
     return str(RosMissingError(missing)) if missing else ""
 
 
-NEEDS = {"netns": cache(_lack_of_namespaces), "browser": cache(_lack_of_a_browser), "ros": cache(_lack_of_ros)}
+NEEDS = {
+    "netns": cache(_lack_of_namespaces),
+    "browser": cache(_lack_of_a_browser),
+    "ros": cache(_lack_of_ros),
+}
 
 
 def pytest_configure() -> None:
     from hypothesis import settings
 
     # As in a terminal, whoever started the tests: what is ignored here would be so in every process of theirs.
-    for number, usual in ((signal.SIGINT, signal.default_int_handler), (signal.SIGHUP, signal.SIG_DFL)):
+    for number, usual in (
+        (signal.SIGINT, signal.default_int_handler),
+        (signal.SIGHUP, signal.SIG_DFL),
+    ):
         if signal.getsignal(number) is signal.SIG_IGN:
             signal.signal(number, usual)
     settings.register_profile("any machine", deadline=None)  # a busy one is slow
@@ -60,11 +67,17 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     Those that share fixtures of their module stay where they are.
     """
     workers = int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1"))
-    slow = [item for item in items if item.get_closest_marker("slow") and not _shares_fixtures(item)]
+    slow = [
+        item for item in items if item.get_closest_marker("slow") and not _shares_fixtures(item)
+    ]
     moved = set(slow)
     rest = [item for item in items if item not in moved]
     bounds = [len(rest) * k // workers for k in range(workers + 1)]
-    items[:] = [item for k in range(workers) for item in (*slow[k::workers], *rest[bounds[k] : bounds[k + 1]])]
+    items[:] = [
+        item
+        for k in range(workers)
+        for item in (*slow[k::workers], *rest[bounds[k] : bounds[k + 1]])
+    ]
 
 
 def _shares_fixtures(item: pytest.Item) -> bool:
@@ -100,9 +113,13 @@ def open_browser(width: int, height: int):
 def pytest_terminal_summary(terminalreporter, config) -> None:
     skipped = terminalreporter.stats.get("skipped", [])
     file = os.environ.get("SFGLAB_SKIPS")
-    if file and not hasattr(config, "workerinput"):  # the process that starts workers hears of their skips
+    if file and not hasattr(
+        config, "workerinput"
+    ):  # the process that starts workers hears of their skips
         with Path(file).open("a", encoding="utf-8") as kept:
-            kept.writelines(f"{report.longrepr[2].removeprefix('Skipped: ')}\n" for report in skipped)
+            kept.writelines(
+                f"{report.longrepr[2].removeprefix('Skipped: ')}\n" for report in skipped
+            )
 
 
 @pytest.fixture

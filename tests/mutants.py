@@ -36,7 +36,13 @@ STORE = Path(__file__).parents[1] / "data" / "mutants.json"
 _DRAWN = {"ax", "axes", "figure"}  # arguments of what only draws
 _ROWS = "exchanged rows"  # drawn where the other kinds are too few: a table has one place a row
 _UNSEEN = (ast.Raise, ast.JoinedStr, ast.arguments)
-_PAIRS = (ast.Lt, ast.LtE), (ast.Gt, ast.GtE), (ast.Eq, ast.NotEq), (ast.In, ast.NotIn), (ast.Is, ast.IsNot)
+_PAIRS = (
+    (ast.Lt, ast.LtE),
+    (ast.Gt, ast.GtE),
+    (ast.Eq, ast.NotEq),
+    (ast.In, ast.NotIn),
+    (ast.Is, ast.IsNot),
+)
 _COMPARED = {one: other for pair in _PAIRS for one, other in (pair, pair[::-1])}
 
 
@@ -62,9 +68,13 @@ def draw_mutants(modules: Sequence[str], count: int, seed: int) -> list[Mutant]:
     for part in modules:
         module, _, names = part.partition(":")
         tree = ast.parse(source_of(module))
-        chosen = {id(node) for top in tree.body if _name(top) in names.split(",") for node in _nodes(top)}
+        chosen = {
+            id(node) for top in tree.body if _name(top) in names.split(",") for node in _nodes(top)
+        }
         for place, node in enumerate(_nodes(tree)):
-            for number, (kind, _) in enumerate(_changes(node) if id(node) in chosen or not names else ()):
+            for number, (kind, _) in enumerate(
+                _changes(node) if id(node) in chosen or not names else ()
+            ):
                 places[kind].append((module, place, number))
     found: list[Mutant] = []
     few = {_ROWS: places.pop(_ROWS, [])}
@@ -78,7 +88,9 @@ def draw_mutants(modules: Sequence[str], count: int, seed: int) -> list[Mutant]:
 
 def _name(statement: ast.stmt) -> str:
     """Return what a module's statement names: a function, a class, or a constant."""
-    target = getattr(statement, "target", None) or (getattr(statement, "targets", None) or [None])[0]
+    target = (
+        getattr(statement, "target", None) or (getattr(statement, "targets", None) or [None])[0]
+    )
     return str(getattr(statement, "name", "") or getattr(target, "id", ""))
 
 
@@ -88,9 +100,14 @@ def _nodes(node: ast.AST) -> Iterator[ast.AST]:
         if name in {"annotation", "returns", "decorator_list", "bases"}:
             continue
         for child in value if isinstance(value, list) else [value]:
-            if isinstance(child, _UNSEEN) or getattr(child, "name", "") in {"__repr__", "_repr_html_"}:
+            if isinstance(child, _UNSEEN) or getattr(child, "name", "") in {
+                "__repr__",
+                "_repr_html_",
+            }:
                 continue
-            if isinstance(child, ast.FunctionDef) and _DRAWN.intersection(arg.arg for arg in child.args.args):
+            if isinstance(child, ast.FunctionDef) and _DRAWN.intersection(
+                arg.arg for arg in child.args.args
+            ):
                 continue
             if isinstance(child, ast.If) and "TYPE_CH" in ast.dump(child.test):
                 continue
@@ -102,7 +119,10 @@ def _nodes(node: ast.AST) -> Iterator[ast.AST]:
 def _changes(node: Any) -> Iterator[tuple[str, dict[str, Any]]]:
     """Yield the kinds of change that a node allows, each with what it would have instead."""
     for n in range(len(node.keys) - 1 if isinstance(node, ast.Dict) else 0):
-        yield _ROWS, {"values": [*node.values[:n], *node.values[n : n + 2][::-1], *node.values[n + 2 :]]}
+        yield (
+            _ROWS,
+            {"values": [*node.values[:n], *node.values[n : n + 2][::-1], *node.values[n + 2 :]]},
+        )
     match node:
         case ast.Compare(ops=[op]) if type(op) in _COMPARED:
             yield "comparison", {"ops": [_COMPARED[type(op)]()]}
@@ -118,7 +138,9 @@ def _changes(node: Any) -> Iterator[tuple[str, dict[str, Any]]]:
         case ast.Dict(keys=[_, _, *_]):
             yield "dropped row", {"keys": node.keys[:-1], "values": node.values[:-1]}
         case (
-            ast.Set(elts=[_, _, *_]) | ast.List(elts=[_, _, *_]) | ast.Tuple(elts=[_, _, _, *_], ctx=ast.Load())
+            ast.Set(elts=[_, _, *_])
+            | ast.List(elts=[_, _, *_])
+            | ast.Tuple(elts=[_, _, _, *_], ctx=ast.Load())
         ):
             yield "dropped row", {"elts": node.elts[:-1]}
         case ast.BoolOp():
@@ -142,7 +164,9 @@ class Judge:
     """A process that has imported what claims' checks need, and forks one for each mutant."""
 
     def __enter__(self) -> Self:
-        self._process = Popen([sys.executable, "-P", __file__, "serve"], stdin=PIPE, stdout=PIPE, text=True)
+        self._process = Popen(
+            [sys.executable, "-P", __file__, "serve"], stdin=PIPE, stdout=PIPE, text=True
+        )
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -158,7 +182,9 @@ class Judge:
         return str(json.loads(self._process.stdout.readline()))
 
 
-def mutation_score(judge: Judge, experiment: str, claim: str, count: int, seed: int = 0) -> dict[str, Any]:
+def mutation_score(
+    judge: Judge, experiment: str, claim: str, count: int, seed: int = 0
+) -> dict[str, Any]:
     """Return how many mutants of a claim its checks catch, as JSON values, with the diffs of survivors.
 
     Raises:
@@ -175,7 +201,9 @@ def mutation_score(judge: Judge, experiment: str, claim: str, count: int, seed: 
         "tried": len(judged),
         "caught": sum(bool(seen) for _, seen in judged),
         "by": dict(Counter(seen.split(":")[0] for _, seen in judged if seen)),
-        "survived": [{"module": m.module, "kind": m.kind, "diff": m.diff} for m, seen in judged if not seen],
+        "survived": [
+            {"module": m.module, "kind": m.kind, "diff": m.diff} for m, seen in judged if not seen
+        ],
     }
 
 
@@ -248,7 +276,9 @@ def _serve() -> None:
     os.dup2(quiet, 1)
     os.dup2(quiet, 2)
     for order in map(json.loads, sys.stdin):
-        if not order["module"]:  # here, so that what is imported late, and what is compiled, is there
+        if not order[
+            "module"
+        ]:  # here, so that what is imported late, and what is compiled, is there
             print(json.dumps(_seen(order)), file=answers, flush=True)
             continue
         here, there = forks.Pipe(duplex=False)
@@ -273,7 +303,10 @@ def main(claims: Sequence[str]) -> None:
     with Judge() as judge:
         for name, claim in declared:
             if not claims or claim in claims:
-                why = {one["diff"]: one.get("why", "") for one in scores.get(claim, {}).get("survived", ())}
+                why = {
+                    one["diff"]: one.get("why", "")
+                    for one in scores.get(claim, {}).get("survived", ())
+                }
                 scores[claim] = mutation_score(judge, name, claim, COUNT)
                 for one in scores[claim]["survived"]:
                     one["why"] = why.get(one["diff"], "")  # a new one's is written by hand

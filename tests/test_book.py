@@ -52,7 +52,9 @@ class Page(HTMLParser):
 def book(tmp_path_factory):
     """Build it as `make book` does, in a network namespace of its own, where nothing can be reached."""
     folder = tmp_path_factory.mktemp("book")
-    commands = re.search(r"^book:.*\n((?:\t.*\n)+)", (ROOT / "Makefile").read_text(), re.MULTILINE)[1]
+    commands = re.search(r"^book:.*\n((?:\t.*\n)+)", (ROOT / "Makefile").read_text(), re.MULTILINE)[
+        1
+    ]
     for line in commands.strip().splitlines():
         told = line.strip().replace("$(BIN)/python", sys.executable).replace("build/", f"{folder}/")
         alone = ["unshare", "--map-root-user", "--net", *told.split()]
@@ -66,7 +68,9 @@ def book(tmp_path_factory):
 @pytest.mark.browser
 def test_the_book_is_whole_and_needs_no_network_and_no_wide_screen(book):
     """One test, because building takes half a minute."""
-    pages = {file: Page(file) for file in sorted(book.rglob("*.html")) if "_static" not in file.parts}
+    pages = {
+        file: Page(file) for file in sorted(book.rglob("*.html")) if "_static" not in file.parts
+    }
     assert {at for page in pages.values() for at in page.loads if urlsplit(at).netloc} == set()
     for file in book.rglob("*.[cj]s*"):
         away = r"(?:url\(|@import|src\s*=|import\()\s*[\"'](?:https?:)?//"
@@ -96,17 +100,25 @@ def dead_links(pages, file):
 def missing(shown):
     """Yield what the book lacks: notebooks' pictures, keys of files, fields of experiments, commands."""
     for notebook in (ROOT / "notebooks").glob("*.ipynb"):
-        outputs = [o for c in json.loads(notebook.read_text("utf-8"))["cells"] for o in c.get("outputs", ())]
+        outputs = [
+            o
+            for c in json.loads(notebook.read_text("utf-8"))["cells"]
+            for o in c.get("outputs", ())
+        ]
         pictures = [o for o in outputs if {"image/png", "image/jpeg"} & {*o.get("data", ())}]
         if shown[f"notebooks/{notebook.stem}.html"].count("../_images/") < len(pictures):
             yield notebook.stem
     for name, form in FORMATS.items():
         written = set(re.findall(r"class=\"pre\">(\w+)<", shown[f"reference/formats/{name}.html"]))
         yield from set(keys(form.schema())) - written
-    fields = {f.name for name in EXPERIMENTS for f in dataclasses.fields(experiment(name).config_class)}
+    fields = {
+        f.name for name in EXPERIMENTS for f in dataclasses.fields(experiment(name).config_class)
+    }
     yield from (name for name in fields if f">{name}<" not in shown["reference/experiments.html"])
     yield from (word for word in COMMANDS if f">{word}<" not in shown["reference/commands.html"])
-    yield from ["examples"] * (shown["reference/commands.html"].count("highlight-bash") < len(COMMANDS) / 2)
+    yield from ["examples"] * (
+        shown["reference/commands.html"].count("highlight-bash") < len(COMMANDS) / 2
+    )
 
 
 def keys(part):

@@ -15,7 +15,9 @@ import features
 
 def test_the_readme_has_the_table_that_the_tests_show():
     """`python tests/ros2/features.py` writes it anew."""
-    assert README.read_text(encoding="utf-8") == readme(features.BEGIN, features.table(), features.END)
+    assert README.read_text(encoding="utf-8") == readme(
+        features.BEGIN, features.table(), features.END
+    )
 
 
 def test_every_test_beside_ros_2_says_what_it_shows():
@@ -24,7 +26,12 @@ def test_every_test_beside_ros_2_says_what_it_shows():
 
 @pytest.mark.parametrize(
     ("outcomes", "said"),
-    [(["passed", "passed"], WORKS), (["passed", "failed"], FAILS), (["skipped"], UNTESTED), ([], UNTESTED)],
+    [
+        (["passed", "passed"], WORKS),
+        (["passed", "failed"], FAILS),
+        (["skipped"], UNTESTED),
+        ([], UNTESTED),
+    ],
 )
 def test_outcomes_decide(outcomes, said):
     of = {"feature": "f", "distribution": "jazzy", "test": "t"}

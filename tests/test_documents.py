@@ -43,12 +43,28 @@ def test_values_come_as_they_stand_and_defaults_where_nothing_does():
         ("a: .nan", lambda s: s.positive("a"), "given nan"),
         ("a: true", lambda s: s.positive("a"), "given True"),
         ("a: 1", lambda s: s.close(), "f.yaml:1: a: given 'a', allowed: "),
-        ("a: {b: {c: 1}}", lambda s: s.section("a").section("b").text("c"), "f.yaml:1: a.b.c: given 1"),
+        (
+            "a: {b: {c: 1}}",
+            lambda s: s.section("a").section("b").text("c"),
+            "f.yaml:1: a.b.c: given 1",
+        ),
         ("[1]", lambda s: s, "f.yaml:1: given [1], allowed: a mapping of keys to values"),
-        ("a: 1\na: 2", lambda s: s, "f.yaml:2: a: given 'a', allowed: each key once in its mapping"),
-        ("a: 2001-99-99", lambda s: s, "f.yaml:1: a: given '2001-99-99', allowed: a value that YAML can read"),
+        (
+            "a: 1\na: 2",
+            lambda s: s,
+            "f.yaml:2: a: given 'a', allowed: each key once in its mapping",
+        ),
+        (
+            "a: 2001-99-99",
+            lambda s: s,
+            "f.yaml:1: a: given '2001-99-99', allowed: a value that YAML can read",
+        ),
         ("a: \x07", lambda s: s, "f.yaml: given 'unacceptable character"),
-        ("a: &x [1]\nb: *x", lambda s: s, "f.yaml:2: b: given 'an alias', allowed: every value written out"),
+        (
+            "a: &x [1]\nb: *x",
+            lambda s: s,
+            "f.yaml:2: b: given 'an alias', allowed: every value written out",
+        ),
         ("a: &x\n- *x", lambda s: s, "f.yaml:2: a[0]: given 'an alias'"),
         ("a: 1" + "0" * 400, lambda s: s.positive("a"), "allowed: a number above zero"),
         ("a: [1, .nan]", lambda s: s.numbers("a", 2), "a: given [1, nan], allowed: 2 numbers"),
@@ -183,7 +199,10 @@ def test_what_is_left_out_has_its_default_and_stands_where_its_holder_does():
         ("doors: 3", "f.yaml:2: doors: given 3, allowed: up to the seats, 2"),
         ("seats: 3", "seats: given 3, allowed: an even number"),
         ("colour: rad", "colour: given 'rad', allowed: red or green; did you mean 'red'?"),
-        ("colours: [red, gren]", "colours: given 'gren', allowed: red or green; did you mean 'green'?"),
+        (
+            "colours: [red, gren]",
+            "colours: given 'gren', allowed: red or green; did you mean 'green'?",
+        ),
         ("load: 1", "load: given 1, allowed: a finite number from 0, below 1"),
         ("load: 1" + "0" * 400, "allowed: a finite number from 0, below 1"),
         ("prices: {x: .inf}", "prices.x: given inf, allowed: a finite number from 0"),
@@ -191,12 +210,18 @@ def test_what_is_left_out_has_its_default_and_stands_where_its_holder_does():
         ("limit: []", "limit: given [], allowed: a number or a text"),
         ("at_m: [1]", "at_m: given [1], allowed: 2 numbers, all finite"),
         ("engine: 1", "engine: given 1, allowed: a mapping of keys to values"),
-        ("engine: {fuel: sum}", "engine.fuel: given 'sum', allowed: sun or wind; did you mean 'sun'?"),
+        (
+            "engine: {fuel: sum}",
+            "engine.fuel: given 'sum', allowed: sun or wind; did you mean 'sun'?",
+        ),
         ("spare:", "spare: nothing is given, allowed: a mapping"),
         ("tags: [x]", "tags: given 'x', allowed: tags"),
         ("tags: [1]", "tags: given [1], allowed: a list of texts (quote numbers)"),
         ("wheels: 3", "wheels: given 3, allowed: a list"),
-        ("wheels: [a, {name: b, size_m: 0}]", "wheels[1].size_m: given 0, allowed: a number above zero"),
+        (
+            "wheels: [a, {name: b, size_m: 0}]",
+            "wheels[1].size_m: given 0, allowed: a number above zero",
+        ),
         ("axles: {a: {name: b}}", "axles.a.name: given 'name', allowed: size_m"),
         ("prices: {x: -1}", "prices.x: given -1, allowed: a finite number from 0"),
         ("door: 2", "door: given 'door', allowed: at_m, axles, colour"),
@@ -206,7 +231,9 @@ def test_what_is_left_out_has_its_default_and_stands_where_its_holder_does():
 def test_a_mistake_in_what_a_dataclass_says_is_named_alike(text, said):
     needed = {"from": "from: a\n", "doors": "doors: 1\n"}
     with pytest.raises(documents.DocumentError) as caught:
-        section("".join(line for key, line in needed.items() if f"{key}:" not in text) + text).read(Car)
+        section("".join(line for key, line in needed.items() if f"{key}:" not in text) + text).read(
+            Car
+        )
     assert said in str(caught.value)
 
 

@@ -28,7 +28,12 @@ LIVE = r"sfglab (topic|node|service|action|param|log (record|play)|frames lint -
 ENDLESS = (
     *("lab", "router", "decoder", "camera", "plan ", "agent up", "follow serve"),
     "view (bag/|--domain|--fleet .* --i)",
-    *(r"topic echo /chatter( --json.*)?$", "topic echo /odom", r"topic hz /chatter$", "topic (hz|bw) /camera"),
+    *(
+        r"topic echo /chatter( --json.*)?$",
+        "topic echo /odom",
+        r"topic hz /chatter$",
+        "topic (hz|bw) /camera",
+    ),
     *(r"topic pub (/chatter|-r)", "log record (/chatter|-e)"),
 )
 # Minutes, all figures, a fleet's machines, checkers of its files, cameras, robots, an editor's folder.
@@ -106,7 +111,11 @@ def folder(tmp_path, monkeypatch, tmp_path_factory):
     store = get_typestore(Stores.ROS1_NOETIC)
     with Writer("old.bag") as writer:
         words = writer.add_connection("/words", "std_msgs/msg/String", typestore=store)
-        writer.write(words, 7, store.serialize_ros1(store.types["std_msgs/msg/String"]("hello"), words.msgtype))
+        writer.write(
+            words,
+            7,
+            store.serialize_ros1(store.types["std_msgs/msg/String"]("hello"), words.msgtype),
+        )
     called("fleet", "router", "data/fleets/lab.yaml", "--agent", "go2", "-o", "go2.yaml")
     return tmp_path
 
@@ -125,10 +134,14 @@ def talker():
 
 
 @pytest.mark.parametrize("name", COMMANDS)
-def test_help_has_examples_that_its_parser_takes_and_the_list_of_commands_its_whole_description(name):
+def test_help_has_examples_that_its_parser_takes_and_the_list_of_commands_its_whole_description(
+    name,
+):
     *group, last = name.split()
     command, text = COMMANDS[name], inspect.cleandoc(COMMANDS[name].help)
-    examples = re.findall(rf"^ +(?:\w+=\S+ +)*sfglab {name}\b(.*(?:\n    +\S.*)*)", text, re.MULTILINE)
+    examples = re.findall(
+        rf"^ +(?:\w+=\S+ +)*sfglab {name}\b(.*(?:\n    +\S.*)*)", text, re.MULTILINE
+    )
     assert examples
     for example in examples:
         arguments = shlex.split(re.split(r" [|>] |;", example)[0], comments=True)
@@ -139,7 +152,10 @@ def test_help_has_examples_that_its_parser_takes_and_the_list_of_commands_its_wh
     said = " ".join(called(*group, last, "-h").split())
     for option in command.params:
         if option.name in ("domain", "remote_domain", "global_domain"):
-            assert f"[0<=x<={MAX_DOMAIN}]" in said.partition(f"{option.opts[0]} <")[2].partition(" --")[0]
+            assert (
+                f"[0<=x<={MAX_DOMAIN}]"
+                in said.partition(f"{option.opts[0]} <")[2].partition(" --")[0]
+            )
 
 
 def words_in(domain, example):
@@ -152,7 +168,11 @@ REPORTS = (
     *("doctor", "claims", "deploy detect"),
     *("log data/reference/mocap.mcap", "log info data/reference/mocap.mcap"),
     *("fleet lint data/fleets/lab.yaml", "fleet check go2.yaml", "frames lint run.mcap"),
-    *("qos data/qos/paper_b.yaml", "map data/graphs/figure_8.yaml", "deploy plan data/fleets/lab.yaml"),
+    *(
+        "qos data/qos/paper_b.yaml",
+        "map data/graphs/figure_8.yaml",
+        "deploy plan data/fleets/lab.yaml",
+    ),
 )
 
 
@@ -164,7 +184,9 @@ def test_what_reports_does_so_as_json(command, folder):
 
 
 def status_of(example):
-    return next((status for start, status in STATUS.items() if example.startswith(f"sfglab {start}")), 0)
+    return next(
+        (status for start, status in STATUS.items() if example.startswith(f"sfglab {start}")), 0
+    )
 
 
 @pytest.mark.slow
@@ -194,7 +216,8 @@ def test_examples_of_the_bus_do_what_they_say(example, folder, talker):
 @pytest.mark.slow
 @pytest.mark.live
 @pytest.mark.parametrize(
-    "example", [one for one in EXAMPLES if re.match("sfglab (topic|log record)", one) and not ends(one)]
+    "example",
+    [one for one in EXAMPLES if re.match("sfglab (topic|log record)", one) and not ends(one)],
 )
 def test_what_never_ends_ends_by_one_line(example, folder, talker):
     words = words_in(talker, example.partition("|")[0])
@@ -231,5 +254,7 @@ cli.app = app
 cli.main()
 """
     environment = {name: value for name, value in os.environ.items() if name != "PYTHONUNBUFFERED"}
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, check=False, env=environment)
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, check=False, env=environment
+    )
     assert (done.returncode, done.stdout, done.stderr) == (1, b"so far\n", b"sfglab: wrong\n")

@@ -15,8 +15,16 @@ from sfglab import cli
 
 ROOT = Path(__file__).parents[1]
 DATA = ROOT / "data"
-FLEET, QOS, GRAPH = DATA / "fleets/lab.yaml", DATA / "qos/paper_b.yaml", DATA / "graphs/figure_8.yaml"
-SCENE, MOCAP, LOG = DATA / "scenes/hall.yaml", DATA / "mocap/two_agents.yaml", DATA / "reference/mocap.mcap"
+FLEET, QOS, GRAPH = (
+    DATA / "fleets/lab.yaml",
+    DATA / "qos/paper_b.yaml",
+    DATA / "graphs/figure_8.yaml",
+)
+SCENE, MOCAP, LOG = (
+    DATA / "scenes/hall.yaml",
+    DATA / "mocap/two_agents.yaml",
+    DATA / "reference/mocap.mcap",
+)
 LIMIT_S = 60
 
 DOCUMENTS = {  # a command, BAD where the file stands, and a good one
@@ -68,7 +76,9 @@ TEXTS = {  # what stands in a user's file, in place of a good one's bytes
     "numbers as keys": lambda _: b"1: 2\n",
     "deep": lambda _: b"a: " + b"[" * 5000,
     "cut": lambda good: good[: len(good) // 3] + b"\n  x: [",
-    "of lists": lambda good: re.sub(rb"(?m)^(\w+):.*$", rb"\1: [[]]", re.sub(rb"(?m)^[ #-].*\n", b"", good)),
+    "of lists": lambda good: re.sub(
+        rb"(?m)^(\w+):.*$", rb"\1: [[]]", re.sub(rb"(?m)^[ #-].*\n", b"", good)
+    ),
     "of words": lambda good: re.sub(rb"(?m): *[-\d.]+ *$", b": lots", good) + b"\nnonesuch: 1\n",
     "misspelt": lambda good: re.sub(rb"(?m)^(\w+)(\w):", rb"\1:", good),
 }
@@ -130,9 +140,13 @@ def attempt(monkeypatch, capfd):
 
 
 WRONG_LOGS = [(m, ".mcap") for m in PATHS]
-WRONG_LOGS += [(m, suffix) for m in ("empty", "binary", "other text") for suffix in (".mcap", ".db3", ".bag")]
+WRONG_LOGS += [
+    (m, suffix) for m in ("empty", "binary", "other text") for suffix in (".mcap", ".db3", ".bag")
+]
 WRONG = [
-    (command, good, mistake, ".yaml") for command, good in DOCUMENTS.items() for mistake in [*PATHS, *TEXTS]
+    (command, good, mistake, ".yaml")
+    for command, good in DOCUMENTS.items()
+    for mistake in [*PATHS, *TEXTS]
 ]
 WRONG += [(command, LOG, *mistake) for command in LOGS for mistake in WRONG_LOGS]
 
@@ -171,7 +185,16 @@ def _argument_mistakes():
             kind = option.type_descriptor.annotation
             if kind not in (str, Path, list[str], list[Path]):
                 yield (*words, *needed, option.opts[0], "lots")
-            if option.name in ("linger", "delay", "rate_max", "lut", "seed", "days", "duration", "port"):
+            if option.name in (
+                "linger",
+                "delay",
+                "rate_max",
+                "lut",
+                "seed",
+                "days",
+                "duration",
+                "port",
+            ):
                 yield (*words, *needed, option.opts[0], "-1")
                 yield (*words, *needed, option.opts[0], "nan")
 
@@ -224,8 +247,12 @@ def test_a_wrong_argument(words, attempt, tmp_path, monkeypatch):
         "router --domain 101 --agent go2 --interface nowhere0": "no network interface 'nowhere0'",
     }.items(),
 )
-def test_options_that_nothing_looks_at_and_what_one_command_refuses(command, says, attempt, tmp_path):
-    assert says in attempt(*(word.replace("OUT", str(tmp_path / "out")) for word in shlex.split(command)))
+def test_options_that_nothing_looks_at_and_what_one_command_refuses(
+    command, says, attempt, tmp_path
+):
+    assert says in attempt(
+        *(word.replace("OUT", str(tmp_path / "out")) for word in shlex.split(command))
+    )
     assert not list(tmp_path.iterdir())
 
 
@@ -284,7 +311,9 @@ def test_a_disk_that_is_full_or_read_only(command, more, tmp_path):
     """In mounts of the process's own."""
     run = f"{sys.executable} -P -m sfglab {command.replace('OUT', str(tmp_path))} >/dev/null"
     script = MOUNT.format(out=tmp_path, more=more.format(out=tmp_path), run=run)
-    done = subprocess.run(["unshare", "-rm", "sh", "-c", script], capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        ["unshare", "-rm", "sh", "-c", script], capture_output=True, text=True, check=False
+    )
     assert done.returncode in (1, 2)
     assert re.fullmatch(r"sfglab: [^\n]*\n", done.stderr), done.stderr
     assert not done.stdout, "something half is left"
@@ -292,11 +321,19 @@ def test_a_disk_that_is_full_or_read_only(command, more, tmp_path):
 
 @pytest.mark.live
 @pytest.mark.parametrize("delay_s", [0.1, 2.0])
-@pytest.mark.parametrize("command", ["claims", f"qos {QOS} --front", "frames lint --domain 99 --listen 60"])
+@pytest.mark.parametrize(
+    "command", ["claims", f"qos {QOS} --front", "frames lint --domain 99 --listen 60"]
+)
 def test_ctrl_c_is_one_line(command, delay_s, tmp_path):
     """From when Python has begun with the package, which it tells: what its own start prints is not ours."""
-    argv, told = [sys.executable, "-X", "importtime", "-P", "-m", "sfglab", *command.split()], tmp_path / "told"
-    with told.open("w") as out, subprocess.Popen(argv, stdout=subprocess.DEVNULL, stderr=out) as process:
+    argv, told = (
+        [sys.executable, "-X", "importtime", "-P", "-m", "sfglab", *command.split()],
+        tmp_path / "told",
+    )
+    with (
+        told.open("w") as out,
+        subprocess.Popen(argv, stdout=subprocess.DEVNULL, stderr=out) as process,
+    ):
         while "| sfglab\n" not in told.read_text():
             assert process.poll() is None
             time.sleep(0.01)

@@ -47,7 +47,9 @@ async def test_a_group_knows_what_its_members_said_first_and_a_configuration_arr
 
 async def test_asking_returns_a_report_of_each_and_every_report_is_heard_as_it_comes():
     heard: list[tuple[str, str]] = []
-    async with grouped(toy("a"), toy("b"), on_report=lambda name, r: heard.append((name, r["is"]))) as group:
+    async with grouped(
+        toy("a"), toy("b"), on_report=lambda name, r: heard.append((name, r["is"]))
+    ) as group:
         first = await group.ask("counted", timeout_s=S, do="count", to=3)
         second = await group.ask("echo", ["b"], timeout_s=S, do="echo", pairs=((1, 2),))
     assert first == {"a": {"is": "counted"}, "b": {"is": "counted"}}
@@ -59,7 +61,9 @@ async def test_asking_returns_a_report_of_each_and_every_report_is_heard_as_it_c
 
 async def test_all_are_told_to_end_and_are_gone(tmp_path):
     farewell = str(tmp_path / "farewell")
-    async with grouped(*(toy(n, number=i, farewell=farewell) for i, n in enumerate("ab", 1))) as group:
+    async with grouped(
+        *(toy(n, number=i, farewell=farewell) for i, n in enumerate("ab", 1))
+    ) as group:
         pids = [group[name].pid for name in group]
     assert all(map(gone, pids))
     assert sorted((tmp_path / "farewell").read_text().split()) == ["1", "2"]
@@ -167,7 +171,11 @@ def test_a_component_cleans_up_when_told_but_not_for_ever(told, deaf, status, tm
 def test_a_refusal_is_one_sentence_and_an_order_that_is_none_is_said_aloud():
     with component(begins="broken") as process:
         out, err = process.communicate(timeout=S)
-        assert (json.loads(out), err, process.returncode) == ({"is": "failed", "why": "broken as told"}, "", 1)
+        assert (json.loads(out), err, process.returncode) == (
+            {"is": "failed", "why": "broken as told"},
+            "",
+            1,
+        )
     with component() as process:
         process.stdout.readline()
         _, err = process.communicate("not json\n", timeout=S)

@@ -51,7 +51,9 @@ def locked(name: str) -> dict[str, str]:
     """Return the library of each of a lock file's blocks, which have hashes and no address."""
     lock = (ROOT / name).read_text()
     assert "://" not in lock
-    blocks = [block for block in re.split(r"^(?=[a-z0-9])", lock, flags=re.MULTILINE) if "==" in block]
+    blocks = [
+        block for block in re.split(r"^(?=[a-z0-9])", lock, flags=re.MULTILINE) if "==" in block
+    ]
     assert all("--hash=sha256:" in block for block in blocks)
     return {block: block.split("==")[0] for block in blocks}
 
@@ -59,7 +61,9 @@ def locked(name: str) -> dict[str, str]:
 def test_the_locks_hold_every_dependency_with_hashes_and_no_address_and_agree():
     project = PYPROJECT["project"]
     extras = {"": project["dependencies"], **project["optional-dependencies"]}
-    names = {e: {re.split(r"[\[<>=]", normal(d))[0] for d in listed} for e, listed in extras.items()}
+    names = {
+        e: {re.split(r"[\[<>=]", normal(d))[0] for d in listed} for e, listed in extras.items()
+    }
     of_tests, of_book = names.pop("dev"), names.pop("book")
     run, tests, book = (locked(f"{name}.lock") for name in ("requirements", "tests", "book"))
     assert set().union(*names.values()) <= set(run.values())
@@ -68,14 +72,18 @@ def test_the_locks_hold_every_dependency_with_hashes_and_no_address_and_agree():
     assert {block for block, name in tests.items() if name in run.values()} <= set(run)
     # The book wants some on other platforms, too: there the versions and hashes agree, and not the markers.
     pins = {re.sub(" ; .*", " \\\\", block) for block in run}
-    assert {re.sub(" ; .*", " \\\\", block) for block, name in book.items() if name in run.values()} <= pins
+    assert {
+        re.sub(" ; .*", " \\\\", block) for block, name in book.items() if name in run.values()
+    } <= pins
     assert "pyside6-webengine" not in run.values()
 
 
 @cache
 def trees() -> dict[Path, ast.Module]:
     """Return the syntax of every file of the package."""
-    return {path: ast.parse(path.read_text("utf-8")) for path in sorted((ROOT / "sfglab").rglob("*.py"))}
+    return {
+        path: ast.parse(path.read_text("utf-8")) for path in sorted((ROOT / "sfglab").rglob("*.py"))
+    }
 
 
 def name_of(path: Path) -> str:
@@ -125,13 +133,19 @@ def test_there_are_no_import_circles():
 
 
 def test_the_docstring_of_a_module_begins_with_a_noun():
-    wrong = [name_of(path) for path, tree in trees().items() if NO_NOUN.match(ast.get_docstring(tree) or "")]
+    wrong = [
+        name_of(path)
+        for path, tree in trees().items()
+        if NO_NOUN.match(ast.get_docstring(tree) or "")
+    ]
     assert not wrong, "\n".join(wrong)
 
 
 def test_only_facades_list_what_they_export_and_each_name_exists_once():
     listing = [
-        path for path, tree in trees().items() if "__all__" in {getattr(n, "id", "") for n in ast.walk(tree)}
+        path
+        for path, tree in trees().items()
+        if "__all__" in {getattr(n, "id", "") for n in ast.walk(tree)}
     ]
     assert [path for path in listing if path.name != "__init__.py"] == []
     for module in map(import_module, map(name_of, listing)):
@@ -154,7 +168,9 @@ def test_an_import_loads_nothing_heavy(package, heavy):
 
 
 def test_no_file_is_big_and_none_holds_a_path_of_a_machine():
-    done = subprocess.run(["git", "ls-files"], cwd=ROOT, capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        ["git", "ls-files"], cwd=ROOT, capture_output=True, text=True, check=False
+    )
     if done.returncode:
         pytest.skip("needs a git checkout")
     tracked = [ROOT / line for line in done.stdout.splitlines() if (ROOT / line).is_file()]
@@ -167,6 +183,11 @@ def test_no_file_is_big_and_none_holds_a_path_of_a_machine():
 
 def test_classes_of_rows_have_names_of_their_own():
     """A row's class becomes a type in logs, and types of one process must not share a name."""
-    classes = [node for tree in trees().values() for node in ast.walk(tree) if isinstance(node, ast.ClassDef)]
+    classes = [
+        node
+        for tree in trees().values()
+        for node in ast.walk(tree)
+        if isinstance(node, ast.ClassDef)
+    ]
     counts = Counter(node.name for node in classes if node.name.endswith("Row"))
     assert [name for name, count in counts.items() if count > 1] == []

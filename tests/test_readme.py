@@ -22,13 +22,25 @@ README = ROOT / "README.md"
 BEGIN, END = "<!-- results: tests/test_readme.py -->\n", "<!-- end of results -->\n"
 RESULTS = {  # claim: what a reader takes with him, and its figure
     "A-CPU-OURS": ("A stream is decoded once for all subscribers of a device", "decode_once_h264"),
-    "A-DISC-BYTES-OURS": ("Six robots find each other with a fraction of the bytes", "discovery_scale"),
+    "A-DISC-BYTES-OURS": (
+        "Six robots find each other with a fraction of the bytes",
+        "discovery_scale",
+    ),
     "A-FIRST-OURS": ("Whoever subscribes late sees a picture at once", "latency"),
-    "B-LOSS": ("Local cache and balanced QoS lose the fewest messages under plausible conditions", "phases"),
-    "C-MAP": ("A mapping with gateways leaves few edges between software and hardware", "graph_mapping"),
+    "B-LOSS": (
+        "Local cache and balanced QoS lose the fewest messages under plausible conditions",
+        "phases",
+    ),
+    "C-MAP": (
+        "A mapping with gateways leaves few edges between software and hardware",
+        "graph_mapping",
+    ),
 }
 INSTEAD = {  # claim: what one would otherwise take, and what ours is here
-    "A-CPU-OURS": ("a decoder in each subscriber (image_transport)", "`sfglab decoder`, shared memory"),
+    "A-CPU-OURS": (
+        "a decoder in each subscriber (image_transport)",
+        "`sfglab decoder`, shared memory",
+    ),
     "A-CPU-SFG": ("the same", "`sfglab decoder`, over DDS to real ROS 2"),
     "A-DISC-BYTES-OURS": (
         "DDS discovery of everybody by everybody",
@@ -57,7 +69,10 @@ def block():
     """Return the README's results, as the committed logs have them."""
     ledger = {entry.claim.id: entry for entry in compute_ledger(Project(root=ROOT), committed=True)}
     counts = Counter(entry.verdict.value for entry in ledger.values()).most_common()
-    lines = [f"Of {len(ledger)} claims: {', '.join(f'{count} {verdict}' for verdict, count in counts)}.", ""]
+    lines = [
+        f"Of {len(ledger)} claims: {', '.join(f'{count} {verdict}' for verdict, count in counts)}.",
+        "",
+    ]
     lines += _head("result", "paper", "ours, with 95 % interval", "verdict")
     for name, (says, figure) in RESULTS.items():
         e = ledger[name]
@@ -68,10 +83,14 @@ def block():
     for name, e in ledger.items():
         if e.verdict.value == "deviates":
             reason = " ".join("; ".join(e.reason.split("; ")[:2]).split()).replace("|", "/")
-            lines.append(f"| {name} ({e.claim.where}) | {e.claim.says} | {_paper(e)} | {_ours(e)} | {reason} |")
+            lines.append(
+                f"| {name} ({e.claim.where}) | {e.claim.says} | {_paper(e)} | {_ours(e)} | {reason} |"
+            )
     lines += ["", "What it does better than what one would otherwise take:", ""]
     lines += _head("instead of", "this", "measured")
-    lines += [f"| {other} | {this} | {_ours(ledger[name])} |" for name, (other, this) in INSTEAD.items()]
+    lines += [
+        f"| {other} | {this} | {_ours(ledger[name])} |" for name, (other, this) in INSTEAD.items()
+    ]
     return "\n".join(lines) + "\n"
 
 
@@ -91,13 +110,23 @@ def test_the_readme_has_the_figures_and_verdicts_of_the_committed_logs():
 def test_the_readmes_snippet_runs_as_a_script_beside_its_two_commands(domain_id, tmp_path):
     text = README.read_text(encoding="utf-8")
     (snippet,) = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
-    commands = re.findall(r"^\.venv/bin/sfglab ((?:camera|decoder) /.* --domain 7)$", text, re.MULTILINE)
+    commands = re.findall(
+        r"^\.venv/bin/sfglab ((?:camera|decoder) /.* --domain 7)$", text, re.MULTILINE
+    )
     assert len(commands) == 2
     (tmp_path / "view.py").write_text(snippet.replace("domain_id=7", f"domain_id={domain_id}"))
     here = [words.replace("7", str(domain_id)).split() for words in commands]
     argvs = [[sys.executable, "-P", "-m", "sfglab", *words] for words in here]
-    environment = os.environ | {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", "PYTHONUNBUFFERED": "1"}
-    options = {"stdout": subprocess.PIPE, "stderr": subprocess.DEVNULL, "text": True, "env": environment}
+    environment = os.environ | {
+        "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
+        "PYTHONUNBUFFERED": "1",
+    }
+    options = {
+        "stdout": subprocess.PIPE,
+        "stderr": subprocess.DEVNULL,
+        "text": True,
+        "env": environment,
+    }
     with ExitStack() as stack:
         for argv in [*argvs, [sys.executable, "-P", tmp_path / "view.py"]]:
             process = stack.enter_context(subprocess.Popen(argv, **options))

@@ -43,7 +43,11 @@ objects:
 - {id: 6, kind: zone, name: z, shape: {kind: cylinder, radius_m: 1, height_m: 2}}
 """,
 }
-TEXTS = [(n, path.stem, path.read_text("utf-8")) for n, f in FORMATS.items() for path in DATA.glob(f.files)]
+TEXTS = [
+    (n, path.stem, path.read_text("utf-8"))
+    for n, f in FORMATS.items()
+    for path in DATA.glob(f.files)
+]
 TEXTS += [(name, f"more_{name}", text) for name, text in MORE.items()]
 
 
@@ -57,7 +61,9 @@ def reads(name: str, content: Any, folder: Path) -> bool:
     return True
 
 
-def mappings(schema: dict[str, Any], part: dict[str, Any], value: Any) -> Iterator[tuple[dict[str, Any], Any]]:
+def mappings(
+    schema: dict[str, Any], part: dict[str, Any], value: Any
+) -> Iterator[tuple[dict[str, Any], Any]]:
     """Yield the schema of every mapping with fixed keys in a value, beside the mapping."""
     if "$ref" in part:
         part = schema["$defs"][part["$ref"].rpartition("/")[2]]
@@ -109,7 +115,9 @@ def test_the_keys_of_a_schema_are_those_that_its_reader_knows(name, tmp_path, mo
         path = tmp_path / "file.yaml"
         path.write_text(text, encoding="utf-8")
         FORMATS[name].load(path)
-        by_content = {json.dumps(v, sort_keys=True): keys for v, (_, keys) in zip(kept, known, strict=True)}
+        by_content = {
+            json.dumps(v, sort_keys=True): keys for v, (_, keys) in zip(kept, known, strict=True)
+        }
         for part, value in mappings(schema, schema, yaml.safe_load(text)):
             keys = frozenset(part["properties"])
             met.append(keys)
@@ -118,10 +126,14 @@ def test_the_keys_of_a_schema_are_those_that_its_reader_knows(name, tmp_path, mo
     assert {frozenset(part["properties"]) for part in objects(schema)} - set(met) == set()
 
 
-SHAPES = [frozenset(keys.split()) for keys in ("kind size_m", "kind radius_m", "kind radius_m height_m")]
+SHAPES = [
+    frozenset(keys.split()) for keys in ("kind size_m", "kind radius_m", "kind radius_m height_m")
+]
 
 
-@pytest.mark.parametrize(("name", "text"), [pytest.param(n, text, id=stem) for n, stem, text in sorted(TEXTS)])
+@pytest.mark.parametrize(
+    ("name", "text"), [pytest.param(n, text, id=stem) for n, stem, text in sorted(TEXTS)]
+)
 def test_a_schema_takes_every_file_and_refuses_what_its_reader_refuses(name, text, tmp_path):
     schema = FORMATS[name].schema()
     Draft202012Validator.check_schema(schema)
@@ -179,6 +191,10 @@ def test_the_command_prints_and_writes_what_an_editor_reads(tmp_path):
     assert list(get_args(_Name)) == list(FORMATS)
     out = tmp_path / "fleet.json"
     assert called("schema", "fleet", "--out", str(out)) == f"{out}\n"
-    assert json.loads(out.read_text()) == json.loads(called("schema", "fleet")) == FORMATS["fleet"].schema()
+    assert (
+        json.loads(out.read_text())
+        == json.loads(called("schema", "fleet"))
+        == FORMATS["fleet"].schema()
+    )
     assert "'fleet', 'qos'" in called("schema", "flet", status=2)
     assert not json.loads(called("schema", "qos"))["$defs"]["TopicNamed"]["additionalProperties"]

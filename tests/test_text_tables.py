@@ -18,7 +18,11 @@ def shown():
     graph = load_graph(DATA / "graphs/figure_8.yaml")
     claim = CLAIMS["A-NET-RULES"]
     return [
-        (QoSProfile(deadline_ns=10**7), "<QoS reliable, volatile, keep_last 10, deadline 10 ms>", "Samples"),
+        (
+            QoSProfile(deadline_ns=10**7),
+            "<QoS reliable, volatile, keep_last 10, deadline 10 ms>",
+            "Samples",
+        ),
         (graph, "<graph Paper C, Fig. 8: 11 nodes, 8 in hardware; 5 topics>", "1 (hardware)"),
         (map_communication(graph), "from 10 to 8 to 3 edges", "gateway (1)"),
         (load_fleet(DATA / "fleets/lab.yaml"), "<fleet lab: 6 agents around domain 0>", "go2"),

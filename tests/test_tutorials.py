@@ -26,7 +26,8 @@ from sfglab.lab.hosts import Network
 
 ROOT = Path(__file__).parents[1]
 BLOCK = re.compile(
-    r"(?:^<!-- ([^\n]*) -->\n)?^```(bash|python|yaml|text|toml)\n(.*?)^```$", re.MULTILINE | re.DOTALL
+    r"(?:^<!-- ([^\n]*) -->\n)?^```(bash|python|yaml|text|toml)\n(.*?)^```$",
+    re.MULTILINE | re.DOTALL,
 )
 WAIT_S = 180  # a guard, no verdict
 WITH_BLOCKS = sorted(
@@ -55,7 +56,10 @@ def blocks_of(page: Path) -> list[Block]:
 
 def missing(block: Block, output: str) -> list[str]:
     """Return the lines that a block should say and did not."""
-    patterns = {line: ".*".join(map(re.escape, re.split(r" *\.\.\. *", line.strip()))) for line in block.says}
+    patterns = {
+        line: ".*".join(map(re.escape, re.split(r" *\.\.\. *", line.strip())))
+        for line in block.says
+    }
     return [line for line, pattern in patterns.items() if not re.search(pattern, output)]
 
 
@@ -74,7 +78,9 @@ class Terminals:
             # Without a terminal, so that JupyterLab ends at once and does not ask.
             streams = {"stdin": subprocess.DEVNULL, "stdout": file, "stderr": file}
             shell = self.host.popen(argv, cwd=self.folder, env=environment, **streams)
-        self.set_up += "".join(f"{line}\n" for line in block.text.splitlines() if line.startswith("source "))
+        self.set_up += "".join(
+            f"{line}\n" for line in block.text.splitlines() if line.startswith("source ")
+        )
         if block.mark == "stays":
             self.kept.append((shell, block, log))
             deadline = time.monotonic() + WAIT_S
@@ -118,7 +124,9 @@ def test_a_page_does_what_it_says(page, tmp_path):
     with terminals(tmp_path) as shells:
         for block in blocks_of(ROOT / "book" / page):
             if block.mark.startswith("file: "):
-                (tmp_path / block.mark.removeprefix("file: ")).write_text(block.text, encoding="utf-8")
+                (tmp_path / block.mark.removeprefix("file: ")).write_text(
+                    block.text, encoding="utf-8"
+                )
             elif block.kind == "bash" and block.mark != "not run":
                 shells.run(block)
             elif block.kind == "python" and block.mark != "not run":

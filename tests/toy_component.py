@@ -30,7 +30,9 @@ class ToyConfig:
     deaf: bool = False
 
 
-async def serve(config: ToyConfig, report: Callable[[Report], None], orders: asyncio.Queue[Report]) -> None:
+async def serve(
+    config: ToyConfig, report: Callable[[Report], None], orders: asyncio.Queue[Report]
+) -> None:
     """Report what it was told and obey."""
     if config.begins == "broken":
         raise SfglabError("broken as told")

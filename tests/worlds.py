@@ -51,7 +51,9 @@ class World:
         apart = self.kind == "simulated-apart"
 
         def main(world):
-            return scenario(lambda name, **more: world.node(name, host=name if apart else "host", **more))
+            return scenario(
+                lambda name, **more: world.node(name, host=name if apart else "host", **more)
+            )
 
         return run_simulated(main, seed=3, limit_s=3600)
 

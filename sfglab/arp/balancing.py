@@ -15,7 +15,9 @@ from sfglab.errors import InvalidValueError, SfglabError
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-DEPTH_MAX = 5000  #: Dmax: the most samples that Fast DDS kept in 2023 (paper B, section 2.4, reference 17).
+DEPTH_MAX = (
+    5000  #: Dmax: the most samples that Fast DDS kept in 2023 (paper B, section 2.4, reference 17).
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -43,7 +45,9 @@ class Balance:
     """A solution of the printed problem."""
 
     rate_hz: float  #: R, at which each topic is sent.
-    depth: float  #: D, the history's depth; a real number as the problem has it, to be rounded down.
+    depth: (
+        float  #: D, the history's depth; a real number as the problem has it, to be rounded down.
+    )
     solver: str  #: What found it.
 
 
@@ -68,7 +72,9 @@ def balance_closed_form(given: BalanceInput) -> Balance:
     R* = min(Rmax / T_avg - Rmin, Rmax) and D* = min(Dmax R* / Rmax - Dmin, Dmax); InfeasibleBalanceError where
     a lower bound lies above what Eq. 4 or Eq. 5 leaves.
     """
-    rate_hz = min(given.rate_max_hz / average_topics(given.topics) - given.rate_min_hz, given.rate_max_hz)
+    rate_hz = min(
+        given.rate_max_hz / average_topics(given.topics) - given.rate_min_hz, given.rate_max_hz
+    )
     if rate_hz < given.rate_min_hz:
         needed_hz = 2 * given.rate_min_hz * average_topics(given.topics)
         raise InfeasibleBalanceError(
@@ -101,7 +107,9 @@ def build_problem(given: BalanceInput, *, weight: float = 0.5) -> tuple[Any, Any
         given.depth_min <= depth,
         depth <= given.depth_max,
     ]
-    objective = cp.Maximize(weight * rate / given.rate_max_hz + (1 - weight) * depth / given.depth_max)
+    objective = cp.Maximize(
+        weight * rate / given.rate_max_hz + (1 - weight) * depth / given.depth_max
+    )
     return cp.Problem(objective, constraints), rate, depth
 
 

@@ -66,7 +66,11 @@ def _is_number(value: Any) -> bool:
 
 def _numbers_equal(first: Any, second: Any, tolerance: float) -> bool:
     # Infinities are equal to themselves, and their difference is no number.
-    return bool(first == second or abs(first - second) <= tolerance or (np.isnan(first) and np.isnan(second)))
+    return bool(
+        first == second
+        or abs(first - second) <= tolerance
+        or (np.isnan(first) and np.isnan(second))
+    )
 
 
 def _arrays_equal(first: Any, second: Any, tolerance: float) -> bool:
@@ -75,7 +79,11 @@ def _arrays_equal(first: Any, second: Any, tolerance: float) -> bool:
     # Unsigned differences would wrap around.
     return bool(
         np.allclose(
-            first.astype(np.float64), second.astype(np.float64), rtol=0.0, atol=tolerance, equal_nan=True
+            first.astype(np.float64),
+            second.astype(np.float64),
+            rtol=0.0,
+            atol=tolerance,
+            equal_nan=True,
         )
     )
 
@@ -121,12 +129,16 @@ class _ChangeFilter:
     equal: Equality = exactly_equal  #: When two values are the same; exact by default.
     #: After this long without passing anything a topic's value passes anyway; None: never, as in the paper.
     max_silence_ns: int | None = None
-    counters: CacheCounters = field(default_factory=CacheCounters)  #: What it has done, all topics together.
+    counters: CacheCounters = field(
+        default_factory=CacheCounters
+    )  #: What it has done, all topics together.
     _entries: dict[str, _Entry] = field(default_factory=dict, repr=False)
 
     def __post_init__(self) -> None:
         if self.max_silence_ns is not None and self.max_silence_ns <= 0:
-            raise InvalidValueError("cache max_silence_ns", self.max_silence_ns, "positive nanoseconds or None")
+            raise InvalidValueError(
+                "cache max_silence_ns", self.max_silence_ns, "positive nanoseconds or None"
+            )
 
     def offer(self, topic: str, value: Any, *, now_ns: int, size_bytes: int = 0) -> Decision:
         """Decide on a topic's value, not changed afterwards, of `size_bytes` to count; remember what passes."""

@@ -69,7 +69,10 @@ def _render(root: ET.Element) -> str:
     return f'<?xml version="1.0" encoding="UTF-8"?>\n{ET.tostring(root, encoding="unicode")}\n'
 
 
-_NAMESPACES = {2: "http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles", 3: "http://www.eprosima.com"}
+_NAMESPACES = {
+    2: "http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles",
+    3: "http://www.eprosima.com",
+}
 _TIMES = {
     2: ("heartbeatPeriod", "nackResponseDelay", "heartbeatResponseDelay"),
     3: ("heartbeat_period", "nack_response_delay", "heartbeat_response_delay"),
@@ -112,7 +115,11 @@ def _add_profile(profiles: ET.Element, kind: str, part: TopicPlan, times: dict[s
     _child(profile, "topic/historyQos/kind", part.qos.history.name)
     _child(profile, "topic/historyQos/depth", str(part.depth))
     if part.depth > _SAMPLES_PER_INSTANCE:
-        limits = {"max_samples": part.depth, "max_instances": 1, "max_samples_per_instance": part.depth}
+        limits = {
+            "max_samples": part.depth,
+            "max_instances": 1,
+            "max_samples_per_instance": part.depth,
+        }
         for limit, value in limits.items():
             _child(profile, f"topic/resourceLimitsQos/{limit}", str(value))
     if part.deadline_ns is not None:
@@ -133,7 +140,9 @@ def _add_duration(parent: ET.Element, duration_ns: int) -> None:
 
 
 _NAMESPACE = "https://cdds.io/config"
-_LEAST_NS = 5_000_000  #: HeartbeatInterval's `min`, Cyclone's default; the model does not reckon with it.
+_LEAST_NS = (
+    5_000_000  #: HeartbeatInterval's `min`, Cyclone's default; the model does not reckon with it.
+)
 
 _SCHEDULED_LEAST_NS = 20_000_000  #: HeartbeatInterval's `minsched`, Cyclone's default.
 

@@ -33,28 +33,42 @@ _LEAST = 1e-9
 class Link:
     """Topics on a medium, as arrays; S senders take turns or are independent, n topics."""
 
-    senders: tuple[str, ...]  #: Who sends at one time: the medium where it is shared, else each host.
+    senders: tuple[
+        str, ...
+    ]  #: Who sends at one time: the medium where it is shared, else each host.
     sender: NDArray[np.intp]  #: Which of them carries a topic's samples, shape (n,).
     #: Time of a sender that one sample costs with all hosts contending, with repeats, shape (S, n).
     data_s: NDArray[np.float64]
-    acknack_s: NDArray[np.float64]  #: Time of a sender that one acknowledgement costs alike, shape (S, n).
+    acknack_s: NDArray[
+        np.float64
+    ]  #: Time of a sender that one acknowledgement costs alike, shape (S, n).
     acknack_share: NDArray[np.float64]  #: Acknowledgements for each sample, shape (n,).
     #: Acknowledgements at most, as the reader's delay bundles heartbeats, shape (n,).
     acknack_most_hz: NDArray[np.float64]
     #: Changes of a topic's value where a local cache lets only those pass, else infinite, shape (n,).
     change_most_hz: NDArray[np.float64]
-    frame_s: NDArray[np.float64]  #: Mean time on the air of one frame without contention, shape (S,).
+    frame_s: NDArray[
+        np.float64
+    ]  #: Mean time on the air of one frame without contention, shape (S,).
     contention: float  #: By which share all hosts together stretch a frame.
-    way_s: NDArray[np.float64]  #: From being sent to arrival without queue and contention, shape (n,).
-    round_s: NDArray[np.float64]  #: From the heartbeat that shows a gap to the repair's arrival, shape (n,).
+    way_s: NDArray[
+        np.float64
+    ]  #: From being sent to arrival without queue and contention, shape (n,).
+    round_s: NDArray[
+        np.float64
+    ]  #: From the heartbeat that shows a gap to the repair's arrival, shape (n,).
     again_s: float  #: What a reader waits besides before it asks for the same again.
     period_s: float  #: Between heartbeats that travel alone.
     final_within_s: float  #: A heartbeat that follows a sample sooner than this asks for no answer.
     nack_most: int  #: Samples that one request can ask for.
-    loss: NDArray[np.float64]  #: Share of a topic's samples of which the medium loses a frame, shape (n,).
+    loss: NDArray[
+        np.float64
+    ]  #: Share of a topic's samples of which the medium loses a frame, shape (n,).
     reliable: NDArray[np.bool_]  #: Whether a topic is repaired, shape (n,).
     batching: NDArray[np.bool_]  #: Whether heartbeats come once in `depth` samples, shape (n,).
-    held: NDArray[np.float64]  #: `repairs.Held` of each topic, zeros of those not repaired, shape (3, n).
+    held: NDArray[
+        np.float64
+    ]  #: `repairs.Held` of each topic, zeros of those not repaired, shape (3, n).
 
     @property
     def arriving(self) -> NDArray[np.float64]:
@@ -92,7 +106,9 @@ def link_of(topics: Sequence[Topic], medium: Medium, vendor: Vendor) -> Link:
     On a shared medium every further host that contends stretches each frame (`Medium.contention`). Capacity is
     reckoned with all hosts contending, as they do when the medium is nearly full, which is when it decides.
     """
-    hosts = sorted({host for t in topics for host in (t.source, *(t.targets if t.reliable else ()))})
+    hosts = sorted(
+        {host for t in topics for host in (t.source, *(t.targets if t.reliable else ()))}
+    )
     senders = ("the medium",) if medium.shared else tuple(hosts)
     contention = medium.contention * (len(hosts) - 1) if medium.shared else 0.0
     data_s, acknack_s = _frames_s(topics, medium, senders)
@@ -129,7 +145,9 @@ def link_of(topics: Sequence[Topic], medium: Medium, vendor: Vendor) -> Link:
         batching=reliable & volatile & (vendor.piggyback_when_full and not vendor.shows_each),
         held=np.zeros((3, len(topics))),
     )
-    return at_depths(link, np.ones(len(topics), np.int64), np.array([t.rate_max_hz for t in topics]))
+    return at_depths(
+        link, np.ones(len(topics), np.int64), np.array([t.rate_max_hz for t in topics])
+    )
 
 
 def at_depths(link: Link, depths: NDArray[np.int64], rates_hz: NDArray[np.float64]) -> Link:
@@ -141,7 +159,11 @@ def at_depths(link: Link, depths: NDArray[np.int64], rates_hz: NDArray[np.float6
     Rates, shape (n,) as depths, decide only what follows soon, and whether histories fill within a period.
     """
     sent_hz = link.sent_hz(rates_hz)
-    share, most_hz, held = np.ones_like(sent_hz), link.acknack_most_hz.copy(), np.zeros_like(link.held)
+    share, most_hz, held = (
+        np.ones_like(sent_hz),
+        link.acknack_most_hz.copy(),
+        np.zeros_like(link.held),
+    )
     for i in np.flatnonzero(link.reliable):
         sent, round_s, loss = float(sent_hz[i]), float(link.round_s[i]), float(link.loss[i])
         batch = int(depths[i]) if link.batching[i] else 1
@@ -208,10 +230,16 @@ def _frames_s(
     for i, topic in enumerate(topics):
         there = 0 if medium.shared else senders.index(topic.source)
         more = frames_of(topic) - 1
-        size_bytes = data_bytes(topic.size_bytes, with_heartbeat=topic.reliable) + more * _AGAIN_BYTES
-        data_s[there, i] = len(topic.targets) * (_air_s(medium, size_bytes) + more * medium.overhead_s)
+        size_bytes = (
+            data_bytes(topic.size_bytes, with_heartbeat=topic.reliable) + more * _AGAIN_BYTES
+        )
+        data_s[there, i] = len(topic.targets) * (
+            _air_s(medium, size_bytes) + more * medium.overhead_s
+        )
         for target in topic.targets if topic.reliable else ():
-            acknack_s[0 if medium.shared else senders.index(target), i] += _air_s(medium, ACKNACK_BYTES)
+            acknack_s[0 if medium.shared else senders.index(target), i] += _air_s(
+                medium, ACKNACK_BYTES
+            )
     return data_s, acknack_s
 
 
@@ -221,7 +249,10 @@ _PAYLOAD_BYTES, _AGAIN_BYTES = 1480, 34
 
 def frames_of(topic: Topic) -> int:
     """Return into how many frames IP cuts a sample; it is lost with any of them."""
-    return -(-(data_bytes(topic.size_bytes, with_heartbeat=topic.reliable) - _AGAIN_BYTES) // _PAYLOAD_BYTES)
+    return -(
+        -(data_bytes(topic.size_bytes, with_heartbeat=topic.reliable) - _AGAIN_BYTES)
+        // _PAYLOAD_BYTES
+    )
 
 
 def _air_s(medium: Medium, size_bytes: int) -> float:

@@ -32,7 +32,9 @@ if TYPE_CHECKING:
 class InfeasiblePlanError(SfglabError, ValueError):
     """The topics' minimal rates alone take more airtime than there is."""
 
-    def __init__(self, sender: str, needed: float, allowed: float, largest: tuple[str, ...]) -> None:
+    def __init__(
+        self, sender: str, needed: float, allowed: float, largest: tuple[str, ...]
+    ) -> None:
         self.sender = sender  #: Whose time it is: the medium's where it is shared, else a host's.
         self.needed = needed  #: Share of its time that the minimal rates take.
         self.allowed = allowed  #: Share that may be planned.
@@ -57,7 +59,9 @@ class InfeasiblePlanError(SfglabError, ValueError):
 class Limits:
     """What a plan must keep to."""
 
-    utilisation_max: float = between(0.9, 0, 1, without=(0, 1))  #: The most of a sender's time to be taken.
+    utilisation_max: float = between(
+        0.9, 0, 1, without=(0, 1)
+    )  #: The most of a sender's time to be taken.
     #: Share of samples that may stay lost after repairs, where a history can keep it; a plan says what it
     #: expects (`TopicPlan.loss`).
     residual_loss: float = between(1e-4, 0, 1, without=(0, 1))
@@ -69,7 +73,9 @@ class Limits:
 _MOST = 1e6
 
 
-def depths_for(link: Link, rates_hz: NDArray[np.float64], *, residual_loss: float) -> NDArray[np.int64]:
+def depths_for(
+    link: Link, rates_hz: NDArray[np.float64], *, residual_loss: float
+) -> NDArray[np.int64]:
     """Return how deep histories should be at these rates.
 
     Where a heartbeat rides with every sample, what is published while a sample waits for k repairs must fit
@@ -122,7 +128,9 @@ def rates_most_hz(link: Link, *, utilisation: float) -> NDArray[np.float64]:
     (`depths_for`). The share of each sender's time that is taken, at most, decides how long frames wait.
     """
     bounded = link.batching & ~np.isfinite(link.change_most_hz) & (link.loss > 0)
-    wait_s = queue_wait_s(np.full(len(link.senders), utilisation), link, inverse=np.reciprocal)[link.sender]
+    wait_s = queue_wait_s(np.full(len(link.senders), utilisation), link, inverse=np.reciprocal)[
+        link.sender
+    ]
     return np.where(bounded, (1 - 1e-9) / (link.round_s + _SLACK * wait_s), math.inf)
 
 
@@ -133,24 +141,32 @@ def rounds_needed(loss: float, residual_loss: float) -> int:
     return max(1, math.ceil(math.log(residual_loss / loss) / math.log(1 - (1 - loss) ** 2)))
 
 
-_SLACK = 4.0  #: Mean waits in queues that a repair may meet on its three ways before it is too late.
+_SLACK = (
+    4.0  #: Mean waits in queues that a repair may meet on its three ways before it is too late.
+)
 
 
-def _rounds_s(link: Link, rates_hz: NDArray[np.float64], count: int | NDArray[np.int64]) -> NDArray[np.float64]:
+def _rounds_s(
+    link: Link, rates_hz: NDArray[np.float64], count: int | NDArray[np.int64]
+) -> NDArray[np.float64]:
     """Return how long so many repairs, one after the other, take where heartbeats are steady."""
     shown_s = np.minimum(1 / link.sent_hz(rates_hz), link.period_s)
     each = shown_s + link.round_s + 2 * waits_s(link, rates_hz)
     return np.asarray(count * each + (count - 1) * link.again_s)
 
 
-def _batch_depths(link: Link, rates_hz: NDArray[np.float64], residual_loss: float) -> NDArray[np.int64]:
+def _batch_depths(
+    link: Link, rates_hz: NDArray[np.float64], residual_loss: float
+) -> NDArray[np.int64]:
     """Return the best candidate for each topic, shape (n,)."""
     sent_hz = link.sent_hz(rates_hz)
     losses, delays = [], []
     for depth in CANDIDATES:
         depths = np.full(len(rates_hz), depth)
         losses.append(expected_losses(link, depths, rates_hz))
-        delays.append(repair_delay_s(at_depths(link, depths, rates_hz), sent_hz, inverse=np.reciprocal))
+        delays.append(
+            repair_delay_s(at_depths(link, depths, rates_hz), sent_hz, inverse=np.reciprocal)
+        )
     loss, delay_s = np.array(losses), np.array(delays)
     states = np.isfinite(link.change_most_hz)
     chosen = np.argmin(delay_s + loss / sent_hz, axis=0)
@@ -169,7 +185,9 @@ class TopicPlan:
     rate_hz: float  #: How often it is sent.
     depth: int  #: History of its writer and of its reader.
     latency_s: float  #: Mean time from publication to delivery, expected; infinite on an overloaded medium.
-    up_to_date: float  #: Share of time in which the reader holds the value that the sensor has, expected.
+    up_to_date: (
+        float  #: Share of time in which the reader holds the value that the sensor has, expected.
+    )
     loss: float  #: Share of samples that never come because the medium loses frames, expected.
 
     @property
@@ -244,15 +262,24 @@ def assess(  # noqa: PLR0913 - a plan's parts, by keyword
     latency_s = _latency_s(link, depths, rates_hz)
     losses = expected_losses(link, depths, rates_hz)
     per_change = rates_hz * link.arriving * np.array([t.change_s for t in topics])
-    true_when_sent = per_change * -np.expm1(-1 / per_change)  # periodic samples, changes at random times
+    true_when_sent = per_change * -np.expm1(
+        -1 / per_change
+    )  # periodic samples, changes at random times
     up_to_date = true_when_sent * np.exp(-latency_s / np.array([t.change_s for t in topics]))
     weights = np.array([t.weight for t in topics])
     return Plan(
         topics=tuple(
             TopicPlan(
-                topic=t, rate_hz=float(r), depth=int(d), latency_s=float(s), up_to_date=float(u), loss=float(p)
+                topic=t,
+                rate_hz=float(r),
+                depth=int(d),
+                latency_s=float(s),
+                up_to_date=float(u),
+                loss=float(p),
             )
-            for t, r, d, s, u, p in zip(topics, rates_hz, depths, latency_s, up_to_date, losses, strict=True)
+            for t, r, d, s, u, p in zip(
+                topics, rates_hz, depths, latency_s, up_to_date, losses, strict=True
+            )
         ),
         method=method,
         medium=medium,
@@ -284,7 +311,9 @@ def plan_as_printed(given: TopicFile) -> Plan:
     )
 
 
-def _latency_s(link: Link, depths: NDArray[np.int64], rates_hz: NDArray[np.float64]) -> NDArray[np.float64]:
+def _latency_s(
+    link: Link, depths: NDArray[np.int64], rates_hz: NDArray[np.float64]
+) -> NDArray[np.float64]:
     sent_hz = link.sent_hz(rates_hz)
     repairs = repair_delay_s(link, sent_hz, inverse=np.reciprocal)
     # A request names only so many samples; where a period brings more, the reader falls behind until what it
@@ -293,4 +322,6 @@ def _latency_s(link: Link, depths: NDArray[np.int64], rates_hz: NDArray[np.float
     behind = (depths > within) & (within > link.nack_most) & (link.loss > 0)
     gone_s = depths / sent_hz
     bounded = np.where(behind, gone_s, np.minimum(repairs, gone_s))
-    return np.asarray(link.way_s + np.where(link.batching, bounded, repairs) + waits_s(link, rates_hz))
+    return np.asarray(
+        link.way_s + np.where(link.batching, bounded, repairs) + waits_s(link, rates_hz)
+    )

@@ -67,7 +67,9 @@ def plan(
     readers are expected to be up to date for the largest share of time. Without limits the usual ones are kept.
     """
     if latency_price_hz is None:
-        return max(pareto_front(topics, medium, vendor, limits=limits), key=lambda point: point.up_to_date)
+        return max(
+            pareto_front(topics, medium, vendor, limits=limits), key=lambda point: point.up_to_date
+        )
     return pareto_front(topics, medium, vendor, limits=limits, prices_hz=(latency_price_hz,))[0]
 
 
@@ -98,13 +100,17 @@ def pareto_front(
 def plan_file(given: TopicFile, *, latency_price_hz: float | None = None) -> Plan:
     """Return the plan for what a file of topics says; raises what `plan` does."""
     limits = Limits(utilisation_max=given.utilisation_max, residual_loss=given.residual_loss)
-    return plan(given.topics, given.medium, given.vendor, latency_price_hz=latency_price_hz, limits=limits)
+    return plan(
+        given.topics, given.medium, given.vendor, latency_price_hz=latency_price_hz, limits=limits
+    )
 
 
 class _Planner:
     """Finds the plans of one front; keeps its programmes, as prices share them where depths are the same."""
 
-    def __init__(self, topics: tuple[Topic, ...], medium: Medium, vendor: Vendor, limits: Limits) -> None:
+    def __init__(
+        self, topics: tuple[Topic, ...], medium: Medium, vendor: Vendor, limits: Limits
+    ) -> None:
         self._topics, self._medium, self._vendor, self._limits = topics, medium, vendor, limits
         self._bare = link_of(topics, medium, vendor)
         self._lowest = np.array([t.rate_min_hz for t in topics])
@@ -136,9 +142,16 @@ class _Planner:
             programme.ceiling.value = self._ceiling_hz(level) / self._highest
             programme.level.value = level
             rates_hz, airtime_price = solve(programme, link, price)
-            rates_hz, depths = self._within_capacity(link, np.minimum(rates_hz, self._ceiling_hz(level)))
+            rates_hz, depths = self._within_capacity(
+                link, np.minimum(rates_hz, self._ceiling_hz(level))
+            )
             found = assess(
-                self._topics, self._medium, self._vendor, rates_hz=rates_hz, depths=depths, method="ours"
+                self._topics,
+                self._medium,
+                self._vendor,
+                rates_hz=rates_hz,
+                depths=depths,
+                method="ours",
             )
             found = replace(found, latency_price_hz=price, airtime_price=airtime_price)
             if best is None or _worth(found) > _worth(best) + _GAIN_LEAST:
@@ -167,7 +180,11 @@ class _Planner:
         return depths_for(link, rates_hz, residual_loss=self._limits.residual_loss)
 
     def _programme(self, link: Link) -> Programme:
-        key = link.held.round(9).tobytes() + link.acknack_share.tobytes() + link.acknack_most_hz.tobytes()
+        key = (
+            link.held.round(9).tobytes()
+            + link.acknack_share.tobytes()
+            + link.acknack_most_hz.tobytes()
+        )
         if key not in self._programmes:
             self._programmes[key] = build_programme(self._topics, link, self._limits)
         return self._programmes[key]
@@ -190,7 +207,9 @@ def _check_feasible(topics: Sequence[Topic], link: Link, limits: Limits) -> floa
     acknacks = np.minimum(link.acknack_share * sent_hz, link.acknack_most_hz)
     taken = link.data_s[worst] * sent_hz + link.acknack_s[worst] * acknacks
     largest = tuple(topics[i].name for i in np.argsort(-taken, kind="stable")[:3])
-    raise InfeasiblePlanError(link.senders[worst], float(needed[worst]), limits.utilisation_max, largest)
+    raise InfeasiblePlanError(
+        link.senders[worst], float(needed[worst]), limits.utilisation_max, largest
+    )
 
 
 _ROUNDS_MOST = 12
@@ -228,7 +247,10 @@ def build_programme(topics: Sequence[Topic], link: Link, limits: Limits) -> Prog
     )
     weights = weights / weights.sum()
     middle, sent_most = np.sqrt(lowest * highest), np.minimum(highest, link.change_most_hz)
-    shares, busy = cp.Variable(n, name="rate_share"), cp.Variable(len(link.senders), name="utilisation")
+    shares, busy = (
+        cp.Variable(n, name="rate_share"),
+        cp.Variable(len(link.senders), name="utilisation"),
+    )
     rates = multiply(highest, shares)  # of the largest rates: numbers of one size suit the solver
     price, branches = cp.Parameter(nonneg=True), [cp.Parameter(n, nonneg=True) for _ in range(4)]
     ceiling = cp.Parameter(n, nonneg=True, value=np.ones(n))
@@ -272,7 +294,11 @@ def _mean_latency_s(
 ) -> Any:
     carried = np.bincount(link.sender, weights, minlength=len(link.senders))
     waits = carried @ queue_wait_s(busy, link, inverse=_inverse_at(np.ones(len(link.senders))))
-    return waits + weights @ repair_delay_s(link, sent, inverse=_inverse_at(usual)) + weights @ link.way_s
+    return (
+        waits
+        + weights @ repair_delay_s(link, sent, inverse=_inverse_at(usual))
+        + weights @ link.way_s
+    )
 
 
 def _inverse_at(usual: NDArray[np.float64]) -> Callable[[Any], Any]:
@@ -293,7 +319,10 @@ def solve(programme: Programme, link: Link, price: float) -> tuple[NDArray[np.fl
     rates_hz, chosen = programme.bounds_hz[0], None
     # At most so many samples travel, and so many acknowledgements, however often is read.
     shares = np.ones_like(link.acknack_share), link.acknack_share
-    most = link.change_most_hz, np.minimum(link.acknack_share * link.change_most_hz, link.acknack_most_hz)
+    most = (
+        link.change_most_hz,
+        np.minimum(link.acknack_share * link.change_most_hz, link.acknack_most_hz),
+    )
     for _ in range(_ROUNDS_MOST):
         flat = [share * rates_hz > ceiling for share, ceiling in zip(shares, most, strict=True)]
         if chosen is not None and np.array_equal(flat, chosen):

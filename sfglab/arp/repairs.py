@@ -96,8 +96,16 @@ def batch_held(depth: int, round_s: float, loss: float) -> Held:
     arrives = 1 - loss
     ways = (
         (arrives**3, waited, 1),
-        (1 - arrives**2, waited + 1, 2),  # heartbeat or request lost: the next sample carries a heartbeat
-        (arrives**2 * loss, np.maximum(waited + 1, depth - 1), 2),  # the repair lost: when full again
+        (
+            1 - arrives**2,
+            waited + 1,
+            2,
+        ),  # heartbeat or request lost: the next sample carries a heartbeat
+        (
+            arrives**2 * loss,
+            np.maximum(waited + 1, depth - 1),
+            2,
+        ),  # the repair lost: when full again
     )
     means = np.array([[k.mean(), (k**2).mean(), n, n * k.mean(), n**2] for _, k, n in ways])
     k, k2, n, kn, n2 = np.array([chance for chance, *_ in ways]) @ means

@@ -21,9 +21,13 @@ class Sensor:
     name: str  #: Of the device, as topics name it.
     model: str  #: Maker and model (section 3.1).
     type: str  #: ROS type of its messages.
-    example: float | bool | str  #: A value that it sends; of the paper's two texts, that of Table 1's size.
+    example: (
+        float | bool | str
+    )  #: A value that it sends; of the paper's two texts, that of Table 1's size.
     table_bytes: int  #: Size in Table 1.
-    change_s: float  #: Mean time between changes of its value, seconds, while objects move around it.
+    change_s: (
+        float  #: Mean time between changes of its value, seconds, while objects move around it.
+    )
     why: str  #: Where `change_s` comes from.
 
 
@@ -43,7 +47,13 @@ SENSORS = {
         Sensor("dht11", "HiLetgo DHT11", _FLOAT, 22.0, 24, 10.0, _DHT11),
         Sensor("imu", "HiLetgo MPU-6050", _FLOAT, 0.02, 24, 0.001, _IMU),
         Sensor(
-            "ultrasonic", "ELEGOO HC-SR04", _FLOAT, 0.73, 24, 0.06, "one measurement takes 60 ms (data sheet)"
+            "ultrasonic",
+            "ELEGOO HC-SR04",
+            _FLOAT,
+            0.73,
+            24,
+            0.06,
+            "one measurement takes 60 ms (data sheet)",
         ),
         Sensor("pir", "HiLetgo HC-SR501", _STRING, "not detect", 59, 3.0, _PIR),
         Sensor("light", "VKLSVAN photosensitive sensor module", _STRING, "light", 54, 10.0, _LIGHT),
@@ -79,9 +89,13 @@ class Method:
     """One way to move the robots' data (paper B, sections 2.2 to 2.4)."""
 
     name: str  #: As in Fig. 10, 11 and 16.
-    optimised: bool = False  #: OPT: the rate, and with the depth ``opt`` the depth too, come from Eq. 6.
+    optimised: bool = (
+        False  #: OPT: the rate, and with the depth ``opt`` the depth too, come from Eq. 6.
+    )
     local_cache: bool = False  #: LC: a value that repeats is held back in the robot.
-    cache_control: bool = False  #: CC: a value that repeats is discarded in the station before planning.
+    cache_control: bool = (
+        False  #: CC: a value that repeats is discarded in the station before planning.
+    )
 
 
 METHODS = {

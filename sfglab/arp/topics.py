@@ -28,7 +28,9 @@ class Topic:
     source: str = field(metadata=named("from"))  #: Host that publishes.
     #: Host that subscribes, or hosts, each of which gets a copy and acknowledges it, as DDS sends over Wi-Fi.
     target: str | tuple[str, ...] = field(metadata=named("to"))
-    size_bytes: int = field(metadata=bounds(0))  #: CDR size of a message; large ones take several frames.
+    size_bytes: int = field(
+        metadata=bounds(0)
+    )  #: CDR size of a message; large ones take several frames.
     rate_min_hz: float = between(1.0, without=(0,))  #: Below this it is of no use.
     rate_max_hz: float = between(1000.0, without=(0,))  #: The most that it could be sent.
     #: Mean time between changes of its value; what a higher rate is worth follows from it.
@@ -59,9 +61,13 @@ class _Link:
 
     rate_mbps: float = between(20.0, without=(0,))  #: Megabits a second.
     loss: float = between(0.01, 0, 1, without=(1,))  #: Share of frames that are lost.
-    shared: bool = True  #: One half-duplex medium for all hosts (Wi-Fi); else each host sends independently.
+    shared: bool = (
+        True  #: One half-duplex medium for all hosts (Wi-Fi); else each host sends independently.
+    )
     overhead_us: float = 300.0  #: Airtime of a frame beside its bits.
-    contention: float = 0.15  #: By which share each further host that wants to send stretches a frame.
+    contention: float = (
+        0.15  #: By which share each further host that wants to send stretches a frame.
+    )
     latency_ms: float = 0.0  #: From the end of sending to arrival.
     queue_frames: int = between(500, 1)  #: Frames that a host's queue holds.
 
@@ -86,9 +92,15 @@ _MILLISECONDS = bounds(without=(0,))
 class _Timing:
     """Times of the DDS implementation that are not its vendor's own."""
 
-    heartbeat_ms: float | None = field(default=None, metadata=_MILLISECONDS)  #: Between two heartbeats.
-    nack_delay_ms: float | None = field(default=None, metadata=_MILLISECONDS)  #: From a loss to its request.
-    ack_delay_ms: float | None = field(default=None, metadata=_MILLISECONDS)  #: From a heartbeat to its answer.
+    heartbeat_ms: float | None = field(
+        default=None, metadata=_MILLISECONDS
+    )  #: Between two heartbeats.
+    nack_delay_ms: float | None = field(
+        default=None, metadata=_MILLISECONDS
+    )  #: From a loss to its request.
+    ack_delay_ms: float | None = field(
+        default=None, metadata=_MILLISECONDS
+    )  #: From a heartbeat to its answer.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -98,7 +110,9 @@ class FileKeys:
     rate_max_hz: float = between(1000.0, without=(0,))  #: No topic may be sent more often.
     link: _Link = field(default_factory=_Link)  #: The link that all topics share.
     #: The DDS implementation, a preset of `sfglab.rtps`.
-    vendor: Literal["fast_dds", "cyclone_dds", "fast_dds_sync", "fast_dds_async", "fast_dds_foxy"] = "fast_dds"
+    vendor: Literal[
+        "fast_dds", "cyclone_dds", "fast_dds_sync", "fast_dds_async", "fast_dds_foxy"
+    ] = "fast_dds"
     timing: _Timing = field(default_factory=_Timing)  #: Its times, where they are not its own.
 
 
@@ -107,7 +121,9 @@ class TopicFile:
     """A file of topics for `sfglab qos`: who sends what to whom over which link."""
 
     topics: tuple[Topic, ...] = field(metadata=by_name("name"))  #: In the file's order.
-    medium: Medium = field(default_factory=Medium, metadata=ELSEWHERE)  #: The link that all of them share.
+    medium: Medium = field(
+        default_factory=Medium, metadata=ELSEWHERE
+    )  #: The link that all of them share.
     #: The DDS implementation, with the file's timing where it says any.
     vendor: Vendor = field(default=FAST_DDS, metadata=ELSEWHERE)
     #: The most of the medium's time that may be planned.
@@ -122,12 +138,16 @@ class TopicFile:
         if rate_max_hz is None:
             return self
         limits = ("rate_max_hz", "rate_min_hz")
-        topics = (replace(t, **{n: min(getattr(t, n), rate_max_hz) for n in limits}) for t in self.topics)
+        topics = (
+            replace(t, **{n: min(getattr(t, n), rate_max_hz) for n in limits}) for t in self.topics
+        )
         return replace(self, topics=tuple(topics))
 
     def topics_of_agents(self) -> tuple[int, ...]:
         """Return T_a of paper B, Eq. 1: how many topics each agent sends or hears."""
-        return tuple(sum(agent in (t.source, *t.targets) for t in self.topics) for agent in self.agents)
+        return tuple(
+            sum(agent in (t.source, *t.targets) for t in self.topics) for agent in self.agents
+        )
 
 
 def load_topics(path: Path) -> TopicFile:
@@ -139,7 +159,9 @@ def read_topics(document: Document) -> TopicFile:
     """Read topics; raises `DocumentError`, as `load_topics`."""
     top = document.section()
     keys = top.read(FileKeys, whole_section=False)
-    topics = tuple(_read_topic(name, section, keys.rate_max_hz) for name, section in top.members("topics"))
+    topics = tuple(
+        _read_topic(name, section, keys.rate_max_hz) for name, section in top.members("topics")
+    )
     if not topics:
         raise top.refusal("topics", top.get("topics"), "one topic at least")
     hosts = sorted({host for t in topics for host in (t.source, *t.targets)})
@@ -165,16 +187,24 @@ def _read_topic(name: str, section: Section, ceiling_hz: float) -> Topic:
         given = section.get("rate_min_hz", None)
         raise section.refusal("rate_min_hz", given, f"up to the topic's rate_max_hz, {most_hz:g}")
     if not topic.targets or len({topic.source, *topic.targets}) <= len(topic.targets):
-        raise section.refusal("to", section.get("to"), f"another host than 'from', {topic.source}, each once")
+        raise section.refusal(
+            "to", section.get("to"), f"another host than 'from', {topic.source}, each once"
+        )
     return topic
 
 
 def _vendor(vendor: Vendor, timing: _Timing) -> Vendor:
     given = {name.removesuffix("_ms") + "_ns": ms for name, ms in asdict(timing).items()}
-    changes: dict[str, Any] = {name: round(ms * NS_PER_MS) for name, ms in given.items() if ms is not None}
+    changes: dict[str, Any] = {
+        name: round(ms * NS_PER_MS) for name, ms in given.items() if ms is not None
+    }
     if "heartbeat_ns" in changes:
         # A vendor whose heartbeats never back off keeps that.
         steady = vendor.heartbeat_ns == vendor.heartbeat_max_ns
-        longest = changes["heartbeat_ns"] if steady else max(vendor.heartbeat_max_ns, changes["heartbeat_ns"])
+        longest = (
+            changes["heartbeat_ns"]
+            if steady
+            else max(vendor.heartbeat_max_ns, changes["heartbeat_ns"])
+        )
         changes["heartbeat_max_ns"] = longest
     return replace(vendor, **changes)

@@ -71,7 +71,9 @@ class Backend(ABC):
         """Return a new writer; on the loop `notify` is called when its matching readers change."""
 
     @abstractmethod
-    def open_reader(self, endpoint: RawEndpoint, notify: Callable[[], None], inbox: Inbox) -> Reader:
+    def open_reader(
+        self, endpoint: RawEndpoint, notify: Callable[[], None], inbox: Inbox
+    ) -> Reader:
         """Return a new reader, which pushes into `inbox`; see `open_writer`."""
 
     @abstractmethod
@@ -90,7 +92,9 @@ class Backend(ABC):
         """Return bytes that no other node will have."""
         return secrets.token_bytes(count)
 
-    def watch_publishers(self, reader: Reader, endpoint: RawEndpoint, listener: Listener) -> Callable[[], None]:
+    def watch_publishers(
+        self, reader: Reader, endpoint: RawEndpoint, listener: Listener
+    ) -> Callable[[], None]:
         """Tell a listener of publishers that may not match a reader, and why; return what ends that."""
         del reader
         return self.graph.watch(endpoint.dds_topic, EndpointKind.PUBLISHER, listener)
@@ -160,7 +164,9 @@ class LoopWriter:
         self._backend = backend
         self._writers = [
             backend.open_writer(replace(endpoint, transport=transport), nothing)
-            for transport in (("dds", "ros") if endpoint.transport == "any" else (endpoint.transport,))
+            for transport in (
+                ("dds", "ros") if endpoint.transport == "any" else (endpoint.transport,)
+            )
         ]
         self.gid = self._writers[0].gid
         for writer in self._writers:
@@ -199,7 +205,9 @@ class LoopForward(Forward[Sample, LoopWriter]):
         if self._closed or self._backend.closed:
             return
         calls = self._backend.calls(f"raw reader {endpoint.dds_topic!r}")
-        inbox = Inbox(self._backend.bridge, endpoint.qos, decode=lambda s: s, callback=self._take, calls=calls)
+        inbox = Inbox(
+            self._backend.bridge, endpoint.qos, decode=lambda s: s, callback=self._take, calls=calls
+        )
         self._reader = self._backend.open_reader(endpoint, nothing, inbox)
         self._backend.register(self._reader)
 

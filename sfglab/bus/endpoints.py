@@ -19,7 +19,9 @@ if TYPE_CHECKING:
 
     from sfglab.bus.api import Callback
 
-KEEP_ALL_LIMIT_BYTES = 256 * 2**20  #: How much a KEEP_ALL subscription may queue; beyond it the oldest goes.
+KEEP_ALL_LIMIT_BYTES = (
+    256 * 2**20
+)  #: How much a KEEP_ALL subscription may queue; beyond it the oldest goes.
 
 Sample = tuple[bytes | memoryview, int, int, bytes]
 """CDR, source and reception time (ns), publisher's gid: a plain tuple, as it is made for every message."""
@@ -166,7 +168,12 @@ class Inbox:
 
     def push(self, sample: Sample) -> None:
         """Deliver a sample on the loop itself, at once if a callback is free for it."""
-        if self._callback is not None and self._running is None and not len(self.queue) and not self.closed:
+        if (
+            self._callback is not None
+            and self._running is None
+            and not len(self.queue)
+            and not self.closed
+        ):
             # As `Calls.run`, but in place: it happens for every frame, in a process with cold caches.
             try:
                 result = self._decoded_call(sample)

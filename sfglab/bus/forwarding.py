@@ -22,7 +22,9 @@ if TYPE_CHECKING:
 Transform = Callable[[bytes], bytes | None]
 """Changes a sample on its way: CDR in, CDR out, None drops it. The same object back means: as it was."""
 
-HELD_SAMPLES = 256  #: How many samples of a source that nobody judged yet are kept; the oldest go first.
+HELD_SAMPLES = (
+    256  #: How many samples of a source that nobody judged yet are kept; the oldest go first.
+)
 
 _Sample = TypeVar("_Sample")
 _Exit = TypeVar("_Exit")
@@ -45,14 +47,18 @@ class ForwardCounts:
     """What a forward did so far."""
 
     forwarded: int = 0  #: Samples handed to a raw writer.
-    dropped: int = 0  #: Samples that were refused, by a transform or the middleware too, or pushed out.
+    dropped: int = (
+        0  #: Samples that were refused, by a transform or the middleware too, or pushed out.
+    )
     bytes: int = 0  #: Size of the CDR that was forwarded.
 
 
 class SourceGate(Generic[_Sample, _Exit]):
     """The judgements of sources, and the samples of those not judged yet; pure, whatever samples are."""
 
-    def __init__(self, send: Callable[[_Exit, _Sample], None], drop: Callable[[_Sample], None]) -> None:
+    def __init__(
+        self, send: Callable[[_Exit, _Sample], None], drop: Callable[[_Sample], None]
+    ) -> None:
         self._send = send
         self._drop = drop
         self._exits: dict[bytes, _Exit | None] = {}
@@ -108,7 +114,9 @@ class Forward(ABC, Generic[_Sample, _Writer]):
 
     def __init__(self) -> None:
         self.counts = ForwardCounts()
-        self._gate: SourceGate[_Sample, tuple[_Writer, Transform | None]] = SourceGate(self._send, self._drop)
+        self._gate: SourceGate[_Sample, tuple[_Writer, Transform | None]] = SourceGate(
+            self._send, self._drop
+        )
 
     def admit(self, source: bytes, writer: _Writer, transform: Transform | None = None) -> None:
         """Send a publisher's samples, by its 16-byte GUID, to a raw writer from now on, those held first.

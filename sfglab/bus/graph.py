@@ -22,7 +22,9 @@ class Graph:
     nodes, `read_nodes` is called once and lets `learn_nodes` be called.
     """
 
-    def __init__(self, loop: asyncio.AbstractEventLoop, read_nodes: Callable[[], None] = lambda: None) -> None:
+    def __init__(
+        self, loop: asyncio.AbstractEventLoop, read_nodes: Callable[[], None] = lambda: None
+    ) -> None:
         self._read_nodes: Callable[[], None] | None = read_nodes
         self._nodes: dict[bytes, tuple[NodeInfo, ...]] = {}
         self._owners: dict[bytes, str] = {}

@@ -50,13 +50,19 @@ class View:
     def services(self, *, hidden: bool = False, of: Callable[[EndpointInfo], bool] = bool) -> Types:
         """Return services of those endpoints."""
         found = ((e, names.ros_name_from_dds(e.dds_topic)) for e in self.endpoints if of(e))
-        halves = [(wire.name, e.type) for e, wire in found if wire and wire.role is not names.DdsRole.TOPIC]
+        halves = [
+            (wire.name, e.type)
+            for e, wire in found
+            if wire and wire.role is not names.DdsRole.TOPIC
+        ]
         return _by_name(((name, type_.rpartition("_")[0]) for name, type_ in halves), hidden=hidden)
 
     def actions(self, *, hidden: bool = False, of: Callable[[EndpointInfo], bool] = bool) -> Types:
         """Return actions of those endpoints, which are known by their feedback."""
         found = {
-            topic.removesuffix(_FEEDBACK): tuple(type_.removesuffix(_FEEDBACK_TYPE) for type_ in types)
+            topic.removesuffix(_FEEDBACK): tuple(
+                type_.removesuffix(_FEEDBACK_TYPE) for type_ in types
+            )
             for topic, types in self.topics(hidden=True, of=of).items()
             if topic.endswith(_FEEDBACK)
         }
@@ -137,7 +143,9 @@ async def settled(node: Node, spin_s: float | None = None) -> View:
     end_s, before = time.monotonic() + _LIMIT_S, _NOTHING
     while time.monotonic() < end_s:
         await asyncio.sleep(_QUIET_S)
-        if (now := view(node)) == before != _NOTHING and not any(map(_is_half_known, now.endpoints)):
+        if (now := view(node)) == before != _NOTHING and not any(
+            map(_is_half_known, now.endpoints)
+        ):
             break
         before = now
     return view(node)
@@ -211,7 +219,9 @@ def _duration(duration_ns: int | None) -> str:
 
 def names_text(found: Mapping[str, tuple[str, ...]], *, show_types: bool) -> str:
     """Return names, a line each, as ROS 2's lists print them."""
-    lines = (f"{name} [{', '.join(types)}]" if show_types else name for name, types in found.items())
+    lines = (
+        f"{name} [{', '.join(types)}]" if show_types else name for name, types in found.items()
+    )
     return "".join(f"{line}\n" for line in lines)
 
 

@@ -152,7 +152,9 @@ class Signal:
 
     def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
         self._loop = loop
-        self._waiters: dict[asyncio.Future[None], None] = {}  # woken in the order in which they came
+        self._waiters: dict[
+            asyncio.Future[None], None
+        ] = {}  # woken in the order in which they came
 
     def notify(self) -> None:
         """Let all waiters look again; to be called on the loop."""
@@ -205,9 +207,13 @@ class Calls:
         except Exception as error:  # noqa: BLE001 - reported; one bad callback must not end the others
             self.report(error)
             return None
-        return None if result is None or not inspect.isawaitable(result) else self.spawn(result, then)
+        return (
+            None if result is None or not inspect.isawaitable(result) else self.spawn(result, then)
+        )
 
-    def spawn(self, awaitable: Awaitable[Any], then: Callable[[], None] | None = None) -> asyncio.Task[Any]:
+    def spawn(
+        self, awaitable: Awaitable[Any], then: Callable[[], None] | None = None
+    ) -> asyncio.Task[Any]:
         """Run an awaitable as a tracked task; see `run`."""
         task = asyncio.ensure_future(awaited(awaitable))
         self._tasks.add(task)

@@ -30,7 +30,11 @@ class Rate:
             return None
         deviation = math.sqrt(sum((gap - mean) ** 2 for gap in gaps) / len(gaps))
         times = {"min_s": min(gaps), "max_s": max(gaps), "std_dev_s": deviation}
-        return {"rate_hz": NS_PER_S / mean, **{k: v / NS_PER_S for k, v in times.items()}, "window": len(gaps)}
+        return {
+            "rate_hz": NS_PER_S / mean,
+            **{k: v / NS_PER_S for k, v in times.items()},
+            "window": len(gaps),
+        }
 
     @staticmethod
     def text(values: dict[str, Any]) -> str:

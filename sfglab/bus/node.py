@@ -33,7 +33,9 @@ if TYPE_CHECKING:
 class Timer:
     """Calls a callback, plain or async, every `period_s` seconds, without drift; missed turns are skipped."""
 
-    def __init__(self, period_s: float, callback: Callable[[], Awaitable[None] | None], calls: Calls) -> None:
+    def __init__(
+        self, period_s: float, callback: Callable[[], Awaitable[None] | None], calls: Calls
+    ) -> None:
         if not period_s > 0:
             raise InvalidValueError("timer period", period_s, "positive seconds")
         self._loop = asyncio.get_running_loop()
@@ -178,7 +180,10 @@ class Node:
                 large at most; memory is taken only where messages lie: the history for late joiners, the
                 newest `depth` ones, and at most depth + 2 (never more than 64) per subscriber.
         """
-        backend, options = self.backend, {"transport": transport, "max_message_bytes": max_message_bytes}
+        backend, options = (
+            self.backend,
+            {"transport": transport, "max_message_bytes": max_message_bytes},
+        )
         return Publisher(self, backend, topic_endpoint(type_, self._resolve(topic), qos, **options))
 
     def create_subscription(  # noqa: PLR0913 - rclpy's signature
@@ -227,20 +232,32 @@ class Node:
         return Client(self, self.backend, type_, name=self._resolve(name), transport=transport)
 
     def create_action_server(
-        self, type_: str, name: str, execute_callback: ExecuteCallback, **options: Unpack[ActionServerOptions]
+        self,
+        type_: str,
+        name: str,
+        execute_callback: ExecuteCallback,
+        **options: Unpack[ActionServerOptions],
     ) -> ActionServer:
         """Create a server of an action such as "sfglab_interfaces/action/FollowTrajectory"; see `ActionServer`.
 
         Without a `cancel_callback` among the options goals cannot be canceled.
         """
         name = self._resolve(name)
-        return ActionServer(self, self.backend, type_, name=name, execute=execute_callback, **options)
+        return ActionServer(
+            self, self.backend, type_, name=name, execute=execute_callback, **options
+        )
 
-    def create_action_client(self, type_: str, name: str, *, transport: Transport = "dds") -> ActionClient:
+    def create_action_client(
+        self, type_: str, name: str, *, transport: Transport = "dds"
+    ) -> ActionClient:
         """Create an action's client; its services are of this transport, see `create_service`."""
-        return ActionClient(self, self.backend, type_, name=self._resolve(name), transport=transport)
+        return ActionClient(
+            self, self.backend, type_, name=self._resolve(name), transport=transport
+        )
 
-    def create_timer(self, period_s: float, callback: Callable[[], Awaitable[None] | None]) -> Timer:
+    def create_timer(
+        self, period_s: float, callback: Callable[[], Awaitable[None] | None]
+    ) -> Timer:
         """Create a timer with a period in seconds, above 0; its callback is plain or async."""
         timer = Timer(period_s, callback, self.backend.calls(f"timer of {period_s} s"))
         self.backend.register(timer)

@@ -17,7 +17,9 @@ if TYPE_CHECKING:
 
     from sfglab.bus.node import Node
 
-Way = Literal["dds", "ros"]  #: Over DDS, for rmw_cyclonedds, or by ROS 2's own program (`sfglab.bus.ros`).
+Way = Literal[
+    "dds", "ros"
+]  #: Over DDS, for rmw_cyclonedds, or by ROS 2's own program (`sfglab.bus.ros`).
 READ_ONLY = "it is given when the component starts"
 _SERVICES = (
     "DescribeParameters",
@@ -38,7 +40,9 @@ _KINDS: dict[type, tuple[str, int, int]] = {
 
 def flat(value: Any, name: str = "") -> Iterator[tuple[str, Any]]:
     """Yield the parameters of a JSON value: parts joined by dots, what is not there left out."""
-    parts = value.items() if isinstance(value, dict) else enumerate(value) if _is_mixed(value) else None
+    parts = (
+        value.items() if isinstance(value, dict) else enumerate(value) if _is_mixed(value) else None
+    )
     if parts is not None:
         for key, part in parts:
             yield from flat(part, f"{name}.{key}" if name else str(key))
@@ -73,7 +77,9 @@ def plain_value(message: Any) -> tuple[str, Any]:
     if (kind := kinds.get(message.type)) is None:
         return "not set", None
     value = getattr(message, f"{kind.replace(' ', '_')}_value")
-    return kind.replace("bool", "boolean"), value.tolist() if isinstance(value, np.ndarray) else value
+    return kind.replace("bool", "boolean"), value.tolist() if isinstance(
+        value, np.ndarray
+    ) else value
 
 
 class Parameters:
@@ -86,7 +92,9 @@ class Parameters:
 
     def _serve(self, node: Node, service: str, transport: Way) -> None:
         type_ = service_type(f"rcl_interfaces/srv/{service}")
-        words = "".join(f"_{letter.lower()}" if letter.isupper() else letter for letter in service)[1:]
+        words = "".join(f"_{letter.lower()}" if letter.isupper() else letter for letter in service)[
+            1:
+        ]
         answer = getattr(self, f"_{words}")
 
         def handle(request: Any) -> Any:
@@ -103,11 +111,19 @@ class Parameters:
 
     def _describe_parameters(self, request: Any) -> dict[str, Any]:
         kinds = [(name, parameter_value(self._values.get(name)).type) for name in request.names]
-        return {"descriptors": [_made("ParameterDescriptor", name=n, type=t, read_only=True) for n, t in kinds]}
+        return {
+            "descriptors": [
+                _made("ParameterDescriptor", name=n, type=t, read_only=True) for n, t in kinds
+            ]
+        }
 
     def _list_parameters(self, request: Any) -> dict[str, Any]:
         prefixes = request.prefixes or [""]
-        names = [n for n in self._values if any(_is_below(n, prefix, request.depth) for prefix in prefixes)]
+        names = [
+            n
+            for n in self._values
+            if any(_is_below(n, prefix, request.depth) for prefix in prefixes)
+        ]
         parents = sorted({name.rpartition(".")[0] for name in names} - {""})
         return {"result": _made("ListParametersResult", names=names, prefixes=parents)}
 

@@ -31,7 +31,9 @@ _log = logging.getLogger("sfglab.bus")
 _ACK_S = 0.01  #: How often it is asked whether all is acknowledged.
 
 
-def topic_endpoint(type_: MessageType, topic: str, qos: QoSProfile | int, **options: Any) -> RawEndpoint:
+def topic_endpoint(
+    type_: MessageType, topic: str, qos: QoSProfile | int, **options: Any
+) -> RawEndpoint:
     """Return the endpoint of a topic, given its resolved name; a number is the depth of a default profile."""
     profile = QoSProfile(depth=qos) if isinstance(qos, int) else qos
     return RawEndpoint(
@@ -47,7 +49,9 @@ def checked_type(message: Any, *, type_: str, where: str) -> None:
     """
     given = getattr(message, "__msgtype__", None)
     if given != type_:
-        raise InvalidMessageError(f"{where!r}: given a {given or type(message).__name__}, allowed is a {type_}")
+        raise InvalidMessageError(
+            f"{where!r}: given a {given or type(message).__name__}, allowed is a {type_}"
+        )
 
 
 class TopicEnd:
@@ -148,16 +152,26 @@ class Subscription(TopicEnd):
     """One topic's incoming messages, bounded by its QoS, for `take`, `async for` or a callback."""
 
     def __init__(
-        self, node: Any, backend: Backend, endpoint: RawEndpoint, callback: Callback | None, *, raw: bool
+        self,
+        node: Any,
+        backend: Backend,
+        endpoint: RawEndpoint,
+        callback: Callback | None,
+        *,
+        raw: bool,
     ) -> None:
         super().__init__(node, backend, endpoint)
         self._decode = itemgetter(0) if raw else _decoding(backend, endpoint.type)
         calls = backend.calls(self._what)
         kind = ThreadInbox if endpoint.threaded else Inbox
-        self._inbox = kind(backend.bridge, endpoint.qos, decode=self._decode, callback=callback, calls=calls)
+        self._inbox = kind(
+            backend.bridge, endpoint.qos, decode=self._decode, callback=callback, calls=calls
+        )
         self._reader = backend.open_reader(endpoint, self._changed.notify, self._inbox)
         self.gid = self._reader.gid  #: The 16-byte DDS GUID under which others know it.
-        unwatch = backend.watch_publishers(self._reader, endpoint, _Warnings(backend, endpoint).hear)
+        unwatch = backend.watch_publishers(
+            self._reader, endpoint, _Warnings(backend, endpoint).hear
+        )
         self._incoming = _Incoming(self._reader, self._inbox, unwatch)
         backend.register(self._incoming)
 
@@ -190,7 +204,9 @@ class Subscription(TopicEnd):
         """Return the oldest queued message and what is known about it; see `take`."""
         sample = await self._sample(timeout_s)
         _, source_ns, received_ns, gid = sample
-        info = MessageInfo(source_timestamp_ns=source_ns, received_timestamp_ns=received_ns, publisher_gid=gid)
+        info = MessageInfo(
+            source_timestamp_ns=source_ns, received_timestamp_ns=received_ns, publisher_gid=gid
+        )
         return self._decode(sample), info
 
     async def __aiter__(self) -> AsyncIterator[Any]:
@@ -201,7 +217,9 @@ class Subscription(TopicEnd):
             except ClosedError:
                 return
             yield self._decode(sample)
-            del sample  # a shared-memory slot is free again when the caller has let go of the message
+            del (
+                sample
+            )  # a shared-memory slot is free again when the caller has let go of the message
 
     def get_publisher_count(self) -> int:
         """Return how many publishers match now."""

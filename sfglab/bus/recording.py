@@ -37,8 +37,12 @@ if TYPE_CHECKING:
 _BATCH = 256
 _LAST_BATCHES = 8
 _OTHERS_S = 0.2  #: How long publishers of one topic may take to appear together.
-_UNACKNOWLEDGED = 256  #: How many a played reliable topic keeps; its readers are waited for at half of them.
-_STANDS_STILL_S = 15.0  #: After which a reader is not waited for again; one that is gone is noticed before.
+_UNACKNOWLEDGED = (
+    256  #: How many a played reliable topic keeps; its readers are waited for at half of them.
+)
+_STANDS_STILL_S = (
+    15.0  #: After which a reader is not waited for again; one that is gone is noticed before.
+)
 _MATCH_S = 3.0
 _LATE_S = 2.0  #: How long readers may take for what was played last.
 
@@ -51,7 +55,12 @@ class Recorder:
     """
 
     def __init__(
-        self, node: Node, open_log: Callable[[], AnyWriter], *, wanted: Callable[[str], bool], told: Told
+        self,
+        node: Node,
+        open_log: Callable[[], AnyWriter],
+        *,
+        wanted: Callable[[str], bool],
+        told: Told,
     ) -> None:
         self.counts: Counter[str] = Counter()  #: Messages written, by topic.
         self._node = node
@@ -119,7 +128,9 @@ class Recorder:
             return
         kind = publishers[0].type
         try:
-            subscription = self._node.create_subscription(kind, topic, qos=usual_qos(publishers), raw=True)
+            subscription = self._node.create_subscription(
+                kind, topic, qos=usual_qos(publishers), raw=True
+            )
         except (UnknownTypeError, FqnError) as error:
             self._told(f"Topic '{topic}' is not recorded: {error}")
             return
@@ -128,7 +139,9 @@ class Recorder:
         qos = _offered(publishers)
         while True:
             cdr, info = await subscription.take_with_info()
-            await self._queue.put((topic, kind, cdr, info.received_timestamp_ns, info.source_timestamp_ns, qos))
+            await self._queue.put(
+                (topic, kind, cdr, info.received_timestamp_ns, info.source_timestamp_ns, qos)
+            )
 
     def _waiting(self) -> list[tuple[Any, ...]]:
         return [self._queue.get_nowait() for _ in range(self._queue.qsize())]
@@ -209,7 +222,9 @@ class Player:
         """Wait until subscriptions that are there are found and matched."""
         seen = await settled(self._node)
         for topic, publisher in self._publishers.items():
-            count = len([e for e in seen.ends(topic, EndpointKind.SUBSCRIPTION) if e.transport == "dds"])
+            count = len(
+                [e for e in seen.ends(topic, EndpointKind.SUBSCRIPTION) if e.transport == "dds"]
+            )
             for _ in range(round(_MATCH_S / 0.1)):
                 if publisher.get_subscription_count() >= count:
                     break
@@ -241,7 +256,9 @@ class Player:
             return
         if not await publisher.wait_for_all_acked(_STANDS_STILL_S):
             self._left_behind.add(topic)
-            self._told(f"Topic '{topic}': a subscription stands still, and is not waited for any more")
+            self._told(
+                f"Topic '{topic}': a subscription stands still, and is not waited for any more"
+            )
 
 
 def _next(messages: Iterable[LogMessage]) -> list[LogMessage]:

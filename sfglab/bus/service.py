@@ -59,7 +59,9 @@ class _Pair:
         self.name = name
         self.changed = Signal(backend.loop)
         self.calls = backend.calls(f"{'service' if server else 'client'} {name!r}")
-        identity = user_data({"serviceid" if server else "clientid": backend.random_bytes(16).hex(".")})
+        identity = user_data(
+            {"serviceid" if server else "clientid": backend.random_bytes(16).hex(".")}
+        )
         in_, out = _halves(name, type_, identity, server=server, transport=transport)
         self._transport = transport
         self.inbox = Inbox(
@@ -72,7 +74,9 @@ class _Pair:
     def peers(self) -> frozenset[bytes]:
         """Return the GUID prefixes of participants that have both halves of the other side, framed as ours."""
         both = self.writer.matched_prefixes & self.reader.matched_prefixes
-        return frozenset(one for one in both if one.startswith(FAST_DDS) == (self._transport == "ros"))
+        return frozenset(
+            one for one in both if one.startswith(FAST_DDS) == (self._transport == "ros")
+        )
 
     def strangers(self) -> str:
         """Return who has both halves framed otherwise, and what helps; empty when nobody has."""
@@ -96,7 +100,12 @@ def _halves(
     service = service_type(type_)
     request, reply = (
         RawEndpoint(
-            dds_topic=topic, type=type_name(half), qos=qos, user_data=identity, name=name, transport=transport
+            dds_topic=topic,
+            type=type_name(half),
+            qos=qos,
+            user_data=identity,
+            name=name,
+            transport=transport,
         )
         for topic, half, qos in zip(
             names.dds_service(name),
@@ -116,7 +125,11 @@ class _Server:
     """Answers requests, each in a task of its own; apart from `Service` so that it never holds the node."""
 
     def __init__(
-        self, handler: Handler, request: type[Any], response: str, answered: Callable[[Any], None] | None
+        self,
+        handler: Handler,
+        request: type[Any],
+        response: str,
+        answered: Callable[[Any], None] | None,
     ) -> None:
         self.pair: _Pair | None = None
         self._answered = answered
@@ -134,7 +147,9 @@ class _Server:
         checked_type(response, type_=self._response, where=pair.name)
         prefix = publisher_gid[:12]
         # A client can know the server before the server knows it; an answer sent then is lost.
-        await pair.changed.wait_until(lambda: prefix in pair.writer.matched_prefixes, _CLIENT_TIMEOUT_S)
+        await pair.changed.wait_until(
+            lambda: prefix in pair.writer.matched_prefixes, _CLIENT_TIMEOUT_S
+        )
         pair.send(frame._replace(cdr=serialize(response)))
         if self._answered is not None:
             self._answered(request)
@@ -181,7 +196,9 @@ class Service:
 class Client:
     """A service's client; made by `Node.create_client`. Calls may run concurrently."""
 
-    def __init__(self, node: Any, backend: Backend, type_: str, *, name: str, transport: Transport) -> None:
+    def __init__(
+        self, node: Any, backend: Backend, type_: str, *, name: str, transport: Transport
+    ) -> None:
         self.service_name = name  #: The fully resolved ROS service.
         service = service_type(type_)
         self._request_type = type_name(service.request)
@@ -190,7 +207,9 @@ class Client:
         self._sequence = 0
         self._pending: dict[int, asyncio.Future[ServiceFrame]] = {}
         on_frame = partial(_resolve, self._guid, self._pending)
-        self._pair = _Pair(backend, type_, name, server=False, transport=transport, on_frame=on_frame)
+        self._pair = _Pair(
+            backend, type_, name, server=False, transport=transport, on_frame=on_frame
+        )
         self._pair.on_close = partial(_fail, self._pending, f"client {name!r}", backend.loop)
         self._node = node  # keeps the node alive for as long as its client is held
         self._backend = backend
@@ -213,7 +232,9 @@ class Client:
         """Return once no server can be called, at once if there is none now."""
         await self._pair.changed.wait_until(lambda: not self.service_is_ready(), None)
 
-    async def call(self, request: Any, timeout_s: float | None = 5.0, *, max_bytes: int | None = None) -> Any:
+    async def call(
+        self, request: Any, timeout_s: float | None = 5.0, *, max_bytes: int | None = None
+    ) -> Any:
         """Return the server's response, unless it has more than `max_bytes`.
 
         The time-out, None for ever, is for finding a server and for its response together, in seconds.
@@ -237,10 +258,14 @@ class Client:
             async with asyncio.timeout(remaining_s):
                 frame = await self._exchange(serialize(request))
         except TimeoutError as error:
-            reason = "the server did not respond" if self.service_is_ready() else "the server has gone"
+            reason = (
+                "the server did not respond" if self.service_is_ready() else "the server has gone"
+            )
             raise BusTimeoutError(f"{said} ({reason})") from error
         if max_bytes is not None and len(frame.cdr) > max_bytes:
-            raise InvalidValueError(f"response of {name!r}", f"{len(frame.cdr)} bytes", f"{max_bytes}")
+            raise InvalidValueError(
+                f"response of {name!r}", f"{len(frame.cdr)} bytes", f"{max_bytes}"
+            )
         return deserialize(frame.cdr, self._response)
 
     def close(self) -> None:
@@ -258,7 +283,10 @@ class Client:
 
 
 def _resolve(
-    guid: int, pending: dict[int, asyncio.Future[ServiceFrame]], frame: ServiceFrame, _publisher_gid: bytes
+    guid: int,
+    pending: dict[int, asyncio.Future[ServiceFrame]],
+    frame: ServiceFrame,
+    _publisher_gid: bytes,
 ) -> None:
     """Give a reply to the call that waits for it; replies to others share the topic and are ignored."""
     future = pending.get(frame.sequence) if frame.client_guid == guid else None
@@ -266,7 +294,9 @@ def _resolve(
         future.set_result(frame)
 
 
-def _fail(pending: dict[int, asyncio.Future[ServiceFrame]], what: str, loop: asyncio.AbstractEventLoop) -> None:
+def _fail(
+    pending: dict[int, asyncio.Future[ServiceFrame]], what: str, loop: asyncio.AbstractEventLoop
+) -> None:
     if loop.is_closed():
         return
     for future in list(pending.values()):

@@ -126,11 +126,20 @@ def _sentence(error: Any) -> tuple[str, int]:
         return str(error), 1
     if isinstance(error, OSError) and error.filename is not None:
         return f"{fsdecode(error.filename)}: {why(error)}", 1
-    if isinstance(error, ModuleNotFoundError) and error.name and not error.name.startswith("sfglab"):
-        return f"this needs {error.name}, which sfglab brings, and sfglab-robot[depth] for depth and frames", 1
+    if (
+        isinstance(error, ModuleNotFoundError)
+        and error.name
+        and not error.name.startswith("sfglab")
+    ):
+        return (
+            f"this needs {error.name}, which sfglab brings, and sfglab-robot[depth] for depth and frames",
+            1,
+        )
     if isinstance(error, OSError) and error.errno in (ENOSPC, EFBIG, EIO):
         return f"standard output: {why(error)}", 1
-    if not hasattr(error, "format_message"):  # typer brings a click of its own, or takes the installed one
+    if not hasattr(
+        error, "format_message"
+    ):  # typer brings a click of its own, or takes the installed one
         return "", 1
     if type(error).__name__ == "NoArgsIsHelpError":  # a group without a command
         error.show()

@@ -37,7 +37,9 @@ Domain = Annotated[int | None, domain_option("DDS domain.")]
 Interface = Annotated[str | None, Option(help="Network interface; lo stays inside.")]
 SpinTime = Annotated[
     float | None,
-    Option("--spin-time", min=0.0, help="Seconds to wait for discovery. [default: until all is quiet]"),
+    Option(
+        "--spin-time", min=0.0, help="Seconds to wait for discovery. [default: until all is quiet]"
+    ),
 ]
 Json = Annotated[bool, Option("--json", help="Print JSON.")]
 Hidden = Annotated[bool, Option("--include-hidden", "-a", help="Consider names below _ as well.")]
@@ -59,14 +61,20 @@ def on_node(place: Place, body: Callable[[Node], Coroutine[Any, Any, T]], name: 
     async def main() -> T:
         from sfglab.bus import Node
 
-        async with Node(name or f"_sfglab_{os.getpid()}", domain_id=place[0], interface=place[1]) as node:
+        async with Node(
+            name or f"_sfglab_{os.getpid()}", domain_id=place[0], interface=place[1]
+        ) as node:
             return await body(node)
 
     return run(main())
 
 
 def until_interrupted(
-    place: Place, body: Callable[[Node], Coroutine[Any, Any, None]], name: str = "", *, err: bool = True
+    place: Place,
+    body: Callable[[Node], Coroutine[Any, Any, None]],
+    name: str = "",
+    *,
+    err: bool = True,
 ) -> None:
     """Do as `on_node` until it ends, or until Ctrl-C, which is one line, of errors or not."""
     if on_node(place, lambda node: run_until_interrupted(body(node)), name):
@@ -101,7 +109,9 @@ async def transport_of(node: Node, service: str, timeout_s: float | None) -> Tra
         while not await node.graph.wait_for(lambda: bool(servers()), _TOPIC_S):
             start_s += _TOPIC_S
             if timeout_s is not None and start_s > timeout_s:
-                raise BusTimeoutError(f"service {service!r}: no server was found within {timeout_s} s")
+                raise BusTimeoutError(
+                    f"service {service!r}: no server was found within {timeout_s} s"
+                )
     if "dds" in (found := {server.transport for server in servers()}) or "ros" not in found:
         return "dds"
     if why := node.backend.ros.why:
@@ -112,7 +122,9 @@ async def transport_of(node: Node, service: str, timeout_s: float | None) -> Tra
 
 async def call(node: Node, type_: str, service: str, request: Any, timeout_s: float | None) -> Any:
     """Return a server's response; errors as of `transport_of` and `Client.call`."""
-    client = node.create_client(type_, service, transport=await transport_of(node, service, timeout_s))
+    client = node.create_client(
+        type_, service, transport=await transport_of(node, service, timeout_s)
+    )
     return await client.call(request, timeout_s)
 
 
@@ -129,14 +141,18 @@ def tell(values: Any) -> None:
     typer.echo(json.dumps(to_json(values), ensure_ascii=False, default=str))
 
 
-def list_names(found: dict[str, tuple[str, ...]], *, show_types: bool, count: bool, as_json: bool) -> None:
+def list_names(
+    found: dict[str, tuple[str, ...]], *, show_types: bool, count: bool, as_json: bool
+) -> None:
     """Print names with their types as ROS 2's lists do."""
     from sfglab.bus.listing import names_text
 
     if as_json:
         tell([{"name": name, "types": types} for name, types in found.items()])
     else:
-        typer.echo(f"{len(found)}\n" if count else names_text(found, show_types=show_types), nl=False)
+        typer.echo(
+            f"{len(found)}\n" if count else names_text(found, show_types=show_types), nl=False
+        )
 
 
 def changed_qos(
@@ -152,7 +168,9 @@ def changed_qos(
     from sfglab import qos as policies
 
     if reliability is not None:
-        qos = replace(qos, reliability=_choice(policies.Reliability, reliability, "--qos-reliability"))
+        qos = replace(
+            qos, reliability=_choice(policies.Reliability, reliability, "--qos-reliability")
+        )
     if durability is not None:
         qos = replace(qos, durability=_choice(policies.Durability, durability, "--qos-durability"))
     return qos if depth is None else replace(qos, history=policies.History.KEEP_LAST, depth=depth)
@@ -170,7 +188,9 @@ def full_type(name: str, kind: str) -> str:
     return f"{package}/{kind}/{rest}" if slash and "/" not in rest else name
 
 
-async def type_of(node: Node, topic: str, given: str | None, *, wait: bool) -> tuple[str, list[EndpointInfo]]:
+async def type_of(
+    node: Node, topic: str, given: str | None, *, wait: bool
+) -> tuple[str, list[EndpointInfo]]:
     """Return a topic's type and publishers, once there are any or, if a type is given, after a look around.
 
     Raises:
@@ -198,7 +218,9 @@ async def type_of(node: Node, topic: str, given: str | None, *, wait: bool) -> t
 def _only(types: Iterable[str], topic: str) -> str:
     first, *more = sorted(types)
     if more:
-        raise InvalidValueError(f"topic {topic}, type", None, f"one of {', '.join((first, *more))}, to be said")
+        raise InvalidValueError(
+            f"topic {topic}, type", None, f"one of {', '.join((first, *more))}, to be said"
+        )
     return first
 
 
@@ -230,5 +252,7 @@ def unused(why: str, *names: str) -> None:
     context = click.get_current_context()
     options = {parameter.name: max(parameter.opts, key=len) for parameter in context.command.params}
     source = context.get_parameter_source
-    if given := [options[name] for name in names if getattr(source(name), "name", "") == "COMMANDLINE"]:
+    if given := [
+        options[name] for name in names if getattr(source(name), "name", "") == "COMMANDLINE"
+    ]:
         raise SfglabError(f"{' and '.join(given)}: given {why}")

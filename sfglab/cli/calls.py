@@ -15,8 +15,12 @@ from sfglab.cli.interfaces import Interfaces
 if TYPE_CHECKING:
     from sfglab.bus import ClientGoalHandle, Node
 
-service_app = typer.Typer(help="Services of a domain, in the words of ros2 service.", no_args_is_help=True)
-action_app = typer.Typer(help="Actions of a domain, in the words of ros2 action.", no_args_is_help=True)
+service_app = typer.Typer(
+    help="Services of a domain, in the words of ros2 service.", no_args_is_help=True
+)
+action_app = typer.Typer(
+    help="Actions of a domain, in the words of ros2 action.", no_args_is_help=True
+)
 
 
 @service_app.command("list")
@@ -93,10 +97,16 @@ def list_actions(
 @action_app.command("send-goal")
 def send_goal(
     action: Annotated[str, Argument(help="Name of the action, e.g. /count")],
-    type_: Annotated[str, Argument(metavar="TYPE", help="Type, e.g. example_interfaces/action/Fibonacci")],
+    type_: Annotated[
+        str, Argument(metavar="TYPE", help="Type, e.g. example_interfaces/action/Fibonacci")
+    ],
     values: Annotated[str, Argument(help="The goal's fields as YAML, e.g. '{order: 5}'")] = "",
-    feedback: Annotated[bool, Option("--feedback", "-f", help="Print the goal's feedback.")] = False,
-    timeout: Annotated[float, Option(min=0.1, help="Seconds until the server accepts the goal.")] = 30.0,
+    feedback: Annotated[
+        bool, Option("--feedback", "-f", help="Print the goal's feedback.")
+    ] = False,
+    timeout: Annotated[
+        float, Option(min=0.1, help="Seconds until the server accepts the goal.")
+    ] = 30.0,
     as_json: Annotated[bool, Option("--json", help="Print JSON lines.")] = False,
     domain: bus.Domain = None,
     interface: bus.Interface = None,
@@ -127,7 +137,9 @@ def send_goal(
         client = node.create_action_client(kind.name, action, transport=transport)
         if not as_json:
             show("Sending goal", goal)
-        hear: Callable[[Any], None] | None = (lambda message: show("Feedback", message)) if feedback else None
+        hear: Callable[[Any], None] | None = (
+            (lambda message: show("Feedback", message)) if feedback else None
+        )
         handle = await client.send_goal(goal, hear, timeout)
         if not as_json:
             typer.echo(f"Goal accepted with ID: {handle.goal_id.hex()}\n")

@@ -18,7 +18,8 @@ if TYPE_CHECKING:
     from sfglab.deploy.rollout import Prospect
 
 app = typer.Typer(
-    help="A fleet's machines: what they have, what they are given, and bringing it there.", no_args_is_help=True
+    help="A fleet's machines: what they have, what they are given, and bringing it there.",
+    no_args_is_help=True,
 )
 _Fleet = Annotated[Path, Argument(help="A fleet file, e.g. data/fleets/esslingen.yaml")]
 _Agents = Annotated[
@@ -29,7 +30,9 @@ _Root = Annotated[
 ]
 _Accelerator = Annotated[
     str | None,
-    Option(help="Whatever the file says: jetson, cuda, rocm, vaapi, v4l2, none, or auto to detect it."),
+    Option(
+        help="Whatever the file says: jetson, cuda, rocm, vaapi, v4l2, none, or auto to detect it."
+    ),
 ]
 _Diff = Annotated[bool, Option("--diff", help="Show changed texts line by line.")]
 
@@ -51,7 +54,11 @@ def detect(
 
     machine = detect_machine(root)
     codecs = codecs_found(machine) if root.resolve() == Path("/") else None
-    say({"machine": machine, "codecs": codecs}, lambda _: render_machine(machine, codecs), as_json=as_json)
+    say(
+        {"machine": machine, "codecs": codecs},
+        lambda _: render_machine(machine, codecs),
+        as_json=as_json,
+    )
 
 
 @app.command()
@@ -73,7 +80,9 @@ def plan(
     """
     from sfglab.deploy.rollout import render_prospects
 
-    prospects = [prospect for prospect, _ in _prospects(_source(fleet, agent, accelerator), agent, root)]
+    prospects = [
+        prospect for prospect, _ in _prospects(_source(fleet, agent, accelerator), agent, root)
+    ]
     say(prospects, partial(render_prospects, diff=diff), as_json=as_json)
     raise typer.Exit(any(prospect.plan is None for prospect in prospects))
 
@@ -125,8 +134,12 @@ def check(
 
     source = _source(fleet, agent, accelerator)
     release, _ = make_release(SOURCE, source.text)
-    bar = partial(tqdm, total=len(agent or source.fleet.agents), unit=" agents", leave=False, disable=None)
-    verdicts = check_fleet(source, release, agents=tuple(agent or ()), detect=detect_over, progress=bar)
+    bar = partial(
+        tqdm, total=len(agent or source.fleet.agents), unit=" agents", leave=False, disable=None
+    )
+    verdicts = check_fleet(
+        source, release, agents=tuple(agent or ()), detect=detect_over, progress=bar
+    )
     say(verdicts, partial(render_verdicts, every=every), as_json=as_json)
     raise typer.Exit(fails(verdicts))
 
@@ -169,7 +182,9 @@ def apply(
 
 
 @app.command()
-def releases(fleet: _Fleet, agent: _Agents = None, root: _Root = None, as_json: Json = False) -> None:
+def releases(
+    fleet: _Fleet, agent: _Agents = None, root: _Root = None, as_json: Json = False
+) -> None:
     """List the releases that each machine keeps, the newest first: what `apply --tag` can go back to.
 
     Example:

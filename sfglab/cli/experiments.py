@@ -28,17 +28,21 @@ def doctor(as_json: Json = False) -> None:
 
 
 def reproduce(
-    notebooks: Annotated[list[str] | None, Argument(help="Notebooks by name; all when none.")] = None,
+    notebooks: Annotated[
+        list[str] | None, Argument(help="Notebooks by name; all when none.")
+    ] = None,
     profile: Annotated[str, Option(help="smoke (seconds), quick (minutes) or paper.")] = "quick",
     seed: Annotated[int, Option(min=0, help="Seed of everything that is drawn.")] = 0,
     parameter: Annotated[
-        list[str] | None, Option("-p", "--parameter", help="A field of the configuration, as name=value.")
+        list[str] | None,
+        Option("-p", "--parameter", help="A field of the configuration, as name=value."),
     ] = None,
     write: Annotated[
         bool, Option("--write", help="Also replace the notebooks by their executed copies.")
     ] = False,
     ahead: Annotated[
-        bool, Option(help="Compute sweeps of notebooks to come, and draw figures, while live parts run.")
+        bool,
+        Option(help="Compute sweeps of notebooks to come, and draw figures, while live parts run."),
     ] = True,
 ) -> None:
     """Run notebooks headless: logs, figures and, at the end, the ledger of claims.
@@ -69,7 +73,8 @@ def reproduce(
         project=project,
         parameters={"profile": profile, "seed": seed, **given},
         write=write,
-        ahead=ahead and profile != SMOKE,  # whose sweeps are over before a process would have started
+        ahead=ahead
+        and profile != SMOKE,  # whose sweeps are over before a process would have started
     )
     typer.echo(render(compute_ledger(project, profile=profile)))
     failed = [o for o in outcomes if o.error]
@@ -79,18 +84,28 @@ def reproduce(
     raise typer.Exit(code=1 if failed else 0)
 
 
-def lab(options: Annotated[list[str] | None, Argument(help="JupyterLab's own, after --.")] = None) -> None:
+def lab(
+    options: Annotated[list[str] | None, Argument(help="JupyterLab's own, after --.")] = None,
+) -> None:
     """Open JupyterLab on the index notebook, with the repository beside it.
 
     Examples:
       sfglab lab
       sfglab lab -- --no-browser --ServerApp.base_url=/user/a/
     """
-    argv = [sys.executable, "-m", "jupyterlab", f"--ServerApp.root_dir={find_project().root.resolve()}"]
+    argv = [
+        sys.executable,
+        "-m",
+        "jupyterlab",
+        f"--ServerApp.root_dir={find_project().root.resolve()}",
+    ]
     argv += ["--allow-root"] * (os.getuid() == 0)  # in a container everybody is
     argv += ["--LabApp.default_url=/lab/tree/notebooks/00_index.ipynb", *(options or ())]
     # Its configuration switches the part off that asks a public site for news.
-    paths = [str(Path(sfglab.lab.__file__).parent / "jupyter"), os.environ.get("JUPYTER_CONFIG_PATH", "")]
+    paths = [
+        str(Path(sfglab.lab.__file__).parent / "jupyter"),
+        os.environ.get("JUPYTER_CONFIG_PATH", ""),
+    ]
     environment = os.environ | {"JUPYTER_CONFIG_PATH": os.pathsep.join(filter(None, paths))}
     os.execve(argv[0], argv, environment)  # noqa: S606  # one process, whose signals are JupyterLab's
 
@@ -111,9 +126,12 @@ def figures() -> None:
 
 def claims(
     as_json: Annotated[bool, Option("--json", help="Print JSON instead of a table.")] = False,
-    verbose: Annotated[bool, Option(help="Say of each what it is judged by, and where it is from.")] = False,
+    verbose: Annotated[
+        bool, Option(help="Say of each what it is judged by, and where it is from.")
+    ] = False,
     every: Annotated[
-        bool, Option("--all", help="Every run's figures, a line a log, also of those that do not speak.")
+        bool,
+        Option("--all", help="Every run's figures, a line a log, also of those that do not speak."),
     ] = False,
 ) -> None:
     """Print the ledger: what the papers said, what we measured, and the verdict.

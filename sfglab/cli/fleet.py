@@ -20,7 +20,8 @@ if TYPE_CHECKING:
     from sfglab.fleet.agent.plan import AgentConfig
 
 fleet_app = typer.Typer(
-    help="A fleet file: what crosses its borders, and routers' configurations for it.", no_args_is_help=True
+    help="A fleet file: what crosses its borders, and routers' configurations for it.",
+    no_args_is_help=True,
 )
 agent_app = typer.Typer(
     help="An agent of a fleet: router, status provider, discoverer, decoder.", no_args_is_help=True
@@ -34,13 +35,16 @@ _OwnDomain = Annotated[
 _GlobalInterface = Annotated[str | None, Option(help="Interface towards the other agents.")]
 _Offers = Annotated[
     bool | None,
-    Option(help="Whether ROS 2's tools list what nobody has subscribed yet; yes, or the fleet file's."),
+    Option(
+        help="Whether ROS 2's tools list what nobody has subscribed yet; yes, or the fleet file's."
+    ),
 ]
 
 
 @fleet_app.command()
 def lint(
-    file: Annotated[Path, Argument(help="A fleet file, e.g. data/fleets/lab.yaml")], as_json: Json = False
+    file: Annotated[Path, Argument(help="A fleet file, e.g. data/fleets/lab.yaml")],
+    as_json: Json = False,
 ) -> None:
     """Say who hears what, which services are half open, which frames clash, and what discovery will cost.
 
@@ -65,8 +69,12 @@ def lint(
 def router_configuration(
     file: Annotated[Path, Argument(help="A fleet file.")],
     agent: Annotated[str, Option(help="Whose router.")],
-    target: Annotated[str, Option(help="dds-router, zenoh-bridge, zenoh-acl or domain-bridge.")] = "dds-router",
-    output: Annotated[Path | None, Option("--output", "-o", help="Write here, not to the terminal.")] = None,
+    target: Annotated[
+        str, Option(help="dds-router, zenoh-bridge, zenoh-acl or domain-bridge.")
+    ] = "dds-router",
+    output: Annotated[
+        Path | None, Option("--output", "-o", help="Write here, not to the terminal.")
+    ] = None,
 ) -> None:
     """Write the configuration of a router by others that lets through what our own would.
 
@@ -82,7 +90,9 @@ def router_configuration(
 
 @fleet_app.command()
 def check(
-    file: Annotated[Path, Argument(help="A configuration of a DDS Router (.yaml) or Zenoh (.json5).")],
+    file: Annotated[
+        Path, Argument(help="A configuration of a DDS Router (.yaml) or Zenoh (.json5).")
+    ],
     fleet: Annotated[
         Path | None, Option(help="Also: does it let through what this fleet's policy does?")
     ] = None,
@@ -105,10 +115,15 @@ def check(
 @fleet_app.command()
 def security(
     file: Annotated[Path, Argument(help="A fleet file.")],
-    out: Annotated[Path, Option("--out", "-o", help="The keystore's folder; agents are added to one.")],
-    days: Annotated[int, Option(min=1, help="How long certificates and permissions are valid.")] = 365,
+    out: Annotated[
+        Path, Option("--out", "-o", help="The keystore's folder; agents are added to one.")
+    ],
+    days: Annotated[
+        int, Option(min=1, help="How long certificates and permissions are valid.")
+    ] = 365,
     renew: Annotated[
-        list[str] | None, Option(help="An agent that gets a new certificate and the file's permissions.")
+        list[str] | None,
+        Option(help="An agent that gets a new certificate and the file's permissions."),
     ] = None,
 ) -> None:
     """Make keys, certificates and permissions for DDS Security, as ROS 2's sros2 lays them out.
@@ -127,7 +142,9 @@ def security(
 @agent_app.command("up")
 def agent_up(
     domain: _OwnDomain = None,
-    interface: Annotated[str | None, Option(help="Interface of its own domain; lo keeps it inside.")] = None,
+    interface: Annotated[
+        str | None, Option(help="Interface of its own domain; lo keeps it inside.")
+    ] = None,
     global_domain: _GlobalDomain = None,
     global_interface: _GlobalInterface = None,
     fleet: Annotated[Path | None, Option(help="A fleet file that describes the agent.")] = None,
@@ -135,14 +152,19 @@ def agent_up(
         str | None, Option(help="Its name; SFG_AGENT_NAME, else the host's name, when not given.")
     ] = None,
     without: Annotated[
-        list[str] | None, Option(help="A component to leave out: router, status, discoverer, keeper, decoder.")
+        list[str] | None,
+        Option(help="A component to leave out: router, status, discoverer, keeper, decoder."),
     ] = None,
     offers: _Offers = None,
     parameters: Annotated[
         Literal["dds", "ros"] | None,
-        Option(help="Let ros2 param read router and decoder: over dds (rmw_cyclonedds), or by a ROS 2 here."),
+        Option(
+            help="Let ros2 param read router and decoder: over dds (rmw_cyclonedds), or by a ROS 2 here."
+        ),
     ] = None,
-    as_json: Annotated[bool, Option("--json", help="Report JSON lines instead of sentences.")] = False,
+    as_json: Annotated[
+        bool, Option("--json", help="Report JSON lines instead of sentences.")
+    ] = False,
     _interfaces: Interfaces = None,
 ) -> None:
     """Run an agent: everything that paper A puts on each robot, until Ctrl-C.
@@ -159,7 +181,9 @@ def agent_up(
     from sfglab.fleet.agent import plan
     from sfglab.fleet.agent.app import serve_agent
 
-    config = _agent_config(agent, fleet, (domain, interface), (global_domain, global_interface), offers)
+    config = _agent_config(
+        agent, fleet, (domain, interface), (global_domain, global_interface), offers
+    )
     config = replace(plan.without(config, without or ()), parameters=parameters)
     run(serve_agent(config, typer.echo, as_json=as_json))
 
@@ -172,7 +196,8 @@ def router(
     fleet: Annotated[Path | None, Option(help="A fleet file: domains, policy and frames.")] = None,
     agent: Annotated[str | None, Option(help="Name of the agent.")] = None,
     prefix_frames: Annotated[
-        bool | None, Option(help="Whether TF frames get the agent's name in front on their way out; yes.")
+        bool | None,
+        Option(help="Whether TF frames get the agent's name in front on their way out; yes."),
     ] = None,
     offers: _Offers = None,
     _interfaces: Interfaces = None,
@@ -187,7 +212,9 @@ def router(
     from sfglab.fleet.router.node import serve_terminal
 
     if domain is None and fleet is None and VARIABLE not in os.environ:
-        raise typer.BadParameter("nothing is given, allowed: a domain, or a fleet file", param_hint="--domain")
+        raise typer.BadParameter(
+            "nothing is given, allowed: a domain, or a fleet file", param_hint="--domain"
+        )
     sides = (domain, interface), (global_domain, global_interface)
     config = router_config(_agent_config(agent, fleet, *sides, offers))
     if prefix_frames is not None:
@@ -205,15 +232,20 @@ def _agent_config(
 
     if local[0] is None and fleet is None and VARIABLE in os.environ:
         local = usual_domain_id(), local[1]
-    sides = [SideOptions(domain_id=domain, interface=interface) for domain, interface in (local, remote)]
+    sides = [
+        SideOptions(domain_id=domain, interface=interface) for domain, interface in (local, remote)
+    ]
     described = load_fleet(fleet) if fleet is not None else None
-    config = config_from_options(agent or default_agent(), described, local=sides[0], remote=sides[1])
+    config = config_from_options(
+        agent or default_agent(), described, local=sides[0], remote=sides[1]
+    )
     return config if offers is None else replace(config, offers=offers)
 
 
 def decoder(
     streams: Annotated[
-        list[str] | None, Argument(help="Remote streams by name, e.g. /global/go2/camera_front/color/ffmpeg")
+        list[str] | None,
+        Argument(help="Remote streams by name, e.g. /global/go2/camera_front/color/ffmpeg"),
     ] = None,
     domain: Annotated[int | None, domain_option("DDS domain of the local subscribers.")] = None,
     interface: Annotated[str | None, Option(help="Interface of the local domain.")] = None,
@@ -221,8 +253,12 @@ def decoder(
         int | None, domain_option("DDS domain of the remote streams.", "the local one")
     ] = None,
     remote_interface: Annotated[str | None, Option(help="Interface of the remote domain.")] = None,
-    linger: Annotated[float, Option(min=0.0, help="Seconds a pipeline outlives its last subscriber.")] = 1.0,
-    offers: Annotated[bool, Option(help="Whether ROS 2's tools list what nobody decodes yet.")] = True,
+    linger: Annotated[
+        float, Option(min=0.0, help="Seconds a pipeline outlives its last subscriber.")
+    ] = 1.0,
+    offers: Annotated[
+        bool, Option(help="Whether ROS 2's tools list what nobody decodes yet.")
+    ] = True,
 ) -> None:
     """Decode remote streams once for all subscribers on this device, on demand.
 
@@ -261,7 +297,9 @@ def camera(
     ] = "photos",
     codec: Annotated[
         Literal["h264", "rvl", "med"],
-        Option(help="h264 (colour); rvl, or med, ours and smaller (depth, need a source with depth)."),
+        Option(
+            help="h264 (colour); rvl, or med, ours and smaller (depth, need a source with depth)."
+        ),
     ] = "h264",
     domain: Domain = None,
     interface: Annotated[str | None, Option(help="Network interface.")] = None,
@@ -279,7 +317,12 @@ def camera(
         unused(f"with --codec {codec}, whose encoder is the only one", "encoder")
     config = CameraConfig(
         places=(
-            (BusAddress(domain_id=usual_domain_id() if domain is None else domain, interface=interface), topic),
+            (
+                BusAddress(
+                    domain_id=usual_domain_id() if domain is None else domain, interface=interface
+                ),
+                topic,
+            ),
         ),
         codec=codec,
         source=source,

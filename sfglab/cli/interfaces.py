@@ -20,7 +20,9 @@ def _register(paths: list[Path] | None) -> None:
 
     for path in paths or ():
         register_interfaces(path)
-        os.environ[VARIABLE] = os.pathsep.join(filter(None, (os.environ.get(VARIABLE), str(path.absolute()))))
+        os.environ[VARIABLE] = os.pathsep.join(
+            filter(None, (os.environ.get(VARIABLE), str(path.absolute())))
+        )
 
 
 Interfaces = Annotated[
@@ -44,6 +46,10 @@ def interfaces(
       sfglab interfaces ~/ros2_ws/src   # then: colcon build --packages-select sfglab_interfaces
     """
     package = Path(sfglab.messages.__file__).parent / "interfaces" / "sfglab_interfaces"
-    files = {path.relative_to(package): path.read_bytes() for path in package.rglob("*") if path.is_file()}
+    files = {
+        path.relative_to(package): path.read_bytes()
+        for path in package.rglob("*")
+        if path.is_file()
+    }
     write_files(files, folder=folder / package.name)
     typer.echo(folder / package.name)

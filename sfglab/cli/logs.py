@@ -44,13 +44,18 @@ Examples:
 
   sfglab log data/reference/cooperation.mcap""",
 )
-_Log_ = Annotated[Path, Argument(metavar="LOG", help="An MCAP file, a rosbag2 folder, .db3 or .bag.")]
+_Log_ = Annotated[
+    Path, Argument(metavar="LOG", help="An MCAP file, a rosbag2 folder, .db3 or .bag.")
+]
 _Topics = Annotated[list[str] | None, Option("--topics", help="Only this topic; may be repeated.")]
 _Regex = Annotated[str | None, Option("--regex", "-e", help="Only topics in which this is found.")]
-_Exclude = Annotated[str | None, Option("--exclude-regex", "-x", help="No topics in which this is found.")]
+_Exclude = Annotated[
+    str | None, Option("--exclude-regex", "-x", help="No topics in which this is found.")
+]
 _Storage = Annotated[str | None, Option("--storage", "-s", help="mcap or sqlite3, of a folder.")]
 _Compression = Annotated[
-    str, Option("--compression-mode", help="none, file, message or, of mcap alone, storage; by zstd.")
+    str,
+    Option("--compression-mode", help="none, file, message or, of mcap alone, storage; by zstd."),
 ]
 _Output = Annotated[Path, Option("--output", "-o", help="A folder to make, or FILE.mcap.")]
 _Start = Annotated[float, Option("--start-offset", min=0.0, help="Seconds to leave out first.")]
@@ -80,7 +85,12 @@ def show(path: _Log_, as_json: Json = False) -> None:
         metadata = {name: reader.metadata(name) for name in reader.metadata_names}
         head, *rows = reader.overview()
         if as_json:
-            tell({"topics": [dict(zip(head, row, strict=True)) for row in rows], "metadata": metadata})
+            tell(
+                {
+                    "topics": [dict(zip(head, row, strict=True)) for row in rows],
+                    "metadata": metadata,
+                }
+            )
             return
         typer.echo(text_table([head, *rows]))
         for name, values in metadata.items():
@@ -122,7 +132,11 @@ def info(path: _Log_, as_json: Json = False) -> None:
 
 def _info(reader: LogReader) -> dict[str, Any]:
     path = reader.path
-    files = sorted(f for f in path.iterdir() if re.search(r"\.(mcap|db3)", f.name)) if path.is_dir() else [path]
+    files = (
+        sorted(f for f in path.iterdir() if re.search(r"\.(mcap|db3)", f.name))
+        if path.is_dir()
+        else [path]
+    )
     start_ns, end_ns = reader.span_ns
     topics = [{"name": n, "type": t.type_name, "count": t.count} for n, t in reader.topics.items()]
     kinds = {".db3": "sqlite3", ".bag": "rosbag v2.0"}
@@ -149,14 +163,20 @@ def _date(time_ns: int) -> str:
 
 def _size(size_bytes: float) -> str:
     power = next(p for p in range(5) if size_bytes < 1024 ** (p + 1) or p == 4)
-    return f"{size_bytes / 1024**power:.{min(power, 1)}f} {('B', 'KiB', 'MiB', 'GiB', 'TiB')[power]}"
+    return (
+        f"{size_bytes / 1024**power:.{min(power, 1)}f} {('B', 'KiB', 'MiB', 'GiB', 'TiB')[power]}"
+    )
 
 
-def _wanted(topics: list[str] | None, regex: str | None, exclude: str | None) -> Callable[[str], bool]:
+def _wanted(
+    topics: list[str] | None, regex: str | None, exclude: str | None
+) -> Callable[[str], bool]:
     """Return whether a topic is meant: named, or found by a pattern; all that are not hidden without either."""
     from sfglab.bus.listing import is_hidden
 
-    found, without = (_pattern(text, name) for text, name in ((regex, "--regex"), (exclude, "--exclude-regex")))
+    found, without = (
+        _pattern(text, name) for text, name in ((regex, "--regex"), (exclude, "--exclude-regex"))
+    )
 
     def wanted(topic: str) -> bool:
         if without and without.search(topic):
@@ -176,12 +196,15 @@ def _pattern(text: str | None, option: str) -> re.Pattern[str] | None:
 
 @app.command()
 def record(
-    topics: Annotated[list[str] | None, Argument(help="Topics, e.g. /chatter; none with -a or -e.")] = None,
+    topics: Annotated[
+        list[str] | None, Argument(help="Topics, e.g. /chatter; none with -a or -e.")
+    ] = None,
     every: Annotated[bool, Option("--all", "-a", help="All topics that are not hidden.")] = False,
     regex: _Regex = None,
     exclude: _Exclude = None,
     output: Annotated[
-        Path | None, Option("--output", "-o", help="A folder to make, or FILE.mcap. [default: by the time]")
+        Path | None,
+        Option("--output", "-o", help="A folder to make, or FILE.mcap. [default: by the time]"),
     ] = None,
     storage: _Storage = None,
     compression: _Compression = "none",
@@ -237,7 +260,9 @@ def record_for(path: Path, seconds: float, place: Place) -> None:
     async def run(node: Node) -> None:
         with suppress(TimeoutError):
             async with asyncio.timeout(seconds):
-                await Recorder(node, lambda: LogWriter(path), wanted=wanted, told=lambda _: None).run()
+                await Recorder(
+                    node, lambda: LogWriter(path), wanted=wanted, told=lambda _: None
+                ).run()
 
     on_node(place, run)
 
@@ -249,7 +274,9 @@ def _counted(counts: Mapping[str, int]) -> str:
 @app.command()
 def play(
     path: _Log_,
-    rate: Annotated[float, Option("--rate", "-r", min=0.001, help="How much faster than recorded.")] = 1.0,
+    rate: Annotated[
+        float, Option("--rate", "-r", min=0.001, help="How much faster than recorded.")
+    ] = 1.0,
     loop: Annotated[bool, Option("--loop", "-l", help="Again and again, until Ctrl-C.")] = False,
     topics: _Topics = None,
     regex: _Regex = None,
@@ -274,7 +301,9 @@ def play(
     wanted = _wanted(topics, regex, exclude)
 
     async def run(node: Node) -> None:
-        player = Player(node, path, how, wanted=wanted, told=lambda said: typer.echo(said, err=True))
+        player = Player(
+            node, path, how, wanted=wanted, told=lambda said: typer.echo(said, err=True)
+        )
         try:
             await player.run()
         finally:
@@ -285,7 +314,9 @@ def play(
 
 @app.command("convert")
 def convert(
-    paths: Annotated[list[Path], Argument(metavar="LOG...", help="Logs and bags; several become one.")],
+    paths: Annotated[
+        list[Path], Argument(metavar="LOG...", help="Logs and bags; several become one.")
+    ],
     output: _Output,
     storage: _Storage = None,
     compression: _Compression = "none",
@@ -331,7 +362,9 @@ def filter_log(
 
     def keep(message: Any) -> bool:
         time_ns = message.log_time_ns
-        return wanted(message.topic) and begin_ns <= time_ns and (end_ns is None or time_ns < end_ns)
+        return (
+            wanted(message.topic) and begin_ns <= time_ns and (end_ns is None or time_ns < end_ns)
+        )
 
     _copy([path], output, keep, storage=storage, compression=compression)
 

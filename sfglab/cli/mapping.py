@@ -33,20 +33,31 @@ _Rmw = Literal["fastrtps-async", "fastrtps-sync", "cyclone"]
 _Rule = Literal["paper", "size"]
 _Domain = Annotated[
     int | None,
-    Option(min=0, max=MAX_DOMAIN, help=f"DDS domain to listen to, without a file. [default: {VARIABLE}]"),
+    Option(
+        min=0,
+        max=MAX_DOMAIN,
+        help=f"DDS domain to listen to, without a file. [default: {VARIABLE}]",
+    ),
 ]
 _Seconds = Annotated[float, Option(min=0.5, help="How long to listen to it.")]
 
-_PRESET_OF = {"fastrtps-async": "fast_dds_async", "fastrtps-sync": "fast_dds_sync", "cyclone": "cyclone_dds"}
+_PRESET_OF = {
+    "fastrtps-async": "fast_dds_async",
+    "fastrtps-sync": "fast_dds_sync",
+    "cyclone": "cyclone_dds",
+}
 
 
 def qos(
     file: Annotated[
         Path | None,
-        Argument(help="A file of topics, e.g. data/qos/paper_b.yaml, or a log or bag; else --domain."),
+        Argument(
+            help="A file of topics, e.g. data/qos/paper_b.yaml, or a log or bag; else --domain."
+        ),
     ] = None,
     method: Annotated[
-        _Method, Option(help="ours: a convex programme that sees the link. printed: paper B, Eq. 1 to 6.")
+        _Method,
+        Option(help="ours: a convex programme that sees the link. printed: paper B, Eq. 1 to 6."),
     ] = "ours",
     output_format: Annotated[
         _Format,
@@ -55,15 +66,23 @@ def qos(
             help="A table, a file that Fast DDS 2 or 3, Cyclone DDS or ROS 2 reads, or a log's file of topics.",
         ),
     ] = "table",
-    out: Annotated[Path | None, Option(help="Write the file into this folder, not to the terminal.")] = None,
-    rate_max: Annotated[float | None, Option(min=0.001, help="No topic faster than this, Hz.")] = None,
-    vendor: Annotated[_Vendor | None, Option(help="Another DDS than the file's, with its defaults.")] = None,
+    out: Annotated[
+        Path | None, Option(help="Write the file into this folder, not to the terminal.")
+    ] = None,
+    rate_max: Annotated[
+        float | None, Option(min=0.001, help="No topic faster than this, Hz.")
+    ] = None,
+    vendor: Annotated[
+        _Vendor | None, Option(help="Another DDS than the file's, with its defaults.")
+    ] = None,
     rmw: Annotated[
         _Rmw | None, Option(help="What ROS 2 runs on, and how that publishes; instead of --vendor.")
     ] = None,
     latency_price: Annotated[
         float | None,
-        Option(min=0.0, help="What a second of latency costs; else the front's most up-to-date point."),
+        Option(
+            min=0.0, help="What a second of latency costs; else the front's most up-to-date point."
+        ),
     ] = None,
     front: Annotated[
         bool, Option("--front", help="Show the Pareto front, one line for each price of latency.")
@@ -112,21 +131,31 @@ def qos(
         unused("with --method printed, which knows no price", "latency_price")
     export, name = EXPORTS.get(output_format), given.vendor.name
     if export and export.vendor and not name.startswith(export.vendor.name):
-        fitting = [n for n, e in EXPORTS.items() if e.vendor is None or name.startswith(e.vendor.name)]
+        fitting = [
+            n for n, e in EXPORTS.items() if e.vendor is None or name.startswith(e.vendor.name)
+        ]
         vendor_name = export.vendor.name.lower().replace(" ", "_")
         needed = f"{' or '.join(fitting)} for {name}; this with --vendor {vendor_name}"
         raise InvalidValueError("--format", output_format, needed)
-    plan = plan_as_printed(given) if method == "printed" else plan_file(given, latency_price_hz=latency_price)
+    plan = (
+        plan_as_printed(given)
+        if method == "printed"
+        else plan_file(given, latency_price_hz=latency_price)
+    )
     if as_json:
         unused("with --json", "output_format", "out")
         tell(plan)
     else:
-        text, file_name = (export.render(plan), export.file) if export else (_plan_table(plan), "qos.txt")
+        text, file_name = (
+            (export.render(plan), export.file) if export else (_plan_table(plan), "qos.txt")
+        )
         put_text(text, out and Path(file_name), out)
 
 
 @contextmanager
-def _source(file: Path | None, domain: int | None, interface: str | None, seconds: float) -> Iterator[Path]:
+def _source(
+    file: Path | None, domain: int | None, interface: str | None, seconds: float
+) -> Iterator[Path]:
     """Yield what is to be read: a file, or the recording of what is on a domain for some seconds."""
     from sfglab.cli.logs import record_for
 
@@ -137,7 +166,11 @@ def _source(file: Path | None, domain: int | None, interface: str | None, second
     if domain is None and os.environ.get(VARIABLE):
         domain = usual_domain_id()
     if file is not None or domain is None:
-        given = "both a file and --domain" if file else f"neither a file nor --domain, and no {VARIABLE} is set"
+        given = (
+            "both a file and --domain"
+            if file
+            else f"neither a file nor --domain, and no {VARIABLE} is set"
+        )
         raise SfglabError(f"given {given}, needed is one of them")
     with TemporaryDirectory(prefix="sfglab-") as folder:
         path = Path(folder) / f"domain {domain}.mcap"
@@ -159,7 +192,9 @@ def _topics_of(file: Path) -> TopicFile:
         topics, left_out = topics_from_log(log)
     say_left_out(left_out)
     if not topics:
-        raise SfglabError(f"{file}: given no topic from one host to another, needed is one at least")
+        raise SfglabError(
+            f"{file}: given no topic from one host to another, needed is one at least"
+        )
     return TopicFile(topics=topics, agents=tuple(sorted({topic.source for topic in topics})))
 
 
@@ -186,7 +221,9 @@ def _plan_table(plan: Plan) -> str:
         f"readers up to date {100 * plan.up_to_date:.1f} % of the time",
     ]
     if plan.utilisation >= 1:
-        lines.append("the medium is overloaded: queues grow without end, and what they cannot hold is lost")
+        lines.append(
+            "the medium is overloaded: queues grow without end, and what they cannot hold is lost"
+        )
     return "\n".join(lines) + "\n"
 
 
@@ -195,7 +232,16 @@ def _front_table(given: TopicFile) -> str:
 
     limits = Limits(utilisation_max=given.utilisation_max, residual_loss=given.residual_loss)
     points = pareto_front(given.topics, given.medium, given.vendor, limits=limits)
-    rows = [("price Hz", "freshness %", "latency ms", "up to date %", "medium taken %", "price of airtime")]
+    rows = [
+        (
+            "price Hz",
+            "freshness %",
+            "latency ms",
+            "up to date %",
+            "medium taken %",
+            "price of airtime",
+        )
+    ]
     rows += [
         (
             f"{point.latency_price_hz:.2f}",
@@ -213,7 +259,9 @@ def _front_table(given: TopicFile) -> str:
 def map_graph(
     file: Annotated[
         Path | None,
-        Argument(help="A computation graph, e.g. data/graphs/figure_8.yaml, or a log; else --domain."),
+        Argument(
+            help="A computation graph, e.g. data/graphs/figure_8.yaml, or a log; else --domain."
+        ),
     ] = None,
     rule: Annotated[
         _Rule | None,
@@ -223,19 +271,31 @@ def map_graph(
         ),
     ] = None,
     place: Annotated[
-        bool, Option("--place", help="Place the nodes as well: least work and carriage a second, HiGHS.")
+        bool,
+        Option("--place", help="Place the nodes as well: least work and carriage a second, HiGHS."),
     ] = False,
-    lut: Annotated[int | None, Option(min=0, help="LUTs that there are; else the ZCU104's.")] = None,
-    bram: Annotated[float | None, Option(min=0, help="BRAMs that there are; else the ZCU104's.")] = None,
-    figure: Annotated[Path | None, Option(help="Draw the mapping into this file: .png, .svg or .pdf.")] = None,
+    lut: Annotated[
+        int | None, Option(min=0, help="LUTs that there are; else the ZCU104's.")
+    ] = None,
+    bram: Annotated[
+        float | None, Option(min=0, help="BRAMs that there are; else the ZCU104's.")
+    ] = None,
+    figure: Annotated[
+        Path | None, Option(help="Draw the mapping into this file: .png, .svg or .pdf.")
+    ] = None,
     stage: Annotated[str, Option(help="Draw one alone: software, hardware or gateways.")] = "",
-    out: Annotated[Path | None, Option(help="Write the mapped graph into this file, as YAML.")] = None,
+    out: Annotated[
+        Path | None, Option(help="Write the mapped graph into this file, as YAML.")
+    ] = None,
     build: Annotated[
-        Path | None, Option("--build-cfg", help="Write the hardware's part for ReconROS into this file.")
+        Path | None,
+        Option("--build-cfg", help="Write the hardware's part for ReconROS into this file."),
     ] = None,
     verilog: Annotated[
         Path | None,
-        Option(help="Write the gateways that the mapping needs into this folder, as Verilog (needs Yosys)."),
+        Option(
+            help="Write the gateways that the mapping needs into this folder, as Verilog (needs Yosys)."
+        ),
     ] = None,
     domain: _Domain = None,
     seconds: _Seconds = 5.0,
@@ -294,10 +354,16 @@ def _recorded(file: Path) -> Graph:
 def _placed(graph: Graph, lut: int | None, bram: float | None) -> CommunicationMapping:
     from sfglab.soc import ZCU104, TopicMapping, map_communication, place_nodes
 
-    board = replace(ZCU104, lut=ZCU104.lut if lut is None else lut, bram=ZCU104.bram if bram is None else bram)
+    board = replace(
+        ZCU104, lut=ZCU104.lut if lut is None else lut, bram=ZCU104.bram if bram is None else bram
+    )
     found = place_nodes(graph, board)
     load = found.load
-    proved = "no mapping takes less" if found.optimal else f"at most {100 * found.gap:.2g} % above the least"
+    proved = (
+        "no mapping takes less"
+        if found.optimal
+        else f"at most {100 * found.gap:.2g} % above the least"
+    )
     typer.echo(
         f"work each second: software {1e3 * load.software_s:.2f} ms, hardware {1e3 * load.hardware_s:.2f} ms, "
         f"carriage {1e3 * load.communication_s:.2f} ms; {proved}\n"
@@ -325,7 +391,9 @@ def _topic_table(mapping: CommunicationMapping) -> list[str]:
         first = mapping.software.topic(topic.name)
         before = carriages_per_message(mapping.software, first)
         after = carriages_per_message(mapping.gateways, topic)
-        predicted = f"{_predicted(mapping.software, first)} -> {_predicted(mapping.gateways, topic)}"
+        predicted = (
+            f"{_predicted(mapping.software, first)} -> {_predicted(mapping.gateways, topic)}"
+        )
         rows.append((topic.name, topic.mapping.value, f"{before:g} -> {after:g}", predicted))
     return columns(rows)
 
@@ -343,7 +411,9 @@ def _crossing_table(mapping: CommunicationMapping) -> list[str]:
     titles = ("all topics in software", "topics in hardware", "topics in hardware, gateways")
     for title, graph in zip(titles, mapping.stages, strict=True):
         found = crossing_edges(graph)
-        rows.append((title, str(len(found.publications)), str(len(found.subscriptions)), str(len(found))))
+        rows.append(
+            (title, str(len(found.publications)), str(len(found.subscriptions)), str(len(found)))
+        )
     left = crossing_edges(mapping.gateways)
     edges = [str(edge) for edge in (*left.publications, *left.subscriptions)]
     return [*columns(rows, right=(1, 2, 3)), f"left: {', '.join(edges) or 'none'}"]

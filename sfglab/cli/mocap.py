@@ -35,7 +35,9 @@ _Type = Literal["pose", "transform"]
 
 @mocap_app.command("run")
 def mocap_run(
-    file: Annotated[Path, Argument(help="Which object is which frame, e.g. data/mocap/two_agents.yaml")],
+    file: Annotated[
+        Path, Argument(help="Which object is which frame, e.g. data/mocap/two_agents.yaml")
+    ],
     domain: Annotated[int | None, domain_option("DDS domain of the agents' transforms.")] = None,
     interface: Annotated[str | None, Option(help="Interface of that domain.")] = None,
     vicon: Annotated[str | None, Option(help="Address of a Vicon Tracker.")] = None,
@@ -48,10 +50,13 @@ def mocap_run(
         bool, Option("--synthetic", help="Objects on ellipses, for trials without cameras.")
     ] = False,
     trees: Annotated[
-        bool, Option("--trees", help="Make up the agents' own trees too, where no robot publishes them.")
+        bool,
+        Option("--trees", help="Make up the agents' own trees too, where no robot publishes them."),
     ] = False,
     agent: Annotated[str, Option(help="The agent on which it runs, for the status topic.")] = "",
-    duration: Annotated[float | None, Option(min=0.0, help="Seconds to run; else until Ctrl-C.")] = None,
+    duration: Annotated[
+        float | None, Option(min=0.0, help="Seconds to run; else until Ctrl-C.")
+    ] = None,
 ) -> None:
     """Publish where cameras see agents, so that every agent's tree of frames stays whole (paper A, Eq. 4).
 
@@ -67,13 +72,17 @@ def mocap_run(
     mapping = load_mapping(file)
     if log is not None or not topic:
         unused("without topics of the bus, whose type it is", "type_")
-    make = _source(vicon=vicon, topics=_topics(topic or [], mapping), type_=type_, log=log, synthetic=synthetic)
+    make = _source(
+        vicon=vicon, topics=_topics(topic or [], mapping), type_=type_, log=log, synthetic=synthetic
+    )
 
     async def serve(node: Node) -> None:
         with contextlib.ExitStack() as stack:
             if trees:
                 _make_up_trees(node, mapping)
-            bridge = MocapBridge(node, make(node, mapping, stack), mapping, BridgeOptions(agent=agent))
+            bridge = MocapBridge(
+                node, make(node, mapping, stack), mapping, BridgeOptions(agent=agent)
+            )
             running = asyncio.ensure_future(bridge.run())
             on_stop(running.cancel)
             typer.echo(f"mocap: ready, status on {status_topic(agent)}; end it with Ctrl-C")
@@ -88,14 +97,17 @@ def mocap_run(
 @mocap_app.command("offset")
 def mocap_offset(
     log: Annotated[Path, Argument(help="A log with /tf of the robot and the poses of its object.")],
-    object_: Annotated[str, Option("--object", help="The object's id, as it is called in the mapping.")],
+    object_: Annotated[
+        str, Option("--object", help="The object's id, as it is called in the mapping.")
+    ],
     odom: Annotated[str, Option(help="The frame of the robot's odometry.")],
     base: Annotated[str, Option(help="The frame that the object is to stand for.")],
     topic: Annotated[
         str | None, Option(help="The topic of its poses; not needed where the log has but one.")
     ] = None,
     height_m: Annotated[
-        float | None, Option(help="The base's z in the object's frame, for robots that turn about z only.")
+        float | None,
+        Option(help="The base's z in the object's frame, for robots that turn about z only."),
     ] = None,
 ) -> None:
     """Find where a robot's base is in its tracked object, from a recorded motion, as YAML for a mapping.
@@ -122,7 +134,9 @@ def mocap_offset(
 @frames_app.command("lint")
 def frames_lint(
     log: Annotated[Path | None, Argument(help="A log, of any recorder.")] = None,
-    domain: Annotated[int | None, domain_option("A DDS domain to listen to, without a log.")] = None,
+    domain: Annotated[
+        int | None, domain_option("A DDS domain to listen to, without a log.")
+    ] = None,
     interface: Annotated[str | None, Option(help="Interface of that domain.")] = None,
     listen: Annotated[float, Option(min=0.1, help="Seconds to listen.")] = 5.0,
     agents: Annotated[str, Option(help="Agents whose prefixes are right, as go2,agent_x.")] = "",
@@ -160,7 +174,11 @@ def frames_lint(
     names = frozenset(filter(None, agents.split(",")))
     findings = lint_frames(buffer.edges, rule=FrameRule(agents=names) if names else None, root=root)
     lines = [*map(str, findings), f"{len(buffer.frames)} frames, {len(findings)} findings"]
-    say({"frames": sorted(buffer.frames), "findings": findings}, lambda _: "\n".join(lines), as_json=as_json)
+    say(
+        {"frames": sorted(buffer.frames), "findings": findings},
+        lambda _: "\n".join(lines),
+        as_json=as_json,
+    )
     if findings or not buffer.frames:
         raise typer.Exit(1)
 
@@ -183,7 +201,9 @@ def _source(
     from sfglab.record import LogReader
     from sfglab.spatial.mocap.sources import LogSource, TopicSource, ViconSource
 
-    kinds = [name for name, on in (("--vicon", vicon), ("--log", log), ("--synthetic", synthetic)) if on]
+    kinds = [
+        name for name, on in (("--vicon", vicon), ("--log", log), ("--synthetic", synthetic)) if on
+    ]
     if len(kinds) > 1 or (not kinds and not topics) or (topics and kinds not in ([], ["--log"])):
         given = " and ".join([*kinds, *(["--topic"] if topics else [])]) or "none"
         allowed = "one of --vicon, --topic, --log with --topic, --synthetic"
@@ -210,7 +230,9 @@ def _synthetic(mapping: MocapMapping, clock: Any) -> MocapSource:
 
     from sfglab.spatial.mocap.synthetic import SyntheticConfig, SyntheticMotion, SyntheticSource
 
-    objects = {id_: SyntheticMotion(centre_m=(0.0, 3.0 * i, 0.5)) for i, id_ in enumerate(mapping.objects)}
+    objects = {
+        id_: SyntheticMotion(centre_m=(0.0, 3.0 * i, 0.5)) for i, id_ in enumerate(mapping.objects)
+    }
     config = SyntheticConfig(occlusions_hz=0.1, flips_hz=0.1, dropped=0.01)
     return SyntheticSource(objects, config, np.random.default_rng(0), clock=clock)
 
@@ -223,7 +245,10 @@ def _make_up_trees(node: Node, mapping: MocapMapping) -> None:
     from sfglab.spatial.frames.listener import TF_STATIC_QOS, TRANSFORMS
 
     above = Pose(position_m=(0.0, 0.0, 0.1))
-    roots = {one.via: one.frame or f"{one.via.partition('/')[0]}/odom" for one in mapping.objects.values()}
+    roots = {
+        one.via: one.frame or f"{one.via.partition('/')[0]}/odom"
+        for one in mapping.objects.values()
+    }
     transforms = [
         StampedTransform(parent=root, child=via, stamp_ns=0, pose=above).to_msg()
         for via, root in roots.items()
@@ -235,12 +260,17 @@ def _make_up_trees(node: Node, mapping: MocapMapping) -> None:
 
 def _report(core: BridgeCore) -> str:
     strangers = ", ".join(f"{id_} ({count})" for id_, count in core.unmapped.items()) or "none"
-    lines = [f"{core.captures} captures, {core.dropped} dropped; objects without mapping: {strangers}"]
+    lines = [
+        f"{core.captures} captures, {core.dropped} dropped; objects without mapping: {strangers}"
+    ]
     return "\n".join([*lines, *map(_object_line, core.statuses)]) + "\n"
 
 
 def _object_line(status: MocapObjectStatus) -> str:
-    sights = ", ".join(f"{n} {verdict}" for verdict, n in sorted(status.verdicts.items())) or "never seen"
+    sights = (
+        ", ".join(f"{n} {verdict}" for verdict, n in sorted(status.verdicts.items()))
+        or "never seen"
+    )
     late = [status.receipt_latency.median_ns, status.publication_latency.median_ns]
     times = " + ".join("-" if ns is None else f"{ns / 1e6:.2f}" for ns in late)
     problem = f"; {status.problem}" if status.problem else ""

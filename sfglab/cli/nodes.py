@@ -25,7 +25,9 @@ if TYPE_CHECKING:
     from sfglab.bus import Node
 
 node_app = typer.Typer(help="Nodes of a domain, in the words of ros2 node.", no_args_is_help=True)
-param_app = typer.Typer(help="Parameters of nodes, in the words of ros2 param.", no_args_is_help=True)
+param_app = typer.Typer(
+    help="Parameters of nodes, in the words of ros2 param.", no_args_is_help=True
+)
 _Node = Annotated[str, Argument(metavar="NODE", help="Full name of the node, e.g. /agent_decoder")]
 _Name = Annotated[str, Argument(help="Name of the parameter.")]
 _Timeout = Annotated[float, Option(min=0.1, help="Seconds to wait for the node's answer.")]
@@ -74,7 +76,12 @@ def info(
     """
     found = look((domain, interface), spin).of_node(node, hidden=hidden)
     if as_json:
-        tell({"name": node, **{head.lower().replace(" ", "_"): names for head, names in found.items()}})
+        tell(
+            {
+                "name": node,
+                **{head.lower().replace(" ", "_"): names for head, names in found.items()},
+            }
+        )
         return
     typer.echo(node)
     for head, names in found.items():
@@ -101,7 +108,9 @@ def list_parameters(
     """
 
     async def ask(node: Node) -> dict[str, list[str]]:
-        return {name: await _names(node, name, timeout) for name in await _nodes(node, node_name, spin)}
+        return {
+            name: await _names(node, name, timeout) for name in await _nodes(node, node_name, spin)
+        }
 
     found = on_node((domain, interface), ask)
     if as_json:
@@ -130,7 +139,9 @@ async def _names(node: Node, name: str, timeout_s: float) -> list[str]:
     return sorted((await _ask(node, name, "ListParameters", {}, timeout_s)).result.names)
 
 
-async def _ask(node: Node, name: str, service: str, fields: dict[str, Any], timeout_s: float) -> Any:
+async def _ask(
+    node: Node, name: str, service: str, fields: dict[str, Any], timeout_s: float
+) -> Any:
     """Call a service of a node's parameters."""
     from sfglab.messages import default_message, service_type
 
@@ -140,7 +151,9 @@ async def _ask(node: Node, name: str, service: str, fields: dict[str, Any], time
     return await call(node, type_.name, f"{_absolute(name)}/{words}", request, timeout_s)
 
 
-async def _values(node: Node, name: str, parameters: list[str], timeout_s: float) -> dict[str, tuple[str, Any]]:
+async def _values(
+    node: Node, name: str, parameters: list[str], timeout_s: float
+) -> dict[str, tuple[str, Any]]:
     """Return kinds and values of parameters."""
     from sfglab.bus.parameters import plain_value
 
@@ -192,9 +205,13 @@ def set_parameter(
     from sfglab.bus.parameters import parameter_value
     from sfglab.messages import message_type
 
-    parameter = message_type("rcl_interfaces/msg/Parameter")(name=name, value=parameter_value(_read(value)))
+    parameter = message_type("rcl_interfaces/msg/Parameter")(
+        name=name, value=parameter_value(_read(value))
+    )
     given = {"parameters": [parameter]}
-    response = on_node((domain, interface), lambda node: _ask(node, node_name, "SetParameters", given, timeout))
+    response = on_node(
+        (domain, interface), lambda node: _ask(node, node_name, "SetParameters", given, timeout)
+    )
     if not response.results[0].successful:
         raise SfglabError(f"Setting parameter failed: {response.results[0].reason}")
     typer.echo("Set parameter successful")
@@ -210,7 +227,11 @@ def _read(text: str) -> Any:
         value = text
     kinds = {type(one) for one in value} if isinstance(value, list) else {type(value)}
     whole = [value] if isinstance(value, int) else value if kinds == {int} else []
-    if len(kinds) != 1 or not kinds <= {bool, int, float, str} or any(abs(one) >= 2**63 for one in whole):
+    if (
+        len(kinds) != 1
+        or not kinds <= {bool, int, float, str}
+        or any(abs(one) >= 2**63 for one in whole)
+    ):
         allowed = "true or false, a number of 64 bits, text, or a list of one of them"
         raise InvalidValueError("VALUE", text, allowed)
     return value

@@ -63,14 +63,19 @@ def plan(
         except KeyboardInterrupt:
             typer.echo("")
     if editor.dirty:
-        typer.echo(f"{scene.name}: has changes that were not saved; the file is as it was saved last", err=True)
+        typer.echo(
+            f"{scene.name}: has changes that were not saved; the file is as it was saved last",
+            err=True,
+        )
 
 
 app = typer.Typer(
     help="Trajectories carried out: a simulated agent, and sending an agent along its trajectory.",
     no_args_is_help=True,
 )
-_Action = Annotated[str, Option(help="Name of the action; /global/<agent>/execute_trajectory when not given.")]
+_Action = Annotated[
+    str, Option(help="Name of the action; /global/<agent>/execute_trajectory when not given.")
+]
 
 
 @app.command()
@@ -79,9 +84,12 @@ def serve(
     domain: Domain = None,
     interface: Interface = None,
     action: _Action = "",
-    scene: Annotated[Path | None, Option(help="A scene that has the agent: its start and its limits.")] = None,
+    scene: Annotated[
+        Path | None, Option(help="A scene that has the agent: its start and its limits.")
+    ] = None,
     preempt: Annotated[
-        bool, Option("--preempt", help="A second goal takes the first one's place; else it is refused.")
+        bool,
+        Option("--preempt", help="A second goal takes the first one's place; else it is refused."),
     ] = False,
 ) -> None:
     """Simulate an agent that an action moves, until Ctrl-C; without a scene it stands at 0 and has no limits.
@@ -117,7 +125,8 @@ def run_scene(
     interface: Interface = None,
     action: _Action = "",
     delay: Annotated[
-        float, Option(min=0.0, help="Seconds until all start together; 0: each when it gets its goal.")
+        float,
+        Option(min=0.0, help="Seconds until all start together; 0: each when it gets its goal."),
     ] = 1.0,
 ) -> None:
     """Send agents along their trajectories of a scene, and wait until they are there; Ctrl-C stops them.
@@ -143,7 +152,9 @@ def run_scene(
 
     if not orders(0):
         raise SfglabError(f"{file}: given no agent with a trajectory, allowed: at least one")
-    raise typer.Exit(on_node((domain, interface), lambda node: _send_all(node, orders, action), "planner"))
+    raise typer.Exit(
+        on_node((domain, interface), lambda node: _send_all(node, orders, action), "planner")
+    )
 
 
 def _setup(agent: str, scene: Path | None, *, preempt: bool) -> AgentSetup:
@@ -157,7 +168,9 @@ def _setup(agent: str, scene: Path | None, *, preempt: bool) -> AgentSetup:
     loaded = load_scene(scene)
     named = {found.name: found for found in loaded.all_of(AgentObject)}
     if agent not in named:
-        raise SfglabError(f"--agent: given {agent!r}, allowed for {scene}: {', '.join(named) or 'none'}")
+        raise SfglabError(
+            f"--agent: given {agent!r}, allowed for {scene}: {', '.join(named) or 'none'}"
+        )
     return AgentSetup(
         pose=loaded.world_pose(named[agent].id),
         frame_id=loaded.frame_id,
@@ -170,7 +183,9 @@ async def _send_all(node: Node, orders: Callable[[int], tuple[Order, ...]], acti
     from sfglab.spatial.execution.orders import FOLLOW_TRAJECTORY
 
     sent = [_execution(node, order.agent, action, place) for place, order in enumerate(orders(0))]
-    for order in orders(0):  # what is imported at first use is not to cost time once the start is set
+    for order in orders(
+        0
+    ):  # what is imported at first use is not to cost time once the start is set
         FOLLOW_TRAJECTORY.goal(order)
     await asyncio.gather(*(execution.ready() for execution in sent))
     wanted = orders(node.get_clock().now_ns())
@@ -184,7 +199,11 @@ async def _send_all(node: Node, orders: Callable[[int], tuple[Order, ...]], acti
     ended = await asyncio.gather(*(execution.result() for execution in sent))
     await asyncio.gather(*stopping)
     for order, end in zip(wanted, ended, strict=True):
-        at = "" if end.pose is None else " at ({:.2f}, {:.2f}, {:.2f}) m".format(*end.pose.position_m)
+        at = (
+            ""
+            if end.pose is None
+            else " at ({:.2f}, {:.2f}, {:.2f}) m".format(*end.pose.position_m)
+        )
         typer.echo(f"{order.agent}: {end}{at}")
     if stopping:
         return 130

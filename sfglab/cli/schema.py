@@ -15,7 +15,9 @@ _Name = Literal["fleet", "qos", "graph", "scene", "mocap", "claims"]
 
 def schema(
     name: Annotated[_Name, Argument(help="The format.")],
-    out: Annotated[Path | None, Option(help="Write it into this file, not to the terminal.")] = None,
+    out: Annotated[
+        Path | None, Option(help="Write it into this file, not to the terminal.")
+    ] = None,
 ) -> None:
     """Print the JSON Schema of a file format, by which editors complete and check such files.
 

@@ -21,7 +21,9 @@ if TYPE_CHECKING:
 
 app = typer.Typer(help="Topics of a domain, in the words of ros2 topic.", no_args_is_help=True)
 _Topic = Annotated[str, Argument(help="Name of the topic, e.g. /chatter")]
-_Window = Annotated[int, Option("--window", "-w", min=2, help="How many messages are averaged over.")]
+_Window = Annotated[
+    int, Option("--window", "-w", min=2, help="How many messages are averaged over.")
+]
 _Duration = Annotated[
     float | None, Option(min=0.1, help="Seconds of messages until it ends; else until Ctrl-C.")
 ]
@@ -55,7 +57,9 @@ def list_topics(
 @app.command()
 def info(
     topic: _Topic,
-    verbose: Annotated[bool, Option("--verbose", "-v", help="Also nodes, QoS, hashes of types.")] = False,
+    verbose: Annotated[
+        bool, Option("--verbose", "-v", help="Also nodes, QoS, hashes of types.")
+    ] = False,
     as_json: bus.Json = False,
     domain: bus.Domain = None,
     interface: bus.Interface = None,
@@ -75,7 +79,9 @@ def info(
     types = topics[one_of(topics, topic, "topic")]
     ends = {kind: seen.ends(topic, kind) for kind in EndpointKind}
     if as_json:
-        sides = {f"{kind.value}s": [endpoint_values(e) for e in found] for kind, found in ends.items()}
+        sides = {
+            f"{kind.value}s": [endpoint_values(e) for e in found] for kind, found in ends.items()
+        }
         bus.tell({"name": topic, "types": types, **sides})
         return
     gap = "\n" * verbose
@@ -89,7 +95,9 @@ def info(
 @app.command()
 def echo(
     topic: _Topic,
-    type_: Annotated[str | None, Argument(metavar="TYPE", help="Its type, if nobody has it yet.")] = None,
+    type_: Annotated[
+        str | None, Argument(metavar="TYPE", help="Its type, if nobody has it yet.")
+    ] = None,
     once: Annotated[bool, Option("--once", help="End after the first message.")] = False,
     field: Annotated[str, Option(help="Only this field, e.g. pose.position.x")] = "",
     full_length: Annotated[bool, Option("--full-length", "-f", help="Cut nothing.")] = False,
@@ -98,7 +106,9 @@ def echo(
     ] = 128,
     no_arr: Annotated[bool, Option("--no-arr", help="Describe arrays only.")] = False,
     no_str: Annotated[bool, Option("--no-str", help="Describe strings only.")] = False,
-    timeout: Annotated[float | None, Option(min=0.0, help="Seconds until the first message.")] = None,
+    timeout: Annotated[
+        float | None, Option(min=0.0, help="Seconds until the first message.")
+    ] = None,
     as_json: Annotated[bool, Option("--json", help="A line of JSON a message, uncut.")] = False,
     reliability: bus.Reliability = None,
     durability: bus.Durability = None,
@@ -159,7 +169,9 @@ def hz(
     from sfglab.bus.meters import Rate
 
     meter = Rate(window)
-    bus.until_interrupted((domain, interface), lambda node: _measure(node, topic, meter, duration, as_json))
+    bus.until_interrupted(
+        (domain, interface), lambda node: _measure(node, topic, meter, duration, as_json)
+    )
 
 
 @app.command()
@@ -181,7 +193,9 @@ def bw(
     from sfglab.bus.meters import Bandwidth
 
     meter = Bandwidth(window)
-    bus.until_interrupted((domain, interface), lambda node: _measure(node, topic, meter, duration, as_json))
+    bus.until_interrupted(
+        (domain, interface), lambda node: _measure(node, topic, meter, duration, as_json)
+    )
 
 
 async def _measure(
@@ -211,13 +225,19 @@ async def _measure(
 def pub(
     topic: _Topic,
     type_: Annotated[str, Argument(metavar="TYPE", help="Type, e.g. std_msgs/msg/String")],
-    values: Annotated[str, Argument(help="Fields as YAML, e.g. '{data: hello}'; now, auto: the time.")] = "",
+    values: Annotated[
+        str, Argument(help="Fields as YAML, e.g. '{data: hello}'; now, auto: the time.")
+    ] = "",
     rate: Annotated[float, Option("--rate", "-r", min=0.001, help="Messages a second.")] = 1.0,
-    print_: Annotated[int, Option("--print", "-p", min=0, help="Print every n-th message; 0: none.")] = 1,
+    print_: Annotated[
+        int, Option("--print", "-p", min=0, help="Print every n-th message; 0: none.")
+    ] = 1,
     once: Annotated[bool, Option("--once", "-1", help="Publish one message and end.")] = False,
     times: Annotated[int, Option("--times", "-t", min=0, help="Publish so often and end.")] = 0,
     wait: _Wait = None,
-    keep_alive: Annotated[float, Option(min=0.0, help="Seconds to stay after the last message.")] = 0.1,
+    keep_alive: Annotated[
+        float, Option(min=0.0, help="Seconds to stay after the last message.")
+    ] = 0.1,
     reliability: bus.Reliability = None,
     durability: bus.Durability = None,
     depth: bus.Depth = None,

@@ -29,7 +29,8 @@ _SERVED_PORT = 9876  #: Where `serve` waits when nothing else is said; the viewe
 
 def view(
     log: Annotated[
-        Path | None, Argument(help="An MCAP file or a rosbag2 folder; without it the bus is shown live.")
+        Path | None,
+        Argument(help="An MCAP file or a rosbag2 folder; without it the bus is shown live."),
     ] = None,
     to: Annotated[
         list[str] | None,
@@ -40,10 +41,15 @@ def view(
         ),
     ] = None,
     fleet: Annotated[
-        Path | None, Option(help="A fleet file, for the layout, the expected agents and the border.")
+        Path | None,
+        Option(help="A fleet file, for the layout, the expected agents and the border."),
     ] = None,
-    frame: Annotated[str, Option(help="Frame in which space is drawn. [default: map with a fleet file]")] = "",
-    topic: Annotated[list[str] | None, Option(help="Only topics that begin so; may be repeated.")] = None,
+    frame: Annotated[
+        str, Option(help="Frame in which space is drawn. [default: map with a fleet file]")
+    ] = "",
+    topic: Annotated[
+        list[str] | None, Option(help="Only topics that begin so; may be repeated.")
+    ] = None,
     memory: Annotated[
         str, Option(help="How much a viewer or server started here may keep: a share, or as 4GB.")
     ] = "25%",
@@ -51,7 +57,9 @@ def view(
         bool, Option("--thin", help="Thin a log out by the visualizers' rates, as live always is.")
     ] = False,
     domain: Annotated[int | None, domain_option("DDS domain to look at, live.")] = None,
-    interface: Annotated[str | None, Option(help="Network interface, live; lo stays inside.")] = None,
+    interface: Annotated[
+        str | None, Option(help="Network interface, live; lo stays inside.")
+    ] = None,
     _interfaces: Interfaces = None,
 ) -> None:
     """Show what is on the bus, or a log, in the Rerun viewer or a file (paper A, section 4.5).
@@ -106,7 +114,9 @@ def _write_layout(to: Sequence[str], fleet: Path | None, frame: str) -> None:
     if len(to) > 1:
         raise SfglabError(f"--to: given {', '.join(to)}, allowed beside a layout is no other place")
     if fleet is None:
-        raise SfglabError(f"--to {to[0]}: given without --fleet, needed is the fleet whose layout it is")
+        raise SfglabError(
+            f"--to {to[0]}: given without --fleet, needed is the fleet whose layout it is"
+        )
     put({Path(to[0]): layout_of_fleet(load_fleet(fleet), frame=frame or "map") + "\n"})
 
 
@@ -123,7 +133,9 @@ def _foxglove(options: ViewOptions, place: Place) -> None:
     async def serve(node: Node) -> None:
         host, topics = address or "127.0.0.1", options.topics or ("/",)
         async with FoxgloveBridge(node, host=host, port=int(port or PORT), topics=topics) as bridge:
-            typer.echo(f"domain {place[0]} is at ws://{address or 'localhost'}:{bridge.port}; Ctrl-C ends")
+            typer.echo(
+                f"domain {place[0]} is at ws://{address or 'localhost'}:{bridge.port}; Ctrl-C ends"
+            )
             try:
                 await asyncio.Event().wait()
             finally:
@@ -138,7 +150,11 @@ def _default_place() -> Sequence[str]:
     Raises:
         SfglabError: It has none.
     """
-    if sys.platform in ("darwin", "win32") or os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"):
+    if (
+        sys.platform in ("darwin", "win32")
+        or os.environ.get("DISPLAY")
+        or os.environ.get("WAYLAND_DISPLAY")
+    ):
         return ("viewer",)
     raise SfglabError(
         "there is no display for a viewer: give --to FILE.rrd, or --to serve:0.0.0.0:9876 and look at it from "
@@ -156,7 +172,9 @@ def _logged(log: Path, options: ViewOptions) -> None:
         types = sorted({info.type_name for info in reader.topics.values()})
         count = sum(info.count for info in reader.topics.values())
         cut = "; it was cut off, what is left of it is shown" if reader.truncated else ""
-    typer.echo(f"{log}: {count} messages of {len(reader.topics)} topics go to {', '.join(options.to)}{cut}")
+    typer.echo(
+        f"{log}: {count} messages of {len(reader.topics)} topics go to {', '.join(options.to)}{cut}"
+    )
 
     def stay(session: Session) -> None:
         """Tell what was shown, and keep a server up until Ctrl-C: it has the data."""
@@ -167,7 +185,9 @@ def _logged(log: Path, options: ViewOptions) -> None:
             threading.Event().wait()
 
     try:
-        bar = partial(tqdm, total=count, unit=" messages", leave=False, disable=None)  # only at a terminal
+        bar = partial(
+            tqdm, total=count, unit=" messages", leave=False, disable=None
+        )  # only at a terminal
         view_log(log, options, progress=bar, on_shown=stay)
     except KeyboardInterrupt:
         typer.echo("ended")
@@ -184,7 +204,9 @@ def _live(options: ViewOptions, place: Place) -> None:
         _announce(options)
 
     try:
-        until_interrupted(place, lambda node: view_live(node, options, on_start=started), "view", err=False)
+        until_interrupted(
+            place, lambda node: view_live(node, options, on_start=started), "view", err=False
+        )
     finally:
         for session in sessions:
             _tell(session)

@@ -90,18 +90,26 @@ def ffmpeg_packet_fields(frame: EncodedFrame, settings: H264Settings) -> FfmpegP
 
 
 def compressed_depth_fields(
-    depth: NDArray[Any], codec: str = "rvl", *, depth_max_m: float | None = None, png_level: int = PNG_LEVEL
+    depth: NDArray[Any],
+    codec: str = "rvl",
+    *,
+    depth_max_m: float | None = None,
+    png_level: int = PNG_LEVEL,
 ) -> CompressedImageFields:
     """Return a depth image as compressed_depth_image_transport publishes it; see `encode_depth`.
 
     Raises:
         CodecError: If the image or the codec is of another kind.
     """
-    depth_format, data = encode_depth(depth, codec=codec, depth_max_m=depth_max_m, png_level=png_level)
+    depth_format, data = encode_depth(
+        depth, codec=codec, depth_max_m=depth_max_m, png_level=png_level
+    )
     return CompressedImageFields(format=str(depth_format), data=data)
 
 
-def compressed_image_fields(image_bgr: NDArray[np.uint8], codec: str = "jpeg") -> CompressedImageFields:
+def compressed_image_fields(
+    image_bgr: NDArray[np.uint8], codec: str = "jpeg"
+) -> CompressedImageFields:
     """Return a colour image as compressed_image_transport publishes it, with its default quality or level.
 
     Pixels have the shape (height, width, 3), BGR, uint8, and the codec is ``"jpeg"`` or ``"png"``; anything
@@ -111,7 +119,9 @@ def compressed_image_fields(image_bgr: NDArray[np.uint8], codec: str = "jpeg") -
 
     if image_bgr.ndim != 3 or image_bgr.shape[2] != 3 or image_bgr.dtype != np.uint8:
         given = kind_of(image_bgr)
-        raise CodecError(f"colour image: given {given}, allowed is uint8 of shape (height, width, 3)")
+        raise CodecError(
+            f"colour image: given {given}, allowed is uint8 of shape (height, width, 3)"
+        )
     if codec == "jpeg":
         data = encode_jpeg(image_bgr)
     elif codec == "png":
@@ -173,10 +183,14 @@ def image_decoder(
     }
     reader = readers.get(type_name)
     if reader is None:
-        raise CodecUnavailableError(type_name, reason=f"no images in it; allowed are {', '.join(readers)}")
+        raise CodecUnavailableError(
+            type_name, reason=f"no images in it; allowed are {', '.join(readers)}"
+        )
     hint = VIDEO_CODECS.get(codec_hint or "", codec_hint or "")
     if hint and hint not in _HINTS:
-        raise CodecUnavailableError(hint, reason=f"not a known codec; allowed are {', '.join(_HINTS)}")
+        raise CodecUnavailableError(
+            hint, reason=f"not a known codec; allowed are {', '.join(_HINTS)}"
+        )
     if hint in _LOADED_WITH:
         importlib.import_module(_LOADED_WITH[hint])
     return ImageDecoder(reader, hint, most_pixels)
@@ -196,20 +210,31 @@ class _Content:
 def _read_ffmpeg_packet(message: Any) -> _Content:
     encoding = parse_ffmpeg_encoding(message.encoding)
     if any(width in encoding.ros_encoding for width in ("16", "32")):
-        reason = "pictures of more than 8 bits in video are not decoded, because BGR would drop the rest"
+        reason = (
+            "pictures of more than 8 bits in video are not decoded, because BGR would drop the rest"
+        )
         raise CodecUnavailableError(message.encoding, reason=reason)
     return _Content(codec=encoding.codec, data=bytes(message.data), pts=int(message.pts))
 
 
 def _read_compressed_video(message: Any) -> _Content:
-    return _Content(codec=VIDEO_CODECS.get(message.format.lower(), message.format), data=bytes(message.data))
+    return _Content(
+        codec=VIDEO_CODECS.get(message.format.lower(), message.format), data=bytes(message.data)
+    )
 
 
 def _read_compressed_image(message: Any) -> _Content:
     text, data = message.format.lower(), bytes(message.data)
     if "compresseddepth" in text:
         return _Content(codec="depth", data=data, depth_format=parse_depth_format(message.format))
-    names = {"h264": "h264", "h265": "hevc", "hevc": "hevc", "jpeg": "jpeg", "jpg": "jpeg", "png": "png"}
+    names = {
+        "h264": "h264",
+        "h265": "hevc",
+        "hevc": "hevc",
+        "jpeg": "jpeg",
+        "jpg": "jpeg",
+        "png": "png",
+    }
     codec = next((codec for name, codec in names.items() if name in text), message.format)
     return _Content(codec=codec, data=data, ros_encoding=message.format.partition(";")[0].strip())
 
@@ -221,7 +246,9 @@ class ImageDecoder:
         self._read = read
         self._hint = codec_hint
         self._most_pixels = most_pixels
-        self._video: VideoDecoder | None = self._video_decoder(codec_hint) if codec_hint in _VIDEO else None
+        self._video: VideoDecoder | None = (
+            self._video_decoder(codec_hint) if codec_hint in _VIDEO else None
+        )
         self._next_pts: int | None = None
         self._intact = True
 
@@ -234,7 +261,9 @@ class ImageDecoder:
         if codec in ("depth", "rvl", "med"):
             known = "rvl" if codec == "depth" else codec
             depth_format = content.depth_format or DepthFormat(encoding="", codec=known)
-            array, encoding = decode_depth(content.data, depth_format, most_pixels=self._most_pixels)
+            array, encoding = decode_depth(
+                content.data, depth_format, most_pixels=self._most_pixels
+            )
         elif codec in ("jpeg", "png"):
             array, encoding = _decode_still(content, self._most_pixels)
         else:
@@ -267,11 +296,15 @@ class ImageDecoder:
     def _decode_video(self, codec: str, content: _Content) -> tuple[DecodedImage, ...]:
         video, frames = self._decode_packet(codec, content)
         return tuple(
-            DecodedImage(array=video.bgr(frame), encoding="bgr8", is_key=frame.key_frame, intact=self._intact)
+            DecodedImage(
+                array=video.bgr(frame), encoding="bgr8", is_key=frame.key_frame, intact=self._intact
+            )
             for frame in frames
         )
 
-    def _decode_packet(self, codec: str, content: _Content) -> tuple[VideoDecoder, tuple[VideoFrame, ...]]:
+    def _decode_packet(
+        self, codec: str, content: _Content
+    ) -> tuple[VideoDecoder, tuple[VideoFrame, ...]]:
         if self._video is None or self._video.codec != codec:
             self._video = self._video_decoder(codec)
         if content.pts is not None:

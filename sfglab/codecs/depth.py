@@ -59,7 +59,11 @@ def parse_depth_format(text: str) -> DepthFormat:
 
 
 def encode_depth(
-    depth: NDArray[Any], *, codec: str = "rvl", depth_max_m: float | None = None, png_level: int = PNG_LEVEL
+    depth: NDArray[Any],
+    *,
+    codec: str = "rvl",
+    depth_max_m: float | None = None,
+    png_level: int = PNG_LEVEL,
 ) -> tuple[DepthFormat, bytes]:
     """Compress a depth image.
 
@@ -88,10 +92,14 @@ def encode_depth(
         # The plugin leaves both unset here and ignores them; a viewer may take anything but 0 as quantised.
         quant_a = quant_b = 0.0
         pixels = (
-            depth if depth_max_m is None else np.where(depth > depth_max_m * 1000, 0, depth).astype(np.uint16)
+            depth
+            if depth_max_m is None
+            else np.where(depth > depth_max_m * 1000, 0, depth).astype(np.uint16)
         )
         depth_format = DepthFormat(encoding="16UC1", codec=codec)
-    return depth_format, _HEADER.pack(_INV_DEPTH, quant_a, quant_b) + _compressed(pixels, codec, png_level)
+    return depth_format, _HEADER.pack(_INV_DEPTH, quant_a, quant_b) + _compressed(
+        pixels, codec, png_level
+    )
 
 
 def decode_depth(
@@ -102,14 +110,18 @@ def decode_depth(
     Raises BitstreamError where the payload is cut, damaged or claims too large an image.
     """
     if len(data) <= _HEADER.size:
-        raise BitstreamError("compressedDepth", reason="shorter than its header", size_bytes=len(data))
+        raise BitstreamError(
+            "compressedDepth", reason="shorter than its header", size_bytes=len(data)
+        )
     _, quant_a, quant_b = _HEADER.unpack_from(data)
     pixels = _decompressed(memoryview(data)[_HEADER.size :], depth_format.codec, most_pixels)
     quantised = "32" in depth_format.encoding or (not depth_format.encoding and quant_a != 0)
     if not quantised:
         return pixels, depth_format.encoding or "16UC1"
     if not (0 < quant_a < math.inf and math.isfinite(quant_b)):
-        reason = f"quantised with A = {quant_a}, B = {quant_b}; allowed are a positive A and a finite B"
+        reason = (
+            f"quantised with A = {quant_a}, B = {quant_b}; allowed are a positive A and a finite B"
+        )
         raise BitstreamError("compressedDepth", reason=reason, size_bytes=len(data))
     return _metres(pixels, quant_a, quant_b), depth_format.encoding or "32FC1"
 

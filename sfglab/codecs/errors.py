@@ -41,7 +41,9 @@ def kind_of(array: Any) -> str:
     return f"{array.dtype} of shape {array.shape}"
 
 
-def check_size(codec: str, *, width: int, height: int, size_bytes: int, most_pixels: int = MAX_PIXELS) -> None:
+def check_size(
+    codec: str, *, width: int, height: int, size_bytes: int, most_pixels: int = MAX_PIXELS
+) -> None:
     """Refuse, as a BitstreamError, a size above `most_pixels` that a header in `size_bytes` of data claims."""
     if width < 1 or height < 1 or width * height > most_pixels:
         reason = f"claims {width} x {height} pixels; allowed are sides from 1 and at most {most_pixels} pixels"

@@ -71,9 +71,13 @@ class H264Encoder:
         try:
             self._session = EncoderSession(choice.name, settings)
         except (av.FFmpegError, ValueError) as error:
-            raise CodecError(f"H.264 encoder {choice.name!r} refuses {settings}: {why(error)}") from error
+            raise CodecError(
+                f"H.264 encoder {choice.name!r} refuses {settings}: {why(error)}"
+            ) from error
 
-    def encode(self, image_bgr: NDArray[np.uint8], *, force_key: bool = False) -> tuple[EncodedFrame, ...]:
+    def encode(
+        self, image_bgr: NDArray[np.uint8], *, force_key: bool = False
+    ) -> tuple[EncodedFrame, ...]:
         """Encode one image (height, width, 3), BGR, uint8, into exactly one frame.
 
         With `force_key` it is a key frame out of turn; the next regular one comes a GOP later. Raises
@@ -84,7 +88,9 @@ class H264Encoder:
         except av.FFmpegError as error:
             raise CodecError(f"H.264 encoder {self.encoder_name!r} failed: {why(error)}") from error
         if len(frames) != 1:
-            raise CodecError(f"H.264 encoder {self.encoder_name!r} gave {len(frames)} frames for one image")
+            raise CodecError(
+                f"H.264 encoder {self.encoder_name!r} gave {len(frames)} frames for one image"
+            )
         return frames
 
 
@@ -99,7 +105,9 @@ class VideoDecoder:
     def __init__(self, codec: str, *, decoder: str, most_pixels: int = MAX_PIXELS) -> None:
         self.codec = codec  #: As given.
         self.decoder_name = decoder  #: The FFmpeg decoder that was opened.
-        self.waiting = True  #: Whether a key frame is still awaited, and other packets are of no use.
+        self.waiting = (
+            True  #: Whether a key frame is still awaited, and other packets are of no use.
+        )
         self.refused_packets = 0  #: Packets passed over while waiting for a key frame.
         self.broken_packets = 0  #: Packets in which a fault was found.
         self._most_pixels = most_pixels
@@ -132,7 +140,9 @@ class VideoDecoder:
         self.waiting &= not frames
         return frames
 
-    def decode_bgr(self, data: bytes, out: NDArray[np.uint8] | None = None) -> tuple[NDArray[np.uint8], ...]:
+    def decode_bgr(
+        self, data: bytes, out: NDArray[np.uint8] | None = None
+    ) -> tuple[NDArray[np.uint8], ...]:
         """Decode one packet to BGR pixels, by the colour matrix and range that the stream names; see `decode`.
 
         They are contiguous arrays (height, width, 3), uint8: `out` or new memory; a stream may change its
@@ -149,7 +159,9 @@ class VideoDecoder:
         try:
             pixels = self._session.bgr(frame)
         except (av.FFmpegError, ValueError) as error:
-            raise CodecUnavailableError(frame.format.name, reason=f"not convertible: {why(error)}") from error
+            raise CodecUnavailableError(
+                frame.format.name, reason=f"not convertible: {why(error)}"
+            ) from error
         if out is None:
             return np.ascontiguousarray(pixels)
         if out.shape != pixels.shape or out.dtype != np.uint8:

@@ -30,7 +30,9 @@ if TYPE_CHECKING:
 # BT.601, limited range: the matrix of swscale's defaults, which ffmpeg_image_transport uses on both sides
 # without looking at the stream (ffmpeg_encoder_decoder, encoder.cpp and decoder.cpp), and of OpenCV's YUV
 # conversions. It is also written into the stream (VUI), so readers that look see the same colours.
-_MATRIX = 6  # SMPTE 170M in ITU-T H.264, table E-5; the same number means BT.601 primaries and transfer
+_MATRIX = (
+    6  # SMPTE 170M in ITU-T H.264, table E-5; the same number means BT.601 primaries and transfer
+)
 _RANGE = ColorRange.MPEG
 
 
@@ -43,22 +45,30 @@ class H264Settings:
     fps: float  #: Frames per second.
     bitrate_bps: int  #: Constant bit rate in bits per second.
     gop: int  #: Frames from one key frame to the next.
-    encoder: str = "auto"  #: ``"auto"``, or an FFmpeg encoder such as ``"libx264"`` or ``"h264_nvenc"``.
+    encoder: str = (
+        "auto"  #: ``"auto"``, or an FFmpeg encoder such as ``"libx264"`` or ``"h264_nvenc"``.
+    )
     #: Size of the rate control's buffer, in frames of average size. 1 gives packets of equal size; 15 to 30
     #: give better pictures, key frames of about three times the average and bursts.
     vbv_frames: float = 1.0
 
     def __post_init__(self) -> None:
         if min(self.width, self.height) < 2 or self.width % 2 or self.height % 2:
-            raise CodecError(f"H.264 size: given {self.width} x {self.height}, allowed are even sides from 2")
+            raise CodecError(
+                f"H.264 size: given {self.width} x {self.height}, allowed are even sides from 2"
+            )
         if self.width * self.height > MAX_PIXELS:
-            raise CodecError(f"H.264 size: {self.width} x {self.height} exceeds {MAX_PIXELS} pixels")
+            raise CodecError(
+                f"H.264 size: {self.width} x {self.height} exceeds {MAX_PIXELS} pixels"
+            )
         for name in ("fps", "bitrate_bps", "gop"):
             value = getattr(self, name)
             if not 0 < value < math.inf:
                 raise CodecError(f"H.264 {name}: given {value}, allowed are positive numbers")
         if not 1 <= self.vbv_frames < math.inf:
-            raise CodecError(f"H.264 vbv_frames: given {self.vbv_frames}, allowed are numbers from 1")
+            raise CodecError(
+                f"H.264 vbv_frames: given {self.vbv_frames}, allowed are numbers from 1"
+            )
 
     @property
     def vbv_bits(self) -> int:
@@ -85,12 +95,28 @@ def _private_options(name: str, settings: H264Settings) -> dict[str, str]:
         # superfast keeps CABAC and the loop filter, as camera hardware does, so decoding costs what it does
         # in the field; ultrafast drops both and makes decoding three times cheaper than it really is.
         params = f"nal-hrd=cbr:scenecut=0:min-keyint={settings.gop}"
-        return {"preset": "superfast", "tune": "zerolatency", "forced-idr": "1", "x264-params": params}
+        return {
+            "preset": "superfast",
+            "tune": "zerolatency",
+            "forced-idr": "1",
+            "x264-params": params,
+        }
     return {
-        "h264_nvenc": {"tune": "ull", "zerolatency": "1", "delay": "0", "rc": "cbr", "forced-idr": "1"},
+        "h264_nvenc": {
+            "tune": "ull",
+            "zerolatency": "1",
+            "delay": "0",
+            "rc": "cbr",
+            "forced-idr": "1",
+        },
         "h264_qsv": {"async_depth": "1", "forced_idr": "1", "low_delay_brc": "1"},
         "h264_vaapi": {"async_depth": "1", "rc_mode": "CBR"},
-        "h264_amf": {"usage": "ultralowlatency", "rc": "cbr", "forced_idr": "1", "filler_data": "1"},
+        "h264_amf": {
+            "usage": "ultralowlatency",
+            "rc": "cbr",
+            "forced_idr": "1",
+            "filler_data": "1",
+        },
     }.get(name, {})
 
 
@@ -109,9 +135,17 @@ class EncoderSession:
         formats = [entry.name for entry in context.codec.video_formats or ()]
         self._format = "yuv420p" if not formats or "yuv420p" in formats else "nv12"
         rate = Fraction(settings.fps).limit_denominator(1001)
-        context.width, context.height, context.pix_fmt = settings.width, settings.height, self._format
+        context.width, context.height, context.pix_fmt = (
+            settings.width,
+            settings.height,
+            self._format,
+        )
         context.framerate, context.time_base = rate, 1 / rate
-        context.bit_rate, context.gop_size, context.max_b_frames = settings.bitrate_bps, settings.gop, 0
+        context.bit_rate, context.gop_size, context.max_b_frames = (
+            settings.bitrate_bps,
+            settings.gop,
+            0,
+        )
         context.color_range, context.colorspace = _RANGE, _MATRIX
         context.color_primaries = context.color_trc = _MATRIX
         context.thread_count = 1
@@ -128,11 +162,15 @@ class EncoderSession:
         self._shape = (settings.height, settings.width, 3)
         self._next_pts = 0
 
-    def encode(self, image_bgr: NDArray[np.uint8], *, force_key: bool = False) -> tuple[EncodedFrame, ...]:
+    def encode(
+        self, image_bgr: NDArray[np.uint8], *, force_key: bool = False
+    ) -> tuple[EncodedFrame, ...]:
         """Encode one image (height, width, 3), uint8, to the frames let go; CodecError if it does not fit."""
         if image_bgr.shape != self._shape or image_bgr.dtype != np.uint8:
             given = kind_of(image_bgr)
-            raise CodecError(f"H.264 encoder: given {given}, allowed is uint8 of shape {self._shape}")
+            raise CodecError(
+                f"H.264 encoder: given {given}, allowed is uint8 of shape {self._shape}"
+            )
         frame = self._planes(np.ascontiguousarray(image_bgr))
         frame.pts, frame.time_base = self._next_pts, self._context.time_base
         frame.pict_type = PictureType.I if force_key else PictureType.NONE
@@ -188,7 +226,9 @@ class DecoderSession:
         reformatter, bilinear, one thread: a quarter or less of what ``frame.to_ndarray(format="bgr24")`` costs,
         which builds a new context each time (benchmarks/h264.py). Raises av.FFmpegError where swscale cannot.
         """
-        bgr = self._reformatter.reformat(frame, format="bgr24", interpolation=Interpolation.BILINEAR, threads=1)
+        bgr = self._reformatter.reformat(
+            frame, format="bgr24", interpolation=Interpolation.BILINEAR, threads=1
+        )
         plane = bgr.planes[0]
         rows = np.frombuffer(cast("memoryview", plane), np.uint8).reshape(-1, plane.line_size)
         return rows[: frame.height, : 3 * frame.width].reshape(frame.height, frame.width, 3)

@@ -147,7 +147,9 @@ def _restore(codes: Any, values: Any, pixels: Any, above: Any) -> Any:
                     count += 1
                 else:
                     return 1
-                bits |= int32(left | int32(left - 1))  # anything from bit 16 on: below 1, or above 65535
+                bits |= int32(
+                    left | int32(left - 1)
+                )  # anything from bit 16 on: below 1, or above 65535
                 row[x] = left
             corner = up
             above[x] = left

@@ -72,7 +72,9 @@ class Choice:
     """The codec that was chosen."""
 
     name: str  #: FFmpeg's name.
-    fallback_reason: str | None  #: Why it is not a preferred one; None if nothing better was wanted.
+    fallback_reason: (
+        str | None
+    )  #: Why it is not a preferred one; None if nothing better was wanted.
 
 
 def available_encoders() -> tuple[CodecProbe, ...]:
@@ -94,7 +96,9 @@ def probe_encoder(name: str) -> CodecProbe:
 @functools.cache
 def probe_decoder(name: str) -> CodecProbe:
     """Decode three frames that a software encoder made."""
-    maker = next((found for found in ENCODERS if found in SOFTWARE and probe_encoder(found).works), None)
+    maker = next(
+        (found for found in ENCODERS if found in SOFTWARE and probe_encoder(found).works), None
+    )
     if maker is None:
         reason = "not tried: there is no software encoder to make a trial stream"
         return CodecProbe(name=name, works=False, reason=reason)
@@ -190,12 +194,16 @@ def _check_stream(stream: list[EncodedFrame], *, decoder: str) -> str:
     return f"3 frames in, 3 out at once, {worst_db:.1f} dB"
 
 
-def _worst_db(session: DecoderSession, stream: list[EncodedFrame], images: list[NDArray[np.uint8]]) -> float:
+def _worst_db(
+    session: DecoderSession, stream: list[EncodedFrame], images: list[NDArray[np.uint8]]
+) -> float:
     worst_db = math.inf
     for encoded, image in zip(stream, images, strict=True):
         frames = session.decode(encoded.data)
         if len(frames) != 1:
-            raise CodecError(f"gave {len(frames)} frames for packet {encoded.pts}, wanted 1 at once")
+            raise CodecError(
+                f"gave {len(frames)} frames for packet {encoded.pts}, wanted 1 at once"
+            )
         error = float(np.mean((session.bgr(frames[0]).astype(np.float64) - image) ** 2))
         worst_db = min(worst_db, 10 * math.log10(255**2 / max(error, 1e-9)))
     return worst_db

@@ -58,7 +58,10 @@ def encode(depth: NDArray[np.uint16]) -> bytes:
 
 
 def decode(
-    data: bytes | bytearray | memoryview, shape: tuple[int, int], *, out: NDArray[np.uint16] | None = None
+    data: bytes | bytearray | memoryview,
+    shape: tuple[int, int],
+    *,
+    out: NDArray[np.uint16] | None = None,
 ) -> NDArray[np.uint16]:
     """Restore a depth image; hostile bytes cost time and memory in proportion to `shape`, nothing more.
 
@@ -140,7 +143,9 @@ def _put(number: Any, words: Any, state: Any) -> Any:
     return at, window, bits
 
 
-@compiled("int64(Array(uint16, 1, 'C', readonly=True), uint32[::1], Array(int32, 1, 'C', readonly=True))")
+@compiled(
+    "int64(Array(uint16, 1, 'C', readonly=True), uint32[::1], Array(int32, 1, 'C', readonly=True))"
+)
 def _encode_words(pixels: Any, words: Any, table: Any) -> Any:
     """Write all pixels as words and return how many words they are."""
     count = len(pixels)
@@ -205,7 +210,9 @@ def _decode_words(words: Any, pixels: Any) -> Any:  # noqa: C901, PLR0911  # one
     end = 0
     while end < count:
         zeros, (at, window, bits) = _get(words, (at, window, bits))
-        run, (at, window, bits) = (0, (at, window, bits)) if zeros < 0 else _get(words, (at, window, bits))
+        run, (at, window, bits) = (
+            (0, (at, window, bits)) if zeros < 0 else _get(words, (at, window, bits))
+        )
         if zeros < 0 or run < 0:
             return -min(zeros, run), at, bits
         start = end + zeros

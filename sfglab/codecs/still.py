@@ -74,7 +74,9 @@ def _claim(data: bytes) -> tuple[str, int, int]:
     if data.startswith(_JPEG_START):
         return ("jpeg", *_jpeg_size(data))
     start = data[:8].hex(" ") or "nothing"
-    raise BitstreamError("png or jpeg", reason=f"starts with {start}, which is neither", size_bytes=len(data))
+    raise BitstreamError(
+        "png or jpeg", reason=f"starts with {start}, which is neither", size_bytes=len(data)
+    )
 
 
 def _png_size(data: bytes) -> tuple[int, int]:

@@ -70,7 +70,10 @@ _CUDA = {
     _NOBLE: "docker.io/nvidia/cuda:12.6.3-runtime-ubuntu24.04",
     _JAMMY: "docker.io/nvidia/cuda:12.6.3-runtime-ubuntu22.04",
 }
-_ROCM = {_NOBLE: "docker.io/rocm/dev-ubuntu-24.04:6.4.1", _JAMMY: "docker.io/rocm/dev-ubuntu-22.04:6.4.1"}
+_ROCM = {
+    _NOBLE: "docker.io/rocm/dev-ubuntu-24.04:6.4.1",
+    _JAMMY: "docker.io/rocm/dev-ubuntu-22.04:6.4.1",
+}
 
 _ANYWHERE = product((Accelerator.VAAPI, Accelerator.V4L2, Accelerator.NONE), (_AMD64, _ARM64))
 _IMAGES: dict[tuple[Accelerator, Architecture], dict[Distribution, str]] = {
@@ -90,7 +93,10 @@ _PACKAGES: dict[tuple[Accelerator, Architecture], tuple[str, ...]] = {
 }
 
 # The container runtime hides NVENC and NVDEC unless asked (NVIDIA Container Toolkit, "Driver Capabilities").
-_NVIDIA = (("NVIDIA_VISIBLE_DEVICES", "all"), ("NVIDIA_DRIVER_CAPABILITIES", "compute,utility,video"))
+_NVIDIA = (
+    ("NVIDIA_VISIBLE_DEVICES", "all"),
+    ("NVIDIA_DRIVER_CAPABILITIES", "compute,utility,video"),
+)
 _ENVIRONMENT = {Accelerator.JETSON: _NVIDIA, Accelerator.CUDA: _NVIDIA}
 
 
@@ -123,7 +129,10 @@ def _distribution(deployment: Deployment, offered: tuple[Distribution, ...]) -> 
         return next(member for member in Distribution if member in offered)
     if wanted in offered:
         return wanted
-    known = [RosDistribution.NONE, *(given for given, release in _ROS_RELEASE.items() if release in offered)]
+    known = [
+        RosDistribution.NONE,
+        *(given for given, release in _ROS_RELEASE.items() if release in offered),
+    ]
     allowed = ", ".join(member.value for member in known)
     raise DeployError(
         f"{deployment.host.place}: given accelerator {deployment.accelerator.value!r} in a fleet with ROS 2 "

@@ -70,7 +70,9 @@ def bundle_of(
     """
     release = deployment.release
     files = render_bundle(deployment)
-    members = {path: Member(data=file.text.encode(), mode=file.mode) for path, file in files.items()}
+    members = {
+        path: Member(data=file.text.encode(), mode=file.mode) for path, file in files.items()
+    }
     members |= {f"image/{release.wheel}": Member(data=wheel, mode=PLAIN), **workspace}
     digest = _sha256(json.dumps(_entries(members), sort_keys=True).encode())
     # A tag has no plus sign (OCI Distribution Specification 1.1).
@@ -141,7 +143,15 @@ def unpack(archive: bytes) -> dict[str, Member]:
             return dict(_members_of(tar, len(archive)))
     except DeployError:
         raise
-    except (tarfile.TarError, ValueError, LookupError, OSError, EOFError, OverflowError, struct.error) as error:
+    except (
+        tarfile.TarError,
+        ValueError,
+        LookupError,
+        OSError,
+        EOFError,
+        OverflowError,
+        struct.error,
+    ) as error:
         raise DeployError(f"not a whole tar archive: {error}") from error
 
 
@@ -149,7 +159,9 @@ def _members_of(tar: tarfile.TarFile, left: int) -> Iterator[tuple[str, Member]]
     for info in filter(tarfile.TarInfo.isfile, tar):
         path, left = info.name.removeprefix("./"), left - max(info.size, 0)
         if left < 0 or path.startswith("/") or ".." in path.split("/"):
-            raise DeployError(f"archive: given {path!r} of {info.size} bytes, allowed is what is in it")
+            raise DeployError(
+                f"archive: given {path!r} of {info.size} bytes, allowed is what is in it"
+            )
         file = tar.extractfile(info)
         yield path, Member(data=file.read() if file else b"", mode=info.mode & 0o777)
 
@@ -182,7 +194,9 @@ def with_accelerator(source: FleetSource, agents: Sequence[str], name: str) -> F
     """Return a fleet whose agents, none: all, have an accelerator, or ``auto``; or raise `DeployError`."""
     known = (AUTO, *(member.value for member in Accelerator))
     if name not in known:
-        raise DeployError(f"accelerator: given {name!r}, allowed: {', '.join(known)}{suggestion(name, known)}")
+        raise DeployError(
+            f"accelerator: given {name!r}, allowed: {', '.join(known)}{suggestion(name, known)}"
+        )
     accelerator = None if name == AUTO else Accelerator(name)
 
     def changed(agent: AgentSpec) -> AgentSpec:
@@ -190,7 +204,9 @@ def with_accelerator(source: FleetSource, agents: Sequence[str], name: str) -> F
             return agent
         return replace(agent, host=replace(agent.host, accelerator=accelerator))
 
-    return replace(source, fleet=replace(source.fleet, agents=tuple(map(changed, source.fleet.agents))))
+    return replace(
+        source, fleet=replace(source.fleet, agents=tuple(map(changed, source.fleet.agents)))
+    )
 
 
 def prepare(

@@ -38,7 +38,9 @@ def _project(deployment: Deployment) -> dict[str, Any]:
     }
     if deployment.network.bridge:
         options = {"com.docker.network.bridge.name": deployment.network.bridge}
-        project["networks"] = {"agent": {"driver": "bridge", "internal": True, "driver_opts": options}}
+        project["networks"] = {
+            "agent": {"driver": "bridge", "internal": True, "driver_opts": options}
+        }
     return project
 
 
@@ -87,7 +89,15 @@ def _router(deployment: Deployment) -> dict[str, Any]:
     software, interface = deployment.common.router, deployment.network.router_interface
     service: dict[str, Any] = {"image": deployment.common.router_image or _image(deployment)}
     if software is RouterSoftware.SFGLAB:
-        own = ["router", "--fleet", FLEET_FILE, "--agent", deployment.agent.name, "--interface", interface]
+        own = [
+            "router",
+            "--fleet",
+            FLEET_FILE,
+            "--agent",
+            deployment.agent.name,
+            "--interface",
+            interface,
+        ]
         service["command"] = own
     else:
         file = ROUTER_FILES[software]
@@ -104,7 +114,11 @@ def _image(deployment: Deployment) -> str:
 
 def _environment(deployment: Deployment) -> dict[str, str]:
     """Return what the agent's own nodes and the user's need to meet in its domain."""
-    values = {"SFG_AGENT_NAME": deployment.agent.name, "HOME": "/tmp", "NUMBA_CACHE_DIR": "/run/numba"}  # noqa: S108 - a tmpfs of the container's own
+    values = {
+        "SFG_AGENT_NAME": deployment.agent.name,
+        "HOME": "/tmp",
+        "NUMBA_CACHE_DIR": "/run/numba",
+    }  # noqa: S108 - a tmpfs of the container's own
     if deployment.common.ros is RosDistribution.NONE:
         return values
     return values | {
@@ -143,13 +157,19 @@ def _hardware(deployment: Deployment) -> dict[str, Any]:
     wanted: dict[str, Any] = {}
     if nodes:
         wanted["devices"] = [f"{node}:{node}" for node in nodes]
-        wanted["group_add"] = [f"${{SFGLAB_{group}_GID:?{_NEEDS_INITIALIZE}}}" for group in ("VIDEO", "RENDER")]
+        wanted["group_add"] = [
+            f"${{SFGLAB_{group}_GID:?{_NEEDS_INITIALIZE}}}" for group in ("VIDEO", "RENDER")
+        ]
     if _USB in nodes:
         wanted["device_cgroup_rules"] = [f"c {_USB_MAJOR}:* rwm"]  # what is plugged in later
     if accelerator is Accelerator.JETSON:
         wanted["runtime"] = "nvidia"
     if accelerator is Accelerator.CUDA:
-        gpu = {"driver": "nvidia", "count": "all", "capabilities": ["gpu", "compute", "utility", "video"]}
+        gpu = {
+            "driver": "nvidia",
+            "count": "all",
+            "capabilities": ["gpu", "compute", "utility", "video"],
+        }
         wanted["deploy"] = {"resources": {"reservations": {"devices": [gpu]}}}
     return wanted
 

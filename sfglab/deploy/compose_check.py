@@ -120,7 +120,9 @@ def _capabilities(project: Project) -> Iterator[str]:
 def _no_new_privileges(project: Project) -> Iterator[str]:
     for name, service in project.services():
         options = scalars(service.get("security_opt"))
-        if not project.overlay and not {"no-new-privileges:true", "no-new-privileges"} & set(options):
+        if not project.overlay and not {"no-new-privileges:true", "no-new-privileges"} & set(
+            options
+        ):
             yield f"services.{name}.security_opt: nothing is given, allowed: [no-new-privileges:true]"
         for option in options:
             if option.endswith(("unconfined", ":false", "disable")):
@@ -230,7 +232,9 @@ def _devices(project: Project) -> Iterator[str]:
             if not (rule.startswith(_USB_RULE) and any(node.startswith(_USB) for node in given)):
                 words = f"{_USB_RULE}* where the fleet file names {_USB}"
                 yield f"services.{name}.device_cgroup_rules: given {rule!r}, allowed: {words}"
-        if accelerator not in _NVIDIA and (service.get("runtime") == "nvidia" or service.get("gpus")):
+        if accelerator not in _NVIDIA and (
+            service.get("runtime") == "nvidia" or service.get("gpus")
+        ):
             yield f"services.{name}: NVIDIA's runtime is asked for, but its accelerator is {accelerator.value}"
         yield from _reserved(name, service, accelerator)
 
@@ -304,7 +308,9 @@ def check_compose(files: Mapping[str, BundleFile], deployment: Deployment) -> tu
             continue
         verdicts.append(verdict_of(SCHEMA, name, _by_schema, values))
         overlay = name == OVERLAY
-        project = Project(values=values, base=base, overlay=overlay, deployment=deployment, variables=defined)
+        project = Project(
+            values=values, base=base, overlay=overlay, deployment=deployment, variables=defined
+        )
         asked = (rule for rule in RULES if rule.overlay or not overlay)
         verdicts += (verdict_of(rule.name, name, rule.wrong, project) for rule in asked)
         base = values
@@ -317,7 +323,9 @@ def _services_of(files: Mapping[str, BundleFile], name: str) -> dict[str, Any]:
         raise DeployError("there is no such file")
     values: Any = Document(files[name].text, name).value
     services = values.get("services") if isinstance(values, dict) else None
-    if not isinstance(services, dict) or not all(isinstance(service, dict) for service in services.values()):
+    if not isinstance(services, dict) or not all(
+        isinstance(service, dict) for service in services.values()
+    ):
         raise DeployError("services: allowed is a mapping of services, each a mapping")
     return dict(values)
 

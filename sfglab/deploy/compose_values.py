@@ -12,7 +12,9 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-_VARIABLE = re.compile(r"\$(?:\$|(?P<plain>[A-Za-z_]\w*)|\{(?P<name>[A-Za-z_]\w*)(?P<rest>[^}]*)\})")
+_VARIABLE = re.compile(
+    r"\$(?:\$|(?P<plain>[A-Za-z_]\w*)|\{(?P<name>[A-Za-z_]\w*)(?P<rest>[^}]*)\})"
+)
 _COLON = re.compile(r":(?![^{]*\})")  # between parts, not within a variable as ${A:?what to do}
 _DEFAULT = re.compile(r"\$\{[A-Za-z_]\w*:?-([^}]*)\}")
 _PLAIN = "plain"
@@ -95,7 +97,9 @@ def _variables(text: str) -> Iterator[Variable]:
     for match in _VARIABLE.finditer(text):
         name, rest = match["name"] or match["plain"], (match["rest"] or "").removeprefix(":")
         if name:
-            yield Variable(name=name, must_be_set=rest.startswith("?"), has_default=rest.startswith(("-", "+")))
+            yield Variable(
+                name=name, must_be_set=rest.startswith("?"), has_default=rest.startswith(("-", "+"))
+            )
 
 
 def without_variables(text: str) -> str:
@@ -105,7 +109,11 @@ def without_variables(text: str) -> str:
 
 def references(service: dict[str, Any]) -> Iterator[tuple[str, str, str]]:
     """Yield what a service names: its key, the section where that is defined, and the name."""
-    for key, section in (("depends_on", "services"), ("networks", "networks"), ("secrets", "secrets")):
+    for key, section in (
+        ("depends_on", "services"),
+        ("networks", "networks"),
+        ("secrets", "secrets"),
+    ):
         for name in named(service.get(key)):
             yield key, section, name
     for mount in mounts(service):

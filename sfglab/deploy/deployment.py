@@ -20,7 +20,9 @@ from sfglab.fleet.fleet_file import (
     HostSpec,
 )
 
-LAST_EPHEMERAL_FREE_PORT = 32767  #: The last port below net.ipv4.ip_local_port_range, which anybody gets.
+LAST_EPHEMERAL_FREE_PORT = (
+    32767  #: The last port below net.ipv4.ip_local_port_range, which anybody gets.
+)
 
 _LONGEST_INTERFACE = 15  # IFNAMSIZ of Linux, less its closing zero
 _CONTAINER_INTERFACE = "eth0"
@@ -32,11 +34,17 @@ class NetworkPlan:
 
     local_domain: int  #: The agent's own domain.
     global_domain: int  #: The domain that all routers join.
-    bridge: str  #: Name of the agent's bridge; empty where its container stands on the host's network.
+    bridge: (
+        str  #: Name of the agent's bridge; empty where its container stands on the host's network.
+    )
     agent_interface: str  #: Where the agent's container speaks its own domain.
     router_interface: str  #: Where the router meets it.
-    global_interface: str | None  #: Where the router meets the other agents; None leaves the choice to DDS.
-    local_ports: tuple[int, int]  #: First and last UDP port of its own domain, which nobody outside may reach.
+    global_interface: (
+        str | None
+    )  #: Where the router meets the other agents; None leaves the choice to DDS.
+    local_ports: tuple[
+        int, int
+    ]  #: First and last UDP port of its own domain, which nobody outside may reach.
     global_ports: tuple[int, int]  #: First and last UDP port of the global domain.
 
 
@@ -89,7 +97,9 @@ class Release:
     version: str  #: Of sfglab.
     wheel: str  #: File name of sfglab's wheel.
     wheel_sha256: str  #: Its digest, as hexadecimal digits.
-    lock: str  #: The pinned lock file's text: names, versions and digests of all that runs beside it.
+    lock: (
+        str  #: The pinned lock file's text: names, versions and digests of all that runs beside it.
+    )
     fleet_text: str  #: The fleet file, as it was read.
     revision: str = ""  #: Commit the wheel was built from; empty where it is not known.
     created: str = ""  #: When that was, as RFC 3339 has it; empty where it is not known.
@@ -149,7 +159,9 @@ def deployment_of(
     """
     spec = fleet.agent(agent)
     if spec.host is None:
-        raise DeployError(f"{spec.place}: host: nothing is given, allowed: the machine that {agent} runs on")
+        raise DeployError(
+            f"{spec.place}: host: nothing is given, allowed: the machine that {agent} runs on"
+        )
     accelerator = spec.host.accelerator or detected
     if accelerator is None:
         known = ", ".join(member.value for member in Accelerator)

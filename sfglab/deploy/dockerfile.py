@@ -33,7 +33,9 @@ class _Cyclone:
 
     version: str = "11.0.1"  #: Its tag, and that of the Python binding on PyPI.
     commit: str = "e54e991f75a3e67f8e628da3171122e36ea5b872"  #: What the tag names.
-    repository: str = "https://github.com/eclipse-cyclonedds/cyclonedds.git"  #: Where it is fetched from.
+    repository: str = (
+        "https://github.com/eclipse-cyclonedds/cyclonedds.git"  #: Where it is fetched from.
+    )
     prefix: str = "/opt/cyclonedds"  #: Where it is installed.
     packages: tuple[str, ...] = ()  #: Debian packages that build it.
 
@@ -45,7 +47,9 @@ class _Ros:
     distribution: str  #: Its name.
     archive: str = "http://packages.ros.org/ros2/ubuntu"  #: Its Debian packages.
     key: str = "https://raw.githubusercontent.com/ros/rosdistro/master/ros.key"  #: The archive's signing key.
-    fingerprint: str = "C1CF6E31E6BADE8868B172B4F42ED6FBAB17C654"  #: The key's, as Open Robotics publishes it.
+    fingerprint: str = (
+        "C1CF6E31E6BADE8868B172B4F42ED6FBAB17C654"  #: The key's, as Open Robotics publishes it.
+    )
 
     @property
     def packages(self) -> tuple[str, ...]:
@@ -120,7 +124,12 @@ def _dockerfile(deployment: Deployment, base: BaseImage, locks: dict[str, str]) 
         from_source=_from_source(deployment),
         cyclone=_Cyclone(packages=(*tools, *base.python_packages, headers)),
         ros=ros,
-        common_packages=["ca-certificates", "ffmpeg", *base.python_packages, *(ros.packages if ros else ())],
+        common_packages=[
+            "ca-certificates",
+            "ffmpeg",
+            *base.python_packages,
+            *(ros.packages if ros else ()),
+        ],
         workspace=host.workspace,
         overlay=OVERLAY,
         host_packages=list(host.packages),
@@ -132,7 +141,9 @@ def _dockerfile(deployment: Deployment, base: BaseImage, locks: dict[str, str]) 
         venv=VENV,
         fleet_file=FLEET_FILE,
         labels=[(name, _quoted(value)) for name, value in _labels(deployment, base, locks).items()],
-        command=json.dumps(["agent", "up", "--fleet", FLEET_FILE, "--agent", deployment.agent.name]),
+        command=json.dumps(
+            ["agent", "up", "--fleet", FLEET_FILE, "--agent", deployment.agent.name]
+        ),
     )
 
 
@@ -141,7 +152,9 @@ def _ros(deployment: Deployment) -> _Ros | None:
     if distribution is not RosDistribution.NONE:
         return _Ros(distribution=distribution.value)
     if deployment.host.workspace:
-        allowed = ", ".join(member.value for member in RosDistribution if member is not distribution)
+        allowed = ", ".join(
+            member.value for member in RosDistribution if member is not distribution
+        )
         raise DeployError(
             f"{deployment.host.place}.workspace: given {deployment.host.workspace!r} in a fleet whose "
             f"deployment.ros is 'none', allowed with a colcon workspace: {allowed}"
@@ -168,18 +181,27 @@ def _labels(deployment: Deployment, base: BaseImage, locks: dict[str, str]) -> d
         "wheel.sha256": release.wheel_sha256,
         "fleet.sha256": _sha256(release.fleet_text),
     }
-    labels = {f"org.opencontainers.image.{name}": value for name, value in standard.items() if value}
+    labels = {
+        f"org.opencontainers.image.{name}": value for name, value in standard.items() if value
+    }
     return labels | {f"io.sfglab.{name}": value for name, value in own.items()}
 
 
 def _entrypoint(deployment: Deployment) -> str:
     ros = _ros(deployment)
     scripts = [f"/opt/ros/{ros.distribution}/setup.sh", f"{OVERLAY}/setup.sh"] if ros else []
-    return render("entrypoint.sh.j2", launch=deployment.host.launch, setup_scripts=scripts, venv=VENV)
+    return render(
+        "entrypoint.sh.j2", launch=deployment.host.launch, setup_scripts=scripts, venv=VENV
+    )
 
 
 def _dockerignore(deployment: Deployment, paths: tuple[str, ...]) -> str:
-    wanted = [*paths, "image/entrypoint.sh", "image/fleet.yaml", f"image/{deployment.release.wheel}"]
+    wanted = [
+        *paths,
+        "image/entrypoint.sh",
+        "image/fleet.yaml",
+        f"image/{deployment.release.wheel}",
+    ]
     if deployment.host.workspace:
         wanted.append("workspace/src")
     lines = [

@@ -17,7 +17,19 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
 INSTRUCTIONS = (
-    *("ADD", "ARG", "CMD", "COPY", "ENTRYPOINT", "ENV", "EXPOSE", "FROM", "HEALTHCHECK", "LABEL", "ONBUILD"),
+    *(
+        "ADD",
+        "ARG",
+        "CMD",
+        "COPY",
+        "ENTRYPOINT",
+        "ENV",
+        "EXPOSE",
+        "FROM",
+        "HEALTHCHECK",
+        "LABEL",
+        "ONBUILD",
+    ),
     *("RUN", "SHELL", "STOPSIGNAL", "USER", "VOLUME", "WORKDIR"),
 )
 """All but MAINTAINER, which is gone (Dockerfile reference)."""
@@ -54,7 +66,9 @@ def parse_dockerfile(text: str) -> tuple[Instruction, ...]:
         if _is_nothing(line):
             continue
         parts = [line.strip()]
-        while parts[-1].endswith("\\") and (more := next((m for _, m in rest if not _is_nothing(m)), None)):
+        while parts[-1].endswith("\\") and (
+            more := next((m for _, m in rest if not _is_nothing(m)), None)
+        ):
             parts = [*parts[:-1], parts[-1][:-1].rstrip(), more.strip()]
         value = " ".join(parts)
         takes_documents = value.split(maxsplit=1)[0].upper() in {"RUN", "COPY", "ADD"}
@@ -79,7 +93,9 @@ def stages_of(instructions: tuple[Instruction, ...]) -> tuple[Stage, ...]:
         head = instructions[start]
         match = _FROM.fullmatch(head.value)
         if match is None:
-            raise DeployError(f"line {head.line}: FROM: given {head.value!r}, allowed: image AS name")
+            raise DeployError(
+                f"line {head.line}: FROM: given {head.value!r}, allowed: image AS name"
+            )
         name, inner = match["name"] or "", instructions[start + 1 : end]
         stages.append(Stage(name=name, image=match["image"], line=head.line, instructions=inner))
     return tuple(stages)
@@ -100,11 +116,14 @@ def _instruction(text: str, line: int) -> Instruction:
 
 
 _SECRET = re.compile(
-    r"(?:^|_)(?:PASSWORD|PASSWD|TOKEN|SECRET|CREDENTIALS?|(?:API|PRIVATE|ACCESS)?_?KEY)(?:_|$)", re.IGNORECASE
+    r"(?:^|_)(?:PASSWORD|PASSWD|TOKEN|SECRET|CREDENTIALS?|(?:API|PRIVATE|ACCESS)?_?KEY)(?:_|$)",
+    re.IGNORECASE,
 )
 _ASSIGNMENT = re.compile(r"(\w+)=(\"(?:[^\"\\]|\\.)*\"|'[^']*'|\S*)")
 _VARIABLE = re.compile(r"\$\{?(\w+)(?::?-([^}]*))?\}?")
-_PIPED_SCRIPT = re.compile(r"\b(?:curl|wget)\b[^;&]*\|\s*(?:sudo\s+)?(?:env\s+)?(?:/\S*/)?(?:ba|da|z)?sh\b")
+_PIPED_SCRIPT = re.compile(
+    r"\b(?:curl|wget)\b[^;&]*\|\s*(?:sudo\s+)?(?:env\s+)?(?:/\S*/)?(?:ba|da|z)?sh\b"
+)
 _REMOTE = re.compile(r"\b(?:https?|ftp|git)://")
 
 
@@ -145,7 +164,9 @@ def _no_stage(recipe: Recipe) -> Iterator[Broken[int]]:
 def _unpinned(recipe: Recipe) -> Iterator[Broken[int]]:
     # A FROM sees the defaults of the arguments before the first one, and no others.
     head = takewhile(lambda each: each.name != "FROM", recipe.instructions)
-    assigned = [pair for each in head if each.name == "ARG" for pair in _ASSIGNMENT.findall(each.value)]
+    assigned = [
+        pair for each in head if each.name == "ARG" for pair in _ASSIGNMENT.findall(each.value)
+    ]
     defaults = {name: value.strip("\"'") for name, value in assigned}
     known = {"scratch"}
     for stage in recipe.stages:
@@ -210,7 +231,9 @@ def _user(stage: Stage, origins: dict[str, Stage]) -> str:
 
 
 @RULES.add(
-    "secret", "it stands in the image's history for all who have the image", "use RUN --mount=type=secret"
+    "secret",
+    "it stands in the image's history for all who have the image",
+    "use RUN --mount=type=secret",
 )
 def _secret(recipe: Recipe) -> Iterator[Broken[int]]:
     for each in recipe.named("ARG", "ENV"):
@@ -240,7 +263,11 @@ def _piped(recipe: Recipe) -> Iterator[Broken[int]]:
             yield Broken(each.line, "RUN: a download is piped into a shell")
 
 
-@RULES.add("copies-everything", "whatever lies there gets into the image, secrets too", "name what is needed")
+@RULES.add(
+    "copies-everything",
+    "whatever lies there gets into the image, secrets too",
+    "name what is needed",
+)
 def _everything(recipe: Recipe) -> Iterator[Broken[int]]:
     for each in recipe.named("ADD", "COPY"):
         words = [word for word in each.value.split() if not word.startswith("--")]

@@ -10,9 +10,13 @@ from sfglab.deploy.deployment import FLEET_FILE, USER, Deployment
 from sfglab.deploy.files import BundleFile
 from sfglab.fleet.fleet_file import RosDistribution
 
-INTERPRETER = "/opt/venv/bin/python"  #: Of images, with sfglab; nodes of a distribution run on the system's.
+INTERPRETER = (
+    "/opt/venv/bin/python"  #: Of images, with sfglab; nodes of a distribution run on the system's.
+)
 
-ENVIRONMENT_FILE = "build/ros.env"  #: Of the workspace's nodes, for debuggers, which source no shell files.
+ENVIRONMENT_FILE = (
+    "build/ros.env"  #: Of the workspace's nodes, for debuggers, which source no shell files.
+)
 
 _KEPT = "^(AMENT_|CMAKE_PREFIX_PATH=|COLCON_|LD_LIBRARY_PATH=|PATH=|PYTHONPATH=|ROS_)"
 
@@ -31,14 +35,21 @@ def build_command(ros: RosDistribution) -> str:
 def environment_command(ros: RosDistribution) -> str:
     """Return how `ENVIRONMENT_FILE` is written."""
     overlay = "{ [ ! -f install/setup.bash ] || source install/setup.bash; }"
-    return _sourced(ros, f"{overlay} && mkdir -p build && printenv | grep -E '{_KEPT}' > {ENVIRONMENT_FILE}")
+    return _sourced(
+        ros, f"{overlay} && mkdir -p build && printenv | grep -E '{_KEPT}' > {ENVIRONMENT_FILE}"
+    )
 
 
 _CLANGD = "llvm-vs-code-extensions.vscode-clangd"
 
 DEBUGGERS = {"debugpy": "ms-python.debugpy", "lldb": "vadimcn.vscode-lldb"}  #: Extensions.
 
-FORMATTERS = {"c": _CLANGD, "cpp": _CLANGD, "python": "charliermarsh.ruff", "cmake": "cheshirekow.cmake-format"}
+FORMATTERS = {
+    "c": _CLANGD,
+    "cpp": _CLANGD,
+    "python": "charliermarsh.ruff",
+    "cmake": "cheshirekow.cmake-format",
+}
 """Extension that formats each language: clangd by clang-format's rules, Ruff, cmake-format."""
 
 _OTHERS = ("ms-python.python", "ms-vscode.cmake-tools", "redhat.vscode-yaml")
@@ -48,7 +59,10 @@ EXTENSIONS = tuple(sorted({*_OTHERS, *DEBUGGERS.values(), *FORMATTERS.values()})
 _BUILT = ("build", "install", "log")
 
 
-_PYTHON = {RosDistribution.HUMBLE: "3.10", RosDistribution.JAZZY: "3.12"}  #: Of their Ubuntu (REP 2000).
+_PYTHON = {
+    RosDistribution.HUMBLE: "3.10",
+    RosDistribution.JAZZY: "3.12",
+}  #: Of their Ubuntu (REP 2000).
 
 
 def _workspace_settings(ros: RosDistribution) -> dict[str, Any]:
@@ -58,8 +72,13 @@ def _workspace_settings(ros: RosDistribution) -> dict[str, Any]:
     }
     languages["[python]"] |= {"editor.codeActionsOnSave": {"source.organizeImports": "explicit"}}
     settings = {
-        "python.defaultInterpreterPath": INTERPRETER if ros is RosDistribution.NONE else "/usr/bin/python3",
-        "clangd.arguments": ["--compile-commands-dir=${workspaceFolder}/build", "--header-insertion=never"],
+        "python.defaultInterpreterPath": INTERPRETER
+        if ros is RosDistribution.NONE
+        else "/usr/bin/python3",
+        "clangd.arguments": [
+            "--compile-commands-dir=${workspaceFolder}/build",
+            "--header-insertion=never",
+        ],
         # CMake packages are configured by the build, not by opening a folder.
         "cmake.configureOnOpen": False,
         "python.analysis.typeCheckingMode": "basic",
@@ -94,13 +113,18 @@ def _tasks(ros: RosDistribution) -> dict[str, Any]:
         "args": ["deploy", "check", FLEET_FILE],
         "problemMatcher": [],
     }
-    return {"version": "2.0.0", "tasks": [*(() if ros is RosDistribution.NONE else _colcon_tasks(ros)), check]}
+    return {
+        "version": "2.0.0",
+        "tasks": [*(() if ros is RosDistribution.NONE else _colcon_tasks(ros)), check],
+    }
 
 
 def _colcon_tasks(ros: RosDistribution) -> tuple[dict[str, Any], ...]:
     test = _sourced(ros, "colcon test && colcon test-result --verbose")
     return (
-        _bash(BUILD, build_command(ros), group={"kind": "build", "isDefault": True}, matcher=["$gcc"]),
+        _bash(
+            BUILD, build_command(ros), group={"kind": "build", "isDefault": True}, matcher=["$gcc"]
+        ),
         _bash("colcon test", test, group={"kind": "test", "isDefault": True}, matcher=["$gcc"]),
         _bash(ENVIRONMENT, environment_command(ros)),
         {
@@ -113,7 +137,11 @@ def _colcon_tasks(ros: RosDistribution) -> tuple[dict[str, Any], ...]:
 
 
 def _bash(
-    label: str, command: str, *, group: dict[str, Any] | None = None, matcher: list[str] | None = None
+    label: str,
+    command: str,
+    *,
+    group: dict[str, Any] | None = None,
+    matcher: list[str] | None = None,
 ) -> dict[str, Any]:
     task: dict[str, Any] = {
         "label": label,
@@ -126,7 +154,9 @@ def _bash(
     return task | ({"group": group} if group else {})
 
 
-DEBUGPY_PORT = 5678  #: Where ``python -m debugpy --listen 5678 ...`` waits; its own documentation's example.
+DEBUGPY_PORT = (
+    5678  #: Where ``python -m debugpy --listen 5678 ...`` waits; its own documentation's example.
+)
 
 _ARGUMENTS = "${input:arguments}"
 _INPUTS = {
@@ -181,7 +211,9 @@ def _python(deployment: Deployment, *, ros: bool) -> list[dict[str, Any]]:
 
 
 def _cpp(*, ros: bool) -> list[dict[str, Any]]:
-    installed = "${workspaceFolder}/install/${input:package}/lib/${input:package}/${input:executable}"
+    installed = (
+        "${workspaceFolder}/install/${input:package}/lib/${input:package}/${input:executable}"
+    )
     return [
         {
             "name": "C++ node",
@@ -219,7 +251,9 @@ def _container(deployment: Deployment) -> dict[str, Any]:
         # A list runs without a shell, so that no character of the folder's name means anything.
         "initializeCommand": ["${localWorkspaceFolder}/hooks/initialize.sh", "--development"],
         "remoteUser": USER,
-        "customizations": {"vscode": {"extensions": list(EXTENSIONS), "settings": _workspace_settings(ros)}},
+        "customizations": {
+            "vscode": {"extensions": list(EXTENSIONS), "settings": _workspace_settings(ros)}
+        },
     }
     if ros is not RosDistribution.NONE:
         settings["postCreateCommand"] = ["bash", "-c", build_command(ros)]
@@ -236,4 +270,6 @@ def editor_files(deployment: Deployment) -> dict[str, BundleFile]:
         ".vscode/settings.json": _workspace_settings(ros),
         ".vscode/tasks.json": _tasks(ros),
     }
-    return {name: BundleFile(text=json.dumps(value, indent=2) + "\n") for name, value in values.items()}
+    return {
+        name: BundleFile(text=json.dumps(value, indent=2) + "\n") for name, value in values.items()
+    }

@@ -20,7 +20,11 @@ if TYPE_CHECKING:
 
     from sfglab.deploy.files import BundleFile
 
-CONTAINER, LAUNCH, TASKS = ".devcontainer/devcontainer.json", ".vscode/launch.json", ".vscode/tasks.json"
+CONTAINER, LAUNCH, TASKS = (
+    ".devcontainer/devcontainer.json",
+    ".vscode/launch.json",
+    ".vscode/tasks.json",
+)
 EXTENSIONS, SETTINGS = ".vscode/extensions.json", ".vscode/settings.json"
 SHAPES = {
     CONTAINER: "devcontainer",
@@ -34,7 +38,13 @@ SHAPES = {
 _WHY = "VS Code passes over it, or shows an error"
 _NO_START = "the container does not start"
 _VARIABLE = re.compile(r"\$\{([^}]*)\}")
-_VARIABLES = ("file", "fileDirname", "workspaceFolder", "localWorkspaceFolder", "containerWorkspaceFolder")
+_VARIABLES = (
+    "file",
+    "fileDirname",
+    "workspaceFolder",
+    "localWorkspaceFolder",
+    "containerWorkspaceFolder",
+)
 _PICKERS = ("pickMyProcess", "pickProcess")  # CodeLLDB's manual, "Pick Process Command"
 _HOME = "${localWorkspaceFolder}/"
 
@@ -58,7 +68,9 @@ class Editor:
         return [task["label"] for task in self.tasks]
 
 
-RULES: Rules[Editor, KeyPath] = Rules()  #: What the files may say of each other; a place begins with its file.
+RULES: Rules[Editor, KeyPath] = (
+    Rules()
+)  #: What the files may say of each other; a place begins with its file.
 
 
 def check_editor(files: Mapping[str, BundleFile]) -> tuple[Finding, ...]:
@@ -70,7 +82,11 @@ def check_editor(files: Mapping[str, BundleFile]) -> tuple[Finding, ...]:
     documents = {name: _read(files, name) for name in SHAPES}
     findings = [found for found in documents.values() if isinstance(found, Finding)]
     read = {name: found for name, found in documents.items() if isinstance(found, Document)}
-    findings += [finding for name, document in read.items() for finding in check_shape(document, SHAPES[name])]
+    findings += [
+        finding
+        for name, document in read.items()
+        for finding in check_shape(document, SHAPES[name])
+    ]
     if findings:  # what files say of each other is asked once all can be read
         return tuple(findings)
     values: dict[str, Any] = {name: document.value for name, document in read.items()}
@@ -96,7 +112,9 @@ def _read(files: Mapping[str, BundleFile], name: str) -> Document | Finding:
             return read_json5(files[name].text, name)
     except (ValueError, DocumentError) as error:
         what = f"given what is no JSON ({error}), allowed: JSON without comments"
-    return Finding(severity=Severity.ERROR, code="schema", place=Place(file=name), what=what, why=_WHY)
+    return Finding(
+        severity=Severity.ERROR, code="schema", place=Place(file=name), what=what, why=_WHY
+    )
 
 
 def _listed(value: Any) -> list[Any]:
@@ -137,7 +155,9 @@ def _targets(editor: Editor) -> dict[str, list[str]]:
     targets: dict[str, list[str]] = {}
     for _, path in _compose_files(editor):
         try:
-            project = Document(editor.files[path].text, path).value if path in editor.files else None
+            project = (
+                Document(editor.files[path].text, path).value if path in editor.files else None
+            )
         except DocumentError:  # said by the check of Compose files
             continue
         services = project.get("services") if isinstance(project, dict) else None
@@ -166,7 +186,9 @@ def _variables(editor: Editor) -> Iterator[Broken[KeyPath]]:
         yield from _unknown_variables((LAUNCH, "configurations", position), profile, editor.inputs)
     for position, task in enumerate(editor.tasks):
         # Words of a Bash script are Bash's: what it does not know VS Code leaves alone.
-        yield from _unknown_variables((TASKS, "tasks", position), task.get("options"), editor.task_inputs)
+        yield from _unknown_variables(
+            (TASKS, "tasks", position), task.get("options"), editor.task_inputs
+        )
 
 
 def _unknown_variables(path: KeyPath, value: Any, inputs: list[str]) -> Iterator[Broken[KeyPath]]:
@@ -217,4 +239,6 @@ def _missing_extension(editor: Editor) -> Iterator[Broken[KeyPath]]:
         needed.append(((LAUNCH, "configurations", position, "type"), DEBUGGERS[profile["type"]]))
     for path, extension in needed:
         if extension not in editor.recommended:
-            yield Broken(path, f"needs the extension {extension}, which is not among those recommended")
+            yield Broken(
+                path, f"needs the extension {extension}, which is not among those recommended"
+            )

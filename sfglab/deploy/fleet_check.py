@@ -33,7 +33,9 @@ if TYPE_CHECKING:
     from sfglab.documents import Place
     from sfglab.fleet.policy import Policy
 
-RULES: Rules[FleetSource, Place] = Rules()  #: What a fleet file may say that makes no sense to deploy.
+RULES: Rules[FleetSource, Place] = (
+    Rules()
+)  #: What a fleet file may say that makes no sense to deploy.
 
 
 def _hosts(source: FleetSource) -> Iterator[tuple[fleet_file.AgentSpec, fleet_file.HostSpec]]:
@@ -75,7 +77,9 @@ def _one_machine_two_kinds(source: FleetSource) -> Iterator[Broken[Place]]:
 def _no_interface(source: FleetSource) -> Iterator[Broken[Place]]:
     for agent, _ in _hosts(source):
         if agent.global_interface is None:
-            yield Broken(agent.place, f"nothing says by which interface {agent.name} meets the other agents")
+            yield Broken(
+                agent.place, f"nothing says by which interface {agent.name} meets the other agents"
+            )
 
 
 @RULES.add(
@@ -110,7 +114,9 @@ def _unused_router_image(source: FleetSource) -> Iterator[Broken[Place]]:
 def _no_router_image(source: FleetSource) -> Iterator[Broken[Place]]:
     common = source.fleet.deployment
     if common.router is not fleet_file.RouterSoftware.SFGLAB and not common.router_image:
-        yield Broken(common.place, f"the router is {common.router.value}, but nothing says in which image")
+        yield Broken(
+            common.place, f"the router is {common.router.value}, but nothing says in which image"
+        )
 
 
 @RULES.add(
@@ -122,7 +128,11 @@ def _moving_router_image(source: FleetSource) -> Iterator[Broken[Place]]:
     image = source.fleet.deployment.router_image
     name = image.rpartition("/")[2]
     pinned = "@sha256:" in image or (":" in name and not name.endswith(":latest"))
-    if source.fleet.deployment.router is not fleet_file.RouterSoftware.SFGLAB and image and not pinned:
+    if (
+        source.fleet.deployment.router is not fleet_file.RouterSoftware.SFGLAB
+        and image
+        and not pinned
+    ):
         yield Broken(source.fleet.deployment.place, f"router_image {image} has no fixed tag")
 
 
@@ -147,17 +157,24 @@ def _workspace_without_ros(source: FleetSource) -> Iterator[Broken[Place]]:
 def _encoded_by_processor(source: FleetSource) -> Iterator[Broken[Place]]:
     for agent, host in _hosts(source):
         sends = any(stream.codec == "h264" for stream in agent.streams)
-        if sends and host.accelerator in {fleet_file.Accelerator.JETSON, fleet_file.Accelerator.V4L2}:
+        if sends and host.accelerator in {
+            fleet_file.Accelerator.JETSON,
+            fleet_file.Accelerator.V4L2,
+        }:
             what = f"{agent.name} sends H.264, encoded by the processor on {host.accelerator.value}"
             yield Broken(host.place, what)
 
 
-@RULES.add("workspace-missing", "its sources are built into the image", "put it beside the fleet file")
+@RULES.add(
+    "workspace-missing", "its sources are built into the image", "put it beside the fleet file"
+)
 def _no_workspace(source: FleetSource) -> Iterator[Broken[Place]]:
     for agent, host in _hosts(source):
         if host.workspace and not (source.folder / host.workspace / "src").is_dir():
             missing = f"but there is no {host.workspace}/src"
-            yield Broken(host.place, f"{agent.name} has the colcon workspace {host.workspace}, {missing}")
+            yield Broken(
+                host.place, f"{agent.name} has the colcon workspace {host.workspace}, {missing}"
+            )
 
 
 _Checked = tuple[Verdict, ...]
@@ -181,7 +198,9 @@ def check_fleet(
     names = agents or tuple(agent.name for agent in source.fleet.agents)
     border, machines = lint(source.fleet).findings, tuple(RULES.broken(source, lambda place: place))
     verdicts = [
-        verdict_of("names, domains, QoS and frames", str(source.path), lambda: _fleet_errors(border)),
+        verdict_of(
+            "names, domains, QoS and frames", str(source.path), lambda: _fleet_errors(border)
+        ),
         verdict_of("machines and routers", str(source.path), lambda: _fleet_errors(machines)),
     ]
     if fails(verdicts):
@@ -198,7 +217,9 @@ def check_fleet(
         with ThreadPoolExecutor(len(sched_getaffinity(0))) as pool:
             found = pool.map(lambda made: check_bundle(made[1], made[0]), rendered.values())
             for name, checked in zip(rendered, progress(found), strict=True):
-                verdicts += (replace(verdict, subject=f"{name}/{verdict.subject}") for verdict in checked)
+                verdicts += (
+                    replace(verdict, subject=f"{name}/{verdict.subject}") for verdict in checked
+                )
     return tuple(verdicts)
 
 
@@ -261,7 +282,9 @@ def _own(own: OwnRules, files: Mapping[str, BundleFile]) -> Iterator[Verdict]:
     if not names:
         yield Verdict(check=own.check, subject=own.pattern, state=State.FAILS, says=_NO_FILE)
     for name in names:
-        yield verdict_of(own.check, name, _errors, own.rules, files[name].text, name.rpartition("/")[2])
+        yield verdict_of(
+            own.check, name, _errors, own.rules, files[name].text, name.rpartition("/")[2]
+        )
         try:  # that a program was not asked is told by a verdict of its own
             find_program(own.program or "sh", own.install)
         except MissingProgramError as error:
@@ -278,7 +301,9 @@ def _routers(files: Mapping[str, BundleFile], deployment: Deployment) -> Iterato
     given = (name for name in files if name.startswith("router/"))
     for name in dict.fromkeys(filter(None, (expected, *given))):
         if name in files:
-            yield verdict_of("router's file", name, _errors, _router, files, name, deployment.fleet.policy)
+            yield verdict_of(
+                "router's file", name, _errors, _router, files, name, deployment.fleet.policy
+            )
         else:
             yield Verdict(check="router's file", subject=name, state=State.FAILS, says=_NO_FILE)
 

@@ -15,7 +15,9 @@ from sfglab.deploy.files import PLAIN, PROGRAM, BundleFile, render
 class TimePlan:
     """What a machine does about time."""
 
-    servers: tuple[str, ...]  #: Names or addresses of machines that it asks, in the order of the fleet file.
+    servers: tuple[
+        str, ...
+    ]  #: Names or addresses of machines that it asks, in the order of the fleet file.
     serves: bool  #: Whether it is a time server itself.
 
 
@@ -136,7 +138,9 @@ def host_files(deployment: Deployment) -> dict[str, BundleFile]:
     """
     scripts = resources.files(__package__) / "scripts"
     files = {
-        f"hooks/{name}": BundleFile(text=scripts.joinpath(name).read_text(encoding="utf-8"), mode=mode)
+        f"hooks/{name}": BundleFile(
+            text=scripts.joinpath(name).read_text(encoding="utf-8"), mode=mode
+        )
         for name, mode in SCRIPTS.items()
     }
     rules = firewall_rules(deployment)

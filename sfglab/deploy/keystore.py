@@ -42,8 +42,15 @@ if TYPE_CHECKING:
 CA_DAYS = 3650  #: How long what signs is valid, as `sros2` has it.
 _PEM = pem.Encoding.PEM
 _LAG = timedelta(days=1)  # A robot's clock may be late when it starts.
-_LOAD_KEY, _LOAD_CERT = partial(pem.load_pem_private_key, password=None), x509.load_pem_x509_certificate
-_LINKED = "../../public/identity_ca.cert.pem", "../../public/permissions_ca.cert.pem", "../governance.p7s"
+_LOAD_KEY, _LOAD_CERT = (
+    partial(pem.load_pem_private_key, password=None),
+    x509.load_pem_x509_certificate,
+)
+_LINKED = (
+    "../../public/identity_ca.cert.pem",
+    "../../public/permissions_ca.cert.pem",
+    "../governance.p7s",
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -74,13 +81,17 @@ def make_keystore(
         key = _read(root / "private/ca.key.pem", _LOAD_KEY)
         cert = _read(root / "public/ca.cert.pem", _LOAD_CERT)
         if key.public_key() != cert.public_key():
-            raise DeployError(f"{root}: given another private/ca.key.pem, allowed: that of public/ca.cert.pem")
+            raise DeployError(
+                f"{root}: given another private/ca.key.pem, allowed: that of public/ca.cert.pem"
+            )
         valid = now - _LAG, min(now + timedelta(days=days), cert.not_valid_after_utc)
         enclaves = []
         for agent in fleet.agents:
             folder = root / "enclaves" / agent.name
             kept = folder.exists() and agent not in again
-            enclaves.append(_judge(fleet, folder, now) if kept else _issue(fleet, folder, (key, cert), valid))
+            enclaves.append(
+                _judge(fleet, folder, now) if kept else _issue(fleet, folder, (key, cert), valid)
+            )
         return tuple(enclaves)
     except OSError as error:
         given = f"{error.filename or root}: {why(error)}"
@@ -107,11 +118,15 @@ def _create(root: Path, valid: _Times) -> None:
 def _issue(fleet: Fleet, folder: Path, authority: _Authority, valid: _Times) -> Enclave:
     """Make an agent's enclave; one that is there keeps its key."""
     renewed, agent = folder.exists(), folder.name
-    key = _read(folder / "key.pem", _LOAD_KEY) if renewed else ec.generate_private_key(ec.SECP256R1())
+    key = (
+        _read(folder / "key.pem", _LOAD_KEY) if renewed else ec.generate_private_key(ec.SECP256R1())
+    )
     permissions = render_permissions(fleet, agent, *valid)
     with _staged(folder) as stage:
         _write(stage / "key.pem", _pem(key))
-        _write(stage / "cert.pem", _certificate(f"/{agent}", key, valid, authority).public_bytes(_PEM))
+        _write(
+            stage / "cert.pem", _certificate(f"/{agent}", key, valid, authority).public_bytes(_PEM)
+        )
         _write(stage / "permissions.xml", permissions.encode())
         _write(stage / "permissions.p7s", _signed(permissions, authority))
         _write(stage / "cyclonedds.xml", render("security/cyclonedds.xml.j2", agent=agent).encode())
@@ -124,33 +139,50 @@ def _judge(fleet: Fleet, folder: Path, now: datetime) -> Enclave:
     """Say how an enclave stands that is kept."""
     cert = _read(folder / "cert.pem", _LOAD_CERT)
     valid = cert.not_valid_before_utc, cert.not_valid_after_utc
-    same = (folder / "permissions.xml").read_text("utf-8") == render_permissions(fleet, folder.name, *valid)
+    same = (folder / "permissions.xml").read_text("utf-8") == render_permissions(
+        fleet, folder.name, *valid
+    )
     state: Any = "expired" if valid[1] <= now else "kept" if same else "outdated"
     return Enclave(agent=folder.name, state=state, not_after=valid[1])
 
 
-def _certificate(name: str, key: Any, valid: _Times, authority: _Authority | None) -> x509.Certificate:
+def _certificate(
+    name: str, key: Any, valid: _Times, authority: _Authority | None
+) -> x509.Certificate:
     """Return a certificate of whose key a key is; without an authority, of one."""
     subject = x509.Name([x509.NameAttribute(x509.NameOID.COMMON_NAME, name)])
     signer, issuer = (authority[0], authority[1].subject) if authority else (key, subject)
     limit = x509.BasicConstraints(ca=authority is None, path_length=None if authority else 1)
-    builder = x509.CertificateBuilder().subject_name(subject).issuer_name(issuer).public_key(key.public_key())
-    builder = builder.serial_number(x509.random_serial_number()).add_extension(limit, critical=not authority)
-    return builder.not_valid_before(valid[0]).not_valid_after(valid[1]).sign(signer, hashes.SHA256())
+    builder = (
+        x509.CertificateBuilder()
+        .subject_name(subject)
+        .issuer_name(issuer)
+        .public_key(key.public_key())
+    )
+    builder = builder.serial_number(x509.random_serial_number()).add_extension(
+        limit, critical=not authority
+    )
+    return (
+        builder.not_valid_before(valid[0]).not_valid_after(valid[1]).sign(signer, hashes.SHA256())
+    )
 
 
 def _signed(text: str, authority: _Authority) -> bytes:
     """Return a document as S/MIME with a detached signature."""
     builder = pkcs7.PKCS7SignatureBuilder().set_data(text.encode())
     builder = builder.add_signer(authority[1], authority[0], hashes.SHA256())
-    return builder.sign(pem.Encoding.SMIME, [pkcs7.PKCS7Options.Text, pkcs7.PKCS7Options.DetachedSignature])
+    return builder.sign(
+        pem.Encoding.SMIME, [pkcs7.PKCS7Options.Text, pkcs7.PKCS7Options.DetachedSignature]
+    )
 
 
 def _read(path: Path, load: Callable[[bytes], Any]) -> Any:
     try:
         return load(path.read_bytes())
     except (ValueError, TypeError) as error:  # TypeError: it needs a password
-        raise DeployError(f"{path}: given something else, allowed: PEM without a password: {error}") from error
+        raise DeployError(
+            f"{path}: given something else, allowed: PEM without a password: {error}"
+        ) from error
 
 
 def _pem(key: ec.EllipticCurvePrivateKey) -> bytes:

@@ -51,7 +51,9 @@ def run_heard(command: Sequence[str], hear: Callable[[str], None], what: str = "
         process.stdout.close()
     if status != 0:
         words = "\n".join(last)
-        raise DeployError(f"{what or command[0]}: ended with status {status}; its last words:\n{words}")
+        raise DeployError(
+            f"{what or command[0]}: ended with status {status}; its last words:\n{words}"
+        )
 
 
 def _end(process: subprocess.Popen[str]) -> None:
@@ -95,7 +97,11 @@ def run_program(
             path = Path(folder, name)
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_text(text, encoding="utf-8")
-        environment = {"PATH": os.environ.get("PATH", os.defpath), "HOME": folder, "LC_ALL": "C.UTF-8"}
+        environment = {
+            "PATH": os.environ.get("PATH", os.defpath),
+            "HOME": folder,
+            "LC_ALL": "C.UTF-8",
+        }
         try:
             done = subprocess.run(
                 list(command),
@@ -107,7 +113,9 @@ def run_program(
                 check=False,
             )
         except subprocess.TimeoutExpired as error:
-            raise DeployError(f"{command[0]}: no answer within {timeout_s:g} s, and it was killed") from error
+            raise DeployError(
+                f"{command[0]}: no answer within {timeout_s:g} s, and it was killed"
+            ) from error
         except OSError as error:
             raise DeployError(f"{command[0]}: it did not start: {error}") from error
     output = done.stdout.decode(errors="replace")

@@ -45,7 +45,10 @@ AGENT_ROOTS = (  # by their normal names (PEP 503)
 )
 """What is imported at run time on a robot; without cvxpy, pandas, Qt, Jupyter and what else plans or shows."""
 
-MACHINES = {Architecture.AMD64: "x86_64", Architecture.ARM64: "aarch64"}  #: What Linux calls a processor.
+MACHINES = {
+    Architecture.AMD64: "x86_64",
+    Architecture.ARM64: "aarch64",
+}  #: What Linux calls a processor.
 
 
 @lru_cache(maxsize=16)  # a fleet has few kinds of machine, and what is installed stays
@@ -88,7 +91,9 @@ def _entries(lock_text: str) -> tuple[tuple[Requirement, str], ...]:
             entries[-1] += line
         elif line.strip() and not line.startswith("#"):
             entries.append(line)
-    return tuple((Requirement(one.partition("\n")[0].rstrip().removesuffix("\\")), one) for one in entries)
+    return tuple(
+        (Requirement(one.partition("\n")[0].rstrip().removesuffix("\\")), one) for one in entries
+    )
 
 
 def _name(requirement: Requirement) -> str:
@@ -108,7 +113,9 @@ def _pinned(lock_text: str, environment: dict[str, str]) -> dict[str, str]:
         if _applies(requirement, environment):
             _, *digests = entry.splitlines(keepends=True)
             plain = f"{requirement.name}{requirement.specifier}"
-            pinned[_name(requirement)] = "".join((f"{plain} \\\n" if digests else f"{plain}\n", *digests))
+            pinned[_name(requirement)] = "".join(
+                (f"{plain} \\\n" if digests else f"{plain}\n", *digests)
+            )
     return pinned
 
 
@@ -134,9 +141,13 @@ def _requirements(name: str, environment: dict[str, str]) -> list[str]:
     except PackageNotFoundError as error:
         # What only other targets need is not installed here, and then needs nothing that we could know of.
         if name in AGENT_ROOTS:
-            raise DeployError(f"{name}: given nothing installed, allowed: sfglab with its libraries") from error
+            raise DeployError(
+                f"{name}: given nothing installed, allowed: sfglab with its libraries"
+            ) from error
         return []
-    return [_name(requirement) for requirement in requirements if _applies(requirement, environment)]
+    return [
+        _name(requirement) for requirement in requirements if _applies(requirement, environment)
+    ]
 
 
 def _environment(python: str, architecture: Architecture) -> dict[str, str]:
@@ -157,11 +168,15 @@ def _environment(python: str, architecture: Architecture) -> dict[str, str]:
     }
 
 
-SOURCE = Path(sfglab.__file__).parents[1]  #: A checkout, or where a wheel is installed: what is released.
+SOURCE = Path(sfglab.__file__).parents[
+    1
+]  #: A checkout, or where a wheel is installed: what is released.
 
 LOCK_FILE = "requirements.lock"
 
-_EPOCH_S = 1580601600  # any moment after 1980, where ZIP's clock starts: the same one in every wheel
+_EPOCH_S = (
+    1580601600  # any moment after 1980, where ZIP's clock starts: the same one in every wheel
+)
 _BUILD_LIMIT_S = 120.0
 _BACKEND = "import sys; from hatchling.build import build_wheel; print(build_wheel(sys.argv[1]))"
 
@@ -208,7 +223,9 @@ def make_release(project: Path, fleet_text: str) -> tuple[Release, bytes]:
         wheel_sha256=hashlib.sha256(data).hexdigest(),
         lock=locked,
         fleet_text=fleet_text,
-        revision=f"{revision}-dirty" if revision and git(project, "status", "--porcelain") else revision,
+        revision=f"{revision}-dirty"
+        if revision and git(project, "status", "--porcelain")
+        else revision,
         created=git(project, "log", "-1", "--format=%cI") or "",
     )
     return release, data

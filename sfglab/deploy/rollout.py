@@ -26,7 +26,11 @@ if TYPE_CHECKING:
     from sfglab.deploy.transport import Transport
 
 
-_RESTARTING = ("compose.yaml", ENVIRONMENT, "router/")  #: What containers take in when they start anew.
+_RESTARTING = (
+    "compose.yaml",
+    ENVIRONMENT,
+    "router/",
+)  #: What containers take in when they start anew.
 
 
 class Change(Enum):
@@ -68,7 +72,9 @@ def plan_changes(bundle: Bundle, present: Mapping[str, Member]) -> Plan:
     """Return what applying a bundle changes where a machine has `present`; others' files are not looked at."""
     before, written = _read_manifest(present.get(MANIFEST))
     paths = sorted({*bundle.members, *(path for path in written if path in present)})
-    files = tuple(_change(path, bundle.members.get(path), present.get(path), written) for path in paths)
+    files = tuple(
+        _change(path, bundle.members.get(path), present.get(path), written) for path in paths
+    )
     changed = [file.path for file in files if file.change is not Change.SAME]
     return Plan(
         agent=bundle.agent,
@@ -93,7 +99,11 @@ def _read_manifest(manifest: Member | None) -> tuple[str, dict[str, dict[str, st
 def _change(
     path: str, new: Member | None, old: Member | None, written: Mapping[str, Mapping[str, str]]
 ) -> FileChange:
-    touched = old and path in written and written[path].get("sha256") != hashlib.sha256(old.data).hexdigest()
+    touched = (
+        old
+        and path in written
+        and written[path].get("sha256") != hashlib.sha256(old.data).hexdigest()
+    )
     remark = "changed on the machine by somebody else" if touched else ""
     if new is None:
         return FileChange(path=path, change=Change.GONE, remark=remark)
@@ -119,7 +129,9 @@ class Step:
 
     what: str  #: What it does, for people.
     script: str  #: For a shell on the machine.
-    on_system: bool = True  #: Of the running system, so that a folder in place of a machine goes without.
+    on_system: bool = (
+        True  #: Of the running system, so that a folder in place of a machine goes without.
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -141,7 +153,14 @@ def render_prospects(prospects: Sequence[Prospect], *, diff: bool = False) -> st
 
 
 def _summary(prospects: Sequence[Prospect]) -> Iterator[tuple[str, ...]]:
-    yield "agent", "machine", "release there", "release new", *(change.value for change in Change), "then"
+    yield (
+        "agent",
+        "machine",
+        "release there",
+        "release new",
+        *(change.value for change in Change),
+        "then",
+    )
     for prospect in prospects:
         plan = prospect.plan
         if plan is None:
@@ -158,10 +177,14 @@ def _details(prospect: Prospect, *, diff: bool) -> Iterator[str]:
     lines = [f"{prospect.agent} on {prospect.machine}"]
     changed = [file for file in prospect.plan.files if file.change is not Change.SAME]
     if all(file.change is Change.NEW for file in changed) and not prospect.plan.before:
-        lines.append(f"  new     all {len(changed)} files (`sfglab deploy render` writes them to be read)")
+        lines.append(
+            f"  new     all {len(changed)} files (`sfglab deploy render` writes them to be read)"
+        )
         changed = []
     for file in changed:
-        lines.append(f"  {file.change.value:8}{file.path}{f'  ({file.remark})' if file.remark else ''}")
+        lines.append(
+            f"  {file.change.value:8}{file.path}{f'  ({file.remark})' if file.remark else ''}"
+        )
         lines += [f"      {line}" for line in file.diff.splitlines()] if diff else []
     lines += [f"  then    {step.what}" for step in prospect.steps]
     yield "\n".join(lines)
@@ -210,7 +233,11 @@ def steps(deployment: Deployment, bundle: Bundle, plan: Plan) -> tuple[Step, ...
 
 
 def apply_plan(
-    plan: Plan, bundle: Bundle, deployment: Deployment, transport: Transport, say: Callable[[str], None]
+    plan: Plan,
+    bundle: Bundle,
+    deployment: Deployment,
+    transport: Transport,
+    say: Callable[[str], None],
 ) -> None:
     """Bring a bundle to its machine and start it, as `look_and_plan` found; `say` hears each step."""
     if plan.nothing:
@@ -230,7 +257,9 @@ def apply_plan(
 def releases(transport: Transport, folder: str) -> tuple[str, ...]:
     """Return the releases whose files a machine keeps, the newest first."""
     place = _quoted(transport, f"{folder}/{_RELEASES}")
-    names = transport.run(f"ls -1t {place} 2>/dev/null || true").decode(errors="replace").splitlines()
+    names = (
+        transport.run(f"ls -1t {place} 2>/dev/null || true").decode(errors="replace").splitlines()
+    )
     return tuple(name.removesuffix(".tar") for name in names if name.endswith(".tar"))
 
 
@@ -246,7 +275,12 @@ def released(transport: Transport, deployment: Deployment, tag: str) -> Bundle:
     members = unpack(transport.run(f"cat {_quoted(transport, _archive(folder, tag))}"))
     if MANIFEST not in members:
         raise DeployError(f"{transport.name}: {_archive(folder, tag)}: not a whole release")
-    return Bundle(agent=deployment.agent.name, tag=tag, image=f"{deployment.repository}:{tag}", members=members)
+    return Bundle(
+        agent=deployment.agent.name,
+        tag=tag,
+        image=f"{deployment.repository}:{tag}",
+        members=members,
+    )
 
 
 def _install(plan: Plan, bundle: Bundle, folder: str, transport: Transport) -> None:

@@ -46,9 +46,15 @@ def check_shape(document: Readable, shape: str) -> tuple[Finding, ...]:
     """Return where a document has not a shape of ``schemas``, by line; or raise `MissingProgramError`."""
     validator = _validator(shape)
     errors = validator.iter_errors(document.value)
-    found = (_finding(document, error, validator.schema, *one) for error in errors for one in _faults(error))
+    found = (
+        _finding(document, error, validator.schema, *one)
+        for error in errors
+        for one in _faults(error)
+    )
     # The library goes through some of a schema's keys in the order of a set.
-    return tuple(sorted(dict.fromkeys(found), key=lambda finding: (finding.place.line or 0, finding.what)))
+    return tuple(
+        sorted(dict.fromkeys(found), key=lambda finding: (finding.place.line or 0, finding.what))
+    )
 
 
 @cache
@@ -59,7 +65,11 @@ def _validator(shape: str) -> Any:
         jsonschema: Any = import_module("jsonschema")
     except ImportError as error:
         raise MissingProgramError("jsonschema") from error
-    text = resources.files(__package__).joinpath("schemas", f"{shape}.yaml").read_text(encoding="utf-8")
+    text = (
+        resources.files(__package__)
+        .joinpath("schemas", f"{shape}.yaml")
+        .read_text(encoding="utf-8")
+    )
     standard = jsonschema.Draft202012Validator
     # To the standard 1.0 is an integer; readers of these files refuse it.
     types = standard.TYPE_CHECKER.redefine("integer", lambda _, value: type(value) is int)
@@ -71,7 +81,9 @@ def _validator(shape: str) -> Any:
     )
 
 
-def _finding(document: Readable, error: Any, schema: Any, inner: KeyPath, parts: dict[str, str]) -> Finding:
+def _finding(
+    document: Readable, error: Any, schema: Any, inner: KeyPath, parts: dict[str, str]
+) -> Finding:
     path = (*error.absolute_path, *inner)
     own = dict(error.schema.get("x-finding", {})) if isinstance(error.schema, dict) else {}
     texts = _around(document.value, path) | {"given": error.instance, "cause": error.cause}
@@ -113,7 +125,12 @@ def _faults(error: Any) -> Iterator[tuple[KeyPath, dict[str, str]]]:
                 if key not in given:
                     yield (key,), _missing(key)
         case "anyOf":
-            yield (), _missing(" or ".join(branch["required"][0] for branch in asked if "required" in branch))
+            yield (
+                (),
+                _missing(
+                    " or ".join(branch["required"][0] for branch in asked if "required" in branch)
+                ),
+            )
         case "dependentRequired":
             yield (), {"what": _torn(error, [key for key in asked if key in given])}
         case "uniqueItems":

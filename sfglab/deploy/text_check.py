@@ -36,7 +36,9 @@ _SHAPES = {
     "a password in an address": r"\b[a-z][a-z0-9+.-]*://[^\s/:@'\"${}]+:[^\s/@'\"${}]+@",
 }
 _KNOWN = {kind: re.compile(shape) for kind, shape in _SHAPES.items()}
-_ASSIGNED = re.compile(r"""(?P<name>[A-Za-z_][\w-]*)["']?\s*(?:=|:(?=\s))\s*["']?(?P<value>[^\s"'#,;]{6,})""")
+_ASSIGNED = re.compile(
+    r"""(?P<name>[A-Za-z_][\w-]*)["']?\s*(?:=|:(?=\s))\s*["']?(?P<value>[^\s"'#,;]{6,})"""
+)
 _NO_SECRET = re.compile(
     r"[=$<%*/~.{\[(]|.*[({]|(?:true|false|null|none)$|sha(?:256|384|512)[:-]", re.IGNORECASE
 )
@@ -53,7 +55,11 @@ def leaks(text: str) -> Iterator[str]:
     for number, line in enumerate(text.splitlines(), start=1):
         kinds = [kind for kind, shape in _KNOWN.items() if shape.search(line)]
         if not kinds:
-            kinds = [f"a value for {match['name']}" for match in _ASSIGNED.finditer(line) if _is_secret(match)]
+            kinds = [
+                f"a value for {match['name']}"
+                for match in _ASSIGNED.finditer(line)
+                if _is_secret(match)
+            ]
         yield from (f"line {number}: it looks like {kind}" for kind in kinds)
 
 
@@ -70,7 +76,9 @@ def check_dockerfiles(files: Mapping[str, BundleFile]) -> tuple[Verdict, ...]:
     """Return hadolint's verdict about each Dockerfile of a folder, whose comments say what is on purpose."""
     recipes = [name for name in files if name.rpartition("/")[2].startswith(NAME)]
     if not recipes:
-        return (Verdict(check=HADOLINT, subject=NAME, state=State.FAILS, says="there is no Dockerfile"),)
+        return (
+            Verdict(check=HADOLINT, subject=NAME, state=State.FAILS, says="there is no Dockerfile"),
+        )
     return tuple(verdict_of(HADOLINT, name, _hadolint, files[name].text) for name in recipes)
 
 
@@ -91,13 +99,18 @@ def check_shell(files: Mapping[str, BundleFile]) -> tuple[Verdict, ...]:
 
     A script has the suffix ``.sh``, or a first line that names a shell. Scripts may read each other.
     """
-    scripts = {name: file for name, file in files.items() if name.endswith(".sh") or _shebang(file.text)}
+    scripts = {
+        name: file for name, file in files.items() if name.endswith(".sh") or _shebang(file.text)
+    }
     if not scripts:
         says = "there is no shell script among the files"
         return (Verdict(check=SHELLCHECK, subject="*.sh", state=State.SKIPPED, says=says),)
     comments = cache(partial(_shellcheck, {name: file.text for name, file in scripts.items()}))
     linted = [verdict_of(SHELLCHECK, name, lambda name=name: comments()[name]) for name in scripts]
-    return (*linted, *(verdict_of(STARTS, name, _startable, file) for name, file in scripts.items()))
+    return (
+        *linted,
+        *(verdict_of(STARTS, name, _startable, file) for name, file in scripts.items()),
+    )
 
 
 def _shebang(text: str) -> bool:

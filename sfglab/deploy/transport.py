@@ -53,7 +53,9 @@ class Transport(ABC):
         """
         command = self.command(script)
         try:
-            done = subprocess.run(command, input=data, capture_output=True, timeout=timeout_s, check=False)
+            done = subprocess.run(
+                command, input=data, capture_output=True, timeout=timeout_s, check=False
+            )
         except FileNotFoundError as error:
             given = f"given the program {command[0]!r}"
             raise DeployError(f"{self.name}: {given}, which is not installed here") from error
@@ -61,7 +63,9 @@ class Transport(ABC):
             raise DeployError(f"{self.name}: no answer within {timeout_s:.0f} s") from error
         if done.returncode:
             words = done.stderr.decode(errors="replace").strip().splitlines() or ["without a word"]
-            raise DeployError(f"{self.name}: {command[0]} ended with status {done.returncode}: {words[-1]}")
+            raise DeployError(
+                f"{self.name}: {command[0]} ended with status {done.returncode}: {words[-1]}"
+            )
         return done.stdout
 
     def stream(self, script: str, hear: Callable[[str], None]) -> None:
@@ -109,7 +113,13 @@ class Ssh(Transport):
     def command(self, script: str) -> list[str]:
         """Return the SSH client with the script for the shell at the other end."""
         options = ("-o", "BatchMode=yes", "-o", f"ConnectTimeout={CONNECT_S}")
-        return [self.program, *options, "--", self.address, f"sudo -n sh -eu -c {shlex.quote(script)}"]
+        return [
+            self.program,
+            *options,
+            "--",
+            self.address,
+            f"sudo -n sh -eu -c {shlex.quote(script)}",
+        ]
 
 
 def transport_to(host: HostSpec, *, root: Path | None = None) -> Transport:
@@ -186,6 +196,11 @@ def copy_facts(transport: Transport, folder: Path) -> None:
             target.relative_to(folder.resolve())
             target.parent.mkdir(parents=True, exist_ok=True)
             target.write_bytes(base64.b64decode(content))
-        except (OSError, ValueError) as error:  # not below the root, a folder where a file is, not base64
+        except (
+            OSError,
+            ValueError,
+        ) as error:  # not below the root, a folder where a file is, not base64
             given = f"given {path[:80]!r} among what it has ({error})"
-            raise DeployError(f"{transport.name}: {given}, allowed: files below the machine's root") from error
+            raise DeployError(
+                f"{transport.name}: {given}, allowed: files below the machine's root"
+            ) from error

@@ -22,7 +22,12 @@ if TYPE_CHECKING:
 
 ANALYZE = "systemd-analyze"
 STAND_INS = ("docker.service",)
-UNIT_FOLDERS = ("/etc/systemd/system", "/run/systemd/system", "/usr/lib/systemd/system", "/lib/systemd/system")
+UNIT_FOLDERS = (
+    "/etc/systemd/system",
+    "/run/systemd/system",
+    "/usr/lib/systemd/system",
+    "/lib/systemd/system",
+)
 _TIMEOUT_S = 30.0
 _NAME = re.compile(r"[\w:.@-]+\.service", re.ASCII)
 _SAYS = re.compile(r"(?P<file>[^\s:]+\.service):(?:(?P<line>\d+):)? (?P<what>.+)")
@@ -58,7 +63,9 @@ class Unit:
 
     def place(self, path: KeyPath) -> Place:
         """Return where a value stands; of what is missing, line 0."""
-        return Place(file=self._name, key=".".join(map(str, path[:2])), line=self._lines.get(path, 0))
+        return Place(
+            file=self._name, key=".".join(map(str, path[:2])), line=self._lines.get(path, 0)
+        )
 
 
 def check_unit(text: str, name: str) -> tuple[Finding, ...]:
@@ -77,7 +84,9 @@ def check_unit(text: str, name: str) -> tuple[Finding, ...]:
     if shutil.which(ANALYZE):
         findings += _verify(text, name)
     else:
-        findings.append(_remark("verify", name, f"{ANALYZE} is not installed", "only our own rules were asked"))
+        findings.append(
+            _remark("verify", name, f"{ANALYZE} is not installed", "only our own rules were asked")
+        )
     return worst_first(findings)
 
 
@@ -113,7 +122,9 @@ def _said(output: str, name: str) -> Iterator[Finding]:
         if Path(match["file"]).name != name:
             continue
         if missing := _MISSING.search(match["what"]):
-            yield _remark("program", name, f"{missing[1]} is not on this machine", "it must be on the agent's")
+            yield _remark(
+                "program", name, f"{missing[1]} is not on this machine", "it must be on the agent's"
+            )
         else:
             place = Place(file=name, line=int(match["line"] or 0))
             yield _finding("verify", place, match["what"], f"{ANALYZE} verify")

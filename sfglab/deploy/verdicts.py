@@ -62,10 +62,14 @@ def render_verdicts(verdicts: Iterable[Verdict], *, every: bool = True) -> str:
     shown = (verdict for verdict in verdicts if every or verdict.state is not State.HOLDS)
     rows = sorted(shown, key=lambda verdict: order.index(verdict.state))
     lines: list[str] = []
-    for row, line in zip(rows, columns((r.state.value, r.subject, r.check) for r in rows), strict=True):
+    for row, line in zip(
+        rows, columns((r.state.value, r.subject, r.check) for r in rows), strict=True
+    ):
         lines += [line, *_WORDS.wrap(row.says)]
     count = Counter(verdict.state for verdict in verdicts)
-    lines.append(f"{count[State.HOLDS]} held, {count[State.FAILS]} failed, {count[State.SKIPPED]} skipped")
+    lines.append(
+        f"{count[State.HOLDS]} held, {count[State.FAILS]} failed, {count[State.SKIPPED]} skipped"
+    )
     return "\n".join(lines)
 
 

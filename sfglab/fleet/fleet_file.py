@@ -64,7 +64,9 @@ _COMPONENT = r"[a-z0-9]+(?:(?:\.|_{1,2}|-+)[a-z0-9]+)*"
 _REGISTRY = r"[a-zA-Z0-9](?:[a-zA-Z0-9.-]*[a-zA-Z0-9])?(?::[0-9]{1,5})?"
 REPOSITORY = re.compile(rf"(?:{_REGISTRY}/)?{_COMPONENT}(?:/{_COMPONENT})*")
 """A repository of images (OCI Distribution Specification 1.1, "Pulling manifests")."""
-IMAGE = re.compile(rf"{REPOSITORY.pattern}(?::[\w][\w.-]{{0,127}})?(?:@sha256:[0-9a-f]{{64}})?", re.ASCII)
+IMAGE = re.compile(
+    rf"{REPOSITORY.pattern}(?::[\w][\w.-]{{0,127}})?(?:@sha256:[0-9a-f]{{64}})?", re.ASCII
+)
 ADDRESS = re.compile(r"(?:[a-z_][a-z0-9_-]*@)?[A-Za-z0-9](?:[A-Za-z0-9.-]*[A-Za-z0-9])?")
 HOST = re.compile(r"[A-Za-z0-9](?:[A-Za-z0-9.:-]*[A-Za-z0-9])?")
 DEVICE = re.compile(r"/dev/(?!(?:.*/)?\.\.(?:/|$))[A-Za-z0-9][A-Za-z0-9._/-]*")
@@ -89,20 +91,30 @@ class _QoS:
     """QoS of an endpoint; what is left out is ROS 2's default."""
 
     reliability: Reliability = DEFAULT.reliability  #: Whether what is lost is sent again.
-    durability: Durability = DEFAULT.durability  #: Whether who joins later gets what was sent before.
+    durability: Durability = (
+        DEFAULT.durability
+    )  #: Whether who joins later gets what was sent before.
     history: History = DEFAULT.history  #: Whether all messages are kept, or the last `depth`.
     depth: int = between(DEFAULT.depth, 1)  #: Messages that are kept.
-    deadline_s: float | None = field(default=None, metadata=_POSITIVE)  #: Longest time between two messages.
-    lifespan_s: float | None = field(default=None, metadata=_POSITIVE)  #: After it a message is of no use.
+    deadline_s: float | None = field(
+        default=None, metadata=_POSITIVE
+    )  #: Longest time between two messages.
+    lifespan_s: float | None = field(
+        default=None, metadata=_POSITIVE
+    )  #: After it a message is of no use.
     liveliness: Liveliness = DEFAULT.liveliness  #: Who says that a publisher lives.
-    lease_s: float | None = field(default=None, metadata=_POSITIVE)  #: Longest silence of who lives.
+    lease_s: float | None = field(
+        default=None, metadata=_POSITIVE
+    )  #: Longest silence of who lives.
 
 
 def _read_qos(section: Section, key: str) -> QoSProfile:
     if isinstance(section.get(key), str):
         return PROFILES[section.text(key, choices=tuple(PROFILES))]
     given = asdict(section.section(key).read(_QoS))
-    given |= {f"{k[:-2]}_ns": _nanoseconds(given.pop(k)) for k in ("deadline_s", "lifespan_s", "lease_s")}
+    given |= {
+        f"{k[:-2]}_ns": _nanoseconds(given.pop(k)) for k in ("deadline_s", "lifespan_s", "lease_s")
+    }
     return QoSProfile(**given)
 
 
@@ -209,11 +221,15 @@ class HostSpec(_Part):
     #: a cable, the host's interfaces.
     network: ContainerNetwork = ContainerNetwork.BRIDGE
     #: Device nodes that the agent needs beside its accelerator's, as in ``/dev/video0``.
-    devices: tuple[str, ...] = field(default=(), metadata=matching(DEVICE, "device nodes, as in /dev/video0"))
+    devices: tuple[str, ...] = field(
+        default=(), metadata=matching(DEVICE, "device nodes, as in /dev/video0")
+    )
     #: Folder of the user's colcon workspace, relative to the fleet file; empty: none.
     workspace: str = field(default="", metadata=read_by(_read_folder))
     #: Debian packages that the agent's own software needs.
-    packages: tuple[str, ...] = field(default=(), metadata=matching(PACKAGE, "names of Debian packages"))
+    packages: tuple[str, ...] = field(
+        default=(), metadata=matching(PACKAGE, "names of Debian packages")
+    )
     #: Program and arguments of the user's software, beside the agent; empty: none.
     launch: tuple[str, ...] = ()
 
@@ -230,7 +246,9 @@ class DeploymentSpec(_Part):
     ros: RosDistribution = RosDistribution.NONE  #: The ROS 2 distribution inside the images.
     router: RouterSoftware = RouterSoftware.SFGLAB  #: What runs in the second container.
     #: Image of another's router; empty for our own.
-    router_image: str = field(default="", metadata=matching(IMAGE, "an image, as in ubuntu-ddsrouter:v3.5.0"))
+    router_image: str = field(
+        default="", metadata=matching(IMAGE, "an image, as in ubuntu-ddsrouter:v3.5.0")
+    )
     #: Agents or hosts whose clocks count.
     time_servers: tuple[str, ...] = field(
         default=(), metadata=matching(HOST, "agents' or hosts' names or addresses")
@@ -245,7 +263,8 @@ class TopicUse(_Part):
     type: str = ""  #: ROS type; empty where the file does not say.
     #: What its endpoints offer or request; None where the file does not say.
     qos: QoSProfile | None = field(
-        default=None, metadata={**OR_NULL, **read_by(_read_qos, like=Literal[tuple(PROFILES)] | _QoS | None)}
+        default=None,
+        metadata={**OR_NULL, **read_by(_read_qos, like=Literal[tuple(PROFILES)] | _QoS | None)},
     )
     #: Messages a second of all its publishers here; None where the file does not say.
     rate_hz: float | None = field(default=None, metadata=_POSITIVE)
@@ -295,15 +314,21 @@ class FrameSpec(_Part):
     child: str  #: The frame that is placed.
     parent: str  #: The frame in which it is placed.
     static: bool = False  #: Sent once on /tf_static instead of again and again on /tf.
-    rate_hz: float = between(0.0, without=(0,))  #: How often it is sent; needed when it is not static.
+    rate_hz: float = between(
+        0.0, without=(0,)
+    )  #: How often it is sent; needed when it is not static.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FrameTree(_Part):
     """The transforms of one agent."""
 
-    frames: tuple[FrameSpec, ...] = field(default=(), metadata=read_by(_read_frames))  #: One transform each.
-    prefix_frames: bool = True  #: Frames leave the agent as ``<agent>/<frame>``, as paper A, section 4.1 asks.
+    frames: tuple[FrameSpec, ...] = field(
+        default=(), metadata=read_by(_read_frames)
+    )  #: One transform each.
+    prefix_frames: bool = (
+        True  #: Frames leave the agent as ``<agent>/<frame>``, as paper A, section 4.1 asks.
+    )
     #: Frames that all agents mean by the same name and that are never prefixed.
     shared_frames: tuple[str, ...] = SHARED_FRAMES
     #: Frames of this agent, without prefix, that others may give a parent.
@@ -317,10 +342,16 @@ class AgentSpec(_Part):
 
     name: str  #: The agent segment of its names.
     domain: int = field(metadata=bounds(0, MAX_DOMAIN))  #: Its own DDS domain, D_i in the paper.
-    global_interface: str | None = None  #: Interface to the other agents; None leaves the choice to DDS.
-    local_interface: str | None = None  #: Interface of its own domain; None leaves the choice to DDS.
+    global_interface: str | None = (
+        None  #: Interface to the other agents; None leaves the choice to DDS.
+    )
+    local_interface: str | None = (
+        None  #: Interface of its own domain; None leaves the choice to DDS.
+    )
     processes: int = between(1, 1)  #: ROS processes, each a DDS participant.
-    lifecycle: bool = True  #: Whether it runs status provider and discoverer (paper A, section 4.2).
+    lifecycle: bool = (
+        True  #: Whether it runs status provider and discoverer (paper A, section 4.2).
+    )
     sensors: tuple[SensorSpec, ...] = ()  #: What its metadata announces.
     tf: FrameTree = field(default_factory=FrameTree)  #: Its transforms.
     #: Topics, without those of `sensors`, `tf` and `lifecycle`.
@@ -349,7 +380,9 @@ class _GlobalDomain:
     """The global domain, which all routers join."""
 
     domain: int = between(0, 0, MAX_DOMAIN)  #: Its number, D_0 in the paper.
-    interface: str | None = None  #: Interface to it of agents that name none; None leaves the choice to DDS.
+    interface: str | None = (
+        None  #: Interface to it of agents that name none; None leaves the choice to DDS.
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -376,7 +409,9 @@ class Fleet(_Part):
     offers: bool = True
     #: How agents learn what the others are: each is asked, as in the paper, or offers it on one topic of all.
     descriptions: Literal["asked", "offered"] = "asked"
-    agents: tuple[AgentSpec, ...] = field(metadata=by_name("name"))  #: In the order of the file; at least one.
+    agents: tuple[AgentSpec, ...] = field(
+        metadata=by_name("name")
+    )  #: In the order of the file; at least one.
     #: What is the same on all their machines.
     deployment: DeploymentSpec = field(default_factory=DeploymentSpec)
     #: Where each rule of the policy stands; empty where the file names a known one.
@@ -424,7 +459,8 @@ def _read(document: Document) -> Fleet:
         global_domain=keys.border.domain,
         policy=policy,
         agents=tuple(
-            _read_agent(agent, section, keys.border.interface) for agent, section in top.members("agents")
+            _read_agent(agent, section, keys.border.interface)
+            for agent, section in top.members("agents")
         ),
         deployment=_read_deployment(top.section("deployment"), top.text("fleet")),
         rule_places=places,
@@ -444,7 +480,9 @@ def _read_deployment(section: Section, fleet: str) -> DeploymentSpec:
 def _policy(top: Section, keys: FleetKeys) -> tuple[Policy, tuple[Place, ...]]:
     if isinstance(keys.policy, str):
         return Policy(rules=TABLE_1), ()
-    open_rules = tuple(replace(r, directions=r.directions or frozenset(Direction)) for r in keys.policy)
+    open_rules = tuple(
+        replace(r, directions=r.directions or frozenset(Direction)) for r in keys.policy
+    )
     if not open_rules:
         raise top.refusal("policy", [], "'table-1' or at least one rule: nothing would ever cross")
     return Policy(rules=open_rules), tuple(s.here for s in top.items("policy", short="pattern"))
@@ -455,7 +493,9 @@ def _read_agent(name: str, section: Section, interface: str | None) -> AgentSpec
         validate_agent(name)
     except FqnError as error:
         raise DocumentError(section.here, name, error.allowed) from error
-    return section.read(AgentSpec, name=name, global_interface=section.text("global_interface", interface))
+    return section.read(
+        AgentSpec, name=name, global_interface=section.text("global_interface", interface)
+    )
 
 
 def _describe(sensor: SensorSpec) -> SensorDescription:

@@ -101,7 +101,10 @@ class GopCache(Generic[M]):
             self.gaps += 1
             self._clear()
             return False
-        if len(self._packets) >= self._limits.packets or self.size_bytes + size_bytes > self._limits.size_bytes:
+        if (
+            len(self._packets) >= self._limits.packets
+            or self.size_bytes + size_bytes > self._limits.size_bytes
+        ):
             self.overflows += 1
             self._clear()
             return False
@@ -119,7 +122,9 @@ class State(Enum):
     """Where a stream's replay stands."""
 
     IDLE = auto()  #: Nobody reads it; nothing is written.
-    SETTLING = auto()  #: The first reader came a moment ago; the way to it is still being connected.
+    SETTLING = (
+        auto()
+    )  #: The first reader came a moment ago; the way to it is still being connected.
     SERVING = auto()  #: The group was sent; every packet follows as it comes.
 
 
@@ -174,9 +179,13 @@ class KeeperSettings:
     def __post_init__(self) -> None:
         for topic in self.streams:
             if replay_topic(topic) is None:
-                raise InvalidValueError("stream", topic, "topics of the schema that end in 'ffmpeg'")
+                raise InvalidValueError(
+                    "stream", topic, "topics of the schema that end in 'ffmpeg'"
+                )
         if self.limits.packets > REPLAY_DEPTH:
-            raise InvalidValueError("group of pictures, packets", self.limits.packets, f"1 to {REPLAY_DEPTH}")
+            raise InvalidValueError(
+                "group of pictures, packets", self.limits.packets, f"1 to {REPLAY_DEPTH}"
+            )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -194,7 +203,11 @@ class StreamKeeper:
     """Keeps and replays streams in an agent's own domain; `on_replay` is told about every replay."""
 
     def __init__(
-        self, node: Node, settings: KeeperSettings, *, on_replay: Callable[[Replayed], None] = lambda _: None
+        self,
+        node: Node,
+        settings: KeeperSettings,
+        *,
+        on_replay: Callable[[Replayed], None] = lambda _: None,
     ) -> None:
         self._node = node
         self._settings = settings
@@ -202,7 +215,9 @@ class StreamKeeper:
 
     async def run(self, on_ready: Callable[[], None] = lambda: None) -> None:
         """Serve until cancelled, from `on_ready` on; everything it opened is closed when this returns."""
-        streams = [_Stream(self._node, t, self._settings, self._on_replay) for t in self._settings.streams]
+        streams = [
+            _Stream(self._node, t, self._settings, self._on_replay) for t in self._settings.streams
+        ]
         async with beside(*(stream.run() for stream in streams)) as tasks:
             on_ready()
             await asyncio.gather(*tasks)
@@ -213,7 +228,11 @@ class _Stream:
     """One stream: its cache, and its replay."""
 
     def __init__(
-        self, node: Node, topic: str, settings: KeeperSettings, on_replay: Callable[[Replayed], None]
+        self,
+        node: Node,
+        topic: str,
+        settings: KeeperSettings,
+        on_replay: Callable[[Replayed], None],
     ) -> None:
         self._node = node
         self._topic = topic
@@ -227,12 +246,16 @@ class _Stream:
 
     async def run(self) -> None:
         (dds_topic,) = dds_names(self._replay_topic, ResourceKind.TOPIC)
-        subscription = self._node.create_subscription(FFMPEG_PACKET, self._topic, qos=COMPRESSED_STREAM)
+        subscription = self._node.create_subscription(
+            FFMPEG_PACKET, self._topic, qos=COMPRESSED_STREAM
+        )
         unwatch = self._node.graph.watch(dds_topic, EndpointKind.SUBSCRIPTION, self._count_reader)
         try:
             async for packet in subscription:
                 is_key = bool(packet.flags & FLAG_KEY)
-                kept = self._cache.add(packet, pts=packet.pts, is_key=is_key, size_bytes=len(packet.data))
+                kept = self._cache.add(
+                    packet, pts=packet.pts, is_key=is_key, size_bytes=len(packet.data)
+                )
                 if kept and self._session.state is State.SERVING:
                     self._publisher.publish(packet)
         finally:
@@ -280,7 +303,11 @@ class _Stream:
             self._publisher.publish(newest)
         cache, size = self._cache, self._cache.size_bytes
         sent = Replayed(
-            topic=self._topic, packets=len(cache), size_bytes=size, gaps=cache.gaps, overflows=cache.overflows
+            topic=self._topic,
+            packets=len(cache),
+            size_bytes=size,
+            gaps=cache.gaps,
+            overflows=cache.overflows,
         )
         self._on_replay(sent)
 
@@ -305,7 +332,9 @@ async def run_keeper(config: KeeperConfig, report: Reporter) -> None:
     from sfglab.bus import Node
 
     async with Node("stream_keeper", **config.address.options()) as node:
-        keeper = StreamKeeper(node, config, on_replay=lambda r: report({"is": "replayed", **asdict(r)}))
+        keeper = StreamKeeper(
+            node, config, on_replay=lambda r: report({"is": "replayed", **asdict(r)})
+        )
         await keeper.run(on_ready=lambda: report({"is": "ready"}))
 
 

@@ -99,7 +99,9 @@ class Policy:
 
     def deciding(self, dds_name: str, direction: Direction) -> ForwardRule | None:
         """Return the rule that lets a topic on the wire cross this way; None: none does, and it stays."""
-        found = (rule for rule in self.rules if direction in rule.directions and rule.matches(dds_name))
+        found = (
+            rule for rule in self.rules if direction in rule.directions and rule.matches(dds_name)
+        )
         return next(found, None)
 
     def domains(self, dds_name: str, published_in: Side) -> frozenset[Side]:
@@ -124,7 +126,9 @@ class Policy:
         return Crossing.HALF if any(passes) else Crossing.NONE
 
 
-QUEUE_DEPTH = 256  #: What a router's reader and volatile writer keep at least; see `MAX_BACKLOG_BYTES`.
+QUEUE_DEPTH = (
+    256  #: What a router's reader and volatile writer keep at least; see `MAX_BACKLOG_BYTES`.
+)
 
 _SERVICE_PREFIXES = ("rq/", "rr/")
 _CALLS_KEPT = 1000  # as `sfglab.bus.ros.program` keeps
@@ -264,7 +268,11 @@ class PathState:
         who = newcomer.host, newcomer.node
         for gid, source in self.sources.items() if newcomer.node else ():
             latched = source.qos.durability is Durability.TRANSIENT_LOCAL
-            if latched and (source.host, source.node) == who and source.participant != newcomer.participant:
+            if (
+                latched
+                and (source.host, source.node) == who
+                and source.participant != newcomer.participant
+            ):
                 self.doubted[gid] = self.doubts
 
 
@@ -311,10 +319,19 @@ def _transport(path: Path, sinks: set[Transport]) -> Transport:
 
 
 def _way(  # noqa: PLR0913, PLR0917 - what a reader and a writer are made of
-    path: Path, sinks: Iterable[QoSProfile], to: Transport, qos: QoSProfile, of: Transport, again: int
+    path: Path,
+    sinks: Iterable[QoSProfile],
+    to: Transport,
+    qos: QoSProfile,
+    of: Transport,
+    again: int,
 ) -> tuple[ReaderSpec, WriterSpec]:
-    reader = ReaderSpec(path=path, qos=requested_qos(path.dds_topic, qos, sinks), transport=of, again=again)
-    return reader, WriterSpec(path=path, qos=offered_qos(path.dds_topic, qos), transport=to, again=again)
+    reader = ReaderSpec(
+        path=path, qos=requested_qos(path.dds_topic, qos, sinks), transport=of, again=again
+    )
+    return reader, WriterSpec(
+        path=path, qos=offered_qos(path.dds_topic, qos), transport=to, again=again
+    )
 
 
 def _is_alone(source: EndpointInfo) -> bool:
@@ -322,7 +339,9 @@ def _is_alone(source: EndpointInfo) -> bool:
 
 
 def _judged(
-    readers: Iterable[ReaderSpec], ways: Mapping[bytes, tuple[ReaderSpec, WriterSpec]], state: PathState
+    readers: Iterable[ReaderSpec],
+    ways: Mapping[bytes, tuple[ReaderSpec, WriterSpec]],
+    state: PathState,
 ) -> dict[ReaderSpec, dict[bytes, Verdict]]:
     """Say for every reader where each publisher's samples go: each source is heard by one reader alone."""
     judged: dict[ReaderSpec, dict[bytes, Verdict]] = {}

@@ -68,7 +68,9 @@ def end_process(process: BaseProcess) -> None:
 
 def give_way(pid: int, nice: int = _NICE) -> None:
     """Let a process and the threads that it has, and what they start, work only where others leave room."""
-    with suppress(OSError):  # where the scheduler groups by session, a priority counts within its own
+    with suppress(
+        OSError
+    ):  # where the scheduler groups by session, a priority counts within its own
         Path(f"/proc/{pid}/autogroup").write_text(f"{nice}", encoding="ascii")
     with suppress(OSError):  # it has ended
         for thread in Path(f"/proc/{pid}/task").iterdir():

@@ -27,10 +27,14 @@ Row = Any  #: An instance of a table's class, or its fields as a mapping.
 class Options:
     """How a run is made on this machine, beside its configuration."""
 
-    separate: bool | None = None  #: False insists on one host; None takes separate hosts where the machine can.
+    separate: bool | None = (
+        None  #: False insists on one host; None takes separate hosts where the machine can.
+    )
     workers: Workers | None = None  #: Who runs the sweeps; None: what each of them names.
     explored: bool = False  #: Whether somebody only looks: the log will speak for no claim.
-    only: frozenset[str] | None = None  #: Tables of sweeps and names of parts that are run; None: all.
+    only: frozenset[str] | None = (
+        None  #: Tables of sweeps and names of parts that are run; None: all.
+    )
 
     def wants(self, name: str) -> bool:
         """Return whether a sweep's table or a part is run."""
@@ -51,7 +55,10 @@ def as_row(row_class: type[Any], row: Row, *origins: Any) -> Any:
 
 def rows_of(row_class: type[Any], result: Any, *origins: Any) -> list[Any]:
     """Return the rows of a task's result, which is one row or a tuple of them; `as_row` says of what."""
-    return [as_row(row_class, row, *origins) for row in (result if isinstance(result, tuple) else (result,))]
+    return [
+        as_row(row_class, row, *origins)
+        for row in (result if isinstance(result, tuple) else (result,))
+    ]
 
 
 @dataclass(slots=True, kw_only=True)

@@ -61,7 +61,9 @@ class Browser:
         port = free_port()
         self._engine = _start(port, width, height)
         try:
-            self._socket = client.connect(_address(self._engine, port), max_size=None, open_timeout=_START_S)
+            self._socket = client.connect(
+                _address(self._engine, port), max_size=None, open_timeout=_START_S
+            )
             screen = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": False}
             self.call("Emulation.setDeviceMetricsOverride", **screen)
         except BaseException:
@@ -91,7 +93,9 @@ class Browser:
 
     def evaluate(self, script: str) -> Any:
         """Return the value of a JavaScript expression, None where it has none."""
-        return self.call("Runtime.evaluate", expression=script, returnByValue=True)["result"].get("value")
+        return self.call("Runtime.evaluate", expression=script, returnByValue=True)["result"].get(
+            "value"
+        )
 
     def wait_for(self, script: str, timeout_s: float = 15.0) -> Any:
         """Return the value of an expression as soon as it is truthy; `BrowserError` if it is not in time."""
@@ -115,7 +119,9 @@ class Browser:
             time.sleep(0.05)
         raise BrowserError(f"browser: no {what or script} that stays within {timeout_s:g} s")
 
-    def find(self, text: str, selector: str = "button", timeout_s: float = 15.0) -> tuple[float, float]:
+    def find(
+        self, text: str, selector: str = "button", timeout_s: float = 15.0
+    ) -> tuple[float, float]:
         """Return the middle of the first element with a text or label, once it stays; else `BrowserError`."""
         script = _FIND % (json.dumps(selector), json.dumps(text), json.dumps(text))
         x, y = self.still(script, timeout_s, f"{selector} {text!r}")
@@ -144,7 +150,9 @@ class Browser:
 
     def screenshot(self, file: Path) -> None:
         """Write what the page shows into a PNG file."""
-        file.write_bytes(base64.b64decode(self.call("Page.captureScreenshot", format="png")["data"]))
+        file.write_bytes(
+            base64.b64decode(self.call("Page.captureScreenshot", format="png")["data"])
+        )
 
     def _mouse(self, kind: str, x: float, y: float, **more: Any) -> None:
         self.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, **more)
@@ -155,7 +163,9 @@ def _library(name: str) -> Any:
         return import_module(name)
     except ModuleNotFoundError as error:
         library = name.partition(".")[0]
-        raise MissingExtraError(library, extra="dev", purpose="a browser without a screen") from error
+        raise MissingExtraError(
+            library, extra="dev", purpose="a browser without a screen"
+        ) from error
     except ImportError as error:
         raise BrowserError(f"browser: the engine needs a system library: {error}") from error
 
@@ -189,7 +199,9 @@ def _address(engine: subprocess.Popen[bytes], port: int) -> str:
     end = time.monotonic() + _START_S
     while time.monotonic() < end:
         if engine.poll() is not None:
-            raise BrowserError(f"browser: the engine ended with status {engine.returncode} when it started")
+            raise BrowserError(
+                f"browser: the engine ended with status {engine.returncode} when it started"
+            )
         with suppress(OSError, ValueError, LookupError):
             with urllib.request.urlopen(f"http://{_HOST}:{port}/json", timeout=1) as answer:
                 pages = json.load(answer)
@@ -212,7 +224,9 @@ def _stop(engine: subprocess.Popen[bytes]) -> None:
 
 def _main(width: int, height: int) -> None:
     """Be the engine, until standard input ends: nobody outlives the one who started it."""
-    core, widgets, web = (_library(f"PySide6.{part}") for part in ("QtCore", "QtWidgets", "QtWebEngineWidgets"))
+    core, widgets, web = (
+        _library(f"PySide6.{part}") for part in ("QtCore", "QtWidgets", "QtWebEngineWidgets")
+    )
     app = widgets.QApplication(["browser"])
     view = web.QWebEngineView()
     view.resize(width, height)

@@ -40,7 +40,9 @@ class Verdict(Enum):
     BETTER = "better"
     AS_GOOD = "as good"  #: Our way is as good as the paper says of its own, which another way cannot reproduce.
     FITTED = "fitted"  #: By constants that were fitted to the paper's own figures, which predicts nothing.
-    UNDECIDED = "undecided"  #: By what the paper leaves open or runs differ in, or a part was not measured.
+    UNDECIDED = (
+        "undecided"  #: By what the paper leaves open or runs differ in, or a part was not measured.
+    )
     DEVIATES = "deviates"
     NOT_YET = "not yet"
 
@@ -54,8 +56,12 @@ class Criterion:
     """By what a claim is judged, written down before the runs that it judges exist."""
 
     sentence: str  #: The paper's own words that it comes from.
-    modes: tuple[str, ...]  #: Presets of `sfglab.rtps` for the paper's middleware; the lowest figure judges.
-    region: Mapping[str, tuple[float, float]]  #: Least and largest value of each condition, bounds included.
+    modes: tuple[
+        str, ...
+    ]  #: Presets of `sfglab.rtps` for the paper's middleware; the lowest figure judges.
+    region: Mapping[
+        str, tuple[float, float]
+    ]  #: Least and largest value of each condition, bounds included.
     measure: str  #: What is computed in each condition, and of it when the claim holds there.
     unit: str  #: Of the figure.
     band: tuple[float, float]  #: Lowest and highest figure that counts as reproduced.
@@ -78,7 +84,9 @@ class Claim(Shown):
     ends: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     #: Name of the experiment that measures it; None: there is none yet.
     experiment: str | None = field(metadata=OR_NULL)
-    criterion: Criterion | None = None  #: Judges runs on the paper's own middleware; until then `band` does.
+    criterion: Criterion | None = (
+        None  #: Judges runs on the paper's own middleware; until then `band` does.
+    )
 
     def __post_init__(self) -> None:
         for name, (low, high) in {"band": self.band, **self.ends}.items():
@@ -90,10 +98,14 @@ class Claim(Shown):
 class Finding:
     """Our figure for one claim, computed from a run."""
 
-    estimate: Estimate  #: Median or fitted value with its 95 % interval; NaN where the log lacks it.
+    estimate: (
+        Estimate  #: Median or fitted value with its 95 % interval; NaN where the log lacks it.
+    )
     details: Mapping[str, str] = field(default_factory=dict)  #: Further figures, as text by name.
     reason: str = ""  #: Why it deviates from the paper's, where that is known.
-    ends: Mapping[str, float] = field(default_factory=dict)  #: Of the claim's `ends`, those that were measured.
+    ends: Mapping[str, float] = field(
+        default_factory=dict
+    )  #: Of the claim's `ends`, those that were measured.
     #: The same figure under other conditions that the paper leaves open, or in other runs, by what they are.
     under: Mapping[str, Estimate] = field(default_factory=dict)
     fitted: str = ""  #: What was fitted to the claim's own figures; empty: nothing.
@@ -108,7 +120,9 @@ class Measured(Finding):
 
     def beside(self, other: Measured, log: str) -> Measured:
         """Return it with the figure of another experiment, from this log, among its details."""
-        return replace(self, details={**self.details, "by the band of other runs": f"{other.estimate} ({log})"})
+        return replace(
+            self, details={**self.details, "by the band of other runs": f"{other.estimate} ({log})"}
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -121,10 +135,14 @@ class Entry:
     log: str = ""
     origin: str = ""  #: Machine, load, versions and commit of the log.
     missing: str = ""  #: Why there is no figure, as far as a log says.
-    mutants: str = ""  #: How many changes of the code under them the checks see, and those that they do not.
+    mutants: str = (
+        ""  #: How many changes of the code under them the checks see, and those that they do not.
+    )
     figures: tuple[str, ...] = ()  #: Names of the committed figures of its experiment.
     since: str = ""  #: When its lines in ``claims.yaml`` were last changed, and in which commit.
-    runs: tuple[Entry, ...] = ()  #: The claim by each of several runs at different times, judged for itself.
+    runs: tuple[
+        Entry, ...
+    ] = ()  #: The claim by each of several runs at different times, judged for itself.
 
     @property
     def experiment(self) -> str | None:
@@ -142,7 +160,11 @@ class Entry:
             return ""
         if self.verdict is Verdict.FITTED:
             return m.fitted
-        open_ = [f"{name}: {e}, {_in_band(c, e).value}" for name, e in m.under.items()] if m.under else []
+        open_ = (
+            [f"{name}: {e}, {_in_band(c, e).value}" for name, e in m.under.items()]
+            if m.under
+            else []
+        )
         missing = [f"{name}: not measured" for name in c.ends if name not in m.ends]
         disagree = self.runs if len({run.verdict for run in self.runs}) > 1 else ()
         runs = [f"{run.log}: {_row(run)[2]}, {run.verdict.value}" for run in disagree]
@@ -192,7 +214,16 @@ class Ledger(list[Entry]):
         return f"<ledger: {', '.join(f'{n} {v.value}' for v, n in counts.items() if n) or 'empty'}>"
 
     def _repr_html_(self) -> str:
-        head = "claim", "where", "says", "paper", "ours (median, 95 % interval)", "unit", "how", "verdict"
+        head = (
+            "claim",
+            "where",
+            "says",
+            "paper",
+            "ours (median, 95 % interval)",
+            "unit",
+            "how",
+            "verdict",
+        )
         rows = [(e.claim.id, e.claim.where, e.claim.says, *_row(e)[1:]) for e in self]
         return html_table([head, *rows], repr(self)[1:-1])
 
@@ -247,10 +278,15 @@ def _in_band(claim: Claim, estimate: Estimate) -> Verdict:
 
 def render(entries: Sequence[Entry], *, with_logs: bool = False) -> str:
     """Return the ledger as a table for a terminal, a line a claim, or with its log a line a log."""
-    rows: list[tuple[str, ...]] = [("claim", "paper", "ours (median, 95 % interval)", "unit", "how", "verdict")]
+    rows: list[tuple[str, ...]] = [
+        ("claim", "paper", "ours (median, 95 % interval)", "unit", "how", "verdict")
+    ]
     rows += [_row(entry) for entry in entries]
     if with_logs:
-        rows = [(*row, log) for row, log in zip(rows, ["log", *(entry.log for entry in entries)], strict=True)]
+        rows = [
+            (*row, log)
+            for row, log in zip(rows, ["log", *(entry.log for entry in entries)], strict=True)
+        ]
     lines = columns(rows)
     lines.insert(1, "-" * len(lines[0]))
     lines += ["", repr(Ledger(entries)).removeprefix("<ledger: ").removesuffix(">")]
@@ -281,7 +317,9 @@ def _paragraph(entry: Entry) -> Iterator[str]:
     m = entry.measured
     if m is None:
         return
-    yield from (f"run {run.log}: {_row(run)[2]}, {run.verdict.value}; {run.origin}" for run in entry.runs)
+    yield from (
+        f"run {run.log}: {_row(run)[2]}, {run.verdict.value}; {run.origin}" for run in entry.runs
+    )
     asked = {name: f"; band {_band(band)}" for name, band in entry.claim.ends.items()}
     yield from (f"{name}: {value:.3g}{asked.get(name, '')}" for name, value in m.ends.items())
     yield from (f"{key}: {value}" for key, value in {**m.under, **m.details}.items())
@@ -291,8 +329,15 @@ def _paragraph(entry: Entry) -> Iterator[str]:
 
 def criterion_of(claim: Claim) -> list[str]:
     """Return by what a claim is judged, a line each: its criterion, if it has one, its band and its ends."""
-    first = [f"{c.measure}: {_band(c.band)}; until there is such a run:"] if (c := claim.criterion) else []
-    return [*first, *(f"{what}: {_band(b)}" for what, b in {claim.unit: claim.band, **claim.ends}.items())]
+    first = (
+        [f"{c.measure}: {_band(c.band)}; until there is such a run:"]
+        if (c := claim.criterion)
+        else []
+    )
+    return [
+        *first,
+        *(f"{what}: {_band(b)}" for what, b in {claim.unit: claim.band, **claim.ends}.items()),
+    ]
 
 
 def _band(band: tuple[float, float]) -> str:
@@ -309,7 +354,9 @@ def entry_for(claim: Claim, measured: Measured | None, *, log: str = "", origin:
     elif measured.by_criterion and claim.criterion:
         claim = replace(claim, band=claim.criterion.band, unit=claim.criterion.unit)
     verdict = judge(claim, measured)
-    return Entry(claim=claim, verdict=verdict, measured=measured, log=log, origin=origin, missing=missing)
+    return Entry(
+        claim=claim, verdict=verdict, measured=measured, log=log, origin=origin, missing=missing
+    )
 
 
 def joined(runs: Sequence[Entry]) -> Entry:

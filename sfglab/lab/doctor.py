@@ -82,14 +82,18 @@ def _version(distribution: str) -> str | None:
 
 def _libraries() -> _Verdict:
     required = [r for r in importlib.metadata.requires("sfglab") or () if "extra ==" not in r]
-    names = sorted(re.split(r"[^A-Za-z0-9._-]", requirement)[0] for requirement in required)  # PEP 508
+    names = sorted(
+        re.split(r"[^A-Za-z0-9._-]", requirement)[0] for requirement in required
+    )  # PEP 508
     versions = {name: _version(name) for name in names}
     missing = [name for name, version in versions.items() if version is None]
     found = ", ".join(f"{name} {version}" for name, version in versions.items() if version)
     python = f"Python {platform.python_version()}"
     if missing:
         said = f"{python}; not installed: {', '.join(missing)}; installed: {found}"
-        consequence = "what needs the missing libraries stops with their names; install sfglab again"
+        consequence = (
+            "what needs the missing libraries stops with their names; install sfglab again"
+        )
         return Level.MISSING, said, consequence
     return Level.OK, f"{python}, {found}", "all parts of sfglab can be imported"
 
@@ -101,7 +105,11 @@ def _namespaces() -> _Verdict:
     if not capability.ok:
         raise HostsUnavailableError(capability.reason)
     how = "as root" if capability.how == "root" else "without root, in a user namespace"
-    return Level.OK, f"hosts with a network of their own work {how}", "experiments with several hosts run live"
+    return (
+        Level.OK,
+        f"hosts with a network of their own work {how}",
+        "experiments with several hosts run live",
+    )
 
 
 def _link_control() -> _Verdict:
@@ -116,7 +124,11 @@ def _link_control() -> _Verdict:
                 network.set_link("probe", **link)
                 works.append(name)
     if len(works) == len(links):
-        return Level.OK, "the kernel limits rates and loses packets on request", "lossy and slow links run live"
+        return (
+            Level.OK,
+            "the kernel limits rates and loses packets on request",
+            "lossy and slow links run live",
+        )
     said = f"of rate and loss, the kernel emulates {' and '.join(works) or 'neither'}"
     return Level.LIMITED, said, "links that need the rest are simulated, and the log says so"
 
@@ -148,13 +160,25 @@ def _clock() -> _Verdict:
     times = psutil.cpu_times()
     steal_percent = 100 * times.steal / max(1.0, sum(times))
     governor = Path("/sys/devices/system/cpu/cpu0/cpufreq/scaling_governor")
-    scaling = governor.read_text(encoding="ascii").strip() if governor.is_file() else "not under our control"
+    scaling = (
+        governor.read_text(encoding="ascii").strip()
+        if governor.is_file()
+        else "not under our control"
+    )
     machine = "virtual machine" if virtual else "physical machine"
     said = f"{machine}, clock governor {scaling}, {steal_percent:.1f} % of its time stolen by others so far"
     if steal_percent > _NOTABLE_STEAL_PERCENT:
-        return Level.LIMITED, said, "stolen time shows as latency; each row of the meters carries steal_percent"
+        return (
+            Level.LIMITED,
+            said,
+            "stolen time shows as latency; each row of the meters carries steal_percent",
+        )
     if scaling == "powersave":
-        return Level.LIMITED, said, "CPU times grow when the clock is low; choose the performance governor"
+        return (
+            Level.LIMITED,
+            said,
+            "CPU times grow when the clock is low; choose the performance governor",
+        )
     return Level.OK, said, "CPU times of one run can be compared with each other"
 
 
@@ -189,7 +213,9 @@ def _shared_memory() -> _Verdict:
     free = status.f_bavail * status.f_frsize
     said = f"memfd works, {free / _MIB:.0f} MiB free in /dev/shm"
     if free < _SHARED_MEMORY_BYTES:
-        consequence = "queues of large images may not fit; in a container, start it with --shm-size=1g"
+        consequence = (
+            "queues of large images may not fit; in a container, start it with --shm-size=1g"
+        )
         return Level.LIMITED, said, consequence
     return Level.OK, said, "messages cross between processes of one host without copies"
 
@@ -245,13 +271,19 @@ def _h264() -> _Verdict:
         return Level.MISSING, f"no H.264 encoder works: {broken}", _NO_VIDEO
     said = f"encoders that work: {', '.join(works)}"
     if not any(e.works and e.hardware for e in encoders):
-        consequence = "video is encoded in software, and the log names the encoder; CPU loads are higher"
+        consequence = (
+            "video is encoded in software, and the log names the encoder; CPU loads are higher"
+        )
         return Level.LIMITED, said, consequence
     return Level.OK, said, "video is encoded in hardware"
 
 
 def _viewer() -> _Verdict:
-    return Level.OK, f"rerun-sdk {importlib.metadata.version('rerun-sdk')}", "logs open in the Rerun viewer"
+    return (
+        Level.OK,
+        f"rerun-sdk {importlib.metadata.version('rerun-sdk')}",
+        "logs open in the Rerun viewer",
+    )
 
 
 def _ros() -> _Verdict:
@@ -261,8 +293,16 @@ def _ros() -> _Verdict:
     found = ", ".join(map(str, distributions().values()))
     if not found:
         raise SfglabError("neither environments of make ros nor a sourced ROS 2")
-    services = "cross routers" if ros_python() else f"cross none until {PYTHON_VARIABLE} names its interpreter"
-    return Level.OK, found, f"our nodes are tested beside rclpy; services of rmw_fastrtps {services}"
+    services = (
+        "cross routers"
+        if ros_python()
+        else f"cross none until {PYTHON_VARIABLE} names its interpreter"
+    )
+    return (
+        Level.OK,
+        found,
+        f"our nodes are tested beside rclpy; services of rmw_fastrtps {services}",
+    )
 
 
 _NOT_INSTALLED = (importlib.metadata.PackageNotFoundError,)
@@ -285,9 +325,13 @@ _CHECKS = (
         (SfglabError,),
         "slow and lossy links are simulated, and the log says so",
     ),
-    _Check("cores, memory, load", _capacity, (OSError,), "nobody can say how steady the numbers are"),
+    _Check(
+        "cores, memory, load", _capacity, (OSError,), "nobody can say how steady the numbers are"
+    ),
     _Check("CPU clock", _clock, (OSError,), "nobody can say how steady CPU times are"),
-    _Check("UDP receive buffer", _receive_buffer, (OSError,), "live experiments over UDP do not run"),
+    _Check(
+        "UDP receive buffer", _receive_buffer, (OSError,), "live experiments over UDP do not run"
+    ),
     _Check(
         "shared memory",
         _shared_memory,
@@ -301,7 +345,10 @@ _CHECKS = (
         "DDS on one host finds its peers only when they are listed in its configuration",
     ),
     _Check(
-        "DDS", _dds, (subprocess.SubprocessError, OSError), "live experiments do not run; simulated ones do"
+        "DDS",
+        _dds,
+        (subprocess.SubprocessError, OSError),
+        "live experiments do not run; simulated ones do",
     ),
     _Check("H.264", _h264, (ImportError,), _NO_VIDEO),
     _Check(
@@ -357,6 +404,9 @@ def diagnose() -> list[Finding]:
 
 def render(findings: list[Finding]) -> str:
     """Return what `diagnose` found as plain text for a terminal."""
-    texts = [f"[{f.level.value}] {f.topic}\n    found: {f.said}\n    so:    {f.consequence}" for f in findings]
+    texts = [
+        f"[{f.level.value}] {f.topic}\n    found: {f.said}\n    so:    {f.consequence}"
+        for f in findings
+    ]
     fine = sum(finding.ok for finding in findings)
     return "\n".join([*texts, "", f"{fine} of {len(findings)} are in order."])

@@ -29,7 +29,9 @@ def write_example(example: ExampleMachine, folder: Path) -> Path:
     """Write an example's files into a folder, its root for `detect`; raises `DeployError` if not empty."""
     folder.mkdir(parents=True, exist_ok=True)
     if any(folder.iterdir()):
-        raise DeployError(f"{folder}: given for an example's root, allowed: an empty folder, but it has files")
+        raise DeployError(
+            f"{folder}: given for an example's root, allowed: an empty folder, but it has files"
+        )
     number = next(machine for machine, name in MACHINES.items() if name == example.elf)
     contents = {"usr/bin/sh": elf_header(number)}
     contents |= {path: text.encode() for path, text in example.files.items()}
@@ -78,7 +80,10 @@ def _board(model: str, *compatible: str) -> dict[str, str]:
 
 
 def _pc(vendor: str, product: str) -> dict[str, str]:
-    return {"sys/class/dmi/id/sys_vendor": f"{vendor}\n", "sys/class/dmi/id/product_name": f"{product}\n"}
+    return {
+        "sys/class/dmi/id/sys_vendor": f"{vendor}\n",
+        "sys/class/dmi/id/product_name": f"{product}\n",
+    }
 
 
 def _nodes(*names: str) -> dict[str, str]:
@@ -87,23 +92,34 @@ def _nodes(*names: str) -> dict[str, str]:
 
 def _graphics(minor: int, vendor: str) -> dict[str, str]:
     device = f"sys/class/drm/renderD{minor}/device"
-    return {**_nodes(f"dri/card{minor - 128}", f"dri/renderD{minor}"), f"{device}/vendor": f"{vendor}\n"}
+    return {
+        **_nodes(f"dri/card{minor - 128}", f"dri/renderD{minor}"),
+        f"{device}/vendor": f"{vendor}\n",
+    }
 
 
 def _pci(slot: str, vendor: str, driver: str) -> dict[str, str]:
     place = f"sys/bus/pci/devices/{slot}"
     uevent = f"DRIVER={driver}\nPCI_CLASS=30000\n" if driver else "PCI_CLASS=30000\n"
-    return {f"{place}/vendor": f"{vendor}\n", f"{place}/class": "0x030000\n", f"{place}/uevent": uevent}
+    return {
+        f"{place}/vendor": f"{vendor}\n",
+        f"{place}/class": "0x030000\n",
+        f"{place}/uevent": uevent,
+    }
 
 
 def _kfd(node: int, version: int, minor: int) -> dict[str, str]:
     processor = "cpu_cores_count 16\nsimd_count 0\ngfx_target_version 0\n"
-    graphics = f"cpu_cores_count 0\nsimd_count 8\ngfx_target_version {version}\ndrm_render_minor {minor}\n"
+    graphics = (
+        f"cpu_cores_count 0\nsimd_count 8\ngfx_target_version {version}\ndrm_render_minor {minor}\n"
+    )
     return {f"{_KFD}/0/properties": processor, f"{_KFD}/{node}/properties": graphics, "dev/kfd": ""}
 
 
 def _videos(names: Mapping[int, str]) -> dict[str, str]:
-    classes = {f"sys/class/video4linux/video{number}/name": f"{name}\n" for number, name in names.items()}
+    classes = {
+        f"sys/class/video4linux/video{number}/name": f"{name}\n" for number, name in names.items()
+    }
     return {**_nodes(*(f"video{number}" for number in names)), **classes}
 
 
@@ -137,7 +153,11 @@ EXAMPLES: dict[str, ExampleMachine] = {
         Accelerator.JETSON,
         "Jetson Xavier NX, JetPack 4.6: L4T R32's files",
         "Ubuntu 18.04.6 LTS",
-        _board("NVIDIA Jetson Xavier NX Developer Kit", "nvidia,p3449-0000+p3668-0000", "nvidia,tegra194"),
+        _board(
+            "NVIDIA Jetson Xavier NX Developer Kit",
+            "nvidia,p3449-0000+p3668-0000",
+            "nvidia,tegra194",
+        ),
         {
             "etc/nv_tegra_release": "# R32 (release), REVISION: 7.1, GCID: 29818004, BOARD: t186ref, "
             "EABI: aarch64, DATE: Sat Feb 19 17:07:00 UTC 2022\n"

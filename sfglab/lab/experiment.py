@@ -39,7 +39,11 @@ C = TypeVar("C")
 F = TypeVar("F", bound=Callable[..., Any])
 
 QUICK, PAPER = "quick", "paper"
-PROFILES = (SMOKE, QUICK, PAPER)  #: Seconds, for CI; a few minutes for everything; the papers' full counts.
+PROFILES = (
+    SMOKE,
+    QUICK,
+    PAPER,
+)  #: Seconds, for CI; a few minutes for everything; the papers' full counts.
 _UNCOUNTED = ("seed", "profile")
 _OPTIONS = Options()
 
@@ -133,13 +137,19 @@ class Look:
     """A figure that follows what a reader turns, computed from a few quick tables."""
 
     turn: Sequence[str]  #: Fields of the configuration that a form offers first.
-    needs: Collection[str]  #: Tables of sweeps, and names of parts, that it is drawn from; may be empty.
+    needs: Collection[
+        str
+    ]  #: Tables of sweeps, and names of parts, that it is drawn from; may be empty.
     size: tuple[float, float]  #: Width and height, inches.
     start: Mapping[str, Any] = field(default_factory=dict)  #: What differs from ``quick`` at first.
     coarse: Mapping[str, Any] = field(default_factory=dict)  #: What a first picture sets anew.
-    within: Mapping[str, Bounds] = field(default_factory=dict)  #: Narrower bounds, to follow a slider.
+    within: Mapping[str, Bounds] = field(
+        default_factory=dict
+    )  #: Narrower bounds, to follow a slider.
     reference: str = ""  #: The experiment's figure that is shown for comparison; empty: none.
-    draw: Callable[[Figure, Run[Any]], Any] = lambda _figure, _run: None  #: Draws into an empty figure.
+    draw: Callable[[Figure, Run[Any]], Any] = lambda _figure, _run: (
+        None
+    )  #: Draws into an empty figure.
 
 
 class Experiment(Generic[C]):
@@ -169,8 +179,12 @@ class Experiment(Generic[C]):
         self.tables: dict[str, type[Any]] = {}
         self.sweeps: list[_Sweep] = []
         self._parts: list[_Part] = []
-        self._claims: dict[str, tuple[Callable[[Run[C]], Finding | None], How | Callable[[Run[C]], How]]] = {}
-        self.mutated: dict[str, Mutated] = {}  #: By claim, what its mutants change and what must see them.
+        self._claims: dict[
+            str, tuple[Callable[[Run[C]], Finding | None], How | Callable[[Run[C]], How]]
+        ] = {}
+        self.mutated: dict[
+            str, Mutated
+        ] = {}  #: By claim, what its mutants change and what must see them.
         self._drawings: dict[str, _Drawing] = {}
         self.looks: dict[str, Look] = {}
 
@@ -208,7 +222,9 @@ class Experiment(Generic[C]):
         """
 
         def declare(task: F) -> F:
-            one = _Sweep(table=table, task=task, over=over, seeds=seeds, workers=workers, at_ns=at_ns)
+            one = _Sweep(
+                table=table, task=task, over=over, seeds=seeds, workers=workers, at_ns=at_ns
+            )
             self.sweeps.append(one)
             return task
 
@@ -232,7 +248,9 @@ class Experiment(Generic[C]):
 
         def declare(function: F) -> F:
             every: tuple[type[Exception], ...] = (SkippedPartError, *skips)
-            self._parts.append(_Part(name=name, function=function, total=total, skips=every, timed=timed))
+            self._parts.append(
+                _Part(name=name, function=function, total=total, skips=every, timed=timed)
+            )
             return function
 
         return declare
@@ -251,7 +269,11 @@ class Experiment(Generic[C]):
         return declare
 
     def figure(
-        self, name: str, *, size: tuple[float, float], when: Callable[[Run[C]], bool] = lambda _: True
+        self,
+        name: str,
+        *,
+        size: tuple[float, float],
+        when: Callable[[Run[C]], bool] = lambda _: True,
     ) -> Callable[[F], F]:
         """Declare a figure of a size in inches: a function draws into an empty one and returns what it shows.
 
@@ -288,7 +310,9 @@ class Experiment(Generic[C]):
     @property
     def measures(self) -> bool:
         """Whether it has a live or timed part, of which whoever works beside it may change a figure."""
-        return bool(self._hosts) or any(p.timed or inspect.iscoroutinefunction(p.function) for p in self._parts)
+        return bool(self._hosts) or any(
+            p.timed or inspect.iscoroutinefunction(p.function) for p in self._parts
+        )
 
     def caption(self, name: str) -> str:
         """Return what a figure shows, one sentence, from the documentation of the function that draws it."""
@@ -309,7 +333,9 @@ class Experiment(Generic[C]):
                 hint = f"; did you mean {close[0]!r}?" if close else ""
                 raise InvalidValueError(f"{self.name}: field", name, ", ".join(names) + hint)
         own = {"profile": profile} if "profile" in names else {}
-        given = {name: read_field(self.config_class, name, value) for name, value in changes.items()}
+        given = {
+            name: read_field(self.config_class, name, value) for name, value in changes.items()
+        }
         config = self.config_class(**{**own, **self._profiles[profile], **given})
         check_bounds(config)
         return config
@@ -319,7 +345,12 @@ class Experiment(Generic[C]):
         return Run(log, self.config_class, self.tables)
 
     async def run(
-        self, profile: str = QUICK, *, path: Path | None = None, options: Options = _OPTIONS, **changes: Any
+        self,
+        profile: str = QUICK,
+        *,
+        path: Path | None = None,
+        options: Options = _OPTIONS,
+        **changes: Any,
     ) -> Run[C]:
         """Run the experiment into one log.
 
@@ -342,9 +373,15 @@ class Experiment(Generic[C]):
             sweeps = [one for one in self.sweeps if options.wants(one.table)]
             # A smoke test's sweeps are over before processes would have started.
             usual = options.workers or (Workers(threads=True) if profile == SMOKE else None)
-            rows = {one.table: self._swept(one, config, journal(one.table), usual) for one in sweeps}
+            rows = {
+                one.table: self._swept(one, config, journal(one.table), usual) for one in sweeps
+            }
             unfinished = unfinished_of(path)
-            done: dict[str, Any] = {"experiment": self.name, "profile": profile, "explored": options.explored}
+            done: dict[str, Any] = {
+                "experiment": self.name,
+                "profile": profile,
+                "explored": options.explored,
+            }
             done["changed"] = self._changed(profile, config)
             try:
                 await self.write(config, unfinished, rows, options, done)
@@ -381,19 +418,28 @@ class Experiment(Generic[C]):
         return rows
 
     async def write(
-        self, config: C, path: Path, rows: Mapping[str, list[Any]], options: Options, done: Mapping[str, Any]
+        self,
+        config: C,
+        path: Path,
+        rows: Mapping[str, list[Any]],
+        options: Options,
+        done: Mapping[str, Any],
     ) -> None:
         """Write a log: a sweep's rows by table, what the parts write, and how the run was completed."""
         with ExitStack() as stack:
             live = options.only is None or any(options.wants(part.name) for part in self._parts)
             hosted = self._hosts if live else ()
             names = hosted(config) if callable(hosted) else hosted
-            hosts = stack.enter_context(Testbed(*names, separate=options.separate)) if names else None
+            hosts = (
+                stack.enter_context(Testbed(*names, separate=options.separate)) if names else None
+            )
             log = stack.enter_context(LogWriter(path, overwrite=True))
             log.write_metadata("run", run_context())
             log.write_metadata("config", {"experiment": self.name, **to_json(config)})
             if hosts:
-                log.write_metadata("hosts", {"description": hosts.description, "separate": hosts.separate})
+                log.write_metadata(
+                    "hosts", {"description": hosts.description, "separate": hosts.separate}
+                )
             bench = Bench(
                 experiment=self.name,
                 config=config,
@@ -416,7 +462,11 @@ class Experiment(Generic[C]):
     async def _run_part(self, part: _Part, bench: Bench[C]) -> None:
         total = part.total if isinstance(part.total, int) else part.total(bench.config)
         bench.timed = part.timed
-        bar = progress_bar(total, f"{self.name}: {part.name}") if total else nullcontext(lambda _: None)
+        bar = (
+            progress_bar(total, f"{self.name}: {part.name}")
+            if total
+            else nullcontext(lambda _: None)
+        )
         with bar as advance:
             bench.advance = advance
             try:

@@ -69,9 +69,14 @@ def note(figure: Figure, text: str, live: Run[Any] | None = None) -> None:
     figure.supxlabel(where + text, x=0.005, ha="left", fontsize=8.5, color="0.25")
 
 
-def word_table(figure: Figure, head: Sequence[str], rows: Mapping[str, Sequence[Cell]], *, wrap: int) -> None:
+def word_table(
+    figure: Figure, head: Sequence[str], rows: Mapping[str, Sequence[Cell]], *, wrap: int
+) -> None:
     """Draw a table into a figure, which becomes as high as that needs: by row its cells, texts with colours."""
-    lines = [[fill(text, wrap) for text in (name, *(text for text, _ in row))] for name, row in rows.items()]
+    lines = [
+        [fill(text, wrap) for text in (name, *(text for text, _ in row))]
+        for name, row in rows.items()
+    ]
     heights = np.array([max(text.count("\n") for text in line) + 1.9 for line in lines])
     middles = np.cumsum(heights) - heights / 2
     figure.set_figheight(0.95 + 0.15 * heights.sum())
@@ -139,8 +144,13 @@ def save_figure(figure: Figure, stem: Path, twin: Mapping[str, Any]) -> list[Pat
 def _numbered(svg: str) -> str:
     """Return a picture whose marks and clips are counted: their hashes follow a coordinate's last digit."""
     hashed = re.findall(r'id="([a-z]+?)([0-9a-f]{10})"', svg)
-    names = {kind + digest: f"{kind}{place}" for place, (kind, digest) in enumerate(dict.fromkeys(hashed), 1)}
-    return re.sub(r'(?<=[#"])[a-z]+[0-9a-f]{10}(?=[")])', lambda found: names.get(found[0], found[0]), svg)
+    names = {
+        kind + digest: f"{kind}{place}"
+        for place, (kind, digest) in enumerate(dict.fromkeys(hashed), 1)
+    }
+    return re.sub(
+        r'(?<=[#"])[a-z]+[0-9a-f]{10}(?=[")])', lambda found: names.get(found[0], found[0]), svg
+    )
 
 
 def settled(value: Any) -> Any:
@@ -197,7 +207,9 @@ def mp4(
     buffer = io.BytesIO()
     # One thread, so that the same pictures give the same file.
     with av.open(buffer, "w", format="mp4") as container:
-        stream = container.add_stream("libx264", rate=fps, options={"crf": str(crf), "threads": "1"})
+        stream = container.add_stream(
+            "libx264", rate=fps, options={"crf": str(crf), "threads": "1"}
+        )
         stream.width, stream.height = size
         stream.pix_fmt = "yuv420p"
         for image in images:

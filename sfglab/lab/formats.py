@@ -31,7 +31,11 @@ class Format:
 
 FORMATS = {
     "fleet": Format(
-        "Fleet", "sfglab fleet lint", "fleets/*.yaml", load_fleet, partial(schema_of, FleetKeys, Fleet)
+        "Fleet",
+        "sfglab fleet lint",
+        "fleets/*.yaml",
+        load_fleet,
+        partial(schema_of, FleetKeys, Fleet),
     ),
     "qos": Format(
         "Topics for QoS planning",
@@ -40,7 +44,9 @@ FORMATS = {
         load_topics,
         partial(schema_of, FileKeys, TopicFile),
     ),
-    "graph": Format("Computation graph", "sfglab map", "graphs/*.yaml", load_graph, partial(schema_of, Graph)),
+    "graph": Format(
+        "Computation graph", "sfglab map", "graphs/*.yaml", load_graph, partial(schema_of, Graph)
+    ),
     "scene": Format("Scene", "sfglab plan", "scenes/*.yaml", load_scene, scene_schema),
     "mocap": Format(
         "Motion capture mapping",
@@ -50,6 +56,10 @@ FORMATS = {
         partial(schema_of, MocapMapping),
     ),
     "claims": Format(
-        "Claims of papers", "sfglab claims", "claims.yaml", load_claims, partial(schema_of, Claim, many=True)
+        "Claims of papers",
+        "sfglab claims",
+        "claims.yaml",
+        load_claims,
+        partial(schema_of, Claim, many=True),
     ),
 }

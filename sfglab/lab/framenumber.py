@@ -21,7 +21,9 @@ CELL_PX = 16  #: Side of a cell in pixels: one macroblock of H.264 (ITU-T H.264,
 
 NUMBER_BITS = 24
 CHECK_BITS = 8
-CELLS = 2 + NUMBER_BITS + CHECK_BITS  #: Cells in the row: white, black, 24 number bits, 8 check bits.
+CELLS = (
+    2 + NUMBER_BITS + CHECK_BITS
+)  #: Cells in the row: white, black, 24 number bits, 8 check bits.
 
 _BIT_SHIFTS = np.arange(NUMBER_BITS + CHECK_BITS - 1, -1, -1)
 _DIGITS = tuple(bytes(48 + (value > threshold) for value in range(256)) for threshold in range(256))
@@ -39,7 +41,10 @@ def _cell_area(image: NDArray[Any]) -> NDArray[Any]:
     """Return the strip of the image that holds the cells, one plane, shape (16, 16 * CELLS)."""
     height, width = image.shape[:2]
     if height < CELL_PX or width < CELLS * CELL_PX:
-        given, allowed = f"an image of {width} x {height}", f"at least {CELLS * CELL_PX} x {CELL_PX} pixels"
+        given, allowed = (
+            f"an image of {width} x {height}",
+            f"at least {CELLS * CELL_PX} x {CELL_PX} pixels",
+        )
         raise InvalidValueError("frame number", given, allowed)
     return image[:CELL_PX, : CELLS * CELL_PX]
 

@@ -55,7 +55,9 @@ class IndexPage:
 
 def make_index(project: Project, ledger: Ledger) -> IndexPage:
     """Return the index of a checkout's notebooks, by paper and section."""
-    rows = sorted(_row(project, path, ledger) for path in find_notebooks(project) if path.stem != INDEX)
+    rows = sorted(
+        _row(project, path, ledger) for path in find_notebooks(project) if path.stem != INDEX
+    )
     html = ""
     for paper, title in PAPERS.items():
         part = f"Paper {paper}" if len(paper) == 1 else paper.capitalize()
@@ -66,7 +68,15 @@ def make_index(project: Project, ledger: Ledger) -> IndexPage:
 
 def make_claims_page(ledger: Ledger) -> IndexPage:
     """Return every claim: the paper's words, our criterion and its last change, verdict, figures, mutants."""
-    head = ("claim", "the paper", "our criterion", "its last change", "ours", "figures", "mutants seen")
+    head = (
+        "claim",
+        "the paper",
+        "our criterion",
+        "its last change",
+        "ours",
+        "figures",
+        "mutants seen",
+    )
     html = "<tr>" + "".join(f"<th {_CELL}>{escape(one)}</th>" for one in head) + "</tr>"
     return IndexPage(f"<table><tbody>{html}{''.join(map(_claim_row, ledger))}</tbody></table>")
 

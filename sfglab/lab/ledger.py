@@ -106,7 +106,9 @@ def logs_of(project: Project, name: str, *, committed: bool = False) -> Iterator
         yield FoundLog(experiment=name, path=path, standing=standing(path))
     reference = project.reference_logs / f"{name}.mcap"
     if reference.is_file():
-        yield FoundLog(experiment=name, path=reference, standing=standing(reference), reference=True)
+        yield FoundLog(
+            experiment=name, path=reference, standing=standing(reference), reference=True
+        )
 
 
 def keep_figures(project: Project, name: str, log: Path) -> Path:
@@ -146,7 +148,9 @@ def find_log(
     return newest.path if newest else None
 
 
-def compute_ledger(project: Project, *, profile: str | None = None, committed: bool = False) -> Ledger:
+def compute_ledger(
+    project: Project, *, profile: str | None = None, committed: bool = False
+) -> Ledger:
     """Return every claim with our figure and verdict, from logs: runs of one profile first, or committed ones.
 
     A log that cannot be read costs the claims of its experiment only; it is said aloud.
@@ -158,7 +162,9 @@ def compute_ledger(project: Project, *, profile: str | None = None, committed: b
         log = find_log(project, name, profile=profile, committed=committed)
         if log is None:
             for silent in logs_of(project, name, committed=True):
-                _LOG.warning("claims: %s: %s", project.relative(silent.path), silent.standing.why_not)
+                _LOG.warning(
+                    "claims: %s: %s", project.relative(silent.path), silent.standing.why_not
+                )
             continue
         for claim_id, figure in _found(project, kept, name, log).items():
             ours[claim_id] = _stronger(ours[claim_id], figure) if claim_id in ours else figure
@@ -168,8 +174,12 @@ def compute_ledger(project: Project, *, profile: str | None = None, committed: b
     since, drawn = _last_changes(project.claims), _committed_figures(project)
     entries = Ledger()
     for claim in claims:
-        figures = [ours[claim.id], *again.get(claim.id, ())] if claim.id in ours else [(None, "", "")]
-        entry = joined([entry_for(claim, one, log=log, origin=origin) for one, log, origin in figures])
+        figures = (
+            [ours[claim.id], *again.get(claim.id, ())] if claim.id in ours else [(None, "", "")]
+        )
+        entry = joined(
+            [entry_for(claim, one, log=log, origin=origin) for one, log, origin in figures]
+        )
         said = _said_of_mutants(scores.get(claim.id, {}))
         shown = tuple(drawn.get(entry.experiment, ()) if entry.experiment else ())
         entries.append(replace(entry, mutants=said, since=since.get(claim.id, ""), figures=shown))
@@ -196,7 +206,12 @@ def history(project: Project) -> Ledger:
 
 
 def _experiments_of(claims: Sequence[Claim]) -> list[str]:
-    names = (name for c in claims for name in (c.experiment, c.criterion and c.criterion.experiment) if name)
+    names = (
+        name
+        for c in claims
+        for name in (c.experiment, c.criterion and c.criterion.experiment)
+        if name
+    )
     return list(dict.fromkeys(names))
 
 
@@ -208,7 +223,9 @@ def _found(project: Project, kept: Kept, name: str, log: Path) -> dict[str, _Our
     except (SfglabError, KeyError) as error:
         _LOG.warning("claims: %s: %s", log_name, error)
         return {}
-    return {claim_id: (figure, log_name, found.origin) for claim_id, figure in found.measured.items()}
+    return {
+        claim_id: (figure, log_name, found.origin) for claim_id, figure in found.measured.items()
+    }
 
 
 def _last_changes(claims: Path) -> dict[str, str]:
@@ -221,17 +238,26 @@ def _last_changes(claims: Path) -> dict[str, str]:
     claim, newest = "", dict[str, tuple[int, str]]()
     for earlier, commit, time_s, text in _BLAMED.findall(done.stdout):
         claim = text.removeprefix("- id: ") if text.startswith("- id: ") else claim
-        known = f"commit {commit[:9]}{' or earlier' * bool(earlier)}" if int(commit, 16) else "not committed"
+        known = (
+            f"commit {commit[:9]}{' or earlier' * bool(earlier)}"
+            if int(commit, 16)
+            else "not committed"
+        )
         if text:
             newest[claim] = max(newest.get(claim, (0, "")), (int(time_s), known))
-    return {c: f"{time.strftime('%Y-%m-%d', time.gmtime(s))}, {known}" for c, (s, known) in newest.items()}
+    return {
+        c: f"{time.strftime('%Y-%m-%d', time.gmtime(s))}, {known}"
+        for c, (s, known) in newest.items()
+    }
 
 
 def _committed_figures(project: Project) -> dict[str, list[str]]:
     """Return the names of the figures by experiment, as their twins say."""
     figures: dict[str, list[str]] = {}
     for twin in sorted(project.figures.glob("*.json")):
-        name = json.loads(twin.read_text(encoding="utf-8")).get("experiment", "")  # "": of the ledger itself
+        name = json.loads(twin.read_text(encoding="utf-8")).get(
+            "experiment", ""
+        )  # "": of the ledger itself
         figures.setdefault(name, []).append(twin.stem)
     return figures
 
@@ -239,8 +265,12 @@ def _committed_figures(project: Project) -> dict[str, list[str]]:
 def _said_of_mutants(score: Mapping[str, Any]) -> str:
     if not score:
         return ""
-    survived = [f"{s['why']}: {s['module']}: {' '.join(s['diff'].split())}" for s in score["survived"]]
-    return "; ".join([f"{score['caught']} of {score['tried']} are seen, seed {score['seed']}", *survived])
+    survived = [
+        f"{s['why']}: {s['module']}: {' '.join(s['diff'].split())}" for s in score["survived"]
+    ]
+    return "; ".join(
+        [f"{score['caught']} of {score['tried']} are seen, seed {score['seed']}", *survived]
+    )
 
 
 def _findings(name: str, log: Path) -> Findings:
@@ -253,8 +283,14 @@ def _circumstances(run: Run[Any]) -> str:
     said = run.metadata("run")
     machine, source = said.get("machine", {}), said.get("source", {})
     rows = experiment(run.experiment).tables
-    loads = [run[table]["load"].median() for table in rows if "load" in rows[table].__dataclass_fields__]
-    versions = {"sfglab": said.get("sfglab"), "Python": said.get("python"), **said.get("libraries", {})}
+    loads = [
+        run[table]["load"].median() for table in rows if "load" in rows[table].__dataclass_fields__
+    ]
+    versions = {
+        "sfglab": said.get("sfglab"),
+        "Python": said.get("python"),
+        **said.get("libraries", {}),
+    }
     changed = "" if source.get("git_clean") else " with changes"
     parts = (
         f"{machine['cpu']}, {machine['usable_cores']} of {machine['cores']} cores, {machine['kernel']}"
@@ -280,7 +316,9 @@ def entries_of(project: Project, run: Run[Any]) -> Ledger:
     """Return the claims that one run answers, judged, whether or not its log speaks."""
     measured = run.once("claims", lambda: experiment(run.experiment).measure(run))
     claims = [claim for claim in load_claims(project.claims) if claim.id in measured]
-    return Ledger(entry_for(claim, measured[claim.id], log=project.relative(run.log)) for claim in claims)
+    return Ledger(
+        entry_for(claim, measured[claim.id], log=project.relative(run.log)) for claim in claims
+    )
 
 
 def save_figures(project: Project, run: Run[Any], folder: Path) -> list[Path]:
@@ -306,5 +344,10 @@ def _origin(project: Project, log: Path) -> dict[str, Any]:
 
 def redraw_figures(project: Project, names: Sequence[str] = EXPERIMENTS) -> dict[str, list[Path]]:
     """Draw the figures of experiments again into ``figures/``, from committed logs alone; return files."""
-    logs = {name: log for name in names if (log := project.reference_logs / f"{name}.mcap").is_file()}
-    return {n: save_figures(project, experiment(n).load(log), project.figures) for n, log in logs.items()}
+    logs = {
+        name: log for name in names if (log := project.reference_logs / f"{name}.mcap").is_file()
+    }
+    return {
+        n: save_figures(project, experiment(n).load(log), project.figures)
+        for n, log in logs.items()
+    }

@@ -40,13 +40,19 @@ if TYPE_CHECKING:
     from sfglab.lab.bench import Bench
 
 Arrays = dict[str, NDArray[np.int64]]
-Drive = Callable[[ProcessGroup, int], Awaitable[None]]  # of the hosts' processes, and when time begins, ns
+Drive = Callable[
+    [ProcessGroup, int], Awaitable[None]
+]  # of the hosts' processes, and when time begins, ns
 
 _MODULE = "sfglab.lab.workers.flowplay"
 START_S, MATCH_S, LEAD_S, SPARE_S = 90.0, 90.0, 0.15, 60.0
-LONGEST_DRAIN_S = 1.5  #: Repairs that come later than this are rare, and a live second costs a second.
+LONGEST_DRAIN_S = (
+    1.5  #: Repairs that come later than this are rare, and a live second costs a second.
+)
 
-QUIET = Medium(rate_bps=1e9, loss=0.0, overhead_s=0.0, contention=0.0)  #: What hosts find each other over.
+QUIET = Medium(
+    rate_bps=1e9, loss=0.0, overhead_s=0.0, contention=0.0
+)  #: What hosts find each other over.
 SETTLE_S = {True: 0.3, False: 1.5}
 """Until what was said about endpoints is acknowledged, by `Vendor.prompt`: Fast DDS asks after a second."""
 
@@ -80,7 +86,9 @@ class Played:
     #: ``compared``, and ``missed`` for what was due while a process of rclpy was not let run.
     outcome: Outcome
     radio: RadioCounters  #: The medium's own counters.
-    late_p95_s: float  #: How late a host's process published, 95th percentile, of the latest host, seconds.
+    late_p95_s: (
+        float  #: How late a host's process published, 95th percentile, of the latest host, seconds.
+    )
     refused: int  #: Samples that DDS refused.
 
     @property
@@ -91,7 +99,9 @@ class Played:
 
 def hosts_of(scenario: Scenario) -> tuple[str, ...]:
     """Return the hosts of a scenario, in the order of the model."""
-    return tuple(dict.fromkeys(host for flow in scenario.flows for host in (flow.source, flow.target)))
+    return tuple(
+        dict.fromkeys(host for flow in scenario.flows for host in (flow.source, flow.target))
+    )
 
 
 @asynccontextmanager
@@ -114,9 +124,16 @@ async def live_hosts(*names: str, ros: RosMode | None = None) -> AsyncIterator[L
 
 def _member(host: Host, ros: RosMode | None) -> Member:
     if ros:
-        profiles = (f"{library}_DEFAULT_PROFILES_FILE" for library in ("FASTDDS", "FASTRTPS"))  # 3.x, 2.x
-        environment = (("RMW_FASTRTPS_PUBLICATION_MODE", str(ros)), *((n, str(_SELDOM)) for n in profiles))
-        return RosMember(name=host.name, host=host.name, config=(host.name,), environment=environment)
+        profiles = (
+            f"{library}_DEFAULT_PROFILES_FILE" for library in ("FASTDDS", "FASTRTPS")
+        )  # 3.x, 2.x
+        environment = (
+            ("RMW_FASTRTPS_PUBLICATION_MODE", str(ros)),
+            *((n, str(_SELDOM)) for n in profiles),
+        )
+        return RosMember(
+            name=host.name, host=host.name, config=(host.name,), environment=environment
+        )
     address = BusAddress(domain_id=0, interface=host.interface, multicast="spdp")
     config = PartsConfig(host=host.name, address=address)
     return Member(name=host.name, host=host.name, module=_MODULE, config=config)
@@ -146,7 +163,9 @@ class LiveHosts:
             self._delays_s[rate_hz] = _delay_s(probe)
         return await self._play(scenario, delay_s=self._delays_s[rate_hz], seed=seed, drive=drive)
 
-    async def _play(self, scenario: Scenario, *, delay_s: float, seed: int, drive: Drive | None) -> Played:
+    async def _play(
+        self, scenario: Scenario, *, delay_s: float, seed: int, drive: Drive | None
+    ) -> Played:
         if scenario.vendor.prompt:
             scenario = replace(scenario, drain_s=min(scenario.drain_s, LONGEST_DRAIN_S))
         for host in self._group:
@@ -183,13 +202,19 @@ class LiveHosts:
                 await drive(self._group, start_ns)
                 self._group.order(do="halt")
             reports = await self._group.expect("done", timeout_s=sum(times.values()) + SPARE_S)
-            return start_ns, {host: dict(np.load(file)) for host, file in files.items()}, list(reports.values())
+            return (
+                start_ns,
+                {host: dict(np.load(file)) for host, file in files.items()},
+                list(reports.values()),
+            )
 
 
 def _probe(scenario: Scenario) -> Scenario:
     """Return a scenario of one topic at the first one's rate, since who wakes often wakes faster."""
     flow, medium, qos = scenario.flows[0], Medium(loss=0.0), QoSProfile(depth=10)
-    probe = Flow(name="probe", source=flow.source, target=flow.target, rate_hz=flow.rate_hz, qos=qos)
+    probe = Flow(
+        name="probe", source=flow.source, target=flow.target, rate_hz=flow.rate_hz, qos=qos
+    )
     return replace(scenario, flows=(probe,), medium=medium, duration_s=PROBE_S, drain_s=LEAD_S)
 
 
@@ -198,7 +223,9 @@ def _delay_s(probe: Played) -> float:
     medium, (flow,) = probe.scenario.medium, probe.scenario.flows
     bits = data_bytes(flow.size_bytes, with_heartbeat=True) * BITS_PER_BYTE
     airtime_s = medium.overhead_s + bits / medium.rate_bps + medium.latency_s
-    return max(0.0, float(np.median(probe.outcome.flows[flow.name].latency_ns)) / NS_PER_S - airtime_s)
+    return max(
+        0.0, float(np.median(probe.outcome.flows[flow.name].latency_ns)) / NS_PER_S - airtime_s
+    )
 
 
 def _outcome(
@@ -218,7 +245,10 @@ def _outcome(
         "queue_full": radio.queue_full,
         "bytes": sum(host.bytes_ for host in radio.hosts.values()),
         "airtime_ns": round(sum(host.airtime_s for host in radio.hosts.values()) * NS_PER_S),
-        **{name: sum(report.get(name, 0) for report in reports) for name in ("held", "compared", "missed")},
+        **{
+            name: sum(report.get(name, 0) for report in reports)
+            for name in ("held", "compared", "missed")
+        },
         "processed": sum(int(flow.delivered.sum()) for flow in flows.values()),
     }
     return Outcome(flows=flows, counts=counts)
@@ -230,7 +260,9 @@ def _flow_outcome(flow: Flow, source: Arrays, target: Arrays, start_ns: int) -> 
     if (stamps := f"{flow.name} received sent_ns") in target:
         place = np.searchsorted(sent_ns, target[stamps] - _STAMP_SLACK_NS)
     else:  # Fast DDS's stamps are its own
-        place = np.searchsorted(source[f"{flow.name} written value"], target[f"{flow.name} received value"])
+        place = np.searchsorted(
+            source[f"{flow.name} written value"], target[f"{flow.name} received value"]
+        )
     received_ns[place] = target[f"{flow.name} received done_ns"] - start_ns
     fate = np.full(len(sent_ns), Fate.UNDERWAY, np.int8)
     fate[place] = Fate.DELIVERED
@@ -290,21 +322,33 @@ async def play_missing(  # noqa: PLR0913 - options
         raise SkippedPartError("not asked for")
     todo = list(cells)
     rounds = range(max(repeats.values()))
-    jobs = [(number, repeat) for repeat in rounds for number, cell in enumerate(todo) if repeat < repeats[cell]]
+    jobs = [
+        (number, repeat)
+        for repeat in rounds
+        for number, cell in enumerate(todo)
+        if repeat < repeats[cell]
+    ]
     failed: Counter[tuple[int, int]] = Counter()
     reasons: dict[str, str] = {}
     path = bench.stack.enter_context(
         journaled.journals(bench.log.path, f"{bench.experiment}-{bench.config.profile}")
     )
-    with journaled.Journal(path(table), journaled.identity_of(play_missing, [bench.config, *todo])) as journal:
+    with journaled.Journal(
+        path(table), journaled.identity_of(play_missing, [bench.config, *todo])
+    ) as journal:
         turn = asyncio.Semaphore(at_once)
 
         async def play(preset: str) -> None:
             own = [job for job in jobs if todo[job[0]].preset == preset]
-            while missing := [job for job in own if job not in journal.finished and failed[job] < _TRIES]:
+            while missing := [
+                job for job in own if job not in journal.finished and failed[job] < _TRIES
+            ]:
                 job = missing[0]
                 try:
-                    async with turn, live_hosts(*hosts_of(cells[todo[job[0]]]), ros=MODES[preset]) as hosts:
+                    async with (
+                        turn,
+                        live_hosts(*hosts_of(cells[todo[job[0]]]), ros=MODES[preset]) as hosts,
+                    ):
                         for job in missing:
                             cell, repeat = todo[job[0]], job[1]
                             made = await rows(hosts, cell, repeat)
@@ -314,7 +358,9 @@ async def play_missing(  # noqa: PLR0913 - options
                     failed[job] += 1
                     reasons[f"{todo[job[0]]}, repetition {job[1]}"] = str(error)
 
-        async with component.beside(*map(play, dict.fromkeys(cell.preset for cell in todo))) as played:
+        async with component.beside(
+            *map(play, dict.fromkeys(cell.preset for cell in todo))
+        ) as played:
             await asyncio.gather(*played)
         for text in (journal.finished[job] for job in jobs if job in journal.finished):
             made = journaled.result_from_text(text)

@@ -31,7 +31,9 @@ class ProcessStat:
     """What one process has used since its start, as ``/proc/PID/stat`` has it (proc(5)) or more precisely."""
 
     parent: int  #: Its parent at the time of reading.
-    started_ns: int  #: When it started, since the machine's start; tells it from a later owner of the pid.
+    started_ns: (
+        int  #: When it started, since the machine's start; tells it from a later owner of the pid.
+    )
     own_ns: int  #: CPU time of all its threads, in nanoseconds.
     reaped_ns: int = 0  #: CPU time of its children that ended and were waited for, and of theirs.
 
@@ -68,7 +70,9 @@ class _Account:
     @property
     def total_ns(self) -> int:
         # Both count the same children: the first also those never read, the second also those never waited for.
-        return self.own_ns + max(self.last.reaped_ns - self.reaped_before_ns, self.ended_children_ns)
+        return self.own_ns + max(
+            self.last.reaped_ns - self.reaped_before_ns, self.ended_children_ns
+        )
 
     def depth(self) -> int:
         return 0 if self.parent is None else 1 + self.parent.depth()
@@ -120,7 +124,9 @@ class CpuLedger:
         self._accounts[pid] = _Account(reading, own_before_ns=own_ns, reaped_before_ns=reaped_ns)
 
 
-Pids = Iterable[int] | Callable[[], Iterable[int]]  #: Processes, or what is asked for them at each sample.
+Pids = (
+    Iterable[int] | Callable[[], Iterable[int]]
+)  #: Processes, or what is asked for them at each sample.
 
 _TICK_NS = NS_PER_S // os.sysconf("SC_CLK_TCK")
 _CPUCLOCK_SCHED = 2  # linux/posix-timers.h: the precise clock of a process
@@ -197,9 +203,13 @@ class CpuMeter:
         table = process_table() if table is None else table
         roots, self._pids = (self._pids(), self._pids) if callable(self._pids) else (self._pids, ())
         known = self._ledger.started_ns
-        wanted = {pid for pid in known if pid in table and table[pid].started_ns == known[pid]} | {*roots}
+        wanted = {pid for pid in known if pid in table and table[pid].started_ns == known[pid]} | {
+            *roots
+        }
         wanted = tree({pid: stat.parent for pid, stat in table.items()}, wanted)
-        return self._ledger.update({pid: _read(pid, table[pid]) for pid in wanted}, clock_ns=clock_ns)
+        return self._ledger.update(
+            {pid: _read(pid, table[pid]) for pid in wanted}, clock_ns=clock_ns
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -221,7 +231,9 @@ class Window:
         roots = [pids if callable(pids) else tuple(pids) for pids in cpu.values()]
         self._cpu = {label: CpuMeter(pids) for label, pids in zip(cpu, roots, strict=True)}
         # A process may be below several labels, but is taken from the machine's load once.
-        self._union = CpuMeter(lambda: {pid for pids in roots for pid in (pids() if callable(pids) else pids)})
+        self._union = CpuMeter(
+            lambda: {pid for pids in roots for pid in (pids() if callable(pids) else pids)}
+        )
         self._interfaces = interfaces
         self._before: _Reading | None = None
 
@@ -263,7 +275,9 @@ def _row(label: str, before: _Reading, after: _Reading) -> MeterRow:
         cpu_percent=None if used_ns is None else 100 * used_ns / window_ns,
         rx_bps=rx_bps,
         tx_bps=tx_bps,
-        machine_cpu_percent=100 * max(0, busy_ns - after.labelled_ns + before.labelled_ns) / window_ns,
+        machine_cpu_percent=100
+        * max(0, busy_ns - after.labelled_ns + before.labelled_ns)
+        / window_ns,
         steal_percent=100 * (after.steal_ns - before.steal_ns) / window_ns,
     )
 

@@ -37,7 +37,11 @@ pd.set_option("display.max_colwidth", None)  # tables show their sentences whole
 
 
 async def run(
-    exp: Experiment[C], profile: str, log: str = "", settings: Mapping[str, Any] | None = None, **changes: Any
+    exp: Experiment[C],
+    profile: str,
+    log: str = "",
+    settings: Mapping[str, Any] | None = None,
+    **changes: Any,
 ) -> Run[C]:
     """Run an experiment of a profile, or read the run that somebody has made, by its log.
 
@@ -45,7 +49,9 @@ async def run(
     configuration, settings before changes; `InvalidValueError` says what one cannot hold.
     """
     if not isinstance(settings or {}, Mapping):
-        raise InvalidValueError("settings", settings, "fields of the configuration and their values")
+        raise InvalidValueError(
+            "settings", settings, "fields of the configuration and their values"
+        )
     if not log:
         return await exp.run(profile, **{**changes, **(settings or {})})
     return _load(exp, log)
@@ -54,7 +60,11 @@ async def run(
 def _load(exp: Experiment[C], log: str) -> Run[C]:
     path = Path(log) if Path(log).exists() else find_project().root / log
     with LogReader(path) as reader:
-        made_by = reader.metadata("config").get("experiment") if "config" in reader.metadata_names else None
+        made_by = (
+            reader.metadata("config").get("experiment")
+            if "config" in reader.metadata_names
+            else None
+        )
     if made_by != exp.name:
         raise InvalidValueError("log", log, f"a log of the experiment {exp.name}")
     return exp.load(path)
@@ -90,7 +100,9 @@ def setup(exp: Experiment[Any]) -> Image:
 def words(frame: pd.DataFrame) -> Styler:
     """Return a table whose texts are shown in full, for those that are made to be read."""
     style = frame.style.format(escape="html").hide(axis="index")
-    style.set_table_styles([{"selector": "td, th", "props": "text-align: left; white-space: normal"}])
+    style.set_table_styles(
+        [{"selector": "td, th", "props": "text-align: left; white-space: normal"}]
+    )
     return style.set_uuid("words")  # equal tables are equal output
 
 
@@ -122,11 +134,17 @@ def check(run: Run[Any], *verdicts: str, may_deviate: Sequence[str] = ()) -> str
     said = {e.claim.id: _excuse(e, run, may_deviate) for e in wrong}
     failed = [f"{e.claim.id}: {e.verdict.value}" for e in wrong if not said[e.claim.id]]
     if failed:
-        raise AssertionError(f"{run.experiment}: {', '.join(failed)}; expected {' or '.join(verdicts)}")
+        raise AssertionError(
+            f"{run.experiment}: {', '.join(failed)}; expected {' or '.join(verdicts)}"
+        )
     held = [e.claim.id for e in entries if e not in wrong]
     reasons = [f"{claim} deviates: {reason}" for claim, reason in said.items()]
     one, held_by = len(held) == 1, {"reproduced", "better"}.issuperset(verdicts)
-    verb = ("holds" if one else "hold") if held_by else f"{'is' if one else 'are'} {' or '.join(verdicts)}"
+    verb = (
+        ("holds" if one else "hold")
+        if held_by
+        else f"{'is' if one else 'are'} {' or '.join(verdicts)}"
+    )
     return "\n".join([f"{len(held)} claim{'' if one else 's'} {verb}: {', '.join(held)}", *reasons])
 
 
@@ -162,7 +180,10 @@ def index(whole: Ledger) -> IndexPage:
 
 
 _WIDE, _HIGH, _APART = 1.75, 0.85, 0.2  #: A process, and half the room between two hosts', inches.
-_LINE, _ROW = 0.13, 0.2  #: Height of a line of words, and what an arrow takes beside its words, inches.
+_LINE, _ROW = (
+    0.13,
+    0.2,
+)  #: Height of a line of words, and what an arrow takes beside its words, inches.
 _LETTERS = 27  #: How many letters a process is wide.
 
 
@@ -172,7 +193,9 @@ def draw_setup(setup: Setup) -> Figure:
 
     hosts = list(dict.fromkeys(actor.host for actor in setup.actors))
     actors = sorted(setup.actors, key=lambda actor: hosts.index(actor.host))
-    columns = {a.name: i * (_WIDE + _APART) + hosts.index(a.host) * _APART for i, a in enumerate(actors)}
+    columns = {
+        a.name: i * (_WIDE + _APART) + hosts.index(a.host) * _APART for i, a in enumerate(actors)
+    }
     said = [_words(link, abs(columns[link.target] - columns[link.source])) for link in setup.links]
     bottom = -_HIGH - sum(_ROW + _LINE * (1 + text.count("\n")) for text in said) - 0.15
     width = columns[actors[-1].name] + _WIDE
@@ -183,7 +206,12 @@ def draw_setup(setup: Setup) -> Figure:
         axes.set_axis_off()
         for host in hosts:
             own = [columns[actor.name] for actor in actors if actor.host == host]
-            _draw_box(axes, (own[0] - 0.1, bottom), (own[-1] - own[0] + _WIDE + 0.2, 0.45 - bottom), "#f4f4f4")
+            _draw_box(
+                axes,
+                (own[0] - 0.1, bottom),
+                (own[-1] - own[0] + _WIDE + 0.2, 0.45 - bottom),
+                "#f4f4f4",
+            )
             title = fill(host, _LETTERS * len(own))
             axes.text(own[0], 0.24, title, fontsize=8, color="#555", style="italic", va="center")
         for actor in actors:
@@ -197,7 +225,13 @@ def draw_setup(setup: Setup) -> Figure:
         y = -_HIGH
         for link, text in zip(setup.links, said, strict=True):
             y -= _ROW + _LINE * (1 + text.count("\n"))
-            _draw_link(axes, link, text, y, [columns[end] + _WIDE / 2 for end in (link.source, link.target)])
+            _draw_link(
+                axes,
+                link,
+                text,
+                y,
+                [columns[end] + _WIDE / 2 for end in (link.source, link.target)],
+            )
     return figure
 
 
@@ -208,7 +242,9 @@ def _words(link: Link, length: float) -> str:
     return fill(f"{link.carries}{over}{crossed}", int(_LETTERS * max(length / _WIDE, 1)))
 
 
-def _draw_box(axes: Axes, corner: tuple[float, float], size: tuple[float, float], color: str) -> None:
+def _draw_box(
+    axes: Axes, corner: tuple[float, float], size: tuple[float, float], color: str
+) -> None:
     from matplotlib.patches import FancyBboxPatch
 
     style = "round,pad=0,rounding_size=0.06"
@@ -220,4 +256,6 @@ def _draw_link(axes: Axes, link: Link, text: str, y: float, ends: list[float]) -
     arrow = {"arrowstyle": "-|>", "color": color, "lw": 1.3, "shrinkA": 0, "shrinkB": 0}
     axes.annotate("", (ends[1], y), (ends[0], y), arrowprops=arrow)
     white = {"boxstyle": "round,pad=0.1", "fc": "#f4f4f4", "ec": "none"}
-    axes.text(sum(ends) / 2, y + 0.05, text, fontsize=7, color=color, ha="center", va="bottom", bbox=white)
+    axes.text(
+        sum(ends) / 2, y + 0.05, text, fontsize=7, color=color, ha="center", va="bottom", bbox=white
+    )

@@ -91,10 +91,14 @@ def find_notebooks(project: Project, names: Sequence[str] = ()) -> list[Path]:
 def _one_notebook(name: str, every: Sequence[Path]) -> Path:
     wanted = name.rsplit("/", 1)[-1].removesuffix(".ipynb")
     exact = [p for p in every if p.stem == wanted]
-    fitting = exact or [p for p in every if p.stem.startswith(wanted) or p.stem.partition("_")[2] == wanted]
+    fitting = exact or [
+        p for p in every if p.stem.startswith(wanted) or p.stem.partition("_")[2] == wanted
+    ]
     if len(fitting) != 1:
         what = "fits several notebooks" if fitting else "is no notebook"
-        raise NotebookError(f"{name!r} {what}; there are {', '.join(p.stem for p in every) or 'none'}")
+        raise NotebookError(
+            f"{name!r} {what}; there are {', '.join(p.stem for p in every) or 'none'}"
+        )
     return fitting[0]
 
 
@@ -103,13 +107,17 @@ def fit_parameters(path: Path, given: Mapping[str, Any]) -> dict[str, Any]:
     notebook = read_notebook(path)
     tagged = [c for c in notebook.cells if "parameters" in c.metadata.get("tags", ())]
     if len(tagged) != 1:
-        raise NotebookError(f"{path.name}: {len(tagged)} cells are tagged 'parameters', needed is exactly one")
+        raise NotebookError(
+            f"{path.name}: {len(tagged)} cells are tagged 'parameters', needed is exactly one"
+        )
     declared = _assigned(path, tagged[0].source)
     unknown = sorted(set(given) - declared)
     runs = experiment_of(notebook)
     if runs and SETTINGS in declared:
         settings = dict(given.get(SETTINGS, {})) | {name: given[name] for name in unknown}
-        listed = {name: value for name, value in given.items() if name in declared and name != SETTINGS}
+        listed = {
+            name: value for name, value in given.items() if name in declared and name != SETTINGS
+        }
         _check_fields(path, runs, listed | settings)
         return listed | ({SETTINGS: settings} if settings else {})
     if unknown:
@@ -124,7 +132,9 @@ def _check_fields(path: Path, name: str, given: Mapping[str, Any]) -> None:
     """Refuse what the configuration of a notebook's experiment cannot hold, in one sentence."""
     profile = given.get("profile", QUICK)
     try:
-        experiment(name).config(profile, **{k: v for k, v in given.items() if k not in ("profile", "log")})
+        experiment(name).config(
+            profile, **{k: v for k, v in given.items() if k not in ("profile", "log")}
+        )
     except InvalidValueError as error:
         raise NotebookError(f"{path.name}: {error}") from error
 
@@ -154,7 +164,11 @@ def read_notebook(path: Path) -> NotebookNode:
         notebook: NotebookNode = nbformat.read(path, as_version=4)
     except FileNotFoundError:
         raise NotebookError(f"{path.name}: no such notebook") from None
-    except (nbformat.reader.NotJSONError, nbformat.validator.NotebookValidationError, ValueError) as error:
+    except (
+        nbformat.reader.NotJSONError,
+        nbformat.validator.NotebookValidationError,
+        ValueError,
+    ) as error:
         raise NotebookError(f"{path.name}: not a notebook: {str(error)[:200]}") from error
     return notebook
 
@@ -167,7 +181,9 @@ class _Steps(io.TextIOBase):
         return len(text)
 
 
-def run_notebook(path: Path, output: Path, parameters: Mapping[str, Any], **hooks: Callable[..., Any]) -> None:
+def run_notebook(
+    path: Path, output: Path, parameters: Mapping[str, Any], **hooks: Callable[..., Any]
+) -> None:
     """Run one notebook with hooks of nbclient; a copy is kept also if it fails, which is a `NotebookError`."""
     import papermill
     from traitlets.config import Config
@@ -192,7 +208,9 @@ def run_notebook(path: Path, output: Path, parameters: Mapping[str, Any], **hook
                 **hooks,
             )
     except papermill.PapermillExecutionError as error:
-        raise NotebookError(f"{path.name}: cell {error.exec_count}: {error.ename}: {error.evalue}") from error
+        raise NotebookError(
+            f"{path.name}: cell {error.exec_count}: {error.ename}: {error.evalue}"
+        ) from error
 
 
 def run_notebooks(
@@ -218,7 +236,10 @@ def run_notebooks(
         fit_parameters(path, parameters)
     before = {path.stem: seconds_before(path, project, parameters) for path in paths}
     names = {path: experiment_of(read_notebook(path)) for path in paths}
-    places = {path.stem: f"[{place}/{len(paths)}] {path.stem}" for place, path in enumerate(paths, start=1)}
+    places = {
+        path.stem: f"[{place}/{len(paths)}] {path.stem}"
+        for place, path in enumerate(paths, start=1)
+    }
     outcomes: list[Outcome] = []
     started_s = time.monotonic()
 
@@ -234,7 +255,9 @@ def run_notebooks(
         leave = stack.enter_context(sweeps_ahead(_sweeping(names, parameters) if ahead else {}))
         runs = {path: partial(_run_one, path, project, parameters, write=write) for path in paths}
         measure = {path: not name or experiment(name).measures for path, name in names.items()}
-        every = ((path.stem, run, _EXPERIMENT if measure[path] else _ANY) for path, run in runs.items())
+        every = (
+            (path.stem, run, _EXPERIMENT if measure[path] else _ANY) for path, run in runs.items()
+        )
         turns = _Turns(every if ahead else (), ended, stack)
         for path, run in runs.items():
             if path.stem == INDEX:
@@ -249,13 +272,17 @@ def run_notebooks(
     return sorted(outcomes, key=lambda outcome: list(places).index(outcome.name))
 
 
-_Turn = tuple[str, Callable[..., Outcome], re.Pattern[str]]  # name, how it is run, its last cell that measures
+_Turn = tuple[
+    str, Callable[..., Outcome], re.Pattern[str]
+]  # name, how it is run, its last cell that measures
 
 
 class _Turns:
     """Notebooks in processes, which end with a stack: one begins when nothing is measured in the one before."""
 
-    def __init__(self, turns: Iterable[_Turn], ended: Callable[[Outcome], None], stack: ExitStack) -> None:
+    def __init__(
+        self, turns: Iterable[_Turn], ended: Callable[[Outcome], None], stack: ExitStack
+    ) -> None:
         import_module("papermill")  # once, and not in each process
         self._turns, self._ended, self._stack = iter(turns), ended, stack
         self._running: dict[Any, tuple[str, float]] = {}  # name and begin, by connection
@@ -284,7 +311,9 @@ class _Turns:
         for name, run, last in self._turns:
             here, there = multiprocessing.Pipe()
             # Forked, because all is imported, and this process has no threads.
-            process = multiprocessing.get_context("fork").Process(target=_take_turn, args=(run, last, there))
+            process = multiprocessing.get_context("fork").Process(
+                target=_take_turn, args=(run, last, there)
+            )
             process.start()
             self._stack.callback(end_process, process)
             there.close()
@@ -325,7 +354,9 @@ def _take_turn(run: Callable[..., Outcome], last: re.Pattern[str], there: Connec
     there.send(run(on_cell_start=before_cell, on_cell_executed=after_cell))
 
 
-def _sweeping(names: Mapping[Path, str], parameters: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
+def _sweeping(
+    names: Mapping[Path, str], parameters: Mapping[str, Any]
+) -> dict[str, dict[str, Any]]:
     """Return the profile and the fields of the runs that have sweeps, by experiment."""
     runs = {}
     for path, name in names.items():
@@ -381,7 +412,9 @@ def _run_one(
 def normalise(notebook: NotebookNode, project: Project) -> NotebookNode:
     """Return an executed notebook, changed in place, without what differs for no reason and our path."""
     notebook.metadata = {"kernelspec": dict(KERNEL), "language_info": {"name": "python"}}
-    notebook.cells = [c for c in notebook.cells if "injected-parameters" not in c.metadata.get("tags", ())]
+    notebook.cells = [
+        c for c in notebook.cells if "injected-parameters" not in c.metadata.get("tags", ())
+    ]
     count = 0
     for cell in notebook.cells:
         cell.metadata = {k: v for k, v in cell.metadata.items() if k in _CELL_METADATA_KEPT}
@@ -399,7 +432,11 @@ def _normal_output(output: NotebookNode, project: Project, count: int) -> Notebo
     if output.output_type == "execute_result":
         output.execution_count = count
     if "metadata" in output:  # what is kept are pictures' texts
-        alts = {kind: m["alt"] for kind, m in output.metadata.items() if isinstance(m, dict) and "alt" in m}
+        alts = {
+            kind: m["alt"]
+            for kind, m in output.metadata.items()
+            if isinstance(m, dict) and "alt" in m
+        }
         output.metadata = {kind: {"alt": alt} for kind, alt in alts.items()}
     if output.output_type == "stream":
         lines = output.text.replace(root, "").splitlines(keepends=True)

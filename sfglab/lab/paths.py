@@ -60,7 +60,11 @@ class Project:
         """Return a path as it reads from the root, or its name alone when it lies elsewhere."""
         resolved = path.resolve()
         root = self.root.resolve()
-        return resolved.relative_to(root).as_posix() if resolved.is_relative_to(root) else resolved.name
+        return (
+            resolved.relative_to(root).as_posix()
+            if resolved.is_relative_to(root)
+            else resolved.name
+        )
 
 
 def find_project(start: Path | None = None) -> Project:

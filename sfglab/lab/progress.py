@@ -55,7 +55,9 @@ def progress_bar(total: int, what: str) -> Iterator[Callable[[str], None]]:
         with _widget(total, what) as show:
             yield _telling(total, what, show, _BAR_S)
     elif sys.stderr.isatty():
-        with tqdm(total=total, desc=what, file=sys.stderr, dynamic_ncols=True, mininterval=_BAR_S) as bar:
+        with tqdm(
+            total=total, desc=what, file=sys.stderr, dynamic_ncols=True, mininterval=_BAR_S
+        ) as bar:
             yield partial(_move, bar)
     else:
         yield _telling(total, what, _print_line, _LINES_S)

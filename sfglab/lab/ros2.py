@@ -15,8 +15,13 @@ from sfglab.processes import Member
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-PEER = Path(__file__).parent / "workers" / "rclpy_peer.py"  #: A node of rclpy that does as it is told.
-TESTED = ("jazzy", "kilted")  #: The distributions that our nodes are tested beside, which `make ros` brings.
+PEER = (
+    Path(__file__).parent / "workers" / "rclpy_peer.py"
+)  #: A node of rclpy that does as it is told.
+TESTED = (
+    "jazzy",
+    "kilted",
+)  #: The distributions that our nodes are tested beside, which `make ros` brings.
 
 
 class RosMissingError(SfglabError):
@@ -32,7 +37,9 @@ class Distribution:
 
     name: str  #: As ``ROS_DISTRO`` has it.
     python: Path  #: Its interpreter.
-    sourced: bool = False  #: Whether it is the system's, in our environment; else `make ros` made it.
+    sourced: bool = (
+        False  #: Whether it is the system's, in our environment; else `make ros` made it.
+    )
 
     def __str__(self) -> str:
         return f"{self.name} ({'sourced' if self.sourced else 'make ros'})"
@@ -72,5 +79,9 @@ class RosMember(Member):
     def command(self) -> tuple[str, ...]:
         """Program and arguments."""
         # Hosts of a test share /dev/shm, by which Fast DDS would pass the network by.
-        values = {"ROS_DOMAIN_ID": "0", "FASTDDS_BUILTIN_TRANSPORTS": "UDPv4", **dict(self.environment)}
+        values = {
+            "ROS_DOMAIN_ID": "0",
+            "FASTDDS_BUILTIN_TRANSPORTS": "UDPv4",
+            **dict(self.environment),
+        }
         return tuple(self.distribution.argv(self.module, *self.config, **values))

@@ -35,7 +35,9 @@ SMOKE = "smoke"
 class Run(Generic[C]):
     """A finished run, read from its log; ``run["cell"]`` is a table, empty if the log does not have it."""
 
-    def __init__(self, log: Path, config_class: type[C], row_classes: Mapping[str, type[Any]]) -> None:
+    def __init__(
+        self, log: Path, config_class: type[C], row_classes: Mapping[str, type[Any]]
+    ) -> None:
         self.log = log  #: The log.
         self._row_classes = row_classes
         self._known: dict[Any, Any] = {}
@@ -51,7 +53,9 @@ class Run(Generic[C]):
         silent = standing(self.log).why_not
         said = f"it speaks for no claim: {silent}" if silent else "it speaks for its claims"
         tables = [("table", "lines"), *((name, len(self.table(name))) for name in self._tables)]
-        return html_table(field_rows(self.config), f"{repr(self)[1:-1]}, {said}") + html_table(tables)
+        return html_table(field_rows(self.config), f"{repr(self)[1:-1]}, {said}") + html_table(
+            tables
+        )
 
     def __getitem__(self, table: str) -> pd.DataFrame:
         """Return a table without the times of its rows; `KeyError` if the experiment has none of that name."""
@@ -65,7 +69,9 @@ class Run(Generic[C]):
         import pandas as pd
 
         if name not in self._tables:
-            return pd.DataFrame(columns=["log_time_ns", *(f.name for f in fields(self._row_classes[name]))])
+            return pd.DataFrame(
+                columns=["log_time_ns", *(f.name for f in fields(self._row_classes[name]))]
+            )
         with LogReader(self.log) as reader:
             return reader.table(name)
 

@@ -75,7 +75,9 @@ def planner_editor(file: Path) -> None:
     """Write what the editor shows of the hall, its conflict included, into a PNG file."""
     scene = find_project().data / "scenes/hall.yaml"
     if not scene.exists():
-        raise SceneError("scene", str(scene), "a scene file; run this in the repository's own folder")
+        raise SceneError(
+            "scene", str(scene), "a scene file; run this in the repository's own folder"
+        )
     with Planner(Editor.open(scene), port=0) as planner, closing(Browser(*_SIZE)) as browser:
         planner.call(with_conflict)
         browser.open(planner.url)
@@ -87,7 +89,9 @@ def planner_editor(file: Path) -> None:
         browser.screenshot(file)
     image = cv2.imread(str(file))
     assert image is not None  # it was written a moment ago
-    cv2.imwrite(str(file), image, [cv2.IMWRITE_PNG_COMPRESSION, 9])  # as small as it gets without loss
+    cv2.imwrite(
+        str(file), image, [cv2.IMWRITE_PNG_COMPRESSION, 9]
+    )  # as small as it gets without loss
 
 
 def with_conflict(editor: Editor) -> Scene:
@@ -126,7 +130,12 @@ _PLACES = {
     "steamdeck": (-1.2, -1.2),
     "workstation": (1.2, -2.4),
 }
-_OPTICAL = (-0.5, 0.5, -0.5, 0.5)  #: A camera that looks ahead: z forward, x right, y down (REP 103), as xyzw.
+_OPTICAL = (
+    -0.5,
+    0.5,
+    -0.5,
+    0.5,
+)  #: A camera that looks ahead: z forward, x right, y down (REP 103), as xyzw.
 
 
 def viewer(to: Path) -> None:
@@ -212,7 +221,12 @@ def _heartbeats(moment: Moment) -> Iterator[tuple[str, Any]]:
         if name == _LOST and lost:
             continue
         beat = default_message("sfglab_interfaces/msg/AgentHeartbeat")
-        beat.agent, beat.period_s, beat.incarnation, beat.phase = name, 2 * PERIOD_NS * 1e-9, 1, beat.STEADY
+        beat.agent, beat.period_s, beat.incarnation, beat.phase = (
+            name,
+            2 * PERIOD_NS * 1e-9,
+            1,
+            beat.STEADY,
+        )
         yield "/global/agent_heartbeat", beat
 
 
@@ -253,7 +267,14 @@ def _viewer(recording: Path, port: int) -> Iterator[subprocess.Popen[bytes]]:
     program = shutil.which("rerun", path=path)
     if program is None:
         raise SfglabError("the viewer needs the program 'rerun': pip install 'sfglab[view]'")
-    options = ("--headless", "--renderer", "vulkan", "--hide-welcome-screen", "--window-size", _WINDOW)
+    options = (
+        "--headless",
+        "--renderer",
+        "vulkan",
+        "--hide-welcome-screen",
+        "--window-size",
+        _WINDOW,
+    )
     command = [program, *options, "--bind", "127.0.0.1", "--port", str(port), str(recording)]
     quiet: dict[str, Any] = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
     with subprocess.Popen(command, **quiet, start_new_session=True) as process:

@@ -39,7 +39,10 @@ MOTORCYCLE_FOCAL_PX = 994.978
 MOTORCYCLE_BASELINE_MM = 193.001
 MOTORCYCLE_OFFSET_PX = 31.086
 
-DEPTH_STAMP_MM = (4000, 1000)  #: White and black of the visible frame number in depth images, in millimetres.
+DEPTH_STAMP_MM = (
+    4000,
+    1000,
+)  #: White and black of the visible frame number in depth images, in millimetres.
 
 SECONDS_A_VIEW = 4.0
 _SAME_RATE = 1e-3  #: Share by which rates may differ and be one: 30 and 29.97 Hz are.
@@ -65,9 +68,15 @@ class Source:
     """A stream of frames of one size that starts again at its end, and gives back its file or device."""
 
     def __init__(
-        self, pictures: Iterator[Picture], close: Callable[[], None] = lambda: None, *, said: str = ""
+        self,
+        pictures: Iterator[Picture],
+        close: Callable[[], None] = lambda: None,
+        *,
+        said: str = "",
     ) -> None:
-        self.said = said  #: What is done to material of one's own, in a sentence; empty for the default.
+        self.said = (
+            said  #: What is done to material of one's own, in a sentence; empty for the default.
+        )
         self._pictures = pictures
         self._numbers = itertools.count()
         self.close = close
@@ -78,7 +87,9 @@ class Source:
         return Frame(number=next(self._numbers), bgr=bgr, depth_mm=depth_mm)
 
 
-def open_source(spec: str, *, width: int = 640, height: int = 360, fps: float = 30.0, seed: int = 0) -> Source:
+def open_source(
+    spec: str, *, width: int = 640, height: int = 360, fps: float = 30.0, seed: int = 0
+) -> Source:
     """Open a source of frames of a size by its name; its rate sets the speed of panning, its seed the path.
 
     Names are ``photos`` (default material), ``stereo`` (with depth), ``camera:0``, ``bag:PATH#/topic``, or the
@@ -122,7 +133,9 @@ def absolute(spec: str) -> str:
     return f"{kind}{colon}{Path(path).absolute()}"
 
 
-def _said(spec: str, shape: tuple[int, ...], size: tuple[int, int], rate_hz: float, fps: float) -> str:
+def _said(
+    spec: str, shape: tuple[int, ...], size: tuple[int, int], rate_hz: float, fps: float
+) -> str:
     (height, width), rate = shape[:2], f" at {rate_hz:.4g} Hz" if rate_hz else ""
     bars = "" if abs(width * size[1] - height * size[0]) < max(size) else " between black bars"
     speed = f": pictures are {'repeated' if rate_hz < fps else 'passed over'}, its speed is kept"
@@ -130,7 +143,9 @@ def _said(spec: str, shape: tuple[int, ...], size: tuple[int, int], rate_hz: flo
     return f"{spec}: {width} x {height}{rate}, shown as {size[0]} x {size[1]}{bars} at {fps:g} Hz{speed}"
 
 
-def _panned(stills: list[Picture], size: tuple[int, int], *, view_frames: int, seed: int) -> Iterator[Picture]:
+def _panned(
+    stills: list[Picture], size: tuple[int, int], *, view_frames: int, seed: int
+) -> Iterator[Picture]:
     """Let a window wander and zoom over still images; frame n is a function of n and the seed."""
     import cv2
 
@@ -140,7 +155,9 @@ def _panned(stills: list[Picture], size: tuple[int, int], *, view_frames: int, s
         warp = _view_transform(bgr.shape[:2], size, step / view_frames, (seed, view))
         picture = cv2.warpAffine(bgr, warp, size, flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP)
         if depth is not None:  # nearest: a mean of two depths is a place where nothing is
-            depth = cv2.warpAffine(depth, warp, size, flags=cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP)
+            depth = cv2.warpAffine(
+                depth, warp, size, flags=cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP
+            )
         yield picture, depth
 
 
@@ -172,7 +189,9 @@ def _stereo_stills() -> list[Picture]:
     left, _, disparity = data.stereo_motorcycle()
     known = np.isfinite(disparity)
     depth = np.zeros(disparity.shape)
-    depth[known] = MOTORCYCLE_FOCAL_PX * MOTORCYCLE_BASELINE_MM / (disparity[known] + MOTORCYCLE_OFFSET_PX)
+    depth[known] = (
+        MOTORCYCLE_FOCAL_PX * MOTORCYCLE_BASELINE_MM / (disparity[known] + MOTORCYCLE_OFFSET_PX)
+    )
     return [(np.ascontiguousarray(left[..., ::-1]), np.round(depth).astype(np.uint16))]
 
 
@@ -206,7 +225,9 @@ def _fitted(image: Image, size: tuple[int, int]) -> Image:
     scaled = cv2.resize(image, inner, interpolation=cv2.INTER_AREA)
     left, top = (size[0] - inner[0]) // 2, (size[1] - inner[1]) // 2
     right, bottom = size[0] - inner[0] - left, size[1] - inner[1] - top
-    return np.asarray(cv2.copyMakeBorder(scaled, top, bottom, left, right, cv2.BORDER_CONSTANT), np.uint8)
+    return np.asarray(
+        cv2.copyMakeBorder(scaled, top, bottom, left, right, cv2.BORDER_CONSTANT), np.uint8
+    )
 
 
 def _video_images(spec: str) -> tuple[float, Images]:
@@ -251,7 +272,9 @@ def _bag_images(spec: str) -> tuple[float, Images]:
     with opened as log:
         seen = [name for name, info in log.topics.items() if info.type_name in _PICTURES]
         if not topic and len(seen) != 1:
-            there = ", ".join(f"bag:{path}#{name}" for name in seen) or "none: no topic has pictures"
+            there = (
+                ", ".join(f"bag:{path}#{name}" for name in seen) or "none: no topic has pictures"
+            )
             raise SourceError(f"source {spec!r}: say which topic; there are {there}")
         topic = topic or seen[0]
         if topic not in log.topics:
@@ -293,7 +316,9 @@ _CHANNELS = {
 def _bgr_of_image(message: Any, spec: str) -> Image:
     if message.encoding not in _CHANNELS:
         known = ", ".join(_CHANNELS)
-        raise SourceError(f"source {spec!r}: given encoding {message.encoding!r}, allowed are {known}")
+        raise SourceError(
+            f"source {spec!r}: given encoding {message.encoding!r}, allowed are {known}"
+        )
     places, count = _CHANNELS[message.encoding]
     rows = np.asarray(message.data).reshape(message.height, message.step)
     pixels = rows[:, : message.width * count].reshape(message.height, message.width, count)

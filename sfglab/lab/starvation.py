@@ -26,7 +26,9 @@ def _pin(pids: set[int], cores: set[int]) -> None:
 def starving(pids: Callable[[], set[int]]) -> Iterator[None]:
     """Keep processes, as they are at each end of the block, on one core beside `LOOPS` endless loops."""
     cores = os.sched_getaffinity(0)
-    loops = [subprocess.Popen([sys.executable, "-S", "-c", "while True: pass"]) for _ in range(LOOPS)]
+    loops = [
+        subprocess.Popen([sys.executable, "-S", "-c", "while True: pass"]) for _ in range(LOOPS)
+    ]
     try:
         _pin(pids() | {loop.pid for loop in loops}, {max(cores)})
         yield

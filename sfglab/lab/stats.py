@@ -20,7 +20,9 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 RESAMPLES = 2000
-_AT_ONCE = 1 << 14  #: How many rows are drawn at once where there is one group: what fits the cache.
+_AT_ONCE = (
+    1 << 14
+)  #: How many rows are drawn at once where there is one group: what fits the cache.
 INTERVAL = (2.5, 97.5)
 _Z = 1.959963984540054  # of 95 %
 
@@ -44,7 +46,11 @@ def exactly(value: float, unit: str) -> Estimate:
 
 
 def bootstrap(
-    samples: Sequence[Floats], statistic: Callable[[Sequence[Floats]], float], *, unit: str, seed: int = 0
+    samples: Sequence[Floats],
+    statistic: Callable[[Sequence[Floats]], float],
+    *,
+    unit: str,
+    seed: int = 0,
 ) -> Estimate:
     """Estimate a statistic of several groups of samples, shape (n, ...), resampling the rows of each group.
 
@@ -71,7 +77,9 @@ def _bootstrap(
     draws = np.array(found)
     draws = draws[np.isfinite(draws)]
     if draws.size == 0:
-        raise InvalidValueError("bootstrap", samples, "samples for which the statistic is not undefined")
+        raise InvalidValueError(
+            "bootstrap", samples, "samples for which the statistic is not undefined"
+        )
     low, high = np.percentile(draws, INTERVAL)
     value = statistics([group[None] for group in samples])[0]
     return Estimate(value=float(value), low=float(low), high=float(high), unit=unit)
@@ -84,7 +92,9 @@ def _rows_at_once(rows: Floats) -> int:
 def median_of(samples: Floats | Sequence[float], *, unit: str, seed: int = 0) -> Estimate:
     """Estimate the median of samples, shape (n,), n at least 1."""
     group = np.asarray(samples, dtype=np.float64)
-    return _bootstrap([group], lambda drawn: np.median(drawn[0], axis=1), unit, seed, _rows_at_once(group))
+    return _bootstrap(
+        [group], lambda drawn: np.median(drawn[0], axis=1), unit, seed, _rows_at_once(group)
+    )
 
 
 def ratio_of(pairs: Floats, middle: Callable[..., Any], *, unit: str) -> Estimate:
@@ -121,7 +131,9 @@ class LackOfFit:
         return f"F({self.freedom[0]}, {self.freedom[1]}) = {self.f:.2f}, p = {self.p:.2g}"
 
 
-def lack_of_fit(errors: Floats, setting: NDArray[np.integer], *, parameters: int) -> LackOfFit | None:
+def lack_of_fit(
+    errors: Floats, setting: NDArray[np.integer], *, parameters: int
+) -> LackOfFit | None:
     """Test a fit against the pure error (N. Draper and H. Smith, Applied Regression Analysis, 1998, chapter 2).
 
     Errors, shape (n,), are of equal variance where the model holds; equal numbers of `setting`, shape (n,),

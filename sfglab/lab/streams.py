@@ -26,7 +26,9 @@ class StreamProcesses(ProcessGroup):
 
     def __init__(self, config: Any, testbed: Testbed) -> None:
         self._config, self._testbed = config, testbed
-        self.sent: list[tuple[int, int, int]] = []  #: Number, stamp and size of the frames that it reported.
+        self.sent: list[
+            tuple[int, int, int]
+        ] = []  #: Number, stamp and size of the frames that it reported.
         super().__init__(testbed.argv, self.first_members(), on_report=self.note)
 
     def first_members(self) -> Iterable[Member]:
@@ -46,7 +48,9 @@ class StreamProcesses(ProcessGroup):
     def shared(self, host: str) -> BusAddress:
         """Return where on the bus a host stands in the domain that all share."""
         interface = self._testbed.interface(host)
-        return BusAddress(domain_id=GLOBAL_DOMAIN, interface=interface, multicast=self._config.multicast)
+        return BusAddress(
+            domain_id=GLOBAL_DOMAIN, interface=interface, multicast=self._config.multicast
+        )
 
     def viewer_config(self, topic: str, local: BusAddress, *, joined: bool = False) -> ViewerConfig:
         """Return a viewer's configuration at the consumer: of a stream's topic, with a domain of its own."""

@@ -41,19 +41,46 @@ def _discovery(run: Run[Any]) -> pd.DataFrame:
 
 
 def _caching(run: Run[Any]) -> pd.DataFrame:
-    sent = (1 - balancing.analysis.saved(run)).mean().to_frame("cached").rename_axis("readings a second")
+    sent = (
+        (1 - balancing.analysis.saved(run))
+        .mean()
+        .to_frame("cached")
+        .rename_axis("readings a second")
+    )
     return sent.assign(all=1.0)[["all", "cached"]].mul(sent.index, axis=0)
 
 
 def _transfer(run: Run[Any]) -> pd.DataFrame:
-    table = transfer.analysis.bars(run).query("panel == 'hardware to hardware' and model == 'stored'")
-    return table.query("message_bytes == 10**7").set_index("subscribers")[["smt_s", "gateway_s"]] * 1e3
+    table = transfer.analysis.bars(run).query(
+        "panel == 'hardware to hardware' and model == 'stored'"
+    )
+    return (
+        table.query("message_bytes == 10**7").set_index("subscribers")[["smt_s", "gateway_s"]] * 1e3
+    )
 
 
 BOUNDARIES = (
-    ("decode_once", "A-CPU-SFG", "network, device:\ndecoder, on demand", "CPU (% of a core)", _decoding),
-    ("discovery", "A-DISC-BYTES", "agent, global domain:\nrouter", "an agent receives (MB)", _discovery),
-    ("balancing", "B-COOP", "robot, processing station:\ncaches and QoS", "sent a second (mean)", _caching),
+    (
+        "decode_once",
+        "A-CPU-SFG",
+        "network, device:\ndecoder, on demand",
+        "CPU (% of a core)",
+        _decoding,
+    ),
+    (
+        "discovery",
+        "A-DISC-BYTES",
+        "agent, global domain:\nrouter",
+        "an agent receives (MB)",
+        _discovery,
+    ),
+    (
+        "balancing",
+        "B-COOP",
+        "robot, processing station:\ncaches and QoS",
+        "sent a second (mean)",
+        _caching,
+    ),
     ("transfer", "C-HWHW", "software, hardware:\ngateway", "10 MB to all take (ms)", _transfer),
 )
 """As README.md lists them: whose figure, claim, boundary and proxy, what is drawn: by x without and with it."""
@@ -68,7 +95,9 @@ def save_summary(project: Project) -> list[Path]:
     shown = {entry.claim.id: f"{_number(entry)}: {entry.verdict.value}" for entry in entries}
     origin = {project.relative(log): file_sha256(log) for log in logs.values()}
     figure = drawn((10, 4.2), _draw, tables, entries)
-    return save_figure(figure, project.figures / "summary", {"experiment": "", "logs": origin, "shown": shown})
+    return save_figure(
+        figure, project.figures / "summary", {"experiment": "", "logs": origin, "shown": shown}
+    )
 
 
 def _draw(figure: Figure, tables: list[pd.DataFrame], entries: list[Entry]) -> None:
@@ -81,12 +110,22 @@ def _draw(figure: Figure, tables: list[pd.DataFrame], entries: list[Entry]) -> N
         axes.set(xlabel=table.index.name, ylabel=cost, ylim=(0, 1.35 * float(table.max().max())))
         axes.set_title(title, fontsize=9.5, weight="bold")
         axes.legend(fontsize=8, loc="upper left")
-        style: dict[str, Any] = {"xycoords": "axes fraction", "ha": "center", "va": "top", "in_layout": False}
+        style: dict[str, Any] = {
+            "xycoords": "axes fraction",
+            "ha": "center",
+            "va": "top",
+            "in_layout": False,
+        }
         axes.annotate(_number(entry), (0.5, -0.24), **style)
-        verdict, style["color"] = f"{entry.claim.id}: {entry.verdict.value}", COLORS[entry.verdict.value]
+        verdict, style["color"] = (
+            f"{entry.claim.id}: {entry.verdict.value}",
+            COLORS[entry.verdict.value],
+        )
         axes.annotate(verdict, (0.5, -0.5), weight="bold", **style)
         axes.locator_params(axis="x", nbins=5, integer=True)
-    figure.suptitle("A message crosses each boundary once: what was paid per subscriber is paid per message")
+    figure.suptitle(
+        "A message crosses each boundary once: what was paid per subscriber is paid per message"
+    )
 
 
 def _number(entry: Entry) -> str:

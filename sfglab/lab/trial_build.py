@@ -40,7 +40,9 @@ _GLIBC_MINORS = (17, 24, 26, 27, 28, 31, 34, 35)
 """Wheels for these versions of glibc 2 and older run on all our bases: the oldest, Ubuntu 22.04, has 2.35."""
 
 
-def wheelhouse(lock: str, folder: Path, python: str, architecture: Architecture) -> tuple[Path, ...]:
+def wheelhouse(
+    lock: str, folder: Path, python: str, architecture: Architecture
+) -> tuple[Path, ...]:
     """Fetch a lock file's wheels for another machine, each by its digest, or raise `DeployError`."""
     folder.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix="sfglab-lock-") as scratch:
@@ -57,8 +59,12 @@ def wheelhouse(lock: str, folder: Path, python: str, architecture: Architecture)
         ]
         fetched = subprocess.run(command, capture_output=True, text=True, check=False)
     if fetched.returncode != 0:
-        said = [line for line in fetched.stderr.splitlines() if line.startswith("ERROR")] or ["nothing"]
-        raise DeployError(f"wheels for Python {python} on {architecture.value}: pip said {said[0]!r}")
+        said = [line for line in fetched.stderr.splitlines() if line.startswith("ERROR")] or [
+            "nothing"
+        ]
+        raise DeployError(
+            f"wheels for Python {python} on {architecture.value}: pip said {said[0]!r}"
+        )
     return tuple(sorted(folder.glob("*.whl")))
 
 
@@ -78,7 +84,10 @@ def with_version(wheel: Path, folder: Path, version: str) -> Path:
         raise DeployError(f"{wheel}: given a wheel of another release, allowed: {was}")
     folder.mkdir(parents=True, exist_ok=True)
     target = folder / wheel.name.replace(was, new, 1)
-    with zipfile.ZipFile(wheel) as source, zipfile.ZipFile(target, "w", zipfile.ZIP_DEFLATED) as copy:
+    with (
+        zipfile.ZipFile(wheel) as source,
+        zipfile.ZipFile(target, "w", zipfile.ZIP_DEFLATED) as copy,
+    ):
         for info in source.infolist():
             data = source.read(info)
             path = info.filename.replace(f"{was}.dist-info", f"{new}.dist-info")
@@ -165,7 +174,12 @@ def why_not() -> str:
 
 
 def trial_build(
-    deployment: Deployment, wheel: Path, folder: Path, say: Callable[[str], None], *, cache: Path | None = None
+    deployment: Deployment,
+    wheel: Path,
+    folder: Path,
+    say: Callable[[str], None],
+    *,
+    cache: Path | None = None,
 ) -> tuple[CheckRow | Unasked, ...]:
     """Build an agent's images twice, ask them what a robot would, and take all of it away again.
 
@@ -199,10 +213,14 @@ def _reachable(deployment: Deployment) -> Deployment:
     machine = platform.machine()
     architecture = next((known for known, name in MACHINES.items() if name == machine), None)
     if architecture is None:
-        raise DeployError(f"trial: given a {machine!r} processor, allowed: {', '.join(MACHINES.values())}")
+        raise DeployError(
+            f"trial: given a {machine!r} processor, allowed: {', '.join(MACHINES.values())}"
+        )
     return replace(
         deployment,
-        fleet=replace(deployment.fleet, deployment=replace(deployment.common, ros=RosDistribution.NONE)),
+        fleet=replace(
+            deployment.fleet, deployment=replace(deployment.common, ros=RosDistribution.NONE)
+        ),
         host=replace(deployment.host, architecture=architecture, workspace="", packages=()),
         accelerator=Accelerator.NONE,
     )
@@ -216,12 +234,21 @@ def _make_base(shop: _Workshop, kept: Path, deployment: Deployment) -> None:
     archive = kept / _ARCHIVE
     if not archive.is_file():
         base = base_of(deployment)
-        packages = ("ca-certificates", "ffmpeg", *base.python_packages)  # so that the adapter needs no apt
+        packages = (
+            "ca-certificates",
+            "ffmpeg",
+            *base.python_packages,
+        )  # so that the adapter needs no apt
         root = shop.folder / "root"
         wanted = f"--include={','.join(packages)}"
-        run_heard(["debootstrap", "--variant=minbase", wanted, base.distribution.value, str(root)], shop.say)
+        run_heard(
+            ["debootstrap", "--variant=minbase", wanted, base.distribution.value, str(root)],
+            shop.say,
+        )
         partial = kept / f"{_ARCHIVE}.part"
-        run_heard(["tar", "-C", str(root), f"--exclude={_DEBS}", "-cf", str(partial), "."], shop.say)
+        run_heard(
+            ["tar", "-C", str(root), f"--exclude={_DEBS}", "-cf", str(partial), "."], shop.say
+        )
         partial.replace(archive)
         shutil.rmtree(root)
     shutil.copy(archive, context / _ARCHIVE)
@@ -242,11 +269,15 @@ def _checks(shop: _Workshop, kept: Path, first: Deployment, wheel: Path) -> Iter
     second, newer = _next_release(first, wheel, shop.folder / "newer")
     other, said = _built(shop, _write(shop.folder / "second", second, newer, kept), second)
     fresh = [step for step in _fresh_steps(said) if step.startswith(("COPY", "RUN"))]
-    yield _check("a new wheel makes one new layer", len(fresh) == 1, "; ".join(step[:60] for step in fresh))
+    yield _check(
+        "a new wheel makes one new layer", len(fresh) == 1, "; ".join(step[:60] for step in fresh)
+    )
     for name, deployment in ((other, second), (image, first)):
         _, words = shop.run(name, _ENTRYPOINT, "--version")
         version = deployment.release.version
-        yield _check("of two versions side by side, each says its own", words == version, f"{name}: {words}")
+        yield _check(
+            "of two versions side by side, each says its own", words == version, f"{name}: {words}"
+        )
 
 
 def _next_release(deployment: Deployment, wheel: Path, folder: Path) -> tuple[Deployment, Path]:
@@ -266,12 +297,16 @@ def _ask_image(shop: _Workshop, image: str, deployment: Deployment) -> Iterator[
         "io.sfglab.wheel.sha256": deployment.release.wheel_sha256,
         "org.opencontainers.image.version": deployment.release.version,
     }
-    yield _check("it says what it is made of", mine.items() <= labels.items(), f"{len(labels)} labels")
+    yield _check(
+        "it says what it is made of", mine.items() <= labels.items(), f"{len(labels)} labels"
+    )
     status, words = shop.run(image, "id", "-u")
     yield _check("it runs as nobody special", (status, words) == (0, str(USER_ID)), words)
     for arguments in (("--version",), ("agent", "up", "--help"), ("router", "--help")):
         status, words = shop.run(image, _ENTRYPOINT, *arguments)
-        yield _check(f"`sfglab {' '.join(arguments)}` answers", status == 0, words.partition("\n")[0])
+        yield _check(
+            f"`sfglab {' '.join(arguments)}` answers", status == 0, words.partition("\n")[0]
+        )
     status, words = shop.run(image, "touch", f"{VENV}/written")
     denied = status != 0 and "denied" in words
     yield _check("its user cannot change what it runs", denied, words.partition("\n")[0])
@@ -284,7 +319,12 @@ def build_command(folder: Path, deployment: Deployment, image: str) -> list[str]
     """Return the command that builds an agent's application image on the trial's base, without an index."""
     return [
         *("buildah", "build", "--layers", f"--platform=linux/{deployment.host.architecture.value}"),
-        *("--target=application", f"--tag={image}", f"--build-arg=BASE_IMAGE={BASE}", "--build-arg=OFFLINE=1"),
+        *(
+            "--target=application",
+            f"--tag={image}",
+            f"--build-arg=BASE_IMAGE={BASE}",
+            "--build-arg=OFFLINE=1",
+        ),
         *(f"--file={folder / 'Dockerfile'}", str(folder)),
     ]
 
@@ -304,7 +344,9 @@ def _write(folder: Path, deployment: Deployment, wheel: Path, kept: Path) -> Pat
         target.chmod(file.mode)
     shutil.copy(wheel, folder / "image" / deployment.release.wheel)
     lock = (folder / "image" / "requirements.lock").read_text(encoding="utf-8")
-    for fetched in wheelhouse(lock, kept / "wheels", base_of(deployment).python, deployment.host.architecture):
+    for fetched in wheelhouse(
+        lock, kept / "wheels", base_of(deployment).python, deployment.host.architecture
+    ):
         shutil.copy(fetched, folder / "image" / "wheels")
     return folder
 

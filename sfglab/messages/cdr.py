@@ -44,7 +44,9 @@ class CdrError(MessageError):
         self.type_name = type_name  #: The type in question.
         self.size_bytes = size_bytes  #: Length of the bytes; None when serialising.
         self.reason = reason  #: What is wrong.
-        what = "cannot serialise" if size_bytes is None else f"not in these {size_bytes} bytes of CDR"
+        what = (
+            "cannot serialise" if size_bytes is None else f"not in these {size_bytes} bytes of CDR"
+        )
         super().__init__(f"{type_name}: {what}: {reason}")
 
 
@@ -80,7 +82,9 @@ def _message_misfit(store: Typestore, value: Any, name: str) -> str | None:
     return None
 
 
-def _list_misfit(store: Typestore, value: Any, element: FieldDesc, length: int | None) -> str | None:
+def _list_misfit(
+    store: Typestore, value: Any, element: FieldDesc, length: int | None
+) -> str | None:
     if not isinstance(value, Sequence) or isinstance(value, str):
         return f": given {type(value).__name__}, allowed is a list"
     if length is not None and len(value) != length:
@@ -168,7 +172,9 @@ def serialize_into(message: Any, buffer: Buffer) -> int:
     size = serialized_size(message)
     view = memoryview(buffer).cast("B")
     if view.nbytes < size:
-        raise CdrError(type_name(type(message)), f"given a buffer of {view.nbytes} bytes, needed are {size}")
+        raise CdrError(
+            type_name(type(message)), f"given a buffer of {view.nbytes} bytes, needed are {size}"
+        )
     np.frombuffer(view, np.uint8, size).fill(0)  # alignment gaps must not show what was here before
     _write(message, view[:size])
     return size
@@ -245,8 +251,12 @@ def register_definition(name: str, text: str) -> None:
         return
     first, *rest = re.split(rf"^{RULE}$\nMSG: ", text, flags=re.MULTILINE)
     heads = [part.partition("\n") for part in rest]
-    texts = {(n if n.count("/") == 2 else n.replace("/", "/msg/")).strip(): body for n, _, body in heads}
-    add_types({name: first} | {n: body for n, body in texts.items() if n not in type_store().fielddefs})
+    texts = {
+        (n if n.count("/") == 2 else n.replace("/", "/msg/")).strip(): body for n, _, body in heads
+    }
+    add_types(
+        {name: first} | {n: body for n, body in texts.items() if n not in type_store().fielddefs}
+    )
 
 
 def decoder_from_definition(name: str, text: str) -> Callable[[Buffer], Any]:

@@ -22,7 +22,10 @@ _PRIMITIVES: dict[str, Any] = {
     "byte": types.uint8,
     "char": types.uint8,
     **{name: getattr(types, name) for name in ("int8", "int16", "int32", "int64")},
-    **{name: getattr(types, name) for name in ("uint8", "uint16", "uint32", "uint64", "float32", "float64")},
+    **{
+        name: getattr(types, name)
+        for name in ("uint8", "uint16", "uint32", "uint64", "float32", "float64")
+    },
 }
 # rmw_cyclonedds, serdata.hpp: cdds_request_header_t.
 _SERVICE_HEADER = {"rmw_client_guid": types.uint64, "rmw_sequence": types.int64}

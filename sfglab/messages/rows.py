@@ -33,7 +33,11 @@ def _field_type(hint: Any, place: str) -> str:
     """Return the interface language's word for an annotation."""
     if isinstance(hint, type) and hint in _SCALARS:
         return _SCALARS[hint]
-    if isinstance(hint, type) and issubclass(hint, Enum) and all(isinstance(e.value, str) for e in hint):
+    if (
+        isinstance(hint, type)
+        and issubclass(hint, Enum)
+        and all(isinstance(e.value, str) for e in hint)
+    ):
         return "string"
     origin, arguments = typing.get_origin(hint), typing.get_args(hint)
     if origin is tuple and arguments[1:] == (...,):
@@ -54,7 +58,9 @@ def _fields(row_class: type[Any]) -> dict[str, str]:
     """Return the words of the interface language for each field, by name."""
     name = row_class.__name__
     if not (dataclasses.is_dataclass(row_class) and _CLASS_NAME.fullmatch(name)):
-        raise MessageError(f"{name}: given this class, allowed are dataclasses with a CamelCase name")
+        raise MessageError(
+            f"{name}: given this class, allowed are dataclasses with a CamelCase name"
+        )
     try:
         hints = typing.get_type_hints(row_class, localns=_KNOWN)
     except NameError as exc:
@@ -73,8 +79,13 @@ def _fields(row_class: type[Any]) -> dict[str, str]:
 def _registered(row_class: type[Any]) -> tuple[type[Any], dict[str, str]]:
     if row_class not in _types:
         fields, docs = _fields(row_class), field_docs(row_class)
-        lines = [f"{word} {n}" + (f"  # {docs[n]}" if n in docs else "") for n, word in fields.items()]
-        _types[row_class] = register(f"{_PACKAGE}/msg/{row_class.__name__}", "\n".join(lines) + "\n"), fields
+        lines = [
+            f"{word} {n}" + (f"  # {docs[n]}" if n in docs else "") for n, word in fields.items()
+        ]
+        _types[row_class] = (
+            register(f"{_PACKAGE}/msg/{row_class.__name__}", "\n".join(lines) + "\n"),
+            fields,
+        )
     return _types[row_class]
 
 

@@ -22,7 +22,10 @@ from sfglab.messages.store import (
 )
 
 _ENCAPSULATION_BYTES = 4
-_FRAME = {0: struct.Struct(">Qq"), 1: struct.Struct("<Qq")}  # by the second octet of the encapsulation
+_FRAME = {
+    0: struct.Struct(">Qq"),
+    1: struct.Struct("<Qq"),
+}  # by the second octet of the encapsulation
 
 
 class ServiceFrame(NamedTuple):

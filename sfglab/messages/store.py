@@ -27,7 +27,9 @@ if TYPE_CHECKING:
     from rosbags.interfaces.typing import FieldDesc, Typesdict
     from rosbags.typesys.store import Typestore
 
-INTERFACES_VARIABLE = "SFGLAB_INTERFACES"  #: Paths for `register_interfaces`, also in what we start.
+INTERFACES_VARIABLE = (
+    "SFGLAB_INTERFACES"  #: Paths for `register_interfaces`, also in what we start.
+)
 _log = logging.getLogger("sfglab.messages")
 RULE = "=" * 80
 # Of a definition, as work of who reads it: ROS 2's own have at most 119 values and 5,000 characters.
@@ -77,7 +79,9 @@ def parse_definition(name: str, text: str) -> Typesdict:
     lines = sum(not line.lstrip().startswith("#") for line in text.splitlines() if line.strip())
     if lines > _MOST_LINES or len(text) > _MOST_CHARACTERS:
         allowed = f"allowed are {_MOST_LINES} and {_MOST_CHARACTERS}"
-        raise MessageError(f"{name}: given {lines} lines of definition, {len(text)} characters, {allowed}")
+        raise MessageError(
+            f"{name}: given {lines} lines of definition, {len(text)} characters, {allowed}"
+        )
     # rosbags files everything under /msg/, where short names are looked for, and wants the last line to end.
     filed = _FOLDER.sub("/msg/", name)
     try:
@@ -95,7 +99,9 @@ def _parts_of_interface(name: str, text: str) -> Iterator[tuple[str, str]]:
     elif "/srv/" in name:
         parts = _ACTION_RULE.split(text)
         if len(parts) != len(_SERVICE_PARTS):
-            raise MessageError(f"service {name!r}: given {len(parts)} part(s), allowed are 2 and `---` between")
+            raise MessageError(
+                f"service {name!r}: given {len(parts)} part(s), allowed are 2 and `---` between"
+            )
         for kind, part in zip(_SERVICE_PARTS, parts, strict=True):
             yield f"{name}_{kind}", part.strip("\n")
     else:
@@ -109,7 +115,9 @@ def _shipped_texts() -> Iterator[tuple[str, str]]:
         for folder in (package / kind for kind in _SUFFIXES if (package / kind).is_dir()):
             for file in folder.iterdir():
                 stem = file.name.rpartition(".")[0]
-                yield from _parts_of_interface(f"{package.name}/{folder.name}/{stem}", file.read_text("utf-8"))
+                yield from _parts_of_interface(
+                    f"{package.name}/{folder.name}/{stem}", file.read_text("utf-8")
+                )
 
 
 def _types_of() -> str:
@@ -126,7 +134,11 @@ def _built_store() -> Typestore:
     # An octet has no sign (IDL 4.2, clause 7.4.1.4.4.2.6); rosbags gives `byte` one and refuses 128 and more.
     for packing in ("pack", "unpack"):
         for order in ("le", "be"):
-            setattr(primitives, f"{packing}_byte_{order}", getattr(primitives, f"{packing}_char_{order}"))
+            setattr(
+                primitives,
+                f"{packing}_byte_{order}",
+                getattr(primitives, f"{packing}_char_{order}"),
+            )
     store = get_typestore(Stores(f"ros2_{_types_of()}"))
     texts = dict(_shipped_texts())
     parsed: Typesdict = {}
@@ -175,8 +187,12 @@ def register_interfaces(path: Path) -> tuple[str, ...]:
     found = [path] if path.is_file() else path.rglob("*")
     files = sorted(f for f in found if f.suffix[1:] in _SUFFIXES and f.parent.name == f.suffix[1:])
     if not files:
-        raise MessageError(f"{path}: given no .msg, .srv or .action file, allowed are those of a package")
-    parts = {file: dict(_parts_of_interface(_name_of(file), file.read_text("utf-8"))) for file in files}
+        raise MessageError(
+            f"{path}: given no .msg, .srv or .action file, allowed are those of a package"
+        )
+    parts = {
+        file: dict(_parts_of_interface(_name_of(file), file.read_text("utf-8"))) for file in files
+    }
     for file in _with_wstring(parts) if path.is_dir() else ():
         _log.warning("%s: given wstring, allowed is string; the type is left out", file)
         del parts[file]
@@ -189,7 +205,11 @@ def _name_of(file: Path) -> str:
     """Return the full name of the interface in a file; its package's manifest knows better than the folder."""
     package = file.absolute().parents[1]
     manifest = package / "package.xml"
-    said = re.search(r"<name>\s*(\w+)\s*</name>", manifest.read_text("utf-8")) if manifest.is_file() else None
+    said = (
+        re.search(r"<name>\s*(\w+)\s*</name>", manifest.read_text("utf-8"))
+        if manifest.is_file()
+        else None
+    )
     return f"{said[1] if said else package.name}/{file.suffix[1:]}/{file.stem}"
 
 
@@ -203,7 +223,8 @@ def _with_wstring(parts: Mapping[Path, Mapping[str, str]]) -> set[Path]:
     while more := {
         file
         for file, used in uses.items()
-        if file not in wide and any(i.endswith(_WSTRING) or any(i in parts[w] for w in wide) for i in used)
+        if file not in wide
+        and any(i.endswith(_WSTRING) or any(i in parts[w] for w in wide) for i in used)
     }:
         wide |= more
     return wide
@@ -249,12 +270,16 @@ def check_new(store: Typestore, parsed: Typesdict) -> None:
     """Refuse definitions that contradict the store or use what is not there."""
     for name, definition_ in parsed.items():
         if name in store.fielddefs and not _agree(store.fielddefs[name], definition_):
-            raise MessageError(f"{name} is already registered with other fields: choose another name")
+            raise MessageError(
+                f"{name} is already registered with other fields: choose another name"
+            )
         for field, inner in _used(definition_):
             if inner.endswith(_WSTRING):
                 raise MessageError(f"{name}.{field}: given wstring, allowed is string")
             if inner not in parsed and inner not in store.fielddefs:
-                raise MessageError(f"{name}.{field}: there is no type {inner}: register its package first")
+                raise MessageError(
+                    f"{name}.{field}: there is no type {inner}: register its package first"
+                )
     values: dict[str, int] = {}
     for name in parsed:
         _check_work(name, {**store.fielddefs, **parsed}, values)
@@ -270,18 +295,26 @@ def _check_work(name: str, known: Mapping[str, Any], values: dict[str, int]) -> 
     from rosbags.interfaces import Nodetype
 
     if name not in values:
-        values[name] = _MOST_VALUES + 1  # until it is counted: more than allowed for who contains itself
+        values[name] = (
+            _MOST_VALUES + 1
+        )  # until it is counted: more than allowed for who contains itself
         count = 1
         for field, desc in known[name][1]:
             is_list = desc[0] in {Nodetype.ARRAY, Nodetype.SEQUENCE}
             (kind, inner), length = desc[1] if is_list else (desc, 1)
             if length == 0 and desc[0] == Nodetype.ARRAY:
-                raise MessageError(f"{name}.{field}: given an array of no elements, allowed is 1 and more")
+                raise MessageError(
+                    f"{name}.{field}: given an array of no elements, allowed is 1 and more"
+                )
             each = 1 if kind == Nodetype.BASE else _check_work(str(inner), known, values)
-            one_by_one = desc[0] == Nodetype.ARRAY and (kind == Nodetype.NAME or inner[0] == "string")
+            one_by_one = desc[0] == Nodetype.ARRAY and (
+                kind == Nodetype.NAME or inner[0] == "string"
+            )
             count += each * (length if one_by_one else 1)
         if count > _MOST_VALUES:
-            raise MessageError(f"{name}: given itself inside, or {count} values, allowed are {_MOST_VALUES}")
+            raise MessageError(
+                f"{name}: given itself inside, or {count} values, allowed are {_MOST_VALUES}"
+            )
         values[name] = count
     return values[name]
 
@@ -301,7 +334,9 @@ def message_type(name: str) -> type[Any]:
     """
     types = type_store().types
     if name not in types:
-        raise UnknownTypeError(name, near=tuple(difflib.get_close_matches(str(name), types, n=3, cutoff=0.7)))
+        raise UnknownTypeError(
+            name, near=tuple(difflib.get_close_matches(str(name), types, n=3, cutoff=0.7))
+        )
     return types[name]
 
 
@@ -313,9 +348,15 @@ def service_type(name: str) -> ServiceType:
     """
     types = type_store().types
     if f"{name}_Request" not in types:
-        services = [n.removesuffix("_Request") for n in types if "/srv/" in n and n.endswith("_Request")]
-        raise UnknownTypeError(name, near=tuple(difflib.get_close_matches(str(name), services, n=3)))
-    return ServiceType(name=name, request=types[f"{name}_Request"], response=types[f"{name}_Response"])
+        services = [
+            n.removesuffix("_Request") for n in types if "/srv/" in n and n.endswith("_Request")
+        ]
+        raise UnknownTypeError(
+            name, near=tuple(difflib.get_close_matches(str(name), services, n=3))
+        )
+    return ServiceType(
+        name=name, request=types[f"{name}_Request"], response=types[f"{name}_Response"]
+    )
 
 
 def type_name(type_or_name: type[Any] | str) -> str:
@@ -345,7 +386,10 @@ def definition(type_or_name: type[Any] | str) -> str:
     if inner := _action_fields(name):
         # The definition of what carries an action's part; rosbags refuses to write the part's name.
         rule = f"{RULE}\n"
-        blocks = [f"MSG: {type_.replace('/msg/', '/')}\n{definition(type_)}".split(rule) for type_ in inner]
+        blocks = [
+            f"MSG: {type_.replace('/msg/', '/')}\n{definition(type_)}".split(rule)
+            for type_ in inner
+        ]
         return rule.join([_sources[name], *dict.fromkeys(itertools.chain.from_iterable(blocks))])
     dependencies: dict[str, tuple[str, str]] = {}
     text, _ = type_store().gendefhash(name, dependencies, ros_version=2)
@@ -380,7 +424,9 @@ def _default_value(store: Typestore, desc: FieldDesc) -> Any:
     count = length if desc[0] == Nodetype.ARRAY else 0
     if kind == Nodetype.BASE and inner[0] != "string":
         return np.zeros(count, numpy_dtype(inner[0]))
-    make: Callable[[], Any] = str if kind == Nodetype.BASE else lambda: _default_of(store, str(inner))
+    make: Callable[[], Any] = (
+        str if kind == Nodetype.BASE else lambda: _default_of(store, str(inner))
+    )
     return [make() for _ in range(count)]
 
 
@@ -428,8 +474,12 @@ def action_texts(name: str, text: str) -> dict[str, str]:
     if len(parts) != len(_ACTION_PARTS):
         given = f"given {len(parts)} part(s)"
         raise MessageError(f"action {name!r}: {given}, allowed are 3 with lines of `---` between")
-    texts = {f"{name}_{kind}": part.strip("\n") for kind, part in zip(_ACTION_PARTS, parts, strict=True)}
-    return texts | {f"{name}_{kind}": wrapper.format(name=name) for kind, wrapper in _ACTION_WRAPPERS.items()}
+    texts = {
+        f"{name}_{kind}": part.strip("\n") for kind, part in zip(_ACTION_PARTS, parts, strict=True)
+    }
+    return texts | {
+        f"{name}_{kind}": wrapper.format(name=name) for kind, wrapper in _ACTION_WRAPPERS.items()
+    }
 
 
 EMPTY = "structure_needs_at_least_one_member"

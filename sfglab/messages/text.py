@@ -19,8 +19,16 @@ from sfglab.messages.store import EMPTY, default_message, numpy_dtype, stamp_fro
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-STEP = re.compile(r"(\w+)|\[(\d+)\]|\.")  #: Of the way to a value: a name, a number in brackets, or a dot.
-_IDL_NAMES = {"float64": "double", "float32": "float", "bool": "boolean", "byte": "octet", "char": "uint8"}
+STEP = re.compile(
+    r"(\w+)|\[(\d+)\]|\."
+)  #: Of the way to a value: a name, a number in brackets, or a dot.
+_IDL_NAMES = {
+    "float64": "double",
+    "float32": "float",
+    "bool": "boolean",
+    "byte": "octet",
+    "char": "uint8",
+}
 _HEADER, _TIME = "std_msgs/msg/Header", "builtin_interfaces/msg/Time"
 
 
@@ -101,16 +109,24 @@ def value_at(values: Any, way: str, place: str) -> Any:
             found = found[name or int(index)] if name or index else found
         except (KeyError, IndexError, TypeError) as error:
             there = (
-                found if isinstance(found, dict) else [f"[0] to [{len(found) - 1}]"] if found else ["nothing"]
+                found
+                if isinstance(found, dict)
+                else [f"[0] to [{len(found) - 1}]"]
+                if found
+                else ["nothing"]
             )
-            raise InvalidValueError(place, way, f"a way to a value; there is {', '.join(there)}") from error
+            raise InvalidValueError(
+                place, way, f"a way to a value; there is {', '.join(there)}"
+            ) from error
     return found
 
 
 def as_rclpy_shows(message: Any) -> str:
     """Return a message as its `repr` is in rclpy."""
     package, kind, name = message.__msgtype__.split("/")
-    fields = ", ".join(f"{n}={_shown(value, type_)}" for n, type_, value in fields_with_types(message))
+    fields = ", ".join(
+        f"{n}={_shown(value, type_)}" for n, type_, value in fields_with_types(message)
+    )
     return f"{package}.{kind}.{name}({fields})"
 
 
@@ -177,7 +193,9 @@ def _scalar(value: Any, base: tuple[str, int], place: str) -> Any:
     kind, longest = base
     if kind == "string":
         if isinstance(value, (dict, list)) or value is None or 0 < longest < len(str(value)):
-            raise InvalidValueError(place, value, f"text of up to {longest} characters" if longest else "text")
+            raise InvalidValueError(
+                place, value, f"text of up to {longest} characters" if longest else "text"
+            )
         return str(value)
     dtype = numpy_dtype(kind)
     if dtype.kind == "b":

@@ -45,5 +45,7 @@ def ros_type_name(name: str) -> str:
         TypeNameError: No ROS 2 type is announced under such a name.
     """
     if not (match := _DDS.fullmatch(name)):
-        raise TypeNameError(f"type name: given {name!r}, allowed is the form 'package::msg::dds_::Name_'")
+        raise TypeNameError(
+            f"type name: given {name!r}, allowed is the form 'package::msg::dds_::Name_'"
+        )
     return "{package}/{kind}/{name}".format_map(match.groupdict())

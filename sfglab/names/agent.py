@@ -51,7 +51,9 @@ def sanitize_agent(hostname: str) -> str:
     label = hostname.partition(".")[0].lower()
     name = re.sub(r"[^a-z0-9]+", "_", label).strip("_")
     if not name:
-        raise FqnError("agent", hostname, f"a host name with ASCII letters or digits; or set {AGENT_VARIABLE}")
+        raise FqnError(
+            "agent", hostname, f"a host name with ASCII letters or digits; or set {AGENT_VARIABLE}"
+        )
     if name[0].isdigit():
         name = f"agent_{name}"
     return _validated(name, f"or set {AGENT_VARIABLE}; this comes from host name {hostname!r}")
@@ -80,7 +82,9 @@ def _validated(agent: str, origin: str) -> str:
 SHARED_FRAMES = ("map", "earth", "world")  #: Roots that all agents share: REP 105's without `odom`.
 
 
-def prefixed_frame(frame: str, agent: str, *, shared: frozenset[str] = frozenset(SHARED_FRAMES)) -> str:
+def prefixed_frame(
+    frame: str, agent: str, *, shared: frozenset[str] = frozenset(SHARED_FRAMES)
+) -> str:
     """Return a frame's name as others see it: the agent's prefix, where there is an agent and no slash yet."""
     frame = frame.removeprefix("/")  # as tf2 does
     return frame if not agent or "/" in frame or frame in shared else f"{agent}/{frame}"

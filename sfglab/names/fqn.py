@@ -176,7 +176,9 @@ def _check_types(fqn: RosFqn) -> None:
     for label, values in _SETS.items():
         value = getattr(fqn, label)
         standard = value.base if isinstance(value, Suffixed) else value
-        if not isinstance(standard, (values, Custom)) and (value is not None or label == "resource"):
+        if not isinstance(standard, (values, Custom)) and (
+            value is not None or label == "resource"
+        ):
             raise FqnError(label, value, f"a {values.__name__}, one with a suffix, or Custom")
 
 
@@ -184,7 +186,9 @@ def _check_chain(fqn: RosFqn) -> None:
     if fqn.component is not None and fqn.agent is None:
         raise FqnError("agent", None, "an agent before the component, which is a part of it")
     if fqn.stream is not None and fqn.component is None:
-        raise FqnError("component", None, "a component before the stream, which is one of its data streams")
+        raise FqnError(
+            "component", None, "a component before the stream, which is one of its data streams"
+        )
 
 
 def _check_customs(fqn: RosFqn) -> None:
@@ -194,7 +198,9 @@ def _check_customs(fqn: RosFqn) -> None:
             continue
         check_unmistakable(label, value.text, own=values)
         if label != "resource" and value.kind is not ResourceKind.TOPIC:
-            raise FqnError(label, value.text, f"no kind (here {value.kind.value}): only a resource has one")
+            raise FqnError(
+                label, value.text, f"no kind (here {value.kind.value}): only a resource has one"
+            )
 
 
 def _check_constraint(fqn: RosFqn) -> None:
@@ -262,14 +268,18 @@ class RosFqnBuilder:
         if "scope" not in self._segments:
             raise FqnError("scope", None, "Scope.LOCAL or Scope.GLOBAL; it is mandatory")
         if "resource" not in self._segments:
-            raise FqnError("resource", None, "a Resource, one with a suffix, or Custom; it is mandatory")
+            raise FqnError(
+                "resource", None, "a Resource, one with a suffix, or Custom; it is mandatory"
+            )
         agent: dict[str, Any] = {} if "agent" in self._segments else {"agent": default_agent()}
         return RosFqn(**agent, **self._segments)
 
     def _with(self, label: str, value: Any, suffix: str | None = None) -> RosFqnBuilder:
         if suffix is not None:
             if not isinstance(value, (Component, Stream, Resource)):
-                allowed = "a suffix only on a standard value that has none yet; write it into Custom"
+                allowed = (
+                    "a suffix only on a standard value that has none yet; write it into Custom"
+                )
                 raise FqnError(label, value, allowed)
             value = value.suffixed(suffix)
         builder = RosFqnBuilder()
@@ -284,7 +294,9 @@ class SchemaNode:
     name: str  #: scope, agent, component, stream or resource.
     mandatory: bool  #: Whether every name has it.
     extensible: bool  #: Whether it takes suffixes and `Custom`.
-    values: tuple[str, ...]  #: The standard values; none for the agent, which is resolved at run time.
+    values: tuple[
+        str, ...
+    ]  #: The standard values; none for the agent, which is resolved at run time.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -293,8 +305,12 @@ class SchemaEdge:
 
     source: str  #: Name of the node it leaves.
     target: str  #: Name of the node it enters.
-    after: After | None = None  #: The constraint on a path into the resource; None on the other steps.
-    resources: tuple[Resource, ...] = ()  #: Standard resources that it permits; none on other steps.
+    after: After | None = (
+        None  #: The constraint on a path into the resource; None on the other steps.
+    )
+    resources: tuple[
+        Resource, ...
+    ] = ()  #: Standard resources that it permits; none on other steps.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -333,7 +349,11 @@ def all_standard_fqns(agent: str) -> Iterator[RosFqn]:
             for stream in Stream:
                 for resource in _permitted(After.STREAM):
                     yield RosFqn(
-                        scope=scope, agent=agent, component=component, stream=stream, resource=resource
+                        scope=scope,
+                        agent=agent,
+                        component=component,
+                        stream=stream,
+                        resource=resource,
                     )
 
 

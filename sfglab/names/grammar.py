@@ -78,7 +78,9 @@ def validate_ros_name(name: str, kind: ResourceKind = ResourceKind.TOPIC) -> str
         raise FqnError("name", name, _NAME_RULE)
     limit = max_name_length(kind)
     if len(name) > limit:
-        raise FqnError("name", name, f"at most {limit} characters for a {kind.value}, this has {len(name)}")
+        raise FqnError(
+            "name", name, f"at most {limit} characters for a {kind.value}, this has {len(name)}"
+        )
     return name
 
 
@@ -98,7 +100,9 @@ def resolve(name: str, namespace: str = "/", *, node_name: str) -> str:
     """
     root = "" if namespace in ("", "/") else "/" + namespace.removeprefix("/")
     if root and (not _NAME.fullmatch(root) or "__" in root or len(root) > _RMW_MAX_LENGTH - 2):
-        raise FqnError("namespace", namespace, f"'/' or {_NAME_RULE}; at most {_RMW_MAX_LENGTH - 2} characters")
+        raise FqnError(
+            "namespace", namespace, f"'/' or {_NAME_RULE}; at most {_RMW_MAX_LENGTH - 2} characters"
+        )
     if not _TOKEN.fullmatch(node_name) or "__" in node_name or len(node_name) > _DDS_MAX_LENGTH:
         rule = f"ASCII letters, digits and single underscores, no leading digit, at most {_DDS_MAX_LENGTH}"
         raise FqnError("node", node_name, rule)
@@ -174,7 +178,11 @@ def dds_names(name: str, kind: ResourceKind) -> tuple[str, ...]:
         return dds_service(name)
     below = f"{validate_ros_name(name, kind)}/_action/"
     services = (dds_service(below + part) for part in ("send_goal", "cancel_goal", "get_result"))
-    return (*chain.from_iterable(services), dds_topic(f"{below}feedback"), dds_topic(f"{below}status"))
+    return (
+        *chain.from_iterable(services),
+        dds_topic(f"{below}feedback"),
+        dds_topic(f"{below}status"),
+    )
 
 
 def ros_name_from_dds(dds_name: str) -> WireName | None:

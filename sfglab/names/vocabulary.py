@@ -243,13 +243,17 @@ def check_unmistakable(segment: str, text: str, *, own: type[_Standard]) -> None
     spelled = _split(own, text)
     if spelled is not None:
         meant_value = f"{own.__name__}.{spelled[0].name}"
-        raise FqnError(segment, text, f"a name that cannot be mistaken for {meant_value} with a suffix")
+        raise FqnError(
+            segment, text, f"a name that cannot be mistaken for {meant_value} with a suffix"
+        )
 
 
 @cache
 def _standard_texts() -> dict[str, Enum]:
     """Return the standard value that a text is; the first set's where several have it."""
-    return {value.value: value for values in (Resource, Stream, Component, Scope) for value in values}
+    return {
+        value.value: value for values in (Resource, Stream, Component, Scope) for value in values
+    }
 
 
 @cache

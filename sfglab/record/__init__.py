@@ -9,4 +9,12 @@ from sfglab.record.metadata import LogError, run_context
 from sfglab.record.reader import DecodedMessage, LogReader, TopicInfo
 from sfglab.record.writer import LogWriter
 
-__all__ = ["DecodedMessage", "LogError", "LogReader", "LogWriter", "ShownMessage", "TopicInfo", "run_context"]
+__all__ = [
+    "DecodedMessage",
+    "LogError",
+    "LogReader",
+    "LogWriter",
+    "ShownMessage",
+    "TopicInfo",
+    "run_context",
+]

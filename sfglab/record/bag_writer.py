@@ -40,7 +40,9 @@ class BagWriter(AbstractContextManager["BagWriter"]):
     where there is something of this name, or it cannot be written so.
     """
 
-    def __init__(self, path: Path, *, storage: Storage = "mcap", compression: Compression = "none") -> None:
+    def __init__(
+        self, path: Path, *, storage: Storage = "mcap", compression: Compression = "none"
+    ) -> None:
         from rosbags.rosbag2 import (
             CompressionFormat,
             CompressionMode,
@@ -112,7 +114,11 @@ AnyWriter = BagWriter | LogWriter
 
 
 def new_log(
-    path: Path, *, storage: Storage | None = None, compression: Compression = "none", flush_after_s: float = 1.0
+    path: Path,
+    *,
+    storage: Storage | None = None,
+    compression: Compression = "none",
+    flush_after_s: float = 1.0,
 ) -> AnyWriter:
     """Return a new log: one MCAP file where the name ends in ``.mcap``, else a rosbag2 folder.
 
@@ -136,7 +142,9 @@ def new_log(
             return BagWriter(path, storage=storage or "mcap", compression=compression)
         if storage == "sqlite3" or compression != "none":
             said = f"{path.name}, {storage or 'mcap'}, {compression}"
-            raise InvalidValueError("--output", said, "without .mcap at its end: such a file is MCAP with zstd")
+            raise InvalidValueError(
+                "--output", said, "without .mcap at its end: such a file is MCAP with zstd"
+            )
         return LogWriter(path, flush_after_s=flush_after_s)
     except OSError as error:
         allowed = f"a path that can be written ({error.strerror})"
@@ -173,11 +181,17 @@ def _said(path: Path) -> Iterator[None]:
     try:
         yield
     except (OSError, sqlite3.Error) as error:
-        raise InvalidValueError("--output", str(path), f"a path that can be written ({error})") from error
+        raise InvalidValueError(
+            "--output", str(path), f"a path that can be written ({error})"
+        ) from error
 
 
 def copy_logs(
-    paths: Sequence[Path], path: Path, *, keep: Callable[[LogMessage], bool] = lambda _: True, **options: Any
+    paths: Sequence[Path],
+    path: Path,
+    *,
+    keep: Callable[[LogMessage], bool] = lambda _: True,
+    **options: Any,
 ) -> dict[str, int]:
     """Write what is to be kept of logs into a new one, in the order of log times; return counts by topic.
 
@@ -200,10 +214,17 @@ def copy_logs(
                     writer.define(info.type_name, text)
             if isinstance(writer, LogWriter):
                 _copy_rest(reader, writer)
-        for message in heapq.merge(*(reader.messages() for reader in readers), key=lambda m: m.log_time_ns):
+        for message in heapq.merge(
+            *(reader.messages() for reader in readers), key=lambda m: m.log_time_ns
+        ):
             if keep(message):
-                times = {"log_time_ns": message.log_time_ns, "publish_time_ns": message.publish_time_ns}
-                writer.write_raw(message.topic, message.type_name, message.cdr, qos=qos[message.topic], **times)
+                times = {
+                    "log_time_ns": message.log_time_ns,
+                    "publish_time_ns": message.publish_time_ns,
+                }
+                writer.write_raw(
+                    message.topic, message.type_name, message.cdr, qos=qos[message.topic], **times
+                )
                 counts[message.topic] = counts.get(message.topic, 0) + 1
     return counts
 

@@ -44,12 +44,17 @@ class Bag:
             channels[found.id] = Channel(found.id, found.topic, "cdr", {QOS_KEY: offered}, found.id)
             counts[found.id] = found.msgcount
         size, (start, end) = len(channels), (self._bag.start_time, self._bag.end_time - 1)
-        self.summary.statistics = Statistics(0, size, counts, 0, sum(counts.values()), end, start, 0, size)
+        self.summary.statistics = Statistics(
+            0, size, counts, 0, sum(counts.values()), end, start, 0, size
+        )
 
     def _schema(self, found: Connection) -> Schema:
         text, encoding = found.msgdef.data, f"ros2{found.msgdef.format.name.lower()}"
         if self._old is not None:
-            text, encoding = self._old.typestore.generate_msgdef(found.msgtype, ros_version=2)[0], "ros2msg"
+            text, encoding = (
+                self._old.typestore.generate_msgdef(found.msgtype, ros_version=2)[0],
+                "ros2msg",
+            )
         elif not text:
             try:
                 text, encoding = definition(found.msgtype), "ros2msg"
@@ -62,7 +67,9 @@ class Bag:
         try:
             yield
         except Exception as error:  # rosbags passes on what SQLite, YAML and zstd raise for damage
-            raise LogError(f"log {self._path}: given what rosbags does not read: {error}") from error
+            raise LogError(
+                f"log {self._path}: given what rosbags does not read: {error}"
+            ) from error
 
     def iter_messages(
         self, topic: str | None, *, starting_at: int | None, ending_before: int | None

@@ -28,7 +28,9 @@ class ShownMessage(NamedTuple):
         return "\n".join((f"{self.topic} ({self.type_name})", *lines))
 
     def _repr_html_(self) -> str:
-        return html_table([("field", "value"), *fields_of(self.message)], f"{self.topic} ({self.type_name})")
+        return html_table(
+            [("field", "value"), *fields_of(self.message)], f"{self.topic} ({self.type_name})"
+        )
 
 
 def fields_of(value: Any, name: str = "") -> Iterator[tuple[str, str]]:

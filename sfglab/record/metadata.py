@@ -72,7 +72,9 @@ def git(tree: Path, *arguments: str) -> str | None:
     """Return what git says about a tree, or None where it knows nothing, is not there or takes too long."""
     command = ["git", "-C", str(tree), *arguments]
     try:
-        done = subprocess.run(command, capture_output=True, text=True, timeout=_GIT_TIMEOUT_S, check=False)
+        done = subprocess.run(
+            command, capture_output=True, text=True, timeout=_GIT_TIMEOUT_S, check=False
+        )
     except (OSError, subprocess.TimeoutExpired):
         return None
     return done.stdout.strip() if done.returncode == 0 else None
@@ -82,7 +84,10 @@ def _source() -> dict[str, Any]:
     """Return commit and cleanness of the tree that the package is imported from, if it is one."""
     tree = Path(sfglab.__file__).resolve().parent.parent
     # An environment may lie inside the repository of somebody else's project.
-    if git(tree, "rev-parse", "--show-prefix") != "" or (commit := git(tree, "rev-parse", "HEAD")) is None:
+    if (
+        git(tree, "rev-parse", "--show-prefix") != ""
+        or (commit := git(tree, "rev-parse", "HEAD")) is None
+    ):
         return {}
     return {"git_commit": commit, "git_clean": git(tree, "status", "--porcelain") == ""}
 

@@ -175,12 +175,16 @@ class LogReader(AbstractContextManager["LogReader"]):
 
     def offered_qos(self, topic: str) -> QoSProfile:
         """Return what a topic's writers offered, as the log has it, in ROS 2's default profile's place."""
-        texts = (c.metadata.get(QOS_KEY, "") for c in self._summary.channels.values() if c.topic == topic)
+        texts = (
+            c.metadata.get(QOS_KEY, "") for c in self._summary.channels.values() if c.topic == topic
+        )
         return profile_from_bag("\n".join(filter(None, texts)))
 
     def definition(self, topic: str) -> str:
         """Return the definition of a topic's type that the log has; empty where it has none as `.msg`."""
-        found = (schema for schema in self._schemas_of(topic) if schema and schema.encoding == "ros2msg")
+        found = (
+            schema for schema in self._schemas_of(topic) if schema and schema.encoding == "ros2msg"
+        )
         return next(map(self._text_of, found), "")
 
     @property
@@ -194,7 +198,10 @@ class LogReader(AbstractContextManager["LogReader"]):
         return f"<log {self.path.name}: {count} messages of {len(self.topics)} topics{cut}>"
 
     def _repr_html_(self) -> str:
-        more = (f"metadata: {', '.join(self.metadata_names)}", f"attached: {', '.join(self.attachment_names)}")
+        more = (
+            f"metadata: {', '.join(self.metadata_names)}",
+            f"attached: {', '.join(self.attachment_names)}",
+        )
         said = "; ".join((repr(self)[1:-1], *(text for text in more if not text.endswith(": "))))
         return html_table(self.overview(), said)
 
@@ -209,14 +216,20 @@ class LogReader(AbstractContextManager["LogReader"]):
 
     def first(self, topic: str) -> list[LogMessage]:
         """Return a topic's first messages, at most 200: enough for its rate and size."""
-        return list(itertools.islice(self.messages(topic), _SAMPLE)) if self.topics[topic].count else []
+        return (
+            list(itertools.islice(self.messages(topic), _SAMPLE))
+            if self.topics[topic].count
+            else []
+        )
 
     def message(self, topic: str, number: int = 0) -> ShownMessage:
         """Return one message of a topic, counted from 0, to look at; LogError where there is none."""
         found = next(itertools.islice(self.decoded(topic), number, None), None)
         if found is None:
             count = self.topics[topic].count
-            raise LogError(f"log {self.path}: {topic}: given message {number}, allowed: 0 to {count - 1}")
+            raise LogError(
+                f"log {self.path}: {topic}: given message {number}, allowed: 0 to {count - 1}"
+            )
         return ShownMessage(found.topic, found.type_name, found.message)
 
     def series(self, topic: str, field: str) -> pd.Series:
@@ -238,7 +251,9 @@ class LogReader(AbstractContextManager["LogReader"]):
     @property
     def tables(self) -> tuple[str, ...]:
         """The names of the tables in this log, sorted."""
-        return tuple(t.removeprefix(TABLE_PREFIX) for t in self.topics if t.startswith(TABLE_PREFIX))
+        return tuple(
+            t.removeprefix(TABLE_PREFIX) for t in self.topics if t.startswith(TABLE_PREFIX)
+        )
 
     @property
     def metadata_names(self) -> tuple[str, ...]:
@@ -254,14 +269,18 @@ class LogReader(AbstractContextManager["LogReader"]):
         """Return one metadata record as it was written; LogError for none of that name or a damaged one."""
         if name not in self.metadata_names:
             raise _missing("metadata", name, self.metadata_names)
-        records = {record.name: record.metadata for record in self._checked(self._mcap.iter_metadata())}
+        records = {
+            record.name: record.metadata for record in self._checked(self._mcap.iter_metadata())
+        }
         return values_from_strings(records[name])
 
     def attachment(self, name: str) -> bytes:
         """Return the content of one attached file, by its name; LogError as of `metadata`."""
         if name not in self.attachment_names:
             raise _missing("attachment", name, self.attachment_names)
-        found = {record.name: record.data for record in self._checked(self._mcap.iter_attachments())}
+        found = {
+            record.name: record.data for record in self._checked(self._mcap.iter_attachments())
+        }
         return bytes(found[name])
 
     def messages(
@@ -274,7 +293,10 @@ class LogReader(AbstractContextManager["LogReader"]):
         chunk is damaged, or the log was closed.
         """
         found = self._found(topic, start_ns, end_ns)
-        return (LogMessage(c.topic, self._type_of(c), m.log_time, m.publish_time, m.data) for _, c, m in found)
+        return (
+            LogMessage(c.topic, self._type_of(c), m.log_time, m.publish_time, m.data)
+            for _, c, m in found
+        )
 
     def decoded(
         self, topic: str, *, start_ns: int | None = None, end_ns: int | None = None
@@ -289,7 +311,11 @@ class LogReader(AbstractContextManager["LogReader"]):
         found = self._found(topic, start_ns, end_ns)
         return (
             DecodedMessage(
-                c.topic, self._type_of(c), m.log_time, m.publish_time, self._decoder(schema, c)(m.data)
+                c.topic,
+                self._type_of(c),
+                m.log_time,
+                m.publish_time,
+                self._decoder(schema, c)(m.data),
             )
             for schema, c, m in found
         )
@@ -307,7 +333,11 @@ class LogReader(AbstractContextManager["LogReader"]):
             raise _missing("table", name, self.tables)
         columns: dict[str, list[Any]] = {}
         for entry in self.decoded(f"{TABLE_PREFIX}{name}"):
-            row = {field: value for field, value in vars(entry.message).items() if field != "__msgtype__"}
+            row = {
+                field: value
+                for field, value in vars(entry.message).items()
+                if field != "__msgtype__"
+            }
             for column, value in {TIME_COLUMN: entry.log_time_ns, **row}.items():
                 columns.setdefault(column, []).append(value)
         return pd.DataFrame(columns)
@@ -324,7 +354,9 @@ class LogReader(AbstractContextManager["LogReader"]):
         return schema.name if schema else ""
 
     def _schemas_of(self, topic: str) -> list[Schema | None]:
-        channels = [channel for channel in self._summary.channels.values() if channel.topic == topic]
+        channels = [
+            channel for channel in self._summary.channels.values() if channel.topic == topic
+        ]
         return [self._summary.schemas.get(channel.schema_id) for channel in channels]
 
     def _found(self, topic: str | None, start_ns: int | None, end_ns: int | None) -> Iterator[Any]:
@@ -333,10 +365,14 @@ class LogReader(AbstractContextManager["LogReader"]):
             near = tuple(difflib.get_close_matches(topic, topics, n=5, cutoff=0)) or tuple(topics)
             raise _missing("topic", topic, near)
         if start_ns is not None and end_ns is not None and end_ns < start_ns:
-            raise LogError(f"log {self.path}: the end {end_ns} ns lies before the start {start_ns} ns")
+            raise LogError(
+                f"log {self.path}: the end {end_ns} ns lies before the start {start_ns} ns"
+            )
         if self.truncated and not self._summary.chunk_indexes:
             return iter(())
-        return self._checked(self._mcap.iter_messages(topic, starting_at=start_ns, ending_before=end_ns))
+        return self._checked(
+            self._mcap.iter_messages(topic, starting_at=start_ns, ending_before=end_ns)
+        )
 
     def _checked(self, records: Iterator[Any]) -> Iterator[Any]:
         """Pass records on; what the library raises for damage becomes one error."""
@@ -362,7 +398,9 @@ class LogReader(AbstractContextManager["LogReader"]):
         encodings = channel.message_encoding, schema.encoding if schema else "none"
         if schema is None or encodings != ("cdr", "ros2msg"):
             said = "given messages {!r}, definition {!r}".format(*encodings)
-            raise LogError(f"log {self.path}: topic {channel.topic}: {said}, allowed are 'cdr', 'ros2msg'")
+            raise LogError(
+                f"log {self.path}: topic {channel.topic}: {said}, allowed are 'cdr', 'ros2msg'"
+            )
         text = self._text_of(schema)
         if is_known_as(schema.name, text):
             return decoder(schema.name)
@@ -372,7 +410,9 @@ class LogReader(AbstractContextManager["LogReader"]):
         try:
             return schema.data.decode()
         except UnicodeDecodeError as exc:
-            raise LogError(f"log {self.path}: the definition of {schema.name} is no UTF-8: {exc}") from exc
+            raise LogError(
+                f"log {self.path}: the definition of {schema.name} is no UTF-8: {exc}"
+            ) from exc
 
 
 def _missing(kind: str, name: str, present: Iterable[str]) -> LogError:

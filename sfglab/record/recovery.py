@@ -42,10 +42,19 @@ _FOOTER = struct.Struct("<BQQQI")
 _MESSAGE_HEAD = struct.Struct("<HIQQ")  # channel, sequence, log and publish time
 # What the library raises for bytes that are not what they should be: CRC errors and bad text are ValueErrors,
 # and lengths and offsets are believed before they are tried.
-DAMAGE: tuple[type[Exception], ...] = (McapError, ZstdError, ValueError, KeyError, struct.error, OSError)
+DAMAGE: tuple[type[Exception], ...] = (
+    McapError,
+    ZstdError,
+    ValueError,
+    KeyError,
+    struct.error,
+    OSError,
+)
 DAMAGE += (OverflowError, MemoryError, RuntimeError, EOFError)  # lz4's is a RuntimeError
 
-_MOST_BYTES = 2**26  # of a chunk, beside a thousand for each compressed one: a black picture is that dense
+_MOST_BYTES = (
+    2**26
+)  # of a chunk, beside a thousand for each compressed one: a black picture is that dense
 _MOST_RECORDS = 256  # of a chunk, beside two for each compressed byte: their times differ
 _INSIDE: dict[int, Any] = {Opcode.SCHEMA: Schema, Opcode.CHANNEL: Channel}
 
@@ -118,7 +127,9 @@ def records_of(chunk: Chunk, validate_crc: bool = False) -> list[Any]:  # noqa: 
         if not (is_message or opcode in _INSIDE) or at > len(content):
             raise McapError(f"a chunk holds a record {opcode} of {length} bytes")
         if len(records) >= _MOST_RECORDS + 2 * len(chunk.data):
-            raise McapError(f"a chunk of {len(chunk.data)} bytes holds more than {len(records)} records")
+            raise McapError(
+                f"a chunk of {len(chunk.data)} bytes holds more than {len(records)} records"
+            )
         if is_message:
             channel, sequence, log_ns, publish_ns = _MESSAGE_HEAD.unpack_from(content, start)
             data = content[start + _MESSAGE_HEAD.size : at]
@@ -170,7 +181,9 @@ def _add_chunk(summary: Summary, offset: int, content: bytes) -> None:
             message_index_offsets={},
             message_index_length=0,
             compressed_size=len(chunk.data),
-            **_same(chunk, "message_start_time", "message_end_time", "compression", "uncompressed_size"),
+            **_same(
+                chunk, "message_start_time", "message_end_time", "compression", "uncompressed_size"
+            ),
         )
     )
 

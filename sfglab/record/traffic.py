@@ -65,8 +65,14 @@ def _sides(log: LogReader) -> Mapping[str, tuple[tuple[str, ...], tuple[str, ...
         return {}
     sides = {}
     for topic, given in log.metadata(COMPUTATION_GRAPH).items():
-        found = [given.get(key, []) for key in ("publishers", "subscribers")] if isinstance(given, dict) else []
-        if not found or not all(isinstance(s, list) and all(isinstance(n, str) for n in s) for s in found):
+        found = (
+            [given.get(key, []) for key in ("publishers", "subscribers")]
+            if isinstance(given, dict)
+            else []
+        )
+        if not found or not all(
+            isinstance(s, list) and all(isinstance(n, str) for n in s) for s in found
+        ):
             place = Place(file=log.path.name, key=f"{COMPUTATION_GRAPH}.{topic}")
             raise DocumentError(place, given, "lists of names as publishers and subscribers")
         sides[topic] = (tuple(found[0]), tuple(found[1]))

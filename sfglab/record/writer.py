@@ -125,9 +125,13 @@ class LogWriter(AbstractContextManager["LogWriter"]):
         publish_time_ns = log_time_ns if publish_time_ns is None else publish_time_ns
         for stamp_ns in (log_time_ns, publish_time_ns):
             if stamp_ns not in _TIMES:
-                raise LogError(f"log, topic {topic}: given the time {stamp_ns} ns, allowed is 0 to 2^64 - 1")
+                raise LogError(
+                    f"log, topic {topic}: given the time {stamp_ns} ns, allowed is 0 to 2^64 - 1"
+                )
         with self._lock:
-            channel = self._channels.get((topic, type_name, qos)) or self._new_channel(topic, type_name, qos)
+            channel = self._channels.get((topic, type_name, qos)) or self._new_channel(
+                topic, type_name, qos
+            )
             with self._writing():
                 # The library copies any buffer.
                 self._mcap.add_message(channel, int(log_time_ns), data, int(publish_time_ns))  # type: ignore[arg-type]
@@ -159,7 +163,9 @@ class LogWriter(AbstractContextManager["LogWriter"]):
         if not _TABLE_NAME.fullmatch(table):
             raise LogError(f"log: given the table {table!r}, allowed are letters, digits and _")
         if hasattr(row, TIME_COLUMN):
-            raise LogError(f"table {table}: {type(row).__name__} has a field {TIME_COLUMN}: rename it")
+            raise LogError(
+                f"table {table}: {type(row).__name__} has a field {TIME_COLUMN}: rename it"
+            )
         message = row_message(row)
         name = type_name(row_type(type(row)))
         self.write_raw(f"{TABLE_PREFIX}{table}", name, serialize(message), log_time_ns=log_time_ns)
@@ -179,7 +185,9 @@ class LogWriter(AbstractContextManager["LogWriter"]):
         content = bytes(data)
         _checked_text(media_type)
         with self._writing_once("attachment", name):
-            self._mcap.add_attachment(create_time=0, log_time=0, name=name, media_type=media_type, data=content)
+            self._mcap.add_attachment(
+                create_time=0, log_time=0, name=name, media_type=media_type, data=content
+            )
 
     def flush(self) -> None:
         """Finish the chunk and hand everything to the operating system; LogError where the log is closed."""
@@ -232,7 +240,10 @@ class LogWriter(AbstractContextManager["LogWriter"]):
         self._pending_bytes += size_bytes
         if self._chunk_start_ns is None:
             self._chunk_start_ns = log_time_ns
-        if self._pending_bytes >= _CHUNK_BYTES or log_time_ns - self._chunk_start_ns >= self._flush_after_ns:
+        if (
+            self._pending_bytes >= _CHUNK_BYTES
+            or log_time_ns - self._chunk_start_ns >= self._flush_after_ns
+        ):
             self._flush()
 
     def _flush(self) -> None:

@@ -66,7 +66,12 @@ def _served(world: Any, now: int, server: int) -> None:
     world.received_ns[flow, sample] = now
     if world.watched[flow] > world.server[server, S.SAME]:
         delivery, skipped = world.delivery, world.server[server, S.SKIPS]
-        delivery[D.FRESH], delivery[D.FLOW], delivery[D.SAMPLE], delivery[D.SKIPPED] = 1, flow, sample, skipped
+        delivery[D.FRESH], delivery[D.FLOW], delivery[D.SAMPLE], delivery[D.SKIPPED] = (
+            1,
+            flow,
+            sample,
+            skipped,
+        )
     chain = world.flows[flow, FlowColumn.CHAIN]
     if chain >= 0:
         world.writer[chain, W.VALUE] = world.value[flow, sample] - 1

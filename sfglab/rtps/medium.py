@@ -37,7 +37,11 @@ def uniform(random: Any) -> float:
     return float(z >> np.uint64(11)) / 9007199254740992.0
 
 
-_frame_bytes, _airtime_ns, _next_sender = compiled(frame_bytes), compiled(airtime_ns), compiled(next_sender)
+_frame_bytes, _airtime_ns, _next_sender = (
+    compiled(frame_bytes),
+    compiled(airtime_ns),
+    compiled(next_sender),
+)
 fragment_count = compiled(fragments)
 _after_stall_ns, _is_lost = compiled(after_stall_ns), compiled(is_lost)
 _TAIL, _HEAD, _BLOCK = range(len(QUEUE_RULES))

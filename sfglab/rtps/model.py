@@ -37,7 +37,10 @@ them, and the square of this times the newest sample of all where there are any.
 
 _BASE_BYTES = NETWORK_BYTES + 20
 INFO_DST_BYTES, _HEARTBEAT_BYTES = 16, 32
-_AROUND_BYTES, _CUT_BYTES = 14 + 20, 1480  # Ethernet's and IP's headers, and what a frame carries behind them
+_AROUND_BYTES, _CUT_BYTES = (
+    14 + 20,
+    1480,
+)  # Ethernet's and IP's headers, and what a frame carries behind them
 
 
 def frame_bytes(kind: int, size_bytes: int, riding: int) -> int:
@@ -75,7 +78,9 @@ def data_bytes(size_bytes: int, *, with_heartbeat: bool) -> int:
 ACKNACK_BYTES = frame_bytes(Frame.ACKNACK, 0, 0)  #: Size of an acknowledgement's frame.
 
 
-def airtime_ns(size_bytes: int, contenders: int, overhead_ns: int, rate_bps: float, contention: float) -> int:
+def airtime_ns(
+    size_bytes: int, contenders: int, overhead_ns: int, rate_bps: float, contention: float
+) -> int:
     """Return how long a frame is on air while so many hosts want to send, ns; the rest as `Medium` has it."""
     stretch = 1.0 + contention * (contenders - 1)
     return int((overhead_ns + size_bytes * 8e9 / rate_bps) * stretch)
@@ -146,13 +151,19 @@ class Flow:
     phase_s: float = 0.0  #: When the first one is published, seconds.
     qos: QoSProfile = DEFAULT  #: Of the writer; its deadline is watched, not enforced.
     reader_depth: int | None = None  #: History of the reader; 0: KEEP_ALL; None: as the writer's.
-    executor: str | None = None  #: Whose time it costs when a sample is taken; None: one of its own.
+    executor: str | None = (
+        None  #: Whose time it costs when a sample is taken; None: one of its own.
+    )
     service_s: float = 0.0  #: How much, seconds.
     #: What a repeated value costs instead, seconds, where cache control discards it before it is processed
     #: (paper B, section 2.3); None: no cache control.
     compare_s: float | None = None
-    change_s: float = 0.0  #: Mean time between changes of the value, seconds; 0: every sample differs.
-    cached: bool = False  #: Whether a local cache holds repeated values back (paper B, section 2.2).
+    change_s: float = (
+        0.0  #: Mean time between changes of the value, seconds; 0: every sample differs.
+    )
+    cached: bool = (
+        False  #: Whether a local cache holds repeated values back (paper B, section 2.2).
+    )
     max_silence_s: float | None = None  #: The local cache's longest silence, seconds; None: none.
     #: Name of the flow that is published, with the same value, when a sample was processed.
     then: str | None = None
@@ -164,9 +175,15 @@ class Medium:
 
     rate_bps: float = 20e6  #: Bits a second.
     loss: float = 0.01  #: Share of frames that are lost, after whatever the medium itself repeats.
-    shared: bool = True  #: One half-duplex medium for all hosts (Wi-Fi); else each host sends independently.
-    overhead_s: float = 300e-6  #: Airtime of a frame beside its bits: preamble, gaps, acknowledgement.
-    contention: float = 0.15  #: By which share each further host that wants to send stretches a frame.
+    shared: bool = (
+        True  #: One half-duplex medium for all hosts (Wi-Fi); else each host sends independently.
+    )
+    overhead_s: float = (
+        300e-6  #: Airtime of a frame beside its bits: preamble, gaps, acknowledgement.
+    )
+    contention: float = (
+        0.15  #: By which share each further host that wants to send stretches a frame.
+    )
     latency_s: float = 0.0  #: From the end of sending to arrival.
     queue_frames: int = 500  #: Frames that a host's queue holds.
     #: What a full one does: drops what comes last, as a driver's or an access point's; drops what came first,
@@ -178,7 +195,9 @@ class Medium:
     #: Whether chance says who of those that wait sends next, as Wi-Fi's backoff does; else they take turns. In
     #: turns the same host wins each free place in a full access point's queue, and all others nothing.
     random_turns: bool = False
-    burst_frames: float = 0.0  #: Mean length of a burst of losses, frames; below 1: each is lost by itself.
+    burst_frames: float = (
+        0.0  #: Mean length of a burst of losses, frames; below 1: each is lost by itself.
+    )
     stall_every_s: float = 0.0  #: How often the medium stalls: scans, power saving, neighbours.
     stall_s: float = 0.0  #: For how long nothing begins to be sent then.
     #: How far hosts are from the access point, by name; see `rate_share`. Others are near.
@@ -186,17 +205,26 @@ class Medium:
 
     def __post_init__(self) -> None:
         if not 0 <= self.loss < 1 or self.rate_bps <= 0 or self.queue_frames < 1:
-            raise InvalidValueError("medium", self, "0 <= loss < 1, rate_bps > 0, queue_frames >= 1")
-        if min(self.overhead_s, self.contention, self.latency_s, self.burst_frames, self.stall_s) < 0:
+            raise InvalidValueError(
+                "medium", self, "0 <= loss < 1, rate_bps > 0, queue_frames >= 1"
+            )
+        if (
+            min(self.overhead_s, self.contention, self.latency_s, self.burst_frames, self.stall_s)
+            < 0
+        ):
             allowed = "overhead_s, contention, burst_frames, stall_s and latency_s from 0"
             raise InvalidValueError("medium", self, allowed)
         if self.queue_rule not in QUEUE_RULES:
             raise InvalidValueError("medium: queue_rule", self.queue_rule, ", ".join(QUEUE_RULES))
         if self.access_point and not self.shared:
-            raise InvalidValueError("medium: access_point", self.access_point, "only on a shared medium")
+            raise InvalidValueError(
+                "medium: access_point", self.access_point, "only on a shared medium"
+            )
         if self.stall_s and self.stall_s >= self.stall_every_s:
             given = self.stall_s, self.stall_every_s
-            raise InvalidValueError("medium: stall_s, stall_every_s", given, "stall_s < stall_every_s")
+            raise InvalidValueError(
+                "medium: stall_s, stall_every_s", given, "stall_s < stall_every_s"
+            )
 
     def rate_of(self, host: str) -> float:
         """Return the bits a second of frames to and from a host."""
@@ -218,7 +246,9 @@ class Medium:
 
     def airtime_ns(self, size_bytes: int, contenders: int, rate_bps: float | None = None) -> int:
         """Return how long a frame is on air while so many hosts want to send, ns; None: of a near host."""
-        return airtime_ns(size_bytes, contenders, self.overhead_ns, rate_bps or self.rate_bps, self.contention)
+        return airtime_ns(
+            size_bytes, contenders, self.overhead_ns, rate_bps or self.rate_bps, self.contention
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -239,7 +269,9 @@ class Scenario:
         for flow in self.flows:
             _check_flow(flow, names)
         if not self.duration_s > 0 or self.drain_s < 0:
-            raise InvalidValueError("duration_s, drain_s", (self.duration_s, self.drain_s), "> 0, >= 0")
+            raise InvalidValueError(
+                "duration_s, drain_s", (self.duration_s, self.drain_s), "> 0, >= 0"
+            )
 
 
 def _check_flow(flow: Flow, names: list[str]) -> None:
@@ -247,12 +279,16 @@ def _check_flow(flow: Flow, names: list[str]) -> None:
         raise InvalidValueError(f"flow {flow.name!r}: then", flow.then, ", ".join(names))
     for name in _NOT_NEGATIVE:
         if (getattr(flow, name) or 0) < 0:
-            raise InvalidValueError(f"flow {flow.name!r}: {name}", getattr(flow, name), "0 and more")
+            raise InvalidValueError(
+                f"flow {flow.name!r}: {name}", getattr(flow, name), "0 and more"
+            )
     if flow.rate_hz > 1e9:
         raise InvalidValueError(f"flow {flow.name!r}: rate_hz", flow.rate_hz, "up to 1e9")
 
 
-def compile_scenario(scenario: Scenario, *, samples: int, seed: int, trace: int = 0) -> tuple[Params, State]:
+def compile_scenario(
+    scenario: Scenario, *, samples: int, seed: int, trace: int = 0
+) -> tuple[Params, State]:
     """Return a scenario as the engine's arrays, with room for so many samples a flow and frames of a trace."""
     hosts = _numbers(h for flow in scenario.flows for h in (flow.source, flow.target))
     executors = _numbers(flow.executor or f"{flow.name}\0" for flow in scenario.flows)
@@ -296,7 +332,9 @@ def _flow_table(scenario: Scenario, hosts: dict[str, int], executors: dict[str, 
             FlowColumn.PHASE_NS: _ns(flow.phase_s),
             FlowColumn.SIZE_BYTES: flow.size_bytes,
             FlowColumn.DEPTH: _depth(flow.qos),
-            FlowColumn.READER_DEPTH: _depth(flow.qos) if flow.reader_depth is None else flow.reader_depth,
+            FlowColumn.READER_DEPTH: _depth(flow.qos)
+            if flow.reader_depth is None
+            else flow.reader_depth,
             FlowColumn.RELIABLE: int(flow.qos.reliability is Reliability.RELIABLE),
             FlowColumn.CHAIN: -1 if flow.then is None else numbers[flow.then],
             FlowColumn.CHANGE_NS: _ns(flow.change_s),
@@ -320,7 +358,9 @@ def _timing(scenario: Scenario, access_point: int) -> np.ndarray:
         TimingColumn.DURATION_NS: _ns(scenario.duration_s),
         TimingColumn.DRAIN_NS: _ns(scenario.drain_s),
         TimingColumn.FINAL_NS: vendor.final_within_ns,
-        TimingColumn.SENT_BEFORE: -1 if vendor.sent_before_bytes is None else vendor.sent_before_bytes,
+        TimingColumn.SENT_BEFORE: -1
+        if vendor.sent_before_bytes is None
+        else vendor.sent_before_bytes,
         TimingColumn.QUEUES: int(vendor.asynchronous),
         TimingColumn.GAPS: int(vendor.gap_for_gone),
         TimingColumn.QUEUE_RULE: QUEUE_RULES.index(medium.queue_rule),
@@ -330,7 +370,9 @@ def _timing(scenario: Scenario, access_point: int) -> np.ndarray:
     }
 
     def of_field(name: str) -> int:
-        return int(next(getattr(one, name) for one in (vendor, medium, scenario) if hasattr(one, name)))
+        return int(
+            next(getattr(one, name) for one in (vendor, medium, scenario) if hasattr(one, name))
+        )
 
     # Other columns bear the names of fields.
     named = (values[c] if c in values else of_field(c.name.lower()) for c in TimingColumn)

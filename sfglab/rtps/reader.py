@@ -96,7 +96,9 @@ def _hear_sample(world: Any, flow: int, sample: int) -> None:
             world.reader[flow, R.WAITING] += 1
             if sample == world.reader[flow, R.NEXT]:
                 _advance(world, flow)
-            elif sample < world.reader[flow, R.OLDEST]:  # a repair, older than what was pushed out before
+            elif (
+                sample < world.reader[flow, R.OLDEST]
+            ):  # a repair, older than what was pushed out before
                 world.reader[flow, R.OLDEST] = sample
         if not apart:
             _make_room(world, flow)
@@ -138,7 +140,11 @@ def hear_heartbeat(world: Any, now: int, flow: int, first: int, last: int) -> No
     elif not reader[flow, R.ARMED]:
         reader[flow, R.ARMED] = 1
         lacks = reader[flow, R.NEXT] <= reader[flow, R.KNOWN]
-        delay = world.timing[TimingColumn.NACK_DELAY_NS] if lacks else world.timing[TimingColumn.ACK_DELAY_NS]
+        delay = (
+            world.timing[TimingColumn.NACK_DELAY_NS]
+            if lacks
+            else world.timing[TimingColumn.ACK_DELAY_NS]
+        )
         push(world.heap, world.heap_sizes, now + delay, Event.ACKNACK, flow)
 
 
@@ -206,7 +212,8 @@ def _answer(world: Any, now: int, flow: int) -> None:
             request(world, now, flow)
             return
     if reader[flow, R.ASKED] and (
-        base > reader[flow, R.ACKED] or now >= reader[flow, R.ACKED_AT] + timing[TimingColumn.ACK_DELAY_NS]
+        base > reader[flow, R.ACKED]
+        or now >= reader[flow, R.ACKED_AT] + timing[TimingColumn.ACK_DELAY_NS]
     ):
         _note_answer(world, now, flow)
         frame = world.scratch[1]

@@ -53,7 +53,9 @@ class FlowOutcome:
 
     name: str  #: The flow.
     published_ns: NDArray[np.int64]  #: When each was published, shape (n,).
-    received_ns: NDArray[np.int64]  #: When the application was done with it, 0 where it never was, shape (n,).
+    received_ns: NDArray[
+        np.int64
+    ]  #: When the application was done with it, 0 where it never was, shape (n,).
     value: NDArray[np.int32]  #: Number of the value that it carries, shape (n,).
     fate: NDArray[np.int8]  #: A `Fate` each, shape (n,).
     dropped: NDArray[np.int8]  #: A `Drop` each: where its first frame was lost, shape (n,).
@@ -87,7 +89,9 @@ class Outcome:
     """A whole run."""
 
     flows: dict[str, FlowOutcome]  #: By name.
-    counts: dict[str, int]  #: What the protocol and the medium did, by `Count`'s names in lower case.
+    counts: dict[
+        str, int
+    ]  #: What the protocol and the medium did, by `Count`'s names in lower case.
 
 
 def outcome_of(flows: Sequence[Flow], params: Params, state: State) -> Outcome:
@@ -119,7 +123,10 @@ def run(scenario: Scenario, *, seed: int) -> Outcome:
     from sfglab.rtps.world import World
 
     params, state = compile_scenario(scenario, samples=most_samples(scenario), seed=seed)
-    advance(World(params, state), int(params.timing[[TimingColumn.DURATION_NS, TimingColumn.DRAIN_NS]].sum()))
+    advance(
+        World(params, state),
+        int(params.timing[[TimingColumn.DURATION_NS, TimingColumn.DRAIN_NS]].sum()),
+    )
     return outcome_of(scenario.flows, params, state)
 
 
@@ -148,7 +155,12 @@ class Session:
     """
 
     def __init__(
-        self, scenario: Scenario, *, seed: int, watched: Sequence[str] | None = None, news_only: bool = False
+        self,
+        scenario: Scenario,
+        *,
+        seed: int,
+        watched: Sequence[str] | None = None,
+        news_only: bool = False,
     ) -> None:
         from sfglab.rtps.world import World
 
@@ -246,13 +258,17 @@ def trace(
         wishes[ungranted[0]] = not frames[ungranted[0]].lost
 
 
-def _run(scenario: Scenario, seed: int, wishes: Mapping[int, bool]) -> tuple[Outcome, tuple[AirFrame, ...]]:
+def _run(
+    scenario: Scenario, seed: int, wishes: Mapping[int, bool]
+) -> tuple[Outcome, tuple[AirFrame, ...]]:
     from sfglab.rtps.engine import advance
     from sfglab.rtps.world import World
 
     room = 1024
     while True:
-        params, state = compile_scenario(scenario, samples=most_samples(scenario), seed=seed, trace=room)
+        params, state = compile_scenario(
+            scenario, samples=most_samples(scenario), seed=seed, trace=room
+        )
         for number, is_lost in wishes.items():
             state.trace[number, TraceColumn.WISH] = 1 if is_lost else 2
         until_ns = params.timing[[TimingColumn.DURATION_NS, TimingColumn.DRAIN_NS]].sum()
@@ -333,7 +349,9 @@ def up_to_date(flow: Flow, outcome: FlowOutcome, *, duration_s: float) -> float:
     return float(stays[(true == known) & (known >= 0)].sum() / duration_s)
 
 
-def _last(values: NDArray[np.int32], since: NDArray[np.float64], at: NDArray[np.float64]) -> NDArray[np.int64]:
+def _last(
+    values: NDArray[np.int32], since: NDArray[np.float64], at: NDArray[np.float64]
+) -> NDArray[np.int64]:
     """Return the value at each time; -1 before the first."""
     place = np.searchsorted(since, at, side="right") - 1
     if not len(values):

@@ -40,7 +40,9 @@ class Fate(IntEnum):
 
     NEVER_SENT = 0
     DELIVERED = 1
-    OVERWRITTEN = 2  #: Lost on the way, and pushed out of the writer's history before it could be repaired.
+    OVERWRITTEN = (
+        2  #: Lost on the way, and pushed out of the writer's history before it could be repaired.
+    )
     LATE = 3  #: Arrived, and pushed out of the reader's history before the application took it.
     UNDERWAY = 4  #: Neither delivered nor given up when time was over.
     NOT_REPAIRED = 5  #: Lost on the way, best effort.
@@ -68,7 +70,9 @@ class Count(IntEnum):
     BYTES = 8
     AIRTIME_NS = 9
     HELD = 10  #: Values that the local cache held back.
-    THROTTLED = 11  #: Publications that a KEEP_ALL writer refused because too much was unacknowledged.
+    THROTTLED = (
+        11  #: Publications that a KEEP_ALL writer refused because too much was unacknowledged.
+    )
     EVENTS = 12
     PROCESSED = 13  #: Samples that cost the application its full time.
     COMPARED = 14  #: Samples that cache control discarded after a comparison.
@@ -92,7 +96,9 @@ class FlowColumn(IntEnum):
     SILENCE_NS = 12  #: Longest silence of the local cache; 0: none.
     SERVICE_NS = 13
     COMPARE_NS = 14  #: What a repeated value costs the server; -1: as much as any.
-    KEEPS_ACKED = 15  #: Whether acknowledged samples stay in the writer's history, for late joiners.
+    KEEPS_ACKED = (
+        15  #: Whether acknowledged samples stay in the writer's history, for late joiners.
+    )
 
 
 class TimingColumn(IntEnum):
@@ -172,7 +178,19 @@ class State(NamedTuple):
 class W(IntEnum):
     """Columns of `State.writer`; HB is a heartbeat."""
 
-    LAST, ACKED, ARMED, INTERVAL, LAST_HB, ACKED_AT_HB, VALUE, CHANGE_AT, SENT, SENT_AT, WROTE_AT = range(11)
+    (
+        LAST,
+        ACKED,
+        ARMED,
+        INTERVAL,
+        LAST_HB,
+        ACKED_AT_HB,
+        VALUE,
+        CHANGE_AT,
+        SENT,
+        SENT_AT,
+        WROTE_AT,
+    ) = range(11)
     # Newest sample that has left the history for the host's queue; bytes since the last heartbeat, and in all.
     QUEUED, UNSHOWN, BYTES = range(11, 14)
 

@@ -54,7 +54,9 @@ class Vendor:
     @property
     def shows_each(self) -> bool:
         """Whether a heartbeat travels with every sample."""
-        return self.prompt or (self.asynchronous and (self.sent_before_bytes or 0) >= self.piggyback_bytes > 0)
+        return self.prompt or (
+            self.asynchronous and (self.sent_before_bytes or 0) >= self.piggyback_bytes > 0
+        )
 
     def __post_init__(self) -> None:
         if not 0 < self.heartbeat_ns <= self.heartbeat_max_ns:

@@ -56,7 +56,9 @@ def compiled(function: _F) -> _F:
 
 @functools.cache
 def _folder_digest(folder: Path) -> str:
-    return hashlib.sha256(b"\0".join(path.read_bytes() for path in sorted(folder.glob("*.py")))).hexdigest()
+    return hashlib.sha256(
+        b"\0".join(path.read_bytes() for path in sorted(folder.glob("*.py")))
+    ).hexdigest()
 
 
 class World:
@@ -69,7 +71,9 @@ class World:
         self._block = np.array(words, np.int64)
         self.address = self._block.ctypes.data  #: Of the block, for compiled code.
         # Where Numba looks, without a call of Python.
-        self._numba_type_ = _WorldType(tuple((name, nb.typeof(a)) for name, a in self._arrays.items()))
+        self._numba_type_ = _WorldType(
+            tuple((name, nb.typeof(a)) for name, a in self._arrays.items())
+        )
 
 
 class _WorldType(types.Type):
@@ -124,7 +128,9 @@ def _borrow(context: Any, builder: Any, world: Any, pointer: Any, name: str) -> 
     for length in reversed(shape[1:]):
         strides.insert(0, builder.mul(strides[0], length))
     array = make_array(kind)(context, builder)
-    populate_array(array, data=data, shape=shape, strides=strides, itemsize=strides[-1], meminfo=None)
+    populate_array(
+        array, data=data, shape=shape, strides=strides, itemsize=strides[-1], meminfo=None
+    )
     return array._getvalue()  # noqa: SLF001 - the name that Numba gives its extensions
 
 

@@ -70,7 +70,11 @@ def _held_back(world: Any, now: int, flow: int, value: int) -> bool:
 
 @compiled
 def _piggybacks(world: Any, flow: int) -> bool:
-    timing, depth, last = world.timing, world.flows[flow, FlowColumn.DEPTH], world.writer[flow, W.LAST]
+    timing, depth, last = (
+        world.timing,
+        world.flows[flow, FlowColumn.DEPTH],
+        world.writer[flow, W.LAST],
+    )
     if timing[TimingColumn.PIGGYBACK_WHEN_FULL]:
         # Without late joiners to keep it for, what is acknowledged leaves the history.
         gone = 0 if world.flows[flow, FlowColumn.KEEPS_ACKED] else world.writer[flow, W.ACKED]
@@ -131,7 +135,9 @@ def write(world: Any, now: int, flow: int) -> None:
     unacked = writer[flow, W.LAST] - writer[flow, W.ACKED]
     room = has_room(world, world.flows[flow, FlowColumn.SOURCE])
     goes = room and writer[flow, W.QUEUED] == writer[flow, W.LAST]
-    if not goes and (not world.timing[TimingColumn.QUEUES] or (not room and _is_full(world, flow, unacked))):
+    if not goes and (
+        not world.timing[TimingColumn.QUEUES] or (not room and _is_full(world, flow, unacked))
+    ):
         # Whoever publishes still waits to be rid of what came before; or for the thread that sends, since only
         # then the oldest sample of a full history can go.
         world.counts[Count.THROTTLED] += 1
@@ -177,7 +183,9 @@ def send_unsent(world: Any, now: int, host: int) -> None:
     for sample in range(world.writer[oldest, W.QUEUED] + 1, first):
         frame[2] = sample
         note_drop(world, frame, Drop.QUEUE)
-    most = burst_most(world.flows[oldest, FlowColumn.SIZE_BYTES], world.timing[TimingColumn.BURST_BYTES])
+    most = burst_most(
+        world.flows[oldest, FlowColumn.SIZE_BYTES], world.timing[TimingColumn.BURST_BYTES]
+    )
     count = min(last - first + 1, most, 256)
     world.writer[oldest, W.QUEUED] = first + count - 1
     if count == 1:
@@ -204,7 +212,13 @@ def heartbeat(world: Any, now: int, flow: int) -> None:
         push(world.heap, world.heap_sizes, due, Event.HEARTBEAT, flow)
         return
     writer[flow, W.LAST_HB], writer[flow, W.UNSHOWN] = now, 0
-    _send(world, now, (Frame.HEARTBEAT, flow), (0, 0), (_first_kept(world, flow), writer[flow, W.LAST]))
+    _send(
+        world,
+        now,
+        (Frame.HEARTBEAT, flow),
+        (0, 0),
+        (_first_kept(world, flow), writer[flow, W.LAST]),
+    )
     stuck = writer[flow, W.ACKED] == writer[flow, W.ACKED_AT_HB]
     longer = min(2 * writer[flow, W.INTERVAL], world.timing[TimingColumn.HEARTBEAT_MAX_NS])
     grows = stuck and not world.timing[TimingColumn.PROMPT]
@@ -260,7 +274,9 @@ def _repair_in_bursts(world: Any, now: int, flow: int, base: int, kept: int) -> 
     """Send what was asked for, many samples a message; a prompt vendor sends a heartbeat with the last one."""
     prompt = world.timing[TimingColumn.PROMPT]
     last = world.writer[flow, W.QUEUED]
-    most = burst_most(world.flows[flow, FlowColumn.SIZE_BYTES], world.timing[TimingColumn.BURST_BYTES])
+    most = burst_most(
+        world.flows[flow, FlowColumn.SIZE_BYTES], world.timing[TimingColumn.BURST_BYTES]
+    )
     left = 0
     for i in range(256):
         left += _asked(world, flow, i) and kept <= base + i <= last

@@ -38,7 +38,9 @@ class Counterexample:
     last: World  #: The last world before the violation, or the first one without a way to the end.
 
     def __str__(self) -> str:
-        return "\n".join([self.property, *(f"{i:3d}  {line}" for i, line in enumerate(self.trace, start=1))])
+        return "\n".join(
+            [self.property, *(f"{i:3d}  {line}" for i, line in enumerate(self.trace, start=1))]
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -49,7 +51,9 @@ class Exploration:
     steps: int  #: Steps between them.
     depth: int  #: Length of the longest of the shortest ways.
     visited: frozenset[State]  #: The core's states that occurred.
-    counterexample: Counterexample | None  #: A violation; None: every property holds within the bound.
+    counterexample: (
+        Counterexample | None
+    )  #: A violation; None: every property holds within the bound.
 
 
 class _Graph:
@@ -138,7 +142,9 @@ def _search(graph: _Graph, bound: Bound, table: Table, limit: int) -> Counterexa
         for step in steps(world, bound, table):
             line = f"{step.actor} {step.what}"
             if isinstance(step.after, Fault):
-                return Counterexample(property=step.after.text, trace=(*graph.trace(number), line), last=world)
+                return Counterexample(
+                    property=step.after.text, trace=(*graph.trace(number), line), last=world
+                )
             if graph.add(number, line, step.after):
                 waiting.append(len(graph.worlds) - 1)
         if len(graph.worlds) > limit:
@@ -155,7 +161,11 @@ def _trap(graph: _Graph, number: int, bound: Bound) -> Counterexample:
     under_way = {(message.publisher, message.number) for message in in_flight(world)}
     lost = [f"{publisher}.{n}" for publisher, n in missing if (publisher, n) not in under_way]
     stuck = "can move any more" if number not in graph.moving else "that moves brings them on"
-    text = f"lost: {', '.join(lost)}" if lost else f"deadlock: messages are under way and nothing {stuck}"
+    text = (
+        f"lost: {', '.join(lost)}"
+        if lost
+        else f"deadlock: messages are under way and nothing {stuck}"
+    )
     return Counterexample(property=text, trace=graph.trace(number), last=world)
 
 

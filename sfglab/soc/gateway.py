@@ -45,17 +45,25 @@ class State(Enum):
     DROP_HMT = auto()  #: Discards the message at its port.
     TO_MEMORY = auto()  #: Copies the message at its port to its output message in memory.
     CANCEL = auto()  #: Takes the request back.
-    CANCEL_WAIT = auto()  #: Waits for the request's one answer: empty, or a message that came first.
+    CANCEL_WAIT = (
+        auto()
+    )  #: Waits for the request's one answer: empty, or a message that came first.
     PUBLISH = auto()  #: Asks the delegate to publish the output message on the SMT.
     PUBLISH_WAIT = auto()  #: Waits until the output message is out and may be overwritten.
     FILTER_HMT_HOLDING = auto()  #: As `FILTER_HMT`.
     DROP_HMT_HOLDING = auto()  #: As `DROP_HMT`.
-    TO_MEMORY_HOLDING = auto()  #: As `TO_MEMORY`; no request is outstanding, so there is nothing to cancel.
+    TO_MEMORY_HOLDING = (
+        auto()
+    )  #: As `TO_MEMORY`; no request is outstanding, so there is nothing to cancel.
     PUBLISH_HOLDING = auto()  #: As `PUBLISH`.
     PUBLISH_WAIT_HOLDING = auto()  #: As `PUBLISH_WAIT`.
 
 
-OURS = {State.CLAIM, State.PUBLISH_WAIT, *(state for state in State if state.name.endswith("_HOLDING"))}
+OURS = {
+    State.CLAIM,
+    State.PUBLISH_WAIT,
+    *(state for state in State if state.name.endswith("_HOLDING")),
+}
 """States that the paper's text does not have."""
 
 
@@ -84,9 +92,13 @@ class Drive(Enum):
     CALL_PUBLISH = auto()  #: OSIF call: publish the output message on the SMT.
     PEEK_HMT = auto()  #: Looks at its port of the HMT without taking a beat.
     COMPARE_HELD = auto()  #: Compares the held message's publisher with itself; takes nothing.
-    COMPARE_PORT = auto()  #: Compares the publisher of the message at its port with itself; takes nothing.
+    COMPARE_PORT = (
+        auto()
+    )  #: Compares the publisher of the message at its port with itself; takes nothing.
     CLAIM_HMT = auto()  #: Asks the topic's arbiter, and looks at its port meanwhile.
-    MEMORY_TO_HMT = auto()  #: Reads the held message and sends it, ignoring what its own port echoes.
+    MEMORY_TO_HMT = (
+        auto()
+    )  #: Reads the held message and sends it, ignoring what its own port echoes.
     HMT_TO_MEMORY = auto()  #: Takes the message at its port and writes the output message.
     HMT_TO_NOWHERE = auto()  #: Takes the message at its port and forgets it.
 
@@ -103,7 +115,9 @@ class Move:
     """Where an input leads."""
 
     to: State  #: The next state.
-    latch: Latch | None = None  #: The register that takes the input's value; None: the input has none.
+    latch: Latch | None = (
+        None  #: The register that takes the input's value; None: the input has none.
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,7 +125,9 @@ class Row:
     """One state of the table."""
 
     drive: Drive  #: What the outputs do in this state.
-    moves: Mapping[Input, Move] = field(hash=False)  #: Where an input leads; one not listed cannot occur here.
+    moves: Mapping[Input, Move] = field(
+        hash=False
+    )  #: Where an input leads; one not listed cannot occur here.
 
 
 Table = dict[State, Row]  #: A gateway core's whole behaviour.
@@ -121,19 +137,26 @@ _S, _I, _D, _L = State, Input, Drive, Latch
 TABLE: Table = {
     _S.START: Row(_D.LISTEN_OSIF, {_I.LOCATED: Move(_S.REQUEST, _L.OUTPUT)}),
     _S.REQUEST: Row(_D.CALL_TAKE, {_I.SENT: Move(_S.POLL_OSIF)}),
-    _S.POLL_OSIF: Row(_D.LISTEN_OSIF, {_I.ANSWERED: Move(_S.FILTER_SMT, _L.HELD), _I.EMPTY: Move(_S.POLL_HMT)}),
+    _S.POLL_OSIF: Row(
+        _D.LISTEN_OSIF, {_I.ANSWERED: Move(_S.FILTER_SMT, _L.HELD), _I.EMPTY: Move(_S.POLL_HMT)}
+    ),
     _S.POLL_HMT: Row(_D.PEEK_HMT, {_I.OFFERED: Move(_S.FILTER_HMT), _I.EMPTY: Move(_S.POLL_OSIF)}),
     # From software to hardware.
     _S.FILTER_SMT: Row(_D.COMPARE_HELD, {_I.FOREIGN: Move(_S.CLAIM), _I.OWN: Move(_S.REQUEST)}),
-    _S.CLAIM: Row(_D.CLAIM_HMT, {_I.GRANTED: Move(_S.TO_HMT), _I.OFFERED: Move(_S.FILTER_HMT_HOLDING)}),
+    _S.CLAIM: Row(
+        _D.CLAIM_HMT, {_I.GRANTED: Move(_S.TO_HMT), _I.OFFERED: Move(_S.FILTER_HMT_HOLDING)}
+    ),
     _S.TO_HMT: Row(_D.MEMORY_TO_HMT, {_I.DONE: Move(_S.REQUEST)}),
     # From hardware to software: a request is outstanding and is taken back before the publication.
-    _S.FILTER_HMT: Row(_D.COMPARE_PORT, {_I.FOREIGN: Move(_S.TO_MEMORY), _I.OWN: Move(_S.DROP_HMT)}),
+    _S.FILTER_HMT: Row(
+        _D.COMPARE_PORT, {_I.FOREIGN: Move(_S.TO_MEMORY), _I.OWN: Move(_S.DROP_HMT)}
+    ),
     _S.DROP_HMT: Row(_D.HMT_TO_NOWHERE, {_I.DONE: Move(_S.POLL_OSIF)}),
     _S.TO_MEMORY: Row(_D.HMT_TO_MEMORY, {_I.DONE: Move(_S.CANCEL)}),
     _S.CANCEL: Row(_D.CALL_CANCEL, {_I.SENT: Move(_S.CANCEL_WAIT)}),
     _S.CANCEL_WAIT: Row(
-        _D.LISTEN_OSIF, {_I.CANCELLED: Move(_S.PUBLISH), _I.ANSWERED: Move(_S.PUBLISH_HOLDING, _L.HELD)}
+        _D.LISTEN_OSIF,
+        {_I.CANCELLED: Move(_S.PUBLISH), _I.ANSWERED: Move(_S.PUBLISH_HOLDING, _L.HELD)},
     ),
     _S.PUBLISH: Row(_D.CALL_PUBLISH, {_I.SENT: Move(_S.PUBLISH_WAIT)}),
     _S.PUBLISH_WAIT: Row(_D.LISTEN_OSIF, {_I.PUBLISHED: Move(_S.REQUEST)}),
@@ -151,7 +174,9 @@ TABLE: Table = {
 
 def transitions(table: Table = TABLE) -> dict[tuple[State, Input], State]:
     """Return a table as (state, input) -> the next state, for `sfglab.machine.step`."""
-    return {(state, given): move.to for state, row in table.items() for given, move in row.moves.items()}
+    return {
+        (state, given): move.to for state, row in table.items() for given, move in row.moves.items()
+    }
 
 
 PLACES: dict[State, tuple[int, int]] = {
@@ -242,7 +267,11 @@ def _draw_state(ax: Axes, state: State, drive: str) -> list[Artist]:
     middle: dict[str, Any] = {"ha": "center", "va": "center"}
     said = _words(state.name).replace(" holding", "\nholding")
     name = ax.text(x, y + 0.08, said, fontsize=7, weight="bold", linespacing=1.0, **middle)
-    return [ax.add_patch(box), name, ax.text(x, y - 0.17, _words(drive), fontsize=7, style="italic", **middle)]
+    return [
+        ax.add_patch(box),
+        name,
+        ax.text(x, y - 0.17, _words(drive), fontsize=7, style="italic", **middle),
+    ]
 
 
 def _words(name: str) -> str:
@@ -260,13 +289,21 @@ def _draw_arrow(ax: Axes, arrow: Arrow, aside: float) -> list[Artist]:
     drawn: list[Artist] = []
     for ends in list(pairwise(way))[:-1]:
         drawn += ax.plot(*zip(*ends, strict=True), color=_LINE, lw=0.9, zorder=0)
-    look: dict[str, Any] = {"arrowstyle": "-|>", "color": _LINE, "lw": 0.9, "shrinkA": 0, "shrinkB": 0}
+    look: dict[str, Any] = {
+        "arrowstyle": "-|>",
+        "color": _LINE,
+        "lw": 0.9,
+        "shrinkA": 0,
+        "shrinkB": 0,
+    }
     head = ax.annotate("", way[-1], way[-2], arrowprops=look, zorder=0).arrow_patch
     assert head is not None, "it was asked for"
     x, y = (way[0] + way[1]) / 2 + 2.6 * aside * np.array([last[1], -last[0]]) / np.hypot(*last)
     y += 0.1 * (first[1] == 0)  # level arrows are short: their label stands above
     white = {"fc": "white", "ec": "none", "pad": 0.4}
-    said = ax.text(x, y, _words(arrow.given.name), ha="center", va="center", fontsize=7, bbox=white, zorder=1)
+    said = ax.text(
+        x, y, _words(arrow.given.name), ha="center", va="center", fontsize=7, bbox=white, zorder=1
+    )
     return [*drawn, head, said]
 
 

@@ -30,10 +30,18 @@ class Bound:
     hardware: tuple[int, ...] = (2,)  #: How many messages each hardware publisher sends.
     subscribers: int = 1  #: Hardware subscribers besides the core.
     calls: int = 1  #: How many calls to the delegate may wait.
-    echoes: bool = True  #: Both topics return the core's own messages to it, so that its filters have to work.
-    listens_while_blocked: bool = True  #: The delegate hears a cancel while it waits for a message, as it must.
-    answers_once: bool = True  #: The delegate answers once per request, as it must; else also once per cancel.
-    port_messages: int = 0  #: Whole messages that the core's port of the HMT can store; 0: it is a stream.
+    echoes: bool = (
+        True  #: Both topics return the core's own messages to it, so that its filters have to work.
+    )
+    listens_while_blocked: bool = (
+        True  #: The delegate hears a cancel while it waits for a message, as it must.
+    )
+    answers_once: bool = (
+        True  #: The delegate answers once per request, as it must; else also once per cancel.
+    )
+    port_messages: int = (
+        0  #: Whole messages that the core's port of the HMT can store; 0: it is a stream.
+    )
 
     @property
     def totals(self) -> tuple[int, ...]:
@@ -71,7 +79,9 @@ class World(NamedTuple):
     held: Message | None  #: What the core holds for the HMT.
     output: Message | None  #: What stands in the output message, not yet published.
     calls: tuple[Drive, ...]  #: Calls that the delegate has not read.
-    answers: tuple[tuple[Input, Message | None], ...]  #: What the delegate said and the core has not read.
+    answers: tuple[
+        tuple[Input, Message | None], ...
+    ]  #: What the delegate said and the core has not read.
     blocked: bool  #: The delegate waits for a message of the SMT.
     reader: tuple[Message, ...]  #: What the core's reader on the SMT has received.
     sent: tuple[int, ...]  #: Messages sent by each publisher.
@@ -113,7 +123,11 @@ def is_finished(world: World, bound: Bound) -> bool:
 
 def in_flight(world: World) -> list[Message]:
     """Return the messages that stand somewhere between their publisher and a subscriber."""
-    found = [*world.reader, *world.port, *(message for _, message in world.answers if message is not None)]
+    found = [
+        *world.reader,
+        *world.port,
+        *(message for _, message in world.answers if message is not None),
+    ]
     found += [message for message in (world.held, world.output) if message is not None]
     return found if world.topic is None else [*found, world.topic.message]
 
@@ -154,7 +168,9 @@ def _publishers(world: World, bound: Bound) -> Iterator[Step]:
         sent = _counted(world.sent, publisher)
         if bound.is_software(publisher):
             after = world._replace(
-                sent=sent, reader=(*world.reader, message), smt_seen=_counted(world.smt_seen, publisher)
+                sent=sent,
+                reader=(*world.reader, message),
+                smt_seen=_counted(world.smt_seen, publisher),
             )
             yield Step(f"software publisher {publisher}", f"publishes {message}", after)
         elif world.topic is None:
@@ -177,7 +193,11 @@ def _subscribers(world: World, bound: Bound) -> Iterator[Step]:
         if wrong := _wrong(message, seen, hardware=True, bound=bound):
             yield Step(actor, what, Fault(wrong))
             continue
-        taken = (*world.hmt_seen[:index], _counted(seen, message.publisher), *world.hmt_seen[index + 1 :])
+        taken = (
+            *world.hmt_seen[:index],
+            _counted(seen, message.publisher),
+            *world.hmt_seen[index + 1 :],
+        )
         yield Step(actor, what, _without(world._replace(hmt_seen=taken), port))
 
 
@@ -187,13 +207,17 @@ def _obeyed(world: World, bound: Bound) -> Step:
     later = world._replace(calls=tuple(rest))
     if call is Drive.CALL_TAKE:
         if world.blocked:
-            return Step("delegate", "is asked", Fault("asked for a message while a request is outstanding"))
+            return Step(
+                "delegate", "is asked", Fault("asked for a message while a request is outstanding")
+            )
         return Step("delegate", "waits for a message", later._replace(blocked=True))
     if call is Drive.CALL_PUBLISH:
         return _published(later, bound)
     if world.blocked or not bound.answers_once:
         answers = (*world.answers, (Input.CANCELLED, None))
-        return Step("delegate", "confirms the cancel", later._replace(blocked=False, answers=answers))
+        return Step(
+            "delegate", "confirms the cancel", later._replace(blocked=False, answers=answers)
+        )
     return Step("delegate", "ignores the cancel, having answered", later)
 
 
@@ -220,7 +244,11 @@ def _core(world: World, bound: Bound, table: Table) -> Iterator[Step]:
         what = f"{world.state.name} --{given.name}--> "
         if move is None:
             if given is not Input.EMPTY:
-                yield Step("gateway", what + "?", Fault(f"{given.name} comes unexpected in {world.state.name}"))
+                yield Step(
+                    "gateway",
+                    what + "?",
+                    Fault(f"{given.name} comes unexpected in {world.state.name}"),
+                )
             continue
         what += move.to.name
         if move.latch is Latch.HELD and world.held is not None:
@@ -236,7 +264,9 @@ def _core(world: World, bound: Bound, table: Table) -> Iterator[Step]:
         yield Step("gateway", f"begins to send {world.held}", _sending(world, bound))
 
 
-def _inputs(world: World, bound: Bound, drive: Drive) -> Iterator[tuple[Input, Message | None, World | Fault]]:
+def _inputs(
+    world: World, bound: Bound, drive: Drive
+) -> Iterator[tuple[Input, Message | None, World | Fault]]:
     """Yield the inputs that a drive meets, the message beside each, and the world they leave."""
     offered = _at_port(world, bound)
     if drive is Drive.LISTEN_OSIF:
@@ -318,7 +348,11 @@ def _wrong(message: Message, seen: tuple[int, ...], *, hardware: bool, bound: Bo
     expected = seen[message.publisher]
     if message.number < expected:
         return f"{message} is delivered twice"
-    return f"{message} is delivered before {expected}: lost or overtaken" if message.number > expected else ""
+    return (
+        f"{message} is delivered before {expected}: lost or overtaken"
+        if message.number > expected
+        else ""
+    )
 
 
 def _ports(bound: Bound) -> int:

@@ -78,7 +78,9 @@ class Topic:
     subscribers: tuple[str, ...] = ()  #: Names of the nodes of E_sub^t.
     type: str = ""  #: ROS type of its messages; empty where unknown.
     size_bytes: int | None = None  #: Size of a message; None where unknown.
-    rate_hz: float | None = None  #: Messages per second of all publishers together; None where unknown.
+    rate_hz: float | None = (
+        None  #: Messages per second of all publishers together; None where unknown.
+    )
     #: How it is implemented; in software unless something else is said, as in the paper.
     mapping: TopicMapping = TopicMapping.SOFTWARE
 
@@ -113,7 +115,9 @@ class Graph:
             twice, a topic has no publisher, a number no meaning, or a hardware-mapped topic a node in software.
     """
 
-    nodes: tuple[Node, ...] = field(metadata=by_name("name"))  #: N, in the order in which they were named.
+    nodes: tuple[Node, ...] = field(
+        metadata=by_name("name")
+    )  #: N, in the order in which they were named.
     topics: tuple[Topic, ...] = field(default=(), metadata=by_name("name"))  #: T, likewise.
     name: str = ""  #: What it is called.
     description: str = ""  #: Where it comes from and what it is for.
@@ -198,7 +202,9 @@ def _named(key: str, name: str, members: Iterable[_Member]) -> _Member:
 def _unknown(key: str, name: str, known: Iterable[str]) -> InvalidValueError:
     listed = sorted(known)
     some = ", ".join(listed[:12]) + (", ..." if len(listed) > 12 else "")
-    return InvalidValueError(key, name, f"one of {some}{suggestion(name, listed)}" if listed else "none at all")
+    return InvalidValueError(
+        key, name, f"one of {some}{suggestion(name, listed)}" if listed else "none at all"
+    )
 
 
 def _check_names(key: str, names: list[str]) -> None:
@@ -206,7 +212,9 @@ def _check_names(key: str, names: list[str]) -> None:
         raise InvalidValueError(key, "", "names that are not empty")
     for name, times in Counter(names).items():
         if times > 1:
-            raise InvalidValueError(f"{key}.{name}", name, f"each name once, and it is defined {times} times")
+            raise InvalidValueError(
+                f"{key}.{name}", name, f"each name once, and it is defined {times} times"
+            )
 
 
 def _check_topic(topic: Topic, known: Mapping[str, Node]) -> None:
@@ -219,7 +227,9 @@ def _check_topic(topic: Topic, known: Mapping[str, Node]) -> None:
                 allowed = f"each node once, and it stands there {times} times"
                 raise InvalidValueError(f"{key}.{part}", name, allowed)
     if not topic.publishers:
-        raise InvalidValueError(f"{key}.publishers", None, "at least one node that publishes the topic")
+        raise InvalidValueError(
+            f"{key}.publishers", None, "at least one node that publishes the topic"
+        )
     _check_not_negative(f"{key}.size_bytes", topic.size_bytes)
     _check_not_negative(f"{key}.rate_hz", topic.rate_hz)
     outside = [name for name in topic.members if not known[name].in_hardware]
@@ -304,7 +314,9 @@ def read_graph(document: Document) -> Graph:
     except DocumentError:
         raise
     except InvalidValueError as error:
-        raise DocumentError(Place(file=document.file, key=error.place), error.given, error.allowed) from error
+        raise DocumentError(
+            Place(file=document.file, key=error.place), error.given, error.allowed
+        ) from error
 
 
 def _read_graph(top: Section) -> Graph:

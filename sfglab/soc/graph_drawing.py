@@ -87,12 +87,16 @@ def draw_graph(
     """
     layout = layout or layered_layout(graph)
     pitch = _pitch(layout)
-    boxes = {vertex: _box(vertex[1], np.array(place) * pitch) for vertex, place in layout.places.items()}
+    boxes = {
+        vertex: _box(vertex[1], np.array(place) * pitch) for vertex, place in layout.places.items()
+    }
     routes = {edge: _route(edge, layout, boxes) for edge in graph.edges()}
     crossing = crossing_edges(graph)
     for nodes, topics in hardware_subgraphs(graph):
         inner = [boxes[v] for v in (*map(node_vertex, nodes), *map(topic_vertex, topics))]
-        _draw_outline(ax, inner, [r for e, r in routes.items() if e.node in nodes and e.topic in topics])
+        _draw_outline(
+            ax, inner, [r for e, r in routes.items() if e.node in nodes and e.topic in topics]
+        )
     for edge, route in routes.items():
         _draw_route(ax, route, crosses=edge in crossing)
     drawn = {}
@@ -104,7 +108,9 @@ def draw_graph(
         vertex = topic_vertex(topic.name)
         drawn[vertex] = _draw_box(ax, boxes[vertex], _TOPIC_FILLS[topic.mapping], rounding=0.0)
     for at, note in notes.items():
-        _draw_note(ax, note, routes[at] if isinstance(at, Edge) else boxes[at], crosses=at in crossing)
+        _draw_note(
+            ax, note, routes[at] if isinstance(at, Edge) else boxes[at], crosses=at in crossing
+        )
     _frame(ax, layout)
     ax.set_title(_counted(title, len(crossing)))
     return drawn
@@ -112,7 +118,11 @@ def draw_graph(
 
 def _draw_note(ax: Axes, note: str, place: NDArray[np.float64] | _Box, *, crosses: bool) -> None:
     below = isinstance(place, _Box)
-    x, y = place.centre - (0.0, place.half[1] + 0.03) if isinstance(place, _Box) else place[len(place) // 2]
+    x, y = (
+        place.centre - (0.0, place.half[1] + 0.03)
+        if isinstance(place, _Box)
+        else place[len(place) // 2]
+    )
     white: dict[str, Any] = {"fc": "white", "ec": "none", "pad": 0.5, "alpha": 0.8}
     color = CROSSING if crosses else FRAME
     look: dict[str, Any] = {"color": color, "fontsize": 6.5, "linespacing": 1.0, "zorder": 5}
@@ -132,7 +142,9 @@ def draw_mapping(mapping: CommunicationMapping, figure: Figure, stage: str = "")
     width, height = size_of(layout)
     wide = width > _PAGE_WIDTH
     if wide:
-        width, height = (1.8 + _CELL * len(part) for part in (mapping.gateways.nodes, mapping.gateways.topics))
+        width, height = (
+            1.8 + _CELL * len(part) for part in (mapping.gateways.nodes, mapping.gateways.topics)
+        )
     figure.set_size_inches(max(_LEGEND_WIDTH, width), len(stages) * height + 0.6)
     for ax, name in zip(figure.subplots(len(stages), squeeze=False).flat, stages, strict=True):
         if wide:
@@ -151,7 +163,9 @@ def draw_matrix(ax: Axes, graph: Graph, *, title: str = "") -> None:
     ax.axvspan(first, len(nodes) - 0.5, color=FILLS["node in hardware"], alpha=0.4, linewidth=0)
     for row, topic in enumerate(topics):
         if topic.mapping is not TopicMapping.SOFTWARE:
-            ax.axhspan(row - 0.5, row + 0.5, color=_TOPIC_FILLS[topic.mapping], alpha=0.6, linewidth=0)
+            ax.axhspan(
+                row - 0.5, row + 0.5, color=_TOPIC_FILLS[topic.mapping], alpha=0.6, linewidth=0
+            )
     for edge in graph.edges():
         marker = ">" if edge.kind is EdgeKind.PUBLISH else "o"
         color = CROSSING if edge in crossing else PLAIN
@@ -179,7 +193,16 @@ def draw_legend(figure: Figure) -> None:
     from matplotlib.lines import Line2D
 
     kinds: list[Any] = [
-        Line2D([], [], ls="", marker="o" if "node" in name else "s", ms=9, mfc=fill, mec=FRAME, label=name)
+        Line2D(
+            [],
+            [],
+            ls="",
+            marker="o" if "node" in name else "s",
+            ms=9,
+            mfc=fill,
+            mec=FRAME,
+            label=name,
+        )
         for name, fill in FILLS.items()
     ]
     kinds += [
@@ -219,7 +242,9 @@ def _pitch(layout: Layout) -> NDArray[np.float64]:
 def _route(edge: Edge, layout: Layout, boxes: Mapping[Vertex, _Box]) -> NDArray[np.float64]:
     """Return an edge's line between the frames of its ends, shape (n, 2), inches."""
     points = np.array(layout.routes[edge]) * _pitch(layout)
-    back = replace(edge, kind=EdgeKind.SUBSCRIBE if edge.kind is EdgeKind.PUBLISH else EdgeKind.PUBLISH)
+    back = replace(
+        edge, kind=EdgeKind.SUBSCRIBE if edge.kind is EdgeKind.PUBLISH else EdgeKind.PUBLISH
+    )
     if back in layout.routes:  # there and back: each keeps to its side
         way = points[-1] - points[0]
         points = points + 0.09 * np.array([-way[1], way[0]]) / np.hypot(*way)
@@ -237,7 +262,10 @@ def _smooth(points: NDArray[np.float64]) -> NDArray[np.float64]:
         return straight
     level = 3 * share**2 - 2 * share**3
     return np.vstack(
-        [np.hstack([a[:1] + share * (b - a)[:1], a[1:] + level * (b - a)[1:]]) for a, b in pairwise(points)]
+        [
+            np.hstack([a[:1] + share * (b - a)[:1], a[1:] + level * (b - a)[1:]])
+            for a, b in pairwise(points)
+        ]
     )
 
 
@@ -247,7 +275,13 @@ def _draw_route(ax: Axes, line: NDArray[np.float64], *, crosses: bool) -> None:
 
     colour, width = (CROSSING, 1.8) if crosses else (PLAIN, 1.0)
     arrow = FancyArrowPatch(
-        path=Path(line), arrowstyle="-|>", mutation_scale=9, color=colour, linewidth=width, fill=True, zorder=2
+        path=Path(line),
+        arrowstyle="-|>",
+        mutation_scale=9,
+        color=colour,
+        linewidth=width,
+        fill=True,
+        zorder=2,
     )
     ax.add_patch(arrow)
 
@@ -260,7 +294,13 @@ def _draw_box(ax: Axes, box: _Box, fill: str, *, rounding: float) -> tuple[Artis
     look: dict[str, Any] = {"facecolor": fill, "edgecolor": FRAME, "linewidth": 0.8, "zorder": 3}
     frame = ax.add_patch(FancyBboxPatch((low[0], low[1]), size[0], size[1], boxstyle=style, **look))
     x, y = box.centre
-    text: dict[str, Any] = {"ha": "center", "va": "center", "fontsize": 8, "linespacing": 1.1, "zorder": 4}
+    text: dict[str, Any] = {
+        "ha": "center",
+        "va": "center",
+        "fontsize": 8,
+        "linespacing": 1.1,
+        "zorder": 4,
+    }
     return frame, ax.text(x, y, box.text, parse_math=False, **text)
 
 
@@ -269,9 +309,14 @@ def _draw_outline(ax: Axes, boxes: list[_Box], routes: list[NDArray[np.float64]]
     solid = [(box.centre, box.half) for box in boxes]
     solid += [(point, np.zeros(2)) for route in routes for point in route[::2]]
     centres, halves = (np.array(part) for part in zip(*solid, strict=True))
-    low, high = (centres - halves).min(axis=0) - 3 * _MARGIN, (centres + halves).max(axis=0) + 3 * _MARGIN
+    low, high = (
+        (centres - halves).min(axis=0) - 3 * _MARGIN,
+        (centres + halves).max(axis=0) + 3 * _MARGIN,
+    )
     x, y = (np.arange(low[i], high[i] + _STEP, _STEP) for i in (0, 1))
-    distance = np.full((len(y), len(x)), 3 * _MARGIN)  # or more: only what is near decides where the line runs
+    distance = np.full(
+        (len(y), len(x)), 3 * _MARGIN
+    )  # or more: only what is near decides where the line runs
     for centre, half in solid:
         begin, end = ((centre + sign * (half + 3 * _MARGIN) - low) / _STEP for sign in (-1, 1))
         columns, rows = (slice(max(int(begin[i]), 0), int(end[i]) + 1) for i in (0, 1))
@@ -280,7 +325,16 @@ def _draw_outline(ax: Axes, boxes: list[_Box], routes: list[NDArray[np.float64]]
         near = distance[rows, columns]
         np.minimum(near, np.hypot(beyond_x[None, :], beyond_y[:, None]), out=near)
     _fill_pockets(distance)
-    ax.contour(x, y, distance, levels=[_MARGIN], colors=OUTLINE, linestyles="dashed", linewidths=1.2, zorder=1)
+    ax.contour(
+        x,
+        y,
+        distance,
+        levels=[_MARGIN],
+        colors=OUTLINE,
+        linestyles="dashed",
+        linewidths=1.2,
+        zorder=1,
+    )
 
 
 def _fill_pockets(distance: NDArray[np.float64]) -> None:
@@ -293,7 +347,9 @@ def _fill_pockets(distance: NDArray[np.float64]) -> None:
 
 
 def _limits(layout: Layout) -> tuple[tuple[float, float], tuple[float, float]]:
-    points = np.array([*layout.places.values(), *(p for route in layout.routes.values() for p in route)])
+    points = np.array(
+        [*layout.places.values(), *(p for route in layout.routes.values() for p in route)]
+    )
     pitch = _pitch(layout)
     low, high = (points.min(axis=0) - 0.5) * pitch, (points.max(axis=0) + 0.5) * pitch
     return (float(low[0]), float(high[0])), (float(low[1]), float(high[1]))

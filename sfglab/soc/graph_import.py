@@ -42,7 +42,9 @@ def graph_from_log(log: LogReader) -> ImportedGraph:
     """
     topics, left_out = [], {}
     for found in traffic_of(log):
-        publishers = (f"publisher of {found.topic}",) if found.publishers is None else found.publishers
+        publishers = (
+            (f"publisher of {found.topic}",) if found.publishers is None else found.publishers
+        )
         if not publishers:
             left_out[found.topic] = f"no publisher in the record {COMPUTATION_GRAPH!r}"
             continue
@@ -60,7 +62,9 @@ def graph_from_log(log: LogReader) -> ImportedGraph:
 
 def _graph(topics: list[Topic], name: str) -> Graph:
     members = dict.fromkeys(member for topic in topics for member in topic.members)
-    return Graph(name=name, nodes=tuple(Node(name=member) for member in members), topics=tuple(topics))
+    return Graph(
+        name=name, nodes=tuple(Node(name=member) for member in members), topics=tuple(topics)
+    )
 
 
 _GENERAL = {
@@ -137,7 +141,9 @@ def _resources(node: Node, thread: str, topics: Iterable[Topic], streams: Mappin
             if topic.mapping is TopicMapping.SOFTWARE:
                 values[f"{side}_{stream}_msg"] = f"rosmsg, {package}, msg, {kind}"
                 take = f", {_TAKE}" if side == "sub" else ""
-                values[f"{side}_{stream}"] = f'ros{side}, node, {side}_{stream}_msg, "{topic.name}"{take}'
+                values[f"{side}_{stream}"] = (
+                    f'ros{side}, node, {side}_{stream}_msg, "{topic.name}"{take}'
+                )
             else:
                 values[f"{side}_{stream}"] = f'ros{side}, node, {package}/{kind}, "{stream}", hw'
     return _section(f"ResourceGroup@R_{thread}", values)

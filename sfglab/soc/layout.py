@@ -31,8 +31,12 @@ _BEND_ROOM = 0.6
 class Layout:
     """Places in a plane; the unit is the distance of two layers, and of two neighbours in one."""
 
-    places: Mapping[Vertex, tuple[float, float]]  #: Of each node and topic: x, its layer from 0; y, upwards.
-    routes: Mapping[Edge, tuple[tuple[float, float], ...]]  #: Of each edge: where it starts, bends and ends.
+    places: Mapping[
+        Vertex, tuple[float, float]
+    ]  #: Of each node and topic: x, its layer from 0; y, upwards.
+    routes: Mapping[
+        Edge, tuple[tuple[float, float], ...]
+    ]  #: Of each edge: where it starts, bends and ends.
 
 
 def node_vertex(name: str) -> Vertex:
@@ -149,7 +153,11 @@ def _crossings(layers: list[list[Vertex]], lanes: list[_Ends]) -> int:
     gaps: dict[int, list[tuple[int, int]]] = {}
     for source, target in lanes:
         gaps.setdefault(place[source][0], []).append((place[source][1], place[target][1]))
-    return sum((a[0] - b[0]) * (a[1] - b[1]) < 0 for pairs in gaps.values() for a, b in combinations(pairs, 2))
+    return sum(
+        (a[0] - b[0]) * (a[1] - b[1]) < 0
+        for pairs in gaps.values()
+        for a, b in combinations(pairs, 2)
+    )
 
 
 def _places(layers: list[list[Vertex]], lanes: list[_Ends]) -> dict[Vertex, tuple[float, float]]:
@@ -158,12 +166,16 @@ def _places(layers: list[list[Vertex]], lanes: list[_Ends]) -> dict[Vertex, tupl
     for source, target in lanes:
         near.setdefault(source, []).append(target)
         near.setdefault(target, []).append(source)
-    height = {vertex: (len(layer) - 1) / 2 - i for layer in layers for i, vertex in enumerate(layer)}
+    height = {
+        vertex: (len(layer) - 1) / 2 - i for layer in layers for i, vertex in enumerate(layer)
+    }
     for sweep in range(_SWEEPS):
         for layer in layers if sweep % 2 == 0 else reversed(layers):
             wanted = [fmean(height[o] for o in near[v]) if v in near else height[v] for v in layer]
             height |= dict(zip(layer, _apart(wanted, _room(layer)), strict=True))
-    return {vertex: (float(x), height[vertex]) for x, layer in enumerate(layers) for vertex in layer}
+    return {
+        vertex: (float(x), height[vertex]) for x, layer in enumerate(layers) for vertex in layer
+    }
 
 
 def _room(layer: list[Vertex]) -> list[float]:

@@ -39,7 +39,9 @@ class CommunicationMapping:
     """The three states of the graph's topics that section 5 walks through."""
 
     software: Graph  #: All topics in software, the default (Fig. 8b).
-    hardware: Graph  #: Topics among hardware nodes alone in hardware, the others in software (Fig. 8c).
+    hardware: (
+        Graph  #: Topics among hardware nodes alone in hardware, the others in software (Fig. 8c).
+    )
     gateways: Graph  #: Topics between both sides at gateways where the rule wants it (Fig. 8d): the result.
 
     @property
@@ -52,8 +54,16 @@ class CommunicationMapping:
         return f"<mapping of {self.gateways.name}: from {edges} edges across the boundary>"
 
     def _repr_html_(self) -> str:
-        rows = [(t.name, *(_mapped(graph, t.name) for graph in self.stages)) for t in self.gateways.topics]
-        head = "topic (carried across, times a message)", "all in software", "topics in hardware", "gateways"
+        rows = [
+            (t.name, *(_mapped(graph, t.name) for graph in self.stages))
+            for t in self.gateways.topics
+        ]
+        head = (
+            "topic (carried across, times a message)",
+            "all in software",
+            "topics in hardware",
+            "gateways",
+        )
         return html_table([head, *rows, ("edges across", *self.crossing)], repr(self)[1:-1])
 
     @property
@@ -93,9 +103,13 @@ def map_communication(
     chosen = {
         topic.name: TopicMapping.GATEWAY
         for topic in hardware.topics
-        if topic.name not in inside and placed.intersection(topic.members) and gateway(hardware, topic)
+        if topic.name not in inside
+        and placed.intersection(topic.members)
+        and gateway(hardware, topic)
     }
-    return CommunicationMapping(software=software, hardware=hardware, gateways=hardware.with_mappings(chosen))
+    return CommunicationMapping(
+        software=software, hardware=hardware, gateways=hardware.with_mappings(chosen)
+    )
 
 
 def crossing_edges(graph: Graph) -> Crossing:
@@ -151,13 +165,17 @@ _TRANSPORTS = {
 }
 
 
-def transfer_s(graph: Graph, topic: Topic, *, judge: Judge = Judge.LAST, costs: Costs = STORED) -> float:
+def transfer_s(
+    graph: Graph, topic: Topic, *, judge: Judge = Judge.LAST, costs: Costs = STORED
+) -> float:
     """Return how long a message takes from its publisher to its subscribers as its topic is mapped, s.
 
     The judge says which subscriber's time counts; of publishers on both sides it is the longer one's. Raises
     InvalidValueError where the topic's size is unknown.
     """
-    return max(judged_s(transfer_times(setup, costs), setup, judge) for setup in _setups(graph, topic))
+    return max(
+        judged_s(transfer_times(setup, costs), setup, judge) for setup in _setups(graph, topic)
+    )
 
 
 def arrival_s(graph: Graph, edge: Edge, *, costs: Costs = STORED) -> float:
@@ -182,7 +200,9 @@ def chain_s(graph: Graph, chain: Sequence[str], *, costs: Costs = STORED) -> dic
     found: dict[Edge, float] = {}
     now_s = 0.0
     for before, after in pairwise(map(graph.node, chain)):
-        ways = (t for t in graph.topics if before.name in t.publishers and after.name in t.subscribers)
+        ways = (
+            t for t in graph.topics if before.name in t.publishers and after.name in t.subscribers
+        )
         way = next((topic.name for topic in ways if topic.size_bytes), None)
         if way is None:
             pair = f"{before.name}, {after.name}"
@@ -200,7 +220,9 @@ def activation_s(node: Node) -> float:
     return node.hardware.time_s if node.hardware else 0.0
 
 
-def faster_by_gateway(*, judge: Judge = Judge.LAST, costs: Costs = STORED) -> Callable[[Graph, Topic], bool]:
+def faster_by_gateway(
+    *, judge: Judge = Judge.LAST, costs: Costs = STORED
+) -> Callable[[Graph, Topic], bool]:
     """Return a rule for `map_communication`: a gateway where it is predicted to be faster; see `transfer_s`."""
 
     def rule(graph: Graph, topic: Topic) -> bool:

@@ -41,7 +41,9 @@ class MemoryInterface:
     width_bytes: int = between(8, 0, without=(0,))  #: Bytes a cycle, of MEMIF and streams alike.
     clock_hz: float = between(100e6, 0, without=(0,))  #: The system clock.
     chunk_bytes: int = between(256, 0, without=(0,))  #: Bytes of one request.
-    control_cycles: float = between(4.0)  #: Cycles of a request with neither address nor data under way.
+    control_cycles: float = between(
+        4.0
+    )  #: Cycles of a request with neither address nor data under way.
     read_latency_cycles: float = between(30.0)  #: From a read request to its first word.
     write_latency_cycles: float = between(9.0)  #: From a write's last word to its response.
     forwarding: Forwarding = Forwarding.STORED  #: How a gateway core passes chunks on.
@@ -147,7 +149,9 @@ class Costs:
     """The model's constants."""
 
     memory: MemoryInterface  #: The memory interface.
-    delegate_s: float = 80e-6  #: A hardware node's call to its delegate thread and back (OSIF round trip).
+    delegate_s: float = (
+        80e-6  #: A hardware node's call to its delegate thread and back (OSIF round trip).
+    )
     publish_s: float = 80e-6  #: A publication on a software-mapped topic: fixed part.
     publish_s_per_byte: float  #: The same: for each byte of the message.
     deliver_s: float  #: Its delivery to one reader, one after another: fixed part, with the reader's wake-up.
@@ -193,18 +197,38 @@ CUT_THROUGH = Costs(
 
 _TEMPLATE = "ReconROS, 64-bit template for the ZCU104"
 _ORIGINS: dict[str, tuple[str, Origin, str]] = {
-    "width_bytes": ("B/cycle", Origin.REFERENCE, f"{_TEMPLATE}: MEMIF, OSIF and topic streams of 64 bit"),
+    "width_bytes": (
+        "B/cycle",
+        Origin.REFERENCE,
+        f"{_TEMPLATE}: MEMIF, OSIF and topic streams of 64 bit",
+    ),
     "clock_hz": ("Hz", Origin.REFERENCE, f"{_TEMPLATE}: system clock and build.cfg"),
     "chunk_bytes": ("B", Origin.REFERENCE, f"{_TEMPLATE}: requests of 32 words"),
-    "control_cycles": ("cycles", Origin.REFERENCE, "four states of the memory controller, no request overlaps"),
-    "read_latency_cycles": ("cycles", Origin.ASSUMED, "300 ns from AXI request to DDR data; gives 388 MB/s"),
-    "write_latency_cycles": ("cycles", Origin.FITTED, "the write's response; a posted write beats a read"),
+    "control_cycles": (
+        "cycles",
+        Origin.REFERENCE,
+        "four states of the memory controller, no request overlaps",
+    ),
+    "read_latency_cycles": (
+        "cycles",
+        Origin.ASSUMED,
+        "300 ns from AXI request to DDR data; gives 388 MB/s",
+    ),
+    "write_latency_cycles": (
+        "cycles",
+        Origin.FITTED,
+        "the write's response; a posted write beats a read",
+    ),
     "delegate_s": ("s", Origin.ASSUMED, "two thread switches on a Cortex-A53; no number is stated"),
     "publish_s": ("s", Origin.ASSUMED, "as one delegate round trip; only sums with it matter"),
     "publish_s_per_byte": ("s/B", Origin.FITTED, "copying a message into the middleware"),
     "deliver_s": ("s", Origin.FITTED, "waking one reader"),
     "deliver_s_per_byte": ("s/B", Origin.FITTED, "copying a message for one reader"),
-    "endpoint_s": ("s", Origin.FITTED, "common to both kinds of topic, so it pulls small messages towards 1"),
+    "endpoint_s": (
+        "s",
+        Origin.FITTED,
+        "common to both kinds of topic, so it pulls small messages towards 1",
+    ),
     "cancel_s": ("s", Origin.FITTED, "the hardware publisher's overhead with a gateway"),
 }
 
@@ -225,7 +249,9 @@ def fitted_values(costs: Costs) -> dict[str, float]:
 
 def with_values(costs: Costs, values: Mapping[str, float]) -> Costs:
     """Return the costs with other values of constants, by their names, the memory interface's among them."""
-    of_memory: dict[str, Any] = {name: value for name, value in values.items() if hasattr(costs.memory, name)}
+    of_memory: dict[str, Any] = {
+        name: value for name, value in values.items() if hasattr(costs.memory, name)
+    }
     others = {name: value for name, value in values.items() if name not in of_memory}
     return replace(costs, memory=replace(costs.memory, **of_memory), **others)
 
@@ -257,7 +283,9 @@ class Setup:
 
     def __post_init__(self) -> None:
         if self.message_bytes <= 0 or min(self.hardware, self.software) < 0:
-            raise InvalidValueError("setup", self, "a message and no negative number of subscribers")
+            raise InvalidValueError(
+                "setup", self, "a message and no negative number of subscribers"
+            )
         if self.transport is Transport.HMT and (self.publisher is Side.SOFTWARE or self.software):
             raise InvalidValueError("setup", self, "only hardware nodes on a hardware-mapped topic")
 
@@ -266,7 +294,9 @@ class Setup:
 class Times:
     """Transfer times from the start of the publication, in seconds."""
 
-    hardware_s: float | None  #: Until the last hardware subscriber has the message; None: there is none.
+    hardware_s: (
+        float | None
+    )  #: Until the last hardware subscriber has the message; None: there is none.
     #: Until a software subscriber has it, mean over the order of deliveries; None: there is none.
     software_s: float | None
 
@@ -275,7 +305,8 @@ def transfer_times(setup: Setup, costs: Costs = STORED) -> Times:
     """Return how long one message takes."""
     hardware_s, software_s = _PATHS[setup.transport](setup, costs)
     return Times(
-        hardware_s=hardware_s if setup.hardware else None, software_s=software_s if setup.software else None
+        hardware_s=hardware_s if setup.hardware else None,
+        software_s=software_s if setup.software else None,
     )
 
 
@@ -353,7 +384,9 @@ def judged_s(times: Times, setup: Setup, judge: Judge) -> float:
 def faster_transport(setup: Setup, judge: Judge = Judge.LAST, costs: Costs = STORED) -> Transport:
     """Return what is faster for a judge, whatever the setup's own; the software-mapped topic if equal."""
     smt, gateway = (replace(setup, transport=kind) for kind in (Transport.SMT, Transport.GATEWAY))
-    smt_s, gateway_s = (judged_s(transfer_times(item, costs), item, judge) for item in (smt, gateway))
+    smt_s, gateway_s = (
+        judged_s(transfer_times(item, costs), item, judge) for item in (smt, gateway)
+    )
     return Transport.GATEWAY if gateway_s < smt_s else Transport.SMT
 
 

@@ -30,7 +30,11 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
 MESSAGE_BYTES = (10_000, 100_000, 1_000_000, 10_000_000)  #: Image sizes of section 4.
-SUBSCRIBERS = (2, 4, 8)  #: Numbers of subscribing hardware nodes; one software node subscribes besides.
+SUBSCRIBERS = (
+    2,
+    4,
+    8,
+)  #: Numbers of subscribing hardware nodes; one software node subscribes besides.
 
 
 class Panel(Enum):
@@ -138,7 +142,11 @@ def _most(bars: Sequence[SpeedUp]) -> float:
 
 def _at(subscribers: int, message_bytes: int) -> Callable[[Sequence[SpeedUp]], float]:
     def pick(bars: Sequence[SpeedUp]) -> float:
-        return next(b.ratio for b in bars if (b.subscribers, b.message_bytes) == (subscribers, message_bytes))
+        return next(
+            b.ratio
+            for b in bars
+            if (b.subscribers, b.message_bytes) == (subscribers, message_bytes)
+        )
 
     return pick
 
@@ -163,7 +171,11 @@ PAPER_VALUES = (
 """The numbers of section 4."""
 
 TENDENCIES = (
-    Tendency(_HH, "speedups as soon as more than one hardware node subscribes", lambda bars: _least(bars) > 1),
+    Tendency(
+        _HH,
+        "speedups as soon as more than one hardware node subscribes",
+        lambda bars: _least(bars) > 1,
+    ),
     Tendency(_HH, "at 8 nodes, 1.94 and 7.95 are the ends of the range", _grows),
     Tendency(_HS, "with size and number of hardware nodes the overhead reduces", _grows),
     Tendency(
@@ -171,7 +183,11 @@ TENDENCIES = (
         "below 1 for smaller message sizes, at least with 2 and 4 nodes",
         lambda bars: _at(2, _SMALL)(bars) < 1 and _at(4, _SMALL)(bars) < 1,
     ),
-    Tendency(_SH, "below 1 for smaller message sizes, with 8 nodes too", lambda b: _at(_MANY, _SMALL)(b) < 1),
+    Tendency(
+        _SH,
+        "below 1 for smaller message sizes, with 8 nodes too",
+        lambda b: _at(_MANY, _SMALL)(b) < 1,
+    ),
     Tendency(_SS, "speedups for all measured sizes and numbers", lambda bars: _least(bars) > 1),
 )
 """The sentences of section 4 without a number."""
@@ -181,7 +197,9 @@ def residuals(costs: Costs = STORED) -> list[Residual]:
     """Return every paper value beside the model's."""
     panels = _by_panel(costs)
     return [
-        Residual(panel=item.panel, text=item.text, paper=item.value, model=item.pick(panels[item.panel]))
+        Residual(
+            panel=item.panel, text=item.text, paper=item.value, model=item.pick(panels[item.panel])
+        )
         for item in PAPER_VALUES
     ]
 
@@ -231,12 +249,16 @@ def fit(start: Costs = STORED) -> Fit:
     values = fitted_values(start)
 
     def costs_of(logs: list[float]) -> Costs:
-        return with_values(start, {name: math.exp(log) for name, log in zip(values, logs, strict=True)})
+        return with_values(
+            start, {name: math.exp(log) for name, log in zip(values, logs, strict=True)}
+        )
 
     def errors(logs: list[float]) -> list[float]:
         return [math.log(item.model / item.paper) for item in residuals(costs_of(logs))]
 
-    found = least_squares(errors, [math.log(value) for value in values.values()], x_scale="jac", xtol=1e-12)
+    found = least_squares(
+        errors, [math.log(value) for value in values.values()], x_scale="jac", xtol=1e-12
+    )
     if not found.success:
         raise FitError(f"fit of {', '.join(values)}: {found.message}")
     costs = costs_of(found.x)
@@ -250,9 +272,13 @@ def sensitivity(start: Costs = STORED) -> list[Variant]:
     for factor in (0.5, 2.0):
         latency = factor * start.memory.read_latency_cycles
         variants = {
-            "read_latency_cycles": replace(start, memory=replace(start.memory, read_latency_cycles=latency)),
+            "read_latency_cycles": replace(
+                start, memory=replace(start.memory, read_latency_cycles=latency)
+            ),
             "delegate_s": replace(start, delegate_s=factor * start.delegate_s),
             "publish_s": replace(start, publish_s=factor * start.publish_s),
         }
-        found += [Variant(name=name, factor=factor, fit=fit(costs)) for name, costs in variants.items()]
+        found += [
+            Variant(name=name, factor=factor, fit=fit(costs)) for name, costs in variants.items()
+        ]
     return found

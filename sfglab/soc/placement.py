@@ -58,9 +58,13 @@ class Platform:
     def __post_init__(self) -> None:
         for key in ("lut", "bram", "gateway_lut", "gateway_bram", "carriage_s", "gateway_s"):
             if not 0 <= getattr(self, key) < float("inf"):
-                raise InvalidValueError(f"platform.{key}", getattr(self, key), "a finite number from 0")
+                raise InvalidValueError(
+                    f"platform.{key}", getattr(self, key), "a finite number from 0"
+                )
         if not 0 < self.bytes_per_s < float("inf"):
-            raise InvalidValueError("platform.bytes_per_s", self.bytes_per_s, "a finite number above 0")
+            raise InvalidValueError(
+                "platform.bytes_per_s", self.bytes_per_s, "a finite number above 0"
+            )
 
 
 def platform_from_costs(name: str, *, lut: int, bram: float, costs: Costs = STORED) -> Platform:
@@ -76,7 +80,8 @@ def platform_from_costs(name: str, *, lut: int, bram: float, costs: Costs = STOR
         name=name,
         lut=lut,
         bram=bram,
-        bytes_per_s=chunk_bytes / (costs.memory.read_s(chunk_bytes) + costs.deliver_s_per_byte * chunk_bytes),
+        bytes_per_s=chunk_bytes
+        / (costs.memory.read_s(chunk_bytes) + costs.deliver_s_per_byte * chunk_bytes),
         carriage_s=carriage_s,
         gateway_s=carriage_s + costs.endpoint_s,
     )
@@ -170,7 +175,9 @@ def gateway_load(topic: Topic, platform: Platform) -> float:
 def _traffic(topic: Topic) -> tuple[int, float]:
     key = f"topics.{topic.name}"
     if topic.size_bytes is None:
-        raise InvalidValueError(f"{key}.size_bytes", None, "the size of a message, to know its cost")
+        raise InvalidValueError(
+            f"{key}.size_bytes", None, "the size of a message, to know its cost"
+        )
     if topic.rate_hz is None:
         raise InvalidValueError(f"{key}.rate_hz", None, "messages per second, to know their cost")
     return topic.size_bytes, topic.rate_hz
@@ -199,7 +206,11 @@ class NodeMapping:
     @property
     def gap(self) -> float:
         """By how much the best mapping could be better at most, as a share of this one's load."""
-        return max(0.0, self.load.total_s - self.bound_s) / self.load.total_s if self.load.total_s else 0.0
+        return (
+            max(0.0, self.load.total_s - self.bound_s) / self.load.total_s
+            if self.load.total_s
+            else 0.0
+        )
 
     @property
     def optimal(self) -> bool:
@@ -213,7 +224,9 @@ class Programme:
 
     problem: Any  #: CVXPY's problem; its value is in milliseconds each second.
     in_hardware: Any  #: Boolean variable: x, in the order of the graph's nodes.
-    at_gateway: Any  #: Boolean variable: y, in the order of the graph's topics; None where there are none.
+    at_gateway: (
+        Any  #: Boolean variable: y, in the order of the graph's topics; None where there are none.
+    )
 
 
 def build_programme(
@@ -231,7 +244,9 @@ def build_programme(
 
     x = cp.Variable(len(graph.nodes), boolean=True, name="in_hardware")
     low, high = _bounds(graph, fixed or {})
-    soft, hard = (np.array([load(node) for node in graph.nodes]) for load in (software_load, hardware_load))
+    soft, hard = (
+        np.array([load(node) for node in graph.nodes]) for load in (software_load, hardware_load)
+    )
     cost: Any = _MS * (soft.sum() + (hard - soft) @ x)
     constraints: list[Any] = [x >= low, x <= high]
     y = None
@@ -240,7 +255,9 @@ def build_programme(
         topic_cost, rows = _communication(graph, platform, x, y)
         cost, constraints = cost + topic_cost, constraints + rows
     constraints += _areas(graph, platform, x, y)
-    return Programme(problem=cp.Problem(cp.Minimize(cost), constraints), in_hardware=x, at_gateway=y)
+    return Programme(
+        problem=cp.Problem(cp.Minimize(cost), constraints), in_hardware=x, at_gateway=y
+    )
 
 
 def place_nodes(
@@ -266,7 +283,9 @@ def place_nodes(
     mapped = _read(programme, graph, platform)
     load = assess(mapped, platform)
     if not load.fits(platform):
-        raise SfglabError(f"node mapping: HiGHS gave a mapping that does not fit {platform.name}: {load}")
+        raise SfglabError(
+            f"node mapping: HiGHS gave a mapping that does not fit {platform.name}: {load}"
+        )
     return NodeMapping(graph=mapped, load=load, bound_s=min(bound_s, load.total_s))
 
 
@@ -276,7 +295,11 @@ def _read(programme: Programme, graph: Graph, platform: Platform) -> Graph:
         node.name: Placement.HARDWARE if there else Placement.SOFTWARE
         for node, there in zip(graph.nodes, programme.in_hardware.value > 0.5, strict=True)
     }
-    at = set() if programme.at_gateway is None else set(np.flatnonzero(programme.at_gateway.value > 0.5))
+    at = (
+        set()
+        if programme.at_gateway is None
+        else set(np.flatnonzero(programme.at_gateway.value > 0.5))
+    )
     named = {topic.name for i, topic in enumerate(graph.topics) if i in at}
     return map_communication(
         graph.with_placements(sides),
@@ -284,13 +307,17 @@ def _read(programme: Programme, graph: Graph, platform: Platform) -> Graph:
     ).gateways
 
 
-def _bounds(graph: Graph, fixed: Mapping[str, Placement]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _bounds(
+    graph: Graph, fixed: Mapping[str, Placement]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the least and the largest value of x for each node."""
     for name, placement in fixed.items():
         if graph.node(name).hardware is None and placement is Placement.HARDWARE:
             raise SfglabError(f"node {name!r}: fixed in hardware, where it has no implementation")
     low = [float(fixed.get(node.name) is Placement.HARDWARE) for node in graph.nodes]
-    free = [n.hardware is not None and fixed.get(n.name) is not Placement.SOFTWARE for n in graph.nodes]
+    free = [
+        n.hardware is not None and fixed.get(n.name) is not Placement.SOFTWARE for n in graph.nodes
+    ]
     return np.array(low), np.array(free, dtype=float)
 
 
@@ -337,7 +364,9 @@ def check_fixed(graph: Graph, platform: Platform, fixed: Mapping[str, Placement]
         SfglabError: The fixed nodes do not fit, or have no implementation in hardware.
     """
     _bounds(graph, fixed)
-    parts = [n.hardware for n in graph.nodes if n.hardware and fixed.get(n.name) is Placement.HARDWARE]
+    parts = [
+        n.hardware for n in graph.nodes if n.hardware and fixed.get(n.name) is Placement.HARDWARE
+    ]
     lut, bram = sum(part.lut for part in parts), sum(part.bram for part in parts)
     if lut > platform.lut or bram > platform.bram:
         raise SfglabError(
@@ -359,10 +388,14 @@ def _solve(problem: Any, time_limit_s: float) -> float:
         except cp.error.SolverError as error:
             raise SfglabError(f"node mapping: HiGHS failed: {error}") from error
     if problem.status not in {cp.OPTIMAL, cp.USER_LIMIT} or problem.value is None:
-        raise SfglabError(f"node mapping: HiGHS ended with status {problem.status!r} and no mapping")
+        raise SfglabError(
+            f"node mapping: HiGHS ended with status {problem.status!r} and no mapping"
+        )
     # HiGHS's dual bound, which counts from the programme's constant; no load is below 0.
     info = problem.solver_stats.extra_stats
-    return max(0.0, float(info.mip_dual_bound + (problem.value - info.objective_function_value))) / _MS
+    return (
+        max(0.0, float(info.mip_dual_bound + (problem.value - info.objective_function_value))) / _MS
+    )
 
 
 def _pays(graph: Graph, topic: Topic, platform: Platform) -> bool:

@@ -25,7 +25,9 @@ if TYPE_CHECKING:
 
     Floats = NDArray[np.float64]
 
-NOISE = 0.05  #: Relative error of model and stated number together, one standard deviation: assumed.
+NOISE = (
+    0.05  #: Relative error of model and stated number together, one standard deviation: assumed.
+)
 BOARD_NOISE = 0.02  #: The same of a measurement on a board: assumed.
 _Z = 1.96
 _STEP = 1e-4
@@ -41,8 +43,12 @@ class Prior:
 
 
 PRIORS = {
-    "read_latency_cycles": Prior(30, 3, "assumed: 100 to 900 ns from a request to DDR4's first word"),
-    "write_latency_cycles": Prior(15, 4, "assumed: buffered by the port (Xilinx UG1085) to as slow as a read"),
+    "read_latency_cycles": Prior(
+        30, 3, "assumed: 100 to 900 ns from a request to DDR4's first word"
+    ),
+    "write_latency_cycles": Prior(
+        15, 4, "assumed: buffered by the port (Xilinx UG1085) to as slow as a read"
+    ),
     "delegate_s": Prior(80e-6, 4, "assumed: two thread switches on a Cortex-A53"),
     "publish_s": Prior(80e-6, 4, "assumed: as a delegate's round trip"),
     "publish_s_per_byte": Prior(1e-9, 4, "assumed: a Cortex-A53 copies 0.25 to 4 GB/s"),
@@ -73,7 +79,9 @@ class Prediction:
         return self.low <= self.paper <= self.high
 
     def __str__(self) -> str:
-        return f"{self.value:.3g} [{self.low:.3g}, {self.high:.3g}] for {self.paper:g} ({self.text})"
+        return (
+            f"{self.value:.3g} [{self.low:.3g}, {self.high:.3g}] for {self.paper:g} ({self.text})"
+        )
 
 
 @cache
@@ -118,12 +126,17 @@ def _gradient(function: Callable[[Costs], Floats], start: Costs, logs: Floats) -
     """Return derivatives by the constants' logarithms, shape (values, constants)."""
     steps = _STEP * np.eye(len(logs))
     return np.array(
-        [(function(_costs(start, logs + s)) - function(_costs(start, logs - s))) / (2 * _STEP) for s in steps]
+        [
+            (function(_costs(start, logs + s)) - function(_costs(start, logs - s))) / (2 * _STEP)
+            for s in steps
+        ]
     ).T
 
 
 def _predicted(start: Costs, best: Floats, left_out: int) -> Prediction:
-    logs, covariance = _posterior(start, best, [i for i in range(len(PAPER_VALUES)) if i != left_out])
+    logs, covariance = _posterior(
+        start, best, [i for i in range(len(PAPER_VALUES)) if i != left_out]
+    )
     middle = float(_log_numbers(_costs(start, logs))[left_out])
     g = _gradient(_log_numbers, start, logs)[left_out]
     # Each constant measured by itself, and each time of Fig. 6 and 7, of which ratios alone are stated.

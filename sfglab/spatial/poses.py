@@ -93,8 +93,14 @@ class Pose:
         from scipy.spatial.transform import Rotation
 
         matrix = np.asarray(matrix, dtype=np.float64)
-        if matrix.shape != (4, 4) or not np.isfinite(matrix).all() or np.linalg.det(matrix[:3, :3]) <= 0:
-            raise PoseError("pose", matrix.tolist(), "a finite 4 x 4 matrix whose determinant is above 0")
+        if (
+            matrix.shape != (4, 4)
+            or not np.isfinite(matrix).all()
+            or np.linalg.det(matrix[:3, :3]) <= 0
+        ):
+            raise PoseError(
+                "pose", matrix.tolist(), "a finite 4 x 4 matrix whose determinant is above 0"
+            )
         return cls.from_rotation(matrix[:3, 3], Rotation.from_matrix(matrix[:3, :3]))
 
     @classmethod
@@ -189,7 +195,9 @@ class Pose:
 
     def to_pose_msg(self) -> Any:
         """Return a `geometry_msgs/msg/Pose`."""
-        return _type("Pose")(position=_type("Point")(*self.position_m), orientation=self._quaternion_msg())
+        return _type("Pose")(
+            position=_type("Point")(*self.position_m), orientation=self._quaternion_msg()
+        )
 
     def to_transform_msg(self) -> Any:
         """Return a `geometry_msgs/msg/Transform`."""
@@ -216,9 +224,14 @@ class StampedTransform:
         Raises:
             PoseError: The numbers are no pose; the message names place and frames.
         """
-        parent, child = message.header.frame_id.removeprefix("/"), message.child_frame_id.removeprefix("/")
+        parent, child = (
+            message.header.frame_id.removeprefix("/"),
+            message.child_frame_id.removeprefix("/"),
+        )
         pose = Pose.from_msg(message.transform, place=f"{place} {parent} -> {child}")
-        return cls(parent=parent, child=child, stamp_ns=ns_from_stamp(message.header.stamp), pose=pose)
+        return cls(
+            parent=parent, child=child, stamp_ns=ns_from_stamp(message.header.stamp), pose=pose
+        )
 
     def to_msg(self) -> Any:
         """Return a `geometry_msgs/msg/TransformStamped`."""
@@ -244,7 +257,9 @@ def _checked(position: Iterable[float], quat: Iterable[float], place: str) -> tu
     q = _numbers(quat, 4, f"{place}, quaternion")
     norm = math.hypot(*q)
     if norm < _SHORTEST:
-        raise PoseError(f"{place}, quaternion", list(q), f"a length of at least {_SHORTEST:g}, 1 as a rule")
+        raise PoseError(
+            f"{place}, quaternion", list(q), f"a length of at least {_SHORTEST:g}, 1 as a rule"
+        )
     if not math.isfinite(norm):
         raise PoseError(f"{place}, quaternion", list(q), "a finite length, 1 as a rule")
     x, y, z, w = q if abs(norm * norm - 1.0) <= _UNIT else (c / norm for c in q)
@@ -284,7 +299,11 @@ def _turned(q: Quat, v: Vec3) -> Vec3:
     x, y, z, w = q
     vx, vy, vz = v
     tx, ty, tz = 2.0 * (y * vz - z * vy), 2.0 * (z * vx - x * vz), 2.0 * (x * vy - y * vx)
-    return (vx + w * tx + y * tz - z * ty, vy + w * ty + z * tx - x * tz, vz + w * tz + x * ty - y * tx)
+    return (
+        vx + w * tx + y * tz - z * ty,
+        vy + w * ty + z * tx - x * tz,
+        vz + w * tz + x * ty - y * tx,
+    )
 
 
 def _slerp(a: Quat, b: Quat, fraction: float) -> Quat:

@@ -31,8 +31,12 @@ class ViewOptions:
     """How to look."""
 
     to: tuple[str, ...] = ("viewer",)  #: Where to show it; see `open_canvas`.
-    fleet: Path | None = None  #: A fleet file, for layout, expected agents and border; None for none.
-    frame: str = ""  #: In which space is drawn; empty: the viewer's choice, or ``map`` with a fleet file.
+    fleet: Path | None = (
+        None  #: A fleet file, for layout, expected agents and border; None for none.
+    )
+    frame: str = (
+        ""  #: In which space is drawn; empty: the viewer's choice, or ``map`` with a fleet file.
+    )
     topics: tuple[str, ...] = ()  #: Only topics with one of these beginnings; empty for all.
     memory: str = "25%"  #: How much a viewer that is started here may keep.
     thin: bool = False  #: Whether a log is thinned out by the visualizers' rate budgets, as the bus always is.
@@ -54,10 +58,14 @@ class Report:
 def session_for(topics: Mapping[str, str], options: ViewOptions) -> Session:
     """Return a session with all that installed visualizers can show of topics, given type by topic."""
     session = Session()
-    chosen = {t: kind for t, kind in topics.items() if not options.topics or t.startswith(options.topics)}
+    chosen = {
+        t: kind for t, kind in topics.items() if not options.topics or t.startswith(options.topics)
+    }
     if topics and not chosen:
         there = ", ".join(topics) + suggestion(options.topics[0], topics)
-        raise InvalidValueError("--topic", " ".join(options.topics), f"the beginning of one of {there}")
+        raise InvalidValueError(
+            "--topic", " ".join(options.topics), f"the beginning of one of {there}"
+        )
     for offer in session.offers(chosen):
         display = session.add(offer.kind, offer.topics)
         if offer.kind == Communication.name and options.fleet is not None:

@@ -109,6 +109,8 @@ def open_log(path: str | Path) -> Iterator[Log]:
         def arrivals(topics: Collection[str]) -> Iterator[Arrival]:
             foreign = [topic for topic in topics if not reader.knows(topic)]
             sources = map(decoded_by_file, foreign)
-            return heapq.merge(ours(set(topics) - set(foreign)), *sources, key=lambda a: a.received_ns)
+            return heapq.merge(
+                ours(set(topics) - set(foreign)), *sources, key=lambda a: a.received_ns
+            )
 
         yield Log({topic: info.type_name for topic, info in reader.topics.items()}, arrivals)

@@ -71,7 +71,9 @@ class Bridge:
             added. ``("/",)`` is all, the empty tuple none.
     """
 
-    def __init__(self, node: Node, session: Session, surface: Surface, *, follow: tuple[str, ...] = ()) -> None:
+    def __init__(
+        self, node: Node, session: Session, surface: Surface, *, follow: tuple[str, ...] = ()
+    ) -> None:
         self._node = node
         self._session = session
         self._surface = surface

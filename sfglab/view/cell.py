@@ -28,7 +28,9 @@ if TYPE_CHECKING:
 
 WAITING_BYTES = 32 * 2**20
 """How much of what is drawn waits for a page; what comes later than that, and before the page, is not shown."""
-ROUNDED_NS = 256  #: The viewer tells its time as a float: nanoseconds since 1970 are multiples of 256 there.
+ROUNDED_NS = (
+    256  #: The viewer tells its time as a float: nanoseconds since 1970 are multiples of 256 there.
+)
 PROGRAM, WASM = "widget.js", "re_viewer_bg.wasm"
 _KINDS, _TOKEN = {PROGRAM: "text/javascript", WASM: "application/wasm"}, token_urlsafe()
 
@@ -50,7 +52,9 @@ class CellViewer:
         on_time: Callable[[int], None] = lambda _: None,
     ) -> None:
         _files()
-        self.widget = _widget_class()(_width="auto", _height=height, still=base64.b64encode(still).decode())
+        self.widget = _widget_class()(
+            _width="auto", _height=height, still=base64.b64encode(still).decode()
+        )
         self.widget.on_msg(self._heard)
         self.widget.observe(lambda change: self._give(change["new"]), "wanted")
         self._on_page, self._on_time = on_page, on_time
@@ -75,7 +79,12 @@ class CellViewer:
         """Pause, and show a time; of a timeline of which the viewer knows nothing yet, as soon as it does."""
         self._asked = timeline, at_ns
         if self._opened:
-            order = {"type": "time_ctrl", "timeline": timeline, "timestamp_nanos": str(at_ns), "play": False}
+            order = {
+                "type": "time_ctrl",
+                "timeline": timeline,
+                "timestamp_nanos": str(at_ns),
+                "play": False,
+            }
             self.widget.send(order | {"sequence": None, "duration_nanos": None})
 
     def _heard(self, _: Any, content: Any, __: Any) -> None:
@@ -117,7 +126,9 @@ def _files() -> Path:
 def _widget_class() -> Any:
     """Return the class of the front-end part; names with underscores are read by Rerun's program."""
     texts = dict.fromkeys(("_width", "wanted", "address", "program", "still", "mode"), "Unicode")
-    return front_end(Path(__file__).with_name("cell.js"), texts | {"_height": "Int", "packed": "Bytes"})
+    return front_end(
+        Path(__file__).with_name("cell.js"), texts | {"_height": "Int", "packed": "Bytes"}
+    )
 
 
 class _Handler(BaseHTTPRequestHandler):

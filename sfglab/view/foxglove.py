@@ -58,7 +58,12 @@ class FoxgloveBridge(contextlib.AbstractAsyncContextManager["FoxgloveBridge"]):
     """
 
     def __init__(
-        self, node: Node, *, host: str = "127.0.0.1", port: int = PORT, topics: tuple[str, ...] = ("/",)
+        self,
+        node: Node,
+        *,
+        host: str = "127.0.0.1",
+        port: int = PORT,
+        topics: tuple[str, ...] = ("/",),
     ) -> None:
         foxglove = _library()
 
@@ -103,7 +108,12 @@ class FoxgloveBridge(contextlib.AbstractAsyncContextManager["FoxgloveBridge"]):
         endpoint = event.endpoint
         known = endpoint.topic in self._channels or endpoint.topic in self.left_out
         ours = endpoint.kind is EndpointKind.PUBLISHER and endpoint.dds_topic.startswith("rt/")
-        if ours and isinstance(event, EndpointAdded) and endpoint.topic.startswith(self._topics) and not known:
+        if (
+            ours
+            and isinstance(event, EndpointAdded)
+            and endpoint.topic.startswith(self._topics)
+            and not known
+        ):
             self._advertise(endpoint.topic, endpoint.type)
 
     def _advertise(self, topic: str, type_name: str) -> None:
@@ -164,17 +174,22 @@ def layout_of_fleet(fleet: Fleet, *, frame: str = "map") -> str:
     topics = [s.topic for agent in fleet.agents for sensor in agent.sensors for s in sensor.streams]
     pictures = [
         layouts.ImagePanel(
-            config=layouts.ImageConfig(image_mode=layouts.ImageModeConfig(image_topic=topic)), title=topic
+            config=layouts.ImageConfig(image_mode=layouts.ImageModeConfig(image_topic=topic)),
+            title=topic,
         )
         for topic in (routes_of_topic(topic)[0].local_topic for topic in topics)
     ]
     space = layouts.ThreeDeePanel(config=layouts.ThreeDeeConfig(follow_tf=frame, fixed_frame=frame))
     beats = layouts.RawMessagesPanel(config=layouts.RawMessagesConfig(topic_path=heartbeat_topic()))
-    side = [layouts.SplitItem(content=picture) for picture in pictures] or [layouts.SplitItem(content=beats)]
+    side = [layouts.SplitItem(content=picture) for picture in pictures] or [
+        layouts.SplitItem(content=beats)
+    ]
     upper = layouts.SplitContainer(
         items=[
             layouts.SplitItem(proportion=3, content=space),
-            layouts.SplitItem(proportion=2, content=layouts.SplitContainer(direction="column", items=side)),
+            layouts.SplitItem(
+                proportion=2, content=layouts.SplitContainer(direction="column", items=side)
+            ),
         ]
     )
     rows = [layouts.SplitItem(proportion=3, content=upper), layouts.SplitItem(content=beats)]

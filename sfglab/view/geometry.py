@@ -75,7 +75,9 @@ def pinhole_matrix(info: Any) -> NDArray[np.float64]:
     where neither has positive focal lengths.
     """
     projection = np.asarray(info.p, dtype=np.float64).reshape(3, 4)[:, :3]
-    matrix = projection if projection[0, 0] > 0 else np.asarray(info.k, dtype=np.float64).reshape(3, 3)
+    matrix = (
+        projection if projection[0, 0] > 0 else np.asarray(info.k, dtype=np.float64).reshape(3, 3)
+    )
     if not (np.isfinite(matrix).all() and matrix[0, 0] > 0 and matrix[1, 1] > 0):
         raise InvalidValueError("camera info, K", matrix.tolist(), "positive focal lengths")
     return matrix
@@ -141,7 +143,11 @@ def cloud_colors(records: NDArray[Any]) -> NDArray[np.uint8] | None:
     name = next((n for n in ("rgb", "rgba") if n in (records.dtype.names or ())), None)
     if name is None or records.dtype[name].itemsize != 4:
         return None
-    packed = np.ascontiguousarray(records[name]).view(records.dtype[name].str[0] + "u4").astype(np.uint32)
+    packed = (
+        np.ascontiguousarray(records[name])
+        .view(records.dtype[name].str[0] + "u4")
+        .astype(np.uint32)
+    )
     return np.column_stack([(packed >> shift) & 255 for shift in (16, 8, 0)]).astype(np.uint8)
 
 
@@ -158,7 +164,9 @@ def colors_by_value(values: NDArray[Any]) -> NDArray[np.uint8]:
     return np.asarray(cv2.applyColorMap(levels, cv2.COLORMAP_TURBO)[:, 0, ::-1])
 
 
-def covariance_ellipsoid(covariance: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+def covariance_ellipsoid(
+    covariance: NDArray[Any],
+) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
     """Return half sizes (3,), one sigma, and orientation (x, y, z, w) of a 3 x 3 covariance, or None."""
     from scipy.spatial.transform import Rotation
 
@@ -174,14 +182,22 @@ def covariance_ellipsoid(covariance: NDArray[Any]) -> tuple[NDArray[np.float64],
 
 def _records(cloud: Any) -> NDArray[Any]:
     order = ">" if cloud.is_bigendian else "<"
-    fields = [field for field in cloud.fields if field.datatype in _POINT_TYPES and field.count <= 1]
+    fields = [
+        field for field in cloud.fields if field.datatype in _POINT_TYPES and field.count <= 1
+    ]
     formats = [order + _POINT_TYPES[field.datatype] for field in fields]
     names, offsets = [field.name for field in fields], [field.offset for field in fields]
     try:
-        dtype = np.dtype({"names": names, "formats": formats, "offsets": offsets, "itemsize": cloud.point_step})
+        dtype = np.dtype(
+            {"names": names, "formats": formats, "offsets": offsets, "itemsize": cloud.point_step}
+        )
         row_bytes = cloud.width * cloud.point_step
-        data = np.asarray(cloud.data)[: cloud.row_step * cloud.height].reshape(cloud.height, cloud.row_step)
+        data = np.asarray(cloud.data)[: cloud.row_step * cloud.height].reshape(
+            cloud.height, cloud.row_step
+        )
         return np.ascontiguousarray(data[:, :row_bytes]).reshape(-1).view(dtype)
     except ValueError as error:
         given = f"{len(cloud.data)} bytes as {cloud.height} rows of {cloud.row_step}"
-        raise InvalidValueError("point cloud data", given, f"what fits its fields ({error})") from error
+        raise InvalidValueError(
+            "point cloud data", given, f"what fits its fields ({error})"
+        ) from error

@@ -40,7 +40,9 @@ class Panel:
         self._list = self._kit.VBox()
         kinds = self._kit.Dropdown(options=sorted(available().kinds), description="visualizer")
         topic = self._kit.Combobox(description="topic", options=sorted(self._topics()))
-        add = button("Add", lambda: attempt(lambda: self._add(kinds.value, topic.value), self._said))
+        add = button(
+            "Add", lambda: attempt(lambda: self._add(kinds.value, topic.value), self._said)
+        )
         self.widget = self._kit.VBox([self._kit.HBox([kinds, topic, add]), self._said, self._list])
         self._close = session.listen(self._changed)
 
@@ -83,7 +85,9 @@ class Panel:
         id_ = display.id
         on = self._kit.Checkbox(value=display.enabled, description=id_)
         self._follow(on, lambda value: self._session.enable(id_, enabled=value))
-        rate = self._kit.FloatText(value=display.slot.budget.max_hz or 0.0, description="Hz (0: all)")
+        rate = self._kit.FloatText(
+            value=display.slot.budget.max_hz or 0.0, description="Hz (0: all)"
+        )
         self._follow(rate, lambda value: self._session.limit(id_, value or None))
         remove = button("Remove", lambda: attempt(lambda: self._session.remove(id_), self._said))
         self._states[id_] = self._kit.Label()
@@ -111,7 +115,9 @@ class Panel:
     def _request(self, id_: str, role: str, qos: QoSProfile) -> Any:
         """Return the QoS of one input: whether lost messages are repaired, and whether the past is wanted."""
         pairs = product(Reliability, Durability)
-        profiles = {f"{r.value}, {d.value}": replace(qos, reliability=r, durability=d) for r, d in pairs}
+        profiles = {
+            f"{r.value}, {d.value}": replace(qos, reliability=r, durability=d) for r, d in pairs
+        }
         label = f"{qos.reliability.value}, {qos.durability.value}"
         made = self._kit.Dropdown(options=tuple(profiles), value=label, description=f"QoS {role}")
         self._follow(made, lambda new: self._session.rewire(id_, qos={role: profiles[new]}))

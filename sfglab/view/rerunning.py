@@ -51,9 +51,13 @@ CAPTURE, RECEIVED = "capture", "received"  #: The timelines.
 
 WINDOW_BYTES = 32 * 2**20  #: How much may be drawn before the sinks have to have taken it.
 
-_PLACES = "<path>.rrd, viewer, rerun+http://<host>:<port>/proxy, serve[[:<address>]:<port>], notebook"
+_PLACES = (
+    "<path>.rrd, viewer, rerun+http://<host>:<port>/proxy, serve[[:<address>]:<port>], notebook"
+)
 _TAKE_LIMIT_S = 10.0
-_IMAGE_BYTES = 128 * 1024  #: A batch of this size leaves at once: a picture does not wait for company.
+_IMAGE_BYTES = (
+    128 * 1024
+)  #: A batch of this size leaves at once: a picture does not wait for company.
 
 
 class RerunCanvas:
@@ -163,7 +167,9 @@ def open_canvas(to: Sequence[str], *, title: str = "sfglab", memory: str = "25%"
     if not to:
         raise InvalidValueError("to", to, "at least one place")
     if not re.fullmatch(r"\d+(\.\d+)?(%|[kKMGT]?i?B)", memory):
-        raise InvalidValueError("memory", memory, "a share of the host's memory as 25%, or an amount as 4GB")
+        raise InvalidValueError(
+            "memory", memory, "a share of the host's memory as 25%, or an amount as 4GB"
+        )
     if NOTEBOOK in to and len(to) > 1:
         raise InvalidValueError("to", to, "the notebook alone, or other places")
     config = rr.ChunkBatcherConfig.LOW_LATENCY()
@@ -236,7 +242,9 @@ class Layout:
 
     frame: str = ""  #: The frame in which space is drawn; empty leaves the choice to the viewer.
     agents: tuple[str, ...] = ()  #: Whose heartbeats and states are drawn.
-    cameras: Mapping[str, str] = field(default_factory=dict)  #: What each view shows, by a name for people.
+    cameras: Mapping[str, str] = field(
+        default_factory=dict
+    )  #: What each view shows, by a name for people.
     #: Whether heartbeats and states are drawn; without `agents` those of all that turn up.
     communication: bool = False
 
@@ -265,7 +273,9 @@ def blueprint(layout: Layout) -> Any:
     rerun()
     import rerun.blueprint as rrb
 
-    space = rrb.Spatial3DView(origin="/", contents=_contents(layout), name="space", **_space(layout.frame))
+    space = rrb.Spatial3DView(
+        origin="/", contents=_contents(layout), name="space", **_space(layout.frame)
+    )
     views: list[Any] = [space]
     if layout.cameras:
         cameras = (
@@ -291,8 +301,13 @@ def _space(frame: str) -> dict[str, Any]:
 
     if not frame:
         return {}
-    eye = rrb.EyeControls3D(position=(-5.0, -5.0, 4.0), look_target=(0.0, 0.0, 0.0), eye_up=(0.0, 0.0, 1.0))
-    return {"spatial_information": rrb.SpatialInformation(frame, show_axes=True), "eye_controls": eye}
+    eye = rrb.EyeControls3D(
+        position=(-5.0, -5.0, 4.0), look_target=(0.0, 0.0, 0.0), eye_up=(0.0, 0.0, 1.0)
+    )
+    return {
+        "spatial_information": rrb.SpatialInformation(frame, show_axes=True),
+        "eye_controls": eye,
+    }
 
 
 def _communication(agents: tuple[str, ...]) -> list[Any]:

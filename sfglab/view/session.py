@@ -69,7 +69,9 @@ def available() -> Registry:
         if isinstance(kind, str):
             broken.append(kind)
         elif (first := kinds.setdefault(kind.name, kind)) is not kind:
-            broken.append(f"visualizer {entry.value!r}: the name {kind.name!r} is taken by {first!r}")
+            broken.append(
+                f"visualizer {entry.value!r}: the name {kind.name!r} is taken by {first!r}"
+            )
     return Registry(kinds, tuple(broken))
 
 
@@ -111,7 +113,9 @@ class Display:
     visualizer: Visualizer  #: What draws.
     slot: Slot[Any]  #: Its queues.
     sync: SyncPolicy  #: Which messages belong together.
-    qos: dict[str, QoSProfile] = field(default_factory=dict)  #: Requested instead of the inputs' own, by role.
+    qos: dict[str, QoSProfile] = field(
+        default_factory=dict
+    )  #: Requested instead of the inputs' own, by role.
     enabled: bool = True  #: Whether messages reach it.
     errors: int = 0  #: Updates that could not be shown.
     last_error: str = ""  #: Why the latest of these could not be.
@@ -121,7 +125,9 @@ class Display:
         """Each bound input with its topic and what is requested."""
         topics = self.visualizer.topics
         bound = [given for given in self.visualizer.inputs if given.role in topics]
-        return tuple((given, topics[given.role], self.qos.get(given.role, given.qos)) for given in bound)
+        return tuple(
+            (given, topics[given.role], self.qos.get(given.role, given.qos)) for given in bound
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -210,7 +216,11 @@ class Session:
         self._tell(Changed.TUNED, display)
 
     def rewire(
-        self, id_: str, *, qos: Mapping[str, QoSProfile] | None = None, sync: SyncPolicy | None = None
+        self,
+        id_: str,
+        *,
+        qos: Mapping[str, QoSProfile] | None = None,
+        sync: SyncPolicy | None = None,
     ) -> None:
         """Change a display's QoS, by role, or its policy, where given; what waited is gone."""
         display = self.display(id_)
@@ -224,7 +234,9 @@ class Session:
 
     def offers(self, topics: Mapping[str, str]) -> tuple[Offer, ...]:
         """Return what could be added for topics, given type by topic, without what is shown already."""
-        shown = {(d.visualizer.name, next(iter(d.visualizer.topics.values()))) for d in self.displays}
+        shown = {
+            (d.visualizer.name, next(iter(d.visualizer.topics.values()))) for d in self.displays
+        }
         found = []
         for kind in available().kinds.values():
             for topic in sorted(topics):
@@ -247,7 +259,9 @@ class Session:
 
 def _slot(visualizer: Visualizer, sync: SyncPolicy, max_hz: float | None) -> Slot[Any]:
     topics = visualizer.topics
-    steady = tuple(given.role for given in visualizer.inputs if given.steady and given.role in topics)
+    steady = tuple(
+        given.role for given in visualizer.inputs if given.steady and given.role in topics
+    )
     return Slot(tuple(topics), policy=sync, max_hz=max_hz, queue=visualizer.queue, steady=steady)
 
 

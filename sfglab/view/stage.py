@@ -46,7 +46,9 @@ def _show(display: Display, taken: Taken[Arrival], surface: Surface) -> None:
     surface.at(stamp_ns=taken.stamp_ns, received_ns=received_ns)
     with _noted(display):
         messages = {role: decoded(arrival) for role, arrival in taken.items.items()}
-        update = Update(messages=messages, stamp_ns=taken.stamp_ns, received_ns=received_ns, lost=taken.lost)
+        update = Update(
+            messages=messages, stamp_ns=taken.stamp_ns, received_ns=received_ns, lost=taken.lost
+        )
         display.visualizer.show(update, surface)
     surface.settle(sum(len(arrival.cdr) for arrival in arrivals))
 
@@ -149,7 +151,9 @@ class Stage:
             received[leading] += counts.received
             dropped[leading] += counts.dropped
         return tuple(
-            TopicHealth(topic=topic, received=received[topic], dropped=dropped[topic], lost=self.lost[topic])
+            TopicHealth(
+                topic=topic, received=received[topic], dropped=dropped[topic], lost=self.lost[topic]
+            )
             for topic in sorted(received | self.lost)
         )
 

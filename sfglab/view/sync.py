@@ -163,7 +163,9 @@ class _ApproximateSynchronizer(Synchronizer[T]):
     def _is_decided(self, pivot_ns: int) -> bool:
         """Return whether every topic has reached the pivot, or one cannot wait any longer."""
         queues = self._queues.values()
-        return any(len(q) > self._depth for q in queues) or all(q[-1][0] >= pivot_ns for q in queues)
+        return any(len(q) > self._depth for q in queues) or all(
+            q[-1][0] >= pivot_ns for q in queues
+        )
 
     def _best(self, pivot_ns: int) -> dict[str, int]:
         """Return the nearest items to the pivot; where those lie too far apart, the last ones not after it."""
@@ -192,7 +194,9 @@ class _LatestSynchronizer(Synchronizer[T]):
 class _SteadySynchronizer(Synchronizer[T]):
     """Matches by stamps, unless steady topics spoke only once, as of a calibration: then that item holds."""
 
-    def __init__(self, policy: SyncPolicy, topics: tuple[str, ...], steady: tuple[str, ...]) -> None:
+    def __init__(
+        self, policy: SyncPolicy, topics: tuple[str, ...], steady: tuple[str, ...]
+    ) -> None:
         super().__init__(topics, depth=1)
         self._by_stamps = synchronizer(policy, topics)
         self._others = synchronizer(policy, tuple(topic for topic in topics if topic not in steady))
@@ -236,7 +240,9 @@ class _SteadySynchronizer(Synchronizer[T]):
             self._current.clear()
             self._holds, self._alone = holds, self._alone * holds
 
-    def _counted(self, way: Synchronizer[object], topic: str, stamp_ns: int, item: T) -> list[Matched[T]]:
+    def _counted(
+        self, way: Synchronizer[object], topic: str, stamp_ns: int, item: T
+    ) -> list[Matched[T]]:
         before = way.unmatched, way.disordered
         found = way.offer(topic, stamp_ns, item)
         self.unmatched += way.unmatched - before[0]

@@ -46,7 +46,9 @@ class Input:
     #: ``camera_info``; empty for none.
     sibling: str = ""
     optional: bool = False  #: Whether the visualizer also works without.
-    steady: bool = False  #: Whether one message may hold for good, as a calibration that is published once.
+    steady: bool = (
+        False  #: Whether one message may hold for good, as a calibration that is published once.
+    )
     qos: QoSProfile = SENSOR_DATA  #: What is requested.
 
     def fits(self, topic: str, type_name: str) -> bool:
@@ -79,7 +81,9 @@ class TopicHealth:
 
     topic: str  #: Its name.
     received: int  #: Messages that arrived.
-    dropped: int  #: Of those, passed over by a bounded queue, by synchronisation or by a rate budget.
+    dropped: (
+        int  #: Of those, passed over by a bounded queue, by synchronisation or by a rate budget.
+    )
     lost: int  #: Messages that the transport knows not to have arrived.
 
 
@@ -104,7 +108,9 @@ class Visualizer(ABC):
     """Shows its inputs' messages, used by one thread; InvalidValueError for a wrong value or role."""
 
     name: ClassVar[str]  #: Under which it is added; unique among all that are installed.
-    inputs: ClassVar[tuple[Input, ...]]  #: The first leads: it gives the entity, and where it matters the time.
+    inputs: ClassVar[
+        tuple[Input, ...]
+    ]  #: The first leads: it gives the entity, and where it matters the time.
     sync: ClassVar[SyncPolicy] = Independent()  #: Which messages of several inputs belong together.
     max_hz: ClassVar[float | None] = 30.0  #: Its rate budget; None where each message counts.
     #: How many updates may wait for their turn; the oldest goes when there are more. 1 shows the latest.
@@ -112,7 +118,9 @@ class Visualizer(ABC):
     tick_hz: ClassVar[float] = 0.0  #: How often `tick` is called; 0 for never.
     parameters: ClassVar[tuple[Parameter, ...]] = ()  #: What can be tuned.
 
-    def __init__(self, topics: Mapping[str, str], settings: Mapping[str, object] | None = None) -> None:
+    def __init__(
+        self, topics: Mapping[str, str], settings: Mapping[str, object] | None = None
+    ) -> None:
         self.topics = _checked_topics(type(self), topics)  #: Topic by role.
         first = next(iter(self.topics.values()))
         self.entity = entity_of_topic(first)  #: Where it draws, made from the first topic.
@@ -236,5 +244,10 @@ def check_all(parameters: Iterable[Parameter], values: Mapping[str, object]) -> 
     known = {parameter.name: parameter for parameter in parameters}
     for name in values:
         if name not in known:
-            raise InvalidValueError(name, values[name], f"a parameter: {', '.join(known) or 'none'}")
-    return {name: parameter.check(values.get(name, parameter.default)) for name, parameter in known.items()}
+            raise InvalidValueError(
+                name, values[name], f"a parameter: {', '.join(known) or 'none'}"
+            )
+    return {
+        name: parameter.check(values.get(name, parameter.default))
+        for name, parameter in known.items()
+    }

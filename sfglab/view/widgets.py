@@ -23,7 +23,9 @@ def widgets() -> Any:
     try:
         return import_module("ipywidgets")
     except ImportError as error:
-        raise MissingExtraError("ipywidgets", extra="view", purpose="the panel in a notebook") from error
+        raise MissingExtraError(
+            "ipywidgets", extra="view", purpose="the panel in a notebook"
+        ) from error
 
 
 def front_end(module: Path, traits: Mapping[str, str]) -> Any:
@@ -35,7 +37,9 @@ def front_end(module: Path, traits: Mapping[str, str]) -> Any:
     try:
         anywidget, traitlets = import_module("anywidget"), import_module("traitlets")
     except ImportError as error:
-        raise MissingExtraError("anywidget", extra="view", purpose="this part of a notebook") from error
+        raise MissingExtraError(
+            "anywidget", extra="view", purpose="this part of a notebook"
+        ) from error
     members = {name: getattr(traitlets, kind)().tag(sync=True) for name, kind in traits.items()}
     members["_esm"] = module.read_text("utf-8")
     return type(f"{module.stem.title()}Widget", (anywidget.AnyWidget,), members)

@@ -43,7 +43,9 @@ def test_solver_and_closed_form_agree_whatever_the_weight(topics, rate_max_hz, r
 
 
 def test_an_infeasible_rate_names_equation_4_and_what_would_help_and_a_depth_equation_5():
-    with pytest.raises(InfeasibleBalanceError, match=r"Eq\. 4.*lacks 4\.21.*raise Rmax to 126") as caught:
+    with pytest.raises(
+        InfeasibleBalanceError, match=r"Eq\. 4.*lacks 4\.21.*raise Rmax to 126"
+    ) as caught:
         balance(BalanceInput(topics=EXPERIMENT, rate_max_hz=100, rate_min_hz=10))
     assert caught.value.lacking == pytest.approx(4.2105, abs=1e-3)
     with pytest.raises(InfeasibleBalanceError, match=r"Eq\. 5"):
@@ -52,7 +54,13 @@ def test_an_infeasible_rate_names_equation_4_and_what_would_help_and_a_depth_equ
 
 @pytest.mark.parametrize(
     "values",
-    [{"topics": ()}, {"topics": (3, 0)}, {"rate_min_hz": 0}, {"rate_min_hz": 200}, {"depth_min": 6000}],
+    [
+        {"topics": ()},
+        {"topics": (3, 0)},
+        {"rate_min_hz": 0},
+        {"rate_min_hz": 200},
+        {"depth_min": 6000},
+    ],
 )
 def test_meaningless_input_is_refused(values):
     with pytest.raises(InvalidValueError):

@@ -34,7 +34,10 @@ ALLOWED = {
     "reliability": {"kind"},
     "period": {"sec", "nanosec"},
 }
-WRITER_TIMES = {2: {"heartbeatPeriod", "nackResponseDelay"}, 3: {"heartbeat_period", "nack_response_delay"}}
+WRITER_TIMES = {
+    2: {"heartbeatPeriod", "nackResponseDelay"},
+    3: {"heartbeat_period", "nack_response_delay"},
+}
 READER_TIMES = {2: {"heartbeatResponseDelay"}, 3: {"heartbeat_response_delay"}}
 
 
@@ -62,7 +65,9 @@ def leaves(element: ET.Element) -> dict[str, str]:
     found = {}
     for inner in element:
         below = leaves(inner)
-        found |= {f"{local(inner)}/{k}": v for k, v in below.items()} or {local(inner): inner.text or ""}
+        found |= {f"{local(inner)}/{k}": v for k, v in below.items()} or {
+            local(inner): inner.text or ""
+        }
     return found
 
 
@@ -105,13 +110,19 @@ def test_best_effort_profiles_have_no_times():
 
 
 def test_topics_behind_a_cache_have_no_deadline():
-    cached = plan_file(replace(PAPER_B, topics=tuple(replace(t, cached=True) for t in PAPER_B.topics)))
+    cached = plan_file(
+        replace(PAPER_B, topics=tuple(replace(t, cached=True) for t in PAPER_B.topics))
+    )
     assert "deadline" not in ros2_parameters(cached).partition("/**:")[2]
-    assert not any("deadline" in p for x in profiles(fast_dds_xml(cached)).values() for p in leaves(x))
+    assert not any(
+        "deadline" in p for x in profiles(fast_dds_xml(cached)).values() for p in leaves(x)
+    )
 
 
 def test_a_history_beyond_fast_dds_limits_raises_them():
-    said = leaves(profiles(fast_dds_xml(plan_as_printed(PAPER_B.limited_to(500))))["data_writer", "/hello"])
+    said = leaves(
+        profiles(fast_dds_xml(plan_as_printed(PAPER_B.limited_to(500))))["data_writer", "/hello"]
+    )
     depth = int(said["topic/historyQos/depth"])
     limits = {k.rpartition("/")[2]: int(v) for k, v in said.items() if "resourceLimits" in k}
     assert depth > 400
@@ -134,7 +145,9 @@ def run_cyclone(path: Path) -> subprocess.CompletedProcess[str]:
     return subprocess.run(command, capture_output=True, text=True, timeout=20, check=False)
 
 
-def test_cyclone_dds_itself_accepts_its_configuration_which_has_the_planned_timing(cyclone, tmp_path):
+def test_cyclone_dds_itself_accepts_its_configuration_which_has_the_planned_timing(
+    cyclone, tmp_path
+):
     good, bad = tmp_path / "good.xml", tmp_path / "bad.xml"
     good.write_text(cyclone_xml(cyclone))
     bad.write_text(cyclone_xml(cyclone).replace("NackDelay", "NackDelays"))
@@ -144,10 +157,15 @@ def test_cyclone_dds_itself_accepts_its_configuration_which_has_the_planned_timi
     root = ET.fromstring(cyclone_xml(cyclone))  # noqa: S314 - our own text
     said = {local(e): (e.text, e.attrib) for e in root.iter() if e.text and e.text.strip()}
     assert said["NackDelay"][0] == said["AckDelay"][0] == "10 ms"
-    assert said["HeartbeatInterval"] == ("100 ms", {"min": "5 ms", "minsched": "20 ms", "max": "8000 ms"})
+    assert said["HeartbeatInterval"] == (
+        "100 ms",
+        {"min": "5 ms", "minsched": "20 ms", "max": "8000 ms"},
+    )
 
 
-def test_the_ros_2_file_is_a_parameter_file_with_overrides_of_both_sides_and_names_the_rates(cyclone, fast):
+def test_the_ros_2_file_is_a_parameter_file_with_overrides_of_both_sides_and_names_the_rates(
+    cyclone, fast
+):
     text = ros2_parameters(cyclone)
     overrides = yaml.safe_load(text)["/**"]["ros__parameters"]["qos_overrides"]
     assert list(overrides) == [part.topic.name for part in cyclone.topics]

@@ -128,7 +128,9 @@ def test_robots_that_are_told_nothing_stay_and_straight_ahead_they_slip_by_milli
     seconds = 2.0
     for _ in range(round(seconds * 1e9 / STEP_NS)):
         world.step([hallway.Command(moving=True)] * 3)
-    np.testing.assert_allclose(np.hypot(*(world.poses - before)[:, :2].T), SPEED_M_S * seconds, rtol=0.02)
+    np.testing.assert_allclose(
+        np.hypot(*(world.poses - before)[:, :2].T), SPEED_M_S * seconds, rtol=0.02
+    )
 
 
 # --- The nodes, and how late messages may be.
@@ -148,7 +150,9 @@ def drive_home(seed, *, turns_late):
     while verdict is None:
         if steps % round(1e9 / hallway.SCAN_HZ / STEP_NS) == 0:
             turns.append([world.scan(robot) for robot in range(3)])
-            for robot, scans in enumerate(turns[-1 - turns_late] if len(turns) > turns_late else ()):
+            for robot, scans in enumerate(
+                turns[-1 - turns_late] if len(turns) > turns_late else ()
+            ):
                 for beam, step in enumerate(scans):
                     station.hear(robot, beam, step)
             for node, command in zip(nodes, station.commands, strict=True):
@@ -156,7 +160,10 @@ def drive_home(seed, *, turns_late):
         world.step([node.command for node in nodes])
         steps += 1
         verdict = judge(
-            world.clearance_m, world.wound_rad(), stopped_by=station.stopped_by, now_s=steps * STEP_NS / 1e9
+            world.clearance_m,
+            world.wound_rad(),
+            stopped_by=station.stopped_by,
+            now_s=steps * STEP_NS / 1e9,
         )
     return verdict
 
@@ -191,7 +198,9 @@ def test_before_its_first_turn_sensing_has_no_value_nor_has_localisation_before_
     assert [node.value(beam) for beam in range(8)] == list(range(8))
 
 
-@given(st.lists(st.tuples(st.integers(0, 2), st.integers(0, 7), st.integers(400, 420)), max_size=200))
+@given(
+    st.lists(st.tuples(st.integers(0, 2), st.integers(0, 7), st.integers(400, 420)), max_size=200)
+)
 def test_values_that_repeat_change_no_decision(heard):
     """What local cache and cache control rely on: planning is a function of the values, not of messages."""
     every, changes, cache = Station(), Station(), LocalCache()
@@ -238,4 +247,6 @@ def test_the_verdict_names_the_robot():
     assert judge(free, home, stopped_by=2, now_s=1) == Verdict(end=End.STOP, robot=2)
     assert judge(free, home, stopped_by=None, now_s=1) == Verdict(end=End.SUCCESS)
     assert judge(free, [6.2, 6.2, 3.0], stopped_by=None, now_s=1) is None
-    assert judge(free, [0.0] * 3, stopped_by=None, now_s=hallway.LIMIT_S) == Verdict(end=End.TIMEOUT)
+    assert judge(free, [0.0] * 3, stopped_by=None, now_s=hallway.LIMIT_S) == Verdict(
+        end=End.TIMEOUT
+    )

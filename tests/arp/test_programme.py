@@ -28,7 +28,9 @@ VENDORS = pytest.mark.parametrize("vendor", [FAST_DDS, CYCLONE_DDS], ids=lambda 
 
 
 def topic(name: str = "/a", **values) -> Topic:
-    return Topic(**{"name": name, "source": "robot", "target": "station", "size_bytes": 24, **values})
+    return Topic(
+        **{"name": name, "source": "robot", "target": "station", "size_bytes": 24, **values}
+    )
 
 
 def reckoned(planned):
@@ -48,12 +50,16 @@ def equal_topics(count: int, **values) -> list[Topic]:
 @VENDORS
 def test_the_programme_is_convex_and_keeps_to_the_rules_for_parameters(vendor):
     topics = [topic(), topic("/b", reliability=Reliability.BEST_EFFORT)]
-    assert build_programme(topics, link_of(topics, Medium(), vendor), Limits()).problem.is_dcp(dpp=True)
+    assert build_programme(topics, link_of(topics, Medium(), vendor), Limits()).problem.is_dcp(
+        dpp=True
+    )
 
 
 def test_equal_topics_share_the_capacity_equally_where_latency_is_free():
     topics = equal_topics(12, rate_max_hz=150)
-    found = plan(topics, Medium(), FAST_DDS, latency_price_hz=0.0, limits=Limits(utilisation_max=0.4))
+    found = plan(
+        topics, Medium(), FAST_DDS, latency_price_hz=0.0, limits=Limits(utilisation_max=0.4)
+    )
     link = reckoned(found)
     closed_form = 0.4 / float((link.data_s + link.acknack_share * link.acknack_s).sum())
     assert found.rates_hz == pytest.approx(np.full(12, closed_form), rel=1e-4)
@@ -65,10 +71,14 @@ def test_the_price_of_airtime_is_what_more_of_it_brings():
     topics, step = [*equal_topics(8, change_s=0.1), topic("/slow", change_s=10)], 1e-3
 
     def solve(share):
-        return plan(topics, Medium(), FAST_DDS, latency_price_hz=0.0, limits=Limits(utilisation_max=share))
+        return plan(
+            topics, Medium(), FAST_DDS, latency_price_hz=0.0, limits=Limits(utilisation_max=share)
+        )
 
     low, middle, high = solve(0.3 - step), solve(0.3), solve(0.3 + step)
-    assert middle.airtime_price == pytest.approx((high.freshness - low.freshness) / (2 * step), rel=1e-3)
+    assert middle.airtime_price == pytest.approx(
+        (high.freshness - low.freshness) / (2 * step), rel=1e-3
+    )
 
 
 @pytest.mark.parametrize("price", [1.0, 30.0])
@@ -105,7 +115,9 @@ def test_no_neighbour_of_the_optimum_is_better(vendor, price):
     durability=st.sampled_from(Durability),
     cached=st.booleans(),
 )
-def test_every_plan_keeps_to_its_bounds(changes, size_bytes, loss, price, shared, vendor, durability, cached):
+def test_every_plan_keeps_to_its_bounds(
+    changes, size_bytes, loss, price, shared, vendor, durability, cached
+):
     given = {"size_bytes": size_bytes, "durability": durability, "cached": cached}
     hosts = ("robot0", "robot1") * 3
     topics = [topic(f"/t{i}", source=hosts[i], change_s=s, **given) for i, s in enumerate(changes)]
@@ -131,11 +143,17 @@ def test_without_a_price_the_plan_is_the_fronts_most_up_to_date_point():
     front = pareto_front(PAPER_B.topics, PAPER_B.medium, CYCLONE_DDS)
     chosen = plan(PAPER_B.topics, PAPER_B.medium, CYCLONE_DDS)
     assert chosen.up_to_date == max(point.up_to_date for point in front)
-    assert front[0].up_to_date < chosen.up_to_date > front[-1].up_to_date, "the best point lies inside"
+    assert front[0].up_to_date < chosen.up_to_date > front[-1].up_to_date, (
+        "the best point lies inside"
+    )
 
 
 def test_what_changes_slowly_leaves_the_air_to_what_does_not_and_weight_buys_rate():
-    found = plan([topic("/fast", change_s=0.1), topic("/slow", change_s=10)], Medium(rate_bps=2e6), CYCLONE_DDS)
+    found = plan(
+        [topic("/fast", change_s=0.1), topic("/slow", change_s=10)],
+        Medium(rate_bps=2e6),
+        CYCLONE_DDS,
+    )
     assert found["/fast"].rate_hz > 3 * found["/slow"].rate_hz
     topics = [topic("/plain"), topic("/dear", weight=5)]
     found = plan(topics, Medium(rate_bps=1e6), CYCLONE_DDS, latency_price_hz=1.0)
@@ -143,9 +161,13 @@ def test_what_changes_slowly_leaves_the_air_to_what_does_not_and_weight_buys_rat
 
 
 def test_a_host_with_an_air_of_its_own_pays_only_for_what_it_sends():
-    crowded = [topic(f"/crowd{i}", source="crowd", size_bytes=1400, change_s=0.02) for i in range(30)]
+    crowded = [
+        topic(f"/crowd{i}", source="crowd", size_bytes=1400, change_s=0.02) for i in range(30)
+    ]
     alone = topic("/alone", source="other", target="robot9", change_s=0.02)
-    found = plan([*crowded, alone], Medium(shared=False, rate_bps=10e6), CYCLONE_DDS, latency_price_hz=1.0)
+    found = plan(
+        [*crowded, alone], Medium(shared=False, rate_bps=10e6), CYCLONE_DDS, latency_price_hz=1.0
+    )
     assert found["/alone"].rate_hz > 5 * found["/crowd0"].rate_hz
 
 
@@ -164,7 +186,9 @@ def test_behind_a_local_cache_the_simulated_air_is_the_expected_one_from_above()
     outcome = run_plan(planned, seed=1, duration_s=40.0)
     link = link_of([part.topic for part in planned.topics], planned.medium, planned.vendor)
     air = outcome.counts["airtime_ns"] / 40e9
-    assert 0.85 < air * (1 + link.contention) / planned.utilisation < 1.35, "contention stretches some frames"
+    assert 0.85 < air * (1 + link.contention) / planned.utilisation < 1.35, (
+        "contention stretches some frames"
+    )
     sent_hz = np.array([len(outcome.flows[part.topic.name].fate) for part in planned.topics]) / 40
     assert sent_hz.sum() == pytest.approx(link.sent_hz(planned.rates_hz).sum(), rel=0.05)
 
@@ -174,7 +198,9 @@ def test_behind_a_local_cache_the_simulated_air_is_the_expected_one_from_above()
 
 def test_infeasible_rates_are_named_with_what_they_lack_and_those_at_the_border_still_planned():
     topics = [topic("/small", rate_min_hz=1), topic("/big", rate_min_hz=900, size_bytes=1400)]
-    with pytest.raises(InfeasiblePlanError, match=r"time of the medium.*lacking.*/big, /small") as caught:
+    with pytest.raises(
+        InfeasiblePlanError, match=r"time of the medium.*lacking.*/big, /small"
+    ) as caught:
         plan(topics, Medium(), FAST_DDS)
     needed = link_of(topics, Medium(), FAST_DDS).utilisation(np.array([1.0, 900.0]))[0]
     assert caught.value.lacking == pytest.approx(needed - 0.9, rel=0.01)
@@ -187,14 +213,17 @@ def test_infeasible_rates_are_named_with_what_they_lack_and_those_at_the_border_
 
 
 @pytest.mark.parametrize(
-    ("topics", "prices"), [([], (1.0,)), ([topic()], ()), ([topic()], (-1.0,)), ([topic()], (float("nan"),))]
+    ("topics", "prices"),
+    [([], (1.0,)), ([topic()], ()), ([topic()], (-1.0,)), ([topic()], (float("nan"),))],
 )
 def test_meaningless_input_is_refused(topics, prices):
     with pytest.raises(InvalidValueError, match="at least one of each"):
         pareto_front(topics, Medium(), FAST_DDS, prices_hz=prices)
 
 
-@pytest.mark.parametrize("values", [{"utilisation_max": 1.0}, {"utilisation_max": 0}, {"residual_loss": 0}])
+@pytest.mark.parametrize(
+    "values", [{"utilisation_max": 1.0}, {"utilisation_max": 0}, {"residual_loss": 0}]
+)
 def test_meaningless_limits_are_refused(values):
     with pytest.raises(InvalidValueError, match="above zero, below 1"):
         Limits(**values)
@@ -239,7 +268,9 @@ def run_plan(planned, *, seed: int, duration_s: float):
     phases_s = [float(rng.uniform(0, 1 / part.rate_hz)) for part in planned.topics]
     flows = tuple(
         Flow(
-            name=part.topic.name if target == part.topic.target else f"{part.topic.name} to {target}",
+            name=part.topic.name
+            if target == part.topic.target
+            else f"{part.topic.name} to {target}",
             source=part.topic.source,
             target=target,
             size_bytes=part.topic.size_bytes,
@@ -252,7 +283,9 @@ def run_plan(planned, *, seed: int, duration_s: float):
         for part, phase_s in zip(planned.topics, phases_s, strict=True)
         for target in part.topic.targets
     )
-    scenario = Scenario(flows=flows, medium=planned.medium, vendor=planned.vendor, duration_s=duration_s)
+    scenario = Scenario(
+        flows=flows, medium=planned.medium, vendor=planned.vendor, duration_s=duration_s
+    )
     return run(scenario, seed=seed)
 
 
@@ -265,7 +298,9 @@ def simulate(planned, *, seed: int, duration_s: float = 12.0):
 
 
 @pytest.mark.parametrize("rate_max_hz", [100, 200, 500, 1000])
-def test_with_fast_dds_ours_is_sooner_than_the_printed_optimum_and_loses_no_more_than_allowed(rate_max_hz):
+def test_with_fast_dds_ours_is_sooner_than_the_printed_optimum_and_loses_no_more_than_allowed(
+    rate_max_hz,
+):
     """At the same Rmax, topics, medium and seeds: loss and 95th percentile of latency over all samples.
 
     The printed depths lose nothing where the air is not overloaded: they wait for seconds instead.
@@ -279,7 +314,9 @@ def test_with_fast_dds_ours_is_sooner_than_the_printed_optimum_and_loses_no_more
         our_losses.append(our_loss)
         losses.append(loss)
         assert 20 * np.percentile(our_latency_ms, 95) <= np.percentile(latency_ms, 95)
-    assert np.mean(our_losses) <= max(np.mean(losses), 3e-4), "the residual loss that was planned is 1e-4"
+    assert np.mean(our_losses) <= max(np.mean(losses), 3e-4), (
+        "the residual loss that was planned is 1e-4"
+    )
 
 
 @VENDORS
@@ -300,7 +337,9 @@ def test_readers_are_up_to_date_as_expected(vendor):
     shares = []
     for part in planned.topics:
         flow, change_s = outcome.flows[part.topic.name], part.topic.change_s
-        received, published = (stamps[flow.delivered] / 1e9 for stamps in (flow.received_ns, flow.published_ns))
+        received, published = (
+            stamps[flow.delivered] / 1e9 for stamps in (flow.received_ns, flow.published_ns)
+        )
         until = np.append(received[1:], duration_s)
         true = np.exp((published - received) / change_s) - np.exp((published - until) / change_s)
         shares.append(change_s * true.sum() / duration_s)
@@ -321,7 +360,9 @@ def test_what_no_depth_can_keep_is_said():
     """10 % loss and a volatile history of Fast DDS: one repair of each loss, and the plan says what stays."""
     planned = plan(equal_topics(4, rate_max_hz=50), Medium(loss=0.1), FAST_DDS)
     assert planned.topics[0].loss == pytest.approx(0.1 * (1 - 0.9**3), rel=0.01)
-    assert simulate(planned, seed=1, duration_s=60)[0] == pytest.approx(planned.topics[0].loss, rel=0.15)
+    assert simulate(planned, seed=1, duration_s=60)[0] == pytest.approx(
+        planned.topics[0].loss, rel=0.15
+    )
 
 
 def test_the_allowed_loss_is_kept_and_the_air_is_the_expected_one():
@@ -338,13 +379,19 @@ HOSTS = ("station", "robot2", "robot3")
 
 def test_a_topic_with_several_receivers_is_sent_as_often_as_one_for_each_of_them():
     several = [topic(f"/t{i}", target=HOSTS, rate_max_hz=400) for i in range(4)]
-    apart = [topic(f"/t{i}/{host}", target=host, rate_max_hz=400) for i in range(4) for host in HOSTS]
-    one, other = (plan(topics, Medium(), CYCLONE_DDS, latency_price_hz=0.0) for topics in (several, apart))
+    apart = [
+        topic(f"/t{i}/{host}", target=host, rate_max_hz=400) for i in range(4) for host in HOSTS
+    ]
+    one, other = (
+        plan(topics, Medium(), CYCLONE_DDS, latency_price_hz=0.0) for topics in (several, apart)
+    )
     assert one.rates_hz == pytest.approx(np.full(4, other.rates_hz.mean()), rel=1e-3)
 
 
 @VENDORS
-def test_each_of_several_receivers_takes_its_share_of_the_air_and_the_last_hears_in_the_expected_time(vendor):
+def test_each_of_several_receivers_takes_its_share_of_the_air_and_the_last_hears_in_the_expected_time(
+    vendor,
+):
     several = [topic(f"/t{i}", target=HOSTS, rate_max_hz=400) for i in range(4)]
     planned = plan(several, Medium(), vendor, latency_price_hz=30.0)
     outcome = run_plan(planned, seed=4, duration_s=40.0)
@@ -358,7 +405,9 @@ def alone_on_the_air(vendor, *, rate_hz: float, depth: int, loss: float, **value
     """Return one topic judged, and simulated 16 times: mean hold-up in ms, loss, acknowledgements a sample."""
     one, samples = topic(rate_max_hz=1000, **values), 40_000
     medium, rates_hz = Medium(loss=loss, contention=0), np.array([float(rate_hz)])
-    judged = assess([one], medium, vendor, rates_hz=rates_hz, depths=np.array([depth]), method="by hand")
+    judged = assess(
+        [one], medium, vendor, rates_hz=rates_hz, depths=np.array([depth]), method="by hand"
+    )
     link = reckoned(judged)
     flow = Flow(name="/a", source="robot", target="station", rate_hz=rate_hz, qos=judged["/a"].qos)
     scenario = Scenario(flows=(flow,), medium=medium, vendor=vendor, duration_s=samples / rate_hz)
@@ -373,7 +422,9 @@ def alone_on_the_air(vendor, *, rate_hz: float, depth: int, loss: float, **value
 
 @pytest.mark.parametrize("rate_hz", [5, 20, 80])
 @pytest.mark.parametrize("depth", [2, 4, 8, 12])
-def test_of_heartbeats_in_batches_delays_losses_and_acknowledgements_are_as_simulated(depth, rate_hz):
+def test_of_heartbeats_in_batches_delays_losses_and_acknowledgements_are_as_simulated(
+    depth, rate_hz
+):
     expected, simulated = alone_on_the_air(FAST_DDS, rate_hz=rate_hz, depth=depth, loss=0.01)
     assert expected[0] == pytest.approx(simulated[0], rel=0.2)
     assert abs(expected[1] - simulated[1]) < 1.5e-4, "a handful of samples"
@@ -388,7 +439,9 @@ def test_at_a_tenth_lost_the_expected_delays_and_losses_of_batches_lie_above(dep
     assert 0.95 < expected[1] / simulated[1] < 1.7
 
 
-@pytest.mark.parametrize("values", [{"durability": Durability.TRANSIENT_LOCAL}, {"vendor": CYCLONE_DDS}])
+@pytest.mark.parametrize(
+    "values", [{"durability": Durability.TRANSIENT_LOCAL}, {"vendor": CYCLONE_DDS}]
+)
 @pytest.mark.parametrize("rate_hz", [20, 80, 150])
 def test_where_the_next_sample_shows_a_loss_depth_delays_nothing(values, rate_hz):
     vendor = values.get("vendor", FAST_DDS)
@@ -429,9 +482,14 @@ def test_an_overloaded_plan_has_no_finite_latency():
 
 @pytest.mark.parametrize(("size_bytes", "frames"), [(24, 1), (1384, 1), (1385, 2), (100_000, 68)])
 def test_a_large_message_takes_several_frames_and_is_lost_with_any_of_them(size_bytes, frames):
-    topics, medium = [topic(size_bytes=size_bytes, rate_max_hz=20)], Medium(loss=0.01, contention=0.0)
+    topics, medium = (
+        [topic(size_bytes=size_bytes, rate_max_hz=20)],
+        Medium(loss=0.01, contention=0.0),
+    )
     link = link_of(topics, medium, FAST_DDS)
     assert link.loss[0] == pytest.approx(1 - 0.99**frames)
     frames_s = frames * (medium.overhead_s + 34 * 8 / medium.rate_bps)
-    assert link.way_s[0] == pytest.approx(frames_s + (size_bytes + 100) * 8 / medium.rate_bps, rel=0.1)
+    assert link.way_s[0] == pytest.approx(
+        frames_s + (size_bytes + 100) * 8 / medium.rate_bps, rel=0.1
+    )
     assert plan(topics, medium, CYCLONE_DDS)["/a"].depth >= 2

@@ -27,7 +27,9 @@ def test_the_table_has_a_line_for_each_topic_and_the_printed_method_gives_all_th
 def test_no_topic_is_faster_than_rate_max_and_a_higher_price_of_latency_takes_less():
     rates = re.findall(r"^/\S+ +(\d+\.\d\d)", call(PAPER_B, "--rate-max", "20"), re.MULTILINE)
     assert max(map(float, rates)) == 20
-    dear, cheap = (call(PAPER_B, "--vendor", "cyclone_dds", "--latency-price", price) for price in ("500", "1"))
+    dear, cheap = (
+        call(PAPER_B, "--vendor", "cyclone_dds", "--latency-price", price) for price in ("500", "1")
+    )
     assert int(re.search(r"time (\d+) %", dear)[1]) < int(re.search(r"time (\d+) %", cheap)[1])
 
 

@@ -29,7 +29,9 @@ def ranges(number: int):
     header = kinds["std_msgs/msg/Header"](stamp=stamp, frame_id="front")
     return kinds["sensor_msgs/msg/LaserScan"](
         header=header,
-        **dict.fromkeys(("angle_min", "angle_max", "angle_increment", "time_increment", "scan_time"), 0.1),
+        **dict.fromkeys(
+            ("angle_min", "angle_max", "angle_increment", "time_increment", "scan_time"), 0.1
+        ),
         range_min=0.0,
         range_max=9.0,
         ranges=np.full(90, number // 5, np.float32),
@@ -71,7 +73,9 @@ def test_who_publishes_and_subscribes_decides_what_crosses(tmp_path):
         log.write_metadata(COMPUTATION_GRAPH, graph)
         for number in range(11):
             for topic in sides:
-                log.write_raw(topic, "std_msgs/msg/UInt8", bytes([0, 1, 0, 0, 7]), log_time_ns=number * 10**8)
+                log.write_raw(
+                    topic, "std_msgs/msg/UInt8", bytes([0, 1, 0, 0, 7]), log_time_ns=number * 10**8
+                )
     with LogReader(tmp_path / "a.mcap") as log:
         topics, left_out = topics_from_log(log)
     assert [(t.name, t.source, t.target, t.change_s) for t in topics] == [

@@ -25,7 +25,10 @@ def test_paper_bs_file_has_table_1s_sensors_hello_the_localisation_result_and_th
         for name in names:
             topic = found.pop(f"/{robot}/{name}")
             assert (topic.source, topic.target) == (robot, "station")
-            assert (topic.size_bytes, topic.change_s) == (SENSORS[name].table_bytes, SENSORS[name].change_s)
+            assert (topic.size_bytes, topic.change_s) == (
+                SENSORS[name].table_bytes,
+                SENSORS[name].change_s,
+            )
     assert list(found) == ["/hello", "/robot3/localisation"]
     assert (given.medium, given.vendor, given.agents) == (Medium(), FAST_DDS, tuple(ROBOTS))
 
@@ -61,7 +64,10 @@ MISTAKES = [  # beside what `test_documents.py` has for every file
     ("topics: {}", r"topics: given \{\}, allowed: one topic at least"),
     ("topics: {a: {}}", r"topics\.a: given 'a', allowed: a full topic name"),
     (line("from: r, to: r, size_bytes: 8"), r"topics\./a\.to: given 'r', allowed: another host"),
-    (line("from: r, to: [s, s], size_bytes: 8"), r"/a\.to: given \['s', 's'\], allowed: another .*each once"),
+    (
+        line("from: r, to: [s, s], size_bytes: 8"),
+        r"/a\.to: given \['s', 's'\], allowed: another .*each once",
+    ),
     (line("from: r, to: [], size_bytes: 8"), r"/a\.to: given \[\], allowed: another host"),
     (line("from: r, to: {s: 1}, size_bytes: 8"), r"/a\.to: given .*, allowed: a text or a list"),
     (line("from: r, to: s, size_bytes: big"), r"t\.yaml:2: topics\./a\.size_bytes: given 'big'"),
@@ -71,7 +77,10 @@ MISTAKES = [  # beside what `test_documents.py` has for every file
     ),
     (f"vendor: rti\n{ONE}", r"vendor: given 'rti', allowed: fast_dds or cyclone_dds"),
     (f"link: {{loss: 1}}\n{ONE}", r"link\.loss: given 1, allowed: a finite number from 0, below 1"),
-    (f"agents: [moon]\n{ONE}", r"agents: given \['moon'\], allowed: a list of hosts among robot, station"),
+    (
+        f"agents: [moon]\n{ONE}",
+        r"agents: given \['moon'\], allowed: a list of hosts among robot, station",
+    ),
     (f"timing: {{nack_delay_ms: 0}}\n{ONE}", r"timing\.nack_delay_ms: given 0"),
 ]
 

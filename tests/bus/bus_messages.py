@@ -20,9 +20,13 @@ def response(value=""):
 
 
 def image(fill):
-    header = message_type("std_msgs/msg/Header")(stamp=stamp_from_ns(1_000_000_002), frame_id="camera")
+    header = message_type("std_msgs/msg/Header")(
+        stamp=stamp_from_ns(1_000_000_002), frame_id="camera"
+    )
     data = np.full(PIXELS, fill, np.uint8)
-    return Image(header=header, height=360, width=640, encoding="rgb8", is_bigendian=0, step=1920, data=data)
+    return Image(
+        header=header, height=360, width=640, encoding="rgb8", is_bigendian=0, step=1920, data=data
+    )
 
 
 async def connected(here, there, qos=10, *, type_=STRING, transport="dds", raw=False, **limits):

@@ -87,7 +87,9 @@ def child(domain_id):
         code = textwrap.indent(textwrap.dedent(body), "    ")
         if name:
             options = {"domain_id": domain_id, "interface": "lo", **options}
-            code = f"    async with Node({name!r}, **{options}) as node:\n" + textwrap.indent(code, "    ")
+            code = f"    async with Node({name!r}, **{options}) as node:\n" + textwrap.indent(
+                code, "    "
+            )
         code = f"{_PREAMBLE}async def main():\n{code}"
         code += "\nasyncio.run(main())\n"
         pipe = asyncio.subprocess.PIPE
@@ -104,7 +106,9 @@ def child(domain_id):
     return start
 
 
-@pytest.fixture(params=[pytest.param("live", marks=pytest.mark.live), "simulated", "simulated-apart", "toy"])
+@pytest.fixture(
+    params=[pytest.param("live", marks=pytest.mark.live), "simulated", "simulated-apart", "toy"]
+)
 def world(request):
     """Nodes of one backend; simulated ones on one host or each on its own."""
     if request.param == "live":

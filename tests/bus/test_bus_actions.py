@@ -71,7 +71,10 @@ async def compute(handle):
 
 @asynccontextmanager
 async def pair(node, execute, **options):
-    async with node("server", on_error=options.pop("on_error", None)) as there, node("client") as here:
+    async with (
+        node("server", on_error=options.pop("on_error", None)) as there,
+        node("client") as here,
+    ):
         server = there.create_action_server(ACTION, "/agent/count", execute, **options)
         client = here.create_action_client(ACTION, "agent/count")
         await client.wait_for_server()
@@ -106,7 +109,9 @@ async def test_goals_run_beside_each_other_and_hear_only_of_themselves(node):
         other = here.create_action_client(ACTION, "/agent/count")
         await other.wait_for_server()
         orders = range(1, 5)  # ten messages of feedback, no more than the topic's depth
-        handles = await asyncio.gather(*((client, other)[order % 2].send_goal(goal(order)) for order in orders))
+        handles = await asyncio.gather(
+            *((client, other)[order % 2].send_goal(goal(order)) for order in orders)
+        )
         assert len({handle.goal_id for handle in handles}) == len(orders)
         for order, handle in zip(orders, handles, strict=True):
             heard = [numbers(message) async for message in handle.feedback()]
@@ -122,7 +127,10 @@ async def test_a_rejected_goal_is_an_error_whether_refused_failed_or_unanswered(
         return answers[wanted.order]() if wanted.order in answers else bus.GoalResponse.ACCEPT
 
     async with pair(
-        node, compute, goal_callback=decide, on_error=lambda error, where: reported.append((type(error), where))
+        node,
+        compute,
+        goal_callback=decide,
+        on_error=lambda error, where: reported.append((type(error), where)),
     ) as (_, _, _, client):
         for order in answers:
             with pytest.raises(bus.GoalRejectedError, match="'/agent/count'"):
@@ -154,7 +162,12 @@ async def test_a_goal_is_canceled_when_the_server_agrees_and_only_then(node):
 
 async def test_all_goals_or_those_until_a_time_are_canceled_at_once(node):
     steps = Steps()
-    async with pair(node, steps, cancel_callback=lambda _: bus.CancelResponse.ACCEPT) as (_, _, _, client):
+    async with pair(node, steps, cancel_callback=lambda _: bus.CancelResponse.ACCEPT) as (
+        _,
+        _,
+        _,
+        client,
+    ):
         handles = [await client.send_goal(goal(order)) for order in range(4)]
         first = await client.cancel_goals(until_ns=handles[1].accepted_ns)
         assert first.goal_ids == tuple(handle.goal_id for handle in handles[:2])
@@ -176,7 +189,10 @@ async def test_a_callback_that_fails_or_says_nothing_aborts_its_goal(node):
             raise asyncio.CancelledError
         return None if handle.request.order == 1 else goal(0)  # the last is no result
 
-    async with pair(node, execute, on_error=lambda error, _: reported.append(type(error))) as (*_, client):
+    async with pair(node, execute, on_error=lambda error, _: reported.append(type(error))) as (
+        *_,
+        client,
+    ):
         for order in range(4):
             end = await (await client.send_goal(goal(order))).result()
             assert (end.status, numbers(end.result)) == (Status.ABORTED, [])
@@ -185,7 +201,10 @@ async def test_a_callback_that_fails_or_says_nothing_aborts_its_goal(node):
 
 async def test_a_server_may_queue_goals_and_cancel_them_before_they_begin(node):
     queue, steps = [], Steps()
-    options = {"handle_accepted_callback": queue.append, "cancel_callback": lambda _: bus.CancelResponse.ACCEPT}
+    options = {
+        "handle_accepted_callback": queue.append,
+        "cancel_callback": lambda _: bus.CancelResponse.ACCEPT,
+    }
     async with pair(node, steps, **options) as (*_, client):
         handles = [await client.send_goal(goal(order)) for order in range(2)]
         assert [waiting.status for waiting in queue] == [Status.ACCEPTED, Status.ACCEPTED]
@@ -216,7 +235,9 @@ async def test_an_id_that_is_taken_is_rejected(node):
     async with pair(node, compute) as (_, here, _, client):
         handle = await client.send_goal(goal(1))
         again = here.create_client(Fibonacci.send_goal.name, "/agent/count/_action/send_goal")
-        uuid = message_type("unique_identifier_msgs/msg/UUID")(uuid=np.frombuffer(handle.goal_id, np.uint8))
+        uuid = message_type("unique_identifier_msgs/msg/UUID")(
+            uuid=np.frombuffer(handle.goal_id, np.uint8)
+        )
         response = await again.call(Fibonacci.send_goal.request(goal_id=uuid, goal=goal(2)))
         assert not response.accepted
         assert len(numbers((await handle.result()).result)) == 3
@@ -269,7 +290,9 @@ async def test_a_client_that_goes_leaves_its_goals_running(node):
             reading = asyncio.create_task(anext(handle.feedback(), "ended"))
             waiting = asyncio.create_task(handle.result())
             await steps.begun.wait()
-            assert await handle.cancel_goal() is Code.REJECTED, "as nobody cancels without a callback"
+            assert await handle.cancel_goal() is Code.REJECTED, (
+                "as nobody cancels without a callback"
+            )
         assert await reading == "ended"
         with pytest.raises(bus.ClosedError):
             await waiting
@@ -302,11 +325,16 @@ async def test_the_topics_have_the_names_types_and_qualities_of_rcl_action(node,
         assert set(shown) == wanted
         for (topic, _), (one, other) in shown.items():
             answers = topic.startswith("rr/")  # which a server keeps fewer of than a client takes
-            assert (one == other, {one.reliability, other.reliability}) == (not answers, {DEFAULT.reliability})
+            assert (one == other, {one.reliability, other.reliability}) == (
+                not answers,
+                {DEFAULT.reliability},
+            )
             latched = topic == "rt/count/_action/status"
             assert (one.durability is Durability.TRANSIENT_LOCAL) == latched
             keeps = {History.KEEP_ALL} if topic.startswith("rq/") else {History.KEEP_LAST}
-            assert {one.history, other.history} == keeps | ({History.KEEP_ALL} if answers else set())
+            assert {one.history, other.history} == keeps | (
+                {History.KEEP_ALL} if answers else set()
+            )
             if not topic.startswith(("rq/", "rr/")):
                 assert one.depth == (1 if latched else 10)
 
@@ -314,8 +342,12 @@ async def test_the_topics_have_the_names_types_and_qualities_of_rcl_action(node,
 async def test_feedback_and_status_are_these_bytes(node):
     async with node("server") as there, node("client") as here:
         there.create_action_server(ACTION, "/count", compute)
-        raw = here.create_subscription(Fibonacci.feedback_message, "/count/_action/feedback", raw=True)
-        statuses = here.create_subscription(STATUS, "/count/_action/status", None, LATCHED, raw=True)
+        raw = here.create_subscription(
+            Fibonacci.feedback_message, "/count/_action/feedback", raw=True
+        )
+        statuses = here.create_subscription(
+            STATUS, "/count/_action/status", None, LATCHED, raw=True
+        )
         client = here.create_action_client(ACTION, "/count")
         await raw.wait_for_publishers()
         await statuses.wait_for_publishers()
@@ -336,9 +368,13 @@ S, E = GoalStatus, GoalEvent
 
 def test_statuses_and_codes_are_the_numbers_of_action_msgs():
     status = message_type("action_msgs/msg/GoalStatus")
-    assert {s.name: s.value for s in GoalStatus} == {s.name: getattr(status, f"STATUS_{s.name}") for s in S}
+    assert {s.name: s.value for s in GoalStatus} == {
+        s.name: getattr(status, f"STATUS_{s.name}") for s in S
+    }
     response = service_type("action_msgs/srv/CancelGoal").response
-    assert {c: c.value for c in CancelCode} == {c: getattr(response, f"ERROR_{c.name}") for c in CancelCode}
+    assert {c: c.value for c in CancelCode} == {
+        c: getattr(response, f"ERROR_{c.name}") for c in CancelCode
+    }
 
 
 def test_every_goal_can_be_brought_to_an_end_and_none_leaves_it():
@@ -400,7 +436,11 @@ def test_a_request_to_cancel_means_what_action_msgs_says(statuses, goal_id, unti
             book.accept(known, stamp_ns)
             for event in PATHS[status]:
                 book.apply(known, event, stamp_ns)
-    can = [known for known, status in zip(IDS, statuses, strict=True) if status in {S.ACCEPTED, S.EXECUTING}]
+    can = [
+        known
+        for known, status in zip(IDS, statuses, strict=True)
+        if status in {S.ACCEPTED, S.EXECUTING}
+    ]
     plan = book.to_cancel(goal_id, until_ns)
     if goal_id == NO_GOAL_ID and until_ns == 0:
         wanted = can

@@ -36,7 +36,9 @@ async def test_a_message_arrives_with_what_is_known_about_it(here, there):
     assert (publisher.get_subscription_count(), subscription.get_publisher_count()) == (1, 1)
 
 
-async def test_an_async_callback_gets_the_next_message_when_done_and_only_it_misses_some(here, there, until):
+async def test_an_async_callback_gets_the_next_message_when_done_and_only_it_misses_some(
+    here, there, until
+):
     gate, log = asyncio.Event(), []
 
     async def slow(message):
@@ -74,15 +76,21 @@ async def test_every_reader_and_callback_gets_all_in_order_and_nothing_once_clos
 
     publisher = here.create_publisher(STRING, "/t", 50, transport=transport)
     noted = there.create_subscription(STRING, "/t", note, 50, transport=transport, threaded=True)
-    there.create_subscription(STRING, "/t", lambda m: plainly.append(m.data), 50, transport=transport)
-    readers = [n.create_subscription(STRING, "/t", qos=50, transport=transport) for n in (here, there)]
+    there.create_subscription(
+        STRING, "/t", lambda m: plainly.append(m.data), 50, transport=transport
+    )
+    readers = [
+        n.create_subscription(STRING, "/t", qos=50, transport=transport) for n in (here, there)
+    ]
     await publisher.wait_for_subscriptions(4)
     numbers = [str(number) for number in range(40)]
     for number in numbers:
         publisher.publish(text(number))
     for reader in readers:
         assert [(await reader.take(60)).data for _ in numbers] == numbers
-    await until(lambda: len(got) == len(numbers) and noted.last_error is not None and plainly == numbers)
+    await until(
+        lambda: len(got) == len(numbers) and noted.last_error is not None and plainly == numbers
+    )
     noted.close()
     publisher.publish(text("late"))
     await readers[1].take(60)
@@ -98,7 +106,9 @@ async def test_a_threaded_subscription_without_a_plain_callback_is_refused(here,
 
 
 @pytest.mark.parametrize("depth", [1, 3])
-async def test_a_late_joiner_hears_the_history_first_if_it_wants_that_and_then_what_follows(here, there, depth):
+async def test_a_late_joiner_hears_the_history_first_if_it_wants_that_and_then_what_follows(
+    here, there, depth
+):
     qos = QoSProfile(durability=Durability.TRANSIENT_LOCAL, depth=depth)
     publisher = here.create_publisher(STRING, "/t", qos)
     for number in range(5):
@@ -130,8 +140,16 @@ async def test_a_latched_message_goes_with_its_publisher(here, there):
     [
         ((STRING, SENSOR_DATA), DEFAULT, "reliability: the reader requests RELIABLE"),
         ((STRING, DEFAULT), LATCHED, "durability: the reader requests TRANSIENT_LOCAL"),
-        ((STRING, DEFAULT), QoSProfile(deadline_ns=10**9), "deadline: the reader requests 1000000000 ns"),
-        (("std_msgs/msg/Header", DEFAULT), SENSOR_DATA, f"type: the reader wants {STRING}, the writer has"),
+        (
+            (STRING, DEFAULT),
+            QoSProfile(deadline_ns=10**9),
+            "deadline: the reader requests 1000000000 ns",
+        ),
+        (
+            ("std_msgs/msg/Header", DEFAULT),
+            SENSOR_DATA,
+            f"type: the reader wants {STRING}, the writer has",
+        ),
     ],
 )
 async def test_what_does_not_match_says_so_once_and_what_does_says_nothing(
@@ -271,11 +289,15 @@ async def test_graph_events_begin_with_what_is_known_and_tell_every_change(here,
     assert [type(event) async for event in events] == []
 
 
-async def test_a_listener_and_a_watch_hear_what_is_known_and_what_changes_until_they_end(here, there, until):
+async def test_a_listener_and_a_watch_hear_what_is_known_and_what_changes_until_they_end(
+    here, there, until
+):
     heard = {"all": [], "watched": []}
 
     def hear(key, event):
-        heard[key].append((type(event).__name__, event.endpoint.dds_topic, event.endpoint.kind.value))
+        heard[key].append(
+            (type(event).__name__, event.endpoint.dds_topic, event.endpoint.kind.value)
+        )
 
     known = here.create_publisher(STRING, "/t")
     await there.graph.wait_for(lambda: there.graph.publishers("/t") != ())
@@ -345,7 +367,9 @@ async def test_calls_that_fail_say_how_and_a_failing_handler_is_reported(node, u
         client = there.create_client(SERVICE, "/s")
         with pytest.raises(bus.BusTimeoutError, match="no server was found"):
             await client.call(Request(), timeout_s=0.01)
-        answers = iter([lambda _: response("plain"), never, lambda _: text("wrong"), lambda _: 1 / 0])
+        answers = iter(
+            [lambda _: response("plain"), never, lambda _: text("wrong"), lambda _: 1 / 0]
+        )
 
         def handle(request):
             return next(answers)(request)
@@ -358,12 +382,17 @@ async def test_calls_that_fail_say_how_and_a_failing_handler_is_reported(node, u
                 await client.call(Request(), timeout_s=0.05)
         with pytest.raises(bus.InvalidMessageError, match="GetMetadata_Request"):
             await client.call(text("wrong"))
-        assert reported == [(bus.InvalidMessageError, "service '/s'"), (ZeroDivisionError, "service '/s'")]
+        assert reported == [
+            (bus.InvalidMessageError, "service '/s'"),
+            (ZeroDivisionError, "service '/s'"),
+        ]
         service.close()
         await until(lambda: not client.service_is_ready())
 
 
-async def test_timers_tick_without_drift_skip_what_they_miss_and_can_be_cancelled(world, here, caplog, until):
+async def test_timers_tick_without_drift_skip_what_they_miss_and_can_be_cancelled(
+    world, here, caplog, until
+):
     loop, ticks = asyncio.get_running_loop(), []
     start_s = loop.time()
 
@@ -396,7 +425,9 @@ async def test_an_exception_in_a_callback_is_reported_and_stops_nobody(node, unt
     def bad(message):
         raise LookupError(message.data)
 
-    async with node("here", on_error=lambda error, where: reported.append((type(error), where))) as here:
+    async with node(
+        "here", on_error=lambda error, where: reported.append((type(error), where))
+    ) as here:
         publisher = here.create_publisher(STRING, "/t")
         broken = here.create_subscription(STRING, "/t", bad)
         here.create_subscription(STRING, "/t", lambda m: received.set() if m.data == "2" else None)
@@ -427,7 +458,9 @@ async def test_the_two_transports_do_not_meet(here):
     assert (await shm.take(60)).data == "lent"
     assert (publisher.get_subscription_count(), dds.get_publisher_count()) == (1, 0)
     with pytest.raises(bus.InvalidMessageError):
-        here.create_publisher(STRING, "/u", transport="shm", max_message_bytes=8).publish(text("long"))
+        here.create_publisher(STRING, "/u", transport="shm", max_message_bytes=8).publish(
+            text("long")
+        )
     with pytest.raises(TypeError), here.create_publisher(STRING, "/v").loan(8):
         pass
     with pytest.raises(InvalidValueError, match=r"transport: given .smoke., allowed: dds, shm"):
@@ -443,9 +476,16 @@ async def test_a_discoverer_finds_an_agent_and_its_description_through_the_agent
     async with AsyncExitStack() as stack:
         near, status, far, station = [
             await stack.enter_async_context(domain.node(name))
-            for domain, name in ((own, "near"), (own, "status"), (network, "far"), (network, "station"))
+            for domain, name in (
+                (own, "near"),
+                (own, "status"),
+                (network, "far"),
+                (network, "station"),
+            )
         ]
-        found = AgentDiscoverer(station, DiscoverySettings(agent="station"), on_event=news.put_nowait)
+        found = AgentDiscoverer(
+            station, DiscoverySettings(agent="station"), on_event=news.put_nowait
+        )
         router = Router(near, far, RouterSettings(agent="go2"))
         provider = StatusProvider(status, StatusSettings(agent="go2"))
         async with beside(router.run(), provider.run(), found.run()):
@@ -458,7 +498,9 @@ async def test_a_discoverer_finds_an_agent_and_its_description_through_the_agent
 @pytest.mark.live
 async def test_nodes_of_two_backends_cannot_be_forwarded_between(live):
     async with ToyDomain().node("toy") as toy, live.node("live") as there:
-        with pytest.raises(TypeError, match="given a toy and a live node, allowed are two of one kind"):
+        with pytest.raises(
+            TypeError, match="given a toy and a live node, allowed are two of one kind"
+        ):
             toy.open_forwarder(there)
         with pytest.raises(bus.ClosedError):
             ToyDomain().node("unstarted").open_forwarder(toy)

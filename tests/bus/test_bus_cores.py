@@ -55,7 +55,9 @@ def test_a_slot_fits_its_message_and_wastes_at_most_a_fifth_or_a_page(size):
     capacity = slot_capacity(size)
     assert capacity % wire.PAGE_BYTES == 0
     assert capacity >= size + wire.DATA_OFFSET_BYTES
-    assert capacity - size - wire.DATA_OFFSET_BYTES < max(wire.PAGE_BYTES, 0.26 * size + wire.PAGE_BYTES)
+    assert capacity - size - wire.DATA_OFFSET_BYTES < max(
+        wire.PAGE_BYTES, 0.26 * size + wire.PAGE_BYTES
+    )
 
 
 class Slots(RuleBasedStateMachine):
@@ -201,8 +203,12 @@ def test_datagrams_have_this_layout():
     twin = "010000000000000000200000000000006400000000000000ffffffffffffffff"
     assert wire.pack_announcement(announcement).hex() == twin
     assert wire.unpack_announcement(bytes.fromhex(twin), ARENA) == announcement
-    assert wire.pack_hello(wire.Hello(depth=5, wants_history=True)).hex() == "736667730100010005000000"
-    assert wire.unpack_hello(bytes.fromhex("736667730100010005000000")) == wire.Hello(5, wants_history=True)
+    assert (
+        wire.pack_hello(wire.Hello(depth=5, wants_history=True)).hex() == "736667730100010005000000"
+    )
+    assert wire.unpack_hello(bytes.fromhex("736667730100010005000000")) == wire.Hello(
+        5, wants_history=True
+    )
     assert wire.pack_welcome(b"g" * 16).hex() == "7366677301000000" + "67" * 16
     assert wire.unpack_welcome(wire.pack_welcome(b"g" * 16)) == b"g" * 16
     for offsets in ((4096,), (4096, 8192, 12288), tuple(range(4096, 4096 * 9, 4096))):
@@ -227,7 +233,10 @@ def test_an_announcement_is_refused_exactly_if_it_is_outside_the_arena(offset, s
 
 
 def test_user_data_is_read_as_it_is_written_and_strangers_do_not_disturb():
-    assert entries(user_data({"enclave": "/", "sfglab.node": "/a"})) == {"enclave": "/", "sfglab.node": "/a"}
+    assert entries(user_data({"enclave": "/", "sfglab.node": "/a"})) == {
+        "enclave": "/",
+        "sfglab.node": "/a",
+    }
     assert entries(b"\xff;;=x;typehash=RIHS01_0=1;") == {"": "x", "typehash": "RIHS01_0=1"}
 
 
@@ -257,7 +266,9 @@ def test_loopback_gets_large_datagrams_and_real_links_do_not(monkeypatch):
     assert domain_xml(DomainConfig()).startswith("file:///site.xml,<CycloneDDS>")
 
 
-def test_an_interface_that_is_asked_for_is_the_only_one_whatever_the_environment_says(monkeypatch, tmp_path):
+def test_an_interface_that_is_asked_for_is_the_only_one_whatever_the_environment_says(
+    monkeypatch, tmp_path
+):
     other = "<Interfaces><NetworkInterface name='eth0'/></Interfaces>"
     piece, end = f"<CycloneDDS><Domain><General>{other}{{}}</General></Domain>{{}}", "</CycloneDDS>"
     rest = "<DontRoute>true</DontRoute>"
@@ -282,5 +293,7 @@ def test_an_environment_that_keeps_ros_2_on_this_host_keeps_us_too(monkeypatch, 
     monkeypatch.setenv("ROS_STATIC_PEERS", "10.0.0.7;robot.local")
     xml = domain_xml(DomainConfig())
     assert '<NetworkInterface name="lo"/>' in xml
-    assert '<Peer Address="10.0.0.7"/><Peer Address="robot.local"/><Peer Address="localhost"/>' in xml
+    assert (
+        '<Peer Address="10.0.0.7"/><Peer Address="robot.local"/><Peer Address="localhost"/>' in xml
+    )
     assert '<NetworkInterface name="eth0"/>' in domain_xml(DomainConfig(interface="eth0"))

@@ -77,7 +77,9 @@ def test_the_bytes_are_those_of_the_distributions_own_definition(size, participa
     types = store.types
 
     def gid(guid):
-        return types["rmw_dds_common/msg/Gid"](data=np.frombuffer(guid.ljust(size, b"\0"), np.uint8))
+        return types["rmw_dds_common/msg/Gid"](
+            data=np.frombuffer(guid.ljust(size, b"\0"), np.uint8)
+        )
 
     def message(entry):
         namespace, name, readers, writers = entry
@@ -88,9 +90,17 @@ def test_the_bytes_are_those_of_the_distributions_own_definition(size, participa
             writer_gid_seq=[gid(g) for g in writers],
         )
 
-    theirs = types[INFO](gid=gid(participant), node_entities_info_seq=[message(entry) for entry in listed])
+    theirs = types[INFO](
+        gid=gid(participant), node_entities_info_seq=[message(entry) for entry in listed]
+    )
     nodes = tuple(
-        NodeInfo(namespace=f"/{ns}", name=name, participant=participant, readers=tuple(r), writers=tuple(w))
+        NodeInfo(
+            namespace=f"/{ns}",
+            name=name,
+            participant=participant,
+            readers=tuple(r),
+            writers=tuple(w),
+        )
         for ns, name, r, w in listed
     )
     cdr = pack_nodes(participant, nodes, size)
@@ -154,7 +164,9 @@ async def test_the_graph_names_nodes_while_they_live_and_hides_how_it_knows(here
         quiet.create_publisher(STRING, "/t")
         async with node("there", namespace="/far") as there:
             topic = there.create_publisher(STRING, "/t")
-            assert await here.graph.wait_for(lambda: [n.writers for n in nodes()][:1] == [(topic.gid,)])
+            assert await here.graph.wait_for(
+                lambda: [n.writers for n in nodes()][:1] == [(topic.gid,)]
+            )
             named = [(n.full_name, n.participant) for n in nodes()]
             assert named == [("/far/there", there.guid), ("/here", here.guid)]
             await here.graph.wait_for(lambda: len(here.graph.publishers("/t")) == 2)
@@ -163,7 +175,9 @@ async def test_the_graph_names_nodes_while_they_live_and_hides_how_it_knows(here
 
 
 @pytest.mark.live
-async def test_an_endpoint_of_a_foreign_node_gets_its_name_when_nodes_are_asked_for(node, domain_id):
+async def test_an_endpoint_of_a_foreign_node_gets_its_name_when_nodes_are_asked_for(
+    node, domain_id
+):
     config = DomainConfig(domain_id=domain_id, interface="lo")
     ros = DdsParticipant(config, b"enclave=/;", name="ros", after_round=lambda: None)
     with closing(ros):
@@ -177,7 +191,9 @@ async def test_an_endpoint_of_a_foreign_node_gets_its_name_when_nodes_are_asked_
             assert await graph.wait_for(lambda: graph.publishers("/chatter") != ())
             assert graph.publishers("/chatter")[0].node == ""
             graph.nodes()
-            assert await graph.wait_for(lambda: graph.publishers("/chatter")[0].node == "/demo/talker")
+            assert await graph.wait_for(
+                lambda: graph.publishers("/chatter")[0].node == "/demo/talker"
+            )
             assert listed in graph.nodes()
 
 
@@ -197,6 +213,9 @@ async def test_twenty_endpoints_at_once_are_few_messages(here, domain_id, until)
 async def test_nodes_of_two_domain_ids_meet_in_one_external_domain(domain_id):
     ids = [d for d in range(60, 63) if d != domain_id]
     options = {"interface": "lo", "external_domain_id": domain_id}
-    async with bus.Node("a", domain_id=ids[0], **options) as a, bus.Node("b", domain_id=ids[1], **options) as b:
+    async with (
+        bus.Node("a", domain_id=ids[0], **options) as a,
+        bus.Node("b", domain_id=ids[1], **options) as b,
+    ):
         await connected(a, b)
         assert a.guid[:12] != b.guid[:12]

@@ -38,7 +38,9 @@ async def matched(until, *outlets, count=1):
         await until(lambda outlet=outlet: readers(outlet) >= count)
 
 
-@given(st.lists(st.tuples(st.sampled_from("ABC"), st.sampled_from(["take", "open", "shut", "forget"]))))
+@given(
+    st.lists(st.tuples(st.sampled_from("ABC"), st.sampled_from(["take", "open", "shut", "forget"])))
+)
 def test_samples_of_a_source_keep_their_order_and_none_is_both_sent_and_dropped(steps):
     sent, dropped, taken = [], [], []
     switch = SourceGate(lambda exit_, sample: sent.append((exit_, sample)), dropped.append)
@@ -89,10 +91,15 @@ def endpoint(type_=STRING, topic="rt/t", qos=DEEP, user_data=b""):
 
 
 @pytest.mark.live
-async def test_bytes_and_source_stamps_pass_unchanged_and_wait_until_their_source_is_judged(pair_ids, until):
+async def test_bytes_and_source_stamps_pass_unchanged_and_wait_until_their_source_is_judged(
+    pair_ids, until
+):
     async with two_domains(pair_ids) as (talker, near, far, listener):
         forwarder = near.open_forwarder(far)
-        forward, outlet = forwarder.open(endpoint()), forwarder.open_writer(endpoint(user_data=b"k=v;"))
+        forward, outlet = (
+            forwarder.open(endpoint()),
+            forwarder.open_writer(endpoint(user_data=b"k=v;")),
+        )
         publisher, subscription = await connected(talker, listener, 200, raw=True)
         await matched(until, outlet)
         cdrs = [serialize(text(str(number) * (number % 9))) for number in range(100)]
@@ -107,7 +114,9 @@ async def test_bytes_and_source_stamps_pass_unchanged_and_wait_until_their_sourc
         assert [info.source_timestamp_ns for _, info in got] == list(range(1_000, 1_100))
         assert {info.publisher_gid for _, info in got} == {outlet.gid}
         assert listener.graph.publishers("/t")[0].user_data == b"k=v;"
-        await until(lambda: forward.counts.forwarded >= 100)  # a sample is counted after it was passed on
+        await until(
+            lambda: forward.counts.forwarded >= 100
+        )  # a sample is counted after it was passed on
         assert (forward.counts.forwarded, forward.counts.dropped) == (100, 0)
         assert forward.counts.bytes == sum(len(cdr) + -len(cdr) % 4 for cdr in cdrs)
 
@@ -139,7 +148,9 @@ async def test_each_source_has_its_own_way_and_a_refused_one_none(pair_ids, unti
 @pytest.mark.live
 async def test_a_transform_changes_drops_or_leaves_a_sample_and_the_stamp_stays(pair_ids, until):
     def transform(cdr):
-        return {b"a": cdr, b"b": None, b"c": serialize(text("other")), b"d": b"\0\1\0\0garbage"}[cdr[8:9]]
+        return {b"a": cdr, b"b": None, b"c": serialize(text("other")), b"d": b"\0\1\0\0garbage"}[
+            cdr[8:9]
+        ]
 
     async with two_domains(pair_ids) as (talker, near, far, listener):
         forwarder = near.open_forwarder(far)
@@ -152,7 +163,9 @@ async def test_a_transform_changes_drops_or_leaves_a_sample_and_the_stamp_stays(
         got = [await subscription.take_with_info(60) for _ in range(3)]
         assert [m.data for m, _ in got] == ["a", "other", "a"]
         assert [info.source_timestamp_ns for _, info in got] == [1_000, 1_002, 1_004]
-        await until(lambda: forward.counts.forwarded >= 3)  # a sample is counted after it was passed on
+        await until(
+            lambda: forward.counts.forwarded >= 3
+        )  # a sample is counted after it was passed on
         assert (forward.counts.forwarded, forward.counts.dropped) == (3, 2)
 
 
@@ -171,7 +184,10 @@ async def test_a_reader_that_stands_still_stops_its_sender_costs_no_image_and_ho
     async with two_domains(pair_ids) as (talker, near, far, listener):
         forwarder, ways = near.open_forwarder(far), []
         for topic, type_, qos in (("/t", IMAGE, DEEP), ("/fast", STRING, QoSProfile())):
-            publisher, end = talker.create_publisher(type_, topic, qos), endpoint(type_, f"rt{topic}", qos)
+            publisher, end = (
+                talker.create_publisher(type_, topic, qos),
+                endpoint(type_, f"rt{topic}", qos),
+            )
             forward, outlet = forwarder.open(end), forwarder.open_writer(end)
             forward.admit(publisher.gid, outlet)
             await publisher.wait_for_subscriptions()
@@ -248,7 +264,9 @@ async def forwarded(pair_ids, heard):
 
 
 @pytest.mark.live
-async def test_a_reader_that_stands_still_costs_bounded_memory_and_the_others_go_on(pair_ids, child, until):
+async def test_a_reader_that_stands_still_costs_bounded_memory_and_the_others_go_on(
+    pair_ids, child, until
+):
     listening = """
     sub = node.create_subscription(String, "/t")
     await sub.wait_for_publishers()
@@ -292,7 +310,9 @@ class LateAcknowledgements:
 
 
 @pytest.mark.live
-async def test_a_reader_that_keeps_up_is_not_taken_for_one_that_stands_still(pair_ids, until, monkeypatch):
+async def test_a_reader_that_keeps_up_is_not_taken_for_one_that_stands_still(
+    pair_ids, until, monkeypatch
+):
     middleware = LateAcknowledgements()
     monkeypatch.setattr(dds_forwarder, "library", lambda: middleware)
     monkeypatch.setattr(dds_forwarder, "MAX_BACKLOG_BYTES", 200_000)

@@ -27,7 +27,13 @@ def resources():
     process = psutil.Process()
     maps = Path("/proc/self/maps").read_text(encoding="ascii")
     shared = maps.count("memfd:") + maps.count("/dev/shm/")
-    return threading.active_count(), process.num_threads(), process.num_fds(), shared, len(process.children())
+    return (
+        threading.active_count(),
+        process.num_threads(),
+        process.num_fds(),
+        shared,
+        len(process.children()),
+    )
 
 
 def settle(before):
@@ -147,7 +153,9 @@ async def test_a_domain_that_cannot_be_joined_says_why():
 async def test_a_taken_port_is_an_error_that_names_it(node, domain_id):
     with closing(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) as other:
         other.bind(("", 7400 + 250 * domain_id))
-        with pytest.raises(bus.DomainError, match=f"UDP port {7400 + 250 * domain_id} is not taken"):
+        with pytest.raises(
+            bus.DomainError, match=f"UDP port {7400 + 250 * domain_id} is not taken"
+        ):
             await bus.Node.create("n", domain_id=domain_id, interface="lo")
     async with node("here"):
         pass  # the failure left nothing behind
@@ -163,7 +171,9 @@ async def test_without_multicast_nodes_of_one_host_find_each_other(node, child):
         assert (await subscription.take(60)).data == "unicast"
 
 
-async def test_closing_a_publisher_waits_for_no_reader_that_acknowledges_nothing(here, child, until):
+async def test_closing_a_publisher_waits_for_no_reader_that_acknowledges_nothing(
+    here, child, until
+):
     listener = f"""
     node.create_subscription("{STRING}", "/t")
     await hear()
@@ -175,7 +185,9 @@ async def test_closing_a_publisher_waits_for_no_reader_that_acknowledges_nothing
         publisher.publish(text("x"))
         threads = set(threading.enumerate())
         publisher.close()
-        (waiting,) = set(threading.enumerate()) - threads  # Cyclone waits a second for the acknowledgement
+        (waiting,) = (
+            set(threading.enumerate()) - threads
+        )  # Cyclone waits a second for the acknowledgement
         assert waiting.daemon, "an interpreter that ends does not wait either"
         await until(lambda: not waiting.is_alive())
         await until(lambda: here.graph.publishers("/t") == ())
@@ -199,7 +211,9 @@ async def test_a_publisher_with_more_readers_than_it_looks_at_still_counts_them(
     assert (await readers[0].take(timeout_s=60)).data == "heard"
 
 
-async def test_a_client_that_acknowledges_nothing_takes_no_answer_from_others(here, there, child, until):
+async def test_a_client_that_acknowledges_nothing_takes_no_answer_from_others(
+    here, there, child, until
+):
     """Killed, stopped or ill-willed: until its lease ends a reliable writer that keeps all waits for it."""
     response = default_message(service_type(SERVICE).response, message="x" * 4000)
     service = here.create_service(SERVICE, "/agent/get_metadata", lambda _: response)

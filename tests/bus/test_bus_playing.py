@@ -67,7 +67,9 @@ async def test_who_stands_still_is_told_and_waited_for_once(play, child, monkeyp
         await listener.stop()
         count, [said] = await playing
         assert count == COUNT
-        assert said == "Topic '/counted': a subscription stands still, and is not waited for any more"
+        assert (
+            said == "Topic '/counted': a subscription stands still, and is not waited for any more"
+        )
 
 
 async def test_for_who_asked_for_no_acknowledgement_nobody_waits(play, monkeypatch):

@@ -20,7 +20,10 @@ def test_it_is_of_python_3_10_and_imports_only_rclpy():
 
 
 def test_both_topics_of_a_service_are_one_participant_s_whatever_its_name():
-    gids = {topic: services.ros_gid(topic) for topic in ("rq/aReplyRequest", "rr/aReplyReply", "rq/aRequest")}
+    gids = {
+        topic: services.ros_gid(topic)
+        for topic in ("rq/aReplyRequest", "rr/aReplyReply", "rq/aRequest")
+    }
     assert {len(gid) for gid in gids.values()} == {16}
     assert len(set(gids.values())) == 3
     assert gids["rq/aReplyRequest"][:12] == gids["rr/aReplyReply"][:12] != gids["rq/aRequest"][:12]
@@ -30,7 +33,11 @@ def test_both_topics_of_a_service_are_one_participant_s_whatever_its_name():
 @pytest.mark.live
 @pytest.mark.parametrize(
     ("python", "said"),
-    [("", "there is none here"), (sys.executable, "has no rclpy"), ("/no/python", "ended with status 127")],
+    [
+        ("", "there is none here"),
+        (sys.executable, "has no rclpy"),
+        ("/no/python", "ended with status 127"),
+    ],
 )
 async def test_why_nothing_can_be_served_is_said(domain_id, monkeypatch, python, said):
     monkeypatch.delenv("AMENT_PREFIX_PATH", raising=False)

@@ -135,7 +135,9 @@ async def test_a_process_that_slept_gets_the_newest_messages_only(here, child):
 
 
 @pytest.mark.parametrize("transport", ["dds", "shm"])
-async def test_a_long_threaded_call_delays_no_other_keeps_the_newest_and_is_waited_for(node, until, transport):
+async def test_a_long_threaded_call_delays_no_other_keeps_the_newest_and_is_waited_for(
+    node, until, transport
+):
     threads, gate, called, got = set(threading.enumerate()), threading.Semaphore(0), [], []
 
     def slow(message):
@@ -145,7 +147,9 @@ async def test_a_long_threaded_call_delays_no_other_keeps_the_newest_and_is_wait
 
     async with node("here") as here, node("there") as there:
         publisher, fast = await pair(here, there, transport=transport)
-        slowly = there.create_subscription(STRING, "/t", slow, 3, transport=transport, threaded=True)
+        slowly = there.create_subscription(
+            STRING, "/t", slow, 3, transport=transport, threaded=True
+        )
         await publisher.wait_for_subscriptions(2)
         await slowly.wait_for_publishers()
         for number in range(20):
@@ -244,7 +248,9 @@ async def test_a_loan_is_written_in_place_and_an_exception_publishes_nothing(her
     publisher.publish(text("next"))
     assert [(await subscription.take(60)).data for _ in range(2)] == ["in place", "next"]
     publisher._writer._collect()
-    assert len(publisher._writer._pool._users) < TOGETHER, "let go, but for what is given back together"
+    assert len(publisher._writer._pool._users) < TOGETHER, (
+        "let go, but for what is given back together"
+    )
 
 
 async def test_limits_of_size_and_memory_are_errors_that_say_so(here):
@@ -281,7 +287,9 @@ async def test_a_peer_cannot_write_or_truncate_the_memory_and_nonsense_is_hung_u
         os.ftruncate(publisher._writer._arena._fd, 0)
 
 
-async def test_a_subscriber_that_gives_slots_back_and_ends_while_more_waits_is_no_fault(here, until, caplog):
+async def test_a_subscriber_that_gives_slots_back_and_ends_while_more_waits_is_no_fault(
+    here, until, caplog
+):
     publisher = here.create_publisher(STRING, "/t", transport="shm")
     await until(lambda: here.graph.publishers("/t"))
     address = entries(here.graph.publishers("/t")[0].user_data)[SHM_KEY]
@@ -300,7 +308,9 @@ async def test_a_subscriber_that_gives_slots_back_and_ends_while_more_waits_is_n
     os.close(*fds)
 
 
-async def test_silent_connections_end_and_used_up_descriptors_lock_nobody_out(here, monkeypatch, until):
+async def test_silent_connections_end_and_used_up_descriptors_lock_nobody_out(
+    here, monkeypatch, until
+):
     monkeypatch.setattr(writer, "HELLO_S", 0.2)
     publisher, _ = await pair(here, here)
     address = entries(here.graph.publishers("/t")[0].user_data)[SHM_KEY]

@@ -125,7 +125,9 @@ def test_a_world_that_goes_on_is_given_up_at_its_limit():
         world.node("here").create_timer(1.0, lambda: None)
         await asyncio.Event().wait()
 
-    with pytest.raises(TimeLimitError, match=r"not done after 60 s of virtual time; waiting are .*Event\.wait"):
+    with pytest.raises(
+        TimeLimitError, match=r"not done after 60 s of virtual time; waiting are .*Event\.wait"
+    ):
         run_simulated(main, limit_s=60)
 
 
@@ -160,7 +162,13 @@ async def test_impossible_worlds_say_why(sim, wrong, message):
 
 
 async def test_nodes_meet_only_in_one_domain_and_a_loopback_domain_is_its_hosts_own(sim):
-    places = [("a", 0, "network"), ("b", 0, "network"), ("a", 0, "host"), ("b", 0, "host"), ("b", 1, "network")]
+    places = [
+        ("a", 0, "network"),
+        ("b", 0, "network"),
+        ("a", 0, "host"),
+        ("b", 0, "host"),
+        ("b", 1, "network"),
+    ]
     nodes = [sim.node("n", host=h, domain_id=d, reach=r) for h, d, r in places]
     publishers = [node.create_publisher(STRING, "/t") for node in nodes]
     for node in nodes:
@@ -172,7 +180,9 @@ async def test_nodes_meet_only_in_one_domain_and_a_loopback_domain_is_its_hosts_
 @pytest.mark.parametrize("sim", [{"link": LinkModel(latency_s=0.01)}], indirect=True)
 async def test_a_sample_takes_the_latency_of_both_links_and_nothing_on_its_own_host(sim):
     sim.host("far", LinkModel(latency_s=0.03))
-    nodes = [sim.node(n, host=h) for n, h in (("here", "near"), ("beside", "near"), ("there", "far"))]
+    nodes = [
+        sim.node(n, host=h) for n, h in (("here", "near"), ("beside", "near"), ("there", "far"))
+    ]
     publisher = nodes[0].create_publisher(STRING, "/t")
     readers = [node.create_subscription(STRING, "/t") for node in nodes]
     await publisher.wait_for_subscriptions(3)
@@ -243,7 +253,9 @@ async def test_messages_wait_for_a_process_that_is_busy(sim):
     reader = sim.node("c").create_subscription(STRING, "/t", qos=100)
     shared_ms = []
     for node in (sender, other):
-        node.create_subscription(STRING, "/t", lambda _: shared_ms.append((sim.now_ns - start_ns) / MS), 100)
+        node.create_subscription(
+            STRING, "/t", lambda _: shared_ms.append((sim.now_ns - start_ns) / MS), 100
+        )
     publisher = sender.create_publisher(STRING, "/t", 100)
     await publisher.wait_for_subscriptions(3)
     await asyncio.sleep(1)
@@ -273,7 +285,9 @@ async def test_a_sample_older_than_its_lifespan_does_not_reach_a_late_joiner(sim
     publisher.publish(text("old"))
     await asyncio.sleep(2)
     publisher.publish(text("new"))
-    assert await take_all(sim.node("b").create_subscription(STRING, "/t", qos=LATCHED), 1) == ["new"]
+    assert await take_all(sim.node("b").create_subscription(STRING, "/t", qos=LATCHED), 1) == [
+        "new"
+    ]
 
 
 # --- Faults.
@@ -286,7 +300,9 @@ async def test_a_short_partition_delays_and_a_long_one_is_a_loss_and_a_return(si
     reader = there.create_subscription(STRING, "/t", qos=QoSProfile(depth=100))
     latched = there.create_subscription(STRING, "/t", qos=deep)
     events = []
-    there.graph.listen(lambda e: events.append((sim.now_ns / 1e9, type(e).__name__, e.endpoint.kind.value)))
+    there.graph.listen(
+        lambda e: events.append((sim.now_ns / 1e9, type(e).__name__, e.endpoint.kind.value))
+    )
     await asyncio.sleep(1)
     before = len(events)
     sim.partition({"a"})
@@ -343,7 +359,9 @@ async def test_a_node_that_dies_without_a_word_is_missed_after_its_lease(sim):
         publisher.publish(text("from beyond"))
     late = sim.node("late", host="late")
     await asyncio.sleep(0.05)
-    assert subscription.get_publisher_count() == len(there.graph.publishers("/t")) == len(watched) == 1
+    assert (
+        subscription.get_publisher_count() == len(there.graph.publishers("/t")) == len(watched) == 1
+    )
     await asyncio.sleep(0.5)
     assert subscription.get_publisher_count() == len(there.graph.publishers("/t")) == 0
     assert [type(event) for event in watched] == [bus.EndpointAdded, bus.EndpointRemoved]
@@ -373,7 +391,9 @@ class Change:
 
     def make(self):
         node, topic = self.random.choice(self.nodes), self.random.choice(["/a", "/b"])
-        self.open.append(self.random.choice([node.create_publisher, node.create_subscription])(STRING, topic))
+        self.open.append(
+            self.random.choice([node.create_publisher, node.create_subscription])(STRING, topic)
+        )
 
     def end(self):
         if self.open:
@@ -394,7 +414,9 @@ class Change:
     def check_matches(self):
         publishers = [end for end in self.open if isinstance(end, bus.Publisher)]
         for publisher in publishers:
-            readers = [s for s in self.open if s not in publishers and s.topic_name == publisher.topic_name]
+            readers = [
+                s for s in self.open if s not in publishers and s.topic_name == publisher.topic_name
+            ]
             assert publisher.get_subscription_count() == len(readers)
 
 
@@ -456,7 +478,9 @@ async def test_a_forward_hears_others_and_not_its_own_nodes_writer(sim):
     message, info = await heard.take_with_info()
     assert (message.data, info.source_timestamp_ns, info.publisher_gid) == ("other", 42, target.gid)
     shown = {e.gid: e.user_data for e in there.graph.endpoints()}
-    assert shown == dict.fromkeys([forward._reader.gid, *(w.gid for w in writers)], b"sfglab.router=x;")
+    assert shown == dict.fromkeys(
+        [forward._reader.gid, *(w.gid for w in writers)], b"sfglab.router=x;"
+    )
     for thing in (forward, *writers) * 2:
         thing.close()
     writers[1].write(serialize(text("late")), 1)
@@ -472,9 +496,13 @@ def calls_of_a_fleet(*, lean):
         names = [f"n{i}" for i in range(6)]
         nodes = [world.node(name, host=name) for name in names]
         for node in nodes:
-            node.create_service(SERVICE, f"/s/{node.name}", lambda _, name=node.name: response(name))
+            node.create_service(
+                SERVICE, f"/s/{node.name}", lambda _, name=node.name: response(name)
+            )
         clients = [node.create_client(SERVICE, f"/s/{name}") for node in nodes for name in names]
-        answers = [r.message for r in await asyncio.gather(*(client.call(Request()) for client in clients))]
+        answers = [
+            r.message for r in await asyncio.gather(*(client.call(Request()) for client in clients))
+        ]
         done_ns = world.now_ns
         await asyncio.sleep(1)
         return answers, done_ns, world.traffic(), world.loop.events

@@ -32,7 +32,9 @@ PUBLISHER, SUBSCRIPTION = EndpointKind.PUBLISHER, EndpointKind.SUBSCRIPTION
     ],
 )
 def test_an_announcement_is_as_large_as_captured(kind, dds_topic, type_, qos, data, captured):
-    info = EndpointInfo(kind=kind, topic="", type=type_, gid=b"", qos=qos, dds_topic=dds_topic, user_data=data)
+    info = EndpointInfo(
+        kind=kind, topic="", type=type_, gid=b"", qos=qos, dds_topic=dds_topic, user_data=data
+    )
     assert wire.announcement_bytes(wire.submessage_bytes(info)) == captured
 
 
@@ -78,7 +80,9 @@ def test_without_multicast_all_that_is_sent_is_received_and_with_it_less_is_sent
     assert total(unicast, "tx") <= total(unicast, "rx") <= 1.3 * total(unicast, "tx")
     assert total(multicast, "tx") < total(unicast, "tx")
     for traffic in (unicast, multicast):
-        assert all(load >= 0 for t in traffic.values() for way in (t.rx, t.tx) for load in astuple(way))
+        assert all(
+            load >= 0 for t in traffic.values() for way in (t.rx, t.tx) for load in astuple(way)
+        )
 
 
 async def test_nothing_is_booked_within_a_host(sim):
@@ -108,7 +112,12 @@ async def test_a_sample_for_many_is_sent_once_and_reaches_every_host_once(sim):
     after = sim.traffic()
     assert sim.received("b") == after["b"].rx.total
     sent, received = HostTraffic(tx=KindBytes(data=170)), HostTraffic(rx=KindBytes(data=170))
-    assert [after[host].since(before[host]) for host in "abcd"] == [sent, received, received, received]
+    assert [after[host].since(before[host]) for host in "abcd"] == [
+        sent,
+        received,
+        received,
+        received,
+    ]
 
 
 async def test_the_cut_off_receive_nothing(sim):
@@ -165,7 +174,11 @@ asyncio.run(main())
 def live_ingress():
     with Network() as network:
         hosts = [network.add_host(f"h{i}") for i in range(HOSTS)]
-        code = NODE.replace("COUNT", str(COUNT)).replace("HOSTS", str(HOSTS)).replace("WINDOW_S", str(WINDOW_S))
+        code = (
+            NODE.replace("COUNT", str(COUNT))
+            .replace("HOSTS", str(HOSTS))
+            .replace("WINDOW_S", str(WINDOW_S))
+        )
         pipe = subprocess.PIPE
         processes = [
             host.popen([sys.executable, "-c", code, f"n{i}"], stdin=pipe, stdout=pipe, text=True)
@@ -179,7 +192,9 @@ def live_ingress():
             process.stdin.flush()
         for process in processes:
             assert process.stdout.readline() == "done\n"
-        received = [h.interface_bytes().rx_bytes - earlier for h, earlier in zip(hosts, before, strict=True)]
+        received = [
+            h.interface_bytes().rx_bytes - earlier for h, earlier in zip(hosts, before, strict=True)
+        ]
         for process in processes:
             process.communicate("\n", timeout=60)
         return received

@@ -152,7 +152,9 @@ class ToyWriter(ToyEndpoint):
         except CdrError as error:
             name, type_ = self.asked.name, self.asked.type
             raise not_cdr_error(name, type_, size_bytes=len(data), reason=error.reason) from error
-        stamp_ns = self.backend.clock.now_ns() if source_timestamp_ns is None else source_timestamp_ns
+        stamp_ns = (
+            self.backend.clock.now_ns() if source_timestamp_ns is None else source_timestamp_ns
+        )
         self.kept.append((data, stamp_ns))
         for reader in self.peers:
             reader.backend.loop.call_soon(reader.take, data, stamp_ns, self.gid)

@@ -29,7 +29,9 @@ def message(fields, **changes) -> SimpleNamespace:
 
 
 def packets(stream, start=0, stop=None):
-    return [message(codecs.ffmpeg_packet_fields(frame, codecs.TABLE_2)) for frame in stream[start:stop]]
+    return [
+        message(codecs.ffmpeg_packet_fields(frame, codecs.TABLE_2)) for frame in stream[start:stop]
+    ]
 
 
 def test_an_ffmpeg_packet_has_the_fields_of_version_3_and_depth_its_format_and_payload():
@@ -57,7 +59,10 @@ def test_an_ffmpeg_packet_has_the_fields_of_version_3_and_depth_its_format_and_p
     [
         ("h264;yuv420p;bgr8;bgr8", "h264", "bgr8"),
         ("hevc;yuv420p10le;16UC1;16UC1", "hevc", "16UC1"),
-        *((text, "h264", "") for text in ("libx264", "libx264rgb", "h264_nvmpi", "h264_nvenc", "H264")),
+        *(
+            (text, "h264", "")
+            for text in ("libx264", "libx264rgb", "h264_nvmpi", "h264_nvenc", "H264")
+        ),
         *((text, "hevc", "") for text in ("hevc_nvenc", "hevc_vaapi", "libx265")),
         ("libsvtav1", "libsvtav1", ""),
         ("", "", ""),
@@ -96,10 +101,14 @@ def test_a_skipped_packet_that_is_broken_or_a_still_image_is_treated_as_it_would
         decoder.skip(bad)
     assert decoder._video.waiting
     assert decoder.feed(packets(stream, 30, 31)[0]), "heals"
-    image_decoder(COMPRESSED_IMAGE, "png").skip(SimpleNamespace(format="bgr8; png compressed bgr8", data=b""))
+    image_decoder(COMPRESSED_IMAGE, "png").skip(
+        SimpleNamespace(format="bgr8; png compressed bgr8", data=b"")
+    )
 
 
-def test_a_missing_packet_taints_pictures_up_to_the_next_key_frame_also_of_a_sender_that_starts_anew(stream):
+def test_a_missing_packet_taints_pictures_up_to_the_next_key_frame_also_of_a_sender_that_starts_anew(
+    stream,
+):
     decoder = image_decoder(FFMPEG_PACKET)
     intact = {p.pts: decoder.feed(p)[0].intact for p in packets(stream, 0, 35) if p.pts != 10}
     assert [pts for pts, whole in intact.items() if not whole] == list(range(11, 30))
@@ -117,7 +126,9 @@ def test_reset_forgets_the_stream_which_goes_on_with_a_key_frame(stream):
     image_decoder(COMPRESSED_IMAGE).reset()
 
 
-@pytest.mark.parametrize("data_type", [bytes, bytearray, memoryview, list, lambda data: array.array("B", data)])
+@pytest.mark.parametrize(
+    "data_type", [bytes, bytearray, memoryview, list, lambda data: array.array("B", data)]
+)
 def test_data_may_come_in_any_shape_that_message_libraries_use(stream, data_type):
     packet = packets(stream, 0, 1)[0]
     packet.data = data_type(stream[0].data)
@@ -125,7 +136,10 @@ def test_data_may_come_in_any_shape_that_message_libraries_use(stream, data_type
 
 
 def test_old_and_foreign_encodings_of_h264_decode_and_unknown_or_deep_ones_are_refused(stream):
-    fields, decoder = codecs.ffmpeg_packet_fields(stream[0], codecs.TABLE_2), image_decoder(FFMPEG_PACKET)
+    fields, decoder = (
+        codecs.ffmpeg_packet_fields(stream[0], codecs.TABLE_2),
+        image_decoder(FFMPEG_PACKET),
+    )
     for encoding in ("libx264", "h264_nvmpi", "h264;yuv420p;bgr8;rgb8"):
         assert decoder.feed(message(fields, encoding=encoding))
     for deep in ("16UC1", "mono16", "32FC1", "bayer_rggb16"):
@@ -136,7 +150,9 @@ def test_old_and_foreign_encodings_of_h264_decode_and_unknown_or_deep_ones_are_r
 
 
 def test_a_hint_helps_where_the_message_names_nothing_known_and_is_overruled_where_it_does(stream):
-    packet = message(codecs.ffmpeg_packet_fields(stream[0], codecs.TABLE_2), encoding="vendor_encoder")
+    packet = message(
+        codecs.ffmpeg_packet_fields(stream[0], codecs.TABLE_2), encoding="vendor_encoder"
+    )
     assert image_decoder(FFMPEG_PACKET, "h264").feed(packet)
     depth = codecs.compressed_depth_fields(np.array([[3, 4]], np.uint16))
     (image,) = image_decoder(COMPRESSED_IMAGE, "rvl").feed(message(depth, format=""))
@@ -152,7 +168,9 @@ def test_a_hint_loads_the_codec_before_the_first_message():
         "import sys; from sfglab.codecs import *; image_decoder(COMPRESSED_IMAGE, 'rvl')\n"
         "print('sfglab.codecs.rvl' in sys.modules)"
     )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=60)
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=60
+    )
     assert done.stdout.strip() == "True"
     assert image_decoder(FFMPEG_PACKET, "h264")._video.waiting
     assert image_decoder(COMPRESSED_IMAGE)._video is None
@@ -169,7 +187,9 @@ def test_an_impossible_hint_and_an_unreadable_type_are_refused_at_once():
 @pytest.mark.parametrize("dtype", [np.uint16, np.float32])
 def test_compressed_depth_of_either_kind_decodes(codec, dtype):
     depth = (np.arange(12).reshape(3, 4) + 1).astype(dtype)
-    (image,) = image_decoder(COMPRESSED_IMAGE).feed(message(codecs.compressed_depth_fields(depth, codec)))
+    (image,) = image_decoder(COMPRESSED_IMAGE).feed(
+        message(codecs.compressed_depth_fields(depth, codec))
+    )
     assert image.array.dtype == dtype
     assert image.encoding == ("16UC1" if dtype is np.uint16 else "32FC1")
     assert image.is_key
@@ -181,7 +201,9 @@ def test_compressed_depth_of_either_kind_decodes(codec, dtype):
 def test_compressed_colour_is_found_by_a_part_of_its_format(pictures, codec, rename):
     fields = codecs.compressed_image_fields(pictures[0], codec)
     assert fields.format == f"bgr8; {codec} compressed bgr8"
-    (image,) = image_decoder(COMPRESSED_IMAGE).feed(message(fields, format=rename.format(codec.upper())))
+    (image,) = image_decoder(COMPRESSED_IMAGE).feed(
+        message(fields, format=rename.format(codec.upper()))
+    )
     assert image.encoding == "bgr8"
     assert np.abs(image.array.astype(int) - pictures[0]).mean() < (1e-9 if codec == "png" else 8)
 
@@ -207,18 +229,31 @@ def test_grey_pictures_are_named_by_their_bits(dtype, text, encoding):
 def test_h264_decodes_in_a_compressed_image_or_video_and_another_kind_is_refused(stream):
     (expected,) = H264Decoder().decode_bgr(stream[0].data)
     for type_name in (COMPRESSED_IMAGE, codecs.COMPRESSED_VIDEO):
-        (image,) = image_decoder(type_name).feed(SimpleNamespace(format="h264", data=stream[0].data))
+        (image,) = image_decoder(type_name).feed(
+            SimpleNamespace(format="h264", data=stream[0].data)
+        )
         assert np.array_equal(image.array, expected)
     for text in ("", "tiff", "bgr8; tiff compressed "):
         with pytest.raises(CodecUnavailableError):
             image_decoder(COMPRESSED_IMAGE).feed(SimpleNamespace(format=text, data=b"abc"))
 
 
-@pytest.mark.skipif("libx265" not in av.codecs_available, reason="this build of FFmpeg cannot make H.265")
+@pytest.mark.skipif(
+    "libx265" not in av.codecs_available, reason="this build of FFmpeg cannot make H.265"
+)
 def test_h265_decodes_from_its_key_frame(pictures):
     context = av.CodecContext.create("libx265", "w")
-    context.width, context.height, context.pix_fmt, context.time_base = 640, 360, "yuv420p", Fraction(1, 30)
-    context.options = {"preset": "ultrafast", "tune": "zerolatency", "x265-params": "log-level=none:keyint=4"}
+    context.width, context.height, context.pix_fmt, context.time_base = (
+        640,
+        360,
+        "yuv420p",
+        Fraction(1, 30),
+    )
+    context.options = {
+        "preset": "ultrafast",
+        "tune": "zerolatency",
+        "x265-params": "log-level=none:keyint=4",
+    }
     data = []
     for index, picture in enumerate(pictures[:6]):
         frame = av.VideoFrame.from_ndarray(picture, "bgr24").reformat(format="yuv420p")
@@ -233,7 +268,11 @@ def test_h265_decodes_from_its_key_frame(pictures):
 
 @pytest.mark.parametrize(
     ("image", "codec"),
-    [(np.zeros((4, 4), "u1"), "jpeg"), (np.zeros((4, 4, 3), "u2"), "png"), (np.zeros((4, 4, 3), "u1"), "webp")],
+    [
+        (np.zeros((4, 4), "u1"), "jpeg"),
+        (np.zeros((4, 4, 3), "u2"), "png"),
+        (np.zeros((4, 4, 3), "u1"), "webp"),
+    ],
 )
 def test_other_colour_images_and_codecs_are_refused(image, codec):
     with pytest.raises(codecs.CodecError):

@@ -64,7 +64,9 @@ QUANTISED = [
 
 @pytest.mark.parametrize("codec", ["rvl", "png", "med"])
 def test_32_bit_depth_is_quantised_as_the_plugin_does_it(codec):
-    metres, quantised, back = (np.array([column], np.float32) for column in zip(*QUANTISED, strict=True))
+    metres, quantised, back = (
+        np.array([column], np.float32) for column in zip(*QUANTISED, strict=True)
+    )
     depth_format, data = encode_depth(metres, codec=codec)
     assert str(depth_format) == f"32FC1; compressedDepth {codec}"
     assert data[:12] == struct.pack("<iff", 0, A, B)
@@ -110,8 +112,15 @@ def test_other_format_strings_are_refused(text):
 
 
 def test_without_an_encoding_the_header_tells_whether_it_was_quantised_and_a_16_bit_name_is_kept():
-    (_, plain), (_, quantised) = encode_depth(HOLE_STEP_PLANE), encode_depth(np.ones((1, 3), np.float32))
-    for data, named, wanted in ((plain, "", "16UC1"), (quantised, "", "32FC1"), (plain, "mono16", "mono16")):
+    (_, plain), (_, quantised) = (
+        encode_depth(HOLE_STEP_PLANE),
+        encode_depth(np.ones((1, 3), np.float32)),
+    )
+    for data, named, wanted in (
+        (plain, "", "16UC1"),
+        (quantised, "", "32FC1"),
+        (plain, "mono16", "mono16"),
+    ):
         assert decode_depth(data, DepthFormat(encoding=named, codec="rvl"))[1] == wanted
 
 

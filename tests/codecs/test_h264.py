@@ -46,7 +46,9 @@ def test_key_frames_stand_at_multiples_of_the_gop_with_their_parameter_sets(stre
         assert kinds >= {5, 7, 8} if frame.is_key else kinds.isdisjoint({5, 7, 8})
 
 
-@pytest.mark.parametrize(("seconds", "shown"), [(5, 60), (2, 1)], ids=["motion", "a still scene, filled up"])
+@pytest.mark.parametrize(
+    ("seconds", "shown"), [(5, 60), (2, 1)], ids=["motion", "a still scene, filled up"]
+)
 def test_pictures_keep_the_bit_rate_and_every_packet_its_share(pictures, seconds, shown):
     encoder = H264Encoder(TABLE_2)
     sizes = [len(encoder.encode(pictures[index % shown])[0].data) for index in range(30 * seconds)]
@@ -123,7 +125,9 @@ def test_a_broken_packet_is_told_once_and_the_next_key_frame_heals(stream):
     assert caught.value.codec == "h264"
     assert [decoder.decode(frame.data) for frame in stream[2:30]] == [()] * 28
     assert (decoder.refused_packets, decoder.broken_packets) == (28, 1)
-    assert np.array_equal(decoder.decode_bgr(stream[30].data)[0], H264Decoder().decode_bgr(stream[30].data)[0])
+    assert np.array_equal(
+        decoder.decode_bgr(stream[30].data)[0], H264Decoder().decode_bgr(stream[30].data)[0]
+    )
 
 
 @pytest.mark.parametrize("data", [b"", b"\0", b"\0\0\0\x10" + bytes(16), b"jpeg"])
@@ -166,14 +170,19 @@ def colour_difference(data: bytes, image: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize(
     ("matrix", "tags"),
     [
-        (Colorspace.ITU709, {"colorspace": 1, "color_range": 1, "color_primaries": 1, "color_trc": 1}),
+        (
+            Colorspace.ITU709,
+            {"colorspace": 1, "color_range": 1, "color_primaries": 1, "color_trc": 1},
+        ),
         (Colorspace.ITU601, {}),
     ],
     ids=["BT.709 as tagged", "BT.601 if untagged"],
 )
 def test_foreign_streams_are_converted_by_their_own_matrix(matrix, tags):
     image = patches(np.random.default_rng(6))
-    assert np.abs(colour_difference(foreign_stream(image, matrix=matrix, tags=tags), image)).max() <= 8
+    assert (
+        np.abs(colour_difference(foreign_stream(image, matrix=matrix, tags=tags), image)).max() <= 8
+    )
 
 
 WRONG = {"fps": 0, "bitrate_bps": -1, "gop": 0, "vbv_frames": 0.5}
@@ -182,7 +191,10 @@ WRONG_SIZES = ({"width": 641}, {"height": 0}, {"width": 2**20, "height": 2**10})
 
 @pytest.mark.parametrize(
     ("change", "name"),
-    [*((change, "size") for change in WRONG_SIZES), *(({name: WRONG[name]}, name) for name in WRONG)],
+    [
+        *((change, "size") for change in WRONG_SIZES),
+        *(({name: WRONG[name]}, name) for name in WRONG),
+    ],
 )
 def test_impossible_settings_are_refused_by_name(change, name):
     with pytest.raises(CodecError, match=name):
@@ -214,7 +226,9 @@ def test_a_named_codec_that_does_not_work_is_an_error_with_the_reason():
         H264Decoder(decoder="h264_of_nobody")
 
 
-def test_fallback_to_software_is_said_once_a_day_and_what_was_asked_for_is_not(caplog, tmp_path, monkeypatch):
+def test_fallback_to_software_is_said_once_a_day_and_what_was_asked_for_is_not(
+    caplog, tmp_path, monkeypatch
+):
     monkeypatch.setenv("HOME", str(tmp_path))
     with caplog.at_level(logging.WARNING):
         for _ in range(2):
@@ -338,7 +352,9 @@ def test_auto_takes_the_first_that_works_and_says_what_it_passed_over(working, f
 
 def test_without_an_encoder_every_reason_is_named_and_the_software_decoder_taken_untried(working):
     working()
-    with pytest.raises(CodecUnavailableError, match=r"h264_nvmpi: no device.*libopenh264: no device"):
+    with pytest.raises(
+        CodecUnavailableError, match=r"h264_nvmpi: no device.*libopenh264: no device"
+    ):
         probe.choose_encoder("auto", fallback=True)
     working()
     probe.probe_decoder.cache_clear()

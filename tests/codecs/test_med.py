@@ -20,7 +20,10 @@ IMAGES = st.tuples(st.integers(1, 9), st.integers(1, 40))
 def plainly(frame: bytes, rows: int, columns: int) -> list[list[int]]:
     """Decode as the module's docstring says it, by Zstandard's own library and plain loops."""
     content = zstandard.ZstdDecompressor().decompress(frame)
-    codes, values = iter(content[: rows * columns]), iter(struct.iter_unpack("<H", content[rows * columns :]))
+    codes, values = (
+        iter(content[: rows * columns]),
+        iter(struct.iter_unpack("<H", content[rows * columns :])),
+    )
     above, image = [1] * columns, []
     for _ in range(rows):
         left = corner = above[0]
@@ -48,7 +51,11 @@ def test_holes_steps_and_far_values_are_the_bytes_worked_out_by_hand():
     assert content.hex(" ") == "00 00 09 03 01 ff 00 ff 02 04 84 03 07 00"
 
 
-@given(hnp.arrays(np.uint16, IMAGES, elements=st.integers(0, 65535) | st.integers(0, 3) | st.just(65535)))
+@given(
+    hnp.arrays(
+        np.uint16, IMAGES, elements=st.integers(0, 65535) | st.integers(0, 3) | st.just(65535)
+    )
+)
 @settings(max_examples=200, deadline=None)
 def test_any_image_comes_back_by_the_fast_and_by_the_plain_decoder(depth):
     frame = encode(depth)
@@ -65,7 +72,11 @@ def test_other_byte_orders_and_strides_are_the_same_image():
 def test_measured_depth_is_a_third_smaller_than_by_rvl():
     disparity = data.stereo_motorcycle()[2]
     seen = np.isfinite(disparity)
-    depth = np.where(seen, 994.978 * 193.001 / (np.where(seen, disparity, 1) + 31.086), 0).round().astype("u2")
+    depth = (
+        np.where(seen, 994.978 * 193.001 / (np.where(seen, disparity, 1) + 31.086), 0)
+        .round()
+        .astype("u2")
+    )
     frame = encode(depth)
     assert np.array_equal(decode(frame, depth.shape), depth)
     assert len(encode_rvl(depth)) > 1.4 * len(frame)

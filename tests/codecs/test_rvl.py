@@ -56,9 +56,14 @@ def test_hand_worked_bytes(depth, expected):
     assert rvl.decode(bytes.fromhex(expected), image.shape).tolist() == depth
 
 
-pixel = st.one_of(st.just(0), st.integers(1, 9), st.integers(0, 65535), st.sampled_from([1, 0xFFFF]))
+pixel = st.one_of(
+    st.just(0), st.integers(1, 9), st.integers(0, 65535), st.sampled_from([1, 0xFFFF])
+)
 depth_images = hnp.arrays(
-    np.uint16, st.tuples(st.integers(1, 7), st.integers(1, 33)), elements=pixel, fill=st.sampled_from([0, 5])
+    np.uint16,
+    st.tuples(st.integers(1, 7), st.integers(1, 33)),
+    elements=pixel,
+    fill=st.sampled_from([0, 5]),
 )
 
 
@@ -136,7 +141,12 @@ def test_an_empty_image_is_one_word_up_to_the_largest():
 
 
 def test_other_arrays_are_refused_and_outputs_that_do_not_fit():
-    for image in (np.zeros((2, 2), "i2"), np.zeros((2, 2), "f4"), np.zeros(4, "u2"), np.zeros((0, 4), "u2")):
+    for image in (
+        np.zeros((2, 2), "i2"),
+        np.zeros((2, 2), "f4"),
+        np.zeros(4, "u2"),
+        np.zeros((0, 4), "u2"),
+    ):
         with pytest.raises(CodecError, match="uint16 images"):
             rvl.encode(image)
     for out in (np.zeros((3, 2), "u2"), np.zeros((2, 3), "i2"), np.zeros((2, 6), "u2")[:, ::2]):
@@ -150,6 +160,8 @@ def test_without_any_writable_cache_it_warns_and_still_encodes():
         "import numpy as np; from sfglab.codecs import rvl\n"
         "print(rvl.encode(np.zeros((2, 3), np.uint16)).hex())"
     )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=60)
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=60
+    )
     assert done.stdout.strip() == "00000060"
     assert "NUMBA_CACHE_DIR" in done.stderr

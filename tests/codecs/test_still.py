@@ -25,12 +25,24 @@ def test_jpeg_comes_close_and_grey_stays_grey(pictures):
 def png_claiming(width: int, height: int) -> bytes:
     chunk = b"IHDR" + struct.pack(">IIBBBBB", width, height, 8, 0, 0, 0, 0)
     end = struct.pack(">I", 0) + b"IEND" + struct.pack(">I", zlib.crc32(b"IEND"))
-    return b"\x89PNG\r\n\x1a\n" + struct.pack(">I", 13) + chunk + struct.pack(">I", zlib.crc32(chunk)) + end
+    return (
+        b"\x89PNG\r\n\x1a\n"
+        + struct.pack(">I", 13)
+        + chunk
+        + struct.pack(">I", zlib.crc32(chunk))
+        + end
+    )
 
 
 def jpeg_claiming(width: int, height: int) -> bytes:
     # start, a comment segment, a fill byte, start of frame (baseline)
-    return b"\xff\xd8" + b"\xff\xfe\0\4hi" + b"\xff" + b"\xff\xc0\0\x0b\x08" + struct.pack(">HH", height, width)
+    return (
+        b"\xff\xd8"
+        + b"\xff\xfe\0\4hi"
+        + b"\xff"
+        + b"\xff\xc0\0\x0b\x08"
+        + struct.pack(">HH", height, width)
+    )
 
 
 @pytest.mark.parametrize(
@@ -53,7 +65,9 @@ def test_what_is_no_picture_and_a_bomb_by_its_header_are_refused(data, fault):
         decode_still(data)
 
 
-@pytest.mark.parametrize("picture", [np.zeros((4, 4), "f4"), np.zeros((4, 4, 5), "u1"), np.zeros((0, 4), "u1")])
+@pytest.mark.parametrize(
+    "picture", [np.zeros((4, 4), "f4"), np.zeros((4, 4, 5), "u1"), np.zeros((0, 4), "u1")]
+)
 def test_arrays_that_no_picture_holds_are_refused(picture):
     with pytest.raises(CodecError):
         encode_png(picture, level=3)

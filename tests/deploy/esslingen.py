@@ -34,7 +34,9 @@ LAB = load_fleet(PROJECT / "data" / "fleets" / "lab.yaml")
 
 def deployed(agent: str = "go2", **common) -> Deployment:
     """Return an agent's deployment where something is another for all machines."""
-    return deployment_of(replace(FLEET, deployment=replace(FLEET.deployment, **common)), agent, RELEASE)
+    return deployment_of(
+        replace(FLEET, deployment=replace(FLEET.deployment, **common)), agent, RELEASE
+    )
 
 
 def rule(pattern: str, *ways: Direction) -> ForwardRule:
@@ -65,7 +67,9 @@ def write_files(files, folder: Path) -> None:
 
 json_values = st.recursive(
     st.none() | st.booleans() | st.integers(-99, 99) | st.text(max_size=8),
-    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=6), inner, max_size=3),
+    lambda inner: (
+        st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=6), inner, max_size=3)
+    ),
     max_leaves=8,
 )
 
@@ -77,4 +81,6 @@ def codes(findings, severity=Severity.ERROR):
 def needs(linter: str):
     """Mark a test that needs a linter of the extra 'deploy'."""
     found = shutil.which(linter, path=f"{Path(sys.executable).parent}:{os.environ['PATH']}")
-    return pytest.mark.skipif(found is None, reason=f"{linter} is not installed: pip install 'sfglab[deploy]'")
+    return pytest.mark.skipif(
+        found is None, reason=f"{linter} is not installed: pip install 'sfglab[deploy]'"
+    )

@@ -23,7 +23,9 @@ def of(check, files, deployment=None, own=()):
 def rules(severity=Severity.ERROR, **options):
     def find(text, name):
         place = Place(file=name, line=3)
-        yield Finding(severity=severity, code="c", place=place, what=f"{text} is wrong in {name}", why="")
+        yield Finding(
+            severity=severity, code="c", place=place, what=f"{text} is wrong in {name}", why=""
+        )
 
     return OwnRules(check="ours", pattern="systemd/*.service", rules=find, **options)
 

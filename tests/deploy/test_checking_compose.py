@@ -35,7 +35,9 @@ def hardened(**more):
 def project():
     named = {"SFG_AGENT_NAME": "go2"}
     agent = hardened(networks=["agent"], environment=named, devices=["/dev/nvmap:/dev/nvmap"])
-    router = hardened(network_mode="host", depends_on=["agent"], volumes=["./router/r.yaml:/etc/r.yaml:ro"])
+    router = hardened(
+        network_mode="host", depends_on=["agent"], volumes=["./router/r.yaml:/etc/r.yaml:ro"]
+    )
     return {
         "name": "sfglab-go2",
         "services": {"agent": agent, "router": router},
@@ -58,7 +60,11 @@ OVERLAY = {
 
 
 def verdicts(values, *, deployment=GO2, overlay=OVERLAY, **files):
-    texts = {"compose.yaml": yaml.safe_dump(values), "compose.dev.yaml": yaml.safe_dump(overlay), **files}
+    texts = {
+        "compose.yaml": yaml.safe_dump(values),
+        "compose.dev.yaml": yaml.safe_dump(overlay),
+        **files,
+    }
     return check_compose({name: BundleFile(text=text) for name, text in texts.items()}, deployment)
 
 
@@ -102,7 +108,12 @@ BROKEN = [
     ("no capabilities", "agent", {"cap_add": ["SYS_PTRACE"]}, "SYS_PTRACE"),
     (NNP, "router", {"security_opt": None}, "no-new-privileges"),
     (NNP, "agent", {"security_opt": ["no-new-privileges:false"]}, "false"),
-    (NNP, "agent", {"security_opt": ["no-new-privileges:true", "seccomp=unconfined"]}, "seccomp=unconfined"),
+    (
+        NNP,
+        "agent",
+        {"security_opt": ["no-new-privileges:true", "seccomp=unconfined"]},
+        "seccomp=unconfined",
+    ),
     ("read-only root", "agent", {"read_only": None}, "allowed: true"),
     ("read-only root", "router", {"read_only": False}, "services.router"),
     ("no root user", "agent", {"user": None}, "user"),
@@ -110,7 +121,12 @@ BROKEN = [
     ("no root user", "agent", {"user": "0:10001"}, "0:10001"),
     ("no root user", "router", {"user": "10001:0"}, "10001:0"),
     ("not privileged", "agent", {"privileged": True}, "privileged"),
-    (SOCKETS, "agent", {"volumes": ["/var/run/docker.sock:/var/run/docker.sock:ro"]}, "docker.sock"),
+    (
+        SOCKETS,
+        "agent",
+        {"volumes": ["/var/run/docker.sock:/var/run/docker.sock:ro"]},
+        "docker.sock",
+    ),
     (SOCKETS, "agent", {"volumes": [RUN]}, "/run"),
     (SOCKETS, "agent", {"volumes": ["/:/host:ro"]}, "whole machine"),
     ("namespaces of their own", "agent", {"pid": "host"}, "pid"),
@@ -132,7 +148,12 @@ BROKEN = [
     ("every variable is set", "agent", {"command": ["${WHO}"]}, "WHO"),
     ("every variable is set", "router", {"command": ["$WHO"]}, "WHO"),
     ("what is named exists", "router", {"depends_on": ["agnet"]}, "agnet"),
-    ("what is named exists", "router", {"depends_on": {"db": {"condition": "service_started"}}}, "db"),
+    (
+        "what is named exists",
+        "router",
+        {"depends_on": {"db": {"condition": "service_started"}}},
+        "db",
+    ),
     ("what is named exists", "agent", {"networks": ["outside"]}, "outside"),
     ("what is named exists", "agent", {"volumes": ["data:/data"]}, "data"),
 ]
@@ -144,7 +165,10 @@ def test_every_mutation_is_caught_by_its_rule_in_clear_words(rule, service, chan
 
 
 def test_every_rule_has_a_mutation_that_breaks_it():
-    others = {"services agent and router alone", "agent's network has no way out"}  # see the next test
+    others = {
+        "services agent and router alone",
+        "agent's network has no way out",
+    }  # see the next test
     assert {rule for rule, *_ in BROKEN} | others == {rule.name for rule in RULES}
 
 
@@ -162,16 +186,22 @@ def test_what_the_fleet_file_allows_is_allowed_and_variables_may_come_from_files
     bridge_less = with_service("agent", network_mode="host", networks=None)
     on_host = replace(GO2, host=replace(GO2.host, network=ContainerNetwork.HOST))
     assert failing(verdicts(bridge_less, deployment=on_host)) == {}
-    usb = with_service("agent", devices=["/dev/bus/usb:/dev/bus/usb"], device_cgroup_rules=["c 189:* rwm"])
+    usb = with_service(
+        "agent", devices=["/dev/bus/usb:/dev/bus/usb"], device_cgroup_rules=["c 189:* rwm"]
+    )
     assert failing(verdicts(usb)) == {}
-    assert DEVICES in failing(verdicts(usb, deployment=replace(GO2, host=replace(GO2.host, devices=()))))
+    assert DEVICES in failing(
+        verdicts(usb, deployment=replace(GO2, host=replace(GO2.host, devices=())))
+    )
     values = with_service("agent", command=["$${HOME}", "${A}", "${B:-b}", "$C"])
     assert failing(verdicts(values, **{"release.env": "A=1\nexport C=2\n"})) == {}
 
 
 @pytest.mark.parametrize("accelerator", Accelerator)
 def test_graphics_cards_are_nvidias_where_the_machine_has_one(accelerator):
-    gpu = {"resources": {"reservations": {"devices": [{"driver": "nvidia", "capabilities": ["gpu"]}]}}}
+    gpu = {
+        "resources": {"reservations": {"devices": [{"driver": "nvidia", "capabilities": ["gpu"]}]}}
+    }
     values = with_service("agent", deploy=gpu, runtime="nvidia", devices=None)
     says = failing(verdicts(values, deployment=replace(GO2, accelerator=accelerator)))
     assert (DEVICES in says) is (accelerator not in {Accelerator.CUDA, Accelerator.JETSON})
@@ -194,7 +224,9 @@ def test_development_has_a_debugger_and_no_more(changes, rule):
     assert list(failing(verdicts(project(), overlay=overlay), "compose.dev.yaml")) == [rule]
 
 
-KEYS = sorted({key for _, _, changes, _ in BROKEN for key in changes} | {"deploy", "gpus", "secrets"})
+KEYS = sorted(
+    {key for _, _, changes, _ in BROKEN for key in changes} | {"deploy", "gpus", "secrets"}
+)
 
 
 @settings(max_examples=40)
@@ -206,7 +238,8 @@ def test_no_value_makes_a_rule_stumble(key, value, networks):
 
 
 @pytest.mark.parametrize(
-    "text", ["services: [", "services: {a: 1}", "[]", "services: []", "services: {a: {}, a: {}}", None]
+    "text",
+    ["services: [", "services: {a: 1}", "[]", "services: []", "services: {a: {}, a: {}}", None],
 )
 def test_what_has_no_services_fails_by_the_schema_alone(text):
     found = check_compose({} if text is None else {"compose.yaml": BundleFile(text=text)}, GO2)

@@ -52,14 +52,20 @@ def test_shellchecks_findings_belong_to_their_script_and_scripts_find_each_other
     ],
 )
 def test_a_script_that_nobody_can_start_fails(file, words, nothing_installed):
-    found = by_subject(check_shell({"a": file, "b.sh": BundleFile(text="true\n")}), "programs can be started")
+    found = by_subject(
+        check_shell({"a": file, "b.sh": BundleFile(text="true\n")}), "programs can be started"
+    )
     assert words in found["a"].says
     assert found["b.sh"].state is State.HOLDS
 
 
-def test_without_linters_checks_are_listed_as_skipped_and_a_folder_needs_a_dockerfile(nothing_installed):
+def test_without_linters_checks_are_listed_as_skipped_and_a_folder_needs_a_dockerfile(
+    nothing_installed,
+):
     assert [v.state for v in check_shell({"compose.yaml": BundleFile(text="")})] == [State.SKIPPED]
-    found = by_subject(check_shell({"a.sh": program("true"), "b.sh": program("true")}), "shellcheck")
+    found = by_subject(
+        check_shell({"a.sh": program("true"), "b.sh": program("true")}), "shellcheck"
+    )
     assert [v.state for v in found.values()] == [State.SKIPPED] * 2
     assert "pip install 'sfglab[deploy]'" in found["a.sh"].says
     assert [v.state for v in check_dockerfiles({})] == [State.FAILS]
@@ -78,7 +84,11 @@ def test_a_linter_that_does_not_work_fails_and_says_so(monkeypatch, tmp_path):
 @needs("hadolint")
 def test_hadolints_findings_arrive_with_line_and_rule():
     good = "FROM debian:12.5@sha256:" + "0" * 64 + '\nUSER 10001:10001\nENTRYPOINT ["/bin/true"]\n'
-    texts = {"Dockerfile": good, "Dockerfile.bad": "FROM debian:latest\n", "Dockerfile.none": "FRO ä\n"}
+    texts = {
+        "Dockerfile": good,
+        "Dockerfile.bad": "FROM debian:latest\n",
+        "Dockerfile.none": "FRO ä\n",
+    }
     files = {name: BundleFile(text=text) for name, text in texts.items()}
     found = by_subject(check_dockerfiles(files), "hadolint")
     assert [found[name].state for name in texts] == [State.HOLDS, State.FAILS, State.FAILS]
@@ -92,7 +102,9 @@ def test_programs_run_with_their_files_alone_and_without_the_users_settings(monk
     assert run_program((sys.executable, "-c", code), {"d/a": "ä"}) == (0, "['d'] ä False\n")
 
 
-def test_a_program_that_hangs_or_does_not_start_is_an_error_and_leaves_nothing(monkeypatch, tmp_path):
+def test_a_program_that_hangs_or_does_not_start_is_an_error_and_leaves_nothing(
+    monkeypatch, tmp_path
+):
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "t"))
     (tmp_path / "t").mkdir()
     pid = tmp_path / "pid"

@@ -63,7 +63,14 @@ def test_it_says_what_table_1_and_the_paper_ask_for_and_from_what():
     assert "# To keep to wlan0" in text
 
 
-PATTERNS = [*(r.pattern for r in TABLE_1), "rt/local/x", "rt/*map", "r?/global/[ab]*", "rq/a*/b", "*"]
+PATTERNS = [
+    *(r.pattern for r in TABLE_1),
+    "rt/local/x",
+    "rt/*map",
+    "r?/global/[ab]*",
+    "rq/a*/b",
+    "*",
+]
 patterns = st.lists(st.sampled_from(PATTERNS), min_size=1, max_size=4, unique=True)
 PARTS = "rt rq rr tf tf_static global local a b map aRequest x"
 parts = st.sampled_from(PARTS.split())
@@ -78,7 +85,9 @@ def test_a_generated_router_accepts_exactly_what_the_policy_lets_cross(chosen, n
 
 
 @given(patterns, patterns)
-def test_the_checker_finds_every_difference_between_allowlist_and_policy_that_a_name_shows(written, meant):
+def test_the_checker_finds_every_difference_between_allowlist_and_policy_that_a_name_shows(
+    written, meant
+):
     policy = Policy(rules=tuple(map(rule, meant)))
     config = changed(allowlist=[{"name": pattern} for pattern in written])
     found = "policy" in codes(check(config, policy=policy))
@@ -191,7 +200,9 @@ def test_a_repeater_must_lead_to_itself():
 
 
 def test_what_only_deserves_attention_is_no_error():
-    findings = check(changed(version="v4.0", specs={}, participants=[{"name": "a", "kind": "local"}]))
+    findings = check(
+        changed(version="v4.0", specs={}, participants=[{"name": "a", "kind": "local"}])
+    )
     assert codes(findings) == set()
     assert codes(findings, Severity.WARNING) == {"version", "no-domain", "one-sided"}
     assert codes(findings, Severity.INFO) == {"history"}
@@ -201,7 +212,9 @@ def test_what_only_deserves_attention_is_no_error():
 
 
 def test_a_finding_says_its_line_and_unknown_targets_and_agents_name_the_likely_one():
-    finding = check_dds_router("participants:\n  - {name: a, kind: local}\nallowlst: []\n", file="r.yaml")[0]
+    finding = check_dds_router(
+        "participants:\n  - {name: a, kind: local}\nallowlst: []\n", file="r.yaml"
+    )[0]
     assert (finding.place.line, finding.place.key) == (3, "allowlst")
     assert "did you mean 'allowlist'?" in finding.what
     with pytest.raises(DeployError, match="did you mean 'dds-router'"):
@@ -233,13 +246,16 @@ BASES = [
 def mappings_in(value):
     if isinstance(value, dict):
         yield value
-    for inner in value.values() if isinstance(value, dict) else value if isinstance(value, list) else ():
+    for inner in (
+        value.values() if isinstance(value, dict) else value if isinstance(value, list) else ()
+    ):
         yield from mappings_in(inner)
 
 
 @settings(max_examples=100)
 @given(
-    st.sampled_from(BASES), st.lists(st.tuples(st.integers(0, 40), keys, scalars | st.just("DROP")), max_size=3)
+    st.sampled_from(BASES),
+    st.lists(st.tuples(st.integers(0, 40), keys, scalars | st.just("DROP")), max_size=3),
 )
 def test_every_message_of_the_schema_becomes_a_finding_with_place_and_words(base, changes):
     config = copy.deepcopy(base)
@@ -282,7 +298,10 @@ def test_a_domain_bridge_has_each_wanted_topic_once_and_says_what_it_leaves_out(
 
 
 def test_a_domain_bridge_knows_the_way_of_each_topic():
-    go2, deck = (yaml.safe_load(render_router(LAB, a, "domain-bridge"))["topics"] for a in ("go2", "steamdeck"))
+    go2, deck = (
+        yaml.safe_load(render_router(LAB, a, "domain-bridge"))["topics"]
+        for a in ("go2", "steamdeck")
+    )
     camera = "/global/go2/camera_front/color/ffmpeg"
     assert ("reversed" in go2[camera], deck[camera]["reversed"]) == (False, True)
     assert go2["/tf"]["bidirectional"] is True

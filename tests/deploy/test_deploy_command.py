@@ -13,8 +13,15 @@ def call(*arguments: object, status: int = 0) -> str:
 
 @pytest.mark.slow
 def test_the_papers_fleet_passes_its_check():
-    kinds = ("go2", "pi1", "steamdeck", "workstation")  # the other Raspberry Pis differ in name and domain
-    assert ", 0 failed" in call("check", FLEET, *(part for name in kinds for part in ("--agent", name)))
+    kinds = (
+        "go2",
+        "pi1",
+        "steamdeck",
+        "workstation",
+    )  # the other Raspberry Pis differ in name and domain
+    assert ", 0 failed" in call(
+        "check", FLEET, *(part for name in kinds for part in ("--agent", name))
+    )
 
 
 def test_a_fleet_is_planned_applied_and_taken_back_on_a_folder_in_place_of_a_machine(tmp_path):
@@ -37,9 +44,13 @@ def test_a_fleet_is_planned_applied_and_taken_back_on_a_folder_in_place_of_a_mac
     assert kept in " ".join(call("apply", FLEET, *machine, "--tag", "0.0-none", status=1).split())
 
 
-def test_a_machine_that_cannot_be_reached_for_detection_does_not_keep_the_others_from_their_plan(tmp_path):
+def test_a_machine_that_cannot_be_reached_for_detection_does_not_keep_the_others_from_their_plan(
+    tmp_path,
+):
     path = tmp_path / "fleet.yaml"
-    text = FLEET.read_text().replace("deck@steamdeck.local, accelerator: vaapi", "deck@nowhere.invalid")
+    text = FLEET.read_text().replace(
+        "deck@steamdeck.local, accelerator: vaapi", "deck@nowhere.invalid"
+    )
     path.write_text(text.replace("address: sfg@pi1.local", "address: localhost"))
     said = call("plan", path, "--agent", "steamdeck", "--agent", "pi1", status=1)
     assert "deck@nowhere.invalid: ssh" in said

@@ -52,7 +52,9 @@ def test_an_installed_wheel_renders_a_fleet_with_the_wheel_that_it_came_from(ins
     if "robot" in wheel.name:
         pytest.skip("a robot gets its release, and makes none")
     code = "from sfglab.cli import main; main()"
-    said = run(site, code, "deploy", "render", str(FLEET), "-o", str(tmp_path), "--accelerator", "none")
+    said = run(
+        site, code, "deploy", "render", str(FLEET), "-o", str(tmp_path), "--accelerator", "none"
+    )
     folders = re.findall(r"^(.*): \d+ files, release", said, re.MULTILINE)
     assert folders
     for folder in folders:
@@ -73,7 +75,10 @@ def test_a_robot_gets_what_an_agents_image_gets_and_what_we_say():
     depth = ROBOT["optional-dependencies"]["depth"]
     assert sorted([*ROBOT["dependencies"], *depth]) == sorted(of[name] for name in AGENT_ROOTS)
     assert {Requirement(text).name for text in depth} == {"numba", "opencv-python-headless"}
-    assert (ROBOT["requires-python"], ROBOT["scripts"]) == (OURS["requires-python"], OURS["scripts"])
+    assert (ROBOT["requires-python"], ROBOT["scripts"]) == (
+        OURS["requires-python"],
+        OURS["scripts"],
+    )
 
 
 def test_a_robots_distribution_takes_less_than_400_mb(installed):
@@ -82,6 +87,13 @@ def test_a_robots_distribution_takes_less_than_400_mb(installed):
     lock = agent_lock(text, python="3.11", architecture=Architecture.AMD64)
     large = {"numba", "llvmlite", "opencv-python-headless"}
     names = set(re.findall(r"^([a-z0-9-]+)", lock, re.MULTILINE)) - large
-    files = [file.locate() for name in names for file in distribution(name).files if file.suffix != ".pyc"]
+    files = [
+        file.locate()
+        for name in names
+        for file in distribution(name).files
+        if file.suffix != ".pyc"
+    ]
     files += site.rglob("*")
-    assert 50e6 < sum(Path(file).stat().st_size for file in files if Path(file).is_file()) < MOST_BYTES
+    assert (
+        50e6 < sum(Path(file).stat().st_size for file in files if Path(file).is_file()) < MOST_BYTES
+    )

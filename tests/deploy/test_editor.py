@@ -22,7 +22,9 @@ COMPOSE = {"services": {"agent": {"image": "a:1"}, "router": {"image": "a:1"}}}
 MOUNTS = ["${SFGLAB_WORKSPACE:-./workspace}:/workspace", "./.vscode:/workspace/.vscode"]
 AROUND = {
     "compose.yaml": BundleFile(text=yaml.safe_dump(COMPOSE)),
-    "compose.dev.yaml": BundleFile(text=yaml.safe_dump({"services": {"agent": {"volumes": MOUNTS}}})),
+    "compose.dev.yaml": BundleFile(
+        text=yaml.safe_dump({"services": {"agent": {"volumes": MOUNTS}}})
+    ),
     "hooks/initialize.sh": BundleFile(text="#!/bin/sh\n", mode=PROGRAM),
 }
 
@@ -41,7 +43,9 @@ def profiles(kind, request="launch", **options):
 
 
 def says(files):
-    return " | ".join(f"{finding.place}: {finding.what}" for finding in check_editor(AROUND | files))
+    return " | ".join(
+        f"{finding.place}: {finding.what}" for finding in check_editor(AROUND | files)
+    )
 
 
 @pytest.mark.parametrize("ros", RosDistribution)
@@ -54,7 +58,9 @@ def test_what_is_written_passes_the_checker(agent, ros):
 @pytest.mark.parametrize("ros", RosDistribution)
 def test_cpp_and_python_nodes_are_started_with_whole_command_lines_and_attached_to(kind, ros):
     started = profiles(kind, ros=ros)
-    assert all(isinstance(p["args"], str) and p["args"].endswith("${input:arguments}") for p in started)
+    assert all(
+        isinstance(p["args"], str) and p["args"].endswith("${input:arguments}") for p in started
+    )
     assert len(profiles(kind, "attach", ros=ros)) == 1
 
 
@@ -63,7 +69,10 @@ def test_without_ros_nothing_of_colcon_is_written_and_its_commands_are_bash(tmp_
     assert not any("colcon" in file.text or "/opt/ros" in file.text for file in files.values())
     assert "postCreateCommand" not in json.loads(files[CONTAINER].text)
     assert json.loads(files[SETTINGS].text)["python.defaultInterpreterPath"] == f"{VENV}/bin/python"
-    for command in (build_command(RosDistribution.JAZZY), environment_command(RosDistribution.JAZZY)):
+    for command in (
+        build_command(RosDistribution.JAZZY),
+        environment_command(RosDistribution.JAZZY),
+    ):
         subprocess.run(["bash", "-n", "-c", command], check=True, timeout=10)
     (tmp_path / "setup.bash").write_text("export ROS_DISTRO=jazzy PYTHONPATH=/p SECRET=x\n")
     command = environment_command(RosDistribution.JAZZY).replace("/opt/ros/jazzy", str(tmp_path))
@@ -80,7 +89,9 @@ def test_completion_reads_what_the_build_writes(ros):
     assert settings_of["python.defaultInterpreterPath"] == "/usr/bin/python3"
     assert "--compile-commands-dir=${workspaceFolder}/build" in settings_of["clangd.arguments"]
     assert "CMAKE_EXPORT_COMPILE_COMMANDS=ON" in values(CONTAINER, ros=ros)["postCreateCommand"][-1]
-    assert all(f"/opt/ros/{ros.value}/" in path for path in settings_of["python.analysis.extraPaths"])
+    assert all(
+        f"/opt/ros/{ros.value}/" in path for path in settings_of["python.analysis.extraPaths"]
+    )
     assert {"[cpp]", "[python]", "[cmake]"} <= set(settings_of)
 
 
@@ -114,15 +125,27 @@ FIRST, CPP = ("configurations", 0), ("configurations", 4)
         (CONTAINER, at("service", to=None), "service"),
         (CONTAINER, at("service", to="agnet"), "given 'agnet', allowed: agent, router"),
         (CONTAINER, at("runServices", to=["agent", "database"]), "'database'"),
-        (CONTAINER, at("dockerComposeFile", to=["../compose.yml"]), "there is no file ../compose.yml"),
+        (
+            CONTAINER,
+            at("dockerComposeFile", to=["../compose.yml"]),
+            "there is no file ../compose.yml",
+        ),
         (CONTAINER, at("dockerComposeFile", to="compose.yaml"), "there is no file compose.yaml"),
         (CONTAINER, at("workspaceFolder", to="/work"), "nothing is mounted at /work"),
         (CONTAINER, at("shutdownAction", to="stopContainer"), "allowed: none, stopCompose"),
         (CONTAINER, at("remoteUser", to="root"), "given root"),
         (CONTAINER, at("privileged", to=True), "allowed: false"),
-        (CONTAINER, at("initializeCommand", to=["${localWorkspaceFolder}/init.sh"]), "no file init.sh"),
+        (
+            CONTAINER,
+            at("initializeCommand", to=["${localWorkspaceFolder}/init.sh"]),
+            "no file init.sh",
+        ),
         (CONTAINER, at("initializeCommand", to="hooks/initialize.sh"), "a list of words"),
-        (CONTAINER, at("initializeCommand", to=["${localFolder}/hooks/initialize.sh"]), "${localFolder}"),
+        (
+            CONTAINER,
+            at("initializeCommand", to=["${localFolder}/hooks/initialize.sh"]),
+            "${localFolder}",
+        ),
         (CONTAINER, at("customizations", "vscode", "extension", to=[]), "unknown key 'extension'"),
         (CONTAINER, at("customizations", "vscode", "extensions", to=["clangd"]), "publisher.name"),
         (EXTENSIONS, at("recommendations", to=["a.b", "a.b"]), "twice"),
@@ -172,7 +195,11 @@ def test_each_file_must_be_there_as_plain_json(name):
     ("name", "file", "words"),
     [
         ("hooks/initialize.sh", BundleFile(text=""), "is no program"),
-        ("compose.dev.yaml", BundleFile(text="services: {agent: {volumes: ['./w:/workspace']}}"), "/.vscode"),
+        (
+            "compose.dev.yaml",
+            BundleFile(text="services: {agent: {volumes: ['./w:/workspace']}}"),
+            "/.vscode",
+        ),
         ("compose.yaml", BundleFile(text="services: {agent: {}}"), "given 'router'"),
     ],
 )
@@ -183,7 +210,10 @@ def test_what_the_editor_relies_on_in_other_files_is_asked(name, file, words):
 PLACES = [
     *((name, (key,)) for name in FILES for key in values(name)),
     *((LAUNCH, (*FIRST, key)) for key in ("type", "args", "preLaunchTask", "request", "name")),
-    *((TASKS, ("tasks", 0, key)) for key in ("dependsOn", "problemMatcher", "type", "label", "options")),
+    *(
+        (TASKS, ("tasks", 0, key))
+        for key in ("dependsOn", "problemMatcher", "type", "label", "options")
+    ),
     *((LAUNCH, ("inputs", 0, key)) for key in ("type", "id")),
     *((CONTAINER, ("customizations", "vscode", key)) for key in ("extensions", "settings")),
 ]

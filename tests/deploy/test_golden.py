@@ -45,7 +45,9 @@ def test_a_fleets_name_adds_no_line_to_a_file(target):
     if target in TARGETS:
         given = [render_router(fleet, "go2", target) for fleet in fleets]
     else:
-        given = [render_bundle(deployment_of(fleet, "go2", RELEASE))[target].text for fleet in fleets]
+        given = [
+            render_bundle(deployment_of(fleet, "go2", RELEASE))[target].text for fleet in fleets
+        ]
     assert len({len(text.splitlines()) for text in given}) == 1
 
 
@@ -53,11 +55,15 @@ def golden(agent: str, path: str) -> Path:
     return GOLDEN / agent / path.replace("/", "_")
 
 
-@pytest.mark.parametrize(("agent", "path"), [(agent, path) for agent in REVIEWED for path in REVIEWED[agent]])
+@pytest.mark.parametrize(
+    ("agent", "path"), [(agent, path) for agent in REVIEWED for path in REVIEWED[agent]]
+)
 def test_a_file_is_the_one_that_was_reviewed(agent, path):
     file = golden(agent, path)
     expected, text = file.read_text(encoding="utf-8"), rendered(agent, path)
-    lines = difflib.unified_diff(expected.splitlines(), text.splitlines(), file.name, "rendered", lineterm="")
+    lines = difflib.unified_diff(
+        expected.splitlines(), text.splitlines(), file.name, "rendered", lineterm=""
+    )
     difference = "\n".join(lines)
     assert not difference, f"\n{difference}"
 

@@ -28,7 +28,11 @@ def machine(tmp_path):
     """Detection on an example, with files added, changed or (None) removed."""
 
     def build(name, **changes):
-        files = {path: text for path, text in {**EXAMPLES[name].files, **changes}.items() if text is not None}
+        files = {
+            path: text
+            for path, text in {**EXAMPLES[name].files, **changes}.items()
+            if text is not None
+        }
         return detect(write_example(replace(EXAMPLES[name], files=files), tmp_path / "root"))
 
     return build
@@ -39,7 +43,9 @@ def check_honest(machine):
     (chosen,) = [item for item in machine.evidence if item.chosen]
     assert chosen.found
     assert chosen.accelerator is machine.accelerator
-    assert RANK[chosen.accelerator] == min(RANK[item.accelerator] for item in machine.evidence if item.found)
+    assert RANK[chosen.accelerator] == min(
+        RANK[item.accelerator] for item in machine.evidence if item.found
+    )
     files = MachineFiles(Path(machine.root))
     for item in machine.evidence:
         assert all(files.has(source.path) for source in item.sources)
@@ -52,7 +58,9 @@ def check_honest(machine):
 
 
 @names
-def test_each_gets_its_accelerator_and_without_any_one_file_none_that_is_not_there(name, machine, tmp_path):
+def test_each_gets_its_accelerator_and_without_any_one_file_none_that_is_not_there(
+    name, machine, tmp_path
+):
     found = machine(name)
     assert found.accelerator is EXAMPLES[name].expected
     assert [item.accelerator for item in found.evidence] == list(PREFERENCE)
@@ -93,7 +101,9 @@ def test_binary_junk_in_any_files_is_read_as_nothing_known(name, junk, data):
 
 
 @names
-def test_pipes_folders_and_loops_in_place_of_files_are_read_as_absent_and_never_opened(name, machine, tmp_path):
+def test_pipes_folders_and_loops_in_place_of_files_are_read_as_absent_and_never_opened(
+    name, machine, tmp_path
+):
     machine(name)
     files = {path: tmp_path / "root" / path for path in sorted(EXAMPLES[name].files)}
     for path, place in files.items():
@@ -112,9 +122,17 @@ def test_a_better_accelerator_changes_the_choice_at_each_step_of_the_order(machi
     assert machine("riscv_board").accelerator is Accelerator.NONE
     steps = [
         ("raspberry_pi_4", "dev/video10 sys/class/video4linux/video10/name", Accelerator.V4L2),
-        ("laptop_intel", "dev/dri/renderD128 sys/class/drm/renderD128/device/vendor", Accelerator.VAAPI),
+        (
+            "laptop_intel",
+            "dev/dri/renderD128 sys/class/drm/renderD128/device/vendor",
+            Accelerator.VAAPI,
+        ),
         ("desktop_rocm", "dev/kfd sys/class/kfd/kfd/topology/nodes/1/properties", Accelerator.ROCM),
-        ("workstation_rtx", "dev/nvidia0 dev/nvidiactl proc/driver/nvidia/version", Accelerator.CUDA),
+        (
+            "workstation_rtx",
+            "dev/nvidia0 dev/nvidiactl proc/driver/nvidia/version",
+            Accelerator.CUDA,
+        ),
         ("jetson_orin_nx", "dev/nvmap etc/nv_tegra_release", Accelerator.JETSON),
     ]
     for name, paths, better in steps:
@@ -174,26 +192,51 @@ def test_a_device_tree_is_read_from_sys_where_proc_has_no_link_to_it(machine, tm
     assert str(source) == "/sys/firmware/devicetree/base/compatible (nvidia,tegra234)"
 
 
-CUDA, ROCM, VAAPI, V4L2, NONE = (Accelerator(name) for name in ("cuda", "rocm", "vaapi", "v4l2", "none"))
+CUDA, ROCM, VAAPI, V4L2, NONE = (
+    Accelerator(name) for name in ("cuda", "rocm", "vaapi", "v4l2", "none")
+)
 QCOM = {"dev/video1": "", "sys/class/video4linux/video1/name": "qcom-venus-encoder\n"}
-NO_TEGRA_NODES = {path: None for path in EXAMPLES["jetson_orin_nx"].files if path.startswith("dev/nv")}
+NO_TEGRA_NODES = {
+    path: None for path in EXAMPLES["jetson_orin_nx"].files if path.startswith("dev/nv")
+}
 UNDRIVEN, CARD = "nvidia_without_driver", "sys/bus/pci/devices/0000:01:00.0"
-UEVENTS = {"driven by nouveau": "DRIVER=nouveau\nPCI_CLASS=30000\n", "without a driver": "PCI_CLASS=30000\n"}
+UEVENTS = {
+    "driven by nouveau": "DRIVER=nouveau\nPCI_CLASS=30000\n",
+    "without a driver": "PCI_CLASS=30000\n",
+}
 UEVENTS |= {"by whom driven is not known": None}
 
 
 @pytest.mark.parametrize(
     ("name", "changes", "asked", "says", "chosen"),
     [
-        ("jetson_orin_nx", NO_TEGRA_NODES, Accelerator.JETSON, "container without NVIDIA's runtime", NONE),
+        (
+            "jetson_orin_nx",
+            NO_TEGRA_NODES,
+            Accelerator.JETSON,
+            "container without NVIDIA's runtime",
+            NONE,
+        ),
         (UNDRIVEN, {}, CUDA, "NVIDIA's driver does not run; install it", NONE),
         *(
             (UNDRIVEN, {f"{CARD}/uevent": text}, CUDA, f"(a graphics card of NVIDIA, {by})", NONE)
             for by, text in UEVENTS.items()
         ),
         (UNDRIVEN, {f"{CARD}/class": "0x040300\n"}, CUDA, "no card", NONE),  # a card's sound
-        ("wsl2", {"usr/lib/wsl/lib/libcuda.so.1.1": None}, CUDA, "not NVIDIA's", NONE),  # a link to it dangles
-        ("container", {}, CUDA, "without /dev/nvidiactl, /dev/nvidia0: a container without the card", NONE),
+        (
+            "wsl2",
+            {"usr/lib/wsl/lib/libcuda.so.1.1": None},
+            CUDA,
+            "not NVIDIA's",
+            NONE,
+        ),  # a link to it dangles
+        (
+            "container",
+            {},
+            CUDA,
+            "without /dev/nvidiactl, /dev/nvidia0: a container without the card",
+            NONE,
+        ),
         ("laptop_intel", {}, CUDA, "no driver of NVIDIA and no card", VAAPI),
         ("jetson_orin_nx", {}, CUDA, "display", Accelerator.JETSON),
         ("workstation_rtx", {}, CUDA, "driver 565.57.01 with 1 card", CUDA),
@@ -203,13 +246,21 @@ UEVENTS |= {"by whom driven is not known": None}
         ),
         ("steam_deck", {}, ROCM, "gfx1033 is not on AMD's list", VAAPI),
         ("desktop_rocm", {"dev/dri/renderD128": None}, ROCM, "its render node is missing", NONE),
-        ("raspberry_pi_5", {}, V4L2, "HEVC decoder only: H.264 is encoded and decoded by the processor", V4L2),
+        (
+            "raspberry_pi_5",
+            {},
+            V4L2,
+            "HEVC decoder only: H.264 is encoded and decoded by the processor",
+            V4L2,
+        ),
         ("raspberry_pi_4", {}, V4L2, "H.264 encoder and decoder in hardware", V4L2),
         ("riscv_board", QCOM, V4L2, "not known without opening them (qcom-venus-encoder)", V4L2),
         ("container", {}, NONE, "container", NONE),
     ],
 )
-def test_the_reason_says_what_is_there_and_what_is_missing(machine, name, changes, asked, says, chosen):
+def test_the_reason_says_what_is_there_and_what_is_missing(
+    machine, name, changes, asked, says, chosen
+):
     found = machine(name, **changes)
     evidence = found.evidence_of(asked)
     assert any(says in text for text in (evidence.reason, *map(str, evidence.sources)))
@@ -224,11 +275,18 @@ def test_the_reason_says_what_is_there_and_what_is_missing(machine, name, change
         ("desktop_rocm", {}, "/dev/kfd /dev/dri/renderD128", {"render": 992}),
         ("raspberry_pi_5", {}, "/dev/video19", {"video": 44}),
         ("raspberry_pi_4", {}, "/dev/video10 /dev/video11 /dev/video19", {"video": 44}),
-        ("laptop_intel", {"etc/group": "render:x:junk:\n"}, "/dev/dri/renderD128", {"render": None}),
+        (
+            "laptop_intel",
+            {"etc/group": "render:x:junk:\n"},
+            "/dev/dri/renderD128",
+            {"render": None},
+        ),
         ("wsl2", {}, "/dev/dxg", {}),
     ],
 )
-def test_a_container_is_given_the_chosen_ones_nodes_and_groups_alone(machine, name, changes, devices, groups):
+def test_a_container_is_given_the_chosen_ones_nodes_and_groups_alone(
+    machine, name, changes, devices, groups
+):
     found = machine(name, **changes)
     assert found.devices == tuple(devices.split())
     assert {group.name: group.gid for group in found.groups} == groups
@@ -236,7 +294,13 @@ def test_a_container_is_given_the_chosen_ones_nodes_and_groups_alone(machine, na
 
 @pytest.mark.parametrize(
     ("version", "name"),
-    [(90010, "gfx90a"), (90402, "gfx942"), (100303, "gfx1033"), (110000, "gfx1100"), (120001, "gfx1201")],
+    [
+        (90010, "gfx90a"),
+        (90402, "gfx942"),
+        (100303, "gfx1033"),
+        (110000, "gfx1100"),
+        (120001, "gfx1201"),
+    ],
 )
 def test_kernel_s_gfx_target_versions_become_llvm_s_names(version, name):
     assert gfx_name(version) == name
@@ -245,7 +309,9 @@ def test_kernel_s_gfx_target_versions_become_llvm_s_names(version, name):
 @pytest.mark.parametrize("place", ["missing", "file", "x" * 300])
 def test_a_root_that_is_no_folder_is_refused_by_name(tmp_path, place):
     (tmp_path / "file").touch()
-    with pytest.raises(DeployError, match=r"given as a machine's root, allowed: a folder that exists"):
+    with pytest.raises(
+        DeployError, match=r"given as a machine's root, allowed: a folder that exists"
+    ):
         detect(tmp_path / place)
 
 
@@ -258,7 +324,9 @@ def test_no_link_leads_out_of_the_root(machine, tmp_path, target):
     assert detect(tmp_path / "root").operating_system == "unknown"
 
 
-@pytest.mark.parametrize(("number", "bits", "known"), [(n, b, MACHINES[n]) for n in MACHINES for b in (32, 64)])
+@pytest.mark.parametrize(
+    ("number", "bits", "known"), [(n, b, MACHINES[n]) for n in MACHINES for b in (32, 64)]
+)
 def test_programs_headers_tell_the_architecture_or_what_else_it_is(tmp_path, number, bits, known):
     (tmp_path / "bin").mkdir()
     (tmp_path / "bin/sh").write_bytes(elf_header(number, bits=bits))
@@ -270,7 +338,9 @@ def test_programs_headers_tell_the_architecture_or_what_else_it_is(tmp_path, num
         assert reason.endswith("there are no images for it, allowed: amd64, arm64")
 
 
-def test_a_loader_tells_the_architecture_where_there_is_no_shell_and_without_it_nothing_does(tmp_path):
+def test_a_loader_tells_the_architecture_where_there_is_no_shell_and_without_it_nothing_does(
+    tmp_path,
+):
     architecture, reason = find_architecture(MachineFiles(tmp_path))
     assert architecture is None
     assert reason.startswith("not known: no program with an ELF header")
@@ -318,13 +388,19 @@ NANO = {"sys/firmware/devicetree/base/model": "NVIDIA Jetson Orin Nano Developer
         ("wsl2", {("h264_nvenc", ENCODER), ("h264_cuvid", DECODER)}, {}),
         ("desktop_rocm", {("h264_vaapi", ENCODER)}, {}),
         ("steam_deck", {("h264_vaapi", ENCODER)}, {}),
-        ("laptop_intel", {("h264_vaapi", ENCODER), ("h264_qsv", ENCODER), ("h264_qsv", DECODER)}, {}),
+        (
+            "laptop_intel",
+            {("h264_vaapi", ENCODER), ("h264_qsv", ENCODER), ("h264_qsv", DECODER)},
+            {},
+        ),
         ("raspberry_pi_4", {("h264_v4l2m2m", ENCODER), ("h264_v4l2m2m", DECODER)}, {}),
         ("raspberry_pi_5", set(), {}),
         ("virtual_machine", set(), {}),
     ],
 )
-def test_each_machine_lets_one_expect_its_own_codecs_and_the_processor_s(name, codecs, changes, machine):
+def test_each_machine_lets_one_expect_its_own_codecs_and_the_processor_s(
+    name, codecs, changes, machine
+):
     assert expected(machine(name, **changes)) == codecs | SOFTWARE
     assert codecs | SOFTWARE <= {(codec, role) for role in CodecRole for codec in TRIED[role]}
 
@@ -344,7 +420,10 @@ def test_all_codecs_are_tried_here_and_told_beside_what_the_machine_promises(mac
     text = render_machine(found, tuple(rows.values()))
     for row in rows.values():
         expected_and_works = f"{'yes' if row.expected else 'no':8} {'yes' if row.works else 'no':6}"
-        assert f"  {row.name:14} {row.role.value:8} {expected_and_works} {row.tried}; {row.why}\n" in text
+        assert (
+            f"  {row.name:14} {row.role.value:8} {expected_and_works} {row.tried}; {row.why}\n"
+            in text
+        )
 
 
 def test_a_report_tells_for_every_accelerator_what_was_found_and_why(machine):
@@ -360,11 +439,16 @@ def test_a_report_tells_for_every_accelerator_what_was_found_and_why(machine):
         "          - /dev/kfd",
     }
     for item in found.evidence:
-        assert any(line[2:].startswith(item.accelerator.value) and item.reason in line for line in lines)
+        assert any(
+            line[2:].startswith(item.accelerator.value) and item.reason in line for line in lines
+        )
         assert all(f"          - {source}" in lines for source in item.sources)
     assert "PyAV" not in text
 
 
 def test_a_report_names_an_architecture_that_has_no_images(machine):
     text = render_machine(machine("riscv_board"))
-    assert "Architecture:     riscv64, from the ELF header of /bin/sh: there are no images for it" in text
+    assert (
+        "Architecture:     riscv64, from the ELF header of /bin/sh: there are no images for it"
+        in text
+    )

@@ -52,8 +52,12 @@ def test_only_three_files_know_the_agent_hooks_are_programs_and_the_unit_is_clea
     own = {name for name, file in files.items() if file != others.get(name)}
     assert own == {"hooks/settings.sh", "hooks/firewall.nft", f"systemd/sfglab-{agent}.service"}
     programs = {name for name, file in files.items() if file.mode == 0o755}
-    assert programs == {f"hooks/{name}.sh" for name in ("initialize", "10-time", "20-firewall", "30-service")}
-    assert [name for name in files if name.startswith("hooks/custom.d/")] == ["hooks/custom.d/README"]
+    assert programs == {
+        f"hooks/{name}.sh" for name in ("initialize", "10-time", "20-firewall", "30-service")
+    }
+    assert [name for name in files if name.startswith("hooks/custom.d/")] == [
+        "hooks/custom.d/README"
+    ]
     assert bad(check_unit(service_unit(mine), mine.service)) == []
 
 
@@ -69,9 +73,13 @@ def test_shellcheck_has_nothing_to_say_where_it_does_not_follow_what_scripts_rea
 def test_settings_say_to_a_shell_what_the_fleet_file_says(tmp_path):
     hostile = '$(touch broken)\'; touch "broken" `'
     odd = deployment(fleet=served_by("workstation", hostile))
-    (tmp_path / "settings.sh").write_text(host_files(odd)["hooks/settings.sh"].text, encoding="utf-8")
+    (tmp_path / "settings.sh").write_text(
+        host_files(odd)["hooks/settings.sh"].text, encoding="utf-8"
+    )
     says = 'set -u; . ./settings.sh; printf "%s|" "$SFGLAB_AGENT" "$SFGLAB_TIME_SERVERS" "$SFGLAB_SERVES_TIME"'
-    done = subprocess.run(["bash", "-c", says], cwd=tmp_path, capture_output=True, text=True, check=True)
+    done = subprocess.run(
+        ["bash", "-c", says], cwd=tmp_path, capture_output=True, text=True, check=True
+    )
     assert done.stdout == f"go2|workstation.local {hostile}|no|"
     assert [path.name for path in tmp_path.iterdir()] == ["settings.sh"]
 
@@ -87,7 +95,11 @@ def test_no_port_belongs_to_two_domains(domain):
     assert first <= last < domain_ports(domain + 1)[0]
 
 
-@given(st.lists(st.text("abcdefghijklmnop_0123456789", min_size=1, max_size=40), unique=True, max_size=30))
+@given(
+    st.lists(
+        st.text("abcdefghijklmnop_0123456789", min_size=1, max_size=40), unique=True, max_size=30
+    )
+)
 def test_every_agent_has_a_bridge_of_its_own_that_linux_takes(agents):
     names = [bridge_name(agent) for agent in agents]
     assert len(set(names)) == len(names)
@@ -96,9 +108,14 @@ def test_every_agent_has_a_bridge_of_its_own_that_linux_takes(agents):
 
 @pytest.mark.parametrize(
     ("network", "interfaces"),
-    [(ContainerNetwork.BRIDGE, ("eth0", "sfg-go2", "sfg-go2")), (ContainerNetwork.HOST, ("eth1", "eth1", ""))],
+    [
+        (ContainerNetwork.BRIDGE, ("eth0", "sfg-go2", "sfg-go2")),
+        (ContainerNetwork.HOST, ("eth1", "eth1", "")),
+    ],
 )
-def test_agent_and_router_meet_at_a_bridge_or_at_the_files_interface_on_the_hosts_network(network, interfaces):
+def test_agent_and_router_meet_at_a_bridge_or_at_the_files_interface_on_the_hosts_network(
+    network, interfaces
+):
     plan = deployment(network=network, local_interface="eth1").network
     assert (plan.agent_interface, plan.router_interface, plan.bridge) == interfaces
     assert (plan.local_domain, plan.global_domain, plan.global_interface) == (1, 0, "wlan0")
@@ -115,7 +132,9 @@ def test_hosts_are_asked_in_order_and_once_and_agents_of_the_same_machine_do_not
 def test_an_agent_without_address_is_refused_as_a_time_server(host):
     agents = (*(a for a in FLEET.agents if a.name != "pi1"), replace(FLEET.agent("pi1"), host=host))
     fleet = served_by("workstation", "pi1", fleet=replace(FLEET, agents=agents))
-    with pytest.raises(DeployError, match=r"time_servers\[1\]: given 'pi1'.*allowed: an agent that has one"):
+    with pytest.raises(
+        DeployError, match=r"time_servers\[1\]: given 'pi1'.*allowed: an agent that has one"
+    ):
         host_files(deployment("go2", fleet))
 
 
@@ -123,7 +142,10 @@ def test_an_agent_without_address_is_refused_as_a_time_server(host):
     ("changes", "reason"),
     [
         ({"global_interface": None}, "names no global interface"),
-        ({"network": ContainerNetwork.HOST, "local_interface": "wlan0"}, "own domain is on wlan0 as well"),
+        (
+            {"network": ContainerNetwork.HOST, "local_interface": "wlan0"},
+            "own domain is on wlan0 as well",
+        ),
         ({"domain": 0}, "own domain is the global one"),
     ],
 )
@@ -135,9 +157,13 @@ def test_ports_that_cannot_be_told_apart_stay_open_and_the_reason_is_said(change
     assert ("hooks/firewall.nft" in host_files(odd)) is bool(odd.network.bridge)
 
 
-@pytest.mark.parametrize("name", ["192.168.1.4", "wlan*", 'w" accept', "averylonginterface", "..", ""])
+@pytest.mark.parametrize(
+    "name", ["192.168.1.4", "wlan*", 'w" accept', "averylonginterface", "..", ""]
+)
 def test_a_name_that_is_no_interface_is_refused(name):
-    with pytest.raises(DeployError, match=r"global_interface: given .*, allowed: the name of a network"):
+    with pytest.raises(
+        DeployError, match=r"global_interface: given .*, allowed: the name of a network"
+    ):
         firewall_rules(deployment(global_interface=name))
 
 
@@ -148,7 +174,9 @@ def test_a_name_that_is_no_interface_is_refused(name):
 def test_nft_takes_the_rules(changes, tmp_path):
     path = tmp_path / "rules.nft"
     path.write_text(firewall_rules(deployment(**changes)), encoding="utf-8")
-    done = subprocess.run(["nft", "-c", "-f", str(path)], capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        ["nft", "-c", "-f", str(path)], capture_output=True, text=True, check=False
+    )
     if "Operation not permitted" in done.stderr:
         pytest.skip("nft -c asks the kernel, which asks for root")
     assert (done.returncode, done.stderr) == (0, "")
@@ -158,7 +186,9 @@ def bad(findings):
     return [finding for finding in findings if finding.severity is not Severity.INFO]
 
 
-UNIT = "[Unit]\nDescription=x\n[Service]\nExecStart=/bin/true\n[Install]\nWantedBy=multi-user.target\n"
+UNIT = (
+    "[Unit]\nDescription=x\n[Service]\nExecStart=/bin/true\n[Install]\nWantedBy=multi-user.target\n"
+)
 
 
 @pytest.mark.parametrize(

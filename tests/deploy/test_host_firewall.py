@@ -40,9 +40,7 @@ for port in sys.argv[2:]:
     except PermissionError:
         pass
 """
-MINE = (
-    "table inet mine { chain input { type filter hook input priority 5; policy accept; udp dport 1 drop; }; }"
-)
+MINE = "table inet mine { chain input { type filter hook input priority 5; policy accept; udp dport 1 drop; }; }"
 
 
 def run(host, *commands, text=None):
@@ -57,11 +55,17 @@ class Lab:
     """A host that another one meets at its global interface, and a container at its agent's bridge."""
 
     def __init__(self, network, plan):
-        self.host, self.other, self.container = map(network.add_host, ("host", "other", "container"))
+        self.host, self.other, self.container = map(
+            network.add_host, ("host", "other", "container")
+        )
         to_global, bridge = plan.global_interface, plan.bridge
         run(
             self.host,
-            *("ip link set eth0 down", f"ip link set eth0 name {to_global}", f"ip link set {to_global} up"),
+            *(
+                "ip link set eth0 down",
+                f"ip link set eth0 name {to_global}",
+                f"ip link set {to_global} up",
+            ),
             *(f"ip link add {bridge} type bridge", f"ip link set {bridge} up"),
             f"ip addr add {HOST_IN_BRIDGE}/24 dev {bridge}",
             f"ip link add port0 type veth peer name inside netns {self.container._holder}",
@@ -71,7 +75,11 @@ class Lab:
         )
         run(
             self.container,
-            *("ip link set eth0 down", "ip link set inside up", f"ip addr add {CONTAINER}/24 dev inside"),
+            *(
+                "ip link set eth0 down",
+                "ip link set inside up",
+                f"ip addr add {CONTAINER}/24 dev inside",
+            ),
             f"ip route add default via {HOST_IN_BRIDGE}",
         )
         run(self.other, f"ip route add default via {self.host.address}")

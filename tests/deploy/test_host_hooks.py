@@ -44,7 +44,10 @@ def machine(root, agent="go2", **options):
 
 def run(script, *options, root=None, path=None, status=0):
     """Run the hooks; return what they say."""
-    environment = {"PATH": f"{path}:{os.environ['PATH']}" if path else os.environ["PATH"], "LC_ALL": "C"}
+    environment = {
+        "PATH": f"{path}:{os.environ['PATH']}" if path else os.environ["PATH"],
+        "LC_ALL": "C",
+    }
     if root is not None:
         environment["SFGLAB_ROOT"] = str(root)
     return said_by(["bash", str(script), *options], environment, status)
@@ -65,12 +68,24 @@ def tree(root, *, times=True):
     found = {}
     for path in sorted(root.rglob("*")):
         state = path.lstat()
-        content = str(path.readlink()) if path.is_symlink() else path.read_bytes() if path.is_file() else None
-        found[str(path.relative_to(root))] = (state.st_mode, content, state.st_mtime_ns if times else 0)
+        content = (
+            str(path.readlink())
+            if path.is_symlink()
+            else path.read_bytes()
+            if path.is_file()
+            else None
+        )
+        found[str(path.relative_to(root))] = (
+            state.st_mode,
+            content,
+            state.st_mtime_ns if times else 0,
+        )
     return found
 
 
-def test_another_root_gets_what_a_dry_run_shows_undo_takes_it_back_and_nothing_that_runs_is_touched(tmp_path):
+def test_another_root_gets_what_a_dry_run_shows_undo_takes_it_back_and_nothing_that_runs_is_touched(
+    tmp_path,
+):
     script = machine(tmp_path)
     before = tree(tmp_path)
     said = run(script, "--dry-run", root=tmp_path)
@@ -81,7 +96,11 @@ def test_another_root_gets_what_a_dry_run_shows_undo_takes_it_back_and_nothing_t
     assert not re.search("^changed", said, re.MULTILINE)
     given = {name for name, (_, text, _) in before.items() if text is not None}
     said = run(script, root=tmp_path)
-    assert (tmp_path / CHRONY).read_text(encoding="utf-8").endswith("server workstation.local iburst prefer\n")
+    assert (
+        (tmp_path / CHRONY)
+        .read_text(encoding="utf-8")
+        .endswith("server workstation.local iburst prefer\n")
+    )
     assert "table inet sfglab_go2 {" in (tmp_path / RULES).read_text(encoding="utf-8")
     folder = script.parents[1]
     assert (tmp_path / UNIT).read_text() == (folder / "systemd/sfglab-go2.service").read_text()
@@ -111,7 +130,9 @@ def test_a_run_that_was_killed_is_made_good_by_the_next(number, step, tmp_path):
     real = shutil.which("mv")
     moves = f'{real} "$@"' if step == "after" else ":"
     count = f'n=$(($(cat {tools}/n) + 1)); echo "$n" >{tools}/n'
-    program(tools / "mv", f'{count}; [ "$n" = {number} ] || exec {real} "$@"; {moves}; kill -KILL $PPID')
+    program(
+        tools / "mv", f'{count}; [ "$n" = {number} ] || exec {real} "$@"; {moves}; kill -KILL $PPID'
+    )
     (tools / "n").write_text("0", encoding="utf-8")
     run(script, root=cut, path=tools, status=137)
     assert tree(cut, times=False) != tree(whole, times=False)
@@ -119,7 +140,9 @@ def test_a_run_that_was_killed_is_made_good_by_the_next(number, step, tmp_path):
     assert tree(cut, times=False) == tree(whole, times=False)
 
 
-def test_scripts_of_the_user_run_last_in_order_with_our_helpers_and_are_left_out_of_a_dry_run(tmp_path):
+def test_scripts_of_the_user_run_last_in_order_with_our_helpers_and_are_left_out_of_a_dry_run(
+    tmp_path,
+):
     script = machine(tmp_path)
     custom = script.parent / "custom.d"
     mine = '. "$SFGLAB_HOOKS/lib.sh"\nput_file /etc/mine.conf 600 "of $SFGLAB_AGENT"'
@@ -137,7 +160,9 @@ def test_scripts_of_the_user_run_last_in_order_with_our_helpers_and_are_left_out
     assert (tmp_path / "etc/mine.conf").read_text(encoding="utf-8") == "of go2\n"
     assert (tmp_path / "etc/mine.conf").stat().st_mode & 0o777 == 0o600
     (custom / "60-c.sh").write_text("exit 7", encoding="utf-8")
-    assert run(script, root=tmp_path, status=1).endswith("sfglab: custom.d/60-c.sh: has failed with status 7\n")
+    assert run(script, root=tmp_path, status=1).endswith(
+        "sfglab: custom.d/60-c.sh: has failed with status 7\n"
+    )
 
 
 def test_without_root_the_machine_is_refused_in_one_sentence(tmp_path):
@@ -157,7 +182,9 @@ def test_without_root_the_machine_is_refused_in_one_sentence(tmp_path):
     ],
 )
 def test_another_root_or_an_option_that_is_none_is_refused(options, root, status, says, tmp_path):
-    assert re.fullmatch(says, run(machine(tmp_path), *options, root=root or tmp_path, status=status))
+    assert re.fullmatch(
+        says, run(machine(tmp_path), *options, root=root or tmp_path, status=status)
+    )
 
 
 def test_a_link_that_leads_out_of_the_other_root_is_not_followed(tmp_path):
@@ -169,7 +196,9 @@ def test_a_link_that_leads_out_of_the_other_root_is_not_followed(tmp_path):
     assert list(outside.iterdir()) == []
 
 
-def test_what_stands_in_the_way_of_a_file_and_a_release_that_is_missing_end_the_run_by_name(tmp_path):
+def test_what_stands_in_the_way_of_a_file_and_a_release_that_is_missing_end_the_run_by_name(
+    tmp_path,
+):
     script = machine(tmp_path)
     (tmp_path / RULES).mkdir(parents=True)
     said = run(script, root=tmp_path, status=1)
@@ -216,7 +245,10 @@ def test_what_a_machine_or_fleet_does_not_have_is_said_and_no_error(tmp_path):
     said = run(script, root=tmp_path)
     assert "skipped: time servers (the fleet file names none)" in said
     assert "skipped: loading the firewall (nft is not installed: install nftables)" in said
-    assert "skipped: group render (this machine has none: 10001, the containers' own, stands for it)" in said
+    assert (
+        "skipped: group render (this machine has none: 10001, the containers' own, stands for it)"
+        in said
+    )
     assert f"skipped: /{UNIT} (it is masked: systemctl unmask sfglab-go2.service)" in said
     assert (tmp_path / NUMBERS).read_text(encoding="utf-8").endswith("SFGLAB_RENDER_GID=10001\n")
     assert str((tmp_path / UNIT).readlink()) == "/dev/null"
@@ -241,7 +273,9 @@ def test_what_an_earlier_release_set_and_this_one_does_not_is_taken_back(tmp_pat
 def test_chrony_without_a_folder_for_settings_ends_the_run_and_says_which_it_needs(tmp_path):
     script = machine(tmp_path)
     (tmp_path / "etc/chrony/conf.d").rmdir()
-    assert "has neither /etc/chrony/conf.d nor /etc/chrony.d" in run(script, root=tmp_path, status=1)
+    assert "has neither /etc/chrony/conf.d nor /etc/chrony.d" in run(
+        script, root=tmp_path, status=1
+    )
     (tmp_path / "etc/chrony.d").mkdir()
     run(script, root=tmp_path)
     assert (tmp_path / "etc/chrony.d/sfglab.conf").exists()
@@ -250,7 +284,9 @@ def test_chrony_without_a_folder_for_settings_ends_the_run_and_says_which_it_nee
 # On this system, with folders and commands exchanged
 
 EXCHANGED = ("etc", "run", "opt", "var/lib")
-OWN_MOUNTS = ["unshare", "--mount"] if os.geteuid() == 0 else ["unshare", "--mount", "--map-root-user"]
+OWN_MOUNTS = (
+    ["unshare", "--mount"] if os.geteuid() == 0 else ["unshare", "--mount", "--map-root-user"]
+)
 
 
 def can_mount() -> bool:
@@ -260,7 +296,9 @@ def can_mount() -> bool:
     return subprocess.run(command, capture_output=True, check=False).returncode == 0
 
 
-needs_mounts = pytest.mark.skipif(not can_mount(), reason="needs mounts of its own: root, or user namespaces")
+needs_mounts = pytest.mark.skipif(
+    not can_mount(), reason="needs mounts of its own: root, or user namespaces"
+)
 
 
 class System:
@@ -275,7 +313,9 @@ class System:
         (self.root / "etc/alternatives").mkdir()
         for name in ("awk", "nawk"):
             with contextlib.suppress(FileNotFoundError):
-                (self.root / "etc/alternatives" / name).symlink_to(Path("/etc/alternatives", name).readlink())
+                (self.root / "etc/alternatives" / name).symlink_to(
+                    Path("/etc/alternatives", name).readlink()
+                )
         log = f'echo "${{0##*/}} $*" >>{self.tools}/calls'
         program(self.tools / "systemctl", log)
         program(self.tools / "chronyd")

@@ -62,7 +62,9 @@ def test_every_combination_has_a_pinned_base_or_an_error_with_place_given_and_al
             pattern = r".*\d.*"
         except DeployError as error:
             words = str(error)
-            pattern = rf".*{re.escape(made.host.place.key)}.*given.*'{made.accelerator.value}'.*allowed.*"
+            pattern = (
+                rf".*{re.escape(made.host.place.key)}.*given.*'{made.accelerator.value}'.*allowed.*"
+            )
         assert re.fullmatch(pattern, words)
 
 
@@ -88,7 +90,10 @@ def test_a_workspace_without_ros_is_refused():
 
 
 def test_our_rules_find_nothing_in_any_dockerfile():
-    for made in (*possible(), deployment(workspace="ws", packages=("libusb-1.0-0",), launch=("ros2", "run"))):
+    for made in (
+        *possible(),
+        deployment(workspace="ws", packages=("libusb-1.0-0",), launch=("ros2", "run")),
+    ):
         assert check_dockerfile(image_files(made)["Dockerfile"].text) == ()
 
 
@@ -97,7 +102,9 @@ def test_hadolint_finds_nothing_in_any_dockerfile():
     workspace = deployment("go2", workspace="ws", packages=("libusb-1.0-0",))
     plain = with_ros(deployment("pi1"), RosDistribution.NONE)
     made = (workspace, plain, deployment("workstation"))
-    found = check_dockerfiles({f"Dockerfile.{n}": image_files(m)["Dockerfile"] for n, m in enumerate(made)})
+    found = check_dockerfiles(
+        {f"Dockerfile.{n}": image_files(m)["Dockerfile"] for n, m in enumerate(made)}
+    )
     assert [(v.state, v.says) for v in found] == 3 * [(State.HOLDS, "")]
 
 
@@ -106,12 +113,16 @@ def test_hadolint_finds_nothing_in_any_dockerfile():
 def test_shellcheck_finds_nothing_in_the_entrypoint(launch):
     file = image_files(deployment(launch=launch))["image/entrypoint.sh"]
     assert file.text.startswith("#!/bin/sh\n")
-    assert [(v.state, v.says) for v in check_shell({"entrypoint.sh": file})] == 2 * [(State.HOLDS, "")]
+    assert [(v.state, v.says) for v in check_shell({"entrypoint.sh": file})] == 2 * [
+        (State.HOLDS, "")
+    ]
 
 
 def test_only_arm64_compiles_cyclone_and_ros_decides_the_distribution():
     for made in possible():
-        release = {RosDistribution.HUMBLE: "jammy", RosDistribution.JAZZY: "noble"}.get(made.common.ros)
+        release = {RosDistribution.HUMBLE: "jammy", RosDistribution.JAZZY: "noble"}.get(
+            made.common.ros
+        )
         assert release in {None, base_of(made).distribution.value}
         files = image_files(made)
         arm = made.host.architecture is Architecture.ARM64
@@ -131,10 +142,14 @@ def test_without_ros_nothing_of_it_is_in_the_images_and_a_workspace_is_built_apa
 def test_a_new_wheel_changes_only_what_comes_after_all_else():
     made = deployment()
     new = replace(made, release=replace(RELEASE, wheel_sha256="cd" * 32))
-    old_steps, new_steps = (parse_dockerfile(image_files(each)["Dockerfile"].text) for each in (made, new))
+    old_steps, new_steps = (
+        parse_dockerfile(image_files(each)["Dockerfile"].text) for each in (made, new)
+    )
     changed = [old for old, new in zip(old_steps, new_steps, strict=True) if old != new]
     assert [step.name for step in changed] == ["RUN", "LABEL"]
-    last_layer = [step for step in old_steps[: old_steps.index(changed[0])] if step.name in {"RUN", "COPY"}][-1]
+    last_layer = [
+        step for step in old_steps[: old_steps.index(changed[0])] if step.name in {"RUN", "COPY"}
+    ][-1]
     assert last_layer.value.endswith("/etc/sfglab/fleet.yaml")
 
 
@@ -282,7 +297,10 @@ NOBODY = "USER 10001:10001\n"
         *((GOOD.replace("${BASE}", image), [("unpinned-image", 3)]) for image in UNPINNED),
         (GOOD.replace("12.11", "latest"), [("unpinned-image", 3)]),  # also where it is a default
         (GOOD.replace("debian:12.11", f"debian@{DIGEST}"), []),
-        (GOOD.replace("AS adapter", "AS middle").replace("FROM adapter", "FROM middle"), [("layers", 3)]),
+        (
+            GOOD.replace("AS adapter", "AS middle").replace("FROM adapter", "FROM middle"),
+            [("layers", 3)],
+        ),
         (GOOD.replace("FROM adapter", "FROM base"), [("layers", 8)]),
         ("RUN true\n", [("no-stage", 0), ("layers", 0)]),
         (GOOD.replace(NOBODY, ""), [("runs-as-root", 8)]),

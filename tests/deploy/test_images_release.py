@@ -51,7 +51,11 @@ def test_two_builds_of_the_same_project_are_equal_byte_by_byte(tmp_path):
     one, two = (build_wheel(project, tmp_path / name) for name in ("one", "two"))
     os.utime(project / "sfglab" / "__init__.py")
     assert one.name == two.name
-    assert one.read_bytes() == two.read_bytes() == build_wheel(project, tmp_path / "three").read_bytes()
+    assert (
+        one.read_bytes()
+        == two.read_bytes()
+        == build_wheel(project, tmp_path / "three").read_bytes()
+    )
 
 
 def test_what_is_no_project_is_refused(tmp_path):
@@ -96,7 +100,9 @@ def test_a_second_version_of_a_wheel_says_so_everywhere(wheel, tmp_path):
 
 
 def test_the_build_command_names_all_and_a_build_hands_on_its_lines_and_last_words():
-    command = build_command(Path("/x"), deployment_of(FLEET, "go2", RELEASE), "localhost/esslingen/go2:t")
+    command = build_command(
+        Path("/x"), deployment_of(FLEET, "go2", RELEASE), "localhost/esslingen/go2:t"
+    )
     assert (command[:2], command[-1]) == (["buildah", "build"], "/x")
     wanted = "--platform=linux/arm64 --target=application --tag=localhost/esslingen/go2:t --build-arg=OFFLINE=1"
     assert set(wanted.split()) <= set(command)
@@ -130,8 +136,12 @@ def test_wheels_are_fetched_for_the_other_machine_by_their_digests(wheel, tmp_pa
     assert fetched.read_bytes() == wheel.read_bytes()
     with pytest.raises(DeployError, match="HASHES"):
         wheelhouse(lock.replace(digest, "ab" * 32), tmp_path, "3.12", Architecture.ARM64)
-    with pytest.raises(DeployError, match=r"Python 3\.12 on arm64: pip said .*sfglab-no-such-thing"):
-        wheelhouse(lock.replace("sfglab", "sfglab-no-such-thing"), tmp_path, "3.12", Architecture.ARM64)
+    with pytest.raises(
+        DeployError, match=r"Python 3\.12 on arm64: pip said .*sfglab-no-such-thing"
+    ):
+        wheelhouse(
+            lock.replace("sfglab", "sfglab-no-such-thing"), tmp_path, "3.12", Architecture.ARM64
+        )
 
 
 def test_a_machine_without_tools_is_told_what_to_install(tmp_path, monkeypatch):
@@ -143,7 +153,9 @@ def test_a_machine_without_tools_is_told_what_to_install(tmp_path, monkeypatch):
 
 @pytest.mark.slow
 @pytest.mark.skipif(bool(why_not()), reason=why_not() or "can run")
-@pytest.mark.skipif(CACHE is None, reason="downloads 300 MB: name a folder to keep them in SFGLAB_TEST_CACHE")
+@pytest.mark.skipif(
+    CACHE is None, reason="downloads 300 MB: name a folder to keep them in SFGLAB_TEST_CACHE"
+)
 def test_every_promise_holds_in_a_real_image(tmp_path):
     said: list[str] = []
     release, data = make_release(PROJECT, FILE.read_text())
@@ -157,7 +169,16 @@ def test_every_promise_holds_in_a_real_image(tmp_path):
 
 
 PYTHONS = ("3.11", "3.12")
-HEAVY = {"cvxpy", "distributed", "jupyterlab", "matplotlib", "pandas", "pyside6", "rerun-sdk", "scikit-image"}
+HEAVY = {
+    "cvxpy",
+    "distributed",
+    "jupyterlab",
+    "matplotlib",
+    "pandas",
+    "pyside6",
+    "rerun-sdk",
+    "scikit-image",
+}
 
 REFUSE_OTHERS = """
     import importlib.metadata, re, runpy, sys
@@ -184,10 +205,14 @@ def robot(script: str) -> subprocess.CompletedProcess[str]:
     """Run a script in a Python that imports nothing but what a robot's lock has."""
     allowed = ",".join(names(agent_lock(LOCK, python="3.11", architecture=Architecture.AMD64)))
     program = textwrap.dedent(REFUSE_OTHERS) + textwrap.dedent(script)
-    return subprocess.run([sys.executable, "-c", program, allowed], capture_output=True, text=True, check=False)
+    return subprocess.run(
+        [sys.executable, "-c", program, allowed], capture_output=True, text=True, check=False
+    )
 
 
-@pytest.mark.parametrize("arguments", [("agent", "up", "--help"), ("router", "--help"), ("fleet", "--help")])
+@pytest.mark.parametrize(
+    "arguments", [("agent", "up", "--help"), ("router", "--help"), ("fleet", "--help")]
+)
 def test_the_command_line_needs_nothing_else(arguments):
     done = robot(f"""
         sys.argv = ["sfglab", *{arguments!r}]
@@ -235,13 +260,20 @@ def test_everything_is_pinned_once_with_digests_and_without_markers(python, arch
 
 
 def test_the_target_chooses_among_versions_and_what_is_not_pinned_is_named():
-    old, new = (agent_lock(LOCK, python=python, architecture=Architecture.AMD64) for python in PYTHONS)
-    pinned = [next(line for line in lock.splitlines() if line.startswith("numpy==")) for lock in (old, new)]
+    old, new = (
+        agent_lock(LOCK, python=python, architecture=Architecture.AMD64) for python in PYTHONS
+    )
+    pinned = [
+        next(line for line in lock.splitlines() if line.startswith("numpy=="))
+        for lock in (old, new)
+    ]
     assert pinned[0] != pinned[1]
     assert all(line.removesuffix(" \\") in LOCK for line in pinned)
     without, taken = split_lock(LOCK, ("uvloop", "av"))
     assert sorted((without + taken).splitlines()) == sorted(LOCK.splitlines())
     assert set(names(taken)) == {"av", "uvloop"}
     without, _ = split_lock(LOCK, ("uvloop",))
-    with pytest.raises(DeployError, match=r"given nothing for Python 3\.11 on arm64 of: uvloop; allowed"):
+    with pytest.raises(
+        DeployError, match=r"given nothing for Python 3\.11 on arm64 of: uvloop; allowed"
+    ):
         agent_lock(without, python="3.11", architecture=Architecture.ARM64)

@@ -28,7 +28,9 @@ from sfglab.lab.example_machines import EXAMPLES, write_example
 
 FOLDER = "/opt/sfglab/go2"
 JETSONS = ("orin_nx", "xavier_nx")
-paths = st.sampled_from(["compose.yaml", "release.env", "hooks/a.sh", "Dockerfile", "image/x.whl", "b c.txt"])
+paths = st.sampled_from(
+    ["compose.yaml", "release.env", "hooks/a.sh", "Dockerfile", "image/x.whl", "b c.txt"]
+)
 trees = st.dictionaries(paths, st.binary(max_size=40), max_size=6)
 
 
@@ -61,7 +63,9 @@ def test_a_plan_says_of_every_file_what_happens_to_it(before, after):
 
 
 def test_a_users_own_file_is_nobodys_business_and_a_touched_one_is_told():
-    there = dict(bundle_of({"a": b"1"}).members) | {"hooks/custom.d/mine.sh": Member(data=b"x", mode=0o755)}
+    there = dict(bundle_of({"a": b"1"}).members) | {
+        "hooks/custom.d/mine.sh": Member(data=b"x", mode=0o755)
+    }
     there["a"] = Member(data=b"by hand\n", mode=0o644)
     plan = plan_changes(bundle_of({"a": b"2\n"}, "2"), there)
     (touched,) = [file for file in plan.files if file.path == "a"]
@@ -103,7 +107,9 @@ def test_files_are_written_removed_and_the_second_time_nothing_is_to_do(tmp_path
     own.write_text("mine")
     new = bundle_of({"a": b"changed"}, "2")
     install(new, machine)
-    there = {path: member.data for path, member in look(machine, FOLDER).items() if path != MANIFEST}
+    there = {
+        path: member.data for path, member in look(machine, FOLDER).items() if path != MANIFEST
+    }
     assert there == {"a": b"changed", "hooks/custom.d/mine.sh": b"mine"}
     assert look_and_plan(machine, FOLDER, new).nothing
 
@@ -136,11 +142,23 @@ def ssh(tmp_path):
     return Ssh(address="sfg@go2.local", program=str(client))
 
 
-@pytest.mark.parametrize("text", ["plain", "two words", "quote ' and \" and $HOME and \\", "new\nline"])
+@pytest.mark.parametrize(
+    "text", ["plain", "two words", "quote ' and \" and $HOME and \\", "new\nline"]
+)
 def test_over_ssh_scripts_and_data_arrive_as_they_are(ssh, tmp_path, text):
-    assert ssh.run(f"printf %s {shlex.quote(text)}; cat", data=b"\x00data") == text.encode() + b"\x00data"
+    assert (
+        ssh.run(f"printf %s {shlex.quote(text)}; cat", data=b"\x00data")
+        == text.encode() + b"\x00data"
+    )
     arguments = (tmp_path / "arguments").read_text().splitlines()
-    assert arguments[:6] == ["-o", "BatchMode=yes", "-o", "ConnectTimeout=10", "--", "sfg@go2.local"]
+    assert arguments[:6] == [
+        "-o",
+        "BatchMode=yes",
+        "-o",
+        "ConnectTimeout=10",
+        "--",
+        "sfg@go2.local",
+    ]
 
 
 def test_a_script_that_fails_is_one_sentence_and_a_long_one_is_heard_while_it_works(ssh):
@@ -151,7 +169,9 @@ def test_a_script_that_fails_is_one_sentence_and_a_long_one_is_heard_while_it_wo
     heard = []
     ssh.stream("echo one; echo two >&2", heard.append)
     assert heard == ["one", "two"]
-    with pytest.raises(DeployError, match=r"sfg@go2.local: ended with status 4; its last words:\nthree"):
+    with pytest.raises(
+        DeployError, match=r"sfg@go2.local: ended with status 4; its last words:\nthree"
+    ):
         ssh.stream("echo three; exit 4", heard.append)
 
 
@@ -163,7 +183,9 @@ def test_a_program_that_is_missing_and_a_machine_that_is_silent_are_errors_of_ou
 
 
 def test_a_jetson_of_another_jetpack_than_the_images_is_refused(tmp_path):
-    new, old = (Local(folder=write_example(EXAMPLES[f"jetson_{name}"], tmp_path / name)) for name in JETSONS)
+    new, old = (
+        Local(folder=write_example(EXAMPLES[f"jetson_{name}"], tmp_path / name)) for name in JETSONS
+    )
     assert accelerator_of(new) is Accelerator.JETSON
     with pytest.raises(DeployError, match="given JetPack 4, allowed: 6"):
         accelerator_of(old)
@@ -171,14 +193,20 @@ def test_a_jetson_of_another_jetpack_than_the_images_is_refused(tmp_path):
 
 def test_the_way_to_a_machine_follows_from_its_address(tmp_path):
     assert transport_to(HostSpec()) == Local()
-    assert transport_to(HostSpec(address="deck@elsewhere.example")) == Ssh(address="deck@elsewhere.example")
-    assert transport_to(HostSpec(address="deck@elsewhere.example"), root=tmp_path) == Local(folder=tmp_path)
+    assert transport_to(HostSpec(address="deck@elsewhere.example")) == Ssh(
+        address="deck@elsewhere.example"
+    )
+    assert transport_to(HostSpec(address="deck@elsewhere.example"), root=tmp_path) == Local(
+        folder=tmp_path
+    )
     assert is_here(f"me@{os.uname().nodename}")
     assert Path("/") == Local().folder
 
 
 @pytest.mark.parametrize("path", ["../b", "/b", "a/../../b"])
 def test_an_archive_that_leads_out_of_its_folder_is_refused(path):
-    archive = pack(Bundle(agent="a", tag="t", image="i", members={path: Member(data=b"x", mode=0o644)}))
+    archive = pack(
+        Bundle(agent="a", tag="t", image="i", members={path: Member(data=b"x", mode=0o644)})
+    )
     with pytest.raises(DeployError, match="allowed is what is in it"):
         unpack(archive)

@@ -62,11 +62,15 @@ def test_a_bridge_of_table_1_says_domain_names_and_no_namespace():
     assert set(plugin["allow"]) == set(KINDS)
 
 
-OTHERS = "rt/global/a rt/glob* rq/glob* rr/glob* rr/global/a* rq/global/aRequest rr/global/aReply rt/*"
+OTHERS = (
+    "rt/global/a rt/glob* rq/glob* rr/glob* rr/global/a* rq/global/aRequest rr/global/aReply rt/*"
+)
 simple = st.sampled_from([*(r.pattern for r in TABLE_1), *OTHERS.split()])
 ways = st.sampled_from([(), (Direction.INWARD,), (Direction.OUTWARD,)])
 policies = st.lists(st.builds(lambda p, w: rule(p, *w), simple, ways), min_size=1, max_size=6)
-parts = st.sampled_from(["tf", "tf_static", "global", "local", "glob", "a", "ab", "b", "x", "globally"])
+parts = st.sampled_from(
+    ["tf", "tf_static", "global", "local", "glob", "a", "ab", "b", "x", "globally"]
+)
 names = st.lists(parts, min_size=1, max_size=4).map(lambda p: "/" + "/".join(p))
 
 
@@ -91,7 +95,16 @@ def test_generated_access_control_lets_exactly_the_policys_messages_pass(rules, 
 
 @pytest.mark.parametrize(
     "pattern",
-    ["*", "rt/a*b", "rt/[ab]", "rt/?", "ros_discovery_info", "rt/global/x/_action/*", "rq/global/Re*", "tf"],
+    [
+        "*",
+        "rt/a*b",
+        "rt/[ab]",
+        "rt/?",
+        "ros_discovery_info",
+        "rt/global/x/_action/*",
+        "rq/global/Re*",
+        "tf",
+    ],
 )
 def test_what_ros_names_cannot_say_is_refused_instead_of_approximated(pattern):
     for write in WRITERS.values():
@@ -106,7 +119,9 @@ def test_what_ros_names_cannot_say_is_refused_instead_of_approximated(pattern):
         ([rule("rt/global/*"), rule("rq/global/*")], {"publishers", "subscribers"}),
     ],
 )
-def test_an_outward_policy_has_no_subscribers_and_a_service_whose_replies_stay_is_not_bridged(rules, kinds):
+def test_an_outward_policy_has_no_subscribers_and_a_service_whose_replies_stay_is_not_bridged(
+    rules, kinds
+):
     allow = plugin_of(fleet_of(*rules))["allow"]
     assert {kind for kind in KINDS if allow[kind]} == kinds
 
@@ -193,14 +208,20 @@ def test_a_filter_that_denies_is_loose_or_one_sided_is_warned_of_and_lets_more_c
     plugin = {"allow": {"publishers": ["/tf|/global/.*"]}}
     assert bridges(plugin, "publishers", "/tf_secret")
     assert bridges(plugin, "publishers", "/local/global/x")
-    assert not codes(check_zenoh(bridge(allow={"publishers": ["(?:/tf|/global/.*)", "/a[|]b", r"/a\|b"]})))
+    assert not codes(
+        check_zenoh(bridge(allow={"publishers": ["(?:/tf|/global/.*)", "/a[|]b", r"/a\|b"]}))
+    )
     denied = check_zenoh(bridge(deny={"publishers": ["/rosout"]}))
     assert codes(denied, Severity.WARNING) == {"open-router"}
-    loose = check_zenoh(bridge(allow={"publishers": ["/tf"]}, pub_max_frequencies=["/tf=10"], namespace="/go2"))
+    loose = check_zenoh(
+        bridge(allow={"publishers": ["/tf"]}, pub_max_frequencies=["/tf=10"], namespace="/go2")
+    )
     assert codes(loose, Severity.WARNING) == {"loose-regex"}
     assert codes(loose) == {"namespace"}
     assert "also finds /tf_static" in next(f.why for f in loose if f.code == "loose-regex")
-    assert check_zenoh(bridge(allow={"publishers": ["/tf"]}, pub_max_frequencies=["^/tf$=10"])) == ()
+    assert (
+        check_zenoh(bridge(allow={"publishers": ["/tf"]}, pub_max_frequencies=["^/tf$=10"])) == ()
+    )
     half = check_zenoh(bridge(allow={"service_servers": [".*/reset"]}))
     assert codes(half, Severity.WARNING) == {"half-open"}
 
@@ -217,7 +238,9 @@ def test_every_list_that_differs_from_the_policy_is_found(kind):
 
 def test_access_control_that_is_not_the_policy_is_found_and_a_denying_rule_wins():
     assert codes(check_zenoh(control(), policy=Policy())) == {"policy"}
-    assert codes(check_zenoh(control(default_permission="allow")), Severity.WARNING) == {"open-router"}
+    assert codes(check_zenoh(control(default_permission="allow")), Severity.WARNING) == {
+        "open-router"
+    }
     rules = [RULE, {**RULE, "id": "no", "permission": "deny"}]
     both = json.loads(control(rules=rules, policies=[{"rules": ["r", "no"], "subjects": ["s"]}]))
     assert not permits(both["access_control"], "put", "egress", "tf")
@@ -242,7 +265,9 @@ def test_every_json_document_is_read_back(value):
 
 
 def test_lines_are_those_of_the_file_and_what_is_no_json5_is_refused(tmp_path):
-    found = check_zenoh("{\n  // a comment\n  plugins: {ros2dds: {\n    alow: {},\n  }},\n}", file="b.json5")
+    found = check_zenoh(
+        "{\n  // a comment\n  plugins: {ros2dds: {\n    alow: {},\n  }},\n}", file="b.json5"
+    )
     assert found[0].place.line == 4
     with pytest.raises(DocumentError):
         check_zenoh("{a: [}")

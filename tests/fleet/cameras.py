@@ -35,7 +35,9 @@ def rolled(settings: H264Settings, count: int) -> list:
     size = settings.height // 8, settings.width // 8, 3
     still = np.random.default_rng(0).integers(0, 255, size, np.uint8).repeat(8, 0).repeat(8, 1)
     encoder = H264Encoder(settings)
-    frames = [frame for n in range(count) for frame in encoder.encode(np.roll(still, 3 * n, axis=1))]
+    frames = [
+        frame for n in range(count) for frame in encoder.encode(np.roll(still, 3 * n, axis=1))
+    ]
     return [ffmpeg_packet_fields(frame, settings) for frame in frames]
 
 
@@ -66,7 +68,12 @@ class Camera:
     async def shoot(self) -> None:
         width, height = self.size
         settings = H264Settings(
-            width=width, height=height, fps=50, bitrate_bps=1_000_000, gop=self.gop, encoder="libx264"
+            width=width,
+            height=height,
+            fps=50,
+            bitrate_bps=1_000_000,
+            gop=self.gop,
+            encoder="libx264",
         )
         encoder = H264Encoder(settings)
         while (width, height) == self.size:
@@ -75,7 +82,9 @@ class Camera:
             stamp = stamp_from_ns(self.level * 10**9)
             header = message_type("std_msgs/msg/Header")(stamp=stamp, frame_id="camera")
             for packet in encoder.encode(picture):
-                self.publisher.publish(packet_message(ffmpeg_packet_fields(packet, settings), header))
+                self.publisher.publish(
+                    packet_message(ffmpeg_packet_fields(packet, settings), header)
+                )
             await asyncio.sleep(0.02)
 
     def picture(self, height: int, width: int) -> np.ndarray:

@@ -14,7 +14,9 @@ async def serve(config, report, orders):
         while True:
             await orders.get()
             await asyncio.sleep(1.0)  # what leaves has its time to
-            report({"is": "counts", "counts": Counter(type(o).__qualname__ for o in gc.get_objects())})
+            report(
+                {"is": "counts", "counts": Counter(type(o).__qualname__ for o in gc.get_objects())}
+            )
 
 
 if __name__ == "__main__":

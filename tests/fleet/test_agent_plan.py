@@ -20,7 +20,9 @@ from sfglab.fleet.router.node import RouterConfig
 from sfglab.fleet.status.node import StatusConfig
 
 CONFIG = plans.AgentConfig(
-    agent="go2", local=BusAddress(domain_id=7, interface="lo"), remote=BusAddress(domain_id=0, interface="eth0")
+    agent="go2",
+    local=BusAddress(domain_id=7, interface="lo"),
+    remote=BusAddress(domain_id=0, interface="eth0"),
 )
 FLEET = read_fleet("""
 fleet: pair
@@ -79,7 +81,9 @@ def test_what_could_not_be_run_is_refused_before_anything_is_started(changes, wo
 
 def test_components_can_be_left_out():
     assert list(arguments(plans.without(CONFIG, ["decoder"]))) == ["router", "status", "discoverer"]
-    with pytest.raises(InvalidValueError, match="agent go2, component: given 'decodre', allowed: router, "):
+    with pytest.raises(
+        InvalidValueError, match="agent go2, component: given 'decodre', allowed: router, "
+    ):
         plans.without(CONFIG, ["decodre"])
 
 
@@ -91,7 +95,9 @@ def test_a_fleet_file_says_everything():
     assert router.rules == FLEET.policy.rules
     assert not router.prefix_frames
     assert (router.shared_frames, router.placed_by_others) == (("hall",), ("base",))
-    sensors = config_from_argument(StatusConfig, arguments(config)["status"]).settings.description.sensors
+    sensors = config_from_argument(
+        StatusConfig, arguments(config)["status"]
+    ).settings.description.sensors
     assert [s.name for s in sensors] == ["camera_front"]
     assert sensors[0].streams[0].topic == "/global/go2/camera_front/color/ffmpeg"
     assert sensors[0].streams[0].rate_hz == 30
@@ -110,7 +116,9 @@ def test_a_keeper_runs_where_there_is_video_and_without_lifecycle_no_status_or_d
     keeper = config_from_argument(KeeperConfig, given["keeper"])
     assert keeper.streams == ("/global/go2/camera_front/color/ffmpeg",)
     assert keeper.address == BusAddress(domain_id=1, interface="lo")
-    assert {"status", "discoverer"} & set(arguments(plans.config_from_fleet(FLEET, "bare"))) == set()
+    assert {"status", "discoverer"} & set(
+        arguments(plans.config_from_fleet(FLEET, "bare"))
+    ) == set()
 
 
 def test_options_alone_need_a_domain_and_go_before_the_fleet_file():
@@ -118,8 +126,12 @@ def test_options_alone_need_a_domain_and_go_before_the_fleet_file():
         "go2", None, local=plans.SideOptions(domain_id=7), remote=plans.SideOptions()
     )
     assert (config.local, config.remote) == (BusAddress(domain_id=7), BusAddress(domain_id=0))
-    with pytest.raises(InvalidValueError, match="its own domain: nothing is given, allowed: 1 to 232 or a"):
-        plans.config_from_options("go2", None, local=plans.SideOptions(), remote=plans.SideOptions())
+    with pytest.raises(
+        InvalidValueError, match="its own domain: nothing is given, allowed: 1 to 232 or a"
+    ):
+        plans.config_from_options(
+            "go2", None, local=plans.SideOptions(), remote=plans.SideOptions()
+        )
     config = plans.config_from_options(
         "go2", FLEET, local=plans.SideOptions(), remote=plans.SideOptions(interface="eth1")
     )
@@ -144,11 +156,20 @@ changed = partial(Changed, component="router")
         (changed(state=State.STARTING, pid=7), ""),
         (changed(state=State.RUNNING, pid=7), "ready"),
         (changed(state=State.RUNNING, crashes=2), "ready again after 2 crashes"),
-        (changed(state=State.BACKING_OFF, why="x", retry_s=0.2), "crashed (x); it is started again in 0.2 s"),
-        (changed(state=State.REPLACING, why="it took long"), "it took long; it is ended and started again"),
+        (
+            changed(state=State.BACKING_OFF, why="x", retry_s=0.2),
+            "crashed (x); it is started again in 0.2 s",
+        ),
+        (
+            changed(state=State.REPLACING, why="it took long"),
+            "it took long; it is ended and started again",
+        ),
         (Wrote(component="router", line="WARNING: x"), "WARNING: x"),
         (said("status", **{"is": "beat"}), ""),
-        (said("discoverer", **{"is": "event", "agent": "pi1", "event": "DISCOVERED"}), "pi1 discovered"),
+        (
+            said("discoverer", **{"is": "event", "agent": "pi1", "event": "DISCOVERED"}),
+            "pi1 discovered",
+        ),
     ],
 )
 def test_a_person_reads_what_matters(event, words):
@@ -161,8 +182,14 @@ def test_a_person_reads_what_matters(event, words):
 def test_a_person_reads_of_paths_that_open_and_close_by_ros_names_and_of_streams_that_change():
     narrator = Narrator(CONFIG)
     heartbeat = path("rt/global/agent_heartbeat")
-    service = [path("rq/global/pi1/set_modeRequest", "outward"), path("rr/global/pi1/set_modeReply")]
-    queries = [path("rq/global/pi1/get_metadataRequest"), path("rr/global/pi1/get_metadataReply", "outward")]
+    service = [
+        path("rq/global/pi1/set_modeRequest", "outward"),
+        path("rr/global/pi1/set_modeReply"),
+    ]
+    queries = [
+        path("rq/global/pi1/get_metadataRequest"),
+        path("rr/global/pi1/get_metadataReply", "outward"),
+    ]
     paths = [heartbeat, *service, *queries, path("rt/tf", readers=0)]
     first = said("router", **{"is": "status", "paths": paths})
     assert narrator.lines(first) == [
@@ -173,6 +200,10 @@ def test_a_person_reads_of_paths_that_open_and_close_by_ros_names_and_of_streams
     last = said("router", **{"is": "status", "paths": [heartbeat]})
     assert narrator.lines(last) == ["router: /global/pi1/set_mode outward closed"]
     narrator = Narrator(CONFIG)
-    status = {"is": "status", "local_topic": "/local/pi1/camera/color/image_raw", "state": "RUNNING"}
+    status = {
+        "is": "status",
+        "local_topic": "/local/pi1/camera/color/image_raw",
+        "state": "RUNNING",
+    }
     lines = [narrator.lines(said("decoder", **status, subscribers=n)) for n in (1, 2)]
     assert lines == [["decoder: /local/pi1/camera/color/image_raw running, 1 subscriber"], []]

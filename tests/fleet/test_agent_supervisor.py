@@ -18,7 +18,9 @@ from sfglab.machine import ProcessTiming
 
 pytestmark = [pytest.mark.live]
 
-TIMING = ProcessTiming(start_ns=10**10, stop_ns=300_000_000, backoff_ns=20_000_000, backoff_max_ns=80_000_000)
+TIMING = ProcessTiming(
+    start_ns=10**10, stop_ns=300_000_000, backoff_ns=20_000_000, backoff_max_ns=80_000_000
+)
 
 SERVES = """
 import sys
@@ -125,7 +127,9 @@ async def test_a_component_that_has_served_may_fail_and_is_tried_again(tmp_path)
         marker.touch()
         os.kill(pid, signal.SIGKILL)
         await until(lambda: len(watched.changes("router")) > 6)
-        assert "wlan7" in [e for e in watched.changes("router") if e.state is State.BACKING_OFF][1].why
+        assert (
+            "wlan7" in [e for e in watched.changes("router") if e.state is State.BACKING_OFF][1].why
+        )
         marker.unlink()
         await watched.pid("router", starts=2)
 
@@ -196,7 +200,9 @@ run_component(make_dataclass("Config", ()), serve)
 async def test_components_end_with_their_supervisor_and_unless_it_is_killed_in_order(how):
     argv = (sys.executable, "-c", COMPONENT, "{}")
     components = tuple(Component(name=name, argv=argv) for name in ("router", "status"))
-    async with process("sfglab.fleet.agent.app", app.SupervisorConfig(components=components)) as child:
+    async with process(
+        "sfglab.fleet.agent.app", app.SupervisorConfig(components=components)
+    ) as child:
         child.on_report = (reports := []).append
         await child.expect("ready", timeout_s=DEADLINE_S)
         pids = {r["component"]: r["pid"] for r in reports if r.get("state") == "running"}
@@ -244,7 +250,9 @@ def terminal(domains):
     """An agent with a router, as a person starts it, ready."""
     remote, local = (address.domain_id for address in domains)
     with program(sys.executable, "-c", TERMINAL, f"{local}", f"{remote}") as process:
-        first = f"agent go2: its own domain {local} on lo, the global domain {remote} on lo; starting\n"
+        first = (
+            f"agent go2: its own domain {local} on lo, the global domain {remote} on lo; starting\n"
+        )
         assert process.stdout.readline() == first
         assert process.stdout.readline() == "router: ready\n"
         assert process.stdout.readline() == "agent go2: ready, end it with Ctrl-C\n"
@@ -264,7 +272,9 @@ def test_a_signal_ends_an_agent_in_order_and_a_second_interrupt_is_no_error(term
 def test_a_second_agent_on_the_same_domains_is_refused_in_one_sentence(terminal, domains):
     said, (remote, local) = [], domains
     config = AgentConfig(agent="go2", local=local, remote=remote, components=("router",))
-    between = "router between the domains {} and {}: process ".format(*sorted(d.domain_id for d in domains))
+    between = "router between the domains {} and {}: process ".format(
+        *sorted(d.domain_id for d in domains)
+    )
     with pytest.raises(app.ComponentError, match=f"^{between}"):
         asyncio.run(app.serve_agent(config, said.append))
     assert len(said) == 1, "nothing but the beginning is said"

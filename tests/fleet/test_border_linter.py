@@ -55,14 +55,18 @@ def test_every_mistake_of_the_broken_fleet_is_found_at_its_line_the_worst_first_
     assert marked <= {(f.place.line, f.code) for f in report.findings}
     assert len({code for _, code in marked}) >= 20
     assert report.exit_code == 1
-    assert list(report.findings) == sorted(report.findings, key=lambda f: list(Severity).index(f.severity))
+    assert list(report.findings) == sorted(
+        report.findings, key=lambda f: list(Severity).index(f.severity)
+    )
     for f in report.findings:
         assert f.place.line > 0
         assert all((f.place.key, f.what, f.why, f.remedy or f.severity is Severity.INFO))
 
 
 def test_agents_of_one_domain_are_errors_and_services_that_cross_one_way_half_open():
-    report = report_of("  a1: {domain: 5}\n  a2: {domain: 5}\n  a3: {domain: 0}\n  a4: {domain: 102}")
+    report = report_of(
+        "  a1: {domain: 5}\n  a2: {domain: 5}\n  a3: {domain: 0}\n  a4: {domain: 102}"
+    )
     assert one(report, "domain-shared").what == "a2 and a1 both use domain 5"
     assert one(report, "domain-global").severity is Severity.ERROR
     assert one(report, "domain-high").severity is Severity.WARNING
@@ -109,23 +113,78 @@ AT_ODDS = (
         ("not-in-schema", "warning", ("publishes: [/global/a1/lidar/points/b/c/d]",), "crosses"),
         ("nobody-speaks", "warning", ("", "subscribes: [/global/a11/pose]"), "a2.subscribes[0]:"),
         ("unknown-agent", "warning", ("", "subscribes: [/global/a11/pose]"), "did you mean"),
-        ("two-publishers", "warning", (POSE, POSE), "a2 publishes /global/a1/pose, as a1 itself does"),
-        ("no-server", "error", ("calls: [/global/a2/reset]", "serves: [/local/a2/set_mode]"), "agents.a1"),
-        ("does-not-cross", "error", ("calls: [/local/a2/x]", "serves: [/local/a2/x]"), "a1.calls[0]:"),
-        ("two-servers", "error", ("serves: [/global/a1/reset]", "serves: [/global/a1/reset]"), "first"),
-        ("router-hazard", "error", ("serves: [/global/a1/setRequest, /local/a1/setReply]",), "'setRequest'"),
+        (
+            "two-publishers",
+            "warning",
+            (POSE, POSE),
+            "a2 publishes /global/a1/pose, as a1 itself does",
+        ),
+        (
+            "no-server",
+            "error",
+            ("calls: [/global/a2/reset]", "serves: [/local/a2/set_mode]"),
+            "agents.a1",
+        ),
+        (
+            "does-not-cross",
+            "error",
+            ("calls: [/local/a2/x]", "serves: [/local/a2/x]"),
+            "a1.calls[0]:",
+        ),
+        (
+            "two-servers",
+            "error",
+            ("serves: [/global/a1/reset]", "serves: [/global/a1/reset]"),
+            "first",
+        ),
+        (
+            "router-hazard",
+            "error",
+            ("serves: [/global/a1/setRequest, /local/a1/setReply]",),
+            "'setRequest'",
+        ),
         ("type-mismatch", "error", AT_ODDS, "a2.subscribes[0]:"),
         ("qos-mismatch", "error", AT_ODDS, "RELIABLE"),
         ("qos-mismatch", "error", AT_ODDS, "TRANSIENT_LOCAL"),
-        ("static-not-latched", "error", ("publishes: [{name: /tf_static, qos: default}]",), "latched"),
-        ("static-not-latched", "error", ("subscribes: [{name: /tf_static, qos: default}]",), "latched"),
-        ("description", "error", (f"sensors: [{{name: camera, streams: [{STREAM}]}}]",), "stay inside"),
+        (
+            "static-not-latched",
+            "error",
+            ("publishes: [{name: /tf_static, qos: default}]",),
+            "latched",
+        ),
+        (
+            "static-not-latched",
+            "error",
+            ("subscribes: [{name: /tf_static, qos: default}]",),
+            "latched",
+        ),
+        (
+            "description",
+            "error",
+            (f"sensors: [{{name: camera, streams: [{STREAM}]}}]",),
+            "stay inside",
+        ),
         ("frame-clash", "error", (bare("base", "map"), bare("base", "map")), "prefix_frames: true"),
-        ("frame-clash", "error", (bare("base", "map"), bare("base", "odom")), "with two parents: map, odom"),
+        (
+            "frame-clash",
+            "error",
+            (bare("base", "map"), bare("base", "odom")),
+            "with two parents: map, odom",
+        ),
         ("frame-clash", "error", (PLACING, PLACING), "out of shared_frames"),
         ("frame-clash", "error", (tree(edge("a1/base", "map")), bare("a1/base", "map")), "a1/base"),
-        ("frames-kept-apart", "info", (BASE, BASE), "keep 1 frame names of several agents apart: base"),
-        ("frame-two-parents", "error", (tree(edge("base", "map") + ", " + edge("base", "odom")),), "a1/base"),
+        (
+            "frames-kept-apart",
+            "info",
+            (BASE, BASE),
+            "keep 1 frame names of several agents apart: base",
+        ),
+        (
+            "frame-two-parents",
+            "error",
+            (tree(edge("base", "map") + ", " + edge("base", "odom")),),
+            "a1/base",
+        ),
         ("frame-own-roots", "error", (HALVES,), "odom, a1/torso"),
         ("frame-circle", "error", (tree(edge("b", "c") + ", " + edge("c", "b")),), "a1/b, a1/c"),
         ("frame-no-common-root", "warning", (ALONE, ALONE), "a1/map, a2/map"),
@@ -134,9 +193,19 @@ AT_ODDS = (
         # As in paper A, Fig. 6.
         ("frame-of-another", "warning", (PLACED, bare("a1/markers", "map")), "a1/markers"),
         ("frame-no-common-root", "warning", (PLACED, bare("a1/markers", "map")), "roots"),
-        ("frame-kept-out", "error", (ROBOT, bare("a1/odom", "map")), "a1: tf: placed_by_others: [odom]"),
+        (
+            "frame-kept-out",
+            "error",
+            (ROBOT, bare("a1/odom", "map")),
+            "a1: tf: placed_by_others: [odom]",
+        ),
         ("frame-kept-in", "error", (ROBOT, tree(edge("a1/odom", "map"))), "a2 broadcasts a1/odom"),
-        ("frame-kept-in", "error", (tree(edge("map", "earth"), shared="map, earth"),), "a1 broadcasts map,"),
+        (
+            "frame-kept-in",
+            "error",
+            (tree(edge("map", "earth"), shared="map, earth"),),
+            "a1 broadcasts map,",
+        ),
     ],
 )
 def test_a_mistake_is_found_with_its_place_and_what_follows(code, severity, uses, said):
@@ -161,7 +230,10 @@ def test_a_mistake_is_found_with_its_place_and_what_follows(code, severity, uses
         ("static-not-latched", ("subscribes: [{name: /tf_static, qos: latched}]",)),
         ("frame-clash", (BASE, BASE)),
         ("frame-no-common-root", (BASE, BASE)),
-        ("frame-clash", (tree(edge("a1/base", "map")), BASE)),  # a prefix by hand is not added again
+        (
+            "frame-clash",
+            (tree(edge("a1/base", "map")), BASE),
+        ),  # a prefix by hand is not added again
     ],
 )
 def test_what_is_no_mistake_is_not_found(code, uses):
@@ -191,7 +263,9 @@ def test_who_hears_what_names_agents_and_the_rule_but_none_without_lifecycle():
     assert metadata.rules == ("rq/global/*", "rr/global/*")
     assert hearings[ResourceKind.TOPIC, "/tf"].rules == ("rt/tf",)
     assert not any(name.startswith("/local/") for _, name in hearings)
-    view = View(read_fleet("fleet: f\nagents: {a1: {domain: 1}, a2: {domain: 2, lifecycle: false}}"))
+    view = View(
+        read_fleet("fleet: f\nagents: {a1: {domain: 1}, a2: {domain: 2, lifecycle: false}}")
+    )
     assert not [use for use in view.uses if use.agent == "a2"]
     assert (ResourceKind.SERVICE, "/global/a2/get_metadata") not in view.meetings
 
@@ -258,7 +332,8 @@ def test_routers_cost_the_same_whatever_runs_inside(count, processes):
 
 
 @pytest.mark.parametrize(
-    ("parent", "child"), [("map", "base"), ("go2/odom", "go2/base_link"), ("m", "camera_front_color_x")]
+    ("parent", "child"),
+    [("map", "base"), ("go2/odom", "go2/base_link"), ("m", "camera_front_color_x")],
 )
 def test_the_size_of_a_transform_is_that_of_the_message(parent, child):
     stamped = default_message("geometry_msgs/msg/TransformStamped")
@@ -279,10 +354,17 @@ def test_everybody_receives_the_transforms_of_all_others_and_none_that_nobody_as
 
 def test_a_stream_counts_once_for_each_other_agent_and_unknown_sizes_are_named():
     pose = "publishes: [{name: /global/a1/pose, rate_hz: 10, size_bytes: 100}, /global/a1/twist]"
-    both, first = ("subscribes: [/global/a1/pose, /global/a1/twist]", "subscribes: [/global/a1/pose]")
+    both, first = (
+        "subscribes: [/global/a1/pose, /global/a1/twist]",
+        "subscribes: [/global/a1/pose]",
+    )
     a1, a2, a3 = report_of(agents(pose, both, first)).loads
     assert (a1.topics_out_bps, a2.topics_in_bps, a3.topics_in_bps) == (16_000, 8_000, 8_000)
-    assert (a1.unsized, a2.unsized, a3.unsized) == (("/global/a1/twist",), ("/global/a1/twist",), ())
+    assert (a1.unsized, a2.unsized, a3.unsized) == (
+        ("/global/a1/twist",),
+        ("/global/a1/twist",),
+        (),
+    )
 
 
 def test_nothing_clashes_where_transforms_do_not_cross():
@@ -296,7 +378,9 @@ names = st.sampled_from("abcdefgh")
 @given(st.lists(st.tuples(names, names), max_size=8))
 def test_every_frame_has_the_root_that_following_parents_finds_or_hangs_in_a_circle(pairs):
     frames = tuple(FrameSpec(child=c, parent=p, static=True) for c, p in pairs)
-    edges = edges_of(AgentSpec(name="r1", domain=1, tf=FrameTree(frames=frames, prefix_frames=False)))
+    edges = edges_of(
+        AgentSpec(name="r1", domain=1, tf=FrameTree(frames=frames, prefix_frames=False))
+    )
     parents = {e.child: e.parent for e in edges}
     roots = roots_of(edges)
     for frame in {*parents, *parents.values()}:

@@ -54,14 +54,23 @@ async def test_nothing_runs_until_somebody_subscribes_and_nothing_after_the_last
             second = near.create_subscription(IMAGE, LOCAL, qos=SENSOR_DATA, transport="shm")
             await right_pictures(first)
             await right_pictures(second)
-            assert camera.publisher.get_subscription_count() == 1, "one pipeline for two subscribers"
+            assert camera.publisher.get_subscription_count() == 1, (
+                "one pipeline for two subscribers"
+            )
             assert decoder.status[LOCAL].subscribers == 2
             first.close()
             await right_pictures(second)
             second.close()
             await decoder.reaches("IDLE")
             await until(lambda: not camera.publisher.get_subscription_count())
-        assert decoder.states[LOCAL] == ["IDLE", "STARTING", "RUNNING", "LINGERING", "STOPPING", "IDLE"]
+        assert decoder.states[LOCAL] == [
+            "IDLE",
+            "STARTING",
+            "RUNNING",
+            "LINGERING",
+            "STOPPING",
+            "IDLE",
+        ]
     assert children() == before, "the decoder leaves no process behind"
 
 
@@ -74,10 +83,14 @@ async def test_a_plain_dds_subscriber_is_served_from_the_same_pipeline(serve):
         assert images[0].encoding == "bgr8"
         assert (images[0].height, images[0].width, images[0].step) == (192, 320, 960)
         await right_pictures(shared)
-        await until(lambda: len(decoder.pool.pids) == 2)  # one pipeline and, a while later, one spare
+        await until(
+            lambda: len(decoder.pool.pids) == 2
+        )  # one pipeline and, a while later, one spare
 
 
-async def test_broken_packets_are_counted_and_heal_and_a_stream_that_changes_its_size_is_followed(serve):
+async def test_broken_packets_are_counted_and_heal_and_a_stream_that_changes_its_size_is_followed(
+    serve,
+):
     async with serve() as (far, near, decoder):
         camera = Camera(far)
         subscription = near.create_subscription(IMAGE, LOCAL, qos=SENSOR_DATA, transport="shm")
@@ -101,7 +114,9 @@ async def test_broken_packets_are_counted_and_heal_and_a_stream_that_changes_its
                     pass
             assert image.height == 368
             await right_pictures(subscription)
-        assert decoder.states[LOCAL] == ["IDLE", "STARTING", "RUNNING"], "the same pipeline all along"
+        assert decoder.states[LOCAL] == ["IDLE", "STARTING", "RUNNING"], (
+            "the same pipeline all along"
+        )
 
 
 async def test_camera_info_is_relayed_unchanged_on_demand(serve):
@@ -110,20 +125,33 @@ async def test_camera_info_is_relayed_unchanged_on_demand(serve):
         seen = []
         near.create_subscription("sensor_msgs/msg/CameraInfo", LOCAL_INFO, seen.append, SENSOR_DATA)
         await publisher.wait_for_subscriptions(1, 15)
-        values = {"width": 640, "height": 360, "distortion_model": "plumb_bob", "d": np.array([0.1, 0.2])}
+        values = {
+            "width": 640,
+            "height": 360,
+            "distortion_model": "plumb_bob",
+            "d": np.array([0.1, 0.2]),
+        }
         info = default_message("sensor_msgs/msg/CameraInfo", **values)
         await until(lambda: seen, lambda: publisher.publish(info), every_s=0.1)
-        assert (seen[0].width, seen[0].distortion_model, list(seen[0].d)) == (640, "plumb_bob", [0.1, 0.2])
+        assert (seen[0].width, seen[0].distortion_model, list(seen[0].d)) == (
+            640,
+            "plumb_bob",
+            [0.1, 0.2],
+        )
         assert decoder.status[LOCAL].state == "IDLE", "nobody asked for the pictures"
 
 
 @pytest.mark.parametrize("side", ["local", "remote"])
-def test_an_interface_that_does_not_exist_is_one_clear_error_and_leaves_no_process(domains, side, capfd):
+def test_an_interface_that_does_not_exist_is_one_clear_error_and_leaves_no_process(
+    domains, side, capfd
+):
     sides = dict(zip(("remote", "local"), domains, strict=True))
     sides[side] = replace(sides[side], interface="nowhere0")
     before = children()
     with pytest.raises(SfglabError) as error:
-        asyncio.run(run_decoder(DecoderConfig(**sides, streams=(STREAM,)), on_status=lambda _: None))
+        asyncio.run(
+            run_decoder(DecoderConfig(**sides, streams=(STREAM,)), on_status=lambda _: None)
+        )
     assert "no network interface 'nowhere0'" in str(error.value)
     assert "\n" not in str(error.value)
     assert "Traceback" not in capfd.readouterr().err
@@ -155,7 +183,11 @@ class NoisyCamera(Camera):
 
     def picture(self, height: int, width: int) -> np.ndarray:
         rng = np.random.default_rng(self.level)
-        return rng.integers(0, 255, (height // 16, width // 16, 3), np.uint8).repeat(16, 0).repeat(16, 1)
+        return (
+            rng.integers(0, 255, (height // 16, width // 16, 3), np.uint8)
+            .repeat(16, 0)
+            .repeat(16, 1)
+        )
 
 
 def kept(node):
@@ -163,7 +195,9 @@ def kept(node):
     return beside(StreamKeeper(node, KeeperSettings(streams=(STREAM,))).run())
 
 
-async def test_a_splicer_in_mid_group_sees_pictures_equal_to_continuous_decoding_and_the_replay_is_left(serve):
+async def test_a_splicer_in_mid_group_sees_pictures_equal_to_continuous_decoding_and_the_replay_is_left(
+    serve,
+):
     async with serve() as (far, near, decoder), kept(far):
         camera = NoisyCamera(far)
         await camera.publisher.wait_for_subscriptions(1, 15)
@@ -175,7 +209,9 @@ async def test_a_splicer_in_mid_group_sees_pictures_equal_to_continuous_decoding
             began = camera.level
             subscription = near.create_subscription(IMAGE, LOCAL, qos=SENSOR_DATA, transport="shm")
             images = [await subscription.take(timeout_s=60) for _ in range(10)]
-            await until(lambda: not far.graph.subscriptions(REPLAY) and decoder.status[LOCAL].statistics)
+            await until(
+                lambda: not far.graph.subscriptions(REPLAY) and decoder.status[LOCAL].statistics
+            )
             said = decoder.status[LOCAL].statistics
         assert number(images[0]) >= began, "the past is decoded and not shown"
         assert said.replayed > 0
@@ -190,7 +226,9 @@ async def test_a_splicer_in_mid_group_sees_pictures_equal_to_continuous_decoding
             assert np.array_equal(pixels, expected[number(image)])
 
 
-async def test_a_pipeline_that_follows_another_shows_nothing_of_a_replay_from_before_what_was_seen(serve):
+async def test_a_pipeline_that_follows_another_shows_nothing_of_a_replay_from_before_what_was_seen(
+    serve,
+):
     """Routers keep a replay on for two seconds, or until the lease of a reader that was killed runs out."""
     async with serve() as (far, near, decoder):
         camera, shown, packets = NoisyCamera(far), [], []
@@ -199,7 +237,11 @@ async def test_a_pipeline_that_follows_another_shows_nothing_of_a_replay_from_be
         async with camera.running():
             await camera.shot(60)
         past, coming = packets[:3], iter(packets[3:])
-        take = {"callback": lambda image: shown.append(number(image)), "qos": SENSOR_DATA, "transport": "shm"}
+        take = {
+            "callback": lambda image: shown.append(number(image)),
+            "qos": SENSOR_DATA,
+            "transport": "shm",
+        }
         subscription = near.create_subscription(IMAGE, LOCAL, **take)
 
         async def join():
@@ -242,5 +284,7 @@ async def test_the_papers_mode_does_not_replay_and_its_process_is_new_or_the_sam
             assert not far.graph.subscriptions(REPLAY)
             assert len(decoder.pool.pids) == 1
             subscription.close()
-            await until(lambda: decoder.status[LOCAL].state == "IDLE" and decoder.pool.pids == before)
+            await until(
+                lambda: decoder.status[LOCAL].state == "IDLE" and decoder.pool.pids == before
+            )
             assert decoder.pool.warm

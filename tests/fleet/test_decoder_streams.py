@@ -102,7 +102,13 @@ def test_demand_is_the_subscriptions_of_a_topic_and_publishers_are_none(events, 
         for event in events.split():
             change = EndpointAdded if event[0] == "+" else EndpointRemoved
             gid, way = event[-1].encode() * 16, event[1:4]
-            endpoint = EndpointInfo(kind=kind, topic=LOCAL, type=IMAGE, gid=gid, qos=SENSOR_DATA, transport=way)
+            endpoint = EndpointInfo(
+                kind=kind, topic=LOCAL, type=IMAGE, gid=gid, qos=SENSOR_DATA, transport=way
+            )
             wanted = LOCAL if kind is EndpointKind.SUBSCRIPTION else None
             assert demand.feed(change(endpoint=endpoint)) == wanted
-    assert (demand.count(LOCAL), demand.transports(LOCAL), demand.count("/elsewhere")) == (count, transports, 0)
+    assert (demand.count(LOCAL), demand.transports(LOCAL), demand.count("/elsewhere")) == (
+        count,
+        transports,
+        0,
+    )

@@ -35,7 +35,9 @@ def test_the_topic_is_the_papers():
 def test_agents_are_offered_once_or_when_they_say_something_else_and_a_lost_one_withdrawn():
     agents = listener.KnownAgents()
     first = event("go2")
-    assert agents.feed(first, OLD, now_ns=0) == listener.Offered(agent="go2", metadata=first.metadata)
+    assert agents.feed(first, OLD, now_ns=0) == listener.Offered(
+        agent="go2", metadata=first.metadata
+    )
     assert agents.feed(event("go2"), OLD, now_ns=1) is None
     assert agents.feed(event("go2", "RETURNED"), OLD, now_ns=1) is None
     for kind, incarnation in (("UPDATED", 2), ("RESTARTED", 3)):
@@ -50,7 +52,9 @@ def test_agents_are_offered_once_or_when_they_say_something_else_and_a_lost_one_
 def test_whom_a_new_discoverer_does_not_announce_in_time_is_withdrawn_and_nobody_else():
     agents = known("go2", "husky", "drone1x")
     assert agents.deadline_ns is None
-    assert agents.feed(event("go2"), NEW, now_ns=50) is None, "nothing changes for who is announced again"
+    assert agents.feed(event("go2"), NEW, now_ns=50) is None, (
+        "nothing changes for who is announced again"
+    )
     assert agents.deadline_ns == 150
     agents.feed(event("drone1x", "LOST"), NEW, now_ns=60)
     assert agents.expire(149) == ()
@@ -81,12 +85,17 @@ EVENTS = st.tuples(
 )
 
 
-@given(before=st.lists(st.lists(EVENTS, max_size=8), max_size=3), last=st.lists(EVENTS, min_size=1, max_size=8))
+@given(
+    before=st.lists(st.lists(EVENTS, max_size=8), max_size=3),
+    last=st.lists(EVENTS, min_size=1, max_size=8),
+)
 def test_in_the_end_the_last_discoverer_alone_decides(before, last):
     agents, folded = listener.KnownAgents(grace_ns=100), {}
     for number, events in enumerate([*before, last]):
         for agent, kind, incarnation in events:
-            change = agents.feed(event(agent, kind, incarnation), bytes([number + 1]) * 16, now_ns=number)
+            change = agents.feed(
+                event(agent, kind, incarnation), bytes([number + 1]) * 16, now_ns=number
+            )
             if isinstance(change, listener.Offered):
                 folded[change.agent] = change.metadata
             elif change is not None:

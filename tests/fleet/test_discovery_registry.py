@@ -18,7 +18,9 @@ from sfglab.fleet.discovery.screening import Limits, Refusal
 from sfglab.fleet.status.heartbeat import Heartbeat
 
 S = 1_000_000_000
-TIMING = Timing(missed=3, slack_ns=S // 2, backoff_ns=S // 4, backoff_max_ns=2 * S, forget_ns=100 * S)
+TIMING = Timing(
+    missed=3, slack_ns=S // 2, backoff_ns=S // 4, backoff_max_ns=2 * S, forget_ns=100 * S
+)
 BEAT = Heartbeat(agent="go2", incarnation=7, revision=0, phase=0, period_s=1.0, version="1")
 GID = b"g" * 16
 
@@ -28,13 +30,20 @@ class World:
 
     def __init__(self, **limits) -> None:
         self.moves = []
-        self.registry = Registry("station", timing=TIMING, limits=Limits(**limits), on_move=self.moves.append)
+        self.registry = Registry(
+            "station", timing=TIMING, limits=Limits(**limits), on_move=self.moves.append
+        )
 
     def hear(self, at_s=0.0, gid=GID, **fields):
         return self.registry.heard(replace(BEAT, **fields), gid, now_ns=round(at_s * S))
 
     def answer(self, ask: Order, at_s=0.0, **fields):
-        values = {"agent": ask.agent, "incarnation": 7, "revision": 0, "says": "what it is"} | fields
+        values = {
+            "agent": ask.agent,
+            "incarnation": 7,
+            "revision": 0,
+            "says": "what it is",
+        } | fields
         metadata = SimpleNamespace(**values)
         return self.registry.answered(ask.agent, ask.query, metadata, now_ns=round(at_s * S))
 
@@ -77,7 +86,9 @@ def test_the_first_heartbeat_asks_the_answer_is_announced_and_silence_is_of_the_
     (news,) = world.answer(ask, 0.6)
     told = (news.agent, news.event, news.incarnation, news.metadata.says)
     assert told == ("go2", "DISCOVERED", 7, "what it is")
-    assert world.deadline_s == 4.0, "three periods of 1 s and the slack after the heartbeat at 0.5 s"
+    assert world.deadline_s == 4.0, (
+        "three periods of 1 s and the slack after the heartbeat at 0.5 s"
+    )
     world = discovered()
     world.hear(1.0, period_s=5.0, phase=1)
     assert world.deadline_s == 16.5
@@ -178,7 +189,10 @@ def test_time_that_the_discoverer_itself_stood_still_is_nobody_elses_silence():
 @pytest.mark.parametrize(
     "fields",
     [
-        *({"agent": name} for name in ("", "Go 2", "../x", "camera", "torq", "a" * 240, "\N{GRINNING FACE}")),
+        *(
+            {"agent": name}
+            for name in ("", "Go 2", "../x", "camera", "torq", "a" * 240, "\N{GRINNING FACE}")
+        ),
         {"phase": 2},
         *({"period_s": period_s} for period_s in (math.nan, math.inf, 0.0, -1.0, 1e9)),
         {"version": "v" * 129},
@@ -194,7 +208,12 @@ def test_a_heartbeat_that_cannot_be_one_is_dropped_and_counted(fields):
 
 def test_own_heartbeats_are_ignored_and_another_publisher_of_the_own_name_is_a_spoof():
     world = World()
-    for at_s, gid, incarnation in ((0, b"own", 5), (1, b"own", 5), (1, b"spoof", 5), (2, b"spoof", 4)):
+    for at_s, gid, incarnation in (
+        (0, b"own", 5),
+        (1, b"own", 5),
+        (1, b"spoof", 5),
+        (2, b"spoof", 4),
+    ):
         assert world.hear(at_s, gid=gid, agent="station", incarnation=incarnation) == []
     assert world.registry.counts == {"dropped_own": 2, "dropped_spoofed": 2}
     world.hear(3, gid=b"own restarted", agent="station", incarnation=6)
@@ -226,11 +245,15 @@ def test_the_table_is_bounded_and_those_that_are_no_use_make_room():
     assert world.registry.counts["dropped_full"] == 1
     world.due(3.5)
     (ask,) = world.hear(3.5, agent="d1x")
-    assert [a.agent for a in world.registry.agents()] == ["b1x", "c1x", "d1x"], "the lost one gave way"
+    assert [a.agent for a in world.registry.agents()] == ["b1x", "c1x", "d1x"], (
+        "the lost one gave way"
+    )
     world.fail(ask, 3.5)
     world.hear(3.5, agent="b1x"), world.hear(3.5, agent="c1x")
     world.hear(3.6, agent="e1x")
-    assert [a.agent for a in world.registry.agents()] == ["b1x", "c1x", "e1x"], "one that never answered too"
+    assert [a.agent for a in world.registry.agents()] == ["b1x", "c1x", "e1x"], (
+        "one that never answered too"
+    )
     assert world.registry.counts["evicted"] == 2
 
 
@@ -339,7 +362,9 @@ def test_whatever_happens_queries_never_double_events_make_sense_and_memory_is_b
         statuses = checker.registry.agents()
         assert len(statuses) <= 3
         waiting = [a for a in statuses if a.state.name.endswith("ING")]
-        assert {a.agent for a in waiting if a.state is not State.BACKING_OFF} == set(checker.outstanding)
+        assert {a.agent for a in waiting if a.state is not State.BACKING_OFF} == set(
+            checker.outstanding
+        )
         assert all(a.agent not in ("station", "camera", "") for a in statuses)
         known_ns = checker.registry.deadline_ns
         for remote in checker.registry._remotes.values():
@@ -348,7 +373,8 @@ def test_whatever_happens_queries_never_double_events_make_sense_and_memory_is_b
 
 
 @given(
-    depth=st.integers(6, 12), steps=st.lists(st.tuples(st.sampled_from("abcde"), st.booleans()), max_size=80)
+    depth=st.integers(6, 12),
+    steps=st.lists(st.tuples(st.sampled_from("abcde"), st.booleans()), max_size=80),
 )
 def test_whoever_hears_only_the_last_events_knows_all_agents_that_are_there(depth, steps):
     history, published, present = History(depth), [], {}
@@ -360,7 +386,9 @@ def test_whoever_hears_only_the_last_events_knows_all_agents_that_are_there(dept
             news = history.published(news)
             news = news if news is not None and present[news] else None
     heard = dict(published[-depth:])
-    assert {a for a, there in heard.items() if there} == {a for a, there in present.items() if there}
+    assert {a for a, there in heard.items() if there} == {
+        a for a, there in present.items() if there
+    }
 
 
 A, B, C = b"a", b"b", b"c"

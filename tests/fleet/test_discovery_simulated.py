@@ -58,7 +58,9 @@ class Fake:
         if not mute:
             self.may_answer.set()
         self.asked = 0
-        self.publisher = node.create_publisher(heartbeat.AGENT_HEARTBEAT, heartbeat.heartbeat_topic(), LATCHED)
+        self.publisher = node.create_publisher(
+            heartbeat.AGENT_HEARTBEAT, heartbeat.heartbeat_topic(), LATCHED
+        )
         node.create_service(heartbeat.GET_METADATA, heartbeat.metadata_service(agent), self.answer)
 
     def say(self) -> None:
@@ -69,7 +71,10 @@ class Fake:
         await self.may_answer.wait()
         response = default_message(service_type(heartbeat.GET_METADATA).response)
         response.success, response.metadata.agent = True, self.beat.agent
-        response.metadata.incarnation, response.metadata.revision = self.beat.incarnation, self.beat.revision
+        response.metadata.incarnation, response.metadata.revision = (
+            self.beat.incarnation,
+            self.beat.revision,
+        )
         return response
 
 
@@ -87,7 +92,9 @@ async def test_a_partition_is_lost_and_its_end_returned_with_the_default_waits(s
         assert [event for _, _, event in events] == ["DISCOVERED", "LOST", "RETURNED"]
         discovered, lost, returned = (time_s for time_s, _, _ in events)
         assert discovered < 0.2
-        assert lost == pytest.approx(45.5, abs=0.1), "three periods of 5 s and the slack after the last one"
+        assert lost == pytest.approx(45.5, abs=0.1), (
+            "three periods of 5 s and the slack after the last one"
+        )
         assert 61 < returned < 75
         assert found.status().counts["asked"] == 1
 
@@ -101,7 +108,10 @@ def test_everybody_in_a_fleet_finds_everybody_else_with_one_query_each(loss, off
         async with AsyncExitStack() as stack:
             for name in names:
                 await stack.enter_async_context(status(world, name, offers=offers))
-            found = [await stack.enter_async_context(discoverer(world, name, offers=offers)) for name in names]
+            found = [
+                await stack.enter_async_context(discoverer(world, name, offers=offers))
+                for name in names
+            ]
             await sleep_until(60)
             for own, (node, events) in zip(names, found, strict=True):
                 discovered = sorted(agent for _, agent, event in events if event == "DISCOVERED")
@@ -119,7 +129,9 @@ def test_everybody_in_a_fleet_finds_everybody_else_with_one_query_each(loss, off
 
 async def test_an_agent_whose_service_is_found_late_is_asked_once(sim):
     async with discoverer(sim) as (found, events), sim.node("status", host="go2") as node:
-        publisher = node.create_publisher(heartbeat.AGENT_HEARTBEAT, heartbeat.heartbeat_topic(), LATCHED)
+        publisher = node.create_publisher(
+            heartbeat.AGENT_HEARTBEAT, heartbeat.heartbeat_topic(), LATCHED
+        )
         publisher.publish(replace(BEAT, period_s=30.0).to_message(0))
         await sleep_until(4)
         fake = Fake(node, mute=True)
@@ -133,7 +145,10 @@ async def test_an_agent_whose_service_is_found_late_is_asked_once(sim):
 
 async def test_an_agent_that_never_answers_is_asked_again_and_not_more_often_than_is_counted(sim):
     moves = []
-    async with discoverer(sim, on_move=moves.append) as (found, events), sim.node("fake", host="go2") as node:
+    async with (
+        discoverer(sim, on_move=moves.append) as (found, events),
+        sim.node("fake", host="go2") as node,
+    ):
         fake = Fake(node, mute=True)
         for _ in range(3):  # heartbeats while a query is outstanding ask nothing
             fake.say()
@@ -148,7 +163,10 @@ async def test_an_agent_that_never_answers_is_asked_again_and_not_more_often_tha
 
 
 async def test_at_most_so_many_agents_are_asked_at_once_and_all_in_the_end(sim):
-    async with discoverer(sim, max_queries=2) as (found, events), sim.node("fakes", host="x") as node:
+    async with (
+        discoverer(sim, max_queries=2) as (found, events),
+        sim.node("fakes", host="x") as node,
+    ):
         fakes = [Fake(node, f"agent{n}x", mute=True) for n in range(6)]
         for fake in fakes:
             fake.say()
@@ -165,7 +183,9 @@ async def test_bytes_that_are_no_heartbeat_are_counted_and_harmless(sim):
         broken = bytearray(serialize(replace(BEAT, agent="aaaa").to_message(0)))
         broken[broken.index(b"aaaa") : broken.index(b"aaaa") + 2] = b"\xff\xfe"  # not UTF-8
         topic = f"rt{heartbeat.heartbeat_topic()}"
-        raw = RawEndpoint(dds_topic=topic, type=heartbeat.AGENT_HEARTBEAT, qos=LATCHED, user_data=b"")
+        raw = RawEndpoint(
+            dds_topic=topic, type=heartbeat.AGENT_HEARTBEAT, qos=LATCHED, user_data=b""
+        )
         node.open_forwarder(node).open_writer(raw).write(bytes(broken), 0)
         Fake(node).say()
         await sleep_until(5)
@@ -173,9 +193,13 @@ async def test_bytes_that_are_no_heartbeat_are_counted_and_harmless(sim):
         assert [event for _, _, event in events] == ["DISCOVERED"]
 
 
-async def test_who_offers_nothing_or_is_spoken_for_by_two_is_asked_and_what_changes_is_offered_anew(sim):
+async def test_who_offers_nothing_or_is_spoken_for_by_two_is_asked_and_what_changes_is_offered_anew(
+    sim,
+):
     async with discoverer(sim, offers=True) as (found, events), AsyncExitStack() as stack:
-        node, evil = [await stack.enter_async_context(sim.node("status", host=name)) for name in ("a", "evil")]
+        node, evil = [
+            await stack.enter_async_context(sim.node("status", host=name)) for name in ("a", "evil")
+        ]
         lies = evil.create_publisher(heartbeat.AGENT_METADATA, heartbeat.metadata_topic(), LATCHED)
         provider = StatusProvider(node, StatusSettings(agent="robot", offers=True))
         await stack.enter_async_context(beside(provider.run()))
@@ -195,7 +219,11 @@ async def test_who_offers_nothing_or_is_spoken_for_by_two_is_asked_and_what_chan
         provider.update(AgentDescription(software=("newer",)))
         await sleep_until(20)
         counts = found.status().counts
-        assert (events[-1][1:], counts["event_updated"], counts["offered"]) == (("robot", "UPDATED"), 2, 2)
+        assert (events[-1][1:], counts["event_updated"], counts["offered"]) == (
+            ("robot", "UPDATED"),
+            2,
+            2,
+        )
 
 
 async def test_an_agent_that_is_gone_is_lost_its_next_start_restarted_and_it_is_forgotten_after_ten_minutes(
@@ -230,7 +258,9 @@ async def test_a_consumer_that_comes_after_a_thousand_events_still_hears_of_ever
             assert kinds["quiet", "DISCOVERED"] == 2, "repeated before it was pushed out"
             async with sim.node("late", host="station") as late:
                 topic = listener.discovery_topic("station")
-                heard = late.create_subscription(listener.DISCOVERY_EVENT, topic, qos=listener.DISCOVERY_QOS)
+                heard = late.create_subscription(
+                    listener.DISCOVERY_EVENT, topic, qos=listener.DISCOVERY_QOS
+                )
                 agents = listener.KnownAgents()
                 for _ in range(listener.HISTORY):
                     message, info = await heard.take_with_info(timeout_s=5)
@@ -242,7 +272,9 @@ async def test_a_consumer_that_comes_after_a_thousand_events_still_hears_of_ever
 
 @pytest.mark.live
 async def test_as_a_process_it_reports_events_moves_and_what_it_knows(address):
-    config = DiscoveryConfig(address=address, settings=DiscoverySettings(agent="station"), report_moves=True)
+    config = DiscoveryConfig(
+        address=address, settings=DiscoverySettings(agent="station"), report_moves=True
+    )
     async with Node("there", **address.options()) as there:
         Fake(there).say()
         async with process("sfglab.fleet.discovery.node", config) as child:

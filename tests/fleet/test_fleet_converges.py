@@ -40,7 +40,9 @@ AGENTS = {
 SEED = 7
 # Short, yet a process that starves on a busy machine for a second is not taken for lost.
 SCHEDULE = Schedule(startup_period_s=0.4, steady_period_s=0.4, startup_s=0)
-DISCOVERY = DiscoveryTiming(missed=3, slack_ns=600_000_000, backoff_ns=100_000_000, backoff_max_ns=500_000_000)
+DISCOVERY = DiscoveryTiming(
+    missed=3, slack_ns=600_000_000, backoff_ns=100_000_000, backoff_max_ns=500_000_000
+)
 SUPERVISION = ProcessTiming(backoff_ns=50_000_000, backoff_max_ns=400_000_000)
 SILENCE_S = 3 * 0.4 + 0.6
 PRESENT = {"DISCOVERED", "UPDATED", "RETURNED", "RESTARTED"}
@@ -96,7 +98,10 @@ class Talker(LineProcess):
     def family(self) -> set[int]:
         """Return the pids of the process and all below it; none when it is gone."""
         with suppress(psutil.NoSuchProcess):
-            return {self.pid, *(child.pid for child in psutil.Process(self.pid).children(recursive=True))}
+            return {
+                self.pid,
+                *(child.pid for child in psutil.Process(self.pid).children(recursive=True)),
+            }
         return set()
 
 
@@ -109,10 +114,16 @@ class RunningAgent(Talker):
         return mine[-1]["pid"] if mine and mine[-1]["state"] == "running" else None
 
     def crashes(self, component: str) -> int:
-        return max(r["crashes"] for r in self.reports if r["is"] == "component" and r["component"] == component)
+        return max(
+            r["crashes"]
+            for r in self.reports
+            if r["is"] == "component" and r["component"] == component
+        )
 
     def said(self, component: str, since: int = 0) -> list[dict]:
-        mine = (r for r in self.reports[since:] if r["is"] == "report" and r["component"] == component)
+        mine = (
+            r for r in self.reports[since:] if r["is"] == "report" and r["component"] == component
+        )
         return [r["report"] for r in mine]
 
     def events(self, agent: str | None = None, since: int = 0) -> list[str]:
@@ -142,7 +153,9 @@ class Fleet:
         self.seen = set()  # every pid that ever belonged to it
 
     def local(self, name: str) -> BusAddress:
-        return BusAddress(domain_id=self.first_domain + 1 + list(AGENTS).index(name), interface="lo")
+        return BusAddress(
+            domain_id=self.first_domain + 1 + list(AGENTS).index(name), interface="lo"
+        )
 
     def config(self, name: str) -> AgentConfig:
         return AgentConfig(
@@ -186,7 +199,9 @@ class Fleet:
                     await asyncio.sleep(0.02)
         except TimeoutError:
             story = "\n".join(f"{name}: {agent.story()}" for name, agent in self.agents.items())
-            pytest.fail(f"not within {DEADLINE_S} s: {what}\n{story}\npictures: {len(self.stamps())}")
+            pytest.fail(
+                f"not within {DEADLINE_S} s: {what}\n{story}\npictures: {len(self.stamps())}"
+            )
 
     def note_pids(self) -> None:
         for talker in (*self.agents.values(), *self.others):
@@ -229,13 +244,17 @@ class Fleet:
         before = len(self.camera_stamps())
         await self.until("the camera shoots", lambda: len(self.camera_stamps()) > before)
         newest = max(self.camera_stamps())
-        await self.until("the viewer sees what the camera sees", lambda: (self.stamps() or [0])[-1] > newest)
+        await self.until(
+            "the viewer sees what the camera sees", lambda: (self.stamps() or [0])[-1] > newest
+        )
 
     def stamps(self) -> list[int]:
         return [r["stamp_ns"] for r in self.viewer.reports]
 
     def camera_stamps(self) -> list[int]:
-        return [stamp for r in self.camera.reports if r["is"] == "sent" for _, stamp, _ in r["frames"]]
+        return [
+            stamp for r in self.camera.reports if r["is"] == "sent" for _, stamp, _ in r["frames"]
+        ]
 
     def kill(self, agent: str, component: str) -> None:
         """Kill a component's process, if there is one that serves."""
@@ -278,7 +297,9 @@ def test_a_component_that_is_killed_comes_back_and_the_fleet_converges(world, ag
         await fleet.is_together()
         if agent == "station":
             decoder = psutil.Process(victim.pid_of("decoder"))
-            await fleet.until("a pipeline runs and a spare waits", lambda: len(decoder.children()) == 2)
+            await fleet.until(
+                "a pipeline runs and a spare waits", lambda: len(decoder.children()) == 2
+            )
         marks = fleet.mark()
         crashes, family = victim.crashes(component), victim.family()
         below = {p.pid for p in psutil.Process(victim.pid_of(component)).children(recursive=True)}
@@ -288,7 +309,9 @@ def test_a_component_that_is_killed_comes_back_and_the_fleet_converges(world, ag
         await fleet.shows_new_pictures()
         await fleet.converges()
         assert not any(map(lives, below)), "what it had started is gone with it"
-        await fleet.until("as many processes as before", lambda: len(victim.family()) == len(family))
+        await fleet.until(
+            "as many processes as before", lambda: len(victim.family()) == len(family)
+        )
         return marks
 
     marks = run(scenario())
@@ -315,11 +338,15 @@ def test_no_stream_outlives_an_agent_that_ended_while_nobody_watched(world):
         fleet.kill("station", "discoverer")
         gone.signal(signal.SIGKILL)
         await gone.wait()
-        await fleet.until("its stream is withdrawn", lambda: station.streams()[image.local_topic] == "GONE")
+        await fleet.until(
+            "its stream is withdrawn", lambda: station.streams()[image.local_topic] == "GONE"
+        )
         await fleet.shows_new_pictures()
         await fleet.start_agent("pi1")
         await fleet.is_together()
-        await fleet.until("its stream is back", lambda: station.streams()[image.local_topic] == "IDLE")
+        await fleet.until(
+            "its stream is back", lambda: station.streams()[image.local_topic] == "IDLE"
+        )
 
     run(scenario())
 
@@ -347,7 +374,9 @@ def test_no_picture_was_shown_twice_or_late_but_the_first_of_a_stream_that_was_l
     fleet, _ = world
     pairs = itertools.pairwise(fleet.viewer.reports)
     late = [(before, after) for before, after in pairs if after["stamp_ns"] <= before["stamp_ns"]]
-    assert all(after["seen_ns"] - before["seen_ns"] > 300_000_000 for before, after in late), fleet.kills
+    assert all(after["seen_ns"] - before["seen_ns"] > 300_000_000 for before, after in late), (
+        fleet.kills
+    )
     assert len(late) <= [component for _, component, _ in fleet.kills].count("router")
 
 
@@ -357,4 +386,6 @@ def test_the_fleet_ends_in_order_and_leaves_nothing(world):
     run(fleet.until("all processes are gone", lambda: not any(map(lives, fleet.seen))))
     for name in AGENTS if fleet.testbed.separate else ():
         argv = fleet.testbed.argv(name, ["cat", "/proc/net/unix"])
-        assert "sfglab" not in subprocess.run(argv, capture_output=True, text=True, check=True).stdout
+        assert (
+            "sfglab" not in subprocess.run(argv, capture_output=True, text=True, check=True).stdout
+        )

@@ -34,11 +34,20 @@ agents:
 
 def test_the_labs_file_is_a_fleet_whose_sensors_are_what_the_status_provider_announces():
     fleet = fleet_file.load_fleet(LAB)
-    assert [a.name for a in fleet.agents] == ["go2", "pi1", "pi2", "pi3", "steamdeck", "workstation"]
+    assert [a.name for a in fleet.agents] == [
+        "go2",
+        "pi1",
+        "pi2",
+        "pi3",
+        "steamdeck",
+        "workstation",
+    ]
     assert fleet.policy.rules == TABLE_1
     go2 = fleet.agent("go2")
     assert go2.streams[0].topic == "/global/go2/camera_front/color/ffmpeg"
-    assert go2.streams[0].rate_hz * go2.streams[0].size_bytes * 8 == pytest.approx(4e6, rel=0.01)  # Table 2
+    assert go2.streams[0].rate_hz * go2.streams[0].size_bytes * 8 == pytest.approx(
+        4e6, rel=0.01
+    )  # Table 2
     assert (fleet.global_domain, fleet.agent("workstation").global_interface) == (0, "eth0")
     assert (go2.domain, go2.local_interface) == (1, "lo")
     description = go2.description
@@ -47,7 +56,10 @@ def test_the_labs_file_is_a_fleet_whose_sensors_are_what_the_status_provider_ann
     assert (color.codec, color.width, color.height, color.rate_hz) == ("h264", 640, 360, 30.0)
     assert depth.camera_info_topic == "/global/go2/camera_front/aligned_depth/camera_info"
     message = description.to_message("go2", incarnation=1, revision=1, stamp_ns=0)
-    assert message.sensors[0].streams[1].topic == "/global/go2/camera_front/aligned_depth/compressed_depth"
+    assert (
+        message.sensors[0].streams[1].topic
+        == "/global/go2/camera_front/aligned_depth/compressed_depth"
+    )
 
 
 def test_short_and_long_forms_and_qos_by_value_and_by_name_become_values():
@@ -79,7 +91,12 @@ def test_rules_of_ones_own_become_a_policy():
         (("pi1:", "torq:"), "agents.torq", 10, "a DDS router breaks it"),
         (("pi1:", "camera_1:"), "agents.camera_1", 10, "mistaken"),
         (("/tf\n", "tf\n"), "agents.go2.publishes[0].name", 6, "absolute name"),
-        (("fleet: pair\n", "policy: table-2\nfleet: pair\n"), "policy", 1, "did you mean 'table-1'?"),
+        (
+            ("fleet: pair\n", "policy: table-2\nfleet: pair\n"),
+            "policy",
+            1,
+            "did you mean 'table-1'?",
+        ),
         (("fleet: pair\n", "policy: []\nfleet: pair\n"), "policy", 1, "nothing would ever cross"),
     ],
 )
@@ -90,7 +107,9 @@ def test_a_mistake_is_refused_with_its_key_its_line_and_what_is_allowed(change, 
     assert (error.place.key, error.place.line) == (key, line)
     assert part in str(error)
     assert str(error).startswith("fleet.yaml:")
-    assert str(copy.deepcopy(error)) == str(error), "also in another process: the same protocol as pickling"
+    assert str(copy.deepcopy(error)) == str(error), (
+        "also in another process: the same protocol as pickling"
+    )
 
 
 # Where it runs
@@ -132,8 +151,18 @@ def test_all_keys_are_read():
         ("host", "{devices: [video0]}", "agents.go2.host.devices", "device nodes"),
         ("host", "{devices: [/dev/../etc/shadow]}", "agents.go2.host.devices", "device nodes"),
         ("host", "{packages: ['curl; rm -rf /']}", "agents.go2.host.packages", "Debian packages"),
-        ("host", "{workspace: ../elsewhere}", "agents.go2.host.workspace", "a folder beside the fleet file"),
-        ("host", "{workspace: /abs}", "agents.go2.host.workspace", "a folder beside the fleet file"),
+        (
+            "host",
+            "{workspace: ../elsewhere}",
+            "agents.go2.host.workspace",
+            "a folder beside the fleet file",
+        ),
+        (
+            "host",
+            "{workspace: /abs}",
+            "agents.go2.host.workspace",
+            "a folder beside the fleet file",
+        ),
         ("host", "{address: '-oProxyCommand=x'}", "agents.go2.host.address", "[user@]host"),
         ("host", "{address: 'a b'}", "agents.go2.host.address", "[user@]host"),
         ("host", r'{launch: ["a\n"]}', "agents.go2.host.launch", "a text of one line"),
@@ -144,6 +173,8 @@ def test_all_keys_are_read():
         ("deployment", "{time_servers: ['x y']}", "deployment.time_servers", "names or addresses"),
     ],
 )
-def test_a_machine_or_deployment_that_cannot_be_is_refused_with_place_and_allowed(part, text, key, allowed):
+def test_a_machine_or_deployment_that_cannot_be_is_refused_with_place_and_allowed(
+    part, text, key, allowed
+):
     with pytest.raises(DocumentError, match=rf"{re.escape(key)}.*{re.escape(allowed)}"):
         fleet_with(**{part: text})

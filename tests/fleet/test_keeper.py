@@ -32,7 +32,11 @@ def test_what_is_kept(numbers, packets, dropped, gaps):
     cache: gop_cache.GopCache[int] = gop_cache.GopCache()
     kept = fill(cache, numbers)
     assert [number for number, one in zip(numbers, kept, strict=True) if not one] == dropped
-    assert (cache.packets, len(cache), cache.size_bytes) == (packets, len(packets), 10 * len(packets))
+    assert (cache.packets, len(cache), cache.size_bytes) == (
+        packets,
+        len(packets),
+        10 * len(packets),
+    )
     assert cache.gaps == gaps
 
 
@@ -49,9 +53,17 @@ def test_a_group_that_outgrows_the_limits_is_given_up_until_the_next_key_frame(l
     assert cache.packets == (5,)
 
 
-@given(numbers=st.lists(st.integers(0, 40), max_size=60), gop=st.integers(1, 12), packets=st.integers(1, 8))
-def test_the_cache_always_begins_with_a_key_frame_has_no_gap_and_respects_its_limits(numbers, gop, packets):
-    cache: gop_cache.GopCache[int] = gop_cache.GopCache(gop_cache.Limits(packets=packets, size_bytes=1000))
+@given(
+    numbers=st.lists(st.integers(0, 40), max_size=60),
+    gop=st.integers(1, 12),
+    packets=st.integers(1, 8),
+)
+def test_the_cache_always_begins_with_a_key_frame_has_no_gap_and_respects_its_limits(
+    numbers, gop, packets
+):
+    cache: gop_cache.GopCache[int] = gop_cache.GopCache(
+        gop_cache.Limits(packets=packets, size_bytes=1000)
+    )
     for number in numbers:
         kept = cache.add(number, pts=number, is_key=number % gop == 0, size_bytes=90)
         held = cache.packets
@@ -64,7 +76,11 @@ def test_the_cache_always_begins_with_a_key_frame_has_no_gap_and_respects_its_li
 
 @pytest.mark.parametrize(
     ("limits", "allowed"),
-    [({"packets": 0}, "1 or more"), ({"size_bytes": 0}, "1 or more"), ({"packets": 257}, "1 to 256")],
+    [
+        ({"packets": 0}, "1 or more"),
+        ({"size_bytes": 0}, "1 or more"),
+        ({"packets": 257}, "1 to 256"),
+    ],
 )
 def test_limits_within_which_nothing_fits_or_beyond_a_replays_history_are_refused(limits, allowed):
     with pytest.raises(InvalidValueError, match=allowed):
@@ -96,7 +112,9 @@ async def read(near: Node, count: int) -> list:
 
 
 @pytest.mark.live
-async def test_each_late_reader_gets_the_group_under_way_and_what_follows_and_nothing_from_before(domains):
+async def test_each_late_reader_gets_the_group_under_way_and_what_follows_and_nothing_from_before(
+    domains,
+):
     address, replayed = domains[0].options(), []
     async with (
         Node("camera", **address) as far,

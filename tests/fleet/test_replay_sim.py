@@ -67,7 +67,10 @@ def first_picture(
         await StreamKeeper(node, KeeperSettings(streams=(STREAM,))).run()
 
     async def main(world):
-        async with agent(world, "edge", shoot, *([keep] if keeper else [])), agent(world, "station") as near:
+        async with (
+            agent(world, "edge", shoot, *([keep] if keeper else [])),
+            agent(world, "station") as near,
+        ):
             await asyncio.sleep(5 + (joined + 0.5) / fps)
             joined_s = asyncio.get_running_loop().time()
             async with beside(run_pipeline(route, (), remote=near, outputs=screen, counts=counts)):
@@ -78,7 +81,9 @@ def first_picture(
     return screen.times_s[0] - joined_s, counts, screen
 
 
-def test_with_a_keeper_the_first_picture_is_there_at_once_and_without_one_at_the_next_key_frame(packets):
+def test_with_a_keeper_the_first_picture_is_there_at_once_and_without_one_at_the_next_key_frame(
+    packets,
+):
     link = LinkModel(latency_s=0.001)
     waited_s, _, _ = first_picture(packets, link, keeper=False)
     assert waited_s == pytest.approx((60 - JOINED - 0.5) / FPS, abs=0.02)

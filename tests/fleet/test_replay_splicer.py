@@ -29,7 +29,9 @@ class Joining:
 
     def take(self, source: Source, *numbers: int, shown: bool = True) -> Self:
         for number in numbers:
-            self.splicer.take(number, source, pts=number, is_key=number % self.gop == 0, shown=shown)
+            self.splicer.take(
+                number, source, pts=number, is_key=number % self.gop == 0, shown=shown
+            )
         return self
 
     def decode(self, most: int = 10**6) -> Self:
@@ -53,27 +55,45 @@ class Joining:
 @pytest.mark.parametrize(
     ("arrivals", "decoded", "shown", "phase"),
     [
-        pytest.param("R567 L8 R8 L9 LA", "56789A", "789A", "FOLLOWING", id="the replay, then the stream"),
-        pytest.param("R56 R7 R8 L9 LA", "56789A", "69A", "FOLLOWING", id="another's replay is shown once"),
-        pytest.param("L9 R56 R7 R8 LA", "56789A", "9A", "FOLLOWING", id="another's replay beside the stream"),
+        pytest.param(
+            "R567 L8 R8 L9 LA", "56789A", "789A", "FOLLOWING", id="the replay, then the stream"
+        ),
+        pytest.param(
+            "R56 R7 R8 L9 LA", "56789A", "69A", "FOLLOWING", id="another's replay is shown once"
+        ),
+        pytest.param(
+            "L9 R56 R7 R8 LA", "56789A", "9A", "FOLLOWING", id="another's replay beside the stream"
+        ),
         pytest.param("+R5678", "5678", "8", "JOINING", id="of a burst only the newest picture"),
         pytest.param("r5 r6 r7 R8", "5678", "8", "JOINING", id="a burst that trickles"),
         pytest.param("L78 r56", "5678", "8", "CONNECTED", id="live packets that came before wait"),
         pytest.param("R5678 L7", "5678", "8", "CONNECTED", id="a live stream that lags is dropped"),
         pytest.param("R5678 L7 L89", "56789", "89", "FOLLOWING", id="until it has caught up"),
         pytest.param("+R56 +L4", "56", "6", "JOINING", id="an older live packet connects nothing"),
-        pytest.param("+r567 +L7", "567", "7", "CONNECTED", id="the last of a connected chain is shown"),
+        pytest.param(
+            "+r567 +L7", "567", "7", "CONNECTED", id="the last of a connected chain is shown"
+        ),
         pytest.param("+L89A", "A", "A", "CONNECTED", id="a live key frame ends the waiting"),
-        pytest.param("+R89AB", "AB", "B", "JOINING", id="what is left of an older group is passed over"),
-        pytest.param("+R5 +L689", "5689", "9", "FOLLOWING", id="a loss after the joining is the decoder's"),
-        pytest.param("+RFGH +LH +L01", "FGH01", "1", "FOLLOWING", id="a sender that starts anew is followed"),
-        pytest.param("R5566 R66 L7", "567", "67", "CONNECTED", id="what comes twice is decoded once"),
+        pytest.param(
+            "+R89AB", "AB", "B", "JOINING", id="what is left of an older group is passed over"
+        ),
+        pytest.param(
+            "+R5 +L689", "5689", "9", "FOLLOWING", id="a loss after the joining is the decoder's"
+        ),
+        pytest.param(
+            "+RFGH +LH +L01", "FGH01", "1", "FOLLOWING", id="a sender that starts anew is followed"
+        ),
+        pytest.param(
+            "R5566 R66 L7", "567", "67", "CONNECTED", id="what comes twice is decoded once"
+        ),
         pytest.param("R5566 L66 L7", "567", "67", "FOLLOWING", id="what comes live again too"),
     ],
 )
 def test_what_is_decoded_and_shown(arrivals, decoded, shown, phase):
     joining = Joining().hear(arrivals)
-    assert [joining.decoded, joining.shown] == [[int(digit, 36) for digit in text] for text in (decoded, shown)]
+    assert [joining.decoded, joining.shown] == [
+        [int(digit, 36) for digit in text] for text in (decoded, shown)
+    ]
     assert joining.splicer.phase.name == phase
 
 
@@ -84,7 +104,9 @@ def test_what_is_decoded_and_shown(arrivals, decoded, shown, phase):
         pytest.param(99, "r567 R8 L8 L9", [9], id="its own"),
         pytest.param(99, "L8 r567 R8 L9", [8, 9], id="the stream first"),
         pytest.param(99, "R567 R89AB", [], id="nothing but a replay"),
-        pytest.param(7, "R56 R7 R8 L9 LA", [8, 9, 10], id="another's replay, to whoever comes back"),
+        pytest.param(
+            7, "R56 R7 R8 L9 LA", [8, 9, 10], id="another's replay, to whoever comes back"
+        ),
         pytest.param(7, "R567 R89", [9], id="one that is newer than what was seen"),
     ],
 )
@@ -115,7 +137,9 @@ def test_a_gap_in_the_replay_is_closed_by_the_live_stream_or_not_at_all():
     stuck = Joining().take(REPLAY, 5, 6, 8).take(LIVE, 9).decode()
     assert stuck.splicer.needs_replay
     stuck.splicer.give_up()
-    assert stuck.take(LIVE, 10, 11).decode().decoded == [5, 6, 10, 11], "no packet without its references"
+    assert stuck.take(LIVE, 10, 11).decode().decoded == [5, 6, 10, 11], (
+        "no packet without its references"
+    )
 
 
 @st.composite
@@ -148,7 +172,9 @@ def test_in_any_order_what_is_decoded_is_the_stream_itself_from_a_key_frame_on(c
     assert not joining.splicer.needs_replay, "a live stream with a key frame always connects"
     breaks = [b for a, b in pairwise(decoded) if b != a + 1]
     assert decoded[0] % gop == 0
-    assert all(b % gop == 0 and b > joined for b in breaks), "only a newer key frame may be jumped to"
+    assert all(b % gop == 0 and b > joined for b in breaks), (
+        "only a newer key frame may be jumped to"
+    )
     assert (decoded, decoded[-1]) == (sorted(set(decoded)), newest)
     assert early or joining.shown[-1] == newest
     assert set(joining.shown) <= set(decoded)
@@ -156,7 +182,9 @@ def test_in_any_order_what_is_decoded_is_the_stream_itself_from_a_key_frame_on(c
 
 @settings(max_examples=300)
 @given(case=arrivals(lossy=True), patience=st.integers(0, 60))
-def test_under_any_loss_nothing_is_decoded_without_what_it_refers_to_until_the_stream_is_joined(case, patience):
+def test_under_any_loss_nothing_is_decoded_without_what_it_refers_to_until_the_stream_is_joined(
+    case, patience
+):
     gop, _, packets = case
     joining = Joining(gop=gop)
     for position, (source, number, shown, decodes) in enumerate(packets):
@@ -171,7 +199,9 @@ def test_under_any_loss_nothing_is_decoded_without_what_it_refers_to_until_the_s
 
 
 GROUP = 12
-SETTINGS = H264Settings(width=320, height=192, fps=30, bitrate_bps=600_000, gop=GROUP, encoder="libx264")
+SETTINGS = H264Settings(
+    width=320, height=192, fps=30, bitrate_bps=600_000, gop=GROUP, encoder="libx264"
+)
 
 
 @pytest.fixture(scope="module")
@@ -189,17 +219,26 @@ def replay(packets, joined: int) -> list:
     """What a keeper sends to a reader that appears after `joined` packets."""
     cache: GopCache = GopCache()
     for packet in packets[:joined]:
-        cache.add(packet, pts=packet.pts, is_key=bool(packet.flags & FLAG_KEY), size_bytes=len(packet.data))
+        cache.add(
+            packet,
+            pts=packet.pts,
+            is_key=bool(packet.flags & FLAG_KEY),
+            size_bytes=len(packet.data),
+        )
     *old, newest = cache.packets
     return [*(replace(p, flags=p.flags | FLAG_DISCARD) for p in old), newest]
 
 
 @pytest.mark.parametrize("lag", [0, 2], ids=["live at once", "live later"])
-def test_at_every_point_of_a_group_the_first_picture_and_all_after_it_are_exact(packets, pictures, lag):
+def test_at_every_point_of_a_group_the_first_picture_and_all_after_it_are_exact(
+    packets, pictures, lag
+):
     for joined in range(1, 2 * GROUP):
         decoder, splicer = image_decoder(FFMPEG_PACKET), Splicer(replay=True)
         shown = {}
-        arrivals = [(Source.REPLAY, p) for p in replay(packets, joined) + packets[joined : joined + lag]]
+        arrivals = [
+            (Source.REPLAY, p) for p in replay(packets, joined) + packets[joined : joined + lag]
+        ]
         arrivals += [(Source.LIVE, p) for p in packets[joined : joined + 5]]
         for source, packet in arrivals:
             is_key, wanted = bool(packet.flags & FLAG_KEY), not packet.flags & FLAG_DISCARD

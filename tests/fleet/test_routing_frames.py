@@ -76,7 +76,9 @@ def test_clashes_are_left_out_counted_and_said_once_for_each_frame(caplog):
     gate = TransformGate(GO2)
     with caplog.at_level(logging.WARNING):
         for _ in range(3):
-            assert pairs(gate.outward(tf(("earth", "map"), ("odom", "base")))) == [("go2/odom", "go2/base")]
+            assert pairs(gate.outward(tf(("earth", "map"), ("odom", "base")))) == [
+                ("go2/odom", "go2/base")
+            ]
             assert gate.outward(tf(("earth", "map"))) is None
     assert gate.clashed == 6
     (said,) = [r.message for r in caplog.records]

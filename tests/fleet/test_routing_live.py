@@ -83,7 +83,9 @@ async def warm(publishers, ears) -> None:
     """Publish until everybody hears everybody: volatile messages sent before that have nobody to go to."""
     calls = [String(data=f"warm {number}") for number in range(len(publishers))]
     async with asyncio.timeout(DEADLINE_S):
-        while not all({call.data for call in calls} <= {data for data, _ in heard} for heard in ears):
+        while not all(
+            {call.data for call in calls} <= {data for data, _ in heard} for heard in ears
+        ):
             for publisher, call in zip(publishers, calls, strict=True):
                 publisher.publish(call)
             await asyncio.sleep(0.01)
@@ -103,7 +105,9 @@ async def test_everybody_hears_everybody_once_in_order_with_the_first_stamp(ids)
         await _stillness(lambda: [len(heard) for heard in ears])
     for heard in ears:
         for who, mine in enumerate(sent):
-            assert [told for told in heard if told[0].startswith(f"{who} ")] == mine, "once, in order"
+            assert [told for told in heard if told[0].startswith(f"{who} ")] == mine, (
+                "once, in order"
+            )
 
 
 async def _stillness(look) -> None:
@@ -154,7 +158,9 @@ async def test_an_unknown_type_crosses_two_routers_and_it_is_said(ids, caplog):
         await until(lambda: got)
         assert [sample[:2] for sample in got] == [(cdr, 7)]
     (said,) = [r.message for r in caplog.records if custom in r.message]
-    assert said.startswith(f"forwarding: type {custom} is not known here; its samples pass as they are")
+    assert said.startswith(
+        f"forwarding: type {custom} is not known here; its samples pass as they are"
+    )
 
 
 async def test_routers_that_come_and_go_leave_nothing(ids):
@@ -183,7 +189,9 @@ def config_of(ids, **more) -> RouterConfig:
     return RouterConfig(agent="go2", local=local, remote=remote, linger_s=0.1, **more)
 
 
-async def test_a_late_joiner_hears_no_state_from_before_a_router_was_killed_and_that_of_all_who_live(ids):
+async def test_a_late_joiner_hears_no_state_from_before_a_router_was_killed_and_that_of_all_who_live(
+    ids,
+):
     async def heard_late(count):
         late = two.create_subscription(STRING, TOPIC, (heard := []).append, deep)
         await until(lambda: len(heard) >= count)
@@ -244,14 +252,19 @@ async def test_at_a_terminal_it_says_which_paths_open_and_close(ids):
 
 def test_the_lock_names_its_holder_and_is_free_at_once_when_let_go():
     domains = 230, 231
-    with pair_lock(*domains), pytest.raises(RouterRunningError, match=f"process {os.getpid()} ") as caught:
+    with (
+        pair_lock(*domains),
+        pytest.raises(RouterRunningError, match=f"process {os.getpid()} ") as caught,
+    ):
         pair_lock(*reversed(domains)).__enter__()
     assert (caught.value.pid, caught.value.domains) == (os.getpid(), domains)
     with pair_lock(*domains):
         assert (Path.home() / ".cache/sfglab").stat().st_mode & 0o77 == 0
 
 
-def test_without_a_home_the_lock_is_in_a_folder_that_nobody_else_can_write_to(tmp_path, monkeypatch):
+def test_without_a_home_the_lock_is_in_a_folder_that_nobody_else_can_write_to(
+    tmp_path, monkeypatch
+):
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     monkeypatch.setenv("HOME", "/proc")
     with pair_lock(230, 231):
@@ -265,11 +278,15 @@ def test_without_a_home_the_lock_is_in_a_folder_that_nobody_else_can_write_to(tm
 
 async def visit(near: Node, remote: int, guest_domain: int) -> None:
     """Have a participant in the global domain and a subscription of its topic in an agent's, and neither."""
-    async with Node("guest", domain_id=guest_domain, external_domain_id=remote, interface="lo") as guest:
+    async with Node(
+        "guest", domain_id=guest_domain, external_domain_id=remote, interface="lo"
+    ) as guest:
         heard = asyncio.Event()
         subscription = near.create_subscription(STRING, TOPIC, lambda _: heard.set(), LATCHED)
         publisher = guest.create_publisher(STRING, TOPIC, LATCHED)
-        guest.create_subscription(STRING, f"/global/robot{near.backend.participant.config.domain_id}/x", DEEP)
+        guest.create_subscription(
+            STRING, f"/global/robot{near.backend.participant.config.domain_id}/x", DEEP
+        )
         publisher.publish(String(data="here"))
         await until(heard.is_set)
         subscription.close()
@@ -277,8 +294,12 @@ async def visit(near: Node, remote: int, guest_domain: int) -> None:
 
 async def test_a_router_has_what_it_had_when_a_hundred_others_have_come_and_gone(ids):
     remote, local, guests = ids
-    near_address, far_address = (BusAddress(domain_id=domain, interface="lo") for domain in (local, remote))
-    config = RouterConfig(agent=f"robot{local}", linger_s=0.05, local=near_address, remote=far_address)
+    near_address, far_address = (
+        BusAddress(domain_id=domain, interface="lo") for domain in (local, remote)
+    )
+    config = RouterConfig(
+        agent=f"robot{local}", linger_s=0.05, local=near_address, remote=far_address
+    )
     program = Path(__file__).with_name("counted_router.py")
     router = await LineProcess.start("router", (sys.executable, str(program), argument_of(config)))
     try:

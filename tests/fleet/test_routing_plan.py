@@ -59,7 +59,9 @@ class World:
         self._tell(domain, EndpointRemoved(endpoint=self.domains[domain].pop(gid)))
 
     def plain(self) -> list[tuple[int, EndpointInfo]]:
-        return [(d, e) for d, known in self.domains.items() for e in known.values() if not e.user_data]
+        return [
+            (d, e) for d, known in self.domains.items() for e in known.values() if not e.user_data
+        ]
 
     def routers_own(self) -> list[tuple[int, EndpointInfo]]:
         return [(d, e) for d, known in self.domains.items() for e in known.values() if e.user_data]
@@ -131,7 +133,9 @@ class Router:
         self.done = []
 
     def hear(self, side: Side) -> None:
-        self.carry_out(self.plan.feed([(side, self.heard[side].popleft())], now_ns=self.world.now_ns))
+        self.carry_out(
+            self.plan.feed([(side, self.heard[side].popleft())], now_ns=self.world.now_ns)
+        )
 
     def tick(self) -> None:
         self.carry_out(self.plan.feed((), now_ns=self.world.now_ns))
@@ -151,9 +155,13 @@ class Router:
                     self.world.remove(self.domain_of(gid), gid)
                     self.judged = {key: w for key, w in self.judged.items() if key[0] != gid}
                 case Judge(reader=reader, source=source, writer=writer):
-                    self.judged[self.open[reader], source.gid] = self.open[writer] if writer else None
+                    self.judged[self.open[reader], source.gid] = (
+                        self.open[writer] if writer else None
+                    )
                 case Forget(reader=reader, source=gid):
-                    self.judged.pop((self.open[reader], gid), None)  # one that was held was never judged
+                    self.judged.pop(
+                        (self.open[reader], gid), None
+                    )  # one that was held was never judged
         assert all(w is None or w in self.open.values() for w in self.judged.values())
 
     def restart(self) -> None:
@@ -168,7 +176,9 @@ class Router:
     def _create(self, spec) -> bytes:
         way, reads = spec.path.direction, isinstance(spec, ReaderSpec)
         side = way.source if reads else way.target
-        made = plain(self.world, SUB if reads else PUB, spec.path.dds_topic, spec.qos, spec.path.type)
+        made = plain(
+            self.world, SUB if reads else PUB, spec.path.dds_topic, spec.qos, spec.path.type
+        )
         endpoint = replace(made, participant=self.participants[side], user_data=self.tag)
         return self.world.add(self.domains[side], endpoint).gid
 
@@ -181,7 +191,9 @@ def matches(source: EndpointInfo, sink: EndpointInfo) -> bool:
 
 def plain(world, kind, topic, qos=DEFAULT, type_=TYPES[0]) -> EndpointInfo:
     gid = world.gid()
-    return EndpointInfo(kind=kind, topic=topic, dds_topic=topic, type=type_, gid=gid, qos=qos, participant=gid)
+    return EndpointInfo(
+        kind=kind, topic=topic, dds_topic=topic, type=type_, gid=gid, qos=qos, participant=gid
+    )
 
 
 class Fleet(RuleBasedStateMachine):
@@ -243,7 +255,9 @@ class Fleet(RuleBasedStateMachine):
             for other, sink in self.world.plain():
                 if source.kind is PUB and sink.kind is SUB:
                     crosses = POLICY.crosses(source.dds_topic, Direction.OUTWARD)
-                    wanted = self.copies_wanted(domain, other, crosses=crosses) * matches(source, sink)
+                    wanted = self.copies_wanted(domain, other, crosses=crosses) * matches(
+                        source, sink
+                    )
                     assert got.get(sink.gid, 0) == wanted
 
     def copies_wanted(self, domain, other, *, crosses) -> int:
@@ -320,7 +334,10 @@ class CrossedFleet(Fleet):
 
 
 _SETTINGS = settings(
-    max_examples=150, stateful_step_count=30, deadline=None, suppress_health_check=[HealthCheck.too_slow]
+    max_examples=150,
+    stateful_step_count=30,
+    deadline=None,
+    suppress_health_check=[HealthCheck.too_slow],
 )
 
 
@@ -445,9 +462,15 @@ class Services:
     [
         pytest.param("a asks, held, a listens, passes", id="until that is known"),
         pytest.param("a listens, a asks, passes", id="not if that was known before"),
-        pytest.param("b listens, a asks, held, a listens, passes", id="another client's does not count"),
-        pytest.param("p1 listens, p2 asks, held, p2 listens, passes", id="nor one of the same participant"),
-        pytest.param("a listens, a leaves, a asks, held", id="one that left lingers, and hears nothing"),
+        pytest.param(
+            "b listens, a asks, held, a listens, passes", id="another client's does not count"
+        ),
+        pytest.param(
+            "p1 listens, p2 asks, held, p2 listens, passes", id="nor one of the same participant"
+        ),
+        pytest.param(
+            "a listens, a leaves, a asks, held", id="one that left lingers, and hears nothing"
+        ),
     ],
 )
 def test_a_request_waits_for_the_reader_of_its_reply(server, client, steps):
@@ -491,11 +514,15 @@ def test_a_request_does_not_wait_for_ever_and_a_client_that_left_is_forgotten():
 # --- Policies other than Table 1: rules of one direction, half of a service, and more rules.
 
 segments = st.from_regex(r"[A-Za-z_][A-Za-z0-9_]{0,8}", fullmatch=True)
-near = st.sampled_from(["global", "local", "tf", "tf_static", "globally", "global_x", "GLOBAL", "tf2"])
+near = st.sampled_from(
+    ["global", "local", "tf", "tf_static", "globally", "global_x", "GLOBAL", "tf2"]
+)
 ros_names = st.lists(near | segments, min_size=1, max_size=5).map("/".join)
 tails = st.sampled_from(["", "Request", "Reply", "/_action/feedback"])
 prefixes = st.sampled_from(["rt", "rq", "rr", "rs", "rp", "RT", "rt ", ""])
-dds_names = st.builds(lambda p, n, t: f"{p}/{n}{t}", prefixes, ros_names, tails) | st.text(max_size=30)
+dds_names = st.builds(lambda p, n, t: f"{p}/{n}{t}", prefixes, ros_names, tails) | st.text(
+    max_size=30
+)
 
 
 @given(dds_names)
@@ -514,7 +541,10 @@ def test_a_service_whose_replies_stay_is_half_open():
 
 
 @given(
-    st.lists(st.sampled_from([rule.pattern for rule in TABLE_1] + ["rt/local/*", "*", "rt/??"]), max_size=3),
+    st.lists(
+        st.sampled_from([rule.pattern for rule in TABLE_1] + ["rt/local/*", "*", "rt/??"]),
+        max_size=3,
+    ),
     dds_names,
 )
 def test_more_rules_never_let_less_cross(patterns, name):
@@ -534,10 +564,16 @@ def test_more_rules_never_let_less_cross(patterns, name):
     ],
     ids=["client", "client of Cyclone", "router", "server"],
 )
-def test_what_a_framed_client_asks_is_served_by_ros_2_too_and_nothing_else_framed(kind, data, transports):
+def test_what_a_framed_client_asks_is_served_by_ros_2_too_and_nothing_else_framed(
+    kind, data, transports
+):
     services, heard = SimpleNamespace(find=lambda _type, _asker, told: told("")), []
-    halves = RosHalves(services, POLICY, lambda _, event: heard.append((type(event), event.endpoint.transport)))
-    half = EndpointInfo(kind=kind, topic="", type="x/srv/X_Request", gid=b"g", qos=DEFAULT, user_data=data)
+    halves = RosHalves(
+        services, POLICY, lambda _, event: heard.append((type(event), event.endpoint.transport))
+    )
+    half = EndpointInfo(
+        kind=kind, topic="", type="x/srv/X_Request", gid=b"g", qos=DEFAULT, user_data=data
+    )
     for event in (EndpointAdded, EndpointRemoved):
         halves.feed(Side.LOCAL, event(endpoint=replace(half, dds_topic=REQUESTS)))
         assert set(heard) == {(event, transport) for transport in transports}

@@ -29,7 +29,9 @@ def test_nobody_loses_an_answer_because_its_router_was_heard_of_in_another_order
         async with fleet(world) as nodes:
             for agent, node in nodes.items():
                 response = default_message(f"{METADATA}_Response", message=f"I am {agent}")
-                node.create_service(METADATA, f"/global/{agent}/get_metadata", lambda _, r=response: r)
+                node.create_service(
+                    METADATA, f"/global/{agent}/get_metadata", lambda _, r=response: r
+                )
 
             async def ask(node, agent):
                 client = node.create_client(METADATA, f"/global/{agent}/get_metadata")
@@ -57,7 +59,12 @@ async def test_the_status_is_told_at_every_change_and_every_five_seconds(sim):
     assert [round(time_ns / 1e9) for time_ns, _ in told[:quiet]] == [0, 5, 10, 15, 20]
     ((_, status),) = told[quiet:]
     (path,) = status.paths
-    assert (path.topic, path.direction, path.readers, path.writers) == ("rt/global/x", "inward", 1, 0)
+    assert (path.topic, path.direction, path.readers, path.writers) == (
+        "rt/global/x",
+        "inward",
+        1,
+        0,
+    )
 
 
 async def test_nothing_local_is_seen_on_the_network(sim):
@@ -69,4 +76,6 @@ async def test_nothing_local_is_seen_on_the_network(sim):
                 node.create_subscription(STRING, topic.replace("un", ""))
         watcher.create_subscription(STRING, "/scan")
         await asyncio.sleep(20)
-        assert {e.dds_topic for e in watcher.graph.endpoints() if e.user_data} == {"rt/global/wanted"}
+        assert {e.dds_topic for e in watcher.graph.endpoints() if e.user_data} == {
+            "rt/global/wanted"
+        }

@@ -37,7 +37,9 @@ SELDOM = heartbeat.Schedule(startup_s=0, steady_period_s=60)
 async def running(node, **settings):
     """Run a provider of agent go2; yield it and the heartbeats that it sent."""
     sent: asyncio.Queue[heartbeat.Heartbeat] = asyncio.Queue()
-    provider = StatusProvider(node, StatusSettings(agent="go2", **settings), on_beat=sent.put_nowait)
+    provider = StatusProvider(
+        node, StatusSettings(agent="go2", **settings), on_beat=sent.put_nowait
+    )
     async with beside(provider.run()):
         yield provider, sent
 
@@ -51,7 +53,9 @@ async def metadata_of(node, agent="go2"):
 
 
 @pytest.mark.live
-async def test_whoever_joins_late_hears_the_last_beat_and_gets_an_answer_and_what_is_new_is_told(here, there):
+async def test_whoever_joins_late_hears_the_last_beat_and_gets_an_answer_and_what_is_new_is_told(
+    here, there
+):
     async with running(here, schedule=SELDOM) as (provider, sent):
         beat = await asyncio.wait_for(sent.get(), 60)
         topic = heartbeat.heartbeat_topic()
@@ -60,10 +64,18 @@ async def test_whoever_joins_late_hears_the_last_beat_and_gets_an_answer_and_wha
         assert heartbeat.Heartbeat.from_message(message) == beat
         assert (beat.agent, beat.revision, beat.phase, beat.period_s) == ("go2", 0, 1, 60.0)
         assert 0 <= ns_from_stamp(message.stamp) - beat.incarnation < 5e9
-        await until(lambda: there.graph.publishers("/global/agent_heartbeat"))  # may come after the data
-        assert info.publisher_gid in {p.gid for p in there.graph.publishers("/global/agent_heartbeat")}
+        await until(
+            lambda: there.graph.publishers("/global/agent_heartbeat")
+        )  # may come after the data
+        assert info.publisher_gid in {
+            p.gid for p in there.graph.publishers("/global/agent_heartbeat")
+        }
         metadata = await metadata_of(there)
-        assert (metadata.agent, metadata.incarnation, metadata.revision) == ("go2", beat.incarnation, 0)
+        assert (metadata.agent, metadata.incarnation, metadata.revision) == (
+            "go2",
+            beat.incarnation,
+            0,
+        )
         twice = (SensorDescription(name="x"), SensorDescription(name="x"))
         with pytest.raises(DescriptionError, match="names that differ"):
             provider.update(AgentDescription(sensors=twice))
@@ -111,7 +123,9 @@ S = 1_000_000_000
 SIZE = {"width": 640, "height": 360, "rate_hz": 30.0}
 STREAM = StreamDescription(topic=TOPIC, type=FFMPEG, codec="h264", camera_info_topic=INFO, **SIZE)
 CAMERA = SensorDescription(name="camera_front", model="D435", streams=(STREAM,))
-DESCRIPTION = AgentDescription(sensors=(CAMERA,), accelerators=("h264_nvenc",), software=("sfglab 1",))
+DESCRIPTION = AgentDescription(
+    sensors=(CAMERA,), accelerators=("h264_nvenc",), software=("sfglab 1",)
+)
 
 
 def test_names_on_the_wire_are_the_papers():
@@ -123,12 +137,18 @@ def test_names_on_the_wire_are_the_papers():
     ("schedule", "instants", "startup_s"),
     [
         (heartbeat.Schedule(), [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 15, 20, 25], 10),
-        (heartbeat.Schedule(startup_period_s=1, steady_period_s=4, startup_s=2.5), [0, 1, 2, 3, 7, 11], 3),
+        (
+            heartbeat.Schedule(startup_period_s=1, steady_period_s=4, startup_s=2.5),
+            [0, 1, 2, 3, 7, 11],
+            3,
+        ),
         (heartbeat.Schedule(startup_s=0), [0, 5, 10], 0),
     ],
     ids=["the paper's", "whole periods", "no start-up"],
 )
-def test_it_beats_often_at_first_and_who_is_late_goes_on_with_the_next_instant(schedule, instants, startup_s):
+def test_it_beats_often_at_first_and_who_is_late_goes_on_with_the_next_instant(
+    schedule, instants, startup_s
+):
     for now_s, next_s in itertools.pairwise(instants):
         for late_ns in (0, round(0.7 * S)):
             assert schedule.next_ns(now_s * S + late_ns) == next_s * S
@@ -140,7 +160,9 @@ PERIODS = st.floats(0.05, 60)
 
 
 @given(PERIODS, PERIODS, st.floats(0, 100), st.integers(0, 10**12))
-def test_the_next_instant_is_after_now_and_at_most_a_period_away(startup, steady, lasts, elapsed_ns):
+def test_the_next_instant_is_after_now_and_at_most_a_period_away(
+    startup, steady, lasts, elapsed_ns
+):
     schedule = heartbeat.Schedule(startup_period_s=startup, steady_period_s=steady, startup_s=lasts)
     wait_ns = schedule.next_ns(elapsed_ns) - elapsed_ns
     period_s = startup if schedule.phase(elapsed_ns) is heartbeat.Phase.STARTUP else steady
@@ -157,7 +179,9 @@ def test_a_schedule_that_no_agent_should_keep_is_refused(name, given):
 
 
 def test_a_heartbeat_survives_the_wire_and_a_description_becomes_the_metadata_message():
-    beat = heartbeat.Heartbeat(agent="go2", incarnation=2**63, revision=3, phase=1, period_s=5.0, version="1.2")
+    beat = heartbeat.Heartbeat(
+        agent="go2", incarnation=2**63, revision=3, phase=1, period_s=5.0, version="1.2"
+    )
     wire = serialize(beat.to_message(10**18))
     assert heartbeat.Heartbeat.from_message(deserialize(wire, heartbeat.AGENT_HEARTBEAT)) == beat
     message = DESCRIPTION.to_message("go2", incarnation=5, revision=2, stamp_ns=7 * S)
@@ -170,7 +194,9 @@ def test_a_heartbeat_survives_the_wire_and_a_description_becomes_the_metadata_me
     assert all(getattr(stream, name) == value for name, value in asdict(STREAM).items())
 
 
-@pytest.mark.parametrize("topic", [TOPIC.replace("global", "local"), TOPIC.replace("go2", "husky"), "no name"])
+@pytest.mark.parametrize(
+    "topic", [TOPIC.replace("global", "local"), TOPIC.replace("go2", "husky"), "no name"]
+)
 def test_a_stream_that_does_not_cross_its_agents_border_and_a_wrong_agents_name_are_refused(topic):
     stream = StreamDescription(topic=topic, type="sensor_msgs/msg/CompressedImage", codec="jpeg")
     description = AgentDescription(sensors=(SensorDescription(name="x", streams=(stream,)),))
@@ -180,7 +206,9 @@ def test_a_stream_that_does_not_cross_its_agents_border_and_a_wrong_agents_name_
         StatusSettings(agent="camera")
 
 
-@pytest.mark.parametrize("values", [{"wheels": 4}, {"sensors": [{"wheels": 4}]}, {"sensors": ["camera"]}])
+@pytest.mark.parametrize(
+    "values", [{"wheels": 4}, {"sensors": [{"wheels": 4}]}, {"sensors": ["camera"]}]
+)
 def test_values_that_are_no_description_are_refused(values):
     with pytest.raises(DescriptionError):
         AgentDescription.from_values(values)

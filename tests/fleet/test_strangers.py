@@ -48,7 +48,11 @@ def several(*streams):
         ("decoded_topic", "/local/spot/camera_front/color/image_raw", "local scope"),
         ("decoded_topic", "/global/go2/camera_front/color/image_raw", "local scope"),
         ("decoded_topic", "/local/go2/../spot", "name"),
-        ("camera_info_topic", "/global/spot/camera_front/color/camera_info", "another agent's name"),
+        (
+            "camera_info_topic",
+            "/global/spot/camera_front/color/camera_info",
+            "another agent's name",
+        ),
         ("camera_info_topic", "/local/go2/camera_front/color/camera_info", "global scope"),
         ("topic", "/global/spot/camera_front/color/ffmpeg", "another agent's name"),
         ("topic", "/local/go2/camera_front/color/ffmpeg", "global scope"),
@@ -61,7 +65,9 @@ def several(*streams):
     ],
     ids=lambda value: str(value)[:20],
 )
-def test_a_stream_that_says_what_it_must_not_is_left_out_with_a_sentence_and_the_others_stay(field, value, why):
+def test_a_stream_that_says_what_it_must_not_is_left_out_with_a_sentence_and_the_others_stay(
+    field, value, why
+):
     good = "/global/go2/camera_rear/color/ffmpeg"
     bad = several(STREAM, good)
     setattr(bad.sensors[0].streams[0], field, value)
@@ -75,7 +81,10 @@ def test_of_two_of_one_name_the_first_counts_and_numbers_and_lengths_are_bounded
     twice = several(STREAM, "/global/go2/camera_rear/color/ffmpeg")
     twice.sensors[0].streams[1].decoded_topic = LOCAL
     routes, (error,) = routes_of_agent(twice)
-    assert ([route.source_topic for route in routes], "another stream's" in str(error)) == ([STREAM], True)
+    assert ([route.source_topic for route in routes], "another stream's" in str(error)) == (
+        [STREAM],
+        True,
+    )
     many = several(*(f"/global/go2/camera_front_{n}/color/ffmpeg" for n in range(1000)))
     many.software = ["x" * 1000, "a\nb", "sfglab 1"]
     kept, errors = admitted(many)
@@ -140,7 +149,9 @@ async def decoding(world):
 
 
 @pytest.mark.parametrize("back", ["h264", "hevc"], ids=["as it was", "changed"])
-async def test_a_stream_that_returns_while_its_old_pipeline_still_leaves_is_decoded_again(sim, back):
+async def test_a_stream_that_returns_while_its_old_pipeline_still_leaves_is_decoded_again(
+    sim, back
+):
     async with decoding(sim) as (pool, offer, let_end):
         for codecs in (["h264"], [], [], [back]):
             await offer("go2", *codecs)
@@ -150,7 +161,13 @@ async def test_a_stream_that_returns_while_its_old_pipeline_still_leaves_is_deco
 
 async def test_who_came_second_is_decoded_when_the_first_has_gone(sim, caplog):
     async with decoding(sim) as (pool, offer, let_end):
-        for agent, *codecs in (("evil", "h264"), ("go2", "h264"), ("spot", "h264"), ("spot",), ("evil",)):
+        for agent, *codecs in (
+            ("evil", "h264"),
+            ("go2", "h264"),
+            ("spot", "h264"),
+            ("spot",),
+            ("evil",),
+        ):
             await offer(agent, *codecs)
         assert "offered by evil already" in caplog.text
         assert await let_end() == ["RUNNING"]
@@ -163,7 +180,9 @@ async def test_who_came_second_is_decoded_when_the_first_has_gone(sim, caplog):
 async def test_a_pipeline_process_that_hangs_is_replaced(sim, caplog, monkeypatch, spare):
     order, look = Pipe.order, "sfglab.fleet.decoder.node.HangWatch.look"
     if spare:
-        monkeypatch.setattr(Pipe, "order", lambda pipe, **said: order(pipe, **said) if pipe.pid > 1 else None)
+        monkeypatch.setattr(
+            Pipe, "order", lambda pipe, **said: order(pipe, **said) if pipe.pid > 1 else None
+        )
     monkeypatch.setattr(look, lambda _, pid: "it was stopped" if pid == 1 else "")
     async with decoding(sim) as (pool, offer, let_end):
         await offer("go2", "h264")
@@ -186,7 +205,9 @@ async def test_a_decoder_that_is_told_to_end_as_something_happens_ends(sim, monk
             assert (await asyncio.wait({task}, timeout=5))[0]
 
 
-async def test_whoever_saw_a_killed_pipeline_waits_for_the_stream_and_who_comes_back_for_what_is_newer(sim):
+async def test_whoever_saw_a_killed_pipeline_waits_for_the_stream_and_who_comes_back_for_what_is_newer(
+    sim,
+):
     async with sim.node("decoder", host="pc") as node:
         pool, stream = Pool(), {"source_topic": STREAM, "source_type": FFMPEG, "local_topic": LOCAL}
         decoder = AgentDecoder(node, pool, offers=False)
@@ -230,7 +251,9 @@ async def test_an_evil_agent_changes_nothing_in_anothers_local_topics_and_tree(s
     own, event = "/local/pc/camera_front/color/image_raw", discovery_topic("pc")
     node, router = behind_router(sim, "pc")
     async with sim.node("evil", host="evil") as evil:
-        described = several("/global/evil/camera_front/color/ffmpeg", "/global/evil/camera_rear/color/ffmpeg")
+        described = several(
+            "/global/evil/camera_front/color/ffmpeg", "/global/evil/camera_rear/color/ffmpeg"
+        )
         described.agent, described.incarnation, described.revision = "evil", 9, 0
         described.sensors[0].streams[0].decoded_topic = own
         response = service_type(METADATA).response(success=True, message="", metadata=described)
@@ -239,9 +262,18 @@ async def test_an_evil_agent_changes_nothing_in_anothers_local_topics_and_tree(s
         publishers = [evil.create_publisher(type_, topic, LATCHED) for topic, type_ in said.items()]
         beats = [evil.create_publisher(AGENT_HEARTBEAT, heartbeat_topic(), LATCHED) for _ in "ab"]
         trees = [evil.create_publisher(TF_TYPE, topic, LATCHED) for topic in ("/tf", "/tf_static")]
-        frames_ = [("odom", "base_link"), ("map", "odom"), ("map", "pc/odom"), ("evil/a", "base_link")]
-        heard = {topic: node.create_subscription(type_, topic, qos=DEEP) for topic, type_ in said.items()}
-        moved = [node.create_subscription(TF_TYPE, topic, qos=DEEP) for topic in ("/tf", "/tf_static")]
+        frames_ = [
+            ("odom", "base_link"),
+            ("map", "odom"),
+            ("map", "pc/odom"),
+            ("evil/a", "base_link"),
+        ]
+        heard = {
+            topic: node.create_subscription(type_, topic, qos=DEEP) for topic, type_ in said.items()
+        }
+        moved = [
+            node.create_subscription(TF_TYPE, topic, qos=DEEP) for topic in ("/tf", "/tf_static")
+        ]
         mine = node.create_publisher(TF_TYPE, "/tf", LATCHED)
         pool = Pool()
         decoder, discoverer = AgentDecoder(node, pool, offers=False), AgentDiscoverer(node, PC)
@@ -251,7 +283,13 @@ async def test_an_evil_agent_changes_nothing_in_anothers_local_topics_and_tree(s
                 for publisher, type_ in zip(publishers, said.values(), strict=True):
                     publisher.publish(default_message(type_))
                 for agent, beat in zip(("evil", "pc"), beats, strict=True):
-                    fields = {"incarnation": 9, "revision": 0, "phase": 1, "period_s": 1.0, "version": ""}
+                    fields = {
+                        "incarnation": 9,
+                        "revision": 0,
+                        "phase": 1,
+                        "period_s": 1.0,
+                        "version": "",
+                    }
                     beat.publish(Heartbeat(agent=agent, **fields).to_message(second * 10**9))
                 for tree in trees:
                     for pair in (*frames_, ("map", "evil/base")):
@@ -259,10 +297,17 @@ async def test_an_evil_agent_changes_nothing_in_anothers_local_topics_and_tree(s
                 await asyncio.sleep(1)
         got = {topic: await everything(subscription) for topic, subscription in heard.items()}
         assert (got[own], len(got["/global/evil/news"]) > 20) == ([], True)
-        assert {message.agent for message in got[event]} == {"evil"}, "its discoverer's, of the real heartbeats"
+        assert {message.agent for message in got[event]} == {"evil"}, (
+            "its discoverer's, of the real heartbeats"
+        )
         (status,) = decoder.status()
         assert status.local_topic == "/local/evil/camera_rear/color/image_raw"
-        parts = [part for tree in moved for heard_ in await everything(tree) for part in heard_.transforms]
+        parts = [
+            part
+            for tree in moved
+            for heard_ in await everything(tree)
+            for part in heard_.transforms
+        ]
         edges = [(part.header.frame_id, part.child_frame_id) for part in parts]
         assert set(edges) == {("odom", "base_link"), ("map", "evil/base")}
         assert edges.count(("odom", "base_link")) == 30
@@ -277,7 +322,14 @@ def passed(way, *transforms):
 @pytest.mark.parametrize(
     "pair",
     [
-        *("odom base_link", "map base_link", "map /base_link", "map //base_link", "map go2", "map go2/odom"),
+        *(
+            "odom base_link",
+            "map base_link",
+            "map /base_link",
+            "map //base_link",
+            "map go2",
+            "map go2/odom",
+        ),
         *("base_link evil/arm", "map evil/" + "x" * MAX_FRAME, "x" * 999 + " evil/x"),
     ],
     ids=lambda pair: pair[:30],
@@ -286,7 +338,10 @@ def test_a_frame_of_others_that_could_mean_one_of_the_agents_stays_outside(pair,
     gate = TransformGate(GO2)
     evil = gate.inward("evil's router")
     for _ in range(3):
-        assert passed(evil, pair.split(), ("map", "evil/base"), ("earth", "map")) == ["evil/base", "map"]
+        assert passed(evil, pair.split(), ("map", "evil/base"), ("earth", "map")) == [
+            "evil/base",
+            "map",
+        ]
     (said,) = [record.message for record in caplog.records]
     assert (gate.clashed, "evil's router" in said, len(said) < 1000) == (3, True, True)
 
@@ -313,7 +368,11 @@ def test_a_frame_that_two_move_is_the_firsts_until_that_one_has_gone_and_both_ar
 
 async def test_a_static_transform_that_was_refused_is_read_again_when_its_rival_has_gone(sim):
     node, router = behind_router(sim, "go2")
-    async with sim.node("one", host="pc") as one, sim.node("two", host="pc") as two, beside(router.run()):
+    async with (
+        sim.node("one", host="pc") as one,
+        sim.node("two", host="pc") as two,
+        beside(router.run()),
+    ):
         heard = node.create_subscription(TF_TYPE, "/tf_static", qos=LATCHED)
         rival = one.create_publisher(TF_TYPE, "/tf_static", LATCHED)
         rival.publish_raw(tf(("earth", "map")))
@@ -367,8 +426,12 @@ def life(spoof: dict, times_s, dies_s: float, until_s: float):
 
 
 @pytest.mark.parametrize("spoof", SPOOFS.values(), ids=SPOOFS)
-@pytest.mark.parametrize("times_s", [{0.0}, {5.5}, {n / 2 for n in range(400)}], ids=["once", "later", "often"])
-def test_spoofed_heartbeats_hide_neither_an_agent_nor_its_death_and_two_that_go_on_are_reported(spoof, times_s):
+@pytest.mark.parametrize(
+    "times_s", [{0.0}, {5.5}, {n / 2 for n in range(400)}], ids=["once", "later", "often"]
+)
+def test_spoofed_heartbeats_hide_neither_an_agent_nor_its_death_and_two_that_go_on_are_reported(
+    spoof, times_s
+):
     told, counts, alarms = life(spoof, times_s, dies_s=60, until_s=200)
     assert [event for _, event in told] == ["DISCOVERED", "LOST"]
     assert 60 < told[1][0] <= 85
@@ -400,7 +463,10 @@ async def test_a_real_agent_is_discovered_beside_a_thousand_made_up_ones(sim, pu
     async with sim.node("discoverer", host="pc") as node, sim.node("evil", host="evil") as evil:
         discoverer = AgentDiscoverer(node, PC, on_event=lambda _: found.set())
         qos = replace(LATCHED, depth=1000)
-        made_up = [evil.create_publisher(AGENT_HEARTBEAT, heartbeat_topic(), qos) for _ in range(publishers)]
+        made_up = [
+            evil.create_publisher(AGENT_HEARTBEAT, heartbeat_topic(), qos)
+            for _ in range(publishers)
+        ]
 
         async def shout():
             while True:

@@ -55,11 +55,36 @@ class Walk:
 @pytest.mark.parametrize(
     ("name", "inputs", "actions", "state"),
     [
-        ("component", "BEGIN READY TOLD_TO_STOP ENDED", "START CANCEL_TIMER TERMINATE CANCEL_TIMER", "STOPPED"),
-        ("component", "BEGIN TIMER TIMER ENDED TIMER", "START TERMINATE KILL BACK_OFF START", "STARTING"),
-        ("component", "BEGIN READY TOLD_TO_STOP TIMER", "START CANCEL_TIMER TERMINATE KILL", "STOPPING"),
-        ("component", "BEGIN READY TOLD_TO_STOP TOLD_TO_STOP", "START CANCEL_TIMER TERMINATE KILL", "STOPPING"),
-        ("pipeline", "WANTED STARTED UNWANTED TIMER ENDED", f"{LINGERED} STOP CANCEL_TIMER", "IDLE"),
+        (
+            "component",
+            "BEGIN READY TOLD_TO_STOP ENDED",
+            "START CANCEL_TIMER TERMINATE CANCEL_TIMER",
+            "STOPPED",
+        ),
+        (
+            "component",
+            "BEGIN TIMER TIMER ENDED TIMER",
+            "START TERMINATE KILL BACK_OFF START",
+            "STARTING",
+        ),
+        (
+            "component",
+            "BEGIN READY TOLD_TO_STOP TIMER",
+            "START CANCEL_TIMER TERMINATE KILL",
+            "STOPPING",
+        ),
+        (
+            "component",
+            "BEGIN READY TOLD_TO_STOP TOLD_TO_STOP",
+            "START CANCEL_TIMER TERMINATE KILL",
+            "STOPPING",
+        ),
+        (
+            "pipeline",
+            "WANTED STARTED UNWANTED TIMER ENDED",
+            f"{LINGERED} STOP CANCEL_TIMER",
+            "IDLE",
+        ),
         ("pipeline", "WANTED STARTED UNWANTED WANTED", f"{LINGERED} CANCEL_TIMER", "RUNNING"),
         ("pipeline", "WANTED TIMER ENDED", "START STOP START", "STARTING"),
         ("pipeline", "WANTED UNWANTED WANTED ENDED", "START STOP START", "STARTING"),
@@ -76,7 +101,8 @@ def test_a_path_acts_as_wanted(name, inputs, actions, state):
 
 
 @pytest.mark.parametrize(
-    ("name", "prefix", "life"), [("component", "BEGIN", "READY ENDED"), ("pipeline", "WANTED", "ENDED")]
+    ("name", "prefix", "life"),
+    [("component", "BEGIN", "READY ENDED"), ("pipeline", "WANTED", "ENDED")],
 )
 def test_crashes_are_tried_again_with_doubling_waits_up_to_the_limit(name, prefix, life):
     walk, waits = Walk(name, prefix), []
@@ -92,7 +118,9 @@ def test_crashes_are_tried_again_with_doubling_waits_up_to_the_limit(name, prefi
 @pytest.mark.parametrize(
     ("name", "begin", "ready"), [("component", "BEGIN", "READY"), ("pipeline", "WANTED", "STARTED")]
 )
-def test_one_that_served_long_enough_starts_over_with_the_short_wait_and_that_counts_once(name, begin, ready):
+def test_one_that_served_long_enough_starts_over_with_the_short_wait_and_that_counts_once(
+    name, begin, ready
+):
     walk = Walk(name, f"{begin} ENDED TIMER ENDED TIMER")
     walk.feed(ready, 10)
     waits = []
@@ -105,9 +133,15 @@ def test_one_that_served_long_enough_starts_over_with_the_short_wait_and_that_co
 
 @pytest.mark.parametrize(
     ("inputs", "willingly", "action"),
-    [("BEGIN", True, "GIVE_UP"), ("BEGIN", False, "BACK_OFF"), ("BEGIN READY ENDED TIMER", True, "BACK_OFF")],
+    [
+        ("BEGIN", True, "GIVE_UP"),
+        ("BEGIN", False, "BACK_OFF"),
+        ("BEGIN READY ENDED TIMER", True, "BACK_OFF"),
+    ],
 )
-def test_a_component_that_exits_before_it_ever_served_is_given_up_else_tried_again(inputs, willingly, action):
+def test_a_component_that_exits_before_it_ever_served_is_given_up_else_tried_again(
+    inputs, willingly, action
+):
     life = Walk("component", inputs).machine
     assert life.ended(willingly=willingly, now_ns=0).name == action
     assert (life.state is supervision.State.FAILED) == (action == "GIVE_UP")
@@ -149,7 +183,9 @@ def test_every_state_is_reached_and_only_ends_have_no_way_out(name):
     reached = {move[0] for move in module.TRANSITIONS.values()}
     assert reached | {module.State[START[name]]} == set(module.State)
     for state in module.State:
-        ways_out = {move[0] for (before, _), move in module.TRANSITIONS.items() if before is state} - {state}
+        ways_out = {
+            move[0] for (before, _), move in module.TRANSITIONS.items() if before is state
+        } - {state}
         assert bool(ways_out) == (state not in ends)
 
 
@@ -166,11 +202,15 @@ def test_any_input_in_any_state_is_a_listed_transition_or_refused_without_effect
             processes += ("START" in actions) - (given_input.name in ("ENDED", "REFUSED"))
             assert 0 <= processes <= 1, "one process at a time"
             continue
-        with pytest.raises(IllegalInputError, match=f"{name}.? in {before.name}: given {given_input.name}"):
+        with pytest.raises(
+            IllegalInputError, match=f"{name}.? in {before.name}: given {given_input.name}"
+        ):
             walk.feed(given_input.name)
         assert (walk.machine.state, walk.deadline_ns) == (before, deadline_ns)
     if name in ("component", "pipeline"):
-        assert (processes == 0) == (walk.state in {"NEW", "STOPPED", "FAILED", "IDLE", "BACKING_OFF", "GONE"})
+        assert (processes == 0) == (
+            walk.state in {"NEW", "STOPPED", "FAILED", "IDLE", "BACKING_OFF", "GONE"}
+        )
 
 
 @given(st.lists(st.integers(min_value=0, max_value=3000), max_size=60))
@@ -187,7 +227,9 @@ def test_waits_stay_within_their_bounds_and_start_over_exactly_after_a_stable_ti
 
 def test_a_refusal_names_machine_state_and_what_is_allowed():
     state, inputs = supervision.State.NEW, supervision.Input
-    machine = Machine("router", supervision.TRANSITIONS, state, wait_ns=lambda _action, _now_ns: None)
+    machine = Machine(
+        "router", supervision.TRANSITIONS, state, wait_ns=lambda _action, _now_ns: None
+    )
     assert machine.allows(inputs.BEGIN)
     with pytest.raises(IllegalInputError) as caught:
         machine.feed(inputs.READY, now_ns=0)

@@ -42,7 +42,17 @@ NONE = f"no sign of life for {HANG_S:g} s"
         ({0}, "R" * 100, 0.25, NONE),
         ({0, 1}, "SSTTT", 0.0, "stopped"),
     ],
-    ids=["idle", "starved", "late", "on its way", "disk", "never beat", "deadlock", "slow loop", "stopped"],
+    ids=[
+        "idle",
+        "starved",
+        "late",
+        "on its way",
+        "disk",
+        "never beat",
+        "deadlock",
+        "slow loop",
+        "stopped",
+    ],
 )
 def test_only_who_could_have_beaten_and_did_not_hangs(beats, states, cpu_s, hangs):
     watch, said = HangWatch(), ""
@@ -72,7 +82,9 @@ async def test_a_component_whose_loop_hangs_is_started_anew_and_one_that_beats_i
     async with running(*parts) as watched:
         await watched.pid("hangs", 2)
         assert watched.states("beats") == [State.STARTING, State.RUNNING]
-        (why,) = {change.why for change in watched.changes("hangs") if change.state is State.BACKING_OFF}
+        (why,) = {
+            change.why for change in watched.changes("hangs") if change.state is State.BACKING_OFF
+        }
         assert "no sign of life" in why
 
 
@@ -86,12 +98,20 @@ def two_endless_loops_a_core():
 
 
 @pytest.mark.live
-async def test_under_two_endless_loops_a_core_nobody_is_restarted_who_beats_when_it_may(monkeypatch):
+async def test_under_two_endless_loops_a_core_nobody_is_restarted_who_beats_when_it_may(
+    monkeypatch,
+):
     monkeypatch.setattr("sfglab.processes.HANG_S", 3.0)
-    parts = [Component(name=f"n{n}", argv=(sys.executable, "-c", HANGS, '"beats"')) for n in range(4)]
+    parts = [
+        Component(name=f"n{n}", argv=(sys.executable, "-c", HANGS, '"beats"')) for n in range(4)
+    ]
     with two_endless_loops_a_core():
         async with running(*parts) as watched:
             for part in parts:
                 await watched.pid(part.name)
-            await asyncio.sleep(12)  # four times as long as one may be silent that could have beaten
-            assert [watched.states(part.name) for part in parts] == [[State.STARTING, State.RUNNING]] * 4
+            await asyncio.sleep(
+                12
+            )  # four times as long as one may be silent that could have beaten
+            assert [watched.states(part.name) for part in parts] == [
+                [State.STARTING, State.RUNNING]
+            ] * 4

@@ -21,9 +21,40 @@ CALM = {"max_examples": 100, "deadline": None, "database": None, "derandomize": 
 CALM |= {"phases": (Phase.generate, Phase.shrink), "suppress_health_check": list(HealthCheck)}
 MEMORY_BYTES, TIME_S = 300e6, 1.0
 WORDS = (
-    *(b"\0", b"\xff\xff\xff\xff", b"\xff\xff\xff\x7f", b"\0\0\0\x80", b"\0" * 64, b"-1", b"9" * 400),
-    *(b"[" * 60, b"{", b"}", b"/*", b"*/", b"//", b'"', b"'", b"\\", b"&a ", b"*a", b"!!int ", b"!!timestamp "),
-    *(b": ", b"\n", b"a" * 40, b"1e999", b"nan", b"=" * 80 + b"\nMSG: p/Z\n", b"[1000000000]", b"p/X "),
+    *(
+        b"\0",
+        b"\xff\xff\xff\xff",
+        b"\xff\xff\xff\x7f",
+        b"\0\0\0\x80",
+        b"\0" * 64,
+        b"-1",
+        b"9" * 400,
+    ),
+    *(
+        b"[" * 60,
+        b"{",
+        b"}",
+        b"/*",
+        b"*/",
+        b"//",
+        b'"',
+        b"'",
+        b"\\",
+        b"&a ",
+        b"*a",
+        b"!!int ",
+        b"!!timestamp ",
+    ),
+    *(
+        b": ",
+        b"\n",
+        b"a" * 40,
+        b"1e999",
+        b"nan",
+        b"=" * 80 + b"\nMSG: p/Z\n",
+        b"[1000000000]",
+        b"p/X ",
+    ),
     *(b"\xf0\x9f\x98\x80", b"../"),
 )
 
@@ -108,5 +139,10 @@ if len(sys.argv) > 2:
 else:
     for name in DOORS:
         by_hypothesis(name)
-result = {"inputs": sum(counts.values()), "counts": counts, "faults": faults, "peak_mb": kept("VmHWM") / 1e6}
+result = {
+    "inputs": sum(counts.values()),
+    "counts": counts,
+    "faults": faults,
+    "peak_mb": kept("VmHWM") / 1e6,
+}
 sys.stdout.write(json.dumps(result) + "\n")

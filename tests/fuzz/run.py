@@ -16,7 +16,9 @@ def through(group, seconds="", seed=""):
 
 
 found = {group: through(group, *sys.argv[1:]) for group in GROUPS}
-counts, faults = ({k: v for g in found.values() for k, v in g[what].items()} for what in ("counts", "faults"))
+counts, faults = (
+    {k: v for g in found.values() for k, v in g[what].items()} for what in ("counts", "faults")
+)
 peaks_mb = {group: round(one["peak_mb"]) for group, one in found.items()}
 result = {"inputs": sum(counts.values()), "counts": counts, "faults": faults, "peak_mb": peaks_mb}
 sys.stdout.write(json.dumps(result) + "\n")

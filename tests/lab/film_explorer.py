@@ -69,10 +69,15 @@ def write(frames, to):
     until = [taken for taken, _ in kept[1:]] + [kept[-1][0] + 2.0]
     durations = [min(2000, int(1000 * (b - a))) for (a, _), b in zip(kept, until, strict=True)]
     size = min(WIDEST_PX / kept[0][1].width, 1.0)
-    small = [p.resize((int(p.width * size), int(p.height * size)), Image.Resampling.LANCZOS) for _, p in kept]
+    small = [
+        p.resize((int(p.width * size), int(p.height * size)), Image.Resampling.LANCZOS)
+        for _, p in kept
+    ]
     first = small[0].quantize(64)
     pictures = [p.quantize(palette=first, dither=Image.Dither.NONE) for p in small]
-    pictures[0].save(to, save_all=True, append_images=pictures[1:], duration=durations, loop=0, optimize=True)
+    pictures[0].save(
+        to, save_all=True, append_images=pictures[1:], duration=durations, loop=0, optimize=True
+    )
 
 
 def main(to):

@@ -15,11 +15,18 @@ HANDLE = """(() => { const row = [...document.querySelectorAll('.widget-slider')
 
 def write_notebook(file, cell):
     notebook = nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell(cell)])
-    notebook.metadata.kernelspec = {"name": "python3", "display_name": "Python 3", "language": "python"}
+    notebook.metadata.kernelspec = {
+        "name": "python3",
+        "display_name": "Python 3",
+        "language": "python",
+    }
     nbformat.write(notebook, file)
 
 
 def run_all(page):
     """Run the notebook that is open, once its kernel is there."""
-    page.wait_for(f"{SESSION}?.isReady && {SESSION}.session?.kernel?.connectionStatus == 'connected'", ANSWER_S)
+    page.wait_for(
+        f"{SESSION}?.isReady && {SESSION}.session?.kernel?.connectionStatus == 'connected'",
+        ANSWER_S,
+    )
     page.evaluate("void jupyterapp.commands.execute('notebook:run-all-cells')")

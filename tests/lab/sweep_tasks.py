@@ -34,7 +34,9 @@ def quick(point, seed):
     value = Random(1000 * point.number + seed).random() / 3 * point.share
     if point.number == 1:
         value = (math.nan, math.inf, -math.inf, -0.0, 5e-324, 1e300)[seed % 6]
-    return SpotRow(number=point.number, seed=seed, value=value, even=seed % 2 == 0, name=f"ä {point.number}\n")
+    return SpotRow(
+        number=point.number, seed=seed, value=value, even=seed % 2 == 0, name=f"ä {point.number}\n"
+    )
 
 
 def several(point, seed):

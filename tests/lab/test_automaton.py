@@ -75,7 +75,10 @@ OUTWARD = Policy(rules=(ForwardRule(pattern="rt/odom", directions=frozenset({Dir
 NAMES = {
     "/global/go2/get_metadata": ("service", "a name of the schema; it crosses."),
     "/local/go2/agent_discovery_event": ("topic", "a name of the schema; it stays."),
-    "/tf": ("topic", "no name of the schema: scope: given 'tf', allowed: local or global; it crosses."),
+    "/tf": (
+        "topic",
+        "no name of the schema: scope: given 'tf', allowed: local or global; it crosses.",
+    ),
     "/global/go2/arm/grasp": ("topic", "a name of the schema; it crosses."),
 }
 
@@ -97,7 +100,9 @@ def test_a_typed_name_shows_its_parts_its_way_and_the_rules_that_decide(name):
     wire = dds_names(name, picture.kind)
     assert {*wire, *(text for _, text in (picture.fqn.segments if picture.fqn else ()))} <= texts
     alone = [(rule.pattern, Policy(rules=(rule,))) for rule in TABLE_1]
-    assert decided == {name for name, rule in alone for dds in wire if rule.crosses(dds, Direction.INWARD)}
+    assert decided == {
+        name for name, rule in alone for dds in wire if rule.crosses(dds, Direction.INWARD)
+    }
 
 
 def test_a_way_that_is_open_outward_only_is_said_and_kinds_are_chosen():
@@ -115,7 +120,9 @@ def test_a_press_puts_the_next_value_that_the_schema_allows_and_its_refusals_are
         picture.press(label)
         assert not picture.said
         after = parse(picture.name)
-        assert [one for one, _ in after.segments if getattr(after, one) != getattr(before, one)] == [label]
+        assert [
+            one for one, _ in after.segments if getattr(after, one) != getattr(before, one)
+        ] == [label]
     picture.press("agent")
     assert "it has no standard values" in picture.said
     picture.field.value = "/global/go2/get_metadata"
@@ -148,10 +155,17 @@ def agrees(line):
     outcome = line.outcome
     firsts = [f"a/DATA/{i + 1}" for i in range(len(outcome.fate))]
     assert [lost[name] for name in firsts] == np.equal(outcome.dropped, Drop.MEDIUM).tolist()
-    arrived = {s for f in line.frames if f.kind in (Frame.DATA, Frame.BURST) and not f.lost for s in f.samples}
+    arrived = {
+        s
+        for f in line.frames
+        if f.kind in (Frame.DATA, Frame.BURST) and not f.lost
+        for s in f.samples
+    }
     taken = set((np.flatnonzero(outcome.delivered) + 1).tolist())
     assert taken <= arrived
-    if line.form.config.depth == 50:  # nothing is overwritten, and what waits behind a gap is under way
+    if (
+        line.form.config.depth == 50
+    ):  # nothing is overwritten, and what waits behind a gap is under way
         assert taken == set(range(1, next(i for i in range(1, 99) if i not in arrived)))
     numbers = [text.get_text() for text in figure.axes[0].texts]
     assert sum(text.isdecimal() for text in numbers) >= len(outcome.fate)
@@ -164,7 +178,9 @@ def test_a_trace_changes_nothing_and_counts_as_the_engine_does():
     for column in ("published_ns", "received_ns", "fate", "dropped"):
         assert np.array_equal(getattr(traced.flows["a"], column), getattr(plain.flows["a"], column))
     kinds = [frame.kind for frame in frames]
-    assert all(kinds.count(kind) == plain.counts[kind.name.lower()] for kind in Frame if kind < Frame.BURST)
+    assert all(
+        kinds.count(kind) == plain.counts[kind.name.lower()] for kind in Frame if kind < Frame.BURST
+    )
     assert sum(frame.lost for frame in frames) == plain.counts["lost"]
     assert sum(frame.repairs for frame in frames) == plain.counts["repeated"]
 

@@ -23,7 +23,9 @@ REFERENCE = reference(exp)
 def test_readings_repeat_as_long_as_the_sensor_says(name):
     sensor = SENSORS[name]
     duration_s = 400 * sensor.change_s
-    values = readings(sensor, rate_hz=20 / sensor.change_s, duration_s=duration_s, rng=np.random.default_rng(1))
+    values = readings(
+        sensor, rate_hz=20 / sensor.change_s, duration_s=duration_s, rng=np.random.default_rng(1)
+    )
     changes = sum(a != b for a, b in pairwise(values))
     assert 320 < changes < 480, "400 are expected, and a few are too short to be read"
 
@@ -75,7 +77,9 @@ def test_a_wrong_optimum_fails_its_checks():
         "OPT: Eq. 5 holds with nothing to spare, and Dmin <= D <= Dmax",
     ]
     both = [replace(row, depth=row.depth / 2, depth_closed=row.depth_closed / 2) for row in rows]
-    assert [c.check for c in balance_checks(both) if c.held < c.checked] == found[1:], "Eq. 5 by itself"
+    assert [c.check for c in balance_checks(both) if c.held < c.checked] == found[1:], (
+        "Eq. 5 by itself"
+    )
 
 
 def test_a_run_gives_the_same_again(tmp_path):

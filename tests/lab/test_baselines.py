@@ -47,7 +47,9 @@ def test_the_reference_has_both_sides_and_no_other_claims(exp, monkeypatch):
     assert {REAL, STAND_IN} <= set(beside(exp, run)["kind"])
     assert not compared(exp, run).empty
     without, table = exp.load(run.log), run.table
-    monkeypatch.setattr(without, "table", lambda name: table(name).iloc[: 0 if name == PART else None])
+    monkeypatch.setattr(
+        without, "table", lambda name: table(name).iloc[: 0 if name == PART else None]
+    )
     assert without[PART].empty
     assert exp.measure(without) == exp.measure(run), "claims are measured without it"
 
@@ -67,7 +69,11 @@ def root(tmp_path, monkeypatch):
     ("exp", "separate", "why"),
     [
         pytest.param(discovery.exp, None, "needs ROS 2: make ros", marks=pytest.mark.netns),
-        (latency.exp, False, "needs network namespaces: real ROS 2 would meet whoever else is on this network"),
+        (
+            latency.exp,
+            False,
+            "needs network namespaces: real ROS 2 would meet whoever else is on this network",
+        ),
     ],
     ids=["no ROS 2", "one host"],
 )
@@ -115,10 +121,18 @@ def test_what_is_there_is_found_and_named(root, monkeypatch):
     monkeypatch.setenv("ROS_DISTRO", "humble")
     assert [str(one) for one in distributions().values()] == ["jazzy (make ros)"]
     monkeypatch.setenv("AMENT_PREFIX_PATH", "/opt/ros/humble")
-    assert [str(one) for one in distributions().values()] == ["jazzy (make ros)", "humble (sourced)"]
+    assert [str(one) for one in distributions().values()] == [
+        "jazzy (make ros)",
+        "humble (sourced)",
+    ]
     assert distribution().name == "jazzy"
     # A program runs without what would mislead its interpreter.
     argv = distribution().argv("script.py", "name", ROS_DOMAIN_ID=7)
     assert argv[0] == "env"
-    assert {"--unset=PYTHONPATH", "--unset=LD_LIBRARY_PATH", "ROS_DISTRO=jazzy", "ROS_DOMAIN_ID=7"} < {*argv}
+    assert {
+        "--unset=PYTHONPATH",
+        "--unset=LD_LIBRARY_PATH",
+        "ROS_DISTRO=jazzy",
+        "ROS_DOMAIN_ID=7",
+    } < {*argv}
     assert argv[-3:] == [str(root / ".venv-jazzy" / "bin" / "python"), "script.py", "name"]

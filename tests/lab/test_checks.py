@@ -15,7 +15,10 @@ from sfglab.spatial.trajectory.path import Interpolation, stretched
 
 
 def table(*rows):
-    made = [(group, CheckRow(check=name, checked=n, held=held, example="x")) for group, name, n, held in rows]
+    made = [
+        (group, CheckRow(check=name, checked=n, held=held, example="x"))
+        for group, name, n, held in rows
+    ]
     return pd.DataFrame([{"group": group, **asdict(row)} for group, row in made])
 
 
@@ -29,7 +32,9 @@ def test_many_checks_of_one_group_hide_none_of_another_and_nothing_is_said_if_al
     assert (share.estimate.value, share.reason) == (1.0, "")
 
 
-@pytest.mark.parametrize(("name", "check"), [(name, check) for name in GROUPS for check in group(name).names])
+@pytest.mark.parametrize(
+    ("name", "check"), [(name, check) for name in GROUPS for check in group(name).names]
+)
 def test_every_property_holds_on_a_few_cases(name, check):
     row = group(name).row(check, count=20, seed=1)
     assert (row.held, row.example if row.held < row.checked else "") == (row.checked, "")
@@ -81,10 +86,22 @@ FAR = SimpleNamespace(time_s=0.0, distance_m=1e3, tolerance_m=0.0)
         ("trees", "mocap_trees", mistaken("renamed", "proxy"), "renamed: the markers", 0),
         ("trees", "mocap_trees", mistaken("proxy", "direct"), "proxy: nothing is", 0),
         ("trajectories", "retimed", lambda path, *_: path, "re-timed, no sample", 0.9),
-        ("trajectories", "retimed", lambda path, *_: stretched(path, 0.1), "a spline within limits", 0.9),
+        (
+            "trajectories",
+            "retimed",
+            lambda path, *_: stretched(path, 0.1),
+            "a spline within limits",
+            0.9,
+        ),
         ("trajectories", "stretched", otherwise, "stretched in time, the path stays", 0.9),
         ("trajectories", "closest_approach", lambda *_: FAR, "no sample of two agents", 0.9),
-        ("trajectories", "align_waypoint", lambda path, *_: path, "aligned to the next waypoint", 0.9),
+        (
+            "trajectories",
+            "align_waypoint",
+            lambda path, *_: path,
+            "aligned to the next waypoint",
+            0.9,
+        ),
     ],
 )
 def test_a_broken_library_fails_its_check(monkeypatch, name, place, broken, check, most):
@@ -129,6 +146,8 @@ def judge():
 def test_of_three_mutants_of_each_claim_as_many_are_seen_as_are_stored(name, claim, judge):
     score = mutation_score(judge, name, claim, 3)
     assert score["tried"] == 3
-    stored = json.loads(STORE.read_text())[claim]  # `make mutants` has judged twenty: these are the first
+    stored = json.loads(STORE.read_text())[
+        claim
+    ]  # `make mutants` has judged twenty: these are the first
     assert {one["diff"] for one in score["survived"]} <= {one["diff"] for one in stored["survived"]}
     assert all(one["why"] for one in stored["survived"])

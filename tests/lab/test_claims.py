@@ -22,7 +22,16 @@ from sfglab.lab.claims import (
 from sfglab.lab.stats import Estimate
 
 IDS = [
-    *("A-NET-RULES", "A-FQN", "A-HEARTBEAT", "A-DFA", "A-COST", "A-CPU-BASE", "A-CPU-SFG", "A-CPU-OURS"),
+    *(
+        "A-NET-RULES",
+        "A-FQN",
+        "A-HEARTBEAT",
+        "A-DFA",
+        "A-COST",
+        "A-CPU-BASE",
+        "A-CPU-SFG",
+        "A-CPU-OURS",
+    ),
     *("A-BW", "A-DISC-TIME", "A-DISC-TIME-OURS", "A-DISC-BYTES", "A-DISC-BYTES-OURS"),
     *("A-G2G", "A-G2G-OURS", "A-FIRST", "A-FIRST-OURS", "A-H264", "A-RVL"),
     *("A-VICON", "A-PLAN", "A-VIZ", "A-DEPLOY"),
@@ -67,7 +76,9 @@ def test_the_ledger_holds_every_claim_of_the_papers_and_no_figure_of_ours_nor_ve
         ("X-OURS", "below", (7,), Verdict.DEVIATES),
     ],
 )
-def test_verdicts_follow_from_figure_interval_band_and_whose_way_it_is(name, better, figure, verdict):
+def test_verdicts_follow_from_figure_interval_band_and_whose_way_it_is(
+    name, better, figure, verdict
+):
     assert judge(claim(id=name, better=better), measured(*figure)) is verdict
 
 
@@ -77,7 +88,11 @@ def test_verdicts_follow_from_figure_interval_band_and_whose_way_it_is(name, bet
         ({"ends": {"e": 0.5}}, Verdict.REPRODUCED, ""),
         ({"ends": {"e": 2}}, Verdict.DEVIATES, "e: 2, asked 0 to 1"),
         ({"ends": {}}, Verdict.UNDECIDED, "e: not measured"),
-        ({"ends": {"e": 0.5}, "under": {"f": EXACT_7}}, Verdict.UNDECIDED, "f: 7 u [7, 7], deviates"),
+        (
+            {"ends": {"e": 0.5}, "under": {"f": EXACT_7}},
+            Verdict.UNDECIDED,
+            "f: 7 u [7, 7], deviates",
+        ),
         ({"ends": {"e": 0.5}, "fitted": "six to seven"}, Verdict.FITTED, "six to seven"),
         ({"ends": {"e": 2}, "fitted": "six to seven"}, Verdict.DEVIATES, "e: 2, asked 0 to 1"),
     ],
@@ -93,7 +108,12 @@ def test_verdicts_follow_from_ends_conditions_and_fits(more, verdict, reason):
     [
         ([5], Verdict.REPRODUCED, (5, 5, 5), ""),
         ([5, 4.5, 6], Verdict.REPRODUCED, (5, 4.5, 6), ""),
-        ([5, 7], Verdict.UNDECIDED, (6, 5, 7), "5.mcap: 5 [5, 5], reproduced; 7.mcap: 7 [7, 7], deviates"),
+        (
+            [5, 7],
+            Verdict.UNDECIDED,
+            (6, 5, 7),
+            "5.mcap: 5 [5, 5], reproduced; 7.mcap: 7 [7, 7], deviates",
+        ),
         ([7, 8, 9], Verdict.DEVIATES, (8, 7, 9), ""),
     ],
 )
@@ -126,10 +146,16 @@ GOOD = "id: A, where: w, says: s, paper: 1, unit: u, band: [1, 2], experiment: n
 @pytest.mark.parametrize(
     ("yaml", "message"),
     [
-        (f"- {{{GOOD.replace('[1, 2]', '[2, 1]')}}}", r"band: given \[2, 1\], allowed: \[low, high\]"),
+        (
+            f"- {{{GOOD.replace('[1, 2]', '[2, 1]')}}}",
+            r"band: given \[2, 1\], allowed: \[low, high\]",
+        ),
         (f"- {{{GOOD}, better: up}}", "better: given 'up', allowed: above or below"),
         (f"- {{{GOOD.replace(', experiment: null', '')}}}", "'experiment' is needed here"),
-        (f"- {{{GOOD}}}\n- {{{GOOD}}}", r"claims.yaml:2: \[1\].id: given 'A', allowed: each claim once"),
+        (
+            f"- {{{GOOD}}}\n- {{{GOOD}}}",
+            r"claims.yaml:2: \[1\].id: given 'A', allowed: each claim once",
+        ),
     ],
 )
 def test_a_broken_ledger_is_refused_with_the_place(tmp_path, yaml, message):

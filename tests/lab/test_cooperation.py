@@ -35,8 +35,12 @@ def test_over_a_perfect_link_every_method_comes_home(method):
 
 def test_the_scenario_as_printed_goes_by_robot_3_and_comes_home_with_the_sizes_and_times_asked():
     printed = of("OPT", medium=PERFECT, hop=True, topics=(8, 5, 5), sizes="cdr", slower=4.0)
-    flows, before = ({f.name: f for f in experiment.scenario_of(p, seed=0).flows} for p in (printed, of("OPT")))
-    ways = {name: (f.source, f.target, f.then) for name, f in flows.items() if f.target != "station"}
+    flows, before = (
+        {f.name: f for f in experiment.scenario_of(p, seed=0).flows} for p in (printed, of("OPT"))
+    )
+    ways = {
+        name: (f.source, f.target, f.then) for name, f in flows.items() if f.target != "station"
+    }
     assert ways["robot1/release"] == ("station", "robot3", "robot1/command")
     assert ways["robot1/command"] == ("robot3", "robot1", None)
     assert ways["robot3/command"][:2] == ("station", "robot3")
@@ -52,7 +56,9 @@ def test_the_scenario_as_printed_goes_by_robot_3_and_comes_home_with_the_sizes_a
 def test_over_a_dead_link_nobody_moves(method):
     run = experiment.SimulatedRun(of(method, medium=DEAD), 0, tracked="dead")
     assert run.run(limit_s=5.0).end == "timeout"
-    assert len({(t.robot, t.x_m, t.y_m, t.heading_rad) for t in run.tracks}) == len(experiment.ROBOTS)
+    assert len({(t.robot, t.x_m, t.y_m, t.heading_rad) for t in run.tracks}) == len(
+        experiment.ROBOTS
+    )
 
 
 def test_the_same_seed_is_the_same_run_to_the_bit_and_another_one_is_not():
@@ -75,7 +81,10 @@ def test_methods_differ_in_what_they_say_they_do():
 def test_optimised_settings_are_those_of_equation_6():
     for rate in RATES_HZ:
         found = experiment.rate_and_depth(of("OPT", rate_max_hz=rate))
-        assert found == (pytest.approx(rate / 9 - 1, abs=1e-4), int(5000 * (rate / 9 - 1) / rate - 1))
+        assert found == (
+            pytest.approx(rate / 9 - 1, abs=1e-4),
+            int(5000 * (rate / 9 - 1) / rate - 1),
+        )
     assert experiment.rate_and_depth(of("OPT", depth=10))[1] == 10
     assert experiment.rate_and_depth(of("none")) == (100, 10)
 
@@ -115,7 +124,9 @@ def test_a_drawn_run_is_in_the_log_as_tracks_and_messages_that_say_the_same(name
     for robot in experiment.ROBOTS:
         poses = [entry.message.pose for entry in REFERENCE.messages(f"/{name}/{robot}/pose")]
         assert [pose.position.y for pose in poses] == mine[mine["robot"] == robot]["y_m"].tolist()
-        lengths = {len(entry.message.ranges) for entry in REFERENCE.messages(f"/{name}/{robot}/scan")}
+        lengths = {
+            len(entry.message.ranges) for entry in REFERENCE.messages(f"/{name}/{robot}/scan")
+        }
         assert lengths == {len(BEAMS_DEG)}
 
 
@@ -134,7 +145,9 @@ def test_the_film_moves_and_the_same_log_gives_the_same_file():
 def test_the_difference_is_the_mean_over_rates():
     rows = [("none", 100, False)] * 4 + [("none", 200, True), ("none", 200, False)]
     rows += [("OPT+LC", 100, True)] * 3 + [("OPT+LC", 200, True)] * 2
-    estimate = cooperation.difference(pd.DataFrame(rows, columns=["method", "rate_max_hz", "success"]))
+    estimate = cooperation.difference(
+        pd.DataFrame(rows, columns=["method", "rate_max_hz", "success"])
+    )
     assert estimate.value == pytest.approx(1.0 - (0.0 + 0.5) / 2)
     assert estimate.low <= estimate.value <= estimate.high
 

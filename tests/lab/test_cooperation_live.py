@@ -17,9 +17,18 @@ from sfglab.rtps import Medium
 def test_cells_are_few_in_quick_and_slowed_where_every_value_is_published():
     quick, paper = (stage.ros_cells(exp.config(profile)) for profile in ("quick", "paper"))
     assert sum(14 * cell.slowed for cell in quick) < 50
-    assert [(c.point.method, c.preset[9:]) for c in quick] == [("none", "async"), ("OPT+LC", "async")]
+    assert [(c.point.method, c.preset[9:]) for c in quick] == [
+        ("none", "async"),
+        ("OPT+LC", "async"),
+    ]
     assert {c.preset for c in paper} == {"fast_dds_sync", "fast_dds_async"}
-    assert {f"{c.point.method} {c.slowed:g}" for c in paper} == {"none 2", "LC 1", "LC 2", "OPT 1", "OPT+LC 1"}
+    assert {f"{c.point.method} {c.slowed:g}" for c in paper} == {
+        "none 2",
+        "LC 1",
+        "LC 2",
+        "OPT 1",
+        "OPT+LC 1",
+    }
     assert max(flow.rate_hz for flow in quick[0].scenario(0, 14.0).flows) == 50
 
 
@@ -69,7 +78,11 @@ async def test_robots_set_off_on_what_real_nodes_carry():
 def test_three_robots_set_off_together_and_nothing_is_left_behind(monkeypatch):
     class UntilAllGo(stage.LiveDrive):
         def going(self):
-            return {track.robot for track in self.tracks if track.t_s > 2.0 and track.manoeuvre == "forward"}
+            return {
+                track.robot
+                for track in self.tracks
+                if track.t_s > 2.0 and track.manoeuvre == "forward"
+            }
 
         def ended(self):
             return super().ended() or len(self.going()) == 3

@@ -58,13 +58,17 @@ def judged(claim, finding):
 
 def test_slopes_reduction_and_terms_of_known_costs_are_found_and_explain_everything(made):
     found = slopes(made)
-    assert {mode: e.value for mode, e in found.cpu.items()} == pytest.approx({"standard": NET + DEC, **IPC})
+    assert {mode: e.value for mode, e in found.cpu.items()} == pytest.approx(
+        {"standard": NET + DEC, **IPC}
+    )
     slope = {"standard": 4, "dds": 0, "proxy": 0}
     assert {mode: e.value for mode, e in found.net.items()} == pytest.approx(slope)
     for way, ipc in IPC.items():
         assert found.reduction[way].value == pytest.approx(100 * (1 - ipc / (NET + DEC)))
         model = cost_model(made, way=way)
-        assert [e.value for e in (model.net, model.dec, model.ipc)] == pytest.approx([NET, DEC, ipc])
+        assert [e.value for e in (model.net, model.dec, model.ipc)] == pytest.approx(
+            [NET, DEC, ipc]
+        )
         assert model.residual.value == pytest.approx(0, abs=1e-9)
         assert model.explained.value == pytest.approx(1)
 
@@ -76,11 +80,23 @@ def test_the_papers_way_and_ours_are_two_lines_and_what_a_log_lacks_is_said(made
         (made, "A-CPU-SFG", analysis.reduction_by_dds, Verdict.REPRODUCED, ""),
         (made, "A-CPU-OURS", analysis.reduction_by_shared_memory, Verdict.BETTER, ""),
         (made, "A-BW", analysis.bandwidth, Verdict.REPRODUCED, ""),
-        (old, "A-CPU-SFG", analysis.reduction_by_dds, Verdict.NOT_YET, "no cells in which the decoder hands"),
+        (
+            old,
+            "A-CPU-SFG",
+            analysis.reduction_by_dds,
+            Verdict.NOT_YET,
+            "no cells in which the decoder hands",
+        ),
         (old, "A-CPU-OURS", analysis.reduction_by_shared_memory, Verdict.BETTER, ""),
         (old, "A-BW", analysis.bandwidth, Verdict.UNDECIDED, "by DDS: not measured"),
         (old, "A-COST", analysis.fit_residual, Verdict.UNDECIDED, "no cells of DDS"),
-        (lossy, "A-CPU-SFG", analysis.reduction_by_dds, Verdict.DEVIATES, "modes: 0.938, asked 0.95 to 1"),
+        (
+            lossy,
+            "A-CPU-SFG",
+            analysis.reduction_by_dds,
+            Verdict.DEVIATES,
+            "modes: 0.938, asked 0.95 to 1",
+        ),
     ):
         entry = judged(claim, finding(run))
         assert (entry.verdict, reason in entry.reason) == (verdict, True), (claim, entry.reason)
@@ -91,12 +107,17 @@ def test_the_papers_way_and_ours_are_two_lines_and_what_a_log_lacks_is_said(made
     ("verdict", "load"),
     [
         # A machine that slows down slows the camera too.
-        (Verdict.REPRODUCED, lambda n, cpu: cpu * (1 + 0.3 * (n // 10 % 2) + 1e-3 * (cpu != 20) * (n % 2))),
+        (
+            Verdict.REPRODUCED,
+            lambda n, cpu: cpu * (1 + 0.3 * (n // 10 % 2) + 1e-3 * (cpu != 20) * (n % 2)),
+        ),
         # A residual of a few per cent, which the scatter of replicates does not account for.
         (Verdict.DEVIATES, lambda n, cpu: cpu + (cpu != 20) * (1 + 1e-3 * n)),
     ],
 )
-def test_the_cost_model_is_judged_at_one_pace_by_its_residual_and_by_its_lack_of_fit(tmp_path, load, verdict):
+def test_the_cost_model_is_judged_at_one_pace_by_its_residual_and_by_its_lack_of_fit(
+    tmp_path, load, verdict
+):
     run = make(tmp_path / "made.mcap", repeats=2, load=load)
     entry = judged("A-COST", analysis.fit_residual(run))
     assert entry.measured.estimate.value < 10
@@ -110,7 +131,9 @@ def test_size_frame_rate_group_and_bit_rate_all_decide(monkeypatch):
     wrong = {"bitrate": exactly(2.0, "Mbit/s"), "width": 848, "height": 480, "fps": 15.0, "gop": 0}
     cases = [({name: value}, Verdict.DEVIATES) for name, value in wrong.items()]
     for changes, verdict in [*cases, ({}, Verdict.REPRODUCED), ({"gop": None}, Verdict.UNDECIDED)]:
-        monkeypatch.setattr(analysis, "stream_facts", lambda _, said=changes: replace(facts, **said))
+        monkeypatch.setattr(
+            analysis, "stream_facts", lambda _, said=changes: replace(facts, **said)
+        )
         assert judged("A-H264", analysis.stream_of_table_two(None)).verdict is verdict, changes
 
 
@@ -149,7 +172,9 @@ def test_an_interrupted_run_ends_its_processes_and_keeps_what_was_measured(tmp_p
         f"asyncio.run(exp.run('smoke', path=Path({str(log)!r}), options=Options(separate=False), stages=s,"
         " encoder='libx264', raw_s=0.5))\n"
     )
-    process = subprocess.Popen([sys.executable, "-c", code], stderr=subprocess.PIPE, start_new_session=True)
+    process = subprocess.Popen(
+        [sys.executable, "-c", code], stderr=subprocess.PIPE, start_new_session=True
+    )
     running = psutil.Process(process.pid)
     while not part.exists() or len(children := running.children(recursive=True)) < 5:
         assert process.poll() is None, "until viewers, decoder and camera run"

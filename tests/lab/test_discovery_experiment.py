@@ -39,7 +39,11 @@ def known(mode: str, agents: int, host: int) -> tuple[float, float]:
     """Seconds and bytes of an agent: standard takes longer the later the agent, routed is alike."""
     if mode == LAUNCHED:
         return 1 + 0.1 * agents, 1e4 * agents**2
-    return (10.0 * agents + host, 1e6 * agents**2) if mode == STANDARD else (0.1 * agents, 1e3 * agents**2)
+    return (
+        (10.0 * agents + host, 1e6 * agents**2)
+        if mode == STANDARD
+        else (0.1 * agents, 1e3 * agents**2)
+    )
 
 
 def fleet(cell, mode, agents, pace_s=1.0, *, slower=1, censored=False, **nodes):
@@ -49,7 +53,14 @@ def fleet(cell, mode, agents, pace_s=1.0, *, slower=1, censored=False, **nodes):
         seconds, received = known(mode, agents, host)
         row = {"cell": cell, "host": host, "resolved_s": slower * seconds, "censored": censored}
         hosts.append({**row, "own_bytes": received * (nodes.get("talkers", 10) / 10) ** 2})
-    kind = {"cell": cell, "mode": mode, "agents": agents, "repeat": cell, "censored": censored, **NODES}
+    kind = {
+        "cell": cell,
+        "mode": mode,
+        "agents": agents,
+        "repeat": cell,
+        "censored": censored,
+        **NODES,
+    }
     kind["pace_s"] = pace_s
     times = {"resolved_s": seconds, "window_s": 10.0, "nodes_cpu_s": 5.0, "components_cpu_s": 1.0}
     return {"cell": [{**kind, **times, **nodes}], "host": hosts}
@@ -71,7 +82,9 @@ def made(tmp_path):
 
     def make(*fleets, name="made.mcap"):
         tables = {name: [row for one in fleets for row in one.get(name, ())] for name in TABLES}
-        return made_run(exp, tmp_path / name, {table: rows for table, rows in tables.items() if rows})
+        return made_run(
+            exp, tmp_path / name, {table: rows for table, rows in tables.items() if rows}
+        )
 
     return make
 
@@ -79,10 +92,16 @@ def made(tmp_path):
 @pytest.fixture
 def run(made):
     """A run with known figures; fleets of few nodes, and those started at once, must not be mixed in."""
-    fleets = [(STANDARD, 2), (STANDARD, 6), *[(mode, n) for mode in (ROUTED, LAUNCHED) for n in (2, 6, 2, 6)]]
+    fleets = [
+        (STANDARD, 2),
+        (STANDARD, 6),
+        *[(mode, n) for mode in (ROUTED, LAUNCHED) for n in (2, 6, 2, 6)],
+    ]
     cells = [fleet(i, *one) for i, one in enumerate(fleets)]
     few = fleet(len(cells), ROUTED, 12, talkers=1, listeners=1)
-    once = [fleet(20 + i, mode, 6, 0.0, slower=9) for i, mode in enumerate((STANDARD, LAUNCHED, ROUTED))]
+    once = [
+        fleet(20 + i, mode, 6, 0.0, slower=9) for i, mode in enumerate((STANDARD, LAUNCHED, ROUTED))
+    ]
     sparse = [fleet(30 + n, STANDARD, 6, 0.0, talkers=n, listeners=n) for n in (1, 2, 3)]
     return made(*cells, few, *once, *sparse, simulated(ROUTED, 100, 0))
 
@@ -144,11 +163,17 @@ def test_standard_and_routed_fleets_of_one_size_are_run_side_by_side():
 
 
 def test_profiles_reach_their_sizes_stages_make_sense_and_fleets_are_named_the_largest_last():
-    with pytest.raises(InvalidValueError, match="mode: given 'proxy', allowed: standard, launched, routed"):
+    with pytest.raises(
+        InvalidValueError, match="mode: given 'proxy', allowed: standard, launched, routed"
+    ):
         Stage(mode="proxy", agents=(2,))
     with pytest.raises(InvalidValueError, match="from 2 agents"):
         Stage(mode=ROUTED, agents=(2, 1))
-    assert max(exp.config("quick").simulated.agents) == max(exp.config("paper").simulated.agents) == 1000
+    assert (
+        max(exp.config("quick").simulated.agents)
+        == max(exp.config("paper").simulated.agents)
+        == 1000
+    )
     fleets = world.fleets_of(exp.config(simulated=Scale(agents=(10, 2), talkers=2, listeners=1)))
     wanted = [(mode, agents) for agents in (2, 10) for mode in (STANDARD, ROUTED)]
     assert [(one.mode, one.agents) for one in fleets] == wanted
@@ -181,7 +206,11 @@ def test_a_demo_node_has_the_eighteen_endpoints_of_humble():
         assert len(services) == 12
         assert all(p.writer is (p.topic[:3] == "rr/") for p in services)
         names = {(p.topic, p.writer) for p in plans} - {(p.topic, p.writer) for p in services}
-        both = {(name, way) for name in ("ros_discovery_info", "rt/parameter_events") for way in (False, True)}
+        both = {
+            (name, way)
+            for name in ("ros_discovery_info", "rt/parameter_events")
+            for way in (False, True)
+        }
         assert names == both | {("rt/rosout", True), ("rt/a/chatter", role == TALKER)}
     assert "rq/a/n/get_parametersRequest" in {p.topic for p in plans}
 
@@ -190,7 +219,9 @@ def test_a_demo_node_has_the_eighteen_endpoints_of_humble():
 async def test_ros_nodes_of_two_agents_find_each_other_completely():
     def member(name):
         address = BusAddress(domain_id=83, interface="lo")
-        config = RosNodesConfig(namespace=f"/{name}", address=address, talkers=2, listeners=1, peers=1)
+        config = RosNodesConfig(
+            namespace=f"/{name}", address=address, talkers=2, listeners=1, peers=1
+        )
         return Member(name=name, module="sfglab.lab.workers.rosnodes", config=config)
 
     async with ProcessGroup(lambda _, command: command, map(member, "ab")) as group:
@@ -212,14 +243,18 @@ def test_an_idle_component_is_loaded_before_it_starts_and_keeps_its_orders(tmp_p
         assert json.loads(process.stdout.readline()) == {"is": "idle"}
         assert process.communicate("start\nfirst order\n", timeout=60)[0] == "told first order\n"
         assert process.returncode == 0
-    done = subprocess.run(argv, input="", capture_output=True, text=True, env=environment, check=True)
+    done = subprocess.run(
+        argv, input="", capture_output=True, text=True, env=environment, check=True
+    )
     assert done.stdout == '{"is": "idle"}\n', "whoever is gone starts nothing"
 
 
 def short(path, *modes, separate=None, **changes):
     stages = tuple(Stage(mode=mode, agents=(2,), talkers=1, listeners=1) for mode in modes)
     changes = {"stages": stages, "simulated": Scale(), **changes}
-    return asyncio.run(exp.run("smoke", path=path / "run.mcap", options=Options(separate=separate), **changes))
+    return asyncio.run(
+        exp.run("smoke", path=path / "run.mcap", options=Options(separate=separate), **changes)
+    )
 
 
 @pytest.mark.live
@@ -255,7 +290,9 @@ def test_every_routed_agent_finds_all_others_by_two_endpoints_for_each_ordered_p
     assert outcome.announced == pytest.approx(6 * 4 + 2 * 6 * 5, rel=0.2)
 
 
-def test_where_descriptions_are_offered_an_agent_has_five_endpoints_however_many_there_are(monkeypatch):
+def test_where_descriptions_are_offered_an_agent_has_five_endpoints_however_many_there_are(
+    monkeypatch,
+):
     asked = {agents: world.run_fleet(Fleet(mode=ROUTED, agents=agents)) for agents in (6, 12)}
     for name in ("StatusSettings", "DiscoverySettings"):
         monkeypatch.setattr(world, name, partial(getattr(world, name), offers=True))
@@ -263,7 +300,9 @@ def test_where_descriptions_are_offered_an_agent_has_five_endpoints_however_many
         outcome = world.run_fleet(Fleet(mode=ROUTED, agents=agents))
         assert outcome.announced == 5 * agents
         assert not any(host.censored for host in outcome.hosts)
-        assert mean(h.rx_bytes for h in outcome.hosts) < 0.6 * mean(h.rx_bytes for h in before.hosts)
+        assert mean(h.rx_bytes for h in outcome.hosts) < 0.6 * mean(
+            h.rx_bytes for h in before.hosts
+        )
 
 
 def test_standard_traffic_is_proportional_to_the_number_of_other_agents():
@@ -280,7 +319,9 @@ def test_counted_queries_give_what_simulated_ones_do_and_go_to_a_thousand_agents
     simulated = rows.groupby("agents")[["resolved_s", "rx_bytes"]].mean()
     assert {12, 25, 50, 100} <= {*simulated.index}
     hosts = world.run_fleet(Fleet(mode=ROUTED, agents=12)).hosts
-    assert mean(host.rx_bytes for host in hosts) == pytest.approx(simulated["rx_bytes"][12]), "of today's code"
+    assert mean(host.rx_bytes for host in hosts) == pytest.approx(simulated["rx_bytes"][12]), (
+        "of today's code"
+    )
     for agents, (resolved_s, rx_bytes) in simulated.iterrows():
         counted = world.mean_fleet(Fleet(mode=ROUTED, agents=agents)).hosts[0]
         assert counted.resolved_s == pytest.approx(resolved_s, rel=0.3)

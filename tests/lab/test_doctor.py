@@ -43,11 +43,16 @@ def test_a_finding_is_rendered_as_what_was_found_and_what_follows():
     assert render(found) == f"{bread}{butter}\n1 of 2 are in order."
 
 
-def test_a_machine_without_namespaces_gets_one_clear_error_and_is_told_what_is_done_instead(monkeypatch):
+def test_a_machine_without_namespaces_gets_one_clear_error_and_is_told_what_is_done_instead(
+    monkeypatch,
+):
     # Stands for the refusing kernel: the script that makes namespaces fails as it does under seccomp.
     refusal = "import sys; sys.exit('unshare: Operation not permitted')"
     monkeypatch.setattr("sfglab.lab.hosts.network.ENTER", (sys.executable, "-c", refusal))
-    with pytest.raises(HostsUnavailableError, match=r"unshare: Operation not permitted.*Try one of"), Network():
+    with (
+        pytest.raises(HostsUnavailableError, match=r"unshare: Operation not permitted.*Try one of"),
+        Network(),
+    ):
         pass
     assert (Network.available().ok, Network.available().how) == (False, "none")
     finding = examined("network namespaces")
@@ -76,7 +81,9 @@ def test_half_a_link_control_is_called_limited(monkeypatch, refused):
         ("cores, memory, load", "os.getloadavg", lambda: (64.0, 64.0, 64.0), "noisy"),
     ],
 )
-def test_a_small_receive_buffer_and_a_busy_machine_are_called_limited(monkeypatch, topic, place, value, word):
+def test_a_small_receive_buffer_and_a_busy_machine_are_called_limited(
+    monkeypatch, topic, place, value, word
+):
     monkeypatch.setattr(place, value)
     finding = examined(topic)
     assert finding.level is Level.LIMITED
@@ -112,8 +119,12 @@ def test_an_unexpected_error_becomes_a_finding_and_the_rest_goes_on(monkeypatch)
     def broken():
         raise ZeroDivisionError("at /some/where/deep/file.py")
 
-    broken_check = doctor._Check(topic="odd", run=broken, expected=(SfglabError,), without="nothing")
-    fine_check = doctor._Check(topic="even", run=lambda: (Level.OK, "yes", "good"), expected=(), without="")
+    broken_check = doctor._Check(
+        topic="odd", run=broken, expected=(SfglabError,), without="nothing"
+    )
+    fine_check = doctor._Check(
+        topic="even", run=lambda: (Level.OK, "yes", "good"), expected=(), without=""
+    )
     monkeypatch.setattr(doctor, "_CHECKS", (broken_check, fine_check))
     odd, even = diagnose()
     assert odd.said == "the check itself failed with ZeroDivisionError: at file.py"

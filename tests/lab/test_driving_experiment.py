@@ -38,7 +38,9 @@ def test_a_lap_s_row_is_the_lap(run):
 
 def test_the_chain_is_the_sum_of_its_nodes_and_topics_in_order(run):
     parts = parts_ms(run, "software", "software")
-    chain = "compensation /A gaussian_blur /blurred lane_planner /lane_mask polyfit /lane lane_control"
+    chain = (
+        "compensation /A gaussian_blur /blurred lane_planner /lane_mask polyfit /lane lane_control"
+    )
     assert " ".join(parts) == chain
     first = run["chain"].iloc[0]
     assert parts["polyfit"][0] == pytest.approx(first["polyfit_ns"] / 1e6)
@@ -73,12 +75,16 @@ def test_through_a_gateway_only_the_software_node_varies_and_both_readings_of_it
 
 
 @pytest.mark.live
-def test_the_chain_runs_across_processes_and_its_deviation_is_judged_beside_the_simulated_one(run, tmp_path):
+def test_the_chain_runs_across_processes_and_its_deviation_is_judged_beside_the_simulated_one(
+    run, tmp_path
+):
     assert run.skipped("live") == "live: no time was asked for (live_s)"
     assert analysis.live_ms(run) == {}
     assert not exp.measure(run)["C-DRIVE-DEV"].ends
     only = Options(only=frozenset({"live"}))
-    live = asyncio.run(exp.run("smoke", path=tmp_path / "live.mcap", options=only, live_s=2.0))["live"]
+    live = asyncio.run(exp.run("smoke", path=tmp_path / "live.mcap", options=only, live_s=2.0))[
+        "live"
+    ]
     assert set(live["mapping"]) == {"software", "gateway"}
     assert live["started_s"].is_monotonic_increasing
     assert (live["chain_s"].dropna() > 0).all()
@@ -117,7 +123,9 @@ def test_a_standing_car_is_pictured_seldom_and_a_stop_is_a_second_of_standing_af
     assert {moment.row.speed_mps for moment in recorder.moments} == {0.0}
     assert [round(m.row.t_s, 3) for m in recorder.moments if m.image_jpeg] == [0.0, 2.0, 4.0]
     speeds = [0.0] * 8 + [0.5] * 7 + [0.0] * 10 + [0.5] * 5 + [0.0] * 3 + [0.5] * 2
-    moments = pd.DataFrame({"t_s": np.arange(len(speeds)) / 5, "speed_mps": speeds, "x_m": 1.0, "y_m": 2.0})
+    moments = pd.DataFrame(
+        {"t_s": np.arange(len(speeds)) / 5, "speed_mps": speeds, "x_m": 1.0, "y_m": 2.0}
+    )
     [stop] = analysis.stops.__wrapped__({"track": moments})
     assert (stop.t_s, stop.lasted_s) == pytest.approx((3.0, 1.8))
     assert (stop.x_m, stop.y_m) == (1.0, 2.0)
@@ -141,7 +149,9 @@ def test_rerun_opens_the_log_and_the_viewer_s_bridge_shows_all_of_it(run, tmp_pa
         recording.save(tmp_path / "log.rrd")
         recording.log_file_from_path(run.log)
     opened = (tmp_path / "log.rrd").read_bytes()
-    assert all(name in opened for name in (b"EncodedImage", b"Transform3D", b"/image/compressed", b"/tf"))
+    assert all(
+        name in opened for name in (b"EncodedImage", b"Transform3D", b"/image/compressed", b"/tf")
+    )
     view_log(run.log, ViewOptions(to=(str(tmp_path / "lap.rrd"),)))
     shown = (tmp_path / "lap.rrd").read_bytes()
     assert all(name in shown for name in (b"LineStrips3D", b"/town", b"/lights", b"/lane/path"))

@@ -51,7 +51,9 @@ class KitRow:
     value: float
 
 
-@exp.sweep("cell", over=lambda config: [Point(kind=k) for k in config.kinds], workers=Workers(threads=True))
+@exp.sweep(
+    "cell", over=lambda config: [Point(kind=k) for k in config.kinds], workers=Workers(threads=True)
+)
 def cell(point: Point, seed: int) -> dict[str, float]:
     return {"value": len(point.kind) + seed}
 
@@ -112,7 +114,9 @@ def test_a_run_has_its_tables_its_configuration_and_its_completion(tmp_path):
     assert made["other"]["value"].tolist() == [2.0]
     assert made.skipped("impossible") == "no device"
     assert made.profile == "smoke"
-    assert [p.name for p in tmp_path.iterdir()] == ["a.mcap"], "no journal, no scratch folder, no half log"
+    assert [p.name for p in tmp_path.iterdir()] == ["a.mcap"], (
+        "no journal, no scratch folder, no half log"
+    )
     assert exp.load(made.log).config == made.config
 
 
@@ -138,19 +142,26 @@ def test_profiles_and_changes_are_checked():
             exp.config(profile, **changes)
 
 
-def test_an_interrupted_run_has_another_name_goes_on_and_speaks_only_when_finished(tmp_path, monkeypatch):
+def test_an_interrupted_run_has_another_name_goes_on_and_speaks_only_when_finished(
+    tmp_path, monkeypatch
+):
     project = Project(root=tmp_path)
     path = tmp_path / "runs" / "logs" / "kit" / "20260101T000000-quick.mcap"
     with pytest.raises(KeyboardInterrupt):
         run(path, "quick", breaks=True)
-    assert sorted(p.name for p in path.parent.iterdir()) == [f"{path.name}.part", "kit-quick-cell.journal"]
+    assert sorted(p.name for p in path.parent.iterdir()) == [
+        f"{path.name}.part",
+        "kit-quick-cell.journal",
+    ]
     assert find_log(project, "kit") is None
     assert [log.standing.why_not for log in logs_of(project, "kit")] == ["it is not finished"]
     monkeypatch.setattr("sfglab.lab.sweep.run.connected", None)
     again = path.with_name("20260102T000000-quick.mcap")
     run(again, "quick")  # what is in the journal is not run again, and asks for no workers
     assert find_log(project, "kit") == again
-    assert sorted(p.name for p in path.parent.iterdir()) == [f"{path.name}.part", again.name], "and no journal"
+    assert sorted(p.name for p in path.parent.iterdir()) == [f"{path.name}.part", again.name], (
+        "and no journal"
+    )
 
 
 def test_smoke_tests_changed_and_explored_runs_do_not_speak(tmp_path):
@@ -186,7 +197,9 @@ DESIGN = Path(__file__).parents[2] / "DESIGN.md"
 @pytest.fixture
 def example(monkeypatch, tmp_path):
     """Return the page's experiment as a module, with its test."""
-    code, test = re.findall(r"```python\n(.*?)```", DESIGN.read_text(encoding="utf-8"), re.DOTALL)[:2]
+    code, test = re.findall(r"```python\n(.*?)```", DESIGN.read_text(encoding="utf-8"), re.DOTALL)[
+        :2
+    ]
     module = ModuleType("design_example")
     monkeypatch.setitem(sys.modules, module.__name__, module)
     (tmp_path / "example.py").write_text(code + test)

@@ -86,10 +86,15 @@ def test_every_field_has_a_widget_with_its_text_and_those_to_turn_stand_first():
     assert set(form.controls) == set(SET)
     assert form.controls["count"].tooltip == "A count."
     first, second, *_ = form.widget.children
-    assert [row.children[0] for row in (first, second)] == [form.controls["count"], form.controls["share"]]
+    assert [row.children[0] for row in (first, second)] == [
+        form.controls["count"],
+        form.controls["share"],
+    ]
 
 
-@pytest.mark.parametrize(("name", "given"), [("depths", "1, many"), ("depths", "1, 9000"), ("depths", "0")])
+@pytest.mark.parametrize(
+    ("name", "given"), [("depths", "1, many"), ("depths", "1, 9000"), ("depths", "0")]
+)
 def test_what_a_field_cannot_hold_is_said_and_changes_nothing(name, given):
     asked = []
     form = Form(Config(), [], lambda: asked.append(1))
@@ -111,7 +116,9 @@ def test_units_come_from_brackets_else_from_names():
 def test_what_cannot_be_turned_is_refused_by_name():
     with pytest.raises(InvalidValueError, match=r"field to turn: given 'colour', allowed: .*share"):
         Form(Config(), ["colour"])
-    with pytest.raises(InvalidValueError, match=r"transmission: look: given 'nothing', allowed: hello"):
+    with pytest.raises(
+        InvalidValueError, match=r"transmission: look: given 'nothing', allowed: hello"
+    ):
         explore(transmission.exp, "nothing")
 
 
@@ -146,7 +153,9 @@ def test_a_picture_of_the_set_up_names_every_host_and_process_and_what_is_sent(n
 
 
 @pytest.mark.live
-def test_a_figure_follows_only_the_newest_of_many_moves_and_what_is_kept_speaks_for_no_claim(project):
+def test_a_figure_follows_only_the_newest_of_many_moves_and_what_is_kept_speaks_for_no_claim(
+    project,
+):
     def claims() -> bytes:
         argv = [sys.executable, "-m", "sfglab", "claims", "--json"]
         return subprocess.run(argv, check=True, capture_output=True, cwd=project.root).stdout
@@ -179,12 +188,18 @@ def test_a_figure_follows_only_the_newest_of_many_moves_and_what_is_kept_speaks_
 
 async def test_a_look_that_cannot_be_drawn_is_said_and_the_next_one_is_drawn(monkeypatch):
     reports, exp = [], depth_codecs.exp
-    drawn = [KeyError("not in the table"), *(Figure(figsize=(1, 1)) for _ in range(2))]  # coarse, whole
+    drawn = [
+        KeyError("not in the table"),
+        *(Figure(figsize=(1, 1)) for _ in range(2)),
+    ]  # coarse, whole
     monkeypatch.setattr(workers_preview, "draw_look", Mock(side_effect=drawn))
     order = {"look": next(iter(exp.looks)), "config": to_json(exp.config("smoke"))}
     for number in range(2):
         await workers_preview._draw(exp, order | {"request": number}, reports.append, lambda: False)
-    assert [(report["is"], report["request"]) for report in reports] == [("refused", 0), *[("picture", 1)] * 2]
+    assert [(report["is"], report["request"]) for report in reports] == [
+        ("refused", 0),
+        *[("picture", 1)] * 2,
+    ]
     assert "not in the table" in reports[0]["why"]
 
 
@@ -201,11 +216,23 @@ OPTIMUM = {"rates_min_hz": (30.0,), "rates_hz": (100,), "weights": 2}
         ("depth_codecs", "codecs", {"frames": 1, "png_level": 1, "noise_mm": 5.0}, ()),
         ("balancing", "caches", STALE, ("loses 50%", "silence at most 2 s")),
         ("balancing", "optimum", OPTIMUM, ("CVXPY", "Rmax 100 Hz")),
-        ("cooperation", "hallway", FAST | {"methods": ("LC",)}, ("LC, Rmax 500 Hz", "success after")),
-        ("cooperation", "hallway", FAST | {"methods": ("none",)}, ("none, Rmax 500 Hz", "contact after")),
+        (
+            "cooperation",
+            "hallway",
+            FAST | {"methods": ("LC",)},
+            ("LC, Rmax 500 Hz", "success after"),
+        ),
+        (
+            "cooperation",
+            "hallway",
+            FAST | {"methods": ("none",)},
+            ("none, Rmax 500 Hz", "contact after"),
+        ),
     ],
 )
-async def test_a_look_is_drawn_as_turned_without_host_or_live_part(name, look, changes, said, monkeypatch):
+async def test_a_look_is_drawn_as_turned_without_host_or_live_part(
+    name, look, changes, said, monkeypatch
+):
     monkeypatch.setattr("sfglab.lab.experiment.Testbed", None)
     exp = experiment(name)
     async with preview(exp, look, exp.config(**{**exp.looks[look].start, **changes})) as run:

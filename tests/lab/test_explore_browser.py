@@ -69,15 +69,15 @@ VIEWER = """from sfglab.lab.explore.viewer import LogViewer
 LogViewer({log!r})"""
 STEP = "document.querySelector('.jp-OutputArea')?.innerText.includes('shown: step %d of')"
 ASKED = "performance.getEntriesByType('resource').map(e => new URL(e.name)).map(u => u.hostname || u.protocol)"
-PICTURE = (
-    "(() => { const i = document.querySelector('.jp-OutputArea img'); return i && i.naturalWidth && i.src; })()"
-)
+PICTURE = "(() => { const i = document.querySelector('.jp-OutputArea img'); return i && i.naturalWidth && i.src; })()"
 PART = """(() => { const part = document.querySelector('.jp-OutputArea [id="press:%s"]');
   if (!part) return null;
   part.scrollIntoView({block: 'center'});
   const box = part.getBoundingClientRect();
   return [box.x + box.width / 2, box.y + box.height / 2]; })()"""
-REDRAWN = "void (onpointerdown = e => (b => b && (b.innerHTML += ''))(e.target.closest('.sfglab-press')))"
+REDRAWN = (
+    "void (onpointerdown = e => (b => b && (b.innerHTML += ''))(e.target.closest('.sfglab-press')))"
+)
 LOOKS = "getComputedStyle(document.querySelector('.jp-OutputArea [id=\"press:%s\"] path')).fill"
 FRAME = "document.querySelector('.jp-OutputArea iframe')"
 INSIDE = """(() => {
@@ -100,12 +100,24 @@ def lab(tmp_path_factory):
     news = {"disabledExtensions": {"@jupyterlab/apputils-extension:announcements": True}}
     (settings / "page_config.json").write_text(json.dumps(news))
     port = free_port()
-    argv = [sys.executable, "-m", "jupyterlab", *OPTIONS, "--allow-root", f"--ServerApp.port={port}"]
+    argv = [
+        sys.executable,
+        "-m",
+        "jupyterlab",
+        *OPTIONS,
+        "--allow-root",
+        f"--ServerApp.port={port}",
+    ]
     argv += ["--ServerApp.disable_check_xsrf=True", "--KernelManager.transport=ipc"]
     (folder / "tmp").mkdir()
     for name in ("data", "figures"):
         (folder / name).symlink_to(find_project(Path(__file__)).root / name)
-    places = {"JUPYTER_CONFIG_DIR": "config", "IPYTHONDIR": "ipython", "SFGLAB_ROOT": "", "TMPDIR": "tmp"}
+    places = {
+        "JUPYTER_CONFIG_DIR": "config",
+        "IPYTHONDIR": "ipython",
+        "SFGLAB_ROOT": "",
+        "TMPDIR": "tmp",
+    }
     environment = os.environ | {name: str(folder / place) for name, place in places.items()}
     server = subprocess.Popen(argv, cwd=folder, env=environment, stderr=subprocess.DEVNULL)
     yield folder, f"http://127.0.0.1:{port}"
@@ -158,7 +170,9 @@ def test_a_figure_follows_the_sliders_that_a_reader_drags(run, browser):
         slide(browser, "loss", share)
         before = browser.wait_for(f"(s => s !== {before!r} && s)({PICTURE})", ANSWER_S)
     browser.press("Copy as code")
-    assert "loss=0.1" in browser.wait_for("document.querySelector('.jp-OutputArea textarea')?.value", ANSWER_S)
+    assert "loss=0.1" in browser.wait_for(
+        "document.querySelector('.jp-OutputArea textarea')?.value", ANSWER_S
+    )
 
 
 def test_parts_of_pictures_are_pressed_and_python_answers_or_refuses(run, browser):
@@ -170,17 +184,23 @@ def test_parts_of_pictures_are_pressed_and_python_answers_or_refuses(run, browse
         browser.click(*browser.still(PART % part, ANSWER_S))  # pictures above it are drawn anew
         browser.wait_for(answer, ANSWER_S)
     assert browser.evaluate(LOOKS % "a") != before["a"]
-    assert browser.evaluate("document.querySelector('.jp-OutputArea svg').ariaLabel").startswith("A figure to")
+    assert browser.evaluate("document.querySelector('.jp-OutputArea svg').ariaLabel").startswith(
+        "A figure to"
+    )
     assert browser.evaluate(LOOKS % "b") == before["b"]
 
 
-def test_the_viewer_is_scrubbed_without_a_mouse_and_asks_nothing_of_a_network(run, browser, pytestconfig):
+def test_the_viewer_is_scrubbed_without_a_mouse_and_asks_nothing_of_a_network(
+    run, browser, pytestconfig
+):
     run(VIEWER.format(log=str(pytestconfig.rootpath / "data/reference/mocap.mcap")))
     browser.wait_for(STEP % 0, ANSWER_S)
     browser.evaluate("document.querySelector('.jp-OutputArea .noUi-handle').focus()")
     for step in (1, 2):
         for kind in ("keyDown", "keyUp"):
-            browser.call("Input.dispatchKeyEvent", type=kind, key="ArrowRight", windowsVirtualKeyCode=39)
+            browser.call(
+                "Input.dispatchKeyEvent", type=kind, key="ArrowRight", windowsVirtualKeyCode=39
+            )
         browser.wait_for(STEP % step, ANSWER_S)
     assert set(browser.evaluate(ASKED)) <= {"127.0.0.1", "blob:"}
     browser.evaluate("void Object.defineProperty(window, 'isSecureContext', {value: false})")
@@ -195,7 +215,9 @@ def test_a_live_run_is_stopped_from_the_page_and_leaves_nothing(run, browser, la
     browser.wait_for(PICTURE, ANSWER_S)
     before, folders = descendants(), set((folder / "tmp").iterdir())
     browser.press("Run all")
-    wait_until(lambda: len(descendants() - before) > 3, ANSWER_S)  # the run's process, a camera, subscribers
+    wait_until(
+        lambda: len(descendants() - before) > 3, ANSWER_S
+    )  # the run's process, a camera, subscribers
     browser.press("Stop")
     browser.wait_for(SAYS % "stopped; nothing was kept", ANSWER_S)
     assert descendants() <= before
@@ -204,7 +226,11 @@ def test_a_live_run_is_stopped_from_the_page_and_leaves_nothing(run, browser, la
 
 
 def descendants():
-    return {child.pid for child in psutil.Process().children(recursive=True) if child.status() != "zombie"}
+    return {
+        child.pid
+        for child in psutil.Process().children(recursive=True)
+        if child.status() != "zombie"
+    }
 
 
 def test_a_waypoint_is_added_and_saved_in_the_scene_editors_cell(run, browser, lab):

@@ -64,7 +64,9 @@ def test_letters_of_figures_are_large_enough_where_a_page_is_as_wide(page, inche
         scale = min(1.0, inches / width_inches(svg))
         if round(scale * min(size for _, size, *_ in texts_of(svg)), 1) >= LEAST_PT:
             found.add(svg.stem)
-    assert found == LARGE_ENOUGH[page], "a figure that is mended is taken out of what is to be mended"
+    assert found == LARGE_ENOUGH[page], (
+        "a figure that is mended is taken out of what is to be mended"
+    )
 
 
 @pytest.mark.parametrize("svg", FIGURES, ids=lambda svg: svg.stem)
@@ -81,7 +83,11 @@ def test_no_words_of_a_figure_are_on_top_of_others_and_its_png_is_of_its_shape(s
 def luminance(rgb):
     """WCAG 2.1's relative luminance of a colour of three bytes."""
     part = np.asarray(rgb) / 255
-    return np.where(part <= 0.03928, part / 12.92, ((part + 0.055) / 1.055) ** 2.4) @ (0.2126, 0.7152, 0.0722)
+    return np.where(part <= 0.03928, part / 12.92, ((part + 0.055) / 1.055) ** 2.4) @ (
+        0.2126,
+        0.7152,
+        0.0722,
+    )
 
 
 @pytest.mark.parametrize("svg", FIGURES, ids=lambda svg: svg.stem)
@@ -93,11 +99,17 @@ def test_words_are_whole_and_stand_out_from_what_is_behind_them(svg):
         corners = box * per_point
         assert (corners > -_OVERLAP_PT).all(), f"cut: {text}"
         assert (corners < np.array(pixels.shape[1::-1]) + _OVERLAP_PT).all(), f"cut: {text}"
-        (left, top), (right, bottom) = np.clip(np.add(corners, [[-2], [2]]), 0, None).round().astype(int)
-        colors, counts = np.unique(pixels[top:bottom, left:right].reshape(-1, 3), axis=0, return_counts=True)
+        (left, top), (right, bottom) = (
+            np.clip(np.add(corners, [[-2], [2]]), 0, None).round().astype(int)
+        )
+        colors, counts = np.unique(
+            pixels[top:bottom, left:right].reshape(-1, 3), axis=0, return_counts=True
+        )
         ink, behind = luminance(list(bytes.fromhex(color[1:]))), luminance(colors[counts.argmax()])
         ratio = (max(ink, behind) + 0.05) / (min(ink, behind) + 0.05)
-        assert ratio >= LEAST_CONTRAST, f"{text}: {color} on {colors[counts.argmax()]}, {ratio:.1f} to 1"
+        assert ratio >= LEAST_CONTRAST, (
+            f"{text}: {color} on {colors[counts.argmax()]}, {ratio:.1f} to 1"
+        )
 
 
 def test_a_picture_is_the_same_where_a_processor_rounds_a_last_digit_otherwise(tmp_path):

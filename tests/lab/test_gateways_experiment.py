@@ -21,20 +21,32 @@ def test_a_core_that_does_not_claim_fails_the_claim(tmp_path, monkeypatch):
 def test_a_port_that_stores_all_that_hardware_sends_needs_no_claim(tmp_path):
     run = ran(exp, tmp_path / "a.mcap", bounds=(Bound(), Bound(port_messages=4)))
     assert list(run["unclaimed"]["violation"] == "") == [False, True]
-    assert "1 of 2 bounds are violated (deadlock: " in exp.measure(run)["C-FSM"].details["beyond the text"]
+    assert (
+        "1 of 2 bounds are violated (deadlock: "
+        in exp.measure(run)["C-FSM"].details["beyond the text"]
+    )
 
 
 def test_the_table_without_the_claim_differs_from_the_core_s_in_nothing_else():
     table = unclaimed(TABLE)
     claims = {state for state, row in TABLE.items() if row.drive is Drive.CLAIM_HMT}
-    changed = {(s, i) for s, row in TABLE.items() for i, move in row.moves.items() if table[s].moves[i] != move}
-    assert changed == {(s, i) for s, row in TABLE.items() for i, move in row.moves.items() if move.to in claims}
+    changed = {
+        (s, i)
+        for s, row in TABLE.items()
+        for i, move in row.moves.items()
+        if table[s].moves[i] != move
+    }
+    assert changed == {
+        (s, i) for s, row in TABLE.items() for i, move in row.moves.items() if move.to in claims
+    }
     assert not claims & explore(Bound(), table).visited
 
 
 def test_a_log_of_before_is_read_and_says_nothing_of_it(tmp_path, monkeypatch):
     write = Bench.write
-    monkeypatch.setattr(Bench, "write", lambda *a, **k: None if a[1] == "unclaimed" else write(*a, **k))
+    monkeypatch.setattr(
+        Bench, "write", lambda *a, **k: None if a[1] == "unclaimed" else write(*a, **k)
+    )
     measured = exp.measure(ran(exp, tmp_path / "a.mcap"))["C-FSM"]
     assert measured.estimate.value == 1
     assert "beyond the text" not in measured.details

@@ -92,8 +92,12 @@ def test_datagrams_reach_the_other_host_and_nobody_elses_loopback_nor_the_outsid
         assert say(edge, CLIENT, station.address, 30, 1, 1472, 20000) == ["1", "1472", "20000"]
         assert say(edge, CLIENT, "127.0.0.1", 30, 3) == ["3"]
         assert say(station, CLIENT, "127.0.0.1", 5, 3) == ["ECONNREFUSED"]
-        assert say(station, CLIENT, edge.address, 5, 3) == ["ECONNREFUSED"], "it listens on its loopback only"
-        outside = subprocess.run([*PYTHON, CLIENT, "127.0.0.1", "1", "3"], stdout=subprocess.PIPE, check=True)
+        assert say(station, CLIENT, edge.address, 5, 3) == ["ECONNREFUSED"], (
+            "it listens on its loopback only"
+        )
+        outside = subprocess.run(
+            [*PYTHON, CLIENT, "127.0.0.1", "1", "3"], stdout=subprocess.PIPE, check=True
+        )
         assert outside.stdout != b"3\n"
     assert say(edge, CLIENT, "192.0.2.1", 5, 3) == ["ENETUNREACH"], "there is no way out"
 
@@ -113,7 +117,9 @@ def test_interface_counters_equal_the_bytes_sent():
     for rx, tx, _, _ in busy:
         assert wire <= rx <= wire + 2 * arp
         assert wire <= tx <= wire + 2 * arp
-    assert quiet == [0, 0, 0, 0], "what is sent to one host does not reach a third, and hosts are silent"
+    assert quiet == [0, 0, 0, 0], (
+        "what is sent to one host does not reach a third, and hosts are silent"
+    )
 
 
 def test_tcp_goes_over_the_wire_in_frames_of_the_network(edge, station):
@@ -142,15 +148,23 @@ def test_two_networks_at_once_do_not_meet(network, edge):
     assert say(edge, CLIENT, "127.0.0.1", 5, 3) == ["ECONNREFUSED"], "the first network lives on"
 
 
-def test_a_started_process_is_the_command_itself_with_default_signals_and_no_stray_descriptors(edge):
+def test_a_started_process_is_the_command_itself_with_default_signals_and_no_stray_descriptors(
+    edge,
+):
     code = "import os; print(os.getpid(), os.environ['COLOUR'])"
-    with edge.popen([*PYTHON, code], env={"COLOUR": "green"}, stdout=subprocess.PIPE, text=True) as process:
+    with edge.popen(
+        [*PYTHON, code], env={"COLOUR": "green"}, stdout=subprocess.PIPE, text=True
+    ) as process:
         assert process.stdout.read().split() == [str(process.pid), "green"]
     # Python ignores these two for itself; what our own caller ignores is inherited, as it should be.
-    ignored = int(edge.run(["grep", "SigIgn", "/proc/self/status"], TIMEOUT_S).stdout.split()[1], 16)
+    ignored = int(
+        edge.run(["grep", "SigIgn", "/proc/self/status"], TIMEOUT_S).stdout.split()[1], 16
+    )
     for number in (signal.SIGPIPE, signal.SIGXFSZ):
         assert not ignored >> (number - 1) & 1, "a pipeline in a shell relies on SIGPIPE"
-    assert len(edge.run(["ls", "/proc/self/fd"], TIMEOUT_S).stdout.split()) == 4, "0, 1, 2 and the listing"
+    assert len(edge.run(["ls", "/proc/self/fd"], TIMEOUT_S).stdout.split()) == 4, (
+        "0, 1, 2 and the listing"
+    )
 
 
 def test_a_command_that_cannot_run_is_said_so_and_one_that_takes_too_long_ends(edge):
@@ -186,7 +200,9 @@ def test_a_closed_network_starts_nothing_and_a_lost_hub_takes_the_hosts_along():
 
 
 def test_a_kernel_that_cannot_shape_gets_one_clear_error(network, monkeypatch):
-    monkeypatch.setattr(network._running, "_receive", lambda: (_ for _ in ()).throw(PermissionError("no tbf")))
+    monkeypatch.setattr(
+        network._running, "_receive", lambda: (_ for _ in ()).throw(PermissionError("no tbf"))
+    )
     with pytest.raises(LinkControlError, match=r"'edge'.*no tbf.*sch_tbf"):
         network.set_link("edge", rate_bps=1e6)
 
@@ -221,7 +237,10 @@ print("closed", server.returncode)
 
 def test_an_ordinary_user_gets_hosts_without_root():
     user = {"user": NOBODY, "group": NOBODY, "extra_groups": []} if os.getuid() == 0 else {}
-    environment = {"PATH": os.environ["PATH"], "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+    environment = {
+        "PATH": os.environ["PATH"],
+        "PYTHONPATH": os.pathsep.join(filter(None, sys.path)),
+    }
     told = {"capture_output": True, "text": True, "check": False}
     run = partial(subprocess.run, cwd="/", env=environment, timeout=TIMEOUT_S, **told, **user)
     python, probe = interpreter(run), run(["unshare", "-Urn", "true"])

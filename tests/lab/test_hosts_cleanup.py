@@ -164,7 +164,9 @@ print("closed", flush=True)
 os.killpg(0, signal.SIGKILL)
 """
     command = [sys.executable, "-c", code]
-    done = subprocess.run(command, capture_output=True, timeout=TIMEOUT_S, start_new_session=True, check=False)
+    done = subprocess.run(
+        command, capture_output=True, timeout=TIMEOUT_S, start_new_session=True, check=False
+    )
     assert done.stdout == b"closed\n"
 
 

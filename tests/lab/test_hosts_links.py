@@ -88,7 +88,9 @@ def send(network, target, count):
 def received(network, names, target, count):
     """Send datagrams from the robot; return how many each host got, and how long it took."""
     command = [*PYTHON, RECEIVE, str(count)]
-    receivers = [network.hosts[name].popen(command, stdout=subprocess.PIPE, text=True) for name in names]
+    receivers = [
+        network.hosts[name].popen(command, stdout=subprocess.PIPE, text=True) for name in names
+    ]
     try:
         assert [r.stdout.readline() for r in receivers] == ["ready\n"] * len(names)
         start_s = time.perf_counter()
@@ -258,7 +260,9 @@ def test_the_radio_delivers_each_frame_when_the_model_does(shared, rates, far, *
     )  # fmt: skip
     outcome = run(Scenario(flows=flows, medium=medium, duration_s=0.5, drain_s=5.0), seed=1)
     offers, expected = [], {}
-    hosts = {"h0": 0, "sink": 1} | {f"h{i}": i + 1 for i in range(1, len(rates))}  # in the model's order
+    hosts = {"h0": 0, "sink": 1} | {
+        f"h{i}": i + 1 for i in range(1, len(rates))
+    }  # in the model's order
     for i, flow in enumerate(flows):
         fate = outcome.flows[flow.name]
         for k, t_ns in enumerate(fate.published_ns):
@@ -276,7 +280,9 @@ def test_chance_lets_every_host_through_a_full_access_point_where_turns_let_one(
     """As in the model: tests/rtps/test_publication_modes.py."""
     medium = Medium(access_point=True, queue_frames=50, random_turns=random_turns, loss=0.0)
     air: Air = Air(["h0", "h1", "h2", "sink"], medium, chance=Random(1))
-    offers = [(500_000 * k + host, host, host, MODEL_BYTES + 24) for k in range(6000) for host in range(3)]
+    offers = [
+        (500_000 * k + host, host, host, MODEL_BYTES + 24) for k in range(6000) for host in range(3)
+    ]
     arrived = [host for host, due_ns in arrivals_of(air, offers) if due_ns < 3e9]
     assert (min(map(arrived.count, range(3))) > 0.1 * len(arrived)) is random_turns
 
@@ -285,9 +291,16 @@ def test_a_late_look_lowers_no_rate_a_full_queue_drops_the_last_and_a_change_kee
     air: Air = Air(["h0"], Medium(rate_bps=8e6, overhead_s=0.0, contention=0.0))
     for k in range(10):
         air.offer(0, k, size_bytes=1000, now_ns=0)
-    assert [sent.due_ns for sent in air.advance(10_000_000)] == [1_000_000 * (k + 1) for k in range(10)]
+    assert [sent.due_ns for sent in air.advance(10_000_000)] == [
+        1_000_000 * (k + 1) for k in range(10)
+    ]
     air: Air = Air(["h0"], Medium(queue_frames=2))
-    assert [air.offer(0, k, size_bytes=100, now_ns=0) for k in range(4)] == [True, True, True, False]
+    assert [air.offer(0, k, size_bytes=100, now_ns=0) for k in range(4)] == [
+        True,
+        True,
+        True,
+        False,
+    ]
     assert air.use[0].queue_full == 1
     air: Air = Air(["h0", "h1"], Medium(queue_frames=5))
     for k in range(3):
@@ -300,7 +313,10 @@ def test_a_radio_that_did_not_keep_up_says_so():
     assert RadioCounters(delivered=1000, late=10).kept_up
     assert not RadioCounters(delivered=1000, late=11).kept_up
     assert not RadioCounters(delivered=1000, overrun=1).kept_up
-    assert "11 of them more than 2 ms late" in RadioCounters(delivered=9, late=11, late_after_s=2e-3).said()
+    assert (
+        "11 of them more than 2 ms late"
+        in RadioCounters(delivered=9, late=11, late_after_s=2e-3).said()
+    )
 
 
 # --- The radio, live ------------------------------------------------------------------------------------------
@@ -333,7 +349,9 @@ def test_a_group_is_sent_once_and_each_receiver_loses_by_itself(network, quiet):
     network.set_radio(Medium(rate_bps=1e9, overhead_s=0.0, loss=0.2, queue_frames=3000), seed=4)
     counts, _ = received(network, ["station", "bystander"], "239.1.2.3", 2000)
     counters = network.radio_counters()
-    assert 2000 <= counters.hosts["robot"].frames <= 2010, "the datagrams, and the group's management"
+    assert 2000 <= counters.hosts["robot"].frames <= 2010, (
+        "the datagrams, and the group's management"
+    )
     bound = 5 * math.sqrt(2000 * 0.2 * 0.8)
     assert np.allclose(counts, 1600, atol=bound)
     assert counts[0] != counts[1], "losses are drawn for each receiver"

@@ -48,16 +48,22 @@ def test_every_figure_has_a_sentence_that_says_what_it_shows(name):
 def test_pictures_carry_their_text_into_the_notebook(tmp_path):
     _, metadata = notebook.picture(reference(experiment("naming")), "naming_schema")._repr_png_()
     assert metadata == {"alt": experiment("naming").caption("naming_schema")}
-    output = nbformat.v4.new_output("display_data", {"image/png": ""}, metadata={"image/png": metadata, "x": 1})
+    output = nbformat.v4.new_output(
+        "display_data", {"image/png": ""}, metadata={"image/png": metadata, "x": 1}
+    )
     made = nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell("a", outputs=[output])])
-    assert normalise(made, Project(root=tmp_path)).cells[0].outputs[0].metadata == {"image/png": metadata}
+    assert normalise(made, Project(root=tmp_path)).cells[0].outputs[0].metadata == {
+        "image/png": metadata
+    }
 
 
 def test_pictures_on_the_repositorys_pages_have_their_figures_texts():
     captions = {d: exp.caption(d) for exp in map(experiment, EXPERIMENTS) for d in exp.drawings}
     captions["summary"] = summary.CAPTION
     for page in ("README.md", "DESIGN.md"):
-        for text, name in re.findall(r"!\[(.*?)\]\(figures/(\w+)\.png\)", (PROJECT.root / page).read_text()):
+        for text, name in re.findall(
+            r"!\[(.*?)\]\(figures/(\w+)\.png\)", (PROJECT.root / page).read_text()
+        ):
             assert text == captions[name]
 
 
@@ -77,7 +83,10 @@ def test_every_claim_is_answered_by_the_experiment_that_the_ledger_names():
 
 
 def test_every_committed_figure_of_an_experiment_is_declared_by_it():
-    twins = [json.loads(path.read_text()) | {"stem": path.stem} for path in PROJECT.figures.glob("*.json")]
+    twins = [
+        json.loads(path.read_text()) | {"stem": path.stem}
+        for path in PROJECT.figures.glob("*.json")
+    ]
     committed = {(twin["experiment"], twin["stem"]) for twin in twins if twin["stem"] != "summary"}
     declared = {(name, drawing) for name in EXPERIMENTS for drawing in experiment(name).drawings}
     assert committed == declared

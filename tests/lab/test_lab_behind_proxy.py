@@ -60,15 +60,30 @@ def address(tmp_path):
         (project / file).parent.mkdir(exist_ok=True)
         shutil.copy(ROOT / file, project / file)
     write_notebook(project / "cell.ipynb", CELL)
-    environment = os.environ | {"SFGLAB_ROOT": str(project), "HOME": str(tmp_path), "PYTHONPATH": str(ROOT)}
+    environment = os.environ | {
+        "SFGLAB_ROOT": str(project),
+        "HOME": str(tmp_path),
+        "PYTHONPATH": str(ROOT),
+    }
     with Network() as network, socket.create_server(("127.0.0.1", 0)) as listener:
         server, proxy = network.add_host("server"), network.add_host("proxy")
-        options = [f"--ServerApp.{one}" for one in (f"ip={server.address}", f"port={PORT}", f"base_url={BASE}")]
+        options = [
+            f"--ServerApp.{one}"
+            for one in (f"ip={server.address}", f"port={PORT}", f"base_url={BASE}")
+        ]
         argv = [sys.executable, "-m", "sfglab", "lab", "--", *OPTIONS, *options]
         lab = server.popen(argv, env=environment, cwd=project, stderr=subprocess.PIPE, text=True)
         lines = iter(lab.stderr.readline, "")
         assert any("is running at" in line for line in lines), "JupyterLab does not serve"
-        argv = [sys.executable, "-c", PROXY, str(listener.fileno()), server.address, str(PORT), BASE]
+        argv = [
+            sys.executable,
+            "-c",
+            PROXY,
+            str(listener.fileno()),
+            server.address,
+            str(PORT),
+            BASE,
+        ]
         passing = proxy.popen(argv, pass_fds=[listener.fileno()], stdout=subprocess.PIPE, text=True)
         port = listener.getsockname()[1]
         yield f"http://127.0.0.1:{port}{BASE}"
@@ -89,6 +104,8 @@ def test_index_widgets_and_editor_work_below_a_path_on_another_host(address):
         browser.open(f"{address}lab/tree/cell.ipynb?reset")
         run_all(browser)
         browser.wait_for(CANVAS, ANSWER_S)
-        browser.wait_for(SHOWN, ANSWER_S)  # through the kernel's connection: its loopback is another host's
+        browser.wait_for(
+            SHOWN, ANSWER_S
+        )  # through the kernel's connection: its loopback is another host's
         said = browser.evaluate("document.querySelector('.jp-OutputArea').innerText")
     assert "naming: " in said

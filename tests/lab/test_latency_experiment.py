@@ -17,7 +17,14 @@ REPEATS, STRANGER = 4, 10**6
 
 
 def looked(look, repeat, path, ordered_ns):
-    row = {"look": look, "repeat": repeat, "path": path, "phase": 0.5, "pictures": 6, "ordered_ns": ordered_ns}
+    row = {
+        "look": look,
+        "repeat": repeat,
+        "path": path,
+        "phase": 0.5,
+        "pictures": 6,
+        "ordered_ns": ordered_ns,
+    }
     replayed = 15 if path in ("decoder", "agent") else 0
     first_ns = ordered_ns + (FIRST_MS[path] + 10 * repeat) * MS
     return {**row, "first_ns": first_ns, "replay_packets": replayed}
@@ -70,7 +77,10 @@ def judged(run):
 
 def test_the_papers_way_and_ours_are_claims_of_their_own(made):
     entries = judged(made)
-    found = {name: (entry.measured.estimate.value, entry.verdict.value) for name, entry in entries.items()}
+    found = {
+        name: (entry.measured.estimate.value, entry.verdict.value)
+        for name, entry in entries.items()
+    }
     assert found == {
         "A-G2G": (pytest.approx(4), "deviates"),
         "A-G2G-OURS": (pytest.approx(3), "deviates"),
@@ -101,7 +111,9 @@ def test_every_repetition_asks_all_paths_at_one_phase_and_phases_cover_the_group
     orders = set()
     for repeat in range(10):
         asked = [look for look in looks if look.repeat == repeat]
-        assert {look.path for look in asked} == set(PATHS) - ({"on_demand"} if repeat % 2 else set())
+        assert {look.path for look in asked} == set(PATHS) - (
+            {"on_demand"} if repeat % 2 else set()
+        )
         assert len({look.phase for look in asked}) == 1
         orders.add(tuple(look.path for look in asked))
     assert len(orders) > 1

@@ -47,11 +47,15 @@ def touch(path: Path) -> Path:
 
 def finished(path: Path, profile: str, **other) -> Path:
     with LogWriter(path) as log:
-        log.write_metadata(COMPLETION, {"profile": profile, "changed": [], "explored": False, **other})
+        log.write_metadata(
+            COMPLETION, {"profile": profile, "changed": [], "explored": False, **other}
+        )
     return path
 
 
-def test_the_log_that_counts_is_the_asked_profile_else_the_newest_that_speaks_else_the_reference(project):
+def test_the_log_that_counts_is_the_asked_profile_else_the_newest_that_speaks_else_the_reference(
+    project,
+):
     folder = project.runs / "logs" / "naming"
     assert find_log(project, "naming") is None
     reference = finished(project.reference_logs / "naming.mcap", "quick")
@@ -77,7 +81,9 @@ def test_new_logs_never_meet(project):
     assert new_log(project, "naming", "quick") != first
 
 
-def test_figures_and_verdicts_come_from_logs_alone_and_an_unreadable_one_costs_its_own_claims(project, caplog):
+def test_figures_and_verdicts_come_from_logs_alone_and_an_unreadable_one_costs_its_own_claims(
+    project, caplog
+):
     path = new_log(project, "naming", "quick")
     log = asyncio.run(exp.run("quick", path=path)).log
     broken = touch(project.reference_logs / "decode_once.mcap")
@@ -89,10 +95,15 @@ def test_figures_and_verdicts_come_from_logs_alone_and_an_unreadable_one_costs_i
     assert entries["A-FQN"].log == project.relative(log)
     assert entries["A-CPU-SFG"].verdict is Verdict.NOT_YET
     assert redraw_figures(project) == {}, "a run replaces no figure of the repository"
-    assert [each.log for each in history(project) if each.measured] == [f"{project.relative(log)}: speaks"]
+    assert [each.log for each in history(project) if each.measured] == [
+        f"{project.relative(log)}: speaks"
+    ]
     shutil.copy(log, project.reference_logs / "naming.mcap")
     log.unlink()
-    assert keep_figures(project, "naming", project.reference_logs / "naming.mcap").name == "naming_1.json"
+    assert (
+        keep_figures(project, "naming", project.reference_logs / "naming.mcap").name
+        == "naming_1.json"
+    )
     [joined] = [each for each in compute_ledger(project) if each.runs]
     assert (joined.claim.id, len(joined.runs), joined.verdict) == ("A-FQN", 2, Verdict.REPRODUCED)
     logs = [each.log for each in history(project) if each.measured]
@@ -107,7 +118,10 @@ def test_figures_and_verdicts_come_from_logs_alone_and_an_unreadable_one_costs_i
 
 def test_every_claim_has_its_words_criterion_the_commit_of_its_last_change_and_figures(project):
     assert {entry.since for entry in compute_ledger(project)} == {""}, "no git here"
-    for name, values in (("figures/x.json", {"experiment": "naming"}), ("data/mutants.json", SCORE)):
+    for name, values in (
+        ("figures/x.json", {"experiment": "naming"}),
+        ("data/mutants.json", SCORE),
+    ):
         touch(project.root / name).write_text(json.dumps(values))
     for words in (["init", "-q"], ["add", "data"], ["commit", "-qm", "x"]):
         who = ["-c", "user.name=x", "-c", "user.email=x"]
@@ -118,7 +132,12 @@ def test_every_claim_has_its_words_criterion_the_commit_of_its_last_change_and_f
     assert changed == dict.fromkeys(changed, "commit  or earlier") | {"C-DRIVE": "not committed"}
     page = make_claims_page(ledger)._repr_html_()
     assert page.count("</td></tr>") == len(ledger)
-    words = "effectively improves latency", "arrive, live: 0.95 to 1", 'href="../figures/x.png"', ">3 of 20<"
+    words = (
+        "effectively improves latency",
+        "arrive, live: 0.95 to 1",
+        'href="../figures/x.png"',
+        ">3 of 20<",
+    )
     assert [said for said in words if said not in page] == []
     assert "figures: x" in render_in_full(ledger)
 
@@ -127,7 +146,9 @@ def claims_by(package: Path, root: Path) -> dict:
     """Return the ledger as the command prints it, by a package that lies elsewhere."""
     environment = os.environ | {"PYTHONPATH": str(package), "SFGLAB_ROOT": str(root)}
     command = [sys.executable, "-P", "-m", "sfglab", "claims", "--json"]
-    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True, timeout=60)
+    done = subprocess.run(
+        command, env=environment, capture_output=True, text=True, check=True, timeout=60
+    )
     return {entry["id"]: entry for entry in json.loads(done.stdout)}
 
 
@@ -145,7 +166,10 @@ def test_kept_findings_follow_log_claims_and_source_and_a_broken_file_is_as_none
     assert first["verdict"] == "reproduced"
     assert "cores" in first["origin"]
     kept = json.loads(file.read_text())
-    empty, others = Findings(measured={}, origin=""), {"key": kept["key"], "sum": "", "findings": "{}"}
+    empty, others = (
+        Findings(measured={}, origin=""),
+        {"key": kept["key"], "sum": "", "findings": "{}"},
+    )
     of = kept_findings(project).of
     assert list(of(log, lambda: 1 / 0).measured) == ["A-FQN"], "it is read: the package is the same"
     for broken in (file.read_text()[:50], "[]", json.dumps(others)):
@@ -153,10 +177,14 @@ def test_kept_findings_follow_log_claims_and_source_and_a_broken_file_is_as_none
         assert of(log, lambda: empty) is empty
     replace(project.claims, "unit: share of names that hold", "unit: share of all names that hold")
     assert claims_by(tmp_path, tmp_path)["A-FQN"]["unit"] == "share of all names that hold"
-    replace(project.claims, "band: [1, 1]\n  experiment: naming", "band: [2, 2]\n  experiment: naming")
+    replace(
+        project.claims, "band: [1, 1]\n  experiment: naming", "band: [2, 2]\n  experiment: naming"
+    )
     assert claims_by(tmp_path, tmp_path)["A-FQN"]["verdict"] == "deviates"
     naming = tmp_path / "sfglab" / "lab" / "experiments" / "naming.py"
-    naming.write_text(naming.read_text() + "\nexp._claims['A-FQN'] = (lambda run: None, How.EXACT)\n")
+    naming.write_text(
+        naming.read_text() + "\nexp._claims['A-FQN'] = (lambda run: None, How.EXACT)\n"
+    )
     assert claims_by(tmp_path, tmp_path)["A-FQN"]["verdict"] == "not yet"
     log.write_bytes(b"no log")
     assert claims_by(tmp_path, tmp_path)["A-FQN"]["verdict"] == "not yet"

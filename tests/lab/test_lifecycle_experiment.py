@@ -24,7 +24,9 @@ def move(before, given, after, actions, at_s):
 def told(tmp_path):
     """Give a function that returns a run as its log would: an agent whose heartbeats are as they should be."""
 
-    def make(*moves, queries=(), scale=1.0, topic="/global/agent_heartbeat", late_s=12.1, profile="quick"):
+    def make(
+        *moves, queries=(), scale=1.0, topic="/global/agent_heartbeat", late_s=12.1, profile="quick"
+    ):
         def beat(listener, sent_s, received_s):
             steady = sent_s >= 5
             return {
@@ -34,15 +36,20 @@ def told(tmp_path):
                 "phase": int(steady),
                 "period_s": (5.0 if steady else 1.0) * scale,
                 "sent_ns": START_NS + round(sent_s * scale * S),
-                "received_ns": START_NS + round(received_s * (1 if listener == "late" else scale) * S),
+                "received_ns": START_NS
+                + round(received_s * (1 if listener == "late" else scale) * S),
             }
 
         service = {"service": "/global/go2/get_metadata", "answered": True, "incarnation": 7}
         offered = {"reliability": "reliable", "durability": "transient_local"}
         tables = {
             "beat": [*(beat("first", s, s) for s in INSTANTS), beat("late", 10, late_s)],
-            "join": [{"listener": n, "t_ns": START_NS + t * S} for n, t in (("first", 0), ("late", 12))],
-            "endpoint": [{"topic": topic, "type": "sfglab_interfaces/msg/AgentHeartbeat", **offered}],
+            "join": [
+                {"listener": n, "t_ns": START_NS + t * S} for n, t in (("first", 0), ("late", 12))
+            ],
+            "endpoint": [
+                {"topic": topic, "type": "sfglab_interfaces/msg/AgentHeartbeat", **offered}
+            ],
             "answer": [{"agent": "go2", **service}],
             "move": [move("UNKNOWN", "HEARD", "QUERYING", "QUERY", 1.0), *moves],
             "query": [{"agent": "go2", "t_ns": START_NS + round(t * S)} for t in queries],
@@ -59,7 +66,10 @@ def told(tmp_path):
         ({"scale": 1.1}, ["median startup period", "median steady period"]),
         (
             {"late_s": 15.0, "topic": "/global/heartbeat"},
-            ["one publisher per agent on the paper's topic, latched", "heard at once by who joins late"],
+            [
+                "one publisher per agent on the paper's topic, latched",
+                "heard at once by who joins late",
+            ],
         ),
     ],
 )
@@ -123,7 +133,11 @@ def test_a_query_beyond_the_outstanding_one_is_found(told, arrivals, doubled):
 
 
 def test_profiles_keep_the_papers_periods_except_the_shortest():
-    assert [exp.config(p).at_paper_periods for p in ("smoke", "quick", "paper")] == [False, True, True]
+    assert [exp.config(p).at_paper_periods for p in ("smoke", "quick", "paper")] == [
+        False,
+        True,
+        True,
+    ]
     assert exp.config("paper").schedule == Schedule(), "with the full start-up phase"
 
 
@@ -137,4 +151,6 @@ def test_the_reference_run_took_every_transition_and_dropped_what_is_no_agent():
     gate = counts[counts["discoverer"] == "gate"].set_index("name")["count"]
     assert (gate[["dropped_malformed", "dropped_spoofed", "dropped_own", "evicted"]] > 0).all()
     assert gate["dropped_flood"] > 100
-    assert "walker" in {entry.message.agent for entry in run.messages("/local/station/agent_discovery_event")}
+    assert "walker" in {
+        entry.message.agent for entry in run.messages("/local/station/agent_discovery_event")
+    }

@@ -51,7 +51,10 @@ def used(own_ns, parent=0, reaped_ns=0, started_ns=0):
 FAMILY = {1: used(10), 2: used(20, parent=1), 3: used(30, parent=2)}
 
 LEDGERS = {
-    "a sum starts at zero": ([{1: used(700, reaped_ns=500)}, {1: used(900, reaped_ns=560)}], [0, 260]),
+    "a sum starts at zero": (
+        [{1: used(700, reaped_ns=500)}, {1: used(900, reaped_ns=560)}],
+        [0, 260],
+    ),
     "an old process that joins counts from when it was first seen": (
         [{1: used(0)}, {1: used(0)}, {1: used(0), 2: used(900)}, {1: used(0), 2: used(950)}],
         [0, 0, 0, 50],
@@ -64,9 +67,16 @@ LEDGERS = {
         [{pid: used(0, stat.parent) for pid, stat in FAMILY.items()}, FAMILY, {}],
         [0, 60, 60],
     ),
-    "a reused pid is another process": ([{1: used(0)}, {1: used(50)}, {1: used(7, started_ns=2)}], [0, 50, 57]),
+    "a reused pid is another process": (
+        [{1: used(0)}, {1: used(50)}, {1: used(7, started_ns=2)}],
+        [0, 50, 57],
+    ),
     "a sum never falls when ticks round down": (
-        [{1: used(0), 2: used(0, 1)}, {1: used(0, reaped_ns=40), 2: used(19, 1)}, {1: used(0, reaped_ns=50)}],
+        [
+            {1: used(0), 2: used(0, 1)},
+            {1: used(0, reaped_ns=40), 2: used(19, 1)},
+            {1: used(0, reaped_ns=50)},
+        ],
         [0, 59, 59],
     ),
 }
@@ -91,7 +101,9 @@ def test_the_ledger_is_exact_for_any_tree_whose_parents_wait(data):
         return ledger.update(readings, clock_ns=clock)
 
     assert sample() == 0
-    for action in data.draw(st.lists(st.sampled_from(["fork", "work", "end", "sample"]), max_size=60)):
+    for action in data.draw(
+        st.lists(st.sampled_from(["fork", "work", "end", "sample"]), max_size=60)
+    ):
         clock += 1
         pid = data.draw(st.sampled_from(sorted(parents)))
         if action == "fork":
@@ -139,14 +151,18 @@ async def test_a_busy_process_shows_in_its_row_and_not_in_the_machines(burner):
     assert [row.label for row in rows] == ["busy", "busy"]
     assert 0.39 <= sum(row.window_s for row in rows) <= elapsed_s
     assert sum(row.cpu_percent / 100 * row.window_s for row in rows) <= elapsed_s
-    for row in (one for one in rows if one.window_s > 0.05):  # the last is shorter where one before was late
+    for row in (
+        one for one in rows if one.window_s > 0.05
+    ):  # the last is shorter where one before was late
         assert row.cpu_percent > 0, "other processes of this machine may take the rest"
         assert 0 <= row.machine_cpu_percent <= 100 * os.cpu_count()
         assert row.rx_bps is None
 
 
 @pytest.mark.live
-def test_a_known_cpu_time_is_measured_and_below_two_labels_taken_from_the_machines_load_once(burner):
+def test_a_known_cpu_time_is_measured_and_below_two_labels_taken_from_the_machines_load_once(
+    burner,
+):
     window = Window(cpu={"all": [os.getpid()], "burner": [burner.pid]}, interfaces={})
     window.sample(0)
     used_s = float(burn(burner, 0.2))
@@ -257,7 +273,9 @@ def test_rates_come_from_two_readings_and_a_counter_that_fell_was_started_anew()
 
 
 def test_a_label_may_have_processes_and_an_interface():
-    window = Window(cpu={"edge": [os.getpid()]}, interfaces={"edge": Counter((0,) * 4, (8, 0, 1, 0))})
+    window = Window(
+        cpu={"edge": [os.getpid()]}, interfaces={"edge": Counter((0,) * 4, (8, 0, 1, 0))}
+    )
     window.sample(0)
     (row,) = window.sample(1_000_000_000)
     assert row.rx_bps == 64

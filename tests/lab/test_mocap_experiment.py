@@ -15,9 +15,16 @@ from sfglab.spatial.mocap.bridge import mocap_trees
 
 JOINED = mocap_trees(*trees.figure_6(), trees.captures_of([Pose()]))
 EDGES = [{"way": way, **asdict(edge)} for way in trees.WAYS for edge in getattr(JOINED, way).edges]
-LOOK = dict.fromkeys(exp.tables["look"].__dataclass_fields__.keys() - {"round"}, 15.0) | {"error_mm": 1.0}
+LOOK = dict.fromkeys(exp.tables["look"].__dataclass_fields__.keys() - {"round"}, 15.0) | {
+    "error_mm": 1.0
+}
 TRIES = {"proxy": {"found": 4}, "direct": {"E": 4}, "renamed": {"E": 4}}
-PERFECT = {"looks": [LOOK] * 4, "tries": TRIES, "heard": [(10_000_000, 17_000_000, 18_000_000)], "edges": EDGES}
+PERFECT = {
+    "looks": [LOOK] * 4,
+    "tries": TRIES,
+    "heard": [(10_000_000, 17_000_000, 18_000_000)],
+    "edges": EDGES,
+}
 
 
 @pytest.fixture
@@ -25,8 +32,14 @@ def made(tmp_path):
     """Give a function that returns a run as its log would give it, from what a perfect live round reports."""
 
     def make(*, fault=1, **changed):
-        reports = {"listener": PERFECT | changed, "bridge": {"receipts": [(10_000_000, 16_000_000, True)]}}
-        offset = dict.fromkeys(exp.tables["offset"].__dataclass_fields__, 1.0) | {"covered": 6, "pairs": 9}
+        reports = {
+            "listener": PERFECT | changed,
+            "bridge": {"receipts": [(10_000_000, 16_000_000, True)]},
+        }
+        offset = dict.fromkeys(exp.tables["offset"].__dataclass_fields__, 1.0) | {
+            "covered": 6,
+            "pairs": 9,
+        }
         tables = {
             "edge": [{"where": "figure 6", **edge} for edge in EDGES],
             "check": [
@@ -55,19 +68,31 @@ def test_a_perfect_run_holds_everywhere_and_the_claim_is_one(made):
 
 def edges(way, child, change, *, static=None):
     """Return all edges, those of one frame changed, or without them."""
-    chosen = [(e["way"], e["child"]) == (way, child) and static in (None, e["static"]) for e in EDGES]
-    return [e | (change or {}) if hit else e for e, hit in zip(EDGES, chosen, strict=True) if change or not hit]
+    chosen = [
+        (e["way"], e["child"]) == (way, child) and static in (None, e["static"]) for e in EDGES
+    ]
+    return [
+        e | (change or {}) if hit else e
+        for e, hit in zip(EDGES, chosen, strict=True)
+        if change or not hit
+    ]
 
 
 FAULTS = {
     "proxy: every look is answered": {"looks": [LOOK | {"wait_ms": float("nan")}]},
     "proxy: the camera is within 20 mm of the truth": {"looks": [LOOK | {"error_mm": 200.0}]},
-    "proxy: the tree as heard is whole": {"edges": edges("proxy", "agent_x/base", {"parent": "map2"})},
-    "proxy: the robot's own edges are as without": {"edges": edges("proxy", "agent_x/camera", None)},
+    "proxy: the tree as heard is whole": {
+        "edges": edges("proxy", "agent_x/base", {"parent": "map2"})
+    },
+    "proxy: the robot's own edges are as without": {
+        "edges": edges("proxy", "agent_x/camera", None)
+    },
     "direct: what is published is no frame of the robot": {
         "edges": edges("direct", "agent_x_markers", {"child": "agent_x/seen"})
     },
-    "renamed: the markers have two parents": {"edges": edges("renamed", "agent_x/markers", None, static=True)},
+    "renamed: the markers have two parents": {
+        "edges": edges("renamed", "agent_x/markers", None, static=True)
+    },
     "direct: no look from the world to the camera is answered": {
         "tries": TRIES | {"direct": {"E": 3, "found": 1}}
     },
@@ -89,7 +114,9 @@ def test_flips_that_were_published_count_whether_or_not_a_listener_kept_them(mad
     run = made()
     seen = {"round": "faulty", "truth": "seen", "published": True, "count": 1}
     assert run["sight"].to_dict("records") == [seen]
-    flips = pd.DataFrame([seen | {"truth": "flipped", "published": p, "count": 3} for p in (True, False)])
+    flips = pd.DataFrame(
+        [seen | {"truth": "flipped", "published": p, "count": 3} for p in (True, False)]
+    )
     run._known["table", "sight"] = flips.assign(log_time_ns=1)
     assert broken(checks(run)).keys() == {"live, faulty, proxy: no flipped sight is published"}
 

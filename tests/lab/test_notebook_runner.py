@@ -32,7 +32,10 @@ def write(project: Project, name: str, *sources: str, tagged: int = 1) -> None:
 
 PROFILE = 'profile: str = "quick"'
 PLAIN = PROFILE, "print(profile)"
-DEPTH = f'{PROFILE}\nsource: str = "stereo"\nsettings: dict = {{}}', "notebook.run(depth_codecs.exp)"
+DEPTH = (
+    f'{PROFILE}\nsource: str = "stereo"\nsettings: dict = {{}}',
+    "notebook.run(depth_codecs.exp)",
+)
 
 
 def test_fields_that_the_parameters_cell_does_not_list_travel_as_settings(project):
@@ -40,13 +43,20 @@ def test_fields_that_the_parameters_cell_does_not_list_travel_as_settings(projec
     path = project.notebooks / "02_a.ipynb"
     assert notebooks.fit_parameters(path, {"source": "a.mp4"}) == {"source": "a.mp4"}
     given = {"profile": "smoke", "frames": 3, "settings": {"seed": 2}}
-    assert notebooks.fit_parameters(path, given) == {"profile": "smoke", "settings": {"seed": 2, "frames": 3}}
+    assert notebooks.fit_parameters(path, given) == {
+        "profile": "smoke",
+        "settings": {"seed": 2, "frames": 3},
+    }
 
 
 @pytest.mark.parametrize(
     ("sources", "given", "sentence"),
     [
-        (PLAIN, {"speed": 1}, "02_a.ipynb: it declares no parameter speed; its parameters are profile"),
+        (
+            PLAIN,
+            {"speed": 1},
+            "02_a.ipynb: it declares no parameter speed; its parameters are profile",
+        ),
         (DEPTH, {"speed": 1}, r"02_a.ipynb: depth_codecs: field: given 'speed', allowed: .*frames"),
         (DEPTH, {"frames": "many"}, r"02_a.ipynb: frames: given 'many', allowed: int"),
         (DEPTH, {"frames": 1.5}, r"frames: given 1.5, allowed: int"),
@@ -55,7 +65,9 @@ def test_fields_that_the_parameters_cell_does_not_list_travel_as_settings(projec
         (DEPTH, {"profile": "fast"}, r"profile: given 'fast', allowed: smoke, quick, paper"),
     ],
 )
-def test_what_no_parameter_or_field_can_hold_is_said_before_anything_runs(project, sources, given, sentence):
+def test_what_no_parameter_or_field_can_hold_is_said_before_anything_runs(
+    project, sources, given, sentence
+):
     write(project, "02_a", *sources)
     found = notebooks.find_notebooks(project)
     with pytest.raises(notebooks.NotebookError, match=sentence):
@@ -71,7 +83,9 @@ def test_what_no_parameter_or_field_can_hold_is_said_before_anything_runs(projec
         (("quick", "", [1]), "settings: given .*, allowed: fields"),
     ],
 )
-def test_a_notebook_refuses_its_parameters_in_one_sentence(project, arguments, sentence, monkeypatch):
+def test_a_notebook_refuses_its_parameters_in_one_sentence(
+    project, arguments, sentence, monkeypatch
+):
     monkeypatch.setenv("SFGLAB_ROOT", str(project.root))
     with LogWriter(project.root / "a.mcap") as log:
         log.write_metadata("config", {"experiment": "routing"})
@@ -91,7 +105,9 @@ def test_one_failed_notebook_does_not_hide_the_others_and_says_which_cell(projec
     write(project, "01_bad", "x: int = 1", "1 / 0")
     write(project, "02_good", "x: int = 1", "print(x + 1)")
     found = notebooks.find_notebooks(project)
-    outcomes = notebooks.run_notebooks([*found, *found], project=project, parameters={"x": 4}, write=True)
+    outcomes = notebooks.run_notebooks(
+        [*found, *found], project=project, parameters={"x": 4}, write=True
+    )
     said = [line for line in capsys.readouterr().err.splitlines() if line.startswith("[")]
     assert [bool(o.error) for o in outcomes] == [True, False]
     assert "cell" in outcomes[0].error
@@ -118,7 +134,12 @@ BEGINS = "from pathlib import Path; Path('../{}').touch()"
 
 @pytest.mark.slow
 def test_a_notebook_begins_when_nothing_is_measured_any_more_in_the_one_before(project, capsys):
-    write(project, "00_index", "x: int = 1", "from pathlib import Path; assert Path('../third').exists()")
+    write(
+        project,
+        "00_index",
+        "x: int = 1",
+        "from pathlib import Path; assert Path('../third').exists()",
+    )
     write(project, "01_a", "x: int = 1", MEASURED, WAITS.format("second"))
     write(project, "02_b", "x: int = 1", BEGINS.format("second"), MEASURED, WAITS.format("third"))
     write(project, "03_c", "x: int = 1", BEGINS.format("third"))
@@ -153,7 +174,9 @@ def test_ctrl_c_ends_all_that_run(project, monkeypatch):
     monkeypatch.setattr(notebooks._Turns, "end_all", interrupted)
     before = {process.pid for process in psutil.Process().children(recursive=True)}
     with pytest.raises(KeyboardInterrupt):
-        notebooks.run_notebooks(notebooks.find_notebooks(project), project=project, parameters={}, ahead=True)
+        notebooks.run_notebooks(
+            notebooks.find_notebooks(project), project=project, parameters={}, ahead=True
+        )
     left = [p for p in psutil.Process().children(recursive=True) if p.pid not in before]
     _, alive = psutil.wait_procs(left, timeout=10)
     assert alive == []
@@ -162,7 +185,11 @@ def test_ctrl_c_ends_all_that_run(project, monkeypatch):
 def test_notebooks_are_found_by_name_beginning_or_topic(project):
     for name in ("01_naming", "02_depth", "03_depth_more"):
         write(project, name, "x: int = 1")
-    assert [p.stem for p in notebooks.find_notebooks(project)] == ["01_naming", "02_depth", "03_depth_more"]
+    assert [p.stem for p in notebooks.find_notebooks(project)] == [
+        "01_naming",
+        "02_depth",
+        "03_depth_more",
+    ]
     for given in ("01", "naming", "01_naming.ipynb", "notebooks/01_naming.ipynb"):
         assert [p.stem for p in notebooks.find_notebooks(project, [given])] == ["01_naming"]
     with pytest.raises(notebooks.NotebookError, match="fits several"):
@@ -180,7 +207,9 @@ def test_parameters_are_read_as_yaml():
 
 def test_outputs_lose_paths_progress_and_traces_of_the_run(project):
     root = project.root.resolve()
-    cell = new_code_cell("x", metadata={"execution": {"iopub": "12:00:00"}, "papermill": {"duration": 1}})
+    cell = new_code_cell(
+        "x", metadata={"execution": {"iopub": "12:00:00"}, "papermill": {"duration": 1}}
+    )
     cell.execution_count = 17
     cell.outputs = [
         new_output("stream", name="stdout", text="naming: checks, b: 1/2 steps, 3 s left\n"),
@@ -267,7 +296,9 @@ def test_jupyterlab_has_a_widget_and_a_line_in_its_place_at_the_end(monkeypatch)
         def update(self, data, raw):
             shown.append((data, raw))
 
-    monkeypatch.setattr("IPython.display.display", lambda widget, **_: shown.append(widget) or Handle())
+    monkeypatch.setattr(
+        "IPython.display.display", lambda widget, **_: shown.append(widget) or Handle()
+    )
     monkeypatch.setattr(progress, "_in_jupyterlab", lambda: True)
     with progress_bar(2, "a<b") as advance:
         bar, text = shown[0].children

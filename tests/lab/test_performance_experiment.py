@@ -9,7 +9,9 @@ LEAST_US = {"prepare_us": 0.0, "write_us": 70.0, "hand_over_us": 30.0, "read_us"
 WAY_US = {"prepare_us": 10.0, "write_us": 100.0, "hand_over_us": 200.0, "read_us": 50.0}
 
 
-def test_the_least_of_a_way_is_its_copies_hand_overs_and_passes_and_paces_are_compared_by_bouts(tmp_path):
+def test_the_least_of_a_way_is_its_copies_hand_overs_and_passes_and_paces_are_compared_by_bouts(
+    tmp_path,
+):
     slow_us = WAY_US | {"hand_over_us": 560.0}
     rows = [
         {"way": name, "rate_hz": rate_hz, "bout": bout, "number": number, **us}

@@ -37,7 +37,12 @@ def test_between_unlike_neighbours_and_only_there_is_a_midpoint():
         dict(zip(PLACE, ("cyclone_dds", loss, frame, "block", 0.0, 500), strict=True))
         | answer
         | {"completed": done}
-        for loss, frame, done in ((0.01, 50.0, 1.0), (0.01, 200.0, 1.0), (0.01, 800.0, 0.0), (0.04, 50.0, 1.0))
+        for loss, frame, done in (
+            (0.01, 50.0, 1.0),
+            (0.01, 200.0, 1.0),
+            (0.01, 800.0, 0.0),
+            (0.04, 50.0, 1.0),
+        )
     ]
     [between] = midpoints(pd.DataFrame(rows), config, most=9)
     assert (between.loss, between.frame_us) == (0.01, 400.0)
@@ -46,7 +51,11 @@ def test_between_unlike_neighbours_and_only_there_is_a_midpoint():
 
 def test_age_is_half_a_period_and_the_way_and_grows_where_nothing_arrives():
     published = np.arange(0, 10, 0.1)
-    at = {"name": "a", "published_ns": (published * NS_PER_S).astype(np.int64), "value": np.ones(100, np.int32)}
+    at = {
+        "name": "a",
+        "published_ns": (published * NS_PER_S).astype(np.int64),
+        "value": np.ones(100, np.int32),
+    }
     at |= {"received_ns": at["published_ns"] + 20_000_000, "dropped": np.zeros(100, np.int8)}
     fates = (np.full(100, fate, np.int8) for fate in (Fate.DELIVERED, Fate.UNDERWAY))
     there, never = (FlowOutcome(fate=fate, **at) for fate in fates)
@@ -65,7 +74,9 @@ def test_hello_goes_by_robot_3_where_asked_and_values_have_the_size_and_the_plan
     short, long = map(experiment.hello_latency_ms, heard)
     assert len(short) == len(long) == 100
     assert np.quantile(long, 0.1) - np.quantile(short, 0.1) > 0.9, "a crossing more"
-    table, cdr = ({f.name: f for f in experiment.scenario_of(p).flows}["robot1/lidar"] for p in (plain, slow))
+    table, cdr = (
+        {f.name: f for f in experiment.scenario_of(p).flows}["robot1/lidar"] for p in (plain, slow)
+    )
     assert (table.size_bytes, cdr.size_bytes, cdr.service_s / table.service_s) == (24, 8, 4)
 
 
@@ -130,7 +141,9 @@ def test_the_maps_show_shares_of_what_is_asked_of_a_condition():
 BEST = "method == 'OPT+LC'"
 SMALL = "method == 'none' and depth in ('1', '5', '10')"
 FOXY = "preset == 'fast_dds_foxy'"
-MANY = "(loss == 0.01 or loss == 0.0003 and (frame_us == 600 or frame_us == 200 and stall_ms < 100))"
+MANY = (
+    "(loss == 0.01 or loss == 0.0003 and (frame_us == 600 or frame_us == 200 and stall_ms < 100))"
+)
 SLOW, HALF = "rate_max_hz == 100", "rate_max_hz in (100, 1000)"
 FAST = "rate_max_hz in (500, 1000)"
 
@@ -146,23 +159,63 @@ FAST = "rate_max_hz in (500, 1000)"
         ("B-LAT", "method == 'OPT+CC'", {"pooled_ms": 9.0}, DEVIATES),
         ("B-LAT", "method == 'CC' and depth == '5000'", {"pooled_ms": 9.0}, DEVIATES),
         ("B-LAT", "loss < 1", {"pooled_ms": np.inf}, DEVIATES),  # nothing shows it
-        ("B-LAT", f"{SMALL} and rate_max_hz == 500", {"p50_ms": 19.0}, AGREES),  # at 1000 Hz it is worse
+        (
+            "B-LAT",
+            f"{SMALL} and rate_max_hz == 500",
+            {"p50_ms": 19.0},
+            AGREES,
+        ),  # at 1000 Hz it is worse
         ("B-LAT", f"{SMALL} and {FAST}", {"p50_ms": 19.0}, DEVIATES),
-        ("B-LAT", f"{SMALL} and {FAST} and seed == 3", {"p50_ms": 20.4}, DEVIATES),  # intervals meet
-        ("B-LAT", f"{SMALL} and {FAST} and depth != '5'", {"p50_ms": 19.0}, AGREES),  # one depth is enough
+        (
+            "B-LAT",
+            f"{SMALL} and {FAST} and seed == 3",
+            {"p50_ms": 20.4},
+            DEVIATES,
+        ),  # intervals meet
+        (
+            "B-LAT",
+            f"{SMALL} and {FAST} and depth != '5'",
+            {"p50_ms": 19.0},
+            AGREES,
+        ),  # one depth is enough
         ("B-LAT", f"{SMALL} and rate_max_hz < 500", {"p50_ms": 19.0}, AGREES),
-        ("B-LAT", f"{BEST} and {FOXY} and loss == 0.01", {"pooled_ms": 22.0}, AGREES),  # in 18 of 27
-        ("B-LAT", f"{BEST} and {FOXY} and {MANY}", {"pooled_ms": 22.0}, DEVIATES),  # in 13; the lower judges
+        (
+            "B-LAT",
+            f"{BEST} and {FOXY} and loss == 0.01",
+            {"pooled_ms": 22.0},
+            AGREES,
+        ),  # in 18 of 27
+        (
+            "B-LAT",
+            f"{BEST} and {FOXY} and {MANY}",
+            {"pooled_ms": 22.0},
+            DEVIATES,
+        ),  # in 13; the lower judges
         ("B-LOSS", f"{BEST} and {HALF}", {"arrived": 89}, AGREES),  # within a point
         ("B-LOSS", f"{BEST} and {HALF}", {"arrived": 88}, DEVIATES),
         ("B-LOSS", f"{BEST} and {SLOW}", {"arrived": 0}, AGREES),
         ("B-LOSS", f"{SMALL} and {FAST}", {"arrived": 88}, DEVIATES),  # intervals meet
         ("B-LOSS", f"{SMALL} and {FAST} and depth != '10'", {"arrived": 90}, AGREES),
         ("B-COOP", BEST, {"end": "timeout"}, DEVIATES),
-        ("B-COOP", f"{BEST} and {FOXY} and stall_ms > 0", {"end": "contact"}, DEVIATES),  # a third; the lower
-        ("B-COOP", f"{BEST} and {FOXY} and stall_ms == 0", {"end": "contact"}, AGREES),  # two thirds
+        (
+            "B-COOP",
+            f"{BEST} and {FOXY} and stall_ms > 0",
+            {"end": "contact"},
+            DEVIATES,
+        ),  # a third; the lower
+        (
+            "B-COOP",
+            f"{BEST} and {FOXY} and stall_ms == 0",
+            {"end": "contact"},
+            AGREES,
+        ),  # two thirds
         ("B-COOP", "method == 'none' and depth != 10", {"end": "success"}, DEVIATES),
-        ("B-COOP", "method == 'none' and depth == 10", {"end": "success"}, AGREES),  # depths count alike
+        (
+            "B-COOP",
+            "method == 'none' and depth == 10",
+            {"end": "success"},
+            AGREES,
+        ),  # depths count alike
     ],
 )
 def test_a_verdict_is_the_criterion_s(claim, where, change, verdict):
@@ -173,14 +226,23 @@ def test_a_verdict_is_the_criterion_s(claim, where, change, verdict):
     assert entry_for(CLAIMS[claim], found).verdict is verdict
     assert "by stall_ms 0: " in found.reason
     if claim == "B-LAT":
-        assert f"no median at any depth in {27 * (change == {'pooled_ms': np.inf})} of 27" in found.reason
+        assert (
+            f"no median at any depth in {27 * (change == {'pooled_ms': np.inf})} of 27"
+            in found.reason
+        )
 
 
 @pytest.mark.parametrize(
     ("table", "missing"),
     [
-        (0, f"{BEST} and {FOXY} and {SLOW} and loss == 0.01 and frame_us == 600 and stall_ms == 50"),
-        (0, f"seed == 5 and {FOXY} and {SLOW} and loss == 0.01 and frame_us == 600 and stall_ms == 50"),
+        (
+            0,
+            f"{BEST} and {FOXY} and {SLOW} and loss == 0.01 and frame_us == 600 and stall_ms == 50",
+        ),
+        (
+            0,
+            f"seed == 5 and {FOXY} and {SLOW} and loss == 0.01 and frame_us == 600 and stall_ms == 50",
+        ),
         (1, "seed == 1 and rate_max_hz == 1000"),
         (1, "method == 'none' and depth == 1000"),
     ],
@@ -194,7 +256,10 @@ def test_a_run_that_lacks_anything_decides_nothing(table, missing):
 
 def test_conditions_beside_the_criteria_s_do_not_count_and_the_older_figure_stands_beside():
     cells, courses = agreeing()
-    others = cells.assign(queue_rule="tail", pooled_ms=99.0), cells.assign(loss=0.005, pooled_ms=99.0)
+    others = (
+        cells.assign(queue_rule="tail", pooled_ms=99.0),
+        cells.assign(loss=0.005, pooled_ms=99.0),
+    )
     found = finding("B-LAT", pd.concat([cells, *others]), courses)
     assert (found.estimate.value, found.estimate.high) == (1, 1)
     assert found.estimate.low == pytest.approx(0.875, abs=1e-3), "Wilson's of 27"

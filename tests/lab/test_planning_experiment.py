@@ -24,11 +24,18 @@ def test_every_way_in_which_a_goal_can_end_was_seen(run):
 
 def test_the_log_holds_plans_and_poses_as_messages(run):
     with LogReader(run.log) as reader:
-        kinds = {name: info.type_name for name, info in reader.topics.items() if name.startswith("/global")}
+        kinds = {
+            name: info.type_name
+            for name, info in reader.topics.items()
+            if name.startswith("/global")
+        }
         assert kinds == {
             f"/global/{agent}/{what}": type_
             for agent in ("go2", "drone")
-            for what, type_ in (("path", "nav_msgs/msg/Path"), ("pose", "geometry_msgs/msg/PoseStamped"))
+            for what, type_ in (
+                ("path", "nav_msgs/msg/Path"),
+                ("pose", "geometry_msgs/msg/PoseStamped"),
+            )
         }
         poses = sum(1 for entry in reader.messages("/global/go2/pose"))
     assert poses == (run["track"]["agent"] == "go2").sum() > 100
@@ -40,12 +47,28 @@ NEAR = {"x_m": 0.0, "y_m": 1.2, "z_m": 0.8}
 @pytest.mark.parametrize(
     ("check", "table", "where", "changes", "held", "said"),
     [
-        ("a goal ends", "goal", "case == 'too fast'", {"outcome": "succeeded"}, 15, "too fast: succeeded"),
-        ("an agent is never further", "track", "agent == 'drone'", {"error_m": 0.31}, 1, "0.310 of 0.300 m"),
+        (
+            "a goal ends",
+            "goal",
+            "case == 'too fast'",
+            {"outcome": "succeeded"},
+            15,
+            "too fast: succeeded",
+        ),
+        (
+            "an agent is never further",
+            "track",
+            "agent == 'drone'",
+            {"error_m": 0.31},
+            1,
+            "0.310 of 0.300 m",
+        ),
         ("driven, agents stay", "track", "agent == 'drone'", NEAR, 0, "drone and go2: "),
     ],
 )
-def test_what_went_otherwise_fails_its_check_and_the_claim(run, check, table, where, changes, held, said):
+def test_what_went_otherwise_fails_its_check_and_the_claim(
+    run, check, table, where, changes, held, said
+):
     rows = run.table(table)
     rows.loc[rows.eval(where), list(changes)] = list(changes.values())
     wrong = checks(run).query("held < checked")
@@ -57,8 +80,12 @@ def test_what_went_otherwise_fails_its_check_and_the_claim(run, check, table, wh
 
 
 def test_a_reader_that_lets_faults_pass_fails_the_check(monkeypatch):
-    monkeypatch.setattr("sfglab.spatial.scene.editor.load_scene", lambda *_: editing.read_scene(editing.GOOD))
-    assert not any(f["one_line"] or f["names_the_line"] or f["scene_kept"] for f in editing.faults())
+    monkeypatch.setattr(
+        "sfglab.spatial.scene.editor.load_scene", lambda *_: editing.read_scene(editing.GOOD)
+    )
+    assert not any(
+        f["one_line"] or f["names_the_line"] or f["scene_kept"] for f in editing.faults()
+    )
 
 
 def test_evenly_spaced_knots_make_loops_and_the_check_sees_them():

@@ -34,7 +34,9 @@ def test_a_walk_is_stepped_through_by_the_cores_inputs_and_one_that_comes_to_a_f
     run = walk(Bound(), np.random.default_rng(1))
     assert is_finished(run[-1].after, Bound())
     given = gateways.inputs_of(run)
-    assert [i.name for i in given] == [step.what.split("--")[1] for step in run if "-->" in step.what]
+    assert [i.name for i in given] == [
+        step.what.split("--")[1] for step in run if "-->" in step.what
+    ]
     core = gateways.press_core(run)
     core.at.value = len(given)
     assert core.moment.state is run[-1].after.state

@@ -16,7 +16,14 @@ from sfglab.rtps.vendors import SEND_BUFFER_BYTES
 
 pytestmark = [pytest.mark.live, pytest.mark.ros, pytest.mark.netns]
 
-CELL = {"kind": "lossy", "rate_hz": 100.0, "depth": 800, "size_bytes": 24, "loss": 0.08, "overhead_us": 300}
+CELL = {
+    "kind": "lossy",
+    "rate_hz": 100.0,
+    "depth": 800,
+    "size_bytes": 24,
+    "loss": 0.08,
+    "overhead_us": 300,
+}
 RADIO = {"queue_frames": 500, "queue_rule": "tail", "burst_frames": 0, "access_point": False}
 
 FRAME_TRUE_BYTES = 2048 + 256
@@ -42,13 +49,18 @@ async def test_chains_and_local_caches_run_on_ros2_as_in_the_model():
         Flow(name="move", size_bytes=14, source="station", target="robot", qos=flow["qos"]),
     )
     calm = Medium(rate_bps=1e8, loss=0.0, overhead_s=50e-6)
-    scenario = Scenario(flows=flows, medium=calm, vendor=PRESETS["fast_dds_sync"], duration_s=1.0, drain_s=3.0)
+    scenario = Scenario(
+        flows=flows, medium=calm, vendor=PRESETS["fast_dds_sync"], duration_s=1.0, drain_s=3.0
+    )
     async with live_hosts("robot", "station", ros="SYNCHRONOUS") as hosts:
         played = await hosts.play(scenario, seed=3)
     live, counts = played.outcome.flows, played.outcome.counts
     assert 1 < len(live["cached"].fate) < 40, "what did not change is held back"
     assert counts["missed"] < 50, "at most a machine that is busy with others"
-    assert len(live["hello"].fate) + len(live["cached"].fate) + counts["held"] + counts["missed"] == 200
+    assert (
+        len(live["hello"].fate) + len(live["cached"].fate) + counts["held"] + counts["missed"]
+        == 200
+    )
     assert len(live["hello"].fate) == len(live["move"].fate)
     assert {name: one.loss for name, one in live.items()} == dict.fromkeys(live, 0.0)
     assert (live["move"].published_ns >= live["hello"].published_ns + 5_000_000).all()
@@ -60,15 +72,27 @@ async def test_a_queue_that_blocks_slows_who_publishes_as_in_the_model(preset, d
     frames = SEND_BUFFER_BYTES // FRAME_TRUE_BYTES
     air = {"loss": 0.0, "overhead_us": 10_000, "queue_frames": frames, "queue_rule": "block"}
     # So large that none shares a frame with the next one, as those of a thread do that waits for a CPU.
-    cell = {**CELL, **RADIO, **air, "preset": preset, "rate_hz": 400.0, "depth": depth, "size_bytes": 1200}
+    cell = {
+        **CELL,
+        **RADIO,
+        **air,
+        "preset": preset,
+        "rate_hz": 400.0,
+        "depth": depth,
+        "size_bytes": 1200,
+    }
     # Linux wakes who waits at half the buffer: 46 are published at once, of five seconds' 541 a twelfth.
     scenario = scenario_of_cell(cell, duration_s=5.0, drain_s=3.0)
     async with live_hosts("robot", "station", ros=MODES[preset]) as hosts:
         with pytest.raises(InvalidValueError, match="shared is False"):
             await hosts.play(scenario, seed=5)
     async with live_hosts("robot", "station", ros=MODES[preset]) as hosts:
-        played = await hosts.play(replace(scenario, medium=replace(scenario.medium, shared=False)), seed=5)
-    live, model = (outcome.flows["topic"] for outcome in (played.outcome, run(played.scenario, seed=5)))
+        played = await hosts.play(
+            replace(scenario, medium=replace(scenario.medium, shared=False)), seed=5
+        )
+    live, model = (
+        outcome.flows["topic"] for outcome in (played.outcome, run(played.scenario, seed=5))
+    )
     assert played.radio.queue_full == 0, "they wait at the host"
     assert model.loss == 0.0
     assert live.loss < 0.1
@@ -90,12 +114,20 @@ topics:
 """
 
 
-@pytest.mark.parametrize(("rmw", "preset"), [("sync", "fast_dds_sync"), ("async", "fast_dds_async")])
-async def test_the_station_is_up_to_date_as_recommended_and_not_as_printed_or_by_default(rmw, preset, tmp_path):
+@pytest.mark.parametrize(
+    ("rmw", "preset"), [("sync", "fast_dds_sync"), ("async", "fast_dds_async")]
+)
+async def test_the_station_is_up_to_date_as_recommended_and_not_as_printed_or_by_default(
+    rmw, preset, tmp_path
+):
     (file := tmp_path / "topics.yaml").write_text(TOPICS)
 
     def planned(method):
-        said = called("qos", str(file), "--rmw", f"fastrtps-{rmw}", "--method", method).splitlines()[1].split()
+        said = (
+            called("qos", str(file), "--rmw", f"fastrtps-{rmw}", "--method", method)
+            .splitlines()[1]
+            .split()
+        )
         return float(said[1]), int(said[2])
 
     ways = {"ours": planned("ours"), "printed": planned("printed"), "default": (RATE_MAX_HZ, 10)}
@@ -103,7 +135,9 @@ async def test_the_station_is_up_to_date_as_recommended_and_not_as_printed_or_by
     async with live_hosts("robot", "station", ros=MODES[preset]) as hosts:
         for way, (rate_hz, depth) in ways.items():
             cell = {**PLANNED, "preset": preset, "rate_hz": rate_hz, "depth": depth}
-            played = await hosts.play(scenario_of_cell(cell, duration_s=SECONDS, drain_s=1.0), seed=1)
+            played = await hosts.play(
+                scenario_of_cell(cell, duration_s=SECONDS, drain_s=1.0), seed=1
+            )
             age[way] = age_ms(played.outcome.flows["topic"], duration_s=SECONDS)
     # The air carries 250 frames a second: what waits in the queue decides, not how busy this machine is.
     assert 3 * age["ours"] < min(age["printed"], age["default"]), (ways, age)

@@ -53,13 +53,23 @@ def call_rows():
             }
 
 
-def made(path, *, heard=lambda r: r, call=lambda r: r, latched=1, endpoints=(("rt/tf", "h/1"),), policy_held=9):
+def made(
+    path,
+    *,
+    heard=lambda r: r,
+    call=lambda r: r,
+    latched=1,
+    endpoints=(("rt/tf", "h/1"),),
+    policy_held=9,
+):
     """A log as a run writes it, with rows changed on the way."""
     tables = {
         "party": map(asdict, PARTIES),
         "heard": map(heard, heard_rows()),
         "call": map(call, call_rows()),
-        "latched": [{"source": s, "hearer": h, "received": latched} for s in DOMAINS for h in DOMAINS],
+        "latched": [
+            {"source": s, "hearer": h, "received": latched} for s in DOMAINS for h in DOMAINS
+        ],
         "endpoint": [{"dds_topic": t, "kind": "publisher", "router": r} for t, r in endpoints],
         "policy": [{"check": "exact", "checked": 9, "held": policy_held}],
     }
@@ -109,7 +119,9 @@ FAULTS = {
 
 
 @pytest.mark.parametrize("check", FAULTS)
-def test_each_fault_breaks_its_check_alone_is_named_and_not_hidden_by_exact_or_live_ones(tmp_path, check):
+def test_each_fault_breaks_its_check_alone_is_named_and_not_hidden_by_exact_or_live_ones(
+    tmp_path, check
+):
     run = made(tmp_path / "m.mcap", **FAULTS[check])
     assert set(broken(checks(run))) == {check}
     claim = exp.measure(run)["A-NET-RULES"]
@@ -137,7 +149,13 @@ def test_a_run_without_anything_seen_in_the_global_domain_has_not_shown_anything
 def test_latencies_are_told_by_the_routers_between(tmp_path):
     found = latencies(made(tmp_path / "m.mcap"))
     assert {name: e.value for name, e in found.items()} == pytest.approx(
-        {"direct": 1.0, "one router": 1.5, "two routers": 2.0, "one router, /tf": 1.5, "per router": 0.5}
+        {
+            "direct": 1.0,
+            "one router": 1.5,
+            "two routers": 2.0,
+            "one router, /tf": 1.5,
+            "per router": 0.5,
+        }
     )
 
 
@@ -162,7 +180,9 @@ def test_the_figure_shows_what_is_heard_what_leaks_and_what_is_missing(tmp_path)
 def test_a_tally_counts_repeated_late_restamped_and_missing_messages():
     tally = ReceiveStatistics()
     for number, stamp_ns in ((3, 30), (4, 40), (7, 70), (5, 50), (7, 71)):
-        info = MessageInfo(source_timestamp_ns=10 * number, received_timestamp_ns=100, publisher_gid=b"")
+        info = MessageInfo(
+            source_timestamp_ns=10 * number, received_timestamp_ns=100, publisher_gid=b""
+        )
         tally.note(number, stamp_ns, info)
     report = tally.report()
     assert (report["received"], report["repeated"], report["disordered"]) == (5, 1, 1)

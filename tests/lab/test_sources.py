@@ -40,7 +40,9 @@ def test_the_stereo_pair_gives_depth_from_its_measured_disparity():
     _, _, disparity = data.stereo_motorcycle()
     known = disparity[np.isfinite(disparity)]
     far, near = (
-        sources.MOTORCYCLE_FOCAL_PX * sources.MOTORCYCLE_BASELINE_MM / (d + sources.MOTORCYCLE_OFFSET_PX)
+        sources.MOTORCYCLE_FOCAL_PX
+        * sources.MOTORCYCLE_BASELINE_MM
+        / (d + sources.MOTORCYCLE_OFFSET_PX)
         for d in (known.min(), known.max())
     )
     assert near - 1 <= depth[depth > 0].min() <= depth.max() <= far + 1
@@ -65,10 +67,14 @@ def test_a_video_file_is_scaled_and_starts_again_at_its_end(tmp_path):
 def test_a_video_keeps_its_speed_and_its_shape_and_it_is_said(tmp_path):
     path = video(tmp_path, 90, 15)
     seen = [f.bgr for f in frames(path, 8)]
-    assert np.allclose([s[180, 320].mean() for s in seen], [40, 40, 120, 120, 200, 200, 40, 40], atol=6)
+    assert np.allclose(
+        [s[180, 320].mean() for s in seen], [40, 40, 120, 120, 200, 200, 40, 40], atol=6
+    )
     assert np.all(seen[0][:, :230] == 0)
     assert np.all(seen[0][:, -230:] == 0)
-    assert np.allclose([f.bgr[180, 320].mean() for f in frames(path, 3, fps=7.5)], [40, 200, 120], atol=6)
+    assert np.allclose(
+        [f.bgr[180, 320].mean() for f in frames(path, 3, fps=7.5)], [40, 200, 120], atol=6
+    )
     assert sources.is_there(path) == (
         f"{path}: 90 x 180 at 15 Hz, shown as 640 x 360 between black bars at 30 Hz: "
         "pictures are repeated, its speed is kept"
@@ -81,7 +87,12 @@ def test_a_bag_with_raw_images_is_read(tmp_path):
         for i, encoding in enumerate(("bgr8", "rgb8", "mono8")):
             image = default_message("sensor_msgs/msg/Image")
             channels = 1 if encoding == "mono8" else 3
-            image.height, image.width, image.encoding, image.step = 90, 160, encoding, 160 * channels
+            image.height, image.width, image.encoding, image.step = (
+                90,
+                160,
+                encoding,
+                160 * channels,
+            )
             image.data = np.tile(np.arange(10, 10 + channels, dtype=np.uint8), 90 * 160)
             log.write("/camera/image_raw", image, log_time_ns=i)
     for spec in (f"bag:{path}#/camera/image_raw", str(path)):
@@ -101,7 +112,9 @@ def test_a_bag_with_raw_images_is_read(tmp_path):
         ("bag:bag.mcap#/hello", "no images"),
     ],
 )
-def test_what_cannot_be_opened_is_refused_with_what_is_allowed(spec, message, tmp_path, monkeypatch, capfd):
+def test_what_cannot_be_opened_is_refused_with_what_is_allowed(
+    spec, message, tmp_path, monkeypatch, capfd
+):
     monkeypatch.chdir(tmp_path)
     Path("text.mp4").write_text("no video")
     with LogWriter(Path("bag.mcap")) as log:

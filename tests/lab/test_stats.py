@@ -44,7 +44,8 @@ def test_empty_groups_and_undefined_statistics_are_refused():
 
 
 @pytest.mark.parametrize(
-    ("of", "runs", "low", "high"), [(81, 263, 0.2553, 0.3662), (0, 20, 0.0, 0.1611), (20, 20, 0.8389, 1.0)]
+    ("of", "runs", "low", "high"),
+    [(81, 263, 0.2553, 0.3662), (0, 20, 0.0, 0.1611), (20, 20, 0.8389, 1.0)],
 )
 def test_an_interval_of_a_share_is_wilsons(of, runs, low, high):
     """The values of R. G. Newcombe, Statistics in Medicine 17 (1998), pages 857 to 872, table I."""
@@ -71,6 +72,8 @@ def test_the_lack_of_fit_of_a_constant_is_the_analysis_of_variance_and_needs_rep
     groups = [np.array([1.0, 1.3, 0.8]), np.array([2.0, 1.7]), np.array([1.1, 1.4, 1.2, 0.9])]
     errors, setting = np.concatenate(groups), np.repeat([4, 2, 9], [3, 2, 4])
     found = lack_of_fit(errors - errors.mean(), setting, parameters=1)
-    assert (found.f, found.p, *found.freedom) == pytest.approx((*scipy.stats.f_oneway(*groups), 2, 6))
+    assert (found.f, found.p, *found.freedom) == pytest.approx(
+        (*scipy.stats.f_oneway(*groups), 2, 6)
+    )
     for alone, many in ((np.arange(9), 1), (setting, 3), (np.zeros(9), 1)):
         assert lack_of_fit(errors, alone, parameters=many) is None

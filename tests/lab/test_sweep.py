@@ -54,7 +54,8 @@ PROCESSES = Workers(count=2)
 
 def bits(results):
     return [
-        struct.pack("d", row.value) + json.dumps([row.number, row.seed, row.even, row.name]).encode()
+        struct.pack("d", row.value)
+        + json.dumps([row.number, row.seed, row.even, row.name]).encode()
         for row in results
     ]
 
@@ -114,7 +115,9 @@ def test_a_row_survives_as_text_to_the_bit(seed, value, even, name):
 def test_numpy_scalars_become_pythons_and_other_fields_are_refused_by_name():
     row = OtherRow(level=np.float64(0.1))
     assert type(result_from_text(text_from_result(row)).level) is float
-    with pytest.raises(SweepError, match="OtherRow: level: given a list, allowed are bool, int, float, str"):
+    with pytest.raises(
+        SweepError, match="OtherRow: level: given a list, allowed are bool, int, float, str"
+    ):
         text_from_result(OtherRow(level=[1]))
     with pytest.raises(SweepError, match="needed is a row"):
         text_from_result([1])
@@ -155,15 +158,25 @@ def test_batches_grow_to_a_good_tenth_of_a_second_and_at_most_to_twice_the_last(
 
 
 def test_thousands_of_short_tasks_are_all_run_and_in_order_whatever_finished_first(swept):
-    points, seeds = [SpotPoint(number=number) for number in (0, *range(2, 202))], np.arange(20)[::-1]
-    assert swept(uneven, points, seeds) == [quick(point, int(seed)) for point in points for seed in seeds]
+    points, seeds = (
+        [SpotPoint(number=number) for number in (0, *range(2, 202))],
+        np.arange(20)[::-1],
+    )
+    assert swept(uneven, points, seeds) == [
+        quick(point, int(seed)) for point in points for seed in seeds
+    ]
 
 
 @pytest.mark.parametrize("workers", [THREADS, PROCESSES], ids=["threads", "processes"])
 def test_local_workers_listen_nowhere_and_are_gone_afterwards(tmp_path, workers):
     def listening():
         family = [psutil.Process(), *psutil.Process().children(recursive=True)]
-        return {one.laddr for process in family for one in process.net_connections() if one.status == "LISTEN"}
+        return {
+            one.laddr
+            for process in family
+            for one in process.net_connections()
+            if one.status == "LISTEN"
+        }
 
     before = listening()
     with connected(workers) as (_, slots):
@@ -215,8 +228,12 @@ def test_what_follows_a_torn_line_is_run_again(swept, tmp_path):
     assert bits(swept(quick, POINTS, SEEDS)) == bits(expected())
 
 
-@pytest.mark.parametrize(("key", "task", "points"), [("task", uneven, POINTS), ("points", quick, POINTS[:-1])])
-def test_another_sweeps_journal_is_set_aside_with_its_difference(swept, tmp_path, caplog, key, task, points):
+@pytest.mark.parametrize(
+    ("key", "task", "points"), [("task", uneven, POINTS), ("points", quick, POINTS[:-1])]
+)
+def test_another_sweeps_journal_is_set_aside_with_its_difference(
+    swept, tmp_path, caplog, key, task, points
+):
     journal = tmp_path / "journal"
     swept(quick, POINTS, SEEDS)
     before = journal.read_bytes()
@@ -243,7 +260,10 @@ def test_a_file_that_is_no_journal_is_refused_and_kept_and_one_serves_one_sweep_
             sweep(quick, POINTS, SEEDS, journal=path)
         assert path.read_text() == content
     path = tmp_path / "journal"
-    with Journal(path, {}), pytest.raises(JournalError, match="another sweep is writing this journal"):
+    with (
+        Journal(path, {}),
+        pytest.raises(JournalError, match="another sweep is writing this journal"),
+    ):
         Journal(path, {})
 
 
@@ -286,7 +306,10 @@ def resumed(folder):
     """Run what is missing; return how often each point and seed was run, the first time included."""
     journal = folder / "journal"
     lines = journal.read_bytes().splitlines(keepends=True)[1:]
-    finished = {(e["point"], e["seed"]) for e in (json.loads(line) for line in lines if line.endswith(b"\n"))}
+    finished = {
+        (e["point"], e["seed"])
+        for e in (json.loads(line) for line in lines if line.endswith(b"\n"))
+    }
     before = runs(folder)
     found = sweep(obeying, obeying_points(folder), SEEDS, journal=journal, workers=THREADS)
     assert [(row.number, row.seed) for row in found] == [(n, s) for n in range(6) for s in SEEDS]
@@ -375,7 +398,13 @@ def root(tmp_path, monkeypatch):
 
 def test_a_run_takes_what_was_computed_ahead_and_computes_the_rest(root):
     exp, steps = experiment("cooperation"), []
-    fields = {"methods": ("none",), "rates_hz": (100,), "depths": (1, 10), "seeds": 1, "contrast_seeds": 0}
+    fields = {
+        "methods": ("none",),
+        "rates_hz": (100,),
+        "depths": (1, 10),
+        "seeds": 1,
+        "contrast_seeds": 0,
+    }
     exp.sweep_ahead(**fields)
     [journal] = root.rglob("*.journal")
     first, *rows = journal.read_bytes().splitlines(keepends=True)
@@ -388,7 +417,9 @@ def test_a_run_takes_what_was_computed_ahead_and_computes_the_rest(root):
 
 def test_sweeps_ahead_want_no_processor_that_others_want_and_end_when_their_run_begins(root):
     def idle():
-        return [p for p in psutil.Process().children() if os.sched_getscheduler(p.pid) == os.SCHED_IDLE]
+        return [
+            p for p in psutil.Process().children() if os.sched_getscheduler(p.pid) == os.SCHED_IDLE
+        ]
 
     with sweeps_ahead({"cooperation": {"seeds": 1000}}) as leave:
         while not idle():

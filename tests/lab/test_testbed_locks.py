@@ -17,7 +17,9 @@ def test_names_that_another_took_hold_nobody_up_and_a_domain_is_had_once():
     names = ["run-on-one-host", *(f"dds-domain-{FIRST_DOMAIN + i}" for i in range(DOMAINS))]
     with ExitStack() as squatter:
         for name in names:
-            taken = squatter.enter_context(closing(socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)))
+            taken = squatter.enter_context(
+                closing(socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM))
+            )
             with suppress(OSError):  # an earlier version runs beside: squatter enough
                 taken.bind(f"\0sfglab-{name}")
         with held_domains(3) as some, held_domains(3) as others, Testbed("a", separate=False):
@@ -28,7 +30,9 @@ def test_names_that_another_took_hold_nobody_up_and_a_domain_is_had_once():
 
 
 @pytest.mark.parametrize("taken_away", [False, True])
-def test_a_lock_leaves_no_file_and_who_opened_another_s_file_takes_a_new_one(tmp_path, monkeypatch, taken_away):
+def test_a_lock_leaves_no_file_and_who_opened_another_s_file_takes_a_new_one(
+    tmp_path, monkeypatch, taken_away
+):
     monkeypatch.setattr(locks, "own_folder", lambda: tmp_path)
 
     def flock(*args):

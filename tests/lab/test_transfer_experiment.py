@@ -76,7 +76,9 @@ def test_curves_are_those_of_the_run_s_own_constants(run):
     assert stage.costs_of(turned).memory.read_latency_cycles == 60.0
     at = run["curve"][run["curve"]["message_bytes"] == run.config.message_bytes]
     assert set(at["subscribers"]) == {run.config.subscribers}
-    expected = speed_ups(subscribers=[run.config.subscribers], sizes_bytes=[run.config.message_bytes])
+    expected = speed_ups(
+        subscribers=[run.config.subscribers], sizes_bytes=[run.config.message_bytes]
+    )
     assert at["smt_s"].tolist() == pytest.approx([one.smt_s for one in expected])
 
 
@@ -123,7 +125,9 @@ def test_without_amaranth_the_log_says_why_and_the_rest_stands(tmp_path, monkeyp
 
 
 def test_a_rule_that_knows_sizes_is_never_predicted_slower_than_another(run):
-    times = run["sized_mapping"].pivot_table(index="message_bytes", columns="rule", values="predicted_s")
+    times = run["sized_mapping"].pivot_table(
+        index="message_bytes", columns="rule", values="predicted_s"
+    )
     assert (times["size-aware"] <= times[["paper", "none"]].min(axis=1) + 1e-12).all()
     assert (times["size-aware"] < times["paper"] - 1e-6).any()
 
@@ -147,11 +151,15 @@ def test_a_greedy_placement_fits_and_a_placed_graph_costs_what_the_programme_say
     platform = platform_for(graph)
     found = place_nodes(graph, platform)
     gateways = tuple(found.graph.mapped_to(TopicMapping.GATEWAY))
-    assert cost_s(graph, found.graph.in_hardware, gateways, platform) == pytest.approx(found.load.total_s)
+    assert cost_s(graph, found.graph.in_hardware, gateways, platform) == pytest.approx(
+        found.load.total_s
+    )
 
 
 def test_the_same_seed_gives_the_same_simulated_rows(tmp_path, monkeypatch):
-    monkeypatch.setattr(stage, "what_is_missing", lambda: {"rtl": "not asked here", "synthesis": "neither"})
+    monkeypatch.setattr(
+        stage, "what_is_missing", lambda: {"rtl": "not asked here", "synthesis": "neither"}
+    )
     few = {"refits": 1, "most_subscribers": 1, "sizes": 2, "large_graphs": 0, "live_rounds": 0}
     first, again, other = (
         asyncio.run(exp.run("smoke", path=tmp_path / f"{n}.mcap", seed=seed, **few))
@@ -159,7 +167,9 @@ def test_the_same_seed_gives_the_same_simulated_rows(tmp_path, monkeypatch):
     )
     assert all(first[table].equals(again[table]) for table in exp.tables if table != "placed")
     assert not first["refit"].equals(other["refit"])
-    costs = [run["placed"].drop(columns="seconds").astype(str).to_csv() for run in (first, again, other)]
+    costs = [
+        run["placed"].drop(columns="seconds").astype(str).to_csv() for run in (first, again, other)
+    ]
     assert costs[0] == costs[1] != costs[2]
 
 
@@ -189,7 +199,9 @@ def test_profiles_cover_the_paper_s_twelve_configurations(profile):
 BYTES = 10_000
 TINY = exp.config("smoke", live_bytes=(BYTES,), live_subscribers=(2,), live_rounds=2)
 ORDER = ("reader0", "subscriber", "reader1")
-SMT = Round(publisher="software", gateway=False, message_bytes=BYTES, offset=0, order=ORDER, woken=())
+SMT = Round(
+    publisher="software", gateway=False, message_bytes=BYTES, offset=0, order=ORDER, woken=()
+)
 
 
 def descriptors():
@@ -211,7 +223,9 @@ def nothing_left():
 async def test_every_cell_is_measured_both_ways_in_every_repetition():
     rows = [row async for row in crossings(TINY)]
     seen = [(row["repeat"], row["publisher"], row["transport"]) for row in rows]
-    wanted = {(r, p, t) for r in range(2) for p in ("software", "hardware") for t in ("smt", "gateway")}
+    wanted = {
+        (r, p, t) for r in range(2) for p in ("software", "hardware") for t in ("smt", "gateway")
+    }
     assert set(seen) == wanted
     assert len(seen) == len(wanted) == 2 * 2 * len(cells_of(TINY))
     assert all(row["hardware_ns"] > 0 and row["software_ns"] > 0 for row in rows)
@@ -254,7 +268,9 @@ asyncio.run(main())
 
 @pytest.mark.live
 def test_processes_end_when_their_parent_is_killed_in_the_middle_of_a_message():
-    with subprocess.Popen([sys.executable, "-c", _PARENT], stdout=subprocess.PIPE, cwd=Path.cwd()) as parent:
+    with subprocess.Popen(
+        [sys.executable, "-c", _PARENT], stdout=subprocess.PIPE, cwd=Path.cwd()
+    ) as parent:
         assert parent.stdout
         pids = [int(pid) for pid in parent.stdout.readline().split()]
         workers = [psutil.Process(pid) for pid in pids]

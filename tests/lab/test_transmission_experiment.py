@@ -28,7 +28,11 @@ from sfglab.rtps import CYCLONE_DDS, Drop, Fate, Flow, FlowOutcome, Medium, Outc
 from sfglab.units import NS_PER_S
 
 CHANGES = {"live_s": 0.0, "seeds": 2, "duration_s": 1.0}
-CHANGES |= {"rates_hz": (100, 1000), "depths": (1, 1000), "methods": ("none", "OPT", "LC", "OPT+LC")}
+CHANGES |= {
+    "rates_hz": (100, 1000),
+    "depths": (1, 1000),
+    "methods": ("none", "OPT", "LC", "OPT+LC"),
+}
 SMALL = exp.config("smoke", **CHANGES)
 CELLS = len(grid(SMALL)) * SMALL.seeds
 
@@ -78,11 +82,18 @@ def test_on_a_quiet_air_hello_takes_two_ways_and_two_services():
 
 def outcome(fate, *, name="a", dropped=0, times_ns=0):
     """Return what became of a flow's samples; what is one number is the same for all of them."""
-    columns = np.broadcast_arrays(np.array(fate, np.int8), np.array(dropped, np.int8), np.array(times_ns))
+    columns = np.broadcast_arrays(
+        np.array(fate, np.int8), np.array(dropped, np.int8), np.array(times_ns)
+    )
     fate, dropped, times_ns = (column.copy() for column in columns)
     value = np.ones(len(fate), np.int32)
     return FlowOutcome(
-        name=name, published_ns=times_ns, received_ns=times_ns + 1, value=value, fate=fate, dropped=dropped
+        name=name,
+        published_ns=times_ns,
+        received_ns=times_ns + 1,
+        value=value,
+        fate=fate,
+        dropped=dropped,
     )
 
 
@@ -108,7 +119,9 @@ def test_no_hello_is_counted_twice_or_forgotten(cell):
 def test_up_to_date_is_what_is_expected_of_a_perfect_and_of_a_dead_link():
     flow = Flow(name="a", source="r", target="s", rate_hz=10, phase_s=0.0, change_s=2.0)
     times_ns = np.rint(np.arange(0, 10, 0.1) * NS_PER_S).astype(np.int64)
-    perfect, dead = (outcome(fate, times_ns=times_ns) for fate in (Fate.DELIVERED, Fate.OVERWRITTEN))
+    perfect, dead = (
+        outcome(fate, times_ns=times_ns) for fate in (Fate.DELIVERED, Fate.OVERWRITTEN)
+    )
     # Between readings a value lives on with probability exp(-t / 2 s).
     expected = 2.0 / 0.1 * (1 - np.exp(-0.1 / 2.0))
     assert experiment.up_to_date(flow, perfect, duration_s=10) == pytest.approx(expected, rel=1e-3)
@@ -160,7 +173,10 @@ def test_bad_points_are_refused_with_the_place():
 CALM = Medium(rate_bps=1e8, loss=0.0, overhead_s=50e-6)
 
 
-@given(size_bytes=st.integers(min_value=14, max_value=200), value=st.integers(min_value=0, max_value=64**5 - 1))
+@given(
+    size_bytes=st.integers(min_value=14, max_value=200),
+    value=st.integers(min_value=0, max_value=64**5 - 1),
+)
 def test_a_sample_has_its_size_and_carries_its_value(size_bytes, value):
     cdr = text_of(value, size_bytes)
     assert len(cdr) == size_bytes
@@ -176,7 +192,9 @@ def outcome_of_losses(lost_up: int, lost_down: int) -> Outcome:
         Flow(name=experiment.HELLO_UP, then=experiment.HELLO_DOWN, **up),
         Flow(name=experiment.HELLO_DOWN, source="station", target="robot1"),
     )
-    outcome = run(Scenario(flows=flows, medium=replace(CALM, latency_s=1e-3), duration_s=1.0), seed=1)
+    outcome = run(
+        Scenario(flows=flows, medium=replace(CALM, latency_s=1e-3), duration_s=1.0), seed=1
+    )
     outcome.flows[experiment.HELLO_UP].fate[:lost_up] = Fate.UNDERWAY
     outcome.flows[experiment.HELLO_DOWN].fate[: lost_up + lost_down] = Fate.UNDERWAY
     return outcome
@@ -187,8 +205,14 @@ POINT = point(duration_s=1.0)
 
 def played(outcome: Outcome, **changes) -> Played:
     """Return what was played without delay, refusal and lateness, but for changes."""
-    usual = {"delay_s": 0.0, "radio": RadioCounters(delivered=100, late_after_s=2e-3), "late_p95_s": 0.0}
-    return Played(scenario=experiment.scenario_of(POINT), outcome=outcome, refused=0, **usual | changes)
+    usual = {
+        "delay_s": 0.0,
+        "radio": RadioCounters(delivered=100, late_after_s=2e-3),
+        "late_p95_s": 0.0,
+    }
+    return Played(
+        scenario=experiment.scenario_of(POINT), outcome=outcome, refused=0, **usual | changes
+    )
 
 
 def test_losses_and_latencies_are_those_of_their_group():
@@ -220,7 +244,9 @@ def test_a_run_that_did_not_keep_its_schedule_says_so():
 
 def test_a_sample_that_was_sent_while_its_reader_had_no_cpu_is_received_after_it_was_sent():
     samples = [(time.time_ns(), 1), None]
-    inlet = SimpleNamespace(flow=Flow(name="a", source="r", target="s"), since_ns=1, sent_ns=[], done_ns=[])
+    inlet = SimpleNamespace(
+        flow=Flow(name="a", source="r", target="s"), since_ns=1, sent_ns=[], done_ns=[]
+    )
     inlet.take, inlet.cost_ns = lambda: samples.pop(0), lambda _value, _now_ns: 0
     Player._serve(SimpleNamespace(), _Executor([inlet]), now_ns=2)
     assert inlet.done_ns[0] > inlet.sent_ns[0]
@@ -238,7 +264,9 @@ async def test_flows_caches_and_chains_run_live_as_in_the_model():
         flows=(
             Flow(name="plain", **flow),
             Flow(name="cached", change_s=0.1, cached=True, phase_s=1e-3, **flow),
-            Flow(name="compared", change_s=0.1, compare_s=1e-5, service_s=1e-4, phase_s=2e-3, **flow),
+            Flow(
+                name="compared", change_s=0.1, compare_s=1e-5, service_s=1e-4, phase_s=2e-3, **flow
+            ),
             Flow(name="hello", size_bytes=14, then="move", phase_s=3e-3, **flow),
             Flow(name="move", size_bytes=14, source="station", target="robot", qos=flow["qos"]),
         ),

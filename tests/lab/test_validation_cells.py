@@ -25,7 +25,10 @@ SEED, COUNT = 18, 40
 
 def drawn(rng, preset, number):
     kind = ("saturated", "lossy", "calm")[number % 3]
-    rate_hz, size_bytes = float(rng.choice([20, 50, 100, 200, 400])), int(rng.choice([24, 60, 400, 1000]))
+    rate_hz, size_bytes = (
+        float(rng.choice([20, 50, 100, 200, 400])),
+        int(rng.choice([24, 60, 400, 1000])),
+    )
     low, high = (1.1, 2.0) if kind == "saturated" else (0.02, 0.4)
     bits_s = data_bytes(size_bytes, with_heartbeat=False) * 8 / Medium().rate_bps
     loss = rng.uniform(0.03, 0.1) if kind == "lossy" else rng.uniform(0.0, 0.02)
@@ -47,7 +50,9 @@ def drawn(rng, preset, number):
 def test_the_committed_cells_are_those_of_the_seed():
     rng = np.random.default_rng(SEED)
     cells = pd.read_csv(DATA / "qos" / "validation.csv").to_dict("records")
-    assert cells == [drawn(rng, preset, number) for preset in live_flows.MODES for number in range(COUNT)]
+    assert cells == [
+        drawn(rng, preset, number) for preset in live_flows.MODES for number in range(COUNT)
+    ]
     assert all(validation.scenario_of_cell(cell, duration_s=8.0).flows for cell in cells)
 
 
@@ -71,7 +76,9 @@ MADE = [  # number of the cell, loss live and in the model, medians live and in 
 def test_shares_are_those_of_the_cells_that_kept_their_schedule(tmp_path):
     names = ("loss_live", "loss_model", "p50_live_ms", "p50_model_ms", "kept_up")
     cells = validation.committed_cells()
-    rows = [asdict(cells[number]) | dict(zip(names, values, strict=True)) for number, *values in MADE]
+    rows = [
+        asdict(cells[number]) | dict(zip(names, values, strict=True)) for number, *values in MADE
+    ]
     run = made_run(transmission.exp, tmp_path / "made.mcap", {validation.TABLE: rows})
     lines = validation.validated(run).set_index("preset").fillna(-1)
     shown = ["cells", "kept", "enough", "loss_within", "latency_within"]
@@ -79,9 +86,14 @@ def test_shares_are_those_of_the_cells_that_kept_their_schedule(tmp_path):
     assert lines.loc["cyclone_dds", shown].to_list() == [0, 0, False, -1, -1]
     assert lines.loc["fast_dds_foxy", "note"] == "read in its sources, not measured"
     first = validation.by_cell(run).iloc[0]
-    assert first[["loss_live", "loss_live_low", "loss_live_high"]].to_list() == pytest.approx([0.32, 0.3, 0.34])
+    assert first[["loss_live", "loss_live_low", "loss_live_high"]].to_list() == pytest.approx(
+        [0.32, 0.3, 0.34]
+    )
     figure, _ = transmission.exp.draw("transmission_validation", run)
-    assert "2 of 3 cells kept their schedule: too few\nwithin 3 points: 50%" in figure.axes[0].get_title()
+    assert (
+        "2 of 3 cells kept their schedule: too few\nwithin 3 points: 50%"
+        in figure.axes[0].get_title()
+    )
     assert re.match("2 cells.*asynchronous: read", figure.get_supxlabel())
 
 
@@ -109,7 +121,11 @@ def test_a_run_that_is_broken_off_goes_on_and_a_cell_that_fails_is_left_out(tmp_
 
     def play():
         with ExitStack() as bench.stack:
-            asyncio.run(live_flows.play_missing(bench, validation.TABLE, cells, dict.fromkeys(cells, 2), rows))
+            asyncio.run(
+                live_flows.play_missing(
+                    bench, validation.TABLE, cells, dict.fromkeys(cells, 2), rows
+                )
+            )
 
     with pytest.raises(KeyboardInterrupt):
         play()
@@ -119,21 +135,35 @@ def test_a_run_that_is_broken_off_goes_on_and_a_cell_that_fails_is_left_out(tmp_
     written = [row for call in bench.write_all.call_args_list for row in call.args[1]]
     assert written == [{"number": n, "repeat": r} for r in (0, 1) for n in (0, 2, 3)]
     assert len(bench.metadata.call_args.args[1]["failed"]) == 2
-    assert len(played) - before == 2 + 2 + 1 + 1, "what failed twice again, what was broken off, what is left"
+    assert len(played) - before == 2 + 2 + 1 + 1, (
+        "what failed twice again, what was broken off, what is left"
+    )
     assert not list(tmp_path.iterdir()), "a finished run leaves no journal"
 
 
 def test_cells_on_real_fast_dds_are_few_in_quick_and_slowed_where_python_is_too_slow(tmp_path):
-    quick, paper = (validation.ros_cells(transmission.exp.config(profile)) for profile in ("quick", "paper"))
+    quick, paper = (
+        validation.ros_cells(transmission.exp.config(profile)) for profile in ("quick", "paper")
+    )
     assert len(quick) <= 12
     assert {cell.preset for cell in quick} == {"fast_dds_sync", "fast_dds_async"}
     slowed = {(100, 2), (100, 4), (200, 4), (500, 10), (1000, 20)}
     assert {(c.point.rate_max_hz, c.slowed) for c in paper} == slowed
     cell = next(cell for cell in paper if cell.slowed == 20)
     fast, slow = replace(cell, slowed=1.0).scenario(0), cell.scenario(0)
-    assert [flow.rate_hz for flow in slow.flows] == pytest.approx([flow.rate_hz / 20 for flow in fast.flows])
-    assert slow.medium.airtime_ns(100, 1) == pytest.approx(20 * fast.medium.airtime_ns(100, 1), rel=1e-6)
-    row = {"group": "hello", "preset": cell.preset, "slowed": 10.0, "p50_live_ms": 30.0, "p50_model_ms": 20.0}
+    assert [flow.rate_hz for flow in slow.flows] == pytest.approx(
+        [flow.rate_hz / 20 for flow in fast.flows]
+    )
+    assert slow.medium.airtime_ns(100, 1) == pytest.approx(
+        20 * fast.medium.airtime_ns(100, 1), rel=1e-6
+    )
+    row = {
+        "group": "hello",
+        "preset": cell.preset,
+        "slowed": 10.0,
+        "p50_live_ms": 30.0,
+        "p50_model_ms": 20.0,
+    }
     played = (True, 0.2), (True, 0.3), (False, 0.9)
     rows = [row | {"kept_up": kept, "loss_live": loss} for kept, loss in played]
     run = made_run(transmission.exp, tmp_path / "made.mcap", {"ros2": rows})

@@ -58,7 +58,9 @@ def changed(recording, part, **changes):
 
 
 def test_every_visualizer_that_there_is_has_its_part_in_the_scene(moments):
-    assert {part.kind for part in fleet_scene.make_parts(moments)} == {kind.name for kind in BUILT_IN}
+    assert {part.kind for part in fleet_scene.make_parts(moments)} == {
+        kind.name for kind in BUILT_IN
+    }
 
 
 def test_a_perfect_recording_passes_and_whatever_is_changed_in_it_is_found(parts):
@@ -67,7 +69,9 @@ def test_a_perfect_recording_passes_and_whatever_is_changed_in_it_is_found(parts
     for part in parts:
         first = part.expected[0]
         values = ["else"] if isinstance(first, list) else np.asarray(first) + 1
-        assert wrong(check_visualizers(tuple(parts), changed(perfect, part, content=values))) == [part.kind]
+        assert wrong(check_visualizers(tuple(parts), changed(perfect, part, content=values))) == [
+            part.kind
+        ]
         late = changed(perfect, part, capture_ns=7)
         assert wrong(check_visualizers(tuple(parts), late)) == [part.kind]
         assert wrong(check_visualizers(tuple(parts), {**perfect, part.place: []})) == [part.kind]
@@ -112,7 +116,9 @@ def test_the_reference_inverts_the_projection_by_hand():
 def test_points_or_colours_that_are_off_are_found(moments):
     expected = np.ones((3, 3))
     colors = np.zeros((3, 3), np.uint8)
-    good = Cloud(moment=moments[0], shown=expected, colors=colors, expected=expected, expected_colors=colors)
+    good = Cloud(
+        moment=moments[0], shown=expected, colors=colors, expected=expected, expected_colors=colors
+    )
     bad = [
         replace(good, shown=expected + 1e-4),
         replace(good, shown=expected[:2], colors=colors[:2]),
@@ -166,7 +172,10 @@ def test_the_claim_is_the_group_that_is_worst_and_a_tail_fails_it():
     assert list(checks(run)["group"])[-2:] == ["memory", "latency"]
     for worst, reason in (
         (run, "a package's visualizers through entry points: 1 of 2: what was seen"),
-        (quiet_run(tail_ms=20.0), "what the bridge adds to a picture's way: 1 of 2: 99 %: 21.0 of 5 ms"),
+        (
+            quiet_run(tail_ms=20.0),
+            "what the bridge adds to a picture's way: 1 of 2: 99 %: 21.0 of 5 ms",
+        ),
     ):
         measured = exp.measure(worst)["A-VIZ"]
         assert (measured.estimate.value, measured.reason) == (0.5, reason)
@@ -183,12 +192,16 @@ def test_without_a_driver_there_is_no_screenshot_but_one_sentence(tmp_path, monk
     for name in screenshots._NAMED_DRIVERS:
         monkeypatch.delenv(name, raising=False)
     monkeypatch.setattr(screenshots, "_DRIVERS", (str(tmp_path / "icd.d"),))
-    with pytest.raises(SfglabError, match="needs a Vulkan driver, such as the package mesa-vulkan-drivers"):
+    with pytest.raises(
+        SfglabError, match="needs a Vulkan driver, such as the package mesa-vulkan-drivers"
+    ):
         screenshots.main(tmp_path, ["viewer"])
     assert not list(tmp_path.iterdir())
 
 
-def test_the_fleet_of_the_screenshot_has_its_cloud_its_lost_agent_and_nothing_that_fails(tmp_path, monkeypatch):
+def test_the_fleet_of_the_screenshot_has_its_cloud_its_lost_agent_and_nothing_that_fails(
+    tmp_path, monkeypatch
+):
     monkeypatch.setattr(screenshots, "_MOMENTS", 16)
     path = tmp_path / "fleet.rrd"
     screenshots.record_fleet(path)
@@ -197,5 +210,7 @@ def test_the_fleet_of_the_screenshot_has_its_cloud_its_lost_agent_and_nothing_th
     assert len(shown[f"{root}/cloud", "Points3D:positions"]) == 16
     assert len(shown[root, "DepthImage:buffer"]) == 16
     for agent, life in (("go2", "alive"), ("pi3", "late")):
-        assert shown[f"/agents/{agent}/communication/life", "StateChange:state"][-1].content == [life]
+        assert shown[f"/agents/{agent}/communication/life", "StateChange:state"][-1].content == [
+            life
+        ]
     assert {entity for entity, _ in shown} >= {"/tf/go2/base", "/tf/pi1/base", "/fleet/border"}

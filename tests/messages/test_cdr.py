@@ -58,7 +58,9 @@ def test_every_type_survives_the_round_trip_and_fits_its_size():
         dirty = bytearray(b"\xff" * (len(cdr) + 3))
         assert serialize(deserialize(cdr, name)) == cdr
         assert len(cdr) % 4 == 0
-        assert messages.serialize_into(message, dirty) == len(cdr) == messages.serialized_size(message)
+        assert (
+            messages.serialize_into(message, dirty) == len(cdr) == messages.serialized_size(message)
+        )
         assert dirty == cdr + b"\xff\xff\xff", name
 
 
@@ -87,12 +89,22 @@ def test_arrays_are_read_only_views_of_any_buffer(container):
         (IMAGE, "data", b"abc", "data: given bytes, allowed is a NumPy array of uint8"),
         (IMAGE, "data", [1, 2], "data: given list"),
         (IMAGE, "data", np.zeros(3, np.int32), "data: given an array of int32, allowed is uint8"),
-        (IMAGE, "data", np.zeros((2, 3), np.uint8), r"data: given an array of shape \(2, 3\).*ravel"),
+        (
+            IMAGE,
+            "data",
+            np.zeros((2, 3), np.uint8),
+            r"data: given an array of shape \(2, 3\).*ravel",
+        ),
         (IMAGE, "height", -1, "height: given -1, allowed are 0 to 4294967295"),
         (IMAGE, "height", 1.5, "height: given 1.5, allowed is uint32"),
         (IMAGE, "encoding", None, "encoding: given None, allowed is text"),
         (IMAGE, "header", None, "header: given NoneType, allowed is std_msgs/msg/Header"),
-        (NUMBERS, "data", np.zeros(8)[::2], r"data: given an array of shape \(4,\), allowed is one contiguous"),
+        (
+            NUMBERS,
+            "data",
+            np.zeros(8)[::2],
+            r"data: given an array of shape \(4,\), allowed is one contiguous",
+        ),
         (TF, "w", "one", r"transforms\[1\].transform.rotation.w: given 'one'"),
         ("sensor_msgs/msg/Imu", "angular_velocity_covariance", np.zeros(8), "array length"),
         ("std_msgs/msg/Float32", "data", 1e300, "float"),
@@ -101,7 +113,9 @@ def test_arrays_are_read_only_views_of_any_buffer(container):
 def test_a_field_that_does_not_fit_is_named_with_its_path(name, field, value, complaint):
     message = holder = default_message(name)
     if name == TF:
-        message.transforms = [default_message("geometry_msgs/msg/TransformStamped") for _ in range(2)]
+        message.transforms = [
+            default_message("geometry_msgs/msg/TransformStamped") for _ in range(2)
+        ]
         holder = message.transforms[1].transform.rotation
     setattr(holder, field, value)
     with pytest.raises(CdrError, match=complaint) as error:
@@ -135,7 +149,11 @@ def test_a_hostile_length_allocates_nothing(length):
     image = serialize(default_message("sensor_msgs/msg/Image"))[:-4] + cdr[4:]
     with pytest.raises(CdrError):
         deserialize(image, "sensor_msgs/msg/Image")
-    for name in ("tf2_msgs/msg/TFMessage", "std_msgs/msg/String", "rcl_interfaces/msg/ListParametersResult"):
+    for name in (
+        "tf2_msgs/msg/TFMessage",
+        "std_msgs/msg/String",
+        "rcl_interfaces/msg/ListParametersResult",
+    ):
         with pytest.raises(CdrError, match=f"given|Invalid|{name}"):
             deserialize(cdr, name)
 
@@ -147,7 +165,11 @@ def test_other_encapsulations_are_refused(head):
 
 
 def test_a_foreign_definition_decodes_its_messages_and_ours_decode_like_our_types():
-    text = "int32 x\nother_pkg/Point[] points\n" + "=" * 80 + "\nMSG: other_pkg/Point\nfloat32 a  # metres"
+    text = (
+        "int32 x\nother_pkg/Point[] points\n"
+        + "=" * 80
+        + "\nMSG: other_pkg/Point\nfloat32 a  # metres"
+    )
     decode = decoder_from_definition("test_pkg/msg/Foreign", text)
     cdr = b"\0\1\0\0" + struct.pack("<iIff", 7, 2, 0.5, 1.5)
     message = decode(cdr)
@@ -155,7 +177,10 @@ def test_a_foreign_definition_decodes_its_messages_and_ours_decode_like_our_type
     with pytest.raises(CdrError, match="test_pkg/msg/Foreign"):
         decode(cdr[:10])
     rng = np.random.default_rng(5)
-    for name in ("sfglab_interfaces/msg/AgentMetadata", "sfglab_interfaces/srv/GetMetadata_Request"):
+    for name in (
+        "sfglab_interfaces/msg/AgentMetadata",
+        "sfglab_interfaces/srv/GetMetadata_Request",
+    ):
         cdr = serialize(random_message(rng, name))
         read = decoder_from_definition(name, messages.definition(name))(cdr)
         assert repr(read) == repr(deserialize(cdr, name))
@@ -174,7 +199,9 @@ FLAT = [name for name in messages.message_types() if flat_reader(type_store(), n
 
 
 def test_the_messages_of_sensors_are_flat():
-    assert {"sensor_msgs/msg/Image", "sensor_msgs/msg/Imu", "sensor_msgs/msg/CameraInfo"} <= set(FLAT)
+    assert {"sensor_msgs/msg/Image", "sensor_msgs/msg/Imu", "sensor_msgs/msg/CameraInfo"} <= set(
+        FLAT
+    )
     assert "ffmpeg_image_transport_msgs/msg/FFMPEGPacket" in FLAT
     assert "tf2_msgs/msg/TFMessage" not in FLAT
     assert len(FLAT) > 80
@@ -191,7 +218,9 @@ def test_what_is_read_is_what_the_general_decoder_reads(name):
 
 def test_a_string_without_end_is_refused_and_bytes_behind_a_message_are_none_of_it():
     string = serialize(default_message("std_msgs/msg/String"))
-    empty, endless = (string[:4] + struct.pack("<I", length) + b"x\0\0\0" * length for length in (0, 1))
+    empty, endless = (
+        string[:4] + struct.pack("<I", length) + b"x\0\0\0" * length for length in (0, 1)
+    )
     for broken in (empty, endless):
         with pytest.raises(CdrError):
             deserialize(broken, "std_msgs/msg/String")

@@ -84,8 +84,13 @@ def test_a_framed_reply_and_field_names_of_python_pass_through_dds_unchanged(par
     _, reply = service_idl_struct(name)
     cdr = messages.serialize(random_message(np.random.default_rng(2), f"{name}_Response"))
     frame = messages.ServiceFrame(7, 8, cdr)
-    assert messages.unframe_service(through_dds(participant, reply, messages.frame_service(frame))) == frame
-    odd = register("test_pkg/msg/OddNames", "int32 serialize\nint32 def\nstring<=4 short\nuint8[<=3] few\n")
+    assert (
+        messages.unframe_service(through_dds(participant, reply, messages.frame_service(frame)))
+        == frame
+    )
+    odd = register(
+        "test_pkg/msg/OddNames", "int32 serialize\nint32 def\nstring<=4 short\nuint8[<=3] few\n"
+    )
     cdr = messages.serialize(odd(serialize=1, def_=2, short="abcd", few=np.array([1, 2], np.uint8)))
     assert through_dds(participant, idl_struct(odd), cdr) == cdr
 
@@ -93,8 +98,17 @@ def test_a_framed_reply_and_field_names_of_python_pass_through_dds_unchanged(par
 def test_service_types_begin_with_the_header_of_rmw_cyclonedds():
     request, reply = service_idl_struct("sfglab_interfaces/srv/GetMetadata")
     assert list(request.__annotations__)[:2] == ["rmw_client_guid", "rmw_sequence"]
-    assert list(reply.__annotations__) == ["rmw_client_guid", "rmw_sequence", "success", "message", "metadata"]
-    assert reply.__idl__.idl_transformed_typename == "sfglab_interfaces::srv::dds_::GetMetadata_Response_"
+    assert list(reply.__annotations__) == [
+        "rmw_client_guid",
+        "rmw_sequence",
+        "success",
+        "message",
+        "metadata",
+    ]
+    assert (
+        reply.__idl__.idl_transformed_typename
+        == "sfglab_interfaces::srv::dds_::GetMetadata_Response_"
+    )
     asked, _ = service_idl_struct("sfglab_interfaces/action/FollowTrajectory_SendGoal")
     wrapper = "sfglab_interfaces::action::dds_::FollowTrajectory_SendGoal_Request_"
     assert asked.__idl__.idl_transformed_typename == wrapper

@@ -47,24 +47,41 @@ def workspace(tmp_path):
 
 
 def test_a_folder_of_packages_is_registered_without_what_we_do_not_have(workspace, caplog):
-    with pytest.raises(MessageError, match=r"no type user_msgs_b/msg/Finger: register its package first"):
+    with pytest.raises(
+        MessageError, match=r"no type user_msgs_b/msg/Finger: register its package first"
+    ):
         register_interfaces(workspace / "a" / "msg" / "Grip.msg")
     with pytest.raises(MessageError, match=r"Wide.text: given wstring, allowed is string"):
         register_interfaces(workspace / "a" / "msg" / "Wide.msg")
     with caplog.at_level(logging.WARNING):
         names = register_interfaces(workspace)
-    assert {"user_msgs_a/msg/Grip", "user_msgs_b/msg/Side", "user_msgs_b/srv/Open_Request"} <= set(names)
+    assert {"user_msgs_a/msg/Grip", "user_msgs_b/msg/Side", "user_msgs_b/srv/Open_Request"} <= set(
+        names
+    )
     assert message_type("user_msgs_b/msg/Side").LEFT == 1
-    assert messages.service_type("user_msgs_b/srv/Open").request.__msgtype__ == "user_msgs_b/srv/Open_Request"
-    assert messages.action_type("user_msgs_b/action/Grasp").goal.__msgtype__ == "user_msgs_b/action/Grasp_Goal"
+    assert (
+        messages.service_type("user_msgs_b/srv/Open").request.__msgtype__
+        == "user_msgs_b/srv/Open_Request"
+    )
+    assert (
+        messages.action_type("user_msgs_b/action/Grasp").goal.__msgtype__
+        == "user_msgs_b/action/Grasp_Goal"
+    )
     assert sorted(record.args[0].name for record in caplog.records) == ["Ask.srv", "Wide.msg"]
-    assert not {WIDE, "user_msgs_a/srv/Ask_Request", "user_msgs_a/srv/Ask_Response"} & set(message_types())
+    assert not {WIDE, "user_msgs_a/srv/Ask_Request", "user_msgs_a/srv/Ask_Response"} & set(
+        message_types()
+    )
 
 
-def test_types_given_to_a_command_are_known_to_it_and_to_the_processes_it_starts(tmp_path, monkeypatch):
+def test_types_given_to_a_command_are_known_to_it_and_to_the_processes_it_starts(
+    tmp_path, monkeypatch
+):
     monkeypatch.setenv(INTERFACES_VARIABLE, "")
     names = ["user_msgs_c/msg/One", "user_msgs_d/msg/Two"]
-    texts = {"user_msgs_c/msg/One.msg": "int32 x\n", "user_msgs_d/msg/Two.msg": "user_msgs_c/One one\n"}
+    texts = {
+        "user_msgs_c/msg/One.msg": "int32 x\n",
+        "user_msgs_d/msg/Two.msg": "user_msgs_c/One one\n",
+    }
     first, second = (written(tmp_path, texts) / name.partition("/")[0] for name in names)
     both = ["--interfaces", str(first), "--interfaces", str(second)]
     with pytest.raises(SfglabError, match="domain on both sides"):
@@ -85,7 +102,12 @@ def test_commands_that_meet_types_of_users_say_what_is_wrong_with_them(tmp_path,
 
 
 def test_a_router_warns_once_of_an_interface_that_it_does_not_know_and_names_the_cure(caplog):
-    parts = ["srv/Wave_Request", "srv/Wave_Response", "action/Go_SendGoal_Request", "action/Go_FeedbackMessage"]
+    parts = [
+        "srv/Wave_Request",
+        "srv/Wave_Response",
+        "action/Go_SendGoal_Request",
+        "action/Go_FeedbackMessage",
+    ]
     with caplog.at_level(logging.WARNING):
         for part in parts * 2:
             _opaque(f"nobodys_msgs/{part}")
@@ -99,11 +121,15 @@ def test_our_interfaces_are_written_as_a_package_of_ament(tmp_path):
     assert called("interfaces", str(tmp_path)) == f"{package}\n"
     ours = resources.files("sfglab.messages") / "interfaces" / "sfglab_interfaces"
     kinds = [ours / kind for kind in ("msg", "srv", "action")]
-    files = {f"{kind.name}/{file.name}": file.read_text() for kind in kinds for file in kind.iterdir()}
+    files = {
+        f"{kind.name}/{file.name}": file.read_text() for kind in kinds for file in kind.iterdir()
+    }
     assert files == {name: (package / name).read_text() for name in files}
     assert set(register_interfaces(package)) <= set(message_types())
     manifest = (package / "package.xml").read_text()
-    used = {name for text in files.values() for name in re.findall(r"^([a-z]\w*)/", text, re.MULTILINE)}
+    used = {
+        name for text in files.values() for name in re.findall(r"^([a-z]\w*)/", text, re.MULTILINE)
+    }
     depends = set(re.findall("<depend>(.*)</depend>", manifest))
     assert depends == used - {"sfglab_interfaces"} | {"action_msgs"}
     assert f"<version>{sfglab.__version__}</version>" in manifest

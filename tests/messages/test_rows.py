@@ -45,7 +45,12 @@ class LatencyRow:
 
 def row(**changes):
     single = {"sent": 3, "mean_s": 0.25, "lossless": True, "agent": "r1", "side": Side.PROXY}
-    several = {"samples_s": (0.5, 1.5), "sizes": [], "names": ["a", ""], "image": np.arange(3, dtype=np.uint8)}
+    several = {
+        "samples_s": (0.5, 1.5),
+        "sizes": [],
+        "names": ["a", ""],
+        "image": np.arange(3, dtype=np.uint8),
+    }
     return LatencyRow(**single | several | changes)
 
 
@@ -58,11 +63,22 @@ def test_a_dataclass_becomes_a_definition_with_its_docs_and_a_row_comes_back_fie
         "string[] names\nuint8[] image\n"
     )
     read = deserialize(serialize(row_message(row())), row_type(LatencyRow))
-    assert (read.sent, read.mean_s, read.lossless, read.agent, read.side) == (3, 0.25, True, "r1", "with proxy")
+    assert (read.sent, read.mean_s, read.lossless, read.agent, read.side) == (
+        3,
+        0.25,
+        True,
+        "r1",
+        "with proxy",
+    )
     assert (read.samples_s.tolist(), read.sizes.tolist(), read.names) == ([0.5, 1.5], [], ["a", ""])
     assert read.image.tolist() == [0, 1, 2]
     numpy = row(sent=np.int64(4), mean_s=np.float32(0.5), image=np.arange(8, dtype=np.uint8)[::2])
-    assert deserialize(serialize(row_message(numpy)), row_type(LatencyRow)).image.tolist() == [0, 2, 4, 6]
+    assert deserialize(serialize(row_message(numpy)), row_type(LatencyRow)).image.tolist() == [
+        0,
+        2,
+        4,
+        6,
+    ]
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,11 @@ def test_the_header_stands_before_the_fields_and_a_big_endian_frame_is_read():
     cdr = messages.serialize(messages.default_message("sfglab_interfaces/srv/GetMetadata_Request"))
     framed = messages.frame_service(messages.ServiceFrame(0x1122334455667788, 9, cdr))
     assert framed == bytes.fromhex("00010000 8877665544332211 0900000000000000 00000000")
-    assert messages.unframe_service(bytes(4) + struct.pack(">Qq", 1, -2) + b"x") == (1, -2, bytes(4) + b"x")
+    assert messages.unframe_service(bytes(4) + struct.pack(">Qq", 1, -2) + b"x") == (
+        1,
+        -2,
+        bytes(4) + b"x",
+    )
 
 
 @given(st.integers(0, 2**64 - 1), st.integers(-(2**63), 2**63 - 1), st.binary(max_size=40))
@@ -35,13 +39,17 @@ TEXT = "int32 until\nint32 LIMIT=9\n---\nint32 reached\n---\nint32 now\n"
 
 
 def fields(type_):
-    return {name for name in type_.__dataclass_fields__ if name != "__msgtype__" and not name.isupper()}
+    return {
+        name for name in type_.__dataclass_fields__ if name != "__msgtype__" and not name.isupper()
+    }
 
 
 def test_an_action_is_three_parts_and_the_wrappers_of_the_ros_2_design():
     action = messages.action_type(FOLLOW)
     parts = [action.goal, action.result, action.feedback, action.feedback_message]
-    parts += [half for s in (action.send_goal, action.get_result) for half in (s.request, s.response)]
+    parts += [
+        half for s in (action.send_goal, action.get_result) for half in (s.request, s.response)
+    ]
     assert [" ".join(sorted(fields(part))) for part in parts] == [
         "agent trajectory",
         "error_code final_pose text",
@@ -56,7 +64,9 @@ def test_an_action_is_three_parts_and_the_wrappers_of_the_ros_2_design():
 
 def test_a_request_for_a_goal_is_the_id_and_then_the_goal_and_no_field_is_one_octet():
     action = messages.register_action(COUNT, TEXT)
-    uuid = messages.message_type("unique_identifier_msgs/msg/UUID")(uuid=np.arange(16, dtype=np.uint8))
+    uuid = messages.message_type("unique_identifier_msgs/msg/UUID")(
+        uuid=np.arange(16, dtype=np.uint8)
+    )
     cdr = messages.serialize(action.send_goal.request(goal_id=uuid, goal=action.goal(until=7)))
     assert cdr == b"\0\1\0\0" + bytes(range(16)) + b"\7\0\0\0"
     assert messages.deserialize(cdr, action.send_goal.request).goal.until == 7
@@ -73,12 +83,16 @@ def test_a_definition_holds_the_part_that_is_wrapped():
         read = get_types_from_msg(text, messages.type_name(type_))
         assert f"MSG: {FOLLOW}_" in text
         assert len(read) == text.count("MSG: ") + 1
-        assert any(name.endswith("unique_identifier_msgs/msg/UUID") for name in read) == ("goal_id" in text)
+        assert any(name.endswith("unique_identifier_msgs/msg/UUID") for name in read) == (
+            "goal_id" in text
+        )
 
 
 @pytest.mark.parametrize("text", ["", "int32 a\n---\nint32 b\n", "---\n---\n---\n"])
 def test_a_text_without_three_parts_is_refused_with_their_number(text):
-    with pytest.raises(messages.MessageError, match=rf"'a/action/B'.*given {text.count('---') + 1} part"):
+    with pytest.raises(
+        messages.MessageError, match=rf"'a/action/B'.*given {text.count('---') + 1} part"
+    ):
         messages.register_action("a/action/B", text)
 
 

@@ -39,7 +39,9 @@ def test_every_line_of_our_interfaces_has_a_comment():
 
 def test_a_type_is_known_by_one_spelling_and_a_service_is_its_two_halves():
     assert type_name(message_type("std_msgs/msg/String")) == "std_msgs/msg/String"
-    with pytest.raises(messages.UnknownTypeError, match="did you mean std_msgs/msg/String") as error:
+    with pytest.raises(
+        messages.UnknownTypeError, match="did you mean std_msgs/msg/String"
+    ) as error:
         message_type("std_msgs/String")
     assert error.value.near[0] == "std_msgs/msg/String"
     with pytest.raises(LookupError, match="names look like"):
@@ -51,7 +53,9 @@ def test_a_type_is_known_by_one_spelling_and_a_service_is_its_two_halves():
     # rosidl gives an empty struct one octet, so that there is something on the wire.
     assert messages.serialize(default_message(service.request)) == b"\0\1\0\0" + b"\0" + b"\0\0\0"
     assert default_message(service.response).metadata.sensors == []
-    with pytest.raises(messages.UnknownTypeError, match="did you mean sfglab_interfaces/srv/GetMetadata"):
+    with pytest.raises(
+        messages.UnknownTypeError, match="did you mean sfglab_interfaces/srv/GetMetadata"
+    ):
         messages.service_type("sfglab_interfaces/srv/GetMetaData")
 
 
@@ -80,7 +84,10 @@ def test_a_default_message_is_zero_and_empty_all_the_way_down():
     imu = default_message(message_type("sensor_msgs/msg/Imu"))
     assert imu.orientation_covariance.tolist() == [0.0] * 9
     assert imu.orientation.w == 0.0
-    assert imu.orientation_covariance is not default_message("sensor_msgs/msg/Imu").orientation_covariance
+    assert (
+        imu.orientation_covariance
+        is not default_message("sensor_msgs/msg/Imu").orientation_covariance
+    )
 
 
 def test_a_name_is_registered_once():
@@ -96,7 +103,10 @@ def test_a_name_is_registered_once():
         ("std_msgs/msg/String", "std_msgs::msg::dds_::String_"),
         ("sensor_msgs/msg/PointCloud2", "sensor_msgs::msg::dds_::PointCloud2_"),
         ("std_srvs/srv/SetBool_Request", "std_srvs::srv::dds_::SetBool_Request_"),
-        ("nav2_msgs/action/Spin_SendGoal_Response", "nav2_msgs::action::dds_::Spin_SendGoal_Response_"),
+        (
+            "nav2_msgs/action/Spin_SendGoal_Response",
+            "nav2_msgs::action::dds_::Spin_SendGoal_Response_",
+        ),
     ],
 )
 def test_names_are_mapped_as_rosidl_does_both_ways(ros, dds):
@@ -107,7 +117,11 @@ def test_names_are_mapped_as_rosidl_does_both_ways(ros, dds):
 @pytest.mark.parametrize(
     ("read", "said", "names"),
     [
-        (dds_type_name, "package/msg/Name", "std_msgs/String String std_msgs/msg/String_ a/b/msg/C 9a/msg/B"),
+        (
+            dds_type_name,
+            "package/msg/Name",
+            "std_msgs/String String std_msgs/msg/String_ a/b/msg/C 9a/msg/B",
+        ),
         (ros_type_name, "dds_", "std_msgs::msg::String DDS::Time std_msgs::msg::dds_::String bool"),
     ],
 )

@@ -8,7 +8,9 @@ from sfglab.errors import InvalidValueError
 from sfglab.messages import default_message, deserialize, message_types, serialize
 from sfglab.messages.text import Style, message_from_yaml, to_yaml, value_at, values_of
 
-NAMES = message_types()  # as they come: other tests register some whose bounds random values do not keep
+NAMES = (
+    message_types()
+)  # as they come: other tests register some whose bounds random values do not keep
 JOINTS = "sensor_msgs/msg/JointState"
 
 
@@ -47,7 +49,10 @@ WRONG = {
     (JOINTS, "{name: [{}]}"): "text",
     (JOINTS, "{position: [x]}"): "a number",
     (JOINTS, "{position: [true]}"): "a number",
-    (JOINTS, "{header: {stamp: {sec: 2147483648}}}"): "a whole number from -2147483648 to 2147483647",
+    (
+        JOINTS,
+        "{header: {stamp: {sec: 2147483648}}}",
+    ): "a whole number from -2147483648 to 2147483647",
     (JOINTS, "{header: {stamp: {sec: 1.5}}}"): "a whole number",
     (JOINTS, "{header: {stamp: then}}"): "fields in braces",
     ("sensor_msgs/msg/Imu", "{orientation_covariance: [1]}"): "a list of 9 values",

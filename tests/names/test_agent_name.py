@@ -45,7 +45,9 @@ def test_sanitising_gives_a_valid_agent_or_an_fqn_error_and_is_idempotent(hostna
         assert sanitize_agent(agent) == validate_agent(agent) == agent
 
 
-def test_the_variable_goes_before_the_host_name_and_both_are_the_environments_by_default(monkeypatch):
+def test_the_variable_goes_before_the_host_name_and_both_are_the_environments_by_default(
+    monkeypatch,
+):
     assert default_agent({AGENT_VARIABLE: "Spot1"}, hostname="go2") == "Spot1"
     assert default_agent({}, hostname="Go2-Jetson.local") == "go2_jetson"
     monkeypatch.setenv(AGENT_VARIABLE, "from_env")
@@ -55,7 +57,9 @@ def test_the_variable_goes_before_the_host_name_and_both_are_the_environments_by
     assert default_agent() == "host_7"
 
 
-@pytest.mark.parametrize("given_name", ["", "go2-jetson", "Go2 Jetson", "9", "lidar", "a__b", "torq"])
+@pytest.mark.parametrize(
+    "given_name", ["", "go2-jetson", "Go2 Jetson", "9", "lidar", "a__b", "torq"]
+)
 def test_an_invalid_variable_is_an_error_and_never_changed(given_name):
     with pytest.raises(FqnError, match=f"comes from {AGENT_VARIABLE}") as caught:
         default_agent({AGENT_VARIABLE: given_name}, hostname="go2")
@@ -75,7 +79,9 @@ def test_an_agent_that_reads_as_another_segment_is_refused(agent):
 def test_an_agent_that_a_router_breaks_is_refused_in_every_name(agent):
     assert names.router_hazards(f"/global/{agent}/get_metadata")
     with pytest.raises(FqnError, match="router"):
-        names.RosFqn(scope=names.Scope.LOCAL, agent=agent, resource=names.Resource.AGENT_DISCOVERY_EVENT)
+        names.RosFqn(
+            scope=names.Scope.LOCAL, agent=agent, resource=names.Resource.AGENT_DISCOVERY_EVENT
+        )
 
 
 def test_ordinary_agents_are_allowed():
@@ -95,7 +101,9 @@ def test_ordinary_agents_are_allowed():
         ("map", "go2", [], "go2/map"),
     ],
 )
-def test_a_frame_is_called_by_its_agent_unless_it_is_shared_or_has_a_prefix(frame, agent, shared, called):
+def test_a_frame_is_called_by_its_agent_unless_it_is_shared_or_has_a_prefix(
+    frame, agent, shared, called
+):
     assert names.prefixed_frame(frame, agent, shared=frozenset(shared)) == called
     assert names.frame_owner(called) == called.rpartition("/")[0]
     assert names.prefixed_frame("map", "go2") == "map"

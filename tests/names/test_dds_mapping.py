@@ -15,7 +15,9 @@ from sfglab.names.grammar import WireName
 COLLIDING = "torq carr rq rr getRequest Reply ReqRequest Req Rep uest a"
 TOKENS = st.one_of(
     st.sampled_from(COLLIDING.split()),
-    st.from_regex(r"[a-z][a-z0-9]{0,5}(_[a-z0-9]{1,4})?(rq|rr|R|Re|Request|Reply)?", fullmatch=True),
+    st.from_regex(
+        r"[a-z][a-z0-9]{0,5}(_[a-z0-9]{1,4})?(rq|rr|R|Re|Request|Reply)?", fullmatch=True
+    ),
 )
 NAMES = st.lists(TOKENS, min_size=1, max_size=5).map(lambda tokens: "/" + "/".join(tokens))
 
@@ -50,7 +52,9 @@ def test_topics_services_and_actions_have_the_names_that_rmw_gives_them():
     )
 
 
-@pytest.mark.parametrize("make", [dds_topic, dds_service, partial(dds_names, kind=ResourceKind.ACTION)])
+@pytest.mark.parametrize(
+    "make", [dds_topic, dds_service, partial(dds_names, kind=ResourceKind.ACTION)]
+)
 @pytest.mark.parametrize("name", ["chatter", "/a/", "", "/a__b"])
 def test_only_valid_names_are_mapped(make, name):
     with pytest.raises(FqnError):
@@ -66,7 +70,9 @@ def test_every_name_comes_back_from_dds_with_its_role(name):
 
 
 def test_dds_topics_that_are_not_ros_have_no_ros_name_and_others_are_read_as_leniently_as_rmw():
-    foreign = "ros_discovery_info DCPSParticipant rt rt/ rtx/a rq/add rr/addRequest rq/Request rt//a"
+    foreign = (
+        "ros_discovery_info DCPSParticipant rt rt/ rtx/a rq/add rr/addRequest rq/Request rt//a"
+    )
     assert [name for name in foreign.split() if names.ros_name_from_dds(name)] == []
     assert names.ros_name_from_dds("rt/a__b") == WireName(role=names.DdsRole.TOPIC, name="/a__b")
 
@@ -91,7 +97,9 @@ def test_a_service_has_no_hazard_exactly_if_the_router_pairs_its_halves(name):
 def test_an_action_has_no_hazard_exactly_if_the_router_pairs_all_its_services(name):
     *services, _feedback, _status = dds_names(name, ResourceKind.ACTION)
     pairs = zip(services[::2], services[1::2], strict=True)
-    assert (not router_hazards(name, ResourceKind.ACTION)) == all(router_pairs(*pair) for pair in pairs)
+    assert (not router_hazards(name, ResourceKind.ACTION)) == all(
+        router_pairs(*pair) for pair in pairs
+    )
 
 
 def test_hazards_name_the_segments_that_break():

@@ -77,7 +77,9 @@ def test_a_suffix_that_spells_another_value_and_digits_behind_an_underscore_are_
             Resource.COMPRESSED.suffixed(suffix)
     with pytest.raises(FqnError, match=r"Resource\.FFMPEG_REPLAY"):
         Resource.FFMPEG.suffixed("replay")
-    assert read_standard(Resource, "compressed_depth_left") == Resource.COMPRESSED_DEPTH.suffixed("left")
+    assert read_standard(Resource, "compressed_depth_left") == Resource.COMPRESSED_DEPTH.suffixed(
+        "left"
+    )
     with pytest.raises(FqnError, match=r"^component: .*'camera1'"):
         read_standard(Component, "camera_1")
 
@@ -87,7 +89,9 @@ def test_what_only_resembles_a_standard_value_is_none(text):
     assert read_standard(Component, text) is None
 
 
-@pytest.mark.parametrize("text", ["", "_x", "x_", "a__b", "9a", "a b", "a/b", "ä", "a\n", "-", "\u0661"])
+@pytest.mark.parametrize(
+    "text", ["", "_x", "x_", "a__b", "9a", "a b", "a/b", "ä", "a\n", "-", "\u0661"]
+)
 def test_suffixes_and_customs_take_only_words_of_a_ros_name(text):
     if text != "9a":  # which may stand behind a word
         with pytest.raises(FqnError, match=r"^suffix: .*component suffix"):
@@ -103,6 +107,8 @@ def test_custom_resources_may_follow_everything_and_are_topics_unless_said_other
     assert Custom("gait", kind=ResourceKind.SERVICE) != Custom("gait")
 
 
-@pytest.mark.parametrize("value", [Resource.GET_METADATA, Stream.INFRA.suffixed("1"), Custom("gait")])
+@pytest.mark.parametrize(
+    "value", [Resource.GET_METADATA, Stream.INFRA.suffixed("1"), Custom("gait")]
+)
 def test_segments_survive_pickling(value):
     assert pickle.loads(pickle.dumps(value)) == value  # noqa: S301 - our own bytes

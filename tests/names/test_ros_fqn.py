@@ -21,7 +21,17 @@ SEGMENTS = {"name", "scope", "agent", "component", "stream", "resource"}
 WORDS = st.one_of(
     st.from_regex(r"[A-Za-z][A-Za-z0-9]{0,5}(_[A-Za-z0-9]{1,4}){0,2}", fullmatch=True),
     st.sampled_from(
-        ["go2", "torq", "carr", "setRequest", "theReply", "camera_front", "camera_1", "lidar", "mast"]
+        [
+            "go2",
+            "torq",
+            "carr",
+            "setRequest",
+            "theReply",
+            "camera_front",
+            "camera_1",
+            "lidar",
+            "mast",
+        ]
     ),
 )
 SUFFIXES = st.from_regex(r"[A-Za-z0-9]{1,4}(_[A-Za-z0-9]{1,3})?", fullmatch=True)
@@ -71,9 +81,9 @@ TOKENS = st.one_of(
 NAME_LIKE = st.one_of(
     st.text(max_size=60),
     st.lists(TOKENS, max_size=6).map(lambda parts: "/" + "/".join(parts)),
-    st.tuples(st.sampled_from(["/local/go2/", "/global/go2/", "/global/"]), st.lists(TOKENS, max_size=4)).map(
-        lambda pair: pair[0] + "/".join(pair[1])
-    ),
+    st.tuples(
+        st.sampled_from(["/local/go2/", "/global/go2/", "/global/"]), st.lists(TOKENS, max_size=4)
+    ).map(lambda pair: pair[0] + "/".join(pair[1])),
     buildable().map(str),
 )
 
@@ -96,7 +106,9 @@ def test_every_buildable_name_parses_back_to_an_equal_tuple(fqn):
 @example("/global/go2/camera_front/color/ffmpeg\n", None)
 @settings(max_examples=500)
 @given(NAME_LIKE, st.none() | KINDS)
-def test_any_text_parses_as_its_kind_and_rebuilds_the_same_or_is_an_error_that_names_a_segment(name, kind):
+def test_any_text_parses_as_its_kind_and_rebuilds_the_same_or_is_an_error_that_names_a_segment(
+    name, kind
+):
     try:
         fqn = parse(name, kind=kind)
     except FqnError as refused:
@@ -125,7 +137,9 @@ def test_a_router_pairs_the_halves_of_every_global_service_that_can_be_built(fqn
         (Component.ARM, "torq", ResourceKind.ACTION, "resource"),
     ],
 )
-def test_a_segment_that_a_router_breaks_is_refused_where_it_is_routed(component, resource, kind, segment):
+def test_a_segment_that_a_router_breaks_is_refused_where_it_is_routed(
+    component, resource, kind, segment
+):
     parts = {"agent": "go2", "component": component, "resource": Custom(resource, kind=kind)}
     with pytest.raises(FqnError, match=f"^{segment}: .*router"):
         RosFqn(scope=Scope.GLOBAL, **parts)
@@ -135,7 +149,9 @@ def test_a_segment_that_a_router_breaks_is_refused_where_it_is_routed(component,
 
 
 def test_the_last_segment_of_a_service_may_end_like_a_prefix():
-    fqn = RosFqn(scope=Scope.GLOBAL, agent="go2", resource=Custom("torq", kind=ResourceKind.SERVICE))
+    fqn = RosFqn(
+        scope=Scope.GLOBAL, agent="go2", resource=Custom("torq", kind=ResourceKind.SERVICE)
+    )
     assert fqn.dds_names == names.dds_service("/global/go2/torq")
 
 
@@ -162,13 +178,19 @@ C, S, R = Component, names.Stream, Resource
         ("go2", S.IMU.suffixed("1"), None, R.IMU, "component"),
     ],
 )
-def test_tuples_against_the_schema_are_refused_at_the_segment(agent, component, stream, resource, segment):
+def test_tuples_against_the_schema_are_refused_at_the_segment(
+    agent, component, stream, resource, segment
+):
     with pytest.raises(FqnError, match=f"^{segment}: "):
-        RosFqn(scope=Scope.LOCAL, agent=agent, component=component, stream=stream, resource=resource)
+        RosFqn(
+            scope=Scope.LOCAL, agent=agent, component=component, stream=stream, resource=resource
+        )
 
 
 def test_a_scope_is_no_text():
-    with pytest.raises(FqnError, match=r"scope: given 'global', allowed: Scope\.LOCAL or Scope\.GLOBAL"):
+    with pytest.raises(
+        FqnError, match=r"scope: given 'global', allowed: Scope\.LOCAL or Scope\.GLOBAL"
+    ):
         RosFqn(scope="global", resource=Resource.AGENT_HEARTBEAT)
 
 
@@ -182,7 +204,10 @@ OUTSIDE = "/tf /tf_static /rosout /chatter global/a /Global/x"
         *((name, "allowed") for name in ("", *OUTSIDE.split())),
         ("/global/a/b/c/d/e", FIVE),
         ("/local/go2/camera/color/image_raw/compressed", FIVE),
-        ("/global/camera_front/color/ffmpeg", r"mistaken for Component\.CAMERA"),  # the agent was forgotten
+        (
+            "/global/camera_front/color/ffmpeg",
+            r"mistaken for Component\.CAMERA",
+        ),  # the agent was forgotten
     ],
 )
 def test_names_outside_the_schema_do_not_parse(name, message):
@@ -192,7 +217,12 @@ def test_names_outside_the_schema_do_not_parse(name, message):
 
 def test_every_optional_segment_needs_the_one_before_so_position_says_what_it_is():
     fqn = parse("/local/a/b/c")
-    assert (fqn.agent, fqn.component, fqn.stream, fqn.resource) == ("a", Custom("b"), None, Custom("c"))
+    assert (fqn.agent, fqn.component, fqn.stream, fqn.resource) == (
+        "a",
+        Custom("b"),
+        None,
+        Custom("c"),
+    )
     assert fqn.preceding is After.COMPONENT
     assert parse("/local/a/b").preceding is After.AGENT
     assert parse("/local/b").preceding is After.SCOPE
@@ -200,7 +230,9 @@ def test_every_optional_segment_needs_the_one_before_so_position_says_what_it_is
 
 
 def test_an_error_says_where_a_resource_may_stand_and_a_standard_one_keeps_its_kind():
-    with pytest.raises(FqnError, match="after component, stream; here it follows the agent") as caught:
+    with pytest.raises(
+        FqnError, match="after component, stream; here it follows the agent"
+    ) as caught:
         parse("/global/go2/ffmpeg")
     assert (caught.value.place, caught.value.given) == ("resource", "ffmpeg")
     assert parse("/global/go2/get_metadata").kind is ResourceKind.SERVICE
@@ -219,16 +251,25 @@ def test_the_length_limit_holds_for_the_whole_name(kind):
 
 
 def test_a_builder_can_be_continued_more_than_once():
-    camera = names.RosFqnBuilder().scope(Scope.LOCAL).agent("go2").component(Component.CAMERA, "front")
+    camera = (
+        names.RosFqnBuilder().scope(Scope.LOCAL).agent("go2").component(Component.CAMERA, "front")
+    )
     raw = camera.stream(names.Stream.INFRA, "1").resource(Resource.IMAGE_RAW).build()
     info = camera.stream(names.Stream.COLOR).resource(Resource.CAMERA_INFO).build()
     assert str(raw) == "/local/go2/camera_front/infra1/image_raw"
     assert str(info) == "/local/go2/camera_front/color/camera_info"
-    assert str(camera.resource(Resource.STATUS, "raw").build()) == "/local/go2/camera_front/status_raw"
-    assert str(camera.component(Custom("mast")).resource(Custom("tilt")).build()) == "/local/go2/mast/tilt"
+    assert (
+        str(camera.resource(Resource.STATUS, "raw").build()) == "/local/go2/camera_front/status_raw"
+    )
+    assert (
+        str(camera.component(Custom("mast")).resource(Custom("tilt")).build())
+        == "/local/go2/mast/tilt"
+    )
 
 
-def test_a_builder_takes_this_hosts_agent_and_names_a_mandatory_segment_that_is_missing(monkeypatch):
+def test_a_builder_takes_this_hosts_agent_and_names_a_mandatory_segment_that_is_missing(
+    monkeypatch,
+):
     status = names.RosFqnBuilder().scope(Scope.GLOBAL).resource(Resource.STATUS)
     monkeypatch.setenv("SFG_AGENT_NAME", "spot_7")
     assert str(status.build()) == "/global/spot_7/status"
@@ -250,9 +291,19 @@ def test_a_builder_adds_a_suffix_only_to_a_bare_standard_value(value):
 
 def test_the_graph_is_a_chain_with_an_exit_into_the_resource_from_every_segment():
     table = names.schema_table()
-    assert [node.name for node in table.nodes] == ["scope", "agent", "component", "stream", "resource"]
+    assert [node.name for node in table.nodes] == [
+        "scope",
+        "agent",
+        "component",
+        "stream",
+        "resource",
+    ]
     assert [node.name for node in table.nodes if node.mandatory] == ["scope", "resource"]
-    assert [node.name for node in table.nodes if node.extensible] == ["component", "stream", "resource"]
+    assert [node.name for node in table.nodes if node.extensible] == [
+        "component",
+        "stream",
+        "resource",
+    ]
     assert [(edge.source, edge.target, edge.after) for edge in table.edges] == [
         ("scope", "agent", None),
         ("agent", "component", None),
@@ -267,12 +318,16 @@ def test_the_graph_is_a_chain_with_an_exit_into_the_resource_from_every_segment(
         assert node.values == tuple(member.text for member in members)
     for edge in table.edges:
         if edge.after is not None:
-            assert set(edge.resources) == {resource for resource in Resource if edge.after & resource.after}
+            assert set(edge.resources) == {
+                resource for resource in Resource if edge.after & resource.after
+            }
             assert edge.resources
 
 
 def test_all_standard_names_are_as_many_as_the_flags_permit_and_survive_a_router():
-    permitted = {edge.after: len(edge.resources) for edge in names.schema_table().edges if edge.after}
+    permitted = {
+        edge.after: len(edge.resources) for edge in names.schema_table().edges if edge.after
+    }
     expected = len(Scope) * (
         permitted[After.SCOPE]
         + permitted[After.AGENT]

@@ -26,7 +26,9 @@ from sfglab.names import (
     ("kind", "on_dds"),
     [(ResourceKind.TOPIC, 2 + 255 - 8), (ResourceKind.SERVICE, 255), (ResourceKind.ACTION, 255)],
 )
-def test_the_longest_topic_is_that_of_rmw_other_names_fill_one_of_dds_and_one_more_is_refused(kind, on_dds):
+def test_the_longest_topic_is_that_of_rmw_other_names_fill_one_of_dds_and_one_more_is_refused(
+    kind, on_dds
+):
     limit = max_name_length(kind)
     longest = "/" + "a" * (limit - 1)
     validate_ros_name(longest, kind)
@@ -80,6 +82,12 @@ def test_the_error_carries_its_data_and_survives_pickling():
 
 def test_the_schema_stands_on_floor_zero():
     code = f"import sys; sys.path[:0] = {sys.path!r}; import sfglab.names; print(*sys.modules)"
-    done = subprocess.run([sys.executable, "-I", "-S", "-c", code], capture_output=True, text=True, check=True)
+    done = subprocess.run(
+        [sys.executable, "-I", "-S", "-c", code], capture_output=True, text=True, check=True
+    )
     found = {m for m in done.stdout.split() if m.partition(".")[0] not in sys.stdlib_module_names}
-    assert {m for m in found if not m.startswith("sfglab.names")} == {"__main__", "sfglab", "sfglab.errors"}
+    assert {m for m in found if not m.startswith("sfglab.names")} == {
+        "__main__",
+        "sfglab",
+        "sfglab.errors",
+    }

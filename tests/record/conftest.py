@@ -26,7 +26,9 @@ def image():
     def make(stamp_ns, height=36, width=64):
         shape = {"height": height, "width": width, "step": 3 * width, "encoding": "rgb8"}
         data = np.frombuffer(np.random.default_rng(stamp_ns).bytes(3 * height * width), np.uint8)
-        return default_message("sensor_msgs/msg/Image", header=header_msg("", stamp_ns), data=data, **shape)
+        return default_message(
+            "sensor_msgs/msg/Image", header=header_msg("", stamp_ns), data=data, **shape
+        )
 
     return make
 
@@ -41,8 +43,12 @@ def given(tmp_path, image, meter_row):
         qos = QoSProfile(reliability=Reliability.BEST_EFFORT, depth=5)
         for number in (0, 2, 1, 3):
             times = {"log_time_ns": number * 10**9, "publish_time_ns": number}
-            log.write_raw("/image", "sensor_msgs/msg/Image", serialize(image(number)), qos=qos, **times)
+            log.write_raw(
+                "/image", "sensor_msgs/msg/Image", serialize(image(number)), qos=qos, **times
+            )
         tree = default_message("tf2_msgs/msg/TFMessage")
-        log.write_raw("/tf_static", "tf2_msgs/msg/TFMessage", serialize(tree), log_time_ns=5, qos=LATCHED)
+        log.write_raw(
+            "/tf_static", "tf2_msgs/msg/TFMessage", serialize(tree), log_time_ns=5, qos=LATCHED
+        )
         log.write_row("meter", meter_row(received=4, samples_s=(0.25, 0.75)), log_time_ns=6)
     return path

@@ -59,18 +59,27 @@ def bag(request, tmp_path):
     store.register(get_types_from_msg("string what\nbuiltin_interfaces/Time when\n", OWN))
     values = store.types[RANGE].__dataclass_fields__.keys() - {"header", "__msgtype__"}
     zeros = {value: 0 for value in values if not value.isupper()}
-    header = store.types["std_msgs/msg/Header"](store.types["builtin_interfaces/msg/Time"](3, 0), "sonar")
+    header = store.types["std_msgs/msg/Header"](
+        store.types["builtin_interfaces/msg/Time"](3, 0), "sonar"
+    )
     far = store.types[RANGE](header=header, **zeros | {"range": 2.5})
     thing = store.types[OWN]("cup", header.stamp)
     given = [
-        ("/tf_static", TRANSFORMS, serialize(transforms("map", "go2/odom")), [rosbags_qos(LATCHED)]),
+        (
+            "/tf_static",
+            TRANSFORMS,
+            serialize(transforms("map", "go2/odom")),
+            [rosbags_qos(LATCHED)],
+        ),
         ("/tf", TRANSFORMS, serialize(transforms("go2/odom", "go2/base")), []),
         ("/range", RANGE, store.serialize_cdr(far, RANGE), []),
         ("/thing", OWN, store.serialize_cdr(thing, OWN), []),
     ]
     with Writer(path, version=max(FORMATS[name], 8), storage_plugin=storage) as writer:
         for topic, kind, cdr, qos in given:
-            connection = writer.add_connection(topic, kind, typestore=store, offered_qos_profiles=qos)
+            connection = writer.add_connection(
+                topic, kind, typestore=store, offered_qos_profiles=qos
+            )
             for second in range(3):
                 writer.write(connection, second * SECOND, cdr)
     if name == "humble":
@@ -88,15 +97,21 @@ def test_a_bag_is_a_log(bag):
             "/thing": (OWN, 3),
         }
         assert [entry.log_time_ns for entry in log.messages("/tf")] == [0, SECOND, 2 * SECOND]
-        assert [entry.log_time_ns for entry in log.messages("/tf", start_ns=1, end_ns=2 * SECOND)] == [SECOND]
+        assert [
+            entry.log_time_ns for entry in log.messages("/tf", start_ns=1, end_ns=2 * SECOND)
+        ] == [SECOND]
         times = [entry.log_time_ns for entry in log.messages()]
         assert len(times) == 12
         assert times == sorted(times)
-        assert [type(entry.message) for entry in log.decoded("/tf")] == [message_type(TRANSFORMS)] * 3
+        assert [type(entry.message) for entry in log.decoded("/tf")] == [
+            message_type(TRANSFORMS)
+        ] * 3
         assert log.series("/range", "range").tolist() == [2.5] * 3
         assert (log.metadata_names, log.attachment_names, log.truncated) == ((), (), False)
         if undefined:
-            with pytest.raises(LogError, match=r"/thing: given .*none: give its package with --interfaces"):
+            with pytest.raises(
+                LogError, match=r"/thing: given .*none: give its package with --interfaces"
+            ):
                 next(log.decoded("/thing"))
         else:
             assert next(log.decoded("/thing")).message.what == "cup"
@@ -135,18 +150,24 @@ def test_a_bag_of_ros_1_is_a_log(tmp_path):
 
 @pytest.mark.parametrize("storage", StoragePlugin, ids=lambda storage: storage.name.lower())
 @pytest.mark.parametrize("mode", [CompressionMode.FILE, CompressionMode.MESSAGE])
-def test_a_topic_that_we_cannot_decode_leaves_the_others_and_compression_is_no_matter(tmp_path, storage, mode):
+def test_a_topic_that_we_cannot_decode_leaves_the_others_and_compression_is_no_matter(
+    tmp_path, storage, mode
+):
     writer = Writer(tmp_path / "bag", version=9, storage_plugin=storage)
     writer.set_compression(mode, CompressionFormat.ZSTD)
     with writer:
         words = writer.add_connection("/words", STRING, typestore=get_typestore(Stores.ROS2_JAZZY))
-        wide = writer.add_connection("/wide", "bag_msgs/msg/Wide", msgdef="wstring text\n", rihs01="RIHS01_0")
+        wide = writer.add_connection(
+            "/wide", "bag_msgs/msg/Wide", msgdef="wstring text\n", rihs01="RIHS01_0"
+        )
         writer.write(words, 1, serialize(message_type(STRING)("hello")))
         writer.write(wide, 2, serialize(message_type(STRING)("hello")))
     with LogReader(tmp_path / "bag") as log:
         assert [info.count for info in log.topics.values()] == [1, 1]
         assert [entry.message.data for entry in log.decoded("/words")] == ["hello"]
-        with pytest.raises(CdrError, match=r"bag_msgs/msg/Wide.text: given wstring, allowed is string"):
+        with pytest.raises(
+            CdrError, match=r"bag_msgs/msg/Wide.text: given wstring, allowed is string"
+        ):
             next(log.decoded("/wide"))
 
 
@@ -159,13 +180,18 @@ def test_what_is_no_bag_is_one_sentence(tmp_path, name):
         path.write_bytes(b"SQLite format 3\0" * 10)
     if name == "cut":
         with Writer(path / "b", version=9) as writer:
-            connection = writer.add_connection("/words", STRING, typestore=get_typestore(Stores.ROS2_JAZZY))
+            connection = writer.add_connection(
+                "/words", STRING, typestore=get_typestore(Stores.ROS2_JAZZY)
+            )
             for time_ns in range(2000):
                 writer.write(connection, time_ns, serialize(message_type(STRING)("x" * 100)))
         path /= "b"
         data = (path / "b.db3").read_bytes()
         (path / "b.db3").write_bytes(data[: len(data) // 2])
-    with pytest.raises(LogError, match=f"{path}: given what rosbags does not read"), LogReader(path) as log:
+    with (
+        pytest.raises(LogError, match=f"{path}: given what rosbags does not read"),
+        LogReader(path) as log,
+    ):
         list(log.messages())
     with pytest.raises(LogError, match=r"none.db3: given what rosbags does not read"):
         LogReader(tmp_path / "none.db3")
@@ -182,7 +208,9 @@ def test_what_we_record_is_read_with_the_types_of_jazzy(tmp_path):
     store = get_typestore(Stores.ROS2_JAZZY)
     with Reader(tmp_path / "run.mcap") as reader:
         cdr = {c.topic: (c.msgtype, data) for c, _, data in reader.messages()}
-        read = {topic: (kind, store.deserialize_cdr(data, kind)) for topic, (kind, data) in cdr.items()}
+        read = {
+            topic: (kind, store.deserialize_cdr(data, kind)) for topic, (kind, data) in cdr.items()
+        }
     assert read.keys() == given.keys()
     for topic, (kind, message) in read.items():
         again = bytes(store.serialize_cdr(message, kind))

@@ -36,7 +36,11 @@ def test_a_log_becomes_a_bag_and_again_the_same_log(tmp_path, given, storage, mo
             (qos,) = latched.ext.offered_qos_profiles
             row = next(c for c in reader.connections if c.topic == "/table/meter")
             read = reader.deserialize(next(reader.messages([row]))[2], row.msgtype)
-        assert (qos.history, qos.depth, qos.reliability) == (QosHistory.KEEP_LAST, 1, QosReliability.RELIABLE)
+        assert (qos.history, qos.depth, qos.reliability) == (
+            QosHistory.KEEP_LAST,
+            1,
+            QosReliability.RELIABLE,
+        )
         assert qos.durability is QosDurability.TRANSIENT_LOCAL
         assert (read.received, read.samples_s.tolist()) == (4, [0.25, 0.75])
         assert theirs == entries(path) == entries(given)
@@ -44,10 +48,18 @@ def test_a_log_becomes_a_bag_and_again_the_same_log(tmp_path, given, storage, mo
     called("log", "convert", str(bag), "-o", str(back))
     assert entries(back) == entries(given)
     with LogReader(back) as log, LogReader(given) as before:
-        assert all(log.offered_qos(topic) == before.offered_qos(topic) for topic in ("/image", "/tf_static"))
+        assert all(
+            log.offered_qos(topic) == before.offered_qos(topic)
+            for topic in ("/image", "/tf_static")
+        )
         assert log.table("meter").equals(before.table("meter"))
     said = json.loads(called("log", "info", str(bag), "--json"))
-    assert (said["storage"], said["messages"], said["start_ns"], said["end_ns"]) == (storage, 6, 0, 3 * 10**9)
+    assert (said["storage"], said["messages"], said["start_ns"], said["end_ns"]) == (
+        storage,
+        6,
+        0,
+        3 * 10**9,
+    )
 
 
 def test_several_logs_become_one_and_a_filter_takes_topics_and_times(tmp_path, given):
@@ -59,7 +71,11 @@ def test_several_logs_become_one_and_a_filter_takes_topics_and_times(tmp_path, g
     assert "Duration:          1.000000000s\n" in called("log", "info", str(bag))
     called("log", "filter", str(given), "-o", str(part), "-x", "image|table")
     called("log", "convert", str(part), str(bag), "-o", str(tmp_path / "both.mcap"))
-    assert [topic for topic, *_ in entries(tmp_path / "both.mcap")] == ["/tf_static", "/image", "/image"]
+    assert [topic for topic, *_ in entries(tmp_path / "both.mcap")] == [
+        "/tf_static",
+        "/image",
+        "/image",
+    ]
     with (tmp_path / "both.mcap").open("rb") as stream:
         reader = make_reader(stream)
         assert [record.name for record in reader.iter_attachments()] == ["note"]
@@ -72,7 +88,12 @@ def test_a_type_that_only_the_log_defines_goes_along(tmp_path):
     text = f"geometry_msgs/Point where\n{80 * '='}\nMSG: geometry_msgs/Point\nfloat64 x\nfloat64 y\nfloat64 z\n"
     with LogWriter(tmp_path / "a.mcap") as log:
         log.define("strange_msgs/msg/Thing", text)
-        log.write_raw("/thing", "strange_msgs/msg/Thing", b"\0\1\0\0" + np.arange(3.0).tobytes(), log_time_ns=1)
+        log.write_raw(
+            "/thing",
+            "strange_msgs/msg/Thing",
+            b"\0\1\0\0" + np.arange(3.0).tobytes(),
+            log_time_ns=1,
+        )
     called("log", "convert", str(tmp_path / "a.mcap"), "-o", str(tmp_path / "bag"))
     with AnyReader([tmp_path / "bag"]) as reader:
         [(connection, _, data)] = reader.messages()
@@ -84,7 +105,16 @@ MISTAKES = {
     ("convert", "{given}", "-o", "{given}"): "nothing is yet",
     ("convert", "{given}", "-o", "{tmp}/no/bag"): "can be written",
     ("convert", "{given}", "-o", "/proc/bag"): "can be written",
-    ("convert", "{given}", "-o", "{tmp}/bag", "-s", "sqlite3", "--compression-mode", "storage"): "message",
+    (
+        "convert",
+        "{given}",
+        "-o",
+        "{tmp}/bag",
+        "-s",
+        "sqlite3",
+        "--compression-mode",
+        "storage",
+    ): "message",
     ("convert", "{given}", "-o", "{tmp}/bag", "-s", "db3"): "sqlite3",
     ("convert", "{given}", "-o", "{tmp}/b.mcap", "-s", "sqlite3"): "MCAP with zstd",
     ("convert", "{tmp}/typo", "-o", "{tmp}/bag"): "no such file",
@@ -117,7 +147,17 @@ def test_what_breaks_off_leaves_nothing(tmp_path, given, name):
     with pytest.raises(SfglabError, match="can be written"):
         called("log", "convert", str(given), "-o", str(long))
     for more in ([], ["-s", "sqlite3"] if name == "out" else []):
-        argv = [sys.executable, "-m", "sfglab", "log", "convert", str(given), "-o", str(tmp_path / name), *more]
+        argv = [
+            sys.executable,
+            "-m",
+            "sfglab",
+            "log",
+            "convert",
+            str(given),
+            "-o",
+            str(tmp_path / name),
+            *more,
+        ]
         script = f"ulimit -f 1; exec {shlex.join(argv)}"
         full = subprocess.run(["bash", "-c", script], capture_output=True, check=False)
         assert full.returncode != 0

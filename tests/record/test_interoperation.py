@@ -13,7 +13,8 @@ from sfglab.record import LogError, LogReader
 
 RERUN = Path(sys.executable).with_name("rerun")
 needs_rerun = pytest.mark.skipif(
-    importlib.util.find_spec("rerun") is None or not RERUN.exists(), reason="rerun-sdk is not installed"
+    importlib.util.find_spec("rerun") is None or not RERUN.exists(),
+    reason="rerun-sdk is not installed",
 )
 
 
@@ -29,9 +30,13 @@ def test_the_plain_mcap_library_reads_it_and_every_crc_holds(given):
     with given.open("rb") as stream:
         reader = make_reader(stream, validate_crcs=True)
         assert reader.get_header().profile == "ros2"
-        assert {(s.encoding, c.message_encoding) for s, c, _ in reader.iter_messages()} == {("ros2msg", "cdr")}
+        assert {(s.encoding, c.message_encoding) for s, c, _ in reader.iter_messages()} == {
+            ("ros2msg", "cdr")
+        }
         schemas = {schema.name: schema.data for schema in reader.get_summary().schemas.values()}
-        assert b"float64 mean_s  # Mean latency, in seconds.\n" in schemas["sfglab_rows/msg/MeterRow"]
+        assert (
+            b"float64 mean_s  # Mean latency, in seconds.\n" in schemas["sfglab_rows/msg/MeterRow"]
+        )
         assert {index.compression for index in reader.get_summary().chunk_indexes} == {"zstd"}
 
 
@@ -46,7 +51,8 @@ def test_rerun_opens_it(tmp_path, given, command):
         text=True,
         timeout=60,
         check=True,
-        env=os.environ | {"HOME": str(tmp_path), "XDG_CONFIG_HOME": str(tmp_path), "RUST_LOG": "info"},
+        env=os.environ
+        | {"HOME": str(tmp_path), "XDG_CONFIG_HOME": str(tmp_path), "RUST_LOG": "info"},
     )
     said = done.stdout + done.stderr
     for topic in ("/image", "/tf_static", "/table/meter"):
@@ -68,12 +74,20 @@ def test_unknown_types_and_other_versions_are_decoded_by_the_logs_own_definition
     foreign_log(tmp_path / "foreign.mcap", name=name)
     with LogReader(tmp_path / "foreign.mcap") as log:
         [entry] = log.decoded("/foreign")
-    assert (entry.type_name, entry.log_time_ns, entry.publish_time_ns, entry.message.x) == (name, 5, 4, 7)
+    assert (entry.type_name, entry.log_time_ns, entry.publish_time_ns, entry.message.x) == (
+        name,
+        5,
+        4,
+        7,
+    )
 
 
 @pytest.mark.parametrize(
     ("change", "complaint"),
-    [({"encoding": "ros2idl"}, "definition 'ros2idl'"), ({"message_encoding": "json"}, "messages 'json'")],
+    [
+        ({"encoding": "ros2idl"}, "definition 'ros2idl'"),
+        ({"message_encoding": "json"}, "messages 'json'"),
+    ],
 )
 def test_other_encodings_are_named(tmp_path, change, complaint):
     foreign_log(tmp_path / "foreign.mcap", name="their_pkg/msg/Thing", **change)

@@ -35,7 +35,13 @@ def path(tmp_path):
 def test_messages_come_back_byte_by_byte_in_the_order_of_log_times(path, image):
     first, second = serialize(image(1)), b"\0\1\0\0 not a string, but kept as it is"
     with LogWriter(path) as log:
-        log.write_raw("/camera", "sensor_msgs/msg/Image", memoryview(first), log_time_ns=30, publish_time_ns=20)
+        log.write_raw(
+            "/camera",
+            "sensor_msgs/msg/Image",
+            memoryview(first),
+            log_time_ns=30,
+            publish_time_ns=20,
+        )
         log.write_raw("/text", TEXT, second, log_time_ns=10, qos=DEFAULT)
         log.write_raw("/text", TEXT, bytearray(second), log_time_ns=40, qos=LATCHED)
     with LogReader(path) as log:
@@ -56,16 +62,29 @@ def test_messages_come_back_byte_by_byte_in_the_order_of_log_times(path, image):
 def test_a_table_is_a_dataframe_of_its_rows(path, meter_row):
     with LogWriter(path) as log:
         for i in range(3):
-            row = meter_row(agent=f"r{i}", received=i, mean_s=i / 2, lossless=i == 1, samples_s=(0.5,) * i)
+            row = meter_row(
+                agent=f"r{i}", received=i, mean_s=i / 2, lossless=i == 1, samples_s=(0.5,) * i
+            )
             log.write_row("meter", row, log_time_ns=100 + i)
     with LogReader(path) as log:
         assert log.tables == ("meter",)
         table = log.table("meter")
-    assert list(table.columns) == ["log_time_ns", "agent", "received", "mean_s", "lossless", "samples_s"]
+    assert list(table.columns) == [
+        "log_time_ns",
+        "agent",
+        "received",
+        "mean_s",
+        "lossless",
+        "samples_s",
+    ]
     assert table["log_time_ns"].tolist() == [100, 101, 102]
     assert table["agent"].tolist() == ["r0", "r1", "r2"]
     assert table["samples_s"].map(len).tolist() == [0, 1, 2]
-    assert [str(table[c].dtype) for c in ("received", "mean_s", "lossless")] == ["int64", "float64", "bool"]
+    assert [str(table[c].dtype) for c in ("received", "mean_s", "lossless")] == [
+        "int64",
+        "float64",
+        "bool",
+    ]
 
 
 @dataclass(frozen=True)
@@ -178,7 +197,9 @@ def test_a_file_that_is_no_log_is_one_clear_error(path, content, message):
 def test_a_topic_keeps_its_type(path):
     with LogWriter(path) as log:
         log.write("/text", text("x"), log_time_ns=1)
-        with pytest.raises(LogError, match="given std_msgs/msg/Empty, allowed is std_msgs/msg/String"):
+        with pytest.raises(
+            LogError, match="given std_msgs/msg/Empty, allowed is std_msgs/msg/String"
+        ):
             log.write("/text", default_message("std_msgs/msg/Empty"), log_time_ns=1)
         with pytest.raises(UnknownTypeError):
             log.write_raw("/other", "std_msgs/msg/Strin", b"", log_time_ns=1)
@@ -203,7 +224,13 @@ def test_input_that_mcap_cannot_hold_is_refused_before_it_spoils_the_file(path):
             (LogError, "surrogates", log.write_metadata, "\ud800", {}),
             (LogError, "surrogates", log.attach, "a", b"", "\ud800"),
             (LogError, "the table 'a b'", log.write_row, "a b", None),
-            (LogError, "ClashRow has a field log_time_ns: rename it", log.write_row, "clash", ClashRow(1)),
+            (
+                LogError,
+                "ClashRow has a field log_time_ns: rename it",
+                log.write_row,
+                "clash",
+                ClashRow(1),
+            ),
             (MessageError, "CamelCase", log.write_row, "meter", {"a": 1}),
             (LogError, "metadata 'config' is there already", log.write_metadata, "config", {}),
         ):
@@ -284,7 +311,9 @@ def test_threads_may_share_a_writer(path, meter_row):
 def log(tmp_path):
     with LogWriter(tmp_path / "a.mcap") as writer:
         for second in range(4):
-            scan = default_message("sensor_msgs/msg/LaserScan", ranges=np.full(20, second + 0.5, np.float32))
+            scan = default_message(
+                "sensor_msgs/msg/LaserScan", ranges=np.full(20, second + 0.5, np.float32)
+            )
             scan.header.frame_id = "<b>"
             writer.write("/scan", scan, log_time_ns=second * 500_000_000)
     with LogReader(tmp_path / "a.mcap") as reader:
@@ -314,7 +343,9 @@ def test_a_log_shows_a_message_field_by_field(log):
 
 @pytest.mark.parametrize("field", ["speed", "ranges[99]", "header", "header.frame_id"])
 def test_a_field_that_is_no_number_is_refused_by_the_fields_there_are(log, field):
-    with pytest.raises(LogError, match=r"/scan: field: given .*, allowed: a number of header.stamp.sec"):
+    with pytest.raises(
+        LogError, match=r"/scan: field: given .*, allowed: a number of header.stamp.sec"
+    ):
         log.series("/scan", field)
 
 
@@ -374,7 +405,9 @@ def test_every_cut_leaves_the_first_messages(tmp_path_factory, whole, data):
     assert found == [str(i) for i in range(len(found))]
 
 
-def test_a_lost_index_loses_no_message_and_damage_below_an_index_is_said_when_it_is_read(tmp_path, whole):
+def test_a_lost_index_loses_no_message_and_damage_below_an_index_is_said_when_it_is_read(
+    tmp_path, whole
+):
     path = tmp_path / "cut.mcap"
     path.write_bytes(whole[:-30])
     assert texts(path) == (False, [str(i) for i in range(COUNT)])

@@ -40,7 +40,12 @@ def pytest_runtest_makereport(item, call):
 def distribution(request, monkeypatch):
     """A distribution's name, in our environment too: it says what ROS 2 puts on the wire."""
     monkeypatch.setenv("ROS_DISTRO", request.param)
-    for name in ("ROS_LOCALHOST_ONLY", "ROS_AUTOMATIC_DISCOVERY_RANGE", "ROS_STATIC_PEERS", "CYCLONEDDS_URI"):
+    for name in (
+        "ROS_LOCALHOST_ONLY",
+        "ROS_AUTOMATIC_DISCOVERY_RANGE",
+        "ROS_STATIC_PEERS",
+        "CYCLONEDDS_URI",
+    ):
         monkeypatch.delenv(name, raising=False)
     return request.param
 
@@ -53,7 +58,9 @@ def peer(distribution, domain_id):
         values = {"ROS_DOMAIN_ID": domain_id, **environment}
         if host:  # hosts of a test share /dev/shm: Fast DDS would pass the link by
             values.setdefault("FASTDDS_BUILTIN_TRANSPORTS", "UDPv4")
-        return started(name, ros2.distributions()[distribution].argv(str(program), name, **values), host)
+        return started(
+            name, ros2.distributions()[distribution].argv(str(program), name, **values), host
+        )
 
     return start
 
@@ -93,8 +100,13 @@ def own_types(distribution, tmp_path):
     found = ros2.distributions()[distribution]
     called("interfaces", str(tmp_path))
     packages = [_package_of_transforms(tmp_path), tmp_path / "sfglab_interfaces"]
-    files = [Path(__file__).with_name("typesupport.py"), *sorted(f for p in packages for f in p.rglob("*.*"))]
-    digest = sha256(b"".join(file.read_bytes() for file in files if file.is_file())).hexdigest()[:16]
+    files = [
+        Path(__file__).with_name("typesupport.py"),
+        *sorted(f for p in packages for f in p.rglob("*.*")),
+    ]
+    digest = sha256(b"".join(file.read_bytes() for file in files if file.is_file())).hexdigest()[
+        :16
+    ]
     made = found.python.parents[1] / "sfglab_types"
     made.mkdir(exist_ok=True)
     with (made / "lock").open("w") as lock:

@@ -17,7 +17,11 @@ from sfglab.lab.ros2 import TESTED
 HERE = Path(__file__).parent
 BEGIN, END = "<!-- compatibility: tests/ros2/features.py -->\n", "<!-- end -->\n"
 # Nobody has a build of these for these tests.
-ELSEWHERE = ("rmw_cyclonedds_cpp, rmw_connextdds, rmw_zenoh_cpp", "Humble, Rolling", "ROS 2 on aarch64")
+ELSEWHERE = (
+    "rmw_cyclonedds_cpp, rmw_connextdds, rmw_zenoh_cpp",
+    "Humble, Rolling",
+    "ROS 2 on aarch64",
+)
 
 
 def rows_of(function, distributions=TESTED):
@@ -39,7 +43,12 @@ def rows_of(function, distributions=TESTED):
 def tests():
     """Return all tests beside ROS 2."""
     modules = [import_module(path.stem) for path in sorted(HERE.glob("test_*.py"))]
-    return [value for module in modules for name, value in vars(module).items() if name.startswith("test_")]
+    return [
+        value
+        for module in modules
+        for name, value in vars(module).items()
+        if name.startswith("test_")
+    ]
 
 
 def table():

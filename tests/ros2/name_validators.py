@@ -14,7 +14,12 @@ from rclpy.validate_namespace import validate_namespace
 from rclpy.validate_node_name import validate_node_name
 from rclpy.validate_topic_name import validate_topic_name
 
-REFUSALS = (InvalidNamespaceException, InvalidNodeNameException, InvalidTopicNameException, ValueError)
+REFUSALS = (
+    InvalidNamespaceException,
+    InvalidNodeNameException,
+    InvalidTopicNameException,
+    ValueError,
+)
 
 
 def said(act):

@@ -27,10 +27,16 @@ PARTS = Options(only=frozenset({PART, transmission.validation.TABLE}))
 async def record(profile="quick", name="", *changes):
     project = find_project()
     for exp in map(experiment, [name] if name else ("discovery", "latency", "decode_once")):
-        path = project.runs / f"{exp.name}_{PART}.mcap"  # beside it is what a broken-off run goes on from
+        path = (
+            project.runs / f"{exp.name}_{PART}.mcap"
+        )  # beside it is what a broken-off run goes on from
         path.unlink(missing_ok=True)
         run = await exp.run(profile, path=path, options=PARTS, **read_parameters(changes))
-        found = transmission.validation.validated(run) if exp is transmission.exp else compared(exp, run)
+        found = (
+            transmission.validation.validated(run)
+            if exp is transmission.exp
+            else compared(exp, run)
+        )
         found = run[PART] if exp is cooperation.exp else found
         sys.stdout.write(f"{path.name}\n{run.skipped(PART)}\n{found.to_string()}\n")
         reference = project.reference_logs / path.name

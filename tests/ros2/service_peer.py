@@ -43,8 +43,12 @@ class Peer(rclpy_peer.Peer):
 
     def call(self, service, times, timeout_s):
         """Call one time after another, the data alternating; report the answers and their times [s]."""
-        deep = QoSProfile(depth=1000)  # ten replies to others push one's own out of a reader that stands still
-        client = self.clients.get(service) or self.node.create_client(SetBool, service, qos_profile=deep)
+        deep = QoSProfile(
+            depth=1000
+        )  # ten replies to others push one's own out of a reader that stands still
+        client = self.clients.get(service) or self.node.create_client(
+            SetBool, service, qos_profile=deep
+        )
         self.clients[service], answers, took_s = client, [], []
         ready = client.wait_for_service(timeout_s)
         for n in range(times if ready else 0):
@@ -63,9 +67,13 @@ class Peer(rclpy_peer.Peer):
         names = sorted(self.outcome(client.list_parameters([], 0)).result.names)
         got = self.outcome(client.get_parameters(names)).values
         values = [parameter_value_to_python(one) for one in got]
-        assert list(self.outcome(client.get_parameter_types(names)).types) == [one.type for one in got]
+        assert list(self.outcome(client.get_parameter_types(names)).types) == [
+            one.type for one in got
+        ]
         described = self.outcome(client.describe_parameters(names)).descriptors
-        refused = self.outcome(client.set_parameters([Parameter(names[0], value="other")])).results[0]
+        refused = self.outcome(client.set_parameters([Parameter(names[0], value="other")])).results[
+            0
+        ]
         report(
             "parameters",
             values=dict(zip(names, map(list_of, values), strict=True)),
@@ -95,7 +103,9 @@ class Peer(rclpy_peer.Peer):
     def act(self, action, order, cancel):
         """Ask for numbers; report what came. It cancels after the first feedback, or not."""
         if action not in self.clients:
-            self.clients[action] = ActionClient(self.node, Fibonacci, action, callback_group=self.group)
+            self.clients[action] = ActionClient(
+                self.node, Fibonacci, action, callback_group=self.group
+            )
         client, feedbacks, begun = self.clients[action], [], threading.Event()
 
         def hear(message):
@@ -103,12 +113,16 @@ class Peer(rclpy_peer.Peer):
             begun.set()
 
         assert client.wait_for_server(30.0)
-        goal = self.outcome(client.send_goal_async(Fibonacci.Goal(order=order), feedback_callback=hear))
+        goal = self.outcome(
+            client.send_goal_async(Fibonacci.Goal(order=order), feedback_callback=hear)
+        )
         if cancel:
             assert begun.wait(30.0)
             self.outcome(goal.cancel_goal_async())
         ended = self.outcome(goal.get_result_async())
-        report("acted", status=ended.status, numbers=list(ended.result.sequence), feedbacks=feedbacks)
+        report(
+            "acted", status=ended.status, numbers=list(ended.result.sequence), feedbacks=feedbacks
+        )
 
     def outcome(self, future):
         done = threading.Event()

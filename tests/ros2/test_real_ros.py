@@ -38,7 +38,14 @@ PICTURES = 20
 pytestmark = [pytest.mark.live, pytest.mark.ros]
 
 PACKAGES = (
-    *("action_msgs", "builtin_interfaces", "geometry_msgs", "lifecycle_msgs", "nav_msgs", "rcl_interfaces"),
+    *(
+        "action_msgs",
+        "builtin_interfaces",
+        "geometry_msgs",
+        "lifecycle_msgs",
+        "nav_msgs",
+        "rcl_interfaces",
+    ),
     *("rosgraph_msgs", "sensor_msgs", "std_msgs", "trajectory_msgs", "unique_identifier_msgs"),
     "visualization_msgs",
 )
@@ -90,16 +97,27 @@ print(json.dumps({"is": "compared", "same": same}), flush=True)
 async def test_types_are_those_of_the_distribution(peer, distribution):
     """In a process of its own, because a process has the types of one distribution."""
     names = sorted((NEWER | CHANGED) - {"rcl_interfaces/msg/LoggerLevel", *UNKNOWN[distribution]})
-    argv = ["env", f"PYTHONPATH={os.pathsep.join(sys.path)}", sys.executable, "-c", NEWER_TYPES, *names]
+    argv = [
+        "env",
+        f"PYTHONPATH={os.pathsep.join(sys.path)}",
+        sys.executable,
+        "-c",
+        NEWER_TYPES,
+        *names,
+    ]
     async with started("ours", argv) as ours, peer() as ros:
         given, back = (await asked(ours, "give", "given"))["cdr"], {}
         assert sorted(given) == names
         for name, cdr in given.items():
-            (back[name],) = (await asked(ros, "pass_through", "passed", kind=name, cdr=[cdr]))["cdr"]
+            (back[name],) = (await asked(ros, "pass_through", "passed", kind=name, cdr=[cdr]))[
+                "cdr"
+            ]
         assert (await asked(ours, "compare", "compared", cdr=back))["same"]
 
 
-@pytest.mark.feature("Own message packages, registered from their files", condition="without wstring")
+@pytest.mark.feature(
+    "Own message packages, registered from their files", condition="without wstring"
+)
 async def test_a_package_of_a_user_s_own_is_registered_and_is_what_rclpy_has(peer, distribution):
     """rosidl's own package for tests: bounds, defaults, constants, arrays, and types of each other."""
     share = distributions()[distribution].python.parents[1] / "share" / "test_msgs"
@@ -116,7 +134,9 @@ async def test_a_package_of_a_user_s_own_is_registered_and_is_what_rclpy_has(pee
 async def test_every_common_type_crosses_both_ways(peer, domain_id):
     rng = np.random.default_rng(18)
     async with peer() as ros, Node("us", domain_id=domain_id) as node:
-        given = {name: without_padding(random_message(rng, name)) for name in await common_types(ros)}
+        given = {
+            name: without_padding(random_message(rng, name)) for name in await common_types(ros)
+        }
         back = await echoed(ros, node, given)
         assert sorted(given.keys() - back.keys()) == []
         assert back == {name: serialize(message) for name, message in given.items()}
@@ -133,7 +153,9 @@ async def test_pictures_come_back_whole(peer, domain_id):
     given = []
     for _ in range(PICTURES):
         data = rng.integers(0, 256, 480 * 640 * 3, np.uint8)
-        given.append(default_message(kind, height=480, width=640, step=3 * 640, encoding="rgb8", data=data))
+        given.append(
+            default_message(kind, height=480, width=640, step=3 * 640, encoding="rgb8", data=data)
+        )
     back, own = [], {"durability": "transient_local", "depth": PICTURES}
     async with peer() as ros, Node("us", domain_id=domain_id) as node:
         node.create_subscription(kind, "/back/sensor_msgs_msg_Image", back.append, qos)
@@ -153,7 +175,11 @@ PROFILES = [
 
 
 def named(profile):
-    return {"reliability": profile.reliability.value, "durability": profile.durability.value, "depth": 1}
+    return {
+        "reliability": profile.reliability.value,
+        "durability": profile.durability.value,
+        "depth": 1,
+    }
 
 
 @pytest.mark.feature("Reliability and durability: who hears whom")
@@ -164,7 +190,9 @@ async def test_who_hears_whom_is_what_request_versus_offered_says(peer, domain_i
     async with peer() as ros, Node("us", domain_id=domain_id) as node:
         publishers = []
         for n, (offered, requested) in pairs.items():
-            node.create_subscription(STRING, f"/to_us/pair{n}", lambda _, n=n: heard.update([n]), requested)
+            node.create_subscription(
+                STRING, f"/to_us/pair{n}", lambda _, n=n: heard.update([n]), requested
+            )
             publishers.append(node.create_publisher(STRING, f"/to_ros/pair{n}", offered))
             await listen(ros, f"/to_ros/pair{n}", named(requested))
         told = set()
@@ -194,8 +222,14 @@ async def test_each_side_sees_the_other_in_its_graph_and_sees_it_go(peer, domain
 
             async def graph_has(node_name, topic):
                 graph = await asked(ros, "graph", "graph")
-                kinds = {(e["kind"], e["reliability"], e["durability"]) for e in graph["ends"].get(topic, ())}
-                return node_name in graph["nodes"] and ("PUBLISHER", "reliable", "transient_local") in kinds
+                kinds = {
+                    (e["kind"], e["reliability"], e["durability"])
+                    for e in graph["ends"].get(topic, ())
+                }
+                return (
+                    node_name in graph["nodes"]
+                    and ("PUBLISHER", "reliable", "transient_local") in kinds
+                )
 
             def we_see():
                 names = {f"{each.namespace.rstrip('/')}/{each.name}" for each in node.graph.nodes()}

@@ -24,7 +24,9 @@ DOMAINS = {"go2": 7, "spot": 8}
 
 
 def ends(graph, topic):
-    return sorted((e["kind"], e["type"], e["durability"], e["node"]) for e in graph["ends"].get(topic, ()))
+    return sorted(
+        (e["kind"], e["type"], e["durability"], e["node"]) for e in graph["ends"].get(topic, ())
+    )
 
 
 @pytest.mark.feature(
@@ -33,7 +35,9 @@ def ends(graph, topic):
 )
 @pytest.mark.feature(
     "The node of an endpoint in `topic info -v`",
-    cannot={"kilted": "its Fast DDS names no node for endpoints of Cyclone DDS; the cause is not known"},
+    cannot={
+        "kilted": "its Fast DDS names no node for endpoints of Cyclone DDS; the cause is not known"
+    },
 )
 async def test_what_could_be_had_is_listed_before_anybody_subscribes(network, peer, distribution):
     async with agents(network, peer, DOMAINS, offers=True) as ros:
@@ -59,7 +63,9 @@ async def listed_then_opened(network, go2, spot, *, names):
 
         await until(seen)
         graph = await asked(go2, "graph", "graph")
-        assert [kind for kind, *_ in ends(graph, STATE) + ends(graph, MAP)] == ["PUBLISHER"] * 2, "read at rest"
+        assert [kind for kind, *_ in ends(graph, STATE) + ends(graph, MAP)] == ["PUBLISHER"] * 2, (
+            "read at rest"
+        )
         decoder.order(do="tell")
         assert len((await decoder.expect("processes", timeout_s=ANSWER_S))["pids"]) == 0
         for topic, kind in ((STATE, STRING), (DECODED, IMAGE)):
@@ -142,7 +148,9 @@ async def test_qos_is_across_two_routers_what_it_is_without(network, peer):
 async def everybody_hears(go2, hearers, told):
     for topic, (offered, _, _) in zip(TOPICS, MATRIX, strict=True):
         await publish(go2, topic, offered, [EMPTY] * 8)
-    past = {topic: past for topic, (_, _, past) in zip(TOPICS, MATRIX, strict=True) if past is not None}
+    past = {
+        topic: past for topic, (_, _, past) in zip(TOPICS, MATRIX, strict=True) if past is not None
+    }
     for hearer in hearers:
         for topic, (_, requested, _) in zip(TOPICS, MATRIX, strict=True):
             await listen(hearer, topic, requested, quiet=True)

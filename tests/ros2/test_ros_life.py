@@ -21,7 +21,9 @@ ELSEWHERE = (
     "<CycloneDDS><Domain><General><Interfaces><NetworkInterface name='none0'/></Interfaces></General></Domain>"
     "</CycloneDDS>"
 )
-ENVIRONMENT = pytest.mark.feature("A user's environment: domain, localhost only, discovery range, static peers")
+ENVIRONMENT = pytest.mark.feature(
+    "A user's environment: domain, localhost only, discovery range, static peers"
+)
 
 
 @ENVIRONMENT
@@ -97,9 +99,13 @@ async def test_publishers_come_and_go_on_either_side_and_nothing_is_left(peer, d
     heard, told = Counter(), Counter()
     qos, ours = {"durability": "transient_local"}, QoSProfile(durability=Durability.TRANSIENT_LOCAL)
     async with peer() as ros, Node("us", domain_id=domain_id) as node:
-        ros.on_report = lambda report: told.update([report["topic"]] if report["is"] == "heard" else [])
+        ros.on_report = lambda report: told.update(
+            [report["topic"]] if report["is"] == "heard" else []
+        )
         for topic in topics:
-            node.create_subscription(STRING, topic, lambda _, topic=topic: heard.update([topic]), ours)
+            node.create_subscription(
+                STRING, topic, lambda _, topic=topic: heard.update([topic]), ours
+            )
             await listen(ros, topic, qos)
         for wave in range(1, ROUNDS + 1):
             publishers = [node.create_publisher(STRING, topic, ours) for topic in topics]
@@ -116,14 +122,19 @@ async def test_publishers_come_and_go_on_either_side_and_nothing_is_left(peer, d
         async def nobody_left():
             ends = (await asked(ros, "graph", "graph"))["ends"]
             kinds = {end["kind"] for topic in topics for end in ends[topic]}
-            return kinds == {"SUBSCRIPTION"} and not any(node.graph.publishers(topic) for topic in topics)
+            return kinds == {"SUBSCRIPTION"} and not any(
+                node.graph.publishers(topic) for topic in topics
+            )
 
         await until(nobody_left)
 
 
 @CHURN
 async def test_a_process_that_is_killed_leaves_ros_2_s_graph(peer, domain_id):
-    async with peer() as ros, started("dying", [sys.executable, "-c", OURS, "dying", str(domain_id)]) as ours:
+    async with (
+        peer() as ros,
+        started("dying", [sys.executable, "-c", OURS, "dying", str(domain_id)]) as ours,
+    ):
 
         async def seen():
             graph = await asked(ros, "graph", "graph")
@@ -139,7 +150,9 @@ async def test_a_process_that_is_killed_leaves_ros_2_s_graph(peer, domain_id):
 
 
 @CHURN
-async def test_a_real_node_hears_on_when_flows_are_taken_away_before_a_sample_s_turn(peer, tmp_path):
+async def test_a_real_node_hears_on_when_flows_are_taken_away_before_a_sample_s_turn(
+    peer, tmp_path
+):
     """What a sample sets off after a second is not sent any more, and the next flow is heard."""
     usual = {"qos": {"depth": 9}, "reader_depth": 9, "executor": "", "then": "", "service_s": 0}
     usual |= {"size_bytes": 24, "rate_hz": 100, "phase_s": 0, "change_s": 0, "cached": False}

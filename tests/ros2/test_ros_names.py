@@ -44,13 +44,17 @@ def ours(act):
         return None
 
 
-@pytest.mark.feature("Topic, node and namespace names: accepted and refused alike, repeated underscores apart")
+@pytest.mark.feature(
+    "Topic, node and namespace names: accepted and refused alike, repeated underscores apart"
+)
 @pytest.mark.ros
 def test_names_are_accepted_expanded_and_refused_as_ros_2_does(distribution):
     asked = list(cases(4000))
     argv = distributions()[distribution].argv(str(Path(__file__).with_name("name_validators.py")))
     given = json.dumps(asked)
-    answers = subprocess.run(argv, input=given, capture_output=True, text=True, timeout=60, check=True)
+    answers = subprocess.run(
+        argv, input=given, capture_output=True, text=True, timeout=60, check=True
+    )
     differ = []
     for (name, namespace, node), line in zip(asked, answers.stdout.splitlines(), strict=True):
         full, expanded = json.loads(line)
@@ -68,4 +72,6 @@ def test_names_are_accepted_expanded_and_refused_as_ros_2_does(distribution):
         if found != expected:
             differ.append((name, namespace, node, found, expected))
     assert differ == []
-    assert 0.1 < sum(json.loads(line)[0] for line in answers.stdout.splitlines()[:4000]) / 4000 < 0.9
+    assert (
+        0.1 < sum(json.loads(line)[0] for line in answers.stdout.splitlines()[:4000]) / 4000 < 0.9
+    )

@@ -92,7 +92,9 @@ def alternating(times):
     return [n % 2 == 1 for n in range(times)]
 
 
-@pytest.mark.feature("Services of a node, as server and client (transport='ros')", condition="ROS 2 beside it")
+@pytest.mark.feature(
+    "Services of a node, as server and client (transport='ros')", condition="ROS 2 beside it"
+)
 async def test_a_node_serves_and_calls_and_its_program_is_repaired(ros_node, python, domain_id):
     service, heard = service_type(SET_BOOL), []
 
@@ -138,7 +140,9 @@ async def test_a_node_serves_and_calls_and_its_program_is_repaired(ros_node, pyt
 
 @netns
 @pytest.mark.feature("Services across two routers", condition=BESIDE)
-@pytest.mark.feature("Services of rmw_fastrtps with nodes of sfglab, across two routers", condition=BESIDE)
+@pytest.mark.feature(
+    "Services of rmw_fastrtps with nodes of sfglab, across two routers", condition=BESIDE
+)
 @pytest.mark.feature("Actions across two routers: feedback, cancel, result", condition=BESIDE)
 async def test_services_and_actions_cross_two_routers(network, ros_node, python):
     async with agents(network, ros_node, DOMAINS) as ros:
@@ -152,9 +156,14 @@ async def test_services_and_actions_cross_two_routers(network, ros_node, python)
             await asked(ours, "serve", "serving", service=OURS_TOO)
             await asked(server, "serve", "serving", service=AT_ONCE)
             for service in (ENABLE, OURS_TOO, AT_ONCE):
-                both = [asyncio.create_task(call(one, 50, ANSWER_S, service)) for one in (client, our_client)]
+                both = [
+                    asyncio.create_task(call(one, 50, ANSWER_S, service))
+                    for one in (client, our_client)
+                ]
                 await stalled(programs(psutil.Process().children(recursive=True)))
-                assert [one["answers"] for one in await asyncio.gather(*both)] == [alternating(50)] * 2
+                assert [one["answers"] for one in await asyncio.gather(*both)] == [
+                    alternating(50)
+                ] * 2
             await asked(server, "serve", "serving", service=LATER)
             earlier = asyncio.create_task(call(our_client, 500, ANSWER_S, LATER))
             await asyncio.sleep(0.3)  # rclpy must not take what answers those for its own server
@@ -201,7 +210,9 @@ async def test_without_ros_2_nothing_is_announced_and_it_is_said(network, ros_no
         await until(both_said)
         assert not (await called)["ready"]
     why = f"there is none here: source it, or name its interpreter in {PYTHON_VARIABLE}"
-    assert said == 2 * [f"service {ENABLE} of rmw_fastrtps stays here: only ROS 2 can serve it, and {why}"]
+    assert said == 2 * [
+        f"service {ENABLE} of rmw_fastrtps stays here: only ROS 2 can serve it, and {why}"
+    ]
 
 
 @pytest.mark.feature(
@@ -211,7 +222,9 @@ async def test_without_ros_2_nothing_is_announced_and_it_is_said(network, ros_no
 async def test_parameters_are_what_the_component_was_told(ros_node, python, domain_id):
     address = BusAddress(domain_id=domain_id)
     streams = ("/global/go2/camera_front/color/ffmpeg", "/global/pi1/camera_front/color/ffmpeg")
-    config = DecoderConfig(remote=address, local=address, streams=streams, spare=False, parameters="ros")
+    config = DecoderConfig(
+        remote=address, local=address, streams=streams, spare=False, parameters="ros"
+    )
     async with component(None, "sfglab.fleet.decoder.node", config), ros_node("ros") as ros:
         read = await asked(ros, "parameters", "parameters", node="/agent_decoder")
     said = dict(flat(to_json(config)))

@@ -22,7 +22,9 @@ from sfglab.messages.text import as_rclpy_shows, message_from_yaml, to_yaml, val
 from sfglab.record import LogReader
 
 pytestmark = [pytest.mark.live, pytest.mark.ros]
-feature = pytest.mark.feature("`sfglab topic` and `node`: graph, messages and rates as rclpy has them")
+feature = pytest.mark.feature(
+    "`sfglab topic` and `node`: graph, messages and rates as rclpy has them"
+)
 PEER = Path(__file__).with_name("tool_peer.py")
 TYPES = ("sensor_msgs/msg/Imu", "sensor_msgs/msg/PointCloud2", "diagnostic_msgs/msg/KeyValue")
 SHOWN = ("sensor_msgs/msg/JointState", "nav_msgs/msg/Odometry", "sensor_msgs/msg/BatteryState")
@@ -75,7 +77,9 @@ async def test_lists_and_infos_print_what_rclpy_s_graph_has(peer, printed):
         await asked(ros, "perform", "performing", action="/count")
         seen = await asked(ros, "seen", "seen", node="/talker")
         topics = {name: types for name, types in seen["topics"].items() if "/_" not in name}
-        assert await printed("topic", "list", "-t") == "".join(f"{n} [{t}]\n" for n, (t,) in topics.items())
+        assert await printed("topic", "list", "-t") == "".join(
+            f"{n} [{t}]\n" for n, (t,) in topics.items()
+        )
         publishers, subscriptions = seen["ends"]["/chatter"]
         assert (await printed("topic", "info", "-v", "/chatter")).split("\n\n") == [
             *("Type: std_msgs/msg/String", "Publisher count: 1", *publishers),
@@ -85,12 +89,16 @@ async def test_lists_and_infos_print_what_rclpy_s_graph_has(peer, printed):
         for head, found in seen["of_node"].items():
             lines = [f"    {name}: {type_}" for name, (type_,) in sorted(found.items())]
             assert "\n".join([f"  {head}:", *(lines or [""]), ""]) in info
-        assert info.endswith("  Action Servers:\n    /count: test_msgs/action/Fibonacci\n  Action Clients:\n\n")
+        assert info.endswith(
+            "  Action Servers:\n    /count: test_msgs/action/Fibonacci\n  Action Clients:\n\n"
+        )
         async with Node("looker", interface="lo") as node:
             graph = await settled(node, 5.0)
         assert [one.full_name for one in graph.nodes] == ["/talker"]
         for topic, sides in seen["ends"].items():
-            ours = [[endpoint_text(end) for end in graph.ends(topic, kind)] for kind in EndpointKind]
+            ours = [
+                [endpoint_text(end) for end in graph.ends(topic, kind)] for kind in EndpointKind
+            ]
             assert list(map(sorted, ours)) == list(map(sorted, sides))
 
 
@@ -106,7 +114,9 @@ async def test_echo_prints_what_rclpy_publishes_and_rclpy_hears_what_pub_says(pe
             read = message_from_yaml(name, said.removesuffix("---\n"), "echo")
             assert serialize(read) == serialize(deserialize(cdr, name))
         await listen(ros, "/chatter", {"depth": 10})
-        out = await printed("topic", "pub", "--once", "/chatter", "std_msgs/String", "{data: hällo}")
+        out = await printed(
+            "topic", "pub", "--once", "/chatter", "std_msgs/String", "{data: hällo}"
+        )
         heard = await ros.expect("heard", timeout_s=30)
         assert deserialize(bytes.fromhex(heard["cdr"]), STRING).data == "hällo"
         shown = await asked(ros, "shown", "shown", kind=STRING, cdr=[heard["cdr"]])
@@ -140,12 +150,15 @@ async def test_hz_of_a_topic_at_a_kilohertz_is_within_a_percent(peer, tool):
 
 
 asking = pytest.mark.feature(
-    "`sfglab service`, `action` and `param`: rclpy's servers are listed and asked", condition="ROS 2 beside it"
+    "`sfglab service`, `action` and `param`: rclpy's servers are listed and asked",
+    condition="ROS 2 beside it",
 )
 
 
 @asking
-async def test_services_and_actions_of_rclpy_are_listed_and_called(peer, printed, python, distribution):
+async def test_services_and_actions_of_rclpy_are_listed_and_called(
+    peer, printed, python, distribution
+):
     share = ros2.distributions()[distribution].python.parents[1] / "share" / "test_msgs"
     async with peer("server", program=PEER) as ros:
         await asked(ros, "serve", "serving", service="/enable")
@@ -155,7 +168,9 @@ async def test_services_and_actions_of_rclpy_are_listed_and_called(peer, printed
         listed = await printed("service", "list", "-t")
         assert listed == "".join(f"{name} [{type_}]\n" for name, (type_,) in services.items())
         assert await printed("action", "list", "-t") == "/count [test_msgs/action/Fibonacci]\n"
-        assert await printed("service", "call", "/enable", "std_srvs/srv/SetBool", "{data: true}") == (
+        assert await printed(
+            "service", "call", "/enable", "std_srvs/srv/SetBool", "{data: true}"
+        ) == (
             "requester: making request: std_srvs.srv.SetBool_Request(data=True)\n\n"
             "response:\nstd_srvs.srv.SetBool_Response(success=True, message='')\n\n"
         )
@@ -163,7 +178,10 @@ async def test_services_and_actions_of_rclpy_are_listed_and_called(peer, printed
         lines = (await printed("action", "send-goal", "-f", "--json", *goal)).splitlines()
         *feedback, result, status = map(json.loads, lines)
         assert feedback[-1] == {"feedback": {"sequence": [0, 1, 1, 2, 3, 5]}}
-        assert (result, status) == ({"result": {"sequence": [0, 1, 1, 2, 3, 5]}}, {"status": "SUCCEEDED"})
+        assert (result, status) == (
+            {"result": {"sequence": [0, 1, 1, 2, 3, 5]}},
+            {"status": "SUCCEEDED"},
+        )
 
 
 @asking
@@ -173,8 +191,13 @@ async def test_parameters_of_rclpy_are_listed_read_and_set(peer, printed, python
         listed = "".join(f"  {name}\n" for name in has["names"])
         assert await printed("param", "list") == f"/server:\n{listed}"
         assert await printed("param", "list", "server") == listed
-        assert await printed("param", "get", "/server", "gains") == "Double values are: [0.5, 2.0]\n"
-        assert await printed("param", "set", "/server", "gains", "[1.5]") == "Set parameter successful\n"
+        assert (
+            await printed("param", "get", "/server", "gains") == "Double values are: [0.5, 2.0]\n"
+        )
+        assert (
+            await printed("param", "set", "/server", "gains", "[1.5]")
+            == "Set parameter successful\n"
+        )
         assert (await asked(ros, "now", "now", name="gains"))["value"] == [1.5]
         assert "gains:\n    - 1.5\n" in await printed("param", "dump", "/server")
         refused = await printed("param", "set", "/server", "gains", "text", status=1)
@@ -192,12 +215,16 @@ STORAGES = {"jazzy": "mcap", "kilted": "sqlite3"}
     "`sfglab log record` and `play`: 10 topics at 100 Hz and 30 images of 640 x 480 a second, none lost"
 )
 @pytest.mark.slow
-async def test_what_rclpy_publishes_is_recorded_and_played_to_it(peer, tool, printed, distribution, tmp_path):
+async def test_what_rclpy_publishes_is_recorded_and_played_to_it(
+    peer, tool, printed, distribution, tmp_path
+):
     bag = tmp_path / "bag"
     async with peer("talker", program=PEER) as ros:
         for topic, kind in KINDS.items():
             await publish(ros, topic, {"depth": 100}, [], kind)
-        async with tool("log", "record", *RATES, "-o", str(bag), "-s", STORAGES[distribution]) as record:
+        async with tool(
+            "log", "record", *RATES, "-o", str(bag), "-s", STORAGES[distribution]
+        ) as record:
             subscribed = 0
             while subscribed < len(RATES):
                 subscribed += b"Subscribed" in await record.stdout.readline()

@@ -24,7 +24,11 @@ NOT_SHIPPED = {"test_msgs"}
 async def test_services_that_we_bring_are_those_of_the_distribution(peer, distribution):
     share = distributions()[distribution].python.parents[1] / "share"
     files = [f for f in sorted(share.glob("*/srv/*.srv")) if f.parents[1].name not in NOT_SHIPPED]
-    names = [f"{f.parents[1].name}/srv/{f.stem}_{half}" for f in files for half in ("Request", "Response")]
+    names = [
+        f"{f.parents[1].name}/srv/{f.stem}_{half}"
+        for f in files
+        for half in ("Request", "Response")
+    ]
     assert len(names) == 46
     assert set(names) <= set(message_types())
     for file in files:
@@ -33,7 +37,9 @@ async def test_services_that_we_bring_are_those_of_the_distribution(peer, distri
         assert await bent(ros, names, times=10, seed=21) == []
 
 
-@pytest.mark.feature("Interfaces of sfglab and tf2_msgs, built by rosidl from what `sfglab interfaces` writes")
+@pytest.mark.feature(
+    "Interfaces of sfglab and tf2_msgs, built by rosidl from what `sfglab interfaces` writes"
+)
 async def test_our_messages_services_and_actions_are_what_rosidl_makes_of_them(peer, own_types):
     inner = ("_Goal", "_Result", "_Feedback")  # rclpy has them inside of others only
     names = [name for name in message_types() if name.startswith((f"{OURS}/", "tf2_msgs/"))]
@@ -49,12 +55,16 @@ async def test_our_messages_cross_both_ways(peer, own_types, domain_id):
     names = [name for name in message_types() if name.startswith(f"{OURS}/msg/")]
     given = {name: random_message(rng, name) for name in names}
     async with peer(PYTHONPATH=own_types) as ros, Node("us", domain_id=domain_id) as node:
-        assert await echoed(ros, node, given) == {name: serialize(message) for name, message in given.items()}
+        assert await echoed(ros, node, given) == {
+            name: serialize(message) for name, message in given.items()
+        }
 
 
 def tree(parent, child, *position_m):
     """The message with one transform."""
-    one = StampedTransform(parent=parent, child=child, stamp_ns=10**9, pose=Pose(position_m=position_m))
+    one = StampedTransform(
+        parent=parent, child=child, stamp_ns=10**9, pose=Pose(position_m=position_m)
+    )
     return message_type(TRANSFORMS)(transforms=[one.to_msg()])
 
 
@@ -62,18 +72,24 @@ ROS_EDGES = ("map", "ros/odom", 0, 2, 0), ("ros/odom", "ros/base", 0.5, 0, 0)
 
 
 @pytest.mark.feature("TF: /tf and latched /tf_static, both ways")
-async def test_transforms_reach_both_sides_latched_ones_also_who_comes_later(peer, own_types, domain_id):
+async def test_transforms_reach_both_sides_latched_ones_also_who_comes_later(
+    peer, own_types, domain_id
+):
     heard = {}
     buffer = FrameBuffer()
     async with Node("us", domain_id=domain_id) as node:
-        node.create_publisher(TRANSFORMS, TF_STATIC, TF_STATIC_QOS).publish(tree("map", "us/odom", 1, 0, 0))
+        node.create_publisher(TRANSFORMS, TF_STATIC, TF_STATIC_QOS).publish(
+            tree("map", "us/odom", 1, 0, 0)
+        )
         moving = node.create_publisher(TRANSFORMS, TF, TF_QOS)
         async with peer(PYTHONPATH=own_types) as ros:
 
             def note(report):
                 if report["is"] == "heard":
                     message = deserialize(bytes.fromhex(report["cdr"]), TRANSFORMS)
-                    heard.update({(report["topic"], t.child_frame_id): t for t in message.transforms})
+                    heard.update(
+                        {(report["topic"], t.child_frame_id): t for t in message.transforms}
+                    )
 
             ros.on_report = note
             fixed, base = (serialize(tree(*edge)).hex() for edge in ROS_EDGES)

@@ -24,7 +24,9 @@ class Peer(service_peer.Peer):
             "seen",
             topics=topics,
             services=dict(self.node.get_service_names_and_types()),
-            nodes=[n.rstrip("/") + "/" + name for name, n in self.node.get_node_names_and_namespaces()],
+            nodes=[
+                n.rstrip("/") + "/" + name for name, n in self.node.get_node_names_and_namespaces()
+            ],
             ends={
                 topic: [
                     [str(info) for info in self.node.get_publishers_info_by_topic(topic)],
@@ -33,7 +35,9 @@ class Peer(service_peer.Peer):
                 for topic in topics
             },
             of_node={
-                head: dict(getattr(self.node, f"get_{kind}_names_and_types_by_node")(name, namespace))
+                head: dict(
+                    getattr(self.node, f"get_{kind}_names_and_types_by_node")(name, namespace)
+                )
                 for head, kind in asked.items()
             },
         )
@@ -49,12 +53,17 @@ class Peer(service_peer.Peer):
 
     def shown(self, kind, cdr):
         """Report messages as rclpy shows them."""
-        report("shown", texts=[repr(deserialize_message(bytes.fromhex(one), interface(kind))) for one in cdr])
+        report(
+            "shown",
+            texts=[repr(deserialize_message(bytes.fromhex(one), interface(kind))) for one in cdr],
+        )
 
     def beat(self, hz, seconds):
         """Publish numbered messages of topics on schedule, catching up what was missed; report when [s]."""
         made, sent_s = {topic: self.of_number(topic) for topic in hz}, {topic: [] for topic in hz}
-        due = sorted((n / hz[topic], topic, n) for topic in hz for n in range(round(hz[topic] * seconds)))
+        due = sorted(
+            (n / hz[topic], topic, n) for topic in hz for n in range(round(hz[topic] * seconds))
+        )
         start_s = time.perf_counter()
         for due_s, topic, number in due:
             time.sleep(max(0.0, start_s + due_s - time.perf_counter()))
@@ -66,7 +75,9 @@ class Peer(service_peer.Peer):
         """Return what makes a topic's message with a number: text, or a picture of noise."""
         if "image" not in topic:
             return lambda number: interface("std_msgs/msg/String")(data=f"{number:07}")
-        image = interface("sensor_msgs/msg/Image")(width=640, height=480, step=1920, encoding="bgr8")
+        image = interface("sensor_msgs/msg/Image")(
+            width=640, height=480, step=1920, encoding="bgr8"
+        )
         image.data.frombytes(random.Random(1).randbytes(921600))
 
         def numbered(number):
@@ -84,12 +95,17 @@ class Peer(service_peer.Peer):
                 kept[0] += 1
                 kept[1].update(cdr[4:])
 
-            self.kept.append(self.node.create_subscription(interface(kind), topic, take, 2000, raw=True))
+            self.kept.append(
+                self.node.create_subscription(interface(kind), topic, take, 2000, raw=True)
+            )
         report("gathering")
 
     def gathered(self):
         """Report what was kept."""
-        report("gathered", seen={topic: [n, kept.hexdigest()] for topic, (n, kept) in self.digests.items()})
+        report(
+            "gathered",
+            seen={topic: [n, kept.hexdigest()] for topic, (n, kept) in self.digests.items()},
+        )
 
 
 if __name__ == "__main__":

@@ -30,13 +30,20 @@ GENERATORS = {
     "typesupport_introspection_c": GenerateIntrospectionCTypesupport("introspection_c"),
     "typesupport_fastrtps_c": GenerateFastRTPSCTypesupport("fastrtps_c"),
     "typesupport_c": GenerateCTypesupport(
-        "c", typesupport_implementations=["rosidl_typesupport_introspection_c", "rosidl_typesupport_fastrtps_c"]
+        "c",
+        typesupport_implementations=[
+            "rosidl_typesupport_introspection_c",
+            "rosidl_typesupport_fastrtps_c",
+        ],
     ),
     "generator_py": GeneratePython("py", typesupport_implementations=["rosidl_typesupport_c"]),
 }
 RUNTIME = [
     "rosidl_runtime_c",
-    *(f"rosidl_typesupport_{kind}" for kind in ("c", "introspection_c", "fastrtps_c", "fastrtps_cpp")),
+    *(
+        f"rosidl_typesupport_{kind}"
+        for kind in ("c", "introspection_c", "fastrtps_c", "fastrtps_cpp")
+    ),
     *("fastcdr", "rcutils", "rmw"),
 ]
 
@@ -46,7 +53,8 @@ def sources(out, package):
     share = out / "share" / package.name
     for kind, translator in TRANSLATORS.items():
         if files := [
-            f"{package}:{file.relative_to(package)}" for file in sorted(package.glob(f"{kind}/*.{kind}"))
+            f"{package}:{file.relative_to(package)}"
+            for file in sorted(package.glob(f"{kind}/*.{kind}"))
         ]:
             translator(kind).translate(package.name, files, [], share)
     idl = [f"{share}:{file.relative_to(share)}" for file in sorted(share.rglob("*.idl"))]
@@ -72,7 +80,11 @@ def compiled(out, file):
     """Compile a file, and return its object's path."""
     target = file.with_suffix(file.suffix + ".o")
     folders = [*(out / name for name in GENERATORS), *Path(sys.prefix, "include").iterdir()]
-    folders += [Path(sysconfig.get_path("include")), Path(np.get_include()), Path(sys.prefix, "include")]
+    folders += [
+        Path(sysconfig.get_path("include")),
+        Path(np.get_include()),
+        Path(sys.prefix, "include"),
+    ]
     compiler = ["g++", "-std=c++17"] if file.suffix == ".cpp" else ["gcc", "-std=c11"]
     includes = [f"-I{folder}" for folder in folders]
     subprocess.run([*compiler, "-fPIC", "-w", "-c", file, "-o", target, *includes], check=True)
@@ -85,7 +97,15 @@ def link(out, package, target, objects):
     others = [each for each in linked(out, package) if each != str(target)]
     libraries = [f"-L{lib}", *(f"-l{name}" for name in RUNTIME), f"-Wl,-rpath,{lib}:$ORIGIN"]
     libraries += [f"-Wl,-rpath,{folder}" for folder in (out / "python").iterdir()]
-    argv = ["g++", "-shared", f"-Wl,-soname,{target.name}", "-o", target, *objects, "-Wl,--no-as-needed"]
+    argv = [
+        "g++",
+        "-shared",
+        f"-Wl,-soname,{target.name}",
+        "-o",
+        target,
+        *objects,
+        "-Wl,--no-as-needed",
+    ]
     subprocess.run([*argv, *others, *libraries], check=True)
 
 
@@ -102,7 +122,12 @@ def build(out, package):
             objects = [every[f].result() for f in each if f not in entries]
             link(out, package, python / f"lib{package.name}__rosidl_{name}.so", objects)
     for entry in entries:
-        link(out, package, python / f"{package.name}_s__rosidl_typesupport_c{SUFFIX}", [every[entry].result()])
+        link(
+            out,
+            package,
+            python / f"{package.name}_s__rosidl_typesupport_c{SUFFIX}",
+            [every[entry].result()],
+        )
     made = out / "generator_py" / package.name
     for file in made.rglob("*.py"):
         (python / file.relative_to(made)).parent.mkdir(exist_ok=True)

@@ -60,14 +60,18 @@ def interpreted():
 
 
 def checked_world(*parts):
-    return SimpleNamespace(**{n: a.view(Checked) for part in parts for n, a in part._asdict().items()})
+    return SimpleNamespace(
+        **{n: a.view(Checked) for part in parts for n, a in part._asdict().items()}
+    )
 
 
 qos = st.builds(
     QoSProfile,
     history=st.sampled_from([History.KEEP_LAST, History.KEEP_LAST, History.KEEP_ALL]),
     depth=st.sampled_from([1, 2, 5, 10, 100, 1000]),
-    reliability=st.sampled_from([Reliability.RELIABLE, Reliability.RELIABLE, Reliability.BEST_EFFORT]),
+    reliability=st.sampled_from(
+        [Reliability.RELIABLE, Reliability.RELIABLE, Reliability.BEST_EFFORT]
+    ),
     durability=st.sampled_from([Durability.VOLATILE, Durability.TRANSIENT_LOCAL]),
 )
 HOSTS = ("robot1", "robot2", "station")
@@ -139,7 +143,10 @@ def test_no_run_leaves_its_arrays_and_compiled_code_does_the_same(scenario, seed
     assert plain.counts == compiled.counts
     for name, flow in compiled.flows.items():
         for field in ("published_ns", "received_ns", "value", "fate", "dropped"):
-            assert np.array_equal(getattr(plain.flows[name], field), getattr(flow, field)), (name, field)
+            assert np.array_equal(getattr(plain.flows[name], field), getattr(flow, field)), (
+                name,
+                field,
+            )
 
 
 @settings(max_examples=120, deadline=None)
@@ -153,7 +160,9 @@ def test_samples_come_in_order_after_their_publication_and_every_loss_has_a_plac
         assert (flow.latency_ns >= 0).all()
         assert ((flow.received_ns > 0) == flow.delivered).all()
         assert (flow.fate != Fate.NEVER_SENT).all()
-        if not 0 < scenario.vendor.reorder_most < told.qos.depth:  # else a reader drops what waits behind a gap
+        if (
+            not 0 < scenario.vendor.reorder_most < told.qos.depth
+        ):  # else a reader drops what waits behind a gap
             assert (flow.dropped[flow.fate == Fate.OVERWRITTEN] != Drop.NOT).all()
 
 

@@ -20,7 +20,9 @@ def outcome(preset, medium, *, depth, rate_hz=100.0, duration_s=9.0, seed=1, **q
     profile = QoSProfile(depth=depth, **qos)
     flow = Flow(name="a", source="robot", target="station", rate_hz=rate_hz, qos=profile)
     vendor = PRESETS[preset] if isinstance(preset, str) else preset
-    return run(Scenario(flows=(flow,), medium=medium, vendor=vendor, duration_s=duration_s), seed=seed)
+    return run(
+        Scenario(flows=(flow,), medium=medium, vendor=vendor, duration_s=duration_s), seed=seed
+    )
 
 
 def test_committed_cells_are_what_they_were():
@@ -42,7 +44,9 @@ def test_committed_cells_are_what_they_were():
     ],
 )
 def test_mean_latencies_at_3_percent_loss_are_those_of_real_fast_dds(preset, depth, low, high):
-    runs = [outcome(preset, Medium(loss=0.03), depth=depth, seed=seed).flows["a"] for seed in range(6)]
+    runs = [
+        outcome(preset, Medium(loss=0.03), depth=depth, seed=seed).flows["a"] for seed in range(6)
+    ]
     assert low < np.mean(np.concatenate([flow.latency_ns for flow in runs])) / 1e6 < high
 
 
@@ -66,24 +70,40 @@ def test_a_heartbeat_rides_with_the_same_sample_as_on_real_fast_dds(size_bytes, 
     ],
 )
 def test_heartbeats_of_900_samples_are_those_of_real_fast_dds(preset, before, acknacks):
-    counts = outcome(replace(PRESETS[preset], sent_before_bytes=before), LOSSLESS, depth=1000).counts
+    counts = outcome(
+        replace(PRESETS[preset], sent_before_bytes=before), LOSSLESS, depth=1000
+    ).counts
     assert acknacks[0] <= counts["acknack"] <= acknacks[1]
 
 
 @pytest.mark.parametrize(
     ("preset", "rule", "depth", "loss", "throttled"),
     [
-        ("fast_dds_async", "block", 1, (0.0, 0.0), True),  # a full history waits for the thread that sends
+        (
+            "fast_dds_async",
+            "block",
+            1,
+            (0.0, 0.0),
+            True,
+        ),  # a full history waits for the thread that sends
         ("fast_dds_async", "block", 100, (0.0, 0.0), True),
         ("fast_dds_foxy", "block", 100, (0.0, 0.0), True),
         ("fast_dds_async", "block", 4000, (0.0, 0.0), False),  # what waits there travels together
         ("fast_dds_sync", "block", 1, (0.0, 0.0), True),  # who publishes waits
         ("fast_dds_async", "tail", 1, (0.3, 0.6), False),
-        ("fast_dds_async", "tail", 100, (0.3, 0.6), False),  # a queue that drops, drops at every depth
+        (
+            "fast_dds_async",
+            "tail",
+            100,
+            (0.3, 0.6),
+            False,
+        ),  # a queue that drops, drops at every depth
     ],
 )
 def test_what_a_crowded_air_costs_depends_on_who_waits(preset, rule, depth, loss, throttled):
-    done = outcome(preset, replace(SLOW, queue_rule=rule), depth=depth, rate_hz=1000, duration_s=3.0)
+    done = outcome(
+        preset, replace(SLOW, queue_rule=rule), depth=depth, rate_hz=1000, duration_s=3.0
+    )
     assert loss[0] <= done.flows["a"].loss <= loss[1]
     assert (done.counts["throttled"] > 0) == throttled
 
@@ -104,7 +124,9 @@ def test_a_message_that_ip_cuts_is_lost_with_any_of_its_frames():
     cut, small = (outcome(vendor, medium, **given) for vendor in vendors)
     assert small.flows["a"].loss < 0.05
     assert cut.flows["a"].loss > 0.2
-    assert frame_bytes(Frame.BURST, 24, 24) + frame_bytes(Frame.FRAGMENT, 24, 0) == 78 + 24 * 60 + 34
+    assert (
+        frame_bytes(Frame.BURST, 24, 24) + frame_bytes(Frame.FRAGMENT, 24, 0) == 78 + 24 * 60 + 34
+    )
     assert [fragments(24, n) for n in (1, 23, 24, 256)] == [0, 0, 1, 10]
 
 
@@ -125,13 +147,17 @@ def test_an_access_point_drops_where_hosts_block():
 
 
 @pytest.mark.parametrize(("chance", "least", "most"), [(True, 0.25, 0.34), (False, 0.0, 0.05)])
-def test_at_a_full_access_point_all_get_a_share_by_chance_and_one_host_everything_in_turns(chance, least, most):
+def test_at_a_full_access_point_all_get_a_share_by_chance_and_one_host_everything_in_turns(
+    chance, least, most
+):
     medium = replace(SLOW, queue_rule="block", access_point=True, random_turns=chance)
     flows = tuple(
         Flow(name=name, source=name, target="station", rate_hz=500.0, qos=QoSProfile(depth=10))
         for name in "abc"
     )
-    scenario = Scenario(flows=flows, medium=medium, vendor=PRESETS["fast_dds_sync"], duration_s=10.0, drain_s=0)
+    scenario = Scenario(
+        flows=flows, medium=medium, vendor=PRESETS["fast_dds_sync"], duration_s=10.0, drain_s=0
+    )
     arrived = [int(flow.delivered.sum()) for flow in run(scenario, seed=0).flows.values()]
     assert least <= min(arrived) / sum(arrived) <= most
 
@@ -158,5 +184,7 @@ def test_losses_come_in_bursts_of_their_mean_length(burst):
 def test_far_hosts_are_slower():
     assert [rate_share(m) for m in (0, 10, 30, 1000)] == [1.0, 1.0, 0.2, 0.1]
     far = Medium(loss=0.0, distances_m={"robot": 30.0})
-    near_ns, far_ns = (outcome("fast_dds", m, depth=1).counts["airtime_ns"] for m in (LOSSLESS, far))
+    near_ns, far_ns = (
+        outcome("fast_dds", m, depth=1).counts["airtime_ns"] for m in (LOSSLESS, far)
+    )
     assert far_ns > 1.2 * near_ns

@@ -20,7 +20,9 @@ BEST_EFFORT = QoSProfile(reliability=Reliability.BEST_EFFORT)
 
 def one(medium=QUIET, *, duration_s=1.0, vendor=FAST_DDS, **flow):
     values = {"source": "robot", "target": "station", "rate_hz": 100.0, **flow}
-    return Scenario(flows=(Flow(name="a", **values),), medium=medium, vendor=vendor, duration_s=duration_s)
+    return Scenario(
+        flows=(Flow(name="a", **values),), medium=medium, vendor=vendor, duration_s=duration_s
+    )
 
 
 def outcome(scenario, seed=0):
@@ -29,7 +31,9 @@ def outcome(scenario, seed=0):
 
 def test_latency_on_a_quiet_link_is_airtime_latency_and_service():
     # 62 bytes of headers, INFO_TS 12, DATA 24, payload 24: 122 bytes at 1 byte a microsecond.
-    flow = outcome(one(replace(QUIET, latency_s=0.005), size_bytes=24, service_s=0.0001, qos=KEEP_ALL))
+    flow = outcome(
+        one(replace(QUIET, latency_s=0.005), size_bytes=24, service_s=0.0001, qos=KEEP_ALL)
+    )
     assert set(flow.latency_ns) == {122_000 + 5 * MS + 100_000}
     assert flow.loss == 0
 
@@ -112,13 +116,18 @@ def test_the_local_cache_publishes_changes_only():
 
 
 def test_the_longest_silence_bounds_gaps():
-    flow = outcome(one(change_s=10, cached=True, max_silence_s=0.2, rate_hz=100, duration_s=20, qos=KEEP_ALL))
+    flow = outcome(
+        one(change_s=10, cached=True, max_silence_s=0.2, rate_hz=100, duration_s=20, qos=KEEP_ALL)
+    )
     assert np.diff(flow.published_ns).max() == 200 * MS
 
 
 def test_cache_control_saves_processing_and_not_frames():
     with_, without = (
-        run(one(change_s=0.5, service_s=0.001, compare_s=compare, duration_s=20, qos=KEEP_ALL), seed=3)
+        run(
+            one(change_s=0.5, service_s=0.001, compare_s=compare, duration_s=20, qos=KEEP_ALL),
+            seed=3,
+        )
         for compare in (1e-5, None)
     )
     assert with_.counts["data"] == without.counts["data"]
@@ -146,8 +155,12 @@ def test_missed_deadlines_are_counted_and_change_nothing():
 def flat_out(*, piggyback):
     """Fast-DDS issue 19: a reliable writer flat out, a history of about 100, heartbeats every 3 s."""
     vendor = replace(FAST_DDS, piggyback_when_full=piggyback)
-    medium = Medium(loss=0.001, rate_bps=100e6, overhead_s=0, contention=0, shared=False, queue_frames=50_000)
-    return outcome(one(medium, vendor=vendor, rate_hz=770, qos=QoSProfile(depth=100), duration_s=30), 5)
+    medium = Medium(
+        loss=0.001, rate_bps=100e6, overhead_s=0, contention=0, shared=False, queue_frames=50_000
+    )
+    return outcome(
+        one(medium, vendor=vendor, rate_hz=770, qos=QoSProfile(depth=100), duration_s=30), 5
+    )
 
 
 def test_without_piggyback_delivery_stalls_until_the_next_heartbeat_3_s_apart():
@@ -194,12 +207,16 @@ def test_prompt_repairs_travel_together():
     done = run(one(medium, vendor=CYCLONE_DDS, rate_hz=1000, qos=qos, duration_s=2.0), seed=1)
     fate = done.flows["a"].fate
     assert done.counts["repeated"] > 100
-    assert done.counts["repeated"] > 10 * (done.counts["data"] - len(fate)), "repeated in few frames"
+    assert done.counts["repeated"] > 10 * (done.counts["data"] - len(fate)), (
+        "repeated in few frames"
+    )
     assert set(fate.tolist()) <= {Fate.DELIVERED, Fate.OVERWRITTEN, Fate.UNDERWAY, Fate.LATE}
 
 
 @settings(max_examples=30, deadline=None)
-@given(st.sampled_from(list(PRESETS.values())), st.sampled_from([0.0, 0.1, 0.3]), st.integers(0, 20))
+@given(
+    st.sampled_from(list(PRESETS.values())), st.sampled_from([0.0, 0.1, 0.3]), st.integers(0, 20)
+)
 def test_keep_all_loses_nothing(vendor, loss, seed):
     scenario = one(replace(QUIET, loss=loss), vendor=vendor, qos=KEEP_ALL, duration_s=2.0)
     assert outcome(replace(scenario, drain_s=300.0), seed).loss == 0
@@ -215,13 +232,19 @@ A_FLOW = Flow(name="a", source="r", target="s", rate_hz=1)
         (lambda: Scenario(flows=(replace(A_FLOW, then="b"),)), "then: given 'b'"),
         (lambda: Scenario(flows=(A_FLOW,), medium=Medium(loss=1.0)), "loss"),
         (lambda: Scenario(flows=(A_FLOW,), medium=Medium(latency_s=-1.0)), "latency_s from 0"),
-        (lambda: Medium(queue_rule="middle"), "queue_rule: given 'middle', allowed: tail, head, block"),
+        (
+            lambda: Medium(queue_rule="middle"),
+            "queue_rule: given 'middle', allowed: tail, head, block",
+        ),
         (lambda: Medium(access_point=True, shared=False), "access_point"),
         (lambda: Medium(stall_s=0.2, stall_every_s=0.1), "stall_s < stall_every_s"),
         (lambda: replace(FAST_DDS, heartbeat_ns=0), "heartbeat"),
         (lambda: replace(FAST_DDS, piggyback_bytes=-1), "bytes"),
         *(
-            (lambda f=f: Scenario(flows=(replace(A_FLOW, **{f: -1}),)), f"{f}: given -1, allowed: 0 and more")
+            (
+                lambda f=f: Scenario(flows=(replace(A_FLOW, **{f: -1}),)),
+                f"{f}: given -1, allowed: 0 and more",
+            )
             for f in ("rate_hz", "phase_s", "reader_depth", "compare_s")
         ),
     ],

@@ -15,7 +15,9 @@ ROBOTS = ("robot1", "robot2", "robot3")
 
 
 def beams(**changes):
-    flow = Flow(name="", source="", target="station", rate_hz=200, qos=QoSProfile(depth=10), **changes)
+    flow = Flow(
+        name="", source="", target="station", rate_hz=200, qos=QoSProfile(depth=10), **changes
+    )
     return tuple(
         replace(flow, name=f"{robot}/{i}", source=robot, executor=robot, phase_s=i * 1e-4)
         for robot in ROBOTS
@@ -40,7 +42,9 @@ def test_in_steps_it_is_the_same_run_as_at_once():
     assert at_once.counts == stepwise.counts
     for name, flow in at_once.flows.items():
         assert np.array_equal(flow.received_ns, stepwise.flows[name].received_ns)
-        assert [d.now_ns for d in heard if d.flow == name] == flow.received_ns[flow.delivered].tolist()
+        assert [d.now_ns for d in heard if d.flow == name] == flow.received_ns[
+            flow.delivered
+        ].tolist()
 
 
 def test_values_set_from_outside_are_what_arrives_and_what_the_cache_compares():
@@ -76,7 +80,9 @@ def test_an_answer_is_published_now_and_arrives():
 
 
 def test_cache_control_says_what_it_discarded():
-    scenario = Scenario(flows=beams(compare_s=1e-5, service_s=1e-4), medium=Medium(loss=0.0), duration_s=1)
+    scenario = Scenario(
+        flows=beams(compare_s=1e-5, service_s=1e-4), medium=Medium(loss=0.0), duration_s=1
+    )
     session = Session(scenario, seed=0)
     for flow in scenario.flows:
         session.set_value(flow.name, 5)

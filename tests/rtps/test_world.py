@@ -107,7 +107,9 @@ events = st.lists(st.tuples(times, kinds, st.integers(0, 2**20 - 1)), min_size=1
 
 @settings(deadline=None)  # the first example compiles
 @given(events, events | st.just([]))
-def test_events_come_out_by_time_and_then_as_they_went_in_also_those_that_come_in_between(first, second):
+def test_events_come_out_by_time_and_then_as_they_went_in_also_those_that_come_in_between(
+    first, second
+):
     slots, sizes = new_heap(len(first) + len(second))
     for event in first:
         push(slots, sizes, *event)
@@ -149,11 +151,16 @@ print(outer(1), sum(outer.stats.cache_hits.values()))
 
 def test_machine_code_on_disk_follows_what_stands_in_other_files(tmp_path):
     (tmp_path / "outer.py").write_text(OUTER)
-    env = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "cache"), "PYTHONPATH": os.pathsep.join(sys.path)}
+    env = os.environ | {
+        "NUMBA_CACHE_DIR": str(tmp_path / "cache"),
+        "PYTHONPATH": os.pathsep.join(sys.path),
+    }
 
     def run_with(number: int) -> str:
         (tmp_path / "inner.py").write_text(INNER.format(number))
         program = [sys.executable, "-B", "outer.py"]
-        return subprocess.run(program, cwd=tmp_path, env=env, capture_output=True, text=True, check=True).stdout
+        return subprocess.run(
+            program, cwd=tmp_path, env=env, capture_output=True, text=True, check=True
+        ).stdout
 
     assert [run_with(number) for number in (1, 1, 2)] == ["2 0\n", "2 1\n", "3 0\n"]

@@ -61,7 +61,9 @@ def chain(*placements, topic_mapping=TopicMapping.SOFTWARE):
     """A graph of nodes a, b, ... in a row, with topics ab, bc, ... of 1 MB at 10 Hz between them."""
     letters = "abcdefghijklmnopqrstuvwxyz"[: len(placements)]
     return Graph(
-        nodes=tuple(Node(name=name, placement=p) for name, p in zip(letters, placements, strict=True)),
+        nodes=tuple(
+            Node(name=name, placement=p) for name, p in zip(letters, placements, strict=True)
+        ),
         topics=tuple(
             Topic(
                 name=one + other,

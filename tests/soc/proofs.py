@@ -18,7 +18,12 @@ _BEFORE = (State.POLL_OSIF, State.POLL_HMT, State.FILTER_HMT, State.DROP_HMT, St
 _REQUESTED = (*_BEFORE, State.CANCEL, State.CANCEL_WAIT)
 _PUBLISHING = (State.PUBLISH_WAIT, State.PUBLISH_WAIT_HOLDING)
 _STORED = (State.CANCEL, State.CANCEL_WAIT, State.PUBLISH, State.PUBLISH_HOLDING, *_PUBLISHING)
-_HELD = (State.FILTER_SMT, State.CLAIM, State.TO_HMT, *(s for s in State if s.name.endswith("_HOLDING")))
+_HELD = (
+    State.FILTER_SMT,
+    State.CLAIM,
+    State.TO_HMT,
+    *(s for s in State if s.name.endswith("_HOLDING")),
+)
 
 
 class _Watched(Elaboratable):
@@ -97,7 +102,9 @@ def control_is_safe(table=TABLE, depth=4):
     sends only a message that it holds.
     """
     watched = _Watched(table)
-    return is_proved(watched, [watched.control.given, watched.control.value, watched.control.state], depth)
+    return is_proved(
+        watched, [watched.control.given, watched.control.value, watched.control.state], depth
+    )
 
 
 class _WatchedArbiter(Elaboratable):
@@ -114,12 +121,18 @@ class _WatchedArbiter(Elaboratable):
         m = Module()
         m.submodules.arbiter = arbiter = self.arbiter
         request, grant, complete = (
-            Cat(getattr(port, name) for port in arbiter.masters) for name in ("request", "grant", "complete")
+            Cat(getattr(port, name) for port in arbiter.masters)
+            for name in ("request", "grant", "complete")
         )
         m.d.comb += Assume((self._waited & ~request) == 0)
-        m.d.sync += [self._waited.eq(request & ~grant), self._under.eq((self._under & ~complete) | grant)]
+        m.d.sync += [
+            self._waited.eq(request & ~grant),
+            self._under.eq((self._under & ~complete) | grant),
+        ]
         for place, passed in enumerate(self._passed):
-            m.d.sync += passed.eq((passed | grant) & (request & ~grant)[place].replicate(len(grant)))
+            m.d.sync += passed.eq(
+                (passed | grant) & (request & ~grant)[place].replicate(len(grant))
+            )
             m.d.comb += Assert((passed & grant) == 0)
         free = ~self._under.any() & arbiter.memory.grant
         m.d.comb += [
@@ -139,7 +152,9 @@ class _WatchedArbiter(Elaboratable):
                 with m.Case(1 << turn):
                     for place, passed in enumerate(self._passed):
                         reach = (turn - place) % count
-                        beyond = [j for j in range(count) if (j - place) % count > reach or j == place]
+                        beyond = [
+                            j for j in range(count) if (j - place) % count > reach or j == place
+                        ]
                         m.d.comb += Assert(~Cat(passed[j] for j in beyond).any())
                         m.d.comb += Assert(self._waited[place] | ~passed.any())
             with m.Default():

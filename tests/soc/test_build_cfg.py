@@ -24,7 +24,11 @@ def read(text):
 
 
 def sections(parser, kind):
-    return {title.split("@")[1]: dict(parser[title]) for title in parser.sections() if title.startswith(kind)}
+    return {
+        title.split("@")[1]: dict(parser[title])
+        for title in parser.sections()
+        if title.startswith(kind)
+    }
 
 
 FIGURE_8 = map_communication(load_graph(GRAPHS / "figure_8.yaml"))
@@ -35,7 +39,11 @@ def test_each_gateway_has_a_slot_and_joins_stream_and_topic_on_the_paper_s_board
     found = sections(EXAMPLE, "ROSGateway")
     joined = {"HWTopic": '"A"', "SWTopic": '"A"', "MsgType": "sensor_msgs/Image"}
     assert found["gateway_A"] == {"Slot": "Gateways(0)", **joined}
-    assert [gateway["Slot"] for gateway in found.values()] == ["Gateways(0)", "Gateways(1)", "Gateways(2)"]
+    assert [gateway["Slot"] for gateway in found.values()] == [
+        "Gateways(0)",
+        "Gateways(1)",
+        "Gateways(2)",
+    ]
     assert sections(EXAMPLE, "HwSlot")["Gateways(0:2)"] == {"Id": "8", "Clock": "System"}
     assert EXAMPLE["General"]["Name"] == "Fig_8"
     assert EXAMPLE["General"]["TargetPart"] == "xczu7ev-ffvc1156-2-e"
@@ -68,10 +76,18 @@ def test_a_topic_in_hardware_or_at_a_gateway_is_a_stream_and_one_in_software_a_m
 
 def test_names_that_become_one_are_told_apart_and_blanks_or_no_message_type_refused():
     nodes = tuple(Node(name=name, placement=HW) for name in ("a/b", "A_b", "7"))
-    assert set(sections(read(build_cfg(Graph(nodes=nodes))), "ReconosThread")) == {"a_b", "A_b_2", "n7"}
-    with pytest.raises(InvalidValueError, match=r"topics\.ab\.type: nothing is given, allowed: a ROS message"):
+    assert set(sections(read(build_cfg(Graph(nodes=nodes))), "ReconosThread")) == {
+        "a_b",
+        "A_b_2",
+        "n7",
+    }
+    with pytest.raises(
+        InvalidValueError, match=r"topics\.ab\.type: nothing is given, allowed: a ROS message"
+    ):
         build_cfg(chain(HW, SW))
-    with pytest.raises(InvalidValueError, match=r"nodes: given 'my node', allowed: names without blanks"):
+    with pytest.raises(
+        InvalidValueError, match=r"nodes: given 'my node', allowed: names without blanks"
+    ):
         build_cfg(Graph(nodes=(Node(name="my node", placement=HW),)))
     topic = Topic(name="a, b", publishers=("n",), type=IMAGE)
     with pytest.raises(InvalidValueError, match=r"topics: given 'a, b'"):

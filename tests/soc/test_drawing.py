@@ -46,7 +46,9 @@ def test_all_stand_apart_and_edges_lead_from_end_to_end(graph):
 def test_a_graph_without_cycles_runs_from_left_to_right(graph):
     directed = nx.DiGraph([ends_of(edge) for edge in graph.edges()])
     layout = layered_layout(graph)
-    onward = [layout.places[target][0] > layout.places[source][0] for source, target in directed.edges]
+    onward = [
+        layout.places[target][0] > layout.places[source][0] for source, target in directed.edges
+    ]
     assert all(onward) is nx.is_directed_acyclic_graph(directed)
 
 
@@ -62,8 +64,13 @@ def test_no_line_runs_through_a_frame_that_is_not_its_end(name):
     graph = soc.load_graph(GRAPHS / f"{name}.yaml")
     ax = drawn(graph)
     frames = [patch.get_extents() for patch in ax.patches if isinstance(patch, FancyBboxPatch)]
-    lines = [patch.get_path().vertices for patch in ax.patches if isinstance(patch, FancyArrowPatch)]
-    assert (len(frames), len(lines)) == (len(graph.nodes) + len(graph.topics), len(list(graph.edges())))
+    lines = [
+        patch.get_path().vertices for patch in ax.patches if isinstance(patch, FancyArrowPatch)
+    ]
+    assert (len(frames), len(lines)) == (
+        len(graph.nodes) + len(graph.topics),
+        len(list(graph.edges())),
+    )
     boxes = [ax.transData.inverted().transform_bbox(frame) for frame in frames]
     for line in lines:
         points = line[2:-12] if len(line) > 20 else line[:0]  # without the arrow's head
@@ -95,20 +102,30 @@ def test_three_pictures_say_ten_eight_and_three_and_one_stage_is_drawn_by_choice
     figure.savefig(BytesIO(), format="png")
     figure = Figure(layout="constrained")
     soc.draw_mapping(FIGURE_8, figure, "hardware")
-    assert [ax.get_title() for ax in figure.axes] == ["topics in hardware: 8 edges across the boundary"]
-    with pytest.raises(InvalidValueError, match="stage: given 'fast', allowed: software, hardware, gateways"):
+    assert [ax.get_title() for ax in figure.axes] == [
+        "topics in hardware: 8 edges across the boundary"
+    ]
+    with pytest.raises(
+        InvalidValueError, match="stage: given 'fast', allowed: software, hardware, gateways"
+    ):
         soc.draw_mapping(FIGURE_8, Figure(), "fast")
 
 
 def test_a_graph_of_fifty_nodes_fits_a_page_with_names_that_stand_apart():
-    nodes = tuple(soc.Node(name=f"perception_node_{i}", placement=(SW, HW)[i % 3 == 0]) for i in range(50))
+    nodes = tuple(
+        soc.Node(name=f"perception_node_{i}", placement=(SW, HW)[i % 3 == 0]) for i in range(50)
+    )
     names = [node.name for node in nodes]
     topics = tuple(
-        soc.Topic(name=f"topic_{i}", publishers=(names[i],), subscribers=(names[i + 1], names[i + 4]))
+        soc.Topic(
+            name=f"topic_{i}", publishers=(names[i],), subscribers=(names[i + 1], names[i + 4])
+        )
         for i in range(45)
     )
     figure = Figure(layout="constrained")
-    soc.draw_mapping(soc.map_communication(soc.Graph(nodes=nodes, topics=topics)), figure, "gateways")
+    soc.draw_mapping(
+        soc.map_communication(soc.Graph(nodes=nodes, topics=topics)), figure, "gateways"
+    )
     assert figure.get_size_inches().max() < 11
     figure.savefig(BytesIO(), format="png")
     (ax,) = figure.axes
@@ -120,10 +137,17 @@ def test_a_graph_of_fifty_nodes_fits_a_page_with_names_that_stand_apart():
 
 
 def test_frames_of_long_names_stand_apart_and_names_in_dollars_are_drawn_as_they_are():
-    names = ["publisher of /camera/depth_registered/image_raw", "participant " + "ab" * 16, "x" * 200, "n"]
+    names = [
+        "publisher of /camera/depth_registered/image_raw",
+        "participant " + "ab" * 16,
+        "x" * 200,
+        "n",
+    ]
     topics = tuple(
         soc.Topic(
-            name=f"/a_rather_long/name_of_a_topic_{i}", publishers=(names[0],), subscribers=tuple(names[1:])
+            name=f"/a_rather_long/name_of_a_topic_{i}",
+            publishers=(names[0],),
+            subscribers=tuple(names[1:]),
         )
         for i in range(3)
     )

@@ -18,7 +18,9 @@ FRAME_BYTES = 640 * 480 * 3
 
 def test_over_all_orders_the_last_reader_is_as_late_as_the_transfer_model_says():
     """The model has the mean in closed form; the orders are enumerated here."""
-    setup = Setup(publisher=Side.HARDWARE, transport=Transport.SMT, message_bytes=FRAME_BYTES, hardware=3)
+    setup = Setup(
+        publisher=Side.HARDWARE, transport=Transport.SMT, message_bytes=FRAME_BYTES, hardware=3
+    )
     lasts_s = [max(DRIVING.read_s(order).values()) for order in DRIVING.orders]
     assert len(lasts_s) == 24
     assert np.mean(lasts_s) == pytest.approx(transfer_times(setup, STORED).hardware_s, rel=1e-6)
@@ -29,7 +31,9 @@ def test_the_blur_is_early_when_served_first_and_late_when_served_last():
     times = DRIVING.smt_s
     assert min(times, key=times.__getitem__)[:2] == ("gaussian_blur", "visual_odometry")
     assert max(times, key=times.__getitem__)[-1] == "gaussian_blur"
-    first, last = ([s for order, s in times.items() if order[place] == "gaussian_blur"] for place in (0, -1))
+    first, last = (
+        [s for order, s in times.items() if order[place] == "gaussian_blur"] for place in (0, -1)
+    )
     assert max(first) < min(last)
 
 
@@ -43,7 +47,9 @@ def test_software_alone_before_the_blur_costs_it_one_delivery_and_no_turn():
 
 
 def test_a_gateway_is_as_fast_as_the_model_says_and_other_topics_are_streams_in_hardware():
-    setup = Setup(publisher=Side.HARDWARE, transport=Transport.GATEWAY, message_bytes=FRAME_BYTES, hardware=3)
+    setup = Setup(
+        publisher=Side.HARDWARE, transport=Transport.GATEWAY, message_bytes=FRAME_BYTES, hardware=3
+    )
     assert DRIVING.gateway_s == transfer_times(setup, STORED).hardware_s
     assert DRIVING.gateway_s < min(DRIVING.smt_s.values())
     assert set(DRIVING.fixed_s) == {"/blurred", "/lane_mask", "/lane"}

@@ -60,7 +60,13 @@ def test_a_light_rests_in_red_until_it_notices_a_car_before_its_line_or_keeps_it
     resting, clocked = Light(stop_m=5.0, wait_s=6.0), Light(stop_m=5.0, offset_s=1.0)
     assert resting.red_since_s(100.0, None) == resting.red_since_s(105.9, 100.0) == -math.inf
     assert resting.red_since_s(106.0, 100.0) is None
-    assert [clocked.red_since_s(t, None) for t in (1.0, 6.9, 7.0, 12.9, 13.0)] == [1.0, 1.0, None, None, 13.0]
+    assert [clocked.red_since_s(t, None) for t in (1.0, 6.9, 7.0, 12.9, 13.0)] == [
+        1.0,
+        1.0,
+        None,
+        None,
+        13.0,
+    ]
     signals, stop = Signals(TOWN), next(li.stop_m for li in TOWN.lights if li.wait_s is not None)
     index = [light.stop_m for light in TOWN.lights].index(stop)
     signals.red_since_s(0.0, Place(along_m=stop + 0.1, left_m=0.0))
@@ -108,7 +114,9 @@ def judged(steps, red_since_s, rules=None):
 def test_a_line_crossed_at_red_is_run_unless_just_turned_and_out_of_its_lane_a_car_fails():
     stop = TOWN.lights[0].stop_m
     steps = [(10.0, stop - 0.1, 0.0, 0.9), (10.1, stop + 0.1, 0.0, 0.9)]
-    assert judged(steps, [-math.inf, *[None] * 4]).verdict().red_lights_run == 0, "starts in the middle"
+    assert judged(steps, [-math.inf, *[None] * 4]).verdict().red_lights_run == 0, (
+        "starts in the middle"
+    )
     whole = [(0.0, 0.0, 0.0, 0.0), *[(a, a, 0.0, 0.9) for a in np.arange(0.1, stop + 0.2, 0.1)]]
     assert judged(whole, [-math.inf, *[None] * 4]).verdict().red_lights_run == 1
     assert judged(whole, [stop - 0.5, *[None] * 4]).verdict().red_lights_run == 0
@@ -143,7 +151,9 @@ def test_the_judge_fails_a_car_that_sees_no_red_light_or_steers_the_wrong_way():
     stack = Stack(Camera())
     step = stack.control.step
     stack.control.step = lambda lane, pose: step(
-        lane and type(lane)(offset_m=-lane.offset_m, slope=-lane.slope, bend_per_m=-lane.bend_per_m), pose
+        lane
+        and type(lane)(offset_m=-lane.offset_m, slope=-lane.slope, bend_per_m=-lane.bend_per_m),
+        pose,
     )
     verdict = run_lap(1, stack=stack, rules=Rules(timeout_s=10)).verdict
     assert not verdict.completed

@@ -68,7 +68,9 @@ def test_a_car_at_constant_yaw_rate_comes_back_brakes_hard_and_leaves_its_line_b
     start = car = drive(CarState(), command, dt_s=1e-9, chassis=chassis)
     for _ in range(100):
         car = drive(car, command, dt_s=math.tau / 100, chassis=chassis)
-    assert (car.x_m, car.y_m, car.yaw_rad) == pytest.approx((start.x_m, start.y_m, start.yaw_rad), abs=1e-6)
+    assert (car.x_m, car.y_m, car.yaw_rad) == pytest.approx(
+        (start.x_m, start.y_m, start.yaw_rad), abs=1e-6
+    )
     car, chassis = CarState(speed_mps=0.9), Chassis(steer_bias_rad=0.02)
     assert drive(car, Drive(), dt_s=0.1, chassis=Chassis()).speed_mps == pytest.approx(0.75)
     off = drive(car, Drive(speed_mps=0.9), dt_s=1.0, chassis=chassis)
@@ -87,7 +89,9 @@ def test_compensation_keeps_an_edge_the_stretch_swaps_no_levels_and_the_blur_kee
     assert (clean[:, :160] == 0).all()
     assert (clean[:, 160:] == 255).all()
     assert nodes.compensate(grey_image()).shape == (240, 320, 3), "of one level alone"
-    ramp = np.repeat(np.linspace(60, 180, 320).astype(np.uint8)[None, :, None], 240, axis=0).repeat(3, axis=2)
+    ramp = np.repeat(np.linspace(60, 180, 320).astype(np.uint8)[None, :, None], 240, axis=0).repeat(
+        3, axis=2
+    )
     table = nodes.stretch(ramp)
     assert (table[60], table[180]) == (0, 255)
     assert (np.diff(table.astype(int)) >= 0).all()
@@ -103,7 +107,12 @@ def test_compensation_keeps_an_edge_the_stretch_swaps_no_levels_and_the_blur_kee
 
 @pytest.mark.parametrize(
     ("bgr", "level"),
-    [((40, 190, 225), nodes.YELLOW), ((235, 240, 240), nodes.WHITE), ((90, 90, 90), 0), ((66, 96, 74), 0)],
+    [
+        ((40, 190, 225), nodes.YELLOW),
+        ((235, 240, 240), nodes.WHITE),
+        ((90, 90, 90), 0),
+        ((66, 96, 74), 0),
+    ],
 )
 def test_yellow_and_white_are_markings_and_asphalt_and_grass_are_not(bgr, level):
     assert (nodes.marking_mask(np.full((8, 8, 3), bgr, np.uint8)) == level).all()
@@ -114,7 +123,9 @@ def drawn(lane: nodes.Lane) -> np.ndarray:
     image, x = grey_image(), np.linspace(0.4, 4.0, 200)
     middle = lane.offset_m + lane.slope * x + lane.bend_per_m * x * x
     for side, bgr in ((0.25, (40, 190, 225)), (-0.25, (235, 240, 240))):
-        left, right = (np.stack([x, middle + side + half, 0 * x], axis=1) for half in (0.025, -0.025))
+        left, right = (
+            np.stack([x, middle + side + half, 0 * x], axis=1) for half in (0.025, -0.025)
+        )
         pixels = Camera().project(np.vstack([left, right[::-1]]))[0]
         cv2.fillPoly(image, [np.rint(pixels).astype(np.int32)], bgr)
     return image
@@ -140,8 +151,14 @@ def test_a_drawn_lane_is_found_again_within_2_cm_where_the_car_aims(lane):
 def test_one_line_is_enough_and_lines_beyond_it_and_across_do_not_move_the_lane():
     mask = nodes.lane_mask(drawn(STRAIGHT), VIEW)
     more = mask.copy()
-    more[:, 80:85] = more[120:125, 140:180] = nodes.WHITE  # one beyond the yellow line, and a stop line
-    for seen in (np.where(mask == nodes.YELLOW, mask, 0), np.where(mask == nodes.WHITE, mask, 0), more):
+    more[:, 80:85] = more[120:125, 140:180] = (
+        nodes.WHITE
+    )  # one beyond the yellow line, and a stop line
+    for seen in (
+        np.where(mask == nodes.YELLOW, mask, 0),
+        np.where(mask == nodes.WHITE, mask, 0),
+        more,
+    ):
         assert nodes.fit_lane(seen.astype(np.uint8), VIEW).y_m(0.9) == pytest.approx(0.0, abs=0.02)
     assert nodes.fit_lane(mask * 0, VIEW) is None
 

@@ -11,12 +11,21 @@ from walked_core import Core
 from sfglab.soc.gateway import PLACES, TABLE, Drive, Input, Latch, State, arrows, draw_core
 
 MEETS = {
-    Drive.LISTEN_OSIF: {Input.LOCATED, Input.EMPTY, Input.ANSWERED, Input.CANCELLED, Input.PUBLISHED},
+    Drive.LISTEN_OSIF: {
+        Input.LOCATED,
+        Input.EMPTY,
+        Input.ANSWERED,
+        Input.CANCELLED,
+        Input.PUBLISHED,
+    },
     **{drive: {Input.SENT} for drive in (Drive.CALL_TAKE, Drive.CALL_CANCEL, Drive.CALL_PUBLISH)},
     Drive.PEEK_HMT: {Input.OFFERED, Input.EMPTY},
     **{drive: {Input.OWN, Input.FOREIGN} for drive in (Drive.COMPARE_HELD, Drive.COMPARE_PORT)},
     Drive.CLAIM_HMT: {Input.GRANTED, Input.OFFERED},
-    **{drive: {Input.DONE} for drive in (Drive.MEMORY_TO_HMT, Drive.HMT_TO_MEMORY, Drive.HMT_TO_NOWHERE)},
+    **{
+        drive: {Input.DONE}
+        for drive in (Drive.MEMORY_TO_HMT, Drive.HMT_TO_MEMORY, Drive.HMT_TO_NOWHERE)
+    },
 }
 
 

@@ -19,7 +19,11 @@ def read(text):
 
 @settings(max_examples=60, deadline=None)
 @given(graphs())
-@example(soc.Graph(nodes=(soc.Node(name="1"), soc.Node(name="no")), description="a\x85b\u2028c\u2029d\ne"))
+@example(
+    soc.Graph(
+        nodes=(soc.Node(name="1"), soc.Node(name="no")), description="a\x85b\u2028c\u2029d\ne"
+    )
+)
 def test_a_graph_is_read_back_as_it_was_written_and_written_again_byte_by_byte(graph):
     text = soc.graph_text(graph)
     assert read(text) == graph
@@ -33,7 +37,9 @@ def test_the_graphs_of_this_repository_are_written_as_they_stand_in_their_files(
 
 def test_what_stands_in_a_file_once_has_its_default_elsewhere():
     graph = read("nodes: {a: {}}\ntopics: {t: {publishers: [a]}}")
-    assert graph == soc.Graph(nodes=(soc.Node(name="a"),), topics=(soc.Topic(name="t", publishers=("a",)),))
+    assert graph == soc.Graph(
+        nodes=(soc.Node(name="a"),), topics=(soc.Topic(name="t", publishers=("a",)),)
+    )
     assert graph.topics[0].mapping is soc.TopicMapping.SOFTWARE
     assert graph.nodes[0].placement is SW
 
@@ -80,7 +86,9 @@ def test_no_change_of_a_word_makes_another_error_than_ours(graph, data):
 
 
 def test_the_graph_itself_refuses_what_its_file_would():
-    with pytest.raises(InvalidValueError, match=r"nodes\.a: given 'a', allowed: each name once, .* 2 times"):
+    with pytest.raises(
+        InvalidValueError, match=r"nodes\.a: given 'a', allowed: each name once, .* 2 times"
+    ):
         soc.Graph(nodes=(soc.Node(name="a"), soc.Node(name="a", placement=HW)))
     with pytest.raises(InvalidValueError, match=r"topics\.t: given 't', allowed: each name once"):
         soc.Graph(nodes=(soc.Node(name="a"),), topics=(soc.Topic(name="t", publishers=("a",)),) * 2)

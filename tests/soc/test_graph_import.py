@@ -21,7 +21,9 @@ def imported(tmp_path):
         with LogWriter(tmp_path / "run.mcap") as log:
             for i in range(11):
                 for topic in topics:
-                    log.write(topic, default_message(STRING, data="x" * 100), log_time_ns=i * 100_000_000)
+                    log.write(
+                        topic, default_message(STRING, data="x" * 100), log_time_ns=i * 100_000_000
+                    )
             if metadata is not None:
                 log.write_metadata(COMPUTATION_GRAPH, metadata)
         with LogReader(tmp_path / "run.mcap") as log:
@@ -42,7 +44,10 @@ def test_a_log_gives_topics_with_types_sizes_and_rates(imported):
 
 def test_a_log_that_says_who_publishes_gives_the_nodes_too(imported):
     graph = chain(SW, SW, SW)
-    sides = {t.name: {"publishers": [*t.publishers], "subscribers": [*t.subscribers]} for t in graph.topics}
+    sides = {
+        t.name: {"publishers": [*t.publishers], "subscribers": [*t.subscribers]}
+        for t in graph.topics
+    }
     found = imported(["ab", "bc", "/x"], sides).graph
     assert list(found.edges())[-4:] == list(graph.edges())
     assert found.topic("/x").publishers == ("publisher of /x",)
@@ -56,7 +61,9 @@ def test_a_topic_that_the_record_gives_no_publisher_is_left_out_with_the_reason(
 
 
 def test_a_record_of_another_kind_is_refused(imported):
-    with pytest.raises(InvalidValueError, match=r"run\.mcap: computation_graph\./a: given .* allowed: lists"):
+    with pytest.raises(
+        InvalidValueError, match=r"run\.mcap: computation_graph\./a: given .* allowed: lists"
+    ):
         imported(["/a"], {"/a": {"publishers": "me"}})
 
 

@@ -27,7 +27,13 @@ def test_verilog_without_its_tools_is_one_sentence_with_the_command(tmp_path, mo
 def test_the_paper_s_example_is_printed_with_its_mapping_and_its_edges():
     text = call(FIGURE_8)
     mapped = dict(re.findall(r"^([A-E]) +(software|hardware|gateway) ", text, re.MULTILINE))
-    assert mapped == {"A": "gateway", "B": "hardware", "C": "gateway", "D": "software", "E": "gateway"}
+    assert mapped == {
+        "A": "gateway",
+        "B": "hardware",
+        "C": "gateway",
+        "D": "software",
+        "E": "gateway",
+    }
     assert re.search(r"^nodes in software: 6, 8, 9$", text, re.MULTILINE)
     rows = re.findall(r"^(?:all )?topics in .*?(\d+) +(\d+) +(\d+)$", text, re.MULTILINE)
     assert rows == [("3", "7", "10"), ("2", "6", "8"), ("1", "2", "3")]
@@ -36,11 +42,15 @@ def test_the_paper_s_example_is_printed_with_its_mapping_and_its_edges():
     assert float(times[2]) < float(times[1])
 
 
-def test_small_messages_get_no_gateway_by_size_and_of_an_unknown_size_no_time_is_predicted(tmp_path):
+def test_small_messages_get_no_gateway_by_size_and_of_an_unknown_size_no_time_is_predicted(
+    tmp_path,
+):
     text = Path(FIGURE_8).read_text().replace("size_bytes: 1000000", "size_bytes: 100")
     (tmp_path / "small.yaml").write_text(text)
     assert "gateway " in call(str(tmp_path / "small.yaml"))
-    assert not re.search(r"^\w +gateway ", call(str(tmp_path / "small.yaml"), "--rule", "size"), re.MULTILINE)
+    assert not re.search(
+        r"^\w +gateway ", call(str(tmp_path / "small.yaml"), "--rule", "size"), re.MULTILINE
+    )
     text = Path(FIGURE_8).read_text().replace("    size_bytes: 1000000\n", "")
     (tmp_path / "unsized.yaml").write_text(text)
     said = call(str(tmp_path / "unsized.yaml"))

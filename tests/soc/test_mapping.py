@@ -25,7 +25,9 @@ def one_topic(publishers, subscribers):
     """A graph with one topic; nodes in hardware are named h..., nodes in software s..."""
     members = dict.fromkeys((*publishers, *subscribers))
     nodes = tuple(soc.Node(name=name, placement=HW if name[0] == "h" else SW) for name in members)
-    return soc.Graph(nodes=nodes, topics=(soc.Topic(name="t", publishers=publishers, subscribers=subscribers),))
+    return soc.Graph(
+        nodes=nodes, topics=(soc.Topic(name="t", publishers=publishers, subscribers=subscribers),)
+    )
 
 
 def test_the_paper_s_example_has_the_paper_s_sets_and_ten_then_eight_then_three_edges():
@@ -43,10 +45,15 @@ def test_the_dashed_parts_grow_and_another_rule_may_decide_between_software_and_
     assert len(hardware_subgraphs(EXAMPLE.software)) == 8
     assert (frozenset("24"), frozenset("B")) in hardware_subgraphs(EXAMPLE.hardware)
     parts = hardware_subgraphs(EXAMPLE.gateways)
-    assert set(parts) == {(frozenset("123457"), frozenset("ABC")), (frozenset({"10", "11"}), frozenset("E"))}
+    assert set(parts) == {
+        (frozenset("123457"), frozenset("ABC")),
+        (frozenset({"10", "11"}), frozenset("E")),
+    }
     graph = one_topic(("h1",), ("s1", "h2"))
     asked = []
-    done = soc.map_communication(graph, gateway=lambda g, t: asked.append((g.in_hardware, t.name)) or True)
+    done = soc.map_communication(
+        graph, gateway=lambda g, t: asked.append((g.in_hardware, t.name)) or True
+    )
     assert asked == [({"h1", "h2"}, "t")]
     assert done.gateways.mapped_to(soc.TopicMapping.GATEWAY) == ("t",)
 
@@ -60,14 +67,24 @@ def test_each_topic_goes_where_section_5_says_whatever_it_was_mapped_to_before(g
         there = [graph.node(name).in_hardware for name in topic.members]
         subscribers = sum(graph.node(name).in_hardware for name in topic.subscribers)
         joins = soc.TopicMapping.GATEWAY if subscribers > 1 else soc.TopicMapping.SOFTWARE
-        wanted = soc.TopicMapping.HARDWARE if all(there) else joins if any(there) else soc.TopicMapping.SOFTWARE
+        wanted = (
+            soc.TopicMapping.HARDWARE
+            if all(there)
+            else joins
+            if any(there)
+            else soc.TopicMapping.SOFTWARE
+        )
         assert topic.mapping is wanted
-    assert [(n.name, n.placement) for n in done.gateways.nodes] == [(n.name, n.placement) for n in graph.nodes]
+    assert [(n.name, n.placement) for n in done.gateways.nodes] == [
+        (n.name, n.placement) for n in graph.nodes
+    ]
 
 
 @SOME
 @given(graphs())
-def test_topics_in_hardware_only_take_crossing_edges_away_and_gateways_have_those_of_software(graph):
+def test_topics_in_hardware_only_take_crossing_edges_away_and_gateways_have_those_of_software(
+    graph,
+):
     done = soc.map_communication(graph)
     first, before, after = (soc.crossing_edges(stage) for stage in done.stages)
     gone = {edge for edge in graph.edges() if edge in first and edge not in before}
@@ -118,17 +135,27 @@ def test_more_edges_may_cross_a_gateway_that_carries_less_and_carriages_are_a_me
 
 
 def sized(size_bytes):
-    return replace(FIGURE_8, topics=tuple(replace(t, size_bytes=size_bytes) for t in FIGURE_8.topics))
+    return replace(
+        FIGURE_8, topics=tuple(replace(t, size_bytes=size_bytes) for t in FIGURE_8.topics)
+    )
 
 
 def test_small_messages_get_no_gateway_by_the_rule_which_changes_where_the_model_breaks_even():
     large, small = sized(10_000_000), sized(100)
-    assert soc.map_communication(large, gateway=soc.faster_by_gateway()) == soc.map_communication(large)
-    assert soc.map_communication(small).gateways.mapped_to(soc.TopicMapping.GATEWAY) == ("A", "C", "E")
+    assert soc.map_communication(large, gateway=soc.faster_by_gateway()) == soc.map_communication(
+        large
+    )
+    assert soc.map_communication(small).gateways.mapped_to(soc.TopicMapping.GATEWAY) == (
+        "A",
+        "C",
+        "E",
+    )
     by_size = soc.map_communication(small, gateway=soc.faster_by_gateway()).gateways
     assert by_size.mapped_to(soc.TopicMapping.GATEWAY) == ()
     assert by_size.mapped_to(soc.TopicMapping.HARDWARE) == ("B",)
-    setup = Setup(publisher=Side.SOFTWARE, transport=Transport.SMT, message_bytes=1, hardware=2, software=0)
+    setup = Setup(
+        publisher=Side.SOFTWARE, transport=Transport.SMT, message_bytes=1, hardware=2, software=0
+    )
     size_bytes = break_even_bytes(setup, Judge.LAST)
     assert size_bytes is not None
     rule = soc.faster_by_gateway()
@@ -150,7 +177,9 @@ def test_the_time_of_a_topic_is_the_model_s_for_its_nodes_and_one_of_unknown_siz
 @SOME
 @given(graphs())
 def test_with_the_rule_no_topic_is_slower_than_with_all_in_software(graph):
-    known = replace(graph, topics=tuple(replace(t, size_bytes=t.size_bytes or 1) for t in graph.topics))
+    known = replace(
+        graph, topics=tuple(replace(t, size_bytes=t.size_bytes or 1) for t in graph.topics)
+    )
     done = soc.map_communication(known, gateway=soc.faster_by_gateway())
     for topic in done.gateways.topics:
         if topic.mapping is not soc.TopicMapping.HARDWARE:

@@ -31,14 +31,20 @@ def test_a_chunk_takes_data_control_and_latency_cycles_and_a_stream_carries_a_wo
     assert MEMIF.read_s(1) == MEMIF.read_s(256) == pytest.approx(660e-9)
     assert [MEMIF.chunks(size) for size in (1, 256, 257)] == [1, 1, 2]
     assert [MEMIF.stream_s(size) for size in (1, 10_000_000)] == pytest.approx([10e-9, 12.5e-3])
-    a_second = [256 / MemoryInterface(read_latency_cycles=latency).read_s(256) for latency in (30, 0)]
+    a_second = [
+        256 / MemoryInterface(read_latency_cycles=latency).read_s(256) for latency in (30, 0)
+    ]
     assert a_second == pytest.approx([388e6, 711e6], abs=1e6)
 
 
 def test_a_stored_chunk_costs_both_sides_a_passed_on_one_the_memory_side():
     passing = MemoryInterface(forwarding=memory.Forwarding.CUT_THROUGH)
-    assert MEMIF.memory_to_stream_s(25_600) == pytest.approx(MEMIF.read_s(25_600) + MEMIF.stream_s(25_600))
-    assert MEMIF.stream_to_memory_s(25_600) == pytest.approx(MEMIF.write_s(25_600) + MEMIF.stream_s(25_600))
+    assert MEMIF.memory_to_stream_s(25_600) == pytest.approx(
+        MEMIF.read_s(25_600) + MEMIF.stream_s(25_600)
+    )
+    assert MEMIF.stream_to_memory_s(25_600) == pytest.approx(
+        MEMIF.write_s(25_600) + MEMIF.stream_s(25_600)
+    )
     assert passing.memory_to_stream_s(25_600) == passing.read_s(25_600)
 
 
@@ -54,8 +60,12 @@ def test_readers_that_start_together_share_evenly():
     assert memory.round_robin_s([0.0] * 4, 100, 1.0) == [397.0, 398.0, 399.0, 400.0]
 
 
-def setup(publisher: Side, transport: Transport = Transport.SMT, size: int = 1_000_000, **nodes: int) -> Setup:
-    return Setup(publisher=publisher, transport=transport, message_bytes=size, **{"hardware": 4, **nodes})
+def setup(
+    publisher: Side, transport: Transport = Transport.SMT, size: int = 1_000_000, **nodes: int
+) -> Setup:
+    return Setup(
+        publisher=publisher, transport=transport, message_bytes=size, **{"hardware": 4, **nodes}
+    )
 
 
 def times(*args, costs: memory.Costs = STORED, **nodes: int) -> Times:
@@ -66,11 +76,17 @@ def times(*args, costs: memory.Costs = STORED, **nodes: int) -> Times:
 @pytest.mark.parametrize("size", paper_values.MESSAGE_BYTES)
 @pytest.mark.parametrize(("hardware", "software"), [(1, 1), (2, 1), (4, 1), (8, 1), (3, 3), (5, 0)])
 def test_the_mean_place_stands_for_every_order_of_deliveries(hardware, software, size, costs):
-    found = times(Side.SOFTWARE, Transport.SMT, size, costs=costs, hardware=hardware, software=software)
+    found = times(
+        Side.SOFTWARE, Transport.SMT, size, costs=costs, hardware=hardware, software=software
+    )
     orders = itertools.combinations(range(1, hardware + software + 1), hardware)
     each_s, read_s = costs.deliver_s + size * costs.deliver_s_per_byte, costs.memory.read_s(size)
-    fixed_s = costs.publish_s + size * costs.publish_s_per_byte + costs.delegate_s + costs.endpoint_s
-    exact_s = fmean(memory.shared_s([place * each_s for place in chosen], read_s) for chosen in orders)
+    fixed_s = (
+        costs.publish_s + size * costs.publish_s_per_byte + costs.delegate_s + costs.endpoint_s
+    )
+    exact_s = fmean(
+        memory.shared_s([place * each_s for place in chosen], read_s) for chosen in orders
+    )
     # Without a software reader there is one order, and that is exact.
     assert found.hardware_s == pytest.approx(fixed_s + exact_s, rel=0.005 if software else 1e-9)
 
@@ -88,12 +104,16 @@ def test_over_a_software_topic_each_hardware_reader_adds_a_reading_and_a_stream_
 
 @pytest.mark.parametrize("publisher", Side)
 def test_through_a_gateway_the_number_of_hardware_readers_does_not_matter(publisher):
-    assert times(publisher, Transport.GATEWAY, hardware=2) == times(publisher, Transport.GATEWAY, hardware=8)
+    assert times(publisher, Transport.GATEWAY, hardware=2) == times(
+        publisher, Transport.GATEWAY, hardware=8
+    )
 
 
 def test_a_gateway_costs_a_software_reader_turn_and_cancel_and_who_does_not_subscribe_nothing():
     without = replace(STORED, cancel_s=0.0)
-    full, free = (times(Side.HARDWARE, Transport.GATEWAY, costs=c).software_s for c in (STORED, without))
+    full, free = (
+        times(Side.HARDWARE, Transport.GATEWAY, costs=c).software_s for c in (STORED, without)
+    )
     assert full - free == pytest.approx(STORED.cancel_s)
     assert times(Side.SOFTWARE, hardware=0).hardware_s is None
     assert times(Side.SOFTWARE, software=0).software_s is None
@@ -109,7 +129,9 @@ def test_a_gateway_costs_a_software_reader_turn_and_cancel_and_who_does_not_subs
     hardware=st.integers(1, 16),
     software=st.integers(1, 4),
 )
-def test_a_larger_message_and_more_readers_never_arrive_earlier(publisher, transport, size, hardware, software):
+def test_a_larger_message_and_more_readers_never_arrive_earlier(
+    publisher, transport, size, hardware, software
+):
     here = times(publisher, transport, size, hardware=hardware, software=software)
     for more in ((1000, 0, 0), (0, 1, 0), (0, 0, 1)):
         nodes = {"hardware": hardware + more[1], "software": software + more[2]}
@@ -124,7 +146,10 @@ def test_for_one_hardware_subscriber_a_gateway_never_serves_a_software_publisher
 
 
 def test_more_hardware_subscribers_break_even_at_smaller_messages_and_who_counts_decides():
-    sizes = [memory.break_even_bytes(setup(Side.SOFTWARE, hardware=n), Judge.HARDWARE) for n in (2, 3, 4, 8)]
+    sizes = [
+        memory.break_even_bytes(setup(Side.SOFTWARE, hardware=n), Judge.HARDWARE)
+        for n in (2, 3, 4, 8)
+    ]
     assert sizes == [301_056, 101_120, 60_928, 11_264]
     found = [memory.break_even_bytes(setup(Side.HARDWARE), judge) for judge in Judge]
     assert found == [CHUNK_BYTES, None, 27_392, CHUNK_BYTES]  # hardware, software, last, mean
@@ -155,8 +180,14 @@ def test_below_the_break_even_the_topic_is_faster_and_above_it_the_gateway(
         (lambda: MemoryInterface(width_bytes=0), "width_bytes: given 0, allowed: above zero"),
         (lambda: MemoryInterface(control_cycles=-1), "control_cycles: given -1, allowed: from 0"),
         (lambda: replace(STORED, cancel_s=-1.0), "cancel_s: given -1.0, allowed: from 0"),
-        (lambda: setup(Side.SOFTWARE, Transport.SMT, 0), "allowed: a message and no negative number"),
-        (lambda: setup(Side.SOFTWARE, Transport.SMT, hardware=-1), "allowed: a message and no negative number"),
+        (
+            lambda: setup(Side.SOFTWARE, Transport.SMT, 0),
+            "allowed: a message and no negative number",
+        ),
+        (
+            lambda: setup(Side.SOFTWARE, Transport.SMT, hardware=-1),
+            "allowed: a message and no negative number",
+        ),
         (lambda: setup(Side.SOFTWARE, Transport.HMT, software=0), "only hardware nodes"),
         (lambda: setup(Side.HARDWARE, Transport.HMT), "only hardware nodes"),
     ],
@@ -177,7 +208,8 @@ def test_every_paper_value_is_met(costs, farthest):
 
 
 @pytest.mark.parametrize(
-    ("costs", "wanted"), [(STORED, []), (CUT_THROUGH, ["below 1 for smaller message sizes, with 8 nodes too"])]
+    ("costs", "wanted"),
+    [(STORED, []), (CUT_THROUGH, ["below 1 for smaller message sizes, with 8 nodes too"])],
 )
 def test_tendencies_hold_though_none_was_fitted_but_one_when_cut_through(costs, wanted):
     assert [item.text for item, holds in paper_values.tendencies(costs) if not holds] == wanted

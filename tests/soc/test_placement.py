@@ -23,8 +23,15 @@ def best_of_all(graph, platform, fixed):
     """The least load, by trying every placement with every choice of gateways; without the programme."""
     free = [n.name for n in graph.nodes if n.hardware and n.name not in fixed]
     chosen_there = frozenset(name for name, side in fixed.items() if side is HW)
-    there = (chosen_there.union(compress(free, sides)) for sides in product((False, True), repeat=len(free)))
-    return min(cost_s(graph, one, chosen, platform) for one in there for chosen in gateway_choices(graph, one))
+    there = (
+        chosen_there.union(compress(free, sides))
+        for sides in product((False, True), repeat=len(free))
+    )
+    return min(
+        cost_s(graph, one, chosen, platform)
+        for one in there
+        for chosen in gateway_choices(graph, one)
+    )
 
 
 def drawn(rng, nodes, share=0.35):
@@ -47,7 +54,9 @@ def test_no_placement_with_any_gateways_is_better_than_the_one_found(seed, nodes
         if rng.random() < 0.15
     }
     found = soc.place_nodes(graph, platform, fixed=fixed)
-    assert found.load.total_s == pytest.approx(best_of_all(graph, platform, fixed), rel=1e-6, abs=1e-9)
+    assert found.load.total_s == pytest.approx(
+        best_of_all(graph, platform, fixed), rel=1e-6, abs=1e-9
+    )
     assert found.optimal
     assert found.load.fits(platform)
     assert all(found.graph.node(name).placement is placement for name, placement in fixed.items())
@@ -71,7 +80,9 @@ def pair(size_bytes, *, gateway_lut=0, lut=1000):
     hardware = soc.Implementation(lut=100, time_s=0.0)
     heard = ("h0", "h1", "h2")
     nodes = [soc.Node(name=name, rate_hz=10.0, software_s=1.0, hardware=hardware) for name in heard]
-    topic = soc.Topic(name="t", publishers=("s",), subscribers=heard, size_bytes=size_bytes, rate_hz=10.0)
+    topic = soc.Topic(
+        name="t", publishers=("s",), subscribers=heard, size_bytes=size_bytes, rate_hz=10.0
+    )
     times = {"bytes_per_s": 1e8, "carriage_s": 1e-4, "gateway_s": 1e-3}
     platform = soc.Platform(name="p", lut=lut, bram=0.0, gateway_lut=gateway_lut, **times)
     return soc.Graph(nodes=(soc.Node(name="s"), *nodes), topics=(topic,)), platform
@@ -81,11 +92,18 @@ def pair(size_bytes, *, gateway_lut=0, lut=1000):
     ("size_bytes", "room", "gateway"),
     [
         *((100, {}, ()), (34_999, {}, ()), (35_001, {}, ("t",)), (10**6, {}, ("t",))),
-        *((10**6, {"gateway_lut": 50, "lut": lut}, gateway) for lut, gateway in ((349, ()), (350, ("t",)))),
+        *(
+            (10**6, {"gateway_lut": 50, "lut": lut}, gateway)
+            for lut, gateway in ((349, ()), (350, ("t",)))
+        ),
     ],
 )
-def test_a_gateway_is_taken_from_the_size_on_from_which_it_pays_where_there_is_room(size_bytes, room, gateway):
-    found = soc.place_nodes(*pair(size_bytes, **room))  # 3 (100 us + s / B) = 1 ms + s / B at s = 35 kB
+def test_a_gateway_is_taken_from_the_size_on_from_which_it_pays_where_there_is_room(
+    size_bytes, room, gateway
+):
+    found = soc.place_nodes(
+        *pair(size_bytes, **room)
+    )  # 3 (100 us + s / B) = 1 ms + s / B at s = 35 kB
     assert found.graph.in_hardware == {"h0", "h1", "h2"}
     assert found.graph.mapped_to(soc.TopicMapping.GATEWAY) == gateway
 
@@ -94,14 +112,21 @@ def test_the_load_of_a_chain_is_the_sum_of_its_carriages_at_the_fitted_interface
     platform = replace(soc.ZCU104, bytes_per_s=1e8, carriage_s=1e-3, gateway_s=2e-3)
     load = soc.assess(chain(SW, HW, SW), platform)
     assert load.communication_s == pytest.approx(2 * 10 * (1e-3 + 1e6 / 1e8))
-    assert soc.assess(chain(HW, HW, topic_mapping=soc.TopicMapping.HARDWARE), platform).communication_s == 0
+    assert (
+        soc.assess(chain(HW, HW, topic_mapping=soc.TopicMapping.HARDWARE), platform).communication_s
+        == 0
+    )
     gateway = soc.assess(chain(SW, HW, topic_mapping=soc.TopicMapping.GATEWAY), platform)
     assert gateway.communication_s == pytest.approx(10 * (2e-3 + 1e6 / 1e8))
     assert (gateway.lut, load.lut) == (platform.gateway_lut, 0)
-    one, other = (replace(chain(SW, HW).topics[0], size_bytes=size, rate_hz=1.0) for size in (0, 256_000))
+    one, other = (
+        replace(chain(SW, HW).topics[0], size_bytes=size, rate_hz=1.0) for size in (0, 256_000)
+    )
     assert carriage_load(one, soc.ZCU104) == pytest.approx(STORED.delegate_s + STORED.deliver_s)
     added = carriage_load(other, soc.ZCU104) - carriage_load(one, soc.ZCU104)
-    assert added == pytest.approx(STORED.memory.read_s(256_000) + 256_000 * STORED.deliver_s_per_byte)
+    assert added == pytest.approx(
+        STORED.memory.read_s(256_000) + 256_000 * STORED.deliver_s_per_byte
+    )
     assert gateway_load(one, soc.ZCU104) > carriage_load(one, soc.ZCU104)
 
 
@@ -116,7 +141,9 @@ def test_a_topic_of_unknown_size_or_rate_is_refused_by_name():
 
 
 def test_fixed_nodes_that_are_not_there_or_do_not_fit_are_refused():
-    graph = soc.Graph(nodes=(soc.Node(name="a", hardware=soc.Implementation(lut=2000)), soc.Node(name="b")))
+    graph = soc.Graph(
+        nodes=(soc.Node(name="a", hardware=soc.Implementation(lut=2000)), soc.Node(name="b"))
+    )
     with pytest.raises(SfglabError, match="take 2000 LUT and 0 BRAM, small has 1000 and 10"):
         soc.place_nodes(graph, SMALL, fixed={"a": HW})
     with pytest.raises(SfglabError, match="'b': fixed in hardware, where it has no implementation"):
@@ -131,7 +158,9 @@ def test_fixed_nodes_that_are_not_there_or_do_not_fit_are_refused():
 
 def test_a_search_that_a_limit_stops_leaves_a_mapping_with_its_gap():
     graph, platform = drawn(np.random.default_rng(1), 300)
-    found = soc.place_nodes(graph, platform, time_limit_s=1e-3)  # what HiGHS's heuristics find at once
+    found = soc.place_nodes(
+        graph, platform, time_limit_s=1e-3
+    )  # what HiGHS's heuristics find at once
     assert found.load.fits(platform)
     assert 0 <= found.bound_s < found.load.total_s
     assert 0 < found.gap <= 1

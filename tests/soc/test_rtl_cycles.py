@@ -21,14 +21,23 @@ def read(message_bytes, **more):
 
 
 def transfer(message_bytes, subscribers, **more):
-    given = {"message_bytes": message_bytes, "subscribers": subscribers, "from_software": True, **more}
+    given = {
+        "message_bytes": message_bytes,
+        "subscribers": subscribers,
+        "from_software": True,
+        **more,
+    }
     return rtl.cycles.simulate_transfer(rtl.cycles.Transfer(**given))
 
 
 @pytest.mark.parametrize(
     ("path", "nodes", "chunks", "delays"),
     [
-        *((path, nodes, chunks, None) for path in (OUT, IN) for nodes, chunks in ((2, 80), (4, 20), (8, 40))),
+        *(
+            (path, nodes, chunks, None)
+            for path in (OUT, IN)
+            for nodes, chunks in ((2, 80), (4, 20), (8, 40))
+        ),
         *((path, 1, 40, QUICK) for path in (OUT, IN)),
         *((READS, nodes, 20, delays) for nodes in (1, 2, 8) for delays in (None, QUICK)),
         (WRITE, 1, 20, None),
@@ -38,7 +47,9 @@ def test_hardware_takes_the_cycles_of_its_model_and_of_memory_s_and_one_for_a_pu
     path, nodes, chunks, delays
 ):
     gateway = path in (OUT, IN)
-    model = rtl.cycle_model(path, 2 if gateway else nodes, delays)  # a gateway's is any number's of subscribers
+    model = rtl.cycle_model(
+        path, 2 if gateway else nodes, delays
+    )  # a gateway's is any number's of subscribers
     assert rtl.simulated_cycles(path, nodes, 256 * chunks, delays) == model.cycles(256 * chunks)
     for size in (256 * chunks, *MESSAGE_BYTES):
         wanted = rtl.memory_model_cycles(path, nodes, size, delays)
@@ -49,12 +60,18 @@ def test_hardware_takes_the_cycles_of_its_model_and_of_memory_s_and_one_for_a_pu
 def test_a_last_chunk_that_is_not_full_takes_less_than_a_full_one(path):
     model = rtl.cycle_model(path, 2)
     for more_bytes in (8, 232):
-        assert model.cycles(2560) < rtl.simulated_cycles(path, 2, 2560 + more_bytes) < model.cycles(2561)
+        assert (
+            model.cycles(2560)
+            < rtl.simulated_cycles(path, 2, 2560 + more_bytes)
+            < model.cycles(2561)
+        )
 
 
 @pytest.mark.parametrize("from_software", [True, False])
 def test_subscribers_that_do_not_listen_hold_the_stream_up_and_lose_nothing(from_software):
-    free, held_up = (transfer(2048, 4, from_software=from_software, stalled=stalled) for stalled in (0, 4))
+    free, held_up = (
+        transfer(2048, 4, from_software=from_software, stalled=stalled) for stalled in (0, 4)
+    )
     assert held_up > 1.3 * free
 
 

@@ -23,8 +23,16 @@ def clocked(steps):
             await ctx.tick()
             if given is not None:
                 core.feed(given, value)
-            shown = [ctx.get(wire) for wire in (control.state, control.drive, control.output, control.held)]
-            wanted = [rtl.core.code(core.state), 1 << rtl.core.code(core.drive), core.output, core.held]
+            shown = [
+                ctx.get(wire)
+                for wire in (control.state, control.drive, control.output, control.held)
+            ]
+            wanted = [
+                rtl.core.code(core.state),
+                1 << rtl.core.code(core.drive),
+                core.output,
+                core.held,
+            ]
             seen.append((shown, wanted))
 
     simulate(control, feed)
@@ -226,7 +234,9 @@ def follow(ctx, control, core):
         core.feed(given[0], ctx.get(control.value))
 
 
-@pytest.mark.parametrize(("seed", "words", "subscribers"), [(1, 3, 2), (2, 1, 4), (3, 33, 2), (4, 40, 1)])
+@pytest.mark.parametrize(
+    ("seed", "words", "subscribers"), [(1, 3, 2), (2, 1, 4), (3, 33, 2), (4, 40, 1)]
+)
 def test_gateway_follows_the_table_and_loses_doubles_and_echoes_nothing(seed, words, subscribers):
     ended = run(seed, words, subscribers)
     foreign = [message[1:] for message in ended.sent_hardware if message[0] != OWN_HMT]

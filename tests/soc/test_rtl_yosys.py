@@ -62,7 +62,9 @@ def test_verilog_has_the_ports_of_every_subscriber():
 
 def test_a_mapping_s_gateways_are_written_one_for_each_number_of_subscribers(tmp_path):
     graph = Path(__file__).parents[2] / "data" / "graphs" / "figure_8.yaml"
-    assert "sfglab_gateway_2.v: for A, C, E" in called("map", str(graph), "--verilog", str(tmp_path / "rtl"))
+    assert "sfglab_gateway_2.v: for A, C, E" in called(
+        "map", str(graph), "--verilog", str(tmp_path / "rtl")
+    )
     assert [path.name for path in (tmp_path / "rtl").iterdir()] == ["sfglab_gateway_2.v"]
 
 

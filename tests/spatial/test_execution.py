@@ -46,7 +46,8 @@ def path(length_m=0.3, duration_s=0.6, interpolation=Interpolation.POLYLINE):
     """Forward along x and left, in three waypoints."""
     ends = ((0.0, 0.0), (0.6 * length_m, 0.0), (length_m, 0.2 * length_m))
     return Trajectory.of(
-        ((round(duration_s * S * i / 2), Pose.at((x, y, 0.0))) for i, (x, y) in enumerate(ends)), interpolation
+        ((round(duration_s * S * i / 2), Pose.at((x, y, 0.0))) for i, (x, y) in enumerate(ends)),
+        interpolation,
     )
 
 
@@ -57,7 +58,11 @@ def order(*length_and_duration, agent="go2"):
 @asynccontextmanager
 async def served(node, setup=None):
     """A node that sends orders, and the server of an agent on another one."""
-    async with node("go2") as far, node("planner") as near, TrajectoryServer(far, "go2", setup=setup) as server:
+    async with (
+        node("go2") as far,
+        node("planner") as near,
+        TrajectoryServer(far, "go2", setup=setup) as server,
+    ):
         yield near, server
 
 
@@ -80,7 +85,9 @@ async def test_an_agent_goes_along_a_trajectory_and_says_how_it_gets_on(node):
 async def test_a_canceled_agent_brakes_and_only_then_the_goal_ends(node):
     async with served(node, QUICK) as (near, server):
         moving = asyncio.Event()
-        execution = await send(near, order(8.0, 10.0), on_feedback=lambda f: f.share > 0.03 and moving.set())
+        execution = await send(
+            near, order(8.0, 10.0), on_feedback=lambda f: f.share > 0.03 and moving.set()
+        )
         await asyncio.wait_for(moving.wait(), 60)
         assert server.state.speed_m_s > 0.3
         await execution.cancel()
@@ -92,9 +99,13 @@ async def test_a_canceled_agent_brakes_and_only_then_the_goal_ends(node):
         assert 0.05 < ended.pose.position_m[0] < 4.0
 
 
-@pytest.mark.parametrize(("after_s", "speed_m_s"), [(0.0, 0.0), (0.05, 0.0), (0.3, 0.0), (3.0, 0.3)])
+@pytest.mark.parametrize(
+    ("after_s", "speed_m_s"), [(0.0, 0.0), (0.05, 0.0), (0.3, 0.0), (3.0, 0.3)]
+)
 @simulated
-async def test_a_task_that_is_cancelled_while_it_sends_or_drives_leaves_nobody_moving(after_s, speed_m_s, node):
+async def test_a_task_that_is_cancelled_while_it_sends_or_drives_leaves_nobody_moving(
+    after_s, speed_m_s, node
+):
     async with served(node, QUICK) as (near, server):
         task = asyncio.create_task(execute(near, order(8.0, 10.0)))
         await asyncio.sleep(after_s)
@@ -109,7 +120,9 @@ async def test_a_task_that_is_cancelled_while_it_sends_or_drives_leaves_nobody_m
 
 
 @simulated
-async def test_ctrl_c_while_an_answer_is_on_its_way_cancels_what_was_taken(node, monkeypatch, capsys):
+async def test_ctrl_c_while_an_answer_is_on_its_way_cancels_what_was_taken(
+    node, monkeypatch, capsys
+):
     stops = []
     monkeypatch.setattr(plan, "on_stop", stops.append)
     async with served(node, QUICK) as (near, server):
@@ -131,7 +144,10 @@ async def test_what_an_agent_does_not_take_ends_at_once_with_the_reason(node):
     )
     async with served(node, setup) as (near, server):
         ended = await execute(near, order(agent="spot"), action=server.action_name)
-        assert (ended.outcome, ended.text) == (Outcome.UNKNOWN_AGENT, "agent: given 'spot', allowed: 'go2'")
+        assert (ended.outcome, ended.text) == (
+            Outcome.UNKNOWN_AGENT,
+            "agent: given 'spot', allowed: 'go2'",
+        )
         for dialect in (empty, reversed_):
             ended = await execute(near, order(), dialect=dialect)
             assert ended.outcome is Outcome.INVALID_TRAJECTORY
@@ -140,7 +156,9 @@ async def test_what_an_agent_does_not_take_ends_at_once_with_the_reason(node):
 
 def _with_points(order, waypoints):
     goal = FOLLOW_TRAJECTORY.goal(order)
-    by_time = {p.time_from_start.sec * S + p.time_from_start.nanosec: p for p in goal.trajectory.points}
+    by_time = {
+        p.time_from_start.sec * S + p.time_from_start.nanosec: p for p in goal.trajectory.points
+    }
     goal.trajectory.points = [by_time[w.time_ns] for w in waypoints]
     return goal
 
@@ -188,7 +206,9 @@ async def test_both_agents_of_the_hall_go_at_once_and_stay_as_far_apart_as_plann
     async with node("agents") as far, node("planner") as near:
         servers = {}
         for agent in scene.all_of(AgentObject):
-            setup = AgentSetup(pose=scene.world_pose(agent.id), dynamics=Dynamics(limits=agent.limits))
+            setup = AgentSetup(
+                pose=scene.world_pose(agent.id), dynamics=Dynamics(limits=agent.limits)
+            )
             servers[agent.name] = TrajectoryServer(far, agent.name, setup=setup)
         start_ns = near.get_clock().now_ns() + S
 
@@ -200,7 +220,9 @@ async def test_both_agents_of_the_hall_go_at_once_and_stay_as_far_apart_as_plann
         ended = await asyncio.gather(*(execute(near, order, on_feedback=note) for order in orders))
         assert [end.outcome for end in ended] == [Outcome.SUCCEEDED] * 2, ended
         for order, end in zip(orders, ended, strict=True):
-            assert end.pose.same_as(order.trajectory.waypoints[-1].pose, within_m=0.05, within_rad=0.1)
+            assert end.pose.same_as(
+                order.trajectory.waypoints[-1].pose, within_m=0.05, within_rad=0.1
+            )
     assert min(apart_m) > 0.6
     assert len(apart_m) > 50
 
@@ -231,7 +253,9 @@ OTHER = register_action("sfglab_test_interfaces/action/FollowPath", TEXT)
 
 async def test_another_type_of_action_is_served_by_a_dialect_of_its_own(node):
     def goal(order):
-        message = path_from_trajectory(order.trajectory, frame_id=order.frame_id, start_ns=order.start_ns)
+        message = path_from_trajectory(
+            order.trajectory, frame_id=order.frame_id, start_ns=order.start_ns
+        )
         return OTHER.goal(path=message, controller_id="FollowPath")
 
     dialect = ActionDialect(
@@ -251,7 +275,9 @@ async def test_another_type_of_action_is_served_by_a_dialect_of_its_own(node):
     async with node("robot") as far, node("planner") as near:
         far.create_action_server(dialect.type, "/follow_path", follow)
         heard = []
-        ended = await execute(near, order(), action="/follow_path", dialect=dialect, on_feedback=heard.append)
+        ended = await execute(
+            near, order(), action="/follow_path", dialect=dialect, on_feedback=heard.append
+        )
     assert ended == Ended(outcome=Outcome.SUCCEEDED)
     assert [f.share for f in heard] == [0.5]
     assert len(asked[0].path.poses) == 3

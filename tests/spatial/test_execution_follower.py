@@ -70,8 +70,12 @@ def run_to_end(following, step_ns=50_000_000, limit=100_000):
     "held", [Limits(speed_m_s=1.0, acceleration_m_s2=1.0), Limits(speed_m_s=1.5), Limits()]
 )
 @pytest.mark.parametrize("points", [(0, 0.9), (0, 0.5, 0.8), (0, 0.3, 0.3, 0.0)])
-def test_no_agent_falls_behind_further_than_its_dynamics_explain_and_a_slower_one_does(points, held):
-    path = Trajectory.of((round(i * 4 * S), Pose.at((4 * x, 0.0, 0.0))) for i, x in enumerate(points))
+def test_no_agent_falls_behind_further_than_its_dynamics_explain_and_a_slower_one_does(
+    points, held
+):
+    path = Trajectory.of(
+        (round(i * 4 * S), Pose.at((4 * x, 0.0, 0.0))) for i, x in enumerate(points)
+    )
     dynamics = Dynamics(limits=held)
     allowed_m = falls_behind_m(path, dynamics)
     behind_m = run_to_end(follower(path, dynamics=dynamics), 20_000_000).largest_error_m
@@ -93,7 +97,9 @@ def rounding(vector):
     Pose.at((0.0, 0.0, 1.0)),
     [27_777_777, 2],
 )
-def test_no_limit_is_ever_exceeded_whatever_is_asked_and_however_time_goes_on(path, held, at, steps):
+def test_no_limit_is_ever_exceeded_whatever_is_asked_and_however_time_goes_on(
+    path, held, at, steps
+):
     following = follower(path, state=AgentState(pose=at), dynamics=Dynamics(limits=held))
     before, now_ns, last_ns = following.progress.state, 0, 0
     for step in steps:
@@ -122,7 +128,9 @@ def test_an_agent_that_may_take_its_time_stands_at_the_last_pose_in_the_end(path
 
 @settings(max_examples=10, deadline=None)
 @given(st.floats(0.5, 3.0), st.floats(0.5, 3.0), st.lists(st.floats(-5, 5), min_size=2, max_size=5))
-def test_a_trajectory_within_the_limits_is_followed_within_what_braking_to_its_speed_takes(speed, accel, xs):
+def test_a_trajectory_within_the_limits_is_followed_within_what_braking_to_its_speed_takes(
+    speed, accel, xs
+):
     held = Limits(speed_m_s=speed, acceleration_m_s2=accel)
     progress = run_to_end(follower(retimed(line(*xs), held), dynamics=Dynamics(limits=held)))
     assert progress.outcome is Outcome.SUCCEEDED
@@ -146,13 +154,18 @@ def test_an_agent_that_is_stopped_brakes_at_once_and_as_hard_as_it_can(path, hel
     assert progress.state.speed_m_s == 0.0
     assert all(b < a for a, b in pairwise([speed, *speeds]))
     assert len(speeds) * 0.02 <= speed / held.acceleration_m_s2 + 0.04
-    assert begun.state.pose.distance_m(progress.state.pose) <= speed**2 / (2 * held.acceleration_m_s2) + 1e-6
+    assert (
+        begun.state.pose.distance_m(progress.state.pose)
+        <= speed**2 / (2 * held.acceleration_m_s2) + 1e-6
+    )
     assert following.step(now_ns + S).state == progress.state
 
 
 def test_the_result_does_not_depend_on_how_time_is_cut():
     path = line(0.0, 1.0, 3.0, 2.0)
-    ends = [run_to_end(follower(path), step_ns=step).state.pose for step in (20_000_000, 100_000_000)]
+    ends = [
+        run_to_end(follower(path), step_ns=step).state.pose for step in (20_000_000, 100_000_000)
+    ]
     assert ends[0].same_as(ends[1], within_m=1e-3)
 
 
@@ -165,7 +178,9 @@ def test_time_that_stands_or_runs_backwards_moves_nobody():
 
 def test_an_agent_that_is_too_far_from_where_it_should_be_brakes_and_says_so():
     held = Dynamics(limits=Limits(speed_m_s=0.5, acceleration_m_s2=1.0))
-    progress = run_to_end(follower(line(0.0, 5.0), dynamics=held, tolerances=Tolerances(path_m=0.5)))
+    progress = run_to_end(
+        follower(line(0.0, 5.0), dynamics=held, tolerances=Tolerances(path_m=0.5))
+    )
     assert progress.outcome is Outcome.PATH_LEFT
     assert progress.state.speed_m_s == 0.0
     assert 0.5 < progress.largest_error_m < 0.6

@@ -76,7 +76,9 @@ def test_look_up_between_any_frames_is_the_product_of_the_matrices(seed, size):
         rows = [random_pose(rng), random_pose(rng)]
         for stamp_ns, pose in enumerate(rows[: 1 if static else 2]):
             put(buffer, f"f{parent}", f"f{frame}", stamp_ns * S, pose, static=static)
-        from_root.append(from_root[parent] @ (rows[0] if static else rows[0].interpolate(rows[1], 0.25)))
+        from_root.append(
+            from_root[parent] @ (rows[0] if static else rows[0].interpolate(rows[1], 0.25))
+        )
     for _ in range(10):
         a, b = (int(i) for i in rng.integers(size, size=2))
         wanted = np.linalg.inv(from_root[a].matrix()) @ from_root[b].matrix()
@@ -145,7 +147,9 @@ def test_nothing_is_extrapolated_unless_asked_and_the_error_says_what_is_known(b
         buffer.look_up("map", "a", 7 * S // 2, extrapolate_ns=S // 2 - 1)
     ahead = buffer.look_up("map", "a", 7 * S // 2, extrapolate_ns=S // 2)
     assert ahead.same_as(Pose.from_yaw((2.5, 0, 0), 0.25), within_rad=1e-7)
-    assert buffer.look_up("map", "a", S // 2, extrapolate_ns=S).same_as(Pose.from_yaw((-0.5, 0, 0), -0.05))
+    assert buffer.look_up("map", "a", S // 2, extrapolate_ns=S).same_as(
+        Pose.from_yaw((-0.5, 0, 0), -0.05)
+    )
     put(buffer, "map", "single", S, Pose.at((1, 2, 3)))  # which is held
     assert buffer.look_up("map", "single", 2 * S, extrapolate_ns=S).position_m == (1, 2, 3)
 
@@ -224,11 +228,15 @@ def test_a_good_tree_has_no_findings_and_two_parents_are_found():
 
 
 def test_two_publishers_and_two_kinds_of_an_edge_are_found_but_no_takeover_after_a_restart():
-    assert codes([*tree(("map", "a"), authority="1"), *tree(("map", "a"), authority="2")]) == ["two-publishers"]
+    assert codes([*tree(("map", "a"), authority="1"), *tree(("map", "a"), authority="2")]) == [
+        "two-publishers"
+    ]
     assert codes([*tree(("map", "a")), *tree(("map", "a"), static=True)]) == ["static-and-dynamic"]
     before = tree(("map", "a"), authority="1", first_ns=0, last_ns=100)
     assert codes([*before, *tree(("map", "a"), authority="2", first_ns=101, last_ns=200)]) == []
-    assert codes([*before, *tree(("map", "a"), authority="2", first_ns=100, last_ns=200)]) == ["two-publishers"]
+    assert codes([*before, *tree(("map", "a"), authority="2", first_ns=100, last_ns=200)]) == [
+        "two-publishers"
+    ]
 
 
 def test_each_loop_is_told_once_and_a_second_root_with_what_hangs_below_it():
@@ -293,9 +301,16 @@ def test_a_drawn_tree_shows_every_frame_and_marks_those_of_findings():
     ax = Figure().subplots()
     edges = [*GOOD, *tree(("world", "go1/base"), authority="mocap")]
     draw_tree(ax, edges, findings=lint_frames(edges, root="map"), outside="mocap")
-    boxes = {text.get_text().replace("\n", ""): text.get_bbox_patch() for text in ax.texts if text.get_text()}
+    boxes = {
+        text.get_text().replace("\n", ""): text.get_bbox_patch()
+        for text in ax.texts
+        if text.get_text()
+    }
     assert set(boxes) == {"map", "go2/odom", "go2/base", "go2/camera", "world", "go1/base"}
-    assert {name for name, box in boxes.items() if box.get_linewidth() > 1.5} == {"world", "go1/base"}
+    assert {name for name, box in boxes.items() if box.get_linewidth() > 1.5} == {
+        "world",
+        "go1/base",
+    }
 
 
 def message(*transforms):
@@ -303,16 +318,22 @@ def message(*transforms):
 
 
 def step(parent, child, second, x_m):
-    return StampedTransform(parent=parent, child=child, stamp_ns=second * S, pose=Pose.at((x_m, 0, 0)))
+    return StampedTransform(
+        parent=parent, child=child, stamp_ns=second * S, pose=Pose.at((x_m, 0, 0))
+    )
 
 
-async def test_a_listener_hears_static_transforms_of_before_and_waits_for_those_to_come(here, there, buffer):
+async def test_a_listener_hears_static_transforms_of_before_and_waits_for_those_to_come(
+    here, there, buffer
+):
     fixed = here.create_publisher(TRANSFORMS, TF_STATIC, TF_STATIC_QOS)
     fixed.publish(message(step("base", "camera", 0, 1.0)))
     moving = here.create_publisher(TRANSFORMS, TF, TF_QOS)
     async with FramesListener(there, buffer, agent="go2") as listener:
         await moving.wait_for_subscriptions()
-        waiting = asyncio.create_task(listener.wait_for("map", "go2/camera", 3 * S // 2, timeout_s=10))
+        waiting = asyncio.create_task(
+            listener.wait_for("map", "go2/camera", 3 * S // 2, timeout_s=10)
+        )
         for second in (1, 2):
             moving.publish(message(step("map", "base", second, float(second))))
         assert (await waiting).position_m == (2.5, 0, 0)
@@ -342,7 +363,9 @@ def test_a_broken_transform_is_counted_and_said_once_while_the_rest_goes_on(capl
 def test_a_log_fills_a_buffer_with_all_that_it_has_and_one_without_transforms_is_refused(tmp_path):
     with LogWriter(tmp_path / "run.mcap") as log:
         for second in range(100):
-            log.write(TF, message(step("map", "base", second, float(second))), log_time_ns=second * S)
+            log.write(
+                TF, message(step("map", "base", second, float(second))), log_time_ns=second * S
+            )
         log.write(TF_STATIC, message(step("base", "camera", 0, 0.5)), log_time_ns=50 * S)
     buffer = FrameBuffer(history_s=None)
     with LogReader(tmp_path / "run.mcap") as reader:

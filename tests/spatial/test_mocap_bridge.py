@@ -49,7 +49,9 @@ def frame(parent, child, pose, stamp_ns=0):
 def capture(number=0, pose=None, **sights):
     sights = sights or {"agent_x/markers": pose or Pose()}
     stamp_ns = S + number * 10_000_000
-    return Capture(number=number, capture_ns=stamp_ns, receipt_ns=stamp_ns + 6_000_000, sights=sights)
+    return Capture(
+        number=number, capture_ns=stamp_ns, receipt_ns=stamp_ns + 6_000_000, sights=sights
+    )
 
 
 def robot_tree():
@@ -62,7 +64,9 @@ def robot_tree():
 def test_the_root_is_published_with_the_robots_transform_at_the_time_of_capture():
     buffer = robot_tree()
     for second in (0, 1, 2):
-        buffer.insert(frame("agent_x/odom", "agent_x/base", Pose.at((float(second), 0, 0)), second * S))
+        buffer.insert(
+            frame("agent_x/odom", "agent_x/base", Pose.at((float(second), 0, 0)), second * S)
+        )
     mapped = MappedObject(id="o", via="agent_x/markers")
     seen = frame("map", "o", Pose(), stamp_ns=3 * S // 2)
     placed = place_via_proxy(buffer, mapped, seen)
@@ -80,7 +84,9 @@ def test_a_frame_that_has_another_parent_is_not_published():
     buffer = robot_tree()
     buffer.insert(frame("agent_x/odom", "agent_x/base", Pose()))
     mapped = MappedObject(id="o", via="agent_x/markers", frame="agent_x/base")
-    with pytest.raises(PlacingError, match=r"stands in 'agent_x/odom' already; .* its tree, 'agent_x/odom'"):
+    with pytest.raises(
+        PlacingError, match=r"stands in 'agent_x/odom' already; .* its tree, 'agent_x/odom'"
+    ):
         place_via_proxy(buffer, mapped, frame("map", "o", Pose()))
     with pytest.raises(UnknownFrameError):
         place_via_proxy(FrameBuffer(), MappedObject(id="o", via="x"), frame("map", "o", Pose()))
@@ -165,7 +171,9 @@ def test_every_object_of_the_mapping_is_told_by_the_interface_s_names_and_the_st
     )
     for number, seen in enumerate(sights):
         time_ns = S + number * 10_000_000
-        capture = Capture(number=2 * number, capture_ns=time_ns, receipt_ns=time_ns + 6_000_000, sights=seen)
+        capture = Capture(
+            number=2 * number, capture_ns=time_ns, receipt_ns=time_ns + 6_000_000, sights=seen
+        )
         published = [t.stamp_ns for t in core.take(capture, time_ns + 7_000_000)]
         assert published == ([S] if number == 0 else [])
     assert core.statuses[0].receipt_latency.largest_ns == 6_000_000
@@ -175,7 +183,11 @@ def test_every_object_of_the_mapping_is_told_by_the_interface_s_names_and_the_st
     x, y = told.objects
     assert (x.id, x.frame, x.state) == ("x", "a/base", x.SUSPECT)
     assert (x.published, x.sound, x.occluded, x.invalid, x.jumped, x.absent) == (1, 1, 1, 1, 1, 0)
-    assert (ns_from_stamp(x.captured), x.receipt_latency_s, x.publication_latency_s) == (S, 0.006, 0.001)
+    assert (ns_from_stamp(x.captured), x.receipt_latency_s, x.publication_latency_s) == (
+        S,
+        0.006,
+        0.001,
+    )
     assert (y.published, y.unplaced, y.absent) == (0, 1, 3)
     assert "'b/markers' is unknown" in y.problem
     assert math.isnan(y.receipt_latency_s)
@@ -204,10 +216,22 @@ GOOD = "world: map\nobjects:\n  a:\n    via: a/markers\n"
 
 REFUSED = [  # beside what `test_documents.py` has for every file, and `checks.trees` for a mapping's numbers
     ("world: map\nobjects: {}\n", r"m\.yaml:2: objects: given \{\}, allowed: .* at least one"),
-    ("world: /map\nobjects: {a: {via: b}}", r"m\.yaml:1: world: given '/map', .* without leading slash"),
-    ("world: map\nobjects: {a: {via: 3}}", r"objects\.a\.via: given 3, allowed: the name of a frame"),
-    (GOOD + "    frame:\n", r"m\.yaml:5: objects\.a\.frame: nothing is given, allowed: the name of a frame"),
-    (GOOD + "  b:\n    via: a/markers\n", r"m\.yaml:6: objects\.b\.via: .* objects\.a\.via has that one"),
+    (
+        "world: /map\nobjects: {a: {via: b}}",
+        r"m\.yaml:1: world: given '/map', .* without leading slash",
+    ),
+    (
+        "world: map\nobjects: {a: {via: 3}}",
+        r"objects\.a\.via: given 3, allowed: the name of a frame",
+    ),
+    (
+        GOOD + "    frame:\n",
+        r"m\.yaml:5: objects\.a\.frame: nothing is given, allowed: the name of a frame",
+    ),
+    (
+        GOOD + "  b:\n    via: a/markers\n",
+        r"m\.yaml:6: objects\.b\.via: .* objects\.a\.via has that one",
+    ),
     (
         GOOD + "    frame: x\n  b: {via: c, frame: x}\n",
         r"m\.yaml:6: objects\.b\.frame: given 'x', .* objects\.a\.frame has",

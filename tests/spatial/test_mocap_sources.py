@@ -118,7 +118,9 @@ def client(monkeypatch):
 async def test_vicon_frames_are_taken_with_capture_time_units_and_order(client):
     taken = []
     async with aclosing(ViconSource("tracker:801", clock=Clock()).captures()) as captures:
-        with pytest.raises(MocapError, match="801: asked to send a frame, it answered NotConnected"):  # noqa: PT012
+        with pytest.raises(
+            MocapError, match="801: asked to send a frame, it answered NotConnected"
+        ):  # noqa: PT012
             async for capture in captures:
                 taken.append(capture)  # noqa: PERF401 - it ends with an error
     assert [c.number for c in taken] == [1001, 1003]
@@ -128,7 +130,12 @@ async def test_vicon_frames_are_taken_with_capture_time_units_and_order(client):
     assert taken[0].sights["drone"] is Lapse.OCCLUDED
     assert taken[0].sights["broken"] is Lapse.INVALID
     axes = (Direction.Forward, Direction.Left, Direction.Up)
-    assert client.calls == [("connect", "tracker:801"), StreamMode.ServerPush, axes, ("disconnect",)]
+    assert client.calls == [
+        ("connect", "tracker:801"),
+        StreamMode.ServerPush,
+        axes,
+        ("disconnect",),
+    ]
     assert all(name.startswith("vicon") for name in client.threads)
     assert not [t for t in threading.enumerate() if t.name.startswith("vicon")]
 
@@ -184,7 +191,9 @@ def log(tmp_path):
     with LogWriter(tmp_path / "run.mcap") as writer:
         for second in range(4):
             writer.write("/a", pose_message(second * S, TURN), log_time_ns=second * S + 6_000_000)
-            value = StampedTransform(parent="map", child="b", stamp_ns=second * S + S // 2, pose=Pose())
+            value = StampedTransform(
+                parent="map", child="b", stamp_ns=second * S + S // 2, pose=Pose()
+            )
             writer.write("/b", value.to_msg(), log_time_ns=second * S + S // 2 + 6_000_000)
         writer.write("/text", message_type("std_msgs/msg/String")(data=""), log_time_ns=0)
     return tmp_path / "run.mcap"

@@ -16,7 +16,9 @@ from sfglab.spatial.mocap.offset import PosePair, estimate_offset, pose_pairs
 from sfglab.spatial.mocap.synthetic import SyntheticConfig, SyntheticMotion, synthetic_captures
 
 MS = 1_000_000
-LIMITS = tracking.Limits(speed_m_s=5.0, turn_rad_s=10.0, slack_m=0.02, slack_rad=0.2, believe_after_s=0.1)
+LIMITS = tracking.Limits(
+    speed_m_s=5.0, turn_rad_s=10.0, slack_m=0.02, slack_rad=0.2, believe_after_s=0.1
+)
 HERE, AWAY = Pose(), Pose.at((3.0, 0, 0))
 FLIPPED = Pose.from_yaw((0, 0, 0), math.pi)
 
@@ -77,14 +79,25 @@ def test_every_step_is_one_of_the_table_and_what_is_believed_is_within_reach_or_
         track = after
     for (t0, a, _), (t1, b, verdict) in pairwise(accepted):
         elapsed_s = (t1 - t0) / 1e9
-        reachable = a.distance_m(b) <= 5.0 * elapsed_s + 0.02 and a.angle_rad(b) <= 10.0 * elapsed_s + 0.2
+        reachable = (
+            a.distance_m(b) <= 5.0 * elapsed_s + 0.02 and a.angle_rad(b) <= 10.0 * elapsed_s + 0.2
+        )
         assert reachable or (verdict is tracking.Verdict.CONFIRMED and elapsed_s >= 0.1)
 
 
 def test_every_transition_of_the_table_is_reached():
     seen = set()
     rng = np.random.default_rng(5)
-    choices = [HERE, HERE, AWAY, AWAY, AWAY, FLIPPED, tracking.Lapse.OCCLUDED, tracking.Lapse.INVALID]
+    choices = [
+        HERE,
+        HERE,
+        AWAY,
+        AWAY,
+        AWAY,
+        FLIPPED,
+        tracking.Lapse.OCCLUDED,
+        tracking.Lapse.INVALID,
+    ]
     for _ in range(300):
         track, now_ns = tracking.Track(), 0
         sight = choices[0]
@@ -100,24 +113,42 @@ def test_every_transition_of_the_table_is_reached():
 def synthetic(seed=3, duration_s=8.0, **faults):
     objects = {"a": SyntheticMotion(), "b": SyntheticMotion(centre_m=(5, 0, 1), period_s=6)}
     config = SyntheticConfig(**faults)
-    return list(synthetic_captures(objects, config, np.random.default_rng(seed), duration_s=duration_s))
+    return list(
+        synthetic_captures(objects, config, np.random.default_rng(seed), duration_s=duration_s)
+    )
 
 
 def test_synthetic_captures_are_the_same_for_the_same_seed_and_near_the_truth():
     first, again, other = synthetic(), synthetic(), synthetic(seed=4)
     assert first == again
     assert first != other
-    errors = [made.capture.sights[id_].distance_m(pose) for made in first for id_, pose in made.truth.items()]
+    errors = [
+        made.capture.sights[id_].distance_m(pose)
+        for made in first
+        for id_, pose in made.truth.items()
+    ]
     assert np.sqrt(np.mean(np.square(errors))) == pytest.approx(0.0005 * math.sqrt(3), rel=0.05)
-    turns = [made.capture.sights[id_].angle_rad(pose) for made in first for id_, pose in made.truth.items()]
+    turns = [
+        made.capture.sights[id_].angle_rad(pose)
+        for made in first
+        for id_, pose in made.truth.items()
+    ]
     assert np.sqrt(np.mean(np.square(turns))) == pytest.approx(0.002 * math.sqrt(3), rel=0.05)
 
 
 def test_synthetic_faults_come_as_often_and_last_as_long_as_asked():
-    faults = {"occlusions_hz": 0.5, "occlusion_s": 0.2, "flips_hz": 0.5, "flip_s": 0.2, "dropped": 0.05}
+    faults = {
+        "occlusions_hz": 0.5,
+        "occlusion_s": 0.2,
+        "flips_hz": 0.5,
+        "flip_s": 0.2,
+        "dropped": 0.05,
+    }
     made = synthetic(duration_s=300.0, rate_hz=20.0, **faults)
     assert len(made) == pytest.approx(6000 * 0.95, rel=0.02)
-    hidden = np.mean([m.capture.sights[id_] is tracking.Lapse.OCCLUDED for m in made for id_ in "ab"])
+    hidden = np.mean(
+        [m.capture.sights[id_] is tracking.Lapse.OCCLUDED for m in made for id_ in "ab"]
+    )
     assert hidden == pytest.approx(0.2 / 2.2, rel=0.25)  # a renewal process: 2 s seen, 0.2 s hidden
     flipped = np.mean([id_ in m.flipped for m in made for id_ in "ab"])
     assert flipped == pytest.approx(0.2 / 2.2, rel=0.3)
@@ -128,16 +159,25 @@ def test_synthetic_faults_come_as_often_and_last_as_long_as_asked():
 def test_short_flips_of_a_moving_object_are_all_found_and_nothing_sound_is_lost():
     limits = tracking.Limits(believe_after_s=5.0)
     track, wrong, lost, flips = tracking.Track(), 0, 0, 0
-    for made in synthetic(duration_s=40.0, flips_hz=0.8, flip_s=0.05, occlusions_hz=0.2, occlusion_s=0.05):
-        track, verdict = tracking.judge(track, made.capture.sights["a"], made.capture.capture_ns, limits)
+    for made in synthetic(
+        duration_s=40.0, flips_hz=0.8, flip_s=0.05, occlusions_hz=0.2, occlusion_s=0.05
+    ):
+        track, verdict = tracking.judge(
+            track, made.capture.sights["a"], made.capture.capture_ns, limits
+        )
         flips += "a" in made.flipped
         wrong += verdict.believed and "a" in made.flipped
-        lost += verdict in {tracking.Verdict.JUMPED, tracking.Verdict.FLIPPED} and "a" not in made.flipped
+        lost += (
+            verdict in {tracking.Verdict.JUMPED, tracking.Verdict.FLIPPED}
+            and "a" not in made.flipped
+        )
     assert flips > 50
     assert (wrong, lost) == (0, 0)
 
 
-@pytest.mark.parametrize("fault", [{"rate_hz": 0}, {"dropped": 1.0}, {"noise_m": -1}, {"flip_s": float("nan")}])
+@pytest.mark.parametrize(
+    "fault", [{"rate_hz": 0}, {"dropped": 1.0}, {"noise_m": -1}, {"flip_s": float("nan")}]
+)
 def test_impossible_capture_systems_are_refused(fault):
     with pytest.raises(InvalidValueError, match="allowed"):
         SyntheticConfig(**fault)
@@ -207,9 +247,13 @@ def test_pairs_come_of_the_same_time_from_captures_and_the_robot_and_too_few_are
     made = list(synthetic_captures({"o": motion}, config, rng, duration_s=9.0))
     for i in range(600):
         pose = Z.inverse() @ motion.pose_at(i * 0.01) @ X
-        buffer.insert(StampedTransform(parent="odom", child="base", stamp_ns=i * 10_000_000, pose=pose))
+        buffer.insert(
+            StampedTransform(parent="odom", child="base", stamp_ns=i * 10_000_000, pose=pose)
+        )
     pairs = pose_pairs((m.capture for m in made), "o", buffer, odom="odom", base="base")
-    assert 60 < len(pairs) < 120  # neither the hidden ones nor those after the robot's last transform
+    assert (
+        60 < len(pairs) < 120
+    )  # neither the hidden ones nor those after the robot's last transform
     assert estimate_offset(pairs).object_from_base.same_as(X, within_m=0.005, within_rad=0.002)
 
 

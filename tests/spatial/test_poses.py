@@ -37,7 +37,9 @@ def test_the_identity_changes_nothing_and_the_inverse_undoes(pose):
 def test_products_and_points_are_those_of_the_matrices(a, b, point):
     assert np.allclose((a @ b).matrix(), a.matrix() @ b.matrix(), atol=1e-9)
     assert np.allclose(a.apply(point), (a.matrix() @ [*point, 1.0])[:3], atol=1e-9)
-    assert np.allclose((a @ b).rotation.as_matrix(), (a.rotation * b.rotation).as_matrix(), atol=1e-12)
+    assert np.allclose(
+        (a @ b).rotation.as_matrix(), (a.rotation * b.rotation).as_matrix(), atol=1e-12
+    )
 
 
 @given(poses, poses, st.floats(0, 1))
@@ -83,18 +85,33 @@ MIRRORED = np.diag([1.0, 1, -1, 1])
 @pytest.mark.parametrize(
     ("make", "says"),
     [
-        (partial(here, (0, 0, math.nan)), r"^here, position: given \[0.0, 0.0, nan\], allowed: 3 finite"),
+        (
+            partial(here, (0, 0, math.nan)),
+            r"^here, position: given \[0.0, 0.0, nan\], allowed: 3 finite",
+        ),
         (partial(here, (0, 0, math.inf)), "^here, position: .* finite"),
         (partial(here, (0, 0)), "^here, position: .* 3 finite numbers"),
         (partial(here, "abc"), "^here, position: .* 3 numbers"),
         (partial(here, 3.0), "^here, position: .* 3 numbers"),
-        (partial(here, (0, 0, 0), (0, 0, 0, 0)), "^here, quaternion: .* a length of at least 1e-06"),
+        (
+            partial(here, (0, 0, 0), (0, 0, 0, 0)),
+            "^here, quaternion: .* a length of at least 1e-06",
+        ),
         (partial(here, (0, 0, 0), (0, 0, 0, math.nan)), "^here, quaternion: .* 4 finite numbers"),
         (partial(here, (0, 0, 0), (0, 0, 1)), "^here, quaternion: .* 4 finite numbers"),
-        (partial(here, (0, 0, 0), (1e308, 1e308, 1e308, 1e308)), "^here, quaternion: .* finite length"),
+        (
+            partial(here, (0, 0, 0), (1e308, 1e308, 1e308, 1e308)),
+            "^here, quaternion: .* finite length",
+        ),
         (partial(Pose, quat_xyzw=(0.0, 0.0, 0.0, 0.0)), "^pose, quaternion"),
-        (partial(Pose.from_msg, default_message("geometry_msgs/msg/Pose"), place="odom"), "^odom, quaternion"),
-        *((partial(Pose.from_matrix, one), "4 x 4") for one in (MIRRORED, np.eye(3), np.full((4, 4), np.nan))),
+        (
+            partial(Pose.from_msg, default_message("geometry_msgs/msg/Pose"), place="odom"),
+            "^odom, quaternion",
+        ),
+        *(
+            (partial(Pose.from_matrix, one), "4 x 4")
+            for one in (MIRRORED, np.eye(3), np.full((4, 4), np.nan))
+        ),
     ],
 )
 def test_what_is_no_pose_is_refused_with_its_place(make, says):
@@ -104,7 +121,10 @@ def test_what_is_no_pose_is_refused_with_its_place(make, says):
 
 def test_a_stamped_transform_is_the_message_and_loses_its_leading_slashes():
     value = StampedTransform(
-        parent="map", child="go2/base", stamp_ns=1_700_000_000_123_456_789, pose=Pose.from_yaw((1, 2, 3), 1.0)
+        parent="map",
+        child="go2/base",
+        stamp_ns=1_700_000_000_123_456_789,
+        pose=Pose.from_yaw((1, 2, 3), 1.0),
     )
     message = value.to_msg()
     assert type(message) is message_type("geometry_msgs/msg/TransformStamped")

@@ -28,27 +28,55 @@ BROKEN = [  # beside what `test_documents.py` has for every file
     ("sfglab_scene: 1", "sfglab_scene: 2", "hall.yaml:1: sfglab_scene: given 2, allowed: 1"),
     ("name: hall", "nam: hall", "hall.yaml:2: nam: given 'nam', .* did you mean 'name'"),
     ("name: hall", "margin_m: -1", "hall.yaml:2: margin_m: given -1, .* from zero"),
-    ("kind: group", "kind: gruop", r"hall.yaml:6: objects\[0\].kind: given 'gruop', .* mean 'group'"),
+    (
+        "kind: group",
+        "kind: gruop",
+        r"hall.yaml:6: objects\[0\].kind: given 'gruop', .* mean 'group'",
+    ),
     ("kind: group", "kind: waypoint", r"objects\[0\].kind"),
     ("  kind: group\n", "", r"hall.yaml:5: objects\[0\].kind: nothing is given"),
     ("kind: group", "kind: [group]", r"objects\[0\].kind"),
     ("name: room", "nmae: room", r"objects\[0\].name: nothing is given"),
     ("name: room", "name: room\n  radius_m: 1.0", r"hall.yaml:8: .*radius_m: given 'radius_m'"),
     ("name: room", "name: 7", r"hall.yaml:5: objects\[0\]: group 1, name: given 7"),
-    ("name: room", "name: room\n  pose: {xyz_m: [0, .nan, 0]}", r"hall.yaml:8: .*pose.xyz_m: .*finite"),
+    (
+        "name: room",
+        "name: room\n  pose: {xyz_m: [0, .nan, 0]}",
+        r"hall.yaml:8: .*pose.xyz_m: .*finite",
+    ),
     ("name: room", "name: room\n  pose: {xyz_m: [0, 1e3, 0]}", r"xyz_m: .*allowed: 3 numbers"),
-    ("name: room", "name: room\n  pose: {xyz_m: [0, 0]}", r"xyz_m: given \[0, 0\], allowed: 3 numbers"),
+    (
+        "name: room",
+        "name: room\n  pose: {xyz_m: [0, 0]}",
+        r"xyz_m: given \[0, 0\], allowed: 3 numbers",
+    ),
     ("name: room", "name: room\n  pose: [0, 0, 0]", r"objects\[0\].pose: .*a mapping"),
     ("name: room", "name: room\n  pose: {xyz_m: [1.0e+9, 0, 0]}", "metres within"),
-    ("id: 2\n", "id: 1\n", r"hall.yaml:8: objects\[1\]: given 'id 1', allowed: an id of its own; .*:5"),
-    ("id: 2\n", "id: 0\n", r"hall.yaml:8: objects\[1\].id: given 0, allowed: a whole number from 1"),
+    (
+        "id: 2\n",
+        "id: 1\n",
+        r"hall.yaml:8: objects\[1\]: given 'id 1', allowed: an id of its own; .*:5",
+    ),
+    (
+        "id: 2\n",
+        "id: 0\n",
+        r"hall.yaml:8: objects\[1\].id: given 0, allowed: a whole number from 1",
+    ),
     ("id: 2\n", "id: two\n", r"objects\[1\].id: given 'two'"),
     ("parent: 1", "parent: 9", r"hall.yaml:8: objects\[1\]: agent 2 \(go2\), parent: given 9"),
     ("parent: 1", "parent: 2", r"hall.yaml:8: objects\[1\], parent: given 'a loop, 2 in 2'"),
-    ("name: room", "name: room\n  parent: 2", r"parent: given 'a loop, 1 in 2 in 1', allowed: a tree"),
+    (
+        "name: room",
+        "name: room\n  parent: 2",
+        r"parent: given 'a loop, 1 in 2 in 1', allowed: a tree",
+    ),
     ("agent: 2", "agent: 1", r"hall.yaml:12: objects\[2\]: trajectory 3 \(path\), agent: given 1"),
     ("agent: 2", "agent: two", r"hall.yaml:15: objects\[2\].agent: given 'two'"),
-    ("time_s: 1.5", "time_s: 0.0", r"hall.yaml:18: .*waypoints\[1\].time_s: given 0.0, allowed: a time ab"),
+    (
+        "time_s: 1.5",
+        "time_s: 0.0",
+        r"hall.yaml:18: .*waypoints\[1\].time_s: given 0.0, allowed: a time ab",
+    ),
     ("time_s: 1.5", "time_s: -1", "seconds from 0"),
     ("time_s: 1.5", "time_s: .inf", "seconds from 0"),
     ("time_s: 1.5", "time_s: .nan", "seconds from 0"),
@@ -78,7 +106,9 @@ def test_a_hand_written_file_may_say_less_in_another_order_and_siblings_keep_the
     shuffled = GOOD[:first] + GOOD[second:] + GOOD[first:second]
     assert read_scene(shuffled).objects == read_scene(GOOD).objects
     assert read_scene(GOOD.replace(", quat_xyzw: [0.0, 0.0, 0.0, 1.0]", "")) == read_scene(GOOD)
-    text = GOOD.replace("- id: 1\n  kind: group\n  name: room\n", "").replace("next_id: 6", "next_id: 8")
+    text = GOOD.replace("- id: 1\n  kind: group\n  name: room\n", "").replace(
+        "next_id: 6", "next_id: 8"
+    )
     text += "- {id: 7, kind: group, name: first}\n- {id: 1, kind: group, name: room}\n"
     assert read_scene(text).held_by() == (3, 7, 1)
 
@@ -121,7 +151,9 @@ def test_names_read_back_as_the_same_text(name, editor):
 
 
 @pytest.mark.parametrize("fails", ["fsync", "replace", "text", "write"])
-def test_when_saving_fails_the_file_stays_whole_and_nothing_is_left_beside_it(tmp_path, monkeypatch, fails):
+def test_when_saving_fails_the_file_stays_whole_and_nothing_is_left_beside_it(
+    tmp_path, monkeypatch, fails
+):
     path = tmp_path / "hall.yaml"
     save_scene(read_scene(GOOD), path)
     before = path.read_bytes()
@@ -286,7 +318,13 @@ def test_forbidden_zones_are_for_agents_and_inside_zones_for_waypoints(editor):
     last = editor.scene.held_by(path)[-1]
     assert (found.kind, found.objects) == (ConflictKind.OUTSIDE, (path, last))
     assert found.text == f"a path: waypoint {last} lies 2.000 m outside of lab"
-    editor.add("zone", "annex", shape={"kind": "sphere", "radius_m": 1}, rule="inside", pose=Pose.at((4, 0, 0)))
+    editor.add(
+        "zone",
+        "annex",
+        shape={"kind": "sphere", "radius_m": 1},
+        rule="inside",
+        pose=Pose.at((4, 0, 0)),
+    )
     assert editor.conflicts() == ()
     editor.do(SetProperty(id=zone, key="rule", value="forbidden"))
     assert {c.kind: c for c in editor.conflicts()}[ConflictKind.ZONE].objects == (agent, zone)
@@ -303,7 +341,10 @@ def test_limits_of_the_agent_are_checked_segment_by_segment(editor):
 
 def test_loose_ends_are_warned_of(editor):
     path = editor.add("trajectory", "path")
-    assert [c.kind for c in editor.conflicts()] == [ConflictKind.NO_AGENT, ConflictKind.NO_WAYPOINTS]
+    assert [c.kind for c in editor.conflicts()] == [
+        ConflictKind.NO_AGENT,
+        ConflictKind.NO_WAYPOINTS,
+    ]
     editor.do(SetProperty(id=path, key="agent", value=editor.add("agent", "a")))
     editor.insert_waypoint(path)
     assert editor.conflicts() == ()

@@ -22,7 +22,9 @@ def test_after_any_edits_whoever_is_held_knows_by_whom_and_waypoints_go_by_time(
     editor, _ = editing.edited(np.random.default_rng(seed))
     scene = editor.scene
     assert {thing.id for thing in scene.walk()} == scene.objects.keys()
-    assert all(scene.objects[i].parent == holder for holder, held in scene.children.items() for i in held)
+    assert all(
+        scene.objects[i].parent == holder for holder, held in scene.children.items() for i in held
+    )
     assert max(scene.objects) < scene.next_id
     for path in scene.all_of(TrajectoryObject):
         times = [scene.objects[i].time_ns for i in scene.held_by(path.id)]
@@ -189,21 +191,36 @@ def test_refusals_name_place_given_and_allowed(planned):
     assert refusal(editor, commands.SetProperty(id=agent, key="radius_m", value=-1)) == (
         f"agent {agent} (go2), radius_m: given -1, allowed: a finite number above zero"
     )
-    assert "radius_m or speed_m_s" in refusal(editor, commands.SetProperty(id=agent, key="colour", value="red"))
+    assert "radius_m or speed_m_s" in refusal(
+        editor, commands.SetProperty(id=agent, key="colour", value="red")
+    )
     itself = commands.SetProperty(id=path, key="agent", value=path)
     assert "an agent in the scene, or none" in refusal(editor, itself)
     other = editor.add("trajectory", "other")
-    assert f"drives {path}" in refusal(editor, commands.SetProperty(id=other, key="agent", value=agent))
+    assert f"drives {path}" in refusal(
+        editor, commands.SetProperty(id=other, key="agent", value=agent)
+    )
     assert "the id of a trajectory" in refusal(editor, commands.Move(id=points[0], parent=hall))
     assert "the id of a group" in refusal(editor, commands.Move(id=inner, parent=agent))
-    assert "metres within" in refusal(editor, commands.SetPose(id=agent, pose=Pose.at((1e7, 0.0, 0.0))))
+    assert "metres within" in refusal(
+        editor, commands.SetPose(id=agent, pose=Pose.at((1e7, 0.0, 0.0)))
+    )
     nothing = f"trajectory {other} (other), limits: nothing is given"
     assert refusal(editor, commands.Retime(id=other)).startswith(nothing)
     assert "the id of an object in the scene" in refusal(editor, commands.Remove(ids=(999,)))
     before = editor.scene
-    wrong_second = (commands.Rename(id=agent, name="first"), commands.Rename(id=agent, name="two\nlines"))
-    assert "printable" in refusal(editor, commands.Several(commands=wrong_second, label="Rename twice"))
-    wrong = ((agent, "radius_m", math.nan), (agent, "radius_m", "wide"), (agent, "yaw_rate_rad_s", math.inf))
+    wrong_second = (
+        commands.Rename(id=agent, name="first"),
+        commands.Rename(id=agent, name="two\nlines"),
+    )
+    assert "printable" in refusal(
+        editor, commands.Several(commands=wrong_second, label="Rename twice")
+    )
+    wrong = (
+        (agent, "radius_m", math.nan),
+        (agent, "radius_m", "wide"),
+        (agent, "yaw_rate_rad_s", math.inf),
+    )
     for id_, key, value in (*wrong, (path, "agent", 99)):
         assert "allowed" in refusal(editor, commands.SetProperty(id=id_, key=key, value=value))
     for value in ({"kind": "cone"}, {"kind": "cylinder", "radius_m": 1.0}, 7):
@@ -212,7 +229,9 @@ def test_refusals_name_place_given_and_allowed(planned):
     assert editor.scene is before
     used = editor.add("group", "gone")
     editor.remove(used)
-    assert "never used before" in refusal(editor, commands.Add(objects=(Group(id=used, name="again"),)))
+    assert "never used before" in refusal(
+        editor, commands.Add(objects=(Group(id=used, name="again"),))
+    )
 
 
 def test_listeners_hear_what_changed_and_then_no_more(planned):

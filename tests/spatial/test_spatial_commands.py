@@ -53,7 +53,10 @@ def test_the_offset_is_printed_as_yaml_that_a_mapping_takes(calibration):
     printed = called("mocap", "offset", calibration, "--object", "Go2 Body", *FRAMES)
     mapping = read_mapping(yaml.safe_dump({"world": "map", "objects": yaml.safe_load(printed)}))
     mapped = mapping.objects["Go2 Body"]
-    assert (mapped.via, mapped.offset.same_as(OFFSET, within_m=0.003, within_rad=0.005)) == ("go2/base", True)
+    assert (mapped.via, mapped.offset.same_as(OFFSET, within_m=0.003, within_rad=0.005)) == (
+        "go2/base",
+        True,
+    )
     assert "160 moments" in printed
     assert printed.count("standard deviations") == 2
 
@@ -74,7 +77,10 @@ def logged(path, *edges):
 
 def test_a_sound_tree_passes_the_lint_and_a_broken_one_is_told_and_fails(tmp_path):
     good = logged(tmp_path / "good.mcap", ("map", "go2/base"), ("go2/base", "go2/markers"))
-    assert called("frames", "lint", good, "--root", "map", "--agents", "go2") == "3 frames, 0 findings\n"
+    assert (
+        called("frames", "lint", good, "--root", "map", "--agents", "go2")
+        == "3 frames, 0 findings\n"
+    )
     bad = logged(tmp_path / "bad.mcap", ("map", "go2_markers"), ("go2/base", "go2/markers"))
     printed = called("frames", "lint", bad, "--root", "map", "--agents", "go2", status=1)
     assert "second-root" in printed
@@ -87,7 +93,9 @@ def test_live_the_bridge_ends_after_its_time_and_reports(domain_id):
     printed = called("mocap", "run", EXAMPLE, "--synthetic", *options)
     assert "ready, status on /global/mocap_status" in printed
     assert re.search(r"agent_x/markers -> nothing yet: (tracked|absent), 0 published", printed)
-    assert "3 frames" not in called("frames", "lint", "--domain", str(domain_id), "--listen", "0.2", status=1)
+    assert "3 frames" not in called(
+        "frames", "lint", "--domain", str(domain_id), "--listen", "0.2", status=1
+    )
 
 
 @pytest.mark.live
@@ -105,12 +113,16 @@ HALL = str(Path(__file__).parents[2] / "data" / "scenes" / "hall.yaml")
 def start(*words):
     code = "import sys; from sfglab.cli import main; sys.argv[0] = 'sfglab'; main()"
     pipe = subprocess.PIPE
-    return subprocess.Popen([sys.executable, "-c", code, "follow", *words], stdout=pipe, stderr=pipe, text=True)
+    return subprocess.Popen(
+        [sys.executable, "-c", code, "follow", *words], stdout=pipe, stderr=pipe, text=True
+    )
 
 
 @pytest.mark.live
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGHUP])
-def test_ctrl_c_and_a_lost_terminal_stop_the_agent_and_the_command_ends_when_it_stands(domain_id, number):
+def test_ctrl_c_and_a_lost_terminal_stop_the_agent_and_the_command_ends_when_it_stands(
+    domain_id, number
+):
     address = ("--domain", str(domain_id), "--interface", "lo")
     with start("serve", "--agent", "go2", "--scene", HALL, *address) as server:
         try:
@@ -123,7 +135,9 @@ def test_ctrl_c_and_a_lost_terminal_stop_the_agent_and_the_command_ends_when_it_
                     seen += more
                 sender.send_signal(number)
                 said, _ = sender.communicate(timeout=60)
-                assert said.startswith("go2: canceled: somebody canceled the goal, and the agent braked at (-")
+                assert said.startswith(
+                    "go2: canceled: somebody canceled the goal, and the agent braked at (-"
+                )
                 assert sender.returncode == 130
         finally:
             server.send_signal(signal.SIGINT)
@@ -140,12 +154,18 @@ SOURCE = ("mocap", "run", EXAMPLE, "--domain", "1")
         (SOURCE, "given none, allowed is one of"),
         ((*SOURCE, "--vicon", "h", "--synthetic"), "given --vicon and --synthetic"),
         ((*SOURCE, "--synthetic", "--topic", "Go2 Body=/x"), "given --synthetic and --topic"),
-        ((*SOURCE, "--topic", "nobody=/x"), "'nobody=/x', allowed are agent_x/markers=/topic, Go2 Body"),
+        (
+            (*SOURCE, "--topic", "nobody=/x"),
+            "'nobody=/x', allowed are agent_x/markers=/topic, Go2 Body",
+        ),
         ((*SOURCE, "--log", "x.mcap"), "--log: given without --topic"),
         (("frames", "lint"), "allowed is a log or --domain"),
         (("follow", "run", HALL, "--agent", "spot"), "given 'spot', allowed: .* go2, drone"),
         (("follow", "run", HALL, "--action", "/x"), "--action: given for 2 agents"),
-        (("follow", "serve", "--agent", "spot", "--scene", HALL), "'spot', allowed for .*: go2, drone"),
+        (
+            ("follow", "serve", "--agent", "spot", "--scene", HALL),
+            "'spot', allowed for .*: go2, drone",
+        ),
         (("follow", "serve", "--agent", "Go-2"), "agent"),
     ],
 )

@@ -29,7 +29,9 @@ SPLINE = Interpolation.CATMULL_ROM
 
 
 def line(*points, step_ns=S, interpolation=Interpolation.POLYLINE):
-    return Trajectory.of([(i * step_ns, Pose.at((*p, 0.0))) for i, p in enumerate(points)], interpolation)
+    return Trajectory.of(
+        [(i * step_ns, Pose.at((*p, 0.0))) for i, p in enumerate(points)], interpolation
+    )
 
 
 def test_a_wait_in_a_spline_is_at_rest_and_turning_on_the_spot_turns_at_an_even_rate():
@@ -49,7 +51,9 @@ def test_rates_are_the_derivatives_of_what_is_sampled(trajectory):
     motion, h = motion_of(trajectory), 1e-6
     for start, duration in zip(motion.times_s[:-1], motion.durations_s, strict=True):
         times = start + duration * np.array([0.21, 0.5, 0.83])
-        low, here, high = (sample(trajectory, times + d) for d in (-h * duration, 0.0, h * duration))
+        low, here, high = (
+            sample(trajectory, times + d) for d in (-h * duration, 0.0, h * duration)
+        )
         slope = (high.positions_m - low.positions_m) / (2 * h * duration)
         bend = (high.velocities_m_s - low.velocities_m_s) / (2 * h * duration)
         scale = 1e-4 * max(1.0, here.speeds_m_s.max())
@@ -83,7 +87,9 @@ def test_resampling_a_spline_gives_a_polyline_close_to_it_that_keeps_its_waypoin
     assert set(trajectory.waypoints) <= set(found.waypoints)
     assert found.interpolation is Interpolation.POLYLINE
     times = np.linspace(trajectory.start_ns / S, trajectory.end_ns / S, 999)
-    gap = np.linalg.norm(motion_of(found).positions(times) - motion_of(trajectory).positions(times), axis=1)
+    gap = np.linalg.norm(
+        motion_of(found).positions(times) - motion_of(trajectory).positions(times), axis=1
+    )
     assert gap.max() < 1e-3
     assert np.diff([w.time_ns for w in found.waypoints]).max() == S // 50
 
@@ -93,7 +99,9 @@ def at_times(*times_ns):
 
 
 def from_csv(*lines):
-    return partial(exchange.trajectory_from_csv, "".join(f"{line}\n" for line in lines), file="path.csv")
+    return partial(
+        exchange.trajectory_from_csv, "".join(f"{line}\n" for line in lines), file="path.csv"
+    )
 
 
 HEAD = "time_s,x_m,y_m,z_m,qx,qy,qz,qw"
@@ -103,11 +111,17 @@ HEAD = "time_s,x_m,y_m,z_m,qx,qy,qz,qw"
     ("make", "says"),
     [
         (at_times, "no waypoint"),
-        (lambda: at_times(5, 5), "waypoint 1, time: given 5 ns, allowed: whole nanoseconds above 5"),
+        (
+            lambda: at_times(5, 5),
+            "waypoint 1, time: given 5 ns, allowed: whole nanoseconds above 5",
+        ),
         (lambda: at_times(5, 4), "above 5"),
         (lambda: at_times(-1), "above -1"),
         (lambda: at_times(LATEST_NS + 1), "waypoint 0"),
-        *((partial(Limits, speed_m_s=none), "speed_m_s") for none in (0.0, -1.0, math.nan, math.inf)),
+        *(
+            (partial(Limits, speed_m_s=none), "speed_m_s")
+            for none in (0.0, -1.0, math.nan, math.inf)
+        ),
         *(
             (partial(stretched, at_times(0, S, 9 * S), by), "given")
             for by in (0.0, -1.0, math.nan, math.inf, 1e-12)
@@ -150,9 +164,16 @@ def test_each_limit_names_place_and_value_where_it_is_exceeded_and_none_is_never
     assert (found[Quantity.SPEED].segment, found[Quantity.SPEED].value) == (0, pytest.approx(2.0))
     corner = found[Quantity.ACCELERATION]
     assert (corner.time_s, corner.position_m) == (1.0, (2.0, 0.0, 0.0))
-    assert corner.value == pytest.approx(math.hypot(2.0, 1.0))  # from (2, 0) to (0, 1) m/s in one second
-    assert (found[Quantity.YAW_RATE].segment, found[Quantity.YAW_RATE].value) == (1, pytest.approx(1.5))
-    assert "given 1.5 at 1.000 s, (2.00, 0.00, 0.00) m, segment 1, allowed 1" in str(found[Quantity.YAW_RATE])
+    assert corner.value == pytest.approx(
+        math.hypot(2.0, 1.0)
+    )  # from (2, 0) to (0, 1) m/s in one second
+    assert (found[Quantity.YAW_RATE].segment, found[Quantity.YAW_RATE].value) == (
+        1,
+        pytest.approx(1.5),
+    )
+    assert "given 1.5 at 1.000 s, (2.00, 0.00, 0.00) m, segment 1, allowed 1" in str(
+        found[Quantity.YAW_RATE]
+    )
     assert limit_violations(line((0, 0), (1000, 0)), Limits()) == ()
 
 
@@ -169,7 +190,11 @@ def test_stretching_multiplies_durations_and_keeps_the_start():
 
 
 def test_a_multi_dof_trajectory_says_how_fast_and_for_splines_how_bent():
-    points = [(0, Pose()), (S, Pose.at((2.0, 0.0, 0.0))), (3 * S, Pose.from_yaw((2.0, 2.0, 0.0), 1.0))]
+    points = [
+        (0, Pose()),
+        (S, Pose.at((2.0, 0.0, 0.0))),
+        (3 * S, Pose.from_yaw((2.0, 2.0, 0.0), 1.0)),
+    ]
     line, spline = (Trajectory.of(points, kind) for kind in Interpolation)
     first = exchange.multi_dof_from_trajectory(line, "go2", frame_id="map").points
     assert [p.velocities[0].linear.x for p in first] == pytest.approx([2.0, 0.0, 0.0])
@@ -193,7 +218,9 @@ def test_messages_that_hold_no_trajectory_are_refused_by_place():
     message.points[0].transforms = []
     with pytest.raises(TrajectoryError, match="point 0: given 0 transforms"):
         exchange.trajectory_from_multi_dof(message)
-    message = exchange.path_from_trajectory(Trajectory.of([(0, Pose()), (S, Pose())]), frame_id="map")
+    message = exchange.path_from_trajectory(
+        Trajectory.of([(0, Pose()), (S, Pose())]), frame_id="map"
+    )
     message.poses.reverse()
     with pytest.raises(TrajectoryError, match="waypoint 1, time"):
         exchange.trajectory_from_path(message)

@@ -95,11 +95,15 @@ def test_a_body_without_a_size_is_refused(size):
 
 def test_passing_a_turned_box_is_closest_at_its_corner_and_through_a_body_where_deepest():
     corner = Pose.from_yaw((0.0, 0.0, 0.0), math.pi / 4)
-    found = closest_to_shape(straight((-5.0, 2.0, 0.0), (5.0, 2.0, 0.0)), Box(size_m=(2.0, 2.0, 2.0)), corner)
+    found = closest_to_shape(
+        straight((-5.0, 2.0, 0.0), (5.0, 2.0, 0.0)), Box(size_m=(2.0, 2.0, 2.0)), corner
+    )
     assert found.time_s == pytest.approx(5.0, abs=1e-6)
     assert found.clearance_m == pytest.approx(2.0 - math.sqrt(2.0))
     assert found.position_m == pytest.approx((0.0, 2.0, 0.0), abs=1e-6)
-    found = closest_to_shape(straight((-5.0, 0.5, 0.0), (5.0, 0.5, 0.0)), Sphere(radius_m=2.0), Pose())
+    found = closest_to_shape(
+        straight((-5.0, 0.5, 0.0), (5.0, 0.5, 0.0)), Sphere(radius_m=2.0), Pose()
+    )
     assert found.clearance_m == pytest.approx(-1.5)
     assert found.time_s == pytest.approx(5.0, abs=1e-5)
 

@@ -15,7 +15,9 @@ _yaws = [(0.0, 0.0, math.sin(yaw / 2), math.cos(yaw / 2)) for yaw in (0.0, 0.5, 
 quats = st.sampled_from([*_yaws, *map(tuple, _some.tolist())])
 poses = st.builds(Pose.at, positions, quats)
 both = st.sampled_from(Interpolation)
-steps_ns = st.one_of(st.integers(1_000_000, 10_000_000_000), st.sampled_from([500_000_000, 1_000_000_000]))
+steps_ns = st.one_of(
+    st.integers(1_000_000, 10_000_000_000), st.sampled_from([500_000_000, 1_000_000_000])
+)
 
 
 @st.composite

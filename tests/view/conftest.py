@@ -62,7 +62,10 @@ def make_image():
     def make(array, encoding, *, frame="camera", stamp_ns=5_000_000_000, padding=0):
         message = image_message(array, encoding, header_msg(frame, stamp_ns))
         rows = message.data.reshape(message.height, -1)
-        message.step, message.data = message.step + padding, np.pad(rows, ((0, 0), (0, padding))).reshape(-1)
+        message.step, message.data = (
+            message.step + padding,
+            np.pad(rows, ((0, 0), (0, padding))).reshape(-1),
+        )
         return message
 
     return make

@@ -44,7 +44,12 @@ def cloud(records, *, row_step=None, height=1):
     field = message_type("sensor_msgs/msg/PointField")
     numbers = {"f4": 7, "u4": 6, "u2": 4, "f8": 8}
     fields = [
-        field(name=n, offset=records.dtype.fields[n][1], datatype=numbers[records.dtype[n].str[1:]], count=1)
+        field(
+            name=n,
+            offset=records.dtype.fields[n][1],
+            datatype=numbers[records.dtype[n].str[1:]],
+            count=1,
+        )
         for n in records.dtype.names
     ]
     shape = {"height": height, "width": len(records) // height}

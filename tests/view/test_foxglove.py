@@ -51,10 +51,15 @@ async def looked_at(process, domain_id):
         Node("robot", domain_id=domain_id, interface="lo") as node,
         websockets.connect(address, subprotocols=["foxglove.sdk.v1"], max_size=None) as client,
     ):
-        scans, words = node.create_publisher(SCAN, "/scan"), node.create_publisher(WORD, "/word", qos=LATCHED)
+        scans, words = (
+            node.create_publisher(SCAN, "/scan"),
+            node.create_publisher(WORD, "/word", qos=LATCHED),
+        )
         words.publish(default_message(WORD, data="said before"))
         channels = await advertised(client, "/scan", "/word")
-        assert (scans.get_subscription_count(), words.get_subscription_count()) == (0, 0), "nobody looks yet"
+        assert (scans.get_subscription_count(), words.get_subscription_count()) == (0, 0), (
+            "nobody looks yet"
+        )
         numbers = {topic: channels[topic]["id"] for topic in ("/scan", "/word")}
         wanted = [{"id": 10 + i, "channelId": number} for i, number in enumerate(numbers.values())]
         await asyncio.sleep(1)  # the library advertises a channel a moment before it knows it

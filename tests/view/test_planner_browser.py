@@ -37,7 +37,9 @@ def place(planner, browser, point):
     return pixel(eval(CAMERA, {"c": camera}), browser.evaluate(CANVAS), point)  # noqa: S307 - it is our own
 
 
-def test_a_trajectory_is_made_dragged_undone_redone_saved_and_loaded_with_the_mouse(planner, browser):
+def test_a_trajectory_is_made_dragged_undone_redone_saved_and_loaded_with_the_mouse(
+    planner, browser
+):
     file = planner.call(lambda editor: editor.file)
     browser.open(planner.url)
     browser.press("trajectory")

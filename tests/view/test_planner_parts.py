@@ -39,7 +39,12 @@ def editor():
     agent = made.add("agent", "dog", parent=made.add("group", "team"), speed_m_s=1.25)
     path = Trajectory.of([(0, Pose()), (2_000_000_000, Pose(position_m=(2.0, 0.0, 0.0)))])
     made.add_trajectory(path, "walk", agent=agent)
-    made.add("obstacle", "box", shape=Box(size_m=(1.0, 2.0, 3.0)), pose=Pose.from_yaw((1 / 3, 1, 0.1), 0.3))
+    made.add(
+        "obstacle",
+        "box",
+        shape=Box(size_m=(1.0, 2.0, 3.0)),
+        pose=Pose.from_yaw((1 / 3, 1, 0.1), 0.3),
+    )
     made.add("zone", "keep out", shape=Cylinder(radius_m=0.5, height_m=2.0))
     return made
 
@@ -98,7 +103,9 @@ def test_typing_one_coordinate_leaves_the_others_and_a_value_that_is_not_allowed
     assert editor.scene is before
 
 
-def test_a_limit_is_switched_on_and_off_sizes_and_drivers_are_typed_and_another_form_is_about_as_large(editor):
+def test_a_limit_is_switched_on_and_off_sizes_and_drivers_are_typed_and_another_form_is_about_as_large(
+    editor,
+):
     assert not field(editor, 2, "acceleration_m_s2").enabled
     for id_, key, value, made in (
         (2, "acceleration_m_s2?", True, {"acceleration_m_s2": 1.0}),
@@ -174,7 +181,9 @@ def test_a_line_passes_every_waypoint_and_faster_is_brighter(editor):
     "shape", [Box(size_m=(1, 2, 3)), Sphere(radius_m=0.7), Cylinder(radius_m=0.4, height_m=1.5)]
 )
 def test_an_outline_lies_on_its_body(shape):
-    assert np.abs(shape.distances_m(looks.outline_of(shape).reshape(-1, 3).astype(float))).max() < 1e-6
+    assert (
+        np.abs(shape.distances_m(looks.outline_of(shape).reshape(-1, 3).astype(float))).max() < 1e-6
+    )
 
 
 def test_the_camera_sees_an_empty_scene_and_stands_outside_of_a_large_one(editor):
@@ -314,7 +323,9 @@ def test_a_scene_that_cannot_be_checked_is_told_and_the_next_one_is_checked():
             raise ZeroDivisionError
         return ()
 
-    watch = ConflictWatch(lambda scene, _: heard.put(scene.name), heard.put, quiet_s=0.01, check=check)
+    watch = ConflictWatch(
+        lambda scene, _: heard.put(scene.name), heard.put, quiet_s=0.01, check=check
+    )
     watch.look(Scene(name="bad"))
     assert isinstance(heard.get(timeout=60.0), ZeroDivisionError)
     watch.look(Scene(name="good"))

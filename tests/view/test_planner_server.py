@@ -45,14 +45,31 @@ def planner(tmp_path):
     ],
 )
 @pytest.mark.parametrize("upgrade", [False, True])
-def test_who_knows_the_token_and_comes_from_its_own_page_is_served(planner, path, headers, status, upgrade):
+def test_who_knows_the_token_and_comes_from_its_own_page_is_served(
+    planner, path, headers, status, upgrade
+):
     values = {"token": planner._guard.token, "host": f"127.0.0.1:{planner._server.get_port()}"}
     with socket.create_connection(("127.0.0.1", planner._server.get_port())) as asking:
-        given = {"Host": values["host"], **{key: value.format_map(values) for key, value in headers.items()}}
+        given = {
+            "Host": values["host"],
+            **{key: value.format_map(values) for key, value in headers.items()},
+        }
         if upgrade:
-            given |= {"Upgrade": "websocket", "Connection": "Upgrade", "Sec-WebSocket-Version": "13"}
-            given |= {"Sec-WebSocket-Key": "AAAAAAAAAAAAAAAAAAAAAA==", "Sec-WebSocket-Protocol": "viser-v0"}
-        lines = [f"GET /{path.format_map(values)} HTTP/1.1", *(f"{key}: {given[key]}" for key in given), "", ""]
+            given |= {
+                "Upgrade": "websocket",
+                "Connection": "Upgrade",
+                "Sec-WebSocket-Version": "13",
+            }
+            given |= {
+                "Sec-WebSocket-Key": "AAAAAAAAAAAAAAAAAAAAAA==",
+                "Sec-WebSocket-Protocol": "viser-v0",
+            }
+        lines = [
+            f"GET /{path.format_map(values)} HTTP/1.1",
+            *(f"{key}: {given[key]}" for key in given),
+            "",
+            "",
+        ]
         asking.sendall("\r\n".join(lines).encode())
         answer = asking.recv(1000).split(b" ")[1]
     assert int(answer) == (101 if upgrade and status == 200 else status)
@@ -73,7 +90,9 @@ def clicked(part):
 def dragged(planner, phase, position=(0.0, 0.0, 0.0)):
     gizmo = planner._viewport._gizmo._handle
     target = SimpleNamespace(wxyz=(1.0, 0.0, 0.0, 0.0), position=position)
-    asyncio.run(gizmo._impl_aux.update_cb[0](SimpleNamespace(client_id=1, phase=phase, target=target)))
+    asyncio.run(
+        gizmo._impl_aux.update_cb[0](SimpleNamespace(client_id=1, phase=phase, target=target))
+    )
 
 
 def test_a_drag_is_one_step_and_leaves_the_gizmo_where_the_object_is(planner):
@@ -95,7 +114,10 @@ def test_a_drag_that_another_selection_ends_does_not_swallow_later_edits(planner
     planner.call(lambda e: e.select(2))
     planner.call(lambda e: e.do(Rename(id=1, name="cat")))
     planner.call(Editor.undo)
-    assert planner.call(lambda e: (e.scene.get(1).name, e.scene.get(1).pose.position_m)) == ("dog", (1.0, 0, 0))
+    assert planner.call(lambda e: (e.scene.get(1).name, e.scene.get(1).pose.position_m)) == (
+        "dog",
+        (1.0, 0, 0),
+    )
 
 
 def test_numbers_typed_key_by_key_are_one_edit(planner):
@@ -229,7 +251,9 @@ def test_the_command_ends_at_ctrl_c_says_nothing_of_a_saved_scene_and_leaves_the
     assert scene_text(load_scene(file)) == file.read_text()
 
 
-def test_what_was_not_saved_at_ctrl_c_is_said_in_one_line_and_the_file_stays_as_it_was(tmp_path, monkeypatch):
+def test_what_was_not_saved_at_ctrl_c_is_said_in_one_line_and_the_file_stays_as_it_was(
+    tmp_path, monkeypatch
+):
     from typer.testing import CliRunner
 
     from sfglab.cli import app

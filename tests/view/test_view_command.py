@@ -20,7 +20,9 @@ pytest.importorskip("rerun", reason="the extra 'view' is not installed")
 COMMAND = (sys.executable, "-m", "sfglab", "view")
 
 
-def test_a_log_becomes_a_recording_of_every_message_and_what_was_shown_is_told(tmp_path, pytestconfig):
+def test_a_log_becomes_a_recording_of_every_message_and_what_was_shown_is_told(
+    tmp_path, pytestconfig
+):
     """One robot of the hallway: scans, poses and walls."""
     log, out = pytestconfig.rootpath / "data/reference/cooperation.mcap", tmp_path / "a.rrd"
     said = called("view", str(log), "--to", str(out), "--topic", "/failure/robot1").splitlines()
@@ -38,8 +40,12 @@ def test_a_log_becomes_a_recording_of_every_message_and_what_was_shown_is_told(t
 
 @pytest.mark.live
 def test_without_a_display_it_says_how_to_serve_instead():
-    headless = {name: at for name, at in os.environ.items() if name not in ("DISPLAY", "WAYLAND_DISPLAY")}
-    done = subprocess.run(COMMAND, capture_output=True, text=True, env=headless, check=False, timeout=60)
+    headless = {
+        name: at for name, at in os.environ.items() if name not in ("DISPLAY", "WAYLAND_DISPLAY")
+    }
+    done = subprocess.run(
+        COMMAND, capture_output=True, text=True, env=headless, check=False, timeout=60
+    )
     assert done.returncode == 1
     assert done.stdout == ""
     (line,) = done.stderr.splitlines()
@@ -50,7 +56,9 @@ def test_without_a_display_it_says_how_to_serve_instead():
 @pytest.mark.live
 def test_a_log_is_served_until_ctrl_c(pytestconfig):
     log, port = pytestconfig.rootpath / "data/reference/cooperation.mcap", free_port()
-    with at_work("view", log, "--topic", "/failure/robot1/pose", "--to", f"serve:{port}") as process:
+    with at_work(
+        "view", log, "--topic", "/failure/robot1/pose", "--to", f"serve:{port}"
+    ) as process:
         said = [process.stdout.readline() for _ in range(3)]
         with closing(socket.create_connection(("127.0.0.1", port), timeout=60)):
             pass
@@ -60,7 +68,9 @@ def test_a_log_is_served_until_ctrl_c(pytestconfig):
 
 
 @pytest.mark.live
-def test_it_shows_what_another_process_sends_until_ctrl_c_and_the_file_is_whole(tmp_path, domain_id):
+def test_it_shows_what_another_process_sends_until_ctrl_c_and_the_file_is_whole(
+    tmp_path, domain_id
+):
     out = tmp_path / "live.rrd"
 
     async def beat_until_shown(process):

@@ -101,7 +101,9 @@ def test_a_queue_of_one_shows_the_latest_and_says_how_many_were_passed_over():
 
 
 def test_topics_of_the_schema_stand_below_their_agent_and_others_keep_their_names():
-    topic = str(RosFqnBuilder().scope(Scope.GLOBAL).agent("go2").resource(Resource.BATTERY_STATE).build())
+    topic = str(
+        RosFqnBuilder().scope(Scope.GLOBAL).agent("go2").resource(Resource.BATTERY_STATE).build()
+    )
     assert entity_of_topic(topic) == "/agents/go2/global/battery_state"
     assert entity_of_topic("/local/go2/imu/imu") == "/agents/go2/local/imu/imu"
     assert entity_of_topic("/global/agent_heartbeat") == "/global/agent_heartbeat"
@@ -187,13 +189,18 @@ def test_what_is_requested_matches_the_weakest_offer_and_serves_the_most_demandi
     assert weakened.durability is Durability.VOLATILE
     assert requested(DEFAULT, []) == DEFAULT
     shared = strongest([SENSOR_DATA, LATCHED, COMPRESSED_STREAM])
-    assert (shared.reliability, shared.durability) == (Reliability.RELIABLE, Durability.TRANSIENT_LOCAL)
+    assert (shared.reliability, shared.durability) == (
+        Reliability.RELIABLE,
+        Durability.TRANSIENT_LOCAL,
+    )
     assert shared.depth == COMPRESSED_STREAM.depth
     assert strongest([SENSOR_DATA]) == SENSOR_DATA
 
 
 def beat(links, agent, now_ns, **changed):
-    links.heard(agent, now_ns=now_ns, **{"incarnation": 1, "period_s": 1.0, "is_starting": False, **changed})
+    links.heard(
+        agent, now_ns=now_ns, **{"incarnation": 1, "period_s": 1.0, "is_starting": False, **changed}
+    )
 
 
 def test_an_agent_lives_by_its_last_heartbeats_age_or_a_discoverers_word_until_the_next():

@@ -23,7 +23,9 @@ rng = np.random.default_rng(0)
     ],
 )
 @pytest.mark.parametrize("padding", [0, 3])
-def test_pixels_are_what_was_sent_whatever_the_padding(make_image, encoding, dtype, channels, padding):
+def test_pixels_are_what_was_sent_whatever_the_padding(
+    make_image, encoding, dtype, channels, padding
+):
     array = rng.integers(0, 255, (4, 5, channels) if channels > 1 else (4, 5)).astype(dtype)
     assert np.array_equal(geometry.pixels(make_image(array, encoding, padding=padding)), array)
 
@@ -49,7 +51,9 @@ def test_an_image_that_contradicts_itself_is_refused(make_image):
 
 
 def test_depth_is_metres_with_holes_as_nan():
-    assert np.allclose(geometry.depth_in_m(np.array([[1500, 0]], np.uint16)), [[1.5, np.nan]], equal_nan=True)
+    assert np.allclose(
+        geometry.depth_in_m(np.array([[1500, 0]], np.uint16)), [[1.5, np.nan]], equal_nan=True
+    )
 
 
 @given(st.integers(1, 7), st.integers(0, 2**31))
@@ -126,7 +130,9 @@ def test_a_colour_packed_into_a_float_is_the_same_and_colours_run_from_blue_to_r
 
 def test_a_cloud_without_coordinates_or_with_too_little_data_is_refused():
     records = np.zeros(4, np.dtype([("x", "<f4"), ("y", "<f4")]))
-    with pytest.raises(InvalidValueError, match="point cloud, fields: given 'x, y', allowed: x, y, z"):
+    with pytest.raises(
+        InvalidValueError, match="point cloud, fields: given 'x, y', allowed: x, y, z"
+    ):
         geometry.cloud_points(cloud(records))
     message = cloud(np.zeros(4, np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4")])))
     message.data = message.data[:-1]
@@ -141,7 +147,9 @@ def test_the_ellipsoid_of_a_covariance_has_its_axes_and_their_lengths(sigmas, se
     half_sizes, quaternion = geometry.covariance_ellipsoid(covariance)
     axes = Rotation.from_quat(quaternion).as_matrix()
     assert np.allclose(sorted(half_sizes), sorted(sigmas), rtol=1e-4)
-    assert np.allclose(axes @ np.diag(half_sizes**2) @ axes.T, covariance, atol=1e-6 * max(sigmas) ** 2)
+    assert np.allclose(
+        axes @ np.diag(half_sizes**2) @ axes.T, covariance, atol=1e-6 * max(sigmas) ** 2
+    )
 
 
 def test_no_covariance_draws_nothing_and_an_impossible_one_is_refused():

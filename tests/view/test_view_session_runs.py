@@ -62,7 +62,10 @@ class Word(Visualizer):
 
 class Pair(Visualizer):
     name = "pair"
-    inputs = (Input(role="image", type=IMAGE), Input(role="info", type="sensor_msgs/msg/CameraInfo"))
+    inputs = (
+        Input(role="image", type=IMAGE),
+        Input(role="info", type="sensor_msgs/msg/CameraInfo"),
+    )
     sync = Approximate(slop_ns=5)
 
     def show(self, update, canvas):
@@ -89,7 +92,9 @@ def test_the_capture_stamp_is_read_from_the_bytes_and_without_one_is_the_recepti
     assert capture_ns(stamped(IMAGE, "/a", 0, 9)) == 9
     assert capture_ns(said("x", received_ns=9)) == 9
     video = default_message("foxglove_msgs/msg/CompressedVideo", timestamp=stamp_from_ns(3 * S))
-    assert capture_ns(Arrival("/v", "foxglove_msgs/msg/CompressedVideo", 9, serialize(video))) == 3 * S
+    assert (
+        capture_ns(Arrival("/v", "foxglove_msgs/msg/CompressedVideo", 9, serialize(video))) == 3 * S
+    )
     assert capture_ns(Arrival("/v", "foxglove_msgs/msg/CompressedVideo", 9, b"", video)) == 3 * S
 
 
@@ -125,7 +130,9 @@ def test_displays_are_added_tuned_and_removed_while_messages_flow(paper, session
 def test_what_a_plugin_breaks_is_noted_at_its_display_and_hurts_no_other(paper, session):
     first, second = session.add(Word, "/words"), session.add(Word, "/others")
     garbled = Arrival("/words", STRING, 1, b"\0\1\0\0garbage")
-    assert replay([said("crash"), garbled, said("fine"), said("too", "/others")], session, paper) == 4
+    assert (
+        replay([said("crash"), garbled, said("fine"), said("too", "/others")], session, paper) == 4
+    )
     assert first.errors == 2
     assert "not in these 11 bytes of CDR" in first.last_error
     assert (second.errors, [d.what[0] for d in paper.drawn]) == (0, ["fine", "too"])
@@ -161,7 +168,9 @@ def test_while_the_sink_is_slow_one_picture_waits_and_the_others_are_dropped_and
 
 
 def test_a_type_that_only_the_log_knows_is_read_by_the_logs_definition(tmp_path):
-    row = make_dataclass("ViewSpeedRow", [("speed_m_s", float)], frozen=True, slots=True, kw_only=True)
+    row = make_dataclass(
+        "ViewSpeedRow", [("speed_m_s", float)], frozen=True, slots=True, kw_only=True
+    )
     path = tmp_path / "own.mcap"
     with LogWriter(path) as log:
         log.write_row("speed", row(speed_m_s=2.5), log_time_ns=7)
@@ -185,7 +194,9 @@ def test_a_log_or_a_place_that_is_none_is_one_clear_sentence(tmp_path):
         pass
     pytest.importorskip("rerun", reason="the extra 'view' is not installed")
     for place in ("a.mcap", "serve:x"):
-        with pytest.raises(InvalidValueError, match=f"to: given '{place}', allowed: <path>.rrd, viewer"):
+        with pytest.raises(
+            InvalidValueError, match=f"to: given '{place}', allowed: <path>.rrd, viewer"
+        ):
             open_canvas([place])
     with pytest.raises(SinkError, match="there is no directory"):
         open_canvas([str(tmp_path / "gone" / "a.rrd")])
@@ -202,9 +213,13 @@ def test_what_a_package_ships_that_is_no_visualizer_is_told(tmp_path):
         assert any(wrong in told and why in told for told in broken)
 
 
-def test_without_rerun_there_is_one_sentence_and_importing_the_view_loads_nothing_heavy(monkeypatch):
+def test_without_rerun_there_is_one_sentence_and_importing_the_view_loads_nothing_heavy(
+    monkeypatch,
+):
     monkeypatch.setitem(sys.modules, "rerun", None)
-    with pytest.raises(MissingExtraError, match=r"the view needs 'rerun', .*: pip install 'sfglab\[view\]'"):
+    with pytest.raises(
+        MissingExtraError, match=r"the view needs 'rerun', .*: pip install 'sfglab\[view\]'"
+    ):
         open_canvas(["a.rrd"])
     assert Session().add("image", "/a").visualizer.name == "image"
     heavy = {"rerun", "ipywidgets", "cv2", "scipy"}
@@ -216,9 +231,15 @@ def test_a_log_is_thinned_by_the_budgets_where_that_is_asked_for(tmp_path, make_
     pytest.importorskip("rerun", reason="the extra 'view' is not installed")
     with LogWriter(tmp_path / "a.mcap") as log:
         for number in range(100):
-            log.write("/image", make_image(np.zeros((2, 3), np.uint8), "mono8"), log_time_ns=number * S // 100)
+            log.write(
+                "/image",
+                make_image(np.zeros((2, 3), np.uint8), "mono8"),
+                log_time_ns=number * S // 100,
+            )
     for thin, shown in ((False, 100), (True, 30)):
-        (report,) = view_log(tmp_path / "a.mcap", ViewOptions(to=(str(tmp_path / "a.rrd"),), thin=thin))
+        (report,) = view_log(
+            tmp_path / "a.mcap", ViewOptions(to=(str(tmp_path / "a.rrd"),), thin=thin)
+        )
         assert (report.shown, report.dropped) == (shown, 100 - shown)
 
 
@@ -258,7 +279,11 @@ def test_silence_in_a_log_is_seen_when_it_begins_and_not_when_the_next_message_c
     session, topic = Session(), "/global/agent_heartbeat"
     session.add("communication", topic)
     beats = (("go2", 0), ("go2", S), ("pi1", 20 * S))
-    replay([Arrival(topic, BEAT, ns, serialize(heartbeat(agent))) for agent, ns in beats], session, paper)
+    replay(
+        [Arrival(topic, BEAT, ns, serialize(heartbeat(agent))) for agent, ns in beats],
+        session,
+        paper,
+    )
     said_ = [d for d in paper.at_entity("/agents/go2/communication/life") if not d.static]
     assert len(said_) == 3  # alive, late, lost
     assert said_[1].time[1] == pytest.approx(2.5 * S, abs=0.3 * S)
@@ -282,7 +307,10 @@ def test_an_interrupted_replay_leaves_a_whole_file(tmp_path):
     session.add(Interrupting, "/words")
     with pytest.raises(KeyboardInterrupt):
         view_log(tmp_path / "words.mcap", ViewOptions(to=(str(out),)), session=session)
-    assert [s.content for s in read_recording(out)["/words", "TextLog:text"]] == [["word 0"], ["word 1"]]
+    assert [s.content for s in read_recording(out)["/words", "TextLog:text"]] == [
+        ["word 0"],
+        ["word 1"],
+    ]
 
 
 class Recording:
@@ -329,7 +357,9 @@ def test_a_port_that_is_taken_is_said_at_once():
     with closing(socket.socket()) as taken:
         taken.bind(("127.0.0.1", 0))
         taken.listen()
-        with pytest.raises(SinkError, match=r"serve:\d+ cannot be opened: .*Address already in use"):
+        with pytest.raises(
+            SinkError, match=r"serve:\d+ cannot be opened: .*Address already in use"
+        ):
             open_canvas([f"serve:{taken.getsockname()[1]}"])
 
 
@@ -383,7 +413,9 @@ def test_every_request_of_the_viewers_program_passes_the_one_that_refuses_the_ne
     program = (cell._files() / cell.PROGRAM).read_text("utf-8")
     calls = re.findall(r"[^\n]*[^\w.\"/](?:\w+\.)?fetch\([^\n]*", program)
     others = [line for line in calls if not re.search(r"= (?:arg0\.)?fetch\(", line)]
-    assert [line.strip() for line in others] == ["const response = await fetch(url);"]  # the viewer itself
+    assert [line.strip() for line in others] == [
+        "const response = await fetch(url);"
+    ]  # the viewer itself
     assert not re.search(r"new (XMLHttpRequest|WebSocket|EventSource|Worker)\(", program)
     assert program.count('new URL("./re_viewer_bg.wasm", import.meta.url)') == 1
 
@@ -412,7 +444,9 @@ async def test_the_bridge_shows_what_is_published_and_follows_new_topics(
 
 
 @pytest.mark.live
-async def test_a_topic_or_type_that_cannot_be_is_noted_at_its_display_and_others_go_on(here, paper, session):
+async def test_a_topic_or_type_that_cannot_be_is_noted_at_its_display_and_others_go_on(
+    here, paper, session
+):
     class Unknown(Word):
         name = "unknown"
         inputs = (Input(role="text", type="nobody_msgs/msg/Nothing"),)
@@ -479,7 +513,9 @@ def test_the_panel_is_the_session_as_widgets_which_are_found_by_display_and_para
     assert "opacity: given 7.0" in said_.value
     panel.parameter(display.id, "opacity").value = 0.25
     assert display.visualizer.settings["opacity"] == 0.25
-    with pytest.raises(InvalidValueError, match="parameter: given 'speed', allowed: depth_max_m, opacity"):
+    with pytest.raises(
+        InvalidValueError, match="parameter: given 'speed', allowed: depth_max_m, opacity"
+    ):
         panel.parameter(display.id, "speed")
     head.children[2].value = 5.0
     assert display.slot.budget.max_hz == 5.0

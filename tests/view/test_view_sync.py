@@ -118,7 +118,9 @@ def test_one_topic_alone_needs_no_partner(policy):
 
 
 @pytest.mark.parametrize("policy", [Exact(), Approximate(slop_ns=10)])
-def test_a_calibration_that_was_published_once_holds_and_pictures_still_match_by_their_stamps(policy):
+def test_a_calibration_that_was_published_once_holds_and_pictures_still_match_by_their_stamps(
+    policy,
+):
     sync = synchronizer(policy, ("depth", "info", "color"), steady=("info",))
     sync.offer("info", 3, "once")
     found = []
@@ -126,7 +128,9 @@ def test_a_calibration_that_was_published_once_holds_and_pictures_still_match_by
         found += sync.offer("color", stamp + 50 * (stamp == 1900), stamp)
         found += sync.offer("depth", stamp, stamp)
     shown = [tuple(item for _, item in matched.items.values()) for matched in found]
-    expected = [(stamp, "once", stamp) for stamp in range(100 * (PATIENCE + 2), 2100, 100) if stamp != 1900]
+    expected = [
+        (stamp, "once", stamp) for stamp in range(100 * (PATIENCE + 2), 2100, 100) if stamp != 1900
+    ]
     assert shown == expected
     assert {matched.items["info"] for matched in found} == {(3, "once")}
 

@@ -37,7 +37,10 @@ S = 1_000_000_000
 
 def made(kind, topics=None, **settings):
     cls = find(kind)
-    return cls(topics or {given.role: f"/{given.role}" for given in cls.inputs if not given.optional}, settings)
+    return cls(
+        topics or {given.role: f"/{given.role}" for given in cls.inputs if not given.optional},
+        settings,
+    )
 
 
 def values(drawn, component):
@@ -50,12 +53,16 @@ def values(drawn, component):
 
 
 def coded(fields, type_name="sensor_msgs/msg/CompressedImage"):
-    return default_message(type_name, format=fields.format, data=np.frombuffer(fields.data, np.uint8))
+    return default_message(
+        type_name, format=fields.format, data=np.frombuffer(fields.data, np.uint8)
+    )
 
 
 def moved(parent, child, stamp_ns=0, x=0.0):
     header = header_msg(parent, stamp_ns)
-    transform = default_message("geometry_msgs/msg/TransformStamped", header=header, child_frame_id=child)
+    transform = default_message(
+        "geometry_msgs/msg/TransformStamped", header=header, child_frame_id=child
+    )
     transform.transform.translation.x = x
     return transform  # its quaternion of all zeros is no rotation
 
@@ -113,7 +120,9 @@ def test_an_unknown_picture_format_is_said(paper, update):
 def packets(count=8):
     settings = replace(TABLE_2, encoder="libx264", width=128, height=64, gop=4)
     encoder = H264Encoder(settings)
-    return settings, [f for i in range(count) for f in encoder.encode(np.full((64, 128, 3), 20 * i, np.uint8))]
+    return settings, [
+        f for i in range(count) for f in encoder.encode(np.full((64, 128, 3), 20 * i, np.uint8))
+    ]
 
 
 def ffmpeg_message(frame, settings):
@@ -138,7 +147,9 @@ def test_foxglove_video_starts_with_a_key_frame_and_waits_for_one_after_a_drop(p
     _, frames = packets()
     visualizer = made("compressed_video")
     for frame in frames[1:]:  # begins in the middle of a group
-        message = coded(SimpleNamespace(format="h264", data=frame.data), "foxglove_msgs/msg/CompressedVideo")
+        message = coded(
+            SimpleNamespace(format="h264", data=frame.data), "foxglove_msgs/msg/CompressedVideo"
+        )
         visualizer.show(update(video=message, lost=1 if frame.pts == 6 else 0), paper)
     assert len([d for d in paper.drawn if not d.static]) == 2  # frames 4 and 5
     assert [has_key_frame(f.data, "h264") for f in frames] == [f.is_key for f in frames]
@@ -186,7 +197,10 @@ def test_points_take_the_colours_of_a_registered_picture(paper, update, make_ima
     picture = np.zeros((4, 6, 3), np.uint8)
     picture[..., 0] = 200  # blue, in bgr8
     topics = {"depth": "/depth", "info": "/info", "color": "/color"}
-    depth, color = make_image(np.full((4, 6), 1.0, np.float32), "32FC1"), make_image(picture, "bgr8")
+    depth, color = (
+        make_image(np.full((4, 6), 1.0, np.float32), "32FC1"),
+        make_image(picture, "bgr8"),
+    )
     shown = update(depth=depth, info=CAMERA_INFO, color=color)
     made("depth_cloud", topics, decimation=1).show(shown, paper)
     assert set(values(paper.at_entity("/depth/cloud")[0], "colors")) == {0x0000C8FF}
@@ -195,7 +209,9 @@ def test_points_take_the_colours_of_a_registered_picture(paper, update, make_ima
 
 def test_transforms_stand_at_their_frames_with_their_own_times(tmp_path, update):
     path, message = tmp_path / "tf.rrd", default_message("tf2_msgs/msg/TFMessage")
-    for number, (parent, child) in enumerate([("map", "go2/base"), ("go2/base", "go2/camera")], start=1):
+    for number, (parent, child) in enumerate(
+        [("map", "go2/base"), ("go2/base", "go2/camera")], start=1
+    ):
         message.transforms.append(moved(parent, child, number * S, float(number)))
     with closing(open_canvas([str(path)])) as canvas:
         canvas.at(stamp_ns=9, received_ns=9)
@@ -230,7 +246,9 @@ def test_a_pose_is_its_three_axes(paper, update):
     message = default_message("geometry_msgs/msg/PoseStamped")
     message.pose = Pose.at((1, 2, 3), (0, 0, 1, 1)).to_pose_msg()  # 90 degrees about z
     made("pose", axis_length_m=2.0).show(update(pose=message), paper)
-    assert np.allclose(values(paper.drawn[0], "vectors"), [[0, 2, 0], [-2, 0, 0], [0, 0, 2]], atol=1e-6)
+    assert np.allclose(
+        values(paper.drawn[0], "vectors"), [[0, 2, 0], [-2, 0, 0], [0, 0, 2]], atol=1e-6
+    )
     assert np.allclose(values(paper.drawn[0], "origins"), [[1, 2, 3]] * 3)
     message.pose.position.x = float("nan")
     with pytest.raises(InvalidValueError, match="pose: given"):
@@ -271,7 +289,9 @@ def test_an_inertial_measurement_is_six_curves(paper, update):
 
 
 def marker(type_, id_=0, *, points=(), scale=(1.0, 1.0, 1.0), lifetime_ns=0, action=0):
-    message = default_message("visualization_msgs/msg/Marker", header=header_msg("map", 0), ns="walls", id=id_)
+    message = default_message(
+        "visualization_msgs/msg/Marker", header=header_msg("map", 0), ns="walls", id=id_
+    )
     message.type, message.action, message.text = type_, action, "hello"
     message.scale.x, message.scale.y, message.scale.z = scale
     message.color.a = 1.0
@@ -289,9 +309,18 @@ TRIANGLE = [(0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)]
     [
         *((0, (), "Arrows3D"), (0, TRIANGLE[:2], "Arrows3D")),
         *((1, (), "Boxes3D"), (2, (), "Ellipsoids3D"), (3, (), "Cylinders3D")),
-        *((4, (), "LineStrips3D"), (4, TRIANGLE, "LineStrips3D"), (5, TRIANGLE[:2] * 2, "LineStrips3D")),
+        *(
+            (4, (), "LineStrips3D"),
+            (4, TRIANGLE, "LineStrips3D"),
+            (5, TRIANGLE[:2] * 2, "LineStrips3D"),
+        ),
         *((6, (), "Boxes3D"), (6, TRIANGLE, "Boxes3D"), (7, TRIANGLE, "Ellipsoids3D")),
-        *((8, (), "Points3D"), (8, TRIANGLE, "Points3D"), (9, (), "Points3D"), (11, TRIANGLE, "Mesh3D")),
+        *(
+            (8, (), "Points3D"),
+            (8, TRIANGLE, "Points3D"),
+            (9, (), "Points3D"),
+            (11, TRIANGLE, "Mesh3D"),
+        ),
     ],
 )
 def test_every_common_marker_is_drawn(paper, update, type_, points, kind):
@@ -303,8 +332,12 @@ def test_every_common_marker_is_drawn(paper, update, type_, points, kind):
 def test_a_markers_points_are_moved_by_its_pose_and_a_triangles_scaled_before(paper, update):
     made("marker").show(update(marker=marker(8, points=TRIANGLE)), paper)
     made("marker").show(update(marker=marker(11, 1, points=TRIANGLE, scale=(2.0, 1.0, 1.0))), paper)
-    assert np.allclose(values(paper.drawn[0], "positions"), [[1, 0, 0], [1, 1, 0], [0, 0, 0]], atol=1e-6)
-    assert np.allclose(values(paper.drawn[1], "vertex_positions"), [[1, 0, 0], [1, 2, 0], [0, 0, 0]], atol=1e-6)
+    assert np.allclose(
+        values(paper.drawn[0], "positions"), [[1, 0, 0], [1, 1, 0], [0, 0, 0]], atol=1e-6
+    )
+    assert np.allclose(
+        values(paper.drawn[1], "vertex_positions"), [[1, 0, 0], [1, 2, 0], [0, 0, 0]], atol=1e-6
+    )
 
 
 def test_markers_go_when_they_are_told_to_and_when_their_time_is_over(paper, update):
@@ -336,7 +369,9 @@ def test_a_flood_of_markers_pushes_the_oldest_out(paper, update):
 def test_one_bad_marker_does_not_keep_the_others_of_its_array_back(paper, update):
     markers = [marker(1, 1), marker(10, 2), marker(1, 3)]
     array = default_message("visualization_msgs/msg/MarkerArray", markers=markers)
-    with pytest.raises(InvalidValueError, match=r"marker type: given 10, .*; meshes are not loaded"):
+    with pytest.raises(
+        InvalidValueError, match=r"marker type: given 10, .*; meshes are not loaded"
+    ):
         made("marker_array").show(update(markers=array), paper)
     assert set(paper.frames) == {"/markers/walls/1", "/markers/walls/3"}
 
@@ -344,7 +379,9 @@ def test_one_bad_marker_does_not_keep_the_others_of_its_array_back(paper, update
 def test_communication_is_drawn_over_the_agents(paper, update):
     visualizer = made("communication", frame="{agent}/base_link")
     topic = "/local/go2/camera_front/color/image_raw"
-    decoded = EndpointInfo(kind=EndpointKind.PUBLISHER, topic=topic, type="x", gid=b"g", qos=DEFAULT)
+    decoded = EndpointInfo(
+        kind=EndpointKind.PUBLISHER, topic=topic, type="x", gid=b"g", qos=DEFAULT
+    )
     visualizer.show(update(heartbeats=heartbeat("go2"), received_ns=10 * S), paper)
     visualizer.observe(EndpointAdded(endpoint=decoded))
     health = {"received": 9, "dropped": 2, "lost": 1}
@@ -357,13 +394,18 @@ def test_communication_is_drawn_over_the_agents(paper, update):
     assert paper.frames[f"{root}/ring"] == "go2/base_link"
     visualizer.observe(EndpointRemoved(endpoint=decoded))
     visualizer.tick(14 * S, paper)
-    assert [values(d, "scalars")[0] for d in paper.at_entity(f"{root}/heartbeat_age_s")] == [0.5, 4.0]
+    assert [values(d, "scalars")[0] for d in paper.at_entity(f"{root}/heartbeat_age_s")] == [
+        0.5,
+        4.0,
+    ]
     said = [values(d, "state") for d in paper.at_entity(f"{root}/life") if not d.static]
     assert said == [["alive"], ["lost"]]
     seen = [values(d, "state") for d in paper.at_entity(f"{root}/decoders") if not d.static]
     assert seen == [["up"], ["down"]]
     visualizer.tick(15 * S, paper)
-    assert len([d for d in paper.at_entity(f"{root}/life") if not d.static]) == 2  # only changes are said
+    assert (
+        len([d for d in paper.at_entity(f"{root}/life") if not d.static]) == 2
+    )  # only changes are said
 
 
 def test_the_border_is_who_hears_whom_by_the_fleet_file(paper, pytestconfig):
@@ -384,14 +426,19 @@ def test_the_border_is_who_hears_whom_by_the_fleet_file(paper, pytestconfig):
 def test_an_agents_status_is_told_with_its_description(paper, update):
     sensor = default_message("sfglab_interfaces/msg/SensorInfo", name="camera_front")
     metadata = default_message("sfglab_interfaces/msg/AgentMetadata", agent="go2", sensors=[sensor])
-    event = default_message("sfglab_interfaces/msg/AgentDiscoveryEvent", agent="go2", metadata=metadata)
+    event = default_message(
+        "sfglab_interfaces/msg/AgentDiscoveryEvent", agent="go2", metadata=metadata
+    )
     visualizer = made("agent_status")
     visualizer.show(update(events=event), paper)
     event.event = event.LOST
     visualizer.show(update(events=event), paper)
     told = [values(d, "text") for d in paper.at_entity("/agents/go2/status/log")]
     assert told == [["go2 discovered"], ["go2 lost"]]
-    assert [values(d, "state") for d in paper.at_entity("/agents/go2/status")] == [["there"], ["lost"]]
+    assert [values(d, "state") for d in paper.at_entity("/agents/go2/status")] == [
+        ["there"],
+        ["lost"],
+    ]
     assert "camera_front" in values(paper.at_entity("/agents/go2/status/description")[0], "text")[0]
     event.event = 77
     with pytest.raises(InvalidValueError, match="discovery event: given 77"):
@@ -400,36 +447,54 @@ def test_an_agents_status_is_told_with_its_description(paper, update):
 
 def test_clouds_and_scans_are_coloured_points_in_their_frame(paper, update):
     scan = default_message("sensor_msgs/msg/LaserScan")
-    scan.ranges, scan.range_max, scan.header.frame_id = np.array([1.0, 2.0], np.float32), 5.0, "laser"
+    scan.ranges, scan.range_max, scan.header.frame_id = (
+        np.array([1.0, 2.0], np.float32),
+        5.0,
+        "laser",
+    )
     made("laser_scan").show(update(scan=scan), paper)
     records = np.zeros(10, [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("intensity", "<f4")])
     records["x"] = range(10)
     made("point_cloud", decimation=3).show(update(cloud=cloud(records)), paper)
     assert paper.frames == {"/scan": "laser"}
     assert [p[0] for p in values(paper.at_entity("/cloud")[0], "positions")] == [0.0, 3.0, 6.0, 9.0]
-    with pytest.raises(InvalidValueError, match=r"color_by: given 'ring', .* fields x, y, z, intensity"):
+    with pytest.raises(
+        InvalidValueError, match=r"color_by: given 'ring', .* fields x, y, z, intensity"
+    ):
         made("point_cloud", color_by="ring").show(update(cloud=cloud(records)), paper)
 
 
 def test_the_calibration_of_another_camera_or_size_is_refused(paper, update, make_image):
     depth = make_image(np.full((4, 6), 1.0, np.float32), "32FC1")
-    with pytest.raises(InvalidValueError, match="camera info, size: given '12 x 8', allowed: 6 x 4"):
-        made("depth_cloud").show(update(depth=depth, info=camera_info(CAMERA_INFO.header, (12, 8))), paper)
+    with pytest.raises(
+        InvalidValueError, match="camera info, size: given '12 x 8', allowed: 6 x 4"
+    ):
+        made("depth_cloud").show(
+            update(depth=depth, info=camera_info(CAMERA_INFO.header, (12, 8))), paper
+        )
     other = make_image(np.full((4, 6), 1.0, np.float32), "32FC1", frame="rear")
-    with pytest.raises(InvalidValueError, match="camera info, frame: given 'camera', allowed: 'rear'"):
+    with pytest.raises(
+        InvalidValueError, match="camera info, frame: given 'camera', allowed: 'rear'"
+    ):
         made("depth_cloud").show(update(depth=other, info=CAMERA_INFO), paper)
     assert paper.drawn == []
 
 
-def test_depth_whose_camera_was_described_once_before_the_view_began_becomes_points(paper, make_image):
+def test_depth_whose_camera_was_described_once_before_the_view_began_becomes_points(
+    paper, make_image
+):
     """Live, the late joiner is sent it again: the camera info is asked for with the past."""
     session = Session()
     display = session.add("depth_cloud", {"depth": "/depth", "info": "/info"})
-    assert all(q.durability.value == "transient_local" for i, _, q in display.inputs if i.role == "info")
+    assert all(
+        q.durability.value == "transient_local" for i, _, q in display.inputs if i.role == "info"
+    )
     info = Arrival("/info", "sensor_msgs/msg/CameraInfo", 0, b"", CAMERA_INFO)
     flat = np.full((4, 6), 1.0, np.float32)
     depths = [make_image(flat, "32FC1", stamp_ns=number * S) for number in range(1, 21)]
-    arrivals = [Arrival("/depth", "sensor_msgs/msg/Image", n * S, b"", d) for n, d in enumerate(depths)]
+    arrivals = [
+        Arrival("/depth", "sensor_msgs/msg/Image", n * S, b"", d) for n, d in enumerate(depths)
+    ]
     replay([info, *arrivals], session, paper)
     assert display.slot.counts.shown == 20 - PATIENCE
     assert display.errors == 0

@@ -26,7 +26,11 @@ HALF_WIDTH_M = 0.5
 WAYPOINTS = ((0.0, 4.0), (3.0, 4.0), (3.0, 2.0), (5.0, 2.0), (5.0, 0.0), (0.0, 0.0))
 """Corners of the corridors' middle line, clockwise, as the robots drive."""
 
-HOME = (1.0, 4.0, 0.0)  #: Where robots start and return to: x, y and heading; half a metre behind a corner.
+HOME = (
+    1.0,
+    4.0,
+    0.0,
+)  #: Where robots start and return to: x, y and heading; half a metre behind a corner.
 
 _PIVOT = (1.5, 1.0)  # inside the ring, and seen from everywhere on the middle line
 _HOME_RAD = math.atan2(HOME[1] - _PIVOT[1], HOME[0] - _PIVOT[0])
@@ -63,7 +67,11 @@ class Area:
     @cached_property
     def segments(self) -> NDArray[np.float64]:
         """Everything that a beam can hit: x, y of both ends, shape (n, 4)."""
-        rings = [_offset(HALF_WIDTH_M), _offset(-HALF_WIDTH_M), *(box.corners() for box in self.boxes)]
+        rings = [
+            _offset(HALF_WIDTH_M),
+            _offset(-HALF_WIDTH_M),
+            *(box.corners() for box in self.boxes),
+        ]
         return np.concatenate([np.hstack((ring, np.roll(ring, -1, axis=0))) for ring in rings])
 
 

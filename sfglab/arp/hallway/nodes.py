@@ -132,9 +132,15 @@ class View:
     right_m: float  #: The same to the right.
     beside_left_m: float  #: Range to the left.
     beside_right_m: float  #: Range to the right.
-    heading_left_rad: float | None  #: Heading to the left wall, from that wall; None where it is not straight.
-    heading_right_rad: float | None  #: The same (positive is still to the left) from the wall on the right.
-    offset_m: float | None  #: How far left of the middle, from the straight walls; None without any.
+    heading_left_rad: (
+        float | None
+    )  #: Heading to the left wall, from that wall; None where it is not straight.
+    heading_right_rad: (
+        float | None
+    )  #: The same (positive is still to the left) from the wall on the right.
+    offset_m: (
+        float | None
+    )  #: How far left of the middle, from the straight walls; None without any.
     obstacle: bool  #: Whether something ahead is closer than is safe.
 
     @property
@@ -149,7 +155,9 @@ class LocalisationNode:
 
     def __init__(self) -> None:
         self._steps: list[int | None] = [None] * len(BEAMS_DEG)
-        self.ranges_m = [math.inf] * len(BEAMS_DEG)  #: What each beam measured last, as far as is known here.
+        self.ranges_m = [math.inf] * len(
+            BEAMS_DEG
+        )  #: What each beam measured last, as far as is known here.
         self.view: View | None = None
 
     def hear(self, beam: int, step: int) -> bool:
@@ -189,4 +197,6 @@ def _wall(front_m: float, beside_m: float, behind_m: float) -> tuple[float, floa
         return None
     heading = math.atan2(behind_m - front_m, behind_m + front_m)
     distance = front_m * behind_m / math.hypot(front_m, behind_m)
-    return (heading, distance) if abs(beside_m * math.cos(heading) - distance) <= _STRAIGHT_M else None
+    return (
+        (heading, distance) if abs(beside_m * math.cos(heading) - distance) <= _STRAIGHT_M else None
+    )

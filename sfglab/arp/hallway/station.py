@@ -114,7 +114,9 @@ def command_for(manoeuvre: Manoeuvre, view: View) -> Command:
         return Command(moving=False)
     if manoeuvre is Manoeuvre.FORWARD:
         return Command(moving=True, turn_mrad_s=_correction_mrad_s(view))
-    return Command(moving=True, turn_mrad_s=TURN_MRAD_S if manoeuvre is Manoeuvre.TURN_LEFT else -TURN_MRAD_S)
+    return Command(
+        moving=True, turn_mrad_s=TURN_MRAD_S if manoeuvre is Manoeuvre.TURN_LEFT else -TURN_MRAD_S
+    )
 
 
 def _correction_mrad_s(view: View) -> int:
@@ -156,7 +158,9 @@ class Station:
             self._planning.decide(known[LEADER])
         blocked = next((i for i, view in enumerate(known) if view.obstacle), None)
         self.stopped_by = self.stopped_by if blocked is None else blocked
-        return self._release(self._planning.manoeuvre if blocked is None else Manoeuvre.STOP, known, robot)
+        return self._release(
+            self._planning.manoeuvre if blocked is None else Manoeuvre.STOP, known, robot
+        )
 
     def _release(self, manoeuvre: Manoeuvre, views: list[View], robot: int) -> bool:
         """Command what the views ask for; without a new manoeuvre it is another command for one robot only."""

@@ -41,13 +41,18 @@ class World:
         robots = len(areas)
         most = max(len(area.segments) for area in areas)
         self._walls = np.ascontiguousarray(
-            [np.concatenate((a.segments, a.segments[:1].repeat(most - len(a.segments), axis=0))) for a in areas]
+            [
+                np.concatenate((a.segments, a.segments[:1].repeat(most - len(a.segments), axis=0)))
+                for a in areas
+            ]
         )
         put = self._random.normal(size=(robots, 3)) * (_PUT_SIGMA_M, _PUT_SIGMA_M, _PUT_SIGMA_RAD)
         #: x, y (metres) and heading (radians) of each robot, shape (robots, 3).
         self.poses: NDArray[np.float64] = np.array(HOME) + put
         self._scale = 1.0 + self._random.normal(size=(robots, 2)) * _WHEEL_SIGMA
-        self.clearance_m = np.empty(robots)  #: From each robot's middle to the nearest wall, shape (robots,).
+        self.clearance_m = np.empty(
+            robots
+        )  #: From each robot's middle to the nearest wall, shape (robots,).
         self._ranges = np.empty(len(_ANGLES))
         self._wound = [winding_rad(x, y) for x, y, _ in self.poses.tolist()]
         self._commands, self._told = list[Command](), np.empty(0)  # wheels' speeds, left and right
@@ -76,7 +81,9 @@ class World:
     def _drawn_factors(self) -> Iterator[NDArray[np.float64]]:
         """Yield by how much each wheel is faster than told in a step, shape (robots, 2); drawn many at once."""
         while True:
-            yield from self._scale + self._random.normal(size=(512, *self._scale.shape)) * _SLIP_SIGMA
+            yield from (
+                self._scale + self._random.normal(size=(512, *self._scale.shape)) * _SLIP_SIGMA
+            )
 
 
 LIMIT_S = 120.0  #: When a run is given up: the round takes 77 s at the constant velocity.

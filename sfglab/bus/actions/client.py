@@ -111,7 +111,9 @@ class ClientGoalHandle:
 
     def __init__(self, client: ActionClient, goal_id: bytes, sent: Sent, accepted_ns: int) -> None:
         self.goal_id = goal_id  #: The goal's 16 bytes.
-        self.accepted_ns = accepted_ns  #: When the server accepted it, by its clock (Unix time, nanoseconds).
+        self.accepted_ns = (
+            accepted_ns  #: When the server accepted it, by its clock (Unix time, nanoseconds).
+        )
         self._client = client
         self._sent = sent
 
@@ -135,7 +137,9 @@ class ClientGoalHandle:
             if sent.status in TERMINAL:
                 await self._settle()
             else:
-                await self._client.unless_gone(self.goal_id, sent.changed.wait_until(self._has_news, None))
+                await self._client.unless_gone(
+                    self.goal_id, sent.changed.wait_until(self._has_news, None)
+                )
 
     def _has_news(self) -> bool:
         return bool(self._sent.feedback) or self._sent.status in TERMINAL or self._client.closed
@@ -170,7 +174,9 @@ class ClientGoalHandle:
 class ActionClient:
     """An action's client; made by `Node.create_action_client`. Goals may run beside each other."""
 
-    def __init__(self, node: Any, backend: Backend, type_: str, *, name: str, transport: Transport) -> None:
+    def __init__(
+        self, node: Any, backend: Backend, type_: str, *, name: str, transport: Transport
+    ) -> None:
         action, topics = action_type(type_), goals.action_topics(name)
         self.action_name = name  #: The fully resolved ROS action.
         self._backend = backend
@@ -179,7 +185,9 @@ class ActionClient:
         # In this order: discovery tells a server of readers one after another, and it answers only to whom it
         # knows to listen for the answer, and begins after that. So by then it knows who listens for feedback.
         self._topics: tuple[Subscription, ...] = (
-            node.create_subscription(goals.STATUS, topics.status, router.on_status, goals.STATUS_QOS),
+            node.create_subscription(
+                goals.STATUS, topics.status, router.on_status, goals.STATUS_QOS
+            ),
             node.create_subscription(
                 action.feedback_message, topics.feedback, router.on_feedback, goals.FEEDBACK_QOS
             ),
@@ -208,7 +216,9 @@ class ActionClient:
                 for topic in self._topics:
                     await topic.wait_for_publishers(timeout_s=timeout_s)
         except TimeoutError as error:
-            raise discovery_timeout_error(f"action {self.action_name!r}: a server", timeout_s) from error
+            raise discovery_timeout_error(
+                f"action {self.action_name!r}: a server", timeout_s
+            ) from error
 
     async def send_goal(
         self, goal: Any, feedback_callback: FeedbackCallback | None = None, timeout_s: float = 5.0
@@ -252,7 +262,9 @@ class ActionClient:
         Raises:
             BusTimeoutError: No answer in time.
         """
-        request = service_type(goals.CANCEL_GOAL).request(goal_info=goals.goal_info(goal_id, until_ns))
+        request = service_type(goals.CANCEL_GOAL).request(
+            goal_info=goals.goal_info(goal_id, until_ns)
+        )
         response = await self._cancel.call(request, timeout_s)
         ids = tuple(goals.read_goal_info(info)[0] for info in response.goals_canceling)
         return Canceling(code=CancelCode(response.return_code), goal_ids=ids)
@@ -281,7 +293,9 @@ class ActionClient:
             await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
             if not tasks[0].done():
                 goal = f"goal {goal_id.hex()} unfinished here"
-                raise ActionServerGoneError(f"action {self.action_name!r}: the server has gone with {goal}")
+                raise ActionServerGoneError(
+                    f"action {self.action_name!r}: the server has gone with {goal}"
+                )
             return tasks[0].result()
         finally:
             await end_tasks(*tasks)

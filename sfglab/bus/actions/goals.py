@@ -87,7 +87,9 @@ class Goal:
     goal_id: bytes  #: 16 bytes, chosen by the client.
     accepted_ns: int  #: When it was accepted, by the server's clock (Unix time, nanoseconds).
     status: GoalStatus = GoalStatus.ACCEPTED  #: Its status.
-    ended_ns: int | None = None  #: When it ended, by a clock that never jumps (ns); None while it runs.
+    ended_ns: int | None = (
+        None  #: When it ended, by a clock that never jumps (ns); None while it runs.
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -143,9 +145,13 @@ class GoalBook:
             until_ns: All goals that were accepted until then; 0: none for that reason. Without both, all goals.
         """
         single = goal_id != NO_GOAL_ID
-        if single and not until_ns and not self._cancelable(goal_id):  # CANCELING too, as in rcl_action
+        if (
+            single and not until_ns and not self._cancelable(goal_id)
+        ):  # CANCELING too, as in rcl_action
             known = goal_id in self._goals
-            return Canceling(code=CancelCode.GOAL_TERMINATED if known else CancelCode.UNKNOWN_GOAL_ID)
+            return Canceling(
+                code=CancelCode.GOAL_TERMINATED if known else CancelCode.UNKNOWN_GOAL_ID
+            )
         everything = not single and not until_ns
         chosen = tuple(
             goal.goal_id
@@ -214,12 +220,16 @@ def read_goal_info(message: Any) -> tuple[bytes, int]:
 def status_array(goals: Iterable[Goal]) -> Any:
     """Return an `action_msgs/msg/GoalStatusArray`."""
     type_ = message_type("action_msgs/msg/GoalStatus")
-    listed = [type_(goal_info=goal_info(g.goal_id, g.accepted_ns), status=int(g.status)) for g in goals]
+    listed = [
+        type_(goal_info=goal_info(g.goal_id, g.accepted_ns), status=int(g.status)) for g in goals
+    ]
     return message_type(STATUS)(status_list=listed)
 
 
 def read_statuses(message: Any) -> dict[bytes, GoalStatus]:
     """Return the statuses in a `GoalStatusArray` by goal; a number that is none counts as UNKNOWN."""
     known = {int(status): status for status in GoalStatus}
-    entries = [(goal_id_from(entry.goal_info.goal_id), entry.status) for entry in message.status_list]
+    entries = [
+        (goal_id_from(entry.goal_info.goal_id), entry.status) for entry in message.status_list
+    ]
     return {goal_id: known.get(status, GoalStatus.UNKNOWN) for goal_id, status in entries}

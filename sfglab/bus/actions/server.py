@@ -55,7 +55,9 @@ class CancelResponse(Enum):
 class ServerGoalHandle:
     """One accepted goal, on its server; given to the server's callbacks."""
 
-    def __init__(self, goals: Goals, goal_id: bytes, request: Any, result: asyncio.Future[Any]) -> None:
+    def __init__(
+        self, goals: Goals, goal_id: bytes, request: Any, result: asyncio.Future[Any]
+    ) -> None:
         self.goal_id = goal_id  #: The goal's 16 bytes, chosen by the client.
         self.request = request  #: The goal message.
         self.result = result  #: What requests for the result wait for.
@@ -120,13 +122,17 @@ ExecuteCallback = Callable[[ServerGoalHandle], Any]
 class ActionServerOptions(TypedDict, total=False):
     """What an action server can be told beside what it does."""
 
-    goal_callback: GoalCallback  #: Plain or async: given a goal message, says whether to take it (all).
+    goal_callback: (
+        GoalCallback  #: Plain or async: given a goal message, says whether to take it (all).
+    )
     #: Given the handle of an accepted goal, to call its `execute` some time. The default does so at once, so
     #: goals run beside each other.
     handle_accepted_callback: Callable[[ServerGoalHandle], None]
     #: Plain or async: given a handle, says whether it may be canceled. The default, as rclpy's, refuses.
     cancel_callback: CancelCallback
-    result_timeout_s: float  #: How long a goal and its result are remembered after its end, s (900).
+    result_timeout_s: (
+        float  #: How long a goal and its result are remembered after its end, s (900).
+    )
     transport: Transport  #: Of its services; see `Node.create_service` ("dds").
 
 
@@ -140,7 +146,9 @@ class Goals:
         self._action = action
         self._execute = execute
         self._running: dict[bytes, ServerGoalHandle] = {}
-        self._waiting: dict[bytes, ServerGoalHandle] = {}  # accepted, but their clients were not told yet
+        self._waiting: dict[
+            bytes, ServerGoalHandle
+        ] = {}  # accepted, but their clients were not told yet
 
     def open(self, feedback: Publisher, status: Publisher, options: ActionServerOptions) -> None:
         """Begin to publish, with an empty list of goals for whoever wants to know that none runs."""
@@ -162,7 +170,9 @@ class Goals:
 
     def publish_feedback(self, goal_id: bytes, feedback: Any) -> None:
         """Send a goal's feedback; nothing once the server has ended."""
-        checked_type(feedback, type_=type_name(self._action.feedback), where=self._feedback.topic_name)
+        checked_type(
+            feedback, type_=type_name(self._action.feedback), where=self._feedback.topic_name
+        )
         if not self.closed:
             type_ = self._action.feedback_message
             self._feedback.publish(type_(goal_id=goals.uuid_message(goal_id), feedback=feedback))
@@ -194,7 +204,9 @@ class Goals:
         goal = self._running.get(goals.goal_id_from(request.goal_id))
         response = self._action.get_result.response
         if goal is None:
-            return response(status=int(GoalStatus.UNKNOWN), result=default_message(self._action.result))
+            return response(
+                status=int(GoalStatus.UNKNOWN), result=default_message(self._action.result)
+            )
         # Shielded: several may wait for it, and one of them that ends must not end it for the others.
         result = await asyncio.shield(goal.result)
         return response(status=int(goal.status), result=result)
@@ -208,7 +220,9 @@ class Goals:
         code = CancelCode.REJECTED if plan.goal_ids and not canceling else plan.code
         booked = [known for known in self._book.goals() if known.goal_id in canceling]
         infos = [goals.goal_info(known.goal_id, known.accepted_ns) for known in booked]
-        return service_type(goals.CANCEL_GOAL).response(return_code=int(code), goals_canceling=infos)
+        return service_type(goals.CANCEL_GOAL).response(
+            return_code=int(code), goals_canceling=infos
+        )
 
     async def run(self, goal: ServerGoalHandle) -> None:
         """Execute a goal to its end; a callback that does not say how it ends has failed."""
@@ -244,18 +258,26 @@ class Goals:
 
     async def _takes(self, goal: Any) -> bool:
         callback = self._options.get("goal_callback")
-        return callback is None or await self._asked(callback, goal, GoalResponse) is GoalResponse.ACCEPT
+        return (
+            callback is None
+            or await self._asked(callback, goal, GoalResponse) is GoalResponse.ACCEPT
+        )
 
     async def _cancels(self, goal: ServerGoalHandle) -> bool:
         callback = self._options.get("cancel_callback")
-        if callback is None or await self._asked(callback, goal, CancelResponse) is not CancelResponse.ACCEPT:
+        if (
+            callback is None
+            or await self._asked(callback, goal, CancelResponse) is not CancelResponse.ACCEPT
+        ):
             return False
         if not is_allowed(goal.status, GoalEvent.CANCEL_GOAL):
             return False  # it ended, or another request was faster, while the callback was asked
         self.apply(goal, GoalEvent.CANCEL_GOAL)
         return True
 
-    async def _asked(self, callback: Callable[[Any], Any], about: Any, answers: type[Enum]) -> Enum | None:
+    async def _asked(
+        self, callback: Callable[[Any], Any], about: Any, answers: type[Enum]
+    ) -> Enum | None:
         """Return a callback's answer; None, which refuses, when it fails or gives another, both reported."""
         try:
             return answers(await awaited(callback(about)))
@@ -299,12 +321,16 @@ class ActionServer:
         # Without the node, as they are reachable from what its backend holds.
         told = topic_endpoint(action.feedback_message, topics.feedback, goals.FEEDBACK_QOS)
         feedback = Publisher(None, backend, told)
-        status = Publisher(None, backend, topic_endpoint(goals.STATUS, topics.status, goals.STATUS_QOS))
+        status = Publisher(
+            None, backend, topic_endpoint(goals.STATUS, topics.status, goals.STATUS_QOS)
+        )
         self._goals.open(feedback, status, options)
         service = partial(Service, node, backend, transport=options.get("transport", "dds"))
         self._endpoints: tuple[Service | Publisher, ...] = (
             service(goals.CANCEL_GOAL, name=topics.cancel_goal, handler=self._goals.on_cancel_goal),
-            service(action.get_result.name, name=topics.get_result, handler=self._goals.on_get_result),
+            service(
+                action.get_result.name, name=topics.get_result, handler=self._goals.on_get_result
+            ),
             service(
                 action.send_goal.name,
                 name=topics.send_goal,

@@ -48,7 +48,9 @@ class DdsBackend(Backend):
         shown = user_data({"enclave": "/", NODE_KEY: name, HOST_KEY: host_id()})
         self._thread_name = f"sfglab {name}"
         self._watcher: WatchThread | None = None
-        self.participant = DdsParticipant(config, shown, name=self._thread_name, after_round=self.bridge.flush)
+        self.participant = DdsParticipant(
+            config, shown, name=self._thread_name, after_round=self.bridge.flush
+        )
         self.guid = self.participant.guid
         self.ros = RosServices(self.calls, config.wire_id, config.interface)
         self._discovery = Discovery(self.participant, partial(self._post, self.graph.apply))
@@ -62,7 +64,9 @@ class DdsBackend(Backend):
 
             address = f"sfglab/{self.participant.config.domain_id}/{secrets.token_hex(8)}"
             announce = partial(self._announce, endpoint, address, writer=True)
-            return ShmWriter(self.bridge, endpoint, address=address, announce=announce, notify=notify)
+            return ShmWriter(
+                self.bridge, endpoint, address=address, announce=announce, notify=notify
+            )
         if endpoint.transport == "ros":
             return self.ros.open(endpoint, notify, None)
         handle = self._create(self.participant.create_writer, endpoint)
@@ -74,7 +78,9 @@ class DdsBackend(Backend):
             on_matched=partial(self._post, notify),
         )
 
-    def open_reader(self, endpoint: RawEndpoint, notify: Callable[[], None], inbox: Inbox) -> Reader:
+    def open_reader(
+        self, endpoint: RawEndpoint, notify: Callable[[], None], inbox: Inbox
+    ) -> Reader:
         """Return a new reader, of DDS or of shared memory."""
         if endpoint.transport == "shm":
             from sfglab.bus.shm.reader import ShmReader
@@ -94,7 +100,9 @@ class DdsBackend(Backend):
         return DdsReader(
             handle,
             **options,
-            on_samples=partial(_push_framed, inbox) if endpoint.is_service else inbox.push_from_thread,
+            on_samples=partial(_push_framed, inbox)
+            if endpoint.is_service
+            else inbox.push_from_thread,
             on_matched=partial(self._post, notify),
         )
 

@@ -262,7 +262,9 @@ def endpoint_qos(profile: QoSProfile, **more: Unpack[EndpointOptions]) -> Iterat
         lib.dds_qset_durability_service(qos, 0, history, depth, _UNLIMITED, _UNLIMITED, _UNLIMITED)
         lib.dds_qset_deadline(qos, _or_infinite(profile.deadline_ns))
         lib.dds_qset_lifespan(qos, _or_infinite(profile.lifespan_ns))
-        lib.dds_qset_liveliness(qos, _LIVELINESS.index(profile.liveliness), _or_infinite(profile.lease_ns))
+        lib.dds_qset_liveliness(
+            qos, _LIVELINESS.index(profile.liveliness), _or_infinite(profile.lease_ns)
+        )
         lib.dds_qset_writer_data_lifecycle(qos, False)
         if partition := more.get("partition"):
             lib.dds_qset_partition1(qos, partition.encode())
@@ -322,7 +324,9 @@ def partitions(qos: int) -> tuple[str, ...]:
     if not lib.dds_qget_partition(qos, ct.byref(count), ct.byref(names)) or not names:
         return ()
     try:
-        return tuple(ct.string_at(names[i] or 0).decode(errors="replace") for i in range(count.value))
+        return tuple(
+            ct.string_at(names[i] or 0).decode(errors="replace") for i in range(count.value)
+        )
     finally:
         for i in range(count.value):
             lib.dds_free(names[i])

@@ -64,8 +64,13 @@ _ENCAPSULATION = b"\0\1\0\0"  # CDR, little endian (RTPS 2.5, clause 10.2.1.2)
 _DELAY_S = 0.01
 _BATCH = 128
 _BUILTIN_TYPES = b"org::eclipse::cyclonedds::builtin::"
-_KINDS = {BUILTIN_PUBLICATION: EndpointKind.PUBLISHER, BUILTIN_SUBSCRIPTION: EndpointKind.SUBSCRIPTION}
-Change = tuple[bytes, EndpointInfo | None]  #: A gid, of an endpoint, or a participant that has gone (None).
+_KINDS = {
+    BUILTIN_PUBLICATION: EndpointKind.PUBLISHER,
+    BUILTIN_SUBSCRIPTION: EndpointKind.SUBSCRIPTION,
+}
+Change = tuple[
+    bytes, EndpointInfo | None
+]  #: A gid, of an endpoint, or a participant that has gone (None).
 
 
 def gid_bytes(distro: str | None = None) -> int:
@@ -161,7 +166,9 @@ class _Cursor:
     def _take(self, size: int) -> bytes:
         start, self._at = self._at, self._at + size
         if self._at > len(self._cdr):
-            raise InvalidMessageError(f"graph: {len(self._cdr)} bytes, which say that they are {self._at}")
+            raise InvalidMessageError(
+                f"graph: {len(self._cdr)} bytes, which say that they are {self._at}"
+            )
         return self._cdr[start : self._at]
 
 
@@ -172,7 +179,12 @@ class DiscoveryInfo:
     """
 
     def __init__(
-        self, participant: DdsParticipant, graph: Graph, name: str, *, loop: asyncio.AbstractEventLoop
+        self,
+        participant: DdsParticipant,
+        graph: Graph,
+        name: str,
+        *,
+        loop: asyncio.AbstractEventLoop,
     ) -> None:
         self._guid = participant.guid
         self._namespace, _, self._name = name.rpartition("/")
@@ -227,12 +239,16 @@ class DiscoveryInfo:
 class Discovery:
     """Reports endpoints that appear, change or go, in order, in the participant's waitset thread."""
 
-    def __init__(self, participant: DdsParticipant, on_changes: Callable[[list[Change]], None]) -> None:
+    def __init__(
+        self, participant: DdsParticipant, on_changes: Callable[[list[Change]], None]
+    ) -> None:
         self._participant = participant
         self._on_changes = on_changes
         self._origins: dict[bytes, tuple[str, str]] = {}  # host and node of each participant
         lib, waitset = library(), participant.waitset
-        self._participants: int = lib.dds_create_reader(participant.handle, BUILTIN_PARTICIPANT, None, None)
+        self._participants: int = lib.dds_create_reader(
+            participant.handle, BUILTIN_PARTICIPANT, None, None
+        )
         waitset.attach_reader(self._participants, self._read_participants)
         for topic, kind in _KINDS.items():
             reader: int = lib.dds_create_reader(participant.handle, topic, None, None)
@@ -261,7 +277,9 @@ class Discovery:
             # A participant is always known before its endpoints, but not always read before them.
             self._read_participants()
             found = _take(reader, clib.Endpoint)
-            changes = [self._change(one, kind, alive=alive) for one, alive in found if not _builtin(one)]
+            changes = [
+                self._change(one, kind, alive=alive) for one, alive in found if not _builtin(one)
+            ]
             if changes:
                 self._on_changes(changes)
 
@@ -310,7 +328,9 @@ def _transport(sample: Any, dds_topic: str, gid: bytes) -> Transport:
 
 def _builtin(sample: Any) -> bool:
     """Whether this is one of the endpoints by which participants find each other and each other's nodes."""
-    return (sample.type_name or b"").startswith(_BUILTIN_TYPES) or sample.topic_name == INFO_TOPIC.encode()
+    return (sample.type_name or b"").startswith(
+        _BUILTIN_TYPES
+    ) or sample.topic_name == INFO_TOPIC.encode()
 
 
 def _ros_type(dds_type: str) -> str:

@@ -57,7 +57,9 @@ _PIECE_END = re.compile(r"(?<=>)\s*,\s*(?=<|file:|/)")
 _LOOPBACK_SIZES = "<MaxMessageSize>65500B</MaxMessageSize><FragmentSize>64000B</FragmentSize>"
 # Three of those fill the socket buffer that Fast DDS's readers have by default; of smaller ones more are read
 # meanwhile. Measured: 30 reliable images of 921 kB a second arrive 150 of 150, 138 to 148 of the larger.
-_LOOPBACK_SIZES_BESIDE_FAST_DDS = "<MaxMessageSize>14720B</MaxMessageSize><FragmentSize>14000B</FragmentSize>"
+_LOOPBACK_SIZES_BESIDE_FAST_DDS = (
+    "<MaxMessageSize>14720B</MaxMessageSize><FragmentSize>14000B</FragmentSize>"
+)
 
 
 class DomainOptions(TypedDict, total=False):
@@ -75,11 +77,15 @@ class DomainConfig:
     """How one process takes part in one DDS domain; all its nodes of that domain share it."""
 
     domain_id: int = 0  #: 0 to 232.
-    interface: str | None = None  #: The network interface, e.g. "lo" or "eth0"; None lets Cyclone choose.
+    interface: str | None = (
+        None  #: The network interface, e.g. "lo" or "eth0"; None lets Cyclone choose.
+    )
     #: Cyclone's AllowMulticast: "spdp" only finds participants by multicast, "false" never uses it and finds
     #: participants on this host only.
     multicast: Multicast = "default"
-    lease_s: float = 10.0  #: After how many silent seconds others declare this process dead; at least 0.1.
+    lease_s: float = (
+        10.0  #: After how many silent seconds others declare this process dead; at least 0.1.
+    )
     #: The domain that is joined on the network, 0 to 232; None is `domain_id`. Cyclone keeps one set of sockets
     #: and threads for each `domain_id`, so several of them with one external id are, for everybody else, as
     #: many processes in one domain.
@@ -115,7 +121,9 @@ def check_interface(config: DomainConfig) -> None:
     """
     here = sorted(name for _, name in socket.if_nameindex())
     if config.interface is not None and config.interface not in here:
-        why = f"there is no network interface {config.interface!r} here; there are {', '.join(here)}"
+        why = (
+            f"there is no network interface {config.interface!r} here; there are {', '.join(here)}"
+        )
         raise DomainError(config.domain_id, why)
 
 
@@ -146,7 +154,9 @@ def _stays_on_this_host() -> bool:
 
 def _beside_fast_dds() -> bool:
     """Return whether the environment is that of ROS 2 on its default middleware."""
-    return bool(os.environ.get("ROS_DISTRO")) and "fastrtps" in os.environ.get("RMW_IMPLEMENTATION", "fastrtps")
+    return bool(os.environ.get("ROS_DISTRO")) and "fastrtps" in os.environ.get(
+        "RMW_IMPLEMENTATION", "fastrtps"
+    )
 
 
 def _general(config: DomainConfig, interface: str | None) -> str:
@@ -187,11 +197,15 @@ def without_interfaces(uri: str, domain_id: int) -> str:
     try:
         for document in _documents(uri):
             root: Any = parseString(document).documentElement  # noqa: S318 - the user's own environment
-            for element in [e for e in root.getElementsByTagName("*") if e.tagName in _INTERFACE_ELEMENTS]:
+            for element in [
+                e for e in root.getElementsByTagName("*") if e.tagName in _INTERFACE_ELEMENTS
+            ]:
                 element.parentNode.removeChild(element)
             kept.append(root.toxml())
     except (OSError, ExpatError) as error:
-        raise DomainError(domain_id, f"CYCLONEDDS_URI cannot be read: given {uri!r}: {error}") from error
+        raise DomainError(
+            domain_id, f"CYCLONEDDS_URI cannot be read: given {uri!r}: {error}"
+        ) from error
     return ",".join(kept)
 
 
@@ -248,7 +262,10 @@ def leave(domain_id: int) -> None:
 
 def _create(config: DomainConfig) -> int:
     check_interface(config)
-    if [os.environ.get(f"ROS_SECURITY_{name}") for name in ("ENABLE", "STRATEGY")] == ["true", "Enforce"]:
+    if [os.environ.get(f"ROS_SECURITY_{name}") for name in ("ENABLE", "STRATEGY")] == [
+        "true",
+        "Enforce",
+    ]:
         # The wheels of Cyclone DDS have no DDS Security, and ROS 2's own nodes would not start without, either.
         why = "ROS_SECURITY_STRATEGY=Enforce is set, and sfglab's nodes cannot obey"
         raise DomainError(config.domain_id, why)
@@ -369,7 +386,9 @@ class DdsParticipant:
             raise
         self.guid = entity_guid(self.handle)
         self.waitset = WaitSetThread(self.handle, after_round, name=name)
-        self._new_callbacks = partial(WaitSetThread, self.handle, after_round, name=f"{name} callbacks")
+        self._new_callbacks = partial(
+            WaitSetThread, self.handle, after_round, name=f"{name} callbacks"
+        )
         self._callbacks: WaitSetThread | None = None
         self._topics: dict[tuple[str, type[Any]], int] = {}
         self._closed = False
@@ -392,7 +411,9 @@ class DdsParticipant:
     ) -> int:
         """Return the C handle of a new writer of a DDS topic."""
         with endpoint_qos(qos, **more) as c_qos:
-            handle = library().dds_create_writer(self.handle, self._topic(topic, idl_type), c_qos, None)
+            handle = library().dds_create_writer(
+                self.handle, self._topic(topic, idl_type), c_qos, None
+            )
         return _checked(handle, f"a writer of {topic!r}")
 
     def create_reader(
@@ -400,7 +421,9 @@ class DdsParticipant:
     ) -> int:
         """Return the C handle of a new reader of a DDS topic."""
         with endpoint_qos(qos, **more) as c_qos:
-            handle = library().dds_create_reader(self.handle, self._topic(topic, idl_type), c_qos, None)
+            handle = library().dds_create_reader(
+                self.handle, self._topic(topic, idl_type), c_qos, None
+            )
         return _checked(handle, f"a reader of {topic!r}")
 
     def close(self) -> None:
@@ -416,7 +439,9 @@ class DdsParticipant:
         with qos_object(user_data) as qos:
             handle: int = library().dds_create_participant(self.config.domain_id, qos, None)
         if handle < 0:
-            raise DomainError(self.config.domain_id, f"no participant can be created: {error_text(handle)}")
+            raise DomainError(
+                self.config.domain_id, f"no participant can be created: {error_text(handle)}"
+            )
         return handle
 
     def _topic(self, name: str, idl_type: type[Any]) -> int:
@@ -424,7 +449,9 @@ class DdsParticipant:
         # freed memory (ddsi_type_resolved_locked) and die.
         key = (name, idl_type)
         if key not in self._topics:
-            self._topics[key] = _checked(_create_topic(self.handle, name, idl_type), f"topic {name!r}")
+            self._topics[key] = _checked(
+                _create_topic(self.handle, name, idl_type), f"topic {name!r}"
+            )
         return self._topics[key]
 
 

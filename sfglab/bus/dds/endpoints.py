@@ -56,7 +56,9 @@ def idl_type(endpoint: RawEndpoint) -> type[Any]:
     """
     from sfglab.messages.dds import idl_struct, service_half_idl_struct
 
-    return service_half_idl_struct(endpoint.type) if endpoint.is_service else idl_struct(endpoint.type)
+    return (
+        service_half_idl_struct(endpoint.type) if endpoint.is_service else idl_struct(endpoint.type)
+    )
 
 
 def sertype_of(entity: int) -> int | None:
@@ -73,7 +75,11 @@ def serdata_from_bytes(sertype: int | None, data: Any) -> int | None:
         return None
     # RTPS sends whole words, so Cyclone may read up to three bytes beyond the end.
     padding = -size % 4
-    address = ct.cast(ct.c_char_p(data), ct.c_void_p).value if isinstance(data, bytes) else data.ctypes.data
+    address = (
+        ct.cast(ct.c_char_p(data), ct.c_void_p).value
+        if isinstance(data, bytes)
+        else data.ctypes.data
+    )
     parts = (IoVec * 2)(IoVec(address, size), IoVec(_PADDING_ADDRESS, padding))
     serdata: int | None = library().ddsi_serdata_from_ser_iov(
         sertype, SDK_DATA, 2 if padding else 1, ct.byref(parts), size + padding
@@ -119,7 +125,13 @@ class DdsWriter:
     """Writes CDR to a topic; `on_matched` is called in the WaitSet thread when the matching readers change."""
 
     def __init__(
-        self, handle: int, topic: str, *, type_: str, waitset: WaitSetThread, on_matched: Callable[[], None]
+        self,
+        handle: int,
+        topic: str,
+        *,
+        type_: str,
+        waitset: WaitSetThread,
+        on_matched: Callable[[], None],
     ) -> None:
         self.handle = handle
         self.gid = clib.entity_guid(handle)
@@ -139,10 +151,16 @@ class DdsWriter:
         serdata = serdata_from_bytes(self._sertype, data)
         if not serdata:
             size = len(data)
-            reason = "shorter than its header" if size < CDR_HEADER_BYTES else "Cyclone DDS cannot parse them"
+            reason = (
+                "shorter than its header"
+                if size < CDR_HEADER_BYTES
+                else "Cyclone DDS cannot parse them"
+            )
             raise not_cdr_error(self._topic, self._type, size_bytes=size, reason=reason)
         stamp(serdata, time.time_ns() if source_timestamp_ns is None else source_timestamp_ns)
-        code = library().dds_forwardcdr(self.handle, serdata)  # consumes the reference, also on failure
+        code = library().dds_forwardcdr(
+            self.handle, serdata
+        )  # consumes the reference, also on failure
         if code < 0:
             reason = clib.error_text(code)
             if code == clib.RETCODE_TIMEOUT:
@@ -156,7 +174,9 @@ class DdsWriter:
     def loan(self, size_bytes: int) -> NoReturn:
         """Refuse by a TypeError: DDS has no memory to lend."""
         del size_bytes
-        raise TypeError(f"topic {self._topic!r}: only a publisher with transport='shm' lends memory")
+        raise TypeError(
+            f"topic {self._topic!r}: only a publisher with transport='shm' lends memory"
+        )
 
     def acknowledged(self) -> bool:
         """Return whether all reliable readers have all samples."""
@@ -173,7 +193,10 @@ class DdsWriter:
         status = clib.MatchedStatus()
         lib.dds_get_publication_matched_status(self.handle, ct.byref(status))
         readers = _matched(lib.dds_get_matched_subscriptions, self.handle)
-        gids = (matched_gid(lib.dds_get_matched_subscription_data, self.handle, reader) for reader in readers)
+        gids = (
+            matched_gid(lib.dds_get_matched_subscription_data, self.handle, reader)
+            for reader in readers
+        )
         self.matched_prefixes = frozenset(gid[:12] for gid in gids)
         self.matched = status.current_count
         self._on_matched()
@@ -229,7 +252,9 @@ class DdsReader:
         self._batch = batch
         self._serdata: Any = (ct.c_void_p * batch)()
         self._infos: Any = (clib.SampleInfo * batch)()
-        library().dds_set_status_mask(handle, clib.STATUS_SUBSCRIPTION_MATCHED | clib.STATUS_SAMPLE_LOST)
+        library().dds_set_status_mask(
+            handle, clib.STATUS_SUBSCRIPTION_MATCHED | clib.STATUS_SAMPLE_LOST
+        )
         waitset.attach(handle, self._update_status)
         self._condition = waitset.attach_reader(handle, self._take)
 

@@ -107,7 +107,10 @@ class DdsRawWriter:
     """
 
     def __init__(
-        self, create: Callable[[QoSProfile], int], order: Callable[[Callable[[], None]], None], qos: QoSProfile
+        self,
+        create: Callable[[QoSProfile], int],
+        order: Callable[[Callable[[], None]], None],
+        qos: QoSProfile,
     ) -> None:
         self._create = create
         self._qos = qos
@@ -156,7 +159,9 @@ class DdsRawWriter:
         self._behind_since_s = self._behind_since_s or now_s
         depth = max(1, MAX_BACKLOG_BYTES // size)
         if now_s - self._behind_since_s >= _STANDS_STILL_S and depth < self._qos.depth:
-            _log.warning("forwarding: a reader stands still; %d samples are kept for it from now on", depth)
+            _log.warning(
+                "forwarding: a reader stands still; %d samples are kept for it from now on", depth
+            )
             self._qos = replace(self._qos, depth=depth)
             self.flush()
             delete_writer(self._handle)
@@ -176,7 +181,9 @@ class DdsRawWriter:
             self._bound_backlog(size)
         if self._keeps_all:
             lib.ddsi_serdata_ref(serdata)
-        code: int = lib.dds_forwardcdr(self._handle, serdata)  # consumes a reference, also on failure
+        code: int = lib.dds_forwardcdr(
+            self._handle, serdata
+        )  # consumes a reference, also on failure
         if self._keeps_all and code != RETCODE_TIMEOUT:
             lib.ddsi_serdata_unref(serdata)
         if code < 0:
@@ -204,14 +211,18 @@ class DdsRawWriter:
             return code
         if not self._failed:
             self._failed = True
-            _log.warning("forwarding: a sample was not sent on (%s); more are only counted", error_text(code))
+            _log.warning(
+                "forwarding: a sample was not sent on (%s); more are only counted", error_text(code)
+            )
         return RETCODE_ERROR
 
 
 class DdsForwarder:
     """Forwards from one live node to another; made by `Node.open_forwarder`. Services pass on the loop."""
 
-    def __init__(self, source: DdsParticipant, target: DdsParticipant, both: tuple[Backend, Backend]) -> None:
+    def __init__(
+        self, source: DdsParticipant, target: DdsParticipant, both: tuple[Backend, Backend]
+    ) -> None:
         self._source = source
         self._target = target
         self._backends = both
@@ -236,7 +247,9 @@ class DdsForwarder:
         )
         forward = DdsForward(
             handle,
-            self._batch(most // 16 or _BATCH),  # what was taken waits as well, beside what the reader holds
+            self._batch(
+                most // 16 or _BATCH
+            ),  # what was taken waits as well, beside what the reader holds
             self._order,
             waitset=self._source.waitset,
             on_closed=self._forwards.discard,
@@ -255,7 +268,9 @@ class DdsForwarder:
             user_data=endpoint.user_data,
             ignore_local=True,
             batching=True,
-            unacknowledged=_UNACKNOWLEDGED if endpoint.qos.durability is Durability.TRANSIENT_LOCAL else 0,
+            unacknowledged=_UNACKNOWLEDGED
+            if endpoint.qos.durability is Durability.TRANSIENT_LOCAL
+            else 0,
             max_blocking_ns=MAX_BLOCKING_NS,
         )
         return DdsRawWriter(create, self._order, endpoint.qos)
@@ -273,7 +288,9 @@ class DdsForwarder:
 
     def _obey(self) -> None:
         library().dds_take_guardcondition(self._bell, ct.byref(ct.c_bool()))
-        for _ in range(len(self._orders)):  # those that orders give come after everything else's turn
+        for _ in range(
+            len(self._orders)
+        ):  # those that orders give come after everything else's turn
             self._orders.popleft()()
 
 
@@ -309,7 +326,9 @@ class DdsForward(Forward[int, DdsRawWriter]):
         self._unflushed: set[DdsRawWriter] = set()
         self._waiting: deque[tuple[DdsRawWriter, int]] = deque()
         self._publishers = Publishers(handle)
-        library().dds_set_status_mask(handle, clib.STATUS_SUBSCRIPTION_MATCHED | clib.STATUS_LIVELINESS_CHANGED)
+        library().dds_set_status_mask(
+            handle, clib.STATUS_SUBSCRIPTION_MATCHED | clib.STATUS_LIVELINESS_CHANGED
+        )
         waitset.attach(handle, self._note_publishers)
         self._condition = waitset.attach_reader(handle, self._take)
 
@@ -404,7 +423,9 @@ class DdsForward(Forward[int, DdsRawWriter]):
         library().dds_get_liveliness_changed_status(self._handle, ct.byref(life))
         self._publishers.matched()
         # Cyclone names the latest of those that changed; of two at once the other goes with its participant.
-        exit_ = self._gate.exit_of(self._publishers.gid(life.last_handle)) if life.last_handle else None
+        exit_ = (
+            self._gate.exit_of(self._publishers.gid(life.last_handle)) if life.last_handle else None
+        )
         if exit_ is not None and (life.alive_count_change > 0 or life.not_alive_count_change > 0):
             exit_[0].show_life(alive=life.alive_count_change > 0)
 

@@ -26,7 +26,9 @@ if TYPE_CHECKING:
     from sfglab.bus.loop import Calls
     from sfglab.component import Report
 
-PYTHON_VARIABLE = "SFGLAB_ROS_PYTHON"  #: Names ROS 2's interpreter; without it that of a sourced ROS 2.
+PYTHON_VARIABLE = (
+    "SFGLAB_ROS_PYTHON"  #: Names ROS 2's interpreter; without it that of a sourced ROS 2.
+)
 _NO_ROS = f"there is none here: source it, or name its interpreter in {PYTHON_VARIABLE}"
 _NAME = "ROS 2's services"
 _PROGRAM = Path(__file__).with_name("program.py")
@@ -52,13 +54,23 @@ def ros_command(python: str, *arguments: str, **environment: object) -> list[str
     """Return the command line that runs a script in an interpreter of ROS 2, with variables of its own."""
     foreign = [] if python == sourced_python() else [f"--unset={name}" for name in _FOREIGN]
     values = {"PYTHONSAFEPATH": 1, **environment}
-    return ["env", *foreign, *(f"{name}={value}" for name, value in values.items()), python, *arguments]
+    return [
+        "env",
+        *foreign,
+        *(f"{name}={value}" for name, value in values.items()),
+        python,
+        *arguments,
+    ]
 
 
 def ros_gid(dds_topic: str) -> bytes:
     """Return 16 bytes that stand for all who send on half a service's topic: rclpy does not tell them apart."""
     service = service_of(dds_topic)
-    return FAST_DDS + hashlib.blake2b(service.encode(), digest_size=12).digest() + dds_topic[:2].encode()
+    return (
+        FAST_DDS
+        + hashlib.blake2b(service.encode(), digest_size=12).digest()
+        + dds_topic[:2].encode()
+    )
 
 
 def service_of(dds_topic: str) -> str:
@@ -73,7 +85,11 @@ class RosHalf:
     lost = 0
 
     def __init__(
-        self, services: RosServices, endpoint: RawEndpoint, notify: Callable[[], None], inbox: Inbox | None
+        self,
+        services: RosServices,
+        endpoint: RawEndpoint,
+        notify: Callable[[], None],
+        inbox: Inbox | None,
     ) -> None:
         self.gid = ros_gid(endpoint.dds_topic)
         self.matched = 0  #: 1 when a call can be made or answered.
@@ -113,12 +129,17 @@ class RosServices:
     """The program of one node in a domain, None if that is no DDS domain, on an interface, None for any."""
 
     def __init__(
-        self, calls: Callable[[str], Calls], domain_id: int | None = None, interface: str | None = None
+        self,
+        calls: Callable[[str], Calls],
+        domain_id: int | None = None,
+        interface: str | None = None,
     ) -> None:
         python = ros_python()
         #: Why nothing is served; empty when nothing is known against it.
         self.why = "" if python and domain_id is not None else _NO_ROS
-        self.participants: set[bytes] = set()  #: The 16-byte GUIDs of all participants that the program had.
+        self.participants: set[bytes] = (
+            set()
+        )  #: The 16-byte GUIDs of all participants that the program had.
         self._calls = calls
         self._argv = _argv(python, domain_id, interface)
         self._halves: list[RosHalf] = []
@@ -151,17 +172,23 @@ class RosServices:
         asyncio.get_running_loop().call_later(_PATIENCE_S, self._go_on, act)
 
     def _is_settled(self, endpoint: RawEndpoint) -> bool:
-        unserved = self.why or self._running is None or endpoint.type.rpartition("_")[0] in self._unknown
+        unserved = (
+            self.why or self._running is None or endpoint.type.rpartition("_")[0] in self._unknown
+        )
         halves = self._halves_of(f"server {service_of(endpoint.dds_topic)}")
         return bool(unserved) or any(half.matched for half in halves)
 
     def _go_on(self, late: Callable[[], None] | None = None) -> None:
         """Call back who need not wait any more, and who has waited long enough."""
-        for act in [a for a, endpoint in self._waiting.items() if a is late or self._is_settled(endpoint)]:
+        for act in [
+            a for a, endpoint in self._waiting.items() if a is late or self._is_settled(endpoint)
+        ]:
             del self._waiting[act]
             asyncio.get_running_loop().call_soon(act)
 
-    def open(self, endpoint: RawEndpoint, notify: Callable[[], None], inbox: Inbox | None) -> RosHalf:
+    def open(
+        self, endpoint: RawEndpoint, notify: Callable[[], None], inbox: Inbox | None
+    ) -> RosHalf:
         """Open a reader, which has an inbox, or a writer."""
         half = RosHalf(self, endpoint, notify, inbox)
         if beside := self._halves_of(half.key):
@@ -183,7 +210,9 @@ class RosServices:
         """Send a frame."""
         if self._process is not None and self._process.unsent_bytes > _LINE_LIMIT_BYTES:
             raise PublishError(key, code=-1, reason="ROS 2's program does not keep up")
-        self._order(do="write", key=key, call=(frame.client_guid, frame.sequence), cdr=frame.cdr.hex())
+        self._order(
+            do="write", key=key, call=(frame.client_guid, frame.sequence), cdr=frame.cdr.hex()
+        )
 
     def _halves_of(self, key: str) -> list[RosHalf]:
         return [half for half in self._halves if half.key == key]
@@ -263,5 +292,7 @@ def _argv(python: str, domain_id: int | None, interface: str | None) -> list[str
     values = {"ROS_DOMAIN_ID": domain_id, "RMW_IMPLEMENTATION": "rmw_fastrtps_cpp"}
     if interface == "lo":
         humble = os.environ.get("ROS_DISTRO") == "humble"
-        values |= {"ROS_LOCALHOST_ONLY": 1} if humble else {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
+        values |= (
+            {"ROS_LOCALHOST_ONLY": 1} if humble else {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
+        )
     return ros_command(python, str(_PROGRAM), **values)

@@ -85,7 +85,9 @@ class SlotPool:
             return self._free[capacity].pop()
         if self._end + capacity <= self.arena_bytes:
             return None
-        larger = min((c for c, offsets in self._free.items() if c > capacity and offsets), default=None)
+        larger = min(
+            (c for c, offsets in self._free.items() if c > capacity and offsets), default=None
+        )
         return None if larger is None else self._free[larger].pop()
 
 
@@ -96,7 +98,9 @@ def slot_capacity(size: int) -> int:
     return -(-pages // step) * step * PAGE_BYTES
 
 
-MAX_CREDITS = 64  #: Slots that one subscriber may hold; the datagrams fit into a socket's default buffer.
+MAX_CREDITS = (
+    64  #: Slots that one subscriber may hold; the datagrams fit into a socket's default buffer.
+)
 SHARES = 16  #: So many parts has the memory of which each subscriber may hold one, whatever the others hold.
 KEEP_ALL_BYTES = 256 * 2**20  #: How much may wait for a subscriber that keeps all, as elsewhere.
 
@@ -240,7 +244,9 @@ class Fanout:
     def _may_hold(self, peer: _Peer, announcement: Announcement) -> bool:
         """Return whether a subscriber may be told of one more slot; one it always may."""
         own_bytes, arena = sum(peer.held.values()) + announcement.size, self._pool.arena_bytes
-        is_room = self._pool.used_bytes <= min(arena // 2, KEEP_ALL_BYTES) or own_bytes <= arena // SHARES
+        is_room = (
+            self._pool.used_bytes <= min(arena // 2, KEEP_ALL_BYTES) or own_bytes <= arena // SHARES
+        )
         return not peer.held or (len(peer.held) < peer.credits and is_room)
 
     def _release(self, offsets: Iterable[int]) -> None:

@@ -67,7 +67,9 @@ class _Link:
         self.held: dict[int, _Reference] = {}
         self.unsent: list[int] = []
         self._out: dict[int, int] = {}  # offset -> size, of what the publisher takes to be held
-        self._has_large = False  # whether there was any that may fill a share with as many as there are credits
+        self._has_large = (
+            False  # whether there was any that may fill a share with as many as there are credits
+        )
 
     def take(self, arena: ArenaMap, offset: int, size: int, queue: SampleQueue) -> memoryview:
         """Return an announced message, copied for who hoards them; its slot goes back with its last view."""
@@ -106,7 +108,9 @@ class _Link:
                 offsets.append(self.unsent.pop())
         if not offsets:
             return
-        back = {slot: self._out.pop(slot, 0) for slot in offsets}  # first: it may be announced again at once
+        back = {
+            slot: self._out.pop(slot, 0) for slot in offsets
+        }  # first: it may be announced again at once
         try:
             self.sock.send(pack_returns(offsets))
         except BlockingIOError:
@@ -170,7 +174,9 @@ class ShmReader:
 
     def follow(self, graph: Graph) -> None:
         """Connect to the publishers that a graph knows, and will know."""
-        self._unlisten = graph.watch(self._endpoint.dds_topic, EndpointKind.PUBLISHER, self._on_graph)
+        self._unlisten = graph.watch(
+            self._endpoint.dds_topic, EndpointKind.PUBLISHER, self._on_graph
+        )
 
     def close(self) -> None:
         """Hang up; messages that the application holds stay valid; again is harmless."""
@@ -185,7 +191,11 @@ class ShmReader:
 
     def _on_graph(self, event: EndpointEvent) -> None:
         endpoint = event.endpoint
-        if isinstance(event, EndpointAdded) and endpoint.gid not in self._links and self._matches(endpoint):
+        if (
+            isinstance(event, EndpointAdded)
+            and endpoint.gid not in self._links
+            and self._matches(endpoint)
+        ):
             self._connect(endpoint)
 
     def _matches(self, endpoint: EndpointInfo) -> bool:

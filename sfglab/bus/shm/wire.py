@@ -28,8 +28,12 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
 PAGE_BYTES = 4096
-HEADER_BYTES = PAGE_BYTES  #: The first page: the latest sequence number, as one aligned 64-bit word.
-DATA_OFFSET_BYTES = 60  #: CDR starts here in a slot: behind its 4-byte header all is aligned to 64 bytes.
+HEADER_BYTES = (
+    PAGE_BYTES  #: The first page: the latest sequence number, as one aligned 64-bit word.
+)
+DATA_OFFSET_BYTES = (
+    60  #: CDR starts here in a slot: behind its 4-byte header all is aligned to 64 bytes.
+)
 
 _MAGIC = b"sfgs"
 _VERSION = 1
@@ -52,7 +56,9 @@ class ProtocolError(BusError, ValueError):
     """A peer sent what no peer of this version sends."""
 
     def __init__(self, datagram: bytes, expected: str) -> None:
-        super().__init__(f"shared memory: given {datagram.hex() or 'nothing'}, expected is {expected}")
+        super().__init__(
+            f"shared memory: given {datagram.hex() or 'nothing'}, expected is {expected}"
+        )
 
 
 class Hello(NamedTuple):
@@ -236,7 +242,9 @@ class ArenaMap:
         self.size_bytes = os.fstat(fd).st_size
         seals = fcntl.fcntl(fd, _F_GET_SEALS)
         if not seals & _F_SEAL_SHRINK or self.size_bytes < HEADER_BYTES:
-            raise BusError("shared memory: the received file is no sealed memory file of a publisher")
+            raise BusError(
+                "shared memory: the received file is no sealed memory file of a publisher"
+            )
         memory = mmap.mmap(fd, self.size_bytes, flags=mmap.MAP_SHARED, prot=mmap.PROT_READ)
         self._all: Any = np.frombuffer(memory, np.uint8)
         #: One item, the newest sequence number, as the publisher keeps it up to date.

@@ -32,7 +32,9 @@ if TYPE_CHECKING:
 
 _log = logging.getLogger(__name__)
 
-ARENA_MESSAGES = 64  #: For so many of the largest messages a memory file has room, taken as it is used.
+ARENA_MESSAGES = (
+    64  #: For so many of the largest messages a memory file has room, taken as it is used.
+)
 
 _ENOSPC = 28
 _NONE_LEFT = (23, 24)  # ENFILE, EMFILE: no descriptor is left
@@ -135,7 +137,9 @@ class ShmWriter:
     def _acquire(self, size: int) -> int:
         while (slot := self._pool.acquire(size)) is None:
             if not self._fanout.shed():
-                reason = f"subscribers hold all of the {self._pool.arena_bytes} bytes of shared memory"
+                reason = (
+                    f"subscribers hold all of the {self._pool.arena_bytes} bytes of shared memory"
+                )
                 raise PublishError(self._topic, code=_ENOSPC, reason=reason)
         offset, added = slot
         if added:
@@ -147,7 +151,9 @@ class ShmWriter:
             self._arena.reserve(offset, size)
         except OSError as error:
             self._pool.release(offset)
-            raise PublishError(self._topic, code=error.errno or _ENOSPC, reason=str(error)) from error
+            raise PublishError(
+                self._topic, code=error.errno or _ENOSPC, reason=str(error)
+            ) from error
 
     def _announce(self, offset: int, size: int, source_timestamp_ns: int | None) -> None:
         self._sequence += 1
@@ -205,7 +211,9 @@ class ShmWriter:
         try:
             connection, _ = self._listener.accept()
         except OSError as error:
-            if error.errno in _NONE_LEFT:  # the listener stays readable: asking again at once would spin
+            if (
+                error.errno in _NONE_LEFT
+            ):  # the listener stays readable: asking again at once would spin
                 self._bridge.unwatch(self._listener.fileno())
                 self._bridge.loop.call_later(_AGAIN_S, self._listen_again)
             return  # else it has hung up already

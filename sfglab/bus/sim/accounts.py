@@ -35,7 +35,12 @@ if TYPE_CHECKING:
 # One heartbeat of a writer covers what it has sent in this time: Cyclone's Internal/HeartbeatInterval.
 HEARTBEAT_NS = 100_000_000
 
-_DATA, _ACKS, _DISCOVERY, _DISCOVERY_ACKS = Load.DATA, Load.ACKS, Load.DISCOVERY, Load.DISCOVERY_ACKS
+_DATA, _ACKS, _DISCOVERY, _DISCOVERY_ACKS = (
+    Load.DATA,
+    Load.ACKS,
+    Load.DISCOVERY,
+    Load.DISCOVERY_ACKS,
+)
 
 
 class Accounts:
@@ -77,7 +82,9 @@ class Accounts:
             if other.host is newcomer.host:
                 continue
             known += 1
-            retold = retold_bytes([*_discovery_info(other), *map(self._submessage, other.endpoints)])
+            retold = retold_bytes(
+                [*_discovery_info(other), *map(self._submessage, other.endpoints)]
+            )
             _unicast(other.host, newcomer.host, _DISCOVERY, to_newcomer + retold)
             _unicast(newcomer.host, other.host, _DISCOVERY, from_newcomer)
         if known:

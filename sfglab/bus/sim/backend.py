@@ -182,11 +182,17 @@ class SimGraph(Graph):
         except names.FqnError:
             dds_topic = topic
         index = self._domain.topics.get(dds_topic)
-        return () if index is None else self._known(e for e in index.endpoints() if e.info.kind is kind)
+        return (
+            ()
+            if index is None
+            else self._known(e for e in index.endpoints() if e.info.kind is kind)
+        )
 
     def _known(self, endpoints: Iterable[Endpoint]) -> tuple[EndpointInfo, ...]:
         knows, participant = self._discovery.views.knows, self.participant
-        return tuple(sorted((e.info for e in endpoints if knows(participant, e)), key=lambda i: i.gid))
+        return tuple(
+            sorted((e.info for e in endpoints if knows(participant, e)), key=lambda i: i.gid)
+        )
 
 
 class SimBackend(Backend):
@@ -195,7 +201,11 @@ class SimBackend(Backend):
     kind = "simulated"
 
     def __init__(
-        self, participant: Participant, discovery: Discovery, fabric: Fabric, on_error: OnError | None
+        self,
+        participant: Participant,
+        discovery: Discovery,
+        fabric: Fabric,
+        on_error: OnError | None,
     ) -> None:
         super().__init__(on_error)
         environment = participant.domain.environment
@@ -223,10 +233,14 @@ class SimBackend(Backend):
         self._discovery.open(writer)
         return writer
 
-    def open_reader(self, endpoint: RawEndpoint, notify: Callable[[], None], inbox: Inbox) -> Reader:
+    def open_reader(
+        self, endpoint: RawEndpoint, notify: Callable[[], None], inbox: Inbox
+    ) -> Reader:
         """Return a new reader."""
         info = self._info(endpoint, writer=False)
-        reader = Reader(self.participant, info, notify, push=inbox.push, ignores_own=endpoint.forwards)
+        reader = Reader(
+            self.participant, info, notify, push=inbox.push, ignores_own=endpoint.forwards
+        )
         self._discovery.open(reader)
         return reader
 

@@ -146,7 +146,9 @@ class Discovery:
         del topic.same_kind(endpoint)[endpoint]
         last_ns = self._schedule(endpoint, self._concerned(endpoint)[1])
         topic.fading[endpoint] = None
-        self._loop.at(max(last_ns, endpoint.gone_ns + self._network.slowest_ns), self._fade, endpoint)
+        self._loop.at(
+            max(last_ns, endpoint.gone_ns + self._network.slowest_ns), self._fade, endpoint
+        )
         self.accounts.retracted(endpoint)
 
     def review(self, participant: Participant, other: Participant) -> None:
@@ -195,7 +197,9 @@ class Discovery:
             if any(self.views.knows(member, endpoint) for member in self.domain.members):
                 self._loop.at(self._loop.now_ns + _LOOK_AGAIN_NS, self._fade, endpoint)
                 return
-            self._look(endpoint, self._concerned(endpoint)[1])  # a view may have changed at this very instant
+            self._look(
+                endpoint, self._concerned(endpoint)[1]
+            )  # a view may have changed at this very instant
         del endpoint.topic.fading[endpoint]
 
     def _expire(self, participant: Participant) -> None:

@@ -19,7 +19,9 @@ from sfglab.qos import Durability, History, QoSProfile, Reliability, incompatibi
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-Item = tuple[int, bytes, int]  #: A sample on its way: sequence number from 1, CDR, source time stamp (ns).
+Item = tuple[
+    int, bytes, int
+]  #: A sample on its way: sequence number from 1, CDR, source time stamp (ns).
 
 
 class Environment:
@@ -54,7 +56,9 @@ class Environment:
         if found is None:
             shapes = list(self._shapes)
             theirs, ours = shapes[offered], shapes[requested]
-            found = theirs[:2] == ours[:2] and not incompatibilities(offered=theirs[2], requested=ours[2])
+            found = theirs[:2] == ours[:2] and not incompatibilities(
+                offered=theirs[2], requested=ours[2]
+            )
             self._compatible[offered, requested] = found
         return found
 
@@ -112,7 +116,9 @@ class Participant:
     lease_ns: int  #: How long the others believe that it lives without a sign of it.
     interval_ns: int  #: Of its periodic announcements.
     guid: bytes = b""  #: Its 16-byte GUID.
-    latency_ns: int = 0  #: Of its host's link, when it joined; what discovery takes is settled by it.
+    latency_ns: int = (
+        0  #: Of its host's link, when it joined; what discovery takes is settled by it.
+    )
     loss: float = 0.0  #: The same.
     born_ns: int = 0  #: When it joined.
     crashed_ns: int | None = None  #: When it fell silent without a word; None otherwise.
@@ -125,7 +131,9 @@ class Participant:
     _serial: int = 0
 
     def __post_init__(self) -> None:
-        prefix = hashlib.blake2b(f"{self.host.id} {self.number} {self.name}".encode(), digest_size=12).digest()
+        prefix = hashlib.blake2b(
+            f"{self.host.id} {self.number} {self.name}".encode(), digest_size=12
+        ).digest()
         self.guid = prefix + b"\x00\x00\x01\xc1"  # RTPS 2.5, table 9.1: ENTITYID_PARTICIPANT
         self.latency_ns = self.host.latency_ns
         self.loss = self.host.link.loss
@@ -181,7 +189,9 @@ class Topic:
     readers: dict[Endpoint, None] = field(default_factory=dict)  #: The same.
     fading: dict[Endpoint, None] = field(default_factory=dict)  #: Retracted, but not for everybody.
     #: Watches of readers, and of writers.
-    watches: tuple[dict[Observer, None], dict[Observer, None]] = field(default_factory=lambda: ({}, {}))
+    watches: tuple[dict[Observer, None], dict[Observer, None]] = field(
+        default_factory=lambda: ({}, {})
+    )
 
     def endpoints(self) -> Iterator[Endpoint]:
         """Yield all that somebody may know of."""
@@ -274,13 +284,19 @@ class Endpoint:
         self.reliable = qos.reliability is Reliability.RELIABLE
         self.latched = qos.durability is Durability.TRANSIENT_LOCAL
         self.depth = qos.depth if qos.history is History.KEEP_LAST else None  #: None is all.
-        self.lifespan_ns = qos.lifespan_ns  #: After how long a writer's samples expire; None is never.
+        self.lifespan_ns = (
+            qos.lifespan_ns
+        )  #: After how long a writer's samples expire; None is never.
         self.sequence = 0  #: The number of a writer's latest sample.
         self.born_ns = 0  #: When it was announced.
         self.gone_ns: int | None = None  #: When it was retracted; None until then.
         self.backlog_ns = 0  #: How long the others take until they have time for its announcement.
-        self.suspicion: Observer | None = None  #: Hears of what does not match; None when nobody cares.
-        self.peers: dict[Any, int] = {}  #: What matches now; of a reader, with the latest sample's number.
+        self.suspicion: Observer | None = (
+            None  #: Hears of what does not match; None when nobody cares.
+        )
+        self.peers: dict[
+            Any, int
+        ] = {}  #: What matches now; of a reader, with the latest sample's number.
         self.is_open = True
         self.withdraw: Callable[[Endpoint], None] | None = None  #: How its domain lets it go.
         self._ignores_own = ignores_own

@@ -96,7 +96,9 @@ class _Entry:
 class Channel:
     """The way of a writer's samples to one participant elsewhere, in order; reliable ones are repeated."""
 
-    def __init__(self, writer: Endpoint, target: Participant, accounts: Accounts, *, reliable: bool) -> None:
+    def __init__(
+        self, writer: Endpoint, target: Participant, accounts: Accounts, *, reliable: bool
+    ) -> None:
         self.writer = writer
         self.target = target
         self.accounts = accounts
@@ -140,9 +142,13 @@ class Network:
     """Delivers samples; chance decides what is lost and what is late."""
 
     def __init__(self, loop: VirtualLoop, costs: Costs, random: Random) -> None:
-        self.varies = False  #: Whether two packets may fare differently, so that each has to be looked at.
+        self.varies = (
+            False  #: Whether two packets may fare differently, so that each has to be looked at.
+        )
         self.latency_ns = 0  #: Of the slowest link so far.
-        self.message_cost_ns = ns_from_s(costs.message_s)  #: What a sample costs the process that takes it.
+        self.message_cost_ns = ns_from_s(
+            costs.message_s
+        )  #: What a sample costs the process that takes it.
         self._loop = loop
         self._random = random
 
@@ -222,14 +228,18 @@ class Network:
         now_ns = self._loop.now_ns
         if host.link.rate_bps is None:
             return now_ns
-        host.tx_free_ns = max(host.tx_free_ns, now_ns) + ns_from_s(BITS_PER_BYTE * size / host.link.rate_bps)
+        host.tx_free_ns = max(host.tx_free_ns, now_ns) + ns_from_s(
+            BITS_PER_BYTE * size / host.link.rate_bps
+        )
         return host.tx_free_ns
 
     def _arrive(self, host: Host, time_ns: int, size: int) -> int:
         """Return when a packet that reaches a host's link at `time_ns` has come in."""
         if host.link.rate_bps is None:
             return time_ns
-        host.rx_free_ns = max(host.rx_free_ns, time_ns) + ns_from_s(BITS_PER_BYTE * size / host.link.rate_bps)
+        host.rx_free_ns = max(host.rx_free_ns, time_ns) + ns_from_s(
+            BITS_PER_BYTE * size / host.link.rate_bps
+        )
         return host.rx_free_ns
 
     def _loses(self, host: Host) -> bool:

@@ -20,7 +20,9 @@ class LinkModel:
     #: What may come on top: drawn for each packet and link, evenly from 0 to this, seconds. Packets of one
     #: publisher stay in order, as on one path.
     jitter_s: float = between(0.0)
-    loss: float = between(0.0, 0, 1, without=(1,))  #: Probability with which each link loses a packet.
+    loss: float = between(
+        0.0, 0, 1, without=(1,)
+    )  #: Probability with which each link loses a packet.
     #: Rate of Ethernet frames, bit/s; what is sent faster waits in a queue without end. None is unlimited.
     rate_bps: float | None = None
 
@@ -36,7 +38,9 @@ class LinkModel:
 
 
 # How long the middleware takes, latency of the links apart; Cyclone DDS 11.0.1 unless said otherwise.
-SAME_NODE_NS = 100_000  # From a publisher to a subscription of the same node: a queue and a wake-up.
+SAME_NODE_NS = (
+    100_000  # From a publisher to a subscription of the same node: a queue and a wake-up.
+)
 SAME_HOST_NS = 100_000  # Between two processes of one host, over the loopback interface.
 STACK_NS = 200_000  # What sockets and threads of two hosts add to the links' latency.
 # From the creation of an endpoint to its being known to participants that know each other, latency apart: one
@@ -59,7 +63,9 @@ class Costs:
     start_s: float = between(0.0)  #: From its start until it hears anything, seconds.
     message_s: float = between(0.0)  #: For each message that one of its readers takes, seconds.
     endpoint_s: float = between(0.0)  #: For each endpoint that it makes or ends, seconds.
-    announcement_s: float = between(0.0)  #: For each endpoint of its domains that comes or goes, seconds.
+    announcement_s: float = between(
+        0.0
+    )  #: For each endpoint of its domains that comes or goes, seconds.
 
     def __post_init__(self) -> None:
         check_bounds(self)

@@ -15,7 +15,9 @@ from sfglab.bus.sim.settings import ENDPOINT_NS, PARTICIPANT_NS, REPAIR_NS, SAME
 if TYPE_CHECKING:
     from sfglab.bus.sim.model import Endpoint, Participant, Partition
 
-_CROSSINGS = 4  #: Of the network, until two have met: SPDP, the answer and heartbeat, a request, the data.
+_CROSSINGS = (
+    4  #: Of the network, until two have met: SPDP, the answer and heartbeat, a request, the data.
+)
 _MASK = 2**64 - 1
 
 
@@ -37,7 +39,9 @@ def known_spans(learnt_ns: int, forgotten_ns: int, gaps: list[Gap]) -> list[tupl
         if end <= gap.start_ns or start >= gap.end_ns:
             continue
         if start > gap.start_ns:
-            start = NEVER_NS if end < gap.end_ns else gap.back_ns  # it came, and perhaps went, unheard
+            start = (
+                NEVER_NS if end < gap.end_ns else gap.back_ns
+            )  # it came, and perhaps went, unheard
         elif end < gap.end_ns:
             end = min(gap.lost_ns, gap.back_ns)  # it went unheard
         elif gap.lost_ns < gap.end_ns:
@@ -76,7 +80,10 @@ class Views:
 
     def _spans(self, participant: Participant, endpoint: Endpoint) -> list[tuple[int, int]]:
         """Return from when until when a participant knows of an endpoint, as far as it is decided now."""
-        start_ns, end_ns = self._learnt_ns(participant, endpoint), self._forgotten_ns(participant, endpoint)
+        start_ns, end_ns = (
+            self._learnt_ns(participant, endpoint),
+            self._forgotten_ns(participant, endpoint),
+        )
         if start_ns == NEVER_NS:
             return []
         return known_spans(start_ns, end_ns, self.gaps(participant, endpoint.participant))
@@ -119,7 +126,9 @@ class Views:
             return SAME_HOST_NS
         delay_ns = owner.latency_ns + participant.latency_ns + ENDPOINT_NS
         if owner.loss or participant.loss:
-            delay_ns += self._losses(owner, participant, endpoint.number, participant.number) * REPAIR_NS
+            delay_ns += (
+                self._losses(owner, participant, endpoint.number, participant.number) * REPAIR_NS
+            )
         return delay_ns
 
     def _meeting_ns(self, one: Participant, other: Participant) -> int:

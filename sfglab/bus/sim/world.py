@@ -43,9 +43,13 @@ class NodeOptions(TypedDict, total=False):
 
     namespace: str  #: Where relative topic names live ("/").
     lease_s: float  #: After how long a silence the others give it up (10.0).
-    on_error: OnError | None  #: Given every exception of a callback and a text that names its place.
+    on_error: (
+        OnError | None
+    )  #: Given every exception of a callback and a text that names its place.
     process: str  #: Nodes of one process share its time (one of its own).
-    discovery_info: bool  #: Whether ROS 2's tools shall see it as a node, which takes one more writer (True).
+    discovery_info: (
+        bool  #: Whether ROS 2's tools shall see it as a node, which takes one more writer (True).
+    )
 
 
 class WorldOptions(TypedDict, total=False):
@@ -70,7 +74,9 @@ class World(Environment):
             raise BusError("a world needs virtual time: use it inside run_simulated")
         super().__init__(loop, options.get("costs", Costs()))
         self.seed = options.get("seed", 0)
-        self.random = Random(self.seed)  #: Draws what is left to chance; components may draw from it too.
+        self.random = Random(
+            self.seed
+        )  #: Draws what is left to chance; components may draw from it too.
         self.hosts: dict[str, Host] = {}  #: By name.
         self._views = Views(loop, self.seed)
         self._network = Network(loop, self.costs, self.random)
@@ -115,7 +121,9 @@ class World(Environment):
         discovery = self._domain(domain_id, None if reach == "network" else where)
 
         def join(full_name: str, on_error: OnError | None) -> Backend:
-            participant = self._participant(full_name, where, discovery.domain, config.lease_s, options)
+            participant = self._participant(
+                full_name, where, discovery.domain, config.lease_s, options
+            )
             discovery.join(participant)
             return SimBackend(participant, discovery, self._fabric, on_error)
 
@@ -145,7 +153,9 @@ class World(Environment):
         for number, group in enumerate(groups, start=1):
             for name in sorted(group):
                 if self.host(name) in sides:
-                    raise InvalidValueError("partition: a host in two groups", name, "one group for each")
+                    raise InvalidValueError(
+                        "partition: a host in two groups", name, "one group for each"
+                    )
                 sides[self.host(name)] = number
         self._settle()
         self._set_sides(sides)
@@ -256,7 +266,10 @@ class World(Environment):
 
 
 def run_simulated(
-    main: Callable[[World], Awaitable[T]], *, limit_s: float | None = None, **options: Unpack[WorldOptions]
+    main: Callable[[World], Awaitable[T]],
+    *,
+    limit_s: float | None = None,
+    **options: Unpack[WorldOptions],
 ) -> T:
     """Run a coroutine function in a world of its own, with options of `World`, and return its result.
 

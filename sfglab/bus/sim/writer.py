@@ -32,7 +32,9 @@ class Audience:
     __slots__ = ("_owing", "_owner", "_readers", "_rounds", "remote")
 
     def __init__(self, owner: Participant) -> None:
-        self.remote: dict[Participant, None] = {}  #: The participants on other hosts that have readers of it.
+        self.remote: dict[
+            Participant, None
+        ] = {}  #: The participants on other hosts that have readers of it.
         self._owner = owner
         self._readers: dict[Participant, list[Reader]] = {}
         self._owing: dict[Participant, int] = {}
@@ -139,14 +141,18 @@ class Writer(Endpoint):
                 self._check(data)
             except CdrError as error:
                 topic, type_ = self.info.topic, self.info.type
-                raise not_cdr_error(topic, type_, size_bytes=len(data), reason=error.reason) from error
+                raise not_cdr_error(
+                    topic, type_, size_bytes=len(data), reason=error.reason
+                ) from error
         self._forward(data, source_timestamp_ns)
 
     @contextmanager
     def loan(self, size_bytes: int) -> Iterator[memoryview]:
         """Lend memory for a sample over shared memory; see `Publisher.loan`."""
         if self._limit_bytes is None:
-            raise TypeError(f"topic {self.info.topic!r}: only a publisher with transport='shm' lends memory")
+            raise TypeError(
+                f"topic {self.info.topic!r}: only a publisher with transport='shm' lends memory"
+            )
         check_size(self.info.topic, size_bytes, self._limit_bytes)
         memory = bytearray(size_bytes)
         yield memoryview(memory)
@@ -207,7 +213,11 @@ class Writer(Endpoint):
             check_size(self.info.topic, len(cdr), self._limit_bytes)
         now_ns = self._loop.now_ns
         self.sequence += 1
-        item = (self.sequence, cdr, START_NS + now_ns if source_timestamp_ns is None else source_timestamp_ns)
+        item = (
+            self.sequence,
+            cdr,
+            START_NS + now_ns if source_timestamp_ns is None else source_timestamp_ns,
+        )
         self.participant.last_sent_ns = now_ns
         if self._environment.trace is not None:
             self._environment.trace("send", self.gid, cdr)

@@ -32,11 +32,11 @@ def find_jetson(files: MachineFiles) -> Evidence:
     signs = [sign for sign in (_tegra(files), _release(files)) if sign]
     sources = (*signs, *(Source(path=path) for path in nodes[:3]))
     if not signs:
-        return Evidence(accelerator=Accelerator.JETSON, found=False, reason="no Tegra board and no L4T release")
-    if not nodes:
-        reason = (
-            "a Jetson by its files, but no /dev/nvmap or /dev/nvhost-*: a container without NVIDIA's runtime?"
+        return Evidence(
+            accelerator=Accelerator.JETSON, found=False, reason="no Tegra board and no L4T release"
         )
+    if not nodes:
+        reason = "a Jetson by its files, but no /dev/nvmap or /dev/nvhost-*: a container without NVIDIA's runtime?"
         return Evidence(accelerator=Accelerator.JETSON, found=False, reason=reason, sources=sources)
     return Evidence(
         accelerator=Accelerator.JETSON,
@@ -68,12 +68,16 @@ def find_cuda(files: MachineFiles) -> Evidence:
         return windows
     driver, control = files.text(_DRIVER_FILE), files.has("/dev/nvidiactl")
     cards = files.paths("/dev", r"nvidia[0-9]+")
-    known = [] if driver is None else [Source(path=_DRIVER_FILE, says=plain(driver.partition("\n")[0]))]
+    known = (
+        [] if driver is None else [Source(path=_DRIVER_FILE, says=plain(driver.partition("\n")[0]))]
+    )
     nodes = [Source(path=path) for path in ["/dev/nvidiactl"] * control + cards]
     sources = (*known, *nodes, *board.display_controllers(files, board.NVIDIA))
     if _tegra(files):
         reason = (
-            "a Tegra: its /dev/nvidia* belong to the display" if sources else "a Tegra has no card's driver"
+            "a Tegra: its /dev/nvidia* belong to the display"
+            if sources
+            else "a Tegra has no card's driver"
         )
         return Evidence(accelerator=Accelerator.CUDA, found=False, reason=reason, sources=sources)
     if driver is not None and control and cards:
@@ -81,7 +85,9 @@ def find_cuda(files: MachineFiles) -> Evidence:
         text = f"NVIDIA's driver {version[1] if version else 'of unknown version'} with {len(cards)} card(s)"
         extra = files.paths("/dev", r"nvidia-(uvm|uvm-tools|modeset)")
         return _cuda(text, sources, (*cards, "/dev/nvidiactl", *extra))
-    reason = _why_no_cuda(driver=driver is not None, control=control, cards=bool(cards), sources=sources)
+    reason = _why_no_cuda(
+        driver=driver is not None, control=control, cards=bool(cards), sources=sources
+    )
     return Evidence(accelerator=Accelerator.CUDA, found=False, reason=reason, sources=sources)
 
 
@@ -94,7 +100,9 @@ def _cuda(reason: str, sources: tuple[Source, ...], devices: tuple[str, ...]) ->
         sources=sources,
         devices=devices,
         codecs=(
-            ExpectedCodec(name="h264_nvenc", role=CodecRole.ENCODER, why=f"NVENC on the card; {needs}"),
+            ExpectedCodec(
+                name="h264_nvenc", role=CodecRole.ENCODER, why=f"NVENC on the card; {needs}"
+            ),
             ExpectedCodec(name="h264_cuvid", role=CodecRole.DECODER, why="NVDEC on the card"),
         ),
     )
@@ -105,7 +113,10 @@ def _wsl(files: MachineFiles) -> Evidence | None:
     if not files.has("/dev/dxg"):
         return None
     libraries = files.paths("/usr/lib/wsl/lib", r"libcuda\.so[0-9.]*")
-    sources = (Source(path="/dev/dxg", says="WSL 2"), *(Source(path=path) for path in libraries[:1]))
+    sources = (
+        Source(path="/dev/dxg", says="WSL 2"),
+        *(Source(path=path) for path in libraries[:1]),
+    )
     if libraries:
         return _cuda("Windows' NVIDIA driver, through WSL 2", sources, ("/dev/dxg",))
     reason = "WSL 2 with a graphics card, but no libcuda below /usr/lib/wsl/lib: the card is not NVIDIA's"
@@ -118,9 +129,7 @@ def _why_no_cuda(*, driver: bool, control: bool, cards: bool, sources: tuple[Sou
     missing = {_DRIVER_FILE: driver, "/dev/nvidiactl": control, "/dev/nvidia0": cards}
     absent = ", ".join(path for path, there in missing.items() if not there)
     if driver:
-        return (
-            f"NVIDIA's driver runs, but without {absent}: a container without the card, or no nvidia-modprobe"
-        )
+        return f"NVIDIA's driver runs, but without {absent}: a container without the card, or no nvidia-modprobe"
     return f"a card is there but not usable: without {absent}, NVIDIA's driver does not run; install it"
 
 
@@ -137,7 +146,9 @@ def _release(files: MachineFiles) -> Source | None:
     if files.text(_RELEASE_FILE) is None:
         return None
     found = _l4t(files)
-    return Source(path=_RELEASE_FILE, says=f"L4T {found[1]}" if found else "its text is not understood")
+    return Source(
+        path=_RELEASE_FILE, says=f"L4T {found[1]}" if found else "its text is not understood"
+    )
 
 
 def _jetpack_text(files: MachineFiles) -> str:
@@ -152,7 +163,9 @@ def _jetpack_text(files: MachineFiles) -> str:
 
 def _jetson_devices(files: MachineFiles, nodes: list[str]) -> tuple[str, ...]:
     """Return the nodes of engines, memory, graphics and V4L2 codecs; cameras are the fleet file's business."""
-    gpus = [path for gpu in files.paths("/dev/nvgpu", r"[\w-]+") for path in files.paths(gpu, r"[\w-]+")]
+    gpus = [
+        path for gpu in files.paths("/dev/nvgpu", r"[\w-]+") for path in files.paths(gpu, r"[\w-]+")
+    ]
     others = files.paths("/dev", r"nvidia[0-9]+|nvidiactl|nvidia-modeset|v4l2-nv(dec|enc)")
     return (*nodes, *gpus, *others, *files.paths("/dev/dri", r"renderD[0-9]+"))
 
@@ -169,7 +182,9 @@ def _jetson_codecs(files: MachineFiles) -> tuple[ExpectedCodec, ...]:
     )
 
 
-ROCM_TARGETS = frozenset({"gfx908", "gfx90a", "gfx942", "gfx1030", "gfx1100", "gfx1101", "gfx1200", "gfx1201"})
+ROCM_TARGETS = frozenset(
+    {"gfx908", "gfx90a", "gfx942", "gfx1030", "gfx1100", "gfx1101", "gfx1200", "gfx1201"}
+)
 """Chips on AMD's list of supported GPUs, for ROCm 6.4 ('System requirements (Linux)', column LLVM target).
 
 Read from the list of an earlier 6.x and the release notes of 6.4.1; gfx1101 is from memory: compare before use.
@@ -229,7 +244,8 @@ def find_vaapi(files: MachineFiles) -> Evidence:
         for path in files.paths("/dev/dri", r"renderD[0-9]+")
     ]
     sources = tuple(
-        Source(path=path, says=board.VENDORS.get(vendor, vendor or "no PCI device")) for path, vendor in nodes
+        Source(path=path, says=board.VENDORS.get(vendor, vendor or "no PCI device"))
+        for path, vendor in nodes
     )
     good = [(path, vendor) for path, vendor in nodes if vendor in {board.AMD, board.INTEL}]
     if good:
@@ -277,7 +293,11 @@ def _why_no_rocm(*, node: bool, chips: list[str], good: str) -> str:
         return f"{good} is on AMD's list of supported chips, but {missing} is missing: a container without it?"
     if chips:
         return f"{', '.join(chips)} is not on AMD's list of supported chips ({', '.join(sorted(ROCM_TARGETS))})"
-    return f"/dev/kfd, but no chip in {_TOPOLOGY}" if node else "no /dev/kfd and no chip of AMD that computes"
+    return (
+        f"/dev/kfd, but no chip in {_TOPOLOGY}"
+        if node
+        else "no /dev/kfd and no chip of AMD that computes"
+    )
 
 
 def _vaapi_codecs(vendors: frozenset[str]) -> tuple[ExpectedCodec, ...]:
@@ -293,7 +313,9 @@ def _vaapi_codecs(vendors: frozenset[str]) -> tuple[ExpectedCodec, ...]:
 _H264 = {"bcm2835-codec-decode": CodecRole.DECODER, "bcm2835-codec-encode": CodecRole.ENCODER}
 """H.264 codecs of Raspberry Pi 4 and before (Raspberry Pi's kernel, bcm2835-v4l2-codec.c)."""
 
-_HEVC = frozenset({"rpivid", "rpi-hevc-dec"})  #: The HEVC decoder of Raspberry Pi 4 and 5, by driver.
+_HEVC = frozenset(
+    {"rpivid", "rpi-hevc-dec"}
+)  #: The HEVC decoder of Raspberry Pi 4 and 5, by driver.
 
 _CODEC = re.compile(r"(?:.*[-_ ])?(?:enc|encode|encoder|dec|decode|decoder)", re.IGNORECASE)
 
@@ -307,7 +329,9 @@ def find_v4l2(files: MachineFiles) -> Evidence:
     codecs.
     """
     nodes = _video_nodes(files)
-    codecs = {path: n for path, n in nodes.items() if n in _H264 or n in _HEVC or _CODEC.fullmatch(n)}
+    codecs = {
+        path: n for path, n in nodes.items() if n in _H264 or n in _HEVC or _CODEC.fullmatch(n)
+    }
     if not codecs:
         seen = f"{len(nodes)} video device(s), but none is a codec" if nodes else "no video device"
         return Evidence(accelerator=Accelerator.V4L2, found=False, reason=seen)
@@ -328,7 +352,9 @@ def _video_nodes(files: MachineFiles) -> dict[str, str]:
     """Return drivers' names by device node; a node without a name is of no use."""
     named = "/sys/class/video4linux/{}/name"
     paths = files.paths("/dev", r"video[0-9]+")
-    names = {path: plain(files.text(named.format(path.removeprefix("/dev/"))) or "") for path in paths}
+    names = {
+        path: plain(files.text(named.format(path.removeprefix("/dev/"))) or "") for path in paths
+    }
     return {path: name for path, name in names.items() if name}
 
 

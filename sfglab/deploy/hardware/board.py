@@ -39,7 +39,9 @@ class MachineFiles:
         except OSError:  # as for a name that is too long
             is_folder = False
         if not is_folder:
-            raise DeployError(f"{self.root}: given as a machine's root, allowed: a folder that exists")
+            raise DeployError(
+                f"{self.root}: given as a machine's root, allowed: a folder that exists"
+            )
 
     def resolve(self, path: str) -> Path | None:
         """Return where a path leads, None for a loop; absolute links start at the root, as in chroot(2)."""
@@ -122,7 +124,16 @@ def _by_number(name: str) -> tuple[str, int, str]:
     return stem, int(name[len(stem) :] or -1), name
 
 
-MACHINES = {3: "386", 8: "mips", 20: "ppc", 21: "ppc64", 22: "s390x", 40: "arm", 62: "amd64", 183: "arm64"} | {
+MACHINES = {
+    3: "386",
+    8: "mips",
+    20: "ppc",
+    21: "ppc64",
+    22: "s390x",
+    40: "arm",
+    62: "amd64",
+    183: "arm64",
+} | {
     243: "riscv64",
     258: "loong64",
 }
@@ -136,7 +147,11 @@ _CLASS_64, _LITTLE_ENDIAN = 2, 1
 
 def find_architecture(files: MachineFiles) -> tuple[Architecture | None, str]:
     """Return the architecture, and how it is known or why there is none."""
-    loaders = [path for place in _LOADERS for path in files.paths(place, r"ld-(linux|musl)-?[\w.-]*so[\w.-]*")]
+    loaders = [
+        path
+        for place in _LOADERS
+        for path in files.paths(place, r"ld-(linux|musl)-?[\w.-]*so[\w.-]*")
+    ]
     for path in (*_PROGRAMS, *loaders):
         name = _elf_name(files.head(path, 20))
         if name is not None:
@@ -144,7 +159,10 @@ def find_architecture(files: MachineFiles) -> tuple[Architecture | None, str]:
     if files.root == Path("/"):
         kernel = platform.machine()
         return _supported(_KERNEL_NAMES.get(kernel, kernel), "the kernel's own name for it")
-    return None, f"not known: no program with an ELF header, looked for {', '.join(_PROGRAMS)} and ld-linux-*"
+    return (
+        None,
+        f"not known: no program with an ELF header, looked for {', '.join(_PROGRAMS)} and ld-linux-*",
+    )
 
 
 def elf_header(machine: int, *, bits: int = 64) -> bytes:
@@ -237,7 +255,9 @@ VENDORS = {AMD: "AMD", INTEL: "Intel", NVIDIA: "NVIDIA", "0x1af4": "virtio", "0x
 """Makers by the number that the PCI-SIG gave them."""
 
 _BUS = "/sys/bus/pci/devices"
-_DISPLAY = "0x03"  # base class of display controllers: PCI Code and ID Assignment Specification, 1.4
+_DISPLAY = (
+    "0x03"  # base class of display controllers: PCI Code and ID Assignment Specification, 1.4
+)
 
 
 def display_controllers(files: MachineFiles, vendor: str) -> list[Source]:

@@ -66,7 +66,9 @@ def _evidence(files: MachineFiles, accelerator: Accelerator) -> Evidence:
         return rule(files)
     reason = "the processor is always there"
     if board.in_container(files):
-        reason += "; this is a container's root, which has only the devices that the container was given"
+        reason += (
+            "; this is a container's root, which has only the devices that the container was given"
+        )
     return Evidence(accelerator=accelerator, found=True, reason=reason)
 
 
@@ -78,14 +80,18 @@ def _judged(evidence: list[Evidence]) -> tuple[Evidence, ...]:
         if item is chosen:
             return f"chosen: {PREFERENCE[item.accelerator]}"
         return (
-            f"not chosen: {chosen.accelerator.value} comes before it" if item.found else "not chosen: not found"
+            f"not chosen: {chosen.accelerator.value} comes before it"
+            if item.found
+            else "not chosen: not found"
         )
 
     return tuple(replace(item, chosen=item is chosen, verdict=verdict(item)) for item in evidence)
 
 
 _SOFTWARE = (
-    ExpectedCodec(name="libx264", role=CodecRole.ENCODER, why="the processor; the wheels of PyAV have it"),
+    ExpectedCodec(
+        name="libx264", role=CodecRole.ENCODER, why="the processor; the wheels of PyAV have it"
+    ),
     ExpectedCodec(name="h264", role=CodecRole.DECODER, why="the processor; part of FFmpeg"),
 )
 

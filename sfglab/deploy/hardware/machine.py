@@ -59,7 +59,9 @@ class DeviceGroup:
     """A group that a container's user must be in to open the devices."""
 
     name: str  #: As udev's rules give it.
-    gid: int | None  #: Its number on the machine; None if the machine's ``/etc/group`` does not have it.
+    gid: (
+        int | None
+    )  #: Its number on the machine; None if the machine's ``/etc/group`` does not have it.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -80,9 +82,13 @@ class Machine:
     architecture_reason: str  #: How it is known, or why not.
     model: str  #: What its maker calls it.
     operating_system: str  #: What its distribution calls itself.
-    jetpack: int | None  #: Major version of JetPack; None where there is none, or none that is known.
+    jetpack: (
+        int | None
+    )  #: Major version of JetPack; None where there is none, or none that is known.
     accelerator: Accelerator  #: What its images are made for.
-    evidence: tuple[Evidence, ...]  #: For every accelerator, in order of preference, whether it is there.
+    evidence: tuple[
+        Evidence, ...
+    ]  #: For every accelerator, in order of preference, whether it is there.
     devices: tuple[str, ...]  #: Device nodes that a container needs for the accelerator.
     groups: tuple[DeviceGroup, ...]  #: Groups that may open them.
 
@@ -103,7 +109,9 @@ def render_machine(machine: Machine, codecs: Sequence[CodecFound] | None = None)
 
 def _head(machine: Machine) -> Iterator[str]:
     architecture = f"{machine.architecture.value}, " if machine.architecture else ""
-    groups = [f"{g.name} ({'not in /etc/group' if g.gid is None else g.gid})" for g in machine.groups]
+    groups = [
+        f"{g.name} ({'not in /etc/group' if g.gid is None else g.gid})" for g in machine.groups
+    ]
     rows = {
         "Model": machine.model,
         "Operating system": machine.operating_system,

@@ -25,7 +25,9 @@ if TYPE_CHECKING:
 VERSION = "v5.0"
 LOCAL, GLOBAL = "local", "global"
 
-HISTORY = 200  #: Messages a topic: enough for a latched one of 200 agents, not for gigabytes of pictures.
+HISTORY = (
+    200  #: Messages a topic: enough for a latched one of 200 agents, not for gigabytes of pictures.
+)
 
 
 def render_dds_router(fleet: Fleet, agent: str) -> str:
@@ -43,7 +45,10 @@ def render_dds_router(fleet: Fleet, agent: str) -> str:
         )
     lines = [f"# {line}" for line in header(fleet, agent, "DDS Router")]
     lines += ["", f"version: {VERSION}", "", *_specs(fleet), "", "allowlist:"]
-    lines += [f"  - name: {_quoted(pattern)}" for pattern in dict.fromkeys(r.pattern for r in policy.rules)]
+    lines += [
+        f"  - name: {_quoted(pattern)}"
+        for pattern in dict.fromkeys(r.pattern for r in policy.rules)
+    ]
     lines += _topics(fleet)
     lines += ["", *_routes(policy)]
     lines += ["participants:"]
@@ -62,7 +67,9 @@ def header(fleet: Fleet, agent: str, target: str) -> list[str]:
     ]
     tf = fleet.agent(agent).tf
     if tf.frames and tf.prefix_frames:
-        lines.append(f"Unlike our router it renames no frames: the nodes must write {agent}/ themselves.")
+        lines.append(
+            f"Unlike our router it renames no frames: the nodes must write {agent}/ themselves."
+        )
     return [one_line(line) for line in lines]
 
 
@@ -107,10 +114,16 @@ def _topics(fleet: Fleet) -> list[str]:
     lines = []
     broadcasters = sum(a.tf.static_broadcasters for a in fleet.agents)
     if fleet.policy.crosses(dds_topic(TF_STATIC), Direction.INWARD):
-        lines += ["  # Late joiners need the last message of every static broadcaster of the fleet."]
-        lines += _topic(dds_topic(TF_STATIC), f"history-depth: {max(5 * HISTORY, 10 * broadcasters)}")
+        lines += [
+            "  # Late joiners need the last message of every static broadcaster of the fleet."
+        ]
+        lines += _topic(
+            dds_topic(TF_STATIC), f"history-depth: {max(5 * HISTORY, 10 * broadcasters)}"
+        )
     streams = sorted({s.topic for a in fleet.agents for s in a.streams})
-    crossing = [t for t in streams if any(fleet.policy.crosses(dds_topic(t), way) for way in Direction)]
+    crossing = [
+        t for t in streams if any(fleet.policy.crosses(dds_topic(t), way) for way in Direction)
+    ]
     if crossing:
         lines += ["  # Of compressed streams, what a decoder can use."]
     for stream in crossing:
@@ -156,7 +169,14 @@ def _participant(name: str, domain: int, interface: str | None) -> Iterator[str]
         yield f"    # To keep to {interface}: whitelist-interfaces with its address; names are passed over."
 
 
-_PLAIN = ("rt/chatter", "rt/rosout", "rt/parameter_events", "rt/local/go2/x", "rt/tf2", "ros_discovery_info")
+_PLAIN = (
+    "rt/chatter",
+    "rt/rosout",
+    "rt/parameter_events",
+    "rt/local/go2/x",
+    "rt/tf2",
+    "ros_discovery_info",
+)
 _FILLINGS = ("", "a", "a/b", "aRequest", "aReply", "a/_action/status")
 
 
@@ -164,5 +184,11 @@ def probe_names(patterns: Iterable[str]) -> tuple[str, ...]:
     """Return DDS topic names inside, at the edge of and just outside of patterns (``*``), each once, sorted."""
     names = set(_PLAIN)
     for name in (pattern.replace("*", filling) for pattern in patterns for filling in _FILLINGS):
-        names |= {name, name[:-1], f"{name}_x", f"{name[:2]}/local{name[2:]}", name.replace("/", "ly/", 2)}
+        names |= {
+            name,
+            name[:-1],
+            f"{name}_x",
+            f"{name[:2]}/local{name[2:]}",
+            name.replace("/", "ly/", 2),
+        }
     return tuple(sorted(name for name in names if name))

@@ -30,7 +30,9 @@ IMAGE = dds_topic("/global/a/camera/color/image_raw")  #: A topic with large mes
 
 RULES: Rules[Config, KeyPath] = Rules()  #: What a configuration may mean that has the right shape.
 
-POLICY: Rules[tuple[Config, Policy], KeyPath] = Rules()  #: Whether it is the policy, by names around both.
+POLICY: Rules[tuple[Config, Policy], KeyPath] = (
+    Rules()
+)  #: Whether it is the policy, by names around both.
 
 
 def check_dds_router(
@@ -53,7 +55,9 @@ def check_dds_router(
     return worst_first(findings)
 
 
-@RULES.add("version", "v5.0 is taken, with a warning", f"version: {VERSION}", severity=Severity.WARNING)
+@RULES.add(
+    "version", "v5.0 is taken, with a warning", f"version: {VERSION}", severity=Severity.WARNING
+)
 def _no_version(config: Config) -> Iterator[Broken[KeyPath]]:
     if "version" not in config:
         yield Broken(("version",), "no version is given")
@@ -114,14 +118,18 @@ def _no_domain(config: Config) -> Iterator[Broken[KeyPath]]:
 
 
 @RULES.add(
-    "loop", "where they reach each other, every message goes round for ever", "give them different domains"
+    "loop",
+    "where they reach each other, every message goes round for ever",
+    "give them different domains",
 )
 def _same_domain(config: Config) -> Iterator[Broken[KeyPath]]:
     first: dict[int, str] = {}
     for path, item in _simple(config):
         domain, name = item.get("domain", 0), item["name"]
         if domain in first:
-            yield Broken(path, f"participants {first[domain]!r} and {name!r} are both in domain {domain}")
+            yield Broken(
+                path, f"participants {first[domain]!r} and {name!r} are both in domain {domain}"
+            )
         first.setdefault(domain, name)
 
 
@@ -129,10 +137,14 @@ def _same_domain(config: Config) -> Iterator[Broken[KeyPath]]:
 def _easy_mode(config: Config) -> Iterator[Broken[KeyPath]]:
     for path, item in _simple(config):
         if "ros2-easy-mode" in item and item.get("transport", "builtin") != "builtin":
-            yield Broken((*path, "ros2-easy-mode"), f"ros2-easy-mode with transport {item['transport']}")
+            yield Broken(
+                (*path, "ros2-easy-mode"), f"ros2-easy-mode with transport {item['transport']}"
+            )
 
 
-@RULES.add("one-sided", "there is nothing to route between", "name both domains", severity=Severity.WARNING)
+@RULES.add(
+    "one-sided", "there is nothing to route between", "name both domains", severity=Severity.WARNING
+)
 def _one_side(config: Config) -> Iterator[Broken[KeyPath]]:
     sides = [item for item in config["participants"] if item["kind"] != "echo"]
     if len(sides) < 2 and not any(item.get("repeater") for item in sides):
@@ -152,7 +164,9 @@ def _routes(config: Config) -> Iterator[tuple[KeyPath, Config, list[str]]]:
 def _unknown_route(config: Config) -> Iterator[Broken[KeyPath]]:
     known = [item["name"] for item in config["participants"]]
     for path, route, _ in _routes(config):
-        unknown = [repr(name) for name in (route["src"], *route.get("dst", ())) if name not in known]
+        unknown = [
+            repr(name) for name in (route["src"], *route.get("dst", ())) if name not in known
+        ]
         if unknown:
             what = f"route of {', '.join(unknown)}, which is no participant"
             yield Broken(path, what, f"participants are {', '.join(known)}")
@@ -166,13 +180,17 @@ def _second_route(config: Config) -> Iterator[Broken[KeyPath]]:
 
 
 @RULES.add(
-    "route", "a repeater sends back what it receives, which the route then forbids", "add it to its own dst"
+    "route",
+    "a repeater sends back what it receives, which the route then forbids",
+    "add it to its own dst",
 )
 def _repeater_route(config: Config) -> Iterator[Broken[KeyPath]]:
     repeaters = {item["name"] for item in config["participants"] if item.get("repeater")}
     for path, route, _ in _routes(config):
         if route["src"] in repeaters and route["src"] not in route.get("dst", ()):
-            yield Broken(path, f"repeater {route['src']!r} has a route that does not lead to itself")
+            yield Broken(
+                path, f"repeater {route['src']!r} has a route that does not lead to itself"
+            )
 
 
 @RULES.add("half-open", "services are forwarded only where requests and replies are both allowed")
@@ -180,7 +198,9 @@ def _half_services(config: Config) -> Iterator[Broken[KeyPath]]:
     other = {"rq/": "rr/", "rr/": "rq/"}
     names = _names(config)
     for position, name in enumerate(names):
-        mirror = other.get(name[:3], "") + name[3:].replace("Request", "\0").replace("Reply", "Request")
+        mirror = other.get(name[:3], "") + name[3:].replace("Request", "\0").replace(
+            "Reply", "Request"
+        )
         mirror = mirror.replace("\0", "Reply")
         if name[:3] in other and not any(fnmatchcase(mirror, pattern) for pattern in names):
             what = f"{name} is allowed, its other half {mirror} is not"
@@ -193,7 +213,9 @@ def _half_services(config: Config) -> Iterator[Broken[KeyPath]]:
     "remove-unused-entities: false",
 )
 def _static_transforms(config: Config) -> Iterator[Broken[KeyPath]]:
-    if config.get("specs", {}).get("remove-unused-entities") and accepts(config, dds_topic(TF_STATIC)):
+    if config.get("specs", {}).get("remove-unused-entities") and accepts(
+        config, dds_topic(TF_STATIC)
+    ):
         path = ("specs", "remove-unused-entities")
         yield Broken(path, "remove-unused-entities: true, and rt/tf_static crosses")
 
@@ -215,16 +237,22 @@ def _history(config: Config) -> Iterator[Broken[KeyPath]]:
 
 
 @RULES.add(
-    "wildcard", "built-in topics are made at once, by their full name and type", "write name and type in full"
+    "wildcard",
+    "built-in topics are made at once, by their full name and type",
+    "write name and type in full",
 )
 def _builtin(config: Config) -> Iterator[Broken[KeyPath]]:
     for position, item in enumerate(config.get("builtin-topics") or ()):
         if set("*?[") & set(item["name"] + item["type"]):
-            yield Broken(("builtin-topics", position), f"builtin-topics has the wildcard {item['name']!r}")
+            yield Broken(
+                ("builtin-topics", position), f"builtin-topics has the wildcard {item['name']!r}"
+            )
 
 
 @POLICY.add(
-    "policy", "the router does not do what the fleet file says", "generate the file from the fleet file"
+    "policy",
+    "the router does not do what the fleet file says",
+    "generate the file from the fleet file",
 )
 def _differences(asked: tuple[Config, Policy]) -> Iterator[Broken[KeyPath]]:
     config, policy = asked
@@ -239,7 +267,11 @@ def _differences(asked: tuple[Config, Policy]) -> Iterator[Broken[KeyPath]]:
             yield Broken(("allowlist",), f"{found[0]} {words}{others}")
 
 
-@POLICY.add("policy", "less may cross than the policy says; names alone do not tell", severity=Severity.WARNING)
+@POLICY.add(
+    "policy",
+    "less may cross than the policy says; names alone do not tell",
+    severity=Severity.WARNING,
+)
 def _narrowed(asked: tuple[Config, Policy]) -> Iterator[Broken[KeyPath]]:
     config, _ = asked
     narrowed = [item for item in config.get("allowlist") or () if {"type", "filter"} & set(item)]

@@ -42,7 +42,9 @@ def render_domain_bridge(fleet: Fleet, agent: str) -> str:
         uses = meeting.speakers + meeting.hearers
         type_ = next((use.type for use in uses if use.type), "")
         if kind is not ResourceKind.TOPIC or not type_:
-            left_out.append(f"{kind.value} {name}" + ("" if type_ else " (its type is not in the fleet file)"))
+            left_out.append(
+                f"{kind.value} {name}" + ("" if type_ else " (its type is not in the fleet file)")
+            )
             continue
         bridged += _topic(name, type_, ways, uses)
     lines = [
@@ -51,13 +53,21 @@ def render_domain_bridge(fleet: Fleet, agent: str) -> str:
     ]
     lines += [f"  {name}" for name in left_out] or ["  nothing"]
     text = [f"# {line}" for line in lines]
-    text += [f"name: {agent}_bridge", f"from_domain: {spec.domain}", f"to_domain: {fleet.global_domain}"]
+    text += [
+        f"name: {agent}_bridge",
+        f"from_domain: {spec.domain}",
+        f"to_domain: {fleet.global_domain}",
+    ]
     return "\n".join([*text, "topics:" if bridged else "topics: {}", *bridged]) + "\n"
 
 
-def _ways(view: View, agent: str, kind: ResourceKind, name: str, meeting: Meeting) -> frozenset[Direction]:
+def _ways(
+    view: View, agent: str, kind: ResourceKind, name: str, meeting: Meeting
+) -> frozenset[Direction]:
     """Return the ways in which somebody wants a name of this agent's across; services count as outward."""
-    speakers, hearers = ({use.agent for use in uses} for uses in (meeting.speakers, meeting.hearers))
+    speakers, hearers = (
+        {use.agent for use in uses} for uses in (meeting.speakers, meeting.hearers)
+    )
     ways = set()
     if agent in speakers and hearers - {agent}:
         ways.add(Direction.OUTWARD)
@@ -86,7 +96,9 @@ Config = dict[str, Any]
 
 RULES: Rules[Config, KeyPath] = Rules()  #: What a configuration may mean that has the right shape.
 
-POLICY: Rules[tuple[Config, Policy], KeyPath] = Rules()  #: Whether it bridges nothing that a policy keeps.
+POLICY: Rules[tuple[Config, Policy], KeyPath] = (
+    Rules()
+)  #: Whether it bridges nothing that a policy keeps.
 
 
 def check_domain_bridge(
@@ -118,11 +130,15 @@ def _same_domain(config: Config) -> Iterator[Broken[KeyPath]]:
             yield Broken(("topics", name), f"{name} goes from domain {domains.pop()} to the same")
 
 
-@POLICY.add("policy", "the bridge does not do what the fleet file says", "generate it from the fleet file")
+@POLICY.add(
+    "policy", "the bridge does not do what the fleet file says", "generate it from the fleet file"
+)
 def _kept_by_policy(asked: tuple[Config, Policy]) -> Iterator[Broken[KeyPath]]:
     config, policy = asked
     for name, topic in config["topics"].items():
         one_way = Direction.INWARD if topic.get("reversed") else Direction.OUTWARD
         for way in Direction if topic.get("bidirectional") else (one_way,):
             if not policy.crosses(dds_topic(name), way):
-                yield Broken(("topics", name), f"{name} crosses {way.value}, and the policy keeps it")
+                yield Broken(
+                    ("topics", name), f"{name} crosses {way.value}, and the policy keeps it"
+                )

@@ -83,11 +83,15 @@ def render_router_file(fleet: Fleet, agent: str, interface: str) -> str:
     """
     if fleet.deployment.router not in ROUTER_FILES:
         return ""
-    agents = tuple(replace(a, local_interface=interface) if a.name == agent else a for a in fleet.agents)
+    agents = tuple(
+        replace(a, local_interface=interface) if a.name == agent else a for a in fleet.agents
+    )
     return render_router(replace(fleet, agents=agents), agent, fleet.deployment.router.value)
 
 
 def _check_yaml(text: str, *, file: str, policy: Policy | None) -> tuple[Finding, ...]:
     config = Document(text, file).value
-    bridge = isinstance(config, dict) and ("from_domain" in config or isinstance(config.get("topics"), dict))
+    bridge = isinstance(config, dict) and (
+        "from_domain" in config or isinstance(config.get("topics"), dict)
+    )
     return (check_domain_bridge if bridge else check_dds_router)(text, file=file, policy=policy)

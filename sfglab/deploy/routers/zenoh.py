@@ -88,7 +88,9 @@ def _name_pattern(rule: ForwardRule, role: DdsRole) -> NamePattern | None:
         )
     prefix, start, star = found.groups()
     if "/_" in start:
-        raise DeployError(f"rule {rule.pattern!r}: a Zenoh bridge routes actions whole, not their parts")
+        raise DeployError(
+            f"rule {rule.pattern!r}: a Zenoh bridge routes actions whole, not their parts"
+        )
     if prefix != role.value:
         return None
     tail = _TAILS[role]
@@ -106,10 +108,19 @@ def _name_pattern(rule: ForwardRule, role: DdsRole) -> NamePattern | None:
 def _smallest(patterns: Iterable[NamePattern]) -> tuple[NamePattern, ...]:
     """Return patterns without those that others contain, in order."""
     every = sorted(set(patterns))
-    return tuple(p for p in every if not any(o != p and o.open and o.matches(p.start) for o in every))
+    return tuple(
+        p for p in every if not any(o != p and o.open and o.matches(p.start) for o in every)
+    )
 
 
-KINDS = ("publishers", "subscribers", "service_servers", "service_clients", "action_servers", "action_clients")
+KINDS = (
+    "publishers",
+    "subscribers",
+    "service_servers",
+    "service_clients",
+    "action_servers",
+    "action_clients",
+)
 """What a bridge filters, each seen from inside the agent."""
 
 _IN, _OUT = Direction.INWARD, Direction.OUTWARD
@@ -151,7 +162,9 @@ def render_zenoh_bridge(fleet: Fleet, agent: str) -> str:
     plugin: dict[str, Any] = {
         "namespace": "/",
         "domain": spec.domain,
-        "allow": {kind: [p.regex for p in names] for kind, names in bridged_names(fleet.policy).items()},
+        "allow": {
+            kind: [p.regex for p in names] for kind, names in bridged_names(fleet.policy).items()
+        },
         # Kept of one topic of one agent: what a late joiner needs of each of its static broadcasters.
         "transient_local_cache_multiplier": max(10, broadcasters),
     }
@@ -187,7 +200,9 @@ def render_zenoh_acl(fleet: Fleet, agent: str) -> str:
         "policies": [{"rules": [rule["id"] for rule in rules], "subjects": ["everybody"]}],
     }
     notes = ["Zenoh 1.0 or newer; it cannot be changed while the bridge runs."]
-    return _file([*header(fleet, agent, "Zenoh access control"), *notes], {"access_control": control})
+    return _file(
+        [*header(fleet, agent, "Zenoh access control"), *notes], {"access_control": control}
+    )
 
 
 def _file(comments: Sequence[str], config: dict[str, Any]) -> str:
@@ -221,4 +236,10 @@ def _keys(patterns: Sequence[NamePattern]) -> list[str]:
 
 def _rule(name: str, flow: str | None, messages: list[str], keys: list[str]) -> dict[str, Any]:
     flows = [_EGRESS, _INGRESS] if flow is None else [flow]
-    return {"id": name, "permission": "allow", "flows": flows, "messages": messages, "key_exprs": keys}
+    return {
+        "id": name,
+        "permission": "allow",
+        "flows": flows,
+        "messages": messages,
+        "key_exprs": keys,
+    }

@@ -26,13 +26,21 @@ Bridge = dict[str, Any]
 Control = dict[str, Any]
 PLUGIN, CONTROL = ("plugins", "ros2dds"), ("access_control",)
 
-RULES: Rules[Bridge, KeyPath] = Rules()  #: What a bridge's configuration may mean that has the right shape.
+RULES: Rules[Bridge, KeyPath] = (
+    Rules()
+)  #: What a bridge's configuration may mean that has the right shape.
 
-POLICY: Rules[tuple[Bridge, Policy], KeyPath] = Rules()  #: Whether it routes what a policy lets cross.
+POLICY: Rules[tuple[Bridge, Policy], KeyPath] = (
+    Rules()
+)  #: Whether it routes what a policy lets cross.
 
-CONTROL_RULES: Rules[Control, KeyPath] = Rules()  #: What access control may mean that has the right shape.
+CONTROL_RULES: Rules[Control, KeyPath] = (
+    Rules()
+)  #: What access control may mean that has the right shape.
 
-CONTROL_POLICY: Rules[tuple[Control, Policy], KeyPath] = Rules()  #: The same of messages, if no rule is broken.
+CONTROL_POLICY: Rules[tuple[Control, Policy], KeyPath] = (
+    Rules()
+)  #: The same of messages, if no rule is broken.
 
 
 def check_zenoh(
@@ -86,7 +94,9 @@ def _only_denied(bridge: Bridge) -> Iterator[Broken[KeyPath]]:
 
 
 @RULES.add(
-    "open-router", "every topic, service and action of every agent crosses", "list what may cross under allow"
+    "open-router",
+    "every topic, service and action of every agent crosses",
+    "list what may cross under allow",
 )
 def _unfiltered(bridge: Bridge) -> Iterator[Broken[KeyPath]]:
     if not {"allow", "deny"} & set(bridge):
@@ -116,11 +126,15 @@ def _pairs(bridge: Bridge) -> Iterator[Broken[KeyPath]]:
         if "allow" in bridge and bool(servers) is not bool(clients):
             there, missing = ("servers", "clients") if servers else ("clients", "servers")
             found = f"{what}_{there} are allowed, {what}_{missing} are not"
-            yield Broken((*PLUGIN, "allow"), found, f"allow {what}_{missing} as well, unless other agents do")
+            yield Broken(
+                (*PLUGIN, "allow"), found, f"allow {what}_{missing} as well, unless other agents do"
+            )
 
 
 @POLICY.add(
-    "policy", "the bridge does not do what the fleet file says", "generate the file from the fleet file"
+    "policy",
+    "the bridge does not do what the fleet file says",
+    "generate the file from the fleet file",
 )
 def _differences(asked: tuple[Bridge, Policy]) -> Iterator[Broken[KeyPath]]:
     """Find the first interface of each kind that a bridge routes and a policy keeps, or the other way round."""
@@ -135,7 +149,9 @@ def _differences(asked: tuple[Bridge, Policy]) -> Iterator[Broken[KeyPath]]:
                 continue
             if bridges(bridge, kind, name) is not should:
                 does = (
-                    "does not cross, and the policy lets it" if should else "crosses, and the policy keeps it"
+                    "does not cross, and the policy lets it"
+                    if should
+                    else "crosses, and the policy keeps it"
                 )
                 yield Broken((*PLUGIN, "allow", kind), f"{name} ({kind}) {does}")
                 break
@@ -184,7 +200,10 @@ def _disabled(control: Control) -> Iterator[Broken[KeyPath]]:
 
 
 @CONTROL_RULES.add(
-    "open-router", "every name that nobody thought of crosses", "default_permission: deny", Severity.WARNING
+    "open-router",
+    "every name that nobody thought of crosses",
+    "default_permission: deny",
+    Severity.WARNING,
 )
 def _allowed_by_default(control: Control) -> Iterator[Broken[KeyPath]]:
     if control.get("default_permission") == "allow":
@@ -207,7 +226,9 @@ def _unknown_id(control: Control) -> Iterator[Broken[KeyPath]]:
         for position, item in enumerate(control["policies"]):
             for name in item[key]:
                 if name not in known:
-                    yield Broken((*CONTROL, "policies", position, key), f"{name!r} is none of the {key}")
+                    yield Broken(
+                        (*CONTROL, "policies", position, key), f"{name!r} is none of the {key}"
+                    )
 
 
 @CONTROL_RULES.add("unused", "it has no effect", severity=Severity.WARNING)
@@ -219,7 +240,9 @@ def _unused(control: Control) -> Iterator[Broken[KeyPath]]:
 
 
 @CONTROL_POLICY.add(
-    "policy", "access control does not do what the fleet file says", "generate the file from the fleet file"
+    "policy",
+    "access control does not do what the fleet file says",
+    "generate the file from the fleet file",
 )
 def _other_messages(asked: tuple[Control, Policy]) -> Iterator[Broken[KeyPath]]:
     control, policy = asked
@@ -228,7 +251,9 @@ def _other_messages(asked: tuple[Control, Policy]) -> Iterator[Broken[KeyPath]]:
             should = policy.crosses(f"rt/{key}", way)
             if permits(control, "put", flow, key) is not should:
                 does = (
-                    "is stopped, and the policy lets it cross" if should else "passes, and the policy keeps it"
+                    "is stopped, and the policy lets it cross"
+                    if should
+                    else "passes, and the policy keeps it"
                 )
                 yield Broken((*CONTROL, "rules"), f"a message of {key} {does} ({flow})")
 
@@ -253,7 +278,9 @@ def _includes(expression: list[str], key: list[str]) -> bool:
         return not key
     first, *rest = expression
     if first == "**":
-        return _includes(rest, key) or (bool(key) and key[0][:1] != "@" and _includes(expression, key[1:]))
+        return _includes(rest, key) or (
+            bool(key) and key[0][:1] != "@" and _includes(expression, key[1:])
+        )
     return bool(key) and _segment(first, key[0]) and _includes(rest, key[1:])
 
 

@@ -56,8 +56,12 @@ class Changed:
     state: State  #: Where it stands now.
     pid: int | None = None  #: Its process; None while there is none.
     crashes: int = 0  #: How often it has ended although it was wanted.
-    why: str = ""  #: How its process ended or what is waited for; empty when there is nothing to say.
-    retry_s: float | None = None  #: Wait before it is started again, seconds; None when no start is waited for.
+    why: str = (
+        ""  #: How its process ended or what is waited for; empty when there is nothing to say.
+    )
+    retry_s: float | None = (
+        None  #: Wait before it is started again, seconds; None when no start is waited for.
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -170,7 +174,9 @@ class Agent:
                 while any(unit.life.state not in REST for unit in self._units):
                     await self._step()
         finally:
-            await asyncio.gather(*(u.process.destroy() for u in self._units if u.process is not None))
+            await asyncio.gather(
+                *(u.process.destroy() for u in self._units if u.process is not None)
+            )
 
     async def _watch(self) -> None:
         """End by force what hangs; it is started anew like whatever crashes."""
@@ -236,7 +242,9 @@ class Agent:
         before = unit.life.state
         await self._carry_out(unit, unit.life.feed(given, now_ns=steady_ns()), "")
         if unit.life.state is not before:
-            self._tell(unit, "it took too long to start" if unit.life.state is State.REPLACING else "")
+            self._tell(
+                unit, "it took too long to start" if unit.life.state is State.REPLACING else ""
+            )
 
     async def _carry_out(self, unit: _Unit, action: Action | None, why: str) -> None:
         if action is Action.START:
@@ -278,7 +286,11 @@ class Agent:
 def _how(status: int) -> str:
     if status < 0:
         return f"killed by {signal.Signals(-status).name}"
-    return f"it ended with status {status}; its own words stand above" if status else "it ended by itself"
+    return (
+        f"it ended with status {status}; its own words stand above"
+        if status
+        else "it ended by itself"
+    )
 
 
 class Narrator:
@@ -363,7 +375,9 @@ class SupervisorConfig:
     timing: ProcessTiming = field(default_factory=ProcessTiming)  #: The waits of every component.
 
 
-async def serve_agent(config: AgentConfig, say: Callable[[str], None], *, as_json: bool = False) -> None:
+async def serve_agent(
+    config: AgentConfig, say: Callable[[str], None], *, as_json: bool = False
+) -> None:
     """Run an agent for a person at a terminal, until interrupted, hung up or terminated; twice ends it at once.
 
     `say` is given lines for a person, or with `as_json` the JSON reports, of which there are more.
@@ -388,10 +402,14 @@ async def serve_agent(config: AgentConfig, say: Callable[[str], None], *, as_jso
 
 
 async def _serve(config: SupervisorConfig, report: Reporter, _: Orders) -> None:
-    agent = Agent(config.components, timing=config.timing, on_event=lambda e: report(report_from_event(e)))
+    agent = Agent(
+        config.components, timing=config.timing, on_event=lambda e: report(report_from_event(e))
+    )
     await agent.run()
 
 
 if __name__ == "__main__":
     # Beside its own time what its components may take until they are ended by force.
-    run_component(SupervisorConfig, _serve, end_limit_s=lambda c: END_LIMIT_S + c.timing.stop_ns // NS_PER_S)
+    run_component(
+        SupervisorConfig, _serve, end_limit_s=lambda c: END_LIMIT_S + c.timing.stop_ns // NS_PER_S
+    )

@@ -77,7 +77,9 @@ def plan(config: AgentConfig) -> tuple[Component, ...]:
     """
     for address in (config.local, config.remote):
         if not 0 <= address.domain_id <= MAX_DOMAIN:
-            raise InvalidValueError(f"agent {config.agent}, domain", address.domain_id, f"0 to {MAX_DOMAIN}")
+            raise InvalidValueError(
+                f"agent {config.agent}, domain", address.domain_id, f"0 to {MAX_DOMAIN}"
+            )
     return tuple(
         Component(name=name, argv=(sys.executable, "-m", module, argument_of(configure(config))))
         for name, (module, configure) in _MODULES.items()
@@ -90,7 +92,9 @@ def without(config: AgentConfig, components: Iterable[str]) -> AgentConfig:
     dropped = frozenset(components)
     for name in sorted(dropped - set(COMPONENTS)):
         raise InvalidValueError(f"agent {config.agent}, component", name, ", ".join(COMPONENTS))
-    return replace(config, components=tuple(name for name in config.components if name not in dropped))
+    return replace(
+        config, components=tuple(name for name in config.components if name not in dropped)
+    )
 
 
 def router_config(config: AgentConfig) -> RouterConfig:
@@ -111,13 +115,18 @@ def router_config(config: AgentConfig) -> RouterConfig:
 def _status(config: AgentConfig) -> StatusConfig:
     description = AgentDescription(sensors=config.sensors)
     settings = StatusSettings(
-        agent=config.agent, description=description, schedule=config.schedule, offers=config.describes
+        agent=config.agent,
+        description=description,
+        schedule=config.schedule,
+        offers=config.describes,
     )
     return StatusConfig(address=config.local, settings=settings, detect=config.detect)
 
 
 def _discoverer(config: AgentConfig) -> DiscoveryConfig:
-    settings = DiscoverySettings(agent=config.agent, timing=config.discovery, offers=config.describes)
+    settings = DiscoverySettings(
+        agent=config.agent, timing=config.discovery, offers=config.describes
+    )
     return DiscoveryConfig(address=config.local, settings=settings)
 
 
@@ -145,7 +154,10 @@ _MODULES: dict[str, tuple[str, Callable[[AgentConfig], Any]]] = {
     "router": ("sfglab.fleet.router.node", router_config),
     "status": ("sfglab.fleet.status.node", _status),
     "discoverer": ("sfglab.fleet.discovery.node", _discoverer),
-    "keeper": ("sfglab.fleet.gop_cache", lambda c: KeeperConfig(address=c.local, streams=_videos(c))),
+    "keeper": (
+        "sfglab.fleet.gop_cache",
+        lambda c: KeeperConfig(address=c.local, streams=_videos(c)),
+    ),
     "decoder": ("sfglab.fleet.decoder.node", _decoder),
 }
 
@@ -193,6 +205,8 @@ def config_from_options(
         base = config_from_fleet(fleet, agent)
         return replace(base, local=local.over(base.local), remote=remote.over(base.remote))
     if local.domain_id is None:
-        raise InvalidValueError(f"agent {agent}: its own domain", None, f"1 to {MAX_DOMAIN} or a fleet file")
+        raise InvalidValueError(
+            f"agent {agent}: its own domain", None, f"1 to {MAX_DOMAIN} or a fleet file"
+        )
     own, shared = BusAddress(domain_id=local.domain_id), BusAddress(domain_id=0)
     return AgentConfig(agent=agent, local=local.over(own), remote=remote.over(shared))

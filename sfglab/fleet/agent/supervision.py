@@ -46,7 +46,9 @@ class Input(Enum):
     BEGIN = auto()  #: The agent starts.
     READY = auto()  #: The process reports that it serves.
     ENDED = auto()  #: The process is gone, with everything it had started.
-    REFUSED = auto()  #: It ended of its own accord before it had ever served: its configuration is wrong.
+    REFUSED = (
+        auto()
+    )  #: It ended of its own accord before it had ever served: its configuration is wrong.
     TIMER = auto()  #: The armed timer ran out.
     TOLD_TO_STOP = auto()  #: The agent is to end; said again, it is to end at once.
 
@@ -188,7 +190,9 @@ class ComponentProcess:
             while line := await stream.readline():
                 self._hear(value_from_line(line.decode(errors="replace").rstrip()))
         except ValueError:
-            self._hear(_printed(f"a line of more than {LINE_LIMIT_BYTES} bytes; it is ended for that"))
+            self._hear(
+                _printed(f"a line of more than {LINE_LIMIT_BYTES} bytes; it is ended for that")
+            )
             self.kill()
 
 

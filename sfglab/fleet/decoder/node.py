@@ -54,8 +54,14 @@ if TYPE_CHECKING:
 
 
 _LOG = logging.getLogger(__name__)
-_WATCHED = (State.STARTING, State.RUNNING, State.LINGERING)  # a spare may have been stopped while it waited
-OFFER = user_data({OFFER_KEY: "decoder"})  #: USER_DATA of writers that only show what could be decoded.
+_WATCHED = (
+    State.STARTING,
+    State.RUNNING,
+    State.LINGERING,
+)  # a spare may have been stopped while it waited
+OFFER = user_data(
+    {OFFER_KEY: "decoder"}
+)  #: USER_DATA of writers that only show what could be decoded.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -75,7 +81,9 @@ class _Pipeline:
     route: Route
     life: Lifecycle
     wanted: bool = False
-    seen: bool = False  # whether subscribers may have seen any pictures of an earlier pipeline, or decoder
+    seen: bool = (
+        False  # whether subscribers may have seen any pictures of an earlier pipeline, or decoder
+    )
     worker: Worker | None = None
     statistics: Statistics | None = None
     watch: HangWatch = field(default_factory=HangWatch)
@@ -157,7 +165,9 @@ class AgentDecoder:
             for pipeline in self._pipelines.values():
                 worker = pipeline.worker if pipeline.life.state in _WATCHED else None
                 if worker is not None and (why := pipeline.watch.look(worker.pid)):
-                    _LOG.warning("decoder: %s: its pipeline process: %s", pipeline.route.local_topic, why)
+                    _LOG.warning(
+                        "decoder: %s: its pipeline process: %s", pipeline.route.local_topic, why
+                    )
                     worker.signal(SIGKILL)
 
     async def _watch_agents(self, topic: str) -> None:
@@ -167,7 +177,9 @@ class AgentDecoder:
     async def _step(self) -> None:
         """Handle the next event, or the timers that ran out before it."""
         now_ns = steady_ns()
-        deadlines = [p.life.deadline_ns for p in self._pipelines.values() if p.life.deadline_ns is not None]
+        deadlines = [
+            p.life.deadline_ns for p in self._pipelines.values() if p.life.deadline_ns is not None
+        ]
         wait_s = max(0.0, (min(deadlines) - now_ns) / 1e9) if deadlines else None
         try:
             async with asyncio.timeout(wait_s):
@@ -214,7 +226,9 @@ class AgentDecoder:
     async def _add(self, route: Route) -> None:
         pipeline = self._pipelines[route.local_topic] = _Pipeline(route, Lifecycle(self._timing))
         if self._offers:
-            endpoint = topic_endpoint(route.local_type, route.local_topic, LOCAL_QOS, user_data=OFFER)
+            endpoint = topic_endpoint(
+                route.local_type, route.local_topic, LOCAL_QOS, user_data=OFFER
+            )
             pipeline.offer = Publisher(self._local, self._local.backend, endpoint)
         self._on_status(self._status(pipeline))
         pipeline.seen = bool(self._demand.count(route.local_topic))
@@ -287,7 +301,9 @@ class AgentDecoder:
         newest = pipeline.statistics.newest if pipeline.statistics else -1
         after = sys.maxsize if pipeline.seen else newest
         pipeline.statistics, pipeline.watch, pipeline.seen = None, HangWatch(), True
-        stream = replace(route, after=after, replay_topic=route.replay_topic if self._replay else "")
+        stream = replace(
+            route, after=after, replay_topic=route.replay_topic if self._replay else ""
+        )
         transports = sorted(self._demand.transports(route.local_topic))
         pipeline.worker.order(do="open", stream=stream, transports=transports)
 
@@ -308,15 +324,21 @@ class DecoderConfig:
 
     remote: BusAddress  #: Where remote streams arrive.
     local: BusAddress  #: Where local subscribers are.
-    streams: tuple[str, ...] = ()  #: Remote topics to offer from the start, by their names in the schema.
+    streams: tuple[
+        str, ...
+    ] = ()  #: Remote topics to offer from the start, by their names in the schema.
     discovery_topic: str = ""  #: Topic of discovery events; empty: none is listened to.
     linger_s: float = 1.0  #: How long a pipeline outlives its last subscriber, seconds.
-    replay: bool = True  #: Whether streams are joined by their senders' replays; else by the next key frame.
+    replay: bool = (
+        True  #: Whether streams are joined by their senders' replays; else by the next key frame.
+    )
     spare: bool = True  #: Whether a pipeline process waits, warm, for the next stream.
     #: Whether another spare starts when a stream takes it. Without, one process that is there is lent to one
     #: stream after the other, as a component container loads and unloads what paper A's decoder asks for.
     refill: bool = True
-    offers: bool = True  #: Whether ROS 2's tools list what could be decoded, before anybody subscribes.
+    offers: bool = (
+        True  #: Whether ROS 2's tools list what could be decoded, before anybody subscribes.
+    )
     parameters: Way | None = None  #: How ROS 2's tools read this; None: they do not.
 
 
@@ -348,7 +370,12 @@ async def run_decoder(
             await pool.start()
             timing = Timing(linger_ns=round(config.linger_s * 1e9))
             decoder = AgentDecoder(
-                local, pool, timing=timing, replay=config.replay, offers=config.offers, on_status=on_status
+                local,
+                pool,
+                timing=timing,
+                replay=config.replay,
+                offers=config.offers,
+                on_status=on_status,
             )
             for agent in sorted({route.agent for route in routes}):
                 decoder.offer(agent, [route for route in routes if route.agent == agent])
@@ -373,7 +400,9 @@ async def _serve(config: DecoderConfig, report: Reporter, orders: Orders) -> Non
             report({"is": "processes", "pids": pool.pids, "warm": pool.warm})
 
     async with beside(answer()):
-        await run_decoder(config, on_status=lambda s: report({"is": "status", **asdict(s)}), on_ready=ready)
+        await run_decoder(
+            config, on_status=lambda s: report({"is": "status", **asdict(s)}), on_ready=ready
+        )
 
 
 async def serve_terminal(config: DecoderConfig, say: Callable[[str], None]) -> None:
@@ -384,7 +413,9 @@ async def serve_terminal(config: DecoderConfig, say: Callable[[str], None]) -> N
         if states.get(status.local_topic) != status.state:
             states[status.local_topic] = status.state
             who = f"{status.subscribers} subscriber{'' if status.subscribers == 1 else 's'}"
-            say(f"{status.local_topic}: {status.state.lower()}, {who}  (from {status.source_topic})")
+            say(
+                f"{status.local_topic}: {status.state.lower()}, {who}  (from {status.source_topic})"
+            )
 
     ready = "decoder: ready, end it with Ctrl-C"
     await run_until_interrupted(run_decoder(config, on_status=note, on_ready=lambda _: say(ready)))

@@ -45,7 +45,9 @@ def image_prefix(header: Any, pixels: NDArray[np.generic], encoding: str) -> byt
 
 
 @functools.lru_cache(maxsize=64)
-def _prefix(frame_id: str, encoding: str, shape: tuple[int, ...], step: int, size_bytes: int) -> bytes:
+def _prefix(
+    frame_id: str, encoding: str, shape: tuple[int, ...], step: int, size_bytes: int
+) -> bytes:
     image = default_message("sensor_msgs/msg/Image")
     image.header.frame_id = frame_id
     image.height, image.width = shape
@@ -148,7 +150,9 @@ async def _relay(
     route: Route, transports: Iterable[str], remote: Node, outputs: Outputs, counts: Statistics
 ) -> None:
     with closing(
-        remote.create_subscription(route.source_type, route.source_topic, qos=COMPRESSED_STREAM, raw=True)
+        remote.create_subscription(
+            route.source_type, route.source_topic, qos=COMPRESSED_STREAM, raw=True
+        )
     ) as subscription:
         outputs.serve(transports)
         async for cdr in subscription:

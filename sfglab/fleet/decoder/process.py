@@ -85,7 +85,9 @@ class PipelineWorker:
         try:
             self._report({"is": "opened"})
             reports = asyncio.create_task(self._report_counts(counts))
-            await run_pipeline(route, transports, remote=self._remote, outputs=outputs, counts=counts)
+            await run_pipeline(
+                route, transports, remote=self._remote, outputs=outputs, counts=counts
+            )
         except Exception as error:  # noqa: BLE001  # whatever broke it, the decoder must hear of it
             self._report({"is": "broken", "why": f"{type(error).__name__}: {error}"})
         finally:
@@ -121,10 +123,14 @@ async def serve(config: WorkerConfig, report: Reporter, orders: Orders) -> None:
 
     _warm_up()
     async with contextlib.AsyncExitStack() as stack:
-        local = await stack.enter_async_context(Node("agent_decoder_pipeline", **config.local.options()))
+        local = await stack.enter_async_context(
+            Node("agent_decoder_pipeline", **config.local.options())
+        )
         remote = local
         if config.remote != config.local:
-            remote = await stack.enter_async_context(Node("agent_decoder_pipeline", **config.remote.options()))
+            remote = await stack.enter_async_context(
+                Node("agent_decoder_pipeline", **config.remote.options())
+            )
         await PipelineWorker(remote, local, report).run(orders)
 
 
@@ -159,7 +165,9 @@ class WorkerPool:
     """Starts, lends and ends workers, of which so many spares wait warm; `refill` replaces one that is lent."""
 
     def __init__(self, config: WorkerConfig, *, spares: int = 1, refill: bool = True) -> None:
-        self._command = Member(name=_NAME, module="sfglab.fleet.decoder.process", config=config).command
+        self._command = Member(
+            name=_NAME, module="sfglab.fleet.decoder.process", config=config
+        ).command
         self._spares_wanted = spares
         self._refills_wanted = refill
         self._spares: list[Worker] = []
@@ -201,7 +209,11 @@ class WorkerPool:
     async def take_back(self, worker: Worker) -> None:
         """Take a worker whose pipeline has ended; it becomes a spare, or ends if there are enough."""
         worker.belong_to(self._spare_reports)
-        if worker.status is None and len(self._spares) < self._spares_wanted and not self._closed.is_set():
+        if (
+            worker.status is None
+            and len(self._spares) < self._spares_wanted
+            and not self._closed.is_set()
+        ):
             self._spares.append(worker)
         else:
             await worker.end()

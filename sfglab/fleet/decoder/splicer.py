@@ -15,7 +15,9 @@ from typing import Generic, TypeVar
 
 M = TypeVar("M")
 
-MOST_AHEAD = 512  #: Packets that wait for one that is missing; beyond that it will not come any more.
+MOST_AHEAD = (
+    512  #: Packets that wait for one that is missing; beyond that it will not come any more.
+)
 
 
 class Source(Enum):
@@ -38,7 +40,9 @@ class Step(Generic[M]):
     """What to decode next."""
 
     packet: M  #: Whatever stands for the packet.
-    show: bool  #: Whether its picture is wanted; if not, it is decoded for the pictures that follow.
+    show: (
+        bool  #: Whether its picture is wanted; if not, it is decoded for the pictures that follow.
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,7 +80,9 @@ class Splicer(Generic[M]):
         """Whether the replay is of any more use."""
         return self.phase is Phase.JOINING
 
-    def take(self, packet: M, source: Source, *, pts: int, is_key: bool, shown: bool = True) -> None:
+    def take(
+        self, packet: M, source: Source, *, pts: int, is_key: bool, shown: bool = True
+    ) -> None:
         """Take a packet of a source, numbered by `pts` without gaps; a decoder may start where `is_key`."""
         taken = _Packet(pts, is_key, shown, packet)
         if self.phase is Phase.JOINING:

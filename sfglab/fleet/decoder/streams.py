@@ -53,9 +53,13 @@ class Route:
     source_type: str  #: Its ROS type.
     codec: str  #: Codec hint, or `RELAY` for messages that pass unchanged.
     local_topic: str  #: The local topic.
-    replay_topic: str = ""  #: Where its sender may replay the last group of pictures; empty: nowhere.
+    replay_topic: str = (
+        ""  #: Where its sender may replay the last group of pictures; empty: nowhere.
+    )
     most_pixels: int = MAX_PIXELS  #: Of a picture: as announced, with what codecs add at the edges.
-    after: int = -1  #: Number of the newest picture that subscribers may have seen of an earlier pipeline.
+    after: int = (
+        -1
+    )  #: Number of the newest picture that subscribers may have seen of an earlier pipeline.
 
     @property
     def local_type(self) -> str:
@@ -72,7 +76,9 @@ def routes_of_topic(topic: str) -> tuple[Route, Route]:
     fqn = _remote_stream(topic)
     if fqn.resource not in _TYPES:
         allowed = ", ".join(sorted(resource.value for resource in _TYPES))
-        raise StreamError(topic, f"its type does not follow from its name; known are the resources {allowed}")
+        raise StreamError(
+            topic, f"its type does not follow from its name; known are the resources {allowed}"
+        )
     image = _image(fqn, topic, *_TYPES[fqn.resource])
     return image, _camera_info(image, str(replace(fqn, resource=Resource.CAMERA_INFO)))
 
@@ -109,14 +115,25 @@ def _routes_of_stream(stream: Any) -> Iterable[Route]:
 
 def _camera_info(image: Route, topic: str) -> Route:
     local = str(replace(_remote_stream(topic), scope=Scope.LOCAL))
-    return Route(agent=image.agent, source_topic=topic, source_type=CAMERA_INFO, codec=RELAY, local_topic=local)
+    return Route(
+        agent=image.agent,
+        source_topic=topic,
+        source_type=CAMERA_INFO,
+        codec=RELAY,
+        local_topic=local,
+    )
 
 
 def _image(fqn: RosFqn, topic: str, type_: str, codec: str, local: str = "") -> Route:
     agent, replay = str(fqn.agent), (replay_topic(topic) or "") if type_ == FFMPEG_PACKET else ""
     local = local or str(replace(fqn, scope=Scope.LOCAL, resource=Resource.IMAGE_RAW))
     return Route(
-        agent=agent, source_topic=topic, source_type=type_, codec=codec, local_topic=local, replay_topic=replay
+        agent=agent,
+        source_topic=topic,
+        source_type=type_,
+        codec=codec,
+        local_topic=local,
+        replay_topic=replay,
     )
 
 
@@ -127,7 +144,9 @@ def _remote_stream(topic: str) -> RosFqn:
     except FqnError as error:
         raise StreamError(topic, str(error)) from error
     if not fqn.is_global or fqn.component is None:
-        raise StreamError(topic, "needed is a name in the global scope with an agent and a component")
+        raise StreamError(
+            topic, "needed is a name in the global scope with an agent and a component"
+        )
     return fqn
 
 
@@ -166,7 +185,9 @@ class State(Enum):
     IDLE = auto()  #: The stream is known; nobody wants it; nothing runs.
     STARTING = auto()  #: A pipeline was asked for and has not reported yet.
     RUNNING = auto()  #: The pipeline is up.
-    LINGERING = auto()  #: The last subscriber left a moment ago; the pipeline is kept in case one returns.
+    LINGERING = (
+        auto()
+    )  #: The last subscriber left a moment ago; the pipeline is kept in case one returns.
     STOPPING = auto()  #: The pipeline was told to end.
     RESTARTING = auto()  #: The pipeline was told to end, and is wanted again.
     BACKING_OFF = auto()  #: The pipeline died while wanted; the next try waits.
@@ -255,5 +276,9 @@ class Lifecycle(ProcessLife[State, Input, Action]):
     BACK_OFF = Action.BACK_OFF
 
     def __init__(self, timing: Timing) -> None:
-        waits_ns = {Action.START: timing.start_ns, Action.STOP: timing.stop_ns, Action.LINGER: timing.linger_ns}
+        waits_ns = {
+            Action.START: timing.start_ns,
+            Action.STOP: timing.stop_ns,
+            Action.LINGER: timing.linger_ns,
+        }
         super().__init__("pipeline", TRANSITIONS, State.IDLE, waits_ns=waits_ns, timing=timing)

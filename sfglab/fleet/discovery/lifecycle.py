@@ -33,15 +33,30 @@ class Asking(Enum):
 class State(Enum):
     """Where a remote agent stands."""
 
-    UNKNOWN = Told.NOTHING, Asking.NO  #: Nothing is known of it: the first state, and that of who is forgotten.
+    UNKNOWN = (
+        Told.NOTHING,
+        Asking.NO,
+    )  #: Nothing is known of it: the first state, and that of who is forgotten.
     QUERYING = Told.NOTHING, Asking.QUERYING  #: A heartbeat was heard; what it is, is being asked.
     BACKING_OFF = Told.NOTHING, Asking.BACKING_OFF  #: It is alive and has not said yet what it is.
     ACTIVE = Told.PRESENT, Asking.NO  #: It is there, and what it is, is known.
-    REFRESHING = Told.PRESENT, Asking.QUERYING  #: It is there; what is known is out of date and asked again.
-    REFRESH_BACK_OFF = Told.PRESENT, Asking.BACKING_OFF  #: It is there; what is known of it is out of date.
+    REFRESHING = (
+        Told.PRESENT,
+        Asking.QUERYING,
+    )  #: It is there; what is known is out of date and asked again.
+    REFRESH_BACK_OFF = (
+        Told.PRESENT,
+        Asking.BACKING_OFF,
+    )  #: It is there; what is known of it is out of date.
     LOST = Told.LOST, Asking.NO  #: Its heartbeats stopped.
-    REJOINING = Told.LOST, Asking.QUERYING  #: It is back, but not as it was; what it is now, is asked.
-    REJOIN_BACK_OFF = Told.LOST, Asking.BACKING_OFF  #: It is back, and has not said yet what it is now.
+    REJOINING = (
+        Told.LOST,
+        Asking.QUERYING,
+    )  #: It is back, but not as it was; what it is now, is asked.
+    REJOIN_BACK_OFF = (
+        Told.LOST,
+        Asking.BACKING_OFF,
+    )  #: It is back, and has not said yet what it is now.
 
     @property
     def told(self) -> Told:
@@ -58,11 +73,19 @@ class Input(Enum):
     """What can happen to a remote agent."""
 
     HEARD = auto()  #: A heartbeat that says nothing new.
-    CHANGED = auto()  #: A heartbeat of the same start of the agent, with another revision of its description.
+    CHANGED = (
+        auto()
+    )  #: A heartbeat of the same start of the agent, with another revision of its description.
     RESTARTED = auto()  #: A heartbeat of another start of the agent.
-    ANSWERED = auto()  #: The query was answered by the start that was announced, or none was announced yet.
-    ANSWERED_ANEW = auto()  #: The query was answered by another start than the one that was announced.
-    FAILED = auto()  #: The query failed, came to nothing in time, or was answered with something else.
+    ANSWERED = (
+        auto()
+    )  #: The query was answered by the start that was announced, or none was announced yet.
+    ANSWERED_ANEW = (
+        auto()
+    )  #: The query was answered by another start than the one that was announced.
+    FAILED = (
+        auto()
+    )  #: The query failed, came to nothing in time, or was answered with something else.
     RETRY = auto()  #: The wait before the next query is over.
     SILENT = auto()  #: No heartbeat came for too long.
     EXPIRED = auto()  #: It has been of no use for too long, or its place is needed.
@@ -82,7 +105,9 @@ class Action(Enum):
     FORGET = auto()  #: Drop everything that is known of it.
 
 
-ANNOUNCEMENTS = frozenset({Action.DISCOVERED, Action.UPDATED, Action.LOST, Action.RETURNED, Action.RESTARTED})
+ANNOUNCEMENTS = frozenset(
+    {Action.DISCOVERED, Action.UPDATED, Action.LOST, Action.RETURNED, Action.RESTARTED}
+)
 """Actions that are discovery events, by the names of ``AgentDiscoveryEvent``'s constants."""
 
 _S, _I, _A = State, Input, Action
@@ -142,8 +167,14 @@ STATED: dict[tuple[State, Input], str] = {
     (_S.UNKNOWN, _I.HEARD): "asynchronous ROS 2 service futures ... to track agents",
     (_S.QUERYING, _I.HEARD): "prevent redundant metadata queries",
     (_S.QUERYING, _I.ANSWERED): "discovering a new agent ... fires agent discovery events",
-    (_S.ACTIVE, _I.HEARD): "by subscribing to the global heartbeat ... an active cache of the fleet",
-    (_S.ACTIVE, _I.SILENT): "timers to track agents ... exposing the resulting state ... via discovery events",
+    (
+        _S.ACTIVE,
+        _I.HEARD,
+    ): "by subscribing to the global heartbeat ... an active cache of the fleet",
+    (
+        _S.ACTIVE,
+        _I.SILENT,
+    ): "timers to track agents ... exposing the resulting state ... via discovery events",
 }
 """The transitions that the paper's words state, sections 4.2 and 4.3 and the caption; the others are ours."""
 
@@ -169,7 +200,9 @@ class Node:
 
     state: State  #: The state.
     row: int  #: 0 for what local consumers have not heard of, 1 for what is there, 2 for what is lost.
-    column: int  #: 0 when nothing is asked, 1 while a query is outstanding, 2 while the next one waits.
+    column: (
+        int  #: 0 when nothing is asked, 1 while a query is outstanding, 2 while the next one waits.
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -191,7 +224,8 @@ class Edge:
 def diagram() -> tuple[tuple[Node, ...], tuple[Edge, ...]]:
     """Return the states and the transitions of the table, in its order."""
     nodes = tuple(
-        Node(state=s, row=list(Told).index(s.told), column=list(Asking).index(s.asking)) for s in State
+        Node(state=s, row=list(Told).index(s.told), column=list(Asking).index(s.asking))
+        for s in State
     )
     edges = tuple(
         Edge(source=source, given=given, target=target, actions=actions)

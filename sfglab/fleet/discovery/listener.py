@@ -32,7 +32,13 @@ _NOBODY = bytes(16)  # the gid of a publisher that was gone before its event was
 
 def discovery_topic(agent: str) -> str:
     """Return where an agent's discoverer publishes (paper A, 4.2); `FqnError` if no agent can bear the name."""
-    return str(RosFqnBuilder().scope(Scope.LOCAL).agent(agent).resource(Resource.AGENT_DISCOVERY_EVENT).build())
+    return str(
+        RosFqnBuilder()
+        .scope(Scope.LOCAL)
+        .agent(agent)
+        .resource(Resource.AGENT_DISCOVERY_EVENT)
+        .build()
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -113,7 +119,9 @@ class KnownAgents:
 async def agent_changes(node: Node, topic: str) -> AsyncIterator[Change]:
     """Yield every change of what remote agents offer on a discoverer's topic, what it said before first."""
     known = KnownAgents()
-    with closing(node.create_subscription(DISCOVERY_EVENT, topic, qos=DISCOVERY_QOS)) as subscription:
+    with closing(
+        node.create_subscription(DISCOVERY_EVENT, topic, qos=DISCOVERY_QOS)
+    ) as subscription:
         while True:
             due_ns = known.deadline_ns
             wait_s = None if due_ns is None else max(0.0, (due_ns - steady_ns()) / 1e9)

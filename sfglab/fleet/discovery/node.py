@@ -100,7 +100,9 @@ class DiscoverySettings:
     query_timeout_s: float = 2.0  #: How long an agent may take to answer then, seconds.
     #: Whether descriptions that agents offer are read; then a service is asked only where there is none of use.
     offers: bool = False
-    max_queries: int = 128  #: Queries that may be under way at once; the others have their turns (`Turns`).
+    max_queries: int = (
+        128  #: Queries that may be under way at once; the others have their turns (`Turns`).
+    )
 
     def __post_init__(self) -> None:
         validate_agent(self.agent)
@@ -108,7 +110,9 @@ class DiscoverySettings:
             if not 0 < (given := getattr(self, name)) <= 60:
                 raise InvalidValueError(f"discovery, {name}", given, "seconds above 0, at most 60")
         if self.max_queries < 1:
-            raise InvalidValueError("discovery, max_queries", self.max_queries, "whole numbers from 1")
+            raise InvalidValueError(
+                "discovery, max_queries", self.max_queries, "whole numbers from 1"
+            )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -116,7 +120,9 @@ class DiscoveryStatus:
     """What a discoverer knows now."""
 
     agents: tuple[AgentStatus, ...]  #: The remote agents, by name.
-    counts: dict[str, int]  #: How often what happened; see `Registry.counts`. ``event_<name>`` counts events.
+    counts: dict[
+        str, int
+    ]  #: How often what happened; see `Registry.counts`. ``event_<name>`` counts events.
 
 
 class AgentDiscoverer:
@@ -159,17 +165,23 @@ class AgentDiscoverer:
         """Serve until cancelled; nothing of it is left then. `on_ready` is called before it hears anything."""
         own_topic = discovery_topic(self._settings.agent)
         self._events = self._node.create_publisher(DISCOVERY_EVENT, own_topic, DISCOVERY_QOS)
-        heard = [self._node.create_subscription(AGENT_HEARTBEAT, heartbeat_topic(), qos=_HEARTBEATS)]
+        heard = [
+            self._node.create_subscription(AGENT_HEARTBEAT, heartbeat_topic(), qos=_HEARTBEATS)
+        ]
         hearing = [self._hear(heard[0])]
         if self._settings.offers:
             topic = metadata_topic()
-            heard.append(self._node.create_subscription(AGENT_METADATA, topic, qos=_HEARTBEATS, raw=True))
+            heard.append(
+                self._node.create_subscription(AGENT_METADATA, topic, qos=_HEARTBEATS, raw=True)
+            )
             hearing.append(self._hear_offers(heard[1]))
         on_ready()
         self._broken = asyncio.get_running_loop().create_future()
         try:
             async with beside(*hearing, self._watch_time()) as serving:
-                done, _ = await asyncio.wait([self._broken, *serving], return_when=asyncio.FIRST_COMPLETED)
+                done, _ = await asyncio.wait(
+                    [self._broken, *serving], return_when=asyncio.FIRST_COMPLETED
+                )
                 for future in done:
                     future.result()
         finally:
@@ -253,12 +265,18 @@ class AgentDiscoverer:
         del self._queries[query]
         self._end(query)
         self._rearmed.set()  # there is a place now, and the next try may be due before anything else
-        if not task.cancelled() and (error := task.exception()) is not None and not self._broken.done():
+        if (
+            not task.cancelled()
+            and (error := task.exception()) is not None
+            and not self._broken.done()
+        ):
             self._broken.set_exception(error)
 
     async def _ask(self, order: Order, query: int) -> None:
         agent = order.agent
-        metadata = await self._offer_of(order) if self._settings.offers and not order.failures else None
+        metadata = (
+            await self._offer_of(order) if self._settings.offers and not order.failures else None
+        )
         metadata = self._admitted(agent, metadata or await self._answer_of(agent, query))
         if metadata is None:
             orders = self._registry.failed(agent, query, now_ns=steady_ns())
@@ -279,7 +297,9 @@ class AgentDiscoverer:
         return None
 
     def _is_there(self, publisher: bytes) -> bool:
-        return any(publisher == endpoint.gid for endpoint in self._node.graph.publishers(metadata_topic()))
+        return any(
+            publisher == endpoint.gid for endpoint in self._node.graph.publishers(metadata_topic())
+        )
 
     async def _answer_of(self, agent: str, query: int) -> Any:
         """Ask an agent; None when there is no answer."""
@@ -288,7 +308,10 @@ class AgentDiscoverer:
             request = service_type(GET_METADATA).request()
             await client.wait_for_service(self._settings.find_timeout_s)
             self._turns.found(query, steady_ns())
-            most, timeout_s = self._settings.limits.max_metadata_bytes, self._settings.query_timeout_s
+            most, timeout_s = (
+                self._settings.limits.max_metadata_bytes,
+                self._settings.query_timeout_s,
+            )
             response = await client.call(request, timeout_s=timeout_s, max_bytes=most)
         except SfglabError as error:
             _LOG.info("discoverer: %s", error)
@@ -337,7 +360,9 @@ async def run_discoverer(config: DiscoveryConfig, report: Reporter, orders: Orde
     """Run a discoverer until cancelled and all it started has ended; `BusError` if it cannot join a domain."""
     from sfglab.bus import Node
 
-    async with Node("agent_discoverer", **config.address.options(), max_sample_bytes=MAX_SAMPLE_BYTES) as node:
+    async with Node(
+        "agent_discoverer", **config.address.options(), max_sample_bytes=MAX_SAMPLE_BYTES
+    ) as node:
         now_ns = node.get_clock().now_ns
 
         def told(event: Order) -> None:
@@ -347,7 +372,9 @@ async def run_discoverer(config: DiscoveryConfig, report: Reporter, orders: Orde
         def moved(move: Move) -> None:
             names = {"before": move.before.name, "given": move.given.name, "after": move.after.name}
             actions = [action.name for action in move.actions]
-            report({"is": "move", "agent": move.agent, **names, "actions": actions, "t_ns": now_ns()})
+            report(
+                {"is": "move", "agent": move.agent, **names, "actions": actions, "t_ns": now_ns()}
+            )
 
         on_move = moved if config.report_moves else None
         discoverer = AgentDiscoverer(node, config.settings, on_event=told, on_move=on_move)

@@ -38,11 +38,15 @@ if TYPE_CHECKING:
 class Timing:
     """How long a discoverer waits for what."""
 
-    missed: float = between(3.0, without=(0,))  #: Announced periods without a heartbeat: an agent is lost.
+    missed: float = between(
+        3.0, without=(0,)
+    )  #: Announced periods without a heartbeat: an agent is lost.
     slack_ns: int = between(500_000_000, without=(0,))  #: Time on top of that, for the network.
     #: Wait after the first failed query; it doubles with each further one.
     backoff_ns: int = between(250_000_000, without=(0,))
-    backoff_max_ns: int = between(10_000_000_000, without=(0,))  #: The longest wait between queries.
+    backoff_max_ns: int = between(
+        10_000_000_000, without=(0,)
+    )  #: The longest wait between queries.
     forget_ns: int = between(600_000_000_000, without=(0,))  #: How long a lost agent is remembered.
 
     def __post_init__(self) -> None:
@@ -55,12 +59,17 @@ class Order:
 
     action: Action  #: What; one that is an announcement names the event.
     agent: str  #: Whom to ask, or of whom to tell.
-    query: int | None = None  #: Which query, for `Registry.answered` or `failed`; no two are the same.
+    query: int | None = (
+        None  #: Which query, for `Registry.answered` or `failed`; no two are the same.
+    )
     incarnation: int = 0  #: Which start of the agent the description is from.
     metadata: Any = None  #: Its last known description.
     publisher: bytes = b""  #: Who was heard, when an agent has to be asked.
     failures: int = 0  #: How many queries of it have failed since one was answered.
-    wanted: tuple[int, int] = (0, 0)  #: Which incarnation and revision it said to be, when it has to be asked.
+    wanted: tuple[int, int] = (
+        0,
+        0,
+    )  #: Which incarnation and revision it said to be, when it has to be asked.
 
     @property
     def event(self) -> str:
@@ -94,7 +103,10 @@ class AgentStatus:
 _OF_NO_USE = tuple(state for state, given in TRANSITIONS if given is Input.EXPIRED)
 
 
-_CLAIMS_PER_S, _CLAIMS = 0.1, 5  # claims to be another start that are followed, for long and at once
+_CLAIMS_PER_S, _CLAIMS = (
+    0.1,
+    5,
+)  # claims to be another start that are followed, for long and at once
 _DOUBTS = 3  # failed queries after which who was not believed before is no sign of life
 
 
@@ -112,7 +124,9 @@ class _Remote:
     sources: Sources = field(default_factory=Sources)
     publisher: bytes = b""
     doubts: int = 0
-    held: _Version | None = None  #: What the description is of that was announced; None before the first.
+    held: _Version | None = (
+        None  #: What the description is of that was announced; None before the first.
+    )
     metadata: Any = None
     query: int | None = None  #: The outstanding query.
     heard_ns: int = 0
@@ -122,8 +136,12 @@ class _Remote:
 
     @property
     def silent_ns(self) -> int:
-        held = self.held[0] if self.held is not None and self.life.state.told is Told.PRESENT else None
-        return self.sources.silent_ns(held, doubted=self.held is not None and self.doubts >= _DOUBTS)
+        held = (
+            self.held[0] if self.held is not None and self.life.state.told is Told.PRESENT else None
+        )
+        return self.sources.silent_ns(
+            held, doubted=self.held is not None and self.doubts >= _DOUBTS
+        )
 
 
 class Registry:
@@ -169,9 +187,13 @@ class Registry:
             claims = Bucket(_CLAIMS_PER_S, _CLAIMS, now_ns)
             remote = _Remote(Lifecycle(heartbeat.agent), self._fresh_backoff(), version, claims)
             self._remotes[heartbeat.agent] = remote
-        silent_ns = now_ns + round(self._timing.missed * heartbeat.period_s * 1e9) + self._timing.slack_ns
+        silent_ns = (
+            now_ns + round(self._timing.missed * heartbeat.period_s * 1e9) + self._timing.slack_ns
+        )
         key = publisher_gid, heartbeat.incarnation
-        source = remote.sources.note(key, now_ns=now_ns, silent_ns=silent_ns, revision=heartbeat.revision)
+        source = remote.sources.note(
+            key, now_ns=now_ns, silent_ns=silent_ns, revision=heartbeat.revision
+        )
         remote.due = None
         self._tell_twins(heartbeat.agent, remote.sources)
         given = _input_of(version, remote, source, now_ns)
@@ -200,8 +222,12 @@ class Registry:
         """Say that an agent's name is used twice at once."""
         if twins := sources.twins():
             self.counts["twins"] += 1
-            who = " and ".join(f"{publisher.hex()} (start {start})" for publisher, start in twins[:2])
-            said = f"two speak for agent {agent!r} at once, {who}: its name is used twice, or spoofed"
+            who = " and ".join(
+                f"{publisher.hex()} (start {start})" for publisher, start in twins[:2]
+            )
+            said = (
+                f"two speak for agent {agent!r} at once, {who}: its name is used twice, or spoofed"
+            )
             self._on_alarm(("twins", agent), said)
 
     def answered(self, agent: str, query: int, metadata: Any, *, now_ns: int) -> list[Order]:
@@ -213,7 +239,10 @@ class Registry:
         if metadata.agent != agent or not remote.sources.says(*version):
             self.counts["mismatched"] += 1
             return self.failed(agent, query, now_ns=now_ns)
-        anew, again = remote.held is not None and remote.held[0] != version[0], remote.held == version
+        anew, again = (
+            remote.held is not None and remote.held[0] != version[0],
+            remote.held == version,
+        )
         remote.sources.answered(*version)
         remote.held, remote.wanted, remote.doubts = version, version, 0
         remote.metadata, remote.query = metadata, None
@@ -299,7 +328,9 @@ class Registry:
         before, remote.due = remote.life.state, None
         actions = remote.life.feed(given)
         if self._on_move is not None:
-            move = Move(agent=agent, before=before, given=given, after=remote.life.state, actions=actions)
+            move = Move(
+                agent=agent, before=before, given=given, after=remote.life.state, actions=actions
+            )
             self._on_move(move)
         if remote.life.state is State.LOST and before is not State.LOST:
             # Whoever comes back is compared with what consumers know, not with what was being asked for.
@@ -362,8 +393,12 @@ def _deadlines(remote: _Remote) -> list[tuple[int, Input]]:
 def _order(action: Action, agent: str, remote: _Remote) -> Order:
     if action in ANNOUNCEMENTS:
         assert remote.held is not None
-        return Order(action=action, agent=agent, incarnation=remote.held[0], metadata=remote.metadata)
+        return Order(
+            action=action, agent=agent, incarnation=remote.held[0], metadata=remote.metadata
+        )
     order = Order(action=action, agent=agent, query=remote.query)
     if action is not Action.QUERY:
         return order
-    return replace(order, publisher=remote.publisher, failures=remote.backoff.failures, wanted=remote.wanted)
+    return replace(
+        order, publisher=remote.publisher, failures=remote.backoff.failures, wanted=remote.wanted
+    )

@@ -35,7 +35,9 @@ _PHASES = frozenset(int(phase) for phase in Phase)
 class Refusal(Enum):
     """Why a heartbeat does not count."""
 
-    MALFORMED = "malformed"  #: It is no heartbeat: bytes, name, phase, period or version are not allowed.
+    MALFORMED = (
+        "malformed"  #: It is no heartbeat: bytes, name, phase, period or version are not allowed.
+    )
     FLOOD = "flood"  #: There are more than a fleet would send.
     OWN = "own"  #: It is the discoverer's own agent's.
     SPOOFED = "spoofed"  #: It bears the discoverer's own agent's name and comes from somebody else.
@@ -52,10 +54,18 @@ class Limits:
     max_agents: int = between(500, 1, 900)
     #: Heartbeats per second that one publisher may send for long.
     beats_per_s: float = between(25.0, without=(0, math.inf))
-    burst: int = between(50, without=(0, math.inf))  #: Heartbeats that one publisher may send at once.
-    total_per_s: float = between(1000.0, without=(0, math.inf))  #: The same for all publishers together.
-    total_burst: int = between(5000, without=(0, math.inf))  #: The same for all publishers together.
-    max_metadata_bytes: int = between(65_536, without=(0, math.inf))  #: Longest description, serialized.
+    burst: int = between(
+        50, without=(0, math.inf)
+    )  #: Heartbeats that one publisher may send at once.
+    total_per_s: float = between(
+        1000.0, without=(0, math.inf)
+    )  #: The same for all publishers together.
+    total_burst: int = between(
+        5000, without=(0, math.inf)
+    )  #: The same for all publishers together.
+    max_metadata_bytes: int = between(
+        65_536, without=(0, math.inf)
+    )  #: Longest description, serialized.
 
     def __post_init__(self) -> None:
         check_bounds(self, "discovery, ")
@@ -169,13 +179,20 @@ def admitted(metadata: Any) -> tuple[Any, tuple[DescriptionError, ...]]:
             else:
                 refused.append(wrong)
         sensors[sensor.name] = replace(sensor, streams=streams)
-    lists = {name: _lines(getattr(metadata, name), name, refused) for name in ("accelerators", "software")}
+    lists = {
+        name: _lines(getattr(metadata, name), name, refused)
+        for name in ("accelerators", "software")
+    }
     return replace(metadata, sensors=list(sensors.values()), **lists), tuple(refused)
 
 
 def _wrong_sensor(sensor: Any, known: Mapping[str, Any]) -> DescriptionError | None:
     names = (sensor.name, sensor.model)
-    if sensor.name not in known and len(known) < MAX_ENTRIES and all(len(name) <= MAX_TEXT for name in names):
+    if (
+        sensor.name not in known
+        and len(known) < MAX_ENTRIES
+        and all(len(name) <= MAX_TEXT for name in names)
+    ):
         return None
     why = f"allowed are {MAX_ENTRIES} whose names differ, of {MAX_TEXT} characters"
     return DescriptionError(f"sensor {sensor.name[:MAX_TEXT]!r}", why)
@@ -188,12 +205,16 @@ def _wrong_stream(agent: str, message: Any, taken: Sequence[str]) -> Description
     except DescriptionError as error:
         return error
     if stream.topic in taken or stream.decoded_topic in taken or len(taken) >= 2 * MAX_STREAMS:
-        return DescriptionError(f"stream {stream.topic!r}", f"allowed are {MAX_STREAMS}, whose topics differ")
+        return DescriptionError(
+            f"stream {stream.topic!r}", f"allowed are {MAX_STREAMS}, whose topics differ"
+        )
     return None
 
 
 def _lines(given: Sequence[str], name: str, refused: list[DescriptionError]) -> list[str]:
-    lines = [entry for entry in given if len(entry) <= MAX_TEXT and entry.isprintable()][:MAX_ENTRIES]
+    lines = [entry for entry in given if len(entry) <= MAX_TEXT and entry.isprintable()][
+        :MAX_ENTRIES
+    ]
     if len(lines) < len(given):
         why = f"allowed are {MAX_ENTRIES} lines of {MAX_TEXT} characters, {len(given) - len(lines)} are not"
         refused.append(DescriptionError(name, why))

@@ -12,7 +12,9 @@ from dataclasses import dataclass
 
 _Key = tuple[bytes, int]  # a publisher's gid and the start that it claims
 
-MAX_SOURCES = 8  #: How many are kept track of for a name; of those not believed the longest unheard goes.
+MAX_SOURCES = (
+    8  #: How many are kept track of for a name; of those not believed the longest unheard goes.
+)
 _TWINS = 2  # how often another one is heard between two beats of each before that is no restart
 
 
@@ -22,7 +24,9 @@ class Source:
 
     silent_ns: int = 0  #: When it has been unheard for too long, by the period that it announced.
     revision: int = 0  #: Which revision of its description it has announced.
-    trust: bool | None = None  #: Whether it is believed; None: nobody asked; False: the answer was another.
+    trust: bool | None = (
+        None  #: Whether it is believed; None: nobody asked; False: the answer was another.
+    )
     heard_ns: int = 0  #: When it was heard last.
     beats: int = 0  #: How often it was heard.
     place: int = 0  #: Which of all beats of the name was its last.
@@ -55,7 +59,9 @@ class Sources:
 
     def says(self, incarnation: int, revision: int) -> bool:
         """Return whether somebody claims this start, and no later revision of it."""
-        return any(key[1] == incarnation and s.revision <= revision for key, s in self._known.items())
+        return any(
+            key[1] == incarnation and s.revision <= revision for key, s in self._known.items()
+        )
 
     def answered(self, incarnation: int, revision: int) -> None:
         """Believe those that claim the start that has answered, and nobody else."""
@@ -75,13 +81,21 @@ class Sources:
         Where a start of the agent is there, that is the first of its regular or believed claims; else the last
         of all who may still prove themselves, or when asking has come to nothing (`doubted`) of the believed.
         """
-        counted = {k: s for k, s in self._known.items() if s.trust or not (doubted or s.trust is False)}
-        regular = [s.silent_ns for (_, at), s in counted.items() if at == held and (s.trust or s.beats > 1)]
+        counted = {
+            k: s for k, s in self._known.items() if s.trust or not (doubted or s.trust is False)
+        }
+        regular = [
+            s.silent_ns for (_, at), s in counted.items() if at == held and (s.trust or s.beats > 1)
+        ]
         return min(regular, default=max((s.silent_ns for s in counted.values()), default=0))
 
     def outlive(self, now_ns: int) -> bool:
         """Drop who has been unheard for too long and believe no others; return whether there are any."""
-        known = {key: s for key, s in self._known.items() if s.silent_ns > now_ns and s.trust is not False}
+        known = {
+            key: s
+            for key, s in self._known.items()
+            if s.silent_ns > now_ns and s.trust is not False
+        }
         if known:
             self._known = known
             for source in known.values():

@@ -10,8 +10,12 @@ import heapq
 from collections import Counter
 from dataclasses import dataclass
 
-CHANCE_NS = 250_000_000  #: How long a query holds its place though newcomers wait; one that failed, longer.
-ANSWER_CHANCE_NS = 1_000_000_000  #: The same for one whose service was found: it may be about to answer.
+CHANCE_NS = (
+    250_000_000  #: How long a query holds its place though newcomers wait; one that failed, longer.
+)
+ANSWER_CHANCE_NS = (
+    1_000_000_000  #: The same for one whose service was found: it may be about to answer.
+)
 _MAX_DOUBLINGS = 4
 
 
@@ -28,7 +32,9 @@ class Turns:
 
     def __init__(self, places: int) -> None:
         self._places = places
-        self._waiting: list[tuple[int, int, int]] = []  # failures, how many of its publisher before it, query
+        self._waiting: list[
+            tuple[int, int, int]
+        ] = []  # failures, how many of its publisher before it, query
         self._queries: dict[int, _Query] = {}
         self._under_way: dict[int, _Query] = {}
         self._of_publisher: Counter[bytes] = Counter()
@@ -36,7 +42,9 @@ class Turns:
     def ask(self, query: int, publisher: bytes, failures: int) -> None:
         """Let a query wait for its turn."""
         self._queries[query] = _Query(publisher, min(failures, _MAX_DOUBLINGS))
-        heapq.heappush(self._waiting, (min(failures, _MAX_DOUBLINGS), self._of_publisher[publisher], query))
+        heapq.heappush(
+            self._waiting, (min(failures, _MAX_DOUBLINGS), self._of_publisher[publisher], query)
+        )
         self._of_publisher[publisher] += 1
 
     def found(self, query: int, now_ns: int) -> None:

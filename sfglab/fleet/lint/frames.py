@@ -40,7 +40,8 @@ def edges_of(agent: AgentSpec, *, prefix: bool | None = None) -> tuple[Edge, ...
         return frames.outward(frame) if prefix else frame.removeprefix("/")
 
     return tuple(
-        Edge(agent=agent.name, child=heard(f.child), parent=heard(f.parent), frame=f) for f in agent.tf.frames
+        Edge(agent=agent.name, child=heard(f.child), parent=heard(f.parent), frame=f)
+        for f in agent.tf.frames
     )
 
 
@@ -62,7 +63,9 @@ def roots_of(edges: Iterable[Edge]) -> dict[str, str]:
 
 def check_frames(view: View) -> Iterator[Finding]:
     """Find frames that clash, circles, trees without common root and frames under another agent's prefix."""
-    crossing = any(view.crossing(name, ResourceKind.TOPIC) is Crossing.WHOLE for name in (TF, TF_STATIC))
+    crossing = any(
+        view.crossing(name, ResourceKind.TOPIC) is Crossing.WHOLE for name in (TF, TF_STATIC)
+    )
     trees = [edges_of(agent) for agent in view.fleet.agents]
     for agent, tree in zip(view.fleet.agents, trees, strict=True):
         yield from _check_own(agent, tree)
@@ -82,20 +85,29 @@ def _check_own(agent: AgentSpec, tree: Sequence[Edge]) -> Iterator[Finding]:
         parents = sorted({e.parent for e in broadcast})
         what = f"{agent.name} broadcasts {child} more than once, below {', '.join(parents)}"
         why = "a frame has one parent: listeners take whichever came last"
-        code, place = "frame-two-parents" if len(parents) > 1 else "frame-twice", broadcast[-1].frame.place
-        yield an_error(code=code, place=place, what=what, why=why, remedy="keep one of the transforms")
+        code, place = (
+            "frame-two-parents" if len(parents) > 1 else "frame-twice",
+            broadcast[-1].frame.place,
+        )
+        yield an_error(
+            code=code, place=place, what=what, why=why, remedy="keep one of the transforms"
+        )
     circle = sorted({e.child for e in tree} - set(roots_of(tree)))
     if circle:
         what = f"frames of {agent.name} hang in a circle: {', '.join(circle)}"
         why = "a tree has a root from which every frame is reached"
         remedy = "turn one of the transforms around or remove it"
-        yield an_error(code="frame-circle", place=tree[0].frame.place, what=what, why=why, remedy=remedy)
+        yield an_error(
+            code="frame-circle", place=tree[0].frame.place, what=what, why=why, remedy=remedy
+        )
     roots = sorted(set(roots_of(tree).values()))
     if len(roots) > 1 and not twice:
         what = f"the frames of {agent.name} have {len(roots)} roots: {', '.join(roots)}"
         why = "no transform leads from one part to the other (paper A, section 4.5: a single root)"
         remedy = "join the parts with a transform, or correct the frame's name"
-        yield an_error(code="frame-own-roots", place=agent.tf.place, what=what, why=why, remedy=remedy)
+        yield an_error(
+            code="frame-own-roots", place=agent.tf.place, what=what, why=why, remedy=remedy
+        )
 
 
 def _clashes(edges: Sequence[Edge]) -> Iterator[Finding]:
@@ -107,11 +119,19 @@ def _clashes(edges: Sequence[Edge]) -> Iterator[Finding]:
         if len(agents) < 2:
             continue
         parents = sorted({e.parent for e in group})
-        below = f"below {parents[0]}" if len(parents) == 1 else f"with two parents: {', '.join(parents)}"
+        below = (
+            f"below {parents[0]}"
+            if len(parents) == 1
+            else f"with two parents: {', '.join(parents)}"
+        )
         what = f"{' and '.join(agents)} both broadcast frame {child}, {below}"
-        why = "every agent hears both through its router: the frame jumps between them (paper A, 4.1)"
+        why = (
+            "every agent hears both through its router: the frame jumps between them (paper A, 4.1)"
+        )
         remedy = _apart(group, agents)
-        yield an_error(code="frame-clash", place=group[-1].frame.place, what=what, why=why, remedy=remedy)
+        yield an_error(
+            code="frame-clash", place=group[-1].frame.place, what=what, why=why, remedy=remedy
+        )
 
 
 def _apart(group: Sequence[Edge], agents: Sequence[str]) -> str:
@@ -135,12 +155,16 @@ def _foreign(view: View, edges: Sequence[Edge]) -> Iterator[Finding]:
 def _kept_in(sender: AgentSpec, edge: Edge) -> Iterator[Finding]:
     """Find a transform that the sender's own router does not let out."""
     try:
-        Frames(agent=sender.name, shared=frozenset(sender.tf.shared_frames)).check_outward(edge.frame.child)
+        Frames(agent=sender.name, shared=frozenset(sender.tf.shared_frames)).check_outward(
+            edge.frame.child
+        )
     except FrameClashError as error:
         what = f"{sender.name} broadcasts {edge.child}, which is not its own, and prefixes frames"
         why = f"its router keeps it in: {error}"
         remedy = "rename the frame; motion capture, which places others, has prefix_frames: false"
-        yield an_error(code="frame-kept-in", place=edge.frame.place, what=what, why=why, remedy=remedy)
+        yield an_error(
+            code="frame-kept-in", place=edge.frame.place, what=what, why=why, remedy=remedy
+        )
 
 
 def _placing(owner: AgentSpec, edge: Edge, edges: Sequence[Edge]) -> Iterator[Finding]:
@@ -149,7 +173,10 @@ def _placing(owner: AgentSpec, edge: Edge, edges: Sequence[Edge]) -> Iterator[Fi
     if edge.child in {e.child for e in own}:
         return  # a clash, which is reported as such
     bare = edge.child.removeprefix(f"{owner.name}/")
-    code, what = "frame-of-another", f"{edge.agent} broadcasts {edge.child}, under the prefix of {owner.name}"
+    code, what = (
+        "frame-of-another",
+        f"{edge.agent} broadcasts {edge.child}, under the prefix of {owner.name}",
+    )
     if edge.child not in {e.parent for e in own}:
         severity, remedy = Severity.WARNING, f"place the root of {owner.name}'s own tree"
         why = f"{owner.name} has no transform below that frame: its name may be spelled differently there"
@@ -160,19 +187,25 @@ def _placing(owner: AgentSpec, edge: Edge, edges: Sequence[Edge]) -> Iterator[Fi
         code, severity = "frame-kept-out", Severity.ERROR
         why = f"the router of {owner.name} lets nobody else move its frames, so inside there is no parent"
         remedy = f"{owner.name}: tf: placed_by_others: [{bare}]"
-    yield Finding(severity=severity, code=code, place=edge.frame.place, what=what, why=why, remedy=remedy)
+    yield Finding(
+        severity=severity, code=code, place=edge.frame.place, what=what, why=why, remedy=remedy
+    )
 
 
 def _common_root(view: View, edges: Sequence[Edge]) -> Iterator[Finding]:
     roots = sorted(set(roots_of(edges).values()))
-    if len(roots) < 2 or any(set(roots_of(edges_of(a)).values()) == set(roots) for a in view.fleet.agents):
+    if len(roots) < 2 or any(
+        set(roots_of(edges_of(a)).values()) == set(roots) for a in view.fleet.agents
+    ):
         return
     shared = {frame for agent in view.fleet.agents for frame in agent.tf.shared_frames}
     bare = {root.rpartition("/")[2] for root in roots}
     hint = f"; {min(bare & shared)} is shared by some agents only" if bare & shared else ""
     what = f"the fleet's frames have {len(roots)} roots: {', '.join(roots)}{hint}"
     why = "where one agent stands relative to another is unknown (paper A, section 4.5: a single root)"
-    remedy = "name the common frame, such as map, in shared_frames of every agent, or join the trees"
+    remedy = (
+        "name the common frame, such as map, in shared_frames of every agent, or join the trees"
+    )
     place = view.fleet.agents[0].tf.place
     yield a_warning(code="frame-no-common-root", place=place, what=what, why=why, remedy=remedy)
 

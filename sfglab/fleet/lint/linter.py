@@ -58,7 +58,9 @@ def check_servers(view: View) -> Iterator[Finding]:
         if kind is ResourceKind.TOPIC:
             continue
         crossing = view.crossing(name, kind)
-        if crossing is Crossing.HALF and not meeting.implied:  # of those that are, the rule itself is reported
+        if (
+            crossing is Crossing.HALF and not meeting.implied
+        ):  # of those that are, the rule itself is reported
             yield _half_open(view, kind, name, meeting)
         yield from _unreachable(kind, name, meeting, crossing)
         if len({use.agent for use in meeting.speakers}) > 1 and crossing is Crossing.WHOLE:
@@ -80,7 +82,9 @@ def _half_open(view: View, kind: ResourceKind, name: str, meeting: Meeting) -> F
     return an_error(code="half-open", place=meeting.first.place, what=what, why=why, remedy=remedy)
 
 
-def _unreachable(kind: ResourceKind, name: str, meeting: Meeting, crossing: Crossing) -> Iterator[Finding]:
+def _unreachable(
+    kind: ResourceKind, name: str, meeting: Meeting, crossing: Crossing
+) -> Iterator[Finding]:
     servers = {use.agent for use in meeting.speakers}
     for use in meeting.hearers:
         if use.agent in servers or (servers and crossing is not Crossing.NONE):
@@ -94,8 +98,13 @@ def _unreachable(kind: ResourceKind, name: str, meeting: Meeting, crossing: Cros
         else:
             severity, code = Severity.WARNING if use.implied else Severity.ERROR, "no-server"
             what += ", which nobody in this file serves"
-            why, remedy = "its callers wait for ever", "add the server to the file, or correct the name"
-        yield Finding(severity=severity, code=code, place=use.place, what=what, why=why, remedy=remedy)
+            why, remedy = (
+                "its callers wait for ever",
+                "add the server to the file, or correct the name",
+            )
+        yield Finding(
+            severity=severity, code=code, place=use.place, what=what, why=why, remedy=remedy
+        )
 
 
 def check_hazards(view: View) -> Iterator[Finding]:
@@ -106,7 +115,9 @@ def check_hazards(view: View) -> Iterator[Finding]:
             what = f"{kind.value} {name}: a DDS Router breaks {', '.join(map(repr, hazards))}"
             why = "it finds the reply by replacing every 'rq/' by 'rr/' and every 'Request' by 'Reply'"
             remedy = "rename so that no part ends in rq or rr before a slash or contains Request or Reply"
-            yield an_error(code="router-hazard", place=meeting.first.place, what=what, why=why, remedy=remedy)
+            yield an_error(
+                code="router-hazard", place=meeting.first.place, what=what, why=why, remedy=remedy
+            )
 
 
 def _agents(meeting: Meeting) -> str:
@@ -139,7 +150,11 @@ def lint(fleet: Fleet) -> Report:
     found.sort(key=lambda finding: (order.index(finding.severity), finding.place.line))
     hearings, costs = view.hearings(), discovery(view)
     return Report(
-        fleet=fleet.name, findings=tuple(found), hearings=hearings, discovery=costs, loads=loads(view)
+        fleet=fleet.name,
+        findings=tuple(found),
+        hearings=hearings,
+        discovery=costs,
+        loads=loads(view),
     )
 
 

@@ -50,7 +50,11 @@ def _endpoints(uses: Sequence[Use]) -> _Endpoints:
             assert wire is not None, "made from a ROS name"
             reads = use.speaks is _HEARD_BY_SPEAKER[wire.role]
             (found.readers if reads else found.writers)[dds] += use.count
-            if not reads and use.qos is not None and use.qos.durability is Durability.TRANSIENT_LOCAL:
+            if (
+                not reads
+                and use.qos is not None
+                and use.qos.durability is Durability.TRANSIENT_LOCAL
+            ):
                 found.latched[dds] += use.count
     return found
 
@@ -59,7 +63,9 @@ def discovery(view: View) -> Discovery:
     """Return what discovery costs with one domain for all, and through routers."""
     agents = view.fleet.agents
     ends = {a.name: _endpoints([use for use in view.uses if use.agent == a.name]) for a in agents}
-    local = {a.name: (a.processes, a.processes * ROS_ENDPOINTS + ends[a.name].total) for a in agents}
+    local = {
+        a.name: (a.processes, a.processes * ROS_ENDPOINTS + ends[a.name].total) for a in agents
+    }
     shown = {a.name: _shown(view, a, ends) for a in agents}
     routed = _announcements({name: (1, count) for name, count in shown.items()})
     return Discovery(standard=_announcements(local), routed=routed, local=local, shown=shown)
@@ -84,7 +90,11 @@ def _announcements(hosts: Mapping[str, tuple[int, int]]) -> Announcements:
     announced = sum(p * (endpoints - e) for p, e in hosts.values())
     size = pairs * PAIR_BYTES + announced * ENDPOINT_BYTES
     return Announcements(
-        participants=participants, endpoints=endpoints, pairs=pairs, announced=announced, estimated_bytes=size
+        participants=participants,
+        endpoints=endpoints,
+        pairs=pairs,
+        announced=announced,
+        estimated_bytes=size,
     )
 
 

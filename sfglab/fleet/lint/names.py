@@ -26,9 +26,13 @@ def check_qos(view: View) -> Iterator[Finding]:
             continue
         reasons = incompatibilities(offered=speaker.qos, requested=hearer.qos)
         if reasons:
-            what = f"{hearer.agent} never hears {hearer.name} of {speaker.agent}: QoS does not match"
+            what = (
+                f"{hearer.agent} never hears {hearer.name} of {speaker.agent}: QoS does not match"
+            )
             why, remedy = "; ".join(reasons), "request what the publisher offers, or offer more"
-            yield an_error(code="qos-mismatch", place=hearer.place, what=what, why=why, remedy=remedy)
+            yield an_error(
+                code="qos-mismatch", place=hearer.place, what=what, why=why, remedy=remedy
+            )
 
 
 def check_types(view: View) -> Iterator[Finding]:
@@ -39,7 +43,9 @@ def check_types(view: View) -> Iterator[Finding]:
                 types = f"{speaker.agent} has type {speaker.type}, {hearer.agent} has {hearer.type}"
                 what = f"{hearer.name}: {types}"
                 why, remedy = "endpoints of different types never match", "use one type"
-                yield an_error(code="type-mismatch", place=hearer.place, what=what, why=why, remedy=remedy)
+                yield an_error(
+                    code="type-mismatch", place=hearer.place, what=what, why=why, remedy=remedy
+                )
 
 
 def check_static_transforms(view: View) -> Iterator[Finding]:
@@ -55,7 +61,9 @@ def check_static_transforms(view: View) -> Iterator[Finding]:
         what = f"{use.agent} {doing} {TF_STATIC} as VOLATILE"
         why = f"static transforms are sent once: {who} misses them, across a router always"
         remedy = "use qos: latched (TRANSIENT_LOCAL)"
-        yield an_error(code="static-not-latched", place=use.place, what=what, why=why, remedy=remedy)
+        yield an_error(
+            code="static-not-latched", place=use.place, what=what, why=why, remedy=remedy
+        )
     for use in (use for use in meeting.speakers if use.count > 1):
         what = f"{use.agent} has {use.count} static broadcasters"
         why = (
@@ -68,10 +76,14 @@ def check_static_transforms(view: View) -> Iterator[Finding]:
 def _pairs(view: View, kind: ResourceKind) -> Iterator[tuple[Use, Use]]:
     for (found, _), meeting in view.meetings.items():
         if found is kind:
-            yield from (pair for pair in product(meeting.speakers, meeting.hearers) if view.reaches(*pair))
+            yield from (
+                pair for pair in product(meeting.speakers, meeting.hearers) if view.reaches(*pair)
+            )
 
 
-LAST_SAFE_DOMAIN = 101  #: Above it, ports are in Linux' ephemeral range (ROS 2, "The ROS_DOMAIN_ID").
+LAST_SAFE_DOMAIN = (
+    101  #: Above it, ports are in Linux' ephemeral range (ROS 2, "The ROS_DOMAIN_ID").
+)
 
 ROS_OWN = frozenset({TF, TF_STATIC, "/rosout", "/parameter_events", "/clock", "/diagnostics"})
 """Names that ROS 2 gives itself; they are outside the schema on purpose."""
@@ -85,18 +97,26 @@ def check_domains(view: View) -> Iterator[Finding]:
             what = f"{agent.name} uses domain {agent.domain}, the global one"
             why = "nothing separates it from the fleet: its names are everywhere (paper A, 4.1: D_i != 0)"
             remedy = f"give it a domain of its own, 1 to {LAST_SAFE_DOMAIN}"
-            yield an_error(code="domain-global", place=agent.place, what=what, why=why, remedy=remedy)
+            yield an_error(
+                code="domain-global", place=agent.place, what=what, why=why, remedy=remedy
+            )
         elif agent.domain in taken:
             what = f"{agent.name} and {taken[agent.domain].name} both use domain {agent.domain}"
-            why = "where one network reaches both, their local names mix, and both routers serve both"
+            why = (
+                "where one network reaches both, their local names mix, and both routers serve both"
+            )
             remedy = "give every agent a domain of its own"
-            yield an_error(code="domain-shared", place=agent.place, what=what, why=why, remedy=remedy)
+            yield an_error(
+                code="domain-shared", place=agent.place, what=what, why=why, remedy=remedy
+            )
         taken.setdefault(agent.domain, agent)
         if agent.domain > LAST_SAFE_DOMAIN:
             what = f"{agent.name} uses domain {agent.domain}, above {LAST_SAFE_DOMAIN}"
             why = "its ports lie where Linux takes ports for outgoing connections: some starts will fail"
             remedy = f"use 1 to {LAST_SAFE_DOMAIN}"
-            yield a_warning(code="domain-high", place=agent.place, what=what, why=why, remedy=remedy)
+            yield a_warning(
+                code="domain-high", place=agent.place, what=what, why=why, remedy=remedy
+            )
 
 
 def check_topics_cross(view: View) -> Iterator[Finding]:
@@ -108,7 +128,9 @@ def check_topics_cross(view: View) -> Iterator[Finding]:
         yield from _deaf(name, meeting, crosses=crosses)
         if crosses and not meeting.hearers and not meeting.implied:
             what = f"{name} may cross, but nobody in this file subscribes it"
-            why = "it costs nothing until somebody does: routers show a topic only when it is wanted"
+            why = (
+                "it costs nothing until somebody does: routers show a topic only when it is wanted"
+            )
             yield a_remark(code="unheard", place=meeting.first.place, what=what, why=why)
 
 
@@ -120,7 +142,9 @@ def _deaf(name: str, meeting: Meeting, *, crosses: bool) -> Iterator[Finding]:
             continue
         if speakers:
             severity, code = Severity.ERROR, "does-not-cross"
-            what = f"{use.agent} subscribes {name}, which {publishers} publishes, and never hears it"
+            what = (
+                f"{use.agent} subscribes {name}, which {publishers} publishes, and never hears it"
+            )
             why = "no forwarding rule lets it cross (paper A, Table 1)"
             remedy = f"publish it below /global/, as {_global_form(name, min(speakers))}"
         elif crosses and not use.implied and name not in ROS_OWN:
@@ -130,7 +154,9 @@ def _deaf(name: str, meeting: Meeting, *, crosses: bool) -> Iterator[Finding]:
             remedy = "add the publisher to the file, or correct the name"
         else:
             continue
-        yield Finding(severity=severity, code=code, place=use.place, what=what, why=why, remedy=remedy)
+        yield Finding(
+            severity=severity, code=code, place=use.place, what=what, why=why, remedy=remedy
+        )
 
 
 def check_schema(view: View) -> Iterator[Finding]:
@@ -141,7 +167,9 @@ def check_schema(view: View) -> Iterator[Finding]:
         try:
             parse(name, kind)
         except FqnError as error:
-            yield _outside(name, meeting, error, crosses=view.crossing(name, kind) is not Crossing.NONE)
+            yield _outside(
+                name, meeting, error, crosses=view.crossing(name, kind) is not Crossing.NONE
+            )
 
 
 def _outside(name: str, meeting: Meeting, error: FqnError, *, crosses: bool) -> Finding:
@@ -150,16 +178,22 @@ def _outside(name: str, meeting: Meeting, error: FqnError, *, crosses: bool) -> 
     severity, why = Severity.WARNING, str(error)
     if crosses:
         code, what = "not-in-schema", f"{name} crosses, but is not a name of the schema"
-        remedy = "build names with RosFqnBuilder; Custom(...) is for what the standard does not know"
+        remedy = (
+            "build names with RosFqnBuilder; Custom(...) is for what the standard does not know"
+        )
     elif meant:
         code, what = "nearly-global", f"{name} stays local, though it begins almost like /global/"
-        why = "a rule such as rt/global/* asks for the slash: nothing else crosses (paper A, Table 1)"
+        why = (
+            "a rule such as rt/global/* asks for the slash: nothing else crosses (paper A, Table 1)"
+        )
         remedy = f"if it shall cross, name it {_global_form(name, meeting.first.agent)}"
     else:
         severity, code = Severity.INFO, "local-outside-schema"
         what = f"{name} is not a name of the schema; it stays in its agent's domain"
         remedy = "begin it with /local/<agent>/ so that its reader knows that it does not cross"
-    return Finding(severity=severity, code=code, place=meeting.first.place, what=what, why=why, remedy=remedy)
+    return Finding(
+        severity=severity, code=code, place=meeting.first.place, what=what, why=why, remedy=remedy
+    )
 
 
 def check_descriptions(view: View) -> Iterator[Finding]:
@@ -184,17 +218,25 @@ def check_agents_named(view: View) -> Iterator[Finding]:
         except FqnError:
             continue
         if agent is not None and agent not in known:
-            what = f"{name} names agent {agent!r}, which is not in the fleet{suggestion(agent, known)}"
+            what = (
+                f"{name} names agent {agent!r}, which is not in the fleet{suggestion(agent, known)}"
+            )
             why = "nobody will be found under that name"
             remedy = f"use one of {', '.join(known)}, or add the agent"
-            yield a_warning(code="unknown-agent", place=meeting.first.place, what=what, why=why, remedy=remedy)
+            yield a_warning(
+                code="unknown-agent", place=meeting.first.place, what=what, why=why, remedy=remedy
+            )
 
 
 def check_publishers(view: View) -> Iterator[Finding]:
     """Find crossing topics of one agent that several agents publish."""
     for (kind, name), meeting in view.meetings.items():
         agents = dict.fromkeys(use.agent for use in meeting.speakers)
-        if kind is not ResourceKind.TOPIC or len(agents) < 2 or view.crossing(name, kind) is Crossing.NONE:
+        if (
+            kind is not ResourceKind.TOPIC
+            or len(agents) < 2
+            or view.crossing(name, kind) is Crossing.NONE
+        ):
             continue
         try:
             owner = parse(name, kind).agent

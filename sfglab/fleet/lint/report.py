@@ -61,7 +61,9 @@ class Announcements:
 
     participants: int  #: Participants in the domain that hosts share.
     endpoints: int  #: Endpoints in it.
-    pairs: int  #: Ordered pairs of participants on different hosts: each tells the other about itself.
+    pairs: (
+        int  #: Ordered pairs of participants on different hosts: each tells the other about itself.
+    )
     announced: int  #: Announcements of an endpoint to a participant on another host.
     estimated_bytes: int  #: What hosts receive for both, together.
 
@@ -72,8 +74,12 @@ class Discovery:
 
     standard: Announcements  #: Every process of every agent in one domain.
     routed: Announcements  #: Only the routers meet, and show what is wanted across.
-    local: dict[str, tuple[int, int]]  #: Participants and endpoints in each agent's own domain, by agent.
-    shown: dict[str, int]  #: Endpoints that each agent's router shows in the global domain, by agent.
+    local: dict[
+        str, tuple[int, int]
+    ]  #: Participants and endpoints in each agent's own domain, by agent.
+    shown: dict[
+        str, int
+    ]  #: Endpoints that each agent's router shows in the global domain, by agent.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -87,7 +93,9 @@ class AgentLoad:
     tf_in_bps: float = 0.0  #: Bits a second of them, entering.
     topics_out_bps: float = 0.0  #: Bits a second of other topics that somebody else subscribes.
     topics_in_bps: float = 0.0  #: Bits a second of other topics that it subscribes from others.
-    unsized: tuple[str, ...] = ()  #: Crossing topics without rate or size, which are not in the sums.
+    unsized: tuple[
+        str, ...
+    ] = ()  #: Crossing topics without rate or size, which are not in the sums.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -112,7 +120,9 @@ class Report:
 
 def render(report: Report) -> str:
     """Return a report as text: findings, who hears what, discovery, and what crosses each border."""
-    counts = ", ".join(f"{report.count(s)} {s.value}{'' if report.count(s) == 1 else 's'}" for s in Severity)
+    counts = ", ".join(
+        f"{report.count(s)} {s.value}{'' if report.count(s) == 1 else 's'}" for s in Severity
+    )
     blocks = [
         f"fleet {report.fleet}",
         render_findings(report.findings),
@@ -136,7 +146,9 @@ def _finding(finding: Finding) -> str:
 
 
 def _wrapped(label: str, text: str) -> list[str]:
-    return textwrap.wrap(text, WIDTH, initial_indent=f"    {label}", subsequent_indent=" " * (4 + len(label)))
+    return textwrap.wrap(
+        text, WIDTH, initial_indent=f"    {label}", subsequent_indent=" " * (4 + len(label))
+    )
 
 
 def _hearings(report: Report) -> Iterator[tuple[str, ...]]:
@@ -155,7 +167,15 @@ def _crowd(names: Sequence[str], everybody: Sequence[str]) -> str:
 
 
 def _discovery(found: Discovery) -> Iterator[tuple[str, ...]]:
-    yield "", "participants", "endpoints", "pairs of participants", "announcements", "bytes", "grows with"
+    yield (
+        "",
+        "participants",
+        "endpoints",
+        "pairs of participants",
+        "announcements",
+        "bytes",
+        "grows with",
+    )
     yield _announcements("one domain for all", found.standard, "(processes in the fleet)^2")
     yield _announcements("through routers", found.routed, "agents^2, whatever runs inside")
     for agent, (participants, endpoints) in found.local.items():
@@ -169,7 +189,16 @@ def _announcements(label: str, found: Announcements, growth: str) -> tuple[str, 
 
 
 def _loads(rows: Sequence[AgentLoad]) -> Iterator[tuple[str, ...]]:
-    yield "agent", "transforms out", "in", "tf out", "in", "topics out", "in", "without rate or size"
+    yield (
+        "agent",
+        "transforms out",
+        "in",
+        "tf out",
+        "in",
+        "topics out",
+        "in",
+        "without rate or size",
+    )
     for row in rows:
         rates = (f"{row.tf_out_hz:.4g}/s", f"{row.tf_in_hz:.4g}/s")
         bits = (row.tf_out_bps, row.tf_in_bps, row.topics_out_bps, row.topics_in_bps)

@@ -69,7 +69,9 @@ class View:
 
     def __init__(self, fleet: Fleet) -> None:
         self.fleet = fleet  #: As given.
-        self.uses = tuple(use for agent in fleet.agents for use in _uses_of(agent, fleet))  #: By file order.
+        self.uses = tuple(
+            use for agent in fleet.agents for use in _uses_of(agent, fleet)
+        )  #: By file order.
 
     @cached_property
     def meetings(self) -> dict[tuple[ResourceKind, str], Meeting]:
@@ -89,7 +91,10 @@ class View:
 
     def reaches(self, speaker: Use, hearer: Use) -> bool:
         """Return whether what one use says is heard by the other."""
-        return speaker.agent == hearer.agent or self.crossing(speaker.name, speaker.kind) is Crossing.WHOLE
+        return (
+            speaker.agent == hearer.agent
+            or self.crossing(speaker.name, speaker.kind) is Crossing.WHOLE
+        )
 
     def hearings(self) -> tuple[Hearing, ...]:
         """Return who hears what, for every name that more than one agent uses or that crosses."""
@@ -102,9 +107,13 @@ class View:
                 rows.append(self._hearing(name, kind, meeting, crosses=crosses))
         return tuple(rows)
 
-    def _hearing(self, name: str, kind: ResourceKind, meeting: Meeting, *, crosses: bool) -> Hearing:
+    def _hearing(
+        self, name: str, kind: ResourceKind, meeting: Meeting, *, crosses: bool
+    ) -> Hearing:
         rules = self.fleet.policy.rules
-        matching = [r.pattern for r in rules if any(r.matches(dds) for dds in dds_names(name, kind))]
+        matching = [
+            r.pattern for r in rules if any(r.matches(dds) for dds in dds_names(name, kind))
+        ]
         return Hearing(
             name=name,
             kind=kind,
@@ -123,14 +132,29 @@ def _uses_of(agent: AgentSpec, fleet: Fleet) -> Iterator[Use]:
         yield from _lifecycle(agent, fleet)
 
 
-def _use(agent: AgentSpec, name: str, type_: str, kind: ResourceKind = ResourceKind.TOPIC, **more: Any) -> Use:
-    return Use(**{"agent": agent.name, "name": name, "type": type_, "kind": kind, "place": agent.place, **more})
+def _use(
+    agent: AgentSpec, name: str, type_: str, kind: ResourceKind = ResourceKind.TOPIC, **more: Any
+) -> Use:
+    return Use(
+        **{
+            "agent": agent.name,
+            "name": name,
+            "type": type_,
+            "kind": kind,
+            "place": agent.place,
+            **more,
+        }
+    )
 
 
 def _written(agent: AgentSpec) -> Iterator[Use]:
     for speaks, topics in ((True, agent.publishes), (False, agent.subscribes)):
         for t in topics:
-            sizes: dict[str, Any] = {"count": t.count, "rate_hz": t.rate_hz, "size_bytes": t.size_bytes}
+            sizes: dict[str, Any] = {
+                "count": t.count,
+                "rate_hz": t.rate_hz,
+                "size_bytes": t.size_bytes,
+            }
             yield _use(agent, t.name, t.type, speaks=speaks, place=t.place, qos=t.qos, **sizes)
     names = (
         (ResourceKind.SERVICE, True, agent.serves),
@@ -145,10 +169,16 @@ def _written(agent: AgentSpec) -> Iterator[Use]:
 
 def _streams(agent: AgentSpec) -> Iterator[Use]:
     for s in agent.streams:
-        sizes: dict[str, Any] = {"qos": COMPRESSED_STREAM, "rate_hz": s.rate_hz, "size_bytes": s.size_bytes}
+        sizes: dict[str, Any] = {
+            "qos": COMPRESSED_STREAM,
+            "rate_hz": s.rate_hz,
+            "size_bytes": s.size_bytes,
+        }
         yield _use(agent, s.topic, s.type, speaks=True, place=s.place, **sizes)
         if s.camera_info_topic:
-            yield _use(agent, s.camera_info_topic, "sensor_msgs/msg/CameraInfo", speaks=True, implied=True)
+            yield _use(
+                agent, s.camera_info_topic, "sensor_msgs/msg/CameraInfo", speaks=True, implied=True
+            )
 
 
 def _transforms(agent: AgentSpec) -> Iterator[Use]:
@@ -156,14 +186,20 @@ def _transforms(agent: AgentSpec) -> Iterator[Use]:
     if not all(frame.static for frame in agent.tf.frames):
         yield _use(agent, TF, TF_TYPE, **common)
     if any(frame.static for frame in agent.tf.frames):
-        yield _use(agent, TF_STATIC, TF_TYPE, qos=LATCHED, count=agent.tf.static_broadcasters, **common)
+        yield _use(
+            agent, TF_STATIC, TF_TYPE, qos=LATCHED, count=agent.tf.static_broadcasters, **common
+        )
 
 
 def _lifecycle(agent: AgentSpec, fleet: Fleet) -> Iterator[Use]:
     for speaks in (True, False):
-        yield _use(agent, heartbeat_topic(), AGENT_HEARTBEAT, speaks=speaks, qos=LATCHED, implied=True)
+        yield _use(
+            agent, heartbeat_topic(), AGENT_HEARTBEAT, speaks=speaks, qos=LATCHED, implied=True
+        )
         if fleet.descriptions == "offered":
-            yield _use(agent, metadata_topic(), AGENT_METADATA, speaks=speaks, qos=LATCHED, implied=True)
+            yield _use(
+                agent, metadata_topic(), AGENT_METADATA, speaks=speaks, qos=LATCHED, implied=True
+            )
     yield _use(agent, discovery_topic(agent.name), DISCOVERY_EVENT, speaks=True, implied=True)
     for other in fleet.agents:
         if other.lifecycle:

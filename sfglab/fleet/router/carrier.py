@@ -36,7 +36,10 @@ if TYPE_CHECKING:
     from sfglab.fleet.router.plan import Action
 
 
-_OTHER = {EndpointKind.PUBLISHER: EndpointKind.SUBSCRIPTION, EndpointKind.SUBSCRIPTION: EndpointKind.PUBLISHER}
+_OTHER = {
+    EndpointKind.PUBLISHER: EndpointKind.SUBSCRIPTION,
+    EndpointKind.SUBSCRIPTION: EndpointKind.PUBLISHER,
+}
 _Topic = tuple[str, EndpointKind]
 
 
@@ -119,7 +122,9 @@ class PathStatus:
 class _OpenPath:
     readers: dict[ReaderSpec, Forward[Any, Any]] = field(default_factory=dict)
     writers: dict[WriterSpec, RawWriter] = field(default_factory=dict)
-    past: ForwardCounts = field(default_factory=ForwardCounts)  #: What readers did that were replaced.
+    past: ForwardCounts = field(
+        default_factory=ForwardCounts
+    )  #: What readers did that were replaced.
 
     def retire(self, counts: ForwardCounts) -> None:
         self.past.forwarded += counts.forwarded
@@ -143,10 +148,14 @@ class _OpenPath:
 class Carrier:
     """The open half of a router, whose endpoints' USER_DATA names a pair of domains; without a gate if None."""
 
-    def __init__(self, nodes: Mapping[Side, Node], *, pair: str, gate: TransformGate | None) -> None:
+    def __init__(
+        self, nodes: Mapping[Side, Node], *, pair: str, gate: TransformGate | None
+    ) -> None:
         self._tag = user_data({ROUTER_KEY: pair})
         self._gate = gate
-        self._forwarders = {way: nodes[way.source].open_forwarder(nodes[way.target]) for way in Direction}
+        self._forwarders = {
+            way: nodes[way.source].open_forwarder(nodes[way.target]) for way in Direction
+        }
         self._open: dict[Path, _OpenPath] = {}
         self._owners: dict[ReaderSpec, dict[bytes, str]] = {}
         self._judged: dict[ReaderSpec, dict[bytes, Judge]] = {}  # of readers of others' transforms
@@ -190,8 +199,13 @@ class Carrier:
             if isinstance(spec, ReaderSpec):
                 opened.readers[spec] = forwarder.open(endpoint)
             else:
-                if spec.qos.liveliness is Liveliness.MANUAL_BY_TOPIC and spec.qos.lease_ns is not None:
-                    _log.warning("%s: life that is asserted without a message does not cross", path.dds_topic)
+                if (
+                    spec.qos.liveliness is Liveliness.MANUAL_BY_TOPIC
+                    and spec.qos.lease_ns is not None
+                ):
+                    _log.warning(
+                        "%s: life that is asserted without a message does not cross", path.dds_topic
+                    )
                 opened.writers[spec] = forwarder.open_writer(endpoint)
         except BusError:
             # A topic that cannot be served must not end the others.
@@ -213,7 +227,11 @@ class Carrier:
     def _judge(self, judge: Judge) -> None:
         reader, source, writer = judge.reader, judge.source, judge.writer
         opened = self._open[reader.path]
-        if self._gate is not None and reader.path.dds_topic in _TF_TOPICS and not reader.path.outward:
+        if (
+            self._gate is not None
+            and reader.path.dds_topic in _TF_TOPICS
+            and not reader.path.outward
+        ):
             self._judged.setdefault(reader, {})[source.gid] = judge
         if (forward := opened.readers.get(reader)) is None:
             return
@@ -235,7 +253,9 @@ class Carrier:
         if gone and self._gate is not None:
             kept = (owner for owners in self._owners.values() for owner in owners.values())
             if self._gate.keep_owners(frozenset(kept)):
-                for reader in [r for r in self._judged if r.qos.durability is Durability.TRANSIENT_LOCAL]:
+                for reader in [
+                    r for r in self._judged if r.qos.durability is Durability.TRANSIENT_LOCAL
+                ]:
                     self._read_again(reader)
 
     def _read_again(self, reader: ReaderSpec) -> None:

@@ -64,8 +64,12 @@ class Frames:
         """
         frame = child.removeprefix("/")
         if not frame or frame in self.shared or frame_owner(frame) not in {"", self.agent}:
-            allowed = f"frames without prefix and those below {self.agent + '/'!r}, but no shared ones"
-            raise FrameClashError(Direction.OUTWARD, child, f"{allowed} ({', '.join(sorted(self.shared))})")
+            allowed = (
+                f"frames without prefix and those below {self.agent + '/'!r}, but no shared ones"
+            )
+            raise FrameClashError(
+                Direction.OUTWARD, child, f"{allowed} ({', '.join(sorted(self.shared))})"
+            )
 
     def check_inward(self, child: str, parent: str = "map") -> None:
         """Refuse a transform of others that moves one of the agent's own frames, or could.
@@ -76,14 +80,27 @@ class Frames:
         """
         frame, below = child.removeprefix("/"), parent.removeprefix("/")
         owner, shared = frame_owner(frame), ", ".join(sorted(self.shared))
-        own = owner == self.agent and frame.removeprefix(f"{self.agent}/") not in self.placed_by_others
+        own = (
+            owner == self.agent
+            and frame.removeprefix(f"{self.agent}/") not in self.placed_by_others
+        )
         if not frame or own or not (owner or frame in self.shared):
-            placed = ", ".join(f"{self.agent}/{frame}" for frame in sorted(self.placed_by_others)) or "none"
+            placed = (
+                ", ".join(f"{self.agent}/{frame}" for frame in sorted(self.placed_by_others))
+                or "none"
+            )
             allowed = f"frames of others, by prefix or shared ({shared}), and of those below"
-            raise FrameClashError(Direction.INWARD, child, f"{allowed} {self.agent + '/'!r}: {placed}")
-        if not (frame_owner(below) or below in self.shared) or max(len(frame), len(below)) > MAX_FRAME:
+            raise FrameClashError(
+                Direction.INWARD, child, f"{allowed} {self.agent + '/'!r}: {placed}"
+            )
+        if (
+            not (frame_owner(below) or below in self.shared)
+            or max(len(frame), len(below)) > MAX_FRAME
+        ):
             allowed = f"those below parents with a prefix or shared ({shared}), of {MAX_FRAME} characters each"
-            raise FrameClashError(Direction.INWARD, child, f"{allowed}, and its parent is {_short(parent)!r}")
+            raise FrameClashError(
+                Direction.INWARD, child, f"{allowed}, and its parent is {_short(parent)!r}"
+            )
 
 
 class FrameClaims:
@@ -136,7 +153,9 @@ class TransformGate:
         self.clashed = 0  #: Transforms that were dropped.
         self._frames = frames
         self._claims = FrameClaims()
-        self._own: set[str] = set()  # shared frames that the agent's nodes place themselves, as far as seen
+        self._own: set[str] = (
+            set()
+        )  # shared frames that the agent's nodes place themselves, as far as seen
         self._say = SaidOnce(_log)
         self._type = message_type(TF_TYPE)
 
@@ -168,7 +187,11 @@ class TransformGate:
                 self._clash(str(error), (error.direction, _short(error.frame)))
         if message.transforms and not passed:
             return None
-        return cdr if len(passed) == len(message.transforms) and not changed else serialize(self._type(passed))
+        return (
+            cdr
+            if len(passed) == len(message.transforms) and not changed
+            else serialize(self._type(passed))
+        )
 
     def _let_out(self, transform: Any) -> bool:
         """Rename a transform's frames; return whether that changed anything."""
@@ -189,7 +212,9 @@ class TransformGate:
         try:
             self._frames.check_inward(child, parent)
         except FrameClashError as error:
-            raise FrameClashError(Direction.INWARD, child, f"{error.allowed}; it is from {owner}") from None
+            raise FrameClashError(
+                Direction.INWARD, child, f"{error.allowed}; it is from {owner}"
+            ) from None
         self._claims.claim(child, owner)
         return False
 

@@ -75,7 +75,9 @@ def pair_lock(one: int, other: int) -> Iterator[None]:
         yield
 
 
-MAX_SAMPLE_BYTES = 64 << 20  #: Largest message that a router's process takes in; a larger one does not cross.
+MAX_SAMPLE_BYTES = (
+    64 << 20
+)  #: Largest message that a router's process takes in; a larger one does not cross.
 STATUS_PERIOD_S = 5.0  #: How often the status is told when nothing changes, seconds.
 
 # Loops keep time in floats of seconds, or in milliseconds: this much before a deadline it counts as reached.
@@ -87,7 +89,9 @@ class RouterSettings:
     """What a router does."""
 
     agent: str  #: Whose router it is.
-    rules: tuple[ForwardRule, ...] = TABLE_1  #: What crosses the border; by default Table 1 of paper A.
+    rules: tuple[ForwardRule, ...] = (
+        TABLE_1  #: What crosses the border; by default Table 1 of paper A.
+    )
     linger_s: float = 1.0  #: How long a path outlives its last publisher or subscription, seconds.
     #: Whether transforms leave under the agent's prefix, and are dropped when they clash.
     prefix_frames: bool = True
@@ -139,7 +143,9 @@ class Router:
         pair, own = pair or settings.agent, frozenset(node.guid for node in self._nodes.values())
         self._ros = RosHalves(local.backend.ros, policy, self._hear)
         linger_ns = round(settings.linger_s * 1e9)
-        self._plan = Plan(policy, participants=own, pair=pair, linger_ns=linger_ns, offers=settings.offers)
+        self._plan = Plan(
+            policy, participants=own, pair=pair, linger_ns=linger_ns, offers=settings.offers
+        )
         self._offers = settings.offers
         self._gate = TransformGate(settings.frames) if settings.prefix_frames else None
         self._carrier = Carrier(self._nodes, pair=pair, gate=self._gate)
@@ -241,11 +247,17 @@ async def run_router(config: RouterConfig, report: Reporter) -> None:
         async with (
             Node("router", **config.local.options(), max_sample_bytes=MAX_SAMPLE_BYTES) as local,
             # Every agent has one, and in the global domain they meet.
-            Node("router", namespace=f"/{config.agent}", **far, max_sample_bytes=MAX_SAMPLE_BYTES) as remote,
+            Node(
+                "router", namespace=f"/{config.agent}", **far, max_sample_bytes=MAX_SAMPLE_BYTES
+            ) as remote,
         ):
             pair = f"{host_id()}/{config.local.domain_id}"
             router = Router(
-                local, remote, config, pair=pair, on_status=lambda s: report({"is": "status", **asdict(s)})
+                local,
+                remote,
+                config,
+                pair=pair,
+                on_status=lambda s: report({"is": "status", **asdict(s)}),
             )
             if config.parameters is not None:
                 Parameters(local, config, config.parameters)

@@ -292,4 +292,6 @@ def _actions(before: Setup, state: PathState) -> list[Action]:
     for reader in kept:
         gone = before.judged[reader].keys() - after.judged[reader].keys()
         actions += [Forget(reader=reader, source=gid) for gid in sorted(gone)]
-    return actions + [Close(what=writer) for writer in before.writers if writer not in after.writers]
+    return actions + [
+        Close(what=writer) for writer in before.writers if writer not in after.writers
+    ]

@@ -58,10 +58,14 @@ class RosHalves:
         """Take an event of what the program is to serve, if it may cross."""
         endpoint = event.endpoint
         outward = (endpoint.kind is EndpointKind.PUBLISHER) is (side is Side.LOCAL)
-        if not self._policy.crosses(endpoint.dds_topic, Direction.OUTWARD if outward else Direction.INWARD):
+        if not self._policy.crosses(
+            endpoint.dds_topic, Direction.OUTWARD if outward else Direction.INWARD
+        ):
             return
         gid, qos = ros_gid(endpoint.dds_topic), QoSProfile(history=History.KEEP_ALL)
-        one = replace(endpoint, gid=gid, participant=gid[:12], qos=qos, user_data=b"", transport="ros")
+        one = replace(
+            endpoint, gid=gid, participant=gid[:12], qos=qos, user_data=b"", transport="ros"
+        )
         if side is Side.GLOBAL:
             self._judge(one, "it does in the domain of an agent, not in the global one")
             return
@@ -86,7 +90,9 @@ class RosHalves:
         elif one.participant not in self._refused:
             self._refused.add(one.participant)
             name = service_of(one.dds_topic)
-            _log.warning("service %s of rmw_fastrtps stays here: only ROS 2 can serve it, and %s", name, why)
+            _log.warning(
+                "service %s of rmw_fastrtps stays here: only ROS 2 can serve it, and %s", name, why
+            )
 
 
 def _asks(endpoint: EndpointInfo) -> bool:

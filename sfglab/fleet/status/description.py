@@ -19,7 +19,15 @@ from sfglab.names import FqnError, Scope, parse, validate_ros_name
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-CODECS = ("", "h264", "hevc", "jpeg", "png", "rvl", "med")  #: What a stream may say that it is coded by.
+CODECS = (
+    "",
+    "h264",
+    "hevc",
+    "jpeg",
+    "png",
+    "rvl",
+    "med",
+)  #: What a stream may say that it is coded by.
 MAX_EDGE = 16_384  #: Most pixels that a stream may say that its images are wide or high.
 MAX_RATE_HZ = 10_000.0  #: Most messages per second that a stream may say that it has.
 MAX_TEXT = 255  #: Longest name or line for people, in characters.
@@ -65,14 +73,22 @@ class StreamDescription:
         if self.decoded_topic:
             _check_local(place, self.decoded_topic, agent)
         if not (_TYPE.fullmatch(self.type) and len(self.type) <= MAX_TEXT):
-            raise DescriptionError(place, f"given the type {_short(self.type)}, allowed are names of messages")
+            raise DescriptionError(
+                place, f"given the type {_short(self.type)}, allowed are names of messages"
+            )
         if self.codec not in CODECS:
-            raise DescriptionError(place, f"given the codec {_short(self.codec)}, allowed are {CODECS}")
+            raise DescriptionError(
+                place, f"given the codec {_short(self.codec)}, allowed are {CODECS}"
+            )
         if not (
-            0 <= self.width <= MAX_EDGE and 0 <= self.height <= MAX_EDGE and 0 <= self.rate_hz <= MAX_RATE_HZ
+            0 <= self.width <= MAX_EDGE
+            and 0 <= self.height <= MAX_EDGE
+            and 0 <= self.rate_hz <= MAX_RATE_HZ
         ):
             given = f"{self.width} x {self.height} pixels at {self.rate_hz} Hz"
-            raise DescriptionError(place, f"given {given}, allowed are {MAX_EDGE} and {MAX_RATE_HZ:g}")
+            raise DescriptionError(
+                place, f"given {given}, allowed are {MAX_EDGE} and {MAX_RATE_HZ:g}"
+            )
 
     def to_message(self) -> Any:
         """Return the ``StreamInfo``."""
@@ -90,7 +106,9 @@ class SensorDescription:
     def to_message(self) -> Any:
         """Return the ``SensorInfo``."""
         return message_type("sfglab_interfaces/msg/SensorInfo")(
-            name=self.name, model=self.model, streams=[stream.to_message() for stream in self.streams]
+            name=self.name,
+            model=self.model,
+            streams=[stream.to_message() for stream in self.streams],
         )
 
 
@@ -132,12 +150,18 @@ class AgentDescription:
         """Return the description that `asdict` took apart; `DescriptionError` if it has other parts."""
         known = _known_values("values", cls, values)
         sensors = tuple(_sensor_from_values(sensor) for sensor in _list(known.pop("sensors", ())))
-        return cls(sensors=sensors, **{name: tuple(map(str, _list(entry))) for name, entry in known.items()})
+        return cls(
+            sensors=sensors,
+            **{name: tuple(map(str, _list(entry))) for name, entry in known.items()},
+        )
 
 
 def _sensor_from_values(values: Any) -> SensorDescription:
     known = _known_values("sensor", SensorDescription, values)
-    given = (_known_values("stream", StreamDescription, stream) for stream in _list(known.pop("streams", ())))
+    given = (
+        _known_values("stream", StreamDescription, stream)
+        for stream in _list(known.pop("streams", ()))
+    )
     streams = tuple(StreamDescription(**stream) for stream in given)
     try:
         return SensorDescription(streams=streams, **known)
@@ -154,7 +178,9 @@ def _list(values: Any) -> Sequence[Any]:
 def _known_values(place: str, type_: type[Any], values: Any) -> dict[str, Any]:
     fields = set(type_.__dataclass_fields__)
     if not isinstance(values, dict) or not set(values) <= fields:
-        raise DescriptionError(place, f"given {values!r}, allowed are values of {', '.join(sorted(fields))}")
+        raise DescriptionError(
+            place, f"given {values!r}, allowed are values of {', '.join(sorted(fields))}"
+        )
     return dict(values)
 
 

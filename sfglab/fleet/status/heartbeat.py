@@ -18,7 +18,13 @@ GET_METADATA = "sfglab_interfaces/srv/GetMetadata"
 
 def heartbeat_topic() -> str:
     """Return ``/global/agent_heartbeat``, the topic of all agents' heartbeats: paper A, section 4.2."""
-    return str(RosFqnBuilder().scope(Scope.GLOBAL).without_agent().resource(Resource.AGENT_HEARTBEAT).build())
+    return str(
+        RosFqnBuilder()
+        .scope(Scope.GLOBAL)
+        .without_agent()
+        .resource(Resource.AGENT_HEARTBEAT)
+        .build()
+    )
 
 
 def metadata_topic() -> str:
@@ -33,7 +39,9 @@ def metadata_service(agent: str) -> str:
     Raises:
         FqnError: No agent can bear this name.
     """
-    return str(RosFqnBuilder().scope(Scope.GLOBAL).agent(agent).resource(Resource.GET_METADATA).build())
+    return str(
+        RosFqnBuilder().scope(Scope.GLOBAL).agent(agent).resource(Resource.GET_METADATA).build()
+    )
 
 
 class Phase(IntEnum):
@@ -74,9 +82,13 @@ class Heartbeat:
 
 MIN_PERIOD_S = 0.05  #: The shortest period that is believed; below it, heartbeats would be traffic.
 
-MAX_PERIOD_S = 60.0  #: The longest that is believed; above it a lost agent would be missed too late.
+MAX_PERIOD_S = (
+    60.0  #: The longest that is believed; above it a lost agent would be missed too late.
+)
 
-MAX_SAMPLE_BYTES = 1 << 20  #: Largest message of a process that only hears of agents and what they are.
+MAX_SAMPLE_BYTES = (
+    1 << 20
+)  #: Largest message of a process that only hears of agents and what they are.
 
 _MAX_STARTUP_S = 3600.0
 
@@ -91,10 +103,16 @@ class Schedule:
 
     def __post_init__(self) -> None:
         periods = (MIN_PERIOD_S, MAX_PERIOD_S)
-        ranges = {"startup_period_s": periods, "steady_period_s": periods, "startup_s": (0, _MAX_STARTUP_S)}
+        ranges = {
+            "startup_period_s": periods,
+            "steady_period_s": periods,
+            "startup_s": (0, _MAX_STARTUP_S),
+        }
         for name, (low, high) in ranges.items():
             if not low <= (given := getattr(self, name)) <= high:
-                raise InvalidValueError(f"heartbeat schedule, {name}", given, f"seconds from {low} to {high}")
+                raise InvalidValueError(
+                    f"heartbeat schedule, {name}", given, f"seconds from {low} to {high}"
+                )
 
     def phase(self, elapsed_ns: int) -> Phase:
         """Return the phase at a time since the start, nanoseconds."""

@@ -50,7 +50,9 @@ class StatusSettings:
     agent: str  #: The agent's name.
     description: AgentDescription = field(default_factory=AgentDescription)  #: What it is.
     schedule: Schedule = field(default_factory=Schedule)  #: When it beats.
-    offers: bool = False  #: Whether the description is published, too; the paper's way is to be asked for it.
+    offers: bool = (
+        False  #: Whether the description is published, too; the paper's way is to be asked for it.
+    )
 
     def __post_init__(self) -> None:
         validate_agent(self.agent)
@@ -61,7 +63,11 @@ class StatusProvider:
     """The node that says that an agent is alive, and what it is; `on_beat` hears every heartbeat."""
 
     def __init__(
-        self, node: Node, settings: StatusSettings, *, on_beat: Callable[[Heartbeat], None] = lambda _: None
+        self,
+        node: Node,
+        settings: StatusSettings,
+        *,
+        on_beat: Callable[[Heartbeat], None] = lambda _: None,
     ) -> None:
         self._node = node
         self._settings = settings
@@ -141,7 +147,9 @@ class StatusProvider:
         )
 
     def _answer(self) -> Any:
-        return service_type(GET_METADATA).response(success=True, message="", metadata=self._metadata())
+        return service_type(GET_METADATA).response(
+            success=True, message="", metadata=self._metadata()
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -164,7 +172,9 @@ async def run_status(config: StatusConfig, report: Reporter, orders: Orders) -> 
     if config.detect:
         settings = replace(settings, description=replace(settings.description, software=software()))
     bound = MAX_SAMPLE_BYTES  # anybody can send requests
-    async with Node("agent_status_provider", **config.address.options(), max_sample_bytes=bound) as node:
+    async with Node(
+        "agent_status_provider", **config.address.options(), max_sample_bytes=bound
+    ) as node:
 
         def beat(heartbeat: Heartbeat) -> None:
             if config.report_beats:

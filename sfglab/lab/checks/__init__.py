@@ -18,11 +18,22 @@ from sfglab.lab.stats import Estimate, exactly
 if TYPE_CHECKING:
     import pandas as pd
 
-GROUPS = ("naming", "trajectories", "exchange", "editing", "synchronisation", "routing", "trees", "lifecycle")
+GROUPS = (
+    "naming",
+    "trajectories",
+    "exchange",
+    "editing",
+    "synchronisation",
+    "routing",
+    "trees",
+    "lifecycle",
+)
 """Modules of this package, each a group."""
 
 NOTHING = "nothing to check"  #: The example of a property without a case, which has not held.
-Case = tuple[str, bool]  #: What was tried, as a reader wants to see it, and whether the property held.
+Case = tuple[
+    str, bool
+]  #: What was tried, as a reader wants to see it, and whether the property held.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -39,7 +50,9 @@ class CheckRow:
 class Mutated:
     """What is changed under a claim's checks to see whether they can fail, and what must see it."""
 
-    modules: tuple[str, ...]  #: Modules that the checks check; ``module:Name,name``: only these parts of one.
+    modules: tuple[
+        str, ...
+    ]  #: Modules that the checks check; ``module:Name,name``: only these parts of one.
     rows: Callable[[], Iterable[CheckRow]]  #: A few cases of the checks.
 
 
@@ -60,7 +73,9 @@ def share_of_checks(table: pd.DataFrame, group: str) -> Share:
     return Share(
         estimate=exactly(lowest, "share of checks that hold"),
         groups={str(row.Index): f"{row.held} of {row.checked}" for row in sums.itertuples()},
-        reason="; ".join(f"{r.check}: {r.held} of {r.checked}: {r.example}" for r in wrong.itertuples()),
+        reason="; ".join(
+            f"{r.check}: {r.held} of {r.checked}: {r.example}" for r in wrong.itertuples()
+        ),
     )
 
 

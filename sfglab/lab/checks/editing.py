@@ -60,7 +60,9 @@ def _command(editor: Editor, rng: np.random.Generator) -> commands.Command:  # n
         case 1:
             return commands.Rename(id=one, name=str(rng.choice(_NAMES)))
         case 2:
-            return commands.Move(id=one, parent=_any(editor, rng, Group), keep_place=bool(rng.random() < 0.5))
+            return commands.Move(
+                id=one, parent=_any(editor, rng, Group), keep_place=bool(rng.random() < 0.5)
+            )
         case 3:
             return commands.SetTime(id=waypoint, time_ns=int(rng.integers(0, 20 * NS_PER_S)))
         case 4:
@@ -144,7 +146,11 @@ def _saved_and_loaded(rng: np.random.Generator) -> str:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "hall.yaml"
         save_scene(scene, path)
-        return "" if load_scene(path) == scene and path.read_text() == scene_text(scene) else scene.name
+        return (
+            ""
+            if load_scene(path) == scene and path.read_text() == scene_text(scene)
+            else scene.name
+        )
 
 
 @checks.trial("moving a waypoint changes one line of the file")
@@ -153,9 +159,13 @@ def _one_line_changes(rng: np.random.Generator) -> str:
     path = _any(editor, rng, TrajectoryObject)
     editor.do(commands.AlignWaypoints(id=path, align=Align.NONE))
     before = scene_text(editor.scene)
-    editor.do(commands.SetPose(id=int(rng.choice(editor.scene.held_by(path))), pose=random_pose(rng)))
+    editor.do(
+        commands.SetPose(id=int(rng.choice(editor.scene.held_by(path))), pose=random_pose(rng))
+    )
     after = scene_text(editor.scene)
-    changed = [line for line in difflib.ndiff(before.splitlines(), after.splitlines()) if line[0] in "+-"]
+    changed = [
+        line for line in difflib.ndiff(before.splitlines(), after.splitlines()) if line[0] in "+-"
+    ]
     return "" if len(changed) == 2 else f"{len(changed)} lines"
 
 
@@ -244,14 +254,18 @@ def survives_kills(rng: np.random.Generator, count: int) -> CheckRow:
         path = Path(folder) / "plan.yaml"
         for _ in range(count):
             path.write_text(texts[0])
-            with subprocess.Popen([sys.executable, "-c", _SAVES, str(path)], stdout=subprocess.PIPE) as writer:
+            with subprocess.Popen(
+                [sys.executable, "-c", _SAVES, str(path)], stdout=subprocess.PIPE
+            ) as writer:
                 assert writer.stdout is not None
                 writer.stdout.readline()
                 time.sleep(float(rng.uniform(0.02, 0.2)))
                 writer.send_signal(signal.SIGKILL)
             whole += path.read_text() in texts
     name = "a file whose writer is killed is the old one or the new one, whole"
-    return CheckRow(check=name, checked=count, held=whole, example=f"{len(texts[0])} and {len(texts[1])} bytes")
+    return CheckRow(
+        check=name, checked=count, held=whole, example=f"{len(texts[0])} and {len(texts[1])} bytes"
+    )
 
 
 def _two_scenes(folder: Path, rng: np.random.Generator) -> list[str]:

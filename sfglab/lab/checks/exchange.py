@@ -35,7 +35,9 @@ def _same(name: str, there_and_back: Callable[[Trajectory], Trajectory]) -> Tria
 
 
 def _by_path(path: Trajectory) -> Trajectory:
-    message = _sent(exchange.path_from_trajectory(path, frame_id="map", start_ns=1_700_000_000_000_000_007))
+    message = _sent(
+        exchange.path_from_trajectory(path, frame_id="map", start_ns=1_700_000_000_000_000_007)
+    )
     return exchange.trajectory_from_path(message, interpolation=path.interpolation)
 
 
@@ -45,7 +47,9 @@ def _by_multi_dof(path: Trajectory) -> Trajectory:
 
 
 def _by_csv(path: Trajectory) -> Trajectory:
-    return exchange.trajectory_from_csv(exchange.csv_from_trajectory(path), interpolation=path.interpolation)
+    return exchange.trajectory_from_csv(
+        exchange.csv_from_trajectory(path), interpolation=path.interpolation
+    )
 
 
 checks.trial("nav_msgs/Path gives back every bit")(_same("a path", _by_path))
@@ -58,5 +62,11 @@ checks.trial("CSV gives back every bit")(_same("a text", _by_csv))
 @checks.trial("the action's goal gives back every bit")
 def _by_goal(rng: np.random.Generator) -> str:
     path = random_trajectory(rng, kinds=(Interpolation.POLYLINE,))
-    order = Order(agent="go2", trajectory=path, frame_id="hall", start_ns=int(rng.integers(1, 10**18)))
-    return "" if order_from_goal(_sent(goal_message(order))) == order else f"{len(path.waypoints)} waypoints"
+    order = Order(
+        agent="go2", trajectory=path, frame_id="hall", start_ns=int(rng.integers(1, 10**18))
+    )
+    return (
+        ""
+        if order_from_goal(_sent(goal_message(order))) == order
+        else f"{len(path.waypoints)} waypoints"
+    )

@@ -35,18 +35,33 @@ _MEANINGS = (
     ("Dockerfile", "the image in three layers: hardware base, adapter, application"),
     (".dockerignore", "what the builder may see: the folder image and the workspace, nothing else"),
     ("image/requirements.lock", "every library of the image, with version and digests"),
-    ("image/development.lock", "what development adds: a debugger for Python, a formatter for CMake"),
-    ("image/cyclonedds*.lock", "what building the middleware takes, which has no wheel for this processor"),
+    (
+        "image/development.lock",
+        "what development adds: a debugger for Python, a formatter for CMake",
+    ),
+    (
+        "image/cyclonedds*.lock",
+        "what building the middleware takes, which has no wheel for this processor",
+    ),
     ("image/wheels/*", "wheels for machines without a way to the package index"),
     ("image/fleet.yaml", "the fleet file, as the containers read it"),
     ("image/entrypoint.sh", "starts the agent and, beside it, the user's software"),
     ("image/*.whl", "sfglab itself"),
     ("workspace/*", "the user's sources, built into the image"),
     ("compose.yaml", "the two containers, agent and router, and the bridge between them"),
-    ("compose.dev.yaml", "what development changes: the workspace as a folder, a shell, a debugger"),
-    ("release.env", "the release that runs; the hooks make .env of it, with the machine's own numbers"),
+    (
+        "compose.dev.yaml",
+        "what development changes: the workspace as a folder, a shell, a debugger",
+    ),
+    (
+        "release.env",
+        "the release that runs; the hooks make .env of it, with the machine's own numbers",
+    ),
     ("router/*", "the configuration of the router that the fleet uses"),
-    ("hooks/initialize.sh", "makes the machine ready: runs the hooks, then the user's own; --dry-run shows"),
+    (
+        "hooks/initialize.sh",
+        "makes the machine ready: runs the hooks, then the user's own; --dry-run shows",
+    ),
     ("hooks/settings.sh", "what differs from agent to agent, for the hooks"),
     ("hooks/lib.sh", "what the hooks have in common: write only what differs, say what was done"),
     ("hooks/10-time.sh", "the clock goes by the fleet's time servers"),
@@ -87,7 +102,9 @@ def layer_rows(pairs: Sequence[tuple[Deployment, Bundle]]) -> Iterator[dict[str,
     """Yield the three layers of each agent's image, told apart by all that they are made from."""
     for deployment, bundle in pairs:
         lines = bundle.members["Dockerfile"].data.decode().splitlines(keepends=True)
-        text = "".join(line for line in lines if not line.startswith("#"))  # a comment is in no layer
+        text = "".join(
+            line for line in lines if not line.startswith("#")
+        )  # a comment is in no layer
         marks = [*_STAGE.finditer(text)]
         ends = [mark.start() for mark in marks[1:]] + [len(text)]
         stages = {m["name"]: text[m.start() : end] for m, end in zip(marks, ends, strict=True)}
@@ -99,7 +116,12 @@ def layer_rows(pairs: Sequence[tuple[Deployment, Bundle]]) -> Iterator[dict[str,
         }
         for layer in LAYERS:
             digest.update(stages[layer].encode())
-            yield {"agent": bundle.agent, "layer": layer, "says": says[layer], "digest": digest.hexdigest()}
+            yield {
+                "agent": bundle.agent,
+                "layer": layer,
+                "says": says[layer],
+                "digest": digest.hexdigest(),
+            }
 
 
 def release_checks(pairs: Sequence[tuple[Deployment, Bundle]]) -> Iterator[CheckRow]:
@@ -111,7 +133,9 @@ def release_checks(pairs: Sequence[tuple[Deployment, Bundle]]) -> Iterator[Check
         equal.append((name, render_bundle(deployment) == render_bundle(deployment)))
         equal.append((name, bundle_of(deployment, wheel) == bundle))
         changes = (
-            replace(release, lock=re.sub(r"^numpy==", "numpy==1!", release.lock, flags=re.MULTILINE)),
+            replace(
+                release, lock=re.sub(r"^numpy==", "numpy==1!", release.lock, flags=re.MULTILINE)
+            ),
             replace(release, fleet_text=release.fleet_text + "\n"),
         )
         changed = (bundle_of(replace(deployment, release=change), wheel) for change in changes)
@@ -123,7 +147,9 @@ def release_checks(pairs: Sequence[tuple[Deployment, Bundle]]) -> Iterator[Check
     yield held("a GPU, ports and the agent's name are where they belong", map(_told, pairs))
 
 
-_GPU = [{"driver": "nvidia", "count": "all", "capabilities": ["gpu", "compute", "utility", "video"]}]
+_GPU = [
+    {"driver": "nvidia", "count": "all", "capabilities": ["gpu", "compute", "utility", "video"]}
+]
 
 
 def _told(pair: tuple[Deployment, Bundle]) -> tuple[str, bool]:
@@ -144,7 +170,9 @@ def _complete(bundle: Bundle) -> tuple[str, bool]:
     return bundle.agent, {path: entry["sha256"] for path, entry in files.items()} == digests
 
 
-def verdict_rows(verdicts: Iterable[Verdict], names: Mapping[str, str]) -> Iterator[CheckRow | Unasked]:
+def verdict_rows(
+    verdicts: Iterable[Verdict], names: Mapping[str, str]
+) -> Iterator[CheckRow | Unasked]:
     """Yield one row for each kind of check that was asked of the fleet and its files, with paths renamed."""
     by_check: dict[str, list[Verdict]] = defaultdict(list)
     for verdict in verdicts:
@@ -156,7 +184,8 @@ def verdict_rows(verdicts: Iterable[Verdict], names: Mapping[str, str]) -> Itera
         asked = [v for v in found if v.state is not State.SKIPPED]
         if asked:
             cases = (
-                (f"{names.get(v.subject, v.subject)} {v.says}".strip(), v.state is State.HOLDS) for v in asked
+                (f"{names.get(v.subject, v.subject)} {v.says}".strip(), v.state is State.HOLDS)
+                for v in asked
             )
             yield held(check, cases)
 
@@ -188,7 +217,10 @@ BROKEN = (
         ("go2", "jetson", "amd64", "arm64"),
     ),
     BrokenFleet(
-        "a ROS 2 distribution that no Jetson base has", "ros: humble", "ros: jazzy", ("go2", "jazzy", "humble")
+        "a ROS 2 distribution that no Jetson base has",
+        "ros: humble",
+        "ros: jazzy",
+        ("go2", "jazzy", "humble"),
     ),
     BrokenFleet(
         "an agent without a machine",
@@ -214,7 +246,12 @@ BROKEN = (
         "images: localhost/Esslingen",
         ("deployment.images", "'localhost/Esslingen'", "a repository of images"),
     ),
-    BrokenFleet("two agents that share a domain", "    domain: 12\n", "    domain: 11\n", ("pi2", "domain 11")),
+    BrokenFleet(
+        "two agents that share a domain",
+        "    domain: 12\n",
+        "    domain: 11\n",
+        ("pi2", "domain 11"),
+    ),
     BrokenFleet(
         "an agent inside the global domain",
         "    domain: 21\n",
@@ -271,10 +308,14 @@ BROKEN = (
 def break_fleet(text: str, broken: BrokenFleet) -> str:
     """Return the paper's fleet file with one fault; raises `ValueError` if there is nothing to replace."""
     if text.count(broken.old) != 1:
-        raise ValueError(f"{broken.fault}: {broken.old!r} stands {text.count(broken.old)} times in the file")
+        raise ValueError(
+            f"{broken.fault}: {broken.old!r} stands {text.count(broken.old)} times in the file"
+        )
     text = text.replace(broken.old, broken.new)
     if "directions" in broken.new:
-        return text.replace("router: sfglab", "router: dds-router\n  router_image: ubuntu-ddsrouter:v3.5.0")
+        return text.replace(
+            "router: sfglab", "router: dds-router\n  router_image: ubuntu-ddsrouter:v3.5.0"
+        )
     return text
 
 

@@ -18,7 +18,9 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-START_NS = 1_700_000_000_000_000_000  #: The first moment; any time will do, this one is easily recognised.
+START_NS = (
+    1_700_000_000_000_000_000  #: The first moment; any time will do, this one is easily recognised.
+)
 PERIOD_NS = 100_000_000
 RECEIVED_AFTER_NS = 2_000_000  #: How long after its stamp a message is in the log.
 SIZE = (640, 360)  #: Width and height of a moment's picture.
@@ -63,7 +65,9 @@ class Moment:
     def halved(self) -> Moment:
         """Return the same with every second pixel of every second row."""
         picture, depth = self.rgb[::2, ::2], self.depth_mm[::2, ::2]
-        return replace(self, rgb=np.ascontiguousarray(picture), depth_mm=np.ascontiguousarray(depth))
+        return replace(
+            self, rgb=np.ascontiguousarray(picture), depth_mm=np.ascontiguousarray(depth)
+        )
 
 
 def scene_moments(count: int, seed: int) -> list[Moment]:
@@ -87,7 +91,10 @@ class Part:
     topic: str  #: Its topic.
     type: str  #: Its ROS type.
     messages: tuple[Any, ...]  #: One a moment, None where it does not speak.
-    place: tuple[str, str] = ("", "")  #: Entity and component; empty: nothing is compared message by message.
+    place: tuple[str, str] = (
+        "",
+        "",
+    )  #: Entity and component; empty: nothing is compared message by message.
     is_timeless: bool = False  #: Whether it is shown for all times.
     expected: tuple[Any, ...] = ()  #: What a recording must hold there, for each message.
 
@@ -161,7 +168,9 @@ def camera_info(header: Any, size: tuple[int, int]) -> Any:
     return default_message(_INFO, header=header, width=width, height=height, k=k)
 
 
-def back_projected(depth_mm: NDArray[Any], info: Any, *, step: int, max_m: float) -> NDArray[np.float64]:
+def back_projected(
+    depth_mm: NDArray[Any], info: Any, *, step: int, max_m: float
+) -> NDArray[np.float64]:
     """Return the points of a depth image, mm, by its inverse intrinsics, in double precision, row by row.
 
     The image has shape (H, W), 0 where unknown; every `step`-th row and column is taken up to a depth of
@@ -194,7 +203,9 @@ def _jpeg(moment: Moment) -> Any:
 
 
 _PICTURES = (
-    _Speaker("image", f"{_COLOR}/image_raw", _IMAGE, _raw, "Image:buffer", lambda m: m.rgb.reshape(-1)),
+    _Speaker(
+        "image", f"{_COLOR}/image_raw", _IMAGE, _raw, "Image:buffer", lambda m: m.rgb.reshape(-1)
+    ),
     _Speaker(
         "compressed_image",
         "/global/go2/camera_front/color/compressed",
@@ -203,7 +214,14 @@ _PICTURES = (
         "EncodedImage:blob",
         lambda m: np.frombuffer(_jpeg(m).data, np.uint8),
     ),
-    _Speaker("camera_info", f"{_DEPTH}/camera_info", _INFO, _info, "Pinhole:image_from_camera", _intrinsics),
+    _Speaker(
+        "camera_info",
+        f"{_DEPTH}/camera_info",
+        _INFO,
+        _info,
+        "Pinhole:image_from_camera",
+        _intrinsics,
+    ),
 )
 
 
@@ -218,12 +236,16 @@ def _videos(moments: Sequence[Moment]) -> Iterator[_Speaker]:
         return np.frombuffer(units[moment.number].data, np.uint8)
 
     def ffmpeg(moment: Moment) -> Any:
-        fields = asdict(codecs.ffmpeg_packet_fields(units[moment.number], settings)) | {"data": data(moment)}
+        fields = asdict(codecs.ffmpeg_packet_fields(units[moment.number], settings)) | {
+            "data": data(moment)
+        }
         return message_type(codecs.FFMPEG_PACKET)(header=moment.header(CAMERA), **fields)
 
     def foxglove(moment: Moment) -> Any:
         fields = {"frame_id": CAMERA, "format": "h264", "data": data(moment)}
-        return message_type(codecs.COMPRESSED_VIDEO)(timestamp=stamp_from_ns(moment.stamp_ns), **fields)
+        return message_type(codecs.COMPRESSED_VIDEO)(
+            timestamp=stamp_from_ns(moment.stamp_ns), **fields
+        )
 
     def still(moment: Moment) -> Any:
         return message_type(codecs.COMPRESSED_IMAGE)(
@@ -243,7 +265,9 @@ def _depth(moment: Moment) -> Any:
 
 
 def _compressed_depth(moment: Moment) -> Any:
-    return compressed_message(codecs.compressed_depth_fields(moment.depth_mm), moment.header(CAMERA))
+    return compressed_message(
+        codecs.compressed_depth_fields(moment.depth_mm), moment.header(CAMERA)
+    )
 
 
 def _back(moment: Moment) -> NDArray[np.float64]:
@@ -266,7 +290,9 @@ def _cloud(moment: Moment) -> Any:
         header=moment.header("go2/lidar"),
         height=1,
         width=len(corners),
-        fields=[field(name=axis, offset=4 * at, datatype=7, count=1) for at, axis in enumerate("xyz")],
+        fields=[
+            field(name=axis, offset=4 * at, datatype=7, count=1) for at, axis in enumerate("xyz")
+        ],
         is_bigendian=False,
         point_step=12,
         row_step=12 * len(corners),
@@ -276,8 +302,15 @@ def _cloud(moment: Moment) -> Any:
 
 
 def _scan(moment: Moment) -> Any:
-    given: dict[str, Any] = {"angle_increment": float(np.pi / 6), "range_min": 0.8, "range_max": 10.0}
-    given |= {"header": moment.header("go2/lidar"), "ranges": _RANGES + np.float32(moment.number / 16)}
+    given: dict[str, Any] = {
+        "angle_increment": float(np.pi / 6),
+        "range_min": 0.8,
+        "range_max": 10.0,
+    }
+    given |= {
+        "header": moment.header("go2/lidar"),
+        "ranges": _RANGES + np.float32(moment.number / 16),
+    }
     return default_message("sensor_msgs/msg/LaserScan", **given)
 
 
@@ -285,7 +318,9 @@ def _hits(moment: Moment) -> NDArray[np.float64]:
     kept = [0, 1, 3, 5]
     angles = np.arange(len(_RANGES))[kept] * np.pi / 6
     ranges = _RANGES[kept].astype(np.float64) + moment.number / 16
-    return np.column_stack([ranges * np.cos(angles), ranges * np.sin(angles), 0 * angles]).reshape(-1)
+    return np.column_stack([ranges * np.cos(angles), ranges * np.sin(angles), 0 * angles]).reshape(
+        -1
+    )
 
 
 _LIDAR, _SPOTS = "/local/go2/lidar", "Points3D:positions"
@@ -293,9 +328,22 @@ _PACKED = f"{_DEPTH}/compressed_depth"
 _POINTS = (
     _Speaker("depth_cloud", f"{_DEPTH}/image_raw", _IMAGE, _depth, _SPOTS, _back, "/cloud"),
     _Speaker(
-        "compressed_depth_cloud", _PACKED, codecs.COMPRESSED_IMAGE, _compressed_depth, _SPOTS, _back, "/cloud"
+        "compressed_depth_cloud",
+        _PACKED,
+        codecs.COMPRESSED_IMAGE,
+        _compressed_depth,
+        _SPOTS,
+        _back,
+        "/cloud",
     ),
-    _Speaker("point_cloud", f"{_LIDAR}/points", "sensor_msgs/msg/PointCloud2", _cloud, _SPOTS, _corner_list),
+    _Speaker(
+        "point_cloud",
+        f"{_LIDAR}/points",
+        "sensor_msgs/msg/PointCloud2",
+        _cloud,
+        _SPOTS,
+        _corner_list,
+    ),
     _Speaker("laser_scan", f"{_LIDAR}/scan", "sensor_msgs/msg/LaserScan", _scan, _SPOTS, _hits),
 )
 
@@ -327,12 +375,17 @@ def _odometry(moment: Moment) -> Any:
 
 def _imu(moment: Moment) -> Any:
     turning = message_type("geometry_msgs/msg/Vector3")(*map(float, moment.place))
-    return default_message("sensor_msgs/msg/Imu", header=moment.header("go2/imu"), angular_velocity=turning)
+    return default_message(
+        "sensor_msgs/msg/Imu", header=moment.header("go2/imu"), angular_velocity=turning
+    )
 
 
 def transforms_message(moment: Moment, edges: Sequence[tuple[str, str, Pose]]) -> Any:
     """Return a ``TFMessage`` of a moment; an edge is parent, child, and where the child is."""
-    found = [StampedTransform(parent=a, child=b, stamp_ns=moment.stamp_ns, pose=pose) for a, b, pose in edges]
+    found = [
+        StampedTransform(parent=a, child=b, stamp_ns=moment.stamp_ns, pose=pose)
+        for a, b, pose in edges
+    ]
     return message_type(_TF)(transforms=[transform.to_msg() for transform in found])
 
 
@@ -372,12 +425,22 @@ _STRIPS, _BOXES = "LineStrips3D:strips", "Boxes3D:centers"
 _POSE, _ODOMETRY = "geometry_msgs/msg/PoseStamped", "nav_msgs/msg/Odometry"
 _PLACED = (
     _Speaker("pose", f"{_LOCALIZATION}/pose", _POSE, _stamped, _ARROWS, _axes),
-    _Speaker("odometry", f"{_LOCALIZATION}/odometry", _ODOMETRY, _odometry, _ARROWS, _axes, "/pose"),
+    _Speaker(
+        "odometry", f"{_LOCALIZATION}/odometry", _ODOMETRY, _odometry, _ARROWS, _axes, "/pose"
+    ),
     _Speaker("path", "/global/go2/planner/path", "nav_msgs/msg/Path", _path, _STRIPS, _line),
     _Speaker("imu", _IMU, "sensor_msgs/msg/Imu", _imu, "Scalars:scalars", _PLACE, _SPINS),
     _Speaker("tf", "/tf", _TF, _moving, _MOVED, _PLACE, entity="/tf/go2/base"),
     _Speaker("marker", "/goal", _MARKER, _marker, _BOXES, _PLACE, entity="/goal/goal/3"),
-    _Speaker("marker_array", "/goals", f"{_MARKER}Array", _markers, _BOXES, _PLACE, entity="/goals/goal/3"),
+    _Speaker(
+        "marker_array",
+        "/goals",
+        f"{_MARKER}Array",
+        _markers,
+        _BOXES,
+        _PLACE,
+        entity="/goals/goal/3",
+    ),
 )
 _FIXED = _Speaker("tf_static", "/tf_static", _TF, _fixed, _MOVED, entity="/tf/go2/lidar")
 
@@ -404,6 +467,14 @@ def _told(moment: Moment) -> list[str]:
 _EVENT, _BEAT = (f"sfglab_interfaces/msg/Agent{name}" for name in ("DiscoveryEvent", "Heartbeat"))
 _EVENTS, _LOG = "/agent_discovery_event", "/agents/go2/status/log"
 _STATUS = (
-    _Speaker("agent_status", f"/local/ground{_EVENTS}", _EVENT, _event, "TextLog:text", _told, entity=_LOG),
+    _Speaker(
+        "agent_status",
+        f"/local/ground{_EVENTS}",
+        _EVENT,
+        _event,
+        "TextLog:text",
+        _told,
+        entity=_LOG,
+    ),
     _Speaker("communication", "/global/agent_heartbeat", _BEAT, _beat),
 )

@@ -90,7 +90,9 @@ async def check_handling(domain_id: int, *, observed_s: float) -> list[CheckRow]
 
         def requested() -> list[Reliability]:
             """Return the reliability of each subscription that another node sees on the topic."""
-            return [endpoint.qos.reliability for endpoint in observer.graph.subscriptions(CAMERA_TOPIC)]
+            return [
+                endpoint.qos.reliability for endpoint in observer.graph.subscriptions(CAMERA_TOPIC)
+            ]
 
         display = session.add("image", CAMERA_TOPIC)
         groups = {
@@ -125,7 +127,10 @@ async def _limited(handled: _Handled, display: Display, seconds: float) -> dict[
     handled.session.limit(display.id, None)
     freed = await handled.count(seconds)
     return {
-        f"{limited} pictures in {seconds:g} s at {_LIMIT_HZ:g} Hz": abs(limited - _LIMIT_HZ * seconds) <= 2,
+        f"{limited} pictures in {seconds:g} s at {_LIMIT_HZ:g} Hz": abs(
+            limited - _LIMIT_HZ * seconds
+        )
+        <= 2,
         f"{freed} without a limit": freed > 2 * limited,
     }
 

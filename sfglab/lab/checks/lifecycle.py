@@ -67,10 +67,14 @@ def _announced(told: Told, given: Input, after: Told) -> tuple[Action, ...]:
 
 
 @checks.each(
-    "from each state each input leads where the rules say, or nowhere", lambda *_: product(State, Input)
+    "from each state each input leads where the rules say, or nowhere",
+    lambda *_: product(State, Input),
 )
 def _follows_the_rules(pair: tuple[State, Input]) -> bool:
-    life, drawn = Lifecycle("go2"), {(e.source, e.given): (e.target, e.actions) for e in diagram()[1]}
+    life, drawn = (
+        Lifecycle("go2"),
+        {(e.source, e.given): (e.target, e.actions) for e in diagram()[1]},
+    )
     life.state, given = pair
     try:
         done = life.feed(given)

@@ -45,7 +45,9 @@ def detection_checks(folder: Path) -> Iterator[CheckRow]:
         here, copy = folder / name, folder / f"{name} (copy)"
         write_example(example, here)
         machine = detect(here)
-        right.append((f"{name}: {machine.accelerator.value}", machine.accelerator is example.expected))
+        right.append(
+            (f"{name}: {machine.accelerator.value}", machine.accelerator is example.expected)
+        )
         verdicts = {evidence.accelerator for evidence in machine.evidence if evidence.reason}
         told.append((f"{name}: {len(verdicts)} verdicts", verdicts == set(Accelerator)))
         copy.mkdir()
@@ -110,11 +112,17 @@ def rollout_checks(pairs: Sequence[tuple[Deployment, Bundle]], folder: Path) -> 
         paths = {file.path for file in plan.files if file.change is not Change.SAME}
         was, now = bundle.members, newer.members
         expected = {path for path in {*was, *now} if was.get(path) != now.get(path)}
-        changed.append((f"{name}: {len(paths)} files", paths == expected and newer.tag != bundle.tag))
+        changed.append(
+            (f"{name}: {len(paths)} files", paths == expected and newer.tag != bundle.tag)
+        )
         apply_plan(plan, newer, other, machine, _ignore)
         old = released(machine, deployment, bundle.tag)
-        apply_plan(look_and_plan(machine, deployment.folder, old), old, deployment, machine, _ignore)
-        back.append((f"{name}: {old.tag}", look_and_plan(machine, deployment.folder, bundle).nothing))
+        apply_plan(
+            look_and_plan(machine, deployment.folder, old), old, deployment, machine, _ignore
+        )
+        back.append(
+            (f"{name}: {old.tag}", look_and_plan(machine, deployment.folder, bundle).nothing)
+        )
     yield held("an empty machine is planned to get every file", planned)
     yield held("applied once, nothing is left to do", settled)
     yield held("a change is planned as exactly the files that differ", changed)
@@ -144,7 +152,9 @@ def _initialize(home: Path, root: Path, *options: str) -> str:
 def _snapshot(root: Path) -> dict[str, tuple[int, bytes]]:
     """Return time stamp and content of every file below a folder."""
     files = [path for path in sorted(root.rglob("*")) if path.is_file() and not path.is_symlink()]
-    return {str(path.relative_to(root)): (path.stat().st_mtime_ns, path.read_bytes()) for path in files}
+    return {
+        str(path.relative_to(root)): (path.stat().st_mtime_ns, path.read_bytes()) for path in files
+    }
 
 
 def _ignore(_: str) -> None:

@@ -32,7 +32,11 @@ if TYPE_CHECKING:
 
 AGENT = "go2"
 
-PAPER_NAMES = ("/global/agent_heartbeat", "/global/go2/get_metadata", "/local/go2/agent_discovery_event")
+PAPER_NAMES = (
+    "/global/agent_heartbeat",
+    "/global/go2/get_metadata",
+    "/local/go2/agent_discovery_event",
+)
 """The names that the paper prints (sections 4.2 and 4.3), for an agent go2."""
 
 HOST_NAMES = ("Go2-Jetson.local", "steamdeck", "raspberry-pi-5", "Workstation_7970X")
@@ -119,7 +123,21 @@ def _refuses(_: Sample) -> Iterator[Case]:
 
 
 _LONGEST = {ResourceKind.TOPIC: 247, ResourceKind.SERVICE: 246, ResourceKind.ACTION: 226}
-_NO_NAMES = ("", "/", "a", "/a/", "/a//b", "/1a", "/a/1", "/a__b", "/a-b", "/ä", "/{a}", "/a b", "/a.b")
+_NO_NAMES = (
+    "",
+    "/",
+    "a",
+    "/a/",
+    "/a//b",
+    "/1a",
+    "/a/1",
+    "/a__b",
+    "/a-b",
+    "/ä",
+    "/{a}",
+    "/a b",
+    "/a.b",
+)
 
 
 def _is_name(name: str, kind: ResourceKind = ResourceKind.TOPIC) -> bool:
@@ -142,7 +160,13 @@ def _no_gaps(_: Sample) -> Iterator[Case]:
     for agent, component, stream in ((None, Component.CAMERA, None), (AGENT, None, Stream.COLOR)):
         case = f"agent {agent}, component {component}, stream {stream}"
         try:
-            RosFqn(scope=Scope.LOCAL, agent=agent, component=component, stream=stream, resource=Custom("x"))
+            RosFqn(
+                scope=Scope.LOCAL,
+                agent=agent,
+                component=component,
+                stream=stream,
+                resource=Custom("x"),
+            )
         except FqnError as error:
             yield case, error.place in {"agent", "component"}
         else:

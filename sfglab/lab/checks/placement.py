@@ -29,7 +29,9 @@ if TYPE_CHECKING:
     import numpy as np
 
 TOPICS_PER_NODE = 0.6
-AREA_SHARE = 0.5  #: The platform holds this share of all nodes' hardware, so that placing is a choice.
+AREA_SHARE = (
+    0.5  #: The platform holds this share of all nodes' hardware, so that placing is a choice.
+)
 TIME_LIMIT_S = 10.0  #: For one programme.
 
 
@@ -50,7 +52,9 @@ def random_graph(rng: np.random.Generator, nodes: int) -> Graph:
     """Draw a graph of so many nodes, most of which could be hardware, and topics from 100 B to 10 MB."""
     made = tuple(_node(rng, f"n{place}") for place in range(nodes))
     names = [node.name for node in made]
-    topics = tuple(_topic(rng, f"t{place}", names) for place in range(max(1, int(TOPICS_PER_NODE * nodes))))
+    topics = tuple(
+        _topic(rng, f"t{place}", names) for place in range(max(1, int(TOPICS_PER_NODE * nodes)))
+    )
     return Graph(nodes=made, topics=topics)
 
 
@@ -120,7 +124,11 @@ def greedy_placement(graph: Graph, platform: Platform) -> frozenset[str]:
     chosen: list[str] = []
     lut, bram = 0, 0.0
     for node, part in sorted(able, key=lambda pair: gain(*pair), reverse=True):
-        if gain(node, part) > 0 and lut + part.lut <= platform.lut and bram + part.bram <= platform.bram:
+        if (
+            gain(node, part) > 0
+            and lut + part.lut <= platform.lut
+            and bram + part.bram <= platform.bram
+        ):
             chosen.append(node.name)
             lut, bram = lut + part.lut, bram + part.bram
     return frozenset(chosen)
@@ -130,23 +138,33 @@ def brute_force_s(graph: Graph, platform: Platform) -> float:
     """Return the least cost of all placements with all choices of gateways, without the programme."""
     able = [node.name for node in graph.nodes if node.hardware]
     there = (frozenset(compress(able, sides)) for sides in product((False, True), repeat=len(able)))
-    return min(cost_s(graph, one, chosen, platform) for one in there for chosen in gateway_choices(graph, one))
+    return min(
+        cost_s(graph, one, chosen, platform)
+        for one in there
+        for chosen in gateway_choices(graph, one)
+    )
 
 
 def gateway_choices(graph: Graph, there: frozenset[str]) -> Iterator[tuple[str, ...]]:
     """Return every set of topics that could be at gateways."""
-    mixed = [t.name for t in graph.topics if 0 < len(there.intersection(t.members)) < len(t.members)]
+    mixed = [
+        t.name for t in graph.topics if 0 < len(there.intersection(t.members)) < len(t.members)
+    ]
     return chain.from_iterable(combinations(mixed, count) for count in range(len(mixed) + 1))
 
 
-def cost_s(graph: Graph, there: frozenset[str], gateways: tuple[str, ...], platform: Platform) -> float:
+def cost_s(
+    graph: Graph, there: frozenset[str], gateways: tuple[str, ...], platform: Platform
+) -> float:
     """Return what a placement with given gateways costs; infinite where it does not fit."""
     load = assess(_mapped(graph, there, gateways), platform)
     return load.total_s if load.fits(platform) else math.inf
 
 
 def _mapped(graph: Graph, there: frozenset[str], gateways: tuple[str, ...]) -> Graph:
-    sides = {n.name: Placement.HARDWARE if n.name in there else Placement.SOFTWARE for n in graph.nodes}
+    sides = {
+        n.name: Placement.HARDWARE if n.name in there else Placement.SOFTWARE for n in graph.nodes
+    }
     placed = graph.with_placements(sides)
     return map_communication(placed, gateway=lambda _, topic: topic.name in gateways).gateways
 
@@ -154,7 +172,9 @@ def _mapped(graph: Graph, there: frozenset[str], gateways: tuple[str, ...]) -> G
 def _paying(graph: Graph, there: frozenset[str], platform: Platform) -> tuple[str, ...]:
     """Return the topics that are cheaper at a gateway, the best first, while gateways fit."""
     without = _mapped(graph, there, ())
-    saved = {t.name: topic_load(without, t, platform) - gateway_load(t, platform) for t in without.topics}
+    saved = {
+        t.name: topic_load(without, t, platform) - gateway_load(t, platform) for t in without.topics
+    }
     chosen: tuple[str, ...] = ()
     for name in sorted(saved, key=lambda key: saved[key], reverse=True):
         more = (*chosen, name)

@@ -27,9 +27,13 @@ _TOLERANCE = 1e-5  #: Relative, of single against double precision.
 class Shown:
     """One component at one entity and time."""
 
-    capture_ns: int | None  #: On the timeline of the senders' stamps; None for what holds at all times.
+    capture_ns: (
+        int | None
+    )  #: On the timeline of the senders' stamps; None for what holds at all times.
     received_ns: int | None  #: On that of this host; None likewise.
-    content: NDArray[Any] | list[str]  #: Numbers of whatever nesting as a flat array; texts as a list.
+    content: (
+        NDArray[Any] | list[str]
+    )  #: Numbers of whatever nesting as a flat array; texts as a list.
 
 
 def read_recording(path: Path) -> Recording:
@@ -63,7 +67,11 @@ def read_blueprint(path: Path) -> list[str]:
             batch = chunk.to_record_batch()
             for name in batch.schema.names:
                 if name.startswith(("ViewBlueprint:", "ViewContents:")):
-                    texts += [str(text) for values in batch.column(name).to_pylist() for text in values or ()]
+                    texts += [
+                        str(text)
+                        for values in batch.column(name).to_pylist()
+                        for text in values or ()
+                    ]
     return texts
 
 
@@ -103,7 +111,10 @@ def check_visualizers(parts: tuple[Part, ...], recording: Recording) -> Iterator
 
 def _check_part(part: Part, recording: Recording) -> CheckRow:
     shown = recording.get(part.place, [])
-    held = sum(any(_is(s, number, values, part) for s in shown) for number, values in enumerate(part.expected))
+    held = sum(
+        any(_is(s, number, values, part) for s in shown)
+        for number, values in enumerate(part.expected)
+    )
     return CheckRow(
         check=f"{part.kind}: each message's content at its entity, component and times",
         checked=len(part.expected) + 1,
@@ -139,7 +150,9 @@ def _check_communication(recording: Recording) -> CheckRow:
         root = f"/agents/{agent}/communication"
         states = recording.get((f"{root}/life", "StateChange:state"), [])
         facts[f"{agent} {life}"] = bool(states) and list(states[-1].content) == [life]
-        facts[f"{agent} age"] = len(recording.get((f"{root}/heartbeat_age_s", "Scalars:scalars"), [])) > 1
+        facts[f"{agent} age"] = (
+            len(recording.get((f"{root}/heartbeat_age_s", "Scalars:scalars"), [])) > 1
+        )
         facts[f"{agent} ring"] = len(rows_of(recording, f"{root}/ring")) > 1
         facts[f"{agent} decoders"] = bool(rows_of(recording, f"{root}/decoders"))
         facts[f"{agent} drops"] = bool(recording.get((f"{root}/dropped", "Scalars:scalars")))
@@ -147,7 +160,9 @@ def _check_communication(recording: Recording) -> CheckRow:
     return facts_row("communication: life, heartbeat age, decoders, drops, ring and border", facts)
 
 
-def check_sources(parts: tuple[Part, ...], logged: Recording, live: Recording) -> Iterator[CheckRow]:
+def check_sources(
+    parts: tuple[Part, ...], logged: Recording, live: Recording
+) -> Iterator[CheckRow]:
     """Compare what the log showed with what the same messages showed that another process sent."""
     for part in parts:
         if not part.expected:
@@ -171,14 +186,18 @@ def check_fleet(fleet: Fleet, recorded: Path) -> Iterator[CheckRow]:
     from sfglab.view.visualizer import entity_of_topic
 
     texts = " ".join(read_blueprint(recorded))
-    streams = [(a.name, s.topic) for a in fleet.agents for sensor in a.sensors for s in sensor.streams]
+    streams = [
+        (a.name, s.topic) for a in fleet.agents for sensor in a.sensors for s in sensor.streams
+    ]
     views = [entity_below(agent, topic) for agent, topic in streams]
     ages = [f"/agents/{agent.name}/communication/heartbeat_age_s" for agent in fleet.agents]
     for check, wanted in (
         ("a view for every stream that the fleet file announces", views),
         ("a curve of the heartbeats of every agent of the fleet file", ages),
     ):
-        yield _row(check, len(wanted), [entity for entity in wanted if entity not in texts], wanted[0])
+        yield _row(
+            check, len(wanted), [entity for entity in wanted if entity not in texts], wanted[0]
+        )
     said = [(agent.name, topic.name) for agent in fleet.agents for topic in agent.publishes]
     named = [(agent, name) for agent, name in said if name.split("/")[2:3] == [agent]]
     wrong = [name for agent, name in named if entity_of_topic(name) != entity_below(agent, name)]

@@ -46,7 +46,18 @@ def in_table_1(dds_name: str) -> bool:
 def random_dds_names(count: int, *, rng: np.random.Generator) -> Iterator[str]:
     """Yield names that are made of the parts of Table 1 and of others, in any order."""
     heads = ("rt", "rq", "rr", "rs", "RT", "")
-    parts = ("tf", "tf_static", "global", "local", "globally", "global_x", "a", "camera_front", "*", "")
+    parts = (
+        "tf",
+        "tf_static",
+        "global",
+        "local",
+        "globally",
+        "global_x",
+        "a",
+        "camera_front",
+        "*",
+        "",
+    )
     tails = ("", "Request", "Reply")
     for _ in range(count):
         middle = [parts[i] for i in rng.integers(len(parts), size=rng.integers(1, 5))]
@@ -70,11 +81,14 @@ def _as_table_1(name: str) -> bool:
 @checks.each("a message is heard in the domains that Eq. 1 says", _names)
 def _as_eq_1(name: str) -> bool:
     is_in = in_table_1(name)
-    return all(Policy().domains(name, side) == (frozenset(Side) if is_in else {side}) for side in Side)
+    return all(
+        Policy().domains(name, side) == (frozenset(Side) if is_in else {side}) for side in Side
+    )
 
 
 @checks.each(
-    "what a rule opens one way crosses from that side alone, services by half", lambda *_: tuple(Direction)
+    "what a rule opens one way crosses from that side alone, services by half",
+    lambda *_: tuple(Direction),
 )
 def _one_way(way: Direction) -> bool:
     policy = Policy(rules=(ForwardRule(pattern="*/global/*", directions=frozenset({way})),))
@@ -83,7 +97,10 @@ def _one_way(way: Direction) -> bool:
     kinds = (ResourceKind.TOPIC, way), (ResourceKind.TOPIC, other), (ResourceKind.SERVICE, way)
     crosses = [policy.crossing("/global/a", *kind) for kind in kinds]
     heard = [policy.domains("rt/global/a", side) for side in (here, there)]
-    ends, parts = (way.source, way.target) == (here, there), [Crossing.WHOLE, Crossing.NONE, Crossing.HALF]
+    ends, parts = (
+        (way.source, way.target) == (here, there),
+        [Crossing.WHOLE, Crossing.NONE, Crossing.HALF],
+    )
     return ends and heard == [{here, there}, {there}] and crosses == parts
 
 
@@ -93,7 +110,8 @@ def _near_misses_stay(name: str) -> bool:
 
 
 @checks.each(
-    "a standard name crosses whole if it is global, else not at all", lambda *_: all_standard_fqns(AGENT)
+    "a standard name crosses whole if it is global, else not at all",
+    lambda *_: all_standard_fqns(AGENT),
 )
 def _crosses_by_scope(fqn: RosFqn) -> bool:
     expected = Crossing.WHOLE if fqn.is_global else Crossing.NONE

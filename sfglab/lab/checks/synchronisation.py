@@ -47,7 +47,9 @@ def _exact(sample: Sample) -> Iterator[Case]:
     return _matched(sample, Exact(depth=30), 0)
 
 
-@checks.cases("approximate time: the sets of three topics are those that were sent, each once, in order")
+@checks.cases(
+    "approximate time: the sets of three topics are those that were sent, each once, in order"
+)
 def _approximate(sample: Sample) -> Iterator[Case]:
     return _matched(sample, Approximate(slop_ns=2 * _JITTER_NS, depth=30), _JITTER_NS)
 
@@ -59,17 +61,31 @@ def _bounded(_sample: Sample) -> Iterator[Case]:
     for policy in (Exact(depth=5), Approximate(slop_ns=0, depth=5)):
         queues = synchronizer(policy, _TOPICS[:2])
         found = [m for n in (*range(8), 7) for m in queues.offer("image", n, n)]
-        yield repr(policy), (found, queues.waiting, queues.unmatched, queues.disordered) == ([], 5, 3, 1)
+        yield (
+            repr(policy),
+            (found, queues.waiting, queues.unmatched, queues.disordered) == ([], 5, 3, 1),
+        )
         [matched] = queues.offer("info", 6, 6)
-        yield repr(policy), (matched.items, queues.waiting) == (dict.fromkeys(_TOPICS[:2], (6, 6)), 1)
+        yield (
+            repr(policy),
+            (matched.items, queues.waiting) == (dict.fromkeys(_TOPICS[:2], (6, 6)), 1),
+        )
 
 
 @checks.cases("a camera's calibration that was said once holds, until it is said again")
 def _steady(_sample: Sample) -> Iterator[Case]:
     for policy in (Exact(depth=30), Approximate(slop_ns=0, depth=30)):
         queues = synchronizer(policy, _TOPICS[:2], steady=("info",))
-        said = [("info", 0), *(("image", n) for n in range(1, 9)), ("info", 9), ("image", 9), ("image", 10)]
-        found = [[n for _, n in m.items.values()] for topic, n in said for m in queues.offer(topic, n, n)]
+        said = [
+            ("info", 0),
+            *(("image", n) for n in range(1, 9)),
+            ("info", 9),
+            ("image", 9),
+            ("image", 10),
+        ]
+        found = [
+            [n for _, n in m.items.values()] for topic, n in said for m in queues.offer(topic, n, n)
+        ]
         yield repr(policy), found == [*([n, 0] for n in range(PATIENCE + 1, 9)), [9, 9]]
 
 
@@ -123,7 +139,11 @@ class Cloud:
     def row(self) -> dict[str, Any]:
         """The cloud in numbers: what the experiment's table says of an image."""
         same = self.colors.shape == self.expected_colors.shape
-        wrong = int((self.colors != self.expected_colors).any(axis=1).sum()) if same else len(self.expected)
+        wrong = (
+            int((self.colors != self.expected_colors).any(axis=1).sum())
+            if same
+            else len(self.expected)
+        )
         return {
             "stamp_ns": self.moment.stamp_ns,
             "points": len(self.shown),
@@ -147,7 +167,9 @@ def show_clouds(moments: Sequence[Moment], path: Path) -> list[Cloud]:
     points = {s.capture_ns: s.content for s in recording.get((entity, "Points3D:positions"), [])}
     colors = {s.capture_ns: s.content for s in recording.get((entity, "Points3D:colors"), [])}
     nothing: NDArray[Any] = np.zeros(0)
-    return [_cloud(m, points.get(m.stamp_ns, nothing), colors.get(m.stamp_ns, nothing)) for m in moments]
+    return [
+        _cloud(m, points.get(m.stamp_ns, nothing), colors.get(m.stamp_ns, nothing)) for m in moments
+    ]
 
 
 def _cloud(moment: Moment, points: Any, colors: Any) -> Cloud:
@@ -157,7 +179,9 @@ def _cloud(moment: Moment, points: Any, colors: Any) -> Cloud:
     return Cloud(
         moment=moment,
         shown=np.asarray(points, dtype=np.float64).reshape(-1, 3),
-        colors=np.stack([(packed >> shift) & 255 for shift in (24, 16, 8)], axis=1).astype(np.uint8),
+        colors=np.stack([(packed >> shift) & 255 for shift in (24, 16, 8)], axis=1).astype(
+            np.uint8
+        ),
         expected=back_projected(moment.depth_mm, info, step=_STEP, max_m=_MAX_M),
         expected_colors=rgb[(depth > 0) & (depth <= _MAX_M)],
     )

@@ -32,7 +32,9 @@ if TYPE_CHECKING:
     Floats = NDArray[np.float64]
 
 checks = Checks("geometry")
-contrast = Checks("contrast")  #: What must fail now and then: it shows what the check for loops can see.
+contrast = Checks(
+    "contrast"
+)  #: What must fail now and then: it shows what the check for loops can see.
 
 EITHER = tuple(Interpolation)
 _REACH_M = 5.0
@@ -51,7 +53,9 @@ def random_trajectory(
     time_ns, found = int(rng.integers(0, 5 * NS_PER_S)), [random_pose(rng)]
     times = [time_ns]
     for _ in range(int(rng.integers(least, 8)) - 1):
-        time_ns += round(NS_PER_S * float(rng.choice([0.05, 0.5, 1.0, 3.0])) * rng.uniform(0.5, 2.0))
+        time_ns += round(
+            NS_PER_S * float(rng.choice([0.05, 0.5, 1.0, 3.0])) * rng.uniform(0.5, 2.0)
+        )
         times.append(time_ns)
         there = random_pose(rng)
         waits = rng.random() < _WAIT
@@ -80,7 +84,11 @@ def _said(problem: bool, text: str) -> str:  # noqa: FBT001 - the one thing that
 def _waypoints_are_met(rng: np.random.Generator) -> str:
     path = random_trajectory(rng)
     found = sample(path, [w.time_ns / NS_PER_S for w in path.waypoints])
-    off = [i for i, w in enumerate(path.waypoints) if not found.pose(i).same_as(w.pose, within_rad=_NEAR_RAD)]
+    off = [
+        i
+        for i, w in enumerate(path.waypoints)
+        if not found.pose(i).same_as(w.pose, within_rad=_NEAR_RAD)
+    ]
     return _said(bool(off), f"{path.interpolation.value}: waypoint {off}")
 
 
@@ -90,7 +98,9 @@ def _poses_are_rigid(rng: np.random.Generator) -> str:
     times = np.linspace(path.start_ns / NS_PER_S - 1, path.end_ns / NS_PER_S + 1, 50)
     matrices = [sample(path, times).pose(i).matrix()[:3, :3] for i in range(len(times))]
     worst = max(float(np.abs(m @ m.T - np.eye(3)).max()) for m in matrices)
-    return _said(worst > 1e-12 or min(map(np.linalg.det, matrices)) < 0.5, f"not orthogonal by {worst:.1g}")
+    return _said(
+        worst > 1e-12 or min(map(np.linalg.det, matrices)) < 0.5, f"not orthogonal by {worst:.1g}"
+    )
 
 
 @checks.trial("a polyline is linear in position and SLERP in orientation")
@@ -99,7 +109,10 @@ def _polyline_is_slerp(rng: np.random.Generator) -> str:
     for before, after in pairwise(path.waypoints):
         share = float(rng.uniform())
         time_ns = before.time_ns + share * (after.time_ns - before.time_ns)
-        found, wanted = pose_at(path, time_ns / NS_PER_S), before.pose.interpolate(after.pose, share)
+        found, wanted = (
+            pose_at(path, time_ns / NS_PER_S),
+            before.pose.interpolate(after.pose, share),
+        )
         two_ways = before.pose.angle_rad(after.pose) > _TWO_WAYS_RAD
         if found.distance_m(wanted) > 1e-6 or (not two_ways and found.angle_rad(wanted) > 1e-5):
             return f"{found} instead of {wanted}"
@@ -129,17 +142,21 @@ def _headings_follow(align: Align) -> Trial:
         a, b = (np.array(path.waypoints[i].pose.position_m) for i in (start, start + 1))
         way = b - a
         if math.hypot(way[0], way[1]) < 1e-6:
-            return _said(turned != path.waypoints[index].pose, "it turned where there is no heading")
+            return _said(
+                turned != path.waypoints[index].pose, "it turned where there is no heading"
+            )
         x_axis, y_axis = turned.matrix()[:3, 0], turned.matrix()[:3, 1]
         off = float(np.linalg.norm(x_axis - way / np.linalg.norm(way)))
-        return _said(off > 1e-9 or abs(y_axis[2]) > 1e-12, f"x axis off by {off:.1g}, roll {y_axis[2]:.1g}")
+        return _said(
+            off > 1e-9 or abs(y_axis[2]) > 1e-12, f"x axis off by {off:.1g}, roll {y_axis[2]:.1g}"
+        )
 
     return trial
 
 
-checks.trial("aligned to the previous waypoint, x looks along the segment that arrives, without roll")(
-    _headings_follow(Align.PREVIOUS)
-)
+checks.trial(
+    "aligned to the previous waypoint, x looks along the segment that arrives, without roll"
+)(_headings_follow(Align.PREVIOUS))
 checks.trial("aligned to the next waypoint, x looks along the segment that leaves, without roll")(
     _headings_follow(Align.NEXT)
 )
@@ -147,7 +164,9 @@ checks.trial("aligned to the next waypoint, x looks along the segment that leave
 
 def _pyramid(points: Floats, share: float) -> Floats:
     """Return a point of the segment between the second and third of four, by Barry and Goldman's pyramid."""
-    knots = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1) ** 0.5)])
+    knots = np.concatenate(
+        [[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1) ** 0.5)]
+    )
     u, level = knots[1] + share * (knots[2] - knots[1]), list(points)
     for height in (1, 2):
         level = [
@@ -155,12 +174,16 @@ def _pyramid(points: Floats, share: float) -> Floats:
             / (knots[i + height] - knots[i])
             for i in range(4 - height)
         ]
-    return np.asarray(((knots[2] - u) * level[0] + (u - knots[1]) * level[1]) / (knots[2] - knots[1]))
+    return np.asarray(
+        ((knots[2] - u) * level[0] + (u - knots[1]) * level[1]) / (knots[2] - knots[1])
+    )
 
 
 def _timed_by_knots(points: Floats) -> Trajectory:
     """Return the spline through points at times that grow as its knots do, so that it is a cubic in time."""
-    knots = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1) ** 0.5)])
+    knots = np.concatenate(
+        [[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1) ** 0.5)]
+    )
     pairs = ((round(u * NS_PER_S), Pose.at(p)) for u, p in zip(knots, points, strict=True))
     return Trajectory.of(pairs, Interpolation.CATMULL_ROM)
 
@@ -266,7 +289,10 @@ def _retiming_meets_limits(rng: np.random.Generator) -> str:
     tops = {
         "speed": (found.speeds_m_s.max(), limits.speed_m_s),
         "yaw rate": (np.abs(found.yaw_rates_rad_s).max(), limits.yaw_rate_rad_s),
-        "acceleration": (_accelerations(slower, found.accelerations_m_s2), limits.acceleration_m_s2),
+        "acceleration": (
+            _accelerations(slower, found.accelerations_m_s2),
+            limits.acceleration_m_s2,
+        ),
     }
     over = [
         f"{name} {top:.6g}, allowed {limit:.6g}"
@@ -284,7 +310,9 @@ def _accelerations(path: Trajectory, inside: Floats) -> float:
         places = np.array([w.pose.position_m for w in path.waypoints])
         steps = np.diff(times)
         jumps = np.diff(np.diff(places, axis=0) / steps[:, None], axis=0)
-        largest = max(largest, float((np.linalg.norm(jumps, axis=1) / ((steps[1:] + steps[:-1]) / 2)).max()))
+        largest = max(
+            largest, float((np.linalg.norm(jumps, axis=1) / ((steps[1:] + steps[:-1]) / 2)).max())
+        )
     return largest
 
 
@@ -295,7 +323,9 @@ def _retiming_keeps_the_path(rng: np.random.Generator) -> str:
     grown = all(b - a <= d - c for (a, b), (c, d) in zip(_spans(path), _spans(slower), strict=True))
     same = [w.pose for w in path.waypoints] == [w.pose for w in slower.waypoints]
     twice = retimed(slower, limits) is slower
-    return _said(not (grown and same and twice), f"grown {grown}, same poses {same}, done once {twice}")
+    return _said(
+        not (grown and same and twice), f"grown {grown}, same poses {same}, done once {twice}"
+    )
 
 
 def _spans(path: Trajectory) -> list[tuple[int, int]]:
@@ -322,7 +352,9 @@ def _stretching_scales_rates(rng: np.random.Generator) -> str:
     slower = stretched(path, factor)
     shares = np.linspace(0.05, 0.95, 9)
     times = [(p.start_ns + shares * (p.end_ns - p.start_ns)) / NS_PER_S for p in (path, slower)]
-    off = float(np.abs(motion_of(path).positions(times[0]) - motion_of(slower).positions(times[1])).max())
+    off = float(
+        np.abs(motion_of(path).positions(times[0]) - motion_of(slower).positions(times[1])).max()
+    )
     return _said(off > 1e-4, f"off by {off:.1g} m")
 
 
@@ -337,4 +369,6 @@ def _clearance_is_the_least(rng: np.random.Generator) -> str:
     at = motion_of(a).positions(found.time_s)[0] - motion_of(b).positions(found.time_s)[0]
     real = abs(float(np.linalg.norm(at)) - found.distance_m) < _NEAR_M
     least = found.distance_m - found.tolerance_m <= float(apart.min()) + _NEAR_M
-    return _said(not (real and least), f"given {found.distance_m:.6f} m, a sample {apart.min():.6f} m")
+    return _said(
+        not (real and least), f"given {found.distance_m:.6f} m, a sample {apart.min():.6f} m"
+    )

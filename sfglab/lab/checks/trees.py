@@ -26,7 +26,11 @@ checks = Checks("trees")
 
 AGENT, WORLD, OBJECT = "agent_x", "map", "agent_x/markers"
 RULE = FrameRule(agents=frozenset({AGENT}))  #: The names that are demanded of frames.
-WAYS = ("direct", "renamed", "proxy")  #: How motion capture joins a robot's tree: attributes of `MocapTrees`.
+WAYS = (
+    "direct",
+    "renamed",
+    "proxy",
+)  #: How motion capture joins a robot's tree: attributes of `MocapTrees`.
 _LARGEST = 12
 _PERIOD_NS = 10_000_000
 _CLOSE_M, _CLOSE_RAD = 1e-9, 1e-7
@@ -34,7 +38,10 @@ _CLOSE_M, _CLOSE_RAD = 1e-9, 1e-7
 
 def figure_6() -> tuple[Robot, MocapMapping]:
     """Return the robot of Fig. 6, rooted at its base, with markers and a camera, and the bridge's mapping."""
-    parts = (("markers", Pose.at((0.1, 0.0, 0.2), (0, 0, 0.3, 1))), ("camera", Pose.at((0.3, 0.0, 0.0))))
+    parts = (
+        ("markers", Pose.at((0.1, 0.0, 0.2), (0, 0, 0.3, 1))),
+        ("camera", Pose.at((0.3, 0.0, 0.0))),
+    )
     robot = tuple(_static(f"{AGENT}/base", f"{AGENT}/{name}", pose) for name, pose in parts)
     mapped = MappedObject(id=OBJECT, via=OBJECT, frame=f"{AGENT}/base")
     return robot, MocapMapping(world=WORLD, objects={OBJECT: mapped})
@@ -43,7 +50,9 @@ def figure_6() -> tuple[Robot, MocapMapping]:
 def captures_of(poses: Iterable[Pose]) -> list[Capture]:
     """Return captures of the markers at these poses in the world, 10 ms apart."""
     times = ((number, (number + 1) * _PERIOD_NS, pose) for number, pose in enumerate(poses))
-    return [Capture(number=i, capture_ns=t, receipt_ns=t, sights={OBJECT: pose}) for i, t, pose in times]
+    return [
+        Capture(number=i, capture_ns=t, receipt_ns=t, sights={OBJECT: pose}) for i, t, pose in times
+    ]
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,7 +68,9 @@ class _Joined:
 
     @property
     def root(self) -> str:
-        return next(edge.parent for edge in self.robot if edge.parent not in {e.child for e in self.robot})
+        return next(
+            edge.parent for edge in self.robot if edge.parent not in {e.child for e in self.robot}
+        )
 
     @property
     def frames(self) -> set[str]:
@@ -67,7 +78,10 @@ class _Joined:
 
     def found(self, way: str) -> set[str]:
         """Return codes of everything that is wrong with a tree."""
-        return {finding.code for finding in lint_frames(getattr(self.trees, way).edges, rule=RULE, root=WORLD)}
+        return {
+            finding.code
+            for finding in lint_frames(getattr(self.trees, way).edges, rule=RULE, root=WORLD)
+        }
 
 
 @lru_cache(maxsize=1)
@@ -81,14 +95,18 @@ def _joined(count: int, seed: int) -> tuple[_Joined, ...]:
         captures = captures_of((begin, begin @ step, begin @ step @ step))
         name = f"robot {number}" if number else "figure 6"
         via, trees = mapping.objects[OBJECT].via, mocap_trees(robot, mapping, captures)
-        joined.append(_Joined(name, robot, via, begin @ step @ step, captures[-1].capture_ns, trees))
+        joined.append(
+            _Joined(name, robot, via, begin @ step @ step, captures[-1].capture_ns, trees)
+        )
     return tuple(joined)
 
 
 def _random_robot(rng: np.random.Generator) -> tuple[Robot, MocapMapping]:
     """Return a robot of any shape whose markers are at any of its frames, the root included."""
     links = [f"{AGENT}/link_{number}" for number in range(int(rng.integers(1, _LARGEST)) + 1)]
-    robot = tuple(_static(links[rng.integers(i)], links[i], _pose(rng)) for i in range(1, len(links)))
+    robot = tuple(
+        _static(links[rng.integers(i)], links[i], _pose(rng)) for i in range(1, len(links))
+    )
     via = links[rng.integers(len(links))]
     return robot, MocapMapping(world=WORLD, objects={OBJECT: MappedObject(id=OBJECT, via=via)})
 
@@ -114,7 +132,11 @@ def _reached(tree: FrameBuffer, frames: Iterable[str]) -> set[str]:
 
 
 def _robot_s_own(joined: _Joined) -> bool:
-    own = {(e.parent, e.child, e.static, e.count) for e in joined.trees.proxy.edges if e.authority == "robot"}
+    own = {
+        (e.parent, e.child, e.static, e.count)
+        for e in joined.trees.proxy.edges
+        if e.authority == "robot"
+    }
     return own == {(edge.parent, edge.child, True, 1) for edge in joined.robot}
 
 
@@ -145,7 +167,9 @@ _AT_THE_ROOT = "renamed, markers at the root: the tree is whole"
 _PROPERTIES: dict[str, Callable[[_Joined], bool]] = {
     "direct: what is published is no frame of the robot": lambda j: "name" in j.found("direct"),
     "direct: the robot's tree has a root of its own": lambda j: "second-root" in j.found("direct"),
-    "direct: no frame of the robot is reached from the world": lambda j: not _reached(j.trees.direct, j.frames),
+    "direct: no frame of the robot is reached from the world": lambda j: (
+        not _reached(j.trees.direct, j.frames)
+    ),
     "renamed: the markers have two parents": lambda j: "two-parents" in j.found("renamed"),
     "renamed: the robot's root is not reached from the world": lambda j: (
         not _reached(j.trees.renamed, {j.root})
@@ -170,7 +194,9 @@ def _cases(name: str, sample: Sample) -> Iterator[Case]:
 for _name in _PROPERTIES:
     checks.cases(_name)(partial(_cases, _name))
 
-_TEXT = f"world: {WORLD}\nobjects: {{{OBJECT}: {{via: {OBJECT}, offset: {{position_m: [1, 0, 0]}}}}}}"
+_TEXT = (
+    f"world: {WORLD}\nobjects: {{{OBJECT}: {{via: {OBJECT}, offset: {{position_m: [1, 0, 0]}}}}}}"
+)
 _BROKEN = (
     *((f"via: {OBJECT}", f"via: {name}") for name in ("/markers", "' markers'", "''", "3", WORLD)),
     ("[1, 0, 0]", "[1, 0]"),
@@ -191,7 +217,9 @@ def _texts(_: Sample) -> Iterator[Case]:
             yield new, False
 
 
-@checks.cases("proxy: what comes again or flips is not published before it is held, and all is counted")
+@checks.cases(
+    "proxy: what comes again or flips is not published before it is held, and all is counted"
+)
 def _counted(_: Sample) -> Iterator[Case]:
     robot, mapping = figure_6()
     buffer = FrameBuffer()
@@ -209,4 +237,8 @@ def _counted(_: Sample) -> Iterator[Case]:
 
 def tree_rows(count: int, seed: int) -> Iterator[CheckRow]:
     """Return the properties' rows, without the one of markers at the root where no robot has them there."""
-    return (row for row in checks.rows(count, seed) if (row.check, row.example) != (_AT_THE_ROOT, NOTHING))
+    return (
+        row
+        for row in checks.rows(count, seed)
+        if (row.check, row.example) != (_AT_THE_ROOT, NOTHING)
+    )

@@ -43,8 +43,12 @@ class Config(Shown):
     """What is compared."""
 
     frames: int = between(40, 1, 1200, log=True)  #: Depth frames, each coded by all codecs.
-    png_level: int = between(9, 0, 9)  #: Level of PNG beside its fastest, 1; the transport plug-in's is 9.
-    noise_mm: float = between(0.0, 0.0, 50.0)  #: Standard deviation of noise that is added to depth [mm].
+    png_level: int = between(
+        9, 0, 9
+    )  #: Level of PNG beside its fastest, 1; the transport plug-in's is 9.
+    noise_mm: float = between(
+        0.0, 0.0, 50.0
+    )  #: Standard deviation of noise that is added to depth [mm].
     source: str = "stereo"  #: Source of frames with depth.
     seed: int = 0  #: Seed of the view's path and of the codecs' order.
 
@@ -106,7 +110,9 @@ def code_frames(bench: Bench[Config]) -> None:
         frame = source.frame()
         depth = _noisy(frame.depth_mm, config.noise_mm, noise)
         for codec in rng.permutation(list(CODECS)):
-            bench.write("coding", {"frame": frame.number, **_code(depth, str(codec), config.png_level)})
+            bench.write(
+                "coding", {"frame": frame.number, **_code(depth, str(codec), config.png_level)}
+            )
         bench.advance(f"frame {frame.number}")
     source.close()
 
@@ -190,15 +196,23 @@ def draw_codecs(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     boxes = "boxes: quartiles and median, whiskers: 1.5 times their distance"
     note(figure, f"measured on {len(table)} frames; {boxes}")
     of = {"encode": encode, "decode": decode}
-    return {name: {"value": one.value, "low": one.low, "high": one.high} for name, one in of.items()}
+    return {
+        name: {"value": one.value, "low": one.low, "high": one.high} for name, one in of.items()
+    }
 
 
 def _draw_spread(axes: Axes, columns: Any, title: str, png_level: int) -> None:
     scale = 1e-3 if title == "size" else 1.0
     values = [columns[codec].astype(float).to_numpy() * scale for codec in CODECS]
-    level = f" (default,\nlevel {png_level})" if png_level == _DEFAULT_LEVEL else f"\n(level {png_level})"
+    level = (
+        f" (default,\nlevel {png_level})"
+        if png_level == _DEFAULT_LEVEL
+        else f"\n(level {png_level})"
+    )
     labels = ["RVL", f"PNG{level}", "PNG\n(level 1)"]
-    parts = axes.boxplot(values, tick_labels=labels, showfliers=False, patch_artist=True, widths=0.5)
+    parts = axes.boxplot(
+        values, tick_labels=labels, showfliers=False, patch_artist=True, widths=0.5
+    )
     for patch, color in zip(parts["boxes"], ("proxy", "standard", "network"), strict=True):
         patch.set_facecolor(COLORS[color])
     for line in parts["medians"]:

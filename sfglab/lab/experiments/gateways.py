@@ -43,7 +43,13 @@ if TYPE_CHECKING:
     from sfglab.lab.explore import Automaton, Parts
     from sfglab.soc.graph import Graph
 
-_SMALL = (Bound(), Bound(subscribers=2), Bound(calls=2), Bound(port_messages=1), Bound(echoes=False))
+_SMALL = (
+    Bound(),
+    Bound(subscribers=2),
+    Bound(calls=2),
+    Bound(port_messages=1),
+    Bound(echoes=False),
+)
 _LARGER = (
     Bound(software=(3,), hardware=(3,)),
     Bound(software=(2, 1), hardware=(1, 1)),
@@ -77,7 +83,11 @@ exp.table("check")(CheckRow)
 
 _PAPER_SETS = {"A gateway", "B hardware", "C gateway", "D software", "E gateway"}
 _PAPER_EDGES = {"A -> 8", "C -> 6", "9 -> E"}
-STAGES = ("all topics in software", "topics in hardware", "topics in hardware, gateways")  #: Fig. 8 b, c and d.
+STAGES = (
+    "all topics in software",
+    "topics in hardware",
+    "topics in hardware, gateways",
+)  #: Fig. 8 b, c and d.
 
 
 @exp.table("exploration", "unclaimed")
@@ -138,7 +148,10 @@ def _explored(bound: Bound, table: Table) -> tuple[dict[str, Any], frozenset[Sta
     row = {
         "software": "+".join(map(str, bound.software)),
         "hardware": "+".join(map(str, bound.hardware)),
-        **{name: getattr(bound, name) for name in ("subscribers", "calls", "echoes", "port_messages")},
+        **{
+            name: getattr(bound, name)
+            for name in ("subscribers", "calls", "echoes", "port_messages")
+        },
         **{name: getattr(found, name) for name in ("worlds", "steps", "depth")},
         "states": len(found.visited),
         "violation": found.counterexample.property if found.counterexample else "",
@@ -154,24 +167,34 @@ def _coverage(visited: set[State]) -> CheckRow:
 
 def unclaimed(table: Table) -> Table:
     """Return a table in which every way to the claim of the hardware's topic leads straight to the sending."""
-    sends = {s: row.moves[Input.GRANTED].to for s, row in table.items() if row.drive is Drive.CLAIM_HMT}
+    sends = {
+        s: row.moves[Input.GRANTED].to for s, row in table.items() if row.drive is Drive.CLAIM_HMT
+    }
     found = {}
     for state, row in table.items():
-        moves = {given: Move(sends.get(move.to, move.to), move.latch) for given, move in row.moves.items()}
+        moves = {
+            given: Move(sends.get(move.to, move.to), move.latch)
+            for given, move in row.moves.items()
+        }
         found[state] = Row(row.drive, moves)
     return found
 
 
 def _bent() -> CheckRow:
     """Ask the same of every table with one arrow bent: what passes shows what the exploration cannot see."""
-    arrows = [(s, row, given, move) for s, row in TABLE.items() for given, move in row.moves.items()]
+    arrows = [
+        (s, row, given, move) for s, row in TABLE.items() for given, move in row.moves.items()
+    ]
     bent = [(*arrow, to) for arrow in arrows for to in State if to is not arrow[-1].to]
     passed = []
     for state, row, given, move, to in bent:
         table = {**TABLE, state: Row(row.drive, {**row.moves, given: Move(to, move.latch)})}
         if explore(Bound(), table).counterexample is None:
             passed.append(f"{state.name} -{given.name}-> {to.name}")
-    check, held = "of the tables with one arrow bent, those that are caught", len(bent) - len(passed)
+    check, held = (
+        "of the tables with one arrow bent, those that are caught",
+        len(bent) - len(passed),
+    )
     return CheckRow(check=check, checked=len(bent), held=held, example="; ".join(passed))
 
 
@@ -195,7 +218,11 @@ def _few() -> Iterator[CheckRow]:
     yield _coverage(set().union(*(visited for _, visited in found)))
 
 
-@exp.claim("C-FSM", how=How.EXACT, mutated=Mutated(("sfglab.soc.gateway:TABLE,Move,Row,transitions",), _few))
+@exp.claim(
+    "C-FSM",
+    how=How.EXACT,
+    mutated=Mutated(("sfglab.soc.gateway:TABLE,Move,Row,transitions",), _few),
+)
 def core_holds(run: Run[Config]) -> Finding:
     """Return the share of bounds and states that hold."""
     explorations, checks = run["exploration"], run["check"]
@@ -209,7 +236,9 @@ def core_holds(run: Run[Config]) -> Finding:
     if len(run["unclaimed"]):
         details["beyond the text"] = _why_it_claims(run["unclaimed"])
     if len(checks) > 1:
-        details["bent tables that are caught"] = f"{checks.iloc[1]['held']} of {checks.iloc[1]['checked']}"
+        details["bent tables that are caught"] = (
+            f"{checks.iloc[1]['held']} of {checks.iloc[1]['checked']}"
+        )
     share = float(held / (len(explorations) + coverage["checked"]))
     return Finding(estimate=exactly(share, "share of checks that hold"), details=details)
 
@@ -237,7 +266,9 @@ def edges_left(run: Run[Config]) -> Finding:
     ends["edges other than A -> 8, C -> 6, 9 -> E that are left"] = float(len(wrong))
     details = {
         "edges, by stage": " -> ".join(map(str, edges)),
-        "carriages of one message a topic": " -> ".join(f"{carried:g}" for carried in stages["carriages"]),
+        "carriages of one message a topic": " -> ".join(
+            f"{carried:g}" for carried in stages["carriages"]
+        ),
         "left": str(stages["left"].iloc[-1]),
         "which nodes the edges join": "is in the text only where it says so; the rest is our reading",
     }
@@ -251,7 +282,9 @@ def draw_gateway(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     worlds = int(run["exploration"]["worlds"].sum())
     violations = int((run["exploration"]["violation"] != "").sum())
     draw_core(figure.subplots())
-    figure.suptitle(f"The gateway core (C, Fig. 4): {violations} violations in {worlds:,} moments explored")
+    figure.suptitle(
+        f"The gateway core (C, Fig. 4): {violations} violations in {worlds:,} moments explored"
+    )
     colors = "yellow: calls and answers of its delegate, blue: uses of the topic; dashed: not in the text"
     note(figure, f"exact; {colors}")
     return {"worlds": worlds, "violations": violations}
@@ -278,7 +311,9 @@ def press_core(run: Sequence[Step] = ()) -> Automaton:
     from sfglab.lab.explore.press import Automaton
 
     walked = {"a walk": inputs_of(run)} if run else {}
-    return Automaton("gateway core", transitions(), State.START, _draw_to_press, size=(10, 5), runs=walked)
+    return Automaton(
+        "gateway core", transitions(), State.START, _draw_to_press, size=(10, 5), runs=walked
+    )
 
 
 def inputs_of(run: Sequence[Step]) -> list[Input]:
@@ -290,4 +325,7 @@ def inputs_of(run: Sequence[Step]) -> list[Input]:
 
 def _draw_to_press(figure: Figure) -> Parts:
     drawn = draw_core(figure.subplots())
-    return {d if isinstance(d, State) else ((d.source, d.given),): artists for d, artists in drawn.items()}
+    return {
+        d if isinstance(d, State) else ((d.source, d.given),): artists
+        for d, artists in drawn.items()
+    }

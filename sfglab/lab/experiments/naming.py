@@ -51,7 +51,12 @@ def check_names(bench: Bench[Config]) -> None:
         bench.advance(row.check)
 
 
-_MODULES = ("sfglab.names.fqn", "sfglab.names.grammar", "sfglab.names.vocabulary", "sfglab.names.agent")
+_MODULES = (
+    "sfglab.names.fqn",
+    "sfglab.names.grammar",
+    "sfglab.names.vocabulary",
+    "sfglab.names.agent",
+)
 
 
 @exp.claim("A-FQN", how=How.EXACT, mutated=Mutated(_MODULES, lambda: checks.rows(50, 0)))
@@ -100,11 +105,18 @@ def draw_schema(axes: Axes, fqn: RosFqn | None = None) -> dict[str, Any]:
 
 def _draw_segment(axes: Axes, node: SchemaNode, x: float, fqn: RosFqn | None) -> None:
     style = "solid" if node.mandatory else "dashed"
-    box = {"boxstyle": "round,pad=0.5", "facecolor": "white", "edgecolor": "black", "linestyle": style}
+    box = {
+        "boxstyle": "round,pad=0.5",
+        "facecolor": "white",
+        "edgecolor": "black",
+        "linestyle": style,
+    }
     text = dict(fqn.segments).get(node.name) if fqn else None
     if text:
         box |= {"edgecolor": COLORS["standard"], "linestyle": "solid"}
-    shown = axes.text(x, 0, fill(text, 16) if text else f"<{node.name}>", ha="center", va="center", bbox=box)
+    shown = axes.text(
+        x, 0, fill(text, 16) if text else f"<{node.name}>", ha="center", va="center", bbox=box
+    )
     if node.values and fqn:
         part(node.name, shown)
     values = f"{len(node.values)} values" if node.values else "SFG_AGENT_NAME,\nelse host name"
@@ -117,7 +129,13 @@ def _origin(value: Any) -> str:
     """Return where a segment's text comes from."""
     if isinstance(value, names.Suffixed):
         return f"standard\n{value.base.text!r} with {value.suffix!r}"
-    return "custom" if isinstance(value, names.Custom) else "given" if isinstance(value, str) else "standard"
+    return (
+        "custom"
+        if isinstance(value, names.Custom)
+        else "given"
+        if isinstance(value, str)
+        else "standard"
+    )
 
 
 def _arrow(axes: Axes, start: float, end: float, *, height: float, taken: bool = False) -> None:
@@ -136,7 +154,10 @@ def _arrow(axes: Axes, start: float, end: float, *, height: float, taken: bool =
 _CAMERA, _TABLE_1 = "/global/go2/camera_front/color/ffmpeg", Policy()
 _LEFT, _GATES, _RIGHT = 4.3, (5.4, 7.9), 9.0
 """Where names end before the border, where its rules stand, and where names begin behind it."""
-_SETS = {kind.__name__.lower(): kind for kind in (names.Scope, names.Component, names.Stream, names.Resource)}
+_SETS = {
+    kind.__name__.lower(): kind
+    for kind in (names.Scope, names.Component, names.Stream, names.Resource)
+}
 _SAID = {
     Crossing.WHOLE: "crosses",
     Crossing.HALF: "crosses only in part, so that callers wait for ever",
@@ -162,7 +183,9 @@ class NamePicture(Pressed):
         self._read()
         above = [kit.HBox([self.field, self.choice])]
         titles = {kind: f"The next {kind} that the schema allows" for kind in _SETS}
-        super().__init__(self._draw_name, size=(11, 6), press=self._turn, titles=lambda: titles, above=above)
+        super().__init__(
+            self._draw_name, size=(11, 6), press=self._turn, titles=lambda: titles, above=above
+        )
         for control in (self.field, self.choice):
             control.observe(lambda _: self.answer(self._read), "value")
 
@@ -176,7 +199,9 @@ class NamePicture(Pressed):
             why = str(error)
             names.validate_ros_name(name, kind or names.ResourceKind.TOPIC)
         self.name, self.why = name, why  #: The name, and why the schema does not know it.
-        self.fqn: RosFqn | None = fqn  #: The name as the schema reads it; None: it is none of its names.
+        self.fqn: RosFqn | None = (
+            fqn  #: The name as the schema reads it; None: it is none of its names.
+        )
         self.kind = fqn.kind if fqn else kind or names.ResourceKind.TOPIC
 
     def _turn(self, label: str) -> None:
@@ -188,7 +213,9 @@ class NamePicture(Pressed):
         fqn = self.fqn or names.parse(self.name, self.choice.value)
         value, values = getattr(fqn, label), list[Any](_SETS.get(label, ()))
         base = value.base if isinstance(value, names.Suffixed) else value
-        refused: SfglabError = InvalidValueError(label, base, "what you type: it has no standard values")
+        refused: SfglabError = InvalidValueError(
+            label, base, "what you type: it has no standard values"
+        )
         after = values.index(base) + 1 if base in values else 0
         for standard in (*values[after:], *values[:after]):
             changed: dict[str, Any] = {label: standard}
@@ -205,9 +232,15 @@ class NamePicture(Pressed):
         draw_schema(schema, self.fqn)
         ways = {way: self._policy.crossing(self.name, self.kind, way) for way in Direction}
         said = {_SAID[crossing] for crossing in ways.values()}
-        verdict = said.pop() if len(said) == 1 else ", ".join(f"{_SAID[c]} {w.value}" for w, c in ways.items())
+        verdict = (
+            said.pop()
+            if len(said) == 1
+            else ", ".join(f"{_SAID[c]} {w.value}" for w, c in ways.items())
+        )
         read = "a name of the schema" if self.fqn else f"no name of the schema: {self.why}"
-        figure.suptitle(fill(f"The {self.kind.value} {self.name} is {read}; it {verdict}.", 130), fontsize=10)
+        figure.suptitle(
+            fill(f"The {self.kind.value} {self.name} is {read}; it {verdict}.", 130), fontsize=10
+        )
         self._draw_border(border)
 
     def _draw_border(self, axes: Axes) -> None:
@@ -224,13 +257,34 @@ class NamePicture(Pressed):
             if found:
                 axes.text(_RIGHT + 0.1, y, dds, ha="left", va="center", fontsize=8)
             else:
-                axes.plot([_LEFT + 0.1, _GATES[0]], [y, y], "x-", color="#777777", markevery=[1], linewidth=1)
+                axes.plot(
+                    [_LEFT + 0.1, _GATES[0]],
+                    [y, y],
+                    "x-",
+                    color="#777777",
+                    markevery=[1],
+                    linewidth=1,
+                )
             for way, rule in found.items():
                 _draw_way(axes, y, gates[rule], way)
         for rule, y in gates.items():
-            color, weight = (COLORS["standard"], "bold") if rule in crossed else ("#777777", "normal")
-            axes.text(sum(_GATES) / 2, y, rule.pattern, ha="center", va="center", color=color, weight=weight)
-        for x, text in ((_LEFT - 2, "own domain"), (sum(_GATES) / 2, "border"), (_RIGHT + 2, "global domain")):
+            color, weight = (
+                (COLORS["standard"], "bold") if rule in crossed else ("#777777", "normal")
+            )
+            axes.text(
+                sum(_GATES) / 2,
+                y,
+                rule.pattern,
+                ha="center",
+                va="center",
+                color=color,
+                weight=weight,
+            )
+        for x, text in (
+            (_LEFT - 2, "own domain"),
+            (sum(_GATES) / 2, "border"),
+            (_RIGHT + 2, "global domain"),
+        ):
             axes.text(x, 8.5, text, ha="center", fontsize=9, style="italic")
         axes.set(xlim=(0, 13.3), ylim=(-0.2, 9.2))
         axes.axis("off")
@@ -239,6 +293,9 @@ class NamePicture(Pressed):
 def _draw_way(axes: Axes, y: float, gate: float, way: Direction) -> None:
     """Draw a topic's way through its rule; the arrow's head is where samples come out."""
     outward = way is Direction.OUTWARD
-    for (place, edge), head in (((_LEFT + 0.1, _GATES[0]), not outward), ((_RIGHT, _GATES[1]), outward)):
+    for (place, edge), head in (
+        ((_LEFT + 0.1, _GATES[0]), not outward),
+        ((_RIGHT, _GATES[1]), outward),
+    ):
         arrow = {"arrowstyle": "->" if head else "-", "color": COLORS["standard"], "shrinkA": 0}
         axes.annotate("", (place, y), (edge, gate), arrowprops=arrow)

@@ -39,7 +39,12 @@ if TYPE_CHECKING:
 
 SIZE = (360, 640, 3)  #: Shape of a picture.
 RATES_HZ = (30.0, 500.0)  #: A camera's pace, and a fast one.
-STEPS = {"prepare_us": "prepare", "write_us": "write", "hand_over_us": "hand over", "read_us": "read"}
+STEPS = {
+    "prepare_us": "prepare",
+    "write_us": "write",
+    "hand_over_us": "hand over",
+    "read_us": "read",
+}
 LEAST = "least"  #: The way that is measured for its steps alone.
 _MATCH_S = 60.0
 
@@ -65,7 +70,9 @@ WAYS = {
 class Config(Profiled):
     """The whole run."""
 
-    bouts: int = between(4, 1, 1000)  #: How often each way is measured at each pace, in random order.
+    bouts: int = between(
+        4, 1, 1000
+    )  #: How often each way is measured at each pace, in random order.
     messages: int = between(45, 4, 10_000)  #: How many a bout has.
     seed: int = 0  #: Seed of the order.
 
@@ -108,12 +115,16 @@ class _Sender:
 
     def __init__(self, near: Node, datagrams: socket.socket, port: int) -> None:
         self._pixels = np.random.default_rng(0).integers(0, 255, SIZE, np.uint8)
-        self._others = [self._pixels.copy() for _ in range(24)]  # 17 MB: a camera's next picture is in no cache
+        self._others = [
+            self._pixels.copy() for _ in range(24)
+        ]  # 17 MB: a camera's next picture is in no cache
         self._text = default_message(TEXT)
         self._header = default_message(IMAGE).header
         self._datagrams, self._port = datagrams, port
         self._publishers = {
-            name: near.create_publisher(way.type, topic_of(name), LOCAL_QOS, transport=way.transport)  # type: ignore[arg-type]
+            name: near.create_publisher(
+                way.type, topic_of(name), LOCAL_QOS, transport=way.transport
+            )  # type: ignore[arg-type]
             for name, way in WAYS.items()
         }
 
@@ -167,15 +178,22 @@ def topic_of(way: str) -> str:
 async def measure_ways(bench: Bench[Config]) -> None:
     """Measure all ways at both paces, interleaved."""
     config, rng = bench.config, np.random.default_rng(bench.config.seed)
-    here, there = (BusAddress(domain_id=d, interface="lo") for d in bench.stack.enter_context(held_domains(2)))
+    here, there = (
+        BusAddress(domain_id=d, interface="lo") for d in bench.stack.enter_context(held_domains(2))
+    )
     readers = {
         name: StepsConfig(
-            address=there if way.far else here, topic=topic_of(name), type=way.type, transport=way.transport
+            address=there if way.far else here,
+            topic=topic_of(name),
+            type=way.type,
+            transport=way.transport,
         )
         for name, way in WAYS.items()
     }
     readers[LEAST] = StepsConfig(address=there)
-    members = [Member(name=name, module=steps.__name__, config=config) for name, config in readers.items()]
+    members = [
+        Member(name=name, module=steps.__name__, config=config) for name, config in readers.items()
+    ]
     router = RouterConfig(agent="pc", local=here, remote=there)
     members.append(Member(name="router", module="sfglab.fleet.router.node", config=router))
     async with (
@@ -190,18 +208,25 @@ async def measure_ways(bench: Bench[Config]) -> None:
                 for way in rng.permutation([*WAYS, LEAST]):
                     noted = await sender.bout(str(way), config.messages, rate_hz)
                     await asyncio.sleep(0.2)
-                    told = (await group.ask("told", [str(way)], timeout_s=60, do="tell"))[str(way)]["times"]
+                    told = (await group.ask("told", [str(way)], timeout_s=60, do="tell"))[str(way)][
+                        "times"
+                    ]
                     _write(bench, {"way": str(way), "rate_hz": rate_hz, "bout": bout}, noted, told)
                 bench.advance(f"{rate_hz:g} Hz")
 
 
-def _write(bench: Bench[Config], of: dict[str, Any], noted: list[list[int]], told: list[list[int]]) -> None:
+def _write(
+    bench: Bench[Config], of: dict[str, Any], noted: list[list[int]], told: list[list[int]]
+) -> None:
     had = {number: (begun_ns, done_ns) for number, begun_ns, done_ns in told}
     for number, begun_ns, prepared_ns, written_ns, sent_ns in noted:
         if number in had:
             in_hand_ns, read_ns = had[number]
             row = {"number": number, "prepare_us": (prepared_ns - begun_ns) / 1e3}
-            row |= {"write_us": (written_ns - prepared_ns) / 1e3, "hand_over_us": (in_hand_ns - sent_ns) / 1e3}
+            row |= {
+                "write_us": (written_ns - prepared_ns) / 1e3,
+                "hand_over_us": (in_hand_ns - sent_ns) / 1e3,
+            }
             # The least reads its pixels before it sends; a datagram alone is handed over.
             row["read_us"] = (read_ns - in_hand_ns + sent_ns - written_ns) / 1e3
             bench.write("step", of | row)

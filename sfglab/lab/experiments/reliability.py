@@ -50,7 +50,10 @@ if TYPE_CHECKING:
 
     from sfglab.lab.bench import Bench
 
-CAMERAS, VIEWER = ("go2", "spot"), "pc"  #: Agents: those with a camera, and the one that looks at both.
+CAMERAS, VIEWER = (
+    ("go2", "spot"),
+    "pc",
+)  #: Agents: those with a camera, and the one that looks at both.
 AGENTS = (*CAMERAS, VIEWER)
 COMPONENTS = ("router", "status", "discoverer", "keeper", "decoder", "pipeline")
 ONLY = {"keeper": [*CAMERAS], "pipeline": [VIEWER], "full disk": [VIEWER]}
@@ -70,12 +73,16 @@ class Config(Profiled):
 
     minutes: float = between(1.2, 0.1, 1440.0)  #: How long faults are drawn.
     gap_s: float = between(1.0, 0.0, 60.0)  #: From a recovery to the next fault, seconds.
-    spared: str = "spot"  #: The agent whose components are not ended, so that their memory can be followed.
+    spared: str = (
+        "spot"  #: The agent whose components are not ended, so that their memory can be followed.
+    )
     #: How long a process may still grow that is new, seconds: its buffers and heaps fill as they are used.
     warm_s: float = between(15.0, 0.0, 3600.0)
     limit_s: float = 10.0  #: Within which every stream has to flow again, seconds.
     kinds: tuple[str, ...] = KINDS  #: What happens.
-    sample_s: float = between(3.0, 0.1, 60.0)  #: From one reading of processes to the next, seconds.
+    sample_s: float = between(
+        3.0, 0.1, 60.0
+    )  #: From one reading of processes to the next, seconds.
     seed: int = 0  #: Seed of what happens when to whom.
 
 
@@ -94,7 +101,12 @@ exp = Experiment(
     links=(
         Link("user's nodes", "agent", "counted messages, a latched state, H.264"),
         Link("agent", "other agents", "the same, heartbeats, replays", boundary="border, network"),
-        Link("agent", "user's nodes", "the others' messages, decoded pictures", over="DDS, shared memory"),
+        Link(
+            "agent",
+            "user's nodes",
+            "the others' messages, decoded pictures",
+            over="DDS, shared memory",
+        ),
     ),
 )
 
@@ -169,30 +181,50 @@ class Soak(ProcessGroup):
 
     def __init__(self, bench: Bench[Config]) -> None:
         self.rng, self.folder = random.Random(bench.config.seed), bench.folder("soak")
-        self.pids: dict[str, dict[str, int]] = {name: {} for name in AGENTS}  #: Components that serve.
-        self.views: dict[str, dict[str, bool]] = {name: {} for name in AGENTS}  #: Which others are there.
+        self.pids: dict[str, dict[str, int]] = {
+            name: {} for name in AGENTS
+        }  #: Components that serve.
+        self.views: dict[str, dict[str, bool]] = {
+            name: {} for name in AGENTS
+        }  #: Which others are there.
         self.errors: Counter[str] = Counter()  #: Tracebacks that components wrote.
-        self._bench, self._network, self._begin_ns = bench, bench.testbed.network, time.monotonic_ns()
+        self._bench, self._network, self._begin_ns = (
+            bench,
+            bench.testbed.network,
+            time.monotonic_ns(),
+        )
         self._mark, self._fresh, self._changed = 0, set[str](), asyncio.Event()
         self._holders = set(members([host.inode for host in self._network.hosts.values()]))
         (self.folder / "tmp").mkdir()
         (self.folder / "disk").mkdir()
-        (self.folder / "fleet.yaml").write_text(json.dumps(soaked.fleet(AGENTS, CAMERAS)), encoding="utf-8")
+        (self.folder / "fleet.yaml").write_text(
+            json.dumps(soaked.fleet(AGENTS, CAMERAS)), encoding="utf-8"
+        )
         self._environment = ["env", f"TMPDIR={self.folder / 'tmp'}", *self._clocks()]
         self._users = {name: self._user(name, domain) for domain, name in enumerate(AGENTS, 1)}
-        self._streams = {f"{s} at {user.name}" for user in self._users.values() for s in user.config.streams}
+        self._streams = {
+            f"{s} at {user.name}" for user in self._users.values() for s in user.config.streams
+        }
         file = str(self.folder / "fleet.yaml")
-        self._agents = {name: _Agent(name=name, host=name, module="", config=file) for name in AGENTS}
-        super().__init__(self._on_host, (*self._users.values(), *self._agents.values()), on_report=self._hear)
+        self._agents = {
+            name: _Agent(name=name, host=name, module="", config=file) for name in AGENTS
+        }
+        super().__init__(
+            self._on_host, (*self._users.values(), *self._agents.values()), on_report=self._hear
+        )
 
     def _clocks(self) -> list[str]:
         """Build what steps an agent's clock, and return how a process gets it."""
         for name in AGENTS:
             (self.folder / name).write_bytes(bytes(4096))
         if (compiler := shutil.which("cc")) is None:
-            raise SkippedPartError("there is no C compiler (cc), by which an agent's clock is stepped")
+            raise SkippedPartError(
+                "there is no C compiler (cc), by which an agent's clock is stepped"
+            )
         source, shim = Path(soaked.__file__).with_name("stepped_clock.c"), self.folder / "clock.so"
-        subprocess.run([compiler, "-O2", "-shared", "-fPIC", "-o", shim, source, "-ldl"], check=True)
+        subprocess.run(
+            [compiler, "-O2", "-shared", "-fPIC", "-o", shim, source, "-ldl"], check=True
+        )
         return [f"LD_PRELOAD={shim}"]
 
     def _on_host(self, host: str, command: Sequence[str]) -> list[str]:
@@ -263,7 +295,9 @@ class Soak(ProcessGroup):
 
     async def _tell(self, users: list[str]) -> None:
         for name, told in (await self.ask("told", users, timeout_s=60, do="tell")).items():
-            self._bench.write_all("stream", [{"consumer": name, **stream} for stream in told["streams"]])
+            self._bench.write_all(
+                "stream", [{"consumer": name, **stream} for stream in told["streams"]]
+            )
 
     async def follow(self) -> None:
         """Read memory and descriptors of all processes, again and again."""
@@ -274,8 +308,16 @@ class Soak(ProcessGroup):
                 for who, pid in (self.pids[name] | pids).items():
                     with suppress(psutil.Error):
                         process = psutil.Process(pid)
-                        row = {"t_s": self._seconds(time.monotonic_ns()), "agent": name, "who": who, "pid": pid}
-                        row |= {"rss_mb": process.memory_info().rss / 1e6, "descriptors": process.num_fds()}
+                        row = {
+                            "t_s": self._seconds(time.monotonic_ns()),
+                            "agent": name,
+                            "who": who,
+                            "pid": pid,
+                        }
+                        row |= {
+                            "rss_mb": process.memory_info().rss / 1e6,
+                            "descriptors": process.num_fds(),
+                        }
                         self._bench.write("process", row)
             await asyncio.sleep(self._bench.config.sample_s)
 
@@ -286,7 +328,12 @@ class Soak(ProcessGroup):
         seconds, who was last, and whether it was before the limit.
         """
         self._mark, self._fresh = self._mark + 1, set()
-        self.order([user.name for user in self._users.values()], do="come", mark=self._mark, after_ns=after_ns)
+        self.order(
+            [user.name for user in self._users.values()],
+            do="come",
+            mark=self._mark,
+            after_ns=after_ns,
+        )
         slowest, now_ns = "", after_ns
         with suppress(TimeoutError):
             async with asyncio.timeout(limit_s):
@@ -302,7 +349,9 @@ class Soak(ProcessGroup):
             wanted = [c for c in COMPONENTS[:-1] if name in ONLY.get(c, AGENTS)]
             lacking = [f"{c} of {name}" for c in wanted if c not in self.pids[name]]
             lacking += [old for c, pid in self.pids[name].items() if old == f"{c} {pid} of {name}"]
-            lacking += [f"{o} for {name}" for o in AGENTS if o != name and not self.views[name].get(o)]
+            lacking += [
+                f"{o} for {name}" for o in AGENTS if o != name and not self.views[name].get(o)
+            ]
             if lacking:
                 return lacking[0]
         return min(self._streams - self._fresh, default="")
@@ -321,8 +370,15 @@ class Soak(ProcessGroup):
         async with self._fault(kind, name, pid):
             await asyncio.sleep(lasts_s)
         ended_ns = time.monotonic_ns() if lasts_s else begin_ns
-        took_s, slowest, recovered = await self.recovery(ended_ns, f"{component} {pid} of {name}", GIVEN_UP_S)
-        row = {"kind": kind, "agent": name, "component": component, "begin_s": self._seconds(begin_ns)}
+        took_s, slowest, recovered = await self.recovery(
+            ended_ns, f"{component} {pid} of {name}", GIVEN_UP_S
+        )
+        row = {
+            "kind": kind,
+            "agent": name,
+            "component": component,
+            "begin_s": self._seconds(begin_ns),
+        }
         row |= {"lasted_s": (ended_ns - begin_ns) / 1e9, "recovered_s": took_s, "slowest": slowest}
         self._bench.write("fault", row | {"recovered": recovered})
         self._bench.advance(f"{kind} {component or 'all'} of {name}: {took_s:.1f} s")
@@ -331,7 +387,11 @@ class Soak(ProcessGroup):
         if component != "pipeline":
             return self.pids[name].get(component, 0)
         with suppress(psutil.Error, KeyError, IndexError):
-            return int(self.rng.choice(psutil.Process(self.pids[name]["decoder"]).children(recursive=True)).pid)
+            return int(
+                self.rng.choice(
+                    psutil.Process(self.pids[name]["decoder"]).children(recursive=True)
+                ).pid
+            )
         return 0
 
     @asynccontextmanager
@@ -350,7 +410,9 @@ class Soak(ProcessGroup):
                     await self.kill(self._users[name].name)
                     await self.start(self._users[name])
                 case "clock":  # to another second up to three years away, or back to the right one
-                    away_s = round(10 ** self.rng.uniform(0, 8)) * self.rng.choice((-1, -1, 0, 1, 1))
+                    away_s = round(10 ** self.rng.uniform(0, 8)) * self.rng.choice(
+                        (-1, -1, 0, 1, 1)
+                    )
                     with (self.folder / name).open("r+b") as clock:
                         clock.write(struct.pack("l", away_s))
                 case "suspend":
@@ -416,7 +478,9 @@ def _kinds(faults: pd.DataFrame) -> pd.Series:
 def slope(run: Run[Config], column: str, who: str = "") -> Estimate | None:
     """Return how fast memory (MB) or descriptors of a kind of process, without of all, grow in an hour."""
     rows = run["process"]
-    steps = growth.steps(rows[rows["who"] == who] if who else rows, column, warm_s=run.config.warm_s)
+    steps = growth.steps(
+        rows[rows["who"] == who] if who else rows, column, warm_s=run.config.warm_s
+    )
     return growth.rate(steps, unit="MB/h" if column == "rss_mb" else "/h")
 
 
@@ -427,9 +491,17 @@ def problems(run: Run[Config]) -> list[str]:
     """
     faults, streams = run["fault"], run["stream"][~run["stream"]["name"].str.startswith(STATE)]
     late = faults[~faults["recovered"] | (faults["recovered_s"] > run.config.limit_s)]
-    wrong = streams[(streams[["repeated", "disordered"]] > 0).any(axis=1) | (streams["received"] == 0)]
-    said = [f"{r.kind} {r.component} of {r.agent}: {r.recovered_s:.1f} s, {r.slowest}" for r in lines_of(late)]
-    said += [f"{r.name} at {r.consumer}: {r.repeated} again, {r.disordered} late" for r in lines_of(wrong)]
+    wrong = streams[
+        (streams[["repeated", "disordered"]] > 0).any(axis=1) | (streams["received"] == 0)
+    ]
+    said = [
+        f"{r.kind} {r.component} of {r.agent}: {r.recovered_s:.1f} s, {r.slowest}"
+        for r in lines_of(late)
+    ]
+    said += [
+        f"{r.name} at {r.consumer}: {r.repeated} again, {r.disordered} late"
+        for r in lines_of(wrong)
+    ]
     return [
         *said,
         *growth.growing(run["process"], warm_s=run.config.warm_s),
@@ -453,25 +525,43 @@ def draw(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     whose = [*COMPONENTS[:-1], "agent"]
     lines = ("-", "-", ":", "--", "-.", "-")
     for color, line, who in zip([*COLORS.values(), "black"], lines, whose, strict=True):
-        for number, (_, life) in enumerate(processes[processes["who"] == who].groupby(["agent", "pid"])):
-            right.plot(life["t_s"] / 60, life["rss_mb"], line, color=color, label="" if number else who, lw=1.2)
+        for number, (_, life) in enumerate(
+            processes[processes["who"] == who].groupby(["agent", "pid"])
+        ):
+            right.plot(
+                life["t_s"] / 60,
+                life["rss_mb"],
+                line,
+                color=color,
+                label="" if number else who,
+                lw=1.2,
+            )
     right.set(xlabel="time (min)", ylabel="resident memory (MB)", ylim=(0, None))
     right.legend(ncols=2)
     done = f"{table['in_time'].sum()} of {len(faults)} faults"
     figure.suptitle(f"All streams flow again within {run.config.limit_s:g} s after {done}")
     note(figure, f"{len(AGENTS)} agents, a point a fault, a line a life of a process", run)
-    growth = {what: {who: slope(run, what, who) for who in whose} for what in ("rss_mb", "descriptors")}
+    growth = {
+        what: {who: slope(run, what, who) for who in whose} for what in ("rss_mb", "descriptors")
+    }
     return {"recovered": table, "growth": growth}
 
 
 def summary(run: Run[Config]) -> list[str]:
     """Return what came of it, a sentence each: faults, medians and growth."""
     faults, table = run["fault"], recoveries(run)
-    said = [f"{table['in_time'].sum()} of {len(faults)} faults recovered within {run.config.limit_s:g} s"]
-    groups = {"a component": faults["component"] != "", "a whole agent": faults["kind"] == "kill agent"}
+    said = [
+        f"{table['in_time'].sum()} of {len(faults)} faults recovered within {run.config.limit_s:g} s"
+    ]
+    groups = {
+        "a component": faults["component"] != "",
+        "a whole agent": faults["kind"] == "kill agent",
+    }
     for what, which in groups.items():
         if which.any():
-            said.append(f"{what}: median {median_of(faults.loc[which, 'recovered_s'].to_numpy(), unit='s')}")
+            said.append(
+                f"{what}: median {median_of(faults.loc[which, 'recovered_s'].to_numpy(), unit='s')}"
+            )
     return said + [f"growth of a process: {slope(run, what)}" for what in ("rss_mb", "descriptors")]
 
 

@@ -29,7 +29,12 @@ if TYPE_CHECKING:
 
 TESTS = Path(__file__).parents[3] / "tests" / "ros2"
 WORKS, FAILS, CANNOT, UNTESTED = "works", "fails", "cannot work", "untested against the real thing"
-_COLORS = {WORKS: COLORS["proxy"], FAILS: COLORS["standard"], CANNOT: "#777777", UNTESTED: "#bbbbbb"}
+_COLORS = {
+    WORKS: COLORS["proxy"],
+    FAILS: COLORS["standard"],
+    CANNOT: "#777777",
+    UNTESTED: "#bbbbbb",
+}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -80,7 +85,12 @@ async def run_tests(bench: Bench[Config]) -> None:
         raise SkippedPartError("the tests beside ROS 2 are in the repository only (tests/ros2)")
     for name in bench.config.distributions:
         told, config = bench.folder(name) / "features", bench.config
-        chosen = ["-k", f"{name} and ({config.only or name})", "-m", "ros" if config.slow else "not slow"]
+        chosen = [
+            "-k",
+            f"{name} and ({config.only or name})",
+            "-m",
+            "ros" if config.slow else "not slow",
+        ]
         bench.attach(f"{name}.txt", await _run_pytest(chosen, told), "text/plain")
         lines = told.read_text(encoding="utf-8").splitlines() if told.exists() else ()
         bench.write_all("test", map(json.loads, lines))
@@ -89,10 +99,24 @@ async def run_tests(bench: Bench[Config]) -> None:
 
 async def _run_pytest(chosen: list[str], told: Path) -> bytes:
     """Run tests; what they show goes into a file. Returns what pytest printed."""
-    argv = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "--color=no", *chosen, str(TESTS)]
+    argv = [
+        sys.executable,
+        "-m",
+        "pytest",
+        "-q",
+        "-p",
+        "no:cacheprovider",
+        "--color=no",
+        *chosen,
+        str(TESTS),
+    ]
     argv += ["--numprocesses=auto", "--dist=worksteal"]
     # What the run of tests that we may be a part of has set is not meant for this one.
-    own = {k: v for k, v in os.environ.items() if not k.startswith(("PYTEST_", "SFGLAB_SKIPS", "SFGLAB_ROOT"))}
+    own = {
+        k: v
+        for k, v in os.environ.items()
+        if not k.startswith(("PYTEST_", "SFGLAB_SKIPS", "SFGLAB_ROOT"))
+    }
     process = await asyncio.create_subprocess_exec(
         *argv,
         cwd=TESTS.parents[1],
@@ -123,7 +147,9 @@ def compatibility(tests: pd.DataFrame, distributions: Sequence[str] = TESTED) ->
     """Return the table of features (in the order of the tests) by distributions, each with its verdict."""
     names = tests["feature"].drop_duplicates()
     columns = {
-        name: [verdict(tests[(tests["feature"] == f) & (tests["distribution"] == name)]) for f in names]
+        name: [
+            verdict(tests[(tests["feature"] == f) & (tests["distribution"] == name)]) for f in names
+        ]
         for name in distributions
     }
     return pd.DataFrame({"feature": names.to_list(), **columns})
@@ -143,5 +169,8 @@ def draw_features(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     works = table[columns].apply(lambda cells: cells.str.startswith(WORKS)).to_numpy()
     count = f"{works.all(axis=1).sum()} of {len(table)}"
     figure.suptitle(f"{count} features work beside real rclpy of every distribution")
-    note(figure, f"live: {len(run['test'])} outcomes of tests; a feature works where all of its tests pass")
+    note(
+        figure,
+        f"live: {len(run['test'])} outcomes of tests; a feature works where all of its tests pass",
+    )
     return {"table": table}

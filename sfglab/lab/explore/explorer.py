@@ -29,7 +29,9 @@ if TYPE_CHECKING:
 
     from sfglab.lab.experiment import Experiment
 
-_FIRST_PICTURE_S = 90.0  #: How long a cell waits for the first picture, s: an empty cache compiles for 13.
+_FIRST_PICTURE_S = (
+    90.0  #: How long a cell waits for the first picture, s: an empty cache compiles for 13.
+)
 _FAINT = "sfglab-before"
 _STYLE = f"<style>.{_FAINT} {{ opacity: 0.35 }}</style>"
 
@@ -42,7 +44,9 @@ class Task:
     profile: str = ""  #: Of the run that it makes; empty: it draws.
     log: str = ""  #: Path of that run's log.
     settings: dict[str, Any] = field(default_factory=dict)  #: Fields of that run, as JSON has them.
-    only: tuple[str, ...] | None = None  #: Tables of sweeps and names of parts that it makes; None: all.
+    only: tuple[str, ...] | None = (
+        None  #: Tables of sweeps and names of parts that it makes; None: all.
+    )
 
 
 class Worker:
@@ -52,7 +56,9 @@ class Worker:
         argv = [sys.executable, "-m", "sfglab.lab.workers.preview", argument_of(task)]
         pipe = subprocess.PIPE
         self._process = subprocess.Popen(argv, stdin=pipe, stdout=pipe, text=True)
-        threading.Thread(target=self._listen, args=(on_report,), name="explore", daemon=True).start()
+        threading.Thread(
+            target=self._listen, args=(on_report,), name="explore", daemon=True
+        ).start()
 
     def _listen(self, on_report: Callable[[Report], None]) -> None:
         with self._process as process:
@@ -79,7 +85,9 @@ class Explorer:
         self._kit = widgets()
         self._exp, self._look, self._profile = exp, look, profile
         declared = exp.looks[look]
-        self.form = Form(exp.config(profile, **declared.start), declared.turn, self._ask, declared.within)
+        self.form = Form(
+            exp.config(profile, **declared.start), declared.turn, self._ask, declared.within
+        )
         #: The request whose picture is shown, and whether it is the whole picture.
         self.shown, self.whole = -1, False
         self.kept: list[str] = []  #: Logs that were kept.
@@ -97,7 +105,9 @@ class Explorer:
             "reset": button("Reset", self.form.reset, "Every field as in the beginning"),
             "code": button("Copy as code", self._show_code, "The call that repeats this"),
             "keep": button("Keep", self.keep, "Write a log of this into runs/, marked as explored"),
-            "all": button("Run all", self.run_all, "Run everything with these settings, live parts too"),
+            "all": button(
+                "Run all", self.run_all, "Run everything with these settings, live parts too"
+            ),
             "stop": button("Stop", self.stop, "Stop what runs; nothing of it is kept"),
         }
         self._buttons["stop"].disabled = True
@@ -147,7 +157,9 @@ class Explorer:
     def _ask(self) -> None:
         self._request += 1
         self._settled.clear()
-        self._worker.order(do="draw", request=self._request, look=self._look, config=to_json(self.form.config))
+        self._worker.order(
+            do="draw", request=self._request, look=self._look, config=to_json(self.form.config)
+        )
 
     def _take(self, report: Report) -> None:
         if report["is"] == "ended":
@@ -193,7 +205,9 @@ class Explorer:
         elif report["is"] == "failed":
             self._outcome = report["why"]
         elif report["is"] == "ended":
-            unfinished_of(self._log).unlink(missing_ok=True)  # a process that was ended by force left it
+            unfinished_of(self._log).unlink(
+                missing_ok=True
+            )  # a process that was ended by force left it
             self._state.value = self._outcome or "stopped; nothing was kept"
             self._running = None
             self._show_busy(busy=False)
@@ -212,7 +226,9 @@ class Explorer:
 
     def _arranged(self) -> Any:
         kit, reference = self._kit, self._reference()
-        below = kit.HBox([kit.HTML(_STYLE), self._before, *([reference] if reference is not None else [])])
+        below = kit.HBox(
+            [kit.HTML(_STYLE), self._before, *([reference] if reference is not None else [])]
+        )
         buttons = kit.HBox([*self._buttons.values(), self._bar, self._state])
         return kit.VBox([self.form.widget, buttons, self._code, self._picture, below])
 
@@ -222,7 +238,9 @@ class Explorer:
         if not file.is_file():
             return None
         picture = self._kit.Image(value=file.read_bytes(), layout={"width": "100%"})
-        return self._kit.Accordion(children=[picture], titles=("Reference run",), selected_index=None)
+        return self._kit.Accordion(
+            children=[picture], titles=("Reference run",), selected_index=None
+        )
 
 
 def _plain(value: Any) -> Any:
@@ -240,5 +258,7 @@ def explore(exp: Experiment[Any], look: str = "", *, profile: str = "quick") -> 
     """
     chosen = look or next(iter(exp.looks), "")
     if chosen not in exp.looks:
-        raise InvalidValueError(f"{exp.name}: look", look, ", ".join(exp.looks) or "none: nothing to turn")
+        raise InvalidValueError(
+            f"{exp.name}: look", look, ", ".join(exp.looks) or "none: nothing to turn"
+        )
     return Explorer(exp, chosen, profile)

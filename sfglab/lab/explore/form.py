@@ -30,7 +30,16 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
 _HIDDEN = ("profile",)
-_UNITS = {"hz": "Hz", "s": "s", "ms": "ms", "ns": "ns", "m": "m", "bytes": "B", "mm": "mm", "deg": "°"}
+_UNITS = {
+    "hz": "Hz",
+    "s": "s",
+    "ms": "ms",
+    "ns": "ns",
+    "m": "m",
+    "bytes": "B",
+    "mm": "mm",
+    "deg": "°",
+}
 _STEPS = 200
 
 
@@ -69,8 +78,12 @@ class Form:
             if name not in shown:
                 raise InvalidValueError("field to turn", name, ", ".join(shown))
         others = [row for name, row in shown.items() if name not in first]
-        fold = kit.Accordion(children=[kit.VBox(others)], titles=("Everything else",), selected_index=None)
-        self.widget = kit.VBox([*(shown[name] for name in first), self._said, *([fold] if others else [])])
+        fold = kit.Accordion(
+            children=[kit.VBox(others)], titles=("Everything else",), selected_index=None
+        )
+        self.widget = kit.VBox(
+            [*(shown[name] for name in first), self._said, *([fold] if others else [])]
+        )
 
     def reset(self) -> None:
         """Set every field to what it was in the beginning."""
@@ -114,14 +127,18 @@ class Form:
         if hint in (int, float) and bounds and math.isfinite(bounds.high):
             return self._slider(hint, bounds, value)
         entry = {int: kit.IntText, float: kit.FloatText, str: kit.Text}.get(hint)
-        return entry and entry(value=_as_text(value) if hint is str else value, continuous_update=False)
+        return entry and entry(
+            value=_as_text(value) if hint is str else value, continuous_update=False
+        )
 
     def _slider(self, hint: Any, bounds: Bounds, value: float) -> Any:
         shown = ".0f" if hint is int else ".3g"
         if bounds.log:
             low, high = math.log10(bounds.low), math.log10(bounds.high)
             step = (high - low) / _STEPS
-            return self._kit.FloatLogSlider(value=value, min=low, max=high, step=step, readout_format=shown)
+            return self._kit.FloatLogSlider(
+                value=value, min=low, max=high, step=step, readout_format=shown
+            )
         if hint is int:
             return self._kit.IntSlider(value=value, min=bounds.low, max=bounds.high)
         # A page sets a value to the nearest step: a round one keeps round values.
@@ -157,7 +174,9 @@ def _fields_of(config_class: Any, part: str = "") -> dict[str, tuple[Field[Any],
 def _replaced(config: Any, name: str, value: Any) -> Any:
     """Return a configuration with another value of a field, which may be a part's, within its bounds."""
     head, _, rest = name.partition(".")
-    changed = replace(config, **{head: _replaced(getattr(config, head), rest, value) if rest else value})
+    changed = replace(
+        config, **{head: _replaced(getattr(config, head), rest, value) if rest else value}
+    )
     check_bounds(changed)
     return changed
 
@@ -176,7 +195,11 @@ def _shown(value: Any, control: Any) -> Any:
 def _read(hint: Any, given: Any) -> Any:
     """Return a widget's value as its field's."""
     if get_origin(hint) is tuple:
-        parts = [p.strip() for p in given.split(",") if p.strip()] if isinstance(given, str) else [given]
+        parts = (
+            [p.strip() for p in given.split(",") if p.strip()]
+            if isinstance(given, str)
+            else [given]
+        )
         return tuple(_read(get_args(hint)[0], part) for part in parts)
     # A slider on a logarithmic scale has fractions.
     return round(given) if hint is int and isinstance(given, float) else from_json(hint, given)

@@ -42,7 +42,9 @@ class PressedMapping(Pressed):
         MissingExtraError: The extra ``view`` is not installed.
     """
 
-    def __init__(self, graph: Graph, platform: Platform | None = None, *, chain: Sequence[str] = ()) -> None:
+    def __init__(
+        self, graph: Graph, platform: Platform | None = None, *, chain: Sequence[str] = ()
+    ) -> None:
         kit = widgets()
         self.graph = graph  #: As it is mapped now.
         self._begin, self._platform, self._chain = graph, platform, chain
@@ -60,7 +62,9 @@ class PressedMapping(Pressed):
         above = [kit.HBox([*buttons, *([self.lut] if platform else [])]), self.why]
         width, height = size_of(self._layout)
         size = width, height + 0.9
-        super().__init__(self._picture, size=size, press=self._move, titles=self._sentences, above=above)
+        super().__init__(
+            self._picture, size=size, press=self._move, titles=self._sentences, above=above
+        )
 
     def optimise(self) -> None:
         """Map as the programme does, and say why."""
@@ -110,7 +114,9 @@ class PressedMapping(Pressed):
                 continue
             other = _OTHER[node.placement]
             try:
-                found = place_nodes(self.graph, self._platform, fixed=sides | {node.name: other}).load.total_s
+                found = place_nodes(
+                    self.graph, self._platform, fixed=sides | {node.name: other}
+                ).load.total_s
             except SfglabError as error:
                 yield f"{node.name} in {other.value}: {error}"
                 continue
@@ -124,7 +130,10 @@ class PressedMapping(Pressed):
         for topic in self.graph.topics:
             both = {m: self.graph.with_mappings({topic.name: m}) for m in _CYCLE[:2]}
             if topic.mapping in both:
-                times = {m.value: _MS * mapping.transfer_s(g, g.topic(topic.name)) for m, g in both.items()}
+                times = {
+                    m.value: _MS * mapping.transfer_s(g, g.topic(topic.name))
+                    for m, g in both.items()
+                }
                 told = ", ".join(f"{time:.2f} ms at {name}" for name, time in times.items())
                 yield f"{topic.name} to {topic.mapping.value}: {told}"
 
@@ -141,7 +150,10 @@ class PressedMapping(Pressed):
         notes: dict[Edge | Vertex, str] = {}
         along = mapping.chain_s(self.graph, self._chain)
         for edge in self.graph.edges():
-            if edge.kind is EdgeKind.SUBSCRIBE and self.graph.topic(edge.topic).size_bytes is not None:
+            if (
+                edge.kind is EdgeKind.SUBSCRIBE
+                and self.graph.topic(edge.topic).size_bytes is not None
+            ):
                 notes[edge] = f"{_MS * mapping.arrival_s(self.graph, edge):.2g} ms"
             if edge in along:
                 notes[edge] += f"\n\N{GREEK CAPITAL LETTER SIGMA} {_MS * along[edge]:.1f}"
@@ -150,14 +162,20 @@ class PressedMapping(Pressed):
                 vertex = topic_vertex(topic.name)
                 notes[vertex] = f"carried {times:g}x"
                 if self._platform:
-                    notes[vertex] += f", {_MS * topic_load(self.graph, topic, self._platform):.2g} ms/s"
+                    notes[vertex] += (
+                        f", {_MS * topic_load(self.graph, topic, self._platform):.2g} ms/s"
+                    )
         return notes
 
     def _cost(self) -> str:
         told = []
         if self._platform:
             load = assess(self.graph, self._platform)
-            times = {"software": load.software_s, "hardware": load.hardware_s, "carriage": load.communication_s}
+            times = {
+                "software": load.software_s,
+                "hardware": load.hardware_s,
+                "carriage": load.communication_s,
+            }
             parts = ", ".join(f"{name} {_MS * time_s:.1f}" for name, time_s in times.items())
             told.append(
                 f"each second {_MS * load.total_s:.1f} ms ({parts}); {load.lut} LUT, {load.bram:g} BRAM"
@@ -171,7 +189,9 @@ class PressedMapping(Pressed):
     def _sentences(self) -> dict[str, str]:
         said = {}
         for node in self.graph.nodes:
-            said[node_vertex(node.name)] = f"{node.name} runs in {node.placement.value}: press to move it"
+            said[node_vertex(node.name)] = (
+                f"{node.name} runs in {node.placement.value}: press to move it"
+            )
         for topic in self.graph.topics:
             text = f"{topic.name} is mapped to {topic.mapping.value}: press for the next"
             said[topic_vertex(topic.name)] = text

@@ -63,7 +63,9 @@ class Pressed:
     ) -> None:
         self._draw, self._size, self._press, self._titles = draw, size, press, titles
         self._said = widgets().HTML()
-        self._figure = _svg_widget()(svg=self._svg(), titles=dict(titles()), alt=caption_of(type(self)))
+        self._figure = _svg_widget()(
+            svg=self._svg(), titles=dict(titles()), alt=caption_of(type(self))
+        )
         self._figure.observe(lambda change: self.press(change["new"]["part"]), "pressed")
         self.widget = widgets().VBox([*above, self._figure, self._said])
 
@@ -87,7 +89,9 @@ class Pressed:
         return str(self._said.value)
 
     def _repr_mimebundle_(self, **_: object) -> tuple[dict[str, Any], dict[str, Any]]:
-        return still_bundle(self.widget, few_colors(png_of(drawn(self._size, self._draw))), type(self))
+        return still_bundle(
+            self.widget, few_colors(png_of(drawn(self._size, self._draw))), type(self)
+        )
 
     def _svg(self) -> str:
         import matplotlib as mpl
@@ -106,7 +110,9 @@ def _svg_widget() -> Any:
     return front_end(Path(__file__).with_name("press.js"), traits)
 
 
-Transition: TypeAlias = tuple[Enum, Enum]  #: A state and an input that can happen in it: a key of a table.
+Transition: TypeAlias = tuple[
+    Enum, Enum
+]  #: A state and an input that can happen in it: a key of a table.
 Parts: TypeAlias = "Mapping[Any, Sequence[Artist]]"
 """The artists of each state, its box first, and of each tuple of transitions that are drawn as one."""
 
@@ -121,7 +127,9 @@ class Moment:
     """Where a machine stands."""
 
     state: Enum  #: The present state.
-    taken: Transition | None = None  #: The transition that led there; None: it began there, or was put there.
+    taken: Transition | None = (
+        None  #: The transition that led there; None: it began there, or was put there.
+    )
     said: str = ""  #: What happened, for people.
 
     def color(self, moves: Collection[Transition]) -> str:
@@ -174,7 +182,9 @@ class Automaton(Pressed):
         runs: Mapping[str, Sequence[Enum]] | None = None,
     ) -> None:
         self._name, self._begin = name, Moment(state=start, said=f"begins in {start.name}")
-        self._table = {key: to if isinstance(to, tuple) else (to, None) for key, to in table.items()}
+        self._table = {
+            key: to if isinstance(to, tuple) else (to, None) for key, to in table.items()
+        }
         self._runs = {**(runs or {}), "by hand": ()}
         self._past = [self._begin]
         self._states = {state.name: state for state in type(start)}
@@ -218,7 +228,9 @@ class Automaton(Pressed):
     def _words(self, key: Transition) -> str:
         """Return what a transition does, in words."""
         (source, given), (after, done) = key, self._table[key]
-        actions = [action.name for action in (done if isinstance(done, tuple) else (done,)) if action]
+        actions = [
+            action.name for action in (done if isinstance(done, tuple) else (done,)) if action
+        ]
         said = f"{given.name} in {source.name} leads to {after.name}"
         return said + (f": {'; '.join(actions)}" if actions else "")
 

@@ -45,7 +45,9 @@ class Exchange:
     vendor: Literal["fast_dds", "cyclone_dds"] = "fast_dds"  #: Whose timing.
     rate_hz: float = between(20.0, 1.0, 200.0, log=True)  #: How often a sample is published.
     depth: int = between(8, 1, 50)  #: Samples of each history.
-    loss: float = between(0.0, 0.0, 0.5)  #: Share of frames that the air loses beside those that are pressed.
+    loss: float = between(
+        0.0, 0.0, 0.5
+    )  #: Share of frames that the air loses beside those that are pressed.
     samples: int = between(16, 1, 40)  #: How many samples are published.
     seed: int = 0  #: Of these losses.
 
@@ -53,7 +55,9 @@ class Exchange:
         """Return it as what the model runs."""
         qos = QoSProfile(depth=self.depth)
         return Scenario(
-            flows=(Flow(name=_FLOW, source="robot", target="station", rate_hz=self.rate_hz, qos=qos),),
+            flows=(
+                Flow(name=_FLOW, source="robot", target="station", rate_hz=self.rate_hz, qos=qos),
+            ),
             medium=Medium(loss=self.loss),
             vendor=PRESETS[self.vendor],
             duration_s=(self.samples - 0.5) / self.rate_hz,
@@ -72,10 +76,14 @@ class Timeline(Pressed):
 
     def __init__(self, lost: Sequence[str] = ("a/DATA/5",), **exchange: Any) -> None:
         kit = widgets()
-        self.lost = dict.fromkeys(lost, True)  #: Frames that were made to be lost, False: to pass, by name.
+        self.lost = dict.fromkeys(
+            lost, True
+        )  #: Frames that were made to be lost, False: to pass, by name.
         first = ["vendor", "rate_hz", "depth", "loss"]
         self.form = Form(Exchange(**exchange), first, lambda: self.answer(self._simulate))
-        self._shown = kit.FloatRangeSlider(value=(0, 100), description="shown (%)", layout={"width": "40em"})
+        self._shown = kit.FloatRangeSlider(
+            value=(0, 100), description="shown (%)", layout={"width": "40em"}
+        )
         self._to_scale = kit.Checkbox(description="time to scale", indent=False)
         self._simulate()
         above = [self.form.widget, kit.HBox([self._shown, self._to_scale])]
@@ -112,7 +120,9 @@ class Timeline(Pressed):
             axes.plot([], [], "x" if label == _LOST else "-", color=color, label=label)
         figure.legend(loc="outside lower center", ncols=6, fontsize=8)
         had, all_ = int(self.outcome.delivered.sum()), len(self.outcome.fate)
-        late = f"{self.outcome.latency_ns.max() / 1e6:.1f} ms after it was written" if had else "never"
+        late = (
+            f"{self.outcome.latency_ns.max() / 1e6:.1f} ms after it was written" if had else "never"
+        )
         figure.suptitle(f"{had} of {all_} samples taken, the latest {late}", fontsize=10)
 
     def _places(self) -> Callable[[int], float]:
@@ -170,7 +180,9 @@ def _draw_samples(axes: Axes, outcome: FlowOutcome, place_of: Callable[[int], fl
     taken: dict[int, list[int]] = defaultdict(list)
     for i, had in enumerate(outcome.delivered):
         color = "black" if had else COLORS["standard"]
-        axes.text(place_of(outcome.published_ns[i]), 1.06, str(i + 1), va="bottom", color=color, **style)
+        axes.text(
+            place_of(outcome.published_ns[i]), 1.06, str(i + 1), va="bottom", color=color, **style
+        )
         if had:
             taken[outcome.received_ns[i]].append(i + 1)
     for time_ns, numbers in taken.items():

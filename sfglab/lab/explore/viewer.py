@@ -35,7 +35,10 @@ if TYPE_CHECKING:
 
     from sfglab.lab.runs import Run
 
-_PERIOD_S, _FIRST_S = 0.5, 30.0  #: How often messages are counted, and how long the first one is waited for.
+_PERIOD_S, _FIRST_S = (
+    0.5,
+    30.0,
+)  #: How often messages are counted, and how long the first one is waited for.
 
 
 class LogViewer:
@@ -58,7 +61,9 @@ class LogViewer:
         kit = widgets()
         wide = {"width": "36em"}
         #: Its value is the step that is asked for.
-        self.slider = kit.IntSlider(max=len(self.times_ns) - 1, description="step", readout=False, layout=wide)
+        self.slider = kit.IntSlider(
+            max=len(self.times_ns) - 1, description="step", readout=False, layout=wide
+        )
         self.slider.observe(lambda change: self._go(change["new"]), "value")
         self.said = kit.Label()  #: Its value says which step the viewer shows.
         self.viewer = CellViewer(still=self.still, on_page=self._show, on_time=self._shown)
@@ -132,7 +137,9 @@ class LiveView:
         canvas = open_canvas([NOTEBOOK], title=node.name)
         self.viewer = canvas.in_cell()
         self.bridge = Bridge(node, self.session, canvas, follow=("/",))
-        self.panel = Panel(self.session, lambda: {t: k[0] for t, k in node.graph.topics().items() if k})
+        self.panel = Panel(
+            self.session, lambda: {t: k[0] for t, k in node.graph.topics().items() if k}
+        )
         loop = asyncio.get_running_loop()
         self.end = button(
             "End",
@@ -144,17 +151,23 @@ class LiveView:
 
     @classmethod
     async def open(
-        cls, *programs: Callable[[BusAddress], Coroutine[Any, Any, None]], here: BusAddress | None = None
+        cls,
+        *programs: Callable[[BusAddress], Coroutine[Any, Any, None]],
+        here: BusAddress | None = None,
     ) -> Self:
         """Return one whose bridge runs beside programs, on a domain of its own or here, once a message came."""
         if cls._last is not None:
             await cls._last.close()
         async with AsyncExitStack() as runs:
-            here = here or BusAddress(domain_id=runs.enter_context(held_domains())[0], interface="lo")
+            here = here or BusAddress(
+                domain_id=runs.enter_context(held_domains())[0], interface="lo"
+            )
             live = cls(await runs.enter_async_context(Node("panel", **here.options())))
             await runs.enter_async_context(live.bridge)
             runs.callback(live.panel.close)
-            await runs.enter_async_context(beside(live._count(), *(program(here) for program in programs)))
+            await runs.enter_async_context(
+                beside(live._count(), *(program(here) for program in programs))
+            )
             if programs:
                 await is_set_before(live._shows, asyncio.get_running_loop().time() + _FIRST_S)
             live._runs = runs.pop_all()
@@ -185,5 +198,8 @@ def _draw_counts(figure: Figure, reports: Sequence[Report]) -> None:
     names = [f"{report.display}\n{', '.join(report.topics)}" for report in reports]
     axes.barh(names, [r.received for r in reports], 0.6, color=COLORS["network"], label="received")
     axes.barh(names, [r.shown for r in reports], 0.3, color=COLORS["proxy"], label="shown")
-    axes.set(xlabel="messages", title="Live: what the displays had when this cell was shown; run it to look")
+    axes.set(
+        xlabel="messages",
+        title="Live: what the displays had when this cell was shown; run it to look",
+    )
     figure.legend(loc="outside lower center", ncols=2, fontsize=8)

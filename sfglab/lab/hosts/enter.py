@@ -62,7 +62,11 @@ def new(how: str) -> str:
     user, group = os.geteuid(), os.getegid()
     unshare(CLONE_NEWUSER | CLONE_NEWNET)
     # A group map may be written only after setgroups is given up (user_namespaces(7)).
-    for name, text in (("setgroups", "deny"), ("uid_map", f"0 {user} 1"), ("gid_map", f"0 {group} 1")):
+    for name, text in (
+        ("setgroups", "deny"),
+        ("uid_map", f"0 {user} 1"),
+        ("gid_map", f"0 {group} 1"),
+    ):
         with open(f"/proc/self/{name}", "w", encoding="ascii") as file:  # noqa: PTH123 - pathlib costs 10 ms
             file.write(text)
     return "rootless"
@@ -79,7 +83,10 @@ def join(pid: int, inode: int, how: str) -> None:
     kinds = [("net", CLONE_NEWNET)]
     if how == "rootless":
         kinds.insert(0, ("user", CLONE_NEWUSER))
-    opened = [(os.open(f"/proc/{pid}/ns/{kind}", os.O_RDONLY | os.O_CLOEXEC), flag) for kind, flag in kinds]
+    opened = [
+        (os.open(f"/proc/{pid}/ns/{kind}", os.O_RDONLY | os.O_CLOEXEC), flag)
+        for kind, flag in kinds
+    ]
     if os.fstat(opened[-1][0]).st_ino != inode:
         raise ProcessLookupError(f"process {pid} is not the holder of this host any more")
     for fd, flag in opened:

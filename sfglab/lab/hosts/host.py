@@ -35,7 +35,9 @@ class HostsUnavailableError(SfglabError, OSError):
 
     def __init__(self, reason: str) -> None:
         self.reason = reason  #: What the kernel or the starting process said.
-        super().__init__(f"test hosts need network namespaces, which failed here: {reason}. {_REMEDY}")
+        super().__init__(
+            f"test hosts need network namespaces, which failed here: {reason}. {_REMEDY}"
+        )
 
 
 class HostsError(SfglabError, RuntimeError):
@@ -163,7 +165,9 @@ class Host:
         self._how = how
         # Keeps the namespace, and with it the inode, unique as long as we refer to it.
         self._namespace = os.open(f"/proc/{holder}/ns/net", os.O_RDONLY)
-        self.inode = os.fstat(self._namespace).st_ino  #: Of its network namespace, its identity in the kernel.
+        self.inode = os.fstat(
+            self._namespace
+        ).st_ino  #: Of its network namespace, its identity in the kernel.
         self._started: list[subprocess.Popen[Any]] = []
         self._closed = False
 
@@ -177,11 +181,15 @@ class Host:
         says that the host is gone, 126 and 127 that the command cannot be run or found.
         """
         if self._closed:
-            raise HostsError(f"host {self.name!r} is closed: start processes inside the network's `with` block")
+            raise HostsError(
+                f"host {self.name!r} is closed: start processes inside the network's `with` block"
+            )
         wrapper = [*ENTER, "join", str(self._holder), str(self.inode), self._how]
         return [*wrapper, *(os.fspath(part) for part in command)]
 
-    def popen(self, command: Sequence[str | os.PathLike[str]], **options: Any) -> subprocess.Popen[Any]:
+    def popen(
+        self, command: Sequence[str | os.PathLike[str]], **options: Any
+    ) -> subprocess.Popen[Any]:
         """Start a process inside this host, with options of `subprocess.Popen`; it ends with the network."""
         process = subprocess.Popen(self.argv(command), **options)
         self._started = [p for p in self._started if p.poll() is None]
@@ -201,7 +209,9 @@ class Host:
             table = Path(f"/proc/{self._holder}/net/dev").read_text(encoding="ascii")
             return interface_bytes(table, self.interface)
         except (OSError, LookupError) as error:
-            raise HostsError(f"host {self.name!r}: its interface is gone, so the network is closed") from error
+            raise HostsError(
+                f"host {self.name!r}: its interface is gone, so the network is closed"
+            ) from error
 
     def close(self) -> None:
         """Reap the processes started by `popen` once they ended; the network calls it."""

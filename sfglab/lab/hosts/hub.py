@@ -70,7 +70,9 @@ def _fork_holder(creator: int) -> int:
     with open(waiting, "rb") as pipe:  # noqa: PTH123 - a descriptor
         if not pipe.read(1):
             os.waitpid(pid, 0)
-            raise OSError("a network namespace for the host could not be made (see the message above)")
+            raise OSError(
+                "a network namespace for the host could not be made (see the message above)"
+            )
     return pid
 
 
@@ -99,7 +101,9 @@ class _Hub:
         if self._relay is None:
             for port in self._ports.values():
                 self._wiring.take_out(port)
-            self._relay = Relay([(name, port.outer, port.mac) for name, port in self._ports.items()])
+            self._relay = Relay(
+                [(name, port.outer, port.mac) for name, port in self._ports.items()]
+            )
         return self._relay.request("set", medium=medium, seed=seed)
 
     def end_radio(self) -> dict[str, Any]:

@@ -37,7 +37,9 @@ if TYPE_CHECKING:
 
     from sfglab.rtps import Medium
 
-FRAME_BYTES = 1514  #: A full Ethernet frame without its checksum: 1500 B and 14 B of header (IEEE 802.3, 3).
+FRAME_BYTES = (
+    1514  #: A full Ethernet frame without its checksum: 1500 B and 14 B of header (IEEE 802.3, 3).
+)
 
 # The kernel's struct tc_ratespec counts bytes per second in 32 bits (linux/pkt_sched.h).
 _MAX_RATE_BPS = 8 * (2**32 - 1)
@@ -64,7 +66,9 @@ class Link:
         if self.rate_bps is not None and not _MIN_RATE_BPS <= self.rate_bps <= _MAX_RATE_BPS:
             allowed = f"{_MIN_RATE_BPS} to {_MAX_RATE_BPS} or None"
             raise InvalidValueError("rate_bps", self.rate_bps, allowed)
-        if self.queue_bytes is not None and (self.rate_bps is None or self.queue_bytes < FRAME_BYTES):
+        if self.queue_bytes is not None and (
+            self.rate_bps is None or self.queue_bytes < FRAME_BYTES
+        ):
             allowed = f"one frame ({FRAME_BYTES}) or more, and only with rate_bps"
             raise InvalidValueError("queue_bytes", self.queue_bytes, allowed)
 
@@ -95,11 +99,22 @@ _MAX_ANSWER_BYTES = 65536
 
 def _start(control: socket.socket, *, how: str, log: IO[bytes]) -> subprocess.Popen[bytes]:
     creator = os.pidfd_open(os.getpid())
-    modules = os.pathsep.join(path or str(Path.cwd()) for path in sys.path)  # so that the hub finds the same
+    modules = os.pathsep.join(
+        path or str(Path.cwd()) for path in sys.path
+    )  # so that the hub finds the same
     try:
         numbers = (control.fileno(), creator)
         return subprocess.Popen(
-            [*ENTER, "new", how, sys.executable, "-P", "-m", "sfglab.lab.hosts.hub", *map(str, numbers)],
+            [
+                *ENTER,
+                "new",
+                how,
+                sys.executable,
+                "-P",
+                "-m",
+                "sfglab.lab.hosts.hub",
+                *map(str, numbers),
+            ],
             env=os.environ | {"PYTHONPATH": modules},
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
@@ -128,7 +143,9 @@ class Channel:
         try:
             with other:
                 self._process = _start(other, how=how, log=self._log)
-            self.how = str(self._receive()["how"])  #: How it obtained its namespaces, ``root`` or ``rootless``.
+            self.how = str(
+                self._receive()["how"]
+            )  #: How it obtained its namespaces, ``root`` or ``rootless``.
         except HostsError as error:
             self.close()
             raise HostsUnavailableError(str(error)) from error
@@ -201,7 +218,9 @@ class Capability:
     """Whether this machine can run test hosts."""
 
     ok: bool  #: It can.
-    how: Literal["root", "rootless", "none"]  #: As root, rootless in a user namespace, or not at all.
+    how: Literal[
+        "root", "rootless", "none"
+    ]  #: As root, rootless in a user namespace, or not at all.
     reason: str = ""  #: What stands against it; empty when nothing does.
 
 
@@ -232,7 +251,9 @@ class Network:
 
     def __enter__(self) -> Self:
         if self._running is not None:
-            raise HostsError("this network is in use already: make another Network for another `with` block")
+            raise HostsError(
+                "this network is in use already: make another Network for another `with` block"
+            )
         self._running = Channel(self._wanted)
         return self
 
@@ -305,7 +326,9 @@ class Network:
         if name not in self._hosts:
             raise InvalidValueError("host", name, f"{sorted(self._hosts)}, which this network has")
         if self._on_radio:
-            raise HostsError("this network is a radio now: the medium of `set_radio` is its only link")
+            raise HostsError(
+                "this network is a radio now: the medium of `set_radio` is its only link"
+            )
         link = Link(rate_bps=rate_bps, loss=loss or 0.0, queue_bytes=queue_bytes)
         try:
             self._channel.request("set_link", name=name, **asdict(link))
@@ -329,7 +352,9 @@ class Network:
             raise HostsError("a radio needs hosts: add them before `set_radio`")
         most_s = _MOST_OVERHEAD_BYTES * 8 / medium.rate_bps
         if medium.queue_rule == "block" and (medium.shared or medium.overhead_s > most_s):
-            allowed = f"a queue that blocks only where shared is False and overhead_s up to {most_s:g}"
+            allowed = (
+                f"a queue that blocks only where shared is False and overhead_s up to {most_s:g}"
+            )
             raise InvalidValueError("medium", medium, allowed)
         try:
             self._channel.request("set_radio", medium=asdict(medium), seed=seed)

@@ -102,7 +102,9 @@ class Air(Generic[F]):
         for transmitter in state.transmitters:
             self._start(transmitter)
 
-    def offer(self, host: int, frame: F, *, size_bytes: int, now_ns: int, target: int | None = None) -> bool:
+    def offer(
+        self, host: int, frame: F, *, size_bytes: int, now_ns: int, target: int | None = None
+    ) -> bool:
         """Put a frame into a host's queue now, for a group without a target; False when one is dropped."""
         took = self._queue(host, _Waiting(now_ns, size_bytes, frame, host, target))
         for transmitter in self._state.transmitters:
@@ -155,7 +157,9 @@ class Air(Generic[F]):
             return
         start_ns = max(transmitter.free_ns, min(queues[host][0].since_ns for host in waiting))
         ready = {host for host in waiting if queues[host][0].since_ns <= start_ns}
-        host, contenders = next_sender([host in ready for host in range(len(queues))], transmitter.next_)
+        host, contenders = next_sender(
+            [host in ready for host in range(len(queues))], transmitter.next_
+        )
         if self._medium.random_turns:
             host = self._chance.choice(sorted(ready))
         entry = queues[host].popleft()
@@ -165,7 +169,9 @@ class Air(Generic[F]):
         airtime_ns = self._medium.airtime_ns(entry.size_bytes, contenders, rate_bps)
         transmitter.next_ = host + 1
         transmitter.free_ns = self._medium.begin_ns(start_ns) + airtime_ns
-        transmitter.on_air = Sent(transmitter.free_ns + self._medium.latency_ns, entry.sender, entry.frame)
+        transmitter.on_air = Sent(
+            transmitter.free_ns + self._medium.latency_ns, entry.sender, entry.frame
+        )
         first = self._medium.access_point and host != self._access_point
         transmitter.relayed = entry._replace(since_ns=transmitter.free_ns) if first else None
         use = self.use[host]
@@ -256,12 +262,16 @@ class _Relay:
     def __init__(self, ports: list[list[str]]) -> None:
         self._names = [name for name, _, _ in ports]
         self._sockets = [_open(interface) for _, interface, _ in ports]
-        self._host_of = {bytes.fromhex(mac.replace(":", "")): i for i, (_, _, mac) in enumerate(ports)}
+        self._host_of = {
+            bytes.fromhex(mac.replace(":", "")): i for i, (_, _, mac) in enumerate(ports)
+        }
         self._others = [tuple(j for j in range(len(ports)) if j != i) for i in range(len(ports))]
         self._air: Air[bytes] | None = None
         self._medium: Medium
         self._random = random.Random()
-        self._bad: dict[tuple[int, int | None], bool] = {}  # whether the last frame of a way was lost
+        self._bad: dict[
+            tuple[int, int | None], bool
+        ] = {}  # whether the last frame of a way was lost
         self._kept = _Kept(time.time_ns())
 
     def set(self, *, medium: dict[str, Any], seed: int) -> dict[str, Any]:
@@ -280,7 +290,10 @@ class _Relay:
         assert self._air is not None
         self._kept.overrun += self._overrun()
         names = [*self._names, "access point"] if self._medium.access_point else self._names
-        return {"hosts": dict(zip(names, map(asdict, self._air.use), strict=False)), **self._kept.report()}
+        return {
+            "hosts": dict(zip(names, map(asdict, self._air.use), strict=False)),
+            **self._kept.report(),
+        }
 
     def answer(self, request: dict[str, Any]) -> dict[str, Any]:
         return self.set(**request) if request.pop("op") == "set" else self.counters()
@@ -295,7 +308,9 @@ class _Relay:
                 if not data:
                     return
                 control.send(json.dumps(self.answer(json.loads(data))).encode())
-            arrivals = [a for i, sock in enumerate(self._sockets) if sock in ready for a in _take(sock, i)]
+            arrivals = [
+                a for i, sock in enumerate(self._sockets) if sock in ready for a in _take(sock, i)
+            ]
             self._go_on(sorted(arrivals))
 
     def _pause_s(self) -> float | None:
@@ -310,7 +325,13 @@ class _Relay:
             self._deliver(air, air.advance(arrival.t_ns))
             target = None if arrival.frame[0] & _GROUP_BIT else self._host_of.get(arrival.frame[:6])
             size_bytes = len(arrival.frame)
-            air.offer(arrival.host, arrival.frame, size_bytes=size_bytes, now_ns=arrival.t_ns, target=target)
+            air.offer(
+                arrival.host,
+                arrival.frame,
+                size_bytes=size_bytes,
+                now_ns=arrival.t_ns,
+                target=target,
+            )
         self._deliver(air, air.advance(time.time_ns()))
 
     def _deliver(self, air: Air[bytes], sent: list[Sent[bytes]]) -> None:

@@ -130,13 +130,19 @@ class Wiring:
         outer = f"p{number}"
         single = {"IFLA_GSO_MAX_SEGS": _NO_OFFLOAD}
         peer = {"ifname": INTERFACE, "net_ns_pid": pid, "address": _mac(number), **single}
-        self.netlink.link("add", ifname=outer, kind="veth", master=self._bridge, peer=peer, **single)
+        self.netlink.link(
+            "add", ifname=outer, kind="veth", master=self._bridge, peer=peer, **single
+        )
         outer_index = self._index(self.netlink, outer)
         namespace = os.open(f"/proc/{pid}/ns/net", os.O_RDONLY)
         inner_index = self._configure(namespace, f"{_SUBNET}{number}")
         _set_up(self.netlink, outer_index)
         port = Port(
-            number=number, outer=outer, outer_index=outer_index, inner_index=inner_index, namespace=namespace
+            number=number,
+            outer=outer,
+            outer_index=outer_index,
+            inner_index=inner_index,
+            namespace=namespace,
         )
         for other in self._ports:
             self._introduce(port, other)
@@ -213,7 +219,11 @@ def _set_rate(netlink: Any, index: int, link: Link) -> None:
     if any(message.get_attr("TCA_KIND") == "tbf" for message in netlink.get_qdiscs(index=index)):
         netlink.tc("del", index=index, handle=_HANDLE, parent=TC_H_ROOT)
     if link.rate_bps is not None:
-        bucket = {"rate": round(link.rate_bps / 8), "burst": link.burst_bytes, "limit": link.limit_bytes}
+        bucket = {
+            "rate": round(link.rate_bps / 8),
+            "burst": link.burst_bytes,
+            "limit": link.limit_bytes,
+        }
         netlink.tc("add", "tbf", index=index, handle=_HANDLE, **bucket)
 
 
@@ -227,9 +237,15 @@ def _block(netlink: Any, index: int, medium: Medium | None) -> None:
     if medium is None:
         return
     overhead = round(medium.overhead_s * medium.rate_bps / 8)
-    rate = {"rate": round(medium.rate_bps / 8), "burst": overhead + _FRAME, "cburst": overhead + _FRAME}
+    rate = {
+        "rate": round(medium.rate_bps / 8),
+        "burst": overhead + _FRAME,
+        "cburst": overhead + _FRAME,
+    }
     netlink.tc("add", "htb", index=index, handle=_HANDLE, default=_CLASS & 0xFFFF)
-    netlink.tc("add-class", "htb", index=index, handle=_CLASS, parent=_HANDLE, overhead=overhead, **rate)
+    netlink.tc(
+        "add-class", "htb", index=index, handle=_CLASS, parent=_HANDLE, overhead=overhead, **rate
+    )
 
 
 class Shaping:
@@ -267,5 +283,9 @@ class Shaping:
         self._nft.table("add", name=table)
         self._lossy.add(table)
         for chain, (hook, key) in _CHAINS.items():
-            self._nft.chain("add", table=table, name=chain, hook=hook, type="filter", policy=_ACCEPT)
-            self._nft.rule("add", table=table, chain=chain, expressions=[_lossy(table, key, per_million)])
+            self._nft.chain(
+                "add", table=table, name=chain, hook=hook, type="filter", policy=_ACCEPT
+            )
+            self._nft.rule(
+                "add", table=table, chain=chain, expressions=[_lossy(table, key, per_million)]
+            )

@@ -58,13 +58,24 @@ def result_from_text(text: str) -> Any:
     try:
         packed = json.loads(text)
         return tuple(map(_unpacked, packed)) if isinstance(packed, list) else _unpacked(packed)
-    except (ValueError, LookupError, TypeError, AttributeError, ImportError, RecursionError) as error:
-        raise JournalError(f"no result of a sweep ({error!r}); remove the journal to run it again") from error
+    except (
+        ValueError,
+        LookupError,
+        TypeError,
+        AttributeError,
+        ImportError,
+        RecursionError,
+    ) as error:
+        raise JournalError(
+            f"no result of a sweep ({error!r}); remove the journal to run it again"
+        ) from error
 
 
 def _packed(row: object) -> dict[str, object]:
     if isinstance(row, Mapping):
-        return {"columns": {str(name): _plain(dict, str(name), value) for name, value in row.items()}}
+        return {
+            "columns": {str(name): _plain(dict, str(name), value) for name, value in row.items()}
+        }
     if isinstance(row, type) or not is_dataclass(row):
         raise SweepError(f"result: given {row!r}, needed is a row (a dataclass) or a tuple of rows")
     kind = type(row)
@@ -99,7 +110,11 @@ _NUMERIC = ("llvmlite", "numba", "numpy", "scipy")
 
 def identity_of(task: Callable[..., object], points: Sequence[object]) -> dict[str, str]:
     """Return a journal's ``task``, ``points`` and ``code``; `SweepError` if points have no lasting text."""
-    return {"task": name_of(task), "points": _points_digest(points), "code": code_digest(_source_of(task))}
+    return {
+        "task": name_of(task),
+        "points": _points_digest(points),
+        "code": code_digest(_source_of(task)),
+    }
 
 
 def name_of(task: Callable[..., object]) -> str:
@@ -230,7 +245,8 @@ class Journal(AbstractContextManager["Journal"]):
                 if differs:
                     return ", ".join(differs)
             elif (
-                set(entry) == {"point", "seed", "result"} and type(entry["point"]) is type(entry["seed"]) is int
+                set(entry) == {"point", "seed", "result"}
+                and type(entry["point"]) is type(entry["seed"]) is int
             ):
                 self.finished[entry["point"], entry["seed"]] = json.dumps(entry["result"])
             else:
@@ -273,5 +289,7 @@ def _set_aside(path: Path, file: BinaryIO, differs: str) -> BinaryIO:
         number += 1
     path.rename(aside)
     file.close()
-    _log.warning("%s is of another sweep (it differs in: %s); renamed to %s", path, differs, aside.name)
+    _log.warning(
+        "%s is of another sweep (it differs in: %s); renamed to %s", path, differs, aside.name
+    )
     return _locked(path)

@@ -75,12 +75,16 @@ def run_batch(task: Callable[..., object], code: str, jobs: Sequence[Job]) -> Do
             finished.append(Finished(job.index, job.seed, text_from_result(result)))
         except (Exception, KeyboardInterrupt, SystemExit) as error:  # noqa: BLE001 - told to who started the sweep
             stop = isinstance(error, KeyboardInterrupt)
-            failure = Failure(job, f"{type(error).__name__}: {error}", traceback.format_exc(), interrupt=stop)
+            failure = Failure(
+                job, f"{type(error).__name__}: {error}", traceback.format_exc(), interrupt=stop
+            )
             break
     return Done(tuple(finished), time.perf_counter() - start_s, failure)
 
 
-SCHEDULER_VARIABLE = "SFGLAB_SCHEDULER"  #: A scheduler's address, for programs that do not name one.
+SCHEDULER_VARIABLE = (
+    "SFGLAB_SCHEDULER"  #: A scheduler's address, for programs that do not name one.
+)
 
 _CONNECT_S = 10.0
 
@@ -89,7 +93,9 @@ _CONNECT_S = 10.0
 class Workers:
     """Who does the work."""
 
-    count: int | None = None  #: How many local workers; None: as many as this process may use cores.
+    count: int | None = (
+        None  #: How many local workers; None: as many as this process may use cores.
+    )
     #: Whether they are threads of this process instead of processes of their own. For tasks that spend their
     #: time in compiled code that releases the lock, such as `sfglab.rtps.run`: two threads are as fast as two
     #: processes there, and start in 0.05 s where processes need 0.7 s, their first imports another second, and
@@ -118,9 +124,15 @@ def connected(workers: Workers) -> Iterator[tuple[Executor, int]]:
         return
     count = workers.count or len(os.sched_getaffinity(0))
     spawn = multiprocessing.get_context("spawn")
-    pool = ThreadPoolExecutor(count) if workers.threads else ProcessPoolExecutor(count, spawn, begin_worker)
+    pool = (
+        ThreadPoolExecutor(count)
+        if workers.threads
+        else ProcessPoolExecutor(count, spawn, begin_worker)
+    )
     try:
-        with _hearing(signal.SIG_IGN):  # inherited by processes: the sweep ends them, not the terminal
+        with _hearing(
+            signal.SIG_IGN
+        ):  # inherited by processes: the sweep ends them, not the terminal
             wait([pool.submit(code_digest) for _ in range(count)])
         yield pool, count
     except BaseException:
@@ -150,10 +162,14 @@ def _cluster(address: str) -> Iterator[Any]:
     try:
         client = Client(address, timeout=_CONNECT_S, set_as_default=False)
     except (OSError, ValueError) as error:
-        raise SweepError(f"workers: scheduler: given {address!r}, where none answers ({error})") from error
+        raise SweepError(
+            f"workers: scheduler: given {address!r}, where none answers ({error})"
+        ) from error
     with client:
         if not client.nthreads():
-            raise SweepError(f"workers: the scheduler at {address} has no workers; start some and try again")
+            raise SweepError(
+                f"workers: the scheduler at {address} has no workers; start some and try again"
+            )
         yield client
 
 
@@ -208,7 +224,9 @@ def sweep(
     seeds = [int(seed) for seed in seeds]
     for name, given in (("points", points), ("seeds", seeds)):
         if (differ := len({repr(one) for one in given})) != len(given):
-            raise SweepError(f"{name}: given {len(given)}, of which only {differ} differ; give each once")
+            raise SweepError(
+                f"{name}: given {len(given)}, of which only {differ} differ; give each once"
+            )
     with Journal(journal, identity_of(task, points)) as log:
         pairs = [(i, seed) for i in range(len(points)) for seed in seeds]
         missing = [Job(i, points[i], seed) for i, seed in pairs if (i, seed) not in log.finished]
@@ -231,7 +249,10 @@ def _hand_out(pool: Executor, slots: int, task: Any, missing: Sequence[Job], log
             future.add_done_callback(ended.put)
 
     # Ctrl-C waits for its turn: raised in the middle of a pool's code, it would leave locks that nobody opens.
-    with progress_bar(len(missing), log.name) as advance, _hearing(lambda *_: ended.put(None)) as interrupt:
+    with (
+        progress_bar(len(missing), log.name) as advance,
+        _hearing(lambda *_: ended.put(None)) as interrupt,
+    ):
         for _ in range(_AHEAD * slots):
             submit(1)
         size = 1
@@ -261,14 +282,18 @@ def _done(future: Future[Done]) -> Done:
     try:
         return future.result()
     except Exception as error:
-        raise SweepError(f"sweep: a worker was lost or could not load the task ({error!r})") from error
+        raise SweepError(
+            f"sweep: a worker was lost or could not load the task ({error!r})"
+        ) from error
 
 
 def _raise(failure: Failure) -> None:
     if failure.interrupt:
         raise KeyboardInterrupt
     if failure.job is None:
-        raise SweepError(f"sweep: a worker has another version of the code: {failure.reason}; install the same")
+        raise SweepError(
+            f"sweep: a worker has another version of the code: {failure.reason}; install the same"
+        )
     error = SweepError(
         f"sweep: the task failed at {failure.job.point} with seed {failure.job.seed}: {failure.reason}",
         point=failure.job.point,

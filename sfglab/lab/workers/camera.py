@@ -90,7 +90,9 @@ class _DepthEncoder:
 
     def messages(self, frame: Frame, header: Any) -> list[Any]:
         if frame.depth_mm is None:
-            raise SourceError(f"codec {self.name!r} codes depth, and the source has none: 'stereo' has")
+            raise SourceError(
+                f"codec {self.name!r} codes depth, and the source has none: 'stereo' has"
+            )
         white, black = DEPTH_STAMP_MM
         stamp_number(frame.depth_mm, frame.number, white=white, black=black)
         fields = codecs.compressed_depth_fields(frame.depth_mm, codec=self.name)
@@ -99,11 +101,15 @@ class _DepthEncoder:
 
 def _message(type_: str, header: Any, fields: DataclassInstance) -> Any:
     values = asdict(fields)
-    return message_type(type_)(header=header, **{**values, "data": np.frombuffer(values["data"], np.uint8)})
+    return message_type(type_)(
+        header=header, **{**values, "data": np.frombuffer(values["data"], np.uint8)}
+    )
 
 
 @asynccontextmanager
-async def _camera(config: CameraConfig, sent: Callable[[list[_Sent]], None]) -> AsyncIterator[_Shooting]:
+async def _camera(
+    config: CameraConfig, sent: Callable[[list[_Sent]], None]
+) -> AsyncIterator[_Shooting]:
     """Open source, encoder and publisher; the caller awaits the task that shoots."""
     source = open_source(
         config.source, width=config.width, height=config.height, fps=config.fps, seed=config.seed

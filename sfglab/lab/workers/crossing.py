@@ -34,7 +34,9 @@ class CrossingConfig:
     role: str  #: ``software``, ``subscriber``, ``publisher``, ``gateway`` or ``reader``.
     #: File descriptors of its sockets and pipes, by the peer's name; ``wake`` is where it is woken.
     links: dict[str, int]
-    shared: int  #: File descriptor of the hardware side's memory; -1: it stands on the software's side.
+    shared: (
+        int  #: File descriptor of the hardware side's memory; -1: it stands on the software's side.
+    )
     largest_bytes: int  #: Size of the largest message.
     seed: int  #: Of the random data.
 
@@ -69,7 +71,9 @@ class End:
         self._report = claim_standard_output()
         wakes = {name for name in config.links if name.startswith("wake")}
         self._pipes = {name: config.links[name] for name in wakes}
-        self._sockets = {n: socket.socket(fileno=fd) for n, fd in config.links.items() if n not in wakes}
+        self._sockets = {
+            n: socket.socket(fileno=fd) for n, fd in config.links.items() if n not in wakes
+        }
         self._local = memoryview(bytearray(config.largest_bytes))
         self._shared = memoryview(b"")
         if config.shared >= 0:
@@ -144,7 +148,9 @@ class End:
 
     def _begin(self) -> int:
         if json.loads(sys.stdin.buffer.readline() or "{}").get("do") != "go":
-            raise SfglabError(f"{self._config.role}: the parent left before the message was published")
+            raise SfglabError(
+                f"{self._config.role}: the parent left before the message was published"
+            )
         return time.monotonic_ns()
 
     def _receive(self, peer: str, into: memoryview, item: Round) -> memoryview:
@@ -153,7 +159,9 @@ class End:
         got = 0
         while got < len(view):
             if not (count := link.recv_into(view[got:])):
-                raise SfglabError(f"{self._config.role}: the link from {peer} ended after {got} bytes")
+                raise SfglabError(
+                    f"{self._config.role}: the link from {peer} ended after {got} bytes"
+                )
             got += count
         return view
 

@@ -33,7 +33,10 @@ if TYPE_CHECKING:
     from sfglab.bus.api import Transport
 
 NAMES = tuple(ports.node for ports in NODES if ports.node != "car")  #: Of the processes.
-WAYS: dict[str, Transport] = {"software": "dds", "gateway": "shm"}  #: How a topic goes, by its mapping.
+WAYS: dict[str, Transport] = {
+    "software": "dds",
+    "gateway": "shm",
+}  #: How a topic goes, by its mapping.
 _LANE = "/lane"  # heard in software
 _READERS = 4  # of topic A
 _MATCH_S, _PICTURES_S = 60.0, 2.0
@@ -107,7 +110,9 @@ async def _shoot(config: DrivingNodeConfig, pictures: list[Any], publisher: Any)
         await asyncio.sleep(start_s + (number + 1) / config.rate_hz - time.monotonic())
 
 
-async def _listen(node: str, heard: Subscription, said: dict[str, Any], does: Any, note: Any) -> None:
+async def _listen(
+    node: str, heard: Subscription, said: dict[str, Any], does: Any, note: Any
+) -> None:
     """Work on what is heard, one message after the other."""
     async for message in heard:
         stamp_ns = time.monotonic_ns() if node == CHAIN[0] else ns_from_stamp(message.header.stamp)
@@ -136,7 +141,9 @@ async def serve(config: DrivingNodeConfig, report: Reporter, orders: Orders) -> 
 
     async with Node(name, **config.address.options()) as bus:
         # What the lights' detections and the odometry say is no part of the chain.
-        said = _ends(bus.create_publisher, ports.publishes if name in {NAMES[0], *CHAIN[:-1]} else ())
+        said = _ends(
+            bus.create_publisher, ports.publishes if name in {NAMES[0], *CHAIN[:-1]} else ()
+        )
         heard = _ends(bus.create_subscription, ports.subscribes)
         if name == NAMES[0]:
             run_lap(config.seed, stack=stack, rules=Rules(timeout_s=_PICTURES_S), watch=keep)

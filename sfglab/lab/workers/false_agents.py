@@ -63,7 +63,9 @@ class _Fakes:
     def _make(self, agent: str) -> _Fake:
         publisher = self._node.create_publisher(AGENT_HEARTBEAT, heartbeat_topic(), LATCHED)
         fake = self._fakes[agent] = _Fake(publisher)
-        self._node.create_service(GET_METADATA, metadata_service(agent), lambda _: self._answer(agent, fake))
+        self._node.create_service(
+            GET_METADATA, metadata_service(agent), lambda _: self._answer(agent, fake)
+        )
         return fake
 
     def _beat(self, fake: _Fake, order: Report) -> None:
@@ -86,10 +88,15 @@ class _Fakes:
         while fake.mode == "mute":
             await fake.changed.wait()
         start = {"incarnation": fake.incarnation, "revision": fake.revision}
-        description, now_ns = AgentDescription(software=("false agent",)), self._node.get_clock().now_ns()
+        description, now_ns = (
+            AgentDescription(software=("false agent",)),
+            self._node.get_clock().now_ns(),
+        )
         metadata = description.to_message(agent, stamp_ns=now_ns, **start)
         refused = "told so" if fake.mode == "refuse" else ""
-        return service_type(GET_METADATA).response(success=not refused, message=refused, metadata=metadata)
+        return service_type(GET_METADATA).response(
+            success=not refused, message=refused, metadata=metadata
+        )
 
 
 async def serve(config: FakeConfig, report: Reporter, orders: Orders) -> None:

@@ -111,12 +111,17 @@ class _Sensor:
         self._change_ns = self._change_ns or now_ns
         while now_ns >= self._change_ns:
             self._latest += 1
-            self._change_ns += max(1, round(self._random.expovariate(1 / self.flow.change_s) * NS_PER_S))
+            self._change_ns += max(
+                1, round(self._random.expovariate(1 / self.flow.change_s) * NS_PER_S)
+            )
         return self._latest
 
     def offer(self, value: int, due_ns: int) -> None:
         """Publish a value unless the local cache holds it back."""
-        if self._cache is not None and not self._cache.offer(self.flow.name, value, now_ns=due_ns).passes:
+        if (
+            self._cache is not None
+            and not self._cache.offer(self.flow.name, value, now_ns=due_ns).passes
+        ):
             self.held += 1
             return
         serdata = serdata_from_bytes(self._sertype, text_of(value, self.flow.size_bytes))
@@ -159,7 +164,10 @@ class _Inlet:
     def cost_ns(self, value: int, now_ns: int) -> int:
         """Return what a value costs its executor: a comparison or the whole."""
         flow = self.flow
-        if self._cache is not None and not self._cache.offer(flow.name, value, now_ns=now_ns).passes:
+        if (
+            self._cache is not None
+            and not self._cache.offer(flow.name, value, now_ns=now_ns).passes
+        ):
             self.compared += 1
             return round((flow.compare_s or 0.0) * NS_PER_S)
         return round(flow.service_s * NS_PER_S)
@@ -187,11 +195,15 @@ class _Executor:
 class Player:
     """A host's part: the flows that begin or end here. The seed is that of the values."""
 
-    def __init__(self, participant: DdsParticipant, host: str, flows: Sequence[Flow], *, seed: int) -> None:
+    def __init__(
+        self, participant: DdsParticipant, host: str, flows: Sequence[Flow], *, seed: int
+    ) -> None:
         from sfglab.messages.dds import idl_struct
 
         idl = idl_struct(_TYPE)
-        self._sensors = {f.name: _Sensor(f, participant, idl, seed) for f in flows if f.source == host}
+        self._sensors = {
+            f.name: _Sensor(f, participant, idl, seed) for f in flows if f.source == host
+        }
         self._inlets = [_Inlet(f, participant, idl) for f in flows if f.target == host]
         by_name: dict[str, _Executor] = {}
         for inlet in self._inlets:
@@ -203,7 +215,9 @@ class Player:
         for key, inlet in enumerate(self._inlets):
             lib.dds_waitset_attach(self._waitset, inlet.condition, key)
         self._keys: Any = (ct.c_ssize_t * _MAX_TRIGGERED)()
-        self._agenda: list[tuple[int, int, str, int]] = []  # when, number, whose, the value of a chain or -1
+        self._agenda: list[
+            tuple[int, int, str, int]
+        ] = []  # when, number, whose, the value of a chain or -1
         self._entries = 0
 
     def matched(self) -> bool:
@@ -221,15 +235,21 @@ class Player:
     def arrays(self) -> dict[str, Any]:
         """Return what was published and received, a column of times or values by flow."""
         sensors, inlets = self._sensors.items(), self._inlets
-        written = {f"{n} written {c}": getattr(s, c) for n, s in sensors for c in ("sent_ns", "value")}
+        written = {
+            f"{n} written {c}": getattr(s, c) for n, s in sensors for c in ("sent_ns", "value")
+        }
         heard = {inlet.flow.name: inlet for inlet in inlets}.items()
-        received = {f"{n} received {c}": getattr(i, c) for n, i in heard for c in ("sent_ns", "done_ns")}
+        received = {
+            f"{n} received {c}": getattr(i, c) for n, i in heard for c in ("sent_ns", "done_ns")
+        }
         return {name: np.array(column, np.int64) for name, column in (written | received).items()}
 
     def kept(self) -> dict[str, Any]:
         """Return how well publishing kept its schedule, and what caches did."""
         sensors = self._sensors.values()
-        delays = [sent - due for s in sensors for sent, due in zip(s.sent_ns, s.due_ns, strict=True)]
+        delays = [
+            sent - due for s in sensors for sent, due in zip(s.sent_ns, s.due_ns, strict=True)
+        ]
         return {
             "late_p95_s": float(np.percentile(delays, 95)) / NS_PER_S if delays else 0.0,
             "held": sum(sensor.held for sensor in sensors),
@@ -239,7 +259,9 @@ class Player:
 
     def close(self) -> None:
         """End the endpoints."""
-        ends = [sensor.handle for sensor in self._sensors.values()] + [inlet.handle for inlet in self._inlets]
+        ends = [sensor.handle for sensor in self._sensors.values()] + [
+            inlet.handle for inlet in self._inlets
+        ]
         for handle in (self._waitset, *ends):
             library().dds_delete(handle)
 
@@ -279,7 +301,9 @@ class Player:
                 continue
             sent_ns, value = sample
             assert inlet.since_ns is not None
-            since_ns = inlet.since_ns if inlet.since_ns > sent_ns else time.time_ns()  # sent since then
+            since_ns = (
+                inlet.since_ns if inlet.since_ns > sent_ns else time.time_ns()
+            )  # sent since then
             start_ns = max(executor.free_ns, since_ns)
             done_ns = executor.free_ns = start_ns + inlet.cost_ns(value, start_ns)
             inlet.since_ns = now_ns

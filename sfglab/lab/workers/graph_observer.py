@@ -28,13 +28,17 @@ async def look(config: ObserverConfig) -> dict[str, list[str]]:
     seen: dict[str, dict[bytes, str]] = {str(address.domain_id): {} for address in config.addresses}
     async with AsyncExitStack() as stack:
         nodes = {
-            str(address.domain_id): await stack.enter_async_context(Node("onlooker", **address.options()))
+            str(address.domain_id): await stack.enter_async_context(
+                Node("onlooker", **address.options())
+            )
             for address in config.addresses
         }
         end_s = asyncio.get_running_loop().time() + config.seconds
         while asyncio.get_running_loop().time() < end_s:
             for domain, node in nodes.items():
-                seen[domain] |= {endpoint.gid: endpoint.topic for endpoint in node.graph.endpoints()}
+                seen[domain] |= {
+                    endpoint.gid: endpoint.topic for endpoint in node.graph.endpoints()
+                }
             await asyncio.sleep(0.1)
     return {domain: sorted(topics.values()) for domain, topics in seen.items()}
 

@@ -103,9 +103,13 @@ class _Robot:
         assert step is not None, "timers begin after the first turn"
         if self._config.local_cache:
             now_ns = self._node.get_clock().now_ns()
-            if not self._cache.offer(beam_topic(self._config.role, beam), step, now_ns=now_ns).passes:
+            if not self._cache.offer(
+                beam_topic(self._config.role, beam), step, now_ns=now_ns
+            ).passes:
                 return
-        self.publishers[beam].publish(message_type(BEAM)(data=np.float32(hallway.range_from_step(step))))
+        self.publishers[beam].publish(
+            message_type(BEAM)(data=np.float32(hallway.range_from_step(step)))
+        )
 
     def _hear(self, twist: Any) -> None:
         self._actuation.hear(hallway.Command.from_velocities(twist.linear.x, twist.angular.z))
@@ -119,7 +123,9 @@ class _Station:
         self._station = hallway.Station(len(ROBOTS))
         self._cache = CacheControl()
         self._said = self._station.manoeuvre
-        self.publishers = [node.create_publisher(COMMAND, command_topic(name), config.qos) for name in ROBOTS]
+        self.publishers = [
+            node.create_publisher(COMMAND, command_topic(name), config.qos) for name in ROBOTS
+        ]
         for robot, name in enumerate(ROBOTS):
             for beam in range(len(hallway.BEAMS_DEG)):
                 hear = partial(self._hear, robot, beam)

@@ -39,12 +39,16 @@ if TYPE_CHECKING:
 
 CAMERA = f"{AGENT}/camera"
 MOTION = SyntheticMotion()  #: Of the markers, in the world.
-FAULTY = SyntheticConfig(occlusions_hz=0.5, occlusion_s=0.15, flips_hz=0.5, flip_s=0.1, dropped=0.02)
+FAULTY = SyntheticConfig(
+    occlusions_hz=0.5, occlusion_s=0.15, flips_hz=0.5, flip_s=0.1, dropped=0.02
+)
 """Cameras with noise and every fault."""
 IDEAL = SyntheticConfig(noise_m=0.0, noise_rad=0.0)
 """Cameras that see without noise and fault, and as late: what is left is the bridge's and the tree's."""
 ROUNDS = {"faulty": FAULTY, "ideal": IDEAL}  #: The cameras of each live round.
-TAIL_S = 0.6  #: How long robot and cameras go on behind a round, so that its last looks are answered.
+TAIL_S = (
+    0.6  #: How long robot and cameras go on behind a round, so that its last looks are answered.
+)
 _BASE_FROM_MARKERS = Pose.at((0.1, 0.0, 0.2), (0.0, 0.05, 0.0, 1.0))
 _HEAD_FROM_CAMERA = Pose.at((0.08, 0.0, 0.03), (0.5, -0.5, 0.5, -0.5))
 _WORLD_FROM_ODOM = Pose.from_yaw((1.5, -0.7, 0.1), 0.6)
@@ -70,15 +74,22 @@ class MocapWorkerConfig:
 
 def description() -> tuple[StampedTransform, ...]:
     """Return what never moves in the robot: markers on its base, the camera in its head."""
-    return _frame("base", "markers", 0, _BASE_FROM_MARKERS), _frame("head", "camera", 0, _HEAD_FROM_CAMERA)
+    return _frame("base", "markers", 0, _BASE_FROM_MARKERS), _frame(
+        "head", "camera", 0, _HEAD_FROM_CAMERA
+    )
 
 
 def motions(start_ns: int, time_ns: int) -> tuple[StampedTransform, ...]:
     """Return what moves: the base in its odometry, which drifts from the way's start on, and the head on it."""
     time_s = (time_ns - start_ns) / 1e9
     drift = Pose.from_yaw((_DRIFT_M_S * time_s, 0.0, 0.0), _DRIFT_RAD_S * time_s)
-    odom_from_base = drift @ _WORLD_FROM_ODOM.inverse() @ MOTION.pose_at(time_s) @ _BASE_FROM_MARKERS.inverse()
-    return (_frame("odom", "base", time_ns, odom_from_base), _frame("base", "head", time_ns, _head(time_s)))
+    odom_from_base = (
+        drift @ _WORLD_FROM_ODOM.inverse() @ MOTION.pose_at(time_s) @ _BASE_FROM_MARKERS.inverse()
+    )
+    return (
+        _frame("odom", "base", time_ns, odom_from_base),
+        _frame("base", "head", time_ns, _head(time_s)),
+    )
 
 
 def world_from_camera(start_ns: int, time_ns: int) -> Pose:
@@ -98,7 +109,9 @@ def _head(time_s: float) -> Pose:
 
 
 def _frame(parent: str, child: str, stamp_ns: int, pose: Pose) -> StampedTransform:
-    return StampedTransform(parent=f"{AGENT}/{parent}", child=f"{AGENT}/{child}", stamp_ns=stamp_ns, pose=pose)
+    return StampedTransform(
+        parent=f"{AGENT}/{parent}", child=f"{AGENT}/{child}", stamp_ns=stamp_ns, pose=pose
+    )
 
 
 # What the processes do.
@@ -123,7 +136,9 @@ class _Robot:
     def __init__(self, nodes: Mapping[str, Node], _: int) -> None:
         self._nodes = tuple(nodes.values())
         self._moving = [node.create_publisher(TRANSFORMS, TF, TF_QOS) for node in self._nodes]
-        self._still = [node.create_publisher(TRANSFORMS, TF_STATIC, TF_STATIC_QOS) for node in self._nodes]
+        self._still = [
+            node.create_publisher(TRANSFORMS, TF_STATIC, TF_STATIC_QOS) for node in self._nodes
+        ]
 
     async def play(self, round_: _Round) -> Report:
         """Publish before, in and a little after a round."""
@@ -153,7 +168,9 @@ class _Tee:
             async for capture in captures:
                 before = self._published()
                 yield capture
-                self.receipts.append((capture.capture_ns, capture.receipt_ns, self._published() > before))
+                self.receipts.append(
+                    (capture.capture_ns, capture.receipt_ns, self._published() > before)
+                )
                 for transform in direct_transforms(capture, world=WORLD):
                     _send([self._publishers["direct"]], [transform])
                     _send([self._publishers["renamed"]], [replace(transform, child=OBJECT)])
@@ -180,7 +197,9 @@ class _Bridge:
             start_ns=round_.start_ns,
         )
         others = ("direct", "renamed")
-        publishers = {way: self._nodes[way].create_publisher(TRANSFORMS, TF, TF_QOS) for way in others}
+        publishers = {
+            way: self._nodes[way].create_publisher(TRANSFORMS, TF, TF_QOS) for way in others
+        }
         tee = _Tee(source, publishers)
         tee.bridge = MocapBridge(node, tee, mapping())
         await tee.bridge.run()
@@ -238,9 +257,13 @@ class _Listener:
             now_ns = clock.now_ns()
             for way, buffer in buffers.items():
                 tries[way][_outcome(buffer)] += 1
-            waiting.append(asyncio.create_task(_asked(listener, buffers["proxy"], round_, now_ns, clock)))
+            waiting.append(
+                asyncio.create_task(_asked(listener, buffers["proxy"], round_, now_ns, clock))
+            )
             due_ns += round(float(rng.uniform(0.5, 1.5)) / LOOK_HZ * 1e9)
-        return list(await asyncio.gather(*waiting)), {way: dict(counts) for way, counts in tries.items()}
+        return list(await asyncio.gather(*waiting)), {
+            way: dict(counts) for way, counts in tries.items()
+        }
 
 
 def _still(buffer: FrameBuffer) -> list[tuple[int, StampedTransform]]:
@@ -271,7 +294,9 @@ async def _asked(
 ) -> dict[str, float]:
     """Return a look's numbers by the columns of `MocapLookRow`."""
     true = world_from_camera(round_.start_ns, now_ns)
-    look = dict.fromkeys(("wait_ms", "error_mm", "error_mrad", "age_ms", "latest_mm", "latest_mrad"), math.nan)
+    look = dict.fromkeys(
+        ("wait_ms", "error_mm", "error_mrad", "age_ms", "latest_mm", "latest_mrad"), math.nan
+    )
     with suppress(FrameError):
         latest, known = buffer.look_up(WORLD, CAMERA), buffer.interval(WORLD, CAMERA)
         assert known is not None

@@ -65,13 +65,17 @@ async def preview(
         path = Path(folder) / "look.mcap"
         sweeps = [one for one in exp.sweeps if options.wants(one.table)]
         # In a thread, because a task may run a loop of its own.
-        rows = {one.table: await asyncio.to_thread(_rows, exp, one, config, go_on) for one in sweeps}
+        rows = {
+            one.table: await asyncio.to_thread(_rows, exp, one, config, go_on) for one in sweeps
+        }
         with progress_to(go_on):
             await exp.write(config, path, rows, options, {})
         yield exp.load(path)
 
 
-def _rows(exp: Experiment[C], one: Any, config: C, go_on: Callable[[], None]) -> list[tuple[None, Any]]:
+def _rows(
+    exp: Experiment[C], one: Any, config: C, go_on: Callable[[], None]
+) -> list[tuple[None, Any]]:
     rows: list[tuple[None, Any]] = []
     for point in one.over(config):
         for seed in one.seeds(config):
@@ -105,7 +109,9 @@ async def serve(task: Task, report: Reporter, orders: Orders) -> None:
         ended.set()  # the thread that draws ends between two points, and takes its folder along
 
 
-async def _draw(exp: Experiment[Any], order: Report, report: Reporter, stale: Callable[[], bool]) -> None:
+async def _draw(
+    exp: Experiment[Any], order: Report, report: Reporter, stale: Callable[[], bool]
+) -> None:
     """Report a look's picture; first a coarse one where the look has one and the whole takes longer."""
     request, look = order["request"], exp.looks[order["look"]]
     try:

@@ -48,8 +48,14 @@ def interface(name: str) -> Any:
 
 def profile_of(given: dict[str, Any]) -> QoSProfile:
     """Return a profile from names as ROS 2 prints them."""
-    named = {k: v for k, v in given.items() if k in {"reliability", "durability", "history", "liveliness"}}
-    spans_s = {k: v for k, v in given.items() if k.endswith(("deadline", "lifespan", "lease_duration"))}
+    named = {
+        k: v
+        for k, v in given.items()
+        if k in {"reliability", "durability", "history", "liveliness"}
+    }
+    spans_s = {
+        k: v for k, v in given.items() if k.endswith(("deadline", "lifespan", "lease_duration"))
+    }
     times = {name: rclpy.duration.Duration(seconds=span_s) for name, span_s in spans_s.items()}
     usual = QoSProfile(depth=1)
     values = {name: type(getattr(usual, name))[value.upper()] for name, value in named.items()}
@@ -130,7 +136,11 @@ class Peer:
         found = []
         for package in packages:
             module = importlib.import_module(f"{package}.msg")
-            names = [name for name in dir(module) if hasattr(getattr(module, name), "_fields_and_field_types")]
+            names = [
+                name
+                for name in dir(module)
+                if hasattr(getattr(module, name), "_fields_and_field_types")
+            ]
             found += [f"{package}/msg/{name}" for name in names]
         report("types", types=found)
 
@@ -144,7 +154,9 @@ class Peer:
         for name in types:
             topic, kind, profile = name.replace("/", "_"), interface(name), profile_of(qos)
             publisher = self.node.create_publisher(kind, f"/back/{topic}", profile)
-            self.kept.append(self.node.create_subscription(kind, f"/forth/{topic}", publisher.publish, profile))
+            self.kept.append(
+                self.node.create_subscription(kind, f"/forth/{topic}", publisher.publish, profile)
+            )
         report("echoing")
 
     def listen(self, kind: str, topic: str, qos: dict[str, Any], *, quiet: bool = False) -> None:
@@ -159,10 +171,14 @@ class Peer:
         def told(event: str, status: Any) -> None:
             report("told", topic=topic, event=event, alive=getattr(status, "alive_count", None))
 
-        tellers = {name: partial(told, name) for name in ("incompatible_qos", "deadline", "liveliness")}
+        tellers = {
+            name: partial(told, name) for name in ("incompatible_qos", "deadline", "liveliness")
+        }
         events = SubscriptionEventCallbacks(**tellers)
         message, profile = interface(kind), profile_of(qos)
-        self.kept.append(self.node.create_subscription(message, topic, heard, profile, event_callbacks=events))
+        self.kept.append(
+            self.node.create_subscription(message, topic, heard, profile, event_callbacks=events)
+        )
         report("listening")
 
     def count(self) -> None:
@@ -185,7 +201,9 @@ class Peer:
     def publish(self, kind: str, topic: str, qos: dict[str, Any], cdr: list[str]) -> None:
         """Publish messages; the publisher stays."""
         if topic not in self.publishers:
-            self.publishers[topic] = self.node.create_publisher(interface(kind), topic, profile_of(qos))
+            self.publishers[topic] = self.node.create_publisher(
+                interface(kind), topic, profile_of(qos)
+            )
         for one in cdr:
             self.publishers[topic].publish(bytes.fromhex(one))
         report("published")
@@ -213,7 +231,9 @@ class Peer:
                 }
                 for i in infos
             ]
-        nodes = [ns.rstrip("/") + "/" + name for name, ns in self.node.get_node_names_and_namespaces()]
+        nodes = [
+            ns.rstrip("/") + "/" + name for name, ns in self.node.get_node_names_and_namespaces()
+        ]
         report("graph", nodes=nodes, ends=ends)
 
     def open(self, flows: list[dict[str, Any]], seed: int = 0) -> None:
@@ -229,7 +249,9 @@ class Peer:
                 self.publishers[name] = self.node.create_publisher(kind, topic_of(name), profile)
             else:
                 topic, heard = topic_of(name), self.hearing(name)
-                self.kept.append(self.node.create_subscription(kind, topic, heard, profile, raw=True))
+                self.kept.append(
+                    self.node.create_subscription(kind, topic, heard, profile, raw=True)
+                )
         counts = self.node.count_publishers, self.node.count_subscribers
         while not all(count(topic_of(name)) for name in self.flows for count in counts):
             time.sleep(0.01)
@@ -246,7 +268,11 @@ class Peer:
     def hearing(self, name: str) -> Any:
         """Return what notes a flow's samples when its executor, whose time is a schedule, is done with them."""
         flow, received = self.flows[name], self.received.setdefault(name, [])
-        executor, then, cost_ns = flow["executor"] or name, flow["then"], round(flow["service_s"] * 1e9)
+        executor, then, cost_ns = (
+            flow["executor"] or name,
+            flow["then"],
+            round(flow["service_s"] * 1e9),
+        )
 
         def heard(cdr: bytes) -> None:
             now_ns, text = time.time_ns(), cdr[8 : 7 + int.from_bytes(cdr[4:8], "little")]
@@ -324,7 +350,9 @@ class Peer:
                 self.send(name, value)
                 due -= 1
         self.halted.wait(max(0, last_ns + round(drain_s * 1e9) - time.time_ns()) / 1e9)
-        received = {name: rows.copy() for name, rows in self.received.items()}  # which grow when it was halted
+        received = {
+            name: rows.copy() for name, rows in self.received.items()
+        }  # which grow when it was halted
         tables = {"written sent_ns": (self.written, 0), "written value": (self.written, 1)}
         tables |= {"received value": (received, 0), "received done_ns": (received, 1)}
         arrays: dict[str, Any] = {
@@ -364,7 +392,9 @@ class Peer:
                 node.create_subscription(text, f"chatter_{topic}", self.kept.append, 10)
             nodes.append(node)
         self.kept += nodes
-        services = len(nodes[0].get_service_names_and_types_by_node(nodes[0].get_name(), f"/{self.name}"))
+        services = len(
+            nodes[0].get_service_names_and_types_by_node(nodes[0].get_name(), f"/{self.name}")
+        )
         topics = len(fleet) * (2 * services * len(nodes) + max(talkers, listeners))
         while not self.complete(nodes[0], fleet, len(nodes), topics):
             time.sleep(0.02)
@@ -375,7 +405,9 @@ class Peer:
         found = node.get_publishers_info_by_topic("/parameter_events")
         if sum(info.node_namespace.strip("/") in fleet for info in found) < each * len(fleet):
             return False
-        names = [f"{name}/".split("/")[1] for name, _ in node.get_topic_names_and_types(no_demangle=True)]
+        names = [
+            f"{name}/".split("/")[1] for name, _ in node.get_topic_names_and_types(no_demangle=True)
+        ]
         return sum(name in fleet for name in names) >= topics
 
     def shoot(self, topic: str, width: int, height: int, hz: float) -> None:

@@ -53,7 +53,10 @@ class RosNodesConfig:
             for role, count in ((TALKER, self.talkers), (LISTENER, self.listeners))
             for i in range(count)
         ]
-        return [(name, endpoints_of(role, f"{self.namespace}/{name}", topic)) for role, name, topic in names]
+        return [
+            (name, endpoints_of(role, f"{self.namespace}/{name}", topic))
+            for role, name, topic in names
+        ]
 
 
 class _Poller:
@@ -62,7 +65,9 @@ class _Poller:
     def __init__(self, stack: RosStack, own: frozenset[bytes]) -> None:
         lib = clib.library()
         kinds = (clib.BUILTIN_PUBLICATION, clib.BUILTIN_SUBSCRIPTION)
-        self._readers = [lib.dds_create_reader(stack.participant, kind, None, None) for kind in kinds]
+        self._readers = [
+            lib.dds_create_reader(stack.participant, kind, None, None) for kind in kinds
+        ]
         self._info_reader = stack.info_reader
         self._own = own
         self._pointers: Any = (ct.c_void_p * _BATCH)()
@@ -138,7 +143,10 @@ class _RosNodes:
         config = self._config
         self._say("started")
         for number, (name, endpoints) in enumerate(self._plans):
-            stack = {"domain_id": _FIRST_STACK_ID + number, "external_domain_id": config.address.domain_id}
+            stack = {
+                "domain_id": _FIRST_STACK_ID + number,
+                "external_domain_id": config.address.domain_id,
+            }
             domain = DomainConfig(**config.address.options() | stack)
             self._stacks.append(RosStack(domain, config.namespace, name, endpoints))
         self._poller = _Poller(self._stacks[0], frozenset(stack.prefix for stack in self._stacks))
@@ -166,7 +174,9 @@ class _RosNodes:
 
     def _say(self, kind: str) -> None:
         known = self._counts() if hasattr(self, "_poller") else {}
-        self._report({"is": kind, "t_ns": time.time_ns(), "cpu_ns": time.process_time_ns(), **known})
+        self._report(
+            {"is": kind, "t_ns": time.time_ns(), "cpu_ns": time.process_time_ns(), **known}
+        )
 
     def _counts(self) -> dict[str, int]:
         poller = self._poller
@@ -194,7 +204,9 @@ def _orders(timeout_s: float | None, rest: bytearray) -> list[dict[str, Any]] | 
 def _serve(nodes: _RosNodes) -> None:
     rest = bytearray()
     running = False
-    while (orders := _orders(_POLL_S if running and not nodes.complete else None, rest)) is not None:
+    while (
+        orders := _orders(_POLL_S if running and not nodes.complete else None, rest)
+    ) is not None:
         for order in orders:
             if order["do"] == "start":
                 nodes.start()
@@ -216,7 +228,9 @@ def main() -> None:
     except SfglabError as error:
         report({"is": "failed", "why": str(error)})
         os._exit(1)
-    os._exit(0)  # leaving the domain in order would take as long as finding it, and everybody ends together
+    os._exit(
+        0
+    )  # leaving the domain in order would take as long as finding it, and everybody ends together
 
 
 if __name__ == "__main__":

@@ -65,7 +65,9 @@ class EndpointPlan:
 def endpoints_of(role: str, node: str, topic: str) -> tuple[EndpointPlan, ...]:
     """Return what rclcpp and rmw_cyclonedds create for a ``talker`` or ``listener``: 18 endpoints."""
     text = "std_msgs::msg::dds_::String_"
-    chatter = EndpointPlan(writer=role == TALKER, topic=dds_topic(topic), type=text, qos=_CHATTER[role])
+    chatter = EndpointPlan(
+        writer=role == TALKER, topic=dds_topic(topic), type=text, qos=_CHATTER[role]
+    )
     return (*_node_endpoints(), *_parameter_services(node), chatter)
 
 
@@ -86,7 +88,9 @@ def _parameter_services(node: str) -> Iterator[EndpointPlan]:
         # Of the length of rmw_cyclonedds's random ids; nobody pairs them here.
         identity = user_data({"serviceid": ".".join(["00"] * 15 + [f"{number:02x}"])})
         for writer, topic, half in ((False, request, "Request_"), (True, reply, "Response_")):
-            yield EndpointPlan(writer=writer, topic=topic, type=kind + half, qos=_SERVICE, user_data=identity)
+            yield EndpointPlan(
+                writer=writer, topic=topic, type=kind + half, qos=_SERVICE, user_data=identity
+            )
 
 
 class RosStack:
@@ -98,15 +102,21 @@ class RosStack:
         BusError: Cyclone DDS cannot create something.
     """
 
-    def __init__(self, config: DomainConfig, namespace: str, name: str, plans: Sequence[EndpointPlan]) -> None:
+    def __init__(
+        self, config: DomainConfig, namespace: str, name: str, plans: Sequence[EndpointPlan]
+    ) -> None:
         lib = library()
         _checked(lib.dds_create_domain(config.domain_id, domain_xml(config).encode()), "a domain")
         with qos_object(user_data({"enclave": "/"})) as qos:
             made = lib.dds_create_participant(config.domain_id, qos, None)
         self.participant = _checked(made, "a participant")  #: The C handle of its participant.
-        self.prefix = entity_guid(self.participant)[:12]  #: The 12-byte GUID prefix of everything it has.
+        self.prefix = entity_guid(self.participant)[
+            :12
+        ]  #: The 12-byte GUID prefix of everything it has.
         handles = [(plan, self._create(plan)) for plan in plans]
-        self.info_reader = _info(handles, writer=False)  #: The C handle of its reader of `ros_discovery_info`.
+        self.info_reader = _info(
+            handles, writer=False
+        )  #: The C handle of its reader of `ros_discovery_info`.
         self._announce(_info(handles, writer=True), namespace, name, handles)
 
     def known_nodes(self) -> int:
@@ -120,18 +130,28 @@ class RosStack:
         topic = _create_topic(self.participant, plan.topic, plan.type)
         create = lib.dds_create_writer if plan.writer else lib.dds_create_reader
         with endpoint_qos(plan.qos, user_data=plan.user_data) as qos:
-            return _checked(create(self.participant, topic, qos, None), f"an endpoint of {plan.topic!r}")
+            return _checked(
+                create(self.participant, topic, qos, None), f"an endpoint of {plan.topic!r}"
+            )
 
-    def _announce(self, writer: int, namespace: str, name: str, made: list[tuple[EndpointPlan, int]]) -> None:
+    def _announce(
+        self, writer: int, namespace: str, name: str, made: list[tuple[EndpointPlan, int]]
+    ) -> None:
         """Publish which endpoints the node has: once, where rclcpp does so after each.
 
         That was tried, too: no other bytes are received (2 x 20 nodes: 3.5 MB beside 3.7 MB), since whoever
         comes later is sent the last one only.
         """
-        own = [(plan.writer, entity_guid(handle)) for plan, handle in made if plan.topic != INFO_TOPIC]
+        own = [
+            (plan.writer, entity_guid(handle)) for plan, handle in made if plan.topic != INFO_TOPIC
+        ]
         here = entity_guid(self.participant)
-        readers, writers = (tuple(gid for writes, gid in own if writes is way) for way in (False, True))
-        node = NodeInfo(namespace=namespace, name=name, participant=here, readers=readers, writers=writers)
+        readers, writers = (
+            tuple(gid for writes, gid in own if writes is way) for way in (False, True)
+        )
+        node = NodeInfo(
+            namespace=namespace, name=name, participant=here, readers=readers, writers=writers
+        )
         serdata = serdata_from_bytes(sertype_of(writer), pack_nodes(here, [node], gid_bytes()))
         assert serdata is not None, "an opaque type takes every message"
         stamp(serdata, time.time_ns())
@@ -139,7 +159,9 @@ class RosStack:
 
 
 def _info(handles: list[tuple[EndpointPlan, int]], *, writer: bool) -> int:
-    return next(handle for plan, handle in handles if plan.topic == INFO_TOPIC and plan.writer is writer)
+    return next(
+        handle for plan, handle in handles if plan.topic == INFO_TOPIC and plan.writer is writer
+    )
 
 
 class _TypeMeta(ct.Structure):

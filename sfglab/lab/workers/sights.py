@@ -27,7 +27,9 @@ CAMERA_SIZE = (640, 360)
 
 _IMAGE = "sensor_msgs/msg/Image"
 _MATCH_S = 60.0
-_QOS = QoSProfile(durability=Durability.TRANSIENT_LOCAL, depth=20)  #: Offers whatever a visualizer asks for.
+_QOS = QoSProfile(
+    durability=Durability.TRANSIENT_LOCAL, depth=20
+)  #: Offers whatever a visualizer asks for.
 
 
 def picture() -> Any:
@@ -51,7 +53,9 @@ async def _scene(report: Reporter, domain_id: int, path: str) -> None:
                 for message in moment:
                     publishers[message.topic].publish_raw(message.cdr)
                 report({"is": "sent", "topics": [message.topic for message in moment]})
-            async for _ in orders:  # the last messages are repaired, if they have to be, until it is over
+            async for (
+                _
+            ) in orders:  # the last messages are repaired, if they have to be, until it is over
                 pass
 
 

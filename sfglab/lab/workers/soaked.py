@@ -55,7 +55,11 @@ class SoakedConfig:
     def streams(self) -> list[str]:
         """What it consumes, by name."""
         heard = [f"{what} of {other}" for other in self.others for what in ("count", STATE)]
-        return heard + [f"pictures of {other}" for other in self.views] + ["recorded"] * bool(self.disk)
+        return (
+            heard
+            + [f"pictures of {other}" for other in self.views]
+            + ["recorded"] * bool(self.disk)
+        )
 
 
 def stream_topic(agent: str) -> str:
@@ -65,7 +69,13 @@ def stream_topic(agent: str) -> str:
 
 def fleet(names: Sequence[str], cameras: Sequence[str]) -> dict[str, Any]:
     """Return the fleet file of some agents, with a domain each from 1 on, some of them with a camera."""
-    stream = {"type": FFMPEG_PACKET, "codec": "h264", "width": WIDTH, "height": HEIGHT, "rate_hz": RATE_HZ}
+    stream = {
+        "type": FFMPEG_PACKET,
+        "codec": "h264",
+        "width": WIDTH,
+        "height": HEIGHT,
+        "rate_hz": RATE_HZ,
+    }
     where: dict[str, Any] = {"local_interface": "lo", "global_interface": INTERFACE}
     agents = {name: {"domain": domain, **where} for domain, name in enumerate(names, 1)}
     for name in cameras:
@@ -96,7 +106,9 @@ class Stream:
         self.received += 1
         self.repeated += number == self._last
         self.disordered += number < self._last
-        if number <= self._last and not self.name.startswith(STATE):  # which may, when it is asked for anew
+        if number <= self._last and not self.name.startswith(
+            STATE
+        ):  # which may, when it is asked for anew
             self._say("wrong", number=number, last=self._last)
         self._last = max(number, self._last)
         if self._mark and sent_ns >= self._mark[1]:
@@ -162,7 +174,11 @@ class _Soaked:
         self._come()
 
     def _hear(self, other: str, what: str, qos: QoSProfile) -> Subscription:
-        topic, stream, recorder = f"/global/{other}/{what}", self._streams[f"{what} of {other}"], self._recorder
+        topic, stream, recorder = (
+            f"/global/{other}/{what}",
+            self._streams[f"{what} of {other}"],
+            self._recorder,
+        )
 
         def hear(cdr: bytes) -> None:
             number, sent_ns = map(int, deserialize(cdr, message_type(TEXT)).data.split())
@@ -210,7 +226,9 @@ class _Soaked:
                     stream.mark(order["mark"], order["after_ns"])
             case "tell":
                 counts = ("name", "received", "repeated", "disordered", "damaged")
-                streams = [{name: getattr(s, name) for name in counts} for s in self._streams.values()]
+                streams = [
+                    {name: getattr(s, name) for name in counts} for s in self._streams.values()
+                ]
                 self._report({"is": "told", "streams": streams})
             case kind if self._recorder is not None:
                 self._recorder.fill(full=kind == "fill")
@@ -222,7 +240,9 @@ class _Soaked:
     async def send(self) -> None:
         """Publish numbered messages and pictures, each at its time; what is long due is left out."""
         agent, rate = self._config.agent, {"fps": RATE_HZ, "gop": 2 * RATE_HZ}
-        settings = H264Settings(width=WIDTH, height=HEIGHT, bitrate_bps=500_000, encoder="libx264", **rate)
+        settings = H264Settings(
+            width=WIDTH, height=HEIGHT, bitrate_bps=500_000, encoder="libx264", **rate
+        )
         encoder = H264Encoder(settings)
         camera = self._node.create_publisher(FFMPEG_PACKET, stream_topic(agent), COMPRESSED_STREAM)
         number = self._now()
@@ -244,7 +264,10 @@ def _shot(encoder: H264Encoder, settings: H264Settings, number: int) -> list[Any
     header = message_type("std_msgs/msg/Header")(stamp=stamp, frame_id=f"camera_{number}")
     fields = [asdict(ffmpeg_packet_fields(packet, settings)) for packet in encoder.encode(picture)]
     data = [{"data": np.frombuffer(packet["data"], np.uint8)} for packet in fields]
-    return [message_type(FFMPEG_PACKET)(header=header, **{**f, **d}) for f, d in zip(fields, data, strict=True)]
+    return [
+        message_type(FFMPEG_PACKET)(header=header, **{**f, **d})
+        for f, d in zip(fields, data, strict=True)
+    ]
 
 
 async def serve(config: SoakedConfig, report: Reporter, orders: Orders) -> None:

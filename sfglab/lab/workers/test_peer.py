@@ -40,7 +40,9 @@ class ReceiveStatistics:
     repeated: int = 0  #: Messages whose number had arrived before.
     disordered: int = 0  #: Messages that arrived after a later number.
     restamped: int = 0  #: Messages whose source time stamp is not the publisher's.
-    misnamed: int = 0  #: Transforms without their source's prefix, or with one that they must not have.
+    misnamed: int = (
+        0  #: Transforms without their source's prefix, or with one that they must not have.
+    )
     ages_ns: list[int] = field(default_factory=list)  #: From publishing to receiving.
 
     def note(self, number: int, stamp_ns: int, info: MessageInfo) -> None:
@@ -98,7 +100,9 @@ class PeerConfig:
 
     party: str  #: Its name.
     address: BusAddress  #: Where on the bus it stands.
-    behind_router: bool  #: Whether its transforms get its prefix from a router; else it writes it itself.
+    behind_router: (
+        bool  #: Whether its transforms get its prefix from a router; else it writes it itself.
+    )
     topics: tuple[TopicUse, ...]  #: What it does.
     serves: tuple[str, ...]  #: Services that it answers.
     rate_hz: float  #: Messages a second on every topic that is not latched.
@@ -117,7 +121,9 @@ class _TestPeer:
         self._services: list[Service] = []
         self._talking: asyncio.Task[None] | None = None
         own = [topic for topic in config.topics if topic.publish]
-        self._publishers = {topic: node.create_publisher(topic.type, topic.name, topic.qos) for topic in own}
+        self._publishers = {
+            topic: node.create_publisher(topic.type, topic.name, topic.qos) for topic in own
+        }
 
     async def serve(self, orders: Orders) -> None:
         """Listen, report ``ready``, and follow orders until cancelled."""
@@ -154,7 +160,9 @@ class _TestPeer:
                 counts = await self._come_late(order["expected"], order["timeout_s"])
                 self._report({"is": "late", "received": counts})
             case "call":
-                answers = await asyncio.gather(*(self._call(n, order["timeout_s"]) for n in order["names"]))
+                answers = await asyncio.gather(
+                    *(self._call(n, order["timeout_s"]) for n in order["names"])
+                )
                 self._report({"is": "called", "answers": answers})
             case "tell":
                 self._report(self._told())
@@ -240,7 +248,9 @@ class _TestPeer:
         client = self._node.create_client(SERVICE, name)
         try:
             await client.wait_for_service(timeout_s=timeout_s)
-            answer = await client.call(service_type(SERVICE).request(), timeout_s=max(timeout_s, 5.0))
+            answer = await client.call(
+                service_type(SERVICE).request(), timeout_s=max(timeout_s, 5.0)
+            )
         except BusError:
             return ""
         finally:
@@ -249,12 +259,22 @@ class _TestPeer:
 
     def _answer(self, _request: Any) -> Any:
         metadata = default_message("sfglab_interfaces/msg/AgentMetadata")
-        return service_type(SERVICE).response(success=True, message=self._config.party, metadata=metadata)
+        return service_type(SERVICE).response(
+            success=True, message=self._config.party, metadata=metadata
+        )
 
     def _told(self) -> Report:
-        heard = [{"name": n, "source": s, **tally.report()} for (n, s), tally in sorted(self._heard.items())]
+        heard = [
+            {"name": n, "source": s, **tally.report()}
+            for (n, s), tally in sorted(self._heard.items())
+        ]
         participant = self._node.guid.hex()
-        return {"is": "told", "heard": heard, "endpoints": sorted(self._endpoints), "participant": participant}
+        return {
+            "is": "told",
+            "heard": heard,
+            "endpoints": sorted(self._endpoints),
+            "participant": participant,
+        }
 
 
 async def serve(config: PeerConfig, report: Reporter, orders: Orders) -> None:

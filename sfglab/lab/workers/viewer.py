@@ -93,7 +93,9 @@ class Seen:
     def report(self) -> dict[str, Any]:
         """Return the counts as JSON values."""
         values = {f.name: getattr(self, f.name) for f in fields(self) if not f.name.startswith("_")}
-        return {"is": "seen"} | {k: list(v) if isinstance(v, deque) else v for k, v in values.items()}
+        return {"is": "seen"} | {
+            k: list(v) if isinstance(v, deque) else v for k, v in values.items()
+        }
 
 
 class _Viewer:
@@ -148,7 +150,12 @@ class _Viewer:
 
     async def _look(self, order: Report) -> None:
         raw: Any = partial(self._share, side="remote", transport="dds")
-        ways = {"standard": self._decode, "proxy": self._share, "raw": raw, "network": self._discard}
+        ways = {
+            "standard": self._decode,
+            "proxy": self._share,
+            "raw": raw,
+            "network": self._discard,
+        }
         ways["dds"] = partial(self._share, transport="dds")
         mode, path, config = order["mode"], order.get("path"), self._config
         usual = config.local_topic if mode in ("proxy", "dds") else config.remote_topic
@@ -186,19 +193,25 @@ class _Viewer:
             self._seen.frames += 1
             self._saw_one()
 
-        await self._receive("remote", self._config.remote_type, topic, see, COMPRESSED_STREAM, raw=True)
+        await self._receive(
+            "remote", self._config.remote_type, topic, see, COMPRESSED_STREAM, raw=True
+        )
 
     async def _receive(self, side: str, *subscribed: Any, **options: Any) -> None:
         """Receive what is subscribed on a side until cancelled."""
         async with self._node("viewer", side) as node:
-            with contextlib.closing(node.create_subscription(*subscribed, **options, threaded=True)):
+            with contextlib.closing(
+                node.create_subscription(*subscribed, **options, threaded=True)
+            ):
                 await asyncio.Event().wait()
 
     async def _share(self, topic: str, side: str = "local", transport: Transport = "shm") -> None:
         """Take pictures, decoded ones from shared memory, until cancelled."""
 
         def see(image: Any) -> None:
-            items, channels = (image.data, 3) if image.encoding == "bgr8" else (image.data.view(np.uint16), 1)
+            items, channels = (
+                (image.data, 3) if image.encoding == "bgr8" else (image.data.view(np.uint16), 1)
+            )
             self._seen.look(items, image.width, channels, ns_from_stamp(image.header.stamp))
             self._saw_one()
 

@@ -41,7 +41,9 @@ async def serve(config: WireConfig, report: Reporter, orders: Orders) -> None:
     async with Node("wire", **config.address.options()) as node, asyncio.TaskGroup() as listening:
         now_ns = node.get_clock().now_ns()
         for topic, type_ in config.topics.items():
-            listening.create_task(_listen(node.create_subscription(type_, topic, qos=QOS, raw=True), report))
+            listening.create_task(
+                _listen(node.create_subscription(type_, topic, qos=QOS, raw=True), report)
+            )
         report({"is": "joined", "t_ns": now_ns})
         while True:
             order = await orders.get()
@@ -87,7 +89,10 @@ async def _ask(node: Node, service: str, report: Reporter) -> None:
     start_s = asyncio.get_running_loop().time()
     try:
         response = await client.call(service_type(GET_METADATA).request(), timeout_s=ASK_TIMEOUT_S)
-        answer = {"answered": bool(response.success), "incarnation": int(response.metadata.incarnation)}
+        answer = {
+            "answered": bool(response.success),
+            "incarnation": int(response.metadata.incarnation),
+        }
     except SfglabError:
         answer = {"answered": False, "incarnation": 0}
     finally:

@@ -52,7 +52,9 @@ class Camera:
         """Homography from pixels below the horizon to the ground."""
         return np.asarray(np.linalg.inv(self.image_from_ground), np.float64)
 
-    def project(self, points_xyz: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def project(
+        self, points_xyz: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return pixels (..., 2) of the vehicle's points (..., 3), m, good before depths (...) above 0, m."""
         matrix = _pixels_from_vehicle(self)
         raw = points_xyz @ matrix[:, :3].T + matrix[:, 3]
@@ -107,12 +109,22 @@ def drive(state: CarState, command: Drive, *, dt_s: float, chassis: Chassis) -> 
     x' = v cos(yaw), y' = v sin(yaw), yaw' = v tan(steer) / wheelbase, along the arc of the mean curvature;
     speed and steering follow the command as fast as the chassis can.
     """
-    speed = state.speed_mps + _clipped(command.speed_mps - state.speed_mps, chassis.acceleration_mps2 * dt_s)
-    wanted = math.atan(chassis.wheelbase_m * command.yaw_rate_rps / max(abs(command.speed_mps), 1e-3))
-    turn = _clipped(_clipped(wanted, chassis.steer_rad) - state.steer_rad, chassis.steer_rate_rps * dt_s)
+    speed = state.speed_mps + _clipped(
+        command.speed_mps - state.speed_mps, chassis.acceleration_mps2 * dt_s
+    )
+    wanted = math.atan(
+        chassis.wheelbase_m * command.yaw_rate_rps / max(abs(command.speed_mps), 1e-3)
+    )
+    turn = _clipped(
+        _clipped(wanted, chassis.steer_rad) - state.steer_rad, chassis.steer_rate_rps * dt_s
+    )
     steer = state.steer_rad + (turn if command.speed_mps else 0.0)
     path = (state.speed_mps + speed) / 2 * dt_s
-    yaw = path * math.tan((state.steer_rad + steer) / 2 + chassis.steer_bias_rad) / chassis.wheelbase_m
+    yaw = (
+        path
+        * math.tan((state.steer_rad + steer) / 2 + chassis.steer_bias_rad)
+        / chassis.wheelbase_m
+    )
     chord = path * (math.sin(yaw / 2) / (yaw / 2) if abs(yaw) > 1e-9 else 1.0)
     return CarState(
         x_m=state.x_m + chord * math.cos(state.yaw_rad + yaw / 2),

@@ -37,7 +37,9 @@ if TYPE_CHECKING:
 CHAIN = ("compensation", "gaussian_blur", "lane_planner", "polyfit", "lane_control")
 """The chain's nodes, in order: our reading of Fig. 9."""
 
-SHARED_TOPIC = "/A"  #: What is mapped to software in the paper's one version and to a gateway in the other.
+SHARED_TOPIC = (
+    "/A"  #: What is mapped to software in the paper's one version and to a gateway in the other.
+)
 
 Order = tuple[str, ...]  #: Readers of a software-mapped topic, as they are served.
 
@@ -53,9 +55,13 @@ class Chain:
 
     def __post_init__(self) -> None:
         if self._topics[0].name != SHARED_TOPIC:
-            raise SfglabError(f"graph {self.graph.name}: {CHAIN[0]} must reach {CHAIN[1]} over {SHARED_TOPIC}")
+            raise SfglabError(
+                f"graph {self.graph.name}: {CHAIN[0]} must reach {CHAIN[1]} over {SHARED_TOPIC}"
+            )
         if {CHAIN[0], CHAIN[1]} - self.graph.in_hardware:
-            raise SfglabError(f"graph {self.graph.name}: {CHAIN[0]} and {CHAIN[1]} must be in hardware")
+            raise SfglabError(
+                f"graph {self.graph.name}: {CHAIN[0]} and {CHAIN[1]} must be in hardware"
+            )
 
     @cached_property
     def _topics(self) -> list[Topic]:
@@ -65,7 +71,9 @@ class Chain:
         for topic in self.graph.topics:
             if before in topic.publishers and after in topic.subscribers and topic.size_bytes:
                 return topic
-        raise SfglabError(f"graph {self.graph.name}: no topic with a size goes from {before} to {after}")
+        raise SfglabError(
+            f"graph {self.graph.name}: no topic with a size goes from {before} to {after}"
+        )
 
     @cached_property
     def orders(self) -> tuple[Order, ...]:
@@ -113,7 +121,9 @@ class Chain:
         start_s, deliver_s = sent_s + costs.published_s(size_bytes), costs.delivery_s(size_bytes)
         # Ports of the memory interface in the graph's order; it decides turns of one chunk, 0.7 us.
         readers = [name for name in self._topics[0].subscribers if name in self.graph.in_hardware]
-        releases_s = [start_s + (order.index(name) + 1) * deliver_s + costs.delegate_s for name in readers]
+        releases_s = [
+            start_s + (order.index(name) + 1) * deliver_s + costs.delegate_s for name in readers
+        ]
         chunks = memory.chunks(size_bytes)
         ends_s = round_robin_s(releases_s, chunks, memory.read_s(size_bytes) / chunks)
         return {name: end_s + costs.endpoint_s for name, end_s in zip(readers, ends_s, strict=True)}

@@ -72,7 +72,9 @@ class Judge:
         self._before: Place | None = None
         self._now_s = 0.0
 
-    def watch(self, now_s: float, car: Place, speed_mps: float, red_since_s: Sequence[float | None]) -> None:
+    def watch(
+        self, now_s: float, car: Place, speed_mps: float, red_since_s: Sequence[float | None]
+    ) -> None:
         """Take a frame: the car's true place on its lane and speed, and since when each light is red."""
         self._now_s = now_s
         self._largest_m = max(self._largest_m, abs(car.left_m))
@@ -83,10 +85,16 @@ class Judge:
             self.driven_m += step
         self._before = car
         for i, (light, since) in enumerate(zip(self._town.lights, red_since_s, strict=True)):
-            if since is not None and speed_mps < 0.02 and 0 <= light.stop_m - car.along_m <= self.rules.stop_m:
+            if (
+                since is not None
+                and speed_mps < 0.02
+                and 0 <= light.stop_m - car.along_m <= self.rules.stop_m
+            ):
                 self._stopped.add(i)
 
-    def _watch_lines(self, before_m: float, now_m: float, red_since_s: Sequence[float | None]) -> None:
+    def _watch_lines(
+        self, before_m: float, now_m: float, red_since_s: Sequence[float | None]
+    ) -> None:
         for i, (light, since) in enumerate(zip(self._town.lights, red_since_s, strict=True)):
             late = since is not None and self._now_s - since > self.rules.grace_s
             if late and before_m < light.stop_m <= now_m:
@@ -96,7 +104,9 @@ class Judge:
     def over(self) -> bool:
         """Whether there is nothing left to see: a lap driven, the lane left, or the time up."""
         left = self._largest_m > self.rules.lateral_m
-        return self.driven_m >= self._town.lane.length_m or left or self._now_s >= self.rules.timeout_s
+        return (
+            self.driven_m >= self._town.lane.length_m or left or self._now_s >= self.rules.timeout_s
+        )
 
     def verdict(self) -> Verdict:
         """Return what was seen so far."""
@@ -176,7 +186,9 @@ class Stopwatch:
 
     def __init__(self, clock: Callable[[], int] | None = None) -> None:
         self._clock = clock
-        self.frames_ns: dict[str, list[int]] = {}  #: Nanoseconds by node, one a call, in the calls' order.
+        self.frames_ns: dict[
+            str, list[int]
+        ] = {}  #: Nanoseconds by node, one a call, in the calls' order.
 
     def __call__(self, node: str, function: Callable[..., Any], *args: Any, **kwargs: Any) -> Any:
         """Call a node's function and return what it returns."""
@@ -287,5 +299,7 @@ def _start(town: Town, rng: np.random.Generator) -> CarState:
 
 def _error_m(start: CarState, end: CarState, pose: Pose) -> float:
     """Return how far from the car the odometry, begun at its start, believes it to be."""
-    x_m, y_m = Pose(x_m=start.x_m, y_m=start.y_m, yaw_rad=start.yaw_rad).outwards(pose.x_m, pose.y_m)
+    x_m, y_m = Pose(x_m=start.x_m, y_m=start.y_m, yaw_rad=start.yaw_rad).outwards(
+        pose.x_m, pose.y_m
+    )
     return float(np.hypot(x_m - end.x_m, y_m - end.y_m))

@@ -80,13 +80,17 @@ class BirdView:
         """Matrix from bird's pixels (column, row, 1) to ground points of the vehicle frame."""
         step = self.pixel_m
         far = self.near_m + (self.height - 0.5) * step
-        return np.array([[0.0, -step, far], [-step, 0.0, (self.width / 2 - 0.5) * step], [0.0, 0.0, 1.0]])
+        return np.array(
+            [[0.0, -step, far], [-step, 0.0, (self.width / 2 - 0.5) * step], [0.0, 0.0, 1.0]]
+        )
 
     def warp(self, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
         """Return what an image of one channel shows of the ground, levels unmixed."""
         matrix = self.camera.image_from_ground @ self.ground_from_bird
         flags = cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP
-        return np.asarray(cv2.warpPerspective(image, matrix, (self.width, self.height), flags=flags), np.uint8)
+        return np.asarray(
+            cv2.warpPerspective(image, matrix, (self.width, self.height), flags=flags), np.uint8
+        )
 
     def points(self, mask: NDArray[np.bool_]) -> NDArray[np.float64]:
         """Return the ground points (n, 2), x forward and y left in metres, of a bird's mask's pixels."""
@@ -100,7 +104,9 @@ def marking_mask(bgr: NDArray[np.uint8]) -> NDArray[np.uint8]:
     hsv = cv2.cvtColor(bgr, cv2.COLOR_BGR2HSV)
     yellow = cv2.inRange(hsv, *_YELLOW_HSV)
     white = cv2.inRange(hsv, *_WHITE_HSV)
-    return np.asarray(cv2.bitwise_or(np.asarray(yellow, np.uint8) & np.uint8(YELLOW), white), np.uint8)
+    return np.asarray(
+        cv2.bitwise_or(np.asarray(yellow, np.uint8) & np.uint8(YELLOW), white), np.uint8
+    )
 
 
 def lane_mask(bgr: NDArray[np.uint8], view: BirdView) -> NDArray[np.uint8]:
@@ -158,7 +164,11 @@ def _parabola(points: NDArray[np.float64]) -> Lane | None:
     x, y = points.T
     degree = 2 if np.ptp(x) > 0.6 else 1
     fit = np.linalg.lstsq(np.vander(x, degree + 1, increasing=True), y, rcond=None)[0]
-    return Lane(offset_m=float(fit[0]), slope=float(fit[1]), bend_per_m=float(fit[2]) if degree == 2 else 0.0)
+    return Lane(
+        offset_m=float(fit[0]),
+        slope=float(fit[1]),
+        bend_per_m=float(fit[2]) if degree == 2 else 0.0,
+    )
 
 
 class Colour(Enum):

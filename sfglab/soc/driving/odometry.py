@@ -61,7 +61,9 @@ def planar_motion(before_xy: NDArray[np.float64], now_xy: NDArray[np.float64]) -
     """
     if len(now_xy) < _FEWEST:
         return None
-    agree = cv2.estimateAffinePartial2D(now_xy, before_xy, ransacReprojThreshold=_INLIER_M, maxIters=300)[1]
+    agree = cv2.estimateAffinePartial2D(
+        now_xy, before_xy, ransacReprojThreshold=_INLIER_M, maxIters=300
+    )[1]
     if agree is None or agree.sum() < _FEWEST:
         return None
     now, before = now_xy[agree.ravel() > 0], before_xy[agree.ravel() > 0]
@@ -85,7 +87,9 @@ class VisualOdometry:
 
     def __init__(self, camera: Camera) -> None:
         self._camera = camera
-        self._orb = cv2.ORB.create(nfeatures=_FEATURES, nlevels=1, fastThreshold=6, edgeThreshold=16)
+        self._orb = cv2.ORB.create(
+            nfeatures=_FEATURES, nlevels=1, fastThreshold=6, edgeThreshold=16
+        )
         # The image's first row whose ground is not too far, with the rim that ORB needs above it.
         _, v, w = camera.image_from_ground @ (_FARTHEST_M, 0.0, 1.0)
         self._top = max(round(float(v / w)) - 16, camera.horizon_row)
@@ -132,4 +136,6 @@ class VisualOdometry:
             return _View(points_xy=np.empty((0, 2)), descriptors=np.empty((0, 32), np.uint8))
         pixels = np.array([[k.pt[0], k.pt[1] + self._top, 1.0] for k in keypoints])
         raw = pixels @ self._camera.ground_from_image.T
-        return _View(points_xy=raw[:, :2] / raw[:, 2:], descriptors=np.asarray(descriptors, np.uint8))
+        return _View(
+            points_xy=raw[:, :2] / raw[:, 2:], descriptors=np.asarray(descriptors, np.uint8)
+        )

@@ -34,7 +34,9 @@ class Ground:
     """A picture of the ground."""
 
     bgr: NDArray[np.uint8]  #: Rows from south to north, columns from west to east.
-    picture_from_town: NDArray[np.float64]  #: Matrix from (x, y, 1) in metres to its pixels (u, v, 1).
+    picture_from_town: NDArray[
+        np.float64
+    ]  #: Matrix from (x, y, 1) in metres to its pixels (u, v, 1).
 
 
 def draw_ground(town: Town, rng: np.random.Generator) -> Ground:
@@ -64,7 +66,9 @@ def _line(
 ) -> None:
     pixels = ((points_xy + _EDGE_M) / _PIXEL_M - 0.5) * (1 << _SHIFT)
     width = max(round(width_m / _PIXEL_M), 1)
-    cv2.polylines(picture, [np.rint(pixels).astype(np.int32)], closed, bgr, width, cv2.LINE_AA, _SHIFT)
+    cv2.polylines(
+        picture, [np.rint(pixels).astype(np.int32)], closed, bgr, width, cv2.LINE_AA, _SHIFT
+    )
 
 
 def _textured(picture: NDArray[np.uint8], rng: np.random.Generator) -> NDArray[np.uint8]:
@@ -111,7 +115,9 @@ class Scene:
         self._walls = [wall for building in town.buildings for wall in _walls(building)]
         self._middles = np.array([wall.middle for wall in self._walls]).reshape(-1, 3)
         self._normals = np.array([wall.normal for wall in self._walls]).reshape(-1, 3)
-        self._poles = [town.lane.at(light.stop_m + _POLE_AHEAD_M, -_POLE_RIGHT_M) for light in town.lights]
+        self._poles = [
+            town.lane.at(light.stop_m + _POLE_AHEAD_M, -_POLE_RIGHT_M) for light in town.lights
+        ]
         shape = (camera.height, camera.width, 3)
         self._noises = [rng.normal(0, _GRAIN, shape).astype(np.float32) for _ in range(_NOISES)]
         self._rng = rng
@@ -123,7 +129,11 @@ class Scene:
         view = _View(car, self._camera)
         shown = [self._walls[i] for i in np.flatnonzero(view.sees(self._middles, self._normals))]
         things: list[tuple[float, _Wall | int]] = [
-            *zip(view.distances(np.array([w.middle for w in shown]).reshape(-1, 3)), shown, strict=True),
+            *zip(
+                view.distances(np.array([w.middle for w in shown]).reshape(-1, 3)),
+                shown,
+                strict=True,
+            ),
             *zip(view.distances(np.array(self._poles)), range(len(self._poles)), strict=True),
         ]
         for _, thing in sorted(things, key=lambda pair: -pair[0]):
@@ -140,7 +150,9 @@ class Scene:
         cos, sin = math.cos(car.yaw_rad), math.sin(car.yaw_rad)
         town_from_vehicle = np.array([[cos, -sin, car.x_m], [sin, cos, car.y_m], [0.0, 0.0, 1.0]])
         below = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, top], [0.0, 0.0, 1.0]])
-        matrix = self._ground.picture_from_town @ town_from_vehicle @ camera.ground_from_image @ below
+        matrix = (
+            self._ground.picture_from_town @ town_from_vehicle @ camera.ground_from_image @ below
+        )
         image[top:] = cv2.warpPerspective(
             self._ground.bgr,
             matrix,
@@ -153,9 +165,13 @@ class Scene:
 
     def _exposed(self, image: NDArray[np.uint8], now_s: float) -> NDArray[np.uint8]:
         gain = 0.9 + 0.1 * math.sin(0.3 * now_s + self._gain_phase)
-        noisy = cv2.scaleAdd(image.astype(np.float32), gain, self._noises[self._rng.integers(_NOISES)])
+        noisy = cv2.scaleAdd(
+            image.astype(np.float32), gain, self._noises[self._rng.integers(_NOISES)]
+        )
         exposed = np.clip(noisy, 0, 255).astype(np.uint8)
-        hot = self._rng.integers(0, image.shape[0] * image.shape[1], round(_HOT_SHARE * image[..., 0].size))
+        hot = self._rng.integers(
+            0, image.shape[0] * image.shape[1], round(_HOT_SHARE * image[..., 0].size)
+        )
         exposed.reshape(-1, 3)[hot] = 255 * self._rng.integers(0, 2, (len(hot), 1), dtype=np.uint8)
         return exposed
 
@@ -198,7 +214,9 @@ class _View:
         pixels, depth = self._camera.project(self.vehicle(quads))
         return _pixels(pixels), np.asarray((depth > _NEAR_M).all(axis=1), np.bool_)
 
-    def disc(self, middle: NDArray[np.float64], radius_m: float) -> tuple[tuple[int, int], int] | None:
+    def disc(
+        self, middle: NDArray[np.float64], radius_m: float
+    ) -> tuple[tuple[int, int], int] | None:
         """Return middle and radius, in sixteenths of a pixel, of a disc that faces the camera."""
         pixel, depth = self._camera.project(self.vehicle(middle))
         if depth < _NEAR_M:
@@ -232,7 +250,9 @@ def _draw_wall(image: NDArray[np.uint8], view: _View, wall: _Wall) -> None:
     cv2.fillPoly(image, list(pixels[1:][before[1:]]), tuple(c // 2 for c in wall.bgr))
 
 
-def _draw_light(image: NDArray[np.uint8], view: _View, pole: tuple[float, float, float], *, red: bool) -> None:
+def _draw_light(
+    image: NDArray[np.uint8], view: _View, pole: tuple[float, float, float], *, red: bool
+) -> None:
     """Draw a light that faces the traffic of its lane; from behind it shows no lamp."""
     x, y, heading = pole
     facing = -np.array([math.cos(heading), math.sin(heading), 0.0])
@@ -261,14 +281,19 @@ def _walls(building: Building) -> list[_Wall]:
     return [_wall(a, b, building, 0.8 + 0.1 * i) for i, (a, b) in enumerate(pairs)]
 
 
-def _wall(a: NDArray[np.float64], b: NDArray[np.float64], building: Building, shade: float) -> _Wall:
+def _wall(
+    a: NDArray[np.float64], b: NDArray[np.float64], building: Building, shade: float
+) -> _Wall:
     """Return the wall over the line from a to b, outside on its right."""
     along, high = np.append(b - a, 0.0), np.array([0.0, 0.0, building.height_m])
     foot = np.append(a, 0.0)
     columns, rows = max(int(np.hypot(*(b - a)) / 0.25), 1), max(int(building.height_m / 0.3), 1)
     corners = [(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)]
     windows = [
-        [foot + along * (c + 0.25 + 0.5 * u) / columns + high * (r + 0.3 + 0.5 * v) / rows for u, v in corners]
+        [
+            foot + along * (c + 0.25 + 0.5 * u) / columns + high * (r + 0.3 + 0.5 * v) / rows
+            for u, v in corners
+        ]
         for c in range(columns)
         for r in range(rows)
     ]

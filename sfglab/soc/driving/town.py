@@ -16,7 +16,10 @@ import numpy as np
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-LANE_M, LINE_M = 0.5, 0.05  #: Between the lines' middles, and a line's width: about a tenth of a town's road.
+LANE_M, LINE_M = (
+    0.5,
+    0.05,
+)  #: Between the lines' middles, and a line's width: about a tenth of a town's road.
 
 _SPACING_M = 0.05
 _PERIOD_S, _RED_S = 12.0, 6.0
@@ -41,7 +44,11 @@ class Road:
         closed = np.vstack([points_xy, points_xy[:1]])
         along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(closed, axis=0).T))])
         self.length_m = float(along[-1])
-        at = np.arange(round(self.length_m / _SPACING_M)) / round(self.length_m / _SPACING_M) * self.length_m
+        at = (
+            np.arange(round(self.length_m / _SPACING_M))
+            / round(self.length_m / _SPACING_M)
+            * self.length_m
+        )
         self.points_xy = np.column_stack([np.interp(at, along, closed[:, axis]) for axis in (0, 1)])
         ahead = np.roll(self.points_xy, -1, axis=0) - np.roll(self.points_xy, 1, axis=0)
         self.tangents_xy = ahead / np.hypot(*ahead.T)[:, None]
@@ -164,7 +171,9 @@ def _buildings(road: Road, rng: np.random.Generator) -> tuple[Building, ...]:
             x, y, heading = road.at(float(along), side * rng.uniform(1.7, 3.2))
             candidate = _building(x, y, heading, rng)
             away = np.hypot(*(road.points_xy - (x, y)).T).min() - candidate.radius_m
-            apart = [math.hypot(b.x_m - x, b.y_m - y) - b.radius_m - candidate.radius_m for b in built]
+            apart = [
+                math.hypot(b.x_m - x, b.y_m - y) - b.radius_m - candidate.radius_m for b in built
+            ]
             if away > _CLEAR_M and min(apart, default=1.0) > 0:
                 built.append(candidate)
     return tuple(built)

@@ -32,7 +32,9 @@ class Control(Elaboratable):
         self.state = Signal(range(len(State)), init=code(State.START))  #: Out: code of the state.
         self.drive = Signal(len(Drive))  #: Out: one bit per drive, exactly one of them set.
         self.output = Signal(ADDRESS_BITS)  #: Out: address of the output message.
-        self.held = Signal(ADDRESS_BITS)  #: Out: address of the last message that the delegate gave.
+        self.held = Signal(
+            ADDRESS_BITS
+        )  #: Out: address of the last message that the delegate gave.
         self._table = table
 
     def does(self, drive: Drive) -> Any:
@@ -73,7 +75,11 @@ class Answer(IntEnum):
     PUBLISHED = 3
 
 
-_CALLS = {Drive.CALL_TAKE: Call.TAKE, Drive.CALL_CANCEL: Call.CANCEL, Drive.CALL_PUBLISH: Call.PUBLISH}
+_CALLS = {
+    Drive.CALL_TAKE: Call.TAKE,
+    Drive.CALL_CANCEL: Call.CANCEL,
+    Drive.CALL_PUBLISH: Call.PUBLISH,
+}
 _ANSWERS = {
     Answer.LOCATED: Input.LOCATED,
     Answer.ANSWERED: Input.ANSWERED,
@@ -89,9 +95,15 @@ class Gateway(Elaboratable):
         self.control = Control()  #: The core's control.
         self.mover = Mover()  #: The core's data path; `mover.master.port` is the memory interface.
         self.node = Stream("node")  #: In: the hardware publisher's stream.
-        self.ports = [Stream(f"port{i}") for i in range(subscribers)]  #: Out: the subscribers' streams.
-        self.own_smt = Signal(ADDRESS_BITS)  #: In: the id of the core's writer on the software-mapped topic.
-        self.own_hmt = Signal(ADDRESS_BITS)  #: In: the core's id as a publisher of the hardware-mapped topic.
+        self.ports = [
+            Stream(f"port{i}") for i in range(subscribers)
+        ]  #: Out: the subscribers' streams.
+        self.own_smt = Signal(
+            ADDRESS_BITS
+        )  #: In: the id of the core's writer on the software-mapped topic.
+        self.own_hmt = Signal(
+            ADDRESS_BITS
+        )  #: In: the core's id as a publisher of the hardware-mapped topic.
         self.words = Signal(32)  #: In: of every message, without its id.
         self.call_valid = Signal()  #: Out: OSIF: a call stands at `call`.
         self.call_ready = Signal()  #: In: OSIF: it is taken.
@@ -99,14 +111,25 @@ class Gateway(Elaboratable):
         self.answer_valid = Signal()  #: In: OSIF: an answer stands at `answer`.
         self.answer_ready = Signal()  #: Out: OSIF: it is taken.
         self.answer = Signal(2)  #: In: OSIF: an `Answer`.
-        self.answer_address = Signal(ADDRESS_BITS)  #: In: OSIF: of the output message or of the message taken.
-        self.answer_publisher = Signal(ADDRESS_BITS)  #: In: OSIF: id of the writer of the message taken.
+        self.answer_address = Signal(
+            ADDRESS_BITS
+        )  #: In: OSIF: of the output message or of the message taken.
+        self.answer_publisher = Signal(
+            ADDRESS_BITS
+        )  #: In: OSIF: id of the writer of the message taken.
         self._publisher = Signal(ADDRESS_BITS)
 
     @property
     def wires(self) -> list[Any]:
         """The ports of the exported module."""
-        osif = [self.call_valid, self.call_ready, self.call, self.answer_valid, self.answer_ready, self.answer]
+        osif = [
+            self.call_valid,
+            self.call_ready,
+            self.call,
+            self.answer_valid,
+            self.answer_ready,
+            self.answer,
+        ]
         streams = [wire for stream in (self.node, *self.ports) for wire in stream.wires]
         given = [self.own_smt, self.own_hmt, self.words, self.answer_address, self.answer_publisher]
         return [*osif, *given, *streams, *vars(self.mover.master.port).values()]
@@ -146,7 +169,9 @@ class Gateway(Elaboratable):
         listens, peeks = does(Drive.LISTEN_OSIF), does(Drive.PEEK_HMT)
         held, at_port = does(Drive.COMPARE_HELD), does(Drive.COMPARE_PORT)
         own = Mux(held, self._publisher == self.own_smt, port.data == self.own_hmt)
-        there = {given: listens & answered & (self.answer == kind) for kind, given in _ANSWERS.items()}
+        there = {
+            given: listens & answered & (self.answer == kind) for kind, given in _ANSWERS.items()
+        }
         there |= {
             Input.SENT: self.call_valid & self.call_ready,
             Input.EMPTY: (listens & ~answered) | (peeks & ~port.valid),

@@ -26,7 +26,9 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 
 OWN_SMT, OWN_HMT = 0x5_0001, 0x4_0001  #: Ids of the core on both topics.
-OUTPUT_WORD = 0  #: Word of the memory at which the output message begins; the message to forward follows it.
+OUTPUT_WORD = (
+    0  #: Word of the memory at which the output message begins; the message to forward follows it.
+)
 WORD_FACTOR = 0x9E37_79B9_7F4A_7C15
 """Word i of a message in memory is i times this: all differ, in every part."""
 WORD_BYTES = ADDRESS_BITS // 8
@@ -49,7 +51,9 @@ class Delays:
 def check_words(message_bytes: int) -> None:
     """Refuse a message that is no positive number of words."""
     if message_bytes <= 0 or message_bytes % WORD_BYTES:
-        raise InvalidValueError("message_bytes", message_bytes, f"a multiple of {WORD_BYTES} above 0")
+        raise InvalidValueError(
+            "message_bytes", message_bytes, f"a multiple of {WORD_BYTES} above 0"
+        )
 
 
 class SlowMemory(Elaboratable):
@@ -138,7 +142,9 @@ class TransferBench(Elaboratable):
         content = [WORD_FACTOR * word % (1 << ADDRESS_BITS) for word in range(size)]
         self.memory = SlowMemory(self.gateway.mover.master.port, content, transfer.delays)
         #: What each subscriber got last, without the id.
-        self.received = [Memory(shape=ADDRESS_BITS, depth=size, init=[]) for _ in range(transfer.subscribers)]
+        self.received = [
+            Memory(shape=ADDRESS_BITS, depth=size, init=[]) for _ in range(transfer.subscribers)
+        ]
         self.cycles = Signal(32)  #: Cycles of the latest transfer between memory and stream.
         self.through = Signal(16)  #: Messages that went through the core.
         self._transfer, self._words = transfer, transfer.words
@@ -148,14 +154,22 @@ class TransferBench(Elaboratable):
         m, gateway = Module(), self.gateway
         m.submodules.gateway = gateway
         m.submodules.memory = self.memory
-        m.d.comb += [gateway.own_smt.eq(OWN_SMT), gateway.own_hmt.eq(OWN_HMT), gateway.words.eq(self._words)]
+        m.d.comb += [
+            gateway.own_smt.eq(OWN_SMT),
+            gateway.own_hmt.eq(OWN_HMT),
+            gateway.words.eq(self._words),
+        ]
         for i, port in enumerate(gateway.ports):
             self._subscribe(m, i, port)
         self._delegate(m)
         if not self._transfer.from_software:
             # Send messages without a pause: an id, then words that count.
             node, at = self.gateway.node, Signal(32)
-            m.d.comb += [node.valid.eq(1), node.data.eq(at + 0x1000), node.last.eq(at == self._words)]
+            m.d.comb += [
+                node.valid.eq(1),
+                node.data.eq(at + 0x1000),
+                node.last.eq(at == self._words),
+            ]
             with m.If(node.ready):
                 m.d.sync += at.eq(at + 1)
                 with m.If(node.last):
@@ -172,7 +186,10 @@ class TransferBench(Elaboratable):
         """Write down what comes; irregular pauses come from a shift register."""
         m.submodules[f"received{place}"] = memory = self.received[place]
         write = memory.write_port()
-        at, noise = Signal(32, name=f"at{place}"), Signal(16, init=0xACE1 + 77 * place, name=f"noise{place}")
+        at, noise = (
+            Signal(32, name=f"at{place}"),
+            Signal(16, init=0xACE1 + 77 * place, name=f"noise{place}"),
+        )
         m.d.sync += noise.eq((noise >> 1) ^ ((noise[0]).replicate(16) & 0xB400))
         m.d.comb += [
             port.ready.eq(noise[:3] >= self._transfer.stalled),
@@ -209,7 +226,11 @@ class TransferBench(Elaboratable):
 
     def _answer(self, m: Any, kind: Answer, address: int, after: str) -> None:
         gateway = self.gateway
-        m.d.comb += [gateway.answer_valid.eq(1), gateway.answer.eq(kind), gateway.answer_address.eq(address)]
+        m.d.comb += [
+            gateway.answer_valid.eq(1),
+            gateway.answer.eq(kind),
+            gateway.answer_address.eq(address),
+        ]
         with m.If(gateway.answer_ready):
             m.next = after
 
@@ -267,9 +288,13 @@ def simulate_transfer(transfer: Transfer) -> int:
             wanted = [ctx.get(memory[words + i]) for i in range(words)]
         else:
             wanted = [0x1001 + i for i in range(words)]
-            compare_words([ctx.get(memory[OUTPUT_WORD + i]) for i in range(words)], wanted, "output message")
+            compare_words(
+                [ctx.get(memory[OUTPUT_WORD + i]) for i in range(words)], wanted, "output message"
+            )
         for place, received in enumerate(bench.received):
-            compare_words([ctx.get(received.data[i]) for i in range(words)], wanted, f"subscriber {place}")
+            compare_words(
+                [ctx.get(received.data[i]) for i in range(words)], wanted, f"subscriber {place}"
+            )
         return int(ctx.get(bench.cycles))
 
     return run_bench(bench, limit, ended, transfer)
@@ -278,5 +303,7 @@ def simulate_transfer(transfer: Transfer) -> int:
 def compare_words(given: Sequence[int], wanted: Sequence[int], place: str) -> None:
     """Refuse words that arrived wrong at a place; the SfglabError says which."""
     if given != wanted:
-        wrong = next(i for i, pair in enumerate(zip(given, wanted, strict=True)) if pair[0] != pair[1])
+        wrong = next(
+            i for i, pair in enumerate(zip(given, wanted, strict=True)) if pair[0] != pair[1]
+        )
         raise SfglabError(f"{place}, word {wrong}: {given[wrong]:#x}, must be {wanted[wrong]:#x}")

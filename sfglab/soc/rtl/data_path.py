@@ -15,7 +15,9 @@ from typing import Any
 from amaranth import Cat, Elaboratable, Module, Mux, Signal
 from amaranth.lib.memory import Memory
 
-ADDRESS_BITS = 64  #: Of addresses and of the words of OSIF, MEMIF and streams (ReconROS, 64-bit template).
+ADDRESS_BITS = (
+    64  #: Of addresses and of the words of OSIF, MEMIF and streams (ReconROS, 64-bit template).
+)
 
 CHUNK_WORDS = 32  #: Words of the longest request: 256 bytes of 64 bits.
 
@@ -33,13 +35,17 @@ class MemoryPort:
         self.words = Signal(range(CHUNK_WORDS + 1), name="request_words")
         self.address_valid = Signal()  #: (m) The address stands here.
         self.address = Signal(ADDRESS_BITS)  #: (m) Of the first byte.
-        self.read_valid = Signal()  #: (s) A word that was read stands here; the master always takes it.
+        self.read_valid = (
+            Signal()
+        )  #: (s) A word that was read stands here; the master always takes it.
         self.read_data = Signal(ADDRESS_BITS)  #: (s) The word.
         self.write_valid = Signal()  #: (m) A word to write stands here.
         self.write_ready = Signal()  #: (s) The memory takes it.
         self.write_data = Signal(ADDRESS_BITS)  #: (m) The word.
         self.response = Signal()  #: (s) All words of a write have arrived.
-        self.complete = Signal()  #: (m) The request is through, the interface free from the next cycle on.
+        self.complete = (
+            Signal()
+        )  #: (m) The request is through, the interface free from the next cycle on.
 
 
 class MemoryMaster(Elaboratable):
@@ -47,7 +53,9 @@ class MemoryMaster(Elaboratable):
 
     def __init__(self) -> None:
         self.port = MemoryPort()  #: To the memory.
-        self.start = Signal()  #: In: a request is wanted; stays set, with its parameters, until `done`.
+        self.start = (
+            Signal()
+        )  #: In: a request is wanted; stays set, with its parameters, until `done`.
         self.write = Signal()  #: In: from the buffer to memory, else from memory to the buffer.
         self.words = Signal(range(CHUNK_WORDS + 1))  #: In: how many.
         self.address = Signal(ADDRESS_BITS)  #: In: of the first byte.
@@ -107,8 +115,12 @@ class Stream:
     """The wires of a stream, whose names begin with a prefix; (f) who sends drives, (t) who receives."""
 
     def __init__(self, name: str) -> None:
-        self.valid = Signal(name=f"{name}_valid")  #: (f) A beat stands here, and stays until it is taken.
-        self.ready = Signal(name=f"{name}_ready")  #: (t) The beat is taken in this cycle if it is there.
+        self.valid = Signal(
+            name=f"{name}_valid"
+        )  #: (f) A beat stands here, and stays until it is taken.
+        self.ready = Signal(
+            name=f"{name}_ready"
+        )  #: (t) The beat is taken in this cycle if it is there.
         self.data = Signal(ADDRESS_BITS, name=f"{name}_data")  #: (f) The word.
         self.last = Signal(name=f"{name}_last")  #: (f) It is a message's last.
 
@@ -157,7 +169,9 @@ class Turns(Elaboratable):
     def __init__(self, core: Stream, node: Stream, topic: Stream) -> None:
         self.core, self.node, self.topic = core, node, topic
         self.claim = Signal()  #: In: the core wants the topic.
-        self.grant = Signal()  #: Out: the topic is the core's from the next cycle to its message's last beat.
+        self.grant = (
+            Signal()
+        )  #: Out: the topic is the core's from the next cycle to its message's last beat.
 
     def elaborate(self, _platform: object) -> Any:
         """Return the logic."""
@@ -260,7 +274,10 @@ class Mover(Elaboratable):
         """Fetch a chunk, then send it."""
         with m.State("FETCH"):
             few = self._left < CHUNK_WORDS
-            m.d.comb += [self.master.start.eq(1), self.master.words.eq(Mux(few, self._left, CHUNK_WORDS))]
+            m.d.comb += [
+                self.master.start.eq(1),
+                self.master.words.eq(Mux(few, self._left, CHUNK_WORDS)),
+            ]
             with m.If(self.master.done):
                 m.next = "DRAIN"
         with m.State("DRAIN"):
@@ -282,7 +299,11 @@ class Mover(Elaboratable):
                 with m.If((self._left == 1) | (self._index == CHUNK_WORDS - 1)):
                     m.next = "STORE"
         with m.State("STORE"):
-            m.d.comb += [self.master.start.eq(1), self.master.write.eq(1), self.master.words.eq(self._index)]
+            m.d.comb += [
+                self.master.start.eq(1),
+                self.master.write.eq(1),
+                self.master.words.eq(self._index),
+            ]
             with m.If(self.master.done):
                 with m.If(self._left == 0):
                     m.d.comb += self.done.eq(1)

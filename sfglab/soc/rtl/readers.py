@@ -74,7 +74,10 @@ class Arbiter(Elaboratable):
         with m.Elif(memory.complete):
             m.d.sync += self.busy.eq(0)
         for place, master in enumerate(self.masters):
-            m.d.comb += [master.grant.eq(granted & chosen[place]), master.read_data.eq(memory.read_data)]
+            m.d.comb += [
+                master.grant.eq(granted & chosen[place]),
+                master.read_data.eq(memory.read_data),
+            ]
         with m.Switch(self.turn):
             for place, master in enumerate(self.masters):
                 with m.Case(1 << place):
@@ -84,7 +87,9 @@ class Arbiter(Elaboratable):
     def _choose(self, m: Any) -> Any:
         """Return the bit of the master to serve: the next behind the last turn that waits, else the first."""
         count = len(self.masters)
-        waiting, behind, chosen = (Signal(count, name=name) for name in ("waiting", "behind", "chosen"))
+        waiting, behind, chosen = (
+            Signal(count, name=name) for name in ("waiting", "behind", "chosen")
+        )
         first = Signal(count)
         m.d.comb += [
             waiting.eq(Cat(master.request for master in self.masters)),
@@ -141,7 +146,10 @@ class ChunkNode(Elaboratable):
             self.done.eq(master.done & (self._left == master.words)),
         ]
         with m.If(master.done):
-            m.d.sync += [self._base.eq(self._base + CHUNK_WORDS), self._left.eq(self._left - master.words)]
+            m.d.sync += [
+                self._base.eq(self._base + CHUNK_WORDS),
+                self._left.eq(self._left - master.words),
+            ]
         self._words(m)
         return m
 
@@ -186,14 +194,18 @@ class Reading:
     #: For each reader, the cycle from which on it wants the message, counted from when the message is there;
     #: empty: all at once.
     releases: tuple[int, ...] = ()
-    written: bool = False  #: A publisher in hardware first writes the message over the same interface.
+    written: bool = (
+        False  #: A publisher in hardware first writes the message over the same interface.
+    )
     delays: Delays = field(default_factory=Delays)  #: Of the memory.
 
     def __post_init__(self) -> None:
         check_words(self.message_bytes)
         check_bounds(self)
         if len(self.releases) not in (0, self.readers) or min(self.starts) < 0:
-            raise InvalidValueError("releases", self.releases, f"none, or {self.readers} cycles from 0")
+            raise InvalidValueError(
+                "releases", self.releases, f"none, or {self.readers} cycles from 0"
+            )
 
     @property
     def words(self) -> int:
@@ -216,7 +228,9 @@ class ReadersBench(Elaboratable):
         nodes: list[ChunkNode] = [*self.readers, *([self._writer] if self._writer else [])]
         self.arbiter = Arbiter([node.master.port for node in nodes])
         size = 1 << (words - 1).bit_length()
-        content = [0 if written else WORD_FACTOR * word % (1 << ADDRESS_BITS) for word in range(size)]
+        content = [
+            0 if written else WORD_FACTOR * word % (1 << ADDRESS_BITS) for word in range(size)
+        ]
         self.memory = SlowMemory(self.arbiter.memory, content, reading.delays)
         self.write_cycles = Signal(COUNT_BITS)  #: Of the publisher.
         #: For each reader, after how many cycles it has the message, counted like `releases`; 0: not yet.
@@ -241,7 +255,9 @@ class ReadersBench(Elaboratable):
             m.d.sync += now.eq(now + 1)
         for place, reader in enumerate(self.readers):
             m.submodules[f"reader{place}"] = reader
-            release = self._releases[place]  # Of 0: not compared, which each cycle would cost time to simulate.
+            release = self._releases[
+                place
+            ]  # Of 0: not compared, which each cycle would cost time to simulate.
             m.d.comb += reader.go.eq(there & (now >= release) if release else there)
             with m.If(reader.done):
                 m.d.sync += self.ends[place].eq(now + 1)
@@ -309,7 +325,9 @@ _GATEWAY = (MemoryPath.GATEWAY_OUT, MemoryPath.GATEWAY_IN)
 _FITTED_CHUNKS = (2, 8)  #: Sizes of the messages through whose cycles a cycle model goes.
 
 
-def simulated_cycles(path: MemoryPath, nodes: int, message_bytes: int, delays: Delays | None = None) -> int:
+def simulated_cycles(
+    path: MemoryPath, nodes: int, message_bytes: int, delays: Delays | None = None
+) -> int:
     """Simulate a message of a multiple of 8 bytes; 100 kB take some seconds, 1 MB minutes.
 
     So many hardware nodes receive it: the time of their reads grows with their square. Delays are the memory's.
@@ -320,7 +338,9 @@ def simulated_cycles(path: MemoryPath, nodes: int, message_bytes: int, delays: D
     delays = delays or Delays()
     if path in _GATEWAY:
         out = path is MemoryPath.GATEWAY_OUT
-        sent = Transfer(message_bytes=message_bytes, subscribers=nodes, from_software=out, delays=delays)
+        sent = Transfer(
+            message_bytes=message_bytes, subscribers=nodes, from_software=out, delays=delays
+        )
         return simulate_transfer(sent)
     written = path is MemoryPath.WRITE
     readers = 1 if written else nodes
@@ -333,7 +353,9 @@ def cycle_model(path: MemoryPath, nodes: int, delays: Delays | None = None) -> C
     """Return the cycle model of a path through two simulated messages; arguments as of `simulated_cycles`."""
     few, many = _FITTED_CHUNKS
     cycles = simulated_cycles(path, nodes, few * CHUNK_BYTES, delays)
-    chunk_cycles = (simulated_cycles(path, nodes, many * CHUNK_BYTES, delays) - cycles) / (many - few)
+    chunk_cycles = (simulated_cycles(path, nodes, many * CHUNK_BYTES, delays) - cycles) / (
+        many - few
+    )
     return CycleModel(fixed_cycles=cycles - few * chunk_cycles, chunk_cycles=chunk_cycles)
 
 

@@ -37,7 +37,9 @@ class Area:
     """Cells that a design takes of the device."""
 
     luts: int  #: Look-up tables of logic.
-    ram_cells: int  #: Cells of distributed memory (the chunk buffer); each takes eight look-up tables.
+    ram_cells: (
+        int  #: Cells of distributed memory (the chunk buffer); each takes eight look-up tables.
+    )
     flip_flops: int  #: Flip-flops.
     carries: int  #: Carry cells.
     block_rams: int  #: Block memories.
@@ -50,7 +52,13 @@ def gateway_verilog(subscribers: int) -> str:
         SfglabError: Yosys is missing or failed.
     """
     gateway = Gateway(subscribers)
-    script = ["proc", "flatten", "memory_collect", "opt_clean", f"rename top sfglab_gateway_{subscribers}"]
+    script = [
+        "proc",
+        "flatten",
+        "memory_collect",
+        "opt_clean",
+        f"rename top sfglab_gateway_{subscribers}",
+    ]
     return run_yosys(gateway, gateway.wires, [*script, "write_verilog -noattr out"])
 
 
@@ -62,7 +70,10 @@ def gateway_area(subscribers: int) -> Area:
 
 def area(design: Any, wires: Sequence[Any]) -> Area:
     """Synthesise a design with these ports for UltraScale+, count its cells; SfglabError as of `run_yosys`."""
-    script = ["synth_xilinx -family xcup -noiopad -noclkbuf -flatten -top top", "tee -q -o out stat -json"]
+    script = [
+        "synth_xilinx -family xcup -noiopad -noclkbuf -flatten -top top",
+        "tee -q -o out stat -json",
+    ]
     text = run_yosys(design, wires, script)
     cells: dict[str, Any] = json.loads(text[text.index("{") :])["design"]["num_cells_by_type"]
 
@@ -122,7 +133,12 @@ class _Compared(Elaboratable):
             free: Any = Const(1)
             for given, move in row.moves.items():
                 there = was["given"][code(given)]
-                self._claim(m, (begun & (was["state"] == code(state)) & free & there, was), move.to, move.latch)
+                self._claim(
+                    m,
+                    (begun & (was["state"] == code(state)) & free & there, was),
+                    move.to,
+                    move.latch,
+                )
                 free = free & ~there
             self._claim(m, (begun & (was["state"] == code(state)) & free, was), state, None)
         return m
@@ -132,7 +148,9 @@ class _Compared(Elaboratable):
         (here, was), now = case, self.control
         output = was["value"] if latch is Latch.OUTPUT else was["output"]
         held = was["value"] if latch is Latch.HELD else was["held"]
-        m.d.comb += Assert(~here | ((now.state == code(to)) & (now.output == output) & (now.held == held)))
+        m.d.comb += Assert(
+            ~here | ((now.state == code(to)) & (now.output == output) & (now.held == held))
+        )
 
 
 def control_follows(table: Table = TABLE) -> bool:
@@ -152,5 +170,7 @@ def is_proved(design: Any, wires: Sequence[Any], depth: int) -> bool:
         SfglabError: Yosys is missing or failed.
     """
     script = ["prep -flatten -top top", "async2sync", "chformal -lower", "opt -full"]
-    prove = f"sat -prove-asserts -set-assumes -set-init-zero -set rst 0 -tempinduct -maxsteps {depth}"
+    prove = (
+        f"sat -prove-asserts -set-assumes -set-init-zero -set rst 0 -tempinduct -maxsteps {depth}"
+    )
     return "Induction step proven" in run_yosys(design, wires, [*script, f"tee -q -o out {prove}"])

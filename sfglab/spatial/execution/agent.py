@@ -75,7 +75,9 @@ class Target:
 def steered(state: AgentState, target: Target, dt_s: float, dynamics: Dynamics) -> AgentState:
     """Return an agent `dt_s` later, some hundredths of a second, after steering to where it should be then."""
     missing = _minus(target.pose.position_m, state.pose.position_m)
-    wanted = _plus(target.velocity_m_s, _scaled(missing, _approach_per_s(math.hypot(*missing), dynamics)))
+    wanted = _plus(
+        target.velocity_m_s, _scaled(missing, _approach_per_s(math.hypot(*missing), dynamics))
+    )
     wanted = _at_most(wanted, dynamics.limits.speed_m_s)
     velocity = _towards(state.velocity_m_s, wanted, dt_s, dynamics)
     return _moved(state, velocity, target.pose, dt_s, dynamics.limits.yaw_rate_rad_s)
@@ -104,11 +106,15 @@ def _towards(velocity: Vec3, wanted: Vec3, dt_s: float, dynamics: Dynamics) -> V
     return _plus(velocity, _at_most(change, None if limit is None else limit * dt_s))
 
 
-def _moved(state: AgentState, velocity: Vec3, aim: Pose, dt_s: float, rate_rad_s: float | None) -> AgentState:
+def _moved(
+    state: AgentState, velocity: Vec3, aim: Pose, dt_s: float, rate_rad_s: float | None
+) -> AgentState:
     angle = state.pose.angle_rad(aim)
     share = 1.0 if rate_rad_s is None or angle <= rate_rad_s * dt_s else rate_rad_s * dt_s / angle
     turned = state.pose.interpolate(aim, share)
-    pose = Pose(position_m=_plus(state.pose.position_m, _scaled(velocity, dt_s)), quat_xyzw=turned.quat_xyzw)
+    pose = Pose(
+        position_m=_plus(state.pose.position_m, _scaled(velocity, dt_s)), quat_xyzw=turned.quat_xyzw
+    )
     yaw_rate = _yaw_rate(state.pose, aim, share / dt_s)
     return AgentState(pose=pose, velocity_m_s=velocity, yaw_rate_rad_s=yaw_rate)
 
@@ -147,8 +153,12 @@ def falls_behind_m(trajectory: Trajectory, dynamics: Dynamics, *, period_s: floa
     """
     motion, rest = motion_of(trajectory), np.zeros((1, 3))
     segments = np.arange(len(motion))
-    leaving, arriving = (motion.rates(segments, t)[1] for t in (np.zeros(len(motion)), motion.durations_s))
-    jump_m_s = float(np.linalg.norm(np.vstack([leaving, rest]) - np.vstack([rest, arriving]), axis=1).max())
+    leaving, arriving = (
+        motion.rates(segments, t)[1] for t in (np.zeros(len(motion)), motion.durations_s)
+    )
+    jump_m_s = float(
+        np.linalg.norm(np.vstack([leaving, rest]) - np.vstack([rest, arriving]), axis=1).max()
+    )
     bend_m_s2 = float(peaks(trajectory, Quantity.ACCELERATION).values.max(initial=0.0))
     behind_m = bend_m_s2 * dynamics.lag_s / dynamics.gain_per_s + jump_m_s * period_s
     most = dynamics.limits.acceleration_m_s2
@@ -257,9 +267,16 @@ class Follower:
 
     def step(self, now_ns: int) -> Progress:
         """Move the agent to a later time and return how it stands; an earlier time changes nothing."""
-        begin_ns, self._last_ns = max(self._last_ns, now_ns - _LONGEST_NS), max(self._last_ns, now_ns)
+        begin_ns, self._last_ns = (
+            max(self._last_ns, now_ns - _LONGEST_NS),
+            max(self._last_ns, now_ns),
+        )
         count = math.ceil(max(0, now_ns - begin_ns) / _SUBSTEP_NS)
-        times_ns = [begin_ns + (now_ns - begin_ns) * i // count for i in range(1, count + 1)] if count else []
+        times_ns = (
+            [begin_ns + (now_ns - begin_ns) * i // count for i in range(1, count + 1)]
+            if count
+            else []
+        )
         if times_ns:
             self._move(begin_ns, times_ns)
         return self.progress
@@ -270,7 +287,9 @@ class Follower:
         points = self._trajectory
         time_ns = self._last_ns - self._start_ns
         span_ns = points.end_ns - points.start_ns
-        share = (time_ns - points.start_ns) / span_ns if span_ns else float(time_ns >= points.start_ns)
+        share = (
+            (time_ns - points.start_ns) / span_ns if span_ns else float(time_ns >= points.start_ns)
+        )
         return Progress(
             phase=self._phase,
             share=min(max(share, 0.0), 1.0),

@@ -45,7 +45,9 @@ class Execution:
     """
 
     def __init__(self, node: Node, agent: str, **options: Unpack[ExecuteOptions]) -> None:
-        self.latest: Feedback | None = None  #: What the server said last; None before it said anything.
+        self.latest: Feedback | None = (
+            None  #: What the server said last; None before it said anything.
+        )
         self._dialect = options.get("dialect", FOLLOW_TRAJECTORY)
         self._on_feedback = options.get("on_feedback")
         self._timeout_s = options.get("timeout_s", 5.0)
@@ -137,7 +139,9 @@ async def execute(node: Node, order: Order, **options: Unpack[ExecuteOptions]) -
         execution.close()
 
 
-def scene_orders(scene: Scene, *, agents: tuple[str, ...] = (), start_ns: int = 0) -> tuple[Order, ...]:
+def scene_orders(
+    scene: Scene, *, agents: tuple[str, ...] = (), start_ns: int = 0
+) -> tuple[Order, ...]:
     """Return what a scene asks of its agents, the named ones or all that drive a trajectory.
 
     All share the time 0, `start_ns` in ns since the epoch; 0: when each server takes its order.
@@ -150,11 +154,15 @@ def scene_orders(scene: Scene, *, agents: tuple[str, ...] = (), start_ns: int = 
         driven = scene.driven_by(agent.id)
         trajectory = None if driven is None else scene.world_trajectory(driven.id)
         if trajectory is not None:
-            order = Order(agent=agent.name, trajectory=trajectory, frame_id=scene.frame_id, start_ns=start_ns)
+            order = Order(
+                agent=agent.name, trajectory=trajectory, frame_id=scene.frame_id, start_ns=start_ns
+            )
             found.setdefault(agent.name, []).append(order)
     for name in agents or found:
         if len(found.get(name, ())) != 1:
             known = ", ".join(n for n, orders in found.items() if len(orders) == 1)
-            allowed = f"one that alone has this name and drives a trajectory: {known or 'there is none'}"
+            allowed = (
+                f"one that alone has this name and drives a trajectory: {known or 'there is none'}"
+            )
             raise InvalidValueError("agent", name, allowed)
     return tuple(found[name][0] for name in agents or found)

@@ -63,22 +63,34 @@ def _moved(status: GoalStatus, code: int, meaning: str) -> Ending:
 
 OUTCOMES: dict[Outcome, Ending] = {
     Outcome.SUCCEEDED: _moved(GoalStatus.SUCCEEDED, 0, "the agent went along the whole trajectory"),
-    Outcome.INVALID_TRAJECTORY: _refused(1, "empty, times that do not increase, or a pose that is none"),
+    Outcome.INVALID_TRAJECTORY: _refused(
+        1, "empty, times that do not increase, or a pose that is none"
+    ),
     Outcome.UNKNOWN_AGENT: _refused(2, "this server moves no such agent"),
     Outcome.UNKNOWN_FRAME: _refused(3, "the poses are in another frame than the agent's"),
     Outcome.START_TOO_FAR: _refused(7, "the agent is too far from where the trajectory is now"),
     Outcome.LIMITS_EXCEEDED: _refused(8, "the trajectory is faster than the agent can go"),
     Outcome.BUSY: _refused(9, "the agent is on its way along another trajectory"),
     Outcome.REJECTED: _refused(0, "the server took no such goal, and did not say why"),
-    Outcome.PATH_LEFT: _moved(GoalStatus.ABORTED, 4, "the agent was too far from where it should have been"),
-    Outcome.GOAL_MISSED: _moved(GoalStatus.ABORTED, 5, "the agent was not at the last pose in time"),
-    Outcome.CANCELED: _moved(GoalStatus.CANCELED, 6, "somebody canceled the goal, and the agent braked"),
+    Outcome.PATH_LEFT: _moved(
+        GoalStatus.ABORTED, 4, "the agent was too far from where it should have been"
+    ),
+    Outcome.GOAL_MISSED: _moved(
+        GoalStatus.ABORTED, 5, "the agent was not at the last pose in time"
+    ),
+    Outcome.CANCELED: _moved(
+        GoalStatus.CANCELED, 6, "somebody canceled the goal, and the agent braked"
+    ),
     Outcome.OVERTAKEN: _moved(GoalStatus.ABORTED, 6, "another goal took its place"),
     Outcome.FAILED: _moved(GoalStatus.ABORTED, 0, "the server ended, or failed"),
 }
 """Every outcome. Who refuses a goal takes and aborts it, for only a result can say why, unlike `REJECTED`."""
 
-_BY_CODE = {(e.status, e.code): outcome for outcome, e in OUTCOMES.items() if outcome is not Outcome.REJECTED}
+_BY_CODE = {
+    (e.status, e.code): outcome
+    for outcome, e in OUTCOMES.items()
+    if outcome is not Outcome.REJECTED
+}
 
 
 def outcome_of(status: GoalStatus, code: int) -> Outcome:
@@ -141,7 +153,9 @@ def judge(order: Order, rules: Rules, pose: Pose, now_ns: int) -> None:
 
 def _check_addressee(order: Order, rules: Rules) -> None:
     if order.agent != rules.agent:
-        raise RefusalError(Outcome.UNKNOWN_AGENT, f"agent: given {order.agent!r}, allowed: {rules.agent!r}")
+        raise RefusalError(
+            Outcome.UNKNOWN_AGENT, f"agent: given {order.agent!r}, allowed: {rules.agent!r}"
+        )
     if order.frame_id.removeprefix("/") != rules.frame_id:
         text = f"frame: given {order.frame_id!r}, allowed: {rules.frame_id!r}"
         raise RefusalError(Outcome.UNKNOWN_FRAME, text)
@@ -190,7 +204,13 @@ class ActionDialect:
 
 def action_name(agent: str) -> str:
     """Return the action that sends an agent along trajectories (paper A, 4.1); FqnError for no agent's name."""
-    return str(RosFqnBuilder().scope(Scope.GLOBAL).agent(agent).resource(Resource.EXECUTE_TRAJECTORY).build())
+    return str(
+        RosFqnBuilder()
+        .scope(Scope.GLOBAL)
+        .agent(agent)
+        .resource(Resource.EXECUTE_TRAJECTORY)
+        .build()
+    )
 
 
 def goal_message(order: Order) -> Any:
@@ -213,7 +233,9 @@ def order_from_goal(goal: Any) -> Order:
         start_ns = ns_from_stamp(message.header.stamp)
     except SfglabError as error:
         raise RefusalError(Outcome.INVALID_TRAJECTORY, str(error)) from error
-    return Order(agent=agent, trajectory=trajectory, frame_id=str(message.header.frame_id), start_ns=start_ns)
+    return Order(
+        agent=agent, trajectory=trajectory, frame_id=str(message.header.frame_id), start_ns=start_ns
+    )
 
 
 def result_message(outcome: Outcome, text: str, pose: Any) -> Any:
@@ -245,4 +267,6 @@ def _ended(result: GoalResult) -> Ended:
     return Ended(outcome=outcome, text=str(message.text), pose=pose)
 
 
-FOLLOW_TRAJECTORY = ActionDialect(type=_TYPE, goal=goal_message, feedback=_feedback, result=_ended)  #: Ours.
+FOLLOW_TRAJECTORY = ActionDialect(
+    type=_TYPE, goal=goal_message, feedback=_feedback, result=_ended
+)  #: Ours.

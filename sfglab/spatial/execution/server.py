@@ -51,8 +51,12 @@ class AgentSetup:
     frame_id: str = "map"  #: The frame of its poses.
     dynamics: Dynamics = field(default_factory=Dynamics)  #: How it answers.
     tolerances: Tolerances = field(default_factory=Tolerances)  #: How well it has to follow.
-    preempt: bool = False  #: A second goal takes the first one's place; else it is refused as `Outcome.BUSY`.
-    explain: bool = True  #: Refused goals are taken and aborted at once, with the reason; else just not taken.
+    preempt: bool = (
+        False  #: A second goal takes the first one's place; else it is refused as `Outcome.BUSY`.
+    )
+    explain: bool = (
+        True  #: Refused goals are taken and aborted at once, with the reason; else just not taken.
+    )
     period_s: float = 0.02  #: From one step to the next; poses leave at each.
 
 
@@ -72,7 +76,9 @@ class TrajectoryServer(AbstractAsyncContextManager["TrajectoryServer"]):
         FqnError: It is not the name of an agent.
     """
 
-    def __init__(self, node: Node, agent: str, *, name: str = "", setup: AgentSetup | None = None) -> None:
+    def __init__(
+        self, node: Node, agent: str, *, name: str = "", setup: AgentSetup | None = None
+    ) -> None:
         self._node, self._agent, self._setup = node, agent, setup or AgentSetup()
         self.state = AgentState(pose=self._setup.pose)  #: Where the agent is, and how it moves.
         self._rules = Rules(
@@ -82,9 +88,13 @@ class TrajectoryServer(AbstractAsyncContextManager["TrajectoryServer"]):
             start_m=self._setup.tolerances.start_m,
         )
         self._run: _Run | None = None
-        motion_of(Trajectory.standing(self._setup.pose))  # imports SciPy now, and not when a start time runs
+        motion_of(
+            Trajectory.standing(self._setup.pose)
+        )  # imports SciPy now, and not when a start time runs
         self._stepped_ns = node.get_clock().now_ns()
-        self._publishers = tuple(node.create_publisher(kind, topic, qos) for kind, topic, qos in _topics(agent))
+        self._publishers = tuple(
+            node.create_publisher(kind, topic, qos) for kind, topic, qos in _topics(agent)
+        )
         self._action = node.create_action_server(
             FOLLOW_TRAJECTORY.type,
             name or action_name(agent),
@@ -137,7 +147,9 @@ class TrajectoryServer(AbstractAsyncContextManager["TrajectoryServer"]):
         finally:
             if self._run is run:
                 self._run = None
-        return self._finish(handle, outcome, "" if outcome is Outcome.SUCCEEDED else OUTCOMES[outcome].meaning)
+        return self._finish(
+            handle, outcome, "" if outcome is Outcome.SUCCEEDED else OUTCOMES[outcome].meaning
+        )
 
     def _begin(self, handle: ServerGoalHandle, order: Order) -> _Run:
         if self._run is not None:
@@ -191,7 +203,9 @@ class TrajectoryServer(AbstractAsyncContextManager["TrajectoryServer"]):
 
     def _publish(self) -> None:
         state, frame_id, child = self.state, self._setup.frame_id, f"{self._agent}/base"
-        transform = StampedTransform(parent=frame_id, child=child, stamp_ns=self._stepped_ns, pose=state.pose)
+        transform = StampedTransform(
+            parent=frame_id, child=child, stamp_ns=self._stepped_ns, pose=state.pose
+        )
         pose, odometry, transforms = self._publishers
         pose.publish(self._pose_message())
         odometry.publish(_odometry(state, transform))
@@ -205,7 +219,9 @@ class _Run:
     handle: ServerGoalHandle
     follower: Follower
     steps: int = 0
-    done: asyncio.Future[Outcome] = field(default_factory=lambda: asyncio.get_running_loop().create_future())
+    done: asyncio.Future[Outcome] = field(
+        default_factory=lambda: asyncio.get_running_loop().create_future()
+    )
 
     def end(self, outcome: Outcome) -> None:
         if not self.done.done():
@@ -236,7 +252,9 @@ def _odometry(state: AgentState, transform: StampedTransform) -> Any:
         pose=message_type("geometry_msgs/msg/PoseWithCovariance")(
             pose=state.pose.to_pose_msg(), covariance=no_covariance
         ),
-        twist=message_type("geometry_msgs/msg/TwistWithCovariance")(twist=twist, covariance=no_covariance),
+        twist=message_type("geometry_msgs/msg/TwistWithCovariance")(
+            twist=twist, covariance=no_covariance
+        ),
     )
 
 

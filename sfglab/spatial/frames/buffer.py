@@ -98,7 +98,9 @@ class FrameBuffer:
         """All edges ever observed, also those that were refused or gave way to a later parent."""
         return tuple(map(replace, self._edges.values()))
 
-    def insert(self, transform: StampedTransform, *, static: bool = False, authority: str = "") -> Insertion:
+    def insert(
+        self, transform: StampedTransform, *, static: bool = False, authority: str = ""
+    ) -> Insertion:
         """Take one transform, in any order of time, of whoever published it; return what became of it.
 
         Raises:
@@ -112,7 +114,9 @@ class FrameBuffer:
         self._history.place(child, parent, static=static)
         return self._history.insert(child, transform.stamp_ns, transform.pose)
 
-    def look_up(self, target: str, source: str, time_ns: int | None = None, *, extrapolate_ns: int = 0) -> Pose:
+    def look_up(
+        self, target: str, source: str, time_ns: int | None = None, *, extrapolate_ns: int = 0
+    ) -> Pose:
         """Return ``target_from_source``: where the source frame is in the target frame.
 
         Without `time_ns`, at the latest time at which all is known. `extrapolate_ns` continues the motion of
@@ -213,7 +217,9 @@ class FrameBuffer:
             if at == child:
                 loop = " -> ".join(self._names[i] for i in above)
                 name = self._names[child]
-                raise FrameLoopError(f"frame {name!r} would stand below itself: {loop} (child -> parent)")
+                raise FrameLoopError(
+                    f"frame {name!r} would stand below itself: {loop} (child -> parent)"
+                )
             at = self._history.parent_of(at)
 
     def _not_connected(self, target: str, source: str) -> NotConnectedError:
@@ -222,7 +228,9 @@ class FrameBuffer:
             f"{self.root_of(target)!r}, the other one below {self.root_of(source)!r}"
         )
 
-    def _not_known_at(self, target: str, source: str, frame: int, time_ns: int) -> ExtrapolationError:
+    def _not_known_at(
+        self, target: str, source: str, frame: int, time_ns: int
+    ) -> ExtrapolationError:
         known = "never"
         if interval := self._history.interval_of(frame):
             first_ns, last_ns = interval

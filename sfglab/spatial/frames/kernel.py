@@ -33,7 +33,9 @@ class Insertion(Enum):
     APPENDED = "appended"
     OUT_OF_ORDER = "out of order"  #: It is older than the newest one and was put in its place.
     REPLACED = "replaced"  #: There was one of the same stamp, or a static one.
-    TOO_OLD = "too old"  #: It is older than the newest one by more than the history, and was left out.
+    TOO_OLD = (
+        "too old"  #: It is older than the newest one by more than the history, and was left out.
+    )
 
 
 class History:
@@ -46,7 +48,9 @@ class History:
         #: Parent, static or not, first row and number of rows of every frame, shape (frames, 4).
         self.edges: NDArray[np.int64] = np.empty((0, 4), np.int64)
         self.stamps: NDArray[np.int64] = np.empty(0, np.int64)  #: Times in ns, shape (rows,).
-        self.poses: NDArray[np.float64] = np.empty((0, 7), np.float64)  #: x y z qx qy qz qw, shape (rows, 7).
+        self.poses: NDArray[np.float64] = np.empty(
+            (0, 7), np.float64
+        )  #: x y z qx qy qz qw, shape (rows, 7).
 
     def add_frame(self) -> int:
         """Return the index of a new frame, which has no parent."""
@@ -157,8 +161,16 @@ _NEARLY_PARALLEL = 1.0 - 1e-9
 @numba.njit
 def _turn(q: Any, v: Any) -> Any:
     x, y, z, w = q
-    tx, ty, tz = 2.0 * (y * v[2] - z * v[1]), 2.0 * (z * v[0] - x * v[2]), 2.0 * (x * v[1] - y * v[0])
-    return (v[0] + w * tx + y * tz - z * ty, v[1] + w * ty + z * tx - x * tz, v[2] + w * tz + x * ty - y * tx)
+    tx, ty, tz = (
+        2.0 * (y * v[2] - z * v[1]),
+        2.0 * (z * v[0] - x * v[2]),
+        2.0 * (x * v[1] - y * v[0]),
+    )
+    return (
+        v[0] + w * tx + y * tz - z * ty,
+        v[1] + w * ty + z * tx - x * tz,
+        v[2] + w * tz + x * ty - y * tx,
+    )
 
 
 @numba.njit
@@ -186,7 +198,11 @@ def _compose(pa: Any, qa: Any, pb: Any, qb: Any) -> Any:
 def _between(poses: Any, row: Any, fraction: Any) -> Any:
     """Return the pose between a row and the next: position linear, orientation by SLERP."""
     a, b = poses[row], poses[row + 1]
-    p = (a[0] + fraction * (b[0] - a[0]), a[1] + fraction * (b[1] - a[1]), a[2] + fraction * (b[2] - a[2]))
+    p = (
+        a[0] + fraction * (b[0] - a[0]),
+        a[1] + fraction * (b[1] - a[1]),
+        a[2] + fraction * (b[2] - a[2]),
+    )
     dot = a[3] * b[3] + a[4] * b[4] + a[5] * b[5] + a[6] * b[6]
     sign = -1.0 if dot < 0.0 else 1.0
     dot *= sign
@@ -195,7 +211,9 @@ def _between(poses: Any, row: Any, fraction: Any) -> Any:
         angle = math.acos(dot)
         wa = math.sin((1.0 - fraction) * angle) / math.sin(angle)
         wb = sign * math.sin(fraction * angle) / math.sin(angle)
-    q = _unit(wa * a[3] + wb * b[3], wa * a[4] + wb * b[4], wa * a[5] + wb * b[5], wa * a[6] + wb * b[6])
+    q = _unit(
+        wa * a[3] + wb * b[3], wa * a[4] + wb * b[4], wa * a[5] + wb * b[5], wa * a[6] + wb * b[6]
+    )
     return p, q
 
 
@@ -258,9 +276,18 @@ def _meeting(edges: Any, a: Any, b: Any) -> Any:
     return a
 
 
-@compiled("int64(int64[:, ::1], int64[::1], float64[:, ::1], float64[::1], int64, int64, int64, int64)")
+@compiled(
+    "int64(int64[:, ::1], int64[::1], float64[:, ::1], float64[::1], int64, int64, int64, int64)"
+)
 def look_up(  # noqa: PLR0913, PLR0917 - flat arguments, as a compiled function has them
-    edges: Any, stamps: Any, poses: Any, out: Any, target: Any, source: Any, time_ns: Any, reach_ns: Any
+    edges: Any,
+    stamps: Any,
+    poses: Any,
+    out: Any,
+    target: Any,
+    source: Any,
+    time_ns: Any,
+    reach_ns: Any,
 ) -> Any:
     """Write ``target_from_source`` at a time into `out`, shape (7,).
 

@@ -37,7 +37,9 @@ class FrameRule:
     def problem(self, frame: str, known: frozenset[str] = frozenset()) -> str | None:
         """Say what is wrong with a frame's name, or return None; what was meant is sought among the known."""
         agent, slash, rest = frame.partition("/")
-        if frame in self.shared or (slash and agent in self.agents and rest and not rest.startswith("/")):
+        if frame in self.shared or (
+            slash and agent in self.agents and rest and not rest.startswith("/")
+        ):
             return None
         fitting = sorted(name for name in known - {frame} if self.problem(name) is None)
         near = difflib.get_close_matches(frame, fitting, n=1)
@@ -85,8 +87,16 @@ def lint_frames(
     by_child: dict[str, list[Edge]] = defaultdict(list)
     for edge in edges:
         by_child[edge.child].append(edge)
-    above = {child: tuple(dict.fromkeys(e.parent for e in group)) for child, group in by_child.items()}
-    return (*_parents(by_child), *_loops(above), *_roots(above, root), *_names(edges, rule), *_backwards(edges))
+    above = {
+        child: tuple(dict.fromkeys(e.parent for e in group)) for child, group in by_child.items()
+    }
+    return (
+        *_parents(by_child),
+        *_loops(above),
+        *_roots(above, root),
+        *_names(edges, rule),
+        *_backwards(edges),
+    )
 
 
 def _parents(by_child: Mapping[str, Sequence[Edge]]) -> Iterator[FrameFinding]:
@@ -94,11 +104,17 @@ def _parents(by_child: Mapping[str, Sequence[Edge]]) -> Iterator[FrameFinding]:
         parents = sorted({e.parent for e in group})
         authorities = _rivals(group)
         if len(parents) > 1:
-            yield FrameFinding("two-parents", (child, *parents), f"{child!r} is placed in {_listed(parents)}")
+            yield FrameFinding(
+                "two-parents", (child, *parents), f"{child!r} is placed in {_listed(parents)}"
+            )
         elif len({e.static for e in group}) > 1:
-            yield FrameFinding("static-and-dynamic", (child,), f"{child!r} comes on /tf and on /tf_static")
+            yield FrameFinding(
+                "static-and-dynamic", (child,), f"{child!r} comes on /tf and on /tf_static"
+            )
         elif authorities:
-            yield FrameFinding("two-publishers", (child,), f"{child!r} is published by {_listed(authorities)}")
+            yield FrameFinding(
+                "two-publishers", (child,), f"{child!r} is published by {_listed(authorities)}"
+            )
 
 
 def _rivals(group: Sequence[Edge]) -> list[str]:
@@ -118,7 +134,9 @@ def _loops(parents: Mapping[str, Sequence[str]]) -> Iterator[FrameFinding]:
         loop = _loop_from(start, parents)
         if loop and frozenset(loop) not in told:
             told.add(frozenset(loop))
-            yield FrameFinding("loop", tuple(loop), f"{' -> '.join((*loop, loop[0]))} (child -> parent)")
+            yield FrameFinding(
+                "loop", tuple(loop), f"{' -> '.join((*loop, loop[0]))} (child -> parent)"
+            )
 
 
 def _loop_from(start: str, parents: Mapping[str, Sequence[str]]) -> list[str]:
@@ -222,7 +240,9 @@ def tree_layout(edges: Iterable[Edge]) -> dict[str, tuple[float, float]]:
         if parents.setdefault(edge.child, edge.parent) == edge.parent:
             children[edge.parent].append(edge.child)
     for below in children.values():
-        below.sort(key=counts.__getitem__)  # who has several parents stands outside, near the other ones
+        below.sort(
+            key=counts.__getitem__
+        )  # who has several parents stands outside, near the other ones
     frames = list(dict.fromkeys(name for edge in edges for name in (edge.parent, edge.child)))
     places: dict[str, tuple[float, float]] = {}
     right = 0.0
@@ -257,7 +277,9 @@ def _shown(frame: str) -> str:
     return frame.replace("/", "/\n")
 
 
-def _draw_edge(ax: Axes, edge: Edge, places: Mapping[str, tuple[float, float]], colour: str) -> None:
+def _draw_edge(
+    ax: Axes, edge: Edge, places: Mapping[str, tuple[float, float]], colour: str
+) -> None:
     ax.annotate(
         "",
         xy=places[edge.child],

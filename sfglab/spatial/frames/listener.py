@@ -30,7 +30,9 @@ if TYPE_CHECKING:
 
 
 TRANSFORMS = "tf2_msgs/msg/TFMessage"
-TF_QOS = QoSProfile(depth=100)  #: tf2_ros: DynamicListenerQoS, DynamicBroadcasterQoS (tf2_ros/qos.hpp, Humble).
+TF_QOS = QoSProfile(
+    depth=100
+)  #: tf2_ros: DynamicListenerQoS, DynamicBroadcasterQoS (tf2_ros/qos.hpp, Humble).
 TF_STATIC_QOS = QoSProfile(depth=100, durability=Durability.TRANSIENT_LOCAL)
 """tf2_ros: StaticListenerQoS; a broadcaster offers depth 1, or more if it splits its transforms."""
 
@@ -44,7 +46,9 @@ class TransformIntake:
         self._buffer = buffer
         self._agent = agent
         self._said: set[tuple[str, str]] = set()
-        self.taken: Counter[str] = Counter()  #: How many transforms ended in each way (`Insertion.value`).
+        self.taken: Counter[str] = (
+            Counter()
+        )  #: How many transforms ended in each way (`Insertion.value`).
         self.refused: Counter[str] = Counter()  #: How many were refused, by the error's name.
 
     def take(self, message: Any, *, static: bool, authority: str = "") -> None:
@@ -92,7 +96,9 @@ class FramesListener(TransformIntake):
         for topic, qos in ((TF_STATIC, TF_STATIC_QOS), (TF, TF_QOS)):
             subscription = self._node.create_subscription(TRANSFORMS, topic, qos=qos)
             self._subscriptions.append(subscription)
-            self._tasks.append(asyncio.create_task(self._feed(subscription, static=topic == TF_STATIC)))
+            self._tasks.append(
+                asyncio.create_task(self._feed(subscription, static=topic == TF_STATIC))
+            )
         return self
 
     async def __aexit__(self, *_: object) -> None:

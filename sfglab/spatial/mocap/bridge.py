@@ -56,7 +56,9 @@ class Latency:
     """A delay over the last 1000 transforms."""
 
     largest_ns: int | None = None  #: The largest one ever; None before the first.
-    recent: deque[int] = field(default_factory=lambda: deque(maxlen=_WINDOW))  #: The last ones, in ns.
+    recent: deque[int] = field(
+        default_factory=lambda: deque(maxlen=_WINDOW)
+    )  #: The last ones, in ns.
 
     def add(self, delay_ns: int) -> None:
         """Take one more."""
@@ -79,7 +81,9 @@ class MocapObjectStatus:
     published: int = 0  #: How many transforms left.
     unplaced: int = 0  #: How many believed poses the agent's tree did not allow to publish.
     absent: int = 0  #: In how many captures it did not occur at all.
-    verdicts: Counter[str] = field(default_factory=Counter)  #: How many sights got each `Verdict.value`.
+    verdicts: Counter[str] = field(
+        default_factory=Counter
+    )  #: How many sights got each `Verdict.value`.
     capture_ns: int | None = None  #: The stamp of the last transform; None before the first.
     receipt_latency: Latency = field(default_factory=Latency)  #: From capture to receipt.
     publication_latency: Latency = field(default_factory=Latency)  #: From receipt to publication.
@@ -100,7 +104,9 @@ class BridgeCore:
         self._number: int | None = None
         self.captures = 0  #: How many captures came.
         self.dropped = 0  #: How many frame numbers are missing between those that came.
-        self.unmapped: Counter[str] = Counter()  #: How often objects came that the mapping lacks, by id.
+        self.unmapped: Counter[str] = (
+            Counter()
+        )  #: How often objects came that the mapping lacks, by id.
 
     def take(self, capture: Capture, now_ns: int) -> tuple[StampedTransform, ...]:
         """Take a capture, and return what is to be published now, stamped with the capture time."""
@@ -134,7 +140,9 @@ class BridgeCore:
     def _placed(
         self, object_: MocapObjectStatus, sight: Sight, capture: Capture, now_ns: int
     ) -> StampedTransform | None:
-        object_.track, verdict = judge(object_.track, sight, capture.capture_ns, self._mapping.limits)
+        object_.track, verdict = judge(
+            object_.track, sight, capture.capture_ns, self._mapping.limits
+        )
         object_.verdicts[verdict.value] += 1
         if not verdict.believed or not isinstance(sight, Pose):
             return None
@@ -199,7 +207,9 @@ def _described(description: Sequence[StampedTransform]) -> FrameBuffer:
 
 
 STATUS = "sfglab_interfaces/msg/MocapStatus"
-STATUS_QOS = QoSProfile(depth=1, durability=Durability.TRANSIENT_LOCAL)  #: Late joiners get the last one.
+STATUS_QOS = QoSProfile(
+    depth=1, durability=Durability.TRANSIENT_LOCAL
+)  #: Late joiners get the last one.
 _OBJECT = "sfglab_interfaces/msg/MocapObject"
 
 
@@ -247,7 +257,9 @@ def _seconds(latency: Latency) -> float:
 class BridgeOptions:
     """How a bridge behaves."""
 
-    reach_s: float = 0.1  #: How far the agents' transforms may be continued when they lag behind the cameras.
+    reach_s: float = (
+        0.1  #: How far the agents' transforms may be continued when they lag behind the cameras.
+    )
     agent: str = ""  #: The agent on which the bridge runs, for the topic's name; empty: nobody's.
     status_period_s: float = 1.0  #: Time between two messages about the status.
 
@@ -264,7 +276,11 @@ class MocapBridge:
     """
 
     def __init__(
-        self, node: Node, source: MocapSource, mapping: MocapMapping, options: BridgeOptions | None = None
+        self,
+        node: Node,
+        source: MocapSource,
+        mapping: MocapMapping,
+        options: BridgeOptions | None = None,
     ) -> None:
         self.buffer = FrameBuffer()  #: All transforms heard, the bridge's own included.
         self._node, self._source = node, source
@@ -278,7 +294,10 @@ class MocapBridge:
         status = self._node.create_publisher(STATUS, status_topic(self._options.agent), STATUS_QOS)
         telling = asyncio.create_task(self._tell(status))
         try:
-            async with FramesListener(self._node, self.buffer), aclosing(self._source.captures()) as captures:
+            async with (
+                FramesListener(self._node, self.buffer),
+                aclosing(self._source.captures()) as captures,
+            ):
                 async for capture in captures:
                     self._pass_on(capture, publisher)
         finally:

@@ -74,7 +74,9 @@ class MocapMapping:
 
     def __post_init__(self) -> None:
         if not self.objects:
-            raise InvalidValueError("objects", self.objects, "a mapping of object ids, at least one")
+            raise InvalidValueError(
+                "objects", self.objects, "a mapping of object ids, at least one"
+            )
         taken: dict[str, KeyPath] = {self.world: ("world",)}
         for id_, mapped in self.objects.items():
             places = {"via": mapped.via} | ({"frame": mapped.frame} if mapped.frame else {})
@@ -87,7 +89,9 @@ class MocapMapping:
 
 def _taken(path: KeyPath, frame: str, before: KeyPath) -> _TakenError:
     key, holder = (".".join(map(str, p)) for p in (path, before))
-    error = _TakenError(Place(file="mapping", key=key), frame, f"a frame of its own; {holder} has that one")
+    error = _TakenError(
+        Place(file="mapping", key=key), frame, f"a frame of its own; {holder} has that one"
+    )
     error.path = path
     return error
 
@@ -132,10 +136,14 @@ def place_via_proxy(
     world = seen.parent
     frame = mapped.frame or root_below(buffer, mapped.via, world)
     if frame == world:
-        raise PlacingError(frame, f"{mapped.via!r} stands directly in the world, as a robot's root only should")
+        raise PlacingError(
+            frame, f"{mapped.via!r} stands directly in the world, as a robot's root only should"
+        )
     if frame in buffer and (parent := buffer.parent_of(frame)) not in {None, world}:
         root = root_below(buffer, frame, world)
-        raise PlacingError(frame, f"it stands in {parent!r} already; publish the root of its tree, {root!r}")
+        raise PlacingError(
+            frame, f"it stands in {parent!r} already; publish the root of its tree, {root!r}"
+        )
     world_from_via = seen.pose @ mapped.offset
     via_from_frame = Pose()
     if frame != mapped.via:

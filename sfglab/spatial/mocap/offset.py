@@ -79,7 +79,9 @@ class Problem:
         """Return what makes weighted squares least, by Gauss-Newton; MocapError where that does not settle."""
         for _ in range(_STEPS):
             step = np.zeros(18)
-            least = np.linalg.lstsq(self.jacobian(guess, weights), self._weighted(guess, weights))[0]
+            least = np.linalg.lstsq(self.jacobian(guess, weights), self._weighted(guess, weights))[
+                0
+            ]
             step[: self._unknowns] = -least
             guess = Guess(
                 _moved(guess.x, step[:6]),
@@ -89,7 +91,9 @@ class Problem:
             )
             if np.linalg.norm(step) < _SETTLED:
                 return guess
-        raise MocapError("offset: the estimate does not settle; the pairs are not of one rigid motion")
+        raise MocapError(
+            "offset: the estimate does not settle; the pairs are not of one rigid motion"
+        )
 
     def cost(self, guess: Guess) -> float:
         """Return the sum of squares that remains, all moments equal."""
@@ -99,7 +103,9 @@ class Problem:
         """Return 1 over the deviations of turns (rad) and shifts (m)."""
         turns, shifts = self._residuals(guess)
         share = 2 * turns.size / max(1, 2 * turns.size - self._unknowns)
-        turn, shift = (max(float(np.sqrt(np.mean(kind**2) * share)), 1e-9) for kind in (turns, shifts))
+        turn, shift = (
+            max(float(np.sqrt(np.mean(kind**2) * share)), 1e-9) for kind in (turns, shifts)
+        )
         return 1.0 / turn, 1.0 / shift
 
     def jacobian(self, guess: Guess, weights: Weights) -> NDArray[np.float64]:
@@ -147,7 +153,9 @@ class Problem:
 def _moved(pose: Pose, step: NDArray[np.float64]) -> Pose:
     from scipy.spatial.transform import Rotation
 
-    return Pose.from_rotation(np.add(pose.position_m, step[3:]), pose.rotation * Rotation.from_rotvec(step[:3]))
+    return Pose.from_rotation(
+        np.add(pose.position_m, step[3:]), pose.rotation * Rotation.from_rotvec(step[:3])
+    )
 
 
 def _crosses(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -170,7 +178,9 @@ def starts(pairs: Sequence[PosePair]) -> list[Guess]:
     from scipy.spatial.transform import Rotation
 
     (ra, _), (rb, _) = (_stacked([getattr(p, side) for p in pairs]) for side in _SIDES)
-    mean = np.mean([np.kron(b, a) for a, b in zip(ra.as_matrix(), rb.as_matrix(), strict=True)], axis=0)
+    mean = np.mean(
+        [np.kron(b, a) for a, b in zip(ra.as_matrix(), rb.as_matrix(), strict=True)], axis=0
+    )
     _, values, right = np.linalg.svd(mean)
     if values[1] < _ALONE * values[0]:
         turn = right[0].reshape(3, 3, order="F")
@@ -202,7 +212,9 @@ class OffsetEstimate:
     """The offset and its uncertainty."""
 
     object_from_base: Pose  #: The base in the object's frame, X.
-    world_from_odom: Pose  #: The odometry in the world, Z; in the middle of the recording if it drifts.
+    world_from_odom: (
+        Pose  #: The odometry in the world, Z; in the middle of the recording if it drifts.
+    )
     #: Of X: turn about the base's x, y, z (rad), then position in the object's frame (m); 6 x 6.
     covariance: tuple[tuple[float, ...], ...]
     residual_m: float  #: Standard deviation of the position that remains unexplained, per axis.
@@ -240,7 +252,9 @@ def pose_pairs(
         except FrameError:
             continue
         time_ns = capture.capture_ns
-        pairs.append(PosePair(world_from_object=sight, odom_from_base=odom_from_base, time_ns=time_ns))
+        pairs.append(
+            PosePair(world_from_object=sight, odom_from_base=odom_from_base, time_ns=time_ns)
+        )
     return pairs
 
 
@@ -291,7 +305,9 @@ def _check_seen(jacobian: NDArray[np.float64], height_m: float | None) -> None:
     if values[-1] > _UNSEEN * values[0]:
         return
     names = ("turn about x", "turn about y", "turn about z", "x", "y", "z")
-    open_ = [name for name, share in zip(names, np.abs(directions[-1][:6]), strict=True) if share > 0.1]
+    open_ = [
+        name for name, share in zip(names, np.abs(directions[-1][:6]), strict=True) if share > 0.1
+    ]
     hint = "; give height_m if the robot turns about z only" if height_m is None else ""
     raise MocapError(
         f"offset: the motion leaves {', '.join(open_) or 'the odometry'} of the base in the object's frame "

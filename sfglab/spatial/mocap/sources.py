@@ -43,7 +43,9 @@ def capture_of(object_id: str, message: Any, receipt_ns: int) -> Capture:
     except PoseError:
         sight = Lapse.INVALID
     capture_ns = ns_from_stamp(message.header.stamp)
-    return Capture(number=None, capture_ns=capture_ns, receipt_ns=receipt_ns, sights={object_id: sight})
+    return Capture(
+        number=None, capture_ns=capture_ns, receipt_ns=receipt_ns, sights={object_id: sight}
+    )
 
 
 class TopicSource:
@@ -54,12 +56,21 @@ class TopicSource:
     """
 
     def __init__(
-        self, node: Node, topics: Mapping[str, str], *, type_: str = POSE, qos: QoSProfile = SENSOR_DATA
+        self,
+        node: Node,
+        topics: Mapping[str, str],
+        *,
+        type_: str = POSE,
+        qos: QoSProfile = SENSOR_DATA,
     ) -> None:
         if type_ not in {POSE, TRANSFORM}:
-            raise MocapError(f"topic source: given the type {type_!r}, allowed are {POSE} and {TRANSFORM}")
+            raise MocapError(
+                f"topic source: given the type {type_!r}, allowed are {POSE} and {TRANSFORM}"
+            )
         if not topics:
-            raise MocapError("topic source: no topic is given, allowed is a topic per object, at least one")
+            raise MocapError(
+                "topic source: no topic is given, allowed is a topic per object, at least one"
+            )
         self._node, self._topics, self._type, self._qos = node, dict(topics), type_, qos
         self._queue: deque[Capture] = deque(maxlen=_QUEUE)
         self._came = asyncio.Event()
@@ -90,7 +101,9 @@ class TopicSource:
 class LogSource:
     """Captures from a log's `POSE` or `TRANSFORM` topics as received; with a clock at the log's pace."""
 
-    def __init__(self, reader: LogReader, topics: Mapping[str, str], *, clock: Clock | None = None) -> None:
+    def __init__(
+        self, reader: LogReader, topics: Mapping[str, str], *, clock: Clock | None = None
+    ) -> None:
         self._reader, self._topics, self._clock = reader, dict(topics), clock
 
     def recorded(self) -> Iterator[Capture]:
@@ -98,7 +111,9 @@ class LogSource:
         types = {topic: info.type_name for topic, info in self._reader.topics.items()}
         for topic in self._topics.values():
             if types.get(topic, POSE) not in {POSE, TRANSFORM}:
-                raise MocapError(f"{topic}: given the type {types[topic]}, allowed are {POSE} and {TRANSFORM}")
+                raise MocapError(
+                    f"{topic}: given the type {types[topic]}, allowed are {POSE} and {TRANSFORM}"
+                )
         streams = [self._stream(id_, topic) for id_, topic in self._topics.items()]
         return merge(*streams, key=lambda capture: capture.receipt_ns)
 
@@ -113,7 +128,9 @@ class LogSource:
             if self._clock is not None:
                 now_ns = self._clock.now_ns()
                 ahead_ns = now_ns - capture.receipt_ns if ahead_ns is None else ahead_ns
-                await self._clock.sleep_for(max(0.0, (capture.receipt_ns + ahead_ns - now_ns) / NS_PER_S))
+                await self._clock.sleep_for(
+                    max(0.0, (capture.receipt_ns + ahead_ns - now_ns) / NS_PER_S)
+                )
             yield capture
 
 
@@ -170,7 +187,9 @@ class ViconSource:
 
     def _demand(self, what: str, result: Any) -> None:
         if result != self._library.Result.Success:
-            raise MocapError(f"Vicon Tracker at {self._host}: asked to {what}, it answered {result.name}")
+            raise MocapError(
+                f"Vicon Tracker at {self._host}: asked to {what}, it answered {result.name}"
+            )
 
     def _frame(self, client: Any) -> Capture | None:
         result = client.get_frame()
@@ -198,6 +217,8 @@ class ViconSource:
             return object_id, Lapse.OCCLUDED
         w, x, y, z = quat_wxyz
         try:
-            return object_id, Pose.at((v / 1000.0 for v in position_mm), (x, y, z, w), place=object_id)
+            return object_id, Pose.at(
+                (v / 1000.0 for v in position_mm), (x, y, z, w), place=object_id
+            )
         except PoseError:
             return object_id, Lapse.INVALID

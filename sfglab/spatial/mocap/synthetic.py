@@ -56,7 +56,9 @@ class SyntheticConfig:
     noise_rad: float = between(0.002)  #: Standard deviation of the turn about every axis.
     occlusions_hz: float = between(0.0)  #: How often an object gets hidden.
     occlusion_s: float = between(0.2, without=(0,))  #: For how long.
-    flips_hz: float = between(0.0)  #: How often an object's pattern is taken for itself turned by half a turn.
+    flips_hz: float = between(
+        0.0
+    )  #: How often an object's pattern is taken for itself turned by half a turn.
     flip_s: float = between(0.05, without=(0,))  #: For how long.
     dropped: float = between(0.0, 0, 1, without=(1,))  #: Share of captures that never arrive.
     latency_s: float = between(0.006)  #: From capture to receipt, at least.
@@ -92,7 +94,9 @@ def synthetic_captures(
         now_hidden = hidden.at(time_s, rng)
         now_flipped = flipped.at(time_s, rng) - now_hidden
         sights: dict[str, Sight] = {
-            id_: Lapse.OCCLUDED if id_ in now_hidden else _seen(pose, id_ in now_flipped, config, rng)
+            id_: Lapse.OCCLUDED
+            if id_ in now_hidden
+            else _seen(pose, id_ in now_flipped, config, rng)
             for id_, pose in truth.items()
         }
         latency_s = config.latency_s + rng.exponential(config.jitter_s)

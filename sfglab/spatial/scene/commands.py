@@ -42,8 +42,12 @@ class Command(Protocol):
 class Add:
     """Put new objects into the scene."""
 
-    objects: tuple[SceneObject, ...]  #: Parents before what they hold, ids from the scene's `next_id` on.
-    index: int | None = None  #: Where the first one stands among its siblings; at the end where it is None.
+    objects: tuple[
+        SceneObject, ...
+    ]  #: Parents before what they hold, ids from the scene's `next_id` on.
+    index: int | None = (
+        None  #: Where the first one stands among its siblings; at the end where it is None.
+    )
 
     @property
     def label(self) -> str:
@@ -93,8 +97,12 @@ class Move:
 
     id: int  #: Which.
     parent: int  #: The new parent's id, or `ROOT`.
-    index: int | None = None  #: Where among the siblings there, counted without it; None: at the end.
-    keep_place: bool = True  #: It stays where it is in the scene; else it keeps its pose in its parent.
+    index: int | None = (
+        None  #: Where among the siblings there, counted without it; None: at the end.
+    )
+    keep_place: bool = (
+        True  #: It stays where it is in the scene; else it keeps its pose in its parent.
+    )
 
     label: ClassVar[str] = "Move in the tree"
 
@@ -240,7 +248,9 @@ class AlignWaypoints:
         """Return the scene with every waypoint aligned."""
         thing = scene.of_kind(self.id, TrajectoryObject)
         if not isinstance(self.align, Align):
-            raise SceneError(f"{place_of(thing)}, align", self.align, " or ".join(a.value for a in Align))
+            raise SceneError(
+                f"{place_of(thing)}, align", self.align, " or ".join(a.value for a in Align)
+            )
         draft = Draft(scene)
         for id_ in scene.held_by(self.id):
             waypoint = scene.of_kind(id_, WaypointObject)
@@ -263,7 +273,9 @@ class Retime:
         limits = self.limits
         if limits is None:
             if thing.agent is None:
-                raise SceneError(f"{place_of(thing)}, limits", None, "limits, or an agent that drives it")
+                raise SceneError(
+                    f"{place_of(thing)}, limits", None, "limits, or an agent that drives it"
+                )
             limits = scene.of_kind(thing.agent, AgentObject).limits
         return _retimed(scene, thing, partial(retimed, limits=limits))
 
@@ -283,14 +295,18 @@ class Stretch:
         return _retimed(scene, thing, partial(stretched, factor=self.factor))
 
 
-def _retimed(scene: Scene, thing: TrajectoryObject, change: Callable[[Trajectory], Trajectory]) -> Scene:
+def _retimed(
+    scene: Scene, thing: TrajectoryObject, change: Callable[[Trajectory], Trajectory]
+) -> Scene:
     trajectory = scene.trajectory(thing.id)
     if trajectory is None:
         raise SceneError(place_of(thing), "no waypoints", "a trajectory with waypoints")
     try:
         times_ns = [w.time_ns for w in change(trajectory).waypoints]
     except TrajectoryError as error:
-        raise SceneError(f"{place_of(thing)}, times", str(error), "times that a trajectory may have") from error
+        raise SceneError(
+            f"{place_of(thing)}, times", str(error), "times that a trajectory may have"
+        ) from error
     draft = Draft(scene)
     draft.put_times(thing.id, times_ns)
     return draft.scene()
@@ -317,7 +333,9 @@ class History:
         self._done: deque[Step] = deque(maxlen=depth)
         self._undone: list[Step] = []
         self._dropped: list[Step] = []
-        self.next_id = scene.next_id  #: An id that no object ever had, also none whose addition was undone.
+        self.next_id = (
+            scene.next_id
+        )  #: An id that no object ever had, also none whose addition was undone.
 
     @property
     def undo_label(self) -> str | None:

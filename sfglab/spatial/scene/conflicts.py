@@ -68,12 +68,20 @@ class Conflict:
     objects: tuple[int, ...]  #: Ids of whom it concerns.
     text: str  #: One sentence for people, with value and what is allowed.
     time_s: float | None = None  #: When it is worst; None where time does not matter.
-    position_m: Vec3 | None = None  #: Where then, in the scene's frame; None where place does not matter.
+    position_m: Vec3 | None = (
+        None  #: Where then, in the scene's frame; None where place does not matter.
+    )
 
 
 def conflicts(scene: Scene) -> tuple[Conflict, ...]:
     """Return all warnings of a scene, by kind and in the tree's order."""
-    return (*_meetings(scene), *_touches(scene), *_over_limits(scene), *_outside(scene), *_loose_ends(scene))
+    return (
+        *_meetings(scene),
+        *_touches(scene),
+        *_over_limits(scene),
+        *_outside(scene),
+        *_loose_ends(scene),
+    )
 
 
 @functools.lru_cache(maxsize=4096)
@@ -94,8 +102,14 @@ def _meetings(scene: Scene) -> Iterator[Conflict]:
         found = _approach(motions[a.id], motions[b.id])
         clearance_m = found.distance_m - a.radius_m - b.radius_m
         if clearance_m < scene.margin_m:
-            gap = f"are {clearance_m:.3f} m apart" if clearance_m >= 0 else f"overlap by {-clearance_m:.3f} m"
-            x, y, z = ((p + q) / 2.0 for p, q in zip(found.position_a_m, found.position_b_m, strict=True))
+            gap = (
+                f"are {clearance_m:.3f} m apart"
+                if clearance_m >= 0
+                else f"overlap by {-clearance_m:.3f} m"
+            )
+            x, y, z = (
+                (p + q) / 2.0 for p, q in zip(found.position_a_m, found.position_b_m, strict=True)
+            )
             yield Conflict(
                 kind=ConflictKind.AGENTS,
                 objects=(a.id, b.id),
@@ -107,7 +121,9 @@ def _meetings(scene: Scene) -> Iterator[Conflict]:
 
 def _touches(scene: Scene) -> Iterator[Conflict]:
     obstacles = [(ConflictKind.OBSTACLE, thing) for thing in scene.all_of(ObstacleObject)]
-    zones = [(ConflictKind.ZONE, z) for z in scene.all_of(ZoneObject) if z.rule is ZoneRule.FORBIDDEN]
+    zones = [
+        (ConflictKind.ZONE, z) for z in scene.all_of(ZoneObject) if z.rule is ZoneRule.FORBIDDEN
+    ]
     bodies = [(kind, thing, scene.world_pose(thing.id)) for kind, thing in [*obstacles, *zones]]
     for agent in scene.all_of(AgentObject) if bodies else ():
         motion = scene.motion(agent.id)
@@ -156,7 +172,10 @@ def _outside(scene: Scene) -> Iterator[Conflict]:
     places = [(zone.shape, scene.world_pose(zone.id).inverse()) for zone in zones]
     for waypoint in scene.all_of(WaypointObject) if zones else ():
         position = scene.world_pose(waypoint.id).position_m
-        gaps = [float(shape.distances_m(np.array([inverse.apply(position)]))[0]) for shape, inverse in places]
+        gaps = [
+            float(shape.distances_m(np.array([inverse.apply(position)]))[0])
+            for shape, inverse in places
+        ]
         if min(gaps) > 0.0:
             nearest = zones[gaps.index(min(gaps))].name
             name = scene.get(waypoint.parent).name
@@ -207,5 +226,6 @@ def _ghost(scene: Scene, agent: AgentObject, time_s: float) -> Ghost:
         name=agent.name,
         pose=found.pose(0),
         speed_m_s=float(found.speeds_m_s[0]),
-        driving=scene.driven_by(agent.id) is not None and motion.start_ns <= time_s * NS_PER_S <= motion.end_ns,
+        driving=scene.driven_by(agent.id) is not None
+        and motion.start_ns <= time_s * NS_PER_S <= motion.end_ns,
     )

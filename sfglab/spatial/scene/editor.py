@@ -54,7 +54,9 @@ class Change:
     label: str = ""  #: Of the step, where it is one.
     added: tuple[int, ...] = ()  #: Ids that are new.
     removed: tuple[int, ...] = ()  #: Ids that are gone.
-    changed: tuple[int, ...] = ()  #: Ids whose object, or what it holds, changed; 0 is the scene itself.
+    changed: tuple[
+        int, ...
+    ] = ()  #: Ids whose object, or what it holds, changed; 0 is the scene itself.
 
 
 class Editor:
@@ -83,7 +85,9 @@ class Editor:
         Raises:
             SceneError: The file is there and is no scene.
         """
-        return cls(load_scene(file) if file.exists() else Scene(name=file.stem or "scene"), file=file)
+        return cls(
+            load_scene(file) if file.exists() else Scene(name=file.stem or "scene"), file=file
+        )
 
     @property
     def scene(self) -> Scene:
@@ -186,7 +190,12 @@ class Editor:
         return id_
 
     def insert_waypoint(
-        self, trajectory: int, *, time_ns: int | None = None, pose: Pose | None = None, **values: Any
+        self,
+        trajectory: int,
+        *,
+        time_ns: int | None = None,
+        pose: Pose | None = None,
+        **values: Any,
     ) -> int:
         """Add a waypoint, by default a second after the last and where the trajectory is then; return its id.
 
@@ -214,7 +223,9 @@ class Editor:
         """
         original = self.scene.get(id_)
         if isinstance(original, WaypointObject):
-            raise SceneError(place_of(original), "a copy at the same time", "a new waypoint at another time")
+            raise SceneError(
+                place_of(original), "a copy at the same time", "a new waypoint at another time"
+            )
         copied = (original, *self.scene.walk(id_))
         new = {thing.id: self._history.next_id + i for i, thing in enumerate(copied)}
         copies = tuple(_copy(thing, new) for thing in copied)
@@ -286,7 +297,9 @@ class Editor:
         common = before.objects.keys() & after.objects.keys()
         changed = {i for i in common if before.objects[i] != after.objects[i]}
         changed |= {i for i in {ROOT, *common} if before.held_by(i) != after.held_by(i)}
-        if any(getattr(before, key) != getattr(after, key) for key in ("name", "frame_id", "margin_m")):
+        if any(
+            getattr(before, key) != getattr(after, key) for key in ("name", "frame_id", "margin_m")
+        ):
             changed.add(ROOT)
         self.selection = tuple(i for i in self.selection if i in after.objects)
         self._tell(

@@ -59,7 +59,11 @@ def _object_lines(scene: Scene, thing: SceneObject) -> Iterator[str]:
         yield f"  pose: {{{_pose_text(thing.pose)}}}"
     for key, value in _said(thing):
         yield f"  {key}: {_scalar(value)}"
-    held = [w for w in (scene.objects[i] for i in scene.held_by(thing.id)) if isinstance(w, WaypointObject)]
+    held = [
+        w
+        for w in (scene.objects[i] for i in scene.held_by(thing.id))
+        if isinstance(w, WaypointObject)
+    ]
     if held:
         yield "  waypoints:"
         yield from (f"  - {{{_waypoint(waypoint)}}}" for waypoint in held)
@@ -198,7 +202,11 @@ def _waypoints(section: Section, parent: int) -> Iterator[Placed]:
 
 def _time_ns(section: Section, before_ns: int) -> int:
     seconds = section.get("time_s")
-    if isinstance(seconds, bool) or not isinstance(seconds, int | float) or not 0 <= seconds <= _LATEST_S:
+    if (
+        isinstance(seconds, bool)
+        or not isinstance(seconds, int | float)
+        or not 0 <= seconds <= _LATEST_S
+    ):
         raise section.refusal("time_s", seconds, f"seconds from 0 to {_LATEST_S}")
     time_ns = round(seconds * NS_PER_S)
     if time_ns <= before_ns:
@@ -229,7 +237,9 @@ def _insert_all(draft: Draft, objects: list[Placed]) -> None:
     by_id: dict[int, Placed] = {}
     for place, thing in objects:
         if thing.id in by_id:
-            raise SceneError(place, f"id {thing.id}", f"an id of its own; {by_id[thing.id][0]} has this one")
+            raise SceneError(
+                place, f"id {thing.id}", f"an id of its own; {by_id[thing.id][0]} has this one"
+            )
         by_id[thing.id] = (place, thing)
     held: dict[int, list[int]] = {}
     for _, thing in objects:

@@ -38,10 +38,16 @@ class Property:
 
     name: str  #: Its name, with unit.
     allowed: str  #: What it may be, in words.
-    parse: Callable[[Any], Any]  #: From a typed or plain value to the typed; raises ValueError or TypeError.
+    parse: Callable[
+        [Any], Any
+    ]  #: From a typed or plain value to the typed; raises ValueError or TypeError.
     schema: Schema  #: What stands in a file, as JSON Schema.
-    plain: Callable[[Any], Any] = lambda value: value  #: From the typed value to what stands in a file.
-    choices: tuple[str, ...] = ()  #: What may be chosen, for a form; empty where anything else is asked for.
+    plain: Callable[[Any], Any] = lambda value: (
+        value
+    )  #: From the typed value to what stands in a file.
+    choices: tuple[
+        str, ...
+    ] = ()  #: What may be chosen, for a form; empty where anything else is asked for.
 
     def typed(self, value: Any, place: str) -> Any:
         """Return a value as the property holds it; SceneError where it is not allowed."""
@@ -61,7 +67,9 @@ def as_name(value: Any) -> str:
 def text(name: str) -> Property:
     """Return the property of a short text."""
     schema = text_schema(maxLength=_LONGEST)
-    return Property(name=name, allowed=f"1 to {_LONGEST} printable characters", parse=as_name, schema=schema)
+    return Property(
+        name=name, allowed=f"1 to {_LONGEST} printable characters", parse=as_name, schema=schema
+    )
 
 
 _NAME = text("name")
@@ -78,8 +86,14 @@ def length(name: str, *, optional: bool = False, zero: bool = False) -> Property
             raise ValueError(value)
         return number
 
-    allowed = "a finite number " + ("from zero" if zero else "above zero") + (", or none" if optional else "")
-    schema = (_FROM_0 if zero else _ABOVE_0) | {"type": ["number", "null"] if optional else "number"}
+    allowed = (
+        "a finite number "
+        + ("from zero" if zero else "above zero")
+        + (", or none" if optional else "")
+    )
+    schema = (_FROM_0 if zero else _ABOVE_0) | {
+        "type": ["number", "null"] if optional else "number"
+    }
     return Property(name=name, allowed=allowed, parse=parse, schema=schema)
 
 
@@ -110,9 +124,13 @@ def reference(name: str, what: str) -> Property:
 
 def shape(name: str) -> Property:
     """Return the property of a body: box, sphere or cylinder."""
-    forms = (f"{word} with {' and '.join(f.name for f in fields(of))}" for word, of in _SHAPES.items())
+    forms = (
+        f"{word} with {' and '.join(f.name for f in fields(of))}" for word, of in _SHAPES.items()
+    )
     schema = {"oneOf": [_shape_schema(word, of) for word, of in _SHAPES.items()]}
-    return Property(name=name, allowed=" or ".join(forms), parse=_to_shape, plain=_plain_shape, schema=schema)
+    return Property(
+        name=name, allowed=" or ".join(forms), parse=_to_shape, plain=_plain_shape, schema=schema
+    )
 
 
 def _shape_schema(word: str, of: type[Shape]) -> Schema:
@@ -140,7 +158,9 @@ def _to_shape(value: Any) -> Shape:
     made = _SHAPES[sizes.pop("kind")]
     if sizes.keys() != {f.name for f in fields(made)}:
         raise ValueError(value)
-    numbers: Any = {key: _sizes(size) if key == "size_m" else _number(size) for key, size in sizes.items()}
+    numbers: Any = {
+        key: _sizes(size) if key == "size_m" else _number(size) for key, size in sizes.items()
+    }
     return made(**numbers)
 
 
@@ -215,7 +235,9 @@ class ObstacleObject(SceneObject):
     kind: ClassVar[str] = "obstacle"
     properties: ClassVar[tuple[Property, ...]] = (shape("shape"),)
 
-    shape: Shape = field(default_factory=lambda: Sphere(radius_m=0.5))  #: The body, centred at the pose.
+    shape: Shape = field(
+        default_factory=lambda: Sphere(radius_m=0.5)
+    )  #: The body, centred at the pose.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -225,7 +247,9 @@ class ZoneObject(SceneObject):
     kind: ClassVar[str] = "zone"
     properties: ClassVar[tuple[Property, ...]] = (shape("shape"), choice("rule", ZoneRule))
 
-    shape: Shape = field(default_factory=lambda: Sphere(radius_m=0.5))  #: The part, centred at the pose.
+    shape: Shape = field(
+        default_factory=lambda: Sphere(radius_m=0.5)
+    )  #: The part, centred at the pose.
     rule: ZoneRule = ZoneRule.FORBIDDEN  #: What it is for.
 
 
@@ -241,7 +265,9 @@ class TrajectoryObject(SceneObject):
 
     #: Id of the agent that drives it; an agent drives one trajectory at most. None: nobody does yet.
     agent: int | None = None
-    interpolation: Interpolation = Interpolation.POLYLINE  #: How to go from one waypoint to the next.
+    interpolation: Interpolation = (
+        Interpolation.POLYLINE
+    )  #: How to go from one waypoint to the next.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -283,10 +309,16 @@ def checked_object(thing: SceneObject) -> SceneObject:
     if not isinstance(thing.pose, Pose):
         raise SceneError(f"{place}, pose", thing.pose, "a pose")
     if not all(abs(c) <= _FARTHEST_M for c in thing.pose.position_m):
-        raise SceneError(f"{place}, position", thing.pose.position_m, f"metres within {_FARTHEST_M:g} of 0")
+        raise SceneError(
+            f"{place}, position", thing.pose.position_m, f"metres within {_FARTHEST_M:g} of 0"
+        )
     if isinstance(thing, WaypointObject):
         given = thing.time_ns
         if isinstance(given, bool) or not isinstance(given, int) or not 0 <= given <= LATEST_NS:
-            raise SceneError(f"{place_of(thing)}, time_ns", given, f"whole nanoseconds from 0 to {LATEST_NS}")
-    typed = {p.name: p.typed(getattr(thing, p.name), f"{place}, {p.name}") for p in thing.properties}
+            raise SceneError(
+                f"{place_of(thing)}, time_ns", given, f"whole nanoseconds from 0 to {LATEST_NS}"
+            )
+    typed = {
+        p.name: p.typed(getattr(thing, p.name), f"{place}, {p.name}") for p in thing.properties
+    }
     return replace(thing, **typed)

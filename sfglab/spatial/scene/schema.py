@@ -33,7 +33,12 @@ class _PoseKeys:
     """A pose in the parent."""
 
     xyz_m: tuple[float, float, float]  #: Position along x, y and z.
-    quat_xyzw: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 1.0)  #: Orientation, of length 1.
+    quat_xyzw: tuple[float, float, float, float] = (
+        0.0,
+        0.0,
+        0.0,
+        1.0,
+    )  #: Orientation, of length 1.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -43,7 +48,9 @@ class _ObjectKeys:
     id: int = field(metadata=bounds(1))  #: Never given to another object.
     name: str  #: For people; several objects may share one.
     parent: int = ROOT  #: Id of the object that holds it; 0: none.
-    pose: _PoseKeys | None = None  #: Where it is in its parent; the parent's own place where it is left out.
+    pose: _PoseKeys | None = (
+        None  #: Where it is in its parent; the parent's own place where it is left out.
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -51,7 +58,9 @@ class _WaypointKeys(_PoseKeys):
     """Where a trajectory is at a time."""
 
     id: int = field(metadata=bounds(1))  #: Never given to another object.
-    time_s: float = field(metadata=bounds(0, LATEST_NS // NS_PER_S))  #: Above the previous waypoint's.
+    time_s: float = field(
+        metadata=bounds(0, LATEST_NS // NS_PER_S)
+    )  #: Above the previous waypoint's.
     name: str = ""  #: Only where somebody gave it one.
 
 
@@ -68,8 +77,16 @@ def scene_schema() -> Schema:
     maker = SchemaMaker()
     top = maker.mapping(_SceneKeys)
     top["properties"] |= _described(Scene, SCENE_PROPERTIES)
-    things = {"oneOf": [_kind_schema(maker, kind) for kind in KINDS.values() if kind is not WaypointObject]}
-    top["properties"]["objects"] = {"description": "What stands in it.", "type": "array", "items": things}
+    things = {
+        "oneOf": [
+            _kind_schema(maker, kind) for kind in KINDS.values() if kind is not WaypointObject
+        ]
+    }
+    top["properties"]["objects"] = {
+        "description": "What stands in it.",
+        "type": "array",
+        "items": things,
+    }
     return maker.finished(top)
 
 
@@ -81,9 +98,15 @@ def _kind_schema(maker: SchemaMaker, kind: type[SceneObject]) -> Schema:
     schema["required"].append("kind")
     if kind is TrajectoryObject:
         waypoint = maker.reference(_WaypointKeys)
-        maker.definition(_WaypointKeys)["properties"] |= _described(WaypointObject, WaypointObject.properties)
+        maker.definition(_WaypointKeys)["properties"] |= _described(
+            WaypointObject, WaypointObject.properties
+        )
         about = "In order of time."
-        schema["properties"]["waypoints"] = {"description": about, "type": "array", "items": waypoint}
+        schema["properties"]["waypoints"] = {
+            "description": about,
+            "type": "array",
+            "items": waypoint,
+        }
     return schema
 
 

@@ -29,9 +29,15 @@ from sfglab.spatial.trajectory.path import Trajectory, Waypoint, aligned_quat, i
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
-_SAME_RAD = 1e-9  #: A waypoint aligned as well as this is left alone, so that files read back byte by byte.
+_SAME_RAD = (
+    1e-9  #: A waypoint aligned as well as this is left alone, so that files read back byte by byte.
+)
 
-SCENE_PROPERTIES = (text("name"), text("frame_id"), length("margin_m", zero=True))  #: Of a scene itself.
+SCENE_PROPERTIES = (
+    text("name"),
+    text("frame_id"),
+    length("margin_m", zero=True),
+)  #: Of a scene itself.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -102,7 +108,9 @@ class Scene:
 
     def driven_by(self, agent: int) -> TrajectoryObject | None:
         """Return the trajectory that an agent drives, if any."""
-        found = (t for t in self.objects.values() if isinstance(t, TrajectoryObject) and t.agent == agent)
+        found = (
+            t for t in self.objects.values() if isinstance(t, TrajectoryObject) and t.agent == agent
+        )
         return next(found, None)
 
     def motion(self, agent: int) -> Trajectory:
@@ -144,7 +152,9 @@ class Draft:
         thing = checked_object(thing)
         if thing.id in self._objects:
             taken = place_of(self._objects[thing.id])
-            raise SceneError(place_of(thing), f"id {thing.id}", f"an id of its own; {taken} has this one")
+            raise SceneError(
+                place_of(thing), f"id {thing.id}", f"an id of its own; {taken} has this one"
+            )
         self._check_parent(thing, thing.parent)
         self._check_agent(thing)
         self._attach(thing, index)
@@ -188,7 +198,9 @@ class Draft:
         above = parent
         while above != ROOT:
             if above == thing.id:
-                raise SceneError(f"{place_of(thing)}, parent", parent, "a parent that does not lie inside it")
+                raise SceneError(
+                    f"{place_of(thing)}, parent", parent, "a parent that does not lie inside it"
+                )
             above = self._objects[above].parent
         self._detach(self.get(thing.id))
         self._attach(checked_object(replace(thing, parent=parent)), index)
@@ -214,7 +226,11 @@ class Draft:
         if not isinstance(self._objects.get(thing.agent), AgentObject):
             raise SceneError(place, thing.agent, "the id of an agent in the scene, or none")
         for other in self._objects.values():
-            if isinstance(other, TrajectoryObject) and other.agent == thing.agent and other.id != thing.id:
+            if (
+                isinstance(other, TrajectoryObject)
+                and other.agent == thing.agent
+                and other.id != thing.id
+            ):
                 allowed = f"an agent that drives no other; this one drives {other.id}"
                 raise SceneError(place, thing.agent, allowed)
 
@@ -226,7 +242,9 @@ class Draft:
         elif index is None:
             index = len(held)
         elif isinstance(index, bool) or not isinstance(index, int) or not 0 <= index <= len(held):
-            raise SceneError(f"{place_of(thing)}, index", index, f"0 to {len(held)}, or none for the end")
+            raise SceneError(
+                f"{place_of(thing)}, index", index, f"0 to {len(held)}, or none for the end"
+            )
         self._children[thing.parent] = (*held[:index], thing.id, *held[index:])
         self._objects[thing.id] = thing
 
@@ -238,7 +256,9 @@ class Draft:
         return index
 
     def _detach(self, thing: SceneObject) -> None:
-        self._children[thing.parent] = tuple(id_ for id_ in self._children[thing.parent] if id_ != thing.id)
+        self._children[thing.parent] = tuple(
+            id_ for id_ in self._children[thing.parent] if id_ != thing.id
+        )
         if isinstance(thing, WaypointObject):
             self._unsettled.add(thing.parent)
 

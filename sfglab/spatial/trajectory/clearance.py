@@ -98,7 +98,9 @@ def _hull(beyond: Floats) -> Floats:
     return np.asarray(outside + np.minimum(beyond.max(axis=1), 0.0))
 
 
-TOLERANCE_M = 1e-4  #: How far a spline's closest distance may be above the true one, unless asked otherwise.
+TOLERANCE_M = (
+    1e-4  #: How far a spline's closest distance may be above the true one, unless asked otherwise.
+)
 _PARTS = 4
 _SPLITS = 12
 _ROUNDING_M = 1e-12
@@ -191,7 +193,9 @@ class _Chords(NamedTuple):
 
     def split(self) -> _Chords:
         edges = np.linspace(self.start_s, self.end_s, _PARTS + 1, axis=1)
-        return _Chords(edges[:, :-1].ravel(), edges[:, 1:].ravel(), np.repeat(self.bend_m_s2, _PARTS))
+        return _Chords(
+            edges[:, :-1].ravel(), edges[:, 1:].ravel(), np.repeat(self.bend_m_s2, _PARTS)
+        )
 
 
 class _Minimum(Protocol):
@@ -242,7 +246,9 @@ class _ShapeMinimum:
 def _chords(motions: tuple[Motion, ...], start_s: float, end_s: float) -> _Chords:
     """Return the intervals between anybody's waypoints, with the sum of all accelerations' bounds."""
     edges = np.concatenate([motion.times_s for motion in motions])
-    edges = np.unique(np.concatenate([[start_s, end_s], edges[(edges > start_s) & (edges < end_s)]]))
+    edges = np.unique(
+        np.concatenate([[start_s, end_s], edges[(edges > start_s) & (edges < end_s)]])
+    )
     if len(edges) == 1:
         edges = np.repeat(edges, 2)
     middle = (edges[:-1] + edges[1:]) / 2.0
@@ -286,7 +292,9 @@ def _least(
     return float(tried[lines.distances(relative(tried)).argmin()]), left_m
 
 
-def _narrowed(low: Floats, high: Floats, gap: Callable[[Floats], Floats], *, rounds: int = _ROUNDS) -> Floats:
+def _narrowed(
+    low: Floats, high: Floats, gap: Callable[[Floats], Floats], *, rounds: int = _ROUNDS
+) -> Floats:
     """Return where functions that fall and then rise are least, by golden sections, all at once."""
     for _ in range(rounds):
         left, right = high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)

@@ -36,7 +36,10 @@ def csv_from_trajectory(trajectory: Trajectory) -> str:
 
 
 def trajectory_from_csv(
-    text: str, *, file: str = "trajectory.csv", interpolation: Interpolation = Interpolation.POLYLINE
+    text: str,
+    *,
+    file: str = "trajectory.csv",
+    interpolation: Interpolation = Interpolation.POLYLINE,
 ) -> Trajectory:
     """Return the waypoints of a CSV text, whose file's name is for messages.
 
@@ -51,7 +54,9 @@ def trajectory_from_csv(
         pairs: list[tuple[int, Pose]] = []
         for row in rows:
             if row:
-                pairs.append(_pair(row, f"{file}:{rows.line_num}", after_ns=pairs[-1][0] if pairs else -1))
+                pairs.append(
+                    _pair(row, f"{file}:{rows.line_num}", after_ns=pairs[-1][0] if pairs else -1)
+                )
         if not pairs:
             raise TrajectoryError(file, "no waypoint", "at least one")
         return Trajectory.of(pairs, interpolation)
@@ -92,7 +97,9 @@ def path_from_trajectory(trajectory: Trajectory, *, frame_id: str, start_ns: int
     return message_type("nav_msgs/msg/Path")(header=header_msg(frame_id, start_ns), poses=poses)
 
 
-def trajectory_from_path(message: Any, *, interpolation: Interpolation = Interpolation.POLYLINE) -> Trajectory:
+def trajectory_from_path(
+    message: Any, *, interpolation: Interpolation = Interpolation.POLYLINE
+) -> Trajectory:
     """Return the waypoints of a `nav_msgs/msg/Path`; the header's stamp is their time 0.
 
     Raises:
@@ -101,13 +108,18 @@ def trajectory_from_path(message: Any, *, interpolation: Interpolation = Interpo
     """
     zero_ns = ns_from_stamp(message.header.stamp)
     pairs = (
-        (ns_from_stamp(p.header.stamp) - zero_ns, Pose.from_msg(p.pose, place=f"path, pose {index}"))
+        (
+            ns_from_stamp(p.header.stamp) - zero_ns,
+            Pose.from_msg(p.pose, place=f"path, pose {index}"),
+        )
         for index, p in enumerate(message.poses)
     )
     return Trajectory.of(pairs, interpolation)
 
 
-def multi_dof_from_trajectory(trajectory: Trajectory, joint: str, *, frame_id: str, start_ns: int = 0) -> Any:
+def multi_dof_from_trajectory(
+    trajectory: Trajectory, joint: str, *, frame_id: str, start_ns: int = 0
+) -> Any:
     """Return a `trajectory_msgs/msg/MultiDOFJointTrajectory` of one joint, from `start_ns` (Unix time) on.
 
     Velocities are those of the segment that leaves a waypoint, at last of the one that arrives. Accelerations
@@ -123,7 +135,9 @@ def multi_dof_from_trajectory(trajectory: Trajectory, joint: str, *, frame_id: s
         point(
             transforms=[w.pose.to_transform_msg()],
             velocities=[_twist(found.velocities_m_s[i], found.angular_rad_s[i])],
-            accelerations=[_twist(found.accelerations_m_s2[i], 0.0 * found.angular_rad_s[i])] if curved else [],
+            accelerations=[_twist(found.accelerations_m_s2[i], 0.0 * found.angular_rad_s[i])]
+            if curved
+            else [],
             time_from_start=duration_msg(w.time_ns),
         )
         for i, w in enumerate(trajectory.waypoints)
@@ -144,7 +158,9 @@ def trajectory_from_multi_dof(
     """
     names = list(message.joint_names)
     if not names or (joint and joint not in names):
-        raise TrajectoryError("joint", repr(joint), f"one of {', '.join(names) or 'none, there are no joints'}")
+        raise TrajectoryError(
+            "joint", repr(joint), f"one of {', '.join(names) or 'none, there are no joints'}"
+        )
     column = names.index(joint) if joint else 0
     pairs = []
     for index, point in enumerate(message.points):

@@ -52,7 +52,9 @@ class Limits:
         for quantity in Quantity:
             limit = self.of(quantity)
             if limit is not None and not 0.0 < limit < math.inf:
-                raise TrajectoryError(f"limits, {quantity.value}", limit, "a finite number above zero, or none")
+                raise TrajectoryError(
+                    f"limits, {quantity.value}", limit, "a finite number above zero, or none"
+                )
 
     def of(self, quantity: Quantity) -> float | None:
         """Return the limit of a quantity."""
@@ -93,11 +95,17 @@ def peaks(trajectory: Trajectory, quantity: Quantity) -> Peaks:
 
 def limit_violations(trajectory: Trajectory, limits: Limits) -> tuple[LimitViolation, ...]:
     """Return every segment in which a limit is exceeded by more than a part in 10^9, for rounding, by time."""
-    found = [v for quantity in Quantity for v in _violations_of(trajectory, quantity, limits.of(quantity))]
+    found = [
+        v
+        for quantity in Quantity
+        for v in _violations_of(trajectory, quantity, limits.of(quantity))
+    ]
     return tuple(sorted(found, key=lambda v: (v.time_s, v.quantity.value)))
 
 
-def _violations_of(trajectory: Trajectory, quantity: Quantity, limit: float | None) -> Iterator[LimitViolation]:
+def _violations_of(
+    trajectory: Trajectory, quantity: Quantity, limit: float | None
+) -> Iterator[LimitViolation]:
     if limit is None:
         return
     found = peaks(trajectory, quantity)
@@ -150,7 +158,9 @@ def _sizes(
     _, velocity, acceleration, angular = motion.rates(segments, local_s)
     if quantity is Quantity.YAW_RATE:
         return np.abs(angular[:, 2])
-    return np.asarray(np.linalg.norm(velocity if quantity is Quantity.SPEED else acceleration, axis=1))
+    return np.asarray(
+        np.linalg.norm(velocity if quantity is Quantity.SPEED else acceleration, axis=1)
+    )
 
 
 _LOCAL_ROUNDS = 30

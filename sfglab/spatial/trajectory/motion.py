@@ -73,17 +73,27 @@ class Motion:
         from scipy.spatial.transform import Rotation
 
         poses = [w.pose for w in trajectory.waypoints]
-        self.times_s = np.array([w.time_ns for w in trajectory.waypoints]) / NS_PER_S  #: Shape (n,).
-        self.positions_m = np.array([p.position_m for p in poses])  #: Their positions, shape (n, 3).
+        self.times_s = (
+            np.array([w.time_ns for w in trajectory.waypoints]) / NS_PER_S
+        )  #: Shape (n,).
+        self.positions_m = np.array(
+            [p.position_m for p in poses]
+        )  #: Their positions, shape (n, 3).
         self._rotations = Rotation.from_quat([p.quat_xyzw for p in poses])
         several = len(poses) > 1
-        turns = (self._rotations[1:] * self._rotations[:-1].inv()).as_rotvec() if several else np.empty((0, 3))
+        turns = (
+            (self._rotations[1:] * self._rotations[:-1].inv()).as_rotvec()
+            if several
+            else np.empty((0, 3))
+        )
         self._turns = np.asarray(turns, dtype=np.float64)
         #: Each segment's position is linear in time.
         self.exact = trajectory.interpolation is Interpolation.POLYLINE or len(poses) < 3
         self.durations_s = np.diff(self.times_s)
         laws = _linear(self.times_s, self.positions_m)
-        self._law, self._path = laws if self.exact else _catmull_rom(self.times_s, self.positions_m, laws)
+        self._law, self._path = (
+            laws if self.exact else _catmull_rom(self.times_s, self.positions_m, laws)
+        )
 
     def __len__(self) -> int:
         """Return the number of segments."""
@@ -115,7 +125,9 @@ class Motion:
             angular_rad_s=angular,
         )
 
-    def rates(self, segments: NDArray[np.intp], local_s: Floats) -> tuple[Floats, Floats, Floats, Floats]:
+    def rates(
+        self, segments: NDArray[np.intp], local_s: Floats
+    ) -> tuple[Floats, Floats, Floats, Floats]:
         """Return position, velocity, acceleration and angular velocity inside segments, indices of shape (n,).
 
         Times are since each one's start, shape (n,); a segment's end is its own here, not the next one's start.
@@ -211,7 +223,9 @@ def _linear(times_s: Floats, positions_m: Floats) -> tuple[Floats, Floats]:
     return law, path
 
 
-def _catmull_rom(times_s: Floats, positions_m: Floats, linear: tuple[Floats, Floats]) -> tuple[Floats, Floats]:
+def _catmull_rom(
+    times_s: Floats, positions_m: Floats, linear: tuple[Floats, Floats]
+) -> tuple[Floats, Floats]:
     """Return law and path of the spline; where nobody moves, those of the polyline stay."""
     from scipy.interpolate import CubicHermiteSpline, PchipInterpolator
 
@@ -220,14 +234,18 @@ def _catmull_rom(times_s: Floats, positions_m: Floats, linear: tuple[Floats, Flo
     points = positions_m[np.unique(place, return_index=True)[1]]
     if len(points) < 2:
         return law, path
-    knots = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1) ** _ALPHA)])
+    knots = np.concatenate(
+        [[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1) ** _ALPHA)]
+    )
     curve = CubicHermiteSpline(knots, points, _tangents(knots, points)).c[::-1]
     drive = PchipInterpolator(times_s, knots[place]).c[::-1]
     moving = np.flatnonzero(np.diff(place))
     step = np.diff(knots)[place[moving]]
     law[moving] = (drive[:, moving] / step).T
     law[moving, 0] = 0.0
-    path[moving] = np.moveaxis(curve[:, place[moving]], 0, 1) * (step[:, None] ** np.arange(4))[:, :, None]
+    path[moving] = (
+        np.moveaxis(curve[:, place[moving]], 0, 1) * (step[:, None] ** np.arange(4))[:, :, None]
+    )
     return law, path
 
 

@@ -19,7 +19,9 @@ from sfglab.tables import html_table
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
-LATEST_NS = 10**15  #: Eleven days: up to here a float in seconds with nine decimals gives back its ns.
+LATEST_NS = (
+    10**15
+)  #: Eleven days: up to here a float in seconds with nine decimals gives back its ns.
 
 
 class TrajectoryError(InvalidValueError):
@@ -33,7 +35,9 @@ class Interpolation(Enum):
     """How to go from one waypoint to the next; `motion` has the formulas."""
 
     POLYLINE = "polyline"  #: Position linear in time, orientation by SLERP; the paper's.
-    CATMULL_ROM = "catmull_rom"  #: Position on a centripetal Catmull-Rom spline, orientation by SLERP.
+    CATMULL_ROM = (
+        "catmull_rom"  #: Position on a centripetal Catmull-Rom spline, orientation by SLERP.
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -88,7 +92,9 @@ class Trajectory:
 
     @classmethod
     def of(
-        cls, waypoints: Iterable[tuple[int, Pose]], interpolation: Interpolation = Interpolation.POLYLINE
+        cls,
+        waypoints: Iterable[tuple[int, Pose]],
+        interpolation: Interpolation = Interpolation.POLYLINE,
     ) -> Trajectory:
         """Return the trajectory of pairs of nanoseconds and pose."""
         listed = tuple(Waypoint(time_ns=time_ns, pose=pose) for time_ns, pose in waypoints)

@@ -43,7 +43,9 @@ class JobQueue:
         self._thread = threading.Thread(target=self._work, name="planner-jobs", daemon=True)
         self._thread.start()
 
-    def submit(self, job: Callable[[], object], *, key: Hashable = None, settle: bool = True) -> None:
+    def submit(
+        self, job: Callable[[], object], *, key: Hashable = None, settle: bool = True
+    ) -> None:
         """Leave a job; of those with the same key that wait in a row, as a slider's positions, only the newest.
 
         To settle is to do first what `later` holds back, as before an undo; not for what nobody asked for.
@@ -146,7 +148,11 @@ class Context:
     jobs: JobQueue  #: The thread.
 
     def on(
-        self, job: Callable[[Any], object], *, read: Callable[[Any], Any] = lambda _: None, key: Hashable = None
+        self,
+        job: Callable[[Any], object],
+        *,
+        read: Callable[[Any], Any] = lambda _: None,
+        key: Hashable = None,
     ) -> Callable[[Any], Awaitable[None]]:
         """Return a coroutine for viser, which awaits those in order, that reads an event and leaves a job."""
 

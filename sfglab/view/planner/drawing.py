@@ -58,7 +58,9 @@ class Drawing:
             fade_distance=4.0 * size_m,
         )
 
-    def object(self, scene: Scene, id_: int, before: Mapping[str, Any], *, selected: bool) -> list[Any]:
+    def object(
+        self, scene: Scene, id_: int, before: Mapping[str, Any], *, selected: bool
+    ) -> list[Any]:
         """Redraw an obstacle, zone or trajectory, a selected one broader and with times; return its nodes."""
         thing = scene.get(id_)
         if isinstance(thing, objects.ObstacleObject):
@@ -66,7 +68,9 @@ class Drawing:
         if isinstance(thing, objects.ZoneObject):
             forbidden = thing.rule is objects.ZoneRule.FORBIDDEN
             nodes = [self._edges(scene, id_, thing.shape, _FORBIDDEN if forbidden else _INSIDE)]
-            return nodes + ([self._body(scene, id_, thing.shape, _FORBIDDEN, 0.25)] if forbidden else [])
+            return nodes + (
+                [self._body(scene, id_, thing.shape, _FORBIDDEN, 0.25)] if forbidden else []
+            )
         if isinstance(thing, objects.TrajectoryObject):
             nodes = self._trajectory(scene, thing, selected=selected)
             return nodes + (self._times(scene, thing, before) if selected else [])
@@ -76,7 +80,9 @@ class Drawing:
         """Show every agent where it is at the slider's time; `again`: ids of those that look otherwise now."""
         for id_ in self._ghosts.keys() - {ghost.agent for ghost in ghosts}:
             self._ghosts.pop(id_)[0].remove()
-        self._make_ghosts(scene, [g for g in ghosts if g.agent in again or g.agent not in self._ghosts])
+        self._make_ghosts(
+            scene, [g for g in ghosts if g.agent in again or g.agent not in self._ghosts]
+        )
         for ghost in ghosts:
             frame, label = self._ghosts[ghost.agent]
             frame.position, frame.wxyz = ghost.pose.position_m, looks.wxyz(ghost.pose)
@@ -108,22 +114,32 @@ class Drawing:
             )
             body.on_click(self._clicked(lambda _, id_=ghost.agent: id_))  # type: ignore[misc]
             label = self._api.add_label(
-                f"{name}/label", ghost.name, position=(0.0, 0.0, -agent.radius_m - _LIFT_M), anchor="top-center"
+                f"{name}/label",
+                ghost.name,
+                position=(0.0, 0.0, -agent.radius_m - _LIFT_M),
+                anchor="top-center",
             )
             self._ghosts[ghost.agent] = (frame, label)
 
     def _conflict(self, index: int, conflict: Conflict) -> Any:
-        frame = self._api.add_frame(f"/conflicts/{index}", show_axes=False, position=conflict.position_m)
-        self._api.add_icosphere(f"/conflicts/{index}/mark", _MARK_M, color=_CONFLICT, cast_shadow=False)
+        frame = self._api.add_frame(
+            f"/conflicts/{index}", show_axes=False, position=conflict.position_m
+        )
+        self._api.add_icosphere(
+            f"/conflicts/{index}/mark", _MARK_M, color=_CONFLICT, cast_shadow=False
+        )
         self._api.add_label(
             f"/conflicts/{index}/label",
-            f"⚠ {conflict.kind.value}" + ("" if conflict.time_s is None else f" {conflict.time_s:.1f} s"),
+            f"⚠ {conflict.kind.value}"
+            + ("" if conflict.time_s is None else f" {conflict.time_s:.1f} s"),
             position=(2.0 * _MARK_M, 0.0, 0.0),
             anchor="center-left",
         )
         return frame
 
-    def _body(self, scene: Scene, id_: int, shape: Shape, colour: looks.Colour, opacity: float) -> Any:
+    def _body(
+        self, scene: Scene, id_: int, shape: Shape, colour: looks.Colour, opacity: float
+    ) -> Any:
         pose = scene.world_pose(id_)
         name = f"/objects/{id_}/body"
         look = {
@@ -144,9 +160,13 @@ class Drawing:
 
     def _edges(self, scene: Scene, id_: int, shape: Shape, colour: looks.Colour) -> Any:
         pose = scene.world_pose(id_)
-        return self._lines(f"/objects/{id_}/edges", looks.outline_of(shape), np.array(colour), 1.5, pose)
+        return self._lines(
+            f"/objects/{id_}/edges", looks.outline_of(shape), np.array(colour), 1.5, pose
+        )
 
-    def _trajectory(self, scene: Scene, thing: objects.TrajectoryObject, *, selected: bool) -> list[Any]:
+    def _trajectory(
+        self, scene: Scene, thing: objects.TrajectoryObject, *, selected: bool
+    ) -> list[Any]:
         path = scene.world_trajectory(thing.id)
         if path is None:
             return []
@@ -155,7 +175,11 @@ class Drawing:
         top_m_s = looks.top_speed_m_s(scene) if self.by_speed else None
         points, colours = looks.line_of(path, colour=colour, top_m_s=top_m_s)
         width = 2.0 * _LINE_PX if selected else _LINE_PX
-        nodes = [self._lines(f"{name}/line", points, looks.linear(colours), width)] if len(points) else []
+        nodes = (
+            [self._lines(f"{name}/line", points, looks.linear(colours), width)]
+            if len(points)
+            else []
+        )
         held = scene.held_by(thing.id)
         axes = self._api.add_batched_axes(
             f"{name}/waypoints",
@@ -167,11 +191,17 @@ class Drawing:
         axes.on_click(self._clicked(lambda index: held[index or 0]))
         return [*nodes, axes]
 
-    def _times(self, scene: Scene, thing: objects.TrajectoryObject, before: Mapping[str, Any]) -> list[Any]:
+    def _times(
+        self, scene: Scene, thing: objects.TrajectoryObject, before: Mapping[str, Any]
+    ) -> list[Any]:
         held = scene.held_by(thing.id)[:_MOST_TIMES]
-        return [self._time(scene, scene.of_kind(id_, objects.WaypointObject), before) for id_ in held]
+        return [
+            self._time(scene, scene.of_kind(id_, objects.WaypointObject), before) for id_ in held
+        ]
 
-    def _time(self, scene: Scene, waypoint: objects.WaypointObject, before: Mapping[str, Any]) -> Any:
+    def _time(
+        self, scene: Scene, waypoint: objects.WaypointObject, before: Mapping[str, Any]
+    ) -> Any:
         """Label a waypoint; the label that is there is moved, for there may be many, and one is dragged."""
         name = f"/objects/{waypoint.parent}/time {waypoint.id}"
         text = f"{waypoint.time_ns / NS_PER_S:g} s"
@@ -187,7 +217,9 @@ class Drawing:
             label.position = position
         return label
 
-    def _lines(self, name: str, points: Any, colours: Any, width_px: float, pose: Pose | None = None) -> Any:
+    def _lines(
+        self, name: str, points: Any, colours: Any, width_px: float, pose: Pose | None = None
+    ) -> Any:
         where = {} if pose is None else {"position": pose.position_m, "wxyz": looks.wxyz(pose)}
         return self._api.add_line_segments(
             name, points, colours, thickness=width_px, thickness_units="screen", **where

@@ -113,15 +113,26 @@ def _field(
 
 
 def _of_reference(scene: Scene, thing: SceneObject, prop: Property) -> Field:
-    ids: dict[str, int | None] = {_NONE: None} | {title_of(a): a.id for a in scene.all_of(AgentObject)}
+    ids: dict[str, int | None] = {_NONE: None} | {
+        title_of(a): a.id for a in scene.all_of(AgentObject)
+    }
     value = next(word for word, id_ in ids.items() if id_ == getattr(thing, prop.name))
-    return _field(thing, prop, FieldKind.CHOICE, value, choices=tuple(ids), plain=lambda word: ids[word])
+    return _field(
+        thing, prop, FieldKind.CHOICE, value, choices=tuple(ids), plain=lambda word: ids[word]
+    )
 
 
 def _of_shape(thing: SceneObject, prop: Property, shape: Shape) -> Iterator[Field]:
     plain = prop.plain(shape)
     word = plain["kind"]
-    yield _field(thing, prop, FieldKind.CHOICE, word, choices=_SHAPES, plain=lambda new: _as_shape(new, shape))
+    yield _field(
+        thing,
+        prop,
+        FieldKind.CHOICE,
+        word,
+        choices=_SHAPES,
+        plain=lambda new: _as_shape(new, shape),
+    )
     for key, size in plain.items():
         if key != "kind":
             kind = FieldKind.VECTOR if isinstance(size, tuple) else FieldKind.NUMBER
@@ -279,7 +290,9 @@ def _place(thing: SceneObject) -> Iterator[Field]:
         kind=FieldKind.VECTOR,
         value=angles,
         command=turn,
-        hint="follows the path; set align to none to turn it" if aligned else "about z, then y, then x",
+        hint="follows the path; set align to none to turn it"
+        if aligned
+        else "about z, then y, then x",
         enabled=not aligned,
     )
 
@@ -301,5 +314,7 @@ def _rounded3(values: Vec3, decimals: int = _DECIMALS) -> Vec3:
 
 def _kept(typed: Vec3, shown: Vec3, exact: Vec3) -> Vec3:
     """Return what was typed, and exactly what was there where nobody typed: what a field shows is rounded."""
-    x, y, z = (old if new == seen else new for new, seen, old in zip(typed, shown, exact, strict=True))
+    x, y, z = (
+        old if new == seen else new for new, seen, old in zip(typed, shown, exact, strict=True)
+    )
     return (x, y, z)

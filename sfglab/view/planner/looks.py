@@ -99,14 +99,18 @@ def line_of(
     else:
         colours = ramp(np.asarray(found.speeds_m_s) / top_m_s)
     points = np.asarray(found.positions_m, np.float32)
-    return np.stack([points[:-1], points[1:]], axis=1), np.stack([colours[:-1], colours[1:]], axis=1)
+    return np.stack([points[:-1], points[1:]], axis=1), np.stack(
+        [colours[:-1], colours[1:]], axis=1
+    )
 
 
 def outline_of(shape: Shape) -> NDArray[np.float32]:
     """Return the edges of a body in its own frame, shape (n, 2, 3)."""
     if isinstance(shape, Box):
         corners = np.array([(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)
-        pairs = [(a, b) for i, a in enumerate(corners) for b in corners[i:] if np.abs(a - b).sum() == 2.0]
+        pairs = [
+            (a, b) for i, a in enumerate(corners) for b in corners[i:] if np.abs(a - b).sum() == 2.0
+        ]
         return np.asarray(np.array(pairs) * (np.array(shape.size_m) / 2.0), np.float32)
     if isinstance(shape, Cylinder):
         ring = _ring(shape.radius_m)
@@ -125,12 +129,16 @@ def camera_for(scene: Scene) -> tuple[Vec3, Vec3]:
         for thing in scene.walk()
         if isinstance(thing, AgentObject | ObstacleObject | ZoneObject | WaypointObject)
     }
-    reach = {t.id: t.shape.reach_m for t in scene.walk() if isinstance(t, ObstacleObject | ZoneObject)}
+    reach = {
+        t.id: t.shape.reach_m for t in scene.walk() if isinstance(t, ObstacleObject | ZoneObject)
+    }
     if not centres:
         return (-5.0, -6.0, 5.0), (0.0, 0.0, 0.0)
     points = np.array(list(centres.values()))
     middle = (points.min(axis=0) + points.max(axis=0)) / 2.0
-    extent = np.linalg.norm(points - middle, axis=1) + np.array([reach.get(i, 0.5) for i in centres])
+    extent = np.linalg.norm(points - middle, axis=1) + np.array(
+        [reach.get(i, 0.5) for i in centres]
+    )
     away = max(2.5, float(extent.max())) * np.array([0.15, -1.0, 0.85])
     x, y, z = (float(c) for c in middle)
     a, b, c = (float(v) for v in middle + away)

@@ -76,7 +76,9 @@ class Hierarchy(Part):
         if button is None:
             icon = getattr(self._context.viser.Icon, _ICONS[row.kind])
             with self._container:
-                button = self._context.server.gui.add_button(label, icon=icon, color=colour, order=position)
+                button = self._context.server.gui.add_button(
+                    label, icon=icon, color=colour, order=position
+                )
             button.on_click(self._context.on(lambda _: self._clicked(row.id)))
             self._buttons[row.id] = button
             return
@@ -138,7 +140,9 @@ class Inspector(Part):
             widget = self._widgets[field.key]
             if widget.disabled is field.enabled:
                 widget.disabled = not field.enabled
-            if widget.value != field.value and not self._context.jobs.waits((self._form[0], field.key)):
+            if widget.value != field.value and not self._context.jobs.waits(
+                (self._form[0], field.key)
+            ):
                 widget.value = field.value
 
     def _build(self, id_: int, title: str, fields: tuple[Field, ...]) -> None:
@@ -151,7 +155,9 @@ class Inspector(Part):
         with self._folder:
             self._widgets = {field.key: self._add(id_, field) for field in fields}
             if isinstance(thing, TrajectoryObject) and thing.agent is not None:
-                slower = gui.add_button("Keep to limits", hint="Slow down until the agent's limits hold.")
+                slower = gui.add_button(
+                    "Keep to limits", hint="Slow down until the agent's limits hold."
+                )
                 slower.on_click(self._context.on(lambda _: self._context.editor.do(Retime(id=id_))))
 
     def _add(self, id_: int, field: Field) -> Any:
@@ -163,7 +169,9 @@ class Inspector(Part):
         async def typed(event: Any) -> None:
             if event.client_id is not None:
                 value = event.target.value
-                jobs.later((id_, field.key), lambda: self._set(id_, field.key, value), delay_s=delay_s)
+                jobs.later(
+                    (id_, field.key), lambda: self._set(id_, field.key, value), delay_s=delay_s
+                )
 
         widget.on_update(typed)
         return widget
@@ -196,7 +204,9 @@ class Timeline(Part):
             shown = min(max(context.editor.time_s, first), last)
             self._slider = gui.add_slider("time (s)", first, last, _STEP_S, shown)
             self._button = gui.add_button("Play", icon=context.viser.Icon.PLAYER_PLAY)
-        self._slider.on_update(context.on(context.editor.set_time, read=lambda e: e.target.value, key="time"))
+        self._slider.on_update(
+            context.on(context.editor.set_time, read=lambda e: e.target.value, key="time")
+        )
         self._button.on_click(context.on(lambda _: self._toggle()))
 
     def show(self, change: Change) -> None:
@@ -292,7 +302,9 @@ class Warnings(Part):
 
     def _add(self, conflict: Conflict) -> Any:
         timed = conflict.time_s is not None
-        button = self._context.server.gui.add_button(conflict.text, color="red" if timed else "orange")
+        button = self._context.server.gui.add_button(
+            conflict.text, color="red" if timed else "orange"
+        )
         button.on_click(self._context.on(lambda _: self._go(conflict)))
         return button
 

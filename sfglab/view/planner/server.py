@@ -110,11 +110,18 @@ class Planner(AbstractContextManager["Planner"]):
     """
 
     def __init__(
-        self, editor: Editor, *, host: str = LOOPBACK, port: int = DEFAULT_PORT, height_px: int = 700
+        self,
+        editor: Editor,
+        *,
+        host: str = LOOPBACK,
+        port: int = DEFAULT_PORT,
+        height_px: int = 700,
     ) -> None:
         library = viser()
         _check_free(host, port)
-        self._guard = Guard(_LOCAL_NAMES if host == LOOPBACK and address_of_port(0).startswith("http:") else ())
+        self._guard = Guard(
+            _LOCAL_NAMES if host == LOOPBACK and address_of_port(0).startswith("http:") else ()
+        )
         with quiet(), self._guard.serving():
             self._server = library.ViserServer(host=host, port=port, verbose=False)
         if port not in {0, self._server.get_port()}:  # somebody was faster: viser took another one
@@ -220,7 +227,11 @@ class Planner(AbstractContextManager["Planner"]):
 
     def _refused(self, error: Exception) -> None:
         """Say why something was not done, and show again what the scene has."""
-        said = str(error) if isinstance(error, SfglabError) else f"an error of the editor itself: {error!r}"
+        said = (
+            str(error)
+            if isinstance(error, SfglabError)
+            else f"an error of the editor itself: {error!r}"
+        )
         for client in self._server.get_clients().values():
             client.add_notification("Not done", said, color="red", auto_close_seconds=_SAID_S)
         self._inspector.refresh()
@@ -252,13 +263,17 @@ def _check_free(host: str, port: int) -> None:
     except OSError as error:
         if error.errno == errno.EADDRINUSE:
             raise _taken(host, port) from error
-        raise SfglabError(f"--port: given {host}:{port}, which cannot be served ({error.strerror})") from error
+        raise SfglabError(
+            f"--port: given {host}:{port}, which cannot be served ({error.strerror})"
+        ) from error
     except OverflowError as error:
         raise SfglabError(f"--port: given {port}, allowed: 0 to 65535") from error
 
 
 def _taken(host: str, port: int) -> SfglabError:
-    return SfglabError(f"--port: given {port}, which something else uses on {host}; allowed: a free port, or 0")
+    return SfglabError(
+        f"--port: given {port}, which something else uses on {host}; allowed: a free port, or 0"
+    )
 
 
 class Guard:
@@ -284,11 +299,15 @@ class Guard:
         server: Any = import_module("websockets.asyncio.server")
         serve = server.serve
 
-        def guarded(*arguments: Any, process_request: Callable[[Any, Any], Any], **options: Any) -> Any:
+        def guarded(
+            *arguments: Any, process_request: Callable[[Any, Any], Any], **options: Any
+        ) -> Any:
             def judged(connection: Any, request: Any) -> Any:
                 headers = request.headers
                 if self.refuses(request.path, headers.get("Host", ""), headers.get("Origin")):
-                    return connection.respond(403, "The address lacks its token, or another page asks.\n")
+                    return connection.respond(
+                        403, "The address lacks its token, or another page asks.\n"
+                    )
                 request.path = request.path.removeprefix(f"/{self.token}") or "/"
                 return process_request(connection, request)
 

@@ -68,9 +68,13 @@ def add_waypoint(editor: Editor) -> int:
             way = np.subtract(last.pose.position_m, path.waypoints[-2].pose.position_m)
             ahead = np.array(last.pose.position_m) + way
         pose = Pose.at(ahead.tolist(), last.pose.quat_xyzw)
-        before = path.waypoints[-2].time_ns if len(path.waypoints) > 1 else last.time_ns - 2 * NS_PER_S
+        before = (
+            path.waypoints[-2].time_ns if len(path.waypoints) > 1 else last.time_ns - 2 * NS_PER_S
+        )
         align = editor.scene.of_kind(editor.scene.held_by(id_)[-1], WaypointObject).align
-        made = editor.insert_waypoint(id_, time_ns=2 * last.time_ns - before, pose=pose, align=align)
+        made = editor.insert_waypoint(
+            id_, time_ns=2 * last.time_ns - before, pose=pose, align=align
+        )
     editor.select(made)
     return made
 
@@ -78,7 +82,9 @@ def add_waypoint(editor: Editor) -> int:
 def insert_waypoint(editor: Editor) -> int:
     """Add a waypoint at the slider's time, where the trajectory that is worked on is then, and select it."""
     id_ = _worked_on(editor)
-    made = editor.insert_waypoint(id_, time_ns=max(0, round(editor.time_s * NS_PER_S)), align=Align.NEXT)
+    made = editor.insert_waypoint(
+        id_, time_ns=max(0, round(editor.time_s * NS_PER_S)), align=Align.NEXT
+    )
     editor.select(made)
     return made
 
@@ -160,9 +166,13 @@ class Toolbar(Part):
         name = editor.scene.name if editor.file is None else editor.file.name
         self._context.server.gui.set_panel_label(f"{name} * not saved" if dirty else name)
 
-    def _group(self, label: str, words: tuple[str, ...], job: Callable[[tuple[str, Vec3]], object]) -> None:
+    def _group(
+        self, label: str, words: tuple[str, ...], job: Callable[[tuple[str, Vec3]], object]
+    ) -> None:
         made = self._context.server.gui.add_button_group(label, words)
-        made.on_click(self._context.on(job, read=lambda event: (event.target.value, _seen(event.client))))
+        made.on_click(
+            self._context.on(job, read=lambda event: (event.target.value, _seen(event.client)))
+        )
 
     def _button(self, label: str, icon: str, job: Callable[[Any], object]) -> Any:
         made = self._context.server.gui.add_button(label, icon=icon)

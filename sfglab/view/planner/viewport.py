@@ -86,7 +86,9 @@ class Gizmo:
             else:
                 w, x, y, z = (float(c) for c in event.target.wxyz)
                 place = [float(c) for c in event.target.position]
-                jobs.submit(lambda: self._place(id_, Pose.at(place, (x, y, z, w))), key=("gizmo", id_))
+                jobs.submit(
+                    lambda: self._place(id_, Pose.at(place, (x, y, z, w))), key=("gizmo", id_)
+                )
 
         return moved
 
@@ -168,7 +170,9 @@ class Viewport(Part):
         opened = open_trajectory(scene, editor.selection)
         again = (self._open, opened) if opened != self._open else ()
         self._open = opened
-        self._draw(concerned(scene, change) | {i for i in again if i is not None and i in scene.objects})
+        self._draw(
+            concerned(scene, change) | {i for i in again if i is not None and i in scene.objects}
+        )
         if change.added or change.removed or change.changed:
             self._ghosts(again=change.changed)
         self._gizmo.show()

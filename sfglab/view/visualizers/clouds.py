@@ -18,11 +18,17 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 
-_RADIUS = Parameter("radius_m", 0.0, "radius of a point, m; 0: the same on the screen", minimum=0, maximum=1.0)
-_SCREEN_RADIUS = -1.5  #: Rerun takes a negative radius as one in pixels of the screen, whatever the distance.
+_RADIUS = Parameter(
+    "radius_m", 0.0, "radius of a point, m; 0: the same on the screen", minimum=0, maximum=1.0
+)
+_SCREEN_RADIUS = (
+    -1.5
+)  #: Rerun takes a negative radius as one in pixels of the screen, whatever the distance.
 
 _INFO_QOS = replace(LATCHED, depth=SENSOR_DATA.depth)
-_INFO = Input("info", "sensor_msgs/msg/CameraInfo", sibling="camera_info", steady=True, qos=_INFO_QOS)
+_INFO = Input(
+    "info", "sensor_msgs/msg/CameraInfo", sibling="camera_info", steady=True, qos=_INFO_QOS
+)
 _COLOR = Input("color", "sensor_msgs/msg/Image", optional=True)
 
 
@@ -52,7 +58,11 @@ class _DepthPoints(Visualizer):
         entity = f"{self.entity}/cloud"
         canvas.place(entity, update["depth"].header.frame_id)
         _log_points(
-            canvas, entity, points, geometry.colors_by_value(points[:, 2]) if colors is None else colors, self
+            canvas,
+            entity,
+            points,
+            geometry.colors_by_value(points[:, 2]) if colors is None else colors,
+            self,
         )
 
     def _depth(self, message: Any) -> NDArray[Any]:
@@ -65,7 +75,9 @@ def _check_camera(frame: str, shape: tuple[int, ...], info: Any) -> None:
         raise InvalidValueError("camera info, frame", info.header.frame_id, repr(frame))
     size = (info.height, info.width)
     if any(size) and size != shape:
-        raise InvalidValueError("camera info, size", f"{size[1]} x {size[0]}", f"{shape[1]} x {shape[0]}")
+        raise InvalidValueError(
+            "camera info, size", f"{size[1]} x {size[0]}", f"{shape[1]} x {shape[0]}"
+        )
 
 
 class DepthCloud(_DepthPoints):

@@ -36,7 +36,9 @@ from sfglab.view.visualizer import (
 
 LATE_PERIODS = 1.5  #: A heartbeat is late when it is this many of its own periods old.
 
-LOST_PERIODS = 3.0  #: An agent is taken for lost when its last heartbeat is this many of its own periods old.
+LOST_PERIODS = (
+    3.0  #: An agent is taken for lost when its last heartbeat is this many of its own periods old.
+)
 
 
 class Life(Enum):
@@ -92,7 +94,9 @@ def decoded_stream_agent(topic: str) -> str | None:
         fqn = parse(topic)
     except FqnError:
         return None
-    decoded = fqn.scope is Scope.LOCAL and fqn.stream is not None and fqn.resource is Resource.IMAGE_RAW
+    decoded = (
+        fqn.scope is Scope.LOCAL and fqn.stream is not None and fqn.resource is Resource.IMAGE_RAW
+    )
     return fqn.agent if decoded else None
 
 
@@ -100,7 +104,9 @@ class FleetLinks:
     """The links of a fleet of up to `max_agents`; others are counted as `refused`."""
 
     def __init__(self, *, max_agents: int = 256) -> None:
-        self.refused = 0  #: Facts about agents beyond that number, or with names that no agent can bear.
+        self.refused = (
+            0  #: Facts about agents beyond that number, or with names that no agent can bear.
+        )
         self._max_agents = max_agents
         self._known: dict[str, _Known] = {}
 
@@ -108,7 +114,9 @@ class FleetLinks:
         """Take note of an agent that has not been heard yet, as from a fleet file."""
         self._agent(agent)
 
-    def heard(self, agent: str, *, incarnation: int, period_s: float, is_starting: bool, now_ns: int) -> None:
+    def heard(
+        self, agent: str, *, incarnation: int, period_s: float, is_starting: bool, now_ns: int
+    ) -> None:
         """Take a heartbeat of an agent, whose incarnation is when it started by its own clock."""
         known = self._agent(agent)
         if known is None:
@@ -197,7 +205,11 @@ LIFE_COLORS = {
 }
 """From the palette of Okabe and Ito, which the colour-blind tell apart."""
 
-_DECODER_COLORS = {Services.NONE: (150, 150, 150), Services.UP: (0, 158, 115), Services.DOWN: (213, 94, 0)}
+_DECODER_COLORS = {
+    Services.NONE: (150, 150, 150),
+    Services.UP: (0, 158, 115),
+    Services.DOWN: (213, 94, 0),
+}
 _RING = np.linspace(0, 2 * math.pi, 49)
 
 
@@ -220,7 +232,9 @@ def _for_all(edges: tuple[tuple[str, str, str], ...], agents: list[str]) -> froz
     hearers: dict[str, set[str]] = {}
     for _, hearer, name in edges:
         hearers.setdefault(name, set()).add(hearer)
-    return frozenset(name for name, found in hearers.items() if len(found) >= max(2, len(agents) - 1))
+    return frozenset(
+        name for name, found in hearers.items() if len(found) >= max(2, len(agents) - 1)
+    )
 
 
 class AgentStatus(Visualizer):
@@ -252,7 +266,10 @@ def _description(metadata: Any) -> str:
     lines = [f"# {metadata.agent}", ""]
     for sensor in metadata.sensors:
         lines += [f"- **{sensor.name}** {sensor.model}"]
-        lines += [f"  - `{s.topic}` {s.codec} {s.width} x {s.height}, {s.rate_hz:g} Hz" for s in sensor.streams]
+        lines += [
+            f"  - `{s.topic}` {s.codec} {s.width} x {s.height}, {s.rate_hz:g} Hz"
+            for s in sensor.streams
+        ]
     lines += ["", *(f"- {part}" for part in (*metadata.software, *metadata.accelerators))]
     return "\n".join(lines)
 
@@ -297,8 +314,13 @@ class Communication(Visualizer):
     def observe(self, fact: EndpointEvent | TopicHealth) -> None:
         """Take note of publishers and counts."""
         if isinstance(fact, TopicHealth):
-            self._links.health(agent_of_topic(fact.topic), fact.topic, dropped=fact.dropped, lost=fact.lost)
-        elif isinstance(fact, EndpointAdded | EndpointRemoved) and fact.endpoint.kind is EndpointKind.PUBLISHER:
+            self._links.health(
+                agent_of_topic(fact.topic), fact.topic, dropped=fact.dropped, lost=fact.lost
+            )
+        elif (
+            isinstance(fact, EndpointAdded | EndpointRemoved)
+            and fact.endpoint.kind is EndpointKind.PUBLISHER
+        ):
             is_there = isinstance(fact, EndpointAdded)
             self._links.endpoint(fact.endpoint.topic, fact.endpoint.gid, is_there=is_there)
 
@@ -322,7 +344,9 @@ class Communication(Visualizer):
     def _band(self, entity: str, state: str, colors: dict[Any, Color], canvas: Canvas) -> None:
         """Say a state where it changed."""
         if entity not in self._said:
-            bands = rr.StateConfiguration(values=[key.value for key in colors], colors=list(colors.values()))
+            bands = rr.StateConfiguration(
+                values=[key.value for key in colors], colors=list(colors.values())
+            )
             canvas.log(entity, bands, static=True)
         if self._said.get(entity) != state:
             self._said[entity] = state
@@ -349,7 +373,9 @@ class Communication(Visualizer):
         labels = [f"{agent.name} (domain {agent.domain})" for agent in fleet.agents]
         angles = np.arange(len(nodes)) * 2 * math.pi / max(1, len(nodes))
         radius = 80 + 20 * len(nodes)  # pixels, so that neighbours do not lie on each other
-        places = np.column_stack([np.cos(angles), 0.4 * np.sin(angles)]) * radius  # names, and views, are wide
+        places = (
+            np.column_stack([np.cos(angles), 0.4 * np.sin(angles)]) * radius
+        )  # names, and views, are wide
         shared = _for_all(edges, nodes)
         pairs = sorted({(speaker, hearer) for speaker, hearer, name in edges if name not in shared})
         canvas.log(
@@ -360,7 +386,11 @@ class Communication(Visualizer):
         )
         rows = [f"| {speaker} | {hearer} | `{name}` |" for speaker, hearer, name in edges]
         table = "\n".join(["| from | to | name |", "|---|---|---|", *rows])
-        canvas.log("/fleet/border/names", rr.TextDocument(table, media_type=rr.MediaType.MARKDOWN), static=True)
+        canvas.log(
+            "/fleet/border/names",
+            rr.TextDocument(table, media_type=rr.MediaType.MARKDOWN),
+            static=True,
+        )
 
 
 def describe(link: AgentLink) -> str:

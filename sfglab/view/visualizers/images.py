@@ -30,7 +30,9 @@ if TYPE_CHECKING:
 
 
 _OPACITY = Parameter("opacity", 1.0, "1 hides what is behind the picture", minimum=0.0, maximum=1.0)
-_DEPTH_RANGE = Parameter("depth_max_m", 10.0, "depth that has the last colour, m", minimum=0.1, maximum=1000.0)
+_DEPTH_RANGE = Parameter(
+    "depth_max_m", 10.0, "depth that has the last colour, m", minimum=0.1, maximum=1000.0
+)
 _MODELS = {"rgb8": "RGB", "bgr8": "BGR", "8UC3": "BGR", "rgba8": "RGBA", "bgra8": "BGRA"}
 
 
@@ -62,7 +64,10 @@ class Image(Visualizer):
         if message.encoding in ("16UC1", "32FC1"):
             canvas.log(self.entity, _depth(array, message.encoding, self["depth_max_m"]))
             return
-        canvas.log(self.entity, rr.Image(array, _MODELS.get(message.encoding, "L"), opacity=self["opacity"]))
+        canvas.log(
+            self.entity,
+            rr.Image(array, _MODELS.get(message.encoding, "L"), opacity=self["opacity"]),
+        )
 
 
 class CompressedImage(Visualizer):
@@ -89,7 +94,9 @@ class CompressedImage(Visualizer):
             raise InvalidValueError(
                 "compressed image format", message.format, "jpeg, png, h264 or compressedDepth"
             )
-        canvas.log(self.entity, rr.EncodedImage(contents=data, media_type=kind, opacity=self["opacity"]))
+        canvas.log(
+            self.entity, rr.EncodedImage(contents=data, media_type=kind, opacity=self["opacity"])
+        )
 
 
 _MEDIA = {"jpeg": "image/jpeg", "jpg": "image/jpeg", "png": "image/png"}
@@ -101,14 +108,20 @@ class CameraModel(Visualizer):
     name = "camera_info"
     inputs = (Input("info", "sensor_msgs/msg/CameraInfo", qos=LATCHED),)
     max_hz = 1.0
-    parameters = (Parameter("distance_m", 0.5, "size of the pyramid in space, m", minimum=0.01, maximum=100.0),)
+    parameters = (
+        Parameter(
+            "distance_m", 0.5, "size of the pyramid in space, m", minimum=0.01, maximum=100.0
+        ),
+    )
 
     def show(self, update: Update, canvas: Canvas) -> None:
         """Draw the camera."""
         info = update.only
         frame = info.header.frame_id
         frames = (
-            {"parent_frame": frame, "child_frame": image_plane(frame, self.topics["info"])} if frame else {}
+            {"parent_frame": frame, "child_frame": image_plane(frame, self.topics["info"])}
+            if frame
+            else {}
         )
         pinhole = rr.Pinhole(
             image_from_camera=pinhole_matrix(info),
@@ -122,7 +135,9 @@ class CameraModel(Visualizer):
 
 def _depth(array: NDArray[Any], encoding: str, max_m: float) -> Any:
     per_metre = DEPTH_ENCODINGS.get(encoding, 1.0)
-    return rr.DepthImage(array, meter=per_metre, depth_range=(0.0, max_m * per_metre), colormap="turbo")
+    return rr.DepthImage(
+        array, meter=per_metre, depth_range=(0.0, max_m * per_metre), colormap="turbo"
+    )
 
 
 _CODECS = {"h264": "H264", "hevc": "H265", "h265": "H265", "av1": "AV1"}
@@ -150,18 +165,25 @@ class _Video(Visualizer):
         self._codec = ""
         self._complete = False
 
-    def _sample(self, update: Update, canvas: Canvas, codec: str, *, is_key: bool, frame: str) -> None:
+    def _sample(
+        self, update: Update, canvas: Canvas, codec: str, *, is_key: bool, frame: str
+    ) -> None:
         """Pass one access unit on, if what it refers to was passed on as well."""
         if codec not in _CODECS:
             raise InvalidValueError("video codec", codec, f"{', '.join(_CODECS)}")
         if codec != self._codec:
             self._codec, self._complete = codec, False
-            canvas.log(self.entity, rr.VideoStream(_CODECS[codec], opacity=self["opacity"]), static=True)
+            canvas.log(
+                self.entity, rr.VideoStream(_CODECS[codec], opacity=self["opacity"]), static=True
+            )
         self._complete = is_key or (self._complete and not update.lost)
         if not self._complete and self["wait_for_key"]:
             return
         canvas.place(self.entity, image_plane(frame, self.topics["video"]))
-        canvas.log(self.entity, rr.VideoStream.from_fields(sample=bytes(update.only.data), is_keyframe=is_key))
+        canvas.log(
+            self.entity,
+            rr.VideoStream.from_fields(sample=bytes(update.only.data), is_keyframe=is_key),
+        )
 
 
 class FfmpegVideo(_Video):

@@ -41,11 +41,15 @@ class _Markers(Visualizer):
 
     def tick(self, now_ns: int, canvas: Canvas) -> None:
         """Take markers away whose lifetime is over."""
-        for entity in [entity for entity, (_, until_ns) in self._shown.items() if until_ns <= now_ns]:
+        for entity in [
+            entity for entity, (_, until_ns) in self._shown.items() if until_ns <= now_ns
+        ]:
             self._clear(entity, canvas)
 
     def _apply(self, marker: Any, update: Update, canvas: Canvas) -> None:
-        entity = "/".join(part for part in (self.entity, marker.ns.strip("/"), str(marker.id)) if part)
+        entity = "/".join(
+            part for part in (self.entity, marker.ns.strip("/"), str(marker.id)) if part
+        )
         if marker.action == _DELETE_ALL:
             for known in tuple(self._shown):
                 self._clear(known, canvas)
@@ -54,7 +58,9 @@ class _Markers(Visualizer):
         elif marker.action == _ADD:
             self._draw(entity, marker, update, canvas)
         else:
-            raise InvalidValueError("marker action", marker.action, "0 (add), 2 (delete), 3 (delete all)")
+            raise InvalidValueError(
+                "marker action", marker.action, "0 (add), 2 (delete), 3 (delete all)"
+            )
 
     def _draw(self, entity: str, marker: Any, update: Update, canvas: Canvas) -> None:
         draw = _SHAPES.get(marker.type)
@@ -128,7 +134,11 @@ def _points(marker: Any, scale: NDArray[np.float64] | float = 1.0) -> NDArray[np
 
     position, quaternion = pose_arrays(marker.pose)
     points = np.array([[p.x, p.y, p.z] for p in marker.points]).reshape(-1, 3) * scale
-    return np.asarray(Rotation.from_quat(quaternion).apply(points) + position) if len(points) else points
+    return (
+        np.asarray(Rotation.from_quat(quaternion).apply(points) + position)
+        if len(points)
+        else points
+    )
 
 
 def _scale(marker: Any) -> NDArray[np.float64]:
@@ -144,8 +154,13 @@ def _arrow(marker: Any) -> Any:
         radius = marker.scale.x / 2
     else:
         start, quaternion = pose_arrays(marker.pose)
-        end, radius = start + Rotation.from_quat(quaternion).apply([marker.scale.x, 0, 0]), marker.scale.y / 2
-    return rr.Arrows3D(vectors=[end - start], origins=[start], radii=radius, colors=_color(marker.color))
+        end, radius = (
+            start + Rotation.from_quat(quaternion).apply([marker.scale.x, 0, 0]),
+            marker.scale.y / 2,
+        )
+    return rr.Arrows3D(
+        vectors=[end - start], origins=[start], radii=radius, colors=_color(marker.color)
+    )
 
 
 def _boxes(marker: Any) -> Any:
@@ -162,8 +177,16 @@ def _instances(marker: Any) -> tuple[dict[str, Any], NDArray[Any]]:
     """Return centres, orientations and look, and sizes: one at the pose, or of a list one at each point."""
     position, quaternion = pose_arrays(marker.pose)
     centers = position[None] if marker.type in (_CUBE, _SPHERE) else _points(marker)
-    turned, sizes = np.tile(quaternion, (len(centers), 1)), np.tile(_scale(marker), (len(centers), 1))
-    placed = {"centers": centers, "quaternions": turned, "colors": _colors(marker), "fill_mode": "solid"}
+    turned, sizes = (
+        np.tile(quaternion, (len(centers), 1)),
+        np.tile(_scale(marker), (len(centers), 1)),
+    )
+    placed = {
+        "centers": centers,
+        "quaternions": turned,
+        "colors": _colors(marker),
+        "fill_mode": "solid",
+    }
     return placed, sizes
 
 
@@ -189,7 +212,9 @@ def _line_strip(marker: Any) -> Any:
 def _line_list(marker: Any) -> Any:
     points, colors = _points(marker), _colors(marker)
     pairs = points[: len(points) // 2 * 2].reshape(-1, 2, 3)
-    colors = colors[: len(pairs) * 2 : 2] if len(colors) == len(points) and len(pairs) else colors[:1]
+    colors = (
+        colors[: len(pairs) * 2 : 2] if len(colors) == len(points) and len(pairs) else colors[:1]
+    )
     return rr.LineStrips3D(pairs, radii=marker.scale.x / 2, colors=colors)
 
 

@@ -24,7 +24,9 @@ _MOST_FRAMES = 10_000
 """How many frames are drawn at most, so that a sender of ever new ones does not fill the memory."""
 
 _AXES = np.array([(255, 60, 60), (60, 220, 60), (80, 120, 255)], np.uint8)
-_AXIS_LENGTH = Parameter("axis_length_m", 0.3, "length of the axes, m; 0 hides them", minimum=0, maximum=100.0)
+_AXIS_LENGTH = Parameter(
+    "axis_length_m", 0.3, "length of the axes, m; 0 hides them", minimum=0, maximum=100.0
+)
 _WIDTH = Parameter("width_m", 0.01, "radius of a line, m", minimum=0.001, maximum=1.0)
 
 
@@ -41,7 +43,9 @@ def pose_arrays(pose: Any) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
 def _unit(rotation: Any, position: NDArray[np.float64]) -> NDArray[np.float64]:
     quaternion = np.array([rotation.x, rotation.y, rotation.z, rotation.w])
     if not (np.isfinite(quaternion).all() and np.isfinite(position).all()):
-        raise InvalidValueError("pose", [*position.tolist(), *quaternion.tolist()], "finite numbers")
+        raise InvalidValueError(
+            "pose", [*position.tolist(), *quaternion.tolist()], "finite numbers"
+        )
     length = np.linalg.norm(quaternion)
     return quaternion / length if length > 0 else np.array([0.0, 0.0, 0.0, 1.0])
 
@@ -165,7 +169,9 @@ class Odometry(Visualizer):
         message = update.only
         for part in ("pose", "trail", "covariance"):
             canvas.place(f"{self.entity}/{part}", message.header.frame_id)
-        _log_axes(canvas, f"{self.entity}/pose", message.pose.pose, self["axis_length_m"], self["width_m"])
+        _log_axes(
+            canvas, f"{self.entity}/pose", message.pose.pose, self["axis_length_m"], self["width_m"]
+        )
         self._log_trail(message.pose.pose, canvas)
         self._log_covariance(message.pose, canvas)
 

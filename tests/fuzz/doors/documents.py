@@ -12,8 +12,17 @@ from sfglab.spatial.trajectory.exchange import COLUMNS, trajectory_from_csv
 ZENOH = b"// x\n{mode: 'peer', plugins: {ros2dds: {domain: 1, allow: {publishers: [\"/a/.*\"], }, },},}\n"
 ROUTER = b"version: v5.0\nparticipants:\n  - name: a\n    kind: local\n    domain: 1\n"
 CSV = f"{','.join(COLUMNS)}\n0.0,1,2,3,0,0,0,1\n".encode()
-FLEET, SCENE = ((ROOT / f"data/{name}.yaml").read_bytes()[:1500] for name in ("fleets/lab", "scenes/hall"))
-YAML = ("!!int ''", "!!bool maybe", "!!timestamp x", '"\\U00110000"', "0x" + "f" * 5000, ":".join("1" * 10**5))
+FLEET, SCENE = (
+    (ROOT / f"data/{name}.yaml").read_bytes()[:1500] for name in ("fleets/lab", "scenes/hall")
+)
+YAML = (
+    "!!int ''",
+    "!!bool maybe",
+    "!!timestamp x",
+    '"\\U00110000"',
+    "0x" + "f" * 5000,
+    ":".join("1" * 10**5),
+)
 DOORS = {
     "fleet": Door(text(read_fleet), DocumentError, (FLEET,)),
     "scene": Door(text(read_scene), SfglabError, (SCENE,)),
@@ -25,7 +34,12 @@ ATTACKS = [
     *(("fleet", f"fleet: {value}\nagents: {value}\n".encode()) for value in YAML),
     *(
         ("zenoh", data)
-        for data in (b"{a: 1," + b"/* x */ " * 40 + b"3}", b"/*" * 2**15, b'"\\' * 2**15, b"1" * 2**16)
+        for data in (
+            b"{a: 1," + b"/* x */ " * 40 + b"3}",
+            b"/*" * 2**15,
+            b'"\\' * 2**15,
+            b"1" * 2**16,
+        )
     ),
     ("trajectory", CSV.replace(b"0.0", b"1e99999999")),
     ("trajectory", CSV.replace(b"x_m", b"\r_m")),

@@ -68,9 +68,15 @@ ATTACKS = [
     *(("log", log_of(data, "lz4", lz4.frame.compress(ZEROS))) for data in (ZEROS, ONE)),
     ("log", log_of(ONE, "zstd", zstandard.compress(ZEROS))),
     ("log", log_of(ONE, "lz4", FRAMED[:20] + b"\xff" + FRAMED[21:])),
-    *(("log", log_of(ONE, name=name, schema=b"string[1000000000] x\n")) for name in ("p", "p/msg/X")),
+    *(
+        ("log", log_of(ONE, name=name, schema=b"string[1000000000] x\n"))
+        for name in ("p", "p/msg/X")
+    ),
     ("log", log_of(ONE, name="p/msg/X", schema=b"\xff\xfe\n")),
     ("journal", JOURNAL + b"[" * 10**5 + b"\n"),
     ("journal", JOURNAL + POINT.replace(b"0", b"[]")),
-    ("journal", JOURNAL + POINT.replace(b'"columns": {"a": 1.5}', b'"row": "this:d", "values": []')),
+    (
+        "journal",
+        JOURNAL + POINT.replace(b'"columns": {"a": 1.5}', b'"row": "this:d", "values": []'),
+    ),
 ]

@@ -27,9 +27,17 @@ class Answering(Ssh):
 
 DOORS = {
     "archive": Door(lambda data: plan_changes(BUNDLE, unpack(data)), DeployError, (pack(BUNDLE),)),
-    "machine": Door(lambda d: accelerator_of(Answering(address="m", program=d)), DeployError, (FACTS,)),
+    "machine": Door(
+        lambda d: accelerator_of(Answering(address="m", program=d)), DeployError, (FACTS,)
+    ),
 }
 ATTACKS = [
-    *(("archive", data) for data in (SPARSE.tobuf(), BENT.tobuf(), b"x" * 600, gzip.compress(bytes(2**28)))),
-    *(("machine", d) for d in (b"/etc/group a\n", b"/a\0b YQ==\n", b"/etc\n/etc/group\n", b"/" + b"a" * 300)),
+    *(
+        ("archive", data)
+        for data in (SPARSE.tobuf(), BENT.tobuf(), b"x" * 600, gzip.compress(bytes(2**28)))
+    ),
+    *(
+        ("machine", d)
+        for d in (b"/etc/group a\n", b"/a\0b YQ==\n", b"/etc\n/etc/group\n", b"/" + b"a" * 300)
+    ),
 ]

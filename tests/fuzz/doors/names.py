@@ -9,7 +9,9 @@ from sfglab.messages import MessageError
 from sfglab.messages.type_names import dds_type_name, ros_type_name
 from sfglab.names import FqnError, parse
 
-NODES = (NodeInfo(namespace="/", name="n", participant=bytes(16), readers=(bytes(16),), writers=()),)
+NODES = (
+    NodeInfo(namespace="/", name="n", participant=bytes(16), readers=(bytes(16),), writers=()),
+)
 
 
 def shared_memory(data):
@@ -26,9 +28,13 @@ def types(name):
 
 
 DOORS = {
-    "graph": Door(lambda data: unpack_nodes(data, 16), BusError, (pack_nodes(bytes(16), NODES, 16),)),
+    "graph": Door(
+        lambda data: unpack_nodes(data, 16), BusError, (pack_nodes(bytes(16), NODES, 16),)
+    ),
     "user data": Door(entries, (), (b"a=b;c=d;",)),
-    "shared memory": Door(shared_memory, BusError, (wire.pack_hello(wire.Hello(1, True)), bytes(32))),
+    "shared memory": Door(
+        shared_memory, BusError, (wire.pack_hello(wire.Hello(1, True)), bytes(32))
+    ),
     "names": Door(text(parse), FqnError, (b"/global/go2/camera_front/color/ffmpeg",)),
     "type names": Door(text(types), MessageError, (b"std_msgs::msg::dds_::String_",)),
 }

@@ -33,8 +33,14 @@ def picture(kind, begin, **fields):
 def png(width, height):
     """A depth picture of zeros that is small as a file."""
     rows = zlib.compress(bytes(height * (2 * width + 1)), 9)
-    parts = (b"IHDR", struct.pack(">IIBBBBB", width, height, 16, 0, 0, 0, 0)), (b"IDAT", rows), (b"IEND", b"")
-    blocks = (struct.pack(">I", len(d)) + n + d + struct.pack(">I", zlib.crc32(n + d)) for n, d in parts)
+    parts = (
+        (b"IHDR", struct.pack(">IIBBBBB", width, height, 16, 0, 0, 0, 0)),
+        (b"IDAT", rows),
+        (b"IEND", b""),
+    )
+    blocks = (
+        struct.pack(">I", len(d)) + n + d + struct.pack(">I", zlib.crc32(n + d)) for n, d in parts
+    )
     return bytes(12) + b"\x89PNG\r\n\x1a\n" + b"".join(blocks)
 
 

@@ -89,8 +89,14 @@ def _compared(rng: np.random.Generator) -> Iterator[Case]:
         for first, second in pairs:
             alike = exactly_equal(first, second) or nearly_equal(9.0)(first, second)
             yield f"{first!r} and {second!r}", not alike
-        yield "no number", exactly_equal(nan, float("nan")) and exactly_equal(float("inf"), float("inf"))
-        yield "ignored", nearly_equal(0.0, ignore=frozenset({"stamp"}))(same["message"], changed["message"])
+        yield (
+            "no number",
+            exactly_equal(nan, float("nan")) and exactly_equal(float("inf"), float("inf")),
+        )
+        yield (
+            "ignored",
+            nearly_equal(0.0, ignore=frozenset({"stamp"}))(same["message"], changed["message"]),
+        )
 
 
 def _kinds(x: float, count: int, d: float) -> dict[str, Any]:
@@ -108,9 +114,13 @@ def _kinds(x: float, count: int, d: float) -> dict[str, Any]:
 
 def _sizes() -> Iterator[CheckRow]:
     """Yield whether sensors, methods and options are the paper's, as its text has them."""
-    said = {name: ((s.type, s.table_bytes), (s.type, object_bytes(s))) for name, s in SENSORS.items()}
+    said = {
+        name: ((s.type, s.table_bytes), (s.type, object_bytes(s))) for name, s in SENSORS.items()
+    }
     sizes = [(name, said.get(name) == (row, row)) for name, row in TABLE_1.items()]
-    yield check_row("types and sizes are Table 1's", [*sizes, ("no other", said.keys() == TABLE_1.keys())])
+    yield check_row(
+        "types and sizes are Table 1's", [*sizes, ("no other", said.keys() == TABLE_1.keys())]
+    )
     # CDR: header, then a number, a byte, or length and text with its end, in whole words.
     wire = {name: 12 + len(str(s.example)) if s.type == _TEXT else 8 for name, s in SENSORS.items()}
     cdr = {name: (wire[name] - 3 * (s.type == _TEXT) + 3) // 4 * 4 for name, s in SENSORS.items()}
@@ -119,7 +129,10 @@ def _sizes() -> Iterator[CheckRow]:
     robots = dict.fromkeys(("robot2", "robot3"), shared | {"ultrasonic"})
     robots["robot1"] = shared | {"lidar", "imu"}
     facts = {
-        "robots have section 3.1's sensors": {name: set(sensors) for name, sensors in ROBOTS.items()} == robots,
+        "robots have section 3.1's sensors": {
+            name: set(sensors) for name, sensors in ROBOTS.items()
+        }
+        == robots,
         "and each once": all(len(set(sensors)) == len(sensors) for sensors in ROBOTS.values()),
     }
     yield facts_row("robots", facts)
@@ -169,7 +182,9 @@ def optimum(run: Run[Config]) -> Finding:
 def table_one(run: Run[Config]) -> Finding:
     """Return the share of sizes that are Table 1's."""
     table = run["table_one"]
-    sizes = ", ".join(f"{row.sensor} {row.table_bytes}/{row.cdr_bytes}" for row in table.itertuples())
+    sizes = ", ".join(
+        f"{row.sensor} {row.table_bytes}/{row.cdr_bytes}" for row in table.itertuples()
+    )
     details = {
         "paper's bytes / CDR on the wire": sizes,
         "what the paper's bytes are": "the size of the value as a Python object",
@@ -177,7 +192,9 @@ def table_one(run: Run[Config]) -> Finding:
     rows = table[["sensor", "type", "table_bytes", "object_bytes"]].to_numpy()
     found = {str(name): ((kind, declared), (kind, size)) for name, kind, declared, size in rows}
     names = found.keys() | TABLE_1.keys()
-    wrong = [name for name in names if name not in TABLE_1 or found.get(name) != (TABLE_1[name],) * 2]
+    wrong = [
+        name for name in names if name not in TABLE_1 or found.get(name) != (TABLE_1[name],) * 2
+    ]
     share = exactly(1 - len(wrong) / len(names), "share of messages that match")
     reason = f"not as printed: {', '.join(wrong)}" if wrong else ""
     return Finding(estimate=share, details=details, reason=reason)
@@ -187,7 +204,9 @@ def _checked(run: Run[Config], prefix: str, details: dict[str, str]) -> Finding:
     checks = run["check"][run["check"]["check"].str.startswith(prefix + ":")]
     counts = {"checks": str(int(checks["checked"].sum())), "properties": str(len(checks))}
     share = float(checks["held"].sum() / checks["checked"].sum())
-    return Finding(estimate=exactly(share, "share of checks that hold"), details={**counts, **details})
+    return Finding(
+        estimate=exactly(share, "share of checks that hold"), details={**counts, **details}
+    )
 
 
 def _cache_details(run: Run[Config], column: str, what: str) -> dict[str, str]:
@@ -219,7 +238,10 @@ def draw_caches(figure: Figure, run: Run[Config]) -> dict[str, Any]:
         f"Local cache: read {table.columns[-1]} times a second, a sensor repeats itself in "
         f"{table.iloc[:, -1].mean():.0%} of its readings, on average"
     )
-    note(figure, f"drawn readings of {run.config.readings_s:g} s a sensor, once, through the live nodes' cache")
+    note(
+        figure,
+        f"drawn readings of {run.config.readings_s:g} s a sensor, once, through the live nodes' cache",
+    )
     return {"held": table.reset_index().rename(columns=str)}
 
 
@@ -229,9 +251,14 @@ def draw_lost_changes(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     course, share = figure.subplots(1, 2)
     _draw_courses(course, run["shown"], shown_of(run.config))
     _draw_staleness(share, staleness(run))
-    figure.suptitle(f"A lost change stays lost: local cache on a link that loses {run.config.loss:.0%}")
+    figure.suptitle(
+        f"A lost change stays lost: local cache on a link that loses {run.config.loss:.0%}"
+    )
     runs, each_s = run.config.stale_seeds, run.config.stale_s
-    note(figure, f"simulated; right: {runs} seeds of {each_s:g} s together; at a point: the longest silence")
+    note(
+        figure,
+        f"simulated; right: {runs} seeds of {each_s:g} s together; at a point: the longest silence",
+    )
     return {"stale": staleness(run)}
 
 
@@ -259,17 +286,24 @@ def _draw_courses(axes: Axes, shown: pd.DataFrame, lanes: Sequence[tuple[str, fl
     for lane, (qos, silence_s) in enumerate(lanes):
         part = shown[(shown["qos"] == qos) & (shown["silence_s"] == silence_s)]
         _draw_lane(axes, -lane, {w: part[part["where"] == w] for w in ("sensor", "station")}, end)
-        text = f"{qos}, " + (f"silence at most {silence_s:g} s" if silence_s else "no longest silence")
+        text = f"{qos}, " + (
+            f"silence at most {silence_s:g} s" if silence_s else "no longest silence"
+        )
         axes.text(0.3, -lane + 0.33, text, fontsize=8)
     axes.set(yticks=[], xlim=(0, end), ylim=(-len(lanes) + 0.5, 0.75), xlabel="time (s)")
-    axes.set_title("a PIR sensor's state, light and dark blue; orange: the station has another", fontsize=9)
+    axes.set_title(
+        "a PIR sensor's state, light and dark blue; orange: the station has another", fontsize=9
+    )
     axes.grid(visible=False)
     axes.spines["left"].set_visible(False)
 
 
 def _draw_lane(axes: Axes, y: float, steps: dict[str, Any], end: float) -> None:
     times = np.unique(np.concatenate([s["t_s"].to_numpy() for s in steps.values()]))
-    both = [np.append(s["value"], -1)[np.searchsorted(s["t_s"], times, "right") - 1] for s in steps.values()]
+    both = [
+        np.append(s["value"], -1)[np.searchsorted(s["t_s"], times, "right") - 1]
+        for s in steps.values()
+    ]
     for t, lasting, true, known in zip(times, np.diff([*times, end]), *both, strict=True):
         color = COLORS["standard"] if true != known else COLORS["proxy"]
         shade = 0.9 if true != known or true % 2 else 0.4
@@ -280,8 +314,15 @@ def _draw_staleness(axes: Axes, table: pd.DataFrame) -> None:
     """Draw the share of time with a stale value against the messages that it costs."""
     for qos, color in (("best effort", "standard"), ("reliable", "proxy")):
         part = table[table["qos"] == qos].sort_values("messages_hz")
-        axes.plot(part["messages_hz"], 100 * part["stale_share"], label=f"{qos}, KEEP_LAST 1", **series(color))
-    points = table[table["qos"] == "best effort"][["silence_s", "messages_hz", "stale_share"]].to_numpy()
+        axes.plot(
+            part["messages_hz"],
+            100 * part["stale_share"],
+            label=f"{qos}, KEEP_LAST 1",
+            **series(color),
+        )
+    points = table[table["qos"] == "best effort"][
+        ["silence_s", "messages_hz", "stale_share"]
+    ].to_numpy()
     for silence_s, messages_hz, share in points:
         text, place = f"{silence_s:g} s" if silence_s else "none", (messages_hz, 100 * share)
         axes.annotate(text, place, textcoords="offset points", xytext=(6, 5), fontsize=8)
@@ -312,15 +353,21 @@ def draw_qos(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     _draw_optimum(optimum, run["balance"])
     _draw_front(pareto, front)
     rates = " and ".join(map(str, over)) or "no"
-    figure.suptitle(f"The printed optimum does not see the link, and overloads it at Rmax = {rates} Hz")
-    note(figure, "exact for Eq. 6; latency and freshness are expected by our programme, not measured")
+    figure.suptitle(
+        f"The printed optimum does not see the link, and overloads it at Rmax = {rates} Hz"
+    )
+    note(
+        figure, "exact for Eq. 6; latency and freshness are expected by our programme, not measured"
+    )
     return {"front": front}
 
 
 def _draw_front(axes: Axes, front: pd.DataFrame) -> None:
     """Draw latency against freshness: our front, its chosen point, and where the printed optima lie."""
     top = front["rate_max_hz"].max()
-    ours = front[(front["method"] == "ours") & (front["rate_max_hz"] == top)].sort_values("freshness")
+    ours = front[(front["method"] == "ours") & (front["rate_max_hz"] == top)].sort_values(
+        "freshness"
+    )
     style: dict[str, Any] = {"color": COLORS["third"], "label": f"our front (Rmax = {top} Hz)"}
     axes.plot(ours["freshness"], ours["latency_ms"], "-", marker="o", markersize=3, **style)
     chosen = ours[ours["chosen"]]
@@ -328,9 +375,16 @@ def _draw_front(axes: Axes, front: pd.DataFrame) -> None:
     axes.plot(chosen["freshness"], chosen["latency_ms"], "*", markersize=13, **style)
     printed = front[front["method"] == "printed"]
     fits = printed[printed["utilisation"] < 1]
-    axes.plot(fits["freshness"], fits["latency_ms"], "s", color=COLORS["proxy"], label="printed, Eq. 6")
+    axes.plot(
+        fits["freshness"], fits["latency_ms"], "s", color=COLORS["proxy"], label="printed, Eq. 6"
+    )
     for row in fits.itertuples():
-        axes.annotate(f"   Rmax {row.rate_max_hz} Hz", (row.freshness, row.latency_ms), fontsize=8, va="center")
+        axes.annotate(
+            f"   Rmax {row.rate_max_hz} Hz",
+            (row.freshness, row.latency_ms),
+            fontsize=8,
+            va="center",
+        )
     axes.set_yscale("log")
     # Room at the top for what has no finite latency.
     axes.set_ylim(top=5 * max(fits["latency_ms"].max(), ours["latency_ms"].max()))
@@ -348,7 +402,9 @@ def _draw_overloaded(axes: Axes, printed: Any) -> None:
         height = 0.97 - 0.06 * line
         axes.plot(row.freshness, height, "s", color=COLORS["standard"], transform=edge)
         text = f"Rmax {row.rate_max_hz} Hz needs {row.utilisation:.1f} times the air   "
-        axes.annotate(text, (row.freshness, height), xycoords=edge, ha="right", va="center", fontsize=8)
+        axes.annotate(
+            text, (row.freshness, height), xycoords=edge, ha="right", va="center", fontsize=8
+        )
 
 
 def _draw_optimum(axes: Axes, balance: pd.DataFrame) -> None:
@@ -366,4 +422,6 @@ def _draw_optimum(axes: Axes, balance: pd.DataFrame) -> None:
         axes.annotate(said, place, (6, 0), textcoords="offset points", fontsize=8, va="center")
     axes.set_xlim(right=1.4 * balance["rate_max_hz"].max())
     axes.set(xlabel="Rmax (Hz)", ylabel="R (Hz)")
-    axes.set_title("Eq. 6 by mean topics a robot: CVXPY (dots) on the closed form (lines)", fontsize=9)
+    axes.set_title(
+        "Eq. 6 by mean topics a robot: CVXPY (dots) on the closed form (lines)", fontsize=9
+    )

@@ -33,19 +33,36 @@ if TYPE_CHECKING:
 class Config(Profiled):
     """The whole run."""
 
-    readings_s: float = between(60.0, 1.0, 3600.0, log=True)  #: How long each sensor is read, seconds.
+    readings_s: float = between(
+        60.0, 1.0, 3600.0, log=True
+    )  #: How long each sensor is read, seconds.
     rates_hz: tuple[int, ...] = between(RATES_HZ, 10, 1000, log=True)  #: At which rates it is read.
-    stale_s: float = between(600.0, 1.0, 3600.0)  #: How long each link with losses is simulated, seconds.
+    stale_s: float = between(
+        600.0, 1.0, 3600.0
+    )  #: How long each link with losses is simulated, seconds.
     stale_seeds: int = 20  #: With how many seeds.
     #: Longest silences of the local cache, seconds; 0: none, as in the paper.
     silences_s: tuple[float, ...] = (0.0, 5.0, 2.0, 1.0, 0.5, 0.2, 0.1)
     loss: float = between(0.2, 0.0, 0.9)  #: Share of frames that these links lose.
     #: Values of T_avg, as topics of one agent, for which Eq. 6 is solved.
-    topics: tuple[tuple[int, ...], ...] = ((6, 5, 5), (7, 6, 6), (8, 5, 5), (8, 6, 6), (9, 9, 9), (10,))
+    topics: tuple[tuple[int, ...], ...] = (
+        (6, 5, 5),
+        (7, 6, 6),
+        (8, 5, 5),
+        (8, 6, 6),
+        (9, 9, 9),
+        (10,),
+    )
     #: Values of Rmin for which it is solved; the paper states none.
     rates_min_hz: tuple[float, ...] = between((0.5, 1.0, 10.0), 0.1, 100.0, log=True)
-    depths_min: tuple[float, ...] = (1.0, 10.0, 100.0)  #: Values of Dmin for which it is solved; nor of this.
-    topic_file: str = "qos/paper_b.yaml"  #: Topics that our own problem is solved for, in the data folder.
+    depths_min: tuple[float, ...] = (
+        1.0,
+        10.0,
+        100.0,
+    )  #: Values of Dmin for which it is solved; nor of this.
+    topic_file: str = (
+        "qos/paper_b.yaml"  #: Topics that our own problem is solved for, in the data folder.
+    )
     weights: int = between(25, 2, 100)  #: Points of the Pareto front of our own problem.
     seed: int = 0  #: Seed of everything that is drawn.
 
@@ -66,13 +83,23 @@ exp = Experiment(
     paper={"readings_s": 600.0, "stale_s": 3600.0, "stale_seeds": 50},
     actors=(
         Actor("sensor", host="robot", does="one of Table 1's seven, simulated"),
-        Actor("local cache", host="robot", does="lets changes pass, and after the longest silence a repeat"),
+        Actor(
+            "local cache",
+            host="robot",
+            does="lets changes pass, and after the longest silence a repeat",
+        ),
         Actor("cache control", host="station", does="lets planning have changes only"),
         Actor("planning", host="station", does="works with the last value"),
     ),
     links=(
         Link("sensor", "local cache", "every reading", over="a call"),
-        Link("local cache", "cache control", "changes", over="the RTPS model", boundary="a lossy link"),
+        Link(
+            "local cache",
+            "cache control",
+            "changes",
+            over="the RTPS model",
+            boundary="a lossy link",
+        ),
         Link("cache control", "planning", "changes", over="a call"),
     ),
 )
@@ -114,14 +141,18 @@ _GRAIN = {"lidar": 0.001, "dht11": 1.0, "imu": 1 / 16384, "ultrasonic": 0.003}
 """Smallest steps, in metres, degrees and g: data sheets of A2M8, DHT11, MPU-6050 (16384 a g) and HC-SR04."""
 
 
-def readings(sensor: Sensor, *, rate_hz: float, duration_s: float, rng: np.random.Generator) -> list[Any]:
+def readings(
+    sensor: Sensor, *, rate_hz: float, duration_s: float, rng: np.random.Generator
+) -> list[Any]:
     """Return what reading a sensor at a rate gives in a time, in order, while objects move around it.
 
     The times between changes are exponential with Table 1's mean; what a value changes to is in the sensor's
     own grain, as a DHT11 gives whole degrees.
     """
     count = int(rate_hz * duration_s)
-    changes = np.cumsum(rng.exponential(sensor.change_s, int(3 * duration_s / sensor.change_s) + 10))
+    changes = np.cumsum(
+        rng.exponential(sensor.change_s, int(3 * duration_s / sensor.change_s) + 10)
+    )
     number = np.searchsorted(changes, np.arange(count) / rate_hz, side="right")
     if sensor.name in _STATES:
         return [_STATES[sensor.name][n % 2] for n in number]
@@ -166,7 +197,9 @@ class CacheRow:
     #: Of all readings, sent without a local cache, those that cache control let through to planning.
     planned: int
     planned_after: int  #: The same with a local cache before it.
-    join_wait_s: float  #: Mean time that somebody who joins at any time waits for the first value, seconds.
+    join_wait_s: (
+        float  #: Mean time that somebody who joins at any time waits for the first value, seconds.
+    )
 
 
 @dataclass(slots=True, kw_only=True)
@@ -175,7 +208,9 @@ class Passage:
 
     values: list[Any]  #: The readings.
     size_bytes: int  #: Size of one message.
-    sent: list[bool] = field(default_factory=list)  #: For each, whether the local cache let it pass.
+    sent: list[bool] = field(
+        default_factory=list
+    )  #: For each, whether the local cache let it pass.
     #: For each, whether cache control let it pass, all readings being sent.
     planned: list[bool] = field(default_factory=list)
     planned_after: list[bool] = field(default_factory=list)  #: For each, whether it passed both.
@@ -248,17 +283,26 @@ def _checks(passage: Passage, rate_hz: float, silence_s: float) -> Iterator[tupl
     values = passage.values
     changed = [True, *(b != a for a, b in pairwise(values))]
     if silence_s == 0:
-        yield "LC: what passes is the first value and every change, nothing else", passage.sent == changed
+        yield (
+            "LC: what passes is the first value and every change, nothing else",
+            passage.sent == changed,
+        )
     else:
         # A reading later than the silence at most.
         gaps = np.diff([*np.flatnonzero(passage.sent), len(values)])
-        yield "LC: no silence is longer than allowed", gaps.max() <= np.ceil(silence_s * rate_hz) + 1
+        yield (
+            "LC: no silence is longer than allowed",
+            gaps.max() <= np.ceil(silence_s * rate_hz) + 1,
+        )
         at_once = all(s for s, c in zip(passage.sent, changed, strict=True) if c)
         yield "LC: with a longest silence every change still passes at once", at_once
     held_bytes = passage.sent.count(False) * passage.size_bytes
     yield "LC: the station always knows the sensor's value", passage.known == values
     yield "LC: the counters say what was held", passage.held_bytes == held_bytes
-    yield "CC: planning gets the first value and every change, nothing else", passage.planned == changed
+    yield (
+        "CC: planning gets the first value and every change, nothing else",
+        passage.planned == changed,
+    )
     yield "CC: after a local cache planning gets the same", passage.planned_after == changed
 
 
@@ -282,7 +326,10 @@ def _check_lossy(values: list[Any], rate_hz: float, loss: float) -> Iterator[tup
         changed = [i == 0 or value != arrived[i - 1] for i, value in enumerate(arrived)]
         said = f"{cache}: of what comes through losses planning gets the first and every change"
         yield said, planned == changed
-        yield f"{cache}: after losses planning ends with the sensor's value", control.current("a") == values[-1]
+        yield (
+            f"{cache}: after losses planning ends with the sensor's value",
+            control.current("a") == values[-1],
+        )
 
 
 def _played(
@@ -324,7 +371,10 @@ def _cache_row(sensor: Sensor, passage: Passage, rate_hz: int, silence_s: float)
 
 STALE_SENSOR = "pir"
 STALE_RATE_HZ = 100.0
-QOS = {"best effort": QoSProfile(reliability=Reliability.BEST_EFFORT, depth=1), "reliable": QoSProfile(depth=1)}
+QOS = {
+    "best effort": QoSProfile(reliability=Reliability.BEST_EFFORT, depth=1),
+    "reliable": QoSProfile(depth=1),
+}
 _SHOWN_S = 40.0
 
 
@@ -384,7 +434,9 @@ def _simulate(qos: str, silence_s: float, config: Config, seed: int) -> FlowOutc
         max_silence_s=silence_s or None,
     )
     medium = Medium(loss=config.loss)
-    scenario = Scenario(flows=(flow,), medium=medium, vendor=FAST_DDS, duration_s=config.stale_s, drain_s=0.0)
+    scenario = Scenario(
+        flows=(flow,), medium=medium, vendor=FAST_DDS, duration_s=config.stale_s, drain_s=0.0
+    )
     return run(scenario, seed=seed).flows[STALE_SENSOR]
 
 

@@ -53,9 +53,15 @@ def solve_printed(bench: Bench[Config]) -> None:
 
 def balance_rows(config: Config) -> Iterator[BalanceRow]:
     """Yield every combination, solved."""
-    for case in product(config.topics, config.rates_hz, config.rates_min_hz, config.depths_min, WEIGHTS):
+    for case in product(
+        config.topics, config.rates_hz, config.rates_min_hz, config.depths_min, WEIGHTS
+    ):
         topics, rate_max_hz, rate_min_hz, depth_min, weight = case
-        of: dict[str, Any] = {"rate_max_hz": rate_max_hz, "rate_min_hz": rate_min_hz, "depth_min": depth_min}
+        of: dict[str, Any] = {
+            "rate_max_hz": rate_max_hz,
+            "rate_min_hz": rate_min_hz,
+            "depth_min": depth_min,
+        }
         given = balancing.BalanceInput(topics=topics, **of)
         solved, why = _attempt(partial(balancing.balance, given, weight=weight))
         closed, why_closed = _attempt(partial(balancing.balance_closed_form, given))
@@ -145,7 +151,9 @@ def solve_own(bench: Bench[Config]) -> None:
         limited = given.limited_to(float(rate))
         points = pareto_front(limited.topics, limited.medium, limited.vendor, prices_hz=prices)
         best = max(points, key=lambda point: point.up_to_date)
-        bench.write_all("front", (_front_row(point, rate, chosen=point is best) for point in points))
+        bench.write_all(
+            "front", (_front_row(point, rate, chosen=point is best) for point in points)
+        )
         bench.write("front", _front_row(plan_as_printed(limited), rate, chosen=False))
 
 

@@ -28,9 +28,17 @@ def courses(run: Run[Config], table: str = "course") -> pd.DataFrame:
 
 def rates(courses: pd.DataFrame, *keys: str) -> pd.DataFrame:
     """Return success rates with intervals by columns, ``method`` among them, methods in the paper's order."""
-    grouped = courses.groupby(list(keys), sort=True)["success"].agg(successes="sum", runs="count").reset_index()
-    table = grouped.sort_values("method", key=lambda names: names.map(list(METHODS).index), kind="stable")
-    bounds = [wilson(int(s), int(n)) for s, n in zip(table["successes"], table["runs"], strict=True)]
+    grouped = (
+        courses.groupby(list(keys), sort=True)["success"]
+        .agg(successes="sum", runs="count")
+        .reset_index()
+    )
+    table = grouped.sort_values(
+        "method", key=lambda names: names.map(list(METHODS).index), kind="stable"
+    )
+    bounds = [
+        wilson(int(s), int(n)) for s, n in zip(table["successes"], table["runs"], strict=True)
+    ]
     return table.assign(
         rate=table["successes"] / table["runs"],
         low=[low for low, _ in bounds],
@@ -43,14 +51,24 @@ def failures(courses: pd.DataFrame) -> pd.DataFrame:
     failed = courses[~courses["success"]]
     who = failed["end"] + failed["robot"].map(lambda robot: f", {robot}" if robot else "")
     counts = pd.crosstab(failed["method"], who.rename("how"))
-    named = counts.reindex([name for name in METHODS if name in set(courses["method"])], fill_value=0)
+    named = counts.reindex(
+        [name for name in METHODS if name in set(courses["method"])], fill_value=0
+    )
     named.insert(0, End.SUCCESS.value, courses.groupby("method")["success"].sum())
     return named.astype(int)
 
 
 def staleness(courses: pd.DataFrame) -> pd.DataFrame:
     """Return, by method and Rmax, how runs' messages did: medians over runs, and the success rate."""
-    columns = ["rate_hz", "depth_used", "airtime", "beams_lost", "beam_p50_ms", "command_p50_ms", "stale_s"]
+    columns = [
+        "rate_hz",
+        "depth_used",
+        "airtime",
+        "beams_lost",
+        "beam_p50_ms",
+        "command_p50_ms",
+        "stale_s",
+    ]
     table = courses.groupby(["method", "rate_max_hz", "depth"], sort=True)[[*columns, "success"]]
     return table.agg({**dict.fromkeys(columns, "median"), "success": "mean"}).reset_index()
 
@@ -102,10 +120,16 @@ def _details(run: Run[Config]) -> dict[str, str]:
         f"success, {row.method}": f"{row.rate:.2f} [{row.low:.2f}, {row.high:.2f}] of {row.runs} runs"
         for row in rates(rows, "method").itertuples()
     }
-    for row in rates(rows[rows["method"].isin(("none", "OPT+LC"))], "method", "rate_max_hz").itertuples():
-        details[f"success, {row.method}, Rmax {row.rate_max_hz} Hz"] = f"{row.successes} of {row.runs}"
+    for row in rates(
+        rows[rows["method"].isin(("none", "OPT+LC"))], "method", "rate_max_hz"
+    ).itertuples():
+        details[f"success, {row.method}, Rmax {row.rate_max_hz} Hz"] = (
+            f"{row.successes} of {row.runs}"
+        )
     for method, counts in failures(rows).iterrows():
-        said = [f"{how} {count}" for how, count in counts.items() if count and how != End.SUCCESS.value]
+        said = [
+            f"{how} {count}" for how, count in counts.items() if count and how != End.SUCCESS.value
+        ]
         if said:
             details[f"failures, {method}"] = "; ".join(said)
     for method, shares in contrasts(run).iterrows():
@@ -130,4 +154,6 @@ def _reason(run: Run[Config]) -> str:
     )
     if "OPT+LC" not in table.index:
         return reason
-    return f"{reason}; success of OPT+LC else: {', '.join(_shares(table.loc['OPT+LC'].drop(AS_IS)))}"
+    return (
+        f"{reason}; success of OPT+LC else: {', '.join(_shares(table.loc['OPT+LC'].drop(AS_IS)))}"
+    )

@@ -56,7 +56,9 @@ class Config(Profiled):
     rates_hz: tuple[int, ...] = between(RATES_HZ, 10, 1000, log=True)  #: The values of Rmax.
     depths: tuple[int, ...] = between(DEPTHS, 1, 5000, log=True)  #: Depths without optimisation.
     loss: float = between(_MEDIUM.loss, 0.0, 0.3)  #: Share of frames that the air loses.
-    vendor: Literal["fast_dds", "cyclone_dds"] = "fast_dds"  #: Whose timing; the paper used Fast DDS.
+    vendor: Literal["fast_dds", "cyclone_dds"] = (
+        "fast_dds"  #: Whose timing; the paper used Fast DDS.
+    )
     hop: bool = False  #: Whether commands go by robot 3's machine, as "Hello" does in Fig. 9.
     topics: tuple[int, ...] = _TOPICS  #: T_a of Eq. 1, a robot each; section 3.1 has 8, 5, 5.
     sizes: Sizes = "table"  #: Sizes of beams' values: that of Table 1, Python's, or CDR's.
@@ -66,7 +68,9 @@ class Config(Profiled):
     #: its depth.
     contrast_seeds: int = 2
     live_s: float = 90.0  #: How long the live robots drive, seconds; 0: none is run.
-    ros2_s: float = 14.0  #: How long they drive on real Fast DDS, in each cell; the first corner comes before.
+    ros2_s: float = (
+        14.0  #: How long they drive on real Fast DDS, in each cell; the first corner comes before.
+    )
     ros2_repeats: int = 1  #: How often each of these cells is driven; 0: not.
     seed: int = 0  #: The first seed.
 
@@ -78,7 +82,10 @@ exp = Experiment(
     smoke={"rates_hz": (100,), "seeds": 1, "contrast_seeds": 0, "live_s": 0.0, "ros2_repeats": 0},
     paper={"seeds": 120, "contrast_seeds": 30, "ros2_s": hallway.LIMIT_S, "ros2_repeats": 5},
     actors=(
-        *(Actor(robot, host=robot, does="sensing and actuation nodes, its physics") for robot in ROBOTS),
+        *(
+            Actor(robot, host=robot, does="sensing and actuation nodes, its physics")
+            for robot in ROBOTS
+        ),
         Actor("station", host="station", does="localisation and planning"),
     ),
     links=tuple(
@@ -104,7 +111,9 @@ class Point:
     hop: bool = False  #: Whether commands to the others go by robot 3's machine.
     topics: tuple[int, ...] = _TOPICS  #: T_a of Eq. 1, a robot each.
     sizes: Sizes = "table"  #: A key of `BEAM_BYTES`.
-    slower: float = 1.0  #: How many times as long as `PLAN_S` and `TAKE_S` the station's computer takes.
+    slower: float = (
+        1.0  #: How many times as long as `PLAN_S` and `TAKE_S` the station's computer takes.
+    )
 
 
 def rate_and_depth(point: Point) -> tuple[float, int]:
@@ -142,7 +151,11 @@ def contrasts_of(config: Config) -> list[Point]:
     points = [p for p in points_of(config) if p.method in _CONTRASTED and p.rate_max_hz in ends]
     lossless = [replace(point, medium=Medium(loss=0.0)) for point in points]
     cyclone = [replace(point, vendor="cyclone_dds") for point in points]
-    return [*lossless, *cyclone, *(replace(p, depth=DEFAULT.depth) for p in points if p.depth == OPTIMUM)]
+    return [
+        *lossless,
+        *cyclone,
+        *(replace(p, depth=DEFAULT.depth) for p in points if p.depth == OPTIMUM),
+    ]
 
 
 # --- A point's topics -----------------------------------------------------------------------------------------
@@ -151,7 +164,9 @@ def contrasts_of(config: Config) -> list[Point]:
 def scenario_of(point: Point, *, seed: int) -> Scenario:
     """Return a point's topics over its medium; the seed says when in its period each of the 27 begins."""
     method, (rate_hz, depth) = METHODS[point.method], rate_and_depth(point)
-    phases = iter(np.random.default_rng((seed, 1)).uniform(0, 1 / rate_hz, 9 * len(ROBOTS)).tolist())
+    phases = iter(
+        np.random.default_rng((seed, 1)).uniform(0, 1 / rate_hz, 9 * len(ROBOTS)).tolist()
+    )
     qos = QoSProfile(depth=depth, deadline_ns=round(NS_PER_S / rate_hz))
     beams = [
         Flow(
@@ -289,7 +304,9 @@ class SimulatedRun:
         }
         self._commands = {command_flow(name): robot for robot, name in enumerate(ROBOTS)}
         #: What the station publishes, a robot each.
-        self._told = [_to_relay(r) if point.hop and r != _RELAY else command_flow(r) for r in ROBOTS]
+        self._told = [
+            _to_relay(r) if point.hop and r != _RELAY else command_flow(r) for r in ROBOTS
+        ]
         # Nodes that hear the same again do nothing.
         watched = (*self._beams, *self._commands)
         scenario = scenario_of(point, seed=seed)
@@ -317,7 +334,9 @@ class SimulatedRun:
             self._world.step([node.command for node in self._actuation])
             clearances, wound = self._world.clearance_m.tolist(), self._world.wound_rad()
             now_s, stopped_by = steps * hallway.STEP_NS / NS_PER_S, self._station.stopped_by
-            verdict = hallway.judge(clearances, wound, stopped_by=stopped_by, now_s=now_s, limit_s=limit_s)
+            verdict = hallway.judge(
+                clearances, wound, stopped_by=stopped_by, now_s=now_s, limit_s=limit_s
+            )
         self._track(steps * hallway.STEP_NS / NS_PER_S)
         return verdict, steps * hallway.STEP_NS
 
@@ -347,8 +366,13 @@ class SimulatedRun:
             return
         manoeuvre = self._station.manoeuvre.value
         for robot, (x_m, y_m, heading_rad) in zip(ROBOTS, self._world.poses.tolist(), strict=True):
-            self.tracks.append(TrackRow(self._tracked, robot, now_s, x_m, y_m, heading_rad, manoeuvre))
-        steps = [[node.value(beam) or 0 for beam in range(len(hallway.BEAMS_DEG))] for node in self._sensing]
+            self.tracks.append(
+                TrackRow(self._tracked, robot, now_s, x_m, y_m, heading_rad, manoeuvre)
+            )
+        steps = [
+            [node.value(beam) or 0 for beam in range(len(hallway.BEAMS_DEG))]
+            for node in self._sensing
+        ]
         measured = [[hallway.range_from_step(step) for step in robot] for robot in steps]
         believed = [localisation.ranges_m for localisation in self._station.localisations]
         self.beliefs.append(np.array([measured, believed]))
@@ -357,7 +381,10 @@ class SimulatedRun:
         """Return what a run was that ended so, and whose messages came to this."""
         rate_hz, depth = rate_and_depth(self._point)
         published = sum(len(outcome.flows[flow].fate) for flow in self._beams)
-        beams_ms, commands_ms = _latencies_ms(outcome, self._beams), _latencies_ms(outcome, self._commands)
+        beams_ms, commands_ms = (
+            _latencies_ms(outcome, self._beams),
+            _latencies_ms(outcome, self._commands),
+        )
         stale_s, stale_flow = _stalest(outcome, now_ns)
         row = {
             "loss": self._point.medium.loss,
@@ -371,7 +398,10 @@ class SimulatedRun:
             "airtime": outcome.counts["airtime_ns"] / now_ns,
             "beams_sent": published,
             "beams_lost": 1 - len(beams_ms) / published if published else math.nan,
-            **{name: outcome.counts[name] for name in ("held", "compared", "processed", "queue_full")},
+            **{
+                name: outcome.counts[name]
+                for name in ("held", "compared", "processed", "queue_full")
+            },
             **_percentiles("beam", beams_ms),
             **_percentiles("command", commands_ms),
             "stale_s": stale_s,
@@ -387,7 +417,9 @@ def _latencies_ms(outcome: Outcome, flows: Iterable[str]) -> NDArray[np.float64]
 
 def _percentiles(name: str, samples_ms: NDArray[np.float64]) -> dict[str, float]:
     """Return the median and the 99th percentile by their columns; NaN of nothing."""
-    found = np.percentile(samples_ms, (50, 99)).tolist() if len(samples_ms) else (math.nan, math.nan)
+    found = (
+        np.percentile(samples_ms, (50, 99)).tolist() if len(samples_ms) else (math.nan, math.nan)
+    )
     return {f"{name}_p50_ms": found[0], f"{name}_p99_ms": found[1]}
 
 
@@ -428,7 +460,9 @@ def point_of(row: Any, config: Config) -> Point:
     return Point(**given, medium=Medium(loss=row.loss))
 
 
-@exp.sweep("contrast", over=contrasts_of, seeds=lambda c: seeded(c, c.contrast_seeds), at_ns=_ended_ns)
+@exp.sweep(
+    "contrast", over=contrasts_of, seeds=lambda c: seeded(c, c.contrast_seeds), at_ns=_ended_ns
+)
 @exp.sweep("course", over=points_of, at_ns=_ended_ns)
 def run_point(point: Point, seed: int) -> CourseRow:
     """Run a point with a seed."""

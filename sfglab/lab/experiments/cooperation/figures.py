@@ -49,13 +49,17 @@ def draw_success(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     table, cells = rates(rows, "method"), rates(rows, "method", "depth", "rate_max_hz")
     _draw_rates(of_methods, table)
     _draw_counts(of_cells, cells)
-    said = ", ".join(f"{row.method} {row.rate:.0%}" for row in lines_of(table) if "CC" not in row.method)
+    said = ", ".join(
+        f"{row.method} {row.rate:.0%}" for row in lines_of(table) if "CC" not in row.method
+    )
     figure.suptitle(f"Who completes the round: {said} (paper: OPT+LC does, none does not)")
     note(figure, "simulated; bars: Wilson's 95 % interval; DEPTH opt: Eq. 6's")
     more, names = difference(rows), ("successes", "runs", "low", "high")
     return {
         "rates": {
-            f"{row.method}, Rmax {row.rate_max_hz}, depth {row.depth}": {n: getattr(row, n) for n in names}
+            f"{row.method}, Rmax {row.rate_max_hz}, depth {row.depth}": {
+                n: getattr(row, n) for n in names
+            }
             for row in lines_of(cells)
         },
         "difference": more,
@@ -70,7 +74,9 @@ def _draw_rates(axes: Axes, table: pd.DataFrame) -> None:
         said = f"{row.successes} of {row.runs}"
         axes.annotate(said, (100 * row.rate, place), (0, 6), textcoords="offset points", fontsize=8)
     axes.set_yticks(range(len(table)), table["method"])
-    axes.set(xlabel="rounds completed (%), 95 % interval", xlim=(-3, 103), ylim=(len(table) - 0.5, -0.7))
+    axes.set(
+        xlabel="rounds completed (%), 95 % interval", xlim=(-3, 103), ylim=(len(table) - 0.5, -0.7)
+    )
 
 
 def _draw_counts(axes: Axes, cells: pd.DataFrame) -> None:
@@ -79,7 +85,9 @@ def _draw_counts(axes: Axes, cells: pd.DataFrame) -> None:
     order, columns = list(dict.fromkeys(names)), sorted(cells["rate_max_hz"].unique())
     for name, row in zip(names, lines_of(cells), strict=True):
         x, y = columns.index(row.rate_max_hz), order.index(name)
-        axes.barh(y, 0.96, left=x - 0.48, height=0.92, color=COLORS["third"], alpha=0.08 + 0.62 * row.rate)
+        axes.barh(
+            y, 0.96, left=x - 0.48, height=0.92, color=COLORS["third"], alpha=0.08 + 0.62 * row.rate
+        )
         axes.text(x, y, f"{row.successes} of {row.runs}", ha="center", va="center", fontsize=8)
     axes.set_xticks(range(len(columns)), [f"{rate} Hz" for rate in columns])
     axes.set_yticks(range(len(order)), order, fontsize=8)
@@ -91,11 +99,16 @@ def _draw_counts(axes: Axes, cells: pd.DataFrame) -> None:
 def draw_ways(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     """Draw the three robots' ways in a run that succeeded (Fig. 17) and in one that failed (Fig. 18)."""
     examples = run.metadata("examples")
-    shown: dict[str, Any] = {name: examples[name] for name in ("success", "failure") if name in examples}
+    shown: dict[str, Any] = {
+        name: examples[name] for name in ("success", "failure") if name in examples
+    }
     panels = figure.subplots(1, max(1, len(shown)), squeeze=False)[0]
     for axes, (name, example) in zip(panels, shown.items(), strict=False):
         _draw_run(axes, run["track"][run["track"]["run"] == name], name, example)
-    by = [f"{one['method']} by {one['robot']} {one['end']} at {one['ended_s']:.0f} s" for one in shown.values()]
+    by = [
+        f"{one['method']} by {one['robot']} {one['end']} at {one['ended_s']:.0f} s"
+        for one in shown.values()
+    ]
     figure.suptitle("How a round ends: " + "; ".join(by).replace("by  ", "by "))
     note(figure, "simulated, one round each; a dot every 10 s; ringed: what ended the round")
     return shown
@@ -109,12 +122,16 @@ def _draw_run(axes: Axes, tracks: pd.DataFrame, name: str, example: dict[str, An
         _draw_track(axes, way, color, label=robot)
         if example.get("robot") == robot:
             last = way.iloc[-1]
-            axes.plot(last["x_m"], last["y_m"], "o", markersize=17, markerfacecolor="none", color="black")
+            axes.plot(
+                last["x_m"], last["y_m"], "o", markersize=17, markerfacecolor="none", color="black"
+            )
     left, bottom = np.min([np.min(line.get_xydata(), axis=0) for line in axes.lines], axis=0)
     axes.plot([left, left + 1], [bottom - 0.3] * 2, color="black", linewidth=2.5)
     axes.annotate("1 m", (left + 1.1, bottom - 0.3), va="center", fontsize=8)
     label = "optimum" if example["depth"] == 0 else example["depth"]
-    axes.set_title(f"{name}: {example['method']}, Rmax {example['rate_max_hz']} Hz, depth {label}", fontsize=9)
+    axes.set_title(
+        f"{name}: {example['method']}, Rmax {example['rate_max_hz']} Hz, depth {label}", fontsize=9
+    )
     axes.legend(fontsize=8, title="way and boxes of", title_fontsize=8, loc="upper right")
 
 
@@ -172,9 +189,18 @@ def draw_staleness(figure: Figure, run: Run[Config]) -> dict[str, Any]:
         for position, name in enumerate(names):
             runs = rows[(rows["method"] == name) & (rows["success"] == success)]
             # Beside each other in a fixed pattern, so that the picture is the same each time.
-            aside = (np.arange(len(runs)) * 0.6180339887 % 1.0 - 0.5) * 0.3 + (-0.18 if success else 0.18)
+            aside = (np.arange(len(runs)) * 0.6180339887 % 1.0 - 0.5) * 0.3 + (
+                -0.18 if success else 0.18
+            )
             stale = runs["stale_s"].clip(lower=1e-3)
-            axes.plot(position + aside, stale, MARKERS[color], color=COLORS[color], markersize=3.5, alpha=0.7)
+            axes.plot(
+                position + aside,
+                stale,
+                MARKERS[color],
+                color=COLORS[color],
+                markersize=3.5,
+                alpha=0.7,
+            )
         axes.plot([], [], MARKERS[color], color=COLORS[color], markersize=4, label=label)
     axes.axhline(3.0, color="black", linestyle=(0, (4, 2)), linewidth=1.0)
     edge = axes.get_yaxis_transform()
@@ -184,7 +210,10 @@ def draw_staleness(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     axes.set_ylabel("longest time out of date (s)")
     axes.grid(visible=False, axis="x")
     axes.legend(fontsize=8, loc="lower left", ncols=2)
-    worst, failed = rows["stale_s"][rows["success"]].max(), rows["stale_s"][~rows["success"]].median()
+    worst, failed = (
+        rows["stale_s"][rows["success"]].max(),
+        rows["stale_s"][~rows["success"]].median(),
+    )
     figure.suptitle(
         f"In rounds that succeed nothing is out of date for more than {worst:.1f} s, in half of the others "
         f"for {failed:.1f} s or more"
@@ -206,7 +235,9 @@ def draw_contrasts(figure: Figure, run: Run[Config]) -> dict[str, Any]:
         for spot, method in zip(at.tolist(), table.index, strict=True):
             rate, (won, of) = table[kind][method], (count[kind][method] for count in counts)
             said = "not run" if np.isnan(rate) else f"{won:.0f} of {of:.0f}"
-            axes.annotate(said, (spot, 100 * np.nan_to_num(rate)), ha="center", va="bottom", fontsize=7.5)
+            axes.annotate(
+                said, (spot, 100 * np.nan_to_num(rate)), ha="center", va="bottom", fontsize=7.5
+            )
     axes.set_xticks(range(len(table)), list(table.index))
     axes.set(ylabel="rounds completed (%)", ylim=(0, 112))
     axes.legend(loc="upper left", ncols=2)
@@ -217,7 +248,9 @@ def draw_contrasts(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     return {str(kind): table[kind].dropna().to_dict() for kind in table.columns}
 
 
-@exp.figure("cooperation_live", size=(10, 4.2), when=lambda run: bool((run["track"]["run"] == "live").any()))
+@exp.figure(
+    "cooperation_live", size=(10, 4.2), when=lambda run: bool((run["track"]["run"] == "live").any())
+)
 def draw_live(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     """Draw the live drive, and how far each robot's way is from the simulated one."""
     tracks, live = run["track"], run.metadata("live")
@@ -227,7 +260,9 @@ def draw_live(figure: Figure, run: Run[Config]) -> dict[str, Any]:
         distances.plot(*off_m(tracks, robot) * [[1], [100]], color=color, label=robot)
     distances.set(xlabel="time (s)", ylabel="from the simulated way (cm)", ylim=(0, None))
     apart = apart_m(tracks)
-    figure.suptitle(f"Live over DDS the robots stay within {100 * apart:.0f} cm of their simulated ways")
+    figure.suptitle(
+        f"Live over DDS the robots stay within {100 * apart:.0f} cm of their simulated ways"
+    )
     note(figure, f"live beside simulated, one drive of {live['lasted_s']:.0f} s; a dot every 10 s")
     return {"apart_m": apart, **live}
 
@@ -280,11 +315,15 @@ def _background(run: Run[Config], name: str) -> tuple[NDArray[np.uint8], dict[st
     with house_style():
         figure = Figure(figsize=_SIZE, dpi=100)
         canvas = FigureCanvasAgg(figure)
-        panels = dict(zip([area.robot for area in AREAS], figure.subplots(1, len(AREAS)), strict=True))
+        panels = dict(
+            zip([area.robot for area in AREAS], figure.subplots(1, len(AREAS)), strict=True)
+        )
         for robot, axes in panels.items():
             draw_area(axes, robot)
             axes.set_title(robot, fontsize=9)
-        figure.suptitle(f"{example['method']}, Rmax {example['rate_max_hz']} Hz: {example['end']}", fontsize=10)
+        figure.suptitle(
+            f"{example['method']}, Rmax {example['rate_max_hz']} Hz: {example['end']}", fontsize=10
+        )
         canvas.draw()  # type: ignore[no-untyped-call]
         image = np.asarray(canvas.buffer_rgba())[:, :, :3].copy()  # type: ignore[no-untyped-call]
     return image, panels
@@ -301,7 +340,9 @@ def _picture(
 
     def pixels(robot: str, points: NDArray[np.float64]) -> list[list[int]]:
         x, y = panels[robot].transData.transform(points).T
-        found: list[list[int]] = np.rint(np.column_stack((x, image.shape[0] - y))).astype(np.int32).tolist()
+        found: list[list[int]] = (
+            np.rint(np.column_stack((x, image.shape[0] - y))).astype(np.int32).tolist()
+        )
         return found
 
     for (robot, way), area, row in zip(trails.items(), AREAS, lines_of(rows), strict=True):
@@ -318,6 +359,9 @@ def _picture(
         cv2.polylines(image, [np.array(way, np.int32)], isClosed=False, color=color, thickness=1)
         cv2.circle(image, middle, max(2, edge_x - middle[0]), color, -1, cv2.LINE_AA)
         cv2.line(image, middle, tip, (0, 0, 0), 1, cv2.LINE_AA)
-    said, where = f"{rows['t_s'].iloc[0]:5.1f} s   {rows['manoeuvre'].iloc[0]}", (12, image.shape[0] - 10)
+    said, where = (
+        f"{rows['t_s'].iloc[0]:5.1f} s   {rows['manoeuvre'].iloc[0]}",
+        (12, image.shape[0] - 10),
+    )
     cv2.putText(image, said, where, cv2.FONT_HERSHEY_SIMPLEX, 0.42, (0, 0, 0), 1, cv2.LINE_AA)
     return image

@@ -38,7 +38,9 @@ class Replay(Pressed):
     def __init__(self, run: Run[Config], method: str = "OPT+LC") -> None:
         rows = run["course"][run["course"]["method"] == method]
         if rows.empty:
-            raise InvalidValueError("method", method, ", ".join(dict.fromkeys(run["course"]["method"])))
+            raise InvalidValueError(
+                "method", method, ", ".join(dict.fromkeys(run["course"]["method"]))
+            )
         failed, kit = rows[rows["end"] != End.SUCCESS.value], widgets()
         first = lines_of(rows if failed.empty else failed)[0]
         self.run, self.row = driven(point_of(first, run.config), first.seed)
@@ -50,7 +52,9 @@ class Replay(Pressed):
         play = kit.Play(max=last, interval=500, step=3)
         kit.jslink((play, "value"), (self.turn, "value"))
         above = [kit.HBox([play, self.turn])]
-        super().__init__(self.draw, size=(10.2, 5.2), press=self._go, titles=_TITLES.copy, above=above)
+        super().__init__(
+            self.draw, size=(10.2, 5.2), press=self._go, titles=_TITLES.copy, above=above
+        )
         self.turn.observe(lambda _: self.redraw(), "value")
 
     def _go(self, robot: str) -> None:
@@ -67,11 +71,16 @@ class Replay(Pressed):
             color = COLORS[_COLORS[track.robot]]
             late.plot(times, self.late_s[:, i], color=color, label=track.robot, linewidth=1)
             worst = int(self.late_s[:, i].argmax())
-            part(track.robot, *late.plot(times[worst], self.late_s[worst, i], "o", color=color, markersize=8))
+            part(
+                track.robot,
+                *late.plot(times[worst], self.late_s[worst, i], "o", color=color, markersize=8),
+            )
         late.axvline(turn / SCAN_HZ, color="black", linewidth=1)
         late.set(xlabel="time (s)", ylabel="station wrong\nfor (s)")
         late.legend(fontsize=8, ncols=3, loc="upper left")
-        point = f"{self.row.method}, Rmax {self.row.rate_max_hz} Hz: {self.row.end} {self.row.robot}"
+        point = (
+            f"{self.row.method}, Rmax {self.row.rate_max_hz} Hz: {self.row.end} {self.row.robot}"
+        )
         said = f"{turn / SCAN_HZ:.1f} s: the station has released {tracks[0].manoeuvre!r}"
         figure.suptitle(f"{point}\n{said}", fontsize=10)
 
@@ -90,7 +99,9 @@ def late_s(beliefs: NDArray[np.float64]) -> NDArray[np.float64]:
     return lasting
 
 
-def _draw_robot(axes: Axes, track: Any, measured: NDArray[np.float64], believed: NDArray[np.float64]) -> None:
+def _draw_robot(
+    axes: Axes, track: Any, measured: NDArray[np.float64], believed: NDArray[np.float64]
+) -> None:
     """Draw a robot, its beams as they are in grey, and as the station has them in red where they are wrong."""
     from matplotlib.patches import Circle
 
@@ -105,6 +116,8 @@ def _draw_robot(axes: Axes, track: Any, measured: NDArray[np.float64], believed:
                 x = track.x_m, track.x_m + range_m * np.cos(angle)
                 y = track.y_m, track.y_m + range_m * np.sin(angle)
                 axes.plot(x, y, ".-", color=color, linewidth=0.8, markersize=4)
-    axes.add_patch(Circle((track.x_m, track.y_m), RADIUS_M, color=COLORS[_COLORS[track.robot]], zorder=3))
+    axes.add_patch(
+        Circle((track.x_m, track.y_m), RADIUS_M, color=COLORS[_COLORS[track.robot]], zorder=3)
+    )
     ahead = f"ahead {measured[0]:.2f} m; the station has {believed[0]:.2f} m"
     axes.set_title(f"{track.robot}: {ahead}", fontsize=8)

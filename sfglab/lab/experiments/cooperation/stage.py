@@ -68,7 +68,9 @@ def examples_of(rows: Sequence[CourseRow]) -> dict[str, CourseRow]:
     """
     examples = {}
     for name, method in (("success", "OPT+LC"), ("failure", "none")):
-        ended = [row for row in rows if (row.end == hallway.End.SUCCESS.value) == (name == "success")]
+        ended = [
+            row for row in rows if (row.end == hallway.End.SUCCESS.value) == (name == "success")
+        ]
         if ended:
             examples[name] = next((row for row in ended if row.method == method), ended[0])
     return examples
@@ -102,17 +104,24 @@ def scan_at(area: hallway.Area, x: float, y: float, heading: float) -> NDArray[n
     """Return what a robot's LIDAR measures at a pose, metres, infinity without an echo, shape (beams,)."""
     ranges = np.empty(len(hallway.BEAMS_DEG))
     scan(area.segments, np.array((x, y, heading)), np.radians(hallway.BEAMS_DEG), ranges)
-    return np.array([hallway.range_from_step(hallway.step_from_range(range_m)) for range_m in ranges])
+    return np.array(
+        [hallway.range_from_step(hallway.step_from_range(range_m)) for range_m in ranges]
+    )
 
 
 def _write_messages(log: LogWriter, tracks: Sequence[TrackRow]) -> None:
     """Write a run's tracks as poses, scans and transforms, and its walls."""
     for area in hallway.AREAS if tracks else ():
         log.write(f"/{tracks[0].run}/{area.robot}/walls", _walls(area), log_time_ns=0)
-    stamped, transforms = message_type("geometry_msgs/msg/PoseStamped"), message_type("tf2_msgs/msg/TFMessage")
+    stamped, transforms = (
+        message_type("geometry_msgs/msg/PoseStamped"),
+        message_type("tf2_msgs/msg/TFMessage"),
+    )
     for track in tracks:
         now_ns, frame = round(track.t_s * NS_PER_S), f"{track.run}/{track.robot}"
-        pose = Pose.from_yaw((track.x_m + _BY_ROBOT[track.robot][0], track.y_m, 0.0), track.heading_rad)
+        pose = Pose.from_yaw(
+            (track.x_m + _BY_ROBOT[track.robot][0], track.y_m, 0.0), track.heading_rad
+        )
         at = StampedTransform(parent="map", child=frame, stamp_ns=now_ns, pose=pose)
         posed = stamped(header=header_msg("map", now_ns), pose=pose.to_pose_msg())
         log.write(f"/{frame}/pose", posed, log_time_ns=now_ns)
@@ -129,7 +138,9 @@ def _scan(track: TrackRow, frame: str, now_ns: int) -> Any:
         scan_time=np.float32(0.1),
         range_min=np.float32(0.15),
         range_max=np.float32(12.0),
-        ranges=scan_at(_BY_ROBOT[track.robot][1], track.x_m, track.y_m, track.heading_rad).astype(np.float32),
+        ranges=scan_at(_BY_ROBOT[track.robot][1], track.x_m, track.y_m, track.heading_rad).astype(
+            np.float32
+        ),
     )
 
 
@@ -141,7 +152,9 @@ def _walls(area: hallway.Area) -> Any:
     message.color.r = message.color.g = message.color.b = np.float32(0.6)
     message.color.a = np.float32(1.0)
     shift, point = _BY_ROBOT[area.robot][0], message_type("geometry_msgs/msg/Point")
-    message.points = [point(x=x + shift, y=y, z=0.0) for x, y in area.segments.reshape(-1, 2).tolist()]
+    message.points = [
+        point(x=x + shift, y=y, z=0.0) for x, y in area.segments.reshape(-1, 2).tolist()
+    ]
     return message
 
 
@@ -186,7 +199,9 @@ class LiveDrive:
 
     def __init__(self) -> None:
         self.tracks: list[TrackRow] = []  #: Where every robot was at each turn of its LIDAR.
-        self.verdict: hallway.Verdict | None = None  #: How it ended; None: it did not, or the time was over.
+        self.verdict: hallway.Verdict | None = (
+            None  #: How it ended; None: it did not, or the time was over.
+        )
         self.radio: RadioCounters | None = None  #: What the radio did; None before the end.
         self._last: dict[str, Report] = {}
         self._stopped_by: int | None = None
@@ -201,12 +216,16 @@ class LiveDrive:
         elif report["is"] == "pose":
             self._last[name] = report
             x_m, y_m, heading_rad = report["pose"]
-            self.tracks.append(TrackRow("live", name, report["t_s"], x_m, y_m, heading_rad, self._manoeuvre))
+            self.tracks.append(
+                TrackRow("live", name, report["t_s"], x_m, y_m, heading_rad, self._manoeuvre)
+            )
 
     def ended(self) -> bool:
         """Judge, and return whether it has ended."""
         if len(self._last) == len(ROBOTS):
-            clearances, wound = ([self._last[r][what] for r in ROBOTS] for what in ("clearance_m", "wound_rad"))
+            clearances, wound = (
+                [self._last[r][what] for r in ROBOTS] for what in ("clearance_m", "wound_rad")
+            )
             self.verdict = hallway.judge(clearances, wound, stopped_by=self._stopped_by, now_s=0.0)
         return self.verdict is not None
 
@@ -249,8 +268,12 @@ def _member(host: Host, point: Point, seed: int) -> Member:
     method, (rate_hz, depth) = METHODS[point.method], rate_and_depth(point)
     address = BusAddress(domain_id=DOMAIN, interface=host.interface, multicast="spdp")
     caches = {"local_cache": method.local_cache, "cache_control": method.cache_control}
-    config = HallwayConfig(role=host.name, address=address, rate_hz=rate_hz, depth=depth, seed=seed, **caches)
-    return Member(name=host.name, host=host.name, module="sfglab.lab.workers.hallway", config=config)
+    config = HallwayConfig(
+        role=host.name, address=address, rate_hz=rate_hz, depth=depth, seed=seed, **caches
+    )
+    return Member(
+        name=host.name, host=host.name, module="sfglab.lab.workers.hallway", config=config
+    )
 
 
 # --- On real Fast DDS -----------------------------------------------------------------------------------------
@@ -286,7 +309,8 @@ def ros_cells(config: Config) -> list[RosCell]:
         for mode in (("fast_dds_sync", "fast_dds_async") if whole else ("fast_dds_async",))
         for point in points
         for pace in (1.0, 2.0)
-        if (pace == 2.0) == (point.method == "none") or (point.method, point.depth) == ("LC", DEPTHS[1])
+        if (pace == 2.0) == (point.method == "none")
+        or (point.method, point.depth) == ("LC", DEPTHS[1])
     ]
 
 
@@ -303,17 +327,27 @@ async def drive_on_ros2(bench: Bench[Config]) -> None:
         for kind, row in ((REAL, live), ("model", model)) if kept_up else ():
             found.append((kind, "rounds that the slowest robot came", row.wound))
             found.append((kind, "longest time out of date (s)", row.stale_s))
-        depth, pace = f", {cell.point.depth}" * bool(cell.point.depth), ", slowed" * (cell.slowed > 1)
+        depth, pace = (
+            f", {cell.point.depth}" * bool(cell.point.depth),
+            ", slowed" * (cell.slowed > 1),
+        )
         same = {"setting": f"{cell.point.method}{depth}{pace}", "repeat": repeat}
-        kinds = [{"quantity": what, "kind": f"{kind}, {mode}", "value": value} for kind, what, value in found]
+        kinds = [
+            {"quantity": what, "kind": f"{kind}, {mode}", "value": value}
+            for kind, what, value in found
+        ]
         return tuple(same | kind for kind in kinds)
 
     cells = {cell: cell.scenario(0, limit_s) for cell in ros_cells(bench.config)}
     # One mode after the other: the loop is closed in this process.
-    await play_missing(bench, PART, cells, dict.fromkeys(cells, bench.config.ros2_repeats), rows, at_once=1)
+    await play_missing(
+        bench, PART, cells, dict.fromkeys(cells, bench.config.ros2_repeats), rows, at_once=1
+    )
 
 
-async def drive_cell(hosts: LiveHosts, cell: RosCell, seed: int, limit_s: float) -> tuple[CourseRow, bool]:
+async def drive_cell(
+    hosts: LiveHosts, cell: RosCell, seed: int, limit_s: float
+) -> tuple[CourseRow, bool]:
     """Drive a round on ROS 2 nodes; return it, in real time but for `stale_s`, and whether all were in time.
 
     Raises:
@@ -340,7 +374,9 @@ async def drive_cell(hosts: LiveHosts, cell: RosCell, seed: int, limit_s: float)
 class RosCarrier:
     """What carries a round in real time, in a thread of its own: ROS 2 nodes are told values, and tell them."""
 
-    def __init__(self, group: ProcessGroup, scenario: Scenario, start_ns: int, slowed: float) -> None:
+    def __init__(
+        self, group: ProcessGroup, scenario: Scenario, start_ns: int, slowed: float
+    ) -> None:
         self.late_ns = [0]  #: How late what had arrived was in a core's hands, in the robots' time.
         self.over = False  #: Whether nobody wants it any more.
         self._group, self._loop = group, asyncio.get_running_loop()
@@ -353,7 +389,9 @@ class RosCarrier:
 
     def _take(self, report: Report) -> None:
         if report["is"] == "heard":
-            heapq.heappush(self._due, (self._time(report["done_ns"]), report["flow"], report["value"]))
+            heapq.heappush(
+                self._due, (self._time(report["done_ns"]), report["flow"], report["value"])
+            )
 
     def _time(self, real_ns: int) -> int:
         return round((real_ns - self._start_ns) / self._slowed)
@@ -362,7 +400,9 @@ class RosCarrier:
         """Tell a flow's node what it carries from now on."""
         if self._told.get(flow) != value:
             self._told[flow] = value
-            order = partial(self._group.order, [self._sources[flow]], do="carry", flow=flow, value=value)
+            order = partial(
+                self._group.order, [self._sources[flow]], do="carry", flow=flow, value=value
+            )
             self._loop.call_soon_threadsafe(order)
 
     def advance(self, until_ns: int) -> Delivery | None:

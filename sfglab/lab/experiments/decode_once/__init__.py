@@ -16,4 +16,13 @@ from sfglab.lab.experiments.decode_once.analysis import (
 )
 from sfglab.lab.experiments.decode_once.experiment import exp
 
-__all__ = ["codecs", "cost_model", "exp", "figures", "frame_checks", "papers_way", "slopes", "stream_facts"]
+__all__ = [
+    "codecs",
+    "cost_model",
+    "exp",
+    "figures",
+    "frame_checks",
+    "papers_way",
+    "slopes",
+    "stream_facts",
+]

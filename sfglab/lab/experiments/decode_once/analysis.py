@@ -27,7 +27,10 @@ if TYPE_CHECKING:
 
     import pandas as pd
 
-PAPER_CPU = (6.5, 1.8)  #: Per cent of one core per subscriber, standard and decoder (paper A, section 5.2).
+PAPER_CPU = (
+    6.5,
+    1.8,
+)  #: Per cent of one core per subscriber, standard and decoder (paper A, section 5.2).
 PAPERS_WAY = HANDED_ON[0]
 WAYS = {"dds": "DDS", "proxy": "shared memory"}  #: What the decoder hands pictures on by, by mode.
 
@@ -62,8 +65,13 @@ def cells(run: Run[Config]) -> pd.DataFrame:
         rx_sd=("rx_mbit_s", "std"),
         other=("machine_percent", "median"),
     )
-    paced, edge_cpu = (both["consumer"] / pace).groupby("cell").median(), at["edge"]["cpu_percent"].median()
-    return run["cell"].merge(columns.assign(paced=paced, edge_cpu=edge_cpu), left_on="cell", right_index=True)
+    paced, edge_cpu = (
+        (both["consumer"] / pace).groupby("cell").median(),
+        at["edge"]["cpu_percent"].median(),
+    )
+    return run["cell"].merge(
+        columns.assign(paced=paced, edge_cpu=edge_cpu), left_on="cell", right_index=True
+    )
 
 
 def _points(run: Run[Config], codec: str, mode: str, column: str) -> Floats:
@@ -103,7 +111,10 @@ def slopes(run: Run[Config], codec: str = "h264") -> Slopes:
 
     def by_mode(column: str, unit: str) -> dict[str, Estimate]:
         every = {mode: [_points(run, codec, mode, column)] for mode in modes}
-        return {mode: bootstrap(points, lambda g: _slope(g[0]), unit=unit) for mode, points in every.items()}
+        return {
+            mode: bootstrap(points, lambda g: _slope(g[0]), unit=unit)
+            for mode, points in every.items()
+        }
 
     def reduction(groups: Sequence[Floats]) -> float:
         return 100 * (1 - _slope(groups[1]) / _slope(groups[0]))
@@ -126,14 +137,20 @@ class CostModel:
     ipc: Estimate  #: c_ipc, handing decoded pictures to one local subscriber (and its look at the pixels).
     explained: Estimate  #: Share of the loads' variance that the equations explain, 1 at most.
     residual: Estimate  #: Root mean square of the residuals relative to the mean load, per cent.
-    lack: LackOfFit | None  #: The test for lack of fit, errors relative to the load; None without replicates.
-    lack_plain: LackOfFit | None  #: The same as if errors of small and large loads were equally large.
+    lack: (
+        LackOfFit | None
+    )  #: The test for lack of fit, errors relative to the load; None without replicates.
+    lack_plain: (
+        LackOfFit | None
+    )  #: The same as if errors of small and large loads were equally large.
     residuals: pd.DataFrame  #: One line a cell: mode, subscribers, measured, fitted.
 
 
 def design(mode: str, count: float) -> tuple[float, float, float]:
     """Return the factors of (net, dec, ipc) in Eq. 2 (standard), Eq. 3 (decoder), or receiving alone."""
-    return {"standard": (count, count, 0.0), "network": (count, 0.0, 0.0)}.get(mode, (1.0, 1.0, count))
+    return {"standard": (count, count, 0.0), "network": (count, 0.0, 0.0)}.get(
+        mode, (1.0, 1.0, count)
+    )
 
 
 def _fit_costs(rows: Floats) -> Floats:
@@ -147,7 +164,9 @@ def _errors(rows: Floats) -> Floats:
 
 
 @derived
-def cost_model(run: Run[Config], codec: str = "h264", way: str = "proxy", load: str = "paced") -> CostModel:
+def cost_model(
+    run: Run[Config], codec: str = "h264", way: str = "proxy", load: str = "paced"
+) -> CostModel:
     """Fit Eq. 2 and 3 to the cells of one codec's stream, without any term that the paper does not have.
 
     Args:
@@ -156,8 +175,12 @@ def cost_model(run: Run[Config], codec: str = "h264", way: str = "proxy", load: 
         way: The decoder's mode: each way of handing on has its own c_ipc, and is fitted alone.
         load: Column of `cells`: ``paced``, or ``cpu`` as it was measured.
     """
-    chosen = cells(run)[(cells(run)["codec"] == codec) & cells(run)["mode"].isin(["standard", "network", way])]
-    rows = np.array([(*design(m, n), c) for m, n, c in chosen[["mode", "subscribers", load]].to_numpy()])
+    chosen = cells(run)[
+        (cells(run)["codec"] == codec) & cells(run)["mode"].isin(["standard", "network", way])
+    ]
+    rows = np.array(
+        [(*design(m, n), c) for m, n, c in chosen[["mode", "subscribers", load]].to_numpy()]
+    )
 
     def explained(groups: Sequence[Floats]) -> float:
         spread = np.var(groups[0][:, 3])
@@ -169,8 +192,12 @@ def cost_model(run: Run[Config], codec: str = "h264", way: str = "proxy", load: 
     def part(index: int) -> Estimate:
         return bootstrap([rows], lambda g: float(_fit_costs(g[0])[index]), unit="% of one core")
 
-    table = chosen[["mode", "subscribers"]].assign(measured=rows[:, 3], fitted=rows[:, :3] @ _fit_costs(rows))
-    by_load = rows / (rows[:, :3] @ _fit_costs(rows))[:, None]  # replicates differ in proportion to their load
+    table = chosen[["mode", "subscribers"]].assign(
+        measured=rows[:, 3], fitted=rows[:, :3] @ _fit_costs(rows)
+    )
+    by_load = (
+        rows / (rows[:, :3] @ _fit_costs(rows))[:, None]
+    )  # replicates differ in proportion to their load
     setting = chosen.groupby(["mode", "subscribers"]).ngroup().to_numpy()
     return CostModel(
         net=part(0),
@@ -210,7 +237,9 @@ class StreamFacts:
     width: int  #: Pixels.
     height: int  #: Pixels.
     fps: float  #: Frames a second, by the capture stamps.
-    gop: int | None  #: Frames from key frame to key frame, 0 where that varies; None with fewer than two.
+    gop: (
+        int | None
+    )  #: Frames from key frame to key frame, 0 where that varies; None with fewer than two.
     encoder: str  #: FFmpeg's name.
 
     def __str__(self) -> str:
@@ -265,7 +294,9 @@ def _reduction(run: Run[Config], way: str) -> Finding:
         lacks = f"the log has no cells in which the decoder hands pictures on by {WAYS[way]}"
         return Finding(estimate=exactly(float("nan"), ""), reason=lacks)
     beside = zip(("standard", way), ("standard", WAYS[way]), PAPER_CPU, strict=True)
-    costs = [f"{found.cpu[mode].value:.2f} % {name} (paper {paper})" for mode, name, paper in beside]
+    costs = [
+        f"{found.cpu[mode].value:.2f} % {name} (paper {paper})" for mode, name, paper in beside
+    ]
     arrived = sums["frames"].sum() / (sums["frames"].sum() + sums["missed"].sum())
     details = {
         **_hosts(run),
@@ -303,7 +334,9 @@ def bandwidth(run: Run[Config]) -> Finding:
         "multicast": run.config.multicast,
     }
     consumers = readings(run).query("label == 'consumer' and codec == 'h264' and mode == @way")
-    received = consumers.loc[consumers["subscribers"] == most, "rx_mbit_s"].to_numpy(dtype=np.float64)
+    received = consumers.loc[consumers["subscribers"] == most, "rx_mbit_s"].to_numpy(
+        dtype=np.float64
+    )
     return Finding(estimate=median_of(received, unit="Mbit/s"), details=details, ends=ends)
 
 
@@ -314,7 +347,9 @@ def fit_residual(run: Run[Config]) -> Finding:
     fit, raw = cost_model(run, "h264", way), cost_model(run, "h264", way, "cpu")
     means = fit.residuals.assign(error=fit.residuals["measured"] - fit.residuals["fitted"])
     by_mode = means.groupby("mode")["error"].agg(["mean", "std"])
-    spread = ", ".join(f"{mode} {row['mean']:+.2f} +- {row['std']:.2f}" for mode, row in by_mode.iterrows())
+    spread = ", ".join(
+        f"{mode} {row['mean']:+.2f} +- {row['std']:.2f}" for mode, row in by_mode.iterrows()
+    )
     details = {
         "c_net": str(fit.net),
         "c_dec": str(fit.dec),
@@ -326,7 +361,9 @@ def fit_residual(run: Run[Config]) -> Finding:
     }
     if way == PAPERS_WAY and "proxy" in modes_of(run):
         ours = cost_model(run)
-        details["ours, by shared memory"] = f"c_ipc {ours.ipc}, residual {ours.residual}, lack {ours.lack}"
+        details["ours, by shared memory"] = (
+            f"c_ipc {ours.ipc}, residual {ours.residual}, lack {ours.lack}"
+        )
     off = 100 * (means["error"] / means["fitted"]).groupby(means["subscribers"]).mean()
     at = f"with the fewest subscribers loads are {off.iloc[0]:+.1f} % off, with the most {off.iloc[-1]:+.1f} %"
     said = f"lack of fit {fit.lack}: {at}; " if fit.lack and fit.lack.p < 0.05 else ""
@@ -344,7 +381,11 @@ def fit_residual(run: Run[Config]) -> Finding:
 def stream_of_table_two(run: Run[Config]) -> Finding:
     """Return the stream's bit rate, and its other figures in Table 2."""
     facts = stream_facts(run)
-    ends = {"pixels in a row": float(facts.width), "rows": float(facts.height), "frames a second": facts.fps}
+    ends = {
+        "pixels in a row": float(facts.width),
+        "rows": float(facts.height),
+        "frames a second": facts.fps,
+    }
     if facts.gop is not None:
         ends["frames from key frame to key frame"] = float(facts.gop)
     return Finding(estimate=facts.bitrate, details={"encoder": facts.encoder}, ends=ends)

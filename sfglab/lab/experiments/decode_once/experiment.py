@@ -26,16 +26,24 @@ class Stage:
     """One camera stream and how often it is measured with how many subscribers."""
 
     codec: str  #: ``h264`` (colour) or ``rvl`` (depth).
-    source: str = ""  #: Where frames come from, as `open_source` takes it; empty: the configuration's source.
+    source: str = (
+        ""  #: Where frames come from, as `open_source` takes it; empty: the configuration's source.
+    )
     counts: tuple[int, ...]  #: Numbers of local subscribers.
-    dds_counts: tuple[int, ...] = ()  #: Those of them with which the decoder also hands pictures on by DDS.
+    dds_counts: tuple[
+        int, ...
+    ] = ()  #: Those of them with which the decoder also hands pictures on by DDS.
     #: Numbers of subscribers that receive without decoding, to tell network from decoding.
     network_counts: tuple[int, ...] = ()
     repeats: int = 1  #: How often every group of cells is measured.
 
 
-_COLOUR = Stage(codec="h264", counts=_ALL, dds_counts=(1, 4, 7, 10), network_counts=(1, 4, 7, 10), repeats=2)
-_DEPTH = Stage(codec="rvl", source="stereo", counts=(1, 4, 7), dds_counts=(1, 7), network_counts=(4,))
+_COLOUR = Stage(
+    codec="h264", counts=_ALL, dds_counts=(1, 4, 7, 10), network_counts=(1, 4, 7, 10), repeats=2
+)
+_DEPTH = Stage(
+    codec="rvl", source="stereo", counts=(1, 4, 7), dds_counts=(1, 7), network_counts=(4,)
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -44,8 +52,13 @@ class Config(Profiled):
 
     source: str = "photos"  #: Source of the colour stream; depth always comes from the stereo pair.
     stages: tuple[Stage, ...] = (_COLOUR, _DEPTH)  #: Streams, one after the other.
-    most: int = between(10, 2, 10)  #: Most local subscribers: a stream's larger numbers are left out.
-    ros2: tuple[int, ...] = (1, 3)  #: Numbers of subscribers of raw images, of real ROS 2 beside ours.
+    most: int = between(
+        10, 2, 10
+    )  #: Most local subscribers: a stream's larger numbers are left out.
+    ros2: tuple[int, ...] = (
+        1,
+        3,
+    )  #: Numbers of subscribers of raw images, of real ROS 2 beside ours.
     samples: int = 3  #: Meter readings in a cell.
     period_s: float = 0.7  #: Time between readings, seconds.
     #: Wait in a cell between the last subscriber's first frame and the first reading, seconds.
@@ -91,7 +104,14 @@ exp = Experiment(
     paper={
         "stages": (
             Stage(codec="h264", counts=_ALL, dds_counts=_ALL, network_counts=_ALL, repeats=2),
-            Stage(codec="rvl", source="stereo", counts=_ALL, dds_counts=_ALL, network_counts=_ALL, repeats=2),
+            Stage(
+                codec="rvl",
+                source="stereo",
+                counts=_ALL,
+                dds_counts=_ALL,
+                network_counts=_ALL,
+                repeats=2,
+            ),
         ),
         "samples": 60,  # twice, so that replicates tell pure error
         "period_s": 1.0,
@@ -217,14 +237,24 @@ async def measure_cells(bench: Bench[Config]) -> None:
                 await _measure_cell(key, running, bench)
                 bench.advance(f"{stage.codec} {key['mode']} {key['subscribers']}")
         for number, stamp_ns, size_bytes in running.sent:
-            row = {"codec": stage.codec, "number": number, "stamp_ns": stamp_ns, "size_bytes": size_bytes}
+            row = {
+                "codec": stage.codec,
+                "number": number,
+                "stamp_ns": stamp_ns,
+                "size_bytes": size_bytes,
+            }
             bench.write("camera", row, at_ns=stamp_ns)
 
 
-declare(exp, "Raw images, by number of subscribers: real ones (rclpy) cost more than stand-ins and lose some")
+declare(
+    exp,
+    "Raw images, by number of subscribers: real ones (rclpy) cost more than stand-ins and lose some",
+)
 
 
-@exp.part(PART, total=lambda config: 2 * config.samples * len(config.ros2), skips=(RosMissingError,))
+@exp.part(
+    PART, total=lambda config: 2 * config.samples * len(config.ros2), skips=(RosMissingError,)
+)
 async def measure_beside_ros2(bench: Bench[Config]) -> None:
     """Measure what subscribers of raw images cost, real ones beside ours."""
     quantities = ("CPU of a subscriber (% of a core)", "pictures received (%)")
@@ -243,7 +273,10 @@ async def _record_raw(running: Running, bench: Bench[Config]) -> None:
             left -= len(m.cdr)
             if left < 0:
                 return
-            times: dict[str, Any] = {"log_time_ns": m.log_time_ns, "publish_time_ns": m.publish_time_ns}
+            times: dict[str, Any] = {
+                "log_time_ns": m.log_time_ns,
+                "publish_time_ns": m.publish_time_ns,
+            }
             bench.log.write_raw(m.topic, m.type_name, m.cdr, **times)
 
 
@@ -265,9 +298,14 @@ async def _measure_cell(key: dict[str, Any], running: Running, bench: Bench[Conf
         bench.write("load", _load(key["cell"], reading), at_ns=reading.t_ns)
     for viewer, report in enumerate(reports):
         of = {"cell": key["cell"], "viewer": viewer}
-        counts = {name: report[name] for name in ("frames", "unreadable", "missed", "disordered", "broken")}
+        counts = {
+            name: report[name]
+            for name in ("frames", "unreadable", "missed", "disordered", "broken")
+        }
         age_ms = float(np.median(report["ages_ns"])) / 1e6 if report["ages_ns"] else float("nan")
-        bench.write("view", {**of, **counts, "checksum": f"{report['checksum']:016x}", "age_ms": age_ms})
+        bench.write(
+            "view", {**of, **counts, "checksum": f"{report['checksum']:016x}", "age_ms": age_ms}
+        )
         for number, stamp_ns in report["pairs"]:
             bench.write("pair", {**of, "number": number, "stamp_ns": stamp_ns})
     # Last, so that a cell that is in the log is complete.

@@ -65,17 +65,29 @@ def _draw_stream(figure: Figure, run: Run[Config], codec: str) -> dict[str, Any]
     cpu, net, cost = figure.subplots(1, 3, width_ratios=(1.15, 1.15, 1))
     _draw_cpu(cpu, run, found, codec)
     _draw_network(net, run, codec)
-    again = int(cells(run)[cells(run)["codec"] == codec].groupby(["mode", "subscribers"]).size().max())
+    again = int(
+        cells(run)[cells(run)["codec"] == codec].groupby(["mode", "subscribers"]).size().max()
+    )
     _draw_cost_model(cost, fits, spread=again > 1)
-    within = {m: f" [{e.low:.0f}, {e.high:.0f}]" if again > 1 else "" for m, e in found.reduction.items()}
+    within = {
+        m: f" [{e.low:.0f}, {e.high:.0f}]" if again > 1 else "" for m, e in found.reduction.items()
+    }
     less = (f"{e.value:.0f} %{within[m]} less by {WAYS[m]}" for m, e in found.reduction.items())
-    figure.suptitle(f"Decode once ({NAMES.get(codec, codec)}), CPU of an added subscriber: {', '.join(less)}")
-    often = f"{again} runs a setting: 95 % intervals" if again > 1 else "one run a setting: no intervals"
+    figure.suptitle(
+        f"Decode once ({NAMES.get(codec, codec)}), CPU of an added subscriber: {', '.join(less)}"
+    )
+    often = (
+        f"{again} runs a setting: 95 % intervals"
+        if again > 1
+        else "one run a setting: no intervals"
+    )
     each = readings(run).groupby(["cell", "label"]).size().max()
     note(figure, f"{often}; {each} readings a run, bands: one standard deviation of them", run)
     terms = {"net": "c_net", "dec": "c_dec", "ipc": "c_ipc"}
     terms |= {name: name for name in ("explained", "residual", "lack")}
-    shown = {way: {said: getattr(fit, name) for name, said in terms.items()} for way, fit in fits.items()}
+    shown = {
+        way: {said: getattr(fit, name) for name, said in terms.items()} for way, fit in fits.items()
+    }
     return {**to_json(found), **shown}
 
 
@@ -94,7 +106,9 @@ def _draw_modes(axes: Axes, run: Run[Config], codec: str, column: str) -> dict[s
         counts, mean, deviation = _spread(run, codec, mode, column)
         color = STYLES[mode]["color"]
         axes.plot(counts, mean, markersize=4.5, label=LABELS[mode], **STYLES[mode])
-        axes.fill_between(counts, mean - deviation, mean + deviation, color=color, alpha=0.18, linewidth=0)
+        axes.fill_between(
+            counts, mean - deviation, mean + deviation, color=color, alpha=0.18, linewidth=0
+        )
         first[mode] = float(mean[0])
     axes.set(xlabel="local subscribers", xticks=_spread(run, codec, "standard", column)[0])
     return first
@@ -111,7 +125,9 @@ def _draw_cpu(axes: Axes, run: Run[Config], found: Slopes, codec: str) -> None:
             paper, color = first[mode] + slope * (counts - counts[0]), STYLES[mode]["color"]
             axes.plot(counts, paper, color=color, label=f"paper: +{slope} % each", **PAPER_STYLE)
     _label(axes, "consumer's CPU (100 % = one core)")
-    axes.set_title("CPU" + ("; the paper's slopes start at our first point" * (codec == "h264")), fontsize=9)
+    axes.set_title(
+        "CPU" + ("; the paper's slopes start at our first point" * (codec == "h264")), fontsize=9
+    )
 
 
 def _draw_network(axes: Axes, run: Run[Config], codec: str) -> None:
@@ -141,12 +157,20 @@ def _draw_cost_model(axes: Axes, fits: Mapping[str, CostModel], *, spread: bool)
     values = [e.value for e in estimates]
     errors = np.array([(e.value - e.low, e.high - e.value) for e in estimates]).T.clip(min=0)
     names = [name.replace(" ", "\n") for name in terms]
-    bars = axes.bar(names, values, color=colors, width=0.6, yerr=errors if spread else None, capsize=4)
+    bars = axes.bar(
+        names, values, color=colors, width=0.6, yerr=errors if spread else None, capsize=4
+    )
     axes.bar_label(bars, labels=[f"{v:.1f}" for v in values], padding=6)
     axes.margins(y=0.15)
     axes.set_ylabel("% of one core")
-    lack = f"\nlack of fit: p {'< 0.001' if fit.lack.p < 1e-3 else f'= {fit.lack.p:.2g}'}" if fit.lack else ""
-    axes.set_title(f"Eq. 2 and 3 fitted: {100 * fit.explained.value:.0f} % of the variance{lack}", fontsize=9)
+    lack = (
+        f"\nlack of fit: p {'< 0.001' if fit.lack.p < 1e-3 else f'= {fit.lack.p:.2g}'}"
+        if fit.lack
+        else ""
+    )
+    axes.set_title(
+        f"Eq. 2 and 3 fitted: {100 * fit.explained.value:.0f} % of the variance{lack}", fontsize=9
+    )
     axes.grid(visible=False, axis="x")
 
 
@@ -157,11 +181,16 @@ def _reference_terms() -> tuple[dict[str, NDArray[np.float64]], float]:
     modes = modes_of(reference)
     ways = {mode: mode if mode in WAYS else modes[1] for mode in modes}
     fits = {mode: cost_model(reference, way=way) for mode, way in ways.items()}
-    terms = {mode: np.array([fit.net.value, fit.dec.value, fit.ipc.value]) for mode, fit in fits.items()}
+    terms = {
+        mode: np.array([fit.net.value, fit.dec.value, fit.ipc.value]) for mode, fit in fits.items()
+    }
     return terms, stream_facts(reference).bitrate.value
 
 
-@exp.look("equations", Look(turn=("most", "multicast"), needs=(), size=(10, 3.6), reference="decode_once_h264"))
+@exp.look(
+    "equations",
+    Look(turn=("most", "multicast"), needs=(), size=(10, 3.6), reference="decode_once_h264"),
+)
 def draw_equations(figure: Figure, run: Run[Config]) -> None:
     """Draw what Eq. 2 and 3 say of so many subscribers, with the terms fitted to the reference run's colour.
 
@@ -177,8 +206,13 @@ def draw_equations(figure: Figure, run: Run[Config]) -> None:
         cpu.plot(counts, [np.dot(terms[mode], design(mode, float(n))) for n in counts], **style)
         net.plot(counts, rate * (copies if mode == "standard" else np.ones_like(counts)), **style)
     cpu.set(ylabel="CPU of the consumer (% of a core)", title="Eq. 2 and 3")
-    net.set(ylabel="received by the consumer (Mbit/s)", title=f"network, multicast: {run.config.multicast}")
+    net.set(
+        ylabel="received by the consumer (Mbit/s)",
+        title=f"network, multicast: {run.config.multicast}",
+    )
     for axes in (cpu, net):
         axes.set(xlabel="local subscribers", xticks=counts, ylim=(0, 1.1 * axes.dataLim.ymax))
     cpu.legend(fontsize=8)
-    figure.suptitle("Computed, not measured: terms and bit rate of the reference run; Run all measures")
+    figure.suptitle(
+        "Computed, not measured: terms and bit rate of the reference run; Run all measures"
+    )

@@ -84,22 +84,37 @@ class Running(StreamProcesses):
         )
         # One process is lent to one cell after the other, as a component container is: none starts in between.
         decoder = DecoderConfig(
-            remote=self.shared("consumer"), local=local, streams=(self._topic,), linger_s=LINGER_S, refill=False
+            remote=self.shared("consumer"),
+            local=local,
+            streams=(self._topic,),
+            linger_s=LINGER_S,
+            refill=False,
         )
         viewer = self.viewer_config(self._topic, local)
         looks = "sfglab.lab.workers.viewer"
         return [
-            *(Member(name=name, host="consumer", module=looks, config=viewer) for name in self._viewers),
-            Member(name="decoder", host="consumer", module="sfglab.fleet.decoder.node", config=decoder),
+            *(
+                Member(name=name, host="consumer", module=looks, config=viewer)
+                for name in self._viewers
+            ),
             Member(
-                name="camera", host="edge", module="sfglab.lab.workers.camera", config=camera, ready="running"
+                name="decoder", host="consumer", module="sfglab.fleet.decoder.node", config=decoder
+            ),
+            Member(
+                name="camera",
+                host="edge",
+                module="sfglab.lab.workers.camera",
+                config=camera,
+                ready="running",
             ),
         ]
 
     async def look(self, mode: str, count: int) -> float:
         """Let the first viewers look, and return how long it took until each had a frame, in seconds."""
         started = time.monotonic()
-        await self.ask("first", self._viewers[:count], timeout_s=FIRST_PICTURE_S, do="look", mode=mode)
+        await self.ask(
+            "first", self._viewers[:count], timeout_s=FIRST_PICTURE_S, do="look", mode=mode
+        )
         return time.monotonic() - started
 
     async def record(self, path: Path, duration_s: float) -> None:

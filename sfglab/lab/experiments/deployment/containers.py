@@ -34,7 +34,9 @@ _GRACE_S = 10.0
 _SFGLAB = (sys.executable, "-c", "from sfglab.cli import main; main()")
 
 
-async def container_checks(pairs: Sequence[tuple[Deployment, Bundle]], folder: Path) -> list[CheckRow]:
+async def container_checks(
+    pairs: Sequence[tuple[Deployment, Bundle]], folder: Path
+) -> list[CheckRow]:
     """Run two or more agents as their Compose projects say, and look at them from outside.
 
     Raises:
@@ -46,7 +48,10 @@ async def container_checks(pairs: Sequence[tuple[Deployment, Bundle]], folder: P
         outside = hosts[OUTSIDER]
         fleet = _fleet_file(pairs[0][0], folder, interface=outside.interface)
         async with AsyncExitStack() as stack:
-            agents = {d.agent.name: await _start(stack, d, b, hosts[d.agent.name], fleet) for d, b in pairs}
+            agents = {
+                d.agent.name: await _start(stack, d, b, hosts[d.agent.name], fleet)
+                for d, b in pairs
+            }
             meetings = (_discovered(agent, {*names} - {name}) for name, agent in agents.items())
             found = await asyncio.gather(*meetings)
             seen = await _look(outside, pairs)
@@ -106,20 +111,31 @@ async def _discovered(process: asyncio.subprocess.Process, wanted: set[str]) -> 
             while not wanted <= found:
                 line = await process.stdout.readline()
                 if not line:
-                    raise ProcessFailedError(f"agent: its container ended with status {await process.wait()}")
+                    raise ProcessFailedError(
+                        f"agent: its container ended with status {await process.wait()}"
+                    )
                 match json.loads(line):
-                    case {"component": "discoverer", "report": {"event": "DISCOVERED", "agent": str(agent)}}:
+                    case {
+                        "component": "discoverer",
+                        "report": {"event": "DISCOVERED", "agent": str(agent)},
+                    }:
                         found.add(agent)
     return found
 
 
 async def _look(outside: Host, pairs: Sequence[tuple[Deployment, Bundle]]) -> dict[int, list[str]]:
     domains = (pairs[0][0].network.global_domain, *(d.network.local_domain for d, _ in pairs))
-    addresses = tuple(BusAddress(domain_id=domain, interface=outside.interface) for domain in domains)
+    addresses = tuple(
+        BusAddress(domain_id=domain, interface=outside.interface) for domain in domains
+    )
     config = ObserverConfig(addresses=addresses, seconds=LOOKING_S)
-    onlooker = Member(name="onlooker", module="sfglab.lab.workers.graph_observer", config=config, ready="seen")
+    onlooker = Member(
+        name="onlooker", module="sfglab.lab.workers.graph_observer", config=config, ready="seen"
+    )
     start_s = LOOKING_S + MEETING_S
-    async with ProcessGroup(lambda _, command: outside.argv(command), [onlooker], start_s=start_s) as group:
+    async with ProcessGroup(
+        lambda _, command: outside.argv(command), [onlooker], start_s=start_s
+    ) as group:
         seen = group["onlooker"].readiness
     return {int(domain): topics for domain, topics in seen["domains"].items()}
 
@@ -128,14 +144,18 @@ def _meeting_row(names: Sequence[str], found: Sequence[set[str]]) -> CheckRow:
     alone = [name for name, met in zip(names, found, strict=True) if met != {*names} - {name}]
     met = f"{names[0]} met {', '.join(sorted(found[0]))}"
     example = f"{', '.join(alone)} met nobody" if alone else met
-    return _row("agents in containers discover each other through their routers", len(names), alone, example)
+    return _row(
+        "agents in containers discover each other through their routers", len(names), alone, example
+    )
 
 
 def _inside_row(pairs: Sequence[tuple[Deployment, Bundle]], seen: dict[int, list[str]]) -> CheckRow:
     shown = {d.agent.name: seen[d.network.local_domain] for d, _ in pairs}
     leaking = [str(entry) for entry in shown.items() if entry[1]]
     example = leaking[0] if leaking else "no endpoint in any agent's own domain"
-    return _row("an agent's own domain shows nothing outside its machine", len(shown), leaking, example)
+    return _row(
+        "an agent's own domain shows nothing outside its machine", len(shown), leaking, example
+    )
 
 
 def _row(check: str, checked: int, wrong: Sequence[str], example: str) -> CheckRow:

@@ -69,7 +69,12 @@ exp = Experiment(
     smoke={"agents": ("go2", "steamdeck"), "containers": (), "build": False},
     paper={"containers": ("go2", *(f"pi{i}" for i in range(1, 7)), "steamdeck", "workstation")},
     actors=(
-        Actor("agent", "container on the machine's bridge", "discovers the others", count="one a machine"),
+        Actor(
+            "agent",
+            "container on the machine's bridge",
+            "discovers the others",
+            count="one a machine",
+        ),
         Actor("router", "machine", "lets global names out", count="one a machine"),
         Actor("onlooker", OUTSIDER, "looks at all domains from outside"),
     ),
@@ -91,7 +96,11 @@ PARTS = {
         "on a machine that has one",
         "machines are folders from documentation",
     ),
-    "two containers": ("containers", "Docker Compose starts them", "their commands run between namespaces"),
+    "two containers": (
+        "containers",
+        "Docker Compose starts them",
+        "their commands run between namespaces",
+    ),
     "systemd": ("files", "systemd starts the unit", "it is verified, and nobody starts it"),
     "dev container": ("files", "VS Code opens it", "its files are checked, and nobody opens them"),
     "hooks": ("hooks", "as root on a machine", "they run on folders in place of machines"),
@@ -160,7 +169,9 @@ class RefusedFleetRow:
 
 def _write(bench: Bench[Config], group: str, *rows: CheckRow | Unasked) -> None:
     for row in rows:
-        bench.write("check" if isinstance(row, CheckRow) else "unchecked", {"group": group, **asdict(row)})
+        bench.write(
+            "check" if isinstance(row, CheckRow) else "unchecked", {"group": group, **asdict(row)}
+        )
 
 
 @exp.part("fleet", total=7)
@@ -195,7 +206,9 @@ async def deploy(bench: Bench[Config]) -> None:
         folder, release = bench.folder("images"), pairs[0][0].release
         (folder / release.wheel).write_bytes(wheel)
         cache = find_project().runs / "cache"
-        built = trial_build(pairs[0][0], folder / release.wheel, folder, lambda _: None, cache=cache)
+        built = trial_build(
+            pairs[0][0], folder / release.wheel, folder, lambda _: None, cache=cache
+        )
         _write(bench, "images", *built)
     for part, (group, machine, why) in PARTS.items():
         _write(bench, group, Unasked(check=f"{part}: {machine}", why=why))
@@ -229,7 +242,13 @@ def _how(run: Run[Config]) -> How:
 
 
 _MODULES = (
-    *("deployment", "compose", "dockerfile", "bundle", "hardware.detection:detect,_evidence,_judged"),
+    *(
+        "deployment",
+        "compose",
+        "dockerfile",
+        "bundle",
+        "hardware.detection:detect,_evidence,_judged",
+    ),
     "rollout:Plan,plan_changes,_change,look,steps,apply_plan,releases,released,_install",
 )
 
@@ -240,7 +259,10 @@ def _few() -> Iterator[CheckRow]:
     release, wheel = make_release(SOURCE, source.text)
     names = ["go2", "workstation"]
     pairs = prepare(source, release, wheel, agents=names)
-    yield held("who is asked for gets files", [(str(names), [bundle.agent for _, bundle in pairs] == names)])
+    yield held(
+        "who is asked for gets files",
+        [(str(names), [bundle.agent for _, bundle in pairs] == names)],
+    )
     for deployment, _ in pairs:
         rows = verdict_rows(check_compose(render_bundle(deployment), deployment), {})
         yield from (row for row in rows if isinstance(row, CheckRow))
@@ -250,7 +272,9 @@ def _few() -> Iterator[CheckRow]:
         yield from machines.rollout_checks(pairs, Path(rollout))
 
 
-@exp.claim("A-DEPLOY", how=_how, mutated=Mutated(tuple(f"sfglab.deploy.{name}" for name in _MODULES), _few))
+@exp.claim(
+    "A-DEPLOY", how=_how, mutated=Mutated(tuple(f"sfglab.deploy.{name}" for name in _MODULES), _few)
+)
 def share_that_holds(run: Run[Config]) -> Finding:
     """Return the share of checks that hold, in the group where it is lowest."""
     share, refused = share_of_checks(run["check"], "group"), run["refused"]["refused"]
@@ -266,7 +290,10 @@ def share_that_holds(run: Run[Config]) -> Finding:
 
 def _parts(run: Run[Config]) -> dict[str, float]:
     """Return the share that holds of every part of which nothing was left unchecked, on a machine neither."""
-    sums, unchecked = run["check"].groupby("group")[["held", "checked"]].sum(), set(run["unchecked"]["group"])
+    sums, unchecked = (
+        run["check"].groupby("group")[["held", "checked"]].sum(),
+        set(run["unchecked"]["group"]),
+    )
     asked, shares = set(run["check"]["check"]), sums["held"] / sums["checked"]
     return {
         part: float(shares[group])
@@ -307,7 +334,11 @@ def _box(axes: Axes, place: tuple[int, int, int], text: str, color: str) -> None
     from matplotlib.patches import FancyBboxPatch
 
     first, last, row = place
-    corner, width, shape = (first - 0.44, row - 0.36), last - first + 0.88, "round,pad=0.02,rounding_size=0.05"
+    corner, width, shape = (
+        (first - 0.44, row - 0.36),
+        last - first + 0.88,
+        "round,pad=0.02,rounding_size=0.05",
+    )
     look: dict[str, Any] = {"facecolor": color, "alpha": 0.28, "linewidth": 0}
     axes.add_patch(FancyBboxPatch(corner, width, 0.72, boxstyle=shape, **look))
     shown = text if last > first else "\n".join(re.findall(r".{1,13}(?:[-:, ]|$)|.{13}", text))
@@ -327,8 +358,12 @@ def draw_checks(figure: Figure, run: Run[Config]) -> dict[str, Any]:
         color = "network" if not checked else "proxy" if held == checked else "standard"
         rows[group] = [(holds, COLORS[color]), (open_, COLORS["network" if open_ else "proxy"])]
     word_table(figure, ["cases that hold", "what could not be asked there"], rows, wrap=36)
-    rest = f"\n{len(left)} properties could not be asked on that machine: the claim is open" * bool(len(left))
-    figure.suptitle(f"{sums['held'].sum()} of {sums['checked'].sum()} cases hold{rest}", fontsize=10)
+    rest = f"\n{len(left)} properties could not be asked on that machine: the claim is open" * bool(
+        len(left)
+    )
+    figure.suptitle(
+        f"{sums['held'].sum()} of {sums['checked'].sum()} cases hold{rest}", fontsize=10
+    )
     note(figure, "exact, on files and folders; containers live, between network namespaces")
     shown = {str(row.Index): f"{row.held} of {row.checked}" for row in sums.itertuples()}
     return {**shown, "not asked": len(left)}

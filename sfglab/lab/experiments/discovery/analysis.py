@@ -44,7 +44,9 @@ _TIME = "resolved_s"
 KEYS = ["mode", "agents", "talkers", "listeners"]
 _AT_ONCE = 0.0
 _SLOWER = ("at two thirds of the pace",)
-_OWN_COMPUTERS = float("inf")  # the pace that stands for simulated fleets: no agent takes another one's cores
+_OWN_COMPUTERS = float(
+    "inf"
+)  # the pace that stands for simulated fleets: no agent takes another one's cores
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -63,14 +65,20 @@ class Fleets:
         """
         nodes = self.cells[["talkers", "listeners"]]
         is_standard = self.cells["mode"] == STANDARD
-        standard, routed = (set(nodes[of].itertuples(index=False)) for of in (is_standard, ~is_standard))
+        standard, routed = (
+            set(nodes[of].itertuples(index=False)) for of in (is_standard, ~is_standard)
+        )
         talkers, listeners = max((standard & routed) or (standard | routed))
         return int(talkers), int(listeners)
 
     def of_main_nodes(self, table: pd.DataFrame, mode: str) -> pd.DataFrame:
         """Return the rows of one mode whose agents have the nodes that both modes were measured with."""
         talkers, listeners = self.main_nodes()
-        kind = (table["mode"] == mode) & (table["talkers"] == talkers) & (table["listeners"] == listeners)
+        kind = (
+            (table["mode"] == mode)
+            & (table["talkers"] == talkers)
+            & (table["listeners"] == listeners)
+        )
         return table[kind]
 
     def sizes(self, mode: str) -> list[int]:
@@ -88,18 +96,30 @@ class Fleets:
         chosen = hosts[(hosts["agents"] == agents) & (hosts["pace_s"] == pace_s)]
         if chosen.empty:
             return np.empty((0, agents))
-        return chosen.pivot_table(index="cell", columns="host", values=column).to_numpy(dtype=np.float64)
+        return chosen.pivot_table(index="cell", columns="host", values=column).to_numpy(
+            dtype=np.float64
+        )
 
     def by_pace(self, mode: str, agents: int, column: str) -> list[Floats]:
         """Return the samples of one size for each of its paces, the fastest first."""
-        return [self.samples(mode, agents, column, pace_s=pace_s) for pace_s in self.paces_s(mode, agents)]
+        return [
+            self.samples(mode, agents, column, pace_s=pace_s)
+            for pace_s in self.paces_s(mode, agents)
+        ]
 
     def by_density(self, agents: int) -> list[tuple[int, Floats]]:
         """Return what agents of standard fleets with fewer nodes received, by their nodes, in order."""
         hosts = self.hosts[(self.hosts["mode"] == STANDARD) & (self.hosts["agents"] == agents)]
         groups: Any = hosts.groupby(hosts["talkers"] + hosts["listeners"])
-        tables = [(n, rows.pivot_table(index="cell", columns="host", values="own_bytes")) for n, rows in groups]
-        return [(int(n), table.to_numpy(np.float64)) for n, table in tables if n < sum(self.main_nodes())]
+        tables = [
+            (n, rows.pivot_table(index="cell", columns="host", values="own_bytes"))
+            for n, rows in groups
+        ]
+        return [
+            (int(n), table.to_numpy(np.float64))
+            for n, table in tables
+            if n < sum(self.main_nodes())
+        ]
 
 
 @derived
@@ -115,7 +135,9 @@ def live(run: Run[Config]) -> Fleets:
 def simulated(run: Run[Config]) -> Fleets:
     """Return the simulated fleets in the form of live ones."""
     rows = run["simulated"]
-    hosts = rows.assign(cell=rows.groupby([*KEYS, "seed"], sort=False).ngroup(), own_bytes=rows["rx_bytes"])
+    hosts = rows.assign(
+        cell=rows.groupby([*KEYS, "seed"], sort=False).ngroup(), own_bytes=rows["rx_bytes"]
+    )
     hosts["pace_s"] = _OWN_COMPUTERS
     cells = hosts.drop_duplicates("cell")[["cell", *KEYS, "pace_s"]].assign(
         resolved_s=hosts.groupby("cell")["resolved_s"].max().to_numpy(),
@@ -152,7 +174,9 @@ def summary(run: Run[Config]) -> pd.DataFrame:
     """Return medians over agents and fleets, and how busy the machine was, by kind, size and pace of fleet."""
     if run["cell"].empty:
         return pd.DataFrame()
-    hosts, cells = (table.groupby([*KEYS, "pace_s"]) for table in (live(run).hosts, live(run).cells))
+    hosts, cells = (
+        table.groupby([*KEYS, "pace_s"]) for table in (live(run).hosts, live(run).cells)
+    )
     table = pd.DataFrame(
         {
             "fleets": cells.size(),
@@ -172,12 +196,17 @@ def _time_of(run: Run[Config], mode: str) -> Finding | None:
     fleets, agents = _measured(run), _largest(run, mode)
     if fleets is None or agents < PAPERS_LARGEST:
         return None
-    estimates = [_median(times, f"s at {agents} agents") for times in fleets.by_pace(mode, agents, _TIME)]
+    estimates = [
+        _median(times, f"s at {agents} agents") for times in fleets.by_pace(mode, agents, _TIME)
+    ]
     details = {"agents": str(agents), **_by_size(fleets, mode), **_by_size(fleets, STANDARD)}
     ends = {}
     if few := fleets.by_pace(mode, 2, _TIME):
         few_s = float(np.median(few[0]))
-        ends = {"s at 2 agents": few_s, "times as long at 6 agents as at 2": estimates[0].value / few_s}
+        ends = {
+            "s at 2 agents": few_s,
+            "times as long at 6 agents as at 2": estimates[0].value / few_s,
+        }
     return Finding(
         estimate=estimates[0],
         under=dict(zip(_SLOWER, estimates[1:], strict=False)),
@@ -195,14 +224,21 @@ def _bytes_of(run: Run[Config], mode: str) -> Finding | None:
     routed = fleets.by_pace(mode, agents, "own_bytes")
     few = fleets.by_density(agents)
     if _how(run) is How.SIMULATED:  # nothing is starved there
-        few = [(sum(fleets.main_nodes()), fleets.samples(STANDARD, agents, "own_bytes", pace_s=_OWN_COMPUTERS))]
+        few = [
+            (
+                sum(fleets.main_nodes()),
+                fleets.samples(STANDARD, agents, "own_bytes", pace_s=_OWN_COMPUTERS),
+            )
+        ]
         few *= 2
     if len(few) < 2:
         return None
     first, *others = pairwise(few)
     wanted = sum(fleets.main_nodes())
     under = {f"with {a[0]} and {b[0]} nodes": _fewer(a, b, wanted, routed[0]) for a, b in others}
-    under |= {name: _fewer(*first, wanted, each) for name, each in zip(_SLOWER, routed[1:], strict=False)}
+    under |= {
+        name: _fewer(*first, wanted, each) for name, each in zip(_SLOWER, routed[1:], strict=False)
+    }
     standard = _at_nodes(wanted, [(n, float(np.median(each))) for n, each in first])
     details = {"agents": str(agents), mode: f"{_median(routed[0] / 1e3, 'kB')}"}
     details |= {f"standard, {n} nodes an agent": f"{_median(each / 1e6, 'MB')}" for n, each in few}
@@ -222,7 +258,9 @@ def _at_nodes(wanted: int, known: Sequence[tuple[int, float]]) -> float:
     return wanted * (low / few + slope * (wanted - few))
 
 
-def _fewer(few: tuple[int, Floats], more: tuple[int, Floats], wanted: int, routed: Floats) -> Estimate:
+def _fewer(
+    few: tuple[int, Floats], more: tuple[int, Floats], wanted: int, routed: Floats
+) -> Estimate:
     def ratio(groups: Sequence[Floats]) -> float:
         low, high, own = (float(np.median(group)) for group in groups)
         return float(np.log10(_at_nodes(wanted, [(few[0], low), (more[0], high)]) / own))
@@ -234,7 +272,9 @@ def _fewer(few: tuple[int, Floats], more: tuple[int, Floats], wanted: int, route
 def _largest(run: Run[Config], mode: str) -> int:
     """Return the size of the largest main fleet that was started at a pace; 0: there is none."""
     fleets = _measured(run)
-    return max((n for n in fleets.sizes(mode) if fleets.paces_s(mode, n)), default=0) if fleets else 0
+    return (
+        max((n for n in fleets.sizes(mode) if fleets.paces_s(mode, n)), default=0) if fleets else 0
+    )
 
 
 for mark, mode in (("", LAUNCHED), ("-OURS", ROUTED)):  # the paper's way, and ours
@@ -268,9 +308,16 @@ def _work(fleets: Fleets, mode: str, agents: int) -> str:
 MODES = {STANDARD: "standard", ROUTED: "proxy"}
 LABELS = {STANDARD: "standard: one domain", ROUTED: "routed: a domain for each agent"}
 _LIVE = {STANDARD: "standard", LAUNCHED: "third", ROUTED: "proxy"}
-_LIVE_LABELS = {**LABELS, LAUNCHED: "routed, launched by the order", ROUTED: "routed, kept ready (ours)"}
+_LIVE_LABELS = {
+    **LABELS,
+    LAUNCHED: "routed, launched by the order",
+    ROUTED: "routed, kept ready (ours)",
+}
 _SHORT = {STANDARD: "in one domain", LAUNCHED: "started in the paper's way", ROUTED: "routed by us"}
-_PANELS = {_TIME: "until an agent knows all its peers (s)", "own_bytes": "received at its interface until then"}
+_PANELS = {
+    _TIME: "until an agent knows all its peers (s)",
+    "own_bytes": "received at its interface until then",
+}
 _PAPER: dict[str, dict[str, dict[int, float]]] = {
     _TIME: {STANDARD: {6: 40.0}, LAUNCHED: {2: 0.8, 6: 2.9}},
     "own_bytes": {STANDARD: {6: 13.6e6}, LAUNCHED: {6: 13.6e6 / 10**1.8}},
@@ -289,11 +336,17 @@ def draw_fleet(figure: Figure, run: Run[Config]) -> dict[str, Any]:
         for mode, beside in _BESIDE.items():
             _draw_agents(axes, fleets.of_main_nodes(fleets.hosts, mode), mode, column, beside)
         if column != _TIME and len(few := fleets.by_density(PAPERS_LARGEST)) > 1:
-            received = _at_nodes(sum(fleets.main_nodes()), [(n, float(np.median(each))) for n, each in few[:2]])
+            received = _at_nodes(
+                sum(fleets.main_nodes()), [(n, float(np.median(each))) for n, each in few[:2]]
+            )
             axes.plot(PAPERS_LARGEST + _BESIDE[STANDARD] + _PACED, received, **series("standard"))
         _dress(axes, column, sizes)
     nodes = "{} publishing and {} subscribing nodes".format(*fleets.main_nodes())
-    _explain(figure, run, f"Live, {nodes} an agent; standard's filled one follows from few. Bars: medians.")
+    _explain(
+        figure,
+        run,
+        f"Live, {nodes} an agent; standard's filled one follows from few. Bars: medians.",
+    )
     largest = max(sizes)
     times = {mode: fleets.by_pace(mode, largest, _TIME) for mode in (LAUNCHED, ROUTED)}
     told = {mode: float(np.median(paced[0])) for mode, paced in times.items() if paced}
@@ -303,12 +356,16 @@ def draw_fleet(figure: Figure, run: Run[Config]) -> dict[str, Any]:
 
 def _title(agents: int, how: str, times_s: Mapping[str, float]) -> str:
     """Return what came of a size of fleet, by kind."""
-    told = " and ".join(f"{float(f'{time_s:.2g}'):g} s {_SHORT[mode]}" for mode, time_s in times_s.items())
+    told = " and ".join(
+        f"{float(f'{time_s:.2g}'):g} s {_SHORT[mode]}" for mode, time_s in times_s.items()
+    )
     who = f"{agents} {how} agents"
     return f"{who} know each other after {told}" if told else f"Discovery of {who}"
 
 
-def _draw_agents(axes: Axes, hosts: pd.DataFrame, mode: str, column: str, beside: float = 0.0) -> None:
+def _draw_agents(
+    axes: Axes, hosts: pd.DataFrame, mode: str, column: str, beside: float = 0.0
+) -> None:
     """Draw a dot an agent, filled where starts were at a pace, and the paper's stars; medians beside others."""
     style, shift = _LIVE[mode], _PACED if beside else 0.0
     groups: Any = hosts.groupby(["agents", "pace_s"])[column].median().items() if beside else ()
@@ -317,11 +374,22 @@ def _draw_agents(axes: Axes, hosts: pd.DataFrame, mode: str, column: str, beside
         axes.hlines(median, at - 0.06, at + 0.06, color=COLORS[style], linewidth=1.8)
     for paced in (False, True):
         rows = hosts[(hosts["mode"] == mode) & ((hosts["pace_s"] > 0) == paced)]
-        dots: dict[str, Any] = {"marker": MARKERS[style], "s": 16, "edgecolors": COLORS[style], "alpha": 0.7}
+        dots: dict[str, Any] = {
+            "marker": MARKERS[style],
+            "s": 16,
+            "edgecolors": COLORS[style],
+            "alpha": 0.7,
+        }
         dots["facecolors"] = COLORS[style] if paced else "none"
         axes.scatter(rows["agents"] + beside + shift * paced, rows[column], **dots)
     points = _PAPER[column].get(mode, {})
-    star: dict[str, Any] = {"marker": "*", "s": 130, "facecolors": "none", "linewidths": 1.3, "zorder": 4}
+    star: dict[str, Any] = {
+        "marker": "*",
+        "s": 130,
+        "facecolors": "none",
+        "linewidths": 1.3,
+        "zorder": 4,
+    }
     spots = [n + beside + shift / 2 for n in points]
     axes.scatter(spots, list(points.values()), edgecolors=COLORS[style], **star)
 
@@ -330,7 +398,9 @@ def _dress(axes: Axes, column: str, sizes: Sequence[int]) -> None:
     axes.set(yscale="log", xlabel="agents in the fleet", ylabel=_PANELS[column])
     low, high = axes.get_ylim()
     ticks = 10.0 ** np.arange(np.ceil(np.log10(low)), np.floor(np.log10(high)) + 1)
-    axes.set_yticks(ticks, [f"{tick:g}" if column == _TIME else _bytes_text(tick) for tick in ticks])
+    axes.set_yticks(
+        ticks, [f"{tick:g}" if column == _TIME else _bytes_text(tick) for tick in ticks]
+    )
     axes.set_xticks(sizes, [str(size) for size in sizes])
     axes.minorticks_off()
 
@@ -341,15 +411,26 @@ def _explain(figure: Figure, run: Run[Config], text: str, **lines: Any) -> None:
 
     hollow: dict[str, Any] = {"color": "black", "linestyle": "", "markerfacecolor": "none"}
     handles = [
-        *(Line2D([], [], linestyle="", label=_LIVE_LABELS[mode], **series(key)) for mode, key in _LIVE.items()),
+        *(
+            Line2D([], [], linestyle="", label=_LIVE_LABELS[mode], **series(key))
+            for mode, key in _LIVE.items()
+        ),
         Line2D([], [], marker="o", label="hollow: at once, bound by CPU", **hollow),
         Line2D([], [], marker="*", markersize=10, label="paper", **hollow),
-        *(Line2D([], [], color="black", linestyle=line, label=label) for label, line in lines.items()),
+        *(
+            Line2D([], [], color="black", linestyle=line, label=label)
+            for label, line in lines.items()
+        ),
     ]
     counts = live(run).cells.groupby(["mode", "agents"]).size().groupby("mode").agg(["min", "max"])
     fleets = ", ".join(f"{mode} {least} to {most}" for mode, least, most in counts.itertuples())
     title = f"{text}\nA dot is an agent. Live fleets of each size: {fleets or 'none'}."
-    of: dict[str, Any] = {"loc": "outside lower center", "ncols": 4, "fontsize": 8.5, "title_fontsize": 8.5}
+    of: dict[str, Any] = {
+        "loc": "outside lower center",
+        "ncols": 4,
+        "fontsize": 8.5,
+        "title_fontsize": 8.5,
+    }
     figure.legend(handles=handles, title=title, **of)
 
 
@@ -377,7 +458,12 @@ def draw_scale(figure: Figure, run: Run[Config]) -> dict[str, Any]:
         _dress(axes, column, [size for size in _SIZES if first <= size <= last])
     cores = f"{_cores(run)} cores"
     text = f"Simulated agents have {CORES} cores each; live ones share {cores}, which is why they take longer."
-    _explain(figure, run, text, **{"simulated": "-", "counted": "--", f"CPU time at a pace / {cores}": ":"})
+    _explain(
+        figure,
+        run,
+        text,
+        **{"simulated": "-", "counted": "--", f"CPU time at a pace / {cores}": ":"},
+    )
     largest = medians[medians["agents"] == medians["agents"].max()]
     times = dict(zip(largest["mode"], largest[_TIME], strict=True))
     told = {mode: times[mode] for mode in MODES if mode in times}
@@ -416,13 +502,31 @@ def draw_one(figure: Figure, run: Run[Config]) -> None:
     """Draw one simulated fleet of each kind: how long its agents take, and what each receives until then."""
     time_axes, bytes_axes = figure.subplots(1, 2, sharey=True)
     for axes, column, label, limits, text in (
-        (time_axes, "resolved_s", "time until an agent knows all its peers (s)", (0.01, 300), "{:.2f}".format),
+        (
+            time_axes,
+            "resolved_s",
+            "time until an agent knows all its peers (s)",
+            (0.01, 300),
+            "{:.2f}".format,
+        ),
         (bytes_axes, "rx_bytes", "received at its interface until then", (1e3, 1e9), _bytes_text),
     ):
         for mode, style in MODES.items():
             values = run["simulated"].query("mode == @mode")[column]
             middle = float(f"{values.median():.3g}")
             axes.barh(LABELS[mode], middle, color=COLORS[style], alpha=0.5)
-            axes.plot(values, [LABELS[mode]] * len(values), MARKERS[style], color=COLORS[style], markersize=4)
-            axes.annotate(text(middle), (middle, LABELS[mode]), (6, 0), textcoords="offset points", va="center")
+            axes.plot(
+                values,
+                [LABELS[mode]] * len(values),
+                MARKERS[style],
+                color=COLORS[style],
+                markersize=4,
+            )
+            axes.annotate(
+                text(middle),
+                (middle, LABELS[mode]),
+                (6, 0),
+                textcoords="offset points",
+                va="center",
+            )
         axes.set(xscale="log", xlim=limits, xlabel=label)

@@ -11,7 +11,9 @@ from sfglab.lab.baselines import REAL, declare
 from sfglab.lab.experiment import Actor, Experiment, Link, Profiled
 
 STANDARD = "standard"
-LAUNCHED = "launched"  #: Routed in the paper's way: the start order launches every process of an agent.
+LAUNCHED = (
+    "launched"  #: Routed in the paper's way: the start order launches every process of an agent.
+)
 #: In our way: the processes are there, with everything loaded, when the order comes; and agents offer what they
 #: are, so that nobody has to be asked.
 ROUTED = "routed"
@@ -40,7 +42,9 @@ class Stage:
             raise InvalidValueError("mode", self.mode, ", ".join(modes))
         if min(self.agents) < 2 or self.talkers + self.listeners < 1:
             given = f"{min(self.agents)} agents with {self.talkers} + {self.listeners} nodes"
-            raise InvalidValueError("stage", given, "fleets from 2 agents with at least one node each")
+            raise InvalidValueError(
+                "stage", given, "fleets from 2 agents with at least one node each"
+            )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -55,7 +59,9 @@ class Scale:
 
 _FLEETS = (2, 3, 4, 5, 6)
 # Standard fleets of the paper's largest size with so few nodes that two cores carry them.
-_FEW = tuple(Stage(mode=STANDARD, agents=(6,), talkers=n, listeners=n, repeats=3) for n in (1, 2, 3))
+_FEW = tuple(
+    Stage(mode=STANDARD, agents=(6,), talkers=n, listeners=n, repeats=3) for n in (1, 2, 3)
+)
 _PACES_S = {LAUNCHED: 2.5, ROUTED: 1.0}
 
 
@@ -92,9 +98,15 @@ class Config(Profiled):
     #: Fleets of real ROS 2 and ours beside them: at most 40 participants, as the busy cores in the log show
     #: that two carry; composed, the paper's largest.
     ros2: tuple[Stage, ...] = (*_beside(2, (2, 10), (4, 3)), Stage(mode=COMPOSED, agents=(6,)))
-    simulated: Scale = Scale(agents=(2, 4, 6, 12, 25, 50, 100, 200, 500, 1000))  #: Simulated fleets.
-    timeout_s: float = 120.0  #: When a fleet that is not complete is given up, seconds after its start.
-    multicast: str = "default"  #: How far DDS uses multicast between agents: ``default`` is ROS 2's.
+    simulated: Scale = Scale(
+        agents=(2, 4, 6, 12, 25, 50, 100, 200, 500, 1000)
+    )  #: Simulated fleets.
+    timeout_s: float = (
+        120.0  #: When a fleet that is not complete is given up, seconds after its start.
+    )
+    multicast: str = (
+        "default"  #: How far DDS uses multicast between agents: ``default`` is ROS 2's.
+    )
     seed: int = 0  #: Seed of the order of cells, and of what is simulated.
 
 
@@ -159,7 +171,10 @@ exp = Experiment(
         "stages": (
             *_paced(20, launched=_FLEETS, routed=_FLEETS),
             *_FEW,
-            *(Stage(mode=mode, agents=_FLEETS, repeats=120) for mode in (STANDARD, LAUNCHED, ROUTED)),
+            *(
+                Stage(mode=mode, agents=_FLEETS, repeats=120)
+                for mode in (STANDARD, LAUNCHED, ROUTED)
+            ),
             Stage(mode=ROUTED, agents=(2, 4, 6, 8, 12, 16), talkers=1, listeners=1, repeats=10),
         ),
         "ros2": (
@@ -169,7 +184,9 @@ exp = Experiment(
         "simulated": Scale(agents=(2, 3, 4, 5, 6, 10, 20, 50, 100, 200, 500, 1000), repeats=5),
         "timeout_s": 300.0,
     },
-    hosts=lambda c: host_names(max((n for stage in c.stages + c.ros2 for n in stage.agents), default=0)),
+    hosts=lambda c: host_names(
+        max((n for stage in c.stages + c.ros2 for n in stage.agents), default=0)
+    ),
     actors=(
         Actor("nodes", host="each agent", does="ROS 2 nodes of demo_nodes_cpp", count="2 or 20"),
         Actor("router", host="each agent", does="joins the agent's domain with the global one"),
@@ -195,7 +212,9 @@ class FleetRow(Cell):
 
     cell: int  #: Counter from 0.
     resolved_s: float  #: From the last start order until the last agent had resolved all its peers, seconds.
-    censored: bool  #: Whether it was given up instead; `resolved_s` is then how long it was waited for.
+    censored: (
+        bool  #: Whether it was given up instead; `resolved_s` is then how long it was waited for.
+    )
     signal_s: float  #: From the first start order to the last, seconds.
     window_s: float  #: From the first start order to the last reading of the meters, seconds.
     nodes_cpu_s: float  #: CPU time of the ROS 2 nodes in that window, seconds.
@@ -211,7 +230,9 @@ class HostRow:
     cell: int  #: The cell.
     host: int  #: Which agent, from 0.
     resolved_s: float  #: From the last start order until it had resolved all its peers, seconds.
-    censored: bool  #: Whether it was given up instead; `resolved_s` is then how long it was waited for.
+    censored: (
+        bool  #: Whether it was given up instead; `resolved_s` is then how long it was waited for.
+    )
     own_bytes: float  #: Received at its interface from the first start order until then.
     own_packets: float  #: Frames received until then.
 

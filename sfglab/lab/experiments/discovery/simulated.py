@@ -49,7 +49,10 @@ STANDARD_COSTS = Costs(announcement_s=70e-6)
 
 LIMIT_S = 300.0  #: When a fleet that is not complete is given up, virtual seconds.
 
-EXACT_MOST = {STANDARD: 4, ROUTED: 100}  #: Agents of the largest fleets that are simulated agent by agent.
+EXACT_MOST = {
+    STANDARD: 4,
+    ROUTED: 100,
+}  #: Agents of the largest fleets that are simulated agent by agent.
 _FEW, _MORE, _STEP_S, _LEAST_SHARE = 6, 12, 5e-3, 0.02
 _LOCAL_DOMAIN = 1
 
@@ -68,7 +71,9 @@ class FleetOutcome:
     """What came of a fleet."""
 
     hosts: tuple[HostOutcome, ...]  #: One for each agent.
-    announced: int  #: How many endpoints the global domain had had when the last agent was complete.
+    announced: (
+        int  #: How many endpoints the global domain had had when the last agent was complete.
+    )
 
 
 def fleets_of(config: Config) -> list[Fleet]:
@@ -81,10 +86,14 @@ def fleets_of(config: Config) -> list[Fleet]:
     ]
 
 
-@exp.sweep("simulated", over=fleets_of, seeds=lambda config: seeded(config, config.simulated.repeats))
+@exp.sweep(
+    "simulated", over=fleets_of, seeds=lambda config: seeded(config, config.simulated.repeats)
+)
 def simulate_fleet(fleet: Fleet, seed: int) -> tuple[dict[str, Any], ...]:
     """Run one fleet until every agent knows its peers, and return one row an agent."""
-    return tuple({"host": number, **asdict(host)} for number, host in enumerate(run_fleet(fleet, seed).hosts))
+    return tuple(
+        {"host": number, **asdict(host)} for number, host in enumerate(run_fleet(fleet, seed).hosts)
+    )
 
 
 def run_fleet(fleet: Fleet, seed: int = 0) -> FleetOutcome:
@@ -94,7 +103,9 @@ def run_fleet(fleet: Fleet, seed: int = 0) -> FleetOutcome:
     if fleet.agents > EXACT_MOST[ROUTED]:
         return mean_fleet(fleet, seed)
     with _rare_collections():
-        return run_simulated(partial(_routed, fleet), seed=seed, costs=_routed_costs(fleet), lean_services=True)
+        return run_simulated(
+            partial(_routed, fleet), seed=seed, costs=_routed_costs(fleet), lean_services=True
+        )
 
 
 def _routed_costs(fleet: Fleet) -> Costs:
@@ -127,9 +138,15 @@ def mean_fleet(fleet: Fleet, seed: int = 0) -> FleetOutcome:
         each_s = four_s + pair_s + max(0.0, opened - closed) * costs.message_s
         found.append(found[-1] + max(_LEAST_SHARE, 1 - beating_s - closing_s) / each_s * _STEP_S)
     resolved_s = costs.start_s + PARTICIPANT_NS / NS_PER_S + len(found) * _STEP_S
-    few, more = (_received_each(replace(fleet, agents=agents), seed) / agents for agents in (_FEW, _MORE))
-    rx_bytes = n * (few + (n - _FEW) * (more - few) / (_MORE - _FEW)) + 2 * n * closed * RETRACTION_BYTES
-    host = HostOutcome(resolved_s=resolved_s, rx_bytes=float(round(rx_bytes)), censored=found[-1] < n - 1)
+    few, more = (
+        _received_each(replace(fleet, agents=agents), seed) / agents for agents in (_FEW, _MORE)
+    )
+    rx_bytes = (
+        n * (few + (n - _FEW) * (more - few) / (_MORE - _FEW)) + 2 * n * closed * RETRACTION_BYTES
+    )
+    host = HostOutcome(
+        resolved_s=resolved_s, rx_bytes=float(round(rx_bytes)), censored=found[-1] < n - 1
+    )
     return FleetOutcome(hosts=(host,) * n, announced=2 * n * (n + 1))
 
 
@@ -153,11 +170,15 @@ def _extrapolated(two: FleetOutcome, three: FleetOutcome, agents: int) -> FleetO
     """Return a fleet of which each agent is the mean one on the line through fleets of two and three."""
 
     def at(name: str) -> float:
-        first, second = (mean(getattr(host, name) for host in outcome.hosts) for outcome in (two, three))
+        first, second = (
+            mean(getattr(host, name) for host in outcome.hosts) for outcome in (two, three)
+        )
         return float(first + (agents - 2) * (second - first))
 
     found_s, rx_bytes = at("resolved_s"), float(round(at("rx_bytes")))
-    host = HostOutcome(resolved_s=min(LIMIT_S, found_s), rx_bytes=rx_bytes, censored=found_s > LIMIT_S)
+    host = HostOutcome(
+        resolved_s=min(LIMIT_S, found_s), rx_bytes=rx_bytes, censored=found_s > LIMIT_S
+    )
     return FleetOutcome(hosts=(host,) * agents, announced=two.announced // len(two.hosts) * agents)
 
 
@@ -224,7 +245,9 @@ async def _routed(fleet: Fleet, world: World) -> FleetOutcome:
     return FleetOutcome(hosts=hosts, announced=announced)
 
 
-def _components(world: World, name: str, arrivals: _Arrivals) -> list[Callable[[], Coroutine[Any, Any, None]]]:
+def _components(
+    world: World, name: str, arrivals: _Arrivals
+) -> list[Callable[[], Coroutine[Any, Any, None]]]:
     """Return what runs on one agent: router, status provider and discoverer."""
     inside = partial(world.node, host=name, domain_id=_LOCAL_DOMAIN, reach="host")
     near = inside("router", process="router")
@@ -262,7 +285,9 @@ def _ros_node(world: World, host: str, role: str, number: int) -> SimNode:
     node = world.node(f"{role}_{number}", host=host, discovery_info=False)
     ends = node.open_forwarder(node)  # bare endpoints, whose samples nobody looks at
     for plan in endpoints_of(role, f"/{host}/{role}_{number}", f"/{host}/chatter_{number}"):
-        endpoint = RawEndpoint(dds_topic=plan.topic, type=plan.type, qos=plan.qos, user_data=plan.user_data)
+        endpoint = RawEndpoint(
+            dds_topic=plan.topic, type=plan.type, qos=plan.qos, user_data=plan.user_data
+        )
         if plan.writer:
             ends.open_writer(endpoint)
         else:

@@ -51,7 +51,11 @@ GLOBAL_DOMAIN = 0
 _LOAD_S = 300.0
 _DISCOVERED = "DISCOVERED"  # sfglab_interfaces/msg/AgentDiscoveryEvent
 _NODES = ", nodes"  # at the end of their processes' names
-_COMPONENTS = ("sfglab.fleet.router.node", "sfglab.fleet.status.node", "sfglab.fleet.discovery.node")
+_COMPONENTS = (
+    "sfglab.fleet.router.node",
+    "sfglab.fleet.status.node",
+    "sfglab.fleet.discovery.node",
+)
 """What an agent runs beside its nodes, routed; the discoverer last."""
 
 
@@ -61,7 +65,9 @@ _COMPONENTS = ("sfglab.fleet.router.node", "sfglab.fleet.status.node", "sfglab.f
 @exp.part("fleets", total=lambda config: len(cells_of(config)))
 async def start_fleets(bench: Bench[Config]) -> None:
     """Start the fleets one after the other, standard beside routed."""
-    for number, cell in enumerate(cells_of(bench.config) if bench.hosts and bench.hosts.separate else ()):
+    for number, cell in enumerate(
+        cells_of(bench.config) if bench.hosts and bench.hosts.separate else ()
+    ):
         async with LiveFleet(cell, bench.config, bench.testbed) as fleet:
             outcome = await _start(fleet, bench)
         for host in range(cell.agents):
@@ -75,7 +81,9 @@ async def start_fleets(bench: Bench[Config]) -> None:
 async def start_beside_ros2(bench: Bench[Config]) -> None:
     """Start fleets of real ROS 2 beside ours of the same nodes."""
     cells = cells_of(bench.config, bench.config.ros2)
-    fleets = [LiveFleet(cell, bench.config, bench.testbed) for cell in cells]  # refused before one is started
+    fleets = [
+        LiveFleet(cell, bench.config, bench.testbed) for cell in cells
+    ]  # refused before one is started
     for cell, each in zip(cells, fleets, strict=True):
         async with each as fleet:
             outcome = await _start(fleet, bench)
@@ -83,7 +91,9 @@ async def start_beside_ros2(bench: Bench[Config]) -> None:
         quantities = {
             "until an agent knows its peers (s)": [row["resolved_s"] for row in rows],
             "received until then (MB)": [row["own_bytes"] / 1e6 for row in rows],
-            "cores busy": [sum(_cpu_s(meter) / meter.window_s for meter in outcome.meters.values())],
+            "cores busy": [
+                sum(_cpu_s(meter) / meter.window_s for meter in outcome.meters.values())
+            ],
             "longest pause of an observer (s)": [outcome.ingress.longest_pause_s],
         }
         kind = STAND_IN if cell.mode == STANDARD else cell.mode
@@ -117,7 +127,9 @@ class _Outcome:
 
 async def _start(fleet: LiveFleet, bench: Bench[Config]) -> _Outcome:
     ingress = Ingress([bench.testbed.meter(host) for host in fleet.hosts])
-    window = Window(cpu={"nodes": fleet.node_pids, "components": fleet.component_pids}, interfaces={})
+    window = Window(
+        cpu={"nodes": fleet.node_pids, "components": fleet.component_pids}, interfaces={}
+    )
     ingress.read()
     window.sample(time.time_ns())
     begin_ns = time.time_ns()
@@ -179,7 +191,11 @@ class LiveFleet(ProcessGroup):
     def __init__(self, cell: Cell, config: Config, testbed: Testbed) -> None:
         self.hosts = host_names(cell.agents)  #: The hosts that take part.
         self._cell, self._config, self._testbed = cell, config, testbed
-        nodes = {"talkers": cell.talkers, "listeners": cell.listeners, "composed": cell.mode == COMPOSED}
+        nodes = {
+            "talkers": cell.talkers,
+            "listeners": cell.listeners,
+            "composed": cell.mode == COMPOSED,
+        }
         #: What its processes are told, to find the others.
         self.start_order: dict[str, Any] = {"do": "start", "fleet": self.hosts, **nodes}
         present = [] if cell.mode == LAUNCHED else list(enumerate(self.hosts, start=1))
@@ -209,7 +225,9 @@ class LiveFleet(ProcessGroup):
             orders.append(time.time_ns())
             starts.append(asyncio.create_task(self._begin(number, host)))
         await asyncio.gather(*starts)
-        return max(orders), list(await asyncio.gather(*(self._within(timeout_s, host) for host in self.hosts)))
+        return max(orders), list(
+            await asyncio.gather(*(self._within(timeout_s, host) for host in self.hosts))
+        )
 
     async def _begin(self, number: int, host: str) -> None:
         """Order an agent's start; what is not there is launched."""
@@ -267,14 +285,18 @@ class LiveFleet(ProcessGroup):
             listeners=self._cell.listeners,
             peers=0 if routed else len(self.hosts) - 1,
         )
-        yield Member(name=_nodes_of(host), host=host, module="sfglab.lab.workers.rosnodes", config=nodes)
+        yield Member(
+            name=_nodes_of(host), host=host, module="sfglab.lab.workers.rosnodes", config=nodes
+        )
         if not routed:
             return
         offers = self._cell.mode == ROUTED  # the paper's way is to ask
         configs = (
             RouterConfig(agent=host, local=local, remote=remote),
             # Trying accelerators belongs to another experiment, and its result does not cross here.
-            StatusConfig(address=local, settings=StatusSettings(agent=host, offers=offers), detect=False),
+            StatusConfig(
+                address=local, settings=StatusSettings(agent=host, offers=offers), detect=False
+            ),
             DiscoveryConfig(address=local, settings=DiscoverySettings(agent=host, offers=offers)),
         )
         for module, config in zip(_COMPONENTS, configs, strict=True):
@@ -327,5 +349,7 @@ class Ingress:
         table = np.array(self._readings[host], dtype=np.int64)
         times_s = (table[:, 0] - start_ns) / NS_PER_S
         ends_s = (0.0, (end_ns - start_ns) / NS_PER_S)
-        received, packets = (np.diff(np.interp(ends_s, times_s, table[:, i] - table[0, i])) for i in (1, 2))
+        received, packets = (
+            np.diff(np.interp(ends_s, times_s, table[:, i] - table[0, i])) for i in (1, 2)
+        )
         return float(received[0]), float(packets[0])

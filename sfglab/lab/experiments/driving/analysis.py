@@ -63,15 +63,21 @@ def pictures(run: Run[Config]) -> list[Picture]:
     return [
         Picture(
             t_s=image.log_time_ns / NS_PER_S,
-            bgr=np.asarray(cv2.imdecode(np.asarray(image.message.data), cv2.IMREAD_COLOR), np.uint8),
-            mask=np.asarray(cv2.imdecode(np.asarray(mask.message.data), cv2.IMREAD_GRAYSCALE), np.uint8),
+            bgr=np.asarray(
+                cv2.imdecode(np.asarray(image.message.data), cv2.IMREAD_COLOR), np.uint8
+            ),
+            mask=np.asarray(
+                cv2.imdecode(np.asarray(mask.message.data), cv2.IMREAD_GRAYSCALE), np.uint8
+            ),
         )
         for image, mask in zip(run.messages(IMAGE_TOPIC), run.messages(MASK_TOPIC), strict=True)
     ]
 
 
 @derived
-def parts_ms(run: Run[Config], reading: str, mapping: str, *, forwarding: str = _STORED) -> dict[str, Floats]:
+def parts_ms(
+    run: Run[Config], reading: str, mapping: str, *, forwarding: str = _STORED
+) -> dict[str, Floats]:
     """Return what the chain is made of, in its order: each node's and topic's milliseconds, frame by frame.
 
     Node times are those of one of `READINGS`, topic A is mapped to one of `MAPPINGS`. Only the first set of the
@@ -108,13 +114,17 @@ def _topics_ms(run: Run[Config], mapping: str, forwarding: str) -> dict[str, Flo
 
 def chain_ms(run: Run[Config], reading: str = "hardware", **more: str) -> dict[str, Floats]:
     """Return the chain's time of every frame, in milliseconds, by what topic A is mapped to; as `parts_ms`."""
-    return {name: np.sum([*parts_ms(run, reading, name, **more).values()], axis=0) for name in MAPPINGS}
+    return {
+        name: np.sum([*parts_ms(run, reading, name, **more).values()], axis=0) for name in MAPPINGS
+    }
 
 
 def live_ms(run: Run[Config]) -> dict[str, Floats]:
     """Return the chain's time across processes of pictures that arrived, ms; empty where too few did."""
     rows = run["live"].dropna()
-    found = {m: rows.loc[rows["mapping"] == m, "chain_s"].to_numpy(np.float64) * _MS for m in MAPPINGS}
+    found = {
+        m: rows.loc[rows["mapping"] == m, "chain_s"].to_numpy(np.float64) * _MS for m in MAPPINGS
+    }
     return found if min(map(len, found.values())) >= _FEWEST else {}
 
 
@@ -155,7 +165,9 @@ def _line(said: str, stats: dict[str, tuple[float, float]]) -> dict[str, Any]:
 
 def node_table(run: Run[Config]) -> pd.DataFrame:
     """Return the chain's node times: as the graph assumes them in hardware, and as measured here, in ms."""
-    measured = pd.DataFrame({row.node: run["chain"][f"{row.node}_ns"] / 1e6 for row in lines_of(run["node"])})
+    measured = pd.DataFrame(
+        {row.node: run["chain"][f"{row.node}_ns"] / 1e6 for row in lines_of(run["node"])}
+    )
     return pd.DataFrame(
         {
             "in hardware, assumed": run["node"].set_index("node")["hardware_s"] * _MS,
@@ -175,7 +187,9 @@ def stops(run: Run[Config]) -> list[Stop]:
     for _, part in tracks[standing].groupby(group[standing]):
         first, lasted = part.iloc[0], float(part["t_s"].iloc[-1] - part["t_s"].iloc[0])
         if lasted >= 1.0 and first["t_s"] > 1.0:
-            found.append(Stop(t_s=first["t_s"], lasted_s=lasted, x_m=first["x_m"], y_m=first["y_m"]))
+            found.append(
+                Stop(t_s=first["t_s"], lasted_s=lasted, x_m=first["x_m"], y_m=first["y_m"])
+            )
     return found
 
 
@@ -184,9 +198,7 @@ def shorter_chain(run: Run[Config]) -> Finding:
     """Return what a gateway saves, at the graph's image size and at others: the paper states none."""
     saved = (run["chain"]["smt_s"] - run["chain"]["gateway_s"]).to_numpy(dtype=np.float64) * _MS
     estimate = bootstrap([saved], lambda drawn: float(drawn[0].mean()), unit="ms saved")
-    reason = (
-        "what is saved grows with the image, whose size the paper does not state; ours is the graph's, assumed"
-    )
+    reason = "what is saved grows with the image, whose size the paper does not state; ours is the graph's, assumed"
     return Finding(estimate=estimate, details=_details(run), reason=reason, under=_at_sizes(run))
 
 
@@ -199,7 +211,9 @@ def _at_sizes(run: Run[Config]) -> dict[str, Estimate]:
     found = {}
     for width, height in _SIZES:
         topic = replace(graph.topic(SHARED_TOPIC), size_bytes=3 * width * height)
-        chain = Chain(replace(graph, topics=(topic, *(t for t in graph.topics if t.name != SHARED_TOPIC))))
+        chain = Chain(
+            replace(graph, topics=(topic, *(t for t in graph.topics if t.name != SHARED_TOPIC)))
+        )
         saved_s = float(np.mean(list(chain.smt_s.values()))) - chain.gateway_s
         found[f"images of {width} x {height}"] = exactly(saved_s * _MS, "ms saved")
     return found
@@ -221,7 +235,9 @@ def steadier_chain(run: Run[Config]) -> Finding:
         reason = _SCHEDULED
     elif why := run.skipped("live"):
         details |= {"live across processes": why}
-    estimate = bootstrap([np.column_stack(both)], lambda drawn: orders_less([*drawn[0].T]), unit=_ORDERS)
+    estimate = bootstrap(
+        [np.column_stack(both)], lambda drawn: orders_less([*drawn[0].T]), unit=_ORDERS
+    )
     return Finding(estimate=estimate, details=details, ends=ends, reason=reason)
 
 
@@ -260,7 +276,9 @@ def _details(run: Run[Config]) -> dict[str, str]:
 
 
 def _of(times: dict[str, Floats]) -> str:
-    said = [f"{ms.mean():.2f} +- {ms.std(ddof=1):.3f} ms" for ms in (times[name] for name in MAPPINGS)]
+    said = [
+        f"{ms.mean():.2f} +- {ms.std(ddof=1):.3f} ms" for ms in (times[name] for name in MAPPINGS)
+    ]
     return f"{' -> '.join(said)} in {max(map(len, times.values()))} frames"
 
 

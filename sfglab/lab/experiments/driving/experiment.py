@@ -40,7 +40,10 @@ MAPPINGS = ("software", "gateway")  #: What topic A is mapped to, in the paper's
 PAPER_MS = {"software": (28.264, 3.21), "gateway": (20.270, 0.239)}
 """Mean and standard deviation of the chain's time, as stated."""
 
-READINGS = {"hardware": "node times in hardware, assumed", "software": "node times in software, measured"}
+READINGS = {
+    "hardware": "node times in hardware, assumed",
+    "software": "node times in software, measured",
+}
 """What the chain's nodes take. The first answers the claim: the paper's nodes run in hardware, and what it
 compares is how topic A travels between them. That was decided before either was computed."""
 
@@ -57,7 +60,9 @@ class ChainPoint:
     """What the chain is timed by."""
 
     limit_s: float  #: Time in the town after which it ends, at the latest.
-    width: int = 640  #: Of the camera's images, whose size is that of topic A's messages in the graph.
+    width: int = (
+        640  #: Of the camera's images, whose size is that of topic A's messages in the graph.
+    )
     height: int = 480  #: The same.
     graph_file: str = "graphs/driving.yaml"  #: The graph, in the data folder.
 
@@ -78,7 +83,12 @@ exp = Experiment(
     "driving",
     Config,
     where="C 6",
-    smoke={"laps": 1, "lap": LapPoint(limit_s=8.0), "chain": ChainPoint(limit_s=2.0), "live_s": 1.0},
+    smoke={
+        "laps": 1,
+        "lap": LapPoint(limit_s=8.0),
+        "chain": ChainPoint(limit_s=2.0),
+        "live_s": 1.0,
+    },
     paper={"laps": 100, "live_s": 120.0},
     actors=(
         Actor("town", "simulation", "draws what the camera sees, moves the car, judges the lap"),
@@ -180,11 +190,15 @@ class DrivingTrackRow:
     pictured: bool  #: Whether the log holds the image of that moment.
 
 
-@exp.sweep("lap", over=lambda config: [config.lap], seeds=lambda config: seeded(config, config.laps))
+@exp.sweep(
+    "lap", over=lambda config: [config.lap], seeds=lambda config: seeded(config, config.laps)
+)
 def drive_lap(point: LapPoint, seed: int) -> dict[str, Any]:
     """Drive one lap in the town of a seed; all but the node times depends on the arguments alone."""
     with _one_thread():
-        lap = run_lap(seed, stack=Stack(Camera(), time.thread_time_ns), rules=Rules(timeout_s=point.limit_s))
+        lap = run_lap(
+            seed, stack=Stack(Camera(), time.thread_time_ns), rules=Rules(timeout_s=point.limit_s)
+        )
     own = ("frames", "lanes_missed", "odometry_error_m", "odometry_lost")
     return {
         **asdict(lap.verdict),
@@ -213,7 +227,11 @@ def time_chain(point: ChainPoint, seed: int) -> tuple[dict[str, Any], ...]:
     for frame, order in enumerate(chain.draw(frames, np.random.default_rng((seed, 1)))):
         served = chain.orders[order]
         nodes = {f"{node}_ns": stack.timed.frames_ns[node][frame] for node in CHAIN}
-        row = {"order": int(order), "place": served.index(CHAIN[1]) + 1, "smt_s": chain.smt_s[served]}
+        row = {
+            "order": int(order),
+            "place": served.index(CHAIN[1]) + 1,
+            "smt_s": chain.smt_s[served],
+        }
         rows.append({**nodes, **row, "gateway_s": chain.gateway_s})
     return tuple(rows)
 
@@ -278,7 +296,11 @@ async def drive_live(bench: Bench[Config]) -> None:
         raise SkippedPartError("live: no time was asked for (live_s)")
     with held_domains() as (domain,):
         address = BusAddress(domain_id=domain, interface="lo")
-        told: dict[str, Any] = {"width": config.chain.width, "height": config.chain.height, "seed": config.seed}
+        told: dict[str, Any] = {
+            "width": config.chain.width,
+            "height": config.chain.height,
+            "seed": config.seed,
+        }
         told |= {"address": address, "rate_hz": config.live_hz, "live_s": config.live_s}
         configs = [DrivingNodeConfig(node=name, **told) for name in NAMES]
         members = [Member(name=each.node, module=_MODULE, config=each) for each in configs]
@@ -289,4 +311,7 @@ async def drive_live(bench: Bench[Config]) -> None:
     began = ends[CHAIN[0]]["frames"]
     for at_ns, mapping in began:
         chain_s = (done_ns[at_ns] - at_ns) / 1e9 if at_ns in done_ns else float("nan")
-        bench.write("live", {"mapping": mapping, "started_s": (at_ns - began[0][0]) / 1e9, "chain_s": chain_s})
+        bench.write(
+            "live",
+            {"mapping": mapping, "started_s": (at_ns - began[0][0]) / 1e9, "chain_s": chain_s},
+        )

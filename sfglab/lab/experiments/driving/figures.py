@@ -45,7 +45,9 @@ _LIGHTS = {True: "#D62728", False: "#2CA02C"}
 def draw_chain(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     """Draw the chain's time: each frame's, live as well, and what it is made of, with the paper's."""
     live = live_ms(run)
-    left, *middle, right = figure.subplots(1, 3 if live else 2, width_ratios=(1.1, *[0.7] * bool(live), 1.8))
+    left, *middle, right = figure.subplots(
+        1, 3 if live else 2, width_ratios=(1.1, *[0.7] * bool(live), 1.8)
+    )
     _draw_frames(left, chain_ms(run), PAPER_MS)
     for axes in middle:
         _draw_frames(axes, live, {})
@@ -55,17 +57,28 @@ def draw_chain(figure: Figure, run: Run[Config]) -> dict[str, Any]:
         f"(paper: 1.4), {saved_ms(run):.1f} ms saved (paper: 8.0 ms)"
     )
     frames = len(run["chain"])
-    note(figure, f"{frames} frames; transfers modelled, nodes assumed in hardware, measured in software")
+    note(
+        figure,
+        f"{frames} frames; transfers modelled, nodes assumed in hardware, measured in software",
+    )
     twin: dict[str, Any] = {"saved_ms": saved_ms(run), "frames": frames}
-    for of, times in {LIVE: live, **{reading: chain_ms(run, reading) for reading in READINGS}}.items():
+    for of, times in {
+        LIVE: live,
+        **{reading: chain_ms(run, reading) for reading in READINGS},
+    }.items():
         for mapping, ms in times.items():
             twin[f"{of}, {mapping}"] = {"mean_ms": ms.mean(), "deviation_ms": ms.std(ddof=1)}
     return twin
 
 
-def _draw_frames(axes: Axes, times: Mapping[str, Any], paper: Mapping[str, tuple[float, float]]) -> None:
+def _draw_frames(
+    axes: Axes, times: Mapping[str, Any], paper: Mapping[str, tuple[float, float]]
+) -> None:
     """Draw a dot a frame, beside it mean and deviation here and in the paper; of live ones the latest not."""
-    top, most = 1.2 * max(np.percentile(ms, 98) for ms in times.values()), max(map(np.max, times.values()))
+    top, most = (
+        1.2 * max(np.percentile(ms, 98) for ms in times.values()),
+        max(map(np.max, times.values())),
+    )
     for place, (mapping, ms) in enumerate(times.items()):
         aside = (np.arange(len(ms)) * 0.6180339887 % 1.0 - 0.5) * 0.3
         axes.plot(place - 0.2 + aside, ms, ".", color=_COLORS[mapping], markersize=2, alpha=0.5)
@@ -77,7 +90,9 @@ def _draw_frames(axes: Axes, times: Mapping[str, Any], paper: Mapping[str, tuple
     axes.set_ylabel("time of the chain (ms)")
     axes.grid(visible=False, axis="x")
     simulated = "simulated; mean ± deviation:\ncoloured ours, black the paper's"
-    axes.set_title(simulated if paper else f"live across processes,\nup to {most:.0f} ms", fontsize=9)
+    axes.set_title(
+        simulated if paper else f"live across processes,\nup to {most:.0f} ms", fontsize=9
+    )
 
 
 def _draw_mean(axes: Axes, place: float, stated: tuple[float, float], color: str) -> None:
@@ -99,7 +114,9 @@ def _draw_parts(axes: Axes, run: Run[Config]) -> None:
             axes.barh(place, mean, 0.6, left, color=color, edgecolor="white")
             ink = "white" if color == COLORS["proxy"] else "black"
             where = (left + mean / 2, place)
-            axes.annotate(f"{said}\n{mean:.1f}", where, ha="center", va="center", fontsize=8, color=ink)
+            axes.annotate(
+                f"{said}\n{mean:.1f}", where, ha="center", va="center", fontsize=8, color=ink
+            )
             left += mean
         names.append(f"nodes in {reading},\n{_SAID[mapping]}: {left:.1f}")
     for mapping, (mean, _) in PAPER_MS.items():
@@ -125,7 +142,9 @@ def draw_drawn_lap(figure: Figure, run: Run[Config]) -> dict[str, Any]:
         axes.set_title(f"{said}, {picture.t_s:.1f} s", fontsize=8.5)
         axes.set_axis_off()
     ending, lights = "passed" if row["passed"] else "did not pass", int(row["red_lights_obeyed"])
-    figure.suptitle(f"Town {int(row['seed'])}: {row['lap_s']:.1f} s, {lights} red lights obeyed, {ending}")
+    figure.suptitle(
+        f"Town {int(row['seed'])}: {row['lap_s']:.1f} s, {lights} red lights obeyed, {ending}"
+    )
     note(figure, "simulated town and car, real nodes on the drawn images; one lap")
     return {
         "seed": int(row["seed"]),
@@ -137,15 +156,21 @@ def draw_drawn_lap(figure: Figure, run: Run[Config]) -> dict[str, Any]:
 
 def _draw_map(axes: Axes, run: Run[Config]) -> None:
     for name, line in road_lines(run.metadata("town")).items():
-        axes.plot(*np.array(line).T, color="#E6B800" if name == "yellow" else "#888888", linewidth=1.0)
+        axes.plot(
+            *np.array(line).T, color="#E6B800" if name == "yellow" else "#888888", linewidth=1.0
+        )
     for corners in run.metadata("town")["buildings"]:
         axes.fill(*np.array(corners).T, color="#d8d4cc")
     axes.plot(run["track"]["x_m"], run["track"]["y_m"], color=COLORS["proxy"], linewidth=1.6)
     start = run["track"].iloc[0]
     axes.plot(start["x_m"], start["y_m"], MARKERS["network"], color="black", markersize=7)
-    axes.annotate("start", (start["x_m"], start["y_m"]), (6, 6), textcoords="offset points", fontsize=8)
+    axes.annotate(
+        "start", (start["x_m"], start["y_m"]), (6, 6), textcoords="offset points", fontsize=8
+    )
     for number, (x, y, _, resting) in enumerate(run.metadata("town")["lights"], start=1):
-        axes.plot(x, y, "s" if resting else "o", color="black", markerfacecolor="white", markersize=9)
+        axes.plot(
+            x, y, "s" if resting else "o", color="black", markerfacecolor="white", markersize=9
+        )
         axes.annotate(str(number), (x, y), ha="center", va="center", fontsize=7)
     for stop in stops(run):
         axes.plot(stop.x_m, stop.y_m, "o", color=_LIGHTS[True], markersize=5)
@@ -162,7 +187,9 @@ def _draw_lateral(axes: Axes, run: Run[Config]) -> None:
     for side in (-limit, limit):
         axes.axhline(side, color="black", linestyle=":", linewidth=1)
     for stop in stops(run):
-        axes.axvspan(stop.t_s, stop.t_s + stop.lasted_s, color=_LIGHTS[True], alpha=0.15, linewidth=0)
+        axes.axvspan(
+            stop.t_s, stop.t_s + stop.lasted_s, color=_LIGHTS[True], alpha=0.15, linewidth=0
+        )
     axes.set(xlim=(0, tracks["t_s"].iloc[-1]), ylim=(-limit * 1.15, limit * 1.15))
     axes.set(xlabel="time (s); red: the car stands", ylabel="left of the lane's\nmiddle (cm)")
     axes.set_title("dotted: a wheel would leave the lane", fontsize=8.5)
@@ -172,7 +199,10 @@ def _chosen(run: Run[Config], pictures: Sequence[Picture]) -> dict[str, Picture]
     """Return four images by rule: the start, the first stop, the first after it, the sharpest bend."""
     bend, stood = run["track"].set_index("t_s")["lane_bend_per_m"].to_dict(), stops(run)
     bends = [abs(bend[one.t_s]) for one in pictures]
-    chosen = {"at the start": pictures[0], "in the sharpest bend": pictures[int(np.nanargmax(bends))]}
+    chosen = {
+        "at the start": pictures[0],
+        "in the sharpest bend": pictures[int(np.nanargmax(bends))],
+    }
     if stood:
         moments = {"at the first stop": stood[0].t_s, "after it": stood[0].t_s + stood[0].lasted_s}
         for name, t_s in moments.items():
@@ -187,7 +217,9 @@ def draw_laps(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     columns = {
         "largest lateral error (cm)": laps["largest_lateral_m"] * 100,
         "red lights obeyed": laps["red_lights_obeyed"],
-        "odometry's error at the end\n(% of the lap)": laps["odometry_error_m"] / laps["lane_m"] * 100,
+        "odometry's error at the end\n(% of the lap)": laps["odometry_error_m"]
+        / laps["lane_m"]
+        * 100,
     }
     limits = {0: Rules().lateral_m * 100, 1: Rules().red_lights}
     colors = [COLORS["proxy"] if passed else COLORS["standard"] for passed in laps["passed"]]
@@ -198,9 +230,14 @@ def draw_laps(figure: Figure, run: Run[Config]) -> dict[str, Any]:
         axes.grid(visible=False, axis="x")
         if place in limits:
             axes.axhline(limits[place], color="black", linestyle=":", linewidth=1)
-    panels[-1].set(xlabel="seed of the town", xticks=laps["seed"] if len(laps) <= 25 else laps["seed"][::5])
+    panels[-1].set(
+        xlabel="seed of the town", xticks=laps["seed"] if len(laps) <= 25 else laps["seed"][::5]
+    )
     figure.suptitle(f"{int(laps['passed'].sum())} of {len(laps)} laps passed")
-    note(figure, "simulated, a lap a town; dotted: the largest error allowed, the fewest lights asked for")
+    note(
+        figure,
+        "simulated, a lap a town; dotted: the largest error allowed, the fewest lights asked for",
+    )
     return {
         "passed": int(laps["passed"].sum()),
         "laps": len(laps),
@@ -251,7 +288,12 @@ def _background(run: Run[Config]) -> NDArray[np.uint8]:
     for corners in run.metadata("town")["buildings"]:
         cv2.fillPoly(image, [_pixels(np.array(corners))], (204, 212, 216), cv2.LINE_AA, _SHIFT)
     for name, line in road_lines(run.metadata("town")).items():
-        _polyline(image, _pixels(np.array(line)), (20, 180, 225) if name == "yellow" else (150, 150, 150), 1)
+        _polyline(
+            image,
+            _pixels(np.array(line)),
+            (20, 180, 225) if name == "yellow" else (150, 150, 150),
+            1,
+        )
     return image
 
 
@@ -281,7 +323,9 @@ def _disc(image: NDArray[np.uint8], pixel: Any, radius: int, bgr: tuple[int, int
     cv2.circle(image, (x, y), radius << _SHIFT, bgr, cv2.FILLED, cv2.LINE_AA, _SHIFT)
 
 
-def _draw_track(image: NDArray[np.uint8], way: NDArray[np.int32], row: Any, lights: NDArray[np.int32]) -> None:
+def _draw_track(
+    image: NDArray[np.uint8], way: NDArray[np.int32], row: Any, lights: NDArray[np.int32]
+) -> None:
     _polyline(image, way, _CAR_BGR, 2)
     for pixel, red in zip(lights, row.red, strict=True):
         _disc(image, pixel, 6, _LIGHTS_BGR[red == "1"])
@@ -306,9 +350,13 @@ def _say(image: NDArray[np.uint8], row: Any) -> None:
 def draw_lane(bgr: NDArray[np.uint8], row: Any, *, width: int) -> NDArray[np.uint8]:
     """Return the camera's image at another width, pixels, with the lane's middle of its ``track`` row in it."""
     camera = Camera()
-    image = cv2.resize(bgr, (width, width * camera.height // camera.width), interpolation=cv2.INTER_CUBIC)
+    image = cv2.resize(
+        bgr, (width, width * camera.height // camera.width), interpolation=cv2.INTER_CUBIC
+    )
     if points := lane_points(row):
-        pixels = camera.project(np.array([(x, y, 0.0) for x, y in points]))[0] * (width / camera.width)
+        pixels = camera.project(np.array([(x, y, 0.0) for x, y in points]))[0] * (
+            width / camera.width
+        )
         _polyline(image, _parts(pixels), _LANE_BGR, 3)
     return np.asarray(image, np.uint8)
 
@@ -319,6 +367,9 @@ def draw_bird(mask: NDArray[np.uint8], row: Any) -> NDArray[np.uint8]:
     image[mask == YELLOW] = (40, 190, 225)
     image[mask == WHITE] = (235, 235, 235)
     if points := lane_points(row):
-        pixels = np.array([(x, y, 1.0) for x, y in points]) @ np.linalg.inv(BirdView().ground_from_bird).T
+        pixels = (
+            np.array([(x, y, 1.0) for x, y in points])
+            @ np.linalg.inv(BirdView().ground_from_bird).T
+        )
         _polyline(image, _parts(pixels[:, :2]), _LANE_BGR, 2)
     return image

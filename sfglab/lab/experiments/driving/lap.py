@@ -93,7 +93,9 @@ class Recorder:
     def __init__(self, town: Town, stack: Stack) -> None:
         self.moments: list[Moment] = []
         self._town, self._stack = town, stack
-        self._signals = Signals(town)  # they change by the car's place alone, so these are the lap's
+        self._signals = Signals(
+            town
+        )  # they change by the car's place alone, so these are the lap's
         self._frames = 0
 
     def watch(self, now_s: float, car: CarState, frame: Frame) -> None:
@@ -141,7 +143,9 @@ def town_metadata(seed: int) -> dict[str, Any]:
     return {
         "seed": seed,
         "road": town.road.points_xy[::4].round(3).tolist(),
-        "buildings": [_corners(b.x_m, b.y_m, b.yaw_rad, b.length_m, b.width_m) for b in town.buildings],
+        "buildings": [
+            _corners(b.x_m, b.y_m, b.yaw_rad, b.length_m, b.width_m) for b in town.buildings
+        ],
         "lights": [
             [*(round(value, 3) for value in town.lane.at(light.stop_m)), light.wait_s is not None]
             for light in town.lights
@@ -149,7 +153,9 @@ def town_metadata(seed: int) -> dict[str, Any]:
     }
 
 
-def _corners(x_m: float, y_m: float, yaw_rad: float, length_m: float, width_m: float) -> list[list[float]]:
+def _corners(
+    x_m: float, y_m: float, yaw_rad: float, length_m: float, width_m: float
+) -> list[list[float]]:
     signs = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)])
     cos, sin = math.cos(yaw_rad), math.sin(yaw_rad)
     corners = signs * (length_m / 2, width_m / 2) @ np.array([[cos, sin], [-sin, cos]]) + (x_m, y_m)
@@ -207,13 +213,20 @@ def write_messages(log: LogWriter, town: Mapping[str, Any], moments: Sequence[Mo
 def _transforms(start: DrivingTrackRow, row: DrivingTrackRow, now_ns: int) -> Any:
     pose = Pose.from_yaw((row.x_m, row.y_m, 0.0), row.yaw_rad)
     children = ("car", "odom") if row is start else ("car",)
-    moved = [StampedTransform(parent="map", child=child, stamp_ns=now_ns, pose=pose) for child in children]
+    moved = [
+        StampedTransform(parent="map", child=child, stamp_ns=now_ns, pose=pose)
+        for child in children
+    ]
     return message_type("tf2_msgs/msg/TFMessage")(transforms=[each.to_msg() for each in moved])
 
 
 def _odometry(row: DrivingTrackRow, now_ns: int) -> Any:
-    pose = Pose.from_yaw((row.odometry_x_m, row.odometry_y_m, 0.0), row.odometry_yaw_rad).to_pose_msg()
-    return message_type("geometry_msgs/msg/PoseStamped")(header=header_msg("odom", now_ns), pose=pose)
+    pose = Pose.from_yaw(
+        (row.odometry_x_m, row.odometry_y_m, 0.0), row.odometry_yaw_rad
+    ).to_pose_msg()
+    return message_type("geometry_msgs/msg/PoseStamped")(
+        header=header_msg("odom", now_ns), pose=pose
+    )
 
 
 def _picture(data: bytes, kind: str, now_ns: int) -> Any:
@@ -244,7 +257,9 @@ def _town_markers(town: Mapping[str, Any]) -> Any:
     point = message_type("geometry_msgs/msg/Point")
     markers = []
     for number, (name, line) in enumerate(road_lines(town).items()):
-        marker = _marker("road", number, _LINE_STRIP, (0.9, 0.75, 0.1) if name == "yellow" else (0.9,) * 3)
+        marker = _marker(
+            "road", number, _LINE_STRIP, (0.9, 0.75, 0.1) if name == "yellow" else (0.9,) * 3
+        )
         marker.points = [point(x=x, y=y, z=0.0) for x, y in line]
         markers.append(marker)
     walls = _marker("buildings", 0, _LINE_LIST, (0.6, 0.6, 0.6))

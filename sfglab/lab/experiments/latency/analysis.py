@@ -43,7 +43,11 @@ def looks(run: Run[Config]) -> pd.DataFrame:
     """
     table = run["look"]
     table = table.assign(first_ms=(table["first_ns"] - table["ordered_ns"]) / NS_PER_MS)
-    first = run["sight"].drop_duplicates("look").merge(run["camera"][["number", "stamp_ns"]], on="number")
+    first = (
+        run["sight"]
+        .drop_duplicates("look")
+        .merge(run["camera"][["number", "stamp_ns"]], on="number")
+    )
     first = first.assign(first_age_ms=(first["seen_ns"] - first["stamp_ns"]) / NS_PER_MS)
     return table.merge(first[["look", "first_age_ms"]], on="look", how="left")
 
@@ -57,7 +61,9 @@ def sights(run: Run[Config]) -> pd.DataFrame:
     seen = run["sight"]
     steady = seen[seen.groupby("look").cumcount() >= run.config.skipped]
     steady = steady.merge(run["look"][["look", "repeat", "path"]], on="look")
-    steady = steady[steady["path"].isin(GLASS_PATHS)].merge(run["camera"][["number", "stamp_ns"]], on="number")
+    steady = steady[steady["path"].isin(GLASS_PATHS)].merge(
+        run["camera"][["number", "stamp_ns"]], on="number"
+    )
     return steady.assign(glass_ms=(steady["seen_ns"] - steady["stamp_ns"]) / NS_PER_MS)
 
 
@@ -74,7 +80,9 @@ def added(run: Run[Config], path: str, *, to: str = "standard") -> Estimate:
 
 def look_medians(run: Run[Config]) -> pd.DataFrame:
     """Return the median glass-to-glass time of each look, a line a repetition and a column a path."""
-    return sights(run).pivot_table(index="repeat", columns="path", values="glass_ms", aggfunc="median")
+    return sights(run).pivot_table(
+        index="repeat", columns="path", values="glass_ms", aggfunc="median"
+    )
 
 
 def _firsts(run: Run[Config]) -> pd.DataFrame:
@@ -84,7 +92,9 @@ def _firsts(run: Run[Config]) -> pd.DataFrame:
 
 def first_mean(run: Run[Config], path: str) -> Estimate:
     """Return the mean time from the order to subscribe to the first picture in hand, on one of `PATHS`."""
-    return bootstrap([_firsts(run)[path].dropna().to_numpy()], lambda g: float(np.mean(g[0])), unit="ms")
+    return bootstrap(
+        [_firsts(run)[path].dropna().to_numpy()], lambda g: float(np.mean(g[0])), unit="ms"
+    )
 
 
 def first_ratio(run: Run[Config], path: str) -> Estimate:
@@ -92,7 +102,9 @@ def first_ratio(run: Run[Config], path: str) -> Estimate:
 
     The paths of one repetition were asked at one phase of the group of pictures, so repetitions are resampled.
     """
-    return ratio_of(_firsts(run)[[path, "standard"]].dropna().to_numpy(), np.mean, unit="times standard")
+    return ratio_of(
+        _firsts(run)[[path, "standard"]].dropna().to_numpy(), np.mean, unit="times standard"
+    )
 
 
 def loading(run: Run[Config], path: str) -> Estimate:
@@ -112,7 +124,15 @@ def checks(run: Run[Config]) -> pd.DataFrame:
     ``unknown`` counts first pictures that the camera did not send, ``oldest_ms`` is the largest age of one.
     """
     by_path = looks(run).groupby("path", sort=False)
-    sums = ["pictures", "unreadable", "missed", "disordered", "broken", "replay_packets", "replay_bytes"]
+    sums = [
+        "pictures",
+        "unreadable",
+        "missed",
+        "disordered",
+        "broken",
+        "replay_packets",
+        "replay_bytes",
+    ]
     table = by_path[sums].sum()
     table["looks"] = by_path.size()
     table["unknown"] = table["looks"] - by_path["first_age_ms"].count()
@@ -248,7 +268,11 @@ def draw_latency(figure: Figure, run: Run[Config]) -> dict[str, Any]:
         if path in _firsts(run) and (more := added(run, path))
     ]
     figure.suptitle("\n".join(said), fontsize=11)
-    note(figure, "a dot: a look; bars: median (left), mean (right); lines: the middle two thirds", run)
+    note(
+        figure,
+        "a dot: a look; bars: median (left), mean (right); lines: the middle two thirds",
+        run,
+    )
     return _twin(run)
 
 
@@ -262,7 +286,9 @@ def _draw_glass(axes: Axes, run: Run[Config]) -> None:
     _paper_lines(axes, groups, {PAPERS_WAY: paper})
     _limit(axes, groups, paper)
     axes.set_ylabel("capture to picture in hand (ms)")
-    axes.set_title("glass to glass, without lens and display (paper, with both: 118.3 ms)", fontsize=9)
+    axes.set_title(
+        "glass to glass, without lens and display (paper, with both: 118.3 ms)", fontsize=9
+    )
 
 
 def _draw_first(axes: Axes, run: Run[Config]) -> None:
@@ -270,7 +296,13 @@ def _draw_first(axes: Axes, run: Run[Config]) -> None:
     by_path = {path: group["first_ms"].to_numpy() for path, group in looks(run).groupby("path")}
     groups = {path: by_path[path] for path in FIRST_LABELS if path in by_path}
     said = {path: f"(paper: {paper_ms:.0f})" for path, paper_ms in PAPER_FIRST_MS.items()}
-    _bars(axes, FIRST_LABELS, {path: float(group.mean()) for path, group in groups.items()}, groups, said)
+    _bars(
+        axes,
+        FIRST_LABELS,
+        {path: float(group.mean()) for path, group in groups.items()},
+        groups,
+        said,
+    )
     _paper_lines(axes, groups, PAPER_FIRST_MS)
     _limit(axes, groups, max(PAPER_FIRST_MS.values()))
     axes.set_ylabel("order to first picture (ms)")
@@ -278,7 +310,11 @@ def _draw_first(axes: Axes, run: Run[Config]) -> None:
 
 
 def _bars(
-    axes: Axes, labels: dict[str, str], heights: dict[str, float], groups: _Groups, said: dict[str, str]
+    axes: Axes,
+    labels: dict[str, str],
+    heights: dict[str, float],
+    groups: _Groups,
+    said: dict[str, str],
 ) -> None:
     """Draw one bar a path, its samples beside its middle, the range of two thirds of them, and what is said."""
     for position, (path, group) in enumerate(groups.items()):
@@ -292,7 +328,10 @@ def _bars(
         spots = position + np.linspace(-0.25, 0.25, len(group))
         axes.plot(spots, group, ".", color="black", markersize=3, alpha=0.4)
     values = {path: f"{height:.{1 if height < 20 else 0}f} ms" for path, height in heights.items()}
-    names = [f"{labels[p]}\n{values[p]} (n = {len(groups[p])})\n{said.get(p, '')}".rstrip() for p in groups]
+    names = [
+        f"{labels[p]}\n{values[p]} (n = {len(groups[p])})\n{said.get(p, '')}".rstrip()
+        for p in groups
+    ]
     axes.set_xticks(range(len(groups)), names)
     axes.grid(visible=False, axis="x")
 
@@ -351,8 +390,12 @@ def draw_budget(figure: Figure, run: Run[Config]) -> None:
     sending_ms = 8e-3 * size_bytes / config.link_mbit_s
     glass, first = figure.subplots(1, 2)
     left = 0.0
-    for (stage, color), taken in zip(_STAGES.items(), (encoding_ms, sending_ms, decoding_ms), strict=True):
-        glass.barh("a picture", taken, left=left, color=COLORS[color], label=f"{stage} {taken:.1f} ms")
+    for (stage, color), taken in zip(
+        _STAGES.items(), (encoding_ms, sending_ms, decoding_ms), strict=True
+    ):
+        glass.barh(
+            "a picture", taken, left=left, color=COLORS[color], label=f"{stage} {taken:.1f} ms"
+        )
         left += taken
     glass.set(xlabel="time (ms)", ylim=(-0.6, 1.2), title=f"capture to pixels: {left:.1f} ms")
     glass.legend(fontsize=8)
@@ -364,15 +407,21 @@ def draw_budget(figure: Figure, run: Run[Config]) -> None:
     for path, label in (("standard", "waits for a key frame"), ("agent", "with replay")):
         named = f"{label}: {ways[path].mean():.0f} ms on average"
         first.plot(since, ways[path], ".-", color=BAR_COLORS[path], label=named)
-    first.set(xlabel="frames since the last key frame", ylabel="first picture after (ms)", ylim=(0, None))
+    first.set(
+        xlabel="frames since the last key frame", ylabel="first picture after (ms)", ylim=(0, None)
+    )
     first.legend(fontsize=8)
-    figure.suptitle("A budget: coding timed on this machine, the rest computed; without waits for processes")
+    figure.suptitle(
+        "A budget: coding timed on this machine, the rest computed; without waits for processes"
+    )
 
 
 def _coded(config: Config) -> tuple[float, float, float]:
     """Return the mean size of a picture, bytes, and the median times to encode and to decode it, ms."""
     bitrate_bps = round(config.bitrate_mbit_s * 1e6)
-    encoder = H264Encoder(replace(TABLE_2, bitrate_bps=bitrate_bps, gop=config.gop, encoder=config.encoder))
+    encoder = H264Encoder(
+        replace(TABLE_2, bitrate_bps=bitrate_bps, gop=config.gop, encoder=config.encoder)
+    )
     decoder, source = H264Decoder(), open_source(config.source, seed=config.seed)
     rows = []
     for _ in range(_CODED):
@@ -383,7 +432,9 @@ def _coded(config: Config) -> tuple[float, float, float]:
         for packet in packets:
             decoder.decode_bgr(packet.data)
         size = sum(len(packet.data) for packet in packets)
-        rows.append((size, (encoded - started) / NS_PER_MS, (time.perf_counter_ns() - encoded) / NS_PER_MS))
+        rows.append(
+            (size, (encoded - started) / NS_PER_MS, (time.perf_counter_ns() - encoded) / NS_PER_MS)
+        )
     source.close()
     sizes, encoding, decoding = np.array(rows).T
     return float(sizes.mean()), float(np.median(encoding)), float(np.median(decoding))

@@ -26,7 +26,9 @@ GLASS_PATHS = ("standard", "decoder", "agent", "container")
 class Config(Profiled):
     """The whole run."""
 
-    repeats: int = 20  #: How often every path is subscribed to; that by a new process half as often.
+    repeats: int = (
+        20  #: How often every path is subscribed to; that by a new process half as often.
+    )
     look_s: float = 0.5  #: How long the viewer looks on after its first picture, seconds.
     skipped: int = 3  #: Pictures at the beginning of a look that do not count for glass-to-glass.
     idle_s: float = 3.0  #: How long the idle load is measured, seconds.
@@ -52,10 +54,17 @@ exp = Experiment(
     hosts=("edge", "consumer"),
     actors=(
         Actor("camera", "edge", "encodes once, publishes on four topics"),
-        Actor("keeper", "edge", "keeps the last group of pictures", count="2: own domain, global domain"),
+        Actor(
+            "keeper",
+            "edge",
+            "keeps the last group of pictures",
+            count="2: own domain, global domain",
+        ),
         Actor("router", "edge", "own domain to the global one"),
         Actor("router 2", "consumer", "global domain to the own one"),
-        Actor("decoder", "consumer", "decodes once", count="4: decoder, agent, container, on_demand"),
+        Actor(
+            "decoder", "consumer", "decodes once", count="4: decoder, agent, container, on_demand"
+        ),
         Actor("viewer", "consumer", "looks along one path at a time"),
     ),
     links=(
@@ -169,14 +178,18 @@ async def measure_looks(bench: Bench[Config]) -> None:
         bench.write("camera", row, at_ns=stamp_ns)
 
 
-declare(exp, "Raw images, one subscriber: a real one (rclpy) is later than our stand-in, and loses some")
+declare(
+    exp, "Raw images, one subscriber: a real one (rclpy) is later than our stand-in, and loses some"
+)
 
 
 @exp.part(PART, total=lambda config: 2 * config.ros2, skips=(RosMissingError,))
 async def look_beside_ros2(bench: Bench[Config]) -> None:
     """Let subscribers of raw images look, real ones beside ours."""
     quantities = ("capture to picture in hand (ms)", "first picture (ms)", "pictures received (%)")
-    await measure_raw(bench, quantities, counts=(1,), repeats=bench.config.ros2, look_s=bench.config.look_s)
+    await measure_raw(
+        bench, quantities, counts=(1,), repeats=bench.config.ros2, look_s=bench.config.look_s
+    )
 
 
 async def _measure_idle(running: Running, bench: Bench[Config]) -> None:

@@ -37,7 +37,13 @@ if TYPE_CHECKING:
     from sfglab.component import Report
     from sfglab.lab.testbed import Testbed
 
-PATHS = ("standard", "decoder", "agent", "container", "on_demand")  #: The ways from camera to viewer.
+PATHS = (
+    "standard",
+    "decoder",
+    "agent",
+    "container",
+    "on_demand",
+)  #: The ways from camera to viewer.
 DECODERS = PATHS[1:]  #: Those with a decoder.
 PAPERS = ("container", "on_demand")  #: Those in the paper's manner.
 
@@ -55,7 +61,12 @@ _CAMERAS = {
 
 def stream_topic(path: str) -> str:
     """Return the name of the stream that a path begins with."""
-    builder = RosFqnBuilder().scope(Scope.GLOBAL).agent("edge").component(Component.CAMERA, _CAMERAS[path])
+    builder = (
+        RosFqnBuilder()
+        .scope(Scope.GLOBAL)
+        .agent("edge")
+        .component(Component.CAMERA, _CAMERAS[path])
+    )
     return str(builder.stream(Stream.COLOR).resource(Resource.FFMPEG).build())
 
 
@@ -68,7 +79,9 @@ class Running(StreamProcesses):
 
     def __init__(self, config: Any, testbed: Testbed) -> None:
         self._open_paths: dict[str, int] = {}
-        self.replays: list[tuple[int, int]] = []  #: Packets and bytes of every burst that a keeper reported.
+        self.replays: list[
+            tuple[int, int]
+        ] = []  #: Packets and bytes of every burst that a keeper reported.
         super().__init__(config, testbed)
         camera = self._camera()
         self._gop = camera.gop
@@ -82,7 +95,10 @@ class Running(StreamProcesses):
 
     def first_members(self) -> list[Member]:
         """Return camera, keepers, routers, viewer and decoders."""
-        keepers = {"keeper": (self._own("edge"), "agent"), "keeper 0": (self.shared("edge"), "decoder")}
+        keepers = {
+            "keeper": (self._own("edge"), "agent"),
+            "keeper 0": (self.shared("edge"), "decoder"),
+        }
         routers = {"router": "edge", "router 2": "consumer"}
         keeping = {
             name: KeeperConfig(address=where, streams=(stream_topic(path),))
@@ -91,10 +107,19 @@ class Running(StreamProcesses):
         viewer = self.viewer_config(stream_topic("standard"), self._own("consumer"), joined=True)
         return [
             _member("camera", "edge", "sfglab.lab.workers.camera", self._camera(), ready="running"),
-            *(_member(name, "edge", "sfglab.fleet.gop_cache", config) for name, config in keeping.items()),
-            *(_member(n, host, "sfglab.fleet.router.node", self._router(host)) for n, host in routers.items()),
+            *(
+                _member(name, "edge", "sfglab.fleet.gop_cache", config)
+                for name, config in keeping.items()
+            ),
+            *(
+                _member(n, host, "sfglab.fleet.router.node", self._router(host))
+                for n, host in routers.items()
+            ),
             _member("viewer", "consumer", "sfglab.lab.workers.viewer", viewer),
-            *(_member(n, "consumer", "sfglab.fleet.decoder.node", self._decoder(n)) for n in DECODERS),
+            *(
+                _member(n, "consumer", "sfglab.fleet.decoder.node", self._decoder(n))
+                for n in DECODERS
+            ),
         ]
 
     def note(self, name: str, report: Report) -> None:
@@ -109,7 +134,9 @@ class Running(StreamProcesses):
             self._open_paths[name] = ways.count(way)
 
     def _own(self, host: str) -> BusAddress:
-        return BusAddress(domain_id=EDGE_DOMAIN if host == "edge" else CONSUMER_DOMAIN, interface="lo")
+        return BusAddress(
+            domain_id=EDGE_DOMAIN if host == "edge" else CONSUMER_DOMAIN, interface="lo"
+        )
 
     def _camera(self) -> CameraConfig:
         return CameraConfig(
@@ -125,7 +152,9 @@ class Running(StreamProcesses):
         )
 
     def _router(self, host: str) -> RouterConfig:
-        return RouterConfig(agent=host, local=self._own(host), remote=self.shared(host), linger_s=LINGER_S)
+        return RouterConfig(
+            agent=host, local=self._own(host), remote=self.shared(host), linger_s=LINGER_S
+        )
 
     def _decoder(self, path: str) -> DecoderConfig:
         own = self._own("consumer")

@@ -46,7 +46,9 @@ PAPER_TOPIC = "/global/agent_heartbeat"
 PAPER_SERVICE = "/global/{agent}/get_metadata"  #: As paper A, section 4.2 prints them.
 
 HEARTBEAT_TYPE = "sfglab_interfaces/msg/AgentHeartbeat"
-AT_ONCE_S = 1.0  #: A late listener that hears within this time has not waited for the next heartbeat.
+AT_ONCE_S = (
+    1.0  #: A late listener that hears within this time has not waited for the next heartbeat.
+)
 
 
 @derived
@@ -54,7 +56,9 @@ def heard(run: Run[Config], listener: str = "") -> pd.DataFrame:
     """Return the heartbeats of the first part's agents as one listener, or each, received them, in order."""
     beats = run["beat"]
     known = beats["agent"].isin(run["answer"]["agent"])
-    return beats[known & (beats["listener"] == listener) if listener else known].sort_values("received_ns")
+    return beats[known & (beats["listener"] == listener) if listener else known].sort_values(
+        "received_ns"
+    )
 
 
 def joined_ns(run: Run[Config]) -> int:
@@ -78,7 +82,11 @@ def intervals(run: Run[Config]) -> pd.DataFrame:
         since_s=(beats["received_ns"] - by_agent.transform("first")) / NS_PER_S,
     )
     columns = ["agent", "phase", "period_s", "since_s", "gap_s"]
-    return table.dropna(subset=["gap_s"])[columns].sort_values(["agent", "since_s"]).reset_index(drop=True)
+    return (
+        table.dropna(subset=["gap_s"])[columns]
+        .sort_values(["agent", "since_s"])
+        .reset_index(drop=True)
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,9 +112,14 @@ def heartbeat_checks(run: Run[Config]) -> list[Check]:
 
 def _topic_check(run: Run[Config]) -> Check:
     ends = run["endpoint"]
-    kinds = set(map(tuple, ends[["topic", "type", "reliability", "durability"]].to_numpy().tolist()))
+    kinds = set(
+        map(tuple, ends[["topic", "type", "reliability", "durability"]].to_numpy().tolist())
+    )
     agents = len(run["answer"])
-    held = kinds == {(PAPER_TOPIC, HEARTBEAT_TYPE, "reliable", "transient_local")} and len(ends) == agents
+    held = (
+        kinds == {(PAPER_TOPIC, HEARTBEAT_TYPE, "reliable", "transient_local")}
+        and len(ends) == agents
+    )
     seen = f"{len(ends)} publishers of {agents} agents: {sorted(kinds)}"
     return Check("one publisher per agent on the paper's topic, latched", "", held, seen)
 
@@ -118,10 +131,14 @@ def _period_checks(run: Run[Config], table: pd.DataFrame, agent: str) -> Iterato
     for phase, (name, stated) in enumerate(periods):
         median = float(table.loc[table["phase"] == phase, "gap_s"].median())
         held = abs(median - stated) <= tolerance * stated
-        yield Check(f"median {name} period {within} of {stated:g} s", agent, held, f"{median:.4f} s")
+        yield Check(
+            f"median {name} period {within} of {stated:g} s", agent, held, f"{median:.4f} s"
+        )
     error = float(((table["gap_s"] - table["period_s"]).abs() / table["gap_s"]).median())
     seen = f"median error {100 * error:.2f} %"
-    yield Check(f"announced time until the next heartbeat {within}", agent, error <= tolerance, seen)
+    yield Check(
+        f"announced time until the next heartbeat {within}", agent, error <= tolerance, seen
+    )
 
 
 def _phase_check(run: Run[Config], agent: str) -> Check:
@@ -131,7 +148,9 @@ def _phase_check(run: Run[Config], agent: str) -> Check:
     expected = int(np.ceil(schedule.startup_s / schedule.startup_period_s))
     held = int((phases == 0).sum()) == expected and bool((np.diff(phases) >= 0).all())
     seen = "".join(str(int(phase)) for phase in phases)
-    return Check(f"{expected} heartbeats of the start-up phase, then the steady state", agent, held, seen)
+    return Check(
+        f"{expected} heartbeats of the start-up phase, then the steady state", agent, held, seen
+    )
 
 
 def _late_check(run: Run[Config], agent: str) -> Check:
@@ -168,10 +187,16 @@ _ON_ITS_WAY_NS = 1_250_000_000
 class Transitions:
     """The table's transitions and how often each was taken."""
 
-    taken: dict[tuple[State, Input], int]  #: How often each transition of the table, by (state, input).
-    strange: int  #: Moves that the rules have otherwise, or that begin where the agent did not stand.
+    taken: dict[
+        tuple[State, Input], int
+    ]  #: How often each transition of the table, by (state, input).
+    strange: (
+        int  #: Moves that the rules have otherwise, or that begin where the agent did not stand.
+    )
     queries: int  #: How many queries arrived at false agents.
-    doubled: int  #: How many of them arrived while an earlier one to the same agent was outstanding.
+    doubled: (
+        int  #: How many of them arrived while an earlier one to the same agent was outstanding.
+    )
     announced: dict[str, int]  #: Discovery events that the transitions say were published, by name.
 
     @property
@@ -186,7 +211,9 @@ def events(run: Run[Config]) -> dict[str, int]:
     with LogReader(run.log) as reader:
         topics = [topic for topic in reader.topics if topic.endswith("/agent_discovery_event")]
         kinds = Counter(entry.message.event for topic in topics for entry in reader.decoded(topic))
-    names = {getattr(message_type(DISCOVERY_EVENT), action.name): action.name for action in ANNOUNCEMENTS}
+    names = {
+        getattr(message_type(DISCOVERY_EVENT), action.name): action.name for action in ANNOUNCEMENTS
+    }
     return {names[kind]: count for kind, count in sorted(kinds.items())}
 
 
@@ -219,7 +246,9 @@ def transitions(run: Run[Config]) -> Transitions:
 def _doubled(run: Run[Config]) -> int:
     """Count queries that arrived at an agent beyond the one that its discoverer had outstanding."""
     moves, queries = run["move"].sort_values("t_ns"), run["query"].groupby("agent")["t_ns"]
-    return sum(_homeless(sorted(t), _outstanding(moves[moves["agent"] == agent])) for agent, t in queries)
+    return sum(
+        _homeless(sorted(t), _outstanding(moves[moves["agent"] == agent])) for agent, t in queries
+    )
 
 
 def _outstanding(moves: pd.DataFrame) -> list[tuple[int, int]]:
@@ -250,21 +279,28 @@ async def _simulated(world: World) -> dict[str, bool]:
     """Return what section 4.2 states of a status provider, and whether it is so on the simulated bus."""
     heard: dict[str, list[tuple[float, Heartbeat]]] = {"first": [], "late": []}
     now, startup_s = asyncio.get_running_loop().time, 4.5  # 5 whole periods
-    async with world.node("status", host="robot") as robot, world.node("ear", host="station") as ear:
+    async with (
+        world.node("status", host="robot") as robot,
+        world.node("ear", host="station") as ear,
+    ):
 
         def listen(name: str) -> None:
             note = lambda m: heard[name].append((now(), Heartbeat.from_message(m)))  # noqa: E731
             ear.create_subscription(HEARTBEAT_TYPE, PAPER_TOPIC, note, LATCHED)
 
         listen("first")
-        provider = StatusProvider(robot, StatusSettings(agent="go2", schedule=Schedule(startup_s=startup_s)))
+        provider = StatusProvider(
+            robot, StatusSettings(agent="go2", schedule=Schedule(startup_s=startup_s))
+        )
         begun_ns = robot.get_clock().now_ns()
         async with beside(provider.run()):
             await asyncio.sleep(17.5)
             listen("late")
             await asyncio.sleep(1)
             client = ear.create_client(GET_METADATA, PAPER_SERVICE.format(agent="go2"))
-            answer = (await client.call(service_type(GET_METADATA).request(), timeout_s=10)).metadata
+            answer = (
+                await client.call(service_type(GET_METADATA).request(), timeout_s=10)
+            ).metadata
             provider.update(AgentDescription(software=("new",)))
             await asyncio.sleep(5)
     times, beats = zip(*heard["first"], strict=True)
@@ -275,10 +311,16 @@ async def _simulated(world: World) -> dict[str, bool]:
         "1 s, then 5 s, and at once what changed": np.allclose(times, expected_s, atol=0.1),
         "the time until the next is announced": np.allclose(steady, [5, 5, 5, 1.5, 5], atol=0.1),
         "the phase": [beat.phase for beat in beats] == [0] * 5 + [1] * 5,
-        "the agent, its start and its revision": [(b.agent, b.incarnation, b.revision) for b in beats]
+        "the agent, its start and its revision": [
+            (b.agent, b.incarnation, b.revision) for b in beats
+        ]
         == starts,
         "who joins late hears the last one at once": late[1] == beats[7] and late[0] < 18,
-        "the service answers for the same start": (answer.agent, answer.incarnation, answer.revision)
+        "the service answers for the same start": (
+            answer.agent,
+            answer.incarnation,
+            answer.revision,
+        )
         == starts[0],
     }
 
@@ -301,14 +343,20 @@ def claim_heartbeats(run: Run[Config]) -> Finding | None:
         "hosts": str(run.metadata("hosts")["description"]),
         "checks": f"{sum(check.held for check in checks)} of {len(checks)}",
         "tolerance of periods": f"{100 * run.config.tolerance:g} % (medians per agent)",
-        "start-up period": str(median_of(table.loc[table["phase"] == 0, "gap_s"].to_numpy(), unit="s")),
-        "steady period": str(median_of(table.loc[table["phase"] == 1, "gap_s"].to_numpy(), unit="s")),
+        "start-up period": str(
+            median_of(table.loc[table["phase"] == 0, "gap_s"].to_numpy(), unit="s")
+        ),
+        "steady period": str(
+            median_of(table.loc[table["phase"] == 1, "gap_s"].to_numpy(), unit="s")
+        ),
         "start-up phase": f"{run.config.schedule.startup_s:g} s; the paper states no length",
         "heartbeats": str(len(heard(run))),
         "path": "through each agent's router" if run.config.routed else "without routers",
     }
     failed = "; ".join(f"{c.agent}: {c.what}: {c.seen}" for c in checks if not c.held)
-    return Finding(estimate=exactly(share, "share of checks that hold"), details=details, reason=failed)
+    return Finding(
+        estimate=exactly(share, "share of checks that hold"), details=details, reason=failed
+    )
 
 
 @exp.claim(
@@ -335,7 +383,9 @@ def claim_transitions(run: Run[Config]) -> Finding:
     walked = moves.loc[moves["agent"] == WALKER, ["before", "given"]].drop_duplicates()
     missing = [f"{s.name} on {i.name}" for s, i in STATED if not found.taken[s, i]]
     ours = [count for key, count in found.taken.items() if key not in STATED]
-    stated = [f"{s.name} on {i.name} x {found.taken[s, i]} ({why!r})" for (s, i), why in STATED.items()]
+    stated = [
+        f"{s.name} on {i.name} x {found.taken[s, i]} ({why!r})" for (s, i), why in STATED.items()
+    ]
     details = {
         "hosts": str(run.metadata("hosts")["description"]),
         "stated by the paper's words": ", ".join(stated),

@@ -48,7 +48,10 @@ FIRST_LOCAL_DOMAIN = 94
 
 
 def _timing(backoff_s: float) -> Timing:
-    backoff = {"backoff_ns": round(backoff_s * NS_PER_S), "backoff_max_ns": 2 * round(backoff_s * NS_PER_S)}
+    backoff = {
+        "backoff_ns": round(backoff_s * NS_PER_S),
+        "backoff_max_ns": 2 * round(backoff_s * NS_PER_S),
+    }
     # A lost agent must be remembered for longer than its process takes to start again.
     return Timing(slack_ns=300_000_000, forget_ns=3 * NS_PER_S, **backoff)
 
@@ -66,8 +69,12 @@ class Config(Profiled):
     #: phase, which the paper does not state, is shortened.
     schedule: Schedule = field(default_factory=lambda: Schedule(startup_s=5.0))
     steady_beats: int = 3  #: Heartbeats in the steady state that are waited for, per agent.
-    tolerance: float = 0.05  #: How far a median period may be from the one announced or stated, relative to it.
-    walker_period_s: float = 0.5  #: Period of the status process that is stopped and killed, seconds.
+    tolerance: float = (
+        0.05  #: How far a median period may be from the one announced or stated, relative to it.
+    )
+    walker_period_s: float = (
+        0.5  #: Period of the status process that is stopped and killed, seconds.
+    )
     #: The discoverer's waits while it is led through its transitions: short, so that all of them fit into
     #: seconds.
     timing: Timing = field(default_factory=lambda: _timing(1.0))
@@ -100,7 +107,12 @@ exp = Experiment(
     paper={"agents": 6, "schedule": Schedule(), "steady_beats": 24, "walker_period_s": 1.0},
     hosts=(ROBOT, STATION),
     actors=(
-        Actor("status provider", ROBOT, "beats, answers for its description", count="agents; one killed"),
+        Actor(
+            "status provider",
+            ROBOT,
+            "beats, answers for its description",
+            count="agents; one killed",
+        ),
         Actor("router", ROBOT, "own domain to the global one", count="agents, where routed"),
         Actor("false agents", ROBOT, "beat and answer as told, or not at all"),
         Actor("discoverer", STATION, "follows its table", count="2, one after the other"),
@@ -223,7 +235,9 @@ def _status(agent: str, schedule: Schedule, address: BusAddress) -> Member:
     return Member(name=agent, host=ROBOT, module="sfglab.fleet.status.node", config=config)
 
 
-def _discovering(bench: Bench[Config], own: str, topics: dict[str, str], limits: Limits) -> tuple[Member, ...]:
+def _discovering(
+    bench: Bench[Config], own: str, topics: dict[str, str], limits: Limits
+) -> tuple[Member, ...]:
     """Return the discoverer of agent `own`, false agents to discover, and a listener to topics."""
     timing, timeout_s = bench.config.timing, bench.config.query_timeout_s
     waits: dict[str, Any] = {"timing": timing, "limits": limits, "query_timeout_s": timeout_s}
@@ -245,13 +259,21 @@ async def time_heartbeats(bench: Bench[Config]) -> None:
     """Let agents beat, and listen from the start and from the middle on."""
     config = bench.config
     agents = [f"robot{number + 1}" for number in range(config.agents)]
-    local = {a: BusAddress(domain_id=FIRST_LOCAL_DOMAIN + n, interface="lo") for n, a in enumerate(agents)}
+    local = {
+        a: BusAddress(domain_id=FIRST_LOCAL_DOMAIN + n, interface="lo")
+        for n, a in enumerate(agents)
+    }
     topics = {heartbeat_topic(): AGENT_HEARTBEAT}
-    async with Stage(bench, *(_listener(bench, name, topics) for name in ("first", "late"))) as stage:
+    async with Stage(
+        bench, *(_listener(bench, name, topics) for name in ("first", "late"))
+    ) as stage:
         if config.routed:
             remote, module = _address(bench, ROBOT), "sfglab.fleet.router.node"
             routers = [RouterConfig(agent=a, local=local[a], remote=remote) for a in agents]
-            start = [Member(name=f"router of {r.agent}", host=ROBOT, module=module, config=r) for r in routers]
+            start = [
+                Member(name=f"router of {r.agent}", host=ROBOT, module=module, config=r)
+                for r in routers
+            ]
             await stage.start(*start)
         where = local if config.routed else dict.fromkeys(agents, _address(bench, ROBOT))
         await stage.start(*(_status(agent, config.schedule, where[agent]) for agent in agents))
@@ -272,7 +294,9 @@ async def _beats(stage: Stage, config: Config, agents: list[str], steady: int) -
     schedule = config.schedule
     limit_s = 20 + schedule.startup_s + (steady + 1) * schedule.steady_period_s
     what = f"{steady} heartbeats in the steady state"
-    await stage.until(what, lambda: all(stage.steady[agent] >= steady for agent in agents), timeout_s=limit_s)
+    await stage.until(
+        what, lambda: all(stage.steady[agent] >= steady for agent in agents), timeout_s=limit_s
+    )
 
 
 @exp.part("transitions")
@@ -283,7 +307,9 @@ async def lead_discoverer(bench: Bench[Config]) -> None:
     topics = {heartbeat_topic(): AGENT_HEARTBEAT, discovery_topic(STATION): DISCOVERY_EVENT}
     async with Stage(bench, *_discovering(bench, STATION, topics, Limits())) as stage:
         walker = _status(WALKER, pace, _address(bench, ROBOT))
-        await stage.together(walk(walker, stage), puppet_show(stage, attempts=bench.config.attempts))
+        await stage.together(
+            walk(walker, stage), puppet_show(stage, attempts=bench.config.attempts)
+        )
         await stage.count(STATION, "answered")
 
 

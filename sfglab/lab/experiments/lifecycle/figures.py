@@ -78,7 +78,10 @@ def _draw_gaps(axes: Axes, run: Run[Config]) -> None:
             label = f"paper: {PAPER_PERIODS[phase]:g} s, {PHASES[phase]}"
             axes.axhline(PAPER_PERIODS[phase], color=COLORS[style], label=label, **PAPER_STYLE)
     _mark_events(axes, run)
-    axes.set(xlabel="time since an agent's first heartbeat (s)", ylabel="time until its next heartbeat (s)")
+    axes.set(
+        xlabel="time since an agent's first heartbeat (s)",
+        ylabel="time until its next heartbeat (s)",
+    )
     axes.set_ylim(0, 1.45 * table["gap_s"].max())
     axes.set_title("every interval", fontsize=9)
     axes.legend(fontsize=8, loc="upper left", ncols=2)
@@ -88,7 +91,10 @@ def _mark_events(axes: Axes, run: Run[Config]) -> None:
     """Mark where the start-up phase ends and where another listener joined."""
     first_ns = heard(run, "first").groupby("agent")["received_ns"].min()
     joined_s = float(np.median((joined_ns(run) - first_ns) / NS_PER_S))
-    for at_s, text in ((run.config.schedule.startup_s, "start-up ends"), (joined_s, "a late listener joins")):
+    for at_s, text in (
+        (run.config.schedule.startup_s, "start-up ends"),
+        (joined_s, "a late listener joins"),
+    ):
         axes.axvline(at_s, ymax=0.8, color="black", linewidth=0.8, linestyle=":")
         beside: dict[str, Any] = {"xytext": (3, 2), "textcoords": "offset points", "rotation": 90}
         axes.annotate(text, (at_s, 0.2), xycoords=_OVER_AXES, fontsize=7.5, va="bottom", **beside)
@@ -104,7 +110,14 @@ def _draw_errors(axes: Axes, run: Run[Config]) -> dict[str, float]:
         gaps = table.loc[table["phase"] == phase, "gap_s"].to_numpy()
         errors_ms = 1e3 * (gaps - periods_s[phase])
         spread = phase + rng.uniform(-0.18, 0.18, len(gaps))
-        axes.plot(spread, errors_ms, linestyle="none", marker=MARKERS[style], color=COLORS[style], alpha=0.6)
+        axes.plot(
+            spread,
+            errors_ms,
+            linestyle="none",
+            marker=MARKERS[style],
+            color=COLORS[style],
+            alpha=0.6,
+        )
         median = float(np.median(errors_ms))
         axes.hlines(median, phase - 0.3, phase + 0.3, color="black", linewidth=1.5)
         text = f"median {median:+.1f} ms"
@@ -126,7 +139,11 @@ _X = (0.0, 7.0, 14.0)
 _Y = (9.6, 4.8, 0.0)
 _HALF_WIDTH, _HALF_HEIGHT = 1.5, 0.78
 _LANE = 0.3
-_ROWS = ("local consumers\nknow nothing of it", "local consumers:\nit is there", "local consumers:\nit is lost")
+_ROWS = (
+    "local consumers\nknow nothing of it",
+    "local consumers:\nit is there",
+    "local consumers:\nit is lost",
+)
 _COLUMNS = ("nothing to ask", "one query outstanding", "waiting to ask again")
 _BANDS = ("#999999", "#009E73", "#D55E00")
 _LINE_HEIGHT, _LINE_IN_BOX = 0.36, 0.28
@@ -137,16 +154,28 @@ _BEHIND = {"boxstyle": "square,pad=0.1", "facecolor": "white", "edgecolor": "non
 
 # Transitions between rows: the corners of the arrow, and where the label starts.
 _BETWEEN_ROWS: dict[tuple[str, str], tuple[tuple[Point, ...], Point]] = {
-    ("QUERYING", "ACTIVE"): (((6.0, _BOTTOMS[0]), (6.0, 7.3), (0.6, 7.3), (0.6, _TOPS[1])), (2.0, 7.52)),
+    ("QUERYING", "ACTIVE"): (
+        ((6.0, _BOTTOMS[0]), (6.0, 7.3), (0.6, 7.3), (0.6, _TOPS[1])),
+        (2.0, 7.52),
+    ),
     ("ACTIVE", "LOST"): (((-0.6, _BOTTOMS[1]), (-0.6, _TOPS[2])), (-2.8, 2.4)),
     ("LOST", "ACTIVE"): (((-0.2, _TOPS[2]), (-0.2, _BOTTOMS[1])), (-0.1, 3.2)),
     ("LOST", "UNKNOWN"): (
         ((-_HALF_WIDTH, _Y[2]), (_LEFT, _Y[2]), (_LEFT, _Y[0]), (-_HALF_WIDTH, _Y[0])),
         (_LEFT + 0.1, 7.3),
     ),
-    ("REFRESHING", "LOST"): (((5.8, _BOTTOMS[1]), (5.8, 2.75), (0.3, 2.75), (0.3, _TOPS[2])), (2.7, 2.97)),
-    ("REJOINING", "ACTIVE"): (((6.6, _TOPS[2]), (6.6, 3.45), (1.2, 3.45), (1.2, _BOTTOMS[1])), (6.7, 1.5)),
-    ("REFRESH_BACK_OFF", "LOST"): (((12.8, _BOTTOMS[1]), (12.8, 2.1), (1, 2.1), (1, _TOPS[2])), (9.6, 2.32)),
+    ("REFRESHING", "LOST"): (
+        ((5.8, _BOTTOMS[1]), (5.8, 2.75), (0.3, 2.75), (0.3, _TOPS[2])),
+        (2.7, 2.97),
+    ),
+    ("REJOINING", "ACTIVE"): (
+        ((6.6, _TOPS[2]), (6.6, 3.45), (1.2, 3.45), (1.2, _BOTTOMS[1])),
+        (6.7, 1.5),
+    ),
+    ("REFRESH_BACK_OFF", "LOST"): (
+        ((12.8, _BOTTOMS[1]), (12.8, 2.1), (1, 2.1), (1, _TOPS[2])),
+        (9.6, 2.32),
+    ),
 }
 
 
@@ -169,9 +198,13 @@ def draw_states(figure: Figure, run: Run[Config]) -> dict[str, Any]:
 
 def press_states(run: Run[Config]) -> Automaton:
     """Return the life cycle to press: by hand, or as the run's discoverers walked it, the most varied first."""
-    moves = run["move"].sort_values("t_ns", kind="stable").groupby(["discoverer", "agent"], sort=False)
+    moves = (
+        run["move"].sort_values("t_ns", kind="stable").groupby(["discoverer", "agent"], sort=False)
+    )
     richest = sorted(moves, key=lambda item: -len(item[1][["before", "given"]].drop_duplicates()))
-    runs = {f"{agent}, seen by {by}": [Input[i] for i in rows["given"]] for (by, agent), rows in richest}
+    runs = {
+        f"{agent}, seen by {by}": [Input[i] for i in rows["given"]] for (by, agent), rows in richest
+    }
     return press_lifecycle(runs)
 
 
@@ -186,8 +219,12 @@ def _draw_to_press(figure: Figure) -> Parts:
 
 
 _KEY = "\u21ba the state stays;  CAPITALS: a discovery event is published;  bold: the paper's words state it;\n"
-_KEY_OF_RUN = f"input / what is done \u00d7 how often in this run;  {_KEY}dashed: not taken in this run"
-_KEY_OF_MOMENT = f"input / what is done;  {_KEY}orange: here, and how it came here;  blue: possible now"
+_KEY_OF_RUN = (
+    f"input / what is done \u00d7 how often in this run;  {_KEY}dashed: not taken in this run"
+)
+_KEY_OF_MOMENT = (
+    f"input / what is done;  {_KEY}orange: here, and how it came here;  blue: possible now"
+)
 
 
 def _draw_table(axes: Axes, key: str, taken: Taken | None = None) -> Parts:
@@ -196,7 +233,9 @@ def _draw_table(axes: Axes, key: str, taken: Taken | None = None) -> Parts:
     _draw_grid(axes, key)
     drawn: _Drawn = defaultdict(list)
     for node in nodes:
-        _draw_state(axes, node, [e for e in edges if e.source is e.target is node.state], taken, drawn)
+        _draw_state(
+            axes, node, [e for e in edges if e.source is e.target is node.state], taken, drawn
+        )
     grid = {node.state: node for node in nodes}
     for pair in dict.fromkeys((e.source, e.target) for e in edges if e.source is not e.target):
         _draw_pair(axes, grid, [e for e in edges if (e.source, e.target) == pair], taken, drawn)
@@ -207,19 +246,28 @@ def _draw_table(axes: Axes, key: str, taken: Taken | None = None) -> Parts:
 
 def _draw_grid(axes: Axes, key: str) -> None:
     for y, text, color in zip(_Y, _ROWS, _BANDS, strict=True):
-        axes.axhspan(y - _HALF_HEIGHT - 0.25, y + _HALF_HEIGHT + 0.25, color=color, alpha=0.07, linewidth=0)
+        axes.axhspan(
+            y - _HALF_HEIGHT - 0.25, y + _HALF_HEIGHT + 0.25, color=color, alpha=0.07, linewidth=0
+        )
         axes.text(-5.8, y, text, ha="left", va="center", fontsize=8, style="italic")
     for x, text in zip(_X, _COLUMNS, strict=True):
         axes.text(x, 12.1, text, ha="center", va="center", fontsize=9, style="italic")
     axes.text(_X[1], -2.55, key, ha="center", va="center", fontsize=8)
 
 
-def _draw_state(axes: Axes, node: Node, loops: Sequence[Edge], taken: Taken | None, drawn: _Drawn) -> None:
+def _draw_state(
+    axes: Axes, node: Node, loops: Sequence[Edge], taken: Taken | None, drawn: _Drawn
+) -> None:
     from matplotlib.patches import FancyBboxPatch
 
     x, y = _X[node.column], _Y[node.row]
     corner, style = (x - _HALF_WIDTH, y - _HALF_HEIGHT), "round,pad=0,rounding_size=0.25"
-    frame: dict[str, Any] = {"boxstyle": style, "facecolor": "white", "edgecolor": "black", "zorder": 3}
+    frame: dict[str, Any] = {
+        "boxstyle": style,
+        "facecolor": "white",
+        "edgecolor": "black",
+        "zorder": 3,
+    }
     box = axes.add_patch(FancyBboxPatch(corner, 2 * _HALF_WIDTH, 2 * _HALF_HEIGHT, **frame))
     name = node.state.name.replace("_", " ").lower()
     said = [fill(f"\u21ba {_words(loop, taken)}", 26) for loop in loops]
@@ -230,7 +278,13 @@ def _draw_state(axes: Axes, node: Node, loops: Sequence[Edge], taken: Taken | No
     for loop, text, above, below in zip(loops, said, lines, lines[1:], strict=False):
         place = x, top - 0.5 * (above + below + 1) * _LINE_IN_BOX
         color = _line([loop], taken)["color"]
-        look: dict[str, Any] = {"ha": "center", "va": "center", "fontsize": 7, "color": color, "zorder": 4}
+        look: dict[str, Any] = {
+            "ha": "center",
+            "va": "center",
+            "fontsize": 7,
+            "color": color,
+            "zorder": 4,
+        }
         look["weight"] = _weight(loop)
         drawn[_keys([loop])].append(axes.text(*place, text, **look))
 
@@ -247,13 +301,23 @@ def _draw_pair(
     assert head is not None, "it was asked for"
     drawn[_keys(edges)].append(head)
     if taken is None:  # somebody presses: broad, for the mouse
-        drawn[_keys(edges)] += axes.plot(*zip(*points, strict=True), alpha=0, linewidth=9, zorder=3.5)
+        drawn[_keys(edges)] += axes.plot(
+            *zip(*points, strict=True), alpha=0, linewidth=9, zorder=3.5
+        )
     step = -_LINE_HEIGHT if below else _LINE_HEIGHT
     for number, edge in enumerate(edges if below else reversed(edges)):
         place = (label[0], label[1] + number * step)
         color = _line([edge], taken)["color"]
-        style: dict[str, Any] = {"va": "center", "fontsize": 7, "bbox": _BEHIND, "color": color, "zorder": 5}
-        drawn[_keys([edge])].append(axes.text(*place, _words(edge, taken), weight=_weight(edge), **style))
+        style: dict[str, Any] = {
+            "va": "center",
+            "fontsize": 7,
+            "bbox": _BEHIND,
+            "color": color,
+            "zorder": 5,
+        }
+        drawn[_keys([edge])].append(
+            axes.text(*place, _words(edge, taken), weight=_weight(edge), **style)
+        )
 
 
 def _keys(edges: Sequence[Edge]) -> tuple[tuple[State, Input], ...]:
@@ -296,8 +360,14 @@ def _route_in_row(source: Node, target: Node) -> tuple[list[Point], Point, bool]
         lane = y + way * _LANE
         start, end = _X[source.column] + way * _HALF_WIDTH, _X[target.column] - way * _HALF_WIDTH
         return [(start, lane), (end, lane)], (min(start, end) + 0.25, lane + way * 0.22), way < 0
-    way = 1 if source.row == 0 else -1  # around the state between them, on the outer side of the grid
+    way = (
+        1 if source.row == 0 else -1
+    )  # around the state between them, on the outer side of the grid
     outer = y + way * 1.5
     edge = y + way * _HALF_HEIGHT
     x, to_x = _X[source.column], _X[target.column]
-    return [(x, edge), (x, outer), (to_x, outer), (to_x, edge)], (_X[1] + 1.9, outer + way * 0.22), way < 0
+    return (
+        [(x, edge), (x, outer), (to_x, outer), (to_x, edge)],
+        (_X[1] + 1.9, outer + way * 0.22),
+        way < 0,
+    )

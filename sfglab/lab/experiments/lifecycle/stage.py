@@ -44,8 +44,12 @@ class Stage(ProcessGroup):
 
     def __init__(self, bench: Bench[Any], *members: Member) -> None:
         super().__init__(bench.testbed.argv, members, on_report=self._hear_of)
-        self.steady: Counter[str] = Counter()  #: Heartbeats of the steady state that ``first`` heard, by agent.
-        self.moves: defaultdict[str, list[Report]] = defaultdict(list)  #: Reports of transitions, by agent.
+        self.steady: Counter[str] = (
+            Counter()
+        )  #: Heartbeats of the steady state that ``first`` heard, by agent.
+        self.moves: defaultdict[str, list[Report]] = defaultdict(
+            list
+        )  #: Reports of transitions, by agent.
         self._bench = bench
         self._changed = asyncio.Event()
 
@@ -53,7 +57,9 @@ class Stage(ProcessGroup):
         """Let the listener ``first`` subscribe."""
         await self.join("first")
 
-    async def until(self, what: str, fact: Callable[[], bool], *, timeout_s: float = STEP_S) -> None:
+    async def until(
+        self, what: str, fact: Callable[[], bool], *, timeout_s: float = STEP_S
+    ) -> None:
         """Return when a fact about what was reported holds.
 
         Raises:
@@ -96,7 +102,9 @@ class Stage(ProcessGroup):
         for name, count in sorted(counts.items()):
             self._bench.write("count", {"discoverer": discoverer, "name": name, "count": count})
 
-    async def _ask_one(self, kind: str, name: str, *, timeout_s: float = STEP_S, **order: Any) -> Report:
+    async def _ask_one(
+        self, kind: str, name: str, *, timeout_s: float = STEP_S, **order: Any
+    ) -> Report:
         return (await self.ask(kind, [name], timeout_s=timeout_s, **order))[name]
 
     def _hear_of(self, name: str, report: Report) -> None:
@@ -124,7 +132,9 @@ class Stage(ProcessGroup):
             self._write("beat", report, beat, at_ns=report["received_ns"], listener=listener)
 
     def _write(self, table: str, *origins: Any, at_ns: int | None = None, **values: Any) -> None:
-        self._bench.write(table, as_row(self._bench.row_classes[table], values, *origins), at_ns=at_ns)
+        self._bench.write(
+            table, as_row(self._bench.row_classes[table], values, *origins), at_ns=at_ns
+        )
 
 
 class Track:
@@ -140,7 +150,9 @@ class Track:
         """Return when the discoverer has taken a transition with one of these inputs, from a state if given."""
 
         def taken() -> int:
-            return next((n for n, m in enumerate(self._moves, 1) if n > self._read and _is(m, given, at)), 0)
+            return next(
+                (n for n, m in enumerate(self._moves, 1) if n > self._read and _is(m, given, at)), 0
+            )
 
         names = " or ".join(i.name for i in given)
         await self._stage.until(f"{self.agent}: {names}", lambda: taken() > 0)
@@ -240,7 +252,10 @@ async def _comes_and_goes(puppet: Puppet, _: Told) -> None:
 
 
 _ANYWHERE = (_whole_row, _same_start_answers, _silent_when_asked, _silent_when_it_failed)
-_SCRIPTS = (*((script, told) for script in _ANYWHERE for told in Told), (_comes_and_goes, Told.PRESENT))
+_SCRIPTS = (
+    *((script, told) for script in _ANYWHERE for told in Told),
+    (_comes_and_goes, Told.PRESENT),
+)
 
 
 async def puppet_show(stage: Stage, *, attempts: int) -> None:
@@ -252,7 +267,10 @@ async def puppet_show(stage: Stage, *, attempts: int) -> None:
 
     for attempt in range(attempts):
         puppets = [Puppet(f"puppet{number}_{attempt}", stage) for number in range(len(_SCRIPTS))]
-        plays = [play(script, puppet, told) for puppet, (script, told) in zip(puppets, _SCRIPTS, strict=True)]
+        plays = [
+            play(script, puppet, told)
+            for puppet, (script, told) in zip(puppets, _SCRIPTS, strict=True)
+        ]
         for outcome in await asyncio.gather(*plays, return_exceptions=True):
             if isinstance(outcome, BaseException) and not isinstance(outcome, ProcessFailedError):
                 raise outcome
@@ -296,7 +314,14 @@ async def crowd(own: str, stage: Stage, *, places: int) -> None:
         fakes.order(do="beat", agent=agent, bearing=own, **beat)
     stage.fault("noname1", "ill-formed heartbeats")
     for bearing, period_s in (("no name", FOREVER_S), ("camera", FOREVER_S), ("fast1", -1.0)):
-        fakes.order(do="beat", agent="noname1", bearing=bearing, incarnation=1, revision=0, period_s=period_s)
+        fakes.order(
+            do="beat",
+            agent="noname1",
+            bearing=bearing,
+            incarnation=1,
+            revision=0,
+            period_s=period_s,
+        )
     stage.fault("crowd", "more agents than places, none of which answers")
     for number in range(places + 1):
         puppet = Puppet(f"crowd{number}", stage)
@@ -304,7 +329,14 @@ async def crowd(own: str, stage: Stage, *, places: int) -> None:
         await puppet.sees(_I.FAILED)
     await stage.until("an eviction", lambda: (_S.BACKING_OFF, _I.EXPIRED) in _taken(stage))
     stage.fault("crowd", "a flood of heartbeats")
-    fakes.order(do="beat", agent=f"crowd{places}", incarnation=1000, revision=1, period_s=FOREVER_S, times=400)
+    fakes.order(
+        do="beat",
+        agent=f"crowd{places}",
+        incarnation=1000,
+        revision=1,
+        period_s=FOREVER_S,
+        times=400,
+    )
 
 
 def _is(move: Report, given: Sequence[Input], at: State | None) -> bool:
@@ -312,4 +344,6 @@ def _is(move: Report, given: Sequence[Input], at: State | None) -> bool:
 
 
 def _taken(stage: Stage) -> set[tuple[State, Input]]:
-    return {(State[m["before"]], Input[m["given"]]) for moves in stage.moves.values() for m in moves}
+    return {
+        (State[m["before"]], Input[m["given"]]) for moves in stage.moves.values() for m in moves
+    }

@@ -37,7 +37,9 @@ def tree_of(run: Run[Config], where: str, way: str) -> tuple[Edge, ...]:
     """Return the edges of one tree: of ``figure 6`` or of a live round, joined by one of `WAYS`."""
     edges = run["edge"]
     chosen = edges[(edges["where"] == where) & (edges["way"] == way)].drop(columns=["where", "way"])
-    return tuple(Edge(**{str(key): value for key, value in row.items()}) for row in chosen.to_dict("records"))
+    return tuple(
+        Edge(**{str(key): value for key, value in row.items()}) for row in chosen.to_dict("records")
+    )
 
 
 def findings_of(run: Run[Config], where: str, way: str) -> tuple[FrameFinding, ...]:
@@ -52,22 +54,35 @@ def checks(run: Run[Config]) -> pd.DataFrame:
     exact = run["check"].assign(how=kinds)
     counts = run["confusion"].groupby(["truth", "verdict"])["count"].sum().to_dict()
     flips = pd.DataFrame([asdict(published_check(counts))])
-    live = pd.DataFrame([asdict(row) for name in run.config.rounds for row in _live_checks(run, name)])
+    live = pd.DataFrame(
+        [asdict(row) for name in run.config.rounds for row in _live_checks(run, name)]
+    )
     columns = ["how", "check", "checked", "held", "example"]
-    return pd.concat([exact, flips.assign(how="flips"), live.assign(how="live")], ignore_index=True)[columns]
+    return pd.concat(
+        [exact, flips.assign(how="flips"), live.assign(how="live")], ignore_index=True
+    )[columns]
 
 
 def _live_checks(run: Run[Config], name: str) -> Iterator[CheckRow]:
     """Yield the checks of one round."""
     found = {way: findings_of(run, name, way) for way in WAYS}
     trees = {way: tree_of(run, name, way) for way in WAYS}
-    own = {way: {(e.child, e.parent, e.static) for e in trees[way] if e.parent != WORLD} for way in WAYS}
+    own = {
+        way: {(e.child, e.parent, e.static) for e in trees[way] if e.parent != WORLD}
+        for way in WAYS
+    }
     looks = run["look"][run["look"]["round"] == name]
     cases: dict[str, Iterable[tuple[object, object]]] = {
-        "proxy: the tree as heard is whole": [(found["proxy"], own["proxy"] and not found["proxy"])],
-        "proxy: the robot's own edges are as without": [(own["proxy"], own["proxy"] == own["direct"])],
+        "proxy: the tree as heard is whole": [
+            (found["proxy"], own["proxy"] and not found["proxy"])
+        ],
+        "proxy: the robot's own edges are as without": [
+            (own["proxy"], own["proxy"] == own["direct"])
+        ],
         "proxy: every look is answered": _numbered(looks["wait_ms"].notna()),
-        f"proxy: the camera is within {RIGHT_MM:g} mm of the truth": _numbered(looks["error_mm"] < RIGHT_MM),
+        f"proxy: the camera is within {RIGHT_MM:g} mm of the truth": _numbered(
+            looks["error_mm"] < RIGHT_MM
+        ),
         "direct: the tree as heard has two roots": [("", _has(found["direct"], "second-root"))],
         "direct: what is published is no frame of the robot": [("", _has(found["direct"], "name"))],
         "renamed: the markers have two parents": [("", _has(found["renamed"], "two-parents"))],
@@ -120,7 +135,9 @@ def offsets(run: Run[Config]) -> pd.DataFrame:
     """Return medians by case and length, with the share of numbers that the 95 % intervals hold."""
     table = run["offset"]
     by = ["drifts", "modelled", "length_s"]
-    medians = table.groupby(by)[["error_mm", "error_mrad", "sigma_mm", "before_mm", "after_mm"]].median()
+    medians = table.groupby(by)[
+        ["error_mm", "error_mrad", "sigma_mm", "before_mm", "after_mm"]
+    ].median()
     return medians.assign(covered=table.groupby(by)["covered"].mean() / 6).reset_index()
 
 
@@ -132,7 +149,11 @@ def _few() -> Iterator[CheckRow]:
     yield from (*tree_rows(3, 0), *fault_checks(tally), published_check(tally.confusion))
 
 
-@exp.claim("A-VICON", how=lambda r: How.LIVE if len(r["look"]) else How.EXACT, mutated=Mutated(_MODULES, _few))
+@exp.claim(
+    "A-VICON",
+    how=lambda r: How.LIVE if len(r["look"]) else How.EXACT,
+    mutated=Mutated(_MODULES, _few),
+)
 def share_that_holds(run: Run[Config]) -> Finding:
     """Return the share of checks that hold, of live, fault and exact checks and flipped sights the lowest."""
     share = share_of_checks(checks(run), "how")
@@ -156,7 +177,9 @@ def _live_details(run: Run[Config]) -> dict[str, str]:
         of = {
             "error at the time asked for": median_of(looks["error_mm"].to_numpy(), unit="mm"),
             "turn at the time asked for": median_of(looks["error_mrad"].to_numpy(), unit="mrad"),
-            "error of the newest taken for now": median_of(looks["latest_mm"].to_numpy(), unit="mm"),
+            "error of the newest taken for now": median_of(
+                looks["latest_mm"].to_numpy(), unit="mm"
+            ),
             "until a time is known": median_of(looks["wait_ms"].to_numpy(), unit="ms"),
             "capture to listener": median_of(heard["heard_ms"].to_numpy(), unit="ms"),
         }
@@ -165,9 +188,16 @@ def _live_details(run: Run[Config]) -> dict[str, str]:
 
 
 def _fault_details(run: Run[Config]) -> dict[str, str]:
-    table = run["confusion"].assign(believed=run["confusion"]["verdict"].isin(["sound", "confirmed"]))
-    counts = {key: int(count) for key, count in table.groupby(["truth", "believed"])["count"].sum().items()}
-    flipped, seen = ([counts.get((truth, b), 0) for b in (True, False)] for truth in ("flipped", "seen"))
+    table = run["confusion"].assign(
+        believed=run["confusion"]["verdict"].isin(["sound", "confirmed"])
+    )
+    counts = {
+        key: int(count)
+        for key, count in table.groupby(["truth", "believed"])["count"].sum().items()
+    }
+    flipped, seen = (
+        [counts.get((truth, b), 0) for b in (True, False)] for truth in ("flipped", "seen")
+    )
     return {
         "flipped sights that were published": f"{flipped[0]} of {sum(flipped)}",
         "true sights that were not": f"{seen[1]} of {sum(seen)}: after such a flip",
@@ -215,7 +245,12 @@ def draw_trees(figure: Figure, run: Run[Config]) -> dict[str, Any]:
         ax.set_title(title)
         text = "\n".join(fill(f"{f.code}: {', '.join(f.frames)}", 42) for f in found)
         colour = "#A04000" if found else "#00664B"  # darker, for words
-        place: dict[str, Any] = {"transform": ax.transAxes, "ha": "center", "va": "top", "fontsize": 8.5}
+        place: dict[str, Any] = {
+            "transform": ax.transAxes,
+            "ha": "center",
+            "va": "top",
+            "fontsize": 8.5,
+        }
         ax.text(0.5, -0.02, text or "nothing is found wrong", color=colour, **place)
         twin[way] = [str(finding) for finding in found]
     said = "A direct receiver breaks a robot's tree of frames, the bridge does not"
@@ -235,7 +270,9 @@ def draw_error(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     known = f"The camera's place is known to {at:.1f} mm"
     figure.suptitle(f"{known}; the newest taken for now is off by {now:.0f} mm")
     count = run["look"].groupby("round").size().max()
-    note(figure, f"synthetic cameras; {count} looks a round, a dot each; in the legend: medians", run)
+    note(
+        figure, f"synthetic cameras; {count} looks a round, a dot each; in the legend: medians", run
+    )
     return {"medians": errors(run).round(4).to_dict(orient="index")}
 
 
@@ -259,7 +296,9 @@ def draw_offset(figure: Figure, run: Run[Config]) -> dict[str, Any]:
         ax.legend(fontsize=8, loc=place)
     last = table[table["drifts"]].groupby("modelled")["after_mm"].last()
     said = f"to {last[True]:.1f} mm if drift is allowed for, else off by {last[False]:.0f} mm"
-    figure.suptitle(f"Where the base is in the tracked object: {said} (beyond the paper)", fontsize=11)
+    figure.suptitle(
+        f"Where the base is in the tracked object: {said} (beyond the paper)", fontsize=11
+    )
     count = run["offset"].groupby(["drifts", "modelled", "length_s"]).size().max()
     note(figure, f"simulated; {count} motions a dot, each tried on another motion")
     return {"by_length": table.round(4)}
@@ -270,7 +309,9 @@ def _draw_errors(ax: Axes, run: Run[Config]) -> None:
     for name, column, color, text in _ERRORS:
         looks = _of(run["look"], name)
         style = series(color) | {"linestyle": "", "markersize": 2.5}
-        ax.plot(looks["at_s"], looks[column], label=f"{text}: {looks[column].median():.2g} mm", **style)
+        ax.plot(
+            looks["at_s"], looks[column], label=f"{text}: {looks[column].median():.2g} mm", **style
+        )
     ax.set(yscale="log", ylabel="error, mm", title="How far the camera is from where it really is")
     ax.set_ylim(top=20 * looks["latest_mm"].max())  # room for the legend
     ax.legend(fontsize=8, ncols=3, loc="upper right")
@@ -288,7 +329,11 @@ def _draw_waits(ax: Axes, run: Run[Config]) -> None:
 
 def _draw_latencies(ax: Axes, run: Run[Config]) -> None:
     heard = _of(run["heard"], "faulty")
-    parts = (("receipt_ms", "third", ":"), ("publication_ms", "proxy", "-"), ("heard_ms", "standard", "--"))
+    parts = (
+        ("receipt_ms", "third", ":"),
+        ("publication_ms", "proxy", "-"),
+        ("heard_ms", "standard", "--"),
+    )
     for (column, key, line), name in zip(parts, ("received", "published", "heard"), strict=True):
         values = np.sort(heard[column].to_numpy())
         share = np.arange(1, len(values) + 1) / max(1, len(values))
@@ -306,7 +351,9 @@ def _mark_faults(ax: Axes, run: Run[Config], *, named: bool = False) -> None:
         for place, (begin_s, end_s) in enumerate(times):
             alpha = 0.8 if kind == "flipped" else 0.35
             label = kind if named and place == 0 else None
-            span = ax.axvspan(begin_s - 0.01, end_s + 0.01, color=colour, alpha=alpha, linewidth=0, label=label)
+            span = ax.axvspan(
+                begin_s - 0.01, end_s + 0.01, color=colour, alpha=alpha, linewidth=0, label=label
+            )
             if kind == "dropped":  # not told by its colour alone
                 span.set_height(0.08)
 

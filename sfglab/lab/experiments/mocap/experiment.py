@@ -78,7 +78,9 @@ exp = Experiment(
     actors=(
         Actor("robot", HOSTS["robot"], "publishes its frames, with odometry that drifts"),
         Actor("bridge", HOSTS["bridge"], "synthetic cameras, all three ways"),
-        Actor("listener", HOSTS["listener"], "builds the three trees and looks from world to camera"),
+        Actor(
+            "listener", HOSTS["listener"], "builds the three trees and looks from world to camera"
+        ),
     ),
     links=(
         Link("robot", "bridge", "the robot's frames", boundary="network"),
@@ -183,7 +185,9 @@ class OffsetRow:
     sigma_mm: float  #: The stated standard deviation of the position, root of the sum of squares.
     sigma_mrad: float  #: The same of the orientation.
     covered: int  #: How many of the six numbers the 95 % intervals hold.
-    before_mm: float  #: Median error of the base in another motion through the bridge, with no offset.
+    before_mm: (
+        float  #: Median error of the base in another motion through the bridge, with no offset.
+    )
     after_mm: float  #: The same with the estimate.
     before_mrad: float  #: Median error of its orientation, with no offset.
     after_mrad: float  #: The same with the estimate.
@@ -220,7 +224,9 @@ def offset_rows(config: Config) -> Iterator[dict[str, Any]]:
     for drifts, modelled in CASES:
         for place, length_s in enumerate(config.lengths_s):
             for number in range(config.recordings):
-                yield offset_row(length_s, (config.seed, 2, place, number), drifts=drifts, modelled=modelled)
+                yield offset_row(
+                    length_s, (config.seed, 2, place, number), drifts=drifts, modelled=modelled
+                )
 
 
 @exp.part("live rounds", total=lambda config: len(config.rounds))
@@ -261,7 +267,10 @@ def members(testbed: Testbed, seed: int) -> Iterator[Member]:
     """Yield the processes, each on its one of `HOSTS`; the seed is the cameras' and the listener's."""
     for role, host in HOSTS.items():
         interface = testbed.interface(host)
-        ways = {way: BusAddress(domain_id=domain, interface=interface) for way, domain in _DOMAINS.items()}
+        ways = {
+            way: BusAddress(domain_id=domain, interface=interface)
+            for way, domain in _DOMAINS.items()
+        }
         config = MocapWorkerConfig(role=role, ways=ways, seed=seed)
         yield Member(name=role, module=_MODULE, config=config, host=host)
 
@@ -291,7 +300,9 @@ def live_rows(
         }
         yield "heard", {**of, **row}
     truth = {made.capture.capture_ns: truth_of(made) for made in _made(name, live_s, seed)}
-    sights = Counter((truth[capture_ns - start_ns], published) for capture_ns, _, published in taken)
+    sights = Counter(
+        (truth[capture_ns - start_ns], published) for capture_ns, _, published in taken
+    )
     for (kind, published), count in sights.items():
         yield "sight", {**of, "truth": kind, "published": published, "count": count}
     yield from (("spell", {**of, **row}) for row in _spells(name, live_s, seed))
@@ -303,7 +314,11 @@ def live_tree(start_ns: int, reports: Reports) -> Iterator[tuple[str, Any, int]]
     for topic, kept in ((TF_STATIC, tree["still"]), (TF, tree["moving"])):
         for received_ns, values in kept:
             transform = from_json(StampedTransform, values)
-            yield topic, message_type(TRANSFORMS)(transforms=[transform.to_msg()]), received_ns or start_ns
+            yield (
+                topic,
+                message_type(TRANSFORMS)(transforms=[transform.to_msg()]),
+                received_ns or start_ns,
+            )
 
 
 def _made(name: str, live_s: float, seed: int) -> Iterator[TrueCapture]:
@@ -320,7 +335,11 @@ def _spells(name: str, live_s: float, seed: int) -> Iterator[dict[str, Any]]:
         for capture in captures:
             number = capture.number or 0
             if number > last + 1 and last >= 0:
-                yield {"kind": "dropped", "begin_s": (last + 1) / rate_hz, "end_s": (number - 1) / rate_hz}
+                yield {
+                    "kind": "dropped",
+                    "begin_s": (last + 1) / rate_hz,
+                    "end_s": (number - 1) / rate_hz,
+                }
             last = number
         if kind != "seen":
             begin_ns, end_ns = captures[0].capture_ns, captures[-1].capture_ns

@@ -69,23 +69,45 @@ def fault_checks(tally: Tally) -> Iterator[CheckRow]:
     """Yield what must hold of the bridge's verdicts."""
     occluded = sum(n for (truth, _), n in tally.confusion.items() if truth == "occluded")
     counted = max(0, tally.missing - abs(tally.missing - tally.dropped))
-    held, plain = tally.plain - tally.plain_believed, "a flip that begins in plain sight is not published"
+    held, plain = (
+        tally.plain - tally.plain_believed,
+        "a flip that begins in plain sight is not published",
+    )
     rows = (
-        ("occluded sights are counted as such", occluded, tally.confusion["occluded", "occluded"], "sights"),
-        ("captures that never came are counted", tally.missing, counted, f"missing, {tally.dropped} counted"),
+        (
+            "occluded sights are counted as such",
+            occluded,
+            tally.confusion["occluded", "occluded"],
+            "sights",
+        ),
+        (
+            "captures that never came are counted",
+            tally.missing,
+            counted,
+            f"missing, {tally.dropped} counted",
+        ),
         (f"{plain} before it is held for long", tally.plain, held, "flipped sights"),
     )
     for check, checked, held, words in rows:
-        yield CheckRow(check=f"faults: {check}", checked=checked, held=held, example=f"{checked} {words}")
+        yield CheckRow(
+            check=f"faults: {check}", checked=checked, held=held, example=f"{checked} {words}"
+        )
 
 
 def published_check(confusion: Mapping[Any, int]) -> CheckRow:
     """Return whether no flipped sight is published, however it came; from counts by truth and verdict."""
-    verdicts = {verdict: count for (truth, verdict), count in confusion.items() if truth == "flipped"}
+    verdicts = {
+        verdict: count for (truth, verdict), count in confusion.items() if truth == "flipped"
+    }
     published = {verdict: count for verdict, count in verdicts.items() if verdict in _BELIEVED}
     count, check = sum(verdicts.values()), "faults: no flipped sight is published"
-    words = ", ".join(f"{n} as {verdict}" for verdict, n in published.items()) or f"{count} flipped sights"
-    return CheckRow(check=check, checked=max(1, count), held=count - sum(published.values()), example=words)
+    words = (
+        ", ".join(f"{n} as {verdict}" for verdict, n in published.items())
+        or f"{count} flipped sights"
+    )
+    return CheckRow(
+        check=check, checked=max(1, count), held=count - sum(published.values()), example=words
+    )
 
 
 def _pass(recording: Iterator[TrueCapture], tally: Tally) -> None:
@@ -127,7 +149,9 @@ def truth_of(made: TrueCapture) -> str:
     return "occluded" if isinstance(sight, Lapse) else "seen"
 
 
-def offset_row(length_s: float, seed: tuple[int, ...], *, drifts: bool, modelled: bool) -> dict[str, Any]:
+def offset_row(
+    length_s: float, seed: tuple[int, ...], *, drifts: bool, modelled: bool
+) -> dict[str, Any]:
     """Return one estimate of the offset, and what it is worth when it goes through the bridge.
 
     It is made from a motion of `length_s` seconds, whose odometry drifts or not, and may allow for that.
@@ -136,11 +160,17 @@ def offset_row(length_s: float, seed: tuple[int, ...], *, drifts: bool, modelled
     made = list(synthetic_captures({OBJECT: motion}, _CAMERAS, rng, duration_s=length_s))
     captures = [m.capture for m in made]
     buffer = _odometry(motion, [c.capture_ns for c in captures], rng, drifts=drifts)
-    found = estimate_offset(pose_pairs(captures, OBJECT, buffer, odom=_ODOM, base=_BASE), drift=modelled)
+    found = estimate_offset(
+        pose_pairs(captures, OBJECT, buffer, odom=_ODOM, base=_BASE), drift=modelled
+    )
     turn = (_OFFSET.rotation.inv() * found.object_from_base.rotation).as_rotvec()
-    error = np.concatenate([turn, np.subtract(found.object_from_base.position_m, _OFFSET.position_m)])
+    error = np.concatenate(
+        [turn, np.subtract(found.object_from_base.position_m, _OFFSET.position_m)]
+    )
     sigmas = np.array([*found.sigma_rad, *found.sigma_m])
-    (before_m, before_rad), (after_m, after_rad) = (_replayed(x) for x in (Pose(), found.object_from_base))
+    (before_m, before_rad), (after_m, after_rad) = (
+        _replayed(x) for x in (Pose(), found.object_from_base)
+    )
     return {
         "length_s": length_s,
         "drifts": drifts,
@@ -169,7 +199,11 @@ def _odometry(
     buffer = FrameBuffer(history_s=None)
     for time_ns in times_ns:
         time_s = time_ns / 1e9
-        drift = Pose.from_yaw((_DRIFT_M_S * time_s, 0.0, 0.0), _DRIFT_RAD_S * time_s) if drifts else Pose()
+        drift = (
+            Pose.from_yaw((_DRIFT_M_S * time_s, 0.0, 0.0), _DRIFT_RAD_S * time_s)
+            if drifts
+            else Pose()
+        )
         noise = Pose.at(rng.normal(size=3) * _ODOM_M, (*(rng.normal(size=3) * _ODOM_RAD / 2), 1.0))
         pose = drift @ _WORLD_FROM_ODOM.inverse() @ motion.pose_at(time_s) @ _OFFSET @ noise
         buffer.insert(StampedTransform(parent=_ODOM, child=_BASE, stamp_ns=time_ns, pose=pose))
@@ -179,7 +213,10 @@ def _odometry(
 def _replayed(offset: Pose) -> tuple[float, float]:
     """Return the median error of the base through the bridge with an offset, in m and rad, on another way."""
     buffer = FrameBuffer()
-    buffer.insert(StampedTransform(parent=_BASE, child=f"{AGENT}/camera", stamp_ns=0, pose=Pose()), static=True)
+    buffer.insert(
+        StampedTransform(parent=_BASE, child=f"{AGENT}/camera", stamp_ns=0, pose=Pose()),
+        static=True,
+    )
     mapped = MappedObject(id=OBJECT, via=_BASE, offset=offset)
     core = BridgeCore(MocapMapping(world=WORLD, objects={OBJECT: mapped}), buffer)
     rng = np.random.default_rng(0)

@@ -86,7 +86,9 @@ def summary(cells: pd.DataFrame) -> pd.DataFrame:
     grouped = cells.groupby([*PLACE, "method", "depth"], sort=False)
     table = grouped[["p50_ms", "age_ms"]].agg(["median", "min", "max"])
     endings = {"median": "", "min": "_low", "max": "_high"}
-    table.columns = pd.Index([f"{column[0]}{endings[column[1]]}" for column in table.columns.to_list()])
+    table.columns = pd.Index(
+        [f"{column[0]}{endings[column[1]]}" for column in table.columns.to_list()]
+    )
     table["p50_ms"] = grouped["pooled_ms"].first()
     counts = grouped[["published", "arrived"]].sum()
     lost = [share_of(n - k, n, unit="1") for n, k in counts.to_numpy().tolist()]
@@ -104,21 +106,30 @@ def answers(cells: pd.DataFrame, courses: pd.DataFrame) -> pd.DataFrame:
     """
     found = _compared(summary(cells))
     done = courses.assign(done=courses["end"] == End.SUCCESS.value)
-    shares = done.assign(best=done["method"] == BEST).pivot_table(index=PLACE, columns="best", values="done")
+    shares = done.assign(best=done["method"] == BEST).pivot_table(
+        index=PLACE, columns="best", values="done"
+    )
     shares = shares.rename(columns={True: "completed", False: "completed_none"}).reset_index()
     return found.merge(shares, on=PLACE)
 
 
 def _compared(table: pd.DataFrame) -> pd.DataFrame:
     """Return what the criteria ask of each condition at each Rmax, from a `summary`."""
-    is_best, none = (table["method"] == BEST) & (table["depth"] == OPT_DEPTH), table["method"] == "none"
+    is_best, none = (
+        (table["method"] == BEST) & (table["depth"] == OPT_DEPTH),
+        table["method"] == "none",
+    )
     depth = pd.to_numeric(table["depth"], errors="coerce")
     best = table[is_best].set_index(PLACE)
     lowest = table[~is_best].groupby(PLACE, sort=False)[["p50_ms", "lost", "age_ms"]].min()
     small = table[none & (depth <= SMALL_DEPTH)].groupby(PLACE)[["p50_ms_low", "lost_low"]].max()
-    deep = table[none & (depth >= DEEP)].groupby(PLACE)[["p50_ms", "p50_ms_high", "lost_high"]].min()
+    deep = (
+        table[none & (depth >= DEEP)].groupby(PLACE)[["p50_ms", "p50_ms_high", "lost_high"]].min()
+    )
     found = pd.DataFrame(index=best.index)
-    found["latency_lowest"] = np.isfinite(best["p50_ms"]) & (best["p50_ms"] <= lowest["p50_ms"] * (1 + TIE))
+    found["latency_lowest"] = np.isfinite(best["p50_ms"]) & (
+        best["p50_ms"] <= lowest["p50_ms"] * (1 + TIE)
+    )
     found["loss_lowest"] = best["lost"] <= lowest["lost"] + LOSS_POINT
     found["latency_small"] = small["p50_ms_low"] > deep["p50_ms_high"]
     found["loss_small"] = small["lost_low"] > deep["lost_high"]

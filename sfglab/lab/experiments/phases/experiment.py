@@ -35,7 +35,9 @@ if TYPE_CHECKING:
 MODES = ("fast_dds_sync", "fast_dds_async", "fast_dds_foxy", "cyclone_dds")
 QUEUE_FRAMES = 277
 """Small frames that fit into Linux's default socket buffer, 212,992 B: each takes 768 B there (an skb)."""
-STALL_EVERY_S = 1.0  #: How often the air stalls where it does: assumed; the criterion gives for how long.
+STALL_EVERY_S = (
+    1.0  #: How often the air stalls where it does: assumed; the criterion gives for how long.
+)
 CELLS = (
     *((method, str(depth)) for method in ("none", "CC") for depth in DEPTHS),
     ("OPT+CC", OPT_DEPTH),
@@ -72,11 +74,17 @@ class Config(Profiled):
 
     presets: tuple[str, ...] = MODES  #: Modes of publication.
     losses: tuple[float, ...] = (0.0001, 0.0017, 0.03)  #: Shares of frames lost on each crossing.
-    frames_us: tuple[float, ...] = (50.0, 250.0, 1200.0)  #: Costs of a frame on each crossing, microseconds.
+    frames_us: tuple[float, ...] = (
+        50.0,
+        250.0,
+        1200.0,
+    )  #: Costs of a frame on each crossing, microseconds.
     queue_rules: tuple[str, ...] = ("block",)  #: What full queues do.
     rates_hz: tuple[int, ...] = (500,)  #: Values of Rmax.
     refined: int = 12  #: How many conditions are added near borders.
-    criterion: bool = True  #: Whether all conditions of the criteria are run, at every Rmax of Table 2.
+    criterion: bool = (
+        True  #: Whether all conditions of the criteria are run, at every Rmax of Table 2.
+    )
     duration_s: float = between(10.0, 0.5, 60.0)  #: Simulated seconds of a cell.
     seeds: int = 6  #: How many seeds each cell is run with.
     course_seeds: int = 2  #: How many times each hallway is driven.
@@ -107,7 +115,12 @@ exp = Experiment(
         "course_seeds": 6,
     },
     actors=(
-        Actor("robot1", host="robot1", does="sensing and actuation; robot2 and robot3 alike", count="3"),
+        Actor(
+            "robot1",
+            host="robot1",
+            does="sensing and actuation; robot2 and robot3 alike",
+            count="3",
+        ),
         Actor("air", host="access point", does="loses, stalls, queues"),
         Actor("station", host="station", does="localisation and planning"),
     ),
@@ -123,7 +136,14 @@ exp = Experiment(
 
 def conditions(config: Config) -> list[Condition]:
     """Return the map's conditions before any is refined, and if asked those of the criteria, each once."""
-    axes = (config.presets, config.losses, config.frames_us, config.queue_rules, (0.0,), config.rates_hz)
+    axes = (
+        config.presets,
+        config.losses,
+        config.frames_us,
+        config.queue_rules,
+        (0.0,),
+        config.rates_hz,
+    )
     places = dict.fromkeys([*product(*axes), *(plausible() if config.criterion else ())])
     how: dict[str, Any] = {"duration_s": config.duration_s, "seeds": config.seeds}
     return [Condition(**dict(zip(PLACE, place, strict=True)), **how) for place in places]
@@ -138,7 +158,10 @@ def midpoints(table: pd.DataFrame, config: Config, most: int) -> list[Condition]
             rows = line.sort_values(axis)
             unlike = rows[list(ANSWERS)].round().diff().abs().any(axis=1).to_numpy()[1:]
             for (low, high), differs in zip(pairwise(rows[axis]), unlike, strict=True):
-                place: dict[str, Any] = {**rows[PLACE].iloc[0], axis: float(f"{middle(low, high):.3g}")}
+                place: dict[str, Any] = {
+                    **rows[PLACE].iloc[0],
+                    axis: float(f"{middle(low, high):.3g}"),
+                }
                 if differs and low < place[axis] < high:
                     gaps.setdefault(Condition(**place, **how), high / low)
     return sorted(gaps, key=lambda condition: -gaps[condition])[:most]
@@ -161,7 +184,9 @@ class MethodRow(Place):
     age_ms: float  #: Age of the newest "Hello" that the station has, mean over time.
 
 
-@exp.sweep("cell", over=conditions, seeds=lambda config: [config.seed], workers=Workers(threads=True))
+@exp.sweep(
+    "cell", over=conditions, seeds=lambda config: [config.seed], workers=Workers(threads=True)
+)
 def simulate(condition: Condition, seed: int) -> tuple[dict[str, Any], ...]:
     """Run what the criteria compare in a condition, with all its seeds from this one on."""
     return tuple(row for method, depth in CELLS for row in _cell(condition, method, depth, seed))
@@ -219,7 +244,9 @@ def drive(condition: Condition, seed: int) -> tuple[dict[str, Any], ...]:
     air["rate_max_hz"] = condition.rate_max_hz
     points = [CoursePoint(method=method, depth=depth, **air) for method, depth in COURSES]
     rows = [asdict(SimulatedRun(point, seed).run()) for point in points]
-    return tuple({name: row[name] for name in ("method", "depth", "end", "robot", "ended_s")} for row in rows)
+    return tuple(
+        {name: row[name] for name in ("method", "depth", "end", "robot", "ended_s")} for row in rows
+    )
 
 
 @exp.part("refine", total=lambda config: config.refined, timed=False)
@@ -238,7 +265,9 @@ def refine(bench: Bench[Config]) -> None:
             seeds = one.seeds(config)
             results = sweep(one.task, chosen, seeds, journal=journal, workers=workers)
             for (condition, seed), result in zip(product(chosen, seeds), results, strict=True):
-                rows[one.table] += rows_of(bench.row_classes[one.table], result, {"seed": seed}, condition)
+                rows[one.table] += rows_of(
+                    bench.row_classes[one.table], result, {"seed": seed}, condition
+                )
                 bench.write_all(one.table, rows[one.table][-len(result) :])
         left -= len(chosen)
         for _ in chosen:

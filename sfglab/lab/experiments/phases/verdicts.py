@@ -51,10 +51,15 @@ def phases(run: Run[Config]) -> pd.DataFrame:
 def shares(run: Run[Config]) -> pd.DataFrame:
     """Return the share of conditions, by preset and queue, with each answer: of all, and inside the region."""
     table = phases(run)
-    inside = np.all([table[name].between(*bounds) for name, bounds in criterion().region.items()], axis=0)
+    inside = np.all(
+        [table[name].between(*bounds) for name, bounds in criterion().region.items()], axis=0
+    )
     keys, columns = ["preset", "queue_rule"], list(ANSWERS)
     parts = {"all": table, "region": table[inside]}
-    found = [part.groupby(keys, sort=False)[columns].mean().assign(of=name) for name, part in parts.items()]
+    found = [
+        part.groupby(keys, sort=False)[columns].mean().assign(of=name)
+        for name, part in parts.items()
+    ]
     counts = [part.groupby(keys, sort=False).size() for part in parts.values()]
     return pd.concat(found).assign(conditions=pd.concat(counts).to_numpy()).reset_index()
 
@@ -80,7 +85,11 @@ def agreement(table: pd.DataFrame, of: str) -> pd.DataFrame:
         is worse than a deep one, at 500 or 1000 Hz), and ``agrees``: both.
     """
     lowest = table.groupby(_CONDITION, sort=False)[f"{of}_lowest"].sum() >= MOST_RATES
-    small = table[table["rate_max_hz"].isin(FAST_HZ)].groupby(_CONDITION, sort=False)[f"{of}_small"].any()
+    small = (
+        table[table["rate_max_hz"].isin(FAST_HZ)]
+        .groupby(_CONDITION, sort=False)[f"{of}_small"]
+        .any()
+    )
     found = pd.DataFrame({"lowest": lowest, "small": small})
     return found.assign(agrees=found["lowest"] & found["small"]).reset_index()
 
@@ -95,7 +104,9 @@ def _agreement_finding(run: Run[Config], *, of: str) -> Finding | None:
     details: dict[str, str] = {}
     for mode in criterion().modes:
         part = found[found["preset"] == mode]
-        figures[mode] = share_of(int(part["agrees"].sum()), len(part), unit="share of plausible conditions")
+        figures[mode] = share_of(
+            int(part["agrees"].sum()), len(part), unit="share of plausible conditions"
+        )
         fast = table[(table["preset"] == mode) & table["rate_max_hz"].isin(FAST_HZ)]
         without = int(fast.groupby(_CONDITION)["no_median"].all().sum())
         ages = table[table["preset"] == mode][["age_ms", "age_lowest_ms"]].median()
@@ -107,7 +118,9 @@ def _agreement_finding(run: Run[Config], *, of: str) -> Finding | None:
             f"{mode}, age at the station": f"{BEST} {ages.iloc[0]:.3g} ms, lowest other {ages.iloc[1]:.3g} ms",
         }
     mode = min(figures, key=lambda name: figures[name].value)
-    halves = [f"{what} {details[f'{mode}, {what}']}" for what in (f"{BEST} lowest", "a small depth worse")]
+    halves = [
+        f"{what} {details[f'{mode}, {what}']}" for what in (f"{BEST} lowest", "a small depth worse")
+    ]
     if of == "latency":  # as many are lost there that a small depth cannot be later than a deep one
         halves.append(f"no median at any depth {details[f'{mode}, no median at any depth']}")
     where = _where(found[found["preset"] == mode], "agrees")
@@ -124,7 +137,9 @@ def _where(table: pd.DataFrame, column: str) -> str:
     said = []
     for axis in criterion().region:
         by = table.groupby(axis)[column].mean()
-        said.append(f"by {axis} " + ", ".join(f"{value:g}: {share:.0%}" for value, share in by.items()))
+        said.append(
+            f"by {axis} " + ", ".join(f"{value:g}: {share:.0%}" for value, share in by.items())
+        )
     return "; ".join(said)
 
 
@@ -142,7 +157,9 @@ def cooperation_verdict(run: Run[Config]) -> Finding | None:
     for mode in criterion().modes:
         part = courses[courses["preset"] == mode]
         best, none = (part[part["method"] == method] for method in (BEST, "none"))
-        rates = [share_of(int(one["done"].sum()), len(one), unit="success rate") for one in (best, none)]
+        rates = [
+            share_of(int(one["done"].sum()), len(one), unit="success rate") for one in (best, none)
+        ]
         figures[mode] = difference_of(*rates, unit="success rate difference")
         met = none["end"].isin([End.STOP.value, End.CONTACT.value])
         second = met & (none["robot"] == _ROBOT2)
@@ -186,7 +203,10 @@ def draw_maps(figure: Figure, run: Run[Config]) -> dict[str, Any]:
         f"and completes {shares['completed']} of rounds, none {shares['completed_none']}"
     )
     how = f"simulated, {run.config.seeds} seeds, Rmax {rates} Hz, no stalls; a dot is a condition"
-    note(figure, f"{how}, its colour reaches to the next; shares are of {' and '.join(criterion().modes)}")
+    note(
+        figure,
+        f"{how}, its colour reaches to the next; shares are of {' and '.join(criterion().modes)}",
+    )
     return {"answers": pd.concat([part for _, part in rows]), "inside": inside.to_dict()}
 
 
@@ -200,11 +220,20 @@ def _draw_map(axes: Axes, table: pd.DataFrame, answer: str) -> Any:
     places = np.stack(np.meshgrid(x, y), axis=-1)[:, :, None]
     nearest = (((places - spots) / (right - left, top - bottom)) ** 2).sum(axis=-1).argmin(axis=-1)
     colors = table[answer].to_numpy(float)[nearest]
-    image = axes.pcolormesh(10**x, 100 * 10**y, colors, vmin=0, vmax=1, cmap="cividis", rasterized=True)
-    axes.plot(table["frame_us"], 100 * table["loss"], "o", color="white", mec="black", markersize=3.5)
+    image = axes.pcolormesh(
+        10**x, 100 * 10**y, colors, vmin=0, vmax=1, cmap="cividis", rasterized=True
+    )
+    axes.plot(
+        table["frame_us"], 100 * table["loss"], "o", color="white", mec="black", markersize=3.5
+    )
     (low, high), (least, most) = (criterion().region[name] for name in ("loss", "frame_us"))
-    for look in ({"edgecolor": "black", "linewidth": 2.6}, {"edgecolor": "white", "linestyle": ":"}):
-        axes.add_patch(Rectangle((least, 100 * low), most - least, 100 * (high - low), fill=False, **look))
+    for look in (
+        {"edgecolor": "black", "linewidth": 2.6},
+        {"edgecolor": "white", "linestyle": ":"},
+    ):
+        axes.add_patch(
+            Rectangle((least, 100 * low), most - least, 100 * (high - low), fill=False, **look)
+        )
     axes.set(xscale="log", yscale="log")
     axes.grid(visible=False)
     return image
@@ -234,4 +263,6 @@ def draw_cells(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     figure.legend(*panels[0][0].get_legend_handles_labels(), loc="outside lower center", ncols=4)
     said = f'"Hello" at Rmax {table["rate_max_hz"].max()} Hz by DEPTH (simulated)'
     figure.suptitle(f"{said}; no median: most never arrived")
-    return {"cells": pd.concat([part for _, part in groups])[[*PLACE, "method", "depth", *_MEASURES]]}
+    return {
+        "cells": pd.concat([part for _, part in groups])[[*PLACE, "method", "depth", *_MEASURES]]
+    }

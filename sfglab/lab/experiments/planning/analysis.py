@@ -67,10 +67,16 @@ def scene_of(run: Run[Config]) -> Scene:
 def checks(run: Run[Config]) -> pd.DataFrame:
     """Return every check: its group, how it was made, and what `CheckRow` says of it."""
     tables = [run[name].assign(group=_GROUPS.get(name, name)) for name in _EXACT_TABLES]
-    tables.append(pd.DataFrame(map(asdict, _of_faults(run["fault"]))).assign(group=_GROUPS["fault"]))
+    tables.append(
+        pd.DataFrame(map(asdict, _of_faults(run["fault"]))).assign(group=_GROUPS["fault"])
+    )
     exact = pd.concat(tables, ignore_index=True).assign(how=How.EXACT.value)
-    goals = pd.DataFrame(map(asdict, _of_goals(run))).assign(group="execution", how=how_of(run).value)
-    return pd.concat([exact, goals], ignore_index=True)[["check", "group", "how", "checked", "held", "example"]]
+    goals = pd.DataFrame(map(asdict, _of_goals(run))).assign(
+        group="execution", how=how_of(run).value
+    )
+    return pd.concat([exact, goals], ignore_index=True)[
+        ["check", "group", "how", "checked", "held", "example"]
+    ]
 
 
 def _of_faults(faults: pd.DataFrame) -> Iterator[CheckRow]:
@@ -81,7 +87,9 @@ def _of_faults(faults: pd.DataFrame) -> Iterator[CheckRow]:
         "after a broken file the editor has the scene that it had": "scene_kept",
     }
     for name, column in columns.items():
-        yield check_row(name, [(str(row.fault), bool(getattr(row, column))) for row in faults.itertuples()])
+        yield check_row(
+            name, [(str(row.fault), bool(getattr(row, column))) for row in faults.itertuples()]
+        )
 
 
 def _of_goals(run: Run[Config]) -> Iterator[CheckRow]:
@@ -94,7 +102,11 @@ def _of_goals(run: Run[Config]) -> Iterator[CheckRow]:
         ("a goal ends as it must", goals, lambda g: g.outcome == g.expected),
         ("what a goal's feedback says is over never goes back", said, lambda g: bool(g.steady)),
         ("after success everything is over", done, lambda g: g.share == 1.0),
-        ("after success the agent is at the last pose", done, lambda g: g.left_m <= _TOLERANCES.goal_m),
+        (
+            "after success the agent is at the last pose",
+            done,
+            lambda g: g.left_m <= _TOLERANCES.goal_m,
+        ),
         (slow, done, lambda g: g.end_speed_m_s <= _TOLERANCES.goal_m_s),
         ("a canceled goal ends when the agent stands", stopped, lambda g: g.end_speed_m_s == 0.0),
     )
@@ -106,7 +118,9 @@ def _of_goals(run: Run[Config]) -> Iterator[CheckRow]:
 def _of_tracks(run: Run[Config]) -> Iterator[CheckRow]:
     allowed, worst = allowed_m(run), run["track"].groupby("agent")["error_m"].max()
     off = [(str(agent), error, allowed[str(agent)]) for agent, error in worst.items()]
-    near = [(f"{agent}: {error:.3f} of {most:.3f} m", bool(error <= most)) for agent, error, most in off]
+    near = [
+        (f"{agent}: {error:.3f} of {most:.3f} m", bool(error <= most)) for agent, error, most in off
+    ]
     yield check_row("an agent is never further from its plan than its dynamics explain", near)
     pairs = []
     for a, b, needed in _pairs(run):
@@ -119,14 +133,18 @@ def allowed_m(run: Run[Config]) -> dict[str, float]:
     """Return by agent how far its dynamics let it fall behind its plan, at the rate of its server."""
     scene, period_s = scene_of(run), AgentSetup().period_s
     return {
-        agent.name: falls_behind_m(scene.motion(agent.id), Dynamics(limits=agent.limits), period_s=period_s)
+        agent.name: falls_behind_m(
+            scene.motion(agent.id), Dynamics(limits=agent.limits), period_s=period_s
+        )
         for agent in scene.all_of(AgentObject)
     }
 
 
 def _pairs(run: Run[Config]) -> Iterator[tuple[str, str, float]]:
     """Yield any two agents of the scene, and how far apart it demands their centres."""
-    for a, b in combinations(sorted(scene_of(run).all_of(AgentObject), key=lambda agent: agent.name), 2):
+    for a, b in combinations(
+        sorted(scene_of(run).all_of(AgentObject), key=lambda agent: agent.name), 2
+    ):
         yield a.name, b.name, a.radius_m + b.radius_m + scene_of(run).margin_m
 
 
@@ -149,7 +167,13 @@ def apart_m(run: Run[Config], a: str, b: str) -> tuple[Floats, Floats, Floats]:
     return times, found[0], found[1]
 
 
-_MODULES = ("trajectory.path", "trajectory.motion", "scene.commands", "scene.files", "execution.orders")
+_MODULES = (
+    "trajectory.path",
+    "trajectory.motion",
+    "scene.commands",
+    "scene.files",
+    "execution.orders",
+)
 
 
 def _few() -> Iterator[CheckRow]:
@@ -158,7 +182,11 @@ def _few() -> Iterator[CheckRow]:
     yield from _of_faults(pd.DataFrame(editing.faults()))
 
 
-@exp.claim("A-PLAN", how=how_of, mutated=Mutated(tuple(f"sfglab.spatial.{name}" for name in _MODULES), _few))
+@exp.claim(
+    "A-PLAN",
+    how=how_of,
+    mutated=Mutated(tuple(f"sfglab.spatial.{name}" for name in _MODULES), _few),
+)
 def share_that_holds(run: Run[Config]) -> Finding:
     """Return the share of checks that hold.
 
@@ -171,7 +199,9 @@ def share_that_holds(run: Run[Config]) -> Finding:
     details = {
         **{f"{group} checks": held for group, held in share.groups.items()},
         "kinds of checks": str(len(table)),
-        "actions": "over DDS, all nodes in one process" if run.config.live else "on the simulated bus",
+        "actions": "over DDS, all nodes in one process"
+        if run.config.live
+        else "on the simulated bus",
         **{
             f"largest error, {agent}": f"{error:.3f} m; its dynamics explain {allowed[str(agent)]:.3f} m"
             for agent, error in worst.items()
@@ -183,7 +213,10 @@ def share_that_holds(run: Run[Config]) -> Finding:
 
 
 _LINES = {Interpolation.POLYLINE: COLORS["network"], Interpolation.CATMULL_ROM: COLORS["proxy"]}
-_WAYS = {Interpolation.POLYLINE: "polyline (paper)", Interpolation.CATMULL_ROM: "Catmull-Rom (ours)"}
+_WAYS = {
+    Interpolation.POLYLINE: "polyline (paper)",
+    Interpolation.CATMULL_ROM: "Catmull-Rom (ours)",
+}
 _AGENTS = (COLORS["standard"], COLORS["proxy"], COLORS["third"])
 
 
@@ -195,8 +228,12 @@ def draw_scene(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     shown = _draw_apart(axes["apart"], run) | _draw_errors(axes["errors"], run)
     how = "live, over DDS on one host" if run.config.live else "simulated bus"
     worst, allowed = shown["largest error (m)"], allowed_m(run)
-    off = ", ".join(f"{name} by {error:.2f} m of {allowed[name]:.2f} m" for name, error in worst.items())
-    figure.suptitle(f"Agents leave their plan by no more than their dynamics explain: {off}", fontsize=11)
+    off = ", ".join(
+        f"{name} by {error:.2f} m of {allowed[name]:.2f} m" for name, error in worst.items()
+    )
+    figure.suptitle(
+        f"Agents leave their plan by no more than their dynamics explain: {off}", fontsize=11
+    )
     note(figure, f"{how}; simulated agents, one run; the paper states no figures")
     return shown
 
@@ -241,12 +278,19 @@ def _draw_body(axes: Axes, thing: ZoneObject | ObstacleObject, pose: Pose) -> No
     if inside:
         style = {"fill": False, "edgecolor": "0.5", "linewidth": 1.6}
     elif isinstance(thing, ZoneObject):
-        style = {"facecolor": "#f3d6c8", "edgecolor": COLORS["standard"], "hatch": "//", "alpha": 0.6}
+        style = {
+            "facecolor": "#f3d6c8",
+            "edgecolor": COLORS["standard"],
+            "hatch": "//",
+            "alpha": 0.6,
+        }
     axes.add_patch(Polygon(corners, **style))
     where = corners[corners.sum(axis=1).argmin()] + (0.15, 0.15) if inside else corners.mean(axis=0)
     ha = "left" if inside else "center"
     behind = {"boxstyle": "square,pad=0.1", "facecolor": "white", "edgecolor": "none", "alpha": 0.8}
-    axes.text(where[0], where[1], thing.name, fontsize=8, color="0.15", ha=ha, va="center", bbox=behind)
+    axes.text(
+        where[0], where[1], thing.name, fontsize=8, color="0.15", ha=ha, va="center", bbox=behind
+    )
 
 
 def _outline(shape: Shape, pose: Pose) -> np.ndarray[Any, np.dtype[np.float64]]:
@@ -255,7 +299,9 @@ def _outline(shape: Shape, pose: Pose) -> np.ndarray[Any, np.dtype[np.float64]]:
         local = [(-x, -y), (x, -y), (x, y), (-x, y)]
     else:
         turns = np.linspace(0.0, 2.0 * np.pi, 48)
-        local = [(shape.radius_m * float(np.cos(a)), shape.radius_m * float(np.sin(a))) for a in turns]
+        local = [
+            (shape.radius_m * float(np.cos(a)), shape.radius_m * float(np.sin(a))) for a in turns
+        ]
     return np.array([pose.apply((x, y, 0.0))[:2] for x, y in local])
 
 
@@ -264,10 +310,23 @@ def _draw_plan(axes: Axes, planned: Trajectory, *, label: bool) -> None:
         motion = motion_of(replace(planned, interpolation=kind))
         places = motion.positions(np.linspace(motion.times_s[0], motion.times_s[-1], 300))
         chosen = planned.interpolation is kind
-        style: dict[str, Any] = {"linewidth": 1.3, "linestyle": "-" if chosen else (0, (3, 2)), "zorder": 4}
-        axes.plot(places[:, 0], places[:, 1], color=color, label=_WAYS[kind] if label else None, **style)
+        style: dict[str, Any] = {
+            "linewidth": 1.3,
+            "linestyle": "-" if chosen else (0, (3, 2)),
+            "zorder": 4,
+        }
+        axes.plot(
+            places[:, 0], places[:, 1], color=color, label=_WAYS[kind] if label else None, **style
+        )
     points = np.array([w.pose.position_m for w in planned.waypoints])
-    axes.plot(points[:, 0], points[:, 1], "k.", markersize=6, zorder=5, label="waypoint" if label else None)
+    axes.plot(
+        points[:, 0],
+        points[:, 1],
+        "k.",
+        markersize=6,
+        zorder=5,
+        label="waypoint" if label else None,
+    )
     for waypoint in planned.waypoints:
         heading = waypoint.pose.apply((0.45, 0.0, 0.0))
         tip = {"arrowstyle": "->", "color": "black", "linewidth": 0.9}
@@ -283,7 +342,16 @@ def _mark_closest(axes: Axes, run: Run[Config]) -> None:
             ends.append([np.interp(at_s, track["t_s"], track[axis]) for axis in ("x_m", "y_m")])
         (x1, y1), (x2, y2) = ends
         text = f"closest, driven: {driven.min():.2f} m at {at_s:.1f} s"
-        axes.plot([x1, x2], [y1, y2], "o-", color="crimson", markersize=5, linewidth=1.6, zorder=6, label=text)
+        axes.plot(
+            [x1, x2],
+            [y1, y2],
+            "o-",
+            color="crimson",
+            markersize=5,
+            linewidth=1.6,
+            zorder=6,
+            label=text,
+        )
 
 
 def _draw_apart(axes: Axes, run: Run[Config]) -> dict[str, Any]:
@@ -292,11 +360,18 @@ def _draw_apart(axes: Axes, run: Run[Config]) -> dict[str, Any]:
         times, planned, driven = apart_m(run, a, b)
         axes.plot(times, planned, color=COLORS["network"], label="planned")
         axes.plot(times, driven, color=COLORS["proxy"], label="driven")
-        axes.axhline(needed, color="crimson", linestyle=":", label=f"needed: radii and margin, {needed:.2f} m")
+        axes.axhline(
+            needed,
+            color="crimson",
+            linestyle=":",
+            label=f"needed: radii and margin, {needed:.2f} m",
+        )
         axes.plot(times[driven.argmin()], driven.min(), "o", color="crimson", markersize=5)
         shown["closest, planned and driven (m)"] = [float(planned.min()), float(driven.min())]
     axes.margins(y=0.6)  # room for the legend
-    axes.set(ylim=(0, None), xlabel="time (s)", ylabel="distance (m)", title="How far apart they are")
+    axes.set(
+        ylim=(0, None), xlabel="time (s)", ylabel="distance (m)", title="How far apart they are"
+    )
     axes.legend(fontsize=8)
     return shown
 
@@ -343,8 +418,12 @@ def draw_interpolation(figure: Figure, run: Run[Config]) -> dict[str, Any]:
 
 def _draw_paths(axes: Axes, run: Run[Config]) -> None:
     for kind in Interpolation:
-        chosen = run["sample"][(run["sample"]["interpolation"] == kind.value) & ~run["sample"]["retimed"]]
-        axes.plot(chosen["x_m"], chosen["y_m"], color=_LINES[kind], label=_WAYS[kind], linewidth=1.8)
+        chosen = run["sample"][
+            (run["sample"]["interpolation"] == kind.value) & ~run["sample"]["retimed"]
+        ]
+        axes.plot(
+            chosen["x_m"], chosen["y_m"], color=_LINES[kind], label=_WAYS[kind], linewidth=1.8
+        )
     axes.plot(*np.array(EXAMPLE_M).T, "k.", markersize=8, label="waypoint")
     for number, place in enumerate(EXAMPLE_M):
         axes.annotate(str(number), place, xytext=(5, 5), textcoords="offset points", fontsize=8)
@@ -363,7 +442,9 @@ def _draw_rates(pair: list[Axes], samples: Any, words: str, most: Limits) -> dic
         jumps = chosen[chosen["jump_m_s2"] > 0.0]
         if kind is Interpolation.POLYLINE:
             pair[1].vlines(jumps["t_s"], 0.0, jumps["jump_m_s2"], color=color, linewidth=2.0)
-            pair[1].plot(jumps["t_s"], jumps["jump_m_s2"], "o", color=color, markersize=4, label="at corners")
+            pair[1].plot(
+                jumps["t_s"], jumps["jump_m_s2"], "o", color=color, markersize=4, label="at corners"
+            )
         else:
             pair[1].plot(times, chosen["acceleration_m_s2"], color=color)
         top = max(chosen["acceleration_m_s2"].max(), chosen["jump_m_s2"].max())

@@ -83,14 +83,21 @@ def _listen(viewer: Node, order: Order, driven: Driven) -> None:
         stamp_ns = ns_from_stamp(message.header.stamp)
         pose, last = Pose.from_msg(message.pose, place=topic), before
         before, heard = (stamp_ns, pose), heard + 1
-        if last is None or stamp_ns <= last[0] or heard % _LOGGED_EVERY or stamp_ns < driven.start_ns:
+        if (
+            last is None
+            or stamp_ns <= last[0]
+            or heard % _LOGGED_EVERY
+            or stamp_ns < driven.start_ns
+        ):
             return
         speed = pose.distance_m(last[1]) / ((stamp_ns - last[0]) / NS_PER_S)
         driven.tracks.append(_track(order, stamp_ns, pose, speed))
         driven.poses.append((topic, stamp_ns, message))
 
     topic = f"/global/{order.agent}/pose"
-    viewer.create_subscription("geometry_msgs/msg/PoseStamped", topic, lambda message: note(topic, message))
+    viewer.create_subscription(
+        "geometry_msgs/msg/PoseStamped", topic, lambda message: note(topic, message)
+    )
 
 
 def _track(order: Order, stamp_ns: int, pose: Pose, speed_m_s: float) -> dict[str, Any]:
@@ -109,7 +116,9 @@ def _track(order: Order, stamp_ns: int, pose: Pose, speed_m_s: float) -> dict[st
 class _Sent:
     """A goal, what is said about it, and the row that comes of it."""
 
-    def __init__(self, planner: Node, server: TrajectoryServer, order: Order, **options: Any) -> None:
+    def __init__(
+        self, planner: Node, server: TrajectoryServer, order: Order, **options: Any
+    ) -> None:
         self.moving = asyncio.Event()  # set once part of the way is over
         self._heard: list[Feedback] = []
         self._order, self._server, self._clock = order, server, planner.get_clock()
@@ -152,7 +161,9 @@ class _Sent:
             "feedbacks": len(shares),
             "steady": shares == sorted(shares),
             "share": shares[-1] if shares else 0.0,
-            "left_m": last.distance_m(ended.pose) if arrived and ended.pose is not None else math.nan,
+            "left_m": last.distance_m(ended.pose)
+            if arrived and ended.pose is not None
+            else math.nan,
             "end_speed_m_s": self._server.state.speed_m_s,
             "seconds": math.nan,
         }
@@ -168,7 +179,9 @@ async def try_goals(node: MakeNode) -> list[GoalRow]:
             async with node("spot") as home, TrajectoryServer(home, "spot", setup=setup) as server:
                 trials = _Trials(planner, server, rows)
                 if preempt:
-                    await trials.second("a second goal that may overtake", Outcome.OVERTAKEN, Outcome.SUCCEEDED)
+                    await trials.second(
+                        "a second goal that may overtake", Outcome.OVERTAKEN, Outcome.SUCCEEDED
+                    )
                 else:
                     await trials.one_at_a_time()
         await _lose_server(node, planner, rows)
@@ -216,7 +229,9 @@ class _Trials:
     async def _try(self, case: str, order: Order, expected: Outcome) -> None:
         self._rows.append(await self._sent(order).timed(order, case, expected))
 
-    async def _broken(self, case: str, order: Order, change: Callable[[list[Any]], list[Any]]) -> None:
+    async def _broken(
+        self, case: str, order: Order, change: Callable[[list[Any]], list[Any]]
+    ) -> None:
         def goal(order: Order) -> Any:
             message = FOLLOW_TRAJECTORY.goal(order)
             message.trajectory.points = change(list(message.trajectory.points))

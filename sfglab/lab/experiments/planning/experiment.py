@@ -48,10 +48,18 @@ class Config(Profiled):
     #: Whether the action runs over DDS, on the loopback interface; else on the simulated bus.
     live: bool = True
     domain: int = 57  #: Which DDS domain.
-    scene_file: str = "scenes/hall.yaml"  #: The scene whose agents are sent along, in the data folder.
-    segment_s: float = between(1.0, 0.3, 4.0)  #: From one waypoint of the example to the next, as drawn.
-    speed_m_s: float = between(1.0, 0.2, 4.0)  #: Highest speed that the example is re-timed to [m/s].
-    acceleration_m_s2: float = between(1.0, 0.2, 8.0)  #: Highest acceleration that it is re-timed to [m/s²].
+    scene_file: str = (
+        "scenes/hall.yaml"  #: The scene whose agents are sent along, in the data folder.
+    )
+    segment_s: float = between(
+        1.0, 0.3, 4.0
+    )  #: From one waypoint of the example to the next, as drawn.
+    speed_m_s: float = between(
+        1.0, 0.2, 4.0
+    )  #: Highest speed that the example is re-timed to [m/s].
+    acceleration_m_s2: float = between(
+        1.0, 0.2, 8.0
+    )  #: Highest acceleration that it is re-timed to [m/s²].
     seed: int = 0  #: Of all cases.
 
 
@@ -172,7 +180,9 @@ async def drive(bench: Bench[Config]) -> None:
     # What was planned, as paths, from the scene's time 0 on.
     for order in driven.orders:
         fine = replace(order, trajectory=resampled(order.trajectory, _PATH_STEP_NS))
-        message = path_from_trajectory(fine.trajectory, frame_id=order.frame_id, start_ns=order.start_ns)
+        message = path_from_trajectory(
+            fine.trajectory, frame_id=order.frame_id, start_ns=order.start_ns
+        )
         bench.log.write(f"/global/{order.agent}/path", message, log_time_ns=0)
     for topic, stamp_ns, message in driven.poses:
         bench.log.write(topic, message, log_time_ns=stamp_ns - driven.start_ns)
@@ -189,7 +199,9 @@ async def _executed(config: Config, scene: Scene) -> tuple[Driven, list[dict[str
 
     if config.live:
         return await with_nodes(partial(Node, domain_id=config.domain, interface="lo", lease_s=1.0))
-    return await asyncio.to_thread(run_simulated, main, seed=config.seed, limit_s=_SIMULATED_LIMIT_S)
+    return await asyncio.to_thread(
+        run_simulated, main, seed=config.seed, limit_s=_SIMULATED_LIMIT_S
+    )
 
 
 def example_limits(config: Config) -> Limits:
@@ -200,7 +212,9 @@ def example_limits(config: Config) -> Limits:
 def example_rows(config: Config) -> Iterator[dict[str, Any]]:
     """Yield the example's moments, by interpolation and timing."""
     segment_ns = round(config.segment_s * NS_PER_S)
-    drawn = Trajectory.of((i * segment_ns, Pose.at((x, y, 0.0))) for i, (x, y) in enumerate(EXAMPLE_M))
+    drawn = Trajectory.of(
+        (i * segment_ns, Pose.at((x, y, 0.0))) for i, (x, y) in enumerate(EXAMPLE_M)
+    )
     for kind, slow in product(Interpolation, (False, True)):
         path = replace(drawn, interpolation=kind)
         yield from _rows(retimed(path, example_limits(config)) if slow else path, retimed_=slow)

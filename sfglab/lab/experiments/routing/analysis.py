@@ -60,27 +60,47 @@ def checks(run: Run[Config]) -> pd.DataFrame:
     """Return every kind of check: how it was made, and what `CheckRow` says of it."""
     live = pd.DataFrame([{"how": How.LIVE.value, **asdict(row)} for row in _live(run)])
     exact = run["policy"].assign(how=How.EXACT.value)
-    return pd.concat([live, exact], ignore_index=True)[["check", "how", "checked", "held", "example"]]
+    return pd.concat([live, exact], ignore_index=True)[
+        ["check", "how", "checked", "held", "example"]
+    ]
 
 
 def _live(run: Run[Config]) -> Iterator[CheckRow]:
     every, called, seen = heard(run), calls(run), run["endpoint"]
     across, arrived = every[every["across"]], every[every["received"] > 0]
-    yield _check("an endpoint seen in the global domain is of Table 1", seen, lambda r: in_table_1(r.dds_topic))
-    yield _check("an endpoint seen in the global domain is a router's", seen, lambda r: bool(r.router))
+    yield _check(
+        "an endpoint seen in the global domain is of Table 1",
+        seen,
+        lambda r: in_table_1(r.dds_topic),
+    )
+    yield _check(
+        "an endpoint seen in the global domain is a router's", seen, lambda r: bool(r.router)
+    )
     named, others = across[across["allowed"]], across[~across["allowed"]]
-    yield _check("a topic of Table 1 is heard in every other domain", named, lambda r: r.received > 0)
+    yield _check(
+        "a topic of Table 1 is heard in every other domain", named, lambda r: r.received > 0
+    )
     yield _check("any other topic is not heard in another domain", others, lambda r: not r.received)
-    yield _check("every topic is heard in its own domain", every[~every["across"]], lambda r: r.received > 0)
+    yield _check(
+        "every topic is heard in its own domain", every[~every["across"]], lambda r: r.received > 0
+    )
     yield _rules(run)
     yield _check("no sample arrives twice or comes back", arrived, lambda r: not r.repeated)
     yield _check("samples of one source keep their order", arrived, lambda r: not r.disordered)
     yield _check("samples keep their source time stamps", arrived, lambda r: not r.restamped)
     transforms = arrived[arrived["dds_topic"].isin(["rt/tf", "rt/tf_static"])]
-    yield _check("transforms bear their agent's prefix, outside it only", transforms, lambda r: not r.misnamed)
-    yield _check("a late joiner hears each static transform once", run["latched"], lambda r: r.received == 1)
+    yield _check(
+        "transforms bear their agent's prefix, outside it only",
+        transforms,
+        lambda r: not r.misnamed,
+    )
+    yield _check(
+        "a late joiner hears each static transform once", run["latched"], lambda r: r.received == 1
+    )
     named, others = (called[called["across"] & (called["allowed"] == may)] for may in (True, False))
-    yield _check("a service of Table 1 answers calls from other domains", named, lambda r: r.answered)
+    yield _check(
+        "a service of Table 1 answers calls from other domains", named, lambda r: r.answered
+    )
     yield _check("any other service does not", others, lambda r: not r.answered)
 
 
@@ -100,7 +120,9 @@ def _rules(run: Run[Config]) -> CheckRow:
     """Check that every row of Table 1 was seen to be open at every agent, both ways."""
     agents = [str(p.party) for p in run["party"].itertuples() if p.domain != GLOBAL]
     seen = set(_crossings(run))
-    wanted = [(rule.pattern, agent, way) for rule in TABLE_1 for agent in agents for way in ("out", "in")]
+    wanted = [
+        (rule.pattern, agent, way) for rule in TABLE_1 for agent in agents for way in ("out", "in")
+    ]
     cases = ((", ".join(w), w in seen) for w in wanted)
     return check_row("every rule is seen open at every agent, both ways", cases)
 
@@ -133,8 +155,12 @@ def latencies(run: Run[Config]) -> dict[str, Estimate]:
     sent at once, so messages wait for others. Groups without samples are left out.
     """
     every = heard(run)
-    chosen = every[every["allowed"] & (every["source"] != every["hearer"]) & (every["received"] > 0)]
-    routers = sum((chosen[side] != GLOBAL).astype(int) for side in ("source_domain", "hearer_domain"))
+    chosen = every[
+        every["allowed"] & (every["source"] != every["hearer"]) & (every["received"] > 0)
+    ]
+    routers = sum(
+        (chosen[side] != GLOBAL).astype(int) for side in ("source_domain", "hearer_domain")
+    )
     renamed = chosen["dds_topic"] == "rt/tf"
     plain = ~renamed & (chosen["dds_topic"] != "rt/tf_static")
     groups = {
@@ -143,11 +169,15 @@ def latencies(run: Run[Config]) -> dict[str, Estimate]:
         "two routers": plain & (routers == 2),
         "one router, /tf": renamed & (routers == 1),
     }
-    samples = {name: chosen[rows]["age_ms"].to_numpy(dtype=np.float64) for name, rows in groups.items()}
+    samples = {
+        name: chosen[rows]["age_ms"].to_numpy(dtype=np.float64) for name, rows in groups.items()
+    }
     found = {name: median_of(ages, unit="ms") for name, ages in samples.items() if len(ages)}
     if {"direct", "two routers"} <= set(found):
         ways = [samples["direct"], samples["two routers"]]
-        found["per router"] = bootstrap(ways, lambda g: float(np.median(g[1]) - np.median(g[0])) / 2, unit="ms")
+        found["per router"] = bootstrap(
+            ways, lambda g: float(np.median(g[1]) - np.median(g[0])) / 2, unit="ms"
+        )
     return found
 
 
@@ -155,7 +185,8 @@ def latencies(run: Run[Config]) -> dict[str, Estimate]:
     "A-NET-RULES",
     how=How.LIVE,
     mutated=Mutated(
-        ("sfglab.fleet.policy:Side,Direction,ForwardRule,TABLE_1,Policy",), lambda: group("routing").rows(20, 0)
+        ("sfglab.fleet.policy:Side,Direction,ForwardRule,TABLE_1,Policy",),
+        lambda: group("routing").rows(20, 0),
     ),
 )
 def share_that_holds(run: Run[Config]) -> Finding:
@@ -201,7 +232,9 @@ def cells_of(run: Run[Config], source: str) -> list[Cell]:
         received=("received", "sum"), sent=("sent", "sum"), across=("across", "first")
     )
     return [
-        Cell(name=name, domain=domain, heard=received / sent, allowed=in_table_1(name) or not across)
+        Cell(
+            name=name, domain=domain, heard=received / sent, allowed=in_table_1(name) or not across
+        )
         for (name, domain), received, sent, across in found.itertuples()
     ]
 
@@ -243,7 +276,10 @@ def draw_border(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     axes["ground"].set_title("published in\nthe global domain, $D_0$", fontsize=9.5)
     axes["ground"].set_yticklabels([])
     of_table = sum(in_table_1(name) for name in names)
-    for text, first, last in (("Table 1: crosses", 0, of_table), ("all else: stays", of_table, len(names))):
+    for text, first, last in (
+        ("Table 1: crosses", 0, of_table),
+        ("all else: stays", of_table, len(names)),
+    ):
         beside: dict[str, Any] = {"rotation": 270, "ha": "left", "va": "center", "fontsize": 9}
         axes["ground"].text(len(domains) - 0.4, (first + last - 1) / 2, text, **beside)
     _draw_latencies(axes["time"], times)
@@ -251,7 +287,11 @@ def draw_border(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     sums = table.groupby("how")[["held", "checked"]].sum()
     share = ", ".join(f"{row.held} of {row.checked} {row.Index}" for row in sums.itertuples())
     figure.suptitle(f"Only Table 1 of paper A crosses the border: {share} checks hold")
-    note(figure, f"{run.config.rate_hz:g} messages a second and name; exact: policy against a second one", run)
+    note(
+        figure,
+        f"{run.config.rate_hz:g} messages a second and name; exact: policy against a second one",
+        run,
+    )
     return _twin(panels, table, times)
 
 
@@ -270,7 +310,9 @@ def _draw_matrix(axes: Axes, cells: list[Cell], names: list[str], domains: list[
         for x, domain in enumerate(domains):
             cell = by_place.get((name, domain))
             if cell is not None:
-                axes.add_patch(Rectangle((x - 0.44, y - 0.42), 0.88, 0.84, facecolor=cell.color, linewidth=0))
+                axes.add_patch(
+                    Rectangle((x - 0.44, y - 0.42), 0.88, 0.84, facecolor=cell.color, linewidth=0)
+                )
                 share = f"{100 * cell.heard:.0f}" if cell.heard > 0 else ""
                 axes.text(x, y, share, ha="center", va="center", color="white", fontsize=7)
     axes.axhline(sum(in_table_1(name) for name in names) - 0.5, color="black", linewidth=1)
@@ -303,14 +345,20 @@ def _draw_latencies(axes: Axes, times: dict[str, Any]) -> None:
     shown = {name: e for name, e in times.items() if name != "per router"}
     values = [e.value for e in shown.values()]
     spread = [[e.value - e.low for e in shown.values()], [e.high - e.value for e in shown.values()]]
-    bars = axes.barh(list(shown), values, color=COLORS["network"], xerr=spread, capsize=3, height=0.5)
+    bars = axes.barh(
+        list(shown), values, color=COLORS["network"], xerr=spread, capsize=3, height=0.5
+    )
     axes.bar_label(bars, labels=[f"{v:.1f}" for v in values], padding=14, fontsize=8)
     axes.invert_yaxis()
     axes.margins(x=0.4, y=0.15)
     axes.set_xlabel("from publishing to receiving (ms),\nmedian with 95 % interval", fontsize=8.5)
     axes.grid(visible=False, axis="y")
     added = times.get("per router")
-    said = "" if added is None else f":\na router adds {added.value:.1f} ms [{added.low:.1f}, {added.high:.1f}]"
+    said = (
+        ""
+        if added is None
+        else f":\na router adds {added.value:.1f} ms [{added.low:.1f}, {added.high:.1f}]"
+    )
     axes.set_title(f"all names sent at once{said}", fontsize=9.5)
 
 
@@ -324,5 +372,7 @@ def _twin(panels: dict[str, list[Cell]], table: Any, times: dict[str, Any]) -> d
             row.check: {"how": row.how, "checked": int(row.checked), "held": int(row.held)}
             for row in table.itertuples()
         },
-        "latency_ms": {name: {"value": e.value, "low": e.low, "high": e.high} for name, e in times.items()},
+        "latency_ms": {
+            name: {"value": e.value, "low": e.low, "high": e.high} for name, e in times.items()
+        },
     }

@@ -77,7 +77,9 @@ def topics(agents: Sequence[str], others: Sequence[str], *, busy: int) -> Iterat
     """Yield every topic of a run: of agents behind routers, each with further local ones, and of others."""
     everybody = (*agents, *others)
     yield Topic(name=TF, type=TRANSFORMS, publishers=everybody, subscribers=everybody)
-    yield Topic(name=TF_STATIC, type=TRANSFORMS, publishers=everybody, subscribers=everybody, latched=True)
+    yield Topic(
+        name=TF_STATIC, type=TRANSFORMS, publishers=everybody, subscribers=everybody, latched=True
+    )
     for name in (_name(Scope.GLOBAL, None, Resource.MAP), DEEP, *NEAR_MISSES):
         yield Topic(name=name, type=STRING, publishers=everybody, subscribers=everybody)
     for party in everybody:
@@ -92,7 +94,9 @@ def topics(agents: Sequence[str], others: Sequence[str], *, busy: int) -> Iterat
 
 def service_names(party: str) -> tuple[str, str, str]:
     """Return the services that a party serves: one that crosses, a local one, and a near miss."""
-    crossing, local = (_name(scope, party, Resource.GET_METADATA) for scope in (Scope.GLOBAL, Scope.LOCAL))
+    crossing, local = (
+        _name(scope, party, Resource.GET_METADATA) for scope in (Scope.GLOBAL, Scope.LOCAL)
+    )
     return crossing, local, f"/globally/{party}/{Resource.GET_METADATA.value}"
 
 
@@ -104,7 +108,9 @@ def _name(scope: Scope, party: str | None, resource: Resource) -> str:
 
 def parties_of(agents: int) -> tuple[PartyRow, ...]:
     """Return who takes part: agents in domains of their own, then the others in the global one."""
-    behind = [PartyRow(party=f"agent_{i}", domain=i, host=f"agent_{i}") for i in range(1, agents + 1)]
+    behind = [
+        PartyRow(party=f"agent_{i}", domain=i, host=f"agent_{i}") for i in range(1, agents + 1)
+    ]
     return (*behind, *(PartyRow(party=name, domain=GLOBAL_DOMAIN, host=name) for name in OTHERS))
 
 
@@ -122,12 +128,20 @@ class Stage(ProcessGroup):
         self.topics = tuple(topics([p.party for p in self._agents], OTHERS, busy=config.busy))
         self._rate_hz, self._testbed = config.rate_hz, testbed
         router, peer = "sfglab.fleet.router.node", "sfglab.lab.workers.test_peer"
-        configs = (RouterConfig(agent=p.party, local=_local(p), remote=self._global(p)) for p in self._agents)
+        configs = (
+            RouterConfig(agent=p.party, local=_local(p), remote=self._global(p))
+            for p in self._agents
+        )
         routers = (
-            Member(name=f"router of {config.agent}", host=config.agent, module=router, config=config)
+            Member(
+                name=f"router of {config.agent}", host=config.agent, module=router, config=config
+            )
             for config in configs
         )
-        peers = (Member(name=p.party, host=p.host, module=peer, config=self._peer(p)) for p in self.parties)
+        peers = (
+            Member(name=p.party, host=p.host, module=peer, config=self._peer(p))
+            for p in self.parties
+        )
         super().__init__(testbed.argv, (*routers, *peers))
 
     async def talk(self, seconds: float) -> dict[str, int]:
@@ -141,10 +155,15 @@ class Stage(ProcessGroup):
             if self._all_heard(await self.ask_all("told", do="tell")):
                 break
             await asyncio.sleep(POLL_S)
-        return {party: report["sent"] for party, report in (await self.ask_all("hushed", do="hush")).items()}
+        return {
+            party: report["sent"]
+            for party, report in (await self.ask_all("hushed", do="hush")).items()
+        }
 
     def _all_heard(self, told: dict[str, dict[str, Any]]) -> bool:
-        heard = {(p, entry["name"], entry["source"]) for p, r in told.items() for entry in r["heard"]}
+        heard = {
+            (p, entry["name"], entry["source"]) for p, r in told.items() for entry in r["heard"]
+        }
         return all(
             (hearer, topic.name, source) in heard
             for topic in self.topics
@@ -193,7 +212,9 @@ class Stage(ProcessGroup):
 class Config(Profiled):
     """The whole run."""
 
-    agents: int = 3  #: Agents behind a router each; two parties in the global domain come in addition.
+    agents: int = (
+        3  #: Agents behind a router each; two parties in the global domain come in addition.
+    )
     seconds: float = 6.0  #: How long everybody talks at least, seconds.
     rate_hz: float = 10.0  #: Messages a second of every party on every topic.
     busy: int = 20  #: Further local topics of every agent.
@@ -211,7 +232,9 @@ exp = Experiment(
     hosts=lambda config: [party.host for party in parties_of(config.agents)],
     actors=(
         Actor("router", "agent_i", "at the border of D_i and D_0", count="one an agent"),
-        Actor("agent", "agent_i", "publishes, subscribes, serves and calls every name", count="2 to 6"),
+        Actor(
+            "agent", "agent_i", "publishes, subscribes, serves and calls every name", count="2 to 6"
+        ),
         Actor("ground", "ground_i", "the same in the global domain", count="2"),
     ),
     links=(
@@ -242,7 +265,9 @@ class HeardRow:
     restamped: int  #: Messages whose source time stamp is not the publisher's.
     missing: int  #: Messages missing between the first and the last that arrived.
     misnamed: int  #: Transforms whose frame does not bear its source's prefix.
-    age_ms: float  #: Median time from publishing to receiving, milliseconds; NaN when nothing arrived.
+    age_ms: (
+        float  #: Median time from publishing to receiving, milliseconds; NaN when nothing arrived.
+    )
 
 
 @exp.table("endpoint")
@@ -297,7 +322,11 @@ async def observe(bench: Bench[Config]) -> None:
         bench.write_all("call", calls)
         for hearer, report in late.items():
             for name in (party.party for party in stage.parties):
-                row = {"source": name, "hearer": hearer, "received": report["received"].get(name, 0)}
+                row = {
+                    "source": name,
+                    "hearer": hearer,
+                    "received": report["received"].get(name, 0),
+                }
                 bench.write("latched", row)
         bench.write_all("heard", _heard_rows(stage, sent, told))
         bench.write_all("endpoint", _endpoint_rows(stage, told))
@@ -338,9 +367,13 @@ async def _call(stage: Stage, call_s: float) -> list[dict[str, Any]]:
     ]
 
 
-def _heard_rows(stage: Stage, sent: dict[str, int], told: dict[str, Report]) -> Iterator[dict[str, Any]]:
+def _heard_rows(
+    stage: Stage, sent: dict[str, int], told: dict[str, Report]
+) -> Iterator[dict[str, Any]]:
     parties = {party.party: party for party in stage.parties}
-    heard = {(p, entry["name"], entry["source"]): entry for p, r in told.items() for entry in r["heard"]}
+    heard = {
+        (p, entry["name"], entry["source"]): entry for p, r in told.items() for entry in r["heard"]
+    }
     for topic in stage.topics:
         for source in topic.publishers:
             for hearer in topic.subscribers:
@@ -349,7 +382,9 @@ def _heard_rows(stage: Stage, sent: dict[str, int], told: dict[str, Report]) -> 
                 yield _heard_row(topic.name, parties[source], parties[hearer], count, entry)
 
 
-def _heard_row(name: str, source: PartyRow, hearer: PartyRow, sent: int, entry: Report) -> dict[str, Any]:
+def _heard_row(
+    name: str, source: PartyRow, hearer: PartyRow, sent: int, entry: Report
+) -> dict[str, Any]:
     age_ns = entry.get("age_ns")
     counts = ("received", "repeated", "disordered", "restamped", "missing", "misnamed")
     return {

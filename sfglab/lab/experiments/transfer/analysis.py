@@ -46,7 +46,9 @@ def bars_of(run: Run[Config], panel: Panel, *, model: str = MAIN) -> pd.DataFram
     return chosen.sort_values(["subscribers", "message_bytes"])
 
 
-def live_speed_up(run: Run[Config], panel: Panel, subscribers: int, message_bytes: int) -> Estimate | None:
+def live_speed_up(
+    run: Run[Config], panel: Panel, subscribers: int, message_bytes: int
+) -> Estimate | None:
     """Return the ratio of the medians of both transports across processes; None: it was not measured.
 
     Repetitions, in which both were measured right after each other, are resampled as pairs.
@@ -68,7 +70,9 @@ def _pairs(run: Run[Config], panel: Panel, subscribers: int, message_bytes: int)
 def live_table(run: Run[Config]) -> pd.DataFrame:
     """Return every live cell: both medians in ms, speed-up with interval, the model's, repetitions."""
     rows = run["crossing"]
-    cells = sorted(set(zip(rows["subscribers"].tolist(), rows["message_bytes"].tolist(), strict=True)))
+    cells = sorted(
+        set(zip(rows["subscribers"].tolist(), rows["message_bytes"].tolist(), strict=True))
+    )
     return pd.DataFrame([_live_line(run, panel, *cell) for panel in Panel for cell in cells])
 
 
@@ -165,9 +169,13 @@ class _Asked:
     """What a claim asks of its panel."""
 
     panel: Panel  #: From whom to whom.
-    bar: Callable[[Ratios], tuple[int, int]]  #: Which of its speed-ups it is about, by subscribers and size.
+    bar: Callable[
+        [Ratios], tuple[int, int]
+    ]  #: Which of its speed-ups it is about, by subscribers and size.
     slower: bool = False  #: The figure is how many times as slow; else how many times as fast.
-    end: tuple[str, Callable[[Ratios], float]]  #: The other end of the paper's range, by its name in the claim.
+    end: tuple[
+        str, Callable[[Ratios], float]
+    ]  #: The other end of the paper's range, by its name in the claim.
     unit: str  #: Of the figure.
 
     def value(self, ratios: Ratios) -> float:
@@ -200,7 +208,10 @@ _ASKED = {
     "C-SWHW": _Asked(
         panel=Panel.SOFTWARE_TO_HARDWARE,
         bar=_largest,
-        end=("largest at 10 kB", lambda ratios: max(float(ratios[count, _SMALL]) for count in SUBSCRIBERS)),
+        end=(
+            "largest at 10 kB",
+            lambda ratios: max(float(ratios[count, _SMALL]) for count in SUBSCRIBERS),
+        ),
         unit="times as fast at 10 MB",
     ),
     "C-SWSW": _Asked(
@@ -223,7 +234,9 @@ def _measured(run: Run[Config], asked: _Asked) -> Finding:
     details = {
         "if the core cut through": f"{asked.value(_ratios(run, asked.panel, 'cut-through')):.3f}",
         **_hardware(run, asked),
-        "live": f"{live}, {count} readers, {size} B; {live_note(run)}" if live else "this bar was not measured",
+        "live": f"{live}, {count} readers, {size} B; {live_note(run)}"
+        if live
+        else "this bar was not measured",
         **fit_meaning(run),
         **_out_of_sample(asked.panel),
     }
@@ -241,11 +254,16 @@ def _out_of_sample(panel: Panel) -> dict[str, str]:
     """Return what priors and the other numbers predict of the panel's numbers, each left out."""
     found = [one for one in predictions() if one.panel is panel]
     ranges = [(one.decider, one.low, one.high, *one.narrowed) for one in found]
-    said = [f"{by}: [{a:.3g}, {b:.3g}] becomes [{low:.3g}, {high:.3g}]" for by, a, b, low, high in ranges]
+    said = [
+        f"{by}: [{a:.3g}, {b:.3g}] becomes [{low:.3g}, {high:.3g}]"
+        for by, a, b, low, high in ranges
+    ]
     return {
         "out of sample": ", ".join(map(str, found)),
         "would decide": "; ".join(said),
-        "priors": "; ".join(f"{k} {p.median:g} (x/÷ {p.factor:g}), {p.source}" for k, p in PRIORS.items()),
+        "priors": "; ".join(
+            f"{k} {p.median:g} (x/÷ {p.factor:g}), {p.source}" for k, p in PRIORS.items()
+        ),
     }
 
 
@@ -259,7 +277,9 @@ def _hardware(run: Run[Config], asked: _Asked) -> dict[str, str]:
     alone = memory_speed_ups(run)
     if asked.panel.value in alone:
         most = alone.iloc[-1]
-        text += f"; memory part alone, {most['subscribers']:.0f} nodes: {most[asked.panel.value]:.2f}"
+        text += (
+            f"; memory part alone, {most['subscribers']:.0f} nodes: {most[asked.panel.value]:.2f}"
+        )
     if proof := run.metadata("proof"):
         follows = "follows" if proof["holds"] else "does not follow"
         text += f"; the control {follows} the core's table, for every sequence of inputs (Yosys, by induction)"

@@ -24,7 +24,9 @@ class Config(Profiled):
     areas: bool = True  #: Whether the gateway is synthesised.
     proved: bool = True  #: Whether its control is held against the core's table by induction.
     live_bytes: tuple[int, ...] = MESSAGE_BYTES  #: Message sizes across processes; multiples of 8.
-    live_subscribers: tuple[int, ...] = SUBSCRIBERS  #: Numbers of subscribing processes on the hardware's side.
+    live_subscribers: tuple[int, ...] = (
+        SUBSCRIBERS  #: Numbers of subscribing processes on the hardware's side.
+    )
     live_rounds: int = 40  #: How often every cell is repeated; 0: nothing is live.
     most_subscribers: int = 16  #: Largest number of hardware subscribers in the break-even chart.
     sizes: int = 26  #: How many sizes the topics of Fig. 8 take, from 100 B to 10 MB.
@@ -33,15 +35,21 @@ class Config(Profiled):
     large_graphs: int = 4  #: Random graphs on which node mapping is timed.
     large_nodes: int = 50  #: Their number of nodes.
     subscribers: int = between(4, 1, 16)  #: Hardware subscribers of the curves.
-    message_bytes: int = between(1_000_000, 256, 100_000_000, log=True)  #: Where the curves are read.
+    message_bytes: int = between(
+        1_000_000, 256, 100_000_000, log=True
+    )  #: Where the curves are read.
     #: From a read request to its first word [cycles].
     read_latency_cycles: float = between(STORED.memory.read_latency_cycles, 1, 300, log=True)
     #: From a write's last word to its response [cycles].
     write_latency_cycles: float = between(STORED.memory.write_latency_cycles, 1, 300, log=True)
-    delegate_us: float = between(_US * STORED.delegate_s, 1, 2000, log=True)  #: A delegate's round trip [µs].
+    delegate_us: float = between(
+        _US * STORED.delegate_s, 1, 2000, log=True
+    )  #: A delegate's round trip [µs].
     #: What a node or core spends on a message at either end [µs].
     endpoint_us: float = between(_US * STORED.endpoint_s, 1, 2000, log=True)
-    cancel_us: float = between(_US * STORED.cancel_s, 1, 2000, log=True)  #: A gateway core's cancel [µs].
+    cancel_us: float = between(
+        _US * STORED.cancel_s, 1, 2000, log=True
+    )  #: A gateway core's cancel [µs].
     seed: int = 0  #: Seed of everything that is drawn.
 
 
@@ -65,7 +73,13 @@ exp = Experiment(
         "large_graphs": 1,
         "large_nodes": 12,
     },
-    paper={"refits": 30, "rtl_check_bytes": 10**6, "live_rounds": 500, "small_graphs": 40, "large_graphs": 10},
+    paper={
+        "refits": 30,
+        "rtl_check_bytes": 10**6,
+        "live_rounds": 500,
+        "small_graphs": 40,
+        "large_graphs": 10,
+    },
     actors=(
         Actor("software", "software's side", "holds the topic in software and publishes"),
         Actor("subscriber", "software's side", "subscribes in software"),
@@ -130,7 +144,9 @@ class ConstantRow:
     unit: str  #: As text.
     origin: str  #: Where it comes from.
     reason: str  #: Why this value, or what it stands for.
-    refitted: float  #: What the best of this run's fits says; the value itself where it is not fitted.
+    refitted: (
+        float  #: What the best of this run's fits says; the value itself where it is not fitted.
+    )
 
 
 @exp.table("refit")
@@ -140,7 +156,9 @@ class RefitRow:
     model: str  #: Which set of constants.
     start: int  #: Counter from 0.
     farthest: float  #: Largest factor between a constant's start and its committed value.
-    rms: float  #: Root mean square of the logarithms of model / stated where it ended; NaN: nowhere.
+    rms: (
+        float  #: Root mean square of the logarithms of model / stated where it ended; NaN: nowhere.
+    )
     #: Largest relative difference between its constants and the committed ones; NaN: it ended nowhere.
     shift: float
 
@@ -247,7 +265,9 @@ class PlacedRow:
     optimal: bool  #: Whether that is proved.
     seconds: float  #: How long it took on this machine.
     placed: float  #: Its cost.
-    brute_force: float  #: The least cost of all placements with all choices of gateways; of small graphs.
+    brute_force: (
+        float  #: The least cost of all placements with all choices of gateways; of small graphs.
+    )
     same_without_gateways: float  #: The cost of the same placement without gateways.
     greedy: float  #: The cost of a placement that fills the hardware by time saved per area, blind to topics.
     greedy_with_gateways: float  #: The same with a gateway wherever it pays and fits.

@@ -54,16 +54,23 @@ def draw_transfer(figure: Figure, run: Run[Config]) -> dict[str, Any]:
             for count in _counts(table):
                 _draw_times(times, table, count, table[f"{transport}_s"] * _MS_PER_S, color)
         _draw_ratios(ratios, table, markersize=4)
-        _draw_ratios(ratios, bars_of(run, panel, model="rtl"), markersize=9, mfc="none", linestyle="")
+        _draw_ratios(
+            ratios, bars_of(run, panel, model="rtl"), markersize=9, mfc="none", linestyle=""
+        )
         _draw_stated(ratios, run, panel)
         times.set_title(panel.value)
-    _finish(grid, run, "gateway,\nany number of subscribers", "hollow: with RTL's cycles\ndashed: paper")
+    _finish(
+        grid, run, "gateway,\nany number of subscribers", "hollow: with RTL's cycles\ndashed: paper"
+    )
     worst = stated(run)[stated(run)["model"] == MAIN]["residual"].abs().max()
     figure.suptitle(
         "A gateway pays for large messages and many hardware subscribers,\n"
         f"and costs time towards software (the paper's ends within {worst:.1%})"
     )
-    note(figure, "model, six of its constants fitted to these ends, others assumed; dashed: the paper's")
+    note(
+        figure,
+        "model, six of its constants fitted to these ends, others assumed; dashed: the paper's",
+    )
     return {"bars": bars(run), "stated": stated(run)}
 
 
@@ -108,7 +115,9 @@ def draw_live_transfer(figure: Figure, run: Run[Config]) -> dict[str, Any]:
 def draw_curves(figure: Figure, run: Run[Config]) -> None:
     """Draw transfer times over sizes by the run's own constants, and what a gateway gains at its size."""
     size, seconds = run.config.message_bytes, run["curve"].set_index("message_bytes")
-    for axes, panel in zip(figure.subplots(1, len(Panel), sharex=True, sharey=True), Panel, strict=True):
+    for axes, panel in zip(
+        figure.subplots(1, len(Panel), sharex=True, sharey=True), Panel, strict=True
+    ):
         table = seconds[seconds["panel"] == panel.value]
         for transport, color in TRANSPORT_COLORS.items():
             name = "gateway" if transport == "gateway" else "software-mapped topic"
@@ -116,13 +125,17 @@ def draw_curves(figure: Figure, run: Run[Config]) -> None:
         axes.axvline(size, color="black", linewidth=0.8)
         here = table.loc[size]
         times = " and ".join(f"{_MS_PER_S * here[f'{name}_s']:.3g}" for name in TRANSPORT_COLORS)
-        axes.set_title(f"{panel.value}\n{times} ms: {here['smt_s'] / here['gateway_s']:.2f} times as fast")
+        axes.set_title(
+            f"{panel.value}\n{times} ms: {here['smt_s'] / here['gateway_s']:.2f} times as fast"
+        )
         axes.set(xscale="log", yscale="log", xlabel="message")
         axes.set_xticks(list(_BYTE_TICKS), list(_BYTE_TICKS.values()))
         axes.minorticks_off()
     figure.axes[0].set_ylabel("transfer time (ms)")
     figure.axes[0].legend(loc="upper left", fontsize="small")
-    figure.suptitle(f"{size} B to {run.config.subscribers} hardware subscribers and one in software")
+    figure.suptitle(
+        f"{size} B to {run.config.subscribers} hardware subscribers and one in software"
+    )
 
 
 def _counts(table: pd.DataFrame) -> list[int]:
@@ -133,9 +146,16 @@ def _style(count: int) -> dict[str, Any]:
     return NODE_STYLES.get(count, NODE_STYLES[8])
 
 
-def _draw_times(axes: Axes, table: pd.DataFrame, count: int, ms: pd.Series[float], color: str) -> None:
+def _draw_times(
+    axes: Axes, table: pd.DataFrame, count: int, ms: pd.Series[float], color: str
+) -> None:
     chosen = table["subscribers"] == count
-    axes.plot(table["message_bytes"][chosen], ms[chosen], **{**_style(count), "color": color}, markersize=4)
+    axes.plot(
+        table["message_bytes"][chosen],
+        ms[chosen],
+        **{**_style(count), "color": color},
+        markersize=4,
+    )
 
 
 def _draw_ratios(axes: Axes, table: pd.DataFrame, **style: Any) -> None:
@@ -183,7 +203,9 @@ def _finish(grid: Any, run: Run[Config], gateway: str, more: str) -> None:
     grid[0, 0].set_ylabel("transfer time (ms)")
     grid[1, 0].set_ylabel("gateway's speed-up (times as fast)")
     labels = {"smt": "software-mapped topic", "gateway": gateway}
-    handles = [Line2D([], [], color=TRANSPORT_COLORS[name], label=label) for name, label in labels.items()]
+    handles = [
+        Line2D([], [], color=TRANSPORT_COLORS[name], label=label) for name, label in labels.items()
+    ]
     grid[0, 3].legend(handles=handles, loc="upper left", fontsize="small")
     counts = {count: f"{count} hardware subscribers" for count in _counts(bars(run))}
     handles = [Line2D([], [], label=label, **_style(count)) for count, label in counts.items()]
@@ -193,7 +215,10 @@ def _finish(grid: Any, run: Run[Config], gateway: str, more: str) -> None:
 
 # --- Residuals ------------------------------------------------------------------------------------------------
 
-MODEL_STYLES = {MAIN: ("proxy", "core stores a chunk"), "cut-through": ("standard", "core cuts through")}
+MODEL_STYLES = {
+    MAIN: ("proxy", "core stores a chunk"),
+    "cut-through": ("standard", "core cuts through"),
+}
 _ASKED_STATED = 10.0  #: What is asked: per cent of the stated numbers.
 
 
@@ -207,7 +232,12 @@ def draw_residuals(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     rtl = "" if worst is None else f"; the hardware's simulated cycles are within {worst:.2%} of it"
     figure.suptitle(f"The model is fitted, {meaning['fit'].split(':')[0]}{rtl}")
     note(figure, "exact, no repeats; grey: asked for")
-    return {"stated": stated(run), "variants": run["variant"], "cycles": run["cycles"], "meaning": meaning}
+    return {
+        "stated": stated(run),
+        "variants": run["variant"],
+        "cycles": run["cycles"],
+        "meaning": meaning,
+    }
 
 
 def _draw_residuals(axes: Axes, run: Run[Config]) -> None:
@@ -228,7 +258,12 @@ def _draw_residuals(axes: Axes, run: Run[Config]) -> None:
 
 
 def _draw_variants(axes: Axes, run: Run[Config]) -> None:
-    names = run["variant"]["constant"].str.removesuffix("_cycles").str.removesuffix("_s").str.replace("_", " ")
+    names = (
+        run["variant"]["constant"]
+        .str.removesuffix("_cycles")
+        .str.removesuffix("_s")
+        .str.replace("_", " ")
+    )
     labels = names + run["variant"]["factor"].map(" x{:g}".format)
     order = list(labels.unique())
     for shift, (model, (key, _)) in zip((-0.15, 0.15), MODEL_STYLES.items(), strict=True):
@@ -250,7 +285,10 @@ JUDGE_STYLES = {
     "software": ("proxy", "-", "software subscriber"),
     "last": ("third", "--", "whoever is last"),
 }
-_RULES = {"paper": ("standard", "-", "the paper's rule"), "size-aware": ("proxy", "--", "by predicted time")}
+_RULES = {
+    "paper": ("standard", "-", "the paper's rule"),
+    "size-aware": ("proxy", "--", "by predicted time"),
+}
 _NEVER_BYTES = 2.0**33
 _BYTE_TICKS = {1_000: "1 kB", **SIZE_LABELS}
 
@@ -276,10 +314,14 @@ def draw_break_even(figure: Figure, run: Run[Config]) -> dict[str, Any]:
 def _draw_break_even(axes: Axes, run: Run[Config], publisher: str) -> None:
     table = run["break_even"]
     for judge, (key, line, label) in JUDGE_STYLES.items():
-        part = table[(table["publisher"] == publisher) & (table["judge"] == judge)].sort_values("subscribers")
+        part = table[(table["publisher"] == publisher) & (table["judge"] == judge)].sort_values(
+            "subscribers"
+        )
         sizes = np.where(part["worth"], part["from_bytes"], _NEVER_BYTES)
         size = 8 if judge == "hardware" else 4  # seen where another is on it
-        axes.plot(part["subscribers"], sizes, **series(key), linestyle=line, markersize=size, label=label)
+        axes.plot(
+            part["subscribers"], sizes, **series(key), linestyle=line, markersize=size, label=label
+        )
     axes.set_yscale("log")
     axes.minorticks_off()
     ticks = {256: "any", **_BYTE_TICKS, 10**8: "100 MB", 10**9: "1 GB", int(_NEVER_BYTES): "never"}
@@ -353,7 +395,9 @@ def _draw_baselines(axes: Axes, small: pd.DataFrame, large: pd.DataFrame) -> Non
             nodes = " to ".join(str(n) for n in sorted({part["nodes"].min(), part["nodes"].max()}))
             label = f"{nodes} nodes" if place == 0 else None
             spots = np.full(len(ratios), place + shift)
-            axes.plot(spots, ratios, **series(key), markersize=5, alpha=0.7, linestyle="", label=label)
+            axes.plot(
+                spots, ratios, **series(key), markersize=5, alpha=0.7, linestyle="", label=label
+            )
     axes.axhline(1, color="black", linewidth=0.8)
     axes.set_xticks(range(len(BASELINES)), list(BASELINES.values()))
     axes.set_ylabel("cost against the programme's mapping (times)")

@@ -42,7 +42,9 @@ class Cell:
 def cells_of(config: Config) -> list[Cell]:
     """Return every cell once."""
     cells = product(("hardware", "software"), config.live_subscribers, config.live_bytes)
-    return [Cell(publisher=side, message_bytes=size, subscribers=count) for side, count, size in cells]
+    return [
+        Cell(publisher=side, message_bytes=size, subscribers=count) for side, count, size in cells
+    ]
 
 
 class Crossing(ProcessGroup):
@@ -90,10 +92,14 @@ class Crossing(ProcessGroup):
         contents = await self.ask("content", receivers, **limit, do="check")
         wrong = [name for name in receivers if contents[name]["crc"] != wanted]
         if wrong:
-            raise ProcessFailedError(f"crossing: {', '.join(wrong)} did not get what was published, in {item}")
+            raise ProcessFailedError(
+                f"crossing: {', '.join(wrong)} did not get what was published, in {item}"
+            )
         return {name: done[name]["done_ns"] - done[source]["began_ns"] for name in receivers}
 
-    async def measure(self, cell: Cell, rng: np.random.Generator, *, gateway: bool) -> dict[str, Any]:
+    async def measure(
+        self, cell: Cell, rng: np.random.Generator, *, gateway: bool
+    ) -> dict[str, Any]:
         """Carry one message of a cell, through a gateway or over a software-mapped topic; return its row.
 
         The repetition is left out. The order of deliveries is drawn: the paper does not state one.
@@ -145,7 +151,9 @@ class Crossing(ProcessGroup):
         return Member(name=name, module=_MODULE, config=config, pass_fds=(*ends.values(), *memory))
 
 
-def _round(cell: Cell, readers: list[str], rng: np.random.Generator, *, gateway: bool, number: int) -> Round:
+def _round(
+    cell: Cell, readers: list[str], rng: np.random.Generator, *, gateway: bool, number: int
+) -> Round:
     """Return a cell's message: who gets it from whom, in drawn orders."""
     delivered, woken = [*readers, "subscriber"], []
     if gateway:
@@ -169,7 +177,9 @@ async def crossings(config: Config) -> AsyncGenerator[dict[str, Any]]:
     """
     rng = np.random.default_rng(config.seed)
     cells = cells_of(config)
-    async with Crossing(max(config.live_subscribers), max(config.live_bytes), config.seed) as crossing:
+    async with Crossing(
+        max(config.live_subscribers), max(config.live_bytes), config.seed
+    ) as crossing:
         for cell in cells:
             # Unmeasured: what only the first message of a cell costs is not asked here.
             for gateway in (False, True):
@@ -177,4 +187,7 @@ async def crossings(config: Config) -> AsyncGenerator[dict[str, Any]]:
         for repeat in range(config.live_rounds):
             for place in rng.permutation(len(cells)):
                 for gateway in rng.permutation([False, True]):
-                    yield {**await crossing.measure(cells[place], rng, gateway=bool(gateway)), "repeat": repeat}
+                    yield {
+                        **await crossing.measure(cells[place], rng, gateway=bool(gateway)),
+                        "repeat": repeat,
+                    }

@@ -63,7 +63,12 @@ RULES: dict[str, Callable[[Graph, Topic], bool]] = {
 }
 """Topics that get a gateway: none, by section 5's rule, or by predicted time to the last subscriber."""
 
-OUT, IN, READS, WRITE = "gateway, memory to stream", "gateway, stream to memory", "shared reads", "write"
+OUT, IN, READS, WRITE = (
+    "gateway, memory to stream",
+    "gateway, stream to memory",
+    "shared reads",
+    "write",
+)
 """What a message does at the memory interface, by `sfglab.soc.rtl.MemoryPath`'s values."""
 GRAPH_FILE = "graphs/figure_8.yaml"
 _GRID = np.unique(np.geomspace(STORED.memory.chunk_bytes, LARGEST_BYTES, 200).astype(int)).tolist()
@@ -86,7 +91,9 @@ def model(bench: Bench[Config]) -> None:
             numbers = {"stated": one.paper, "found": one.model}
             bench.write("stated", {**of, "panel": one.panel.value, "text": one.text, **numbers})
         for said, holds in tendencies(costs):
-            bench.write("tendency", {**of, "panel": said.panel.value, "text": said.text, "holds": holds})
+            bench.write(
+                "tendency", {**of, "panel": said.panel.value, "text": said.text, "holds": holds}
+            )
         _write_fits(bench, name, costs, rng)
         for other in sensitivity(costs):
             changed = {"constant": other.name, "factor": other.factor}
@@ -100,7 +107,9 @@ def _write_fits(bench: Bench[Config], name: str, costs: Costs, rng: np.random.Ge
     fitted, best = memory.fitted_values(costs), None
     for start in range(bench.config.refits):
         factors = np.exp(rng.uniform(-math.log(SPREAD), math.log(SPREAD), len(fitted)))
-        drawn = {key: value * float(f) for (key, value), f in zip(fitted.items(), factors, strict=True)}
+        drawn = {
+            key: value * float(f) for (key, value), f in zip(fitted.items(), factors, strict=True)
+        }
         came_to = {"rms": math.nan, "shift": math.nan}
         with suppress(FitError):
             ended = fit(memory.with_values(costs, drawn))
@@ -113,7 +122,10 @@ def _write_fits(bench: Bench[Config], name: str, costs: Costs, rng: np.random.Ge
     refits = memory.constants(best.costs if best else costs)
     for item, refitted in zip(memory.constants(costs), refits, strict=True):
         row = to_json(item)
-        bench.write("constant", {"model": name, "constant": row.pop("name"), **row, "refitted": refitted.value})
+        bench.write(
+            "constant",
+            {"model": name, "constant": row.pop("name"), **row, "refitted": refitted.value},
+        )
 
 
 def _write_break_even(bench: Bench[Config]) -> None:
@@ -121,13 +133,25 @@ def _write_break_even(bench: Bench[Config]) -> None:
     for side in Side:
         for name, judge in JUDGES.items():
             for count in range(1, bench.config.most_subscribers + 1):
-                setup = Setup(publisher=side, transport=Transport.SMT, message_bytes=1, hardware=count)
+                setup = Setup(
+                    publisher=side, transport=Transport.SMT, message_bytes=1, hardware=count
+                )
                 found = memory.break_even_bytes(setup, judge)
                 # How often the faster transport changes from the smallest to the largest size.
-                faster = [memory.faster_transport(replace(setup, message_bytes=size), judge) for size in _GRID]
+                faster = [
+                    memory.faster_transport(replace(setup, message_bytes=size), judge)
+                    for size in _GRID
+                ]
                 changes = sum(one is not other for one, other in pairwise(faster))
-                of = {"publisher": side.value, "judge": name, "subscribers": count, "changes": changes}
-                bench.write("break_even", {**of, "worth": found is not None, "from_bytes": found or 0})
+                of = {
+                    "publisher": side.value,
+                    "judge": name,
+                    "subscribers": count,
+                    "changes": changes,
+                }
+                bench.write(
+                    "break_even", {**of, "worth": found is not None, "from_bytes": found or 0}
+                )
 
 
 def _write_sized_mappings(bench: Bench[Config]) -> None:
@@ -144,15 +168,22 @@ def _write_sized_mappings(bench: Bench[Config]) -> None:
                 "gateways": len(chosen),
                 "topics": ", ".join(chosen),
                 "predicted_s": sum(soc.transfer_s(mapped, topic) for topic in mapped.topics),
-                "carriages": float(sum(soc.carriages_per_message(mapped, topic) for topic in mapped.topics)),
+                "carriages": float(
+                    sum(soc.carriages_per_message(mapped, topic) for topic in mapped.topics)
+                ),
             }
             bench.write("sized_mapping", row)
 
 
 def costs_of(config: Config) -> Costs:
     """Return the run's own constants: the first set with those that a reader can turn."""
-    cycles = {name: getattr(config, name) for name in ("read_latency_cycles", "write_latency_cycles")}
-    seconds = {f"{name}_s": 1e-6 * getattr(config, f"{name}_us") for name in ("delegate", "endpoint", "cancel")}
+    cycles = {
+        name: getattr(config, name) for name in ("read_latency_cycles", "write_latency_cycles")
+    }
+    seconds = {
+        f"{name}_s": 1e-6 * getattr(config, f"{name}_us")
+        for name in ("delegate", "endpoint", "cancel")
+    }
     return replace(STORED, memory=replace(STORED.memory, **cycles), **seconds)
 
 
@@ -165,11 +196,16 @@ def curves(bench: Bench[Config]) -> None:
     bench.write_all("curve", ({"model": "own"} | to_json(point) for point in points))
 
 
-@exp.part("node mapping", total=lambda config: config.small_graphs + config.large_graphs, timed=False)
+@exp.part(
+    "node mapping", total=lambda config: config.small_graphs + config.large_graphs, timed=False
+)
 def node_mapping(bench: Bench[Config]) -> None:
     """Place random graphs."""
     config = bench.config
-    small, large = (config.small_graphs, config.small_nodes), (config.large_graphs, config.large_nodes)
+    small, large = (
+        (config.small_graphs, config.small_nodes),
+        (config.large_graphs, config.large_nodes),
+    )
     for row in placed_rows(_generator(config, 1), small=small, large=large):
         bench.write("placed", row)
         bench.advance(f"{row['nodes']} nodes")
@@ -187,7 +223,9 @@ class Moving:
 def moving(config: Config) -> list[Moving]:
     """Return what is simulated; nothing without the extra ``rtl``."""
     counts = () if "rtl" in what_is_missing() else config.rtl_subscribers
-    return [Moving(path, n, config.rtl_check_bytes) for n in counts for path in (OUT, IN, READS, WRITE)]
+    return [
+        Moving(path, n, config.rtl_check_bytes) for n in counts for path in (OUT, IN, READS, WRITE)
+    ]
 
 
 @exp.part("hardware", timed=False)
@@ -202,7 +240,9 @@ def hardware(bench: Bench[Config]) -> None:
     if config.areas and "synthesis" not in missing:
         from sfglab.soc.rtl import gateway_area
 
-        for count in config.rtl_subscribers:  # some 15 s each, and minutes the first time on a machine
+        for (
+            count
+        ) in config.rtl_subscribers:  # some 15 s each, and minutes the first time on a machine
             bench.write("area", {"subscribers": count, **asdict(gateway_area(count))})
     if config.proved and "synthesis" not in missing:
         from sfglab.soc.rtl.synthesis import control_follows

@@ -10,4 +10,14 @@ from sfglab.lab.experiments.transmission.experiment import exp, grid
 from sfglab.lab.experiments.transmission.validation import on_ros2
 from sfglab.lab.explore.timeline import Timeline
 
-__all__ = ["Timeline", "agreement", "compare_ways", "exp", "figures", "grid", "on_ros2", "order", "validation"]
+__all__ = [
+    "Timeline",
+    "agreement",
+    "compare_ways",
+    "exp",
+    "figures",
+    "grid",
+    "on_ros2",
+    "order",
+    "validation",
+]

@@ -39,7 +39,10 @@ TIE = 0.05  #: Cells whose latency differs by less than this share count as equa
 def agreement(run: Run[Config]) -> dict[str, str]:
     """Return how many live cells agree with the model, of those that kept to their schedules."""
     fair = run["live"][run["live"]["kept_up"].astype(bool)]
-    counts = {"loss within 3 points": fair["loss_agrees"], "median latency within 30 %": fair["latency_agrees"]}
+    counts = {
+        "loss within 3 points": fair["loss_agrees"],
+        "median latency within 30 %": fair["latency_agrees"],
+    }
     return {what: f"{int(agrees.sum())} of {len(agrees)}" for what, agrees in counts.items()}
 
 
@@ -58,7 +61,9 @@ def cells(run: Run[Config], column: str, table: str = "cell") -> pd.DataFrame:
 def order(run: Run[Config], column: str, *, tie: float = 0.0, table: str = "cell") -> pd.DataFrame:
     """Compare the paper's order of methods with ours, a line an Rmax, as `order_of` does, by `cells`."""
     by_rate = cells(run, column, table).groupby("rate_max_hz")
-    return pd.DataFrame([{"rate_max_hz": rate, **order_of(part, tie=tie)} for rate, part in by_rate])
+    return pd.DataFrame(
+        [{"rate_max_hz": rate, **order_of(part, tie=tie)} for rate, part in by_rate]
+    )
 
 
 def order_of(table: pd.DataFrame, *, tie: float = 0.0) -> dict[str, Any]:
@@ -91,9 +96,13 @@ def order_of(table: pd.DataFrame, *, tie: float = 0.0) -> dict[str, Any]:
 
 
 @derived
-def compare_ways(run: Run[Config], column: str, of: Literal["mean", "min", "max"] = "mean") -> pd.DataFrame:
+def compare_ways(
+    run: Run[Config], column: str, of: Literal["mean", "min", "max"] = "mean"
+) -> pd.DataFrame:
     """Return means, or ``min``, of a column of `BeyondRow` over seeds, a line an Rmax and a column a way."""
-    return run["beyond"].pivot_table(index="rate_max_hz", columns="way", values=column, sort=False, aggfunc=of)
+    return run["beyond"].pivot_table(
+        index="rate_max_hz", columns="way", values=column, sort=False, aggfunc=of
+    )
 
 
 _T_AVG = (8 + 5 + 5) / 3  # topics of section 3.1's robots: their sensors, and two of "Hello"
@@ -107,20 +116,28 @@ def as_in_table_2(cell: Any, duration_s: float) -> bool:
     """
     optimum_hz = cell.rate_max_hz / _T_AVG - 1
     rate_hz = optimum_hz if "OPT" in cell.method else cell.rate_max_hz
-    depth = int(5000 * optimum_hz / cell.rate_max_hz - 1) if cell.depth == OPT_DEPTH else int(cell.depth)
+    depth = (
+        int(5000 * optimum_hz / cell.rate_max_hz - 1)
+        if cell.depth == OPT_DEPTH
+        else int(cell.depth)
+    )
     right = (abs(cell.rate_hz - rate_hz) < 1e-6 * rate_hz, cell.history_depth == depth)
     return all(right) and abs(cell.published - rate_hz * duration_s) <= 1
 
 
 def _policies(config: Config) -> dict[str, bool]:
     """Return whether every flow of every cell offers Table 2's policies: the grid once more, not run."""
-    flows = [(flow.qos, rate_and_depth(p)[0]) for p in grid(config) for flow in scenario_of(p).flows]
+    flows = [
+        (flow.qos, rate_and_depth(p)[0]) for p in grid(config) for flow in scenario_of(p).flows
+    ]
     return {
         "RELIABLE": all(qos.reliability is Reliability.RELIABLE for qos, _ in flows),
         "KEEP_LAST": all(qos.history is History.KEEP_LAST for qos, _ in flows),
         "VOLATILE": all(qos.durability is Durability.VOLATILE for qos, _ in flows),
         "AUTOMATIC": all(qos.liveliness is Liveliness.AUTOMATIC for qos, _ in flows),
-        "DEADLINE is the rate": all(qos.deadline_ns == round(NS_PER_S / rate_hz) for qos, rate_hz in flows),
+        "DEADLINE is the rate": all(
+            qos.deadline_ns == round(NS_PER_S / rate_hz) for qos, rate_hz in flows
+        ),
     }
 
 
@@ -130,14 +147,22 @@ _CHECKED = "cells_of,grid,balance_of,rate_and_depth,scenario_of,_sensor_flows,si
 def _few() -> Iterator[CheckRow]:
     """Yield the checks of Table 2 on a few short cells."""
     config = exp.config("smoke", rates_hz=(100, 500), depths=(1, 100), duration_s=0.5)
-    rows = [(str(p), *rows_of(exp.tables["cell"], simulate_cell(p, 0), {"seed": 0}, p)) for p in grid(config)]
+    rows = [
+        (str(p), *rows_of(exp.tables["cell"], simulate_cell(p, 0), {"seed": 0}, p))
+        for p in grid(config)
+    ]
     yield check_row("cells are Table 2's", [(said, as_in_table_2(row, 0.5)) for said, row in rows])
     yield facts_row("policies", _policies(config))
-    options = {"rates": RATES_HZ == (100, 200, 500, 1000), "depths": DEPTHS == (1, 5, 10, 100, 1000, 5000)}
+    options = {
+        "rates": RATES_HZ == (100, 200, 500, 1000),
+        "depths": DEPTHS == (1, 5, 10, 100, 1000, 5000),
+    }
     yield facts_row("options", options)
 
 
-@exp.claim("B-TAB2", how=How.SIMULATED, mutated=Mutated((f"{__package__}.experiment:{_CHECKED}",), _few))
+@exp.claim(
+    "B-TAB2", how=How.SIMULATED, mutated=Mutated((f"{__package__}.experiment:{_CHECKED}",), _few)
+)
 def share_of_grid(run: Run[Config]) -> Finding:
     """Return how much of the paper's grid was run as Table 2 has it; none of it with other policies."""
     depths = (*map(str, DEPTHS), OPT_DEPTH)
@@ -167,7 +192,9 @@ def _order_finding(run: Run[Config], *, column: str, tie: float = 0.0) -> Findin
     """Return the share of rates at which latencies, or losses, have the paper's order."""
     table, lossless = (order(run, column, tie=tie, table=name) for name in ("cell", "lossless"))
     wins, small = int(table["wins"].sum()), int(table["small_is_worst"].sum())
-    highest = [f"{r.rate_max_hz} Hz: {r.highest_method}, depth {r.highest_depth}" for r in lines_of(table)]
+    highest = [
+        f"{r.rate_max_hz} Hz: {r.highest_method}, depth {r.highest_depth}" for r in lines_of(table)
+    ]
     worst = "; ".join(highest)
     details = {
         f"{BEST} is lowest": f"at {wins} of {len(table)} rates",

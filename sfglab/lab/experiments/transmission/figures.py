@@ -44,7 +44,10 @@ _MARKERS = {"none": "o", "OPT": "s", "LC": "D", "OPT+LC": "P"}
 FATES = {
     "arrived": ("arrived", "#D9D9D9"),
     "lost_medium": ("lost on air, overwritten before repair", COLORS["proxy"]),
-    "lost_queue": ("dropped by a full sender's queue, overwritten before repair", COLORS["standard"]),
+    "lost_queue": (
+        "dropped by a full sender's queue, overwritten before repair",
+        COLORS["standard"],
+    ),
     "lost_late": ("pushed out of the reader's history", COLORS["fourth"]),
     "lost_underway": ("still under way at the end", "black"),
 }
@@ -74,7 +77,9 @@ def draw_loss(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     return {"loss": cells(run, "loss")}
 
 
-def _draw_panels(figure: Figure, run: Run[Config], column: str, what: str, **options: float) -> None:
+def _draw_panels(
+    figure: Figure, run: Run[Config], column: str, what: str, **options: float
+) -> None:
     wins = order(run, column, tie=options.pop("tie", 0.0))["wins"]
     table = cells(run, column).assign(hollow=cells(run, "loss")["median"] > 0.5)
     panels = figure.subplots(2, 2, sharex=True, sharey=True).ravel()
@@ -87,9 +92,14 @@ def _draw_panels(figure: Figure, run: Run[Config], column: str, what: str, **opt
     handles += panels[0].plot([], [], "o", markerfacecolor="white", color="black", markersize=4.5)
     labels.append("hollow: fewer than\nhalf arrived")
     figure.legend(handles, labels, loc="outside right center")
-    figure.suptitle(f'{what} of "Hello": {BEST} is lowest at {wins.sum()} of {len(wins)} rates (paper: at all)')
+    figure.suptitle(
+        f'{what} of "Hello": {BEST} is lowest at {wins.sum()} of {len(wins)} rates (paper: at all)'
+    )
     seeds = run["cell"]["seed"].nunique()
-    note(figure, f"simulated; medians over {seeds} seeds, bars: lowest to highest; DEPTH opt: Eq. 6's")
+    note(
+        figure,
+        f"simulated; medians over {seeds} seeds, bars: lowest to highest; DEPTH opt: Eq. 6's",
+    )
 
 
 def draw_panel(axes: Axes, table: pd.DataFrame, *, scale: float = 1.0) -> None:
@@ -104,9 +114,16 @@ def draw_panel(axes: Axes, table: pd.DataFrame, *, scale: float = 1.0) -> None:
         spread = np.stack([middle - part["min"] * scale, part["max"] * scale - middle])
         base, with_cc = method.removesuffix("+CC").replace("CC", "none"), "CC" in method
         places = np.arange(len(depths)) + 0.2 * (list(_MARKERS).index(base) - 1.7 + 0.45 * with_cc)
-        style: dict[str, Any] = {"color": _COLORS[base], "marker": "x" if with_cc else _MARKERS[base]}
+        style: dict[str, Any] = {
+            "color": _COLORS[base],
+            "marker": "x" if with_cc else _MARKERS[base],
+        }
         style |= {"linestyle": "--" if base == "LC" else "-"}
-        lines: dict[str, Any] = {"linewidth": 0.0 if with_cc else 1.2, "elinewidth": 0.8, "markersize": 4.5}
+        lines: dict[str, Any] = {
+            "linewidth": 0.0 if with_cc else 1.2,
+            "elinewidth": 0.8,
+            "markersize": 4.5,
+        }
         axes.errorbar(places, middle, yerr=spread, label=method, **lines, **style)
         if "hollow" in part and not with_cc:
             hollow = part["hollow"].to_numpy(bool)
@@ -131,11 +148,16 @@ def draw_fates(figure: Figure, run: Run[Config]) -> dict[str, Any]:
         axes.set_xlabel("DEPTH")
         axes.tick_params(axis="x", labelrotation=60)
     handles, labels = panels[0][0].get_legend_handles_labels()
-    figure.legend(handles, [fill(label, 20) for label in labels], loc="outside right center", fontsize=8.5)
+    figure.legend(
+        handles, [fill(label, 20) for label in labels], loc="outside right center", fontsize=8.5
+    )
     opt = shares[shares["depth"] == OPT_DEPTH].groupby("method")["arrived"].min()
     said = ", ".join(f"{method} {opt[method]:.0%}" for method in FATE_METHODS)
     figure.suptitle(f"Arrived at the depth of Eq. 6, at the worst Rmax: {said}")
-    note(figure, f'simulated; the fate of every "Hello", means over {run["cell"]["seed"].nunique()} seeds')
+    note(
+        figure,
+        f'simulated; the fate of every "Hello", means over {run["cell"]["seed"].nunique()} seeds',
+    )
     return {"shares": shares}
 
 
@@ -149,7 +171,14 @@ def _shares_of_fates(table: pd.DataFrame) -> pd.DataFrame:
 def _draw_bars(axes: Axes, shares: pd.DataFrame) -> None:
     floor = np.zeros(len(shares))
     for column, (label, color) in FATES.items():
-        axes.bar(range(len(shares)), 100 * shares[column], bottom=floor, color=color, width=0.8, label=label)
+        axes.bar(
+            range(len(shares)),
+            100 * shares[column],
+            bottom=floor,
+            color=color,
+            width=0.8,
+            label=label,
+        )
         floor = floor + 100 * shares[column].to_numpy()
     axes.set_xticks(range(len(shares)), list(shares["depth"]), fontsize=7)
     axes.grid(visible=False, axis="x")
@@ -158,7 +187,9 @@ def _draw_bars(axes: Axes, shares: pd.DataFrame) -> None:
 @exp.figure("transmission_beyond", size=(8.8, 4.0))
 def draw_beyond(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     """Draw how long the station is up to date, and how late "Hello" is, for the printed problem and our own."""
-    shown = {c: compare_ways(run, c) for c in ("up_to_date", "latency_p95_ms", "loss", "rate_high_hz")}
+    shown = {
+        c: compare_ways(run, c) for c in ("up_to_date", "latency_p95_ms", "loss", "rate_high_hz")
+    }
     fresh, late = figure.subplots(1, 2)
     _draw_groups(fresh, run, "up_to_date", 100.0)
     fresh.set(ylabel="station up to date (% of the time)", ylim=(0, 100))
@@ -180,7 +211,9 @@ def _draw_groups(axes: Axes, run: Run[Config], column: str, scale: float) -> Non
     spots = grouped_bars(axes, table, [_COLORS[str(way)] for way in table], width=0.85)
     for at, way in zip(spots, table, strict=True):
         ends = [table[way] - low[way], high[way] - table[way]]
-        axes.errorbar(at, table[way], yerr=ends, fmt="none", color="#555555", capsize=2, elinewidth=1)
+        axes.errorbar(
+            at, table[way], yerr=ends, fmt="none", color="#555555", capsize=2, elinewidth=1
+        )
     for bars in (axes.containers[place] for place, way in enumerate(table) if "LC" in str(way)):
         for bar in bars:
             bar.set(hatch="////", edgecolor="white", linewidth=0)
@@ -197,18 +230,33 @@ def draw_live(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     loss.axvspan(-100 * LOSS_WITHIN, 100 * LOSS_WITHIN, color="black", alpha=0.1, linewidth=0)
     loss.set(xlabel="packet loss, live less model (points)")
     _draw_apart(latency, live, (live["p50_live_ms"] / live["p50_model_ms"]).astype(float))
-    latency.axvspan(1 / (1 + LATENCY_WITHIN), 1 / (1 - LATENCY_WITHIN), color="black", alpha=0.1, linewidth=0)
+    latency.axvspan(
+        1 / (1 + LATENCY_WITHIN), 1 / (1 - LATENCY_WITHIN), color="black", alpha=0.1, linewidth=0
+    )
     latency.set(xlabel="median latency, live / model")
-    figure.legend(*latency.get_legend_handles_labels(), loc="outside lower right", ncols=3, fontsize=8)
+    figure.legend(
+        *latency.get_legend_handles_labels(), loc="outside lower right", ncols=3, fontsize=8
+    )
     said = ", ".join(f"{what}: {count}" for what, count in agreed.items())
     if len(live):
-        note(figure, f"each cell once for {live['duration_s'].max():g} s; hollow: late; grey: asked for")
-    figure.suptitle(f"Live Cyclone DDS against the model: {said if len(live) else run.skipped('live')}")
+        note(
+            figure,
+            f"each cell once for {live['duration_s'].max():g} s; hollow: late; grey: asked for",
+        )
+    figure.suptitle(
+        f"Live Cyclone DDS against the model: {said if len(live) else run.skipped('live')}"
+    )
     return {"live": live, "agreement": agreed}
 
 
 def _draw_apart(axes: Axes, live: pd.DataFrame, apart: pd.Series[float]) -> None:
-    names = live["method"] + ", " + live["rate_max_hz"].astype(str) + " Hz, " + live["depth"].astype(str)
+    names = (
+        live["method"]
+        + ", "
+        + live["rate_max_hz"].astype(str)
+        + " Hz, "
+        + live["depth"].astype(str)
+    )
     cells_ = list(dict.fromkeys(names))
     for shift, (group, (label, color, marker)) in enumerate(GROUP_STYLES.items()):
         of_group = live["group"] == group
@@ -247,7 +295,9 @@ def draw_validation(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     panels[1][0].set(ylabel="median latency, live (ms)")
     panels[1][0].legend(loc="lower right", fontsize=8)
     read = "; ".join(f"{PRESETS[name].name}: {why}" for name, why in READ.items())
-    shares = [f"{said[c].min():.0%} to {said[c].max():.0%}" for c in ("loss_within", "latency_within")]
+    shares = [
+        f"{said[c].min():.0%} to {said[c].max():.0%}" for c in ("loss_within", "latency_within")
+    ]
     if len(table):
         kept = f"loss within 3 points in {shares[0]}, median latency within 30 % in {shares[1]}"
         figure.suptitle(f"Live against the model: {kept} of cells")
@@ -271,7 +321,9 @@ def _draw_cells(axes: Axes, table: pd.DataFrame, name: str, unit: str, scale: fl
 def _draw_bands(loss: Axes, latency: Axes, live: pd.DataFrame) -> None:
     ends = np.array([0.0, 100.0])
     loss.plot(ends, ends, color="black", linewidth=0.8)
-    loss.fill_between(ends, ends - 100 * LOSS_WITHIN, ends + 100 * LOSS_WITHIN, color="black", alpha=0.1)
+    loss.fill_between(
+        ends, ends - 100 * LOSS_WITHIN, ends + 100 * LOSS_WITHIN, color="black", alpha=0.1
+    )
     times = live[["p50_model_ms", "p50_live_ms"]].to_numpy(float)
     ends = np.array([0.8 * np.nanmin(times), 1.25 * np.nanmax(times)])
     latency.plot(ends, ends, color="black", linewidth=0.8)
@@ -302,7 +354,9 @@ def draw_hello(figure: Figure, run: Run[Config]) -> None:
     ):
         table = cells(run, column).pivot_table(index="method", columns="depth", values="median")
         # Of what never arrives there is no latency, and no bar.
-        table = scale * table.reindex(index=list(METHODS), columns=depths).set_axis(names, axis="columns")
+        table = scale * table.reindex(index=list(METHODS), columns=depths).set_axis(
+            names, axis="columns"
+        )
         colors: Any = [COLORS["standard"], COLORS["proxy"]]
         table.plot.barh(ax=axes, width=0.8, legend=axes is loss, color=colors)
         axes.set(xlabel=label, ylabel="")
@@ -310,7 +364,11 @@ def draw_hello(figure: Figure, run: Run[Config]) -> None:
     shares = _shares_of_fates(run["cell"])
     for axes, depth, name in zip(fates, depths, names, strict=True):
         part = shares[shares["depth"] == depth].set_index("method").loc[list(METHODS), list(FATES)]
-        (100 * part).plot.barh(ax=axes, stacked=True, legend=False, color=[c for _, c in FATES.values()])
+        (100 * part).plot.barh(
+            ax=axes, stacked=True, legend=False, color=[c for _, c in FATES.values()]
+        )
         axes.set(title=f"fate at {name}", xlabel="share (%)", ylabel="")
     bars = fates[-1].containers
-    figure.legend(bars, [text for text, _ in FATES.values()], loc="outside lower center", ncols=3, fontsize=8)
+    figure.legend(
+        bars, [text for text, _ in FATES.values()], loc="outside lower center", ncols=3, fontsize=8
+    )

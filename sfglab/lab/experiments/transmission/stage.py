@@ -64,7 +64,9 @@ class LiveRow:
     late_mean_ms: float  #: How much later than due the relay delivered, on average.
     delay_ms: float  #: What the hosts need themselves, by `Played.delay_s`; the model has it too.
     loss_agrees: bool  #: Whether the losses differ by no more than `LOSS_WITHIN`.
-    latency_agrees: bool  #: Whether the medians differ by no more than `LATENCY_WITHIN` of the live one.
+    latency_agrees: (
+        bool  #: Whether the medians differ by no more than `LATENCY_WITHIN` of the live one.
+    )
 
 
 def live_cells(config: Config) -> list[Point]:
@@ -83,11 +85,18 @@ def live_cells(config: Config) -> list[Point]:
     ]
 
 
-@exp.part("live", total=lambda config: len(live_cells(config)), skips=(HostsUnavailableError,), timed=False)
+@exp.part(
+    "live",
+    total=lambda config: len(live_cells(config)),
+    skips=(HostsUnavailableError,),
+    timed=False,
+)
 async def play_cells(bench: Bench[Config]) -> None:
     """Play cells live, two at once on hosts and air of their own, each beside the model with all seeds."""
     config = bench.config
-    scenarios = {cell: scenario_of(cell, seed=config.seed, vendor=CYCLONE_DDS) for cell in live_cells(config)}
+    scenarios = {
+        cell: scenario_of(cell, seed=config.seed, vendor=CYCLONE_DDS) for cell in live_cells(config)
+    }
     if not scenarios:
         raise SkippedPartError("not asked for")
     waiting, rows = deque(scenarios), dict[Point, list[LiveRow]]()
@@ -139,7 +148,9 @@ def compare(point: Point, played: Played, models: Sequence[Outcome]) -> list[Liv
         "frames": sum(host.frames for host in hosts),
         "frames_lost": radio.lost,
         "queue_full": radio.queue_full,
-        "air_share": sum(host.airtime_s for host in hosts) / radio.elapsed_s if radio.elapsed_s else 0.0,
+        "air_share": sum(host.airtime_s for host in hosts) / radio.elapsed_s
+        if radio.elapsed_s
+        else 0.0,
         "kept_up": played.kept_up,
         "late_mean_ms": radio.late_mean_s * 1e3,
         "delay_ms": played.delay_s * 1e3,

@@ -92,17 +92,23 @@ class ValidationRow(Cell):
     p50_live_ms: float  #: Median latency.
     p50_model_ms: float  #: The same in the model, median of its seeds.
     loss_agrees: bool  #: Whether the losses differ by no more than `LOSS_WITHIN`.
-    latency_agrees: bool  #: Whether the medians differ by no more than `LATENCY_WITHIN` of the live one.
+    latency_agrees: (
+        bool  #: Whether the medians differ by no more than `LATENCY_WITHIN` of the live one.
+    )
     kept_up: bool  #: Whether relay and processes kept to their schedules.
 
 
 def committed_cells() -> list[Cell]:
     """Return the committed cells."""
-    table: Any = pd.read_csv(find_project().root / "data" / "qos" / "validation.csv").to_dict("records")
+    table: Any = pd.read_csv(find_project().root / "data" / "qos" / "validation.csv").to_dict(
+        "records"
+    )
     return [Cell(**row) for row in table]
 
 
-def scenario_of_cell(cell: Mapping[str, Any], *, duration_s: float, drain_s: float = 7.0) -> Scenario:
+def scenario_of_cell(
+    cell: Mapping[str, Any], *, duration_s: float, drain_s: float = 7.0
+) -> Scenario:
     """Return a cell as what is played and simulated; by default two heartbeats of Fast DDS come afterwards."""
     flow = Flow(
         name="topic",
@@ -115,7 +121,9 @@ def scenario_of_cell(cell: Mapping[str, Any], *, duration_s: float, drain_s: flo
     )
     medium = Medium(overhead_s=cell["overhead_us"] / 1e6, **{name: cell[name] for name in MEDIUM})
     vendor = PRESETS[cell["preset"]]
-    return Scenario(flows=(flow,), medium=medium, vendor=vendor, duration_s=duration_s, drain_s=drain_s)
+    return Scenario(
+        flows=(flow,), medium=medium, vendor=vendor, duration_s=duration_s, drain_s=drain_s
+    )
 
 
 @cache
@@ -141,7 +149,9 @@ def repeats_of(cell: Cell, duration_s: float, most: int) -> int:
 
 
 def _repeats(config: Config) -> dict[Cell, int]:
-    return {c: repeats_of(c, config.validation_s, config.validation_repeats) for c in committed_cells()}
+    return {
+        c: repeats_of(c, config.validation_s, config.validation_repeats) for c in committed_cells()
+    }
 
 
 @cells_part(exp, TABLE, total=lambda config: sum(_repeats(config).values()))
@@ -155,7 +165,10 @@ async def validate(bench: Bench[Config]) -> None:
         found = {"repeat": repeat, "kept_up": played.kept_up, **compared(played, models, "sensors")}
         return asdict(cell) | found
 
-    cells = {cell: scenario_of_cell(asdict(cell), duration_s=config.validation_s) for cell in committed_cells()}
+    cells = {
+        cell: scenario_of_cell(asdict(cell), duration_s=config.validation_s)
+        for cell in committed_cells()
+    }
     await play_missing(bench, TABLE, cells, _repeats(config), rows)
 
 
@@ -168,7 +181,10 @@ _MEASURED = ("loss_live", "loss_model", "p50_live_ms", "p50_model_ms")
 @derived
 def played(run: Run[Config], table: str = TABLE) -> pd.DataFrame:
     """Return what was played: a run's own rows, else those that are committed."""
-    rows, committed = beside(exp, run, table), find_project().reference_logs / f"{exp.name}_{PART}.mcap"
+    rows, committed = (
+        beside(exp, run, table),
+        find_project().reference_logs / f"{exp.name}_{PART}.mcap",
+    )
     return exp.load(committed)[table] if rows.empty and committed.is_file() else rows
 
 
@@ -204,7 +220,10 @@ def validated(run: Run[Config]) -> pd.DataFrame:
         line |= {"enough": len(fair) >= KEPT_LEAST * count > 0, "note": ""}
         shares = {"loss_within": fair["loss_agrees"], "latency_within": fair["latency_agrees"]}
         lines.append(line | {name: float(agrees.mean()) for name, agrees in shares.items()})
-    read = ({"preset": name, "cells": 0, "kept": 0, "enough": False, "note": why} for name, why in READ.items())
+    read = (
+        {"preset": name, "cells": 0, "kept": 0, "enough": False, "note": why}
+        for name, why in READ.items()
+    )
     return pd.DataFrame([*lines, *read])
 
 

@@ -77,7 +77,14 @@ exp = Experiment(
     "visualisation",
     Config,
     where="A 4.5",
-    smoke={"clouds": 1, "streams": 2, "rounds": 1, "pictures": 5, "stopped_s": 0.4, "observed_s": 0.8},
+    smoke={
+        "clouds": 1,
+        "streams": 2,
+        "rounds": 1,
+        "pictures": 5,
+        "stopped_s": 0.4,
+        "observed_s": 0.8,
+    },
     paper={"clouds": 60, "streams": 2000, "rounds": 10, "pictures": 150, "stopped_s": 8.0},
     actors=(
         Actor("scene", "this host", "sends a fleet's messages, a moment an order"),
@@ -131,7 +138,9 @@ class VisualisationMemoryRow:
 
     at_s: float  #: Time since the beginning.
     stopped: bool  #: Whether the sink stands still.
-    queued_bytes: int  #: Messages that wait for their turn, and drawn ones that the sink has not taken.
+    queued_bytes: (
+        int  #: Messages that wait for their turn, and drawn ones that the sink has not taken.
+    )
     resident_bytes: int  #: Memory of the bridge's process.
     received: int  #: Pictures that arrived up to now.
     shown: int  #: Pictures drawn up to now.
@@ -190,13 +199,19 @@ async def watch_bridge(bench: Bench[Config]) -> None:
     camera, sink = member("camera", domain_id=domain_id), member("sink", port=port)
     async with processes(camera, sink) as group:
         with closing(open_canvas([f"rerun+http://127.0.0.1:{port}/proxy"])) as canvas:
-            _write(bench, "run time", *await handling.check_handling(domain_id, observed_s=config.observed_s))
+            _write(
+                bench,
+                "run time",
+                *await handling.check_handling(domain_id, observed_s=config.observed_s),
+            )
             bench.advance("run time")
             pictures = {"rounds": config.rounds, "pictures": config.pictures}
             bench.write_all("time", await time_pictures(canvas, domain_id, **pictures))
             bench.advance("latency")
             pid, stopped_s = group["sink"].pid, config.stopped_s
-            bench.write_all("memory", await watch_memory(canvas, pid, domain_id, stopped_s=stopped_s))
+            bench.write_all(
+                "memory", await watch_memory(canvas, pid, domain_id, stopped_s=stopped_s)
+            )
             bench.advance("memory")
 
 
@@ -216,7 +231,9 @@ def check_latency(run: Run[Config]) -> CheckRow:
     table = latency_table(run)
     arms = (table.loc[arm, ["median", "99 %"]].to_numpy(float) for arm in ("bridge", "bare"))
     added = dict(zip(("median", "99 %"), np.subtract(*arms), strict=True))
-    facts = {f"{name}: {ms:.1f} of {ADDED_MS:g} ms": bool(ms < ADDED_MS) for name, ms in added.items()}
+    facts = {
+        f"{name}: {ms:.1f} of {ADDED_MS:g} ms": bool(ms < ADDED_MS) for name, ms in added.items()
+    }
     return facts_row("what the bridge adds to a picture's way", facts)
 
 
@@ -226,7 +243,9 @@ def check_memory(memory: pd.DataFrame) -> CheckRow:
     waiting, most = end["received"] - end["shown"] - end["dropped"], memory["queued_bytes"].max()
     facts = {
         f"at most {most / MIB:.1f} of {BOUND_BYTES / MIB:.1f} MiB wait": bool(most <= BOUND_BYTES),
-        f"{waiting} pictures are neither shown nor counted as dropped nor wait": bool(0 <= waiting <= 1),
+        f"{waiting} pictures are neither shown nor counted as dropped nor wait": bool(
+            0 <= waiting <= 1
+        ),
         "pictures flow again": bool(end["shown"] > stopped["shown"].max() + 1),
     }
     return facts_row("a sink that stands still costs pictures, and bounded memory", facts)
@@ -243,12 +262,18 @@ def latency_table(run: Run[Config]) -> pd.DataFrame:
 def added_ms(run: Run[Config]) -> Estimate:
     """Estimate what the bridge adds: its median beyond that of Rerun's own call, in the same run."""
     times = run["time"]
-    arms = [times.loc[times["arm"] == arm, "taken_ms"].to_numpy(float) for arm in ("bridge", "bare")]
-    return bootstrap(arms, lambda groups: float(np.median(groups[0]) - np.median(groups[1])), unit="ms")
+    arms = [
+        times.loc[times["arm"] == arm, "taken_ms"].to_numpy(float) for arm in ("bridge", "bare")
+    ]
+    return bootstrap(
+        arms, lambda groups: float(np.median(groups[0]) - np.median(groups[1])), unit="ms"
+    )
 
 
 @exp.claim(
-    "A-VIZ", how=How.LIVE, mutated=Mutated(("sfglab.view.sync",), lambda: synchronisation.checks.rows(3, 0))
+    "A-VIZ",
+    how=How.LIVE,
+    mutated=Mutated(("sfglab.view.sync",), lambda: synchronisation.checks.rows(3, 0)),
 )
 def share_that_holds(run: Run[Config]) -> Finding:
     """Return the share of checks that hold, in the group where it is lowest.
@@ -276,7 +301,10 @@ def draw_latency(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     memory, panels = run["memory"], parts[1].subplots(2, 1, sharex=True)
     _draw_memory(panels, memory)
     count = run["time"].groupby("arm").size().max()
-    note(figure, f"live, on this host; {count} raw pictures of 640 x 360 a curve, dots at 99 %; right: one run")
+    note(
+        figure,
+        f"live, on this host; {count} raw pictures of 640 x 360 a curve, dots at 99 %; right: one run",
+    )
     return {
         "added_ms": added_ms(run).value,
         "latency_ms": {str(arm): dict(row) for arm, row in latency_table(run).iterrows()},
@@ -313,7 +341,9 @@ def _draw_memory(panels: Sequence[Axes], memory: pd.DataFrame) -> None:
     grown = (memory["resident_bytes"] - memory["resident_bytes"].iloc[0]) / MIB
     waiting.plot(memory["at_s"], grown, color=COLORS["third"], label="process, since the start")
     waiting.axhline(BOUND_BYTES / MIB, color=COLORS["standard"], label="bound", **PAPER_STYLE)
-    said = f"Sink stopped (grey): {queued.max():.0f} MiB wait, {memory['dropped'].max()} pictures drop"
+    said = (
+        f"Sink stopped (grey): {queued.max():.0f} MiB wait, {memory['dropped'].max()} pictures drop"
+    )
     waiting.set(ylabel="MiB", title=said, ylim=(0, 1.8 * BOUND_BYTES / MIB))
     waiting.legend(loc="upper left", ncols=2, fontsize="small")
     looks = (("received", "network", ":"), ("shown", "proxy", "-"), ("dropped", "standard", "--"))
@@ -338,8 +368,13 @@ def draw_points(figure: Figure, run: Run[Config]) -> dict[str, Any]:
     picture.set_title("image, registered to the depth", fontsize=10)
     _draw_cloud(figure.add_subplot(grid[1], projection="3d"), cloud["points"], cloud["colors"])
     largest = float(run["cloud"]["largest_error_m"].max())
-    figure.suptitle(f"Points are where depth and camera put them, to {1e6 * largest:.1f} µm (its step: 1 mm)")
-    note(figure, f"exact, beside back-projection in double precision; largest of {len(run['cloud'])} images")
+    figure.suptitle(
+        f"Points are where depth and camera put them, to {1e6 * largest:.1f} µm (its step: 1 mm)"
+    )
+    note(
+        figure,
+        f"exact, beside back-projection in double precision; largest of {len(run['cloud'])} images",
+    )
     return {"images": len(run["cloud"]), "largest_error_m": largest, "points": len(cloud["points"])}
 
 

@@ -143,7 +143,10 @@ async def time_pictures(
         bare = await asyncio.to_thread(_bare, canvas, pictures)
         bridge = await _through_bridge(canvas, domain_id, pictures)
         for arm, taken in (("bare", bare), ("bridge", bridge)):
-            rows += [{"arm": arm, "round": number, "number": i, "taken_ms": ms} for i, ms in enumerate(taken)]
+            rows += [
+                {"arm": arm, "round": number, "number": i, "taken_ms": ms}
+                for i, ms in enumerate(taken)
+            ]
     return rows
 
 
@@ -188,7 +191,10 @@ async def watch_memory(
     The canvas goes to the sink, which runs for a while before and after.
     """
     (session, display), rows, is_stopped = _look(), list[dict[str, Any]](), False
-    async with Node("view", domain_id=domain_id, interface="lo") as node, Bridge(node, session, canvas):
+    async with (
+        Node("view", domain_id=domain_id, interface="lo") as node,
+        Bridge(node, session, canvas),
+    ):
         start_s = time.monotonic()
         while not display.slot.counts.shown and time.monotonic() - start_s < _READY_S:  # noqa: ASYNC110 - no event
             await asyncio.sleep(_SAMPLE_S)
