@@ -96,9 +96,9 @@ async def trace_frames(remote: dict[str, Any], local: dict[str, Any], trace: Fra
     async with Node("camera_pipeline", **remote) as far, Node("viewer", **local) as near:
         near.create_subscription(IMAGE_TYPE, LOCAL, trace.seen, SENSOR_DATA, transport="shm")
         decoding = asyncio.create_task(pipeline(far, Outputs(near, IMAGE_TYPE, LOCAL)))
-        async with camera._camera(
+        async with camera._camera(  # noqa: SLF001
             camera_config(camera.CameraConfig, remote), lambda _: None
-        ) as opened:  # noqa: SLF001
+        ) as opened:
             shooting = asyncio.create_task(opened.shoot)
             async with asyncio.timeout(LIMIT_S):
                 while len(trace.frames) < FRAMES:  # noqa: ASYNC110 - the profiler has no events

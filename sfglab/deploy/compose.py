@@ -116,9 +116,9 @@ def _environment(deployment: Deployment) -> dict[str, str]:
     """Return what the agent's own nodes and the user's need to meet in its domain."""
     values = {
         "SFG_AGENT_NAME": deployment.agent.name,
-        "HOME": "/tmp",
+        "HOME": "/tmp",  # noqa: S108 - a tmpfs of the container's own
         "NUMBA_CACHE_DIR": "/run/numba",
-    }  # noqa: S108 - a tmpfs of the container's own
+    }
     if deployment.common.ros is RosDistribution.NONE:
         return values
     return values | {

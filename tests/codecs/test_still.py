@@ -36,13 +36,7 @@ def png_claiming(width: int, height: int) -> bytes:
 
 def jpeg_claiming(width: int, height: int) -> bytes:
     # start, a comment segment, a fill byte, start of frame (baseline)
-    return (
-        b"\xff\xd8"
-        + b"\xff\xfe\0\4hi"
-        + b"\xff"
-        + b"\xff\xc0\0\x0b\x08"
-        + struct.pack(">HH", height, width)
-    )
+    return b"\xff\xd8\xff\xfe\0\4hi\xff\xff\xc0\0\x0b\x08" + struct.pack(">HH", height, width)
 
 
 @pytest.mark.parametrize(

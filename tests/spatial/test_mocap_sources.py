@@ -118,9 +118,9 @@ def client(monkeypatch):
 async def test_vicon_frames_are_taken_with_capture_time_units_and_order(client):
     taken = []
     async with aclosing(ViconSource("tracker:801", clock=Clock()).captures()) as captures:
-        with pytest.raises(
+        with pytest.raises(  # noqa: PT012
             MocapError, match="801: asked to send a frame, it answered NotConnected"
-        ):  # noqa: PT012
+        ):
             async for capture in captures:
                 taken.append(capture)  # noqa: PERF401 - it ends with an error
     assert [c.number for c in taken] == [1001, 1003]
