@@ -123,8 +123,11 @@ class _Sender:
         self._datagrams, self._port = datagrams, port
         self._publishers = {
             name: near.create_publisher(
-                way.type, topic_of(name), LOCAL_QOS, transport=way.transport
-            )  # type: ignore[arg-type]
+                way.type,
+                topic_of(name),
+                LOCAL_QOS,
+                transport=way.transport,  # type: ignore[arg-type]
+            )
             for name, way in WAYS.items()
         }
 
