@@ -26,9 +26,8 @@ Report = dict[str, Any]  #: An order or a report.
 Reporter = Callable[[Report], None]  #: Takes a report.
 Orders = asyncio.Queue[Report]  #: What a component is told, in order.
 
-BEATS_VARIABLE = (
-    "SFGLAB_BEATS"  #: Set in a component's environment, it makes it give signs of life.
-)
+#: Set in a component's environment, it makes it give signs of life.
+BEATS_VARIABLE = "SFGLAB_BEATS"
 BEAT_PERIOD_S = 1.0  #: How often, seconds.
 END_LIMIT_S = 10  #: How long a component that starts no others may take to end, in seconds.
 ORDER_LIMIT_BYTES = 1 << 22

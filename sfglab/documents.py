@@ -40,9 +40,8 @@ class Place:
     """Where something stands in a file."""
 
     file: str = ""  #: Name of the file.
-    key: str = (
-        ""  #: Keys from the top, as in ``agents.go2.publishes[2]``; empty for the whole file.
-    )
+    #: Keys from the top, as in ``agents.go2.publishes[2]``; empty for the whole file.
+    key: str = ""
     line: int = 0  #: Line from 1; 0 where there is none.
 
     def __str__(self) -> str:

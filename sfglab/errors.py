@@ -20,7 +20,8 @@ class InvalidValueError(SfglabError, ValueError):
     """A value that is not allowed where it was given."""
 
     def __init__(self, place: Any, given: object, allowed: str) -> None:
-        self.place = place  #: A field, an argument, an option, a key; of documents, a `sfglab.documents.Place`.
+        #: A field, an argument, an option, a key; of documents, a `sfglab.documents.Place`.
+        self.place = place
         self.given = given  #: The value; None where nothing is given.
         self.allowed = allowed  #: What is allowed in its place.
         super().__init__(

@@ -83,9 +83,8 @@ class BackOff:
 
     first_ns: int  #: The first wait.
     limit_ns: int  #: The longest wait.
-    stable_ns: (
-        int  #: A try that lasted this long has proved itself: the next wait is the first one again.
-    )
+    #: A try that lasted this long has proved itself: the next wait is the first one again.
+    stable_ns: int
     failures: int = 0  #: How many tries have failed.
     _doublings: int = 0
 
@@ -103,18 +102,15 @@ class BackOff:
 class ProcessTiming:
     """How long a process that is started anew after crashes is waited for, in nanoseconds."""
 
-    start_ns: int = (
-        30_000_000_000  #: One that does not serve after this long is ended and started anew.
-    )
-    stop_ns: int = (
-        5_000_000_000  #: One that was told to end and has not after this long is ended by force.
-    )
+    #: One that does not serve after this long is ended and started anew.
+    start_ns: int = 30_000_000_000
+    #: One that was told to end and has not after this long is ended by force.
+    stop_ns: int = 5_000_000_000
     #: Wait before the first new try after a crash; it doubles with each further crash.
     backoff_ns: int = 200_000_000
     backoff_max_ns: int = 10_000_000_000  #: The longest wait between tries.
-    stable_ns: int = (
-        10_000_000_000  #: One that served this long has proved itself: waits begin anew.
-    )
+    #: One that served this long has proved itself: waits begin anew.
+    stable_ns: int = 10_000_000_000
 
 
 class ProcessLife(Machine[S, I, A]):

@@ -197,9 +197,8 @@ def _report_from_line(line: bytes) -> Report:
 # --- Processes that hang -------------------------------------------------------------------------------------
 
 LOOK_PERIOD_S = 1.0  #: How often a process that is watched is looked at, seconds.
-HANG_S = (
-    10.0  #: How long one that beats may do anything else, in seconds in which it could have beaten.
-)
+#: How long one that beats may do anything else, in seconds in which it could have beaten.
+HANG_S = 10.0
 _STOPPED_COUNTS = 4.0  # one that is stopped cannot be busy, so it is known sooner
 
 

@@ -42,22 +42,18 @@ class QoSProfile(Shown):
     """One endpoint's quality of service; the defaults are rmw's default profile (rmw 7.5, qos_profiles.h)."""
 
     reliability: Reliability = Reliability.RELIABLE  #: Whether lost samples are repaired.
-    durability: Durability = (
-        Durability.VOLATILE
-    )  #: Whether late joiners receive the writer's history.
+    #: Whether late joiners receive the writer's history.
+    durability: Durability = Durability.VOLATILE
     #: Whether the history is bounded by `depth` (KEEP_LAST) or not (KEEP_ALL).
     history: History = History.KEEP_LAST
     depth: int = 10  #: Samples kept with KEEP_LAST, at least 1; ignored with KEEP_ALL.
-    deadline_ns: int | None = (
-        None  #: Longest agreed gap between samples, in nanoseconds; None is infinite.
-    )
-    lifespan_ns: int | None = (
-        None  #: Age after which a sample is dropped, in nanoseconds; None is infinite.
-    )
+    #: Longest agreed gap between samples, in nanoseconds; None is infinite.
+    deadline_ns: int | None = None
+    #: Age after which a sample is dropped, in nanoseconds; None is infinite.
+    lifespan_ns: int | None = None
     liveliness: Liveliness = Liveliness.AUTOMATIC  #: Whether the process or each sample shows life.
-    lease_ns: int | None = (
-        None  #: After how long without life a writer is lost, in ns; None is infinite.
-    )
+    #: After how long without life a writer is lost, in ns; None is infinite.
+    lease_ns: int | None = None
 
     def __post_init__(self) -> None:
         if self.depth < 1:

@@ -166,6 +166,5 @@ def _said(field: dataclasses.Field[Any], docs: Mapping[str, str]) -> Schema:
     return said
 
 
-ELSEWHERE: Mapping[str, Any] = {
-    "elsewhere": True
-}  #: Metadata of a field that a file holds in another form.
+#: Metadata of a field that a file holds in another form.
+ELSEWHERE: Mapping[str, Any] = {"elsewhere": True}

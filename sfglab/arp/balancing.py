@@ -15,9 +15,8 @@ from sfglab.errors import InvalidValueError, SfglabError
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-DEPTH_MAX = (
-    5000  #: Dmax: the most samples that Fast DDS kept in 2023 (paper B, section 2.4, reference 17).
-)
+#: Dmax: the most samples that Fast DDS kept in 2023 (paper B, section 2.4, reference 17).
+DEPTH_MAX = 5000
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -45,9 +44,8 @@ class Balance:
     """A solution of the printed problem."""
 
     rate_hz: float  #: R, at which each topic is sent.
-    depth: (
-        float  #: D, the history's depth; a real number as the problem has it, to be rounded down.
-    )
+    #: D, the history's depth; a real number as the problem has it, to be rounded down.
+    depth: float
     solver: str  #: What found it.
 
 

@@ -129,9 +129,8 @@ class _ChangeFilter:
     equal: Equality = exactly_equal  #: When two values are the same; exact by default.
     #: After this long without passing anything a topic's value passes anyway; None: never, as in the paper.
     max_silence_ns: int | None = None
-    counters: CacheCounters = field(
-        default_factory=CacheCounters
-    )  #: What it has done, all topics together.
+    #: What it has done, all topics together.
+    counters: CacheCounters = field(default_factory=CacheCounters)
     _entries: dict[str, _Entry] = field(default_factory=dict, repr=False)
 
     def __post_init__(self) -> None:

@@ -140,9 +140,8 @@ def _add_duration(parent: ET.Element, duration_ns: int) -> None:
 
 
 _NAMESPACE = "https://cdds.io/config"
-_LEAST_NS = (
-    5_000_000  #: HeartbeatInterval's `min`, Cyclone's default; the model does not reckon with it.
-)
+#: HeartbeatInterval's `min`, Cyclone's default; the model does not reckon with it.
+_LEAST_NS = 5_000_000
 
 _SCHEDULED_LEAST_NS = 20_000_000  #: HeartbeatInterval's `minsched`, Cyclone's default.
 

@@ -33,42 +33,35 @@ _LEAST = 1e-9
 class Link:
     """Topics on a medium, as arrays; S senders take turns or are independent, n topics."""
 
-    senders: tuple[
-        str, ...
-    ]  #: Who sends at one time: the medium where it is shared, else each host.
+    #: Who sends at one time: the medium where it is shared, else each host.
+    senders: tuple[str, ...]
     sender: NDArray[np.intp]  #: Which of them carries a topic's samples, shape (n,).
     #: Time of a sender that one sample costs with all hosts contending, with repeats, shape (S, n).
     data_s: NDArray[np.float64]
-    acknack_s: NDArray[
-        np.float64
-    ]  #: Time of a sender that one acknowledgement costs alike, shape (S, n).
+    #: Time of a sender that one acknowledgement costs alike, shape (S, n).
+    acknack_s: NDArray[np.float64]
     acknack_share: NDArray[np.float64]  #: Acknowledgements for each sample, shape (n,).
     #: Acknowledgements at most, as the reader's delay bundles heartbeats, shape (n,).
     acknack_most_hz: NDArray[np.float64]
     #: Changes of a topic's value where a local cache lets only those pass, else infinite, shape (n,).
     change_most_hz: NDArray[np.float64]
-    frame_s: NDArray[
-        np.float64
-    ]  #: Mean time on the air of one frame without contention, shape (S,).
+    #: Mean time on the air of one frame without contention, shape (S,).
+    frame_s: NDArray[np.float64]
     contention: float  #: By which share all hosts together stretch a frame.
-    way_s: NDArray[
-        np.float64
-    ]  #: From being sent to arrival without queue and contention, shape (n,).
-    round_s: NDArray[
-        np.float64
-    ]  #: From the heartbeat that shows a gap to the repair's arrival, shape (n,).
+    #: From being sent to arrival without queue and contention, shape (n,).
+    way_s: NDArray[np.float64]
+    #: From the heartbeat that shows a gap to the repair's arrival, shape (n,).
+    round_s: NDArray[np.float64]
     again_s: float  #: What a reader waits besides before it asks for the same again.
     period_s: float  #: Between heartbeats that travel alone.
     final_within_s: float  #: A heartbeat that follows a sample sooner than this asks for no answer.
     nack_most: int  #: Samples that one request can ask for.
-    loss: NDArray[
-        np.float64
-    ]  #: Share of a topic's samples of which the medium loses a frame, shape (n,).
+    #: Share of a topic's samples of which the medium loses a frame, shape (n,).
+    loss: NDArray[np.float64]
     reliable: NDArray[np.bool_]  #: Whether a topic is repaired, shape (n,).
     batching: NDArray[np.bool_]  #: Whether heartbeats come once in `depth` samples, shape (n,).
-    held: NDArray[
-        np.float64
-    ]  #: `repairs.Held` of each topic, zeros of those not repaired, shape (3, n).
+    #: `repairs.Held` of each topic, zeros of those not repaired, shape (3, n).
+    held: NDArray[np.float64]
 
     @property
     def arriving(self) -> NDArray[np.float64]:

@@ -59,9 +59,8 @@ class InfeasiblePlanError(SfglabError, ValueError):
 class Limits:
     """What a plan must keep to."""
 
-    utilisation_max: float = between(
-        0.9, 0, 1, without=(0, 1)
-    )  #: The most of a sender's time to be taken.
+    #: The most of a sender's time to be taken.
+    utilisation_max: float = between(0.9, 0, 1, without=(0, 1))
     #: Share of samples that may stay lost after repairs, where a history can keep it; a plan says what it
     #: expects (`TopicPlan.loss`).
     residual_loss: float = between(1e-4, 0, 1, without=(0, 1))
@@ -141,9 +140,8 @@ def rounds_needed(loss: float, residual_loss: float) -> int:
     return max(1, math.ceil(math.log(residual_loss / loss) / math.log(1 - (1 - loss) ** 2)))
 
 
-_SLACK = (
-    4.0  #: Mean waits in queues that a repair may meet on its three ways before it is too late.
-)
+#: Mean waits in queues that a repair may meet on its three ways before it is too late.
+_SLACK = 4.0
 
 
 def _rounds_s(
@@ -184,10 +182,10 @@ class TopicPlan:
     topic: Topic  #: The topic.
     rate_hz: float  #: How often it is sent.
     depth: int  #: History of its writer and of its reader.
-    latency_s: float  #: Mean time from publication to delivery, expected; infinite on an overloaded medium.
-    up_to_date: (
-        float  #: Share of time in which the reader holds the value that the sensor has, expected.
-    )
+    #: Mean time from publication to delivery, expected; infinite on an overloaded medium.
+    latency_s: float
+    #: Share of time in which the reader holds the value that the sensor has, expected.
+    up_to_date: float
     loss: float  #: Share of samples that never come because the medium loses frames, expected.
 
     @property

@@ -226,7 +226,8 @@ class Programme:
     rates: Any  #: Expression, shape (n,), Hz.
     #: Least and largest rates, each of shape (n,); a solver keeps to them within its tolerance.
     bounds_hz: tuple[NDArray[np.float64], NDArray[np.float64]]
-    ceiling: Any  #: Parameter: share of the largest rate up to which the allowed loss can be kept, shape (n,).
+    #: Parameter: share of the largest rate up to which the allowed loss can be kept, shape (n,).
+    ceiling: Any
     level: Any  #: Parameter: the most of each sender's time that may be taken.
     price: Any  #: Parameter: what a second of mean latency costs.
     #: Parameters, each of shape (n,): of samples that travel, how many a reading and how many a second, in the

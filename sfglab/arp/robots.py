@@ -21,13 +21,11 @@ class Sensor:
     name: str  #: Of the device, as topics name it.
     model: str  #: Maker and model (section 3.1).
     type: str  #: ROS type of its messages.
-    example: (
-        float | bool | str
-    )  #: A value that it sends; of the paper's two texts, that of Table 1's size.
+    #: A value that it sends; of the paper's two texts, that of Table 1's size.
+    example: float | bool | str
     table_bytes: int  #: Size in Table 1.
-    change_s: (
-        float  #: Mean time between changes of its value, seconds, while objects move around it.
-    )
+    #: Mean time between changes of its value, seconds, while objects move around it.
+    change_s: float
     why: str  #: Where `change_s` comes from.
 
 
@@ -89,13 +87,11 @@ class Method:
     """One way to move the robots' data (paper B, sections 2.2 to 2.4)."""
 
     name: str  #: As in Fig. 10, 11 and 16.
-    optimised: bool = (
-        False  #: OPT: the rate, and with the depth ``opt`` the depth too, come from Eq. 6.
-    )
+    #: OPT: the rate, and with the depth ``opt`` the depth too, come from Eq. 6.
+    optimised: bool = False
     local_cache: bool = False  #: LC: a value that repeats is held back in the robot.
-    cache_control: bool = (
-        False  #: CC: a value that repeats is discarded in the station before planning.
-    )
+    #: CC: a value that repeats is discarded in the station before planning.
+    cache_control: bool = False
 
 
 METHODS = {

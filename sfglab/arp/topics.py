@@ -28,9 +28,8 @@ class Topic:
     source: str = field(metadata=named("from"))  #: Host that publishes.
     #: Host that subscribes, or hosts, each of which gets a copy and acknowledges it, as DDS sends over Wi-Fi.
     target: str | tuple[str, ...] = field(metadata=named("to"))
-    size_bytes: int = field(
-        metadata=bounds(0)
-    )  #: CDR size of a message; large ones take several frames.
+    #: CDR size of a message; large ones take several frames.
+    size_bytes: int = field(metadata=bounds(0))
     rate_min_hz: float = between(1.0, without=(0,))  #: Below this it is of no use.
     rate_max_hz: float = between(1000.0, without=(0,))  #: The most that it could be sent.
     #: Mean time between changes of its value; what a higher rate is worth follows from it.
@@ -61,13 +60,11 @@ class _Link:
 
     rate_mbps: float = between(20.0, without=(0,))  #: Megabits a second.
     loss: float = between(0.01, 0, 1, without=(1,))  #: Share of frames that are lost.
-    shared: bool = (
-        True  #: One half-duplex medium for all hosts (Wi-Fi); else each host sends independently.
-    )
+    #: One half-duplex medium for all hosts (Wi-Fi); else each host sends independently.
+    shared: bool = True
     overhead_us: float = 300.0  #: Airtime of a frame beside its bits.
-    contention: float = (
-        0.15  #: By which share each further host that wants to send stretches a frame.
-    )
+    #: By which share each further host that wants to send stretches a frame.
+    contention: float = 0.15
     latency_ms: float = 0.0  #: From the end of sending to arrival.
     queue_frames: int = between(500, 1)  #: Frames that a host's queue holds.
 
@@ -92,15 +89,12 @@ _MILLISECONDS = bounds(without=(0,))
 class _Timing:
     """Times of the DDS implementation that are not its vendor's own."""
 
-    heartbeat_ms: float | None = field(
-        default=None, metadata=_MILLISECONDS
-    )  #: Between two heartbeats.
-    nack_delay_ms: float | None = field(
-        default=None, metadata=_MILLISECONDS
-    )  #: From a loss to its request.
-    ack_delay_ms: float | None = field(
-        default=None, metadata=_MILLISECONDS
-    )  #: From a heartbeat to its answer.
+    #: Between two heartbeats.
+    heartbeat_ms: float | None = field(default=None, metadata=_MILLISECONDS)
+    #: From a loss to its request.
+    nack_delay_ms: float | None = field(default=None, metadata=_MILLISECONDS)
+    #: From a heartbeat to its answer.
+    ack_delay_ms: float | None = field(default=None, metadata=_MILLISECONDS)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -121,9 +115,8 @@ class TopicFile:
     """A file of topics for `sfglab qos`: who sends what to whom over which link."""
 
     topics: tuple[Topic, ...] = field(metadata=by_name("name"))  #: In the file's order.
-    medium: Medium = field(
-        default_factory=Medium, metadata=ELSEWHERE
-    )  #: The link that all of them share.
+    #: The link that all of them share.
+    medium: Medium = field(default_factory=Medium, metadata=ELSEWHERE)
     #: The DDS implementation, with the file's timing where it says any.
     vendor: Vendor = field(default=FAST_DDS, metadata=ELSEWHERE)
     #: The most of the medium's time that may be planned.

@@ -24,9 +24,8 @@ MessageType = str | type[Any]
 Callback = Callable[[Any], Awaitable[None] | None]
 Handler = Callable[[Any], Any]
 
-DEFAULT_MAX_MESSAGE_BYTES = (
-    64 * 2**20
-)  #: A 4K image has 25 MB; a cloud of two million points 64 MB.
+#: A 4K image has 25 MB; a cloud of two million points 64 MB.
+DEFAULT_MAX_MESSAGE_BYTES = 64 * 2**20
 
 # Keys of USER_DATA, which has the `key=value;` form that ROS 2 uses there: `enclave=/;` on participants,
 # `typehash=..;` and `serviceid=..;` on endpoints. Readers ignore keys that they do not know.
@@ -34,13 +33,11 @@ NODE_KEY = "sfglab.node"
 HOST_KEY = "sfglab.host"
 SHM_KEY = "sfglab.shm"
 OFFER_KEY = "sfglab.offer"  #: On writers that send nothing: somebody would, if it were wanted.
-SHM_PARTITION = (
-    "sfglab.shm"  #: Where shared-memory endpoints show themselves and no ordinary one matches them.
-)
+#: Where shared-memory endpoints show themselves and no ordinary one matches them.
+SHM_PARTITION = "sfglab.shm"
 
-FAST_DDS = (
-    b"\x01\x0f"  #: Fast DDS's vendor id, with which its GUIDs begin (RTPS 2.5, clause 9.3.1.5).
-)
+#: Fast DDS's vendor id, with which its GUIDs begin (RTPS 2.5, clause 9.3.1.5).
+FAST_DDS = b"\x01\x0f"
 
 
 class EndpointKind(Enum):
@@ -54,12 +51,10 @@ class EndpointKind(Enum):
 class MessageInfo:
     """What is known about a received message beside its content."""
 
-    source_timestamp_ns: (
-        int  #: When it was published, by the publisher's clock (Unix time, nanoseconds).
-    )
-    received_timestamp_ns: (
-        int  #: When it was taken from the transport, by this host's clock (Unix time, ns).
-    )
+    #: When it was published, by the publisher's clock (Unix time, nanoseconds).
+    source_timestamp_ns: int
+    #: When it was taken from the transport, by this host's clock (Unix time, ns).
+    received_timestamp_ns: int
     publisher_gid: bytes  #: The 16-byte DDS GUID of the publisher; zeros when it was already gone.
 
 
@@ -77,15 +72,12 @@ class RawEndpoint:
     #: Endpoints of different transports do not meet. "ros" is for services (`sfglab.bus.ros`), "any" for a
     #: raw writer of them.
     transport: Transport = "dds"
-    max_message_bytes: int = (
-        DEFAULT_MAX_MESSAGE_BYTES  #: The limit of one message's CDR with "shm".
-    )
-    forwards: bool = (
-        False  #: Whether samples pass as they are and own endpoints do not match, for a router.
-    )
-    threaded: bool = (
-        False  #: Whether samples are handed over in the thread that takes them, if there is one.
-    )
+    #: The limit of one message's CDR with "shm".
+    max_message_bytes: int = DEFAULT_MAX_MESSAGE_BYTES
+    #: Whether samples pass as they are and own endpoints do not match, for a router.
+    forwards: bool = False
+    #: Whether samples are handed over in the thread that takes them, if there is one.
+    threaded: bool = False
 
     def __post_init__(self) -> None:
         if self.transport not in get_args(Transport):
@@ -105,7 +97,8 @@ class EndpointInfo:
 
     kind: EndpointKind  #: Publisher or subscription.
     topic: str  #: The ROS topic ("/chatter"), or the DDS topic as it is when it has no ROS name.
-    type: str  #: The ROS type ("std_msgs/msg/String"), or the DDS type as it is when it has no ROS name.
+    #: The ROS type ("std_msgs/msg/String"), or the DDS type as it is when it has no ROS name.
+    type: str
     gid: bytes  #: The endpoint's 16-byte DDS GUID.
     qos: QoSProfile  #: What the endpoint offers or requests.
     #: "dds", "shm" for what announces a shared-memory endpoint, or "ros" for a service's half in rmw_fastrtps.
@@ -126,9 +119,8 @@ class NodeInfo:
     namespace: str  #: The node's namespace, "/" for the root.
     name: str  #: Its name.
     participant: bytes  #: The 16-byte GUID of its participant.
-    readers: tuple[
-        bytes, ...
-    ] = ()  #: GUIDs (16 bytes) of its subscriptions, services' included, in its order.
+    #: GUIDs (16 bytes) of its subscriptions, services' included, in its order.
+    readers: tuple[bytes, ...] = ()
     writers: tuple[bytes, ...] = ()  #: The same of its publishers.
 
     @property

@@ -19,9 +19,8 @@ if TYPE_CHECKING:
 
     from sfglab.bus.api import Callback
 
-KEEP_ALL_LIMIT_BYTES = (
-    256 * 2**20
-)  #: How much a KEEP_ALL subscription may queue; beyond it the oldest goes.
+#: How much a KEEP_ALL subscription may queue; beyond it the oldest goes.
+KEEP_ALL_LIMIT_BYTES = 256 * 2**20
 
 Sample = tuple[bytes | memoryview, int, int, bytes]
 """CDR, source and reception time (ns), publisher's gid: a plain tuple, as it is made for every message."""

@@ -22,9 +22,8 @@ if TYPE_CHECKING:
 Transform = Callable[[bytes], bytes | None]
 """Changes a sample on its way: CDR in, CDR out, None drops it. The same object back means: as it was."""
 
-HELD_SAMPLES = (
-    256  #: How many samples of a source that nobody judged yet are kept; the oldest go first.
-)
+#: How many samples of a source that nobody judged yet are kept; the oldest go first.
+HELD_SAMPLES = 256
 
 _Sample = TypeVar("_Sample")
 _Exit = TypeVar("_Exit")
@@ -47,9 +46,8 @@ class ForwardCounts:
     """What a forward did so far."""
 
     forwarded: int = 0  #: Samples handed to a raw writer.
-    dropped: int = (
-        0  #: Samples that were refused, by a transform or the middleware too, or pushed out.
-    )
+    #: Samples that were refused, by a transform or the middleware too, or pushed out.
+    dropped: int = 0
     bytes: int = 0  #: Size of the CDR that was forwarded.
 
 

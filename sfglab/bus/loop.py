@@ -16,7 +16,8 @@ _log = logging.getLogger("sfglab.bus")
 
 OnError = Callable[[BaseException, str], None]
 
-JOIN_S = 5.0  #: How long a thread may take to end, seconds: it may be in a callback that waits for the caller.
+#: How long a thread may take to end, seconds: it may be in a callback that waits for the caller.
+JOIN_S = 5.0
 _READABLE_AT_ONCE = 16
 
 

@@ -17,9 +17,8 @@ if TYPE_CHECKING:
 
     from sfglab.bus.node import Node
 
-Way = Literal[
-    "dds", "ros"
-]  #: Over DDS, for rmw_cyclonedds, or by ROS 2's own program (`sfglab.bus.ros`).
+#: Over DDS, for rmw_cyclonedds, or by ROS 2's own program (`sfglab.bus.ros`).
+Way = Literal["dds", "ros"]
 READ_ONLY = "it is given when the component starts"
 _SERVICES = (
     "DescribeParameters",

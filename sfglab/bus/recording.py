@@ -37,12 +37,10 @@ if TYPE_CHECKING:
 _BATCH = 256
 _LAST_BATCHES = 8
 _OTHERS_S = 0.2  #: How long publishers of one topic may take to appear together.
-_UNACKNOWLEDGED = (
-    256  #: How many a played reliable topic keeps; its readers are waited for at half of them.
-)
-_STANDS_STILL_S = (
-    15.0  #: After which a reader is not waited for again; one that is gone is noticed before.
-)
+#: How many a played reliable topic keeps; its readers are waited for at half of them.
+_UNACKNOWLEDGED = 256
+#: After which a reader is not waited for again; one that is gone is noticed before.
+_STANDS_STILL_S = 15.0
 _MATCH_S = 3.0
 _LATE_S = 2.0  #: How long readers may take for what was played last.
 

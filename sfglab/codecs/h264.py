@@ -105,9 +105,8 @@ class VideoDecoder:
     def __init__(self, codec: str, *, decoder: str, most_pixels: int = MAX_PIXELS) -> None:
         self.codec = codec  #: As given.
         self.decoder_name = decoder  #: The FFmpeg decoder that was opened.
-        self.waiting = (
-            True  #: Whether a key frame is still awaited, and other packets are of no use.
-        )
+        #: Whether a key frame is still awaited, and other packets are of no use.
+        self.waiting = True
         self.refused_packets = 0  #: Packets passed over while waiting for a key frame.
         self.broken_packets = 0  #: Packets in which a fault was found.
         self._most_pixels = most_pixels

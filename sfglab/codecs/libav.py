@@ -45,9 +45,8 @@ class H264Settings:
     fps: float  #: Frames per second.
     bitrate_bps: int  #: Constant bit rate in bits per second.
     gop: int  #: Frames from one key frame to the next.
-    encoder: str = (
-        "auto"  #: ``"auto"``, or an FFmpeg encoder such as ``"libx264"`` or ``"h264_nvenc"``.
-    )
+    #: ``"auto"``, or an FFmpeg encoder such as ``"libx264"`` or ``"h264_nvenc"``.
+    encoder: str = "auto"
     #: Size of the rate control's buffer, in frames of average size. 1 gives packets of equal size; 15 to 30
     #: give better pictures, key frames of about three times the average and bursts.
     vbv_frames: float = 1.0

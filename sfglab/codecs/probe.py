@@ -72,9 +72,8 @@ class Choice:
     """The codec that was chosen."""
 
     name: str  #: FFmpeg's name.
-    fallback_reason: (
-        str | None
-    )  #: Why it is not a preferred one; None if nothing better was wanted.
+    #: Why it is not a preferred one; None if nothing better was wanted.
+    fallback_reason: str | None
 
 
 def available_encoders() -> tuple[CodecProbe, ...]:

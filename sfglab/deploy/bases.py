@@ -19,7 +19,8 @@ if TYPE_CHECKING:
     from sfglab.deploy.deployment import Deployment
 
 
-JETPACK = 6  #: The JetPack that the base image of Jetsons belongs to (L4T r36); its libraries fit no other.
+#: The JetPack that the base image of Jetsons belongs to (L4T r36); its libraries fit no other.
+JETPACK = 6
 
 
 class Distribution(Enum):

@@ -24,7 +24,8 @@ from sfglab.documents import suggestion
 from sfglab.files import read_text, write_files
 from sfglab.fleet.fleet_file import AUTO, Accelerator, AgentSpec, Fleet, HostSpec, read_fleet
 
-MANIFEST = "manifest.json"  #: A bundle's files, with digests; written last: without it one is not complete.
+#: A bundle's files, with digests; written last: without it one is not complete.
+MANIFEST = "manifest.json"
 
 ENVIRONMENT = "release.env"  #: The release that Compose starts; the hooks make ``.env`` of it.
 

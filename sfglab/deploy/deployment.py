@@ -20,9 +20,8 @@ from sfglab.fleet.fleet_file import (
     HostSpec,
 )
 
-LAST_EPHEMERAL_FREE_PORT = (
-    32767  #: The last port below net.ipv4.ip_local_port_range, which anybody gets.
-)
+#: The last port below net.ipv4.ip_local_port_range, which anybody gets.
+LAST_EPHEMERAL_FREE_PORT = 32767
 
 _LONGEST_INTERFACE = 15  # IFNAMSIZ of Linux, less its closing zero
 _CONTAINER_INTERFACE = "eth0"
@@ -34,17 +33,14 @@ class NetworkPlan:
 
     local_domain: int  #: The agent's own domain.
     global_domain: int  #: The domain that all routers join.
-    bridge: (
-        str  #: Name of the agent's bridge; empty where its container stands on the host's network.
-    )
+    #: Name of the agent's bridge; empty where its container stands on the host's network.
+    bridge: str
     agent_interface: str  #: Where the agent's container speaks its own domain.
     router_interface: str  #: Where the router meets it.
-    global_interface: (
-        str | None
-    )  #: Where the router meets the other agents; None leaves the choice to DDS.
-    local_ports: tuple[
-        int, int
-    ]  #: First and last UDP port of its own domain, which nobody outside may reach.
+    #: Where the router meets the other agents; None leaves the choice to DDS.
+    global_interface: str | None
+    #: First and last UDP port of its own domain, which nobody outside may reach.
+    local_ports: tuple[int, int]
     global_ports: tuple[int, int]  #: First and last UDP port of the global domain.
 
 
@@ -97,9 +93,8 @@ class Release:
     version: str  #: Of sfglab.
     wheel: str  #: File name of sfglab's wheel.
     wheel_sha256: str  #: Its digest, as hexadecimal digits.
-    lock: (
-        str  #: The pinned lock file's text: names, versions and digests of all that runs beside it.
-    )
+    #: The pinned lock file's text: names, versions and digests of all that runs beside it.
+    lock: str
     fleet_text: str  #: The fleet file, as it was read.
     revision: str = ""  #: Commit the wheel was built from; empty where it is not known.
     created: str = ""  #: When that was, as RFC 3339 has it; empty where it is not known.

@@ -33,9 +33,8 @@ class _Cyclone:
 
     version: str = "11.0.1"  #: Its tag, and that of the Python binding on PyPI.
     commit: str = "e54e991f75a3e67f8e628da3171122e36ea5b872"  #: What the tag names.
-    repository: str = (
-        "https://github.com/eclipse-cyclonedds/cyclonedds.git"  #: Where it is fetched from.
-    )
+    #: Where it is fetched from.
+    repository: str = "https://github.com/eclipse-cyclonedds/cyclonedds.git"
     prefix: str = "/opt/cyclonedds"  #: Where it is installed.
     packages: tuple[str, ...] = ()  #: Debian packages that build it.
 
@@ -46,10 +45,10 @@ class _Ros:
 
     distribution: str  #: Its name.
     archive: str = "http://packages.ros.org/ros2/ubuntu"  #: Its Debian packages.
-    key: str = "https://raw.githubusercontent.com/ros/rosdistro/master/ros.key"  #: The archive's signing key.
-    fingerprint: str = (
-        "C1CF6E31E6BADE8868B172B4F42ED6FBAB17C654"  #: The key's, as Open Robotics publishes it.
-    )
+    #: The archive's signing key.
+    key: str = "https://raw.githubusercontent.com/ros/rosdistro/master/ros.key"
+    #: The key's, as Open Robotics publishes it.
+    fingerprint: str = "C1CF6E31E6BADE8868B172B4F42ED6FBAB17C654"
 
     @property
     def packages(self) -> tuple[str, ...]:

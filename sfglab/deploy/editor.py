@@ -10,13 +10,11 @@ from sfglab.deploy.deployment import FLEET_FILE, USER, Deployment
 from sfglab.deploy.files import BundleFile
 from sfglab.fleet.fleet_file import RosDistribution
 
-INTERPRETER = (
-    "/opt/venv/bin/python"  #: Of images, with sfglab; nodes of a distribution run on the system's.
-)
+#: Of images, with sfglab; nodes of a distribution run on the system's.
+INTERPRETER = "/opt/venv/bin/python"
 
-ENVIRONMENT_FILE = (
-    "build/ros.env"  #: Of the workspace's nodes, for debuggers, which source no shell files.
-)
+#: Of the workspace's nodes, for debuggers, which source no shell files.
+ENVIRONMENT_FILE = "build/ros.env"
 
 _KEPT = "^(AMENT_|CMAKE_PREFIX_PATH=|COLCON_|LD_LIBRARY_PATH=|PATH=|PYTHONPATH=|ROS_)"
 
@@ -59,10 +57,8 @@ EXTENSIONS = tuple(sorted({*_OTHERS, *DEBUGGERS.values(), *FORMATTERS.values()})
 _BUILT = ("build", "install", "log")
 
 
-_PYTHON = {
-    RosDistribution.HUMBLE: "3.10",
-    RosDistribution.JAZZY: "3.12",
-}  #: Of their Ubuntu (REP 2000).
+#: Of their Ubuntu (REP 2000).
+_PYTHON = {RosDistribution.HUMBLE: "3.10", RosDistribution.JAZZY: "3.12"}
 
 
 def _workspace_settings(ros: RosDistribution) -> dict[str, Any]:
@@ -154,9 +150,8 @@ def _bash(
     return task | ({"group": group} if group else {})
 
 
-DEBUGPY_PORT = (
-    5678  #: Where ``python -m debugpy --listen 5678 ...`` waits; its own documentation's example.
-)
+#: Where ``python -m debugpy --listen 5678 ...`` waits; its own documentation's example.
+DEBUGPY_PORT = 5678
 
 _ARGUMENTS = "${input:arguments}"
 _INPUTS = {

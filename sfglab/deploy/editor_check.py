@@ -68,9 +68,8 @@ class Editor:
         return [task["label"] for task in self.tasks]
 
 
-RULES: Rules[Editor, KeyPath] = (
-    Rules()
-)  #: What the files may say of each other; a place begins with its file.
+#: What the files may say of each other; a place begins with its file.
+RULES: Rules[Editor, KeyPath] = Rules()
 
 
 def check_editor(files: Mapping[str, BundleFile]) -> tuple[Finding, ...]:

@@ -33,9 +33,8 @@ if TYPE_CHECKING:
     from sfglab.documents import Place
     from sfglab.fleet.policy import Policy
 
-RULES: Rules[FleetSource, Place] = (
-    Rules()
-)  #: What a fleet file may say that makes no sense to deploy.
+#: What a fleet file may say that makes no sense to deploy.
+RULES: Rules[FleetSource, Place] = Rules()
 
 
 def _hosts(source: FleetSource) -> Iterator[tuple[fleet_file.AgentSpec, fleet_file.HostSpec]]:

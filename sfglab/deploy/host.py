@@ -15,9 +15,8 @@ from sfglab.deploy.files import PLAIN, PROGRAM, BundleFile, render
 class TimePlan:
     """What a machine does about time."""
 
-    servers: tuple[
-        str, ...
-    ]  #: Names or addresses of machines that it asks, in the order of the fleet file.
+    #: Names or addresses of machines that it asks, in the order of the fleet file.
+    servers: tuple[str, ...]
     serves: bool  #: Whether it is a time server itself.
 
 
@@ -117,7 +116,8 @@ def service_unit(deployment: Deployment) -> str:
     )
 
 
-STATE = "/var/lib/sfglab"  #: Where machines keep what a run of the hooks still owes, one folder an agent.
+#: Where machines keep what a run of the hooks still owes, one folder an agent.
+STATE = "/var/lib/sfglab"
 
 SCRIPTS = {
     "initialize.sh": PROGRAM,

@@ -45,10 +45,8 @@ AGENT_ROOTS = (  # by their normal names (PEP 503)
 )
 """What is imported at run time on a robot; without cvxpy, pandas, Qt, Jupyter and what else plans or shows."""
 
-MACHINES = {
-    Architecture.AMD64: "x86_64",
-    Architecture.ARM64: "aarch64",
-}  #: What Linux calls a processor.
+#: What Linux calls a processor.
+MACHINES = {Architecture.AMD64: "x86_64", Architecture.ARM64: "aarch64"}
 
 
 @lru_cache(maxsize=16)  # a fleet has few kinds of machine, and what is installed stays
@@ -168,9 +166,8 @@ def _environment(python: str, architecture: Architecture) -> dict[str, str]:
     }
 
 
-SOURCE = Path(sfglab.__file__).parents[
-    1
-]  #: A checkout, or where a wheel is installed: what is released.
+#: A checkout, or where a wheel is installed: what is released.
+SOURCE = Path(sfglab.__file__).parents[1]
 
 LOCK_FILE = "requirements.lock"
 

@@ -26,11 +26,8 @@ if TYPE_CHECKING:
     from sfglab.deploy.transport import Transport
 
 
-_RESTARTING = (
-    "compose.yaml",
-    ENVIRONMENT,
-    "router/",
-)  #: What containers take in when they start anew.
+#: What containers take in when they start anew.
+_RESTARTING = ("compose.yaml", ENVIRONMENT, "router/")
 
 
 class Change(Enum):
@@ -129,9 +126,8 @@ class Step:
 
     what: str  #: What it does, for people.
     script: str  #: For a shell on the machine.
-    on_system: bool = (
-        True  #: Of the running system, so that a folder in place of a machine goes without.
-    )
+    #: Of the running system, so that a folder in place of a machine goes without.
+    on_system: bool = True
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -91,21 +91,17 @@ class _QoS:
     """QoS of an endpoint; what is left out is ROS 2's default."""
 
     reliability: Reliability = DEFAULT.reliability  #: Whether what is lost is sent again.
-    durability: Durability = (
-        DEFAULT.durability
-    )  #: Whether who joins later gets what was sent before.
+    #: Whether who joins later gets what was sent before.
+    durability: Durability = DEFAULT.durability
     history: History = DEFAULT.history  #: Whether all messages are kept, or the last `depth`.
     depth: int = between(DEFAULT.depth, 1)  #: Messages that are kept.
-    deadline_s: float | None = field(
-        default=None, metadata=_POSITIVE
-    )  #: Longest time between two messages.
-    lifespan_s: float | None = field(
-        default=None, metadata=_POSITIVE
-    )  #: After it a message is of no use.
+    #: Longest time between two messages.
+    deadline_s: float | None = field(default=None, metadata=_POSITIVE)
+    #: After it a message is of no use.
+    lifespan_s: float | None = field(default=None, metadata=_POSITIVE)
     liveliness: Liveliness = DEFAULT.liveliness  #: Who says that a publisher lives.
-    lease_s: float | None = field(
-        default=None, metadata=_POSITIVE
-    )  #: Longest silence of who lives.
+    #: Longest silence of who lives.
+    lease_s: float | None = field(default=None, metadata=_POSITIVE)
 
 
 def _read_qos(section: Section, key: str) -> QoSProfile:
@@ -314,21 +310,18 @@ class FrameSpec(_Part):
     child: str  #: The frame that is placed.
     parent: str  #: The frame in which it is placed.
     static: bool = False  #: Sent once on /tf_static instead of again and again on /tf.
-    rate_hz: float = between(
-        0.0, without=(0,)
-    )  #: How often it is sent; needed when it is not static.
+    #: How often it is sent; needed when it is not static.
+    rate_hz: float = between(0.0, without=(0,))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FrameTree(_Part):
     """The transforms of one agent."""
 
-    frames: tuple[FrameSpec, ...] = field(
-        default=(), metadata=read_by(_read_frames)
-    )  #: One transform each.
-    prefix_frames: bool = (
-        True  #: Frames leave the agent as ``<agent>/<frame>``, as paper A, section 4.1 asks.
-    )
+    #: One transform each.
+    frames: tuple[FrameSpec, ...] = field(default=(), metadata=read_by(_read_frames))
+    #: Frames leave the agent as ``<agent>/<frame>``, as paper A, section 4.1 asks.
+    prefix_frames: bool = True
     #: Frames that all agents mean by the same name and that are never prefixed.
     shared_frames: tuple[str, ...] = SHARED_FRAMES
     #: Frames of this agent, without prefix, that others may give a parent.
@@ -342,16 +335,13 @@ class AgentSpec(_Part):
 
     name: str  #: The agent segment of its names.
     domain: int = field(metadata=bounds(0, MAX_DOMAIN))  #: Its own DDS domain, D_i in the paper.
-    global_interface: str | None = (
-        None  #: Interface to the other agents; None leaves the choice to DDS.
-    )
-    local_interface: str | None = (
-        None  #: Interface of its own domain; None leaves the choice to DDS.
-    )
+    #: Interface to the other agents; None leaves the choice to DDS.
+    global_interface: str | None = None
+    #: Interface of its own domain; None leaves the choice to DDS.
+    local_interface: str | None = None
     processes: int = between(1, 1)  #: ROS processes, each a DDS participant.
-    lifecycle: bool = (
-        True  #: Whether it runs status provider and discoverer (paper A, section 4.2).
-    )
+    #: Whether it runs status provider and discoverer (paper A, section 4.2).
+    lifecycle: bool = True
     sensors: tuple[SensorSpec, ...] = ()  #: What its metadata announces.
     tf: FrameTree = field(default_factory=FrameTree)  #: Its transforms.
     #: Topics, without those of `sensors`, `tf` and `lifecycle`.
@@ -380,9 +370,8 @@ class _GlobalDomain:
     """The global domain, which all routers join."""
 
     domain: int = between(0, 0, MAX_DOMAIN)  #: Its number, D_0 in the paper.
-    interface: str | None = (
-        None  #: Interface to it of agents that name none; None leaves the choice to DDS.
-    )
+    #: Interface to it of agents that name none; None leaves the choice to DDS.
+    interface: str | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -409,9 +398,8 @@ class Fleet(_Part):
     offers: bool = True
     #: How agents learn what the others are: each is asked, as in the paper, or offers it on one topic of all.
     descriptions: Literal["asked", "offered"] = "asked"
-    agents: tuple[AgentSpec, ...] = field(
-        metadata=by_name("name")
-    )  #: In the order of the file; at least one.
+    #: In the order of the file; at least one.
+    agents: tuple[AgentSpec, ...] = field(metadata=by_name("name"))
     #: What is the same on all their machines.
     deployment: DeploymentSpec = field(default_factory=DeploymentSpec)
     #: Where each rule of the policy stands; empty where the file names a known one.

@@ -33,7 +33,8 @@ if TYPE_CHECKING:
 
 FFMPEG_PACKET = "ffmpeg_image_transport_msgs/msg/FFMPEGPacket"  #: Of streams and of replays.
 
-FLAG_KEY = 1  #: In the flags of a packet where a decoder may start (libavcodec, packet.h: AV_PKT_FLAG_KEY).
+#: In the flags of a packet where a decoder may start (libavcodec, packet.h: AV_PKT_FLAG_KEY).
+FLAG_KEY = 1
 
 FLAG_DISCARD = 4  #: In the flags of a packet whose own picture nobody wants (AV_PKT_FLAG_DISCARD).
 
@@ -122,9 +123,8 @@ class State(Enum):
     """Where a stream's replay stands."""
 
     IDLE = auto()  #: Nobody reads it; nothing is written.
-    SETTLING = (
-        auto()
-    )  #: The first reader came a moment ago; the way to it is still being connected.
+    #: The first reader came a moment ago; the way to it is still being connected.
+    SETTLING = auto()
     SERVING = auto()  #: The group was sent; every packet follows as it comes.
 
 

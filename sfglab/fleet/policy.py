@@ -60,7 +60,8 @@ class Crossing(Enum):
     """How much of a ROS name, which may be several DDS topics, crosses."""
 
     NONE = "none"
-    HALF = "half"  #: Only some of its DDS topics: a service whose requests pass and whose replies do not.
+    #: Only some of its DDS topics: a service whose requests pass and whose replies do not.
+    HALF = "half"
     WHOLE = "whole"
 
 
@@ -68,7 +69,8 @@ class Crossing(Enum):
 class ForwardRule:
     """One row of Table 1."""
 
-    pattern: str  #: DDS topic names; ``*`` stands for any characters, slashes included, as in the DDS Router.
+    #: DDS topic names; ``*`` stands for any characters, slashes included, as in the DDS Router.
+    pattern: str
     description: str = ""  #: For people.
     directions: frozenset[Direction] = frozenset(Direction)  #: The ways it is open.
 
@@ -126,9 +128,8 @@ class Policy:
         return Crossing.HALF if any(passes) else Crossing.NONE
 
 
-QUEUE_DEPTH = (
-    256  #: What a router's reader and volatile writer keep at least; see `MAX_BACKLOG_BYTES`.
-)
+#: What a router's reader and volatile writer keep at least; see `MAX_BACKLOG_BYTES`.
+QUEUE_DEPTH = 256
 
 _SERVICE_PREFIXES = ("rq/", "rr/")
 _CALLS_KEPT = 1000  # as `sfglab.bus.ros.program` keeps

@@ -27,14 +27,12 @@ Row = Any  #: An instance of a table's class, or its fields as a mapping.
 class Options:
     """How a run is made on this machine, beside its configuration."""
 
-    separate: bool | None = (
-        None  #: False insists on one host; None takes separate hosts where the machine can.
-    )
+    #: False insists on one host; None takes separate hosts where the machine can.
+    separate: bool | None = None
     workers: Workers | None = None  #: Who runs the sweeps; None: what each of them names.
     explored: bool = False  #: Whether somebody only looks: the log will speak for no claim.
-    only: frozenset[str] | None = (
-        None  #: Tables of sweeps and names of parts that are run; None: all.
-    )
+    #: Tables of sweeps and names of parts that are run; None: all.
+    only: frozenset[str] | None = None
 
     def wants(self, name: str) -> bool:
         """Return whether a sweep's table or a part is run."""

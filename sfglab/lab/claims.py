@@ -38,11 +38,12 @@ class Verdict(Enum):
 
     REPRODUCED = "reproduced"
     BETTER = "better"
-    AS_GOOD = "as good"  #: Our way is as good as the paper says of its own, which another way cannot reproduce.
-    FITTED = "fitted"  #: By constants that were fitted to the paper's own figures, which predicts nothing.
-    UNDECIDED = (
-        "undecided"  #: By what the paper leaves open or runs differ in, or a part was not measured.
-    )
+    #: Our way is as good as the paper says of its own, which another way cannot reproduce.
+    AS_GOOD = "as good"
+    #: By constants that were fitted to the paper's own figures, which predicts nothing.
+    FITTED = "fitted"
+    #: By what the paper leaves open or runs differ in, or a part was not measured.
+    UNDECIDED = "undecided"
     DEVIATES = "deviates"
     NOT_YET = "not yet"
 
@@ -56,12 +57,10 @@ class Criterion:
     """By what a claim is judged, written down before the runs that it judges exist."""
 
     sentence: str  #: The paper's own words that it comes from.
-    modes: tuple[
-        str, ...
-    ]  #: Presets of `sfglab.rtps` for the paper's middleware; the lowest figure judges.
-    region: Mapping[
-        str, tuple[float, float]
-    ]  #: Least and largest value of each condition, bounds included.
+    #: Presets of `sfglab.rtps` for the paper's middleware; the lowest figure judges.
+    modes: tuple[str, ...]
+    #: Least and largest value of each condition, bounds included.
+    region: Mapping[str, tuple[float, float]]
     measure: str  #: What is computed in each condition, and of it when the claim holds there.
     unit: str  #: Of the figure.
     band: tuple[float, float]  #: Lowest and highest figure that counts as reproduced.
@@ -84,9 +83,8 @@ class Claim(Shown):
     ends: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     #: Name of the experiment that measures it; None: there is none yet.
     experiment: str | None = field(metadata=OR_NULL)
-    criterion: Criterion | None = (
-        None  #: Judges runs on the paper's own middleware; until then `band` does.
-    )
+    #: Judges runs on the paper's own middleware; until then `band` does.
+    criterion: Criterion | None = None
 
     def __post_init__(self) -> None:
         for name, (low, high) in {"band": self.band, **self.ends}.items():
@@ -98,14 +96,12 @@ class Claim(Shown):
 class Finding:
     """Our figure for one claim, computed from a run."""
 
-    estimate: (
-        Estimate  #: Median or fitted value with its 95 % interval; NaN where the log lacks it.
-    )
+    #: Median or fitted value with its 95 % interval; NaN where the log lacks it.
+    estimate: Estimate
     details: Mapping[str, str] = field(default_factory=dict)  #: Further figures, as text by name.
     reason: str = ""  #: Why it deviates from the paper's, where that is known.
-    ends: Mapping[str, float] = field(
-        default_factory=dict
-    )  #: Of the claim's `ends`, those that were measured.
+    #: Of the claim's `ends`, those that were measured.
+    ends: Mapping[str, float] = field(default_factory=dict)
     #: The same figure under other conditions that the paper leaves open, or in other runs, by what they are.
     under: Mapping[str, Estimate] = field(default_factory=dict)
     fitted: str = ""  #: What was fitted to the claim's own figures; empty: nothing.
@@ -135,14 +131,12 @@ class Entry:
     log: str = ""
     origin: str = ""  #: Machine, load, versions and commit of the log.
     missing: str = ""  #: Why there is no figure, as far as a log says.
-    mutants: str = (
-        ""  #: How many changes of the code under them the checks see, and those that they do not.
-    )
+    #: How many changes of the code under them the checks see, and those that they do not.
+    mutants: str = ""
     figures: tuple[str, ...] = ()  #: Names of the committed figures of its experiment.
     since: str = ""  #: When its lines in ``claims.yaml`` were last changed, and in which commit.
-    runs: tuple[
-        Entry, ...
-    ] = ()  #: The claim by each of several runs at different times, judged for itself.
+    #: The claim by each of several runs at different times, judged for itself.
+    runs: tuple[Entry, ...] = ()
 
     @property
     def experiment(self) -> str | None:

@@ -21,7 +21,8 @@ class ExampleMachine:
     description: str  #: What it is, and where its facts are from.
     files: Mapping[str, str]  #: Contents by path below its root; empty for device nodes.
     links: Mapping[str, str]  #: Targets of symbolic links by path below its root.
-    elf: str  #: Architecture of its programs as containers call it; there are not images for every one.
+    #: Architecture of its programs as containers call it; there are not images for every one.
+    elf: str
     expected: Accelerator  #: The accelerator that its images must be made for.
 
 

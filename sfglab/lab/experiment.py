@@ -39,11 +39,8 @@ C = TypeVar("C")
 F = TypeVar("F", bound=Callable[..., Any])
 
 QUICK, PAPER = "quick", "paper"
-PROFILES = (
-    SMOKE,
-    QUICK,
-    PAPER,
-)  #: Seconds, for CI; a few minutes for everything; the papers' full counts.
+#: Seconds, for CI; a few minutes for everything; the papers' full counts.
+PROFILES = (SMOKE, QUICK, PAPER)
 _UNCOUNTED = ("seed", "profile")
 _OPTIONS = Options()
 
@@ -137,19 +134,16 @@ class Look:
     """A figure that follows what a reader turns, computed from a few quick tables."""
 
     turn: Sequence[str]  #: Fields of the configuration that a form offers first.
-    needs: Collection[
-        str
-    ]  #: Tables of sweeps, and names of parts, that it is drawn from; may be empty.
+    #: Tables of sweeps, and names of parts, that it is drawn from; may be empty.
+    needs: Collection[str]
     size: tuple[float, float]  #: Width and height, inches.
     start: Mapping[str, Any] = field(default_factory=dict)  #: What differs from ``quick`` at first.
     coarse: Mapping[str, Any] = field(default_factory=dict)  #: What a first picture sets anew.
-    within: Mapping[str, Bounds] = field(
-        default_factory=dict
-    )  #: Narrower bounds, to follow a slider.
+    #: Narrower bounds, to follow a slider.
+    within: Mapping[str, Bounds] = field(default_factory=dict)
     reference: str = ""  #: The experiment's figure that is shown for comparison; empty: none.
-    draw: Callable[[Figure, Run[Any]], Any] = lambda _figure, _run: (
-        None
-    )  #: Draws into an empty figure.
+    #: Draws into an empty figure.
+    draw: Callable[[Figure, Run[Any]], Any] = lambda _figure, _run: None
 
 
 class Experiment(Generic[C]):
@@ -182,9 +176,8 @@ class Experiment(Generic[C]):
         self._claims: dict[
             str, tuple[Callable[[Run[C]], Finding | None], How | Callable[[Run[C]], How]]
         ] = {}
-        self.mutated: dict[
-            str, Mutated
-        ] = {}  #: By claim, what its mutants change and what must see them.
+        #: By claim, what its mutants change and what must see them.
+        self.mutated: dict[str, Mutated] = {}
         self._drawings: dict[str, _Drawing] = {}
         self.looks: dict[str, Look] = {}
 

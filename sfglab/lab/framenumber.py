@@ -21,9 +21,8 @@ CELL_PX = 16  #: Side of a cell in pixels: one macroblock of H.264 (ITU-T H.264,
 
 NUMBER_BITS = 24
 CHECK_BITS = 8
-CELLS = (
-    2 + NUMBER_BITS + CHECK_BITS
-)  #: Cells in the row: white, black, 24 number bits, 8 check bits.
+#: Cells in the row: white, black, 24 number bits, 8 check bits.
+CELLS = 2 + NUMBER_BITS + CHECK_BITS
 
 _BIT_SHIFTS = np.arange(NUMBER_BITS + CHECK_BITS - 1, -1, -1)
 _DIGITS = tuple(bytes(48 + (value > threshold) for value in range(256)) for threshold in range(256))

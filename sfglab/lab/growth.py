@@ -15,9 +15,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 STEP_S = 20.0  #: From one point of a process's course to the next, seconds.
-JUDGED_S = (
-    600.0  #: How long processes of a kind are followed at least before they are judged, seconds.
-)
+#: How long processes of a kind are followed at least before they are judged, seconds.
+JUDGED_S = 600.0
 
 
 def steps(rows: pd.DataFrame, column: str, *, warm_s: float) -> NDArray[Any]:

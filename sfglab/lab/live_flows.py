@@ -46,13 +46,11 @@ Drive = Callable[
 
 _MODULE = "sfglab.lab.workers.flowplay"
 START_S, MATCH_S, LEAD_S, SPARE_S = 90.0, 90.0, 0.15, 60.0
-LONGEST_DRAIN_S = (
-    1.5  #: Repairs that come later than this are rare, and a live second costs a second.
-)
+#: Repairs that come later than this are rare, and a live second costs a second.
+LONGEST_DRAIN_S = 1.5
 
-QUIET = Medium(
-    rate_bps=1e9, loss=0.0, overhead_s=0.0, contention=0.0
-)  #: What hosts find each other over.
+#: What hosts find each other over.
+QUIET = Medium(rate_bps=1e9, loss=0.0, overhead_s=0.0, contention=0.0)
 SETTLE_S = {True: 0.3, False: 1.5}
 """Until what was said about endpoints is acknowledged, by `Vendor.prompt`: Fast DDS asks after a second."""
 
@@ -86,9 +84,8 @@ class Played:
     #: ``compared``, and ``missed`` for what was due while a process of rclpy was not let run.
     outcome: Outcome
     radio: RadioCounters  #: The medium's own counters.
-    late_p95_s: (
-        float  #: How late a host's process published, 95th percentile, of the latest host, seconds.
-    )
+    #: How late a host's process published, 95th percentile, of the latest host, seconds.
+    late_p95_s: float
     refused: int  #: Samples that DDS refused.
 
     @property

@@ -31,9 +31,8 @@ class ProcessStat:
     """What one process has used since its start, as ``/proc/PID/stat`` has it (proc(5)) or more precisely."""
 
     parent: int  #: Its parent at the time of reading.
-    started_ns: (
-        int  #: When it started, since the machine's start; tells it from a later owner of the pid.
-    )
+    #: When it started, since the machine's start; tells it from a later owner of the pid.
+    started_ns: int
     own_ns: int  #: CPU time of all its threads, in nanoseconds.
     reaped_ns: int = 0  #: CPU time of its children that ended and were waited for, and of theirs.
 
@@ -124,9 +123,8 @@ class CpuLedger:
         self._accounts[pid] = _Account(reading, own_before_ns=own_ns, reaped_before_ns=reaped_ns)
 
 
-Pids = (
-    Iterable[int] | Callable[[], Iterable[int]]
-)  #: Processes, or what is asked for them at each sample.
+#: Processes, or what is asked for them at each sample.
+Pids = Iterable[int] | Callable[[], Iterable[int]]
 
 _TICK_NS = NS_PER_S // os.sysconf("SC_CLK_TCK")
 _CPUCLOCK_SCHED = 2  # linux/posix-timers.h: the precise clock of a process

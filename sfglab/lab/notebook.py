@@ -180,10 +180,8 @@ def index(whole: Ledger) -> IndexPage:
 
 
 _WIDE, _HIGH, _APART = 1.75, 0.85, 0.2  #: A process, and half the room between two hosts', inches.
-_LINE, _ROW = (
-    0.13,
-    0.2,
-)  #: Height of a line of words, and what an arrow takes beside its words, inches.
+#: Height of a line of words, and what an arrow takes beside its words, inches.
+_LINE, _ROW = 0.13, 0.2
 _LETTERS = 27  #: How many letters a process is wide.
 
 

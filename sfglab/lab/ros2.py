@@ -15,13 +15,10 @@ from sfglab.processes import Member
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-PEER = (
-    Path(__file__).parent / "workers" / "rclpy_peer.py"
-)  #: A node of rclpy that does as it is told.
-TESTED = (
-    "jazzy",
-    "kilted",
-)  #: The distributions that our nodes are tested beside, which `make ros` brings.
+#: A node of rclpy that does as it is told.
+PEER = Path(__file__).parent / "workers" / "rclpy_peer.py"
+#: The distributions that our nodes are tested beside, which `make ros` brings.
+TESTED = ("jazzy", "kilted")
 
 
 class RosMissingError(SfglabError):
@@ -37,9 +34,8 @@ class Distribution:
 
     name: str  #: As ``ROS_DISTRO`` has it.
     python: Path  #: Its interpreter.
-    sourced: bool = (
-        False  #: Whether it is the system's, in our environment; else `make ros` made it.
-    )
+    #: Whether it is the system's, in our environment; else `make ros` made it.
+    sourced: bool = False
 
     def __str__(self) -> str:
         return f"{self.name} ({'sourced' if self.sourced else 'make ros'})"

@@ -130,12 +130,8 @@ _PLACES = {
     "steamdeck": (-1.2, -1.2),
     "workstation": (1.2, -2.4),
 }
-_OPTICAL = (
-    -0.5,
-    0.5,
-    -0.5,
-    0.5,
-)  #: A camera that looks ahead: z forward, x right, y down (REP 103), as xyzw.
+#: A camera that looks ahead: z forward, x right, y down (REP 103), as xyzw.
+_OPTICAL = (-0.5, 0.5, -0.5, 0.5)
 
 
 def viewer(to: Path) -> None:

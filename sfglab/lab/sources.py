@@ -39,10 +39,8 @@ MOTORCYCLE_FOCAL_PX = 994.978
 MOTORCYCLE_BASELINE_MM = 193.001
 MOTORCYCLE_OFFSET_PX = 31.086
 
-DEPTH_STAMP_MM = (
-    4000,
-    1000,
-)  #: White and black of the visible frame number in depth images, in millimetres.
+#: White and black of the visible frame number in depth images, in millimetres.
+DEPTH_STAMP_MM = (4000, 1000)
 
 SECONDS_A_VIEW = 4.0
 _SAME_RATE = 1e-3  #: Share by which rates may differ and be one: 30 and 29.97 Hz are.
@@ -74,9 +72,8 @@ class Source:
         *,
         said: str = "",
     ) -> None:
-        self.said = (
-            said  #: What is done to material of one's own, in a sentence; empty for the default.
-        )
+        #: What is done to material of one's own, in a sentence; empty for the default.
+        self.said = said
         self._pictures = pictures
         self._numbers = itertools.count()
         self.close = close

@@ -20,9 +20,8 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 RESAMPLES = 2000
-_AT_ONCE = (
-    1 << 14
-)  #: How many rows are drawn at once where there is one group: what fits the cache.
+#: How many rows are drawn at once where there is one group: what fits the cache.
+_AT_ONCE = 1 << 14
 INTERVAL = (2.5, 97.5)
 _Z = 1.959963984540054  # of 95 %
 

@@ -26,9 +26,8 @@ class StreamProcesses(ProcessGroup):
 
     def __init__(self, config: Any, testbed: Testbed) -> None:
         self._config, self._testbed = config, testbed
-        self.sent: list[
-            tuple[int, int, int]
-        ] = []  #: Number, stamp and size of the frames that it reported.
+        #: Number, stamp and size of the frames that it reported.
+        self.sent: list[tuple[int, int, int]] = []
         super().__init__(testbed.argv, self.first_members(), on_report=self.note)
 
     def first_members(self) -> Iterable[Member]:

@@ -27,9 +27,8 @@ if TYPE_CHECKING:
     from rosbags.interfaces.typing import FieldDesc, Typesdict
     from rosbags.typesys.store import Typestore
 
-INTERFACES_VARIABLE = (
-    "SFGLAB_INTERFACES"  #: Paths for `register_interfaces`, also in what we start.
-)
+#: Paths for `register_interfaces`, also in what we start.
+INTERFACES_VARIABLE = "SFGLAB_INTERFACES"
 _log = logging.getLogger("sfglab.messages")
 RULE = "=" * 80
 # Of a definition, as work of who reads it: ROS 2's own have at most 119 values and 5,000 characters.
@@ -61,7 +60,8 @@ class UnknownTypeError(SfglabError, LookupError):
 class ServiceType:
     """A service as a pair of message types."""
 
-    name: str  #: Such as `std_srvs/srv/Empty`, or one of an action's, such as `pkg/action/Name_SendGoal`.
+    #: Such as `std_srvs/srv/Empty`, or one of an action's, such as `pkg/action/Name_SendGoal`.
+    name: str
     request: type[Any]  #: The type of requests; a dataclass with `__msgtype__`.
     response: type[Any]  #: The type of responses; a dataclass with `__msgtype__`.
 

@@ -19,9 +19,8 @@ from sfglab.messages.store import EMPTY, default_message, numpy_dtype, stamp_fro
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-STEP = re.compile(
-    r"(\w+)|\[(\d+)\]|\."
-)  #: Of the way to a value: a name, a number in brackets, or a dot.
+#: Of the way to a value: a name, a number in brackets, or a dot.
+STEP = re.compile(r"(\w+)|\[(\d+)\]|\.")
 _IDL_NAMES = {
     "float64": "double",
     "float32": "float",

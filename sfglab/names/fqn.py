@@ -294,9 +294,8 @@ class SchemaNode:
     name: str  #: scope, agent, component, stream or resource.
     mandatory: bool  #: Whether every name has it.
     extensible: bool  #: Whether it takes suffixes and `Custom`.
-    values: tuple[
-        str, ...
-    ]  #: The standard values; none for the agent, which is resolved at run time.
+    #: The standard values; none for the agent, which is resolved at run time.
+    values: tuple[str, ...]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -305,12 +304,10 @@ class SchemaEdge:
 
     source: str  #: Name of the node it leaves.
     target: str  #: Name of the node it enters.
-    after: After | None = (
-        None  #: The constraint on a path into the resource; None on the other steps.
-    )
-    resources: tuple[
-        Resource, ...
-    ] = ()  #: Standard resources that it permits; none on other steps.
+    #: The constraint on a path into the resource; None on the other steps.
+    after: After | None = None
+    #: Standard resources that it permits; none on other steps.
+    resources: tuple[Resource, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -14,7 +14,8 @@ from itertools import chain
 from sfglab.errors import InvalidValueError
 
 TF = "/tf"  #: The transform topic: routed by Table 1 of paper A, but outside the schema.
-TF_STATIC = "/tf_static"  #: The static transform topic: routed by Table 1 of paper A, but outside the schema.
+#: The static transform topic: routed by Table 1 of paper A, but outside the schema.
+TF_STATIC = "/tf_static"
 
 # rmw/validate_full_topic_name.h, 255 - 8 with the leading slash; a namespace leaves room for 2 more.
 _RMW_MAX_LENGTH = 247

@@ -151,19 +151,16 @@ class Flow:
     phase_s: float = 0.0  #: When the first one is published, seconds.
     qos: QoSProfile = DEFAULT  #: Of the writer; its deadline is watched, not enforced.
     reader_depth: int | None = None  #: History of the reader; 0: KEEP_ALL; None: as the writer's.
-    executor: str | None = (
-        None  #: Whose time it costs when a sample is taken; None: one of its own.
-    )
+    #: Whose time it costs when a sample is taken; None: one of its own.
+    executor: str | None = None
     service_s: float = 0.0  #: How much, seconds.
     #: What a repeated value costs instead, seconds, where cache control discards it before it is processed
     #: (paper B, section 2.3); None: no cache control.
     compare_s: float | None = None
-    change_s: float = (
-        0.0  #: Mean time between changes of the value, seconds; 0: every sample differs.
-    )
-    cached: bool = (
-        False  #: Whether a local cache holds repeated values back (paper B, section 2.2).
-    )
+    #: Mean time between changes of the value, seconds; 0: every sample differs.
+    change_s: float = 0.0
+    #: Whether a local cache holds repeated values back (paper B, section 2.2).
+    cached: bool = False
     max_silence_s: float | None = None  #: The local cache's longest silence, seconds; None: none.
     #: Name of the flow that is published, with the same value, when a sample was processed.
     then: str | None = None
@@ -175,15 +172,12 @@ class Medium:
 
     rate_bps: float = 20e6  #: Bits a second.
     loss: float = 0.01  #: Share of frames that are lost, after whatever the medium itself repeats.
-    shared: bool = (
-        True  #: One half-duplex medium for all hosts (Wi-Fi); else each host sends independently.
-    )
-    overhead_s: float = (
-        300e-6  #: Airtime of a frame beside its bits: preamble, gaps, acknowledgement.
-    )
-    contention: float = (
-        0.15  #: By which share each further host that wants to send stretches a frame.
-    )
+    #: One half-duplex medium for all hosts (Wi-Fi); else each host sends independently.
+    shared: bool = True
+    #: Airtime of a frame beside its bits: preamble, gaps, acknowledgement.
+    overhead_s: float = 300e-6
+    #: By which share each further host that wants to send stretches a frame.
+    contention: float = 0.15
     latency_s: float = 0.0  #: From the end of sending to arrival.
     queue_frames: int = 500  #: Frames that a host's queue holds.
     #: What a full one does: drops what comes last, as a driver's or an access point's; drops what came first,
@@ -195,9 +189,8 @@ class Medium:
     #: Whether chance says who of those that wait sends next, as Wi-Fi's backoff does; else they take turns. In
     #: turns the same host wins each free place in a full access point's queue, and all others nothing.
     random_turns: bool = False
-    burst_frames: float = (
-        0.0  #: Mean length of a burst of losses, frames; below 1: each is lost by itself.
-    )
+    #: Mean length of a burst of losses, frames; below 1: each is lost by itself.
+    burst_frames: float = 0.0
     stall_every_s: float = 0.0  #: How often the medium stalls: scans, power saving, neighbours.
     stall_s: float = 0.0  #: For how long nothing begins to be sent then.
     #: How far hosts are from the access point, by name; see `rate_share`. Others are near.

@@ -53,9 +53,8 @@ class FlowOutcome:
 
     name: str  #: The flow.
     published_ns: NDArray[np.int64]  #: When each was published, shape (n,).
-    received_ns: NDArray[
-        np.int64
-    ]  #: When the application was done with it, 0 where it never was, shape (n,).
+    #: When the application was done with it, 0 where it never was, shape (n,).
+    received_ns: NDArray[np.int64]
     value: NDArray[np.int32]  #: Number of the value that it carries, shape (n,).
     fate: NDArray[np.int8]  #: A `Fate` each, shape (n,).
     dropped: NDArray[np.int8]  #: A `Drop` each: where its first frame was lost, shape (n,).
@@ -89,9 +88,8 @@ class Outcome:
     """A whole run."""
 
     flows: dict[str, FlowOutcome]  #: By name.
-    counts: dict[
-        str, int
-    ]  #: What the protocol and the medium did, by `Count`'s names in lower case.
+    #: What the protocol and the medium did, by `Count`'s names in lower case.
+    counts: dict[str, int]
 
 
 def outcome_of(flows: Sequence[Flow], params: Params, state: State) -> Outcome:

@@ -40,9 +40,8 @@ class Fate(IntEnum):
 
     NEVER_SENT = 0
     DELIVERED = 1
-    OVERWRITTEN = (
-        2  #: Lost on the way, and pushed out of the writer's history before it could be repaired.
-    )
+    #: Lost on the way, and pushed out of the writer's history before it could be repaired.
+    OVERWRITTEN = 2
     LATE = 3  #: Arrived, and pushed out of the reader's history before the application took it.
     UNDERWAY = 4  #: Neither delivered nor given up when time was over.
     NOT_REPAIRED = 5  #: Lost on the way, best effort.
@@ -70,9 +69,8 @@ class Count(IntEnum):
     BYTES = 8
     AIRTIME_NS = 9
     HELD = 10  #: Values that the local cache held back.
-    THROTTLED = (
-        11  #: Publications that a KEEP_ALL writer refused because too much was unacknowledged.
-    )
+    #: Publications that a KEEP_ALL writer refused because too much was unacknowledged.
+    THROTTLED = 11
     EVENTS = 12
     PROCESSED = 13  #: Samples that cost the application its full time.
     COMPARED = 14  #: Samples that cache control discarded after a comparison.
@@ -91,14 +89,14 @@ class FlowColumn(IntEnum):
     READER_DEPTH = 7
     RELIABLE = 8
     CHAIN = 9  #: Flow that is published when a sample of this one was processed; -1: none.
-    CHANGE_NS = 10  #: Mean time between changes of the value; 0: every sample differs; `SET`: set from outside.
+    #: Mean time between changes of the value; 0: every sample differs; `SET`: set from outside.
+    CHANGE_NS = 10
     CACHED = 11
     SILENCE_NS = 12  #: Longest silence of the local cache; 0: none.
     SERVICE_NS = 13
     COMPARE_NS = 14  #: What a repeated value costs the server; -1: as much as any.
-    KEEPS_ACKED = (
-        15  #: Whether acknowledged samples stay in the writer's history, for late joiners.
-    )
+    #: Whether acknowledged samples stay in the writer's history, for late joiners.
+    KEEPS_ACKED = 15
 
 
 class TimingColumn(IntEnum):

@@ -51,9 +51,8 @@ class Exploration:
     steps: int  #: Steps between them.
     depth: int  #: Length of the longest of the shortest ways.
     visited: frozenset[State]  #: The core's states that occurred.
-    counterexample: (
-        Counterexample | None
-    )  #: A violation; None: every property holds within the bound.
+    #: A violation; None: every property holds within the bound.
+    counterexample: Counterexample | None
 
 
 class _Graph:

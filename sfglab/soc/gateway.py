@@ -45,16 +45,14 @@ class State(Enum):
     DROP_HMT = auto()  #: Discards the message at its port.
     TO_MEMORY = auto()  #: Copies the message at its port to its output message in memory.
     CANCEL = auto()  #: Takes the request back.
-    CANCEL_WAIT = (
-        auto()
-    )  #: Waits for the request's one answer: empty, or a message that came first.
+    #: Waits for the request's one answer: empty, or a message that came first.
+    CANCEL_WAIT = auto()
     PUBLISH = auto()  #: Asks the delegate to publish the output message on the SMT.
     PUBLISH_WAIT = auto()  #: Waits until the output message is out and may be overwritten.
     FILTER_HMT_HOLDING = auto()  #: As `FILTER_HMT`.
     DROP_HMT_HOLDING = auto()  #: As `DROP_HMT`.
-    TO_MEMORY_HOLDING = (
-        auto()
-    )  #: As `TO_MEMORY`; no request is outstanding, so there is nothing to cancel.
+    #: As `TO_MEMORY`; no request is outstanding, so there is nothing to cancel.
+    TO_MEMORY_HOLDING = auto()
     PUBLISH_HOLDING = auto()  #: As `PUBLISH`.
     PUBLISH_WAIT_HOLDING = auto()  #: As `PUBLISH_WAIT`.
 
@@ -92,13 +90,11 @@ class Drive(Enum):
     CALL_PUBLISH = auto()  #: OSIF call: publish the output message on the SMT.
     PEEK_HMT = auto()  #: Looks at its port of the HMT without taking a beat.
     COMPARE_HELD = auto()  #: Compares the held message's publisher with itself; takes nothing.
-    COMPARE_PORT = (
-        auto()
-    )  #: Compares the publisher of the message at its port with itself; takes nothing.
+    #: Compares the publisher of the message at its port with itself; takes nothing.
+    COMPARE_PORT = auto()
     CLAIM_HMT = auto()  #: Asks the topic's arbiter, and looks at its port meanwhile.
-    MEMORY_TO_HMT = (
-        auto()
-    )  #: Reads the held message and sends it, ignoring what its own port echoes.
+    #: Reads the held message and sends it, ignoring what its own port echoes.
+    MEMORY_TO_HMT = auto()
     HMT_TO_MEMORY = auto()  #: Takes the message at its port and writes the output message.
     HMT_TO_NOWHERE = auto()  #: Takes the message at its port and forgets it.
 
@@ -115,9 +111,8 @@ class Move:
     """Where an input leads."""
 
     to: State  #: The next state.
-    latch: Latch | None = (
-        None  #: The register that takes the input's value; None: the input has none.
-    )
+    #: The register that takes the input's value; None: the input has none.
+    latch: Latch | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,9 +120,8 @@ class Row:
     """One state of the table."""
 
     drive: Drive  #: What the outputs do in this state.
-    moves: Mapping[Input, Move] = field(
-        hash=False
-    )  #: Where an input leads; one not listed cannot occur here.
+    #: Where an input leads; one not listed cannot occur here.
+    moves: Mapping[Input, Move] = field(hash=False)
 
 
 Table = dict[State, Row]  #: A gateway core's whole behaviour.

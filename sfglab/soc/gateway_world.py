@@ -30,18 +30,14 @@ class Bound:
     hardware: tuple[int, ...] = (2,)  #: How many messages each hardware publisher sends.
     subscribers: int = 1  #: Hardware subscribers besides the core.
     calls: int = 1  #: How many calls to the delegate may wait.
-    echoes: bool = (
-        True  #: Both topics return the core's own messages to it, so that its filters have to work.
-    )
-    listens_while_blocked: bool = (
-        True  #: The delegate hears a cancel while it waits for a message, as it must.
-    )
-    answers_once: bool = (
-        True  #: The delegate answers once per request, as it must; else also once per cancel.
-    )
-    port_messages: int = (
-        0  #: Whole messages that the core's port of the HMT can store; 0: it is a stream.
-    )
+    #: Both topics return the core's own messages to it, so that its filters have to work.
+    echoes: bool = True
+    #: The delegate hears a cancel while it waits for a message, as it must.
+    listens_while_blocked: bool = True
+    #: The delegate answers once per request, as it must; else also once per cancel.
+    answers_once: bool = True
+    #: Whole messages that the core's port of the HMT can store; 0: it is a stream.
+    port_messages: int = 0
 
     @property
     def totals(self) -> tuple[int, ...]:
@@ -79,9 +75,8 @@ class World(NamedTuple):
     held: Message | None  #: What the core holds for the HMT.
     output: Message | None  #: What stands in the output message, not yet published.
     calls: tuple[Drive, ...]  #: Calls that the delegate has not read.
-    answers: tuple[
-        tuple[Input, Message | None], ...
-    ]  #: What the delegate said and the core has not read.
+    #: What the delegate said and the core has not read.
+    answers: tuple[tuple[Input, Message | None], ...]
     blocked: bool  #: The delegate waits for a message of the SMT.
     reader: tuple[Message, ...]  #: What the core's reader on the SMT has received.
     sent: tuple[int, ...]  #: Messages sent by each publisher.

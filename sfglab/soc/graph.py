@@ -78,9 +78,8 @@ class Topic:
     subscribers: tuple[str, ...] = ()  #: Names of the nodes of E_sub^t.
     type: str = ""  #: ROS type of its messages; empty where unknown.
     size_bytes: int | None = None  #: Size of a message; None where unknown.
-    rate_hz: float | None = (
-        None  #: Messages per second of all publishers together; None where unknown.
-    )
+    #: Messages per second of all publishers together; None where unknown.
+    rate_hz: float | None = None
     #: How it is implemented; in software unless something else is said, as in the paper.
     mapping: TopicMapping = TopicMapping.SOFTWARE
 
@@ -115,9 +114,8 @@ class Graph:
             twice, a topic has no publisher, a number no meaning, or a hardware-mapped topic a node in software.
     """
 
-    nodes: tuple[Node, ...] = field(
-        metadata=by_name("name")
-    )  #: N, in the order in which they were named.
+    #: N, in the order in which they were named.
+    nodes: tuple[Node, ...] = field(metadata=by_name("name"))
     topics: tuple[Topic, ...] = field(default=(), metadata=by_name("name"))  #: T, likewise.
     name: str = ""  #: What it is called.
     description: str = ""  #: Where it comes from and what it is for.

@@ -82,7 +82,8 @@ _GENERAL = {
 
 _CLOCK = {"ClockSource": "static", "ClockFreq": "100000000"}
 
-_TAKE = "10000"  #: Last argument of a subscription to a software-mapped topic, as in all demonstrations.
+#: Last argument of a subscription to a software-mapped topic, as in all demonstrations.
+_TAKE = "10000"
 
 _TYPE = re.compile(r"(\w+)/msg/(\w+)")
 _QUOTED = re.compile(r'[^\s,"]+')

@@ -31,12 +31,10 @@ _BEND_ROOM = 0.6
 class Layout:
     """Places in a plane; the unit is the distance of two layers, and of two neighbours in one."""
 
-    places: Mapping[
-        Vertex, tuple[float, float]
-    ]  #: Of each node and topic: x, its layer from 0; y, upwards.
-    routes: Mapping[
-        Edge, tuple[tuple[float, float], ...]
-    ]  #: Of each edge: where it starts, bends and ends.
+    #: Of each node and topic: x, its layer from 0; y, upwards.
+    places: Mapping[Vertex, tuple[float, float]]
+    #: Of each edge: where it starts, bends and ends.
+    routes: Mapping[Edge, tuple[tuple[float, float], ...]]
 
 
 def node_vertex(name: str) -> Vertex:

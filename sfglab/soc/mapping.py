@@ -39,10 +39,10 @@ class CommunicationMapping:
     """The three states of the graph's topics that section 5 walks through."""
 
     software: Graph  #: All topics in software, the default (Fig. 8b).
-    hardware: (
-        Graph  #: Topics among hardware nodes alone in hardware, the others in software (Fig. 8c).
-    )
-    gateways: Graph  #: Topics between both sides at gateways where the rule wants it (Fig. 8d): the result.
+    #: Topics among hardware nodes alone in hardware, the others in software (Fig. 8c).
+    hardware: Graph
+    #: Topics between both sides at gateways where the rule wants it (Fig. 8d): the result.
+    gateways: Graph
 
     @property
     def stages(self) -> tuple[Graph, Graph, Graph]:

@@ -41,9 +41,8 @@ class MemoryInterface:
     width_bytes: int = between(8, 0, without=(0,))  #: Bytes a cycle, of MEMIF and streams alike.
     clock_hz: float = between(100e6, 0, without=(0,))  #: The system clock.
     chunk_bytes: int = between(256, 0, without=(0,))  #: Bytes of one request.
-    control_cycles: float = between(
-        4.0
-    )  #: Cycles of a request with neither address nor data under way.
+    #: Cycles of a request with neither address nor data under way.
+    control_cycles: float = between(4.0)
     read_latency_cycles: float = between(30.0)  #: From a read request to its first word.
     write_latency_cycles: float = between(9.0)  #: From a write's last word to its response.
     forwarding: Forwarding = Forwarding.STORED  #: How a gateway core passes chunks on.
@@ -149,12 +148,12 @@ class Costs:
     """The model's constants."""
 
     memory: MemoryInterface  #: The memory interface.
-    delegate_s: float = (
-        80e-6  #: A hardware node's call to its delegate thread and back (OSIF round trip).
-    )
+    #: A hardware node's call to its delegate thread and back (OSIF round trip).
+    delegate_s: float = 80e-6
     publish_s: float = 80e-6  #: A publication on a software-mapped topic: fixed part.
     publish_s_per_byte: float  #: The same: for each byte of the message.
-    deliver_s: float  #: Its delivery to one reader, one after another: fixed part, with the reader's wake-up.
+    #: Its delivery to one reader, one after another: fixed part, with the reader's wake-up.
+    deliver_s: float
     deliver_s_per_byte: float  #: The same: for each byte of the message.
     #: What a hardware node spends on a message before it sends or after it has received, whatever the topic;
     #: also the gateway core, when it forwards.
@@ -294,9 +293,8 @@ class Setup:
 class Times:
     """Transfer times from the start of the publication, in seconds."""
 
-    hardware_s: (
-        float | None
-    )  #: Until the last hardware subscriber has the message; None: there is none.
+    #: Until the last hardware subscriber has the message; None: there is none.
+    hardware_s: float | None
     #: Until a software subscriber has it, mean over the order of deliveries; None: there is none.
     software_s: float | None
 

@@ -30,11 +30,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
 MESSAGE_BYTES = (10_000, 100_000, 1_000_000, 10_000_000)  #: Image sizes of section 4.
-SUBSCRIBERS = (
-    2,
-    4,
-    8,
-)  #: Numbers of subscribing hardware nodes; one software node subscribes besides.
+#: Numbers of subscribing hardware nodes; one software node subscribes besides.
+SUBSCRIBERS = (2, 4, 8)
 
 
 class Panel(Enum):

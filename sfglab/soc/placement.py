@@ -183,7 +183,8 @@ def _traffic(topic: Topic) -> tuple[int, float]:
     return topic.size_bytes, topic.rate_hz
 
 
-_MS = 1e3  #: The programme counts in milliseconds each second: numbers near 1 suit the solver's tolerances.
+#: The programme counts in milliseconds each second: numbers near 1 suit the solver's tolerances.
+_MS = 1e3
 
 _GAP = 1e-7
 
@@ -224,9 +225,8 @@ class Programme:
 
     problem: Any  #: CVXPY's problem; its value is in milliseconds each second.
     in_hardware: Any  #: Boolean variable: x, in the order of the graph's nodes.
-    at_gateway: (
-        Any  #: Boolean variable: y, in the order of the graph's topics; None where there are none.
-    )
+    #: Boolean variable: y, in the order of the graph's topics; None where there are none.
+    at_gateway: Any
 
 
 def build_programme(

@@ -25,9 +25,8 @@ if TYPE_CHECKING:
 
     Floats = NDArray[np.float64]
 
-NOISE = (
-    0.05  #: Relative error of model and stated number together, one standard deviation: assumed.
-)
+#: Relative error of model and stated number together, one standard deviation: assumed.
+NOISE = 0.05
 BOARD_NOISE = 0.02  #: The same of a measurement on a board: assumed.
 _Z = 1.96
 _STEP = 1e-4

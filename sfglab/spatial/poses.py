@@ -27,7 +27,8 @@ Vec3 = tuple[float, float, float]
 Quat = tuple[float, float, float, float]
 
 _SHORTEST = 1e-6  #: Quaternions shorter than this hold no direction that one could trust.
-_UNIT = 1e-12  #: How far a squared norm may be from 1 and stay, so that a stored pose reads back bit by bit.
+#: How far a squared norm may be from 1 and stay, so that a stored pose reads back bit by bit.
+_UNIT = 1e-12
 _NEARLY_PARALLEL = 1.0 - 1e-9
 
 

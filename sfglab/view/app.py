@@ -31,15 +31,14 @@ class ViewOptions:
     """How to look."""
 
     to: tuple[str, ...] = ("viewer",)  #: Where to show it; see `open_canvas`.
-    fleet: Path | None = (
-        None  #: A fleet file, for layout, expected agents and border; None for none.
-    )
-    frame: str = (
-        ""  #: In which space is drawn; empty: the viewer's choice, or ``map`` with a fleet file.
-    )
+    #: A fleet file, for layout, expected agents and border; None for none.
+    fleet: Path | None = None
+    #: In which space is drawn; empty: the viewer's choice, or ``map`` with a fleet file.
+    frame: str = ""
     topics: tuple[str, ...] = ()  #: Only topics with one of these beginnings; empty for all.
     memory: str = "25%"  #: How much a viewer that is started here may keep.
-    thin: bool = False  #: Whether a log is thinned out by the visualizers' rate budgets, as the bus always is.
+    #: Whether a log is thinned out by the visualizers' rate budgets, as the bus always is.
+    thin: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

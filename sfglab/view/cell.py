@@ -28,9 +28,8 @@ if TYPE_CHECKING:
 
 WAITING_BYTES = 32 * 2**20
 """How much of what is drawn waits for a page; what comes later than that, and before the page, is not shown."""
-ROUNDED_NS = (
-    256  #: The viewer tells its time as a float: nanoseconds since 1970 are multiples of 256 there.
-)
+#: The viewer tells its time as a float: nanoseconds since 1970 are multiples of 256 there.
+ROUNDED_NS = 256
 PROGRAM, WASM = "widget.js", "re_viewer_bg.wasm"
 _KINDS, _TOKEN = {PROGRAM: "text/javascript", WASM: "application/wasm"}, token_urlsafe()
 

@@ -55,9 +55,8 @@ _PLACES = (
     "<path>.rrd, viewer, rerun+http://<host>:<port>/proxy, serve[[:<address>]:<port>], notebook"
 )
 _TAKE_LIMIT_S = 10.0
-_IMAGE_BYTES = (
-    128 * 1024
-)  #: A batch of this size leaves at once: a picture does not wait for company.
+#: A batch of this size leaves at once: a picture does not wait for company.
+_IMAGE_BYTES = 128 * 1024
 
 
 class RerunCanvas:
@@ -242,9 +241,8 @@ class Layout:
 
     frame: str = ""  #: The frame in which space is drawn; empty leaves the choice to the viewer.
     agents: tuple[str, ...] = ()  #: Whose heartbeats and states are drawn.
-    cameras: Mapping[str, str] = field(
-        default_factory=dict
-    )  #: What each view shows, by a name for people.
+    #: What each view shows, by a name for people.
+    cameras: Mapping[str, str] = field(default_factory=dict)
     #: Whether heartbeats and states are drawn; without `agents` those of all that turn up.
     communication: bool = False
 

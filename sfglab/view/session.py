@@ -113,9 +113,8 @@ class Display:
     visualizer: Visualizer  #: What draws.
     slot: Slot[Any]  #: Its queues.
     sync: SyncPolicy  #: Which messages belong together.
-    qos: dict[str, QoSProfile] = field(
-        default_factory=dict
-    )  #: Requested instead of the inputs' own, by role.
+    #: Requested instead of the inputs' own, by role.
+    qos: dict[str, QoSProfile] = field(default_factory=dict)
     enabled: bool = True  #: Whether messages reach it.
     errors: int = 0  #: Updates that could not be shown.
     last_error: str = ""  #: Why the latest of these could not be.

@@ -31,7 +31,8 @@ class Counts:
     waiting: int  #: Messages that wait for partners and sets that wait for their turn.
     unmatched: int  #: Messages without partners, or out of order.
     over_budget: int  #: Sets that the rate budget stopped.
-    pushed_out: int  #: Sets that a newer one pushed out of the queue, or that waited when it was switched off.
+    #: Sets that a newer one pushed out of the queue, or that waited when it was switched off.
+    pushed_out: int
 
     @property
     def dropped(self) -> int:

@@ -46,9 +46,8 @@ class Input:
     #: ``camera_info``; empty for none.
     sibling: str = ""
     optional: bool = False  #: Whether the visualizer also works without.
-    steady: bool = (
-        False  #: Whether one message may hold for good, as a calibration that is published once.
-    )
+    #: Whether one message may hold for good, as a calibration that is published once.
+    steady: bool = False
     qos: QoSProfile = SENSOR_DATA  #: What is requested.
 
     def fits(self, topic: str, type_name: str) -> bool:
@@ -61,9 +60,11 @@ class Update:
     """Messages that belong together."""
 
     messages: Mapping[str, Any]  #: Decoded, by role.
-    stamp_ns: int  #: When the first was captured, on its sender's clock; without a stamp, when it was received.
+    #: When the first was captured, on its sender's clock; without a stamp, when it was received.
+    stamp_ns: int
     received_ns: int  #: When the last of them was received, on this host's or the log's clock.
-    lost: int = 0  #: Sets of messages passed over since the last update, by a full queue or the rate budget.
+    #: Sets of messages passed over since the last update, by a full queue or the rate budget.
+    lost: int = 0
 
     def __getitem__(self, role: str) -> Any:
         return self.messages[role]
@@ -81,9 +82,8 @@ class TopicHealth:
 
     topic: str  #: Its name.
     received: int  #: Messages that arrived.
-    dropped: (
-        int  #: Of those, passed over by a bounded queue, by synchronisation or by a rate budget.
-    )
+    #: Of those, passed over by a bounded queue, by synchronisation or by a rate budget.
+    dropped: int
     lost: int  #: Messages that the transport knows not to have arrived.
 
 
@@ -108,9 +108,8 @@ class Visualizer(ABC):
     """Shows its inputs' messages, used by one thread; InvalidValueError for a wrong value or role."""
 
     name: ClassVar[str]  #: Under which it is added; unique among all that are installed.
-    inputs: ClassVar[
-        tuple[Input, ...]
-    ]  #: The first leads: it gives the entity, and where it matters the time.
+    #: The first leads: it gives the entity, and where it matters the time.
+    inputs: ClassVar[tuple[Input, ...]]
     sync: ClassVar[SyncPolicy] = Independent()  #: Which messages of several inputs belong together.
     max_hz: ClassVar[float | None] = 30.0  #: Its rate budget; None where each message counts.
     #: How many updates may wait for their turn; the oldest goes when there are more. 1 shows the latest.

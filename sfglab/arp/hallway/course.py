@@ -26,11 +26,8 @@ HALF_WIDTH_M = 0.5
 WAYPOINTS = ((0.0, 4.0), (3.0, 4.0), (3.0, 2.0), (5.0, 2.0), (5.0, 0.0), (0.0, 0.0))
 """Corners of the corridors' middle line, clockwise, as the robots drive."""
 
-HOME = (
-    1.0,
-    4.0,
-    0.0,
-)  #: Where robots start and return to: x, y and heading; half a metre behind a corner.
+#: Where robots start and return to: x, y and heading; half a metre behind a corner.
+HOME = (1.0, 4.0, 0.0)
 
 _PIVOT = (1.5, 1.0)  # inside the ring, and seen from everywhere on the middle line
 _HOME_RAD = math.atan2(HOME[1] - _PIVOT[1], HOME[0] - _PIVOT[0])

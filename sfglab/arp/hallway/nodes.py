@@ -132,15 +132,12 @@ class View:
     right_m: float  #: The same to the right.
     beside_left_m: float  #: Range to the left.
     beside_right_m: float  #: Range to the right.
-    heading_left_rad: (
-        float | None
-    )  #: Heading to the left wall, from that wall; None where it is not straight.
-    heading_right_rad: (
-        float | None
-    )  #: The same (positive is still to the left) from the wall on the right.
-    offset_m: (
-        float | None
-    )  #: How far left of the middle, from the straight walls; None without any.
+    #: Heading to the left wall, from that wall; None where it is not straight.
+    heading_left_rad: float | None
+    #: The same (positive is still to the left) from the wall on the right.
+    heading_right_rad: float | None
+    #: How far left of the middle, from the straight walls; None without any.
+    offset_m: float | None
     obstacle: bool  #: Whether something ahead is closer than is safe.
 
     @property
@@ -155,9 +152,8 @@ class LocalisationNode:
 
     def __init__(self) -> None:
         self._steps: list[int | None] = [None] * len(BEAMS_DEG)
-        self.ranges_m = [math.inf] * len(
-            BEAMS_DEG
-        )  #: What each beam measured last, as far as is known here.
+        #: What each beam measured last, as far as is known here.
+        self.ranges_m = [math.inf] * len(BEAMS_DEG)
         self.view: View | None = None
 
     def hear(self, beam: int, step: int) -> bool:

@@ -50,9 +50,8 @@ class World:
         #: x, y (metres) and heading (radians) of each robot, shape (robots, 3).
         self.poses: NDArray[np.float64] = np.array(HOME) + put
         self._scale = 1.0 + self._random.normal(size=(robots, 2)) * _WHEEL_SIGMA
-        self.clearance_m = np.empty(
-            robots
-        )  #: From each robot's middle to the nearest wall, shape (robots,).
+        #: From each robot's middle to the nearest wall, shape (robots,).
+        self.clearance_m = np.empty(robots)
         self._ranges = np.empty(len(_ANGLES))
         self._wound = [winding_rad(x, y) for x, y, _ in self.poses.tolist()]
         self._commands, self._told = list[Command](), np.empty(0)  # wheels' speeds, left and right

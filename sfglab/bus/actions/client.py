@@ -111,9 +111,8 @@ class ClientGoalHandle:
 
     def __init__(self, client: ActionClient, goal_id: bytes, sent: Sent, accepted_ns: int) -> None:
         self.goal_id = goal_id  #: The goal's 16 bytes.
-        self.accepted_ns = (
-            accepted_ns  #: When the server accepted it, by its clock (Unix time, nanoseconds).
-        )
+        #: When the server accepted it, by its clock (Unix time, nanoseconds).
+        self.accepted_ns = accepted_ns
         self._client = client
         self._sent = sent
 

@@ -87,16 +87,16 @@ class Goal:
     goal_id: bytes  #: 16 bytes, chosen by the client.
     accepted_ns: int  #: When it was accepted, by the server's clock (Unix time, nanoseconds).
     status: GoalStatus = GoalStatus.ACCEPTED  #: Its status.
-    ended_ns: int | None = (
-        None  #: When it ended, by a clock that never jumps (ns); None while it runs.
-    )
+    #: When it ended, by a clock that never jumps (ns); None while it runs.
+    ended_ns: int | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Canceling:
     """What comes of a request to cancel."""
 
-    code: CancelCode  #: NONE when goals are being canceled, or there was none to cancel; else why not.
+    #: NONE when goals are being canceled, or there was none to cancel; else why not.
+    code: CancelCode
     goal_ids: tuple[bytes, ...] = ()  #: The goals that are being canceled, or may be, oldest first.
 
 

@@ -122,17 +122,15 @@ ExecuteCallback = Callable[[ServerGoalHandle], Any]
 class ActionServerOptions(TypedDict, total=False):
     """What an action server can be told beside what it does."""
 
-    goal_callback: (
-        GoalCallback  #: Plain or async: given a goal message, says whether to take it (all).
-    )
+    #: Plain or async: given a goal message, says whether to take it (all).
+    goal_callback: GoalCallback
     #: Given the handle of an accepted goal, to call its `execute` some time. The default does so at once, so
     #: goals run beside each other.
     handle_accepted_callback: Callable[[ServerGoalHandle], None]
     #: Plain or async: given a handle, says whether it may be canceled. The default, as rclpy's, refuses.
     cancel_callback: CancelCallback
-    result_timeout_s: (
-        float  #: How long a goal and its result are remembered after its end, s (900).
-    )
+    #: How long a goal and its result are remembered after its end, s (900).
+    result_timeout_s: float
     transport: Transport  #: Of its services; see `Node.create_service` ("dds").
 
 

@@ -68,9 +68,8 @@ _KINDS = {
     BUILTIN_PUBLICATION: EndpointKind.PUBLISHER,
     BUILTIN_SUBSCRIPTION: EndpointKind.SUBSCRIPTION,
 }
-Change = tuple[
-    bytes, EndpointInfo | None
-]  #: A gid, of an endpoint, or a participant that has gone (None).
+#: A gid, of an endpoint, or a participant that has gone (None).
+Change = tuple[bytes, EndpointInfo | None]
 
 
 def gid_bytes(distro: str | None = None) -> int:

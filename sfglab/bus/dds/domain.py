@@ -77,15 +77,13 @@ class DomainConfig:
     """How one process takes part in one DDS domain; all its nodes of that domain share it."""
 
     domain_id: int = 0  #: 0 to 232.
-    interface: str | None = (
-        None  #: The network interface, e.g. "lo" or "eth0"; None lets Cyclone choose.
-    )
+    #: The network interface, e.g. "lo" or "eth0"; None lets Cyclone choose.
+    interface: str | None = None
     #: Cyclone's AllowMulticast: "spdp" only finds participants by multicast, "false" never uses it and finds
     #: participants on this host only.
     multicast: Multicast = "default"
-    lease_s: float = (
-        10.0  #: After how many silent seconds others declare this process dead; at least 0.1.
-    )
+    #: After how many silent seconds others declare this process dead; at least 0.1.
+    lease_s: float = 10.0
     #: The domain that is joined on the network, 0 to 232; None is `domain_id`. Cyclone keeps one set of sockets
     #: and threads for each `domain_id`, so several of them with one external id are, for everybody else, as
     #: many processes in one domain.

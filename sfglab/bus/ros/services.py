@@ -26,9 +26,8 @@ if TYPE_CHECKING:
     from sfglab.bus.loop import Calls
     from sfglab.component import Report
 
-PYTHON_VARIABLE = (
-    "SFGLAB_ROS_PYTHON"  #: Names ROS 2's interpreter; without it that of a sourced ROS 2.
-)
+#: Names ROS 2's interpreter; without it that of a sourced ROS 2.
+PYTHON_VARIABLE = "SFGLAB_ROS_PYTHON"
 _NO_ROS = f"there is none here: source it, or name its interpreter in {PYTHON_VARIABLE}"
 _NAME = "ROS 2's services"
 _PROGRAM = Path(__file__).with_name("program.py")
@@ -137,9 +136,8 @@ class RosServices:
         python = ros_python()
         #: Why nothing is served; empty when nothing is known against it.
         self.why = "" if python and domain_id is not None else _NO_ROS
-        self.participants: set[bytes] = (
-            set()
-        )  #: The 16-byte GUIDs of all participants that the program had.
+        #: The 16-byte GUIDs of all participants that the program had.
+        self.participants: set[bytes] = set()
         self._calls = calls
         self._argv = _argv(python, domain_id, interface)
         self._halves: list[RosHalf] = []

@@ -98,10 +98,10 @@ def slot_capacity(size: int) -> int:
     return -(-pages // step) * step * PAGE_BYTES
 
 
-MAX_CREDITS = (
-    64  #: Slots that one subscriber may hold; the datagrams fit into a socket's default buffer.
-)
-SHARES = 16  #: So many parts has the memory of which each subscriber may hold one, whatever the others hold.
+#: Slots that one subscriber may hold; the datagrams fit into a socket's default buffer.
+MAX_CREDITS = 64
+#: So many parts has the memory of which each subscriber may hold one, whatever the others hold.
+SHARES = 16
 KEEP_ALL_BYTES = 256 * 2**20  #: How much may wait for a subscriber that keeps all, as elsewhere.
 
 # Above the depth, so that a subscriber always learns of newer messages while its application works on one.

@@ -37,7 +37,8 @@ if TYPE_CHECKING:
 _log = logging.getLogger(__name__)
 _RETRY_S = 0.02
 
-_IN_HAND = 2  #: So many messages an application may keep beside its queue before it is taken for a hoarder.
+#: So many messages an application may keep beside its queue before it is taken for a hoarder.
+_IN_HAND = 2
 
 # Closed links whose messages are still in use: the collector must not hang up for them.
 _lingering: set[_Link] = set()

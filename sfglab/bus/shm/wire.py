@@ -28,12 +28,10 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
 PAGE_BYTES = 4096
-HEADER_BYTES = (
-    PAGE_BYTES  #: The first page: the latest sequence number, as one aligned 64-bit word.
-)
-DATA_OFFSET_BYTES = (
-    60  #: CDR starts here in a slot: behind its 4-byte header all is aligned to 64 bytes.
-)
+#: The first page: the latest sequence number, as one aligned 64-bit word.
+HEADER_BYTES = PAGE_BYTES
+#: CDR starts here in a slot: behind its 4-byte header all is aligned to 64 bytes.
+DATA_OFFSET_BYTES = 60
 
 _MAGIC = b"sfgs"
 _VERSION = 1

@@ -32,9 +32,8 @@ if TYPE_CHECKING:
 
 _log = logging.getLogger(__name__)
 
-ARENA_MESSAGES = (
-    64  #: For so many of the largest messages a memory file has room, taken as it is used.
-)
+#: For so many of the largest messages a memory file has room, taken as it is used.
+ARENA_MESSAGES = 64
 
 _ENOSPC = 28
 _NONE_LEFT = (23, 24)  # ENFILE, EMFILE: no descriptor is left

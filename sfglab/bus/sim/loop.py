@@ -20,9 +20,8 @@ if TYPE_CHECKING:
 
 _SHOWN_TASKS = 5
 
-START_NS = (
-    1_767_225_600_000_000_000  #: Where virtual time begins: 2026-01-01, Unix time in nanoseconds.
-)
+#: Where virtual time begins: 2026-01-01, Unix time in nanoseconds.
+START_NS = 1_767_225_600_000_000_000
 NEVER_NS = 2**62  #: Later than every time of a simulation.
 _Event = tuple[int, int, "Callable[..., None]", tuple[Any, ...]]
 

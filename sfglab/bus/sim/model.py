@@ -19,9 +19,8 @@ from sfglab.qos import Durability, History, QoSProfile, Reliability, incompatibi
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-Item = tuple[
-    int, bytes, int
-]  #: A sample on its way: sequence number from 1, CDR, source time stamp (ns).
+#: A sample on its way: sequence number from 1, CDR, source time stamp (ns).
+Item = tuple[int, bytes, int]
 
 
 class Environment:
@@ -116,9 +115,8 @@ class Participant:
     lease_ns: int  #: How long the others believe that it lives without a sign of it.
     interval_ns: int  #: Of its periodic announcements.
     guid: bytes = b""  #: Its 16-byte GUID.
-    latency_ns: int = (
-        0  #: Of its host's link, when it joined; what discovery takes is settled by it.
-    )
+    #: Of its host's link, when it joined; what discovery takes is settled by it.
+    latency_ns: int = 0
     loss: float = 0.0  #: The same.
     born_ns: int = 0  #: When it joined.
     crashed_ns: int | None = None  #: When it fell silent without a word; None otherwise.
@@ -284,19 +282,16 @@ class Endpoint:
         self.reliable = qos.reliability is Reliability.RELIABLE
         self.latched = qos.durability is Durability.TRANSIENT_LOCAL
         self.depth = qos.depth if qos.history is History.KEEP_LAST else None  #: None is all.
-        self.lifespan_ns = (
-            qos.lifespan_ns
-        )  #: After how long a writer's samples expire; None is never.
+        #: After how long a writer's samples expire; None is never.
+        self.lifespan_ns = qos.lifespan_ns
         self.sequence = 0  #: The number of a writer's latest sample.
         self.born_ns = 0  #: When it was announced.
         self.gone_ns: int | None = None  #: When it was retracted; None until then.
         self.backlog_ns = 0  #: How long the others take until they have time for its announcement.
-        self.suspicion: Observer | None = (
-            None  #: Hears of what does not match; None when nobody cares.
-        )
-        self.peers: dict[
-            Any, int
-        ] = {}  #: What matches now; of a reader, with the latest sample's number.
+        #: Hears of what does not match; None when nobody cares.
+        self.suspicion: Observer | None = None
+        #: What matches now; of a reader, with the latest sample's number.
+        self.peers: dict[Any, int] = {}
         self.is_open = True
         self.withdraw: Callable[[Endpoint], None] | None = None  #: How its domain lets it go.
         self._ignores_own = ignores_own

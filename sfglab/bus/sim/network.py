@@ -142,13 +142,11 @@ class Network:
     """Delivers samples; chance decides what is lost and what is late."""
 
     def __init__(self, loop: VirtualLoop, costs: Costs, random: Random) -> None:
-        self.varies = (
-            False  #: Whether two packets may fare differently, so that each has to be looked at.
-        )
+        #: Whether two packets may fare differently, so that each has to be looked at.
+        self.varies = False
         self.latency_ns = 0  #: Of the slowest link so far.
-        self.message_cost_ns = ns_from_s(
-            costs.message_s
-        )  #: What a sample costs the process that takes it.
+        #: What a sample costs the process that takes it.
+        self.message_cost_ns = ns_from_s(costs.message_s)
         self._loop = loop
         self._random = random
 

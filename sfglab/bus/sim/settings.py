@@ -20,9 +20,8 @@ class LinkModel:
     #: What may come on top: drawn for each packet and link, evenly from 0 to this, seconds. Packets of one
     #: publisher stay in order, as on one path.
     jitter_s: float = between(0.0)
-    loss: float = between(
-        0.0, 0, 1, without=(1,)
-    )  #: Probability with which each link loses a packet.
+    #: Probability with which each link loses a packet.
+    loss: float = between(0.0, 0, 1, without=(1,))
     #: Rate of Ethernet frames, bit/s; what is sent faster waits in a queue without end. None is unlimited.
     rate_bps: float | None = None
 
@@ -63,9 +62,8 @@ class Costs:
     start_s: float = between(0.0)  #: From its start until it hears anything, seconds.
     message_s: float = between(0.0)  #: For each message that one of its readers takes, seconds.
     endpoint_s: float = between(0.0)  #: For each endpoint that it makes or ends, seconds.
-    announcement_s: float = between(
-        0.0
-    )  #: For each endpoint of its domains that comes or goes, seconds.
+    #: For each endpoint of its domains that comes or goes, seconds.
+    announcement_s: float = between(0.0)
 
     def __post_init__(self) -> None:
         check_bounds(self)

@@ -15,9 +15,8 @@ from sfglab.bus.sim.settings import ENDPOINT_NS, PARTICIPANT_NS, REPAIR_NS, SAME
 if TYPE_CHECKING:
     from sfglab.bus.sim.model import Endpoint, Participant, Partition
 
-_CROSSINGS = (
-    4  #: Of the network, until two have met: SPDP, the answer and heartbeat, a request, the data.
-)
+#: Of the network, until two have met: SPDP, the answer and heartbeat, a request, the data.
+_CROSSINGS = 4
 _MASK = 2**64 - 1
 
 

@@ -43,13 +43,11 @@ class NodeOptions(TypedDict, total=False):
 
     namespace: str  #: Where relative topic names live ("/").
     lease_s: float  #: After how long a silence the others give it up (10.0).
-    on_error: (
-        OnError | None
-    )  #: Given every exception of a callback and a text that names its place.
+    #: Given every exception of a callback and a text that names its place.
+    on_error: OnError | None
     process: str  #: Nodes of one process share its time (one of its own).
-    discovery_info: (
-        bool  #: Whether ROS 2's tools shall see it as a node, which takes one more writer (True).
-    )
+    #: Whether ROS 2's tools shall see it as a node, which takes one more writer (True).
+    discovery_info: bool
 
 
 class WorldOptions(TypedDict, total=False):
@@ -58,7 +56,8 @@ class WorldOptions(TypedDict, total=False):
     seed: int  #: Decides everything that is left to chance (0).
     link: LinkModel  #: The link of every host that has none of its own.
     costs: Costs  #: How long processes take for what they hear.
-    multicast: bool  #: Whether announcements, and samples for more than one other host, go by multicast (True).
+    #: Whether announcements, and samples for more than one other host, go by multicast (True).
+    multicast: bool
     #: Hand a service's reply only to the participant that asked, not to all who have a client of that service
     #: and would ignore it (False). Bytes are accounted, and costs charged, as if all had got it: without this,
     #: n clients of n services cost n**3 deliveries.
@@ -74,9 +73,8 @@ class World(Environment):
             raise BusError("a world needs virtual time: use it inside run_simulated")
         super().__init__(loop, options.get("costs", Costs()))
         self.seed = options.get("seed", 0)
-        self.random = Random(
-            self.seed
-        )  #: Draws what is left to chance; components may draw from it too.
+        #: Draws what is left to chance; components may draw from it too.
+        self.random = Random(self.seed)
         self.hosts: dict[str, Host] = {}  #: By name.
         self._views = Views(loop, self.seed)
         self._network = Network(loop, self.costs, self.random)

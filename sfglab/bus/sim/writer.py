@@ -32,9 +32,8 @@ class Audience:
     __slots__ = ("_owing", "_owner", "_readers", "_rounds", "remote")
 
     def __init__(self, owner: Participant) -> None:
-        self.remote: dict[
-            Participant, None
-        ] = {}  #: The participants on other hosts that have readers of it.
+        #: The participants on other hosts that have readers of it.
+        self.remote: dict[Participant, None] = {}
         self._owner = owner
         self._readers: dict[Participant, list[Reader]] = {}
         self._owing: dict[Participant, int] = {}

@@ -313,9 +313,8 @@ def _vaapi_codecs(vendors: frozenset[str]) -> tuple[ExpectedCodec, ...]:
 _H264 = {"bcm2835-codec-decode": CodecRole.DECODER, "bcm2835-codec-encode": CodecRole.ENCODER}
 """H.264 codecs of Raspberry Pi 4 and before (Raspberry Pi's kernel, bcm2835-v4l2-codec.c)."""
 
-_HEVC = frozenset(
-    {"rpivid", "rpi-hevc-dec"}
-)  #: The HEVC decoder of Raspberry Pi 4 and 5, by driver.
+#: The HEVC decoder of Raspberry Pi 4 and 5, by driver.
+_HEVC = frozenset({"rpivid", "rpi-hevc-dec"})
 
 _CODEC = re.compile(r"(?:.*[-_ ])?(?:enc|encode|encoder|dec|decode|decoder)", re.IGNORECASE)
 

@@ -59,9 +59,8 @@ class DeviceGroup:
     """A group that a container's user must be in to open the devices."""
 
     name: str  #: As udev's rules give it.
-    gid: (
-        int | None
-    )  #: Its number on the machine; None if the machine's ``/etc/group`` does not have it.
+    #: Its number on the machine; None if the machine's ``/etc/group`` does not have it.
+    gid: int | None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -82,13 +81,11 @@ class Machine:
     architecture_reason: str  #: How it is known, or why not.
     model: str  #: What its maker calls it.
     operating_system: str  #: What its distribution calls itself.
-    jetpack: (
-        int | None
-    )  #: Major version of JetPack; None where there is none, or none that is known.
+    #: Major version of JetPack; None where there is none, or none that is known.
+    jetpack: int | None
     accelerator: Accelerator  #: What its images are made for.
-    evidence: tuple[
-        Evidence, ...
-    ]  #: For every accelerator, in order of preference, whether it is there.
+    #: For every accelerator, in order of preference, whether it is there.
+    evidence: tuple[Evidence, ...]
     devices: tuple[str, ...]  #: Device nodes that a container needs for the accelerator.
     groups: tuple[DeviceGroup, ...]  #: Groups that may open them.
 

@@ -25,9 +25,8 @@ if TYPE_CHECKING:
 VERSION = "v5.0"
 LOCAL, GLOBAL = "local", "global"
 
-HISTORY = (
-    200  #: Messages a topic: enough for a latched one of 200 agents, not for gigabytes of pictures.
-)
+#: Messages a topic: enough for a latched one of 200 agents, not for gigabytes of pictures.
+HISTORY = 200
 
 
 def render_dds_router(fleet: Fleet, agent: str) -> str:

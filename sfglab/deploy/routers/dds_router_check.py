@@ -30,9 +30,8 @@ IMAGE = dds_topic("/global/a/camera/color/image_raw")  #: A topic with large mes
 
 RULES: Rules[Config, KeyPath] = Rules()  #: What a configuration may mean that has the right shape.
 
-POLICY: Rules[tuple[Config, Policy], KeyPath] = (
-    Rules()
-)  #: Whether it is the policy, by names around both.
+#: Whether it is the policy, by names around both.
+POLICY: Rules[tuple[Config, Policy], KeyPath] = Rules()
 
 
 def check_dds_router(

@@ -96,9 +96,8 @@ Config = dict[str, Any]
 
 RULES: Rules[Config, KeyPath] = Rules()  #: What a configuration may mean that has the right shape.
 
-POLICY: Rules[tuple[Config, Policy], KeyPath] = (
-    Rules()
-)  #: Whether it bridges nothing that a policy keeps.
+#: Whether it bridges nothing that a policy keeps.
+POLICY: Rules[tuple[Config, Policy], KeyPath] = Rules()
 
 
 def check_domain_bridge(

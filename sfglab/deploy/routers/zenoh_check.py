@@ -26,21 +26,17 @@ Bridge = dict[str, Any]
 Control = dict[str, Any]
 PLUGIN, CONTROL = ("plugins", "ros2dds"), ("access_control",)
 
-RULES: Rules[Bridge, KeyPath] = (
-    Rules()
-)  #: What a bridge's configuration may mean that has the right shape.
+#: What a bridge's configuration may mean that has the right shape.
+RULES: Rules[Bridge, KeyPath] = Rules()
 
-POLICY: Rules[tuple[Bridge, Policy], KeyPath] = (
-    Rules()
-)  #: Whether it routes what a policy lets cross.
+#: Whether it routes what a policy lets cross.
+POLICY: Rules[tuple[Bridge, Policy], KeyPath] = Rules()
 
-CONTROL_RULES: Rules[Control, KeyPath] = (
-    Rules()
-)  #: What access control may mean that has the right shape.
+#: What access control may mean that has the right shape.
+CONTROL_RULES: Rules[Control, KeyPath] = Rules()
 
-CONTROL_POLICY: Rules[tuple[Control, Policy], KeyPath] = (
-    Rules()
-)  #: The same of messages, if no rule is broken.
+#: The same of messages, if no rule is broken.
+CONTROL_POLICY: Rules[tuple[Control, Policy], KeyPath] = Rules()
 
 
 def check_zenoh(

@@ -56,12 +56,10 @@ class Changed:
     state: State  #: Where it stands now.
     pid: int | None = None  #: Its process; None while there is none.
     crashes: int = 0  #: How often it has ended although it was wanted.
-    why: str = (
-        ""  #: How its process ended or what is waited for; empty when there is nothing to say.
-    )
-    retry_s: float | None = (
-        None  #: Wait before it is started again, seconds; None when no start is waited for.
-    )
+    #: How its process ended or what is waited for; empty when there is nothing to say.
+    why: str = ""
+    #: Wait before it is started again, seconds; None when no start is waited for.
+    retry_s: float | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -64,7 +64,8 @@ class AgentConfig:
     schedule: Schedule = field(default_factory=Schedule)  #: When it beats.
     #: How long its discoverer waits for what.
     discovery: DiscoveryTiming = field(default_factory=DiscoveryTiming)
-    detect: bool = True  #: Whether its metadata says which accelerators work here, which takes a trial of each.
+    #: Whether its metadata says which accelerators work here, which takes a trial of each.
+    detect: bool = True
     #: How long its components may take, and when they are tried again.
     supervision: ProcessTiming = field(default_factory=ProcessTiming)
 

@@ -46,9 +46,8 @@ class Input(Enum):
     BEGIN = auto()  #: The agent starts.
     READY = auto()  #: The process reports that it serves.
     ENDED = auto()  #: The process is gone, with everything it had started.
-    REFUSED = (
-        auto()
-    )  #: It ended of its own accord before it had ever served: its configuration is wrong.
+    #: It ended of its own accord before it had ever served: its configuration is wrong.
+    REFUSED = auto()
     TIMER = auto()  #: The armed timer ran out.
     TOLD_TO_STOP = auto()  #: The agent is to end; said again, it is to end at once.
 

@@ -59,9 +59,8 @@ _WATCHED = (
     State.RUNNING,
     State.LINGERING,
 )  # a spare may have been stopped while it waited
-OFFER = user_data(
-    {OFFER_KEY: "decoder"}
-)  #: USER_DATA of writers that only show what could be decoded.
+#: USER_DATA of writers that only show what could be decoded.
+OFFER = user_data({OFFER_KEY: "decoder"})
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -324,21 +323,18 @@ class DecoderConfig:
 
     remote: BusAddress  #: Where remote streams arrive.
     local: BusAddress  #: Where local subscribers are.
-    streams: tuple[
-        str, ...
-    ] = ()  #: Remote topics to offer from the start, by their names in the schema.
+    #: Remote topics to offer from the start, by their names in the schema.
+    streams: tuple[str, ...] = ()
     discovery_topic: str = ""  #: Topic of discovery events; empty: none is listened to.
     linger_s: float = 1.0  #: How long a pipeline outlives its last subscriber, seconds.
-    replay: bool = (
-        True  #: Whether streams are joined by their senders' replays; else by the next key frame.
-    )
+    #: Whether streams are joined by their senders' replays; else by the next key frame.
+    replay: bool = True
     spare: bool = True  #: Whether a pipeline process waits, warm, for the next stream.
     #: Whether another spare starts when a stream takes it. Without, one process that is there is lent to one
     #: stream after the other, as a component container loads and unloads what paper A's decoder asks for.
     refill: bool = True
-    offers: bool = (
-        True  #: Whether ROS 2's tools list what could be decoded, before anybody subscribes.
-    )
+    #: Whether ROS 2's tools list what could be decoded, before anybody subscribes.
+    offers: bool = True
     parameters: Way | None = None  #: How ROS 2's tools read this; None: they do not.
 
 

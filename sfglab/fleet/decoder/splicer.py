@@ -15,9 +15,8 @@ from typing import Generic, TypeVar
 
 M = TypeVar("M")
 
-MOST_AHEAD = (
-    512  #: Packets that wait for one that is missing; beyond that it will not come any more.
-)
+#: Packets that wait for one that is missing; beyond that it will not come any more.
+MOST_AHEAD = 512
 
 
 class Source(Enum):
@@ -40,9 +39,8 @@ class Step(Generic[M]):
     """What to decode next."""
 
     packet: M  #: Whatever stands for the packet.
-    show: (
-        bool  #: Whether its picture is wanted; if not, it is decoded for the pictures that follow.
-    )
+    #: Whether its picture is wanted; if not, it is decoded for the pictures that follow.
+    show: bool
 
 
 @dataclass(frozen=True, slots=True)

@@ -53,13 +53,11 @@ class Route:
     source_type: str  #: Its ROS type.
     codec: str  #: Codec hint, or `RELAY` for messages that pass unchanged.
     local_topic: str  #: The local topic.
-    replay_topic: str = (
-        ""  #: Where its sender may replay the last group of pictures; empty: nowhere.
-    )
+    #: Where its sender may replay the last group of pictures; empty: nowhere.
+    replay_topic: str = ""
     most_pixels: int = MAX_PIXELS  #: Of a picture: as announced, with what codecs add at the edges.
-    after: int = (
-        -1
-    )  #: Number of the newest picture that subscribers may have seen of an earlier pipeline.
+    #: Number of the newest picture that subscribers may have seen of an earlier pipeline.
+    after: int = -1
 
     @property
     def local_type(self) -> str:
@@ -185,9 +183,8 @@ class State(Enum):
     IDLE = auto()  #: The stream is known; nobody wants it; nothing runs.
     STARTING = auto()  #: A pipeline was asked for and has not reported yet.
     RUNNING = auto()  #: The pipeline is up.
-    LINGERING = (
-        auto()
-    )  #: The last subscriber left a moment ago; the pipeline is kept in case one returns.
+    #: The last subscriber left a moment ago; the pipeline is kept in case one returns.
+    LINGERING = auto()
     STOPPING = auto()  #: The pipeline was told to end.
     RESTARTING = auto()  #: The pipeline was told to end, and is wanted again.
     BACKING_OFF = auto()  #: The pipeline died while wanted; the next try waits.

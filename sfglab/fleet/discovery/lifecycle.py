@@ -33,30 +33,20 @@ class Asking(Enum):
 class State(Enum):
     """Where a remote agent stands."""
 
-    UNKNOWN = (
-        Told.NOTHING,
-        Asking.NO,
-    )  #: Nothing is known of it: the first state, and that of who is forgotten.
+    #: Nothing is known of it: the first state, and that of who is forgotten.
+    UNKNOWN = Told.NOTHING, Asking.NO
     QUERYING = Told.NOTHING, Asking.QUERYING  #: A heartbeat was heard; what it is, is being asked.
     BACKING_OFF = Told.NOTHING, Asking.BACKING_OFF  #: It is alive and has not said yet what it is.
     ACTIVE = Told.PRESENT, Asking.NO  #: It is there, and what it is, is known.
-    REFRESHING = (
-        Told.PRESENT,
-        Asking.QUERYING,
-    )  #: It is there; what is known is out of date and asked again.
-    REFRESH_BACK_OFF = (
-        Told.PRESENT,
-        Asking.BACKING_OFF,
-    )  #: It is there; what is known of it is out of date.
+    #: It is there; what is known is out of date and asked again.
+    REFRESHING = Told.PRESENT, Asking.QUERYING
+    #: It is there; what is known of it is out of date.
+    REFRESH_BACK_OFF = Told.PRESENT, Asking.BACKING_OFF
     LOST = Told.LOST, Asking.NO  #: Its heartbeats stopped.
-    REJOINING = (
-        Told.LOST,
-        Asking.QUERYING,
-    )  #: It is back, but not as it was; what it is now, is asked.
-    REJOIN_BACK_OFF = (
-        Told.LOST,
-        Asking.BACKING_OFF,
-    )  #: It is back, and has not said yet what it is now.
+    #: It is back, but not as it was; what it is now, is asked.
+    REJOINING = Told.LOST, Asking.QUERYING
+    #: It is back, and has not said yet what it is now.
+    REJOIN_BACK_OFF = Told.LOST, Asking.BACKING_OFF
 
     @property
     def told(self) -> Told:
@@ -73,19 +63,15 @@ class Input(Enum):
     """What can happen to a remote agent."""
 
     HEARD = auto()  #: A heartbeat that says nothing new.
-    CHANGED = (
-        auto()
-    )  #: A heartbeat of the same start of the agent, with another revision of its description.
+    #: A heartbeat of the same start of the agent, with another revision of its description.
+    CHANGED = auto()
     RESTARTED = auto()  #: A heartbeat of another start of the agent.
-    ANSWERED = (
-        auto()
-    )  #: The query was answered by the start that was announced, or none was announced yet.
-    ANSWERED_ANEW = (
-        auto()
-    )  #: The query was answered by another start than the one that was announced.
-    FAILED = (
-        auto()
-    )  #: The query failed, came to nothing in time, or was answered with something else.
+    #: The query was answered by the start that was announced, or none was announced yet.
+    ANSWERED = auto()
+    #: The query was answered by another start than the one that was announced.
+    ANSWERED_ANEW = auto()
+    #: The query failed, came to nothing in time, or was answered with something else.
+    FAILED = auto()
     RETRY = auto()  #: The wait before the next query is over.
     SILENT = auto()  #: No heartbeat came for too long.
     EXPIRED = auto()  #: It has been of no use for too long, or its place is needed.
@@ -199,10 +185,10 @@ class Node:
     """A state and its place in the grid."""
 
     state: State  #: The state.
-    row: int  #: 0 for what local consumers have not heard of, 1 for what is there, 2 for what is lost.
-    column: (
-        int  #: 0 when nothing is asked, 1 while a query is outstanding, 2 while the next one waits.
-    )
+    #: 0 for what local consumers have not heard of, 1 for what is there, 2 for what is lost.
+    row: int
+    #: 0 when nothing is asked, 1 while a query is outstanding, 2 while the next one waits.
+    column: int
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

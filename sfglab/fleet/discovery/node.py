@@ -100,9 +100,8 @@ class DiscoverySettings:
     query_timeout_s: float = 2.0  #: How long an agent may take to answer then, seconds.
     #: Whether descriptions that agents offer are read; then a service is asked only where there is none of use.
     offers: bool = False
-    max_queries: int = (
-        128  #: Queries that may be under way at once; the others have their turns (`Turns`).
-    )
+    #: Queries that may be under way at once; the others have their turns (`Turns`).
+    max_queries: int = 128
 
     def __post_init__(self) -> None:
         validate_agent(self.agent)
@@ -120,9 +119,8 @@ class DiscoveryStatus:
     """What a discoverer knows now."""
 
     agents: tuple[AgentStatus, ...]  #: The remote agents, by name.
-    counts: dict[
-        str, int
-    ]  #: How often what happened; see `Registry.counts`. ``event_<name>`` counts events.
+    #: How often what happened; see `Registry.counts`. ``event_<name>`` counts events.
+    counts: dict[str, int]
 
 
 class AgentDiscoverer:

@@ -38,15 +38,13 @@ if TYPE_CHECKING:
 class Timing:
     """How long a discoverer waits for what."""
 
-    missed: float = between(
-        3.0, without=(0,)
-    )  #: Announced periods without a heartbeat: an agent is lost.
+    #: Announced periods without a heartbeat: an agent is lost.
+    missed: float = between(3.0, without=(0,))
     slack_ns: int = between(500_000_000, without=(0,))  #: Time on top of that, for the network.
     #: Wait after the first failed query; it doubles with each further one.
     backoff_ns: int = between(250_000_000, without=(0,))
-    backoff_max_ns: int = between(
-        10_000_000_000, without=(0,)
-    )  #: The longest wait between queries.
+    #: The longest wait between queries.
+    backoff_max_ns: int = between(10_000_000_000, without=(0,))
     forget_ns: int = between(600_000_000_000, without=(0,))  #: How long a lost agent is remembered.
 
     def __post_init__(self) -> None:
@@ -59,17 +57,14 @@ class Order:
 
     action: Action  #: What; one that is an announcement names the event.
     agent: str  #: Whom to ask, or of whom to tell.
-    query: int | None = (
-        None  #: Which query, for `Registry.answered` or `failed`; no two are the same.
-    )
+    #: Which query, for `Registry.answered` or `failed`; no two are the same.
+    query: int | None = None
     incarnation: int = 0  #: Which start of the agent the description is from.
     metadata: Any = None  #: Its last known description.
     publisher: bytes = b""  #: Who was heard, when an agent has to be asked.
     failures: int = 0  #: How many queries of it have failed since one was answered.
-    wanted: tuple[int, int] = (
-        0,
-        0,
-    )  #: Which incarnation and revision it said to be, when it has to be asked.
+    #: Which incarnation and revision it said to be, when it has to be asked.
+    wanted: tuple[int, int] = (0, 0)
 
     @property
     def event(self) -> str:
@@ -124,9 +119,8 @@ class _Remote:
     sources: Sources = field(default_factory=Sources)
     publisher: bytes = b""
     doubts: int = 0
-    held: _Version | None = (
-        None  #: What the description is of that was announced; None before the first.
-    )
+    #: What the description is of that was announced; None before the first.
+    held: _Version | None = None
     metadata: Any = None
     query: int | None = None  #: The outstanding query.
     heard_ns: int = 0

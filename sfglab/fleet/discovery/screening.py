@@ -26,7 +26,8 @@ from sfglab.names import FqnError
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-MAX_STREAMS = 128  #: Most streams of one agent: each costs whoever decodes an endpoint before anybody wants it.
+#: Most streams of one agent: each costs whoever decodes an endpoint before anybody wants it.
+MAX_STREAMS = 128
 MAX_ENTRIES = 64  #: Most sensors, codecs in hardware and pieces of software of one agent, of each.
 _MAX_VERSION_LENGTH = 128
 _PHASES = frozenset(int(phase) for phase in Phase)
@@ -35,9 +36,8 @@ _PHASES = frozenset(int(phase) for phase in Phase)
 class Refusal(Enum):
     """Why a heartbeat does not count."""
 
-    MALFORMED = (
-        "malformed"  #: It is no heartbeat: bytes, name, phase, period or version are not allowed.
-    )
+    #: It is no heartbeat: bytes, name, phase, period or version are not allowed.
+    MALFORMED = "malformed"
     FLOOD = "flood"  #: There are more than a fleet would send.
     OWN = "own"  #: It is the discoverer's own agent's.
     SPOOFED = "spoofed"  #: It bears the discoverer's own agent's name and comes from somebody else.
@@ -54,18 +54,14 @@ class Limits:
     max_agents: int = between(500, 1, 900)
     #: Heartbeats per second that one publisher may send for long.
     beats_per_s: float = between(25.0, without=(0, math.inf))
-    burst: int = between(
-        50, without=(0, math.inf)
-    )  #: Heartbeats that one publisher may send at once.
-    total_per_s: float = between(
-        1000.0, without=(0, math.inf)
-    )  #: The same for all publishers together.
-    total_burst: int = between(
-        5000, without=(0, math.inf)
-    )  #: The same for all publishers together.
-    max_metadata_bytes: int = between(
-        65_536, without=(0, math.inf)
-    )  #: Longest description, serialized.
+    #: Heartbeats that one publisher may send at once.
+    burst: int = between(50, without=(0, math.inf))
+    #: The same for all publishers together.
+    total_per_s: float = between(1000.0, without=(0, math.inf))
+    #: The same for all publishers together.
+    total_burst: int = between(5000, without=(0, math.inf))
+    #: Longest description, serialized.
+    max_metadata_bytes: int = between(65_536, without=(0, math.inf))
 
     def __post_init__(self) -> None:
         check_bounds(self, "discovery, ")

@@ -12,9 +12,8 @@ from dataclasses import dataclass
 
 _Key = tuple[bytes, int]  # a publisher's gid and the start that it claims
 
-MAX_SOURCES = (
-    8  #: How many are kept track of for a name; of those not believed the longest unheard goes.
-)
+#: How many are kept track of for a name; of those not believed the longest unheard goes.
+MAX_SOURCES = 8
 _TWINS = 2  # how often another one is heard between two beats of each before that is no restart
 
 
@@ -24,9 +23,8 @@ class Source:
 
     silent_ns: int = 0  #: When it has been unheard for too long, by the period that it announced.
     revision: int = 0  #: Which revision of its description it has announced.
-    trust: bool | None = (
-        None  #: Whether it is believed; None: nobody asked; False: the answer was another.
-    )
+    #: Whether it is believed; None: nobody asked; False: the answer was another.
+    trust: bool | None = None
     heard_ns: int = 0  #: When it was heard last.
     beats: int = 0  #: How often it was heard.
     place: int = 0  #: Which of all beats of the name was its last.

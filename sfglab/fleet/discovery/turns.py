@@ -10,12 +10,10 @@ import heapq
 from collections import Counter
 from dataclasses import dataclass
 
-CHANCE_NS = (
-    250_000_000  #: How long a query holds its place though newcomers wait; one that failed, longer.
-)
-ANSWER_CHANCE_NS = (
-    1_000_000_000  #: The same for one whose service was found: it may be about to answer.
-)
+#: How long a query holds its place though newcomers wait; one that failed, longer.
+CHANCE_NS = 250_000_000
+#: The same for one whose service was found: it may be about to answer.
+ANSWER_CHANCE_NS = 1_000_000_000
 _MAX_DOUBLINGS = 4
 
 

@@ -81,9 +81,8 @@ def _pairs(view: View, kind: ResourceKind) -> Iterator[tuple[Use, Use]]:
             )
 
 
-LAST_SAFE_DOMAIN = (
-    101  #: Above it, ports are in Linux' ephemeral range (ROS 2, "The ROS_DOMAIN_ID").
-)
+#: Above it, ports are in Linux' ephemeral range (ROS 2, "The ROS_DOMAIN_ID").
+LAST_SAFE_DOMAIN = 101
 
 ROS_OWN = frozenset({TF, TF_STATIC, "/rosout", "/parameter_events", "/clock", "/diagnostics"})
 """Names that ROS 2 gives itself; they are outside the schema on purpose."""

@@ -61,9 +61,8 @@ class Announcements:
 
     participants: int  #: Participants in the domain that hosts share.
     endpoints: int  #: Endpoints in it.
-    pairs: (
-        int  #: Ordered pairs of participants on different hosts: each tells the other about itself.
-    )
+    #: Ordered pairs of participants on different hosts: each tells the other about itself.
+    pairs: int
     announced: int  #: Announcements of an endpoint to a participant on another host.
     estimated_bytes: int  #: What hosts receive for both, together.
 
@@ -74,12 +73,10 @@ class Discovery:
 
     standard: Announcements  #: Every process of every agent in one domain.
     routed: Announcements  #: Only the routers meet, and show what is wanted across.
-    local: dict[
-        str, tuple[int, int]
-    ]  #: Participants and endpoints in each agent's own domain, by agent.
-    shown: dict[
-        str, int
-    ]  #: Endpoints that each agent's router shows in the global domain, by agent.
+    #: Participants and endpoints in each agent's own domain, by agent.
+    local: dict[str, tuple[int, int]]
+    #: Endpoints that each agent's router shows in the global domain, by agent.
+    shown: dict[str, int]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -93,9 +90,8 @@ class AgentLoad:
     tf_in_bps: float = 0.0  #: Bits a second of them, entering.
     topics_out_bps: float = 0.0  #: Bits a second of other topics that somebody else subscribes.
     topics_in_bps: float = 0.0  #: Bits a second of other topics that it subscribes from others.
-    unsized: tuple[
-        str, ...
-    ] = ()  #: Crossing topics without rate or size, which are not in the sums.
+    #: Crossing topics without rate or size, which are not in the sums.
+    unsized: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -69,9 +69,8 @@ class View:
 
     def __init__(self, fleet: Fleet) -> None:
         self.fleet = fleet  #: As given.
-        self.uses = tuple(
-            use for agent in fleet.agents for use in _uses_of(agent, fleet)
-        )  #: By file order.
+        #: By file order.
+        self.uses = tuple(use for agent in fleet.agents for use in _uses_of(agent, fleet))
 
     @cached_property
     def meetings(self) -> dict[tuple[ResourceKind, str], Meeting]:

@@ -122,9 +122,8 @@ class PathStatus:
 class _OpenPath:
     readers: dict[ReaderSpec, Forward[Any, Any]] = field(default_factory=dict)
     writers: dict[WriterSpec, RawWriter] = field(default_factory=dict)
-    past: ForwardCounts = field(
-        default_factory=ForwardCounts
-    )  #: What readers did that were replaced.
+    #: What readers did that were replaced.
+    past: ForwardCounts = field(default_factory=ForwardCounts)
 
     def retire(self, counts: ForwardCounts) -> None:
         self.past.forwarded += counts.forwarded

@@ -75,9 +75,8 @@ def pair_lock(one: int, other: int) -> Iterator[None]:
         yield
 
 
-MAX_SAMPLE_BYTES = (
-    64 << 20
-)  #: Largest message that a router's process takes in; a larger one does not cross.
+#: Largest message that a router's process takes in; a larger one does not cross.
+MAX_SAMPLE_BYTES = 64 << 20
 STATUS_PERIOD_S = 5.0  #: How often the status is told when nothing changes, seconds.
 
 # Loops keep time in floats of seconds, or in milliseconds: this much before a deadline it counts as reached.
@@ -89,9 +88,8 @@ class RouterSettings:
     """What a router does."""
 
     agent: str  #: Whose router it is.
-    rules: tuple[ForwardRule, ...] = (
-        TABLE_1  #: What crosses the border; by default Table 1 of paper A.
-    )
+    #: What crosses the border; by default Table 1 of paper A.
+    rules: tuple[ForwardRule, ...] = TABLE_1
     linger_s: float = 1.0  #: How long a path outlives its last publisher or subscription, seconds.
     #: Whether transforms leave under the agent's prefix, and are dropped when they clash.
     prefix_frames: bool = True

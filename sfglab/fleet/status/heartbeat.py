@@ -82,13 +82,11 @@ class Heartbeat:
 
 MIN_PERIOD_S = 0.05  #: The shortest period that is believed; below it, heartbeats would be traffic.
 
-MAX_PERIOD_S = (
-    60.0  #: The longest that is believed; above it a lost agent would be missed too late.
-)
+#: The longest that is believed; above it a lost agent would be missed too late.
+MAX_PERIOD_S = 60.0
 
-MAX_SAMPLE_BYTES = (
-    1 << 20
-)  #: Largest message of a process that only hears of agents and what they are.
+#: Largest message of a process that only hears of agents and what they are.
+MAX_SAMPLE_BYTES = 1 << 20
 
 _MAX_STARTUP_S = 3600.0
 

@@ -50,9 +50,8 @@ class StatusSettings:
     agent: str  #: The agent's name.
     description: AgentDescription = field(default_factory=AgentDescription)  #: What it is.
     schedule: Schedule = field(default_factory=Schedule)  #: When it beats.
-    offers: bool = (
-        False  #: Whether the description is published, too; the paper's way is to be asked for it.
-    )
+    #: Whether the description is published, too; the paper's way is to be asked for it.
+    offers: bool = False
 
     def __post_init__(self) -> None:
         validate_agent(self.agent)

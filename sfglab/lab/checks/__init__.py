@@ -31,9 +31,8 @@ GROUPS = (
 """Modules of this package, each a group."""
 
 NOTHING = "nothing to check"  #: The example of a property without a case, which has not held.
-Case = tuple[
-    str, bool
-]  #: What was tried, as a reader wants to see it, and whether the property held.
+#: What was tried, as a reader wants to see it, and whether the property held.
+Case = tuple[str, bool]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -50,9 +49,8 @@ class CheckRow:
 class Mutated:
     """What is changed under a claim's checks to see whether they can fail, and what must see it."""
 
-    modules: tuple[
-        str, ...
-    ]  #: Modules that the checks check; ``module:Name,name``: only these parts of one.
+    #: Modules that the checks check; ``module:Name,name``: only these parts of one.
+    modules: tuple[str, ...]
     rows: Callable[[], Iterable[CheckRow]]  #: A few cases of the checks.
 
 

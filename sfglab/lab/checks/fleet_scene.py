@@ -18,9 +18,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-START_NS = (
-    1_700_000_000_000_000_000  #: The first moment; any time will do, this one is easily recognised.
-)
+#: The first moment; any time will do, this one is easily recognised.
+START_NS = 1_700_000_000_000_000_000
 PERIOD_NS = 100_000_000
 RECEIVED_AFTER_NS = 2_000_000  #: How long after its stamp a message is in the log.
 SIZE = (640, 360)  #: Width and height of a moment's picture.
@@ -91,10 +90,8 @@ class Part:
     topic: str  #: Its topic.
     type: str  #: Its ROS type.
     messages: tuple[Any, ...]  #: One a moment, None where it does not speak.
-    place: tuple[str, str] = (
-        "",
-        "",
-    )  #: Entity and component; empty: nothing is compared message by message.
+    #: Entity and component; empty: nothing is compared message by message.
+    place: tuple[str, str] = ("", "")
     is_timeless: bool = False  #: Whether it is shown for all times.
     expected: tuple[Any, ...] = ()  #: What a recording must hold there, for each message.
 

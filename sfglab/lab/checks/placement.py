@@ -29,9 +29,8 @@ if TYPE_CHECKING:
     import numpy as np
 
 TOPICS_PER_NODE = 0.6
-AREA_SHARE = (
-    0.5  #: The platform holds this share of all nodes' hardware, so that placing is a choice.
-)
+#: The platform holds this share of all nodes' hardware, so that placing is a choice.
+AREA_SHARE = 0.5
 TIME_LIMIT_S = 10.0  #: For one programme.
 
 

@@ -27,13 +27,11 @@ _TOLERANCE = 1e-5  #: Relative, of single against double precision.
 class Shown:
     """One component at one entity and time."""
 
-    capture_ns: (
-        int | None
-    )  #: On the timeline of the senders' stamps; None for what holds at all times.
+    #: On the timeline of the senders' stamps; None for what holds at all times.
+    capture_ns: int | None
     received_ns: int | None  #: On that of this host; None likewise.
-    content: (
-        NDArray[Any] | list[str]
-    )  #: Numbers of whatever nesting as a flat array; texts as a list.
+    #: Numbers of whatever nesting as a flat array; texts as a list.
+    content: NDArray[Any] | list[str]
 
 
 def read_recording(path: Path) -> Recording:

@@ -32,9 +32,8 @@ if TYPE_CHECKING:
     Floats = NDArray[np.float64]
 
 checks = Checks("geometry")
-contrast = Checks(
-    "contrast"
-)  #: What must fail now and then: it shows what the check for loops can see.
+#: What must fail now and then: it shows what the check for loops can see.
+contrast = Checks("contrast")
 
 EITHER = tuple(Interpolation)
 _REACH_M = 5.0

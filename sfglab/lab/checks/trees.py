@@ -26,11 +26,8 @@ checks = Checks("trees")
 
 AGENT, WORLD, OBJECT = "agent_x", "map", "agent_x/markers"
 RULE = FrameRule(agents=frozenset({AGENT}))  #: The names that are demanded of frames.
-WAYS = (
-    "direct",
-    "renamed",
-    "proxy",
-)  #: How motion capture joins a robot's tree: attributes of `MocapTrees`.
+#: How motion capture joins a robot's tree: attributes of `MocapTrees`.
+WAYS = ("direct", "renamed", "proxy")
 _LARGEST = 12
 _PERIOD_NS = 10_000_000
 _CLOSE_M, _CLOSE_RAD = 1e-9, 1e-7

@@ -43,12 +43,10 @@ class Config(Shown):
     """What is compared."""
 
     frames: int = between(40, 1, 1200, log=True)  #: Depth frames, each coded by all codecs.
-    png_level: int = between(
-        9, 0, 9
-    )  #: Level of PNG beside its fastest, 1; the transport plug-in's is 9.
-    noise_mm: float = between(
-        0.0, 0.0, 50.0
-    )  #: Standard deviation of noise that is added to depth [mm].
+    #: Level of PNG beside its fastest, 1; the transport plug-in's is 9.
+    png_level: int = between(9, 0, 9)
+    #: Standard deviation of noise that is added to depth [mm].
+    noise_mm: float = between(0.0, 0.0, 50.0)
     source: str = "stereo"  #: Source of frames with depth.
     seed: int = 0  #: Seed of the view's path and of the codecs' order.
 

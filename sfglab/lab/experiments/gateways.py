@@ -83,11 +83,8 @@ exp.table("check")(CheckRow)
 
 _PAPER_SETS = {"A gateway", "B hardware", "C gateway", "D software", "E gateway"}
 _PAPER_EDGES = {"A -> 8", "C -> 6", "9 -> E"}
-STAGES = (
-    "all topics in software",
-    "topics in hardware",
-    "topics in hardware, gateways",
-)  #: Fig. 8 b, c and d.
+#: Fig. 8 b, c and d.
+STAGES = ("all topics in software", "topics in hardware", "topics in hardware, gateways")
 
 
 @exp.table("exploration", "unclaimed")

@@ -199,9 +199,8 @@ class NamePicture(Pressed):
             why = str(error)
             names.validate_ros_name(name, kind or names.ResourceKind.TOPIC)
         self.name, self.why = name, why  #: The name, and why the schema does not know it.
-        self.fqn: RosFqn | None = (
-            fqn  #: The name as the schema reads it; None: it is none of its names.
-        )
+        #: The name as the schema reads it; None: it is none of its names.
+        self.fqn: RosFqn | None = fqn
         self.kind = fqn.kind if fqn else kind or names.ResourceKind.TOPIC
 
     def _turn(self, label: str) -> None:

@@ -70,9 +70,8 @@ WAYS = {
 class Config(Profiled):
     """The whole run."""
 
-    bouts: int = between(
-        4, 1, 1000
-    )  #: How often each way is measured at each pace, in random order.
+    #: How often each way is measured at each pace, in random order.
+    bouts: int = between(4, 1, 1000)
     messages: int = between(45, 4, 10_000)  #: How many a bout has.
     seed: int = 0  #: Seed of the order.
 

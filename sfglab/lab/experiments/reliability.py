@@ -50,10 +50,8 @@ if TYPE_CHECKING:
 
     from sfglab.lab.bench import Bench
 
-CAMERAS, VIEWER = (
-    ("go2", "spot"),
-    "pc",
-)  #: Agents: those with a camera, and the one that looks at both.
+#: Agents: those with a camera, and the one that looks at both.
+CAMERAS, VIEWER = ("go2", "spot"), "pc"
 AGENTS = (*CAMERAS, VIEWER)
 COMPONENTS = ("router", "status", "discoverer", "keeper", "decoder", "pipeline")
 ONLY = {"keeper": [*CAMERAS], "pipeline": [VIEWER], "full disk": [VIEWER]}
@@ -73,16 +71,14 @@ class Config(Profiled):
 
     minutes: float = between(1.2, 0.1, 1440.0)  #: How long faults are drawn.
     gap_s: float = between(1.0, 0.0, 60.0)  #: From a recovery to the next fault, seconds.
-    spared: str = (
-        "spot"  #: The agent whose components are not ended, so that their memory can be followed.
-    )
+    #: The agent whose components are not ended, so that their memory can be followed.
+    spared: str = "spot"
     #: How long a process may still grow that is new, seconds: its buffers and heaps fill as they are used.
     warm_s: float = between(15.0, 0.0, 3600.0)
     limit_s: float = 10.0  #: Within which every stream has to flow again, seconds.
     kinds: tuple[str, ...] = KINDS  #: What happens.
-    sample_s: float = between(
-        3.0, 0.1, 60.0
-    )  #: From one reading of processes to the next, seconds.
+    #: From one reading of processes to the next, seconds.
+    sample_s: float = between(3.0, 0.1, 60.0)
     seed: int = 0  #: Seed of what happens when to whom.
 
 
@@ -181,12 +177,10 @@ class Soak(ProcessGroup):
 
     def __init__(self, bench: Bench[Config]) -> None:
         self.rng, self.folder = random.Random(bench.config.seed), bench.folder("soak")
-        self.pids: dict[str, dict[str, int]] = {
-            name: {} for name in AGENTS
-        }  #: Components that serve.
-        self.views: dict[str, dict[str, bool]] = {
-            name: {} for name in AGENTS
-        }  #: Which others are there.
+        #: Components that serve.
+        self.pids: dict[str, dict[str, int]] = {name: {} for name in AGENTS}
+        #: Which others are there.
+        self.views: dict[str, dict[str, bool]] = {name: {} for name in AGENTS}
         self.errors: Counter[str] = Counter()  #: Tracebacks that components wrote.
         self._bench, self._network, self._begin_ns = (
             bench,

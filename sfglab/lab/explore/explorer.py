@@ -29,9 +29,8 @@ if TYPE_CHECKING:
 
     from sfglab.lab.experiment import Experiment
 
-_FIRST_PICTURE_S = (
-    90.0  #: How long a cell waits for the first picture, s: an empty cache compiles for 13.
-)
+#: How long a cell waits for the first picture, s: an empty cache compiles for 13.
+_FIRST_PICTURE_S = 90.0
 _FAINT = "sfglab-before"
 _STYLE = f"<style>.{_FAINT} {{ opacity: 0.35 }}</style>"
 
@@ -44,9 +43,8 @@ class Task:
     profile: str = ""  #: Of the run that it makes; empty: it draws.
     log: str = ""  #: Path of that run's log.
     settings: dict[str, Any] = field(default_factory=dict)  #: Fields of that run, as JSON has them.
-    only: tuple[str, ...] | None = (
-        None  #: Tables of sweeps and names of parts that it makes; None: all.
-    )
+    #: Tables of sweeps and names of parts that it makes; None: all.
+    only: tuple[str, ...] | None = None
 
 
 class Worker:

@@ -110,9 +110,8 @@ def _svg_widget() -> Any:
     return front_end(Path(__file__).with_name("press.js"), traits)
 
 
-Transition: TypeAlias = tuple[
-    Enum, Enum
-]  #: A state and an input that can happen in it: a key of a table.
+#: A state and an input that can happen in it: a key of a table.
+Transition: TypeAlias = tuple[Enum, Enum]
 Parts: TypeAlias = "Mapping[Any, Sequence[Artist]]"
 """The artists of each state, its box first, and of each tuple of transitions that are drawn as one."""
 
@@ -127,9 +126,8 @@ class Moment:
     """Where a machine stands."""
 
     state: Enum  #: The present state.
-    taken: Transition | None = (
-        None  #: The transition that led there; None: it began there, or was put there.
-    )
+    #: The transition that led there; None: it began there, or was put there.
+    taken: Transition | None = None
     said: str = ""  #: What happened, for people.
 
     def color(self, moves: Collection[Transition]) -> str:

@@ -45,9 +45,8 @@ class Exchange:
     vendor: Literal["fast_dds", "cyclone_dds"] = "fast_dds"  #: Whose timing.
     rate_hz: float = between(20.0, 1.0, 200.0, log=True)  #: How often a sample is published.
     depth: int = between(8, 1, 50)  #: Samples of each history.
-    loss: float = between(
-        0.0, 0.0, 0.5
-    )  #: Share of frames that the air loses beside those that are pressed.
+    #: Share of frames that the air loses beside those that are pressed.
+    loss: float = between(0.0, 0.0, 0.5)
     samples: int = between(16, 1, 40)  #: How many samples are published.
     seed: int = 0  #: Of these losses.
 
@@ -76,9 +75,8 @@ class Timeline(Pressed):
 
     def __init__(self, lost: Sequence[str] = ("a/DATA/5",), **exchange: Any) -> None:
         kit = widgets()
-        self.lost = dict.fromkeys(
-            lost, True
-        )  #: Frames that were made to be lost, False: to pass, by name.
+        #: Frames that were made to be lost, False: to pass, by name.
+        self.lost = dict.fromkeys(lost, True)
         first = ["vendor", "rate_hz", "depth", "loss"]
         self.form = Form(Exchange(**exchange), first, lambda: self.answer(self._simulate))
         self._shown = kit.FloatRangeSlider(

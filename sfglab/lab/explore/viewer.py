@@ -35,10 +35,8 @@ if TYPE_CHECKING:
 
     from sfglab.lab.runs import Run
 
-_PERIOD_S, _FIRST_S = (
-    0.5,
-    30.0,
-)  #: How often messages are counted, and how long the first one is waited for.
+#: How often messages are counted, and how long the first one is waited for.
+_PERIOD_S, _FIRST_S = 0.5, 30.0
 
 
 class LogViewer:

@@ -165,9 +165,8 @@ class Host:
         self._how = how
         # Keeps the namespace, and with it the inode, unique as long as we refer to it.
         self._namespace = os.open(f"/proc/{holder}/ns/net", os.O_RDONLY)
-        self.inode = os.fstat(
-            self._namespace
-        ).st_ino  #: Of its network namespace, its identity in the kernel.
+        #: Of its network namespace, its identity in the kernel.
+        self.inode = os.fstat(self._namespace).st_ino
         self._started: list[subprocess.Popen[Any]] = []
         self._closed = False
 

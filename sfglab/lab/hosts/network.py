@@ -37,9 +37,8 @@ if TYPE_CHECKING:
 
     from sfglab.rtps import Medium
 
-FRAME_BYTES = (
-    1514  #: A full Ethernet frame without its checksum: 1500 B and 14 B of header (IEEE 802.3, 3).
-)
+#: A full Ethernet frame without its checksum: 1500 B and 14 B of header (IEEE 802.3, 3).
+FRAME_BYTES = 1514
 
 # The kernel's struct tc_ratespec counts bytes per second in 32 bits (linux/pkt_sched.h).
 _MAX_RATE_BPS = 8 * (2**32 - 1)
@@ -143,9 +142,8 @@ class Channel:
         try:
             with other:
                 self._process = _start(other, how=how, log=self._log)
-            self.how = str(
-                self._receive()["how"]
-            )  #: How it obtained its namespaces, ``root`` or ``rootless``.
+            #: How it obtained its namespaces, ``root`` or ``rootless``.
+            self.how = str(self._receive()["how"])
         except HostsError as error:
             self.close()
             raise HostsUnavailableError(str(error)) from error
@@ -218,9 +216,8 @@ class Capability:
     """Whether this machine can run test hosts."""
 
     ok: bool  #: It can.
-    how: Literal[
-        "root", "rootless", "none"
-    ]  #: As root, rootless in a user namespace, or not at all.
+    #: As root, rootless in a user namespace, or not at all.
+    how: Literal["root", "rootless", "none"]
     reason: str = ""  #: What stands against it; empty when nothing does.
 
 

@@ -42,9 +42,8 @@ class RadioCounters:
 
     hosts: dict[str, RadioHost] = field(default_factory=dict)  #: By name.
     delivered: int = 0  #: Frames that reached a receiver, each receiver counted.
-    late: int = (
-        0  #: Of those, frames that were delivered more than `late_after_s` after they were due.
-    )
+    #: Of those, frames that were delivered more than `late_after_s` after they were due.
+    late: int = 0
     late_after_s: float = 0.0  #: What counts as late, seconds.
     late_mean_s: float = 0.0  #: Mean delay beyond the due time, of all frames, seconds.
     late_most_s: float = 0.0  #: The longest of these delays, seconds.

@@ -82,9 +82,8 @@ def run_batch(task: Callable[..., object], code: str, jobs: Sequence[Job]) -> Do
     return Done(tuple(finished), time.perf_counter() - start_s, failure)
 
 
-SCHEDULER_VARIABLE = (
-    "SFGLAB_SCHEDULER"  #: A scheduler's address, for programs that do not name one.
-)
+#: A scheduler's address, for programs that do not name one.
+SCHEDULER_VARIABLE = "SFGLAB_SCHEDULER"
 
 _CONNECT_S = 10.0
 
@@ -93,9 +92,8 @@ _CONNECT_S = 10.0
 class Workers:
     """Who does the work."""
 
-    count: int | None = (
-        None  #: How many local workers; None: as many as this process may use cores.
-    )
+    #: How many local workers; None: as many as this process may use cores.
+    count: int | None = None
     #: Whether they are threads of this process instead of processes of their own. For tasks that spend their
     #: time in compiled code that releases the lock, such as `sfglab.rtps.run`: two threads are as fast as two
     #: processes there, and start in 0.05 s where processes need 0.7 s, their first imports another second, and

@@ -34,9 +34,8 @@ class CrossingConfig:
     role: str  #: ``software``, ``subscriber``, ``publisher``, ``gateway`` or ``reader``.
     #: File descriptors of its sockets and pipes, by the peer's name; ``wake`` is where it is woken.
     links: dict[str, int]
-    shared: (
-        int  #: File descriptor of the hardware side's memory; -1: it stands on the software's side.
-    )
+    #: File descriptor of the hardware side's memory; -1: it stands on the software's side.
+    shared: int
     largest_bytes: int  #: Size of the largest message.
     seed: int  #: Of the random data.
 

@@ -33,10 +33,8 @@ if TYPE_CHECKING:
     from sfglab.bus.api import Transport
 
 NAMES = tuple(ports.node for ports in NODES if ports.node != "car")  #: Of the processes.
-WAYS: dict[str, Transport] = {
-    "software": "dds",
-    "gateway": "shm",
-}  #: How a topic goes, by its mapping.
+#: How a topic goes, by its mapping.
+WAYS: dict[str, Transport] = {"software": "dds", "gateway": "shm"}
 _LANE = "/lane"  # heard in software
 _READERS = 4  # of topic A
 _MATCH_S, _PICTURES_S = 60.0, 2.0

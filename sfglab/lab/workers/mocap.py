@@ -46,9 +46,8 @@ FAULTY = SyntheticConfig(
 IDEAL = SyntheticConfig(noise_m=0.0, noise_rad=0.0)
 """Cameras that see without noise and fault, and as late: what is left is the bridge's and the tree's."""
 ROUNDS = {"faulty": FAULTY, "ideal": IDEAL}  #: The cameras of each live round.
-TAIL_S = (
-    0.6  #: How long robot and cameras go on behind a round, so that its last looks are answered.
-)
+#: How long robot and cameras go on behind a round, so that its last looks are answered.
+TAIL_S = 0.6
 _BASE_FROM_MARKERS = Pose.at((0.1, 0.0, 0.2), (0.0, 0.05, 0.0, 1.0))
 _HEAD_FROM_CAMERA = Pose.at((0.08, 0.0, 0.03), (0.5, -0.5, 0.5, -0.5))
 _WORLD_FROM_ODOM = Pose.from_yaw((1.5, -0.7, 0.1), 0.6)

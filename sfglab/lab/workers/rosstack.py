@@ -110,13 +110,11 @@ class RosStack:
         with qos_object(user_data({"enclave": "/"})) as qos:
             made = lib.dds_create_participant(config.domain_id, qos, None)
         self.participant = _checked(made, "a participant")  #: The C handle of its participant.
-        self.prefix = entity_guid(self.participant)[
-            :12
-        ]  #: The 12-byte GUID prefix of everything it has.
+        #: The 12-byte GUID prefix of everything it has.
+        self.prefix = entity_guid(self.participant)[:12]
         handles = [(plan, self._create(plan)) for plan in plans]
-        self.info_reader = _info(
-            handles, writer=False
-        )  #: The C handle of its reader of `ros_discovery_info`.
+        #: The C handle of its reader of `ros_discovery_info`.
+        self.info_reader = _info(handles, writer=False)
         self._announce(_info(handles, writer=True), namespace, name, handles)
 
     def known_nodes(self) -> int:

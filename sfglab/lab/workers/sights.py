@@ -27,9 +27,8 @@ CAMERA_SIZE = (640, 360)
 
 _IMAGE = "sensor_msgs/msg/Image"
 _MATCH_S = 60.0
-_QOS = QoSProfile(
-    durability=Durability.TRANSIENT_LOCAL, depth=20
-)  #: Offers whatever a visualizer asks for.
+#: Offers whatever a visualizer asks for.
+_QOS = QoSProfile(durability=Durability.TRANSIENT_LOCAL, depth=20)
 
 
 def picture() -> Any:

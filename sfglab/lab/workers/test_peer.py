@@ -40,9 +40,8 @@ class ReceiveStatistics:
     repeated: int = 0  #: Messages whose number had arrived before.
     disordered: int = 0  #: Messages that arrived after a later number.
     restamped: int = 0  #: Messages whose source time stamp is not the publisher's.
-    misnamed: int = (
-        0  #: Transforms without their source's prefix, or with one that they must not have.
-    )
+    #: Transforms without their source's prefix, or with one that they must not have.
+    misnamed: int = 0
     ages_ns: list[int] = field(default_factory=list)  #: From publishing to receiving.
 
     def note(self, number: int, stamp_ns: int, info: MessageInfo) -> None:
@@ -100,9 +99,8 @@ class PeerConfig:
 
     party: str  #: Its name.
     address: BusAddress  #: Where on the bus it stands.
-    behind_router: (
-        bool  #: Whether its transforms get its prefix from a router; else it writes it itself.
-    )
+    #: Whether its transforms get its prefix from a router; else it writes it itself.
+    behind_router: bool
     topics: tuple[TopicUse, ...]  #: What it does.
     serves: tuple[str, ...]  #: Services that it answers.
     rate_hz: float  #: Messages a second on every topic that is not latched.

@@ -37,9 +37,8 @@ if TYPE_CHECKING:
 CHAIN = ("compensation", "gaussian_blur", "lane_planner", "polyfit", "lane_control")
 """The chain's nodes, in order: our reading of Fig. 9."""
 
-SHARED_TOPIC = (
-    "/A"  #: What is mapped to software in the paper's one version and to a gateway in the other.
-)
+#: What is mapped to software in the paper's one version and to a gateway in the other.
+SHARED_TOPIC = "/A"
 
 Order = tuple[str, ...]  #: Readers of a software-mapped topic, as they are served.
 

@@ -186,9 +186,8 @@ class Stopwatch:
 
     def __init__(self, clock: Callable[[], int] | None = None) -> None:
         self._clock = clock
-        self.frames_ns: dict[
-            str, list[int]
-        ] = {}  #: Nanoseconds by node, one a call, in the calls' order.
+        #: Nanoseconds by node, one a call, in the calls' order.
+        self.frames_ns: dict[str, list[int]] = {}
 
     def __call__(self, node: str, function: Callable[..., Any], *args: Any, **kwargs: Any) -> Any:
         """Call a node's function and return what it returns."""

@@ -179,7 +179,8 @@ class Colour(Enum):
 
 
 _SATURATION, _VALUE = 130, 150
-_ROUND = 0.6  #: Least share of its enclosing circle that a lamp's blob covers; 1 for a disc, 0.64 for a square.
+#: Least share of its enclosing circle that a lamp's blob covers; 1 for a disc, 0.64 for a square.
+_ROUND = 0.6
 
 _RADII = {Colour.RED: (0.024, 0.045), Colour.GREEN: (0.014, 0.1)}
 """Radii, over the image's width, between which a lamp concerns the car.

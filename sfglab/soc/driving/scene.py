@@ -34,9 +34,8 @@ class Ground:
     """A picture of the ground."""
 
     bgr: NDArray[np.uint8]  #: Rows from south to north, columns from west to east.
-    picture_from_town: NDArray[
-        np.float64
-    ]  #: Matrix from (x, y, 1) in metres to its pixels (u, v, 1).
+    #: Matrix from (x, y, 1) in metres to its pixels (u, v, 1).
+    picture_from_town: NDArray[np.float64]
 
 
 def draw_ground(town: Town, rng: np.random.Generator) -> Ground:

@@ -16,10 +16,8 @@ import numpy as np
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-LANE_M, LINE_M = (
-    0.5,
-    0.05,
-)  #: Between the lines' middles, and a line's width: about a tenth of a town's road.
+#: Between the lines' middles, and a line's width: about a tenth of a town's road.
+LANE_M, LINE_M = 0.5, 0.05
 
 _SPACING_M = 0.05
 _PERIOD_S, _RED_S = 12.0, 6.0

@@ -32,9 +32,8 @@ class Control(Elaboratable):
         self.state = Signal(range(len(State)), init=code(State.START))  #: Out: code of the state.
         self.drive = Signal(len(Drive))  #: Out: one bit per drive, exactly one of them set.
         self.output = Signal(ADDRESS_BITS)  #: Out: address of the output message.
-        self.held = Signal(
-            ADDRESS_BITS
-        )  #: Out: address of the last message that the delegate gave.
+        #: Out: address of the last message that the delegate gave.
+        self.held = Signal(ADDRESS_BITS)
         self._table = table
 
     def does(self, drive: Drive) -> Any:
@@ -95,15 +94,12 @@ class Gateway(Elaboratable):
         self.control = Control()  #: The core's control.
         self.mover = Mover()  #: The core's data path; `mover.master.port` is the memory interface.
         self.node = Stream("node")  #: In: the hardware publisher's stream.
-        self.ports = [
-            Stream(f"port{i}") for i in range(subscribers)
-        ]  #: Out: the subscribers' streams.
-        self.own_smt = Signal(
-            ADDRESS_BITS
-        )  #: In: the id of the core's writer on the software-mapped topic.
-        self.own_hmt = Signal(
-            ADDRESS_BITS
-        )  #: In: the core's id as a publisher of the hardware-mapped topic.
+        #: Out: the subscribers' streams.
+        self.ports = [Stream(f"port{i}") for i in range(subscribers)]
+        #: In: the id of the core's writer on the software-mapped topic.
+        self.own_smt = Signal(ADDRESS_BITS)
+        #: In: the core's id as a publisher of the hardware-mapped topic.
+        self.own_hmt = Signal(ADDRESS_BITS)
         self.words = Signal(32)  #: In: of every message, without its id.
         self.call_valid = Signal()  #: Out: OSIF: a call stands at `call`.
         self.call_ready = Signal()  #: In: OSIF: it is taken.
@@ -111,12 +107,10 @@ class Gateway(Elaboratable):
         self.answer_valid = Signal()  #: In: OSIF: an answer stands at `answer`.
         self.answer_ready = Signal()  #: Out: OSIF: it is taken.
         self.answer = Signal(2)  #: In: OSIF: an `Answer`.
-        self.answer_address = Signal(
-            ADDRESS_BITS
-        )  #: In: OSIF: of the output message or of the message taken.
-        self.answer_publisher = Signal(
-            ADDRESS_BITS
-        )  #: In: OSIF: id of the writer of the message taken.
+        #: In: OSIF: of the output message or of the message taken.
+        self.answer_address = Signal(ADDRESS_BITS)
+        #: In: OSIF: id of the writer of the message taken.
+        self.answer_publisher = Signal(ADDRESS_BITS)
         self._publisher = Signal(ADDRESS_BITS)
 
     @property

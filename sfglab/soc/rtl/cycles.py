@@ -26,9 +26,8 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 
 OWN_SMT, OWN_HMT = 0x5_0001, 0x4_0001  #: Ids of the core on both topics.
-OUTPUT_WORD = (
-    0  #: Word of the memory at which the output message begins; the message to forward follows it.
-)
+#: Word of the memory at which the output message begins; the message to forward follows it.
+OUTPUT_WORD = 0
 WORD_FACTOR = 0x9E37_79B9_7F4A_7C15
 """Word i of a message in memory is i times this: all differ, in every part."""
 WORD_BYTES = ADDRESS_BITS // 8

@@ -15,9 +15,8 @@ from typing import Any
 from amaranth import Cat, Elaboratable, Module, Mux, Signal
 from amaranth.lib.memory import Memory
 
-ADDRESS_BITS = (
-    64  #: Of addresses and of the words of OSIF, MEMIF and streams (ReconROS, 64-bit template).
-)
+#: Of addresses and of the words of OSIF, MEMIF and streams (ReconROS, 64-bit template).
+ADDRESS_BITS = 64
 
 CHUNK_WORDS = 32  #: Words of the longest request: 256 bytes of 64 bits.
 
@@ -35,17 +34,15 @@ class MemoryPort:
         self.words = Signal(range(CHUNK_WORDS + 1), name="request_words")
         self.address_valid = Signal()  #: (m) The address stands here.
         self.address = Signal(ADDRESS_BITS)  #: (m) Of the first byte.
-        self.read_valid = (
-            Signal()
-        )  #: (s) A word that was read stands here; the master always takes it.
+        #: (s) A word that was read stands here; the master always takes it.
+        self.read_valid = Signal()
         self.read_data = Signal(ADDRESS_BITS)  #: (s) The word.
         self.write_valid = Signal()  #: (m) A word to write stands here.
         self.write_ready = Signal()  #: (s) The memory takes it.
         self.write_data = Signal(ADDRESS_BITS)  #: (m) The word.
         self.response = Signal()  #: (s) All words of a write have arrived.
-        self.complete = (
-            Signal()
-        )  #: (m) The request is through, the interface free from the next cycle on.
+        #: (m) The request is through, the interface free from the next cycle on.
+        self.complete = Signal()
 
 
 class MemoryMaster(Elaboratable):
@@ -53,9 +50,8 @@ class MemoryMaster(Elaboratable):
 
     def __init__(self) -> None:
         self.port = MemoryPort()  #: To the memory.
-        self.start = (
-            Signal()
-        )  #: In: a request is wanted; stays set, with its parameters, until `done`.
+        #: In: a request is wanted; stays set, with its parameters, until `done`.
+        self.start = Signal()
         self.write = Signal()  #: In: from the buffer to memory, else from memory to the buffer.
         self.words = Signal(range(CHUNK_WORDS + 1))  #: In: how many.
         self.address = Signal(ADDRESS_BITS)  #: In: of the first byte.
@@ -115,12 +111,10 @@ class Stream:
     """The wires of a stream, whose names begin with a prefix; (f) who sends drives, (t) who receives."""
 
     def __init__(self, name: str) -> None:
-        self.valid = Signal(
-            name=f"{name}_valid"
-        )  #: (f) A beat stands here, and stays until it is taken.
-        self.ready = Signal(
-            name=f"{name}_ready"
-        )  #: (t) The beat is taken in this cycle if it is there.
+        #: (f) A beat stands here, and stays until it is taken.
+        self.valid = Signal(name=f"{name}_valid")
+        #: (t) The beat is taken in this cycle if it is there.
+        self.ready = Signal(name=f"{name}_ready")
         self.data = Signal(ADDRESS_BITS, name=f"{name}_data")  #: (f) The word.
         self.last = Signal(name=f"{name}_last")  #: (f) It is a message's last.
 
@@ -169,9 +163,8 @@ class Turns(Elaboratable):
     def __init__(self, core: Stream, node: Stream, topic: Stream) -> None:
         self.core, self.node, self.topic = core, node, topic
         self.claim = Signal()  #: In: the core wants the topic.
-        self.grant = (
-            Signal()
-        )  #: Out: the topic is the core's from the next cycle to its message's last beat.
+        #: Out: the topic is the core's from the next cycle to its message's last beat.
+        self.grant = Signal()
 
     def elaborate(self, _platform: object) -> Any:
         """Return the logic."""

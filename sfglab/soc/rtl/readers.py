@@ -194,9 +194,8 @@ class Reading:
     #: For each reader, the cycle from which on it wants the message, counted from when the message is there;
     #: empty: all at once.
     releases: tuple[int, ...] = ()
-    written: bool = (
-        False  #: A publisher in hardware first writes the message over the same interface.
-    )
+    #: A publisher in hardware first writes the message over the same interface.
+    written: bool = False
     delays: Delays = field(default_factory=Delays)  #: Of the memory.
 
     def __post_init__(self) -> None:

@@ -37,9 +37,8 @@ class Area:
     """Cells that a design takes of the device."""
 
     luts: int  #: Look-up tables of logic.
-    ram_cells: (
-        int  #: Cells of distributed memory (the chunk buffer); each takes eight look-up tables.
-    )
+    #: Cells of distributed memory (the chunk buffer); each takes eight look-up tables.
+    ram_cells: int
     flip_flops: int  #: Flip-flops.
     carries: int  #: Carry cells.
     block_rams: int  #: Block memories.

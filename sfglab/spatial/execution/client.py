@@ -30,7 +30,8 @@ class ExecuteOptions(TypedDict, total=False):
     """How a trajectory is sent."""
 
     action: str  #: The action's name; ``/global/<agent>/execute_trajectory`` where it is not given.
-    dialect: ActionDialect  #: How orders are said in its type; `FOLLOW_TRAJECTORY` where it is not given.
+    #: How orders are said in its type; `FOLLOW_TRAJECTORY` where it is not given.
+    dialect: ActionDialect
     on_feedback: Callable[[Feedback], None]  #: Called with what the server says on the way.
     timeout_s: float  #: For finding the server, and again for its answer, in seconds (5).
 
@@ -45,9 +46,8 @@ class Execution:
     """
 
     def __init__(self, node: Node, agent: str, **options: Unpack[ExecuteOptions]) -> None:
-        self.latest: Feedback | None = (
-            None  #: What the server said last; None before it said anything.
-        )
+        #: What the server said last; None before it said anything.
+        self.latest: Feedback | None = None
         self._dialect = options.get("dialect", FOLLOW_TRAJECTORY)
         self._on_feedback = options.get("on_feedback")
         self._timeout_s = options.get("timeout_s", 5.0)

@@ -267,6 +267,5 @@ def _ended(result: GoalResult) -> Ended:
     return Ended(outcome=outcome, text=str(message.text), pose=pose)
 
 
-FOLLOW_TRAJECTORY = ActionDialect(
-    type=_TYPE, goal=goal_message, feedback=_feedback, result=_ended
-)  #: Ours.
+#: Ours.
+FOLLOW_TRAJECTORY = ActionDialect(type=_TYPE, goal=goal_message, feedback=_feedback, result=_ended)

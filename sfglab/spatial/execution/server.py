@@ -51,12 +51,10 @@ class AgentSetup:
     frame_id: str = "map"  #: The frame of its poses.
     dynamics: Dynamics = field(default_factory=Dynamics)  #: How it answers.
     tolerances: Tolerances = field(default_factory=Tolerances)  #: How well it has to follow.
-    preempt: bool = (
-        False  #: A second goal takes the first one's place; else it is refused as `Outcome.BUSY`.
-    )
-    explain: bool = (
-        True  #: Refused goals are taken and aborted at once, with the reason; else just not taken.
-    )
+    #: A second goal takes the first one's place; else it is refused as `Outcome.BUSY`.
+    preempt: bool = False
+    #: Refused goals are taken and aborted at once, with the reason; else just not taken.
+    explain: bool = True
     period_s: float = 0.02  #: From one step to the next; poses leave at each.
 
 

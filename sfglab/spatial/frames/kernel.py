@@ -33,9 +33,8 @@ class Insertion(Enum):
     APPENDED = "appended"
     OUT_OF_ORDER = "out of order"  #: It is older than the newest one and was put in its place.
     REPLACED = "replaced"  #: There was one of the same stamp, or a static one.
-    TOO_OLD = (
-        "too old"  #: It is older than the newest one by more than the history, and was left out.
-    )
+    #: It is older than the newest one by more than the history, and was left out.
+    TOO_OLD = "too old"
 
 
 class History:
@@ -48,9 +47,8 @@ class History:
         #: Parent, static or not, first row and number of rows of every frame, shape (frames, 4).
         self.edges: NDArray[np.int64] = np.empty((0, 4), np.int64)
         self.stamps: NDArray[np.int64] = np.empty(0, np.int64)  #: Times in ns, shape (rows,).
-        self.poses: NDArray[np.float64] = np.empty(
-            (0, 7), np.float64
-        )  #: x y z qx qy qz qw, shape (rows, 7).
+        #: x y z qx qy qz qw, shape (rows, 7).
+        self.poses: NDArray[np.float64] = np.empty((0, 7), np.float64)
 
     def add_frame(self) -> int:
         """Return the index of a new frame, which has no parent."""

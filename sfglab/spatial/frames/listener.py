@@ -30,9 +30,8 @@ if TYPE_CHECKING:
 
 
 TRANSFORMS = "tf2_msgs/msg/TFMessage"
-TF_QOS = QoSProfile(
-    depth=100
-)  #: tf2_ros: DynamicListenerQoS, DynamicBroadcasterQoS (tf2_ros/qos.hpp, Humble).
+#: tf2_ros: DynamicListenerQoS, DynamicBroadcasterQoS (tf2_ros/qos.hpp, Humble).
+TF_QOS = QoSProfile(depth=100)
 TF_STATIC_QOS = QoSProfile(depth=100, durability=Durability.TRANSIENT_LOCAL)
 """tf2_ros: StaticListenerQoS; a broadcaster offers depth 1, or more if it splits its transforms."""
 
@@ -46,9 +45,8 @@ class TransformIntake:
         self._buffer = buffer
         self._agent = agent
         self._said: set[tuple[str, str]] = set()
-        self.taken: Counter[str] = (
-            Counter()
-        )  #: How many transforms ended in each way (`Insertion.value`).
+        #: How many transforms ended in each way (`Insertion.value`).
+        self.taken: Counter[str] = Counter()
         self.refused: Counter[str] = Counter()  #: How many were refused, by the error's name.
 
     def take(self, message: Any, *, static: bool, authority: str = "") -> None:

@@ -56,9 +56,8 @@ class Latency:
     """A delay over the last 1000 transforms."""
 
     largest_ns: int | None = None  #: The largest one ever; None before the first.
-    recent: deque[int] = field(
-        default_factory=lambda: deque(maxlen=_WINDOW)
-    )  #: The last ones, in ns.
+    #: The last ones, in ns.
+    recent: deque[int] = field(default_factory=lambda: deque(maxlen=_WINDOW))
 
     def add(self, delay_ns: int) -> None:
         """Take one more."""
@@ -81,9 +80,8 @@ class MocapObjectStatus:
     published: int = 0  #: How many transforms left.
     unplaced: int = 0  #: How many believed poses the agent's tree did not allow to publish.
     absent: int = 0  #: In how many captures it did not occur at all.
-    verdicts: Counter[str] = field(
-        default_factory=Counter
-    )  #: How many sights got each `Verdict.value`.
+    #: How many sights got each `Verdict.value`.
+    verdicts: Counter[str] = field(default_factory=Counter)
     capture_ns: int | None = None  #: The stamp of the last transform; None before the first.
     receipt_latency: Latency = field(default_factory=Latency)  #: From capture to receipt.
     publication_latency: Latency = field(default_factory=Latency)  #: From receipt to publication.
@@ -104,9 +102,8 @@ class BridgeCore:
         self._number: int | None = None
         self.captures = 0  #: How many captures came.
         self.dropped = 0  #: How many frame numbers are missing between those that came.
-        self.unmapped: Counter[str] = (
-            Counter()
-        )  #: How often objects came that the mapping lacks, by id.
+        #: How often objects came that the mapping lacks, by id.
+        self.unmapped: Counter[str] = Counter()
 
     def take(self, capture: Capture, now_ns: int) -> tuple[StampedTransform, ...]:
         """Take a capture, and return what is to be published now, stamped with the capture time."""
@@ -207,9 +204,8 @@ def _described(description: Sequence[StampedTransform]) -> FrameBuffer:
 
 
 STATUS = "sfglab_interfaces/msg/MocapStatus"
-STATUS_QOS = QoSProfile(
-    depth=1, durability=Durability.TRANSIENT_LOCAL
-)  #: Late joiners get the last one.
+#: Late joiners get the last one.
+STATUS_QOS = QoSProfile(depth=1, durability=Durability.TRANSIENT_LOCAL)
 _OBJECT = "sfglab_interfaces/msg/MocapObject"
 
 
@@ -257,9 +253,8 @@ def _seconds(latency: Latency) -> float:
 class BridgeOptions:
     """How a bridge behaves."""
 
-    reach_s: float = (
-        0.1  #: How far the agents' transforms may be continued when they lag behind the cameras.
-    )
+    #: How far the agents' transforms may be continued when they lag behind the cameras.
+    reach_s: float = 0.1
     agent: str = ""  #: The agent on which the bridge runs, for the topic's name; empty: nobody's.
     status_period_s: float = 1.0  #: Time between two messages about the status.
 

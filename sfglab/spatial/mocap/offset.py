@@ -212,9 +212,8 @@ class OffsetEstimate:
     """The offset and its uncertainty."""
 
     object_from_base: Pose  #: The base in the object's frame, X.
-    world_from_odom: (
-        Pose  #: The odometry in the world, Z; in the middle of the recording if it drifts.
-    )
+    #: The odometry in the world, Z; in the middle of the recording if it drifts.
+    world_from_odom: Pose
     #: Of X: turn about the base's x, y, z (rad), then position in the object's frame (m); 6 x 6.
     covariance: tuple[tuple[float, ...], ...]
     residual_m: float  #: Standard deviation of the position that remains unexplained, per axis.

@@ -56,9 +56,8 @@ class SyntheticConfig:
     noise_rad: float = between(0.002)  #: Standard deviation of the turn about every axis.
     occlusions_hz: float = between(0.0)  #: How often an object gets hidden.
     occlusion_s: float = between(0.2, without=(0,))  #: For how long.
-    flips_hz: float = between(
-        0.0
-    )  #: How often an object's pattern is taken for itself turned by half a turn.
+    #: How often an object's pattern is taken for itself turned by half a turn.
+    flips_hz: float = between(0.0)
     flip_s: float = between(0.05, without=(0,))  #: For how long.
     dropped: float = between(0.0, 0, 1, without=(1,))  #: Share of captures that never arrive.
     latency_s: float = between(0.006)  #: From capture to receipt, at least.

@@ -111,12 +111,10 @@ class Limits:
 
     speed_m_s: float = between(10.0, without=(0,))  #: The highest speed.
     turn_rad_s: float = between(12.0, without=(0,))  #: The highest rate of turn.
-    slack_m: float = between(
-        0.02, without=(0,)
-    )  #: How far apart two poses may always be, for noise.
-    slack_rad: float = between(
-        0.2, without=(0,)
-    )  #: By how much two poses may always differ in orientation.
+    #: How far apart two poses may always be, for noise.
+    slack_m: float = between(0.02, without=(0,))
+    #: By how much two poses may always differ in orientation.
+    slack_rad: float = between(0.2, without=(0,))
     #: The largest turn that is believed at once, however long the object was hidden: symmetric markers may be
     #: taken for themselves turned by half a turn.
     turn_rad: float = between(2.7, without=(0,))
@@ -142,9 +140,8 @@ class Track:
     seen_ns: int | None = None  #: The newest capture time.
     pose: Pose | None = None  #: The last pose that was believed; None before the first.
     pose_ns: int = 0  #: Its capture time.
-    doubt: Doubt | None = (
-        None  #: Where it is seen although it cannot be there; None when it is not.
-    )
+    #: Where it is seen although it cannot be there; None when it is not.
+    doubt: Doubt | None = None
 
 
 def judge(track: Track, sight: Sight, capture_ns: int, limits: Limits) -> tuple[Track, Verdict]:

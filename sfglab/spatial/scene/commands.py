@@ -42,12 +42,10 @@ class Command(Protocol):
 class Add:
     """Put new objects into the scene."""
 
-    objects: tuple[
-        SceneObject, ...
-    ]  #: Parents before what they hold, ids from the scene's `next_id` on.
-    index: int | None = (
-        None  #: Where the first one stands among its siblings; at the end where it is None.
-    )
+    #: Parents before what they hold, ids from the scene's `next_id` on.
+    objects: tuple[SceneObject, ...]
+    #: Where the first one stands among its siblings; at the end where it is None.
+    index: int | None = None
 
     @property
     def label(self) -> str:
@@ -97,12 +95,10 @@ class Move:
 
     id: int  #: Which.
     parent: int  #: The new parent's id, or `ROOT`.
-    index: int | None = (
-        None  #: Where among the siblings there, counted without it; None: at the end.
-    )
-    keep_place: bool = (
-        True  #: It stays where it is in the scene; else it keeps its pose in its parent.
-    )
+    #: Where among the siblings there, counted without it; None: at the end.
+    index: int | None = None
+    #: It stays where it is in the scene; else it keeps its pose in its parent.
+    keep_place: bool = True
 
     label: ClassVar[str] = "Move in the tree"
 
@@ -333,9 +329,8 @@ class History:
         self._done: deque[Step] = deque(maxlen=depth)
         self._undone: list[Step] = []
         self._dropped: list[Step] = []
-        self.next_id = (
-            scene.next_id
-        )  #: An id that no object ever had, also none whose addition was undone.
+        #: An id that no object ever had, also none whose addition was undone.
+        self.next_id = scene.next_id
 
     @property
     def undo_label(self) -> str | None:

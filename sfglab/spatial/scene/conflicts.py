@@ -68,9 +68,8 @@ class Conflict:
     objects: tuple[int, ...]  #: Ids of whom it concerns.
     text: str  #: One sentence for people, with value and what is allowed.
     time_s: float | None = None  #: When it is worst; None where time does not matter.
-    position_m: Vec3 | None = (
-        None  #: Where then, in the scene's frame; None where place does not matter.
-    )
+    #: Where then, in the scene's frame; None where place does not matter.
+    position_m: Vec3 | None = None
 
 
 def conflicts(scene: Scene) -> tuple[Conflict, ...]:

@@ -54,9 +54,8 @@ class Change:
     label: str = ""  #: Of the step, where it is one.
     added: tuple[int, ...] = ()  #: Ids that are new.
     removed: tuple[int, ...] = ()  #: Ids that are gone.
-    changed: tuple[
-        int, ...
-    ] = ()  #: Ids whose object, or what it holds, changed; 0 is the scene itself.
+    #: Ids whose object, or what it holds, changed; 0 is the scene itself.
+    changed: tuple[int, ...] = ()
 
 
 class Editor:

@@ -38,16 +38,13 @@ class Property:
 
     name: str  #: Its name, with unit.
     allowed: str  #: What it may be, in words.
-    parse: Callable[
-        [Any], Any
-    ]  #: From a typed or plain value to the typed; raises ValueError or TypeError.
+    #: From a typed or plain value to the typed; raises ValueError or TypeError.
+    parse: Callable[[Any], Any]
     schema: Schema  #: What stands in a file, as JSON Schema.
-    plain: Callable[[Any], Any] = lambda value: (
-        value
-    )  #: From the typed value to what stands in a file.
-    choices: tuple[
-        str, ...
-    ] = ()  #: What may be chosen, for a form; empty where anything else is asked for.
+    #: From the typed value to what stands in a file.
+    plain: Callable[[Any], Any] = lambda value: value
+    #: What may be chosen, for a form; empty where anything else is asked for.
+    choices: tuple[str, ...] = ()
 
     def typed(self, value: Any, place: str) -> Any:
         """Return a value as the property holds it; SceneError where it is not allowed."""
@@ -235,9 +232,8 @@ class ObstacleObject(SceneObject):
     kind: ClassVar[str] = "obstacle"
     properties: ClassVar[tuple[Property, ...]] = (shape("shape"),)
 
-    shape: Shape = field(
-        default_factory=lambda: Sphere(radius_m=0.5)
-    )  #: The body, centred at the pose.
+    #: The body, centred at the pose.
+    shape: Shape = field(default_factory=lambda: Sphere(radius_m=0.5))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -247,9 +243,8 @@ class ZoneObject(SceneObject):
     kind: ClassVar[str] = "zone"
     properties: ClassVar[tuple[Property, ...]] = (shape("shape"), choice("rule", ZoneRule))
 
-    shape: Shape = field(
-        default_factory=lambda: Sphere(radius_m=0.5)
-    )  #: The part, centred at the pose.
+    #: The part, centred at the pose.
+    shape: Shape = field(default_factory=lambda: Sphere(radius_m=0.5))
     rule: ZoneRule = ZoneRule.FORBIDDEN  #: What it is for.
 
 
@@ -265,9 +260,8 @@ class TrajectoryObject(SceneObject):
 
     #: Id of the agent that drives it; an agent drives one trajectory at most. None: nobody does yet.
     agent: int | None = None
-    interpolation: Interpolation = (
-        Interpolation.POLYLINE
-    )  #: How to go from one waypoint to the next.
+    #: How to go from one waypoint to the next.
+    interpolation: Interpolation = Interpolation.POLYLINE
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -33,12 +33,8 @@ class _PoseKeys:
     """A pose in the parent."""
 
     xyz_m: tuple[float, float, float]  #: Position along x, y and z.
-    quat_xyzw: tuple[float, float, float, float] = (
-        0.0,
-        0.0,
-        0.0,
-        1.0,
-    )  #: Orientation, of length 1.
+    #: Orientation, of length 1.
+    quat_xyzw: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 1.0)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -48,9 +44,8 @@ class _ObjectKeys:
     id: int = field(metadata=bounds(1))  #: Never given to another object.
     name: str  #: For people; several objects may share one.
     parent: int = ROOT  #: Id of the object that holds it; 0: none.
-    pose: _PoseKeys | None = (
-        None  #: Where it is in its parent; the parent's own place where it is left out.
-    )
+    #: Where it is in its parent; the parent's own place where it is left out.
+    pose: _PoseKeys | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -58,9 +53,8 @@ class _WaypointKeys(_PoseKeys):
     """Where a trajectory is at a time."""
 
     id: int = field(metadata=bounds(1))  #: Never given to another object.
-    time_s: float = field(
-        metadata=bounds(0, LATEST_NS // NS_PER_S)
-    )  #: Above the previous waypoint's.
+    #: Above the previous waypoint's.
+    time_s: float = field(metadata=bounds(0, LATEST_NS // NS_PER_S))
     name: str = ""  #: Only where somebody gave it one.
 
 

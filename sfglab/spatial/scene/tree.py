@@ -29,15 +29,11 @@ from sfglab.spatial.trajectory.path import Trajectory, Waypoint, aligned_quat, i
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
-_SAME_RAD = (
-    1e-9  #: A waypoint aligned as well as this is left alone, so that files read back byte by byte.
-)
+#: A waypoint aligned as well as this is left alone, so that files read back byte by byte.
+_SAME_RAD = 1e-9
 
-SCENE_PROPERTIES = (
-    text("name"),
-    text("frame_id"),
-    length("margin_m", zero=True),
-)  #: Of a scene itself.
+#: Of a scene itself.
+SCENE_PROPERTIES = (text("name"), text("frame_id"), length("margin_m", zero=True))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

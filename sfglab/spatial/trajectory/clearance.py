@@ -98,9 +98,8 @@ def _hull(beyond: Floats) -> Floats:
     return np.asarray(outside + np.minimum(beyond.max(axis=1), 0.0))
 
 
-TOLERANCE_M = (
-    1e-4  #: How far a spline's closest distance may be above the true one, unless asked otherwise.
-)
+#: How far a spline's closest distance may be above the true one, unless asked otherwise.
+TOLERANCE_M = 1e-4
 _PARTS = 4
 _SPLITS = 12
 _ROUNDING_M = 1e-12

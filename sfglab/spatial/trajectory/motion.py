@@ -73,12 +73,10 @@ class Motion:
         from scipy.spatial.transform import Rotation
 
         poses = [w.pose for w in trajectory.waypoints]
-        self.times_s = (
-            np.array([w.time_ns for w in trajectory.waypoints]) / NS_PER_S
-        )  #: Shape (n,).
-        self.positions_m = np.array(
-            [p.position_m for p in poses]
-        )  #: Their positions, shape (n, 3).
+        #: Shape (n,).
+        self.times_s = np.array([w.time_ns for w in trajectory.waypoints]) / NS_PER_S
+        #: Their positions, shape (n, 3).
+        self.positions_m = np.array([p.position_m for p in poses])
         self._rotations = Rotation.from_quat([p.quat_xyzw for p in poses])
         several = len(poses) > 1
         turns = (

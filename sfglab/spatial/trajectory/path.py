@@ -19,9 +19,8 @@ from sfglab.tables import html_table
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
-LATEST_NS = (
-    10**15
-)  #: Eleven days: up to here a float in seconds with nine decimals gives back its ns.
+#: Eleven days: up to here a float in seconds with nine decimals gives back its ns.
+LATEST_NS = 10**15
 
 
 class TrajectoryError(InvalidValueError):
@@ -35,9 +34,8 @@ class Interpolation(Enum):
     """How to go from one waypoint to the next; `motion` has the formulas."""
 
     POLYLINE = "polyline"  #: Position linear in time, orientation by SLERP; the paper's.
-    CATMULL_ROM = (
-        "catmull_rom"  #: Position on a centripetal Catmull-Rom spline, orientation by SLERP.
-    )
+    #: Position on a centripetal Catmull-Rom spline, orientation by SLERP.
+    CATMULL_ROM = "catmull_rom"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

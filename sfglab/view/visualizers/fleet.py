@@ -36,9 +36,8 @@ from sfglab.view.visualizer import (
 
 LATE_PERIODS = 1.5  #: A heartbeat is late when it is this many of its own periods old.
 
-LOST_PERIODS = (
-    3.0  #: An agent is taken for lost when its last heartbeat is this many of its own periods old.
-)
+#: An agent is taken for lost when its last heartbeat is this many of its own periods old.
+LOST_PERIODS = 3.0
 
 
 class Life(Enum):
@@ -104,9 +103,8 @@ class FleetLinks:
     """The links of a fleet of up to `max_agents`; others are counted as `refused`."""
 
     def __init__(self, *, max_agents: int = 256) -> None:
-        self.refused = (
-            0  #: Facts about agents beyond that number, or with names that no agent can bear.
-        )
+        #: Facts about agents beyond that number, or with names that no agent can bear.
+        self.refused = 0
         self._max_agents = max_agents
         self._known: dict[str, _Known] = {}
 

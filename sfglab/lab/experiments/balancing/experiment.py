@@ -33,13 +33,11 @@ if TYPE_CHECKING:
 class Config(Profiled):
     """The whole run."""
 
-    readings_s: float = between(
-        60.0, 1.0, 3600.0, log=True
-    )  #: How long each sensor is read, seconds.
+    #: How long each sensor is read, seconds.
+    readings_s: float = between(60.0, 1.0, 3600.0, log=True)
     rates_hz: tuple[int, ...] = between(RATES_HZ, 10, 1000, log=True)  #: At which rates it is read.
-    stale_s: float = between(
-        600.0, 1.0, 3600.0
-    )  #: How long each link with losses is simulated, seconds.
+    #: How long each link with losses is simulated, seconds.
+    stale_s: float = between(600.0, 1.0, 3600.0)
     stale_seeds: int = 20  #: With how many seeds.
     #: Longest silences of the local cache, seconds; 0: none, as in the paper.
     silences_s: tuple[float, ...] = (0.0, 5.0, 2.0, 1.0, 0.5, 0.2, 0.1)
@@ -55,14 +53,10 @@ class Config(Profiled):
     )
     #: Values of Rmin for which it is solved; the paper states none.
     rates_min_hz: tuple[float, ...] = between((0.5, 1.0, 10.0), 0.1, 100.0, log=True)
-    depths_min: tuple[float, ...] = (
-        1.0,
-        10.0,
-        100.0,
-    )  #: Values of Dmin for which it is solved; nor of this.
-    topic_file: str = (
-        "qos/paper_b.yaml"  #: Topics that our own problem is solved for, in the data folder.
-    )
+    #: Values of Dmin for which it is solved; nor of this.
+    depths_min: tuple[float, ...] = (1.0, 10.0, 100.0)
+    #: Topics that our own problem is solved for, in the data folder.
+    topic_file: str = "qos/paper_b.yaml"
     weights: int = between(25, 2, 100)  #: Points of the Pareto front of our own problem.
     seed: int = 0  #: Seed of everything that is drawn.
 
@@ -197,9 +191,8 @@ class CacheRow:
     #: Of all readings, sent without a local cache, those that cache control let through to planning.
     planned: int
     planned_after: int  #: The same with a local cache before it.
-    join_wait_s: (
-        float  #: Mean time that somebody who joins at any time waits for the first value, seconds.
-    )
+    #: Mean time that somebody who joins at any time waits for the first value, seconds.
+    join_wait_s: float
 
 
 @dataclass(slots=True, kw_only=True)
@@ -208,9 +201,8 @@ class Passage:
 
     values: list[Any]  #: The readings.
     size_bytes: int  #: Size of one message.
-    sent: list[bool] = field(
-        default_factory=list
-    )  #: For each, whether the local cache let it pass.
+    #: For each, whether the local cache let it pass.
+    sent: list[bool] = field(default_factory=list)
     #: For each, whether cache control let it pass, all readings being sent.
     planned: list[bool] = field(default_factory=list)
     planned_after: list[bool] = field(default_factory=list)  #: For each, whether it passed both.

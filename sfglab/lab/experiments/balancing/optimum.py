@@ -136,7 +136,8 @@ class FrontRow:
     utilisation: float  #: Share of the air that is taken; above 1, more than there is.
     freshness: float  #: Share of time in which the value sent last is still true, mean over topics.
     latency_ms: float  #: Mean expected latency; infinite where the air is overloaded.
-    up_to_date: float  #: Share of time in which the station has the sensor's value, expected, mean over topics.
+    #: Share of time in which the station has the sensor's value, expected, mean over topics.
+    up_to_date: float
     airtime_price: float  #: Shadow price of the air; NaN for the printed optimum.
     chosen: bool  #: Whether it is the point that is used.
 

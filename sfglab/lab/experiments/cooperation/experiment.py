@@ -56,9 +56,8 @@ class Config(Profiled):
     rates_hz: tuple[int, ...] = between(RATES_HZ, 10, 1000, log=True)  #: The values of Rmax.
     depths: tuple[int, ...] = between(DEPTHS, 1, 5000, log=True)  #: Depths without optimisation.
     loss: float = between(_MEDIUM.loss, 0.0, 0.3)  #: Share of frames that the air loses.
-    vendor: Literal["fast_dds", "cyclone_dds"] = (
-        "fast_dds"  #: Whose timing; the paper used Fast DDS.
-    )
+    #: Whose timing; the paper used Fast DDS.
+    vendor: Literal["fast_dds", "cyclone_dds"] = "fast_dds"
     hop: bool = False  #: Whether commands go by robot 3's machine, as "Hello" does in Fig. 9.
     topics: tuple[int, ...] = _TOPICS  #: T_a of Eq. 1, a robot each; section 3.1 has 8, 5, 5.
     sizes: Sizes = "table"  #: Sizes of beams' values: that of Table 1, Python's, or CDR's.
@@ -68,9 +67,8 @@ class Config(Profiled):
     #: its depth.
     contrast_seeds: int = 2
     live_s: float = 90.0  #: How long the live robots drive, seconds; 0: none is run.
-    ros2_s: float = (
-        14.0  #: How long they drive on real Fast DDS, in each cell; the first corner comes before.
-    )
+    #: How long they drive on real Fast DDS, in each cell; the first corner comes before.
+    ros2_s: float = 14.0
     ros2_repeats: int = 1  #: How often each of these cells is driven; 0: not.
     seed: int = 0  #: The first seed.
 
@@ -111,9 +109,8 @@ class Point:
     hop: bool = False  #: Whether commands to the others go by robot 3's machine.
     topics: tuple[int, ...] = _TOPICS  #: T_a of Eq. 1, a robot each.
     sizes: Sizes = "table"  #: A key of `BEAM_BYTES`.
-    slower: float = (
-        1.0  #: How many times as long as `PLAN_S` and `TAKE_S` the station's computer takes.
-    )
+    #: How many times as long as `PLAN_S` and `TAKE_S` the station's computer takes.
+    slower: float = 1.0
 
 
 def rate_and_depth(point: Point) -> tuple[float, int]:
@@ -262,7 +259,8 @@ class CourseRow:
     processed: int  #: Values that planning and actuation worked on.
     queue_full: int  #: Frames dropped because a host's queue was full.
     beams_lost: float  #: Share of the beams' samples that the station never had, or not by the end.
-    beam_p50_ms: float  #: Median time from a beam's publication until it was processed; NaN: nothing arrived.
+    #: Median time from a beam's publication until it was processed; NaN: nothing arrived.
+    beam_p50_ms: float
     beam_p99_ms: float  #: The same, of which one in a hundred is longer.
     command_p50_ms: float  #: Median time from a command's publication until it was executed.
     command_p99_ms: float  #: The same, of which one in a hundred is longer.

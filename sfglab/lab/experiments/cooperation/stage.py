@@ -199,9 +199,8 @@ class LiveDrive:
 
     def __init__(self) -> None:
         self.tracks: list[TrackRow] = []  #: Where every robot was at each turn of its LIDAR.
-        self.verdict: hallway.Verdict | None = (
-            None  #: How it ended; None: it did not, or the time was over.
-        )
+        #: How it ended; None: it did not, or the time was over.
+        self.verdict: hallway.Verdict | None = None
         self.radio: RadioCounters | None = None  #: What the radio did; None before the end.
         self._last: dict[str, Report] = {}
         self._stopped_by: int | None = None
@@ -286,7 +285,8 @@ class RosCell(NamedTuple):
     """A cell on real Fast DDS."""
 
     preset: str  #: One of `MODES`.
-    slowed: float  #: By which factor rates, air, robots and nodes are slower; the 3 s of heartbeats are not.
+    #: By which factor rates, air, robots and nodes are slower; the 3 s of heartbeats are not.
+    slowed: float
     point: Point  #: Which cell.
 
     def scenario(self, seed: int, limit_s: float) -> Scenario:

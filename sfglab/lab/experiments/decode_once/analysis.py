@@ -27,10 +27,8 @@ if TYPE_CHECKING:
 
     import pandas as pd
 
-PAPER_CPU = (
-    6.5,
-    1.8,
-)  #: Per cent of one core per subscriber, standard and decoder (paper A, section 5.2).
+#: Per cent of one core per subscriber, standard and decoder (paper A, section 5.2).
+PAPER_CPU = (6.5, 1.8)
 PAPERS_WAY = HANDED_ON[0]
 WAYS = {"dds": "DDS", "proxy": "shared memory"}  #: What the decoder hands pictures on by, by mode.
 
@@ -134,15 +132,14 @@ class CostModel:
 
     net: Estimate  #: c_net, receiving the compressed stream once.
     dec: Estimate  #: c_dec, decoding it once (and looking at the pixels).
-    ipc: Estimate  #: c_ipc, handing decoded pictures to one local subscriber (and its look at the pixels).
+    #: c_ipc, handing decoded pictures to one local subscriber (and its look at the pixels).
+    ipc: Estimate
     explained: Estimate  #: Share of the loads' variance that the equations explain, 1 at most.
     residual: Estimate  #: Root mean square of the residuals relative to the mean load, per cent.
-    lack: (
-        LackOfFit | None
-    )  #: The test for lack of fit, errors relative to the load; None without replicates.
-    lack_plain: (
-        LackOfFit | None
-    )  #: The same as if errors of small and large loads were equally large.
+    #: The test for lack of fit, errors relative to the load; None without replicates.
+    lack: LackOfFit | None
+    #: The same as if errors of small and large loads were equally large.
+    lack_plain: LackOfFit | None
     residuals: pd.DataFrame  #: One line a cell: mode, subscribers, measured, fitted.
 
 
@@ -237,9 +234,8 @@ class StreamFacts:
     width: int  #: Pixels.
     height: int  #: Pixels.
     fps: float  #: Frames a second, by the capture stamps.
-    gop: (
-        int | None
-    )  #: Frames from key frame to key frame, 0 where that varies; None with fewer than two.
+    #: Frames from key frame to key frame, 0 where that varies; None with fewer than two.
+    gop: int | None
     encoder: str  #: FFmpeg's name.
 
     def __str__(self) -> str:

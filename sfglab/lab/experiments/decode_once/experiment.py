@@ -26,13 +26,11 @@ class Stage:
     """One camera stream and how often it is measured with how many subscribers."""
 
     codec: str  #: ``h264`` (colour) or ``rvl`` (depth).
-    source: str = (
-        ""  #: Where frames come from, as `open_source` takes it; empty: the configuration's source.
-    )
+    #: Where frames come from, as `open_source` takes it; empty: the configuration's source.
+    source: str = ""
     counts: tuple[int, ...]  #: Numbers of local subscribers.
-    dds_counts: tuple[
-        int, ...
-    ] = ()  #: Those of them with which the decoder also hands pictures on by DDS.
+    #: Those of them with which the decoder also hands pictures on by DDS.
+    dds_counts: tuple[int, ...] = ()
     #: Numbers of subscribers that receive without decoding, to tell network from decoding.
     network_counts: tuple[int, ...] = ()
     repeats: int = 1  #: How often every group of cells is measured.
@@ -52,13 +50,10 @@ class Config(Profiled):
 
     source: str = "photos"  #: Source of the colour stream; depth always comes from the stereo pair.
     stages: tuple[Stage, ...] = (_COLOUR, _DEPTH)  #: Streams, one after the other.
-    most: int = between(
-        10, 2, 10
-    )  #: Most local subscribers: a stream's larger numbers are left out.
-    ros2: tuple[int, ...] = (
-        1,
-        3,
-    )  #: Numbers of subscribers of raw images, of real ROS 2 beside ours.
+    #: Most local subscribers: a stream's larger numbers are left out.
+    most: int = between(10, 2, 10)
+    #: Numbers of subscribers of raw images, of real ROS 2 beside ours.
+    ros2: tuple[int, ...] = (1, 3)
     samples: int = 3  #: Meter readings in a cell.
     period_s: float = 0.7  #: Time between readings, seconds.
     #: Wait in a cell between the last subscriber's first frame and the first reading, seconds.
@@ -172,7 +167,8 @@ class ViewRow:
     disordered: int  #: Pictures that were not newer than the one before.
     broken: int  #: Messages that could not be decoded.
     checksum: str  #: Exclusive or over all pixels read, hexadecimal.
-    age_ms: float  #: Median time from capture stamp to picture in hand, milliseconds; NaN in mode ``network``.
+    #: Median time from capture stamp to picture in hand, milliseconds; NaN in mode ``network``.
+    age_ms: float
 
 
 @exp.table("pair")

@@ -11,9 +11,8 @@ from sfglab.lab.baselines import REAL, declare
 from sfglab.lab.experiment import Actor, Experiment, Link, Profiled
 
 STANDARD = "standard"
-LAUNCHED = (
-    "launched"  #: Routed in the paper's way: the start order launches every process of an agent.
-)
+#: Routed in the paper's way: the start order launches every process of an agent.
+LAUNCHED = "launched"
 #: In our way: the processes are there, with everything loaded, when the order comes; and agents offer what they
 #: are, so that nobody has to be asked.
 ROUTED = "routed"
@@ -98,15 +97,12 @@ class Config(Profiled):
     #: Fleets of real ROS 2 and ours beside them: at most 40 participants, as the busy cores in the log show
     #: that two carry; composed, the paper's largest.
     ros2: tuple[Stage, ...] = (*_beside(2, (2, 10), (4, 3)), Stage(mode=COMPOSED, agents=(6,)))
-    simulated: Scale = Scale(
-        agents=(2, 4, 6, 12, 25, 50, 100, 200, 500, 1000)
-    )  #: Simulated fleets.
-    timeout_s: float = (
-        120.0  #: When a fleet that is not complete is given up, seconds after its start.
-    )
-    multicast: str = (
-        "default"  #: How far DDS uses multicast between agents: ``default`` is ROS 2's.
-    )
+    #: Simulated fleets.
+    simulated: Scale = Scale(agents=(2, 4, 6, 12, 25, 50, 100, 200, 500, 1000))
+    #: When a fleet that is not complete is given up, seconds after its start.
+    timeout_s: float = 120.0
+    #: How far DDS uses multicast between agents: ``default`` is ROS 2's.
+    multicast: str = "default"
     seed: int = 0  #: Seed of the order of cells, and of what is simulated.
 
 
@@ -211,10 +207,10 @@ class FleetRow(Cell):
     """One fleet, started once."""
 
     cell: int  #: Counter from 0.
-    resolved_s: float  #: From the last start order until the last agent had resolved all its peers, seconds.
-    censored: (
-        bool  #: Whether it was given up instead; `resolved_s` is then how long it was waited for.
-    )
+    #: From the last start order until the last agent had resolved all its peers, seconds.
+    resolved_s: float
+    #: Whether it was given up instead; `resolved_s` is then how long it was waited for.
+    censored: bool
     signal_s: float  #: From the first start order to the last, seconds.
     window_s: float  #: From the first start order to the last reading of the meters, seconds.
     nodes_cpu_s: float  #: CPU time of the ROS 2 nodes in that window, seconds.
@@ -230,9 +226,8 @@ class HostRow:
     cell: int  #: The cell.
     host: int  #: Which agent, from 0.
     resolved_s: float  #: From the last start order until it had resolved all its peers, seconds.
-    censored: (
-        bool  #: Whether it was given up instead; `resolved_s` is then how long it was waited for.
-    )
+    #: Whether it was given up instead; `resolved_s` is then how long it was waited for.
+    censored: bool
     own_bytes: float  #: Received at its interface from the first start order until then.
     own_packets: float  #: Frames received until then.
 

@@ -49,10 +49,8 @@ STANDARD_COSTS = Costs(announcement_s=70e-6)
 
 LIMIT_S = 300.0  #: When a fleet that is not complete is given up, virtual seconds.
 
-EXACT_MOST = {
-    STANDARD: 4,
-    ROUTED: 100,
-}  #: Agents of the largest fleets that are simulated agent by agent.
+#: Agents of the largest fleets that are simulated agent by agent.
+EXACT_MOST = {STANDARD: 4, ROUTED: 100}
 _FEW, _MORE, _STEP_S, _LEAST_SHARE = 6, 12, 5e-3, 0.02
 _LOCAL_DOMAIN = 1
 
@@ -61,7 +59,8 @@ _LOCAL_DOMAIN = 1
 class HostOutcome:
     """What came of one agent."""
 
-    resolved_s: float  #: When it had resolved all its peers, seconds since the start; `LIMIT_S` if it had not.
+    #: When it had resolved all its peers, seconds since the start; `LIMIT_S` if it had not.
+    resolved_s: float
     rx_bytes: float  #: Received at its interface until then.
     censored: bool  #: Whether it was given up.
 
@@ -71,9 +70,8 @@ class FleetOutcome:
     """What came of a fleet."""
 
     hosts: tuple[HostOutcome, ...]  #: One for each agent.
-    announced: (
-        int  #: How many endpoints the global domain had had when the last agent was complete.
-    )
+    #: How many endpoints the global domain had had when the last agent was complete.
+    announced: int
 
 
 def fleets_of(config: Config) -> list[Fleet]:

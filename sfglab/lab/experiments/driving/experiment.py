@@ -60,9 +60,8 @@ class ChainPoint:
     """What the chain is timed by."""
 
     limit_s: float  #: Time in the town after which it ends, at the latest.
-    width: int = (
-        640  #: Of the camera's images, whose size is that of topic A's messages in the graph.
-    )
+    #: Of the camera's images, whose size is that of topic A's messages in the graph.
+    width: int = 640
     height: int = 480  #: The same.
     graph_file: str = "graphs/driving.yaml"  #: The graph, in the data folder.
 
@@ -156,7 +155,8 @@ class DrivingNodeRow:
 class DrivingTransferRow:
     """A topic's way along the chain by the memory model, over every order of deliveries."""
 
-    forwarding: str  #: Which set of constants: the gateway core stores chunks, or passes them on as they come.
+    #: Which set of constants: the gateway core stores chunks, or passes them on as they come.
+    forwarding: str
     topic: str  #: The topic.
     mapping: str  #: One of `MAPPINGS` for topic A; ``as placed`` for the others.
     mean_s: float  #: Mean.

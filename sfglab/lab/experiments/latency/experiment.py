@@ -26,9 +26,8 @@ GLASS_PATHS = ("standard", "decoder", "agent", "container")
 class Config(Profiled):
     """The whole run."""
 
-    repeats: int = (
-        20  #: How often every path is subscribed to; that by a new process half as often.
-    )
+    #: How often every path is subscribed to; that by a new process half as often.
+    repeats: int = 20
     look_s: float = 0.5  #: How long the viewer looks on after its first picture, seconds.
     skipped: int = 3  #: Pictures at the beginning of a look that do not count for glass-to-glass.
     idle_s: float = 3.0  #: How long the idle load is measured, seconds.
@@ -89,7 +88,8 @@ class LookRow:
     look: int  #: Counter from 0.
     repeat: int  #: Which repetition.
     path: str  #: One of `PATHS`.
-    phase: float  #: When the order was to be given, as a share of the group of pictures, 0 at its key frame.
+    #: When the order was to be given, as a share of the group of pictures, 0 at its key frame.
+    phase: float
     ordered_ns: int  #: When the viewer had the order to subscribe (Unix time).
     first_ns: int  #: When it had its first picture in hand (Unix time).
     pictures: int  #: Pictures it saw.
@@ -123,7 +123,8 @@ class ShotRow:
 class IdleRow:
     """What something costs on the camera's host while nobody looks, in one window."""
 
-    label: str  #: ``camera``, ``keeper`` or ``router``; ``keeper`` is the one in the agent's own domain.
+    #: ``camera``, ``keeper`` or ``router``; ``keeper`` is the one in the agent's own domain.
+    label: str
     cpu_percent: float  #: CPU of its process, per cent of one core.
     tx_mbit_s: float  #: Sent at the host's interface by everybody, Mbit/s.
     loopback_mbit_s: float  #: Carried by the host's loopback for everybody, Mbit/s.

@@ -37,13 +37,8 @@ if TYPE_CHECKING:
     from sfglab.component import Report
     from sfglab.lab.testbed import Testbed
 
-PATHS = (
-    "standard",
-    "decoder",
-    "agent",
-    "container",
-    "on_demand",
-)  #: The ways from camera to viewer.
+#: The ways from camera to viewer.
+PATHS = ("standard", "decoder", "agent", "container", "on_demand")
 DECODERS = PATHS[1:]  #: Those with a decoder.
 PAPERS = ("container", "on_demand")  #: Those in the paper's manner.
 
@@ -79,9 +74,8 @@ class Running(StreamProcesses):
 
     def __init__(self, config: Any, testbed: Testbed) -> None:
         self._open_paths: dict[str, int] = {}
-        self.replays: list[
-            tuple[int, int]
-        ] = []  #: Packets and bytes of every burst that a keeper reported.
+        #: Packets and bytes of every burst that a keeper reported.
+        self.replays: list[tuple[int, int]] = []
         super().__init__(config, testbed)
         camera = self._camera()
         self._gop = camera.gop

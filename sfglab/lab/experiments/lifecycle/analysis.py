@@ -46,9 +46,8 @@ PAPER_TOPIC = "/global/agent_heartbeat"
 PAPER_SERVICE = "/global/{agent}/get_metadata"  #: As paper A, section 4.2 prints them.
 
 HEARTBEAT_TYPE = "sfglab_interfaces/msg/AgentHeartbeat"
-AT_ONCE_S = (
-    1.0  #: A late listener that hears within this time has not waited for the next heartbeat.
-)
+#: A late listener that hears within this time has not waited for the next heartbeat.
+AT_ONCE_S = 1.0
 
 
 @derived
@@ -187,16 +186,13 @@ _ON_ITS_WAY_NS = 1_250_000_000
 class Transitions:
     """The table's transitions and how often each was taken."""
 
-    taken: dict[
-        tuple[State, Input], int
-    ]  #: How often each transition of the table, by (state, input).
-    strange: (
-        int  #: Moves that the rules have otherwise, or that begin where the agent did not stand.
-    )
+    #: How often each transition of the table, by (state, input).
+    taken: dict[tuple[State, Input], int]
+    #: Moves that the rules have otherwise, or that begin where the agent did not stand.
+    strange: int
     queries: int  #: How many queries arrived at false agents.
-    doubled: (
-        int  #: How many of them arrived while an earlier one to the same agent was outstanding.
-    )
+    #: How many of them arrived while an earlier one to the same agent was outstanding.
+    doubled: int
     announced: dict[str, int]  #: Discovery events that the transitions say were published, by name.
 
     @property

@@ -69,12 +69,10 @@ class Config(Profiled):
     #: phase, which the paper does not state, is shortened.
     schedule: Schedule = field(default_factory=lambda: Schedule(startup_s=5.0))
     steady_beats: int = 3  #: Heartbeats in the steady state that are waited for, per agent.
-    tolerance: float = (
-        0.05  #: How far a median period may be from the one announced or stated, relative to it.
-    )
-    walker_period_s: float = (
-        0.5  #: Period of the status process that is stopped and killed, seconds.
-    )
+    #: How far a median period may be from the one announced or stated, relative to it.
+    tolerance: float = 0.05
+    #: Period of the status process that is stopped and killed, seconds.
+    walker_period_s: float = 0.5
     #: The discoverer's waits while it is led through its transitions: short, so that all of them fit into
     #: seconds.
     timing: Timing = field(default_factory=lambda: _timing(1.0))

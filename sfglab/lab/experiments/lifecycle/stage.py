@@ -44,12 +44,10 @@ class Stage(ProcessGroup):
 
     def __init__(self, bench: Bench[Any], *members: Member) -> None:
         super().__init__(bench.testbed.argv, members, on_report=self._hear_of)
-        self.steady: Counter[str] = (
-            Counter()
-        )  #: Heartbeats of the steady state that ``first`` heard, by agent.
-        self.moves: defaultdict[str, list[Report]] = defaultdict(
-            list
-        )  #: Reports of transitions, by agent.
+        #: Heartbeats of the steady state that ``first`` heard, by agent.
+        self.steady: Counter[str] = Counter()
+        #: Reports of transitions, by agent.
+        self.moves: defaultdict[str, list[Report]] = defaultdict(list)
         self._bench = bench
         self._changed = asyncio.Event()
 

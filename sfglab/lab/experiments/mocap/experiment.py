@@ -118,7 +118,8 @@ class MocapLookRow:
     error_mm: float  #: How far the answer for that time is from the truth.
     error_mrad: float  #: By how much it is turned.
     age_ms: float  #: How old the newest known time was when it was asked; NaN: there was none.
-    latest_mm: float  #: How far the pose at the newest time is from where the camera was when it was asked.
+    #: How far the pose at the newest time is from where the camera was when it was asked.
+    latest_mm: float
     latest_mrad: float  #: By how much it is turned.
 
 
@@ -185,9 +186,8 @@ class OffsetRow:
     sigma_mm: float  #: The stated standard deviation of the position, root of the sum of squares.
     sigma_mrad: float  #: The same of the orientation.
     covered: int  #: How many of the six numbers the 95 % intervals hold.
-    before_mm: (
-        float  #: Median error of the base in another motion through the bridge, with no offset.
-    )
+    #: Median error of the base in another motion through the bridge, with no offset.
+    before_mm: float
     after_mm: float  #: The same with the estimate.
     before_mrad: float  #: Median error of its orientation, with no offset.
     after_mrad: float  #: The same with the estimate.

@@ -32,7 +32,8 @@ class Place:
     """Where on the map something is."""
 
     preset: str  #: A mode of publication: a name in `sfglab.rtps.PRESETS`.
-    loss: float  #: Share of frames lost on each crossing; there are two, as an access point is between.
+    #: Share of frames lost on each crossing; there are two, as an access point is between.
+    loss: float
     frame_us: float  #: Cost of a frame on air on each crossing beside its bits, microseconds.
     queue_rule: str = "block"  #: What a full queue of a host does.
     stall_ms: float = 0.0  #: For how long nothing is sent once in `STALL_EVERY_S`.

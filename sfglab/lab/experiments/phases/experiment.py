@@ -35,9 +35,8 @@ if TYPE_CHECKING:
 MODES = ("fast_dds_sync", "fast_dds_async", "fast_dds_foxy", "cyclone_dds")
 QUEUE_FRAMES = 277
 """Small frames that fit into Linux's default socket buffer, 212,992 B: each takes 768 B there (an skb)."""
-STALL_EVERY_S = (
-    1.0  #: How often the air stalls where it does: assumed; the criterion gives for how long.
-)
+#: How often the air stalls where it does: assumed; the criterion gives for how long.
+STALL_EVERY_S = 1.0
 CELLS = (
     *((method, str(depth)) for method in ("none", "CC") for depth in DEPTHS),
     ("OPT+CC", OPT_DEPTH),
@@ -74,17 +73,13 @@ class Config(Profiled):
 
     presets: tuple[str, ...] = MODES  #: Modes of publication.
     losses: tuple[float, ...] = (0.0001, 0.0017, 0.03)  #: Shares of frames lost on each crossing.
-    frames_us: tuple[float, ...] = (
-        50.0,
-        250.0,
-        1200.0,
-    )  #: Costs of a frame on each crossing, microseconds.
+    #: Costs of a frame on each crossing, microseconds.
+    frames_us: tuple[float, ...] = (50.0, 250.0, 1200.0)
     queue_rules: tuple[str, ...] = ("block",)  #: What full queues do.
     rates_hz: tuple[int, ...] = (500,)  #: Values of Rmax.
     refined: int = 12  #: How many conditions are added near borders.
-    criterion: bool = (
-        True  #: Whether all conditions of the criteria are run, at every Rmax of Table 2.
-    )
+    #: Whether all conditions of the criteria are run, at every Rmax of Table 2.
+    criterion: bool = True
     duration_s: float = between(10.0, 0.5, 60.0)  #: Simulated seconds of a cell.
     seeds: int = 6  #: How many seeds each cell is run with.
     course_seeds: int = 2  #: How many times each hallway is driven.

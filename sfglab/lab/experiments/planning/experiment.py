@@ -48,18 +48,14 @@ class Config(Profiled):
     #: Whether the action runs over DDS, on the loopback interface; else on the simulated bus.
     live: bool = True
     domain: int = 57  #: Which DDS domain.
-    scene_file: str = (
-        "scenes/hall.yaml"  #: The scene whose agents are sent along, in the data folder.
-    )
-    segment_s: float = between(
-        1.0, 0.3, 4.0
-    )  #: From one waypoint of the example to the next, as drawn.
-    speed_m_s: float = between(
-        1.0, 0.2, 4.0
-    )  #: Highest speed that the example is re-timed to [m/s].
-    acceleration_m_s2: float = between(
-        1.0, 0.2, 8.0
-    )  #: Highest acceleration that it is re-timed to [m/s²].
+    #: The scene whose agents are sent along, in the data folder.
+    scene_file: str = "scenes/hall.yaml"
+    #: From one waypoint of the example to the next, as drawn.
+    segment_s: float = between(1.0, 0.3, 4.0)
+    #: Highest speed that the example is re-timed to [m/s].
+    speed_m_s: float = between(1.0, 0.2, 4.0)
+    #: Highest acceleration that it is re-timed to [m/s²].
+    acceleration_m_s2: float = between(1.0, 0.2, 8.0)
     seed: int = 0  #: Of all cases.
 
 

@@ -212,9 +212,8 @@ class Stage(ProcessGroup):
 class Config(Profiled):
     """The whole run."""
 
-    agents: int = (
-        3  #: Agents behind a router each; two parties in the global domain come in addition.
-    )
+    #: Agents behind a router each; two parties in the global domain come in addition.
+    agents: int = 3
     seconds: float = 6.0  #: How long everybody talks at least, seconds.
     rate_hz: float = 10.0  #: Messages a second of every party on every topic.
     busy: int = 20  #: Further local topics of every agent.
@@ -265,9 +264,8 @@ class HeardRow:
     restamped: int  #: Messages whose source time stamp is not the publisher's.
     missing: int  #: Messages missing between the first and the last that arrived.
     misnamed: int  #: Transforms whose frame does not bear its source's prefix.
-    age_ms: (
-        float  #: Median time from publishing to receiving, milliseconds; NaN when nothing arrived.
-    )
+    #: Median time from publishing to receiving, milliseconds; NaN when nothing arrived.
+    age_ms: float
 
 
 @exp.table("endpoint")

@@ -169,13 +169,11 @@ class _Asked:
     """What a claim asks of its panel."""
 
     panel: Panel  #: From whom to whom.
-    bar: Callable[
-        [Ratios], tuple[int, int]
-    ]  #: Which of its speed-ups it is about, by subscribers and size.
+    #: Which of its speed-ups it is about, by subscribers and size.
+    bar: Callable[[Ratios], tuple[int, int]]
     slower: bool = False  #: The figure is how many times as slow; else how many times as fast.
-    end: tuple[
-        str, Callable[[Ratios], float]
-    ]  #: The other end of the paper's range, by its name in the claim.
+    #: The other end of the paper's range, by its name in the claim.
+    end: tuple[str, Callable[[Ratios], float]]
     unit: str  #: Of the figure.
 
     def value(self, ratios: Ratios) -> float:

@@ -24,9 +24,8 @@ class Config(Profiled):
     areas: bool = True  #: Whether the gateway is synthesised.
     proved: bool = True  #: Whether its control is held against the core's table by induction.
     live_bytes: tuple[int, ...] = MESSAGE_BYTES  #: Message sizes across processes; multiples of 8.
-    live_subscribers: tuple[int, ...] = (
-        SUBSCRIBERS  #: Numbers of subscribing processes on the hardware's side.
-    )
+    #: Numbers of subscribing processes on the hardware's side.
+    live_subscribers: tuple[int, ...] = SUBSCRIBERS
     live_rounds: int = 40  #: How often every cell is repeated; 0: nothing is live.
     most_subscribers: int = 16  #: Largest number of hardware subscribers in the break-even chart.
     sizes: int = 26  #: How many sizes the topics of Fig. 8 take, from 100 B to 10 MB.
@@ -35,21 +34,18 @@ class Config(Profiled):
     large_graphs: int = 4  #: Random graphs on which node mapping is timed.
     large_nodes: int = 50  #: Their number of nodes.
     subscribers: int = between(4, 1, 16)  #: Hardware subscribers of the curves.
-    message_bytes: int = between(
-        1_000_000, 256, 100_000_000, log=True
-    )  #: Where the curves are read.
+    #: Where the curves are read.
+    message_bytes: int = between(1_000_000, 256, 100_000_000, log=True)
     #: From a read request to its first word [cycles].
     read_latency_cycles: float = between(STORED.memory.read_latency_cycles, 1, 300, log=True)
     #: From a write's last word to its response [cycles].
     write_latency_cycles: float = between(STORED.memory.write_latency_cycles, 1, 300, log=True)
-    delegate_us: float = between(
-        _US * STORED.delegate_s, 1, 2000, log=True
-    )  #: A delegate's round trip [µs].
+    #: A delegate's round trip [µs].
+    delegate_us: float = between(_US * STORED.delegate_s, 1, 2000, log=True)
     #: What a node or core spends on a message at either end [µs].
     endpoint_us: float = between(_US * STORED.endpoint_s, 1, 2000, log=True)
-    cancel_us: float = between(
-        _US * STORED.cancel_s, 1, 2000, log=True
-    )  #: A gateway core's cancel [µs].
+    #: A gateway core's cancel [µs].
+    cancel_us: float = between(_US * STORED.cancel_s, 1, 2000, log=True)
     seed: int = 0  #: Seed of everything that is drawn.
 
 
@@ -144,9 +140,8 @@ class ConstantRow:
     unit: str  #: As text.
     origin: str  #: Where it comes from.
     reason: str  #: Why this value, or what it stands for.
-    refitted: (
-        float  #: What the best of this run's fits says; the value itself where it is not fitted.
-    )
+    #: What the best of this run's fits says; the value itself where it is not fitted.
+    refitted: float
 
 
 @exp.table("refit")
@@ -156,9 +151,8 @@ class RefitRow:
     model: str  #: Which set of constants.
     start: int  #: Counter from 0.
     farthest: float  #: Largest factor between a constant's start and its committed value.
-    rms: (
-        float  #: Root mean square of the logarithms of model / stated where it ended; NaN: nowhere.
-    )
+    #: Root mean square of the logarithms of model / stated where it ended; NaN: nowhere.
+    rms: float
     #: Largest relative difference between its constants and the committed ones; NaN: it ended nowhere.
     shift: float
 
@@ -219,7 +213,8 @@ class CrossingRow:
     transport: str  #: ``smt`` or ``gateway``.
     message_bytes: int  #: Size of the message.
     subscribers: int  #: Subscribing processes on the hardware's side.
-    place: int  #: Place of the software subscriber among those that the topic in software delivers to, from 0.
+    #: Place of the software subscriber among those that the topic in software delivers to, from 0.
+    place: int
     hardware_ns: int  #: From the publication until the last of the hardware's side has read it, ns.
     software_ns: int  #: Until the software subscriber has read it, ns.
     load: float  #: The machine's load average over the last minute, before the message.
@@ -265,10 +260,10 @@ class PlacedRow:
     optimal: bool  #: Whether that is proved.
     seconds: float  #: How long it took on this machine.
     placed: float  #: Its cost.
-    brute_force: (
-        float  #: The least cost of all placements with all choices of gateways; of small graphs.
-    )
+    #: The least cost of all placements with all choices of gateways; of small graphs.
+    brute_force: float
     same_without_gateways: float  #: The cost of the same placement without gateways.
-    greedy: float  #: The cost of a placement that fills the hardware by time saved per area, blind to topics.
+    #: The cost of a placement that fills the hardware by time saved per area, blind to topics.
+    greedy: float
     greedy_with_gateways: float  #: The same with a gateway wherever it pays and fits.
     software: float  #: The cost of everything in software.

@@ -51,9 +51,8 @@ OPT_DEPTH = "opt"  #: The depth that Eq. 6 gives.
 STATION = "station"
 HELLO_UP, HELLO_HOP, HELLO_DOWN = "robot1/hello", "robot3/localisation", "robot1/move"
 HELLOS = (HELLO_UP, HELLO_HOP, HELLO_DOWN)
-HELLO_BYTES = (
-    len("Hello") + 1 + 4 + 4
-)  #: CDR: header, length, text and its final zero (RTPS 2.5, clause 10).
+#: CDR: header, length, text and its final zero (RTPS 2.5, clause 10).
+HELLO_BYTES = len("Hello") + 1 + 4 + 4
 THREADS = Workers(threads=True)  #: Sweeps run in threads: the time is spent in compiled code.
 
 Sizes = Literal["table", "cdr"]
@@ -74,15 +73,12 @@ class Point:
     loss: float = Medium().loss  #: Share of frames that the air loses.
     size_factor: float = 1.0  #: Size of the sensors' values, as a multiple of the paper's.
     vendor: str = "fast_dds"  #: One of `PRESETS`.
-    hop: bool = (
-        False  #: Whether robot 3's localisation, by which "Hello" goes, is on its machine (Fig. 9).
-    )
-    sizes: Sizes = (
-        "table"  #: Whether sensors' values have the sizes of Table 1, those of Python, or CDR's.
-    )
-    slower: float = (
-        1.0  #: How many times as long as `PLAN_S` and `TAKE_S` the station's computer takes.
-    )
+    #: Whether robot 3's localisation, by which "Hello" goes, is on its machine (Fig. 9).
+    hop: bool = False
+    #: Whether sensors' values have the sizes of Table 1, those of Python, or CDR's.
+    sizes: Sizes = "table"
+    #: How many times as long as `PLAN_S` and `TAKE_S` the station's computer takes.
+    slower: float = 1.0
 
     def __post_init__(self) -> None:
         if self.method not in METHODS:
@@ -98,33 +94,26 @@ class Config(Profiled):
     seeds: int = 6  #: How many seeds each cell is run with.
     duration_s: float = 60.0  #: Simulated seconds of a cell.
     rates_hz: tuple[int, ...] = between(RATES_HZ, 10, 1000, log=True)  #: Values of Rmax.
-    depths: tuple[int, ...] = between(
-        DEPTHS, 1, 5000, log=True
-    )  #: Values of DEPTH beside the optimum.
+    #: Values of DEPTH beside the optimum.
+    depths: tuple[int, ...] = between(DEPTHS, 1, 5000, log=True)
     methods: tuple[str, ...] = tuple(METHODS)  #: Names of methods.
     loss: float = between(Medium().loss, 0.0, 0.3)  #: Share of frames that the air loses.
-    size_factor: float = between(
-        1.0, 0.1, 10.0, log=True
-    )  #: Size of sensors' values, of the paper's.
-    vendor: Literal["fast_dds", "cyclone_dds"] = (
-        "fast_dds"  #: Whose timing; the paper used Fast DDS.
-    )
+    #: Size of sensors' values, of the paper's.
+    size_factor: float = between(1.0, 0.1, 10.0, log=True)
+    #: Whose timing; the paper used Fast DDS.
+    vendor: Literal["fast_dds", "cyclone_dds"] = "fast_dds"
     hop: bool = False  #: Whether "Hello" goes by robot 3's machine, as Fig. 9 has it.
     sizes: Sizes = "table"  #: Sizes of sensors' values: those of Table 1, or CDR's.
     slower: float = between(1.0, 0.1, 100.0, log=True)  #: How slow the station's computer is.
     live_s: float = 8.0  #: How long each live cell is, seconds; 0: none is run.
     live_rates_hz: tuple[int, ...] = (100, 200)  #: Rmax of the live cells.
-    live_depths: tuple[str, ...] = (
-        "1",
-        "10",
-        "1000",
-    )  #: Their DEPTH; optimised methods have ``opt`` as well.
+    #: Their DEPTH; optimised methods have ``opt`` as well.
+    live_depths: tuple[str, ...] = ("1", "10", "1000")
     live_methods: tuple[str, ...] = ("none", "OPT+LC")  #: Methods of the live cells.
     validation_s: float = 30.0  #: How long each cell of the validation is, seconds.
     validation_repeats: int = 0  #: How often it is played at most, an odd number; 0: not.
-    ros2_s: float = (
-        8.0  #: How long each cell on real Fast DDS is, seconds; methods and depths as above.
-    )
+    #: How long each cell on real Fast DDS is, seconds; methods and depths as above.
+    ros2_s: float = 8.0
     ros2_repeats: int = 1  #: How often it is played; 0: not.
     ros2_rates_hz: tuple[int, ...] = (1000,)  #: Rmax of these cells.
     seed: int = 0  #: The first seed.
@@ -301,14 +290,12 @@ class TransmissionRow:
     history_depth: int  #: Samples of each history.
     published: int  #: "Hello"s that were published.
     arrived: int  #: Those that reached the actuation node.
-    latency_p50_ms: (
-        float  #: Median time from publication to actuation of those; NaN when none arrived.
-    )
+    #: Median time from publication to actuation of those; NaN when none arrived.
+    latency_p50_ms: float
     latency_mean_ms: float  #: Mean of it.
     latency_p95_ms: float  #: 95th percentile of it.
-    lost_medium: (
-        int  #: Lost on air, and overwritten in the writer's history before it was repaired.
-    )
+    #: Lost on air, and overwritten in the writer's history before it was repaired.
+    lost_medium: int
     lost_queue: int  #: Dropped by a sender's full queue, and overwritten before it was repaired.
     lost_late: int  #: Arrived, and pushed out of the reader's history before the node took it.
     lost_underway: int  #: Neither there nor given up when time was over.
@@ -448,9 +435,8 @@ class BeyondRow:
     rate_low_hz: float  #: Rate of the slowest topic.
     rate_high_hz: float  #: Rate of the fastest topic.
     depth_high: int  #: Deepest history.
-    latency_p50_ms: (
-        float  #: Median time of "Hello" from publication to actuation; NaN when none arrived.
-    )
+    #: Median time of "Hello" from publication to actuation; NaN when none arrived.
+    latency_p50_ms: float
     latency_p95_ms: float  #: 95th percentile of it.
     loss: float  #: Share of "Hello"s lost.
     #: Share of time in which the station has the value that a sensor has now, mean over sensors.

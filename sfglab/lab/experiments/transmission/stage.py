@@ -64,9 +64,8 @@ class LiveRow:
     late_mean_ms: float  #: How much later than due the relay delivered, on average.
     delay_ms: float  #: What the hosts need themselves, by `Played.delay_s`; the model has it too.
     loss_agrees: bool  #: Whether the losses differ by no more than `LOSS_WITHIN`.
-    latency_agrees: (
-        bool  #: Whether the medians differ by no more than `LATENCY_WITHIN` of the live one.
-    )
+    #: Whether the medians differ by no more than `LATENCY_WITHIN` of the live one.
+    latency_agrees: bool
 
 
 def live_cells(config: Config) -> list[Point]:

@@ -52,7 +52,8 @@ if TYPE_CHECKING:
 
 TABLE = "validation"
 MODEL_SEEDS = 24
-SURE = 0.95  #: Share of draws in which the median of a cell's repetitions has to agree with that of all seeds.
+#: Share of draws in which the median of a cell's repetitions has to agree with that of all seeds.
+SURE = 0.95
 READER_DEPTH = 5000
 """Of every reader, so that a node of Python that looks late loses nothing: the writer's history is asked."""
 READ = {"fast_dds_foxy": "read in its sources, not measured"}
@@ -92,9 +93,8 @@ class ValidationRow(Cell):
     p50_live_ms: float  #: Median latency.
     p50_model_ms: float  #: The same in the model, median of its seeds.
     loss_agrees: bool  #: Whether the losses differ by no more than `LOSS_WITHIN`.
-    latency_agrees: (
-        bool  #: Whether the medians differ by no more than `LATENCY_WITHIN` of the live one.
-    )
+    #: Whether the medians differ by no more than `LATENCY_WITHIN` of the live one.
+    latency_agrees: bool
     kept_up: bool  #: Whether relay and processes kept to their schedules.
 
 

@@ -138,9 +138,8 @@ class VisualisationMemoryRow:
 
     at_s: float  #: Time since the beginning.
     stopped: bool  #: Whether the sink stands still.
-    queued_bytes: (
-        int  #: Messages that wait for their turn, and drawn ones that the sink has not taken.
-    )
+    #: Messages that wait for their turn, and drawn ones that the sink has not taken.
+    queued_bytes: int
     resident_bytes: int  #: Memory of the bridge's process.
     received: int  #: Pictures that arrived up to now.
     shown: int  #: Pictures drawn up to now.
