@@ -337,17 +337,19 @@ def _prose(doc: str) -> str:
 def ledger_page() -> str:
     """Return the page of all claims with our figures and verdicts."""
     rows: list[list[str]] = []
-    for entry in compute_ledger(find_project()):
-        line = entry.as_json()
-        low, high = (f"{line[end] or 0:.4g}" for end in ("low", "high"))
-        ours = (
-            "" if line["value"] is None else f"{line['value']:.4g} [{low}, {high}] {line['unit']}"
-        )
-        paper = "" if line["paper"] is None else f"{line['paper']:g}"
-        cells = (line["id"], line["verdict"], f"{line['says']} ({line['where']})", paper, ours)
-        rows.append([_safe(str(cell)) for cell in cells])
-    head = ["claim", "verdict", "the paper says", "paper", "ours: median, 95 % interval, unit"]
-    about = "Computed from the logs at hand when this page was built, as by `sfglab claims`; no figure is typed."
+    ledger = compute_ledger(find_project(), committed=True)
+    for entry in ledger:
+        claim = entry.claim
+        paper = "" if claim.paper is None else f"{claim.paper:g}"
+        says = f"{claim.says} ({claim.where})"
+        value = f"{entry.value} {entry.unit}"
+        cells = (claim.id, entry.verdict.value, says, paper, value, entry.interval)
+        rows.append([_safe(cell) for cell in cells])
+    head = ["claim", "verdict", "the paper says", "paper", "sfglab", "interval"]
+    about = (
+        f"Computed from {ledger.source}, as `sfglab claims --reference` prints it. "
+        "`sfglab claims` prints the values of your own runs."
+    )
     return f"# The ledger\n\n{about}\n\n{table(head, rows)}\n"
 
 

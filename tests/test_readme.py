@@ -20,13 +20,19 @@ from sfglab.lab.paths import Project
 ROOT = Path(__file__).parents[1]
 README = ROOT / "README.md"
 BEGIN, END = "<!-- results: tests/test_readme.py -->\n", "<!-- end of results -->\n"
-RESULTS = {  # claim: what a reader takes with him, and its figure
-    "A-CPU-OURS": ("A stream is decoded once for all subscribers of a device", "decode_once_h264"),
-    "A-DISC-BYTES-OURS": (
-        "Six robots find each other with a fraction of the bytes",
-        "discovery_scale",
+RESULTS = {  # claim: what a reader takes home, and its figure
+    "A-CPU-OURS": (
+        "A stream is decoded once for all subscribers of a device (sfglab variant: shared memory)",
+        "decode_once_h264",
     ),
-    "A-FIRST-OURS": ("Whoever subscribes late sees a picture at once", "latency"),
+    "A-DISC-BYTES-OURS": (
+        "Six agents discover each other with fewer bytes than plain ROS 2 (sfglab variant)",
+        "discovery_fleet",
+    ),
+    "A-FIRST-OURS": (
+        "A late-joining subscriber has its first image sooner (sfglab variant: GOP cache)",
+        "latency",
+    ),
     "B-LOSS": (
         "Local cache and balanced QoS lose the fewest messages under plausible conditions",
         "phases",
@@ -36,14 +42,14 @@ RESULTS = {  # claim: what a reader takes with him, and its figure
         "graph_mapping",
     ),
 }
-INSTEAD = {  # claim: what one would otherwise take, and what ours is here
+INSTEAD = {  # claim: the usual method, and the component that replaces it
     "A-CPU-OURS": (
         "a decoder in each subscriber (image_transport)",
         "`sfglab decoder`, shared memory",
     ),
-    "A-CPU-SFG": ("the same", "`sfglab decoder`, over DDS to real ROS 2"),
+    "A-CPU-SFG": ("the same", "`sfglab decoder`, over DDS to ROS 2 nodes"),
     "A-DISC-BYTES-OURS": (
-        "DDS discovery of everybody by everybody",
+        "DDS discovery of all participants by all",
         "`sfglab agent up`, `descriptions: offered`",
     ),
     "A-FIRST-OURS": ("waiting for the next key frame", "the agent's GOP cache"),
@@ -52,9 +58,7 @@ INSTEAD = {  # claim: what one would otherwise take, and what ours is here
 
 
 def _ours(entry):
-    one = entry.measured.estimate
-    spread = f" [{one.low:.3g}, {one.high:.3g}]" if one.low < one.high else ""
-    return f"{one.value:.3g}{spread} {entry.claim.unit}"
+    return f"{entry.value} {entry.unit}"
 
 
 def _paper(entry):
@@ -65,31 +69,55 @@ def _head(*columns):
     return [f"| {' | '.join(columns)} |", "|" + "---|" * len(columns)]
 
 
+def is_favourable(entry, ledger):
+    """Return whether all values outside their acceptance ranges are on the better side.
+
+    Of the paper's own method the ledger does not say which side is the better one; its variant does.
+    """
+    claim, measured = entry.claim, entry.measured
+    variant = ledger.get(f"{claim.id}-OURS")
+    better = claim.better or (variant and variant.claim.better)
+    values = [(measured.estimate.value, claim.band)]
+    values += [(measured.ends[name], band) for name, band in claim.ends.items()]
+    outside = [(value, band) for value, band in values if not band[0] <= value <= band[1]]
+    above = all(value > high for value, (_, high) in outside)
+    below = all(value < low for value, (low, _) in outside)
+    return (better == "above" and above) or (better == "below" and below)
+
+
+def _deviating(entries):
+    lines = _head("claim", "the paper's sentence", "paper", "sfglab", "interval", "why")
+    for e in entries:
+        reason = " ".join("; ".join(e.reason.split("; ")[:2]).split()).replace("|", "/")
+        cells = (f"{e.claim.id} ({e.claim.where})", e.claim.says, _paper(e), _ours(e), e.interval)
+        lines.append(f"| {' | '.join(cells)} | {reason} |")
+    return lines
+
+
 def block():
     """Return the README's results, as the committed logs have them."""
-    ledger = {entry.claim.id: entry for entry in compute_ledger(Project(root=ROOT), committed=True)}
-    counts = Counter(entry.verdict.value for entry in ledger.values()).most_common()
-    lines = [
-        f"Of {len(ledger)} claims: {', '.join(f'{count} {verdict}' for verdict, count in counts)}.",
-        "",
-    ]
-    lines += _head("result", "paper", "ours, with 95 % interval", "verdict")
+    whole = compute_ledger(Project(root=ROOT), committed=True)
+    ledger = {entry.claim.id: entry for entry in whole}
+    counts = Counter(entry.verdict.value for entry in whole).most_common()
+    verdicts = ", ".join(f"{count} {verdict}" for verdict, count in counts)
+    lines = [f"{len(whole)} claims, judged from {whole.source}: {verdicts}.", ""]
+    lines += _head("result", "paper", "sfglab", "interval", "verdict")
     for name, (says, figure) in RESULTS.items():
         e = ledger[name]
         verdict = f"{e.verdict.value} ({name}, {e.measured.how.value})"
-        lines.append(f"| [{says}](figures/{figure}.png) | {_paper(e)} | {_ours(e)} | {verdict} |")
-    lines += ["", "What did not hold, or not as it is said:", ""]
-    lines += _head("claim", "the paper's sentence", "paper", "ours", "why")
-    for name, e in ledger.items():
-        if e.verdict.value == "deviates":
-            reason = " ".join("; ".join(e.reason.split("; ")[:2]).split()).replace("|", "/")
-            lines.append(
-                f"| {name} ({e.claim.where}) | {e.claim.says} | {_paper(e)} | {_ours(e)} | {reason} |"
-            )
-    lines += ["", "What it does better than what one would otherwise take:", ""]
-    lines += _head("instead of", "this", "measured")
+        link = f"[{says}](figures/{figure}.png)"
+        lines.append(f"| {link} | {_paper(e)} | {_ours(e)} | {e.interval} | {verdict} |")
+    deviating = [entry for entry in whole if entry.verdict.value == "deviates"]
+    favourable = [entry for entry in deviating if is_favourable(entry, ledger)]
+    lines += ["", "What did not hold, or not as it is stated:", ""]
+    lines += _deviating(entry for entry in deviating if entry not in favourable)
+    lines += ["", "Outside the acceptance range because it is better than in the paper:", ""]
+    lines += _deviating(favourable)
+    lines += ["", "What it does better than the usual method:", ""]
+    lines += _head("instead of", "this", "measured", "interval")
     lines += [
-        f"| {other} | {this} | {_ours(ledger[name])} |" for name, (other, this) in INSTEAD.items()
+        f"| {other} | {this} | {_ours(ledger[name])} | {ledger[name].interval} |"
+        for name, (other, this) in INSTEAD.items()
     ]
     return "\n".join(lines) + "\n"
 

@@ -6,7 +6,7 @@ import json
 import os
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from typer import Argument, Option
@@ -14,6 +14,12 @@ from typer import Argument, Option
 import sfglab.lab
 from sfglab.cli.buses import Json, say
 from sfglab.lab.paths import find_project
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from sfglab.lab.notebooks import Outcome
+    from sfglab.lab.paths import Project
 
 
 def doctor(as_json: Json = False) -> None:
@@ -45,17 +51,24 @@ def reproduce(
         Option(help="Compute sweeps of notebooks to come, and draw figures, while live parts run."),
     ] = True,
 ) -> None:
-    """Run notebooks headless: logs, figures and, at the end, the ledger of claims.
+    """Run notebooks headless: logs, figures and, at the end, the claims.
+
+    A smoke test and a run with changed fields count for no claim: the claims are printed by this
+    run, beside the ledger's, and no file of another run is replaced.
 
     Examples:
       sfglab reproduce
       sfglab reproduce 03_decode_once --profile smoke
       sfglab reproduce 03_decode_once -p source=drive.mp4   # or a log or bag with pictures
     """
-    from sfglab.lab.claims import render
     from sfglab.lab.experiment import PROFILES
-    from sfglab.lab.ledger import compute_ledger
-    from sfglab.lab.notebooks import NotebookError, find_notebooks, read_parameters, run_notebooks
+    from sfglab.lab.notebooks import (
+        NotebookError,
+        find_notebooks,
+        is_variation,
+        read_parameters,
+        run_notebooks,
+    )
     from sfglab.lab.runs import SMOKE
 
     if profile not in PROFILES:
@@ -68,20 +81,62 @@ def reproduce(
         if said := is_there(source):
             typer.echo(said, err=True)
         given["source"] = absolute(source)
+    parameters = {"profile": profile, "seed": seed, **given}
     outcomes = run_notebooks(
         find_notebooks(project, notebooks or ()),
         project=project,
-        parameters={"profile": profile, "seed": seed, **given},
+        parameters=parameters,
         write=write,
         ahead=ahead
         and profile != SMOKE,  # whose sweeps are over before a process would have started
     )
-    typer.echo(render(compute_ledger(project, profile=profile)))
+    if is_variation(parameters):
+        typer.echo(_variations(project, outcomes))
+    else:
+        typer.echo(_counted(project, outcomes, profile=profile, all_claims=not notebooks))
     failed = [o for o in outcomes if o.error]
     for outcome in failed:
         typer.echo(f"failed: {outcome.name}: {outcome.error}", err=True)
     typer.echo(f"{len(outcomes) - len(failed)} of {len(outcomes)} notebooks ran through", err=True)
     raise typer.Exit(code=1 if failed else 0)
+
+
+def _counted(
+    project: Project, outcomes: Sequence[Outcome], *, profile: str, all_claims: bool
+) -> str:
+    """Return the ledger: all claims, or those of the experiments that were run."""
+    from sfglab.lab.claims import render
+    from sfglab.lab.experiments import experiment
+    from sfglab.lab.ledger import compute_ledger
+
+    only: set[str] = set()
+    if not all_claims:
+        names = {outcome.experiment for outcome in outcomes if outcome.experiment}
+        only.update(*(experiment(name).claims for name in names))
+    return render(compute_ledger(project, profile=profile, only=only))
+
+
+def _variations(project: Project, outcomes: Sequence[Outcome]) -> str:
+    """Return the claims by each run beside the ledger's, and where its files are."""
+    from sfglab.lab.claims import OwnLedger, render_own
+    from sfglab.lab.experiments import experiment
+    from sfglab.lab.ledger import figures_folder, own_ledger
+    from sfglab.lab.runs import standing
+
+    claims = OwnLedger()
+    lines = []
+    for outcome in outcomes:
+        if outcome.notebook is None:
+            continue
+        lines += ["", outcome.name, f"  notebook: {project.relative(outcome.notebook)}"]
+        if outcome.log is None:
+            continue
+        claims += own_ledger(project, experiment(outcome.experiment).load(outcome.log))
+        lines.append(f"  log: {project.relative(outcome.log)}")
+        lines.append(f"  figures: {project.relative(figures_folder(project, outcome.log))}")
+        if why_not := standing(outcome.log).why_not:
+            lines.append(f"  This run counts for no claim: {why_not}.")
+    return "\n".join([render_own(claims) if claims else "", *lines])
 
 
 def lab(
@@ -129,6 +184,9 @@ def claims(
     verbose: Annotated[
         bool, Option(help="Say of each what it is judged by, and where it is from.")
     ] = False,
+    reference: Annotated[
+        bool, Option("--reference", help="Only from the committed logs, not from your runs.")
+    ] = False,
     every: Annotated[
         bool,
         Option("--all", help="Every run's figures, a line a log, also of those that do not speak."),
@@ -138,12 +196,14 @@ def claims(
 
     Examples:
       sfglab claims
+      sfglab claims --reference   # what README and the committed notebooks print
       sfglab claims --json
     """
     from sfglab.lab.claims import render, render_in_full
     from sfglab.lab.ledger import compute_ledger, history
 
-    entries = (history if every else compute_ledger)(find_project())
+    project = find_project()
+    entries = history(project) if every else compute_ledger(project, committed=reference)
     if as_json:
         typer.echo(json.dumps([e.as_json() for e in entries], indent=2))
     else:

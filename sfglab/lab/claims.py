@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import re
+from collections import Counter
 from collections.abc import (
     Mapping,  # noqa: TC003 - a document's fields are typed at run time
 )
@@ -13,8 +15,8 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from sfglab.documents import OR_NULL, Document, Section, read_by
 from sfglab.errors import InvalidValueError
-from sfglab.lab.stats import Estimate  # noqa: TC001 - a document's fields are typed at run time
-from sfglab.tables import Shown, columns, html_table
+from sfglab.lab.stats import Estimate, rounded
+from sfglab.tables import Shown, columns, html_table, text_table
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -31,6 +33,10 @@ class How(Enum):
 
 
 OURS = "-OURS"
+COMMITTED_LOGS = "data/reference/"  #: Folder of the committed logs, from the top folder.
+_STARTED = re.compile(r"(\d{4})(\d\d)(\d\d)T(\d\d)(\d\d)\d\d-")
+_LESS = "% less "
+_MORE = "% more "
 
 
 class Verdict(Enum):
@@ -161,8 +167,46 @@ class Entry:
         )
         missing = [f"{name}: not measured" for name in c.ends if name not in m.ends]
         disagree = self.runs if len({run.verdict for run in self.runs}) > 1 else ()
-        runs = [f"{run.log}: {_row(run)[2]}, {run.verdict.value}" for run in disagree]
+        runs = [f"{run.log}: {run.value}, {run.verdict.value}" for run in disagree]
         return "; ".join(filter(None, [m.reason, *_wrong_ends(c, m), *missing, *open_, *runs]))
+
+    @property
+    def source(self) -> str:
+        """Origin of the value in words: the committed logs, or the user's run with its time."""
+        started = _STARTED.search(self.log)
+        if self.log.startswith(COMMITTED_LOGS):
+            return "the committed logs"
+        if started is None:
+            return self.log
+        year, month, day, hour, minute = started.groups()
+        return f"your run of {year}-{month}-{day} {hour}:{minute} UTC"
+
+    @property
+    def value(self) -> str:
+        """Value with its interval as text, in `unit`; empty: not measured."""
+        if self.measured is None:
+            return ""
+        estimate = self.measured.estimate
+        numbers = [estimate.value, estimate.low, estimate.high]
+        if self.unit.startswith(_MORE):
+            numbers = [-estimate.value, -estimate.high, -estimate.low]
+        value, low, high = map(rounded, numbers)
+        return f"{value} [{low}, {high}]" if self.interval else value
+
+    @property
+    def unit(self) -> str:
+        """Unit of `value`: the claim's, but "% more" where a saving is negative."""
+        measured, unit = self.measured, self.claim.unit
+        if unit.startswith(_LESS) and measured is not None and measured.estimate.value < 0:
+            return unit.replace(_LESS, _MORE, 1)
+        return unit
+
+    @property
+    def interval(self) -> str:
+        """Kind of the interval: of one run, over several runs, or none."""
+        if self.measured is None or self.measured.estimate.low == self.measured.estimate.high:
+            return ""
+        return f"range over {len(self.runs)} runs" if self.runs else "95 % interval"
 
     @property
     def is_whole(self) -> bool:
@@ -170,9 +214,7 @@ class Entry:
         return self.measured is not None and self.claim.ends.keys() <= self.measured.ends.keys()
 
     def __repr__(self) -> str:
-        name, paper, ours, unit, *_ = _row(self)
-        said = f"paper {paper or 'without a number'}, ours {ours or 'none'} {unit}"
-        return f"<{name}, {self.verdict.value}: {said}>"
+        return f"<{self.claim.id}, {self.verdict.value}: {_compared(self)}>"
 
     def _repr_html_(self) -> str:
         return Ledger([self])._repr_html_()
@@ -191,6 +233,8 @@ class Entry:
             "ends": dict(m.ends) if m else {},
             "under": {name: str(estimate) for name, estimate in m.under.items()} if m else {},
             "details": dict(m.details) if m else {},
+            "interval": self.interval or None,
+            "source": self.source or None,
             "log": self.log or None,
             "origin": self.origin or None,
             "mutants": self.mutants or None,
@@ -203,23 +247,65 @@ class Entry:
 class Ledger(list[Entry]):
     """All claims, judged."""
 
+    @property
+    def source(self) -> str:
+        """Origin of the values in words; of several origins how many claims each has."""
+        counts = Counter(entry.source for entry in self if entry.source)
+        if len(counts) > 1:
+            return " and ".join(f"{source} ({count})" for source, count in counts.items())
+        return "".join(counts)
+
     def __repr__(self) -> str:
         counts = {v: sum(e.verdict is v for e in self) for v in Verdict}
-        return f"<ledger: {', '.join(f'{n} {v.value}' for v, n in counts.items() if n) or 'empty'}>"
+        verdicts = ", ".join(f"{n} {v.value}" for v, n in counts.items() if n) or "empty"
+        origin = f" from {self.source}" if self.source else ""
+        return f"<ledger{origin}: {verdicts}>"
 
     def _repr_html_(self) -> str:
-        head = (
-            "claim",
-            "where",
-            "says",
-            "paper",
-            "ours (median, 95 % interval)",
-            "unit",
-            "how",
-            "verdict",
-        )
-        rows = [(e.claim.id, e.claim.where, e.claim.says, *_row(e)[1:]) for e in self]
-        return html_table([head, *rows], repr(self)[1:-1])
+        head, *rows = _rows(self)
+        words = [("where", "says"), *((e.claim.where, e.claim.says) for e in self)]
+        table = [(row[0], *said, *row[1:]) for row, said in zip([head, *rows], words, strict=True)]
+        return html_table(table, repr(self)[1:-1])
+
+
+HEAD = ("claim", "paper", "sfglab", "interval", "unit", "how", "verdict", "from")
+"""Names of the columns of a ledger."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class OwnEntry:
+    """A claim as the ledger has it, and by one run where that differs."""
+
+    ledger: Entry
+    own: Entry | None = None  #: The claim by this run alone; None if the ledger has its value.
+    reason: str = ""  #: Reason for the difference.
+
+
+class OwnLedger(list[OwnEntry]):
+    """The claims that a run answers: each as the ledger has it, and below it by this run."""
+
+    def __repr__(self) -> str:
+        return repr(Ledger(each.ledger for each in self))
+
+    def _repr_html_(self) -> str:
+        rows: list[tuple[str, ...]] = [HEAD]
+        for each in self:
+            rows.append(_row(each.ledger))
+            if each.own is not None:
+                rows.append((f"this run: {each.reason}", *_row(each.own)[1:]))
+        return html_table(rows, repr(self)[1:-1])
+
+
+def render_own(claims: OwnLedger) -> str:
+    """Return the claims by a run as a table for a terminal, with the ledger's value beside them."""
+    rows = [("claim", "paper", "this run", "interval", "unit", "verdict", "ledger", "from")]
+    for each in claims:
+        name, paper, value, interval, unit, _, verdict, _ = _row(each.own or each.ledger)
+        ledger = f"{each.ledger.value or 'no value'}, {each.ledger.verdict.value}"
+        if each.ledger.unit != unit:
+            ledger = f"{each.ledger.value} {each.ledger.unit}, {each.ledger.verdict.value}"
+        rows.append((name, paper, value, interval, unit, verdict, ledger, each.ledger.source))
+    return text_table(rows)
 
 
 def load_claims(path: Path) -> list[Claim]:
@@ -272,10 +358,7 @@ def _in_band(claim: Claim, estimate: Estimate) -> Verdict:
 
 def render(entries: Sequence[Entry], *, with_logs: bool = False) -> str:
     """Return the ledger as a table for a terminal, a line a claim, or with its log a line a log."""
-    rows: list[tuple[str, ...]] = [
-        ("claim", "paper", "ours (median, 95 % interval)", "unit", "how", "verdict")
-    ]
-    rows += [_row(entry) for entry in entries]
+    rows = _rows(entries)
     if with_logs:
         rows = [
             (*row, log)
@@ -283,15 +366,30 @@ def render(entries: Sequence[Entry], *, with_logs: bool = False) -> str:
         ]
     lines = columns(rows)
     lines.insert(1, "-" * len(lines[0]))
-    lines += ["", repr(Ledger(entries)).removeprefix("<ledger: ").removesuffix(">")]
+    lines += ["", repr(Ledger(entries)).removeprefix("<").removesuffix(">")]
     return "\n".join(lines)
 
 
+def _rows(entries: Sequence[Entry]) -> list[tuple[str, ...]]:
+    """Return `HEAD` and a row for each entry; without the column "from" if all have one origin."""
+    rows: list[tuple[str, ...]] = [HEAD, *map(_row, entries)]
+    if len({entry.source for entry in entries if entry.source}) > 1:
+        return rows
+    return [row[:-1] for row in rows]
+
+
 def _row(entry: Entry) -> tuple[str, ...]:
-    m, c = entry.measured, entry.claim
-    paper = "" if c.paper is None else f"{c.paper:g}"
-    ours = f"{m.estimate.value:.3g} [{m.estimate.low:.3g}, {m.estimate.high:.3g}]" if m else ""
-    return c.id, paper, ours, c.unit, m.how.value if m else "", entry.verdict.value
+    """Return the cells of `HEAD` for an entry."""
+    claim, measured = entry.claim, entry.measured
+    paper = "" if claim.paper is None else f"{claim.paper:g}"
+    value = entry.value, entry.interval, entry.unit
+    how = measured.how.value if measured else ""
+    return claim.id, paper, *value, how, entry.verdict.value, entry.source
+
+
+def _compared(entry: Entry) -> str:
+    paper = "without a number" if entry.claim.paper is None else f"{entry.claim.paper:g}"
+    return f"paper {paper}, sfglab {entry.value or 'no value'} {entry.unit}"
 
 
 def render_in_full(entries: Sequence[Entry]) -> str:
@@ -300,10 +398,11 @@ def render_in_full(entries: Sequence[Entry]) -> str:
 
 
 def _paragraph(entry: Entry) -> Iterator[str]:
-    name, paper, ours, unit, how, verdict = _row(entry)
-    yield f"{name}: {verdict}" + (f", {how}" if how else "")
+    how = f", {entry.measured.how.value}" if entry.measured else ""
+    yield f"{entry.claim.id}: {entry.verdict.value}{how}"
     yield f"{entry.claim.where}: {entry.claim.says}"
-    yield f"paper {paper or 'without a number'}, ours {ours or 'none'} {unit}; band {_band(entry.claim.band)}"
+    interval = f" ({entry.interval})" if entry.interval else ""
+    yield f"{_compared(entry)}{interval}; acceptance range {_band(entry.claim.band)}"
     yield f"criterion last changed: {entry.since or 'not known, no git here'}"
     yield from [f"figures: {', '.join(entry.figures)}"] * bool(entry.figures)
     if entry.reason:
@@ -312,9 +411,9 @@ def _paragraph(entry: Entry) -> Iterator[str]:
     if m is None:
         return
     yield from (
-        f"run {run.log}: {_row(run)[2]}, {run.verdict.value}; {run.origin}" for run in entry.runs
+        f"run {run.log}: {run.value}, {run.verdict.value}; {run.origin}" for run in entry.runs
     )
-    asked = {name: f"; band {_band(band)}" for name, band in entry.claim.ends.items()}
+    asked = {name: f"; acceptance range {_band(b)}" for name, b in entry.claim.ends.items()}
     yield from (f"{name}: {value:.3g}{asked.get(name, '')}" for name, value in m.ends.items())
     yield from (f"{key}: {value}" for key, value in {**m.under, **m.details}.items())
     yield from [f"mutants: {entry.mutants}"] * bool(entry.mutants)

@@ -41,6 +41,7 @@ F = TypeVar("F", bound=Callable[..., Any])
 QUICK, PAPER = "quick", "paper"
 #: Seconds, for CI; a few minutes for everything; the papers' full counts.
 PROFILES = (SMOKE, QUICK, PAPER)
+SMOKE_TITLE = "smoke test: too short for a conclusion"
 _UNCOUNTED = ("seed", "profile")
 _OPTIONS = Options()
 
@@ -122,6 +123,16 @@ class _Drawing:
 def seeded(config: Any, seeds: int) -> range:
     """Return so many seeds from the configuration's own on."""
     return range(config.seed, config.seed + seeds)
+
+
+def _mark_as_smoke(figure: Figure) -> None:
+    """Put before a figure's title that its run was too short for a conclusion."""
+    title = figure.get_suptitle()
+    titled = next((axes for axes in figure.axes if axes.get_title()), None)
+    if not title and titled is not None:
+        titled.set_title(f"{SMOKE_TITLE}\n{titled.get_title()}")
+    else:
+        figure.suptitle(f"{SMOKE_TITLE}\n{title}".strip())
 
 
 def _numbers(value: Any) -> Any:
@@ -491,6 +502,8 @@ class Experiment(Generic[C]):
         with house_style():
             figure = Figure(figsize=drawing.size)
             shown = drawing.function(figure, run)
+            if run.profile == SMOKE:
+                _mark_as_smoke(figure)
         return figure, {name: _numbers(value) for name, value in shown.items()}
 
     def figures(self, log: Path | Run[C]) -> dict[str, tuple[Figure, dict[str, Any]]]:

@@ -58,7 +58,7 @@ def make_index(project: Project, ledger: Ledger) -> IndexPage:
     rows = sorted(
         _row(project, path, ledger) for path in find_notebooks(project) if path.stem != INDEX
     )
-    html = ""
+    html = _source(ledger)
     for paper, title in PAPERS.items():
         part = f"Paper {paper}" if len(paper) == 1 else paper.capitalize()
         lines = "".join(row for where, row in rows if where.startswith(paper))
@@ -78,7 +78,20 @@ def make_claims_page(ledger: Ledger) -> IndexPage:
         "mutants seen",
     )
     html = "<tr>" + "".join(f"<th {_CELL}>{escape(one)}</th>" for one in head) + "</tr>"
-    return IndexPage(f"<table><tbody>{html}{''.join(map(_claim_row, ledger))}</tbody></table>")
+    rows = "".join(map(_claim_row, ledger))
+    return IndexPage(f"{_source(ledger)}<table><tbody>{html}{rows}</tbody></table>")
+
+
+def _source(ledger: Ledger) -> str:
+    """Return the sentence that says from which logs the values are."""
+    return f"<p>Values and verdicts are from {escape(ledger.source)}.</p>" if ledger.source else ""
+
+
+def _ours(entry: Entry) -> str:
+    if not entry.value:
+        return entry.missing
+    interval = f" ({entry.interval})" if entry.interval else ""
+    return f"{entry.value} {entry.unit}{interval}"
 
 
 def _claim_row(entry: Entry) -> str:
@@ -88,7 +101,7 @@ def _claim_row(entry: Entry) -> str:
         escape(f"{claim.where}: {claim.criterion.sentence if claim.criterion else claim.says}"),
         "<br>".join(map(escape, criterion_of(claim))),
         escape(entry.since or "not known, no git here"),
-        escape(str(entry.measured.estimate) if entry.measured else entry.missing),
+        escape(_ours(entry)),
         "<br>".join(f'<a href="../figures/{name}.png">{name}</a>' for name in entry.figures),
         escape(entry.mutants.partition(" are")[0]),
     )

@@ -22,16 +22,28 @@ from typing import TYPE_CHECKING, Any
 
 from sfglab.errors import SfglabError
 from sfglab.fields import from_json, to_json
-from sfglab.lab.claims import Claim, Ledger, Measured, entry_for, joined, load_claims
+from sfglab.lab.claims import (
+    COMMITTED_LOGS,
+    Claim,
+    Entry,
+    Ledger,
+    Measured,
+    OwnEntry,
+    OwnLedger,
+    entry_for,
+    joined,
+    load_claims,
+)
 from sfglab.lab.experiments import EXPERIMENTS, experiment
 from sfglab.lab.figures import file_sha256, save_figure
+from sfglab.lab.notebooks import notebook_of
 from sfglab.lab.runs import Run, Standing, standing
 from sfglab.lab.sweep.journal import code_digest
 from sfglab.record import LogReader
 from sfglab.record.metadata import library_versions
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping, Sequence
+    from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
     from pathlib import Path
 
     from sfglab.lab.paths import Project
@@ -149,13 +161,24 @@ def find_log(
 
 
 def compute_ledger(
-    project: Project, *, profile: str | None = None, committed: bool = False
+    project: Project,
+    *,
+    profile: str | None = None,
+    committed: bool = False,
+    only: Collection[str] = (),
 ) -> Ledger:
-    """Return every claim with our figure and verdict, from logs: runs of one profile first, or committed ones.
+    """Return the claims with our values and verdicts, from logs.
 
-    A log that cannot be read costs the claims of its experiment only; it is said aloud.
+    A log that cannot be read costs the claims of its experiment only; a warning names it.
+
+    Args:
+        project: The checkout.
+        profile: Profile whose runs are preferred.
+        committed: Whether the committed logs count alone, and not the user's runs.
+        only: Ids of the claims; empty: all.
     """
-    kept, claims = kept_findings(project), load_claims(project.claims)
+    kept = kept_findings(project)
+    claims = [claim for claim in load_claims(project.claims) if not only or claim.id in only]
     ours: dict[str, _Ours] = {}
     again: dict[str, list[_Ours]] = {}
     for name in _experiments_of(claims):
@@ -291,7 +314,7 @@ def _circumstances(run: Run[Any]) -> str:
         "Python": said.get("python"),
         **said.get("libraries", {}),
     }
-    changed = "" if source.get("git_clean") else " with changes"
+    changed = "" if source.get("git_clean") else " with uncommitted changes"
     parts = (
         f"{machine['cpu']}, {machine['usable_cores']} of {machine['cores']} cores, {machine['kernel']}"
         if machine
@@ -319,6 +342,45 @@ def entries_of(project: Project, run: Run[Any]) -> Ledger:
     return Ledger(
         entry_for(claim, measured[claim.id], log=project.relative(run.log)) for claim in claims
     )
+
+
+def own_ledger(project: Project, run: Run[Any]) -> OwnLedger:
+    """Return the claims that one run answers, as the ledger has them and by this run.
+
+    The ledger is that of the committed logs where the run is one of them, else that of the
+    user's runs, with the committed logs where there is no run.
+    """
+    own = {entry.claim.id: entry for entry in entries_of(project, run)}
+    if not own:
+        return OwnLedger()
+    committed = project.relative(run.log).startswith(COMMITTED_LOGS)
+    ledger = compute_ledger(project, profile=run.profile, committed=committed, only=own)
+    return OwnLedger(_own_entry(project, entry, own[entry.claim.id], run) for entry in ledger)
+
+
+def _own_entry(project: Project, ledger: Entry, own: Entry, run: Run[Any]) -> OwnEntry:
+    if (ledger.value, ledger.verdict) == (own.value, own.verdict):
+        return OwnEntry(ledger=ledger)
+    why_not = standing(run.log).why_not
+    if why_not:
+        reason = f"it counts for no claim: {why_not}"
+    elif ledger.experiment != run.experiment:
+        judge = notebook_of(project, ledger.experiment or "")
+        reason = f"by the acceptance range of this run; the criterion is judged in notebook {judge}"
+    elif ledger.runs:
+        reason = f"one of the {len(ledger.runs)} runs whose median and range the ledger has"
+    else:
+        reason = f"the ledger has the value of {ledger.log}"
+    return OwnEntry(ledger=ledger, own=own, reason=reason)
+
+
+def figures_folder(project: Project, log: Path) -> Path:
+    """Return the folder for the figures of a log: shared only by runs that count for claims."""
+    folder = project.runs / "figures"
+    logs = project.runs / "logs"
+    if not log.resolve().is_relative_to(logs.resolve()):
+        return folder / log.stem
+    return folder if standing(log).speaks else folder / f"{log.parent.name}-{log.stem}"
 
 
 def save_figures(project: Project, run: Run[Any], folder: Path) -> list[Path]:

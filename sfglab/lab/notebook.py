@@ -16,11 +16,11 @@ import pandas as pd
 
 from sfglab.errors import InvalidValueError
 from sfglab.lab import ledger
-from sfglab.lab.claims import Entry, How, Ledger
+from sfglab.lab.claims import Entry, How, Ledger, OwnLedger
 from sfglab.lab.experiments import experiment
 from sfglab.lab.figures import COLORS, few_colors, house_style, png_of
 from sfglab.lab.paths import find_project
-from sfglab.lab.runs import SMOKE, C, Run
+from sfglab.lab.runs import SMOKE, C, Run, standing
 from sfglab.record import LogReader
 
 if TYPE_CHECKING:
@@ -107,27 +107,45 @@ def words(frame: pd.DataFrame) -> Styler:
 
 
 def save_figures(run: Run[Any]) -> str:
-    """Draw and save every figure of a run into ``runs/figures``, and return their names."""
+    """Draw and save every figure of a run, and return their folder and names.
+
+    The folder is ``runs/figures``. Of a run that counts for no claim, and of a log from elsewhere,
+    it is one below, so that no figure of another run is replaced.
+    """
     project = find_project()
-    files = ledger.save_figures(project, run, project.runs / "figures")
-    return ", ".join(map(project.relative, files))
+    folder = ledger.figures_folder(project, run.log)
+    files = ledger.save_figures(project, run, folder)
+    names = dict.fromkeys(file.stem for file in files)
+    return f"{project.relative(folder)}: {', '.join(names)} (SVG, PNG and JSON)"
 
 
-def claims_of(run: Run[Any]) -> Ledger:
-    """Return the claims that a run answers, judged: paper said, we measured."""
-    return ledger.entries_of(find_project(), run)
+def claims_of(run: Run[Any]) -> OwnLedger:
+    """Return the claims that a run answers, as the ledger has them and by this run."""
+    return ledger.own_ledger(find_project(), run)
+
+
+def require(run: Run[Any], condition: object, what: str = "") -> None:
+    """Assert a condition on a run, unless its configuration was changed.
+
+    Raises:
+        AssertionError: The condition does not hold, and the run has the fields of its profile.
+    """
+    if not run.is_changed and not condition:
+        raise AssertionError(what or "a condition of this notebook does not hold")
 
 
 def check(run: Run[Any], *verdicts: str, may_deviate: Sequence[str] = ()) -> str:
     """Assert that every claim of a run has one of these verdicts, and say so.
 
-    Verdicts are ``reproduced``, ``better`` (and with it ``as good``), or those that are known: ``fitted``,
+    Of a run with changed fields nothing is asserted. Verdicts are ``reproduced``, ``better`` (and with it ``as good``), or those that are known: ``fitted``,
     ``undecided``. Claims of `may_deviate` may deviate if the experiment gives the reason, and those measured
     live in a smoke test, which is too short to measure by; it is said.
 
     Raises:
         AssertionError: A claim has another verdict; says which.
     """
+    if run.is_changed:
+        return f"nothing is asserted: this run counts for no claim ({standing(run.log).why_not})"
     entries = ledger.entries_of(find_project(), run)
     asked = {*verdicts, *(["as good"] if "better" in verdicts else [])}
     wrong = [e for e in entries if e.verdict.value not in asked]

@@ -28,6 +28,7 @@ from sfglab.lab.ahead import end_process, give_way, sweeps_ahead
 from sfglab.lab.experiment import QUICK
 from sfglab.lab.experiments import experiment
 from sfglab.lab.progress import is_line
+from sfglab.lab.runs import SMOKE
 from sfglab.lab.sweep.run import begin_worker
 
 if TYPE_CHECKING:
@@ -60,6 +61,9 @@ class Outcome:
     name: str  #: The notebook's name without suffix.
     seconds: float  #: Wall time.
     error: str = ""  #: What went wrong, one line; empty when it ran through.
+    experiment: str = ""  #: Name of the experiment that it runs; empty: none.
+    notebook: Path | None = None  #: The executed copy.
+    log: Path | None = None  #: Log of the run; None where the notebook runs no experiment.
 
 
 def _say(text: str) -> None:
@@ -154,6 +158,14 @@ def experiment_of(notebook: NotebookNode) -> str:
     """Return the name of the experiment that a notebook runs; empty: none."""
     found = _EXPERIMENT.search("\n".join(c.source for c in notebook.cells))
     return found[1] if found else ""
+
+
+def notebook_of(project: Project, experiment: str) -> str:
+    """Return the name of the notebook that runs an experiment; empty: there is none."""
+    for path in find_notebooks(project):
+        if experiment and experiment_of(read_notebook(path)) == experiment:
+            return path.stem
+    return ""
 
 
 def read_notebook(path: Path) -> NotebookNode:
@@ -376,16 +388,28 @@ def seconds_left(done: Sequence[Outcome], before: Mapping[str, float]) -> float:
 
 
 def seconds_before(path: Path, project: Project, parameters: Mapping[str, Any]) -> float:
-    """Return how long a notebook took when it was last run with these parameters, by its copy; 0: unknown."""
+    """Return how long a notebook took when it was last run with these parameters, s; 0: unknown."""
+    folder = project.runs / "notebooks"
+    variations = sorted(folder.glob(f"{path.stem}-*.ipynb"))
+    for copy in [*variations[-1:], folder / path.name]:
+        seconds = _seconds_of(copy, fit_parameters(path, parameters))
+        if seconds:
+            return seconds
+    return 0.0
+
+
+def _seconds_of(path: Path, parameters: Mapping[str, Any]) -> float:
+    """Return how long the run took of which this is the copy; 0 if it is another run."""
     try:
-        copy = read_notebook(project.runs / "notebooks" / path.name)
+        copy = read_notebook(path)
     except NotebookError:
         return 0.0
-    # Its first cell, the title, waited for its turn.
-    last, *firsts = (part.metadata.get("papermill", {}) for part in (copy, *copy.cells[:1]))
-    alike = last.get("parameters") == fit_parameters(path, parameters) and not last.get("exception")
-    waited_s = sum(first.get("duration") or 0.0 for first in firsts)
-    return float(last.get("duration") or waited_s) - waited_s if alike else 0.0
+    run = copy.metadata.get("papermill", {})
+    if run.get("parameters") != parameters or run.get("exception"):
+        return 0.0
+    title = copy.cells[0].metadata.get("papermill", {}) if copy.cells else {}
+    waited_s = title.get("duration") or 0.0  # the title's cell waits for the notebook's turn
+    return float(run.get("duration") or waited_s) - waited_s
 
 
 def _run_one(
@@ -398,15 +422,43 @@ def _run_one(
 ) -> Outcome:
     import nbformat
 
-    output = project.runs / "notebooks" / path.name
+    output = _executed_copy(path, project, parameters)
+    name = experiment_of(read_notebook(path))
+    logs = project.runs / "logs" / (name or "none")
+    before = set(logs.glob("*.mcap"))
     started = time.monotonic()
     try:
         run_notebook(path, output, parameters, **hooks)
     except NotebookError as error:
-        return Outcome(name=path.stem, seconds=time.monotonic() - started, error=str(error))
+        seconds = time.monotonic() - started
+        return Outcome(name=path.stem, seconds=seconds, error=str(error), notebook=output)
+    seconds = time.monotonic() - started
     if write:
         nbformat.write(normalise(read_notebook(output), project), path)
-    return Outcome(name=path.stem, seconds=time.monotonic() - started)
+    log = max(set(logs.glob("*.mcap")) - before, default=None)
+    if parameters.get("log"):
+        log = project.root / parameters["log"]
+    return Outcome(name=path.stem, seconds=seconds, experiment=name, notebook=output, log=log)
+
+
+def is_variation(parameters: Mapping[str, Any]) -> bool:
+    """Return whether a run with these parameters counts for no claim, or reads a log."""
+    return parameters.get("profile") == SMOKE or not parameters.keys() <= {"profile", "seed"}
+
+
+def _executed_copy(path: Path, project: Project, parameters: Mapping[str, Any]) -> Path:
+    """Return where the executed copy goes; that of a variation replaces no other one."""
+    folder = project.runs / "notebooks"
+    if not is_variation(parameters):
+        return folder / path.name
+    stamp = time.strftime("%Y%m%dT%H%M%S", time.gmtime())
+    stem = f"{path.stem}-{stamp}-{parameters.get('profile', QUICK)}"
+    copy = folder / f"{stem}.ipynb"
+    again = 1
+    while copy.exists():
+        again += 1
+        copy = folder / f"{stem}-{again}.ipynb"
+    return copy
 
 
 def normalise(notebook: NotebookNode, project: Project) -> NotebookNode:

@@ -85,6 +85,12 @@ class Run(Generic[C]):
         """The run's profile; empty in a log without completion record."""
         return str(self.metadata(COMPLETION).get("profile", ""))
 
+    @property
+    def is_changed(self) -> bool:
+        """Whether it is a variation: fields differ from the profile's, or it was explored."""
+        done = self.metadata(COMPLETION)
+        return bool(done.get("changed")) or bool(done.get("explored"))
+
     def metadata(self, name: str) -> dict[str, Any]:
         """Return a metadata record; empty when the log does not have it."""
         return dict(self._metadata.get(name, {}))

@@ -36,7 +36,12 @@ class Estimate:
     unit: str  #: Unit of all three.
 
     def __str__(self) -> str:
-        return f"{self.value:.3g} {self.unit} [{self.low:.3g}, {self.high:.3g}]"
+        return f"{rounded(self.value)} {self.unit} [{rounded(self.low)}, {rounded(self.high)}]"
+
+
+def rounded(value: float) -> str:
+    """Return a number with three significant digits, without an exponent up to a million."""
+    return f"{float(f'{value:.3g}'):g}"
 
 
 def exactly(value: float, unit: str) -> Estimate:

@@ -2,138 +2,164 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from textwrap import fill
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 import pandas as pd
 
-from sfglab.lab.experiments import balancing, decode_once, discovery, experiment, transfer
+from sfglab.lab.experiments import decode_once, discovery, experiment
+from sfglab.lab.experiments.phases import answers, verdicts
+from sfglab.lab.experiments.transmission.analysis import BEST
 from sfglab.lab.figures import drawn, file_sha256, save_figure, series
 from sfglab.lab.index import COLORS
 from sfglab.lab.ledger import compute_ledger
+from sfglab.lab.stats import rounded
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
     from pathlib import Path
 
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
     from sfglab.lab.claims import Entry
     from sfglab.lab.paths import Project
     from sfglab.lab.runs import Run
 
-CAPTION = "The four boundaries: what they cost without and with their proxy, and what the ledger says of it."
+CAPTION = "Four boundaries: cost without and with the proxy, and the claim of the ledger for each."
+
+
+@dataclass(frozen=True, slots=True)
+class Boundary:
+    """A boundary with its proxy: one panel of the figure."""
+
+    experiment: str  #: Name of the experiment whose log is plotted.
+    claim: str  #: Id of the claim that the panel shows.
+    proxy: str  #: Name of the proxy, the panel's title.
+    cost: str  #: Quantity on the vertical axis with its unit.
+    table: Callable[[Run[Any]], pd.DataFrame]  #: Cost without and with the proxy, by the index.
 
 
 def _decoding(run: Run[Any]) -> pd.DataFrame:
     loads = decode_once.analysis.cells(run).query("codec == 'h264'")
-    return loads.pivot_table("cpu", "subscribers", "mode")[["standard", "dds"]].dropna()
+    table = loads.pivot_table("cpu", "subscribers", "mode")[["standard", "proxy"]].dropna()
+    return table.rename_axis("subscribers")
 
 
 def _discovery(run: Run[Any]) -> pd.DataFrame:
-    """By an agent's nodes, because larger standard fleets than these keep all cores busy, which adds bytes."""
-    fleets, agents = discovery.analysis.live(run), discovery.analysis.PAPERS_LARGEST
-    routed = fleets.by_pace("routed", agents, "own_bytes")[0]
-    columns = {
-        "standard": {nodes: np.median(sample) / 1e6 for nodes, sample in fleets.by_density(agents)},
-        "routed": {sum(fleets.main_nodes()): np.median(routed) / 1e6},
-    }
-    return pd.DataFrame(columns).rename_axis(f"nodes of each of {agents} agents")
-
-
-def _caching(run: Run[Any]) -> pd.DataFrame:
-    sent = (
-        (1 - balancing.analysis.saved(run))
-        .mean()
-        .to_frame("cached")
-        .rename_axis("readings a second")
-    )
-    return sent.assign(all=1.0)[["all", "cached"]].mul(sent.index, axis=0)
-
-
-def _transfer(run: Run[Any]) -> pd.DataFrame:
-    table = transfer.analysis.bars(run).query(
-        "panel == 'hardware to hardware' and model == 'stored'"
-    )
-    return (
-        table.query("message_bytes == 10**7").set_index("subscribers")[["smt_s", "gateway_s"]] * 1e3
+    """Return what the claim compares: of plain ROS 2 what follows from agents with few nodes."""
+    finding = discovery.exp.measure(run)[_BYTES]
+    received_mb = finding.ends["MB received by standard"]
+    saved = 10**finding.estimate.value
+    agents = discovery.analysis.PAPERS_LARGEST
+    nodes = sum(discovery.analysis.live(run).main_nodes())
+    return pd.DataFrame(
+        {"without": [received_mb], "with": [received_mb / saved]},
+        index=pd.Index(
+            [agents], name=f"{agents} agents of {nodes} nodes each\n(plain ROS 2: extrapolated)"
+        ),
     )
 
 
+def _losing(run: Run[Any]) -> pd.DataFrame:
+    """Return the share of messages lost by Rmax: the mean over the plausible conditions.
+
+    Without the proxy it is that of the history depth with the lowest loss.
+    """
+    tables = verdicts.judged(run)
+    assert tables is not None, "the committed log has every plausible condition"
+    lost = answers.summary(tables[0])
+    mean = lost.groupby(["method", "depth", "rate_max_hz"])["lost"].mean()
+    best = mean[BEST].groupby("rate_max_hz").min()
+    plain = mean["none"].groupby("rate_max_hz").min()
+    table = pd.DataFrame({"without": plain, "with": best})
+    return 100 * table.rename_axis("Rmax (Hz)")
+
+
+def _mapping(run: Run[Any]) -> pd.DataFrame:
+    edges = run["stage"]["carriages"].to_list()
+    return pd.DataFrame(
+        {"without": [edges[0]], "with": [edges[-1]]},
+        index=pd.Index([0], name="application of paper C, Fig. 8"),
+    )
+
+
+LABELS = {"standard": "plain ROS 2", "proxy": "with proxy"}
+_WIDE_RANGE = 10  #: Ratio of values from which an axis is logarithmic.
+_BYTES = "A-DISC-BYTES-OURS"
 BOUNDARIES = (
-    (
-        "decode_once",
-        "A-CPU-SFG",
-        "network, device:\ndecoder, on demand",
-        "CPU (% of a core)",
-        _decoding,
-    ),
-    (
-        "discovery",
-        "A-DISC-BYTES",
-        "agent, global domain:\nrouter",
-        "an agent receives (MB)",
-        _discovery,
-    ),
-    (
-        "balancing",
-        "B-COOP",
-        "robot, processing station:\ncaches and QoS",
-        "sent a second (mean)",
-        _caching,
-    ),
-    ("transfer", "C-HWHW", "software, hardware:\ngateway", "10 MB to all take (ms)", _transfer),
+    Boundary("decode_once", "A-CPU-OURS", "Decoder", "CPU load (% of one core)", _decoding),
+    Boundary("discovery", _BYTES, "Router", "received per agent (MB)", _discovery),
+    Boundary("phases", "B-LOSS", "Caches and balanced QoS", "messages lost (%)", _losing),
+    Boundary("gateways", "C-MAP", "Gateway", "edges across the boundary", _mapping),
 )
-"""As README.md lists them: whose figure, claim, boundary and proxy, what is drawn: by x without and with it."""
+"""The boundaries, as README.md lists them."""
 
 
 def save_summary(project: Project) -> list[Path]:
     """Draw the page into ``figures/summary``, from committed logs alone; return the files."""
     ledger = {entry.claim.id: entry for entry in compute_ledger(project, committed=True)}
-    logs = {name: project.reference_logs / f"{name}.mcap" for name, *_ in BOUNDARIES}
-    tables = [draw(experiment(name).load(logs[name])) for name, *_, draw in BOUNDARIES]
-    entries = [ledger[claim] for _, claim, *_ in BOUNDARIES]
-    shown = {entry.claim.id: f"{_number(entry)}: {entry.verdict.value}" for entry in entries}
+    logs = {one.experiment: project.reference_logs / f"{one.experiment}.mcap" for one in BOUNDARIES}
+    tables = [
+        one.table(experiment(one.experiment).load(logs[one.experiment])) for one in BOUNDARIES
+    ]
+    entries = [ledger[one.claim] for one in BOUNDARIES]
+    shown = {e.claim.id: f"{e.value} {e.unit}: {e.verdict.value}" for e in entries}
     origin = {project.relative(log): file_sha256(log) for log in logs.values()}
-    figure = drawn((10, 4.2), _draw, tables, entries)
+    figure = drawn((10.5, 4.6), _draw, tables, entries)
     return save_figure(
         figure, project.figures / "summary", {"experiment": "", "logs": origin, "shown": shown}
     )
 
 
 def _draw(figure: Figure, tables: list[pd.DataFrame], entries: list[Entry]) -> None:
-    figure.set_layout_engine("constrained", rect=(0, 0.24, 1, 0.76))  # below: numbers and verdicts
-    parts = zip(figure.subplots(1, 4), BOUNDARIES, tables, entries, strict=True)
-    for axes, (_, _, title, cost, _), table, entry in parts:
-        for column, key in zip(table.columns, ("standard", "proxy"), strict=True):
-            label = {"standard": "without", "proxy": "with its proxy"}[key]
-            axes.plot(table.index, table[column], markersize=4, label=label, **series(key))
-        axes.set(xlabel=table.index.name, ylabel=cost, ylim=(0, 1.35 * float(table.max().max())))
-        axes.set_title(title, fontsize=9.5, weight="bold")
-        axes.legend(fontsize=8, loc="upper left")
-        style: dict[str, Any] = {
-            "xycoords": "axes fraction",
-            "ha": "center",
-            "va": "top",
-            "in_layout": False,
-        }
-        axes.annotate(_number(entry), (0.5, -0.24), **style)
-        verdict, style["color"] = (
-            f"{entry.claim.id}: {entry.verdict.value}",
-            COLORS[entry.verdict.value],
+    figure.set_layout_engine("constrained", rect=(0, 0.28, 1, 0.72))  # below: values and verdicts
+    panels = zip(figure.subplots(1, 4), BOUNDARIES, tables, entries, strict=True)
+    for axes, boundary, table, entry in panels:
+        if len(table) > 1:
+            _draw_lines(axes, table)
+        else:
+            _draw_points(axes, table)
+        axes.set(ylabel=boundary.cost, title=boundary.proxy)
+        axes.title.set(fontsize=9.5, weight="bold")
+        text = {"xycoords": "axes fraction", "ha": "center", "va": "top", "in_layout": False}
+        axes.annotate(_number(entry), (0.5, -0.26), fontsize=8.5, **text)
+        verdict = f"{entry.claim.id}: {entry.verdict.value}"
+        color = COLORS[entry.verdict.value]
+        axes.annotate(verdict, (0.5, -0.62), weight="bold", color=color, **text)
+    figure.suptitle("Four proxies: a cost per subscriber becomes a cost per message")
+
+
+def _draw_lines(axes: Axes, table: pd.DataFrame) -> None:
+    for column, key in zip(table.columns, ("standard", "proxy"), strict=True):
+        axes.plot(table.index, table[column], markersize=4, label=LABELS[key], **series(key))
+    axes.set(xlabel=table.index.name, ylim=(0, 1.35 * float(table.max().max())))
+    axes.legend(fontsize=8, loc="upper left")
+    axes.locator_params(axis="x", nbins=5, integer=True)
+
+
+def _draw_points(axes: Axes, table: pd.DataFrame) -> None:
+    """Draw a table of one line: a labelled point for each column."""
+    for place, (column, key) in enumerate(zip(table.columns, ("standard", "proxy"), strict=True)):
+        value = float(table[column].iloc[0])
+        axes.plot(place, value, markersize=7, linestyle="", **series(key))
+        axes.annotate(
+            rounded(value), (place, value), (0, 8), textcoords="offset points", ha="center"
         )
-        axes.annotate(verdict, (0.5, -0.5), weight="bold", **style)
-        axes.locator_params(axis="x", nbins=5, integer=True)
-    figure.suptitle(
-        "A message crosses each boundary once: what was paid per subscriber is paid per message"
-    )
+    axes.set(xlabel=table.index.name, xlim=(-0.6, 1.6))
+    axes.set_xticks([0, 1], [LABELS["standard"], LABELS["proxy"]])
+    if table.max().max() > _WIDE_RANGE * table.min().min():
+        axes.set_yscale("log")
+        axes.margins(y=0.2)
+    else:
+        axes.set_ylim(0, 1.3 * float(table.max().max()))
 
 
 def _number(entry: Entry) -> str:
-    """Return our figure with its interval, beside the paper's."""
-    paper = entry.claim.paper
-    beside = "paper: no number" if paper is None else f"paper: {paper:.3g}"
-    if entry.measured is None:
-        return f"to be recorded, {beside}\n{entry.claim.unit}"
-    ours = entry.measured.estimate
-    spread = f" [{ours.low:.3g}, {ours.high:.3g}]" if ours.low < ours.high else ""
-    return f"{ours.value:.3g}{spread}, {beside}\n{entry.claim.unit}\n({entry.measured.how.value})"
+    """Return the value with its interval, the paper's value, and how the value was obtained."""
+    paper = "no number" if entry.claim.paper is None else rounded(entry.claim.paper)
+    how = entry.measured.how.value if entry.measured else "not measured"
+    kind = f", {entry.interval}" if entry.interval else ""
+    unit = fill(entry.unit, 30)
+    return f"{entry.value} (paper: {paper})\n{unit}\n{how}{kind}"

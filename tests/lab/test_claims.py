@@ -112,7 +112,7 @@ def test_verdicts_follow_from_ends_conditions_and_fits(more, verdict, reason):
             [5, 7],
             Verdict.UNDECIDED,
             (6, 5, 7),
-            "5.mcap: 5 [5, 5], reproduced; 7.mcap: 7 [7, 7], deviates",
+            "5.mcap: 5, reproduced; 7.mcap: 7, deviates",
         ),
         ([7, 8, 9], Verdict.DEVIATES, (8, 7, 9), ""),
     ],
@@ -131,7 +131,7 @@ def test_without_a_figure_the_verdict_is_not_yet_and_the_table_counts_verdicts()
     assert entry.verdict is Verdict.NOT_YET
     assert (entry.as_json()["value"], entry.as_json()["log"]) == (None, None)
     text = render([entry_for(claim(), measured(5)), entry_for(claim(id="Y"), None)])
-    assert text.splitlines()[-1] == "1 reproduced, 1 not yet"
+    assert text.splitlines()[-1] == "ledger: 1 reproduced, 1 not yet"
 
 
 def test_an_entry_as_json_has_the_promised_keys():

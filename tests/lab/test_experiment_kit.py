@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import asyncio
 import json
+import os
 import re
+import shutil
+import subprocess
 import sys
 from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
 
+import nbformat
 import pytest
 
 from sfglab.errors import InvalidValueError
@@ -218,3 +222,49 @@ def test_the_example_is_short_and_passes_its_own_test(example, tmp_path):
     figure, numbers = module.exp.figures(run)["cdr"]
     assert figure.axes
     assert list(numbers) == [64, 256, 1024]
+
+
+OWN_CLAIM = """
+- id: A-CDR
+  where: A 4.3
+  says: an image is serialised and read back
+  paper: null
+  unit: us
+  band: [0, 100000]
+  experiment: cdr
+"""
+
+
+@pytest.mark.slow
+def test_the_index_runs_with_an_experiment_of_ones_own(example, tmp_path):
+    """The guide "Extend it": an experiment, its claim and its notebook, then the index."""
+    root = Path(__file__).parents[2]
+    for name in ("sfglab", "data", "figures", "notebooks"):
+        shutil.copytree(root / name, tmp_path / name, ignore=shutil.ignore_patterns("__pycache__"))
+    experiments = tmp_path / "sfglab" / "lab" / "experiments"
+    (experiments / "cdr.py").write_text(example[1], encoding="utf-8")
+    listing = experiments / "__init__.py"
+    text = listing.read_text("utf-8")
+    listing.write_text(text.replace('    "naming",\n', '    "naming",\n    "cdr",\n'), "utf-8")
+    with (tmp_path / "data" / "claims.yaml").open("a", encoding="utf-8") as claims:
+        claims.write(OWN_CLAIM)
+    sources = (
+        "from sfglab.lab import notebook\nfrom sfglab.lab.experiments import cdr",
+        'profile: str = "quick"\nseed: int = 0\nlog: str = ""\nsettings: dict = {}',
+        "run = await notebook.run(cdr.exp, profile, log, settings, seed=seed)",
+        "notebook.claims_of(run)",
+    )
+    cells = [nbformat.v4.new_markdown_cell("# Serialisation")]
+    cells += [nbformat.v4.new_code_cell(source) for source in sources]
+    cells[2].metadata["tags"] = ["parameters"]
+    page = nbformat.v4.new_notebook(cells=cells)
+    nbformat.write(page, tmp_path / "notebooks" / "22_cdr.ipynb")
+    environment = os.environ | {"PYTHONPATH": str(tmp_path), "SFGLAB_ROOT": str(tmp_path)}
+    argv = [sys.executable, "-P", "-m", "sfglab", "reproduce", "22_cdr", "00_index"]
+    done = subprocess.run(argv, env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert "2 of 2 notebooks ran through" in done.stderr
+    shown = (tmp_path / "runs" / "notebooks" / "00_index.ipynb").read_text("utf-8")
+    assert "22_cdr" in shown
+    assert "A-CDR" in shown
+    assert "your run of " in shown

@@ -53,7 +53,7 @@ def test_cells_are_thin(path):
 
 def test_something_is_checked(path):
     sources = "\n".join(c.source for c in code_cells(path))
-    assert "assert " in sources or "notebook.check(" in sources
+    assert re.search(r"assert |notebook\.(check|require)\(", sources)
 
 
 def test_it_is_executed_and_its_outputs_are_clean(path):

@@ -160,7 +160,7 @@ def test_a_notebook_runs_through_and_leaves_a_log_its_figures_and_nothing_else(p
     (log,) = project.runs.glob("logs/*/*.mcap")
     assert log.parent.name in EXPERIMENTS
     assert not project.figures.exists(), "a smoke test replaces no figure"
-    assert {p.stem for p in (project.runs / "figures").glob("*.svg")} == FIGURES[name]
+    assert {p.stem for p in (project.runs / "figures").rglob("*.svg")} == FIGURES[name]
     LIVE_RUNS.get(name, lambda _: None)(experiment(log.parent.name).load(log))
 
 

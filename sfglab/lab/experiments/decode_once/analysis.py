@@ -101,6 +101,10 @@ class Slopes:
     net: Mapping[str, Estimate]  #: Mbit/s per subscriber at the consumer's interface.
     reduction: Mapping[str, Estimate]  #: How much less CPU than standard that is, per cent.
 
+    def can_compare(self, mode: str) -> bool:
+        """Return whether both loads grow with the subscribers; else a ratio has no meaning."""
+        return self.cpu["standard"].value > 0 and self.cpu[mode].value > 0
+
 
 @derived
 def slopes(run: Run[Config], codec: str = "h264") -> Slopes:
@@ -289,6 +293,9 @@ def _reduction(run: Run[Config], way: str) -> Finding:
     if way not in found.reduction:
         lacks = f"the log has no cells in which the decoder hands pictures on by {WAYS[way]}"
         return Finding(estimate=exactly(float("nan"), ""), reason=lacks)
+    if not found.can_compare(way):
+        falls = "the CPU load does not grow with the subscribers: too few readings"
+        return Finding(estimate=exactly(float("nan"), ""), reason=falls)
     beside = zip(("standard", way), ("standard", WAYS[way]), PAPER_CPU, strict=True)
     costs = [
         f"{found.cpu[mode].value:.2f} % {name} (paper {paper})" for mode, name, paper in beside

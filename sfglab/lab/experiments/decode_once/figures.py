@@ -69,10 +69,10 @@ def _draw_stream(figure: Figure, run: Run[Config], codec: str) -> dict[str, Any]
         cells(run)[cells(run)["codec"] == codec].groupby(["mode", "subscribers"]).size().max()
     )
     _draw_cost_model(cost, fits, spread=again > 1)
-    within = {
-        m: f" [{e.low:.0f}, {e.high:.0f}]" if again > 1 else "" for m, e in found.reduction.items()
-    }
-    less = (f"{e.value:.0f} %{within[m]} less by {WAYS[m]}" for m, e in found.reduction.items())
+    less = [
+        f"{_saving(found, mode, has_interval=again > 1)} by {WAYS[mode]}"
+        for mode in found.reduction
+    ]
     figure.suptitle(
         f"Decode once ({NAMES.get(codec, codec)}), CPU of an added subscriber: {', '.join(less)}"
     )
@@ -89,6 +89,17 @@ def _draw_stream(figure: Figure, run: Run[Config], codec: str) -> dict[str, Any]
         way: {said: getattr(fit, name) for name, said in terms.items()} for way, fit in fits.items()
     }
     return {**to_json(found), **shown}
+
+
+def _saving(found: Slopes, mode: str, *, has_interval: bool) -> str:
+    """Return in words how much less CPU a further subscriber takes than with the baseline."""
+    reduction = found.reduction[mode]
+    if not found.can_compare(mode):
+        return "not measurable"
+    if reduction.value < 0:
+        return f"{-reduction.value:.0f} % more"
+    interval = f" [{reduction.low:.0f}, {reduction.high:.0f}]" if has_interval else ""
+    return f"{reduction.value:.0f} %{interval} less"
 
 
 def _spread(run: Run[Config], codec: str, mode: str, column: str) -> tuple[Any, Any, Any]:

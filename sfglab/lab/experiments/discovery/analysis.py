@@ -29,7 +29,7 @@ from sfglab.lab.experiments.discovery.experiment import (
 from sfglab.lab.experiments.discovery.simulated import CORES, EXACT_MOST
 from sfglab.lab.figures import COLORS, MARKERS, series
 from sfglab.lab.runs import Run, derived
-from sfglab.lab.stats import Estimate, Floats, bootstrap
+from sfglab.lab.stats import Estimate, Floats, bootstrap, rounded
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -313,10 +313,10 @@ _LIVE_LABELS = {
     LAUNCHED: "routed, launched by the order",
     ROUTED: "routed, kept ready (ours)",
 }
-_SHORT = {STANDARD: "in one domain", LAUNCHED: "started in the paper's way", ROUTED: "routed by us"}
+_SHORT = {STANDARD: "in one domain", LAUNCHED: "paper's method", ROUTED: "sfglab variant"}
 _PANELS = {
-    _TIME: "until an agent knows all its peers (s)",
-    "own_bytes": "received at its interface until then",
+    _TIME: "discovery time per agent (s)",
+    "own_bytes": "bytes received per agent during discovery",
 }
 _PAPER: dict[str, dict[str, dict[int, float]]] = {
     _TIME: {STANDARD: {6: 40.0}, LAUNCHED: {2: 0.8, 6: 2.9}},
@@ -347,20 +347,31 @@ def draw_fleet(figure: Figure, run: Run[Config]) -> dict[str, Any]:
         run,
         f"Live, {nodes} an agent; standard's filled one follows from few. Bars: medians.",
     )
-    largest = max(sizes)
-    times = {mode: fleets.by_pace(mode, largest, _TIME) for mode in (LAUNCHED, ROUTED)}
-    told = {mode: float(np.median(paced[0])) for mode, paced in times.items() if paced}
-    figure.suptitle(_title(largest, "live", told))
+    figure.suptitle(_fleet_title(run, max(sizes)))
     return {"fleets": summary(run).to_dict("records"), "paper": _PAPER}
+
+
+def _fleet_title(run: Run[Config], agents: int) -> str:
+    """Return how many bytes fewer than with standard the agents of the largest fleet receive."""
+    found = {mode: _bytes_of(run, mode) for mode in (ROUTED, LAUNCHED)}
+    factors = [
+        f"{rounded(float(f'{10**finding.estimate.value:.2g}'))}x ({_SHORT[mode]})"
+        for mode, finding in found.items()
+        if finding is not None
+    ]
+    if not factors:
+        return f"Discovery of {agents} live agents"
+    saved = " and ".join(factors)
+    return f"{agents} agents discover each other with {saved} fewer bytes than plain ROS 2"
 
 
 def _title(agents: int, how: str, times_s: Mapping[str, float]) -> str:
     """Return what came of a size of fleet, by kind."""
     told = " and ".join(
-        f"{float(f'{time_s:.2g}'):g} s {_SHORT[mode]}" for mode, time_s in times_s.items()
+        f"{float(f'{time_s:.2g}'):g} s ({_SHORT[mode]})" for mode, time_s in times_s.items()
     )
     who = f"{agents} {how} agents"
-    return f"{who} know each other after {told}" if told else f"Discovery of {who}"
+    return f"{who} discover each other in {told}" if told else f"Discovery of {who}"
 
 
 def _draw_agents(

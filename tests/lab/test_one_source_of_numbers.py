@@ -1,0 +1,176 @@
+"""README, index, notebooks, book, summary and `sfglab claims` print the values of one program."""
+
+import importlib.util
+import json
+import re
+import subprocess
+import sys
+from html import unescape
+from pathlib import Path
+
+import nbformat
+import pytest
+from made_logs import DATA, reference
+
+from sfglab.lab.claims import render
+from sfglab.lab.experiments import EXPERIMENTS, experiment
+from sfglab.lab.ledger import compute_ledger, own_ledger
+from sfglab.lab.notebooks import experiment_of, find_notebooks
+from sfglab.lab.paths import Project
+
+ROOT = Path(__file__).parents[2]
+PROJECT = Project(root=ROOT)
+ID = re.compile(r"\b[ABC]-[A-Z0-9]+(?:-[A-Z0-9]+)*\b")
+
+
+@pytest.fixture(scope="module")
+def ledger():
+    """The ledger of the committed logs, by claim."""
+    return {entry.claim.id: entry for entry in compute_ledger(PROJECT, committed=True)}
+
+
+def html_rows(html: str) -> list[list[str]]:
+    """Return the rows of all tables, cell by cell, as text."""
+    rows = re.findall(r"<tr>(.*?)</tr>", html, re.DOTALL)
+    cells = [re.findall(r"<td[^>]*>(.*?)</td>", row, re.DOTALL) for row in rows]
+    return [[unescape(re.sub(r"<[^>]+>", " ", cell)).strip() for cell in row] for row in cells]
+
+
+def markdown_rows(text: str) -> list[list[str]]:
+    return [[cell.strip() for cell in line.split("|")] for line in text.splitlines() if "|" in line]
+
+
+def outputs_of(name: str) -> str:
+    """Return the HTML that a committed notebook shows."""
+    notebook = nbformat.read(ROOT / "notebooks" / f"{name}.ipynb", as_version=4)
+    shown = [o for c in notebook.cells if c.cell_type == "code" for o in c.outputs]
+    return "\n".join(o.get("data", {}).get("text/html", "") for o in shown)
+
+
+def disagreeing(rows, ledger, *, named_in: int) -> tuple[list[str], list[str]]:
+    """Return the claims that rows are about, and those rows that differ from the ledger."""
+    about, wrong = [], []
+    for row in rows:
+        ids = [name for name in ID.findall(row[named_in]) if name in ledger] if row else []
+        if len(ids) != 1:
+            continue
+        entry = ledger[ids[0]]
+        about.append(entry.claim.id)
+        values = [cell for cell in row if cell == entry.value or cell.startswith(f"{entry.value} ")]
+        verdicts = [cell for cell in row if re.search(rf"\b{entry.verdict.value}\b", cell)]
+        if not values or not verdicts:
+            wrong.append(" | ".join(row))
+    return about, wrong
+
+
+def test_the_readme_prints_the_ledgers_values(ledger):
+    text = (ROOT / "README.md").read_text("utf-8")
+    results, _, rest = text.partition("<!-- results")[2].partition("\nWhat did not hold")
+    about, wrong = disagreeing(markdown_rows(results), ledger, named_in=-2)
+    assert (len(about), wrong) == (5, [])
+    deviating = rest.partition("\nWhat it does better")[0]
+    rows = [[*row, "deviates"] for row in markdown_rows(deviating)]
+    about, wrong = disagreeing(rows, ledger, named_in=1)
+    assert wrong == []
+    deviate = {name for name, entry in ledger.items() if entry.verdict.value == "deviates"}
+    assert set(about) == deviate
+
+
+def test_the_committed_index_prints_the_ledgers_values(ledger):
+    html = outputs_of("00_index")
+    assert html.count("Values and verdicts are from the committed logs.") == 2
+    about, wrong = disagreeing(html_rows(html), ledger, named_in=0)
+    assert wrong == []
+    assert about == [*ledger]
+    spans = re.findall(r'nowrap">(\S+) <b[^>]*>([^<]+)</b>', html)
+    assert [(name, said) for name, said in spans if ledger[name].verdict.value != said] == []
+
+
+@pytest.mark.parametrize("path", find_notebooks(PROJECT), ids=lambda path: path.stem)
+def test_a_committed_notebook_prints_the_ledgers_values(path, ledger):
+    name = experiment_of(nbformat.read(path, as_version=4))
+    claims = experiment(name).claims if name else ()
+    html = outputs_of(path.stem)
+    about, wrong = disagreeing(html_rows(html), ledger, named_in=0)
+    assert wrong == []
+    if claims:
+        assert set(about) == set(claims)
+        assert "ledger from the committed logs" in html
+
+
+def test_the_book_prints_the_ledgers_values(ledger, monkeypatch):
+    monkeypatch.setenv("SFGLAB_ROOT", str(ROOT))
+    spec = importlib.util.spec_from_file_location("pages", ROOT / "book" / "pages.py")
+    pages = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(pages)
+    page = pages.ledger_page().replace("\\", "")
+    about, wrong = disagreeing(markdown_rows(page), ledger, named_in=1)
+    assert (about, wrong) == ([*ledger], [])
+    assert "from the committed logs" in page
+
+
+def test_the_command_prints_the_ledgers_values(ledger):
+    argv = [sys.executable, "-P", "-m", "sfglab", "claims", "--reference"]
+    done = subprocess.run(argv, cwd=ROOT, capture_output=True, text=True, check=True)
+    assert done.stdout.rstrip("\n") == render([*ledger.values()])
+    assert "ledger from the committed logs: " in done.stdout
+    argv.append("--json")
+    done = subprocess.run(argv, cwd=ROOT, capture_output=True, text=True, check=True)
+    found = {entry["id"]: entry for entry in json.loads(done.stdout)}
+    assert {name: found[name]["value"] for name in found} == {
+        name: entry.measured.estimate.value for name, entry in ledger.items()
+    }
+    assert {entry["source"] for entry in found.values()} == {"the committed logs"}
+
+
+def test_the_summary_figure_prints_the_ledgers_values_of_claims_in_the_readme(ledger):
+    shown = json.loads((ROOT / "figures" / "summary.json").read_text("utf-8"))["shown"]
+    readme = (ROOT / "README.md").read_text("utf-8").partition("\nWhat did not hold")[0]
+    for name, said in shown.items():
+        entry = ledger[name]
+        assert said == f"{entry.value} {entry.unit}: {entry.verdict.value}"
+        assert f"({name}, " in readme
+
+
+def test_the_kind_of_each_interval_is_named(ledger):
+    for entry in ledger.values():
+        estimate = entry.measured.estimate
+        if estimate.low == estimate.high:
+            assert (entry.interval, "[" in entry.value) == ("", False)
+        elif entry.runs:
+            assert entry.interval == f"range over {len(entry.runs)} runs"
+        else:
+            assert entry.interval == "95 % interval"
+
+
+@pytest.mark.parametrize("name", EXPERIMENTS)
+def test_a_runs_own_verdict_stands_below_the_ledgers_with_the_reason(name, ledger):
+    claims = own_ledger(PROJECT, reference(experiment(name)))
+    heads = [row[0] for row in html_rows(claims._repr_html_()) if row]
+    for each in claims:
+        entry = ledger[each.ledger.claim.id]
+        assert (each.ledger.value, each.ledger.verdict) == (entry.value, entry.verdict)
+        if each.own is None:
+            continue
+        assert each.reason
+        assert heads[heads.index(entry.claim.id) + 1] == f"this run: {each.reason}"
+
+
+def test_b_loss_is_judged_in_notebook_19(ledger):
+    claims = own_ledger(PROJECT, reference(experiment("transmission")))
+    [loss] = [each for each in claims if each.ledger.claim.id == "B-LOSS"]
+    assert loss.ledger.verdict.value == ledger["B-LOSS"].verdict.value == "reproduced"
+    assert loss.own.verdict.value == "deviates"
+    assert "19_phases" in loss.reason
+
+
+def test_a_users_run_is_named_with_its_time(tmp_path):
+    project = Project(root=tmp_path)
+    (tmp_path / "data").mkdir()
+    (tmp_path / "data" / "claims.yaml").write_text((DATA / "claims.yaml").read_text("utf-8"))
+    log = project.runs / "logs" / "naming" / "20260102T030405-quick.mcap"
+    log.parent.mkdir(parents=True)
+    log.write_bytes((DATA / "reference" / "naming.mcap").read_bytes())
+    [entry] = compute_ledger(project, only=["A-FQN"])
+    assert entry.source == "your run of 2026-01-02 03:04 UTC"
+    assert "from your run of 2026-01-02 03:04 UTC" in render([entry])

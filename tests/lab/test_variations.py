@@ -1,0 +1,118 @@
+"""A variation is reported as what it is: it counts for no claim, asserts nothing, and replaces no file."""
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from made_logs import DATA, ran, reference
+
+from sfglab.lab import notebook
+from sfglab.lab.claims import Claim, How, Measured, entry_for
+from sfglab.lab.experiment import SMOKE_TITLE
+from sfglab.lab.experiments import experiment
+from sfglab.lab.experiments.decode_once.analysis import Slopes
+from sfglab.lab.experiments.decode_once.figures import _saving
+from sfglab.lab.stats import Estimate, exactly
+
+ROOT = Path(__file__).parents[2]
+
+
+@pytest.fixture
+def checkout(tmp_path, monkeypatch):
+    """A checkout with notebooks, claims and one committed log."""
+    shutil.copytree(ROOT / "notebooks", tmp_path / "notebooks", ignore=shutil.ignore_patterns(".*"))
+    (tmp_path / "data" / "reference").mkdir(parents=True)
+    shutil.copy(DATA / "claims.yaml", tmp_path / "data")
+    shutil.copy(DATA / "reference" / "naming.mcap", tmp_path / "data" / "reference")
+    monkeypatch.setenv("SFGLAB_ROOT", str(tmp_path))
+    return tmp_path
+
+
+def sfglab(*words):
+    argv = [sys.executable, "-P", "-m", "sfglab", *words]
+    return subprocess.run(argv, env=os.environ, capture_output=True, text=True, check=False)
+
+
+@pytest.mark.slow
+def test_a_variation_prints_its_claims_and_files_and_replaces_nothing(checkout):
+    others = [checkout / "runs" / name for name in ("notebooks/01_naming.ipynb", "figures/x.svg")]
+    for file in others:
+        file.parent.mkdir(parents=True)
+        file.write_text("of another run")
+    words = ["reproduce", "01_naming", "--profile", "smoke", "-p", "samples=10"]
+    first, second = sfglab(*words), sfglab(*words)
+    for done in (first, second):
+        assert done.returncode == 0, done.stderr
+        assert "This run counts for no claim: " in done.stdout
+        assert "A-FQN" in done.stdout
+        assert "A-CPU-SFG" not in done.stdout, "claims of other experiments"
+    assert [file.read_text() for file in others] == ["of another run"] * 2
+    for kind in ("notebook: ", "log: ", "figures: "):
+        paths = {line.partition(kind)[2] for line in first.stdout.splitlines() if kind in line}
+        paths |= {line.partition(kind)[2] for line in second.stdout.splitlines() if kind in line}
+        paths.discard("")
+        assert len(paths) == 2, f"{kind}: one for each run"
+        assert all((checkout / path).exists() for path in paths)
+
+
+def test_of_a_changed_run_nothing_is_asserted_and_of_another_everything(checkout, tmp_path):
+    exp = experiment("naming")
+    usual, changed = ran(exp, tmp_path / "a.mcap"), ran(exp, tmp_path / "b.mcap", samples=10)
+    assert not usual.is_changed
+    assert changed.is_changed
+    with pytest.raises(AssertionError, match="A-FQN: reproduced; expected better"):
+        notebook.check(usual, "better")
+    assert notebook.check(changed, "better").startswith("nothing is asserted: this run counts for")
+    with pytest.raises(AssertionError, match="nonsense"):
+        notebook.require(usual, condition=False, what="nonsense")
+    notebook.require(changed, condition=False, what="nonsense")
+
+
+@pytest.mark.parametrize("name", ["naming", "gateways"])
+def test_each_title_of_a_smoke_test_says_so(name, tmp_path):
+    exp = experiment(name)
+    for figure, _ in exp.figures(ran(exp, tmp_path / "a.mcap")).values():
+        titles = [figure.get_suptitle(), *(axes.get_title() for axes in figure.axes)]
+        assert any(title.startswith(SMOKE_TITLE) for title in titles)
+    for figure, _ in exp.figures(reference(exp)).values():
+        assert SMOKE_TITLE not in figure.get_suptitle()
+
+
+def slopes(standard: float, proxy: float) -> Slopes:
+    unit = "% of one core per subscriber"
+    return Slopes(
+        cpu={"standard": exactly(standard, unit), "proxy": exactly(proxy, unit)},
+        net={},
+        reduction={"proxy": exactly(100 * (1 - proxy / standard), "% less CPU per subscriber")},
+    )
+
+
+@pytest.mark.parametrize(
+    ("standard", "proxy", "said"),
+    [
+        (6.0, 3.0, "50 % less"),
+        (6.0, 12.0, "100 % more"),
+        (6.0, -12.0, "not measurable"),
+        (-6.0, -3.0, "not measurable"),
+    ],
+)
+def test_no_percentage_is_printed_that_cannot_exist(standard, proxy, said):
+    assert _saving(slopes(standard, proxy), "proxy", has_interval=False) == said
+
+
+def test_the_ledger_prints_a_negative_saving_as_more():
+    claim = Claim(
+        id="X",
+        where="A 1",
+        says="s",
+        paper=72.0,
+        unit="% less CPU per subscriber",
+        band=(60.0, 80.0),
+        experiment=None,
+    )
+    saving = Estimate(value=-101.0, low=-150.0, high=-50.0, unit=claim.unit)
+    entry = entry_for(claim, Measured(estimate=saving, how=How.LIVE))
+    assert (entry.value, entry.unit) == ("101 [50, 150]", "% more CPU per subscriber")
