@@ -144,6 +144,8 @@ def lab(
 ) -> None:
     """Open JupyterLab on the index notebook, with the repository beside it.
 
+    Nothing is saved by itself: a notebook that was only read stays as it is. Ctrl+S saves.
+
     Examples:
       sfglab lab
       sfglab lab -- --no-browser --ServerApp.base_url=/user/a/
@@ -153,10 +155,11 @@ def lab(
         "-m",
         "jupyterlab",
         f"--ServerApp.root_dir={find_project().root.resolve()}",
+        "--ServerApp.contents_manager_class=sfglab.lab.contents.Contents",
     ]
     argv += ["--allow-root"] * (os.getuid() == 0)  # in a container everybody is
     argv += ["--LabApp.default_url=/lab/tree/notebooks/00_index.ipynb", *(options or ())]
-    # Its configuration switches the part off that asks a public site for news.
+    # Its configuration switches off saving by itself, and the part that asks a public site for news.
     paths = [
         str(Path(sfglab.lab.__file__).parent / "jupyter"),
         os.environ.get("JUPYTER_CONFIG_PATH", ""),

@@ -163,7 +163,8 @@ def check(run: Run[Any], *verdicts: str, may_deviate: Sequence[str] = ()) -> str
         if held_by
         else f"{'is' if one else 'are'} {' or '.join(verdicts)}"
     )
-    return "\n".join([f"{len(held)} claim{'' if one else 's'} {verb}: {', '.join(held)}", *reasons])
+    count = f"{len(held)} claim{'' if one else 's'}"
+    return "\n".join([f"by this run {count} {verb}: {', '.join(held)}", *reasons])
 
 
 def _excuse(entry: Entry, run: Run[Any], may_deviate: Sequence[str]) -> str:
