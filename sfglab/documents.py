@@ -15,6 +15,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from difflib import get_close_matches
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from sfglab.errors import InvalidValueError
@@ -22,8 +23,6 @@ from sfglab.fields import BOUNDS, Bounds, alternatives_of, choices_of, typed_fie
 from sfglab.files import read_text
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     import yaml
 
 KeyPath = tuple[str | int, ...]  #: Keys and list positions from the top of a document.
@@ -102,11 +101,11 @@ class Document:
 
     @classmethod
     def of_file(
-        cls, path: Path, what: str = "a readable text file", *, one_line: bool = False
+        cls, path: Path | str, what: str = "a readable text file", *, one_line: bool = False
     ) -> Document:
         """Read a file; `what` says in a `DocumentError` what it should be."""
         try:
-            text = read_text(path, what)
+            text = read_text(Path(path), what)
         except InvalidValueError as error:
             raise DocumentError(Place(file=str(path)), error.given, what) from error
         return cls(text, str(path), one_line=one_line)

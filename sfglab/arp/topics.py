@@ -143,7 +143,7 @@ class TopicFile:
         )
 
 
-def load_topics(path: Path) -> TopicFile:
+def load_topics(path: Path | str) -> TopicFile:
     """Read a YAML file of topics; DocumentError says where it does not say what it must."""
     return read_topics(Document.of_file(path))
 

@@ -6,6 +6,7 @@ import os
 import sys
 import threading
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -45,7 +46,11 @@ def view(
         Option(help="A fleet file, for the layout, the expected agents and the border."),
     ] = None,
     frame: Annotated[
-        str, Option(help="Frame in which space is drawn. [default: map with a fleet file]")
+        str,
+        Option(
+            help="Frame in which space is drawn. "
+            "[default: map with a fleet file, else the root of the log's largest TF tree]"
+        ),
     ] = "",
     topic: Annotated[
         list[str] | None, Option(help="Only topics that begin so; may be repeated.")
@@ -167,6 +172,7 @@ def _logged(log: Path, options: ViewOptions) -> None:
 
     from sfglab.record import LogReader
     from sfglab.view.app import view_log
+    from sfglab.view.space import largest_tree_root
 
     with LogReader(log) as reader:
         types = sorted({info.type_name for info in reader.topics.values()})
@@ -175,6 +181,12 @@ def _logged(log: Path, options: ViewOptions) -> None:
     typer.echo(
         f"{log}: {count} messages of {len(reader.topics)} topics go to {', '.join(options.to)}{cut}"
     )
+
+    if not options.frame and options.fleet is None:
+        options = replace(options, frame=largest_tree_root(log))
+        if options.frame:
+            root = f"{options.frame}, the root of the largest TF tree"
+            typer.echo(f"space is drawn in {root}", err=True)
 
     def stay(session: Session) -> None:
         """Tell what was shown, and keep a server up until Ctrl-C: it has the data."""

@@ -245,7 +245,7 @@ _WIDTH = 110
 _RARE_BREAKS = frozenset("\x85\u2028\u2029")
 
 
-def load_graph(path: Path) -> Graph:
+def load_graph(path: Path | str) -> Graph:
     """Read a graph from a YAML file; DocumentError says where it does not say what it must."""
     return read_graph(Document.of_file(path))
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import asyncio
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,6 +17,7 @@ from sfglab.view import rerunning
 from sfglab.view.arrivals import Arrival, open_log
 from sfglab.view.bridge import Bridge
 from sfglab.view.session import Display, Session
+from sfglab.view.space import largest_tree_root
 from sfglab.view.stage import replay, wanted_topics
 from sfglab.view.visualizers.fleet import Communication
 
@@ -33,7 +34,8 @@ class ViewOptions:
     to: tuple[str, ...] = ("viewer",)  #: Where to show it; see `open_canvas`.
     #: A fleet file, for layout, expected agents and border; None for none.
     fleet: Path | None = None
-    #: In which space is drawn; empty: the viewer's choice, or ``map`` with a fleet file.
+    #: Frame in which space is drawn; empty: ``map`` with a fleet file, else the root of a log's
+    #: largest TF tree, else the viewer's choice.
     frame: str = ""
     topics: tuple[str, ...] = ()  #: Only topics with one of these beginnings; empty for all.
     memory: str = "25%"  #: How much a viewer that is started here may keep.
@@ -92,6 +94,8 @@ def view_log(
             session = session_for(topics, options)
             for display in session.displays if not options.thin else ():
                 session.limit(display.id, None)
+        if not options.frame and options.fleet is None:
+            options = replace(options, frame=largest_tree_root(path))
         with closing(_canvas(options, topics, Path(path).stem)) as canvas:
             replay(progress(log.arrivals(wanted_topics(session))), session, canvas)
             canvas.flush()

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 from sfglab.errors import InvalidValueError, MissingExtraError, SfglabError
 from sfglab.fleet.status.heartbeat import AGENT_HEARTBEAT
 from sfglab.units import NS_PER_S
-from sfglab.view.visualizer import AGENTS, SinkError, agent_root, entity_of_topic
+from sfglab.view.visualizer import AGENTS, SinkError, agent_root, camera_name, entity_of_topic
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -233,6 +233,7 @@ _PICTURES = (
     "ffmpeg_image_transport_msgs/msg/FFMPEGPacket",
     "foxglove_msgs/msg/CompressedVideo",
 )
+_CAMERA_INFO = "sensor_msgs/msg/CameraInfo"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -243,6 +244,8 @@ class Layout:
     agents: tuple[str, ...] = ()  #: Whose heartbeats and states are drawn.
     #: What each view shows, by a name for people.
     cameras: Mapping[str, str] = field(default_factory=dict)
+    #: Entities of images without a CameraInfo: they have no place in space.
+    flat: tuple[str, ...] = ()
     #: Whether heartbeats and states are drawn; without `agents` those of all that turn up.
     communication: bool = False
 
@@ -263,7 +266,10 @@ def layout_of_topics(topics: Mapping[str, str], *, frame: str = "") -> Layout:
     """Return a layout, drawn in a frame, for topics alone, given type by topic."""
     pictures = sorted(topic for topic, type_name in topics.items() if type_name in _PICTURES)
     cameras = {topic: entity_of_topic(topic) for topic in pictures}
-    return Layout(frame=frame, cameras=cameras, communication=AGENT_HEARTBEAT in topics.values())
+    placed = {camera_name(topic) for topic, kind in topics.items() if kind == _CAMERA_INFO}
+    flat = tuple(cameras[topic] for topic in pictures if camera_name(topic) not in placed)
+    communication = AGENT_HEARTBEAT in topics.values()
+    return Layout(frame=frame, cameras=cameras, flat=flat, communication=communication)
 
 
 def blueprint(layout: Layout) -> Any:
@@ -288,9 +294,12 @@ def blueprint(layout: Layout) -> Any:
 
 
 def _contents(layout: Layout) -> list[str]:
-    """Return what space holds: everything but pictures of depth, whose points it holds already, coloured."""
-    depths = [entity for entity in layout.cameras.values() if "depth" in entity]
-    return ["/**", *(rule for depth in depths for rule in (f"- {depth}", f"+ {depth}/cloud"))]
+    """Return what space holds: not images without a place, nor depth images, which it holds as points."""
+    rules = ["/**", *(f"- {entity}" for entity in layout.flat)]
+    for entity in layout.cameras.values():
+        if "depth" in entity:
+            rules += [f"- {entity}", f"+ {entity}/cloud"]
+    return rules
 
 
 def _space(frame: str) -> dict[str, Any]:

@@ -176,6 +176,17 @@ def agent_of_topic(topic: str) -> str | None:
         return None
 
 
+def camera_name(topic: str) -> str:
+    """Return the name that the topics of one camera have in common.
+
+    It is ``<name>`` in ``<name>/camera_info``, in ``<name>/ffmpeg`` as the naming schema has it, and in
+    ``<name>/image_raw`` and ``<name>/image_raw/compressed`` as image_transport has it.
+    """
+    name = topic.rpartition("/")[0]
+    parent, _, last = name.rpartition("/")
+    return parent if last.startswith("image") else name
+
+
 def entity_of_topic(topic: str) -> str:
     """Return the entity of a topic."""
     agent = agent_of_topic(topic)

@@ -4,14 +4,19 @@ import json
 import os
 import subprocess
 import sys
+import time
 from contextlib import closing, suppress
 from pathlib import Path
 from urllib.request import Request, urlopen
 
+import cv2
+import numpy as np
 import psutil
 import pytest
 from lab_page import ANSWER_S, HANDLE, OPTIONS, run_all, write_notebook
 from machine import open_browser
+from rosbags.rosbag2 import Writer
+from rosbags.typesys import Stores, get_typestore
 from waiting import wait_until
 
 from sfglab.lab.browser import free_port
@@ -249,3 +254,85 @@ def test_a_waypoint_is_added_and_saved_in_the_scene_editors_cell(run, browser, l
 def in_frame(browser, text):
     """Press what is in the editor's page with a text or label, once it is there."""
     browser.click(*browser.still(INSIDE % (json.dumps(text), json.dumps(text)), ANSWER_S))
+
+
+BADGE = (236, 0, 79)  #: Colour of the mark that Rerun puts beside a view with error reports.
+AXIS = (90, 129, 255)  #: Colour of the upward axis that Rerun draws at the origin of a frame.
+
+
+def badge_pixels(browser, file):
+    """Return how many pixels of a screenshot have the colour of Rerun's mark for error reports."""
+    browser.screenshot(file)
+    picture = cv2.imread(str(file))[..., ::-1].astype(int)
+    return int((abs(picture - BADGE).max(axis=2) < 4).sum())
+
+
+def space_is_drawn(browser, file):
+    """Return whether the axes of the view's frame are there: blue upwards, as Rerun draws them."""
+    browser.screenshot(file)
+    picture = cv2.imread(str(file))[..., ::-1].astype(int)
+    return int((abs(picture - AXIS).max(axis=2) < 12).sum()) > 20
+
+
+@pytest.fixture(scope="module")
+def bag(tmp_path_factory):
+    """A rosbag2 of an ordinary robot: odom, base_link, laser, and a scan; written by rosbags."""
+    folder = tmp_path_factory.mktemp("bag") / "robot"
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    types = store.types
+    made = {}
+
+    def stamped(frame, at_ns):
+        time = types["builtin_interfaces/msg/Time"](at_ns // 10**9, at_ns % 10**9)
+        return types["std_msgs/msg/Header"](time, frame)
+
+    def transform(parent, child, x, at_ns):
+        vector = types["geometry_msgs/msg/Vector3"](x, 0.0, 0.0)
+        turn = types["geometry_msgs/msg/Quaternion"](0.0, 0.0, 0.0, 1.0)
+        motion = types["geometry_msgs/msg/Transform"](vector, turn)
+        kind = types["geometry_msgs/msg/TransformStamped"]
+        one = kind(stamped(parent, at_ns), child, motion)
+        return types["tf2_msgs/msg/TFMessage"]([one])
+
+    def scan(at_ns):
+        ranges = np.full(90, 2.0, np.float32)
+        limits = (-1.5, 1.5, 3.0 / 90, 0.0, 0.1, 0.1, 10.0)
+        kind = types["sensor_msgs/msg/LaserScan"]
+        return kind(stamped("laser", at_ns), *limits, ranges, np.empty(0, np.float32))
+
+    with Writer(folder, version=9) as writer:
+        for topic, kind in (
+            ("/tf_static", "tf2_msgs/msg/TFMessage"),
+            ("/tf", "tf2_msgs/msg/TFMessage"),
+            ("/scan", "sensor_msgs/msg/LaserScan"),
+        ):
+            made[topic] = writer.add_connection(topic, kind, typestore=store)
+        for step in range(20):
+            at_ns = 10**18 + step * 10**8
+            messages = {
+                "/tf": transform("odom", "base_link", 0.1 * step, at_ns),
+                "/scan": scan(at_ns),
+            }
+            if step == 0:
+                messages["/tf_static"] = transform("base_link", "laser", 0.2, at_ns)
+            for topic, message in messages.items():
+                connection = made[topic]
+                cdr = store.serialize_cdr(message, connection.msgtype)
+                writer.write(connection, at_ns, cdr)
+    return folder
+
+
+@pytest.mark.slow
+def test_space_is_drawn_without_error_reports(run, browser, bag, pytestconfig, tmp_path):
+    driving = pytestconfig.rootpath / "data/reference/driving.mcap"
+    shot = tmp_path / "page.png"
+    wrong = VIEWER.format(log=str(bag)).replace(")", ", frame='nowhere')")
+    run(wrong)
+    wait_until(lambda: badge_pixels(browser, shot) > 50, ANSWER_S)  # this is how reports look
+    for log, root in ((bag, "odom"), (driving, "map")):
+        run(VIEWER.format(log=str(log)))
+        browser.wait_for(SAYS % f"space is drawn in {root}, the root of the largest TF tree")
+        browser.wait_for(STEP % 0, ANSWER_S)
+        wait_until(lambda: space_is_drawn(browser, shot), ANSWER_S)
+        time.sleep(3)  # a report would stand there as soon as the view is drawn
+        assert badge_pixels(browser, shot) == 0

@@ -25,6 +25,7 @@ from sfglab.view.cell import ROUNDED_NS, CellViewer
 from sfglab.view.panel import Panel
 from sfglab.view.rerunning import NOTEBOOK, RECEIVED, open_canvas
 from sfglab.view.session import Session
+from sfglab.view.space import largest_tree_root
 from sfglab.view.stage import wanted_topics
 from sfglab.view.widgets import button, widgets
 
@@ -42,8 +43,8 @@ _PERIOD_S, _FIRST_S = 0.5, 30.0
 class LogViewer:
     """A log in Rerun's viewer, to scrub, and which topic has messages when.
 
-    It shows a run, an MCAP file, or a bag that rosbags reads, also your own; space is drawn in a frame, or the
-    viewer's choice.
+    It shows a run, an MCAP file, or a bag that rosbags reads, also your own. Space is drawn in a frame; without
+    one in the root of the log's largest TF tree.
 
     Raises:
         LogError: There is no such file.
@@ -53,7 +54,8 @@ class LogViewer:
 
     def __init__(self, recording: Run[Any] | Path | str, *, frame: str = "") -> None:
         self._log = Path(recording if isinstance(recording, Path | str) else recording.log)
-        self._frame, self._spoken = frame, _spoken(self._log)
+        self._spoken = _spoken(self._log)
+        self._frame = frame or largest_tree_root(self._log)
         #: The time of each step on the log's clock: those at which the log has messages.
         self.times_ns = sorted({t for times in self._spoken.values() for t in times})
         kit = widgets()
@@ -64,8 +66,10 @@ class LogViewer:
         )
         self.slider.observe(lambda change: self._go(change["new"]), "value")
         self.said = kit.Label()  #: Its value says which step the viewer shows.
+        chosen = "" if frame or not self._frame else ", the root of the largest TF tree"
+        space = kit.Label(f"space is drawn in {self._frame}{chosen}" if self._frame else "")
         self.viewer = CellViewer(still=self.still, on_page=self._show, on_time=self._shown)
-        self.widget = kit.VBox([kit.HBox([self.slider, self.said]), self.viewer.widget])
+        self.widget = kit.VBox([kit.HBox([self.slider, self.said]), space, self.viewer.widget])
 
     def _repr_mimebundle_(self, **_: object) -> tuple[dict[str, Any], dict[str, Any]]:
         return still_bundle(self.widget, self.still, type(self))

@@ -96,7 +96,7 @@ def _taken(path: KeyPath, frame: str, before: KeyPath) -> _TakenError:
     return error
 
 
-def load_mapping(path: Path) -> MocapMapping:
+def load_mapping(path: Path | str) -> MocapMapping:
     """Read a mapping's YAML file, as ``data/mocap/two_agents.yaml``; DocumentError says where it is wrong."""
     return _mapping(Document.of_file(path))
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import fields, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sfglab.documents import Document, DocumentError, Section, suggestion
@@ -30,7 +31,6 @@ from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
-    from pathlib import Path
 
 FORMAT = 1  #: The version of the file format.
 _PLAIN = re.compile(r"[A-Za-z][A-Za-z0-9_./()+-]*( [A-Za-z0-9_./()+-]+)*")
@@ -281,8 +281,9 @@ def _done(edit: Callable[[SceneObject], None], place: str, thing: SceneObject) -
         raise SceneError(f"{place}: {error.place}", error.given, error.allowed) from error
 
 
-def load_scene(path: Path) -> Scene:
+def load_scene(path: Path | str) -> Scene:
     """Read a scene file, such as ``data/scenes/hall.yaml``; SceneError says where and how it is wrong."""
+    path = Path(path)
     try:
         text = read_text(path)
     except InvalidValueError as error:

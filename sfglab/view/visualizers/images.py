@@ -23,7 +23,14 @@ from sfglab.fleet.gop_cache import FLAG_KEY
 from sfglab.qos import COMPRESSED_STREAM, LATCHED
 from sfglab.view.geometry import DEPTH_ENCODINGS, pinhole_matrix, pixels
 from sfglab.view.rerunning import rr
-from sfglab.view.visualizer import Canvas, Input, Parameter, Update, Visualizer
+from sfglab.view.visualizer import (
+    Canvas,
+    Input,
+    Parameter,
+    Update,
+    Visualizer,
+    camera_name,
+)
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -40,13 +47,9 @@ def image_plane(frame: str, topic: str) -> str:
     """Return the frame of the pictures of one stream; empty for no frame.
 
     Streams of one camera may share its optical frame and not its intrinsics, so a picture and a camera info
-    belong together by their topics' common name: ``<name>/camera_info`` with ``<name>/ffmpeg`` as the schema
-    has it, or with ``<name>/image_raw`` and ``<name>/image_raw/compressed`` as image_transport has it.
+    belong together by `camera_name`.
     """
-    name = topic.rpartition("/")[0]
-    parent, _, last = name.rpartition("/")
-    name = parent if last.startswith("image") else name
-    return f"{frame}/image_plane{name}" if frame else ""
+    return f"{frame}/image_plane{camera_name(topic)}" if frame else ""
 
 
 class Image(Visualizer):

@@ -358,8 +358,9 @@ def draw_checks(figure: Figure, run: Run[Config]) -> dict[str, Any]:
         color = "network" if not checked else "proxy" if held == checked else "standard"
         rows[group] = [(holds, COLORS[color]), (open_, COLORS["network" if open_ else "proxy"])]
     word_table(figure, ["cases that hold", "what could not be asked there"], rows, wrap=36)
-    rest = f"\n{len(left)} properties could not be tested on that machine; verdict: undecided" * bool(
-        len(left)
+    rest = (
+        f"\n{len(left)} properties could not be tested on that machine; verdict: undecided"
+        * bool(len(left))
     )
     figure.suptitle(
         f"{sums['held'].sum()} of {sums['checked'].sum()} cases hold{rest}", fontsize=10
