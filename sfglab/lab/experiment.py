@@ -387,6 +387,8 @@ class Experiment(Generic[C]):
                 "explored": options.explored,
             }
             done["changed"] = self._changed(profile, config)
+            if options.only is not None:
+                done["only"] = sorted(options.only)
             try:
                 await self.write(config, unfinished, rows, options, done)
             except BaseException:
@@ -506,7 +508,11 @@ class Experiment(Generic[C]):
                 _mark_as_smoke(figure)
         return figure, {name: _numbers(value) for name, value in shown.items()}
 
+    def drawings_of(self, run: Run[C]) -> tuple[str, ...]:
+        """Return the names of the figures that a run has."""
+        return tuple(name for name, drawing in self._drawings.items() if drawing.when(run))
+
     def figures(self, log: Path | Run[C]) -> dict[str, tuple[Figure, dict[str, Any]]]:
         """Draw every figure that a run has, by name."""
         run = log if isinstance(log, Run) else self.load(log)
-        return {name: self.draw(name, run) for name, d in self._drawings.items() if d.when(run)}
+        return {name: self.draw(name, run) for name in self.drawings_of(run)}

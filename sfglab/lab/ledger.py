@@ -37,7 +37,7 @@ from sfglab.lab.claims import (
 from sfglab.lab.experiments import EXPERIMENTS, experiment
 from sfglab.lab.figures import file_sha256, save_figure
 from sfglab.lab.notebooks import notebook_of
-from sfglab.lab.runs import Run, Standing, standing
+from sfglab.lab.runs import COMPLETION, Run, Standing, standing
 from sfglab.lab.sweep.journal import code_digest
 from sfglab.record import LogReader
 from sfglab.record.metadata import library_versions
@@ -243,8 +243,11 @@ def _found(project: Project, kept: Kept, name: str, log: Path) -> dict[str, _Our
     log_name = project.relative(log)
     try:
         found = kept.of(log, partial(_findings, name, log))
-    except (SfglabError, KeyError) as error:
+    except SfglabError as error:
         _LOG.warning("claims: %s: %s", log_name, error)
+        return {}
+    except KeyError as error:
+        _LOG.warning("claims: %s: its tables do not suffice for the claims (%s)", log_name, error)
         return {}
     return {
         claim_id: (figure, log_name, found.origin) for claim_id, figure in found.measured.items()
@@ -298,7 +301,9 @@ def _said_of_mutants(score: Mapping[str, Any]) -> str:
 
 def _findings(name: str, log: Path) -> Findings:
     run = experiment(name).load(log)
-    return Findings(measured=experiment(name).measure(run), origin=_circumstances(run))
+    is_part = "only" in run.metadata(COMPLETION)  # an explorer kept the tables that it shows
+    measured = {} if is_part else experiment(name).measure(run)
+    return Findings(measured=measured, origin=_circumstances(run))
 
 
 def _circumstances(run: Run[Any]) -> str:

@@ -58,13 +58,13 @@ class Project:
 
     def relative(self, path: Path) -> str:
         """Return a path as it reads from the root, or its name alone when it lies elsewhere."""
-        resolved = path.resolve()
-        root = self.root.resolve()
-        return (
-            resolved.relative_to(root).as_posix()
-            if resolved.is_relative_to(root)
-            else resolved.name
-        )
+        for root, file in (
+            (self.root.absolute(), path.absolute()),
+            (self.root.resolve(), path.resolve()),
+        ):
+            if file.is_relative_to(root):
+                return file.relative_to(root).as_posix()
+        return path.name
 
 
 def find_project(start: Path | None = None) -> Project:

@@ -47,7 +47,8 @@ def front_end(module: Path, traits: Mapping[str, str]) -> Any:
 
 def button(label: str, action: Callable[[], object], tooltip: str = "") -> Any:
     """Return a button as wide as its label, and what it does."""
-    made = widgets().Button(description=label, tooltip=tooltip, layout={"width": "auto"})
+    layout = {"width": "auto", "flex": "0 0 auto"}  # what stands beside it does not shrink it
+    made = widgets().Button(description=label, tooltip=tooltip, layout=layout)
     made.on_click(lambda _: action())
     return made
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import subprocess
 import sys
 import time
@@ -14,9 +15,11 @@ from unittest.mock import Mock
 import pytest
 from matplotlib.figure import Figure
 from matplotlib.text import Text
+from waiting import wait_until
 
 from sfglab.errors import InvalidValueError
 from sfglab.fields import between, to_json
+from sfglab.lab import notebook
 from sfglab.lab.experiments import EXPERIMENTS, depth_codecs, discovery, experiment, transmission
 from sfglab.lab.explore import explore
 from sfglab.lab.explore.form import Form, unit_of
@@ -24,6 +27,7 @@ from sfglab.lab.notebook import draw_setup
 from sfglab.lab.paths import find_project
 from sfglab.lab.workers import preview as workers_preview
 from sfglab.lab.workers.preview import draw_look, preview
+from sfglab.record import LogReader
 
 pytest.importorskip("ipywidgets")
 ROOT = find_project(Path(__file__)).root
@@ -247,3 +251,56 @@ def test_no_more_subscribers_are_measured_than_the_configuration_asks_for():
     few = exp.config(most=3)
     assert [stage.counts for stage in few.measured] == [(1, 2, 3), (1,)]
     assert replace(few, most=10).measured == exp.config().stages
+
+
+def finished(explorer):
+    """Wait until what runs on a button has ended."""
+    wait_until(lambda: explorer._running is None, 300)
+
+
+@pytest.mark.live
+def test_run_all_ends_in_the_figures_and_claims_of_that_run(project):
+    exp = depth_codecs.exp
+    with closing(explore(exp, profile="smoke")) as explorer:
+        explorer.form.controls["frames"].value = 2
+        explorer.run_all()
+        finished(explorer)
+        head, *figures, claims = explorer._result.children
+        (log,) = map(Path, explorer.kept)
+    run = exp.load(log)
+    assert run.config.frames == 2
+    assert [figure.value[:4] for figure in figures] == [b"\x89PNG"] * len(exp.drawings_of(run))
+    assert "A-RVL" in claims.value
+    assert "this run: it counts for no claim: it was explored" in claims.value
+    relative = project.relative(log)
+    assert f"log=&quot;{relative}&quot;" in head.value
+    assert relative in explorer._state.value
+    again = asyncio.run(notebook.run(exp, "smoke", log=relative))
+    assert again.config == run.config
+
+
+@pytest.mark.live
+def test_keep_is_offered_where_there_are_tables_and_what_is_kept_opens(project):
+    with closing(explore(experiment("decode_once"))) as explorer:
+        assert "keep" not in explorer._buttons
+    with closing(explore(experiment("balancing"), "caches")) as explorer:
+        explorer.keep()
+        finished(explorer)
+        (log,) = map(Path, explorer.kept)
+    run = experiment("balancing").load(log)
+    with LogReader(log) as reader:
+        assert reader.tables
+        assert all(len(run[table]) for table in reader.tables)
+    for words in (["claims", "--all"], ["log"]):
+        argv = [sys.executable, "-m", "sfglab", *words]
+        done = subprocess.run(argv, check=True, capture_output=True, cwd=project.root, text=True)
+        assert done.stderr == ""
+
+
+@pytest.mark.live
+def test_a_cell_that_runs_again_ends_the_worker_of_the_one_before(project):
+    first = explore(transmission.exp)
+    process = first._worker._process
+    with closing(explore(transmission.exp)) as second:
+        assert process.wait(60) is not None
+        assert second._worker._process.poll() is None

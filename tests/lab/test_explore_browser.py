@@ -336,3 +336,26 @@ def test_space_is_drawn_without_error_reports(run, browser, bag, pytestconfig, t
         wait_until(lambda: space_is_drawn(browser, shot), ANSWER_S)
         time.sleep(3)  # a report would stand there as soon as the view is drawn
         assert badge_pixels(browser, shot) == 0
+
+
+BUTTONS = """[...document.querySelectorAll('.jp-OutputArea button')].filter(b => b.innerText).map(
+  b => [b.innerText, Math.round(b.getBoundingClientRect().width)])"""
+DEPTH_EXPLORER = """from sfglab.lab.experiments import depth_codecs
+from sfglab.lab.explore import explore
+explorer = explore(depth_codecs.exp, profile='smoke')
+explorer"""
+
+
+def test_run_all_ends_in_figures_and_claims_and_buttons_keep_their_size(run, browser):
+    screen = {"width": 1280, "height": 900, "deviceScaleFactor": 1, "mobile": False}
+    browser.call("Emulation.setDeviceMetricsOverride", **screen)
+    run(DEPTH_EXPLORER)
+    browser.wait_for(PICTURE, ANSWER_S)
+    before = browser.still(BUTTONS, ANSWER_S)
+    assert {"Reset", "Copy as code", "Keep", "Run all", "Stop"} <= {name for name, _ in before}
+    browser.press("Run all")
+    browser.wait_for(SAYS % "s left", ANSWER_S)
+    assert browser.evaluate(BUTTONS) == before
+    browser.wait_for(SAYS % "Measured with these settings", ANSWER_S)
+    browser.wait_for(SAYS % "this run: it counts for no claim: it was explored", ANSWER_S)
+    assert browser.still(BUTTONS, ANSWER_S) == before

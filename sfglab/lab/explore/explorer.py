@@ -13,7 +13,9 @@ import sys
 import threading
 from contextlib import suppress
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from html import escape
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from sfglab.component import Report, argument_of
 from sfglab.errors import InvalidValueError
@@ -22,7 +24,7 @@ from sfglab.lab.explore.form import Form
 from sfglab.lab.explore.press import still_bundle
 from sfglab.lab.paths import find_project
 from sfglab.lab.runs import new_log, unfinished_of
-from sfglab.view.widgets import button, widgets
+from sfglab.view.widgets import button, refusal_html, widgets
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -77,11 +79,19 @@ class Worker:
 
 
 class Explorer:
-    """What `explore` shows, which has its arguments."""
+    """What `explore` shows, which has its arguments.
+
+    Of each look of an experiment one is open: a cell that runs again closes the one before.
+    """
+
+    _open: ClassVar[dict[tuple[str, str], Explorer]] = {}
 
     def __init__(self, exp: Experiment[Any], look: str, profile: str) -> None:
         self._kit = widgets()
         self._exp, self._look, self._profile = exp, look, profile
+        if (former := self._open.pop((exp.name, look), None)) is not None:
+            former.close()
+        self._open[exp.name, look] = self
         declared = exp.looks[look]
         self.form = Form(
             exp.config(profile, **declared.start), declared.turn, self._ask, declared.within
@@ -98,6 +108,8 @@ class Explorer:
         self._before.add_class(_FAINT)
         self._code = self._kit.Textarea(layout={"width": "40em", "display": "none"}, rows=3)
         self._state = self._kit.HTML()
+        self._drawing = self._kit.HTML()  #: Its value says whether the picture is being computed.
+        self._result = self._kit.VBox()  #: What *Run all* measured.
         self._bar = self._kit.IntProgress(layout={"display": "none"})
         self._buttons = {
             "reset": button("Reset", self.form.reset, "Every field as in the beginning"),
@@ -108,6 +120,8 @@ class Explorer:
             ),
             "stop": button("Stop", self.stop, "Stop what runs; nothing of it is kept"),
         }
+        if not declared.needs:
+            del self._buttons["keep"]  # there is no table to keep
         self._buttons["stop"].disabled = True
         self.widget = self._arranged()
         self._worker = Worker(Task(experiment=exp.name), self._take)
@@ -155,6 +169,7 @@ class Explorer:
     def _ask(self) -> None:
         self._request += 1
         self._settled.clear()
+        self._drawing.value = "computing ..."
         self._worker.order(
             do="draw", request=self._request, look=self._look, config=to_json(self.form.config)
         )
@@ -168,12 +183,14 @@ class Explorer:
             return
         if report["is"] == "refused":
             self.form.say(report["why"])
+            self._drawing.value = ""
             self._settled.set()
             return
         if self.whole and self.shown != self._request:
             self._before.value, self._before.layout.display = self._picture.value, ""
         self._picture.value = base64.b64decode(report["png"])
         self.shown, self.whole = self._request, report["whole"]
+        self._drawing.value = "" if self.whole else "a coarse preview; computing ..."
         if self.whole:
             self._settled.set()
 
@@ -198,7 +215,10 @@ class Explorer:
             self._state.value = f"{report['what']}; {report['left_s']:.0f} s left"
         elif report["is"] == "done":
             self.kept.append(report["log"])
-            self._outcome = f"kept as {report['log']}: explored, it speaks for no claim"
+            log = find_project().relative(Path(report["log"]))
+            self._outcome = f"kept as {log}; it was explored and counts for no claim"
+            if "figures" in report:
+                self._show_result(report, log)
             self.stop()
         elif report["is"] == "failed":
             self._outcome = report["why"]
@@ -217,6 +237,19 @@ class Explorer:
         for name, made in self._buttons.items():
             made.disabled = busy != (name == "stop")
 
+    def _show_result(self, report: Report, log: str) -> None:
+        """Show what was measured: the experiment's own figures of this run, and its claims."""
+        name = self._exp.name
+        call = f'run = await notebook.run({name}.exp, "{self._profile}", log="{log}")'
+        head = f"<b>Measured with these settings</b>; open it again: <code>{escape(call)}</code>"
+        failed = "".join(refusal_html(f"{text}. ") for text in report["failed"])
+        pictures = [
+            self._kit.Image(value=base64.b64decode(png), layout={"max_width": "100%"})
+            for png in report["figures"].values()
+        ]
+        text = self._kit.HTML(f"{head}<br>{failed}")
+        self._result.children = (text, *pictures, self._kit.HTML(report["claims"]))
+
     # How it looks.
 
     def _show_code(self) -> None:
@@ -227,8 +260,10 @@ class Explorer:
         below = kit.HBox(
             [kit.HTML(_STYLE), self._before, *([reference] if reference is not None else [])]
         )
-        buttons = kit.HBox([*self._buttons.values(), self._bar, self._state])
-        return kit.VBox([self.form.widget, buttons, self._code, self._picture, below])
+        buttons = kit.HBox([*self._buttons.values()])
+        state = kit.HBox([self._bar, self._state, self._drawing])
+        rows = [self.form.widget, buttons, state, self._code, self._picture, below, self._result]
+        return kit.VBox(rows)
 
     def _reference(self) -> Any | None:
         """Return the reference run's figure in a fold; None where the look names none, or it is not there."""

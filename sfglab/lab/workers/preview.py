@@ -4,7 +4,7 @@ A cell that is busy does not starve it, and what it is at dies with it. Orders:
 ``{"do": "draw", "request": N, "look": ..., "config": {...}}``; only the newest counts, older ones are dropped
 between two points. Reports: ``ready``; ``picture`` with the request's number, the PNG in base64 and whether it
 is the whole or a coarse one; ``refused`` with the sentence. With `Task.profile` it makes one run instead and
-reports ``step`` and ``done``.
+reports ``step`` and ``done``; the latter of a whole run with its figures and claims.
 """
 
 from __future__ import annotations
@@ -26,6 +26,8 @@ from sfglab.lab.bench import Options, rows_of
 from sfglab.lab.experiments import experiment
 from sfglab.lab.explore.explorer import Task
 from sfglab.lab.figures import drawn, png_of
+from sfglab.lab.ledger import own_ledger
+from sfglab.lab.paths import find_project
 from sfglab.lab.progress import progress_to
 
 if TYPE_CHECKING:
@@ -133,7 +135,27 @@ async def _run(exp: Experiment[Any], task: Task, report: Reporter) -> None:
     options = Options(explored=True, only=None if task.only is None else frozenset(task.only))
     with progress_to(lambda step: report({"is": "step", **asdict(step)})):
         run = await exp.run(task.profile, path=Path(task.log), options=options, **task.settings)
-    report({"is": "done", "log": str(run.log)})
+    result = _result(exp, run) if task.only is None else {}
+    report({"is": "done", "log": str(run.log), **result})
+
+
+def _result(exp: Experiment[Any], run: Run[Any]) -> dict[str, Any]:
+    """Return a run's figures and claims as a page shows them, and what could not be drawn."""
+    figures: dict[str, str] = {}
+    failed: list[str] = []
+    for name in exp.drawings_of(run):
+        try:
+            png = png_of(exp.draw(name, run)[0])
+        except Exception as error:  # noqa: BLE001 - a run with few cells lacks what a figure compares
+            failed.append(f"figure {name} cannot be drawn from this run: {error!r}")
+        else:
+            figures[name] = base64.b64encode(png).decode()
+    try:
+        claims = own_ledger(find_project(), run)._repr_html_()
+    except Exception as error:  # noqa: BLE001 - the same of claims
+        failed.append(f"its claims cannot be computed: {error!r}")
+        claims = ""
+    return {"figures": figures, "claims": claims, "failed": failed}
 
 
 if __name__ == "__main__":
