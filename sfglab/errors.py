@@ -65,5 +65,5 @@ class MissingExtraError(SfglabError, ImportError):
         self.library = library  #: The import name of what is missing.
         self.extra = extra  #: The extra of sfglab that brings it.
         super().__init__(
-            f"{purpose} needs {library!r}, which is not installed: pip install 'sfglab[{extra}]'"
+            f"{purpose} needs {library!r}, which is not installed: pip install '.[{extra}]' in a checkout"
         )

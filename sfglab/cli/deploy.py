@@ -163,7 +163,7 @@ def apply(
     Examples:
       sfglab deploy apply data/fleets/esslingen.yaml --dry-run
       sfglab deploy apply data/fleets/esslingen.yaml --agent go2
-      sfglab deploy apply data/fleets/esslingen.yaml --agent go2 --tag 0.6.0-1a2b3c4d5e6f
+      sfglab deploy apply data/fleets/esslingen.yaml --agent go2 --tag 0.1.0-1a2b3c4d5e6f
     """
     from sfglab.deploy.rollout import render_prospects
 

@@ -37,7 +37,12 @@ def reproduce(
     notebooks: Annotated[
         list[str] | None, Argument(help="Notebooks by name; all when none.")
     ] = None,
-    profile: Annotated[str, Option(help="smoke (seconds), quick (minutes) or paper.")] = "quick",
+    profile: Annotated[
+        str,
+        Option(
+            help="Run size: smoke (all notebooks: about 7 minutes), quick (22 minutes) or paper (hours)."
+        ),
+    ] = "quick",
     seed: Annotated[int, Option(min=0, help="Seed of everything that is drawn.")] = 0,
     parameter: Annotated[
         list[str] | None,

@@ -153,7 +153,10 @@ def agent_up(
     ] = None,
     without: Annotated[
         list[str] | None,
-        Option(help="A component to leave out: router, status, discoverer, keeper, decoder."),
+        Option(
+            help="Component to leave out (repeatable): router, status, discoverer, decoder, "
+            "or keeper, the GOP cache."
+        ),
     ] = None,
     offers: _Offers = None,
     parameters: Annotated[
@@ -167,9 +170,10 @@ def agent_up(
     ] = False,
     _interfaces: Interfaces = None,
 ) -> None:
-    """Run an agent: everything that paper A puts on each robot, until Ctrl-C.
+    """Run an agent until Ctrl-C: router, status provider, discoverer, decoder and GOP cache.
 
-    A component that crashes is started again, and it is said.
+    This is everything that paper A puts on each robot. A component that crashes is started again,
+    and the restart is reported.
 
     Examples:
       sfglab agent up --domain 7

@@ -39,7 +39,8 @@ C = TypeVar("C")
 F = TypeVar("F", bound=Callable[..., Any])
 
 QUICK, PAPER = "quick", "paper"
-#: Seconds, for CI; a few minutes for everything; the papers' full counts.
+#: Names of the profiles. All notebooks together take about 7 minutes with the first, 22 with the
+#: second, and hours with the third, which has the papers' full counts.
 PROFILES = (SMOKE, QUICK, PAPER)
 SMOKE_TITLE = "smoke test: too short for a conclusion"
 _UNCOUNTED = ("seed", "profile")

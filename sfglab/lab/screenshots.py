@@ -262,7 +262,7 @@ def _viewer(recording: Path, port: int) -> Iterator[subprocess.Popen[bytes]]:
     path = os.pathsep.join((str(Path(sys.executable).parent), os.environ.get("PATH", "")))
     program = shutil.which("rerun", path=path)
     if program is None:
-        raise SfglabError("the viewer needs the program 'rerun': pip install 'sfglab[view]'")
+        raise SfglabError("the viewer needs the program 'rerun': pip install '.[view]'")
     options = (
         "--headless",
         "--renderer",

@@ -82,5 +82,5 @@ def needs(linter: str):
     """Mark a test that needs a linter of the extra 'deploy'."""
     found = shutil.which(linter, path=f"{Path(sys.executable).parent}:{os.environ['PATH']}")
     return pytest.mark.skipif(
-        found is None, reason=f"{linter} is not installed: pip install 'sfglab[deploy]'"
+        found is None, reason=f"{linter} is not installed: pip install '.[deploy]'"
     )

@@ -247,7 +247,7 @@ def test_what_has_no_services_fails_by_the_schema_alone(text):
 
 
 def test_the_specifications_schema_finds_a_misspelt_key():
-    pytest.importorskip("check_jsonschema", reason="pip install 'sfglab[deploy]'")
+    pytest.importorskip("check_jsonschema", reason="pip install '.[deploy]'")
     says = failing(verdicts(with_service("agent", comand=["x"])))[SCHEMA]
     assert "services.agent" in says
     assert "comand" in says
@@ -258,7 +258,7 @@ def test_without_the_schema_the_check_says_what_to_install_and_our_rules_are_ask
     found = verdicts(with_service("agent", privileged=True, comand=["x"]))
     skipped = [v for v in found if v.state is State.SKIPPED]
     assert {v.check for v in skipped} == {SCHEMA}
-    assert all("pip install 'sfglab[deploy]'" in v.says for v in skipped)
+    assert all("pip install '.[deploy]'" in v.says for v in skipped)
     assert list(failing(found)) == ["not privileged"]
 
 

