@@ -16,7 +16,7 @@ export PYTHONDONTWRITEBYTECODE :=
 INSTALL := -m pip install --quiet --no-compile --disable-pip-version-check --no-deps --require-hashes -r
 
 .DEFAULT_GOAL := help
-.PHONY: help setup ros robot yosys lock reproduce test lab figures screenshots claims mutants fuzz soak check format lint types bench book clean
+.PHONY: help setup ros robot yosys lock reproduce test lab figures screenshots claims mutants fuzz soak check format lint types bench size book clean
 
 help: ## List the targets
 	@grep -hE '^[a-z]+:.*## ' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  make %-12s %s\n", $$1, $$2}'
@@ -53,7 +53,7 @@ ros: .venv-jazzy/.ready .venv-kilted/.ready ## Create ROS 2 Jazzy and Kilted bes
 yosys: setup ## Add Yosys to .venv: area and proof of the gateway as hardware
 	$(BIN)/python $(INSTALL) yosys.lock
 
-robot: setup ## Build sfglab-robot into dist/: the same package with a robot's dependencies alone (under 400 MB)
+robot: setup ## Build sfglab-robot into dist/: the same package with a robot's dependencies alone (about 450 MB installed)
 	@mkdir -p dist
 	cd robot && $(CURDIR)/$(BIN)/python -c "from hatchling.build import build_wheel; print(build_wheel('../dist'))"
 
@@ -103,6 +103,9 @@ lint: $(VENV)/.tests
 
 types: $(VENV)/.tests
 	$(BIN)/mypy
+
+size: setup ## Print the size of the code by package, in nodes of the syntax tree
+	@$(BIN)/python tools/size.py
 
 bench: $(VENV)/.tests ## Run the benchmarks (ratios against a named baseline)
 	@for b in benchmarks/*.py; do echo "== $$b"; $(BIN)/python $$b || exit 1; done

@@ -178,15 +178,13 @@ def _logged(log: Path, options: ViewOptions) -> None:
         types = sorted({info.type_name for info in reader.topics.values()})
         count = sum(info.count for info in reader.topics.values())
         cut = "; it was cut off, what is left of it is shown" if reader.truncated else ""
-    typer.echo(
-        f"{log}: {count} messages of {len(reader.topics)} topics go to {', '.join(options.to)}{cut}"
-    )
-
+    space = ""
     if not options.frame and options.fleet is None:
         options = replace(options, frame=largest_tree_root(log))
         if options.frame:
-            root = f"{options.frame}, the root of the largest TF tree"
-            typer.echo(f"space is drawn in {root}", err=True)
+            space = f"; space is drawn in {options.frame}, the root of the largest TF tree"
+    place = f"go to {', '.join(options.to)}{cut}{space}"
+    typer.echo(f"{log}: {count} messages of {len(reader.topics)} topics {place}")
 
     def stay(session: Session) -> None:
         """Tell what was shown, and keep a server up until Ctrl-C: it has the data."""

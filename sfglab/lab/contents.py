@@ -1,8 +1,8 @@
-"""Notebooks as JupyterLab reads and writes them for `sfglab lab`: reading one leaves it as it is.
+"""Contents manager of `sfglab lab`: a notebook that was only read stays as it is.
 
-When a kernel starts, JupyterLab writes the kernel's description of its language into the notebook,
-with the version of Python, and then takes the notebook for changed: it asks to save it. So a
-notebook arrives with the description that the kernel will give, and is saved without it.
+When a kernel starts, JupyterLab writes the kernel's `language_info`, with the version of Python,
+into the notebook. If this changes the notebook, JupyterLab asks to save it on closing. So the server
+sends each notebook with the `language_info` of its own kernel, and saves only the language's name.
 """
 
 from __future__ import annotations
@@ -13,27 +13,27 @@ from ipykernel.ipkernel import IPythonKernel
 from jupyter_server.services.contents.largefilemanager import AsyncLargeFileManager
 
 COMMITTED = {"name": "python"}
-"""Description of the language in notebooks under version control."""
+"""`language_info` of a saved notebook."""
 
 
 class Contents(AsyncLargeFileManager):  # type: ignore[misc]  # it carries no types
-    """The files of a checkout; notebooks keep no version of Python."""
+    """The files of a checkout, with notebooks that hold no version of Python."""
 
     async def get(self, path: str, content: bool = True, **options: Any) -> dict[str, Any]:  # noqa: FBT001, FBT002
-        """Return a file; a notebook for Python with the language that this Python's kernel has."""
+        """Return a file; a Python notebook gets the `language_info` of this server's kernel."""
         model: dict[str, Any] = await super().get(path, content=content, **options)
         _describe(model, IPythonKernel.language_info)
         return model
 
     async def save(self, model: dict[str, Any], path: str = "") -> dict[str, Any]:
-        """Write a file; a notebook for Python without the version of Python."""
+        """Write a file; a Python notebook loses the version of Python."""
         _describe(model, COMMITTED)
         saved: dict[str, Any] = await super().save(model, path)
         return saved
 
 
 def _describe(model: dict[str, Any], language: dict[str, Any]) -> None:
-    """Set the language of a notebook for Python; other files stay as they are."""
+    """Set the `language_info` of a Python notebook; other files stay as they are."""
     if model.get("type") != "notebook" or not model.get("content"):
         return
     metadata = model["content"].get("metadata", {})

@@ -1,10 +1,10 @@
-"""Who opens notebooks with `sfglab lab`, looks and closes them is asked nothing, and git is clean."""
+"""Notebooks that are only read in `sfglab lab` ask nothing and stay as they are in git."""
 
+import json
 import os
 import shutil
 import subprocess
 import sys
-import tempfile
 from contextlib import closing
 from pathlib import Path
 
@@ -16,12 +16,17 @@ pytestmark = [pytest.mark.live, pytest.mark.browser, pytest.mark.slow]
 
 ROOT = Path(__file__).parents[2]
 NOTEBOOKS = sorted(path.name for path in (ROOT / "notebooks").glob("*.ipynb"))
-DIALOGS = "[...document.querySelectorAll('.jp-Dialog')].map(dialog => dialog.innerText)"
+EDITED, OTHER_PYTHON = NOTEBOOKS[:2]
+COMMANDS = "window.jupyterapp.commands"
 WIDGET = "window.jupyterapp.shell.currentWidget"
-READ = f"{WIDGET}?.title.label == '%s' && {WIDGET}.context?.isReady && {SESSION}?.isReady"
-KERNEL = f"{SESSION}.session?.kernel?.connectionStatus == 'connected'"
-TOLD = f"{WIDGET}.model.getMetadata('language_info')?.version"
-CLOSED = "[...window.jupyterapp.shell.widgets('main')].every(w => w.title.label != '%s')"
+KERNEL = f"{SESSION}?.session?.kernel"
+CODE = f"{WIDGET}.content.widgets.find(cell => cell.model.type == 'code').model.sharedModel"
+DIALOGS = "[...document.querySelectorAll('.jp-Dialog, .Toastify__toast')].map(one => one.innerText)"
+READ = f"{WIDGET}?.title.label == '%s' && {SESSION}?.isReady && {KERNEL}?.status == 'idle'"
+# When the kernel has described itself, and JupyterLab has written that into the notebook.
+TOLD = f"""Promise.all([{WIDGET}.revealed, {KERNEL}.info]).then(
+  () => new Promise(written => setTimeout(written)))"""
+CLOSED = "[...window.jupyterapp.shell.widgets('main')].every(one => one.title.label != '%s')"
 
 
 def git(folder, *words):
@@ -30,50 +35,82 @@ def git(folder, *words):
     return done.stdout.decode()
 
 
-@pytest.fixture
-def checkout(tmp_path):
-    """A repository with notebooks and data, nothing else."""
+@pytest.fixture(scope="module")
+def checkout(tmp_path_factory):
+    """A repository with notebooks and data, nothing else; another Python's kernel described one notebook."""
+    folder = tmp_path_factory.mktemp("checkout")
     for name in ("notebooks", "data", "figures"):
-        shutil.copytree(ROOT / name, tmp_path / name, ignore=shutil.ignore_patterns(".*"))
-    shutil.copy(ROOT / ".gitignore", tmp_path)
-    git(tmp_path, "init", "-q")
-    git(tmp_path, "add", "-A")
-    git(tmp_path, "commit", "-qm", "x")
-    return tmp_path
+        shutil.copytree(ROOT / name, folder / name, ignore=shutil.ignore_patterns(".*"))
+    shutil.copy(ROOT / ".gitignore", folder)
+    file = folder / "notebooks" / OTHER_PYTHON
+    notebook = json.loads(file.read_text())
+    notebook["metadata"]["language_info"]["version"] = "3.0.0"
+    file.write_text(json.dumps(notebook, indent=1, ensure_ascii=False) + "\n")
+    git(folder, "init", "-q")
+    git(folder, "add", "-A")
+    git(folder, "commit", "-qm", "x")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def address(checkout, tmp_path_factory):
+    """The address of the JupyterLab that `sfglab lab` serves."""
+    environment = os.environ | {
+        "SFGLAB_ROOT": str(checkout),
+        "HOME": str(tmp_path_factory.mktemp("home")),
+        "PYTHONPATH": str(ROOT),
+    }
+    options = (*OPTIONS, "--ServerApp.port=0", "--ServerApp.ip=127.0.0.1")
+    argv = [sys.executable, "-m", "sfglab", "lab", "--", *options]
+    pipe = subprocess.PIPE
+    lab = subprocess.Popen(argv, env=environment, cwd=checkout, stderr=pipe, text=True)
+    lines = iter(lab.stderr.readline, "")
+    served = (line.split()[-1] for line in lines if " http://127.0.0.1:" in line)
+    yield next(served).partition("/lab")[0]
+    lab.terminate()
+    lab.communicate(timeout=ANSWER_S)
 
 
 @pytest.fixture
-def address(checkout):
-    """The address of the JupyterLab that `sfglab lab` serves."""
-    with tempfile.TemporaryDirectory() as home:
-        environment = os.environ | {
-            "SFGLAB_ROOT": str(checkout),
-            "HOME": home,
-            "PYTHONPATH": str(ROOT),
-        }
-        options = (*OPTIONS, "--ServerApp.port=0", "--ServerApp.ip=127.0.0.1")
-        argv = [sys.executable, "-m", "sfglab", "lab", "--", *options]
-        pipe = subprocess.PIPE
-        lab = subprocess.Popen(argv, env=environment, cwd=checkout, stderr=pipe, text=True)
-        lines = iter(lab.stderr.readline, "")
-        served = (line.split()[-1] for line in lines if " http://127.0.0.1:" in line)
-        yield next(served).partition("/lab")[0]
-        lab.terminate()
-        lab.communicate(timeout=ANSWER_S)
-
-
-def test_reading_all_notebooks_asks_nothing_and_leaves_git_clean(checkout, address):
+def page(address):
     with closing(open_browser(1280, 900)) as page:
         page.open(f"{address}/lab/tree/notebooks/{NOTEBOOKS[0]}?reset")
         page.wait_for("window.jupyterapp != null", ANSWER_S)
-        for name in NOTEBOOKS:
-            opened = f"jupyterapp.commands.execute('docmanager:open', {{path: 'notebooks/{name}'}})"
-            page.evaluate(f"void {opened}")
-            page.wait_for(READ % name, ANSWER_S)
-            page.wait_for(KERNEL, ANSWER_S)
-            page.wait_for(TOLD, ANSWER_S)
-            assert not page.evaluate(f"{WIDGET}.model.dirty"), f"{name}: taken for changed"
-            page.evaluate("void jupyterapp.commands.execute('application:close')")
-            page.wait_for(CLOSED % name, ANSWER_S)
-            assert page.evaluate(DIALOGS) == []
+        yield page
+
+
+def read(page, name):
+    """Open a notebook and wait until it is shown and its kernel idles."""
+    page.evaluate(f"void {COMMANDS}.execute('docmanager:open', {{path: 'notebooks/{name}'}})")
+    page.wait_for(READ % name, ANSWER_S)
+    page.call("Runtime.evaluate", expression=TOLD, awaitPromise=True)
+
+
+def close(page, name):
+    """Close the notebook that is shown; return what JupyterLab asks."""
+    page.evaluate(f"void {COMMANDS}.execute('application:close')")
+    page.wait_for(f"{DIALOGS}.length || {CLOSED % name}", ANSWER_S)
+    return page.evaluate(DIALOGS)
+
+
+def test_reading_all_notebooks_asks_nothing_and_leaves_git_clean(checkout, page):
+    for name in NOTEBOOKS:
+        read(page, name)
+        assert not page.evaluate(f"{WIDGET}.model.dirty"), f"{name}: taken for changed"
+        assert close(page, name) == []
     assert git(checkout, "status", "--porcelain") == ""
+
+
+def test_own_changes_are_saved_on_request_only_and_without_the_version_of_python(checkout, page):
+    read(page, EDITED)
+    assert page.evaluate(f"{COMMANDS}.isToggled('docmanager:toggle-autosave')") is False
+    page.evaluate(f"{CODE}.setSource('import this\\n' + {CODE}.getSource())")
+    (asked,) = close(page, EDITED)
+    assert "Save your work" in asked
+    page.press("Cancel")
+    page.wait_for(f"!{DIALOGS}.length", ANSWER_S)
+    assert git(checkout, "status", "--porcelain") == ""
+    page.evaluate(f"void {COMMANDS}.execute('docmanager:save')")
+    page.wait_for(f"!{WIDGET}.model.dirty", ANSWER_S)
+    assert close(page, EDITED) == []
+    assert git(checkout, "diff", "--numstat").split() == ["1", "0", f"notebooks/{EDITED}"]

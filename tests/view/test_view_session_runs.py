@@ -218,7 +218,8 @@ def test_without_rerun_there_is_one_sentence_and_importing_the_view_loads_nothin
 ):
     monkeypatch.setitem(sys.modules, "rerun", None)
     with pytest.raises(
-        MissingExtraError, match=r"the view needs 'rerun', .*: pip install '.\[view\]' in a checkout"
+        MissingExtraError,
+        match=r"the view needs 'rerun', .*: pip install '.\[view\]' in a checkout",
     ):
         open_canvas(["a.rrd"])
     assert Session().add("image", "/a").visualizer.name == "image"
