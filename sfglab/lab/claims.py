@@ -308,7 +308,7 @@ def render_own(claims: OwnLedger) -> str:
     return text_table(rows)
 
 
-def load_claims(path: Path) -> list[Claim]:
+def load_claims(path: Path | str) -> list[Claim]:
     """Read and check ``data/claims.yaml``; a `DocumentError` says where it is wrong and what is allowed."""
     claims: dict[str, Claim] = {}
     for entry in Document.of_file(path).items():

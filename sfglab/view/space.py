@@ -6,13 +6,14 @@ from collections import Counter
 from itertools import islice
 from typing import TYPE_CHECKING
 
-from sfglab.names import TF, TF_STATIC
 from sfglab.record import LogReader
+from sfglab.view.visualizers.poses import StaticTransforms, Transforms
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-_MOST_MESSAGES = 10_000  #: Messages of /tf that are read: a tree shows its frames early.
+_MOST_MESSAGES = 10_000  #: Messages that are read of a topic: a tree shows its frames early.
+_INPUTS = Transforms.inputs + StaticTransforms.inputs  #: What the viewer takes for transforms.
 _USUAL = ("map", "odom")  #: Roots that are preferred among trees of one size (REP 105).
 
 
@@ -24,8 +25,8 @@ def largest_tree_root(path: str | Path) -> str:
     """
     parents: dict[str, str] = {}
     with LogReader(path) as reader:
-        for topic in (TF_STATIC, TF):
-            if topic not in reader.topics:
+        for topic, info in reader.topics.items():
+            if not any(given.fits(topic, info.type_name) for given in _INPUTS):
                 continue
             for recorded in islice(reader.decoded(topic), _MOST_MESSAGES):
                 for transform in recorded.message.transforms:

@@ -5,6 +5,7 @@ from made_logs import DATA
 
 from sfglab.arp.topics import load_topics
 from sfglab.fleet.fleet_file import load_fleet
+from sfglab.lab.claims import load_claims
 from sfglab.messages import default_message
 from sfglab.record import LogWriter
 from sfglab.soc.graph import load_graph
@@ -43,6 +44,15 @@ def test_space_is_drawn_in_the_root_of_the_largest_tree(edges, root, static, tmp
     assert largest_tree_root(tmp_path / "a.mcap") == root
 
 
+def test_transforms_of_every_topic_that_the_viewer_takes_count(tmp_path):
+    with LogWriter(tmp_path / "a.mcap") as log:
+        log.write("/tf", transforms([("map", "a"), ("map", "b")]), log_time_ns=1)
+        log.write("/robot/tf", transforms([("odom", "base"), ("base", "laser")]), log_time_ns=1)
+        log.write("/robot/tf_static", transforms([("laser", "mirror")]), log_time_ns=1)
+        log.write("/planned", transforms([("a", "c"), ("c", "d")]), log_time_ns=1)
+    assert largest_tree_root(tmp_path / "a.mcap") == "odom"
+
+
 def test_images_without_camera_info_have_no_place_in_space():
     image, info = "sensor_msgs/msg/CompressedImage", "sensor_msgs/msg/CameraInfo"
     topics = {
@@ -63,6 +73,7 @@ def test_images_without_camera_info_have_no_place_in_space():
         (load_scene, "scenes/hall.yaml"),
         (load_mapping, "mocap/two_agents.yaml"),
         (load_fleet, "fleets/lab.yaml"),
+        (load_claims, "claims.yaml"),
     ],
 )
 def test_a_file_is_named_by_a_string_or_a_path(load, file):

@@ -89,6 +89,8 @@ class LogViewer:
             return file.read_bytes()
 
     def _show(self) -> None:
+        count = sum(map(len, self._spoken.values()))
+        self.said.value = f"loading {count:,} messages"
         self.viewer.send(self.recording)
         self._go(self.slider.value)
 

@@ -1,0 +1,160 @@
+"""Compare what an older version computes with what this one does.
+
+    python tools/compare.py build/old                    # a tree of the older version
+    python tools/compare.py build/old --only rows:naming --only rules
+
+Each version runs a driver of its own (`compare_baseline.py`, `compare_current.py`) from its own
+tree, with the environment in its ``.venv`` if it has one. Both read the committed logs of the older
+tree. Compared are claims and figures from these logs, the rows of all seeded parts in the profile
+smoke, and artefacts: messages, codecs, files that commands write, transition tables.
+
+Tables are compared in the columns, and JSON in the keys, that both versions have; what only one of
+them has is listed. The exit status is 0 if every difference has a reason in `REASONS`. A tree of the
+version with which this wave began:
+
+    git worktree add build/old 671791e4
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import fnmatch
+import json
+import math
+import os
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+TOOLS = Path(__file__).resolve().parent
+ROOT = TOOLS.parent
+TOLERANCE = 1e-12  #: Relative; re-associating one sum changes the last bit.
+REASONS: dict[str, str] = {
+    "figures/*.sha256": "titles and axes were rewritten in plain words",
+    "claims/* reason": "wording",
+}
+"""Reasons for differences, by a pattern of their names."""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Compare both versions and print every difference; return the exit status."""
+    given = _parser().parse_args(arguments)
+    with tempfile.TemporaryDirectory(prefix="sfglab-compare-") as folder:
+        sides = [Path(folder, "old"), Path(folder, "new")]
+        logs = given.old / "data" / "reference"
+        runs = [
+            _start(given.baseline, given.old, sides[0], logs, given.only),
+            _start(given.driver, given.new, sides[1], logs, given.only),
+        ]
+        statuses = [run.wait() for run in runs]
+        if any(statuses):
+            print(f"compare: a driver ended with status {max(statuses)}", file=sys.stderr)
+            return 2
+        unexplained = _report(list(differences(*sides)))
+        compared = sum(1 for file in sides[0].rglob("*") if file.is_file())
+    print(f"{compared} files compared, {unexplained} differences without a reason")
+    return 1 if unexplained else 0
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("old", type=Path, help="tree of the older version")
+    parser.add_argument("--new", type=Path, default=ROOT, help="tree of the newer version")
+    parser.add_argument(
+        "--driver", default="compare_current.py", help="driver of the newer version"
+    )
+    parser.add_argument("--baseline", default="compare_baseline.py", help="driver of the older one")
+    parser.add_argument("--only", action="append", default=[], help="section (repeatable)")
+    return parser
+
+
+def _start(
+    driver: str, tree: Path, folder: Path, logs: Path, only: Sequence[str]
+) -> subprocess.Popen[bytes]:
+    tree = tree.resolve()
+    python = tree / ".venv" / "bin" / "python"
+    argv = [str(python) if python.is_file() else sys.executable, str(TOOLS / driver)]
+    path = os.pathsep.join([str(tree), str(tree / "tests")])
+    environment = os.environ | {"PYTHONPATH": path, "SFGLAB_ROOT": str(tree)}
+    argv += [str(folder), str(logs.resolve()), *only]
+    return subprocess.Popen(argv, cwd=tree, env=environment, stdout=subprocess.DEVNULL)
+
+
+def _report(found: list[tuple[str, str]]) -> int:
+    unexplained = 0
+    for name, what in found:
+        reason = next((r for p, r in REASONS.items() if fnmatch.fnmatch(name, p)), "")
+        unexplained += not reason
+        print(f"{name}: {what}" + (f" (reason: {reason})" if reason else ""))
+    return unexplained
+
+
+def differences(old: Path, new: Path) -> Iterator[tuple[str, str]]:
+    """Yield the name and a description of everything that differs between two folders."""
+    names = [
+        {file.relative_to(side).as_posix() for file in side.rglob("*") if file.is_file()}
+        for side in (old, new)
+    ]
+    for name in sorted(names[0] ^ names[1]):
+        yield name, f"only in the {'old' if name in names[0] else 'new'} version"
+    for name in sorted(names[0] & names[1]):
+        if name.endswith(".csv"):
+            yield from _different_rows(name, old / name, new / name)
+        elif name.endswith(".json") and not name.startswith(("folders/", "commands/")):
+            both = [json.loads((side / name).read_text("utf-8")) for side in (old, new)]
+            yield from _different_values(name.removesuffix(".json"), *both)
+        elif (old / name).read_bytes() != (new / name).read_bytes():
+            yield name, "other bytes"
+
+
+def _different_rows(name: str, old: Path, new: Path) -> Iterator[tuple[str, str]]:
+    tables = []
+    for file in (old, new):
+        with file.open(encoding="utf-8", newline="") as opened:
+            tables.append(list(csv.DictReader(opened)))
+    columns = [set(table[0]) if table else set() for table in tables]
+    for column in sorted(columns[0] ^ columns[1]):
+        version = "old" if column in columns[0] else "new"
+        yield f"{name} {column}", f"column only in the {version} version"
+    if len(tables[0]) != len(tables[1]):
+        yield name, f"{len(tables[0])} and {len(tables[1])} rows"
+        return
+    for column in sorted(columns[0] & columns[1]):
+        pairs = [(a[column], b[column]) for a, b in zip(*tables, strict=True)]
+        wrong = [pair for pair in pairs if pair[0] != pair[1]]
+        if wrong:
+            yield f"{name} {column}", f"{len(wrong)} of {len(pairs)} rows, first {wrong[0]}"
+
+
+def _different_values(name: str, old: Any, new: Any) -> Iterator[tuple[str, str]]:
+    if isinstance(old, dict) and isinstance(new, dict):
+        for key in sorted(old.keys() ^ new.keys()):
+            yield f"{name} {key}", f"only in the {'old' if key in old else 'new'} version"
+        for key in sorted(old.keys() & new.keys()):
+            yield from _different_values(f"{name} {key}", old[key], new[key])
+    elif isinstance(old, list) and isinstance(new, list) and len(old) == len(new):
+        for place, both in enumerate(zip(old, new, strict=True)):
+            yield from _different_values(f"{name} {place}", *both)
+    elif not _equal(old, new):
+        yield name, f"{old!r} and {new!r}"
+
+
+def _equal(old: Any, new: Any) -> bool:
+    numbers = all(isinstance(value, int | float) for value in (old, new))
+    if not numbers or isinstance(old, bool) or isinstance(new, bool):
+        return bool(old == new)
+    if math.isnan(old) or math.isnan(new):
+        return math.isnan(old) and math.isnan(new)
+    return math.isclose(old, new, rel_tol=TOLERANCE, abs_tol=0.0)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
