@@ -276,7 +276,7 @@ def space_is_drawn(browser, file):
 
 @pytest.fixture(scope="module")
 def bag(tmp_path_factory):
-    """A rosbag2 of an ordinary robot: odom, base_link, laser, and a scan; written by rosbags."""
+    """A rosbag2 of an ordinary robot: odom, base_link, laser, scan, odometry; written by rosbags."""
     folder = tmp_path_factory.mktemp("bag") / "robot"
     store = get_typestore(Stores.ROS2_HUMBLE)
     types = store.types
@@ -294,6 +294,18 @@ def bag(tmp_path_factory):
         one = kind(stamped(parent, at_ns), child, motion)
         return types["tf2_msgs/msg/TFMessage"]([one])
 
+    def odometry(x, at_ns):
+        point = types["geometry_msgs/msg/Point"](x, 0.0, 0.0)
+        turn = types["geometry_msgs/msg/Quaternion"](0.0, 0.0, 0.0, 1.0)
+        pose = types["geometry_msgs/msg/Pose"](point, turn)
+        still = types["geometry_msgs/msg/Vector3"](0.0, 0.0, 0.0)
+        twist = types["geometry_msgs/msg/Twist"](still, still)
+        sure = np.diag([0.01] * 6).reshape(-1)
+        placed = types["geometry_msgs/msg/PoseWithCovariance"](pose, sure)
+        moved = types["geometry_msgs/msg/TwistWithCovariance"](twist, sure)
+        kind = types["nav_msgs/msg/Odometry"]
+        return kind(stamped("odom", at_ns), "base_link", placed, moved)
+
     def scan(at_ns):
         ranges = np.full(90, 2.0, np.float32)
         limits = (-1.5, 1.5, 3.0 / 90, 0.0, 0.1, 0.1, 10.0)
@@ -305,6 +317,7 @@ def bag(tmp_path_factory):
             ("/tf_static", "tf2_msgs/msg/TFMessage"),
             ("/tf", "tf2_msgs/msg/TFMessage"),
             ("/scan", "sensor_msgs/msg/LaserScan"),
+            ("/odom", "nav_msgs/msg/Odometry"),
         ):
             made[topic] = writer.add_connection(topic, kind, typestore=store)
         for step in range(20):
@@ -312,6 +325,7 @@ def bag(tmp_path_factory):
             messages = {
                 "/tf": transform("odom", "base_link", 0.1 * step, at_ns),
                 "/scan": scan(at_ns),
+                "/odom": odometry(0.1 * step, at_ns),
             }
             if step == 0:
                 messages["/tf_static"] = transform("base_link", "laser", 0.2, at_ns)

@@ -1,11 +1,14 @@
 """The frame in which a log's space is drawn, and files of users that are named by a string."""
 
+import json
+
 import pytest
 from made_logs import DATA
 
 from sfglab.arp.topics import load_topics
 from sfglab.fleet.fleet_file import load_fleet
 from sfglab.lab.claims import load_claims
+from sfglab.lab.explore.viewer import LogViewer
 from sfglab.messages import default_message
 from sfglab.record import LogWriter
 from sfglab.soc.graph import load_graph
@@ -51,6 +54,20 @@ def test_transforms_of_every_topic_that_the_viewer_takes_count(tmp_path):
         log.write("/robot/tf_static", transforms([("laser", "mirror")]), log_time_ns=1)
         log.write("/planned", transforms([("a", "c"), ("c", "d")]), log_time_ns=1)
     assert largest_tree_root(tmp_path / "a.mcap") == "odom"
+
+
+def test_a_page_that_has_the_viewer_says_what_is_loaded_until_it_is_shown(tmp_path):
+    pytest.importorskip("rerun_notebook", reason="the extra 'view' is not installed")
+    with LogWriter(tmp_path / "a.mcap") as log:
+        for step in range(1200):
+            log.write("/tf", transforms([("odom", "base")]), log_time_ns=step * 10**6)
+    cell = LogViewer(tmp_path / "a.mcap")
+    assert cell.said.value == "", "a page that only shows the still loads nothing"
+    page = cell.viewer.widget
+    page._handle_custom_msg("ready", [])
+    assert cell.said.value == "loading 1,200 messages"
+    page._handle_custom_msg(json.dumps({"type": "time_update", "time": 0}), [])
+    assert cell.said.value == "shown: step 0 of 1199, 0.000 s"
 
 
 def test_images_without_camera_info_have_no_place_in_space():
