@@ -43,16 +43,24 @@ NEEDS = {
 }
 
 
-def pytest_configure() -> None:
-    from hypothesis import settings
+def hear_signals() -> None:
+    """Handle signals as in a terminal.
 
-    # As in a terminal, whoever started the tests: what is ignored here would be so in every process of theirs.
+    A shell ignores them for what it starts in the background, and so would every process that a test
+    starts.
+    """
     for number, usual in (
         (signal.SIGINT, signal.default_int_handler),
         (signal.SIGHUP, signal.SIG_DFL),
     ):
         if signal.getsignal(number) is signal.SIG_IGN:
             signal.signal(number, usual)
+
+
+def pytest_configure() -> None:
+    from hypothesis import settings
+
+    hear_signals()
     settings.register_profile("any machine", deadline=None)  # a busy one is slow
     settings.load_profile("any machine")
     if unknown := REQUIRED - set(NEEDS):
@@ -87,6 +95,7 @@ def _shares_fixtures(item: pytest.Item) -> bool:
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_runtest_setup(item: pytest.Item) -> None:
+    hear_signals()
     for need, lack in NEEDS.items():
         if item.get_closest_marker(need) and lack():
             skip(need, lack())

@@ -435,9 +435,9 @@ def _run_one(
     seconds = time.monotonic() - started
     if write:
         nbformat.write(normalise(read_notebook(output), project), path)
-    log = max(set(logs.glob("*.mcap")) - before, default=None)
-    if parameters.get("log"):
-        log = project.root / parameters["log"]
+    made = max(set(logs.glob("*.mcap")) - before, default=None)
+    given = project.root / parameters["log"] if parameters.get("log") else made
+    log = given if given is not None and given.is_file() else None
     return Outcome(name=path.stem, seconds=seconds, experiment=name, notebook=output, log=log)
 
 

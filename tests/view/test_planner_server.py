@@ -233,7 +233,7 @@ def test_a_port_in_use_is_one_clear_error(tmp_path):
 
 def test_without_viser_the_extra_is_named(monkeypatch):
     monkeypatch.setitem(sys.modules, "viser", None)
-    with pytest.raises(MissingExtraError, match=r"sfglab\[view\]"):
+    with pytest.raises(MissingExtraError, match=r"'.\[view\]' in a checkout"):
         Planner(Editor(), port=0)
 
 
