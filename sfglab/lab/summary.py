@@ -124,10 +124,10 @@ def _draw(figure: Figure, tables: list[pd.DataFrame], entries: list[Entry]) -> N
         axes.set(ylabel=boundary.cost, title=boundary.proxy)
         axes.title.set(fontsize=9.5, weight="bold")
         text = {"xycoords": "axes fraction", "ha": "center", "va": "top", "in_layout": False}
-        axes.annotate(_number(entry), (0.5, -0.26), fontsize=8.5, **text)
+        axes.annotate(_number(entry), (0.5, -0.31), fontsize=8.5, **text)
         verdict = f"{entry.claim.id}: {entry.verdict.value}"
         color = COLORS[entry.verdict.value]
-        axes.annotate(verdict, (0.5, -0.62), weight="bold", color=color, **text)
+        axes.annotate(verdict, (0.5, -0.68), weight="bold", color=color, **text)
     figure.suptitle("Four proxies: a cost per subscriber becomes a cost per message")
 
 
