@@ -20,6 +20,7 @@ from rosbags.typesys import Stores, get_typestore
 from waiting import wait_until
 
 from sfglab.lab.browser import free_port
+from sfglab.lab.explore.viewer import LogViewer
 from sfglab.lab.paths import find_project
 from sfglab.spatial.scene.files import load_scene
 
@@ -198,10 +199,12 @@ def test_parts_of_pictures_are_pressed_and_python_answers_or_refuses(run, browse
 def test_the_viewer_is_scrubbed_without_a_mouse_and_asks_nothing_of_a_network(
     run, browser, pytestconfig
 ):
-    run(VIEWER.format(log=str(pytestconfig.rootpath / "data/reference/mocap.mcap")))
-    browser.wait_for(STEP % 0, ANSWER_S)
+    log = pytestconfig.rootpath / "data/reference/mocap.mcap"
+    first = LogViewer(log).slider.value
+    run(VIEWER.format(log=str(log)))
+    browser.wait_for(STEP % first, ANSWER_S)
     browser.evaluate("document.querySelector('.jp-OutputArea .noUi-handle').focus()")
-    for step in (1, 2):
+    for step in (first + 1, first + 2):
         for kind in ("keyDown", "keyUp"):
             browser.call(
                 "Input.dispatchKeyEvent", type=kind, key="ArrowRight", windowsVirtualKeyCode=39
@@ -323,16 +326,16 @@ def bag(tmp_path_factory):
         for step in range(20):
             at_ns = 10**18 + step * 10**8
             messages = {
-                "/tf": transform("odom", "base_link", 0.1 * step, at_ns),
                 "/scan": scan(at_ns),
                 "/odom": odometry(0.1 * step, at_ns),
+                "/tf": transform("odom", "base_link", 0.1 * step, at_ns),
             }
             if step == 0:
                 messages["/tf_static"] = transform("base_link", "laser", 0.2, at_ns)
-            for topic, message in messages.items():
+            for place, (topic, message) in enumerate(messages.items()):
                 connection = made[topic]
                 cdr = store.serialize_cdr(message, connection.msgtype)
-                writer.write(connection, at_ns, cdr)
+                writer.write(connection, at_ns + place * 10**6, cdr)  # transforms come last
     return folder
 
 
@@ -343,10 +346,10 @@ def test_space_is_drawn_without_error_reports(run, browser, bag, pytestconfig, t
     wrong = VIEWER.format(log=str(bag)).replace(")", ", frame='nowhere')")
     run(wrong)
     wait_until(lambda: badge_pixels(browser, shot) > 50, ANSWER_S)  # this is how reports look
-    for log, root in ((bag, "odom"), (driving, "map")):
+    for log, root, first in ((bag, "odom", 3), (driving, "map", 0)):
         run(VIEWER.format(log=str(log)))
         browser.wait_for(SAYS % f"space is drawn in {root}, the root of the largest TF tree")
-        browser.wait_for(STEP % 0, ANSWER_S)
+        browser.wait_for(STEP % first, ANSWER_S)
         wait_until(lambda: space_is_drawn(browser, shot), ANSWER_S)
         time.sleep(3)  # a report would stand there as soon as the view is drawn
         assert badge_pixels(browser, shot) == 0

@@ -46,7 +46,7 @@ run = await naming.exp.run("smoke")
 planner = show_planner("data/scenes/hall.yaml")
 display(planner, LogViewer("data/reference/mocap.mcap"))"""
 FOLDERS = "document.querySelector('.jp-DirListing-content').innerText.includes('data')"
-SHOWN = "document.querySelector('.jp-OutputArea').innerText.includes('shown: step 0 of')"
+SHOWN = "document.querySelector('.jp-OutputArea').innerText.includes('shown: step ')"
 CANVAS = "document.querySelector('.jp-OutputArea iframe')?.contentDocument?.querySelector('canvas') != null"
 
 

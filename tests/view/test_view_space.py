@@ -15,7 +15,7 @@ from sfglab.soc.graph import load_graph
 from sfglab.spatial.mocap.mapping import load_mapping
 from sfglab.spatial.scene.files import load_scene
 from sfglab.view.rerunning import blueprint, layout_of_topics
-from sfglab.view.space import largest_tree_root
+from sfglab.view.space import largest_tree, largest_tree_root
 
 TREES = [
     ([("map", "odom"), ("odom", "base"), ("world", "camera")], "map"),
@@ -45,6 +45,20 @@ def test_space_is_drawn_in_the_root_of_the_largest_tree(edges, root, static, tmp
             if part:
                 log.write(topic, transforms(part), log_time_ns=1)
     assert largest_tree_root(tmp_path / "a.mcap") == root
+
+
+def test_a_log_begins_where_the_tree_is_complete_unless_that_is_late(tmp_path):
+    for last_ms, first in ((3, 3), (90, 0)):
+        file = tmp_path / f"{last_ms}.mcap"
+        with LogWriter(file) as log:
+            for step in range(100):
+                edges = [("odom", "base")]
+                if step >= last_ms:
+                    edges.append(("base", "laser"))
+                log.write("/tf", transforms(edges), log_time_ns=step * 10**6)
+        assert largest_tree(file).complete_ns == last_ms * 10**6
+        assert LogViewer(file).slider.value == first
+        assert LogViewer(file, frame="base").slider.value == 0
 
 
 def test_transforms_of_every_topic_that_the_viewer_takes_count(tmp_path):

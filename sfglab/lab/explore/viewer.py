@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from bisect import bisect_right
+from bisect import bisect_left, bisect_right
 from contextlib import AsyncExitStack
 from functools import cached_property
 from pathlib import Path
@@ -25,7 +25,7 @@ from sfglab.view.cell import ROUNDED_NS, CellViewer
 from sfglab.view.panel import Panel
 from sfglab.view.rerunning import NOTEBOOK, RECEIVED, open_canvas
 from sfglab.view.session import Session
-from sfglab.view.space import largest_tree_root
+from sfglab.view.space import Tree, largest_tree
 from sfglab.view.stage import wanted_topics
 from sfglab.view.widgets import button, widgets
 
@@ -44,7 +44,7 @@ class LogViewer:
     """A log in Rerun's viewer, to scrub, and which topic has messages when.
 
     It shows a run, an MCAP file, or a bag that rosbags reads, also your own. Space is drawn in a frame; without
-    one in the root of the log's largest TF tree.
+    one in the root of the log's largest TF tree. The first step is the one where that tree is complete.
 
     Raises:
         LogError: There is no such file.
@@ -55,14 +55,19 @@ class LogViewer:
     def __init__(self, recording: Run[Any] | Path | str, *, frame: str = "") -> None:
         self._log = Path(recording if isinstance(recording, Path | str) else recording.log)
         self._spoken = _spoken(self._log)
-        self._frame = frame or largest_tree_root(self._log)
+        tree = largest_tree(self._log)
+        self._frame = frame or tree.root
         #: The time of each step on the log's clock: those at which the log has messages.
         self.times_ns = sorted({t for times in self._spoken.values() for t in times})
         kit = widgets()
         wide = {"width": "36em"}
         #: Its value is the step that is asked for.
         self.slider = kit.IntSlider(
-            max=len(self.times_ns) - 1, description="step", readout=False, layout=wide
+            value=self._step_of(tree) if self._frame == tree.root else 0,
+            max=len(self.times_ns) - 1,
+            description="step",
+            readout=False,
+            layout=wide,
         )
         self.slider.observe(lambda change: self._go(change["new"]), "value")
         self.said = kit.Label()  #: Its value says which step the viewer shows.
@@ -87,6 +92,11 @@ class LogViewer:
             file = Path(folder) / "cell.rrd"
             view_log(self._log, ViewOptions(to=(str(file),), frame=self._frame))
             return file.read_bytes()
+
+    def _step_of(self, tree: Tree) -> int:
+        """Return the step where a tree is complete; 0 if that is in the second half of the log."""
+        step = bisect_left(self.times_ns, tree.complete_ns)
+        return step if step <= len(self.times_ns) // 2 else 0
 
     def _show(self) -> None:
         count = sum(map(len, self._spoken.values()))

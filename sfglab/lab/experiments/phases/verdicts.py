@@ -195,7 +195,9 @@ def draw_maps(figure: Figure, run: Run[Config]) -> dict[str, Any]:
         share = "" if np.isnan(inside[answer]) else f"\n(in the box: {inside[answer]:.0%})"
         axes.set_title(ANSWERS[answer] + share, fontsize=9)
         last.set_xlabel("cost of a frame (us)", fontsize=8)
-    figure.colorbar(image, ax=panels, shrink=0.6, label="left: agreement with the paper, right: share of laps")
+    figure.colorbar(
+        image, ax=panels, shrink=0.6, label="left: agreement with the paper, right: share of laps"
+    )
     rates = ", ".join(map(str, sorted(table["rate_max_hz"].unique())))
     shares = inside.map("{:.0%}".format)
     figure.suptitle(
