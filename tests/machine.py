@@ -47,13 +47,13 @@ def hear_signals() -> None:
     """Handle signals as in a terminal.
 
     A shell ignores them for what it starts in the background, and so would every process that a test
-    starts.
+    starts. A command that a test runs in this process may leave the handler of its closed event loop.
     """
     for number, usual in (
         (signal.SIGINT, signal.default_int_handler),
         (signal.SIGHUP, signal.SIG_DFL),
     ):
-        if signal.getsignal(number) is signal.SIG_IGN:
+        if signal.getsignal(number) is not usual:
             signal.signal(number, usual)
 
 
