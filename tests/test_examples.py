@@ -23,7 +23,7 @@ from sfglab.domains import MAX_DOMAIN
 ROOT = Path(__file__).parents[1]
 # Two that listen for seconds are tried in test_recorded_topics.
 LISTENING = "sfglab (qos|map) --domain"
-LIVE = r"sfglab (topic|node|service|action|param|log (record|play)|frames lint --domain|mocap run)"
+LIVE = r"sfglab (topic|node|log (record|play)|frames lint --domain|mocap run)"
 # Until Ctrl-C; `test_what_never_ends_ends_by_one_line` ends some.
 ENDLESS = (
     *("lab", "router", "decoder", "camera", "plan ", "agent up", "follow serve"),
@@ -32,45 +32,26 @@ ENDLESS = (
         r"topic echo /chatter( --json.*)?$",
         "topic echo /odom",
         r"topic hz /chatter$",
-        "topic (hz|bw) /camera",
+        "topic hz /camera",
     ),
     *(r"topic pub (/chatter|-r)", "log record (/chatter|-e)"),
 )
 # Minutes, all figures, a fleet's machines, checkers of its files, cameras, robots, an editor's folder.
 ELSEWHERE = (
     *("reproduce", "figures", "deploy (plan|apply|releases|check|detect --root)"),
-    *("mocap run .*(--vicon|--topic)", "map .*--verilog", "mocap offset", "follow run"),
-    *("interfaces", "log play run.mcap --rate", "action send-goal -f"),
+    *("mocap run .*(--vicon|--topic)", "map .*--verilog", "follow run"),
+    *("interfaces", "log play run.mcap --rate"),
 )
-STATUS = {"param set": 1, "frames lint --domain": 1}
+STATUS = {"frames lint --domain": 1}
 TALKER = """
-import asyncio, sys
-import numpy as np
-from dataclasses import dataclass
+import asyncio
 from sfglab.bus import Node
-from sfglab.bus.parameters import Parameters
-from sfglab.messages import *
-
-@dataclass
-class Config:
-    linger_s: float = 1.0
-    rate: int = 3
-
-async def execute(goal):
-    result = action_type("example_interfaces/action/Fibonacci").result(sequence=np.array([0, 1], np.int32))
-    goal.succeed()
-    return result
+from sfglab.messages import default_message
 
 async def main():
     kinds = {"/chatter": "std_msgs/msg/String", "/tf": "tf2_msgs/msg/TFMessage"}
     kinds |= {"/odom": "nav_msgs/msg/Odometry", "/camera/image_raw": "sensor_msgs/msg/Image"}
-    async with Node("talker") as talker, Node("agent_decoder") as a, Node("turtlesim") as b, Node("go2") as c:
-        for one in (a, b, c):
-            Parameters(one, Config())
-        set_bool = service_type("std_srvs/srv/SetBool")
-        yes = set_bool.response(success=True, message="")
-        talker.create_service(set_bool.name, "/enable", lambda asked: yes)
-        server = talker.create_action_server("example_interfaces/action/Fibonacci", "/count", execute)
+    async with Node("talker") as talker:
         publishers = [talker.create_publisher(kind, topic) for topic, kind in kinds.items()]
         listener = talker.create_subscription(kinds["/chatter"], "/chatter", lambda heard: None)
         print("ready", flush=True)
@@ -122,7 +103,7 @@ def folder(tmp_path, monkeypatch, tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def talker():
-    """A domain in which nodes publish, serve and have parameters, for the processes of this module."""
+    """A domain in which a node publishes, for the processes of this module."""
     from sfglab.lab.testbed import held_domains
 
     with held_domains(1) as (domain,), pytest.MonkeyPatch.context() as patch:

@@ -51,7 +51,6 @@ LOGS = [
     "log BAD",
     "view BAD --to OUT.rrd",
     "frames lint BAD",
-    "mocap offset BAD --object a --odom go2/odom --base go2/base",
     f"mocap run {MOCAP} --log BAD --topic agent_x=/p --domain 99 --interface lo",
     "map BAD",
     "camera /global/go2/camera_front/color/ffmpeg --interface lo --source bag:BAD#/image",

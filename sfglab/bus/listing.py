@@ -1,7 +1,4 @@
-"""A graph in the words of ROS 2's tools: its topics, services, actions and nodes, as values and as text.
-
-Knows what is hidden, and which topics of the wire make a service or an action. Refuses to know terminals.
-"""
+"""A graph in the words of ROS 2's tools: its topics and nodes, and what is hidden."""
 
 from __future__ import annotations
 
@@ -9,7 +6,7 @@ import asyncio
 import difflib
 import time
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from sfglab import names
 from sfglab.bus.api import FAST_DDS, EndpointInfo, EndpointKind, NodeInfo, entries
@@ -17,7 +14,7 @@ from sfglab.errors import InvalidValueError
 from sfglab.qos import Durability, History, QoSProfile, Reliability
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping
+    from collections.abc import Iterable, Mapping
 
     from sfglab.bus.node import Node
 
@@ -25,9 +22,7 @@ Types = dict[str, tuple[str, ...]]  #: Names, sorted, each with its types.
 
 _QUIET_S = 0.7  #: How long nothing new may come.
 _LIMIT_S = 5.0  #: How long is waited at most, and while there is nobody.
-_FEEDBACK, _FEEDBACK_TYPE = "/_action/feedback", "_FeedbackMessage"
 _TYPE_HASH = "typehash"
-BARE = "_CREATED_BY_BARE_DDS_APP_"  #: rmw's name of who announces no node.
 
 
 def is_hidden(name: str) -> bool:
@@ -42,56 +37,14 @@ class View:
     endpoints: tuple[EndpointInfo, ...]  #: All that belong to a ROS name.
     nodes: tuple[NodeInfo, ...]  #: All nodes, by name.
 
-    def topics(self, *, hidden: bool = False, of: Callable[[EndpointInfo], bool] = bool) -> Types:
-        """Return topics of those endpoints."""
-        found = (e for e in self.endpoints if _role(e) is names.DdsRole.TOPIC and of(e))
+    def topics(self, *, hidden: bool = False) -> Types:
+        """Return topics with their types."""
+        found = (e for e in self.endpoints if _role(e) is names.DdsRole.TOPIC)
         return _by_name(((e.topic, e.type) for e in found), hidden=hidden)
-
-    def services(self, *, hidden: bool = False, of: Callable[[EndpointInfo], bool] = bool) -> Types:
-        """Return services of those endpoints."""
-        found = ((e, names.ros_name_from_dds(e.dds_topic)) for e in self.endpoints if of(e))
-        halves = [
-            (wire.name, e.type)
-            for e, wire in found
-            if wire and wire.role is not names.DdsRole.TOPIC
-        ]
-        return _by_name(((name, type_.rpartition("_")[0]) for name, type_ in halves), hidden=hidden)
-
-    def actions(self, *, hidden: bool = False, of: Callable[[EndpointInfo], bool] = bool) -> Types:
-        """Return actions of those endpoints, which are known by their feedback."""
-        found = {
-            topic.removesuffix(_FEEDBACK): tuple(
-                type_.removesuffix(_FEEDBACK_TYPE) for type_ in types
-            )
-            for topic, types in self.topics(hidden=True, of=of).items()
-            if topic.endswith(_FEEDBACK)
-        }
-        return {name: types for name, types in found.items() if hidden or not is_hidden(name)}
 
     def ends(self, topic: str, kind: EndpointKind) -> list[EndpointInfo]:
         """Return a topic's publishers or subscriptions."""
         return [e for e in self.endpoints if e.topic == topic and e.kind is kind]
-
-    def of_node(self, name: str, *, hidden: bool = False) -> dict[str, Types]:
-        """Return what a node has, under the heads of `ros2 node info`.
-
-        Raises:
-            InvalidValueError: There is no such node.
-        """
-        one_of([node.full_name for node in self.nodes], name, "node")
-
-        def which(kind: EndpointKind, prefix: str) -> Callable[[EndpointInfo], bool]:
-            return lambda e: e.node == name and e.kind is kind and e.dds_topic.startswith(prefix)
-
-        sends, hears = EndpointKind.PUBLISHER, EndpointKind.SUBSCRIPTION
-        return {
-            "Subscribers": self.topics(hidden=hidden, of=which(hears, "rt/")),
-            "Publishers": self.topics(hidden=hidden, of=which(sends, "rt/")),
-            "Service Servers": self.services(hidden=hidden, of=which(hears, "rq/")),
-            "Service Clients": self.services(hidden=hidden, of=which(sends, "rq/")),
-            "Action Servers": self.actions(hidden=hidden, of=which(sends, "rt/")),
-            "Action Clients": self.actions(hidden=hidden, of=which(hears, "rt/")),
-        }
 
 
 _NOTHING = View((), ())
@@ -151,70 +104,9 @@ async def settled(node: Node, spin_s: float | None = None) -> View:
     return view(node)
 
 
-def node_of(endpoint: EndpointInfo) -> tuple[str, str]:
-    """Return the namespace and the name of an endpoint's node, in rmw's words where it has none."""
-    namespace, _, name = endpoint.node.rpartition("/")
-    return (namespace or "/", name) if name else (BARE, BARE)
-
-
-def endpoint_text(endpoint: EndpointInfo) -> str:
-    """Return an endpoint as `ros2 topic info -v` prints it."""
-    namespace, name = node_of(endpoint)
-    qos = endpoint.qos
-    kept = qos.history.name + (f" ({qos.depth})" if qos.history is History.KEEP_LAST else "")
-    lines = [
-        f"Node name: {name}",
-        f"Node namespace: {namespace}",
-        f"Topic type: {endpoint.type}",
-        f"Topic type hash: {_hash(endpoint)}",
-        f"Endpoint type: {endpoint.kind.name}",
-        f"GID: {endpoint.gid.hex('.')}",
-        "QoS profile:",
-        f"  Reliability: {qos.reliability.name}",
-        f"  History (Depth): {'UNKNOWN' if tells_no_history(endpoint) else kept}",
-        f"  Durability: {qos.durability.name}",
-        f"  Lifespan: {_duration(qos.lifespan_ns)}",
-        f"  Deadline: {_duration(qos.deadline_ns)}",
-        f"  Liveliness: {qos.liveliness.name}",
-        f"  Liveliness lease duration: {_duration(qos.lease_ns)}",
-    ]
-    return "\n".join(lines)
-
-
-def endpoint_values(endpoint: EndpointInfo) -> dict[str, Any]:
-    """Return an endpoint as JSON values; durations in nanoseconds, null where they are infinite."""
-    namespace, name = node_of(endpoint)
-    qos, unknown = endpoint.qos, tells_no_history(endpoint)
-    return {
-        "node_name": name,
-        "node_namespace": namespace,
-        "topic_type": endpoint.type,
-        "topic_type_hash": _hash(endpoint),
-        "endpoint_type": endpoint.kind.name,
-        "gid": endpoint.gid.hex("."),
-        "transport": endpoint.transport,
-        "reliability": qos.reliability.name,
-        "history": "UNKNOWN" if unknown else qos.history.name,
-        "depth": None if unknown or qos.history is History.KEEP_ALL else qos.depth,
-        "durability": qos.durability.name,
-        "lifespan_ns": qos.lifespan_ns,
-        "deadline_ns": qos.deadline_ns,
-        "liveliness": qos.liveliness.name,
-        "liveliness_lease_ns": qos.lease_ns,
-    }
-
-
 def tells_no_history(endpoint: EndpointInfo) -> bool:
     """Return whether its middleware does not announce how much it keeps."""
     return endpoint.gid.startswith(FAST_DDS)
-
-
-def _hash(endpoint: EndpointInfo) -> str:
-    return entries(endpoint.user_data).get(_TYPE_HASH, "INVALID")
-
-
-def _duration(duration_ns: int | None) -> str:
-    return "Infinite" if duration_ns is None else f"{duration_ns} nanoseconds"
 
 
 def names_text(found: Mapping[str, tuple[str, ...]], *, show_types: bool) -> str:

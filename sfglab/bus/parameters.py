@@ -69,18 +69,6 @@ def parameter_value(value: Any) -> Any:
     return _made("ParameterValue", **fields)
 
 
-def plain_value(message: Any) -> tuple[str, Any]:
-    """Return the kind of a ParameterValue, such as ``integer`` or ``double array``, and its value."""
-    kinds = {one: kind for kind, one, _ in _KINDS.values()} | {5: "byte array"}
-    kinds |= {array: f"{kind} array" for kind, _, array in _KINDS.values()}
-    if (kind := kinds.get(message.type)) is None:
-        return "not set", None
-    value = getattr(message, f"{kind.replace(' ', '_')}_value")
-    return kind.replace("bool", "boolean"), value.tolist() if isinstance(
-        value, np.ndarray
-    ) else value
-
-
 class Parameters:
     """The parameters of a started node: a dataclass's fields, those of its parts with dots between."""
 

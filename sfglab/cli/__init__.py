@@ -21,7 +21,6 @@ from typer.core import TyperGroup
 
 from sfglab import __version__
 from sfglab.cli import (
-    calls,
     deploy,
     experiments,
     fleet,
@@ -31,6 +30,7 @@ from sfglab.cli import (
     mocap,
     nodes,
     plan,
+    removed,
     schema,
     topics,
     view,
@@ -86,14 +86,12 @@ _GROUPS = {
     "log": logs.app,
     "topic": topics.app,
     "node": nodes.node_app,
-    "service": calls.service_app,
-    "action": calls.action_app,
-    "param": nodes.param_app,
 }
 for _name, _command in _COMMANDS.items():
     app.command(_name)(_command)
 for _name, _group in _GROUPS.items():
     app.add_typer(_group, name=_name, short_help=(_group.info.help or "").partition("\n\n")[0])
+removed.add_removed({"": app, **_GROUPS})
 for _each in (app, *_GROUPS.values()):
     for _one in _each.registered_commands:  # whole in the lists of commands, where typer cuts
         _text = cleandoc((_one.callback and _one.callback.__doc__) or "")

@@ -21,7 +21,6 @@ from sfglab.files import write_files
 
 if TYPE_CHECKING:
     from sfglab.bus import EndpointInfo, Node
-    from sfglab.bus.api import Transport
     from sfglab.bus.listing import View
     from sfglab.qos import QoSProfile
 
@@ -42,17 +41,14 @@ SpinTime = Annotated[
     ),
 ]
 Json = Annotated[bool, Option("--json", help="Print JSON.")]
-Hidden = Annotated[bool, Option("--include-hidden", "-a", help="Consider names below _ as well.")]
 ShowTypes = Annotated[bool, Option("--show-types", "-t", help="Additionally show the type.")]
 Count = Annotated[bool, Option("--count", "-c", help="Only display how many there are.")]
 Reliability = Annotated[str | None, Option("--qos-reliability", help="reliable or best_effort.")]
 Durability = Annotated[str | None, Option("--qos-durability", help="volatile or transient_local.")]
 Depth = Annotated[int | None, Option("--qos-depth", min=1, help="How many messages are kept.")]
-Timeout = Annotated[float | None, Option(min=0.1, help="Seconds to wait; else for ever.")]
 Place = tuple[int | None, str | None]  #: A domain and an interface.
-_TOPIC_S = 3.0  #: How long a topic's publisher is looked for,
-_SOON_S = 1.0  #: After which it is said that a server is waited for.
-_OTHERS_S = 0.3  #: and then the others.
+_TOPIC_S = 3.0  #: How long a topic's publisher is looked for.
+_OTHERS_S = 0.3  #: How long its other publishers are looked for.
 
 
 def on_node(place: Place, body: Callable[[Node], Coroutine[Any, Any, T]], name: str = "") -> T:
@@ -86,46 +82,6 @@ def look(place: Place, spin_s: float | None) -> View:
     from sfglab.bus.listing import settled
 
     return on_node(place, lambda node: settled(node, spin_s))
-
-
-async def transport_of(node: Node, service: str, timeout_s: float | None) -> Transport:
-    """Return by which transport a service's server is reached, once there is one.
-
-    Raises:
-        BusTimeoutError: There was none in time.
-        SfglabError: It takes a ROS 2 to reach it, and there is none here.
-    """
-    from sfglab.bus import BusTimeoutError, EndpointKind
-    from sfglab.names import dds_service
-
-    asked = dds_service(service)[0], EndpointKind.SUBSCRIPTION
-
-    def servers() -> list[EndpointInfo]:
-        return [e for e in node.graph.endpoints() if (e.dds_topic, e.kind) == asked]
-
-    if not await node.graph.wait_for(lambda: bool(servers()), _SOON_S):
-        typer.echo("waiting for service to become available...", err=True)
-        start_s = _SOON_S
-        while not await node.graph.wait_for(lambda: bool(servers()), _TOPIC_S):
-            start_s += _TOPIC_S
-            if timeout_s is not None and start_s > timeout_s:
-                raise BusTimeoutError(
-                    f"service {service!r}: no server was found within {timeout_s} s"
-                )
-    if "dds" in (found := {server.transport for server in servers()}) or "ros" not in found:
-        return "dds"
-    if why := node.backend.ros.why:
-        runs = "its server runs on rmw_fastrtps, which takes a ROS 2 to reach"
-        raise SfglabError(f"service {service!r}: {runs}; {why}")
-    return "ros"
-
-
-async def call(node: Node, type_: str, service: str, request: Any, timeout_s: float | None) -> Any:
-    """Return a server's response; errors as of `transport_of` and `Client.call`."""
-    client = node.create_client(
-        type_, service, transport=await transport_of(node, service, timeout_s)
-    )
-    return await client.call(request, timeout_s)
 
 
 def say(values: Any, text: Callable[[Any], str], *, as_json: bool) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import json
 import os
 from collections.abc import Callable
 from pathlib import Path
@@ -20,15 +19,16 @@ from sfglab.errors import SfglabError
 
 if TYPE_CHECKING:
     from sfglab.bus import Node
-    from sfglab.record import LogReader
     from sfglab.spatial.mocap.bridge import BridgeCore, MocapObjectStatus
     from sfglab.spatial.mocap.mapping import MocapMapping
-    from sfglab.spatial.mocap.offset import OffsetEstimate
     from sfglab.spatial.mocap.tracking import MocapSource
 
-mocap_app = typer.Typer(help="Motion capture: publish it, and calibrate it.", no_args_is_help=True)
+mocap_app = typer.Typer(
+    help="Motion capture: publish where cameras see agents.", no_args_is_help=True
+)
 frames_app = typer.Typer(help="Trees of frames.", no_args_is_help=True)
-frames_app.callback()(lambda: None)  # with a single command typer would leave its name out
+for _single in (mocap_app, frames_app):
+    _single.callback()(lambda: None)  # with a single command typer would leave its name out
 _POSES = ("geometry_msgs/msg/PoseStamped", "geometry_msgs/msg/TransformStamped")
 _Type = Literal["pose", "transform"]
 
@@ -92,43 +92,6 @@ def mocap_run(
             typer.echo(_report(bridge.core), nl=False)
 
     on_node((domain, interface), serve, "mocap_bridge")
-
-
-@mocap_app.command("offset")
-def mocap_offset(
-    log: Annotated[Path, Argument(help="A log with /tf of the robot and the poses of its object.")],
-    object_: Annotated[
-        str, Option("--object", help="The object's id, as it is called in the mapping.")
-    ],
-    odom: Annotated[str, Option(help="The frame of the robot's odometry.")],
-    base: Annotated[str, Option(help="The frame that the object is to stand for.")],
-    topic: Annotated[
-        str | None, Option(help="The topic of its poses; not needed where the log has but one.")
-    ] = None,
-    height_m: Annotated[
-        float | None,
-        Option(help="The base's z in the object's frame, for robots that turn about z only."),
-    ] = None,
-) -> None:
-    """Find where a robot's base is in its tracked object, from a recorded motion, as YAML for a mapping.
-
-    Drive curves for 10 to 30 s; tilt the robot as well if it can be lifted, else measure the height by hand.
-
-    Example:
-      sfglab mocap offset calib.mcap --object "Go2 Body" --odom go2/odom --base go2/base --height-m -0.118
-    """
-    from sfglab.record import LogReader
-    from sfglab.spatial.frames.buffer import FrameBuffer
-    from sfglab.spatial.frames.listener import fill_from_log
-    from sfglab.spatial.mocap.offset import estimate_offset, pose_pairs
-    from sfglab.spatial.mocap.sources import LogSource
-
-    with LogReader(log) as reader:
-        buffer = FrameBuffer(history_s=None)
-        fill_from_log(reader, buffer)
-        captures = LogSource(reader, {object_: topic or _only_topic(reader)}).recorded()
-        pairs = pose_pairs(captures, object_, buffer, odom=odom, base=base)
-    typer.echo(_offset_yaml(object_, base, estimate_offset(pairs, height_m=height_m)), nl=False)
 
 
 @frames_app.command("lint")
@@ -278,30 +241,4 @@ def _object_line(status: MocapObjectStatus) -> str:
         f"{status.mapped.id} -> {status.frame or 'nothing yet'}: {status.track.state.value}, "
         f"{status.published} published, {status.unplaced} not placed ({sights}); "
         f"capture to receipt to publication {times} ms{problem}"
-    )
-
-
-def _only_topic(reader: LogReader) -> str:
-    topics = [topic for topic, info in reader.topics.items() if info.type_name in _POSES]
-    if len(topics) != 1:
-        allowed = ", ".join(topics) or "none: the log has no poses"
-        raise SfglabError(f"--topic: nothing is given, allowed are {allowed}")
-    return topics[0]
-
-
-def _offset_yaml(object_id: str, base: str, found: OffsetEstimate) -> str:
-    pose = found.object_from_base
-    metres = ", ".join(f"{1e3 * sigma:.1f}" for sigma in found.sigma_m)
-    angles = ", ".join(f"{1e3 * sigma:.1f}" for sigma in found.sigma_rad)
-    position = ", ".join(f"{x:.5f}" for x in pose.position_m)
-    quat = ", ".join(f"{x:.6f}" for x in pose.quat_xyzw)
-    return (
-        f"# {found.pairs} moments; unexplained: {1e3 * found.residual_m:.2f} mm, "
-        f"{1e3 * found.residual_rad:.2f} mrad; "
-        f"the odometry drifts by {1e3 * found.drift_m_s:.1f} mm/s and {1e3 * found.drift_rad_s:.1f} mrad/s\n"
-        f"{json.dumps(object_id)}:\n"
-        f"  via: {base}\n"
-        f"  offset:\n"
-        f"    position_m: [{position}]  # standard deviations {metres} mm\n"
-        f"    quat_xyzw: [{quat}]  # standard deviations {angles} mrad about the base's x, y, z\n"
     )

@@ -17,7 +17,7 @@ from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
     from sfglab.bus import Node
-    from sfglab.bus.meters import Bandwidth, Rate
+    from sfglab.bus.meters import Rate
 
 app = typer.Typer(help="Topics of a domain, in the words of ros2 topic.", no_args_is_help=True)
 _Topic = Annotated[str, Argument(help="Name of the topic, e.g. /chatter")]
@@ -52,44 +52,6 @@ def list_topics(
     """
     found = bus.look((domain, interface), spin).topics(hidden=hidden)
     bus.list_names(found, show_types=show_types, count=count, as_json=as_json)
-
-
-@app.command()
-def info(
-    topic: _Topic,
-    verbose: Annotated[
-        bool, Option("--verbose", "-v", help="Also nodes, QoS, hashes of types.")
-    ] = False,
-    as_json: bus.Json = False,
-    domain: bus.Domain = None,
-    interface: bus.Interface = None,
-    spin: bus.SpinTime = None,
-) -> None:
-    """Say who publishes a topic and who subscribes to it.
-
-    Examples:
-      sfglab topic info /chatter
-      sfglab topic info -v /chatter --domain 7
-    """
-    from sfglab.bus import EndpointKind
-    from sfglab.bus.listing import endpoint_text, endpoint_values, one_of
-
-    seen = bus.look((domain, interface), spin)
-    topics = seen.topics(hidden=True)
-    types = topics[one_of(topics, topic, "topic")]
-    ends = {kind: seen.ends(topic, kind) for kind in EndpointKind}
-    if as_json:
-        sides = {
-            f"{kind.value}s": [endpoint_values(e) for e in found] for kind, found in ends.items()
-        }
-        bus.tell({"name": topic, "types": types, **sides})
-        return
-    gap = "\n" * verbose
-    typer.echo(f"Type: {types[0] if len(types) == 1 else list(types)}{gap}")
-    for kind, found in ends.items():
-        typer.echo(f"{kind.value.capitalize()} count: {len(found)}{gap}")
-        for end in found if verbose else ():
-            typer.echo(f"{endpoint_text(end)}\n")
 
 
 @app.command()
@@ -174,32 +136,8 @@ def hz(
     )
 
 
-@app.command()
-def bw(
-    topic: _Topic,
-    window: _Window = 100,
-    duration: _Duration = None,
-    as_json: bus.Json = False,
-    domain: bus.Domain = None,
-    interface: bus.Interface = None,
-    _interfaces: Interfaces = None,
-) -> None:
-    """Print the bandwidth of a topic, the bytes of its messages, every second until Ctrl-C.
-
-    Examples:
-      sfglab topic bw /camera/image_raw
-      sfglab topic bw /chatter --duration 5 --domain 7
-    """
-    from sfglab.bus.meters import Bandwidth
-
-    meter = Bandwidth(window)
-    bus.until_interrupted(
-        (domain, interface), lambda node: _measure(node, topic, meter, duration, as_json)
-    )
-
-
 async def _measure(
-    node: Node, topic: str, meter: Rate | Bandwidth, duration_s: float | None, as_json: bool
+    node: Node, topic: str, meter: Rate, duration_s: float | None, as_json: bool
 ) -> None:
     """Report what a meter says, every second in which messages came."""
     from sfglab.bus.listing import usual_qos
@@ -209,9 +147,9 @@ async def _measure(
     typer.echo(f"Subscribed to [{topic}]", err=as_json)
     due_ns, end_ns = 0, 0.0
     while True:
-        cdr, info = await subscription.take_with_info()
+        _, info = await subscription.take_with_info()
         now_ns = info.received_timestamp_ns
-        meter.add(now_ns, len(cdr))
+        meter.add(now_ns)
         if not due_ns:
             due_ns, end_ns = now_ns + NS_PER_S, now_ns + (duration_s or float("inf")) * NS_PER_S
         if now_ns >= min(due_ns, end_ns) and (values := meter.values()):

@@ -14,16 +14,12 @@ from rclpy_peer import interface, report
 
 
 class Peer(service_peer.Peer):
-    def seen(self, node):
-        """Report topics, services and nodes, endpoints in rclpy's words, and what one node has."""
-        name, namespace = node.rpartition("/")[2], node.rpartition("/")[0] or "/"
+    def seen(self):
+        """Report topics and nodes, and endpoints in rclpy's words."""
         topics = dict(self.node.get_topic_names_and_types())
-        asked = {"Subscribers": "subscriber", "Publishers": "publisher"}
-        asked |= {"Service Servers": "service", "Service Clients": "client"}
         report(
             "seen",
             topics=topics,
-            services=dict(self.node.get_service_names_and_types()),
             nodes=[
                 n.rstrip("/") + "/" + name for name, n in self.node.get_node_names_and_namespaces()
             ],
@@ -34,22 +30,7 @@ class Peer(service_peer.Peer):
                 ]
                 for topic in topics
             },
-            of_node={
-                head: dict(
-                    getattr(self.node, f"get_{kind}_names_and_types_by_node")(name, namespace)
-                )
-                for head, kind in asked.items()
-            },
         )
-
-    def has(self, name, value):
-        """Report the names of parameters, and one of them, which is declared so."""
-        self.node.declare_parameter(name, value)
-        report("has", names=sorted(self.node._parameters))
-
-    def now(self, name):
-        """Report a parameter."""
-        report("now", value=list(self.node.get_parameter(name).value))
 
     def shown(self, kind, cdr):
         """Report messages as rclpy shows them."""

@@ -6,20 +6,15 @@ import subprocess
 import sys
 from pathlib import Path
 
-import numpy as np
 import pytest
-import yaml
 from commands import called
 
 from sfglab.errors import SfglabError
 from sfglab.messages import message_type
-from sfglab.names import TF, TF_STATIC
+from sfglab.names import TF_STATIC
 from sfglab.record import LogWriter
 from sfglab.spatial import Pose, StampedTransform
-from sfglab.spatial.execution.orders import stamped_pose
 from sfglab.spatial.frames.listener import TRANSFORMS
-from sfglab.spatial.mocap.mapping import read_mapping
-from sfglab.spatial.mocap.synthetic import SyntheticConfig, SyntheticMotion, synthetic_captures
 
 EXAMPLE = str(Path(__file__).parents[2] / "data" / "mocap" / "two_agents.yaml")
 OFFSET = Pose.at((0.03, -0.01, -0.12), (0.02, -0.03, 0.06, 1.0))
@@ -28,44 +23,6 @@ OFFSET = Pose.at((0.03, -0.01, -0.12), (0.02, -0.03, 0.06, 1.0))
 def tf(parent, child, stamp_ns=0, pose=None):
     value = StampedTransform(parent=parent, child=child, stamp_ns=stamp_ns, pose=pose or Pose())
     return message_type(TRANSFORMS)(transforms=[value.to_msg()])
-
-
-@pytest.fixture
-def calibration(tmp_path):
-    """A log of a robot that is driven around under cameras."""
-    motion, path = SyntheticMotion(), tmp_path / "calib.mcap"
-    config = SyntheticConfig(rate_hz=20.0)
-    made = synthetic_captures({"o": motion}, config, np.random.default_rng(1), duration_s=8.0)
-    with LogWriter(path) as log:
-        for capture in (m.capture for m in made):
-            stamp_ns = capture.capture_ns
-            base = tf("go2/odom", "go2/base", stamp_ns, motion.pose_at(stamp_ns / 1e9) @ OFFSET)
-            log.write(TF, base, log_time_ns=stamp_ns)
-            seen = stamped_pose(capture.sights["o"], "map", stamp_ns)
-            log.write("/vrpn/go2", seen, log_time_ns=capture.receipt_ns)
-    return str(path)
-
-
-FRAMES = ("--odom", "go2/odom", "--base", "go2/base")
-
-
-def test_the_offset_is_printed_as_yaml_that_a_mapping_takes(calibration):
-    printed = called("mocap", "offset", calibration, "--object", "Go2 Body", *FRAMES)
-    mapping = read_mapping(yaml.safe_dump({"world": "map", "objects": yaml.safe_load(printed)}))
-    mapped = mapping.objects["Go2 Body"]
-    assert (mapped.via, mapped.offset.same_as(OFFSET, within_m=0.003, within_rad=0.005)) == (
-        "go2/base",
-        True,
-    )
-    assert "160 moments" in printed
-    assert printed.count("standard deviations") == 2
-
-
-def test_the_topic_is_asked_for_where_the_log_leaves_it_open(tmp_path):
-    with LogWriter(tmp_path / "x.mcap") as log:
-        log.write(TF, tf("go2/odom", "go2/base"), log_time_ns=0)
-    with pytest.raises(SfglabError, match=r"--topic: nothing is given, .* no poses"):
-        called("mocap", "offset", str(tmp_path / "x.mcap"), "--object", "o", *FRAMES)
 
 
 def logged(path, *edges):
