@@ -215,11 +215,11 @@ def test_a_wrong_argument(words, attempt, tmp_path, monkeypatch):
         f"map {GRAPH} --stage hardware": "--stage: given without --figure",
         f"map {GRAPH} --figure OUT.gif": ".png, .svg or .pdf",
         f"map {GRAPH} --figure OUT/map.png": "out/map.png: no such file or directory",
-        f"map {GRAPH} --lut 5": "given without --place",
-        f"map {DATA}/graphs/driving.yaml --place --rule paper": "given with --place",
+        f"map {GRAPH} --lut 5": "given without --optimise-placement",
+        f"map {DATA}/graphs/driving.yaml --optimise-placement --gateway-rule paper": "given with --optimise-placement",
         f"map {DATA}/graphs/driving.yaml --build-cfg OUT/build.cfg": "a file that can be written",
-        f"qos {QOS} --front --out OUT": "--out: given with --front",
-        f"qos {QOS} --method printed --latency-price 2": "--latency-price: given with --method printed",
+        f"qos {QOS} --pareto --out OUT": "--out: given with --pareto",
+        f"qos {QOS} --method paper --latency-weight 2": "--latency-weight: given with --method paper",
         f"qos {QOS} --format cyclone": "--vendor cyclone_dds",
         f"qos {QOS} --rmw cyclone --vendor cyclone_dds": "--rmw: given with --vendor",
         f"qos {QOS} --format topics": f"--format topics: given {QOS}, needed is a log",
@@ -237,7 +237,7 @@ def test_a_wrong_argument(words, attempt, tmp_path, monkeypatch):
         "topic pub /a std_msgs/msg/String --once --qos-reliability maybe": "best_effort or reliable",
         "topic list --domain 233": "less than or equal to 232",
         "topic hz /a --window 1": "greater than or equal to 2",
-        "qos --fromat table": "Possible options: --domain, --format, --front",
+        "qos --fromat table": "Possible options: --domain, --format, --rmw",
         "router": "--domain",
         "router --domain 233": "--domain",
         "router --domain 0": "domain on both sides: given 0, allowed: two",
@@ -321,7 +321,7 @@ def test_a_disk_that_is_full_or_read_only(command, more, tmp_path):
 @pytest.mark.live
 @pytest.mark.parametrize("delay_s", [0.1, 2.0])
 @pytest.mark.parametrize(
-    "command", ["claims", f"qos {QOS} --front", "frames lint --domain 99 --listen 60"]
+    "command", ["claims", f"qos {QOS} --pareto", "frames lint --domain 99 --listen 60"]
 )
 def test_ctrl_c_is_one_line(command, delay_s, tmp_path):
     """From when Python has begun with the package, which it tells: what its own start prints is not ours."""

@@ -88,7 +88,8 @@ _GROUPS = {
     "node": nodes.node_app,
 }
 for _name, _command in _COMMANDS.items():
-    app.command(_name)(_command)
+    _former = removed.RenamedOptions if _name in removed.RENAMED else None
+    app.command(_name, cls=_former)(_command)
 for _name, _group in _GROUPS.items():
     app.add_typer(_group, name=_name, short_help=(_group.info.help or "").partition("\n\n")[0])
 removed.add_removed({"": app, **_GROUPS})

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from sfglab.soc import CommunicationMapping, Graph, Topic
 
 _Format = Literal["table", "fastdds", "fastdds3", "cyclone", "ros2", "topics"]
-_Method = Literal["ours", "printed"]
+_Method = Literal["ours", "paper"]
 _Vendor = Literal["fast_dds", "cyclone_dds"]
 _Rmw = Literal["fastrtps-async", "fastrtps-sync", "cyclone"]
 _Rule = Literal["paper", "size"]
@@ -57,7 +57,7 @@ def qos(
     ] = None,
     method: Annotated[
         _Method,
-        Option(help="ours: a convex programme that sees the link. printed: paper B, Eq. 1 to 6."),
+        Option(help="ours: a convex programme that sees the link. paper: paper B, Eq. 1 to 6."),
     ] = "ours",
     output_format: Annotated[
         _Format,
@@ -78,14 +78,16 @@ def qos(
     rmw: Annotated[
         _Rmw | None, Option(help="What ROS 2 runs on, and how that publishes; instead of --vendor.")
     ] = None,
-    latency_price: Annotated[
+    latency_weight: Annotated[
         float | None,
         Option(
-            min=0.0, help="What a second of latency costs; else the front's most up-to-date point."
+            min=0.0,
+            help="Weight of a second of latency in the objective. "
+            "[default: the one that keeps most readers up to date]",
         ),
     ] = None,
-    front: Annotated[
-        bool, Option("--front", help="Show the Pareto front, one line for each price of latency.")
+    pareto: Annotated[
+        bool, Option("--pareto", help="Print the Pareto front, one line for each latency weight.")
     ] = False,
     domain: _Domain = None,
     seconds: _Seconds = 5.0,
@@ -96,9 +98,9 @@ def qos(
 
     Examples:
       sfglab qos data/qos/paper_b.yaml
-      sfglab qos data/qos/paper_b.yaml --method printed --rate-max 500
+      sfglab qos data/qos/paper_b.yaml --method paper --rate-max 500
       sfglab qos data/qos/paper_b.yaml --rmw fastrtps-async
-      sfglab qos data/qos/paper_b.yaml --front
+      sfglab qos data/qos/paper_b.yaml --pareto
       sfglab qos data/qos/paper_b.yaml --format fastdds --out config
       sfglab qos data/qos/warehouse.yaml --format cyclone --out config
       sfglab qos bag/ --format topics --out config   # then say in topics.yaml what the link is
@@ -122,13 +124,13 @@ def qos(
     preset = _PRESET_OF[rmw] if rmw else vendor
     if preset is not None and PRESETS[preset].name != given.vendor.name:
         given = replace(given, vendor=PRESETS[preset])
-    if front:
-        why = "with --front, which shows all prices on the terminal"
-        unused(why, "method", "output_format", "out", "latency_price")
+    if pareto:
+        why = "with --pareto, which prints all latency weights on the terminal"
+        unused(why, "method", "output_format", "out", "latency_weight")
         typer.echo(_front_table(given))
         return
-    if method == "printed":
-        unused("with --method printed, which knows no price", "latency_price")
+    if method == "paper":
+        unused("with --method paper, which has no latency weight", "latency_weight")
     export, name = EXPORTS.get(output_format), given.vendor.name
     if export and export.vendor and not name.startswith(export.vendor.name):
         fitting = [
@@ -139,8 +141,8 @@ def qos(
         raise InvalidValueError("--format", output_format, needed)
     plan = (
         plan_as_printed(given)
-        if method == "printed"
-        else plan_file(given, latency_price_hz=latency_price)
+        if method == "paper"
+        else plan_file(given, latency_price_hz=latency_weight)
     )
     if as_json:
         unused("with --json", "output_format", "out")
@@ -234,7 +236,7 @@ def _front_table(given: TopicFile) -> str:
     points = pareto_front(given.topics, given.medium, given.vendor, limits=limits)
     rows = [
         (
-            "price Hz",
+            "latency weight Hz",
             "freshness %",
             "latency ms",
             "up to date %",
@@ -263,16 +265,19 @@ def map_graph(
             help="A computation graph, e.g. data/graphs/figure_8.yaml, or a log; else --domain."
         ),
     ] = None,
-    rule: Annotated[
+    gateway_rule: Annotated[
         _Rule | None,
         Option(
             help="Which topics between both sides get a gateway. paper: those with more than one subscriber in "
             "hardware. size: those that it is predicted to make faster. [default: paper]"
         ),
     ] = None,
-    place: Annotated[
+    optimise_placement: Annotated[
         bool,
-        Option("--place", help="Place the nodes as well: least work and carriage a second, HiGHS."),
+        Option(
+            "--optimise-placement",
+            help="Place the nodes as well: least computing and transfer time per second, by HiGHS.",
+        ),
     ] = False,
     lut: Annotated[
         int | None, Option(min=0, help="LUTs that there are; else the ZCU104's.")
@@ -306,10 +311,10 @@ def map_graph(
 
     Examples:
       sfglab map data/graphs/figure_8.yaml
-      sfglab map data/graphs/driving.yaml --rule size --figure driving.png
+      sfglab map data/graphs/driving.yaml --gateway-rule size --figure driving.png
       sfglab map bag/ --out graph.yaml   # a bag or MCAP; then say in the file what is in hardware
       sfglab map --domain 7 --out graph.yaml   # the same of what runs
-      sfglab map data/graphs/driving.yaml --place --lut 40000 --out placed.yaml
+      sfglab map data/graphs/driving.yaml --optimise-placement --lut 40000 --out placed.yaml
       sfglab map data/graphs/driving.yaml --build-cfg build.cfg --verilog rtl
     """
     from sfglab.record.reader import is_log
@@ -318,14 +323,16 @@ def map_graph(
 
     with _source(file, domain, interface, seconds) as source:
         graph = _recorded(source) if is_log(source) else load_graph(source)
-    if place:
-        unused("with --place, which chooses gateways by their cost", "rule")
-    if not place:
-        unused("without --place, which alone knows areas", "lut", "bram")
+    if optimise_placement:
+        unused("with --optimise-placement, which chooses gateways by their cost", "gateway_rule")
+    else:
+        unused("without --optimise-placement, which alone uses areas", "lut", "bram")
     if figure is None:
         unused("without --figure, in which it is drawn", "stage")
-    gateway = {"gateway": faster_by_gateway()} if rule == "size" else {}
-    mapping = _placed(graph, lut, bram) if place else map_communication(graph, **gateway)
+    gateway = {"gateway": faster_by_gateway()} if gateway_rule == "size" else {}
+    mapping = (
+        _placed(graph, lut, bram) if optimise_placement else map_communication(graph, **gateway)
+    )
     found = mapping.gateways
     files: dict[Path, str | bytes] = {}
     if figure is not None:

@@ -13,6 +13,7 @@ import typer
 from typer import Argument, Option
 
 from sfglab.cli.buses import Json, domain_option, on_node, say, unused
+from sfglab.cli.removed import RenamedOptions
 from sfglab.component import on_stop
 from sfglab.domains import VARIABLE
 from sfglab.errors import SfglabError
@@ -33,7 +34,7 @@ _POSES = ("geometry_msgs/msg/PoseStamped", "geometry_msgs/msg/TransformStamped")
 _Type = Literal["pose", "transform"]
 
 
-@mocap_app.command("run")
+@mocap_app.command("run", cls=RenamedOptions)
 def mocap_run(
     file: Annotated[
         Path, Argument(help="Which object is which frame, e.g. data/mocap/two_agents.yaml")
@@ -49,9 +50,12 @@ def mocap_run(
     synthetic: Annotated[
         bool, Option("--synthetic", help="Objects on ellipses, for trials without cameras.")
     ] = False,
-    trees: Annotated[
+    publish_tf: Annotated[
         bool,
-        Option("--trees", help="Make up the agents' own trees too, where no robot publishes them."),
+        Option(
+            "--publish-tf",
+            help="Also publish the agents' own TF trees, made up, where no robot publishes them.",
+        ),
     ] = False,
     agent: Annotated[str, Option(help="The agent on which it runs, for the status topic.")] = "",
     duration: Annotated[
@@ -64,7 +68,7 @@ def mocap_run(
       sfglab mocap run data/mocap/two_agents.yaml --vicon 192.168.10.1 --domain 0
       sfglab mocap run data/mocap/two_agents.yaml --topic "Go2 Body=/vrpn/go2/pose" --domain 0
       sfglab mocap run data/mocap/two_agents.yaml --log run.mcap --topic "Go2 Body=/vrpn/go2/pose" --domain 7
-      sfglab mocap run data/mocap/two_agents.yaml --synthetic --trees --domain 7 --interface lo --duration 10
+      sfglab mocap run data/mocap/two_agents.yaml --synthetic --publish-tf --domain 7 --interface lo --duration 10
     """
     from sfglab.spatial.mocap.bridge import BridgeOptions, MocapBridge, status_topic
     from sfglab.spatial.mocap.mapping import load_mapping
@@ -78,7 +82,7 @@ def mocap_run(
 
     async def serve(node: Node) -> None:
         with contextlib.ExitStack() as stack:
-            if trees:
+            if publish_tf:
                 _make_up_trees(node, mapping)
             bridge = MocapBridge(
                 node, make(node, mapping, stack), mapping, BridgeOptions(agent=agent)

@@ -1,13 +1,18 @@
-"""Commands that were removed: each names its replacement and ends with status 2, up to and including 0.1.0."""
+"""Removed commands and former names of options, up to and including 0.1.0.
+
+A removed command prints its replacement and exits with status 2. A former name of an option is
+accepted with a warning.
+"""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import typer
+from typer.core import TyperCommand
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable, Iterator, Mapping
 
 #: The replacement of each removed command.
 REPLACEMENTS = {
@@ -19,6 +24,16 @@ REPLACEMENTS = {
     "node info": "ros2 node info does this",
     "mocap offset": "measure the object's offset and write it into the mapping, "
     "as data/mocap/two_agents.yaml does",
+}
+#: The former names of options and values of each command, and today's.
+RENAMED = {
+    "qos": {
+        "--front": "--pareto",
+        "--latency-price": "--latency-weight",
+        "--method printed": "--method paper",
+    },
+    "map": {"--rule": "--gateway-rule", "--place": "--optimise-placement"},
+    "mocap run": {"--trees": "--publish-tf"},
 }
 # Whatever follows the name is ignored, --help included: the sentence is the help.
 _ANYTHING = {
@@ -41,3 +56,34 @@ def _refusal(command: str) -> Callable[[typer.Context], None]:
         raise typer.Exit(2)
 
     return refuse
+
+
+class RenamedOptions(TyperCommand):
+    """A command that accepts former names of its options, with a warning."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Parse arguments in which former names are replaced."""
+        command = ctx.command_path.partition(" ")[2]
+        return super().parse_args(ctx, list(_todays(args, RENAMED[command])))
+
+
+def _todays(args: list[str], renamed: Mapping[str, str]) -> Iterator[str]:
+    """Yield arguments with today's names; a value may follow its option as a word or behind ``=``."""
+    before = ""
+    for arg in args:
+        name, equals, value = arg.partition("=")
+        option, given = (name, value) if equals else (before, arg)
+        before = arg
+        if name in renamed:
+            _warn(name, renamed[name])
+            yield renamed[name] + equals + value
+        elif f"{option} {given}" in renamed:
+            new = renamed[f"{option} {given}"]
+            _warn(f"{option} {given}", new)
+            yield new.replace(" ", "=") if equals else new.rpartition(" ")[2]
+        else:
+            yield arg
+
+
+def _warn(former: str, new: str) -> None:
+    typer.echo(f"warning: {former} is now called {new}", err=True)

@@ -18,7 +18,7 @@ def test_the_table_has_a_line_for_each_topic_and_the_printed_method_gives_all_th
     text = call(PAPER_B)
     assert len(re.findall(r"^/\S+ +\d+\.\d\d +\d+ ", text, re.MULTILINE)) == 18
     assert re.search(r"taken of the medium's time \d\d %", text)
-    text = call(PAPER_B, "--method", "printed", "--rate-max", "1000")
+    text = call(PAPER_B, "--method", "paper", "--rate-max", "1000")
     assert text.count(" 165.67    827 ") == 18
     assert "overloaded" in text
     assert "without bound" in text
@@ -28,13 +28,14 @@ def test_no_topic_is_faster_than_rate_max_and_a_higher_price_of_latency_takes_le
     rates = re.findall(r"^/\S+ +(\d+\.\d\d)", call(PAPER_B, "--rate-max", "20"), re.MULTILINE)
     assert max(map(float, rates)) == 20
     dear, cheap = (
-        call(PAPER_B, "--vendor", "cyclone_dds", "--latency-price", price) for price in ("500", "1")
+        call(PAPER_B, "--vendor", "cyclone_dds", "--latency-weight", price)
+        for price in ("500", "1")
     )
     assert int(re.search(r"time (\d+) %", dear)[1]) < int(re.search(r"time (\d+) %", cheap)[1])
 
 
 def test_the_front_has_a_line_for_each_price():
-    lines = call(WAREHOUSE, "--front").splitlines()
+    lines = call(WAREHOUSE, "--pareto").splitlines()
     assert len(lines) == 14
     latencies = [float(line.split()[2]) for line in lines[1:]]
     assert latencies == sorted(latencies, reverse=True)

@@ -130,7 +130,7 @@ async def test_the_station_is_up_to_date_as_recommended_and_not_as_printed_or_by
         )
         return float(said[1]), int(said[2])
 
-    ways = {"ours": planned("ours"), "printed": planned("printed"), "default": (RATE_MAX_HZ, 10)}
+    ways = {"ours": planned("ours"), "printed": planned("paper"), "default": (RATE_MAX_HZ, 10)}
     age = {}
     async with live_hosts("robot", "station", ros=MODES[preset]) as hosts:
         for way, (rate_hz, depth) in ways.items():

@@ -49,18 +49,20 @@ def test_small_messages_get_no_gateway_by_size_and_of_an_unknown_size_no_time_is
     (tmp_path / "small.yaml").write_text(text)
     assert "gateway " in call(str(tmp_path / "small.yaml"))
     assert not re.search(
-        r"^\w +gateway ", call(str(tmp_path / "small.yaml"), "--rule", "size"), re.MULTILINE
+        r"^\w +gateway ", call(str(tmp_path / "small.yaml"), "--gateway-rule", "size"), re.MULTILINE
     )
     text = Path(FIGURE_8).read_text().replace("    size_bytes: 1000000\n", "")
     (tmp_path / "unsized.yaml").write_text(text)
     said = call(str(tmp_path / "unsized.yaml"))
     assert re.search(r"^A +gateway +3 -> 1 +unknown -> unknown$", said, re.MULTILINE)
     with pytest.raises(SfglabError, match=r"unsized\.yaml|topics\.A\.size_bytes"):
-        call(str(tmp_path / "unsized.yaml"), "--rule", "size")
+        call(str(tmp_path / "unsized.yaml"), "--gateway-rule", "size")
 
 
 def test_nodes_are_placed_within_the_areas_that_are_given(tmp_path):
-    text = call(DRIVING, "--place", "--lut", "40000", "--out", str(tmp_path / "placed.yaml"))
+    text = call(
+        DRIVING, "--optimise-placement", "--lut", "40000", "--out", str(tmp_path / "placed.yaml")
+    )
     assert "no mapping takes less" in text
     assert 0 < int(re.search(r"area: (\d+) of 40000 LUT", text)[1]) <= 40000
     placed = load_graph(tmp_path / "placed.yaml")

@@ -58,7 +58,7 @@ def test_live_the_bridge_ends_after_its_time_and_reports(domain_id):
 @pytest.mark.live
 def test_live_made_up_trees_are_placed_as_a_robot_s_would_be(domain_id):
     options = ("--domain", str(domain_id), "--interface", "lo", "--duration", "1")
-    printed = called("mocap", "run", EXAMPLE, "--synthetic", "--trees", *options)
+    printed = called("mocap", "run", EXAMPLE, "--synthetic", "--publish-tf", *options)
     assert "agent_x/markers -> agent_x/base: tracked" in printed
     assert "Go2 Body -> go2/odom: " in printed
     assert " 0 published" not in printed
