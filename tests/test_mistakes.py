@@ -30,8 +30,6 @@ LIMIT_S = 60
 DOCUMENTS = {  # a command, BAD where the file stands, and a good one
     "fleet lint BAD": FLEET,
     "fleet router BAD --agent go2": FLEET,
-    f"fleet check {DATA}/deploy/none.yaml --fleet BAD": FLEET,
-    "fleet security BAD --out OUT": FLEET,
     "agent up --fleet BAD --agent go2": FLEET,
     "router --fleet BAD --agent go2": FLEET,
     "deploy plan BAD": FLEET,
@@ -276,7 +274,6 @@ def test_a_needed_key_that_is_misspelt_is_named(command, right, wrong, tmp_path,
 
 WRITERS = [
     f"fleet router {FLEET} --agent go2 -o OUT/a.yaml",
-    f"fleet security {FLEET} --out OUT/keys",
     f"qos {QOS} --out OUT/q",
     f"map {GRAPH} --out OUT/g.yaml --figure OUT/g.png",
     "schema fleet --out OUT/s.json",

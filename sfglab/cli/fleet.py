@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import os
 from dataclasses import replace
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 from typer import Argument, Option
 
-from sfglab.cli.buses import Domain, Json, Place, domain_option, put_text, say, tell, unused
+from sfglab.cli.buses import Domain, Json, Place, domain_option, put_text, tell, unused
 from sfglab.cli.interfaces import Interfaces
 from sfglab.component import run, run_until_interrupted
 from sfglab.domains import VARIABLE, usual_domain_id
@@ -69,74 +68,19 @@ def lint(
 def router_configuration(
     file: Annotated[Path, Argument(help="A fleet file.")],
     agent: Annotated[str, Option(help="Whose router.")],
-    target: Annotated[
-        str, Option(help="dds-router, zenoh-bridge, zenoh-acl or domain-bridge.")
-    ] = "dds-router",
     output: Annotated[
         Path | None, Option("--output", "-o", help="Write here, not to the terminal.")
     ] = None,
 ) -> None:
-    """Write the configuration of a router by others that lets through what our own would.
+    """Write the configuration of a DDS Router that forwards what our own router would.
 
-    Examples:
+    Example:
       sfglab fleet router data/fleets/lab.yaml --agent go2 -o go2.yaml
-      sfglab fleet router data/fleets/lab.yaml --agent go2 --target zenoh-bridge
     """
-    from sfglab.deploy.routers.targets import render_router
+    from sfglab.deploy.routers.dds_router import render_dds_router
     from sfglab.fleet.fleet_file import load_fleet
 
-    put_text(render_router(load_fleet(file), agent, target), output)
-
-
-@fleet_app.command()
-def check(
-    file: Annotated[
-        Path, Argument(help="A configuration of a DDS Router (.yaml) or Zenoh (.json5).")
-    ],
-    fleet: Annotated[
-        Path | None, Option(help="Also: does it let through what this fleet's policy does?")
-    ] = None,
-    as_json: Json = False,
-) -> None:
-    """Check a router's configuration that somebody wrote; ends with 1 if there are errors.
-
-    Example:
-      sfglab fleet check go2.yaml --fleet data/fleets/lab.yaml
-    """
-    from sfglab.deploy.routers.targets import check_file
-    from sfglab.fleet.fleet_file import load_fleet
-    from sfglab.fleet.lint import Severity, render_findings
-
-    findings = check_file(file, policy=load_fleet(fleet).policy if fleet is not None else None)
-    say(findings, render_findings, as_json=as_json)
-    raise typer.Exit(any(finding.severity is Severity.ERROR for finding in findings))
-
-
-@fleet_app.command()
-def security(
-    file: Annotated[Path, Argument(help="A fleet file.")],
-    out: Annotated[
-        Path, Option("--out", "-o", help="The keystore's folder; agents are added to one.")
-    ],
-    days: Annotated[
-        int, Option(min=1, help="How long certificates and permissions are valid.")
-    ] = 365,
-    renew: Annotated[
-        list[str] | None,
-        Option(help="An agent that gets a new certificate and the file's permissions."),
-    ] = None,
-) -> None:
-    """Make keys, certificates and permissions for DDS Security, as ROS 2's sros2 lays them out.
-
-    Example:
-      sfglab fleet security data/fleets/lab.yaml --out keystore
-    """
-    from sfglab.deploy.files import render
-    from sfglab.deploy.keystore import make_keystore
-    from sfglab.fleet.fleet_file import load_fleet
-
-    made = make_keystore(load_fleet(file), out, now=datetime.now(UTC), days=days, renew=renew or ())
-    typer.echo(render("security/usage.txt.j2", enclaves=made, root=out), nl=False)
+    put_text(render_dds_router(load_fleet(file), agent), output)
 
 
 @agent_app.command("up")

@@ -22,6 +22,8 @@ REPLACEMENTS = {
     "topic info": "ros2 topic info does this, and sfglab topic list -t prints the types",
     "topic bw": "ros2 topic bw does this, and sfglab topic hz prints the rate",
     "node info": "ros2 node info does this",
+    "fleet check": "sfglab fleet router writes the DDS Router's file from the policy anew",
+    "fleet security": "ros2 security (sros2) creates keys, certificates and permissions",
     "mocap offset": "measure the object's offset and write it into the mapping, "
     "as data/mocap/two_agents.yaml does",
 }

@@ -19,7 +19,7 @@ from sfglab.deploy.editor import editor_files
 from sfglab.deploy.errors import DeployError
 from sfglab.deploy.files import PLAIN, PROGRAM, BundleFile
 from sfglab.deploy.host import host_files
-from sfglab.deploy.routers.targets import ROUTER_FILES, render_router_file
+from sfglab.deploy.routers.dds_router import ROUTER_FILES, render_router_file
 from sfglab.documents import suggestion
 from sfglab.files import read_text, write_files
 from sfglab.fleet.fleet_file import AUTO, Accelerator, AgentSpec, Fleet, HostSpec, read_fleet

@@ -10,7 +10,7 @@ from typing import Any
 
 from sfglab.deploy.deployment import FLEET_FILE, USER_ID, Deployment
 from sfglab.deploy.files import BundleFile, one_line
-from sfglab.deploy.routers.targets import ROUTER_FILES
+from sfglab.deploy.routers.dds_router import ROUTER_FILES
 from sfglab.fleet.fleet_file import Accelerator, RosDistribution, RouterSoftware
 
 _NEEDS_INITIALIZE = "run hooks/initialize.sh first"
@@ -78,13 +78,6 @@ def _agent(deployment: Deployment) -> dict[str, Any]:
     return service | ({"networks": ["agent"]} if bridged else {"network_mode": "host"})
 
 
-_PROGRAMS = {
-    RouterSoftware.DDS_ROUTER: ["ddsrouter", "--config-path"],
-    RouterSoftware.ZENOH_BRIDGE: ["zenoh-bridge-ros2dds", "--config"],
-}
-"""How other people's routers are started, with their file."""
-
-
 def _router(deployment: Deployment) -> dict[str, Any]:
     software, interface = deployment.common.router, deployment.network.router_interface
     service: dict[str, Any] = {"image": deployment.common.router_image or _image(deployment)}
@@ -101,10 +94,8 @@ def _router(deployment: Deployment) -> dict[str, Any]:
         service["command"] = own
     else:
         file = ROUTER_FILES[software]
-        service["entrypoint"] = [*_PROGRAMS[software], f"/etc/{file}"]
+        service["entrypoint"] = ["ddsrouter", "--config-path", f"/etc/{file}"]
         service["volumes"] = [f"./{file}:/etc/{file}:ro"]
-    if software is RouterSoftware.ZENOH_BRIDGE:
-        service["environment"] = {"CYCLONEDDS_URI": _cyclone(interface)}
     return service | _hardening() | {"network_mode": "host", "depends_on": ["agent"]}
 
 

@@ -16,9 +16,8 @@ from sfglab.deploy.dockerfile_check import check_dockerfile
 from sfglab.deploy.editor_check import SHAPES, check_editor
 from sfglab.deploy.errors import MissingProgramError
 from sfglab.deploy.programs import find_program
+from sfglab.deploy.routers.dds_router import ROUTER_FILES
 from sfglab.deploy.routers.dds_router_check import check_dds_router
-from sfglab.deploy.routers.targets import ROUTER_FILES
-from sfglab.deploy.routers.zenoh_check import check_zenoh
 from sfglab.deploy.text_check import check_dockerfiles, check_secrets, check_shell
 from sfglab.deploy.unit_check import check_unit
 from sfglab.deploy.verdicts import Broken, Rules, State, Verdict, error_sentences, verdict_of
@@ -308,8 +307,7 @@ def _routers(files: Mapping[str, BundleFile], deployment: Deployment) -> Iterato
 
 
 def _router(files: Mapping[str, BundleFile], name: str, policy: Policy) -> tuple[Finding, ...]:
-    check = check_dds_router if name.endswith((".yaml", ".yml")) else check_zenoh
-    return check(files[name].text, file=name, policy=policy)
+    return check_dds_router(files[name].text, file=name, policy=policy)
 
 
 def _editor(files: Mapping[str, BundleFile]) -> Iterator[Verdict]:

@@ -75,7 +75,6 @@ def _validator(shape: str) -> Any:
     types = standard.TYPE_CHECKER.redefine("integer", lambda _, value: type(value) is int)
     formats = jsonschema.FormatChecker()
     formats.checks("ip", raises=ValueError)(lambda value: bool(ipaddress.ip_address(value)) or True)
-    formats.checks("bracketed")(lambda value: not _has_bare_alternative(value))
     return jsonschema.validators.extend(standard, type_checker=types)(
         yaml.safe_load(text), format_checker=formats
     )
@@ -191,18 +190,6 @@ _WORDS: dict[str, Callable[[Any, Any, Any], str]] = {
     "const": lambda _error, _schema, asked: repr(asked),
 }
 """What is allowed, by the keyword that is not fulfilled."""
-
-
-def _has_bare_alternative(regex: Any) -> bool:
-    """Tell whether a ``|`` of a regular expression stands outside of all brackets."""
-    if not isinstance(regex, str):
-        return False
-    depth = 0
-    for character in re.sub(r"\\.|\[(?:\\.|[^\]])*\]", "", regex):
-        depth += {"(": 1, ")": -1}.get(character, 0)
-        if character == "|" and depth == 0:
-            return True
-    return False
 
 
 # Every token takes all that belongs to it and gives nothing back (possessive), closed or not, so that no text

@@ -191,7 +191,6 @@ class RouterSoftware(Enum):
 
     SFGLAB = "sfglab"
     DDS_ROUTER = "dds-router"
-    ZENOH_BRIDGE = "zenoh-bridge"
 
 
 class ContainerNetwork(Enum):

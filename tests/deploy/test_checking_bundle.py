@@ -7,7 +7,7 @@ from sfglab.deploy.editor import editor_files
 from sfglab.deploy.errors import DeployError
 from sfglab.deploy.files import BundleFile
 from sfglab.deploy.fleet_check import OwnRules, check_bundle
-from sfglab.deploy.routers.targets import render_router
+from sfglab.deploy.routers.dds_router import render_dds_router
 from sfglab.deploy.verdicts import State
 from sfglab.documents import Place
 from sfglab.fleet.fleet_file import RouterSoftware
@@ -61,7 +61,7 @@ def test_a_program_that_our_rules_miss_is_skipped_and_rules_that_refuse_a_file_f
 def test_anothers_router_needs_its_file_and_it_must_be_the_policys():
     dds, check = deployed(router=RouterSoftware.DDS_ROUTER), "router's file"
     assert of(check, {}, dds)[ROUTER].says == "there is no such file"
-    good = render_router(FLEET, "go2", "dds-router")
+    good = render_dds_router(FLEET, "go2")
     texts = {good: State.HOLDS, good.replace('"rt/tf"', '"rt/*"'): State.FAILS, "a: [": State.FAILS}
     for text, state in texts.items():
         assert of(check, {ROUTER: BundleFile(text=text)}, dds)[ROUTER].state is state

@@ -11,10 +11,8 @@ from hypothesis import strategies as st
 from sfglab.deploy.errors import DeployError
 from sfglab.deploy.routers.dds_router import accepts, render_dds_router
 from sfglab.deploy.routers.dds_router_check import check_dds_router
-from sfglab.deploy.routers.domain_bridge import check_domain_bridge
-from sfglab.deploy.routers.targets import check_file, render_router
 from sfglab.deploy.shapes import _validator, check_shape
-from sfglab.documents import Document, DocumentError
+from sfglab.documents import Document
 from sfglab.errors import InvalidValueError
 from sfglab.fleet.lint import Severity
 from sfglab.fleet.policy import TABLE_1, Direction, Policy
@@ -46,7 +44,7 @@ def test_what_is_generated_passes_the_checker_and_the_policy(agent):
 
 
 def test_it_says_what_table_1_and_the_paper_ask_for_and_from_what():
-    text = render_router(LAB, "go2", "dds-router")
+    text = render_dds_router(LAB, "go2")
     head = text.partition("\n\n")[0]
     assert "agent go2 in fleet lab" in head
     assert "rt/tf, rt/tf_static, rt/global/*, rq/global/*, rr/global/*" in head
@@ -211,16 +209,14 @@ def test_what_only_deserves_attention_is_no_error():
     assert codes(check(narrowed, policy=policy), Severity.WARNING) == {"policy"}
 
 
-def test_a_finding_says_its_line_and_unknown_targets_and_agents_name_the_likely_one():
+def test_a_finding_says_its_line_and_an_unknown_agent_names_the_likely_one():
     finding = check_dds_router(
         "participants:\n  - {name: a, kind: local}\nallowlst: []\n", file="r.yaml"
     )[0]
     assert (finding.place.line, finding.place.key) == (3, "allowlst")
     assert "did you mean 'allowlist'?" in finding.what
-    with pytest.raises(DeployError, match="did you mean 'dds-router'"):
-        render_router(LAB, "go2", "ddsrouter")
     with pytest.raises(InvalidValueError, match="did you mean 'go2'"):
-        render_router(LAB, "go3", "dds-router")
+        render_dds_router(LAB, "go3")
 
 
 scalars = st.sampled_from(
@@ -269,63 +265,3 @@ def test_every_message_of_the_schema_becomes_a_finding_with_place_and_words(base
     findings = check_shape(Document(yaml.safe_dump(config), "r.yaml"), "dds-router")
     assert bool(findings) is not _validator("dds-router").is_valid(config)
     assert all(f.place.line and f.what and f.why and "schema (" not in f.what for f in findings)
-
-
-def test_files_are_checked_by_their_name_and_refused_in_one_line(tmp_path):
-    good = tmp_path / "router.yaml"
-    good.write_text(render_dds_router(LAB, "go2"))
-    assert check_file(good, policy=LAB.policy) == ()
-    bad = tmp_path / "router.yml"
-    bad.write_text("participants: [")
-    with pytest.raises(DocumentError, match=r"router\.yml"):
-        check_file(bad)
-    for name, error in (("none.yaml", InvalidValueError), ("router.xml", DeployError)):
-        with pytest.raises(error, match=name):
-            check_file(tmp_path / name)
-
-
-@pytest.mark.parametrize("agent", AGENTS)
-def test_a_domain_bridge_has_each_wanted_topic_once_and_says_what_it_leaves_out(agent):
-    text = render_router(LAB, agent, "domain-bridge")
-    config = yaml.safe_load(text)
-    assert config["from_domain"] == LAB.agent(agent).domain
-    assert config["to_domain"] == 0
-    keys = {"type", "bidirectional", "reversed", "qos"}
-    assert all(set(t) <= keys and t["type"] for t in config["topics"].values())
-    assert all(Policy().crosses(f"rt{name}", Direction.OUTWARD) for name in config["topics"])
-    assert f"#   service /global/{agent}/get_metadata" in text
-    assert check_domain_bridge(text, policy=LAB.policy) == ()
-
-
-def test_a_domain_bridge_knows_the_way_of_each_topic():
-    go2, deck = (
-        yaml.safe_load(render_router(LAB, a, "domain-bridge"))["topics"]
-        for a in ("go2", "steamdeck")
-    )
-    camera = "/global/go2/camera_front/color/ffmpeg"
-    assert ("reversed" in go2[camera], deck[camera]["reversed"]) == (False, True)
-    assert go2["/tf"]["bidirectional"] is True
-    assert go2["/tf_static"]["qos"]["durability"] == "transient_local"
-
-
-BRIDGE = {"from_domain": 1, "to_domain": 0, "topics": {"/tf": {"type": "T", "bidirectional": True}}}
-
-
-@pytest.mark.parametrize(
-    ("change", "code"),
-    [
-        ({"to_domain": 1}, "loop"),
-        ({"topics": {"/local/x": {"type": "T"}}}, "policy"),
-        ({"topics": {"/tf": {"type": "T", "reversed": "yes"}}}, "schema"),
-        ({"topics": {"/tf": {"tpye": "T"}}}, "unknown-key"),
-        ({"topics": {"/tf": {}}}, "missing-key"),
-        ({"topics": {"/tf": {"type": "T", "qos": {"deadline": "never"}}}}, "schema"),
-        ({"to_domain": None}, "missing-key"),
-    ],
-)
-def test_a_domain_bridge_is_checked_as_what_it_is(change, code, tmp_path):
-    path = tmp_path / "bridge.yaml"
-    path.write_text(yaml.safe_dump({k: v for k, v in (BRIDGE | change).items() if v is not None}))
-    assert code in codes(check_file(path, policy=Policy()))
-    path.write_text(yaml.safe_dump(BRIDGE))
-    assert check_file(path, policy=Policy()) == ()

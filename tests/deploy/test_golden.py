@@ -10,7 +10,7 @@ from esslingen import FLEET, RELEASE
 
 from sfglab.deploy.bundle import render_bundle
 from sfglab.deploy.deployment import deployment_of
-from sfglab.deploy.routers.targets import TARGETS, render_router
+from sfglab.deploy.routers.dds_router import render_dds_router
 
 GOLDEN = Path(__file__).parent / "golden"
 REVIEWED = {
@@ -39,11 +39,11 @@ def rendered(agent: str, path: str) -> str:
 BENT = replace(FLEET, name="a\nservices: {evil: {image: b}}\u2028privileged: true\r\x85c: d")
 
 
-@pytest.mark.parametrize("target", ["compose.yaml", "compose.dev.yaml", "Dockerfile", *TARGETS])
+@pytest.mark.parametrize("target", ["compose.yaml", "compose.dev.yaml", "Dockerfile", "dds-router"])
 def test_a_fleets_name_adds_no_line_to_a_file(target):
     fleets = (FLEET, replace(FLEET, name="one"), BENT)
-    if target in TARGETS:
-        given = [render_router(fleet, "go2", target) for fleet in fleets]
+    if target == "dds-router":
+        given = [render_dds_router(fleet, "go2") for fleet in fleets]
     else:
         given = [
             render_bundle(deployment_of(fleet, "go2", RELEASE))[target].text for fleet in fleets
