@@ -18,6 +18,12 @@ def test_a_removed_command_is_one_sentence_and_status_2(command, rest):
     assert said == f"sfglab {command}: was removed; {REPLACEMENTS[command]}\n"
 
 
+def test_a_removed_place_to_view_is_one_sentence_and_status_2():
+    said = called("view", "--domain", "7", "--to", "foxglove:8765", status=2)
+    assert said.startswith("sfglab view --to foxglove: was removed; ")
+    assert said.count("\n") == 1
+
+
 def test_removed_commands_are_not_listed():
     there = {" ".join(words) for words, _ in commands()}
     assert there.isdisjoint(REPLACEMENTS)

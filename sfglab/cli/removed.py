@@ -6,7 +6,7 @@ accepted with a warning.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import typer
 from typer.core import TyperCommand
@@ -53,11 +53,17 @@ def add_removed(apps: Mapping[str, typer.Typer]) -> None:
 
 
 def _refusal(command: str) -> Callable[[typer.Context], None]:
-    def refuse(_context: typer.Context) -> None:
-        typer.echo(f"sfglab {command}: was removed; {REPLACEMENTS[command]}", err=True)
-        raise typer.Exit(2)
+    # typer gives the rest of the line to the parameter that is annotated as its context.
+    def refused(_context: typer.Context) -> None:
+        refuse(command, REPLACEMENTS[command])
 
-    return refuse
+    return refused
+
+
+def refuse(command: str, replacement: str) -> NoReturn:
+    """Print what replaces a removed command, or a removed value of an option, and exit with status 2."""
+    typer.echo(f"sfglab {command}: was removed; {replacement}", err=True)
+    raise typer.Exit(2)
 
 
 class RenamedOptions(TyperCommand):

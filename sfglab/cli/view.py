@@ -14,17 +14,19 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from typer import Argument, Option
 
-from sfglab.cli.buses import Place, domain_option, put, say_left_out, until_interrupted, unused
+from sfglab.cli.buses import Place, domain_option, until_interrupted, unused
 from sfglab.cli.interfaces import Interfaces
+from sfglab.cli.removed import refuse
 from sfglab.domains import usual_domain_id
 from sfglab.errors import SfglabError
 
 if TYPE_CHECKING:
-    from sfglab.bus import Node
     from sfglab.view.app import ViewOptions
     from sfglab.view.session import Session
 
-_LAST_PORT = 65535
+_FOXGLOVE = (
+    "ROS 2's foxglove_bridge shows a domain in Foxglove, which opens logs of sfglab by itself"
+)
 _SERVED_PORT = 9876  #: Where `serve` waits when nothing else is said; the viewer's own default.
 
 
@@ -37,7 +39,6 @@ def view(
         list[str] | None,
         Option(
             help="FILE.rrd, viewer, serve[[:ADDRESS]:PORT] or rerun+http://HOST:PORT/proxy; may be repeated. "
-            "Or foxglove[[:ADDRESS]:PORT], live and alone; FILE.json: a fleet's layout for it. "
             "[default: viewer, where there is a display]"
         ),
     ] = None,
@@ -76,11 +77,11 @@ def view(
       sfglab view --fleet data/fleets/lab.yaml --interface wlan0 --topic /global/go2
       sfglab view data/reference/cooperation.mcap --to cooperation.rrd
       sfglab view bag/ --to serve:0.0.0.0:9876   # elsewhere: rerun rerun+http://HOST:9876/proxy
-      sfglab view --domain 7 --to foxglove   # in Foxglove: open connection, ws://localhost:8765
-      sfglab view --fleet data/fleets/lab.yaml --to lab.json   # in Foxglove: import layout
     """
     from sfglab.view.app import ViewOptions
 
+    if any(place.partition(":")[0] == "foxglove" for place in to or ()):
+        refuse("view --to foxglove", _FOXGLOVE)
     os.environ.setdefault("RUST_LOG", "off")  # Rerun's own lines; what fails is said once, by us
     options = ViewOptions(
         to=tuple(to or _default_place()),
@@ -90,63 +91,13 @@ def view(
         memory=memory,
         thin=thin,
     )
-    if any(place.endswith(".json") for place in options.to):
-        why = "with a layout, which is of a fleet alone"
-        unused(why, "log", "topic", "memory", "thin", "domain", "interface")
-        _write_layout(options.to, fleet, frame)
-        return
     place = usual_domain_id() if domain is None else domain, interface
-    if any(name.partition(":")[0] == "foxglove" for name in options.to):
-        if log is not None or len(options.to) > 1 or fleet is not None or frame or thin:
-            raise SfglabError(
-                "--to foxglove: given with more, allowed are --topic, --domain and --interface: "
-                "its app opens logs itself, and draws what is chosen there"
-            )
-        _foxglove(options, place)
-        return
     if log is None:
         unused("without a log; what is shown live is always thinned out", "thin")
         _live(options, place)
         return
     unused("with a log, which is on no bus", "domain", "interface")
     _logged(log, options)
-
-
-def _write_layout(to: Sequence[str], fleet: Path | None, frame: str) -> None:
-    from sfglab.fleet.fleet_file import load_fleet
-    from sfglab.view.foxglove import layout_of_fleet
-
-    if len(to) > 1:
-        raise SfglabError(f"--to: given {', '.join(to)}, allowed beside a layout is no other place")
-    if fleet is None:
-        raise SfglabError(
-            f"--to {to[0]}: given without --fleet, needed is the fleet whose layout it is"
-        )
-    put({Path(to[0]): layout_of_fleet(load_fleet(fleet), frame=frame or "map") + "\n"})
-
-
-def _foxglove(options: ViewOptions, place: Place) -> None:
-    import asyncio
-
-    from sfglab.view.foxglove import PORT, FoxgloveBridge
-
-    address, _, port = options.to[0].partition(":")[2].rpartition(":")
-    if not (port or str(PORT)).isdecimal() or int(port or PORT) > _LAST_PORT:
-        allowed = "foxglove, foxglove:PORT or foxglove:ADDRESS:PORT"
-        raise SfglabError(f"--to: given {options.to[0]}, allowed: {allowed}")
-
-    async def serve(node: Node) -> None:
-        host, topics = address or "127.0.0.1", options.topics or ("/",)
-        async with FoxgloveBridge(node, host=host, port=int(port or PORT), topics=topics) as bridge:
-            typer.echo(
-                f"domain {place[0]} is at ws://{address or 'localhost'}:{bridge.port}; Ctrl-C ends"
-            )
-            try:
-                await asyncio.Event().wait()
-            finally:
-                say_left_out(bridge.left_out)
-
-    until_interrupted(place, serve, "view", err=False)
 
 
 def _default_place() -> Sequence[str]:
