@@ -16,7 +16,7 @@ export PYTHONDONTWRITEBYTECODE :=
 INSTALL := -m pip install --quiet --no-compile --disable-pip-version-check --no-deps --require-hashes -r
 
 .DEFAULT_GOAL := help
-.PHONY: help setup ros robot yosys lock reproduce test lab figures screenshots claims mutants fuzz soak check format lint types bench size book clean
+.PHONY: help setup ros robot yosys lock reproduce test lab figures screenshots claims fuzz soak check format lint types bench size book clean
 
 help: ## List the targets
 	@grep -hE '^[a-z]+:.*## ' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  make %-12s %s\n", $$1, $$2}'
@@ -79,9 +79,6 @@ screenshots: $(VENV)/.tests ## Make the pictures of editor, viewer and explorer 
 
 claims: setup ## Print the ledger: paper said, we measured
 	$(BIN)/sfglab claims
-
-mutants: $(VENV)/.tests ## Change the code under each claim's checks in 20 places and store who sees it (some minutes)
-	$(BIN)/python tests/mutants.py
 
 fuzz: export PYTHONPATH = .
 fuzz: $(VENV)/.tests ## Send hostile bytes through every door for MINUTES, as many processes as cores, and print counts, faults and peaks of memory

@@ -7,7 +7,12 @@ from __future__ import annotations
 
 import sys
 
-from compare_baseline import main
+from compare_baseline import COMMANDS, main
+
+COMMANDS |= {
+    "map-size.txt": ["map", "data/graphs/driving.yaml", "--gateway-rule", "size"],
+    "qos-paper.txt": ["qos", "data/qos/paper_b.yaml", "--method", "paper"],
+}
 
 if __name__ == "__main__":
     main(sys.argv[1:])

@@ -137,10 +137,7 @@ class Entry:
     log: str = ""
     origin: str = ""  #: Machine, load, versions and commit of the log.
     missing: str = ""  #: Why there is no figure, as far as a log says.
-    #: How many changes of the code under them the checks see, and those that they do not.
-    mutants: str = ""
     figures: tuple[str, ...] = ()  #: Names of the committed figures of its experiment.
-    since: str = ""  #: When its lines in ``claims.yaml`` were last changed, and in which commit.
     #: The claim by each of several runs at different times, judged for itself.
     runs: tuple[Entry, ...] = ()
 
@@ -237,8 +234,6 @@ class Entry:
             "source": self.source or None,
             "log": self.log or None,
             "origin": self.origin or None,
-            "mutants": self.mutants or None,
-            "since": self.since or None,
             "figures": list(self.figures),
             "runs": [run.as_json() for run in self.runs],
         }
@@ -403,7 +398,6 @@ def _paragraph(entry: Entry) -> Iterator[str]:
     yield f"{entry.claim.where}: {entry.claim.says}"
     interval = f" ({entry.interval})" if entry.interval else ""
     yield f"{_compared(entry)}{interval}; acceptance range {_band(entry.claim.band)}"
-    yield f"criterion last changed: {entry.since or 'not known, no git here'}"
     yield from [f"figures: {', '.join(entry.figures)}"] * bool(entry.figures)
     if entry.reason:
         yield f"why: {entry.reason}"
@@ -416,7 +410,6 @@ def _paragraph(entry: Entry) -> Iterator[str]:
     asked = {name: f"; acceptance range {_band(b)}" for name, b in entry.claim.ends.items()}
     yield from (f"{name}: {value:.3g}{asked.get(name, '')}" for name, value in m.ends.items())
     yield from (f"{key}: {value}" for key, value in {**m.under, **m.details}.items())
-    yield from [f"mutants: {entry.mutants}"] * bool(entry.mutants)
     yield f"log: {entry.log}; {entry.origin}"
 
 

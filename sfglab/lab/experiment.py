@@ -33,7 +33,6 @@ if TYPE_CHECKING:
 
     from matplotlib.figure import Figure
 
-    from sfglab.lab.checks import Mutated
 
 C = TypeVar("C")
 F = TypeVar("F", bound=Callable[..., Any])
@@ -188,8 +187,6 @@ class Experiment(Generic[C]):
         self._claims: dict[
             str, tuple[Callable[[Run[C]], Finding | None], How | Callable[[Run[C]], How]]
         ] = {}
-        #: By claim, what its mutants change and what must see them.
-        self.mutated: dict[str, Mutated] = {}
         self._drawings: dict[str, _Drawing] = {}
         self.looks: dict[str, Look] = {}
 
@@ -260,15 +257,11 @@ class Experiment(Generic[C]):
 
         return declare
 
-    def claim(
-        self, claim: str, *, how: How | Callable[[Run[C]], How], mutated: Mutated | None = None
-    ) -> Callable[[F], F]:
-        """Declare which claim a function of a run answers, or None; and how, and what its mutants change."""
+    def claim(self, claim: str, *, how: How | Callable[[Run[C]], How]) -> Callable[[F], F]:
+        """Declare which claim a function of a run answers, or None; and how."""
 
         def declare(function: F) -> F:
             self._claims[claim] = function, how
-            if mutated:
-                self.mutated[claim] = mutated
             return function
 
         return declare

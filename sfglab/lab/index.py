@@ -67,15 +67,13 @@ def make_index(project: Project, ledger: Ledger) -> IndexPage:
 
 
 def make_claims_page(ledger: Ledger) -> IndexPage:
-    """Return every claim: the paper's words, our criterion and its last change, verdict, figures, mutants."""
+    """Return every claim: the paper's words, our criterion, verdict and figures."""
     head = (
         "claim",
         "the paper",
         "our criterion",
-        "its last change",
         "ours",
         "figures",
-        "mutants seen",
     )
     html = "<tr>" + "".join(f"<th {_CELL}>{escape(one)}</th>" for one in head) + "</tr>"
     rows = "".join(map(_claim_row, ledger))
@@ -100,10 +98,8 @@ def _claim_row(entry: Entry) -> str:
         _verdicts([entry]),
         escape(f"{claim.where}: {claim.criterion.sentence if claim.criterion else claim.says}"),
         "<br>".join(map(escape, criterion_of(claim))),
-        escape(entry.since or "not known, no git here"),
         escape(_ours(entry)),
         "<br>".join(f'<a href="../figures/{name}.png">{name}</a>' for name in entry.figures),
-        escape(entry.mutants.partition(" are")[0]),
     )
     return _line(cells)
 

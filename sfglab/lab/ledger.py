@@ -11,10 +11,7 @@ from __future__ import annotations
 import hashlib
 import json
 import logging
-import re
-import subprocess
 import sys
-import time
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
@@ -43,7 +40,7 @@ from sfglab.record import LogReader
 from sfglab.record.metadata import library_versions
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+    from collections.abc import Callable, Collection, Iterator, Sequence
     from pathlib import Path
 
     from sfglab.lab.paths import Project
@@ -97,7 +94,6 @@ def kept_findings(project: Project) -> Kept:
     return Kept(project, digest.digest())
 
 
-_BLAMED = re.compile(r"(\^?)([0-9a-f]+) .*? (\d+) [+-]\d{4} +\d+\) (.*)")
 _LOG = logging.getLogger(__name__)
 
 
@@ -193,8 +189,7 @@ def compute_ledger(
             ours[claim_id] = _stronger(ours[claim_id], figure) if claim_id in ours else figure
         if project.reference_logs in log.parents:
             again |= _kept_again(project, name)
-    scores = json.loads(project.mutants.read_text()) if project.mutants.is_file() else {}
-    since, drawn = _last_changes(project.claims), _committed_figures(project)
+    drawn = _committed_figures(project)
     entries = Ledger()
     for claim in claims:
         figures = (
@@ -203,9 +198,8 @@ def compute_ledger(
         entry = joined(
             [entry_for(claim, one, log=log, origin=origin) for one, log, origin in figures]
         )
-        said = _said_of_mutants(scores.get(claim.id, {}))
         shown = tuple(drawn.get(entry.experiment, ()) if entry.experiment else ())
-        entries.append(replace(entry, mutants=said, since=since.get(claim.id, ""), figures=shown))
+        entries.append(replace(entry, figures=shown))
     return entries
 
 
@@ -254,29 +248,6 @@ def _found(project: Project, kept: Kept, name: str, log: Path) -> dict[str, _Our
     }
 
 
-def _last_changes(claims: Path) -> dict[str, str]:
-    """Return by claim when its lines were last changed, and in which commit; nothing where git does not say."""
-    try:
-        blamed = ["git", "blame", "-lt", claims.name]
-        done = subprocess.run(blamed, cwd=claims.parent, capture_output=True, text=True, check=True)
-    except (OSError, subprocess.CalledProcessError):
-        return {}
-    claim, newest = "", dict[str, tuple[int, str]]()
-    for earlier, commit, time_s, text in _BLAMED.findall(done.stdout):
-        claim = text.removeprefix("- id: ") if text.startswith("- id: ") else claim
-        known = (
-            f"commit {commit[:9]}{' or earlier' * bool(earlier)}"
-            if int(commit, 16)
-            else "not committed"
-        )
-        if text:
-            newest[claim] = max(newest.get(claim, (0, "")), (int(time_s), known))
-    return {
-        c: f"{time.strftime('%Y-%m-%d', time.gmtime(s))}, {known}"
-        for c, (s, known) in newest.items()
-    }
-
-
 def _committed_figures(project: Project) -> dict[str, list[str]]:
     """Return the names of the figures by experiment, as their twins say."""
     figures: dict[str, list[str]] = {}
@@ -286,17 +257,6 @@ def _committed_figures(project: Project) -> dict[str, list[str]]:
         )  # "": of the ledger itself
         figures.setdefault(name, []).append(twin.stem)
     return figures
-
-
-def _said_of_mutants(score: Mapping[str, Any]) -> str:
-    if not score:
-        return ""
-    survived = [
-        f"{s['why']}: {s['module']}: {' '.join(s['diff'].split())}" for s in score["survived"]
-    ]
-    return "; ".join(
-        [f"{score['caught']} of {score['tried']} are seen, seed {score['seed']}", *survived]
-    )
 
 
 def _findings(name: str, log: Path) -> Findings:

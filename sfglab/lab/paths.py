@@ -32,11 +32,6 @@ class Project:
         return self.root / _MARK
 
     @property
-    def mutants(self) -> Path:
-        """How many changes of the code under them the claims' checks see; ``make mutants`` writes it."""
-        return self.data / "mutants.json"
-
-    @property
     def reference_logs(self) -> Path:
         """Logs that are committed, so that figures regenerate on a fresh clone."""
         return self.data / "reference"

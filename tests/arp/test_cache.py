@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sfglab.arp.cache import CacheControl, Decision, LocalCache, exactly_equal, nearly_equal
-from sfglab.messages import default_message, stamp_from_ns
+from sfglab.messages import default_message, message_type, stamp_from_ns
 
 S = 1_000_000_000
 
@@ -94,3 +94,53 @@ def test_meaningless_tolerance_and_silence_are_refused():
             nearly_equal(tolerance)
     with pytest.raises(ValueError, match="max_silence_ns"):
         LocalCache(max_silence_ns=0)
+
+
+def compared(rng):
+    """Yield for drawn values of each kind whether a copy is the same, a change none, and a tolerance respected.
+
+    The sizes of changes are known by how they were made, not by the comparison.
+    """
+    for _ in range(20):
+        x, step, count = float(rng.normal()), float(rng.uniform(0.1, 1)), int(rng.integers(1, 100))
+        nan, far = float("nan"), 1000 * step
+        same, copies, changed = (kinds(x, count, d) for d in (0.0, 0.0, step))
+        for kind, one in same.items():
+            copy, other = copies[kind], changed[kind]
+            yield f"{kind}: copy", exactly_equal(one, copy) and nearly_equal(0.0)(one, copy)
+            yield f"{kind}: change", not exactly_equal(one, other) and not exactly_equal(other, one)
+            within = nearly_equal(1.01 * far)
+            yield f"{kind}: within", within(one, other) and within(other, one)
+            yield f"{kind}: beyond", not nearly_equal(0.9 * step)(one, other)
+        pairs = [("a", "b"), (True, 1), (True, False), (x, "a"), (nan, x)]
+        pairs += [([x], [x, x]), ([x], (x,)), (np.zeros(1), np.zeros(1, int))]
+        pairs.append((np.array([x]), np.array([x, x])))
+        for first, second in pairs:
+            alike = exactly_equal(first, second) or nearly_equal(9.0)(first, second)
+            yield f"{first!r} and {second!r}", not alike
+        yield (
+            "no number",
+            exactly_equal(nan, float("nan")) and exactly_equal(float("inf"), float("inf")),
+        )
+        yield (
+            "ignored",
+            nearly_equal(0.0, ignore=frozenset({"stamp"}))(same["message"], changed["message"]),
+        )
+
+
+def kinds(x, count, d):
+    """Return a value of each kind that a cache may be offered, changed by `d` or a known multiple of it."""
+    stamp = message_type("builtin_interfaces/msg/Time")(sec=count, nanosec=int(1000 * d))
+    return {
+        "number": x + d,
+        "integer": count + 100 * d,
+        "array": np.array([float("nan"), x, x + d]),
+        "bytes": np.array([count, count + 100 * (d > 0)], np.uint8),
+        "list": [1, "a", (x, x + d)],
+        "message": message_type("std_msgs/msg/Header")(stamp=stamp, frame_id="a"),
+    }
+
+
+def test_values_of_each_kind_are_the_same_to_the_bit_or_within_the_tolerance():
+    wrong = [case for case, holds in compared(np.random.default_rng(0)) if not holds]
+    assert wrong == []

@@ -13,6 +13,7 @@ import pytest
 from bus_messages import SERVICE, STRING, Request, connected, text
 
 from sfglab import bus
+from sfglab.bus.dds.domain import DomainConfig, join
 from sfglab.messages import default_message, service_type
 from sfglab.names import FqnError
 from sfglab.qos import LATCHED
@@ -132,6 +133,13 @@ async def test_one_process_cannot_join_a_domain_in_two_ways(node):
             node("third", lease_s=2).start()
     async with node("after", lease_s=2):
         pass
+
+
+def test_a_domain_that_must_be_secured_is_not_joined(monkeypatch):
+    monkeypatch.setenv("ROS_SECURITY_ENABLE", "true")
+    monkeypatch.setenv("ROS_SECURITY_STRATEGY", "Enforce")
+    with pytest.raises(bus.DomainError, match="cannot obey"):
+        join(DomainConfig(domain_id=99, interface="lo"))
 
 
 async def test_a_domain_that_cannot_be_joined_says_why():

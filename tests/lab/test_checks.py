@@ -1,15 +1,12 @@
-"""What follows from a table of checks for a claim, and that shares of checks can fail: mutants are seen."""
+"""What follows from a table of checks for a claim, and that shares of checks can fail."""
 
-import json
 from dataclasses import asdict, replace
 from types import SimpleNamespace
 
 import pandas as pd
 import pytest
-from mutants import STORE, Judge, draw_mutants, mutation_score
 
 from sfglab.lab.checks import ALL, GROUPS, CheckRow, Checks, group, share_of_checks, trees
-from sfglab.lab.experiments import EXPERIMENTS, experiment
 from sfglab.spatial.mocap.bridge import mocap_trees
 from sfglab.spatial.trajectory.path import Interpolation, stretched
 
@@ -121,33 +118,3 @@ def test_trees_that_are_never_whole_with_markers_at_the_root_are_caught(monkeypa
     monkeypatch.setattr(trees, "mocap_trees", mistaken("renamed", "direct"))
     row = next(row for row in trees.tree_rows(20, 12) if row.check == at_root)
     assert (row.held, row.checked > 1) == (0, True)
-
-
-DECLARED = [(name, claim) for name in EXPERIMENTS for claim in experiment(name).mutated]
-
-
-def test_mutants_are_drawn_by_the_seed_and_differ_from_the_source():
-    first, again, other = (draw_mutants(["sfglab.fleet.policy"], 12, seed) for seed in (1, 1, 2))
-    assert [m.diff for m in first] == [m.diff for m in again] != [m.diff for m in other]
-    assert len({m.kind for m in first}) >= 4
-    assert all(m.diff for m in first)
-    part = draw_mutants(["sfglab.fleet.policy:TABLE_1"], 20, 0)
-    assert part
-    assert all(m.diff.startswith("-TABLE_1 = ") for m in part)
-
-
-@pytest.fixture(scope="module")
-def judge():
-    with Judge() as judge:
-        yield judge
-
-
-@pytest.mark.parametrize(("name", "claim"), DECLARED)
-def test_of_three_mutants_of_each_claim_as_many_are_seen_as_are_stored(name, claim, judge):
-    score = mutation_score(judge, name, claim, 3)
-    assert score["tried"] == 3
-    stored = json.loads(STORE.read_text())[
-        claim
-    ]  # `make mutants` has judged twenty: these are the first
-    assert {one["diff"] for one in score["survived"]} <= {one["diff"] for one in stored["survived"]}
-    assert all(one["why"] for one in stored["survived"])

@@ -3,7 +3,6 @@
 import asyncio
 import json
 import os
-import re
 import shutil
 import subprocess
 import sys
@@ -116,27 +115,16 @@ def test_figures_and_verdicts_come_from_logs_alone_and_an_unreadable_one_costs_i
     assert {"experiment", "config", "log", "log_sha256", "run", "shown"} <= set(twin)
 
 
-def test_every_claim_has_its_words_criterion_the_commit_of_its_last_change_and_figures(project):
-    assert {entry.since for entry in compute_ledger(project)} == {""}, "no git here"
-    for name, values in (
-        ("figures/x.json", {"experiment": "naming"}),
-        ("data/mutants.json", SCORE),
-    ):
-        touch(project.root / name).write_text(json.dumps(values))
-    for words in (["init", "-q"], ["add", "data"], ["commit", "-qm", "x"]):
-        who = ["-c", "user.name=x", "-c", "user.email=x"]
-        subprocess.run(["git", *who, *words], cwd=project.root, check=True)
-    replace(project.claims, "band: [7.2, 8.8]", "band: [7.3, 8.8]")
+def test_every_claim_has_its_words_criterion_and_figures(project):
+    drawn = touch(project.root / "figures" / "x.json")
+    drawn.write_text(json.dumps({"experiment": "naming"}))
     ledger = compute_ledger(project)
-    changed = {e.claim.id: re.sub(r"20\d\d-\d\d-\d\d, |[0-9a-f]{9}", "", e.since) for e in ledger}
-    assert changed == dict.fromkeys(changed, "commit  or earlier") | {"C-DRIVE": "not committed"}
     page = make_claims_page(ledger)._repr_html_()
     assert page.count("</td></tr>") == len(ledger)
     words = (
         "effectively improves latency",
         "arrive, live: 0.95 to 1",
         'href="../figures/x.png"',
-        ">3 of 20<",
     )
     assert [said for said in words if said not in page] == []
     assert "figures: x" in render_in_full(ledger)

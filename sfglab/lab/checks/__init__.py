@@ -45,15 +45,6 @@ class CheckRow:
     example: str  #: A case in which it did not; else one in which it did.
 
 
-@dataclass(frozen=True, slots=True)
-class Mutated:
-    """What is changed under a claim's checks to see whether they can fail, and what must see it."""
-
-    #: Modules that the checks check; ``module:Name,name``: only these parts of one.
-    modules: tuple[str, ...]
-    rows: Callable[[], Iterable[CheckRow]]  #: A few cases of the checks.
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Share:
     """How much of a table of checks holds."""

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
-from sfglab.lab.checks import CheckRow, Mutated, check_row
+from sfglab.lab.checks import CheckRow
 from sfglab.lab.claims import Finding, How
 from sfglab.lab.experiment import Experiment, Profiled
 from sfglab.lab.figures import note
@@ -208,18 +208,7 @@ def _stages(graph: Graph) -> Iterator[StageRow]:
         )
 
 
-def _few() -> Iterator[CheckRow]:
-    """Explore the small bounds alone."""
-    found = [_explored(bound, TABLE) for bound in _SMALL]
-    yield check_row("small bounds", [(str(row), not row["violation"]) for row, _ in found])
-    yield _coverage(set().union(*(visited for _, visited in found)))
-
-
-@exp.claim(
-    "C-FSM",
-    how=How.EXACT,
-    mutated=Mutated(("sfglab.soc.gateway:TABLE,Move,Row,transitions",), _few),
-)
+@exp.claim("C-FSM", how=How.EXACT)
 def core_holds(run: Run[Config]) -> Finding:
     """Return the share of bounds and states that hold."""
     explorations, checks = run["exploration"], run["check"]

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from sfglab import names
 from sfglab.errors import InvalidValueError, SfglabError
 from sfglab.fleet.policy import Crossing, Direction, ForwardRule, Policy
-from sfglab.lab.checks import CheckRow, Mutated
+from sfglab.lab.checks import CheckRow
 from sfglab.lab.checks.naming import checks
 from sfglab.lab.claims import Finding, How
 from sfglab.lab.experiment import Experiment
@@ -51,15 +51,7 @@ def check_names(bench: Bench[Config]) -> None:
         bench.advance(row.check)
 
 
-_MODULES = (
-    "sfglab.names.fqn",
-    "sfglab.names.grammar",
-    "sfglab.names.vocabulary",
-    "sfglab.names.agent",
-)
-
-
-@exp.claim("A-FQN", how=How.EXACT, mutated=Mutated(_MODULES, lambda: checks.rows(50, 0)))
+@exp.claim("A-FQN", how=How.EXACT)
 def share_of_names(run: Run[Config]) -> Finding:
     """Return the share of names on which all properties hold."""
     table = run["check"]

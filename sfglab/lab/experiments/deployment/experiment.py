@@ -9,15 +9,12 @@ from __future__ import annotations
 import re
 from dataclasses import asdict, dataclass
 from itertools import groupby
-from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
-from sfglab.deploy.bundle import Bundle, load_source, prepare, render_bundle
-from sfglab.deploy.compose_check import check_compose
+from sfglab.deploy.bundle import Bundle, load_source, prepare
 from sfglab.deploy.fleet_check import check_fleet
 from sfglab.deploy.release import SOURCE, make_release
-from sfglab.lab.checks import CheckRow, Mutated, machines, share_of_checks
+from sfglab.lab.checks import CheckRow, machines, share_of_checks
 from sfglab.lab.checks.fleet_files import (
     file_rows,
     layer_rows,
@@ -35,7 +32,7 @@ from sfglab.lab.paths import find_project
 from sfglab.lab.trial_build import trial_build
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Sequence
 
     from sfglab.deploy.deployment import Deployment
     from sfglab.lab.bench import Bench
@@ -241,40 +238,7 @@ def _how(run: Run[Config]) -> How:
     return How.LIVE if (run["check"]["group"] == "containers").any() else How.EXACT
 
 
-_MODULES = (
-    *(
-        "deployment",
-        "compose",
-        "dockerfile",
-        "bundle",
-        "hardware.detection:detect,_evidence,_judged",
-    ),
-    "rollout:Plan,plan_changes,_change,look,steps,apply_plan,releases,released,_install",
-)
-
-
-def _few() -> Iterator[CheckRow]:
-    """Yield what is checked of two agents' files without the programs that take longest."""
-    source = load_source(find_project().data / Config().fleet_file)
-    release, wheel = make_release(SOURCE, source.text)
-    names = ["go2", "workstation"]
-    pairs = prepare(source, release, wheel, agents=names)
-    yield held(
-        "who is asked for gets files",
-        [(str(names), [bundle.agent for _, bundle in pairs] == names)],
-    )
-    for deployment, _ in pairs:
-        rows = verdict_rows(check_compose(render_bundle(deployment), deployment), {})
-        yield from (row for row in rows if isinstance(row, CheckRow))
-    yield from release_checks(pairs)
-    with TemporaryDirectory() as detection, TemporaryDirectory() as rollout:
-        yield from machines.detection_checks(Path(detection))
-        yield from machines.rollout_checks(pairs, Path(rollout))
-
-
-@exp.claim(
-    "A-DEPLOY", how=_how, mutated=Mutated(tuple(f"sfglab.deploy.{name}" for name in _MODULES), _few)
-)
+@exp.claim("A-DEPLOY", how=_how)
 def share_that_holds(run: Run[Config]) -> Finding:
     """Return the share of checks that hold, in the group where it is lowest."""
     share, refused = share_of_checks(run["check"], "group"), run["refused"]["refused"]

@@ -5,15 +5,12 @@ Everything is computed from the log alone, and from rules that are written apart
 
 from __future__ import annotations
 
-import asyncio
 from collections import Counter
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sfglab.bus.sim import World, run_simulated
-from sfglab.component import beside
 from sfglab.fleet.discovery.lifecycle import (
     ANNOUNCEMENTS,
     STATED,
@@ -23,17 +20,13 @@ from sfglab.fleet.discovery.lifecycle import (
     State,
 )
 from sfglab.fleet.discovery.listener import DISCOVERY_EVENT
-from sfglab.fleet.status.description import AgentDescription
-from sfglab.fleet.status.heartbeat import GET_METADATA, Heartbeat, Schedule
-from sfglab.fleet.status.node import StatusProvider, StatusSettings
-from sfglab.lab.checks import Mutated, facts_row, lifecycle
+from sfglab.lab.checks import lifecycle
 from sfglab.lab.claims import Finding, How
 from sfglab.lab.experiments.lifecycle.experiment import Config, exp
 from sfglab.lab.experiments.lifecycle.stage import WALKER
 from sfglab.lab.runs import Run, derived
 from sfglab.lab.stats import exactly, median_of
-from sfglab.messages import message_type, service_type
-from sfglab.qos import LATCHED
+from sfglab.messages import message_type
 from sfglab.record import LogReader
 from sfglab.units import NS_PER_S
 
@@ -271,64 +264,7 @@ def _homeless(arrivals: Sequence[int], spans: list[tuple[int, int]]) -> int:
     return len(arrivals) - len(spans) + len(left)
 
 
-async def _simulated(world: World) -> dict[str, bool]:
-    """Return what section 4.2 states of a status provider, and whether it is so on the simulated bus."""
-    heard: dict[str, list[tuple[float, Heartbeat]]] = {"first": [], "late": []}
-    now, startup_s = asyncio.get_running_loop().time, 4.5  # 5 whole periods
-    async with (
-        world.node("status", host="robot") as robot,
-        world.node("ear", host="station") as ear,
-    ):
-
-        def listen(name: str) -> None:
-            note = lambda m: heard[name].append((now(), Heartbeat.from_message(m)))  # noqa: E731
-            ear.create_subscription(HEARTBEAT_TYPE, PAPER_TOPIC, note, LATCHED)
-
-        listen("first")
-        provider = StatusProvider(
-            robot, StatusSettings(agent="go2", schedule=Schedule(startup_s=startup_s))
-        )
-        begun_ns = robot.get_clock().now_ns()
-        async with beside(provider.run()):
-            await asyncio.sleep(17.5)
-            listen("late")
-            await asyncio.sleep(1)
-            client = ear.create_client(GET_METADATA, PAPER_SERVICE.format(agent="go2"))
-            answer = (
-                await client.call(service_type(GET_METADATA).request(), timeout_s=10)
-            ).metadata
-            provider.update(AgentDescription(software=("new",)))
-            await asyncio.sleep(5)
-    times, beats = zip(*heard["first"], strict=True)
-    steady = [beat.period_s for beat in beats[5:]]
-    starts, late = [("go2", begun_ns, revision) for revision in [0] * 8 + [1] * 2], heard["late"][0]
-    expected_s = [0, 1, 2, 3, 4, 5, 10, 15, 18.5, 20]
-    return {
-        "1 s, then 5 s, and at once what changed": np.allclose(times, expected_s, atol=0.1),
-        "the time until the next is announced": np.allclose(steady, [5, 5, 5, 1.5, 5], atol=0.1),
-        "the phase": [beat.phase for beat in beats] == [0] * 5 + [1] * 5,
-        "the agent, its start and its revision": [
-            (b.agent, b.incarnation, b.revision) for b in beats
-        ]
-        == starts,
-        "who joins late hears the last one at once": late[1] == beats[7] and late[0] < 18,
-        "the service answers for the same start": (
-            answer.agent,
-            answer.incarnation,
-            answer.revision,
-        )
-        == starts[0],
-    }
-
-
-@exp.claim(
-    "A-HEARTBEAT",
-    how=How.LIVE,
-    mutated=Mutated(
-        ("sfglab.fleet.status.heartbeat", "sfglab.fleet.status.node:StatusSettings,StatusProvider"),
-        lambda: [facts_row("heartbeats", run_simulated(_simulated, seed=0))],
-    ),
-)
+@exp.claim("A-HEARTBEAT", how=How.LIVE)
 def claim_heartbeats(run: Run[Config]) -> Finding | None:
     """Return the share of checks that hold; periods other than the paper's, as `smoke` has, answer nothing."""
     if not run.config.at_paper_periods:
@@ -355,14 +291,7 @@ def claim_heartbeats(run: Run[Config]) -> Finding | None:
     )
 
 
-@exp.claim(
-    "A-DFA",
-    how=How.LIVE,
-    mutated=Mutated(
-        ("sfglab.fleet.discovery.lifecycle:ANNOUNCEMENTS,TRANSITIONS,Lifecycle",),
-        lambda: lifecycle.checks.rows(20, 0),
-    ),
-)
+@exp.claim("A-DFA", how=How.LIVE)
 def claim_transitions(run: Run[Config]) -> Finding:
     """Return the share of the paper's transitions that were reached.
 

@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
-from sfglab.lab.checks import CheckRow, Mutated, check_row, share_of_checks
-from sfglab.lab.checks.trees import AGENT, RULE, WAYS, WORLD, tree_rows
+from sfglab.lab.checks import CheckRow, check_row, share_of_checks
+from sfglab.lab.checks.trees import AGENT, RULE, WAYS, WORLD
 from sfglab.lab.claims import Finding, How
 from sfglab.lab.experiments.mocap.experiment import Config, exp
-from sfglab.lab.experiments.mocap.recordings import confusion_of, fault_checks, published_check
+from sfglab.lab.experiments.mocap.recordings import published_check
 from sfglab.lab.figures import COLORS, note, series
 from sfglab.lab.runs import Run, derived
 from sfglab.lab.stats import median_of
@@ -141,18 +141,9 @@ def offsets(run: Run[Config]) -> pd.DataFrame:
     return medians.assign(covered=table.groupby(by)["covered"].mean() / 6).reset_index()
 
 
-_MODULES = tuple(f"sfglab.spatial.mocap.{name}" for name in ("mapping", "bridge", "tracking"))
-
-
-def _few() -> Iterator[CheckRow]:
-    tally = confusion_of(1, 10.0, 0)
-    yield from (*tree_rows(3, 0), *fault_checks(tally), published_check(tally.confusion))
-
-
 @exp.claim(
     "A-VICON",
     how=lambda r: How.LIVE if len(r["look"]) else How.EXACT,
-    mutated=Mutated(_MODULES, _few),
 )
 def share_that_holds(run: Run[Config]) -> Finding:
     """Return the share of checks that hold, of live, fault and exact checks and flipped sights the lowest."""

@@ -11,12 +11,8 @@ import pandas as pd
 
 from sfglab.lab.checks import (
     CheckRow,
-    Mutated,
     check_row,
-    editing,
-    exchange,
     share_of_checks,
-    trajectories,
 )
 from sfglab.lab.claims import Finding, How
 from sfglab.lab.experiment import Look
@@ -167,26 +163,7 @@ def apart_m(run: Run[Config], a: str, b: str) -> tuple[Floats, Floats, Floats]:
     return times, found[0], found[1]
 
 
-_MODULES = (
-    "trajectory.path",
-    "trajectory.motion",
-    "scene.commands",
-    "scene.files",
-    "execution.orders",
-)
-
-
-def _few() -> Iterator[CheckRow]:
-    for group in (trajectories, exchange, editing):
-        yield from group.checks.rows(2, 0)
-    yield from _of_faults(pd.DataFrame(editing.faults()))
-
-
-@exp.claim(
-    "A-PLAN",
-    how=how_of,
-    mutated=Mutated(tuple(f"sfglab.spatial.{name}" for name in _MODULES), _few),
-)
+@exp.claim("A-PLAN", how=how_of)
 def share_that_holds(run: Run[Config]) -> Finding:
     """Return the share of checks that hold.
 

@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 
 from sfglab.fleet.policy import TABLE_1
-from sfglab.lab.checks import CheckRow, Mutated, check_row, group, share_of_checks
+from sfglab.lab.checks import CheckRow, check_row, share_of_checks
 from sfglab.lab.checks.routing import in_table_1
 from sfglab.lab.claims import Finding, How
 from sfglab.lab.experiments.routing.experiment import Config, exp, halves, may_cross
@@ -181,14 +181,7 @@ def latencies(run: Run[Config]) -> dict[str, Estimate]:
     return found
 
 
-@exp.claim(
-    "A-NET-RULES",
-    how=How.LIVE,
-    mutated=Mutated(
-        ("sfglab.fleet.policy:Side,Direction,ForwardRule,TABLE_1,Policy",),
-        lambda: group("routing").rows(20, 0),
-    ),
-)
+@exp.claim("A-NET-RULES", how=How.LIVE)
 def share_that_holds(run: Run[Config]) -> Finding:
     """Return the share of checks that hold, of live and exact ones whichever is lower."""
     table, times = checks(run), latencies(run)

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import pandas as pd
 
 from sfglab.arp.robots import DEPTHS, METHODS, RATES_HZ
-from sfglab.lab.bench import rows_of
-from sfglab.lab.checks import CheckRow, Mutated, check_row, facts_row
 from sfglab.lab.claims import Finding, How
 from sfglab.lab.experiments.transmission.experiment import (
     OPT_DEPTH,
@@ -18,15 +16,11 @@ from sfglab.lab.experiments.transmission.experiment import (
     grid,
     rate_and_depth,
     scenario_of,
-    simulate_cell,
 )
 from sfglab.lab.runs import Run, derived, lines_of
 from sfglab.lab.stats import exactly
 from sfglab.qos import Durability, History, Liveliness, Reliability
 from sfglab.units import NS_PER_S
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
 
 BEST = "OPT+LC"  #: The paper's winner.
 
@@ -141,28 +135,7 @@ def _policies(config: Config) -> dict[str, bool]:
     }
 
 
-_CHECKED = "cells_of,grid,balance_of,rate_and_depth,scenario_of,_sensor_flows,simulate_cell"
-
-
-def _few() -> Iterator[CheckRow]:
-    """Yield the checks of Table 2 on a few short cells."""
-    config = exp.config("smoke", rates_hz=(100, 500), depths=(1, 100), duration_s=0.5)
-    rows = [
-        (str(p), *rows_of(exp.tables["cell"], simulate_cell(p, 0), {"seed": 0}, p))
-        for p in grid(config)
-    ]
-    yield check_row("cells are Table 2's", [(said, as_in_table_2(row, 0.5)) for said, row in rows])
-    yield facts_row("policies", _policies(config))
-    options = {
-        "rates": RATES_HZ == (100, 200, 500, 1000),
-        "depths": DEPTHS == (1, 5, 10, 100, 1000, 5000),
-    }
-    yield facts_row("options", options)
-
-
-@exp.claim(
-    "B-TAB2", how=How.SIMULATED, mutated=Mutated((f"{__package__}.experiment:{_CHECKED}",), _few)
-)
+@exp.claim("B-TAB2", how=How.SIMULATED)
 def share_of_grid(run: Run[Config]) -> Finding:
     """Return how much of the paper's grid was run as Table 2 has it; none of it with other policies."""
     depths = (*map(str, DEPTHS), OPT_DEPTH)

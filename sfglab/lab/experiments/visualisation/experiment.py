@@ -18,7 +18,6 @@ from sfglab.fleet.fleet_file import load_fleet
 from sfglab.lab.browser import free_port
 from sfglab.lab.checks import (
     CheckRow,
-    Mutated,
     facts_row,
     handling,
     recordings,
@@ -269,11 +268,7 @@ def added_ms(run: Run[Config]) -> Estimate:
     )
 
 
-@exp.claim(
-    "A-VIZ",
-    how=How.LIVE,
-    mutated=Mutated(("sfglab.view.sync",), lambda: synchronisation.checks.rows(3, 0)),
-)
+@exp.claim("A-VIZ", how=How.LIVE)
 def share_that_holds(run: Run[Config]) -> Finding:
     """Return the share of checks that hold, in the group where it is lowest.
 
