@@ -103,7 +103,7 @@ def folder(tmp_path, monkeypatch, tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def talker():
-    """A domain in which a node publishes, for the processes of this module."""
+    """Return a domain in which a node publishes for the processes of this module."""
     from sfglab.lab.testbed import held_domains
 
     with held_domains(1) as (domain,), pytest.MonkeyPatch.context() as patch:

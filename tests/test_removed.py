@@ -8,20 +8,37 @@ from commands import called, commands
 from sfglab.cli.removed import RENAMED, REPLACEMENTS
 
 DATA = Path(__file__).parents[1] / "data"
-QOS, GRAPH = DATA / "qos/paper_b.yaml", DATA / "graphs/driving.yaml"
+QOS = DATA / "qos/paper_b.yaml"
+GRAPH = DATA / "graphs/driving.yaml"
+FLEET = DATA / "fleets/lab.yaml"
 
 
 @pytest.mark.parametrize("command", REPLACEMENTS)
 @pytest.mark.parametrize("rest", ["", "list -t --domain 7", "--help", "/chatter --json x.mcap"])
 def test_a_removed_command_is_one_sentence_and_status_2(command, rest):
     said = called(*command.split(), *rest.split(), status=2)
-    assert said == f"sfglab {command}: was removed; {REPLACEMENTS[command]}\n"
+    assert said == f"sfglab {command} was removed: {REPLACEMENTS[command]}\n"
 
 
-def test_a_removed_place_to_view_is_one_sentence_and_status_2():
-    said = called("view", "--domain", "7", "--to", "foxglove:8765", status=2)
-    assert said.startswith("sfglab view --to foxglove: was removed; ")
+@pytest.mark.parametrize(
+    ("command", "removed"),
+    [
+        ("view --domain 7 --to foxglove:8765", "view --to foxglove"),
+        (
+            f"fleet router {FLEET} --agent go2 --target zenoh-acl",
+            "fleet router --target zenoh-acl",
+        ),
+    ],
+)
+def test_a_removed_value_of_an_option_is_one_sentence_and_status_2(command, removed):
+    said = called(*command.split(), status=2)
+    assert said.startswith(f"sfglab {removed} was removed: use ")
     assert said.count("\n") == 1
+
+
+def test_the_file_of_a_dds_router_is_written_with_and_without_its_name():
+    command = ("fleet", "router", str(FLEET), "--agent", "go2")
+    assert called(*command) == called(*command, "--target", "dds-router")
 
 
 def test_removed_commands_are_not_listed():
@@ -41,9 +58,10 @@ def test_removed_commands_are_not_listed():
         (f"qos {QOS} --front", f"qos {QOS} --pareto", "--front"),
         (f"map {GRAPH} --rule=size", f"map {GRAPH} --gateway-rule size", "--rule"),
         (f"map {GRAPH} --place", f"map {GRAPH} --optimise-placement", "--place"),
+        ("mocap run x --trees --help", "mocap run x --publish-tf --help", "--trees"),
     ],
 )
 def test_a_former_name_of_an_option_does_the_same_with_a_warning(former, todays, warned):
-    new = RENAMED[former.partition(" ")[0]][warned]
+    [new] = [names[warned] for names in RENAMED.values() if warned in names]
     warning = f"warning: {warned} is now called {new}\n"
     assert called(*former.split()) == warning + called(*todays.split())

@@ -73,15 +73,27 @@ def texts_of(name: str, source: str) -> Iterator[Text]:
             if cell["cell_type"] == "markdown":
                 yield Text(number, "markdown", "".join(cell["source"]))
     elif name.endswith(".md"):
-        fence = re.compile(r"```.*?```", re.DOTALL)
-        plain = fence.sub(lambda code: "\n" * code.group().count("\n"), source)
-        for number, line in enumerate(plain.splitlines(), 1):
-            if line.strip() and not line.startswith("|"):
-                yield Text(number, "markdown", line)
+        yield from _paragraphs(source)
     elif name.endswith(".py"):
         yield from _comments(source)
         for node in ast.walk(ast.parse(source)):
             yield from _literals(node)
+
+
+def _paragraphs(source: str) -> Iterator[Text]:
+    """Yield paragraphs, headings and items of lists; code and tables are left out."""
+    fence = re.compile(r"```.*?```", re.DOTALL)
+    plain = fence.sub(lambda code: "\n" * code.group().count("\n"), source)
+    begin, words = 0, ""
+    for number, line in enumerate([*plain.splitlines(), ""], 1):
+        is_table = line.startswith("|")
+        is_new = is_table or not line.strip() or re.match(r"\s*([-*#]|\d+\.) ", line)
+        if is_new and words:
+            yield Text(begin, "markdown", words)
+            words = ""
+        if not is_table and line.strip():
+            begin = begin if words else number
+            words = f"{words} {line.strip()}".strip()
 
 
 def _comments(source: str) -> Iterator[Text]:

@@ -47,8 +47,8 @@ Reliability = Annotated[str | None, Option("--qos-reliability", help="reliable o
 Durability = Annotated[str | None, Option("--qos-durability", help="volatile or transient_local.")]
 Depth = Annotated[int | None, Option("--qos-depth", min=1, help="How many messages are kept.")]
 Place = tuple[int | None, str | None]  #: A domain and an interface.
-_TOPIC_S = 3.0  #: How long a topic's publisher is looked for.
-_OTHERS_S = 0.3  #: How long its other publishers are looked for.
+_TOPIC_S = 3.0  #: Time to discover a topic's first publisher, s.
+_OTHERS_S = 0.3  #: Time to discover further publishers of the topic, s.
 
 
 def on_node(place: Place, body: Callable[[Node], Coroutine[Any, Any, T]], name: str = "") -> T:

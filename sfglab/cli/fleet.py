@@ -12,6 +12,7 @@ from typer import Argument, Option
 
 from sfglab.cli.buses import Domain, Json, Place, domain_option, put_text, tell, unused
 from sfglab.cli.interfaces import Interfaces
+from sfglab.cli.removed import refuse
 from sfglab.component import run, run_until_interrupted
 from sfglab.domains import VARIABLE, usual_domain_id
 
@@ -67,7 +68,8 @@ def lint(
 @fleet_app.command("router")
 def router_configuration(
     file: Annotated[Path, Argument(help="A fleet file.")],
-    agent: Annotated[str, Option(help="Whose router.")],
+    agent: Annotated[str, Option(help="Agent whose router it is.")],
+    target: Annotated[str, Option(hidden=True)] = "dds-router",
     output: Annotated[
         Path | None, Option("--output", "-o", help="Write here, not to the terminal.")
     ] = None,
@@ -78,6 +80,11 @@ def router_configuration(
       sfglab fleet router data/fleets/lab.yaml --agent go2 -o go2.yaml
     """
     from sfglab.deploy.routers.dds_router import render_dds_router
+
+    if target != "dds-router":
+        refuse(
+            f"fleet router --target {target}", "use a DDS Router, whose file this command writes"
+        )
     from sfglab.fleet.fleet_file import load_fleet
 
     put_text(render_dds_router(load_fleet(file), agent), output)

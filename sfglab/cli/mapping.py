@@ -57,7 +57,9 @@ def qos(
     ] = None,
     method: Annotated[
         _Method,
-        Option(help="ours: a convex programme that sees the link. paper: paper B, Eq. 1 to 6."),
+        Option(
+            help="ours: convex optimisation with a model of the link. paper: paper B, Eq. 1 to 6."
+        ),
     ] = "ours",
     output_format: Annotated[
         _Format,
@@ -82,12 +84,12 @@ def qos(
         float | None,
         Option(
             min=0.0,
-            help="Weight of a second of latency in the objective. "
+            help="Weight of latency in the objective, Hz. "
             "[default: the one that keeps most readers up to date]",
         ),
     ] = None,
     pareto: Annotated[
-        bool, Option("--pareto", help="Print the Pareto front, one line for each latency weight.")
+        bool, Option("--pareto", help="Print the Pareto front, one line per latency weight.")
     ] = False,
     domain: _Domain = None,
     seconds: _Seconds = 5.0,

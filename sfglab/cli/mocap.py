@@ -24,9 +24,7 @@ if TYPE_CHECKING:
     from sfglab.spatial.mocap.mapping import MocapMapping
     from sfglab.spatial.mocap.tracking import MocapSource
 
-mocap_app = typer.Typer(
-    help="Motion capture: publish where cameras see agents.", no_args_is_help=True
-)
+mocap_app = typer.Typer(help="Motion capture: publish detected poses as TF.", no_args_is_help=True)
 frames_app = typer.Typer(help="Trees of frames.", no_args_is_help=True)
 for _single in (mocap_app, frames_app):
     _single.callback()(lambda: None)  # with a single command typer would leave its name out
@@ -54,7 +52,7 @@ def mocap_run(
         bool,
         Option(
             "--publish-tf",
-            help="Also publish the agents' own TF trees, made up, where no robot publishes them.",
+            help="Also publish made-up TF trees of the agents, for trials without robots.",
         ),
     ] = False,
     agent: Annotated[str, Option(help="The agent on which it runs, for the status topic.")] = "",

@@ -6,6 +6,7 @@ accepted with a warning.
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any, NoReturn
 
 import typer
@@ -16,16 +17,16 @@ if TYPE_CHECKING:
 
 #: The replacement of each removed command.
 REPLACEMENTS = {
-    "service": "ros2 service does this",
-    "action": "ros2 action does this",
-    "param": "ros2 param does this, and sfglab agent up --parameters ros lets it read our components",
-    "topic info": "ros2 topic info does this, and sfglab topic list -t prints the types",
-    "topic bw": "ros2 topic bw does this, and sfglab topic hz prints the rate",
-    "node info": "ros2 node info does this",
-    "fleet check": "sfglab fleet router writes the DDS Router's file from the policy anew",
-    "fleet security": "ros2 security (sros2) creates keys, certificates and permissions",
+    "service": "use ros2 service",
+    "action": "use ros2 action",
+    "param": "use ros2 param, after sfglab agent up --parameters ros for our components",
+    "topic info": "use ros2 topic info, or sfglab topic list -t for the types",
+    "topic bw": "use ros2 topic bw, or sfglab topic hz for the rate",
+    "node info": "use ros2 node info",
+    "fleet check": "use sfglab fleet router, which writes a DDS Router's file from the policy",
+    "fleet security": "use ros2 security (sros2), which creates keys and permissions",
     "mocap offset": "measure the object's offset and write it into the mapping, "
-    "as data/mocap/two_agents.yaml does",
+    "as in data/mocap/two_agents.yaml",
 }
 #: The former names of options and values of each command, and today's.
 RENAMED = {
@@ -37,7 +38,7 @@ RENAMED = {
     "map": {"--rule": "--gateway-rule", "--place": "--optimise-placement"},
     "mocap run": {"--trees": "--publish-tf"},
 }
-# Whatever follows the name is ignored, --help included: the sentence is the help.
+# The sentence is all that a removed command prints, also for --help.
 _ANYTHING = {
     "allow_extra_args": True,
     "ignore_unknown_options": True,
@@ -62,7 +63,7 @@ def _refusal(command: str) -> Callable[[typer.Context], None]:
 
 def refuse(command: str, replacement: str) -> NoReturn:
     """Print what replaces a removed command, or a removed value of an option, and exit with status 2."""
-    typer.echo(f"sfglab {command}: was removed; {replacement}", err=True)
+    typer.echo(f"sfglab {command} was removed: {replacement}", err=True)
     raise typer.Exit(2)
 
 
@@ -76,22 +77,16 @@ class RenamedOptions(TyperCommand):
 
 
 def _todays(args: list[str], renamed: Mapping[str, str]) -> Iterator[str]:
-    """Yield arguments with today's names; a value may follow its option as a word or behind ``=``."""
-    before = ""
+    """Yield arguments with today's names of options and values."""
+    options = {former.partition(" ")[0] for former in renamed}
+    words = []
     for arg in args:
         name, equals, value = arg.partition("=")
-        option, given = (name, value) if equals else (before, arg)
-        before = arg
-        if name in renamed:
-            _warn(name, renamed[name])
-            yield renamed[name] + equals + value
-        elif f"{option} {given}" in renamed:
-            new = renamed[f"{option} {given}"]
-            _warn(f"{option} {given}", new)
-            yield new.replace(" ", "=") if equals else new.rpartition(" ")[2]
+        words += [name, value] if equals and name in options else [arg]
+    for before, word in pairwise(["", *words]):
+        former = word if word in renamed else f"{before} {word}"
+        if former in renamed:
+            typer.echo(f"warning: {former} is now called {renamed[former]}", err=True)
+            yield renamed[former].rpartition(" ")[2]
         else:
-            yield arg
-
-
-def _warn(former: str, new: str) -> None:
-    typer.echo(f"warning: {former} is now called {new}", err=True)
+            yield word

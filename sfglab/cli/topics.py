@@ -17,7 +17,6 @@ from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
     from sfglab.bus import Node
-    from sfglab.bus.meters import Rate
 
 app = typer.Typer(help="Topics of a domain, in the words of ros2 topic.", no_args_is_help=True)
 _Topic = Annotated[str, Argument(help="Name of the topic, e.g. /chatter")]
@@ -128,33 +127,37 @@ def hz(
       sfglab topic hz /camera/image_raw --window 100 --domain 7
       sfglab topic hz /chatter --duration 5 --json
     """
-    from sfglab.bus.meters import Rate
-
-    meter = Rate(window)
     bus.until_interrupted(
-        (domain, interface), lambda node: _measure(node, topic, meter, duration, as_json)
+        (domain, interface), lambda node: _measure_rate(node, topic, window, duration, as_json)
     )
 
 
-async def _measure(
-    node: Node, topic: str, meter: Rate, duration_s: float | None, as_json: bool
+async def _measure_rate(
+    node: Node, topic: str, window: int, duration_s: float | None, as_json: bool
 ) -> None:
-    """Report what a meter says, every second in which messages came."""
+    """Print the rate of a topic, once per second in which messages arrived."""
     from sfglab.bus.listing import usual_qos
+    from sfglab.bus.meters import Rate
 
+    meter = Rate(window)
     name, publishers = await bus.type_of(node, topic, None, wait=True)
     subscription = node.create_subscription(name, topic, qos=usual_qos(publishers), raw=True)
     typer.echo(f"Subscribed to [{topic}]", err=as_json)
-    due_ns, end_ns = 0, 0.0
+    due_ns = 0
+    end_ns = 0.0
     while True:
         _, info = await subscription.take_with_info()
         now_ns = info.received_timestamp_ns
         meter.add(now_ns)
         if not due_ns:
-            due_ns, end_ns = now_ns + NS_PER_S, now_ns + (duration_s or float("inf")) * NS_PER_S
+            due_ns = now_ns + NS_PER_S
+            end_ns = now_ns + (duration_s or float("inf")) * NS_PER_S
         if now_ns >= min(due_ns, end_ns) and (values := meter.values()):
             due_ns = now_ns + NS_PER_S
-            bus.tell(values) if as_json else typer.echo(meter.text(values))
+            if as_json:
+                bus.tell(values)
+            else:
+                typer.echo(meter.text(values))
         if now_ns >= end_ns:
             return
 

@@ -24,9 +24,7 @@ if TYPE_CHECKING:
     from sfglab.view.app import ViewOptions
     from sfglab.view.session import Session
 
-_FOXGLOVE = (
-    "ROS 2's foxglove_bridge shows a domain in Foxglove, which opens logs of sfglab by itself"
-)
+_FOXGLOVE = "use ROS 2's foxglove_bridge; Foxglove opens logs of sfglab as they are"
 _SERVED_PORT = 9876  #: Where `serve` waits when nothing else is said; the viewer's own default.
 
 

@@ -19,10 +19,18 @@ from sfglab.deploy.editor import editor_files
 from sfglab.deploy.errors import DeployError
 from sfglab.deploy.files import PLAIN, PROGRAM, BundleFile
 from sfglab.deploy.host import host_files
-from sfglab.deploy.routers.dds_router import ROUTER_FILES, render_router_file
+from sfglab.deploy.routers.dds_router import ROUTER_FILE, render_dds_router
 from sfglab.documents import suggestion
 from sfglab.files import read_text, write_files
-from sfglab.fleet.fleet_file import AUTO, Accelerator, AgentSpec, Fleet, HostSpec, read_fleet
+from sfglab.fleet.fleet_file import (
+    AUTO,
+    Accelerator,
+    AgentSpec,
+    Fleet,
+    HostSpec,
+    RouterSoftware,
+    read_fleet,
+)
 
 #: A bundle's files, with digests; written last: without it one is not complete.
 MANIFEST = "manifest.json"
@@ -248,9 +256,14 @@ def describe(source: FleetSource, agent: str, release: Release, detect: Detect) 
 
 
 def _router_files(deployment: Deployment) -> dict[str, BundleFile]:
-    interface = deployment.network.router_interface
-    text = render_router_file(deployment.fleet, deployment.agent.name, interface)
-    return {ROUTER_FILES[deployment.common.router]: BundleFile(text=text)} if text else {}
+    """Return a DDS Router's file; our own router reads the fleet file."""
+    if deployment.common.router is not RouterSoftware.DDS_ROUTER:
+        return {}
+    # The router meets the agent at its own interface, which is not that of the agent's nodes.
+    agent = replace(deployment.agent, local_interface=deployment.network.router_interface)
+    agents = tuple(agent if one.name == agent.name else one for one in deployment.fleet.agents)
+    fleet = replace(deployment.fleet, agents=agents)
+    return {ROUTER_FILE: BundleFile(text=render_dds_router(fleet, agent.name))}
 
 
 def _entries(members: Mapping[str, Member]) -> dict[str, dict[str, str]]:

@@ -10,7 +10,7 @@ from typing import Any
 
 from sfglab.deploy.deployment import FLEET_FILE, USER_ID, Deployment
 from sfglab.deploy.files import BundleFile, one_line
-from sfglab.deploy.routers.dds_router import ROUTER_FILES
+from sfglab.deploy.routers.dds_router import ROUTER_FILE
 from sfglab.fleet.fleet_file import Accelerator, RosDistribution, RouterSoftware
 
 _NEEDS_INITIALIZE = "run hooks/initialize.sh first"
@@ -79,9 +79,8 @@ def _agent(deployment: Deployment) -> dict[str, Any]:
 
 
 def _router(deployment: Deployment) -> dict[str, Any]:
-    software, interface = deployment.common.router, deployment.network.router_interface
     service: dict[str, Any] = {"image": deployment.common.router_image or _image(deployment)}
-    if software is RouterSoftware.SFGLAB:
+    if deployment.common.router is RouterSoftware.SFGLAB:
         own = [
             "router",
             "--fleet",
@@ -89,13 +88,12 @@ def _router(deployment: Deployment) -> dict[str, Any]:
             "--agent",
             deployment.agent.name,
             "--interface",
-            interface,
+            deployment.network.router_interface,
         ]
         service["command"] = own
     else:
-        file = ROUTER_FILES[software]
-        service["entrypoint"] = ["ddsrouter", "--config-path", f"/etc/{file}"]
-        service["volumes"] = [f"./{file}:/etc/{file}:ro"]
+        service["entrypoint"] = ["ddsrouter", "--config-path", f"/etc/{ROUTER_FILE}"]
+        service["volumes"] = [f"./{ROUTER_FILE}:/etc/{ROUTER_FILE}:ro"]
     return service | _hardening() | {"network_mode": "host", "depends_on": ["agent"]}
 
 

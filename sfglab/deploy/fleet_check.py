@@ -16,12 +16,13 @@ from sfglab.deploy.dockerfile_check import check_dockerfile
 from sfglab.deploy.editor_check import SHAPES, check_editor
 from sfglab.deploy.errors import MissingProgramError
 from sfglab.deploy.programs import find_program
-from sfglab.deploy.routers.dds_router import ROUTER_FILES
+from sfglab.deploy.routers.dds_router import ROUTER_FILE
 from sfglab.deploy.routers.dds_router_check import check_dds_router
 from sfglab.deploy.text_check import check_dockerfiles, check_secrets, check_shell
 from sfglab.deploy.unit_check import check_unit
 from sfglab.deploy.verdicts import Broken, Rules, State, Verdict, error_sentences, verdict_of
 from sfglab.fleet import fleet_file
+from sfglab.fleet.fleet_file import RouterSoftware
 from sfglab.fleet.lint import Finding, Severity, lint
 
 if TYPE_CHECKING:
@@ -294,8 +295,8 @@ def _errors(find: Callable[..., Iterable[Finding]], *about: Any) -> Iterator[str
 
 
 def _routers(files: Mapping[str, BundleFile], deployment: Deployment) -> Iterator[Verdict]:
-    """Yield a verdict about the file of another's router; our own reads the fleet file."""
-    expected = ROUTER_FILES.get(deployment.common.router, "")
+    """Yield a verdict about a DDS Router's file; our own router reads the fleet file."""
+    expected = ROUTER_FILE if deployment.common.router is RouterSoftware.DDS_ROUTER else ""
     given = (name for name in files if name.startswith("router/"))
     for name in dict.fromkeys(filter(None, (expected, *given))):
         if name in files:

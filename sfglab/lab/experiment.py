@@ -258,7 +258,10 @@ class Experiment(Generic[C]):
         return declare
 
     def claim(self, claim: str, *, how: How | Callable[[Run[C]], How]) -> Callable[[F], F]:
-        """Declare which claim a function of a run answers, or None; and how."""
+        """Declare the claim that a function of a run answers, and how it is measured.
+
+        The function returns None if the run cannot answer the claim.
+        """
 
         def declare(function: F) -> F:
             self._claims[claim] = function, how

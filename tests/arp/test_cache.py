@@ -96,51 +96,65 @@ def test_meaningless_tolerance_and_silence_are_refused():
         LocalCache(max_silence_ns=0)
 
 
-def compared(rng):
-    """Yield for drawn values of each kind whether a copy is the same, a change none, and a tolerance respected.
-
-    The sizes of changes are known by how they were made, not by the comparison.
-    """
-    for _ in range(20):
-        x, step, count = float(rng.normal()), float(rng.uniform(0.1, 1)), int(rng.integers(1, 100))
-        nan, far = float("nan"), 1000 * step
-        same, copies, changed = (kinds(x, count, d) for d in (0.0, 0.0, step))
-        for kind, one in same.items():
-            copy, other = copies[kind], changed[kind]
-            yield f"{kind}: copy", exactly_equal(one, copy) and nearly_equal(0.0)(one, copy)
-            yield f"{kind}: change", not exactly_equal(one, other) and not exactly_equal(other, one)
-            within = nearly_equal(1.01 * far)
-            yield f"{kind}: within", within(one, other) and within(other, one)
-            yield f"{kind}: beyond", not nearly_equal(0.9 * step)(one, other)
-        pairs = [("a", "b"), (True, 1), (True, False), (x, "a"), (nan, x)]
-        pairs += [([x], [x, x]), ([x], (x,)), (np.zeros(1), np.zeros(1, int))]
-        pairs.append((np.array([x]), np.array([x, x])))
-        for first, second in pairs:
-            alike = exactly_equal(first, second) or nearly_equal(9.0)(first, second)
-            yield f"{first!r} and {second!r}", not alike
-        yield (
-            "no number",
-            exactly_equal(nan, float("nan")) and exactly_equal(float("inf"), float("inf")),
-        )
-        yield (
-            "ignored",
-            nearly_equal(0.0, ignore=frozenset({"stamp"}))(same["message"], changed["message"]),
-        )
-
-
-def kinds(x, count, d):
-    """Return a value of each kind that a cache may be offered, changed by `d` or a known multiple of it."""
-    stamp = message_type("builtin_interfaces/msg/Time")(sec=count, nanosec=int(1000 * d))
+def values(x, count, change):
+    """Return a value of each kind that a cache may get, changed by `change` or a known multiple of it."""
+    stamp = message_type("builtin_interfaces/msg/Time")(sec=count, nanosec=int(1000 * change))
     return {
-        "number": x + d,
-        "integer": count + 100 * d,
-        "array": np.array([float("nan"), x, x + d]),
-        "bytes": np.array([count, count + 100 * (d > 0)], np.uint8),
-        "list": [1, "a", (x, x + d)],
+        "number": x + change,
+        "integer": count + 100 * change,
+        "array": np.array([math.nan, x, x + change]),
+        "bytes": np.array([count, count + 100 * (change > 0)], np.uint8),
+        "list": [1, "a", (x, x + change)],
         "message": message_type("std_msgs/msg/Header")(stamp=stamp, frame_id="a"),
     }
 
 
-def test_values_of_each_kind_are_the_same_to_the_bit_or_within_the_tolerance():
-    wrong = [case for case, holds in compared(np.random.default_rng(0)) if not holds]
-    assert wrong == []
+KINDS = list(values(0.0, 1, 0.0))
+SEEDS = range(20)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("seed", SEEDS)
+def test_a_copy_is_equal_and_a_change_is_within_its_size_only(kind, seed):
+    """The size of a change is known from how it was made, not from the comparison."""
+    rng = np.random.default_rng(seed)
+    x, step, count = float(rng.normal()), float(rng.uniform(0.1, 1)), int(rng.integers(1, 100))
+    value, copy = values(x, count, 0.0)[kind], values(x, count, 0.0)[kind]
+    changed = values(x, count, step)[kind]
+    assert exactly_equal(value, copy)
+    assert nearly_equal(0.0)(value, copy)
+    assert not exactly_equal(value, changed)
+    assert not exactly_equal(changed, value)
+    largest = 1000 * step  # nanoseconds of the message's stamp
+    assert nearly_equal(1.01 * largest)(value, changed)
+    assert nearly_equal(1.01 * largest)(changed, value)
+    assert not nearly_equal(0.9 * step)(value, changed)
+
+
+@pytest.mark.parametrize(
+    ("first", "second"),
+    [
+        ("a", "b"),
+        (True, 1),
+        (True, False),
+        (0.5, "a"),
+        (math.nan, 0.5),
+        ([0.5], [0.5, 0.5]),
+        ([0.5], (0.5,)),
+        (np.zeros(1), np.zeros(1, int)),
+        (np.array([0.5]), np.array([0.5, 0.5])),
+    ],
+)
+def test_values_of_different_kinds_or_lengths_are_never_equal(first, second):
+    assert not exactly_equal(first, second)
+    assert not nearly_equal(9.0)(first, second)
+
+
+def test_nan_and_infinity_equal_themselves():
+    assert exactly_equal(math.nan, float("nan"))
+    assert exactly_equal(math.inf, float("inf"))
+
+
+def test_an_ignored_field_is_not_compared():
+    before, after = values(0.5, 1, 0.0)["message"], values(0.5, 1, 0.5)["message"]
+    assert nearly_equal(0.0, ignore=frozenset({"stamp"}))(before, after)

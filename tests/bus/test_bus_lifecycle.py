@@ -142,6 +142,15 @@ def test_a_domain_that_must_be_secured_is_not_joined(monkeypatch):
         join(DomainConfig(domain_id=99, interface="lo"))
 
 
+def test_a_domain_is_not_joined_in_the_open_where_security_is_asked_for(monkeypatch):
+    library = '<Library path="dds_security_auth" initFunction="i" finalizeFunction="f"/>'
+    security = f"<Security><Authentication>{library}</Authentication></Security>"
+    uri = f"<CycloneDDS><Domain>{security}</Domain></CycloneDDS>"
+    monkeypatch.setenv("CYCLONEDDS_URI", uri)
+    with pytest.raises(bus.DomainError, match="Cyclone DDS cannot start"):
+        join(DomainConfig(domain_id=99, interface="lo"))
+
+
 async def test_a_domain_that_cannot_be_joined_says_why():
     with pytest.raises(bus.DomainError, match=r"no network interface 'eth77' here; there are .*lo"):
         await bus.Node.create("n", domain_id=100, interface="eth77")

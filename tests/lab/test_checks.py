@@ -1,4 +1,4 @@
-"""What follows from a table of checks for a claim, and that shares of checks can fail."""
+"""A claim takes its share from a table of checks, and each check can fail."""
 
 from dataclasses import asdict, replace
 from types import SimpleNamespace

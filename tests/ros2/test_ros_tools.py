@@ -19,6 +19,7 @@ from sfglab.bus.api import entries
 from sfglab.bus.listing import settled, tells_no_history
 from sfglab.messages import deserialize, serialize
 from sfglab.messages.text import as_rclpy_shows, message_from_yaml, to_yaml, values_of
+from sfglab.qos import History
 from sfglab.record import LogReader
 
 pytestmark = [pytest.mark.live, pytest.mark.ros]
@@ -73,7 +74,7 @@ def as_rclpy_prints(endpoint):
     """Return an endpoint as the text of rclpy's TopicEndpointInfo."""
     namespace, _, name = (endpoint.node or NAMELESS).rpartition("/")
     qos = endpoint.qos
-    kept = f"{qos.history.name} ({qos.depth})" if qos.depth else qos.history.name
+    kept = qos.history.name + (f" ({qos.depth})" if qos.history is History.KEEP_LAST else "")
     lines = [
         f"Node name: {name}",
         f"Node namespace: {namespace or '/'}",

@@ -7,13 +7,11 @@ from __future__ import annotations
 
 import ipaddress
 import json
-from dataclasses import replace
 from fnmatch import fnmatchcase
 from typing import TYPE_CHECKING, Any
 
 from sfglab.deploy.errors import DeployError
 from sfglab.deploy.files import one_line
-from sfglab.fleet.fleet_file import RouterSoftware
 from sfglab.fleet.policy import Direction, Policy
 from sfglab.names import TF_STATIC, dds_topic
 from sfglab.qos import COMPRESSED_STREAM
@@ -30,24 +28,8 @@ LOCAL, GLOBAL = "local", "global"
 #: Messages a topic: enough for a latched one of 200 agents, not for gigabytes of pictures.
 HISTORY = 200
 
-#: Where a router's file stands in the agent's folder; our own router reads the fleet file.
-ROUTER_FILES = {RouterSoftware.DDS_ROUTER: "router/dds-router.yaml"}
-
-
-def render_router_file(fleet: Fleet, agent: str, interface: str) -> str:
-    """Return the configuration of the router that the fleet uses, empty for our own.
-
-    Its `interface` to the agent takes the place of what the fleet file says of the agent's own nodes.
-
-    Raises:
-        DeployError: The DDS Router cannot express the fleet's policy.
-    """
-    if fleet.deployment.router not in ROUTER_FILES:
-        return ""
-    agents = tuple(
-        replace(a, local_interface=interface) if a.name == agent else a for a in fleet.agents
-    )
-    return render_dds_router(replace(fleet, agents=agents), agent)
+#: Path of the DDS Router's file in the agent's folder.
+ROUTER_FILE = "router/dds-router.yaml"
 
 
 def render_dds_router(fleet: Fleet, agent: str) -> str:
