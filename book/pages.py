@@ -217,6 +217,8 @@ def _command(words: str, command: Any) -> str:
     usage = " ".join([words, *command.collect_usage_pieces(context)])
     rows = []
     for parameter in command.params:
+        if getattr(parameter, "hidden", False):
+            continue
         record = parameter.get_help_record(context) or (
             parameter.make_metavar(context),
             getattr(parameter, "help", "") or "",
