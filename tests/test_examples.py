@@ -13,9 +13,8 @@ import sys
 from pathlib import Path
 
 import pytest
+from bags import write_bag
 from commands import called, commands
-from rosbags.rosbag1 import Writer
-from rosbags.typesys import Stores, get_typestore
 from waiting import program
 
 from sfglab.domains import MAX_DOMAIN
@@ -85,18 +84,8 @@ def folder(tmp_path, monkeypatch, tmp_path_factory):
     (tmp_path / "runs" / "cache").symlink_to(findings)
     monkeypatch.chdir(tmp_path)
     log = "data/reference/mocap.mcap"
-    for name in ("run.mcap", "monday.mcap"):
-        shutil.copy(log, name)
-    for name in ("bag", "tuesday"):
-        called("log", "convert", log, "-o", name)
-    store = get_typestore(Stores.ROS1_NOETIC)
-    with Writer("old.bag") as writer:
-        words = writer.add_connection("/words", "std_msgs/msg/String", typestore=store)
-        writer.write(
-            words,
-            7,
-            store.serialize_ros1(store.types["std_msgs/msg/String"]("hello"), words.msgtype),
-        )
+    shutil.copy(log, "run.mcap")
+    write_bag(log, Path("bag"))
     called("fleet", "router", "data/fleets/lab.yaml", "--agent", "go2", "-o", "go2.yaml")
     return tmp_path
 
@@ -176,7 +165,7 @@ def status_of(example):
 )
 def test_examples_of_files_do_what_they_say(example, folder):
     if "bag/ --format" in example:
-        called("log", "convert", "data/reference/cooperation.mcap", "-o", "topics")
+        write_bag(Path("data/reference/cooperation.mcap"), Path("topics"))
         example = example.replace("bag/", "topics/")
     before = set(folder.rglob("*"))
     assert called(*words_of(example), status=status_of(example)) or set(folder.rglob("*")) > before

@@ -280,7 +280,6 @@ WRITERS = [
     "interfaces OUT",
     f"deploy render {DATA}/fleets/esslingen.yaml -o OUT/r",
     f"view {LOG} --to OUT/v.rrd",
-    f"log convert {LOG} -o OUT/c.mcap",
 ]
 
 

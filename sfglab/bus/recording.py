@@ -1,6 +1,6 @@
 """Recording topics of a domain into a log, and playing a log into one.
 
-Files are written and read in a thread of their own, which SQLite asks for; no message waits for a disk.
+Files are written and read in a thread of their own: no message waits for a disk.
 """
 
 from __future__ import annotations
@@ -29,7 +29,6 @@ if TYPE_CHECKING:
 
     from sfglab.bus.node import Node
     from sfglab.bus.pubsub import Publisher, Subscription
-    from sfglab.record.bag_writer import AnyWriter
     from sfglab.record.reader import LogMessage
 
     Told = Callable[[str], None]
@@ -48,14 +47,14 @@ _LATE_S = 2.0  #: How long readers may take for what was played last.
 class Recorder:
     """Records topics that are wanted, by name, from when they appear; `told` is given sentences for the user.
 
-    `open_log` makes the log, in the thread that writes it. An MCAP file is told at its end who published and
-    who subscribed.
+    `open_log` makes the log, in the thread that writes it. At the end the recorder writes into it who
+    published and who subscribed.
     """
 
     def __init__(
         self,
         node: Node,
-        open_log: Callable[[], AnyWriter],
+        open_log: Callable[[], LogWriter],
         *,
         wanted: Callable[[str], bool],
         told: Told,
@@ -94,8 +93,7 @@ class Recorder:
             finally:
                 unlisten()
                 await end_tasks(*self._topics.values())
-                if isinstance(log, LogWriter):
-                    await do(log.write_metadata, COMPUTATION_GRAPH, self._sides())
+                await do(log.write_metadata, COMPUTATION_GRAPH, self._sides())
                 await do(log.close)
 
     def _sides(self) -> dict[str, dict[str, list[str]]]:
@@ -144,7 +142,7 @@ class Recorder:
     def _waiting(self) -> list[tuple[Any, ...]]:
         return [self._queue.get_nowait() for _ in range(self._queue.qsize())]
 
-    def _write(self, log: AnyWriter, messages: Iterable[tuple[Any, ...]]) -> None:
+    def _write(self, log: LogWriter, messages: Iterable[tuple[Any, ...]]) -> None:
         for topic, type_, cdr, received_ns, sent_ns, qos in messages:
             times = {"log_time_ns": received_ns, "publish_time_ns": max(sent_ns, 0)}
             log.write_raw(topic, type_, cdr, qos=qos, **times)
@@ -164,10 +162,8 @@ class Playing:
     """How a log is played."""
 
     rate: float = 1.0  #: How much faster than it was recorded.
-    loop: bool = False  #: Whether again and again.
     start_s: float = 0.0  #: Where to begin, from the log's first message on.
     duration_s: float | None = None  #: How much of it.
-    delay_s: float = 0.0  #: How long to wait before the first message, beside discovery.
 
 
 class Player:
@@ -195,14 +191,12 @@ class Player:
                     if self._wanted(topic):
                         self._open(topic, reader)
                 await self._matched()
-                await asyncio.sleep(self._how.delay_s)
-                while True:
-                    await self._play(reader, do)
-                    if not self._how.loop or not self.counts:
-                        break
+                await self._play(reader, do)
                 for publisher in self._publishers.values():
                     await publisher.wait_for_all_acked(_LATE_S)
             finally:
+                for warning in reader.warnings:
+                    self._told(warning)
                 await do(reader.close)
 
     def _open(self, topic: str, reader: LogReader) -> None:

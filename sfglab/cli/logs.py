@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import asyncio
 import json
+import os
 import re
-import sqlite3
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from datetime import UTC, datetime
@@ -45,19 +45,13 @@ Examples:
   sfglab log data/reference/cooperation.mcap""",
 )
 _Log_ = Annotated[
-    Path, Argument(metavar="LOG", help="An MCAP file, a rosbag2 folder, .db3 or .bag.")
+    Path, Argument(metavar="LOG", help="An MCAP file, a rosbag2 folder or its .db3 file.")
 ]
 _Topics = Annotated[list[str] | None, Option("--topics", help="Only this topic; may be repeated.")]
 _Regex = Annotated[str | None, Option("--regex", "-e", help="Only topics in which this is found.")]
 _Exclude = Annotated[
     str | None, Option("--exclude-regex", "-x", help="No topics in which this is found.")
 ]
-_Storage = Annotated[str | None, Option("--storage", "-s", help="mcap or sqlite3, of a folder.")]
-_Compression = Annotated[
-    str,
-    Option("--compression-mode", help="none, file, message or, of mcap alone, storage; by zstd."),
-]
-_Output = Annotated[Path, Option("--output", "-o", help="A folder to make, or FILE.mcap.")]
 _Start = Annotated[float, Option("--start-offset", min=0.0, help="Seconds to leave out first.")]
 _Duration = Annotated[float | None, Option(min=0.0, help="Seconds of the log.")]
 
@@ -93,6 +87,7 @@ def show(path: _Log_, as_json: Json = False) -> None:
             )
             return
         typer.echo(text_table([head, *rows]))
+        _warn(reader)
         for name, values in metadata.items():
             typer.echo(f"metadata  {name}: {json.dumps(values)}")
         if reader.truncated:
@@ -110,12 +105,13 @@ def info(path: _Log_, as_json: Json = False) -> None:
 
     with LogReader(path) as reader:
         values = _info(reader)
+        _warn(reader)
     if as_json:
         tell(values)
         return
     times = {name: values[f"{name}_ns"] for name in ("start", "end")}
     said = {name: f"{_date(ns)} ({_seconds(ns)})" for name, ns in times.items()}
-    line = "Topic: {name} | Type: {type} | Count: {count} | Serialization Format: cdr"
+    line = "Topic: {name} | Type: {type} | Count: {count} | Serialization Format: {encoding}"
     topics = [line.format_map(topic) for topic in values["topics"]]
     indent = "\n" + " " * 19
     typer.echo(
@@ -130,21 +126,23 @@ def info(path: _Log_, as_json: Json = False) -> None:
     )
 
 
+def _warn(reader: LogReader) -> None:
+    for warning in reader.warnings:
+        typer.echo(f"warning: {warning}", err=True)
+
+
 def _info(reader: LogReader) -> dict[str, Any]:
-    path = reader.path
-    files = (
-        sorted(f for f in path.iterdir() if re.search(r"\.(mcap|db3)", f.name))
-        if path.is_dir()
-        else [path]
-    )
     start_ns, end_ns = reader.span_ns
-    topics = [{"name": n, "type": t.type_name, "count": t.count} for n, t in reader.topics.items()]
-    kinds = {".db3": "sqlite3", ".bag": "rosbag v2.0"}
-    suffixes = [suffix for suffix in (files[0].suffixes if files else ()) if suffix != ".zstd"]
+    topics = [
+        {"name": name, "type": topic.type_name, "count": topic.count, "encoding": topic.encoding}
+        for name, topic in reader.topics.items()
+    ]
+    suffixes = {suffix for file in reader.files for suffix in file.suffixes}
+    storages = {".db3": "sqlite3", ".mcap": "mcap"}
     return {
-        "files": [file.name for file in files],
-        "size_bytes": sum(file.stat().st_size for file in files),
-        "storage": kinds.get(suffixes[-1] if suffixes else "", "mcap"),
+        "files": [file.name for file in reader.files],
+        "size_bytes": sum(file.stat().st_size for file in reader.files),
+        "storage": ", ".join(name for suffix, name in storages.items() if suffix in suffixes),
         "start_ns": start_ns,
         "end_ns": end_ns,
         "messages": sum(topic["count"] for topic in topics),
@@ -204,34 +202,33 @@ def record(
     exclude: _Exclude = None,
     output: Annotated[
         Path | None,
-        Option("--output", "-o", help="A folder to make, or FILE.mcap. [default: by the time]"),
+        Option("--output", "-o", metavar="FILE.mcap", help="New file. [default: by the time]"),
     ] = None,
-    storage: _Storage = None,
-    compression: _Compression = "none",
     duration: Annotated[float | None, Option(min=0.1, help="Seconds; else until Ctrl-C.")] = None,
     domain: Domain = None,
     interface: Interface = None,
     _interfaces: Interfaces = None,
 ) -> None:
-    """Record topics, also those that appear later, into a bag or one MCAP file, until Ctrl-C.
+    """Record topics, also those that appear later, into an MCAP file, until Ctrl-C.
 
     Examples:
       sfglab log record /chatter /tf /tf_static --domain 7
       sfglab log record -a -o session.mcap --duration 5
-      sfglab log record -e '^/global/go2/' -x image_raw --compression-mode file
+      sfglab log record -e '^/global/go2/' -x image_raw
     """
     from sfglab.bus.recording import Recorder
-    from sfglab.record.bag_writer import new_log
+    from sfglab.record import LogWriter
 
     if not (topics or every or regex):
         raise InvalidValueError("log record", None, "topics, --all or --regex")
     wanted = _wanted(None if every else topics, None if every else regex, exclude)
-    path = output or Path(f"rosbag2_{datetime.now(UTC).astimezone():%Y_%m_%d-%H_%M_%S}")
+    path = output or Path(f"rosbag2_{datetime.now(UTC).astimezone():%Y_%m_%d-%H_%M_%S}.mcap")
+    _check_output(path)
 
     async def run(node: Node) -> None:
         recorder = Recorder(
             node,
-            lambda: new_log(path, storage=storage, compression=compression),  # type: ignore[arg-type]  # checked there
+            lambda: LogWriter(path),
             wanted=wanted,
             told=typer.echo,
         )
@@ -240,7 +237,7 @@ def record(
                 await recorder.run()
         except TimeoutError:
             pass
-        except (OSError, sqlite3.Error) as error:
+        except OSError as error:
             held = f"a path that can be written ({error}); what was recorded until then is in it"
             raise InvalidValueError("--output", str(path), held) from error
         finally:
@@ -248,6 +245,15 @@ def record(
                 typer.echo(f"{path}: {_counted(recorder.counts)}, {recorder.lost} lost")
 
     until_interrupted((domain, interface), run)
+
+
+def _check_output(path: Path) -> None:
+    if path.suffix != ".mcap":
+        raise InvalidValueError("--output", str(path), "a name that ends in .mcap")
+    if os.path.lexists(path):
+        raise InvalidValueError("--output", str(path), "a path where nothing is yet")
+    if not os.access(path.absolute().parent, os.W_OK):
+        raise InvalidValueError("--output", str(path), "a path in a folder that can be written")
 
 
 def record_for(path: Path, seconds: float, place: Place) -> None:
@@ -277,13 +283,11 @@ def play(
     rate: Annotated[
         float, Option("--rate", "-r", min=0.001, help="How much faster than recorded.")
     ] = 1.0,
-    loop: Annotated[bool, Option("--loop", "-l", help="Again and again, until Ctrl-C.")] = False,
     topics: _Topics = None,
     regex: _Regex = None,
     exclude: _Exclude = None,
     start: _Start = 0.0,
     duration: _Duration = None,
-    delay: Annotated[float, Option("--delay", "-d", min=0.0, help="Seconds to wait before.")] = 0.0,
     domain: Domain = None,
     interface: Interface = None,
     _interfaces: Interfaces = None,
@@ -297,7 +301,7 @@ def play(
     """
     from sfglab.bus.recording import Player, Playing
 
-    how = Playing(rate=rate, loop=loop, start_s=start, duration_s=duration, delay_s=delay)
+    how = Playing(rate=rate, start_s=start, duration_s=duration)
     wanted = _wanted(topics, regex, exclude)
 
     async def run(node: Node) -> None:
@@ -310,68 +314,3 @@ def play(
             typer.echo(f"played {_counted(player.counts)}")
 
     until_interrupted((domain, interface), run)
-
-
-@app.command("convert")
-def convert(
-    paths: Annotated[
-        list[Path], Argument(metavar="LOG...", help="Logs and bags; several become one.")
-    ],
-    output: _Output,
-    storage: _Storage = None,
-    compression: _Compression = "none",
-) -> None:
-    """Write logs into a rosbag2 folder or one MCAP file, in the order of their times.
-
-    Examples:
-      sfglab log convert data/reference/mocap.mcap -o mocap -s sqlite3
-      sfglab log convert old.bag -o new.mcap
-      sfglab log convert monday.mcap tuesday/ -o both --compression-mode file
-    """
-    _copy(paths, output, storage=storage, compression=compression)
-
-
-@app.command("filter")
-def filter_log(
-    path: _Log_,
-    output: _Output,
-    topics: _Topics = None,
-    regex: _Regex = None,
-    exclude: _Exclude = None,
-    start: _Start = 0.0,
-    duration: _Duration = None,
-    storage: _Storage = None,
-    compression: _Compression = "none",
-) -> None:
-    """Write some topics, or some seconds, of a log into another one.
-
-    Examples:
-      sfglab log filter data/reference/mocap.mcap -o tf.mcap --topics /tf --topics /tf_static
-      sfglab log filter run.mcap -o minute -x image_raw --start-offset 60 --duration 60
-    """
-    from sfglab.record import LogReader
-
-    with LogReader(path) as reader:
-        begin_ns = reader.span_ns[0] + round(start * NS_PER_S)
-        there = reader.topics
-    for topic in topics or ():
-        if topic not in there:
-            raise InvalidValueError("--topics", topic, f"a topic of the log: {', '.join(there)}")
-    end_ns = None if duration is None else begin_ns + round(duration * NS_PER_S)
-    wanted = _wanted(topics, regex or ("" if not topics else None), exclude)
-
-    def keep(message: Any) -> bool:
-        time_ns = message.log_time_ns
-        return (
-            wanted(message.topic) and begin_ns <= time_ns and (end_ns is None or time_ns < end_ns)
-        )
-
-    _copy([path], output, keep, storage=storage, compression=compression)
-
-
-def _copy(
-    paths: list[Path], output: Path, keep: Callable[[Any], bool] = lambda _: True, **options: Any
-) -> None:
-    from sfglab.record.bag_writer import copy_logs
-
-    typer.echo(f"{output}: {_counted(copy_logs(paths, output, keep=keep, **options))}")

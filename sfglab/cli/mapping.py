@@ -111,7 +111,7 @@ def qos(
     from sfglab.arp import plan_as_printed, plan_file
     from sfglab.arp.exports import EXPORTS
     from sfglab.arp.recorded import topics_text
-    from sfglab.record.reader import is_log
+    from sfglab.record.bags import is_log
     from sfglab.rtps import PRESETS
 
     with _source(file, domain, interface, seconds) as source:
@@ -188,7 +188,7 @@ def _topics_of(file: Path) -> TopicFile:
     from sfglab.arp import TopicFile, load_topics
     from sfglab.arp.recorded import topics_from_log
     from sfglab.record import LogReader
-    from sfglab.record.reader import is_log
+    from sfglab.record.bags import is_log
 
     if not is_log(file):
         return load_topics(file)
@@ -319,7 +319,7 @@ def map_graph(
       sfglab map data/graphs/driving.yaml --optimise-placement --lut 40000 --out placed.yaml
       sfglab map data/graphs/driving.yaml --build-cfg build.cfg --verilog rtl
     """
-    from sfglab.record.reader import is_log
+    from sfglab.record.bags import is_log
     from sfglab.soc import build_cfg, faster_by_gateway, load_graph, map_communication
     from sfglab.soc.graph import graph_text
 

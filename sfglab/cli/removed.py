@@ -23,6 +23,8 @@ REPLACEMENTS = {
     "topic info": "use ros2 topic info, or sfglab topic list -t for the types",
     "topic bw": "use ros2 topic bw, or sfglab topic hz for the rate",
     "node info": "use ros2 node info",
+    "log convert": "use ros2 bag convert, which reads our MCAP files",
+    "log filter": "use ros2 bag convert, or sfglab log play with --topics, --regex or --start-offset",
     "fleet check": "use sfglab fleet router, which writes a DDS Router's file from the policy",
     "fleet security": "use ros2 security (sros2), which creates keys and permissions",
     "mocap offset": "measure the object's offset and write it into the mapping, "

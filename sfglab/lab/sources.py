@@ -19,7 +19,8 @@ import numpy as np
 from sfglab.codecs import FFMPEG_PACKET, CodecUnavailableError, image_decoder
 from sfglab.errors import SfglabError
 from sfglab.record import LogError, LogReader
-from sfglab.record.reader import is_log, rate_and_size
+from sfglab.record.bags import is_log
+from sfglab.record.reader import rate_and_size
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator, Iterator

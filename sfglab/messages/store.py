@@ -76,6 +76,7 @@ def parse_definition(name: str, text: str) -> Typesdict:
     """
     from rosbags.typesys import TypesysError, get_types_from_msg
 
+    text = text.replace("\r\n", "\n")
     lines = sum(not line.lstrip().startswith("#") for line in text.splitlines() if line.strip())
     if lines > _MOST_LINES or len(text) > _MOST_CHARACTERS:
         allowed = f"allowed are {_MOST_LINES} and {_MOST_CHARACTERS}"
@@ -239,6 +240,11 @@ def add_types(texts: Mapping[str, str]) -> None:
         new = {name: fields for name, fields in parsed.items() if name not in store.fielddefs}
         store.register(new)
         _sources.update({name: texts[name] for name in new})
+
+
+def is_known(name: str) -> bool:
+    """Return whether the store holds a type."""
+    return name in type_store().fielddefs
 
 
 def is_known_as(name: str, text: str) -> bool:

@@ -4,8 +4,8 @@ A log is one MCAP file that `ros2 bag`, Foxglove and Rerun open: messages as the
 as rows of tables, configuration and versions as metadata.
 """
 
-from sfglab.record.looking import ShownMessage
-from sfglab.record.metadata import LogError, run_context
+from sfglab.record.metadata import run_context
+from sfglab.record.parts import LogError
 from sfglab.record.reader import DecodedMessage, LogReader, TopicInfo
 from sfglab.record.writer import LogWriter
 
@@ -14,7 +14,6 @@ __all__ = [
     "LogError",
     "LogReader",
     "LogWriter",
-    "ShownMessage",
     "TopicInfo",
     "run_context",
 ]

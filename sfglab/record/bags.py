@@ -1,90 +1,241 @@
-"""Bag as a log: rosbag2 of every ROS 2, a folder or its .db3, and ROS 1's .bag, in MCAP's records.
+"""Reading rosbag2 folders and their SQLite files.
 
-Knows what `rosbags` reads. Before Iron a bag defined no types: the process's own stand in for them.
+A folder is the files that its metadata.yaml names, or all MCAP and SQLite files in it if
+metadata.yaml is missing or damaged.
 """
 
 from __future__ import annotations
 
-from contextlib import contextmanager
-from typing import TYPE_CHECKING
+import json
+import shutil
+import sqlite3
+import tempfile
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path, PurePath
+from typing import TYPE_CHECKING, Any
+from urllib.parse import quote
 
-from mcap.records import Channel, Message, Schema, Statistics
-from mcap.summary import Summary
-from rosbags.highlevel import AnyReader
-from rosbags.rosbag2 import Reader
-from rosbags.rosbag2.metadata import dump_qos_v8
+from zstandard import ZstdError
 
-from sfglab.messages import UnknownTypeError, definition
-from sfglab.record.metadata import QOS_KEY, LogError
+from sfglab.record.mcap_file import McapFile
+from sfglab.record.parts import Channel, LogError, StoredMessage
+from sfglab.record.zstd import decompress_file
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-    from pathlib import Path
+    from collections.abc import Collection, Iterator, Mapping
 
-    from rosbags.interfaces import Connection
+    from sfglab.record.parts import LogFile
+
+_SUFFIXES = (".mcap", ".db3")
+_COMPRESSED = ".zstd"
+_MESSAGES = """
+SELECT topic_id, timestamp, data FROM messages
+WHERE topic_id IN (SELECT value FROM json_each(?)) AND timestamp >= ? AND timestamp < ?
+ORDER BY timestamp, id
+"""
+_COUNT = "SELECT topic_id, COUNT(*), MIN(timestamp), MAX(timestamp) FROM messages GROUP BY topic_id"
 
 
-class Bag:
-    """What an MCAP file and its reader are for a `LogReader`, of a bag; it has no metadata and attachments."""
+def is_log(path: Path) -> bool:
+    """Return whether a path looks like what `LogReader` opens: an MCAP file or a bag."""
+    return path.is_dir() or path.suffix in _SUFFIXES
+
+
+@dataclass(slots=True)
+class OpenedLog:
+    """The files of a log that could be opened."""
+
+    paths: list[Path] = field(default_factory=list)  #: The files.
+    files: list[LogFile] = field(default_factory=list)  #: The opened files, in the same order.
+    warnings: list[str] = field(default_factory=list)  #: Differences from metadata.yaml.
+    compressed_messages: bool = False  #: Whether each message is compressed by itself.
+
+
+def open_log(path: Path, stack: ExitStack) -> OpenedLog:
+    """Open an MCAP file, a .db3 file, or each file of a rosbag2 folder; `stack` closes them.
+
+    Raises:
+        LogError: There is no such file, or nothing in the folder can be read.
+    """
+    opened = OpenedLog()
+    if not path.exists():
+        raise LogError(f"log {path}: no such file")
+    if not path.is_dir():
+        _add(opened, path, stack)
+        return opened
+    files, count = _named_files(path, opened)
+    failures = []
+    for file in files:
+        try:
+            _add(opened, file, stack)
+        except LogError as error:
+            failures.append(str(error))
+    if not opened.files:
+        nothing = f"log {path}: given a folder without .mcap or .db3 files"
+        raise LogError(failures[0] if failures else nothing)
+    opened.warnings += failures
+    held = sum(channel.count for file in opened.files for channel in file.channels)
+    if count not in {None, held}:
+        said = f"metadata.yaml names {count} messages, the files hold {held}"
+        opened.warnings.append(f"log {path}: {said}")
+    return opened
+
+
+def _add(opened: OpenedLog, path: Path, stack: ExitStack) -> None:
+    plain = path
+    if path.suffix == _COMPRESSED:
+        plain = Path(stack.enter_context(tempfile.TemporaryDirectory())) / path.stem
+        try:
+            decompress_file(path, plain)
+        except (OSError, ZstdError) as error:
+            raise LogError(f"log {path}: damaged: {error}") from error
+    if plain.suffix == ".bag":
+        said = "a bag of ROS 1: convert it by rosbags-convert --src FILE.bag --dst FOLDER"
+        raise LogError(f"log {path}: {said}")
+    file = SqliteFile(plain) if plain.suffix == ".db3" else McapFile(plain)
+    stack.callback(file.close)
+    opened.paths.append(path)
+    opened.files.append(file)
+
+
+def _named_files(path: Path, opened: OpenedLog) -> tuple[list[Path], int | None]:
+    """Return the files of a folder and the number of their messages, as far as it says so."""
+    import yaml
+
+    metadata = path / "metadata.yaml"
+    if metadata.is_file():
+        try:
+            given = yaml.safe_load(metadata.read_text("utf-8"))["rosbag2_bagfile_information"]
+            # Some recorders write the folder's name before the file's.
+            files = [path / PurePath(name).name for name in given["relative_file_paths"]]
+            count = given["message_count"]
+            opened.compressed_messages = str(given.get("compression_mode")).lower() == "message"
+        except (yaml.YAMLError, OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+            said = f"metadata.yaml cannot be read, all files of the folder are: {error}"
+            opened.warnings.append(f"log {path}: {said}")
+        else:
+            return files, count
+    return sorted(file for file in path.iterdir() if _is_part(file)), None
+
+
+def _is_part(file: Path) -> bool:
+    plain = file.with_suffix("") if file.suffix == _COMPRESSED else file
+    return plain.suffix in _SUFFIXES
+
+
+class SqliteFile:
+    """One SQLite file of a rosbag2; see `sfglab.record.parts.LogFile`.
+
+    If the recorder was killed, SQLite's write-ahead log holds the last messages. The file is then
+    read from a copy, because SQLite would change files beside the original.
+    """
+
+    truncated = False
 
     def __init__(self, path: Path) -> None:
-        self.closed = False  #: Whether it was closed.
-        self.summary = Summary()  #: Topics, types and counts.
-        self._path = path
-        split = path.suffix == ".db3" and (path.parent / "metadata.yaml").is_file()
-        with self._reading():
-            # AnyReader would refuse a whole rosbag2 for one type that it cannot make, such as one with wstring.
-            self._old = AnyReader([path]) if path.suffix == ".bag" else None
-            self._bag = self._old or Reader(path.parent if split else path)
-            self._bag.open()
-        channels, counts = self.summary.channels, {}
-        for found in self._bag.connections:
-            self.summary.schemas[found.id] = self._schema(found)
-            offered = dump_qos_v8(getattr(found.ext, "offered_qos_profiles", []))
-            channels[found.id] = Channel(found.id, found.topic, "cdr", {QOS_KEY: offered}, found.id)
-            counts[found.id] = found.msgcount
-        size, (start, end) = len(channels), (self._bag.start_time, self._bag.end_time - 1)
-        self.summary.statistics = Statistics(
-            0, size, counts, 0, sum(counts.values()), end, start, 0, size
-        )
+        """Open a file and count its messages.
 
-    def _schema(self, found: Connection) -> Schema:
-        text, encoding = found.msgdef.data, f"ros2{found.msgdef.format.name.lower()}"
-        if self._old is not None:
-            text, encoding = (
-                self._old.typestore.generate_msgdef(found.msgtype, ros_version=2)[0],
-                "ros2msg",
+        Raises:
+            LogError: It is no SQLite file of a rosbag2.
+        """
+        self._path = path
+        self._stack = ExitStack()
+        try:
+            with self._damage():
+                self._open()
+        except BaseException:
+            self._stack.close()
+            raise
+
+    def _open(self) -> None:
+        place = self._path.absolute()
+        write_ahead_log = place.with_name(f"{place.name}-wal")
+        how = "immutable=1"
+        if write_ahead_log.is_file() and write_ahead_log.stat().st_size:
+            folder = Path(self._stack.enter_context(tempfile.TemporaryDirectory()))
+            for file in (place, write_ahead_log):
+                shutil.copyfile(file, folder / file.name)
+            place = folder / place.name
+            how = "mode=rw"
+        # The reader of a log may be opened and read in different threads, one after the other.
+        self._database = sqlite3.connect(
+            f"file:{quote(str(place))}?{how}", uri=True, check_same_thread=False
+        )
+        self._stack.callback(self._database.close)
+        self._database.text_factory = lambda data: data.decode(errors="replace")
+        counts = {number: row for number, *row in self._rows(_COUNT)}
+        definitions = self._definitions()
+        self._channels = {}
+        for topic in self._records("SELECT * FROM topics"):
+            key = topic["type"], topic.get("type_description_hash")
+            encoding, text = definitions.get(key) or definitions.get(key[0], ("", ""))
+            self._channels[topic["id"]] = Channel(
+                topic=topic["name"],
+                type_name=topic["type"],
+                encoding=topic["serialization_format"],
+                definition=text.encode(),
+                definition_encoding=encoding,
+                offered_qos=topic.get("offered_qos_profiles", ""),
+                count=counts.get(topic["id"], (0,))[0],
             )
-        elif not text:
-            try:
-                text, encoding = definition(found.msgtype), "ros2msg"
-            except UnknownTypeError:
-                encoding = "none: give its package with --interfaces"
-        return Schema(found.id, text.encode(), encoding, found.msgtype)
+        self.channels = tuple(self._channels.values())
+        times = [row[1:] for row in counts.values()]
+        self.span_ns = None
+        if times:
+            self.span_ns = min(first for first, _ in times), max(last for _, last in times)
+
+    def _rows(self, query: str, values: tuple[Any, ...] = ()) -> sqlite3.Cursor:
+        return self._database.execute(query, values)
+
+    def _records(self, query: str) -> list[dict[str, Any]]:
+        cursor = self._rows(query)
+        names = [column[0] for column in cursor.description]
+        return [dict(zip(names, row, strict=True)) for row in cursor]
+
+    def _definitions(self) -> dict[Any, tuple[str, str]]:
+        """Return encoding and text by type, and by type and hash; Humble wrote none."""
+        tables = [name for (name,) in self._rows("SELECT name FROM sqlite_master")]
+        if "message_definitions" not in tables:
+            return {}
+        found = {}
+        for record in self._records("SELECT * FROM message_definitions"):
+            given = record["encoding"], record["encoded_message_definition"]
+            found[record["topic_type"]] = given
+            found[record["topic_type"], record.get("type_description_hash")] = given
+        return found
+
+    def messages(
+        self, channels: Collection[Channel], start_ns: int | None, end_ns: int | None
+    ) -> Iterator[StoredMessage]:
+        """Yield messages in the order of log time."""
+        wanted = [number for number, channel in self._channels.items() if channel in channels]
+        latest = 2**63 - 1 if end_ns is None else end_ns
+        with self._damage():
+            found = self._rows(_MESSAGES, (json.dumps(wanted), start_ns or 0, latest))
+            for number, time_ns, data in found:
+                yield StoredMessage(self._channels[number], time_ns, time_ns, data)
 
     @contextmanager
-    def _reading(self) -> Iterator[None]:
+    def _damage(self) -> Iterator[None]:
         try:
             yield
-        except Exception as error:  # rosbags passes on what SQLite, YAML and zstd raise for damage
-            raise LogError(
-                f"log {self._path}: given what rosbags does not read: {error}"
-            ) from error
+        except (sqlite3.Error, OSError, KeyError, TypeError, AttributeError) as error:
+            said = f"no SQLite file of a rosbag2, or damaged: {error}"
+            raise LogError(f"log {self._path}: {said}") from error
 
-    def iter_messages(
-        self, topic: str | None, *, starting_at: int | None, ending_before: int | None
-    ) -> Iterator[tuple[Schema, Channel, Message]]:
-        """Yield messages in the order of their times, with their records; of one topic, None: of all."""
-        wanted = [found for found in self._bag.connections if topic in (None, found.topic)]
-        with self._reading():
-            messages = self._bag.messages(wanted, starting_at, ending_before) if wanted else ()
-            for found, time_ns, data in messages:
-                cdr = self._old.typestore.ros1_to_cdr(data, found.msgtype) if self._old else data
-                message = Message(found.id, time_ns, bytes(cdr), time_ns, 0)
-                yield self.summary.schemas[found.id], self.summary.channels[found.id], message
+    def metadata(self) -> Mapping[str, Mapping[str, str]]:
+        """Return none: such a file holds messages alone."""
+        return {}
+
+    def media_types(self) -> Mapping[str, str]:
+        """Return none."""
+        return {}
+
+    def attachment(self, name: str) -> bytes:
+        """Raise KeyError: there is none."""
+        raise KeyError(name)
 
     def close(self) -> None:
-        """Close it; a second time does nothing."""
-        if not self.closed:
-            self.closed = True
-            self._bag.close()
+        """Close the file; a second time does nothing."""
+        self._stack.close()

@@ -21,17 +21,13 @@ import numpy as np
 import psutil
 
 import sfglab
-from sfglab.errors import SfglabError
 from sfglab.fields import to_json
 from sfglab.qos import Durability, History, Liveliness, QoSProfile, Reliability
+from sfglab.record.parts import LogError
 from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
-
-
-class LogError(SfglabError, ValueError):
-    """A log cannot be written or read, or does not hold what was asked for."""
 
 
 _LIBRARIES = (
@@ -119,6 +115,12 @@ _HISTORY = {History.KEEP_LAST: 1, History.KEEP_ALL: 2}
 _RELIABILITY = {Reliability.RELIABLE: 1, Reliability.BEST_EFFORT: 2}
 _DURABILITY = {Durability.TRANSIENT_LOCAL: 1, Durability.VOLATILE: 2}
 _LIVELINESS = {Liveliness.AUTOMATIC: 1, Liveliness.MANUAL_BY_TOPIC: 3}
+_POLICIES: dict[str, type[Enum]] = {
+    "history": History,
+    "reliability": Reliability,
+    "durability": Durability,
+    "liveliness": Liveliness,
+}
 _INFINITE_NS = 2**63 - 1
 QOS_KEY = "offered_qos_profiles"  #: Of a channel's metadata.
 
@@ -143,13 +145,6 @@ def offered_qos_profiles(qos: QoSProfile) -> str:
     )
 
 
-def rosbags_qos(qos: QoSProfile) -> Any:
-    """Return a profile as rosbags has it."""
-    from rosbags.rosbag2.metadata import parse_qos
-
-    return parse_qos(offered_qos_profiles(qos))[0]
-
-
 def profile_from_bag(text: str) -> QoSProfile:
     """Return the first profile that rosbag2 recorded; what it leaves open is as in ROS 2's default."""
     from rosbags.rosbag2.errors import ReaderError
@@ -166,15 +161,11 @@ def profile_from_bag(text: str) -> QoSProfile:
         time_ns = given.sec * NS_PER_S + given.nsec
         return time_ns if 0 < time_ns < _INFINITE_NS else None
 
-    tables: tuple[tuple[str, Mapping[Any, int]], ...] = (
-        ("history", _HISTORY),
-        ("reliability", _RELIABILITY),
-        ("durability", _DURABILITY),
-        ("liveliness", _LIVELINESS),
-    )
-    known = {(name, number): kind for name, kinds in tables for kind, number in kinds.items()}
-    asked = {name: known.get((name, getattr(offered, name).value)) for name, _ in tables}
-    policies: dict[str, Any] = {name: kind for name, kind in asked.items() if kind is not None}
+    policies: dict[str, Any] = {}
+    for name, kinds in _POLICIES.items():
+        # Unknown and best-available policies, which rosbags names as well, stay at the default.
+        if kind := kinds.__members__.get(getattr(offered, name).name):
+            policies[name] = kind
     return QoSProfile(
         **policies,
         depth=offered.depth if 0 < offered.depth < 2**31 else QoSProfile().depth,

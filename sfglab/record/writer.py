@@ -14,7 +14,8 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 
 from sfglab import __version__
 from sfglab.messages import definition, row_message, row_type, serialize, type_name
-from sfglab.record.metadata import QOS_KEY, LogError, offered_qos_profiles, strings_from_values
+from sfglab.record.metadata import QOS_KEY, offered_qos_profiles, strings_from_values
+from sfglab.record.parts import LogError
 from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:

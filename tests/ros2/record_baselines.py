@@ -12,14 +12,16 @@ Whole rounds of `cooperation` once, in both modes, twenty minutes:
 """
 
 import asyncio
+import math
 import sys
+from pathlib import Path
 
 from sfglab.lab.baselines import PART, compared
 from sfglab.lab.bench import Options
 from sfglab.lab.experiments import cooperation, experiment, transmission
 from sfglab.lab.notebooks import read_parameters
 from sfglab.lab.paths import find_project
-from sfglab.record.bag_writer import copy_logs
+from sfglab.record import LogReader, LogWriter
 
 PARTS = Options(only=frozenset({PART, transmission.validation.TABLE}))
 
@@ -41,10 +43,25 @@ async def record(profile="quick", name="", *changes):
         sys.stdout.write(f"{path.name}\n{run.skipped(PART)}\n{found.to_string()}\n")
         reference = project.reference_logs / path.name
         packed = path.with_suffix(".packed.mcap")
-        packed.unlink(missing_ok=True)
-        copy_logs([path], packed)  # in whole chunks; a run reads its log when it is asked
+        pack(path, packed)
         packed.replace(reference)
         path.unlink()
+
+
+def pack(source: Path, target: Path) -> None:
+    """Write a log again, in as few chunks as possible."""
+    with (
+        LogReader(source) as log,
+        LogWriter(target, overwrite=True, flush_after_s=math.inf) as packed,
+    ):
+        for name in log.metadata_names:
+            packed.write_metadata(name, log.metadata(name))
+        for topic, info in log.topics.items():
+            packed.define(info.type_name, log.definition(topic))
+        for message in log.messages():
+            times = {"log_time_ns": message.log_time_ns, "publish_time_ns": message.publish_time_ns}
+            qos = log.offered_qos(message.topic)
+            packed.write_raw(message.topic, message.type_name, message.cdr, qos=qos, **times)
 
 
 if __name__ == "__main__":

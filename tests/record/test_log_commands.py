@@ -1,0 +1,70 @@
+"""Commands on logs and bags, the reading of bags judged by rosbags; and what cannot be read or written."""
+
+import itertools
+import json
+
+import pytest
+from bags import write_bag
+from commands import called
+from rosbags.highlevel import AnyReader
+from rosbags.rosbag2 import CompressionMode, StoragePlugin
+
+from sfglab.errors import SfglabError
+from sfglab.record import LogReader
+
+FOLDERS = [
+    (storage, mode)
+    for storage, mode in itertools.product(StoragePlugin, CompressionMode)
+    if mode is not CompressionMode.STORAGE or storage is StoragePlugin.MCAP
+]
+NAMES = {StoragePlugin.MCAP: "mcap", StoragePlugin.SQLITE3: "sqlite3"}
+
+
+def entries(path):
+    with LogReader(path) as log:
+        return [(m.topic, m.type_name, m.log_time_ns, m.cdr) for m in log.messages()]
+
+
+@pytest.mark.parametrize(("storage", "mode"), FOLDERS)
+def test_a_bag_of_each_storage_and_compression_holds_what_the_log_holds(
+    tmp_path, given, storage, mode
+):
+    bag = write_bag(given, tmp_path / "bag", storage, mode)
+    with AnyReader([bag]) as reader:
+        theirs = [(c.topic, c.msgtype, time_ns, data) for c, time_ns, data in reader.messages()]
+    assert entries(bag) == theirs == entries(given)
+    with LogReader(bag) as log, LogReader(given) as before:
+        for topic in ("/image", "/tf_static"):
+            assert log.offered_qos(topic) == before.offered_qos(topic)
+        assert log.table("meter").equals(before.table("meter"))
+        assert log.warnings == []
+    said = json.loads(called("log", "info", str(bag), "--json"))
+    assert (said["storage"], said["messages"]) == (NAMES[storage], 6)
+    assert (said["start_ns"], said["end_ns"]) == (0, 3 * 10**9)
+
+
+MISTAKES = {
+    ("record", "-o", "{tmp}/bag.mcap"): "--all",
+    ("record", "-a", "-o", "{tmp}/bag"): "ends in .mcap",
+    ("record", "-a", "-o", "{given}"): "nothing is yet",
+    ("record", "-a", "-o", "{tmp}/no/bag.mcap"): "can be written",
+    ("record", "-a", "-o", "/proc/bag.mcap"): "can be written",
+    ("record", "-e", "(", "-o", "{tmp}/bag.mcap"): "regular expression",
+    ("play", "{tmp}/typo"): "no such file",
+    ("info", "{tmp}/typo"): "no such file",
+    ("{tmp}/typo",): "no such file",
+}
+
+
+@pytest.mark.parametrize("arguments", MISTAKES)
+def test_a_mistake_is_one_sentence_and_leaves_nothing(tmp_path, given, arguments):
+    before = sorted(tmp_path.rglob("*"))
+    with pytest.raises(SfglabError, match=MISTAKES[arguments]):
+        called("log", *(word.format(given=given, tmp=tmp_path) for word in arguments))
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+def test_without_a_command_it_lists_what_a_log_holds_and_runs_without_a_log(given):
+    assert "/table/meter" in called("log", str(given))
+    assert json.loads(called("log", str(given), "--json"))["metadata"] == {"config": {"seed": 1}}
+    assert "speaks for the claims" in called("log")

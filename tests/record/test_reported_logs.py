@@ -1,0 +1,220 @@
+"""Logs and bags of public bug reports, with what rclpy, sqlite3 or the format's specification say of them."""
+
+import json
+import shutil
+
+import pytest
+from commands import called
+from mcap.reader import make_reader
+from reported import STRING, string, without_index, write_db3, write_mcap, write_metadata
+
+from sfglab.record import LogError, LogReader
+
+THREE = [("/a", 1, string(b"1")), ("/a", 2, string(b"2")), ("/a", 3, string(b"3"))]
+MIXED = [*THREE, ("/b", 2, string(b"b"))]
+QOS = "- history: 3\\n  depth: 0\\n"
+
+
+def texts(path, topic="/a"):
+    with LogReader(path) as log:
+        return [entry.message.data for entry in log.decoded(topic)]
+
+
+@pytest.fixture
+def folder(tmp_path):
+    (tmp_path / "bag").mkdir()
+    return tmp_path / "bag"
+
+
+# --- A command reports what it delivers.
+
+
+@pytest.mark.parametrize("storage", ["mcap", "sqlite3"])
+def test_profiles_that_metadata_and_storage_name_differently_lose_no_message(folder, storage):
+    if storage == "mcap":
+        name = write_mcap(folder / "bag_0.mcap", MIXED).name
+    else:
+        write_db3(folder / "bag_0.db3", MIXED, qos="- history: 1\n  depth: 10\n").close()
+        name = "bag_0.db3"
+    write_metadata(folder, [name], MIXED, storage=storage, qos=f'"{QOS}"')
+    with LogReader(folder) as log:
+        assert {topic: info.count for topic, info in log.topics.items()} == {"/a": 3, "/b": 1}
+        assert len(list(log.messages())) == 4
+        assert log.warnings == []
+
+
+@pytest.mark.parametrize("in_folder", [True, False])
+def test_messages_in_the_write_ahead_log_of_a_killed_recorder_are_read(folder, in_folder):
+    recorder = write_db3(folder / "live.db3", THREE, journal="WAL")
+    for name in ("live.db3", "live.db3-wal"):
+        shutil.copy(folder / name, folder / name.replace("live", "killed"))
+    recorder.close()
+    (folder / "live.db3").unlink()
+    if in_folder:
+        write_metadata(folder, ["killed.db3"], [], storage="sqlite3")
+    before = {path: path.read_bytes() for path in folder.iterdir()}
+    assert texts(folder if in_folder else folder / "killed.db3") == ["1", "2", "3"]
+    assert {path: path.read_bytes() for path in folder.iterdir()} == before
+
+
+def test_a_summary_without_channels_or_schemas_loses_no_message(tmp_path):
+    path = write_mcap(tmp_path / "a.mcap", THREE, **without_index())
+    assert json.loads(called("log", "info", str(path), "--json"))["topics"] == [
+        {"name": "/a", "type": STRING, "count": 3, "encoding": "cdr"}
+    ]
+    assert texts(path) == ["1", "2", "3"]
+
+
+def test_a_count_that_differs_from_the_metadata_is_a_warning(folder):
+    write_mcap(folder / "bag_0.mcap", THREE[:2])
+    write_metadata(folder, ["bag_0.mcap"], THREE)
+    said = called("log", "info", str(folder))
+    assert "Messages:          2\n" in said
+    assert "metadata.yaml names 3 messages, the files hold 2" in said
+
+
+def test_a_count_that_differs_from_the_index_is_a_warning(tmp_path):
+    path = write_mcap(tmp_path / "a.mcap", THREE)
+    with LogReader(path) as log:
+        log._channels = (*log._channels, *log._channels)  # as if the index named each twice
+        assert len(list(log.messages())) == 3
+        [warning] = log.warnings
+    assert "the index names 6 messages, 3 were read" in warning
+
+
+# --- One part that cannot be read leaves the rest.
+
+
+@pytest.mark.parametrize("metadata", [None, "", "rosbag2_bagfile_information: {version: 9}", "{"])
+@pytest.mark.parametrize("kind", ["mcap", "db3", "split"])
+def test_a_folder_without_metadata_is_all_its_files(folder, metadata, kind):
+    if kind == "db3":
+        write_db3(folder / "rec_0.db3", THREE).close()
+    elif kind == "mcap":
+        write_mcap(folder / "rec_0.mcap", THREE)
+    else:
+        write_mcap(folder / "rec_0.mcap", THREE[:1])
+        write_mcap(folder / "rec_1.mcap", THREE[1:])
+    if metadata is not None:
+        (folder / "metadata.yaml").write_text(metadata)
+    assert texts(folder) == ["1", "2", "3"]
+    with LogReader(folder) as log:
+        assert len(log.warnings) == (metadata is not None)
+
+
+@pytest.mark.parametrize("with_metadata", [True, False])
+def test_a_file_of_a_killed_writer_in_a_folder_is_read_to_its_last_whole_chunk(
+    folder, with_metadata
+):
+    path = write_mcap(folder / "rec_0.mcap", THREE, chunk_size=1)
+    with path.open("rb") as stream:
+        *_, last = make_reader(stream).get_summary().chunk_indexes
+    path.write_bytes(path.read_bytes()[: last.chunk_start_offset + 20])
+    if with_metadata:
+        write_metadata(folder, [path.name], THREE)
+    with LogReader(folder) as log:
+        found = [entry.message.data for entry in log.decoded("/a")]
+        assert log.truncated
+    assert found == ["1", "2"]
+
+
+def test_a_file_that_is_missing_or_damaged_leaves_the_others(folder):
+    write_mcap(folder / "rec_0.mcap", THREE)
+    (folder / "rec_1.mcap").write_bytes(b"nothing")
+    write_metadata(folder, ["rec_0.mcap", "rec_1.mcap", "rec_2.mcap"], THREE)
+    with LogReader(folder) as log:
+        assert len(list(log.messages())) == 3
+        assert [text.rpartition(": ")[2] for text in log.warnings][:1] == ["rec_2.mcap"]
+        assert "rec_1.mcap: not an MCAP file" in log.warnings[1]
+
+
+@pytest.mark.parametrize("storage", ["mcap", "sqlite3"])
+def test_a_topic_without_a_known_definition_leaves_the_others(folder, storage):
+    if storage == "mcap":
+        schemas = {"/b": ("own_msgs/msg/Own", "unknown", b"")}
+        write_mcap(folder / "rec_0.mcap", MIXED, schemas=schemas)
+    else:
+        write_db3(folder / "rec_0.db3", MIXED, definition=("unknown", "")).close()
+    assert texts(folder) == ["1", "2", "3"]
+    with LogReader(folder) as log:
+        assert [message.cdr for message in log.messages("/b")] == [string(b"b")]
+        if storage == "mcap":
+            with pytest.raises(
+                LogError, match="topic /b: given messages 'cdr', definition 'unknow"
+            ):
+                next(log.decoded("/b"))
+
+
+def test_a_definition_with_lines_that_end_as_on_windows_is_read(tmp_path):
+    rule = b"=" * 80
+    text = b"std_msgs/Header header\r\nfloat64 value\r\n" + rule + b"\r\nMSG: std_msgs/Header\r\n"
+    text += b"builtin_interfaces/Time stamp\r\nstring frame_id\r\n" + rule
+    text += b"\r\nMSG: builtin_interfaces/Time\r\nint32 sec\r\nuint32 nanosec\r\n"
+    cdr = b"\0\1\0\0" + bytes(8) + b"\5\0\0\0base\0" + bytes(7) + b"\0\0\0\0\0\0\4\x40"
+    schemas = {"/a": ("own_msgs/msg/Reading", "ros2msg", text)}
+    path = write_mcap(tmp_path / "a.mcap", [("/a", 1, cdr)], schemas=schemas)
+    with LogReader(path) as log:
+        [entry] = log.decoded("/a")
+    assert (entry.message.header.frame_id, entry.message.value) == ("base", 2.5)
+
+
+# --- What was named or defined is what is used.
+
+
+def test_one_file_of_a_bag_is_that_file_and_no_other(folder):
+    for number, message in enumerate(THREE):
+        write_db3(folder / f"run_{number}.db3", [message]).close()
+    write_db3(folder / "tuesday_0.db3", MIXED[3:]).close()
+    write_metadata(folder, [f"run_{n}.db3" for n in range(3)], THREE, storage="sqlite3")
+    assert texts(folder) == ["1", "2", "3"]
+    assert texts(folder / "run_1.db3") == ["2"]
+    assert texts(folder / "tuesday_0.db3", "/b") == ["b"]
+
+
+@pytest.mark.parametrize("in_one_file", [True, False])
+def test_two_definitions_of_one_type_are_kept_apart(folder, in_one_file):
+    old = "own_msgs/msg/State", "ros2msg", b"float64 x\n"
+    new = "own_msgs/msg/State", "ros2msg", b"string mode\nfloat64 x\n"
+    x = b"\0\0\0\0\0\0\xf0\x3f"
+    messages = [
+        ("/a|old", 1, b"\0\1\0\0" + x),
+        ("/a|new", 2, b"\0\1\0\0\5\0\0\0auto\0" + bytes(7) + x),
+    ]
+    schemas = {"/a|old": old, "/a|new": new}
+    if in_one_file:
+        write_mcap(folder / "rec_0.mcap", messages, schemas=schemas)
+    else:
+        for number, message in enumerate(messages):
+            write_mcap(folder / f"rec_{number}.mcap", [message], schemas=schemas)
+    with LogReader(folder) as log:
+        first, second = (entry.message for entry in log.decoded("/a"))
+    assert (first.x, second.mode, second.x) == (1.0, "auto", 1.0)
+
+
+@pytest.mark.parametrize("encoding", ["", "unknown", "ros2idl", "ros2msg"])
+@pytest.mark.parametrize("in_folder", [True, False])
+def test_a_known_type_without_a_definition_is_read_in_a_folder_and_alone(
+    folder, encoding, in_folder
+):
+    path = write_mcap(folder / "a.mcap", THREE, schemas={"/a": (STRING, encoding, b"")})
+    assert texts(folder if in_folder else path) == ["1", "2", "3"]
+
+
+# --- Order, and encodings.
+
+
+def test_files_that_overlap_in_time_are_read_in_the_order_of_time(folder):
+    write_mcap(folder / "bag_0.mcap", [THREE[0], ("/a", 5, string(b"5")), THREE[1]])
+    write_mcap(folder / "bag_1.mcap", [THREE[2], ("/a", 4, string(b"4"))])
+    assert texts(folder) == ["1", "2", "3", "4", "5"]
+    with LogReader(folder) as log:
+        later = [message.log_time_ns // 10**9 for message in log.messages(start_ns=3 * 10**9)]
+    assert later == [3, 4, 5]
+
+
+def test_the_encoding_of_messages_is_named(tmp_path):
+    schemas = {"/json": ("demo.Pose", "jsonschema", b"{}")}
+    path = write_mcap(tmp_path / "a.mcap", [*THREE, ("/json", 1, b"{}")], schemas=schemas)
+    assert "/json | Type: demo.Pose | Count: 1 | Serialization Format: json" in called(
+        "log", "info", str(path)
+    )
