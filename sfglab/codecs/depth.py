@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 PNG_LEVEL = 9
 """The plugin's default (``png_level``), which takes 20 to 50 times as long as level 1 to
-save a tenth to a fifth of the bytes (benchmarks/depth_codecs.py)."""
+save a tenth to a fifth of the bytes."""
 
 DEPTH_MAX_M = 10.0  #: The plugin's default (``depth_max``) for 32-bit depth, in metres.
 

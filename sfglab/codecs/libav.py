@@ -223,7 +223,7 @@ class DecoderSession:
 
         Pixels have the shape (height, width, 3), uint8; rows may be padded, the memory is the caller's own. One
         reformatter, bilinear, one thread: a quarter or less of what ``frame.to_ndarray(format="bgr24")`` costs,
-        which builds a new context each time (benchmarks/h264.py). Raises av.FFmpegError where swscale cannot.
+        which builds a new context each time. Raises av.FFmpegError where swscale cannot.
         """
         bgr = self._reformatter.reformat(
             frame, format="bgr24", interpolation=Interpolation.BILINEAR, threads=1
