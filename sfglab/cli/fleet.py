@@ -251,10 +251,8 @@ def camera(
         str, Option(help="photos, stereo, camera:0, a video file, log or bag, or bag:PATH#/topic.")
     ] = "photos",
     codec: Annotated[
-        Literal["h264", "rvl", "med"],
-        Option(
-            help="h264 (colour); rvl, or med, ours and smaller (depth, need a source with depth)."
-        ),
+        Literal["h264", "rvl"],
+        Option(help="h264 (colour) or rvl (depth, needs a source with depth)."),
     ] = "h264",
     domain: Domain = None,
     interface: Annotated[str | None, Option(help="Network interface.")] = None,

@@ -139,11 +139,11 @@ def parse_ffmpeg_encoding(text: str) -> FfmpegEncoding:
     return FfmpegEncoding(codec=VIDEO_CODECS.get(known.lower(), known), ros_encoding=ros_encoding)
 
 
-_HINTS = ("h264", "hevc", "jpeg", "png", "rvl", "med")
+_HINTS = ("h264", "hevc", "jpeg", "png", "rvl")
 _VIDEO = ("h264", "hevc")
 _LOADED_WITH = {
     codec: f"sfglab.codecs.{module}"
-    for codec, module in (("jpeg", "still"), ("png", "still"), ("rvl", "rvl"), ("med", "med"))
+    for codec, module in (("jpeg", "still"), ("png", "still"), ("rvl", "rvl"))
 }
 
 
@@ -168,9 +168,9 @@ def image_decoder(
 
     Args:
         type_name: ROS type of the messages: `FFMPEG_PACKET`, `COMPRESSED_IMAGE` or `COMPRESSED_VIDEO`.
-        codec_hint: Codec to expect: ``"h264"``, ``"hevc"``, ``"jpeg"``, ``"png"``, ``"rvl"`` or ``"med"``;
-            empty or None for none. It is loaded and tried out here, so that the first message does not wait
-            for that (0.1 s for H.264, up to 2 s for depth), and assumed for messages that name no known codec.
+        codec_hint: Codec to expect: ``"h264"``, ``"hevc"``, ``"jpeg"``, ``"png"`` or ``"rvl"``; empty or None
+            for none. It is loaded and tried out here, so that the first message does not wait for that (0.1 s
+            for H.264, up to 2 s for depth), and assumed for messages that name no known codec.
         most_pixels: Of a picture; a message that holds a larger one is refused before memory is taken for it.
 
     Raises:
@@ -258,9 +258,8 @@ class ImageDecoder:
         codec = self._codec(content)
         if codec in _VIDEO:
             return self._decode_video(codec, content)
-        if codec in ("depth", "rvl", "med"):
-            known = "rvl" if codec == "depth" else codec
-            depth_format = content.depth_format or DepthFormat(encoding="", codec=known)
+        if codec in ("depth", "rvl"):
+            depth_format = content.depth_format or DepthFormat(encoding="", codec="rvl")
             array, encoding = decode_depth(
                 content.data, depth_format, most_pixels=self._most_pixels
             )

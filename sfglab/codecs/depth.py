@@ -1,8 +1,7 @@
-"""Depth images as compressed_depth_image_transport writes them: a 12-byte header, then PNG or RVL; or ours.
+"""Depth images as compressed_depth_image_transport writes them: a 12-byte header, then PNG or RVL.
 
 16-bit depth is lossless: unlike the ROS plugin, which by default turns everything beyond 10 m into holes,
-nothing is cut unless asked. 32-bit depth is quantised to 16 bits as the plugin does it, bit by bit. In the
-place of RVL there can be a smaller format of our own between our agents (`sfglab.codecs.med`).
+nothing is cut unless asked. 32-bit depth is quantised to 16 bits as the plugin does it, bit by bit.
 
 Source: image_transport_plugins, compressed_depth_image_transport: codec.cpp, compression_common.h.
 """
@@ -12,7 +11,6 @@ from __future__ import annotations
 import math
 import struct
 from dataclasses import dataclass
-from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -32,8 +30,8 @@ _QUANTIZATION = np.float32(100.0)  # the plugin's default (depth_quantization)
 _HEADER = struct.Struct("<iff")  # format, depthQuantA, depthQuantB
 _INV_DEPTH = 0
 _SIZE = struct.Struct("<II")  # columns, rows; PNG says them itself
-_CODECS = ("png", "rvl", "med")
-_ALLOWED = "'png', 'rvl' or 'med'"
+_CODECS = ("png", "rvl")
+_ALLOWED = "'png' or 'rvl'"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -41,7 +39,7 @@ class DepthFormat:
     """What the `format` field of a compressed depth message says."""
 
     encoding: str  #: ROS image encoding such as ``"16UC1"``; empty if an old writer left it out.
-    codec: str  #: ``"png"``, ``"rvl"`` or ``"med"``.
+    codec: str  #: ``"png"`` or ``"rvl"``.
 
     def __str__(self) -> str:
         return f"{self.encoding}; compressedDepth {self.codec}"
@@ -69,7 +67,7 @@ def encode_depth(
 
     Args:
         depth: Shape (rows, columns); uint16 in millimetres with 0 for holes, or float32 in metres with NaN.
-        codec: ``"rvl"``, ``"png"``, or ``"med"``, which readers of image_transport do not know.
+        codec: ``"rvl"`` or ``"png"``.
         depth_max_m: Depth in metres beyond which (uint16) or from which (float32) pixels become holes. None
             keeps all of a uint16 image, and is `DEPTH_MAX_M` for float32, which cannot do without.
         png_level: Effort of zlib for PNG, from 0 to 9.
@@ -150,29 +148,26 @@ def _metres(pixels: NDArray[np.uint16], quant_a: float, quant_b: float) -> NDArr
     return depth_m
 
 
-def _coder(codec: str) -> Any:
-    """Return the module of a format that does not say its size; it takes Numba, 0.3 s to import."""
-    return import_module(f"sfglab.codecs.{codec}")
+def _check_codec(codec: str) -> None:
+    if codec not in _CODECS:
+        raise CodecError(f"depth codec: given {codec!r}, allowed are {_ALLOWED}")
 
 
 def _compressed(pixels: NDArray[np.uint16], codec: str, png_level: int) -> bytes:
+    _check_codec(codec)
     if codec == "png":
         from sfglab.codecs.still import encode_png
 
         return encode_png(pixels, level=png_level)
-    if codec not in _CODECS:
-        raise CodecError(f"depth codec: given {codec!r}, allowed are {_ALLOWED}")
-    return _SIZE.pack(pixels.shape[1], pixels.shape[0]) + bytes(_coder(codec).encode(pixels))
+    from sfglab.codecs.rvl import encode  # with Numba, whose import takes 0.3 s
+
+    return _SIZE.pack(pixels.shape[1], pixels.shape[0]) + encode(pixels)
 
 
 def _decompressed(body: memoryview, codec: str, most_pixels: int) -> NDArray[np.uint16]:
-    if codec != "png":
-        if len(body) < _SIZE.size:
-            raise BitstreamError(codec, reason="cut before the image size", size_bytes=len(body))
-        columns, rows = _SIZE.unpack_from(body)
-        check_size(codec, width=columns, height=rows, size_bytes=len(body), most_pixels=most_pixels)
-        pixels: NDArray[np.uint16] = _coder(codec).decode(body[_SIZE.size :], (rows, columns))
-        return pixels
+    _check_codec(codec)
+    if codec == "rvl":
+        return _from_rvl(body, most_pixels)
     from sfglab.codecs.still import decode_still
 
     image = decode_still(bytes(body), most_pixels=most_pixels)
@@ -180,3 +175,14 @@ def _decompressed(body: memoryview, codec: str, most_pixels: int) -> NDArray[np.
         reason = f"holds {kind_of(image)}; depth is one channel of 16 bits"
         raise BitstreamError("png", reason=reason, size_bytes=len(body))
     return image
+
+
+def _from_rvl(body: memoryview, most_pixels: int) -> NDArray[np.uint16]:
+    """Decode columns and rows, which RVL does not say itself, and the words that follow."""
+    from sfglab.codecs.rvl import decode
+
+    if len(body) < _SIZE.size:
+        raise BitstreamError("rvl", reason="cut before the image size", size_bytes=len(body))
+    columns, rows = _SIZE.unpack_from(body)
+    check_size("rvl", width=columns, height=rows, size_bytes=len(body), most_pixels=most_pixels)
+    return decode(body[_SIZE.size :], (rows, columns))

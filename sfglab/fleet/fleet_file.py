@@ -281,7 +281,7 @@ class StreamSpec(_Part):
 
     topic: str = field(metadata=_NAME)  #: Global topic that carries it.
     type: str  #: ROS type of its messages.
-    codec: Literal["h264", "rvl", "med", "png", "jpeg"]  #: How they are coded.
+    codec: Literal["h264", "rvl", "png", "jpeg"]  #: How they are coded.
     width: int = field(metadata=bounds(1))  #: Pixels.
     height: int = field(metadata=bounds(1))  #: Pixels.
     rate_hz: float = field(metadata=_POSITIVE)  #: Messages a second.

@@ -112,6 +112,15 @@ def test_a_mistake_is_refused_with_its_key_its_line_and_what_is_allowed(change, 
     )
 
 
+def test_a_codec_that_is_none_is_refused_with_its_line_and_all_that_are():
+    with pytest.raises(DocumentError) as caught:
+        fleet_file.read_fleet(LAB.read_text().replace("codec: rvl", "codec: med"))
+    assert (caught.value.place.line, caught.value.given) == (28, "med")
+    assert str(caught.value).endswith(
+        "streams[1].codec: given 'med', allowed: h264 or rvl or png or jpeg"
+    )
+
+
 # Where it runs
 
 

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
 #: What a stream may say that it is coded by.
-CODECS = ("", "h264", "hevc", "jpeg", "png", "rvl", "med")
+CODECS = ("", "h264", "hevc", "jpeg", "png", "rvl")
 MAX_EDGE = 16_384  #: Most pixels that a stream may say that its images are wide or high.
 MAX_RATE_HZ = 10_000.0  #: Most messages per second that a stream may say that it has.
 MAX_TEXT = 255  #: Longest name or line for people, in characters.

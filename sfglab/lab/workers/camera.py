@@ -44,7 +44,7 @@ class CameraConfig:
 
     #: Where the same messages go: places on the bus, and the name of the compressed topic there.
     places: tuple[tuple[BusAddress, str], ...]
-    codec: str = "h264"  #: ``h264`` (colour); ``rvl`` or ``med`` (depth).
+    codec: str = "h264"  #: ``h264`` (colour) or ``rvl`` (depth).
     source: str = "photos"  #: Source of frames, as `open_source` takes it.
     seed: int = 0  #: Seed of the source.
     width: int = 640  #: Width in pixels.
@@ -81,7 +81,7 @@ class _ColourEncoder:
 
 
 class _DepthEncoder:
-    """Frames to CompressedImage messages with depth in any of its formats."""
+    """Frames to CompressedImage messages with depth."""
 
     type = codecs.COMPRESSED_IMAGE
 
