@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sfglab.messages.flat import flat_reader
 from sfglab.messages.store import (
     RULE,
     MessageError,
@@ -184,21 +183,11 @@ def _decoder(store: Typestore, name: str) -> Callable[[Buffer], Any]:
     """Return a function from CDR bytes to messages; what does not change between messages is done here."""
     from rosbags.serde import SerdeError
 
-    read = flat_reader(store, name)
     definition = store.get_msgdef(name)
 
     def decoded(data: Buffer) -> Any:
         is_bytes = type(data) is memoryview and data.readonly and data.format == "B"
         view: memoryview = data if is_bytes else memoryview(data).cast("B").toreadonly()  # type: ignore[assignment]
-        if read is not None:
-            try:
-                message = read(view)
-            except (struct.error, ValueError, IndexError) as exc:
-                if view[:4] == _HEADER:
-                    raise CdrError(name, str(exc), size_bytes=view.nbytes) from exc
-            else:
-                if message is not None:
-                    return message
         if view.nbytes < len(_HEADER) or bytes(view[:2]) not in {b"\0\0", _HEADER[:2]}:
             raise CdrError(name, "the encapsulation is not CDR", size_bytes=view.nbytes)
         decode = definition.deserialize_cdr_le if view[1] else definition.deserialize_cdr_be
