@@ -74,7 +74,7 @@ figures: setup ## Draw figures/ again from committed logs alone
 	$(BIN)/sfglab figures
 
 screenshots: $(VENV)/.tests ## Make the pictures of editor, viewer and explorer in figures/ (the viewer's needs a Vulkan driver)
-	$(BIN)/python -m sfglab.lab.screenshots figures
+	$(BIN)/python tools/screenshots.py figures
 	$(BIN)/python tests/lab/film_explorer.py figures/explore.gif
 
 claims: setup ## Print the ledger: paper said, we measured

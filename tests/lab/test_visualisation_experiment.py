@@ -2,6 +2,7 @@
 
 import sys
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -9,7 +10,6 @@ import pytest
 from made_logs import ran, reference
 
 from sfglab.errors import MissingExtraError, SfglabError
-from sfglab.lab import screenshots
 from sfglab.lab.checks import fleet_scene, handling, synchronisation
 from sfglab.lab.checks.recordings import Shown, check_sources, check_visualizers, read_recording
 from sfglab.lab.checks.synchronisation import Cloud, check_clouds
@@ -19,6 +19,10 @@ from sfglab.lab.experiments.visualisation.stage import BOUND_BYTES
 from sfglab.view import Latest
 from sfglab.view.session import BUILT_IN
 from sfglab.view.sync import synchronizer
+
+sys.path.append(str(Path(__file__).parents[2] / "tools"))
+
+import screenshots
 
 pytest.importorskip("rerun", reason="the extra 'view' is not installed")
 

@@ -1,10 +1,11 @@
-"""Screenshots for the documentation, made from what is in the repository: ``make screenshots``.
+"""Make the screenshots of the documentation from what is in the repository: ``make screenshots``.
 
-    python -m sfglab.lab.screenshots FOLDER [planner_editor] [viewer]
+    python tools/screenshots.py figures                   # all
+    python tools/screenshots.py figures planner_editor    # or viewer
 
-The scene editor of paper A, section 4.5 (Fig. 7), with a conflict to see; and a fleet as `sfglab view` shows
-it. Both run without a window. The viewer needs a Vulkan driver; one that draws in software will do, such as
-Mesa's lavapipe (the package ``mesa-vulkan-drivers``).
+The first shows the scene editor of paper A, section 4.5 (Fig. 7), with a conflict. The second shows a
+fleet in `sfglab view`. Both programs run without a window. The viewer needs a Vulkan driver. A driver
+that draws in software is enough, such as Mesa's lavapipe (the package ``mesa-vulkan-drivers``).
 """
 
 from __future__ import annotations
@@ -211,7 +212,7 @@ def _way(moment: Moment) -> tuple[float, float, float]:
 
 
 def _heartbeats(moment: Moment) -> Iterator[tuple[str, Any]]:
-    """Yield everybody's sign of life, five times a second; one agent is silent after the first second."""
+    """Yield the heartbeat of each agent, five times a second; one agent stops after the first second."""
     lost = (moment.stamp_ns - START_NS) * 1e-9 > 1.0
     for name in ("go2", *_PLACES) if moment.number % 2 == 0 else ():
         if name == _LOST and lost:
