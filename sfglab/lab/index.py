@@ -24,7 +24,7 @@ PAPERS = {
     "with Caches and QoS Balancing Optimization",
     "C": "Mapping and Optimizing Communication in ROS 2-based Applications on Configurable System-on-Chip "
     "Platforms",
-    "beside": "Interoperability with ROS 2, reliability and performance",
+    "beside": "Interoperability with ROS 2",
 }
 COLORS = {
     "reproduced": "#00664B",

@@ -3,14 +3,13 @@
 import contextlib
 import os
 import shutil
-from dataclasses import replace
 from pathlib import Path
 
 import psutil
 import pytest
 
 from sfglab.lab.checks import trees
-from sfglab.lab.experiments import EXPERIMENTS, decode_once, experiment, mocap, reliability, visualisation
+from sfglab.lab.experiments import EXPERIMENTS, decode_once, experiment, mocap, visualisation
 from sfglab.lab.experiments.latency import analysis
 from sfglab.lab.experiments.latency.stage import PATHS
 from sfglab.lab.notebooks import find_notebooks, run_notebooks
@@ -38,7 +37,6 @@ FIGURES_ANYWHERE = {
     "17_deployment": {"deployment_checks", "deployment_layers"},
     "18_ros2": {"ros2_features"},
     "19_phases": {"phases", "phases_cells"},
-    "21_performance": {"performance"},
 }
 # The same for those that mean little without hosts of their own.
 FIGURES_OF_HOSTS = {
@@ -49,7 +47,6 @@ FIGURES_OF_HOSTS = {
     "07_latency": {"latency"},
     "14_mocap": {"mocap_error", "mocap_offset", "mocap_trees"},
     "16_visualisation": {"visualisation_latency", "visualisation_points"},
-    "20_reliability": {"reliability"},
 }
 FIGURES = FIGURES_ANYWHERE | FIGURES_OF_HOSTS
 LIVE = [pytest.mark.live, pytest.mark.netns]
@@ -134,21 +131,11 @@ def everything_is_shown(run):
     assert run.log.stat().st_size < 500_000
 
 
-def everything_recovers(run):
-    """After each fault, whenever that was; in order, without repeats, and nothing is left."""
-    # How soon depends on the machine.
-    run.config = replace(run.config, limit_s=reliability.GIVEN_UP_S)
-    assert reliability.problems(run) == []
-    assert run["process"]["t_s"].max() > run["fault"]["begin_s"].max() > 20, "all are followed to the end"
-    assert set(run["process"]["who"]) == {*reliability.COMPONENTS[:-1], "agent", "nodes"}
-
-
 LIVE_RUNS = {
     "03_decode_once": frames_are_whole,
     "07_latency": pictures_are_present,
     "14_mocap": the_bridge_keeps_the_tree_whole,
     "16_visualisation": everything_is_shown,
-    "20_reliability": everything_recovers,
 }
 """What the logs of live runs say beside their claims."""
 

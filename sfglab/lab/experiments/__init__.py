@@ -30,8 +30,6 @@ EXPERIMENTS = (
     "visualisation",
     "deployment",
     "ros2",
-    "reliability",
-    "performance",
 )
 
 
