@@ -22,7 +22,7 @@ from sfglab.errors import SfglabError
 from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping
+    from collections.abc import Iterator, Mapping
 
     from rosbags.interfaces.typing import FieldDesc, Typesdict
     from rosbags.typesys.store import Typestore
@@ -129,7 +129,7 @@ def _types_of() -> str:
 
 @functools.cache
 def _built_store() -> Typestore:
-    from rosbags.serde import primitives
+    from rosbags.serde import cdr, primitives
     from rosbags.typesys import Stores, get_typestore
 
     # An octet has no sign (IDL 4.2, clause 7.4.1.4.4.2.6); rosbags gives `byte` one and refuses 128 and more.
@@ -140,6 +140,10 @@ def _built_store() -> Typestore:
                 f"{packing}_byte_{order}",
                 getattr(primitives, f"{packing}_char_{order}"),
             )
+    # rclpy reads text that is not UTF-8 with U+FFFD in its place, and an empty string without its
+    # terminating zero; rosbags refuses the message.
+    compile_lines = cdr.compile_lines  # type: ignore[attr-defined]
+    cdr.compile_lines = lambda lines: compile_lines([_tolerant(line) for line in lines])  # type: ignore[attr-defined]
     store = get_typestore(Stores(f"ros2_{_types_of()}"))
     texts = dict(_shipped_texts())
     parsed: Typesdict = {}
@@ -148,6 +152,12 @@ def _built_store() -> Typestore:
     store.register(parsed)
     _sources.update(texts)
     return store
+
+
+def _tolerant(line: str) -> str:
+    """Return a line of rosbags' reader of strings as rclpy reads them."""
+    line = line.replace("check_string(", "length and check_string(")
+    return line.replace(").decode()", ').decode(errors="replace")')
 
 
 def type_store() -> Typestore:
@@ -418,33 +428,65 @@ def numpy_dtype(base: str) -> np.dtype[Any]:
     return np.dtype({"bool": "bool", "char": "uint8", "byte": "uint8"}.get(base, base))
 
 
-def _default_value(store: Typestore, desc: FieldDesc) -> Any:
+# A field with a default in a .msg text; a constant has an equal sign.
+_DEFAULT = re.compile(
+    r"""^[ \t]*[\w/]+(?:<=\d+)?(?:\[[^\]]*\])?[ \t]+(\w+)[ \t]+("[^"]*"|'[^']*'|\[.*?\]|[^\s#=]+)""",
+    re.MULTILINE,
+)
+@functools.cache
+def _defaults_of(name: str) -> dict[str, str]:
+    """Return the defaults that the definition of a type gives its fields, as text."""
+    if name == "geometry_msgs/msg/Quaternion":
+        # Of ROS 2's own types rosbags leaves the defaults out; these two are not zero.
+        return {"w": "1"}
+    if name == "sensor_msgs/msg/NavSatStatus":
+        status = getattr(type_store().types[name], "STATUS_UNKNOWN", 0)  # since Iron
+        return {"status": str(status)}
+    return {field[1]: field[2] for field in _DEFAULT.finditer(_sources.get(name, ""))}
+
+
+def _literal(text: str) -> Any:
+    import yaml
+
+    return yaml.safe_load(text)
+
+
+def _default_value(store: Typestore, desc: FieldDesc, text: str | None) -> Any:
     from rosbags.interfaces import Nodetype
 
+    given = None if text is None else _literal(text)
     match desc:
         case (Nodetype.BASE, (base, _)):
-            return "" if base == "string" else numpy_dtype(base).type(0).item()
+            if base == "string":
+                return "" if given is None else str(given)
+            return numpy_dtype(base).type(given or 0).item()
         case (Nodetype.NAME, name):
             return _default_of(store, str(name))
     (kind, inner), length = desc[1]
     count = length if desc[0] == Nodetype.ARRAY else 0
-    if kind == Nodetype.BASE and inner[0] != "string":
-        return np.zeros(count, numpy_dtype(inner[0]))
-    make: Callable[[], Any] = (
-        str if kind == Nodetype.BASE else lambda: _default_of(store, str(inner))
-    )
-    return [make() for _ in range(count)]
+    if kind == Nodetype.NAME:
+        return [_default_of(store, str(inner)) for _ in range(count)]
+    if inner[0] == "string":
+        return [""] * count if given is None else [str(one) for one in given]
+    return np.array([0] * count if given is None else given, numpy_dtype(inner[0]))
 
 
 def _default_of(store: Typestore, name: str) -> Any:
-    fields = store.get_msgdef(name).fields
-    return store.types[name](**{field: _default_value(store, desc) for field, desc in fields})
+    defaults = _defaults_of(name)
+    values = {}
+    for field, desc in store.get_msgdef(name).fields:
+        try:
+            values[field] = _default_value(store, desc, defaults.get(field))
+        except (ValueError, TypeError, OverflowError) as error:
+            said = f"given the default {defaults.get(field)}: {error}"
+            raise MessageError(f"{name}.{field}: {said}") from error
+    return store.types[name](**values)
 
 
 def default_message(type_or_name: type[Any] | str, **fields: Any) -> Any:
-    """Return a new message with these fields; all others' numbers are zero, strings and sequences empty.
+    """Return a new message with these fields; the others have the defaults of the definition.
 
-    Unlike rclpy, defaults written in a definition are not applied: a quaternion's `w` is 0.
+    Where a definition gives none, numbers are zero, and strings and sequences are empty.
 
     Raises:
         UnknownTypeError: There is no such type.

@@ -9,7 +9,7 @@ from zstandard import ZstdDecompressor, ZstdError, frame_content_size
 if TYPE_CHECKING:
     from pathlib import Path
 
-# What compressed bytes may become: a file of zeros is that dense.
+# The bound on what compressed bytes may become; a file of zeros is that dense.
 _MOST_BYTES = 2**26
 _MOST_RATIO = 1024
 

@@ -75,7 +75,7 @@ def test_definitions_are_what_rosbag2_writes_and_are_read_back_as_the_same_types
             assert fields == type_store().fielddefs[read] or not fields[1]
 
 
-def test_a_default_message_is_zero_and_empty_all_the_way_down():
+def test_a_default_message_has_the_defaults_of_the_definition_all_the_way_down():
     image = default_message("sensor_msgs/msg/Image")
     assert (image.header.stamp.sec, image.header.frame_id, image.height) == (0, "", 0)
     assert image.data.dtype == np.uint8
@@ -83,7 +83,20 @@ def test_a_default_message_is_zero_and_empty_all_the_way_down():
     assert default_message("rmw_dds_common/msg/Gid").data.shape == (24,), "as in Humble"
     imu = default_message(message_type("sensor_msgs/msg/Imu"))
     assert imu.orientation_covariance.tolist() == [0.0] * 9
-    assert imu.orientation.w == 0.0
+    assert imu.orientation.w == 1.0, "as in rclpy"
+    text = (
+        'uint8 mode 3\nstring name "dock"  # or "bay"\nfloat32[] gains [1.0, 2.0]\nbool on true\n'
+        "int32 MOST=5\nstring<=9 word 'a b'\nint8[2] pair\nuint8 LEAST = 3\nfloat64 low -1.5\n"
+        'string[] words ["a", "b"]\ngeometry_msgs/Quaternion turn\n'
+    )
+    register("test_pkg/msg/Defaults", text)
+    made = default_message("test_pkg/msg/Defaults", low=0.0)
+    assert (made.mode, made.name, made.on, made.word, made.low) == (3, "dock", True, "a b", 0.0)
+    assert (made.gains.tolist(), made.pair.tolist(), made.words) == ([1.0, 2.0], [0, 0], ["a", "b"])
+    assert (made.gains.dtype, made.turn.w) == (np.float32, 1.0)
+    register("test_pkg/msg/Wrong", "uint8 mode 300\n")
+    with pytest.raises(MessageError, match=r"test_pkg/msg/Wrong\.mode: given the default 300"):
+        default_message("test_pkg/msg/Wrong")
     assert (
         imu.orientation_covariance
         is not default_message("sensor_msgs/msg/Imu").orientation_covariance

@@ -27,6 +27,11 @@ def test_what_is_printed_of_any_type_is_read_back():
         assert to_yaml(values_of(read)) == text, name
 
 
+def test_fields_that_are_not_given_have_the_defaults_of_the_definition():
+    pose = message_from_yaml("geometry_msgs/msg/Pose", "{position: {x: 1.0}}", "VALUES")
+    assert (pose.position.x, pose.orientation.w) == (1.0, 1.0)
+
+
 def test_long_values_are_cut_or_described_as_ros2_does():
     message = default_message(JOINTS, name=["shoulder", "elbow"], position=np.arange(3.0))
     message.header.frame_id = "abcde"

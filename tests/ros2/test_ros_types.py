@@ -1,5 +1,10 @@
 """Types of services and types without a wheel, beside rclpy: what it makes of them; transforms both ways."""
 
+import json
+import os
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 from beside import LATCHED, bent, echoed, listen, publish, until
@@ -58,6 +63,49 @@ async def test_our_messages_cross_both_ways(peer, own_types, domain_id):
         assert await echoed(ros, node, given) == {
             name: serialize(message) for name, message in given.items()
         }
+
+
+THEIRS = """
+import importlib, json, sys
+from rclpy.serialization import serialize_message
+
+made = {}
+for name in json.load(sys.stdin):
+    package, kind, type_ = name.split("/")
+    try:
+        cls = getattr(importlib.import_module(f"{package}.{kind}"), type_)
+    except (ImportError, AttributeError):
+        continue
+    made[name] = serialize_message(cls()).hex()
+print(json.dumps(made))
+"""
+OURS_DIFFERENT = """
+import json, sys
+from sfglab.messages import default_message, deserialize
+from sfglab.messages.text import to_yaml, values_of
+
+def text(message):
+    return to_yaml(values_of(message))
+
+theirs = {name: deserialize(bytes.fromhex(cdr), name) for name, cdr in json.load(sys.stdin).items()}
+print([name for name, made in theirs.items() if text(made) != text(default_message(name))])
+"""
+
+
+@pytest.mark.feature("Default values of message types")
+def test_new_messages_have_the_defaults_of_rclpy(distribution):
+    def run(argv, given, **options):
+        done = subprocess.run(
+            argv, input=given, capture_output=True, text=True, check=True, **options
+        )
+        return done.stdout
+
+    theirs = run(
+        distributions()[distribution].argv("-c", THEIRS), json.dumps(list(message_types()))
+    )
+    assert len(json.loads(theirs)) > 150
+    environment = os.environ | {"ROS_DISTRO": distribution}
+    assert run([sys.executable, "-c", OURS_DIFFERENT], theirs, env=environment) == "[]\n"
 
 
 def tree(parent, child, *position_m):

@@ -82,6 +82,10 @@ here = partial(Pose.at, place="here")
 MIRRORED = np.diag([1.0, 1, -1, 1])
 
 
+NO_TURN = default_message("geometry_msgs/msg/Pose")
+NO_TURN.orientation.w = 0.0
+
+
 @pytest.mark.parametrize(
     ("make", "says"),
     [
@@ -105,7 +109,7 @@ MIRRORED = np.diag([1.0, 1, -1, 1])
         ),
         (partial(Pose, quat_xyzw=(0.0, 0.0, 0.0, 0.0)), "^pose, quaternion"),
         (
-            partial(Pose.from_msg, default_message("geometry_msgs/msg/Pose"), place="odom"),
+            partial(Pose.from_msg, NO_TURN, place="odom"),
             "^odom, quaternion",
         ),
         *(
