@@ -86,6 +86,13 @@ FOLDERS = {
     },
 }
 """Commands that fill a folder, whose path is their last word."""
+ROUTER = "router: dds-router\n  router_image: ubuntu-ddsrouter:v3.5.0"
+VARIANTS = {
+    "ros-none": ("ros: humble", "ros: none"),
+    "ros-jazzy": ("ros: humble", "ros: jazzy"),
+    "dds-router": ("router: sfglab", ROUTER),
+}
+"""Fleets that are rendered as well: esslingen.yaml with one text in place of another."""
 
 
 class Side:
@@ -191,7 +198,14 @@ def commands(side: Side, _: str) -> None:
     """Run commands, and keep what they print or write."""
     for name, words in COMMANDS.items():
         side.write_bytes(f"commands/{name}", _sfglab(*words))
-    for name, words in FOLDERS.items():
+    folders = dict(FOLDERS)
+    for name, (given, instead) in VARIANTS.items():
+        fleet = side.folder / f"{name}.yaml"
+        text = Path("data/fleets/esslingen.yaml").read_text("utf-8")
+        assert given in text
+        fleet.write_text(text.replace(given, instead), "utf-8")
+        folders[f"esslingen-{name}"] = ["deploy", "render", str(fleet), "-o"]
+    for name, words in folders.items():
         folder = side.folder / "folders" / name
         shutil.rmtree(folder, ignore_errors=True)
         folder.parent.mkdir(parents=True, exist_ok=True)

@@ -56,7 +56,6 @@ _DAMAGE = (
 _MOST_BYTES = 2**26
 # A chunk may hold so many records, and 2 more for each compressed byte: their times differ.
 _MOST_RECORDS = 256
-_log_time = attrgetter("log_time_ns")
 
 
 class _Block(NamedTuple):
@@ -190,15 +189,17 @@ class McapFile:
             and block.start_ns < after
         ]
         blocks.sort(key=attrgetter("start_ns", "offset"))
-        pending: list[StoredMessage] = []
+        # Messages of one time come in the order of the file: by block, then within the block.
+        pending: list[tuple[int, int, int, StoredMessage]] = []
         for block in blocks:
-            ready = bisect_left(pending, block.start_ns, key=_log_time)
-            yield from pending[:ready]
+            ready = bisect_left(pending, (block.start_ns,))
+            yield from (stored for *_, stored in pending[:ready])
             del pending[:ready]
-            found = self._stored(block, wanted)
-            pending += [one for one in found if (start_ns or 0) <= one.log_time_ns < after]
-            pending.sort(key=_log_time)
-        yield from pending
+            for number, stored in enumerate(self._stored(block, wanted)):
+                if (start_ns or 0) <= stored.log_time_ns < after:
+                    pending.append((stored.log_time_ns, block.offset, number, stored))
+            pending.sort()
+        yield from (stored for *_, stored in pending)
 
     def _stored(self, block: _Block, wanted: set[int]) -> list[StoredMessage]:
         found = []

@@ -213,6 +213,17 @@ def test_files_that_overlap_in_time_are_read_in_the_order_of_time(folder):
     assert later == [3, 4, 5]
 
 
+def test_messages_of_one_time_come_in_the_order_of_the_file(tmp_path):
+    messages = [("/a", 5, string(b"1")), ("/a", 9, string(b"2")), ("/a", 9, string(b"3"))]
+    early = [("/a", 1, string(b"0"))]
+    # The first chunk begins later than the second one, which holds the early message.
+    path = write_mcap(tmp_path / "a.mcap", [*messages[:2], *early, messages[2]], chunk_size=100)
+    with path.open("rb") as stream:
+        chunks = make_reader(stream).get_summary().chunk_indexes
+    assert [chunk.message_start_time // 10**9 for chunk in chunks] == [5, 1]
+    assert texts(path) == ["0", "1", "2", "3"]
+
+
 def test_the_encoding_of_messages_is_named(tmp_path):
     schemas = {"/json": ("demo.Pose", "jsonschema", b"{}")}
     path = write_mcap(tmp_path / "a.mcap", [*THREE, ("/json", 1, b"{}")], schemas=schemas)
