@@ -195,8 +195,6 @@ class Player:
                 for publisher in self._publishers.values():
                     await publisher.wait_for_all_acked(_LATE_S)
             finally:
-                for warning in reader.warnings:
-                    self._told(warning)
                 await do(reader.close)
 
     def _open(self, topic: str, reader: LogReader) -> None:

@@ -87,7 +87,6 @@ def show(path: _Log_, as_json: Json = False) -> None:
             )
             return
         typer.echo(text_table([head, *rows]))
-        _warn(reader)
         for name, values in metadata.items():
             typer.echo(f"metadata  {name}: {json.dumps(values)}")
         if reader.truncated:
@@ -105,7 +104,6 @@ def info(path: _Log_, as_json: Json = False) -> None:
 
     with LogReader(path) as reader:
         values = _info(reader)
-        _warn(reader)
     if as_json:
         tell(values)
         return
@@ -124,11 +122,6 @@ def info(path: _Log_, as_json: Json = False) -> None:
         f"Messages:          {values['messages']}\n"
         f"Topic information: {indent.join(topics)}\n"
     )
-
-
-def _warn(reader: LogReader) -> None:
-    for warning in reader.warnings:
-        typer.echo(f"warning: {warning}", err=True)
 
 
 def _info(reader: LogReader) -> dict[str, Any]:

@@ -433,6 +433,8 @@ _DEFAULT = re.compile(
     r"""^[ \t]*[\w/]+(?:<=\d+)?(?:\[[^\]]*\])?[ \t]+(\w+)[ \t]+("[^"]*"|'[^']*'|\[.*?\]|[^\s#=]+)""",
     re.MULTILINE,
 )
+
+
 @functools.cache
 def _defaults_of(name: str) -> dict[str, str]:
     """Return the defaults that the definition of a type gives its fields, as text."""

@@ -8,6 +8,7 @@ from __future__ import annotations
 import difflib
 import heapq
 import itertools
+import logging
 from contextlib import AbstractContextManager, ExitStack
 from dataclasses import dataclass
 from operator import attrgetter
@@ -35,6 +36,7 @@ if TYPE_CHECKING:
     from sfglab.qos import QoSProfile
     from sfglab.record.parts import Channel, StoredMessage
 
+_LOG = logging.getLogger(__name__)
 #: Number of messages of a topic that its rate and size are taken from.
 _SAMPLE = 200
 
@@ -98,9 +100,10 @@ class LogReader(AbstractContextManager["LogReader"]):
             opened = open_log(self.path, stack)
             self._stack = stack.pop_all()
         self.files = tuple(opened.paths)  #: The files that are read.
-        self.warnings = (
-            opened.warnings
-        )  #: Sentences on what cannot be read or was counted otherwise.
+        #: Sentences on what cannot be read or was counted otherwise.
+        self.warnings: list[str] = []
+        for warning in opened.warnings:
+            self._warn(warning)
         self._files = opened.files
         self._compressed = opened.compressed_messages
         self._channels = tuple(channel for file in self._files for channel in file.channels)
@@ -307,7 +310,11 @@ class LogReader(AbstractContextManager["LogReader"]):
         expected = sum(channel.count for channel in channels)
         if start_ns is None and end_ns is None and read != expected:
             said = f"the index names {expected} messages, {read} were read"
-            self.warnings.append(f"log {self.path}: {said}")
+            self._warn(f"log {self.path}: {said}")
+
+    def _warn(self, warning: str) -> None:
+        self.warnings.append(warning)
+        _LOG.warning(warning)
 
     def _decompressed(self, stored: StoredMessage) -> StoredMessage:
         try:
