@@ -10,7 +10,7 @@ import math
 import sys
 import types
 import typing
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from functools import cache
@@ -43,12 +43,25 @@ class Bounds:
             return text
         return f"{text}, below {high}" if self.high in self.without else f"{text} to {high}"
 
+    @property
+    def limits(self) -> dict[str, float]:
+        """The same as pydantic's keywords."""
+        low = "gt" if self.low in self.without else "ge"
+        high = "lt" if self.high in self.without else "le"
+        ends = {low: self.low, high: self.high}
+        return {word: end for word, end in ends.items() if math.isfinite(end)}
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: Callable[[Any], Any]) -> Any:
+        """Let pydantic check a number that is annotated with its range."""
+        return {**handler(source), **self.limits}
+
 
 def bounds(
     low: float = 0, high: float = math.inf, *, log: bool = False, without: tuple[float, ...] = ()
 ) -> dict[str, Any]:
     """Return metadata, as in ``field(metadata=bounds(1, 9))``; arguments as of `Bounds`."""
-    return {BOUNDS: Bounds(low, high, log, without)}
+    allowed = Bounds(low, high, log, without)
+    return {BOUNDS: allowed, **allowed.limits}
 
 
 def between(
@@ -64,21 +77,28 @@ def between(
 
 
 def bounds_of(row_class: type[Any]) -> dict[str, Bounds]:
-    """Return the bounds of a dataclass's bounded fields, by name."""
-    return {
-        f.name: f.metadata[BOUNDS] for f in dataclasses.fields(row_class) if BOUNDS in f.metadata
-    }
+    """Return the bounds of a dataclass's fields, or of their items, by name."""
+    hints = typing.get_type_hints(row_class, include_extras=True)
+    found: dict[str, Bounds] = {}
+    for field in dataclasses.fields(row_class):
+        items = typing.get_args(hints[field.name])
+        of_items = [more for item in items for more in getattr(item, "__metadata__", ())]
+        for allowed in (field.metadata.get(BOUNDS), *of_items):
+            if isinstance(allowed, Bounds):
+                found[field.name] = allowed
+    return found
 
 
 def check_bounds(value: Any, about: str = "") -> None:
-    """Check the bounded fields of a dataclass, of a tuple each value, or raise an `InvalidValueError`.
+    """Check the bounded numbers of a dataclass, or raise an `InvalidValueError`.
 
     `about` stands in front of a field's name in the error.
     """
-    for name, allowed in bounds_of(type(value)).items():
-        given = getattr(value, name)
-        if not all(one in allowed for one in (given if isinstance(given, tuple) else (given,))):
-            raise InvalidValueError(about + name, given, str(allowed))
+    for field in dataclasses.fields(value):
+        allowed = field.metadata.get(BOUNDS)
+        given = getattr(value, field.name)
+        if allowed is not None and given not in allowed:
+            raise InvalidValueError(about + field.name, given, str(allowed))
 
 
 def field_docs(row_class: type[Any]) -> dict[str, str]:
@@ -202,35 +222,6 @@ def from_json(hint: Any, value: Any) -> Any:  # noqa: PLR0911  # one return a ki
     if origin in (dict, Mapping) and isinstance(value, Mapping):
         return {from_json(arguments[0], k): from_json(arguments[1], v) for k, v in value.items()}
     return _made(hint, value) if hint in (float, int) and not isinstance(value, bool) else value
-
-
-def read_field(row_class: type[Any], name: str, value: Any) -> Any:
-    """Return what is given for a field as `from_json` reads it, or raise an `InvalidValueError` of its name."""
-    hint = typed_fields(typing.cast("Any", row_class))[name].type
-    said = hint.__name__ if isinstance(hint, type) else str(hint).replace("typing.", "")
-    said = ", ".join(choices_of(hint)) or said
-    try:
-        read = from_json(hint, value)
-    except (TypeError, ValueError) as error:
-        raise InvalidValueError(name, value, said) from error
-    if not _holds(hint, read) or (isinstance(value, float) and read != value):
-        raise InvalidValueError(name, value, said)
-    return read
-
-
-def _holds(hint: Any, value: Any) -> bool:
-    """Return whether a value is of an annotated type; of containers but tuples only whether it is one."""
-    origin, arguments = typing.get_origin(hint), typing.get_args(hint)
-    if origin in (typing.Union, types.UnionType):
-        return any(_holds(option, value) for option in arguments)
-    if origin is typing.Literal:
-        return value in arguments
-    if origin is tuple and isinstance(value, tuple):
-        each = arguments[:1] * len(value) if arguments[1:] == (...,) else arguments
-        return all(_holds(h, v) for h, v in zip(each, value, strict=True))
-    if isinstance(value, bool):
-        return hint is bool
-    return isinstance(value, origin or hint) if hint is not Any else True
 
 
 def _dataclass_from_json(hint: type[Any], value: Mapping[str, Any]) -> Any:

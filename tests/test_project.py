@@ -19,7 +19,7 @@ PYPROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
 FLOORS = (
     (
         *("names", "domains", "qos", "errors", "machine", "component", "fields", "units", "files"),
-        *("processes", "documents", "schema", "tables", "compiling"),
+        *("processes", "documents", "schema", "tables", "compiling", "validation"),
     ),
     ("messages", "rtps", "codecs"),
     ("bus", "record"),

@@ -9,8 +9,9 @@ from __future__ import annotations
 
 import sys
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
+from sfglab.fields import Bounds
 from sfglab.messages import message_type, serialize
 
 
@@ -108,6 +109,8 @@ METHODS = {
 }
 """Paper B, section 3, by name."""
 
+Rate = Annotated[int, Bounds(10, 1000, log=True)]  #: A value of Rmax.
+Depth = Annotated[int, Bounds(1, 5000, log=True)]  #: A depth of a history.
 RATES_HZ = (100, 200, 500, 1000)  #: Table 2, DEADLINE: the values of Rmax.
 
 DEPTHS = (1, 5, 10, 100, 1000, 5000)  #: Table 2, DEPTH, beside the optimum of Eq. 6.

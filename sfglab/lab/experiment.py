@@ -12,11 +12,10 @@ import inspect
 from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import ExitStack, nullcontext
 from dataclasses import asdict, dataclass, field, fields, replace
-from difflib import get_close_matches
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from sfglab.errors import InvalidValueError, SfglabError
-from sfglab.fields import Bounds, check_bounds, read_field, to_json
+from sfglab.fields import Bounds, to_json
 from sfglab.lab.bench import Bench, Options, rows_of
 from sfglab.lab.claims import Finding, How, Measured
 from sfglab.lab.figures import caption_of, house_style
@@ -27,6 +26,7 @@ from sfglab.lab.sweep import Workers, journal_of, journals, sweep
 from sfglab.lab.testbed import Testbed
 from sfglab.record import LogError, LogWriter, run_context
 from sfglab.tables import Shown
+from sfglab.validation import read
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -164,6 +164,8 @@ class Experiment(Generic[C]):
     profile ``quick``, with documentation and bounds on its fields: a field `profile` is filled in, a field
     `seed` is nobody's change. `where` is paper and section; `smoke` and `paper` are fields that these profiles
     change; `hosts` names test hosts that the run is on, or is a function of the configuration that does.
+    `removed` are fields of older logs with the value in each profile: a log with another value counts for no
+    claim.
     """
 
     def __init__(  # noqa: PLR0913  # what an experiment declares in one place
@@ -177,9 +179,11 @@ class Experiment(Generic[C]):
         hosts: Sequence[str] | Callable[[C], Sequence[str]] = (),
         actors: Sequence[Actor] = (),
         links: Sequence[Link] = (),
+        removed: Mapping[str, Mapping[str, Any]] | None = None,
     ) -> None:
         self.name, self.where, self.config_class = name, where, config
         self._hosts, self.setup = hosts, Setup(tuple(actors), tuple(links))
+        self._removed = removed or {}
         self._profiles: dict[str, Mapping[str, Any]] = {SMOKE: smoke, QUICK: {}, PAPER: paper}
         self.tables: dict[str, type[Any]] = {}
         self.sweeps: list[_Sweep] = []
@@ -328,22 +332,14 @@ class Experiment(Generic[C]):
         if profile not in self._profiles:
             raise InvalidValueError("profile", profile, ", ".join(self._profiles))
         names = [f.name for f in fields(self.config_class)]  # type: ignore[arg-type]
-        for name in changes:
-            if name not in names:
-                close = get_close_matches(name, names, n=1)
-                hint = f"; did you mean {close[0]!r}?" if close else ""
-                raise InvalidValueError(f"{self.name}: field", name, ", ".join(names) + hint)
         own = {"profile": profile} if "profile" in names else {}
-        given = {
-            name: read_field(self.config_class, name, value) for name, value in changes.items()
-        }
-        config = self.config_class(**{**own, **self._profiles[profile], **given})
-        check_bounds(config)
+        values = {**own, **self._profiles[profile], **changes}
+        config: C = read(self.config_class, values, f"{self.name}: ")
         return config
 
     def load(self, log: Path) -> Run[C]:
         """Return a finished run from its log."""
-        return Run(log, self.config_class, self.tables)
+        return Run(log, self.config_class, self.tables, self._removed)
 
     async def run(
         self,

@@ -261,6 +261,8 @@ def _committed_figures(project: Project) -> dict[str, list[str]]:
 
 def _findings(name: str, log: Path) -> Findings:
     run = experiment(name).load(log)
+    if run.unread:
+        raise SfglabError(run.why_not)
     is_part = "only" in run.metadata(COMPLETION)  # an explorer kept the tables that it shows
     measured = {} if is_part else experiment(name).measure(run)
     return Findings(measured=measured, origin=_circumstances(run))
@@ -326,7 +328,7 @@ def own_ledger(project: Project, run: Run[Any]) -> OwnLedger:
 def _own_entry(project: Project, ledger: Entry, own: Entry, run: Run[Any]) -> OwnEntry:
     if (ledger.value, ledger.verdict) == (own.value, own.verdict):
         return OwnEntry(ledger=ledger)
-    why_not = standing(run.log).why_not
+    why_not = run.why_not
     if why_not:
         reason = f"it counts for no claim: {why_not}"
     elif ledger.experiment != run.experiment:

@@ -20,7 +20,7 @@ from sfglab.lab.claims import Entry, How, Ledger, OwnLedger
 from sfglab.lab.experiments import experiment
 from sfglab.lab.figures import COLORS, few_colors, house_style, png_of
 from sfglab.lab.paths import find_project
-from sfglab.lab.runs import SMOKE, C, Run, standing
+from sfglab.lab.runs import SMOKE, C, Run
 from sfglab.record import LogReader
 
 if TYPE_CHECKING:
@@ -145,7 +145,7 @@ def check(run: Run[Any], *verdicts: str, may_deviate: Sequence[str] = ()) -> str
         AssertionError: A claim has another verdict; says which.
     """
     if run.is_changed:
-        return f"nothing is asserted: this run counts for no claim ({standing(run.log).why_not})"
+        return f"nothing is asserted: this run counts for no claim ({run.why_not})"
     entries = ledger.entries_of(find_project(), run)
     asked = {*verdicts, *(["as good"] if "better" in verdicts else [])}
     wrong = [e for e in entries if e.verdict.value not in asked]

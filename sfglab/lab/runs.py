@@ -11,9 +11,10 @@ from functools import wraps
 from typing import TYPE_CHECKING, Any, Concatenate, Generic, ParamSpec, TypeVar, cast
 
 from sfglab.errors import SfglabError
-from sfglab.fields import from_json
+from sfglab.fields import to_json
 from sfglab.record import DecodedMessage, LogReader
 from sfglab.tables import field_rows, html_table
+from sfglab.validation import read_logged, unknown_keys, value_at
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
@@ -30,13 +31,18 @@ T = TypeVar("T")
 COMPLETION = "completion"  #: Metadata that a finished run's log ends with.
 PART_SUFFIX = ".part"
 SMOKE = "smoke"
+_NOTHING = object()
 
 
 class Run(Generic[C]):
     """A finished run, read from its log; ``run["cell"]`` is a table, empty if the log does not have it."""
 
     def __init__(
-        self, log: Path, config_class: type[C], row_classes: Mapping[str, type[Any]]
+        self,
+        log: Path,
+        config_class: type[C],
+        row_classes: Mapping[str, type[Any]],
+        removed: Mapping[str, Mapping[str, Any]],
     ) -> None:
         self.log = log  #: The log.
         self._row_classes = row_classes
@@ -44,13 +50,28 @@ class Run(Generic[C]):
         with LogReader(log) as reader:
             self._tables = reader.tables
             self._metadata = {name: reader.metadata(name) for name in reader.metadata_names}
-        self.config: C = from_json(config_class, self._metadata["config"])  #: What was run.
+        self.config: C = read_logged(config_class, self._metadata["config"])  #: The configuration.
+        #: Fields of the log's configuration that no longer exist and held another value than usual.
+        self.unread = tuple(self._unread(removed))
 
     def __repr__(self) -> str:
         return f"<run of {self.experiment}: {self.log.name}>"
 
+    def _unread(self, removed: Mapping[str, Mapping[str, Any]]) -> Iterator[str]:
+        for name in unknown_keys(self._metadata["config"], to_json(self.config)):
+            usual = removed.get(name, {})
+            given = value_at(self._metadata["config"], tuple(name.split(".")))
+            if name != "experiment" and usual.get(self.profile, _NOTHING) != given:
+                yield name
+
+    @property
+    def why_not(self) -> str:
+        """The reason why it counts for no claim; empty: it counts."""
+        gone = f"its configuration has fields that no longer exist: {', '.join(self.unread)}"
+        return standing(self.log).why_not or (gone if self.unread else "")
+
     def _repr_html_(self) -> str:
-        silent = standing(self.log).why_not
+        silent = self.why_not
         said = f"it speaks for no claim: {silent}" if silent else "it speaks for its claims"
         tables = [("table", "lines"), *((name, len(self.table(name))) for name in self._tables)]
         return html_table(field_rows(self.config), f"{repr(self)[1:-1]}, {said}") + html_table(

@@ -23,7 +23,7 @@ from sfglab.lab.claims import Finding, How
 from sfglab.lab.experiment import Actor, Experiment, Link, Setup, SkippedPartError
 from sfglab.lab.ledger import find_log, logs_of, save_figures
 from sfglab.lab.paths import Project
-from sfglab.lab.runs import derived, standing
+from sfglab.lab.runs import Run, derived, standing
 from sfglab.lab.stats import exactly
 from sfglab.lab.sweep import Workers
 
@@ -138,12 +138,31 @@ def test_profiles_and_changes_are_checked():
     assert exp.config("smoke", kinds=["z"]).kinds == ("z",), "as a command line gives it"
     for profile, changes, message in [
         ("long", {}, "profile: given 'long', allowed: smoke, quick, paper"),
-        ("smoke", {"sede": 1}, "kit: field: given 'sede', allowed: .*did you mean 'seed'"),
-        ("smoke", {"loss": 0.4}, "loss: given 0.4, allowed: from 0 to 0.3"),
-        ("smoke", {"seeds": "many"}, "given 'many', allowed: int"),
+        ("smoke", {"sede": 1}, "kit: sede: given 'sede', allowed: .*did you mean 'seed'"),
+        ("smoke", {"loss": 0.4}, "kit: loss: given 0.4, allowed: a finite number from 0 to 0.3"),
+        ("smoke", {"seeds": "many"}, "kit: seeds: given 'many', allowed: a whole number"),
     ]:
         with pytest.raises(InvalidValueError, match=message):
             exp.config(profile, **changes)
+
+
+def test_a_removed_field_that_held_another_value_than_usual_counts_for_no_claim(tmp_path):
+    """As in a log of an older version, whose configuration had the field ``loss``."""
+
+    @dataclass(frozen=True, slots=True, kw_only=True)
+    class Later:
+        profile: str = "quick"
+        seeds: int = 2
+
+    log = run(tmp_path / "a.mcap").log
+    gone = {name: {"smoke": value} for name, value in {"seed": 0, "breaks": False}.items()}
+    gone |= {"kinds": {"smoke": ["a", "b"]}, "loss": {"smoke": 0.01, "paper": 0.3}}
+    assert Run(log, Later, exp.tables, gone).unread == ()
+    gone["loss"] = {"smoke": 0.02, "paper": 0.01}
+    later = Run(log, Later, exp.tables, gone)
+    assert later.unread == ("loss",)
+    assert later.config == Later(profile="smoke", seeds=1)
+    assert later.why_not == "it is a smoke test"
 
 
 def test_an_interrupted_run_has_another_name_goes_on_and_speaks_only_when_finished(

@@ -9,7 +9,7 @@ import time
 from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 from unittest.mock import Mock
 
 import pytest
@@ -18,7 +18,7 @@ from matplotlib.text import Text
 from waiting import wait_until
 
 from sfglab.errors import InvalidValueError
-from sfglab.fields import between, to_json
+from sfglab.fields import Bounds, between, to_json
 from sfglab.lab import notebook
 from sfglab.lab.experiments import EXPERIMENTS, depth_codecs, discovery, experiment, transmission
 from sfglab.lab.explore import explore
@@ -52,8 +52,9 @@ class Config:
     method: Literal["none", "LC"] = "none"  #: A method.
     live: bool = False  #: Whether it is live.
     wait_s: float = 1.5  #: Without bounds.
-    depths: tuple[int, ...] = between((1, 10), 1, 5000)  #: Several.
-    one: tuple[int, ...] = between((10,), 1, 5000, log=True)  #: One, so that it slides.
+    depths: tuple[Annotated[int, Bounds(1, 5000)], ...] = (1, 10)  #: Several.
+    #: One, so that it slides.
+    one: tuple[Annotated[int, Bounds(1, 5000, log=True)], ...] = (10,)
     source: str = "photos"  #: A file of one's own.
     height: float = between(1.0, 0, 9)  #: How high [mm].
 

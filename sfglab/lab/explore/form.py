@@ -9,21 +9,14 @@ from __future__ import annotations
 
 import math
 import re
-from dataclasses import Field, is_dataclass, replace
+from dataclasses import fields, is_dataclass, replace
 from html import escape
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any, get_args, get_origin
 
 from sfglab.errors import InvalidValueError, SfglabError
-from sfglab.fields import (
-    BOUNDS,
-    Bounds,
-    check_bounds,
-    choices_of,
-    field_docs,
-    from_json,
-    typed_fields,
-)
+from sfglab.fields import Bounds, bounds_of, choices_of, field_docs, typed_fields
+from sfglab.validation import read, read_entry
 from sfglab.view.widgets import refusal_html, widgets
 
 if TYPE_CHECKING:
@@ -68,10 +61,10 @@ class Form:
     ) -> None:
         kit = self._kit = widgets()
         self._begin, self.config, self._on_change = config, config, on_change
-        self._within = within or {}
         self._said = kit.HTML()
         self.controls: dict[str, Any] = {}
         self._fields = _fields_of(type(config))
+        self._bounds = _bounds_of(type(config)) | dict(within or {})
         rows = {name: self._row(name) for name in self._fields if name not in _HIDDEN}
         shown = {name: row for name, row in rows.items() if row is not None}
         for name in first:
@@ -96,9 +89,8 @@ class Form:
 
     def _row(self, name: str) -> Any | None:
         """Return a field's widget with its unit; None where no widget can hold it."""
-        field, text = self._fields[name]
-        bounds = self._within.get(name) or field.metadata.get(BOUNDS)
-        control = self._control(field.type, bounds, attrgetter(name)(self.config))
+        hint, text = self._fields[name]
+        control = self._control(hint, self._bounds.get(name), attrgetter(name)(self.config))
         if control is None:
             return None
         unit = unit_of(name, text)
@@ -107,7 +99,7 @@ class Form:
         control.tooltip = text
         control.style.description_width = "9em"
         control.layout.width = "26em"
-        control.observe(lambda change: self._set(name, field.type, change["new"]), "value")
+        control.observe(lambda change: self._set(name, hint, change["new"]), "value")
         self.controls[name] = control
         said = self._kit.HTML(f'{escape(unit)} <small style="color:#666">{escape(text)}</small>')
         return self._kit.HBox([control, said])
@@ -159,26 +151,34 @@ class Form:
             self._on_change()
 
 
-def _fields_of(config_class: Any, part: str = "") -> dict[str, tuple[Field[Any], str]]:
-    """Return a configuration's fields with their texts, those of its parts too, by name."""
-    found: dict[str, tuple[Field[Any], str]] = {}
+def _fields_of(config_class: Any, part: str = "") -> dict[str, tuple[Any, str]]:
+    """Return a configuration's fields with their types and texts, those of its parts too, by name."""
+    found: dict[str, tuple[Any, str]] = {}
     docs = field_docs(config_class)
     for name, field in typed_fields(config_class).items():
         if is_dataclass(field.type):
             found |= _fields_of(field.type, f"{part}{name}.")
         else:
-            found[part + name] = field, docs.get(name, "")
+            found[part + name] = field.type, docs.get(name, "")
+    return found
+
+
+def _bounds_of(config_class: Any, part: str = "") -> dict[str, Bounds]:
+    """Return the bounds of a configuration's fields, those of its parts too, by name."""
+    found = {part + name: bounds for name, bounds in bounds_of(config_class).items()}
+    for name, field in typed_fields(config_class).items():
+        if is_dataclass(field.type):
+            found |= _bounds_of(field.type, f"{part}{name}.")
     return found
 
 
 def _replaced(config: Any, name: str, value: Any) -> Any:
     """Return a configuration with another value of a field, which may be a part's, within its bounds."""
     head, _, rest = name.partition(".")
-    changed = replace(
-        config, **{head: _replaced(getattr(config, head), rest, value) if rest else value}
-    )
-    check_bounds(changed)
-    return changed
+    if rest:
+        return replace(config, **{head: _replaced(getattr(config, head), rest, value)})
+    values = {field.name: getattr(config, field.name) for field in fields(config)}
+    return read(type(config), values | {name: value})
 
 
 def _as_text(value: Any) -> str:
@@ -195,11 +195,9 @@ def _shown(value: Any, control: Any) -> Any:
 def _read(hint: Any, given: Any) -> Any:
     """Return a widget's value as its field's."""
     if get_origin(hint) is tuple:
-        parts = (
-            [p.strip() for p in given.split(",") if p.strip()]
-            if isinstance(given, str)
-            else [given]
-        )
-        return tuple(_read(get_args(hint)[0], part) for part in parts)
-    # A slider on a logarithmic scale has fractions.
-    return round(given) if hint is int and isinstance(given, float) else from_json(hint, given)
+        texts = given.split(",") if isinstance(given, str) else [given]
+        parts = [part.strip() if isinstance(part, str) else part for part in texts]
+        return tuple(_read(get_args(hint)[0], part) for part in parts if part != "")
+    if hint is int and isinstance(given, float):
+        return round(given)  # A slider on a logarithmic scale has fractions.
+    return read_entry(hint, given)

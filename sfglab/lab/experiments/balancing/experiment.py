@@ -8,13 +8,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 
 from sfglab.arp.cache import CacheControl, Decision, LocalCache
-from sfglab.arp.robots import RATES_HZ, SENSORS, Sensor, cdr_bytes, object_bytes
-from sfglab.fields import between
+from sfglab.arp.robots import RATES_HZ, SENSORS, Rate, Sensor, cdr_bytes, object_bytes
+from sfglab.fields import Bounds, between
 from sfglab.lab.checks import Case, CheckRow, check_row
 from sfglab.lab.experiment import Actor, Experiment, Link, Profiled, seeded
 from sfglab.qos import QoSProfile, Reliability
@@ -35,7 +35,7 @@ class Config(Profiled):
 
     #: How long each sensor is read, seconds.
     readings_s: float = between(60.0, 1.0, 3600.0, log=True)
-    rates_hz: tuple[int, ...] = between(RATES_HZ, 10, 1000, log=True)  #: At which rates it is read.
+    rates_hz: tuple[Rate, ...] = RATES_HZ  #: At which rates it is read.
     #: How long each link with losses is simulated, seconds.
     stale_s: float = between(600.0, 1.0, 3600.0)
     stale_seeds: int = 20  #: With how many seeds.
@@ -52,7 +52,7 @@ class Config(Profiled):
         (10,),
     )
     #: Values of Rmin for which it is solved; the paper states none.
-    rates_min_hz: tuple[float, ...] = between((0.5, 1.0, 10.0), 0.1, 100.0, log=True)
+    rates_min_hz: tuple[Annotated[float, Bounds(0.1, 100.0, log=True)], ...] = (0.5, 1.0, 10.0)
     #: Values of Dmin for which it is solved; nor of this.
     depths_min: tuple[float, ...] = (1.0, 10.0, 100.0)
     #: Topics that our own problem is solved for, in the data folder.

@@ -13,7 +13,7 @@ import numpy as np
 
 from sfglab.arp import hallway
 from sfglab.arp.balancing import BalanceInput, balance
-from sfglab.arp.robots import METHODS, PLAN_S, RATES_HZ, TAKE_S
+from sfglab.arp.robots import METHODS, PLAN_S, RATES_HZ, TAKE_S, Depth, Rate
 from sfglab.fields import between
 from sfglab.lab.bench import as_row
 from sfglab.lab.experiment import Actor, Experiment, Link, Profiled, seeded
@@ -53,8 +53,8 @@ class Config(Profiled):
     """The whole run."""
 
     methods: tuple[MethodName, ...] = get_args(MethodName)  #: Names of methods.
-    rates_hz: tuple[int, ...] = between(RATES_HZ, 10, 1000, log=True)  #: The values of Rmax.
-    depths: tuple[int, ...] = between(DEPTHS, 1, 5000, log=True)  #: Depths without optimisation.
+    rates_hz: tuple[Rate, ...] = RATES_HZ  #: The values of Rmax.
+    depths: tuple[Depth, ...] = DEPTHS  #: Depths without optimisation.
     loss: float = between(_MEDIUM.loss, 0.0, 0.3)  #: Share of frames that the air loses.
     #: Whose timing; the paper used Fast DDS.
     vendor: Literal["fast_dds", "cyclone_dds"] = "fast_dds"

@@ -18,7 +18,18 @@ import numpy as np
 
 from sfglab.arp.balancing import Balance, BalanceInput, balance_closed_form
 from sfglab.arp.programme import plan
-from sfglab.arp.robots import DEPTHS, METHODS, PLAN_S, RATES_HZ, ROBOTS, SENSORS, TAKE_S, cdr_bytes
+from sfglab.arp.robots import (
+    DEPTHS,
+    METHODS,
+    PLAN_S,
+    RATES_HZ,
+    ROBOTS,
+    SENSORS,
+    TAKE_S,
+    Depth,
+    Rate,
+    cdr_bytes,
+)
 from sfglab.arp.topics import Topic
 from sfglab.errors import InvalidValueError
 from sfglab.fields import between
@@ -93,9 +104,9 @@ class Config(Profiled):
 
     seeds: int = 6  #: How many seeds each cell is run with.
     duration_s: float = 60.0  #: Simulated seconds of a cell.
-    rates_hz: tuple[int, ...] = between(RATES_HZ, 10, 1000, log=True)  #: Values of Rmax.
+    rates_hz: tuple[Rate, ...] = RATES_HZ  #: Values of Rmax.
     #: Values of DEPTH beside the optimum.
-    depths: tuple[int, ...] = between(DEPTHS, 1, 5000, log=True)
+    depths: tuple[Depth, ...] = DEPTHS
     methods: tuple[str, ...] = tuple(METHODS)  #: Names of methods.
     loss: float = between(Medium().loss, 0.0, 0.3)  #: Share of frames that the air loses.
     #: Size of sensors' values, of the paper's.

@@ -1,0 +1,120 @@
+"""Values that are read as typed fields: each mistake by its key, old logs, and processes without pydantic."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from dataclasses import dataclass, field
+from enum import Enum
+from pathlib import Path
+from typing import Annotated, Literal
+
+import pytest
+
+from sfglab.errors import InvalidValueError
+from sfglab.fields import Bounds, between, to_json
+from sfglab.lab.experiments import experiment
+from sfglab.record import LogReader
+from sfglab.validation import read, read_entry, read_logged, unknown_keys
+
+REFERENCE = Path(__file__).parents[1] / "data" / "reference"
+
+
+class Colour(Enum):
+    RED = "red"
+    GREEN = "green"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Part:
+    size: float = between(1.0, without=(0,))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Whole:
+    count: int = between(3, 1, 9)
+    colour: Colour = Colour.RED
+    live: bool = False
+    name: str = "a"
+    method: Literal["LC", "CC"] = "LC"
+    depths: tuple[Annotated[int, Bounds(1, 50)], ...] = (1,)
+    part: Part = field(default_factory=Part)
+    maybe: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.name == "bad":
+            raise InvalidValueError("name", self.name, "a good name")
+
+
+def test_values_are_read_from_json_and_as_they_are():
+    whole = Whole(colour=Colour.GREEN, depths=(2, 3), part=Part(size=2.0), maybe=1.0)
+    plain = {"colour": "green", "depths": [2, 3], "part": {"size": 2}, "maybe": 1}
+    assert read(Whole, plain) == whole
+    typed = {"colour": Colour.GREEN, "depths": (2, 3), "part": Part(size=2.0), "maybe": 1.0}
+    assert read(Whole, typed) == whole
+
+
+@pytest.mark.parametrize(
+    ("given", "says"),
+    [
+        ({"count": 10}, "x: count: given 10, allowed: a whole number from 1 to 9"),
+        ({"count": "3"}, "x: count: given '3', allowed: a whole number from 1 to 9"),
+        ({"count": True}, "x: count: given True"),
+        ({"count": 3.0}, "x: count: given 3.0"),
+        ({"colour": "rad"}, "colour: given 'rad', allowed: red or green; did you mean 'red'?"),
+        ({"live": 1}, "live: given 1, allowed: true or false"),
+        ({"name": 1}, "name: given 1, allowed: a text"),
+        ({"name": "bad"}, "name: given 'bad', allowed: a good name"),
+        ({"method": "lc"}, "method: given 'lc', allowed: LC or CC"),
+        ({"depths": [1, 51]}, "depths[1]: given 51, allowed: a whole number from 1 to 50"),
+        ({"depths": 1}, "depths: given 1, allowed: a list"),
+        ({"part": {"size": 0}}, "part.size: given 0, allowed: a number above zero"),
+        ({"part": {"sise": 1}}, "part.sise: given 'sise', allowed: size; did you mean 'size'?"),
+        ({"maybe": "x"}, "maybe: given 'x', allowed: a finite number or nothing"),
+        ({"cuont": 1}, "; did you mean 'count'?"),
+    ],
+)
+def test_a_mistake_is_named_by_key_what_is_given_and_what_is_allowed(given, says):
+    with pytest.raises(InvalidValueError) as caught:
+        read(Whole, given, "x: ")
+    assert says in str(caught.value)
+
+
+def test_a_form_takes_numbers_as_text():
+    assert read_entry(int, "7") == 7
+    with pytest.raises(InvalidValueError, match="value: given 'many', allowed: a whole number"):
+        read_entry(int, "many")
+
+
+def test_a_log_of_another_version_is_read_and_what_is_lost_of_it_is_known():
+    logged = to_json(Whole()) | {"count": 20, "gone": 1, "part": {"size": 1.0, "old": 2}}
+    whole = read_logged(Whole, logged)
+    assert whole == Whole(count=20)
+    assert unknown_keys(logged, to_json(whole)) == ["part.old", "gone"]
+
+
+@pytest.mark.parametrize("log", sorted(REFERENCE.glob("*.mcap")), ids=lambda log: log.stem)
+def test_the_configuration_of_every_committed_log_is_read(log):
+    with LogReader(log) as reader:
+        logged = reader.metadata("config")
+    run = experiment(logged["experiment"]).load(log)
+    assert {**to_json(run.config), "experiment": logged["experiment"]} == logged
+    assert run.unread == ()
+
+
+WORKERS = [
+    *("sfglab.fleet.router.node", "sfglab.fleet.status.node", "sfglab.fleet.discovery.node"),
+    *("sfglab.fleet.decoder.node", "sfglab.fleet.decoder.process", "sfglab.fleet.gop_cache"),
+    *("sfglab.fleet.agent.app", "sfglab.lab.hosts.hub"),
+    *("sfglab.lab.hosts.enter", "sfglab.lab.hosts.radio_relay", "sfglab.lab.sweep.run"),
+    *(f"sfglab.lab.workers.{name}" for name in ("camera", "container", "crossing", "driving")),
+    *(f"sfglab.lab.workers.{name}" for name in ("flowplay", "hallway", "idle", "mocap")),
+    *(f"sfglab.lab.workers.{name}" for name in ("preview", "rosnodes", "sights", "viewer")),
+]
+
+
+@pytest.mark.parametrize("module", [*WORKERS, "sfglab.cli"])
+def test_processes_that_are_started_and_the_command_line_begin_without_pydantic(module):
+    """Importing it takes 0.1 s, a third of what a router takes to start."""
+    program = f"import sys\nimport {module}\nassert 'pydantic' not in sys.modules"
+    subprocess.run([sys.executable, "-c", program], check=True)
