@@ -1,42 +1,40 @@
 """YAML files that people write, read strictly into dataclasses, with the line of every mistake.
 
-`Section.read` reads a mapping by the fields of a dataclass: keys, types, bounds (`sfglab.fields.between`) and
-defaults are declared there and nowhere else. What depends on more than its field is read key by key.
+`Document.read` reads values by the fields of a dataclass: keys, types, bounds (`sfglab.fields.between`)
+and defaults are declared there and nowhere else; pydantic checks them (`sfglab.validation`). `OR_NULL`,
+`ReadAs`, `Matching`, `ByName` and `ShortFor` stand beside a type, in ``Annotated``.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import re
-import sys
-import types
-import typing
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import contextmanager
 from dataclasses import dataclass
-from difflib import get_close_matches
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from sfglab.errors import InvalidValueError
-from sfglab.fields import BOUNDS, Bounds, alternatives_of, choices_of, typed_fields
+from sfglab.errors import InvalidValueError, KeyPath, key_text
 from sfglab.files import read_text
+from sfglab.validation import file_reader, value_at
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
     import yaml
 
-KeyPath = tuple[str | int, ...]  #: Keys and list positions from the top of a document.
 _TEXT = "tag:yaml.org,2002:str"
 _MOST_CHARACTERS, _LONGEST_PLAIN = 2**20, 1000  # ten times the largest fleet; of what is no text
 _CONTROL = re.compile("[\x00-\x1f\x7f-\x9f\u2028\u2029]")
 
 T = TypeVar("T")
-_REQUIRED: Any = object()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Place:
-    """Where something stands in a file."""
+    """Where something stands in a file.
+
+    A field ``place`` of a dataclass that is read from a file is filled in; no key has its name.
+    """
 
     file: str = ""  #: Name of the file.
     #: Keys from the top, as in ``agents.go2.publishes[2]``; empty for the whole file.
@@ -47,6 +45,18 @@ class Place:
         where = f"{self.file}:{self.line}" if self.line else self.file
         return ": ".join(part for part in (where, self.key) if part)
 
+    @classmethod
+    def __get_pydantic_core_schema__(cls, source: Any, handler: Any) -> Any:
+        from pydantic_core.core_schema import is_instance_schema
+
+        return is_instance_schema(cls)
+
+    @classmethod
+    def __get_pydantic_json_schema__(cls, core: Any, handler: Any) -> Any:
+        from pydantic_core import PydanticOmit
+
+        raise PydanticOmit
+
 
 NOWHERE = Place()
 
@@ -55,12 +65,6 @@ class DocumentError(InvalidValueError):
     """A file does not say what it must say."""
 
     place: Place
-
-
-def suggestion(word: object, known: Iterable[str]) -> str:
-    """Return ``; did you mean 'x'?`` for the closest known word, or nothing when none is close."""
-    close = get_close_matches(str(word), list(known), n=1, cutoff=0.6)
-    return f"; did you mean {close[0]!r}?" if close else ""
 
 
 class Document:
@@ -85,7 +89,7 @@ class Document:
         try:
             node = yaml.compose(text, Loader=yaml.SafeLoader)
             #: Mappings, lists and scalars.
-            self.value = None if node is None else self._read(yaml.SafeLoader(""), node, ())
+            self.value: Any = None if node is None else self._read(yaml.SafeLoader(""), node, ())
         except (
             yaml.YAMLError,
             RecursionError,
@@ -115,15 +119,35 @@ class Document:
         known = path
         while known not in self._lines:
             known = known[:-1]
-        return Place(file=self.file, key=_key_text(path), line=self._lines[known])
+        return Place(file=self.file, key=key_text(path), line=self._lines[known])
 
-    def section(self) -> Section:
-        """Return the whole document as a section; raises `DocumentError` if it is not a mapping."""
-        return Section(self, (), self.value)
+    def read(self, hint: type[T]) -> T:
+        """Return the values as a type, or raise a `DocumentError`."""
+        made: T = file_reader(hint).read(self.value, self.refusal)
+        self._locate(made, ())
+        return made
 
-    def items(self) -> Iterator[Section]:
-        """Yield a section for every item of a document that is a list; raises as `section` does."""
-        return _sections(self, (), self.value)
+    def refusal(self, path: KeyPath, given: object, allowed: str) -> DocumentError:
+        """Return the error for what stands at a path."""
+        return DocumentError(self.place(path), given, allowed)
+
+    def _locate(self, made: Any, path: KeyPath) -> None:
+        """Fill in the places of what was made of the values at a path."""
+        if isinstance(made, tuple | list):
+            value = value_at(self.value, path)
+            keys = value if isinstance(value, dict) else range(len(made))
+            for key, one in zip(keys, made, strict=False):
+                self._locate(one, (*path, key))
+        elif isinstance(made, dict):
+            for key, one in made.items():
+                self._locate(one, (*path, key))
+        elif dataclasses.is_dataclass(made):
+            for field in dataclasses.fields(made):
+                inner = getattr(made, field.name)
+                if isinstance(inner, Place):
+                    object.__setattr__(made, field.name, self.place(path))
+                else:
+                    self._locate(inner, (*path, field.metadata.get("alias", field.name)))
 
     def _read(self, loader: yaml.SafeLoader, node: yaml.Node, path: KeyPath) -> Any:
         import yaml
@@ -161,7 +185,7 @@ class Document:
         mark = next(
             (e.start_mark for e in yaml.parse(self._text) if isinstance(e, yaml.AliasEvent)), None
         )
-        return Place(file=self.file, key=_key_text(path), line=mark.line + 1 if mark else 0)
+        return Place(file=self.file, key=key_text(path), line=mark.line + 1 if mark else 0)
 
     def _read_pairs(
         self, loader: yaml.SafeLoader, node: yaml.MappingNode, path: KeyPath
@@ -169,7 +193,7 @@ class Document:
         seen: set[str] = set()
         for key, value in node.value:
             inner = (*path, str(key.value))
-            place = Place(file=self.file, key=_key_text(inner), line=key.start_mark.line + 1)
+            place = Place(file=self.file, key=key_text(inner), line=key.start_mark.line + 1)
             self._lines[inner] = place.line
             if key.tag != _TEXT:
                 raise DocumentError(place, key.value, "a key that is text (quote it)")
@@ -181,306 +205,114 @@ class Document:
             yield key.value, self._read(loader, value, inner)
 
 
-def _is_finite(value: object) -> bool:
-    """Tell whether a value is a number that a float can hold."""
-    return (
-        isinstance(value, int | float)
-        and not isinstance(value, bool)
-        and abs(value) <= sys.float_info.max
-    )
+# Rules that a field's type cannot express stand beside it: ``Annotated[str, Matching(...)]``.
 
 
-def _is_text(value: object) -> bool:
-    return isinstance(value, str) and value != ""
+class OrNull:
+    """Null may stand there, and says None."""
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> Any:
+        from pydantic_core.core_schema import none_schema, union_schema
+
+        return union_schema([handler(source)["schema"], none_schema()])
 
 
-def _key_text(path: KeyPath) -> str:
-    text = ""
-    for part in path:
-        if isinstance(part, int):
-            text += f"[{part}]"
-        else:
-            text += f".{part}" if text else part
-    return text
-
-
-class Section:
-    """One mapping of a document; `close` refuses keys that nobody has read.
-
-    Its readers return what stands at a key, or the default where nothing does, and raise a `DocumentError`
-    where something else stands there, or nothing and there is no default; where there is no mapping, too.
-    """
-
-    def __init__(self, document: Document, path: KeyPath, value: Any) -> None:
-        if not isinstance(value, dict):
-            raise DocumentError(document.place(path), value, "a mapping of keys to values")
-        self._document = document
-        self._path = path
-        self._known: set[str] = set()
-        self._all_known = False
-        self._values: dict[str, Any] = value
-
-    @property
-    def here(self) -> Place:
-        """Where the section stands."""
-        return self._document.place(self._path)
-
-    def place_of(self, key: str) -> Place:
-        """Return where a key stands, or the section where it does not."""
-        return self._document.place((*self._path, key))
-
-    def refusal(self, key: str, given: object, allowed: str) -> DocumentError:
-        """Return the error for what stands at a key."""
-        return DocumentError(self.place_of(key), given, allowed)
-
-    def has(self, key: str) -> bool:
-        """Tell whether anything stands at a key, which is then known to `close`."""
-        self._known.add(key)
-        return key in self._values
-
-    def get(self, key: str, default: Any = _REQUIRED) -> Any:
-        """Return what stands at a key, whatever it is."""
-        self._known.add(key)
-        if key not in self._values:
-            if default is _REQUIRED:
-                raise self.refusal(key, None, f"{key!r} is needed here{self._slip(key)}")
-            return default
-        return self._values[key]
-
-    def _checked(self, key: str, default: Any, allowed: str, *, fits: Callable[[Any], bool]) -> Any:
-        value = self.get(key, default)
-        if key in self._values and not fits(value):
-            raise self.refusal(key, value, allowed)
-        return value
-
-    def text(self, key: str, default: Any = _REQUIRED, *, choices: tuple[str, ...] = ()) -> Any:
-        """Return a text, or the default where there is none."""
-        value = self._checked(key, default, "a text", fits=_is_text)
-        if choices and key in self._values and value not in choices:
-            raise self.refusal(key, value, " or ".join(choices) + suggestion(value, choices))
-        return value
-
-    def whole(self, key: str, default: Any = _REQUIRED, *, low: int) -> Any:
-        """Return a whole number, or the default where there is none."""
-        return self._number(key, default, int, Bounds(low))
-
-    def positive(self, key: str, default: Any = _REQUIRED) -> Any:
-        """Return a number above zero, or the default where there is none."""
-        return self._number(key, default, float, Bounds(0, without=(0,)))
-
-    def _number(self, key: str, default: Any, kind: type[int | float], bounds: Bounds) -> Any:
-        word = "a number" if bounds.low in bounds.without else "a finite number"
-        word = "a whole number" if kind is int else word
-
-        def fits(value: Any) -> bool:
-            return (type(value) is int if kind is int else _is_finite(value)) and value in bounds
-
-        value = self._checked(key, default, f"{word} {bounds}".rstrip(), fits=fits)
-        return kind(value) if key in self._values else value
-
-    def numbers(self, key: str, count: int, default: Any = _REQUIRED) -> Any:
-        """Return a list of so many finite numbers as they stand, as a tuple, or the default."""
-
-        def fits(value: Any) -> bool:
-            return isinstance(value, list) and len(value) == count and all(map(_is_finite, value))
-
-        value = self._checked(key, default, f"{count} numbers, all finite", fits=fits)
-        return tuple(value) if isinstance(value, list) else value
-
-    def texts(self, key: str) -> tuple[str, ...]:
-        """Return a list of texts, none where nothing stands."""
-
-        def fits(value: Any) -> bool:
-            return isinstance(value, list) and all(map(_is_text, value))
-
-        return tuple(self._checked(key, (), "a list of texts (quote numbers)", fits=fits))
-
-    def section(self, key: str) -> Section:
-        """Return the mapping at a key, an empty one where there is none."""
-        return Section(self._document, (*self._path, key), self.get(key, {}))
-
-    def members(self, key: str) -> Iterator[tuple[Any, Section]]:
-        """Yield name and section for every member of a mapping of mappings."""
-        inner = self.section(key)
-        for name in inner._values:  # noqa: SLF001 - of the same class
-            yield name, inner.section(name)
-
-    def items(self, key: str, *, short: str = "") -> Iterator[Section]:
-        """Yield a section for each item of a list; a text stands for a mapping with the key `short`."""
-        return _sections(self._document, (*self._path, key), self.get(key, []), short)
-
-    def read(self, cls: type[T], *, whole_section: bool = True, **given: Any) -> T:
-        """Return the section as a dataclass, each field from the key of its name, and close it if whole.
-
-        What may stand at a key follows from the field's type: ``str`` (not empty), ``bool``, ``int`` and
-        ``float`` (from 0, or as `sfglab.fields.between` says), an enumeration by its values, a ``Literal``,
-        another dataclass, lists (tuple, frozenset) of texts, choices or dataclasses, tuples of so many numbers,
-        mappings by name, and unions of what differs in YAML. A `Place` is where the section stands. Metadata
-        says what a type cannot: `named`, `read_by`, `matching`, `by_name`, `short_for`, `OR_NULL`. An
-        `InvalidValueError` of the class is refused at its field's key. Types must be importable at run time;
-        given are fields that are not read here.
-        """
-        typed = typed_fields(typing.cast("Any", cls)).values()
-        fields = {f.metadata.get("key", f.name): f for f in typed if f.init and f.name not in given}
-        self._known |= {key for key, f in fields.items() if f.type is not Place}
-        self._all_known = True
-        for key, f in fields.items():
-            if f.type is Place:
-                given[f.name] = self.here
-            elif key in self._values or f.default is f.default_factory:  # both are missing
-                given[f.name] = self._read_field(key, f.type, f.metadata)
-            elif f.default_factory is f.type:  # all defaults, read all the same for their place
-                given[f.name] = self.section(key).read(f.default_factory)
-        if whole_section:
-            self.close()
-        with _refused_at(self.here, {f.name: self.place_of(key) for key, f in fields.items()}):
-            return cls(**given)
-
-    def _read_field(self, key: str, hint: Any, extra: Mapping[str, Any]) -> Any:
-        value = self.get(key)
-        if value is None and "null" in extra:
-            return None
-        if "read" in extra:
-            with _refused_at(self.place_of(key)):
-                return extra["read"](self, key)
-        if "names" in extra:
-            return self._read_by_name(key, hint, extra["names"])
-        options = {_kind_of(option): option for option in alternatives_of(hint)}
-        kind = next((k for k in options if isinstance(value, _KINDS[k])), next(iter(options)))
-        if len(options) > 1 and not isinstance(value, _KINDS[kind]):
-            raise self.refusal(key, value, " or ".join(options))
-        read = {"a mapping": self._read_mapping, "a list": self._read_list}.get(
-            kind, self._read_scalar
-        )
-        return read(key, options[kind], extra)
-
-    def _read_scalar(self, key: str, hint: Any, extra: Mapping[str, Any]) -> Any:
-        if hint in (int, float):
-            return self._number(key, _REQUIRED, hint, extra.get(BOUNDS, Bounds(0)))
-        if hint is bool:
-            return self._checked(
-                key, _REQUIRED, "true or false", fits=lambda value: isinstance(value, bool)
-            )
-        choices = choices_of(hint)
-        text = self.text(key, choices=tuple(choices))
-        self._match(key, [text], extra)
-        return choices.get(text, text)
-
-    def _read_mapping(self, key: str, hint: Any, extra: Mapping[str, Any]) -> Any:
-        inner = self.section(key)
-        if isinstance(hint, type):
-            return inner.read(typing.cast("type[Any]", hint))
-        each, read = typing.get_args(hint)[1], inner._read_field  # noqa: SLF001 - of the same class
-        return {name: read(name, each, extra) for name in inner._values}  # noqa: SLF001 - of the same class
-
-    def _read_by_name(self, key: str, hint: Any, field: str) -> Any:
-        cls: Any = next(filter(dataclasses.is_dataclass, typing.get_args(hint)))
-        values = {name: section.read(cls, **{field: name}) for name, section in self.members(key)}
-        return values if issubclass(typing.get_origin(hint), Mapping) else tuple(values.values())
-
-    def _read_list(self, key: str, hint: Any, extra: Mapping[str, Any]) -> Any:
-        made, (each, *more) = typing.get_origin(hint), typing.get_args(hint)
-        if each in (int, float):
-            return self.numbers(key, 1 + len(more))
-        if dataclasses.is_dataclass(each):
-            items = self.items(key, short=extra.get("short", ""))
-            return made(item.read(typing.cast("type[Any]", each)) for item in items)
-        texts, choices = self.texts(key), choices_of(each)
-        for text in texts:
-            if choices and text not in choices:
-                raise self.refusal(key, text, " or ".join(choices) + suggestion(text, choices))
-        self._match(key, texts, extra)
-        return made(choices.get(text, text) for text in texts)
-
-    def _match(self, key: str, texts: Iterable[str], extra: Mapping[str, Any]) -> None:
-        pattern, allowed = extra.get("matching", (None, ""))
-        for text in texts:
-            if pattern is not None and not pattern.fullmatch(text):
-                raise self.refusal(key, text, allowed)
-
-    def close(self) -> None:
-        """Refuse the first key that was not read, with those that are allowed and what was probably meant."""
-        for key in self._values:
-            if key not in self._known:
-                raise self.refusal(
-                    key, key, ", ".join(sorted(self._known)) + suggestion(key, self._known)
-                )
-
-    def _slip(self, key: str) -> str:
-        """Return which unknown key a missing one was probably meant by; key by key, it may be known later."""
-        unknown = [other for other in self._values if other not in self._known]
-        close = get_close_matches(key, unknown, n=1, cutoff=0.6 if self._all_known else 0.75)
-        return f"; did you mean it by {close[0]!r}?" if close else ""
-
-
-@contextmanager
-def _refused_at(
-    place: Place, fields: Mapping[str, Place] = types.MappingProxyType({})
-) -> Iterator[None]:
-    """Let an error that is not about a place say one: its field's, or the one given."""
-    try:
-        yield
-    except DocumentError:
-        raise
-    except InvalidValueError as error:
-        raise DocumentError(
-            fields.get(str(error.place), place), error.given, error.allowed
-        ) from error
-
-
-def _sections(document: Document, path: KeyPath, value: Any, short: str = "") -> Iterator[Section]:
-    if not isinstance(value, list):
-        raise DocumentError(document.place(path), value, "a list")
-    for position, item in enumerate(value):
-        yield Section(
-            document, (*path, position), {short: item} if short and isinstance(item, str) else item
-        )
-
-
-# What a field's type cannot say, as its metadata: ``field(metadata=named("from") | bounds(1, 9))``.
-
-OR_NULL: Mapping[str, Any] = {"null": True}  #: Null may stand there, and says None.
+OR_NULL = OrNull()
 
 
 def named(key: str) -> dict[str, Any]:
-    """Read a field from a key of another name."""
-    return {"key": key}
+    """Return metadata that read a field from a key of another name."""
+    return {"alias": key}
 
 
-def read_by(read: Callable[[Section, str], Any], like: Any = None) -> dict[str, Any]:
-    """Read a field by a function of section and key, whose errors are refused there; `like` says its form."""
-    return {"read": read, "like": like} if like else {"read": read}
+@dataclass(frozen=True, slots=True)
+class ReadAs:
+    """Another type stands in the file, of which a function makes the value."""
+
+    form: Any  #: The type in the file.
+    make: Callable[[Any], Any]  #: Makes the value; an `InvalidValueError` is refused there.
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> Any:
+        from pydantic_core.core_schema import no_info_after_validator_function
+
+        return no_info_after_validator_function(self.make, handler.generate_schema(self.form))
 
 
-def matching(pattern: re.Pattern[str], allowed: str) -> dict[str, Any]:
-    """Refuse texts that do not match a pattern; says what is allowed instead."""
-    return {"matching": (pattern, allowed)}
+@dataclass(frozen=True, slots=True)
+class Matching:
+    """A text matches a pattern."""
+
+    pattern: re.Pattern[str]  #: The pattern of the whole text.
+    allowed: str  #: The same in words.
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> Any:
+        from pydantic_core.core_schema import no_info_after_validator_function
+
+        return no_info_after_validator_function(self._checked, handler(source))
+
+    def _checked(self, text: str) -> str:
+        if not self.pattern.fullmatch(text):
+            raise InvalidValueError((), text, self.allowed)
+        return text
+
+    def __get_pydantic_json_schema__(self, core: Any, handler: Any) -> Any:
+        return {**handler(core), "pattern": f"^(?:{self.pattern.pattern})$"}
 
 
-def by_name(field: str) -> dict[str, Any]:
-    """Read a tuple or a mapping of dataclasses from a mapping whose keys become one of their fields."""
-    return {"names": field}
+@dataclass(frozen=True, slots=True)
+class ByName:
+    """A mapping stands for dataclasses, and its keys for one of their fields."""
+
+    field: str  #: Name of the field.
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> Any:
+        from pydantic_core.core_schema import no_info_before_validator_function
+
+        inner = handler(source)
+        members = self._members if inner["type"] == "dict" else self._listed
+        return no_info_before_validator_function(members, inner)
+
+    def _listed(self, given: Any) -> Any:
+        return list(self._members(given).values())
+
+    def _members(self, given: Any) -> Any:
+        if not isinstance(given, dict):
+            raise InvalidValueError((), given, "a mapping of keys to values")
+        if "" in given:
+            raise InvalidValueError((), "", "names that are not empty")
+        for name, values in given.items():
+            if isinstance(values, dict) and self.field in values:
+                allowed = f"no such key: the mapping's own, {name!r}, says it"
+                raise InvalidValueError((name, self.field), self.field, allowed)
+        return {
+            name: {**values, self.field: name} if isinstance(values, dict) else values
+            for name, values in given.items()
+        }
+
+    def __get_pydantic_json_schema__(self, core: Any, handler: Any) -> Any:
+        shape = handler(core)
+        each = handler.resolve_ref_schema(shape.get("items") or shape["additionalProperties"])
+        properties = {key: one for key, one in each["properties"].items() if key != self.field}
+        required = [key for key in each.get("required", ()) if key != self.field]
+        member = {**each, "properties": properties, "required": required}
+        return {"type": "object", "additionalProperties": member}
 
 
-def short_for(key: str) -> dict[str, Any]:
-    """Let a text in a list of dataclasses stand for a mapping with this one key."""
-    return {"short": key}
+@dataclass(frozen=True, slots=True)
+class ShortFor:
+    """A text may stand for a mapping with one key."""
 
+    key: str  #: The key.
 
-_KINDS: dict[str, Any] = {
-    "a mapping": dict,
-    "a list": list,
-    "true or false": bool,
-    "a number": int | float,
-    "a text": str,
-}
+    def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> Any:
+        from pydantic_core.core_schema import no_info_before_validator_function
 
+        return no_info_before_validator_function(self._whole, handler(source))
 
-def _kind_of(hint: Any) -> str:
-    """Return which of `_KINDS` says a type in YAML."""
-    origin = typing.get_origin(hint) or hint
-    if dataclasses.is_dataclass(origin) or origin in (dict, Mapping):
-        return "a mapping"
-    if origin in (tuple, frozenset, list):
-        return "a list"
-    return {bool: "true or false", int: "a number", float: "a number"}.get(origin, "a text")
+    def _whole(self, given: Any) -> Any:
+        return {self.key: given} if isinstance(given, str) else given
+
+    def __get_pydantic_json_schema__(self, core: Any, handler: Any) -> Any:
+        text = {"type": "string", "minLength": 1}
+        said = {"description": f"The same as {{{self.key}: ...}}."}
+        return {"anyOf": [handler(core), text | said]}

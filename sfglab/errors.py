@@ -9,6 +9,7 @@ from __future__ import annotations
 from os import PathLike, fspath
 from typing import Any
 
+KeyPath = tuple[str | int, ...]  #: Keys and list positions from the top of a document.
 _SHOWN = 500  #: Characters of a long value's beginning and end that a message shows.
 
 
@@ -20,7 +21,7 @@ class InvalidValueError(SfglabError, ValueError):
     """A value that is not allowed where it was given."""
 
     def __init__(self, place: Any, given: object, allowed: str) -> None:
-        #: A field, an argument, an option, a key; of documents, a `sfglab.documents.Place`.
+        #: A field, an argument, an option, a key or a path of keys; a document's `sfglab.documents.Place`.
         self.place = place
         self.given = given  #: The value; None where nothing is given.
         self.allowed = allowed  #: What is allowed in its place.
@@ -29,7 +30,19 @@ class InvalidValueError(SfglabError, ValueError):
         )  # all arguments, so that the error survives pickling
 
     def __str__(self) -> str:
-        return f"{self.place}: {_said(self.given)}, allowed: {self.allowed}"
+        place = key_text(self.place) if isinstance(self.place, tuple) else self.place
+        return f"{place}: {_said(self.given)}, allowed: {self.allowed}"
+
+
+def key_text(path: KeyPath) -> str:
+    """Return a path of keys as text, as in ``agents.go2.publishes[2]``."""
+    text = ""
+    for part in path:
+        if isinstance(part, int):
+            text += f"[{part}]"
+        else:
+            text += f".{part}" if text else part
+    return text
 
 
 def _said(given: object) -> str:

@@ -165,16 +165,6 @@ def typed_fields(cls: type[Any]) -> dict[str, dataclasses.Field[Any]]:
     return fields
 
 
-def alternatives_of(hint: Any) -> list[Any]:
-    """Return the alternatives of an annotated type, without None."""
-    options = (
-        typing.get_args(hint)
-        if typing.get_origin(hint) in (typing.Union, types.UnionType)
-        else (hint,)
-    )
-    return [option for option in options if option is not types.NoneType]
-
-
 def choices_of(hint: Any) -> dict[str, Any]:
     """Return the values that an enumeration or a ``Literal`` allows by their texts; none of other types."""
     if typing.get_origin(hint) is typing.Literal:

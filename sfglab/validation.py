@@ -13,7 +13,7 @@ from difflib import get_close_matches
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
-from sfglab.errors import InvalidValueError
+from sfglab.errors import InvalidValueError, KeyPath, key_text
 from sfglab.fields import Bounds
 
 if TYPE_CHECKING:
@@ -22,9 +22,8 @@ if TYPE_CHECKING:
     from pydantic import ValidationError
     from pydantic_core import ErrorDetails, SchemaValidator
 
-KeyPath = tuple[str | int, ...]  #: Keys and list positions from the top.
 Shape = dict[str, Any]  #: The JSON Schema of a value.
-Refusal = tuple[KeyPath, object, str]  #: Where, what is given, and what is allowed.
+Refusal = tuple[KeyPath, object, str]  #: Path of the keys, given value, and allowed values.
 
 _SCALARS = ("int", "float", "bool", "str")
 _LIMITS = ("ge", "gt", "le", "lt")
@@ -62,33 +61,34 @@ class Reader:
         path = _path(mistake, value)
         own = mistake.get("ctx", {}).get("error")
         if isinstance(own, InvalidValueError):
-            place = own.place if isinstance(own.place, tuple) else (own.place,)
-            inside = self._shapes(path + place)
-            return (path + place if inside else path), own.given, own.allowed
+            place = path + (own.place if isinstance(own.place, tuple) else (own.place,))
+            known = isinstance(own.place, tuple) or self._shapes(place, value)
+            return (place if known else path), own.given, own.allowed
+        is_missing = mistake["type"] in ("missing", "union_tag_not_found")
+        if mistake["type"].startswith("union_tag"):
+            path += (mistake["ctx"]["discriminator"].strip("'"),)
         holder, key = path[:-1], path[-1] if path else ""
-        keys = self._keys(holder)
-        given = value_at(value, holder)
-        if mistake["type"] == "missing" and isinstance(key, str):
-            unknown = [other for other in given if other not in keys]
-            close = get_close_matches(key, unknown, n=1, cutoff=0.6)
+        keys = [k for shape in self._shapes(holder, value) for k in shape.get("properties", ())]
+        if is_missing and isinstance(key, str) and key not in value_at(value, holder):
+            unknown = [other for other in value_at(value, holder) if other not in keys]
+            close = get_close_matches(str(key), unknown, n=1, cutoff=0.6)
             slip = f"; did you mean it by {close[0]!r}?" if close else ""
             return path, None, f"{key!r} is needed here{slip}"
-        shapes = self._shapes(path)
+        shapes = self._shapes(path, value)
         if not shapes:
             return path, key, ", ".join(sorted(keys)) + suggestion(key, keys)
         found = value_at(value, path)
         return path, found, described(shapes, found)
 
-    def _keys(self, path: KeyPath) -> list[str]:
-        return [key for shape in self._shapes(path) for key in shape.get("properties", ())]
-
-    def _shapes(self, path: KeyPath) -> list[Shape]:
+    def _shapes(self, path: KeyPath, value: Any) -> list[Shape]:
         """Return what may stand at a path, each alternative of a union for itself."""
         schema = self.shape()
         shapes = list(_alternatives(schema, schema))
         for part in path:
-            inner = [inside for shape in shapes for inside in _inside(shape, part)]
+            of_kind = [shape for shape in shapes if _is_kind(shape, value, part)]
+            inner = [inside for shape in of_kind for inside in _inside(shape, part)]
             shapes = [one for shape in inner for one in _alternatives(shape, schema)]
+            value = value_at(value, (part,))
         return shapes
 
     def shape(self) -> Shape:
@@ -109,6 +109,12 @@ def _alternatives(shape: Shape, schema: Shape) -> Iterator[Shape]:
         yield from _alternatives(option, schema)
 
 
+def _is_kind(shape: Shape, value: Any, but: str | int) -> bool:
+    """Return whether a mapping is of the kind that a schema says, by each key with a fixed value."""
+    fixed = {k: s["const"] for k, s in shape.get("properties", {}).items() if "const" in s}
+    return all(key == but or value_at(value, (key,)) == fixed[key] for key in fixed)
+
+
 def _inside(shape: Shape, part: str | int) -> Iterator[Shape]:
     """Yield the schema of a mapping's member or of a list's item."""
     if isinstance(part, int):
@@ -124,7 +130,10 @@ def described(shapes: Iterable[Shape], given: object) -> str:
     """Return in words what may stand somewhere, and which of the words was meant."""
     words = dict.fromkeys(_words(shape) for shape in shapes)
     choices = [choice for shape in shapes for choice in _choices(shape)]
-    return " or ".join(words) + (suggestion(given, choices) if isinstance(given, str) else "")
+    if isinstance(given, str):
+        return " or ".join(words) + suggestion(given, choices)
+    is_plain = not isinstance(given, dict | list) and given is not None
+    return " or ".join(words) + (" (quote it)" if is_plain and "a text" in words else "")
 
 
 def _choices(shape: Shape) -> list[str]:
@@ -189,11 +198,12 @@ def value_at(value: Any, path: KeyPath) -> Any:
 def _path(mistake: ErrorDetails, value: Any) -> KeyPath:
     """Return where a mistake is; pydantic's names for a union's alternatives are left out."""
     path: list[str | int] = []
-    for part in mistake["loc"]:
+    for position, part in enumerate(mistake["loc"]):
         if isinstance(value, dict):
             key = list(value)[part] if isinstance(part, int) else part
-            if key not in value and mistake["type"] != "missing":
-                continue
+            needed = mistake["type"] == "missing" and position == len(mistake["loc"]) - 1
+            if key not in value and not needed:
+                continue  # a name of pydantic's for a union's alternative
             path.append(key)
             value = value.get(key)
         elif isinstance(value, list | tuple) and isinstance(part, int) and part < len(value):
@@ -302,14 +312,3 @@ def read_entry(hint: Any, entry: Any) -> Any:
         return InvalidValueError("value", given, allowed)
 
     return _reader(hint, dict, "forbid").read(entry, refusal)
-
-
-def key_text(path: KeyPath) -> str:
-    """Return a path as text, as in ``agents.go2.publishes[2]``."""
-    text = ""
-    for part in path:
-        if isinstance(part, int):
-            text += f"[{part}]"
-        else:
-            text += f".{part}" if text else part
-    return text

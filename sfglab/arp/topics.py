@@ -6,25 +6,29 @@ what is allowed. Refuses to know how rates are found.
 
 from __future__ import annotations
 
+import re
 from dataclasses import asdict, dataclass, field, replace
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from sfglab.documents import Document, DocumentError, Section, by_name, named
+from sfglab.documents import ByName, Document, Matching, named
 from sfglab.fields import between, bounds
 from sfglab.qos import Durability, Reliability
 from sfglab.rtps import FAST_DDS, PRESETS, Medium, Vendor
-from sfglab.schema import ELSEWHERE
 from sfglab.units import NS_PER_MS
 
 if TYPE_CHECKING:
     from pathlib import Path
 
 
+_NAME = re.compile(r"/.*[^/]", re.DOTALL)
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Topic:
     """One topic: who sends what to whom, and what it is worth."""
 
-    name: str  #: Full name, with its leading slash.
+    #: Full name, with its leading slash.
+    name: Annotated[str, Matching(_NAME, "a full topic name, such as '/robot1/lidar'")]
     source: str = field(metadata=named("from"))  #: Host that publishes.
     #: Host that subscribes, or hosts, each of which gets a copy and acknowledges it, as DDS sends over Wi-Fi.
     target: str | tuple[str, ...] = field(metadata=named("to"))
@@ -62,10 +66,10 @@ class _Link:
     loss: float = between(0.01, 0, 1, without=(1,))  #: Share of frames that are lost.
     #: One half-duplex medium for all hosts (Wi-Fi); else each host sends independently.
     shared: bool = True
-    overhead_us: float = 300.0  #: Airtime of a frame beside its bits.
+    overhead_us: float = between(300.0)  #: Airtime of a frame beside its bits.
     #: By which share each further host that wants to send stretches a frame.
-    contention: float = 0.15
-    latency_ms: float = 0.0  #: From the end of sending to arrival.
+    contention: float = between(0.15)
+    latency_ms: float = between(0.0)  #: From the end of sending to arrival.
     queue_frames: int = between(500, 1)  #: Frames that a host's queue holds.
 
     @property
@@ -98,8 +102,21 @@ class _Timing:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class FileKeys:
-    """Keys of a file of topics that `TopicFile` holds in another form."""
+class _Shared:
+    """Fields that a file of topics and its values have in common."""
+
+    topics: Annotated[tuple[Topic, ...], ByName("name")]  #: In the file's order.
+    #: The most of the medium's time that may be planned.
+    utilisation_max: float = between(0.9, 0.01, 1, without=(1,))
+    #: Share of samples that may stay lost after repairs.
+    residual_loss: float = between(1e-4, 1e-9, 1, without=(1,))
+    #: Hosts that the printed problem counts as agents; by default all that publish.
+    agents: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TopicKeys(_Shared):
+    """A file of topics for `sfglab qos`: who sends what to whom over which link."""
 
     rate_max_hz: float = between(1000.0, without=(0,))  #: No topic may be sent more often.
     link: _Link = field(default_factory=_Link)  #: The link that all topics share.
@@ -111,20 +128,12 @@ class FileKeys:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class TopicFile:
-    """A file of topics for `sfglab qos`: who sends what to whom over which link."""
+class TopicFile(_Shared):
+    """Topics with the link that all of them share."""
 
-    topics: tuple[Topic, ...] = field(metadata=by_name("name"))  #: In the file's order.
-    #: The link that all of them share.
-    medium: Medium = field(default_factory=Medium, metadata=ELSEWHERE)
+    medium: Medium = field(default_factory=Medium)  #: The link that all of them share.
     #: The DDS implementation, with the file's timing where it says any.
-    vendor: Vendor = field(default=FAST_DDS, metadata=ELSEWHERE)
-    #: The most of the medium's time that may be planned.
-    utilisation_max: float = between(0.9, 0.01, 1, without=(1,))
-    #: Share of samples that may stay lost after repairs.
-    residual_loss: float = between(1e-4, 1e-9, 1, without=(1,))
-    #: Hosts that the printed problem counts as agents; by default all that publish.
-    agents: tuple[str, ...] = ()
+    vendor: Vendor = FAST_DDS
 
     def limited_to(self, rate_max_hz: float | None) -> TopicFile:
         """Return the same with no topic faster than a rate; a minimal rate above it is lowered to it."""
@@ -150,40 +159,37 @@ def load_topics(path: Path | str) -> TopicFile:
 
 def read_topics(document: Document) -> TopicFile:
     """Read topics; raises `DocumentError`, as `load_topics`."""
-    top = document.section()
-    keys = top.read(FileKeys, whole_section=False)
-    topics = tuple(
-        _read_topic(name, section, keys.rate_max_hz) for name, section in top.members("topics")
-    )
-    if not topics:
-        raise top.refusal("topics", top.get("topics"), "one topic at least")
-    hosts = sorted({host for t in topics for host in (t.source, *t.targets)})
-    given = top.get("agents", sorted({t.source for t in topics}))
-    if not isinstance(given, list) or not given or not all(agent in hosts for agent in given):
-        raise top.refusal("agents", given, f"a list of hosts among {', '.join(hosts)}")
-    return top.read(
-        TopicFile,
-        topics=topics,
-        medium=keys.link.medium,
-        vendor=_vendor(PRESETS[keys.vendor], keys.timing),
-        agents=tuple(given),
+    file = document.read(TopicKeys)
+    if not file.topics:
+        raise document.refusal(("topics",), document.value["topics"], "one topic at least")
+    hosts = sorted({host for t in file.topics for host in (t.source, *t.targets)})
+    agents = file.agents or tuple(sorted({t.source for t in file.topics}))
+    if not set(agents) <= set(hosts) or document.value.get("agents") == []:
+        given = document.value["agents"]
+        raise document.refusal(("agents",), given, f"a list of hosts among {', '.join(hosts)}")
+    return TopicFile(
+        topics=tuple(_topic(document, topic, file.rate_max_hz) for topic in file.topics),
+        utilisation_max=file.utilisation_max,
+        residual_loss=file.residual_loss,
+        agents=agents,
+        medium=file.link.medium,
+        vendor=_vendor(PRESETS[file.vendor], file.timing),
     )
 
 
-def _read_topic(name: str, section: Section, ceiling_hz: float) -> Topic:
-    if not name.startswith("/") or name.endswith("/"):
-        raise DocumentError(section.here, name, "a full topic name, such as '/robot1/lidar'")
-    most_hz = min(section.positive("rate_max_hz", ceiling_hz), ceiling_hz)
-    least_hz = section.positive("rate_min_hz", min(1.0, most_hz))
-    topic = section.read(Topic, name=name, rate_min_hz=least_hz, rate_max_hz=most_hz)
+def _topic(document: Document, topic: Topic, ceiling_hz: float) -> Topic:
+    """Return a topic with the rates that the file leaves open, after checking what it says."""
+    path = ("topics", topic.name)
+    given = document.value["topics"][topic.name]
+    most_hz = min(topic.rate_max_hz, ceiling_hz) if "rate_max_hz" in given else ceiling_hz
+    least_hz = topic.rate_min_hz if "rate_min_hz" in given else min(1.0, most_hz)
     if least_hz > most_hz:
-        given = section.get("rate_min_hz", None)
-        raise section.refusal("rate_min_hz", given, f"up to the topic's rate_max_hz, {most_hz:g}")
+        allowed = f"up to the topic's rate_max_hz, {most_hz:g}"
+        raise document.refusal((*path, "rate_min_hz"), given.get("rate_min_hz"), allowed)
     if not topic.targets or len({topic.source, *topic.targets}) <= len(topic.targets):
-        raise section.refusal(
-            "to", section.get("to"), f"another host than 'from', {topic.source}, each once"
-        )
-    return topic
+        allowed = f"another host than 'from', {topic.source}, each once"
+        raise document.refusal((*path, "to"), given["to"], allowed)
+    return replace(topic, rate_min_hz=least_hz, rate_max_hz=most_hz)
 
 
 def _vendor(vendor: Vendor, timing: _Timing) -> Vendor:

@@ -20,7 +20,6 @@ from sfglab.deploy.errors import DeployError
 from sfglab.deploy.files import PLAIN, PROGRAM, BundleFile
 from sfglab.deploy.host import host_files
 from sfglab.deploy.routers.dds_router import ROUTER_FILE, render_dds_router
-from sfglab.documents import suggestion
 from sfglab.files import read_text, write_files
 from sfglab.fleet.fleet_file import (
     AUTO,
@@ -31,6 +30,7 @@ from sfglab.fleet.fleet_file import (
     RouterSoftware,
     read_fleet,
 )
+from sfglab.validation import suggestion
 
 #: A bundle's files, with digests; written last: without it one is not complete.
 MANIFEST = "manifest.json"

@@ -12,13 +12,15 @@ from sfglab.deploy.compose_values import mounts
 from sfglab.deploy.editor import DEBUGGERS
 from sfglab.deploy.shapes import check_shape, read_json5
 from sfglab.deploy.verdicts import Broken, Rules
-from sfglab.documents import Document, DocumentError, KeyPath, Place, suggestion
+from sfglab.documents import Document, DocumentError, Place
 from sfglab.fleet.lint import Finding, Severity
+from sfglab.validation import suggestion
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
     from sfglab.deploy.files import BundleFile
+    from sfglab.errors import KeyPath
 
 CONTAINER, LAUNCH, TASKS = (
     ".devcontainer/devcontainer.json",

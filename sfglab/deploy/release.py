@@ -35,6 +35,7 @@ AGENT_ROOTS = (  # by their normal names (PEP 503)
     "opencv-python-headless",  # sfglab.codecs: PNG and JPEG
     "packaging",  # sfglab.deploy.release: this module
     "psutil",  # sfglab.record: what a run ran on
+    "pydantic",  # fleet files: checked
     "pyyaml",  # fleet files
     "rosbags",  # sfglab.messages: ROS types and CDR
     "scipy",  # sfglab.spatial: trajectories, motion capture

@@ -17,11 +17,14 @@ from importlib import import_module, resources
 from typing import TYPE_CHECKING, Any, Protocol
 
 from sfglab.deploy.errors import MissingProgramError
-from sfglab.documents import Document, KeyPath, Place, suggestion
+from sfglab.documents import Document, Place
 from sfglab.fleet.lint import Finding, Severity
+from sfglab.validation import suggestion
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
+
+    from sfglab.errors import KeyPath
 
 _TYPES = {
     "array": "a list",

@@ -14,11 +14,13 @@ from typing import TYPE_CHECKING
 from sfglab.deploy.errors import DeployError
 from sfglab.deploy.shapes import check_shape
 from sfglab.deploy.verdicts import worst_first
-from sfglab.documents import KeyPath, Place
+from sfglab.documents import Place
 from sfglab.fleet.lint import Finding, Severity
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
+
+    from sfglab.errors import KeyPath
 
 ANALYZE = "systemd-analyze"
 STAND_INS = ("docker.service",)

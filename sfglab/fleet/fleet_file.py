@@ -9,23 +9,19 @@ from __future__ import annotations
 import re
 from dataclasses import asdict, dataclass, field, replace
 from enum import Enum
-from functools import partial
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Literal
 
 from sfglab.documents import (
     NOWHERE,
     OR_NULL,
+    ByName,
     Document,
-    DocumentError,
+    Matching,
     Place,
-    Section,
-    by_name,
-    matching,
+    ReadAs,
+    ShortFor,
     named,
-    read_by,
-    short_for,
-    suggestion,
 )
 from sfglab.domains import MAX_DOMAIN
 from sfglab.errors import InvalidValueError
@@ -45,9 +41,9 @@ from sfglab.qos import (
     QoSProfile,
     Reliability,
 )
-from sfglab.schema import ELSEWHERE
 from sfglab.tables import html_table
 from sfglab.units import NS_PER_S
+from sfglab.validation import suggestion
 
 PROFILES = {
     "default": DEFAULT,
@@ -74,16 +70,12 @@ PACKAGE = re.compile(r"[a-z0-9][a-z0-9+.-]+")  # Debian Policy 5.6.7
 FOLDER = re.compile(r"[\w][\w./ -]*", re.ASCII)
 
 
-def _read_name(section: Section, key: str, kind: ResourceKind = ResourceKind.TOPIC) -> str:
-    name = section.text(key)
+def _ros_name(name: str, kind: ResourceKind = ResourceKind.TOPIC) -> str:
+    """Return a ROS name, or raise an `InvalidValueError`."""
     try:
         return validate_ros_name(name, kind)
     except FqnError as error:
-        raise section.refusal(key, name, error.allowed) from error
-
-
-def _read_optional_name(section: Section, key: str) -> str:
-    return _read_name(section, key) if section.get(key) else ""
+        raise InvalidValueError((), name, error.allowed) from error
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -104,53 +96,28 @@ class _QoS:
     lease_s: float | None = field(default=None, metadata=_POSITIVE)
 
 
-def _read_qos(section: Section, key: str) -> QoSProfile:
-    if isinstance(section.get(key), str):
-        return PROFILES[section.text(key, choices=tuple(PROFILES))]
-    given = asdict(section.section(key).read(_QoS))
-    given |= {
-        f"{k[:-2]}_ns": _nanoseconds(given.pop(k)) for k in ("deadline_s", "lifespan_s", "lease_s")
-    }
-    return QoSProfile(**given)
+def _profile(given: str | _QoS | None) -> QoSProfile | None:
+    if not isinstance(given, _QoS):
+        return None if given is None else PROFILES[given]
+    values = asdict(given)
+    for name in ("deadline", "lifespan", "lease"):
+        values[f"{name}_ns"] = _nanoseconds(values.pop(f"{name}_s"))
+    return QoSProfile(**values)
 
 
 def _nanoseconds(value_s: float | None) -> int | None:
     return None if value_s is None else max(1, round(value_s * NS_PER_S))
 
 
-def _read_uses(section: Section, key: str, *, kind: ResourceKind) -> tuple[NameUse, ...]:
-    items = section.items(key, short="name")
-    return tuple(item.read(NameUse, name=_read_name(item, "name", kind)) for item in items)
-
-
-def _read_frames(section: Section, key: str) -> tuple[FrameSpec, ...]:
-    return tuple(map(_read_frame, section.items(key)))
-
-
-def _read_frame(section: Section) -> FrameSpec:
-    frame = section.read(FrameSpec)
-    if not frame.static:
-        section.positive("rate_hz")  # is needed then
-    return frame
-
-
-def _read_accelerator(section: Section, key: str) -> Accelerator | None:
-    name = section.text(key, choices=(AUTO, *(member.value for member in Accelerator)))
-    return None if name == AUTO else Accelerator(name)
-
-
-def _read_folder(section: Section, key: str) -> str:
-    folder: str = section.text(key)
+def _folder(folder: str) -> str:
     if not FOLDER.fullmatch(folder):
-        raise section.refusal(key, folder, "a folder beside the fleet file")
+        raise InvalidValueError((), folder, "a folder beside the fleet file")
     if ".." in folder.split("/"):
-        raise section.refusal(key, folder, "a folder beside the fleet file, not above it")
+        raise InvalidValueError((), folder, "a folder beside the fleet file, not above it")
     return folder
 
 
-_NAME, _OPTIONAL_NAME = read_by(_read_name), read_by(_read_optional_name, like=str | None)
-_SERVICES = read_by(partial(_read_uses, kind=ResourceKind.SERVICE)) | short_for("name")
-_ACTIONS = read_by(partial(_read_uses, kind=ResourceKind.ACTION)) | short_for("name")
+Topic = Annotated[str, ReadAs(str, _ros_name)]  #: Absolute name of a topic.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -206,25 +173,21 @@ class HostSpec(_Part):
 
     model: str = ""  #: Maker and model, for people.
     #: Where SSH reaches it, ``[user@]host``; empty: it is this machine.
-    address: str = field(default="", metadata=matching(ADDRESS, "[user@]host, as ssh takes it"))
+    address: Annotated[str, Matching(ADDRESS, "[user@]host, as ssh takes it")] = ""
     architecture: Architecture = Architecture.AMD64  #: Its processor's.
     #: What it has; None leaves it to detection.
-    accelerator: Accelerator | None = field(
-        default=None, metadata=read_by(_read_accelerator, like=Literal[AUTO] | Accelerator)
-    )
+    accelerator: Annotated[
+        Accelerator | None, ReadAs(Literal[AUTO] | Accelerator, lambda a: None if a == AUTO else a)
+    ] = None
     #: What the agent's container sees: a bridge of its own, or, for robots whose own controllers speak DDS over
     #: a cable, the host's interfaces.
     network: ContainerNetwork = ContainerNetwork.BRIDGE
     #: Device nodes that the agent needs beside its accelerator's, as in ``/dev/video0``.
-    devices: tuple[str, ...] = field(
-        default=(), metadata=matching(DEVICE, "device nodes, as in /dev/video0")
-    )
+    devices: tuple[Annotated[str, Matching(DEVICE, "device nodes, as in /dev/video0")], ...] = ()
     #: Folder of the user's colcon workspace, relative to the fleet file; empty: none.
-    workspace: str = field(default="", metadata=read_by(_read_folder))
+    workspace: Annotated[str, ReadAs(str, _folder)] = ""
     #: Debian packages that the agent's own software needs.
-    packages: tuple[str, ...] = field(
-        default=(), metadata=matching(PACKAGE, "names of Debian packages")
-    )
+    packages: tuple[Annotated[str, Matching(PACKAGE, "names of Debian packages")], ...] = ()
     #: Program and arguments of the user's software, beside the agent; empty: none.
     launch: tuple[str, ...] = ()
 
@@ -234,36 +197,35 @@ class DeploymentSpec(_Part):
     """What is the same for all machines of a fleet."""
 
     #: Where its images belong, a repository prefix as in ``localhost/esslingen``.
-    images: str = field(
-        default="localhost/fleet",
-        metadata=matching(REPOSITORY, "a repository of images, as in localhost/esslingen"),
-    )
+    images: Annotated[
+        str, Matching(REPOSITORY, "a repository of images, as in localhost/esslingen")
+    ] = "localhost/fleet"
     ros: RosDistribution = RosDistribution.NONE  #: The ROS 2 distribution inside the images.
     router: RouterSoftware = RouterSoftware.SFGLAB  #: What runs in the second container.
     #: Image of another's router; empty for our own.
-    router_image: str = field(
-        default="", metadata=matching(IMAGE, "an image, as in ubuntu-ddsrouter:v3.5.0")
-    )
+    router_image: Annotated[str, Matching(IMAGE, "an image, as in ubuntu-ddsrouter:v3.5.0")] = ""
     #: Agents or hosts whose clocks count.
-    time_servers: tuple[str, ...] = field(
-        default=(), metadata=matching(HOST, "agents' or hosts' names or addresses")
-    )
+    time_servers: tuple[
+        Annotated[str, Matching(HOST, "agents' or hosts' names or addresses")], ...
+    ] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TopicUse(_Part):
     """A topic that an agent's nodes publish or subscribe."""
 
-    name: str = field(metadata=_NAME)  #: Absolute ROS name.
+    name: Topic  #: Absolute ROS name.
     type: str = ""  #: ROS type; empty where the file does not say.
     #: What its endpoints offer or request; None where the file does not say.
-    qos: QoSProfile | None = field(
-        default=None,
-        metadata={**OR_NULL, **read_by(_read_qos, like=Literal[tuple(PROFILES)] | _QoS | None)},
-    )
+    qos: Annotated[
+        QoSProfile | None,
+        ReadAs(Annotated[Literal[tuple(PROFILES)] | _QoS | None, OR_NULL], _profile),
+    ] = None
     #: Messages a second of all its publishers here; None where the file does not say.
     rate_hz: float | None = field(default=None, metadata=_POSITIVE)
-    size_bytes: int | None = None  #: Mean serialized size; None where the file does not say.
+    size_bytes: int | None = between(
+        None
+    )  #: Mean serialized size; None where the file does not say.
     count: int = between(1, 1)  #: Endpoints of this agent.
 
 
@@ -275,11 +237,28 @@ class NameUse(_Part):
     type: str = ""  #: ROS type; empty where the file does not say.
 
 
+def _named(kind: ResourceKind) -> ReadAs:
+    """Return what checks the name of a service or an action."""
+
+    def checked(use: NameUse) -> NameUse:
+        try:
+            _ros_name(use.name, kind)
+        except InvalidValueError as error:
+            raise InvalidValueError("name", error.given, error.allowed) from error
+        return use
+
+    return ReadAs(Annotated[NameUse, ShortFor("name")], checked)
+
+
+Service = Annotated[NameUse, _named(ResourceKind.SERVICE)]
+Action = Annotated[NameUse, _named(ResourceKind.ACTION)]
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StreamSpec(_Part):
     """A sensor's compressed stream, as the agent's metadata announces it (sfglab_interfaces/msg/StreamInfo)."""
 
-    topic: str = field(metadata=_NAME)  #: Global topic that carries it.
+    topic: Topic  #: Global topic that carries it.
     type: str  #: ROS type of its messages.
     codec: Literal["h264", "rvl", "png", "jpeg"]  #: How they are coded.
     width: int = field(metadata=bounds(1))  #: Pixels.
@@ -288,9 +267,9 @@ class StreamSpec(_Part):
     #: Mean serialized size of a message; None: the file does not say.
     size_bytes: int | None = between(None, 1)
     #: Where the decoded stream belongs; empty: derived from `topic`.
-    decoded_topic: str = field(default="", metadata=_OPTIONAL_NAME)
+    decoded_topic: Topic = ""
     #: Where the calibration is published; empty: nowhere.
-    camera_info_topic: str = field(default="", metadata=_OPTIONAL_NAME)
+    camera_info_topic: Topic = ""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -313,12 +292,18 @@ class FrameSpec(_Part):
     rate_hz: float = between(0.0, without=(0,))
 
 
+def _frame(frame: FrameSpec) -> FrameSpec:
+    if not frame.static and not frame.rate_hz:
+        raise InvalidValueError("rate_hz", None, "'rate_hz' is needed here")
+    return frame
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FrameTree(_Part):
     """The transforms of one agent."""
 
     #: One transform each.
-    frames: tuple[FrameSpec, ...] = field(default=(), metadata=read_by(_read_frames))
+    frames: tuple[Annotated[FrameSpec, ReadAs(FrameSpec, _frame)], ...] = ()
     #: Frames leave the agent as ``<agent>/<frame>``, as paper A, section 4.1 asks.
     prefix_frames: bool = True
     #: Frames that all agents mean by the same name and that are never prefixed.
@@ -344,12 +329,12 @@ class AgentSpec(_Part):
     sensors: tuple[SensorSpec, ...] = ()  #: What its metadata announces.
     tf: FrameTree = field(default_factory=FrameTree)  #: Its transforms.
     #: Topics, without those of `sensors`, `tf` and `lifecycle`.
-    publishes: tuple[TopicUse, ...] = field(default=(), metadata=short_for("name"))
-    subscribes: tuple[TopicUse, ...] = field(default=(), metadata=short_for("name"))  #: Topics.
-    serves: tuple[NameUse, ...] = field(default=(), metadata=_SERVICES)  #: Services.
-    calls: tuple[NameUse, ...] = field(default=(), metadata=_SERVICES)  #: Services.
-    action_servers: tuple[NameUse, ...] = field(default=(), metadata=_ACTIONS)  #: Actions.
-    action_clients: tuple[NameUse, ...] = field(default=(), metadata=_ACTIONS)  #: Actions.
+    publishes: tuple[Annotated[TopicUse, ShortFor("name")], ...] = ()
+    subscribes: tuple[Annotated[TopicUse, ShortFor("name")], ...] = ()  #: Topics.
+    serves: tuple[Service, ...] = ()  #: Services.
+    calls: tuple[Service, ...] = ()  #: Services.
+    action_servers: tuple[Action, ...] = ()  #: Actions.
+    action_clients: tuple[Action, ...] = ()  #: Actions.
     #: The machine it runs on; None where the file does not say, so that it cannot be deployed.
     host: HostSpec | None = None
 
@@ -374,33 +359,36 @@ class _GlobalDomain:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class FleetKeys:
-    """Keys of a fleet file that `Fleet` holds in another form."""
+class _Shared(_Part):
+    """Fields that a fleet and its file have in common."""
 
-    #: The domain that all routers join.
-    border: _GlobalDomain = field(default_factory=_GlobalDomain, metadata=named("global"))
-    #: What crosses: Table 1 of paper A, or rules of one's own.
-    policy: Literal["table-1"] | tuple[ForwardRule, ...] = field(
-        default="table-1", metadata=short_for("pattern")
-    )
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Fleet(_Part):
-    """Agents that share a global domain."""
-
-    name: str = field(metadata=named("fleet"))  #: What the fleet is called.
-    #: The domain that all routers join, D_0 in the paper.
-    global_domain: int = field(default=0, metadata=ELSEWHERE)
-    policy: Policy = field(default_factory=Policy, metadata=ELSEWHERE)  #: What crosses.
+    name: str = field(metadata=named("fleet"))  #: Name of the fleet.
     #: Whether ROS 2's tools list on each agent what could be had from the others, before anybody subscribes.
     offers: bool = True
     #: How agents learn what the others are: each is asked, as in the paper, or offers it on one topic of all.
     descriptions: Literal["asked", "offered"] = "asked"
     #: In the order of the file; at least one.
-    agents: tuple[AgentSpec, ...] = field(metadata=by_name("name"))
-    #: What is the same on all their machines.
+    agents: Annotated[tuple[AgentSpec, ...], ByName("name")]
+    #: Settings of all their machines.
     deployment: DeploymentSpec = field(default_factory=DeploymentSpec)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FleetFile(_Shared):
+    """Agents that share a global domain."""
+
+    #: The domain that all routers join.
+    border: _GlobalDomain = field(default_factory=_GlobalDomain, metadata=named("global"))
+    #: Rules of what crosses: Table 1 of paper A, or own rules.
+    policy: Literal["table-1"] | tuple[Annotated[ForwardRule, ShortFor("pattern")], ...] = "table-1"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Fleet(_Shared):
+    """Agents that share a global domain."""
+
+    global_domain: int = 0  #: The domain that all routers join, D_0 in the paper.
+    policy: Policy = field(default_factory=Policy)  #: What crosses.
     #: Where each rule of the policy stands; empty where the file names a known one.
     rule_places: tuple[Place, ...] = field(default=(), compare=False, repr=False)
 
@@ -438,51 +426,56 @@ def read_fleet(text: str, file: str = "fleet.yaml") -> Fleet:
 
 
 def _read(document: Document) -> Fleet:
-    top = document.section()
-    keys = top.read(FleetKeys, whole_section=False)
-    policy, places = _policy(top, keys)
-    fleet = top.read(
-        Fleet,
-        global_domain=keys.border.domain,
+    file = document.read(FleetFile)
+    if not file.agents:
+        raise document.refusal(("agents",), None, "at least one agent")
+    for agent in file.agents:
+        _check_name(agent, document)
+    policy, places = _policy(document, file)
+    return Fleet(
+        place=file.place,
+        name=file.name,
+        global_domain=file.border.domain,
         policy=policy,
-        agents=tuple(
-            _read_agent(agent, section, keys.border.interface)
-            for agent, section in top.members("agents")
-        ),
-        deployment=_read_deployment(top.section("deployment"), top.text("fleet")),
+        offers=file.offers,
+        descriptions=file.descriptions,
+        agents=tuple(_agent(agent, file.border.interface) for agent in file.agents),
+        deployment=_deployment(document, file),
         rule_places=places,
     )
-    if not fleet.agents:
-        raise top.refusal("agents", None, "at least one agent")
-    return fleet
 
 
-def _read_deployment(section: Section, fleet: str) -> DeploymentSpec:
-    """Read what is the same for all machines; without the section, everything has its default."""
-    name = re.sub("[^a-z0-9]+", "-", fleet.lower()).strip("-") or "fleet"
-    given: dict[str, Any] = {} if section.has("images") else {"images": f"localhost/{name}"}
-    return section.read(DeploymentSpec, **given)
-
-
-def _policy(top: Section, keys: FleetKeys) -> tuple[Policy, tuple[Place, ...]]:
-    if isinstance(keys.policy, str):
-        return Policy(rules=TABLE_1), ()
-    open_rules = tuple(
-        replace(r, directions=r.directions or frozenset(Direction)) for r in keys.policy
-    )
-    if not open_rules:
-        raise top.refusal("policy", [], "'table-1' or at least one rule: nothing would ever cross")
-    return Policy(rules=open_rules), tuple(s.here for s in top.items("policy", short="pattern"))
-
-
-def _read_agent(name: str, section: Section, interface: str | None) -> AgentSpec:
+def _check_name(agent: AgentSpec, document: Document) -> None:
     try:
-        validate_agent(name)
+        validate_agent(agent.name)
     except FqnError as error:
-        raise DocumentError(section.here, name, error.allowed) from error
-    return section.read(
-        AgentSpec, name=name, global_interface=section.text("global_interface", interface)
+        path = ("agents", agent.name)
+        raise document.refusal(path, agent.name, error.allowed) from error
+
+
+def _agent(agent: AgentSpec, interface: str | None) -> AgentSpec:
+    return replace(agent, global_interface=agent.global_interface or interface)
+
+
+def _deployment(document: Document, file: FleetFile) -> DeploymentSpec:
+    """Return what is the same for all machines, images by default under the fleet's name."""
+    if "images" in document.value.get("deployment", ()):
+        return file.deployment
+    name = re.sub("[^a-z0-9]+", "-", file.name.lower()).strip("-") or "fleet"
+    return replace(file.deployment, images=f"localhost/{name}")
+
+
+def _policy(document: Document, file: FleetFile) -> tuple[Policy, tuple[Place, ...]]:
+    if isinstance(file.policy, str):
+        return Policy(rules=TABLE_1), ()
+    if not file.policy:
+        allowed = "'table-1' or at least one rule: nothing would ever cross"
+        raise document.refusal(("policy",), [], allowed)
+    rules = tuple(
+        replace(rule, directions=rule.directions or frozenset(Direction)) for rule in file.policy
     )
+    places = tuple(document.place(("policy", position)) for position in range(len(rules)))
+    return Policy(rules=rules), places
 
 
 def _describe(sensor: SensorSpec) -> SensorDescription:

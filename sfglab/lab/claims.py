@@ -11,9 +11,9 @@ from collections.abc import (
 from dataclasses import dataclass, field, replace
 from enum import Enum
 from statistics import median
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from sfglab.documents import OR_NULL, Document, Section, read_by
+from sfglab.documents import OR_NULL, Document
 from sfglab.errors import InvalidValueError
 from sfglab.lab.stats import Estimate, rounded
 from sfglab.tables import Shown, columns, html_table, text_table
@@ -81,14 +81,14 @@ class Claim(Shown):
     where: str  #: Paper and place.
     says: str  #: The statement.
     #: The paper's figure in `unit`; None where the statement is not a number.
-    paper: float | None = field(metadata=read_by(Section.get))
+    paper: Annotated[float | None, OR_NULL]
     unit: str  #: Unit of the paper's figure and of ours.
     band: tuple[float, float]  #: Lowest and highest figure that counts as reproduced.
     better: Literal["above", "below"] | None = None  #: The band's end beyond which ours is better.
     #: The statement's other figures, such as a range's other end: what each is, and its band.
     ends: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     #: Name of the experiment that measures it; None: there is none yet.
-    experiment: str | None = field(metadata=OR_NULL)
+    experiment: Annotated[str | None, OR_NULL]
     #: Judges runs on the paper's own middleware; until then `band` does.
     criterion: Criterion | None = None
 
@@ -306,10 +306,10 @@ def render_own(claims: OwnLedger) -> str:
 def load_claims(path: Path | str) -> list[Claim]:
     """Read and check ``data/claims.yaml``; a `DocumentError` says where it is wrong and what is allowed."""
     claims: dict[str, Claim] = {}
-    for entry in Document.of_file(path).items():
-        claim = entry.read(Claim)
+    document = Document.of_file(path)
+    for position, claim in enumerate(document.read(list[Claim])):
         if claim.id in claims:
-            raise entry.refusal("id", claim.id, "each claim once")
+            raise document.refusal((position, "id"), claim.id, "each claim once")
         claims[claim.id] = claim
     return list(claims.values())
 

@@ -8,14 +8,13 @@ from functools import partial
 from pathlib import Path  # noqa: TC003 - the same
 from typing import Any
 
-from sfglab.arp.topics import FileKeys, TopicFile, load_topics
-from sfglab.fleet.fleet_file import Fleet, FleetKeys, load_fleet
+from sfglab.arp.topics import TopicKeys, load_topics
+from sfglab.fleet.fleet_file import FleetFile, load_fleet
 from sfglab.lab.claims import Claim, load_claims
 from sfglab.schema import Schema, schema_of
 from sfglab.soc.graph import Graph, load_graph
 from sfglab.spatial.mocap.mapping import MocapMapping, load_mapping
-from sfglab.spatial.scene.files import load_scene
-from sfglab.spatial.scene.schema import scene_schema
+from sfglab.spatial.scene.files import load_scene, scene_keys
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,19 +34,21 @@ FORMATS = {
         "sfglab fleet lint",
         "fleets/*.yaml",
         load_fleet,
-        partial(schema_of, FleetKeys, Fleet),
+        partial(schema_of, FleetFile),
     ),
     "qos": Format(
         "Topics for QoS planning",
         "sfglab qos",
         "qos/*.yaml",
         load_topics,
-        partial(schema_of, FileKeys, TopicFile),
+        partial(schema_of, TopicKeys),
     ),
     "graph": Format(
         "Computation graph", "sfglab map", "graphs/*.yaml", load_graph, partial(schema_of, Graph)
     ),
-    "scene": Format("Scene", "sfglab plan", "scenes/*.yaml", load_scene, scene_schema),
+    "scene": Format(
+        "Scene", "sfglab plan", "scenes/*.yaml", load_scene, lambda: schema_of(scene_keys())
+    ),
     "mocap": Format(
         "Motion capture mapping",
         "sfglab mocap run",
@@ -60,6 +61,6 @@ FORMATS = {
         "sfglab claims",
         "claims.yaml",
         load_claims,
-        partial(schema_of, Claim, many=True),
+        partial(schema_of, list[Claim]),
     ),
 }

@@ -8,13 +8,15 @@ and what was read is written byte by byte the same. Refuses to know which mappin
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, fields, replace
 from enum import Enum
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
-from sfglab.documents import OR_NULL, Document, DocumentError, Place, Section, by_name, suggestion
-from sfglab.errors import InvalidValueError
+from sfglab.documents import OR_NULL, ByName, Document
+from sfglab.errors import InvalidValueError, KeyPath
+from sfglab.fields import between
 from sfglab.tables import html_table
+from sfglab.validation import suggestion
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping
@@ -47,9 +49,11 @@ class EdgeKind(Enum):
 class Implementation:
     """A node's implementation in the configurable logic."""
 
-    lut: int = 0  #: Look-up tables that it takes.
-    bram: float = 0.0  #: Block memories of 36 kbit that it takes; a half is one of 18 kbit.
-    time_s: float = 0.0  #: Time of one activation, s.
+    lut: int = between(0)  #: Look-up tables that it takes.
+    bram: float = between(
+        0.0
+    )  #: Block memories of 36 kbit that it takes; a half is one of 18 kbit.
+    time_s: float = between(0.0)  #: Time of one activation, s.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -58,10 +62,10 @@ class Node:
 
     name: str  #: Its name in the graph.
     placement: Placement = Placement.SOFTWARE  #: Where it runs.
-    rate_hz: float = 0.0  #: Activations per second; 0 where unknown.
-    software_s: float = 0.0  #: Time of one activation in software, s; 0 where unknown.
+    rate_hz: float = between(0.0)  #: Activations per second; 0 where unknown.
+    software_s: float = between(0.0)  #: Time of one activation in software, s; 0 where unknown.
     #: Its implementation in hardware; None where there is none, or nothing is known of it.
-    hardware: Implementation | None = field(default=None, metadata=OR_NULL)
+    hardware: Annotated[Implementation | None, OR_NULL] = None
 
     @property
     def in_hardware(self) -> bool:
@@ -77,9 +81,9 @@ class Topic:
     publishers: tuple[str, ...]  #: Names of the nodes of E_pub^t.
     subscribers: tuple[str, ...] = ()  #: Names of the nodes of E_sub^t.
     type: str = ""  #: ROS type of its messages; empty where unknown.
-    size_bytes: int | None = None  #: Size of a message; None where unknown.
+    size_bytes: int | None = between(None)  #: Size of a message; None where unknown.
     #: Messages per second of all publishers together; None where unknown.
-    rate_hz: float | None = None
+    rate_hz: float | None = between(None)
     #: How it is implemented; in software unless something else is said, as in the paper.
     mapping: TopicMapping = TopicMapping.SOFTWARE
 
@@ -115,8 +119,8 @@ class Graph:
     """
 
     #: N, in the order in which they were named.
-    nodes: tuple[Node, ...] = field(metadata=by_name("name"))
-    topics: tuple[Topic, ...] = field(default=(), metadata=by_name("name"))  #: T, likewise.
+    nodes: Annotated[tuple[Node, ...], ByName("name")]
+    topics: Annotated[tuple[Topic, ...], ByName("name")] = ()  #: T, likewise.
     name: str = ""  #: What it is called.
     description: str = ""  #: Where it comes from and what it is for.
 
@@ -124,11 +128,11 @@ class Graph:
         _check_names("nodes", [node.name for node in self.nodes])
         _check_names("topics", [topic.name for topic in self.topics])
         for node in self.nodes:
-            key, hardware = f"nodes.{node.name}", node.hardware or Implementation()
-            _check_not_negative(f"{key}.rate_hz", node.rate_hz)
-            _check_not_negative(f"{key}.software_s", node.software_s)
+            path, hardware = ("nodes", node.name), node.hardware or Implementation()
+            _check_not_negative((*path, "rate_hz"), node.rate_hz)
+            _check_not_negative((*path, "software_s"), node.software_s)
             for part in fields(hardware):
-                _check_not_negative(f"{key}.hardware.{part.name}", getattr(hardware, part.name))
+                _check_not_negative((*path, "hardware", part.name), getattr(hardware, part.name))
         known = {node.name: node for node in self.nodes}
         for topic in self.topics:
             _check_topic(topic, known)
@@ -197,7 +201,7 @@ def _named(key: str, name: str, members: Iterable[_Member]) -> _Member:
     return known[name]
 
 
-def _unknown(key: str, name: str, known: Iterable[str]) -> InvalidValueError:
+def _unknown(key: str | KeyPath, name: str, known: Iterable[str]) -> InvalidValueError:
     listed = sorted(known)
     some = ", ".join(listed[:12]) + (", ..." if len(listed) > 12 else "")
     return InvalidValueError(
@@ -211,34 +215,34 @@ def _check_names(key: str, names: list[str]) -> None:
     for name, times in Counter(names).items():
         if times > 1:
             raise InvalidValueError(
-                f"{key}.{name}", name, f"each name once, and it is defined {times} times"
+                (key, name), name, f"each name once, and it is defined {times} times"
             )
 
 
 def _check_topic(topic: Topic, known: Mapping[str, Node]) -> None:
-    key = f"topics.{topic.name}"
+    path = ("topics", topic.name)
     for part, names in (("publishers", topic.publishers), ("subscribers", topic.subscribers)):
         for name, times in Counter(names).items():
             if name not in known:
-                raise _unknown(f"{key}.{part}", name, known)
+                raise _unknown((*path, part), name, known)
             if times > 1:
                 allowed = f"each node once, and it stands there {times} times"
-                raise InvalidValueError(f"{key}.{part}", name, allowed)
+                raise InvalidValueError((*path, part), name, allowed)
     if not topic.publishers:
         raise InvalidValueError(
-            f"{key}.publishers", None, "at least one node that publishes the topic"
+            (*path, "publishers"), None, "at least one node that publishes the topic"
         )
-    _check_not_negative(f"{key}.size_bytes", topic.size_bytes)
-    _check_not_negative(f"{key}.rate_hz", topic.rate_hz)
+    _check_not_negative((*path, "size_bytes"), topic.size_bytes)
+    _check_not_negative((*path, "rate_hz"), topic.rate_hz)
     outside = [name for name in topic.members if not known[name].in_hardware]
     if topic.mapping is TopicMapping.HARDWARE and outside:
         allowed = f"software or gateway, as {outside[0]!r} is placed in software"
-        raise InvalidValueError(f"{key}.mapping", topic.mapping.value, allowed)
+        raise InvalidValueError((*path, "mapping"), topic.mapping.value, allowed)
 
 
-def _check_not_negative(key: str, value: float | None) -> None:
+def _check_not_negative(path: KeyPath, value: float | None) -> None:
     if value is not None and not 0 <= value < float("inf"):
-        raise InvalidValueError(key, value, "a finite number from 0")
+        raise InvalidValueError(path, value, "a finite number from 0")
 
 
 _WIDTH = 110
@@ -307,27 +311,4 @@ def _present(**values: Any) -> dict[str, Any]:
 
 def read_graph(document: Document) -> Graph:
     """Read a graph; raises `DocumentError`, as `load_graph`, for what the graph itself refuses too."""
-    try:
-        return _read_graph(document.section())
-    except DocumentError:
-        raise
-    except InvalidValueError as error:
-        raise DocumentError(
-            Place(file=document.file, key=error.place), error.given, error.allowed
-        ) from error
-
-
-def _read_graph(top: Section) -> Graph:
-    top.get("nodes")
-    graph = Graph(
-        name=top.text("name", ""),
-        description=top.text("description", ""),
-        nodes=tuple(section.read(Node, name=name) for name, section in top.members("nodes")),
-        # A topic without publishers is the graph's to refuse.
-        topics=tuple(
-            section.read(Topic, name=name, publishers=section.texts("publishers"))
-            for name, section in top.members("topics")
-        ),
-    )
-    top.close()
-    return graph
+    return document.read(Graph)

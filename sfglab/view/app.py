@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sfglab.documents import suggestion
 from sfglab.errors import InvalidValueError
+from sfglab.validation import suggestion
 from sfglab.view import rerunning
 from sfglab.view.arrivals import Arrival, open_log
 from sfglab.view.bridge import Bridge

@@ -62,7 +62,10 @@ def line(text: str) -> str:
 
 MISTAKES = [  # beside what `test_documents.py` has for every file
     ("topics: {}", r"topics: given \{\}, allowed: one topic at least"),
-    ("topics: {a: {}}", r"topics\.a: given 'a', allowed: a full topic name"),
+    (
+        "topics: {a: {from: r, to: s, size_bytes: 8}}",
+        r"topics\.a: given 'a', allowed: a full topic name",
+    ),
     (line("from: r, to: r, size_bytes: 8"), r"topics\./a\.to: given 'r', allowed: another host"),
     (
         line("from: r, to: [s, s], size_bytes: 8"),

@@ -90,7 +90,7 @@ def test_rules_of_ones_own_become_a_policy():
         (("rate_hz: 1", "rate_hz: -1"), "agents.go2.publishes[1].rate_hz", 8, "above zero"),
         (("pi1:", "torq:"), "agents.torq", 10, "a DDS router breaks it"),
         (("pi1:", "camera_1:"), "agents.camera_1", 10, "mistaken"),
-        (("/tf\n", "tf\n"), "agents.go2.publishes[0].name", 6, "absolute name"),
+        (("/tf\n", "tf\n"), "agents.go2.publishes[0]", 6, "absolute name"),
         (
             ("fleet: pair\n", "policy: table-2\nfleet: pair\n"),
             "policy",

@@ -47,13 +47,16 @@ def test_what_stands_in_a_file_once_has_its_default_elsewhere():
 MISTAKES = [
     (
         "nodes: {camera: {}}\ntopics: {t: {publishers: [camera], subscribers: [camra]}}",
-        "g.yaml: topics.t.subscribers: given 'camra', allowed: one of camera; did you mean 'camera'?",
+        "g.yaml:2: topics.t.subscribers: given 'camra', allowed: one of camera; did you mean 'camera'?",
     ),
     (
         "nodes: {a: {}}\ntopics: {t: {subscribers: [a]}}",
-        "g.yaml: topics.t.publishers: nothing is given, allowed: at least one node that publishes the topic",
+        "g.yaml:2: topics.t.publishers: nothing is given, allowed: 'publishers' is needed here",
     ),
-    ("nodes: {a: {}}\ntopics: {t: {publishers: []}}", "topics.t.publishers: nothing is given"),
+    (
+        "nodes: {a: {}}\ntopics: {t: {publishers: []}}",
+        "topics.t.publishers: nothing is given, allowed: at least one node that publishes the topic",
+    ),
     (
         "nodes: {a: {}}\ntopics: {t: {publishers: [a, a]}}",
         "topics.t.publishers: given 'a', allowed: each node once, and it stands there 2 times",

@@ -9,6 +9,7 @@ import pytest
 
 from sfglab.component import beside
 from sfglab.documents import DocumentError
+from sfglab.errors import InvalidValueError
 from sfglab.lab.checks.trees import figure_6
 from sfglab.messages import deserialize, message_type, ns_from_stamp, serialize
 from sfglab.names import TF_STATIC
@@ -222,11 +223,11 @@ REFUSED = [  # beside what `test_documents.py` has for every file, and `checks.t
     ),
     (
         "world: map\nobjects: {a: {via: 3}}",
-        r"objects\.a\.via: given 3, allowed: the name of a frame",
+        r"objects\.a\.via: given 3, allowed: a text",
     ),
     (
         GOOD + "    frame:\n",
-        r"m\.yaml:5: objects\.a\.frame: nothing is given, allowed: the name of a frame",
+        r"m\.yaml:5: objects\.a\.frame: nothing is given, allowed: a text",
     ),
     (
         GOOD + "  b:\n    via: a/markers\n",
@@ -252,5 +253,5 @@ def test_what_the_mapping_must_not_say_is_refused_with_its_place(text, says):
 
 def test_a_mapping_that_is_built_is_checked_too():
     objects = {id_: MappedObject(id=id_, via="a/markers") for id_ in ("a", "b")}
-    with pytest.raises(DocumentError, match="a frame of its own"):
+    with pytest.raises(InvalidValueError, match="a frame of its own"):
         MocapMapping(world="map", objects=objects)

@@ -12,13 +12,15 @@ from typing import TYPE_CHECKING, Any
 from sfglab.deploy.routers.dds_router import VERSION, accepts, probe_names
 from sfglab.deploy.shapes import check_shape
 from sfglab.deploy.verdicts import Broken, Rules, worst_first
-from sfglab.documents import Document, KeyPath
+from sfglab.documents import Document
 from sfglab.fleet.lint import Finding, Severity
 from sfglab.fleet.policy import Direction, Policy
 from sfglab.names import TF_STATIC, dds_topic
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
+
+    from sfglab.errors import KeyPath
 
 Config = dict[str, Any]
 

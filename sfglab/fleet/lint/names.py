@@ -5,12 +5,12 @@ from __future__ import annotations
 from itertools import product
 from typing import TYPE_CHECKING
 
-from sfglab.documents import suggestion
 from sfglab.fleet.lint.report import Finding, Severity, a_remark, a_warning, an_error
 from sfglab.fleet.policy import Crossing
 from sfglab.fleet.status.description import DescriptionError
 from sfglab.names import TF, TF_STATIC, FqnError, ResourceKind, Scope, parse
 from sfglab.qos import Durability, incompatibilities
+from sfglab.validation import suggestion
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -9,10 +9,10 @@ somewhere within it, is where the cameras see it. Pure.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
-from sfglab.documents import Document, DocumentError, KeyPath, Place, Section, by_name, read_by
-from sfglab.errors import InvalidValueError
+from sfglab.documents import ByName, Document, ReadAs
+from sfglab.errors import InvalidValueError, KeyPath, key_text
 from sfglab.spatial.mocap.tracking import Capture, Limits, MocapError
 from sfglab.spatial.poses import Pose, PoseError, PoseKeys, StampedTransform
 
@@ -23,27 +23,20 @@ if TYPE_CHECKING:
     from sfglab.spatial.frames.buffer import FrameBuffer
 
 
-class _TakenError(DocumentError):
-    """A frame that another object moves already; its key as a path finds its line in a document."""
-
-    path: KeyPath
-
-
-def _frame(section: Section, key: str) -> str:
-    value = section.get(key)
-    if not isinstance(value, str) or not value or value != value.strip() or value.startswith("/"):
-        raise section.refusal(key, value, "the name of a frame, without leading slash")
+def _frame(value: str) -> str:
+    if value != value.strip() or value.startswith("/"):
+        raise InvalidValueError((), value, "the name of a frame, without leading slash")
     return value
 
 
-def _offset(section: Section, key: str) -> Pose:
-    inner = section.section(key)
-    position, quat = inner.numbers("position_m", 3), inner.numbers("quat_xyzw", 4, Pose().quat_xyzw)
-    inner.close()
+def _offset(keys: PoseKeys) -> Pose:
     try:
-        return Pose(position_m=position, quat_xyzw=quat)
+        return Pose(position_m=keys.position_m, quat_xyzw=keys.quat_xyzw)
     except PoseError as error:
-        raise inner.refusal("quat_xyzw", error.given, error.allowed) from error
+        raise InvalidValueError("quat_xyzw", error.given, error.allowed) from error
+
+
+Frame = Annotated[str, ReadAs(str, _frame)]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -52,12 +45,12 @@ class MappedObject:
 
     id: str  #: Its name there.
     #: The proxy: the frame of the agent's tree that the object stands for, as "agent_x/markers".
-    via: str = field(metadata=read_by(_frame))
+    via: Frame
     #: The frame that is published, as "agent_x/base"; empty for whatever is the root of the agent's tree.
-    frame: str = field(default="", metadata=read_by(_frame))
+    frame: Frame = ""
     #: Where `via` is in the object's own frame (``object_from_via``); the same place by default, else as
     #: `estimate_offset` finds it.
-    offset: Pose = field(default_factory=Pose, metadata=read_by(_offset, like=PoseKeys))
+    offset: Annotated[Pose, ReadAs(PoseKeys, _offset)] = field(default_factory=Pose)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -68,8 +61,8 @@ class MocapMapping:
         InvalidValueError: There is no object, two stand for one frame, or a frame is the world.
     """
 
-    world: str = field(metadata=read_by(_frame))  #: The frame in which the capture system measures.
-    objects: dict[str, MappedObject] = field(metadata=by_name("id"))  #: The objects, by their ids.
+    world: Frame  #: The frame in which the capture system measures.
+    objects: Annotated[dict[str, MappedObject], ByName("id")]  #: The objects, by their ids.
     limits: Limits = field(default_factory=Limits)  #: What no object outdoes.
 
     def __post_init__(self) -> None:
@@ -87,30 +80,18 @@ class MocapMapping:
                     raise _taken(path, frame, before)
 
 
-def _taken(path: KeyPath, frame: str, before: KeyPath) -> _TakenError:
-    key, holder = (".".join(map(str, p)) for p in (path, before))
-    error = _TakenError(
-        Place(file="mapping", key=key), frame, f"a frame of its own; {holder} has that one"
-    )
-    error.path = path
-    return error
+def _taken(path: KeyPath, frame: str, before: KeyPath) -> InvalidValueError:
+    return InvalidValueError(path, frame, f"a frame of its own; {key_text(before)} has that one")
 
 
 def load_mapping(path: Path | str) -> MocapMapping:
     """Read a mapping's YAML file, as ``data/mocap/two_agents.yaml``; DocumentError says where it is wrong."""
-    return _mapping(Document.of_file(path))
+    return Document.of_file(path).read(MocapMapping)
 
 
 def read_mapping(text: str, *, file: str = "mapping.yaml") -> MocapMapping:
     """Read a mapping from a YAML file's text, its name for messages; DocumentError as of `load_mapping`."""
-    return _mapping(Document(text, file))
-
-
-def _mapping(document: Document) -> MocapMapping:
-    try:
-        return document.section().read(MocapMapping)
-    except _TakenError as error:
-        raise DocumentError(document.place(error.path), error.given, error.allowed) from error
+    return Document(text, file).read(MocapMapping)
 
 
 class PlacingError(MocapError):

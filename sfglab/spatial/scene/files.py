@@ -8,29 +8,30 @@ that read back as the same float.
 from __future__ import annotations
 
 import re
-from dataclasses import fields, replace
+from dataclasses import dataclass, field, fields, make_dataclass, replace
+from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Union
 
-from sfglab.documents import Document, DocumentError, Section, suggestion
+from sfglab.documents import Document, DocumentError, ReadAs
 from sfglab.errors import InvalidValueError
+from sfglab.fields import between, bounds
 from sfglab.files import read_text, write_files
 from sfglab.spatial.poses import Pose, PoseError
 from sfglab.spatial.scene.objects import (
     KINDS,
     ROOT,
-    Property,
     SceneError,
     SceneObject,
     TrajectoryObject,
     WaypointObject,
 )
 from sfglab.spatial.scene.tree import SCENE_PROPERTIES, Draft, Scene
-from sfglab.spatial.trajectory.path import LATEST_NS
+from sfglab.spatial.trajectory.path import LATEST_NS, Align
 from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator
+    from collections.abc import Callable, Iterator
 
 FORMAT = 1  #: The version of the file format.
 _PLAIN = re.compile(r"[A-Za-z][A-Za-z0-9_./()+-]*( [A-Za-z0-9_./()+-]+)*")
@@ -119,7 +120,96 @@ def _text(value: str) -> str:
     return f'"{escaped}"'
 
 
-_LATEST_S = LATEST_NS // NS_PER_S
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PoseKeys:
+    """A pose in the parent."""
+
+    xyz_m: tuple[float, float, float]  #: Position along x, y and z.
+    #: Orientation, of length 1.
+    quat_xyzw: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 1.0)
+
+    def __post_init__(self) -> None:
+        try:
+            _pose(self)
+        except PoseError as error:  # the numbers are finite, so it is the quaternion's length
+            allowed = "a quaternion of length 1"
+            raise InvalidValueError("quat_xyzw", list(self.quat_xyzw), allowed) from error
+
+
+def _pose(keys: PoseKeys) -> Pose:
+    return Pose.at(keys.xyz_m, keys.quat_xyzw)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WaypointKeys(PoseKeys):
+    """Where a trajectory is at a time."""
+
+    id: int = field(metadata=bounds(1))  #: Never given to another object.
+    #: Above the previous waypoint's.
+    time_s: float = field(metadata=bounds(0, LATEST_NS // NS_PER_S))
+    name: str = ""  #: The name, if it has one.
+    align: Align = Align.NONE  #: The direction of its x axis.
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _SceneKeys:
+    """A scene for `sfglab plan`: agents, obstacles, zones and trajectories in one tree."""
+
+    sfglab_scene: Literal[1]  #: Version of the format.
+    name: Annotated[str, SCENE_PROPERTIES[0]] = "scene"  #: For people.
+    #: The frame of what stands at the top, for messages.
+    frame_id: Annotated[str, SCENE_PROPERTIES[1]] = "map"
+    #: Least distance of agents beyond their radii.
+    margin_m: Annotated[float, SCENE_PROPERTIES[2]] = 0.1
+    next_id: int = field(metadata=bounds(1))  #: A number above every id that was ever given.
+    objects: tuple[Any, ...] = ()  #: The objects.
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _ObjectKeys:
+    """An object of a scene."""
+
+    id: int = field(metadata=bounds(1))  #: Never given to another object.
+    name: str  #: For people; several objects may share one.
+    parent: int = between(ROOT)  #: Id of the object that holds it; 0: none.
+    #: Pose in its parent; by default that of the parent.
+    pose: Annotated[Pose, ReadAs(PoseKeys, _pose)] = field(default_factory=Pose)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _TrajectoryKeys(_ObjectKeys):
+    """A trajectory, which holds its waypoints."""
+
+    waypoints: tuple[WaypointKeys, ...] = ()  #: In order of time.
+
+
+@cache
+def scene_keys() -> type[Any]:
+    """Return the class of a scene file, whose objects are told apart by their kind."""
+    from pydantic import Field
+
+    kinds = tuple(_object_keys(kind) for kind in KINDS.values() if kind is not WaypointObject)
+    one: Any = Annotated[Union[kinds], Field(discriminator="kind")]  # noqa: UP007  # of a tuple
+    objects = ("objects", tuple[one, ...], field(default=()))
+    said = {"__doc__": _SceneKeys.__doc__}
+    return make_dataclass(
+        "Scene", [objects], bases=(_SceneKeys,), namespace=said, frozen=True, kw_only=True
+    )
+
+
+def _object_keys(kind: type[SceneObject]) -> type[Any]:
+    """Return the class of a kind of object in a file, with the object's own properties."""
+    kept = {f.name: f for f in fields(kind)}
+    keys: list[Any] = [("kind", Literal[kind.kind])]
+    for prop in kind.properties:
+        usual = kept[prop.name]
+        left_out: Any = field(default=usual.default, default_factory=usual.default_factory)
+        keys.append((prop.name, Annotated[Any, prop], left_out))
+    base = _TrajectoryKeys if kind is TrajectoryObject else _ObjectKeys
+    said = {"__doc__": kind.__doc__, "documented": kind}
+    return make_dataclass(
+        kind.__name__, keys, bases=(base,), namespace=said, frozen=True, kw_only=True
+    )
 
 
 def read_scene(text: str, *, file: str = "scene.yaml") -> Scene:
@@ -130,106 +220,50 @@ def read_scene(text: str, *, file: str = "scene.yaml") -> Scene:
             doubled id, a parent in its child, times that collide or run backwards, a bad number or quaternion.
     """
     try:
-        return _scene(Document(text, file).section())
+        return _scene(Document(text, file))
     except DocumentError as error:
         raise SceneError(str(error.place), error.given, error.allowed) from error
 
 
-def _scene(top: Section) -> Scene:
-    version = top.get("sfglab_scene")
-    if version is True or version != FORMAT:
-        raise top.refusal("sfglab_scene", version, f"{FORMAT}, the version that is read here")
-    values = _properties(top, SCENE_PROPERTIES)
-    next_id = top.whole("next_id", low=1)
-    objects = [thing for section in top.items("objects") for thing in _objects(section)]
-    top.close()
-    draft = Draft(Scene(**values))
-    _insert_all(draft, objects)
+def _scene(document: Document) -> Scene:
+    keys: Any = document.read(scene_keys())
+    draft = Draft(Scene(name=keys.name, frame_id=keys.frame_id, margin_m=keys.margin_m))
+    _insert_all(draft, list(_objects(document, keys.objects)))
     scene = draft.scene()
-    if next_id < scene.next_id:
-        raise top.refusal("next_id", next_id, f"a number above every id, from {scene.next_id}")
-    return replace(scene, next_id=next_id)
+    if keys.next_id < scene.next_id:
+        allowed = f"a number above every id, from {scene.next_id}"
+        raise document.refusal(("next_id",), keys.next_id, allowed)
+    return replace(scene, next_id=keys.next_id)
 
 
-Placed = tuple[str, SceneObject]  #: Where in the file, and what.
+Placed = tuple[str, SceneObject]  #: The place in the file, and the object.
 
 
-def _objects(section: Section) -> Iterator[Placed]:
-    """Yield an object and, for a trajectory, its waypoints, each with where it stands."""
-    kind = _kind(section)
-    pose = Pose()
-    if section.has("pose"):
-        inner = section.section("pose")
-        pose = _pose(inner)
-        inner.close()
-    thing = kind(
-        id=section.whole("id", low=1),
-        name=section.get("name"),
-        parent=section.whole("parent", ROOT, low=ROOT),
-        pose=pose,
-        **_properties(section, kind.properties),
+def _objects(document: Document, objects: tuple[Any, ...]) -> Iterator[Placed]:
+    """Yield an object and, for a trajectory, its waypoints, each with its place."""
+    for position, keys in enumerate(objects):
+        path = ("objects", position)
+        kind = KINDS[keys.kind]
+        thing = kind(**{f.name: getattr(keys, f.name) for f in fields(kind)})
+        yield str(document.place(path)), thing
+        if kind is TrajectoryObject:
+            before_ns = -1
+            for number, point in enumerate(keys.waypoints):
+                place = (*path, "waypoints", number)
+                waypoint = _waypoint_of(point, thing.id)
+                if waypoint.time_ns <= before_ns:
+                    allowed = f"a time above the previous waypoint's, {before_ns / NS_PER_S}"
+                    raise document.refusal((*place, "time_s"), point.time_s, allowed)
+                before_ns = waypoint.time_ns
+                yield str(document.place(place)), waypoint
+
+
+def _waypoint_of(keys: WaypointKeys, parent: int) -> WaypointObject:
+    time_ns = round(keys.time_s * NS_PER_S)
+    pose = _pose(keys)
+    return WaypointObject(
+        id=keys.id, name=keys.name, parent=parent, pose=pose, time_ns=time_ns, align=keys.align
     )
-    yield str(section.here), thing
-    if kind is TrajectoryObject:
-        yield from _waypoints(section, thing.id)
-    section.close()
-
-
-def _kind(section: Section) -> type[SceneObject]:
-    word = section.get("kind")
-    known = [name for name, kind in KINDS.items() if kind is not WaypointObject]
-    if word not in known:
-        raise section.refusal("kind", word, " or ".join(known) + suggestion(word, known))
-    return KINDS[word]
-
-
-def _waypoints(section: Section, parent: int) -> Iterator[Placed]:
-    before_ns = -1
-    for line in section.items("waypoints"):
-        time_ns = _time_ns(line, before_ns)
-        waypoint = WaypointObject(
-            id=line.whole("id", low=1),
-            name=line.get("name", ""),
-            parent=parent,
-            pose=_pose(line),
-            time_ns=time_ns,
-            **_properties(line, WaypointObject.properties),
-        )
-        line.close()
-        yield str(line.here), waypoint
-        before_ns = time_ns
-
-
-def _time_ns(section: Section, before_ns: int) -> int:
-    seconds = section.get("time_s")
-    if (
-        isinstance(seconds, bool)
-        or not isinstance(seconds, int | float)
-        or not 0 <= seconds <= _LATEST_S
-    ):
-        raise section.refusal("time_s", seconds, f"seconds from 0 to {_LATEST_S}")
-    time_ns = round(seconds * NS_PER_S)
-    if time_ns <= before_ns:
-        allowed = f"a time above the previous waypoint's, {before_ns / NS_PER_S}"
-        raise section.refusal("time_s", seconds, allowed)
-    return time_ns
-
-
-def _pose(section: Section) -> Pose:
-    position = section.numbers("xyz_m", 3)
-    quat = section.numbers("quat_xyzw", 4, (0.0, 0.0, 0.0, 1.0))
-    try:
-        return Pose.at(position, quat)
-    except PoseError as error:  # the numbers are finite, so it is the quaternion's length
-        raise section.refusal("quat_xyzw", list(quat), "a quaternion of length 1") from error
-
-
-def _properties(section: Section, properties: Iterable[Property]) -> dict[str, Any]:
-    return {
-        prop.name: prop.typed(section.get(prop.name), str(section.place_of(prop.name)))
-        for prop in properties
-        if section.has(prop.name)
-    }
 
 
 def _insert_all(draft: Draft, objects: list[Placed]) -> None:

@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from sfglab.errors import InvalidValueError
 from sfglab.fields import field_docs
-from sfglab.schema import Schema, text_schema
 from sfglab.spatial.poses import Pose
 from sfglab.spatial.trajectory.clearance import Box, Cylinder, Shape, Sphere
 from sfglab.spatial.trajectory.limits import Limits, Quantity
@@ -28,6 +27,7 @@ class SceneError(InvalidValueError):
 
 
 _LONGEST = 100
+Schema = dict[str, Any]
 _ABOVE_0, _FROM_0 = {"type": "number", "exclusiveMinimum": 0}, {"type": "number", "minimum": 0}
 _SHAPES: dict[str, type[Shape]] = {"box": Box, "sphere": Sphere, "cylinder": Cylinder}
 
@@ -53,6 +53,21 @@ class Property:
         except (ValueError, TypeError, KeyError, OverflowError) as error:
             raise SceneError(place, value, self.allowed) from error
 
+    def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> Any:
+        """Let pydantic read the property from a file."""
+        from pydantic_core.core_schema import no_info_plain_validator_function
+
+        return no_info_plain_validator_function(self._read)
+
+    def _read(self, value: Any) -> Any:
+        try:
+            return self.parse(value)
+        except (ValueError, TypeError, KeyError, OverflowError) as error:
+            raise InvalidValueError((), value, self.allowed) from error
+
+    def __get_pydantic_json_schema__(self, core: Any, handler: Any) -> Any:
+        return dict(self.schema)
+
 
 def as_name(value: Any) -> str:
     """Return a name: 1 to 100 printable characters; ValueError where it is none."""
@@ -63,7 +78,7 @@ def as_name(value: Any) -> str:
 
 def text(name: str) -> Property:
     """Return the property of a short text."""
-    schema = text_schema(maxLength=_LONGEST)
+    schema = {"type": "string", "minLength": 1, "maxLength": _LONGEST}
     return Property(
         name=name, allowed=f"1 to {_LONGEST} printable characters", parse=as_name, schema=schema
     )
