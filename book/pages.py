@@ -101,10 +101,12 @@ def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 def format_page(name: str, form: Format) -> str:
     """Return the page of a file format, made from its JSON Schema."""
     schema = form.schema()
+    defs = schema["$defs"]
+    schema = _inlined(schema, defs)
     example = min((ROOT / "data").glob(form.files), key=lambda p: p.stat().st_size)
     lines = example.read_text("utf-8").splitlines()
     shown = "\n".join(lines[:60] + ["# ..."] * (len(lines) > 60))
-    top = schema.get("items", schema)
+    top = defs[_target(schema["items"])] if "items" in schema else schema
     about = (
         f"{top['description']} Read by `{form.read_by}`; an editor takes `sfglab schema {name}`. "
         "A key with neither a default nor *needed* may be left out; *None* means that it is."
@@ -115,26 +117,48 @@ def format_page(name: str, form: Format) -> str:
     ]
     kinds = top["properties"].get("objects", {}).get("items", {}).get("oneOf", ())
     parts += [_mapping(f"Object: {kind['properties']['kind']['const']}", kind) for kind in kinds]
-    parts += [_mapping(_words(key), part) for key, part in schema["$defs"].items()]
+    parts += [
+        _mapping(_words(key), part)
+        for key, part in schema["$defs"].items()
+        if "properties" in part and part != top and part not in kinds
+    ]
     parts.append(
         f"## Example\n\n`data/{example.relative_to(ROOT / 'data')}`:\n\n```yaml\n{shown}\n```"
     )
     return "\n\n".join(parts) + "\n"
 
 
+def _target(part: dict[str, Any]) -> str:
+    """Return the name of the definition that a schema refers to."""
+    return str(part.get("$ref", "")).rpartition("/")[2]
+
+
+def _inlined(part: Any, defs: dict[str, Any]) -> Any:
+    """Return a schema with its choices, and its objects of several kinds, in their places."""
+    if isinstance(part, list):
+        return [_inlined(one, defs) for one in part]
+    if not isinstance(part, dict):
+        return part
+    target = defs.get(_target(part), {})
+    if "enum" in target or "kind" in target.get("properties", ()):
+        part = {**target, **part}
+        del part["$ref"]
+    return {key: _inlined(one, defs) for key, one in part.items()}
+
+
 def _words(name: str) -> str:
     """Return a definition's name as words: ``TopicUse`` becomes ``Topic use``."""
-    name = name.removesuffix("Named").removesuffix("Spec")
+    name = name.removeprefix("_").removesuffix("Keys").removesuffix("Spec")
     return name if name == "QoS" else re.sub(r"(?<=[a-z])(?=[A-Z])", " ", name).capitalize()
 
 
 def _mapping(title: str, schema: dict[str, Any]) -> str:
     rows = []
     for key, part in schema["properties"].items():
-        given = part.get("default", "**needed**" if key in schema["required"] else "")
+        given = part.get("default", "**needed**" if key in schema.get("required", ()) else "")
         default = given if given in ("", "**needed**") else f"`{json.dumps(given)}`"
         rows.append([f"`{key}`", kind_of(part), default, part.get("description", "")])
-    about = f"{schema['description'].splitlines()[0]}\n\n"
+    about = f"{schema['description']}\n\n"
     shown = table(["key", "type", "default", "meaning"], rows)
     return f"## {title}\n\n{about}:::{{container}} keys\n\n{shown}\n\n:::"
 

@@ -261,7 +261,7 @@ class Matching:
 
 @dataclass(frozen=True, slots=True)
 class ByName:
-    """A mapping stands for dataclasses, and its keys for one of their fields."""
+    """A mapping stands for dataclasses, which stand nowhere else, and its keys for one of their fields."""
 
     field: str  #: Name of the field.
 
@@ -291,11 +291,11 @@ class ByName:
 
     def __get_pydantic_json_schema__(self, core: Any, handler: Any) -> Any:
         shape = handler(core)
-        each = handler.resolve_ref_schema(shape.get("items") or shape["additionalProperties"])
-        properties = {key: one for key, one in each["properties"].items() if key != self.field}
-        required = [key for key in each.get("required", ()) if key != self.field]
-        member = {**each, "properties": properties, "required": required}
-        return {"type": "object", "additionalProperties": member}
+        each = shape.get("items") or shape["additionalProperties"]
+        members = handler.resolve_ref_schema(each)
+        del members["properties"][self.field]
+        members["required"].remove(self.field)
+        return {"type": "object", "additionalProperties": each}
 
 
 @dataclass(frozen=True, slots=True)

@@ -28,7 +28,10 @@ def _generator() -> type[Any]:
     from pydantic.json_schema import GenerateJsonSchema
 
     class Generator(GenerateJsonSchema):
-        """Says what a class and its fields are, from their documentation."""
+        """Says what a class and its fields are, from their documentation, in their order."""
+
+        def sort(self, value: Any, parent_key: str | None = None) -> Any:  # noqa: ARG002
+            return value
 
         def dataclass_schema(self, schema: Any) -> Schema:
             made = super().dataclass_schema(schema)
@@ -40,12 +43,18 @@ def _generator() -> type[Any]:
                     made["properties"][name]["description"] = text
             return made
 
+        def tuple_schema(self, schema: Any) -> Schema:
+            made = super().tuple_schema(schema)
+            if "prefixItems" in made:  # of one type here
+                made["items"] = made.pop("prefixItems")[0]
+            return made
+
     return Generator
 
 
 def _docs(cls: type[Any]) -> dict[str, str]:
     """Return the documentation of a class's fields by their keys in a file."""
-    texts = field_docs(cls) | field_docs(getattr(cls, "documented", cls))
+    texts = field_docs(getattr(cls, "documented", cls)) | field_docs(cls)
     return {
         cls.__dataclass_fields__[name].metadata.get("alias", name): text
         for name, text in texts.items()
@@ -59,9 +68,12 @@ def _plain(schema: Any) -> Any:
         return [_plain(one) for one in schema]
     if not isinstance(schema, dict):
         return schema
-    titled = isinstance(schema.get("title"), str)
-    return {
-        key: _plain(one)
-        for key, one in schema.items()
-        if not (titled and key == "title") and not (key == "default" and one is None)
-    }
+    made = {key: _plain(one) for key, one in schema.items()}
+    if isinstance(made.get("title"), str):
+        del made["title"]
+    if made.get("uniqueItems") and "default" in made:
+        made["default"] = sorted(made["default"])  # a set has no order
+    is_mapping = made.get("type") == "object"
+    if "default" in made and (made["default"] is None or is_mapping):
+        del made["default"]
+    return made

@@ -191,7 +191,7 @@ def test_what_is_left_out_has_its_default_and_stands_where_its_holder_does():
         ("spare:", "spare: nothing is given, allowed: a mapping"),
         ("tags: [x]", "tags[0]: given 'x', allowed: tags"),
         ("tags: [1]", "tags[0]: given 1, allowed: a text (quote it)"),
-        ("tags: t1", "tags: given 't1', allowed: a list of texts (quote numbers)"),
+        ("tags: t1", "tags: given 't1', allowed: a list"),
         ("place: {}", "place: given 'place', allowed: at_m, axles"),
         ("maybe: x", "maybe: given 'x', allowed: a finite number or nothing"),
         ("wheels: 3", "wheels: given 3, allowed: a list"),

@@ -77,7 +77,7 @@ def mappings(
         for key, inner in value.items():
             each = part.get("properties", {}).get(key, part.get("additionalProperties"))
             yield from mappings(schema, each, inner)
-    elif isinstance(value, list) and "items" in part:
+    elif isinstance(value, list):
         for inner in value:
             yield from mappings(schema, part["items"], inner)
 
@@ -171,5 +171,6 @@ def test_the_command_prints_and_writes_what_an_editor_reads(tmp_path):
         == FORMATS["fleet"].schema()
     )
     assert "'fleet', 'qos'" in called("schema", "flet", status=2)
-    topics = json.loads(called("schema", "qos"))["properties"]["topics"]
-    assert topics["additionalProperties"]["additionalProperties"] is False
+    topic = json.loads(called("schema", "qos"))["$defs"]["Topic"]
+    assert topic["additionalProperties"] is False
+    assert "name" not in topic["properties"]

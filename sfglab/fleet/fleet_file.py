@@ -117,7 +117,12 @@ def _folder(folder: str) -> str:
     return folder
 
 
+def _optional(name: str | None) -> str:
+    return _ros_name(name) if name else ""
+
+
 Topic = Annotated[str, ReadAs(str, _ros_name)]  #: Absolute name of a topic.
+OptionalTopic = Annotated[str, ReadAs(Annotated[str | None, OR_NULL], _optional)]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -267,9 +272,9 @@ class StreamSpec(_Part):
     #: Mean serialized size of a message; None: the file does not say.
     size_bytes: int | None = between(None, 1)
     #: Where the decoded stream belongs; empty: derived from `topic`.
-    decoded_topic: Topic = ""
+    decoded_topic: OptionalTopic = ""
     #: Where the calibration is published; empty: nowhere.
-    camera_info_topic: Topic = ""
+    camera_info_topic: OptionalTopic = ""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

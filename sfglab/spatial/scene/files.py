@@ -148,7 +148,9 @@ class WaypointKeys(PoseKeys):
     #: Above the previous waypoint's.
     time_s: float = field(metadata=bounds(0, LATEST_NS // NS_PER_S))
     name: str = ""  #: The name, if it has one.
-    align: Align = Align.NONE  #: The direction of its x axis.
+    align: Align = (
+        Align.NONE
+    )  #: The direction of its x axis; unless none, the orientation is derived.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
