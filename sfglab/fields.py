@@ -105,53 +105,38 @@ def field_docs(row_class: type[Any]) -> dict[str, str]:
     """Return the documentation of a dataclass's fields, inherited ones included; empty without source files."""
     docs: dict[str, str] = {}
     for base in reversed(row_class.__mro__):
-        docs |= _module_docs(base.__module__).get(base.__qualname__, {})
+        docs |= _module_docs(base.__module__).get(base.__name__, {})
     return docs
 
 
 @cache
 def _module_docs(module: str) -> dict[str, dict[str, str]]:
-    """Return the texts of all fields of a module's classes, by the class's qualified name."""
+    """Return the texts of all fields of a module's classes, by the class's name."""
     try:
         text = inspect.getsource(sys.modules[module])
     except (KeyError, OSError, TypeError):
         return {}
+    lines = text.splitlines()
     found: dict[str, dict[str, str]] = {}
-    _collect(ast.parse(text), "", text.splitlines(), found)
+    for node in ast.walk(ast.parse(text)):
+        if isinstance(node, ast.ClassDef):
+            fields = [one for one in node.body if isinstance(one, ast.AnnAssign)]
+            texts = {ast.unparse(field.target): _text(field, lines) for field in fields}
+            found[node.name] = {name: text for name, text in texts.items() if text}
     return found
 
 
-def _collect(
-    node: ast.AST, prefix: str, lines: list[str], found: dict[str, dict[str, str]]
-) -> None:
-    for child in ast.iter_child_nodes(node):
-        if isinstance(child, ast.ClassDef):
-            name = prefix + child.name
-            texts = {
-                s.target.id: _text(s, lines)
-                for s in child.body
-                if isinstance(s, ast.AnnAssign) and isinstance(s.target, ast.Name)
-            }
-            found[name] = {field: text for field, text in texts.items() if text}
-            _collect(child, f"{name}.", lines, found)
-        elif isinstance(child, ast.FunctionDef | ast.AsyncFunctionDef):
-            _collect(child, f"{prefix}{child.name}.<locals>.", lines, found)
-        else:
-            _collect(child, prefix, lines, found)
-
-
 def _text(field: ast.AnnAssign, lines: list[str]) -> str:
-    """Return what stands behind ``#:`` on a field's last line, else on the lines directly above it."""
-    last = (
-        lines[(field.end_lineno or field.lineno) - 1].encode()[field.end_col_offset or 0 :].decode()
-    )
-    if "#:" in last:
-        return last.partition("#:")[2].strip()
+    """Return the text behind ``#:`` on a field's last line, else on the lines directly above it."""
+    last = lines[(field.end_lineno or field.lineno) - 1]
+    _, marker, text = last.encode()[field.end_col_offset :].decode().partition("#:")
+    if marker:
+        return text.strip()
     above: list[str] = []
-    line = field.lineno - 2
-    while line >= 0 and lines[line].strip().startswith("#:"):
-        above.insert(0, lines[line].strip().removeprefix("#:").strip())
-        line -= 1
+    for line in reversed(lines[: field.lineno - 1]):
+        if not line.lstrip().startswith("#:"):
+            break
+        above.insert(0, line.strip().removeprefix("#:").strip())
     return " ".join(above)
 
 

@@ -64,7 +64,7 @@ class Form:
         self._said = kit.HTML()
         self.controls: dict[str, Any] = {}
         self._fields = _fields_of(type(config))
-        self._bounds = _bounds_of(type(config)) | dict(within or {})
+        self._within = within or {}
         rows = {name: self._row(name) for name in self._fields if name not in _HIDDEN}
         shown = {name: row for name, row in rows.items() if row is not None}
         for name in first:
@@ -89,8 +89,8 @@ class Form:
 
     def _row(self, name: str) -> Any | None:
         """Return a field's widget with its unit; None where no widget can hold it."""
-        hint, text = self._fields[name]
-        control = self._control(hint, self._bounds.get(name), attrgetter(name)(self.config))
+        hint, bounds, text = self._fields[name]
+        control = self._control(hint, self._within.get(name, bounds), attrgetter(name)(self.config))
         if control is None:
             return None
         unit = unit_of(name, text)
@@ -151,24 +151,18 @@ class Form:
             self._on_change()
 
 
-def _fields_of(config_class: Any, part: str = "") -> dict[str, tuple[Any, str]]:
-    """Return a configuration's fields with their types and texts, those of its parts too, by name."""
-    found: dict[str, tuple[Any, str]] = {}
-    docs = field_docs(config_class)
+_Field = tuple[Any, Bounds | None, str]  #: The type, the bounds and the text of a field.
+
+
+def _fields_of(config_class: Any, part: str = "") -> dict[str, _Field]:
+    """Return a configuration's fields, those of its parts too, by name."""
+    found: dict[str, _Field] = {}
+    docs, bounds = field_docs(config_class), bounds_of(config_class)
     for name, field in typed_fields(config_class).items():
         if is_dataclass(field.type):
             found |= _fields_of(field.type, f"{part}{name}.")
         else:
-            found[part + name] = field.type, docs.get(name, "")
-    return found
-
-
-def _bounds_of(config_class: Any, part: str = "") -> dict[str, Bounds]:
-    """Return the bounds of a configuration's fields, those of its parts too, by name."""
-    found = {part + name: bounds for name, bounds in bounds_of(config_class).items()}
-    for name, field in typed_fields(config_class).items():
-        if is_dataclass(field.type):
-            found |= _bounds_of(field.type, f"{part}{name}.")
+            found[part + name] = field.type, bounds.get(name), docs.get(name, "")
     return found
 
 
