@@ -157,6 +157,8 @@ def test_only_facades_list_what_they_export_and_each_name_exists_once():
     ("package", "heavy"),
     [
         ("sfglab", "numpy av cyclonedds matplotlib pandas mcap cv2 asyncio"),
+        ("sfglab.fleet.policy", "numpy asyncio"),
+        ("sfglab.lab.paths", "numpy pandas asyncio"),
         ("sfglab.messages", "cyclonedds rosbags.typesys"),
         ("sfglab.codecs", "numba cv2 cyclonedds"),
     ],

@@ -144,6 +144,8 @@ class EndpointRemoved:
 
 
 EndpointEvent = EndpointAdded | EndpointRemoved
+"""A change of the graph: an endpoint appeared or disappeared."""
+
 Listener = Callable[[EndpointEvent], None]
 
 

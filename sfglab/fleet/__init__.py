@@ -1,1 +1,71 @@
-"""Fleets: what every agent of one runs, after paper A, section 4, and the file that describes them all."""
+"""Fleets: what every agent of one runs, after paper A, section 4, and the file that describes them all.
+
+A public name is loaded from its module at its first use, because a process that needs one module of this
+package starts faster without the others.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+__all__ = [
+    "TABLE_1",
+    "AgentDescription",
+    "AgentDiscoverer",
+    "DecoderConfig",
+    "Direction",
+    "DiscoverySettings",
+    "Fleet",
+    "ForwardRule",
+    "Offered",
+    "Policy",
+    "Router",
+    "RouterSettings",
+    "StatusProvider",
+    "StatusSettings",
+    "Withdrawn",
+    "agent_changes",
+    "discovery_topic",
+    "load_fleet",
+    "run_decoder",
+]
+
+_MODULES = {
+    "TABLE_1": "policy",
+    "AgentDescription": "status.description",
+    "AgentDiscoverer": "discovery.node",
+    "DecoderConfig": "decoder.node",
+    "Direction": "policy",
+    "DiscoverySettings": "discovery.node",
+    "Fleet": "fleet_file",
+    "ForwardRule": "policy",
+    "Offered": "discovery.listener",
+    "Policy": "policy",
+    "Router": "router.node",
+    "RouterSettings": "router.node",
+    "StatusProvider": "status.node",
+    "StatusSettings": "status.node",
+    "Withdrawn": "discovery.listener",
+    "agent_changes": "discovery.listener",
+    "discovery_topic": "discovery.listener",
+    "load_fleet": "fleet_file",
+    "run_decoder": "decoder.node",
+}
+
+if TYPE_CHECKING:
+    from sfglab.fleet.decoder.node import DecoderConfig, run_decoder
+    from sfglab.fleet.discovery.listener import Offered, Withdrawn, agent_changes, discovery_topic
+    from sfglab.fleet.discovery.node import AgentDiscoverer, DiscoverySettings
+    from sfglab.fleet.fleet_file import Fleet, load_fleet
+    from sfglab.fleet.policy import TABLE_1, Direction, ForwardRule, Policy
+    from sfglab.fleet.router.node import Router, RouterSettings
+    from sfglab.fleet.status.description import AgentDescription
+    from sfglab.fleet.status.node import StatusProvider, StatusSettings
+else:
+
+    def __getattr__(name: str) -> object:
+        """Load a public name (PEP 562)."""
+        if name not in _MODULES:
+            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        return getattr(import_module(f"{__name__}.{_MODULES[name]}"), name)

@@ -86,6 +86,7 @@ FAST_DDS = Vendor(
     ack_delay_ns=5 * NS_PER_MS,
     nack_response_ns=5 * NS_PER_MS,
 )
+"""Fast DDS with synchronous publication, without the heartbeats that sent bytes cause."""
 
 CYCLONE_DDS = Vendor(
     name="Cyclone DDS",
@@ -106,6 +107,7 @@ CYCLONE_DDS = Vendor(
     reorder_most=128,
     burst_bytes=1456,
 )
+"""Cyclone DDS with its default settings."""
 
 SEND_BUFFER_BYTES = 212_992
 """What Linux gives a socket by default to send from (net.core.wmem_default)."""
@@ -129,6 +131,7 @@ FAST_DDS_SYNC = replace(
     extra_bytes=76,  # INFO_DST, and a submessage of its own, 0x80, for statistics (measured: 2.14 and 3.2)
     gap_for_gone=False,  # ReaderProxy.cpp: a GAP is for what lies between samples that are still there
 )
+"""Fast DDS 2.4 to 3.2 with synchronous publication."""
 
 FAST_DDS_ASYNC = replace(
     FAST_DDS_SYNC,
@@ -137,6 +140,7 @@ FAST_DDS_ASYNC = replace(
     # the next).
     asynchronous=True,
 )
+"""Fast DDS 2.4 to 3.2 with asynchronous publication."""
 
 FAST_DDS_FOXY = replace(
     FAST_DDS_SYNC,
@@ -156,4 +160,7 @@ PRESETS = {
     "fast_dds_async": FAST_DDS_ASYNC,
     "fast_dds_foxy": FAST_DDS_FOXY,
 }
-"""``fast_dds`` is the synchronous mode before its bytes were counted; committed runs were made with it."""
+"""The vendors by the names that configurations use.
+
+``fast_dds`` is the synchronous mode before its bytes were counted; committed runs were made with it.
+"""

@@ -31,6 +31,7 @@ EXPERIMENTS = (
     "deployment",
     "ros2",
 )
+"""Names of the experiments."""
 
 
 def experiment(name: str) -> Experiment[Any]:
