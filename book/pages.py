@@ -34,6 +34,11 @@ if TYPE_CHECKING:
     from sfglab.lab.experiment import Experiment
 
 ROOT = Path(__file__).parents[1]
+SURFACE = (
+    *("bus", "messages", "record", "fleet", "fleet.lint", "arp", "rtps", "soc", "spatial", "view"),
+    *("lab", "lab.experiments", "lab.explore", "lab.notebook"),
+)
+"""Packages and modules with public names."""
 
 
 def write_pages(folder: Path) -> None:
@@ -69,6 +74,7 @@ def write_pages(folder: Path) -> None:
         (reference / "api" / f"{name}.md").write_text(package_page(name), encoding="utf-8")
     (reference / "commands.md").write_text(commands_page(), encoding="utf-8")
     (reference / "experiments.md").write_text(experiments_page(), encoding="utf-8")
+    (reference / "names.md").write_text(names_page(), encoding="utf-8")
     (reference / "ledger.md").write_text(ledger_page(), encoding="utf-8")
 
 
@@ -355,6 +361,42 @@ def _prose(doc: str) -> str:
         shown = "".join(f"`{p.strip('`')}`" if p.startswith("`") else _safe(p) for p in parts)
         made.append(paragraph if paragraph.startswith("    ") else shown)
     return "\n\n".join(made)
+
+
+# Public names
+
+
+def names_page() -> str:
+    """Return the page of the public names of all of `SURFACE`."""
+    about = (
+        "This page lists the public names of sfglab. Until version 0.1.0 is released, names change "
+        "freely. From 0.1.0 on, a changed name still works for one release and warns. Names that "
+        "this page does not list may change at any time."
+    )
+    parts = [f"# Public names\n\n{about}"]
+    for part in SURFACE:
+        rows = [*public_names(importlib.import_module(f"sfglab.{part}"))]
+        parts.append(f"## sfglab.{part}\n\n{table(['name', 'kind', 'meaning'], rows)}")
+    return "\n\n".join(parts) + "\n"
+
+
+def public_names(module: Any) -> Iterator[list[str]]:
+    """Yield name, kind and first sentence of each public name; without ``__all__``, of each function."""
+    own = [n for n, value in vars(module).items() if inspect.getmodule(value) is module]
+    for name in getattr(module, "__all__", [n for n in own if not n.startswith("_")]):
+        value = getattr(module, name)
+        kind, doc = "constant", constant_doc(Path(module.__file__).parent, name)
+        if inspect.isclass(value) or inspect.isroutine(value):
+            kind, doc = "class" if inspect.isclass(value) else "function", value.__doc__ or ""
+        yield [f"`{name}`", kind, _prose(re.split(r"(?<=\.)\s(?!\d)", doc)[0])]
+
+
+def constant_doc(folder: Path, name: str) -> str:
+    """Return the string below a constant of one of the modules in a folder."""
+    sources = [path.read_text("utf-8") for path in sorted(folder.rglob("*.py"))]
+    pattern = rf'^{name}\b.*\n(?:[ )}}\]].*\n)*"""([^"]+)"""'
+    found = re.search(pattern, "\n".join(sources), re.MULTILINE)
+    return found[1] if found else ""
 
 
 # The ledger

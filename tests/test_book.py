@@ -9,6 +9,7 @@ import subprocess
 import sys
 from contextlib import closing
 from html.parser import HTMLParser
+from importlib import import_module
 from pathlib import Path
 from urllib.parse import unquote, urlsplit
 
@@ -20,6 +21,10 @@ from sfglab.lab.experiments import EXPERIMENTS, experiment
 from sfglab.lab.formats import FORMATS
 
 ROOT = Path(__file__).parents[1]
+sys.path.append(str(ROOT / "book"))
+
+import pages  # noqa: E402
+
 PHONE = 390  # pixels
 LOADED = {("script", "src"), ("link", "href"), ("img", "src"), ("iframe", "src"), ("source", "src")}
 WIDER = "document.documentElement.scrollWidth > innerWidth || [...document.images].some(i => !i.naturalWidth)"
@@ -46,6 +51,20 @@ class Page(HTMLParser):
                 self.links.append(value)
             elif key == "href":
                 self.links.append(value)
+
+
+def test_the_page_of_names_has_a_sentence_for_each_public_name():
+    _, *sections = pages.names_page().split("\n## sfglab.")
+    for section in sections:
+        rows = dict(re.findall(r"^\| `(\w+)` \| \w+ \| (.*) \|$", section, re.MULTILINE))
+        package = import_module(f"sfglab.{section.split()[0]}")
+        assert rows.keys() == set(getattr(package, "__all__", rows)), package
+        assert [name for name, sentence in rows.items() if not sentence.endswith(".")] == []
+
+
+def test_a_constant_without_a_docstring_has_no_sentence(tmp_path):
+    (tmp_path / "a.py").write_text('A = 1\nB = (\n    2,\n)\n"""Two."""\n')
+    assert [pages.constant_doc(tmp_path, name) for name in "AB"] == ["", "Two."]
 
 
 @pytest.fixture(scope="module")
