@@ -344,7 +344,7 @@ def _module(path: Path) -> list[str]:
 
 def _entry(holder: str, name: str, value: Any) -> str:
     try:
-        signature = str(inspect.signature(value))
+        signature = re.sub(r"<function .*? at 0x\w+>", "...", str(inspect.signature(value)))
     except (TypeError, ValueError):
         signature = ""
     text = f"{'class ' if inspect.isclass(value) else ''}{name}{signature}"
