@@ -330,7 +330,7 @@ async def play_missing(  # noqa: PLR0913 - options
     path = bench.stack.enter_context(
         journaled.journals(bench.log.path, f"{bench.experiment}-{bench.config.profile}")
     )
-    with journaled.Journal(
+    with journaled.open_journal(
         path(table), journaled.identity_of(play_missing, [bench.config, *todo])
     ) as journal:
         turn = asyncio.Semaphore(at_once)
@@ -349,7 +349,7 @@ async def play_missing(  # noqa: PLR0913 - options
                         for job in missing:
                             cell, repeat = todo[job[0]], job[1]
                             made = await rows(hosts, cell, repeat)
-                            journal.add(journaled.Finished(*job, journaled.text_from_result(made)))
+                            journal.add(*job, journaled.text_from_result(made))
                             bench.advance(f"{preset}, repetition {repeat}")
                 except (ProcessFailedError, HostsError, TimeoutError) as error:
                     failed[job] += 1
@@ -359,7 +359,6 @@ async def play_missing(  # noqa: PLR0913 - options
             *map(play, dict.fromkeys(cell.preset for cell in todo))
         ) as played:
             await asyncio.gather(*played)
-        for text in (journal.finished[job] for job in jobs if job in journal.finished):
-            made = journaled.result_from_text(text)
+        for made in (journal.finished[job] for job in jobs if job in journal.finished):
             bench.write_all(table, made if isinstance(made, tuple) else (made,))
     bench.metadata(table, {"hindrance": "", "failed": reasons})

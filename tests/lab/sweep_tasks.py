@@ -3,6 +3,7 @@
 import math
 import os
 import signal
+import time
 from dataclasses import dataclass
 from pathlib import Path
 from random import Random
@@ -46,6 +47,17 @@ def several(point, seed):
 def uneven(point, seed):
     """Later points are quicker, so that they finish first."""
     sum(range(40_000 // (1 + point.number)))
+    return quick(point, seed)
+
+
+def slow(point, seed):
+    time.sleep(0.02)
+    return quick(point, seed)
+
+
+def dying(point, seed):
+    if (point.number, seed) == (2, 1) and not (Path(point.folder) / "healed").exists():
+        os._exit(3)
     return quick(point, seed)
 
 

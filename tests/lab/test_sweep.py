@@ -11,8 +11,11 @@ import subprocess
 import sys
 import time
 from collections import Counter
+from concurrent.futures import wait
 from contextlib import contextmanager, suppress
+from dataclasses import asdict
 from functools import partial
+from itertools import count
 from pathlib import Path
 
 import numpy as np
@@ -24,27 +27,24 @@ from sweep_tasks import (
     OtherRow,
     SpotPoint,
     SpotRow,
+    dying,
     failing,
     obeying,
     quick,
     several,
+    slow,
     uneven,
     wrong,
 )
 
+from sfglab.errors import MissingExtraError
 from sfglab.lab.ahead import sweeps_ahead
 from sfglab.lab.bench import Options
 from sfglab.lab.experiments import experiment
 from sfglab.lab.progress import progress_to
 from sfglab.lab.sweep import JournalError, SweepError, Workers, sweep
-from sfglab.lab.sweep.journal import (
-    Finished,
-    Journal,
-    identity_of,
-    result_from_text,
-    text_from_result,
-)
-from sfglab.lab.sweep.run import Done, _next_size, code_digest, connected
+from sfglab.lab.sweep.journal import code_digest, identity_of, open_journal, text_from_result
+from sfglab.lab.sweep.run import Job, connected, run_batch
 
 POINTS = [SpotPoint(number=number) for number in range(5)]
 SEEDS = range(6)
@@ -54,14 +54,14 @@ PROCESSES = Workers(count=2)
 
 def bits(results):
     return [
-        struct.pack("d", row.value)
-        + json.dumps([row.number, row.seed, row.even, row.name]).encode()
+        struct.pack("d", row["value"])
+        + json.dumps([row["number"], row["seed"], row["even"], row["name"]]).encode()
         for row in results
     ]
 
 
 def expected():
-    return [quick(point, seed) for point in POINTS for seed in SEEDS]
+    return [asdict(quick(point, seed)) for point in POINTS for seed in SEEDS]
 
 
 @contextmanager
@@ -103,22 +103,23 @@ def nothing_is_left():
 @given(st.integers(), st.floats(), st.booleans(), st.text(st.characters(exclude_categories=["Cs"])))
 def test_a_row_survives_as_text_to_the_bit(seed, value, even, name):
     row = SpotRow(number=0, seed=seed, value=value, even=even, name=name)
-    again = result_from_text(text_from_result(row))
-    assert type(again.seed) is int
-    assert type(again.even) is bool
-    assert (again.seed, again.even, again.name) == (seed, even, name)
-    assert math.isnan(value) or struct.pack("d", again.value) == struct.pack("d", value)
-    assert math.isnan(value) == math.isnan(again.value)
-    assert "\n" not in text_from_result(row)
+    text = text_from_result(row)
+    again = json.loads(text)
+    assert type(again["seed"]) is int
+    assert type(again["even"]) is bool
+    assert (again["seed"], again["even"], again["name"]) == (seed, even, name)
+    assert math.isnan(value) or struct.pack("d", again["value"]) == struct.pack("d", value)
+    assert math.isnan(value) == math.isnan(again["value"])
+    assert "\n" not in text
 
 
-def test_numpy_scalars_become_pythons_and_other_fields_are_refused_by_name():
-    row = OtherRow(level=np.float64(0.1))
-    assert type(result_from_text(text_from_result(row)).level) is float
+def test_numpy_scalars_become_pythons_and_other_values_are_refused():
+    for level in (np.float64(0.1), np.float32(0.1), np.int64(3), np.bool_(True)):
+        assert json.loads(text_from_result({"level": level})) == {"level": level.item()}
     with pytest.raises(
-        SweepError, match="OtherRow: level: given a list, allowed are bool, int, float, str"
+        SweepError, match=r"given \{1\} in a row, allowed are bool, int, float, str"
     ):
-        text_from_result(OtherRow(level=[1]))
+        text_from_result(OtherRow(level={1}))
     with pytest.raises(SweepError, match="needed is a row"):
         text_from_result([1])
 
@@ -142,19 +143,19 @@ def test_threads_processes_and_a_cluster_give_the_same_bits_in_order(tmp_path, m
 
 def test_a_task_may_return_several_rows_of_several_kinds(swept):
     for _ in range(2):  # run, then read
-        assert swept(several, POINTS[2:3], [3]) == [(quick(POINTS[2], 3), OtherRow(level=3 / 7))]
+        assert swept(several, POINTS[2:3], [3]) == [(asdict(quick(POINTS[2], 3)), {"level": 3 / 7})]
 
 
 async def test_it_runs_beside_an_event_loop_as_in_a_notebook(swept):
     assert bits(swept(quick, POINTS, SEEDS)) == bits(expected())
 
 
-def test_batches_grow_to_a_good_tenth_of_a_second_and_at_most_to_twice_the_last():
-    finished = tuple(Finished(0, seed, "") for seed in range(8))
-    assert _next_size(8, Done(finished, busy_s=0.001)) == 16
-    assert _next_size(8, Done(finished, busy_s=0.1)) == 12
-    assert _next_size(8, Done(finished, busy_s=100.0)) == 1
-    assert _next_size(1, Done((), busy_s=0.0)) == 1
+def test_a_batch_ends_after_a_good_tenth_of_a_second_and_leaves_the_rest():
+    jobs = [Job(0, POINTS[0], seed) for seed in range(200)]
+    texts, error = run_batch(quick, code_digest(), jobs)
+    assert (len(texts), error) == (200, None)
+    texts, error = run_batch(slow, code_digest(), jobs)
+    assert (0 < len(texts) < 20, error) == (True, None)
 
 
 def test_thousands_of_short_tasks_are_all_run_and_in_order_whatever_finished_first(swept):
@@ -163,7 +164,7 @@ def test_thousands_of_short_tasks_are_all_run_and_in_order_whatever_finished_fir
         np.arange(20)[::-1],
     )
     assert swept(uneven, points, seeds) == [
-        quick(point, int(seed)) for point in points for seed in seeds
+        asdict(quick(point, int(seed))) for point in points for seed in seeds
     ]
 
 
@@ -179,8 +180,9 @@ def test_local_workers_listen_nowhere_and_are_gone_afterwards(tmp_path, workers)
         }
 
     before = listening()
-    with connected(workers) as (_, slots):
+    with connected(workers, 5) as (pool, slots):
         assert slots == 2
+        wait([pool.submit(code_digest) for _ in range(2)])
         assert listening() == before
     nothing_is_left()
 
@@ -199,7 +201,7 @@ def test_an_address_where_nobody_answers_is_named_and_no_workers_are_refused(swe
 def test_a_finished_sweep_is_read_and_not_run_again(swept, tmp_path):
     points = [SpotPoint(number=number, folder=str(tmp_path)) for number in range(3)]
     first, more = swept(obeying, points, SEEDS), swept(obeying, points, range(8))
-    assert bits(row for row in more if row.seed < 6) == bits(first)
+    assert bits(row for row in more if row["seed"] < 6) == bits(first)
     assert runs(tmp_path) == Counter((p.number, seed) for p in points for seed in range(8))
 
 
@@ -208,16 +210,16 @@ def test_a_journal_cut_off_anywhere_is_continued(tmp_path_factory, cut):
     path = tmp_path_factory.mktemp("cut") / "journal"
     identity = {"task": "t", "points": "p", "code": "c"}
     texts = [text_from_result(quick(POINTS[2], seed)) for seed in SEEDS]
-    with Journal(path, identity) as journal:
+    with open_journal(path, identity) as journal:
         for seed, text in enumerate(texts):
-            journal.add(Finished(0, seed, text))
+            journal.add(0, seed, text)
     content = path.read_bytes()
     path.write_bytes(content[:cut])
     whole = max(0, content[:cut].count(b"\n") - 1)
-    with Journal(path, identity) as journal:
-        assert journal.finished == {(0, seed): texts[seed] for seed in range(whole)}
+    with open_journal(path, identity) as journal:
+        assert journal.finished == {(0, seed): json.loads(texts[seed]) for seed in range(whole)}
         for seed in range(whole, len(texts)):
-            journal.add(Finished(0, seed, texts[seed]))
+            journal.add(0, seed, texts[seed])
     assert path.read_bytes() == content
 
 
@@ -239,15 +241,16 @@ def test_another_sweeps_journal_is_set_aside_with_its_difference(
     before = journal.read_bytes()
     with caplog.at_level(logging.WARNING):
         swept(task, points, SEEDS)
-    assert f"differs in: {key}); renamed to journal.1" in caplog.text
+    assert f"differs in: {key}); copied to journal.1" in caplog.text
     assert (tmp_path / "journal.1").read_bytes() == before
     assert json.loads(journal.read_text().splitlines()[0])[key] == identity_of(task, points)[key]
 
 
 def test_another_version_of_the_code_is_another_sweep(tmp_path):
     identity = identity_of(quick, POINTS)
-    Journal(tmp_path / "journal", identity).__exit__(None, None, None)
-    with Journal(tmp_path / "journal", {**identity, "code": "newer"}) as journal:
+    with open_journal(tmp_path / "journal", identity):
+        pass
+    with open_journal(tmp_path / "journal", {**identity, "code": "newer"}) as journal:
         assert journal.finished == {}
     assert (tmp_path / "journal.1").exists()
 
@@ -261,10 +264,11 @@ def test_a_file_that_is_no_journal_is_refused_and_kept_and_one_serves_one_sweep_
         assert path.read_text() == content
     path = tmp_path / "journal"
     with (
-        Journal(path, {}),
+        open_journal(path, {}),
         pytest.raises(JournalError, match="another sweep is writing this journal"),
+        open_journal(path, {}),
     ):
-        Journal(path, {})
+        pass
 
 
 # --- Failures and interruptions -------------------------------------------------------------------------------
@@ -275,19 +279,39 @@ def test_a_failing_task_names_point_and_seed_and_what_was_finished_stays(swept, 
     said = r"SpotPoint\(number=2.* seed 1: ZeroDivisionError: by nothing"
     with pytest.raises(SweepError, match=said) as caught:
         swept(failing, POINTS, SEEDS, workers=workers)
-    assert (caught.value.point, caught.value.seed) == (POINTS[2], 1)
     assert "in failing" in caught.value.__notes__[0]
     assert len((tmp_path / "journal").read_text().splitlines()) > 1
     nothing_is_left()
+
+
+def test_a_worker_that_dies_is_one_sentence_and_the_next_sweep_continues(swept, tmp_path):
+    points = [SpotPoint(number=number, folder=str(tmp_path)) for number in range(3)]
+    with pytest.raises(SweepError, match=r"a worker ended .* run the sweep again to continue"):
+        swept(dying, points, SEEDS, workers=PROCESSES)
+    nothing_is_left()
+    (tmp_path / "healed").touch()
+    assert len(swept(dying, points, SEEDS)) == 18
+
+
+def test_another_version_of_the_code_on_a_worker_is_refused(swept, monkeypatch):
+    monkeypatch.setattr("sfglab.lab.sweep.run.code_digest", partial(next, count()))
+    with pytest.raises(SweepError, match="another version of the code; install the same version"):
+        swept(quick, POINTS, SEEDS)
+
+
+def test_a_scheduler_without_the_extra_cluster_names_the_extra(swept, monkeypatch):
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    with pytest.raises(MissingExtraError, match=r"'\.\[cluster\]'"):
+        swept(quick, POINTS, SEEDS, workers=Workers(scheduler="tcp://127.0.0.1:9"))
 
 
 def test_unfit_tasks_points_seeds_and_results_are_refused(swept):
     for task, points, seeds, said in (
         (wrong, POINTS, [0], "needed is a row"),
         (lambda _point, _seed: None, POINTS, [0], "function at the top of a module"),
-        (quick, [*POINTS, POINTS[0]], [0], "points: given 6, of which only 5 differ"),
-        (quick, POINTS, [0, 0], "seeds: given 2, of which only 1 differ"),
-        (quick, [object()], [0], "repr says all"),
+        (quick, [*POINTS, POINTS[0]], [0], "points: given one several times"),
+        (quick, POINTS, [0, 0], "seeds: given one several times"),
+        (quick, [object()], [0], "repr is complete"),
     ):
         with pytest.raises(SweepError, match=said):
             swept(task, points, seeds)
@@ -312,7 +336,9 @@ def resumed(folder):
     }
     before = runs(folder)
     found = sweep(obeying, obeying_points(folder), SEEDS, journal=journal, workers=THREADS)
-    assert [(row.number, row.seed) for row in found] == [(n, s) for n in range(6) for s in SEEDS]
+    assert [(row["number"], row["seed"]) for row in found] == [
+        (n, s) for n in range(6) for s in SEEDS
+    ]
     again = runs(folder) - before
     assert finished
     assert set(again) == {(n, s) for n in range(6) for s in SEEDS} - finished
@@ -370,9 +396,26 @@ def test_ctrl_c_is_heard_between_batches_so_that_no_lock_of_the_pool_stays_close
         signal.raise_signal(signal.SIGINT)
         steps.append(step.done)
 
+    points = [SpotPoint(number=number) for number in range(200)]
     with progress_to(interrupted), pytest.raises(KeyboardInterrupt):
-        swept(quick, POINTS, SEEDS)
-    assert steps
+        swept(uneven, points, SEEDS)
+    assert 0 < len(steps) < 1200
+
+
+def test_one_ctrl_c_ends_a_sweep_within_an_event_loop(swept):
+    async def within():
+        swept(uneven, [SpotPoint(number=number) for number in range(200)], SEEDS)
+
+    steps = []
+
+    def interrupted(step):
+        if not steps:
+            signal.raise_signal(signal.SIGINT)
+        steps.append(step.done)
+
+    with progress_to(interrupted), pytest.raises(KeyboardInterrupt):
+        asyncio.run(within())
+    assert len(steps) < 1200
 
 
 @pytest.mark.slow

@@ -1,4 +1,4 @@
-"""Configurations by seeds, spread over workers: the same rows in the same order wherever they ran."""
+"""Sweeps of points and seeds on local workers or a cluster, with the same rows in the same order."""
 
 from sfglab.lab.sweep.journal import JournalError, SweepError, journal_of, journals
 from sfglab.lab.sweep.run import Workers, sweep

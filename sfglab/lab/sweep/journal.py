@@ -1,193 +1,123 @@
-"""The journal of a sweep: what is finished, on disk, with the identity of its task, points and code.
+"""The journal of a sweep: a file with the finished results and the identity of the sweep.
 
-An append-only file of JSON lines that survives the death of its writer. The first line says which sweep it is,
-every other one is a finished point and seed with its result. It is not MCAP, which ends with a summary and an
-index: here a torn last line is cut away and the next is appended. Every result passes through its text, in
-which a float is the shortest that gives it again. Two sweeps of one identity give the same rows; seeds are not
-part of it.
+A journal is an append-only file of JSON lines, so that it survives a crash of its writer. The first line
+identifies the sweep. Each other line holds the index of a point, a seed and their result. Seeds are no part
+of the identity. Every result passes through its JSON text, which keeps all bits of a float.
 """
 
 from __future__ import annotations
 
 import fcntl
 import hashlib
-import inspect
 import json
 import logging
+import shutil
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, contextmanager
-from dataclasses import dataclass, fields, is_dataclass
+from contextlib import contextmanager
+from dataclasses import dataclass, field, fields, is_dataclass
 from functools import cache
-from importlib import import_module
 from importlib.metadata import version
+from itertools import takewhile
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 import sfglab
 from sfglab.errors import SfglabError
 
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Mapping, Sequence
+    from io import FileIO
+
 
 class SweepError(SfglabError, RuntimeError):
-    """A sweep that cannot be run, or whose task failed."""
-
-    def __init__(self, message: str, *, point: object = None, seed: int | None = None) -> None:
-        self.point = point  #: Of the failed task; None when it was not a task that failed.
-        self.seed = seed  #: Of the failed task; None as above.
-        super().__init__(message)
+    """A sweep that cannot run, or whose task failed."""
 
 
 class JournalError(SfglabError, OSError):
-    """A file that cannot serve as a sweep's journal."""
+    """A file that cannot be the journal of a sweep."""
 
 
-_PLAIN = (bool, int, float, str, type(None))
+_log = logging.getLogger(__name__)
+
+_START = b'{"sfglab_sweep": 1'
+_NUMERIC = ("llvmlite", "numba", "numpy", "scipy")  # Each can change the last bit of a float.
 
 
 def text_from_result(result: object) -> str:
-    """Return a result, a row, a mapping by column, or a tuple of them, as JSON, or raise a `SweepError`."""
-    if isinstance(result, tuple):
-        return json.dumps([_packed(row) for row in result])
-    return json.dumps(_packed(result))
+    """Return a row, which is a dataclass or a dict by column, or a tuple of rows as JSON.
+
+    Raises:
+        SweepError: The result is of another kind, or a value has no form in JSON.
+    """
+    if not isinstance(result, dict | tuple) and not is_dataclass(result):
+        raise SweepError(
+            f"result: given {result!r}, needed is a row (a dataclass or a dict) or a tuple of rows"
+        )
+    return json.dumps(result, default=_plain)
 
 
-def result_from_text(text: str) -> Any:
-    """Return what `text_from_result` was given, or raise a `JournalError`."""
-    try:
-        packed = json.loads(text)
-        return tuple(map(_unpacked, packed)) if isinstance(packed, list) else _unpacked(packed)
-    except (
-        ValueError,
-        LookupError,
-        TypeError,
-        AttributeError,
-        ImportError,
-        RecursionError,
-    ) as error:
-        raise JournalError(
-            f"no result of a sweep ({error!r}); remove the journal to run it again"
-        ) from error
-
-
-def _packed(row: object) -> dict[str, object]:
-    if isinstance(row, Mapping):
-        return {
-            "columns": {str(name): _plain(dict, str(name), value) for name, value in row.items()}
-        }
-    if isinstance(row, type) or not is_dataclass(row):
-        raise SweepError(f"result: given {row!r}, needed is a row (a dataclass) or a tuple of rows")
-    kind = type(row)
-    values = [_plain(kind, field.name, getattr(row, field.name)) for field in fields(row)]
-    return {"row": f"{kind.__module__}:{kind.__qualname__}", "values": values}
-
-
-def _plain(kind: type, name: str, value: object) -> object:
+def _plain(value: object) -> object:
+    """Return a value that JSON does not know as one that it knows."""
     if isinstance(value, np.generic):
-        value = value.item()
-    if type(value) not in _PLAIN:
-        given, allowed = type(value).__name__, "bool, int, float, str and None"
-        raise SweepError(f"row {kind.__qualname__}: {name}: given a {given}, allowed are {allowed}")
-    return value
-
-
-def _unpacked(packed: dict[str, Any]) -> Any:
-    if "columns" in packed:
-        return packed["columns"]
-    module, _, name = packed["row"].partition(":")
-    # A file must not choose what is imported; a task's own module is there.
-    kind: Any = import_module(module) if module.startswith("sfglab.") else sys.modules[module]
-    for part in name.split("."):
-        kind = getattr(kind, part)
-    names = [field.name for field in fields(kind)]  # a TypeError for what is no dataclass
-    return kind(**dict(zip(names, packed["values"], strict=True)))
-
-
-# They have a part in the last bit of a float.
-_NUMERIC = ("llvmlite", "numba", "numpy", "scipy")
+        return value.item()
+    if is_dataclass(value):
+        return {field.name: getattr(value, field.name) for field in fields(value)}
+    raise SweepError(
+        f"result: given {value!r} in a row, allowed are bool, int, float, str and None"
+    )
 
 
 def identity_of(task: Callable[..., object], points: Sequence[object]) -> dict[str, str]:
-    """Return a journal's ``task``, ``points`` and ``code``; `SweepError` if points have no lasting text."""
+    """Return the identity of a sweep: its task, and digests of its points and of the code.
+
+    Raises:
+        SweepError: Another process cannot import the task, or the repr of a point is incomplete.
+    """
+    name = getattr(task, "__qualname__", "<unnamed>")
+    if "<" in name:
+        raise SweepError(f"task: given {task!r}, needed is a function at the top of a module")
+    texts = "\n".join(map(repr, points))
+    if " at 0x" in texts:
+        raise SweepError(
+            "points: given a repr with an address, "
+            "needed are values whose repr is complete (frozen dataclasses)"
+        )
+    # The module of a task may be outside of sfglab. A module of a notebook has no file.
+    file = getattr(sys.modules.get(task.__module__), "__file__", None)
+    source = Path(file).read_bytes() if file else b""
     return {
-        "task": name_of(task),
-        "points": _points_digest(points),
-        "code": code_digest(_source_of(task)),
+        "task": f"{task.__module__}.{name}",
+        "points": _digest(texts.encode()),
+        "code": _digest(code_digest().encode() + source),
     }
 
 
-def name_of(task: Callable[..., object]) -> str:
-    """Return the full name of a module's function; raises `SweepError` if no other process finds it."""
-    name = getattr(task, "__qualname__", "")
-    if not name or "<" in name:
-        raise SweepError(f"task: given {task!r}, needed is a function at the top of a module")
-    return f"{task.__module__}.{name}"
-
-
-def _points_digest(points: Sequence[object]) -> str:
-    texts = [repr(point) for point in points]
-    for text in texts:
-        if " at 0x" in text:
-            needed = "values whose repr says all (frozen dataclasses)"
-            raise SweepError(f"points: given {text}, needed are {needed}")
-    return _digest("\n".join(texts).encode())
-
-
-def _source_of(task: Callable[..., object]) -> str:
-    """Return the source file of a task outside of sfglab, whose own files are looked at anyway."""
-    if task.__module__.partition(".")[0] == "sfglab":
-        return ""
-    try:
-        return inspect.getsourcefile(task) or ""
-    except TypeError:
-        return ""
-
-
 @cache
-def code_digest(source: str = "") -> str:
-    """Return the digest of the package's files, one beside them, and the numeric libraries' versions."""
+def code_digest() -> str:
+    """Return a digest of all files of sfglab and of the versions of the numeric libraries."""
     root = Path(sfglab.__file__).parent
-    whole = hashlib.sha256()
-    for name, path in sorted((path.relative_to(root).as_posix(), path) for path in root.rglob("*")):
-        if path.is_file() and "__pycache__" not in path.parts:
-            whole.update(f"{name}\n{_digest(path.read_bytes())}\n".encode())
-    if source and Path(source).is_file():
-        whole.update(Path(source).read_bytes())
-    for library in _NUMERIC:
-        whole.update(f"{library} {version(library)}\n".encode())
-    return whole.hexdigest()[:16]
+    files = [path for path in root.rglob("*") if path.is_file() and "__pycache__" not in path.parts]
+    lines = [f"{path.relative_to(root)} {_digest(path.read_bytes())}" for path in sorted(files)]
+    lines += [f"{library} {version(library)}" for library in _NUMERIC]
+    return _digest("\n".join(lines).encode())
 
 
 def _digest(data: bytes) -> str:
     return hashlib.sha256(data).hexdigest()[:16]
 
 
-_log = logging.getLogger(__name__)
-
-_MAGIC = "sfglab_sweep"
-_VERSION = 1
-
-
-@dataclass(frozen=True, slots=True)
-class Finished:
-    """A line of the journal."""
-
-    point: int  #: Index of the point.
-    seed: int  #: The seed.
-    text: str  #: The result, see `rows`.
-
-
 def journal_of(log: Path, name: str, part: str) -> Path:
-    """Return the journal of a part of a run: beside its log, and named for the run."""
+    """Return the path of a journal: beside the log of a run, with the names of run and part."""
     return log.with_name(f"{name}-{part}.journal")
 
 
 @contextmanager
 def journals(log: Path, name: str) -> Iterator[Callable[[str], Path]]:
-    """Give each sweep of a run its journal, by a part's name, and remove them when the log is written.
+    """Yield a function that returns the journal of a part, and remove these journals at the end.
 
-    Started again after an interruption, the run finds them.
+    After an error the journals remain, so that the next run continues with them.
     """
     used: list[Path] = []
 
@@ -200,96 +130,83 @@ def journals(log: Path, name: str) -> Iterator[Callable[[str], Path]]:
         path.unlink(missing_ok=True)
 
 
-class Journal(AbstractContextManager["Journal"]):
-    """A sweep's journal, for one process at a time, another sweep's renamed; `JournalError` if it is none."""
+@dataclass(frozen=True, slots=True)
+class Journal:
+    """An open journal."""
 
-    def __init__(self, path: Path, identity: Mapping[str, str]) -> None:
-        #: Result by point's index and seed: those found in it, and those added.
-        self.finished: dict[tuple[int, int], str] = {}
-        self.name = path.stem  #: Of the file, without its ending.
-        path.parent.mkdir(parents=True, exist_ok=True)
-        self._file = _locked(path)
+    path: Path  #: Path of the file.
+    file: FileIO  #: The file.
+    #: Results by index of the point and seed. A dataclass comes back as a dict.
+    finished: dict[tuple[int, int], Any] = field(default_factory=dict)
+
+    def add(self, point: int, seed: int, text: str) -> None:
+        """Append a result of `text_from_result`, with the index of its point and its seed."""
+        line = f'{{"point": {point}, "seed": {seed}, "result": {text}}}\n'.encode()
+        self.file.write(line)
+        self._take(line)
+
+    def resume(self, identity: Mapping[str, str]) -> None:
+        """Read the results of the file. The journal of another sweep is copied, and begun again."""
+        first, *lines = self.file.readall().splitlines(keepends=True) or [b""]
+        if first[: len(_START)] != _START[: len(first)]:
+            raise JournalError(f"{self.path} is no journal of a sweep; name another file")
+        found = _entry(first)
+        header = {"sfglab_sweep": 1, **identity}
+        differs = [key for key in header if found.get(key) != header[key]]
+        if differs:
+            if first:
+                _set_aside(self.path, differs)
+            self.file.truncate(0)
+            self.file.write(json.dumps(header).encode() + b"\n")
+        else:
+            # A crash may have damaged a line. It and the following lines are run again.
+            kept = [first, *takewhile(self._take, lines)]
+            self.file.truncate(sum(map(len, kept)))
+
+    def _take(self, line: bytes) -> bool:
+        """Take the result of a line; return whether the line is complete."""
+        match _entry(line):
+            case {"point": int(point), "seed": int(seed), "result": result}:
+                rows = tuple(result) if isinstance(result, list) else result
+                self.finished[point, seed] = rows
+                return True
+        return False
+
+
+@contextmanager
+def open_journal(path: Path, identity: Mapping[str, str]) -> Iterator[Journal]:
+    """Open the journal of a sweep for this process alone.
+
+    Raises:
+        JournalError: The file is no journal, or another process writes it.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with path.open("a+b", buffering=0) as file:
         try:
-            if (differs := self._read(path, identity)) is not None:
-                self._file = _set_aside(path, self._file, differs)
-            if self._file.tell() == 0:
-                self._line({_MAGIC: _VERSION, **identity})
-        except BaseException:
-            self._file.close()
-            raise
-
-    def __exit__(self, *_: object) -> None:
-        self._file.close()
-
-    def add(self, done: Finished) -> None:
-        """Append a finished point and seed."""
-        self.finished[done.point, done.seed] = done.text
-        self._line({"point": done.point, "seed": done.seed, "result": json.loads(done.text)})
-
-    def _line(self, values: Mapping[str, object]) -> None:
-        self._file.write(json.dumps(values).encode() + b"\n")
-        self._file.flush()
-
-    def _read(self, path: Path, identity: Mapping[str, str]) -> str | None:
-        """Take over what is there and stand behind it; return what differs when it is another sweep's."""
-        content = self._file.read()
-        whole = content[: content.rfind(b"\n") + 1].splitlines(keepends=True)
-        known = _entry(whole[0]).get(_MAGIC) == _VERSION if whole else _begins_one(content)
-        if not known:
-            raise JournalError(f"{path} is no journal of a sweep; name another file")
-        end = 0
-        for number, line in enumerate(whole):
-            entry = _entry(line)
-            if number == 0:
-                differs = [key for key, value in identity.items() if entry.get(key) != value]
-                if differs:
-                    return ", ".join(differs)
-            elif (
-                set(entry) == {"point", "seed", "result"}
-                and type(entry["point"]) is type(entry["seed"]) is int
-            ):
-                self.finished[entry["point"], entry["seed"]] = json.dumps(entry["result"])
-            else:
-                break  # torn by a crash of the machine: this and what follows is run again
-            end += len(line)
-        self._file.truncate(end)
-        self._file.seek(end)
-        return None
-
-
-def _begins_one(content: bytes) -> bool:
-    """Return whether this may be what is left of a first line."""
-    start = f'{{"{_MAGIC}"'.encode()
-    return content.startswith(start) or start.startswith(content)
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise JournalError(
+                f"{path}: another sweep is writing this journal; wait for it, or name another file"
+            ) from None
+        file.seek(0)
+        journal = Journal(path, file)
+        journal.resume(identity)
+        yield journal
 
 
 def _entry(line: bytes) -> dict[str, Any]:
+    """Return the object of a line; an empty one for a damaged or incomplete line."""
     try:
         entry = json.loads(line)
     except (ValueError, RecursionError):
         return {}
-    return entry if isinstance(entry, dict) else {}
+    return entry if isinstance(entry, dict) and line.endswith(b"\n") else {}
 
 
-def _locked(path: Path) -> BinaryIO:
-    file = path.open("a+b")
-    try:
-        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        file.close()
-        said = "another sweep is writing this journal; wait for it, or name another"
-        raise JournalError(f"{path}: {said}") from None
-    file.seek(0)
-    return file
-
-
-def _set_aside(path: Path, file: BinaryIO, differs: str) -> BinaryIO:
+def _set_aside(path: Path, differs: Sequence[str]) -> None:
     number = 1
     while (aside := path.with_name(f"{path.name}.{number}")).exists():
         number += 1
-    path.rename(aside)
-    file.close()
-    _log.warning(
-        "%s is of another sweep (it differs in: %s); renamed to %s", path, differs, aside.name
-    )
-    return _locked(path)
+    shutil.copyfile(path, aside)
+    message = "%s is the journal of another sweep (it differs in: %s); copied to %s"
+    _log.warning(message, path, ", ".join(differs), aside.name)

@@ -1,6 +1,7 @@
-"""A sweep: hands out what is missing in batches, writes down what comes back, returns all of it in order.
+"""A sweep: it runs a task for points and seeds in batches, and returns the results in order.
 
-Batches take a good tenth of a second. A failure is a value, because an exception may not survive its journey.
+Threads, processes and workers of a dask scheduler are executors of `concurrent.futures`, so that they share
+one code path.
 """
 
 from __future__ import annotations
@@ -11,21 +12,20 @@ import signal
 import threading
 import time
 import traceback
-from collections import deque
-from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor, wait
+from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
+from itertools import product
 from queue import SimpleQueue
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple
 
+from sfglab.errors import MissingExtraError
 from sfglab.lab.progress import progress_bar
 from sfglab.lab.sweep.journal import (
-    Finished,
-    Journal,
     SweepError,
     code_digest,
     identity_of,
-    result_from_text,
+    open_journal,
     text_from_result,
 )
 
@@ -33,75 +33,27 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
     from pathlib import Path
 
-
-@dataclass(frozen=True, slots=True)
-class Job:
-    """One point and seed to run."""
-
-    index: int  #: Of the point.
-    point: object  #: The point.
-    seed: int  #: The seed.
-
-
-@dataclass(frozen=True, slots=True)
-class Failure:
-    """A job that failed."""
-
-    job: Job | None  #: Which; None: the worker's code is another version, and nothing was run.
-    reason: str  #: Type and text of the error.
-    trace: str = ""  #: Where it was raised.
-    interrupt: bool = False  #: Whether it was an order to stop (Ctrl-C) and no error.
-
-
-@dataclass(frozen=True, slots=True)
-class Done:
-    """What became of a batch."""
-
-    finished: tuple[Finished, ...]  #: Results, in the jobs' order.
-    busy_s: float  #: How long it took.
-    failure: Failure | None = None  #: The first failure, which ended it; None: all are finished.
-
-
-def run_batch(task: Callable[..., object], code: str, jobs: Sequence[Job]) -> Done:
-    """Run a task's jobs, one after the other, with the `code_digest` of who started the sweep."""
-    if (own := code_digest()) != code:
-        return Done((), 0.0, Failure(None, f"version {own}, the sweep's is {code}"))
-    start_s = time.perf_counter()
-    finished: list[Finished] = []
-    failure = None
-    for job in jobs:
-        try:
-            result = task(job.point, job.seed)
-            finished.append(Finished(job.index, job.seed, text_from_result(result)))
-        except (Exception, KeyboardInterrupt, SystemExit) as error:  # noqa: BLE001 - told to who started the sweep
-            stop = isinstance(error, KeyboardInterrupt)
-            failure = Failure(
-                job, f"{type(error).__name__}: {error}", traceback.format_exc(), interrupt=stop
-            )
-            break
-    return Done(tuple(finished), time.perf_counter() - start_s, failure)
-
-
-#: A scheduler's address, for programs that do not name one.
-SCHEDULER_VARIABLE = "SFGLAB_SCHEDULER"
+    from sfglab.lab.sweep.journal import Journal
 
 _CONNECT_S = 10.0
+_BATCH_S = 0.15  # Transport of a batch takes about a hundredth of this.
+_BATCH_JOBS = 256
+_QUEUED = 2  # Batches per worker: one runs, one waits, so that no worker is idle.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Workers:
-    """Who does the work."""
+    """Workers of a sweep."""
 
-    #: How many local workers; None: as many as this process may use cores.
+    #: Number of local workers; None: one for each core that this process may use.
     count: int | None = None
-    #: Whether they are threads of this process instead of processes of their own. For tasks that spend their
-    #: time in compiled code that releases the lock, such as `sfglab.rtps.run`: two threads are as fast as two
-    #: processes there, and start in 0.05 s where processes need 0.7 s, their first imports another second, and
-    #: their end 0.6 s. Python code in threads takes turns. An interrupted sweep waits for the tasks that its
-    #: threads are at; processes are ended at once.
+    #: Whether local workers are threads of this process instead of processes. Threads suit tasks in compiled
+    #: code that releases Python's lock, such as `sfglab.rtps.run`: two threads are as fast as two processes
+    #: there, and they start in 0.05 s, where processes need 2 s to start, import and end. An interrupted
+    #: sweep waits for running tasks in threads, and kills processes.
     threads: bool = False
-    #: Address of a running scheduler, ``tcp://host:port``, instead of local workers; None: what the environment
-    #: variable ``SFGLAB_SCHEDULER`` says, if anything.
+    #: Address of a running dask scheduler, ``tcp://host:port``, instead of local workers; None: the value of
+    #: the environment variable ``SFGLAB_SCHEDULER``, if it is set.
     scheduler: str | None = None
 
     def __post_init__(self) -> None:
@@ -109,18 +61,173 @@ class Workers:
             raise SweepError(f"workers: count: given {self.count}, allowed are 1 and more")
 
 
-@contextmanager
-def connected(workers: Workers) -> Iterator[tuple[Executor, int]]:
-    """Connect to workers, start them if need be, by pipes that only they inherit, and leave nothing behind.
+_LOCAL = Workers()
 
-    Yields who takes tasks, and how many at a time. Raises `SweepError` if no scheduler or worker is there.
+
+def sweep(
+    task: Callable[[Any, int], object],
+    points: Sequence[object],
+    seeds: Sequence[int],
+    *,
+    journal: Path,
+    workers: Workers = _LOCAL,
+) -> list[Any]:
+    """Run a task for every point with every seed; return results by point, then by seed.
+
+    Results are bit-identical on all kinds of workers. The journal keeps finished results: after an
+    interruption of any kind the same call runs only the missing ones. Delete the journal to run all again.
+    The journal of another task, of other points or of another version of the code is copied, and begun again.
+
+    Args:
+        task: A function at the top of a module. It returns a row or a tuple of rows: dataclasses or dicts of
+            bool, int, float and str. Its result depends on its arguments alone.
+        points: Frozen dataclasses, all different.
+        seeds: Seeds, all different.
+        journal: Path of the journal. Progress shows its name.
+        workers: Workers. Processes need a script that starts under ``if __name__ == "__main__"``.
+
+    Returns:
+        Rows as dicts by column, or tuples of them.
+
+    Raises:
+        SweepError: The task failed (the message has the point and the seed), a worker ended, or there are no
+            workers.
+        JournalError: The journal cannot be used.
+        MissingExtraError: A scheduler is given, and the extra ``cluster`` is not installed.
     """
-    address = workers.scheduler or os.environ.get(SCHEDULER_VARIABLE)
-    if address:
-        with _cluster(address) as client:
-            yield client.get_executor(pure=False), sum(client.nthreads().values())
+    seeds = [int(seed) for seed in seeds]
+    for name, given in {"points": points, "seeds": seeds}.items():
+        if len(set(map(repr, given))) < len(given):
+            raise SweepError(f"{name}: given one several times; give each once")
+    pairs = list(product(range(len(points)), seeds))
+    with open_journal(journal, identity_of(task, points)) as log:
+        jobs = [Job(i, points[i], seed) for i, seed in pairs if (i, seed) not in log.finished]
+        if jobs:
+            with connected(workers, len(jobs)) as (pool, slots):
+                _run_jobs(pool, slots, task, jobs, log)
+    return [log.finished[pair] for pair in pairs]
+
+
+# --- Batches --------------------------------------------------------------------------------------
+
+
+class Job(NamedTuple):
+    """One run of a task."""
+
+    number: int  #: Index of the point.
+    point: object  #: The point.
+    seed: int  #: The seed.
+
+
+#: Results of the first jobs of a batch in order, and the error of the next job. Other jobs did not run.
+Outcome = tuple[list[str], SweepError | None]
+
+
+def run_batch(task: Callable[..., object], code: str, jobs: Sequence[Job]) -> Outcome:
+    """Run jobs until the time of a batch is over. `code` is the digest of the code that the sweep runs."""
+    if code_digest() != code:
+        message = "sweep: a worker has another version of the code; install the same version"
+        return [], SweepError(message)
+    texts: list[str] = []
+    end_s = time.monotonic() + _BATCH_S
+    for job in jobs:
+        try:
+            result = task(job.point, job.seed)
+            texts.append(text_from_result(result))
+        except (Exception, SystemExit) as error:  # noqa: BLE001 - the sweep's process raises it
+            # Another process may be unable to import the class of the error.
+            failure = SweepError(
+                f"sweep: the task failed at {job.point} with seed {job.seed}: "
+                f"{type(error).__name__}: {error}"
+            )
+            failure.add_note(traceback.format_exc())
+            return texts, failure
+        if time.monotonic() > end_s:
+            break
+    return texts, None
+
+
+def _run_jobs(
+    pool: Executor, slots: int, task: Callable[..., object], jobs: list[Job], log: Journal
+) -> None:
+    code = code_digest()
+    under_way: dict[Future[Outcome], list[Job]] = {}
+    events: SimpleQueue[Future[Outcome] | None] = SimpleQueue()  # None is Ctrl-C.
+
+    def submit() -> None:
+        while jobs and len(under_way) < _QUEUED * slots:
+            # Batches become smaller towards the end.
+            size = max(1, min(len(jobs) // (2 * slots), _BATCH_JOBS))
+            batch = jobs[:size]
+            del jobs[:size]
+            future = pool.submit(run_batch, task, code, batch)
+            under_way[future] = batch
+            future.add_done_callback(events.put)
+
+    # Ctrl-C waits for its turn, because a KeyboardInterrupt within an executor could leave a lock closed.
+    with (
+        progress_bar(len(jobs), log.path.stem) as advance,
+        _on_interrupt(lambda *_: events.put(None)),
+    ):
+        while jobs or under_way or not events.empty():
+            try:
+                submit()
+                future = events.get()
+                if future is None:
+                    raise KeyboardInterrupt  # noqa: TRY301 - it is not caught here
+                texts, error = future.result()
+            except Exception as lost:
+                raise SweepError(
+                    f"sweep: a worker ended or could not load the task ({lost!r}); "
+                    "run the sweep again to continue"
+                ) from lost
+            batch = under_way.pop(future)
+            for job, text in zip(batch, texts, strict=False):
+                log.add(job.number, job.seed, text)
+                advance(f"seed {job.seed}")
+            if error:
+                raise error
+            jobs += batch[len(texts) :]
+
+
+@contextmanager
+def _on_interrupt(handler: Any) -> Iterator[None]:
+    """Set the handler of Ctrl-C for a while, except in other threads and where it is ignored."""
+    before = signal.getsignal(signal.SIGINT)
+    if threading.current_thread() is not threading.main_thread() or not callable(before):
+        yield
         return
-    count = workers.count or len(os.sched_getaffinity(0))
+    signal.signal(signal.SIGINT, handler)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+# --- Workers --------------------------------------------------------------------------------------
+
+
+@contextmanager
+def connected(workers: Workers, jobs: int) -> Iterator[tuple[Executor, int]]:
+    """Connect to workers or start them; yield their executor and their number.
+
+    No more local workers start than there are jobs. They listen on no port, and end with the context.
+
+    Raises:
+        SweepError: There is no scheduler at the address, or it has no workers.
+        MissingExtraError: The extra ``cluster`` is not installed.
+    """
+    address = workers.scheduler or os.environ.get("SFGLAB_SCHEDULER")
+    if address:
+        with _client(address) as client:
+            slots = sum(client.nthreads().values())
+            if not slots:
+                raise SweepError(
+                    f"workers: the scheduler at {address} has no workers; start some and try again"
+                )
+            yield client.get_executor(pure=False), slots
+        return
+    count = min(jobs, workers.count or len(os.sched_getaffinity(0)))
     spawn = multiprocessing.get_context("spawn")
     pool = (
         ThreadPoolExecutor(count)
@@ -128,174 +235,43 @@ def connected(workers: Workers) -> Iterator[tuple[Executor, int]]:
         else ProcessPoolExecutor(count, spawn, begin_worker)
     )
     try:
-        with _hearing(
-            signal.SIG_IGN
-        ):  # inherited by processes: the sweep ends them, not the terminal
-            wait([pool.submit(code_digest) for _ in range(count)])
+        # Processes inherit this: Ctrl-C in a terminal reaches none of them before `begin_worker` runs.
+        with _on_interrupt(signal.SIG_IGN):
+            for _ in range(count):
+                pool.submit(code_digest)
         yield pool, count
     except BaseException:
-        for process in tuple(getattr(pool, "_processes", {}).values()):
-            process.kill()  # in the middle of what it does
+        processes = getattr(pool, "_processes", {})
+        for process in list(processes.values()):
+            process.kill()  # The executor itself would wait for running tasks.
         raise
     finally:
         pool.shutdown(cancel_futures=True)
 
 
 def begin_worker() -> None:
-    """Leave Ctrl-C to who started the sweep, and end with that process, however it ends."""
+    """Ignore Ctrl-C, which the parent process handles, and end when the parent process ends."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with_parent, daemon=True).start()
 
 
 def _end_with_parent() -> None:
-    if (parent := multiprocessing.parent_process()) is not None:
+    parent = multiprocessing.parent_process()
+    if parent is not None:
         parent.join()
         os._exit(1)
 
 
-@contextmanager
-def _cluster(address: str) -> Iterator[Any]:
-    from distributed import Client
-
+def _client(address: str) -> Any:
+    """Return a connected client of a dask scheduler."""
     try:
-        client = Client(address, timeout=_CONNECT_S, set_as_default=False)
+        from distributed import Client
+    except ImportError as error:
+        purpose = f"a sweep on the scheduler {address}"
+        raise MissingExtraError("distributed", extra="cluster", purpose=purpose) from error
+    try:
+        return Client(address, timeout=_CONNECT_S, set_as_default=False)
     except (OSError, ValueError) as error:
         raise SweepError(
             f"workers: scheduler: given {address!r}, where none answers ({error})"
         ) from error
-    with client:
-        if not client.nthreads():
-            raise SweepError(
-                f"workers: the scheduler at {address} has no workers; start some and try again"
-            )
-        yield client
-
-
-@contextmanager
-def _hearing(handler: Any) -> Iterator[Any]:
-    """Handle Ctrl-C otherwise for a while, where signals are ours to set; yields what handled it before."""
-    before = signal.getsignal(signal.SIGINT)
-    if threading.current_thread() is not threading.main_thread() or not callable(before):
-        yield before
-        return
-    signal.signal(signal.SIGINT, handler)
-    try:
-        yield before
-    finally:
-        signal.signal(signal.SIGINT, before)
-
-
-P = TypeVar("P")
-R = TypeVar("R")
-
-_BATCH_S = 0.15
-_AHEAD = 2  # batches at a worker: one that runs, one that waits, so that it never does
-_LOCAL = Workers()
-
-
-def sweep(
-    task: Callable[[P, int], R],
-    points: Sequence[P],
-    seeds: Sequence[int],
-    *,
-    journal: Path,
-    workers: Workers = _LOCAL,
-) -> list[R]:
-    """Run a task for every point with every seed; return results by point, then by seed, the same to the bit.
-
-    What is finished stands in the journal: after an interruption, whatever its kind, the same call runs only
-    what is missing; delete it to run all again. A journal of another task, of other points or of another
-    version of the code is set aside (renamed).
-
-    Args:
-        task: A function at the top of a module; returns a row or a tuple of rows: flat dataclasses of bool,
-            int, float and str. It depends on its arguments alone.
-        points: Frozen dataclasses, all different.
-        seeds: All different.
-        journal: The file; shown in progress by its name.
-        workers: Who does the work; processes need a script that starts under ``if __name__ == "__main__"``.
-
-    Raises:
-        SweepError: A task failed (the message says with which point and seed), or there are no workers.
-        JournalError: The journal cannot be used.
-    """
-    seeds = [int(seed) for seed in seeds]
-    for name, given in (("points", points), ("seeds", seeds)):
-        if (differ := len({repr(one) for one in given})) != len(given):
-            raise SweepError(
-                f"{name}: given {len(given)}, of which only {differ} differ; give each once"
-            )
-    with Journal(journal, identity_of(task, points)) as log:
-        pairs = [(i, seed) for i in range(len(points)) for seed in seeds]
-        missing = [Job(i, points[i], seed) for i, seed in pairs if (i, seed) not in log.finished]
-        if missing:
-            with connected(workers) as (pool, slots):
-                _hand_out(pool, slots, task, missing, log)
-        return [result_from_text(log.finished[pair]) for pair in pairs]
-
-
-def _hand_out(pool: Executor, slots: int, task: Any, missing: Sequence[Job], log: Journal) -> None:
-    waiting, under_way, code = deque(missing), set[Future[Done]](), code_digest()
-    ended = SimpleQueue[Future[Done] | None]()
-
-    def submit(most: int) -> None:
-        share = min(most, max(1, len(waiting) // (2 * slots)), len(waiting))
-        if share:
-            jobs = [waiting.popleft() for _ in range(share)]
-            future = pool.submit(run_batch, task, code, jobs)
-            under_way.add(future)
-            future.add_done_callback(ended.put)
-
-    # Ctrl-C waits for its turn: raised in the middle of a pool's code, it would leave locks that nobody opens.
-    with (
-        progress_bar(len(missing), log.name) as advance,
-        _hearing(lambda *_: ended.put(None)) as interrupt,
-    ):
-        for _ in range(_AHEAD * slots):
-            submit(1)
-        size = 1
-        while under_way or not ended.empty():
-            future = ended.get()
-            if future is None:
-                interrupt(signal.SIGINT, None)
-                continue
-            under_way.discard(future)
-            done = _done(future)
-            for finished in done.finished:
-                log.add(finished)
-                advance(f"seed {finished.seed}")
-            if done.failure:
-                _raise(done.failure)
-            size = _next_size(size, done)
-            submit(size)
-
-
-def _next_size(size: int, done: Done) -> int:
-    """Return how many jobs take as long as a batch should, at most twice as many as before."""
-    return max(1, min(2 * size, round(_BATCH_S * len(done.finished) / max(done.busy_s, 1e-9))))
-
-
-def _done(future: Future[Done]) -> Done:
-    """Return a batch's result; the worker itself may be lost."""
-    try:
-        return future.result()
-    except Exception as error:
-        raise SweepError(
-            f"sweep: a worker was lost or could not load the task ({error!r})"
-        ) from error
-
-
-def _raise(failure: Failure) -> None:
-    if failure.interrupt:
-        raise KeyboardInterrupt
-    if failure.job is None:
-        raise SweepError(
-            f"sweep: a worker has another version of the code: {failure.reason}; install the same"
-        )
-    error = SweepError(
-        f"sweep: the task failed at {failure.job.point} with seed {failure.job.seed}: {failure.reason}",
-        point=failure.job.point,
-        seed=failure.job.seed,
-    )
-    error.add_note(failure.trace)
-    raise error

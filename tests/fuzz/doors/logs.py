@@ -8,7 +8,7 @@ from mcap.data_stream import RecordBuilder
 from mcap.records import Channel, Chunk, Schema
 
 from doors import FOLDER, Door
-from sfglab.lab.sweep.journal import Journal, JournalError, result_from_text
+from sfglab.lab.sweep.journal import JournalError, open_journal
 from sfglab.messages import MessageError, message_type
 from sfglab.record import LogError, LogReader, LogWriter
 
@@ -30,9 +30,10 @@ def log(data):
 def journal(data):
     path = FOLDER / "a.journal"
     path.write_bytes(data)
-    with Journal(path, {"task": "t"}) as found:
-        for result in found.finished.values():
-            result_from_text(result)
+    for aside in FOLDER.glob("a.journal.*"):
+        aside.unlink()
+    with open_journal(path, {"task": "t"}):
+        pass
 
 
 def written_log():
