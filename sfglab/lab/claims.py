@@ -81,7 +81,7 @@ class Claim(Shown):
     where: str  #: Paper and place.
     says: str  #: The statement.
     #: The paper's figure in `unit`; None where the statement is not a number.
-    paper: Annotated[float | None, OR_NULL]
+    paper: Annotated[int | float | None, OR_NULL]
     unit: str  #: Unit of the paper's figure and of ours.
     band: tuple[float, float]  #: Lowest and highest figure that counts as reproduced.
     better: Literal["above", "below"] | None = None  #: The band's end beyond which ours is better.
