@@ -51,10 +51,6 @@ def reproduce(
     write: Annotated[
         bool, Option("--write", help="Also replace the notebooks by their executed copies.")
     ] = False,
-    ahead: Annotated[
-        bool,
-        Option(help="Compute sweeps of notebooks to come, and draw figures, while live parts run."),
-    ] = True,
 ) -> None:
     """Run notebooks headless: logs, figures and, at the end, the claims.
 
@@ -74,7 +70,6 @@ def reproduce(
         read_parameters,
         run_notebooks,
     )
-    from sfglab.lab.runs import SMOKE
 
     if profile not in PROFILES:
         raise NotebookError(f"--profile: given {profile!r}, allowed are {', '.join(PROFILES)}")
@@ -92,8 +87,6 @@ def reproduce(
         project=project,
         parameters=parameters,
         write=write,
-        ahead=ahead
-        and profile != SMOKE,  # whose sweeps are over before a process would have started
     )
     if is_variation(parameters):
         typer.echo(_variations(project, outcomes))

@@ -22,7 +22,7 @@ from sfglab.lab.figures import caption_of, house_style
 from sfglab.lab.paths import find_project
 from sfglab.lab.progress import progress_bar
 from sfglab.lab.runs import COMPLETION, SMOKE, Run, new_log, unfinished_of
-from sfglab.lab.sweep import Workers, journal_of, journals, sweep
+from sfglab.lab.sweep import Workers, journals, sweep
 from sfglab.lab.testbed import Testbed
 from sfglab.record import LogError, LogWriter, run_context
 from sfglab.tables import Shown
@@ -390,12 +390,6 @@ class Experiment(Generic[C]):
                 raise
             unfinished.rename(path)
         return self.load(path)
-
-    def sweep_ahead(self, profile: str = QUICK, **changes: Any) -> None:
-        """Compute a run's sweeps into the journals in which it will look for them; errors as of `run`."""
-        log, config = new_log(find_project(), self.name, profile), self.config(profile, **changes)
-        for one in self.sweeps:
-            self._swept(one, config, journal_of(log, f"{self.name}-{profile}", one.table), None)
 
     def _changed(self, profile: str, config: C) -> list[str]:
         usual, given = asdict(self.config(profile)), asdict(config)  # type: ignore[call-overload]

@@ -1,40 +1,39 @@
-"""Run notebooks headless, stricter than papermill, and make their outputs fit for version control.
+"""Run notebooks with papermill, and make their outputs fit for version control.
 
-papermill only warns about a parameter that a notebook does not declare; here it is an error, before anything
-runs. Fields of the configuration that a parameters cell does not list travel in its parameter ``settings``.
+papermill only warns about a parameter that a notebook does not declare. Here it is an error, before
+anything runs. Fields of the configuration that a parameters cell does not list are passed in its
+parameter ``settings``.
 """
 
 from __future__ import annotations
 
 import ast
-import asyncio
 import io
+import multiprocessing
 import multiprocessing.connection
+import os
 import re
+import signal
 import sys
 import tempfile
+import threading
 import time
-from collections.abc import Callable
-from contextlib import ExitStack, suppress
-from dataclasses import dataclass, replace
-from functools import partial
-from importlib import import_module
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import psutil
 
 from sfglab.errors import InvalidValueError, SfglabError
-from sfglab.lab.ahead import end_process, give_way, sweeps_ahead
 from sfglab.lab.experiment import QUICK
 from sfglab.lab.experiments import experiment
 from sfglab.lab.progress import is_line
 from sfglab.lab.runs import SMOKE
-from sfglab.lab.sweep.run import begin_worker
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
     from multiprocessing.connection import Connection
-    from pathlib import Path
 
     from nbformat import NotebookNode
 
@@ -46,8 +45,11 @@ KERNEL = {"display_name": "Python 3 (ipykernel)", "language": "python", "name": 
 """The kernel that notebooks name, so that none asks for one when it is opened."""
 SETTINGS = "settings"
 _EXPERIMENT = re.compile(r"notebook\.run\((\w+)\.exp\b")
-_ANY = re.compile("")
 _CELL_METADATA_KEPT = ("tags",)
+#: Priority of the process that only computes: the lowest.
+_COMPUTING_NICE = 19
+#: Time for a process to end its kernel, s.
+_END_S = 20.0
 
 
 class NotebookError(SfglabError, ValueError):
@@ -60,8 +62,8 @@ class Outcome:
 
     name: str  #: The notebook's name without suffix.
     seconds: float  #: Wall time.
-    error: str = ""  #: What went wrong, one line; empty when it ran through.
-    experiment: str = ""  #: Name of the experiment that it runs; empty: none.
+    error: str = ""  #: Reason of its failure, one line; empty when it ran through.
+    experiment: str = ""  #: Name of its experiment; empty: none.
     notebook: Path | None = None  #: The executed copy.
     log: Path | None = None  #: Log of the run; None where the notebook runs no experiment.
 
@@ -107,38 +109,46 @@ def _one_notebook(name: str, every: Sequence[Path]) -> Path:
 
 
 def fit_parameters(path: Path, given: Mapping[str, Any]) -> dict[str, Any]:
-    """Return parameters as a notebook's cell declares them, others in ``settings``; or `NotebookError`."""
+    """Return parameters as a notebook's cell declares them, other fields in ``settings``.
+
+    Raises:
+        NotebookError: The notebook declares no such parameter, or its experiment no such field.
+    """
     notebook = read_notebook(path)
-    tagged = [c for c in notebook.cells if "parameters" in c.metadata.get("tags", ())]
+    declared = _declared(path, notebook)
+    name = experiment_of(notebook)
+    fitted = {parameter: value for parameter, value in given.items() if parameter in declared}
+    unknown = {parameter: value for parameter, value in given.items() if parameter not in declared}
+    if name and SETTINGS in declared:
+        settings = {**fitted.pop(SETTINGS, {}), **unknown}
+        _check_fields(path, name, fitted | settings)
+        if settings:
+            fitted[SETTINGS] = settings
+    elif unknown:
+        raise NotebookError(
+            f"{path.name}: it declares no parameter {', '.join(sorted(unknown))}; "
+            f"its parameters are {', '.join(sorted(declared)) or 'none'}"
+        )
+    return fitted
+
+
+def _declared(path: Path, notebook: NotebookNode) -> set[str]:
+    """Return the names that a notebook's parameters cell assigns."""
+    tagged = [cell for cell in notebook.cells if "parameters" in cell.metadata.get("tags", ())]
     if len(tagged) != 1:
         raise NotebookError(
             f"{path.name}: {len(tagged)} cells are tagged 'parameters', needed is exactly one"
         )
-    declared = _assigned(path, tagged[0].source)
-    unknown = sorted(set(given) - declared)
-    runs = experiment_of(notebook)
-    if runs and SETTINGS in declared:
-        settings = dict(given.get(SETTINGS, {})) | {name: given[name] for name in unknown}
-        listed = {
-            name: value for name, value in given.items() if name in declared and name != SETTINGS
-        }
-        _check_fields(path, runs, listed | settings)
-        return listed | ({SETTINGS: settings} if settings else {})
-    if unknown:
-        raise NotebookError(
-            f"{path.name}: it declares no parameter {', '.join(unknown)}; "
-            f"its parameters are {', '.join(sorted(declared)) or 'none'}"
-        )
-    return dict(given)
+    return _assigned(path, tagged[0].source)
 
 
 def _check_fields(path: Path, name: str, given: Mapping[str, Any]) -> None:
-    """Refuse what the configuration of a notebook's experiment cannot hold, in one sentence."""
-    profile = given.get("profile", QUICK)
+    """Refuse a value that the configuration of a notebook's experiment cannot hold."""
+    fields = dict(given)
+    profile = fields.pop("profile", QUICK)
+    fields.pop("log", None)
     try:
-        experiment(name).config(
-            profile, **{k: v for k, v in given.items() if k not in ("profile", "log")}
-        )
+        experiment(name).config(profile, **fields)
     except InvalidValueError as error:
         raise NotebookError(f"{path.name}: {error}") from error
 
@@ -193,14 +203,11 @@ class _Steps(io.TextIOBase):
         return len(text)
 
 
-def run_notebook(
-    path: Path, output: Path, parameters: Mapping[str, Any], **hooks: Callable[..., Any]
-) -> None:
-    """Run one notebook with hooks of nbclient; a copy is kept also if it fails, which is a `NotebookError`."""
+def run_notebook(path: Path, output: Path, parameters: Mapping[str, Any]) -> None:
+    """Run one notebook; a copy is kept also if it fails, which is a `NotebookError`."""
     import papermill
     from traitlets.config import Config
 
-    parameters = fit_parameters(path, parameters)
     output.parent.mkdir(parents=True, exist_ok=True)
     try:
         with tempfile.TemporaryDirectory() as folder:
@@ -209,7 +216,7 @@ def run_notebook(
             papermill.execute_notebook(
                 str(path),
                 str(output),
-                parameters=parameters,
+                parameters=dict(parameters),
                 kernel_name="python3",
                 language="python",
                 cwd=str(path.parent),
@@ -217,174 +224,269 @@ def run_notebook(
                 stdout_file=_Steps(),
                 stderr_file=sys.stderr,
                 config=Config({"KernelManager": sockets}),
-                **hooks,
+                on_notebook_start=_lower_kernels,
             )
     except papermill.PapermillExecutionError as error:
         raise NotebookError(
             f"{path.name}: cell {error.exec_count}: {error.ename}: {error.evalue}"
         ) from error
+    except RuntimeError as error:  # the kernel died
+        raise NotebookError(f"{path.name}: {error}") from error
+
+
+def _lower_kernels(**_: Any) -> None:
+    """Give the kernels of this process its priority.
+
+    A kernel has a session of its own. Where Linux schedules by session, the priority of the session
+    counts, and not that of its processes.
+    """
+    nice = os.getpriority(os.PRIO_PROCESS, 0)
+    for child in psutil.Process().children():
+        with suppress(OSError):
+            if os.getsid(child.pid) == child.pid:
+                Path(f"/proc/{child.pid}/autogroup").write_text(f"{nice}", encoding="ascii")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Task:
+    """A notebook that is to be run."""
+
+    path: Path  #: The notebook.
+    project: Project  #: The checkout.
+    parameters: Mapping[str, Any]  #: Values for its parameters cell.
+    copy: Path  #: Path of the executed copy.
+    experiment: str  #: Name of its experiment; empty: none.
+    before_s: float  #: Duration of the last run with these parameters, s; 0: unknown.
+    write: bool  #: Whether the executed copy replaces the notebook.
+
+    @property
+    def name(self) -> str:
+        """Name of the notebook without suffix."""
+        return self.path.stem
+
+    @property
+    def measures(self) -> bool:
+        """Whether other work at the same time may change its results."""
+        return not self.experiment or experiment(self.experiment).measures
+
+    def logs(self) -> set[Path]:
+        """Return the finished logs of its experiment."""
+        folder = self.project.runs / "logs" / (self.experiment or "none")
+        return set(folder.glob("*.mcap"))
 
 
 def run_notebooks(
-    paths: Sequence[Path],
+    paths: Iterable[Path],
     *,
     project: Project,
     parameters: Mapping[str, Any],
     write: bool = False,
-    ahead: bool = False,
 ) -> list[Outcome]:
-    """Run notebooks one after the other; a failure does not stop the rest.
+    """Run notebooks, at most two at once; a failure does not stop the others.
 
-    Executed copies go to ``runs/notebooks``, and with `write` normalised in place of the notebooks. Parameters
-    are values for every notebook's ``parameters`` cell, or fields of its configuration. If others may go
-    `ahead`, sweeps of notebooks to come are computed beside the others, and a notebook begins when nothing
-    is measured any more in the one before, whose figures are drawn meanwhile.
+    One process runs the notebooks that measure, one after the other. The other process runs those
+    that only compute, at the lowest priority. The index comes last, because it reports on the
+    others. Executed copies go to ``runs/notebooks``.
+
+    Args:
+        paths: The notebooks.
+        project: The checkout.
+        parameters: Values for the ``parameters`` cell of every notebook, or fields of its
+            configuration.
+        write: Whether the executed copies, normalised, also replace the notebooks.
 
     Raises:
         NotebookError: Before anything runs: parameters that do not fit a notebook.
     """
-    paths = list(dict.fromkeys(paths))  # one that is named twice runs once
-    for path in paths:
-        fit_parameters(path, parameters)
-    before = {path.stem: seconds_before(path, project, parameters) for path in paths}
-    names = {path: experiment_of(read_notebook(path)) for path in paths}
-    places = {
-        path.stem: f"[{place}/{len(paths)}] {path.stem}"
-        for place, path in enumerate(paths, start=1)
-    }
-    outcomes: list[Outcome] = []
-    started_s = time.monotonic()
-
-    def ended(outcome: Outcome) -> None:
-        outcomes.append(outcome)
-        said = f"failed: {outcome.error}" if outcome.error else "done"
-        overlap = (time.monotonic() - started_s) / sum(one.seconds for one in outcomes)
-        left_min = seconds_left(outcomes, before) * min(1.0, overlap) / 60
-        left = f", about {left_min:.0f} min left" if len(outcomes) < len(paths) else ""
-        _say(f"{places[outcome.name]} {said} after {outcome.seconds:.0f} s{left}")
-
-    with ExitStack() as stack:
-        leave = stack.enter_context(sweeps_ahead(_sweeping(names, parameters) if ahead else {}))
-        runs = {path: partial(_run_one, path, project, parameters, write=write) for path in paths}
-        measure = {path: not name or experiment(name).measures for path, name in names.items()}
-        every = (
-            (path.stem, run, _EXPERIMENT if measure[path] else _ANY) for path, run in runs.items()
-        )
-        turns = _Turns(every if ahead else (), ended, stack)
-        for path, run in runs.items():
-            if path.stem == INDEX:
-                turns.end_all()
-            leave(names[path])
-            _say(f"{places[path.stem]} ...")
-            if ahead:
-                turns.take()
-            else:
-                ended(run())
-        turns.end_all()
-    return sorted(outcomes, key=lambda outcome: list(places).index(outcome.name))
+    tasks = [_task(path, project, parameters, write=write) for path in dict.fromkeys(paths)]
+    tasks.sort(key=lambda task: task.name == INDEX)
+    report = _Report(tasks)
+    others = [task for task in tasks if task.name != INDEX]
+    measuring = [task for task in others if task.measures]
+    computing = [task for task in others if not task.measures]
+    if measuring and computing and len(os.sched_getaffinity(0)) > 1:
+        _run_in_processes(measuring, computing, report)
+    else:
+        _run_here(others, report)
+    _run_here(tasks[len(others) :], report)
+    return report.in_order()
 
 
-_Turn = tuple[
-    str, Callable[..., Outcome], re.Pattern[str]
-]  # name, how it is run, its last cell that measures
+def _task(path: Path, project: Project, parameters: Mapping[str, Any], *, write: bool) -> _Task:
+    fitted = fit_parameters(path, parameters)
+    return _Task(
+        path=path,
+        project=project,
+        parameters=fitted,
+        copy=_executed_copy(path, project, parameters),
+        experiment=experiment_of(read_notebook(path)),
+        before_s=seconds_before(path, project, fitted),
+        write=write,
+    )
 
 
-class _Turns:
-    """Notebooks in processes, which end with a stack: one begins when nothing is measured in the one before."""
+class _Report:
+    """Progress on standard error: a line for each begin and each end of a notebook."""
 
-    def __init__(
-        self, turns: Iterable[_Turn], ended: Callable[[Outcome], None], stack: ExitStack
-    ) -> None:
-        import_module("papermill")  # once, and not in each process
-        self._turns, self._ended, self._stack = iter(turns), ended, stack
-        self._running: dict[Any, tuple[str, float]] = {}  # name and begin, by connection
-        self._measured: Any = None
-        self._make_ready()
+    def __init__(self, tasks: Sequence[_Task]) -> None:
+        self._places = {
+            task.name: f"[{place}/{len(tasks)}] {task.name}"
+            for place, task in enumerate(tasks, start=1)
+        }
+        self._before_s = {task.name: task.before_s for task in tasks}
+        self._outcomes: dict[str, Outcome] = {}
+        self._begun_s = time.monotonic()
 
-    def take(self) -> None:
-        """Let the next begin, beside which one other may end; return when its last measuring cell has run."""
-        while len(self._running) > 1:
-            self._hear()
-        name, self._measured = self._ready
-        self._running[self._measured] = name, time.monotonic()
-        with suppress(BrokenPipeError):  # it has ended, which is heard
-            self._measured.send(None)
-        self._make_ready()
-        while self._measured is not None:
-            self._hear()
+    def begin(self, task: _Task) -> None:
+        """Report that a notebook begins."""
+        _say(f"{self._places[task.name]} ...")
 
-    def end_all(self) -> None:
-        """Return when all have ended."""
-        while self._running:
-            self._hear()
+    def end(self, outcome: Outcome) -> None:
+        """Report that a notebook has ended."""
+        self._outcomes[outcome.name] = outcome
+        line = f"{self._places[outcome.name]} "
+        line += f"failed: {outcome.error}" if outcome.error else "done"
+        line += f" after {outcome.seconds:.0f} s"
+        if len(self._outcomes) < len(self._places):
+            line += f", about {self._left_s() / 60:.0f} min left"
+        _say(line)
 
-    def _make_ready(self) -> None:
-        """Start the next one's kernel, as far as there is one."""
-        for name, run, last in self._turns:
-            here, there = multiprocessing.Pipe()
-            # Forked, because all is imported, and this process has no threads.
-            process = multiprocessing.get_context("fork").Process(
-                target=_take_turn, args=(run, last, there)
-            )
-            process.start()
-            self._stack.callback(end_process, process)
-            there.close()
-            self._ready = name, here
-            return
+    def _left_s(self) -> float:
+        done = list(self._outcomes.values())
+        # Two notebooks at once take less time than their sum.
+        elapsed_s = time.monotonic() - self._begun_s
+        overlap = elapsed_s / sum(outcome.seconds for outcome in done)
+        return seconds_left(done, self._before_s) * min(1.0, overlap)
 
-    def _hear(self) -> None:
-        ready: list[Any] = multiprocessing.connection.wait(list(self._running))
-        for connection in ready:
-            name, started_s = self._running[connection]
-            try:
-                outcome: Outcome | None = connection.recv()
-            except (EOFError, OSError):
-                outcome = Outcome(name=name, seconds=0.0, error="its process ended")
-            self._measured = None if self._measured is connection else self._measured
-            if outcome is not None:
-                del self._running[connection]
-                self._ended(replace(outcome, seconds=time.monotonic() - started_s))
+    def in_order(self) -> list[Outcome]:
+        """Return the outcomes in the order of the notebooks."""
+        return [self._outcomes[name] for name in self._places]
 
 
-def _take_turn(run: Callable[..., Outcome], last: re.Pattern[str], there: Connection) -> None:
-    begin_worker()
-    told = asyncio.Event()
-
-    async def before_cell(**_: Any) -> None:
-        if not told.is_set():
-            asyncio.get_running_loop().add_reader(there.fileno(), told.set)
-            await told.wait()
-            asyncio.get_running_loop().remove_reader(there.fileno())
-            there.recv()
-
-    def after_cell(cell: NotebookNode, **_: Any) -> None:
-        if last.search(cell.source):
-            for kernel in psutil.Process().children():
-                give_way(kernel.pid)
-            there.send(None)
-
-    there.send(run(on_cell_start=before_cell, on_cell_executed=after_cell))
+def _run_here(tasks: Iterable[_Task], report: _Report) -> None:
+    for task in tasks:
+        report.begin(task)
+        report.end(_run_task(task))
 
 
-def _sweeping(
-    names: Mapping[Path, str], parameters: Mapping[str, Any]
-) -> dict[str, dict[str, Any]]:
-    """Return the profile and the fields of the runs that have sweeps, by experiment."""
-    runs = {}
-    for path, name in names.items():
-        if name and experiment(name).sweeps and "log" not in parameters:
-            settings = (given := fit_parameters(path, parameters)).pop(SETTINGS, {})
-            runs[name] = given | settings
-    return runs
+def _run_in_processes(
+    measuring: Sequence[_Task], computing: Sequence[_Task], report: _Report
+) -> None:
+    workers = [_Worker(measuring, report), _Worker(computing, report, nice=_COMPUTING_NICE)]
+    try:
+        while running := {worker.outcomes: worker for worker in workers if worker.tasks}:
+            for ready in multiprocessing.connection.wait(running):
+                worker = running[ready]  # type: ignore[index]  # only connections are waited for
+                worker.receive()
+    finally:
+        for worker in workers:
+            worker.end()
+
+
+class _Worker:
+    """A process that runs notebooks one after the other."""
+
+    def __init__(self, tasks: Sequence[_Task], report: _Report, nice: int = 0) -> None:
+        self.tasks = list(tasks)  #: The notebooks that have not ended; the first one runs.
+        self._report = report
+        self._nice = nice
+        self._start()
+
+    def _start(self) -> None:
+        context = multiprocessing.get_context("spawn")
+        self.outcomes, there = context.Pipe(duplex=False)
+        self._process = context.Process(target=_run_list, args=(self.tasks, self._nice, there))
+        self._process.start()
+        there.close()
+        self._begin()
+
+    def _begin(self) -> None:
+        self._begun_s = time.monotonic()
+        self._report.begin(self.tasks[0])
+
+    def receive(self) -> None:
+        """Receive the outcome of the first notebook; if the process ended, start another one."""
+        task = self.tasks.pop(0)
+        try:
+            outcome: Outcome = self.outcomes.recv()
+        except EOFError:
+            self.end()
+            seconds = time.monotonic() - self._begun_s
+            self._report.end(Outcome(name=task.name, seconds=seconds, error="its process ended"))
+            if self.tasks:
+                self._start()
+        else:
+            self._report.end(outcome)
+            if self.tasks:
+                self._begin()
+
+    def end(self) -> None:
+        """End the process, by force if it does not end in time."""
+        self._process.terminate()
+        self._process.join(_END_S)
+        self._process.kill()
+        self._process.join()
+        self.outcomes.close()
+
+
+def _run_list(tasks: Sequence[_Task], nice: int, outcomes: Connection) -> None:
+    # The process that started this one receives Ctrl-C, too, and terminates this one. Kernels would
+    # inherit SIG_IGN; they do not inherit a handler.
+    signal.signal(signal.SIGINT, lambda *_: None)
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit())
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+    os.nice(nice)
+    for task in tasks:
+        outcomes.send(_run_task(task))
+
+
+def _end_with_parent() -> None:
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os.kill(os.getpid(), signal.SIGTERM)
+
+
+def _run_task(task: _Task) -> Outcome:
+    import nbformat
+
+    logs_before = task.logs()
+    begun_s = time.monotonic()
+    try:
+        run_notebook(task.path, task.copy, task.parameters)
+    except NotebookError as error:
+        seconds = time.monotonic() - begun_s
+        return Outcome(name=task.name, seconds=seconds, error=str(error), notebook=task.copy)
+    seconds = time.monotonic() - begun_s
+    if task.write:
+        nbformat.write(normalise(read_notebook(task.copy), task.project), task.path)
+    log = max(task.logs() - logs_before, default=None)
+    if task.parameters.get("log"):
+        given = task.project.root / task.parameters["log"]
+        log = given if given.is_file() else None
+    return Outcome(
+        name=task.name, seconds=seconds, experiment=task.experiment, notebook=task.copy, log=log
+    )
 
 
 def seconds_left(done: Sequence[Outcome], before: Mapping[str, float]) -> float:
-    """Return how long the others may take, s, by what they took before (0: unknown), at today's pace."""
+    """Return how long the other notebooks may take, s.
+
+    Args:
+        done: The notebooks that have ended.
+        before: Duration of the last run of every notebook, s; 0: unknown.
+    """
     took = {outcome.name: outcome.seconds for outcome in done}
-    known = [before[name] for name in took if before[name]]
-    paced = [took[name] for name in took if before[name]]
-    pace, usual = (sum(paced) / sum(known) if known else 1.0), sum(took.values()) / len(took)
-    return sum(pace * s if s else usual for name, s in before.items() if name not in took)
+    mean = sum(took.values()) / len(took)
+    known = [name for name in took if before[name]]
+    pace = 1.0
+    if known:
+        pace = sum(took[name] for name in known) / sum(before[name] for name in known)
+    left = 0.0
+    for name, seconds in before.items():
+        if name not in took:
+            left += pace * seconds if seconds else mean
+    return left
 
 
 def seconds_before(path: Path, project: Project, parameters: Mapping[str, Any]) -> float:
@@ -392,7 +494,7 @@ def seconds_before(path: Path, project: Project, parameters: Mapping[str, Any]) 
     folder = project.runs / "notebooks"
     variations = sorted(folder.glob(f"{path.stem}-*.ipynb"))
     for copy in [*variations[-1:], folder / path.name]:
-        seconds = _seconds_of(copy, fit_parameters(path, parameters))
+        seconds = _seconds_of(copy, parameters)
         if seconds:
             return seconds
     return 0.0
@@ -407,38 +509,7 @@ def _seconds_of(path: Path, parameters: Mapping[str, Any]) -> float:
     run = copy.metadata.get("papermill", {})
     if run.get("parameters") != parameters or run.get("exception"):
         return 0.0
-    title = copy.cells[0].metadata.get("papermill", {}) if copy.cells else {}
-    waited_s = title.get("duration") or 0.0  # the title's cell waits for the notebook's turn
-    return float(run.get("duration") or waited_s) - waited_s
-
-
-def _run_one(
-    path: Path,
-    project: Project,
-    parameters: Mapping[str, Any],
-    *,
-    write: bool,
-    **hooks: Callable[..., Any],
-) -> Outcome:
-    import nbformat
-
-    output = _executed_copy(path, project, parameters)
-    name = experiment_of(read_notebook(path))
-    logs = project.runs / "logs" / (name or "none")
-    before = set(logs.glob("*.mcap"))
-    started = time.monotonic()
-    try:
-        run_notebook(path, output, parameters, **hooks)
-    except NotebookError as error:
-        seconds = time.monotonic() - started
-        return Outcome(name=path.stem, seconds=seconds, error=str(error), notebook=output)
-    seconds = time.monotonic() - started
-    if write:
-        nbformat.write(normalise(read_notebook(output), project), path)
-    made = max(set(logs.glob("*.mcap")) - before, default=None)
-    given = project.root / parameters["log"] if parameters.get("log") else made
-    log = given if given is not None and given.is_file() else None
-    return Outcome(name=path.stem, seconds=seconds, experiment=name, notebook=output, log=log)
+    return float(run.get("duration") or 0.0)
 
 
 def is_variation(parameters: Mapping[str, Any]) -> bool:

@@ -1,11 +1,15 @@
 """The runner: stricter than papermill, one failure hides nothing, outputs are normalised; progress is told."""
 
 import asyncio
+import os
+import signal
+import threading
+import time
 
 import nbformat
 import psutil
 import pytest
-from nbformat.v4 import new_code_cell, new_markdown_cell, new_notebook, new_output
+from nbformat.v4 import new_code_cell, new_notebook, new_output
 
 from sfglab.errors import SfglabError
 from sfglab.lab import notebook, notebooks, progress
@@ -120,6 +124,7 @@ def test_one_failed_notebook_does_not_hide_the_others_and_says_which_cell(projec
 
 
 MEASURED = "# notebook.run(depth_codecs.exp)"
+COMPUTED = "# notebook.run(naming.exp)"
 WAITS = """
 import os, time
 from pathlib import Path
@@ -130,56 +135,95 @@ assert Path("../{0}").exists()
 print(os.getpriority(os.PRIO_PROCESS, 0))
 """
 BEGINS = "from pathlib import Path; Path('../{}').touch()"
+PRIORITY = """
+import os
+from pathlib import Path
+group = Path(f"/proc/{os.getpid()}/autogroup")
+print(os.getpriority(os.PRIO_PROCESS, 0))
+print(group.read_text().split()[-1] if group.exists() else 19)
+"""
+
+
+@pytest.fixture
+def two_cores(monkeypatch):
+    monkeypatch.setattr("os.sched_getaffinity", lambda _: {0, 1})
+
+
+def outputs(outcome):
+    return nbformat.read(outcome.notebook, as_version=4).cells[-1].outputs[0].text.split()
 
 
 @pytest.mark.slow
-def test_a_notebook_begins_when_nothing_is_measured_any_more_in_the_one_before(project, capsys):
-    write(
-        project,
-        "00_index",
-        "x: int = 1",
-        "from pathlib import Path; assert Path('../third').exists()",
-    )
-    write(project, "01_a", "x: int = 1", MEASURED, WAITS.format("second"))
-    write(project, "02_b", "x: int = 1", BEGINS.format("second"), MEASURED, WAITS.format("third"))
-    write(project, "03_c", "x: int = 1", BEGINS.format("third"))
+def test_notebooks_that_only_compute_run_beside_those_that_measure_at_low_priority(
+    project, two_cores, capsys
+):
+    asks_all = "assert Path('../measured').exists() and Path('../computed').exists()"
+    write(project, "00_index", "x: int = 1", f"from pathlib import Path; {asks_all}")
+    begins = BEGINS.format("measured")
+    write(project, "01_a", "x: int = 1", begins, MEASURED, WAITS.format("computed"))
+    begins = BEGINS.format("computed")
+    write(project, "02_b", "x: int = 1", WAITS.format("measured"), begins, COMPUTED, PRIORITY)
+    write(project, "03_c", "x: int = 1", MEASURED, "assert x == 4")
     found = notebooks.find_notebooks(project)
-    outcomes = notebooks.run_notebooks(found, project=project, parameters={"x": 4}, ahead=True)
+    outcomes = notebooks.run_notebooks(found, project=project, parameters={"x": 4})
     assert [(o.name, o.error) for o in outcomes] == [(p.stem, "") for p in found]
     assert outcomes[-1].name == "00_index", "it reports on all others"
-    for outcome in outcomes[:2]:
-        last = nbformat.read(outcome.notebook, as_version=4).cells[-1]
-        assert int(last.outputs[0].text) == 10, "it gives way to what is measured"
-    assert capsys.readouterr().err.count(" done after ") == 4
+    assert outputs(outcomes[0]) == ["0"]
+    assert outputs(outcomes[1]) == ["19", "19"]
+    said = capsys.readouterr().err
+    assert [said.count(words) for words in (" ...", " done after ", " min left")] == [4, 4, 3]
 
 
 @pytest.mark.slow
-def test_a_notebook_whose_process_is_killed_has_failed_and_the_others_run(project):
-    write(project, "01_a", "x: int = 1", "import os, signal; os.kill(os.getppid(), signal.SIGKILL)")
-    write(project, "02_b", "x: int = 1")
+def test_a_notebook_whose_process_is_killed_has_failed_and_the_others_run(
+    project, two_cores, tmp_path, monkeypatch
+):
+    monkeypatch.setenv("TMPDIR", str(tmp_path))  # a killed process leaves its sockets
+    kills = "import os, signal; os.kill(os.getppid(), signal.SIGKILL)"
+    write(project, "01_a", "x: int = 1", kills)
+    write(project, "02_b", "x: int = 1", COMPUTED)
+    write(project, "03_c", "x: int = 1", "import os; os._exit(1)")
+    write(project, "04_d", "x: int = 1")
     outcomes = notebooks.run_notebooks(
-        notebooks.find_notebooks(project), project=project, parameters={}, ahead=True
+        notebooks.find_notebooks(project), project=project, parameters={}
     )
-    assert [o.error for o in outcomes] == ["its process ended", ""]
+    errors = [o.error for o in outcomes]
+    assert errors == ["its process ended", "", "03_c.ipynb: Kernel died", ""]
 
 
 @pytest.mark.slow
-def test_ctrl_c_ends_all_that_run(project, monkeypatch):
-    write(project, "01_a", "x: int = 1", MEASURED, "import time; time.sleep(600)")
-    write(project, "02_b", "x: int = 1")
+def test_ctrl_c_ends_both_processes_and_their_kernels(project, two_cores, tmp_path, monkeypatch):
+    monkeypatch.setenv("TMPDIR", str(tmp_path))
+    sleeps = "import time; time.sleep(600)"
+    write(project, "01_a", "x: int = 1", BEGINS.format("measured"), sleeps)
+    write(project, "02_b", "x: int = 1", COMPUTED, BEGINS.format("computed"), sleeps)
 
-    def interrupted(_):
-        raise KeyboardInterrupt
+    def interrupt():
+        both = [project.root / "measured", project.root / "computed"]
+        while not all(file.exists() for file in both):
+            time.sleep(0.05)
+        os.kill(os.getpid(), signal.SIGINT)
 
-    monkeypatch.setattr(notebooks._Turns, "end_all", interrupted)
     before = {process.pid for process in psutil.Process().children(recursive=True)}
+    thread = threading.Thread(target=interrupt, daemon=True)
+    thread.start()
     with pytest.raises(KeyboardInterrupt):
-        notebooks.run_notebooks(
-            notebooks.find_notebooks(project), project=project, parameters={}, ahead=True
-        )
+        notebooks.run_notebooks(notebooks.find_notebooks(project), project=project, parameters={})
     left = [p for p in psutil.Process().children(recursive=True) if p.pid not in before]
     _, alive = psutil.wait_procs(left, timeout=10)
-    assert alive == []
+    assert [p for p in alive if "resource_tracker" not in str(p.cmdline())] == []
+    assert list(tmp_path.glob("tmp*")) == [], "no sockets"
+
+
+@pytest.mark.slow
+def test_on_one_core_all_notebooks_run_in_this_process(project, monkeypatch):
+    monkeypatch.setattr("os.sched_getaffinity", lambda _: {0})
+    monkeypatch.setattr(notebooks, "_run_in_processes", None)
+    write(project, "01_a", "x: int = 1", MEASURED)
+    write(project, "02_b", "x: int = 1", COMPUTED)
+    found = notebooks.find_notebooks(project)
+    outcomes = notebooks.run_notebooks(found, project=project, parameters={})
+    assert [o.error for o in outcomes] == ["", ""]
 
 
 def test_notebooks_are_found_by_name_beginning_or_topic(project):
@@ -255,7 +299,7 @@ def test_the_time_left_follows_from_the_last_run_at_todays_pace():
 @pytest.mark.parametrize(
     ("told", "seconds"),
     [
-        ({"parameters": {"x": 4}, "duration": 14.5}, 12.5),
+        ({"parameters": {"x": 4}, "duration": 12.5}, 12.5),
         ({"parameters": {"x": 5}, "duration": 12.5}, 0),
         ({"parameters": {"x": 4}, "duration": 12.5, "exception": True}, 0),
         ({"parameters": {"x": 4}, "duration": None}, 0),
@@ -266,8 +310,7 @@ def test_a_copy_of_a_like_run_tells_how_long_it_took(project, told, seconds):
     write(project, "01_a", "x: int = 1")
     if told is not None:
         (project.runs / "notebooks").mkdir(parents=True)
-        waited = new_markdown_cell("# A", metadata={"papermill": {"duration": 2.0}})
-        copy = new_notebook(cells=[waited], metadata={"papermill": told})
+        copy = new_notebook(metadata={"papermill": told})
         nbformat.write(copy, project.runs / "notebooks" / "01_a.ipynb")
     assert notebooks.seconds_before(project.notebooks / "01_a.ipynb", project, {"x": 4}) == seconds
 

@@ -1,6 +1,5 @@
 """Sweeps: the same rows wherever they ran, in order, once each, whatever happened in between."""
 
-import asyncio
 import json
 import logging
 import math
@@ -9,7 +8,6 @@ import signal
 import struct
 import subprocess
 import sys
-import time
 from collections import Counter
 from concurrent.futures import wait
 from contextlib import contextmanager, suppress
@@ -38,9 +36,6 @@ from sweep_tasks import (
 )
 
 from sfglab.errors import MissingExtraError
-from sfglab.lab.ahead import sweeps_ahead
-from sfglab.lab.bench import Options
-from sfglab.lab.experiments import experiment
 from sfglab.lab.progress import progress_to
 from sfglab.lab.sweep import JournalError, SweepError, Workers, sweep
 from sfglab.lab.sweep.journal import code_digest, identity_of, open_journal, text_from_result
@@ -429,45 +424,3 @@ def test_a_killed_sweep_leaves_no_workers_and_is_continued(tmp_path):
     with (tmp_path / "journal").open("a") as journal:
         journal.write('{"point": 5, "se')
     resumed(tmp_path)
-
-
-@pytest.fixture
-def root(tmp_path, monkeypatch):
-    (tmp_path / "data").mkdir()
-    (tmp_path / "data" / "claims.yaml").touch()
-    monkeypatch.setenv("SFGLAB_ROOT", str(tmp_path))
-    return tmp_path
-
-
-def test_a_run_takes_what_was_computed_ahead_and_computes_the_rest(root):
-    exp, steps = experiment("cooperation"), []
-    fields = {
-        "methods": ("none",),
-        "rates_hz": (100,),
-        "depths": (1, 10),
-        "seeds": 1,
-        "contrast_seeds": 0,
-    }
-    exp.sweep_ahead(**fields)
-    [journal] = root.rglob("*.journal")
-    first, *rows = journal.read_bytes().splitlines(keepends=True)
-    journal.write_bytes(first + rows[1])
-    with progress_to(steps.append):
-        run = asyncio.run(exp.run(options=Options(only=frozenset({"course"})), **fields))
-    assert [step.total for step in steps] == [1]
-    assert len(run["course"]) == len(rows) == 2
-
-
-def test_sweeps_ahead_want_no_processor_that_others_want_and_end_when_their_run_begins(root):
-    def idle():
-        return [
-            p for p in psutil.Process().children() if os.sched_getscheduler(p.pid) == os.SCHED_IDLE
-        ]
-
-    with sweeps_ahead({"cooperation": {"seeds": 1000}}) as leave:
-        while not idle():
-            time.sleep(0.01)
-        group = Path(f"/proc/{idle()[0].pid}/autogroup")
-        assert not group.exists() or group.read_text().endswith("nice 19\n")
-        leave("cooperation")
-        nothing_is_left()
