@@ -18,8 +18,9 @@ import sys
 import tempfile
 import threading
 import time
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -32,8 +33,9 @@ from sfglab.lab.progress import is_line
 from sfglab.lab.runs import SMOKE
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
+    from collections.abc import Collection, Iterable, Mapping, Sequence
     from multiprocessing.connection import Connection
+    from multiprocessing.process import BaseProcess
 
     from nbformat import NotebookNode
 
@@ -45,7 +47,6 @@ KERNEL = {"display_name": "Python 3 (ipykernel)", "language": "python", "name": 
 """The kernel that notebooks name, so that none asks for one when it is opened."""
 SETTINGS = "settings"
 _EXPERIMENT = re.compile(r"notebook\.run\((\w+)\.exp\b")
-_CELL_METADATA_KEPT = ("tags",)
 #: Priority of the process that only computes: the lowest.
 _COMPUTING_NICE = 19
 #: Time for a process to end its kernel, s.
@@ -72,14 +73,17 @@ def _say(text: str) -> None:
     sys.stderr.write(f"{text}\n")
 
 
-def read_parameters(pairs: Sequence[str]) -> dict[str, Any]:
+def read_parameters(pairs: Iterable[str]) -> dict[str, Any]:
     """Read parameters ``name=value`` of a command line, values as YAML, or raise a `NotebookError`."""
     import yaml
 
-    wrong = [p for p in pairs if not p.partition("=")[0].isidentifier() or "=" not in p]
-    if wrong:
-        raise NotebookError(f"parameter: given {wrong[0]!r}, needed is name=value")
-    return {name: yaml.safe_load(value) for name, _, value in (p.partition("=") for p in pairs)}
+    parameters = {}
+    for pair in pairs:
+        name, equals, value = pair.partition("=")
+        if not equals or not name.isidentifier():
+            raise NotebookError(f"parameter: given {pair!r}, needed is name=value")
+        parameters[name] = yaml.safe_load(value)
+    return parameters
 
 
 def find_notebooks(project: Project, names: Sequence[str] = ()) -> list[Path]:
@@ -95,16 +99,17 @@ def find_notebooks(project: Project, names: Sequence[str] = ()) -> list[Path]:
 
 
 def _one_notebook(name: str, every: Sequence[Path]) -> Path:
-    wanted = name.rsplit("/", 1)[-1].removesuffix(".ipynb")
-    exact = [p for p in every if p.stem == wanted]
-    fitting = exact or [
-        p for p in every if p.stem.startswith(wanted) or p.stem.partition("_")[2] == wanted
-    ]
+    wanted = name.rpartition("/")[2].removesuffix(".ipynb")
+    fitting = [path for path in every if path.stem == wanted]
+    if not fitting:
+        for path in every:
+            topic = path.stem.partition("_")[2]
+            if topic == wanted or path.stem.startswith(wanted):
+                fitting.append(path)
     if len(fitting) != 1:
         what = "fits several notebooks" if fitting else "is no notebook"
-        raise NotebookError(
-            f"{name!r} {what}; there are {', '.join(p.stem for p in every) or 'none'}"
-        )
+        there = ", ".join(path.stem for path in every) or "none"
+        raise NotebookError(f"{name!r} {what}; there are {there}")
     return fitting[0]
 
 
@@ -256,13 +261,8 @@ class _Task:
     parameters: Mapping[str, Any]  #: Values for its parameters cell.
     copy: Path  #: Path of the executed copy.
     experiment: str  #: Name of its experiment; empty: none.
-    before_s: float  #: Duration of the last run with these parameters, s; 0: unknown.
-    write: bool  #: Whether the executed copy replaces the notebook.
-
-    @property
-    def name(self) -> str:
-        """Name of the notebook without suffix."""
-        return self.path.stem
+    place: str = ""  #: Its number among those that are run, and its name.
+    write: bool = False  #: Whether the executed copy replaces the notebook.
 
     @property
     def measures(self) -> bool:
@@ -298,138 +298,93 @@ def run_notebooks(
     Raises:
         NotebookError: Before anything runs: parameters that do not fit a notebook.
     """
-    tasks = [_task(path, project, parameters, write=write) for path in dict.fromkeys(paths)]
-    tasks.sort(key=lambda task: task.name == INDEX)
+    ordered = sorted(dict.fromkeys(paths), key=lambda path: path.stem == INDEX)
+    tasks = []
+    for number, path in enumerate(ordered, start=1):
+        task = _Task(
+            path=path,
+            project=project,
+            parameters=fit_parameters(path, parameters),
+            copy=_executed_copy(path, project, parameters),
+            experiment=experiment_of(read_notebook(path)),
+            place=f"[{number}/{len(ordered)}] {path.stem}",
+            write=write,
+        )
+        tasks.append(task)
     report = _Report(tasks)
-    others = [task for task in tasks if task.name != INDEX]
+    others = [task for task in tasks if task.path.stem != INDEX]
     measuring = [task for task in others if task.measures]
     computing = [task for task in others if not task.measures]
     if measuring and computing and len(os.sched_getaffinity(0)) > 1:
-        _run_in_processes(measuring, computing, report)
-    else:
-        _run_here(others, report)
-    _run_here(tasks[len(others) :], report)
-    return report.in_order()
-
-
-def _task(path: Path, project: Project, parameters: Mapping[str, Any], *, write: bool) -> _Task:
-    fitted = fit_parameters(path, parameters)
-    return _Task(
-        path=path,
-        project=project,
-        parameters=fitted,
-        copy=_executed_copy(path, project, parameters),
-        experiment=experiment_of(read_notebook(path)),
-        before_s=seconds_before(path, project, fitted),
-        write=write,
-    )
+        _run_in_processes({0: measuring, _COMPUTING_NICE: computing}, report)
+    for task in tasks:
+        if task.path.stem not in report.outcomes:
+            report.end(_run_task(task))
+    return [report.outcomes[path.stem] for path in ordered]
 
 
 class _Report:
-    """Progress on standard error: a line for each begin and each end of a notebook."""
+    """The outcomes, and a line of progress for each."""
 
-    def __init__(self, tasks: Sequence[_Task]) -> None:
-        self._places = {
-            task.name: f"[{place}/{len(tasks)}] {task.name}"
-            for place, task in enumerate(tasks, start=1)
+    def __init__(self, tasks: Iterable[_Task]) -> None:
+        self.outcomes: dict[str, Outcome] = {}  #: By name of the notebook.
+        self._places = {task.path.stem: task.place for task in tasks}
+        self._before_s = {
+            task.path.stem: seconds_before(task.path, task.project, task.parameters)
+            for task in tasks
         }
-        self._before_s = {task.name: task.before_s for task in tasks}
-        self._outcomes: dict[str, Outcome] = {}
         self._begun_s = time.monotonic()
-
-    def begin(self, task: _Task) -> None:
-        """Report that a notebook begins."""
-        _say(f"{self._places[task.name]} ...")
 
     def end(self, outcome: Outcome) -> None:
         """Report that a notebook has ended."""
-        self._outcomes[outcome.name] = outcome
-        line = f"{self._places[outcome.name]} "
-        line += f"failed: {outcome.error}" if outcome.error else "done"
-        line += f" after {outcome.seconds:.0f} s"
-        if len(self._outcomes) < len(self._places):
-            line += f", about {self._left_s() / 60:.0f} min left"
-        _say(line)
-
-    def _left_s(self) -> float:
-        done = list(self._outcomes.values())
-        # Two notebooks at once take less time than their sum.
-        elapsed_s = time.monotonic() - self._begun_s
-        overlap = elapsed_s / sum(outcome.seconds for outcome in done)
-        return seconds_left(done, self._before_s) * min(1.0, overlap)
-
-    def in_order(self) -> list[Outcome]:
-        """Return the outcomes in the order of the notebooks."""
-        return [self._outcomes[name] for name in self._places]
+        self.outcomes[outcome.name] = outcome
+        result = f"failed: {outcome.error}" if outcome.error else "done"
+        left = ""
+        if len(self.outcomes) < len(self._places):
+            elapsed_s = time.monotonic() - self._begun_s
+            left_s = seconds_left(elapsed_s, self.outcomes, self._before_s)
+            left = f", about {left_s / 60:.0f} min left"
+        took = f" after {outcome.seconds:.0f} s" if outcome.seconds else ""
+        _say(f"{self._places[outcome.name]} {result}{took}{left}")
 
 
-def _run_here(tasks: Iterable[_Task], report: _Report) -> None:
-    for task in tasks:
-        report.begin(task)
-        report.end(_run_task(task))
+def _run_in_processes(lists: Mapping[int, Sequence[_Task]], report: _Report) -> None:
+    """Run a list of notebooks in a process of each priority."""
+    spawn = multiprocessing.get_context("spawn")
+    running: dict[Any, tuple[int, Sequence[_Task]]] = {}
+    with ExitStack() as stack:
+
+        def start(nice: int, tasks: Sequence[_Task]) -> None:
+            outcomes, there = spawn.Pipe(duplex=False)
+            process = spawn.Process(target=_run_list, args=(nice, tasks, there))
+            process.start()
+            stack.callback(_end_process, process)
+            there.close()
+            running[outcomes] = nice, tasks
+
+        for nice, tasks in lists.items():
+            start(nice, tasks)
+        while running:
+            for outcomes in multiprocessing.connection.wait(list(running)):
+                nice, tasks = running.pop(outcomes)
+                try:
+                    report.end(outcomes.recv())
+                    running[outcomes] = nice, tasks[1:]
+                except EOFError:
+                    if tasks:
+                        name = tasks[0].path.stem
+                        report.end(Outcome(name=name, seconds=0.0, error="its process ended"))
+                        start(nice, tasks[1:])
 
 
-def _run_in_processes(
-    measuring: Sequence[_Task], computing: Sequence[_Task], report: _Report
-) -> None:
-    workers = [_Worker(measuring, report), _Worker(computing, report, nice=_COMPUTING_NICE)]
-    try:
-        while running := {worker.outcomes: worker for worker in workers if worker.tasks}:
-            for ready in multiprocessing.connection.wait(running):
-                worker = running[ready]  # type: ignore[index]  # only connections are waited for
-                worker.receive()
-    finally:
-        for worker in workers:
-            worker.end()
+def _end_process(process: BaseProcess) -> None:
+    process.terminate()
+    process.join(_END_S)
+    process.kill()
+    process.join()
 
 
-class _Worker:
-    """A process that runs notebooks one after the other."""
-
-    def __init__(self, tasks: Sequence[_Task], report: _Report, nice: int = 0) -> None:
-        self.tasks = list(tasks)  #: The notebooks that have not ended; the first one runs.
-        self._report = report
-        self._nice = nice
-        self._start()
-
-    def _start(self) -> None:
-        context = multiprocessing.get_context("spawn")
-        self.outcomes, there = context.Pipe(duplex=False)
-        self._process = context.Process(target=_run_list, args=(self.tasks, self._nice, there))
-        self._process.start()
-        there.close()
-        self._begin()
-
-    def _begin(self) -> None:
-        self._begun_s = time.monotonic()
-        self._report.begin(self.tasks[0])
-
-    def receive(self) -> None:
-        """Receive the outcome of the first notebook; if the process ended, start another one."""
-        task = self.tasks.pop(0)
-        try:
-            outcome: Outcome = self.outcomes.recv()
-        except EOFError:
-            self.end()
-            seconds = time.monotonic() - self._begun_s
-            self._report.end(Outcome(name=task.name, seconds=seconds, error="its process ended"))
-            if self.tasks:
-                self._start()
-        else:
-            self._report.end(outcome)
-            if self.tasks:
-                self._begin()
-
-    def end(self) -> None:
-        """End the process, by force if it does not end in time."""
-        self._process.terminate()
-        self._process.join(_END_S)
-        self._process.kill()
-        self._process.join()
-        self.outcomes.close()
-
-
-def _run_list(tasks: Sequence[_Task], nice: int, outcomes: Connection) -> None:
+def _run_list(nice: int, tasks: Sequence[_Task], outcomes: Connection) -> None:
     # The process that started this one receives Ctrl-C, too, and terminates this one. Kernels would
     # inherit SIG_IGN; they do not inherit a handler.
     signal.signal(signal.SIGINT, lambda *_: None)
@@ -450,43 +405,43 @@ def _end_with_parent() -> None:
 def _run_task(task: _Task) -> Outcome:
     import nbformat
 
+    _say(f"{task.place} ...")
     logs_before = task.logs()
+    error = ""
     begun_s = time.monotonic()
     try:
         run_notebook(task.path, task.copy, task.parameters)
-    except NotebookError as error:
-        seconds = time.monotonic() - begun_s
-        return Outcome(name=task.name, seconds=seconds, error=str(error), notebook=task.copy)
+    except NotebookError as failure:
+        error = str(failure)
     seconds = time.monotonic() - begun_s
-    if task.write:
+    if task.write and not error:
         nbformat.write(normalise(read_notebook(task.copy), task.project), task.path)
     log = max(task.logs() - logs_before, default=None)
     if task.parameters.get("log"):
-        given = task.project.root / task.parameters["log"]
-        log = given if given.is_file() else None
+        log = task.project.root / task.parameters["log"]
     return Outcome(
-        name=task.name, seconds=seconds, experiment=task.experiment, notebook=task.copy, log=log
+        name=task.path.stem,
+        seconds=seconds,
+        error=error,
+        experiment=task.experiment,
+        notebook=task.copy,
+        log=log if log and log.is_file() else None,
     )
 
 
-def seconds_left(done: Sequence[Outcome], before: Mapping[str, float]) -> float:
-    """Return how long the other notebooks may take, s.
+def seconds_left(elapsed_s: float, done: Collection[str], before_s: Mapping[str, float]) -> float:
+    """Return how long the other notebooks may take at the pace of those that are done, s.
 
     Args:
-        done: The notebooks that have ended.
-        before: Duration of the last run of every notebook, s; 0: unknown.
+        elapsed_s: Time since the first one began, s.
+        done: Names of the notebooks that are done.
+        before_s: Duration of the last run of every notebook, s; 0: unknown.
     """
-    took = {outcome.name: outcome.seconds for outcome in done}
-    mean = sum(took.values()) / len(took)
-    known = [name for name in took if before[name]]
-    pace = 1.0
-    if known:
-        pace = sum(took[name] for name in known) / sum(before[name] for name in known)
-    left = 0.0
-    for name, seconds in before.items():
-        if name not in took:
-            left += pace * seconds if seconds else mean
-    return left
+    known = [seconds for seconds in before_s.values() if seconds]
+    usual = sum(known) / len(known) if known else 1.0
+    expected = {name: seconds or usual for name, seconds in before_s.items()}
+    expected_of_done = sum(expected[name] for name in done)
+    return elapsed_s * (sum(expected.values()) / expected_of_done - 1)
 
 
 def seconds_before(path: Path, project: Project, parameters: Mapping[str, Any]) -> float:
@@ -494,22 +449,11 @@ def seconds_before(path: Path, project: Project, parameters: Mapping[str, Any]) 
     folder = project.runs / "notebooks"
     variations = sorted(folder.glob(f"{path.stem}-*.ipynb"))
     for copy in [*variations[-1:], folder / path.name]:
-        seconds = _seconds_of(copy, parameters)
-        if seconds:
-            return seconds
+        with suppress(NotebookError):
+            run = read_notebook(copy).metadata.get("papermill", {})
+            if run.get("parameters") == parameters and not run.get("exception"):
+                return float(run.get("duration") or 0.0)
     return 0.0
-
-
-def _seconds_of(path: Path, parameters: Mapping[str, Any]) -> float:
-    """Return how long the run took of which this is the copy; 0 if it is another run."""
-    try:
-        copy = read_notebook(path)
-    except NotebookError:
-        return 0.0
-    run = copy.metadata.get("papermill", {})
-    if run.get("parameters") != parameters or run.get("exception"):
-        return 0.0
-    return float(run.get("duration") or 0.0)
 
 
 def is_variation(parameters: Mapping[str, Any]) -> bool:
@@ -522,49 +466,48 @@ def _executed_copy(path: Path, project: Project, parameters: Mapping[str, Any]) 
     folder = project.runs / "notebooks"
     if not is_variation(parameters):
         return folder / path.name
-    stamp = time.strftime("%Y%m%dT%H%M%S", time.gmtime())
-    stem = f"{path.stem}-{stamp}-{parameters.get('profile', QUICK)}"
-    copy = folder / f"{stem}.ipynb"
-    again = 1
-    while copy.exists():
-        again += 1
-        copy = folder / f"{stem}-{again}.ipynb"
-    return copy
+    stamp = datetime.now(UTC).strftime("%Y%m%dT%H%M%S-%f")
+    return folder / f"{path.stem}-{stamp}-{parameters.get('profile', QUICK)}.ipynb"
 
 
 def normalise(notebook: NotebookNode, project: Project) -> NotebookNode:
-    """Return an executed notebook, changed in place, without what differs for no reason and our path."""
+    """Return an executed notebook, changed in place, without traces of its run.
+
+    Without are times, progress, counts of other runs, the cell of injected parameters and the path
+    of the checkout.
+    """
     notebook.metadata = {"kernelspec": dict(KERNEL), "language_info": {"name": "python"}}
-    notebook.cells = [
-        c for c in notebook.cells if "injected-parameters" not in c.metadata.get("tags", ())
-    ]
+    cells = []
     count = 0
     for cell in notebook.cells:
-        cell.metadata = {k: v for k, v in cell.metadata.items() if k in _CELL_METADATA_KEPT}
-        if cell.cell_type != "code":
+        tags = cell.metadata.get("tags")
+        if "injected-parameters" in (tags or ()):
             continue
-        count += 1
-        cell.execution_count = count
-        kept = [_normal_output(output, project, count) for output in cell.outputs]
-        cell.outputs = [output for output in kept if output.get("text") != ""]
+        cells.append(cell)
+        cell.metadata = {} if tags is None else {"tags": tags}
+        if cell.cell_type == "code":
+            count += 1
+            cell.execution_count = count
+            for output in cell.outputs:
+                _normalise_output(output, project, count)
+            cell.outputs = [output for output in cell.outputs if output.get("text") != ""]
+    notebook.cells = cells
     return notebook
 
 
-def _normal_output(output: NotebookNode, project: Project, count: int) -> NotebookNode:
+def _normalise_output(output: NotebookNode, project: Project, count: int) -> None:
     root = f"{project.root.resolve().as_posix()}/"
     if output.output_type == "execute_result":
         output.execution_count = count
-    if "metadata" in output:  # what is kept are pictures' texts
-        alts = {
-            kind: m["alt"]
-            for kind, m in output.metadata.items()
-            if isinstance(m, dict) and "alt" in m
-        }
-        output.metadata = {kind: {"alt": alt} for kind, alt in alts.items()}
+    if "metadata" in output:
+        texts = {}
+        for kind, metadata in output.metadata.items():
+            if isinstance(metadata, dict) and "alt" in metadata:
+                texts[kind] = {"alt": metadata["alt"]}
+        output.metadata = texts
     if output.output_type == "stream":
         lines = output.text.replace(root, "").splitlines(keepends=True)
         output.text = "".join(line for line in lines if not is_line(line))
     for kind, content in output.get("data", {}).items():
         if kind.startswith("text/"):
             output.data[kind] = content.replace(root, "")
-    return output

@@ -155,7 +155,7 @@ def outputs(outcome):
 
 @pytest.mark.slow
 def test_notebooks_that_only_compute_run_beside_those_that_measure_at_low_priority(
-    project, two_cores, capsys
+    project, two_cores, capfd
 ):
     asks_all = "assert Path('../measured').exists() and Path('../computed').exists()"
     write(project, "00_index", "x: int = 1", f"from pathlib import Path; {asks_all}")
@@ -170,7 +170,7 @@ def test_notebooks_that_only_compute_run_beside_those_that_measure_at_low_priori
     assert outcomes[-1].name == "00_index", "it reports on all others"
     assert outputs(outcomes[0]) == ["0"]
     assert outputs(outcomes[1]) == ["19", "19"]
-    said = capsys.readouterr().err
+    said = capfd.readouterr().err
     assert [said.count(words) for words in (" ...", " done after ", " min left")] == [4, 4, 3]
 
 
@@ -218,7 +218,7 @@ def test_ctrl_c_ends_both_processes_and_their_kernels(project, two_cores, tmp_pa
 @pytest.mark.slow
 def test_on_one_core_all_notebooks_run_in_this_process(project, monkeypatch):
     monkeypatch.setattr("os.sched_getaffinity", lambda _: {0})
-    monkeypatch.setattr(notebooks, "_run_in_processes", None)
+    monkeypatch.setattr(notebooks, "_run_in_processes", None)  # not callable
     write(project, "01_a", "x: int = 1", MEASURED)
     write(project, "02_b", "x: int = 1", COMPUTED)
     found = notebooks.find_notebooks(project)
@@ -288,12 +288,11 @@ def test_the_project_is_found_from_below_and_by_its_variable(project, monkeypatc
 
 
 def test_the_time_left_follows_from_the_last_run_at_todays_pace():
-    done = [notebooks.Outcome(name="a", seconds=30.0), notebooks.Outcome(name="b", seconds=90.0)]
-    unknown = notebooks.seconds_left(done, {"a": 0, "b": 0, "c": 0, "d": 0})
-    assert unknown == 120, "nothing known: the mean of those done"
-    slow = notebooks.seconds_left(done, {"a": 15, "b": 45, "c": 100, "d": 0})
-    assert slow == 2 * 100 + 60, "all take twice as long today"
-    assert notebooks.seconds_left(done, {"a": 15, "b": 0, "c": 0}) == 60
+    unknown = {"a": 0, "b": 0, "c": 0, "d": 0}
+    assert notebooks.seconds_left(120, "ab", unknown) == 120, "as long as those that are done"
+    slow = notebooks.seconds_left(120, "ab", {"a": 15, "b": 45, "c": 100})
+    assert slow == pytest.approx(200), "all take twice as long today"
+    assert notebooks.seconds_left(120, "ab", {"a": 15, "b": 0, "c": 0}) == 60
 
 
 @pytest.mark.parametrize(
