@@ -275,7 +275,7 @@ def _safe(text: str) -> str:
 def experiments_page() -> str:
     """Return the page of what may be set in each experiment."""
     about = (
-        "What may be set: `sfglab reproduce 02_depth_codecs -p frames=10`, `notebook.run(exp, profile, "
+        "What may be set: `sfglab try depth_codecs frames=10`, `notebook.run(exp, profile, "
         "frames=10)`, or by sliders; and the values of each profile. A run whose fields were changed, the seed "
         "apart, is kept and shown, and speaks for no claim."
     )

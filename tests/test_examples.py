@@ -37,7 +37,7 @@ ENDLESS = (
 )
 # Minutes, all figures, a fleet's machines, checkers of its files, cameras, robots, an editor's folder.
 ELSEWHERE = (
-    *("reproduce", "figures", "deploy (plan|apply|releases|check|detect --root)"),
+    *("reproduce", "try", "figures", "deploy (plan|apply|releases|check|detect --root)"),
     *("mocap run .*(--vicon|--topic)", "map .*--verilog", "follow run"),
     *("interfaces", "log play run.mcap --rate"),
 )

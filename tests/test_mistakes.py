@@ -53,7 +53,7 @@ LOGS = [
     "map BAD",
     "camera /global/go2/camera_front/color/ffmpeg --interface lo --source bag:BAD#/image",
     "camera /global/go2/camera_front/color/ffmpeg --interface lo --source BAD",
-    "reproduce 03_decode_once --profile smoke -p source=BAD",
+    "try decode_once --profile smoke source=BAD",
 ]
 
 

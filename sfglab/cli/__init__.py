@@ -63,6 +63,7 @@ app = typer.Typer(
 _COMMANDS: dict[str, Callable[..., None]] = {
     "doctor": experiments.doctor,
     "reproduce": experiments.reproduce,
+    "try": experiments.try_experiment,
     "lab": experiments.lab,
     "figures": experiments.figures,
     "claims": experiments.claims,

@@ -6,7 +6,7 @@ import json
 import os
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from typer import Argument, Option
@@ -44,44 +44,26 @@ def reproduce(
         ),
     ] = "quick",
     seed: Annotated[int, Option(min=0, help="Seed of everything that is drawn.")] = 0,
-    parameter: Annotated[
-        list[str] | None,
-        Option("-p", "--parameter", help="A field of the configuration, as name=value."),
-    ] = None,
+    parameter: Annotated[list[str] | None, Option("-p", "--parameter", hidden=True)] = None,
     write: Annotated[
         bool, Option("--write", help="Also replace the notebooks by their executed copies.")
     ] = False,
 ) -> None:
     """Run notebooks headless: logs, figures and, at the end, the claims.
 
-    A smoke test and a run with changed fields count for no claim: the claims are printed by this
-    run, beside the ledger's, and no file of another run is replaced.
+    A smoke test counts for no claim. It prints its own claims beside those of the ledger, and
+    replaces no file of another run.
 
     Examples:
       sfglab reproduce
       sfglab reproduce 03_decode_once --profile smoke
-      sfglab reproduce 03_decode_once -p source=drive.mp4   # or a log or bag with pictures
     """
-    from sfglab.lab.experiment import PROFILES
-    from sfglab.lab.notebooks import (
-        NotebookError,
-        find_notebooks,
-        is_variation,
-        read_parameters,
-        run_notebooks,
-    )
+    from sfglab.lab.notebooks import find_notebooks, is_variation, run_notebooks
 
-    if profile not in PROFILES:
-        raise NotebookError(f"--profile: given {profile!r}, allowed are {', '.join(PROFILES)}")
+    if parameter:
+        typer.echo("warning: reproduce -p is now called sfglab try", err=True)
     project = find_project()
-    given = read_parameters(parameter or ())
-    if isinstance(source := given.get("source"), str):
-        from sfglab.lab.sources import absolute, is_there
-
-        if said := is_there(source):
-            typer.echo(said, err=True)
-        given["source"] = absolute(source)
-    parameters = {"profile": profile, "seed": seed, **given}
+    parameters = {"seed": seed, **_parameters(profile, parameter or ())}
     outcomes = run_notebooks(
         find_notebooks(project, notebooks or ()),
         project=project,
@@ -97,6 +79,89 @@ def reproduce(
         typer.echo(f"failed: {outcome.name}: {outcome.error}", err=True)
     typer.echo(f"{len(outcomes) - len(failed)} of {len(outcomes)} notebooks ran through", err=True)
     raise typer.Exit(code=1 if failed else 0)
+
+
+def try_experiment(
+    name: Annotated[str, Argument(metavar="EXPERIMENT", help="Name of the experiment.")],
+    fields: Annotated[
+        list[str] | None,
+        Argument(metavar="FIELD=VALUE", help="Fields of its configuration, and their values."),
+    ] = None,
+    profile: Annotated[
+        str, Option(help="Profile whose other fields are used: smoke, quick or paper.")
+    ] = "quick",
+    folder_name: Annotated[
+        str,
+        Option("--name", metavar="NAME", help="Folder in runs/try. [default: EXPERIMENT-NUMBER]"),
+    ] = "",
+) -> None:
+    """Run an experiment with other values, in a folder of its own.
+
+    The folder runs/try/NAME gets the notebook, the log, the figures and summary.txt: the claims of
+    this run beside those of the ledger. A try counts for no claim and replaces no file of another
+    run. After an interruption, the same command with --name continues its sweeps. The page
+    "Experiments" of the book lists all fields.
+
+    Examples:
+      sfglab try gateways --profile smoke
+      sfglab try depth_codecs frames=10 noise_mm=5 --name noisy
+      sfglab try decode_once source=drive.mp4   # or a log, a bag or a camera: camera:0
+    """
+    from sfglab.errors import InvalidValueError
+    from sfglab.lab import notebooks
+    from sfglab.lab.experiments import EXPERIMENTS
+
+    if name not in EXPERIMENTS:
+        raise InvalidValueError("EXPERIMENT", name, ", ".join(EXPERIMENTS))
+    project = find_project()
+    parameters = _parameters(profile, fields or ())
+    folder = _new_folder(project, name, folder_name)
+    outcome = notebooks.try_experiment(name, folder, project=project, parameters=parameters)
+    given = ", ".join([f"profile {profile}", *(fields or ())])
+    summary = f"{name}: {given}\n{_variations(project, [outcome])}"
+    if outcome.error:
+        typer.echo(f"failed: {outcome.name}: {outcome.error}", err=True)
+    else:
+        file = folder / "summary.txt"
+        file.write_text(f"{summary}\n", encoding="utf-8")
+        summary += f"\n  summary: {project.relative(file)}"
+    typer.echo(summary)
+    raise typer.Exit(code=1 if outcome.error else 0)
+
+
+def _new_folder(project: Project, experiment: str, name: str) -> Path:
+    """Return the folder of a try that has no finished log yet."""
+    from sfglab.errors import InvalidValueError
+
+    if not name:
+        number = 1
+        while (project.tries / f"{experiment}-{number}").exists():
+            number += 1
+        return project.tries / f"{experiment}-{number}"
+    folder = project.tries / name
+    if folder.parent != project.tries or name.startswith("."):
+        raise InvalidValueError("--name", name, "the name of one folder")
+    if any(folder.glob("*.mcap")):
+        raise InvalidValueError("--name", name, "a name that no finished try has")
+    return folder
+
+
+def _parameters(profile: str, pairs: Sequence[str]) -> dict[str, Any]:
+    """Return a profile and fields as parameters of a notebook, the source as an absolute path."""
+    from sfglab.lab.experiment import PROFILES
+    from sfglab.lab.notebooks import NotebookError, read_parameters
+    from sfglab.lab.sources import absolute, is_there
+
+    if profile not in PROFILES:
+        raise NotebookError(f"--profile: given {profile!r}, allowed are {', '.join(PROFILES)}")
+    parameters = {"profile": profile, **read_parameters(pairs)}
+    source = parameters.get("source")
+    if isinstance(source, str):
+        change = is_there(source)
+        if change:
+            typer.echo(change, err=True)
+        parameters["source"] = absolute(source)
+    return parameters
 
 
 def _counted(

@@ -343,6 +343,8 @@ def _own_entry(project: Project, ledger: Entry, own: Entry, run: Run[Any]) -> Ow
 
 def figures_folder(project: Project, log: Path) -> Path:
     """Return the folder for the figures of a log: shared only by runs that count for claims."""
+    if log.resolve().is_relative_to(project.tries.resolve()):
+        return log.parent / "figures"
     folder = project.runs / "figures"
     logs = project.runs / "logs"
     if not log.resolve().is_relative_to(logs.resolve()):

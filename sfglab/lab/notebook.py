@@ -46,15 +46,19 @@ async def run(
     """Run an experiment of a profile, or read the run that somebody has made, by its log.
 
     A log's path is from here or from the repository's top folder. Settings and changes are fields of the
-    configuration, settings before changes; `InvalidValueError` says what one cannot hold.
+    configuration, settings before changes; `InvalidValueError` says what one cannot hold. The
+    setting ``path`` is the path of the new log, from the top folder.
     """
     if not isinstance(settings or {}, Mapping):
         raise InvalidValueError(
             "settings", settings, "fields of the configuration and their values"
         )
-    if not log:
-        return await exp.run(profile, **{**changes, **(settings or {})})
-    return _load(exp, log)
+    if log:
+        return _load(exp, log)
+    fields = {**changes, **(settings or {})}
+    path = fields.pop("path", None)
+    new_log = find_project().root / path if path else None
+    return await exp.run(profile, path=new_log, **fields)
 
 
 def _load(exp: Experiment[C], log: str) -> Run[C]:

@@ -263,6 +263,7 @@ class _Task:
     experiment: str  #: Name of its experiment; empty: none.
     place: str = ""  #: Its number among those that are run, and its name.
     write: bool = False  #: Whether the executed copy replaces the notebook.
+    folder: Path | None = None  #: Folder of its logs; None: that of its experiment.
 
     @property
     def measures(self) -> bool:
@@ -271,8 +272,8 @@ class _Task:
 
     def logs(self) -> set[Path]:
         """Return the finished logs of its experiment."""
-        folder = self.project.runs / "logs" / (self.experiment or "none")
-        return set(folder.glob("*.mcap"))
+        usual = self.project.runs / "logs" / (self.experiment or "none")
+        return set((self.folder or usual).glob("*.mcap"))
 
 
 def run_notebooks(
@@ -323,6 +324,40 @@ def run_notebooks(
     return [report.outcomes[path.stem] for path in ordered]
 
 
+def try_experiment(
+    name: str, folder: Path, *, project: Project, parameters: Mapping[str, Any]
+) -> Outcome:
+    """Run the notebook of an experiment, with the executed copy, log and figures in a folder.
+
+    Args:
+        name: The experiment.
+        folder: The folder, in ``runs/try``. An interrupted sweep in it is continued.
+        project: The checkout.
+        parameters: Profile and fields of the configuration.
+
+    Raises:
+        InvalidValueError: Before anything runs: fields that the experiment does not have.
+    """
+    fields = dict(parameters)
+    experiment(name).config(fields.pop("profile"), **fields)
+    [path] = find_notebooks(project, [notebook_of(project, name)])
+    fitted = fit_parameters(path, parameters)
+    log = folder / f"{name}.mcap"
+    fitted[SETTINGS] = {**fitted.get(SETTINGS, {}), "path": project.relative(log)}
+    task = _Task(
+        path=path,
+        project=project,
+        parameters=fitted,
+        copy=folder / path.name,
+        experiment=name,
+        place=path.stem,
+        folder=folder,
+    )
+    outcome = _run_task(task)
+    _Report([task]).end(outcome)
+    return outcome
+
+
 class _Report:
     """The outcomes, and a line of progress for each."""
 
@@ -365,7 +400,8 @@ def _run_in_processes(lists: Mapping[int, Sequence[_Task]], report: _Report) -> 
         for nice, tasks in lists.items():
             start(nice, tasks)
         while running:
-            for outcomes in multiprocessing.connection.wait(list(running)):
+            ready: list[Any] = multiprocessing.connection.wait(list(running))
+            for outcomes in ready:
                 nice, tasks = running.pop(outcomes)
                 try:
                     report.end(outcomes.recv())

@@ -51,6 +51,11 @@ class Project:
         """What runs leave behind: logs and executed notebooks; not under version control."""
         return self.root / "runs"
 
+    @property
+    def tries(self) -> Path:
+        """A folder for each run of ``sfglab try``."""
+        return self.runs / "try"
+
     def relative(self, path: Path) -> str:
         """Return a path as it reads from the root, or its name alone when it lies elsewhere."""
         for root, file in (

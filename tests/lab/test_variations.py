@@ -7,8 +7,10 @@ import sys
 from pathlib import Path
 
 import pytest
+from commands import called
 from made_logs import DATA, ran, reference
 
+from sfglab.errors import SfglabError
 from sfglab.lab import notebook
 from sfglab.lab.claims import Claim, How, Measured, entry_for
 from sfglab.lab.experiment import SMOKE_TITLE
@@ -46,6 +48,7 @@ def test_a_variation_prints_its_claims_and_files_and_replaces_nothing(checkout):
     first, second = sfglab(*words), sfglab(*words)
     for done in (first, second):
         assert done.returncode == 0, done.stderr
+        assert "warning: reproduce -p is now called sfglab try\n" in done.stderr
         assert "This run counts for no claim: " in done.stdout
         assert "A-FQN" in done.stdout
         assert "A-CPU-SFG" not in done.stdout, "claims of other experiments"
@@ -56,6 +59,50 @@ def test_a_variation_prints_its_claims_and_files_and_replaces_nothing(checkout):
         paths.discard("")
         assert len(paths) == 2, f"{kind}: one for each run"
         assert all((checkout / path).exists() for path in paths)
+
+
+@pytest.mark.slow
+def test_a_try_has_notebook_log_figures_and_summary_in_a_folder_of_its_own(checkout):
+    words = ["try", "naming", "samples=10", "--profile", "smoke"]
+    first, named = sfglab(*words), sfglab(*words, "--name", "few")
+    for done, name in ((first, "naming-1"), (named, "few")):
+        assert done.returncode == 0, done.stderr
+        folder = checkout / "runs" / "try" / name
+        files = sorted(file.relative_to(folder).as_posix() for file in folder.rglob("*.*"))
+        drawn = [f"figures/naming_schema.{suffix}" for suffix in ("json", "png", "svg")]
+        assert files == ["01_naming.ipynb", *drawn, "naming.mcap", "summary.txt"]
+        assert done.stdout.startswith("naming: profile smoke, samples=10\n")
+        assert "A-FQN" in done.stdout
+        assert "This run counts for no claim: " in done.stdout
+        for file in ("01_naming.ipynb", "figures\n", "naming.mcap", "summary.txt\n"):
+            assert f": runs/try/{name}/{file}" in done.stdout
+        assert (folder / "summary.txt").read_text() in done.stdout
+    assert sorted(path.name for path in (checkout / "runs").iterdir()) == ["cache", "try"]
+    again = sfglab(*words, "--name", "few")
+    assert again.returncode == 1
+    said = "sfglab: --name: given 'few', allowed: a name that no finished try has\n"
+    assert again.stderr == said
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        ("nonesuch", "EXPERIMENT: given 'nonesuch', allowed: naming, .*, ros2$"),
+        ("naming sample=1", "naming: field: given 'sample', allowed: .*; did you mean 'samples'"),
+        ("naming samples=few", "samples: given 'few', allowed: int"),
+        ("naming samples", "parameter: given 'samples', needed is name=value"),
+        ("naming log=a.mcap", "naming: field: given 'log', allowed: "),
+        ("naming path=a.mcap", "naming: field: given 'path', allowed: "),
+        ("naming profile=fast", "profile: given 'fast', allowed: smoke, quick, paper"),
+        ("naming --profile fast", "--profile: given 'fast', allowed are smoke, quick, paper"),
+        ("naming --name ../few", "--name: given '../few', allowed: the name of one folder"),
+        ("naming --name .", "--name: given '.', allowed: the name of one folder"),
+    ],
+)
+def test_a_try_refuses_what_it_cannot_use_in_one_sentence(checkout, words, sentence):
+    with pytest.raises(SfglabError, match=sentence):
+        called("try", *words.split())
+    assert not (checkout / "runs").exists()
 
 
 def test_of_a_changed_run_nothing_is_asserted_and_of_another_everything(checkout, tmp_path):
