@@ -1,7 +1,7 @@
 """The command line: ``sfglab --help``.
 
-Each command is a few lines over the library; heavy modules are imported by the command that needs them.
-Commands of one kind stand in one module and are added to the program here.
+Each command is a few lines over the library and imports heavy modules itself. Commands of one kind
+are in one module and are added to the program here.
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ from sfglab.cli import (
     logs,
     mapping,
     mocap,
-    nodes,
     plan,
+    qos,
     removed,
     schema,
     topics,
@@ -41,7 +41,7 @@ __all__ = ["app", "main"]
 
 
 class _Program(TyperGroup):
-    """All commands; Ctrl-C is one line, whichever runs."""
+    """All commands; Ctrl-C is one line for each of them."""
 
     def invoke(self, ctx: Any) -> Any:
         """Run a command."""
@@ -54,7 +54,7 @@ class _Program(TyperGroup):
 
 app = typer.Typer(
     cls=_Program,
-    help="How multi-robot ROS 2 systems move data: run the experiments, or the components beside real robots.",
+    help="Run multi-robot ROS 2 components beside real robots, and the experiments of three papers.",
     no_args_is_help=True,
     context_settings={"help_option_names": ["-h", "--help"]},
     rich_markup_mode=None,
@@ -72,7 +72,7 @@ _COMMANDS: dict[str, Callable[..., None]] = {
     "camera": fleet.camera,
     "interfaces": interfaces.interfaces,
     "schema": schema.schema,
-    "qos": mapping.qos,
+    "qos": qos.qos,
     "map": mapping.map_graph,
     "plan": plan.plan,
     "view": view.view,
@@ -86,70 +86,70 @@ _GROUPS = {
     "frames": mocap.frames_app,
     "log": logs.app,
     "topic": topics.app,
-    "node": nodes.node_app,
+    "node": topics.node_app,
 }
 for _name, _command in _COMMANDS.items():
-    _former = removed.RenamedOptions if _name in removed.RENAMED else None
-    app.command(_name, cls=_former)(_command)
+    _class = removed.RenamedOptions if _name in removed.RENAMED else None
+    app.command(_name, cls=_class)(_command)
 for _name, _group in _GROUPS.items():
-    app.add_typer(_group, name=_name, short_help=(_group.info.help or "").partition("\n\n")[0])
+    _text = (_group.info.help or "").partition("\n\n")[0]
+    app.add_typer(_group, name=_name, short_help=_text, no_args_is_help=_name != "log")
 removed.add_removed({"": app, **_GROUPS})
-for _each in (app, *_GROUPS.values()):
-    for _one in _each.registered_commands:  # whole in the lists of commands, where typer cuts
-        _text = cleandoc((_one.callback and _one.callback.__doc__) or "")
-        _one.short_help = " ".join(_text.partition("\n\n")[0].split())
-        _one.help = _text.replace("\n\nExample", "\n\n\b\nExample")  # a line each, as written
+for _app in (app, *_GROUPS.values()):
+    for _info in _app.registered_commands:
+        _text = cleandoc((_info.callback and _info.callback.__doc__) or "")
+        # typer would cut the first paragraph in lists of commands, and join the examples' lines.
+        _info.short_help = " ".join(_text.partition("\n\n")[0].split())
+        _info.help = _text.replace("\n\nExample", "\n\n\b\nExample")
 
 
 def main() -> NoReturn:
-    """Run the command line; an error of ours is one line and exit status 1, of its words exit status 2."""
+    """Run the command line and exit.
+
+    An error of sfglab is one line and exit status 1, an error in the arguments is exit status 2.
+    """
     logging.basicConfig(format="%(levelname)s: %(message)s", level=logging.WARNING)
     try:
         status = app(prog_name="sfglab", standalone_mode=False)
         sys.stdout.flush()
     except Exception as error:
-        said, status = _sentence(error)
-        if not said:
+        sentence, status = _sentence(error)
+        if not sentence:
             raise
-        typer.echo(f"sfglab: {said}", err=True)
-        # Say what is still buffered; what standard output cannot take is not tried again at the end.
+        typer.echo(f"sfglab: {sentence}", err=True)
         try:
             sys.stdout.flush()
         except OSError:
+            # The interpreter must not try again to write what standard output refused.
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     sys.exit(status)
 
 
 def _sentence(error: Any) -> tuple[str, int]:
-    """Return an error in words, none where it is a fault of ours, and an exit status."""
+    """Return an error as a sentence, empty for a bug of sfglab, and the exit status."""
     if isinstance(error, SfglabError):
         return str(error), 1
-    if isinstance(error, OSError) and error.filename is not None:
-        return f"{fsdecode(error.filename)}: {why(error)}", 1
-    if (
-        isinstance(error, ModuleNotFoundError)
-        and error.name
-        and not error.name.startswith("sfglab")
-    ):
-        return (
-            f"this needs {error.name}, which sfglab brings, and sfglab-robot[depth] for depth and frames",
-            1,
-        )
-    if isinstance(error, OSError) and error.errno in (ENOSPC, EFBIG, EIO):
-        return f"standard output: {why(error)}", 1
-    if not hasattr(
-        error, "format_message"
-    ):  # typer brings a click of its own, or takes the installed one
+    if isinstance(error, OSError):
+        if error.filename is not None:
+            return f"{fsdecode(error.filename)}: {why(error)}", 1
+        if error.errno in {ENOSPC, EFBIG, EIO}:
+            return f"standard output: {why(error)}", 1
+    if isinstance(error, ModuleNotFoundError):
+        name = error.name or "sfglab"
+        if not name.startswith("sfglab"):
+            return f"{name} is not installed; sfglab installs it, sfglab-robot only with [depth]", 1
+    # typer brings its own click or uses the installed one, so the class of its errors is not known.
+    if not hasattr(error, "format_message"):
         return "", 1
-    if type(error).__name__ == "NoArgsIsHelpError":  # a group without a command
+    if type(error).__name__ == "NoArgsIsHelpError":
         error.show()
         sys.exit(error.exit_code)
-    said = " ".join(error.format_message().split())
+    sentence = " ".join(error.format_message().split())
     path = error.ctx.command_path.partition(" ")[2] if error.ctx else ""
-    return f"{path}: {said}" if path else said, error.exit_code
+    return f"{path}: {sentence}" if path else sentence, error.exit_code
 
 
-def _version(value: bool) -> None:
+def _print_version(value: bool) -> None:
     if value:
         typer.echo(__version__)
         raise typer.Exit
@@ -158,7 +158,7 @@ def _version(value: bool) -> None:
 @app.callback()
 def root(
     version: Annotated[
-        bool, Option("--version", callback=_version, is_eager=True, help="Print the version.")
+        bool, Option("--version", callback=_print_version, is_eager=True, help="Print the version.")
     ] = False,
 ) -> None:
-    """Options of the program itself."""
+    """Define the options of the program itself."""

@@ -1,4 +1,4 @@
-"""Commands of fleets: check their files, configure routers, and run an agent's components beside ROS 2."""
+"""Commands for fleets and their components: ``fleet``, ``agent``, ``router``, ``decoder``, ``camera``."""
 
 from __future__ import annotations
 
@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 from typer import Argument, Option
 
-from sfglab.cli.buses import Domain, Json, Place, domain_option, put_text, tell, unused
+from sfglab.cli.buses import Place, print_json, unused, write_text
 from sfglab.cli.interfaces import Interfaces
+from sfglab.cli.options import Domain, Fleet, FleetFile, Interface, Json, OutputFile, domain_option
 from sfglab.cli.removed import refuse
 from sfglab.component import run, run_until_interrupted
 from sfglab.domains import VARIABLE, usual_domain_id
@@ -19,36 +20,38 @@ from sfglab.domains import VARIABLE, usual_domain_id
 if TYPE_CHECKING:
     from sfglab.fleet.agent.plan import AgentConfig
 
-fleet_app = typer.Typer(
-    help="A fleet file: what crosses its borders, and routers' configurations for it.",
-    no_args_is_help=True,
-)
-agent_app = typer.Typer(
-    help="An agent of a fleet: router, status provider, discoverer, decoder.", no_args_is_help=True
-)
-_GlobalDomain = Annotated[
-    int | None, domain_option("The domain that all agents share.", "the fleet file's, else 0")
-]
+fleet_app = typer.Typer(help="Check a fleet file, and write router configurations from it.")
+agent_app = typer.Typer(help="Run the components of one agent of a fleet.")
 _OwnDomain = Annotated[
-    int | None, domain_option("The agent's own DDS domain.", f"the fleet file's, else {VARIABLE}")
+    int | None,
+    domain_option(
+        help="DDS domain of the agent. [default: the fleet file's, otherwise ROS_DOMAIN_ID]"
+    ),
 ]
-_GlobalInterface = Annotated[str | None, Option(help="Interface towards the other agents.")]
+_GlobalDomain = Annotated[
+    int | None,
+    domain_option(
+        help="DDS domain that all agents share. [default: the fleet file's, otherwise 0]"
+    ),
+]
+_GlobalInterface = Annotated[str | None, Option(help="Network interface towards the other agents.")]
+_Agent = Annotated[
+    str | None, Option(help="Name of the agent. [default: SFG_AGENT_NAME, otherwise the host's]")
+]
 _Offers = Annotated[
     bool | None,
     Option(
-        help="Whether ROS 2's tools list what nobody has subscribed yet; yes, or the fleet file's."
+        help="Advertise topics that are not forwarded or decoded yet, so that ROS 2's tools list "
+        "them. [default: the fleet file's, otherwise offers]"
     ),
 ]
 
 
 @fleet_app.command()
-def lint(
-    file: Annotated[Path, Argument(help="A fleet file, e.g. data/fleets/lab.yaml")],
-    as_json: Json = False,
-) -> None:
-    """Say who hears what, which services are half open, which frames clash, and what discovery will cost.
+def lint(file: FleetFile, as_json: Json = False) -> None:
+    """Check a fleet file: forwarded topics, incomplete services, frames and cost of discovery.
 
-    Ends with 0, 1 if there are errors, 2 if the file is no fleet.
+    The exit status is 0, or 1 if there are errors, or 2 if the file is not a fleet file.
 
     Example:
       sfglab fleet lint data/fleets/lab.yaml
@@ -57,51 +60,43 @@ def lint(
     from sfglab.fleet.lint import lint as lint_fleet
     from sfglab.fleet.lint import lint_file
 
-    text, code = lint_file(file)
-    if as_json and code < 2:
-        tell(lint_fleet(load_fleet(file)))
-        raise typer.Exit(code)
-    typer.echo(text, nl=False)
-    raise typer.Exit(code)
+    text, status = lint_file(file)
+    if as_json and status < 2:
+        print_json(lint_fleet(load_fleet(file)))
+    else:
+        typer.echo(text, nl=False)
+    raise typer.Exit(status)
 
 
 @fleet_app.command("router")
-def router_configuration(
-    file: Annotated[Path, Argument(help="A fleet file.")],
-    agent: Annotated[str, Option(help="Agent whose router it is.")],
+def router_file(
+    file: FleetFile,
+    agent: Annotated[str, Option(help="Name of the agent that the router belongs to.")],
     target: Annotated[str, Option(hidden=True)] = "dds-router",
-    output: Annotated[
-        Path | None, Option("--output", "-o", help="Write here, not to the terminal.")
-    ] = None,
+    output: OutputFile = None,
 ) -> None:
-    """Write the configuration of a DDS Router that forwards what our own router would.
+    """Write the configuration of a DDS Router that forwards the same topics as our router.
 
     Example:
       sfglab fleet router data/fleets/lab.yaml --agent go2 -o go2.yaml
     """
-    from sfglab.deploy.routers.dds_router import render_dds_router
-
     if target != "dds-router":
-        refuse(
-            f"fleet router --target {target}", "use a DDS Router, whose file this command writes"
-        )
+        replacement = "use a DDS Router, whose file this command writes"
+        refuse(f"fleet router --target {target}", replacement)
+    from sfglab.deploy.routers.dds_router import render_dds_router
     from sfglab.fleet.fleet_file import load_fleet
 
-    put_text(render_dds_router(load_fleet(file), agent), output)
+    write_text(render_dds_router(load_fleet(file), agent), output)
 
 
 @agent_app.command("up")
 def agent_up(
     domain: _OwnDomain = None,
-    interface: Annotated[
-        str | None, Option(help="Interface of its own domain; lo keeps it inside.")
-    ] = None,
+    interface: Interface = None,
     global_domain: _GlobalDomain = None,
     global_interface: _GlobalInterface = None,
-    fleet: Annotated[Path | None, Option(help="A fleet file that describes the agent.")] = None,
-    agent: Annotated[
-        str | None, Option(help="Its name; SFG_AGENT_NAME, else the host's name, when not given.")
-    ] = None,
+    fleet: Fleet = None,
+    agent: _Agent = None,
     without: Annotated[
         list[str] | None,
         Option(
@@ -113,51 +108,53 @@ def agent_up(
     parameters: Annotated[
         Literal["dds", "ros"] | None,
         Option(
-            help="Let ros2 param read router and decoder: over dds (rmw_cyclonedds), or by a ROS 2 here."
+            help="Let ros2 param read router and decoder. dds: with rmw_cyclonedds. "
+            "ros: with rmw_fastrtps; needs a ROS 2 installation on this host."
         ),
     ] = None,
-    as_json: Annotated[
-        bool, Option("--json", help="Report JSON lines instead of sentences.")
-    ] = False,
+    as_json: Json = False,
     _interfaces: Interfaces = None,
 ) -> None:
     """Run an agent until Ctrl-C: router, status provider, discoverer, decoder and GOP cache.
 
-    This is everything that paper A puts on each robot. A component that crashes is started again,
-    and the restart is reported.
+    These are all components that paper A puts on each robot. Crashed components are restarted;
+    each restart is reported.
 
     Examples:
       sfglab agent up --domain 7
-      sfglab agent up --domain 7 --interface lo --global-interface wlan0
+      sfglab agent up --domain 7 --interface lo --global-interface wlan0   # over Wi-Fi.
       sfglab agent up --fleet data/fleets/lab.yaml --agent go2
-      sfglab agent up --domain 7 --interfaces ~/ros2_ws/src/my_msgs   # types of your own
-      sfglab agent up --domain 7 --without router   # beside a DDS Router of your own
+      sfglab agent up --domain 7 --interfaces ~/ros2_ws/src/my_msgs   # your own types.
+      sfglab agent up --domain 7 --without router   # with your own DDS Router.
     """
-    from sfglab.fleet.agent import plan
     from sfglab.fleet.agent.app import serve_agent
+    from sfglab.fleet.agent.plan import without as reduced
 
-    config = _agent_config(
-        agent, fleet, (domain, interface), (global_domain, global_interface), offers
-    )
-    config = replace(plan.without(config, without or ()), parameters=parameters)
+    place = (domain, interface)
+    config = _agent_config(agent, fleet, place, (global_domain, global_interface), offers)
+    config = reduced(config, without or ())
+    config = replace(config, parameters=parameters)
     run(serve_agent(config, typer.echo, as_json=as_json))
 
 
 def router(
     domain: _OwnDomain = None,
-    interface: Annotated[str | None, Option(help="Interface of its own domain.")] = None,
+    interface: Interface = None,
     global_domain: _GlobalDomain = None,
     global_interface: _GlobalInterface = None,
-    fleet: Annotated[Path | None, Option(help="A fleet file: domains, policy and frames.")] = None,
-    agent: Annotated[str | None, Option(help="Name of the agent.")] = None,
+    fleet: Fleet = None,
+    agent: _Agent = None,
     prefix_frames: Annotated[
         bool | None,
-        Option(help="Whether TF frames get the agent's name in front on their way out; yes."),
+        Option(
+            help="Prefix TF frames that leave the agent with its name. "
+            "[default: the fleet file's, otherwise prefix-frames]"
+        ),
     ] = None,
     offers: _Offers = None,
     _interfaces: Interfaces = None,
 ) -> None:
-    """Run a router alone: what Table 1, or the fleet file's policy, names crosses, everything else stays.
+    """Run a router alone: forward the topics of paper A, Table 1, or of the fleet file's policy.
 
     Examples:
       sfglab router --domain 7 --interface lo --global-interface wlan0
@@ -166,12 +163,9 @@ def router(
     from sfglab.fleet.agent.plan import router_config
     from sfglab.fleet.router.node import serve_terminal
 
-    if domain is None and fleet is None and VARIABLE not in os.environ:
-        raise typer.BadParameter(
-            "nothing is given, allowed: a domain, or a fleet file", param_hint="--domain"
-        )
-    sides = (domain, interface), (global_domain, global_interface)
-    config = router_config(_agent_config(agent, fleet, *sides, offers))
+    place = (domain, interface)
+    described = _agent_config(agent, fleet, place, (global_domain, global_interface), offers)
+    config = router_config(described)
     if prefix_frames is not None:
         config = replace(config, prefix_frames=prefix_frames)
     run(serve_terminal(config, typer.echo))
@@ -180,19 +174,19 @@ def router(
 def _agent_config(
     agent: str | None, fleet: Path | None, local: Place, remote: Place, offers: bool | None
 ) -> AgentConfig:
-    """Return an agent as the command line and the fleet file describe it; sides are domain and interface."""
+    """Return an agent as the command line and the fleet file describe it."""
     from sfglab.fleet.agent.plan import SideOptions, config_from_options
     from sfglab.fleet.fleet_file import load_fleet
     from sfglab.names import default_agent
 
-    if local[0] is None and fleet is None and VARIABLE in os.environ:
-        local = usual_domain_id(), local[1]
-    sides = [
-        SideOptions(domain_id=domain, interface=interface) for domain, interface in (local, remote)
-    ]
-    described = load_fleet(fleet) if fleet is not None else None
+    domain, interface = local
+    if domain is None and fleet is None and VARIABLE in os.environ:
+        domain = usual_domain_id()
     config = config_from_options(
-        agent or default_agent(), described, local=sides[0], remote=sides[1]
+        agent or default_agent(),
+        None if fleet is None else load_fleet(fleet),
+        local=SideOptions(domain_id=domain, interface=interface),
+        remote=SideOptions(domain_id=remote[0], interface=remote[1]),
     )
     return config if offers is None else replace(config, offers=offers)
 
@@ -200,45 +194,47 @@ def _agent_config(
 def decoder(
     streams: Annotated[
         list[str] | None,
-        Argument(help="Remote streams by name, e.g. /global/go2/camera_front/color/ffmpeg"),
+        Argument(help="Remote streams, e.g. /global/go2/camera_front/color/ffmpeg."),
     ] = None,
-    domain: Annotated[int | None, domain_option("DDS domain of the local subscribers.")] = None,
-    interface: Annotated[str | None, Option(help="Interface of the local domain.")] = None,
+    domain: Domain = None,
+    interface: Interface = None,
     remote_domain: Annotated[
-        int | None, domain_option("DDS domain of the remote streams.", "the local one")
+        int | None,
+        domain_option(help="DDS domain of the remote streams. [default: the local domain]"),
     ] = None,
-    remote_interface: Annotated[str | None, Option(help="Interface of the remote domain.")] = None,
+    remote_interface: _GlobalInterface = None,
     linger: Annotated[
-        float, Option(min=0.0, help="Seconds a pipeline outlives its last subscriber.")
+        float, Option(min=0.0, help="Time to keep a pipeline after its last subscriber, s.")
     ] = 1.0,
     offers: Annotated[
-        bool, Option(help="Whether ROS 2's tools list what nobody decodes yet.")
+        bool, Option(help="Advertise streams that are not decoded yet, for ROS 2's tools.")
     ] = True,
 ) -> None:
-    """Decode remote streams once for all subscribers on this device, on demand.
+    """Decode remote video streams once for all subscribers on this device, on demand.
 
     Examples:
       sfglab decoder --domain 7 /global/go2/camera_front/color/ffmpeg
       sfglab decoder --domain 7 --interface lo --remote-domain 0 --remote-interface eth0
 
-    Without streams it offers what remote agents announce on /local/<agent>/agent_discovery_event.
+    Without streams, those that remote agents announce on /local/<agent>/agent_discovery_event
+    are offered.
     """
     from sfglab.bus.address import BusAddress
     from sfglab.fleet.decoder.node import DecoderConfig, serve_terminal
-    from sfglab.names import Resource, RosFqnBuilder, Scope
+    from sfglab.fleet.discovery.listener import discovery_topic
+    from sfglab.names import default_agent
 
-    domain = usual_domain_id() if domain is None else domain
-    local = BusAddress(domain_id=domain, interface=interface)
+    own = usual_domain_id() if domain is None else domain
+    local = BusAddress(domain_id=own, interface=interface)
     remote = local
     if remote_domain is not None or remote_interface is not None:
-        far_domain = domain if remote_domain is None else remote_domain
-        remote = BusAddress(domain_id=far_domain, interface=remote_interface)
-    discovery = RosFqnBuilder().scope(Scope.LOCAL).resource(Resource.AGENT_DISCOVERY_EVENT).build()
+        far = own if remote_domain is None else remote_domain
+        remote = BusAddress(domain_id=far, interface=remote_interface)
     config = DecoderConfig(
         remote=remote,
         local=local,
         streams=tuple(streams or ()),
-        discovery_topic=str(discovery),
+        discovery_topic=discovery_topic(default_agent()),
         linger_s=linger,
         offers=offers,
     )
@@ -246,19 +242,23 @@ def decoder(
 
 
 def camera(
-    topic: Annotated[str, Argument(help="Topic, e.g. /global/go2/camera_front/color/ffmpeg")],
+    topic: Annotated[str, Argument(help="Topic, e.g. /global/go2/camera_front/color/ffmpeg.")],
     source: Annotated[
-        str, Option(help="photos, stereo, camera:0, a video file, log or bag, or bag:PATH#/topic.")
+        str,
+        Option(
+            help="Source of the images: photos, stereo, camera:0, a video file, a log or bag, "
+            "or bag:PATH#/topic."
+        ),
     ] = "photos",
     codec: Annotated[
         Literal["h264", "rvl"],
-        Option(help="h264 (colour) or rvl (depth, needs a source with depth)."),
+        Option(help="h264: colour. rvl: depth; needs a source with depth."),
     ] = "h264",
     domain: Domain = None,
-    interface: Annotated[str | None, Option(help="Network interface.")] = None,
-    encoder: Annotated[str, Option(help="H.264 encoder by FFmpeg's name.")] = "auto",
+    interface: Interface = None,
+    encoder: Annotated[str, Option(help="FFmpeg's name of the H.264 encoder.")] = "auto",
 ) -> None:
-    """Publish a camera stream at the settings of the paper's Table 2, from any source.
+    """Publish a camera stream with the settings of paper A, Table 2, from any source.
 
     Example:
       sfglab camera /global/go2/camera_front/color/ffmpeg --source drive.mp4
@@ -267,18 +267,8 @@ def camera(
     from sfglab.lab.workers.camera import CameraConfig, run_camera
 
     if codec != "h264":
-        unused(f"with --codec {codec}, whose encoder is the only one", "encoder")
-    config = CameraConfig(
-        places=(
-            (
-                BusAddress(
-                    domain_id=usual_domain_id() if domain is None else domain, interface=interface
-                ),
-                topic,
-            ),
-        ),
-        codec=codec,
-        source=source,
-        encoder=encoder,
-    )
+        unused(f"with --codec {codec}, which has one encoder", "encoder")
+    own = usual_domain_id() if domain is None else domain
+    address = BusAddress(domain_id=own, interface=interface)
+    config = CameraConfig(places=((address, topic),), codec=codec, source=source, encoder=encoder)
     run(run_until_interrupted(run_camera(config, typer.echo)))

@@ -1,4 +1,4 @@
-"""Message types at the command line: the user's own that a command is to know, and ours for ROS 2."""
+"""Message types at the command line: types of users for a command, and our types for ROS 2."""
 
 from __future__ import annotations
 
@@ -9,47 +9,49 @@ from typing import Annotated
 import typer
 from typer import Argument, Option
 
-import sfglab.messages
+import sfglab
 from sfglab.files import write_files
 
 
 def _register(paths: list[Path] | None) -> None:
-    """Make types known here and, by the environment, in the processes that a command starts."""
+    """Register types in this process and, through the environment, in its child processes."""
     from sfglab.messages import register_interfaces
-    from sfglab.messages.store import INTERFACES_VARIABLE as VARIABLE
+    from sfglab.messages.store import INTERFACES_VARIABLE
 
     for path in paths or ():
         register_interfaces(path)
-        os.environ[VARIABLE] = os.pathsep.join(
-            filter(None, (os.environ.get(VARIABLE), str(path.absolute())))
-        )
+        given = os.environ.get(INTERFACES_VARIABLE)
+        known = [given] if given else []
+        os.environ[INTERFACES_VARIABLE] = os.pathsep.join([*known, str(path.absolute())])
 
 
+#: Option of commands that handle types of users; only its callback uses the value.
 Interfaces = Annotated[
     list[Path] | None,
     Option(
         "--interfaces",
         callback=_register,
-        help="Types of your own: a package's folder (source or share), a folder of packages, or a file .msg, "
-        ".srv or .action; may be repeated, used ones first.",
+        help="Your own types (repeatable): a package's folder (source or share), a folder of "
+        "packages, or a .msg, .srv or .action file. Packages that others use come first.",
     ),
 ]
-"""An option of commands that meet types of users; its parameter is not looked at."""
 
 
 def interfaces(
-    folder: Annotated[Path, Argument(help="A workspace's folder for packages, e.g. ~/ros2_ws/src")],
+    folder: Annotated[
+        Path, Argument(help="Folder of a workspace for packages, e.g. ~/ros2_ws/src.")
+    ],
 ) -> None:
-    """Write an ament package of our message types, so that a plain ROS 2 can echo and call them.
+    """Write our message types as an ament package, so that ROS 2 can print and use them.
 
     Example:
       sfglab interfaces ~/ros2_ws/src   # then: colcon build --packages-select sfglab_interfaces
     """
-    package = Path(sfglab.messages.__file__).parent / "interfaces" / "sfglab_interfaces"
-    files = {
-        path.relative_to(package): path.read_bytes()
-        for path in package.rglob("*")
-        if path.is_file()
-    }
-    write_files(files, folder=folder / package.name)
-    typer.echo(folder / package.name)
+    source = Path(sfglab.__file__).parent / "messages" / "interfaces" / "sfglab_interfaces"
+    files: dict[Path, str | bytes] = {}
+    for path in source.rglob("*"):
+        if path.is_file():
+            files[path.relative_to(source)] = path.read_bytes()
+    package = folder / source.name
+    write_files(files, folder=package)
+    typer.echo(package)

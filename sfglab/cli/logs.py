@@ -1,4 +1,4 @@
-"""Commands for logs and bags: ``sfglab log``, in the words of ``ros2 bag``, and what a log holds."""
+"""Commands for logs and bags: ``sfglab log``, in the words of ``ros2 bag``."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ import json
 import os
 import re
 from collections.abc import Callable, Mapping
-from contextlib import suppress
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -16,8 +16,9 @@ import typer
 from typer import Argument, Option
 from typer.core import TyperGroup
 
-from sfglab.cli.buses import Domain, Interface, Json, Place, on_node, tell, until_interrupted
+from sfglab.cli.buses import print_json, until_interrupted
 from sfglab.cli.interfaces import Interfaces
+from sfglab.cli.options import Domain, Duration, Interface, Json
 from sfglab.errors import InvalidValueError
 from sfglab.units import NS_PER_S
 
@@ -27,16 +28,17 @@ if TYPE_CHECKING:
 
 
 class _Log(TyperGroup):
-    """A group whose command is `show` where the first word is none of its commands."""
+    """A group that runs `show` if the first word is none of its commands."""
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
         """Return the name, the command and its arguments."""
-        return super().resolve_command(ctx, args if args[0] in self.commands else ["show", *args])
+        words = args if args[0] in self.commands else ["show", *args]
+        return super().resolve_command(ctx, words)
 
 
 app = typer.Typer(
     cls=_Log,
-    help="""Logs and bags, in the words of ros2 bag; alone, what a log holds or which runs there are.
+    help="""Record, play and list logs and bags, like ros2 bag; without a command, list runs.
 
 Examples:
 
@@ -44,21 +46,21 @@ Examples:
 
   sfglab log data/reference/cooperation.mcap""",
 )
-_Log_ = Annotated[
-    Path, Argument(metavar="LOG", help="An MCAP file, a rosbag2 folder or its .db3 file.")
+_Path = Annotated[
+    Path, Argument(metavar="LOG", help="MCAP file, rosbag2 folder or the folder's .db3 file.")
 ]
-_Topics = Annotated[list[str] | None, Option("--topics", help="Only this topic; may be repeated.")]
-_Regex = Annotated[str | None, Option("--regex", "-e", help="Only topics in which this is found.")]
+_Regex = Annotated[
+    str | None, Option("--regex", "-e", help="Only topics that match this regular expression.")
+]
 _Exclude = Annotated[
-    str | None, Option("--exclude-regex", "-x", help="No topics in which this is found.")
+    str | None,
+    Option("--exclude-regex", "-x", help="No topics that match this regular expression."),
 ]
-_Start = Annotated[float, Option("--start-offset", min=0.0, help="Seconds to leave out first.")]
-_Duration = Annotated[float | None, Option(min=0.0, help="Seconds of the log.")]
 
 
 @app.callback(invoke_without_command=True)
 def log(context: typer.Context) -> None:
-    """List runs and which of them speak for the claims, unless a command follows."""
+    """List runs and whether each counts as evidence for claims, unless a command follows."""
     from sfglab.cli.experiments import list_runs
 
     if context.invoked_subcommand is None:
@@ -66,8 +68,8 @@ def log(context: typer.Context) -> None:
 
 
 @app.command(hidden=True)
-def show(path: _Log_, as_json: Json = False) -> None:
-    """List what a log holds: topics, rates, sizes, metadata.
+def show(path: _Path, as_json: Json = False) -> None:
+    """List the content of a log: topics, rates, sizes and metadata.
 
     Example:
       sfglab log data/reference/cooperation.mcap
@@ -79,23 +81,19 @@ def show(path: _Log_, as_json: Json = False) -> None:
         metadata = {name: reader.metadata(name) for name in reader.metadata_names}
         head, *rows = reader.overview()
         if as_json:
-            tell(
-                {
-                    "topics": [dict(zip(head, row, strict=True)) for row in rows],
-                    "metadata": metadata,
-                }
-            )
+            topics = [dict(zip(head, row, strict=True)) for row in rows]
+            print_json({"topics": topics, "metadata": metadata})
             return
         typer.echo(text_table([head, *rows]))
         for name, values in metadata.items():
             typer.echo(f"metadata  {name}: {json.dumps(values)}")
         if reader.truncated:
-            typer.echo("the log was cut off; what stands here is all that is in it")
+            typer.echo("the log was cut off; this is all that it contains")
 
 
 @app.command()
-def info(path: _Log_, as_json: Json = False) -> None:
-    """Print what is in a log as ros2 bag info does.
+def info(path: _Path, as_json: Json = False) -> None:
+    """Print a summary of a log, like ros2 bag info.
 
     Example:
       sfglab log info data/reference/mocap.mcap
@@ -105,40 +103,42 @@ def info(path: _Log_, as_json: Json = False) -> None:
     with LogReader(path) as reader:
         values = _info(reader)
     if as_json:
-        tell(values)
+        print_json(values)
         return
-    times = {name: values[f"{name}_ns"] for name in ("start", "end")}
-    said = {name: f"{_date(ns)} ({_seconds(ns)})" for name, ns in times.items()}
+    start_ns, end_ns = values["start_ns"], values["end_ns"]
     line = "Topic: {name} | Type: {type} | Count: {count} | Serialization Format: {encoding}"
-    topics = [line.format_map(topic) for topic in values["topics"]]
+    topics = map(line.format_map, values["topics"])
     indent = "\n" + " " * 19
     typer.echo(
         f"\nFiles:             {indent.join(values['files'])}\n"
         f"Bag size:          {_size(values['size_bytes'])}\n"
         f"Storage id:        {values['storage']}\n"
-        f"Duration:          {_seconds(values['end_ns'] - values['start_ns'])}s\n"
-        f"Start:             {said['start']}\n"
-        f"End:               {said['end']}\n"
+        f"Duration:          {_seconds(end_ns - start_ns)}s\n"
+        f"Start:             {_date(start_ns)}\n"
+        f"End:               {_date(end_ns)}\n"
         f"Messages:          {values['messages']}\n"
         f"Topic information: {indent.join(topics)}\n"
     )
 
 
 def _info(reader: LogReader) -> dict[str, Any]:
-    start_ns, end_ns = reader.span_ns
     topics = [
         {"name": name, "type": topic.type_name, "count": topic.count, "encoding": topic.encoding}
         for name, topic in reader.topics.items()
     ]
+    start_ns, end_ns = reader.span_ns
     suffixes = {suffix for file in reader.files for suffix in file.suffixes}
     storages = {".db3": "sqlite3", ".mcap": "mcap"}
+    found = [name for suffix, name in storages.items() if suffix in suffixes]
+    sizes = [file.stat().st_size for file in reader.files]
+    counts = [topic.count for topic in reader.topics.values()]
     return {
         "files": [file.name for file in reader.files],
-        "size_bytes": sum(file.stat().st_size for file in reader.files),
-        "storage": ", ".join(name for suffix, name in storages.items() if suffix in suffixes),
+        "size_bytes": sum(sizes),
+        "storage": ", ".join(found),
         "start_ns": start_ns,
         "end_ns": end_ns,
-        "messages": sum(topic["count"] for topic in topics),
+        "messages": sum(counts),
         "topics": topics,
     }
 
@@ -149,33 +149,40 @@ def _seconds(time_ns: int) -> str:
 
 def _date(time_ns: int) -> str:
     when = datetime.fromtimestamp(time_ns // NS_PER_S, UTC).astimezone()
-    return f"{when:%b} {when.day:2d} {when:%Y %H:%M:%S}.{time_ns % NS_PER_S:09d}"
+    seconds = _seconds(time_ns)
+    fraction = seconds.partition(".")[2]
+    return f"{when:%b} {when.day:2d} {when:%Y %H:%M:%S}.{fraction} ({seconds})"
 
 
 def _size(size_bytes: float) -> str:
-    power = next(p for p in range(5) if size_bytes < 1024 ** (p + 1) or p == 4)
-    return (
-        f"{size_bytes / 1024**power:.{min(power, 1)}f} {('B', 'KiB', 'MiB', 'GiB', 'TiB')[power]}"
-    )
+    if size_bytes < 1024:
+        return f"{size_bytes} B"
+    for unit in ("KiB", "MiB", "GiB"):
+        size_bytes /= 1024
+        if size_bytes < 1024:
+            return f"{size_bytes:.1f} {unit}"
+    return f"{size_bytes / 1024:.1f} TiB"
 
 
 def _wanted(
     topics: list[str] | None, regex: str | None, exclude: str | None
 ) -> Callable[[str], bool]:
-    """Return whether a topic is meant: named, or found by a pattern; all that are not hidden without either."""
+    """Return whether a topic is named or matches; without names and pattern, whether it is not hidden."""
     from sfglab.bus.listing import is_hidden
 
-    found, without = (
-        _pattern(text, name) for text, name in ((regex, "--regex"), (exclude, "--exclude-regex"))
-    )
+    pattern = _pattern(regex, "--regex")
+    excluded = _pattern(exclude, "--exclude-regex")
 
-    def wanted(topic: str) -> bool:
-        if without and without.search(topic):
+    def is_wanted(topic: str) -> bool:
+        if excluded and excluded.search(topic):
             return False
-        named = bool(topics and topic in topics) or bool(found and found.search(topic))
-        return named if topics or found else not is_hidden(topic)
+        if pattern and pattern.search(topic):
+            return True
+        if topics or pattern:
+            return topic in (topics or ())
+        return not is_hidden(topic)
 
-    return wanted
+    return is_wanted
 
 
 def _pattern(text: str | None, option: str) -> re.Pattern[str] | None:
@@ -188,21 +195,28 @@ def _pattern(text: str | None, option: str) -> re.Pattern[str] | None:
 @app.command()
 def record(
     topics: Annotated[
-        list[str] | None, Argument(help="Topics, e.g. /chatter; none with -a or -e.")
+        list[str] | None, Argument(help="Topics, e.g. /chatter, unless -a or -e is given.")
     ] = None,
-    every: Annotated[bool, Option("--all", "-a", help="All topics that are not hidden.")] = False,
+    every: Annotated[
+        bool, Option("--all", "-a", help="Record all topics but hidden ones.")
+    ] = False,
     regex: _Regex = None,
     exclude: _Exclude = None,
     output: Annotated[
         Path | None,
-        Option("--output", "-o", metavar="FILE.mcap", help="New file. [default: by the time]"),
+        Option(
+            "--output",
+            "-o",
+            metavar="FILE.mcap",
+            help="New file. [default: named after the date and time]",
+        ),
     ] = None,
-    duration: Annotated[float | None, Option(min=0.1, help="Seconds; else until Ctrl-C.")] = None,
+    duration: Duration = None,
     domain: Domain = None,
     interface: Interface = None,
     _interfaces: Interfaces = None,
 ) -> None:
-    """Record topics, also those that appear later, into an MCAP file, until Ctrl-C.
+    """Record topics into an MCAP file until Ctrl-C, including topics that appear later.
 
     Examples:
       sfglab log record /chatter /tf /tf_static --domain 7
@@ -214,25 +228,20 @@ def record(
 
     if not (topics or every or regex):
         raise InvalidValueError("log record", None, "topics, --all or --regex")
-    wanted = _wanted(None if every else topics, None if every else regex, exclude)
-    path = output or Path(f"rosbag2_{datetime.now(UTC).astimezone():%Y_%m_%d-%H_%M_%S}.mcap")
+    wanted = _wanted(None, None, exclude) if every else _wanted(topics, regex, exclude)
+    now = datetime.now(UTC).astimezone()
+    path = output or Path(f"rosbag2_{now:%Y_%m_%d-%H_%M_%S}.mcap")
     _check_output(path)
 
     async def run(node: Node) -> None:
-        recorder = Recorder(
-            node,
-            lambda: LogWriter(path),
-            wanted=wanted,
-            told=typer.echo,
-        )
+        recorder = Recorder(node, lambda: LogWriter(path), wanted=wanted, told=typer.echo)
         try:
             async with asyncio.timeout(duration):
                 await recorder.run()
         except TimeoutError:
             pass
         except OSError as error:
-            held = f"a path that can be written ({error}); what was recorded until then is in it"
-            raise InvalidValueError("--output", str(path), held) from error
+            raise InvalidValueError(f"--output {path}", error, "a writable file") from error
         finally:
             if path.exists():
                 typer.echo(f"{path}: {_counted(recorder.counts)}, {recorder.lost} lost")
@@ -241,29 +250,16 @@ def record(
 
 
 def _check_output(path: Path) -> None:
+    """Refuse a path where no new log can be written."""
+    allowed = ""
     if path.suffix != ".mcap":
-        raise InvalidValueError("--output", str(path), "a name that ends in .mcap")
-    if os.path.lexists(path):
-        raise InvalidValueError("--output", str(path), "a path where nothing is yet")
-    if not os.access(path.absolute().parent, os.W_OK):
-        raise InvalidValueError("--output", str(path), "a path in a folder that can be written")
-
-
-def record_for(path: Path, seconds: float, place: Place) -> None:
-    """Record all that is not hidden nor every node's own for some seconds, once something is found."""
-    from sfglab.bus.recording import Recorder
-    from sfglab.record import LogWriter
-
-    wanted = _wanted(None, None, r"^/(rosout|parameter_events)$")
-
-    async def run(node: Node) -> None:
-        with suppress(TimeoutError):
-            async with asyncio.timeout(seconds):
-                await Recorder(
-                    node, lambda: LogWriter(path), wanted=wanted, told=lambda _: None
-                ).run()
-
-    on_node(place, run)
+        allowed = "a name that ends in .mcap"
+    elif os.path.lexists(path):
+        allowed = "a path that does not exist yet"
+    elif not os.access(path.absolute().parent, os.W_OK):
+        allowed = "a path in a writable folder"
+    if allowed:
+        raise InvalidValueError("--output", str(path), allowed)
 
 
 def _counted(counts: Mapping[str, int]) -> str:
@@ -272,20 +268,27 @@ def _counted(counts: Mapping[str, int]) -> str:
 
 @app.command()
 def play(
-    path: _Log_,
+    path: _Path,
     rate: Annotated[
-        float, Option("--rate", "-r", min=0.001, help="How much faster than recorded.")
+        float, Option("--rate", "-r", min=0.001, help="Speed relative to the recording.")
     ] = 1.0,
-    topics: _Topics = None,
+    topics: Annotated[
+        list[str] | None, Option("--topics", help="Only this topic (repeatable).")
+    ] = None,
     regex: _Regex = None,
     exclude: _Exclude = None,
-    start: _Start = 0.0,
-    duration: _Duration = None,
+    start: Annotated[
+        float, Option("--start-offset", min=0.0, help="Time of the log to skip, s.")
+    ] = 0.0,
+    duration: Annotated[
+        float | None,
+        Option(min=0.0, help="Time of the log to play, s. [default: to its end]"),
+    ] = None,
     domain: Domain = None,
     interface: Interface = None,
     _interfaces: Interfaces = None,
 ) -> None:
-    """Publish what a log holds as it was recorded, once the subscriptions that are there have been found.
+    """Publish the messages of a log with their recorded timing, once existing subscriptions match.
 
     Examples:
       sfglab log play bag/ --domain 7
@@ -298,9 +301,7 @@ def play(
     wanted = _wanted(topics, regex, exclude)
 
     async def run(node: Node) -> None:
-        player = Player(
-            node, path, how, wanted=wanted, told=lambda said: typer.echo(said, err=True)
-        )
+        player = Player(node, path, how, wanted=wanted, told=partial(typer.echo, err=True))
         try:
             await player.run()
         finally:

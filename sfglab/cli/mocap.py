@@ -1,116 +1,196 @@
-"""Commands for motion capture and for trees of frames: ``sfglab mocap``, ``sfglab frames``."""
+"""Commands for motion capture and TF trees: ``sfglab mocap`` and ``sfglab frames``."""
 
 from __future__ import annotations
 
 import asyncio
-import contextlib
-import os
-from collections.abc import Callable
+from contextlib import ExitStack, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 from typer import Argument, Option
 
-from sfglab.cli.buses import Json, domain_option, on_node, say, unused
+from sfglab.cli.buses import observed_domain, on_node, say, unused
+from sfglab.cli.options import Domain, Duration, Interface, Json, RecordedDomain, Seconds
 from sfglab.cli.removed import RenamedOptions
 from sfglab.component import on_stop
-from sfglab.domains import VARIABLE
-from sfglab.errors import SfglabError
+from sfglab.errors import InvalidValueError
+from sfglab.units import NS_PER_MS
 
 if TYPE_CHECKING:
-    from sfglab.bus import Node
-    from sfglab.spatial.mocap.bridge import BridgeCore, MocapObjectStatus
+    from sfglab.bus import Clock, Node
+    from sfglab.spatial.mocap.bridge import BridgeCore, Latency, MocapObjectStatus
     from sfglab.spatial.mocap.mapping import MocapMapping
     from sfglab.spatial.mocap.tracking import MocapSource
 
-mocap_app = typer.Typer(help="Motion capture: publish detected poses as TF.", no_args_is_help=True)
-frames_app = typer.Typer(help="Trees of frames.", no_args_is_help=True)
-for _single in (mocap_app, frames_app):
-    _single.callback()(lambda: None)  # with a single command typer would leave its name out
-_POSES = ("geometry_msgs/msg/PoseStamped", "geometry_msgs/msg/TransformStamped")
-_Type = Literal["pose", "transform"]
+mocap_app = typer.Typer(help="Publish poses from motion capture as TF.")
+frames_app = typer.Typer(help="Check TF trees.")
+_SOURCES = (["--vicon"], ["--topic"], ["--topic", "--log"], ["--synthetic"])
 
 
 @mocap_app.command("run", cls=RenamedOptions)
 def mocap_run(
     file: Annotated[
-        Path, Argument(help="Which object is which frame, e.g. data/mocap/two_agents.yaml")
+        Path, Argument(help="Mapping of objects to frames, e.g. data/mocap/two_agents.yaml.")
     ],
-    domain: Annotated[int | None, domain_option("DDS domain of the agents' transforms.")] = None,
-    interface: Annotated[str | None, Option(help="Interface of that domain.")] = None,
+    domain: Domain = None,
+    interface: Interface = None,
     vicon: Annotated[str | None, Option(help="Address of a Vicon Tracker.")] = None,
     topic: Annotated[
-        list[str] | None, Option(help="An object's topic, ID=/topic; of the log if there is one.")
+        list[str] | None, Option(help="Topic of an object, ID=/topic (repeatable).")
     ] = None,
-    type_: Annotated[_Type, Option("--type", help="PoseStamped or TransformStamped.")] = "pose",
-    log: Annotated[Path | None, Option(help="A log whose --topic are played back.")] = None,
+    type_: Annotated[
+        Literal["pose", "transform"],
+        Option("--type", help="Type of the topics: PoseStamped or TransformStamped."),
+    ] = "pose",
+    log: Annotated[Path | None, Option(help="Log whose topics are played back.")] = None,
     synthetic: Annotated[
-        bool, Option("--synthetic", help="Objects on ellipses, for trials without cameras.")
+        bool, Option("--synthetic", help="Simulate objects on ellipses, without cameras.")
     ] = False,
     publish_tf: Annotated[
-        bool,
-        Option(
-            "--publish-tf",
-            help="Also publish made-up TF trees of the agents, for trials without robots.",
-        ),
+        bool, Option("--publish-tf", help="Also publish synthetic TF trees, without robots.")
     ] = False,
-    agent: Annotated[str, Option(help="The agent on which it runs, for the status topic.")] = "",
-    duration: Annotated[
-        float | None, Option(min=0.0, help="Seconds to run; else until Ctrl-C.")
-    ] = None,
+    agent: Annotated[
+        str, Option(help="Name of the agent that runs this bridge (part of the status topic).")
+    ] = "",
+    duration: Duration = None,
 ) -> None:
-    """Publish where cameras see agents, so that every agent's tree of frames stays whole (paper A, Eq. 4).
+    """Publish agents' poses from motion capture as TF (paper A, Eq. 4).
 
     Examples:
-      sfglab mocap run data/mocap/two_agents.yaml --vicon 192.168.10.1 --domain 0
-      sfglab mocap run data/mocap/two_agents.yaml --topic "Go2 Body=/vrpn/go2/pose" --domain 0
+      sfglab mocap run data/mocap/two_agents.yaml --vicon 192.168.10.1 --domain 0   # a Vicon Tracker.
+      sfglab mocap run data/mocap/two_agents.yaml --topic "Go2 Body=/vrpn/go2/pose" --domain 0   # a topic.
       sfglab mocap run data/mocap/two_agents.yaml --log run.mcap --topic "Go2 Body=/vrpn/go2/pose" --domain 7
       sfglab mocap run data/mocap/two_agents.yaml --synthetic --publish-tf --domain 7 --interface lo --duration 10
     """
+    from sfglab.record import LogReader
     from sfglab.spatial.mocap.bridge import BridgeOptions, MocapBridge, status_topic
     from sfglab.spatial.mocap.mapping import load_mapping
+    from sfglab.spatial.mocap.sources import POSE, TRANSFORM, LogSource, TopicSource, ViconSource
 
     mapping = load_mapping(file)
     if log is not None or not topic:
-        unused("without topics of the bus, whose type it is", "type_")
-    make = _source(
-        vicon=vicon, topics=_topics(topic or [], mapping), type_=type_, log=log, synthetic=synthetic
-    )
+        unused("without topics of a domain, whose type it is", "type_")
+    topics = _topics(topic or [], mapping)
+    options = {"--vicon": vicon, "--topic": topic, "--log": log, "--synthetic": synthetic}
+    given = [name for name, value in options.items() if value]
+    if given not in _SOURCES:
+        allowed = "one of --vicon, --topic, --log with --topic, --synthetic"
+        raise InvalidValueError("mocap run", " and ".join(given) or None, allowed)
+
+    def source_on(node: Node, stack: ExitStack) -> MocapSource:
+        clock = node.get_clock()
+        if vicon is not None:
+            return ViconSource(vicon, clock=clock)
+        if synthetic:
+            return _synthetic(mapping, clock)
+        if log is not None:
+            reader = stack.enter_context(LogReader(log))
+            return LogSource(reader, topics, clock=clock)
+        return TopicSource(node, topics, type_=POSE if type_ == "pose" else TRANSFORM)
 
     async def serve(node: Node) -> None:
-        with contextlib.ExitStack() as stack:
+        with ExitStack() as stack:
             if publish_tf:
-                _make_up_trees(node, mapping)
-            bridge = MocapBridge(
-                node, make(node, mapping, stack), mapping, BridgeOptions(agent=agent)
-            )
+                _publish_trees(node, mapping)
+            source = source_on(node, stack)
+            bridge = MocapBridge(node, source, mapping, BridgeOptions(agent=agent))
             running = asyncio.ensure_future(bridge.run())
             on_stop(running.cancel)
             typer.echo(f"mocap: ready, status on {status_topic(agent)}; end it with Ctrl-C")
-            with contextlib.suppress(asyncio.CancelledError, TimeoutError):
+            with suppress(asyncio.CancelledError, TimeoutError):
                 async with asyncio.timeout(duration):
                     await running
-            typer.echo(_report(bridge.core), nl=False)
+            typer.echo(_report(bridge.core))
 
     on_node((domain, interface), serve, "mocap_bridge")
 
 
+def _topics(given: list[str], mapping: MocapMapping) -> dict[str, str]:
+    """Return the topic of each object from words of the form ID=/topic."""
+    topics = {}
+    for word in given:
+        id_, _, topic = word.rpartition("=")
+        if id_ not in mapping.objects:
+            allowed = ", ".join(f"{name}=/topic" for name in mapping.objects)
+            raise InvalidValueError("--topic", word, allowed)
+        topics[id_] = topic
+    return topics
+
+
+def _synthetic(mapping: MocapMapping, clock: Clock) -> MocapSource:
+    import numpy as np
+
+    from sfglab.spatial.mocap.synthetic import SyntheticConfig, SyntheticMotion, SyntheticSource
+
+    objects = {}
+    for number, id_ in enumerate(mapping.objects):
+        objects[id_] = SyntheticMotion(centre_m=(0.0, 3.0 * number, 0.5))
+    config = SyntheticConfig(occlusions_hz=0.1, flips_hz=0.1, dropped=0.01)
+    return SyntheticSource(objects, config, np.random.default_rng(0), clock=clock)
+
+
+def _publish_trees(node: Node, mapping: MocapMapping) -> None:
+    """Publish the smallest TF trees that objects can be placed in: a root and the detected frame."""
+    from sfglab.messages import message_type
+    from sfglab.names import TF_STATIC
+    from sfglab.spatial import Pose, StampedTransform
+    from sfglab.spatial.frames.listener import TF_STATIC_QOS, TRANSFORMS
+
+    above = Pose(position_m=(0.0, 0.0, 0.1))
+    transforms = {}
+    for mapped in mapping.objects.values():
+        via = mapped.via
+        root = mapped.frame or f"{via.partition('/')[0]}/odom"
+        if root != via:
+            tree = StampedTransform(parent=root, child=via, stamp_ns=0, pose=above)
+            transforms[via] = tree.to_msg()
+    publisher = node.create_publisher(TRANSFORMS, TF_STATIC, qos=TF_STATIC_QOS)
+    message = message_type(TRANSFORMS)(transforms=list(transforms.values()))
+    publisher.publish(message)
+
+
+def _report(core: BridgeCore) -> str:
+    unmapped = [f"{id_} ({count})" for id_, count in core.unmapped.items()]
+    counts = f"{core.captures} captures, {core.dropped} dropped"
+    head = f"{counts}; unmapped objects: {', '.join(unmapped) or 'none'}"
+    return "\n".join([head, *map(_object_line, core.statuses)])
+
+
+def _object_line(status: MocapObjectStatus) -> str:
+    verdicts = [f"{count} {verdict}" for verdict, count in sorted(status.verdicts.items())]
+    times = " + ".join(map(_milliseconds, (status.receipt_latency, status.publication_latency)))
+    problem = f"; {status.problem}" if status.problem else ""
+    return (
+        f"{status.mapped.id} -> {status.frame or 'nothing yet'}: {status.track.state.value}, "
+        f"{status.published} published, {status.unplaced} not placed "
+        f"({', '.join(verdicts) or 'never detected'}); "
+        f"capture to receipt to publication {times} ms{problem}"
+    )
+
+
+def _milliseconds(latency: Latency) -> str:
+    median_ns = latency.median_ns
+    return "-" if median_ns is None else f"{median_ns / NS_PER_MS:.2f}"
+
+
 @frames_app.command("lint")
 def frames_lint(
-    log: Annotated[Path | None, Argument(help="A log, of any recorder.")] = None,
-    domain: Annotated[
-        int | None, domain_option("A DDS domain to listen to, without a log.")
+    log: Annotated[Path | None, Argument(help="Log or bag.")] = None,
+    domain: RecordedDomain = None,
+    interface: Interface = None,
+    listen: Seconds = 5.0,
+    agents: Annotated[
+        str, Option(help="Agents whose prefixes are allowed, e.g. go2,agent_x. [default: any]")
+    ] = "",
+    root: Annotated[
+        str | None, Option(help="Required single root, e.g. map. [default: any]")
     ] = None,
-    interface: Annotated[str | None, Option(help="Interface of that domain.")] = None,
-    listen: Annotated[float, Option(min=0.1, help="Seconds to listen.")] = 5.0,
-    agents: Annotated[str, Option(help="Agents whose prefixes are right, as go2,agent_x.")] = "",
-    root: Annotated[str | None, Option(help="The one root that there should be, e.g. map")] = None,
     as_json: Json = False,
 ) -> None:
-    """Say what is wrong with a tree of frames: parents, loops, roots, names, time.
+    """Check a TF tree: parents, loops, roots, names and time.
 
-    Exit status 1 if anything is, or if there are no frames.
+    The exit status is 1 if there are findings or no frames.
 
     Examples:
       sfglab frames lint run.mcap --root map --agents go2,agent_x
@@ -121,126 +201,23 @@ def frames_lint(
     from sfglab.spatial.frames.lint import FrameRule, lint_frames
     from sfglab.spatial.frames.listener import FramesListener, fill_from_log
 
-    heard = domain is not None or (log is None and VARIABLE in os.environ)
-    if (log is not None) == heard:
-        raise SfglabError("frames lint: given neither or both, allowed is a log or --domain")
     buffer = FrameBuffer(history_s=None)
-    if log is not None:
-        unused("with a log, which is on no bus", "interface", "listen")
+    observed = observed_domain(log, domain)
+
+    async def observe(node: Node) -> None:
+        async with FramesListener(node, buffer):
+            await asyncio.sleep(listen)
+
+    if log is None:
+        on_node((observed, interface), observe, "frames_lint")
+    else:
+        unused("with a log; it applies to a domain", "interface", "listen")
         with LogReader(log) as reader:
             fill_from_log(reader, buffer)
-    else:
-
-        async def hear(node: Node) -> None:
-            async with FramesListener(node, buffer):
-                await asyncio.sleep(listen)
-
-        on_node((domain, interface), hear, "frames_lint")
-    names = frozenset(filter(None, agents.split(",")))
-    findings = lint_frames(buffer.edges, rule=FrameRule(agents=names) if names else None, root=root)
+    rule = FrameRule(agents=frozenset(agents.split(","))) if agents else None
+    findings = lint_frames(buffer.edges, rule=rule, root=root)
     lines = [*map(str, findings), f"{len(buffer.frames)} frames, {len(findings)} findings"]
-    say(
-        {"frames": sorted(buffer.frames), "findings": findings},
-        lambda _: "\n".join(lines),
-        as_json=as_json,
-    )
+    values = {"frames": sorted(buffer.frames), "findings": findings}
+    say(values, lambda _: "\n".join(lines), as_json=as_json)
     if findings or not buffer.frames:
         raise typer.Exit(1)
-
-
-def _topics(given: list[str], mapping: MocapMapping) -> dict[str, str]:
-    topics = {}
-    for text in given:
-        id_, equals, topic = text.rpartition("=")
-        if not equals or id_ not in mapping.objects:
-            known = ", ".join(f"{name}=/topic" for name in mapping.objects)
-            raise SfglabError(f"--topic: given {text!r}, allowed are {known}")
-        topics[id_] = topic
-    return topics
-
-
-def _source(
-    *, vicon: str | None, topics: dict[str, str], type_: _Type, log: Path | None, synthetic: bool
-) -> Callable[[Node, MocapMapping, contextlib.ExitStack], MocapSource]:
-    """Return what makes the source on a node, of exactly one kind."""
-    from sfglab.record import LogReader
-    from sfglab.spatial.mocap.sources import LogSource, TopicSource, ViconSource
-
-    kinds = [
-        name for name, on in (("--vicon", vicon), ("--log", log), ("--synthetic", synthetic)) if on
-    ]
-    if len(kinds) > 1 or (not kinds and not topics) or (topics and kinds not in ([], ["--log"])):
-        given = " and ".join([*kinds, *(["--topic"] if topics else [])]) or "none"
-        allowed = "one of --vicon, --topic, --log with --topic, --synthetic"
-        raise SfglabError(f"mocap run: given {given}, allowed is {allowed}")
-    if log is not None and not topics:
-        needed = "--topic ID=/topic for each object of the log"
-        raise SfglabError(f"--log: given without --topic, needed is {needed}")
-
-    def make(node: Node, mapping: MocapMapping, stack: contextlib.ExitStack) -> MocapSource:
-        clock = node.get_clock()
-        if vicon is not None:
-            return ViconSource(vicon, clock=clock)
-        if synthetic:
-            return _synthetic(mapping, clock)
-        if log is None:
-            return TopicSource(node, topics, type_=_POSES[type_ == "transform"])
-        return LogSource(stack.enter_context(LogReader(log)), topics, clock=clock)
-
-    return make
-
-
-def _synthetic(mapping: MocapMapping, clock: Any) -> MocapSource:
-    import numpy as np
-
-    from sfglab.spatial.mocap.synthetic import SyntheticConfig, SyntheticMotion, SyntheticSource
-
-    objects = {
-        id_: SyntheticMotion(centre_m=(0.0, 3.0 * i, 0.5)) for i, id_ in enumerate(mapping.objects)
-    }
-    config = SyntheticConfig(occlusions_hz=0.1, flips_hz=0.1, dropped=0.01)
-    return SyntheticSource(objects, config, np.random.default_rng(0), clock=clock)
-
-
-def _make_up_trees(node: Node, mapping: MocapMapping) -> None:
-    """Publish the shortest trees that objects can be placed in: a root and, above it, what the cameras see."""
-    from sfglab.messages import message_type
-    from sfglab.names import TF_STATIC
-    from sfglab.spatial import Pose, StampedTransform
-    from sfglab.spatial.frames.listener import TF_STATIC_QOS, TRANSFORMS
-
-    above = Pose(position_m=(0.0, 0.0, 0.1))
-    roots = {
-        one.via: one.frame or f"{one.via.partition('/')[0]}/odom"
-        for one in mapping.objects.values()
-    }
-    transforms = [
-        StampedTransform(parent=root, child=via, stamp_ns=0, pose=above).to_msg()
-        for via, root in roots.items()
-        if root != via
-    ]
-    publisher = node.create_publisher(TRANSFORMS, TF_STATIC, qos=TF_STATIC_QOS)
-    publisher.publish(message_type(TRANSFORMS)(transforms=transforms))
-
-
-def _report(core: BridgeCore) -> str:
-    strangers = ", ".join(f"{id_} ({count})" for id_, count in core.unmapped.items()) or "none"
-    lines = [
-        f"{core.captures} captures, {core.dropped} dropped; objects without mapping: {strangers}"
-    ]
-    return "\n".join([*lines, *map(_object_line, core.statuses)]) + "\n"
-
-
-def _object_line(status: MocapObjectStatus) -> str:
-    sights = (
-        ", ".join(f"{n} {verdict}" for verdict, n in sorted(status.verdicts.items()))
-        or "never seen"
-    )
-    late = [status.receipt_latency.median_ns, status.publication_latency.median_ns]
-    times = " + ".join("-" if ns is None else f"{ns / 1e6:.2f}" for ns in late)
-    problem = f"; {status.problem}" if status.problem else ""
-    return (
-        f"{status.mapped.id} -> {status.frame or 'nothing yet'}: {status.track.state.value}, "
-        f"{status.published} published, {status.unplaced} not placed ({sights}); "
-        f"capture to receipt to publication {times} ms{problem}"
-    )

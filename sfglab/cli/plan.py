@@ -1,4 +1,4 @@
-"""Commands of trajectories: the scene editor, a simulated agent, and sending agents along."""
+"""Commands for trajectories: the scene editor, a simulated agent, and sending agents along trajectories."""
 
 from __future__ import annotations
 
@@ -9,11 +9,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from typer import Argument, Option
+from typer import Option
 
-from sfglab.cli.buses import Domain, Interface, on_node
+from sfglab.cli.buses import on_node
+from sfglab.cli.options import Agents, Domain, Interface, SceneFile
 from sfglab.component import on_stop
-from sfglab.errors import SfglabError
+from sfglab.errors import InvalidValueError, SfglabError
+from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
     from sfglab.bus import Node
@@ -21,22 +23,27 @@ if TYPE_CHECKING:
     from sfglab.spatial.execution.orders import Order
     from sfglab.spatial.execution.server import AgentSetup
 
+app = typer.Typer(help="Simulate an agent that follows trajectories, and send agents along them.")
+_Action = Annotated[
+    str, Option(help="Name of the action. [default: /global/<agent>/execute_trajectory]")
+]
+
 
 def plan(
-    scene: Annotated[Path, Argument(help="A scene file, e.g. data/scenes/hall.yaml")],
+    scene: SceneFile,
     port: Annotated[
-        int, Option(min=0, max=65535, help="Serve the editor here; 0 takes any port that is free.")
+        int, Option(min=0, max=65535, help="Port of the editor; 0 takes any free port.")
     ] = 8092,
     no_browser: Annotated[
-        bool, Option("--no-browser", help="Open no browser; only print the address.")
+        bool, Option("--no-browser", help="Print the address only, without opening a browser.")
     ] = False,
     new: Annotated[
-        bool, Option("--new", help="Begin an empty scene; the file is made by the first save.")
+        bool, Option("--new", help="Begin an empty scene; the first save creates the file.")
     ] = False,
 ) -> None:
     """Plan trajectories for several robots in 3D, in the browser (paper A, section 4.5).
 
-    Every browser that opens the address edits the same scene. Ctrl-C ends and saves nothing.
+    Every browser that opens the address edits the same scene. Ctrl-C ends without saving.
 
     Examples:
       sfglab plan data/scenes/hall.yaml
@@ -44,15 +51,14 @@ def plan(
       sfglab plan data/scenes/course.yaml --port 0 --no-browser
     """
     from sfglab.spatial.scene.editor import Editor
-    from sfglab.spatial.scene.objects import SceneError
     from sfglab.view.planner.server import Planner
 
     if new and scene.exists():
-        raise SceneError("--new", str(scene), "a file that does not exist yet")
+        raise InvalidValueError("--new", str(scene), "a file that does not exist yet")
     if not new and not scene.exists():
-        raise SceneError("scene", str(scene), "a scene file; --new begins one")
+        raise InvalidValueError("scene", str(scene), "a scene file; --new begins one")
     if not scene.parent.is_dir():
-        raise SceneError("scene", str(scene), "a file in a folder that exists")
+        raise InvalidValueError("scene", str(scene), "a file in an existing folder")
     editor = Editor.open(scene)
     with Planner(editor, port=port) as planner:
         try:
@@ -63,19 +69,7 @@ def plan(
         except KeyboardInterrupt:
             typer.echo("")
     if editor.dirty:
-        typer.echo(
-            f"{scene.name}: has changes that were not saved; the file is as it was saved last",
-            err=True,
-        )
-
-
-app = typer.Typer(
-    help="Trajectories carried out: a simulated agent, and sending an agent along its trajectory.",
-    no_args_is_help=True,
-)
-_Action = Annotated[
-    str, Option(help="Name of the action; /global/<agent>/execute_trajectory when not given.")
-]
+        typer.echo(f"{scene.name}: changes since the last save were not saved", err=True)
 
 
 @app.command()
@@ -85,14 +79,14 @@ def serve(
     interface: Interface = None,
     action: _Action = "",
     scene: Annotated[
-        Path | None, Option(help="A scene that has the agent: its start and its limits.")
+        Path | None,
+        Option(help="Scene with the agent's start and limits. [default: at 0, without limits]"),
     ] = None,
     preempt: Annotated[
-        bool,
-        Option("--preempt", help="A second goal takes the first one's place; else it is refused."),
+        bool, Option("--preempt", help="Let a second goal replace the first. [default: refuse it]")
     ] = False,
 ) -> None:
-    """Simulate an agent that an action moves, until Ctrl-C; without a scene it stands at 0 and has no limits.
+    """Simulate an agent that an action moves, until Ctrl-C.
 
     It publishes /global/<agent>/pose, /global/<agent>/odometry and <agent>/base on /tf.
 
@@ -105,56 +99,14 @@ def serve(
 
     setup = _setup(validate_agent(agent), scene, preempt=preempt)
 
-    async def until_told(node: Node) -> None:
-        asked = asyncio.Event()
-        on_stop(asked.set)
+    async def serve_agent(node: Node) -> None:
+        stopped = asyncio.Event()
+        on_stop(stopped.set)
         async with TrajectoryServer(node, agent, name=action, setup=setup) as server:
             typer.echo(f"{agent}: {server.action_name} moves it; Ctrl-C ends")
-            await asked.wait()
+            await stopped.wait()
 
-    on_node((domain, interface), until_told, agent)
-
-
-@app.command("run")
-def run_scene(
-    file: Annotated[Path, Argument(help="A scene, e.g. data/scenes/hall.yaml")],
-    agent: Annotated[
-        list[str] | None, Option(help="Who is sent; all that have a trajectory when not given.")
-    ] = None,
-    domain: Domain = None,
-    interface: Interface = None,
-    action: _Action = "",
-    delay: Annotated[
-        float,
-        Option(min=0.0, help="Seconds until all start together; 0: each when it gets its goal."),
-    ] = 1.0,
-) -> None:
-    """Send agents along their trajectories of a scene, and wait until they are there; Ctrl-C stops them.
-
-    Several agents start together by their clocks, which must agree. Ends with 0 if all came through, else 1,
-    and 130 after Ctrl-C, when all stand.
-
-    Examples:
-      sfglab follow run data/scenes/hall.yaml --agent go2 --domain 7
-      sfglab follow run data/scenes/hall.yaml --domain 7 --interface lo
-    """
-    from sfglab.spatial.execution.client import scene_orders
-    from sfglab.spatial.scene.files import load_scene
-
-    scene = load_scene(file)
-
-    def orders(start_ns: int) -> tuple[Order, ...]:
-        begin_ns = start_ns + round(delay * 1e9) if delay else 0
-        found = scene_orders(scene, agents=tuple(agent or ()), start_ns=begin_ns)
-        if action and len(found) > 1:
-            raise SfglabError(f"--action: given for {len(found)} agents, allowed: with one --agent")
-        return found
-
-    if not orders(0):
-        raise SfglabError(f"{file}: given no agent with a trajectory, allowed: at least one")
-    raise typer.Exit(
-        on_node((domain, interface), lambda node: _send_all(node, orders, action), "planner")
-    )
+    on_node((domain, interface), serve_agent, agent)
 
 
 def _setup(agent: str, scene: Path | None, *, preempt: bool) -> AgentSetup:
@@ -168,57 +120,102 @@ def _setup(agent: str, scene: Path | None, *, preempt: bool) -> AgentSetup:
     loaded = load_scene(scene)
     named = {found.name: found for found in loaded.all_of(AgentObject)}
     if agent not in named:
-        raise SfglabError(
-            f"--agent: given {agent!r}, allowed for {scene}: {', '.join(named) or 'none'}"
-        )
+        raise InvalidValueError(f"--agent, {scene}", agent, ", ".join(named) or "no agent")
+    found = named[agent]
     return AgentSetup(
-        pose=loaded.world_pose(named[agent].id),
+        pose=loaded.world_pose(found.id),
         frame_id=loaded.frame_id,
-        dynamics=Dynamics(limits=named[agent].limits),
+        dynamics=Dynamics(limits=found.limits),
         preempt=preempt,
     )
 
 
-async def _send_all(node: Node, orders: Callable[[int], tuple[Order, ...]], action: str) -> int:
-    from sfglab.spatial.execution.orders import FOLLOW_TRAJECTORY
+@app.command("run")
+def run_scene(
+    file: SceneFile,
+    agent: Agents = None,
+    domain: Domain = None,
+    interface: Interface = None,
+    action: _Action = "",
+    delay: Annotated[
+        float,
+        Option(min=0.0, help="Time until all start together, s; 0: each starts at its goal."),
+    ] = 1.0,
+) -> None:
+    """Send agents along their trajectories of a scene and wait for their arrival; Ctrl-C stops them.
 
-    sent = [_execution(node, order.agent, action, place) for place, order in enumerate(orders(0))]
-    for order in orders(
-        0
-    ):  # what is imported at first use is not to cost time once the start is set
+    Without --agent all agents that have a trajectory are sent. Several agents start together by their clocks, which must agree. The exit status is 0 if all
+    agents arrived, otherwise 1, and 130 after Ctrl-C, when all agents have stopped.
+
+    Examples:
+      sfglab follow run data/scenes/hall.yaml --agent go2 --domain 7
+      sfglab follow run data/scenes/hall.yaml --domain 7 --interface lo
+    """
+    from sfglab.spatial.execution.client import scene_orders
+    from sfglab.spatial.scene.files import load_scene
+
+    scene = load_scene(file)
+    agents = tuple(agent or ())
+
+    def orders(now_ns: int) -> tuple[Order, ...]:
+        start_ns = now_ns + round(delay * NS_PER_S) if delay else 0
+        return scene_orders(scene, agents=agents, start_ns=start_ns)
+
+    found = orders(0)
+    if not found:
+        raise SfglabError(f"{file}: no agent has a trajectory")
+    if action and len(found) > 1:
+        raise SfglabError(f"--action: given for {len(found)} agents; give one --agent")
+    place = (domain, interface)
+    raise typer.Exit(on_node(place, lambda node: _send_all(node, orders, action), "planner"))
+
+
+async def _send_all(node: Node, orders: Callable[[int], tuple[Order, ...]], action: str) -> int:
+    from sfglab.spatial.execution.client import Execution
+    from sfglab.spatial.execution.orders import FOLLOW_TRAJECTORY, Outcome
+
+    executions: list[Execution] = []
+    for order in orders(0):
+        # Imports at first use must not take time once the start is set.
         FOLLOW_TRAJECTORY.goal(order)
-    await asyncio.gather(*(execution.ready() for execution in sent))
+        executions.append(_execution(node, order.agent, action, len(executions)))
+    for execution in executions:
+        await execution.ready()
     wanted = orders(node.get_clock().now_ns())
-    loop, stopping = asyncio.get_running_loop(), set[asyncio.Task[Any]]()
+    stopping: set[asyncio.Future[None]] = set()
 
     def stop() -> None:
-        stopping.update(loop.create_task(execution.cancel()) for execution in sent)
+        for execution in executions:
+            stopping.add(asyncio.ensure_future(execution.cancel()))
 
     on_stop(stop)
-    await asyncio.gather(*(e.begin(order) for e, order in zip(sent, wanted, strict=True)))
-    ended = await asyncio.gather(*(execution.result() for execution in sent))
+    await asyncio.gather(*map(Execution.begin, executions, wanted))
+    ended = await asyncio.gather(*map(Execution.result, executions))
     await asyncio.gather(*stopping)
+    succeeded = True
     for order, end in zip(wanted, ended, strict=True):
-        at = (
-            ""
-            if end.pose is None
-            else " at ({:.2f}, {:.2f}, {:.2f}) m".format(*end.pose.position_m)
-        )
-        typer.echo(f"{order.agent}: {end}{at}")
+        place = ""
+        if end.pose is not None:
+            x, y, z = end.pose.position_m
+            place = f" at ({x:.2f}, {y:.2f}, {z:.2f}) m"
+        typer.echo(f"{order.agent}: {end}{place}")
+        succeeded = succeeded and end.outcome is Outcome.SUCCEEDED
     if stopping:
         return 130
-    return 0 if all(end.outcome.value == "succeeded" for end in ended) else 1
+    return 0 if succeeded else 1
 
 
-def _execution(node: Node, agent: str, action: str, place: int) -> Execution:
+def _execution(node: Node, agent: str, action: str, position: int) -> Execution:
+    """Return a trajectory to send, with a progress bar."""
     from tqdm import tqdm
 
     from sfglab.spatial.execution.client import Execution
 
-    bar = tqdm(total=100, desc=agent, position=place, unit="%", file=sys.stderr, leave=True)
+    bar = tqdm(total=100, desc=agent, position=position, unit="%", file=sys.stderr)
 
     def show(feedback: Any) -> None:
-        bar.set_postfix_str(f"{feedback.error_m:.2f} m off" if feedback.error_m is not None else "")
+        error_m = feedback.error_m
+        bar.set_postfix_str("" if error_m is None else f"{error_m:.2f} m off")
         bar.update(round(100 * feedback.share) - bar.n)
 
     return Execution(node, agent, action=action, on_feedback=show)

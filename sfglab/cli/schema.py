@@ -1,4 +1,4 @@
-"""The command that prints the JSON Schema of a file format."""
+"""The command that prints the JSON Schema of a file format: ``sfglab schema``."""
 
 from __future__ import annotations
 
@@ -8,24 +8,23 @@ from typing import Annotated, Literal
 
 from typer import Argument, Option
 
-from sfglab.cli.buses import put_text
+from sfglab.cli.buses import write_text
 
 _Name = Literal["fleet", "qos", "graph", "scene", "mocap", "claims"]
 
 
 def schema(
-    name: Annotated[_Name, Argument(help="The format.")],
-    out: Annotated[
-        Path | None, Option(help="Write it into this file, not to the terminal.")
-    ] = None,
+    name: Annotated[_Name, Argument(help="File format.")],
+    out: Annotated[Path | None, Option(help="File to write. [default: the terminal]")] = None,
 ) -> None:
-    """Print the JSON Schema of a file format, by which editors complete and check such files.
+    """Print the JSON Schema of a file format, for completion and checks in editors.
 
-    An editor with YAML support takes it from the file's first line: # yaml-language-server: $schema=fleet.json
+    An editor with YAML support reads it if the file's first line is
+    # yaml-language-server: $schema=fleet.json
 
     Example:
       sfglab schema fleet --out fleet.json
     """
     from sfglab.lab.formats import FORMATS
 
-    put_text(json.dumps(FORMATS[name].schema(), indent=2) + "\n", out)
+    write_text(json.dumps(FORMATS[name].schema(), indent=2) + "\n", out)

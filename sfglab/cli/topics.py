@@ -1,47 +1,87 @@
-"""Commands that look at topics, and publish: ``sfglab topic``, in the words of ``ros2 topic``."""
+"""Commands for topics and nodes, in the words of ROS 2: ``sfglab topic`` and ``sfglab node``."""
 
 from __future__ import annotations
 
 import asyncio
 import time
 from contextlib import suppress
-from typing import TYPE_CHECKING, Annotated, Any
+from dataclasses import replace
+from functools import partial
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 from typer import Argument, Option
 
-import sfglab.cli.buses as bus
+from sfglab.cli.buses import look, print_json, print_list, say, until_interrupted
 from sfglab.cli.interfaces import Interfaces
-from sfglab.errors import InvalidValueError
+from sfglab.cli.options import Count, Domain, Duration, Interface, Json, SpinTime
+from sfglab.errors import SfglabError
 from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
-    from sfglab.bus import Node
+    from sfglab.bus import EndpointInfo, Node
+    from sfglab.qos import QoSProfile
 
-app = typer.Typer(help="Topics of a domain, in the words of ros2 topic.", no_args_is_help=True)
-_Topic = Annotated[str, Argument(help="Name of the topic, e.g. /chatter")]
-_Window = Annotated[
-    int, Option("--window", "-w", min=2, help="How many messages are averaged over.")
+app = typer.Typer(help="List, print, measure and publish topics, like ros2 topic.")
+node_app = typer.Typer(help="List the nodes of a domain, like ros2 node.")
+
+_Topic = Annotated[str, Argument(help="Name of the topic, e.g. /chatter.")]
+_Reliability = Annotated[
+    Literal["reliable", "best_effort"] | None,
+    Option("--qos-reliability", help="Reliability of the endpoint."),
 ]
-_Duration = Annotated[
-    float | None, Option(min=0.1, help="Seconds of messages until it ends; else until Ctrl-C.")
+_Durability = Annotated[
+    Literal["volatile", "transient_local"] | None,
+    Option("--qos-durability", help="Durability of the endpoint."),
 ]
-_HELP = "Begin when so many listen. [default: 1 with -1 and -t]"
-_Wait = Annotated[int | None, Option("--wait-matching-subscriptions", "-w", min=0, help=_HELP)]
-_REPORT_S = 1.0
+_Depth = Annotated[
+    int | None, Option("--qos-depth", min=1, help="Depth of the history (KEEP_LAST), in messages.")
+]
+_TOPIC_S = 3.0  #: Time to discover a topic's first publisher, s.
+_OTHERS_S = 0.3  #: Time to discover further publishers of the topic, s.
+_REPORT_S = 1.0  #: Period of reports, s.
+
+
+@node_app.command("list")
+def list_nodes(
+    hidden: Annotated[
+        bool, Option("--all", "-a", help="Also list hidden nodes, whose names begin with _.")
+    ] = False,
+    count: Count = False,
+    as_json: Json = False,
+    domain: Domain = None,
+    interface: Interface = None,
+    spin_time: SpinTime = None,
+) -> None:
+    """List nodes.
+
+    Examples:
+      sfglab node list
+      sfglab node list --domain 7
+    """
+    from sfglab.bus.listing import is_hidden
+
+    names = [node.full_name for node in look((domain, interface), spin_time).nodes]
+    shown = [name for name in names if hidden or not is_hidden(name)]
+    print_list(shown, shown, count=count, as_json=as_json)
 
 
 @app.command("list")
 def list_topics(
-    show_types: bus.ShowTypes = False,
-    count: bus.Count = False,
+    show_types: Annotated[bool, Option("--show-types", "-t", help="Also print the types.")] = False,
+    count: Count = False,
     hidden: Annotated[
-        bool, Option("--include-hidden-topics", "-a", help="Consider names below _ as well.")
+        bool,
+        Option(
+            "--include-hidden-topics",
+            "-a",
+            help="Also list hidden topics, which have a name part that begins with _.",
+        ),
     ] = False,
-    as_json: bus.Json = False,
-    domain: bus.Domain = None,
-    interface: bus.Interface = None,
-    spin: bus.SpinTime = None,
+    as_json: Json = False,
+    domain: Domain = None,
+    interface: Interface = None,
+    spin_time: SpinTime = None,
 ) -> None:
     """List topics.
 
@@ -49,36 +89,50 @@ def list_topics(
       sfglab topic list
       sfglab topic list -t --domain 7
     """
-    found = bus.look((domain, interface), spin).topics(hidden=hidden)
-    bus.list_names(found, show_types=show_types, count=count, as_json=as_json)
+    from sfglab.bus.listing import names_text
+
+    found = look((domain, interface), spin_time).topics(hidden=hidden)
+    lines = names_text(found, show_types=show_types).splitlines()
+    values = [{"name": name, "types": types} for name, types in found.items()]
+    print_list(lines, values, count=count, as_json=as_json)
 
 
 @app.command()
 def echo(
     topic: _Topic,
     type_: Annotated[
-        str | None, Argument(metavar="TYPE", help="Its type, if nobody has it yet.")
+        str | None,
+        Argument(metavar="TYPE", help="Type of the topic. [default: its publishers' type]"),
     ] = None,
     once: Annotated[bool, Option("--once", help="End after the first message.")] = False,
-    field: Annotated[str, Option(help="Only this field, e.g. pose.position.x")] = "",
-    full_length: Annotated[bool, Option("--full-length", "-f", help="Cut nothing.")] = False,
+    field: Annotated[str, Option(help="Print this field only, e.g. pose.position.x.")] = "",
+    full_length: Annotated[
+        bool, Option("--full-length", "-f", help="Print strings and arrays in full.")
+    ] = False,
     truncate_length: Annotated[
-        int, Option("--truncate-length", "-l", min=0, help="Where strings and arrays are cut.")
+        int,
+        Option("--truncate-length", "-l", min=0, help="Printed length of strings and arrays."),
     ] = 128,
-    no_arr: Annotated[bool, Option("--no-arr", help="Describe arrays only.")] = False,
-    no_str: Annotated[bool, Option("--no-str", help="Describe strings only.")] = False,
+    no_arr: Annotated[
+        bool, Option("--no-arr", help="Print types and lengths of arrays only.")
+    ] = False,
+    no_str: Annotated[bool, Option("--no-str", help="Print lengths of strings only.")] = False,
     timeout: Annotated[
-        float | None, Option(min=0.0, help="Seconds until the first message.")
+        float | None,
+        Option(min=0.0, help="Time to wait for the first message, s. [default: indefinitely]"),
     ] = None,
-    as_json: Annotated[bool, Option("--json", help="A line of JSON a message, uncut.")] = False,
-    reliability: bus.Reliability = None,
-    durability: bus.Durability = None,
-    depth: bus.Depth = None,
-    domain: bus.Domain = None,
-    interface: bus.Interface = None,
+    as_json: Json = False,
+    reliability: _Reliability = None,
+    durability: _Durability = None,
+    depth: _Depth = None,
+    domain: Domain = None,
+    interface: Interface = None,
     _interfaces: Interfaces = None,
 ) -> None:
-    """Print what is published, until Ctrl-C.
+    """Print the messages of a topic until Ctrl-C.
+
+    The requested QoS matches all publishers unless options set it. With --json each message is one
+    line and complete.
 
     Examples:
       sfglab topic echo /chatter
@@ -95,98 +149,107 @@ def echo(
     def show(message: Any) -> None:
         values = value_at(values_of(message, style), field, "--field")
         if as_json:
-            bus.tell(values)
+            print_json(values)
         else:
             typer.echo(f"{to_yaml(values)}---")
 
     async def listen(node: Node) -> None:
-        name, publishers = await bus.type_of(node, topic, type_, wait=False)
-        qos = bus.changed_qos(usual_qos(publishers), reliability, durability, depth)
+        name, publishers = await _type_of(node, topic, type_, wait=False)
+        qos = _changed(usual_qos(publishers), reliability, durability, depth)
         subscription = node.create_subscription(name, topic, qos=qos)
         show(await subscription.take(timeout))
         while not once:
             show(await subscription.take())
 
-    bus.until_interrupted((domain, interface), listen)
+    until_interrupted((domain, interface), listen)
 
 
 @app.command()
 def hz(
     topic: _Topic,
-    window: _Window = 10000,
-    duration: _Duration = None,
-    as_json: bus.Json = False,
-    domain: bus.Domain = None,
-    interface: bus.Interface = None,
+    window: Annotated[
+        int, Option("--window", "-w", min=2, help="Number of messages to average over.")
+    ] = 10000,
+    duration: Duration = None,
+    as_json: Json = False,
+    domain: Domain = None,
+    interface: Interface = None,
     _interfaces: Interfaces = None,
 ) -> None:
-    """Print the average rate at which messages arrive, every second until Ctrl-C.
+    """Print the average rate of a topic every second until Ctrl-C.
 
     Examples:
       sfglab topic hz /chatter
       sfglab topic hz /camera/image_raw --window 100 --domain 7
       sfglab topic hz /chatter --duration 5 --json
     """
-    bus.until_interrupted(
-        (domain, interface), lambda node: _measure_rate(node, topic, window, duration, as_json)
-    )
-
-
-async def _measure_rate(
-    node: Node, topic: str, window: int, duration_s: float | None, as_json: bool
-) -> None:
-    """Print the rate of a topic, once per second in which messages arrived."""
     from sfglab.bus.listing import usual_qos
     from sfglab.bus.meters import Rate
 
     meter = Rate(window)
-    name, publishers = await bus.type_of(node, topic, None, wait=True)
-    subscription = node.create_subscription(name, topic, qos=usual_qos(publishers), raw=True)
-    typer.echo(f"Subscribed to [{topic}]", err=as_json)
-    due_ns = 0
-    end_ns = 0.0
-    while True:
-        _, info = await subscription.take_with_info()
-        now_ns = info.received_timestamp_ns
-        meter.add(now_ns)
-        if not due_ns:
-            due_ns = now_ns + NS_PER_S
-            end_ns = now_ns + (duration_s or float("inf")) * NS_PER_S
-        if now_ns >= min(due_ns, end_ns) and (values := meter.values()):
-            due_ns = now_ns + NS_PER_S
-            if as_json:
-                bus.tell(values)
-            else:
-                typer.echo(meter.text(values))
-        if now_ns >= end_ns:
-            return
+
+    async def measure(node: Node) -> None:
+        name, publishers = await _type_of(node, topic, None, wait=True)
+        subscription = node.create_subscription(name, topic, qos=usual_qos(publishers), raw=True)
+        typer.echo(f"Subscribed to [{topic}]", err=as_json)
+
+        async def arrival_ns() -> int:
+            _, info = await subscription.take_with_info()
+            meter.add(info.received_timestamp_ns)
+            return info.received_timestamp_ns
+
+        now_ns = await arrival_ns()
+        end_ns = now_ns + (duration or float("inf")) * NS_PER_S
+        due_ns = now_ns + NS_PER_S
+        while now_ns < end_ns:
+            now_ns = await arrival_ns()
+            values = meter.values()
+            if values and now_ns >= min(due_ns, end_ns):
+                due_ns = now_ns + NS_PER_S
+                say(values, meter.text, as_json=as_json)
+
+    until_interrupted((domain, interface), measure)
 
 
 @app.command()
 def pub(
     topic: _Topic,
-    type_: Annotated[str, Argument(metavar="TYPE", help="Type, e.g. std_msgs/msg/String")],
+    type_: Annotated[str, Argument(metavar="TYPE", help="Type, e.g. std_msgs/msg/String.")],
     values: Annotated[
-        str, Argument(help="Fields as YAML, e.g. '{data: hello}'; now, auto: the time.")
+        str,
+        Argument(help="Fields as YAML, e.g. '{data: hello}'; now and auto stand for the time."),
     ] = "",
-    rate: Annotated[float, Option("--rate", "-r", min=0.001, help="Messages a second.")] = 1.0,
+    rate: Annotated[float, Option("--rate", "-r", min=0.001, help="Rate, Hz.")] = 1.0,
     print_: Annotated[
-        int, Option("--print", "-p", min=0, help="Print every n-th message; 0: none.")
+        int, Option("--print", "-p", min=0, help="Print every n-th message; 0 prints none.")
     ] = 1,
     once: Annotated[bool, Option("--once", "-1", help="Publish one message and end.")] = False,
-    times: Annotated[int, Option("--times", "-t", min=0, help="Publish so often and end.")] = 0,
-    wait: _Wait = None,
+    times: Annotated[
+        int, Option("--times", "-t", min=0, help="Number of messages to publish; 0: no limit.")
+    ] = 0,
+    wait: Annotated[
+        int | None,
+        Option(
+            "--wait-matching-subscriptions",
+            "-w",
+            min=0,
+            help="Wait for this many matching subscriptions first. "
+            "[default: 1 with --once or --times, otherwise 0]",
+        ),
+    ] = None,
     keep_alive: Annotated[
-        float, Option(min=0.0, help="Seconds to stay after the last message.")
+        float, Option(min=0.0, help="Time to stay after the last message, s.")
     ] = 0.1,
-    reliability: bus.Reliability = None,
-    durability: bus.Durability = None,
-    depth: bus.Depth = None,
-    domain: bus.Domain = None,
-    interface: bus.Interface = None,
+    reliability: _Reliability = None,
+    durability: _Durability = None,
+    depth: _Depth = None,
+    domain: Domain = None,
+    interface: Interface = None,
     _interfaces: Interfaces = None,
 ) -> None:
-    """Publish a message, again and again until Ctrl-C.
+    """Publish a message repeatedly until Ctrl-C.
+
+    The offered QoS is ROS 2's default unless options set it.
 
     Examples:
       sfglab topic pub /chatter std_msgs/msg/String '{data: hello}'
@@ -198,26 +261,93 @@ def pub(
     from sfglab.qos import DEFAULT
 
     if once and times:
-        raise InvalidValueError("--once", "--times as well", "one of them")
-    name, count = bus.full_type(type_, "msg"), 1 if once else times
-    qos = bus.changed_qos(DEFAULT, reliability, durability, depth)
-    message_from_yaml(name, values, "VALUES")  # before anything is opened
+        raise SfglabError("--once and --times exclude each other: give one of them")
+    count = 1 if once else times
+    needed = min(count, 1) if wait is None else wait
+    name = _full_type(type_)
+    qos = _changed(DEFAULT, reliability, durability, depth)
+    message_from_yaml(name, values, "VALUES")  # An error is to appear before the node.
 
     async def publish(node: Node) -> None:
         publisher = node.create_publisher(name, topic, qos)
-        needed = wait if wait is not None else int(bool(count))
         while publisher.get_subscription_count() < needed:
             typer.echo(f"Waiting for at least {needed} matching subscription(s)...")
             with suppress(BusTimeoutError):
                 await publisher.wait_for_subscriptions(needed, _REPORT_S)
         typer.echo("publisher: beginning loop")
-        start_s, number = time.monotonic(), 0
+        start_s = time.monotonic()
+        number = 0
         while not count or number < count:
-            await asyncio.sleep(max(0.0, start_s + number / rate - time.monotonic()))
-            message, number = message_from_yaml(name, values, "VALUES"), number + 1
+            due_s = start_s + number / rate
+            await asyncio.sleep(max(0.0, due_s - time.monotonic()))
+            message = message_from_yaml(name, values, "VALUES")
+            number += 1
             if print_ and number % print_ == 0:
                 typer.echo(f"publishing #{number}: {as_rclpy_shows(message)}\n")
             publisher.publish(message)
         await asyncio.sleep(keep_alive)
 
-    bus.until_interrupted((domain, interface), publish)
+    until_interrupted((domain, interface), publish)
+
+
+def _changed(
+    qos: QoSProfile, reliability: str | None, durability: str | None, depth: int | None
+) -> QoSProfile:
+    """Return a QoS with the policies that the command line sets."""
+    from sfglab.qos import Durability, History, Reliability
+
+    if reliability:
+        qos = replace(qos, reliability=Reliability(reliability))
+    if durability:
+        qos = replace(qos, durability=Durability(durability))
+    if depth:
+        qos = replace(qos, history=History.KEEP_LAST, depth=depth)
+    return qos
+
+
+def _full_type(name: str) -> str:
+    """Return the full name of a message type; the part msg may be left out."""
+    package, _, rest = name.partition("/")
+    return name if not rest or "/" in rest else f"{package}/msg/{rest}"
+
+
+async def _type_of(
+    node: Node, topic: str, given: str | None, *, wait: bool
+) -> tuple[str, list[EndpointInfo]]:
+    """Return a topic's type and publishers, once there are any or, with a given type, after discovery.
+
+    Raises:
+        InvalidValueError: There is no such topic, and `wait` is not set, or it has several types.
+    """
+    from sfglab.bus import EndpointKind
+    from sfglab.bus.listing import one_of, settled, view
+    from sfglab.messages import type_name
+
+    def ends(kind: EndpointKind) -> list[EndpointInfo]:
+        return [end for end in view(node).ends(topic, kind) if end.transport == "dds"]
+
+    publishers = partial(ends, EndpointKind.PUBLISHER)
+
+    def is_published() -> bool:
+        return bool(publishers())
+
+    name = type_name(_full_type(given)) if given else ""
+    if await node.graph.wait_for(is_published, _TOPIC_S):
+        await asyncio.sleep(_OTHERS_S)
+    if name:
+        return name, publishers()
+    known = publishers() or ends(EndpointKind.SUBSCRIPTION)
+    if not known:
+        if not wait:
+            seen = await settled(node)
+            one_of(seen.topics(hidden=True), topic, "topic")
+        typer.echo(f"WARNING: topic [{topic}] does not appear to be published yet", err=True)
+        while not await node.graph.wait_for(is_published, 60.0):
+            pass
+        known = publishers()
+    types = sorted({end.type for end in known})
+    if len(types) > 1:
+        raise SfglabError(
+            f"topic {topic} has several types: {', '.join(types)}; give echo one as TYPE"
+        )
+    return type_name(types[0]), publishers()

@@ -1,11 +1,10 @@
-"""The command that shows a fleet or a log in the Rerun viewer."""
+"""The command that shows a domain or a log in the Rerun viewer: ``sfglab view``."""
 
 from __future__ import annotations
 
 import os
 import sys
 import threading
-from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -14,61 +13,57 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from typer import Argument, Option
 
-from sfglab.cli.buses import Place, domain_option, until_interrupted, unused
+from sfglab.cli.buses import Place, until_interrupted, unused
 from sfglab.cli.interfaces import Interfaces
+from sfglab.cli.options import Domain, Fleet, Interface
 from sfglab.cli.removed import refuse
 from sfglab.domains import usual_domain_id
 from sfglab.errors import SfglabError
 
 if TYPE_CHECKING:
+    from sfglab.bus import Node
     from sfglab.view.app import ViewOptions
     from sfglab.view.session import Session
 
-_FOXGLOVE = "use ROS 2's foxglove_bridge; Foxglove opens logs of sfglab as they are"
-_SERVED_PORT = 9876  #: Where `serve` waits when nothing else is said; the viewer's own default.
+_SERVED_PORT = 9876  #: Port of serve if none is given: the viewer's own default.
 
 
 def view(
     log: Annotated[
         Path | None,
-        Argument(help="An MCAP file or a rosbag2 folder; without it the bus is shown live."),
+        Argument(help="MCAP file or rosbag2 folder. [default: a domain, live]"),
     ] = None,
     to: Annotated[
         list[str] | None,
         Option(
-            help="FILE.rrd, viewer, serve[[:ADDRESS]:PORT] or rerun+http://HOST:PORT/proxy; may be repeated. "
-            "[default: viewer, where there is a display]"
+            help="Output (repeatable): FILE.rrd, viewer, serve[[:ADDRESS]:PORT] or "
+            "rerun+http://HOST:PORT/proxy. [default: viewer, if there is a display]"
         ),
     ] = None,
-    fleet: Annotated[
-        Path | None,
-        Option(help="A fleet file, for the layout, the expected agents and the border."),
-    ] = None,
+    fleet: Fleet = None,
     frame: Annotated[
         str,
         Option(
-            help="Frame in which space is drawn. "
-            "[default: map with a fleet file, else the root of the log's largest TF tree]"
+            help="Root frame of the 3D view. [default: map with --fleet, otherwise the root of "
+            "the log's largest TF tree]"
         ),
     ] = "",
     topic: Annotated[
-        list[str] | None, Option(help="Only topics that begin so; may be repeated.")
+        list[str] | None, Option(help="Only topics that begin with this text (repeatable).")
     ] = None,
     memory: Annotated[
-        str, Option(help="How much a viewer or server started here may keep: a share, or as 4GB.")
+        str, Option(help="Memory limit of the viewer or server: a share, or as 4GB.")
     ] = "25%",
     thin: Annotated[
-        bool, Option("--thin", help="Thin a log out by the visualizers' rates, as live always is.")
+        bool, Option("--thin", help="Limit a log to the visualizers' rates, as for a domain.")
     ] = False,
-    domain: Annotated[int | None, domain_option("DDS domain to look at, live.")] = None,
-    interface: Annotated[
-        str | None, Option(help="Network interface, live; lo stays inside.")
-    ] = None,
+    domain: Domain = None,
+    interface: Interface = None,
     _interfaces: Interfaces = None,
 ) -> None:
-    """Show what is on the bus, or a log, in the Rerun viewer or a file (paper A, section 4.5).
+    """Show a domain or a log in the Rerun viewer, or write it into a file (paper A, section 4.5).
 
-    Everything is shown that an installed visualizer knows; Ctrl-C ends, and a file is then whole.
+    All topics are shown that an installed visualizer supports. Ctrl-C ends and completes a file.
 
     Examples:
       sfglab view --domain 7
@@ -78,45 +73,39 @@ def view(
     """
     from sfglab.view.app import ViewOptions
 
-    if any(place.partition(":")[0] == "foxglove" for place in to or ()):
-        refuse("view --to foxglove", _FOXGLOVE)
-    os.environ.setdefault("RUST_LOG", "off")  # Rerun's own lines; what fails is said once, by us
+    for output in to or ():
+        if output.partition(":")[0] == "foxglove":
+            replacement = "use ROS 2's foxglove_bridge; Foxglove opens logs of sfglab as they are"
+            refuse("view --to foxglove", replacement)
+    os.environ.setdefault("RUST_LOG", "off")  # Errors are reported once, by sfglab.
     options = ViewOptions(
-        to=tuple(to or _default_place()),
+        to=tuple(to or _default_output()),
         fleet=fleet,
         frame=frame,
         topics=tuple(topic or ()),
         memory=memory,
         thin=thin,
     )
-    place = usual_domain_id() if domain is None else domain, interface
-    if log is None:
-        unused("without a log; what is shown live is always thinned out", "thin")
-        _live(options, place)
+    if log is not None:
+        unused("with a log; they apply to a domain", "domain", "interface")
+        _show_log(log, options)
         return
-    unused("with a log, which is on no bus", "domain", "interface")
-    _logged(log, options)
+    unused("without a log; a domain is always limited to these rates", "thin")
+    _show_domain((usual_domain_id() if domain is None else domain, interface), options)
 
 
-def _default_place() -> Sequence[str]:
-    """Return the viewer, if it has a display to appear on.
-
-    Raises:
-        SfglabError: It has none.
-    """
-    if (
-        sys.platform in ("darwin", "win32")
-        or os.environ.get("DISPLAY")
-        or os.environ.get("WAYLAND_DISPLAY")
-    ):
+def _default_output() -> tuple[str]:
+    """Return the viewer if it has a display."""
+    displays = ("DISPLAY", "WAYLAND_DISPLAY")
+    if sys.platform in {"darwin", "win32"} or any(map(os.environ.get, displays)):
         return ("viewer",)
     raise SfglabError(
-        "there is no display for a viewer: give --to FILE.rrd, or --to serve:0.0.0.0:9876 and look at it from "
-        "another host: rerun rerun+http://<this host>:9876/proxy"
+        "there is no display for a viewer: give --to FILE.rrd, or --to serve:0.0.0.0:9876 and run "
+        "on another host: rerun rerun+http://<this host>:9876/proxy"
     )
 
 
-def _logged(log: Path, options: ViewOptions) -> None:
+def _show_log(log: Path, options: ViewOptions) -> None:
     from tqdm import tqdm
 
     from sfglab.record import LogReader
@@ -124,35 +113,37 @@ def _logged(log: Path, options: ViewOptions) -> None:
     from sfglab.view.space import largest_tree_root
 
     with LogReader(log) as reader:
-        types = sorted({info.type_name for info in reader.topics.values()})
-        count = sum(info.count for info in reader.topics.values())
-        cut = "; it was cut off, what is left of it is shown" if reader.truncated else ""
-    space = ""
+        topics = list(reader.topics.values())
+        truncated = reader.truncated
+    counts = [info.count for info in topics]
+    count = sum(counts)
+    line = f"{log}: {count} messages of {len(topics)} topics go to {', '.join(options.to)}"
+    if truncated:
+        line += "; the log was cut off, and its rest is shown"
     if not options.frame and options.fleet is None:
-        options = replace(options, frame=largest_tree_root(log))
-        if options.frame:
-            space = f"; space is drawn in {options.frame}, the root of the largest TF tree"
-    place = f"go to {', '.join(options.to)}{cut}{space}"
-    typer.echo(f"{log}: {count} messages of {len(reader.topics)} topics {place}")
+        root = largest_tree_root(log)
+        options = replace(options, frame=root)
+        if root:
+            line += f"; space is drawn in {root}, the root of the largest TF tree"
+    typer.echo(line)
 
-    def stay(session: Session) -> None:
-        """Tell what was shown, and keep a server up until Ctrl-C: it has the data."""
-        _tell(session)
+    def report(session: Session) -> None:
+        """Report the result, and keep a server running until Ctrl-C: it holds the data."""
+        _report(session)
         if not session.displays:
-            typer.echo(f"no visualizer shows what is in it: {', '.join(types) or 'nothing'}")
+            types = {info.type_name for info in topics}
+            typer.echo(f"no visualizer shows its types: {', '.join(sorted(types)) or 'none'}")
         if _announce(options):
             threading.Event().wait()
 
+    bar = partial(tqdm, total=count, unit=" messages", leave=False, disable=None)
     try:
-        bar = partial(
-            tqdm, total=count, unit=" messages", leave=False, disable=None
-        )  # only at a terminal
-        view_log(log, options, progress=bar, on_shown=stay)
+        view_log(log, options, progress=bar, on_shown=report)
     except KeyboardInterrupt:
         typer.echo("ended")
 
 
-def _live(options: ViewOptions, place: Place) -> None:
+def _show_domain(place: Place, options: ViewOptions) -> None:
     from sfglab.view.app import view_live
 
     sessions: list[Session] = []
@@ -162,33 +153,43 @@ def _live(options: ViewOptions, place: Place) -> None:
         typer.echo(f"domain {place[0]} goes to {', '.join(options.to)}; Ctrl-C ends")
         _announce(options)
 
+    async def show(node: Node) -> None:
+        await view_live(node, options, on_start=started)
+
     try:
-        until_interrupted(
-            place, lambda node: view_live(node, options, on_start=started), "view", err=False
-        )
+        until_interrupted(place, show, "view", err=False)
     finally:
         for session in sessions:
-            _tell(session)
+            _report(session)
 
 
 def _announce(options: ViewOptions) -> bool:
-    """Say how to look at what is served; return whether anything is."""
-    served = [place for place in options.to if place.partition(":")[0] == "serve"]
-    for place in served:
-        address, _, port = place.partition(":")[2].rpartition(":")
+    """Print how to open the served outputs; return whether there are any."""
+    served = False
+    for output in options.to:
+        kind, _, place = output.partition(":")
+        if kind != "serve":
+            continue
+        address, _, port = place.rpartition(":")
         host = "<this host>" if address == "0.0.0.0" else address or "127.0.0.1"  # noqa: S104 - asked for
         typer.echo(f"rerun rerun+http://{host}:{port or _SERVED_PORT}/proxy")
-    return bool(served)
+        served = True
+    return served
 
 
-def _tell(session: Session) -> None:
-    """Sum up, and say one line for each display of which not everything was shown."""
+def _report(session: Session) -> None:
+    """Print the number of updates, and one line per display that dropped messages or failed."""
     from sfglab.view.app import report_of
 
     reports = report_of(session)
-    typer.echo(f"{len(reports)} displays, {sum(report.shown for report in reports)} updates shown")
+    updates = [report.shown for report in reports]
+    typer.echo(f"{len(reports)} displays, {sum(updates)} updates shown")
     for report in reports:
         if report.errors or report.dropped:
-            failed = f", {report.errors} not shown: {report.last_error}" if report.errors else ""
-            place = f"{report.display} ({', '.join(report.topics)})"
-            typer.echo(f"{place}: {report.dropped} of {report.received} messages dropped{failed}")
+            line = (
+                f"{report.display} ({', '.join(report.topics)}): "
+                f"{report.dropped} of {report.received} messages dropped"
+            )
+            if report.errors:
+                line += f", {report.errors} not shown: {report.last_error}"
+            typer.echo(line)

@@ -108,20 +108,20 @@ SOURCE = ("mocap", "run", EXAMPLE, "--domain", "1")
 @pytest.mark.parametrize(
     ("words", "says"),
     [
-        (SOURCE, "given none, allowed is one of"),
-        ((*SOURCE, "--vicon", "h", "--synthetic"), "given --vicon and --synthetic"),
-        ((*SOURCE, "--synthetic", "--topic", "Go2 Body=/x"), "given --synthetic and --topic"),
+        (SOURCE, "nothing is given, allowed: one of"),
+        ((*SOURCE, "--vicon", "h", "--synthetic"), "given '--vicon and --synthetic'"),
+        ((*SOURCE, "--synthetic", "--topic", "Go2 Body=/x"), "given '--topic and --synthetic'"),
         (
             (*SOURCE, "--topic", "nobody=/x"),
-            "'nobody=/x', allowed are agent_x/markers=/topic, Go2 Body",
+            "'nobody=/x', allowed: agent_x/markers=/topic, Go2 Body",
         ),
-        ((*SOURCE, "--log", "x.mcap"), "--log: given without --topic"),
-        (("frames", "lint"), "allowed is a log or --domain"),
+        ((*SOURCE, "--log", "x.mcap"), "given '--log', allowed: one of"),
+        (("frames", "lint"), "nothing is given, allowed: one of them"),
         (("follow", "run", HALL, "--agent", "spot"), "given 'spot', allowed: .* go2, drone"),
         (("follow", "run", HALL, "--action", "/x"), "--action: given for 2 agents"),
         (
             ("follow", "serve", "--agent", "spot", "--scene", HALL),
-            "'spot', allowed for .*: go2, drone",
+            "'spot', allowed: go2, drone",
         ),
         (("follow", "serve", "--agent", "Go-2"), "agent"),
     ],

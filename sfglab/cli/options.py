@@ -1,0 +1,46 @@
+"""Options and arguments that several commands share."""
+
+from __future__ import annotations
+
+from functools import partial
+from pathlib import Path
+from typing import Annotated
+
+from typer import Argument, Option
+
+from sfglab.domains import MAX_DOMAIN
+
+domain_option = partial(Option, min=0, max=MAX_DOMAIN)  #: Option for a DDS domain.
+
+Json = Annotated[bool, Option("--json", help="Print JSON instead of text.")]
+Domain = Annotated[
+    int | None, domain_option(help="DDS domain. [default: ROS_DOMAIN_ID, otherwise 0]")
+]
+RecordedDomain = Annotated[
+    int | None,
+    domain_option(help="DDS domain to observe instead of a file. [default: ROS_DOMAIN_ID]"),
+]
+Seconds = Annotated[float, Option(min=0.1, help="Time to observe the domain, s.")]
+Interface = Annotated[
+    str | None, Option(help="Network interface for DDS; lo keeps traffic on this host.")
+]
+SpinTime = Annotated[
+    float | None,
+    Option(min=0.0, help="Time to wait for discovery, s. [default: until nothing new appears]"),
+]
+Count = Annotated[bool, Option("--count", "-c", help="Print the number of entries only.")]
+Duration = Annotated[
+    float | None, Option(min=0.1, help="Time until the command ends, s. [default: until Ctrl-C]")
+]
+OutputFile = Annotated[
+    Path | None, Option("--output", "-o", help="File to write. [default: the terminal]")
+]
+OutputFolder = Annotated[
+    Path | None, Option("--out", help="Folder to write the file into. [default: the terminal]")
+]
+Agents = Annotated[
+    list[str] | None, Option("--agent", help="Agent (repeatable). [default: all agents]")
+]
+SceneFile = Annotated[Path, Argument(help="Scene file, e.g. data/scenes/hall.yaml.")]
+FleetFile = Annotated[Path, Argument(help="Fleet file, e.g. data/fleets/esslingen.yaml.")]
+Fleet = Annotated[Path | None, Option("--fleet", help="Fleet file, e.g. data/fleets/lab.yaml.")]

@@ -1,0 +1,200 @@
+"""The command that plans QoS of topics on a shared link (paper B): ``sfglab qos``."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import typer
+from typer import Argument, Option
+
+from sfglab.cli.buses import print_json, unused, write_text
+from sfglab.cli.options import Interface, Json, OutputFolder, RecordedDomain, Seconds
+from sfglab.cli.traffic import read_traffic
+from sfglab.errors import InvalidValueError, SfglabError
+from sfglab.tables import columns
+from sfglab.units import NS_PER_MS
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from sfglab.arp import Plan, TopicFile
+    from sfglab.record import LogReader
+
+_PRESET_OF = {
+    "fastrtps-async": "fast_dds_async",
+    "fastrtps-sync": "fast_dds_sync",
+    "cyclone": "cyclone_dds",
+}
+
+
+def qos(
+    file: Annotated[
+        Path | None,
+        Argument(help="File of topics, e.g. data/qos/paper_b.yaml, or a log or bag."),
+    ] = None,
+    method: Annotated[
+        Literal["ours", "paper"],
+        Option(
+            help="ours: convex optimisation with a model of the link. paper: paper B, Eq. 1 to 6."
+        ),
+    ] = "ours",
+    format_: Annotated[
+        Literal["table", "fastdds", "fastdds3", "cyclone", "ros2", "topics"],
+        Option(
+            "--format",
+            help="Output: a table, a file for Fast DDS 2 or 3, Cyclone DDS or ROS 2, "
+            "or the topics of a log as a file for this command.",
+        ),
+    ] = "table",
+    out: OutputFolder = None,
+    rate_max: Annotated[
+        float | None,
+        Option(min=0.001, help="Highest rate of any topic, Hz. [default: the file's]"),
+    ] = None,
+    vendor: Annotated[
+        Literal["fast_dds", "cyclone_dds"] | None,
+        Option(help="DDS implementation, with its default timing. [default: the file's]"),
+    ] = None,
+    rmw: Annotated[
+        Literal["fastrtps-async", "fastrtps-sync", "cyclone"] | None,
+        Option(help="ROS 2 middleware and its publication mode, instead of --vendor."),
+    ] = None,
+    latency_weight: Annotated[
+        float | None,
+        Option(
+            min=0.0,
+            help="Weight of latency in the objective, Hz. "
+            "[default: the one that keeps most readers up to date]",
+        ),
+    ] = None,
+    pareto: Annotated[
+        bool, Option("--pareto", help="Print the Pareto front, one line per latency weight.")
+    ] = False,
+    domain: RecordedDomain = None,
+    seconds: Seconds = 5.0,
+    interface: Interface = None,
+    as_json: Json = False,
+) -> None:
+    """Plan the rate, history depth and deadline of each topic on a shared link.
+
+    Examples:
+      sfglab qos data/qos/paper_b.yaml
+      sfglab qos data/qos/paper_b.yaml --method paper --rate-max 500
+      sfglab qos data/qos/paper_b.yaml --rmw fastrtps-async
+      sfglab qos data/qos/paper_b.yaml --pareto
+      sfglab qos data/qos/paper_b.yaml --format fastdds --out config
+      sfglab qos data/qos/warehouse.yaml --format cyclone --out config
+      sfglab qos bag/ --format topics --out config   # then set the link in topics.yaml
+      sfglab qos --domain 7 --seconds 20 --format topics --out config
+    """
+    from sfglab.arp import load_topics, plan_as_printed, plan_file
+    from sfglab.arp.exports import EXPORTS
+    from sfglab.arp.recorded import topics_text
+    from sfglab.record.bags import is_log
+
+    source = file or Path("the domain")
+    given = read_traffic(file, (domain, interface), seconds, load_topics, _topics_of)
+    if not given.topics:
+        raise SfglabError(f"{source}: no topic goes from one host to another")
+    given = _with_vendor(given.limited_to(rate_max), vendor, rmw)
+    if format_ == "topics":
+        if file is not None and not is_log(file):
+            raise SfglabError(f"--format topics: given {file}, allowed: a log, a bag or a domain")
+        write_text(topics_text(given.topics, source.name), out and Path("topics.yaml"), out)
+        return
+    if pareto:
+        reason = "with --pareto, which prints all latency weights"
+        unused(reason, "method", "format_", "out", "latency_weight")
+        typer.echo(_front_text(given))
+        return
+    export = EXPORTS.get(format_)
+    planned = given.vendor.name
+    if export and export.vendor and not planned.startswith(export.vendor.name):
+        needed = export.vendor.name.lower().replace(" ", "_")
+        allowed = f"a format for {planned}; this one needs --vendor {needed}"
+        raise InvalidValueError("--format", format_, allowed)
+    if method == "paper":
+        unused("with --method paper, which has no latency weight", "latency_weight")
+        plan = plan_as_printed(given)
+    else:
+        plan = plan_file(given, latency_price_hz=latency_weight)
+    if as_json:
+        unused("with --json", "format_", "out")
+        print_json(plan)
+    elif export:
+        write_text(export.render(plan), out and Path(export.file), out)
+    else:
+        write_text(_plan_text(plan), out and Path("qos.txt"), out)
+
+
+def _topics_of(log: LogReader) -> tuple[TopicFile, Mapping[str, str]]:
+    """Return the topics of a log and the reasons of those that are left out."""
+    from sfglab.arp import TopicFile
+    from sfglab.arp.recorded import topics_from_log
+
+    topics, left_out = topics_from_log(log)
+    agents = {topic.source for topic in topics}
+    return TopicFile(topics=topics, agents=tuple(sorted(agents))), left_out
+
+
+def _with_vendor(given: TopicFile, vendor: str | None, rmw: str | None) -> TopicFile:
+    """Return topics on another DDS implementation, if one is given that is not the file's own."""
+    from sfglab.rtps import PRESETS
+
+    if rmw and vendor:
+        raise SfglabError("--rmw and --vendor exclude each other: give one of them")
+    name = _PRESET_OF[rmw] if rmw else vendor
+    if name is None or PRESETS[name].name == given.vendor.name:
+        return given
+    return replace(given, vendor=PRESETS[name])
+
+
+def _plan_text(plan: Plan) -> str:
+    rows = [("topic", "rate Hz", "depth", "deadline ms", "latency ms", "lost %", "up to date %")]
+    for part in plan.topics:
+        deadline_ns = part.deadline_ns
+        row = (
+            part.topic.name,
+            f"{part.rate_hz:.2f}",
+            str(part.depth),
+            "none" if deadline_ns is None else f"{deadline_ns / NS_PER_MS:.1f}",
+            f"{1e3 * part.latency_s:.2f}",
+            f"{100 * part.loss:.3f}",
+            f"{100 * part.up_to_date:.1f}",
+        )
+        rows.append(row)
+    medium = plan.medium
+    latency = f"{1e3 * plan.latency_s:.2f} ms"
+    if plan.latency_s == float("inf"):
+        latency = "without bound"
+    lines = [
+        *columns(rows, right=range(1, 7)),
+        "",
+        f"{plan.vendor.name}, {medium.rate_bps / 1e6:g} Mbit/s, {100 * medium.loss:g} % loss",
+        f"channel utilisation {100 * plan.utilisation:.0f} %, expected latency {latency}",
+        f"readers up to date {100 * plan.up_to_date:.1f} % of the time",
+    ]
+    if plan.utilisation >= 1:
+        lines.append("the channel is overloaded: queues grow without bound, then samples are lost")
+    return "\n".join(lines) + "\n"
+
+
+def _front_text(given: TopicFile) -> str:
+    from sfglab.arp import Limits, pareto_front
+
+    limits = Limits(utilisation_max=given.utilisation_max, residual_loss=given.residual_loss)
+    head = "latency weight Hz, freshness %, latency ms, up to date %, utilisation %, shadow price"
+    rows = [tuple(head.split(", "))]
+    for plan in pareto_front(given.topics, given.medium, given.vendor, limits=limits):
+        row = (
+            f"{plan.latency_price_hz:.2f}",
+            f"{100 * plan.freshness:.2f}",
+            f"{1e3 * plan.latency_s:.3f}",
+            f"{100 * plan.up_to_date:.2f}",
+            f"{100 * plan.utilisation:.1f}",
+            f"{plan.airtime_price:.4f}",
+        )
+        rows.append(row)
+    return "\n".join(columns(rows, right=range(6)))
