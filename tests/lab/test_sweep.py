@@ -1,5 +1,6 @@
 """Sweeps: the same rows wherever they ran, in order, once each, whatever happened in between."""
 
+import asyncio
 import json
 import logging
 import math
