@@ -42,6 +42,9 @@ REASONS: dict[str, str] = {
     "claims/A-FIRST by latency *": "numbers of a thousand and more have no exponent",
     "figures/performance.*": "no claim names the message budget: the notebook was removed",
     "figures/reliability.*": "no claim names the soak test: the notebook was removed",
+    "rows/planning.fault.csv said": "an error names the item of a list",
+    "commands/qos-paper.txt": "the line below the table says channel utilisation",
+    "commands/qos-table.txt": "the line below the table says channel utilisation",
     "folders/interfaces/sfglab_interfaces/msg/StreamInfo.msg": "a comment named the codec med",
 }
 """Reasons for differences, by a pattern of their names."""
