@@ -137,7 +137,7 @@ def _sentence(error: Any) -> tuple[str, int]:
     if isinstance(error, ModuleNotFoundError):
         name = error.name or "sfglab"
         if not name.startswith("sfglab"):
-            return f"{name} is not installed; sfglab installs it, sfglab-robot only with [depth]", 1
+            return f"{name} is not installed: install sfglab, or on a robot sfglab-robot[depth]", 1
     # typer brings its own click or uses the installed one, so the class of its errors is not known.
     if not hasattr(error, "format_message"):
         return "", 1

@@ -14,7 +14,7 @@ import typer
 from sfglab.cli.options import Json as Json  # noqa: PLC0414 - experiments imports it from here
 from sfglab.component import run, run_until_interrupted
 from sfglab.domains import VARIABLE, usual_domain_id
-from sfglab.errors import InvalidValueError, SfglabError
+from sfglab.errors import SfglabError
 from sfglab.fields import to_json
 from sfglab.files import write_files
 
@@ -65,12 +65,13 @@ def look(place: Place, spin_s: float | None) -> View:
 
 def observed_domain(file: Path | None, domain: int | None) -> int | None:
     """Return the domain that a command observes; None if it reads a file."""
-    if file is None and domain is None and os.environ.get(VARIABLE):
-        return usual_domain_id()
-    if (file is None) == (domain is None):
-        given = None if file is None else "both"
-        raise InvalidValueError("file, --domain", given, f"one of them, or {VARIABLE}")
-    return domain
+    if file is not None and domain is not None:
+        raise SfglabError("a file and --domain exclude each other: give one of them")
+    if file is not None or domain is not None:
+        return domain
+    if not os.environ.get(VARIABLE):
+        raise SfglabError(f"nothing to read: give a file, --domain or {VARIABLE}")
+    return usual_domain_id()
 
 
 def say(values: Any, text: Callable[[Any], str], *, as_json: bool) -> None:

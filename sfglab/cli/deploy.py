@@ -78,7 +78,8 @@ def plan(
     made = _release(fleet, agent, accelerator)
     prospects = [prospect for prospect, _ in _prospects(*made, agent, root)]
     say(prospects, partial(render_prospects, diff=diff), as_json=as_json)
-    raise typer.Exit(any(prospect.plan is None for prospect in prospects))
+    unplanned = [prospect for prospect in prospects if prospect.plan is None]
+    raise typer.Exit(bool(unplanned))
 
 
 @app.command()
@@ -159,9 +160,10 @@ def apply(
     made = _release(fleet, agent, accelerator)
     # All hosts are read before the first one is changed.
     prospects = list(_prospects(*made, agent, root, tag))
-    failed = any(prospect.plan is None for prospect, _ in prospects)
+    failed = False
     for prospect, action in prospects:
         typer.echo(render_prospects([prospect], diff=diff))
+        failed = failed or prospect.plan is None
         if not dry_run:
             try:
                 action()

@@ -42,7 +42,7 @@ _Offers = Annotated[
     bool | None,
     Option(
         help="Advertise topics that are not forwarded or decoded yet, so that ROS 2's tools list "
-        "them. [default: the fleet file's, otherwise offers]"
+        "them. [default: the fleet file's, otherwise yes]"
     ),
 ]
 
@@ -148,7 +148,7 @@ def router(
         bool | None,
         Option(
             help="Prefix TF frames that leave the agent with its name. "
-            "[default: the fleet file's, otherwise prefix-frames]"
+            "[default: the fleet file's, otherwise yes]"
         ),
     ] = None,
     offers: _Offers = None,

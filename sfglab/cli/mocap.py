@@ -112,8 +112,8 @@ def _topics(given: list[str], mapping: MocapMapping) -> dict[str, str]:
     for word in given:
         id_, _, topic = word.rpartition("=")
         if id_ not in mapping.objects:
-            allowed = ", ".join(f"{name}=/topic" for name in mapping.objects)
-            raise InvalidValueError("--topic", word, allowed)
+            allowed = [f"{name}=/topic" for name in mapping.objects]
+            raise InvalidValueError("--topic", word, ", ".join(allowed))
         topics[id_] = topic
     return topics
 

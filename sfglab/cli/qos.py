@@ -83,10 +83,10 @@ def qos(
       sfglab qos data/qos/paper_b.yaml
       sfglab qos data/qos/paper_b.yaml --method paper --rate-max 500
       sfglab qos data/qos/paper_b.yaml --rmw fastrtps-async
-      sfglab qos data/qos/paper_b.yaml --pareto
+      sfglab qos data/qos/paper_b.yaml --pareto   # latency and freshness.
       sfglab qos data/qos/paper_b.yaml --format fastdds --out config
       sfglab qos data/qos/warehouse.yaml --format cyclone --out config
-      sfglab qos bag/ --format topics --out config   # then set the link in topics.yaml
+      sfglab qos bag/ --format topics --out config   # then set the link in topics.yaml.
       sfglab qos --domain 7 --seconds 20 --format topics --out config
     """
     from sfglab.arp import load_topics, plan_as_printed, plan_file

@@ -345,9 +345,9 @@ async def _type_of(
         while not await node.graph.wait_for(is_published, 60.0):
             pass
         known = publishers()
-    types = sorted({end.type for end in known})
-    if len(types) > 1:
-        raise SfglabError(
-            f"topic {topic} has several types: {', '.join(types)}; give echo one as TYPE"
-        )
-    return type_name(types[0]), publishers()
+    types = {end.type for end in known}
+    first, *more = sorted(types)
+    if more:
+        names = ", ".join([first, *more])
+        raise SfglabError(f"topic {topic} has several types: {names}; echo takes one as TYPE")
+    return type_name(first), publishers()

@@ -24,9 +24,9 @@ if TYPE_CHECKING:
 def read_traffic(
     file: Path | None, place: Place, seconds: float, load: Callable[[Path], T], convert: Convert[T]
 ) -> T:
-    """Return the content of a file, or of a log or bag, or of what a domain carries meanwhile.
+    """Return the content of a document, of a log or bag, or of the traffic of a domain.
 
-    `load` reads a document. `convert` reads a log; it also returns the topics that it leaves out,
+    `load` reads a document. `convert` reads a log, and also returns the topics that it leaves out,
     with reasons.
     """
     domain = observed_domain(file, place[0])

@@ -121,9 +121,10 @@ def test_what_runs_is_recorded_for_a_plan_and_for_a_mapping(domain_id, tmp_path)
 
 def test_a_file_and_a_domain_and_neither_are_refused(monkeypatch):
     monkeypatch.delenv("ROS_DOMAIN_ID", raising=False)
-    for given in ([], ["a.yaml", "--domain", "3"]):
-        with pytest.raises(SfglabError, match="allowed: one of them"):
-            called("map", *given)
+    with pytest.raises(SfglabError, match="nothing to read: give a file"):
+        called("map")
+    with pytest.raises(SfglabError, match="a file and --domain exclude each other"):
+        called("map", "a.yaml", "--domain", "3")
     monkeypatch.setenv("ROS_DOMAIN_ID", "400")
     with pytest.raises(InvalidValueError, match="ROS_DOMAIN_ID: given '400'"):
         called("map")

@@ -116,7 +116,7 @@ SOURCE = ("mocap", "run", EXAMPLE, "--domain", "1")
             "'nobody=/x', allowed: agent_x/markers=/topic, Go2 Body",
         ),
         ((*SOURCE, "--log", "x.mcap"), "given '--log', allowed: one of"),
-        (("frames", "lint"), "nothing is given, allowed: one of them"),
+        (("frames", "lint"), "nothing to read: give a file"),
         (("follow", "run", HALL, "--agent", "spot"), "given 'spot', allowed: .* go2, drone"),
         (("follow", "run", HALL, "--action", "/x"), "--action: given for 2 agents"),
         (
