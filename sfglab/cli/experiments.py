@@ -35,7 +35,8 @@ def doctor(as_json: Json = False) -> None:
 
 def reproduce(
     notebooks: Annotated[
-        list[str] | None, Argument(help="Notebooks by name; all when none.")
+        list[str] | None,
+        Argument(help="Notebooks, or experiments, by name; without any, all notebooks."),
     ] = None,
     profile: Annotated[
         str,
@@ -52,12 +53,15 @@ def reproduce(
     """Run notebooks headless: logs, figures and, at the end, the claims.
 
     A smoke test counts for no claim. It prints its own claims beside those of the ledger, and
-    replaces no file of another run.
+    replaces no file of another run. Of a notebook with several experiments, the name of an
+    experiment runs this one and reads the others from their committed logs.
 
     Examples:
       sfglab reproduce
       sfglab reproduce 03_decode_once --profile smoke
+      sfglab reproduce transmission
     """
+    from sfglab.lab.experiments import EXPERIMENTS
     from sfglab.lab.notebooks import find_notebooks, is_variation, run_notebooks
 
     if parameter:
@@ -69,6 +73,7 @@ def reproduce(
         project=project,
         parameters=parameters,
         write=write,
+        only=[name for name in notebooks or () if name in EXPERIMENTS],
     )
     if is_variation(parameters):
         typer.echo(_variations(project, outcomes))
@@ -174,8 +179,8 @@ def _counted(
 
     only: set[str] = set()
     if not all_claims:
-        names = {outcome.experiment for outcome in outcomes if outcome.experiment}
-        only.update(*(experiment(name).claims for name in names))
+        for outcome in outcomes:
+            only.update(*(experiment(name).claims for name in outcome.logs))
     return render(compute_ledger(project, profile=profile, only=only))
 
 
@@ -192,13 +197,13 @@ def _variations(project: Project, outcomes: Sequence[Outcome]) -> str:
         if outcome.notebook is None:
             continue
         lines += ["", outcome.name, f"  notebook: {project.relative(outcome.notebook)}"]
-        if outcome.log is None:
-            continue
-        claims += own_ledger(project, experiment(outcome.experiment).load(outcome.log))
-        lines.append(f"  log: {project.relative(outcome.log)}")
-        lines.append(f"  figures: {project.relative(figures_folder(project, outcome.log))}")
-        if why_not := standing(outcome.log).why_not:
-            lines.append(f"  This run counts for no claim: {why_not}.")
+        for name, log in outcome.logs.items():
+            claims += own_ledger(project, experiment(name).load(log))
+            lines.append(f"  log: {project.relative(log)}")
+            lines.append(f"  figures: {project.relative(figures_folder(project, log))}")
+            why_not = standing(log).why_not
+            if why_not:
+                lines.append(f"  This run counts for no claim: {why_not}.")
     return "\n".join([render_own(claims) if claims else "", *lines])
 
 

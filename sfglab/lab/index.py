@@ -5,17 +5,18 @@ from __future__ import annotations
 import base64
 from dataclasses import dataclass
 from html import escape
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from sfglab.lab.claims import Entry, Ledger, criterion_of
 from sfglab.lab.experiments import experiment
 from sfglab.lab.figures import few_colors
-from sfglab.lab.notebooks import INDEX, experiment_of, find_notebooks, read_notebook
+from sfglab.lab.notebooks import INDEX, experiments_of, find_notebooks, read_notebook
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
     from pathlib import Path
 
+    from sfglab.lab.experiment import Experiment
     from sfglab.lab.paths import Project
 
 PAPERS = {
@@ -55,9 +56,11 @@ class IndexPage:
 
 def make_index(project: Project, ledger: Ledger) -> IndexPage:
     """Return the index of a checkout's notebooks, by paper and section."""
-    rows = sorted(
-        _row(project, path, ledger) for path in find_notebooks(project) if path.stem != INDEX
-    )
+    rows = []
+    for path in find_notebooks(project):
+        if path.stem != INDEX:
+            rows += _rows(project, path, ledger)
+    rows.sort()
     html = _source(ledger)
     for paper, title in PAPERS.items():
         part = f"Paper {paper}" if len(paper) == 1 else paper.capitalize()
@@ -108,11 +111,18 @@ def _line(cells: Iterable[str]) -> str:
     return "<tr>" + "".join(f"<td {_CELL}>{cell}</td>" for cell in cells) + "</tr>"
 
 
-def _row(project: Project, path: Path, ledger: Ledger) -> tuple[str, str]:
-    """Return a notebook's paper with section, and its line."""
+def _rows(project: Project, path: Path, ledger: Ledger) -> list[tuple[str, str]]:
+    """Return paper with section and the line of each experiment of a notebook."""
     notebook = read_notebook(path)
-    exp = experiment(experiment_of(notebook))
     title = notebook.cells[0].source.splitlines()[0].removeprefix("# ")
+    experiments = map(experiment, experiments_of(notebook))
+    return [_row(project, path, title, exp, ledger) for exp in experiments]
+
+
+def _row(
+    project: Project, path: Path, title: str, exp: Experiment[Any], ledger: Ledger
+) -> tuple[str, str]:
+    """Return an experiment's paper with section, and its line."""
     committed = [n for n in exp.drawings if (project.figures / f"{n}.png").is_file()]
     # The comparison with ROS 2 nodes is a side study, and not the result.
     name = next((n for n in committed if not n.endswith("_ros2") or len(committed) == 1), "")

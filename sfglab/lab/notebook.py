@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
-from sfglab.errors import InvalidValueError
+from sfglab.errors import InvalidValueError, SfglabError
 from sfglab.lab import ledger
 from sfglab.lab.claims import Entry, How, Ledger, OwnLedger
 from sfglab.lab.experiments import experiment
@@ -36,6 +36,13 @@ _LARGE_BYTES = 200_000
 pd.set_option("display.max_colwidth", None)  # tables show their sentences whole
 
 
+class ExperimentError(SfglabError):
+    """An experiment that failed; a notebook shows the sentence without a traceback."""
+
+    def _render_traceback_(self) -> list[str]:  # called by IPython
+        return [str(self)]
+
+
 async def run(
     exp: Experiment[C],
     profile: str,
@@ -53,12 +60,15 @@ async def run(
         raise InvalidValueError(
             "settings", settings, "fields of the configuration and their values"
         )
-    if log:
-        return _load(exp, log)
     fields = {**changes, **(settings or {})}
     path = fields.pop("path", None)
     new_log = find_project().root / path if path else None
-    return await exp.run(profile, path=new_log, **fields)
+    try:
+        if log:
+            return _load(exp, log)
+        return await exp.run(profile, path=new_log, **fields)
+    except SfglabError as error:
+        raise ExperimentError(f"{exp.name} failed: {error}") from error
 
 
 def _load(exp: Experiment[C], log: str) -> Run[C]:

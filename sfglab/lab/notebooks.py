@@ -19,7 +19,7 @@ import tempfile
 import threading
 import time
 from contextlib import ExitStack, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field, fields
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -28,7 +28,7 @@ import psutil
 
 from sfglab.errors import InvalidValueError, SfglabError
 from sfglab.lab.experiment import QUICK
-from sfglab.lab.experiments import experiment
+from sfglab.lab.experiments import EXPERIMENTS, experiment
 from sfglab.lab.progress import is_line
 from sfglab.lab.runs import SMOKE
 
@@ -64,9 +64,9 @@ class Outcome:
     name: str  #: The notebook's name without suffix.
     seconds: float  #: Wall time.
     error: str = ""  #: Reason of its failure, one line; empty when it ran through.
-    experiment: str = ""  #: Name of its experiment; empty: none.
     notebook: Path | None = None  #: The executed copy.
-    log: Path | None = None  #: Log of the run; None where the notebook runs no experiment.
+    #: Logs that it shows, by experiment: of this run, or those that it was given.
+    logs: Mapping[str, Path] = field(default_factory=dict)
 
 
 def _say(text: str) -> None:
@@ -89,17 +89,19 @@ def read_parameters(pairs: Iterable[str]) -> dict[str, Any]:
 def find_notebooks(project: Project, names: Sequence[str] = ()) -> list[Path]:
     """Return the notebooks to run, in order; the index comes last, since it reports on the others.
 
-    Names are file names, with or without suffix, or beginnings of them; without any all are meant. Raises
-    `NotebookError` if one fits no notebook, or several.
+    Names are file names, with or without suffix, beginnings of them, or names of experiments;
+    without any, all notebooks are meant. Raises `NotebookError` if one fits no notebook, or several.
     """
     every = sorted(p for p in project.notebooks.glob("*.ipynb") if not p.name.startswith("."))
     if not names:
         return sorted(every, key=lambda path: path.stem == INDEX)
-    return [_one_notebook(name, every) for name in names]
+    return [_one_notebook(name, every, project) for name in names]
 
 
-def _one_notebook(name: str, every: Sequence[Path]) -> Path:
+def _one_notebook(name: str, every: Sequence[Path], project: Project) -> Path:
     wanted = name.rpartition("/")[2].removesuffix(".ipynb")
+    if wanted in EXPERIMENTS:
+        wanted = notebook_of(project, wanted) or wanted
     fitting = [path for path in every if path.stem == wanted]
     if not fitting:
         for path in every:
@@ -113,28 +115,40 @@ def _one_notebook(name: str, every: Sequence[Path]) -> Path:
     return fitting[0]
 
 
-def fit_parameters(path: Path, given: Mapping[str, Any]) -> dict[str, Any]:
-    """Return parameters as a notebook's cell declares them, other fields in ``settings``.
+def fit_parameters(path: Path, given: Mapping[str, Any], owner: str = "") -> dict[str, Any]:
+    """Return parameters as a notebook's cell declares them, other fields in its settings.
+
+    Args:
+        path: The notebook.
+        given: The parameters, and fields of an experiment.
+        owner: The experiment that the fields belong to; empty: the notebook's only one.
 
     Raises:
         NotebookError: The notebook declares no such parameter, or its experiment no such field.
     """
     notebook = read_notebook(path)
     declared = _declared(path, notebook)
-    name = experiment_of(notebook)
-    fitted = {parameter: value for parameter, value in given.items() if parameter in declared}
-    unknown = {parameter: value for parameter, value in given.items() if parameter not in declared}
-    if name and SETTINGS in declared:
-        settings = {**fitted.pop(SETTINGS, {}), **unknown}
-        _check_fields(path, name, fitted | settings)
-        if settings:
-            fitted[SETTINGS] = settings
-    elif unknown:
+    experiments = experiments_of(notebook)
+    fitted = {name: value for name, value in given.items() if name in declared}
+    others = {name: value for name, value in given.items() if name not in declared}
+    if len(experiments) == 1:
+        owner = experiments[0]
+    settings = settings_name(owner, declared)
+    if others and settings not in declared:
         raise NotebookError(
-            f"{path.name}: it declares no parameter {', '.join(sorted(unknown))}; "
+            f"{path.name}: it declares no parameter {', '.join(sorted(others))}; "
             f"its parameters are {', '.join(sorted(declared)) or 'none'}"
         )
+    if others:
+        fitted[settings] = {**fitted.get(settings, {}), **others}
+    for name in experiments:
+        _check_fields(path, name, fitted)
     return fitted
+
+
+def settings_name(name: str, declared: Collection[str]) -> str:
+    """Return which of a notebook's parameters has the other fields of an experiment."""
+    return SETTINGS if SETTINGS in declared else f"{SETTINGS}_{name}"
 
 
 def _declared(path: Path, notebook: NotebookNode) -> set[str]:
@@ -144,41 +158,45 @@ def _declared(path: Path, notebook: NotebookNode) -> set[str]:
         raise NotebookError(
             f"{path.name}: {len(tagged)} cells are tagged 'parameters', needed is exactly one"
         )
-    return _assigned(path, tagged[0].source)
-
-
-def _check_fields(path: Path, name: str, given: Mapping[str, Any]) -> None:
-    """Refuse a value that the configuration of a notebook's experiment cannot hold."""
-    fields = dict(given)
-    profile = fields.pop("profile", QUICK)
-    fields.pop("log", None)
     try:
-        experiment(name).config(profile, **fields)
+        return _names(tagged[0].source, ast.Store)
+    except SyntaxError as error:
+        raise NotebookError(f"{path.name}: its parameters cell is no Python: {error}") from error
+
+
+def _names(source: str, context: type[ast.expr_context]) -> set[str]:
+    """Return the names that a cell reads (`ast.Load`) or assigns (`ast.Store`)."""
+    found = set()
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.Name) and isinstance(node.ctx, context):
+            found.add(node.id)
+    return found
+
+
+def _check_fields(path: Path, name: str, fitted: Mapping[str, Any]) -> None:
+    """Refuse a value that the configuration of a notebook's experiment cannot hold."""
+    exp = experiment(name)
+    settings = fitted.get(settings_name(name, fitted), {})
+    if not isinstance(settings, dict):
+        raise NotebookError(f"{path.name}: settings: given {settings!r}, needed are fields")
+    own = {field.name for field in fields(exp.config_class)} - {"profile"}
+    given = {parameter: value for parameter, value in fitted.items() if parameter in own}
+    try:
+        exp.config(fitted.get("profile", QUICK), **{**given, **settings})
     except InvalidValueError as error:
         raise NotebookError(f"{path.name}: {error}") from error
 
 
-def _assigned(path: Path, source: str) -> set[str]:
-    """Return the names that a cell assigns at its top level."""
-    try:
-        nodes = ast.parse(source).body
-    except SyntaxError as error:
-        raise NotebookError(f"{path.name}: its parameters cell is no Python: {error}") from error
-    targets = [t for n in nodes if isinstance(n, ast.Assign) for t in n.targets]
-    targets += [n.target for n in nodes if isinstance(n, ast.AnnAssign)]
-    return {t.id for t in targets if isinstance(t, ast.Name)}
-
-
-def experiment_of(notebook: NotebookNode) -> str:
-    """Return the name of the experiment that a notebook runs; empty: none."""
-    found = _EXPERIMENT.search("\n".join(c.source for c in notebook.cells))
-    return found[1] if found else ""
+def experiments_of(notebook: NotebookNode) -> tuple[str, ...]:
+    """Return the names of the experiments that a notebook runs, in order."""
+    source = "\n".join(cell.source for cell in notebook.cells)
+    return tuple(dict.fromkeys(_EXPERIMENT.findall(source)))
 
 
 def notebook_of(project: Project, experiment: str) -> str:
     """Return the name of the notebook that runs an experiment; empty: there is none."""
     for path in find_notebooks(project):
-        if experiment and experiment_of(read_notebook(path)) == experiment:
+        if experiment in experiments_of(read_notebook(path)):
             return path.stem
     return ""
 
@@ -214,6 +232,7 @@ def run_notebook(path: Path, output: Path, parameters: Mapping[str, Any]) -> Non
     from traitlets.config import Config
 
     output.parent.mkdir(parents=True, exist_ok=True)
+    dependents = _Dependents()
     try:
         with tempfile.TemporaryDirectory() as folder:
             # A kernel is reached by this user only, and not over TCP.
@@ -229,7 +248,10 @@ def run_notebook(path: Path, output: Path, parameters: Mapping[str, Any]) -> Non
                 stdout_file=_Steps(),
                 stderr_file=sys.stderr,
                 config=Config({"KernelManager": sockets}),
+                allow_errors=True,
                 on_notebook_start=_lower_kernels,
+                on_cell_start=dependents.skip,
+                on_cell_error=dependents.note,
             )
     except papermill.PapermillExecutionError as error:
         raise NotebookError(
@@ -237,6 +259,30 @@ def run_notebook(path: Path, output: Path, parameters: Mapping[str, Any]) -> Non
         ) from error
     except RuntimeError as error:  # the kernel died
         raise NotebookError(f"{path.name}: {error}") from error
+
+
+class _Dependents:
+    """Skips cells that use what a failed cell was to assign, so that the other cells run."""
+
+    def __init__(self) -> None:
+        self._missing: set[str] = set()
+
+    def note(self, cell: NotebookNode, **_: Any) -> None:
+        """Note what a failed cell was to assign."""
+        with suppress(SyntaxError):
+            self._missing |= _names(cell.source, ast.Store)
+
+    def skip(self, cell: NotebookNode, **_: Any) -> None:
+        """Skip a cell that uses what is missing."""
+        if cell.cell_type != "code" or not self._missing:
+            return
+        with suppress(SyntaxError):
+            assigned = _names(cell.source, ast.Store)
+            if self._missing & (_names(cell.source, ast.Load) - assigned):
+                cell.metadata.tags = [*cell.metadata.get("tags", ()), "skip-execution"]
+                self._missing |= assigned
+            else:
+                self._missing -= assigned
 
 
 def _lower_kernels(**_: Any) -> None:
@@ -260,7 +306,7 @@ class _Task:
     project: Project  #: The checkout.
     parameters: Mapping[str, Any]  #: Values for its parameters cell.
     copy: Path  #: Path of the executed copy.
-    experiment: str  #: Name of its experiment; empty: none.
+    experiments: Sequence[str]  #: Names of its experiments.
     place: str = ""  #: Its number among those that are run, and its name.
     write: bool = False  #: Whether the executed copy replaces the notebook.
     folder: Path | None = None  #: Folder of its logs; None: that of its experiment.
@@ -268,12 +314,17 @@ class _Task:
     @property
     def measures(self) -> bool:
         """Whether other work at the same time may change its results."""
-        return not self.experiment or experiment(self.experiment).measures
+        return not self.experiments or any(experiment(name).measures for name in self.experiments)
 
-    def logs(self) -> set[Path]:
-        """Return the finished logs of its experiment."""
-        usual = self.project.runs / "logs" / (self.experiment or "none")
-        return set((self.folder or usual).glob("*.mcap"))
+    def logs(self, name: str) -> set[Path]:
+        """Return the finished logs of one of its experiments."""
+        folder = self.folder or self.project.runs / "logs" / name
+        return set(folder.glob("*.mcap"))
+
+    def given_log(self, name: str) -> Path | None:
+        """Return the log that an experiment is read from; None: it runs."""
+        given = self.parameters.get("log") or self.parameters.get(f"log_{name}")
+        return self.project.root / given if given else None
 
 
 def run_notebooks(
@@ -282,6 +333,7 @@ def run_notebooks(
     project: Project,
     parameters: Mapping[str, Any],
     write: bool = False,
+    only: Collection[str] = (),
 ) -> list[Outcome]:
     """Run notebooks, at most two at once; a failure does not stop the others.
 
@@ -295,6 +347,8 @@ def run_notebooks(
         parameters: Values for the ``parameters`` cell of every notebook, or fields of its
             configuration.
         write: Whether the executed copies, normalised, also replace the notebooks.
+        only: Names of experiments. A notebook that has one of them reads its other experiments
+            from their committed logs. Empty: all run.
 
     Raises:
         NotebookError: Before anything runs: parameters that do not fit a notebook.
@@ -302,12 +356,14 @@ def run_notebooks(
     ordered = sorted(dict.fromkeys(paths), key=lambda path: path.stem == INDEX)
     tasks = []
     for number, path in enumerate(ordered, start=1):
+        experiments = experiments_of(read_notebook(path))
+        logs = _reference_logs(path, project, experiments, only)
         task = _Task(
             path=path,
             project=project,
-            parameters=fit_parameters(path, parameters),
+            parameters=fit_parameters(path, parameters) | logs,
             copy=_executed_copy(path, project, parameters),
-            experiment=experiment_of(read_notebook(path)),
+            experiments=experiments,
             place=f"[{number}/{len(ordered)}] {path.stem}",
             write=write,
         )
@@ -338,24 +394,44 @@ def try_experiment(
     Raises:
         InvalidValueError: Before anything runs: fields that the experiment does not have.
     """
-    fields = dict(parameters)
-    experiment(name).config(fields.pop("profile"), **fields)
-    [path] = find_notebooks(project, [notebook_of(project, name)])
-    fitted = fit_parameters(path, parameters)
-    log = folder / f"{name}.mcap"
-    fitted[SETTINGS] = {**fitted.get(SETTINGS, {}), "path": project.relative(log)}
+    given = dict(parameters)
+    experiment(name).config(given.pop("profile"), **given)
+    [path] = find_notebooks(project, [name])
+    notebook = read_notebook(path)
+    experiments = experiments_of(notebook)
+    fitted = fit_parameters(path, parameters, name)
+    fitted |= _reference_logs(path, project, experiments, [name])
+    settings = settings_name(name, _declared(path, notebook))
+    log = project.relative(folder / f"{name}.mcap")
+    fitted[settings] = {**fitted.get(settings, {}), "path": log}
     task = _Task(
         path=path,
         project=project,
         parameters=fitted,
         copy=folder / path.name,
-        experiment=name,
+        experiments=experiments,
         place=path.stem,
         folder=folder,
     )
     outcome = _run_task(task)
     _Report([task]).end(outcome)
     return outcome
+
+
+def _reference_logs(
+    path: Path, project: Project, experiments: Iterable[str], only: Collection[str]
+) -> dict[str, str]:
+    """Return the parameters that name the logs of experiments which are not to be run."""
+    others = [name for name in experiments if name not in only]
+    if others == list(experiments):
+        return {}
+    logs = {}
+    for name in others:
+        log = project.reference_logs / f"{name}.mcap"
+        if not log.is_file():
+            raise NotebookError(f"{path.name}: {name}: there is no log {project.relative(log)}")
+        logs[f"log_{name}"] = project.relative(log)
+    return logs
 
 
 class _Report:
@@ -421,8 +497,8 @@ def _end_process(process: BaseProcess) -> None:
 
 
 def _run_list(nice: int, tasks: Sequence[_Task], outcomes: Connection) -> None:
-    # The process that started this one receives Ctrl-C, too, and terminates this one. Kernels would
-    # inherit SIG_IGN; they do not inherit a handler.
+    # After Ctrl-C the process that started this one terminates it. SIG_IGN would do here, but a
+    # kernel would inherit it.
     signal.signal(signal.SIGINT, lambda *_: None)
     signal.signal(signal.SIGTERM, lambda *_: sys.exit())
     threading.Thread(target=_end_with_parent, daemon=True).start()
@@ -442,7 +518,7 @@ def _run_task(task: _Task) -> Outcome:
     import nbformat
 
     _say(f"{task.place} ...")
-    logs_before = task.logs()
+    before = {name: task.logs(name) for name in task.experiments}
     error = ""
     begun_s = time.monotonic()
     try:
@@ -452,17 +528,12 @@ def _run_task(task: _Task) -> Outcome:
     seconds = time.monotonic() - begun_s
     if task.write and not error:
         nbformat.write(normalise(read_notebook(task.copy), task.project), task.path)
-    log = max(task.logs() - logs_before, default=None)
-    if task.parameters.get("log"):
-        log = task.project.root / task.parameters["log"]
-    return Outcome(
-        name=task.path.stem,
-        seconds=seconds,
-        error=error,
-        experiment=task.experiment,
-        notebook=task.copy,
-        log=log if log and log.is_file() else None,
-    )
+    logs = {}
+    for name in task.experiments:
+        log = task.given_log(name) or max(task.logs(name) - before[name], default=None)
+        if log and log.is_file():
+            logs[name] = log
+    return Outcome(name=task.path.stem, seconds=seconds, error=error, notebook=task.copy, logs=logs)
 
 
 def seconds_left(elapsed_s: float, done: Collection[str], before_s: Mapping[str, float]) -> float:

@@ -31,6 +31,20 @@ def test_the_index_has_every_notebook_under_its_paper_with_figure_and_verdicts()
     assert papers[0].index("05_lifecycle") < papers[0].index("02_depth_codecs"), "by section"
 
 
+def test_the_index_has_a_line_for_each_experiment_of_a_notebook(tmp_path):
+    sources = ["# Names and gateways", "notebook.run(naming.exp)", "notebook.run(gateways.exp)"]
+    cells = [nbformat.v4.new_markdown_cell(source) for source in sources]
+    (tmp_path / "notebooks").mkdir()
+    made = nbformat.v4.new_notebook(cells=cells)
+    nbformat.write(made, tmp_path / "notebooks" / "01_both.ipynb")
+    ledger = Ledger(entry_for(claim, None) for claim in load_claims(PROJECT.claims))
+    html = make_index(Project(root=tmp_path), ledger)._repr_html_()
+    papers = html.split("<h3>")[1:]
+    assert [paper.count('href="01_both.ipynb"') for paper in papers] == [1, 0, 1, 0]
+    assert "A-FQN" in papers[0]
+    assert "C-MAP" in papers[2]
+
+
 def test_the_committed_logs_ledger_is_told_in_full():
     whole = compute_ledger(PROJECT, committed=True)
     told = "\n\n" + render_in_full(whole)

@@ -2,9 +2,11 @@
 
 import asyncio
 import os
+import shutil
 import signal
 import threading
 import time
+from pathlib import Path
 
 import nbformat
 import psutil
@@ -17,6 +19,8 @@ from sfglab.lab.experiments import naming
 from sfglab.lab.paths import Project, find_project
 from sfglab.lab.progress import is_line, progress_bar, progress_to
 from sfglab.record import LogWriter
+
+ROOT = Path(__file__).parents[2]
 
 
 @pytest.fixture
@@ -224,6 +228,85 @@ def test_on_one_core_all_notebooks_run_in_this_process(project, monkeypatch):
     found = notebooks.find_notebooks(project)
     outcomes = notebooks.run_notebooks(found, project=project, parameters={})
     assert [o.error for o in outcomes] == ["", ""]
+
+
+PARAMETERS = (
+    PROFILE
+    + """
+seed: int = 0
+log_naming: str = ""
+settings_naming: dict = {}
+log_gateways: str = ""
+settings_gateways: dict = {}"""
+)
+IMPORTS = """from sfglab.lab import notebook
+from sfglab.lab.experiments import gateways, naming"""
+RUN = "run = await notebook.run({0}.exp, profile, log_{0}, settings_{0}, seed=seed)"
+SHOWN = "shown = run.experiment, len(run['{}'])\nprint(*shown)"
+SEVERAL = [PARAMETERS, IMPORTS]
+SEVERAL += [RUN.format("naming"), SHOWN.format("check"), "print(shown)"]
+SEVERAL += [RUN.format("gateways"), SHOWN.format("stage")]
+
+
+@pytest.fixture
+def several(project, monkeypatch):
+    """A notebook with two experiments, and the committed log of one of them."""
+    monkeypatch.setenv("SFGLAB_ROOT", str(project.root))
+    write(project, "01_both", *SEVERAL)
+    project.reference_logs.mkdir()
+    shutil.copy(ROOT / "data" / "reference" / "gateways.mcap", project.reference_logs)
+    return project.notebooks / "01_both.ipynb"
+
+
+def test_fields_of_one_of_several_experiments_travel_as_its_settings(several):
+    given = {"profile": "smoke", "samples": 10}
+    fitted = {"profile": "smoke", "settings_naming": {"samples": 10}}
+    assert notebooks.fit_parameters(several, given, "naming") == fitted
+    assert notebooks.fit_parameters(several, fitted) == fitted
+    with pytest.raises(notebooks.NotebookError, match="it declares no parameter samples; its"):
+        notebooks.fit_parameters(several, given)
+    wrong = {"settings_naming": {"samples": "few"}}
+    with pytest.raises(notebooks.NotebookError, match="samples: given 'few', allowed: int"):
+        notebooks.fit_parameters(several, wrong)
+    with pytest.raises(notebooks.NotebookError, match="settings: given 3, needed are fields"):
+        notebooks.fit_parameters(several, {"settings_naming": 3})
+
+
+@pytest.mark.slow
+def test_an_experiments_name_runs_it_and_reads_the_others(project, several):
+    parameters = {"profile": "smoke"}
+    assert notebooks.find_notebooks(project, ["naming"]) == [several]
+    [outcome] = notebooks.run_notebooks(
+        [several], project=project, parameters=parameters, only=["naming"]
+    )
+    assert outcome.error == ""
+    assert [log.parent.name for log in outcome.logs.values()] == ["naming", "reference"]
+    assert [path.name for path in (project.runs / "logs").iterdir()] == ["naming"]
+    with pytest.raises(notebooks.NotebookError, match="naming: there is no log data/reference/na"):
+        notebooks.run_notebooks(
+            [several], project=project, parameters=parameters, only=["gateways"]
+        )
+    outcome = notebooks.try_experiment(
+        "naming", project.tries / "a", project=project, parameters={**parameters, "samples": 5}
+    )
+    assert outcome.error == ""
+    assert outcome.logs["naming"] == project.tries / "a" / "naming.mcap"
+    assert naming.exp.load(outcome.logs["naming"]).config.samples == 5
+
+
+@pytest.mark.slow
+def test_a_failed_experiment_leaves_a_sentence_and_the_next_one_runs(project, several):
+    parameters = {"log_naming": "nowhere.mcap", "log_gateways": "data/reference/gateways.mcap"}
+    [outcome] = notebooks.run_notebooks([several], project=project, parameters=parameters)
+    assert outcome.error.startswith("01_both.ipynb: cell 4: ExperimentError: naming failed: ")
+    assert [*outcome.logs] == ["gateways"]
+    cells = nbformat.read(outcome.notebook, as_version=4).cells
+    _, _, failed, skipped, skipped_too, ran, shown = cells[-7:]
+    [output] = failed.outputs
+    [sentence] = output.traceback
+    assert sentence == output.evalue
+    assert skipped.outputs == skipped_too.outputs == ran.outputs == []
+    assert shown.outputs[0].text.startswith("gateways ")
 
 
 def test_notebooks_are_found_by_name_beginning_or_topic(project):

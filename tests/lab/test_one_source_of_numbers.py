@@ -15,7 +15,7 @@ from made_logs import DATA, reference
 from sfglab.lab.claims import render
 from sfglab.lab.experiments import EXPERIMENTS, experiment
 from sfglab.lab.ledger import compute_ledger, own_ledger
-from sfglab.lab.notebooks import experiment_of, find_notebooks
+from sfglab.lab.notebooks import experiments_of, find_notebooks
 from sfglab.lab.paths import Project
 
 ROOT = Path(__file__).parents[2]
@@ -88,8 +88,9 @@ def test_the_committed_index_prints_the_ledgers_values(ledger):
 
 @pytest.mark.parametrize("path", find_notebooks(PROJECT), ids=lambda path: path.stem)
 def test_a_committed_notebook_prints_the_ledgers_values(path, ledger):
-    name = experiment_of(nbformat.read(path, as_version=4))
-    claims = experiment(name).claims if name else ()
+    claims = []
+    for name in experiments_of(nbformat.read(path, as_version=4)):
+        claims += experiment(name).claims
     html = outputs_of(path.stem)
     about, wrong = disagreeing(html_rows(html), ledger, named_in=0)
     assert wrong == []

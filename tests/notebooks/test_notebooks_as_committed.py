@@ -19,12 +19,14 @@ from sfglab.fields import to_json
 from sfglab.lab import notebook
 from sfglab.lab.experiments import EXPERIMENTS, experiment
 from sfglab.lab.figures import file_sha256, settled
-from sfglab.lab.notebooks import experiment_of, find_notebooks
+from sfglab.lab.notebooks import experiments_of, find_notebooks
 from sfglab.lab.paths import Project
 
 ROOT = Path(__file__).parents[2]
 
 PIXEL = cv2.imencode(".png", np.zeros((1, 1), np.uint8))[1].tobytes()
+# A line that runs an experiment: variable and name.
+RUN = re.compile(r"^(\w+) = await notebook\.run\((\w+)\.exp.*\n?", re.MULTILINE)
 # What runs something, draws a film or waits for a reader; and what says where files are.
 ELSEWHERE = re.compile(
     r"await |live\.session|(setup|explore|video|Viewer|PressedMapping|press_core|Replay|save_figures)\("
@@ -34,14 +36,16 @@ ELSEWHERE = re.compile(
 def cells_of(name):
     """Return the code cells of an experiment's notebook."""
     notebooks = (nbformat.read(path, as_version=4) for path in find_notebooks(Project(root=ROOT)))
-    [page] = [page for page in notebooks if experiment_of(page) == name]
+    [page] = [page for page in notebooks if name in experiments_of(page)]
     return [cell for cell in page.cells if cell.cell_type == "code"]
 
 
 def pictures_of(name):
     """Return the pictures that an experiment's notebook holds."""
     outputs = [output for cell in cells_of(name) for output in cell.outputs]
-    return {base64.b64decode(o.data["image/png"]) for o in outputs if "image/png" in o.get("data", {})}
+    return {
+        base64.b64decode(o.data["image/png"]) for o in outputs if "image/png" in o.get("data", {})
+    }
 
 
 def words_of(outputs):
@@ -78,7 +82,10 @@ def figures_are_as_drawn(run, name):
     shown_there = pictures_of(name)
     for stem, (figure, shown) in experiment(name).figures(run).items():
         twin = json.loads((ROOT / "figures" / f"{stem}.json").read_text())
-        assert (twin["log"], twin["log_sha256"]) == (f"data/reference/{name}.mcap", file_sha256(run.log))
+        assert (twin["log"], twin["log_sha256"]) == (
+            f"data/reference/{name}.mcap",
+            file_sha256(run.log),
+        )
         assert twin["shown"] == json.loads(json.dumps(settled(to_json(shown))))
         assert notebook.image_of(figure).data in shown_there, f"{stem}: its cell is to be run anew"
 
@@ -87,20 +94,24 @@ def words_are_as_computed(shell, name):
     """Compare tables, sentences and verdicts of what follows the run."""
     is_run = False
     for cell in cells_of(name):
-        source = re.sub(r"^run = await .*\n?", "", cell.source)
+        for variable, runs in RUN.findall(cell.source):
+            shell.user_ns[variable] = reference(experiment(runs))
+        source = RUN.sub("", cell.source)
         if ELSEWHERE.search(source):
             continue
         with capture_output() as captured:
             done = shell.run_cell(source)
         assert done.success, cell.source
         made = [{"text": captured.stdout}, *({"data": output.data} for output in captured.outputs)]
-        assert not is_run or words_of(made) == words_of(cell.outputs), f"to be run anew: {cell.source}"
+        assert not is_run or words_of(made) == words_of(cell.outputs), (
+            f"to be run anew: {cell.source}"
+        )
         is_run = is_run or source != cell.source
     assert is_run
 
 
 @pytest.mark.parametrize("name", EXPERIMENTS)
 def test_figures_twins_pictures_and_tables_follow_from_the_committed_log(name, shell):
-    run = shell.user_ns["run"] = reference(experiment(name))
+    run = reference(experiment(name))
     figures_are_as_drawn(run, name)
     words_are_as_computed(shell, name)
