@@ -55,6 +55,10 @@ def slow(point, seed):
     return quick(point, seed)
 
 
+def large(point, seed):
+    return {"number": point.number, "seed": seed, "name": "x" * 20_000_000}
+
+
 def dying(point, seed):
     if (point.number, seed) == (2, 1) and not (Path(point.folder) / "healed").exists():
         os._exit(3)

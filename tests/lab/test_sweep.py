@@ -28,6 +28,7 @@ from sweep_tasks import (
     SpotRow,
     dying,
     failing,
+    large,
     obeying,
     quick,
     several,
@@ -396,6 +397,15 @@ def test_ctrl_c_is_heard_between_batches_so_that_no_lock_of_the_pool_stays_close
     with progress_to(interrupted), pytest.raises(KeyboardInterrupt):
         swept(uneven, points, SEEDS)
     assert 0 < len(steps) < 1200
+
+
+def test_ctrl_c_while_processes_write_large_results_leaves_no_process(swept):
+    def interrupted(_step):
+        signal.raise_signal(signal.SIGINT)
+
+    with progress_to(interrupted), pytest.raises(KeyboardInterrupt):
+        swept(large, POINTS, SEEDS, workers=PROCESSES)
+    nothing_is_left()
 
 
 def test_one_ctrl_c_ends_a_sweep_within_an_event_loop(swept):

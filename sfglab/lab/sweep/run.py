@@ -228,25 +228,35 @@ def connected(workers: Workers, jobs: int) -> Iterator[tuple[Executor, int]]:
             yield client.get_executor(pure=False), slots
         return
     count = min(jobs, workers.count or len(os.sched_getaffinity(0)))
-    spawn = multiprocessing.get_context("spawn")
-    pool = (
-        ThreadPoolExecutor(count)
-        if workers.threads
-        else ProcessPoolExecutor(count, spawn, begin_worker)
-    )
+    pool = ThreadPoolExecutor(count) if workers.threads else _processes(count)
     try:
-        # Processes inherit this: Ctrl-C in a terminal reaches none of them before `begin_worker` runs.
-        with _on_interrupt(signal.SIG_IGN):
-            for _ in range(count):
-                pool.submit(code_digest)
         yield pool, count
     except BaseException:
-        processes = getattr(pool, "_processes", {})
-        for process in list(processes.values()):
-            process.kill()  # The executor itself would wait for running tasks.
+        if isinstance(pool, ProcessPoolExecutor):
+            _kill(pool)
         raise
     finally:
         pool.shutdown(cancel_futures=True)
+
+
+def _processes(count: int) -> ProcessPoolExecutor:
+    """Return an executor with started processes."""
+    spawn = multiprocessing.get_context("spawn")
+    pool = ProcessPoolExecutor(count, spawn, begin_worker)
+    # Processes inherit this: Ctrl-C in a terminal reaches none of them before `begin_worker` runs.
+    with _on_interrupt(signal.SIG_IGN):
+        for _ in range(count):
+            pool.submit(code_digest)
+    return pool
+
+
+def _kill(pool: Any) -> None:
+    """Kill the processes of an executor, which itself would wait for their tasks."""
+    # A process may die while it writes a result into this pipe. The executor would wait for the rest
+    # indefinitely if this process kept its own end for writing.
+    pool._result_queue._writer.close()  # noqa: SLF001
+    for process in list(pool._processes.values()):  # noqa: SLF001
+        process.kill()
 
 
 def begin_worker() -> None:
