@@ -356,14 +356,13 @@ def run_notebooks(
     ordered = sorted(dict.fromkeys(paths), key=lambda path: path.stem == INDEX)
     tasks = []
     for number, path in enumerate(ordered, start=1):
-        experiments = experiments_of(read_notebook(path))
-        logs = _reference_logs(path, project, experiments, only)
+        logs = _reference_logs(path, project, only)
         task = _Task(
             path=path,
             project=project,
             parameters=fit_parameters(path, parameters) | logs,
             copy=_executed_copy(path, project, parameters),
-            experiments=experiments,
+            experiments=experiments_of(read_notebook(path)),
             place=f"[{number}/{len(ordered)}] {path.stem}",
             write=write,
         )
@@ -394,13 +393,11 @@ def try_experiment(
     Raises:
         InvalidValueError: Before anything runs: fields that the experiment does not have.
     """
-    given = dict(parameters)
-    experiment(name).config(given.pop("profile"), **given)
+    fields = dict(parameters)
+    experiment(name).config(fields.pop("profile"), **fields)
     [path] = find_notebooks(project, [name])
     notebook = read_notebook(path)
-    experiments = experiments_of(notebook)
-    fitted = fit_parameters(path, parameters, name)
-    fitted |= _reference_logs(path, project, experiments, [name])
+    fitted = fit_parameters(path, parameters, name) | _reference_logs(path, project, [name])
     settings = settings_name(name, _declared(path, notebook))
     log = project.relative(folder / f"{name}.mcap")
     fitted[settings] = {**fitted.get(settings, {}), "path": log}
@@ -409,7 +406,7 @@ def try_experiment(
         project=project,
         parameters=fitted,
         copy=folder / path.name,
-        experiments=experiments,
+        experiments=experiments_of(notebook),
         place=path.stem,
         folder=folder,
     )
@@ -418,14 +415,13 @@ def try_experiment(
     return outcome
 
 
-def _reference_logs(
-    path: Path, project: Project, experiments: Iterable[str], only: Collection[str]
-) -> dict[str, str]:
+def _reference_logs(path: Path, project: Project, only: Collection[str]) -> dict[str, str]:
     """Return the parameters that name the logs of experiments which are not to be run."""
+    experiments = experiments_of(read_notebook(path))
     others = [name for name in experiments if name not in only]
-    if others == list(experiments):
-        return {}
-    logs = {}
+    logs: dict[str, str] = {}
+    if len(others) == len(experiments):
+        return logs
     for name in others:
         log = project.reference_logs / f"{name}.mcap"
         if not log.is_file():
@@ -468,7 +464,10 @@ def _run_in_processes(lists: Mapping[int, Sequence[_Task]], report: _Report) -> 
         def start(nice: int, tasks: Sequence[_Task]) -> None:
             outcomes, there = spawn.Pipe(duplex=False)
             process = spawn.Process(target=_run_list, args=(nice, tasks, there))
+            # A process that still starts inherits this and does not receive Ctrl-C.
+            usual = signal.signal(signal.SIGINT, signal.SIG_IGN)
             process.start()
+            signal.signal(signal.SIGINT, usual)
             stack.callback(_end_process, process)
             there.close()
             running[outcomes] = nice, tasks
@@ -497,8 +496,8 @@ def _end_process(process: BaseProcess) -> None:
 
 
 def _run_list(nice: int, tasks: Sequence[_Task], outcomes: Connection) -> None:
-    # After Ctrl-C the process that started this one terminates it. SIG_IGN would do here, but a
-    # kernel would inherit it.
+    # After Ctrl-C the process that started this one terminates it. Kernels would inherit SIG_IGN;
+    # they do not inherit a handler.
     signal.signal(signal.SIGINT, lambda *_: None)
     signal.signal(signal.SIGTERM, lambda *_: sys.exit())
     threading.Thread(target=_end_with_parent, daemon=True).start()
