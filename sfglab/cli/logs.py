@@ -58,6 +58,9 @@ _Exclude = Annotated[
 ]
 
 
+_CUT_OFF = "the log was cut off; this is all that it contains"
+
+
 @app.callback(invoke_without_command=True)
 def log(context: typer.Context) -> None:
     """List runs and whether each counts as evidence for claims, unless a command follows."""
@@ -88,7 +91,7 @@ def show(path: _Path, as_json: Json = False) -> None:
         for name, values in metadata.items():
             typer.echo(f"metadata  {name}: {json.dumps(values)}")
         if reader.truncated:
-            typer.echo("the log was cut off; this is all that it contains")
+            typer.echo(_CUT_OFF)
 
 
 @app.command()
@@ -102,6 +105,7 @@ def info(path: _Path, as_json: Json = False) -> None:
 
     with LogReader(path) as reader:
         values = _info(reader)
+        is_cut_off = reader.truncated
     if as_json:
         print_json(values)
         return
@@ -119,6 +123,8 @@ def info(path: _Path, as_json: Json = False) -> None:
         f"Messages:          {values['messages']}\n"
         f"Topic information: {indent.join(topics)}\n"
     )
+    if is_cut_off:
+        typer.echo(_CUT_OFF)
 
 
 def _info(reader: LogReader) -> dict[str, Any]:

@@ -255,16 +255,12 @@ class LogReader(AbstractContextManager["LogReader"]):
 
         if name not in self.tables:
             raise _missing("table", name, self.tables)
-        columns: dict[str, list[Any]] = {}
+        rows = []
         for entry in self.decoded(f"{TABLE_PREFIX}{name}"):
-            row = {
-                field: value
-                for field, value in vars(entry.message).items()
-                if field != "__msgtype__"
-            }
-            for column, value in {TIME_COLUMN: entry.log_time_ns, **row}.items():
-                columns.setdefault(column, []).append(value)
-        return pd.DataFrame(columns)
+            row = {TIME_COLUMN: entry.log_time_ns, **vars(entry.message)}
+            del row["__msgtype__"]
+            rows.append(row)
+        return pd.DataFrame(rows)
 
     def close(self) -> None:
         """Close the file; a second time does nothing."""

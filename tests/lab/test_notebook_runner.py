@@ -66,7 +66,11 @@ def test_fields_that_the_parameters_cell_does_not_list_travel_as_settings(projec
             "02_a.ipynb: it declares no parameter speed; its parameters are profile",
         ),
         (DEPTH, {"speed": 1}, r"02_a.ipynb: depth_codecs: speed: given 'speed', allowed: .*frames"),
-        (DEPTH, {"frames": "many"}, r"02_a.ipynb: depth_codecs: frames: given 'many', allowed: a whole number from 1 to 1200"),
+        (
+            DEPTH,
+            {"frames": "many"},
+            r"02_a.ipynb: depth_codecs: frames: given 'many', allowed: a whole number from 1 to 1200",
+        ),
         (DEPTH, {"frames": 1.5}, r"frames: given 1.5, allowed: a whole number"),
         (DEPTH, {"frames": True}, r"frames: given True, allowed: a whole number"),
         (DEPTH, {"source": 3}, r"source: given 3, allowed: a text"),
@@ -266,7 +270,9 @@ def test_fields_of_one_of_several_experiments_travel_as_its_settings(several):
     with pytest.raises(notebooks.NotebookError, match="it declares no parameter samples; its"):
         notebooks.fit_parameters(several, given)
     wrong = {"settings_naming": {"samples": "few"}}
-    with pytest.raises(notebooks.NotebookError, match="samples: given 'few', allowed: a whole number"):
+    with pytest.raises(
+        notebooks.NotebookError, match="samples: given 'few', allowed: a whole number"
+    ):
         notebooks.fit_parameters(several, wrong)
     with pytest.raises(notebooks.NotebookError, match="settings: given 3, needed are fields"):
         notebooks.fit_parameters(several, {"settings_naming": 3})
