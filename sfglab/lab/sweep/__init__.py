@@ -1,4 +1,4 @@
-"""Sweeps of points and seeds on local workers or a cluster, with the same rows in the same order."""
+"""Sweeps over points and seeds on local workers or a cluster, with the same rows in order."""
 
 from sfglab.lab.sweep.journal import JournalError, SweepError, journal_of, journals
 from sfglab.lab.sweep.run import Workers, sweep

@@ -1,8 +1,9 @@
 """The journal of a sweep: a file with the finished results and the identity of the sweep.
 
-A journal is an append-only file of JSON lines, so that it survives a crash of its writer. The first line
-identifies the sweep. Each other line holds the index of a point, a seed and their result. Seeds are no part
-of the identity. Every result passes through its JSON text, which keeps all bits of a float.
+A journal is an append-only file of JSON lines, so that it survives a crash of its writer. The first
+line identifies the sweep. Each other line holds the index of a point, a seed and their result.
+Seeds are no part of the identity. Every result passes through its JSON text, which keeps all bits
+of a float.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """A sweep: it runs a task for points and seeds in batches, and returns the results in order.
 
-Threads, processes and workers of a dask scheduler are executors of `concurrent.futures`, so that they share
-one code path.
+Threads, processes and workers of a dask scheduler are executors of `concurrent.futures`, so that
+they share one code path.
 """
 
 from __future__ import annotations
@@ -47,13 +47,13 @@ class Workers:
 
     #: Number of local workers; None: one for each core that this process may use.
     count: int | None = None
-    #: Whether local workers are threads of this process instead of processes. Threads suit tasks in compiled
-    #: code that releases Python's lock, such as `sfglab.rtps.run`: two threads are as fast as two processes
-    #: there, and they start in 0.05 s, where processes need 2 s to start, import and end. An interrupted
-    #: sweep waits for running tasks in threads, and kills processes.
+    #: Whether local workers are threads of this process instead of processes. Threads suit tasks in
+    #: compiled code that releases Python's lock, such as `sfglab.rtps.run`: two threads are as fast
+    #: as two processes there, and they start in 0.05 s, where processes need 2 s to start, import
+    #: and end. An interrupted sweep waits for running tasks in threads, and kills processes.
     threads: bool = False
-    #: Address of a running dask scheduler, ``tcp://host:port``, instead of local workers; None: the value of
-    #: the environment variable ``SFGLAB_SCHEDULER``, if it is set.
+    #: Address of a running dask scheduler, ``tcp://host:port``, instead of local workers; None: the
+    #: value of the environment variable ``SFGLAB_SCHEDULER``, if it is set.
     scheduler: str | None = None
 
     def __post_init__(self) -> None:
@@ -75,12 +75,13 @@ def sweep(
     """Run a task for every point with every seed; return results by point, then by seed.
 
     Results are bit-identical on all kinds of workers. The journal keeps finished results: after an
-    interruption of any kind the same call runs only the missing ones. Delete the journal to run all again.
-    The journal of another task, of other points or of another version of the code is copied, and begun again.
+    interruption of any kind the same call runs only the missing ones. Delete the journal to run all
+    again. The journal of another task, of other points or of another version of the code is copied,
+    and begun again.
 
     Args:
-        task: A function at the top of a module. It returns a row or a tuple of rows: dataclasses or dicts of
-            bool, int, float and str. Its result depends on its arguments alone.
+        task: A function at the top of a module. It returns a row or a tuple of rows: dataclasses or
+            dicts of bool, int, float and str. Its result depends on its arguments alone.
         points: Frozen dataclasses, all different.
         seeds: Seeds, all different.
         journal: Path of the journal. Progress shows its name.
@@ -90,8 +91,8 @@ def sweep(
         Rows as dicts by column, or tuples of them.
 
     Raises:
-        SweepError: The task failed (the message has the point and the seed), a worker ended, or there are no
-            workers.
+        SweepError: The task failed (the message has the point and the seed), a worker ended, or
+            there are no workers.
         JournalError: The journal cannot be used.
         MissingExtraError: A scheduler is given, and the extra ``cluster`` is not installed.
     """
@@ -119,12 +120,13 @@ class Job(NamedTuple):
     seed: int  #: The seed.
 
 
-#: Results of the first jobs of a batch in order, and the error of the next job. Other jobs did not run.
+#: Results of the first jobs of a batch in order, and the error of the next job. The other jobs did
+#: not run.
 Outcome = tuple[list[str], SweepError | None]
 
 
 def run_batch(task: Callable[..., object], code: str, jobs: Sequence[Job]) -> Outcome:
-    """Run jobs until the time of a batch is over. `code` is the digest of the code that the sweep runs."""
+    """Run jobs until the time of a batch is over. `code` is the `code_digest` of the sweep."""
     if code_digest() != code:
         message = "sweep: a worker has another version of the code; install the same version"
         return [], SweepError(message)
@@ -164,7 +166,7 @@ def _run_jobs(
             under_way[future] = batch
             future.add_done_callback(events.put)
 
-    # Ctrl-C waits for its turn, because a KeyboardInterrupt within an executor could leave a lock closed.
+    # Ctrl-C waits for its turn: a KeyboardInterrupt within an executor could leave a lock closed.
     with (
         progress_bar(len(jobs), log.path.stem) as advance,
         _on_interrupt(lambda *_: events.put(None)),
@@ -211,7 +213,8 @@ def _on_interrupt(handler: Any) -> Iterator[None]:
 def connected(workers: Workers, jobs: int) -> Iterator[tuple[Executor, int]]:
     """Connect to workers or start them; yield their executor and their number.
 
-    No more local workers start than there are jobs. They listen on no port, and end with the context.
+    At most one local worker starts per job. Local workers listen on no port, and end with the
+    context.
 
     Raises:
         SweepError: There is no scheduler at the address, or it has no workers.
@@ -243,7 +246,7 @@ def _processes(count: int) -> ProcessPoolExecutor:
     """Return an executor with started processes."""
     spawn = multiprocessing.get_context("spawn")
     pool = ProcessPoolExecutor(count, spawn, begin_worker)
-    # Processes inherit this: Ctrl-C in a terminal reaches none of them before `begin_worker` runs.
+    # Processes inherit this, so that Ctrl-C in a terminal reaches none before `begin_worker` runs.
     with _on_interrupt(signal.SIG_IGN):
         for _ in range(count):
             pool.submit(code_digest)
@@ -252,8 +255,8 @@ def _processes(count: int) -> ProcessPoolExecutor:
 
 def _kill(pool: Any) -> None:
     """Kill the processes of an executor, which itself would wait for their tasks."""
-    # A process may die while it writes a result into this pipe. The executor would wait for the rest
-    # indefinitely if this process kept its own end for writing.
+    # A process may die while it writes a result into this pipe. The executor would wait for the
+    # rest indefinitely if this process kept its own end for writing.
     pool._result_queue._writer.close()  # noqa: SLF001
     for process in list(pool._processes.values()):  # noqa: SLF001
         process.kill()
