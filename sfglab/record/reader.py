@@ -157,12 +157,12 @@ class LogReader(AbstractContextManager["LogReader"]):
         return f"<log {self.path.name}: {count} messages of {len(self.topics)} topics{cut}>"
 
     def _repr_html_(self) -> str:
-        more = (
-            f"metadata: {', '.join(self.metadata_names)}",
-            f"attached: {', '.join(self.attachment_names)}",
-        )
-        said = "; ".join((repr(self)[1:-1], *(text for text in more if not text.endswith(": "))))
-        return html_table(self.overview(), said)
+        text = repr(self)[1:-1]
+        if self.metadata_names:
+            text += f"; metadata: {', '.join(self.metadata_names)}"
+        if self.attachment_names:
+            text += f"; attached: {', '.join(self.attachment_names)}"
+        return html_table(self.overview(), text)
 
     def overview(self) -> list[tuple[str, ...]]:
         """Return a head and a line a topic: type, count, and rate and mean size of its first messages."""
@@ -175,11 +175,7 @@ class LogReader(AbstractContextManager["LogReader"]):
 
     def first(self, topic: str) -> list[LogMessage]:
         """Return a topic's first messages, at most 200: enough for its rate and size."""
-        return (
-            list(itertools.islice(self.messages(topic), _SAMPLE))
-            if self.topics[topic].count
-            else []
-        )
+        return list(itertools.islice(self.messages(topic), _SAMPLE))
 
     @property
     def tables(self) -> tuple[str, ...]:

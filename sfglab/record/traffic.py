@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
-from sfglab.documents import DocumentError, Place
 from sfglab.record.reader import LogReader, rate_and_size
+from sfglab.validation import read
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -41,41 +41,38 @@ class Traffic:
 def traffic_of(log: LogReader) -> Iterator[Traffic]:
     """Yield the traffic of each topic of a log, sorted by name; tables are no topics.
 
-    Raises DocumentError where the record `COMPUTATION_GRAPH` does not hold two lists of names for each topic,
-    LogError where the log is damaged.
+    Raises InvalidValueError if the record `COMPUTATION_GRAPH` does not hold two lists of names for each topic,
+    LogError if the log is damaged.
     """
     sides, tables = _sides(log), {f"/table/{name}" for name in log.tables}
     for name, info in log.topics.items():
         if name not in tables:
-            publishers, subscribers = sides.get(name, (None, ()))
+            nodes = sides.get(name)
             size_bytes, rate_hz, change_s = _measured(log, name)
             yield Traffic(
                 topic=name,
                 type_name=info.type_name,
-                publishers=publishers,
-                subscribers=subscribers,
+                publishers=nodes.publishers if nodes else None,
+                subscribers=nodes.subscribers if nodes else (),
                 size_bytes=size_bytes,
                 rate_hz=rate_hz,
                 change_s=change_s,
             )
 
 
-def _sides(log: LogReader) -> Mapping[str, tuple[tuple[str, ...], tuple[str, ...]]]:
+@dataclass(frozen=True, slots=True)
+class _Sides:
+    """The nodes on both sides of a topic."""
+
+    publishers: tuple[str, ...] = ()
+    subscribers: tuple[str, ...] = ()
+
+
+def _sides(log: LogReader) -> Mapping[str, _Sides]:
     if COMPUTATION_GRAPH not in log.metadata_names:
         return {}
-    sides = {}
-    for topic, given in log.metadata(COMPUTATION_GRAPH).items():
-        found = (
-            [given.get(key, []) for key in ("publishers", "subscribers")]
-            if isinstance(given, dict)
-            else []
-        )
-        if not found or not all(
-            isinstance(s, list) and all(isinstance(n, str) for n in s) for s in found
-        ):
-            place = Place(file=log.path.name, key=f"{COMPUTATION_GRAPH}.{topic}")
-            raise DocumentError(place, given, "lists of names as publishers and subscribers")
-        sides[topic] = (tuple(found[0]), tuple(found[1]))
+    place = f"{log.path.name}: {COMPUTATION_GRAPH}."
+    sides: dict[str, _Sides] = read(dict[str, _Sides], log.metadata(COMPUTATION_GRAPH), place)
     return sides
 
 
