@@ -87,6 +87,13 @@ def _taken(order):
     return what
 
 
+def _wait_for_results(journal):
+    """Wait until the sweep has kept a result, so that there is something to continue."""
+    end_s = time.monotonic() + 30
+    while journal.read_bytes().count(b"\n") < 2 and time.monotonic() < end_s:
+        time.sleep(0.01)
+
+
 def obeying(point, seed):
     """Leave a trace; on the last point, do what the folder's file ``order`` says."""
     folder = Path(point.folder)
@@ -96,6 +103,7 @@ def obeying(point, seed):
         if what == "interrupt":
             raise KeyboardInterrupt
         if what == "kill":
+            _wait_for_results(folder / "journal")
             os.kill(os.getppid(), signal.SIGKILL)
         if what == "ctrl-c":
             os.killpg(0, signal.SIGINT)

@@ -268,7 +268,7 @@ def test_what_was_not_saved_at_ctrl_c_is_said_in_one_line_and_the_file_stays_as_
     monkeypatch.setattr(Planner, "wait", edited_then_interrupted)
     result = CliRunner().invoke(app, ["plan", str(file), "--port", "0", "--no-browser"])
     assert result.exit_code == 0
-    told = "s.yaml: has changes that were not saved; the file is as it was saved last"
+    told = "s.yaml: changes since the last save were not saved"
     assert result.stderr.splitlines() == [told]
     assert file.read_text() == before
     assert not list(tmp_path.glob(".*.part"))
