@@ -264,5 +264,5 @@ def decoder_from_definition(name: str, text: str) -> Callable[[Buffer], Any]:
         store.register(parsed)
         store.get_msgdef(name)
         return _decoder(store, name)
-    except (MessageError, TypesysError, LookupError, SyntaxError, RecursionError) as exc:
+    except (MessageError, TypesysError, LookupError, SyntaxError, NameError, RecursionError) as exc:
         raise CdrError(name, f"its definition cannot be read: {exc}") from exc

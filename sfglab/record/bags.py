@@ -7,6 +7,7 @@ metadata.yaml is missing or damaged.
 from __future__ import annotations
 
 import json
+import os
 import shutil
 import sqlite3
 import tempfile
@@ -29,12 +30,20 @@ if TYPE_CHECKING:
 
 _SUFFIXES = (".mcap", ".db3")
 _COMPRESSED = ".zstd"
+_WRONG_METADATA = (
+    *(OSError, ValueError, KeyError, IndexError),
+    *(TypeError, AttributeError, RecursionError),
+)
+_LEAST, _MOST = -(2**63), 2**63 - 1  # of an integer in SQLite
 _MESSAGES = """
 SELECT topic_id, timestamp, data FROM messages
-WHERE topic_id IN (SELECT value FROM json_each(?)) AND timestamp >= ? AND timestamp < ?
+WHERE typeof(timestamp) = 'integer' AND typeof(data) = 'blob' AND topic_id IN (SELECT value FROM json_each(?)) AND timestamp >= ? AND timestamp <= ?
 ORDER BY timestamp, id
 """
-_COUNT = "SELECT topic_id, COUNT(*), MIN(timestamp), MAX(timestamp) FROM messages GROUP BY topic_id"
+_COUNT = """
+SELECT topic_id, COUNT(*), MIN(timestamp), MAX(timestamp) FROM messages
+WHERE typeof(timestamp) = 'integer' AND typeof(data) = 'blob' GROUP BY topic_id
+"""
 
 
 def is_log(path: Path) -> bool:
@@ -59,7 +68,8 @@ def open_log(path: Path, stack: ExitStack) -> OpenedLog:
         LogError: There is no such file, or nothing in the folder can be read.
     """
     opened = OpenedLog()
-    if not path.exists():
+    # Path.exists raises an error for a name that is too long.
+    if not os.path.exists(path):  # noqa: PTH110
         raise LogError(f"log {path}: no such file")
     if not path.is_dir():
         _add(opened, path, stack)
@@ -83,6 +93,8 @@ def open_log(path: Path, stack: ExitStack) -> OpenedLog:
 
 
 def _add(opened: OpenedLog, path: Path, stack: ExitStack) -> None:
+    if not path.is_file():
+        raise LogError(f"log {path}: no such file")
     plain = path
     if path.suffix == _COMPRESSED:
         plain = Path(stack.enter_context(tempfile.TemporaryDirectory())) / path.stem
@@ -93,7 +105,7 @@ def _add(opened: OpenedLog, path: Path, stack: ExitStack) -> None:
     if plain.suffix == ".bag":
         said = "a bag of ROS 1: convert it by rosbags-convert --src FILE.bag --dst FOLDER"
         raise LogError(f"log {path}: {said}")
-    file = SqliteFile(plain) if plain.suffix == ".db3" else McapFile(plain)
+    file = SqliteFile(plain, path) if plain.suffix == ".db3" else McapFile(plain, path)
     stack.callback(file.close)
     opened.paths.append(path)
     opened.files.append(file)
@@ -110,57 +122,60 @@ def _named_files(path: Path, opened: OpenedLog) -> tuple[list[Path], int | None]
             # Some recorders write the folder's name before the file's.
             files = [path / PurePath(name).name for name in given["relative_file_paths"]]
             count = given["message_count"]
-            opened.compressed_messages = str(given.get("compression_mode")).lower() == "message"
-        except (yaml.YAMLError, OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+            mode = given.get("compression_mode")
+            opened.compressed_messages = isinstance(mode, str) and mode.lower() == "message"
+        except (yaml.YAMLError, *_WRONG_METADATA) as error:
             said = f"metadata.yaml cannot be read, all files of the folder are: {error}"
             opened.warnings.append(f"log {path}: {said}")
         else:
-            return files, count
+            return list(dict.fromkeys(files)), count if isinstance(count, int) else None
     return sorted(file for file in path.iterdir() if _is_part(file)), None
 
 
 def _is_part(file: Path) -> bool:
     plain = file.with_suffix("") if file.suffix == _COMPRESSED else file
-    return plain.suffix in _SUFFIXES
+    # A recorder that was killed while it compressed leaves both files.
+    return plain.suffix in _SUFFIXES and (plain == file or not plain.exists())
 
 
 class SqliteFile:
     """One SQLite file of a rosbag2; see `sfglab.record.parts.LogFile`.
 
-    If the recorder was killed, SQLite's write-ahead log holds the last messages. The file is then
-    read from a copy, because SQLite would change files beside the original.
+    If the recorder was killed, SQLite's write-ahead log holds the last messages, or its journal
+    those of before. The file is then read from a copy, because SQLite would change files beside
+    the original.
     """
 
     truncated = False
 
-    def __init__(self, path: Path) -> None:
-        """Open a file and count its messages.
+    def __init__(self, path: Path, name: Path) -> None:
+        """Open a file, which errors call `name`, and count its messages.
 
         Raises:
             LogError: It is no SQLite file of a rosbag2.
         """
-        self._path = path
+        self._path = name
         self._stack = ExitStack()
         try:
             with self._damage():
-                self._open()
+                self._open(path.resolve())
         except BaseException:
             self._stack.close()
             raise
 
-    def _open(self) -> None:
-        place = self._path.absolute()
-        write_ahead_log = place.with_name(f"{place.name}-wal")
+    def _open(self, place: Path) -> None:
+        beside = [place.with_name(f"{place.name}-{kind}") for kind in ("wal", "journal")]
+        beside = [file for file in beside if file.is_file() and file.stat().st_size]
         how = "immutable=1"
-        if write_ahead_log.is_file() and write_ahead_log.stat().st_size:
+        if beside:
             folder = Path(self._stack.enter_context(tempfile.TemporaryDirectory()))
-            for file in (place, write_ahead_log):
+            for file in (place, *beside):
                 shutil.copyfile(file, folder / file.name)
             place = folder / place.name
             how = "mode=rw"
         # The reader of a log may be opened and read in different threads, one after the other.
         self._database = sqlite3.connect(
-            f"file:{quote(str(place))}?{how}", uri=True, check_same_thread=False
+            f"file://{quote(os.fsencode(place))}?{how}", uri=True, check_same_thread=False
         )
         self._stack.callback(self._database.close)
         self._database.text_factory = lambda data: data.decode(errors="replace")
@@ -171,16 +186,16 @@ class SqliteFile:
             key = topic["type"], topic.get("type_description_hash")
             encoding, text = definitions.get(key) or definitions.get(key[0], ("", ""))
             self._channels[topic["id"]] = Channel(
-                topic=topic["name"],
-                type_name=topic["type"],
-                encoding=topic["serialization_format"],
-                definition=text.encode(),
-                definition_encoding=encoding,
-                offered_qos=topic.get("offered_qos_profiles", ""),
+                topic=str(topic["name"]),
+                type_name=str(topic["type"]),
+                encoding=str(topic["serialization_format"]),
+                definition=str(text or "").encode(),
+                definition_encoding=str(encoding),
+                offered_qos=str(topic.get("offered_qos_profiles", "")),
                 count=counts.get(topic["id"], (0,))[0],
             )
         self.channels = tuple(self._channels.values())
-        times = [row[1:] for row in counts.values()]
+        times = [counts[number][1:] for number in self._channels if number in counts]
         self.span_ns = None
         if times:
             self.span_ns = min(first for first, _ in times), max(last for _, last in times)
@@ -210,9 +225,11 @@ class SqliteFile:
     ) -> Iterator[StoredMessage]:
         """Yield messages in the order of log time."""
         wanted = [number for number, channel in self._channels.items() if channel in channels]
-        latest = 2**63 - 1 if end_ns is None else end_ns
+        # SQLite takes NumPy's integers for bytes, and no integer beyond its own.
+        earliest = _LEAST if start_ns is None else max(_LEAST, min(int(start_ns), _MOST))
+        latest = _MOST if end_ns is None else max(_LEAST, min(int(end_ns) - 1, _MOST))
         with self._damage():
-            found = self._rows(_MESSAGES, (json.dumps(wanted), start_ns or 0, latest))
+            found = self._rows(_MESSAGES, (json.dumps(wanted), earliest, latest))
             for number, time_ns, data in found:
                 yield StoredMessage(self._channels[number], time_ns, time_ns, data)
 
@@ -220,7 +237,7 @@ class SqliteFile:
     def _damage(self) -> Iterator[None]:
         try:
             yield
-        except (sqlite3.Error, OSError, KeyError, TypeError, AttributeError) as error:
+        except (sqlite3.Error, OSError, KeyError, TypeError, AttributeError, ValueError) as error:
             said = f"no SQLite file of a rosbag2, or damaged: {error}"
             raise LogError(f"log {self._path}: {said}") from error
 

@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import struct
 import zlib
-from bisect import bisect_left
 from collections import Counter
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from heapq import heappop, heappush
 from io import SEEK_END, BytesIO
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any, BinaryIO, NamedTuple
@@ -58,6 +58,14 @@ _MOST_BYTES = 2**26
 _MOST_RECORDS = 256
 
 
+# Kinds of records that stand in the data section alone, and in the summary section alone.
+_DATA = (records.Attachment, records.Chunk, records.Message, records.Metadata)
+_SUMMARY = (
+    *(records.AttachmentIndex, records.ChunkIndex),
+    *(records.MetadataIndex, records.Statistics),
+)
+
+
 class _Block(NamedTuple):
     """A chunk, or a message outside chunks."""
 
@@ -74,9 +82,10 @@ class _Index:
     schemas: dict[int, records.Schema] = field(default_factory=dict)
     channels: dict[int, records.Channel] = field(default_factory=dict)
     counts: Counter[int] = field(default_factory=Counter)
-    blocks: list[_Block] = field(default_factory=list)
-    metadata: list[int] = field(default_factory=list)  # offsets
+    blocks: dict[int, _Block] = field(default_factory=dict)  # by offset
+    metadata: dict[int, None] = field(default_factory=dict)  # offsets
     attachments: dict[str, tuple[int, str]] = field(default_factory=dict)  # offset, media type
+    span_ns: tuple[int, int] | None = None  # as the summary says
     is_whole: bool = False
 
     @property
@@ -84,7 +93,8 @@ class _Index:
         """Whether each message can be found, with its channel and schema."""
         known = self.counts.keys() <= self.channels.keys()
         schemas = {channel.schema_id for channel in self.channels.values()}
-        return known and schemas <= {0, *self.schemas} and bool(self.blocks or not self.counts)
+        # An empty map of counts says that they are not known.
+        return known and schemas <= {0, *self.schemas} and bool(self.blocks) == bool(self.counts)
 
     def add(self, record: Any, offset: int) -> None:
         """Add a record of the data section or of a chunk."""
@@ -93,7 +103,7 @@ class _Index:
         elif isinstance(record, records.Channel):
             self.channels[record.id] = record
         elif isinstance(record, records.Metadata):
-            self.metadata.append(offset)
+            self.metadata[offset] = None
         elif isinstance(record, records.Attachment):
             self.attachments[record.name] = offset, record.media_type
         elif isinstance(record, records.Chunk):
@@ -107,16 +117,19 @@ class _Index:
 
     def _add_summary(self, record: Any) -> None:
         if isinstance(record, records.MetadataIndex):
-            self.metadata.append(record.offset)
+            self.metadata[record.offset] = None
         elif isinstance(record, records.AttachmentIndex):
             self.attachments[record.name] = record.offset, record.media_type
         elif isinstance(record, records.Statistics):
-            self.counts.update(record.channel_message_counts)
+            self.counts = Counter(record.channel_message_counts)
+            if record.message_count:  # a chunk without messages has zeros for its times
+                self.span_ns = record.message_start_time, record.message_end_time
             self.is_whole = True
         else:
             times = record.message_start_time, record.message_end_time
             channels = frozenset(record.message_index_offsets) or None
-            self.blocks.append(_Block(record.chunk_start_offset, *times, channels))
+            start = record.chunk_start_offset
+            self.blocks[start] = _Block(start, *times, channels)
 
     def _add_messages(self, found: list[Any], offset: int) -> None:
         """Add definitions and messages of a block; no message where one has no channel."""
@@ -130,25 +143,25 @@ class _Index:
         if messages:
             times = [message.log_time for message in messages]
             self.counts.update(counts)
-            self.blocks.append(_Block(offset, min(times), max(times), frozenset(counts)))
+            self.blocks[offset] = _Block(offset, min(times), max(times), frozenset(counts))
 
 
 class McapFile:
     """One MCAP file; see `sfglab.record.parts.LogFile`."""
 
-    def __init__(self, path: Path) -> None:
-        """Open a file and read its index, or make one where it has none.
+    def __init__(self, path: Path, name: Path) -> None:
+        """Open a file, which errors call `name`, and read its index, or make one where it has none.
 
         Raises:
             LogError: The file cannot be opened, is empty or is no MCAP file.
         """
-        self._path = path
+        self._path = name
         try:
             self._stream = path.open("rb")
         except OSError as error:
-            raise LogError(f"log {path}: cannot be read: {error.strerror}") from error
-        self._size = self._stream.seek(0, SEEK_END)
+            raise LogError(f"log {name}: cannot be read: {error.strerror}") from error
         try:
+            self._size = self._stream.seek(0, SEEK_END)
             self._index = self._read_index()
         except BaseException:
             self._stream.close()
@@ -158,9 +171,9 @@ class McapFile:
         }
         self.channels = tuple(self._channels.values())
         self.truncated = not self._index.is_whole
-        blocks = self._index.blocks
-        self.span_ns = None
-        if self._index.counts:
+        self.span_ns = self._index.span_ns
+        blocks = self._index.blocks.values()
+        if blocks and self.span_ns is None:
             self.span_ns = min(b.start_ns for b in blocks), max(b.end_ns for b in blocks)
 
     def _channel(self, number: int, record: records.Channel) -> Channel:
@@ -179,11 +192,12 @@ class McapFile:
         self, channels: Collection[Channel], start_ns: int | None, end_ns: int | None
     ) -> Iterator[StoredMessage]:
         """Yield messages in the order of log time; blocks are read one after the other."""
-        wanted = {number for number, channel in self._channels.items() if channel in channels}
+        asked = frozenset(channels)
+        wanted = {number for number, channel in self._channels.items() if channel in asked}
         after = 2**64 if end_ns is None else end_ns
         blocks = [
             block
-            for block in self._index.blocks
+            for block in self._index.blocks.values()
             if (block.channels is None or block.channels & wanted)
             and block.end_ns >= (start_ns or 0)
             and block.start_ns < after
@@ -192,14 +206,13 @@ class McapFile:
         # Messages of one time come in the order of the file: by block, then within the block.
         pending: list[tuple[int, int, int, StoredMessage]] = []
         for block in blocks:
-            ready = bisect_left(pending, (block.start_ns,))
-            yield from (stored for *_, stored in pending[:ready])
-            del pending[:ready]
+            while pending and pending[0][0] < block.start_ns:
+                yield heappop(pending)[-1]
             for number, stored in enumerate(self._stored(block, wanted)):
                 if (start_ns or 0) <= stored.log_time_ns < after:
-                    pending.append((stored.log_time_ns, block.offset, number, stored))
-            pending.sort()
-        yield from (stored for *_, stored in pending)
+                    heappush(pending, (stored.log_time_ns, block.offset, number, stored))
+        while pending:
+            yield heappop(pending)[-1]
 
     def _stored(self, block: _Block, wanted: set[int]) -> list[StoredMessage]:
         found = []
@@ -265,8 +278,11 @@ class McapFile:
 
     def _add_from(self, index: _Index, start: int) -> None:
         """Add whole records up to the end of a section; one that is cut off or damaged ends it."""
+        others = _SUMMARY if start == len(_MAGIC) else _DATA
         try:
             for record, offset in _records_from(self._stream, self._size, start):
+                if record is None or isinstance(record, others):
+                    continue
                 index.add(record, offset)
                 if isinstance(record, records.DataEnd):
                     return
@@ -291,7 +307,7 @@ class McapFile:
 
 
 def _records_from(stream: BinaryIO, size: int, offset: int = 0) -> Iterator[tuple[Any, int]]:
-    """Yield each whole record of a known kind with its offset."""
+    """Yield each whole record with its offset; None for a record of an unknown kind."""
     while 0 <= offset <= size - _HEAD.size:
         stream.seek(offset)
         opcode, length = _HEAD.unpack(stream.read(_HEAD.size))
@@ -307,7 +323,10 @@ def _records_from(stream: BinaryIO, size: int, offset: int = 0) -> Iterator[tupl
         elif opcode in _RECORDS:
             content_stream = ReadDataStream(BytesIO(stream.read(length)))
             yield _RECORDS[opcode].read(content_stream), offset
+        else:
+            yield None, offset
         offset = end
+        stream.seek(end)
 
 
 def _records_of_chunk(chunk: records.Chunk) -> list[Any]:
@@ -320,11 +339,13 @@ def _records_of_chunk(chunk: records.Chunk) -> list[Any]:
     most = _MOST_RECORDS + 2 * len(chunk.data)
     found: list[Any] = []
     stream = BytesIO(content)
-    for record, _ in _records_from(stream, len(content)):
+    for number, (record, _) in enumerate(_records_from(stream, len(content))):
+        if number >= most:
+            raise McapError(f"a chunk holds more than {most} records")
+        if record is None:
+            continue
         if not isinstance(record, (records.Schema, records.Channel, records.Message)):
             raise McapError(f"a chunk holds a record of kind {type(record).__name__}")
-        if len(found) >= most:
-            raise McapError(f"a chunk holds more than {most} records")
         found.append(record)
     if stream.tell() != len(content):
         raise McapError("a chunk ends within a record")
@@ -340,7 +361,10 @@ def _decompressed(chunk: records.Chunk) -> bytes:
     if chunk.compression == "zstd":
         data = decompress(data, size)
     elif chunk.compression == "lz4":
-        data = LZ4FrameDecompressor().decompress(data, max_length=size)
+        lz4 = LZ4FrameDecompressor()
+        data = lz4.decompress(data, max_length=size)
+        if not lz4.eof:
+            raise McapError(f"a chunk claims {size} bytes and holds more")
     elif chunk.compression:
         raise McapError(f"a chunk is compressed by {chunk.compression!r}; allowed are zstd and lz4")
     if len(data) != size:

@@ -150,17 +150,15 @@ def profile_from_bag(text: str) -> QoSProfile:
     from rosbags.rosbag2.errors import ReaderError
     from rosbags.rosbag2.metadata import parse_qos
 
+    wrong = (ReaderError, LookupError, TypeError, ValueError, AttributeError, RecursionError)
     try:
         (offered, *_) = parse_qos(text) or (None,)
-    except (ReaderError, KeyError, TypeError, AttributeError):
-        offered = None
-    if offered is None:
+        return QoSProfile() if offered is None else _profile(offered)
+    except wrong:
         return QoSProfile()
 
-    def duration_ns(given: Any) -> int | None:
-        time_ns = given.sec * NS_PER_S + given.nsec
-        return time_ns if 0 < time_ns < _INFINITE_NS else None
 
+def _profile(offered: Any) -> QoSProfile:
     policies: dict[str, Any] = {}
     for name, kinds in _POLICIES.items():
         # Unknown and best-available policies, which rosbags names as well, stay at the default.
@@ -168,11 +166,16 @@ def profile_from_bag(text: str) -> QoSProfile:
             policies[name] = kind
     return QoSProfile(
         **policies,
-        depth=offered.depth if 0 < offered.depth < 2**31 else QoSProfile().depth,
-        deadline_ns=duration_ns(offered.deadline),
-        lifespan_ns=duration_ns(offered.lifespan),
-        lease_ns=duration_ns(offered.liveliness_lease_duration),
+        depth=int(offered.depth) if 0 < offered.depth < 2**31 else QoSProfile().depth,
+        deadline_ns=_duration_ns(offered.deadline),
+        lifespan_ns=_duration_ns(offered.lifespan),
+        lease_ns=_duration_ns(offered.liveliness_lease_duration),
     )
+
+
+def _duration_ns(given: Any) -> int | None:
+    time_ns = given.sec * NS_PER_S + given.nsec
+    return time_ns if 0 < time_ns < _INFINITE_NS else None
 
 
 def _plain(value: Any) -> Any:

@@ -11,6 +11,7 @@ import itertools
 import logging
 from contextlib import AbstractContextManager, ExitStack
 from dataclasses import dataclass
+from functools import cached_property
 from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -110,7 +111,7 @@ class LogReader(AbstractContextManager["LogReader"]):
         #: Whether a file ends before its data does.
         self.truncated = any(file.truncated for file in self._files)
 
-    @property
+    @cached_property
     def topics(self) -> dict[str, TopicInfo]:
         """The topics in this log, sorted by name; tables are among them."""
         found: dict[str, TopicInfo] = {}

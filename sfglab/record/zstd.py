@@ -36,7 +36,8 @@ def decompress_file(source: Path, target: Path) -> None:
     """
     left = _MOST_BYTES + _MOST_RATIO * source.stat().st_size
     with source.open("rb") as compressed, target.open("wb") as plain:
-        for part in ZstdDecompressor().read_to_iter(compressed):
+        reader = ZstdDecompressor().stream_reader(compressed, read_across_frames=True)
+        while part := reader.read(2**20):
             left -= len(part)
             if left < 0:
                 raise ZstdError(f"{source.name} holds far more than its size allows")
