@@ -1,7 +1,7 @@
 """Reading rosbag2 folders and their SQLite files.
 
-A folder is the files that its metadata.yaml names, or all MCAP and SQLite files in it if
-metadata.yaml is missing or damaged.
+In a folder, the files are read that its metadata.yaml names. If metadata.yaml is missing or
+damaged, all MCAP and SQLite files of the folder are read.
 """
 
 from __future__ import annotations
@@ -24,20 +24,28 @@ from sfglab.record.parts import Channel, LogError, StoredMessage
 from sfglab.record.zstd import decompress_file
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Iterator, Mapping
+    from collections.abc import Collection, Iterator
 
     from sfglab.record.parts import LogFile
 
 _SUFFIXES = (".mcap", ".db3")
 _COMPRESSED = ".zstd"
+# Errors of metadata.yaml whose values are missing or of another kind.
 _WRONG_METADATA = (
-    *(OSError, ValueError, KeyError, IndexError),
-    *(TypeError, AttributeError, RecursionError),
+    OSError,
+    ValueError,
+    LookupError,
+    TypeError,
+    AttributeError,
+    RecursionError,
 )
-_LEAST, _MOST = -(2**63), 2**63 - 1  # of an integer in SQLite
+# The bounds of an integer in SQLite.
+_LEAST = -(2**63)
+_MOST = 2**63 - 1
 _MESSAGES = """
 SELECT topic_id, timestamp, data FROM messages
-WHERE typeof(timestamp) = 'integer' AND typeof(data) = 'blob' AND topic_id IN (SELECT value FROM json_each(?)) AND timestamp >= ? AND timestamp <= ?
+WHERE typeof(timestamp) = 'integer' AND typeof(data) = 'blob'
+AND topic_id IN (SELECT value FROM json_each(?)) AND timestamp >= ? AND timestamp <= ?
 ORDER BY timestamp, id
 """
 _COUNT = """
@@ -112,7 +120,7 @@ def _add(opened: OpenedLog, path: Path, stack: ExitStack) -> None:
 
 
 def _named_files(path: Path, opened: OpenedLog) -> tuple[list[Path], int | None]:
-    """Return the files of a folder and the number of their messages, as far as it says so."""
+    """Return the files of a folder, and the number of messages that metadata.yaml gives."""
     import yaml
 
     metadata = path / "metadata.yaml"
@@ -141,8 +149,8 @@ def _is_part(file: Path) -> bool:
 class SqliteFile:
     """One SQLite file of a rosbag2; see `sfglab.record.parts.LogFile`.
 
-    If the recorder was killed, SQLite's write-ahead log holds the last messages, or its journal
-    those of before. The file is then read from a copy, because SQLite would change files beside
+    If the recorder was killed, SQLite needs its write-ahead log or its journal to find the last
+    committed messages. The file is then read from a copy, because SQLite would change files beside
     the original.
     """
 
@@ -179,7 +187,7 @@ class SqliteFile:
         )
         self._stack.callback(self._database.close)
         self._database.text_factory = lambda data: data.decode(errors="replace")
-        counts = {number: row for number, *row in self._rows(_COUNT)}
+        counts = {number: row for number, *row in self._database.execute(_COUNT)}
         definitions = self._definitions()
         self._channels = {}
         for topic in self._records("SELECT * FROM topics"):
@@ -200,17 +208,14 @@ class SqliteFile:
         if times:
             self.span_ns = min(first for first, _ in times), max(last for _, last in times)
 
-    def _rows(self, query: str, values: tuple[Any, ...] = ()) -> sqlite3.Cursor:
-        return self._database.execute(query, values)
-
     def _records(self, query: str) -> list[dict[str, Any]]:
-        cursor = self._rows(query)
+        cursor = self._database.execute(query)
         names = [column[0] for column in cursor.description]
         return [dict(zip(names, row, strict=True)) for row in cursor]
 
     def _definitions(self) -> dict[Any, tuple[str, str]]:
         """Return encoding and text by type, and by type and hash; Humble wrote none."""
-        tables = [name for (name,) in self._rows("SELECT name FROM sqlite_master")]
+        tables = [name for (name,) in self._database.execute("SELECT name FROM sqlite_master")]
         if "message_definitions" not in tables:
             return {}
         found = {}
@@ -229,7 +234,7 @@ class SqliteFile:
         earliest = _LEAST if start_ns is None else max(_LEAST, min(int(start_ns), _MOST))
         latest = _MOST if end_ns is None else max(_LEAST, min(int(end_ns) - 1, _MOST))
         with self._damage():
-            found = self._rows(_MESSAGES, (json.dumps(wanted), earliest, latest))
+            found = self._database.execute(_MESSAGES, (json.dumps(wanted), earliest, latest))
             for number, time_ns, data in found:
                 yield StoredMessage(self._channels[number], time_ns, time_ns, data)
 
@@ -240,18 +245,6 @@ class SqliteFile:
         except (sqlite3.Error, OSError, KeyError, TypeError, AttributeError, ValueError) as error:
             said = f"no SQLite file of a rosbag2, or damaged: {error}"
             raise LogError(f"log {self._path}: {said}") from error
-
-    def metadata(self) -> Mapping[str, Mapping[str, str]]:
-        """Return none: such a file holds messages alone."""
-        return {}
-
-    def media_types(self) -> Mapping[str, str]:
-        """Return none."""
-        return {}
-
-    def attachment(self, name: str) -> bytes:
-        """Raise KeyError: there is none."""
-        raise KeyError(name)
 
     def close(self) -> None:
         """Close the file; a second time does nothing."""

@@ -24,7 +24,7 @@ from mcap.opcode import Opcode
 from zstandard import ZstdError
 
 from sfglab.record.parts import Channel, LogError, StoredMessage
-from sfglab.record.zstd import decompress
+from sfglab.record.zstd import decompress, most_bytes
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator, Mapping
@@ -49,20 +49,26 @@ _RECORDS: dict[int, Any] = {
 # Checksums and text that are wrong are ValueErrors, lz4's error is a RuntimeError, and mcap
 # believes lengths and offsets before it uses them.
 _DAMAGE = (
-    *(McapError, ZstdError, ValueError, KeyError, struct.error, OSError),
-    *(OverflowError, MemoryError, RuntimeError, EOFError),
+    McapError,
+    ZstdError,
+    ValueError,
+    KeyError,
+    struct.error,
+    OSError,
+    OverflowError,
+    MemoryError,
+    RuntimeError,
+    EOFError,
 )
-# A chunk may hold so many bytes, and 1024 more for each compressed byte: a black picture does.
-_MOST_BYTES = 2**26
 # A chunk may hold so many records, and 2 more for each compressed byte: their times differ.
 _MOST_RECORDS = 256
-
-
 # Kinds of records that stand in the data section alone, and in the summary section alone.
 _DATA = (records.Attachment, records.Chunk, records.Message, records.Metadata)
 _SUMMARY = (
-    *(records.AttachmentIndex, records.ChunkIndex),
-    *(records.MetadataIndex, records.Statistics),
+    records.AttachmentIndex,
+    records.ChunkIndex,
+    records.MetadataIndex,
+    records.Statistics,
 )
 
 
@@ -355,7 +361,7 @@ def _records_of_chunk(chunk: records.Chunk) -> list[Any]:
 def _decompressed(chunk: records.Chunk) -> bytes:
     """Return the records of a chunk, decompressed as far as the chunk says."""
     data, size = chunk.data, chunk.uncompressed_size
-    most = _MOST_BYTES + 1024 * len(data)
+    most = most_bytes(len(data))
     if size > most:
         raise McapError(f"a chunk of {len(data)} bytes claims {size}; allowed are {most}")
     if chunk.compression == "zstd":

@@ -1,4 +1,4 @@
-"""Parts of a log: a channel, one stored message, and what each kind of file offers to `LogReader`."""
+"""Parts of a log: a channel, a stored message, and the protocol of the files that `LogReader` reads."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple, Protocol
 from sfglab.errors import SfglabError
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Iterator, Mapping
+    from collections.abc import Collection, Iterator
 
 
 class LogError(SfglabError, ValueError):
@@ -38,7 +38,7 @@ class StoredMessage(NamedTuple):
 
 
 class LogFile(Protocol):
-    """One file of a log. Its methods raise LogError where the file is damaged."""
+    """One file of a log. Its methods raise LogError if the file is damaged."""
 
     channels: tuple[Channel, ...]
     span_ns: tuple[int, int] | None  #: Log times of the first and the last message.
@@ -48,15 +48,6 @@ class LogFile(Protocol):
         self, channels: Collection[Channel], start_ns: int | None, end_ns: int | None
     ) -> Iterator[StoredMessage]:
         """Yield the messages of some channels in the order of log time, up to before `end_ns`."""
-
-    def metadata(self) -> Mapping[str, Mapping[str, str]]:
-        """Return the metadata records by name, in the order of writing."""
-
-    def media_types(self) -> Mapping[str, str]:
-        """Return the names of the attached files with their media types, in the order of writing."""
-
-    def attachment(self, name: str) -> bytes:
-        """Return the content of one attached file."""
 
     def close(self) -> None:
         """Close the file."""

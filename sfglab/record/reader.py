@@ -21,6 +21,7 @@ from zstandard import ZstdError
 from sfglab.messages import decoder, decoder_from_definition
 from sfglab.messages.store import is_known, is_known_as
 from sfglab.record.bags import open_log
+from sfglab.record.mcap_file import McapFile
 from sfglab.record.metadata import profile_from_bag, values_from_strings
 from sfglab.record.parts import LogError
 from sfglab.record.writer import TABLE_PREFIX, TIME_COLUMN
@@ -106,6 +107,8 @@ class LogReader(AbstractContextManager["LogReader"]):
         for warning in opened.warnings:
             self._warn(warning)
         self._files = opened.files
+        # Metadata and attached files are in MCAP files only.
+        self._mcap_files = [file for file in self._files if isinstance(file, McapFile)]
         self._compressed = opened.compressed_messages
         self._channels = tuple(channel for file in self._files for channel in file.channels)
         #: Whether a file ends before its data does.
@@ -148,7 +151,7 @@ class LogReader(AbstractContextManager["LogReader"]):
     def media_types(self) -> dict[str, str]:
         """The attached files in this log with their media types, in the order of writing."""
         found: dict[str, str] = {}
-        for file in self._files:
+        for file in self._mcap_files:
             found |= file.media_types()
         return found
 
@@ -166,7 +169,7 @@ class LogReader(AbstractContextManager["LogReader"]):
         return html_table(self.overview(), text)
 
     def overview(self) -> list[tuple[str, ...]]:
-        """Return a head and a line a topic: type, count, and rate and mean size of its first messages."""
+        """Return a header and a row for each topic: type, count, and rate and mean size of its first messages."""
         rows: list[tuple[str, ...]] = [("topic", "type", "messages", "Hz", "bytes")]
         for topic, info in self.topics.items():
             rate_hz, size = rate_and_size(self.first(topic))
@@ -188,7 +191,7 @@ class LogReader(AbstractContextManager["LogReader"]):
     @property
     def metadata_names(self) -> tuple[str, ...]:
         """The names of the metadata records in this log, in the order of writing."""
-        return tuple(dict.fromkeys(name for file in self._files for name in file.metadata()))
+        return tuple(dict.fromkeys(name for file in self._mcap_files for name in file.metadata()))
 
     @property
     def attachment_names(self) -> tuple[str, ...]:
@@ -198,7 +201,7 @@ class LogReader(AbstractContextManager["LogReader"]):
     def metadata(self, name: str) -> dict[str, Any]:
         """Return one metadata record as it was written; LogError if there is none of that name."""
         self._check_open()
-        for file in self._files:
+        for file in self._mcap_files:
             records = file.metadata()
             if name in records:
                 return values_from_strings(records[name])
@@ -207,7 +210,7 @@ class LogReader(AbstractContextManager["LogReader"]):
     def attachment(self, name: str) -> bytes:
         """Return the content of one attached file, by its name; LogError if there is none."""
         self._check_open()
-        for file in self._files:
+        for file in self._mcap_files:
             if name in file.media_types():
                 return bytes(file.attachment(name))
         raise _missing("attachment", name, self.attachment_names)

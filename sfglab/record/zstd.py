@@ -9,9 +9,13 @@ from zstandard import ZstdDecompressor, ZstdError, frame_content_size
 if TYPE_CHECKING:
     from pathlib import Path
 
-# The bound on what compressed bytes may become; a file of zeros is that dense.
-_MOST_BYTES = 2**26
-_MOST_RATIO = 1024
+
+def most_bytes(compressed: int) -> int:
+    """Return a bound on the size of what is compressed to a number of bytes.
+
+    A black picture takes a thousandth of its size.
+    """
+    return 2**26 + 1024 * compressed
 
 
 def decompress(data: bytes, most: int | None = None) -> bytes:
@@ -21,7 +25,7 @@ def decompress(data: bytes, most: int | None = None) -> bytes:
         ZstdError: The frame is damaged, or holds more.
     """
     if most is None:
-        most = _MOST_BYTES + _MOST_RATIO * len(data)
+        most = most_bytes(len(data))
     if frame_content_size(data) > most:
         raise ZstdError(f"{len(data)} compressed bytes hold more than {most}")
     return ZstdDecompressor().decompress(data, max_output_size=most)
@@ -34,7 +38,7 @@ def decompress_file(source: Path, target: Path) -> None:
         ZstdError: The file is damaged, or holds far more than real ones do.
         OSError: A file cannot be read or written.
     """
-    left = _MOST_BYTES + _MOST_RATIO * source.stat().st_size
+    left = most_bytes(source.stat().st_size)
     with source.open("rb") as compressed, target.open("wb") as plain:
         reader = ZstdDecompressor().stream_reader(compressed, read_across_frames=True)
         while part := reader.read(2**20):
