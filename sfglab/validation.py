@@ -26,10 +26,10 @@ Core = dict[str, Any]  #: Pydantic's description of a type.
 _LIMITS = ("ge", "gt", "le", "lt")
 
 
-def suggestion(word: object, known: Iterable[str]) -> str:
+def suggestion(word: object, known: Iterable[str], meant: str = "mean") -> str:
     """Return ``; did you mean 'x'?`` for the closest known word, or nothing when none is close."""
     close = get_close_matches(str(word), list(known), n=1, cutoff=0.6)
-    return f"; did you mean {close[0]!r}?" if close else ""
+    return f"; did you {meant} {close[0]!r}?" if close else ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,20 +55,23 @@ def _worst(mistakes: list[ErrorDetails], value: Any) -> tuple[KeyPath, object, s
 
     Alternatives of a union are refused at one path: all of them are allowed there.
     """
-    found: dict[KeyPath, list[tuple[object, str]]] = {}
+    found: dict[KeyPath, list[tuple[object, str, bool]]] = {}  # the last: our own words
     for mistake in mistakes:
         path = _path(mistake["loc"], value)
         own = mistake.get("ctx", {}).get("error")
         if isinstance(own, InvalidValueError):
             path += own.place if isinstance(own.place, tuple) else (own.place,)
-            refused = own.given, own.allowed
+            refused = own.given, own.allowed, True
         else:
-            refused = value_at(value, path), _CONTAINERS.get(mistake["type"], mistake["msg"])
+            words = _CONTAINERS.get(mistake["type"], mistake["msg"])
+            refused = value_at(value, path), words, False
         found.setdefault(path, []).append(refused)
     deepest = max(found, key=len)
-    given = found[deepest][0][0]
-    allowed = " or ".join(dict.fromkeys(words for _, words in found[deepest]))
-    if isinstance(given, str) and "mean" not in allowed:
+    given, _, is_own = found[deepest][0]
+    allowed = " or ".join(dict.fromkeys(words for _, words, _ in found[deepest]))
+    if is_own:
+        return deepest, given, allowed
+    if isinstance(given, str):
         allowed += suggestion(given, allowed.split(" or "))
     elif isinstance(given, int | float) and "a text" in allowed:
         allowed += " (quote it)"
@@ -220,7 +223,8 @@ def _check_tag(key: str, words: list[str], given: Any) -> Any:
     _check_mapping(given)
     _check_has(given, key, given)
     if given[key] not in words:
-        raise InvalidValueError(key, given[key], " or ".join(words))
+        allowed = " or ".join(words) + suggestion(given[key], words)
+        raise InvalidValueError(key, given[key], allowed)
     return given
 
 
@@ -231,7 +235,7 @@ def _check_mapping(given: Any) -> None:
 
 def _check_has(given: Mapping[str, Any], key: str, unknown: Iterable[str]) -> None:
     if key not in given:
-        slip = suggestion(key, unknown).replace("mean", "mean it by")
+        slip = suggestion(key, unknown, "mean it by")
         raise InvalidValueError(key, None, f"{key!r} is needed here{slip}")
 
 
