@@ -18,7 +18,18 @@ PYPROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
 
 FLOORS = (
     (
-        *("names", "domains", "qos", "errors", "machine", "component", "fields", "units", "files"),
+        *(
+            "names",
+            "lazy",
+            "domains",
+            "qos",
+            "errors",
+            "machine",
+            "component",
+            "fields",
+            "units",
+            "files",
+        ),
         *("processes", "documents", "schema", "tables", "compiling", "validation"),
     ),
     ("messages", "rtps", "codecs"),

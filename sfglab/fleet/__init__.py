@@ -6,8 +6,9 @@ package starts faster without the others.
 
 from __future__ import annotations
 
-from importlib import import_module
 from typing import TYPE_CHECKING
+
+from sfglab.lazy import loader
 
 __all__ = [
     "TABLE_1",
@@ -63,9 +64,4 @@ if TYPE_CHECKING:
     from sfglab.fleet.status.description import AgentDescription
     from sfglab.fleet.status.node import StatusProvider, StatusSettings
 else:
-
-    def __getattr__(name: str) -> object:
-        """Load a public name (PEP 562)."""
-        if name not in _MODULES:
-            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-        return getattr(import_module(f"{__name__}.{_MODULES[name]}"), name)
+    __getattr__ = loader(__name__, _MODULES)

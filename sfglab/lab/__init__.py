@@ -6,8 +6,9 @@ package starts faster without the others.
 
 from __future__ import annotations
 
-from importlib import import_module
 from typing import TYPE_CHECKING
+
+from sfglab.lazy import loader
 
 __all__ = [
     "Actor",
@@ -60,9 +61,4 @@ if TYPE_CHECKING:
     from sfglab.lab.stats import Estimate, median_of, ratio_of, share_of
     from sfglab.lab.workers.camera import CameraConfig, run_camera
 else:
-
-    def __getattr__(name: str) -> object:
-        """Load a public name (PEP 562)."""
-        if name not in _MODULES:
-            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-        return getattr(import_module(f"{__name__}.{_MODULES[name]}"), name)
+    __getattr__ = loader(__name__, _MODULES)
