@@ -42,6 +42,8 @@ _log = logging.getLogger(__name__)
 _T = TypeVar("_T")
 _LEFT_PX, _RIGHT_PX, _TIME_PX = 270, 330, 560
 _SAID_S = 10.0
+#: Period at which `Planner.wait` looks for Ctrl-C, s.
+_NOTICE_S = 1.0
 
 
 class ConflictWatch:
@@ -160,7 +162,10 @@ class Planner(AbstractContextManager["Planner"]):
 
     def wait(self) -> None:
         """Return when it is closed."""
-        self._closed.wait()
+        # Python runs the handler of Ctrl-C in the main thread. If another thread received the
+        # signal, an endless wait would not notice it.
+        while not self._closed.wait(_NOTICE_S):
+            pass
 
     def close(self) -> None:
         """Finish what was asked for and stop serving; again is harmless. Saves nothing."""
