@@ -31,6 +31,7 @@ from sfglab.lab.experiment import QUICK
 from sfglab.lab.experiments import EXPERIMENTS, experiment
 from sfglab.lab.progress import is_line
 from sfglab.lab.runs import SMOKE
+from sfglab.lab.sweep.run import on_interrupt
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Mapping, Sequence
@@ -465,9 +466,8 @@ def _run_in_processes(lists: Mapping[int, Sequence[_Task]], report: _Report) -> 
             outcomes, there = spawn.Pipe(duplex=False)
             process = spawn.Process(target=_run_list, args=(nice, tasks, there))
             # A process that still starts inherits this and does not receive Ctrl-C.
-            usual = signal.signal(signal.SIGINT, signal.SIG_IGN)
-            process.start()
-            signal.signal(signal.SIGINT, usual)
+            with on_interrupt(signal.SIG_IGN):
+                process.start()
             stack.callback(_end_process, process)
             there.close()
             running[outcomes] = nice, tasks

@@ -169,7 +169,7 @@ def _run_jobs(
     # Ctrl-C waits for its turn: a KeyboardInterrupt within an executor could leave a lock closed.
     with (
         progress_bar(len(jobs), log.path.stem) as advance,
-        _on_interrupt(lambda *_: events.put(None)),
+        on_interrupt(lambda *_: events.put(None)),
     ):
         while jobs or under_way or not events.empty():
             try:
@@ -193,7 +193,7 @@ def _run_jobs(
 
 
 @contextmanager
-def _on_interrupt(handler: Any) -> Iterator[None]:
+def on_interrupt(handler: Any) -> Iterator[None]:
     """Set the handler of Ctrl-C for a while, except in other threads and where it is ignored."""
     before = signal.getsignal(signal.SIGINT)
     if threading.current_thread() is not threading.main_thread() or not callable(before):
@@ -247,7 +247,7 @@ def _processes(count: int) -> ProcessPoolExecutor:
     spawn = multiprocessing.get_context("spawn")
     pool = ProcessPoolExecutor(count, spawn, begin_worker)
     # Processes inherit this, so that Ctrl-C in a terminal reaches none before `begin_worker` runs.
-    with _on_interrupt(signal.SIG_IGN):
+    with on_interrupt(signal.SIG_IGN):
         for _ in range(count):
             pool.submit(code_digest)
     return pool
