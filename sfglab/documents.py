@@ -23,7 +23,8 @@ if TYPE_CHECKING:
     import yaml
 
 _TEXT = "tag:yaml.org,2002:str"
-_MOST_CHARACTERS, _LONGEST_PLAIN = 2**20, 1000  # ten times the largest fleet; of what is no text
+_MOST_CHARACTERS = 2**20  # ten times the largest fleet
+_LONGEST_PLAIN = 1000  # characters of a value that is no text
 _CONTROL = re.compile("[\x00-\x1f\x7f-\x9f\u2028\u2029]")
 
 T = TypeVar("T")
@@ -31,9 +32,9 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Place:
-    """Where something stands in a file.
+    """The place of a value in a file.
 
-    A field ``place`` of a dataclass that is read from a file is filled in; no key has its name.
+    `Document.read` fills in the field ``place`` of a dataclass; the file has no key of this name.
     """
 
     file: str = ""  #: Name of the file.
@@ -90,11 +91,8 @@ class Document:
             node = yaml.compose(text, Loader=yaml.SafeLoader)
             #: Mappings, lists and scalars.
             self.value: Any = None if node is None else self._read(yaml.SafeLoader(""), node, ())
-        except (
-            yaml.YAMLError,
-            RecursionError,
-            ValueError,
-        ) as error:  # ValueError: no character has the number
+        # A ValueError is a number of a character that does not exist.
+        except (yaml.YAMLError, RecursionError, ValueError) as error:
             if isinstance(error, DocumentError):
                 raise
             mark = getattr(error, "problem_mark", None)
@@ -227,7 +225,7 @@ def named(key: str) -> dict[str, Any]:
 
 @dataclass(frozen=True, slots=True)
 class ReadAs:
-    """Another type stands in the file, of which a function makes the value."""
+    """The file holds a value of another type, from which a function makes the value."""
 
     form: Any  #: The type in the file.
     make: Callable[[Any], Any]  #: Makes the value; an `InvalidValueError` is refused there.

@@ -92,7 +92,7 @@ def bounds_of(row_class: type[Any]) -> dict[str, Bounds]:
 def check_bounds(value: Any, about: str = "") -> None:
     """Check the bounded numbers of a dataclass, or raise an `InvalidValueError`.
 
-    `about` stands in front of a field's name in the error.
+    The error names the field, with `about` before it.
     """
     for field in dataclasses.fields(value):
         allowed = field.metadata.get(BOUNDS)

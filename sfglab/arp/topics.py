@@ -69,7 +69,7 @@ class _Link:
     overhead_us: float = between(300.0)  #: Airtime of a frame beside its bits.
     #: By which share each further host that wants to send stretches a frame.
     contention: float = between(0.15)
-    latency_ms: float = between(0.0)  #: From the end of sending to arrival.
+    latency_ms: float = between(0.0)  #: Time from the end of sending to arrival.
     queue_frames: int = between(500, 1)  #: Frames that a host's queue holds.
 
     @property

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import typer
 
-from sfglab.cli.options import Json as Json  # noqa: PLC0414 - experiments imports it from here
 from sfglab.component import run, run_until_interrupted
 from sfglab.domains import VARIABLE, usual_domain_id
 from sfglab.errors import SfglabError

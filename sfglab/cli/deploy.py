@@ -89,7 +89,7 @@ def render(
     agent: Agents = None,
     accelerator: _Accelerator = None,
 ) -> None:
-    """Write all files of the agents into a folder, to read them or to copy them by hand.
+    """Write all files of the agents into a folder, for reading or for copying by hand.
 
     Examples:
       sfglab deploy render data/fleets/esslingen.yaml -o build/esslingen

@@ -12,7 +12,8 @@ import typer
 from typer import Argument, Option
 
 import sfglab.lab
-from sfglab.cli.buses import Json, say
+from sfglab.cli.buses import say
+from sfglab.cli.options import Json
 from sfglab.lab.paths import find_project
 
 if TYPE_CHECKING:
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
 
 
 def doctor(as_json: Json = False) -> None:
-    """Say in plain words what this machine can do, and what an experiment will do instead.
+    """Print what this machine can measure, and what experiments do instead of the rest.
 
     Example:
       sfglab doctor
@@ -44,7 +45,7 @@ def reproduce(
             help="Run size: smoke (all notebooks: about 7 minutes), quick (22 minutes) or paper (hours)."
         ),
     ] = "quick",
-    seed: Annotated[int, Option(min=0, help="Seed of everything that is drawn.")] = 0,
+    seed: Annotated[int, Option(min=0, help="Seed of all random numbers.")] = 0,
     parameter: Annotated[list[str] | None, Option("-p", "--parameter", hidden=True)] = None,
     write: Annotated[
         bool, Option("--write", help="Also replace the notebooks by their executed copies.")
@@ -79,7 +80,7 @@ def reproduce(
         typer.echo(_variations(project, outcomes))
     else:
         typer.echo(_counted(project, outcomes, profile=profile, all_claims=not notebooks))
-    failed = [o for o in outcomes if o.error]
+    failed = [outcome for outcome in outcomes if outcome.error]
     for outcome in failed:
         typer.echo(f"failed: {outcome.name}: {outcome.error}", err=True)
     typer.echo(f"{len(outcomes) - len(failed)} of {len(outcomes)} notebooks ran through", err=True)
@@ -208,7 +209,7 @@ def _variations(project: Project, outcomes: Sequence[Outcome]) -> str:
 
 
 def lab(
-    options: Annotated[list[str] | None, Argument(help="JupyterLab's own, after --.")] = None,
+    options: Annotated[list[str] | None, Argument(help="Options of JupyterLab, after --.")] = None,
 ) -> None:
     """Open JupyterLab on the index notebook, with the repository beside it.
 
@@ -225,7 +226,8 @@ def lab(
         f"--ServerApp.root_dir={find_project().root.resolve()}",
         "--ServerApp.contents_manager_class=sfglab.lab.contents.Contents",
     ]
-    argv += ["--allow-root"] * (os.getuid() == 0)  # in a container everybody is
+    if os.getuid() == 0:  # in a container every user is root
+        argv.append("--allow-root")
     argv += ["--LabApp.default_url=/lab/tree/notebooks/00_index.ipynb", *(options or ())]
     # Its configuration switches off saving by itself, and the part that asks a public site for news.
     paths = [
@@ -237,7 +239,9 @@ def lab(
 
 
 def figures() -> None:
-    """Draw all figures of the repository again, from committed logs alone; a run's own are in runs/figures.
+    """Draw all figures of the repository again, from the committed logs only.
+
+    The figures of your runs are in runs/figures.
 
     Example:
       sfglab figures
@@ -251,19 +255,19 @@ def figures() -> None:
 
 
 def claims(
-    as_json: Annotated[bool, Option("--json", help="Print JSON instead of a table.")] = False,
+    as_json: Json = False,
     verbose: Annotated[
-        bool, Option(help="Say of each what it is judged by, and where it is from.")
+        bool, Option(help="Print the acceptance range and the source of each claim.")
     ] = False,
     reference: Annotated[
-        bool, Option("--reference", help="Only from the committed logs, not from your runs.")
+        bool, Option("--reference", help="Read the committed logs only, not your runs.")
     ] = False,
     every: Annotated[
         bool,
-        Option("--all", help="Every run's figures, a line a log, also of those that do not speak."),
+        Option("--all", help="Print a row for each log, also for logs that do not count."),
     ] = False,
 ) -> None:
-    """Print the ledger: what the papers said, what we measured, and the verdict.
+    """Print the ledger: the paper's value, our measured value and the verdict of each claim.
 
     Examples:
       sfglab claims
@@ -276,13 +280,14 @@ def claims(
     project = find_project()
     entries = history(project) if every else compute_ledger(project, committed=reference)
     if as_json:
-        typer.echo(json.dumps([e.as_json() for e in entries], indent=2))
+        values = [entry.as_json() for entry in entries]
+        typer.echo(json.dumps(values, indent=2))
     else:
         typer.echo(render_in_full(entries) if verbose else render(entries, with_logs=every))
 
 
 def list_runs() -> None:
-    """List the runs' logs, and which of them speak for the claims."""
+    """List the logs of runs, and whether each counts for the claims."""
     from sfglab.lab.experiments import EXPERIMENTS
     from sfglab.lab.ledger import find_log, logs_of
     from sfglab.tables import text_table

@@ -168,10 +168,10 @@ def image_decoder(
 
     Args:
         type_name: ROS type of the messages: `FFMPEG_PACKET`, `COMPRESSED_IMAGE` or `COMPRESSED_VIDEO`.
-        codec_hint: Codec to expect: ``"h264"``, ``"hevc"``, ``"jpeg"``, ``"png"`` or ``"rvl"``; empty or None
-            for none. It is loaded and tried out here, so that the first message does not wait for that (0.1 s
-            for H.264, up to 2 s for depth), and assumed for messages that name no known codec.
-        most_pixels: Of a picture; a message that holds a larger one is refused before memory is taken for it.
+        codec_hint: Expected codec: ``"h264"``, ``"hevc"``, ``"jpeg"``, ``"png"`` or ``"rvl"``; empty or None
+            for none. The codec is loaded here, so that the first message does not wait for it (0.1 s for
+            H.264, up to 2 s for depth). It is used for messages that name no known codec.
+        most_pixels: Largest number of pixels. A larger picture is refused before memory is allocated.
 
     Raises:
         CodecUnavailableError: If messages of this type hold no readable images, or the hint is no codec.

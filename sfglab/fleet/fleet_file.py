@@ -265,7 +265,7 @@ class StreamSpec(_Part):
 
     topic: Topic  #: Global topic that carries it.
     type: str  #: ROS type of its messages.
-    codec: Literal["h264", "rvl", "png", "jpeg"]  #: How they are coded.
+    codec: Literal["h264", "rvl", "png", "jpeg"]  #: Codec.
     width: int = field(metadata=bounds(1))  #: Pixels.
     height: int = field(metadata=bounds(1))  #: Pixels.
     rate_hz: float = field(metadata=_POSITIVE)  #: Messages a second.
@@ -368,9 +368,9 @@ class _Shared(_Part):
     """Fields that a fleet and its file have in common."""
 
     name: str = field(metadata=named("fleet"))  #: Name of the fleet.
-    #: Whether ROS 2's tools list on each agent what could be had from the others, before anybody subscribes.
+    #: Whether ROS 2's tools list the topics of other agents before a node subscribes to them.
     offers: bool = True
-    #: How agents learn what the others are: each is asked, as in the paper, or offers it on one topic of all.
+    #: Way of agents' descriptions: asked from each agent by a service, as in the paper, or offered on a topic.
     descriptions: Literal["asked", "offered"] = "asked"
     #: In the order of the file; at least one.
     agents: Annotated[tuple[AgentSpec, ...], ByName("name")]
@@ -384,7 +384,7 @@ class FleetFile(_Shared):
 
     #: The domain that all routers join.
     border: _GlobalDomain = field(default_factory=_GlobalDomain, metadata=named("global"))
-    #: Rules of what crosses: Table 1 of paper A, or own rules.
+    #: Forwarding rules: Table 1 of paper A, or own rules.
     policy: Literal["table-1"] | tuple[Annotated[ForwardRule, ShortFor("pattern")], ...] = "table-1"
 
 
@@ -393,7 +393,7 @@ class Fleet(_Shared):
     """Agents that share a global domain."""
 
     global_domain: int = 0  #: The domain that all routers join, D_0 in the paper.
-    policy: Policy = field(default_factory=Policy)  #: What crosses.
+    policy: Policy = field(default_factory=Policy)  #: Forwarding rules.
     #: Where each rule of the policy stands; empty where the file names a known one.
     rule_places: tuple[Place, ...] = field(default=(), compare=False, repr=False)
 

@@ -158,7 +158,7 @@ class Look:
 
 
 class Experiment(Generic[C]):
-    """An experiment: `setup` is who sends what to whom, by actors and links.
+    """An experiment; `setup` shows its actors and the links between them.
 
     The name is that in `EXPERIMENTS`, of logs and journals; `config` a frozen dataclass whose defaults are the
     profile ``quick``, with documentation and bounds on its fields: a field `profile` is filled in, a field

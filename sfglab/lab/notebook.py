@@ -50,11 +50,19 @@ async def run(
     settings: Mapping[str, Any] | None = None,
     **changes: Any,
 ) -> Run[C]:
-    """Run an experiment of a profile, or read the run that somebody has made, by its log.
+    """Run an experiment with a profile, or read the log of an earlier run.
 
-    A log's path is from here or from the repository's top folder. Settings and changes are fields of the
-    configuration, settings before changes; `InvalidValueError` says what one cannot hold. The
-    setting ``path`` is the path of the new log, from the top folder.
+    Args:
+        exp: The experiment.
+        profile: Name of the profile.
+        log: Path of a log to read, from the working folder or the top folder; empty: run.
+        settings: Fields of the configuration; they override `changes`. The setting ``path`` is the
+            path of the new log, from the top folder.
+        changes: Fields of the configuration.
+
+    Raises:
+        InvalidValueError: The settings are no mapping.
+        ExperimentError: The run failed, the log cannot be read, or a field cannot hold its value.
     """
     if not isinstance(settings or {}, Mapping):
         raise InvalidValueError(
