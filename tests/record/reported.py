@@ -11,7 +11,7 @@ SECOND = 10**9
 
 
 def string(value: bytes) -> bytes:
-    """CDR of a string; None of it is checked."""
+    """Return text as CDR of a string, also text that is not UTF-8."""
     return struct.pack("<4sI", b"\0\1\0\0", len(value) + 1) + value + b"\0"
 
 
@@ -93,6 +93,6 @@ def write_metadata(folder: Path, files, messages, *, storage="mcap", qos='""'):
     )
 
 
-def without_index() -> dict:
+def without_repetition() -> dict:
     """Options of a writer that repeats neither channels nor schemas at the end of the file."""
     return {"repeat_channels": False, "repeat_schemas": False, "index_types": IndexType.ALL}
