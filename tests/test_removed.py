@@ -49,11 +49,18 @@ def test_removed_commands_are_not_listed():
         assert f"\n  {name} " not in called(*group, "--help")
 
 
+def test_a_former_name_has_no_other_use():
+    parameters = [parameter for _, command in commands() for parameter in command.params]
+    names = {name for parameter in parameters for name in parameter.opts}
+    assert names.isdisjoint(RENAMED)
+    assert {"--pareto", "--gateway-rule", "--publish-tf"} < names
+
+
 @pytest.mark.parametrize(
     ("former", "todays", "warned"),
     [
-        (f"qos {QOS} --method printed", f"qos {QOS} --method paper", "--method printed"),
-        (f"qos {QOS} --method=printed", f"qos {QOS} --method paper", "--method printed"),
+        (f"qos {QOS} --method printed", f"qos {QOS} --method paper", "printed"),
+        (f"qos {QOS} --method=printed", f"qos {QOS} --method paper", "printed"),
         (f"qos {QOS} --latency-price 5", f"qos {QOS} --latency-weight 5", "--latency-price"),
         (f"qos {QOS} --front", f"qos {QOS} --pareto", "--front"),
         (f"map {GRAPH} --rule=size", f"map {GRAPH} --gateway-rule size", "--rule"),
@@ -62,6 +69,5 @@ def test_removed_commands_are_not_listed():
     ],
 )
 def test_a_former_name_of_an_option_does_the_same_with_a_warning(former, todays, warned):
-    [new] = [names[warned] for names in RENAMED.values() if warned in names]
-    warning = f"warning: {warned} is now called {new}\n"
+    warning = f"warning: {warned} is now called {RENAMED[warned]}\n"
     assert called(*former.split()) == warning + called(*todays.split())

@@ -40,6 +40,13 @@ from sfglab.errors import SfglabError, why
 __all__ = ["app", "main"]
 
 
+def _set_help(info: Any, text: str | None) -> None:
+    """Show the first paragraph whole in lists, where typer would cut it, and keep the examples' lines."""
+    text = cleandoc(text or "")
+    info.short_help = " ".join(text.partition("\n\n")[0].split())
+    info.help = text.replace("\n\nExample", "\n\n\b\nExample")
+
+
 class _Program(TyperGroup):
     """All commands; Ctrl-C is one line for each of them."""
 
@@ -54,9 +61,15 @@ class _Program(TyperGroup):
 
 app = typer.Typer(
     cls=_Program,
-    help="Run multi-robot ROS 2 components beside real robots, and the experiments of three papers.",
+    help="""Run multi-robot ROS 2 components beside real robots, and the experiments of three papers.
+
+Paper A: communication between robots. Paper B: QoS of topics on a wireless link. Paper C: topics
+between software and hardware (FPGA).""",
     no_args_is_help=True,
-    context_settings={"help_option_names": ["-h", "--help"]},
+    context_settings={
+        "help_option_names": ["-h", "--help"],
+        "token_normalize_func": removed.current_name,
+    },
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
 )
@@ -89,18 +102,14 @@ _GROUPS = {
     "node": topics.node_app,
 }
 for _name, _command in _COMMANDS.items():
-    _class = removed.RenamedOptions if _name in removed.RENAMED else None
-    app.command(_name, cls=_class)(_command)
+    app.command(_name)(_command)
 for _name, _group in _GROUPS.items():
-    _text = (_group.info.help or "").partition("\n\n")[0]
-    app.add_typer(_group, name=_name, short_help=_text, no_args_is_help=_name != "log")
+    app.add_typer(_group, name=_name, no_args_is_help=_name != "log")
 removed.add_removed({"": app, **_GROUPS})
 for _app in (app, *_GROUPS.values()):
+    _set_help(_app.info, _app.info.help)
     for _info in _app.registered_commands:
-        _text = cleandoc((_info.callback and _info.callback.__doc__) or "")
-        # typer would cut the first paragraph in lists of commands, and join the examples' lines.
-        _info.short_help = " ".join(_text.partition("\n\n")[0].split())
-        _info.help = _text.replace("\n\nExample", "\n\n\b\nExample")
+        _set_help(_info, _info.callback and _info.callback.__doc__)
 
 
 def main() -> NoReturn:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 import os
 from collections.abc import Callable, Coroutine, Mapping, Sequence
@@ -48,10 +49,24 @@ def until_interrupted(
     body: Callable[[Node], Coroutine[Any, Any, None]],
     name: str = "",
     *,
+    duration_s: float | None = None,
     err: bool = True,
 ) -> None:
-    """Do as `on_node` until the body ends or Ctrl-C, which is reported on standard error or output."""
-    if on_node(place, lambda node: run_until_interrupted(body(node)), name):
+    """Do as `on_node` until the body ends, for a time, or until Ctrl-C, which is reported.
+
+    The report goes to standard error, or without `err` to standard output.
+    """
+
+    async def limited(node: Node) -> None:
+        limit = asyncio.timeout(duration_s)
+        try:
+            async with limit:
+                await body(node)
+        except TimeoutError:
+            if not limit.expired():
+                raise
+
+    if on_node(place, lambda node: run_until_interrupted(limited(node)), name):
         typer.echo("ended", err=err)
 
 
@@ -73,12 +88,12 @@ def observed_domain(file: Path | None, domain: int | None) -> int | None:
     return usual_domain_id()
 
 
-def say(values: Any, text: Callable[[Any], str], *, as_json: bool) -> None:
-    """Print values as JSON or as their text."""
+def say(values: Any, text: str, *, as_json: bool) -> None:
+    """Print values as JSON, or a text about them."""
     if as_json:
         print_json(values)
     else:
-        typer.echo(text(values).removesuffix("\n"))
+        typer.echo(text.removesuffix("\n"))
 
 
 def print_json(values: Any) -> None:
@@ -114,13 +129,12 @@ def write(files: Mapping[Path, str | bytes], folder: Path | None = None) -> None
 def unused(why: str, *names: str) -> None:
     """Refuse options, by the names of their parameters, that have no effect on this call."""
     # typer brings its own click or uses the installed one.
-    package = typer.Context.__mro__[1].__module__.partition(".core")[0]
+    package = typer.Context.__mro__[1].__module__.removesuffix(".core")
     context = import_module(f"{package}.globals").get_current_context()
     given = []
     for parameter in context.command.params:
-        if parameter.name in names:
-            source = context.get_parameter_source(parameter.name)
-            if source.name == "COMMANDLINE":
-                given.append(max(parameter.opts, key=len))
+        source = context.get_parameter_source(parameter.name)
+        if parameter.name in names and source.name == "COMMANDLINE":
+            given.append(max(parameter.opts, key=len))
     if given:
         raise SfglabError(f"{' and '.join(given)}: given {why}")

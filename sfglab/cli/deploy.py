@@ -53,7 +53,7 @@ def detect(
     machine = detect_machine(root or Path("/"))
     codecs = codecs_found(machine) if root in {None, Path("/")} else None
     values = {"machine": machine, "codecs": codecs}
-    say(values, lambda _: render_machine(machine, codecs), as_json=as_json)
+    say(values, render_machine(machine, codecs), as_json=as_json)
 
 
 @app.command()
@@ -77,7 +77,7 @@ def plan(
 
     made = _release(fleet, agent, accelerator)
     prospects = [prospect for prospect, _ in _prospects(*made, agent, root)]
-    say(prospects, partial(render_prospects, diff=diff), as_json=as_json)
+    say(prospects, render_prospects(prospects, diff=diff), as_json=as_json)
     unplanned = [prospect for prospect in prospects if prospect.plan is None]
     raise typer.Exit(bool(unplanned))
 
@@ -128,7 +128,7 @@ def check(
     agents = agent or [one.name for one in source.fleet.agents]
     bar = partial(tqdm, total=len(agents), unit=" agents", leave=False, disable=None)
     verdicts = check_fleet(source, release, agents=agents, detect=detect_over, progress=bar)
-    say(verdicts, partial(render_verdicts, every=every), as_json=as_json)
+    say(verdicts, render_verdicts(verdicts, every=every), as_json=as_json)
     raise typer.Exit(fails(verdicts))
 
 
@@ -201,8 +201,7 @@ def releases(
             typer.echo(f"sfglab: {error}", err=True)
             failed = True
             continue
-        text = f"{name}: {', '.join(found) or 'none'}"
-        say({name: found}, lambda _, text=text: text, as_json=as_json)  # type: ignore[misc]
+        say({name: found}, f"{name}: {', '.join(found) or 'none'}", as_json=as_json)
     raise typer.Exit(failed)
 
 

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import json
 import os
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 from typer import Argument, Option
@@ -14,6 +13,7 @@ from typer import Argument, Option
 import sfglab.lab
 from sfglab.cli.buses import say
 from sfglab.cli.options import Json
+from sfglab.errors import InvalidValueError
 from sfglab.lab.paths import find_project
 
 if TYPE_CHECKING:
@@ -21,6 +21,11 @@ if TYPE_CHECKING:
 
     from sfglab.lab.notebooks import Outcome
     from sfglab.lab.paths import Project
+
+_Profile = Annotated[
+    Literal["smoke", "quick", "paper"],
+    Option(help="Size of runs; all notebooks take about 7 minutes, 22 minutes or hours."),
+]
 
 
 def doctor(as_json: Json = False) -> None:
@@ -31,7 +36,8 @@ def doctor(as_json: Json = False) -> None:
     """
     from sfglab.lab.doctor import diagnose, render
 
-    say(diagnose(), render, as_json=as_json)
+    found = diagnose()
+    say(found, render(found), as_json=as_json)
 
 
 def reproduce(
@@ -39,12 +45,7 @@ def reproduce(
         list[str] | None,
         Argument(help="Notebooks, or experiments, by name; without any, all notebooks."),
     ] = None,
-    profile: Annotated[
-        str,
-        Option(
-            help="Run size: smoke (all notebooks: about 7 minutes), quick (22 minutes) or paper (hours)."
-        ),
-    ] = "quick",
+    profile: _Profile = "quick",
     seed: Annotated[int, Option(min=0, help="Seed of all random numbers.")] = 0,
     parameter: Annotated[list[str] | None, Option("-p", "--parameter", hidden=True)] = None,
     write: Annotated[
@@ -80,11 +81,9 @@ def reproduce(
         typer.echo(_variations(project, outcomes))
     else:
         typer.echo(_counted(project, outcomes, profile=profile, all_claims=not notebooks))
-    failed = [outcome for outcome in outcomes if outcome.error]
-    for outcome in failed:
-        typer.echo(f"failed: {outcome.name}: {outcome.error}", err=True)
-    typer.echo(f"{len(outcomes) - len(failed)} of {len(outcomes)} notebooks ran through", err=True)
-    raise typer.Exit(code=1 if failed else 0)
+    failed = _failed(outcomes)
+    typer.echo(f"{len(outcomes) - failed} of {len(outcomes)} notebooks ran through", err=True)
+    raise typer.Exit(bool(failed))
 
 
 def try_experiment(
@@ -93,9 +92,7 @@ def try_experiment(
         list[str] | None,
         Argument(metavar="FIELD=VALUE", help="Fields of its configuration, and their values."),
     ] = None,
-    profile: Annotated[
-        str, Option(help="Profile whose other fields are used: smoke, quick or paper.")
-    ] = "quick",
+    profile: _Profile = "quick",
     folder_name: Annotated[
         str,
         Option("--name", metavar="NAME", help="Folder in runs/try. [default: EXPERIMENT-NUMBER]"),
@@ -113,7 +110,6 @@ def try_experiment(
       sfglab try depth_codecs frames=10 noise_mm=5 --name noisy
       sfglab try decode_once source=drive.mp4   # or a log, a bag or a camera: camera:0
     """
-    from sfglab.errors import InvalidValueError
     from sfglab.lab import notebooks
     from sfglab.lab.experiments import EXPERIMENTS
 
@@ -122,28 +118,34 @@ def try_experiment(
     project = find_project()
     parameters = _parameters(profile, fields or ())
     folder = _new_folder(project, name, folder_name)
-    outcome = notebooks.try_experiment(name, folder, project=project, parameters=parameters)
+    parameters = _parameters(profile, fields or ())
+    outcomes = [notebooks.try_experiment(name, folder, project=project, parameters=parameters)]
     given = ", ".join([f"profile {profile}", *(fields or ())])
-    summary = f"{name}: {given}\n{_variations(project, [outcome])}"
-    if outcome.error:
-        typer.echo(f"failed: {outcome.name}: {outcome.error}", err=True)
-    else:
+    summary = f"{name}: {given}\n{_variations(project, outcomes)}"
+    failed = _failed(outcomes)
+    if not failed:
         file = folder / "summary.txt"
         file.write_text(f"{summary}\n", encoding="utf-8")
         summary += f"\n  summary: {project.relative(file)}"
     typer.echo(summary)
-    raise typer.Exit(code=1 if outcome.error else 0)
+    raise typer.Exit(failed)
+
+
+def _failed(outcomes: Sequence[Outcome]) -> int:
+    """Print which notebooks failed; return how many."""
+    failed = [outcome for outcome in outcomes if outcome.error]
+    for outcome in failed:
+        typer.echo(f"failed: {outcome.name}: {outcome.error}", err=True)
+    return len(failed)
 
 
 def _new_folder(project: Project, experiment: str, name: str) -> Path:
     """Return the folder of a try that has no finished log yet."""
-    from sfglab.errors import InvalidValueError
-
-    if not name:
-        number = 1
-        while (project.tries / f"{experiment}-{number}").exists():
-            number += 1
-        return project.tries / f"{experiment}-{number}"
+    number = 1
+    while not name:
+        if not (project.tries / f"{experiment}-{number}").exists():
+            name = f"{experiment}-{number}"
+        number += 1
     folder = project.tries / name
     if folder.parent != project.tries or name.startswith("."):
         raise InvalidValueError("--name", name, "the name of one folder")
@@ -154,12 +156,9 @@ def _new_folder(project: Project, experiment: str, name: str) -> Path:
 
 def _parameters(profile: str, pairs: Sequence[str]) -> dict[str, Any]:
     """Return a profile and fields as parameters of a notebook, the source as an absolute path."""
-    from sfglab.lab.experiment import PROFILES
-    from sfglab.lab.notebooks import NotebookError, read_parameters
+    from sfglab.lab.notebooks import read_parameters
     from sfglab.lab.sources import absolute, is_there
 
-    if profile not in PROFILES:
-        raise NotebookError(f"--profile: given {profile!r}, allowed are {', '.join(PROFILES)}")
     parameters = {"profile": profile, **read_parameters(pairs)}
     source = parameters.get("source")
     if isinstance(source, str):
@@ -190,7 +189,6 @@ def _variations(project: Project, outcomes: Sequence[Outcome]) -> str:
     from sfglab.lab.claims import OwnLedger, render_own
     from sfglab.lab.experiments import experiment
     from sfglab.lab.ledger import figures_folder, own_ledger
-    from sfglab.lab.runs import standing
 
     claims = OwnLedger()
     lines = []
@@ -199,12 +197,12 @@ def _variations(project: Project, outcomes: Sequence[Outcome]) -> str:
             continue
         lines += ["", outcome.name, f"  notebook: {project.relative(outcome.notebook)}"]
         for name, log in outcome.logs.items():
-            claims += own_ledger(project, experiment(name).load(log))
+            run = experiment(name).load(log)
+            claims += own_ledger(project, run)
             lines.append(f"  log: {project.relative(log)}")
             lines.append(f"  figures: {project.relative(figures_folder(project, log))}")
-            why_not = standing(log).why_not
-            if why_not:
-                lines.append(f"  This run counts for no claim: {why_not}.")
+            if run.why_not:
+                lines.append(f"  This run counts for no claim: {run.why_not}.")
     return "\n".join([render_own(claims) if claims else "", *lines])
 
 
@@ -279,25 +277,6 @@ def claims(
 
     project = find_project()
     entries = history(project) if every else compute_ledger(project, committed=reference)
-    if as_json:
-        values = [entry.as_json() for entry in entries]
-        typer.echo(json.dumps(values, indent=2))
-    else:
-        typer.echo(render_in_full(entries) if verbose else render(entries, with_logs=every))
-
-
-def list_runs() -> None:
-    """List the logs of runs, and whether each counts for the claims."""
-    from sfglab.lab.experiments import EXPERIMENTS
-    from sfglab.lab.ledger import find_log, logs_of
-    from sfglab.tables import text_table
-
-    project = find_project()
-    rows = [("log", "profile", "speaks for the claims")]
-    for name in EXPERIMENTS:
-        chosen = find_log(project, name)
-        for log in logs_of(project, name):
-            spoken = f"no: {log.standing.why_not}" if log.standing.why_not else "a newer one does"
-            said = "yes" if log.path == chosen else spoken
-            rows.append((project.relative(log.path), log.standing.profile, said))
-    typer.echo(text_table(rows))
+    values = [entry.as_json() for entry in entries]
+    text = render_in_full(entries) if verbose else render(entries, with_logs=every)
+    say(values, text, as_json=as_json)

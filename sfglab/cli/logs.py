@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import json
 import os
 import re
@@ -16,10 +15,11 @@ import typer
 from typer import Argument, Option
 from typer.core import TyperGroup
 
-from sfglab.cli.buses import print_json, until_interrupted
+from sfglab.cli.buses import say, until_interrupted
 from sfglab.cli.interfaces import Interfaces
 from sfglab.cli.options import Domain, Duration, Interface, Json
 from sfglab.errors import InvalidValueError
+from sfglab.tables import text_table
 from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
@@ -28,22 +28,22 @@ if TYPE_CHECKING:
 
 
 class _Log(TyperGroup):
-    """A group that runs `show` if the first word is none of its commands."""
+    """A group that runs `info` if the first word is none of its commands."""
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
         """Return the name, the command and its arguments."""
-        words = args if args[0] in self.commands else ["show", *args]
+        words = args if args[0] in self.commands else ["info", *args]
         return super().resolve_command(ctx, words)
 
 
 app = typer.Typer(
     cls=_Log,
-    help="""Record, play and list logs and bags, like ros2 bag; without a command, list runs.
+    help="""Record and play topics, and print what a log or bag contains, like ros2 bag.
+
+Without a command: list the logs of experiments, and whether each counts for the claims.
 
 Examples:
-
   sfglab log
-
   sfglab log data/reference/cooperation.mcap""",
 )
 _Path = Annotated[
@@ -58,45 +58,32 @@ _Exclude = Annotated[
 ]
 
 
-_CUT_OFF = "the log was cut off; this is all that it contains"
-
-
 @app.callback(invoke_without_command=True)
 def log(context: typer.Context) -> None:
-    """List runs and whether each counts as evidence for claims, unless a command follows."""
-    from sfglab.cli.experiments import list_runs
+    """List the logs of experiments, unless a command follows."""
+    from sfglab.lab.experiments import EXPERIMENTS
+    from sfglab.lab.ledger import find_log, logs_of
+    from sfglab.lab.paths import find_project
 
-    if context.invoked_subcommand is None:
-        list_runs()
-
-
-@app.command(hidden=True)
-def show(path: _Path, as_json: Json = False) -> None:
-    """List the content of a log: topics, rates, sizes and metadata.
-
-    Example:
-      sfglab log data/reference/cooperation.mcap
-    """
-    from sfglab.record import LogReader
-    from sfglab.tables import text_table
-
-    with LogReader(path) as reader:
-        metadata = {name: reader.metadata(name) for name in reader.metadata_names}
-        head, *rows = reader.overview()
-        if as_json:
-            topics = [dict(zip(head, row, strict=True)) for row in rows]
-            print_json({"topics": topics, "metadata": metadata})
-            return
-        typer.echo(text_table([head, *rows]))
-        for name, values in metadata.items():
-            typer.echo(f"metadata  {name}: {json.dumps(values)}")
-        if reader.truncated:
-            typer.echo(_CUT_OFF)
+    if context.invoked_subcommand is not None:
+        return
+    project = find_project()
+    rows = [("log", "profile", "counts for the claims")]
+    for name in EXPERIMENTS:
+        chosen = find_log(project, name)
+        for found in logs_of(project, name):
+            counts = "yes"
+            if found.standing.why_not:
+                counts = f"no: {found.standing.why_not}"
+            elif found.path != chosen:
+                counts = "no: a newer one does"
+            rows.append((project.relative(found.path), found.standing.profile, counts))
+    typer.echo(text_table(rows))
 
 
 @app.command()
 def info(path: _Path, as_json: Json = False) -> None:
-    """Print a summary of a log, like ros2 bag info.
+    """Print the files, times, topics and metadata of a log or bag; the word info may be left out.
 
     Example:
       sfglab log info data/reference/mocap.mcap
@@ -104,70 +91,68 @@ def info(path: _Path, as_json: Json = False) -> None:
     from sfglab.record import LogReader
 
     with LogReader(path) as reader:
-        values = _info(reader)
-        is_cut_off = reader.truncated
-    if as_json:
-        print_json(values)
-        return
+        values = _content(reader)
     start_ns, end_ns = values["start_ns"], values["end_ns"]
-    line = "Topic: {name} | Type: {type} | Count: {count} | Serialization Format: {encoding}"
-    topics = map(line.format_map, values["topics"])
-    indent = "\n" + " " * 19
-    typer.echo(
-        f"\nFiles:             {indent.join(values['files'])}\n"
-        f"Bag size:          {_size(values['size_bytes'])}\n"
-        f"Storage id:        {values['storage']}\n"
-        f"Duration:          {_seconds(end_ns - start_ns)}s\n"
-        f"Start:             {_date(start_ns)}\n"
-        f"End:               {_date(end_ns)}\n"
-        f"Messages:          {values['messages']}\n"
-        f"Topic information: {indent.join(topics)}\n"
-    )
-    if is_cut_off:
-        typer.echo(_CUT_OFF)
-
-
-def _info(reader: LogReader) -> dict[str, Any]:
-    topics = [
-        {"name": name, "type": topic.type_name, "count": topic.count, "encoding": topic.encoding}
-        for name, topic in reader.topics.items()
+    start = datetime.fromtimestamp(start_ns // NS_PER_S, UTC).astimezone()
+    lines = [
+        f"files     {', '.join(values['files'])}",
+        f"size      {values['size_bytes'] / 2**20:.3f} MiB",
+        f"start     {start:%Y-%m-%d %H:%M:%S %z}",
+        f"duration  {(end_ns - start_ns) / NS_PER_S:.3f} s",
+        f"messages  {values['messages']}",
+        _topic_table(values["topics"]),
     ]
-    start_ns, end_ns = reader.span_ns
-    suffixes = {suffix for file in reader.files for suffix in file.suffixes}
-    storages = {".db3": "sqlite3", ".mcap": "mcap"}
-    found = [name for suffix, name in storages.items() if suffix in suffixes]
-    sizes = [file.stat().st_size for file in reader.files]
+    for name, value in values["metadata"].items():
+        lines.append(f"metadata  {name}: {json.dumps(value)}")
+    if values["truncated"]:
+        lines.append("the log was cut off; this is all that it contains")
+    say(values, "\n".join(lines), as_json=as_json)
+
+
+def _content(reader: LogReader) -> dict[str, Any]:
+    """Return what a log contains; rates [Hz] and mean sizes of topics are of their first messages."""
+    from sfglab.record.reader import rate_and_size
+
+    topics = []
+    for name, topic in reader.topics.items():
+        rate_hz, size_bytes = rate_and_size(reader.first(name))
+        described = {
+            "name": name,
+            "type": topic.type_name,
+            "count": topic.count,
+            "encoding": topic.encoding,
+            "rate_hz": rate_hz,
+            "size_bytes": size_bytes,
+        }
+        topics.append(described)
     counts = [topic.count for topic in reader.topics.values()]
+    sizes = [file.stat().st_size for file in reader.files]
+    start_ns, end_ns = reader.span_ns
     return {
         "files": [file.name for file in reader.files],
         "size_bytes": sum(sizes),
-        "storage": ", ".join(found),
         "start_ns": start_ns,
         "end_ns": end_ns,
         "messages": sum(counts),
         "topics": topics,
+        "metadata": {name: reader.metadata(name) for name in reader.metadata_names},
+        "truncated": reader.truncated,
     }
 
 
-def _seconds(time_ns: int) -> str:
-    return f"{time_ns // NS_PER_S}.{time_ns % NS_PER_S:09d}"
-
-
-def _date(time_ns: int) -> str:
-    when = datetime.fromtimestamp(time_ns // NS_PER_S, UTC).astimezone()
-    seconds = _seconds(time_ns)
-    fraction = seconds.partition(".")[2]
-    return f"{when:%b} {when.day:2d} {when:%Y %H:%M:%S}.{fraction} ({seconds})"
-
-
-def _size(size_bytes: float) -> str:
-    if size_bytes < 1024:
-        return f"{size_bytes} B"
-    for unit in ("KiB", "MiB", "GiB"):
-        size_bytes /= 1024
-        if size_bytes < 1024:
-            return f"{size_bytes:.1f} {unit}"
-    return f"{size_bytes / 1024:.1f} TiB"
+def _topic_table(topics: list[dict[str, Any]]) -> str:
+    rows = [("topic", "type", "messages", "Hz", "bytes", "encoding")]
+    for topic in topics:
+        row = (
+            topic["name"],
+            topic["type"],
+            str(topic["count"]),
+            f"{topic['rate_hz']:.3g}",
+            f"{topic['size_bytes']:.0f}",
+            topic["encoding"],
+        )
+        rows.append(row)
+    return text_table(rows)
 
 
 def _wanted(
@@ -176,8 +161,12 @@ def _wanted(
     """Return whether a topic is named or matches; without names and pattern, whether it is not hidden."""
     from sfglab.bus.listing import is_hidden
 
-    pattern = _pattern(regex, "--regex")
-    excluded = _pattern(exclude, "--exclude-regex")
+    try:
+        pattern = re.compile(regex) if regex else None
+        excluded = re.compile(exclude) if exclude else None
+    except re.error as error:
+        allowed = f"a regular expression ({error})"
+        raise InvalidValueError("--regex or --exclude-regex", error.pattern, allowed) from error
 
     def is_wanted(topic: str) -> bool:
         if excluded and excluded.search(topic):
@@ -189,13 +178,6 @@ def _wanted(
         return not is_hidden(topic)
 
     return is_wanted
-
-
-def _pattern(text: str | None, option: str) -> re.Pattern[str] | None:
-    try:
-        return None if text is None else re.compile(text)
-    except re.error as error:
-        raise InvalidValueError(option, text, f"a regular expression ({error})") from error
 
 
 @app.command()
@@ -242,17 +224,14 @@ def record(
     async def run(node: Node) -> None:
         recorder = Recorder(node, lambda: LogWriter(path), wanted=wanted, told=typer.echo)
         try:
-            async with asyncio.timeout(duration):
-                await recorder.run()
-        except TimeoutError:
-            pass
+            await recorder.run()
         except OSError as error:
             raise InvalidValueError(f"--output {path}", error, "a writable file") from error
         finally:
             if path.exists():
                 typer.echo(f"{path}: {_counted(recorder.counts)}, {recorder.lost} lost")
 
-    until_interrupted((domain, interface), run)
+    until_interrupted((domain, interface), run, duration_s=duration)
 
 
 def _check_output(path: Path) -> None:

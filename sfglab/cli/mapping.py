@@ -6,7 +6,6 @@ import io
 from collections import defaultdict
 from dataclasses import replace
 from importlib.util import find_spec
-from itertools import starmap
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -15,15 +14,13 @@ from typer import Argument, Option
 
 from sfglab.cli.buses import say, unused, write
 from sfglab.cli.options import Interface, Json, RecordedDomain, Seconds
-from sfglab.cli.traffic import read_traffic
+from sfglab.cli.traffic import opened, print_left_out
 from sfglab.errors import InvalidValueError, MissingExtraError
 from sfglab.tables import columns
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
     from sfglab.record import LogReader
-    from sfglab.soc import CommunicationMapping, Graph, Topic
+    from sfglab.soc import CommunicationMapping, Graph
 
 
 def map_graph(
@@ -78,9 +75,10 @@ def map_graph(
       sfglab map data/graphs/driving.yaml --build-cfg build.cfg --verilog rtl
     """
     from sfglab.soc import build_cfg as build_text
-    from sfglab.soc import graph_text, load_graph
+    from sfglab.soc import graph_text
 
-    graph = read_traffic(file, (domain, interface), seconds, load_graph, _graph_of)
+    with opened(file, (domain, interface), seconds) as source:
+        graph = _graph_of(source)
     if optimise_placement:
         unused("with --optimise-placement, which chooses gateways by their cost", "gateway_rule")
         mapping = _placed(graph, lut, bram)
@@ -98,17 +96,20 @@ def map_graph(
     if build_cfg is not None:
         files[build_cfg] = build_text(found, name=found.name or build_cfg.stem)
     modules = {} if verilog is None else _verilog(found)
-    say(found, lambda _: _report(mapping), as_json=as_json)
+    say(found, _report(mapping), as_json=as_json)
     write(files)
     write(modules, verilog)
 
 
-def _graph_of(log: LogReader) -> tuple[Graph, Mapping[str, str]]:
-    """Return the graph of a log and the reasons of topics that are left out."""
-    from sfglab.soc import graph_from_log
+def _graph_of(source: LogReader | Path) -> Graph:
+    """Return the graph of a log or of a file."""
+    from sfglab.soc import graph_from_log, load_graph
 
-    found = graph_from_log(log)
-    return found.graph, found.left_out
+    if isinstance(source, Path):
+        return load_graph(source)
+    found = graph_from_log(source)
+    print_left_out(found.left_out)
+    return found.graph
 
 
 def _mapped(graph: Graph, gateway_rule: str | None) -> CommunicationMapping:
@@ -163,26 +164,20 @@ def _list(names: list[str]) -> str:
 
 
 def _topic_table(mapping: CommunicationMapping) -> list[str]:
+    from sfglab.soc import carriages_per_message, transfer_s
+
     rows = [("topic", "mapped to", "times carried", "predicted ms (all in software -> as mapped)")]
     for topic in mapping.gateways.topics:
-        before = mapping.software.topic(topic.name)
-        stages = ((mapping.software, before), (mapping.gateways, topic))
-        carried = " -> ".join(starmap(_carried, stages))
-        predicted = " -> ".join(starmap(_predicted, stages))
-        rows.append((topic.name, topic.mapping.value, carried, predicted))
+        carried = []
+        predicted = []
+        for graph in (mapping.software, mapping.gateways):
+            mapped = graph.topic(topic.name)
+            carried.append(f"{carriages_per_message(graph, mapped):g}")
+            known = mapped.size_bytes is not None
+            predicted.append(f"{1e3 * transfer_s(graph, mapped):.3f}" if known else "unknown")
+        row = (topic.name, topic.mapping.value, " -> ".join(carried), " -> ".join(predicted))
+        rows.append(row)
     return columns(rows)
-
-
-def _carried(graph: Graph, topic: Topic) -> str:
-    from sfglab.soc import carriages_per_message
-
-    return f"{carriages_per_message(graph, topic):g}"
-
-
-def _predicted(graph: Graph, topic: Topic) -> str:
-    from sfglab.soc import transfer_s
-
-    return "unknown" if topic.size_bytes is None else f"{1e3 * transfer_s(graph, topic):.3f}"
 
 
 def _crossing_table(mapping: CommunicationMapping) -> list[str]:

@@ -3,23 +3,21 @@
 from __future__ import annotations
 
 import asyncio
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 from typer import Argument, Option
 
-from sfglab.cli.buses import observed_domain, on_node, say, unused
+from sfglab.cli.buses import observed_domain, on_node, say, until_interrupted, unused
 from sfglab.cli.options import Domain, Duration, Interface, Json, RecordedDomain, Seconds
-from sfglab.cli.removed import RenamedOptions
-from sfglab.component import on_stop
 from sfglab.errors import InvalidValueError
 from sfglab.units import NS_PER_MS
 
 if TYPE_CHECKING:
     from sfglab.bus import Clock, Node
-    from sfglab.spatial.mocap.bridge import BridgeCore, Latency, MocapObjectStatus
+    from sfglab.spatial.mocap.bridge import BridgeCore, MocapObjectStatus
     from sfglab.spatial.mocap.mapping import MocapMapping
     from sfglab.spatial.mocap.tracking import MocapSource
 
@@ -28,7 +26,7 @@ frames_app = typer.Typer(help="Check TF trees.")
 _SOURCES = (["--vicon"], ["--topic"], ["--topic", "--log"], ["--synthetic"])
 
 
-@mocap_app.command("run", cls=RenamedOptions)
+@mocap_app.command("run")
 def mocap_run(
     file: Annotated[
         Path, Argument(help="Mapping of objects to frames, e.g. data/mocap/two_agents.yaml.")
@@ -78,32 +76,29 @@ def mocap_run(
         allowed = "one of --vicon, --topic, --log with --topic, --synthetic"
         raise InvalidValueError("mocap run", " and ".join(given) or None, allowed)
 
-    def source_on(node: Node, stack: ExitStack) -> MocapSource:
-        clock = node.get_clock()
-        if vicon is not None:
-            return ViconSource(vicon, clock=clock)
-        if synthetic:
-            return _synthetic(mapping, clock)
-        if log is not None:
-            reader = stack.enter_context(LogReader(log))
-            return LogSource(reader, topics, clock=clock)
-        return TopicSource(node, topics, type_=POSE if type_ == "pose" else TRANSFORM)
-
     async def serve(node: Node) -> None:
+        clock = node.get_clock()
+        source: MocapSource
         with ExitStack() as stack:
+            if vicon is not None:
+                source = ViconSource(vicon, clock=clock)
+            elif synthetic:
+                source = _synthetic(mapping, clock)
+            elif log is not None:
+                reader = stack.enter_context(LogReader(log))
+                source = LogSource(reader, topics, clock=clock)
+            else:
+                source = TopicSource(node, topics, type_=POSE if type_ == "pose" else TRANSFORM)
             if publish_tf:
                 _publish_trees(node, mapping)
-            source = source_on(node, stack)
             bridge = MocapBridge(node, source, mapping, BridgeOptions(agent=agent))
-            running = asyncio.ensure_future(bridge.run())
-            on_stop(running.cancel)
             typer.echo(f"mocap: ready, status on {status_topic(agent)}; end it with Ctrl-C")
-            with suppress(asyncio.CancelledError, TimeoutError):
-                async with asyncio.timeout(duration):
-                    await running
-            typer.echo(_report(bridge.core))
+            try:
+                await bridge.run()
+            finally:
+                typer.echo(_report(bridge.core))
 
-    on_node((domain, interface), serve, "mocap_bridge")
+    until_interrupted((domain, interface), serve, "mocap_bridge", duration_s=duration)
 
 
 def _topics(given: list[str], mapping: MocapMapping) -> dict[str, str]:
@@ -138,16 +133,14 @@ def _publish_trees(node: Node, mapping: MocapMapping) -> None:
     from sfglab.spatial.frames.listener import TF_STATIC_QOS, TRANSFORMS
 
     above = Pose(position_m=(0.0, 0.0, 0.1))
-    transforms = {}
+    transforms = []
     for mapped in mapping.objects.values():
-        via = mapped.via
-        root = mapped.frame or f"{via.partition('/')[0]}/odom"
-        if root != via:
-            tree = StampedTransform(parent=root, child=via, stamp_ns=0, pose=above)
-            transforms[via] = tree.to_msg()
+        root = mapped.frame or f"{mapped.via.partition('/')[0]}/odom"
+        if root != mapped.via:
+            tree = StampedTransform(parent=root, child=mapped.via, stamp_ns=0, pose=above)
+            transforms.append(tree.to_msg())
     publisher = node.create_publisher(TRANSFORMS, TF_STATIC, qos=TF_STATIC_QOS)
-    message = message_type(TRANSFORMS)(transforms=list(transforms.values()))
-    publisher.publish(message)
+    publisher.publish(message_type(TRANSFORMS)(transforms=transforms))
 
 
 def _report(core: BridgeCore) -> str:
@@ -159,19 +152,16 @@ def _report(core: BridgeCore) -> str:
 
 def _object_line(status: MocapObjectStatus) -> str:
     verdicts = [f"{count} {verdict}" for verdict, count in sorted(status.verdicts.items())]
-    times = " + ".join(map(_milliseconds, (status.receipt_latency, status.publication_latency)))
-    problem = f"; {status.problem}" if status.problem else ""
+    times = []
+    for latency in (status.receipt_latency, status.publication_latency):
+        median_ns = latency.median_ns
+        times.append("-" if median_ns is None else f"{median_ns / NS_PER_MS:.2f}")
     return (
         f"{status.mapped.id} -> {status.frame or 'nothing yet'}: {status.track.state.value}, "
         f"{status.published} published, {status.unplaced} not placed "
         f"({', '.join(verdicts) or 'never detected'}); "
-        f"capture to receipt to publication {times} ms{problem}"
-    )
-
-
-def _milliseconds(latency: Latency) -> str:
-    median_ns = latency.median_ns
-    return "-" if median_ns is None else f"{median_ns / NS_PER_MS:.2f}"
+        f"capture to receipt to publication {' + '.join(times)} ms  {status.problem}"
+    ).rstrip()
 
 
 @frames_app.command("lint")
@@ -218,6 +208,6 @@ def frames_lint(
     findings = lint_frames(buffer.edges, rule=rule, root=root)
     lines = [*map(str, findings), f"{len(buffer.frames)} frames, {len(findings)} findings"]
     values = {"frames": sorted(buffer.frames), "findings": findings}
-    say(values, lambda _: "\n".join(lines), as_json=as_json)
+    say(values, "\n".join(lines), as_json=as_json)
     if findings or not buffer.frames:
         raise typer.Exit(1)

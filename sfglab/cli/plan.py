@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer import Option
 
-from sfglab.cli.buses import on_node
+from sfglab.cli.buses import on_node, until_interrupted
 from sfglab.cli.options import Agents, Domain, Interface, SceneFile
 from sfglab.component import on_stop
 from sfglab.errors import InvalidValueError, SfglabError
@@ -100,13 +100,11 @@ def serve(
     setup = _setup(validate_agent(agent), scene, preempt=preempt)
 
     async def serve_agent(node: Node) -> None:
-        stopped = asyncio.Event()
-        on_stop(stopped.set)
         async with TrajectoryServer(node, agent, name=action, setup=setup) as server:
             typer.echo(f"{agent}: {server.action_name} moves it; Ctrl-C ends")
-            await stopped.wait()
+            await asyncio.Event().wait()
 
-    on_node((domain, interface), serve_agent, agent)
+    until_interrupted((domain, interface), serve_agent, agent)
 
 
 def _setup(agent: str, scene: Path | None, *, preempt: bool) -> AgentSetup:
@@ -178,31 +176,28 @@ async def _send_all(node: Node, orders: Callable[[int], tuple[Order, ...]], acti
     for order in orders(0):
         # Imports at first use must not take time once the start is set.
         FOLLOW_TRAJECTORY.goal(order)
-        executions.append(_execution(node, order.agent, action, len(executions)))
-    for execution in executions:
+        execution = _execution(node, order.agent, action, len(executions))
+        executions.append(execution)
         await execution.ready()
     wanted = orders(node.get_clock().now_ns())
-    stopping: set[asyncio.Future[None]] = set()
+    stopping: list[asyncio.Future[None]] = []
 
     def stop() -> None:
-        for execution in executions:
-            stopping.add(asyncio.ensure_future(execution.cancel()))
+        stopping.extend(asyncio.ensure_future(execution.cancel()) for execution in executions)
 
     on_stop(stop)
     await asyncio.gather(*map(Execution.begin, executions, wanted))
     ended = await asyncio.gather(*map(Execution.result, executions))
     await asyncio.gather(*stopping)
-    succeeded = True
+    outcomes = set()
     for order, end in zip(wanted, ended, strict=True):
         place = ""
         if end.pose is not None:
             x, y, z = end.pose.position_m
             place = f" at ({x:.2f}, {y:.2f}, {z:.2f}) m"
         typer.echo(f"{order.agent}: {end}{place}")
-        succeeded = succeeded and end.outcome is Outcome.SUCCEEDED
-    if stopping:
-        return 130
-    return 0 if succeeded else 1
+        outcomes.add(end.outcome)
+    return 130 if stopping else int(outcomes != {Outcome.SUCCEEDED})
 
 
 def _execution(node: Node, agent: str, action: str, position: int) -> Execution:

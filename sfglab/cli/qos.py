@@ -11,14 +11,12 @@ from typer import Argument, Option
 
 from sfglab.cli.buses import print_json, unused, write_text
 from sfglab.cli.options import Interface, Json, OutputFolder, RecordedDomain, Seconds
-from sfglab.cli.traffic import read_traffic
+from sfglab.cli.traffic import opened, print_left_out
 from sfglab.errors import InvalidValueError, SfglabError
 from sfglab.tables import columns
 from sfglab.units import NS_PER_MS
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
     from sfglab.arp import Plan, TopicFile
     from sfglab.record import LogReader
 
@@ -89,18 +87,18 @@ def qos(
       sfglab qos bag/ --format topics --out config   # then set the link in topics.yaml.
       sfglab qos --domain 7 --seconds 20 --format topics --out config
     """
-    from sfglab.arp import load_topics, plan_as_printed, plan_file
+    from sfglab.arp import plan_as_printed, plan_file
     from sfglab.arp.exports import EXPORTS
     from sfglab.arp.recorded import topics_text
-    from sfglab.record.bags import is_log
 
     source = file or Path("the domain")
-    given = read_traffic(file, (domain, interface), seconds, load_topics, _topics_of)
+    with opened(file, (domain, interface), seconds) as found:
+        given = _topics_of(found)
     if not given.topics:
         raise SfglabError(f"{source}: no topic goes from one host to another")
     given = _with_vendor(given.limited_to(rate_max), vendor, rmw)
     if format_ == "topics":
-        if file is not None and not is_log(file):
+        if isinstance(found, Path):
             raise SfglabError(f"--format topics: given {file}, allowed: a log, a bag or a domain")
         write_text(topics_text(given.topics, source.name), out and Path("topics.yaml"), out)
         return
@@ -129,14 +127,17 @@ def qos(
         write_text(_plan_text(plan), out and Path("qos.txt"), out)
 
 
-def _topics_of(log: LogReader) -> tuple[TopicFile, Mapping[str, str]]:
-    """Return the topics of a log and the reasons of those that are left out."""
-    from sfglab.arp import TopicFile
+def _topics_of(found: LogReader | Path) -> TopicFile:
+    """Return the topics of a log or of a file of topics."""
+    from sfglab.arp import TopicFile, load_topics
     from sfglab.arp.recorded import topics_from_log
 
-    topics, left_out = topics_from_log(log)
+    if isinstance(found, Path):
+        return load_topics(found)
+    topics, left_out = topics_from_log(found)
+    print_left_out(left_out)
     agents = {topic.source for topic in topics}
-    return TopicFile(topics=topics, agents=tuple(sorted(agents))), left_out
+    return TopicFile(topics=topics, agents=tuple(sorted(agents)))
 
 
 def _with_vendor(given: TopicFile, vendor: str | None, rmw: str | None) -> TopicFile:

@@ -6,14 +6,12 @@ accepted with a warning.
 
 from __future__ import annotations
 
-from itertools import pairwise
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import TYPE_CHECKING, NoReturn
 
 import typer
-from typer.core import TyperCommand
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping
+    from collections.abc import Callable, Mapping
 
 #: The replacement of each removed command.
 REPLACEMENTS = {
@@ -30,15 +28,14 @@ REPLACEMENTS = {
     "mocap offset": "measure the object's offset and write it into the mapping, "
     "as in data/mocap/two_agents.yaml",
 }
-#: The former names of options and values of each command, and today's.
+#: The former names of options, and of a value, and today's; no command has another use for them.
 RENAMED = {
-    "qos": {
-        "--front": "--pareto",
-        "--latency-price": "--latency-weight",
-        "--method printed": "--method paper",
-    },
-    "map": {"--rule": "--gateway-rule", "--place": "--optimise-placement"},
-    "mocap run": {"--trees": "--publish-tf"},
+    "--front": "--pareto",
+    "--latency-price": "--latency-weight",
+    "printed": "paper",
+    "--rule": "--gateway-rule",
+    "--place": "--optimise-placement",
+    "--trees": "--publish-tf",
 }
 # The sentence is all that a removed command prints, also for --help.
 _ANYTHING = {
@@ -69,26 +66,11 @@ def refuse(command: str, replacement: str) -> NoReturn:
     raise typer.Exit(2)
 
 
-class RenamedOptions(TyperCommand):
-    """A command that accepts former names of its options, with a warning."""
-
-    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Parse arguments in which former names are replaced."""
-        command = ctx.command_path.partition(" ")[2]
-        return super().parse_args(ctx, list(_todays(args, RENAMED[command])))
-
-
-def _todays(args: list[str], renamed: Mapping[str, str]) -> Iterator[str]:
-    """Yield arguments with today's names of options and values."""
-    options = {former.partition(" ")[0] for former in renamed}
-    words = []
-    for arg in args:
-        name, equals, value = arg.partition("=")
-        words += [name, value] if equals and name in options else [arg]
-    for before, word in pairwise(["", *words]):
-        former = word if word in renamed else f"{before} {word}"
-        if former in renamed:
-            typer.echo(f"warning: {former} is now called {renamed[former]}", err=True)
-            yield renamed[former].rpartition(" ")[2]
-        else:
-            yield word
+def current_name(token: str) -> str:
+    """Return the name of an option, without dashes, or of a value; for a former one today's, with a warning."""
+    for former in (token, f"--{token}"):
+        if former in RENAMED:
+            current = RENAMED[former]
+            typer.echo(f"warning: {former} is now called {current}", err=True)
+            return current.removeprefix("--")
+    return token

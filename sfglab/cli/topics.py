@@ -6,7 +6,6 @@ import asyncio
 import time
 from contextlib import suppress
 from dataclasses import replace
-from functools import partial
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
@@ -19,7 +18,7 @@ from sfglab.errors import SfglabError
 from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
-    from sfglab.bus import EndpointInfo, Node
+    from sfglab.bus import EndpointInfo, EndpointKind, Node
     from sfglab.qos import QoSProfile
 
 app = typer.Typer(help="List, print, measure and publish topics, like ros2 topic.")
@@ -154,7 +153,8 @@ def echo(
             typer.echo(f"{to_yaml(values)}---")
 
     async def listen(node: Node) -> None:
-        name, publishers = await _type_of(node, topic, type_, wait=False)
+        publishers = await _publishers(node, topic)
+        name = _full_type(type_) if type_ else await _type_of(node, topic)
         qos = _changed(usual_qos(publishers), reliability, durability, depth)
         subscription = node.create_subscription(name, topic, qos=qos)
         show(await subscription.take(timeout))
@@ -189,24 +189,28 @@ def hz(
     meter = Rate(window)
 
     async def measure(node: Node) -> None:
-        name, publishers = await _type_of(node, topic, None, wait=True)
+        publishers = await _publishers(node, topic)
+        if not publishers:
+            typer.echo(f"WARNING: topic [{topic}] does not appear to be published yet", err=True)
+        while not publishers:
+            publishers = await _publishers(node, topic)
+        name = await _type_of(node, topic)
         subscription = node.create_subscription(name, topic, qos=usual_qos(publishers), raw=True)
         typer.echo(f"Subscribed to [{topic}]", err=as_json)
-
-        async def arrival_ns() -> int:
-            _, info = await subscription.take_with_info()
-            meter.add(info.received_timestamp_ns)
-            return info.received_timestamp_ns
-
-        now_ns = await arrival_ns()
-        end_ns = now_ns + (duration or float("inf")) * NS_PER_S
-        due_ns = now_ns + NS_PER_S
+        due_ns = 0
+        end_ns = float("inf")
+        now_ns = 0
         while now_ns < end_ns:
-            now_ns = await arrival_ns()
+            _, info = await subscription.take_with_info()
+            now_ns = info.received_timestamp_ns
+            meter.add(now_ns)
             values = meter.values()
-            if values and now_ns >= min(due_ns, end_ns):
+            if values is None:
                 due_ns = now_ns + NS_PER_S
-                say(values, meter.text, as_json=as_json)
+                end_ns = now_ns + (duration or end_ns) * NS_PER_S
+            elif now_ns >= min(due_ns, end_ns):
+                due_ns = now_ns + NS_PER_S
+                say(values, meter.text(values), as_json=as_json)
 
     until_interrupted((domain, interface), measure)
 
@@ -306,48 +310,46 @@ def _changed(
 
 
 def _full_type(name: str) -> str:
-    """Return the full name of a message type; the part msg may be left out."""
-    package, _, rest = name.partition("/")
-    return name if not rest or "/" in rest else f"{package}/msg/{rest}"
-
-
-async def _type_of(
-    node: Node, topic: str, given: str | None, *, wait: bool
-) -> tuple[str, list[EndpointInfo]]:
-    """Return a topic's type and publishers, once there are any or, with a given type, after discovery.
-
-    Raises:
-        InvalidValueError: There is no such topic, and `wait` is not set, or it has several types.
-    """
-    from sfglab.bus import EndpointKind
-    from sfglab.bus.listing import one_of, settled, view
+    """Return the full name of a known message type; the part msg may be left out."""
     from sfglab.messages import type_name
 
-    def ends(kind: EndpointKind) -> list[EndpointInfo]:
-        return [end for end in view(node).ends(topic, kind) if end.transport == "dds"]
+    package, _, rest = name.partition("/")
+    return type_name(name if not rest or "/" in rest else f"{package}/msg/{rest}")
 
-    publishers = partial(ends, EndpointKind.PUBLISHER)
+
+def _ends(node: Node, topic: str, kind: EndpointKind) -> list[EndpointInfo]:
+    from sfglab.bus.listing import view
+
+    return [end for end in view(node).ends(topic, kind) if end.transport == "dds"]
+
+
+async def _publishers(node: Node, topic: str) -> list[EndpointInfo]:
+    """Return the publishers of a topic after a time in which they are discovered."""
+    from sfglab.bus import EndpointKind
 
     def is_published() -> bool:
-        return bool(publishers())
+        return bool(_ends(node, topic, EndpointKind.PUBLISHER))
 
-    name = type_name(_full_type(given)) if given else ""
     if await node.graph.wait_for(is_published, _TOPIC_S):
         await asyncio.sleep(_OTHERS_S)
-    if name:
-        return name, publishers()
-    known = publishers() or ends(EndpointKind.SUBSCRIPTION)
-    if not known:
-        if not wait:
-            seen = await settled(node)
-            one_of(seen.topics(hidden=True), topic, "topic")
-        typer.echo(f"WARNING: topic [{topic}] does not appear to be published yet", err=True)
-        while not await node.graph.wait_for(is_published, 60.0):
-            pass
-        known = publishers()
-    types = {end.type for end in known}
-    first, *more = sorted(types)
-    if more:
-        names = ", ".join([first, *more])
-        raise SfglabError(f"topic {topic} has several types: {names}; echo takes one as TYPE")
-    return type_name(first), publishers()
+    return _ends(node, topic, EndpointKind.PUBLISHER)
+
+
+async def _type_of(node: Node, topic: str) -> str:
+    """Return the type of a topic.
+
+    Raises:
+        SfglabError: There is no such topic, or it has several types.
+    """
+    from sfglab.bus.listing import one_of, settled, view
+
+    topics = view(node).topics(hidden=True)
+    if topic not in topics:
+        seen = await settled(node)
+        topics = seen.topics(hidden=True)
+        one_of(topics, topic, "topic")
+    names = topics[topic]
+    if len(names) > 1:
+        several = ", ".join(names)
+        raise SfglabError(f"topic {topic} has several types: {several}; echo takes one as TYPE")
+    return _full_type(names[0])

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Mapping
-from contextlib import suppress
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING
 
 import typer
 
@@ -17,40 +17,26 @@ if TYPE_CHECKING:
     from sfglab.bus import Node
     from sfglab.record import LogReader
 
-    T = TypeVar("T")
-    Convert = Callable[[LogReader], tuple[T, Mapping[str, str]]]
 
-
-def read_traffic(
-    file: Path | None, place: Place, seconds: float, load: Callable[[Path], T], convert: Convert[T]
-) -> T:
-    """Return the content of a document, of a log or bag, or of the traffic of a domain.
-
-    `load` reads a document. `convert` reads a log, and also returns the topics that it leaves out,
-    with reasons.
-    """
-    domain = observed_domain(file, place[0])
-    if file is not None:
-        unused("with a file; it applies to a domain", "seconds", "interface")
-        return _read(file, load, convert)
-    with TemporaryDirectory(prefix="sfglab-") as folder:
-        path = Path(folder) / "domain.mcap"
-        typer.echo(f"listening to domain {domain} for {seconds:g} s", err=True)
-        _record(path, (domain, place[1]), seconds)
-        return _read(path, load, convert)
-
-
-def _read(file: Path, load: Callable[[Path], T], convert: Convert[T]) -> T:
+@contextmanager
+def opened(file: Path | None, place: Place, seconds: float) -> Iterator[LogReader | Path]:
+    """Open a log or bag, or without a file a recording of a domain; a path of any other file stays one."""
     from sfglab.record import LogReader
     from sfglab.record.bags import is_log
 
-    if not is_log(file):
-        return load(file)
-    with LogReader(file) as log:
-        found, left_out = convert(log)
-    for topic, reason in left_out.items():
-        typer.echo(f"left out: {topic}: {reason}", err=True)
-    return found
+    domain = observed_domain(file, place[0])
+    if file is not None:
+        unused("with a file; it applies to a domain", "seconds", "interface")
+    with TemporaryDirectory(prefix="sfglab-") as folder:
+        if file is None:
+            file = Path(folder) / "domain.mcap"
+            typer.echo(f"listening to domain {domain} for {seconds:g} s", err=True)
+            _record(file, (domain, place[1]), seconds)
+        if is_log(file):
+            with LogReader(file) as log:
+                yield log
+        else:
+            yield file
 
 
 def _record(path: Path, place: Place, seconds: float) -> None:
@@ -69,3 +55,9 @@ def _record(path: Path, place: Place, seconds: float) -> None:
                 await recorder.run()
 
     on_node(place, record)
+
+
+def print_left_out(topics: Mapping[str, str]) -> None:
+    """Print the topics of a log that are left out, with the reasons."""
+    for topic, reason in topics.items():
+        typer.echo(f"left out: {topic}: {reason}", err=True)

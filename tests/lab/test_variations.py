@@ -94,7 +94,6 @@ def test_a_try_has_notebook_log_figures_and_summary_in_a_folder_of_its_own(check
         ("naming log=a.mcap", "naming: log: given 'log', allowed: "),
         ("naming path=a.mcap", "naming: path: given 'path', allowed: "),
         ("naming profile=fast", "profile: given 'fast', allowed: smoke, quick, paper"),
-        ("naming --profile fast", "--profile: given 'fast', allowed are smoke, quick, paper"),
         ("naming --name ../few", "--name: given '../few', allowed: the name of one folder"),
         ("naming --name .", "--name: given '.', allowed: the name of one folder"),
     ],

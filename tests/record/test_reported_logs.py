@@ -1,6 +1,7 @@
 """Logs and bags of public bug reports, with what rclpy, sqlite3 or the format's specification say of them."""
 
 import json
+import re
 import shutil
 import struct
 import time
@@ -66,9 +67,8 @@ def test_messages_in_the_write_ahead_log_of_a_killed_recorder_are_read(folder, i
 
 def test_a_summary_without_channels_or_schemas_loses_no_message(tmp_path):
     path = write_mcap(tmp_path / "a.mcap", THREE, **without_repetition())
-    assert json.loads(called("log", "info", str(path), "--json"))["topics"] == [
-        {"name": "/a", "type": STRING, "count": 3, "encoding": "cdr"}
-    ]
+    [topic] = json.loads(called("log", "info", str(path), "--json"))["topics"]
+    assert topic.items() > {"name": "/a", "type": STRING, "count": 3, "encoding": "cdr"}.items()
     assert texts(path) == ["1", "2", "3"]
 
 
@@ -76,7 +76,7 @@ def test_a_count_that_differs_from_the_metadata_is_a_warning(folder, caplog):
     write_mcap(folder / "bag_0.mcap", THREE[:2])
     write_metadata(folder, ["bag_0.mcap"], THREE)
     said = called("log", "info", str(folder))
-    assert "Messages:          2\n" in said
+    assert "messages  2\n" in said
     assert "metadata.yaml names 3 messages, the files hold 2" in caplog.text
 
 
@@ -238,9 +238,8 @@ def test_messages_of_one_time_come_in_the_order_of_the_file(tmp_path):
 def test_the_encoding_of_messages_is_named(tmp_path):
     schemas = {"/json": ("demo.Pose", "jsonschema", b"{}")}
     path = write_mcap(tmp_path / "a.mcap", [*THREE, ("/json", 1, b"{}")], schemas=schemas)
-    assert "/json | Type: demo.Pose | Count: 1 | Serialization Format: json" in called(
-        "log", "info", str(path)
-    )
+    said = called("log", "info", str(path))
+    assert re.search(r"^ +/json +demo\.Pose +1 .* json$", said, re.MULTILINE)
 
 
 # --- Found by trying to break the reader.
