@@ -232,7 +232,7 @@ def test_a_wrong_argument(words, attempt, tmp_path, monkeypatch):
         "topic pub /a std_msgs/msg/String '{datum: x}'": "datum",
         "topic pub /a std_msgs/Sting ''": "did you mean std_msgs/msg/String",
         "topic pub /a std_msgs/msg/String --once -t 3": "exclude each other",
-        "topic pub /a std_msgs/msg/String --once --qos-reliability maybe": "not one of 'reliable', 'best_effort'",
+        "topic pub /a std_msgs/msg/String --once --qos-reliability maybe": "not one of 'best_effort', 'reliable'",
         "topic list --domain 233": "less than or equal to 232",
         "topic hz /a --window 1": "greater than or equal to 2",
         "qos --fromat table": "Possible options: --domain, --format, --rmw",

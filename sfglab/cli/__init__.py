@@ -153,7 +153,7 @@ def _sentence(error: Any) -> tuple[str, int]:
     if type(error).__name__ == "NoArgsIsHelpError":
         error.show()
         sys.exit(error.exit_code)
-    sentence = " ".join(error.format_message().split())
+    sentence = " ".join(error.format_message().split()).replace("Value error, ", "")
     path = error.ctx.command_path.partition(" ")[2] if error.ctx else ""
     return f"{path}: {sentence}" if path else sentence, error.exit_code
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 import os
-from collections.abc import Callable, Coroutine, Mapping, Sequence
+from collections.abc import Callable, Coroutine, Mapping
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -52,9 +52,9 @@ def until_interrupted(
     duration_s: float | None = None,
     err: bool = True,
 ) -> None:
-    """Do as `on_node` until the body ends, for a time, or until Ctrl-C, which is reported.
+    """Do as `on_node` until the body ends, at most for `duration_s`, or until Ctrl-C.
 
-    The report goes to standard error, or without `err` to standard output.
+    Ctrl-C is reported on standard error, without `err` on standard output.
     """
 
     async def limited(node: Node) -> None:
@@ -89,26 +89,16 @@ def observed_domain(file: Path | None, domain: int | None) -> int | None:
 
 
 def say(values: Any, text: str, *, as_json: bool) -> None:
-    """Print values as JSON, or a text about them."""
+    """Print values as JSON, or a text about them unless it is empty."""
     if as_json:
         print_json(values)
-    else:
+    elif text:
         typer.echo(text.removesuffix("\n"))
 
 
 def print_json(values: Any) -> None:
     """Print values as one line of JSON."""
     typer.echo(json.dumps(to_json(values), ensure_ascii=False, default=str))
-
-
-def print_list(lines: Sequence[str], values: Any, *, count: bool, as_json: bool) -> None:
-    """Print lines, or their number, or as JSON their values."""
-    if as_json:
-        print_json(values)
-    elif count:
-        typer.echo(len(lines))
-    elif lines:
-        typer.echo("\n".join(lines))
 
 
 def write_text(text: str, path: Path | None, folder: Path | None = None) -> None:

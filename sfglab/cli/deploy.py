@@ -23,7 +23,7 @@ app = typer.Typer(
 )
 _Root = Annotated[
     Path | None,
-    Option(help="Folder instead of the host's root, e.g. of a disk image. [default: the host]"),
+    Option(help="Folder in place of the host's /, e.g. a mounted disk image. [default: /]"),
 ]
 _Accelerator = Annotated[
     str | None,
@@ -40,7 +40,7 @@ def detect(
     root: _Root = None,
     as_json: Json = False,
 ) -> None:
-    """Report the accelerator of a host with the reason, and the codecs that open on this host.
+    """Report the video accelerator of a host with the reason, and the codecs that work.
 
     Examples:
       sfglab deploy detect
@@ -85,7 +85,9 @@ def plan(
 @app.command()
 def render(
     fleet: FleetFile,
-    output: Annotated[Path, Option("--output", "-o", help="Folder for one folder per agent.")],
+    output: Annotated[
+        Path, Option("--output", "-o", help="Folder in which each agent gets a folder.")
+    ],
     agent: Agents = None,
     accelerator: _Accelerator = None,
 ) -> None:
@@ -113,7 +115,7 @@ def check(
     every: Annotated[bool, Option("--all", help="Also list passed checks.")] = False,
     as_json: Json = False,
 ) -> None:
-    """Check a fleet and the files that render would write; exit with status 1 if a check fails.
+    """Check a fleet file, and the files that render writes; the exit status is 1 if a check fails.
 
     Example:
       sfglab deploy check data/fleets/esslingen.yaml
@@ -139,13 +141,15 @@ def apply(
     root: _Root = None,
     tag: Annotated[
         str | None,
-        Option(help="Roll back to this kept release, see releases. [default: a new release]"),
+        Option(
+            help="Release to roll back to, one that sfglab deploy releases lists. [default: a new one]"
+        ),
     ] = None,
     accelerator: _Accelerator = None,
     dry_run: Annotated[bool, Option("--dry-run", help="Report the changes only.")] = False,
     diff: _Diff = False,
 ) -> None:
-    """Copy the files to each host, prepare the host, build its image there and start it.
+    """Copy the files to each host, prepare it, build its container image there and start it.
 
     A failure on one host does not stop the others; apply again to continue after it.
 

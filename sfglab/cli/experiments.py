@@ -24,12 +24,14 @@ if TYPE_CHECKING:
 
 _Profile = Annotated[
     Literal["smoke", "quick", "paper"],
-    Option(help="Size of runs; all notebooks take about 7 minutes, 22 minutes or hours."),
+    Option(
+        help="Size of runs: with smoke all notebooks take about 7 minutes, with quick 22, with paper hours."
+    ),
 ]
 
 
 def doctor(as_json: Json = False) -> None:
-    """Print what this machine can measure, and what experiments do instead of the rest.
+    """Test what this machine can measure, and print what experiments do without the rest.
 
     Example:
       sfglab doctor
@@ -43,7 +45,7 @@ def doctor(as_json: Json = False) -> None:
 def reproduce(
     notebooks: Annotated[
         list[str] | None,
-        Argument(help="Notebooks, or experiments, by name; without any, all notebooks."),
+        Argument(help="Names of notebooks or experiments. [default: all notebooks]"),
     ] = None,
     profile: _Profile = "quick",
     seed: Annotated[int, Option(min=0, help="Seed of all random numbers.")] = 0,
@@ -52,11 +54,11 @@ def reproduce(
         bool, Option("--write", help="Also replace the notebooks by their executed copies.")
     ] = False,
 ) -> None:
-    """Run notebooks headless: logs, figures and, at the end, the claims.
+    """Run the notebooks of experiments, and print the verdicts on the claims of the papers.
 
-    A smoke test counts for no claim. It prints its own claims beside those of the ledger, and
-    replaces no file of another run. Of a notebook with several experiments, the name of an
-    experiment runs this one and reads the others from their committed logs.
+    Logs, figures and executed notebooks go into the folder runs. For the name of an
+    experiment, only this one of its notebook runs; the others are read from their committed logs.
+    Runs with --profile smoke count for no claim, and replace no file of another run.
 
     Examples:
       sfglab reproduce
@@ -87,10 +89,12 @@ def reproduce(
 
 
 def try_experiment(
-    name: Annotated[str, Argument(metavar="EXPERIMENT", help="Name of the experiment.")],
+    name: Annotated[
+        str, Argument(metavar="EXPERIMENT", help="Name of the experiment, e.g. gateways.")
+    ],
     fields: Annotated[
         list[str] | None,
-        Argument(metavar="FIELD=VALUE", help="Fields of its configuration, and their values."),
+        Argument(metavar="FIELD=VALUE", help="Fields of its settings, and their values."),
     ] = None,
     profile: _Profile = "quick",
     folder_name: Annotated[
@@ -98,12 +102,12 @@ def try_experiment(
         Option("--name", metavar="NAME", help="Folder in runs/try. [default: EXPERIMENT-NUMBER]"),
     ] = "",
 ) -> None:
-    """Run an experiment with other values, in a folder of its own.
+    """Run an experiment with other settings than those of its profile.
 
-    The folder runs/try/NAME gets the notebook, the log, the figures and summary.txt: the claims of
-    this run beside those of the ledger. A try counts for no claim and replaces no file of another
-    run. After an interruption, the same command with --name continues its sweeps. The page
-    "Experiments" of the book lists all fields.
+    The folder runs/try/NAME gets the notebook, the log, the figures and summary.txt: the claims by
+    this run beside those by the committed logs and your other runs. A try counts for no claim and
+    replaces no file of another run. After an interruption, the same command with --name continues.
+    The page "Experiments" of the book (make book) lists all fields.
 
     Examples:
       sfglab try gateways --profile smoke
@@ -209,9 +213,9 @@ def _variations(project: Project, outcomes: Sequence[Outcome]) -> str:
 def lab(
     options: Annotated[list[str] | None, Argument(help="Options of JupyterLab, after --.")] = None,
 ) -> None:
-    """Open JupyterLab on the index notebook, with the repository beside it.
+    """Open the notebooks in JupyterLab.
 
-    Nothing is saved by itself: a notebook that was only read stays as it is. Ctrl+S saves.
+    Only Ctrl+S saves a notebook: automatic saving is off.
 
     Examples:
       sfglab lab
@@ -237,7 +241,7 @@ def lab(
 
 
 def figures() -> None:
-    """Draw all figures of the repository again, from the committed logs only.
+    """Redraw the figures of the repository from the committed logs.
 
     The figures of your runs are in runs/figures.
 
@@ -255,17 +259,22 @@ def figures() -> None:
 def claims(
     as_json: Json = False,
     verbose: Annotated[
-        bool, Option(help="Print the acceptance range and the source of each claim.")
+        bool,
+        Option("--verbose", help="Also print the acceptance range and the source of each claim."),
     ] = False,
     reference: Annotated[
         bool, Option("--reference", help="Read the committed logs only, not your runs.")
     ] = False,
     every: Annotated[
         bool,
-        Option("--all", help="Print a row for each log, also for logs that do not count."),
+        Option(
+            "--all", help="Print a row for each log, also for logs that do not count for a claim."
+        ),
     ] = False,
 ) -> None:
-    """Print the ledger: the paper's value, our measured value and the verdict of each claim.
+    """Print each claim of the papers with its value in the paper, our value and the verdict.
+
+    The verdict compares our value with the acceptance range in data/claims.yaml.
 
     Examples:
       sfglab claims

@@ -20,8 +20,12 @@ from sfglab.domains import VARIABLE, usual_domain_id
 if TYPE_CHECKING:
     from sfglab.fleet.agent.plan import AgentConfig
 
-fleet_app = typer.Typer(help="Check a fleet file, and write router configurations from it.")
-agent_app = typer.Typer(help="Run the components of one agent of a fleet.")
+fleet_app = typer.Typer(
+    help="Check a fleet file, and write the configuration of a DDS Router from it."
+)
+agent_app = typer.Typer(
+    help="Run the components of an agent: a robot or computer with a DDS domain of its own."
+)
 _OwnDomain = Annotated[
     int | None,
     domain_option(
@@ -34,9 +38,9 @@ _GlobalDomain = Annotated[
         help="DDS domain that all agents share. [default: the fleet file's, otherwise 0]"
     ),
 ]
-_GlobalInterface = Annotated[str | None, Option(help="Network interface towards the other agents.")]
+_GlobalInterface = Annotated[str | None, Option(help="Network interface to the other agents.")]
 _Agent = Annotated[
-    str | None, Option(help="Name of the agent. [default: SFG_AGENT_NAME, otherwise the host's]")
+    str | None, Option(help="Name of the agent. [default: SFG_AGENT_NAME, otherwise the host name]")
 ]
 _Offers = Annotated[
     bool | None,
@@ -75,7 +79,7 @@ def router_file(
     target: Annotated[str, Option(hidden=True)] = "dds-router",
     output: OutputFile = None,
 ) -> None:
-    """Write the configuration of a DDS Router that forwards the same topics as our router.
+    """Write the configuration of a DDS Router (eProsima) that forwards the same topics as our router.
 
     Example:
       sfglab fleet router data/fleets/lab.yaml --agent go2 -o go2.yaml
@@ -100,16 +104,16 @@ def agent_up(
     without: Annotated[
         list[str] | None,
         Option(
-            help="Component to leave out (repeatable): router, status, discoverer, decoder, "
-            "or keeper, the GOP cache."
+            help="Component to leave out (repeatable): router, status, discoverer, decoder or "
+            "keeper (the GOP cache)."
         ),
     ] = None,
     offers: _Offers = None,
     parameters: Annotated[
         Literal["dds", "ros"] | None,
         Option(
-            help="Let ros2 param read router and decoder. dds: with rmw_cyclonedds. "
-            "ros: with rmw_fastrtps; needs a ROS 2 installation on this host."
+            help="Show the settings of router and decoder to ros2 param. dds: with rmw_cyclonedds. "
+            "ros: with rmw_fastrtps; needs ROS 2 on this host. [default: do not show them]"
         ),
     ] = None,
     as_json: Json = False,
@@ -117,8 +121,10 @@ def agent_up(
 ) -> None:
     """Run an agent until Ctrl-C: router, status provider, discoverer, decoder and GOP cache.
 
-    These are all components that paper A puts on each robot. Crashed components are restarted;
-    each restart is reported.
+    The router connects the agent's own DDS domain with the domain that all agents share. The
+    status provider and the discoverer make agents known to each other. The decoder decodes video of
+    other agents, and the GOP cache gives new subscribers a picture at once (paper A, section 4).
+    Crashed components are restarted; each restart is reported.
 
     Examples:
       sfglab agent up --domain 7
@@ -154,7 +160,10 @@ def router(
     offers: _Offers = None,
     _interfaces: Interfaces = None,
 ) -> None:
-    """Run a router alone: forward the topics of paper A, Table 1, or of the fleet file's policy.
+    """Run only the router of an agent, which connects its DDS domain with the domain of all agents.
+
+    It forwards the topics of the fleet file's policy, or without a fleet file those of paper A, Table 1:
+    global topics, and no local ones.
 
     Examples:
       sfglab router --domain 7 --interface lo --global-interface wlan0
@@ -204,20 +213,23 @@ def decoder(
     ] = None,
     remote_interface: _GlobalInterface = None,
     linger: Annotated[
-        float, Option(min=0.0, help="Time to keep a pipeline after its last subscriber, s.")
+        float, Option(min=0.0, help="Time to go on decoding after the last subscriber left, s.")
     ] = 1.0,
     offers: Annotated[
-        bool, Option(help="Advertise streams that are not decoded yet, for ROS 2's tools.")
+        bool,
+        Option(
+            help="Advertise decoded topics before they have a subscriber, so that ROS 2's tools list them."
+        ),
     ] = True,
 ) -> None:
-    """Decode remote video streams once for all subscribers on this device, on demand.
+    """Decode remote video streams once for all subscribers on this device.
+
+    A stream is decoded while it has a subscriber. Without STREAMS, those that remote agents announce
+    on /local/<agent>/agent_discovery_event are offered.
 
     Examples:
       sfglab decoder --domain 7 /global/go2/camera_front/color/ffmpeg
       sfglab decoder --domain 7 --interface lo --remote-domain 0 --remote-interface eth0
-
-    Without streams, those that remote agents announce on /local/<agent>/agent_discovery_event
-    are offered.
     """
     from sfglab.bus.address import BusAddress
     from sfglab.fleet.decoder.node import DecoderConfig, serve_terminal
@@ -246,19 +258,19 @@ def camera(
     source: Annotated[
         str,
         Option(
-            help="Source of the images: photos, stereo, camera:0, a video file, a log or bag, "
-            "or bag:PATH#/topic."
+            help="Source of the images: photos or stereo (included), camera:0, a video file, a log "
+            "or bag, or bag:PATH#/topic."
         ),
     ] = "photos",
     codec: Annotated[
         Literal["h264", "rvl"],
-        Option(help="h264: colour. rvl: depth; needs a source with depth."),
+        Option(help="h264: colour. rvl: depth, of a source that has it, e.g. stereo."),
     ] = "h264",
     domain: Domain = None,
     interface: Interface = None,
     encoder: Annotated[str, Option(help="FFmpeg's name of the H.264 encoder.")] = "auto",
 ) -> None:
-    """Publish a camera stream with the settings of paper A, Table 2, from any source.
+    """Publish a compressed camera stream of a video, camera or bag (paper A, Table 2).
 
     Example:
       sfglab camera /global/go2/camera_front/color/ffmpeg --source drive.mp4

@@ -31,18 +31,16 @@ Interfaces = Annotated[
     Option(
         "--interfaces",
         callback=_register,
-        help="Your own types (repeatable): a package's folder (source or share), a folder of "
-        "packages, or a .msg, .srv or .action file. Packages that others use come first.",
+        help="Your own message types (repeatable): a package's folder (source or share), a folder "
+        "of packages, or a .msg, .srv or .action file. Give packages before those that use them.",
     ),
 ]
 
 
 def interfaces(
-    folder: Annotated[
-        Path, Argument(help="Folder of a workspace for packages, e.g. ~/ros2_ws/src.")
-    ],
+    folder: Annotated[Path, Argument(help="Source folder of the workspace, e.g. ~/ros2_ws/src.")],
 ) -> None:
-    """Write our message types as an ament package, so that ROS 2 can print and use them.
+    """Write our message types into a ROS 2 workspace, as the package sfglab_interfaces.
 
     Example:
       sfglab interfaces ~/ros2_ws/src   # then: colcon build --packages-select sfglab_interfaces

@@ -263,17 +263,19 @@ def play(
     regex: _Regex = None,
     exclude: _Exclude = None,
     start: Annotated[
-        float, Option("--start-offset", min=0.0, help="Time of the log to skip, s.")
+        float, Option("--start-offset", min=0.0, help="Time at the start of the log to skip, s.")
     ] = 0.0,
     duration: Annotated[
         float | None,
-        Option(min=0.0, help="Time of the log to play, s. [default: to its end]"),
+        Option(min=0.0, help="Time of the log to play, s. [default: to the end of the log]"),
     ] = None,
     domain: Domain = None,
     interface: Interface = None,
     _interfaces: Interfaces = None,
 ) -> None:
-    """Publish the messages of a log with their recorded timing, once existing subscriptions match.
+    """Publish the messages of a log or bag with their recorded timing.
+
+    Playing begins when all existing subscriptions match.
 
     Examples:
       sfglab log play bag/ --domain 7

@@ -26,7 +26,9 @@ if TYPE_CHECKING:
 def map_graph(
     file: Annotated[
         Path | None,
-        Argument(help="Computation graph, e.g. data/graphs/figure_8.yaml, or a log or bag."),
+        Argument(
+            help="Graph, e.g. data/graphs/figure_8.yaml, or a log or bag. [default: a domain]"
+        ),
     ] = None,
     gateway_rule: Annotated[
         Literal["paper", "size"] | None,
@@ -43,17 +45,23 @@ def map_graph(
             help="Also place the nodes: minimise computing and transfer time per second (HiGHS).",
         ),
     ] = False,
-    lut: Annotated[int | None, Option(min=0, help="Number of LUTs. [default: ZCU104]")] = None,
+    lut: Annotated[
+        int | None, Option(min=0, help="Number of LUTs of the FPGA. [default: ZCU104]")
+    ] = None,
     bram: Annotated[
-        float | None, Option(min=0, help="Number of block RAMs. [default: ZCU104]")
+        float | None, Option(min=0, help="Number of block RAMs of the FPGA. [default: ZCU104]")
     ] = None,
     figure: Annotated[
         Path | None, Option(help="Draw the mapping into this file: .png, .svg or .pdf.")
     ] = None,
-    stage: Annotated[str, Option(help="Draw one stage only: software, hardware or gateways.")] = "",
+    stage: Annotated[
+        str,
+        Option(help="Stage of the mapping to draw: software, hardware or gateways. [default: all]"),
+    ] = "",
     out: Annotated[Path | None, Option(help="Write the mapped graph into this YAML file.")] = None,
     build_cfg: Annotated[
-        Path | None, Option(help="Write the hardware part into this file, for ReconROS.")
+        Path | None,
+        Option(help="Write the nodes and topics in hardware into this file, for ReconROS."),
     ] = None,
     verilog: Annotated[
         Path | None,
@@ -64,7 +72,9 @@ def map_graph(
     interface: Interface = None,
     as_json: Json = False,
 ) -> None:
-    """Map each topic of a ROS 2 graph to software, hardware or a gateway (paper C, section 5).
+    """Map each topic of a ROS 2 graph to software, hardware (FPGA) or a gateway (paper C, section 5).
+
+    A gateway transfers each message once across the boundary, for all nodes on the other side.
 
     Examples:
       sfglab map data/graphs/figure_8.yaml
@@ -79,9 +89,10 @@ def map_graph(
 
     with opened(file, (domain, interface), seconds) as source:
         graph = _graph_of(source)
+    load = ""
     if optimise_placement:
         unused("with --optimise-placement, which chooses gateways by their cost", "gateway_rule")
-        mapping = _placed(graph, lut, bram)
+        mapping, load = _placed(graph, lut, bram)
     else:
         unused("without --optimise-placement, which alone uses areas", "lut", "bram")
         mapping = _mapped(graph, gateway_rule)
@@ -96,7 +107,7 @@ def map_graph(
     if build_cfg is not None:
         files[build_cfg] = build_text(found, name=found.name or build_cfg.stem)
     modules = {} if verilog is None else _verilog(found)
-    say(found, _report(mapping), as_json=as_json)
+    say(found, load + _report(mapping), as_json=as_json)
     write(files)
     write(modules, verilog)
 
@@ -120,8 +131,8 @@ def _mapped(graph: Graph, gateway_rule: str | None) -> CommunicationMapping:
     return map_communication(graph)
 
 
-def _placed(graph: Graph, lut: int | None, bram: float | None) -> CommunicationMapping:
-    """Return the mapping with nodes placed as well, and print its load."""
+def _placed(graph: Graph, lut: int | None, bram: float | None) -> tuple[CommunicationMapping, str]:
+    """Return the mapping with nodes placed as well, and its load as text."""
     from sfglab.soc import ZCU104, TopicMapping, map_communication, place_nodes
 
     board = ZCU104
@@ -134,14 +145,15 @@ def _placed(graph: Graph, lut: int | None, bram: float | None) -> CommunicationM
     proved = "no mapping takes less"
     if not found.optimal:
         proved = f"at most {100 * found.gap:.2g} % above the least"
-    typer.echo(
+    text = (
         f"work per second: software {1e3 * load.software_s:.2f} ms, "
         f"hardware {1e3 * load.hardware_s:.2f} ms, "
         f"transfer {1e3 * load.communication_s:.2f} ms; {proved}\n"
-        f"area: {load.lut} of {board.lut} LUT, {load.bram:g} of {board.bram:g} BRAM\n"
+        f"area: {load.lut} of {board.lut} LUT, {load.bram:g} of {board.bram:g} BRAM\n\n"
     )
     gateways = found.graph.mapped_to(TopicMapping.GATEWAY)
-    return map_communication(found.graph, gateway=lambda _, topic: topic.name in gateways)
+    mapping = map_communication(found.graph, gateway=lambda _, topic: topic.name in gateways)
+    return mapping, text
 
 
 def _report(mapping: CommunicationMapping) -> str:
@@ -210,7 +222,7 @@ def _verilog(graph: Graph) -> dict[Path, str]:
     for count, names in sorted(topics.items()):
         path = Path(f"sfglab_gateway_{count}.v")
         modules[path] = gateway_verilog(count)
-        typer.echo(f"{path}: for {', '.join(names)}")
+        typer.echo(f"{path}: for {', '.join(names)}", err=True)
     return modules
 
 

@@ -29,31 +29,39 @@ _SOURCES = (["--vicon"], ["--topic"], ["--topic", "--log"], ["--synthetic"])
 @mocap_app.command("run")
 def mocap_run(
     file: Annotated[
-        Path, Argument(help="Mapping of objects to frames, e.g. data/mocap/two_agents.yaml.")
+        Path, Argument(help="Mapping of objects to TF frames, e.g. data/mocap/two_agents.yaml.")
     ],
     domain: Domain = None,
     interface: Interface = None,
     vicon: Annotated[str | None, Option(help="Address of a Vicon Tracker.")] = None,
     topic: Annotated[
-        list[str] | None, Option(help="Topic of an object, ID=/topic (repeatable).")
+        list[str] | None,
+        Option(help="Topic with the poses of an object, as ID=/topic (repeatable)."),
     ] = None,
     type_: Annotated[
         Literal["pose", "transform"],
-        Option("--type", help="Type of the topics: PoseStamped or TransformStamped."),
+        Option(
+            "--type", help="Type of the topics: PoseStamped (pose) or TransformStamped (transform)."
+        ),
     ] = "pose",
-    log: Annotated[Path | None, Option(help="Log whose topics are played back.")] = None,
+    log: Annotated[Path | None, Option(help="Log or bag to read the topics from.")] = None,
     synthetic: Annotated[
         bool, Option("--synthetic", help="Simulate objects on ellipses, without cameras.")
     ] = False,
     publish_tf: Annotated[
-        bool, Option("--publish-tf", help="Also publish synthetic TF trees, without robots.")
+        bool,
+        Option(
+            "--publish-tf", help="Also publish a TF tree for each object in place of its robot."
+        ),
     ] = False,
     agent: Annotated[
-        str, Option(help="Name of the agent that runs this bridge (part of the status topic).")
+        str, Option(help="Name of the agent for the status topic. [default: none]")
     ] = "",
     duration: Duration = None,
 ) -> None:
-    """Publish agents' poses from motion capture as TF (paper A, Eq. 4).
+    """Publish the poses of agents from motion capture as TF (paper A, Eq. 4).
+
+    Give one source: --vicon, --topic, --log with --topic, or --synthetic.
 
     Examples:
       sfglab mocap run data/mocap/two_agents.yaml --vicon 192.168.10.1 --domain 0   # a Vicon Tracker.
@@ -166,7 +174,7 @@ def _object_line(status: MocapObjectStatus) -> str:
 
 @frames_app.command("lint")
 def frames_lint(
-    log: Annotated[Path | None, Argument(help="Log or bag.")] = None,
+    log: Annotated[Path | None, Argument(help="Log or bag. [default: a domain]")] = None,
     domain: RecordedDomain = None,
     interface: Interface = None,
     listen: Seconds = 5.0,
@@ -178,7 +186,7 @@ def frames_lint(
     ] = None,
     as_json: Json = False,
 ) -> None:
-    """Check a TF tree: parents, loops, roots, names and time.
+    """Check a TF tree for several parents, loops, several roots, wrong names and wrong times.
 
     The exit status is 1 if there are findings or no frames.
 

@@ -41,7 +41,7 @@ def plan(
         bool, Option("--new", help="Begin an empty scene; the first save creates the file.")
     ] = False,
 ) -> None:
-    """Plan trajectories for several robots in 3D, in the browser (paper A, section 4.5).
+    """Edit the trajectories of several robots in a 3D scene, in the browser (paper A, section 4.5).
 
     Every browser that opens the address edits the same scene. Ctrl-C ends without saving.
 
@@ -80,13 +80,16 @@ def serve(
     action: _Action = "",
     scene: Annotated[
         Path | None,
-        Option(help="Scene with the agent's start and limits. [default: at 0, without limits]"),
+        Option(
+            help="Scene with the start and the limits of the agent. [default: at 0, without limits]"
+        ),
     ] = None,
     preempt: Annotated[
-        bool, Option("--preempt", help="Let a second goal replace the first. [default: refuse it]")
+        bool,
+        Option("--preempt", help="Let a new goal replace the current one. [default: refuse it]"),
     ] = False,
 ) -> None:
-    """Simulate an agent that an action moves, until Ctrl-C.
+    """Simulate an agent that follows the trajectories of an action's goals, until Ctrl-C.
 
     It publishes /global/<agent>/pose, /global/<agent>/odometry and <agent>/base on /tf.
 
@@ -137,13 +140,16 @@ def run_scene(
     action: _Action = "",
     delay: Annotated[
         float,
-        Option(min=0.0, help="Time until all start together, s; 0: each starts at its goal."),
+        Option(
+            min=0.0, help="Time until all start together, s; 0: each starts once it has its goal."
+        ),
     ] = 1.0,
 ) -> None:
-    """Send agents along their trajectories of a scene and wait for their arrival; Ctrl-C stops them.
+    """Send the trajectories of a scene to its agents and wait for their arrival; Ctrl-C stops them.
 
-    Without --agent all agents that have a trajectory are sent. Several agents start together by their clocks, which must agree. The exit status is 0 if all
-    agents arrived, otherwise 1, and 130 after Ctrl-C, when all agents have stopped.
+    Without --agent, these are all agents that have a trajectory. The clocks of their hosts must be
+    synchronised, so that they start together. The exit status is 0 if all agents arrived, 1 if one
+    did not, and 130 after Ctrl-C, when all agents have stopped.
 
     Examples:
       sfglab follow run data/scenes/hall.yaml --agent go2 --domain 7

@@ -30,7 +30,9 @@ _PRESET_OF = {
 def qos(
     file: Annotated[
         Path | None,
-        Argument(help="File of topics, e.g. data/qos/paper_b.yaml, or a log or bag."),
+        Argument(
+            help="File of topics, e.g. data/qos/paper_b.yaml, or a log or bag. [default: a domain]"
+        ),
     ] = None,
     method: Annotated[
         Literal["ours", "paper"],
@@ -43,7 +45,7 @@ def qos(
         Option(
             "--format",
             help="Output: a table, a file for Fast DDS 2 or 3, Cyclone DDS or ROS 2, "
-            "or the topics of a log as a file for this command.",
+            "or the topics of a log or domain as a file for this command.",
         ),
     ] = "table",
     out: OutputFolder = None,
@@ -75,7 +77,7 @@ def qos(
     interface: Interface = None,
     as_json: Json = False,
 ) -> None:
-    """Plan the rate, history depth and deadline of each topic on a shared link.
+    """Plan the rate, history depth and deadline of each topic on a shared wireless link (paper B).
 
     Examples:
       sfglab qos data/qos/paper_b.yaml
@@ -121,10 +123,10 @@ def qos(
     if as_json:
         unused("with --json", "format_", "out")
         print_json(plan)
-    elif export:
-        write_text(export.render(plan), out and Path(export.file), out)
-    else:
-        write_text(_plan_text(plan), out and Path("qos.txt"), out)
+        return
+    text = export.render(plan) if export else _plan_text(plan)
+    name = export.file if export else "qos.txt"
+    write_text(text, out and Path(name), out)
 
 
 def _topics_of(found: LogReader | Path) -> TopicFile:

@@ -19,11 +19,9 @@ def schema(
 ) -> None:
     """Print the JSON Schema of a file format, for completion and checks in editors.
 
-    An editor with YAML support reads it if the file's first line is
-    # yaml-language-server: $schema=fleet.json
-
-    Example:
+    Example of use, where the first line of the YAML file names its schema for the editor:
       sfglab schema fleet --out fleet.json
+      # yaml-language-server: $schema=fleet.json
     """
     from sfglab.lab.formats import FORMATS
 

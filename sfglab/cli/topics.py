@@ -6,35 +6,35 @@ import asyncio
 import time
 from contextlib import suppress
 from dataclasses import replace
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from typer import Argument, Option
 
-from sfglab.cli.buses import look, print_json, print_list, say, until_interrupted
+from sfglab.cli.buses import look, print_json, say, until_interrupted
 from sfglab.cli.interfaces import Interfaces
 from sfglab.cli.options import Count, Domain, Duration, Interface, Json, SpinTime
 from sfglab.errors import SfglabError
+from sfglab.qos import DEFAULT, Durability, History, QoSProfile, Reliability
 from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
     from sfglab.bus import EndpointInfo, EndpointKind, Node
-    from sfglab.qos import QoSProfile
 
 app = typer.Typer(help="List, print, measure and publish topics, like ros2 topic.")
 node_app = typer.Typer(help="List the nodes of a domain, like ros2 node.")
 
 _Topic = Annotated[str, Argument(help="Name of the topic, e.g. /chatter.")]
 _Reliability = Annotated[
-    Literal["reliable", "best_effort"] | None,
-    Option("--qos-reliability", help="Reliability of the endpoint."),
+    Reliability | None,
+    Option("--qos-reliability", help="QoS reliability of the publisher or subscription."),
 ]
 _Durability = Annotated[
-    Literal["volatile", "transient_local"] | None,
-    Option("--qos-durability", help="Durability of the endpoint."),
+    Durability | None,
+    Option("--qos-durability", help="QoS durability of the publisher or subscription."),
 ]
 _Depth = Annotated[
-    int | None, Option("--qos-depth", min=1, help="Depth of the history (KEEP_LAST), in messages.")
+    int | None, Option("--qos-depth", min=1, help="QoS history depth (KEEP_LAST), in messages.")
 ]
 _TOPIC_S = 3.0  #: Time to discover a topic's first publisher, s.
 _OTHERS_S = 0.3  #: Time to discover further publishers of the topic, s.
@@ -52,7 +52,7 @@ def list_nodes(
     interface: Interface = None,
     spin_time: SpinTime = None,
 ) -> None:
-    """List nodes.
+    """List the nodes of a domain.
 
     Examples:
       sfglab node list
@@ -62,7 +62,7 @@ def list_nodes(
 
     names = [node.full_name for node in look((domain, interface), spin_time).nodes]
     shown = [name for name in names if hidden or not is_hidden(name)]
-    print_list(shown, shown, count=count, as_json=as_json)
+    say(shown, str(len(shown)) if count else "\n".join(shown), as_json=as_json)
 
 
 @app.command("list")
@@ -82,7 +82,7 @@ def list_topics(
     interface: Interface = None,
     spin_time: SpinTime = None,
 ) -> None:
-    """List topics.
+    """List the topics of a domain.
 
     Examples:
       sfglab topic list
@@ -91,9 +91,9 @@ def list_topics(
     from sfglab.bus.listing import names_text
 
     found = look((domain, interface), spin_time).topics(hidden=hidden)
-    lines = names_text(found, show_types=show_types).splitlines()
+    text = str(len(found)) if count else names_text(found, show_types=show_types)
     values = [{"name": name, "types": types} for name, types in found.items()]
-    print_list(lines, values, count=count, as_json=as_json)
+    say(values, text, as_json=as_json)
 
 
 @app.command()
@@ -221,7 +221,9 @@ def pub(
     type_: Annotated[str, Argument(metavar="TYPE", help="Type, e.g. std_msgs/msg/String.")],
     values: Annotated[
         str,
-        Argument(help="Fields as YAML, e.g. '{data: hello}'; now and auto stand for the time."),
+        Argument(
+            help="Fields as YAML, e.g. '{data: hello}'; now (a stamp) and auto (a header) give the time."
+        ),
     ] = "",
     rate: Annotated[float, Option("--rate", "-r", min=0.001, help="Rate, Hz.")] = 1.0,
     print_: Annotated[
@@ -242,7 +244,7 @@ def pub(
         ),
     ] = None,
     keep_alive: Annotated[
-        float, Option(min=0.0, help="Time to stay after the last message, s.")
+        float, Option(min=0.0, help="Time to run after the last message, s.")
     ] = 0.1,
     reliability: _Reliability = None,
     durability: _Durability = None,
@@ -262,7 +264,6 @@ def pub(
     """
     from sfglab.bus import BusTimeoutError
     from sfglab.messages.text import as_rclpy_shows, message_from_yaml
-    from sfglab.qos import DEFAULT
 
     if once and times:
         raise SfglabError("--once and --times exclude each other: give one of them")
@@ -295,15 +296,16 @@ def pub(
 
 
 def _changed(
-    qos: QoSProfile, reliability: str | None, durability: str | None, depth: int | None
+    qos: QoSProfile,
+    reliability: Reliability | None,
+    durability: Durability | None,
+    depth: int | None,
 ) -> QoSProfile:
     """Return a QoS with the policies that the command line sets."""
-    from sfglab.qos import Durability, History, Reliability
-
     if reliability:
-        qos = replace(qos, reliability=Reliability(reliability))
+        qos = replace(qos, reliability=reliability)
     if durability:
-        qos = replace(qos, durability=Durability(durability))
+        qos = replace(qos, durability=durability)
     if depth:
         qos = replace(qos, history=History.KEEP_LAST, depth=depth)
     return qos

@@ -52,10 +52,11 @@ def view(
         list[str] | None, Option(help="Only topics that begin with this text (repeatable).")
     ] = None,
     memory: Annotated[
-        str, Option(help="Memory limit of the viewer or server: a share, or as 4GB.")
+        str, Option(help="Memory limit of the viewer or server, e.g. 25% or 4GB.")
     ] = "25%",
     thin: Annotated[
-        bool, Option("--thin", help="Limit a log to the visualizers' rates, as for a domain.")
+        bool,
+        Option("--thin", help="Limit a log to the update rate of each display, as for a domain."),
     ] = False,
     domain: Domain = None,
     interface: Interface = None,
@@ -63,7 +64,7 @@ def view(
 ) -> None:
     """Show a domain or a log in the Rerun viewer, or write it into a file (paper A, section 4.5).
 
-    All topics are shown that an installed visualizer supports. Ctrl-C ends and completes a file.
+    All topics are shown whose types an installed visualizer supports. Ctrl-C ends, and a file is complete then.
 
     Examples:
       sfglab view --domain 7
