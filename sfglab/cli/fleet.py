@@ -184,19 +184,16 @@ def _agent_config(
     agent: str | None, fleet: Path | None, local: Place, remote: Place, offers: bool | None
 ) -> AgentConfig:
     """Return an agent as the command line and the fleet file describe it."""
-    from sfglab.fleet.agent.plan import SideOptions, config_from_options
+    from sfglab.fleet.agent.plan import config_from_options
     from sfglab.fleet.fleet_file import load_fleet
     from sfglab.names import default_agent
 
     domain, interface = local
     if domain is None and fleet is None and VARIABLE in os.environ:
         domain = usual_domain_id()
-    config = config_from_options(
-        agent or default_agent(),
-        None if fleet is None else load_fleet(fleet),
-        local=SideOptions(domain_id=domain, interface=interface),
-        remote=SideOptions(domain_id=remote[0], interface=remote[1]),
-    )
+    described = None if fleet is None else load_fleet(fleet)
+    own = (domain, interface)
+    config = config_from_options(agent or default_agent(), described, local=own, remote=remote)
     return config if offers is None else replace(config, offers=offers)
 
 

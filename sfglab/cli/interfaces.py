@@ -46,10 +46,8 @@ def interfaces(
       sfglab interfaces ~/ros2_ws/src   # then: colcon build --packages-select sfglab_interfaces
     """
     source = Path(sfglab.__file__).parent / "messages" / "interfaces" / "sfglab_interfaces"
-    files: dict[Path, str | bytes] = {}
-    for path in source.rglob("*"):
-        if path.is_file():
-            files[path.relative_to(source)] = path.read_bytes()
+    paths = [path for path in source.rglob("*") if path.is_file()]
+    files = {path.relative_to(source): path.read_bytes() for path in paths}
     package = folder / source.name
     write_files(files, folder=package)
     typer.echo(package)

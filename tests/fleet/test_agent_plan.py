@@ -122,19 +122,13 @@ def test_a_keeper_runs_where_there_is_video_and_without_lifecycle_no_status_or_d
 
 
 def test_options_alone_need_a_domain_and_go_before_the_fleet_file():
-    config = plans.config_from_options(
-        "go2", None, local=plans.SideOptions(domain_id=7), remote=plans.SideOptions()
-    )
+    config = plans.config_from_options("go2", None, local=(7, None))
     assert (config.local, config.remote) == (BusAddress(domain_id=7), BusAddress(domain_id=0))
     with pytest.raises(
         InvalidValueError, match="its own domain: nothing is given, allowed: 1 to 232 or a"
     ):
-        plans.config_from_options(
-            "go2", None, local=plans.SideOptions(), remote=plans.SideOptions()
-        )
-    config = plans.config_from_options(
-        "go2", FLEET, local=plans.SideOptions(), remote=plans.SideOptions(interface="eth1")
-    )
+        plans.config_from_options("go2", None)
+    config = plans.config_from_options("go2", FLEET, remote=(None, "eth1"))
     assert config.local == BusAddress(domain_id=1, interface="lo")
     assert config.remote == BusAddress(domain_id=3, interface="eth1")
 

@@ -181,33 +181,34 @@ def config_from_fleet(fleet: Fleet, agent: str) -> AgentConfig:
     return config if spec.lifecycle else without(config, ("status", "discoverer"))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SideOptions:
-    """What is said of one side of the border; None: nothing."""
-
-    domain_id: int | None = None  #: DDS domain.
-    interface: str | None = None  #: Network interface by name.
-
-    def over(self, address: BusAddress) -> BusAddress:
-        """Return an address with what is said here in place of what it says."""
-        domain_id = address.domain_id if self.domain_id is None else self.domain_id
-        return replace(address, domain_id=domain_id, interface=self.interface or address.interface)
+Side = tuple[int | None, str | None]
+"""DDS domain and network interface that are given for one side of the border; None: not given."""
 
 
 def config_from_options(
-    agent: str, fleet: Fleet | None, *, local: SideOptions, remote: SideOptions
+    agent: str, fleet: Fleet | None, *, local: Side = (None, None), remote: Side = (None, None)
 ) -> AgentConfig:
     """Return the agent of the command line: over the fleet file, or of its own domain and the global one, 0.
 
     Raises:
         InvalidValueError: Nothing says which domain is its own, or the fleet has no such agent.
     """
+    domain_id, _ = local
     if fleet is not None:
         base = config_from_fleet(fleet, agent)
-        return replace(base, local=local.over(base.local), remote=remote.over(base.remote))
-    if local.domain_id is None:
+    elif domain_id is None:
         raise InvalidValueError(
             f"agent {agent}: its own domain", None, f"1 to {MAX_DOMAIN} or a fleet file"
         )
-    own, shared = BusAddress(domain_id=local.domain_id), BusAddress(domain_id=0)
-    return AgentConfig(agent=agent, local=local.over(own), remote=remote.over(shared))
+    else:
+        shared = BusAddress(domain_id=0)
+        base = AgentConfig(agent=agent, local=BusAddress(domain_id=domain_id), remote=shared)
+    return replace(base, local=_over(base.local, local), remote=_over(base.remote, remote))
+
+
+def _over(address: BusAddress, given: Side) -> BusAddress:
+    """Return an address with what is given in place of its own values."""
+    domain_id, interface = given
+    if domain_id is not None:
+        address = replace(address, domain_id=domain_id)
+    return replace(address, interface=interface or address.interface)
