@@ -2,6 +2,9 @@
 
 Each command is a few lines over the library and imports heavy modules itself. Commands of one kind
 are in one module and are added to the program here.
+
+The package exceeds its budget of 14,000 nodes. About 130 declared options and arguments take 2,500 of
+them, and printed reports take about 2,000.
 """
 
 from __future__ import annotations
