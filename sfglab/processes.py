@@ -269,20 +269,21 @@ class ProcessGroup:
     """Processes that are started and ended together: an async context manager.
 
     Entering starts all members at once and returns when each of them serves, within `start_s` seconds. Leaving
-    tells them to end in the reverse order, and uses force on those that do not. `argv` gives the command line
-    that runs a command on a host; `on_report` is called with a member's name and every report of it. What waits
-    for a member that fails, ends, or is late raises `ProcessFailedError`, which names those that were killed.
+    tells them to end in the reverse order, and uses force on those that do not. `wrap_command` returns the
+    command line that runs a command on a host; without it all run on this one. `on_report` is called with a
+    member's name and every report of it. What waits for a member that fails, ends, or is late raises
+    `ProcessFailedError`, which names those that were killed.
     """
 
     def __init__(
         self,
-        argv: Callable[[str, Sequence[str]], Sequence[str]],
         members: Iterable[Member] = (),
         *,
+        wrap_command: Callable[[str, Sequence[str]], Sequence[str]] | None = None,
         on_report: Callable[[str, Report], None] = lambda _name, _report: None,
         start_s: float = START_LIMIT_S,
     ) -> None:
-        self._argv = argv
+        self._wrap_command = wrap_command
         self._on_report = on_report
         self._start_s = start_s
         self._first = tuple(members)
@@ -390,7 +391,9 @@ class ProcessGroup:
             self._on_report(member.name, report)
 
         assert member.name not in self._members, f"there is a {member.name!r} already"
-        argv = self._argv(member.host, member.command)
+        argv: Sequence[str] = member.command
+        if self._wrap_command is not None:
+            argv = self._wrap_command(member.host, member.command)
         process = await LineProcess.start(
             member.name, argv, on_report=take, pass_fds=member.pass_fds
         )

@@ -33,7 +33,7 @@ def gone(pid: int) -> bool:
 
 
 def grouped(*members: Member, **options):
-    return ProcessGroup(on_host, members, **options)
+    return ProcessGroup(members, wrap_command=on_host, **options)
 
 
 async def test_a_group_knows_what_its_members_said_first_and_a_configuration_arrives_typed():
@@ -70,7 +70,7 @@ async def test_all_are_told_to_end_and_are_gone(tmp_path):
 
 
 async def test_a_failed_start_leaves_nobody():
-    group = ProcessGroup(on_host, start_s=S)
+    group = ProcessGroup(wrap_command=on_host, start_s=S)
     with pytest.raises(ProcessFailedError, match=r"^b: broken as told$"):
         await group.start(toy("a"), toy("b", begins="broken"))
     assert group.members == ()

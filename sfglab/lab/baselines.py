@@ -173,7 +173,7 @@ class _RawStream(ProcessGroup):
         members: list[Member] = [peer_on(testbed, "edge", "camera", "camera")]
         members += [peer_on(testbed, "consumer", f"{REAL} {i}", f"viewer_{i}") for i in range(most)]
         members += [Member(name=f"{STAND_IN} {i}", **ours) for i in range(most)]
-        super().__init__(testbed.argv, members)
+        super().__init__(members, wrap_command=testbed.argv)
 
     async def settle(self) -> None:
         """Start the camera."""

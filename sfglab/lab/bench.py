@@ -3,24 +3,32 @@
 from __future__ import annotations
 
 import time
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any, Generic, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, TypeVar, dataclass_transform
 
 from sfglab.errors import InvalidValueError
 
 if TYPE_CHECKING:
     from contextlib import ExitStack
 
+    from sfglab.lab.checks import Case
     from sfglab.lab.sweep import Workers
     from sfglab.lab.testbed import Testbed
     from sfglab.record import LogWriter
 
 C = TypeVar("C")
 Row = Any  #: An instance of a table's class, or its fields as a mapping.
+
+
+@dataclass_transform(frozen_default=True, kw_only_default=True)
+class TableRow:
+    """Base of a table's rows: `Experiment.table` makes a subclass a frozen dataclass, which mypy knows."""
+
+    __slots__ = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -73,6 +81,8 @@ class Bench(Generic[C]):
     hosts: Testbed | None = None  #: The experiment's hosts, if it declares any.
     timed: bool = True  #: Whether rows get the time of writing; else their place in the table.
     advance: Callable[[str], None] = lambda _: None  #: Tells a step of the current part's progress.
+    #: Cases by check; when a part ends, each check is written as a `CheckRow`.
+    cases: defaultdict[str, list[Case]] = field(default_factory=lambda: defaultdict(list))
     _places: Counter[str] = field(default_factory=Counter)
     _scratch: Path | None = None
 
@@ -82,12 +92,24 @@ class Bench(Generic[C]):
         assert self.hosts is not None, "the experiment declares hosts"
         return self.hosts
 
-    def write(self, table: str, row: Row, *, at_ns: int | None = None) -> None:
-        """Write one row, an instance of the table's class or its fields by name.
+    def write(self, table: Row, row: Row = None, *, at_ns: int | None = None) -> None:
+        """Write one row: `write(row)` into the table of the row's class, or `write(table, row)`.
 
-        Its time is now, or its place in the table where the part is not timed. Raises `InvalidValueError` if
-        there is no such table.
+        Args:
+            table: Name of the table. If `row` is missing: the row, whose class only one table has.
+            row: An instance of the table's class, or its fields by name.
+            at_ns: Time of the row in the log. None: the current time, or in a part that is not timed the
+                number of rows before it in its table.
+
+        Raises:
+            InvalidValueError: There is no such table, or not exactly one table has the row's class.
         """
+        if row is None:
+            row = table
+            names = [name for name, known in self.row_classes.items() if known is type(row)]
+            if len(names) != 1:
+                raise InvalidValueError("table of the row", names, "one; otherwise give its name")
+            table = names[0]
         if table not in self.row_classes:
             raise InvalidValueError("table", table, ", ".join(sorted(self.row_classes)))
         if at_ns is None:

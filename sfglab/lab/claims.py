@@ -82,6 +82,8 @@ class Claim(Shown):
     says: str  #: The statement.
     #: The paper's figure in `unit`; None where the statement is not a number.
     paper: Annotated[int | float | None, OR_NULL]
+    #: Further numbers that the paper states, by name, for figures and details; no verdict uses them.
+    numbers: Mapping[str, float] = field(default_factory=dict)
     unit: str  #: Unit of the paper's figure and of ours.
     band: tuple[float, float]  #: Lowest and highest figure that counts as reproduced.
     better: Literal["above", "below"] | None = None  #: The band's end beyond which ours is better.

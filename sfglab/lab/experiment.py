@@ -17,8 +17,9 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 from sfglab.errors import InvalidValueError, SfglabError
 from sfglab.fields import Bounds, to_json
 from sfglab.lab.bench import Bench, Options, rows_of
+from sfglab.lab.checks import check_row
 from sfglab.lab.claims import Finding, How, Measured
-from sfglab.lab.figures import caption_of, house_style
+from sfglab.lab.figures import add_note, caption_of, default_sidecar, house_style
 from sfglab.lab.paths import find_project
 from sfglab.lab.progress import progress_bar
 from sfglab.lab.runs import COMPLETION, SMOKE, Run, new_log, unfinished_of
@@ -35,6 +36,7 @@ if TYPE_CHECKING:
 
 
 C = TypeVar("C")
+T = TypeVar("T")
 F = TypeVar("F", bound=Callable[..., Any])
 
 QUICK, PAPER = "quick", "paper"
@@ -115,7 +117,7 @@ class _Part:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Drawing:
-    function: Callable[[Figure, Run[Any]], dict[str, Any]]
+    function: Callable[[Figure, Run[Any]], dict[str, Any] | None]
     size: tuple[float, float]
     when: Callable[[Run[Any]], bool]
 
@@ -165,7 +167,9 @@ class Experiment(Generic[C]):
     `seed` is nobody's change. `where` is paper and section; `smoke` and `paper` are fields that these profiles
     change; `hosts` names test hosts that the run is on, or is a function of the configuration that does.
     `removed` are fields of older logs with the value in each profile: a log with another value counts for no
-    claim.
+    claim. `renamed` has the former names of columns by table, and under an empty name that of the table itself:
+    ``{"cell": {"": "cells", "size": "bytes"}}`` reads the table ``cells`` of an older log as ``cell``, and its
+    column ``bytes`` as ``size``.
     """
 
     def __init__(  # noqa: PLR0913  # what an experiment declares in one place
@@ -180,10 +184,12 @@ class Experiment(Generic[C]):
         actors: Sequence[Actor] = (),
         links: Sequence[Link] = (),
         removed: Mapping[str, Mapping[str, Any]] | None = None,
+        renamed: Mapping[str, Mapping[str, str]] | None = None,
     ) -> None:
         self.name, self.where, self.config_class = name, where, config
         self._hosts, self.setup = hosts, Setup(tuple(actors), tuple(links))
         self._removed = removed or {}
+        self._renamed = renamed or {}
         self._profiles: dict[str, Mapping[str, Any]] = {SMOKE: smoke, QUICK: {}, PAPER: paper}
         self.tables: dict[str, type[Any]] = {}
         self.sweeps: list[_Sweep] = []
@@ -199,10 +205,13 @@ class Experiment(Generic[C]):
 
     # What an experiment declares.
 
-    def table(self, *names: str) -> Callable[[type[Any]], type[Any]]:
-        """Declare the class of tables' rows, as a dataclass: its fields' names and texts go into the log."""
+    def table(self, *names: str) -> Callable[[type[T]], type[T]]:
+        """Declare the class of tables' rows, as a dataclass: its fields' names and texts go into the log.
 
-        def declare(row_class: type[Any]) -> type[Any]:
+        In a subclass of `TableRow`, mypy finds fields that are missing, unknown or of another type.
+        """
+
+        def declare(row_class: type[T]) -> type[T]:
             if "__dataclass_fields__" not in vars(row_class):  # of its own, not inherited
                 row_class = dataclass(frozen=True, slots=True, kw_only=True)(row_class)
             self.tables |= dict.fromkeys(names, row_class)
@@ -280,9 +289,12 @@ class Experiment(Generic[C]):
         size: tuple[float, float],
         when: Callable[[Run[C]], bool] = lambda _: True,
     ) -> Callable[[F], F]:
-        """Declare a figure of a size in inches: a function draws into an empty one and returns what it shows.
+        """Declare a figure of a size in inches: a function of an empty figure and a run draws it.
 
-        That are JSON values, dataclasses of them, and tables; `when` says whether a run has the figure.
+        Note and sidecar come from the run: machine, repetitions and the tables that were read. The note begins
+        with the words that the function passes to `note`. If the function returns a dictionary of JSON values,
+        dataclasses and tables, this is the sidecar, and the note is the function's alone. `when` says whether
+        a run has the figure.
         """
 
         def declare(function: F) -> F:
@@ -339,7 +351,7 @@ class Experiment(Generic[C]):
 
     def load(self, log: Path) -> Run[C]:
         """Return a finished run from its log."""
-        return Run(log, self.config_class, self.tables, self._removed)
+        return Run(log, self.config_class, self.tables, self._removed, self._renamed)
 
     async def run(
         self,
@@ -466,6 +478,9 @@ class Experiment(Generic[C]):
                 result = part.function(bench)
                 if inspect.isawaitable(result):
                     await result
+                for check, cases in bench.cases.items():
+                    bench.write(check_row(check, cases))
+                bench.cases.clear()
                 if total == 1:
                     advance("done")
             except part.skips as error:
@@ -490,7 +505,11 @@ class Experiment(Generic[C]):
         drawing = self._drawings[name]
         with house_style():
             figure = Figure(figsize=drawing.size)
+            run.used = set()
             shown = drawing.function(figure, run)
+            if shown is None:
+                shown = default_sidecar(run)
+                add_note(figure, shown)
             if run.profile == SMOKE:
                 _mark_as_smoke(figure)
         return figure, {name: _numbers(value) for name, value in shown.items()}

@@ -69,6 +69,62 @@ def note(figure: Figure, text: str, live: Run[Any] | None = None) -> None:
     figure.supxlabel(where + text, x=0.005, ha="left", fontsize=8.5, color="0.25")
 
 
+def default_sidecar(run: Run[Any]) -> dict[str, Any]:
+    """Return what a figure shows, from its run: machine, repetitions, and rows of the tables that were read."""
+    machine = run.metadata("run").get("machine", {})
+    tables = {}
+    repetitions = 1
+    for name in sorted(run.used):
+        table = run[name]
+        tables[name] = len(table)
+        if "repeat" in table:
+            repetitions = max(repetitions, table["repeat"].nunique())
+    cpu = f"{machine.get('cpu', 'unknown')}, {machine.get('usable_cores', '?')} cores"
+    return {"machine": cpu, "repetitions": repetitions, "tables": tables}
+
+
+def add_note(figure: Figure, sidecar: Mapping[str, Any]) -> None:
+    """Add the machine, the repetitions and the tables of a sidecar to the note below a figure."""
+    tables = ", ".join(sidecar["tables"])
+    parts = [figure.get_supxlabel(), f"machine: {sidecar['machine']}", f"tables: {tables}"]
+    if sidecar["repetitions"] > 1:
+        parts.insert(1, f"{sidecar['repetitions']} repetitions")
+    note(figure, "; ".join(filter(None, parts)))
+
+
+def lines(
+    axes: Axes, frame: pd.DataFrame, styles: Mapping[Any, Mapping[str, Any]], **style: Any
+) -> None:
+    """Draw one line for each column of a table, over the table's index.
+
+    Args:
+        axes: Axes to draw into.
+        frame: The values.
+        styles: Properties of matplotlib's lines by column; a column that is missing gets matplotlib's defaults.
+        style: Properties of all lines; they override `styles`.
+    """
+    for column in frame:
+        properties = {**styles.get(column, {}), **style}
+        axes.plot(frame.index, frame[column], **properties)
+
+
+def bytes_axis(axes: Axes) -> None:
+    """Make the x axis a logarithmic one of message sizes, with ticks such as ``10 kB``."""
+    from matplotlib.ticker import EngFormatter, NullLocator
+
+    axes.set(xscale="log", xlabel="message size")
+    axes.xaxis.set_major_formatter(EngFormatter(unit="B"))
+    axes.xaxis.set_minor_locator(NullLocator())
+
+
+def paper_line(axes: Axes, value: float, **style: Any) -> None:
+    """Draw a value of the y axis that the paper states: a dashed line with its number at the right end."""
+    line = axes.axhline(value, **{"color": "black", **PAPER_STYLE, **style})
+    where = axes.get_yaxis_transform()
+    color = line.get_color()
+    axes.text(1, value, f"paper: {value:g}", transform=where, ha="right", va="bottom", color=color)
+
+
 def word_table(
     figure: Figure, head: Sequence[str], rows: Mapping[str, Sequence[Cell]], *, wrap: int
 ) -> None:

@@ -115,7 +115,7 @@ async def live_hosts(*names: str, ros: RosMode | None = None) -> AsyncIterator[L
     with Network() as network:
         members = [_member(host, ros) for host in map(network.add_host, names)]
         network.set_radio(QUIET)
-        async with ProcessGroup(network.argv, members, start_s=START_S) as group:
+        async with ProcessGroup(members, wrap_command=network.argv, start_s=START_S) as group:
             yield LiveHosts(network, group)
 
 

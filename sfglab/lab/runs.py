@@ -43,10 +43,14 @@ class Run(Generic[C]):
         config_class: type[C],
         row_classes: Mapping[str, type[Any]],
         removed: Mapping[str, Mapping[str, Any]],
+        renamed: Mapping[str, Mapping[str, str]] | None = None,
     ) -> None:
         self.log = log  #: The log.
         self._row_classes = row_classes
-        self._known: dict[Any, Any] = {}
+        self._renamed = renamed or {}
+        self._known: dict[Any, tuple[Any, set[str]]] = {}
+        #: Names of the tables that were read so far, directly or in a derived value.
+        self.used: set[str] = set()
         with LogReader(log) as reader:
             self._tables = reader.tables
             self._metadata = {name: reader.metadata(name) for name in reader.metadata_names}
@@ -89,12 +93,16 @@ class Run(Generic[C]):
     def _read(self, name: str) -> pd.DataFrame:
         import pandas as pd
 
-        if name not in self._tables:
+        self.used.add(name)
+        former = self._renamed.get(name, {})
+        logged = name if name in self._tables else former.get("", name)
+        if logged not in self._tables:
             return pd.DataFrame(
                 columns=["log_time_ns", *(f.name for f in fields(self._row_classes[name]))]
             )
+        columns = {before: now for now, before in former.items()}
         with LogReader(self.log) as reader:
-            return reader.table(name)
+            return reader.table(logged).rename(columns=columns)
 
     @property
     def experiment(self) -> str:
@@ -133,8 +141,12 @@ class Run(Generic[C]):
     def once(self, key: Any, make: Callable[[], T]) -> T:
         """Return what was made for a key before, or make it."""
         if key not in self._known:
-            self._known[key] = make()
-        found: T = self._known[key]
+            outer, self.used = self.used, set()
+            self._known[key] = make(), self.used
+            self.used = outer
+        found: T
+        found, used = self._known[key]
+        self.used |= used
         return found
 
 

@@ -18,6 +18,8 @@ from sfglab.errors import InvalidValueError
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
+    import pandas as pd
+
 Floats = NDArray[np.float64]
 RESAMPLES = 2000
 #: How many rows are drawn at once where there is one group: what fits the cache.
@@ -112,6 +114,44 @@ def ratio_of(pairs: Floats, middle: Callable[..., Any], *, unit: str) -> Estimat
         return first / second  # type: ignore[no-any-return]
 
     return _bootstrap([pairs], ratios, unit, 0, _rows_at_once(pairs))
+
+
+def paired_ratios(
+    table: pd.DataFrame,
+    *,
+    by: Sequence[str],
+    pair: str,
+    order: tuple[str, str],
+    values: Sequence[str],
+) -> pd.DataFrame:
+    """Estimate ratios of medians of paired measurements, resampling the pairs of each group.
+
+    Args:
+        table: One row per measurement. Rows of a group with equal values of ``repeat`` are a pair.
+        by: Columns whose values identify a group.
+        pair: Column with the condition of a measurement.
+        order: The two conditions, numerator first.
+        values: Columns with measured values. Each of them gets a ratio.
+
+    Returns:
+        One row per group and value. Its columns are those of `by`, ``value`` with the name of the measured
+        column, the medians under both conditions, ``ratio``, ``low`` and ``high`` of its 95 % interval, and
+        ``repeats``.
+
+    Raises:
+        KeyError: A group was measured under one of the conditions only.
+    """
+    import pandas as pd
+
+    rows = []
+    for group, measured in table.groupby([*by]):
+        for value in values:
+            pivot = measured.pivot_table(index="repeat", columns=pair, values=value)
+            pairs = pivot[[*order]].dropna()
+            ratio = ratio_of(pairs.to_numpy(), np.median, unit="times")
+            interval = ratio.value, ratio.low, ratio.high
+            rows.append((*group, value, *pairs.median(), *interval, len(pairs)))
+    return pd.DataFrame(rows, columns=[*by, "value", *order, "ratio", "low", "high", "repeats"])
 
 
 def line_fit(x: Floats, y: Floats) -> tuple[float, float]:

@@ -28,7 +28,7 @@ class StreamProcesses(ProcessGroup):
         self._config, self._testbed = config, testbed
         #: Number, stamp and size of the frames that it reported.
         self.sent: list[tuple[int, int, int]] = []
-        super().__init__(testbed.argv, self.first_members(), on_report=self.note)
+        super().__init__(self.first_members(), wrap_command=testbed.argv, on_report=self.note)
 
     def first_members(self) -> Iterable[Member]:
         """Return what is started on entering."""

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import pandas as pd
 import pytest
 
-from sfglab.lab.checks import ALL, GROUPS, CheckRow, Checks, group, share_of_checks, trees
+from sfglab.lab.checks import ALL, GROUPS, CheckRow, Checks, group, lowest_share, trees
 from sfglab.spatial.mocap.bridge import mocap_trees
 from sfglab.spatial.trajectory.path import Interpolation, stretched
 
@@ -21,11 +21,11 @@ def table(*rows):
 
 def test_many_checks_of_one_group_hide_none_of_another_and_nothing_is_said_if_all_hold():
     rows = ("exact", "a", 1000, 1000), ("live", "b", 3, 3), ("live", "c", 1, 0)
-    share = share_of_checks(table(*rows), "group")
+    share = lowest_share(table(*rows), "group")
     assert (share.estimate.low, share.estimate.value, share.estimate.high) == (0.75, 0.75, 0.75)
     assert share.groups == {"exact": "1000 of 1000", "live": "3 of 4"}
     assert share.reason == "c: 0 of 1: x"
-    share = share_of_checks(table(("exact", "a", 2, 2)), "group")
+    share = lowest_share(table(("exact", "a", 2, 2)), "group")
     assert (share.estimate.value, share.reason) == (1.0, "")
 
 

@@ -224,7 +224,7 @@ async def test_ros_nodes_of_two_agents_find_each_other_completely():
         )
         return Member(name=name, module="sfglab.lab.workers.rosnodes", config=config)
 
-    async with ProcessGroup(lambda _, command: command, map(member, "ab")) as group:
+    async with ProcessGroup(map(member, "ab")) as group:
         for found in (await group.ask("resolved", timeout_s=60, do="start")).values():
             assert found["endpoints"] == found["expected"] == 3 * 18
             assert (found["participants"], found["announcements"]) == (3, 6)

@@ -117,7 +117,7 @@ def test_flips_that_were_published_count_whether_or_not_a_listener_kept_them(mad
     flips = pd.DataFrame(
         [seen | {"truth": "flipped", "published": p, "count": 3} for p in (True, False)]
     )
-    run._known["table", "sight"] = flips.assign(log_time_ns=1)
+    run._known["table", "sight"] = flips.assign(log_time_ns=1), frozenset()
     assert broken(checks(run)).keys() == {"live, faulty, proxy: no flipped sight is published"}
 
 

@@ -1,11 +1,20 @@
 """Estimates agree with closed forms, and their intervals cover what they should."""
 
 import numpy as np
+import pandas as pd
 import pytest
 import scipy.stats
 
 from sfglab.errors import InvalidValueError
-from sfglab.lab.stats import bootstrap, difference_of, lack_of_fit, line_fit, median_of, share_of
+from sfglab.lab.stats import (
+    bootstrap,
+    difference_of,
+    lack_of_fit,
+    line_fit,
+    median_of,
+    paired_ratios,
+    share_of,
+)
 
 
 def test_a_line_is_fitted_exactly_and_one_through_one_place_is_undefined():
@@ -77,3 +86,24 @@ def test_the_lack_of_fit_of_a_constant_is_the_analysis_of_variance_and_needs_rep
     )
     for alone, many in ((np.arange(9), 1), (setting, 3), (np.zeros(9), 1)):
         assert lack_of_fit(errors, alone, parameters=many) is None
+
+
+def test_paired_ratios_are_those_of_the_medians_and_leave_out_what_lacks_a_partner():
+    rng = np.random.default_rng(0)
+    rows = []
+    for repeat in range(20):
+        for size in (1, 2):
+            noise = rng.uniform(0.9, 1.1)
+            for transport, factor in (("slow", 4.0), ("fast", 1.0)):
+                time_s = size * factor * noise
+                rows.append({"repeat": repeat, "size": size, "transport": transport, "s": time_s})
+    rows.append({"repeat": 20, "size": 1, "transport": "slow", "s": 100.0})
+    found = paired_ratios(
+        pd.DataFrame(rows), by=["size"], pair="transport", order=("slow", "fast"), values=["s"]
+    )
+    assert found["size"].to_list() == [1, 2]
+    assert found["repeats"].to_list() == [20, 20]
+    assert found["ratio"].to_list() == pytest.approx([4, 4])
+    assert (found["slow"] / found["fast"]).to_list() == pytest.approx(found["ratio"].to_list())
+    assert (found["low"] <= found["ratio"]).all()
+    assert (found["ratio"] <= found["high"]).all()

@@ -92,7 +92,7 @@ class Soak(ProcessGroup):
         source = HERE / "stepped_clock.c"
         subprocess.run(["cc", "-O2", "-shared", "-fPIC", "-o", library, source, "-ldl"], check=True)
         programs = [*self._nodes.values(), *self._agents.values()]
-        super().__init__(self._on_host, programs, on_report=self._hear)
+        super().__init__(programs, wrap_command=self._on_host, on_report=self._hear)
 
     def _add(self, name):
         (self._folder / name).write_bytes(bytes(4096))  # the step of its clock

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from importlib import import_module
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
@@ -17,6 +17,8 @@ from sfglab.lab.stats import Estimate, exactly
 
 if TYPE_CHECKING:
     import pandas as pd
+
+    from sfglab.lab.runs import Run
 
 GROUPS = (
     "naming",
@@ -47,14 +49,23 @@ class CheckRow:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Share:
-    """How much of a table of checks holds."""
+    """Share of the cases in a table of checks that hold."""
 
-    estimate: Estimate  #: The share in the group where it is lowest.
+    estimate: Estimate  #: The share in the group where it is lowest; NaN: there are no checks.
     groups: dict[str, str]  #: ``held of checked`` by group.
     reason: str  #: The properties that did not always hold, each with an example; empty: none.
 
 
-def share_of_checks(table: pd.DataFrame, group: str) -> Share:
+def share_of_checks(run: Run[Any], prefix: str = "") -> Share:
+    """Return the share of cases that hold in a run's table ``check``, in the check where it is lowest.
+
+    Only checks count whose name begins with the prefix.
+    """
+    table = run["check"]
+    return lowest_share(table[table["check"].astype(str).str.startswith(prefix)], "check")
+
+
+def lowest_share(table: pd.DataFrame, group: str) -> Share:
     """Return the share of checks that hold; columns are those of `CheckRow`, and one that groups."""
     sums = table.groupby(group, sort=False)[["held", "checked"]].sum()
     lowest = float((sums["held"] / sums["checked"]).min())

@@ -250,7 +250,7 @@ async def drive_live(point: Point, seed: int, *, seconds: float) -> LiveDrive:
     live = LiveDrive()
     with Network() as network:
         members = [_member(network.add_host(name), point, seed) for name in (*ROBOTS, STATION)]
-        async with ProcessGroup(network.argv, members, on_report=live.take) as group:
+        async with ProcessGroup(members, wrap_command=network.argv, on_report=live.take) as group:
             # Discovery is not what is asked here: it has an Ethernet, and then all begin to move on the radio.
             network.set_radio(point.medium, seed=seed)
             group.order(do="start")

@@ -134,7 +134,7 @@ async def _look(outside: Host, pairs: Sequence[tuple[Deployment, Bundle]]) -> di
     )
     start_s = LOOKING_S + MEETING_S
     async with ProcessGroup(
-        lambda _, command: outside.argv(command), [onlooker], start_s=start_s
+        [onlooker], wrap_command=lambda _, command: outside.argv(command), start_s=start_s
     ) as group:
         seen = group["onlooker"].readiness
     return {int(domain): topics for domain, topics in seen["domains"].items()}

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 from sfglab.deploy.bundle import Bundle, load_source, prepare
 from sfglab.deploy.fleet_check import check_fleet
 from sfglab.deploy.release import SOURCE, make_release
-from sfglab.lab.checks import CheckRow, machines, share_of_checks
+from sfglab.lab.checks import CheckRow, lowest_share, machines
 from sfglab.lab.checks.fleet_files import (
     file_rows,
     layer_rows,
@@ -241,7 +241,7 @@ def _how(run: Run[Config]) -> How:
 @exp.claim("A-DEPLOY", how=_how)
 def share_that_holds(run: Run[Config]) -> Finding:
     """Return the share of checks that hold, in the group where it is lowest."""
-    share, refused = share_of_checks(run["check"], "group"), run["refused"]["refused"]
+    share, refused = lowest_share(run["check"], "group"), run["refused"]["refused"]
     details = {
         **share.groups,
         "agents": ", ".join(dict.fromkeys(run["file"]["agent"])),

@@ -200,7 +200,7 @@ class LiveFleet(ProcessGroup):
         self.start_order: dict[str, Any] = {"do": "start", "fleet": self.hosts, **nodes}
         present = [] if cell.mode == LAUNCHED else list(enumerate(self.hosts, start=1))
         members = [member for number, host in present for member in self._members_on(number, host)]
-        super().__init__(testbed.argv, members, start_s=_LOAD_S)
+        super().__init__(members, wrap_command=testbed.argv, start_s=_LOAD_S)
 
     def node_pids(self) -> list[int]:
         """Return the process ids of the ROS 2 nodes that are there."""

@@ -304,7 +304,7 @@ async def drive_live(bench: Bench[Config]) -> None:
         told |= {"address": address, "rate_hz": config.live_hz, "live_s": config.live_s}
         configs = [DrivingNodeConfig(node=name, **told) for name in NAMES]
         members = [Member(name=each.node, module=_MODULE, config=each) for each in configs]
-        async with ProcessGroup(lambda _host, command: command, members) as nodes:
+        async with ProcessGroup(members) as nodes:
             await nodes.ask("over", NAMES[:1], timeout_s=config.live_s + _SLACK_S, do="go")
             ends = await nodes.ask("stopped", [CHAIN[0], CHAIN[-1]], timeout_s=_SLACK_S, do="stop")
     done_ns = dict(ends[CHAIN[-1]]["frames"])

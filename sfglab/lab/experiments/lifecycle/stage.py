@@ -43,7 +43,7 @@ class Stage(ProcessGroup):
     """
 
     def __init__(self, bench: Bench[Any], *members: Member) -> None:
-        super().__init__(bench.testbed.argv, members, on_report=self._hear_of)
+        super().__init__(members, wrap_command=bench.testbed.argv, on_report=self._hear_of)
         #: Heartbeats of the steady state that ``first`` heard, by agent.
         self.steady: Counter[str] = Counter()
         #: Reports of transitions, by agent.

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
-from sfglab.lab.checks import CheckRow, check_row, share_of_checks
+from sfglab.lab.checks import CheckRow, check_row, lowest_share
 from sfglab.lab.checks.trees import AGENT, RULE, WAYS, WORLD
 from sfglab.lab.claims import Finding, How
 from sfglab.lab.experiments.mocap.experiment import Config, exp
@@ -147,7 +147,7 @@ def offsets(run: Run[Config]) -> pd.DataFrame:
 )
 def share_that_holds(run: Run[Config]) -> Finding:
     """Return the share of checks that hold, of live, fault and exact checks and flipped sights the lowest."""
-    share = share_of_checks(checks(run), "how")
+    share = lowest_share(checks(run), "how")
     details = {
         "hosts": str(run.metadata("hosts")["description"]),
         **{f"{group} checks": held for group, held in share.groups.items()},

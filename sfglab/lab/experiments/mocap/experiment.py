@@ -233,7 +233,9 @@ def offset_rows(config: Config) -> Iterator[dict[str, Any]]:
 async def run_live(bench: Bench[Config]) -> None:
     """Play the live rounds; of the first, the bridge's tree as it was heard goes into the log as messages."""
     config = bench.config
-    async with ProcessGroup(bench.testbed.argv, members(bench.testbed, config.seed)) as group:
+    async with ProcessGroup(
+        members(bench.testbed, config.seed), wrap_command=bench.testbed.argv
+    ) as group:
         for name in config.rounds:
             start_ns, reports = await play(group, name, config.live_s)
             for table, row in live_rows(name, config.live_s, config.seed, start_ns, reports):

@@ -12,7 +12,7 @@ import pandas as pd
 from sfglab.lab.checks import (
     CheckRow,
     check_row,
-    share_of_checks,
+    lowest_share,
 )
 from sfglab.lab.claims import Finding, How
 from sfglab.lab.experiment import Look
@@ -170,7 +170,7 @@ def share_that_holds(run: Run[Config]) -> Finding:
     Of the groups whichever share is lowest: many random cases of one would hide the few of another.
     """
     table = checks(run)
-    share, allowed = share_of_checks(table, "group"), allowed_m(run)
+    share, allowed = lowest_share(table, "group"), allowed_m(run)
     contrast, worst = run["contrast"].iloc[0], run["track"].groupby("agent")["error_m"].max()
     loops = contrast["checked"] - contrast["held"]
     details = {

@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 
 from sfglab.fleet.policy import TABLE_1
-from sfglab.lab.checks import CheckRow, check_row, share_of_checks
+from sfglab.lab.checks import CheckRow, check_row, lowest_share
 from sfglab.lab.checks.routing import in_table_1
 from sfglab.lab.claims import Finding, How
 from sfglab.lab.experiments.routing.experiment import Config, exp, halves, may_cross
@@ -185,7 +185,7 @@ def latencies(run: Run[Config]) -> dict[str, Estimate]:
 def share_that_holds(run: Run[Config]) -> Finding:
     """Return the share of checks that hold, of live and exact ones whichever is lower."""
     table, times = checks(run), latencies(run)
-    share = share_of_checks(table, "how")
+    share = lowest_share(table, "how")
     details = {
         "hosts": str(run.metadata("hosts")["description"]),
         "agents": str(run.config.agents),

@@ -142,7 +142,7 @@ class Stage(ProcessGroup):
             Member(name=p.party, host=p.host, module=peer, config=self._peer(p))
             for p in self.parties
         )
-        super().__init__(testbed.argv, (*routers, *peers))
+        super().__init__((*routers, *peers), wrap_command=testbed.argv)
 
     async def talk(self, seconds: float) -> dict[str, int]:
         """Let everybody talk, and return how many rounds of messages each has sent when all is quiet.

@@ -58,7 +58,7 @@ class Crossing(ProcessGroup):
         self._largest_bytes, self._seed = largest_bytes, seed
         self._data = random_bytes(largest_bytes, seed)
         self._rounds = 0
-        super().__init__(lambda _host, command: command)
+        super().__init__()
 
     async def settle(self) -> None:
         """Start the processes, each with its ends of the links."""

@@ -53,7 +53,7 @@ def member(role: str, **values: Any) -> Member:
 
 def processes(*members: Member) -> ProcessGroup:
     """Return processes on this host that end with a block."""
-    return ProcessGroup(lambda _host, command: command, members)
+    return ProcessGroup(members)
 
 
 def write_scene(parts: tuple[Part, ...], path: Path) -> None:
