@@ -291,8 +291,9 @@ class Experiment(Generic[C]):
     ) -> Callable[[F], F]:
         """Declare a figure of a size in inches: a function of an empty figure and a run draws it.
 
-        Note and sidecar come from the run: machine, repetitions and the tables that were read. The note begins
-        with the words that the function passes to `note`. If the function returns a dictionary of JSON values,
+        The sidecar comes from the run: machine, repetitions and the tables that were read. The note begins with
+        the words that the function passes to `note`, and ends with repetitions and machine, or *computed* if no
+        part of the experiment is measured. If the function returns a dictionary of JSON values,
         dataclasses and tables, this is the sidecar, and the note is the function's alone. `when` says whether
         a run has the figure.
         """
@@ -509,7 +510,7 @@ class Experiment(Generic[C]):
             shown = drawing.function(figure, run)
             if shown is None:
                 shown = default_sidecar(run)
-                add_note(figure, shown)
+                add_note(figure, shown, measured=self.measures)
             if run.profile == SMOKE:
                 _mark_as_smoke(figure)
         return figure, {name: _numbers(value) for name, value in shown.items()}

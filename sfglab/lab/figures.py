@@ -83,12 +83,12 @@ def default_sidecar(run: Run[Any]) -> dict[str, Any]:
     return {"machine": cpu, "repetitions": repetitions, "tables": tables}
 
 
-def add_note(figure: Figure, sidecar: Mapping[str, Any]) -> None:
-    """Add the machine, the repetitions and the tables of a sidecar to the note below a figure."""
-    tables = ", ".join(sidecar["tables"])
-    parts = [figure.get_supxlabel(), f"machine: {sidecar['machine']}", f"tables: {tables}"]
+def add_note(figure: Figure, sidecar: Mapping[str, Any], *, measured: bool) -> None:
+    """Add repetitions and machine of a sidecar to the note below a figure, or that it was computed."""
+    parts = [figure.get_supxlabel()]
     if sidecar["repetitions"] > 1:
-        parts.insert(1, f"{sidecar['repetitions']} repetitions")
+        parts.append(f"{sidecar['repetitions']} repetitions")
+    parts.append(f"run on {sidecar['machine']}" if measured else "computed")
     note(figure, "; ".join(filter(None, parts)))
 
 

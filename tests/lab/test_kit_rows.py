@@ -5,12 +5,13 @@ from dataclasses import dataclass
 
 import pytest
 from made_logs import ran
+from matplotlib.figure import Figure
 
 from sfglab.errors import InvalidValueError
 from sfglab.lab.bench import TableRow
 from sfglab.lab.checks import CheckRow, share_of_checks
 from sfglab.lab.experiment import Experiment, Profiled
-from sfglab.lab.figures import note
+from sfglab.lab.figures import add_note, note
 from sfglab.lab.paper import paper
 from sfglab.lab.runs import derived
 
@@ -91,9 +92,14 @@ def test_a_figure_gets_its_note_and_sidecar_from_the_run(run):
     figure, sidecar = exp.draw("bars", run)
     assert sidecar["tables"] == {"bar": 2}
     assert sidecar["repetitions"] == 2
-    wanted = f"bar: maximum; 2 repetitions; machine: {sidecar['machine']}; tables: bar"
-    assert figure.get_supxlabel() == wanted
-    assert sidecar["machine"].endswith("cores")
+    assert sidecar["machine"].endswith(" cores")
+    assert figure.get_supxlabel() == "bar: maximum; 2 repetitions; computed"
+
+
+def test_the_note_of_a_measuring_experiment_names_the_machine():
+    figure = Figure()
+    add_note(figure, {"machine": "X, 2 cores", "repetitions": 1}, measured=True)
+    assert figure.get_supxlabel() == "run on X, 2 cores"
 
 
 def test_renamed_tables_and_columns_of_older_logs_are_read_by_their_present_names(run):

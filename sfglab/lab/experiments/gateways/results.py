@@ -1,0 +1,132 @@
+"""Claims and figures on the gateway core and on communication mapping, and the core to click on."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any
+
+from sfglab.lab.checks import share_of_checks
+from sfglab.lab.claims import Finding, How
+from sfglab.lab.experiments.gateways.experiment import COVERAGE, STAGES, Config, exp, mapped_example
+from sfglab.lab.figures import note
+from sfglab.lab.paper import paper
+from sfglab.lab.runs import Run, derived, lines_of
+from sfglab.lab.stats import exactly
+from sfglab.soc import draw_mapping
+from sfglab.soc.gateway import Input, State, arrows, draw_core, transitions
+from sfglab.soc.gateway_world import Step, World
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    import pandas as pd
+    from matplotlib.artist import Artist
+    from matplotlib.figure import Figure
+
+    from sfglab.lab.explore import Automaton, Parts
+
+PAPER_MAPPINGS = {"A gateway", "B hardware", "C gateway", "D software", "E gateway"}
+PAPER_EDGES = {"A -> 8", "C -> 6", "9 -> E"}
+"""Mappings and edges that the text states for Fig. 8 d."""
+
+
+@exp.claim("C-FSM", how=How.EXACT)
+def core_holds(run: Run[Config]) -> Finding:
+    """Return the share of bounds without a violation, or of states that occur if it is lower."""
+    holds = run["exploration"]["violation"] == ""
+    coverage = share_of_checks(run, COVERAGE)
+    share = min(float(holds.mean()), coverage.estimate.value)
+    details = {
+        "bounds without a violation": f"{holds.sum()} of {len(holds)}",
+        "reachable states": str(run["exploration"]["worlds"].sum()),
+        "states of the core that occur": coverage.groups[COVERAGE],
+    }
+    estimate = exactly(share, "share of checks that hold")
+    return Finding(estimate=estimate, details=details, reason=coverage.reason)
+
+
+@derived
+def edges(run: Run[Config]) -> pd.Series[int]:
+    """Return the number of edges across the boundary by stage."""
+    stages = run["stage"].set_index("stage")
+    return stages["publications"] + stages["subscriptions"]
+
+
+@exp.claim("C-MAP", how=How.EXACT)
+def edges_left(run: Run[Config]) -> Finding:
+    """Return the number of edges that gateways leave; the other ends are edges and mappings by stage."""
+    ends = {}
+    for stage in lines_of(run["stage"]):
+        ends[f"publishing edges, {stage.stage}"] = float(stage.publications)
+        ends[f"subscribing edges, {stage.stage}"] = float(stage.subscriptions)
+    last = run["stage"].iloc[-1]
+    other_mappings = PAPER_MAPPINGS.difference(last["mapped"].split(", "))
+    ends["topics in another set than the text's, of 5"] = float(len(other_mappings))
+    other_edges = PAPER_EDGES.symmetric_difference(last["left"].split(", "))
+    ends["edges other than A -> 8, C -> 6, 9 -> E that are left"] = float(len(other_edges))
+    transfers = run["stage"]["carriages"].map("{:g}".format)
+    details = {
+        "edges, by stage": " -> ".join(map(str, edges(run))),
+        "transfers of one message per topic": " -> ".join(transfers),
+        "edges left": last["left"],
+        "assumed": "which nodes the edges join, where the text does not state it",
+    }
+    estimate = exactly(float(edges(run).iloc[-1]), "edges across the boundary")
+    return Finding(estimate=estimate, details=details, ends=ends)
+
+
+@exp.figure("gateway_core", size=(10, 5.4))
+def draw_gateway(figure: Figure, run: Run[Config]) -> None:
+    """Draw the state machine of the gateway core (Fig. 4) from its transition table."""
+    found = run["exploration"]
+    violations = (found["violation"] != "").sum()
+    draw_core(figure.subplots())
+    title = (
+        f"The gateway core (Fig. 4): {violations} violations in {found['worlds'].sum():,} states"
+    )
+    figure.suptitle(title)
+    note(figure, "yellow: delegate; blue: hardware-mapped topic; dashed: not in the paper")
+
+
+@exp.figure("graph_mapping", size=(10, 5.2))
+def draw_stages(figure: Figure, run: Run[Config]) -> None:
+    """Draw the example of Fig. 8 in its three stages, from software alone to gateways."""
+    draw_mapping(mapped_example(run.config), figure)
+    first, *_, last = edges(run)
+    stated = [paper("C-MAP", STAGES[0]), paper("C-MAP", STAGES[1]), paper("C-MAP")]
+    numbers = ", ".join(f"{value:g}" for value in stated)
+    figure.suptitle(
+        f"Gateways leave {last} of {first} edges across the boundary (paper: {numbers})"
+    )
+
+
+def press_core(run: Sequence[Step] = ()) -> Automaton:
+    """Return the core as a picture whose transitions answer clicks; the table decides what an input does.
+
+    Args:
+        run: Steps of a walk to go through with a slider.
+
+    Raises:
+        MissingExtraError: The extra ``view`` is not installed.
+    """
+    from sfglab.lab.explore.press import Automaton
+
+    walked = {"a walk": inputs_of(run)} if run else {}
+    return Automaton(
+        "gateway core", transitions(), State.START, _draw_to_press, size=(10, 5), runs=walked
+    )
+
+
+def inputs_of(run: Sequence[Step]) -> list[Input]:
+    """Return the inputs of the core in a walk, without the beats of a transfer."""
+    reached = [step.after.state for step in run if isinstance(step.after, World)]
+    given = {(arrow.source, arrow.target): arrow.given for arrow in arrows()}
+    return [given[pair] for pair in pairwise([State.START, *reached]) if pair in given]
+
+
+def _draw_to_press(figure: Figure) -> Parts:
+    parts: dict[Any, Sequence[Artist]] = {}
+    for drawn, artists in draw_core(figure.subplots()).items():
+        key = drawn if isinstance(drawn, State) else ((drawn.source, drawn.given),)
+        parts[key] = artists
+    return parts
