@@ -1,0 +1,128 @@
+"""Process that runs notebooks with papermill: ``python -m sfglab.lab.notebook_process NICE``.
+
+It gets one order per notebook, the arguments of `run_notebook`, and reports ``{"is": "done",
+"error": ...}``. It ends with its standard input, also in the middle of a notebook.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import signal
+import sys
+import tempfile
+import threading
+from contextlib import suppress
+from pathlib import Path
+from queue import SimpleQueue
+from typing import TYPE_CHECKING, Any
+
+import papermill
+import psutil
+from traitlets.config import Config
+
+from sfglab.component import claim_standard_output
+from sfglab.lab.progress import is_line
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from nbformat import NotebookNode
+
+
+def main() -> None:
+    """Run notebooks until standard input ends."""
+    report = claim_standard_output()
+    os.nice(int(sys.argv[1]))
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit())
+    orders: SimpleQueue[dict[str, Any]] = SimpleQueue()
+    threading.Thread(target=_take_orders, args=[orders], daemon=True).start()
+    while True:
+        order = orders.get()
+        report({"is": "done", "error": run_notebook(**order)})
+
+
+def _take_orders(orders: SimpleQueue[dict[str, Any]]) -> None:
+    for line in sys.stdin:
+        orders.put(json.loads(line))
+    os.kill(os.getpid(), signal.SIGTERM)
+
+
+def run_notebook(path: str, copy: str, parameters: Mapping[str, Any]) -> str:
+    """Run a notebook; return why it failed, or an empty text.
+
+    Args:
+        path: Path of the notebook. Its kernel works in its folder.
+        copy: Path of the executed copy, which is kept also after a failure.
+        parameters: Values for its parameters cell.
+    """
+    Path(copy).parent.mkdir(parents=True, exist_ok=True)
+    skipper = _Skipper()
+    try:
+        with tempfile.TemporaryDirectory() as folder:
+            # A kernel is reached by this user only, and not over TCP.
+            sockets = {"transport": "ipc", "ip": f"{folder}/kernel"}
+            papermill.execute_notebook(
+                path,
+                copy,
+                parameters,
+                kernel_name="python3",
+                language="python",
+                cwd=str(Path(path).parent),
+                progress_bar=False,
+                stdout_file=_Steps(),
+                stderr_file=sys.stderr,
+                config=Config({"KernelManager": sockets}),
+                allow_errors=True,
+                on_notebook_start=_lower_kernel,
+                on_cell_start=skipper.skip,
+                on_cell_error=skipper.note,
+            )
+    except papermill.PapermillExecutionError as error:
+        return f"cell {error.exec_count}: {error.ename}: {error.evalue}"
+    except RuntimeError as error:  # the kernel died
+        return str(error)
+    return ""
+
+
+class _Steps(io.TextIOBase):
+    """A stream that hands a notebook's lines of progress on to standard error."""
+
+    def write(self, text: str) -> int:
+        sys.stderr.writelines(line for line in text.splitlines(keepends=True) if is_line(line))
+        return len(text)
+
+
+class _Skipper:
+    """Skips what follows a failed cell up to the next experiment."""
+
+    def __init__(self) -> None:
+        self._has_failed = False
+
+    def note(self, **_: Any) -> None:
+        """Note that a cell failed."""
+        self._has_failed = True
+
+    def skip(self, cell: NotebookNode, **_: Any) -> None:
+        """Skip a cell, unless it runs an experiment."""
+        if "notebook.run(" in cell.source:
+            self._has_failed = False
+        if self._has_failed and cell.cell_type == "code":
+            cell.metadata.tags = [*cell.metadata.get("tags", ()), "skip-execution"]
+
+
+def _lower_kernel(**_: Any) -> None:
+    """Give the kernel's session the priority of this process.
+
+    Where Linux schedules by session, the priority of a session counts, and not that of its
+    processes.
+    """
+    nice = os.nice(0)
+    for child in psutil.Process().children():
+        with suppress(OSError):
+            Path(f"/proc/{child.pid}/autogroup").write_text(f"{nice}", encoding="ascii")
+
+
+if __name__ == "__main__":
+    main()
