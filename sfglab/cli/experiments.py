@@ -197,8 +197,6 @@ def _variations(project: Project, outcomes: Sequence[Outcome]) -> str:
     claims = OwnLedger()
     lines = []
     for outcome in outcomes:
-        if outcome.notebook is None:
-            continue
         lines += ["", outcome.name, f"  notebook: {project.relative(outcome.notebook)}"]
         for name, log in outcome.logs.items():
             run = experiment(name).load(log)

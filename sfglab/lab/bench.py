@@ -1,4 +1,4 @@
-"""The bench of a run: where an experiment's parts write rows, messages and files, and what they run on."""
+"""The bench of a run: the place where parts of an experiment write rows, messages and files."""
 
 from __future__ import annotations
 
@@ -37,8 +37,10 @@ class Options:
 
     #: False insists on one host; None takes separate hosts where the machine can.
     separate: bool | None = None
-    workers: Workers | None = None  #: Who runs the sweeps; None: what each of them names.
-    explored: bool = False  #: Whether somebody only looks: the log will speak for no claim.
+    workers: Workers | None = None  #: Workers of the sweeps; None: those that each sweep names.
+    explored: bool = (
+        False  #: Whether the run is for an interactive plot: its log counts for no claim.
+    )
     #: Tables of sweeps and names of parts that are run; None: all.
     only: frozenset[str] | None = None
 
@@ -48,7 +50,7 @@ class Options:
 
 
 def as_row(row_class: type[Any], row: Row, *origins: Any) -> Any:
-    """Return a row of an instance or a mapping, whose missing fields the first origin gives that has them."""
+    """Return a row; a mapping gets each missing field from the first origin that has it."""
     if not isinstance(row, Mapping):
         return row
     names = {f.name for f in fields(row_class)}
@@ -60,7 +62,7 @@ def as_row(row_class: type[Any], row: Row, *origins: Any) -> Any:
 
 
 def rows_of(row_class: type[Any], result: Any, *origins: Any) -> list[Any]:
-    """Return the rows of a task's result, which is one row or a tuple of them; `as_row` says of what."""
+    """Return the rows of a task's result, which is a row or a tuple of rows for `as_row`."""
     return [
         as_row(row_class, row, *origins)
         for row in (result if isinstance(result, tuple) else (result,))
@@ -69,18 +71,18 @@ def rows_of(row_class: type[Any], result: Any, *origins: Any) -> list[Any]:
 
 @dataclass(slots=True, kw_only=True)
 class Bench(Generic[C]):
-    """What a part of an experiment is given."""
+    """Configuration, log and hosts of a run, as its parts use them."""
 
     experiment: str  #: Name of the experiment.
     config: C  #: The configuration.
-    options: Options  #: How the run is made.
+    options: Options  #: Options of the run.
     log: LogWriter  #: The log, for messages that are no rows.
     row_classes: Mapping[str, type[Any]]  #: Classes of rows by table.
-    rows: Mapping[str, list[Any]]  #: What the sweeps gave, by table.
+    rows: Mapping[str, list[Any]]  #: Rows of the sweeps, by table.
     stack: ExitStack  #: Ends with the run.
     hosts: Testbed | None = None  #: The experiment's hosts, if it declares any.
     timed: bool = True  #: Whether rows get the time of writing; else their place in the table.
-    advance: Callable[[str], None] = lambda _: None  #: Tells a step of the current part's progress.
+    advance: Callable[[str], None] = lambda _: None  #: Reports a step of the current part.
     #: Cases by check; when a part ends, each check is written as a `CheckRow`.
     cases: defaultdict[str, list[Case]] = field(default_factory=lambda: defaultdict(list))
     _places: Counter[str] = field(default_factory=Counter)
@@ -131,7 +133,7 @@ class Bench(Generic[C]):
         self.log.attach(name, data, media_type)
 
     def folder(self, name: str) -> Path:
-        """Return a new folder that is gone when the run ends."""
+        """Return a new folder, which is removed at the end of the run."""
         if self._scratch is None:
             self._scratch = Path(self.stack.enter_context(TemporaryDirectory(prefix="sfglab-run-")))
         path = self._scratch / name

@@ -1,8 +1,8 @@
-"""Notebook helpers: one line each for a run, a picture, the claims of an experiment.
+"""Notebook helpers: one line each for a run, a figure, the claims of an experiment.
 
-What is behind it is in the modules that it imports, but for the picture of a set-up: processes side by side in
-their hosts' frames, and below them a line for each link, so that no words cross: an arrow, and above it what is
-sent, over what, and what is crossed, in the colour of the standard path where anything is.
+The diagram of a set-up is drawn here: processes side by side in the frames of their hosts, and
+below them a row per link, so that no texts overlap. A row has an arrow, and above it the messages,
+the transport and the boundary. A link that crosses a boundary has the colour of the standard path.
 """
 
 from __future__ import annotations
@@ -93,13 +93,13 @@ def _load(exp: Experiment[C], log: str) -> Run[C]:
 
 
 def picture(run: Run[Any], name: str) -> Image:
-    """Return one of a run's figures as a picture for the notebook."""
+    """Return a figure of a run as an image for the notebook."""
     exp = experiment(run.experiment)
     return image_of(exp.draw(name, run)[0], exp.caption(name))
 
 
 def image_of(figure: Figure, text: str = "") -> Image:
-    """Return a figure as a picture, with a text for those who do not see it; a large one gets 256 colours."""
+    """Return a figure as an image with an alternative text; a large image gets 256 colours."""
     from IPython.display import Image
 
     png = png_of(figure)
@@ -108,19 +108,19 @@ def image_of(figure: Figure, text: str = "") -> Image:
 
 
 def video(mp4: bytes, width: int) -> Video:
-    """Return a film for the notebook, so many pixels wide."""
+    """Return a video for the notebook, with a width in pixels."""
     from IPython.display import Video
 
     return Video(mp4, embed=True, mimetype="video/mp4", width=width)
 
 
 def setup(exp: Experiment[Any]) -> Image:
-    """Return a picture of what an experiment runs: hosts, processes, who sends what to whom."""
+    """Return a diagram of an experiment: its hosts, processes and messages."""
     return image_of(draw_setup(exp.setup), f"Hosts, processes and messages of {exp.name}")
 
 
 def words(frame: pd.DataFrame) -> Styler:
-    """Return a table whose texts are shown in full, for those that are made to be read."""
+    """Return a table whose texts are shown in full."""
     style = frame.style.format(escape="html").hide(axis="index")
     style.set_table_styles(
         [{"selector": "td, th", "props": "text-align: left; white-space: normal"}]
@@ -131,8 +131,8 @@ def words(frame: pd.DataFrame) -> Styler:
 def save_figures(run: Run[Any]) -> str:
     """Draw and save every figure of a run, and return their folder and names.
 
-    The folder is ``runs/figures``. Of a run that counts for no claim, and of a log from elsewhere,
-    it is one below, so that no figure of another run is replaced.
+    The folder is ``runs/figures``. A run that counts for no claim, and a log from elsewhere, has a
+    folder of its own in it, so that no figure of another run is replaced.
     """
     project = find_project()
     folder = ledger.figures_folder(project, run.log)
@@ -157,35 +157,41 @@ def require(run: Run[Any], condition: object, what: str = "") -> None:
 
 
 def check(run: Run[Any], *verdicts: str, may_deviate: Sequence[str] = ()) -> str:
-    """Assert that every claim of a run has one of these verdicts, and say so.
+    """Assert that each claim of a run has one of the verdicts; return a sentence about the claims.
 
-    Of a run with changed fields nothing is asserted. Verdicts are ``reproduced``, ``better`` (and with it ``as good``), or those that are known: ``fitted``,
-    ``undecided``. Claims of `may_deviate` may deviate if the experiment gives the reason, and those measured
-    live in a smoke test, which is too short to measure by; it is said.
+    Nothing is asserted about a run with changed fields. A claim that is measured live may have any
+    verdict in a smoke test, which is too short for it.
+
+    Args:
+        run: The run.
+        verdicts: Allowed verdicts; ``better`` allows ``as good`` too.
+        may_deviate: Claims that may deviate if the experiment gives a reason.
 
     Raises:
-        AssertionError: A claim has another verdict; says which.
+        AssertionError: A claim has another verdict.
     """
     if run.is_changed:
         return f"nothing is asserted: this run counts for no claim ({run.why_not})"
-    entries = ledger.entries_of(find_project(), run)
-    asked = {*verdicts, *(["as good"] if "better" in verdicts else [])}
-    wrong = [e for e in entries if e.verdict.value not in asked]
-    said = {e.claim.id: _excuse(e, run, may_deviate) for e in wrong}
-    failed = [f"{e.claim.id}: {e.verdict.value}" for e in wrong if not said[e.claim.id]]
+    allowed = {*verdicts, "as good"} if "better" in verdicts else set(verdicts)
+    held, failed, reasons = [], [], []
+    for entry in ledger.entries_of(find_project(), run):
+        claim = entry.claim.id
+        if entry.verdict.value in allowed:
+            held.append(claim)
+        elif excuse := _excuse(entry, run, may_deviate):
+            reasons.append(f"{claim} deviates: {excuse}")
+        else:
+            failed.append(f"{claim}: {entry.verdict.value}")
     if failed:
         raise AssertionError(
             f"{run.experiment}: {', '.join(failed)}; expected {' or '.join(verdicts)}"
         )
-    held = [e.claim.id for e in entries if e not in wrong]
-    reasons = [f"{claim} deviates: {reason}" for claim, reason in said.items()]
-    one, held_by = len(held) == 1, {"reproduced", "better"}.issuperset(verdicts)
-    verb = (
-        ("holds" if one else "hold")
-        if held_by
-        else f"{'is' if one else 'are'} {' or '.join(verdicts)}"
-    )
-    count = f"{len(held)} claim{'' if one else 's'}"
+    is_one = len(held) == 1
+    count = "1 claim" if is_one else f"{len(held)} claims"
+    if {"reproduced", "better"}.issuperset(verdicts):
+        verb = "holds" if is_one else "hold"
+    else:
+        verb = f"{'is' if is_one else 'are'} {' or '.join(verdicts)}"
     return "\n".join([f"by this run {count} {verb}: {', '.join(held)}", *reasons])
 
 
@@ -202,32 +208,39 @@ def _excuse(entry: Entry, run: Run[Any], may_deviate: Sequence[str]) -> str:
 
 
 def whole_ledger(profile: str | None = None) -> Ledger:
-    """Return the whole ledger, computed from the logs that are there; runs of the profile are preferred."""
+    """Return the ledger of all claims; runs of the profile are preferred."""
     return ledger.compute_ledger(find_project(), profile=profile)
 
 
 def claims_page(whole: Ledger) -> IndexPage:
-    """Return every claim of a ledger with the paper's words, our criterion and its last change, and figures."""
+    """Return a table of all claims: the paper's words, our criterion and the figures."""
     from sfglab.lab.index import make_claims_page
 
     return make_claims_page(whole)
 
 
 def index(whole: Ledger) -> IndexPage:
-    """Return the index of everything by paper and section, with the verdicts of a ledger and a figure each."""
+    """Return the index of all experiments by paper and section, with a figure and the verdicts."""
     from sfglab.lab.index import make_index
 
     return make_index(find_project(), whole)
 
 
-_WIDE, _HIGH, _APART = 1.75, 0.85, 0.2  #: A process, and half the room between two hosts', inches.
-#: Height of a line of words, and what an arrow takes beside its words, inches.
-_LINE, _ROW = 0.13, 0.2
-_LETTERS = 27  #: How many letters a process is wide.
+#: Width and height of a process, inches.
+_WIDE = 1.75
+_HIGH = 0.85
+#: Distance of two processes, and half the distance of two hosts, inches.
+_APART = 0.2
+#: Height of a line of text, inches.
+_LINE = 0.13
+#: Height of a link without its text, inches.
+_ROW = 0.2
+#: Width of a process in letters.
+_LETTERS = 27
 
 
 def draw_setup(setup: Setup) -> Figure:
-    """Draw a set-up, in a figure as large as it needs."""
+    """Draw a set-up in a figure of the size that it needs."""
     from matplotlib.figure import Figure
 
     hosts = list(dict.fromkeys(actor.host for actor in setup.actors))
@@ -275,7 +288,7 @@ def draw_setup(setup: Setup) -> Figure:
 
 
 def _words(link: Link, length: float) -> str:
-    """Return what stands above an arrow of a length, inches."""
+    """Return the text above an arrow; its length is in inches."""
     over = "" if link.over == "DDS" else f" over {link.over}"
     crossed = f" [{link.boundary}]" if link.boundary else ""
     return fill(f"{link.carries}{over}{crossed}", int(_LETTERS * max(length / _WIDE, 1)))

@@ -1,4 +1,4 @@
-"""Run notebooks with papermill, and make their outputs fit for version control.
+"""Notebooks: find, read and run them.
 
 papermill only warns about a parameter that a notebook does not declare. Here it is an error, before
 anything runs. Fields of the configuration that a parameters cell does not list are passed in its
@@ -16,14 +16,13 @@ import re
 import sys
 import time
 from contextlib import suppress
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, fields
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any
 
 from sfglab.errors import InvalidValueError, SfglabError
 from sfglab.lab.experiment import QUICK
 from sfglab.lab.experiments import EXPERIMENTS, experiment
-from sfglab.lab.progress import is_line
 from sfglab.lab.runs import SMOKE
 from sfglab.processes import LineProcess, ProcessFailedError
 
@@ -36,9 +35,6 @@ if TYPE_CHECKING:
     from sfglab.lab.paths import Project
 
 INDEX = "00_index"
-
-KERNEL = {"display_name": "Python 3 (ipykernel)", "language": "python", "name": "python3"}
-"""The kernel that notebooks name, so that none asks for one when it is opened."""
 SETTINGS = "settings"
 _EXPERIMENT = re.compile(r"notebook\.run\((\w+)\.exp\b")
 _PARAMETER = re.compile(r"^(\w+) *[:=]", re.MULTILINE)
@@ -59,11 +55,10 @@ class Outcome:
     """How one notebook ended."""
 
     name: str  #: The notebook's name without suffix.
-    seconds: float  #: Wall time.
-    error: str = ""  #: Reason of its failure, one line; empty when it ran through.
-    notebook: Path | None = None  #: The executed copy.
+    error: str  #: Reason of its failure, one line; empty when it ran through.
+    notebook: Path  #: The executed copy.
     #: Logs that it shows, by experiment: of this run, or those that it was given.
-    logs: Mapping[str, Path] = field(default_factory=dict)
+    logs: Mapping[str, Path]
 
 
 def _say(text: str) -> None:
@@ -71,7 +66,7 @@ def _say(text: str) -> None:
 
 
 def read_parameters(pairs: Iterable[str]) -> dict[str, Any]:
-    """Read parameters ``name=value`` of a command line, values as YAML, or raise a `NotebookError`."""
+    """Read ``name=value`` of a command line, values as YAML, or raise a `NotebookError`."""
     import yaml
 
     parameters = {}
@@ -87,7 +82,8 @@ def find_notebooks(project: Project, names: Sequence[str] = ()) -> list[Path]:
     """Return the notebooks to run, in order; the index comes last, since it reports on the others.
 
     Names are file names, with or without suffix, beginnings of them, or names of experiments;
-    without any, all notebooks are meant. Raises `NotebookError` if one fits no notebook, or several.
+    without any, all notebooks are meant. Raises `NotebookError` if a name fits no notebook, or
+    several.
     """
     every = sorted(p for p in project.notebooks.glob("*.ipynb") if not p.name.startswith("."))
     if not names:
@@ -99,10 +95,9 @@ def _one_notebook(name: str, every: Sequence[Path], project: Project) -> Path:
     wanted = name.rpartition("/")[2].removesuffix(".ipynb")
     if wanted in EXPERIMENTS:
         wanted = notebook_of(project, wanted) or wanted
-    fitting = [path for path in every if path.stem == wanted]
-    if not fitting:
-        stems = re.compile(rf"{re.escape(wanted)}.*|.*_{re.escape(wanted)}")
-        fitting = [path for path in every if stems.fullmatch(path.stem)]
+    fitting: list[Path] = []
+    for pattern in (wanted, f"*_{wanted}", f"{wanted}*"):
+        fitting = fitting or [path for path in every if path.match(f"{pattern}.ipynb")]
     if len(fitting) != 1:
         fault = "fits several notebooks" if fitting else "is no notebook"
         there = ", ".join(path.stem for path in every)
@@ -111,7 +106,7 @@ def _one_notebook(name: str, every: Sequence[Path], project: Project) -> Path:
 
 
 def fit_parameters(path: Path, given: Mapping[str, Any]) -> dict[str, Any]:
-    """Return parameters as a notebook's cell declares them, fields of its experiment in its settings.
+    """Return parameters as a notebook declares them, fields of its experiment in its settings.
 
     Raises:
         NotebookError: The notebook declares no such parameter, or its experiment no such field.
@@ -185,30 +180,9 @@ def read_notebook(path: Path) -> NotebookNode:
         notebook: NotebookNode = nbformat.read(path, as_version=4)
     except FileNotFoundError:
         raise NotebookError(f"{path.name}: no such notebook") from None
-    except (
-        nbformat.reader.NotJSONError,
-        nbformat.validator.NotebookValidationError,
-        ValueError,
-    ) as error:
+    except Exception as error:  # nbformat has no class for its errors
         raise NotebookError(f"{path.name}: not a notebook: {str(error)[:200]}") from error
     return notebook
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Task:
-    """A notebook that is to be run."""
-
-    path: Path  #: The notebook.
-    copy: Path  #: Path of the executed copy.
-    parameters: Mapping[str, Any]  #: Values for its parameters cell.
-    experiments: Sequence[str]  #: Names of its experiments.
-    place: str  #: Its number among those that are run, and its name.
-    before_s: float = 0.0  #: Duration of its last run, s.
-
-    @property
-    def measures(self) -> bool:
-        """Whether other work at the same time may change its results."""
-        return not self.experiments or any(experiment(name).measures for name in self.experiments)
 
 
 def run_notebooks(
@@ -236,26 +210,13 @@ def run_notebooks(
     Raises:
         NotebookError: Before anything runs: parameters that do not fit a notebook.
     """
-    ordered = sorted(dict.fromkeys(paths), key=lambda path: path.stem == INDEX)
     tasks = []
-    for number, path in enumerate(ordered, start=1):
-        logs = _reference_logs(path, project, only)
-        fitted = fit_parameters(path, parameters) | logs
-        task = _Task(
-            path=path,
-            copy=_executed_copy(path, project, parameters),
-            parameters=fitted,
-            experiments=experiments_of(read_notebook(path)),
-            place=f"[{number}/{len(ordered)}] {path.stem}",
-            before_s=seconds_before(path, project, fitted),
-        )
-        tasks.append(task)
-    outcomes = asyncio.run(_Runner(project, tasks).run())
-    if write:
-        for outcome in outcomes:
-            if not outcome.error:
-                _replace(outcome, project)
-    return outcomes
+    for path in sorted(dict.fromkeys(paths), key=lambda path: path.stem == INDEX):
+        fitted = fit_parameters(path, parameters) | _reference_logs(path, project, only)
+        copy = _executed_copy(path, project, parameters)
+        before_s = seconds_before(path, project, fitted)
+        tasks.append(_Task(path, copy, fitted, before_s))
+    return asyncio.run(_Runner(project, tasks, write=write).run())
 
 
 def try_experiment(
@@ -276,28 +237,21 @@ def try_experiment(
     profile = fields.pop("profile")
     experiment(name).config(profile, **fields)
     [path] = find_notebooks(project, [name])
-    notebook = read_notebook(path)
-    settings = settings_name(name, _declared(path, notebook))
+    settings = settings_name(name, _declared(path, read_notebook(path)))
     fields["path"] = project.relative(folder / f"{name}.mcap")
-    logs = _reference_logs(path, project, [name])
-    task = _Task(
-        path=path,
-        copy=folder / path.name,
-        parameters={"profile": profile, settings: fields, **logs},
-        experiments=experiments_of(notebook),
-        place=path.stem,
-    )
+    fitted = {"profile": profile, settings: fields} | _reference_logs(path, project, [name])
+    task = _Task(path, folder / path.name, fitted)
     [outcome] = asyncio.run(_Runner(project, [task]).run())
     return outcome
 
 
 def _reference_logs(path: Path, project: Project, only: Collection[str]) -> dict[str, str]:
     """Return the parameters that name the logs of experiments which are not to be run."""
-    experiments = experiments_of(read_notebook(path))
+    experiments = set(experiments_of(read_notebook(path)))
     logs: dict[str, str] = {}
-    if set(experiments).isdisjoint(only):
+    if experiments.isdisjoint(only):
         return logs
-    for name in set(experiments).difference(only):
+    for name in experiments.difference(only):
         log = project.reference_logs / f"{name}.mcap"
         if not log.is_file():
             raise NotebookError(f"{path.name}: {name}: there is no log {project.relative(log)}")
@@ -305,29 +259,51 @@ def _reference_logs(path: Path, project: Project, only: Collection[str]) -> dict
     return logs
 
 
+class _Task:
+    """A notebook that is to be run."""
+
+    def __init__(
+        self, path: Path, copy: Path, parameters: Mapping[str, Any], before_s: float = 0.0
+    ) -> None:
+        self.path = path
+        self.copy = copy  #: Path of the executed copy.
+        self.parameters = parameters  #: Values for the parameters cell.
+        self.before_s = before_s  #: Duration of the last run, s.
+        self.experiments = experiments_of(read_notebook(path))
+        #: Whether other work at the same time may change the results.
+        self.measures = any(experiment(name).measures for name in self.experiments)
+
+    def given_log(self, name: str) -> str:
+        """Return the path of the log that an experiment is told to read or to write."""
+        settings = self.parameters.get(settings_name(name, self.parameters), {})
+        read = self.parameters.get("log") or self.parameters.get(f"log_{name}")
+        return str(read or settings.get("path", ""))
+
+
 class _Runner:
     """Runs notebooks in processes, and reports their progress."""
 
-    def __init__(self, project: Project, tasks: Sequence[_Task]) -> None:
+    def __init__(self, project: Project, tasks: Sequence[_Task], *, write: bool = False) -> None:
         self._project = project
         self._tasks = tasks
+        self._write = write
         self._outcomes: dict[Path, Outcome] = {}
         self._begun_s = time.monotonic()
 
     async def run(self) -> list[Outcome]:
         """Run all notebooks; return their outcomes in order."""
         others = [task for task in self._tasks if task.path.stem != INDEX]
-        computing = [task for task in others if not task.measures]
-        measuring = [task for task in others if task.measures]
-        if not measuring or len(os.sched_getaffinity(0)) == 1:
-            measuring, computing = others, []
+        computing = [task for task in others if task.experiments and not task.measures]
+        if len(computing) == len(others) or len(os.sched_getaffinity(0)) == 1:
+            computing = []
+        measuring = [task for task in others if task not in computing]
         async with asyncio.TaskGroup() as group:
-            group.create_task(self._run_in_turn(measuring, 0))
+            group.create_task(self._run_in_turn(measuring))
             group.create_task(self._run_in_turn(computing, _COMPUTING_NICE))
-        await self._run_in_turn([task for task in self._tasks if task not in others], 0)
+        await self._run_in_turn([task for task in self._tasks if task not in others])
         return [self._outcomes[task.path] for task in self._tasks]
 
-    async def _run_in_turn(self, tasks: Sequence[_Task], nice: int) -> None:
+    async def _run_in_turn(self, tasks: Sequence[_Task], nice: int = 0) -> None:
         """Run notebooks in one process, and after its death in another one."""
         process = None
         try:
@@ -340,7 +316,8 @@ class _Runner:
                 await process.close(grace_s=_END_S)
 
     async def _run_task(self, task: _Task, process: LineProcess) -> None:
-        _say(f"{task.place} ...")
+        place = f"[{self._tasks.index(task) + 1}/{len(self._tasks)}] {task.path.stem}"
+        _say(f"{place} ...")
         before = {name: self._logs(name) for name in task.experiments}
         begun_s = time.monotonic()
         process.order(path=str(task.path), copy=str(task.copy), parameters=task.parameters)
@@ -349,55 +326,48 @@ class _Runner:
             error = report["error"]
         except ProcessFailedError as failure:
             error = str(failure)
-        seconds = time.monotonic() - begun_s
+        if self._write and not error:
+            self._replace(task)
         logs = {}
         for name, old in before.items():
-            log = self._given_log(task, name) or max(self._logs(name) - old, default=None)
+            given = task.given_log(name)
+            new = self._logs(name) - old
+            log = self._project.root / given if given else max(new, default=None)
             if log and log.is_file():
                 logs[name] = log
         self._outcomes[task.path] = Outcome(
-            name=task.path.stem, seconds=seconds, error=error, notebook=task.copy, logs=logs
+            name=task.path.stem, error=error, notebook=task.copy, logs=logs
         )
         result = f"failed: {error}" if error else "done"
-        _say(f"{task.place} {result} after {seconds:.0f} s{self._time_left()}")
+        took_s = time.monotonic() - begun_s
+        _say(f"{place} {result} after {took_s:.0f} s{self._time_left()}")
+
+    def _replace(self, task: _Task) -> None:
+        """Replace a notebook by its executed copy."""
+        import nbformat
+
+        from sfglab.lab.notebook_outputs import normalise
+
+        nbformat.write(normalise(read_notebook(task.copy), self._project), task.path)
 
     def _logs(self, name: str) -> set[Path]:
         """Return the logs in the folder of an experiment."""
         return set((self._project.runs / "logs" / name).glob("*.mcap"))
 
-    def _given_log(self, task: _Task, name: str) -> Path | None:
-        """Return the log that an experiment is told to read or to write."""
-        parameters = task.parameters
-        settings = parameters.get(settings_name(name, parameters), {})
-        read = parameters.get("log") or parameters.get(f"log_{name}")
-        given = read or settings.get("path")
-        return self._project.root / given if given else None
-
     def _time_left(self) -> str:
         """Return the time left at today's pace, as words that end a line; empty: all are done."""
-        left_s = sum(task.before_s for task in self._tasks if task.path not in self._outcomes)
-        if not left_s:
-            return ""
+        total_s = sum(task.before_s for task in self._tasks)
         done_s = sum(task.before_s for task in self._tasks if task.path in self._outcomes)
-        elapsed_s = time.monotonic() - self._begun_s
-        return f", about {elapsed_s * left_s / done_s / 60:.0f} min left"
+        if done_s == total_s:
+            return ""
+        left_s = (time.monotonic() - self._begun_s) * (total_s / done_s - 1)
+        return f", about {left_s / 60:.0f} min left"
 
 
 async def _start_process(nice: int) -> LineProcess:
     # In a session of its own it does not receive Ctrl-C, also while it starts.
-    module = "sfglab.lab.notebook_process"
-    return await LineProcess.start(
-        "its process", ["setsid", sys.executable, "-m", module, str(nice)]
-    )
-
-
-def _replace(outcome: Outcome, project: Project) -> None:
-    """Replace a notebook by its executed copy."""
-    import nbformat
-
-    assert outcome.notebook is not None
-    executed = normalise(read_notebook(outcome.notebook), project)
-    nbformat.write(executed, project.notebooks / f"{outcome.name}.ipynb")
+    argv = ["setsid", sys.executable, "-m", "sfglab.lab.notebook_process", str(nice)]
+    return await LineProcess.start("its process", argv)
 
 
 def seconds_before(path: Path, project: Project, parameters: Mapping[str, Any]) -> float:
@@ -423,39 +393,3 @@ def _executed_copy(path: Path, project: Project, parameters: Mapping[str, Any]) 
         return folder / path.name
     stamp = datetime.now(UTC).strftime("%Y%m%dT%H%M%S-%f")
     return folder / f"{path.stem}-{stamp}-{parameters.get('profile', QUICK)}.ipynb"
-
-
-def normalise(notebook: NotebookNode, project: Project) -> NotebookNode:
-    """Return an executed notebook, changed in place, without traces of its run.
-
-    Without are times, progress, counts of other runs, the cell of injected parameters and the path
-    of the checkout.
-    """
-    notebook.metadata = {"kernelspec": dict(KERNEL), "language_info": {"name": "python"}}
-    cells = []
-    count = 0
-    for cell in notebook.cells:
-        if "injected-parameters" in cell.metadata.get("tags", ()):
-            continue
-        cells.append(cell)
-        cell.metadata = {key: kept for key, kept in cell.metadata.items() if key == "tags"}
-        if cell.cell_type == "code":
-            count += 1
-            cell.execution_count = count
-            for output in cell.outputs:
-                _normalise_output(output, project, count)
-            cell.outputs = [output for output in cell.outputs if output.get("text") != ""]
-    notebook.cells = cells
-    return notebook
-
-
-def _normalise_output(output: NotebookNode, project: Project, count: int) -> None:
-    root = f"{project.root.resolve().as_posix()}/"
-    if output.output_type == "execute_result":
-        output.execution_count = count
-    if output.output_type == "stream":
-        lines = output.text.replace(root, "").splitlines(keepends=True)
-        output.text = "".join(line for line in lines if not is_line(line))
-    for kind, content in output.get("data", {}).items():
-        if kind.startswith("text/"):
-            output.data[kind] = content.replace(root, "")

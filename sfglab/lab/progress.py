@@ -1,4 +1,4 @@
-"""Progress: a bar in a terminal, a widget in JupyterLab, plain lines elsewhere, steps for whoever listens."""
+"""Progress: a bar in a terminal, a widget in JupyterLab, plain lines elsewhere, or a listener."""
 
 from __future__ import annotations
 
@@ -24,20 +24,23 @@ if TYPE_CHECKING:
 class Step:
     """A step that is done."""
 
-    what: str  #: What is going on, and the step.
-    done: int  #: How many are done.
-    total: int  #: How many there are.
-    left_s: float  #: Time left at the pace until now, seconds.
+    what: str  #: Name of the task, and the step.
+    done: int  #: Number of steps that are done.
+    total: int  #: Number of all steps.
+    left_s: float  #: Time left at the pace until now, s.
 
 
-_BAR_S, _LINES_S = 0.1, 5.0  #: How often a bar moves, and how often there is a new line.
+#: Shortest time between two moves of a bar, s.
+_BAR_S = 0.1
+#: Shortest time between two lines, s.
+_LINES_S = 5.0
 _LINE = re.compile(r"\d+/\d+ steps, \d+ s left$")
 _LISTENER: ContextVar[Callable[[Step], None] | None] = ContextVar("listener", default=None)
 
 
 @contextmanager
 def progress_to(listener: Callable[[Step], None]) -> Iterator[None]:
-    """Tell steps to a listener instead of standard error, here and in what is called here."""
+    """Report steps of this context to a listener instead of standard error."""
     token = _LISTENER.set(listener)
     try:
         yield
@@ -47,20 +50,20 @@ def progress_to(listener: Callable[[Step], None]) -> Iterator[None]:
 
 @contextmanager
 def progress_bar(total: int, what: str) -> Iterator[Callable[[str], None]]:
-    """Show progress to who looks on, or tell it to who listens; yields what is to be called after each step."""
+    """Show progress, or report it to a listener; yield the function to call after each step."""
     listener = _LISTENER.get()
     if listener is not None:
-        yield _telling(total, what, listener)
+        yield _reporter(total, what, listener)
     elif _in_jupyterlab():
         with _widget(total, what) as show:
-            yield _telling(total, what, show, _BAR_S)
+            yield _reporter(total, what, show, _BAR_S)
     elif sys.stderr.isatty():
         with tqdm(
             total=total, desc=what, file=sys.stderr, dynamic_ncols=True, mininterval=_BAR_S
         ) as bar:
             yield partial(_move, bar)
     else:
-        yield _telling(total, what, _print_line, _LINES_S)
+        yield _reporter(total, what, _print_line, _LINES_S)
 
 
 def _move(bar: Any, step: str) -> None:
@@ -68,30 +71,32 @@ def _move(bar: Any, step: str) -> None:
     bar.update()
 
 
-def _telling(
+def _reporter(
     total: int, what: str, listener: Callable[[Step], None], period_s: float = 0
 ) -> Callable[[str], None]:
-    """Return a function that tells a step at most once in a period, and the last one."""
-    start_s = told_s = time.monotonic()
+    """Return a function that reports at most one step per period, and the last one."""
+    start_s = reported_s = time.monotonic()
     done = 0
 
     def advance(step: str) -> None:
-        nonlocal done, told_s
-        done, now_s = done + 1, time.monotonic()
-        if done == total or now_s - told_s >= period_s:
-            told_s, left_s = now_s, (now_s - start_s) / done * max(total - done, 0)
+        nonlocal done, reported_s
+        done += 1
+        now_s = time.monotonic()
+        if done == total or now_s - reported_s >= period_s:
+            reported_s = now_s
+            left_s = (now_s - start_s) / done * max(total - done, 0)
             listener(Step(f"{what}, {step}", done, total, left_s))
 
     return advance
 
 
 def _print_line(step: Step) -> None:
-    """Print a step; a notebook's cell has it among what it prints, not in the red box of errors."""
+    """Print a step. In a notebook it goes to standard output, because errors have a red box."""
     print(line_of(step), file=sys.stdout if _in_kernel() else sys.stderr, flush=True)
 
 
 def line_of(step: Step) -> str:
-    """Return a step as a line, which `is_line` tells from others."""
+    """Return a step as a line that `is_line` recognises."""
     return f"{step.what}: {step.done}/{step.total} steps, {step.left_s:.0f} s left"
 
 
@@ -106,13 +111,13 @@ def _in_kernel() -> bool:
 
 
 def _in_jupyterlab() -> bool:
-    """Return whether somebody sees this kernel's widgets: servers name the session, papermill does not."""
+    """Return whether a page shows widgets: a server names the session, papermill does not."""
     return _in_kernel() and "JPY_SESSION_NAME" in os.environ and find_spec("ipywidgets") is not None
 
 
 @contextmanager
 def _widget(total: int, what: str) -> Iterator[Callable[[Step], None]]:
-    """Show a widget; at the end one plain line has its place, which can be read without a kernel."""
+    """Show a widget. At the end a plain line replaces it, which needs no kernel."""
     from IPython.display import display
 
     from sfglab.view.widgets import widgets

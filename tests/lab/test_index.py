@@ -14,7 +14,7 @@ from sfglab.lab.claims import Ledger, entry_for, load_claims, render_in_full
 from sfglab.lab.experiments import EXPERIMENTS, experiment
 from sfglab.lab.index import make_index
 from sfglab.lab.ledger import compute_ledger
-from sfglab.lab.notebooks import normalise
+from sfglab.lab.notebook_outputs import normalise
 from sfglab.lab.paths import Project
 
 PROJECT = Project(root=Path(__file__).parents[2])
@@ -62,9 +62,7 @@ def test_every_figure_has_a_sentence_that_says_what_it_shows(name):
 def test_pictures_carry_their_text_into_the_notebook(tmp_path):
     _, metadata = notebook.picture(reference(experiment("naming")), "naming_schema")._repr_png_()
     assert metadata == {"alt": experiment("naming").caption("naming_schema")}
-    output = nbformat.v4.new_output(
-        "display_data", {"image/png": ""}, metadata={"image/png": metadata, "x": 1}
-    )
+    output = nbformat.v4.new_output("display_data", metadata={"image/png": metadata})
     made = nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell("a", outputs=[output])])
     assert normalise(made, Project(root=tmp_path)).cells[0].outputs[0].metadata == {
         "image/png": metadata

@@ -16,6 +16,7 @@ from nbformat.v4 import new_code_cell, new_notebook, new_output
 from sfglab.errors import SfglabError
 from sfglab.lab import notebook, notebooks, progress
 from sfglab.lab.experiments import naming
+from sfglab.lab.notebook_outputs import normalise
 from sfglab.lab.paths import Project, find_project
 from sfglab.lab.progress import is_line, progress_bar, progress_to
 from sfglab.record import LogWriter
@@ -351,7 +352,7 @@ def test_outputs_lose_paths_progress_and_traces_of_the_run(project):
     ]
     injected = new_code_cell("x = 2", metadata={"tags": ["injected-parameters"]})
     notebook = new_notebook(cells=[injected, cell], metadata={"papermill": {"start": "now"}})
-    normal = notebooks.normalise(notebook, project)
+    normal = normalise(notebook, project)
     assert len(normal.cells) == 1
     assert normal.cells[0].execution_count == 1
     assert normal.cells[0].metadata == {}
@@ -360,8 +361,9 @@ def test_outputs_lose_paths_progress_and_traces_of_the_run(project):
     assert normal.cells[0].outputs[1].data["text/plain"] == "'x'"
 
 
-def test_a_file_that_is_no_notebook_is_named(project):
-    (project.notebooks / "01_a.ipynb").write_text("no json")
+@pytest.mark.parametrize("text", ["no json", "{}", "[]"])
+def test_a_file_that_is_no_notebook_is_named(project, text):
+    (project.notebooks / "01_a.ipynb").write_text(text)
     with pytest.raises(notebooks.NotebookError, match=r"01_a.ipynb: not a notebook"):
         notebooks.fit_parameters(project.notebooks / "01_a.ipynb", {})
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import nbformat
 import pytest
 
-from sfglab.lab.notebooks import KERNEL
+from sfglab.lab.notebook_outputs import KERNEL
 
 ROOT = Path(__file__).parents[2]
 NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))

@@ -31,7 +31,13 @@ FIGURES_ANYWHERE = {
     "09_transmission": {f"transmission_{what}" for what in TRANSMISSION},
     "10_cooperation": {"cooperation", "cooperation_staleness", "cooperation_tracks"},
     "11_gateways": {"gateway_core", "graph_mapping"},
-    "12_transfer": {"node_mapping", "transfer", "transfer_break_even", "transfer_live", "transfer_residuals"},
+    "12_transfer": {
+        "node_mapping",
+        "transfer",
+        "transfer_break_even",
+        "transfer_live",
+        "transfer_residuals",
+    },
     "13_driving": {"driving_chain", "driving_lap", "driving_laps"},
     "15_planning": {"planning_interpolation", "planning_scene"},
     "17_deployment": {"deployment_checks", "deployment_layers"},
@@ -111,7 +117,9 @@ def the_bridge_keeps_the_tree_whole(run):
     table = mocap.checks(run)
     broken = table[table["held"] < table["checked"]]["check"]
     # How soon a look is answered, and how far apart its samples are, depends on the machine.
-    assert all("every look is answered" in name or "within 20 mm" in name for name in broken), list(broken)
+    assert all("every look is answered" in name or "within 20 mm" in name for name in broken), list(
+        broken
+    )
     assert (run["heard"]["heard_ms"] >= run["heard"]["receipt_ms"]).all()
     assert run.log.stat().st_size < 100_000
     buffer = FrameBuffer(history_s=None)
