@@ -367,7 +367,7 @@ class _Runner:
 async def _start_process(nice: int) -> LineProcess:
     # In a session of its own it does not receive Ctrl-C, also while it starts.
     argv = ["setsid", sys.executable, "-m", "sfglab.lab.notebook_process", str(nice)]
-    return await LineProcess.start("its process", argv)
+    return await LineProcess.start("papermill", argv)
 
 
 def seconds_before(path: Path, project: Project, parameters: Mapping[str, Any]) -> float:
