@@ -58,7 +58,8 @@ def reproduce(
 
     Logs, figures and executed notebooks go into the folder runs. For the name of an
     experiment, only this one of its notebook runs; the others are read from their committed logs.
-    Runs with --profile smoke count for no claim, and replace no file of another run.
+    Runs with --profile smoke count for no claim, and replace no file of another run. Their own
+    claims are printed below those of the ledger.
 
     Examples:
       sfglab reproduce
@@ -105,7 +106,7 @@ def try_experiment(
     """Run an experiment with other settings than those of its profile.
 
     The folder runs/try/NAME gets the notebook, the log, the figures and summary.txt: the claims by
-    this run beside those by the committed logs and your other runs. A try counts for no claim and
+    this run below those by the committed logs and your other runs. A try counts for no claim and
     replaces no file of another run. After an interruption, the same command with --name continues.
     The page "Experiments" of the book (make book) lists all fields.
 
@@ -190,11 +191,11 @@ def _counted(
 
 def _variations(project: Project, outcomes: Sequence[Outcome]) -> str:
     """Return the claims by each run beside the ledger's, and where its files are."""
-    from sfglab.lab.claims import OwnLedger, render_own
+    from sfglab.lab.claims import Ledger, render
     from sfglab.lab.experiments import experiment
     from sfglab.lab.ledger import figures_folder, own_ledger
 
-    claims = OwnLedger()
+    claims = Ledger()
     lines = []
     for outcome in outcomes:
         lines += ["", outcome.name, f"  notebook: {project.relative(outcome.notebook)}"]
@@ -205,7 +206,7 @@ def _variations(project: Project, outcomes: Sequence[Outcome]) -> str:
             lines.append(f"  figures: {project.relative(figures_folder(project, log))}")
             if run.why_not:
                 lines.append(f"  This run counts for no claim: {run.why_not}.")
-    return "\n".join([render_own(claims) if claims else "", *lines])
+    return "\n".join([render(claims) if claims else "", *lines])
 
 
 def lab(

@@ -64,6 +64,7 @@ def log(context: typer.Context) -> None:
     from sfglab.lab.experiments import EXPERIMENTS
     from sfglab.lab.ledger import find_log, logs_of
     from sfglab.lab.paths import find_project
+    from sfglab.lab.runs import standing
 
     if context.invoked_subcommand is not None:
         return
@@ -71,13 +72,14 @@ def log(context: typer.Context) -> None:
     rows = [("log", "profile", "counts for the claims")]
     for name in EXPERIMENTS:
         chosen = find_log(project, name)
-        for found in logs_of(project, name):
+        for path in logs_of(project, name):
+            found = standing(path)
             counts = "yes"
-            if found.standing.why_not:
-                counts = f"no: {found.standing.why_not}"
-            elif found.path != chosen:
+            if found.why_not:
+                counts = f"no: {found.why_not}"
+            elif path != chosen:
                 counts = "no: a newer one does"
-            rows.append((project.relative(found.path), found.standing.profile, counts))
+            rows.append((project.relative(path), found.profile, counts))
     typer.echo(text_table(rows))
 
 

@@ -1,4 +1,4 @@
-"""The ledger: every claim of the papers (``data/claims.yaml``), our figure from logs, a computed verdict."""
+"""Claims of the papers (``data/claims.yaml``), the verdicts on our values, and the ledger as text."""
 
 from __future__ import annotations
 
@@ -9,22 +9,41 @@ from collections.abc import (
     Mapping,  # noqa: TC003 - a document's fields are typed at run time
 )
 from dataclasses import dataclass, field, replace
+from datetime import datetime
 from enum import Enum
 from statistics import median
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from sfglab.documents import OR_NULL, Document
 from sfglab.errors import InvalidValueError
+from sfglab.fields import to_json
 from sfglab.lab.stats import Estimate, rounded
-from sfglab.tables import Shown, columns, html_table, text_table
+from sfglab.tables import Shown, columns, html_table
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterable, Sequence
     from pathlib import Path
+
+COMMITTED_LOGS = "data/reference/"  #: Folder of the committed logs, from the top folder.
+COLUMNS: tuple[str, ...] = (
+    "claim",
+    "paper",
+    "sfglab",
+    "interval",
+    "unit",
+    "how",
+    "verdict",
+    "from",
+)
+"""Names of the columns of a ledger."""
+_OURS = "-OURS"
+_LESS = "% less "
+_MORE = "% more "
+_START_TIME = re.compile(r"\d{8}T\d{4}(?=\d\d-)")
 
 
 class How(Enum):
-    """How a figure was obtained."""
+    """The way in which a value was obtained."""
 
     LIVE = "live"
     SIMULATED = "simulated"
@@ -32,44 +51,38 @@ class How(Enum):
     EXACT = "exact"
 
 
-OURS = "-OURS"
-COMMITTED_LOGS = "data/reference/"  #: Folder of the committed logs, from the top folder.
-_STARTED = re.compile(r"(\d{4})(\d\d)(\d\d)T(\d\d)(\d\d)\d\d-")
-_LESS = "% less "
-_MORE = "% more "
-
-
 class Verdict(Enum):
-    """What our figure says of the paper's claim."""
+    """The result of comparing our value with the claim of the paper."""
 
     REPRODUCED = "reproduced"
     BETTER = "better"
-    #: Our way is as good as the paper says of its own, which another way cannot reproduce.
+    #: The sfglab variant is in the acceptance range. As another method, it cannot reproduce.
     AS_GOOD = "as good"
-    #: By constants that were fitted to the paper's own figures, which predicts nothing.
+    #: In the acceptance range, but computed with constants that were fitted to the same numbers.
     FITTED = "fitted"
-    #: By what the paper leaves open or runs differ in, or a part was not measured.
+    #: Conditions that the paper leaves open, or runs, differ in the verdict, or a part is missing.
     UNDECIDED = "undecided"
     DEVIATES = "deviates"
     NOT_YET = "not yet"
 
 
-HOLDS = frozenset({Verdict.REPRODUCED, Verdict.BETTER, Verdict.AS_GOOD})
-"""Verdicts of what the paper says and we find."""
+_FAVOURABLE = (Verdict.REPRODUCED, Verdict.BETTER, Verdict.AS_GOOD)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Criterion:
-    """By what a claim is judged, written down before the runs that it judges exist."""
+    """The rule that judges a claim, written down before the runs that it judges."""
 
-    sentence: str  #: The paper's own words that it comes from.
-    #: Presets of `sfglab.rtps` for the paper's middleware; the lowest figure judges.
+    sentence: str  #: Sentence of the paper that the rule is derived from.
+    #: Presets of `sfglab.rtps` for the paper's middleware. The lowest value judges.
     modes: tuple[str, ...]
-    #: Least and largest value of each condition, bounds included.
+    #: Smallest and largest value of each condition, bounds included.
     region: Mapping[str, tuple[float, float]]
-    measure: str  #: What is computed in each condition, and of it when the claim holds there.
-    unit: str  #: Of the figure.
-    band: tuple[float, float]  #: Lowest and highest figure that counts as reproduced.
+    measure: (
+        str  #: Quantity computed in each condition, and the rule by which the claim holds there.
+    )
+    unit: str  #: Unit of the value.
+    band: tuple[float, float]  #: Acceptance range: lowest and highest value that is reproduced.
     experiment: str  #: Name of the experiment whose runs it judges.
 
 
@@ -77,21 +90,23 @@ class Criterion:
 class Claim(Shown):
     """One claim of a paper, as ``data/claims.yaml`` states it."""
 
-    id: str  #: Short, stable name; with `OURS` at its end where it judges our way.
-    where: str  #: Paper and place.
-    says: str  #: The statement.
-    #: The paper's figure in `unit`; None where the statement is not a number.
+    id: str  #: Short, stable name. It ends in ``-OURS`` if the claim judges the sfglab variant.
+    where: str  #: Paper and section.
+    says: str  #: Statement of the paper.
+    #: The paper's value in `unit`; null if the statement is not a number.
     paper: Annotated[int | float | None, OR_NULL]
     #: Further numbers that the paper states, by name, for figures and details; no verdict uses them.
     numbers: Mapping[str, float] = field(default_factory=dict)
-    unit: str  #: Unit of the paper's figure and of ours.
-    band: tuple[float, float]  #: Lowest and highest figure that counts as reproduced.
-    better: Literal["above", "below"] | None = None  #: The band's end beyond which ours is better.
-    #: The statement's other figures, such as a range's other end: what each is, and its band.
+    unit: str  #: Unit of the paper's value and of ours.
+    band: tuple[float, float]  #: Acceptance range: lowest and highest value that is reproduced.
+    better: Literal["above", "below"] | None = (
+        None  #: Side of the range on which a value is better.
+    )
+    #: Acceptance ranges of the statement's other values, such as the other end of a range, by name.
     ends: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    #: Name of the experiment that measures it; None: there is none yet.
+    #: Name of the experiment that measures it; null if there is none yet.
     experiment: Annotated[str | None, OR_NULL]
-    #: Judges runs on the paper's own middleware; until then `band` does.
+    #: Rule for runs with the paper's own middleware. Other runs are judged by `band`.
     criterion: Criterion | None = None
 
     def __post_init__(self) -> None:
@@ -102,136 +117,142 @@ class Claim(Shown):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Finding:
-    """Our figure for one claim, computed from a run."""
+    """Our value for one claim, computed from a run."""
 
-    #: Median or fitted value with its 95 % interval; NaN where the log lacks it.
+    #: Median or fitted value with its 95 % interval; NaN if the log lacks it.
     estimate: Estimate
-    details: Mapping[str, str] = field(default_factory=dict)  #: Further figures, as text by name.
-    reason: str = ""  #: Why it deviates from the paper's, where that is known.
-    #: Of the claim's `ends`, those that were measured.
+    details: Mapping[str, str] = field(default_factory=dict)  #: Further values, as text by name.
+    reason: str = ""  #: Reason for a difference from the paper, if known.
+    #: Values of the claim's `ends` that were measured.
     ends: Mapping[str, float] = field(default_factory=dict)
-    #: The same figure under other conditions that the paper leaves open, or in other runs, by what they are.
+    #: Alternatives: the value under other conditions that the paper leaves open, by condition.
     under: Mapping[str, Estimate] = field(default_factory=dict)
-    fitted: str = ""  #: What was fitted to the claim's own figures; empty: nothing.
-    by_criterion: bool = False  #: Whether the claim's criterion judges it, and not its band.
+    fitted: str = ""  #: Constants that were fitted to the claim's own numbers; empty: none.
+    by_criterion: bool = False  #: Whether the claim's criterion judges it, instead of its `band`.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Measured(Finding):
-    """A finding with how it was obtained."""
+    """A finding with the way in which it was obtained."""
 
     how: How
-
-    def beside(self, other: Measured, log: str) -> Measured:
-        """Return it with the figure of another experiment, from this log, among its details."""
-        return replace(
-            self, details={**self.details, "by the band of other runs": f"{other.estimate} ({log})"}
-        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Entry:
-    """A line of the ledger: a claim, our figure if there is one, the verdict, and the log behind it."""
+    """A row of the ledger: a claim, our value if there is one, the verdict, and its log."""
 
-    claim: Claim
+    claim: Claim  #: The claim, with acceptance range, unit and experiment of the judging rule.
     verdict: Verdict
     measured: Measured | None = None
-    log: str = ""
+    log: str = ""  #: Path of the log, from the top folder.
     origin: str = ""  #: Machine, load, versions and commit of the log.
-    missing: str = ""  #: Why there is no figure, as far as a log says.
-    figures: tuple[str, ...] = ()  #: Names of the committed figures of its experiment.
-    #: The claim by each of several runs at different times, judged for itself.
+    missing: str = ""  #: Reason why there is no value, if the log has one.
+    figures: tuple[str, ...] = ()  #: Names of the committed figures of the experiment.
+    #: The claim by each of several runs at different times.
     runs: tuple[Entry, ...] = ()
-
-    @property
-    def experiment(self) -> str | None:
-        """Name of the experiment whose figure it is; without a figure, of that which measures it."""
-        claim, by_criterion = self.claim, self.measured is not None and self.measured.by_criterion
-        return claim.criterion.experiment if claim.criterion and by_criterion else claim.experiment
+    own: Entry | None = None  #: The claim by one run alone, in the ledger of that run.
+    own_reason: str = ""  #: Reason why this run differs from the ledger; empty: it does not.
 
     @property
     def reason(self) -> str:
-        """Why the verdict is none that holds, as far as that is known."""
-        m, c = self.measured, self.claim
-        if m is None:
+        """Reasons for an unfavourable verdict, if known."""
+        measured = self.measured
+        if measured is None:
             return self.missing
-        if self.verdict in HOLDS:
+        if self.verdict in _FAVOURABLE:
             return ""
         if self.verdict is Verdict.FITTED:
-            return m.fitted
-        open_ = (
-            [f"{name}: {e}, {_in_band(c, e).value}" for name, e in m.under.items()]
-            if m.under
-            else []
-        )
-        missing = [f"{name}: not measured" for name in c.ends if name not in m.ends]
-        disagree = self.runs if len({run.verdict for run in self.runs}) > 1 else ()
-        runs = [f"{run.log}: {run.value}, {run.verdict.value}" for run in disagree]
-        return "; ".join(filter(None, [m.reason, *_wrong_ends(c, m), *missing, *open_, *runs]))
+            return measured.fitted
+        reasons = [measured.reason] if measured.reason else []
+        for name in _outside(self.claim, measured):
+            asked = _range(self.claim.ends[name])
+            reasons.append(f"{name}: {measured.ends[name]:.3g}, asked {asked}")
+        reasons += [f"{name}: not measured" for name in self.missing_ends]
+        for name, estimate in measured.under.items():
+            reasons.append(f"{name}: {estimate}, {_compare(self.claim, estimate).value}")
+        if any(run.verdict is not self.runs[0].verdict for run in self.runs):
+            reasons += [f"{run.log}: {run.value}, {run.verdict.value}" for run in self.runs]
+        return "; ".join(reasons)
+
+    @property
+    def missing_ends(self) -> list[str]:
+        """Names of the claim's `ends` that were not measured."""
+        ends = self.measured.ends if self.measured else {}
+        return [name for name in self.claim.ends if name not in ends]
 
     @property
     def source(self) -> str:
         """Origin of the value in words: the committed logs, or the user's run with its time."""
-        started = _STARTED.search(self.log)
         if self.log.startswith(COMMITTED_LOGS):
             return "the committed logs"
-        if started is None:
+        start = _START_TIME.search(self.log)
+        if start is None:
             return self.log
-        year, month, day, hour, minute = started.groups()
-        return f"your run of {year}-{month}-{day} {hour}:{minute} UTC"
+        time = datetime.strptime(start[0], "%Y%m%dT%H%M")  # noqa: DTZ007 - in UTC, as printed
+        return f"your run of {time:%Y-%m-%d %H:%M} UTC"
+
+    @property
+    def shown(self) -> Estimate | None:
+        """Value as the ledger prints it: a negative saving ("% less") is a cost ("% more")."""
+        if self.measured is None:
+            return None
+        found = self.measured.estimate
+        unit = self.claim.unit
+        if found.value < 0 and unit.startswith(_LESS):
+            unit = _MORE + unit.removeprefix(_LESS)
+            return Estimate(value=-found.value, low=-found.high, high=-found.low, unit=unit)
+        return replace(found, unit=unit)
 
     @property
     def value(self) -> str:
         """Value with its interval as text, in `unit`; empty: not measured."""
-        if self.measured is None:
+        shown = self.shown
+        if shown is None:
             return ""
-        estimate = self.measured.estimate
-        numbers = [estimate.value, estimate.low, estimate.high]
-        if self.unit.startswith(_MORE):
-            numbers = [-estimate.value, -estimate.high, -estimate.low]
-        value, low, high = map(rounded, numbers)
-        return f"{value} [{low}, {high}]" if self.interval else value
+        value = rounded(shown.value)
+        return f"{value} [{rounded(shown.low)}, {rounded(shown.high)}]" if self.interval else value
 
     @property
     def unit(self) -> str:
-        """Unit of `value`: the claim's, but "% more" where a saving is negative."""
-        measured, unit = self.measured, self.claim.unit
-        if unit.startswith(_LESS) and measured is not None and measured.estimate.value < 0:
-            return unit.replace(_LESS, _MORE, 1)
-        return unit
+        """Unit of `value`."""
+        return self.shown.unit if self.shown else self.claim.unit
 
     @property
     def interval(self) -> str:
         """Kind of the interval: of one run, over several runs, or none."""
-        if self.measured is None or self.measured.estimate.low == self.measured.estimate.high:
+        shown = self.shown
+        if shown is None or shown.low == shown.high:
             return ""
         return f"range over {len(self.runs)} runs" if self.runs else "95 % interval"
 
-    @property
-    def is_whole(self) -> bool:
-        """Whether the figure and all of the claim's ends were measured."""
-        return self.measured is not None and self.claim.ends.keys() <= self.measured.ends.keys()
-
     def __repr__(self) -> str:
-        return f"<{self.claim.id}, {self.verdict.value}: {_compared(self)}>"
+        return f"<{self.claim.id}, {self.verdict.value}: {_comparison(self)}>"
 
     def _repr_html_(self) -> str:
         return Ledger([self])._repr_html_()
 
     def as_json(self) -> dict[str, Any]:
-        """Return the line as JSON values; figures are null where nothing was measured."""
-        m = self.measured
-        estimate = m.estimate if m else None
+        """Return the row as JSON values. Without a value, numbers are null."""
+        claim = self.claim
+        found = to_json(self.measured) or {}
+        estimate = found.get("estimate", {})
+        alternatives = self.measured.under if self.measured else {}
         return {
-            **{name: getattr(self.claim, name) for name in ("id", "where", "says", "paper")},
-            **{name: getattr(estimate, name, None) for name in ("value", "low", "high")},
-            "unit": self.claim.unit,
-            "how": m.how.value if m else None,
+            "id": claim.id,
+            "where": claim.where,
+            "says": claim.says,
+            "paper": claim.paper,
+            "value": estimate.get("value"),
+            "low": estimate.get("low"),
+            "high": estimate.get("high"),
+            "unit": claim.unit,
+            "how": found.get("how"),
             "verdict": self.verdict.value,
             "reason": self.reason,
-            "ends": dict(m.ends) if m else {},
-            "under": {name: str(estimate) for name, estimate in m.under.items()} if m else {},
-            "details": dict(m.details) if m else {},
+            "ends": found.get("ends", {}),
+            "under": {name: str(alternative) for name, alternative in alternatives.items()},
+            "details": found.get("details", {}),
             "interval": self.interval or None,
             "source": self.source or None,
             "log": self.log or None,
@@ -242,225 +263,212 @@ class Entry:
 
 
 class Ledger(list[Entry]):
-    """All claims, judged."""
+    """Judged claims."""
 
     @property
     def source(self) -> str:
-        """Origin of the values in words; of several origins how many claims each has."""
-        counts = Counter(entry.source for entry in self if entry.source)
-        if len(counts) > 1:
-            return " and ".join(f"{source} ({count})" for source, count in counts.items())
-        return "".join(counts)
+        """Origins of the values in words."""
+        sources = dict.fromkeys(entry.source for entry in self if entry.source)
+        return " and ".join(sources)
 
     def __repr__(self) -> str:
-        counts = {v: sum(e.verdict is v for e in self) for v in Verdict}
-        verdicts = ", ".join(f"{n} {v.value}" for v, n in counts.items() if n) or "empty"
+        counts = Counter(entry.verdict for entry in self)
+        verdicts = [f"{counts[each]} {each.value}" for each in Verdict if counts[each]]
         origin = f" from {self.source}" if self.source else ""
-        return f"<ledger{origin}: {verdicts}>"
+        return f"<ledger{origin}: {', '.join(verdicts) or 'empty'}>"
 
     def _repr_html_(self) -> str:
-        head, *rows = _rows(self)
-        words = [("where", "says"), *((e.claim.where, e.claim.says) for e in self)]
-        table = [(row[0], *said, *row[1:]) for row, said in zip([head, *rows], words, strict=True)]
-        return html_table(table, repr(self)[1:-1])
-
-
-HEAD = ("claim", "paper", "sfglab", "interval", "unit", "how", "verdict", "from")
-"""Names of the columns of a ledger."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class OwnEntry:
-    """A claim as the ledger has it, and by one run where that differs."""
-
-    ledger: Entry
-    own: Entry | None = None  #: The claim by this run alone; None if the ledger has its value.
-    reason: str = ""  #: Reason for the difference.
-
-
-class OwnLedger(list[OwnEntry]):
-    """The claims that a run answers: each as the ledger has it, and below it by this run."""
-
-    def __repr__(self) -> str:
-        return repr(Ledger(each.ledger for each in self))
-
-    def _repr_html_(self) -> str:
-        rows: list[tuple[str, ...]] = [HEAD]
-        for each in self:
-            rows.append(_row(each.ledger))
-            if each.own is not None:
-                rows.append((f"this run: {each.reason}", *_row(each.own)[1:]))
+        rows = [COLUMNS]
+        for entry in self:
+            rows.append(_row(entry))
+            if entry.own and entry.own_reason:
+                rows.append((f"this run: {entry.own_reason}", *_row(entry.own)[1:]))
         return html_table(rows, repr(self)[1:-1])
 
 
-def render_own(claims: OwnLedger) -> str:
-    """Return the claims by a run as a table for a terminal, with the ledger's value beside them."""
-    rows = [("claim", "paper", "this run", "interval", "unit", "verdict", "ledger", "from")]
-    for each in claims:
-        name, paper, value, interval, unit, _, verdict, _ = _row(each.own or each.ledger)
-        ledger = f"{each.ledger.value or 'no value'}, {each.ledger.verdict.value}"
-        if each.ledger.unit != unit:
-            ledger = f"{each.ledger.value} {each.ledger.unit}, {each.ledger.verdict.value}"
-        rows.append((name, paper, value, interval, unit, verdict, ledger, each.ledger.source))
-    return text_table(rows)
-
-
 def load_claims(path: Path | str) -> list[Claim]:
-    """Read and check ``data/claims.yaml``; a `DocumentError` says where it is wrong and what is allowed."""
-    claims: dict[str, Claim] = {}
+    """Read and check ``data/claims.yaml``.
+
+    Raises:
+        DocumentError: The file is wrong; names the place and the allowed values.
+    """
     document = Document.of_file(path)
-    for position, claim in enumerate(document.read(list[Claim])):
-        if claim.id in claims:
+    claims: list[Claim] = document.read(list[Claim])
+    ids = set()
+    for position, claim in enumerate(claims):
+        if claim.id in ids:
             raise document.refusal((position, "id"), claim.id, "each claim once")
-        claims[claim.id] = claim
-    return list(claims.values())
+        ids.add(claim.id)
+    return claims
 
 
 def judge(claim: Claim, measured: Measured | None) -> Verdict:
-    """Compute the verdict from our figures: the ledger's only rule.
+    """Compute the verdict on a claim, with the only rule of the ledger.
 
-    Better asks that the whole interval lies beyond the band's end, reproduced that the figure lies in the
-    band, which is called as good where it is our way's; all ask that every one of the claim's ends lies in its
-    own. Undecided is what was not measured whole, or gets another verdict under conditions that the paper
-    leaves open, or in another run.
+    A value is better if its whole interval is beyond the acceptance range, on the better side.
+    It is reproduced (the sfglab variant: as good) if it is in the range. In both cases all `ends`
+    must be in their ranges. A claim is undecided if an end is missing, or if the verdict differs
+    under conditions that the paper leaves open.
     """
     if measured is None:
         return Verdict.NOT_YET
-    found = {_in_band(claim, e) for e in (measured.estimate, *measured.under.values())}
-    if _wrong_ends(claim, measured) or found == {Verdict.DEVIATES}:
+    found = {_compare(claim, measured.estimate)}
+    found.update(_compare(claim, estimate) for estimate in measured.under.values())
+    if found == {Verdict.DEVIATES} or _outside(claim, measured):
         return Verdict.DEVIATES
     if len(found) > 1 or claim.ends.keys() - measured.ends.keys():
         return Verdict.UNDECIDED
     return Verdict.FITTED if measured.fitted else found.pop()
 
 
-def _wrong_ends(claim: Claim, measured: Measured) -> list[str]:
-    """Return what is out of its band of the claim's ends."""
+def _compare(claim: Claim, estimate: Estimate) -> Verdict:
+    """Return the verdict on a value alone."""
+    low, high = claim.band
+    if claim.better == "above":
+        is_better = estimate.low > high
+        high = math.inf
+    elif claim.better == "below":
+        is_better = estimate.high < low
+        low = -math.inf
+    else:
+        is_better = False
+    if is_better:
+        return Verdict.BETTER
+    if not low <= estimate.value <= high:
+        return Verdict.DEVIATES
+    return Verdict.AS_GOOD if claim.id.endswith(_OURS) else Verdict.REPRODUCED
+
+
+def _outside(claim: Claim, measured: Measured) -> list[str]:
+    """Return the names of the measured ends that are outside their ranges."""
     return [
-        f"{name}: {measured.ends[name]:.3g}, asked {low:g} to {high:g}"
+        name
         for name, (low, high) in claim.ends.items()
         if name in measured.ends and not low <= measured.ends[name] <= high
     ]
 
 
-def _in_band(claim: Claim, estimate: Estimate) -> Verdict:
-    (low, high), above, below = claim.band, claim.better == "above", claim.better == "below"
-    if (above and estimate.low > high) or (below and estimate.high < low):
-        return Verdict.BETTER
-    beyond = (above and estimate.value > high) or (below and estimate.value < low)
-    if beyond or low <= estimate.value <= high:
-        return Verdict.AS_GOOD if claim.id.endswith(OURS) else Verdict.REPRODUCED
-    return Verdict.DEVIATES
+def entry_for(claim: Claim, measured: Measured | None, *, log: str = "", origin: str = "") -> Entry:
+    """Return the row for a claim and our value, judged by `band` or by the claim's criterion."""
+    if measured is None:
+        return Entry(claim=claim, verdict=Verdict.NOT_YET)
+    if math.isnan(measured.estimate.value):
+        return Entry(claim=claim, verdict=Verdict.NOT_YET, missing=measured.reason)
+    rule = claim.criterion
+    if rule and measured.by_criterion:
+        claim = replace(claim, band=rule.band, unit=rule.unit, experiment=rule.experiment)
+    verdict = judge(claim, measured)
+    return Entry(claim=claim, verdict=verdict, measured=measured, log=log, origin=origin)
+
+
+def joined(runs: Sequence[Entry]) -> Entry:
+    """Return one row for a claim's runs at different times, based on the first.
+
+    The value is the median over the runs, and the interval covers theirs, because an interval
+    over the repetitions of one run does not contain the differences between runs. If verdicts
+    differ, the claim is undecided. Later runs without the value or one of its ends are left out,
+    because they are older than this part of the claim.
+    """
+    first, *others = runs
+    if first.measured is None:
+        return first
+    runs = [first, *(run for run in others if run.measured and not run.missing_ends)]
+    if len(runs) == 1:
+        return first
+    found = [run.measured.estimate for run in runs if run.measured]
+    estimate = Estimate(
+        value=median(each.value for each in found),
+        low=min(each.low for each in found),
+        high=max(each.high for each in found),
+        unit=found[0].unit,
+    )
+    verdicts = {run.verdict for run in runs}
+    return replace(
+        first,
+        verdict=first.verdict if len(verdicts) == 1 else Verdict.UNDECIDED,
+        measured=replace(first.measured, estimate=estimate),
+        runs=tuple(runs),
+    )
 
 
 def render(entries: Sequence[Entry], *, with_logs: bool = False) -> str:
-    """Return the ledger as a table for a terminal, a line a claim, or with its log a line a log."""
-    rows = _rows(entries)
-    if with_logs:
-        rows = [
-            (*row, log)
-            for row, log in zip(rows, ["log", *(entry.log for entry in entries)], strict=True)
-        ]
+    """Return the ledger as a table for a terminal.
+
+    Below a claim in the ledger of a run is the claim by this run. The last column is the origin,
+    if there are several; with `with_logs` it is the log.
+    """
+    rows = [(*COLUMNS[:-1], "log") if with_logs else COLUMNS]
+    for entry in entries:
+        rows.append(_row(entry))
+        if with_logs:
+            rows[-1] = (*rows[-1][:-1], entry.log)
+        if entry.own:
+            rows.append(("  this run", *_row(entry.own)[1:]))
+    if len({row[-1] for row in rows[1:] if row[-1]}) <= 1:
+        rows = [row[:-1] for row in rows]
     lines = columns(rows)
     lines.insert(1, "-" * len(lines[0]))
-    lines += ["", repr(Ledger(entries)).removeprefix("<").removesuffix(">")]
+    lines += ["", repr(Ledger(entries))[1:-1]]
     return "\n".join(lines)
 
 
-def _rows(entries: Sequence[Entry]) -> list[tuple[str, ...]]:
-    """Return `HEAD` and a row for each entry; without the column "from" if all have one origin."""
-    rows: list[tuple[str, ...]] = [HEAD, *map(_row, entries)]
-    if len({entry.source for entry in entries if entry.source}) > 1:
-        return rows
-    return [row[:-1] for row in rows]
+def render_in_full(entries: Iterable[Entry]) -> str:
+    """Return a paragraph for each claim: statement, verdict, reason, further values and origin."""
+    return "\n\n".join("\n  ".join(_paragraph(entry)) for entry in entries)
+
+
+def _paragraph(entry: Entry) -> list[str]:
+    claim = entry.claim
+    measured = entry.measured
+    how = f", {measured.how.value}" if measured else ""
+    interval = f" ({entry.interval})" if entry.interval else ""
+    lines = [
+        f"{claim.id}: {entry.verdict.value}{how}",
+        f"{claim.where}: {claim.says}",
+        f"{_comparison(entry)}{interval}; acceptance range {_range(claim.band)}",
+    ]
+    parts: dict[str, object] = {"figures": ", ".join(entry.figures), "why": entry.reason}
+    for run in entry.runs:
+        parts[f"run {run.log}"] = f"{run.value}, {run.verdict.value}; {run.origin}"
+    if measured:
+        for name, value in measured.ends.items():
+            parts[name] = f"{value:.3g}"
+            if name in claim.ends:
+                parts[name] = f"{value:.3g}; acceptance range {_range(claim.ends[name])}"
+        parts |= {**measured.under, **measured.details}
+        parts["log"] = f"{entry.log}; {entry.origin}"
+    return lines + [f"{name}: {part}" for name, part in parts.items() if part]
+
+
+def criterion_of(claim: Claim) -> list[str]:
+    """Return the rules that judge a claim, one line each: its criterion, its range and its ends."""
+    lines = []
+    rule = claim.criterion
+    if rule:
+        lines.append(f"{rule.measure}: {_range(rule.band)}; until there is such a run:")
+    for name, band in {claim.unit: claim.band, **claim.ends}.items():
+        lines.append(f"{name}: {_range(band)}")
+    return lines
 
 
 def _row(entry: Entry) -> tuple[str, ...]:
-    """Return the cells of `HEAD` for an entry."""
-    claim, measured = entry.claim, entry.measured
-    paper = "" if claim.paper is None else f"{claim.paper:g}"
-    value = entry.value, entry.interval, entry.unit
-    how = measured.how.value if measured else ""
-    return claim.id, paper, *value, how, entry.verdict.value, entry.source
+    """Return the cells of `COLUMNS` for an entry."""
+    return (
+        entry.claim.id,
+        "" if entry.claim.paper is None else f"{entry.claim.paper:g}",
+        entry.value,
+        entry.interval,
+        entry.unit,
+        entry.measured.how.value if entry.measured else "",
+        entry.verdict.value,
+        entry.source,
+    )
 
 
-def _compared(entry: Entry) -> str:
+def _comparison(entry: Entry) -> str:
     paper = "without a number" if entry.claim.paper is None else f"{entry.claim.paper:g}"
     return f"paper {paper}, sfglab {entry.value or 'no value'} {entry.unit}"
 
 
-def render_in_full(entries: Sequence[Entry]) -> str:
-    """Return the ledger as paragraphs: of each claim statement, verdict and reason, further figures, origin."""
-    return "\n\n".join("\n  ".join(_paragraph(entry)) for entry in entries)
-
-
-def _paragraph(entry: Entry) -> Iterator[str]:
-    how = f", {entry.measured.how.value}" if entry.measured else ""
-    yield f"{entry.claim.id}: {entry.verdict.value}{how}"
-    yield f"{entry.claim.where}: {entry.claim.says}"
-    interval = f" ({entry.interval})" if entry.interval else ""
-    yield f"{_compared(entry)}{interval}; acceptance range {_band(entry.claim.band)}"
-    yield from [f"figures: {', '.join(entry.figures)}"] * bool(entry.figures)
-    if entry.reason:
-        yield f"why: {entry.reason}"
-    m = entry.measured
-    if m is None:
-        return
-    yield from (
-        f"run {run.log}: {run.value}, {run.verdict.value}; {run.origin}" for run in entry.runs
-    )
-    asked = {name: f"; acceptance range {_band(b)}" for name, b in entry.claim.ends.items()}
-    yield from (f"{name}: {value:.3g}{asked.get(name, '')}" for name, value in m.ends.items())
-    yield from (f"{key}: {value}" for key, value in {**m.under, **m.details}.items())
-    yield f"log: {entry.log}; {entry.origin}"
-
-
-def criterion_of(claim: Claim) -> list[str]:
-    """Return by what a claim is judged, a line each: its criterion, if it has one, its band and its ends."""
-    first = (
-        [f"{c.measure}: {_band(c.band)}; until there is such a run:"]
-        if (c := claim.criterion)
-        else []
-    )
-    return [
-        *first,
-        *(f"{what}: {_band(b)}" for what, b in {claim.unit: claim.band, **claim.ends}.items()),
-    ]
-
-
-def _band(band: tuple[float, float]) -> str:
+def _range(band: tuple[float, float]) -> str:
     return f"{band[0]:g} to {band[1]:g}"
-
-
-def entry_for(claim: Claim, measured: Measured | None, *, log: str = "", origin: str = "") -> Entry:
-    """Join a claim with our figure and judge it, by the criterion's band where that gave the figure."""
-    missing = ""
-    if measured is not None and math.isnan(measured.estimate.value):
-        missing, measured = measured.reason, None
-    if measured is None:
-        log = origin = ""
-    elif measured.by_criterion and claim.criterion:
-        claim = replace(claim, band=claim.criterion.band, unit=claim.criterion.unit)
-    verdict = judge(claim, measured)
-    return Entry(
-        claim=claim, verdict=verdict, measured=measured, log=log, origin=origin, missing=missing
-    )
-
-
-def joined(runs: Sequence[Entry]) -> Entry:
-    """Return one line of a ledger for a claim's runs at different times, the one that speaks first.
-
-    What does not get the same verdict in all of them is undecided. The figure is their median, and the interval
-    covers theirs: one over the repeats of a single run is not what a reader takes it for.
-    """
-    first, *others = runs
-    # What was measured before a figure, or an end of it, was asked says nothing of it.
-    runs = [first, *(run for run in others if run.is_whole)]
-    found = [run.measured.estimate for run in runs if run.measured]
-    if len(runs) == 1 or first.measured is None:
-        return first
-    low, high = min(e.low for e in found), max(e.high for e in found)
-    estimate = replace(found[0], value=median(e.value for e in found), low=low, high=high)
-    verdict = first.verdict if len({run.verdict for run in runs}) == 1 else Verdict.UNDECIDED
-    measured = replace(first.measured, estimate=estimate)
-    return replace(first, verdict=verdict, measured=measured, runs=tuple(runs))

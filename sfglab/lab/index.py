@@ -128,7 +128,7 @@ def _row(
     name = next((n for n in committed if not n.endswith("_ros2") or len(committed) == 1), "")
     caption = exp.caption(name) if name else ""
     picture = _thumbnail(project.figures / f"{name}.png", caption) if name else ""
-    claims = _verdicts(entry for entry in ledger if entry.experiment == exp.name)
+    claims = _verdicts(entry for entry in ledger if entry.claim.experiment == exp.name)
     link = f'<b><a href="{path.name}">{path.stem}</a></b> {escape(exp.where)}<br>{escape(title)}'
     return exp.where, _line((picture, link, escape(caption), claims))
 

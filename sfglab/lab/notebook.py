@@ -16,7 +16,7 @@ import pandas as pd
 
 from sfglab.errors import InvalidValueError, SfglabError
 from sfglab.lab import ledger
-from sfglab.lab.claims import Entry, How, Ledger, OwnLedger
+from sfglab.lab.claims import Entry, How, Ledger
 from sfglab.lab.experiments import experiment
 from sfglab.lab.figures import COLORS, few_colors, house_style, png_of
 from sfglab.lab.paths import find_project
@@ -141,7 +141,7 @@ def save_figures(run: Run[Any]) -> str:
     return f"{project.relative(folder)}: {', '.join(names)} (SVG, PNG and JSON)"
 
 
-def claims_of(run: Run[Any]) -> OwnLedger:
+def claims_of(run: Run[Any]) -> Ledger:
     """Return the claims that a run answers, as the ledger has them and by this run."""
     return ledger.own_ledger(find_project(), run)
 

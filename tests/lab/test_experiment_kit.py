@@ -177,7 +177,7 @@ def test_an_interrupted_run_has_another_name_goes_on_and_speaks_only_when_finish
         "kit-quick-cell.journal",
     ]
     assert find_log(project, "kit") is None
-    assert [log.standing.why_not for log in logs_of(project, "kit")] == ["it is not finished"]
+    assert [standing(log).why_not for log in logs_of(project, "kit")] == ["it is not finished"]
     monkeypatch.setattr("sfglab.lab.sweep.run.connected", None)
     again = path.with_name("20260102T000000-quick.mcap")
     run(again, "quick")  # what is in the journal is not run again, and asks for no workers

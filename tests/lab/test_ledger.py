@@ -12,14 +12,13 @@ import pytest
 
 from sfglab.lab.claims import Verdict, render_in_full
 from sfglab.lab.experiments.naming import exp
+from sfglab.lab.findings import FindingsCache
 from sfglab.lab.index import make_claims_page
 from sfglab.lab.ledger import (
-    Findings,
     compute_ledger,
     find_log,
     history,
     keep_figures,
-    kept_findings,
     redraw_figures,
 )
 from sfglab.lab.paths import Project
@@ -27,7 +26,6 @@ from sfglab.lab.runs import COMPLETION, new_log
 from sfglab.record import LogWriter
 
 LEDGER = Path(__file__).parents[2] / "data" / "claims.yaml"
-SCORE = {"A-FQN": {"caught": 3, "tried": 20, "seed": 0, "survived": []}}
 PACKAGE = Path(__file__).parents[2] / "sfglab"
 
 
@@ -130,14 +128,30 @@ def test_every_claim_has_its_words_criterion_and_figures(project):
     assert "figures: x" in render_in_full(ledger)
 
 
-def claims_by(package: Path, root: Path) -> dict:
-    """Return the ledger as the command prints it, by a package that lies elsewhere."""
-    environment = os.environ | {"PYTHONPATH": str(package), "SFGLAB_ROOT": str(root)}
+@pytest.fixture
+def copy(project, tmp_path):
+    """A copy of the package, and the committed log of one experiment."""
+    shutil.copytree(PACKAGE, tmp_path / "sfglab", ignore=shutil.ignore_patterns("__pycache__"))
+    shutil.copy(LEDGER.parent / "reference" / "naming.mcap", project.reference_logs)
+    return tmp_path
+
+
+def claim_by(root: Path) -> dict:
+    """Return a claim as the command prints it, by the copy of the package."""
+    environment = os.environ | {"PYTHONPATH": str(root), "SFGLAB_ROOT": str(root)}
     command = [sys.executable, "-P", "-m", "sfglab", "claims", "--json"]
     done = subprocess.run(
         command, env=environment, capture_output=True, text=True, check=True, timeout=60
     )
-    return {entry["id"]: entry for entry in json.loads(done.stdout)}
+    [found] = [entry for entry in json.loads(done.stdout) if entry["id"] == "A-FQN"]
+    return found
+
+
+def mark(file: Path) -> None:
+    """Change kept findings, so that they are known again."""
+    kept = json.loads(file.read_text())
+    kept["findings"]["origin"] = "kept"
+    file.write_text(json.dumps(kept))
 
 
 def replace(file: Path, old: str, new: str) -> None:
@@ -146,33 +160,58 @@ def replace(file: Path, old: str, new: str) -> None:
     file.write_text(text.replace(old, new))
 
 
-def test_kept_findings_follow_log_claims_and_source_and_a_broken_file_is_as_none(project, tmp_path):
-    shutil.copytree(PACKAGE, tmp_path / "sfglab", ignore=shutil.ignore_patterns("__pycache__"))
-    log, file = project.reference_logs / "naming.mcap", project.runs / "cache" / "naming.json"
-    shutil.copy(LEDGER.parent / "reference" / "naming.mcap", log)
-    first = claims_by(tmp_path, tmp_path)["A-FQN"]
-    assert first["verdict"] == "reproduced"
-    assert "cores" in first["origin"]
-    kept = json.loads(file.read_text())
-    empty, others = (
-        Findings(measured={}, origin=""),
-        {"key": kept["key"], "sum": "", "findings": "{}"},
-    )
-    of = kept_findings(project).of
-    assert list(of(log, lambda: 1 / 0).measured) == ["A-FQN"], "it is read: the package is the same"
-    for broken in (file.read_text()[:50], "[]", json.dumps(others)):
-        file.write_text(broken)
-        assert of(log, lambda: empty) is empty
+def test_kept_findings_follow_log_claims_and_the_modules_of_the_experiment(project, copy):
+    cached = project.runs / "cache" / "naming" / "naming.json"
+    first = claim_by(copy)
+    assert (first["verdict"], "cores" in first["origin"]) == ("reproduced", True)
+    mark(cached)
+    for unrelated in ("cli/view.py", "lab/experiments/gateways.py", "view/bridge.py"):
+        with (copy / "sfglab" / unrelated).open("a") as module:
+            module.write("\nCHANGED = 1\n")
+    assert claim_by(copy)["origin"] == "kept"
+    with (copy / "sfglab" / "names" / "__init__.py").open("a") as module:
+        module.write("\nCHANGED = 1\n")
+    assert "cores" in claim_by(copy)["origin"]
+    mark(cached)
     replace(project.claims, "unit: share of names that hold", "unit: share of all names that hold")
-    assert claims_by(tmp_path, tmp_path)["A-FQN"]["unit"] == "share of all names that hold"
-    replace(
-        project.claims, "band: [1, 1]\n  experiment: naming", "band: [2, 2]\n  experiment: naming"
+    changed = claim_by(copy)
+    assert (changed["unit"], changed["origin"]) == (
+        "share of all names that hold",
+        first["origin"],
     )
-    assert claims_by(tmp_path, tmp_path)["A-FQN"]["verdict"] == "deviates"
-    naming = tmp_path / "sfglab" / "lab" / "experiments" / "naming.py"
-    naming.write_text(
-        naming.read_text() + "\nexp._claims['A-FQN'] = (lambda run: None, How.EXACT)\n"
-    )
-    assert claims_by(tmp_path, tmp_path)["A-FQN"]["verdict"] == "not yet"
-    log.write_bytes(b"no log")
-    assert claims_by(tmp_path, tmp_path)["A-FQN"]["verdict"] == "not yet"
+    with (copy / "sfglab" / "lab" / "experiments" / "naming.py").open("a") as module:
+        module.write("\nexp._claims['A-FQN'] = (lambda run: None, How.EXACT)\n")
+    assert claim_by(copy)["verdict"] == "not yet"
+    (project.reference_logs / "naming.mcap").write_bytes(b"no log")
+    assert claim_by(copy)["verdict"] == "not yet"
+
+
+def test_a_damaged_file_of_the_cache_is_ignored(project):
+    log = project.reference_logs / "naming.mcap"
+    shutil.copy(LEDGER.parent / "reference" / "naming.mcap", log)
+    file = project.runs / "cache" / "naming" / "naming.json"
+    findings = FindingsCache(project).findings_of("naming", log)
+    whole = file.read_text()
+    for damaged in (whole[:50], "[]", "{}", json.dumps({**json.loads(whole), "findings": {}})):
+        file.write_text(damaged)
+        assert FindingsCache(project).findings_of("naming", log) == findings
+        assert file.read_text() == whole
+
+
+LOADED = """
+import sys
+from pathlib import Path
+from sfglab.lab.findings import findings_of, modules_of
+findings_of(sys.argv[1], Path(sys.argv[2]))
+known = modules_of(f"sfglab.lab.experiments.{sys.argv[1]}", "sfglab.lab.findings")
+loaded = {name for name in sys.modules if name.partition(".")[0] == "sfglab"}
+print(*loaded.difference(known))
+"""
+
+
+@pytest.mark.parametrize("name", ["discovery", "phases"])
+def test_every_module_that_an_analysis_loads_is_known(name):
+    log = LEDGER.parent / "reference" / f"{name}.mcap"
+    command = [sys.executable, "-P", "-c", LOADED, name, str(log)]
+    done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=60)
+    assert done.stdout.split() == []

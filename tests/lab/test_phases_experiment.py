@@ -14,7 +14,8 @@ from sfglab.lab.experiments.phases import exp, shares
 from sfglab.lab.experiments.phases.answers import ANSWERS, PLACE, answers, plausible
 from sfglab.lab.experiments.phases.experiment import CELLS, COURSES, conditions, midpoints
 from sfglab.lab.experiments.transmission import experiment
-from sfglab.lab.ledger import _stronger
+from sfglab.lab.findings import Findings
+from sfglab.lab.ledger import _judged, _Source
 from sfglab.lab.runs import COMPLETION
 from sfglab.lab.stats import exactly
 from sfglab.rtps import Fate, FlowOutcome, Medium, run
@@ -264,8 +265,13 @@ def test_conditions_beside_the_criteria_s_do_not_count_and_the_older_figure_stan
     assert (found.estimate.value, found.estimate.high) == (1, 1)
     assert found.estimate.low == pytest.approx(0.875, abs=1e-3), "Wilson's of 27"
     older = Measured(estimate=exactly(0.25, "share of rates"), how=How.SIMULATED)
-    for pair in ((older, "a", ""), (found, "b", "")), ((found, "b", ""), (older, "a", "")):
-        judging, log, _ = _stronger(*pair)
-        assert (log, judging.estimate) == ("b", found.estimate)
-        assert "0.25 share of rates" in judging.details["by the band of other runs"]
+    sources = [
+        [_Source(log, Findings(measured={"B-LAT": measured}, origin=""))]
+        for log, measured in (("a", older), ("b", found))
+    ]
+    for pair in (sources, sources[::-1]):
+        entry = _judged(CLAIMS["B-LAT"], pair)
+        assert (entry.log, entry.measured.estimate) == ("b", found.estimate)
+        assert "0.25 share of rates" in entry.measured.details["by the band of other runs"]
+        assert entry.claim.experiment == "phases"
     assert entry_for(CLAIMS["B-LAT"], older).claim.band == (1, 1)

@@ -1,0 +1,162 @@
+"""Findings: our values for claims, computed from one log, and their cache.
+
+The cache is in ``runs/cache``. A file holds the findings of one log. Its key is a hash of four things: the
+log, the YAML files in ``data`` (``claims.yaml`` among them), the modules that the experiment imports, and the
+versions of Python and of the libraries that compute. Damaged files and those with another key are ignored.
+"""
+
+from __future__ import annotations
+
+import ast
+import hashlib
+import json
+import sys
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from sfglab.errors import SfglabError
+from sfglab.fields import from_json, to_json
+from sfglab.lab.claims import (
+    Measured,  # noqa: TC001 - the type of a field that is read from JSON
+)
+from sfglab.lab.experiments import experiment
+from sfglab.lab.runs import COMPLETION
+from sfglab.record.metadata import library_versions
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from sfglab.lab.paths import Project
+    from sfglab.lab.runs import Run
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Findings:
+    """Our values from one log."""
+
+    measured: dict[str, Measured]  #: Values by claim.
+    origin: str  #: Machine, load while measured, versions and commit, as far as the log has them.
+
+
+def findings_of(name: str, log: Path) -> Findings:
+    """Return the findings of an experiment from a log.
+
+    Raises:
+        SfglabError: The log cannot be read, or has changed fields that no longer exist.
+        KeyError: A table of the log lacks a column.
+    """
+    exp = experiment(name)
+    run = exp.load(log)
+    if run.unread:
+        raise SfglabError(run.why_not)
+    # The log of an explorer has only the tables that it shows.
+    measured = {} if "only" in run.metadata(COMPLETION) else exp.measure(run)
+    return Findings(measured=measured, origin=_origin(run))
+
+
+def _origin(run: Run[Any]) -> str:
+    metadata = run.metadata("run")
+    hardware = "machine not in the log"
+    machine = metadata.get("machine")
+    if machine:
+        cores = f"{machine['usable_cores']} of {machine['cores']} cores"
+        hardware = f"{machine['cpu']}, {cores}, {machine['kernel']}"
+    loads = []
+    for table, row in experiment(run.experiment).tables.items():
+        if "load" in row.__dataclass_fields__:
+            loads.append(run[table]["load"].median())
+    load = f"load {max(loads):.1f}" if loads else "load not in the log"
+    versions = {"sfglab": metadata.get("sfglab"), "Python": metadata.get("python")}
+    versions |= metadata.get("libraries", {})
+    known = [f"{name} {version}" for name, version in versions.items() if version]
+    commit = "commit not in the log"
+    source = metadata.get("source")
+    if source:
+        changed = "" if source.get("git_clean") else " with uncommitted changes"
+        commit = f"commit {source['git_commit'][:12]}{changed}"
+    return "; ".join(filter(None, [hardware, load, ", ".join(known), commit]))
+
+
+class FindingsCache:
+    """The findings of a project's logs, computed once for each state of log, inputs and code."""
+
+    def __init__(self, project: Project) -> None:
+        self._folder = project.runs / "cache"
+        self._inputs = [sys.version.encode(), str(library_versions()).encode()]
+        self._inputs += [file.read_bytes() for file in sorted(project.data.rglob("*.yaml"))]
+
+    def findings_of(self, name: str, log: Path) -> Findings:
+        """Return the findings of an experiment from a log; errors as of the function `findings_of`."""
+        file = self._folder / name / f"{log.stem}.json"
+        with suppress(OSError, ValueError, LookupError, TypeError):  # Not there, or damaged.
+            kept = json.loads(file.read_text("utf-8"))
+            if kept["key"] == self._key(log, kept["modules"]):
+                findings: Findings = from_json(Findings, kept["findings"])
+                return findings
+        found = findings_of(name, log)
+        modules = modules_of(f"sfglab.lab.experiments.{name}", __name__)
+        kept = {"key": self._key(log, modules), "modules": modules, "findings": to_json(found)}
+        with suppress(OSError):  # A folder that cannot be written only costs time.
+            file.parent.mkdir(parents=True, exist_ok=True)
+            part = file.with_suffix(".part")
+            part.write_text(json.dumps(kept), encoding="utf-8")
+            part.replace(file)
+        return found
+
+    def _key(self, log: Path, modules: Sequence[str]) -> str:
+        digest = hashlib.sha256()
+        for content in (*self._inputs, *map(_source_of, modules), log.read_bytes()):
+            digest.update(hashlib.sha256(content).digest())
+        return digest.hexdigest()
+
+
+def modules_of(*names: str) -> list[str]:
+    """Return the modules of sfglab that modules import, directly or through others, with themselves.
+
+    Imports in functions count, and those for type checkers do not. A module that is imported by a
+    computed name is not found.
+    """
+    found: set[str] = set()
+    waiting = set(names)
+    while waiting:
+        module = waiting.pop()
+        if _source_of(module):
+            found.add(module)
+            waiting |= _imports_of(module) - found
+    return sorted(found)
+
+
+@cache
+def _imports_of(module: str) -> set[str]:
+    """Return the names that a module imports from sfglab, and the package that it is in."""
+    names = {module.rpartition(".")[0]}
+    for node in _run_time_nodes(ast.parse(_source_of(module))):
+        if isinstance(node, ast.Import):
+            names.update(alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            names.add(node.module)
+            names.update(f"{node.module}.{alias.name}" for alias in node.names)
+    return {name for name in names if name.partition(".")[0] == "sfglab"}
+
+
+def _run_time_nodes(tree: ast.AST) -> Iterator[ast.AST]:
+    """Yield the nodes of a syntax tree, without what is imported for type checkers."""
+    yield tree
+    children = ast.iter_child_nodes(tree)
+    if isinstance(tree, ast.If) and ast.unparse(tree.test) == "TYPE_CHECKING":
+        children = iter(tree.orelse)
+    for node in children:
+        yield from _run_time_nodes(node)
+
+
+@cache
+def _source_of(module: str) -> bytes:
+    """Return the source of a module of sfglab; empty if there is no such module."""
+    path = Path(__file__).parents[2].joinpath(*module.split("."))
+    for file in (path / "__init__.py", path.with_suffix(".py")):
+        if file.is_file():
+            return file.read_bytes()
+    return b""
