@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
     from sfglab.bus.node import Node
     from sfglab.bus.pubsub import Publisher, Subscription
-    from sfglab.record.reader import LogMessage
+    from sfglab.record.parts import LogMessage
 
     Told = Callable[[str], None]
 

@@ -11,42 +11,38 @@ import os
 import shutil
 import sqlite3
 import tempfile
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path, PurePath
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 from urllib.parse import quote
 
 from zstandard import ZstdError
 
+from sfglab.documents import Document
+from sfglab.errors import InvalidValueError
 from sfglab.record.mcap_file import McapFile
-from sfglab.record.parts import Channel, LogError, StoredMessage
+from sfglab.record.parts import QOS_KEY, Channel, LogError, LogMessage
 from sfglab.record.zstd import decompress_file
+from sfglab.validation import read_logged
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator
+    from contextlib import ExitStack
 
-    from sfglab.record.parts import LogFile
+    from sfglab.record.parts import StoredMessage
 
 _SUFFIXES = (".mcap", ".db3")
 _COMPRESSED = ".zstd"
-# Errors of metadata.yaml whose values are missing or of another kind.
-_WRONG_METADATA = (
-    OSError,
-    ValueError,
-    LookupError,
-    TypeError,
-    AttributeError,
-    RecursionError,
-)
-# The bounds of an integer in SQLite.
-_LEAST = -(2**63)
-_MOST = 2**63 - 1
+_LAST_NS = 2**63 - 1  # the greatest integer of SQLite
 _MESSAGES = """
 SELECT topic_id, timestamp, data FROM messages
 WHERE typeof(timestamp) = 'integer' AND typeof(data) = 'blob'
 AND topic_id IN (SELECT value FROM json_each(?)) AND timestamp >= ? AND timestamp <= ?
 ORDER BY timestamp, id
+"""
+_DEFINITIONS = """
+SELECT topic_type, encoding, encoded_message_definition FROM message_definitions
 """
 _COUNT = """
 SELECT topic_id, COUNT(*), MIN(timestamp), MAX(timestamp) FROM messages
@@ -59,12 +55,27 @@ def is_log(path: Path) -> bool:
     return path.is_dir() or path.suffix in _SUFFIXES
 
 
+@dataclass(frozen=True)
+class _Bag:
+    """What metadata.yaml says of a bag."""
+
+    relative_file_paths: list[str]
+    message_count: int
+    compression_mode: str | None = None
+
+
+@dataclass(frozen=True)
+class _Metadata:
+    """A metadata.yaml."""
+
+    rosbag2_bagfile_information: _Bag
+
+
 @dataclass(slots=True)
 class OpenedLog:
     """The files of a log that could be opened."""
 
-    paths: list[Path] = field(default_factory=list)  #: The files.
-    files: list[LogFile] = field(default_factory=list)  #: The opened files, in the same order.
+    files: list[McapFile | SqliteFile] = field(default_factory=list)  #: The opened files.
     warnings: list[str] = field(default_factory=list)  #: Differences from metadata.yaml.
     compressed_messages: bool = False  #: Whether each message is compressed by itself.
 
@@ -76,32 +87,61 @@ def open_log(path: Path, stack: ExitStack) -> OpenedLog:
         LogError: There is no such file, or nothing in the folder can be read.
     """
     opened = OpenedLog()
-    # Path.exists raises an error for a name that is too long.
-    if not os.path.exists(path):  # noqa: PTH110
-        raise LogError(f"log {path}: no such file")
-    if not path.is_dir():
-        _add(opened, path, stack)
-        return opened
-    files, count = _named_files(path, opened)
+    bag = None
+    parts = [path]
+    if os.path.isdir(path):  # noqa: PTH112  # Path.is_dir raises an error for long names
+        bag = _bag_of(path, opened)
+        parts = _parts_of(path, bag)
     failures = []
-    for file in files:
+    for part in parts:
         try:
-            _add(opened, file, stack)
+            opened.files.append(_opened(part, stack))
         except LogError as error:
             failures.append(str(error))
     if not opened.files:
         nothing = f"log {path}: given a folder without .mcap or .db3 files"
         raise LogError(failures[0] if failures else nothing)
     opened.warnings += failures
-    held = sum(channel.count for file in opened.files for channel in file.channels)
-    if count not in {None, held}:
-        said = f"metadata.yaml names {count} messages, the files hold {held}"
+    if bag:
+        opened.compressed_messages = (bag.compression_mode or "").lower() == "message"
+    held = sum(channel.count for file in opened.files for channel in file.channels.values())
+    if bag and bag.message_count != held:
+        said = f"metadata.yaml names {bag.message_count} messages, the files hold {held}"
         opened.warnings.append(f"log {path}: {said}")
     return opened
 
 
-def _add(opened: OpenedLog, path: Path, stack: ExitStack) -> None:
-    if not path.is_file():
+def _bag_of(path: Path, opened: OpenedLog) -> _Bag | None:
+    """Return what the metadata.yaml of a folder says; None if it is missing or damaged."""
+    file = path / "metadata.yaml"
+    if not file.exists():
+        return None
+    try:
+        metadata: _Metadata = read_logged(_Metadata, Document.of_file(file).value)
+    except InvalidValueError as error:
+        said = f"metadata.yaml cannot be read, all files of the folder are: {error}"
+        opened.warnings.append(f"log {path}: {said}")
+        return None
+    return metadata.rosbag2_bagfile_information
+
+
+def _parts_of(path: Path, bag: _Bag | None) -> list[Path]:
+    """Return the files of a folder."""
+    if bag:
+        # Some recorders write the folder's name before the file's.
+        names = [PurePath(name).name for name in bag.relative_file_paths]
+        return [path / name for name in dict.fromkeys(names)]
+    return sorted(file for file in path.iterdir() if _is_part(file))
+
+
+def _is_part(file: Path) -> bool:
+    plain = file.with_suffix("") if file.suffix == _COMPRESSED else file
+    # A recorder that was killed while it compressed leaves both files.
+    return plain.suffix in _SUFFIXES and (plain == file or not plain.exists())
+
+
+def _opened(path: Path, stack: ExitStack) -> McapFile | SqliteFile:
+    if not os.path.isfile(path):  # noqa: PTH113  # Path.is_file raises an error for long names
         raise LogError(f"log {path}: no such file")
     plain = path
     if path.suffix == _COMPRESSED:
@@ -113,41 +153,13 @@ def _add(opened: OpenedLog, path: Path, stack: ExitStack) -> None:
     if plain.suffix == ".bag":
         said = "a bag of ROS 1: convert it by rosbags-convert --src FILE.bag --dst FOLDER"
         raise LogError(f"log {path}: {said}")
-    file = SqliteFile(plain, path) if plain.suffix == ".db3" else McapFile(plain, path)
-    stack.callback(file.close)
-    opened.paths.append(path)
-    opened.files.append(file)
-
-
-def _named_files(path: Path, opened: OpenedLog) -> tuple[list[Path], int | None]:
-    """Return the files of a folder, and the number of messages that metadata.yaml gives."""
-    import yaml
-
-    metadata = path / "metadata.yaml"
-    if metadata.is_file():
-        try:
-            given = yaml.safe_load(metadata.read_text("utf-8"))["rosbag2_bagfile_information"]
-            # Some recorders write the folder's name before the file's.
-            files = [path / PurePath(name).name for name in given["relative_file_paths"]]
-            count = given["message_count"]
-            mode = given.get("compression_mode")
-            opened.compressed_messages = isinstance(mode, str) and mode.lower() == "message"
-        except (yaml.YAMLError, *_WRONG_METADATA) as error:
-            said = f"metadata.yaml cannot be read, all files of the folder are: {error}"
-            opened.warnings.append(f"log {path}: {said}")
-        else:
-            return list(dict.fromkeys(files)), count if isinstance(count, int) else None
-    return sorted(file for file in path.iterdir() if _is_part(file)), None
-
-
-def _is_part(file: Path) -> bool:
-    plain = file.with_suffix("") if file.suffix == _COMPRESSED else file
-    # A recorder that was killed while it compressed leaves both files.
-    return plain.suffix in _SUFFIXES and (plain == file or not plain.exists())
+    if plain.suffix == ".db3":
+        return SqliteFile(plain, path, stack)
+    return McapFile(plain, path, stack)
 
 
 class SqliteFile:
-    """One SQLite file of a rosbag2; see `sfglab.record.parts.LogFile`.
+    """One SQLite file of a rosbag2.
 
     If the recorder was killed, SQLite needs its write-ahead log or its journal to find the last
     committed messages. The file is then read from a copy, because SQLite would change files beside
@@ -156,87 +168,53 @@ class SqliteFile:
 
     truncated = False
 
-    def __init__(self, path: Path, name: Path) -> None:
-        """Open a file, which errors call `name`, and count its messages.
+    def __init__(self, path: Path, name: Path, stack: ExitStack) -> None:
+        """Open a file, which errors call `name`, and count its messages; `stack` closes it.
 
         Raises:
             LogError: It is no SQLite file of a rosbag2.
         """
-        self._path = name
-        self._stack = ExitStack()
-        try:
-            with self._damage():
-                self._open(path.resolve())
-        except BaseException:
-            self._stack.close()
-            raise
+        self.path = name
+        self.channels: dict[int, Channel] = {}  #: The channels by their numbers.
+        self.times_ns: list[
+            int
+        ] = []  #: Log times, those of the first and the last message among them.
+        with self._damage():
+            self._database = _database(path.resolve(), stack)
+            self._read_index()
 
-    def _open(self, place: Path) -> None:
-        beside = [place.with_name(f"{place.name}-{kind}") for kind in ("wal", "journal")]
-        beside = [file for file in beside if file.is_file() and file.stat().st_size]
-        how = "immutable=1"
-        if beside:
-            folder = Path(self._stack.enter_context(tempfile.TemporaryDirectory()))
-            for file in (place, *beside):
-                shutil.copyfile(file, folder / file.name)
-            place = folder / place.name
-            how = "mode=rw"
-        # The reader of a log may be opened and read in different threads, one after the other.
-        self._database = sqlite3.connect(
-            f"file://{quote(os.fsencode(place))}?{how}", uri=True, check_same_thread=False
-        )
-        self._stack.callback(self._database.close)
-        self._database.text_factory = lambda data: data.decode(errors="replace")
-        counts = {number: row for number, *row in self._database.execute(_COUNT)}
-        definitions = self._definitions()
-        self._channels = {}
-        for topic in self._records("SELECT * FROM topics"):
-            key = topic["type"], topic.get("type_description_hash")
-            encoding, text = definitions.get(key) or definitions.get(key[0], ("", ""))
-            self._channels[topic["id"]] = Channel(
+    def _read_index(self) -> None:
+        definitions = {}
+        with suppress(sqlite3.OperationalError):  # Humble has no such table
+            for name, *definition in self._database.execute(_DEFINITIONS):
+                definitions[name] = definition
+        counts = {number: count for number, *count in self._database.execute(_COUNT)}
+        for topic in map(dict, self._database.execute("SELECT * FROM topics")):
+            encoding, text = definitions.get(topic["type"], ["", ""])
+            count, *times_ns = counts.get(topic["id"], [0])
+            self.times_ns += times_ns
+            self.channels[topic["id"]] = Channel(
                 topic=str(topic["name"]),
                 type_name=str(topic["type"]),
                 encoding=str(topic["serialization_format"]),
-                definition=str(text or "").encode(),
+                definition=str(text),
                 definition_encoding=str(encoding),
-                offered_qos=str(topic.get("offered_qos_profiles", "")),
-                count=counts.get(topic["id"], (0,))[0],
+                offered_qos=str(topic.get(QOS_KEY, "")),
+                count=count,
             )
-        self.channels = tuple(self._channels.values())
-        times = [counts[number][1:] for number in self._channels if number in counts]
-        self.span_ns = None
-        if times:
-            self.span_ns = min(first for first, _ in times), max(last for _, last in times)
-
-    def _records(self, query: str) -> list[dict[str, Any]]:
-        cursor = self._database.execute(query)
-        names = [column[0] for column in cursor.description]
-        return [dict(zip(names, row, strict=True)) for row in cursor]
-
-    def _definitions(self) -> dict[Any, tuple[str, str]]:
-        """Return encoding and text by type, and by type and hash; Humble wrote none."""
-        tables = [name for (name,) in self._database.execute("SELECT name FROM sqlite_master")]
-        if "message_definitions" not in tables:
-            return {}
-        found = {}
-        for record in self._records("SELECT * FROM message_definitions"):
-            given = record["encoding"], record["encoded_message_definition"]
-            found[record["topic_type"]] = given
-            found[record["topic_type"], record.get("type_description_hash")] = given
-        return found
 
     def messages(
-        self, channels: Collection[Channel], start_ns: int | None, end_ns: int | None
+        self, channels: Collection[Channel], start_ns: int, end_ns: int
     ) -> Iterator[StoredMessage]:
         """Yield messages in the order of log time."""
-        wanted = [number for number, channel in self._channels.items() if channel in channels]
-        # SQLite takes NumPy's integers for bytes, and no integer beyond its own.
-        earliest = _LEAST if start_ns is None else max(_LEAST, min(int(start_ns), _MOST))
-        latest = _MOST if end_ns is None else max(_LEAST, min(int(end_ns) - 1, _MOST))
+        wanted = [number for number, channel in self.channels.items() if channel in channels]
+        bounds = min(start_ns, _LAST_NS), min(end_ns - 1, _LAST_NS)
         with self._damage():
-            found = self._database.execute(_MESSAGES, (json.dumps(wanted), earliest, latest))
-            for number, time_ns, data in found:
-                yield StoredMessage(self._channels[number], time_ns, time_ns, data)
+            for number, time_ns, data in self._database.execute(
+                _MESSAGES, (json.dumps(wanted), *bounds)
+            ):
+                channel = self.channels[number]
+                yield channel, LogMessage(channel.topic, channel.type_name, time_ns, time_ns, data)
 
     @contextmanager
     def _damage(self) -> Iterator[None]:
@@ -244,8 +222,24 @@ class SqliteFile:
             yield
         except (sqlite3.Error, OSError, KeyError, TypeError, AttributeError, ValueError) as error:
             said = f"no SQLite file of a rosbag2, or damaged: {error}"
-            raise LogError(f"log {self._path}: {said}") from error
+            raise LogError(f"log {self.path}: {said}") from error
 
-    def close(self) -> None:
-        """Close the file; a second time does nothing."""
-        self._stack.close()
+
+def _database(file: Path, stack: ExitStack) -> sqlite3.Connection:
+    beside = [file.with_name(f"{file.name}-{kind}") for kind in ("wal", "journal")]
+    beside = [other for other in beside if other.is_file()]
+    mode = "immutable=1"
+    if beside:
+        folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
+        for other in (file, *beside):
+            shutil.copyfile(other, folder / other.name)
+        file = folder / file.name
+        mode = "mode=rw"
+    # The reader of a log may be opened and read in different threads, one after the other.
+    database = sqlite3.connect(
+        f"file://{quote(os.fsencode(file))}?{mode}", uri=True, check_same_thread=False
+    )
+    stack.callback(database.close)
+    database.row_factory = sqlite3.Row
+    database.text_factory = lambda data: data.decode(errors="replace")
+    return database

@@ -6,13 +6,11 @@ identifies a place or a person: no path, no host name.
 
 from __future__ import annotations
 
-import dataclasses
 import json
 import os
 import platform
 import subprocess
 from contextlib import suppress
-from enum import Enum
 from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -28,6 +26,9 @@ from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
+    from enum import Enum
+
+    from rosbags.interfaces import Qos, QosTime
 
 
 _LIBRARIES = (
@@ -110,11 +111,6 @@ def run_context() -> dict[str, Any]:
     }
 
 
-# rmw/types.h; rosbag2 (Humble, metadata version 5) writes the numbers.
-_HISTORY = {History.KEEP_LAST: 1, History.KEEP_ALL: 2}
-_RELIABILITY = {Reliability.RELIABLE: 1, Reliability.BEST_EFFORT: 2}
-_DURABILITY = {Durability.TRANSIENT_LOCAL: 1, Durability.VOLATILE: 2}
-_LIVELINESS = {Liveliness.AUTOMATIC: 1, Liveliness.MANUAL_BY_TOPIC: 3}
 _POLICIES: dict[str, type[Enum]] = {
     "history": History,
     "reliability": Reliability,
@@ -122,27 +118,28 @@ _POLICIES: dict[str, type[Enum]] = {
     "liveliness": Liveliness,
 }
 _INFINITE_NS = 2**63 - 1
-QOS_KEY = "offered_qos_profiles"  #: Of a channel's metadata.
+
+
+def offered_qos_profiles(qos: QoSProfile) -> str:
+    """Return a profile as rosbag2's YAML list of one, with numbers, as rosbag2 of Humble writes it."""
+    from rosbags.interfaces import QosDurability, QosHistory, QosLiveliness, QosReliability
+
+    return (
+        f"- history: {QosHistory[qos.history.name].value}\n"
+        f"  depth: {qos.depth}\n"
+        f"  reliability: {QosReliability[qos.reliability.name].value}\n"
+        f"  durability: {QosDurability[qos.durability.name].value}\n"
+        f"  deadline: {_duration_yaml(qos.deadline_ns)}\n"
+        f"  lifespan: {_duration_yaml(qos.lifespan_ns)}\n"
+        f"  liveliness: {QosLiveliness[qos.liveliness.name].value}\n"
+        f"  liveliness_lease_duration: {_duration_yaml(qos.lease_ns)}\n"
+        "  avoid_ros_namespace_conventions: false\n"
+    )
 
 
 def _duration_yaml(duration_ns: int | None) -> str:
     sec, nsec = divmod(_INFINITE_NS if duration_ns is None else duration_ns, NS_PER_S)
-    return f"\n    sec: {sec}\n    nsec: {nsec}"
-
-
-def offered_qos_profiles(qos: QoSProfile) -> str:
-    """Return a profile as rosbag2's YAML list of one (rosbag2_transport, qos.cpp), else ROS 2's defaults."""
-    return (
-        f"- history: {_HISTORY[qos.history]}\n"
-        f"  depth: {qos.depth}\n"
-        f"  reliability: {_RELIABILITY[qos.reliability]}\n"
-        f"  durability: {_DURABILITY[qos.durability]}\n"
-        f"  deadline:{_duration_yaml(qos.deadline_ns)}\n"
-        f"  lifespan:{_duration_yaml(qos.lifespan_ns)}\n"
-        f"  liveliness: {_LIVELINESS[qos.liveliness]}\n"
-        f"  liveliness_lease_duration:{_duration_yaml(qos.lease_ns)}\n"
-        "  avoid_ros_namespace_conventions: false\n"
-    )
+    return f"{{sec: {sec}, nsec: {nsec}}}"
 
 
 def profile_from_bag(text: str) -> QoSProfile:
@@ -152,39 +149,40 @@ def profile_from_bag(text: str) -> QoSProfile:
 
     wrong = (ReaderError, LookupError, TypeError, ValueError, AttributeError, RecursionError)
     try:
-        (offered, *_) = parse_qos(text) or (None,)
-        return QoSProfile() if offered is None else _profile(offered)
+        return _profile(parse_qos(text)[0])
     except wrong:
         return QoSProfile()
 
 
-def _profile(offered: Any) -> QoSProfile:
+def _profile(offered: Qos) -> QoSProfile:
     policies: dict[str, Any] = {}
     for name, kinds in _POLICIES.items():
         # Unknown and best-available policies, which rosbags names as well, stay at the default.
         if kind := kinds.__members__.get(getattr(offered, name).name):
             policies[name] = kind
+    if 0 < offered.depth < 2**31:
+        policies["depth"] = int(offered.depth)
     return QoSProfile(
         **policies,
-        depth=int(offered.depth) if 0 < offered.depth < 2**31 else QoSProfile().depth,
         deadline_ns=_duration_ns(offered.deadline),
         lifespan_ns=_duration_ns(offered.lifespan),
         lease_ns=_duration_ns(offered.liveliness_lease_duration),
     )
 
 
-def _duration_ns(given: Any) -> int | None:
+def _duration_ns(given: QosTime) -> int | None:
     time_ns = given.sec * NS_PER_S + given.nsec
     return time_ns if 0 < time_ns < _INFINITE_NS else None
 
 
 def _plain(value: Any) -> Any:
     """Return what JSON can hold instead of a value that it does not know."""
-    if isinstance(value, Enum) or (dataclasses.is_dataclass(value) and not isinstance(value, type)):
-        return to_json(value)
-    if isinstance(value, (np.generic, np.ndarray)):
+    if isinstance(value, np.generic | np.ndarray):
         return value.tolist()
-    raise TypeError(f"{type(value).__name__} has no form in JSON")
+    plain = to_json(value)
+    if plain is value:
+        raise TypeError(f"{type(value).__name__} has no form in JSON")
+    return plain
 
 
 def _is_literal(text: str) -> bool:
@@ -204,15 +202,13 @@ def strings_from_values(name: str, values: Mapping[str, Any]) -> dict[str, str]:
 
     Text that looks like JSON is quoted, so that `values_from_strings` returns what went in. Values may be text,
     numbers, None, lists, mappings, enums, dataclasses and NumPy values, nested as you like; tuples and arrays
-    become lists, dataclasses mappings. Others, and keys that are not text, are LogErrors that say `name`.
+    become lists, dataclasses mappings, keys text. Others are LogErrors that say `name`.
     """
     strings = {}
     for key, value in values.items():
-        if not isinstance(key, str):
-            raise LogError(f"metadata {name!r}: given the key {key!r}, allowed is text")
-        is_text = isinstance(value, str) and not isinstance(value, Enum) and not _is_literal(value)
+        is_text = type(value) is str and not _is_literal(value)
         try:
-            strings[key] = value if is_text else json.dumps(value, default=_plain)
+            strings[str(key)] = value if is_text else json.dumps(value, default=_plain)
         except (TypeError, ValueError) as exc:
             raise LogError(f"metadata {name!r}: {key!r} cannot be kept: {exc}") from exc
     return strings

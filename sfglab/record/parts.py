@@ -1,14 +1,13 @@
-"""Parts of a log: a channel, a stored message, and the protocol of the files that `LogReader` reads."""
+"""Parts of a log that its files share: a channel and a stored message."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple, Protocol
+from typing import NamedTuple
 
 from sfglab.errors import SfglabError
 
-if TYPE_CHECKING:
-    from collections.abc import Collection, Iterator
+QOS_KEY = "offered_qos_profiles"  #: Of a channel's metadata, and of a topic's in SQLite.
 
 
 class LogError(SfglabError, ValueError):
@@ -21,33 +20,22 @@ class Channel:
 
     topic: str  #: Name of the topic.
     type_name: str  #: ROS type of the messages; empty where the file does not name it.
-    encoding: str = "cdr"  #: Encoding of the messages.
-    definition: bytes = b""  #: Definition of the type; empty where the file has none.
-    definition_encoding: str = ""  #: Encoding of the definition, such as `ros2msg`.
-    offered_qos: str = ""  #: QoS profiles of the publishers, as rosbag2's YAML.
-    count: int = 0  #: Number of messages.
+    encoding: str  #: Encoding of the messages.
+    definition: str  #: Definition of the type; empty where the file has none.
+    definition_encoding: str  #: Encoding of the definition, such as `ros2msg`.
+    offered_qos: str  #: QoS profiles of the publishers, as rosbag2's YAML.
+    count: int  #: Number of messages.
 
 
-class StoredMessage(NamedTuple):
-    """One message as a file holds it."""
+class LogMessage(NamedTuple):
+    """One message as it was recorded."""
 
-    channel: Channel
-    log_time_ns: int
-    publish_time_ns: int
-    data: bytes
+    topic: str  #: Name of the topic.
+    type_name: str  #: ROS type.
+    log_time_ns: int  #: Time of reception, on the clock of the run.
+    publish_time_ns: int  #: Time of publication, on the same clock.
+    cdr: bytes  #: Serialised message.
 
 
-class LogFile(Protocol):
-    """One file of a log. Its methods raise LogError if the file is damaged."""
-
-    channels: tuple[Channel, ...]
-    span_ns: tuple[int, int] | None  #: Log times of the first and the last message.
-    truncated: bool  #: Whether the file ends before its data does.
-
-    def messages(
-        self, channels: Collection[Channel], start_ns: int | None, end_ns: int | None
-    ) -> Iterator[StoredMessage]:
-        """Yield the messages of some channels in the order of log time, up to before `end_ns`."""
-
-    def close(self) -> None:
-        """Close the file."""
+StoredMessage = tuple[Channel, LogMessage]
+"""One message of a file with its channel."""

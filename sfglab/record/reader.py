@@ -6,6 +6,7 @@ A log is one MCAP file, one file of a bag, or a rosbag2 folder of several files.
 from __future__ import annotations
 
 import difflib
+import functools
 import heapq
 import itertools
 import logging
@@ -23,15 +24,15 @@ from sfglab.messages.store import is_known, is_known_as
 from sfglab.record.bags import open_log
 from sfglab.record.mcap_file import McapFile
 from sfglab.record.metadata import profile_from_bag, values_from_strings
-from sfglab.record.parts import LogError
+from sfglab.record.parts import LogError, LogMessage
 from sfglab.record.writer import TABLE_PREFIX, TIME_COLUMN
-from sfglab.record.zstd import decompress
+from sfglab.record.zstd import decompress, most_bytes
 from sfglab.tables import html_table
 from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
     import os
-    from collections.abc import Callable, Iterable, Iterator, Sequence
+    from collections.abc import Callable, Collection, Iterator, Sequence
 
     import pandas as pd
 
@@ -41,6 +42,7 @@ if TYPE_CHECKING:
 _LOG = logging.getLogger(__name__)
 #: Number of messages of a topic that its rate and size are taken from.
 _SAMPLE = 200
+_AFTER_ALL_NS = 2**64  # MCAP's times are smaller
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -50,16 +52,6 @@ class TopicInfo:
     type_name: str  #: ROS type of the messages.
     count: int  #: Number of messages.
     encoding: str = "cdr"  #: Encoding of the messages.
-
-
-class LogMessage(NamedTuple):
-    """One message as it was recorded."""
-
-    topic: str  #: Name of the topic.
-    type_name: str  #: ROS type.
-    log_time_ns: int  #: Time of reception, on the clock of the run.
-    publish_time_ns: int  #: Time of publication, on the same clock.
-    cdr: bytes  #: Serialised message.
 
 
 class DecodedMessage(NamedTuple):
@@ -74,9 +66,11 @@ class DecodedMessage(NamedTuple):
 
 def rate_and_size(messages: Sequence[LogMessage]) -> tuple[float, float]:
     """Return rate [Hz] and mean size [bytes] of a topic's messages; 0 if there are too few."""
-    span_s = (messages[-1].log_time_ns - messages[0].log_time_ns) / NS_PER_S if messages else 0
-    size = sum(len(message.cdr) for message in messages) / max(1, len(messages))
-    return (len(messages) - 1) / span_s if span_s > 0 else 0.0, size
+    if not messages:
+        return 0.0, 0.0
+    span_s = (messages[-1].log_time_ns - messages[0].log_time_ns) / NS_PER_S
+    size = sum(len(message.cdr) for message in messages) / len(messages)
+    return (len(messages) - 1) / span_s if span_s else 0.0, size
 
 
 class LogReader(AbstractContextManager["LogReader"]):
@@ -95,34 +89,31 @@ class LogReader(AbstractContextManager["LogReader"]):
             LogError: There is no such file, or it is neither an MCAP file nor a bag.
         """
         self.path = Path(path)  #: The file or folder.
-        self._decoders: dict[Channel, Callable[[bytes], Any]] = {}
         self._closed = False
-        self._stack = ExitStack()
         with ExitStack() as stack:
-            opened = open_log(self.path, stack)
+            self._opened = open_log(self.path, stack)
             self._stack = stack.pop_all()
-        self.files = tuple(opened.paths)  #: The files that are read.
         #: Sentences on what cannot be read or was counted otherwise.
-        self.warnings: list[str] = []
-        for warning in opened.warnings:
-            self._warn(warning)
-        self._files = opened.files
-        # Metadata and attached files are in MCAP files only.
-        self._mcap_files = [file for file in self._files if isinstance(file, McapFile)]
-        self._compressed = opened.compressed_messages
-        self._channels = tuple(channel for file in self._files for channel in file.channels)
+        self.warnings = self._opened.warnings
+        for warning in self.warnings:
+            _LOG.warning(warning)
+        files = self._opened.files
+        self.files = tuple(file.path for file in files)  #: The files that are read.
         #: Whether a file ends before its data does.
-        self.truncated = any(file.truncated for file in self._files)
+        self.truncated = any(file.truncated for file in files)
+        # Metadata and attached files are in MCAP files only.
+        self._mcap_files = [file for file in files if isinstance(file, McapFile)]
+        self._channels = [channel for file in files for channel in file.channels.values()]
 
     @cached_property
     def topics(self) -> dict[str, TopicInfo]:
         """The topics in this log, sorted by name; tables are among them."""
         found: dict[str, TopicInfo] = {}
         for channel in sorted(self._channels, key=attrgetter("topic")):
-            before = found[channel.topic].count if channel.topic in found else 0
+            before = found.get(channel.topic)
             found[channel.topic] = TopicInfo(
                 type_name=channel.type_name,
-                count=before + channel.count,
+                count=channel.count + (before.count if before else 0),
                 encoding=channel.encoding,
             )
         return found
@@ -130,30 +121,19 @@ class LogReader(AbstractContextManager["LogReader"]):
     @property
     def span_ns(self) -> tuple[int, int]:
         """Log times [ns] of the first and the last message; zeros without messages."""
-        spans = [file.span_ns for file in self._files if file.span_ns is not None]
-        if not spans:
-            return 0, 0
-        return min(first for first, _ in spans), max(last for _, last in spans)
+        times_ns = [time_ns for file in self._opened.files for time_ns in file.times_ns]
+        return min(times_ns, default=0), max(times_ns, default=0)
 
     def offered_qos(self, topic: str) -> QoSProfile:
         """Return the recorded profile of a topic's publishers; what is left open is ROS 2's default."""
-        texts = [channel.offered_qos for channel in self._channels_of(topic)]
-        return profile_from_bag("\n".join(filter(None, texts)))
+        texts = (channel.offered_qos for channel in self._channels_of(topic))
+        return profile_from_bag(next(filter(None, texts), ""))
 
     def definition(self, topic: str) -> str:
         """Return the definition of a topic's type in the log; empty where it has none as `.msg`."""
-        for channel in self._channels_of(topic):
-            if channel.definition_encoding == "ros2msg":
-                return self._text_of(channel)
-        return ""
-
-    @property
-    def media_types(self) -> dict[str, str]:
-        """The attached files in this log with their media types, in the order of writing."""
-        found: dict[str, str] = {}
-        for file in self._mcap_files:
-            found |= file.media_types()
-        return found
+        channels = self._channels_of(topic)
+        texts = (c.definition for c in channels if c.definition_encoding == "ros2msg")
+        return next(texts, "")
 
     def __repr__(self) -> str:
         cut = ", cut off" if self.truncated else ""
@@ -191,28 +171,31 @@ class LogReader(AbstractContextManager["LogReader"]):
     @property
     def metadata_names(self) -> tuple[str, ...]:
         """The names of the metadata records in this log, in the order of writing."""
-        return tuple(dict.fromkeys(name for file in self._mcap_files for name in file.metadata()))
+        return tuple(self._metadata())
 
     @property
     def attachment_names(self) -> tuple[str, ...]:
         """The names of the attached files in this log, in the order of writing."""
-        return tuple(self.media_types)
+        return tuple(name for file in self._mcap_files for name in file.attachments)
 
     def metadata(self, name: str) -> dict[str, Any]:
         """Return one metadata record as it was written; LogError if there is none of that name."""
-        self._check_open()
+        records = self._metadata()
+        if name not in records:
+            raise _missing("metadata", name, records)
+        return values_from_strings(records[name])
+
+    def _metadata(self) -> dict[str, dict[str, str]]:
+        found: dict[str, dict[str, str]] = {}
         for file in self._mcap_files:
-            records = file.metadata()
-            if name in records:
-                return values_from_strings(records[name])
-        raise _missing("metadata", name, self.metadata_names)
+            found |= file.metadata()
+        return found
 
     def attachment(self, name: str) -> bytes:
         """Return the content of one attached file, by its name; LogError if there is none."""
-        self._check_open()
         for file in self._mcap_files:
-            if name in file.media_types():
-                return bytes(file.attachment(name))
+            if name in file.attachments:
+                return file.attachment(name)
         raise _missing("attachment", name, self.attachment_names)
 
     def messages(
@@ -224,10 +207,7 @@ class LogReader(AbstractContextManager["LogReader"]):
         Raises LogError where there is no such topic, or the end lies before the start, or while iterating: a
         chunk is damaged, or the log was closed.
         """
-        return (
-            LogMessage(c.topic, c.type_name, log_ns, publish_ns, data)
-            for c, log_ns, publish_ns, data in self._found(topic, start_ns, end_ns)
-        )
+        return (message for _, message in self._found(topic, start_ns, end_ns))
 
     def decoded(
         self, topic: str, *, start_ns: int | None = None, end_ns: int | None = None
@@ -239,15 +219,16 @@ class LogReader(AbstractContextManager["LogReader"]):
         LogError as `messages`, and while iterating where something is no CDR or no text, CdrError where bytes
         or definition are of no use.
         """
+        decoder_of = functools.cache(self._decoder)
         return (
-            DecodedMessage(c.topic, c.type_name, log_ns, publish_ns, self._decoder(c)(data))
-            for c, log_ns, publish_ns, data in self._found(topic, start_ns, end_ns)
+            DecodedMessage(*message[:-1], decoder_of(channel)(message.cdr))
+            for channel, message in self._found(topic, start_ns, end_ns)
         )
 
     def knows(self, topic: str) -> bool:
         """Return whether this process has the type of a topic's messages with the same fields."""
         channels = self._channels_of(topic)
-        return all(is_known_as(c.type_name, self._text_of(c)) for c in channels)
+        return all(is_known_as(c.type_name, c.definition) for c in channels)
 
     def table(self, name: str) -> pd.DataFrame:
         """Return a table of `log_time_ns` and fields in the order of log times; LogError as `metadata`."""
@@ -270,82 +251,63 @@ class LogReader(AbstractContextManager["LogReader"]):
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def _check_open(self) -> None:
-        if self._closed:
-            raise LogError(f"log {self.path}: it is closed")
-
     def _channels_of(self, topic: str) -> list[Channel]:
         return [channel for channel in self._channels if channel.topic == topic]
 
     def _found(
         self, topic: str | None, start_ns: int | None, end_ns: int | None
     ) -> Iterator[StoredMessage]:
-        topics = self.topics
-        if topic is not None and topic not in topics:
-            near = tuple(difflib.get_close_matches(topic, topics, n=5, cutoff=0)) or tuple(topics)
-            raise _missing("topic", topic, near)
-        if start_ns is not None and end_ns is not None and end_ns < start_ns:
-            raise LogError(
-                f"log {self.path}: the end {end_ns} ns lies before the start {start_ns} ns"
-            )
         channels = self._channels if topic is None else self._channels_of(topic)
-        return self._merged(channels, start_ns, end_ns)
+        if topic is not None and not channels:
+            raise _missing("topic", topic, self.topics)
+        # Other integers, as of NumPy, are none for SQLite.
+        start = 0 if start_ns is None else int(start_ns)
+        end = _AFTER_ALL_NS if end_ns is None else int(end_ns)
+        if end < start:
+            raise LogError(f"log {self.path}: the end {end} ns lies before the start {start} ns")
+        return self._merged(channels, start, end)
 
     def _merged(
-        self, channels: Sequence[Channel], start_ns: int | None, end_ns: int | None
+        self, channels: Sequence[Channel], start_ns: int, end_ns: int
     ) -> Iterator[StoredMessage]:
         """Yield the messages of all files in the order of log time; count them if all are asked for."""
-        self._check_open()
-        parts = [file.messages(channels, start_ns, end_ns) for file in self._files]
-        merged = parts[0] if len(parts) == 1 else heapq.merge(*parts, key=_log_time)
+        if self._closed:
+            raise LogError(f"log {self.path}: it is closed")
+        parts = [file.messages(channels, start_ns, end_ns) for file in self._opened.files]
         read = 0
-        for stored in merged:
-            yield self._decompressed(stored) if self._compressed else stored
-            self._check_open()
+        for channel, message in heapq.merge(*parts, key=_log_time):
+            is_compressed = self._opened.compressed_messages
+            yield channel, self._decompressed(message) if is_compressed else message
             read += 1
         expected = sum(channel.count for channel in channels)
-        if start_ns is None and end_ns is None and read != expected:
-            said = f"the index names {expected} messages, {read} were read"
-            self._warn(f"log {self.path}: {said}")
+        if (start_ns, end_ns) == (0, _AFTER_ALL_NS) and read != expected:
+            said = f"log {self.path}: the index names {expected} messages, {read} were read"
+            self.warnings.append(said)
+            _LOG.warning(said)
 
-    def _warn(self, warning: str) -> None:
-        self.warnings.append(warning)
-        _LOG.warning(warning)
-
-    def _decompressed(self, stored: StoredMessage) -> StoredMessage:
+    def _decompressed(self, message: LogMessage) -> LogMessage:
+        data = message.cdr
         try:
-            return stored._replace(data=decompress(stored.data))
+            return message._replace(cdr=decompress(data, most_bytes(len(data))))
         except ZstdError as error:
             raise LogError(f"log {self.path}: damaged: {error}") from error
 
     def _decoder(self, channel: Channel) -> Callable[[bytes], Any]:
-        if channel not in self._decoders:
-            self._decoders[channel] = self._new_decoder(channel)
-        return self._decoders[channel]
-
-    def _new_decoder(self, channel: Channel) -> Callable[[bytes], Any]:
         name = channel.type_name
-        if channel.encoding == "cdr":
-            text = self._text_of(channel) if channel.definition_encoding == "ros2msg" else ""
-            if text and not is_known_as(name, text):
-                return decoder_from_definition(name, text)
-            if is_known(name):
-                return decoder(name)
+        text = channel.definition if channel.definition_encoding == "ros2msg" else ""
+        if channel.encoding == "cdr" and text and not is_known_as(name, text):
+            return decoder_from_definition(name, text)
+        if channel.encoding == "cdr" and is_known(name):
+            return decoder(name)
         said = f"given messages {channel.encoding!r}, definition {channel.definition_encoding!r}"
         allowed = "allowed are 'cdr' and 'ros2msg', or types known here and by --interfaces"
         raise LogError(f"log {self.path}: topic {channel.topic}: {said}; {allowed}")
 
-    def _text_of(self, channel: Channel) -> str:
-        try:
-            return channel.definition.decode()
-        except UnicodeDecodeError as exc:
-            raise LogError(
-                f"log {self.path}: the definition of {channel.type_name} is no UTF-8: {exc}"
-            ) from exc
+
+def _log_time(stored: StoredMessage) -> int:
+    return stored[1].log_time_ns
 
 
-_log_time = attrgetter("log_time_ns")
-
-
-def _missing(kind: str, name: str, present: Iterable[str]) -> LogError:
-    return LogError(f"log: no {kind} {name!r}; there is {', '.join(present) or 'none at all'}")
+def _missing(kind: str, name: str, present: Collection[str]) -> LogError:
+    near = difflib.get_close_matches(name, present, n=5, cutoff=0)
+    return LogError(f"log: no {kind} {name!r}; there is {', '.join(near) or 'none at all'}")

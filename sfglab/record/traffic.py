@@ -11,10 +11,13 @@ from itertools import pairwise
 from typing import TYPE_CHECKING
 
 from sfglab.record.reader import LogReader, rate_and_size
+from sfglab.record.writer import TABLE_PREFIX
 from sfglab.validation import read
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
+
+    from sfglab.record.parts import LogMessage
 
 COMPUTATION_GRAPH = "computation_graph"
 """Name of the metadata record in which a log says who publishes and who subscribes: lists of names by topic."""
@@ -44,19 +47,20 @@ def traffic_of(log: LogReader) -> Iterator[Traffic]:
     Raises InvalidValueError if the record `COMPUTATION_GRAPH` does not hold two lists of names for each topic,
     LogError if the log is damaged.
     """
-    sides, tables = _sides(log), {f"/table/{name}" for name in log.tables}
-    for name, info in log.topics.items():
-        if name not in tables:
-            nodes = sides.get(name)
-            size_bytes, rate_hz, change_s = _measured(log, name)
+    sides = _sides(log)
+    for topic, info in log.topics.items():
+        if not topic.startswith(TABLE_PREFIX):
+            nodes = sides.get(topic)
+            found = log.first(topic)
+            rate_hz, size_bytes = rate_and_size(found)
             yield Traffic(
-                topic=name,
+                topic=topic,
                 type_name=info.type_name,
                 publishers=nodes.publishers if nodes else None,
                 subscribers=nodes.subscribers if nodes else (),
-                size_bytes=size_bytes,
-                rate_hz=rate_hz,
-                change_s=change_s,
+                size_bytes=round(size_bytes) if found else None,
+                rate_hz=rate_hz or None,
+                change_s=_change_s(log, found, rate_hz) if rate_hz else None,
             )
 
 
@@ -76,13 +80,9 @@ def _sides(log: LogReader) -> Mapping[str, _Sides]:
     return sides
 
 
-def _measured(log: LogReader, topic: str) -> tuple[int | None, float | None, float | None]:
-    found = log.first(topic)
-    rate_hz, size_bytes = rate_and_size(found)
-    if not rate_hz:
-        return round(size_bytes) if found else None, None, None
+def _change_s(log: LogReader, found: list[LogMessage], rate_hz: float) -> float:
     values = [message.cdr for message in found]
-    if _HEADER_FIRST.match(log.definition(topic)):
+    if _HEADER_FIRST.match(log.definition(found[0].topic)):
         values = [value[: _STAMP.start] + value[_STAMP.stop :] for value in values]
     changes = sum(one != other for one, other in pairwise(values))
-    return round(size_bytes), rate_hz, (len(found) - 1) / rate_hz / max(changes, 1)
+    return (len(found) - 1) / rate_hz / max(changes, 1)

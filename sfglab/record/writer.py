@@ -8,14 +8,14 @@ from __future__ import annotations
 
 import re
 import threading
-from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
+from contextlib import AbstractContextManager, contextmanager, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO
+from typing import TYPE_CHECKING, Any
 
 from sfglab import __version__
 from sfglab.messages import definition, row_message, row_type, serialize, type_name
-from sfglab.record.metadata import QOS_KEY, offered_qos_profiles, strings_from_values
-from sfglab.record.parts import LogError
+from sfglab.record.metadata import offered_qos_profiles, strings_from_values
+from sfglab.record.parts import QOS_KEY, LogError
 from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
@@ -30,13 +30,14 @@ TABLE_PREFIX = "/table/"
 TIME_COLUMN = "log_time_ns"
 _TABLE_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 _CHUNK_BYTES = 768 * 1024
+_CHUNK_NS = NS_PER_S  # of log time
 _TIMES = range(2**64)
 
 
 class LogWriter(AbstractContextManager["LogWriter"]):
     """An MCAP file being written, as a context manager.
 
-    Messages are collected in chunks of 768 kB or `flush_after_s` of log time, whichever comes first. A finished
+    Messages are collected in chunks of 768 kB or 1 s of log time, whichever comes first. A finished
     chunk belongs to the operating system: it survives `kill -9`, and `LogReader` reads a file that ends there.
     What is in the current chunk does not; `flush` finishes it early, for example when messages stop coming.
 
@@ -45,58 +46,44 @@ class LogWriter(AbstractContextManager["LogWriter"]):
     through `asyncio.to_thread` from one task, so that the order stays.
     """
 
-    def __init__(
-        self, path: str | os.PathLike[str], *, overwrite: bool = False, flush_after_s: float = 1.0
-    ) -> None:
+    def __init__(self, path: str | os.PathLike[str], *, overwrite: bool = False) -> None:
         """Create the file and its directory; LogError for one not to be overwritten."""
-        from mcap.writer import CompressionType, Writer
+        from mcap.writer import Writer
 
         self.path = Path(path)
         self._lock = threading.RLock()
         self._channels: dict[tuple[str, str, QoSProfile | None], int] = {}
         self._schemas: dict[str, int] = {}
         self._types: dict[str, str] = {}
-        self._definitions: dict[str, str] = {}
-        self._names: set[tuple[str, str]] = set()
-        self._pending_bytes = 0
         self._chunk_start_ns: int | None = None
-        self._flush_after_ns = flush_after_s * NS_PER_S
-        self._failed = False
-        self._stream = self._opened(overwrite=overwrite)
-        # Chunks end where `_count` says, so that each one is also handed to the operating system.
-        self._mcap = Writer(self._stream, 2**62, CompressionType.ZSTD, enable_data_crcs=True)
-        try:
-            with self._writing():
-                self._mcap.start(profile="ros2", library=f"sfglab {__version__}")
-                self._stream.flush()
-        except BaseException:
-            self.close()
-            raise
-
-    def _opened(self, *, overwrite: bool) -> BinaryIO:
+        self._closed_because = "it is closed"
         self.path.parent.mkdir(parents=True, exist_ok=True)
         try:
-            return self.path.open("wb" if overwrite else "xb")
+            self._stream = self.path.open("wb" if overwrite else "xb")
         except FileExistsError as exc:
             said = "there is a file already; choose another path or pass overwrite=True"
             raise LogError(f"log {self.path}: {said}") from exc
+        self._mcap = Writer(self._stream, _CHUNK_BYTES, enable_data_crcs=True)
+        with self._writing():
+            self._mcap.start(profile="ros2", library=f"sfglab {__version__}")
 
     @contextmanager
     def _writing(self) -> Iterator[None]:
-        """Hold the lock during a change; one that breaks off leaves half a record, so it is the last."""
+        """Hold the lock during a change, and hand what it finished to the operating system.
+
+        A change that fails leaves half a record, so it closes the file.
+        """
         with self._lock:
-            if self._failed or self._stream.closed:
-                failed = "an earlier write failed, so nothing more can follow it"
-                raise LogError(f"log {self.path}: {failed if self._failed else 'it is closed'}")
+            if self._stream.closed:
+                raise LogError(f"log {self.path}: {self._closed_because}")
             try:
                 yield
+                self._stream.flush()
             except BaseException:
-                self._failed = True
+                self._closed_because = "an earlier write failed, so nothing more can follow it"
+                with suppress(OSError):
+                    self._stream.close()
                 raise
-
-    def define(self, type_name: str, definition: str) -> None:
-        """Write this definition for a type, and not the process's own."""
-        self._definitions[type_name] = definition
 
     def write_raw(  # noqa: PLR0913  # each of them is a column of the record
         self,
@@ -136,7 +123,7 @@ class LogWriter(AbstractContextManager["LogWriter"]):
             with self._writing():
                 # The library copies any buffer.
                 self._mcap.add_message(channel, int(log_time_ns), data, int(publish_time_ns))  # type: ignore[arg-type]
-                self._count(data.nbytes, int(log_time_ns))
+                self._end_old_chunk(int(log_time_ns))
 
     def write(self, topic: str, message: Any, *, log_time_ns: int) -> None:
         """Append a message of a registered type that happened at a time in nanoseconds of the run's clock.
@@ -172,60 +159,40 @@ class LogWriter(AbstractContextManager["LogWriter"]):
         self.write_raw(f"{TABLE_PREFIX}{table}", name, serialize(message), log_time_ns=log_time_ns)
 
     def write_metadata(self, name: str, values: Mapping[str, Any]) -> None:
-        """Write a named mapping, such as the configuration or `run_context()`, at once, once per log.
+        """Write a named mapping, such as the configuration or `run_context()`, at once.
 
         Text is kept as it is, numbers, lists, mappings, enums and dataclasses as JSON. Raises LogError where
-        the name is taken, a value has no form in JSON, or the log is closed.
+        a value has no form in JSON, or the log is closed.
         """
         strings = strings_from_values(name, values)
-        with self._writing_once("metadata", name):
+        with self._writing():
             self._mcap.add_metadata(name, strings)
 
     def attach(self, name: str, data: Buffer, media_type: str) -> None:
-        """Write a file of a media type at once; LogError where the name is taken or the log is closed."""
+        """Write a file of a media type at once; LogError where the log is closed."""
         content = bytes(data)
-        _checked_text(media_type)
-        with self._writing_once("attachment", name):
-            self._mcap.add_attachment(
-                create_time=0, log_time=0, name=name, media_type=media_type, data=content
-            )
+        with self._writing():
+            self._mcap.add_attachment(0, 0, name, media_type, content)
 
     def flush(self) -> None:
         """Finish the chunk and hand everything to the operating system; LogError where the log is closed."""
         with self._writing():
-            self._flush()
+            self._mcap.flush()  # type: ignore[no-untyped-call]  # the library's gap
 
     def close(self) -> None:
         """Write the index and close the file, once; after a failed write it is as one that was cut off."""
         with self._lock:
-            if self._stream.closed:
-                return
-            try:
-                if not self._failed:
-                    with self._writing():
-                        self._mcap.finish()  # type: ignore[no-untyped-call]  # the library's gap
-                        self._stream.flush()
-            finally:
-                # Half a record may be left in the buffer; the failure that left it has been raised.
-                with suppress(OSError) if self._failed else nullcontext():
-                    self._stream.close()
+            if not self._stream.closed:
+                with self._writing():
+                    self._mcap.finish()  # type: ignore[no-untyped-call]  # the library's gap
+                self._stream.close()
 
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    @contextmanager
-    def _writing_once(self, kind: str, name: str) -> Iterator[None]:
-        with self._lock:
-            if (kind, _checked_text(name)) in self._names:
-                raise LogError(f"log {self.path}: {kind} {name!r} is there already")
-            with self._writing():
-                yield
-                self._names.add((kind, name))
-                self._stream.flush()
-
     def _new_channel(self, topic: str, type_name: str, qos: QoSProfile | None) -> int:
-        schema = (self._definitions.get(type_name) or definition(type_name)).encode()
-        known = self._types.setdefault(_checked_text(topic), type_name)
+        schema = definition(type_name).encode()
+        known = self._types.setdefault(topic, type_name)
         if known != type_name:
             raise LogError(f"log, topic {topic}: given {type_name}, allowed is {known} as before")
         metadata = {} if qos is None else {QOS_KEY: offered_qos_profiles(qos)}
@@ -236,27 +203,9 @@ class LogWriter(AbstractContextManager["LogWriter"]):
             self._channels[topic, type_name, qos] = channel
         return channel
 
-    def _count(self, size_bytes: int, log_time_ns: int) -> None:
-        """Finish the chunk if it is big or old enough."""
-        self._pending_bytes += size_bytes
+    def _end_old_chunk(self, log_time_ns: int) -> None:
         if self._chunk_start_ns is None:
             self._chunk_start_ns = log_time_ns
-        if (
-            self._pending_bytes >= _CHUNK_BYTES
-            or log_time_ns - self._chunk_start_ns >= self._flush_after_ns
-        ):
-            self._flush()
-
-    def _flush(self) -> None:
-        self._mcap.flush()  # type: ignore[no-untyped-call]  # the library's gap
-        self._pending_bytes = 0
-        self._chunk_start_ns = None
-
-
-def _checked_text(text: str) -> str:
-    """Return text that UTF-8 can hold; anything else would break off in the middle of a record."""
-    try:
-        text.encode()
-    except UnicodeEncodeError as exc:
-        raise LogError(f"log: given {text!r}, allowed is text without lone surrogates") from exc
-    return text
+        if log_time_ns - self._chunk_start_ns >= _CHUNK_NS:
+            self._mcap.flush()  # type: ignore[no-untyped-call]  # the library's gap
+            self._chunk_start_ns = None

@@ -18,14 +18,12 @@ def most_bytes(compressed: int) -> int:
     return 2**26 + 1024 * compressed
 
 
-def decompress(data: bytes, most: int | None = None) -> bytes:
+def decompress(data: bytes, most: int) -> bytes:
     """Return the content of one frame, at most so many bytes.
 
     Raises:
         ZstdError: The frame is damaged, or holds more.
     """
-    if most is None:
-        most = most_bytes(len(data))
     if frame_content_size(data) > most:
         raise ZstdError(f"{len(data)} compressed bytes hold more than {most}")
     return ZstdDecompressor().decompress(data, max_output_size=most)
@@ -38,11 +36,10 @@ def decompress_file(source: Path, target: Path) -> None:
         ZstdError: The file is damaged, or holds far more than real ones do.
         OSError: A file cannot be read or written.
     """
-    left = most_bytes(source.stat().st_size)
+    most = most_bytes(source.stat().st_size)
     with source.open("rb") as compressed, target.open("wb") as plain:
         reader = ZstdDecompressor().stream_reader(compressed, read_across_frames=True)
         while part := reader.read(2**20):
-            left -= len(part)
-            if left < 0:
+            if plain.tell() > most:
                 raise ZstdError(f"{source.name} holds far more than its size allows")
             plain.write(part)

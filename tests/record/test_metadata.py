@@ -63,12 +63,9 @@ def test_every_value_of_json_comes_back(values):
     assert values_from_strings(strings) == values
 
 
-@pytest.mark.parametrize(
-    ("values", "complaint"), [({1: "x"}, "the key 1"), ({"x": object()}, "'x' cannot be kept")]
-)
-def test_what_has_no_form_in_json_is_refused(values, complaint):
-    with pytest.raises(LogError, match=f"metadata 'config': .*{complaint}"):
-        strings_from_values("config", values)
+def test_what_has_no_form_in_json_is_refused():
+    with pytest.raises(LogError, match="metadata 'config': 'x' cannot be kept"):
+        strings_from_values("config", {"x": object()})
 
 
 def test_profiles_are_written_as_rosbag2_of_humble_does_with_the_numbers_of_rmw():

@@ -12,16 +12,18 @@ Whole rounds of `cooperation` once, in both modes, twenty minutes:
 """
 
 import asyncio
-import math
 import sys
 from pathlib import Path
 
+from mcap.reader import make_reader
+from mcap.writer import Writer
+
+import sfglab
 from sfglab.lab.baselines import PART, compared
 from sfglab.lab.bench import Options
 from sfglab.lab.experiments import cooperation, experiment, transmission
 from sfglab.lab.notebooks import read_parameters
 from sfglab.lab.paths import find_project
-from sfglab.record import LogReader, LogWriter
 
 PARTS = Options(only=frozenset({PART, transmission.validation.TABLE}))
 
@@ -50,18 +52,21 @@ async def record(profile="quick", name="", *changes):
 
 def pack(source: Path, target: Path) -> None:
     """Write a log again, in as few chunks as possible."""
-    with (
-        LogReader(source) as log,
-        LogWriter(target, overwrite=True, flush_after_s=math.inf) as packed,
-    ):
-        for name in log.metadata_names:
-            packed.write_metadata(name, log.metadata(name))
-        for topic, info in log.topics.items():
-            packed.define(info.type_name, log.definition(topic))
-        for message in log.messages():
-            times = {"log_time_ns": message.log_time_ns, "publish_time_ns": message.publish_time_ns}
-            qos = log.offered_qos(message.topic)
-            packed.write_raw(message.topic, message.type_name, message.cdr, qos=qos, **times)
+    with source.open("rb") as unpacked, target.open("wb") as packed:
+        reader, writer = make_reader(unpacked), Writer(packed)
+        writer.start("ros2", f"sfglab {sfglab.__version__}")
+        for record in reader.iter_metadata():
+            writer.add_metadata(record.name, record.metadata)
+        channels = {}
+        for schema, channel, message in reader.iter_messages():
+            if channel.id not in channels:
+                number = writer.register_schema(schema.name, schema.encoding, schema.data)
+                channels[channel.id] = writer.register_channel(
+                    channel.topic, channel.message_encoding, number, channel.metadata
+                )
+            times = {"log_time": message.log_time, "publish_time": message.publish_time}
+            writer.add_message(channels[channel.id], data=message.data, **times)
+        writer.finish()
 
 
 if __name__ == "__main__":
