@@ -57,7 +57,7 @@ def is_log(path: Path) -> bool:
 
 @dataclass(frozen=True)
 class _Bag:
-    """What metadata.yaml says of a bag."""
+    """Contents of a metadata.yaml that reading needs."""
 
     relative_file_paths: list[str]
     message_count: int

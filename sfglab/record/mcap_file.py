@@ -1,7 +1,7 @@
 """Reading one MCAP file, also one without an index or one whose writer was killed.
 
-The library `mcap` reads single records. What it does not do is done here: it believes the lengths
-of records and the sizes of chunks, and it refuses a file that was cut off.
+The library `mcap` reads the fields of a record. It believes lengths and sizes and refuses a file that
+was cut off, so this module finds the records, decompresses chunks and makes a missing index.
 """
 
 from __future__ import annotations

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from sfglab.errors import SfglabError
 
-QOS_KEY = "offered_qos_profiles"  #: Of a channel's metadata, and of a topic's in SQLite.
+QOS_KEY = "offered_qos_profiles"  #: Key of QoS profiles in a channel of MCAP and a topic of SQLite.
 
 
 class LogError(SfglabError, ValueError):

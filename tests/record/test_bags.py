@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 import yaml
 from commands import called
-from rosbags.rosbag2 import CompressionFormat, CompressionMode, Reader, StoragePlugin, Writer
+from rosbags.rosbag2 import Reader, StoragePlugin, Writer
 from rosbags.rosbag2.metadata import parse_qos
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from sfglab.messages import CdrError, default_message, message_type, serialize
+from sfglab.messages import default_message, message_type, serialize
 from sfglab.qos import LATCHED
 from sfglab.record import LogError, LogReader, LogWriter
 from sfglab.record.metadata import offered_qos_profiles
@@ -138,29 +138,6 @@ def test_commands_take_bags(bag, tmp_path):
         assert {message.range for topic, message in shown if topic == "/range"} == {2.5}
 
 
-@pytest.mark.parametrize("storage", StoragePlugin, ids=lambda storage: storage.name.lower())
-@pytest.mark.parametrize("mode", [CompressionMode.FILE, CompressionMode.MESSAGE])
-def test_a_topic_that_we_cannot_decode_leaves_the_others_and_compression_is_no_matter(
-    tmp_path, storage, mode
-):
-    writer = Writer(tmp_path / "bag", version=9, storage_plugin=storage)
-    writer.set_compression(mode, CompressionFormat.ZSTD)
-    with writer:
-        words = writer.add_connection("/words", STRING, typestore=get_typestore(Stores.ROS2_JAZZY))
-        wide = writer.add_connection(
-            "/wide", "bag_msgs/msg/Wide", msgdef="wstring text\n", rihs01="RIHS01_0"
-        )
-        writer.write(words, 1, serialize(message_type(STRING)("hello")))
-        writer.write(wide, 2, serialize(message_type(STRING)("hello")))
-    with LogReader(tmp_path / "bag") as log:
-        assert [info.count for info in log.topics.values()] == [1, 1]
-        assert [entry.message.data for entry in log.decoded("/words")] == ["hello"]
-        with pytest.raises(
-            CdrError, match=r"bag_msgs/msg/Wide.text: given wstring, allowed is string"
-        ):
-            next(log.decoded("/wide"))
-
-
 @pytest.mark.parametrize(
     ("name", "said"),
     [
@@ -168,7 +145,6 @@ def test_a_topic_that_we_cannot_decode_leaves_the_others_and_compression_is_no_m
         ("a.db3", "no SQLite file of a rosbag2, or damaged"),
         ("a.bag", "a bag of ROS 1: convert it by rosbags-convert"),
         ("cut", "no SQLite file of a rosbag2, or damaged"),
-        ("none.db3", "no such file"),
     ],
 )
 def test_what_is_no_bag_is_one_sentence(tmp_path, name, said):
@@ -184,7 +160,7 @@ def test_what_is_no_bag_is_one_sentence(tmp_path, name, said):
                 writer.write(connection, time_ns, serialize(message_type(STRING)("x" * 100)))
         data = (path / "cut.db3").read_bytes()
         (path / "cut.db3").write_bytes(data[: len(data) // 2])
-    elif name != "none.db3":
+    else:
         path.write_bytes(b"SQLite format 3\0" * 10)
     with pytest.raises(LogError, match=said) as raised, LogReader(path) as log:
         list(log.messages())
