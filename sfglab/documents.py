@@ -10,19 +10,22 @@ from __future__ import annotations
 import dataclasses
 import re
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from sfglab.errors import InvalidValueError, KeyPath, key_text
 from sfglab.files import read_text
-from sfglab.validation import file_reader, value_at
+from sfglab.schema import Source
+from sfglab.validation import read_from, value_at
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable
 
     import yaml
 
 _TEXT = "tag:yaml.org,2002:str"
+_ALIAS = "tag:sfglab:alias"
 _MOST_CHARACTERS = 2**20  # ten times the largest fleet
 _LONGEST_PLAIN = 1000  # characters of a value that is no text
 _CONTROL = re.compile("[\x00-\x1f\x7f-\x9f\u2028\u2029]")
@@ -79,27 +82,23 @@ class Document:
         import yaml
 
         self.file = file
-        self._text = text
         self._one_line = one_line
         self._lines: dict[KeyPath, int] = {(): 1}
-        self._seen: set[int] = set()
         if len(text) > _MOST_CHARACTERS:
-            raise DocumentError(
-                Place(file=file), f"{len(text)} characters", f"at most {_MOST_CHARACTERS}"
-            )
+            raise self.refusal((), f"{len(text)} characters", f"at most {_MOST_CHARACTERS}")
         try:
-            node = yaml.compose(text, Loader=yaml.SafeLoader)
+            self._loader = _loader_class()(text)
+            node = self._loader.get_single_node()
             #: Mappings, lists and scalars.
-            self.value: Any = None if node is None else self._read(yaml.SafeLoader(""), node, ())
+            self.value: Any = None if node is None else self._read(node, ())
+        except DocumentError:
+            raise
         # A ValueError is a number of a character that does not exist.
         except (yaml.YAMLError, RecursionError, ValueError) as error:
-            if isinstance(error, DocumentError):
-                raise
             mark = getattr(error, "problem_mark", None)
             place = Place(file=file, line=mark.line + 1 if mark else 0)
-            raise DocumentError(
-                place, getattr(error, "problem", None) or str(error), "YAML"
-            ) from error
+            problem = getattr(error, "problem", None) or str(error)
+            raise DocumentError(place, problem, "YAML") from error
 
     @classmethod
     def of_file(
@@ -121,7 +120,7 @@ class Document:
 
     def read(self, hint: type[T]) -> T:
         """Return the values as a type, or raise a `DocumentError`."""
-        made: T = file_reader(hint).read(self.value, self.refusal)
+        made: T = read_from(Source.FILE, hint, self.value, self.refusal)
         self._locate(made, ())
         return made
 
@@ -131,76 +130,76 @@ class Document:
 
     def _locate(self, made: Any, path: KeyPath) -> None:
         """Fill in the places of what was made of the values at a path."""
-        if isinstance(made, tuple | list):
+        inner: dict[Any, Any] = {}
+        if isinstance(made, dict):
+            inner = made
+        elif isinstance(made, tuple | list):
             value = value_at(self.value, path)
             keys = value if isinstance(value, dict) else range(len(made))
-            for key, one in zip(keys, made, strict=False):
-                self._locate(one, (*path, key))
-        elif isinstance(made, dict):
-            for key, one in made.items():
-                self._locate(one, (*path, key))
+            inner = dict(zip(keys, made, strict=False))
         elif dataclasses.is_dataclass(made):
             for field in dataclasses.fields(made):
-                inner = getattr(made, field.name)
-                if isinstance(inner, Place):
+                one = getattr(made, field.name)
+                if isinstance(one, Place):
                     object.__setattr__(made, field.name, self.place(path))
                 else:
-                    self._locate(inner, (*path, field.metadata.get("alias", field.name)))
+                    inner[field.metadata.get("alias", field.name)] = one
+        for key, one in inner.items():
+            self._locate(one, (*path, key))
 
-    def _read(self, loader: yaml.SafeLoader, node: yaml.Node, path: KeyPath) -> Any:
-        import yaml
-
+    def _read(self, node: Any, path: KeyPath) -> Any:
+        """Return the plain values of a node, whose lines are noted."""
         self._lines.setdefault(path, node.start_mark.line + 1)
-        if id(node) in self._seen:
-            raise DocumentError(
-                self._alias(path), "an alias", "every value written out where it belongs"
-            )
-        self._seen.add(id(node))
-        if self._one_line and isinstance(node, yaml.ScalarNode) and _CONTROL.search(node.value):
-            raise DocumentError(self.place(path), node.value, "a text of one line")
-        if isinstance(node, yaml.MappingNode):
-            return dict(self._read_pairs(loader, node, path))
-        if isinstance(node, yaml.SequenceNode):
-            return [self._read(loader, item, (*path, i)) for i, item in enumerate(node.value)]
-        if (
-            node.tag != _TEXT and len(node.value) > _LONGEST_PLAIN
-        ):  # a number by base 60 takes quadratic time
-            raise DocumentError(
-                self.place(path), node.value, f"at most {_LONGEST_PLAIN} characters, or quoted"
-            )
+        if node.id == "mapping":
+            return self._read_mapping(node, path)
+        if node.id == "sequence":
+            return [self._read(item, (*path, i)) for i, item in enumerate(node.value)]
+        if node.tag == _ALIAS:
+            raise self.refusal(path, "an alias", "every value written out where it belongs")
+        self._check_line(node.value, path, "a text")
+        # A number by base 60 takes quadratic time.
+        if node.tag != _TEXT and len(node.value) > _LONGEST_PLAIN:
+            allowed = f"at most {_LONGEST_PLAIN} characters, or quoted"
+            raise self.refusal(path, node.value, allowed)
         try:
-            return loader.construct_object(node)
+            return self._loader.construct_object(node)
         # A date that is none, or a tag whose text is not of its kind: PyYAML looks before it has checked.
         except (ValueError, OverflowError, LookupError, AttributeError, TypeError) as error:
-            raise DocumentError(
-                self.place(path), node.value, "a value that YAML can read"
-            ) from error
+            raise self.refusal(path, node.value, "a value that YAML can read") from error
 
-    def _alias(self, path: KeyPath) -> Place:
-        """Return where the first alias stands; its node only knows where it was written out."""
-        import yaml
+    def _read_mapping(self, node: Any, path: KeyPath) -> dict[str, Any]:
+        made: dict[str, Any] = {}
+        for key_node, value in node.value:
+            key = key_node.value
+            inner = (*path, str(key))
+            self._lines[inner] = key_node.start_mark.line + 1
+            if key_node.tag != _TEXT:
+                raise self.refusal(inner, key, "a key that is text (quote it)")
+            self._check_line(key, inner, "a key")
+            if key in made:
+                raise self.refusal(inner, key, "each key once in its mapping")
+            made[key] = self._read(value, inner)
+        return made
 
-        mark = next(
-            (e.start_mark for e in yaml.parse(self._text) if isinstance(e, yaml.AliasEvent)), None
-        )
-        return Place(file=self.file, key=key_text(path), line=mark.line + 1 if mark else 0)
+    def _check_line(self, text: str, path: KeyPath, what: str) -> None:
+        if self._one_line and _CONTROL.search(text):
+            raise self.refusal(path, text, f"{what} of one line")
 
-    def _read_pairs(
-        self, loader: yaml.SafeLoader, node: yaml.MappingNode, path: KeyPath
-    ) -> Iterator[tuple[str, Any]]:
-        seen: set[str] = set()
-        for key, value in node.value:
-            inner = (*path, str(key.value))
-            place = Place(file=self.file, key=key_text(inner), line=key.start_mark.line + 1)
-            self._lines[inner] = place.line
-            if key.tag != _TEXT:
-                raise DocumentError(place, key.value, "a key that is text (quote it)")
-            if self._one_line and _CONTROL.search(key.value):
-                raise DocumentError(place, key.value, "a key of one line")
-            if key.value in seen:
-                raise DocumentError(place, key.value, "each key once in its mapping")
-            seen.add(key.value)
-            yield key.value, self._read(loader, value, inner)
+
+@cache
+def _loader_class() -> type[yaml.SafeLoader]:
+    import yaml
+
+    class Loader(yaml.SafeLoader):
+        """Gives each alias a node of its own, so that none is mistaken for what it repeats."""
+
+        def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
+            if not self.check_event(yaml.AliasEvent):
+                return super().compose_node(parent, index)
+            event = self.get_event()  # type: ignore[no-untyped-call]
+            return yaml.ScalarNode(_ALIAS, event.anchor, event.start_mark, event.end_mark)
+
+    return Loader
 
 
 # Rules that a field's type cannot express stand beside it: ``Annotated[str, Matching(...)]``.
@@ -273,26 +272,27 @@ class ByName:
     def _listed(self, given: Any) -> Any:
         return list(self._members(given).values())
 
-    def _members(self, given: Any) -> Any:
+    def _members(self, given: Any) -> dict[str, Any]:
         if not isinstance(given, dict):
             raise InvalidValueError((), given, "a mapping of keys to values")
-        if "" in given:
-            raise InvalidValueError((), "", "names that are not empty")
+        members = {}
         for name, values in given.items():
-            if isinstance(values, dict) and self.field in values:
-                allowed = f"no such key: the mapping's own, {name!r}, says it"
-                raise InvalidValueError((name, self.field), self.field, allowed)
-        return {
-            name: {**values, self.field: name} if isinstance(values, dict) else values
-            for name, values in given.items()
-        }
+            if not name:
+                raise InvalidValueError((), name, "names that are not empty")
+            if isinstance(values, dict):
+                if self.field in values:
+                    allowed = f"no such key: the mapping's own, {name!r}, says it"
+                    raise InvalidValueError((name, self.field), self.field, allowed)
+                values = {**values, self.field: name}  # noqa: PLW2901  # the member's own
+            members[name] = values
+        return members
 
     def __get_pydantic_json_schema__(self, core: Any, handler: Any) -> Any:
         shape = handler(core)
         each = shape.get("items") or shape["additionalProperties"]
         members = handler.resolve_ref_schema(each)
-        del members["properties"][self.field]
-        members["required"].remove(self.field)
+        members["properties"].pop(self.field, None)
+        members["required"] = [key for key in members["required"] if key != self.field]
         return {"type": "object", "additionalProperties": each}
 
 

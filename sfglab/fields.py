@@ -1,25 +1,34 @@
-"""Fields of dataclasses: documentation after ``#:`` or above, bounds, and values as JSON and back."""
+"""Fields of dataclasses: bounds, documentation after ``#:`` or above, and values as JSON and back.
+
+Nothing here imports pydantic, so a child process reads what it is told by `from_json`.
+"""
 
 from __future__ import annotations
 
 import ast
-import copy
+import contextlib
 import dataclasses
 import inspect
 import math
 import sys
 import types
-import typing
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from functools import cache
-from typing import Any, TypeVar
+from typing import Any, Literal, TypeVar, Union, cast, get_args, get_origin, get_type_hints
 
 from sfglab.errors import InvalidValueError
 
 T = TypeVar("T")
 BOUNDS = "bounds"  #: The key of a field's bounds in its metadata.
+_CONTAINERS: dict[Any, Callable[[list[Any]], Any]] = {
+    list: list,
+    tuple: tuple,
+    Sequence: tuple,
+    set: set,
+    frozenset: frozenset,
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,17 +44,17 @@ class Bounds:
         return self.low <= value <= self.high and value not in self.without
 
     def __str__(self) -> str:
-        low, high = (
-            str(end) if isinstance(end, int) else f"{end:g}" for end in (self.low, self.high)
-        )
-        text = f"above {low if self.low else 'zero'}" if self.low in self.without else f"from {low}"
+        text = f"from {self.low:.12g}"
+        if self.low in self.without:
+            text = f"above {self.low:.12g}" if self.low else "above zero"
         if self.high == math.inf:
             return text
-        return f"{text}, below {high}" if self.high in self.without else f"{text} to {high}"
+        word = ", below" if self.high in self.without else " to"
+        return f"{text}{word} {self.high:.12g}"
 
     @property
     def limits(self) -> dict[str, float]:
-        """The same as pydantic's keywords."""
+        """The finite ends by pydantic's keywords."""
         low = "gt" if self.low in self.without else "ge"
         high = "lt" if self.high in self.without else "le"
         ends = {low: self.low, high: self.high}
@@ -78,14 +87,15 @@ def between(
 
 def bounds_of(row_class: type[Any]) -> dict[str, Bounds]:
     """Return the bounds of a dataclass's fields, or of their items, by name."""
-    hints = typing.get_type_hints(row_class, include_extras=True)
+    hints = get_type_hints(row_class, include_extras=True)
     found: dict[str, Bounds] = {}
     for field in dataclasses.fields(row_class):
-        items = typing.get_args(hints[field.name])
-        of_items = [more for item in items for more in getattr(item, "__metadata__", ())]
-        for allowed in (field.metadata.get(BOUNDS), *of_items):
-            if isinstance(allowed, Bounds):
-                found[field.name] = allowed
+        marks = [field.metadata.get(BOUNDS)]
+        for item in get_args(hints[field.name]):
+            marks += getattr(item, "__metadata__", ())
+        for mark in marks:
+            if isinstance(mark, Bounds):
+                found[field.name] = mark
     return found
 
 
@@ -102,7 +112,10 @@ def check_bounds(value: Any, about: str = "") -> None:
 
 
 def field_docs(row_class: type[Any]) -> dict[str, str]:
-    """Return the documentation of a dataclass's fields, inherited ones included; empty without source files."""
+    """Return the documentation of a dataclass's fields, inherited ones included.
+
+    It is read from the source files when it is asked for; without these it is empty.
+    """
     docs: dict[str, str] = {}
     for base in reversed(row_class.__mro__):
         docs |= _module_docs(base.__module__).get(base.__name__, {})
@@ -111,7 +124,7 @@ def field_docs(row_class: type[Any]) -> dict[str, str]:
 
 @cache
 def _module_docs(module: str) -> dict[str, dict[str, str]]:
-    """Return the texts of all fields of a module's classes, by the class's name."""
+    """Return the documentation of all fields of a module's classes, by the class's name."""
     try:
         text = inspect.getsource(sys.modules[module])
     except (KeyError, OSError, TypeError):
@@ -120,42 +133,40 @@ def _module_docs(module: str) -> dict[str, dict[str, str]]:
     found: dict[str, dict[str, str]] = {}
     for node in ast.walk(ast.parse(text)):
         if isinstance(node, ast.ClassDef):
-            fields = [one for one in node.body if isinstance(one, ast.AnnAssign)]
-            texts = {ast.unparse(field.target): _text(field, lines) for field in fields}
-            found[node.name] = {name: text for name, text in texts.items() if text}
+            found[node.name] = _class_docs(node, lines)
     return found
 
 
-def _text(field: ast.AnnAssign, lines: list[str]) -> str:
-    """Return the text behind ``#:`` on a field's last line, else on the lines directly above it."""
-    last = lines[(field.end_lineno or field.lineno) - 1]
-    _, marker, text = last.encode()[field.end_col_offset :].decode().partition("#:")
-    if marker:
-        return text.strip()
-    above: list[str] = []
-    for line in reversed(lines[: field.lineno - 1]):
-        if not line.lstrip().startswith("#:"):
-            break
-        above.insert(0, line.strip().removeprefix("#:").strip())
-    return " ".join(above)
+def _class_docs(node: ast.ClassDef, lines: list[str]) -> dict[str, str]:
+    """Return what stands behind ``#:`` between the end of the statement before a field and its own end."""
+    docs: dict[str, str] = {}
+    begin = node.lineno
+    for field in node.body:
+        end = field.end_lineno or field.lineno
+        parts = [line.partition("#:")[2].strip() for line in lines[begin:end]]
+        text = " ".join(filter(None, parts))
+        if isinstance(field, ast.AnnAssign) and text:
+            docs[ast.unparse(field.target)] = text
+        begin = end
+    return docs
 
 
 @cache
-def typed_fields(cls: type[Any]) -> dict[str, dataclasses.Field[Any]]:
-    """Return the fields of a dataclass by name, with their types, which must be importable at run time."""
-    hints = typing.get_type_hints(cls)
-    fields = {f.name: copy.copy(f) for f in dataclasses.fields(cls)}
-    for name, field in fields.items():
-        field.type = hints[name]
-    return fields
+def types_of(cls: type[Any]) -> dict[str, Any]:
+    """Return the types of a dataclass's fields by name, which must be importable at run time."""
+    hints = get_type_hints(cls)
+    return {field.name: hints[field.name] for field in dataclasses.fields(cls) if field.init}
 
 
 def choices_of(hint: Any) -> dict[str, Any]:
     """Return the values that an enumeration or a ``Literal`` allows by their texts; none of other types."""
-    if typing.get_origin(hint) is typing.Literal:
-        return {choice: choice for choice in typing.get_args(hint)}
-    is_enum = isinstance(hint, type) and issubclass(hint, Enum)
-    return {str(member.value): member for member in hint} if is_enum else {}
+    if get_origin(hint) is Literal:
+        return {choice: choice for choice in get_args(hint)}
+    return {str(member.value): member for member in hint} if _is_enum(hint) else {}
+
+
+def _is_enum(hint: Any) -> bool:
+    return isinstance(hint, type) and issubclass(hint, Enum)
 
 
 def to_json(value: Any) -> Any:
@@ -171,7 +182,7 @@ def to_json(value: Any) -> Any:
     return value
 
 
-def from_json(hint: Any, value: Any) -> Any:  # noqa: PLR0911  # one return a kind of type
+def from_json(hint: Any, value: Any) -> Any:
     """Return a JSON value as an annotated type: what `to_json` of such a value gave, or a value of it already.
 
     Keys that a dataclass does not have are left out, fields that are missing take their defaults: what another
@@ -180,52 +191,43 @@ def from_json(hint: Any, value: Any) -> Any:  # noqa: PLR0911  # one return a ki
     Raises:
         InvalidValueError: The value has no form in that type.
     """
-    origin, arguments = typing.get_origin(hint), typing.get_args(hint)
-    if dataclasses.is_dataclass(hint) and isinstance(hint, type) and isinstance(value, Mapping):
-        return _dataclass_from_json(hint, value)
-    if origin in (typing.Union, types.UnionType):
-        return _union_from_json(arguments, value)
-    if isinstance(hint, type) and issubclass(hint, Enum):
-        return _made(hint, value)
-    is_list = isinstance(value, Sequence) and not isinstance(value, str)
-    if origin is tuple and is_list:
-        each = arguments[:1] * len(value) if arguments[1:] == (...,) else arguments
-        return tuple(from_json(h, v) for h, v in zip(each, value, strict=True))
-    if origin in (list, Sequence, frozenset, set) and is_list:
-        made = (from_json(arguments[0], v) for v in value)
-        return tuple(made) if origin is Sequence else origin(made)
-    if origin in (dict, Mapping) and isinstance(value, Mapping):
-        return {from_json(arguments[0], k): from_json(arguments[1], v) for k, v in value.items()}
-    return _made(hint, value) if hint in (float, int) and not isinstance(value, bool) else value
+    origin = get_origin(hint)
+    arguments = get_args(hint)
+    if origin in (Union, types.UnionType):
+        return _first_of(arguments, value)
+    if isinstance(value, Mapping):
+        if dataclasses.is_dataclass(hint):
+            known = types_of(cast("Any", hint))
+            given = {name: from_json(known[name], value[name]) for name in known if name in value}
+            return _called(hint, given)
+        if origin in (dict, Mapping):
+            key, each = arguments
+            return {from_json(key, k): from_json(each, v) for k, v in value.items()}
+    if origin in _CONTAINERS and isinstance(value, list | tuple):
+        hints = arguments
+        if origin is not tuple or arguments[-1] is ...:
+            hints = arguments[:1] * len(value)
+        items = [from_json(h, v) for h, v in zip(hints, value, strict=True)]
+        return _CONTAINERS[origin](items)
+    if hint in (int, float) or _is_enum(hint):
+        return _called(hint, value)
+    return value
 
 
-def _dataclass_from_json(hint: type[Any], value: Mapping[str, Any]) -> Any:
-    fields = [
-        f for f in typed_fields(typing.cast("Any", hint)).values() if f.init and f.name in value
-    ]
-    try:
-        return hint(**{f.name: from_json(f.type, value[f.name]) for f in fields})
-    except (TypeError, KeyError) as error:
-        raise InvalidValueError(hint.__name__, dict(value), str(error)) from error
-
-
-def _union_from_json(options: tuple[Any, ...], value: Any) -> Any:
-    if value is None and type(None) in options:
-        return None
+def _first_of(options: tuple[Any, ...], value: Any) -> Any:
+    """Return a value as the option whose instance it is, else as the first that takes it."""
+    if any(isinstance(option, type) and isinstance(value, option) for option in options):
+        return value
     for option in options:
-        if isinstance(option, type) and isinstance(value, option):
-            return value
-    refused: Exception | None = None
-    for option in options:
-        try:
+        with contextlib.suppress(TypeError, ValueError):
             return from_json(option, value)
-        except (TypeError, ValueError) as error:
-            refused = error
-    raise InvalidValueError("value", value, " or ".join(map(str, options))) from refused
+    raise InvalidValueError("value", value, " or ".join(map(str, options)))
 
 
-def _made(hint: Any, value: Any) -> Any:
+def _called(hint: Any, given: Any) -> Any:
     try:
-        return hint(value)
+        return hint(**given) if isinstance(given, dict) else hint(given)
+    except InvalidValueError:
+        raise
     except (TypeError, ValueError) as error:
-        raise InvalidValueError("value", value, hint.__name__) from error
+        raise InvalidValueError("value", given, f"{hint.__name__} ({error})") from error

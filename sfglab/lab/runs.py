@@ -13,8 +13,9 @@ from typing import TYPE_CHECKING, Any, Concatenate, Generic, ParamSpec, TypeVar,
 from sfglab.errors import SfglabError
 from sfglab.fields import to_json
 from sfglab.record import DecodedMessage, LogReader
+from sfglab.schema import Source
 from sfglab.tables import field_rows, html_table
-from sfglab.validation import read_logged, unknown_keys, value_at
+from sfglab.validation import lost_values, read
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
@@ -54,7 +55,9 @@ class Run(Generic[C]):
         with LogReader(log) as reader:
             self._tables = reader.tables
             self._metadata = {name: reader.metadata(name) for name in reader.metadata_names}
-        self.config: C = read_logged(config_class, self._metadata["config"])  #: The configuration.
+        self.config: C = read(
+            config_class, self._metadata["config"], source=Source.LOG
+        )  #: The configuration.
         #: Fields of the log's configuration that no longer exist and held another value than usual.
         self.unread = tuple(self._unread(removed))
 
@@ -62,9 +65,9 @@ class Run(Generic[C]):
         return f"<run of {self.experiment}: {self.log.name}>"
 
     def _unread(self, removed: Mapping[str, Mapping[str, Any]]) -> Iterator[str]:
-        for name in unknown_keys(self._metadata["config"], to_json(self.config)):
+        lost = lost_values(self._metadata["config"], to_json(self.config))
+        for name, given in lost.items():
             usual = removed.get(name, {})
-            given = value_at(self._metadata["config"], tuple(name.split(".")))
             if name != "experiment" and usual.get(self.profile, _NOTHING) != given:
                 yield name
 

@@ -9,14 +9,15 @@ from __future__ import annotations
 
 import math
 import re
+from contextlib import suppress
 from dataclasses import fields, is_dataclass, replace
 from html import escape
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any, get_args, get_origin
 
 from sfglab.errors import InvalidValueError, SfglabError
-from sfglab.fields import Bounds, bounds_of, choices_of, field_docs, typed_fields
-from sfglab.validation import read, read_entry
+from sfglab.fields import Bounds, bounds_of, choices_of, field_docs, types_of
+from sfglab.validation import read
 from sfglab.view.widgets import refusal_html, widgets
 
 if TYPE_CHECKING:
@@ -158,11 +159,11 @@ def _fields_of(config_class: Any, part: str = "") -> dict[str, _Field]:
     """Return a configuration's fields, those of its parts too, by name."""
     found: dict[str, _Field] = {}
     docs, bounds = field_docs(config_class), bounds_of(config_class)
-    for name, field in typed_fields(config_class).items():
-        if is_dataclass(field.type):
-            found |= _fields_of(field.type, f"{part}{name}.")
+    for name, hint in types_of(config_class).items():
+        if is_dataclass(hint):
+            found |= _fields_of(hint, f"{part}{name}.")
         else:
-            found[part + name] = field.type, bounds.get(name), docs.get(name, "")
+            found[part + name] = hint, bounds.get(name), docs.get(name, "")
     return found
 
 
@@ -187,11 +188,14 @@ def _shown(value: Any, control: Any) -> Any:
 
 
 def _read(hint: Any, given: Any) -> Any:
-    """Return a widget's value as its field's."""
+    """Return a widget's value as its field's, which need not be allowed there."""
     if get_origin(hint) is tuple:
         texts = given.split(",") if isinstance(given, str) else [given]
         parts = [part.strip() if isinstance(part, str) else part for part in texts]
         return tuple(_read(get_args(hint)[0], part) for part in parts if part != "")
     if hint is int and isinstance(given, float):
         return round(given)  # A slider on a logarithmic scale has fractions.
-    return read_entry(hint, given)
+    if hint in (int, float) and isinstance(given, str):
+        with suppress(ValueError):
+            return hint(given)
+    return given
