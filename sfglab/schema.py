@@ -21,7 +21,7 @@ Schema = dict[str, Any]
 
 
 class Source(Enum):
-    """Who wrote the values that are read."""
+    """The origin of values, which decides how strictly they are read."""
 
     FILE = "file"  #: A person, in a file: no text is empty, and null stands for nothing left out.
     VALUES = "values"  #: A person, in a program, a command or a form.
@@ -41,7 +41,7 @@ _RULES: dict[Source, dict[str, Core]] = {
     Source.VALUES: _EXACT,
     Source.LOG: {},
 }
-"""What is added to descriptions, by their ``type``."""
+"""Additions to descriptions, by their ``type``."""
 _LIMITS = ("ge", "gt", "le", "lt")
 
 

@@ -1,4 +1,4 @@
-"""Values that people give, read as typed fields by pydantic, and each mistake as one of our errors.
+"""Reading of given values as typed fields by pydantic; each mistake becomes one of our errors.
 
 Dataclasses say types and bounds (`sfglab.fields`). Pydantic is imported when something is read, since
 it takes 0.1 s. What is allowed where a mistake is, in words, comes from the JSON Schema of the type.
