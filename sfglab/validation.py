@@ -1,7 +1,7 @@
 """Reading of given values as typed fields by pydantic; each mistake becomes one of our errors.
 
-Dataclasses say types and bounds (`sfglab.fields`). Pydantic is imported when something is read, since
-it takes 0.1 s. What is allowed where a mistake is, in words, comes from the JSON Schema of the type.
+Types and bounds stand in dataclasses (`sfglab.fields`). Pydantic is imported when something is read, since
+it takes 0.1 s. The words for allowed values come from the JSON Schema of the type.
 How strictly it is read depends on the `Source`: people's keys must be known, logs may be of another version.
 """
 
