@@ -127,7 +127,7 @@ def _mapped(graph: Graph, gateway_rule: str | None) -> CommunicationMapping:
     from sfglab.soc import faster_by_gateway, map_communication
 
     if gateway_rule == "size":
-        return map_communication(graph, gateway=faster_by_gateway())
+        return map_communication(graph, gateway=faster_by_gateway)
     return map_communication(graph)
 
 

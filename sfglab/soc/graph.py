@@ -1,8 +1,8 @@
-"""A ROS computation graph with its mapping onto a system-on-chip (paper C, section 5), in memory and as YAML.
+"""A ROS computation graph with its mapping onto a system-on-chip, in memory and as a YAML file.
 
-G = (V, E) with V = (N, T), ROS nodes and topics, and E = (E_pub, E_sub). Each node is placed in software or in
-hardware, each topic is mapped to software, to hardware or to a gateway. What was written is read back equal,
-and what was read is written byte by byte the same. Refuses to know which mapping is good.
+Source: paper C, section 5: G = (V, E) with V = (N, T), ROS nodes and topics, and E = (E_pub, E_sub), publications
+and subscriptions. Each node is placed in software or in hardware. Each topic is mapped to software, to hardware
+or to a gateway. A graph that is written and read again is equal, and its file is equal byte for byte.
 """
 
 from __future__ import annotations
@@ -14,13 +14,16 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 from sfglab.documents import OR_NULL, ByName, Document
 from sfglab.errors import InvalidValueError, KeyPath
-from sfglab.fields import between
+from sfglab.fields import between, to_json
 from sfglab.tables import html_table
 from sfglab.validation import suggestion
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Mapping
+    from collections.abc import Iterable, Iterator, Mapping, Sequence
     from pathlib import Path
+
+Vertex = tuple[str, str]
+"""``("node", name)`` or ``("topic", name)``: a node and a topic may have the same name."""
 
 
 class Placement(Enum):
@@ -31,7 +34,7 @@ class Placement(Enum):
 
 
 class TopicMapping(Enum):
-    """How a topic is implemented: T_SW in main memory, T_HW as a stream in the logic, T_GW as one of each."""
+    """How a topic is implemented: T_SW in main memory, T_HW as a stream in the logic, T_GW as both, joined."""
 
     SOFTWARE = "software"
     HARDWARE = "hardware"
@@ -39,7 +42,7 @@ class TopicMapping(Enum):
 
 
 class EdgeKind(Enum):
-    """Whether an edge stands in E_pub, from a node to a topic, or in E_sub, from a topic to a node."""
+    """Direction of an edge: E_pub, from a node to a topic, or E_sub, from a topic to a node."""
 
     PUBLISH = "publish"
     SUBSCRIBE = "subscribe"
@@ -47,12 +50,10 @@ class EdgeKind(Enum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Implementation:
-    """A node's implementation in the configurable logic."""
+    """Implementation of a node in the configurable logic."""
 
-    lut: int = between(0)  #: Look-up tables that it takes.
-    bram: float = between(
-        0.0
-    )  #: Block memories of 36 kbit that it takes; a half is one of 18 kbit.
+    lut: int = between(0)  #: Number of look-up tables.
+    bram: float = between(0.0)  #: Number of block memories of 36 kbit; one of 18 kbit is a half.
     time_s: float = between(0.0)  #: Time of one activation, s.
 
 
@@ -60,16 +61,16 @@ class Implementation:
 class Node:
     """A ROS node."""
 
-    name: str  #: Its name in the graph.
-    placement: Placement = Placement.SOFTWARE  #: Where it runs.
-    rate_hz: float = between(0.0)  #: Activations per second; 0 where unknown.
-    software_s: float = between(0.0)  #: Time of one activation in software, s; 0 where unknown.
-    #: Its implementation in hardware; None where there is none, or nothing is known of it.
+    name: str  #: Name in the graph.
+    placement: Placement = Placement.SOFTWARE  #: Side on which the node runs.
+    rate_hz: float = between(0.0)  #: Activations per second; 0 if unknown.
+    software_s: float = between(0.0)  #: Time of one activation in software, s; 0 if unknown.
+    #: Implementation in hardware; None if there is none or if nothing is known of it.
     hardware: Annotated[Implementation | None, OR_NULL] = None
 
     @property
     def in_hardware(self) -> bool:
-        """Whether it stands in N_HW."""
+        """Whether the node is in N_HW."""
         return self.placement is Placement.HARDWARE
 
 
@@ -77,88 +78,90 @@ class Node:
 class Topic:
     """A ROS topic with its edges."""
 
-    name: str  #: Its name in the graph.
+    name: str  #: Name in the graph.
     publishers: tuple[str, ...]  #: Names of the nodes of E_pub^t.
     subscribers: tuple[str, ...] = ()  #: Names of the nodes of E_sub^t.
-    type: str = ""  #: ROS type of its messages; empty where unknown.
-    size_bytes: int | None = between(None)  #: Size of a message; None where unknown.
-    #: Messages per second of all publishers together; None where unknown.
+    type: str = ""  #: ROS type of the messages; empty if unknown.
+    size_bytes: int | None = between(None)  #: Size of a message; None if unknown.
+    #: Messages per second of all publishers together; None if unknown.
     rate_hz: float | None = between(None)
-    #: How it is implemented; in software unless something else is said, as in the paper.
+    #: Implementation of the topic; software by default, as in the paper.
     mapping: TopicMapping = TopicMapping.SOFTWARE
 
     @property
     def members(self) -> tuple[str, ...]:
-        """The nodes that publish or subscribe, each once."""
-        return tuple(dict.fromkeys((*self.publishers, *self.subscribers)))
+        """Names of the nodes that publish or subscribe, each once."""
+        return tuple(dict.fromkeys(self.publishers + self.subscribers))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, order=True)
+class Edge:
+    """An edge of E."""
+
+    topic: str  #: Name of the topic.
+    node: str  #: Name of the node.
+    kind: EdgeKind  #: Direction.
+
+    @property
+    def ends(self) -> tuple[Vertex, Vertex]:
+        """The vertex where the edge begins and the one where it ends."""
+        node, topic = ("node", self.node), ("topic", self.topic)
+        return (node, topic) if self.kind is EdgeKind.PUBLISH else (topic, node)
+
+    def __str__(self) -> str:
+        (_, source), (_, target) = self.ends
+        return f"{source} -> {target}"
 
 
 _Member = TypeVar("_Member", Node, Topic)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, order=True)
-class Edge:
-    """One edge of E."""
-
-    topic: str  #: Its topic.
-    node: str  #: Its node.
-    kind: EdgeKind  #: In which direction.
-
-    def __str__(self) -> str:
-        ends = (self.node, self.topic) if self.kind is EdgeKind.PUBLISH else (self.topic, self.node)
-        return " -> ".join(ends)
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Graph:
-    """A computation graph with its mapping, valid from its making on.
+    """A computation graph with its mapping.
 
     Raises:
-        InvalidValueError: A name is empty or stands twice, an edge names a node that there is not or stands
-            twice, a topic has no publisher, a number no meaning, or a hardware-mapped topic a node in software.
+        InvalidValueError: A name is empty or defined twice, an edge names an unknown node or is given twice, a
+            topic has no publisher, a number is negative or not finite, or a topic in hardware has a node in software.
     """
 
-    #: N, in the order in which they were named.
+    #: N, in the order of the file.
     nodes: Annotated[tuple[Node, ...], ByName("name")]
-    topics: Annotated[tuple[Topic, ...], ByName("name")] = ()  #: T, likewise.
-    name: str = ""  #: What it is called.
-    description: str = ""  #: Where it comes from and what it is for.
+    topics: Annotated[tuple[Topic, ...], ByName("name")] = ()  #: T, in the order of the file.
+    name: str = ""  #: Title of the graph.
+    description: str = ""  #: Source and purpose of the graph.
 
     def __post_init__(self) -> None:
-        _check_names("nodes", [node.name for node in self.nodes])
-        _check_names("topics", [topic.name for topic in self.topics])
-        for node in self.nodes:
-            path, hardware = ("nodes", node.name), node.hardware or Implementation()
-            _check_not_negative((*path, "rate_hz"), node.rate_hz)
-            _check_not_negative((*path, "software_s"), node.software_s)
-            for part in fields(hardware):
-                _check_not_negative((*path, "hardware", part.name), getattr(hardware, part.name))
         known = {node.name: node for node in self.nodes}
+        _check_names(("nodes",), [node.name for node in self.nodes])
+        _check_names(("topics",), [topic.name for topic in self.topics])
+        for node in self.nodes:
+            _check_numbers(("nodes", node.name), node)
+            if node.hardware is not None:
+                _check_numbers(("nodes", node.name, "hardware"), node.hardware)
         for topic in self.topics:
             _check_topic(topic, known)
 
     def __repr__(self) -> str:
-        placed = len(self.in_hardware)
-        return f"<graph {self.name}: {len(self.nodes)} nodes, {placed} in hardware; {len(self.topics)} topics>"
+        nodes = f"{len(self.nodes)} nodes, {len(self.in_hardware)} in hardware"
+        return f"<graph {self.name}: {nodes}; {len(self.topics)} topics>"
 
     def _repr_html_(self) -> str:
-        head = "topic", "mapped to", "from", "to", "bytes", "Hz"
-        return html_table([head, *map(self._row, self.topics)], repr(self)[1:-1])
-
-    def _row(self, topic: Topic) -> tuple[object, ...]:
-        ends = (
-            ", ".join(f"{n} (hardware)" if n in self.in_hardware else n for n in names)
-            for names in (topic.publishers, topic.subscribers)
-        )
-        numbers = ("" if n is None else f"{n:,}" for n in (topic.size_bytes, topic.rate_hz))
-        return topic.name, topic.mapping.value, *ends, *numbers
+        placed = {name: f"{name} (hardware)" for name in self.in_hardware}
+        rows: list[tuple[object, ...]] = [("topic", "mapped to", "from", "to", "bytes", "Hz")]
+        for topic in self.topics:
+            publishers = ", ".join(placed.get(name, name) for name in topic.publishers)
+            subscribers = ", ".join(placed.get(name, name) for name in topic.subscribers)
+            numbers = (_number(topic.size_bytes), _number(topic.rate_hz))
+            rows.append((topic.name, topic.mapping.value, publishers, subscribers, *numbers))
+        return html_table(rows, repr(self)[1:-1])
 
     def node(self, name: str) -> Node:
-        """Return a node by its name; InvalidValueError where there is none."""
+        """Return a node by its name; InvalidValueError if there is none."""
         return _named("nodes", name, self.nodes)
 
     def topic(self, name: str) -> Topic:
-        """Return a topic by its name; InvalidValueError where there is none."""
+        """Return a topic by its name; InvalidValueError if there is none."""
         return _named("topics", name, self.topics)
 
     def edges(self) -> Iterator[Edge]:
@@ -171,7 +174,7 @@ class Graph:
 
     @property
     def in_hardware(self) -> frozenset[str]:
-        """N_HW; all other nodes stand in N_SW."""
+        """N_HW; all other nodes are in N_SW."""
         return frozenset(node.name for node in self.nodes if node.in_hardware)
 
     def mapped_to(self, mapping: TopicMapping) -> tuple[str, ...]:
@@ -179,136 +182,120 @@ class Graph:
         return tuple(topic.name for topic in self.topics if topic.mapping is mapping)
 
     def with_mappings(self, mappings: Mapping[str, TopicMapping]) -> Graph:
-        """Return the graph with other implementations of topics; InvalidValueError where one cannot be so."""
-        for name in mappings:
-            self.topic(name)
-        topics = tuple(replace(t, mapping=mappings.get(t.name, t.mapping)) for t in self.topics)
-        return replace(self, topics=topics)
+        """Return the graph with other mappings of the given topics.
+
+        Raises:
+            InvalidValueError: A topic does not exist, or cannot be mapped so.
+        """
+        found = {topic.name: topic for topic in self.topics}
+        for name, mapping in mappings.items():
+            found[name] = replace(self.topic(name), mapping=mapping)
+        return replace(self, topics=tuple(found.values()))
 
     def with_placements(self, placements: Mapping[str, Placement]) -> Graph:
-        """Return the graph with nodes placed anew, topics in software again; InvalidValueError for no node."""
-        for name in placements:
-            self.node(name)
-        nodes = tuple(replace(n, placement=placements.get(n.name, n.placement)) for n in self.nodes)
-        topics = tuple(replace(t, mapping=TopicMapping.SOFTWARE) for t in self.topics)
-        return replace(self, nodes=nodes, topics=topics)
+        """Return the graph with other placements of the given nodes, and all topics in software.
+
+        Raises:
+            InvalidValueError: A node does not exist.
+        """
+        found = {node.name: node for node in self.nodes}
+        for name, placement in placements.items():
+            found[name] = replace(self.node(name), placement=placement)
+        topics = tuple(replace(topic, mapping=TopicMapping.SOFTWARE) for topic in self.topics)
+        return replace(self, nodes=tuple(found.values()), topics=topics)
 
 
-def _named(key: str, name: str, members: Iterable[_Member]) -> _Member:
-    known = {member.name: member for member in members}
-    if name not in known:
-        raise _unknown(key, name, known)
-    return known[name]
+def _number(value: float | None) -> str:
+    return "" if value is None else f"{value:,}"
 
 
-def _unknown(key: str | KeyPath, name: str, known: Iterable[str]) -> InvalidValueError:
+def _named(key: str, name: str, members: tuple[_Member, ...]) -> _Member:
+    for member in members:
+        if member.name == name:
+            return member
+    raise _unknown((key,), name, [member.name for member in members])
+
+
+def _unknown(path: KeyPath, name: str, known: Iterable[str]) -> InvalidValueError:
     listed = sorted(known)
-    some = ", ".join(listed[:12]) + (", ..." if len(listed) > 12 else "")
-    return InvalidValueError(
-        key, name, f"one of {some}{suggestion(name, listed)}" if listed else "none at all"
-    )
+    if not listed:
+        return InvalidValueError(path, name, "none at all")
+    more = ", ..." if len(listed) > 12 else ""
+    allowed = f"one of {', '.join(listed[:12])}{more}{suggestion(name, listed)}"
+    return InvalidValueError(path, name, allowed)
 
 
-def _check_names(key: str, names: list[str]) -> None:
-    if "" in names:
-        raise InvalidValueError(key, "", "names that are not empty")
+def _check_names(path: KeyPath, names: Sequence[str]) -> None:
     for name, times in Counter(names).items():
+        if not name:
+            raise InvalidValueError(path, name, "names that are not empty")
         if times > 1:
-            raise InvalidValueError(
-                (key, name), name, f"each name once, and it is defined {times} times"
-            )
+            raise InvalidValueError(path, name, f"each name once, and it is there {times} times")
+
+
+def _check_numbers(path: KeyPath, value: Node | Topic | Implementation) -> None:
+    for field in fields(value):
+        number = getattr(value, field.name)
+        if isinstance(number, int | float) and not 0 <= number < float("inf"):
+            raise InvalidValueError((*path, field.name), number, "a finite number from 0")
 
 
 def _check_topic(topic: Topic, known: Mapping[str, Node]) -> None:
     path = ("topics", topic.name)
-    for part, names in (("publishers", topic.publishers), ("subscribers", topic.subscribers)):
-        for name, times in Counter(names).items():
+    _check_numbers(path, topic)
+    for key, names in (("publishers", topic.publishers), ("subscribers", topic.subscribers)):
+        _check_names((*path, key), names)
+        for name in names:
             if name not in known:
-                raise _unknown((*path, part), name, known)
-            if times > 1:
-                allowed = f"each node once, and it stands there {times} times"
-                raise InvalidValueError((*path, part), name, allowed)
+                raise _unknown((*path, key), name, known)
     if not topic.publishers:
-        raise InvalidValueError(
-            (*path, "publishers"), None, "at least one node that publishes the topic"
-        )
-    _check_not_negative((*path, "size_bytes"), topic.size_bytes)
-    _check_not_negative((*path, "rate_hz"), topic.rate_hz)
+        allowed = "at least one node that publishes the topic"
+        raise InvalidValueError((*path, "publishers"), None, allowed)
     outside = [name for name in topic.members if not known[name].in_hardware]
     if topic.mapping is TopicMapping.HARDWARE and outside:
         allowed = f"software or gateway, as {outside[0]!r} is placed in software"
-        raise InvalidValueError((*path, "mapping"), topic.mapping.value, allowed)
+        raise InvalidValueError((*path, "mapping"), "hardware", allowed)
 
 
-def _check_not_negative(path: KeyPath, value: float | None) -> None:
-    if value is not None and not 0 <= value < float("inf"):
-        raise InvalidValueError(path, value, "a finite number from 0")
-
-
-_WIDTH = 110
 _RARE_BREAKS = frozenset("\x85\u2028\u2029")
 
 
 def load_graph(path: Path | str) -> Graph:
-    """Read a graph from a YAML file; DocumentError says where it does not say what it must."""
+    """Read a graph from a YAML file.
+
+    Raises:
+        DocumentError: A value is missing or not allowed; the error names the line.
+    """
     return read_graph(Document.of_file(path))
 
 
-def graph_text(graph: Graph) -> str:
-    """Return a graph as the text of a YAML file; what has its default value is left out."""
-    import yaml
-
-    values = {
-        "name": graph.name,
-        "description": graph.description,
-        "nodes": {node.name: _node_values(node) for node in graph.nodes},
-        "topics": {topic.name: _topic_values(topic) for topic in graph.topics},
-    }
-    values = {key: value for key, value in values.items() if value or key == "nodes"}
-    layout: dict[str, Any] = {"sort_keys": False, "default_flow_style": None, "width": _WIDTH}
-    return str(yaml.dump(values, Dumper=_dumper(), allow_unicode=True, **layout))
-
-
-def _dumper() -> Any:
-    """Return PyYAML's dumper, which escapes rare line breaks here: raw, it would read them back as blanks."""
-    import yaml
-
-    class Dumper(yaml.SafeDumper):
-        pass
-
-    def represent(dumper: Dumper, text: str) -> yaml.ScalarNode:
-        style = '"' if _RARE_BREAKS.intersection(text) else None
-        return dumper.represent_scalar("tag:yaml.org,2002:str", text, style=style)
-
-    Dumper.add_representer(str, represent)
-    return Dumper
-
-
-def _node_values(node: Node) -> dict[str, Any]:
-    hardware = node.hardware
-    return {"placement": node.placement.value} | _present(
-        rate_hz=float(node.rate_hz) or None,
-        software_s=float(node.software_s) or None,
-        hardware=hardware
-        and {"lut": hardware.lut, "bram": float(hardware.bram), "time_s": float(hardware.time_s)},
-    )
-
-
-def _topic_values(topic: Topic) -> dict[str, Any]:
-    return _present(
-        type=topic.type or None,
-        size_bytes=topic.size_bytes,
-        rate_hz=None if topic.rate_hz is None else float(topic.rate_hz),
-        publishers=list(topic.publishers),
-        subscribers=list(topic.subscribers) or None,
-        mapping=None if topic.mapping is TopicMapping.SOFTWARE else topic.mapping.value,
-    )
-
-
-def _present(**values: Any) -> dict[str, Any]:
-    return {key: value for key, value in values.items() if value is not None}
-
-
 def read_graph(document: Document) -> Graph:
-    """Read a graph; raises `DocumentError`, as `load_graph`, for what the graph itself refuses too."""
+    """Read a graph from the text of a YAML file; raises as `load_graph`."""
     return document.read(Graph)
+
+
+def graph_text(graph: Graph) -> str:
+    """Return a graph as the text of a YAML file, without the values that are equal to their defaults."""
+    import yaml
+
+    values = _changed(graph, ("name", "description"))
+    nodes = values["nodes"] = {}
+    for node in graph.nodes:
+        changed = _changed(node, ("rate_hz", "software_s", "hardware"))
+        nodes[node.name] = {"placement": node.placement.value, **changed}
+    if graph.topics:
+        keys = ("type", "size_bytes", "rate_hz", "publishers", "subscribers", "mapping")
+        values["topics"] = {topic.name: _changed(topic, keys) for topic in graph.topics}
+    layout: dict[str, Any] = {"sort_keys": False, "default_flow_style": None, "width": 110}
+    text: str = yaml.safe_dump(values, allow_unicode=True, **layout)
+    if _RARE_BREAKS.intersection(text):
+        # PyYAML would write these characters as they are and read them as blanks.
+        text = yaml.safe_dump(values, **layout)
+    return text
+
+
+def _changed(value: Graph | Node | Topic, keys: Sequence[str]) -> dict[str, Any]:
+    """Return the values of fields that differ from their defaults."""
+    defaults = {field.name: field.default for field in fields(value)}
+    changed = [key for key in keys if getattr(value, key) != defaults[key]]
+    return {key: to_json(getattr(value, key)) for key in changed}

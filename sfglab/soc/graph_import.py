@@ -1,9 +1,8 @@
-"""Graphs from a recorded log, or of a domain that was listened to, and a graph as what hardware is built from.
+"""A graph from a log, and the hardware part of a mapped graph as ReconROS's `build.cfg`.
 
-No log says where nodes run, so all are placed in software. What cannot stand in a graph is left out and named
-with the reason. Built from is ReconROS' `build.cfg`: its slots, resources, threads and gateways, as in the
-demonstration of gateways that ReconROS carries; nodes in software run as ordinary ROS nodes. The sources of the
-threads, and the board's address and password, are left to the user. Nothing here was built with Vivado.
+A log does not say where nodes run, so all nodes of its graph are in software. The log may be a recording, or what
+`sfglab map --domain` received. `build.cfg` follows ReconROS's demonstration of gateways; users add the sources of
+the threads and the board's address. No file written here was built with Vivado.
 """
 
 from __future__ import annotations
@@ -24,27 +23,29 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ImportedGraph:
-    """A graph and what is missing from it."""
+    """The graph of a log."""
 
     graph: Graph  #: All nodes in software.
-    left_out: dict[str, str]  #: Topics that are not in it, and why.
+    left_out: dict[str, str]  #: Reason for each topic of the log that the graph leaves out.
 
 
 def graph_from_log(log: LogReader) -> ImportedGraph:
-    """Return the graph that an open log of any recorder shows: its topics with types, sizes and rates.
+    """Return the graph of an open log of any recorder: its topics with types, sizes and rates.
 
-    Where the log does not say who publishes a topic (`traffic_of`), it gets one node of its own, called
+    A topic whose publishers the log does not name (`traffic_of`) gets one node of its own, called
     ``publisher of <topic>``, and no subscribers.
 
     Raises:
         DocumentError: The metadata record is not what `graph_metadata` returns.
         LogError: The log is damaged.
     """
-    topics, left_out = [], {}
+    topics = []
+    left_out = {}
+    names: dict[str, None] = {}
     for found in traffic_of(log):
-        publishers = (
-            (f"publisher of {found.topic}",) if found.publishers is None else found.publishers
-        )
+        publishers = found.publishers
+        if publishers is None:
+            publishers = (f"publisher of {found.topic}",)
         if not publishers:
             left_out[found.topic] = f"no publisher in the record {COMPUTATION_GRAPH!r}"
             continue
@@ -57,16 +58,13 @@ def graph_from_log(log: LogReader) -> ImportedGraph:
             subscribers=found.subscribers,
         )
         topics.append(topic)
-    return ImportedGraph(graph=_graph(topics, log.path.name), left_out=left_out)
+        names |= dict.fromkeys(topic.members)
+    nodes = tuple(Node(name=name) for name in names)
+    graph = Graph(name=log.path.name, nodes=nodes, topics=tuple(topics))
+    return ImportedGraph(graph=graph, left_out=left_out)
 
 
-def _graph(topics: list[Topic], name: str) -> Graph:
-    members = dict.fromkeys(member for topic in topics for member in topic.members)
-    return Graph(
-        name=name, nodes=tuple(Node(name=member) for member in members), topics=tuple(topics)
-    )
-
-
+#: The board and tools of paper C, section 4, as in ReconROS's demonstration of gateways.
 _GENERAL = {
     "TargetBoard": "zcu104,0",
     "TargetPart": "xczu7ev-ffvc1156-2-e",
@@ -78,116 +76,108 @@ _GENERAL = {
     "TargetHls": "vivado,2021.2",
     "SystemClock": "System",
 }
-"""The setup of paper C, section 4, as ReconROS's own demonstration of gateways has it."""
-
 _CLOCK = {"ClockSource": "static", "ClockFreq": "100000000"}
-
-#: Last argument of a subscription to a software-mapped topic, as in all demonstrations.
-_TAKE = "10000"
-
-_TYPE = re.compile(r"(\w+)/msg/(\w+)")
-_QUOTED = re.compile(r'[^\s,"]+')
+_TAKE = "10000"  #: Last argument of a subscription in software, as in all demonstrations.
 
 
 def build_cfg(graph: Graph, *, name: str = "application") -> str:
-    """Return the text of an application's `build.cfg` for the part in hardware of a placed and mapped graph.
+    """Return the text of `build.cfg` for the hardware part of a placed and mapped graph.
 
-    Each node in hardware gets a slot, a thread of HLS source and its resources, each gateway a slot and its
-    section. Names are made into identifiers; ROS names stay. ReconROS's gateway knows ``sensor_msgs/Image``
-    alone; other types are written all the same. A type that is no message's, and a name that cannot be quoted,
-    are InvalidValueErrors.
+    Each node in hardware gets a slot, a thread with HLS source and its resources; each gateway gets a slot and a
+    section. Names of threads and streams become identifiers, ROS names stay. ReconROS's gateway supports only
+    ``sensor_msgs/Image``; other types are written all the same.
+
+    Raises:
+        InvalidValueError: A topic has no message type, or a name has a blank, a comma or a quote.
     """
-    placed = [node for node in graph.nodes if node.in_hardware]
-    touched = [topic for topic in graph.topics if graph.in_hardware.intersection(topic.members)]
-    for topic in touched:
-        _message_type(topic)
-        _check_name("topics", topic.name)
-    threads = _identifiers(node.name for node in placed)
-    streams = _identifiers(topic.name for topic in touched)
-    sections = [_section("General", {"Name": _identifiers([name])[name], **_GENERAL})]
-    sections.append(_section("Clock@System", _CLOCK))
-    sections += _slots(threads, len(graph.mapped_to(TopicMapping.GATEWAY)))
-    sections += [_resources(node, threads[node.name], touched, streams) for node in placed]
-    sections += [_thread(threads[node.name]) for node in placed]
+    placed = graph.in_hardware
+    touched = [topic for topic in graph.topics if placed.intersection(topic.members)]
+    types = {topic.name: _message_type(topic) for topic in touched}
+    _check_plain("topics", types)
+    threads = _identifiers(node.name for node in graph.nodes if node.in_hardware)
+    _check_plain("nodes", threads)
+    streams = _identifiers(types)
     gateways = [topic for topic in touched if topic.mapping is TopicMapping.GATEWAY]
-    sections += [_gateway(topic, i, streams[topic.name]) for i, topic in enumerate(gateways)]
-    return "\n".join(sections)
-
-
-def _section(title: str, values: Mapping[str, str]) -> str:
-    return "\n".join([f"[{title}]", *(f"{key} = {value}" for key, value in values.items())]) + "\n"
-
-
-def _slots(threads: Mapping[str, str], gateways: int) -> list[str]:
-    slots = [
-        _section(f"HwSlot@Slot_{thread}(0:0)", {"Id": str(i), "Clock": "System"})
-        for i, thread in enumerate(threads.values())
-    ]
-    if gateways:
-        title = f"HwSlot@Gateways(0:{gateways - 1})"
-        slots.append(_section(title, {"Id": str(len(threads)), "Clock": "System"}))
-    return slots
-
-
-def _resources(node: Node, thread: str, topics: Iterable[Topic], streams: Mapping[str, str]) -> str:
-    """A software-mapped topic has a message in main memory, a hardware-mapped one the name of its stream."""
-    _check_name("nodes", node.name)
-    values = {"node": f'rosnode, "{node.name}"'}
-    for topic in topics:
-        package, kind = _message_type(topic)
-        stream = streams[topic.name]
-        for side, members in (("pub", topic.publishers), ("sub", topic.subscribers)):
-            if node.name not in members:
-                continue
-            if topic.mapping is TopicMapping.SOFTWARE:
-                values[f"{side}_{stream}_msg"] = f"rosmsg, {package}, msg, {kind}"
-                take = f", {_TAKE}" if side == "sub" else ""
-                values[f"{side}_{stream}"] = (
-                    f'ros{side}, node, {side}_{stream}_msg, "{topic.name}"{take}'
-                )
-            else:
-                values[f"{side}_{stream}"] = f'ros{side}, node, {package}/{kind}, "{stream}", hw'
-    return _section(f"ResourceGroup@R_{thread}", values)
-
-
-def _thread(thread: str) -> str:
-    values = {"Slot": f"Slot_{thread}(*)", "HwSource": "hls", "ResourceGroup": f"R_{thread}"}
-    return _section(f"ReconosThread@{thread}", values)
-
-
-def _gateway(topic: Topic, number: int, stream: str) -> str:
-    package, kind = _message_type(topic)
-    values = {
-        "Slot": f"Gateways({number})",
-        "HWTopic": f'"{stream}"',
-        "SWTopic": f'"{topic.name}"',
-        "MsgType": f"{package}/{kind}",
+    sections = {
+        "General": {"Name": _identifiers([name])[name], **_GENERAL},
+        "Clock@System": _CLOCK,
     }
-    return _section(f"ROSGateway@gateway_{stream}", values)
+    for number, thread in enumerate(threads.values()):
+        sections[f"HwSlot@Slot_{thread}(0:0)"] = {"Id": str(number), "Clock": "System"}
+    if gateways:
+        slots = {"Id": str(len(threads)), "Clock": "System"}
+        sections[f"HwSlot@Gateways(0:{len(gateways) - 1})"] = slots
+    for node, thread in threads.items():
+        resources = {"node": f'rosnode, "{node}"'}
+        for topic in touched:
+            if node in topic.publishers:
+                resources |= _resource("pub", topic, streams[topic.name], types[topic.name])
+            if node in topic.subscribers:
+                resources |= _resource("sub", topic, streams[topic.name], types[topic.name])
+        sections[f"ResourceGroup@R_{thread}"] = resources
+    for thread in threads.values():
+        sections[f"ReconosThread@{thread}"] = {
+            "Slot": f"Slot_{thread}(*)",
+            "HwSource": "hls",
+            "ResourceGroup": f"R_{thread}",
+        }
+    for number, topic in enumerate(gateways):
+        stream = streams[topic.name]
+        sections[f"ROSGateway@gateway_{stream}"] = {
+            "Slot": f"Gateways({number})",
+            "HWTopic": f'"{stream}"',
+            "SWTopic": f'"{topic.name}"',
+            "MsgType": "/".join(types[topic.name]),
+        }
+    return _text(sections)
+
+
+def _text(sections: Mapping[str, Mapping[str, str]]) -> str:
+    lines = []
+    for title, values in sections.items():
+        lines.append(f"[{title}]")
+        lines += [f"{key} = {value}" for key, value in values.items()]
+        lines.append("")
+    return "\n".join(lines)
+
+
+def _resource(side: str, topic: Topic, stream: str, kind: tuple[str, str]) -> dict[str, str]:
+    """Return a node's end of a topic: a message in main memory, or the name of a stream in the logic."""
+    key = f"{side}_{stream}"
+    package, message = kind
+    if topic.mapping is not TopicMapping.SOFTWARE:
+        return {key: f'ros{side}, node, {package}/{message}, "{stream}", hw'}
+    resource = f'ros{side}, node, {key}_msg, "{topic.name}"'
+    if side == "sub":
+        resource += f", {_TAKE}"
+    return {f"{key}_msg": f"rosmsg, {package}, msg, {message}", key: resource}
 
 
 def _message_type(topic: Topic) -> tuple[str, str]:
-    found = _TYPE.fullmatch(topic.type)
+    found = re.fullmatch(r"(\w+)/msg/(\w+)", topic.type)
     if found is None:
         allowed = "a ROS message type such as 'sensor_msgs/msg/Image'"
-        raise InvalidValueError(f"topics.{topic.name}.type", topic.type or None, allowed)
+        raise InvalidValueError(("topics", topic.name, "type"), topic.type or None, allowed)
     return found[1], found[2]
 
 
-def _check_name(key: str, name: str) -> None:
-    """ReconROS splits a resource's arguments at commas and blanks, quoted or not."""
-    if not _QUOTED.fullmatch(name):
-        raise InvalidValueError(key, name, "names without blanks, commas and quotes in a build.cfg")
+def _check_plain(key: str, names: Iterable[str]) -> None:
+    """Refuse names at which ReconROS would split a resource's arguments: it does so within quotes too."""
+    for name in names:
+        if not re.fullmatch(r'[^\s,"]+', name):
+            allowed = "names without blanks, commas and quotes in a build.cfg"
+            raise InvalidValueError(key, name, allowed)
 
 
 def _identifiers(names: Iterable[str]) -> dict[str, str]:
-    """Return an identifier for each name; all differ, also in one case, as names of cores have."""
+    """Return an identifier for each name; they differ in more than upper and lower case, as cores must."""
     found: dict[str, str] = {}
-    taken: set[str] = set()
+    taken = set()
     for name in names:
         plain = re.sub(r"[^A-Za-z0-9]+", "_", name).strip("_") or "x"
         base = plain if plain[0].isalpha() else f"n{plain}"
-        count, identifier = 1, base
+        identifier = base
+        count = 1
         while identifier.lower() in taken:
             count += 1
             identifier = f"{base}_{count}"

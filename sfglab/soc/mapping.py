@@ -1,8 +1,9 @@
-"""Communication mapping: which topics go to software, to hardware, or to a gateway (paper C, section 5).
+"""Communication mapping: which topics go to software, to hardware or to a gateway (paper C, section 5).
 
-Node placement is given. The paper's three cases, the edges that cross the boundary, how often a message is
-carried across the memory interface, and by its model (`sfglab.soc.memory`) how long that takes, from which
-follows a gateway rule that knows sizes. One message at a time has the interface for itself.
+The placement of the nodes is given. This module maps the topics by the paper's three cases, finds the edges across
+the boundary between software and hardware, and counts how often a message is carried across the memory interface.
+With the model of that interface (`sfglab.soc.memory`) it predicts times, for one message at a time, and gives a
+rule for gateways that knows the sizes of messages.
 """
 
 from __future__ import annotations
@@ -12,8 +13,8 @@ from itertools import pairwise
 from typing import TYPE_CHECKING
 
 from sfglab.errors import InvalidValueError
-from sfglab.soc.graph import Edge, EdgeKind, Graph, Node, Topic, TopicMapping
-from sfglab.soc.memory import STORED, Costs, Judge, Setup, Side, Transport, judged_s, transfer_times
+from sfglab.soc.graph import Edge, EdgeKind, Graph, Node, Topic, TopicMapping, Vertex
+from sfglab.soc.memory import Judge, Setup, Side, Transport, judged_s, transfer_times
 from sfglab.tables import html_table
 
 if TYPE_CHECKING:
@@ -22,10 +23,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Crossing:
-    """Edges that cross the boundary between software and hardware."""
+    """Edges across the boundary between software and hardware."""
 
-    publications: tuple[Edge, ...]  #: Those of E_pub.
-    subscriptions: tuple[Edge, ...]  #: Those of E_sub.
+    publications: tuple[Edge, ...]  #: Edges of E_pub.
+    subscriptions: tuple[Edge, ...]  #: Edges of E_sub.
 
     def __len__(self) -> int:
         return len(self.publications) + len(self.subscriptions)
@@ -36,41 +37,35 @@ class Crossing:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CommunicationMapping:
-    """The three states of the graph's topics that section 5 walks through."""
+    """The three stages of section 5; a node has the same placement in each."""
 
     software: Graph  #: All topics in software, the default (Fig. 8b).
-    #: Topics among hardware nodes alone in hardware, the others in software (Fig. 8c).
-    hardware: Graph
-    #: Topics between both sides at gateways where the rule wants it (Fig. 8d): the result.
-    gateways: Graph
+    hardware: Graph  #: Topics that join hardware nodes only in hardware, the others in software (Fig. 8c).
+    gateways: Graph  #: In addition gateways where the rule wants them (Fig. 8d): the result.
 
     @property
     def stages(self) -> tuple[Graph, Graph, Graph]:
         """The three graphs in the paper's order."""
         return self.software, self.hardware, self.gateways
 
+    @property
+    def crossing(self) -> tuple[int, ...]:
+        """Number of edges across the boundary in each stage; 10, 8 and 3 in the paper's example."""
+        return tuple(len(crossing_edges(graph)) for graph in self.stages)
+
     def __repr__(self) -> str:
         edges = " to ".join(map(str, self.crossing))
         return f"<mapping of {self.gateways.name}: from {edges} edges across the boundary>"
 
     def _repr_html_(self) -> str:
-        rows = [
-            (t.name, *(_mapped(graph, t.name) for graph in self.stages))
-            for t in self.gateways.topics
-        ]
-        head = (
-            "topic (carried across, times a message)",
-            "all in software",
-            "topics in hardware",
-            "gateways",
-        )
-        return html_table([head, *rows, ("edges across", *self.crossing)], repr(self)[1:-1])
-
-    @property
-    def crossing(self) -> tuple[int, int, int]:
-        """Number of edges across the boundary in each; 10, 8 and 3 in the paper's example."""
-        first, second, third = (len(crossing_edges(graph)) for graph in self.stages)
-        return first, second, third
+        title = "topic (times that a message is carried across)"
+        rows = [(title, "all in software", "topics in hardware", "gateways")]
+        for topic in self.gateways.topics:
+            software, hardware, gateways = (_mapped(graph, topic.name) for graph in self.stages)
+            rows.append((topic.name, software, hardware, gateways))
+        first, second, third = self.crossing
+        rows.append(("edges across", str(first), str(second), str(third)))
+        return html_table(rows, repr(self)[1:-1])
 
 
 def _mapped(graph: Graph, name: str) -> str:
@@ -90,48 +85,49 @@ def map_communication(
 
     The three cases of section 5, for each topic t:
 
-    1. all publishers and subscribers are in N_SW: t goes to T_SW;
-    2. all of them are in N_HW: t goes to T_HW;
-    3. else t joins both sides: T_GW where `gateway` says so, or else T_SW, the default.
+    1. All publishers and subscribers are in N_SW: t goes to T_SW.
+    2. All of them are in N_HW: t goes to T_HW.
+    3. Otherwise t joins both sides: t goes to T_GW if the rule `gateway` says so, else to T_SW.
 
-    How the topics of the given graph are mapped does not matter, so mapping a result again changes nothing.
+    The mappings of the given graph do not matter, so that mapping a result again changes nothing.
     """
     placed = graph.in_hardware
-    software = graph.with_mappings({topic.name: TopicMapping.SOFTWARE for topic in graph.topics})
+    software = graph.with_placements({})
     inside = [topic.name for topic in graph.topics if placed.issuperset(topic.members)]
     hardware = software.with_mappings(dict.fromkeys(inside, TopicMapping.HARDWARE))
-    chosen = {
-        topic.name: TopicMapping.GATEWAY
-        for topic in hardware.topics
-        if topic.name not in inside
-        and placed.intersection(topic.members)
-        and gateway(hardware, topic)
-    }
-    return CommunicationMapping(
-        software=software, hardware=hardware, gateways=hardware.with_mappings(chosen)
-    )
+    chosen = {}
+    for topic in hardware.topics:
+        joins_both = topic.name not in inside and placed.intersection(topic.members)
+        if joins_both and gateway(hardware, topic):
+            chosen[topic.name] = TopicMapping.GATEWAY
+    gateways = hardware.with_mappings(chosen)
+    return CommunicationMapping(software=software, hardware=hardware, gateways=gateways)
 
 
 def crossing_edges(graph: Graph) -> Crossing:
-    """Return the edges across the boundary, as section 5 counts them; a topic in hardware has none.
+    """Return the edges across the boundary as section 5 counts them.
 
-    Of a topic in software they are those of nodes in hardware, of a gateway those of nodes in software.
+    They are a software topic's edges to hardware nodes and a gateway's edges to software nodes. A topic in hardware
+    has none.
     """
     placed = graph.in_hardware
-    beside = {topic.name: topic.mapping is not TopicMapping.SOFTWARE for topic in graph.topics}
-    found = [edge for edge in graph.edges() if (edge.node in placed) is not beside[edge.topic]]
+    in_software = set(graph.mapped_to(TopicMapping.SOFTWARE))
+    found: dict[EdgeKind, list[Edge]] = {kind: [] for kind in EdgeKind}
+    for edge in graph.edges():
+        if (edge.node in placed) is (edge.topic in in_software):
+            found[edge.kind].append(edge)
     return Crossing(
-        publications=tuple(edge for edge in found if edge.kind is EdgeKind.PUBLISH),
-        subscriptions=tuple(edge for edge in found if edge.kind is EdgeKind.SUBSCRIBE),
+        publications=tuple(found[EdgeKind.PUBLISH]), subscriptions=tuple(found[EdgeKind.SUBSCRIBE])
     )
 
 
 def carriages_per_message(graph: Graph, topic: Topic) -> float:
-    """Return how often a message is carried across the memory interface, the mean over publishers.
+    """Return how often a message is carried across the memory interface, as the mean over publishers.
 
-    This is what a gateway reduces (section 3); edges only stand for it. A gateway with many subscribers in
-    software has as many crossing edges, and still carries a message once: behind it they share main memory.
-    In software each hardware publisher writes a message once and each hardware subscriber reads it once.
+    This is what a gateway reduces (section 3); the number of edges only stands for it. A gateway with many
+    subscribers in software has as many crossing edges, and still carries a message once, because behind it they
+    share main memory. In software each hardware publisher writes a message once and each hardware subscriber reads
+    it once.
     """
     if topic.mapping is TopicMapping.HARDWARE:
         return 0.0
@@ -142,20 +138,18 @@ def carriages_per_message(graph: Graph, topic: Topic) -> float:
     return written + len(placed.intersection(topic.subscribers))
 
 
-def hardware_subgraphs(graph: Graph) -> tuple[tuple[frozenset[str], frozenset[str]], ...]:
-    """Return each part that is joined inside the logic, outlined in Fig. 8: its nodes and its topics."""
-    placed = graph.in_hardware
-    parts: list[tuple[set[str], set[str]]] = [({name}, set()) for name in sorted(placed)]
-    for topic in graph.topics:
-        if topic.mapping is TopicMapping.SOFTWARE:
-            continue
-        members = placed.intersection(topic.members)
-        joined = [part for part in parts if part[0] & members]
-        parts = [part for part in parts if not part[0] & members]
-        nodes: set[str] = set().union(*(part[0] for part in joined))
-        topics = {topic.name}.union(*(part[1] for part in joined))
-        parts.append((nodes, topics))
-    return tuple((frozenset(nodes), frozenset(topics)) for nodes, topics in parts)
+def hardware_parts(graph: Graph) -> list[frozenset[Vertex]]:
+    """Return the nodes and topics of each part that is connected within the logic: the outlines of Fig. 8."""
+    import networkx as nx
+
+    logic = nx.Graph(edge.ends for edge in graph.edges())
+    logic.add_nodes_from(("node", node.name) for node in graph.nodes)
+    for node in graph.nodes:
+        if not node.in_hardware:
+            logic.remove_node(("node", node.name))
+    for name in graph.mapped_to(TopicMapping.SOFTWARE):
+        logic.remove_node(("topic", name))
+    return [frozenset(part) for part in nx.connected_components(logic)]
 
 
 _TRANSPORTS = {
@@ -165,91 +159,80 @@ _TRANSPORTS = {
 }
 
 
-def transfer_s(
-    graph: Graph, topic: Topic, *, judge: Judge = Judge.LAST, costs: Costs = STORED
-) -> float:
+def transfer_s(graph: Graph, topic: Topic, *, judge: Judge = Judge.LAST) -> float:
     """Return how long a message takes from its publisher to its subscribers as its topic is mapped, s.
 
-    The judge says which subscriber's time counts; of publishers on both sides it is the longer one's. Raises
-    InvalidValueError where the topic's size is unknown.
-    """
-    return max(
-        judged_s(transfer_times(setup, costs), setup, judge) for setup in _setups(graph, topic)
-    )
-
-
-def arrival_s(graph: Graph, edge: Edge, *, costs: Costs = STORED) -> float:
-    """Return how long a message takes to a subscription's node as its topic is mapped, s.
-
-    A node in hardware is counted as the last of those, one in software in the mean over orders of delivery.
+    The judge says which subscriber's time counts. If publishers are on both sides, the longer time counts.
 
     Raises:
-        InvalidValueError: The topic's size is unknown.
+        InvalidValueError: The size of the messages is unknown.
     """
-    topic = graph.topic(edge.topic)
-    judge = Judge.HARDWARE if edge.node in graph.in_hardware else Judge.SOFTWARE
-    return transfer_s(graph, topic, judge=judge, costs=costs)
-
-
-def chain_s(graph: Graph, chain: Sequence[str], *, costs: Costs = STORED) -> dict[Edge, float]:
-    """Return when the next node of a chain has the message, s, from the start of the first node's work.
-
-    Work is that of a node's activation where it is placed. A topic without a size is no part of a chain;
-    InvalidValueError where none goes from a node to the next.
-    """
-    found: dict[Edge, float] = {}
-    now_s = 0.0
-    for before, after in pairwise(map(graph.node, chain)):
-        ways = (
-            t for t in graph.topics if before.name in t.publishers and after.name in t.subscribers
-        )
-        way = next((topic.name for topic in ways if topic.size_bytes), None)
-        if way is None:
-            pair = f"{before.name}, {after.name}"
-            raise InvalidValueError("chain", pair, "nodes that a topic with a size joins")
-        edge = Edge(topic=way, node=after.name, kind=EdgeKind.SUBSCRIBE)
-        now_s += activation_s(before) + arrival_s(graph, edge, costs=costs)
-        found[edge] = now_s
-    return found
-
-
-def activation_s(node: Node) -> float:
-    """Return the time of a node's activation where it is placed, s; 0 where unknown."""
-    if not node.in_hardware:
-        return node.software_s
-    return node.hardware.time_s if node.hardware else 0.0
-
-
-def faster_by_gateway(
-    *, judge: Judge = Judge.LAST, costs: Costs = STORED
-) -> Callable[[Graph, Topic], bool]:
-    """Return a rule for `map_communication`: a gateway where it is predicted to be faster; see `transfer_s`."""
-
-    def rule(graph: Graph, topic: Topic) -> bool:
-        software, gateway = (
-            transfer_s(graph, replace(topic, mapping=mapping), judge=judge, costs=costs)
-            for mapping in (TopicMapping.SOFTWARE, TopicMapping.GATEWAY)
-        )
-        return gateway < software
-
-    return rule
-
-
-def _setups(graph: Graph, topic: Topic) -> list[Setup]:
-    """Return the model's view of a topic, once for each side from which it is published."""
     if topic.size_bytes is None:
-        key = f"topics.{topic.name}.size_bytes"
+        key = ("topics", topic.name, "size_bytes")
         raise InvalidValueError(key, None, "the size of a message, to know its time")
     placed = graph.in_hardware
     hardware = len(placed.intersection(topic.subscribers))
-    sides = {Side.HARDWARE if name in placed else Side.SOFTWARE: None for name in topic.publishers}
-    return [
-        Setup(
-            publisher=side,
+    longest_s = 0.0
+    for publisher in topic.publishers:
+        setup = Setup(
+            publisher=Side.HARDWARE if publisher in placed else Side.SOFTWARE,
             transport=_TRANSPORTS[topic.mapping],
             message_bytes=max(topic.size_bytes, 1),
             hardware=hardware,
             software=len(topic.subscribers) - hardware,
         )
-        for side in sides
-    ]
+        longest_s = max(longest_s, judged_s(transfer_times(setup), setup, judge))
+    return longest_s
+
+
+def faster_by_gateway(graph: Graph, topic: Topic) -> bool:
+    """Return whether a gateway is predicted to be faster for a topic: a rule for `map_communication`."""
+    software = replace(topic, mapping=TopicMapping.SOFTWARE)
+    gateway = replace(topic, mapping=TopicMapping.GATEWAY)
+    return transfer_s(graph, gateway) < transfer_s(graph, software)
+
+
+def arrival_s(graph: Graph, edge: Edge) -> float:
+    """Return how long a message takes to a subscription's node as its topic is mapped, s.
+
+    A node in hardware counts as the last of the hardware nodes, a node in software as the mean over orders of
+    delivery.
+
+    Raises:
+        InvalidValueError: The size of the messages is unknown.
+    """
+    judge = Judge.HARDWARE if edge.node in graph.in_hardware else Judge.SOFTWARE
+    return transfer_s(graph, graph.topic(edge.topic), judge=judge)
+
+
+def chain_s(graph: Graph, chain: Sequence[str]) -> dict[Edge, float]:
+    """Return when each next node of a chain has the message, s, from the start of the first node's work.
+
+    Args:
+        graph: Graph with its mapping.
+        chain: Names of nodes; a topic whose size is known goes from each to the next.
+
+    Raises:
+        InvalidValueError: No such topic joins two nodes.
+    """
+    found: dict[Edge, float] = {}
+    now_s = 0.0
+    for before, after in pairwise(chain):
+        edge = _link(graph, before, after)
+        now_s += activation_s(graph.node(before)) + arrival_s(graph, edge)
+        found[edge] = now_s
+    return found
+
+
+def _link(graph: Graph, before: str, after: str) -> Edge:
+    for topic in graph.topics:
+        if before in topic.publishers and after in topic.subscribers and topic.size_bytes:
+            return Edge(topic=topic.name, node=after, kind=EdgeKind.SUBSCRIBE)
+    raise InvalidValueError("chain", f"{before}, {after}", "nodes that a topic with a size joins")
+
+
+def activation_s(node: Node) -> float:
+    """Return the time of a node's activation on its side, s; 0 if unknown."""
+    if not node.in_hardware:
+        return node.software_s
+    return node.hardware.time_s if node.hardware else 0.0

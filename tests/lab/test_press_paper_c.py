@@ -69,7 +69,7 @@ def test_a_node_that_moves_takes_its_topics_along_and_what_does_not_fit_is_refus
     assert "polyfit" not in picture.graph.in_hardware
     assert picture.graph.topic("/lane_mask").mapping is TopicMapping.SOFTWARE
     assert picture.graph.topic("/A").mapping is TopicMapping.GATEWAY
-    picture.lut.value = assess(picture.graph, ZCU104).lut
+    picture.lut.value = assess(picture.graph).lut
     before = picture.graph
     picture.press("node:polyfit")
     assert "ZCU104 has" in picture.said

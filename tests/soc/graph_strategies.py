@@ -5,9 +5,19 @@ from pathlib import Path
 
 from hypothesis import strategies as st
 
-from sfglab.soc import Graph, Implementation, Node, Placement, Topic, TopicMapping
+from sfglab.soc import (
+    Graph,
+    Implementation,
+    Node,
+    Placement,
+    Topic,
+    TopicMapping,
+    load_graph,
+    map_communication,
+)
 
 GRAPHS = Path(__file__).parents[2] / "data" / "graphs"
+FIGURE_8 = map_communication(load_graph(GRAPHS / "figure_8.yaml"))
 HW, SW = Placement.HARDWARE, Placement.SOFTWARE
 
 names = st.text(st.characters(categories=("L", "N", "P", "S", "Zs")), min_size=1, max_size=8)

@@ -18,12 +18,11 @@ def imported(tmp_path):
     """The graph of a log with eleven messages of each topic, 100 ms apart."""
 
     def write_and_read(topics, metadata=None):
+        message = default_message(STRING, data="x" * 100)
         with LogWriter(tmp_path / "run.mcap") as log:
             for i in range(11):
                 for topic in topics:
-                    log.write(
-                        topic, default_message(STRING, data="x" * 100), log_time_ns=i * 100_000_000
-                    )
+                    log.write(topic, message, log_time_ns=i * 100_000_000)
             if metadata is not None:
                 log.write_metadata(COMPUTATION_GRAPH, metadata)
         with LogReader(tmp_path / "run.mcap") as log:
@@ -42,33 +41,28 @@ def test_a_log_gives_topics_with_types_sizes_and_rates(imported):
     assert soc.read_graph(Document(soc.graph_text(found.graph), "g.yaml")) == found.graph
 
 
-def test_a_log_that_says_who_publishes_gives_the_nodes_too(imported):
+def test_a_record_of_the_graph_gives_the_nodes_too_and_leaves_out_topics_without_publisher(
+    imported,
+):
     graph = chain(SW, SW, SW)
-    sides = {
-        t.name: {"publishers": [*t.publishers], "subscribers": [*t.subscribers]}
-        for t in graph.topics
-    }
-    found = imported(["ab", "bc", "/x"], sides).graph
-    assert list(found.edges())[-4:] == list(graph.edges())
-    assert found.topic("/x").publishers == ("publisher of /x",)
-    assert set(found.in_hardware) == set()
-
-
-def test_a_topic_that_the_record_gives_no_publisher_is_left_out_with_the_reason(imported):
-    found = imported(["/a"], {"/a": {"publishers": [], "subscribers": ["s"]}})
-    assert found.left_out == {"/a": "no publisher in the record 'computation_graph'"}
-    assert found.graph.topics == ()
+    record = {"/no": {"publishers": [], "subscribers": ["s"]}}
+    for topic in graph.topics:
+        ends = {"publishers": [*topic.publishers], "subscribers": [*topic.subscribers]}
+        record[topic.name] = ends
+    found = imported(["ab", "bc", "/x", "/no"], record)
+    assert list(found.graph.edges())[-4:] == list(graph.edges())
+    assert found.graph.topic("/x").publishers == ("publisher of /x",)
+    assert not found.graph.in_hardware
+    assert found.left_out == {"/no": "no publisher in the record 'computation_graph'"}
 
 
 def test_a_record_of_another_kind_is_refused(imported):
-    with pytest.raises(
-        InvalidValueError,
-        match=r"run\.mcap: computation_graph\./a\.publishers: given 'me', allowed: a list",
-    ):
+    place = r"run\.mcap: computation_graph\./a\.publishers"
+    with pytest.raises(InvalidValueError, match=rf"{place}: given 'me', allowed: a list"):
         imported(["/a"], {"/a": {"publishers": "me"}})
 
 
-def test_the_reference_logs_of_this_repository_have_graphs_without_their_tables():
+def test_a_graph_of_an_experiment_s_log_has_none_of_its_tables():
     with LogReader(GRAPHS.parent / "reference" / "decode_once.mcap") as log:
         found = soc.graph_from_log(log)
         assert log.tables

@@ -21,7 +21,7 @@ from sfglab.soc import (
     map_communication,
     place_nodes,
 )
-from sfglab.soc.placement import gateway_load, hardware_load, software_load, topic_load
+from sfglab.soc.placement import Load, carriage_load, topic_load
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -117,7 +117,7 @@ def greedy_placement(graph: Graph, platform: Platform) -> frozenset[str]:
 
     def gain(node: Node, part: Implementation) -> float:
         area = part.lut / max(platform.lut, 1) + part.bram / max(platform.bram, 1e-9)
-        return (software_load(node) - hardware_load(node)) / max(area, 1e-9)
+        return node.rate_hz * (node.software_s - part.time_s) / max(area, 1e-9)
 
     able = [(node, node.hardware) for node in graph.nodes if node.hardware]
     chosen: list[str] = []
@@ -156,8 +156,12 @@ def cost_s(
     graph: Graph, there: frozenset[str], gateways: tuple[str, ...], platform: Platform
 ) -> float:
     """Return what a placement with given gateways costs; infinite where it does not fit."""
-    load = assess(_mapped(graph, there, gateways), platform)
-    return load.total_s if load.fits(platform) else math.inf
+    load = assess(_mapped(graph, there, gateways))
+    return load.total_s if _fits(load, platform) else math.inf
+
+
+def _fits(load: Load, platform: Platform) -> bool:
+    return load.lut <= platform.lut and load.bram <= platform.bram
 
 
 def _mapped(graph: Graph, there: frozenset[str], gateways: tuple[str, ...]) -> Graph:
@@ -172,11 +176,12 @@ def _paying(graph: Graph, there: frozenset[str], platform: Platform) -> tuple[st
     """Return the topics that are cheaper at a gateway, the best first, while gateways fit."""
     without = _mapped(graph, there, ())
     saved = {
-        t.name: topic_load(without, t, platform) - gateway_load(t, platform) for t in without.topics
+        t.name: topic_load(without, t) - carriage_load(t, TopicMapping.GATEWAY)
+        for t in without.topics
     }
     chosen: tuple[str, ...] = ()
     for name in sorted(saved, key=lambda key: saved[key], reverse=True):
         more = (*chosen, name)
-        if saved[name] > 0 and assess(_mapped(graph, there, more), platform).fits(platform):
+        if saved[name] > 0 and _fits(assess(_mapped(graph, there, more)), platform):
             chosen = more
     return chosen

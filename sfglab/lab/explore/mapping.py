@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 from sfglab.errors import SfglabError
 from sfglab.lab.explore.press import Pressed, part
 from sfglab.soc import mapping
-from sfglab.soc.graph import Edge, EdgeKind, Graph, Placement, TopicMapping
-from sfglab.soc.graph_drawing import draw_graph, draw_legend, size_of
-from sfglab.soc.layout import Vertex, layered_layout, node_vertex, topic_vertex
+from sfglab.soc.graph import EdgeKind, Graph, Placement, TopicMapping
+from sfglab.soc.graph_drawing import CROSSING, FRAME, LEGEND_WIDTH, draw_graph, draw_legend
+from sfglab.soc.graph_layout import layered_layout
 from sfglab.soc.mapping import map_communication
 from sfglab.soc.placement import Platform, assess, check_fixed, place_nodes, topic_load
 from sfglab.view.widgets import button, widgets
@@ -19,10 +19,18 @@ from sfglab.view.widgets import button, widgets
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 _MS = 1e3
 _CYCLE = (TopicMapping.SOFTWARE, TopicMapping.GATEWAY, TopicMapping.HARDWARE)
+_NOTE: dict[str, Any] = {
+    "ha": "center",
+    "fontsize": 6.5,
+    "linespacing": 1.0,
+    "zorder": 5,
+    "bbox": {"fc": "white", "ec": "none", "pad": 0.5, "alpha": 0.8},
+}
 _OTHER = {Placement.SOFTWARE: Placement.HARDWARE, Placement.HARDWARE: Placement.SOFTWARE}
 
 
@@ -60,8 +68,8 @@ class PressedMapping(Pressed):
         self.lut = kit.IntSlider(value=most, max=most, description="LUT", layout={"width": "30em"})
         self.lut.observe(lambda change: self.answer(lambda: self._limit(change["new"])), "value")
         above = [kit.HBox([*buttons, *([self.lut] if platform else [])]), self.why]
-        width, height = size_of(self._layout)
-        size = width, height + 0.9
+        width, height = self._layout.size
+        size = max(width, LEGEND_WIDTH), height + 1.2
         super().__init__(
             self._picture, size=size, press=self._move, titles=self._sentences, above=above
         )
@@ -69,19 +77,19 @@ class PressedMapping(Pressed):
     def optimise(self) -> None:
         """Map as the programme does, and say why."""
         if self._platform is None:
-            rule = mapping.faster_by_gateway()
-            self._set(map_communication(self.graph, gateway=rule).gateways, self._reasons_of_topics)
+            mapped = map_communication(self.graph, gateway=mapping.faster_by_gateway)
+            self._set(mapped.gateways, self._reasons_of_topics)
         else:
             self._set(place_nodes(self.graph, self._platform).graph, self._reasons)
 
     def _limit(self, lut: int) -> None:
         assert self._platform is not None, "without one there is no slider"
         self._platform = replace(self._platform, lut=lut)
-        assess(self.graph, self._platform).check_fits(self._platform)
+        assess(self.graph).check_fits(self._platform)
 
     def _set(self, graph: Graph, reasons: Any = tuple) -> None:
         if self._platform is not None:
-            assess(graph, self._platform).check_fits(self._platform)
+            assess(graph).check_fits(self._platform)
         self.graph = graph
         self._asked.clear()
         self.why.value = "<br>".join(escape(reason) for reason in reasons())
@@ -107,7 +115,7 @@ class PressedMapping(Pressed):
         """Yield what a second's work would take with each choice the other way, all else at its best."""
         assert self._platform is not None, "the programme needs one"
         sides = {node.name: node.placement for node in self.graph.nodes}
-        least_s = assess(self.graph, self._platform).total_s
+        least_s = assess(self.graph).total_s
         yield f"Least work and carriage: {_MS * least_s:.2f} ms each second. Others, all else at its best:"
         for node in self.graph.nodes:
             if node.hardware is None:
@@ -123,7 +131,7 @@ class PressedMapping(Pressed):
             yield f"{node.name} in {other.value}: {_MS * found:.2f} ms"
         for name in self.graph.mapped_to(TopicMapping.GATEWAY):
             without = self.graph.with_mappings({name: TopicMapping.SOFTWARE})
-            yield f"{name} without a gateway: {_MS * assess(without, self._platform).total_s:.2f} ms"
+            yield f"{name} without a gateway: {_MS * assess(without).total_s:.2f} ms"
 
     def _reasons_of_topics(self) -> Iterator[str]:
         yield "Gateways where a message is with its last subscriber earlier:"
@@ -140,37 +148,45 @@ class PressedMapping(Pressed):
     # How it looks.
 
     def _picture(self, figure: Figure) -> None:
-        drawn = draw_graph(figure.subplots(), self.graph, layout=self._layout, notes=self._notes())
+        ax = figure.subplots()
+        drawn = draw_graph(ax, self.graph, layout=self._layout)
         for (kind, name), artists in drawn.items():
             part(f"{kind}:{name}", *artists)
+        self._note_times(ax)
+        self._note_carriages(ax)
         figure.suptitle(self._cost(), fontsize="medium")
         draw_legend(figure)
 
-    def _notes(self) -> dict[Edge | Vertex, str]:
-        notes: dict[Edge | Vertex, str] = {}
+    def _note_times(self, ax: Axes) -> None:
+        """Write how long a message takes to each subscriber on the middle of its edge."""
         along = mapping.chain_s(self.graph, self._chain)
-        for edge in self.graph.edges():
-            if (
-                edge.kind is EdgeKind.SUBSCRIBE
-                and self.graph.topic(edge.topic).size_bytes is not None
-            ):
-                notes[edge] = f"{_MS * mapping.arrival_s(self.graph, edge):.2g} ms"
+        crossing = mapping.crossing_edges(self.graph)
+        for edge, line in self._layout.lines.items():
+            if edge.kind is EdgeKind.PUBLISH or self.graph.topic(edge.topic).size_bytes is None:
+                continue
+            text = f"{_MS * mapping.arrival_s(self.graph, edge):.2g} ms"
             if edge in along:
-                notes[edge] += f"\n\N{GREEK CAPITAL LETTER SIGMA} {_MS * along[edge]:.1f}"
+                text += f"\n\N{GREEK CAPITAL LETTER SIGMA} {_MS * along[edge]:.1f}"
+            x, y = line[len(line) // 2]
+            color = CROSSING if edge in crossing else FRAME
+            ax.text(x, y, text, color=color, va="center", **_NOTE)
+
+    def _note_carriages(self, ax: Axes) -> None:
+        """Write how often a topic's messages are carried below the topic."""
         for topic in self.graph.topics:
-            if times := mapping.carriages_per_message(self.graph, topic):
-                vertex = topic_vertex(topic.name)
-                notes[vertex] = f"carried {times:g}x"
-                if self._platform:
-                    notes[vertex] += (
-                        f", {_MS * topic_load(self.graph, topic, self._platform):.2g} ms/s"
-                    )
-        return notes
+            times = mapping.carriages_per_message(self.graph, topic)
+            if not times:
+                continue
+            text = f"carried {times:g}x"
+            if self._platform:
+                text += f", {_MS * topic_load(self.graph, topic):.2g} ms/s"
+            box = self._layout.boxes["topic", topic.name]
+            ax.text(box.x, box.y - box.height / 2 - 0.03, text, color=FRAME, va="top", **_NOTE)
 
     def _cost(self) -> str:
         told = []
         if self._platform:
-            load = assess(self.graph, self._platform)
+            load = assess(self.graph)
             times = {
                 "software": load.software_s,
                 "hardware": load.hardware_s,
@@ -189,10 +205,9 @@ class PressedMapping(Pressed):
     def _sentences(self) -> dict[str, str]:
         said = {}
         for node in self.graph.nodes:
-            said[node_vertex(node.name)] = (
-                f"{node.name} runs in {node.placement.value}: press to move it"
-            )
+            text = f"{node.name} runs in {node.placement.value}: press to move it"
+            said[f"node:{node.name}"] = text
         for topic in self.graph.topics:
             text = f"{topic.name} is mapped to {topic.mapping.value}: press for the next"
-            said[topic_vertex(topic.name)] = text
-        return {":".join(vertex): text for vertex, text in said.items()}
+            said[f"topic:{topic.name}"] = text
+        return said

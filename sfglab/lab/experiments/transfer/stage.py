@@ -59,7 +59,7 @@ JUDGES = {"hardware": Judge.HARDWARE, "software": Judge.SOFTWARE, "last": Judge.
 RULES: dict[str, Callable[[Graph, Topic], bool]] = {
     "none": lambda _graph, _topic: False,
     "paper": more_than_one_hardware_subscriber,
-    "size-aware": soc.faster_by_gateway(judge=Judge.LAST),
+    "size-aware": soc.faster_by_gateway,
 }
 """Topics that get a gateway: none, by section 5's rule, or by predicted time to the last subscriber."""
 

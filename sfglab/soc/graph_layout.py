@@ -1,0 +1,186 @@
+"""Places of a graph's nodes, topics and edges in its picture: in layers, from publishers to subscribers.
+
+Sugiyama's method with networkx: layers follow the longest path, an edge that passes a layer has a bend point there,
+and sweeps over the layers sort each by the heights of its neighbours. Edges that close a cycle run backwards. The
+layout does not depend on placements and mappings, so that pictures of one graph can be compared.
+"""
+
+from __future__ import annotations
+
+import re
+import textwrap
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from operator import itemgetter
+from statistics import fmean, median
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    import networkx as nx
+    from numpy.typing import NDArray
+
+    from sfglab.soc.graph import Edge, Graph, Vertex
+
+# All lengths are in inches.
+_LETTER, _LINE, _PAD = 0.072, 0.142, 0.07  # width of a letter, height of a line, room around a name
+_LETTERS, _LINES = 12, 4  # most letters per line and lines of a name
+_COLUMN_GAP, _BOX_GAP, _BEND_GAP = 0.65, 0.4, 0.25  # between layers, frames, and bend points
+_LEAD = 0.1  # straight part of an edge beside a layer; an arrow fits on it
+_BACKWARDS = 0.08  # distance of an edge that runs backwards below the middle of its frames
+_MARGIN = 0.2  # around the picture, for outlines and notes
+_SWEEPS = 24
+_KEEP_TABS: dict[str, Any] = {"expand_tabs": False, "replace_whitespace": False}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Box:
+    """The frame of a node's or topic's name, or a bend point if there is no text; lengths in inches."""
+
+    text: str = ""  #: Name, broken into lines.
+    width: float = 0.0  #: Width of the frame.
+    height: float = 0.0  #: Height of the frame.
+    x: float = 0.0  #: Centre, from the left of the picture.
+    y: float = 0.0  #: Centre, from the bottom of the picture.
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Layout:
+    """Places in a picture; lengths in inches."""
+
+    boxes: Mapping[Vertex, Box]  #: Frames of nodes and topics.
+    lines: Mapping[
+        Edge, NDArray[np.float64]
+    ]  #: Curve of each edge, shape (n, 2), in its direction.
+    size: tuple[float, float]  #: Width and height of the picture.
+
+
+def layered_layout(graph: Graph) -> Layout:
+    """Return the places of a graph's nodes, topics and edges."""
+    import networkx as nx
+
+    boxes: dict[Any, Box] = {("node", node.name): _box(node.name) for node in graph.nodes}
+    boxes |= {("topic", topic.name): _box(topic.name) for topic in graph.topics}
+    layer_of: dict[Any, int] = _layers(list(boxes), list(graph.edges()))
+    lanes = nx.Graph()
+    lanes.add_nodes_from(boxes)
+    chains = {}
+    for edge in graph.edges():
+        left, right = sorted(edge.ends, key=layer_of.__getitem__)
+        bends = {(edge, layer): layer for layer in range(layer_of[left] + 1, layer_of[right])}
+        layer_of |= bends
+        boxes |= dict.fromkeys(bends, Box())
+        chains[edge] = [left, *bends, right]
+        nx.add_path(lanes, chains[edge])
+    columns: list[list[Any]] = [[] for _ in set(layer_of.values())]
+    for vertex, layer in layer_of.items():
+        columns[layer].append(vertex)
+    y_of = _heights(columns, lanes, boxes)
+    low = min((y_of[vertex] - box.height / 2 for vertex, box in boxes.items()), default=0.0)
+    end = _MARGIN
+    for column in columns:
+        width = max(boxes[vertex].width for vertex in column)
+        for vertex in column:
+            y = y_of[vertex] - low + _MARGIN
+            boxes[vertex] = replace(boxes[vertex], width=width, x=end + width / 2, y=y)
+        end += width + _COLUMN_GAP
+    lines = {}
+    for edge, chain in chains.items():
+        line = _line([boxes[vertex] for vertex in chain])
+        if chain[0] != edge.ends[0]:
+            line = line[::-1] - (0.0, _BACKWARDS)
+        lines[edge] = line
+    top = max((box.y + box.height / 2 for box in boxes.values()), default=_MARGIN)
+    framed = {vertex: box for vertex, box in boxes.items() if box.text}
+    size = (max(end - _COLUMN_GAP, _MARGIN) + _MARGIN, top + _MARGIN)
+    return Layout(boxes=framed, lines=lines, size=size)
+
+
+def _layers(vertices: Sequence[Vertex], edges: Sequence[Edge]) -> dict[Vertex, int]:
+    """Return the layer of each vertex: the longest path to it; a source is just before its first target."""
+    import networkx as nx
+
+    onward = nx.DiGraph()
+    onward.add_nodes_from(vertices)
+    for edge in edges:
+        source, target = edge.ends
+        if nx.has_path(onward, target, source):
+            source, target = target, source
+        onward.add_edge(source, target)
+    layer_of: dict[Vertex, int] = {}
+    for layer, generation in enumerate(nx.topological_generations(onward)):
+        layer_of |= dict.fromkeys(generation, layer)
+    for vertex in onward:
+        if onward.in_degree(vertex) == 0 and onward.out_degree(vertex) > 0:
+            layer_of[vertex] = min(layer_of[target] for target in onward[vertex]) - 1
+    return layer_of
+
+
+def _heights(
+    columns: list[list[Any]], lanes: nx.Graph, boxes: Mapping[Any, Box]
+) -> dict[Any, float]:
+    """Return the heights of all vertices, of all sweeps those with the shortest edges.
+
+    The first sweeps look at the layer before only, which finds the order; the others at both neighbouring layers.
+    """
+    y_of: dict[Any, float] = {}
+    for column in columns:
+        y_of |= _apart(dict.fromkeys(column, 0.0), boxes)
+    found = []
+    for sweep in range(2 * _SWEEPS):
+        ordering = sweep < _SWEEPS
+        mean = median if ordering else fmean
+        before: dict[Any, float] = {}
+        for column in columns:
+            wanted = {}
+            for vertex in column:
+                near = [y_of[v] for v in lanes[vertex] if v in before or not ordering]
+                wanted[vertex] = mean(near or [y_of[vertex]])
+            before = _apart(wanted, boxes)
+            y_of |= before
+        columns.reverse()
+        length = sum(abs(y_of[one] - y_of[other]) for one, other in lanes.edges)
+        found.append((length, dict(y_of)))
+    return min(found, key=itemgetter(0))[1]
+
+
+def _apart(wanted: Mapping[Any, float], boxes: Mapping[Any, Box]) -> dict[Any, float]:
+    """Return the heights of a layer's vertices nearest to those wanted, in their order and apart."""
+    from scipy.optimize import isotonic_regression
+
+    order = sorted(wanted, key=wanted.__getitem__, reverse=True)
+    below = [0.0]
+    for one, other in pairwise(boxes[vertex] for vertex in order):
+        gap = _BOX_GAP if one.text and other.text else _BEND_GAP
+        below.append(below[-1] + (one.height + other.height) / 2 + gap)
+    level = np.add([wanted[vertex] for vertex in order], below)
+    heights = isotonic_regression(level, increasing=False).x - below
+    return dict(zip(order, heights.tolist(), strict=True))
+
+
+def _line(chain: Sequence[Box]) -> NDArray[np.float64]:
+    """Return a curve from left to right, level beside frames and at bends, so that it passes between frames."""
+    from scipy.interpolate import PchipInterpolator
+
+    points = []
+    for box in chain:
+        reach = box.width / 2 + _LEAD
+        points += [(box.x - reach, box.y), (box.x + reach, box.y)]
+    points[0] = (chain[0].x + chain[0].width / 2, chain[0].y)
+    points[-1] = (chain[-1].x - chain[-1].width / 2, chain[-1].y)
+    x = np.linspace(points[0][0], points[-1][0], 30 * len(points))
+    return np.column_stack([x, PchipInterpolator(*np.transpose(points))(x)])
+
+
+def _box(name: str) -> Box:
+    """Return a name's frame; a long name is broken, if possible after its marks, and cut after some lines."""
+    marked = re.sub(r"(?<=[_./-])(?=[^_./-])", "\t", name)
+    lines = textwrap.wrap(
+        marked, _LETTERS + 1, max_lines=_LINES, placeholder="\u2026", **_KEEP_TABS
+    )
+    lines = [line.replace("\t", "") for line in lines] or [name]
+    width = max(_LETTER * max(map(len, lines)), _LINE) + 2 * _PAD
+    return Box(text="\n".join(lines), width=width, height=_LINE * len(lines) + 2 * _PAD)
