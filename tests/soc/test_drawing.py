@@ -20,34 +20,24 @@ from sfglab.soc.graph_layout import layered_layout
 from sfglab.soc.mapping import hardware_parts
 
 
-def corners(box):
-    return np.array([box.x - box.width / 2, box.y - box.height / 2]), np.array(
-        [box.x + box.width / 2, box.y + box.height / 2]
-    )
-
-
-def arrows(ax):
-    return [patch for patch in ax.patches if isinstance(patch, FancyArrowPatch)]
-
-
 @settings(max_examples=60, deadline=None)
 @given(graphs())
 def test_frames_stand_apart_and_lines_lead_between_them_and_through_none(graph):
     layout = layered_layout(graph)
     assert len(layout.boxes) == len(graph.nodes) + len(graph.topics)
-    frames = {vertex: corners(box) for vertex, box in layout.boxes.items()}
-    for (low, high), (other_low, other_high) in combinations(frames.values(), 2):
-        assert (high < other_low).any() or (other_high < low).any()
+    for one, other in combinations(layout.boxes.values(), 2):
+        is_beside = abs(one.x - other.x) > (one.width + other.width) / 2
+        assert is_beside or abs(one.y - other.y) > (one.height + other.height) / 2
     assert set(layout.lines) == set(graph.edges())
     for edge, line in layout.lines.items():
         assert (line > 0).all()
         assert (line < layout.size).all()
-        for end, vertex in ((line[0], edge.ends[0]), (line[-1], edge.ends[1])):
-            low, high = frames[vertex]
-            assert (low - 1e-9 <= end).all()
-            assert (end <= high + 1e-9).all()
-        for low, high in frames.values():
-            assert not ((low + 1e-6 < line) & (line < high - 1e-6)).all(axis=1).any()
+        for vertex, box in layout.boxes.items():
+            x, y = np.abs(line - (box.x, box.y)).T
+            assert not ((x < box.width / 2 - 1e-6) & (y < box.height / 2)).any()
+            touches = (x < box.width / 2 + 1e-6) & (y < box.height / 2)
+            assert touches[0] == (vertex == edge.ends[0])
+            assert touches[-1] == (vertex == edge.ends[1])
 
 
 @settings(max_examples=60, deadline=None)
@@ -59,16 +49,9 @@ def test_a_graph_without_cycles_runs_from_left_to_right(graph):
     assert onward is nx.is_directed_acyclic_graph(directed)
 
 
-def test_a_chain_is_drawn_in_one_line_and_few_edges_cross():
-    places = layered_layout(chain(SW, HW, SW)).boxes
-    assert len({box.y for box in places.values()}) == 1
-    steps = np.diff(sorted(box.x for box in places.values()))
-    assert np.allclose(steps, steps[0], rtol=0.1)
-    lines = layered_layout(FIGURE_8.gateways).lines.values()
-    for one, other in combinations(lines, 2):
-        x = np.linspace(max(one[0, 0], other[0, 0]), min(one[-1, 0], other[-1, 0]), 50)
-        apart = np.interp(x, *one.T) - np.interp(x, *other.T)
-        assert x[0] > x[-1] or not (apart.min() < -1e-3 and apart.max() > 1e-3)
+def test_a_chain_is_drawn_in_one_line():
+    boxes = layered_layout(chain(SW, HW, SW)).boxes.values()
+    assert len({box.y for box in boxes}) == 1
 
 
 @settings(max_examples=15, deadline=None)
@@ -76,8 +59,10 @@ def test_a_chain_is_drawn_in_one_line_and_few_edges_cross():
 def test_a_picture_has_as_many_coloured_edges_as_cross_and_a_dashed_outline_per_part(graph):
     ax = Figure().subplots()
     soc.draw_graph(ax, graph)
-    coloured = [np.allclose(a.get_edgecolor()[:3], to_rgb(CROSSING)) for a in arrows(ax)]
-    assert sum(coloured) == len(soc.crossing_edges(graph))
+    arrows = [patch for patch in ax.patches if isinstance(patch, FancyArrowPatch)]
+    coloured = [arrow for arrow in arrows if arrow.get_edgecolor()[:3] == to_rgb(CROSSING)]
+    assert len(arrows) == len(list(graph.edges()))
+    assert len(coloured) == len(soc.crossing_edges(graph))
     outlines = [c for c in ax.collections if isinstance(c, ContourSet)]
     assert len(outlines) == len(hardware_parts(graph))
     assert all(outline.get_linestyle()[0][1] is not None for outline in outlines)
