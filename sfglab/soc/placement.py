@@ -11,7 +11,7 @@ hardware, y_t = 1 for a topic at a gateway, h_t for a topic in hardware and e_tn
 
 a and b are a node's seconds of work per second in software and hardware. w is what one carriage of the topic's
 messages across the memory interface costs, once per subscriber and once for all publishers together. g is the cost
-of one carriage through a gateway. For whole x the best h and e are whole, too. Loads are sums; how carriages wait for
+of one carriage through a gateway. For whole x the best h and e are whole as well. Loads are sums; how carriages wait for
 each other is the subject of `sfglab.soc.memory`.
 """
 
@@ -65,7 +65,7 @@ ZCU104 = Platform(name="ZCU104", lut=230_400, bram=312.0)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Load:
-    """What a mapped graph takes of a platform; times are seconds of work per second of operation."""
+    """Load of a mapped graph on a platform; times are seconds of work per second of operation."""
 
     software_s: float  #: Nodes in software.
     hardware_s: float  #: Nodes in hardware.
@@ -88,7 +88,7 @@ class Load:
 
 
 def assess(graph: Graph) -> Load:
-    """Return what a mapped graph takes of a platform.
+    """Return the load of a mapped graph.
 
     Raises:
         InvalidValueError: The size or rate of a topic that crosses the memory interface is unknown.
@@ -148,7 +148,7 @@ class NodeMapping:
     """A graph with placed nodes and mapped topics, and how good that is."""
 
     graph: Graph  #: Graph with its mapping.
-    load: Load  #: What the graph takes.
+    load: Load  #: Load of the graph.
     bound_s: float  #: Lower bound of the load of every mapping, s per second.
 
     @property
