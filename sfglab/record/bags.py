@@ -24,7 +24,8 @@ from sfglab.errors import InvalidValueError
 from sfglab.record.mcap_file import McapFile
 from sfglab.record.parts import QOS_KEY, Channel, LogError, LogMessage
 from sfglab.record.zstd import decompress_file
-from sfglab.validation import read_logged
+from sfglab.schema import Source
+from sfglab.validation import read
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator
@@ -117,7 +118,7 @@ def _bag_of(path: Path, opened: OpenedLog) -> _Bag | None:
     if not file.exists():
         return None
     try:
-        metadata: _Metadata = read_logged(_Metadata, Document.of_file(file).value)
+        metadata: _Metadata = read(_Metadata, Document.of_file(file).value, source=Source.LOG)
     except InvalidValueError as error:
         said = f"metadata.yaml cannot be read, all files of the folder are: {error}"
         opened.warnings.append(f"log {path}: {said}")
