@@ -36,6 +36,15 @@ TOOLS = Path(__file__).resolve().parent
 ROOT = TOOLS.parent
 TOLERANCE = 1e-12  #: Relative; re-associating one sum changes the last bit.
 REASONS: dict[str, str] = {
+    "claims/C-DRIVE* by driving details *": "only other sources of the same number are kept",
+    "claims/C-DRIVE* by driving reason": "in plain words",
+    "figures/driving_*": "drawn from tidy tables; note and sidecar come from the run",
+    "rows/driving.chain.csv order": "no result reads it",
+    "rows/driving.chain.csv place": "no result reads it",
+    "rows/driving.lap.csv *": "the town has no buildings, and fields went that no result reads",
+    "rows/driving.node.csv in_hardware": "no result reads it",
+    "rows/driving.track.csv *": "the town has no buildings, and fields went that no result reads",
+    "rows/driving.transfer.csv*": "topic A is in the table chain, and the second set of constants went",
     "figures/discovery_*.sha256": "titles and axes in plain words",
     "figures/phases.sha256": "title and bar in plain words",
     "figures/deployment_checks.sha256": "the verdict is called undecided",

@@ -7,12 +7,13 @@ from __future__ import annotations
 
 import sys
 
-from compare_baseline import COMMANDS, main
+from compare_baseline import COMMANDS, SEEDED, main
 
 COMMANDS |= {
     "map-size.txt": ["map", "data/graphs/driving.yaml", "--gateway-rule", "size"],
     "qos-paper.txt": ["qos", "data/qos/paper_b.yaml", "--method", "paper"],
 }
+SEEDED["driving"] |= {"model"}
 
 if __name__ == "__main__":
     main(sys.argv[1:])

@@ -1,10 +1,13 @@
-"""A node of the driving application as a process of its own: ``python -m sfglab.lab.workers.driving CONFIG``.
+"""A node of the driving application as a process: ``python -m sfglab.lab.workers.driving CONFIG``.
 
-It hears, says and does what `sfglab.soc.driving.NODES` have of the chain. Messages carry the time at which the
-compensation had its picture. Topic A is there twice, and which way a picture takes is drawn: ``/A/software`` by
-DDS, a copy for each reader, and ``/A/gateway``, one copy in shared memory. Orders: ``go`` to the camera, which
-reports ``over``; ``stop``, upon which a node reports ``stopped`` with its ``frames``: the compensation's start
-(ns) and mapping, the lane control's start and end.
+It runs the node of `sfglab.soc.driving.NODES` with the name in its configuration. Messages carry the
+time at which the compensation received its image. Topic A exists twice, and each image takes one of them
+at random: ``/A/software`` over DDS, one copy per subscriber, and ``/A/gateway``, one copy in shared
+memory.
+
+Orders: ``go`` starts the camera, which reports ``over`` at its end. ``stop`` makes a node report
+``stopped`` with its ``frames``: the compensation's start (ns) and mapping, or the lane control's start
+and end (ns).
 """
 
 from __future__ import annotations
@@ -22,136 +25,160 @@ from sfglab.bus import Node, Subscription
 from sfglab.bus.address import BusAddress
 from sfglab.component import Orders, Reporter, beside, run_component
 from sfglab.messages import default_message, ns_from_stamp, stamp_from_ns
-from sfglab.soc.driving import CHAIN, NODES, SHARED_TOPIC, Camera, Frame, Rules, Stack, run_lap
+from sfglab.soc.driving import CHAIN, NODES, SHARED_TOPIC, Camera, Rules, Stack, run_lap
 from sfglab.soc.driving.nodes import Lane, blur, compensate, fit_lane, lane_mask
 from sfglab.soc.driving.odometry import Pose
-from sfglab.soc.driving.town import LANE_M
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from sfglab.bus.api import Transport
 
-NAMES = tuple(ports.node for ports in NODES if ports.node != "car")  #: Of the processes.
-#: How a topic goes, by its mapping.
-WAYS: dict[str, Transport] = {"software": "dds", "gateway": "shm"}
-_LANE = "/lane"  # heard in software
-_READERS = 4  # of topic A
-_MATCH_S, _PICTURES_S = 60.0, 2.0
+NAMES = tuple(ports.node for ports in NODES if ports.node != "car")  #: Names of the processes.
+TRANSPORTS: dict[str, Transport] = {"software": "dds", "gateway": "shm"}  #: Transport by mapping.
+_LANE = "/lane"  #: The topic of the chain that goes to software.
+_READERS = 4  #: Number of subscribers of topic A.
+_MATCH_S = 60.0
+_IMAGES_S = 2.0  #: Duration of the drive whose images the camera publishes.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DrivingNodeConfig:
-    """What a node is told."""
+    """Configuration of a node."""
 
-    node: str  #: One of `NAMES`.
-    address: BusAddress  #: Where it is on the bus.
-    width: int  #: Of the camera's images, pixels.
-    height: int  #: The same.
-    rate_hz: float  #: Of the camera.
-    live_s: float  #: How long it shoots.
-    seed: int  #: Of the town, and of the drawn mappings.
+    node: str  #: Name of the node, one of `NAMES`.
+    address: BusAddress  #: Address on the bus.
+    width: int  #: Width of the camera's images, pixels.
+    height: int  #: Height of the camera's images, pixels.
+    rate_hz: float  #: Frame rate of the camera.
+    live_s: float  #: Duration of the camera's images.
+    seed: int  #: Seed of the town and of the sampled mappings.
 
 
-def _ends(create: Callable[..., Any], topics: tuple[str, ...]) -> dict[str, Any]:
-    """Create a topic's publishers or subscriptions, by what it is mapped to; topic A is mapped to both."""
+def _endpoints(create: Callable[..., Any], topics: tuple[str, ...]) -> dict[str, Any]:
+    """Create the publishers or subscriptions of a node's first topic, by mapping."""
     found = {}
     for topic in topics[:1]:
-        type_ = "geometry_msgs/msg/Vector3Stamped" if topic == _LANE else "sensor_msgs/msg/Image"
-        mapped = WAYS if topic == SHARED_TOPIC else ["software" if topic == _LANE else "gateway"]
-        for way in mapped:
-            found[way] = create(type_, f"{topic}/{way}", transport=WAYS[way])
+        mappings = ["gateway"]
+        type_ = "sensor_msgs/msg/Image"
+        if topic == SHARED_TOPIC:
+            mappings = list(TRANSPORTS)
+        if topic == _LANE:
+            mappings = ["software"]
+            type_ = "geometry_msgs/msg/Vector3Stamped"
+        for mapping in mappings:
+            name = f"{topic}/{mapping}"
+            found[mapping] = create(type_, name, transport=TRANSPORTS[mapping])
     return found
 
 
-def _does(stack: Stack) -> dict[str, Callable[[Any], Any]]:
-    """Return what each node makes of a message."""
+def _callbacks(stack: Stack) -> dict[str, Callable[[Any], Any]]:
+    """Return what each node computes from the content of a message."""
     return {
         "compensation": compensate,
         "gaussian_blur": blur,
-        "lane_planner": lambda image: lane_mask(image, stack.view),
-        "polyfit": lambda mask: fit_lane(mask, stack.view, lane_m=LANE_M),
-        "red_light_detection": stack.red.see,
-        "green_light_detection": stack.green.see,
-        "visual_odometry": stack.odometry.see,
+        "lane_planner": lambda image: lane_mask(image, stack.camera),
+        "polyfit": fit_lane,
+        "red_light_detection": stack.red.detect,
+        "green_light_detection": stack.green.detect,
+        "visual_odometry": stack.odometry.update,
         "lane_control": lambda lane: stack.control.step(lane, Pose()),
     }
 
 
-def _message(said: Any, stamp_ns: int) -> Any:
-    """Return an image, or what the polyfit says (NaN: no lane), as a message."""
-    if isinstance(said, np.ndarray):
+def _to_message(content: Any, stamp_ns: int) -> Any:
+    """Return an image, or a lane (NaN: no lane), as a message."""
+    if isinstance(content, np.ndarray):
         message = default_message("sensor_msgs/msg/Image")
-        (message.height, message.width), message.data = said.shape[:2], said.reshape(-1)
+        message.height, message.width = content.shape[:2]
+        message.data = content.reshape(-1)
     else:
         message = default_message("geometry_msgs/msg/Vector3Stamped")
-        lane, at = said or Lane(offset_m=math.nan, slope=0.0, bend_per_m=0.0), message.vector
-        at.x, at.y, at.z = lane.offset_m, lane.slope, lane.bend_per_m
+        lane = content or Lane(offset_m=math.nan, slope=0.0, bend_per_m=0.0)
+        message.vector.x = lane.offset_m
+        message.vector.y = lane.slope
+        message.vector.z = lane.bend_per_m
     message.header.stamp = stamp_from_ns(stamp_ns)
     return message
 
 
-def _said(message: Any) -> Any:
-    """Return what a message holds: an image of one or three channels, or a lane; None without one."""
+def _from_message(message: Any) -> Any:
+    """Return the content of a message: an image with one or three channels, or a lane or None."""
     if hasattr(message, "data"):
         return np.squeeze(message.data.reshape(message.height, message.width, -1))
-    at = message.vector
-    return None if math.isnan(at.x) else Lane(offset_m=at.x, slope=at.y, bend_per_m=at.z)
+    vector = message.vector
+    if math.isnan(vector.x):
+        return None
+    return Lane(offset_m=vector.x, slope=vector.y, bend_per_m=vector.z)
 
 
-async def _shoot(config: DrivingNodeConfig, pictures: list[Any], publisher: Any) -> None:
-    """Publish pictures at the camera's rate, forth and back, so that none is far from the one before."""
-    there_and_back = [*pictures, *pictures[-2:0:-1]]
+async def _publish_images(config: DrivingNodeConfig, images: list[Any], publisher: Any) -> None:
+    """Publish images at the camera's rate, forwards and backwards, so that successive ones are alike."""
+    there_and_back = [*images, *images[-2:0:-1]]
     start_s = time.monotonic()
     for number in range(round(config.live_s * config.rate_hz)):
-        publisher.publish(_message(there_and_back[number % len(there_and_back)], 1))
+        image = there_and_back[number % len(there_and_back)]
+        publisher.publish(_to_message(image, 1))
         await asyncio.sleep(start_s + (number + 1) / config.rate_hz - time.monotonic())
 
 
-async def _listen(
-    node: str, heard: Subscription, said: dict[str, Any], does: Any, note: Any
+async def _process(
+    node: str,
+    subscription: Subscription,
+    publishers: dict[str, Any],
+    compute: Callable[[Any], Any],
+    note: Callable[[int], str],
 ) -> None:
-    """Work on what is heard, one message after the other."""
-    async for message in heard:
+    """Process messages one after the other; `note` returns the mapping of the result."""
+    async for message in subscription:
         stamp_ns = time.monotonic_ns() if node == CHAIN[0] else ns_from_stamp(message.header.stamp)
-        made = does(_said(message))
-        del message  # its place in shared memory is free
-        way = note(stamp_ns)
-        if said:
-            said[way if way in said else next(iter(said))].publish(_message(made, stamp_ns))
+        result = compute(_from_message(message))
+        del message  # releases its place in shared memory
+        mapping = note(stamp_ns)
+        if publishers:
+            publisher = publishers.get(mapping) or next(iter(publishers.values()))
+            publisher.publish(_to_message(result, stamp_ns))
 
 
 async def serve(config: DrivingNodeConfig, report: Reporter, orders: Orders) -> None:
-    """Be a node until cancelled."""
-    cv2.setNumThreads(1)  # as a node's one executor
-    name, frames = config.node, []
-    rng = np.random.default_rng(config.seed)
-    stack, pictures = Stack(Camera(width=config.width, height=config.height)), []
+    """Run the node until cancelled."""
+    cv2.setNumThreads(1)  # as the single executor of a node
+    name = config.node
     ports = next(ports for ports in NODES if ports.node == name)
-
-    def keep(_s: float, _car: Any, frame: Frame) -> None:
-        pictures.append(frame.image)
+    stack = Stack(Camera(width=config.width, height=config.height))
+    rng = np.random.default_rng(config.seed)
+    frames: list[tuple[int, str | int]] = []
+    images: list[Any] = []
 
     def note(stamp_ns: int) -> str:
-        way = str(rng.choice(list(WAYS))) if name == CHAIN[0] else ""
-        frames.append((stamp_ns, way or time.monotonic_ns()))
-        return way
+        mapping = str(rng.choice(list(TRANSPORTS))) if name == CHAIN[0] else ""
+        frames.append((stamp_ns, mapping or time.monotonic_ns()))
+        return mapping
 
     async with Node(name, **config.address.options()) as bus:
-        # What the lights' detections and the odometry say is no part of the chain.
-        said = _ends(
-            bus.create_publisher, ports.publishes if name in {NAMES[0], *CHAIN[:-1]} else ()
-        )
-        heard = _ends(bus.create_subscription, ports.subscribes)
+        # Results of odometry and of the detection of lights are not part of the chain.
+        published = ports.publishes if name in {NAMES[0], *CHAIN[:-1]} else ()
+        publishers = _endpoints(bus.create_publisher, published)
+        subscriptions = _endpoints(bus.create_subscription, ports.subscribes)
         if name == NAMES[0]:
-            run_lap(config.seed, stack=stack, rules=Rules(timeout_s=_PICTURES_S), watch=keep)
-        for publisher in said.values():
-            await publisher.wait_for_subscriptions(_READERS if len(said) > 1 else 1, _MATCH_S)
+            run_lap(
+                config.seed,
+                stack=stack,
+                rules=Rules(timeout_s=_IMAGES_S),
+                watch=lambda moment: images.append(moment.frame.image),
+            )
+        for publisher in publishers.values():
+            readers = _READERS if len(publishers) > 1 else 1
+            await publisher.wait_for_subscriptions(readers, _MATCH_S)
         report({"is": "ready"})
-        does = _does(stack)[name] if heard else None
-        async with beside(*(_listen(name, one, said, does, note) for one in heard.values())):
+        compute = _callbacks(stack).get(name, compensate)
+        tasks = [
+            _process(name, subscription, publishers, compute, note)
+            for subscription in subscriptions.values()
+        ]
+        async with beside(*tasks):
             while (await orders.get())["do"] == "go":
-                await _shoot(config, pictures, said["gateway"])
+                await _publish_images(config, images, publishers["gateway"])
                 report({"is": "over"})
             report({"is": "stopped", "frames": frames})
             await asyncio.Event().wait()

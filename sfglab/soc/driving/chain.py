@@ -1,11 +1,11 @@
-"""The node chain alpha of paper C, section 6: from an image to a command, over topic A.
+"""The node chain alpha of paper C, section 6: transfer times from an image to a command.
 
-What the memory model says of a chain's time: how long its messages travel, with topic A mapped to software or
-to a gateway, everything else alike. The text does not list the chain's members (a red dotted line in Fig. 9):
-`CHAIN` is our reading, from when the compensation has its image. Refuses to know what a node takes.
+The memory model gives the time of each message, with topic A mapped to software or to a gateway and all
+other topics alike. The paper does not list the members of the chain (a red dotted line in Fig. 9), so
+`CHAIN` is a reading of it. Execution times of nodes are not part of this module.
 
-Frames differ only in what the model leaves open: the order in which a software-mapped topic serves its readers,
-and so how they meet at the memory interface, chunk by chunk in turn. Through a gateway nobody waits.
+One thing differs between frames: the order in which a software-mapped topic serves its subscribers. It
+decides which subscribers share the memory interface. A gateway serves all at once.
 """
 
 from __future__ import annotations
@@ -18,7 +18,6 @@ from typing import TYPE_CHECKING
 from sfglab.errors import SfglabError
 from sfglab.soc.memory import (
     STORED,
-    Costs,
     Setup,
     Side,
     Times,
@@ -28,39 +27,39 @@ from sfglab.soc.memory import (
 )
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
     from sfglab.soc.graph import Graph, Topic
 
 
 CHAIN = ("compensation", "gaussian_blur", "lane_planner", "polyfit", "lane_control")
-"""The chain's nodes, in order: our reading of Fig. 9."""
+"""Nodes of the chain in their order."""
 
-#: What is mapped to software in the paper's one version and to a gateway in the other.
-SHARED_TOPIC = "/A"
+SHARED_TOPIC = (
+    "/A"  #: Topic that the paper maps to software in one version, to a gateway in the other.
+)
 
-Order = tuple[str, ...]  #: Readers of a software-mapped topic, as they are served.
+Order = tuple[str, ...]  #: Subscribers of a software-mapped topic in the order of their delivery.
 
 
-@dataclass(frozen=True)  # without slots: what is computed stays
+@dataclass(frozen=True)  # without slots: computed properties are kept
 class Chain:
-    """The chain's transfers in a graph."""
+    """Transfers of the chain in a graph.
 
-    #: With the chain's nodes placed; topics between two hardware nodes alone are hardware-mapped, the others
-    #: software-mapped, whatever the graph says.
-    graph: Graph
-    costs: Costs = STORED  #: The memory model's constants.
+    Topics between two hardware nodes are hardware-mapped and the others software-mapped, except A.
+
+    Raises:
+        SfglabError: The chain is not in the graph, or compensation or blur are not in hardware.
+    """
+
+    graph: Graph  #: Graph in which the chain's nodes are placed.
 
     def __post_init__(self) -> None:
+        first, second = CHAIN[:2]
         if self._topics[0].name != SHARED_TOPIC:
             raise SfglabError(
-                f"graph {self.graph.name}: {CHAIN[0]} must reach {CHAIN[1]} over {SHARED_TOPIC}"
+                f"graph {self.graph.name}: {first} must reach {second} over {SHARED_TOPIC}"
             )
-        if {CHAIN[0], CHAIN[1]} - self.graph.in_hardware:
-            raise SfglabError(
-                f"graph {self.graph.name}: {CHAIN[0]} and {CHAIN[1]} must be in hardware"
-            )
+        if not self.graph.in_hardware.issuperset({first, second}):
+            raise SfglabError(f"graph {self.graph.name}: {first} and {second} must be in hardware")
 
     @cached_property
     def _topics(self) -> list[Topic]:
@@ -74,28 +73,6 @@ class Chain:
             f"graph {self.graph.name}: no topic with a size goes from {before} to {after}"
         )
 
-    @cached_property
-    def orders(self) -> tuple[Order, ...]:
-        """Every order in which topic A's readers can be served; each is as likely as the others."""
-        return tuple(permutations(self._topics[0].subscribers))
-
-    @cached_property
-    def fixed_s(self) -> dict[str, float]:
-        """Seconds on the chain's other topics, by topic: streams among hardware, else in memory."""
-        found = {}
-        for topic in self._topics[1:]:
-            streams = self.graph.in_hardware.issuperset(topic.subscribers)
-            times = self._times(topic, Transport.HMT if streams else Transport.SMT)
-            found[topic.name] = times.hardware_s if streams else times.software_s
-        return {name: time_s for name, time_s in found.items() if time_s is not None}
-
-    @cached_property
-    def gateway_s(self) -> float:
-        """Seconds from the compensation to the blur through a gateway, where no order is left to chance."""
-        found = self._times(self._topics[0], Transport.GATEWAY).hardware_s
-        assert found is not None, "the blur is in hardware"
-        return found
-
     def _times(self, topic: Topic, transport: Transport) -> Times:
         hardware = len(self.graph.in_hardware.intersection(topic.subscribers))
         setup = Setup(
@@ -105,28 +82,52 @@ class Chain:
             hardware=hardware,
             software=len(topic.subscribers) - hardware,
         )
-        return transfer_times(setup, self.costs)
+        return transfer_times(setup)
 
     @cached_property
-    def smt_s(self) -> dict[Order, float]:
-        """Seconds from the compensation to the blur over main memory, by the order of deliveries."""
+    def fixed_s(self) -> dict[str, float]:
+        """Transfer time of each topic of the chain except A, s."""
+        found = {}
+        for topic in self._topics[1:]:
+            if self.graph.in_hardware.issuperset(topic.subscribers):
+                time_s = self._times(topic, Transport.HMT).hardware_s
+            else:
+                time_s = self._times(topic, Transport.SMT).software_s
+            assert time_s is not None, "the topic has a subscriber"
+            found[topic.name] = time_s
+        return found
+
+    @cached_property
+    def gateway_s(self) -> float:
+        """Transfer time of A from compensation to blur through a gateway, s."""
+        time_s = self._times(self._topics[0], Transport.GATEWAY).hardware_s
+        assert time_s is not None, "the blur is in hardware"
+        return time_s
+
+    @cached_property
+    def orders(self) -> tuple[Order, ...]:
+        """All orders in which a software-mapped A can serve its subscribers; equally likely."""
+        return tuple(permutations(self._topics[0].subscribers))
+
+    @cached_property
+    def software_s(self) -> dict[Order, float]:
+        """Transfer time of A from compensation to blur through main memory by order, s."""
         return {order: self.read_s(order)[CHAIN[1]] for order in self.orders}
 
     def read_s(self, order: Order) -> dict[str, float]:
-        """Return when each hardware reader of A, served in this order, has its message, s from its start."""
-        costs, memory = self.costs, self.costs.memory
-        size_bytes = self._topics[0].size_bytes or 0
-        sent_s = costs.endpoint_s + memory.write_s(size_bytes) + costs.delegate_s
-        start_s, deliver_s = sent_s + costs.published_s(size_bytes), costs.delivery_s(size_bytes)
-        # Ports of the memory interface in the graph's order; it decides turns of one chunk, 0.7 us.
-        readers = [name for name in self._topics[0].subscribers if name in self.graph.in_hardware]
-        releases_s = [
-            start_s + (order.index(name) + 1) * deliver_s + costs.delegate_s for name in readers
-        ]
+        """Return when each hardware subscriber of A has read its message, s after its publication."""
+        memory = STORED.memory
+        topic = self._topics[0]
+        size_bytes = topic.size_bytes or 0
+        written_s = STORED.endpoint_s + memory.write_s(size_bytes) + STORED.delegate_s
+        published_s = written_s + STORED.published_s(size_bytes)
+        # The ports of the memory interface have the order of the graph.
+        readers = [name for name in topic.subscribers if name in self.graph.in_hardware]
+        releases_s = []
+        for name in readers:
+            deliveries = order.index(name) + 1
+            delivered_s = published_s + deliveries * STORED.delivery_s(size_bytes)
+            releases_s.append(delivered_s + STORED.delegate_s)
         chunks = memory.chunks(size_bytes)
         ends_s = round_robin_s(releases_s, chunks, memory.read_s(size_bytes) / chunks)
-        return {name: end_s + costs.endpoint_s for name, end_s in zip(readers, ends_s, strict=True)}
-
-    def draw(self, frames: int, rng: np.random.Generator) -> NDArray[np.int64]:
-        """Draw the order of deliveries of each frame, as places in `orders`."""
-        return rng.integers(0, len(self.orders), frames)
+        return {name: s + STORED.endpoint_s for name, s in zip(readers, ends_s, strict=True)}

@@ -1,149 +1,147 @@
-"""Nodes of the driving application, but for odometry (paper C, section 6): from an image to a command.
+"""Nodes of the driving application, except odometry (paper C, section 6): from an image to a command.
 
-Compensation and Gaussian blur make the image steady. The lane planner masks yellow and white by ranges of HSV
-and has the bird's view; polyfit fits a parabola by least squares to the mask's pixels. A red light found stops
-the robot and activates the detection of green, a green one lets it drive and activates that of red; each says
-something only when it found its light, and sleeps then. Lane control is pure pursuit (Coulter, 1992): the arc
-through the lane's middle a lookahead away. Without a lane the car makes for the last point, by odometry, and
-halts there.
+Compensation and Gaussian blur reduce noise. The lane planner masks yellow and white pixels and
+transforms the mask into a bird's-eye view. Polyfit fits a parabola to the mask by least squares. If the
+red-light detection finds a light, the robot stops and the green-light detection becomes active; if that
+one finds a light, the robot drives and the red-light detection becomes active. Lane control is pure
+pursuit (R. Coulter, 1992).
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from enum import Enum
 from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
 
-from sfglab.soc.driving.car import Camera, Drive
+from sfglab.soc.driving.car import Drive
+from sfglab.soc.driving.town import LANE_M
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from numpy.typing import NDArray
 
+    from sfglab.soc.driving.car import Camera
     from sfglab.soc.driving.odometry import Pose
 
+#: Smallest difference of an outlier from the median of its neighbours, in levels; no pixel of a marking
+#: differs as much.
 _OUTLIER = 48
-"""Levels by which a pixel differs from the median around it when it is noise, in every case but a lamp's
-edge."""
 
-_TAIL = 0.005  #: Share of darkest and of brightest pixels that the histogram is not stretched for.
+_TAIL = 0.005  #: Share of the darkest and of the brightest pixels that saturate.
 
 
 def compensate(bgr: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Remove outlier pixels, then stretch the histogram over all levels (paper C, section 6: Compensation).
+    """Remove outlier pixels, then stretch the histogram (paper C, section 6: Compensation).
 
-    The paper names no method: an outlier here is a pixel far from the median of its 3 x 3 neighbourhood, which
-    replaces it, and the stretch is linear and the same for all channels. Shape (height, width, 3), BGR.
+    The paper names no method. Here the median of 3 x 3 pixels replaces a pixel that differs from it by
+    more than 48 levels. The stretch is linear and the same for all channels.
+
+    Args:
+        bgr: Image (height, width, 3).
     """
     median = cv2.medianBlur(bgr, 3)
-    outlier = cv2.inRange(cv2.absdiff(bgr, median), (0, 0, 0), (_OUTLIER, _OUTLIER, _OUTLIER)) == 0
-    clean = np.where(outlier[..., None], median, bgr)
+    kept = cv2.inRange(cv2.absdiff(bgr, median), (0, 0, 0), (_OUTLIER, _OUTLIER, _OUTLIER))
+    clean = np.where(kept[..., None] == 0, median, bgr)
     return np.asarray(cv2.LUT(clean, stretch(clean)), np.uint8)
 
 
 def stretch(bgr: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Return the table of 256 levels that stretches a grey histogram, without its tails, to 0 .. 255."""
+    """Return the table of 256 levels that stretches an image's grey histogram to 0 .. 255."""
     grey = cv2.cvtColor(bgr, cv2.COLOR_BGR2GRAY)
-    share = np.cumsum(cv2.calcHist([grey], [0], None, [256], [0, 256]).ravel()) / grey.size
-    low, high = np.searchsorted(share, [_TAIL, 1 - _TAIL])
-    levels = (np.arange(256) - low) * (255.0 / max(int(high) - int(low), 1))
-    return np.asarray(np.clip(np.rint(levels), 0, 255), np.uint8)
+    histogram = cv2.calcHist([grey], [0], None, [256], [0, 256]).ravel()
+    shares = np.cumsum(histogram) / grey.size
+    low, high = np.searchsorted(shares, [_TAIL, 1 - _TAIL])
+    scale = 255.0 / max(int(high) - int(low), 1)
+    levels = np.rint((np.arange(256) - low) * scale)
+    return np.asarray(np.clip(levels, 0, 255), np.uint8)
 
 
 def blur(bgr: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Return the image through a Gaussian of 5 x 5 pixels, sigma 1 (paper C, section 6; size assumed)."""
+    """Return the image after a Gaussian filter of 5 x 5 pixels, sigma 1 (sizes assumed)."""
     return np.asarray(cv2.GaussianBlur(bgr, (5, 5), 1.0), np.uint8)
 
 
-YELLOW, WHITE = 128, 255
-"""Levels in the combined mask; the paper does not say whether its own keeps the colours apart."""
+YELLOW = (
+    128  #: Level of yellow pixels in the mask; the paper does not say whether it separates colours.
+)
+WHITE = 255  #: Level of white pixels in the mask.
 
 _YELLOW_HSV = ((18, 90, 110), (36, 255, 255))
 _WHITE_HSV = ((0, 0, 175), (179, 60, 255))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class BirdView:
-    """The ground ahead from above: forward is up, the car below the middle of the lowest row."""
+_BIRD_SIZE = (320, 240)  #: Columns and rows of the bird's-eye view.
+_BIRD_PIXEL_M = 0.01  #: Side of its pixels.
+_BIRD_NEAR_M = 0.58  #: Distance of its lower edge from the car, which is below the edge's middle.
+_BIRD_LEFT_M = (_BIRD_SIZE[0] / 2 - 0.5) * _BIRD_PIXEL_M
+_BIRD_FAR_M = _BIRD_NEAR_M + (_BIRD_SIZE[1] - 0.5) * _BIRD_PIXEL_M
+_GROUND_FROM_BIRD = np.array(
+    [[0.0, -_BIRD_PIXEL_M, _BIRD_FAR_M], [-_BIRD_PIXEL_M, 0.0, _BIRD_LEFT_M], [0.0, 0.0, 1.0]]
+)
+"""Matrix from pixels (column, row, 1) to points (x, y, 1) of the vehicle frame, m; up is forward."""
 
-    camera: Camera = field(default_factory=Camera)  #: Whose images are warped.
-    near_m: float = 0.58  #: Distance of the lower edge.
-    pixel_m: float = 0.01  #: Side of a pixel.
-    width: int = 320  #: Columns.
-    height: int = 240  #: Rows.
 
-    @property
-    def ground_from_bird(self) -> NDArray[np.float64]:
-        """Matrix from bird's pixels (column, row, 1) to ground points of the vehicle frame."""
-        step = self.pixel_m
-        far = self.near_m + (self.height - 0.5) * step
-        return np.array(
-            [[0.0, -step, far], [-step, 0.0, (self.width / 2 - 0.5) * step], [0.0, 0.0, 1.0]]
-        )
+def lane_mask(bgr: NDArray[np.uint8], camera: Camera) -> NDArray[np.uint8]:
+    """Return the bird's-eye view of the markings: `YELLOW`, `WHITE` or 0 (paper C: Lane Planner).
 
-    def warp(self, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """Return what an image of one channel shows of the ground, levels unmixed."""
-        matrix = self.camera.image_from_ground @ self.ground_from_bird
-        flags = cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP
-        return np.asarray(
-            cv2.warpPerspective(image, matrix, (self.width, self.height), flags=flags), np.uint8
-        )
-
-    def points(self, mask: NDArray[np.bool_]) -> NDArray[np.float64]:
-        """Return the ground points (n, 2), x forward and y left in metres, of a bird's mask's pixels."""
-        rows, columns = np.nonzero(mask)
-        pixels = np.stack([columns, rows, np.ones_like(rows)])
-        return np.asarray((self.ground_from_bird @ pixels)[:2].T, np.float64)
+    Args:
+        bgr: Image (height, width, 3) of the camera.
+        camera: Geometry of the image.
+    """
+    matrix = camera.image_from_ground @ _GROUND_FROM_BIRD
+    nearest = cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP  # levels are not mixed
+    mask = cv2.warpPerspective(marking_mask(bgr), matrix, _BIRD_SIZE, flags=nearest)
+    return np.asarray(mask, np.uint8)
 
 
 def marking_mask(bgr: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Return a mask in the image's own perspective: `YELLOW`, `WHITE` or 0."""
+    """Return the markings in the perspective of the image: `YELLOW`, `WHITE` or 0."""
     hsv = cv2.cvtColor(bgr, cv2.COLOR_BGR2HSV)
-    yellow = cv2.inRange(hsv, *_YELLOW_HSV)
-    white = cv2.inRange(hsv, *_WHITE_HSV)
-    return np.asarray(
-        cv2.bitwise_or(np.asarray(yellow, np.uint8) & np.uint8(YELLOW), white), np.uint8
-    )
+    mask = np.zeros(bgr.shape[:2], np.uint8)
+    mask[cv2.inRange(hsv, *_YELLOW_HSV) > 0] = YELLOW
+    mask[cv2.inRange(hsv, *_WHITE_HSV) > 0] = WHITE
+    return mask
 
 
-def lane_mask(bgr: NDArray[np.uint8], view: BirdView) -> NDArray[np.uint8]:
-    """Return the combined mask of an image in the bird's view."""
-    return view.warp(marking_mask(bgr))
-
-
-_FEWEST = 60  #: Pixels without which a line is not believed.
-
-_GATE_M = 0.10  #: How far a pixel may lie from where its line is expected.
+_MIN_PIXELS = 60  #: Smallest number of pixels that a line is fitted to.
+_GATE_M = 0.10  #: Largest distance of a pixel from its expected line.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Lane:
-    """The lane's middle in the vehicle frame: y(x) = offset + slope x + bend x^2, in metres, left positive."""
+    """Middle of the lane in the vehicle frame: y(x) = offset + slope x + bend x^2, m, left positive."""
 
-    offset_m: float
-    slope: float
-    bend_per_m: float
+    offset_m: float  #: Position at x = 0.
+    slope: float  #: Slope at x = 0.
+    bend_per_m: float  #: Quadratic coefficient.
 
     def y_m(self, x_m: float) -> float:
-        """Return where the lane's middle is at a distance ahead."""
+        """Return the lateral position of the lane's middle at a distance ahead."""
         return self.offset_m + self.slope * x_m + self.bend_per_m * x_m * x_m
 
 
-def fit_lane(mask: NDArray[np.uint8], view: BirdView, *, lane_m: float = 0.5) -> Lane | None:
-    """Fit the middle between a yellow line on the left and a white one on the right, `lane_m` apart.
+def fit_lane(mask: NDArray[np.uint8]) -> Lane | None:
+    """Fit the middle of the lane between its yellow line (left) and white line (paper C: Polyfit).
 
-    The mask is a bird's view of levels `YELLOW` and `WHITE`. Both lines' pixels, moved by half a lane, are one
-    parabola's, of three unknowns. A first fit over one colour says which pixels belong to the lane (there are
-    white lines beyond and across); the second is over both. None where neither line shows enough pixels.
+    The width of the lane is known. The pixels of both lines, moved by half a lane, belong to one
+    parabola. A first fit to one colour selects the pixels of the lane, because there are white lines
+    beyond it and across it.
+
+    Args:
+        mask: Bird's-eye view of `lane_mask`.
+
+    Returns:
+        The lane, or None if neither line has enough pixels.
     """
-    middle = np.array([0.0, lane_m / 2])
-    yellow = view.points(mask == YELLOW) - middle
-    white = view.points(mask == WHITE) + middle
-    # By the yellow line, or by what is white about where the right line should be.
-    lane = _parabola(yellow) or _parabola(white[np.abs(white[:, 1]) < lane_m / 2])
+    yellow = _points(mask == YELLOW) - (0.0, LANE_M / 2)
+    white = _points(mask == WHITE) - (0.0, -LANE_M / 2)
+    expected_white = white[np.abs(white[:, 1]) < LANE_M / 2]
+    lane = _parabola(yellow) or _parabola(expected_white)
     for _ in range(2):
         if lane is None:
             return None
@@ -151,124 +149,141 @@ def fit_lane(mask: NDArray[np.uint8], view: BirdView, *, lane_m: float = 0.5) ->
     return lane
 
 
+def _points(mask: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """Return the points (n, 2) of the vehicle frame, m, where a bird's-eye mask is set."""
+    rows, columns = np.nonzero(mask)
+    pixels = np.stack([columns, rows, np.ones_like(rows)])
+    return np.asarray((_GROUND_FROM_BIRD @ pixels)[:2].T, np.float64)
+
+
 def _near(points: NDArray[np.float64], lane: Lane) -> NDArray[np.float64]:
     x, y = points.T
-    away = np.abs(lane.offset_m + lane.slope * x + lane.bend_per_m * x * x - y)
-    return np.asarray(points[away < _GATE_M], np.float64)
+    expected = lane.offset_m + lane.slope * x + lane.bend_per_m * x * x
+    return np.asarray(points[np.abs(expected - y) < _GATE_M], np.float64)
 
 
 def _parabola(points: NDArray[np.float64]) -> Lane | None:
-    """Return the parabola through points, a straight line where they cover little, or None for too few."""
-    if len(points) < _FEWEST:
+    """Return the parabola through points, a straight line if they are near each other, or None."""
+    if len(points) < _MIN_PIXELS:
         return None
     x, y = points.T
     degree = 2 if np.ptp(x) > 0.6 else 1
-    fit = np.linalg.lstsq(np.vander(x, degree + 1, increasing=True), y, rcond=None)[0]
-    return Lane(
-        offset_m=float(fit[0]),
-        slope=float(fit[1]),
-        bend_per_m=float(fit[2]) if degree == 2 else 0.0,
-    )
+    powers = np.vander(x, degree + 1, increasing=True)
+    fit = np.linalg.lstsq(powers, y, rcond=None)[0]
+    bend = float(fit[2]) if degree == 2 else 0.0
+    return Lane(offset_m=float(fit[0]), slope=float(fit[1]), bend_per_m=bend)
 
 
 class Colour(Enum):
-    """A light's colour; its value is the hues (of 180) from which to which, wrapping at 180."""
+    """Colour of a traffic light; the value is its first and last hue (of 180, cyclic)."""
 
     RED = (172, 8)
     GREEN = (45, 85)
 
 
-_SATURATION, _VALUE = 130, 150
-#: Least share of its enclosing circle that a lamp's blob covers; 1 for a disc, 0.64 for a square.
-_ROUND = 0.6
+_SATURATION = 130
+_VALUE = 150
+_ROUND = 0.6  #: Least share of its enclosing circle that a lamp covers: a disc 1, a square 0.64.
 
 _RADII = {Colour.RED: (0.024, 0.045), Colour.GREEN: (0.014, 0.1)}
-"""Radii, over the image's width, between which a lamp concerns the car.
+"""Smallest and largest radius of a lamp that concerns the car, relative to the image width.
 
-Red: from where it has to brake (1.95 m with a lamp of 6 cm) to where stopping would leave the lamp out of sight
-(1.04 m). Green: whatever is near and in sight.
+A red lamp of 6 cm concerns the car from 1.95 m, where it has to brake, to 1.04 m, where it can last stop
+with the lamp in view. A green lamp concerns it wherever it is near.
 """
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Lamp:
-    """A round blob of a light's colour, in pixels."""
+    """A lit lamp in an image, in pixels."""
 
-    u: float
-    v: float
-    radius: float
+    u: float  #: Column of its middle.
+    v: float  #: Row of its middle.
+    radius: float  #: Radius of its enclosing circle.
 
 
-def find_lamps(bgr: NDArray[np.uint8], colour: Colour) -> list[Lamp]:
-    """Return the lit lamps of a colour in an image, however small, in no order."""
+def find_lamps(bgr: NDArray[np.uint8], colour: Colour) -> Iterator[Lamp]:
+    """Yield the round areas of a colour in an image (height, width, 3), BGR, of any size."""
     hsv = cv2.cvtColor(bgr, cv2.COLOR_BGR2HSV)
     first, last = colour.value
-    spans = [(first, last)] if first <= last else [(first, 179), (0, last)]
-    masks = [cv2.inRange(hsv, (a, _SATURATION, _VALUE), (b, 255, 255)) for a, b in spans]
-    mask, lamps = np.asarray(masks[0] if len(masks) == 1 else cv2.bitwise_or(*masks), np.uint8), []
-    for contour in cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)[0]:
+    hsv[..., 0] = (hsv[..., 0].astype(int) - first) % 180
+    span = (last - first) % 180
+    mask = cv2.inRange(hsv, (0, _SATURATION, _VALUE), (span, 255, 255))
+    contours, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
+    for contour in contours:
         (u, v), radius = cv2.minEnclosingCircle(contour)
-        if radius >= 2 and cv2.contourArea(contour) > _ROUND * math.pi * radius * radius:
-            lamps.append(Lamp(u=float(u), v=float(v), radius=float(radius)))
-    return lamps
+        circle = math.pi * radius * radius
+        if radius >= 2 and cv2.contourArea(contour) > _ROUND * circle:
+            yield Lamp(u=float(u), v=float(v), radius=float(radius))
 
 
 class LightDetector:
-    """The detection node of a colour. The red one starts active, the green one asleep."""
+    """Detection node of one colour. Red starts active, green starts inactive."""
 
     def __init__(self, colour: Colour) -> None:
         self.colour = colour
         self.active = colour is Colour.RED
 
-    def see(self, bgr: NDArray[np.uint8]) -> bool:
-        """Look at an image of topic A; return whether the node says that it found its light, and sleeps."""
+    def detect(self, bgr: NDArray[np.uint8]) -> bool:
+        """Return whether the node publishes that it found its light; if so, it becomes inactive.
+
+        Args:
+            bgr: Image (height, width, 3) of topic A.
+        """
         if not self.active:
             return False
-        low, high = (share * bgr.shape[1] for share in _RADII[self.colour])
-        found = any(low <= lamp.radius <= high for lamp in find_lamps(bgr, self.colour))
-        self.active = not found
-        return found
+        smallest, largest = _RADII[self.colour]
+        width = bgr.shape[1]
+        for lamp in find_lamps(bgr, self.colour):
+            if smallest * width <= lamp.radius <= largest * width:
+                self.active = False
+                return True
+        return False
 
-    def hear_other(self) -> None:
-        """Take the other detector's message: it found its light, so this one wakes."""
+    def wake(self) -> None:
+        """Become active, because the other detection node found its light."""
         self.active = True
 
 
-# Constants of the controller, all chosen here (the paper gives none).
-_SPEED_MPS = 0.9  #: On a straight lane.
-_LOOKAHEAD_M = 0.9  #: How far ahead the car aims.
-_LATERAL_MPS2 = 0.35  #: Highest lateral acceleration; bends are taken slower for it.
-_ARRIVED_M = 0.3  #: How near a remembered point is not aimed at any more.
+_SPEED_MPS = 0.9  #: Speed on a straight lane; as the following constants chosen here.
+_LOOKAHEAD_M = 0.9  #: Distance of the point that the car drives towards.
+_LATERAL_MPS2 = 0.35  #: Largest lateral acceleration, which limits the speed in bends.
+_ARRIVED_M = 0.3  #: Distance at which a remembered point counts as reached.
 
 
 class LaneControl:
-    """The lane-control node: remembers whether a red light holds the car, and the last point it aimed at."""
+    """Lane control node.
+
+    It follows the arc through the point of the lane's middle that is 0.9 m ahead. In an image without a
+    lane it drives towards the last point, which it follows with the odometry, and stops there.
+    """
 
     def __init__(self) -> None:
-        self.held = False
-        self._aim_odometry: tuple[float, float] | None = None
+        self.held = False  #: Whether a red light holds the car.
+        self._target: tuple[float, float] | None = None  # in the frame of the odometry
 
-    def hear_red(self) -> None:
-        """Take a message of the red light's detection: stop."""
+    def stop(self) -> None:
+        """Hold the car, because the red-light detection found a light."""
         self.held = True
 
-    def hear_green(self) -> None:
-        """Take a message of the green light's detection: drive."""
+    def go(self) -> None:
+        """Release the car, because the green-light detection found a light."""
         self.held = False
 
     def step(self, lane: Lane | None, pose: Pose) -> Drive:
-        """Return the command for a frame, given what `fit_lane` found in it and the odometry at that frame."""
-        if lane is not None:
-            self._aim_odometry = pose.outwards(_LOOKAHEAD_M, lane.y_m(_LOOKAHEAD_M))
-        if self.held or self._aim_odometry is None:
-            return Drive()
-        return self._towards(*pose.inwards(*self._aim_odometry))
+        """Return the command for a frame.
 
-    @staticmethod
-    def _towards(x_m: float, y_m: float) -> Drive:
-        """Return the command along the arc through a point of the vehicle frame."""
-        if x_m < _ARRIVED_M:
+        Args:
+            lane: Result of `fit_lane`; None without a lane.
+            pose: Pose of the odometry at that frame.
+        """
+        if lane is not None:
+            self._target = pose.to_parent(_LOOKAHEAD_M, lane.y_m(_LOOKAHEAD_M))
+        if self.held or self._target is None:
             return Drive()
-        curvature = 2 * y_m / (x_m * x_m + y_m * y_m)
+        x, y = pose.from_parent(*self._target)
+        if x < _ARRIVED_M:
+            return Drive()
+        curvature = 2 * y / (x * x + y * y)
         speed = min(_SPEED_MPS, math.sqrt(_LATERAL_MPS2 / max(abs(curvature), 1e-6)))
         return Drive(speed_mps=speed, yaw_rate_rps=speed * curvature)

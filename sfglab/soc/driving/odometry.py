@@ -1,8 +1,9 @@
-"""Visual odometry in ORB-SLAM's place: ORB features, matching, pose; no map, no loop closure, so it drifts.
+"""Visual odometry, the software subscriber of topic A: ORB features, matching, planar motion.
 
-ORB features (Rublee et al., 2011) of the ground ahead, matched from frame to keyframe, give the planar motion
-in metres, as the camera's height is known. The paper runs ORB-SLAM 3, which also lives on buildings' key
-points. Refuses to know the car's commands and the town.
+ORB features (E. Rublee et al., 2011) of the ground ahead are matched between a frame and the last
+keyframe. Their motion gives the car's planar motion in metres, because the camera's height is known.
+The paper runs ORB-SLAM 3 in this place, which creates a map. This node builds no map and closes no
+loop, so its pose drifts. It does not know the car's commands and the town.
 """
 
 from __future__ import annotations
@@ -19,123 +20,139 @@ if TYPE_CHECKING:
 
     from sfglab.soc.driving.car import Camera
 
+#: Number of features, all on one level: positions from the levels of a pyramid are less exact, and the
+#: heading drifts.
 _FEATURES = 220
-"""On one level: a pyramid places key points a part of a pixel off, which adds up to a false heading."""
-
-_FARTHEST_M = 3.0  #: Ground points farther off are measured too coarsely.
-
-_INLIER_M = 0.02
-_FEWEST = 8
-_KEYFRAME_M, _KEYFRAME_RAD = 0.15, 0.08
+_FARTHEST_M = 3.0  #: Distance of ground points beyond which they are too inexact.
+_RIM_PX = 16  #: Pixels at the edges of an image without features.
+_INLIER_M = 0.02  #: Largest distance of a match from the common motion.
+_MIN_MATCHES = 8
+_KEYFRAME_M = 0.15  #: Distance to the last keyframe that starts the next one.
+_KEYFRAME_RAD = 0.08  #: Turn since the last keyframe that starts the next one.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Pose:
-    """A planar pose; of the car since the first frame, in metres and radians."""
+    """A planar pose relative to a parent frame."""
 
-    x_m: float = 0.0
-    y_m: float = 0.0
-    yaw_rad: float = 0.0
+    x_m: float = 0.0  #: Position along the parent's x axis.
+    y_m: float = 0.0  #: Position along the parent's y axis.
+    yaw_rad: float = 0.0  #: Heading relative to the parent.
 
-    def outwards(self, x_m: float, y_m: float) -> tuple[float, float]:
-        """Return a point of this pose's frame in the outer frame."""
-        cos, sin = math.cos(self.yaw_rad), math.sin(self.yaw_rad)
+    def to_parent(self, x_m: float, y_m: float) -> tuple[float, float]:
+        """Return a point of this frame in the parent frame."""
+        cos = math.cos(self.yaw_rad)
+        sin = math.sin(self.yaw_rad)
         return self.x_m + cos * x_m - sin * y_m, self.y_m + sin * x_m + cos * y_m
 
-    def inwards(self, x_m: float, y_m: float) -> tuple[float, float]:
-        """Return a point of the outer frame in this pose's frame."""
-        cos, sin = math.cos(self.yaw_rad), math.sin(self.yaw_rad)
-        x_m, y_m = x_m - self.x_m, y_m - self.y_m
-        return cos * x_m + sin * y_m, cos * y_m - sin * x_m
+    def from_parent(self, x_m: float, y_m: float) -> tuple[float, float]:
+        """Return a point of the parent frame in this frame."""
+        cos = math.cos(self.yaw_rad)
+        sin = math.sin(self.yaw_rad)
+        x = x_m - self.x_m
+        y = y_m - self.y_m
+        return cos * x + sin * y, cos * y - sin * x
 
-    def then(self, step: Pose) -> Pose:
-        """Return where a step, said in this pose's frame, leads to."""
-        x_m, y_m = self.outwards(step.x_m, step.y_m)
-        return Pose(x_m=x_m, y_m=y_m, yaw_rad=math.remainder(self.yaw_rad + step.yaw_rad, math.tau))
+    def then(self, motion: Pose) -> Pose:
+        """Return the pose after a motion that is relative to this pose."""
+        x_m, y_m = self.to_parent(motion.x_m, motion.y_m)
+        yaw_rad = math.remainder(self.yaw_rad + motion.yaw_rad, math.tau)
+        return Pose(x_m=x_m, y_m=y_m, yaw_rad=yaw_rad)
 
 
 def planar_motion(before_xy: NDArray[np.float64], now_xy: NDArray[np.float64]) -> Pose | None:
-    """Return a vehicle's motion between views (n, 2), m, of the same ground points; None if under eight agree.
+    """Return the motion of a vehicle that saw the same ground points before and now.
 
-    RANSAC and then least squares (Kabsch) over the inliers give the pose now in the frame before.
+    RANSAC selects the matches that agree, then least squares (Kabsch) gives the motion.
+
+    Args:
+        before_xy: Points (n, 2), m, in the earlier vehicle frame.
+        now_xy: The same points in the present vehicle frame.
+
+    Returns:
+        The present pose relative to the earlier one, or None if fewer than 8 matches agree.
     """
-    if len(now_xy) < _FEWEST:
+    if len(now_xy) < _MIN_MATCHES:
         return None
-    agree = cv2.estimateAffinePartial2D(
+    _, agreeing = cv2.estimateAffinePartial2D(
         now_xy, before_xy, ransacReprojThreshold=_INLIER_M, maxIters=300
-    )[1]
-    if agree is None or agree.sum() < _FEWEST:
+    )
+    if agreeing is None or agreeing.sum() < _MIN_MATCHES:
         return None
-    now, before = now_xy[agree.ravel() > 0], before_xy[agree.ravel() > 0]
-    now_middle, before_middle = now.mean(axis=0), before.mean(axis=0)
-    p, q = now - now_middle, before - before_middle
-    yaw = math.atan2(float((p[:, 0] * q[:, 1] - p[:, 1] * q[:, 0]).sum()), float((p * q).sum()))
-    turned = Pose(yaw_rad=yaw).outwards(*now_middle)
-    return Pose(x_m=before_middle[0] - turned[0], y_m=before_middle[1] - turned[1], yaw_rad=yaw)
+    chosen = agreeing.ravel() > 0
+    now_middle = now_xy[chosen].mean(axis=0)
+    before_middle = before_xy[chosen].mean(axis=0)
+    now = now_xy[chosen] - now_middle
+    before = before_xy[chosen] - before_middle
+    sin_sum = float((now[:, 0] * before[:, 1] - now[:, 1] * before[:, 0]).sum())
+    cos_sum = float((now * before).sum())
+    turn = Pose(yaw_rad=math.atan2(sin_sum, cos_sum))
+    x, y = before_middle - turn.to_parent(*now_middle)
+    return Pose(x_m=float(x), y_m=float(y), yaw_rad=turn.yaw_rad)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _View:
-    """Ground points and descriptors of a frame."""
+    """Features of a frame."""
 
-    points_xy: NDArray[np.float64]
-    descriptors: NDArray[np.uint8]
+    points_xy: NDArray[np.float64]  #: Ground points (n, 2) in the vehicle frame, m.
+    descriptors: NDArray[np.uint8]  #: ORB descriptors (n, 32).
 
 
 class VisualOdometry:
-    """The odometry node: integrates planar motion since the last keyframe; the camera's height is the scale."""
+    """Odometry node: adds the motion since the last keyframe to the keyframe's pose."""
 
     def __init__(self, camera: Camera) -> None:
         self._camera = camera
         self._orb = cv2.ORB.create(
-            nfeatures=_FEATURES, nlevels=1, fastThreshold=6, edgeThreshold=16
+            nfeatures=_FEATURES, nlevels=1, fastThreshold=6, edgeThreshold=_RIM_PX
         )
-        # The image's first row whose ground is not too far, with the rim that ORB needs above it.
-        _, v, w = camera.image_from_ground @ (_FARTHEST_M, 0.0, 1.0)
-        self._top = max(round(float(v / w)) - 16, camera.horizon_row)
         self._matcher = cv2.BFMatcher(cv2.NORM_HAMMING, crossCheck=True)
+        _, v, w = camera.image_from_ground @ (_FARTHEST_M, 0.0, 1.0)
+        self._top = max(round(float(v / w)) - _RIM_PX, camera.horizon_row)
         self._keyframe: _View | None = None
-        self._key_pose = Pose()
-        self._step = Pose()
-        self.lost = 0
+        self._keyframe_pose = Pose()
+        self.pose = Pose()  #: Pose of the car since the first frame.
+        self.lost = 0  #: Number of frames that did not match the keyframe.
 
-    @property
-    def pose(self) -> Pose:
-        """The car's pose since the first frame."""
-        return self._key_pose.then(self._step)
+    def update(self, bgr: NDArray[np.uint8]) -> Pose:
+        """Return the pose at an image (height, width, 3) of topic A.
 
-    def see(self, bgr: NDArray[np.uint8]) -> Pose:
-        """Return the pose at an image of topic A; one that does not match is `lost` and begins a keyframe."""
-        view = self._view(bgr)
-        step = self._motion(view)
-        if step is None:
-            self.lost += self._keyframe is not None
-            self._begin(view)
+        An image that does not match the keyframe leaves the pose as it was and becomes the keyframe.
+        """
+        view = self._features(bgr)
+        if self._keyframe is None:
+            self._keyframe = view
             return self.pose
-        self._step = step
-        if math.hypot(step.x_m, step.y_m) > _KEYFRAME_M or abs(step.yaw_rad) > _KEYFRAME_RAD:
-            self._begin(view)
+        motion = self._motion(self._keyframe, view)
+        if motion is None:
+            self.lost += 1
+        else:
+            self.pose = self._keyframe_pose.then(motion)
+        if motion is None or _is_far(motion):
+            self._keyframe = view
+            self._keyframe_pose = self.pose
         return self.pose
 
-    def _begin(self, view: _View) -> None:
-        self._key_pose, self._step, self._keyframe = self.pose, Pose(), view
-
-    def _motion(self, view: _View) -> Pose | None:
-        key = self._keyframe
-        if key is None or not len(view.descriptors) or not len(key.descriptors):
-            return None
-        matches = self._matcher.match(view.descriptors, key.descriptors)
-        now = view.points_xy[[m.queryIdx for m in matches]]
-        return planar_motion(key.points_xy[[m.trainIdx for m in matches]], now)
-
-    def _view(self, bgr: NDArray[np.uint8]) -> _View:
-        """Return an image's ORB features that lie on near ground."""
+    def _features(self, bgr: NDArray[np.uint8]) -> _View:
+        """Return the ORB features on the near ground."""
         grey = cv2.cvtColor(bgr[self._top :], cv2.COLOR_BGR2GRAY)
         keypoints, descriptors = self._orb.detectAndCompute(grey, None)
         if not keypoints:
             return _View(points_xy=np.empty((0, 2)), descriptors=np.empty((0, 32), np.uint8))
-        pixels = np.array([[k.pt[0], k.pt[1] + self._top, 1.0] for k in keypoints])
+        pixels = np.array([(point.pt[0], point.pt[1] + self._top, 1.0) for point in keypoints])
         raw = pixels @ self._camera.ground_from_image.T
-        return _View(
-            points_xy=raw[:, :2] / raw[:, 2:], descriptors=np.asarray(descriptors, np.uint8)
-        )
+        points_xy = raw[:, :2] / raw[:, 2:]
+        return _View(points_xy=points_xy, descriptors=np.asarray(descriptors, np.uint8))
+
+    def _motion(self, before: _View, now: _View) -> Pose | None:
+        if not len(now.descriptors) or not len(before.descriptors):
+            return None
+        matches = self._matcher.match(now.descriptors, before.descriptors)
+        now_indices = [match.queryIdx for match in matches]
+        before_indices = [match.trainIdx for match in matches]
+        return planar_motion(before.points_xy[before_indices], now.points_xy[now_indices])
+
+
+def _is_far(motion: Pose) -> bool:
+    return math.hypot(motion.x_m, motion.y_m) > _KEYFRAME_M or abs(motion.yaw_rad) > _KEYFRAME_RAD

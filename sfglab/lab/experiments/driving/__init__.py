@@ -1,11 +1,11 @@
 """Driving: paper C, section 6, Fig. 9.
 
-A car goes round simulated towns by its camera, every node of the application real; the node chain from image to
-command is timed with its shared topic in software and with a gateway, under the memory model.
+A car drives round simulated towns, and all nodes of the application process the images of its camera.
+The node chain from image to command is timed with its shared topic in software and with a gateway, by
+the memory model and live.
 """
 
-from sfglab.lab.experiments.driving.analysis import chain_table, node_table
 from sfglab.lab.experiments.driving.experiment import exp
-from sfglab.lab.experiments.driving.figures import film
+from sfglab.lab.experiments.driving.results import chain_table, part_table
 
-__all__ = ["chain_table", "exp", "film", "node_table"]
+__all__ = ["chain_table", "exp", "part_table"]

@@ -1,0 +1,329 @@
+"""Results of driving: claims on the node chain, its time by source, and figures of the laps."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from textwrap import fill
+from typing import TYPE_CHECKING, Any
+
+import cv2
+import numpy as np
+import pandas as pd
+
+from sfglab.lab.claims import Finding, How
+from sfglab.lab.experiments.driving.experiment import (
+    GATEWAY,
+    IMAGE_TOPIC,
+    PATH_TOPIC,
+    SOFTWARE,
+    STANDING_MPS,
+    Config,
+    exp,
+    load_chain,
+)
+from sfglab.lab.figures import COLORS, note, paper_line
+from sfglab.lab.paper import paper
+from sfglab.lab.runs import Run, derived, lines_of
+from sfglab.lab.stats import Estimate, Floats, bootstrap, exactly
+from sfglab.soc.driving import CHAIN, SHARED_TOPIC, Camera, Chain, Rules
+from sfglab.soc.driving.town import LANE_M, Road
+from sfglab.units import NS_PER_S
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+MAPPINGS = (SOFTWARE, GATEWAY)
+ASSUMED = "nodes in hardware, assumed"
+MEASURED = "nodes in software, measured"
+LIVE = "live across processes"
+PAPER = "paper"
+_COLUMNS = {SOFTWARE: "smt_s", GATEWAY: "gateway_s"}  #: Columns of topic A in the table ``chain``.
+_COLORS = {SOFTWARE: COLORS["standard"], GATEWAY: COLORS["proxy"]}
+_RED = "#D62728"
+_MS = 1e3
+_FEWEST = 30  #: Smallest number of live images that a standard deviation is computed from.
+
+
+@derived
+def parts_ms(run: Run[Config], source: str, mapping: str) -> pd.DataFrame:
+    """Return the parts of the chain's time, ms: one row per frame, one column per node and topic.
+
+    Args:
+        run: The run.
+        source: `ASSUMED` takes the assumed times of nodes in hardware, `MEASURED` measured ones.
+        mapping: `SOFTWARE` or `GATEWAY`, for topic A.
+    """
+    frames = run["chain"]
+    assumed_s = run["node"].set_index("node")["hardware_s"]
+    transfers = run["transfer"]
+    others = transfers[(transfers["forwarding"] == "stored") & (transfers["topic"] != SHARED_TOPIC)]
+    topics_s = {SHARED_TOPIC: frames[_COLUMNS[mapping]], **others.set_index("topic")["mean_s"]}
+    parts = {}
+    for node, topic in zip(CHAIN, [*topics_s, None], strict=True):
+        if source == ASSUMED and not np.isnan(assumed_s[node]):
+            parts[node] = assumed_s[node] * _MS
+        else:
+            parts[node] = frames[f"{node}_ns"] / 1e6
+        if topic is not None:
+            parts[topic] = topics_s[topic] * _MS
+    return pd.DataFrame(parts)
+
+
+@derived
+def chain_ms(run: Run[Config], source: str = ASSUMED) -> dict[str, Floats]:
+    """Return the chain's times by mapping of A, ms.
+
+    The source is `ASSUMED` or `MEASURED`, one time per frame, or `LIVE`, one per image that arrived. Without
+    30 live images per mapping the result is empty.
+    """
+    if source != LIVE:
+        return {
+            mapping: parts_ms(run, source, mapping).sum(axis=1).to_numpy() for mapping in MAPPINGS
+        }
+    live = run["live"].dropna()
+    found = {}
+    for mapping in MAPPINGS:
+        found[mapping] = live.loc[live["mapping"] == mapping, "chain_s"].to_numpy(np.float64) * _MS
+    return found if min(map(len, found.values())) >= _FEWEST else {}
+
+
+def chain_table(run: Run[Config]) -> pd.DataFrame:
+    """Return mean and standard deviation of the chain's time by source and mapping of A, ms."""
+    rows = []
+    for source in (ASSUMED, MEASURED, LIVE):
+        for mapping, times in chain_ms(run, source).items():
+            rows.append((source, mapping, times.mean(), times.std(ddof=1)))
+    for mapping in MAPPINGS:
+        mean = paper("C-DRIVE", f"{mapping}, mean (ms)")
+        rows.append((PAPER, mapping, mean, paper("C-DRIVE-DEV", f"{mapping}, deviation (ms)")))
+    return pd.DataFrame(rows, columns=["source", "topic A", "mean (ms)", "deviation (ms)"])
+
+
+def part_table(run: Run[Config]) -> pd.DataFrame:
+    """Return mean times, ms: one row per node and topic, one column per source and mapping of A."""
+    means = {}
+    for source in (ASSUMED, MEASURED):
+        for mapping in MAPPINGS:
+            means[source, mapping] = parts_ms(run, source, mapping).mean()
+    return pd.DataFrame(means)
+
+
+@exp.claim("C-DRIVE", how=How.SIMULATED)
+def shorter_chain(run: Run[Config]) -> Finding:
+    """Return the time saved by a gateway with the graph's images, and under other sizes."""
+    frames = run["chain"]
+    saved_ms = (frames["smt_s"] - frames["gateway_s"]).to_numpy(dtype=np.float64) * _MS
+    laps = run["lap"]
+    details = {"laps passed": f"{laps['passed'].sum()} of {len(laps)}"}
+    for source in (ASSUMED, MEASURED):
+        details[f"times as fast, {source}"] = f"{_ratio(run, source):.3g}"
+    return Finding(
+        estimate=bootstrap([saved_ms], lambda drawn: float(drawn[0].mean()), unit="ms saved"),
+        details=details,
+        reason="the time saved grows with the image, whose size the paper does not state",
+        under=_other_sizes(),
+    )
+
+
+def _ratio(run: Run[Config], source: str) -> float:
+    """Return how many times as fast the chain is with a gateway."""
+    times = chain_ms(run, source)
+    return float(times[SOFTWARE].mean() / times[GATEWAY].mean())
+
+
+def _other_sizes() -> dict[str, Estimate]:
+    """Return the time saved for other sizes of images, as the mean over all orders of delivery."""
+    graph = load_chain().graph
+    found = {}
+    for width, height in ((320, 240), (800, 600)):
+        resized = replace(graph.topic(SHARED_TOPIC), size_bytes=3 * width * height)
+        others = [topic for topic in graph.topics if topic.name != SHARED_TOPIC]
+        chain = Chain(replace(graph, topics=(resized, *others)))
+        saved_s = float(np.mean(list(chain.software_s.values()))) - chain.gateway_s
+        found[f"images of {width} x {height}"] = exactly(saved_s * _MS, "ms saved")
+    return found
+
+
+_ORDERS = "orders of magnitude less deviation"
+
+
+@exp.claim("C-DRIVE-DEV", how=How.SIMULATED)
+def steadier_chain(run: Run[Config]) -> Finding:
+    """Return how much smaller the chain's deviation is with a gateway, by the model and live."""
+    frames = np.column_stack(list(chain_ms(run).values()))
+    estimate = bootstrap([frames], lambda drawn: orders_less(drawn[0].T), unit=_ORDERS)
+    live = chain_ms(run, LIVE)
+    if not live:
+        skipped = run.skipped("live")
+        return Finding(estimate=estimate, details={LIVE: skipped} if skipped else {})
+    across = bootstrap(list(live.values()), orders_less, unit=_ORDERS)
+    return Finding(
+        estimate=estimate,
+        details={LIVE: str(across)},
+        ends={
+            "orders of magnitude, live across processes": across.value,
+            "share of pictures that arrive, live": float(run["live"]["chain_s"].notna().mean()),
+        },
+        reason="across processes a gateway saves copies, but the delay of the Linux scheduler remains, "
+        "also for nodes that are hardware in the paper",
+    )
+
+
+def orders_less(times: Sequence[Floats] | Floats) -> float:
+    """Return the orders of magnitude by which the second deviation is smaller than the first."""
+    software, gateway = times
+    return float(np.log10(software.std(ddof=1) / gateway.std(ddof=1)))
+
+
+@exp.figure("driving_chain", size=(10, 4.3))
+def draw_chain(figure: Figure, run: Run[Config]) -> None:
+    """Draw mean and standard deviation of the chain's time by source, and its parts."""
+    left, right = figure.subplots(1, 2, width_ratios=(1, 1.2))
+    _draw_times(left, chain_table(run))
+    _draw_parts(right, part_table(run))
+    stated = paper("C-DRIVE", "times as fast")
+    figure.suptitle(
+        f"With a gateway for topic A the chain is {_ratio(run, ASSUMED):.1f} times as fast "
+        f"(paper: {stated})"
+    )
+    note(figure, "transfers modelled; error bars: standard deviation")
+
+
+def _draw_times(axes: Axes, table: pd.DataFrame) -> None:
+    """Draw mean and standard deviation by source and mapping."""
+    sources = table["source"].unique()
+    for mapping, shift in ((SOFTWARE, -0.15), (GATEWAY, 0.15)):
+        rows = table[table["topic A"] == mapping]
+        places = np.arange(len(rows)) + shift
+        style: dict[str, Any] = {"color": _COLORS[mapping], "label": f"A by {mapping}"}
+        axes.errorbar(
+            places, rows["mean (ms)"], rows["deviation (ms)"], fmt="o", capsize=4, **style
+        )
+    axes.set_xticks(range(len(sources)), [fill(source, 16) for source in sources])
+    axes.tick_params(axis="x", labelsize=8)
+    axes.set(ylabel="time of the chain (ms)", ylim=(0, None))
+    axes.legend(loc="lower left")
+
+
+def _draw_parts(axes: Axes, table: pd.DataFrame) -> None:
+    """Draw mean times of nodes, topic A and other topics as stacked bars."""
+    kinds = ["nodes" if part in CHAIN else "other topics" for part in table.index]
+    kinds[table.index.get_loc(SHARED_TOPIC)] = "topic A"
+    sums = table.groupby(kinds).sum()
+    names = [fill(", A by ".join(column), 16) for column in table.columns.to_flat_index()]
+    bottom = np.zeros(len(names))
+    for kind, color in zip(sums.index, ("network", "third", "fourth"), strict=True):
+        bars = axes.bar(names, sums.loc[kind], 0.6, bottom, color=COLORS[color], label=kind)
+        axes.bar_label(bars, fmt="%.1f", label_type="center", fontsize=8)
+        bottom += sums.loc[kind]
+    for mapping in MAPPINGS:
+        stated = paper("C-DRIVE", f"{mapping}, mean (ms)")
+        paper_line(axes, stated, color=_COLORS[mapping])
+    axes.tick_params(axis="x", labelsize=8)
+    axes.set(ylabel="mean time (ms)", ylim=(0, 34), xlim=(-0.5, 4.2))
+    axes.legend(fontsize=8, ncols=3, loc="upper left")
+
+
+@derived
+def stops(run: Run[Config]) -> pd.DataFrame:
+    """Return the stops of the logged lap that take 1 s or more: ``t_s``, ``end_s``, ``x_m``, ``y_m``."""
+    track = run["track"]
+    standing = track["speed_mps"] < STANDING_MPS
+    number = (standing != standing.shift()).cumsum()
+    found = (
+        track[standing]
+        .groupby(number[standing])
+        .agg(
+            t_s=("t_s", "first"), end_s=("t_s", "last"), x_m=("x_m", "first"), y_m=("y_m", "first")
+        )
+    )
+    return found[(found["end_s"] - found["t_s"] >= 1.0) & (found["t_s"] > 1.0)]
+
+
+@exp.figure("driving_lap", size=(10, 6.2))
+def draw_lap(figure: Figure, run: Run[Config]) -> None:
+    """Draw one lap: town and track, distance from the lane's middle, and the image at the first stop."""
+    grid = figure.add_gridspec(2, 2, height_ratios=(2, 0.6))
+    _draw_map(figure.add_subplot(grid[0, 0]), run)
+    _draw_first_stop(figure.add_subplot(grid[0, 1]), run)
+    _draw_lateral(figure.add_subplot(grid[1, :]), run)
+    lap = run["lap"].iloc[0]
+    result = "passes" if lap["passed"] else "does not pass"
+    figure.suptitle(
+        f"The lap of town {lap['seed']} takes {lap['lap_s']:.1f} s, stops at "
+        f"{lap['red_lights_obeyed']} red lights and {result}"
+    )
+    note(figure, "simulated town and car, real nodes")
+
+
+def _draw_first_stop(axes: Axes, run: Run[Config]) -> None:
+    """Draw the camera image at the first stop, without one the first image, and the lane found in it."""
+    pairs = list(zip(run.messages(IMAGE_TOPIC), run.messages(PATH_TOPIC), strict=True))
+    stop_ns = stops(run)["t_s"].min() * NS_PER_S
+    stopped = [pair for pair in pairs if pair[0].log_time_ns >= stop_ns]
+    image, path = (stopped or pairs)[0]
+    bgr = np.asarray(cv2.imdecode(image.message.data, cv2.IMREAD_COLOR), np.uint8)
+    height, width, _ = bgr.shape
+    axes.imshow(bgr[:, :, ::-1])
+    points = [(each.pose.position.x, each.pose.position.y, 0.0) for each in path.message.poses]
+    if points:
+        pixels, _ = Camera(width=width, height=height).project(np.array(points))
+        axes.plot(*pixels.T, color=COLORS["proxy"], linewidth=3)
+    axes.set(xlim=(0, width), ylim=(height, 0))
+    axes.set_axis_off()
+    title = f"camera image at {image.log_time_ns / NS_PER_S:.1f} s; blue: lane found by polyfit"
+    axes.set_title(title, fontsize=8.5)
+
+
+def _draw_map(axes: Axes, run: Run[Config]) -> None:
+    town = run.metadata("town")
+    road = Road(np.array(town["road"]))
+    for left_m, color in ((0.0, "#E6B800"), (-LANE_M, "0.5"), (LANE_M, "0.5")):
+        axes.fill(*road.beside(left_m).T, fill=False, edgecolor=color)
+    track = run["track"]
+    lights = np.array(town["lights"])
+    axes.plot(track["x_m"], track["y_m"], color=COLORS["proxy"], label="track")
+    axes.plot(lights[:, 0], lights[:, 1], "s", color="black", mfc="white", label="stop line")
+    axes.plot(stops(run)["x_m"], stops(run)["y_m"], "o", color=_RED, label="stop of the car")
+    axes.set(aspect="equal", xlabel="east (m)", ylabel="north (m)")
+    axes.legend(fontsize=8, loc="center")
+
+
+def _draw_lateral(axes: Axes, run: Run[Config]) -> None:
+    track = run["track"]
+    axes.plot(track["t_s"], track["left_m"] * 100, color=COLORS["proxy"])
+    limit = Rules().lateral_m * 100
+    axes.hlines([-limit, limit], 0, track["t_s"].max(), color="black", linestyle=":")
+    for stop in lines_of(stops(run)):
+        axes.axvspan(stop.t_s, stop.end_s, color=_RED, alpha=0.15)
+    axes.set(xlabel="time (s)", ylabel="left of the\nlane's middle (cm)")
+    axes.set_title("red: the car stands; dotted: a wheel would leave the lane", fontsize=8.5)
+
+
+@exp.figure("driving_laps", size=(10.2, 5.4))
+def draw_laps(figure: Figure, run: Run[Config]) -> None:
+    """Draw all laps by seed: largest distance from the lane's middle, red lights, odometry error."""
+    laps = run["lap"].set_index("seed")
+    table = pd.DataFrame(
+        {
+            "largest distance from\nthe lane's middle (cm)": laps["largest_lateral_m"] * 100,
+            "red lights obeyed": laps["red_lights_obeyed"],
+            "odometry error at the end\n(% of the lap)": 100
+            * laps["odometry_error_m"]
+            / laps["lane_m"],
+        }
+    )
+    limits = (Rules().lateral_m * 100, Rules().red_lights, np.nan)
+    colors = np.where(laps["passed"], COLORS["proxy"], COLORS["standard"])
+    panels = figure.subplots(3, 1, sharex=True)
+    for axes, name, limit in zip(panels, table, limits, strict=True):
+        axes.bar(table.index, table[name], 0.7, color=colors)
+        axes.set_ylabel(name, fontsize=8)
+        axes.axhline(limit, color="black", linestyle=":")
+    panels[-1].set_xlabel("seed of the town")
+    panels[-1].locator_params(axis="x", integer=True)
+    figure.suptitle(f"{laps['passed'].sum()} of {len(laps)} laps pass")
+    note(figure, "simulated, one lap per town; dotted: limits of the judge")

@@ -1,0 +1,115 @@
+"""The judge of a lap: whether the car stayed in its lane, stopped at red lights and completed the lap."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from sfglab.soc.driving.town import LANE_M, Place, Town
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+_STANDING_MPS = 0.02
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Rules:
+    """Conditions that a lap has to meet."""
+
+    #: Largest distance of the rear axle from the lane's middle: half a lane minus half a car of 18 cm.
+    lateral_m: float = LANE_M / 2 - 0.09
+    red_lights: int = 3  #: Smallest number of red lights that the car must have stopped at.
+    #: Time after a light turned red in which its line may be crossed: the car needs 0.6 s to brake from
+    #: 0.9 m/s, and some frames to detect the light.
+    grace_s: float = 1.0
+    stop_m: float = (
+        2.0  #: Largest distance to the line at which a standing car has stopped for a light.
+    )
+    timeout_s: float = 150.0  #: Time after which a lap has failed.
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Verdict:
+    """Result of a lap."""
+
+    completed: bool  #: Whether the car completed the lap.
+    red_lights_obeyed: int  #: Number of red lights that the car stopped at and did not run.
+    red_lights_run: int  #: Number of stop lines that the car crossed at red.
+    largest_lateral_m: float  #: Largest distance of the rear axle from the lane's middle.
+    lap_s: float  #: Duration in the town.
+    passed: bool  #: Whether all rules are met.
+
+
+class Judge:
+    """Observes a drive that begins at place 0 of the lane."""
+
+    def __init__(self, town: Town, rules: Rules | None = None) -> None:
+        self.rules = rules or Rules()
+        self._town = town
+        self._driven_m = 0.0
+        self._largest_m = 0.0
+        self._stopped: set[int] = set()
+        self._run: set[int] = set()
+        self._before: Place | None = None
+        self._now_s = 0.0
+
+    def observe(
+        self, now_s: float, car: Place, speed_mps: float, red_since_s: Sequence[float | None]
+    ) -> None:
+        """Take a frame.
+
+        Args:
+            now_s: Time in the town.
+            car: True place of the rear axle on the lane.
+            speed_mps: True speed.
+            red_since_s: For each light since when it has been red, None for green.
+        """
+        self._now_s = now_s
+        self._largest_m = max(self._largest_m, abs(car.left_m))
+        driven_m = self._driven_m + self._step_m(car)
+        for i, (light, since_s) in enumerate(zip(self._town.lights, red_since_s, strict=True)):
+            if since_s is None:
+                continue
+            crossed = self._driven_m < light.stop_m <= driven_m
+            if crossed and now_s - since_s > self.rules.grace_s:
+                self._run.add(i)
+            near = 0 <= light.stop_m - car.along_m <= self.rules.stop_m
+            if near and speed_mps < _STANDING_MPS:
+                self._stopped.add(i)
+        self._driven_m = driven_m
+        self._before = car
+
+    def _step_m(self, car: Place) -> float:
+        """Return the distance along the closed lane since the last frame."""
+        if self._before is None:
+            return 0.0
+        length_m = self._town.lane.length_m
+        return (car.along_m - self._before.along_m + length_m / 2) % length_m - length_m / 2
+
+    @property
+    def over(self) -> bool:
+        """Whether the lap is completed, the car left its lane, or the time is up."""
+        timed_out = self._now_s >= self.rules.timeout_s
+        return self._completed or not self._in_lane or timed_out
+
+    @property
+    def _completed(self) -> bool:
+        return self._driven_m >= self._town.lane.length_m
+
+    @property
+    def _in_lane(self) -> bool:
+        return self._largest_m <= self.rules.lateral_m
+
+    def verdict(self) -> Verdict:
+        """Return the result so far."""
+        obeyed = len(self._stopped - self._run)
+        lawful = not self._run and obeyed >= self.rules.red_lights
+        return Verdict(
+            completed=self._completed,
+            red_lights_obeyed=obeyed,
+            red_lights_run=len(self._run),
+            largest_lateral_m=self._largest_m,
+            lap_s=self._now_s,
+            passed=self._completed and self._in_lane and lawful,
+        )
