@@ -1,7 +1,6 @@
 """The driving experiment: rows are what the laps were, and claims and figures come from the log."""
 
 import asyncio
-from unittest.mock import Mock
 
 import numpy as np
 import pandas as pd
@@ -14,19 +13,17 @@ from sfglab.lab.experiments.driving.experiment import (
     IMAGE_TOPIC,
     SOFTWARE,
     DrivePoint,
-    Recorder,
 )
 from sfglab.lab.experiments.driving.results import (
     ASSUMED,
     LIVE,
     MEASURED,
     chain_ms,
-    orders_less,
     parts_ms,
     stops,
 )
 from sfglab.lab.sweep import Workers
-from sfglab.soc.driving import Camera, Rules, Stack, run_lap
+from sfglab.soc.driving import Rules, run_lap
 from sfglab.view.app import ViewOptions, view_log
 
 HERE = Options(workers=Workers(count=1, threads=True))
@@ -47,8 +44,7 @@ def run(tmp_path_factory):
 def test_a_row_is_its_lap(run):
     row = run["lap"].iloc[1]
     lap = run_lap(1, rules=Rules(timeout_s=1.5))
-    assert (row["seed"], row["passed"], row["lane_m"]) == (1, False, lap.lane_m)
-    assert row["largest_lateral_m"] == lap.verdict.largest_lateral_m
+    assert (row["seed"], row["passed"]) == (1, False)
     assert row["odometry_error_m"] == lap.odometry_error_m
 
 
@@ -74,15 +70,12 @@ def test_claims_are_the_time_saved_also_by_image_size_and_the_ratio_of_deviation
     for source in (ASSUMED, MEASURED):
         saved = table[source, SOFTWARE] - table[source, GATEWAY]
         assert claim.estimate.value == pytest.approx(saved)
-    assert claim.estimate.low <= claim.estimate.value <= claim.estimate.high
-    assert claim.details["laps passed"] == "0 of 2"
     small, large = (estimate.value for estimate in claim.under.values())
     assert small < claim.estimate.value < large
     assert table["paper", SOFTWARE] == 28.264
     times = chain_ms(run)
     deviations = times[SOFTWARE].std(ddof=1) / times[GATEWAY].std(ddof=1)
     assert 10 ** found["C-DRIVE-DEV"].estimate.value == pytest.approx(deviations)
-    assert orders_less([np.array([20.0, 40.0, 30.0]), np.array([29.0, 31.0, 30.0])]) == 1
 
 
 @pytest.mark.live
@@ -111,18 +104,8 @@ def test_the_logged_lap_is_in_the_log_as_messages_with_the_same_positions(run):
         assert times_ns == [entry.log_time_ns for entry in paths]
 
 
-def test_a_standing_car_has_an_image_every_two_seconds():
-    stack = Stack(Camera(width=64, height=48))
-    stack.control.stop()
-    bench = Mock()
-    run_lap(0, stack=stack, rules=Rules(timeout_s=4.0), watch=Recorder(bench).record)
-    calls = bench.log.write.call_args_list
-    times_ns = [call.kwargs["log_time_ns"] for call in calls if call.args[0] == IMAGE_TOPIC]
-    assert times_ns == [0, 2 * 10**9, 4 * 10**9]
-
-
 def test_a_stop_is_a_second_of_standing_after_the_start():
-    speeds = [0.0] * 8 + [0.5] * 7 + [0.0] * 10 + [0.5] * 5 + [0.0] * 3 + [0.5] * 2
+    speeds = np.repeat([0.0, 0.5, 0.0, 0.5, 0.0, 0.5], [8, 7, 10, 5, 3, 2])
     times_s = np.arange(len(speeds)) / 5
     track = pd.DataFrame({"t_s": times_s, "speed_mps": speeds, "x_m": 1.0, "y_m": 2.0})
     found = stops.__wrapped__({"track": track})

@@ -6,8 +6,6 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from sfglab.errors import InvalidValueError
 from sfglab.soc import load_graph
@@ -41,47 +39,29 @@ def test_the_nodes_have_the_names_and_topics_of_the_graph_of_fig_9():
 # car and camera
 
 
-def test_a_ground_point_to_the_left_is_left_of_the_middle_and_the_homography_inverts_it():
-    camera = Camera()
-    points = np.array([[2.0, 0.0, 0.0], [2.0, 0.5, 0.0], [1.3, -0.2, 0.0]])
-    pixels, depths = camera.project(points)
-    assert pixels[0, 0] == pytest.approx(160)
-    assert pixels[0, 1] > camera.horizon_row
-    assert pixels[1, 0] < pixels[0, 0]
-    assert (depths > 0).all()
-    raw = np.column_stack([pixels, np.ones(3)]) @ camera.ground_from_image.T
-    assert raw[:, :2] / raw[:, 2:] == pytest.approx(points[:, :2])
+def test_a_camera_below_the_ground_is_refused():
     with pytest.raises(InvalidValueError, match=r"mount_m: given .*, allowed: above zero"):
         Camera(mount_m=-0.1)
 
 
-def test_a_car_at_constant_yaw_rate_returns_brakes_within_its_limit_and_has_a_steering_error():
-    steer = math.atan(0.26)
-    start = car = CarState(speed_mps=1.0, steer_rad=steer)
+def test_a_car_at_constant_yaw_rate_returns_and_one_that_brakes_keeps_its_limit():
+    car = CarState(speed_mps=1.0, steer_rad=math.atan(0.26))
+    assert drive(car, Drive(), dt_s=0.1).speed_mps == pytest.approx(0.85)
     for _ in range(100):
         car = drive(car, Drive(speed_mps=1.0, yaw_rate_rps=1.0), dt_s=math.tau / 100)
     assert (car.x_m, car.y_m, car.yaw_rad) == pytest.approx((0, 0, 0), abs=1e-6)
-    assert drive(start, Drive(), dt_s=0.1).speed_mps == pytest.approx(0.85)
-    straight = CarState(speed_mps=0.9)
-    off = drive(straight, Drive(speed_mps=0.9), dt_s=1.0, steer_bias_rad=0.02)
-    assert off.yaw_rad == pytest.approx(0.9 * math.tan(0.02) / 0.26)
 
 
 # compensation and blur
 
 
-def test_compensation_removes_outliers_keeps_an_edge_and_uses_all_levels_in_their_order():
+def test_compensation_removes_outliers_keeps_an_edge_and_uses_all_levels():
     image = grey_image(60)
     image[:, 160:] = 180
     image[50, 50] = image[100, 250] = (255, 0, 255)
     clean = nodes.compensate(image)
     assert (clean[:, :160] == 0).all()
     assert (clean[:, 160:] == 255).all()
-    assert nodes.compensate(grey_image()).shape == (240, 320, 3), "one level only"
-    ramp = np.linspace(60, 180, 320).astype(np.uint8)
-    table = nodes.stretch(np.tile(ramp[None, :, None], (240, 1, 3)))
-    assert (table[60], table[180]) == (0, 255)
-    assert (np.diff(table.astype(int)) >= 0).all()
 
 
 def test_the_blur_spreads_a_pixel_and_keeps_its_sum():
@@ -93,19 +73,6 @@ def test_the_blur_spreads_a_pixel_and_keeps_its_sum():
 
 
 # lane planner and polyfit
-
-
-@pytest.mark.parametrize(
-    ("bgr", "level"),
-    [
-        ((40, 190, 225), nodes.YELLOW),
-        ((235, 240, 240), nodes.WHITE),
-        ((90, 90, 90), 0),
-        ((66, 96, 74), 0),
-    ],
-)
-def test_yellow_and_white_are_markings_and_asphalt_and_grass_are_not(bgr, level):
-    assert (nodes.marking_mask(np.full((8, 8, 3), bgr, np.uint8)) == level).all()
 
 
 def mask_of(lane: nodes.Lane) -> np.ndarray:
@@ -148,18 +115,14 @@ def test_one_line_is_enough_and_lines_beyond_it_and_across_do_not_move_the_lane(
 # traffic lights
 
 
-def test_a_round_lamp_is_found_by_its_own_colour_with_place_and_radius():
-    for bgr, colour, other in (
-        (RED, nodes.Colour.RED, nodes.Colour.GREEN),
-        (GREEN, nodes.Colour.GREEN, nodes.Colour.RED),
-    ):
-        image = with_lamp(bgr, 9)
-        (lamp,) = nodes.find_lamps(image, colour)
-        assert (lamp.u, lamp.v) == pytest.approx((200, 90), abs=1)
-        assert lamp.radius == pytest.approx(9, abs=1.2)
-        assert not list(nodes.find_lamps(image, other))
-        bar = cv2.rectangle(grey_image(), (100, 80), (160, 90), bgr, cv2.FILLED)
-        assert not list(nodes.find_lamps(bar, colour))
+@pytest.mark.parametrize(("bgr", "colour"), [(RED, nodes.Colour.RED), (GREEN, nodes.Colour.GREEN)])
+def test_a_round_lamp_is_found_by_its_own_colour_with_its_radius(bgr, colour):
+    image = with_lamp(bgr, 9)
+    for each in nodes.Colour:
+        radii = [9] if each is colour else []
+        assert list(nodes.lamp_radii(image, each)) == pytest.approx(radii, abs=1.2)
+    bar = cv2.rectangle(grey_image(), (100, 80), (160, 90), bgr, cv2.FILLED)
+    assert not list(nodes.lamp_radii(bar, colour))
 
 
 @pytest.mark.parametrize(("radius", "found"), [(4, False), (10, True), (20, False)])
@@ -183,13 +146,12 @@ def test_each_detection_wakes_the_other_and_sleeps_after_it_found_its_light():
 # lane control
 
 
-def test_the_car_steers_to_the_lane_is_slower_in_bends_and_stands_from_red_to_green():
+def test_the_car_is_slower_in_bends_and_stands_from_red_to_green():
     control = nodes.LaneControl()
-    straight = control.step(STRAIGHT, Pose())
-    assert straight == Drive(speed_mps=0.9, yaw_rate_rps=0.0)
+    assert control.step(STRAIGHT, Pose()) == Drive(speed_mps=0.9)
     bend = control.step(nodes.Lane(offset_m=0.0, slope=0.0, bend_per_m=0.4), Pose())
     assert bend.yaw_rate_rps > 0
-    assert bend.speed_mps < straight.speed_mps
+    assert bend.speed_mps < 0.9
     control.stop()
     assert control.step(STRAIGHT, Pose()) == Drive()
     control.go()
@@ -206,21 +168,18 @@ def test_without_a_lane_the_car_drives_to_the_last_point_by_odometry_and_stops_t
 
 # odometry
 
-METRES = st.floats(-0.3, 0.3)
 
-
-@settings(max_examples=50, deadline=None)
-@given(METRES, METRES, st.floats(-0.5, 0.5), st.integers(0, 1000))
-def test_planar_motion_is_found_among_a_quarter_of_wrong_matches(x, y, yaw, seed):
+@pytest.mark.parametrize("seed", range(20))
+def test_planar_motion_is_found_among_a_quarter_of_wrong_matches(seed):
     rng = np.random.default_rng(seed)
-    motion = Pose(x_m=x, y_m=y, yaw_rad=yaw)
+    x_m, y_m, yaw_rad = rng.uniform(-0.4, 0.4, 3)
+    motion = Pose(x_m=x_m, y_m=y_m, yaw_rad=yaw_rad)
     now = rng.uniform((0.5, -1), (3, 1), (60, 2))
     before = np.array([motion.to_parent(*point) for point in now])
-    assert motion.from_parent(*before[-1]) == pytest.approx(tuple(now[-1]), abs=1e-9)
+    assert motion.from_parent(*before[-1]) == pytest.approx(now[-1].tolist())
     before[:15] += rng.uniform(0.3, 1.0, (15, 2))
     found = planar_motion(before, now)
-    assert found is not None
-    assert (found.x_m, found.y_m, found.yaw_rad) == pytest.approx((x, y, yaw), abs=1e-6)
+    assert (found.x_m, found.y_m, found.yaw_rad) == pytest.approx((x_m, y_m, yaw_rad), abs=1e-6)
     assert planar_motion(before[-7:], now[-7:]) is None, "too few"
 
 

@@ -47,10 +47,10 @@ def compensate(bgr: NDArray[np.uint8]) -> NDArray[np.uint8]:
     median = cv2.medianBlur(bgr, 3)
     kept = cv2.inRange(cv2.absdiff(bgr, median), (0, 0, 0), (_OUTLIER, _OUTLIER, _OUTLIER))
     clean = np.where(kept[..., None] == 0, median, bgr)
-    return np.asarray(cv2.LUT(clean, stretch(clean)), np.uint8)
+    return np.asarray(cv2.LUT(clean, _stretch(clean)), np.uint8)
 
 
-def stretch(bgr: NDArray[np.uint8]) -> NDArray[np.uint8]:
+def _stretch(bgr: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """Return the table of 256 levels that stretches an image's grey histogram to 0 .. 255."""
     grey = cv2.cvtColor(bgr, cv2.COLOR_BGR2GRAY)
     histogram = cv2.calcHist([grey], [0], None, [256], [0, 256]).ravel()
@@ -95,11 +95,11 @@ def lane_mask(bgr: NDArray[np.uint8], camera: Camera) -> NDArray[np.uint8]:
     """
     matrix = camera.image_from_ground @ _GROUND_FROM_BIRD
     nearest = cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP  # levels are not mixed
-    mask = cv2.warpPerspective(marking_mask(bgr), matrix, _BIRD_SIZE, flags=nearest)
+    mask = cv2.warpPerspective(_marking_mask(bgr), matrix, _BIRD_SIZE, flags=nearest)
     return np.asarray(mask, np.uint8)
 
 
-def marking_mask(bgr: NDArray[np.uint8]) -> NDArray[np.uint8]:
+def _marking_mask(bgr: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """Return the markings in the perspective of the image: `YELLOW`, `WHITE` or 0."""
     hsv = cv2.cvtColor(bgr, cv2.COLOR_BGR2HSV)
     mask = np.zeros(bgr.shape[:2], np.uint8)
@@ -193,17 +193,8 @@ with the lamp in view. A green lamp concerns it wherever it is near.
 """
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Lamp:
-    """A lit lamp in an image, in pixels."""
-
-    u: float  #: Column of its middle.
-    v: float  #: Row of its middle.
-    radius: float  #: Radius of its enclosing circle.
-
-
-def find_lamps(bgr: NDArray[np.uint8], colour: Colour) -> Iterator[Lamp]:
-    """Yield the round areas of a colour in an image (height, width, 3), BGR, of any size."""
+def lamp_radii(bgr: NDArray[np.uint8], colour: Colour) -> Iterator[float]:
+    """Yield the radii in pixels of the round areas of a colour in an image (height, width, 3), BGR."""
     hsv = cv2.cvtColor(bgr, cv2.COLOR_BGR2HSV)
     first, last = colour.value
     hsv[..., 0] = (hsv[..., 0].astype(int) - first) % 180
@@ -211,10 +202,10 @@ def find_lamps(bgr: NDArray[np.uint8], colour: Colour) -> Iterator[Lamp]:
     mask = cv2.inRange(hsv, (0, _SATURATION, _VALUE), (span, 255, 255))
     contours, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
     for contour in contours:
-        (u, v), radius = cv2.minEnclosingCircle(contour)
+        _, radius = cv2.minEnclosingCircle(contour)
         circle = math.pi * radius * radius
         if radius >= 2 and cv2.contourArea(contour) > _ROUND * circle:
-            yield Lamp(u=float(u), v=float(v), radius=float(radius))
+            yield float(radius)
 
 
 class LightDetector:
@@ -234,8 +225,8 @@ class LightDetector:
             return False
         smallest, largest = _RADII[self.colour]
         width = bgr.shape[1]
-        for lamp in find_lamps(bgr, self.colour):
-            if smallest * width <= lamp.radius <= largest * width:
+        for radius in lamp_radii(bgr, self.colour):
+            if smallest * width <= radius <= largest * width:
                 self.active = False
                 return True
         return False
