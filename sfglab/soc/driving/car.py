@@ -19,6 +19,8 @@ from sfglab.fields import between, check_bounds
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    Floats = NDArray[np.float64]
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Camera:
@@ -44,18 +46,16 @@ class Camera:
         return math.ceil(horizon) + 1
 
     @property
-    def image_from_ground(self) -> NDArray[np.float64]:
+    def image_from_ground(self) -> Floats:
         """Homography (3, 3) from ground points (x, y, 1) of the vehicle frame to pixels (u, v, 1)."""
         return _image_from_vehicle(self)[:, [0, 1, 3]]
 
     @property
-    def ground_from_image(self) -> NDArray[np.float64]:
+    def ground_from_image(self) -> Floats:
         """Homography (3, 3) from pixels below the horizon to the ground."""
         return np.asarray(np.linalg.inv(self.image_from_ground), np.float64)
 
-    def project(
-        self, points_xyz: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def project(self, points_xyz: Floats) -> tuple[Floats, Floats]:
         """Return pixels (n, 2) and depths (n,), m, of points (n, 3) of the vehicle frame, m.
 
         A pixel is valid where the depth is positive.
@@ -68,7 +68,7 @@ class Camera:
 
 
 @lru_cache(maxsize=16)
-def _image_from_vehicle(camera: Camera) -> NDArray[np.float64]:
+def _image_from_vehicle(camera: Camera) -> Floats:
     """Return the projection matrix (3, 4) from the vehicle frame to pixels."""
     sin = math.sin(camera.pitch_rad)
     cos = math.cos(camera.pitch_rad)

@@ -35,6 +35,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    Image = NDArray[np.uint8]
+
 T = TypeVar("T")
 Ts = TypeVarTuple("Ts")
 
@@ -67,8 +69,8 @@ NODES = (
 class Frame:
     """Results of the nodes for one image."""
 
-    image: NDArray[np.uint8]  #: The camera's image (height, width, 3), BGR.
-    mask: NDArray[np.uint8]  #: Markings in the bird's-eye view.
+    image: Image  #: The camera's image (height, width, 3), BGR.
+    mask: Image  #: Markings in the bird's-eye view.
     lane: Lane | None  #: The lane; None if there is none in the image.
     pose: Pose  #: Pose of the odometry.
     command: Drive  #: The drive command.
@@ -87,7 +89,7 @@ class Stack:
         #: Execution times in ns by node, one per frame.
         self.times_ns: dict[str, list[int]] = defaultdict(list)
 
-    def step(self, image: NDArray[np.uint8]) -> Frame:
+    def step(self, image: Image) -> Frame:
         """Return what all nodes make of an image (height, width, 3), BGR."""
         compensated = self._timed("compensation", compensate, image)
         blurred = self._timed("gaussian_blur", blur, compensated)

@@ -28,6 +28,9 @@ if TYPE_CHECKING:
     from sfglab.soc.driving.car import Camera
     from sfglab.soc.driving.odometry import Pose
 
+    Image = NDArray[np.uint8]
+    Floats = NDArray[np.float64]
+
 #: Smallest difference of an outlier from the median of its neighbours, in levels; no pixel of a marking
 #: differs as much.
 _OUTLIER = 48
@@ -35,7 +38,7 @@ _OUTLIER = 48
 _TAIL = 0.005  #: Share of the darkest and of the brightest pixels that saturate.
 
 
-def compensate(bgr: NDArray[np.uint8]) -> NDArray[np.uint8]:
+def compensate(bgr: Image) -> Image:
     """Remove outlier pixels, then stretch the histogram (paper C, section 6: Compensation).
 
     The paper names no method. Here the median of 3 x 3 pixels replaces a pixel that differs from it by
@@ -50,7 +53,7 @@ def compensate(bgr: NDArray[np.uint8]) -> NDArray[np.uint8]:
     return np.asarray(cv2.LUT(clean, _stretch(clean)), np.uint8)
 
 
-def _stretch(bgr: NDArray[np.uint8]) -> NDArray[np.uint8]:
+def _stretch(bgr: Image) -> Image:
     """Return the table of 256 levels that stretches an image's grey histogram to 0 .. 255."""
     grey = cv2.cvtColor(bgr, cv2.COLOR_BGR2GRAY)
     histogram = cv2.calcHist([grey], [0], None, [256], [0, 256]).ravel()
@@ -61,7 +64,7 @@ def _stretch(bgr: NDArray[np.uint8]) -> NDArray[np.uint8]:
     return np.asarray(np.clip(levels, 0, 255), np.uint8)
 
 
-def blur(bgr: NDArray[np.uint8]) -> NDArray[np.uint8]:
+def blur(bgr: Image) -> Image:
     """Return the image after a Gaussian filter of 5 x 5 pixels, sigma 1 (sizes assumed)."""
     return np.asarray(cv2.GaussianBlur(bgr, (5, 5), 1.0), np.uint8)
 
@@ -86,7 +89,7 @@ _GROUND_FROM_BIRD = np.array(
 """Matrix from pixels (column, row, 1) to points (x, y, 1) of the vehicle frame, m; up is forward."""
 
 
-def lane_mask(bgr: NDArray[np.uint8], camera: Camera) -> NDArray[np.uint8]:
+def lane_mask(bgr: Image, camera: Camera) -> Image:
     """Return the bird's-eye view of the markings: `YELLOW`, `WHITE` or 0 (paper C: Lane Planner).
 
     Args:
@@ -99,7 +102,7 @@ def lane_mask(bgr: NDArray[np.uint8], camera: Camera) -> NDArray[np.uint8]:
     return np.asarray(mask, np.uint8)
 
 
-def _marking_mask(bgr: NDArray[np.uint8]) -> NDArray[np.uint8]:
+def _marking_mask(bgr: Image) -> Image:
     """Return the markings in the perspective of the image: `YELLOW`, `WHITE` or 0."""
     hsv = cv2.cvtColor(bgr, cv2.COLOR_BGR2HSV)
     mask = np.zeros(bgr.shape[:2], np.uint8)
@@ -125,7 +128,7 @@ class Lane:
         return self.offset_m + self.slope * x_m + self.bend_per_m * x_m * x_m
 
 
-def fit_lane(mask: NDArray[np.uint8]) -> Lane | None:
+def fit_lane(mask: Image) -> Lane | None:
     """Fit the middle of the lane between its yellow line (left) and white line (paper C: Polyfit).
 
     The width of the lane is known. The pixels of both lines, moved by half a lane, belong to one
@@ -149,20 +152,20 @@ def fit_lane(mask: NDArray[np.uint8]) -> Lane | None:
     return lane
 
 
-def _points(mask: NDArray[np.bool_]) -> NDArray[np.float64]:
+def _points(mask: NDArray[np.bool_]) -> Floats:
     """Return the points (n, 2) of the vehicle frame, m, where a bird's-eye mask is set."""
     rows, columns = np.nonzero(mask)
     pixels = np.stack([columns, rows, np.ones_like(rows)])
     return np.asarray((_GROUND_FROM_BIRD @ pixels)[:2].T, np.float64)
 
 
-def _near(points: NDArray[np.float64], lane: Lane) -> NDArray[np.float64]:
+def _near(points: Floats, lane: Lane) -> Floats:
     x, y = points.T
     expected = lane.offset_m + lane.slope * x + lane.bend_per_m * x * x
     return np.asarray(points[np.abs(expected - y) < _GATE_M], np.float64)
 
 
-def _parabola(points: NDArray[np.float64]) -> Lane | None:
+def _parabola(points: Floats) -> Lane | None:
     """Return the parabola through points, a straight line if they are near each other, or None."""
     if len(points) < _MIN_PIXELS:
         return None
@@ -193,7 +196,7 @@ with the lamp in view. A green lamp concerns it wherever it is near.
 """
 
 
-def lamp_radii(bgr: NDArray[np.uint8], colour: Colour) -> Iterator[float]:
+def lamp_radii(bgr: Image, colour: Colour) -> Iterator[float]:
     """Yield the radii in pixels of the round areas of a colour in an image (height, width, 3), BGR."""
     hsv = cv2.cvtColor(bgr, cv2.COLOR_BGR2HSV)
     first, last = colour.value
@@ -215,7 +218,7 @@ class LightDetector:
         self.colour = colour
         self.active = colour is Colour.RED
 
-    def detect(self, bgr: NDArray[np.uint8]) -> bool:
+    def detect(self, bgr: Image) -> bool:
         """Return whether the node publishes that it found its light; if so, it becomes inactive.
 
         Args:

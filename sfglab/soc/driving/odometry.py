@@ -20,6 +20,9 @@ if TYPE_CHECKING:
 
     from sfglab.soc.driving.car import Camera
 
+    Image = NDArray[np.uint8]
+    Floats = NDArray[np.float64]
+
 #: Number of features, all on one level: positions from the levels of a pyramid are less exact, and the
 #: heading drifts.
 _FEATURES = 220
@@ -60,7 +63,7 @@ class Pose:
         return Pose(x_m=x_m, y_m=y_m, yaw_rad=yaw_rad)
 
 
-def planar_motion(before_xy: NDArray[np.float64], now_xy: NDArray[np.float64]) -> Pose | None:
+def planar_motion(before_xy: Floats, now_xy: Floats) -> Pose | None:
     """Return the motion of a vehicle that saw the same ground points before and now.
 
     RANSAC selects the matches that agree, then least squares (Kabsch) gives the motion.
@@ -95,8 +98,8 @@ def planar_motion(before_xy: NDArray[np.float64], now_xy: NDArray[np.float64]) -
 class _View:
     """Features of a frame."""
 
-    points_xy: NDArray[np.float64]  #: Ground points (n, 2) in the vehicle frame, m.
-    descriptors: NDArray[np.uint8]  #: ORB descriptors (n, 32).
+    points_xy: Floats  #: Ground points (n, 2) in the vehicle frame, m.
+    descriptors: Image  #: ORB descriptors (n, 32).
 
 
 class VisualOdometry:
@@ -115,7 +118,7 @@ class VisualOdometry:
         self.pose = Pose()  #: Pose of the car since the first frame.
         self.lost = 0  #: Number of frames that did not match the keyframe.
 
-    def update(self, bgr: NDArray[np.uint8]) -> Pose:
+    def update(self, bgr: Image) -> Pose:
         """Return the pose at an image (height, width, 3) of topic A.
 
         An image that does not match the keyframe leaves the pose as it was and becomes the keyframe.
@@ -134,7 +137,7 @@ class VisualOdometry:
             self._keyframe_pose = self.pose
         return self.pose
 
-    def _features(self, bgr: NDArray[np.uint8]) -> _View:
+    def _features(self, bgr: Image) -> _View:
         """Return the ORB features on the near ground."""
         grey = cv2.cvtColor(bgr[self._top :], cv2.COLOR_BGR2GRAY)
         keypoints, descriptors = self._orb.detectAndCompute(grey, None)

@@ -22,6 +22,8 @@ if TYPE_CHECKING:
     from sfglab.soc.driving.car import Camera, CarState
 
     Bgr = tuple[int, int, int]
+    Image = NDArray[np.uint8]
+    Floats = NDArray[np.float64]
 
 _GRASS = (66, 96, 74)
 _ASPHALT = (92, 90, 88)
@@ -57,8 +59,8 @@ class Ground:
 
 
 def _draw_line(
-    image: NDArray[np.uint8],
-    points_xy: NDArray[np.float64],
+    image: Image,
+    points_xy: Floats,
     bgr: Bgr,
     width_m: float,
     *,
@@ -69,7 +71,7 @@ def _draw_line(
     cv2.polylines(image, [fixed], closed, bgr, round(width_m / _PIXEL_M), cv2.LINE_AA, _SHIFT)
 
 
-def _textured(image: NDArray[np.uint8], rng: np.random.Generator) -> NDArray[np.uint8]:
+def _textured(image: Image, rng: np.random.Generator) -> Image:
     """Return the image with stains of 10, 5 and 2.5 cm; without them there are no ORB features."""
     side = image.shape[0]
     texture = np.zeros((side, side), np.float32)
@@ -113,7 +115,7 @@ class Scene:
         self._rng = rng
         self._gain_phase = float(rng.uniform(0, math.tau))
 
-    def render(self, car: CarState, red: Sequence[bool], *, now_s: float) -> NDArray[np.uint8]:
+    def render(self, car: CarState, red: Sequence[bool], *, now_s: float) -> Image:
         """Return the image (height, width, 3), BGR.
 
         Args:
@@ -127,7 +129,7 @@ class Scene:
             self._draw_light(image, car, self._lights[i], red=red[i])
         return self._exposed(image, now_s)
 
-    def _ground_image(self, car: CarState) -> NDArray[np.uint8]:
+    def _ground_image(self, car: CarState) -> Image:
         """Return the sky, and the ground below the horizon."""
         camera = self._camera
         top = camera.horizon_row
@@ -147,9 +149,7 @@ class Scene:
         )
         return image
 
-    def _draw_light(
-        self, image: NDArray[np.uint8], car: CarState, light: NDArray[np.float64], *, red: bool
-    ) -> None:
+    def _draw_light(self, image: Image, car: CarState, light: Floats, *, red: bool) -> None:
         """Draw a traffic light. It faces the traffic of its lane and shows no lamp from behind."""
         x, y, heading = light
         cos = math.cos(heading)
@@ -173,7 +173,7 @@ class Scene:
 
     def _projected(
         self, car: CarState, points_xyz: Sequence[tuple[float, float, float]]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    ) -> tuple[Floats, Floats]:
         """Return pixels (n, 2) and depths (n,), m, of n points of the town, m."""
         cos = math.cos(car.yaw_rad)
         sin = math.sin(car.yaw_rad)
@@ -182,7 +182,7 @@ class Scene:
         pixels, depths = self._camera.project(away @ vehicle_from_town.T)
         return np.clip(pixels, -8000, 8000), depths  # OpenCV draws in 16 bits
 
-    def _exposed(self, image: NDArray[np.uint8], now_s: float) -> NDArray[np.uint8]:
+    def _exposed(self, image: Image, now_s: float) -> Image:
         """Return the image with a drifting gain, noise and stuck pixels."""
         gain = 0.9 + 0.1 * math.sin(0.3 * now_s + self._gain_phase)
         noise = self._noises[self._rng.integers(_NOISES)]
@@ -194,9 +194,7 @@ class Scene:
         return exposed
 
 
-def _draw_disc(
-    image: NDArray[np.uint8], pixel: NDArray[np.float64], radius: float, bgr: Bgr
-) -> None:
+def _draw_disc(image: Image, pixel: Floats, radius: float, bgr: Bgr) -> None:
     u, v = np.rint(pixel).astype(int).tolist()
     middle = (u << _SHIFT, v << _SHIFT)
     cv2.circle(image, middle, round(radius * (1 << _SHIFT)), bgr, cv2.FILLED, cv2.LINE_AA, _SHIFT)

@@ -16,6 +16,8 @@ import numpy as np
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    Floats = NDArray[np.float64]
+
 LANE_M = 0.5  #: Width of a lane, between the middles of its lines; about a tenth of a real lane.
 LINE_M = 0.05  #: Width of a line.
 
@@ -42,7 +44,7 @@ class Road:
         points_xy: Corners (n, 2), m. The first one is not repeated at the end.
     """
 
-    def __init__(self, points_xy: NDArray[np.float64]) -> None:
+    def __init__(self, points_xy: Floats) -> None:
         closed = np.vstack([points_xy, points_xy[:1]])
         steps_m = np.hypot(*np.diff(closed, axis=0).T)
         along_m = np.concatenate([[0.0], np.cumsum(steps_m)])
@@ -55,7 +57,7 @@ class Road:
         ahead = np.roll(self.points_xy, -1, axis=0) - np.roll(self.points_xy, 1, axis=0)
         self.tangents_xy = ahead / np.hypot(*ahead.T)[:, None]
 
-    def beside(self, left_m: float) -> NDArray[np.float64]:
+    def beside(self, left_m: float) -> Floats:
         """Return the points (n, 2) of the parallel line at a distance to the left, m."""
         normals_xy = np.column_stack([-self.tangents_xy[:, 1], self.tangents_xy[:, 0]])
         return np.asarray(self.points_xy + left_m * normals_xy, np.float64)
@@ -135,7 +137,7 @@ def make_town(rng: np.random.Generator) -> Town:
     return Town(road=road, lane=lane, lights=_lights(lane, rng))
 
 
-def _loop(rng: np.random.Generator) -> NDArray[np.float64]:
+def _loop(rng: np.random.Generator) -> Floats:
     """Return a circle of 6 m with two waves on it; no bend is tighter than about 3 m."""
     angle = np.linspace(0, math.tau, 2000, endpoint=False)
     second = rng.uniform(0.04, 0.12) * np.cos(2 * angle + rng.uniform(0, math.tau))
