@@ -30,9 +30,8 @@ if TYPE_CHECKING:
 # BT.601, limited range: the matrix of swscale's defaults, which ffmpeg_image_transport uses on both sides
 # without looking at the stream (ffmpeg_encoder_decoder, encoder.cpp and decoder.cpp), and of OpenCV's YUV
 # conversions. It is also written into the stream (VUI), so readers that look see the same colours.
-_MATRIX = (
-    6  # SMPTE 170M in ITU-T H.264, table E-5; the same number means BT.601 primaries and transfer
-)
+# SMPTE 170M in ITU-T H.264, table E-5; the same number means BT.601 primaries and transfer
+_MATRIX = 6
 _RANGE = ColorRange.MPEG
 
 

@@ -172,9 +172,8 @@ SOURCE = Path(sfglab.__file__).parents[1]
 
 LOCK_FILE = "requirements.lock"
 
-_EPOCH_S = (
-    1580601600  # any moment after 1980, where ZIP's clock starts: the same one in every wheel
-)
+# any moment after 1980, where ZIP's clock starts: the same one in every wheel
+_EPOCH_S = 1580601600
 _BUILD_LIMIT_S = 120.0
 _BACKEND = "import sys; from hatchling.build import build_wheel; print(build_wheel(sys.argv[1]))"
 

@@ -38,9 +38,8 @@ class Options:
     #: False insists on one host; None takes separate hosts where the machine can.
     separate: bool | None = None
     workers: Workers | None = None  #: Workers of the sweeps; None: those that each sweep names.
-    explored: bool = (
-        False  #: Whether the run is for an interactive plot: its log counts for no claim.
-    )
+    #: Whether the run is for an interactive plot: its log counts for no claim.
+    explored: bool = False
     #: Tables of sweeps and names of parts that are run; None: all.
     only: frozenset[str] | None = None
 

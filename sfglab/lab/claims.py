@@ -99,9 +99,8 @@ class Claim(Shown):
     numbers: Mapping[str, float] = field(default_factory=dict)
     unit: str  #: Unit of the paper's value and of ours.
     band: tuple[float, float]  #: Acceptance range: lowest and highest value that is reproduced.
-    better: Literal["above", "below"] | None = (
-        None  #: Side of the range on which a value is better.
-    )
+    #: Side of the range on which a value is better.
+    better: Literal["above", "below"] | None = None
     #: Acceptance ranges of the statement's other values, such as the other end of a range, by name.
     ends: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     #: Name of the experiment that measures it; null if there is none yet.

@@ -68,9 +68,8 @@ class _Link:
         self.held: dict[int, _Reference] = {}
         self.unsent: list[int] = []
         self._out: dict[int, int] = {}  # offset -> size, of what the publisher takes to be held
-        self._has_large = (
-            False  # whether there was any that may fill a share with as many as there are credits
-        )
+        # whether there was any that may fill a share with as many as there are credits
+        self._has_large = False
 
     def take(self, arena: ArenaMap, offset: int, size: int, queue: SampleQueue) -> memoryview:
         """Return an announced message, copied for who hoards them; its slot goes back with its last view."""

@@ -37,9 +37,8 @@ class LinkModel:
 
 
 # How long the middleware takes, latency of the links apart; Cyclone DDS 11.0.1 unless said otherwise.
-SAME_NODE_NS = (
-    100_000  # From a publisher to a subscription of the same node: a queue and a wake-up.
-)
+# From a publisher to a subscription of the same node: a queue and a wake-up.
+SAME_NODE_NS = 100_000
 SAME_HOST_NS = 100_000  # Between two processes of one host, over the loopback interface.
 STACK_NS = 200_000  # What sockets and threads of two hosts add to the links' latency.
 # From the creation of an endpoint to its being known to participants that know each other, latency apart: one

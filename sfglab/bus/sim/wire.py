@@ -94,9 +94,8 @@ MATCH_BYTES = _frames(_RTPS + _INFO_DST + _HEARTBEAT)  #: A reliable writer's fi
 MATCH_ACKS_BYTES = 2 * ACKNACK_BYTES  #: The reader's answers, one unasked; captured were 1 to 2.
 DISCOVERY_INFO_BYTES = 380  #: The DATA submessage that announces a writer of `ros_discovery_info`.
 
-_SEDP_PACKET = (
-    1456  # Cyclone's Internal/MaxRexmitMessageSize: how much repeated data shares a packet
-)
+# Cyclone's Internal/MaxRexmitMessageSize: how much repeated data shares a packet
+_SEDP_PACKET = 1456
 
 HELLO_ROUND_BYTES = _frames(_RTPS + _HEARTBEAT) + _frames(_RTPS + 2 * _HEARTBEAT)
 """What each known participant multicasts when another one appears: heartbeats of its empty built-in writers."""

@@ -255,9 +255,8 @@ VENDORS = {AMD: "AMD", INTEL: "Intel", NVIDIA: "NVIDIA", "0x1af4": "virtio", "0x
 """Makers by the number that the PCI-SIG gave them."""
 
 _BUS = "/sys/bus/pci/devices"
-_DISPLAY = (
-    "0x03"  # base class of display controllers: PCI Code and ID Assignment Specification, 1.4
-)
+# base class of display controllers: PCI Code and ID Assignment Specification, 1.4
+_DISPLAY = "0x03"
 
 
 def display_controllers(files: MachineFiles, vendor: str) -> list[Source]:

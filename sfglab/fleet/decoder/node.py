@@ -80,9 +80,8 @@ class _Pipeline:
     route: Route
     life: Lifecycle
     wanted: bool = False
-    seen: bool = (
-        False  # whether subscribers may have seen any pictures of an earlier pipeline, or decoder
-    )
+    # whether subscribers may have seen any pictures of an earlier pipeline, or decoder
+    seen: bool = False
     worker: Worker | None = None
     statistics: Statistics | None = None
     watch: HangWatch = field(default_factory=HangWatch)

@@ -33,9 +33,8 @@ if TYPE_CHECKING:
 CHAIN = ("compensation", "gaussian_blur", "lane_planner", "polyfit", "lane_control")
 """Nodes of the chain in their order."""
 
-SHARED_TOPIC = (
-    "/A"  #: Topic that the paper maps to software in one version, to a gateway in the other.
-)
+#: Topic that the paper maps to software in one version, to a gateway in the other.
+SHARED_TOPIC = "/A"
 
 Order = tuple[str, ...]  #: Subscribers of a software-mapped topic in the order of their delivery.
 

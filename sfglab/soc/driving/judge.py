@@ -23,9 +23,8 @@ class Rules:
     #: Time after a light turned red in which its line may be crossed: the car needs 0.6 s to brake from
     #: 0.9 m/s, and some frames to detect the light.
     grace_s: float = 1.0
-    stop_m: float = (
-        2.0  #: Largest distance to the line at which a standing car has stopped for a light.
-    )
+    #: Largest distance to the line at which a standing car has stopped for a light.
+    stop_m: float = 2.0
     timeout_s: float = 150.0  #: Time after which a lap has failed.
 
 

@@ -69,9 +69,8 @@ def blur(bgr: Image) -> Image:
     return np.asarray(cv2.GaussianBlur(bgr, (5, 5), 1.0), np.uint8)
 
 
-YELLOW = (
-    128  #: Level of yellow pixels in the mask; the paper does not say whether it separates colours.
-)
+#: Level of yellow pixels in the mask; the paper does not say whether it separates colours.
+YELLOW = 128
 WHITE = 255  #: Level of white pixels in the mask.
 
 _YELLOW_HSV = ((18, 90, 110), (36, 255, 255))
