@@ -1,9 +1,14 @@
-"""Every interleaving of a gateway core and its surroundings, up to a bound.
+"""Exhaustive exploration of a gateway core with its surroundings (claim C-FSM), up to a bound.
 
-Breadth first, so a counterexample is a shortest one. Shown for the bound: no step is a fault (nothing doubled,
-overtaken, overwritten or echoed), and from every moment the end can be reached in which all have everything
-(nothing lost, no deadlock, no trap). That it is reached also takes fairness: each side runs now and then, and
-the arbiter grants the core's claim now and then. Refuses to know what a step means.
+The exploration follows all interleavings of the steps in `sfglab.soc.gateway_world`, breadth first. It shows for
+the bound:
+
+- Safety: no step is a fault. No message is doubled, overtaken, overwritten or echoed.
+- From every reachable state the end can be reached, in which all subscribers have received all messages. Hence
+  no message is lost and nothing deadlocks.
+
+That the end is always reached also needs fairness: each process runs now and then, and the arbiter of the HMT
+grants the core's claim now and then. A counterexample is a shortest one, because the search is breadth first.
 """
 
 from __future__ import annotations
@@ -31,93 +36,105 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Counterexample:
-    """A shortest way to something that must not happen."""
+    """A shortest sequence of steps to a violation."""
 
-    property: str  #: What is violated, in words.
-    trace: tuple[str, ...]  #: The steps that lead there, in order, each with its actor.
-    last: World  #: The last world before the violation, or the first one without a way to the end.
+    property: str  #: Violated property.
+    trace: tuple[str, ...]  #: Steps in order, each with its process.
+    #: Last global state before the violation, or the one from which the end cannot be reached.
+    last: World
 
     def __str__(self) -> str:
-        return "\n".join(
-            [self.property, *(f"{i:3d}  {line}" for i, line in enumerate(self.trace, start=1))]
-        )
+        lines = [f"{number:3d}  {line}" for number, line in enumerate(self.trace, start=1)]
+        return "\n".join([self.property, *lines])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Exploration:
-    """What an exploration found."""
+    """Result of an exploration."""
 
-    worlds: int  #: Reachable moments.
-    steps: int  #: Steps between them.
-    depth: int  #: Length of the longest of the shortest ways.
-    visited: frozenset[State]  #: The core's states that occurred.
-    #: A violation; None: every property holds within the bound.
-    counterexample: Counterexample | None
+    worlds: int  #: Number of reachable global states.
+    steps: int  #: Number of steps between them.
+    visited: frozenset[State]  #: States of the core that occurred.
+    counterexample: Counterexample | None  #: Violation; None: all properties hold within the bound.
 
 
 class _Graph:
-    """The worlds found so far, how each was reached first, and every step backwards."""
+    """The global states found so far, numbered in the order of the search, and the steps to them."""
 
     def __init__(self, first: World) -> None:
         self.worlds = [first]
-        self.depths = [0]
-        self.sources: list[list[int]] = [[]]
-        self.moving: set[int] = set()
+        self.predecessors: list[list[int]] = [[]]  #: States from which a step leads here, by state.
+        self.with_steps: set[int] = set()  #: States in which a step is possible.
         self.steps = 0
-        self._number = {first: 0}
-        self._reached: list[tuple[int, str]] = [(0, "")]
+        self._numbers = {first: 0}
+        self._reached_by: list[tuple[int, str]] = [(0, "")]
 
-    def add(self, source: int, line: str, world: World) -> bool:
-        """Add a step, and return whether it leads to a new world."""
+    def add_step(self, source: int, line: str, world: World) -> bool:
+        """Add a step from a state, and return whether it leads to a new state."""
         self.steps += 1
-        self.moving.add(source)
-        number = self._number.setdefault(world, len(self.worlds))
-        if number < len(self.worlds):
-            self.sources[number].append(source)
+        self.with_steps.add(source)
+        if world in self._numbers:
+            self.predecessors[self._numbers[world]].append(source)
             return False
+        self._numbers[world] = len(self.worlds)
         self.worlds.append(world)
-        self.depths.append(self.depths[source] + 1)
-        self.sources.append([source])
-        self._reached.append((source, line))
+        self.predecessors.append([source])
+        self._reached_by.append((source, line))
         return True
 
     def trace(self, number: int) -> tuple[str, ...]:
-        """Return the steps of a shortest way to a world."""
+        """Return the steps of a shortest path to a state."""
         lines = []
         while number:
-            number, line = self._reached[number]
+            number, line = self._reached_by[number]
             lines.append(line)
         return tuple(reversed(lines))
 
     def trapped(self, bound: Bound) -> int | None:
-        """Return a world without a way to the end, one where nothing moves first; None: there is none."""
-        waiting = [i for i, world in enumerate(self.worlds) if is_finished(world, bound)]
-        saved = set(waiting)
+        """Return a state from which the end cannot be reached, preferably one without any step."""
+        can_finish = set()
+        waiting = [n for n, world in enumerate(self.worlds) if is_finished(world, bound)]
         while waiting:
-            new = [source for source in self.sources[waiting.pop()] if source not in saved]
-            saved.update(new)
-            waiting.extend(set(new))
-        lost = [i for i in range(len(self.worlds)) if i not in saved]
-        return next((i for i in lost if i not in self.moving), lost[0] if lost else None)
+            number = waiting.pop()
+            if number not in can_finish:
+                can_finish.add(number)
+                waiting.extend(self.predecessors[number])
+        trapped = [n for n in range(len(self.worlds)) if n not in can_finish]
+        stuck = [n for n in trapped if n not in self.with_steps]
+        return next(iter(stuck + trapped), None)
 
 
 def explore(bound: Bound, table: Table = TABLE, *, limit: int = 1_000_000) -> Exploration:
-    """Follow every interleaving of a core's behaviour up to a fault; SfglabError beyond `limit` worlds."""
+    """Explore a core that follows a table, until all is explored or a property is violated.
+
+    Args:
+        bound: Numbers of messages and processes.
+        table: Behaviour of the core.
+        limit: Largest number of global states.
+
+    Raises:
+        SfglabError: There are more global states than the limit.
+    """
     graph = _Graph(first_world(bound))
-    fault = _search(graph, bound, table, limit)
-    if fault is None and (trapped := graph.trapped(bound)) is not None:
-        fault = _trap(graph, trapped, bound)
+    violation = _search(graph, bound, table, limit)
+    if violation is None:
+        trapped = graph.trapped(bound)
+        if trapped is not None:
+            violation = _trap(graph, trapped, bound)
     return Exploration(
         worlds=len(graph.worlds),
         steps=graph.steps,
-        depth=graph.depths[-1],
         visited=frozenset(world.state for world in graph.worlds),
-        counterexample=fault,
+        counterexample=violation,
     )
 
 
 def walk(bound: Bound, rng: np.random.Generator, table: Table = TABLE) -> tuple[Step, ...]:
-    """Return one drawn interleaving until everybody has everything; SfglabError at a fault or a deadlock."""
+    """Return one interleaving, sampled at random, until all messages are received.
+
+    Raises:
+        SfglabError: A property is violated, or no step is possible.
+    """
     world = first_world(bound)
     done: list[Step] = []
     while not is_finished(world, bound):
@@ -133,7 +150,7 @@ def walk(bound: Bound, rng: np.random.Generator, table: Table = TABLE) -> tuple[
 
 
 def _search(graph: _Graph, bound: Bound, table: Table, limit: int) -> Counterexample | None:
-    """Fill the graph, breadth first, up to the first fault."""
+    """Fill the graph, breadth first, and return the first fault."""
     waiting = deque([0])
     while waiting:
         number = waiting.popleft()
@@ -141,10 +158,9 @@ def _search(graph: _Graph, bound: Bound, table: Table, limit: int) -> Counterexa
         for step in steps(world, bound, table):
             line = f"{step.actor} {step.what}"
             if isinstance(step.after, Fault):
-                return Counterexample(
-                    property=step.after.text, trace=(*graph.trace(number), line), last=world
-                )
-            if graph.add(number, line, step.after):
+                trace = (*graph.trace(number), line)
+                return Counterexample(property=step.after.text, trace=trace, last=world)
+            if graph.add_step(number, line, step.after):
                 waiting.append(len(graph.worlds) - 1)
         if len(graph.worlds) > limit:
             raise SfglabError(
@@ -154,21 +170,27 @@ def _search(graph: _Graph, bound: Bound, table: Table, limit: int) -> Counterexa
 
 
 def _trap(graph: _Graph, number: int, bound: Bound) -> Counterexample:
-    """Say why the end is out of reach: a message is nowhere any more, or nothing can move it."""
+    """Return why the end cannot be reached from a state: a message is lost, or none can move on."""
     world = graph.worlds[number]
-    missing = _missing(world, bound)
     under_way = {(message.publisher, message.number) for message in in_flight(world)}
-    lost = [f"{publisher}.{n}" for publisher, n in missing if (publisher, n) not in under_way]
-    stuck = "can move any more" if number not in graph.moving else "that moves brings them on"
-    text = (
-        f"lost: {', '.join(lost)}"
-        if lost
-        else f"deadlock: messages are under way and nothing {stuck}"
-    )
+    lost = []
+    for publisher, message_number in _not_received(world, bound):
+        if (publisher, message_number) not in under_way:
+            lost.append(f"{publisher}.{message_number}")
+    if lost:
+        text = f"lost: {', '.join(lost)}"
+    elif number in graph.with_steps:
+        text = "deadlock: messages are under way and nothing that moves brings them on"
+    else:
+        text = "deadlock: messages are under way and nothing can move any more"
     return Counterexample(property=text, trace=graph.trace(number), last=world)
 
 
-def _missing(world: World, bound: Bound) -> list[tuple[int, int]]:
-    """Return (publisher, number) of what was sent and is not with everybody."""
-    seen = [min(counts) for counts in zip(world.smt_seen, *world.hmt_seen, strict=True)]
-    return [(p, n) for p in range(len(bound.totals)) for n in range(seen[p], world.sent[p])]
+def _not_received(world: World, bound: Bound) -> list[tuple[int, int]]:
+    """Return publisher and number of each message that is sent and not received by all subscribers."""
+    missing: list[tuple[int, int]] = []
+    for publisher in range(len(bound.totals)):
+        received_by_all = min(received[publisher] for received in world.received)
+        numbers = range(received_by_all, world.sent[publisher])
+        missing.extend((publisher, number) for number in numbers)
+    return missing

@@ -1,307 +1,195 @@
-"""The gateway core as one table, drawn from it: what it drives in each state, where each input takes it.
+"""The gateway core of paper C, section 3, as one state-transition table (Fig. 4).
 
-Paper C, section 3, Fig. 4: request a message of the software-mapped topic (SMT), poll the delegate's interface
-(OSIF) and the hardware-mapped topic (HMT) in turn, forward what came, and cancel the request before publishing,
-because a message may have come in between. Refuses to know clocks, beats and how topics deliver: the same table
-drives the exploration and becomes the hardware's control. Ours, as the text leaves it open:
+A gateway joins a topic in software to the same topic in hardware, so that a message crosses the memory interface
+once instead of once per subscriber. It has three parts (Fig. 3): the software-mapped topic (SMT), the
+hardware-mapped topic (HMT), and the gateway core, which copies messages between both. The core is a hardware
+node. It calls ROS 2 through its delegate, a software thread, over the interface OSIF.
 
-- A delegate gives exactly one answer per request; a cancel forces it (empty) or lets it through (a message).
-- Before it sends to the HMT the core claims it (`CLAIM`). A hardware node's message may occupy the topic and
-  wait for the core itself, so the core serves that message first, still holding its own: else both wait for
-  ever, unless its port can store every message that hardware may send meanwhile.
-- A publication is awaited (`PUBLISH_WAIT`): the core has one output message and must not overwrite it.
+The core requests the next message of the SMT from its delegate. It then polls OSIF and HMT in turn:
+
+- Software to hardware: the delegate answered with a message. The core sends the message to the HMT and requests
+  the next one.
+- Hardware to software: a message is at the core's port of the HMT. The core copies the message to its output
+  message in main memory, cancels the request, and asks the delegate to publish the output message on the SMT.
+  If the request was answered before the cancel arrived, the core forwards that message to the HMT afterwards.
+- Filters on both sides discard messages that the core itself published, so that no message circulates.
+
+The paper leaves three points open. Our table decides them:
+
+- The delegate answers each request exactly once. A cancelled request is answered with `CANCELLED`, or with a
+  message if one was received first.
+- The core claims the HMT before it sends (`CLAIM`). A message from a hardware node may occupy the HMT and wait
+  until the core takes it. The core then serves that message first and keeps the message it holds. Without the
+  claim both wait for each other indefinitely. The states `..._HOLDING` exist for this case.
+- The core waits until a publication is complete (`PUBLISH_WAIT`), because it has only one output message.
+
+`sfglab.soc.exploration` checks the table exhaustively. `sfglab.soc.rtl` generates the hardware's control from it.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
 from enum import Enum, auto
-from itertools import pairwise
-from typing import TYPE_CHECKING, Any
-
-import numpy as np
+from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from matplotlib.artist import Artist
-    from matplotlib.axes import Axes
-    from numpy.typing import NDArray
-
-    Points = NDArray[np.float64]
-
 
 class State(Enum):
-    """Where the core stands; `_HOLDING`: while it also holds a message of the SMT that the HMT has not seen."""
+    """States of the core. In states `..._HOLDING` it also holds a message that the HMT has not received."""
 
-    START = auto()  #: Waits for the location of its output message.
-    REQUEST = auto()  #: Asks the delegate for the next message of the SMT.
-    POLL_OSIF = auto()  #: Looks whether the delegate has answered.
-    POLL_HMT = auto()  #: Looks whether a message stands at its port of the HMT.
-    FILTER_SMT = auto()  #: Compares the publisher of the message it holds with itself.
-    CLAIM = auto()  #: Wants the HMT for itself, to send the message it holds.
-    TO_HMT = auto()  #: Copies the message it holds from memory to the HMT.
-    FILTER_HMT = auto()  #: Compares the publisher of the message at its port with itself.
-    DROP_HMT = auto()  #: Discards the message at its port.
-    TO_MEMORY = auto()  #: Copies the message at its port to its output message in memory.
-    CANCEL = auto()  #: Takes the request back.
-    #: Waits for the request's one answer: empty, or a message that came first.
-    CANCEL_WAIT = auto()
-    PUBLISH = auto()  #: Asks the delegate to publish the output message on the SMT.
-    PUBLISH_WAIT = auto()  #: Waits until the output message is out and may be overwritten.
-    FILTER_HMT_HOLDING = auto()  #: As `FILTER_HMT`.
-    DROP_HMT_HOLDING = auto()  #: As `DROP_HMT`.
-    #: As `TO_MEMORY`; no request is outstanding, so there is nothing to cancel.
-    TO_MEMORY_HOLDING = auto()
-    PUBLISH_HOLDING = auto()  #: As `PUBLISH`.
-    PUBLISH_WAIT_HOLDING = auto()  #: As `PUBLISH_WAIT`.
-
-
-OURS = {
-    State.CLAIM,
-    State.PUBLISH_WAIT,
-    *(state for state in State if state.name.endswith("_HOLDING")),
-}
-"""States that the paper's text does not have."""
+    START = auto()  #: Wait for the address of the output message.
+    REQUEST = auto()  #: Request the next message of the SMT.
+    POLL_OSIF = auto()  #: Check whether the delegate has answered the request.
+    POLL_HMT = auto()  #: Check whether a message is at the core's port of the HMT.
+    FILTER_SMT = auto()  #: Compare the publisher ID of the held message with the core's own.
+    CLAIM = auto()  #: Wait until the HMT is reserved for the held message.
+    TO_HMT = auto()  #: Copy the held message from memory to the HMT.
+    FILTER_HMT = auto()  #: Compare the publisher ID of the message at the port with the core's own.
+    DROP_HMT = auto()  #: Discard the message at the port.
+    TO_MEMORY = auto()  #: Copy the message at the port to the output message in memory.
+    CANCEL = auto()  #: Cancel the request.
+    CANCEL_WAIT = auto()  #: Wait for the answer to the request: cancelled, or a message.
+    PUBLISH = auto()  #: Ask the delegate to publish the output message on the SMT.
+    PUBLISH_WAIT = auto()  #: Wait until the output message is published and may be overwritten.
+    FILTER_HMT_HOLDING = auto()  #: Like `FILTER_HMT`, while a message is held.
+    DROP_HMT_HOLDING = auto()  #: Like `DROP_HMT`, while a message is held.
+    TO_MEMORY_HOLDING = auto()  #: Like `TO_MEMORY`, while a message is held and none is requested.
+    PUBLISH_HOLDING = auto()  #: Like `PUBLISH`, while a message is held.
+    PUBLISH_WAIT_HOLDING = auto()  #: Like `PUBLISH_WAIT`, while a message is held.
 
 
 class Input(Enum):
-    """What a state waits for; a state without the input it waits for stays as it is."""
+    """Events that the core waits for. A state without a transition for an input ignores it."""
 
-    LOCATED = auto()  #: OSIF: the output message's address.
-    SENT = auto()  #: OSIF: the call was accepted.
-    EMPTY = auto()  #: OSIF or HMT, whichever is polled: nothing there.
-    ANSWERED = auto()  #: OSIF: the request's answer is the address of a message.
-    CANCELLED = auto()  #: OSIF: the request's answer is that it was cancelled.
-    PUBLISHED = auto()  #: OSIF: the publication is done.
-    OFFERED = auto()  #: HMT: the first word of a message stands at the core's port.
-    GRANTED = auto()  #: HMT: the topic is the core's until it has sent its message.
-    OWN = auto()  #: Filter: the core itself published this message.
-    FOREIGN = auto()  #: Filter: somebody else did.
-    DONE = auto()  #: The last beat of the transfer is through.
-
-
-class Drive(Enum):
-    """What the core's outputs do while it stands in a state."""
-
-    LISTEN_OSIF = auto()  #: Ready for the delegate's next word.
-    CALL_TAKE = auto()  #: OSIF call: take the next message of the SMT.
-    CALL_CANCEL = auto()  #: OSIF call: cancel the take.
-    CALL_PUBLISH = auto()  #: OSIF call: publish the output message on the SMT.
-    PEEK_HMT = auto()  #: Looks at its port of the HMT without taking a beat.
-    COMPARE_HELD = auto()  #: Compares the held message's publisher with itself; takes nothing.
-    #: Compares the publisher of the message at its port with itself; takes nothing.
-    COMPARE_PORT = auto()
-    CLAIM_HMT = auto()  #: Asks the topic's arbiter, and looks at its port meanwhile.
-    #: Reads the held message and sends it, ignoring what its own port echoes.
-    MEMORY_TO_HMT = auto()
-    HMT_TO_MEMORY = auto()  #: Takes the message at its port and writes the output message.
-    HMT_TO_NOWHERE = auto()  #: Takes the message at its port and forgets it.
+    LOCATED = auto()  #: OSIF: address of the output message.
+    SENT = auto()  #: OSIF: the delegate's call queue has accepted the call.
+    EMPTY = auto()  #: OSIF or HMT: nothing is there.
+    ANSWERED = auto()  #: OSIF: address of the requested message.
+    CANCELLED = auto()  #: OSIF: the request is cancelled; there is no message.
+    PUBLISHED = auto()  #: OSIF: the publication is complete.
+    OFFERED = auto()  #: HMT: the first word of a message is at the core's port.
+    GRANTED = auto()  #: HMT: the topic is reserved until the core has sent its message.
+    OWN = auto()  #: Filter: the core itself published the message.
+    FOREIGN = auto()  #: Filter: another publisher published the message.
+    DONE = auto()  #: Data path: the last word of the message is transferred.
 
 
-class Latch(Enum):
-    """The register that a move loads with the value beside the input."""
+class Action(Enum):
+    """Actions of the core, one per state; the control sets one output signal for each."""
 
-    OUTPUT = auto()  #: Where the output message lies.
-    HELD = auto()  #: Where the message to forward lies.
+    LISTEN_OSIF = auto()  #: Take the next answer of the delegate.
+    CALL_TAKE = auto()  #: Call the delegate: take the next message of the SMT.
+    CALL_CANCEL = auto()  #: Call the delegate: cancel the take.
+    CALL_PUBLISH = auto()  #: Call the delegate: publish the output message on the SMT.
+    PEEK_HMT = auto()  #: Look at the port of the HMT without taking a word.
+    COMPARE_HELD = auto()  #: Compare the publisher ID of the held message with the core's own.
+    COMPARE_PORT = auto()  #: Compare the publisher ID at the port with the core's own.
+    CLAIM_HMT = auto()  #: Request the HMT from its arbiter, and look at the port meanwhile.
+    MEMORY_TO_HMT = auto()  #: Send the held message to the HMT, and ignore its echo at the port.
+    HMT_TO_MEMORY = auto()  #: Take the message at the port and write it to the output message.
+    HMT_TO_NOWHERE = auto()  #: Take the message at the port and discard it.
+
+
+class Register(Enum):
+    """Address registers of the core. A transition may load one with the address beside its input."""
+
+    OUTPUT = auto()  #: Address of the output message.
+    HELD = auto()  #: Address of the held message, which is to be sent to the HMT.
 
 
 @dataclass(frozen=True, slots=True)
-class Move:
-    """Where an input leads."""
+class Transition:
+    """The effect of an input in a state."""
 
-    to: State  #: The next state.
-    #: The register that takes the input's value; None: the input has none.
-    latch: Latch | None = None
+    target: State  #: Next state.
+    loads: Register | None = None  #: Register that is loaded; None: none.
 
 
 @dataclass(frozen=True, slots=True)
 class Row:
     """One state of the table."""
 
-    drive: Drive  #: What the outputs do in this state.
-    #: Where an input leads; one not listed cannot occur here.
-    moves: Mapping[Input, Move] = field(hash=False)
+    action: Action  #: Action in this state.
+    transitions: Mapping[Input, Transition] = field(hash=False)  #: Transitions by input.
 
 
-Table = dict[State, Row]  #: A gateway core's whole behaviour.
+Table = dict[State, Row]  #: Behaviour of a gateway core.
 
-_S, _I, _D, _L = State, Input, Drive, Latch
 
-TABLE: Table = {
-    _S.START: Row(_D.LISTEN_OSIF, {_I.LOCATED: Move(_S.REQUEST, _L.OUTPUT)}),
-    _S.REQUEST: Row(_D.CALL_TAKE, {_I.SENT: Move(_S.POLL_OSIF)}),
-    _S.POLL_OSIF: Row(
-        _D.LISTEN_OSIF, {_I.ANSWERED: Move(_S.FILTER_SMT, _L.HELD), _I.EMPTY: Move(_S.POLL_HMT)}
-    ),
-    _S.POLL_HMT: Row(_D.PEEK_HMT, {_I.OFFERED: Move(_S.FILTER_HMT), _I.EMPTY: Move(_S.POLL_OSIF)}),
-    # From software to hardware.
-    _S.FILTER_SMT: Row(_D.COMPARE_HELD, {_I.FOREIGN: Move(_S.CLAIM), _I.OWN: Move(_S.REQUEST)}),
-    _S.CLAIM: Row(
-        _D.CLAIM_HMT, {_I.GRANTED: Move(_S.TO_HMT), _I.OFFERED: Move(_S.FILTER_HMT_HOLDING)}
-    ),
-    _S.TO_HMT: Row(_D.MEMORY_TO_HMT, {_I.DONE: Move(_S.REQUEST)}),
-    # From hardware to software: a request is outstanding and is taken back before the publication.
-    _S.FILTER_HMT: Row(
-        _D.COMPARE_PORT, {_I.FOREIGN: Move(_S.TO_MEMORY), _I.OWN: Move(_S.DROP_HMT)}
-    ),
-    _S.DROP_HMT: Row(_D.HMT_TO_NOWHERE, {_I.DONE: Move(_S.POLL_OSIF)}),
-    _S.TO_MEMORY: Row(_D.HMT_TO_MEMORY, {_I.DONE: Move(_S.CANCEL)}),
-    _S.CANCEL: Row(_D.CALL_CANCEL, {_I.SENT: Move(_S.CANCEL_WAIT)}),
-    _S.CANCEL_WAIT: Row(
-        _D.LISTEN_OSIF,
-        {_I.CANCELLED: Move(_S.PUBLISH), _I.ANSWERED: Move(_S.PUBLISH_HOLDING, _L.HELD)},
-    ),
-    _S.PUBLISH: Row(_D.CALL_PUBLISH, {_I.SENT: Move(_S.PUBLISH_WAIT)}),
-    _S.PUBLISH_WAIT: Row(_D.LISTEN_OSIF, {_I.PUBLISHED: Move(_S.REQUEST)}),
-    # The same while a message for the HMT is held: nothing to cancel, and the held message comes after.
-    _S.FILTER_HMT_HOLDING: Row(
-        _D.COMPARE_PORT, {_I.FOREIGN: Move(_S.TO_MEMORY_HOLDING), _I.OWN: Move(_S.DROP_HMT_HOLDING)}
-    ),
-    _S.DROP_HMT_HOLDING: Row(_D.HMT_TO_NOWHERE, {_I.DONE: Move(_S.CLAIM)}),
-    _S.TO_MEMORY_HOLDING: Row(_D.HMT_TO_MEMORY, {_I.DONE: Move(_S.PUBLISH_HOLDING)}),
-    _S.PUBLISH_HOLDING: Row(_D.CALL_PUBLISH, {_I.SENT: Move(_S.PUBLISH_WAIT_HOLDING)}),
-    _S.PUBLISH_WAIT_HOLDING: Row(_D.LISTEN_OSIF, {_I.PUBLISHED: Move(_S.FILTER_SMT)}),
-}
+def parse_table(text: str) -> Table:
+    """Return the table that a text describes, as `TABLE` below is written.
+
+    Args:
+        text: Lines `STATE | ACTION | INPUT -> TARGET, ...`. A transition `INPUT -> TARGET / REGISTER` also loads
+            a register. Empty lines and lines that begin with `#` are ignored.
+
+    Raises:
+        KeyError: A name is unknown.
+        ValueError: A line has another form.
+    """
+    table = {}
+    for line in text.splitlines():
+        if not line.strip() or line.startswith("#"):
+            continue
+        state, action, listed = (part.strip() for part in line.split("|"))
+        transitions = {}
+        for transition in listed.split(","):
+            given, effect = transition.split("->")
+            target, _, register = effect.partition("/")
+            loads = Register[register.strip()] if register else None
+            transitions[Input[given.strip()]] = Transition(State[target.strip()], loads)
+        table[State[state]] = Row(Action[action], transitions)
+    return table
+
+
+TABLE = parse_table("""
+# state              | action         | input -> next state / loaded register, ...
+START                | LISTEN_OSIF    | LOCATED -> REQUEST / OUTPUT
+REQUEST              | CALL_TAKE      | SENT -> POLL_OSIF
+POLL_OSIF            | LISTEN_OSIF    | ANSWERED -> FILTER_SMT / HELD, EMPTY -> POLL_HMT
+POLL_HMT             | PEEK_HMT       | OFFERED -> FILTER_HMT, EMPTY -> POLL_OSIF
+
+# Software to hardware.
+FILTER_SMT           | COMPARE_HELD   | FOREIGN -> CLAIM, OWN -> REQUEST
+CLAIM                | CLAIM_HMT      | GRANTED -> TO_HMT, OFFERED -> FILTER_HMT_HOLDING
+TO_HMT               | MEMORY_TO_HMT  | DONE -> REQUEST
+
+# Hardware to software. A request is outstanding and is cancelled before the publication.
+FILTER_HMT           | COMPARE_PORT   | FOREIGN -> TO_MEMORY, OWN -> DROP_HMT
+DROP_HMT             | HMT_TO_NOWHERE | DONE -> POLL_OSIF
+TO_MEMORY            | HMT_TO_MEMORY  | DONE -> CANCEL
+CANCEL               | CALL_CANCEL    | SENT -> CANCEL_WAIT
+CANCEL_WAIT          | LISTEN_OSIF    | CANCELLED -> PUBLISH, ANSWERED -> PUBLISH_HOLDING / HELD
+PUBLISH              | CALL_PUBLISH   | SENT -> PUBLISH_WAIT
+PUBLISH_WAIT         | LISTEN_OSIF    | PUBLISHED -> REQUEST
+
+# Hardware to software while a message is held: no request is outstanding, and the held message is sent afterwards.
+FILTER_HMT_HOLDING   | COMPARE_PORT   | FOREIGN -> TO_MEMORY_HOLDING, OWN -> DROP_HMT_HOLDING
+DROP_HMT_HOLDING     | HMT_TO_NOWHERE | DONE -> CLAIM
+TO_MEMORY_HOLDING    | HMT_TO_MEMORY  | DONE -> PUBLISH_HOLDING
+PUBLISH_HOLDING      | CALL_PUBLISH   | SENT -> PUBLISH_WAIT_HOLDING
+PUBLISH_WAIT_HOLDING | LISTEN_OSIF    | PUBLISHED -> FILTER_SMT
+""")
 """The gateway core (paper C, Fig. 4)."""
+
+ADDED_STATES = {
+    State.CLAIM,
+    State.PUBLISH_WAIT,
+    State.FILTER_HMT_HOLDING,
+    State.DROP_HMT_HOLDING,
+    State.TO_MEMORY_HOLDING,
+    State.PUBLISH_HOLDING,
+    State.PUBLISH_WAIT_HOLDING,
+}
+"""States that the paper's text does not mention."""
 
 
 def transitions(table: Table = TABLE) -> dict[tuple[State, Input], State]:
-    """Return a table as (state, input) -> the next state, for `sfglab.machine.step`."""
-    return {
-        (state, given): move.to for state, row in table.items() for given, move in row.moves.items()
-    }
-
-
-PLACES: dict[State, tuple[int, int]] = {
-    State.START: (2, 0),
-    State.REQUEST: (2, 1),
-    State.POLL_OSIF: (2, 2),
-    State.POLL_HMT: (2, 3),
-    State.FILTER_SMT: (1, 2),
-    State.CLAIM: (0, 2),
-    State.TO_HMT: (0, 1),
-    State.FILTER_HMT: (3, 3),
-    State.DROP_HMT: (3, 2),
-    State.TO_MEMORY: (4, 3),
-    State.CANCEL: (4, 2),
-    State.CANCEL_WAIT: (4, 1),
-    State.PUBLISH: (4, 0),
-    State.PUBLISH_WAIT: (3, 0),
-    State.FILTER_HMT_HOLDING: (0, 3),
-    State.DROP_HMT_HOLDING: (-1, 3),
-    State.TO_MEMORY_HOLDING: (0, 4),
-    State.PUBLISH_HOLDING: (1, 4),
-    State.PUBLISH_WAIT_HOLDING: (1, 3),
-}
-"""Column and row of each state: polling amid, software to hardware left, hardware to software right."""
-# Corners of the one arrow that would cross states, and its other end.
-_DETOURS = {(State.CANCEL_WAIT, State.PUBLISH_HOLDING): ((4.8, 1), (4.8, 4))}
-# Inches: from column to column and from row to row, half a box, and between two arrows that meet.
-_PITCH = np.array([1.6, 0.95])
-_HALF = np.array([0.51, 0.27])
-_APART = 0.16
-# Okabe and Ito's palette: software's side, hardware's side, neither.
-_OSIF, _HMT, _INNER = "#F7DD92", "#85BCE6", "#FFFFFF"
-_LINE = "#333333"
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Arrow:
-    """One arrow of the figure."""
-
-    source: State  #: Where it starts.
-    given: Input  #: The input on it.
-    target: State  #: Where it ends.
-
-
-def arrows() -> list[Arrow]:
-    """Return the arrows of `TABLE`, in its order."""
-    return [
-        Arrow(source=state, given=given, target=move.to)
-        for state, row in TABLE.items()
-        for given, move in row.moves.items()
-    ]
-
-
-def draw_core(ax: Axes) -> dict[State | Arrow, list[Artist]]:
-    """Draw the core, OSIF yellow, HMT blue, `OURS` dashed, 10 by 5 inches; return each artist."""
-    drawn = arrows()
-    artists: dict[State | Arrow, list[Artist]] = {}
-    for arrow in drawn:
-        meets = any((a.source, a.target) == (arrow.target, arrow.source) for a in drawn)
-        artists[arrow] = _draw_arrow(ax, arrow, _APART / 2 if meets else 0.0)
-    for state, row in TABLE.items():
-        artists[state] = _draw_state(ax, state, row.drive.name)
-    places = np.array([*PLACES.values(), *(p for corners in _DETOURS.values() for p in corners)])
-    low, high = _inches(places.min(axis=0)), _inches(places.max(axis=0))
-    ax.set(xlim=(low[0] - 0.65, high[0] + 0.1), ylim=(high[1] - 0.4, low[1] + 0.4), aspect="equal")
-    ax.axis("off")
-    return artists
-
-
-def _inches(place: Points | tuple[float, float]) -> Points:
-    """Return where a place is; rows run downwards."""
-    x, y = np.asarray(place, dtype=np.float64) * _PITCH
-    return np.array([x, -y])
-
-
-def _draw_state(ax: Axes, state: State, drive: str) -> list[Artist]:
-    from matplotlib.patches import FancyBboxPatch
-
-    fill = _HMT if "HMT" in drive else _OSIF if "OSIF" in drive or "CALL" in drive else _INNER
-    centre = _inches(PLACES[state])
-    left, bottom = centre - _HALF
-    width, height = 2 * _HALF
-    line: dict[str, Any] = {"ls": (0, (4, 2)), "lw": 1.6} if state in OURS else {}
-    box = FancyBboxPatch(
-        (left, bottom), width, height, "round,pad=0,rounding_size=0.08", fc=fill, ec=_LINE, **line
-    )
-    x, y = centre
-    middle: dict[str, Any] = {"ha": "center", "va": "center"}
-    said = _words(state.name).replace(" holding", "\nholding")
-    name = ax.text(x, y + 0.08, said, fontsize=7, weight="bold", linespacing=1.0, **middle)
-    return [
-        ax.add_patch(box),
-        name,
-        ax.text(x, y - 0.17, _words(drive), fontsize=7, style="italic", **middle),
-    ]
-
-
-def _words(name: str) -> str:
-    """Return a name of the table in words; abbreviations stay in capitals."""
-    return " ".join(w if w in {"HMT", "SMT", "OSIF"} else w.lower() for w in name.split("_"))
-
-
-def _draw_arrow(ax: Axes, arrow: Arrow, aside: float) -> list[Artist]:
-    corners = _DETOURS.get((arrow.source, arrow.target), ())
-    way = np.array([_inches(p) for p in (PLACES[arrow.source], *corners, PLACES[arrow.target])])
-    first, last = way[1] - way[0], way[-1] - way[-2]
-    way = way + aside * np.array([last[1], -last[0]]) / np.hypot(*last)
-    way[0] = way[0] + first * _inside(first)
-    way[-1] = way[-1] - last * _inside(last)
-    drawn: list[Artist] = []
-    for ends in list(pairwise(way))[:-1]:
-        drawn += ax.plot(*zip(*ends, strict=True), color=_LINE, lw=0.9, zorder=0)
-    look: dict[str, Any] = {
-        "arrowstyle": "-|>",
-        "color": _LINE,
-        "lw": 0.9,
-        "shrinkA": 0,
-        "shrinkB": 0,
-    }
-    head = ax.annotate("", way[-1], way[-2], arrowprops=look, zorder=0).arrow_patch
-    assert head is not None, "it was asked for"
-    x, y = (way[0] + way[1]) / 2 + 2.6 * aside * np.array([last[1], -last[0]]) / np.hypot(*last)
-    y += 0.1 * (first[1] == 0)  # level arrows are short: their label stands above
-    white = {"fc": "white", "ec": "none", "pad": 0.4}
-    said = ax.text(
-        x, y, _words(arrow.given.name), ha="center", va="center", fontsize=7, bbox=white, zorder=1
-    )
-    return [*drawn, head, said]
-
-
-def _inside(direction: Points) -> float:
-    """Return the part of an arrow that lies within the box at its end."""
-    with np.errstate(divide="ignore"):
-        return float(np.min(_HALF / np.abs(direction)))
+    """Return the next state by state and input, for `sfglab.machine.step`, in the table's order."""
+    found = {}
+    for state, row in table.items():
+        for given, transition in row.transitions.items():
+            found[state, given] = transition.target
+    return found

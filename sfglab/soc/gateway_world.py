@@ -1,9 +1,15 @@
-"""A moment of a gateway core and what surrounds it, everything that can happen next, and the bound of it all.
+"""Model of a gateway core with its surroundings: the global state, and all steps that can follow it.
 
-Whole messages move, not beats. The software-mapped topic (SMT) is reliable and reaches all software
-subscribers at once; the core's reader on it is a queue, served by a delegate thread through two short queues
-(OSIF). The hardware-mapped topic (HMT) is a stream: one message at a time, occupied until every subscriber,
-the core included, has taken it or stored it. Refuses to know in which order moments are explored.
+The surroundings are those of paper C, Fig. 3. Messages move as a whole, not word by word:
+
+- The SMT is reliable. A message that is published on it reaches all software subscribers at once, and a queue
+  from which the delegate serves the core's requests.
+- The delegate takes the core's calls from one short queue, and puts its answers into another (OSIF).
+- The HMT carries one message at a time. The message occupies the topic until all hardware subscribers, and the
+  core's own port, have taken it.
+
+Each step is one action of one process; all interleavings of such steps are possible. A step that violates a
+property leads to a `Fault` instead of a state. `sfglab.soc.exploration` follows the steps.
 """
 
 from __future__ import annotations
@@ -11,348 +17,382 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
-from sfglab.soc.gateway import Drive, Input, Latch, State, Table
+from sfglab.soc.gateway import Action, Input, Register, State, Table, Transition
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-GATEWAY = -1  #: The publisher id under which the core forwards.
-OWN_PORT = 1  #: The bit of the core's own port among those that have yet to take the HMT's message.
-SENDING = 2  #: The bit of the core as the sender, until its transfer is done.
-FIRST_PORT = 4  #: The bit of the first hardware subscriber.
+GATEWAY_ID = -1  #: Publisher ID of the core.
+SOFTWARE = 0  #: Index of all software subscribers together; hardware subscribers have 1, 2, ...
+CORE_PORT = -1  #: The core's port among those that have yet to take the HMT's message.
+CORE_TRANSFER = -2  #: The core's transfer to the HMT, which must also end before the HMT is free.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Bound:
-    """How much happens in an exploration, and what the surroundings are like."""
+    """Numbers of messages and processes of an exploration, and properties of the surroundings."""
 
-    software: tuple[int, ...] = (2,)  #: How many messages each software publisher sends.
-    hardware: tuple[int, ...] = (2,)  #: How many messages each hardware publisher sends.
-    subscribers: int = 1  #: Hardware subscribers besides the core.
-    calls: int = 1  #: How many calls to the delegate may wait.
-    #: Both topics return the core's own messages to it, so that its filters have to work.
-    echoes: bool = True
-    #: The delegate hears a cancel while it waits for a message, as it must.
+    software: tuple[int, ...] = (2,)  #: Number of messages of each software publisher.
+    hardware: tuple[int, ...] = (2,)  #: Number of messages of each hardware publisher.
+    subscribers: int = 1  #: Number of hardware subscribers besides the core.
+    calls: int = 1  #: Number of calls to the delegate that may wait.
+    echoes: bool = True  #: Whether both topics return the core's own messages to it.
+    #: Whether the delegate accepts calls while it waits for a message, as it must.
     listens_while_blocked: bool = True
-    #: The delegate answers once per request, as it must; else also once per cancel.
+    #: Whether the delegate answers once per request, as it must; else also once per cancel.
     answers_once: bool = True
-    #: Whole messages that the core's port of the HMT can store; 0: it is a stream.
-    port_messages: int = 0
+    port_messages: int = 0  #: Number of whole messages that the core's port can store; 0: a stream.
 
     @property
     def totals(self) -> tuple[int, ...]:
-        """Messages of every publisher, software first."""
+        """Number of messages of each publisher, software first."""
         return self.software + self.hardware
 
     def is_software(self, publisher: int) -> bool:
-        """Return whether a publisher runs in software."""
+        """Return whether a publisher, an index of `totals`, runs in software."""
         return publisher < len(self.software)
 
 
 class Message(NamedTuple):
-    """A message under way."""
+    """A message in flight."""
 
-    publisher: int  #: Index in `Bound.totals` of who made it.
-    number: int  #: Its place among that publisher's messages.
-    carrier: int  #: The publisher id that it carries: its maker's, or `GATEWAY`.
+    publisher: int  #: Original publisher, an index of `Bound.totals`.
+    number: int  #: Place among the messages of that publisher, from 0.
+    publisher_id: int  #: Publisher ID that the message carries: the original one, or `GATEWAY_ID`.
 
     def __str__(self) -> str:
-        suffix = "'" if self.carrier == GATEWAY else ""
+        suffix = "'" if self.publisher_id == GATEWAY_ID else ""
         return f"{self.publisher}.{self.number}{suffix}"
 
 
-class Broadcast(NamedTuple):
-    """A message on the HMT and who (bits) has yet to be done with it."""
+class Transmission(NamedTuple):
+    """The message that occupies the HMT."""
 
     message: Message
-    pending: int
+    #: Hardware subscribers, `CORE_PORT` and `CORE_TRANSFER`, as far as not done with the message.
+    pending: frozenset[int]
+
+
+class Answer(NamedTuple):
+    """An answer of the delegate that the core has not taken."""
+
+    input: Input
+    message: Message | None = None  #: Message whose address the answer holds.
 
 
 class World(NamedTuple):
-    """One moment."""
+    """A global state: that of the core and of its surroundings at one moment."""
 
-    state: State  #: Of the core.
-    held: Message | None  #: What the core holds for the HMT.
-    output: Message | None  #: What stands in the output message, not yet published.
-    calls: tuple[Drive, ...]  #: Calls that the delegate has not read.
-    #: What the delegate said and the core has not read.
-    answers: tuple[tuple[Input, Message | None], ...]
-    blocked: bool  #: The delegate waits for a message of the SMT.
-    reader: tuple[Message, ...]  #: What the core's reader on the SMT has received.
-    sent: tuple[int, ...]  #: Messages sent by each publisher.
-    topic: Broadcast | None  #: What occupies the HMT.
-    port: tuple[Message, ...]  #: What the core's port has stored.
-    smt_seen: tuple[int, ...]  #: Messages of each publisher that the software subscribers have.
-    hmt_seen: tuple[tuple[int, ...], ...]  #: The same for each hardware subscriber.
-
-
-def first_world(bound: Bound) -> World:
-    """Return the moment before anything happens: the delegate has said where the output message lies."""
-    none = (0,) * len(bound.totals)
-    return World(
-        state=State.START,
-        held=None,
-        output=None,
-        calls=(),
-        answers=((Input.LOCATED, None),),
-        blocked=False,
-        reader=(),
-        sent=none,
-        topic=None,
-        port=(),
-        smt_seen=none,
-        hmt_seen=(none,) * bound.subscribers,
-    )
-
-
-def is_finished(world: World, bound: Bound) -> bool:
-    """Return whether everything was sent, everybody has everything, and nothing is under way."""
-    done = bound.totals
-    return (
-        world.sent == done
-        and world.smt_seen == done
-        and all(seen == done for seen in world.hmt_seen)
-        and not in_flight(world)
-    )
-
-
-def in_flight(world: World) -> list[Message]:
-    """Return the messages that stand somewhere between their publisher and a subscriber."""
-    found = [
-        *world.reader,
-        *world.port,
-        *(message for _, message in world.answers if message is not None),
-    ]
-    found += [message for message in (world.held, world.output) if message is not None]
-    return found if world.topic is None else [*found, world.topic.message]
+    state: State  #: State of the core.
+    held: Message | None  #: Message that the core holds for the HMT.
+    output: Message | None  #: Output message in memory, not yet published.
+    calls: tuple[Action, ...]  #: Calls that the delegate has not taken.
+    answers: tuple[Answer, ...]  #: Answers that the core has not taken.
+    blocked: bool  #: Whether the delegate waits for a message of the SMT.
+    smt_queue: tuple[Message, ...]  #: Messages of the SMT that the delegate has not taken.
+    sent: tuple[int, ...]  #: Number of messages that each publisher has sent.
+    hmt: Transmission | None  #: Message that occupies the HMT.
+    port_queue: tuple[Message, ...]  #: Messages that the core's port stores.
+    #: Number of messages of each publisher, by subscriber, that the subscriber has received.
+    received: tuple[tuple[int, ...], ...]
 
 
 class Fault(NamedTuple):
-    """Something that must not happen, in place of the world it leads to."""
+    """A violated property, in place of the global state that a step leads to."""
 
     text: str
 
 
 class Step(NamedTuple):
-    """One thing that can happen."""
+    """One step of one process."""
 
-    actor: str  #: Who does it.
-    what: str  #: In words.
-    after: World | Fault  #: The world it leads to, or what is wrong with it.
+    actor: str  #: Process that does the step.
+    what: str  #: Description of the step.
+    after: World | Fault  #: Global state after the step, or the property that it violates.
+
+
+class Event(NamedTuple):
+    """An input that the core can receive now."""
+
+    input: Input
+    after: World | Fault  #: Global state after it, with the core's state as before.
+    message: Message | None = None  #: Message whose address is beside the input.
+
+
+def first_world(bound: Bound) -> World:
+    """Return the initial state: nothing is sent, and the delegate has located the output message."""
+    nothing = (0,) * len(bound.totals)
+    return World(
+        state=State.START,
+        held=None,
+        output=None,
+        calls=(),
+        answers=(Answer(Input.LOCATED),),
+        blocked=False,
+        smt_queue=(),
+        sent=nothing,
+        hmt=None,
+        port_queue=(),
+        received=(nothing,) * (1 + bound.subscribers),
+    )
+
+
+def is_finished(world: World, bound: Bound) -> bool:
+    """Return whether all messages are sent and received by all subscribers, and none is in flight."""
+    counts = {world.sent, *world.received}
+    return counts == {bound.totals} and not in_flight(world)
+
+
+def in_flight(world: World) -> list[Message]:
+    """Return the messages that are between their publisher and a subscriber."""
+    found = [*world.smt_queue, *world.port_queue]
+    answered = [answer.message for answer in world.answers]
+    occupying = world.hmt.message if world.hmt is not None else None
+    maybe = [*answered, world.held, world.output, occupying]
+    found.extend(message for message in maybe if message is not None)
+    return found
 
 
 def steps(world: World, bound: Bound, table: Table) -> Iterator[Step]:
-    """Yield everything that can happen next in surroundings and with a core's behaviour."""
-    yield from _publishers(world, bound)
-    yield from _subscribers(world, bound)
-    if world.blocked and world.reader:
-        message, *rest = world.reader
-        answers = (*world.answers, (Input.ANSWERED, message))
-        after = world._replace(blocked=False, reader=tuple(rest), answers=answers)
-        yield Step("delegate", f"answers with {message}", after)
-    if world.calls and (not world.blocked or bound.listens_while_blocked):
-        yield _obeyed(world, bound)
-    yield from _core(world, bound, table)
+    """Yield all steps that are possible in a global state with a core that follows a table."""
+    yield from _publisher_steps(world, bound)
+    yield from _port_steps(world, bound)
+    yield from _subscriber_steps(world, bound)
+    yield from _delegate_steps(world, bound)
+    yield from _core_steps(world, bound, table)
 
 
-def _publishers(world: World, bound: Bound) -> Iterator[Step]:
+def _publisher_steps(world: World, bound: Bound) -> Iterator[Step]:
+    """Yield the publications: in software at any time, in hardware while the HMT is free."""
     for publisher, number in enumerate(world.sent):
         if number == bound.totals[publisher]:
             continue
-        message = Message(publisher, number, publisher)
-        sent = _counted(world.sent, publisher)
+        message = Message(publisher, number, publisher_id=publisher)
+        after = world._replace(sent=_incremented(world.sent, publisher))
         if bound.is_software(publisher):
-            after = world._replace(
-                sent=sent,
-                reader=(*world.reader, message),
-                smt_seen=_counted(world.smt_seen, publisher),
-            )
-            yield Step(f"software publisher {publisher}", f"publishes {message}", after)
-        elif world.topic is None:
-            after = world._replace(sent=sent, topic=Broadcast(message, _ports(bound) | OWN_PORT))
+            after = after._replace(smt_queue=(*world.smt_queue, message))
+            delivered = _delivered(after, bound, message, SOFTWARE)
+            yield Step(f"software publisher {publisher}", f"publishes {message}", delivered)
+        elif world.hmt is None:
+            pending = frozenset([CORE_PORT, *_hardware_subscribers(bound)])
+            after = after._replace(hmt=Transmission(message, pending))
             yield Step(f"hardware publisher {publisher}", f"offers {message}", after)
 
 
-def _subscribers(world: World, bound: Bound) -> Iterator[Step]:
-    if world.topic is None:
+def _port_steps(world: World, bound: Bound) -> Iterator[Step]:
+    """Yield that the core's port stores a message, if it can store messages."""
+    if world.hmt is None or CORE_PORT not in world.hmt.pending:
         return
-    message, pending = world.topic
-    if pending & OWN_PORT and len(world.port) < bound.port_messages:
-        after = _without(world._replace(port=(*world.port, message)), OWN_PORT)
-        yield Step("gateway's port", f"stores {message}", after)
-    for index, seen in enumerate(world.hmt_seen):
-        port = FIRST_PORT << index
-        if not pending & port:
-            continue
-        actor, what = f"hardware subscriber {index}", f"takes {message}"
-        if wrong := _wrong(message, seen, hardware=True, bound=bound):
-            yield Step(actor, what, Fault(wrong))
-            continue
-        taken = (
-            *world.hmt_seen[:index],
-            _counted(seen, message.publisher),
-            *world.hmt_seen[index + 1 :],
-        )
-        yield Step(actor, what, _without(world._replace(hmt_seen=taken), port))
+    if len(world.port_queue) < bound.port_messages:
+        message = world.hmt.message
+        after = world._replace(port_queue=(*world.port_queue, message))
+        yield Step("gateway's port", f"stores {message}", _taken_from_hmt(after, CORE_PORT))
 
 
-def _obeyed(world: World, bound: Bound) -> Step:
-    """Return what the delegate makes of the first call that waits."""
-    call, *rest = world.calls
-    later = world._replace(calls=tuple(rest))
-    if call is Drive.CALL_TAKE:
-        if world.blocked:
-            return Step(
-                "delegate", "is asked", Fault("asked for a message while a request is outstanding")
-            )
-        return Step("delegate", "waits for a message", later._replace(blocked=True))
-    if call is Drive.CALL_PUBLISH:
-        return _published(later, bound)
-    if world.blocked or not bound.answers_once:
-        answers = (*world.answers, (Input.CANCELLED, None))
-        return Step(
-            "delegate", "confirms the cancel", later._replace(blocked=False, answers=answers)
-        )
-    return Step("delegate", "ignores the cancel, having answered", later)
+def _subscriber_steps(world: World, bound: Bound) -> Iterator[Step]:
+    """Yield that hardware subscribers take the message on the HMT."""
+    if world.hmt is None:
+        return
+    message, pending = world.hmt
+    for subscriber in _hardware_subscribers(bound):
+        if subscriber in pending:
+            after = _delivered(_taken_from_hmt(world, subscriber), bound, message, subscriber)
+            yield Step(f"hardware subscriber {subscriber - 1}", f"takes {message}", after)
 
 
-def _published(world: World, bound: Bound) -> Step:
+def _delegate_steps(world: World, bound: Bound) -> Iterator[Step]:
+    """Yield that the delegate answers the request, and that it takes the next call."""
+    if world.blocked and world.smt_queue:
+        message, *rest = world.smt_queue
+        answers = (*world.answers, Answer(Input.ANSWERED, message))
+        after = world._replace(blocked=False, smt_queue=tuple(rest), answers=answers)
+        yield Step("delegate", f"answers with {message}", after)
+    if world.calls and (bound.listens_while_blocked or not world.blocked):
+        call, *later = world.calls
+        after = world._replace(calls=tuple(later))
+        if call is Action.CALL_TAKE:
+            yield _take(after)
+        elif call is Action.CALL_CANCEL:
+            yield _cancel(after, bound)
+        else:
+            yield _publish(after, bound)
+
+
+def _take(world: World) -> Step:
+    """Return the delegate's step for a request."""
+    if world.blocked:
+        fault = Fault("asked for a message while a request is outstanding")
+        return Step("delegate", "is asked", fault)
+    return Step("delegate", "waits for a message", world._replace(blocked=True))
+
+
+def _cancel(world: World, bound: Bound) -> Step:
+    """Return the delegate's step for a cancel: no second answer if the request is already answered."""
+    if bound.answers_once and not world.blocked:
+        return Step("delegate", "ignores the cancel, having answered", world)
+    answers = (*world.answers, Answer(Input.CANCELLED))
+    return Step("delegate", "confirms the cancel", world._replace(blocked=False, answers=answers))
+
+
+def _publish(world: World, bound: Bound) -> Step:
+    """Return the delegate's step for a publication of the output message."""
     if world.output is None:
         return Step("delegate", "publishes", Fault("publishes an output message that nobody wrote"))
-    message = world.output._replace(carrier=GATEWAY)
-    if wrong := _wrong(message, world.smt_seen, hardware=False, bound=bound):
-        return Step("delegate", f"publishes {message}", Fault(wrong))
+    message = world.output._replace(publisher_id=GATEWAY_ID)
     after = world._replace(
         output=None,
-        answers=(*world.answers, (Input.PUBLISHED, None)),
-        reader=(*world.reader, message) if bound.echoes else world.reader,
-        smt_seen=_counted(world.smt_seen, message.publisher),
+        answers=(*world.answers, Answer(Input.PUBLISHED)),
+        smt_queue=(*world.smt_queue, message) if bound.echoes else world.smt_queue,
     )
-    return Step("delegate", f"publishes {message}", after)
+    delivered = _delivered(after, bound, message, SOFTWARE)
+    return Step("delegate", f"publishes {message}", delivered)
 
 
-def _core(world: World, bound: Bound, table: Table) -> Iterator[Step]:
-    """Yield the moves of the core: the input that its drive meets, if there is one."""
+def _core_steps(world: World, bound: Bound, table: Table) -> Iterator[Step]:
+    """Yield the core's transitions for all inputs that it can receive now."""
     row = table[world.state]
-    for given, message, after in _inputs(world, bound, row.drive):
-        move = row.moves.get(given)
-        what = f"{world.state.name} --{given.name}--> "
-        if move is None:
-            if given is not Input.EMPTY:
-                yield Step(
-                    "gateway",
-                    what + "?",
-                    Fault(f"{given.name} comes unexpected in {world.state.name}"),
-                )
-            continue
-        what += move.to.name
-        if move.latch is Latch.HELD and world.held is not None:
-            lost = Fault(f"holds {message} in place of {world.held}, which is not forwarded: lost")
-            yield Step("gateway", what, lost)
-            continue
-        if isinstance(after, Fault):
-            yield Step("gateway", what, after)
-            continue
-        held = message if move.latch is Latch.HELD else after.held
-        yield Step("gateway", what, after._replace(state=move.to, held=held))
-    if row.drive is Drive.MEMORY_TO_HMT and world.topic is None:
-        yield Step("gateway", f"begins to send {world.held}", _sending(world, bound))
+    for event in _events(world, bound, row.action):
+        transition = row.transitions.get(event.input)
+        if transition is not None:
+            yield _transition_step(world, event, transition)
+        elif event.input is not Input.EMPTY:
+            name = event.input.name
+            fault = Fault(f"{name} comes unexpected in {world.state.name}")
+            yield Step("gateway", f"{world.state.name} --{name}--> ?", fault)
+    if row.action is Action.MEMORY_TO_HMT and world.hmt is None:
+        yield Step("gateway", f"begins to send {world.held}", _reserved_for_core(world, bound))
 
 
-def _inputs(
-    world: World, bound: Bound, drive: Drive
-) -> Iterator[tuple[Input, Message | None, World | Fault]]:
-    """Yield the inputs that a drive meets, the message beside each, and the world they leave."""
-    offered = _at_port(world, bound)
-    if drive is Drive.LISTEN_OSIF:
-        given, message = world.answers[0] if world.answers else (Input.EMPTY, None)
-        yield given, message, world._replace(answers=world.answers[1:])
-    elif drive in {Drive.CALL_TAKE, Drive.CALL_CANCEL, Drive.CALL_PUBLISH}:
-        if len(world.calls) < bound.calls:
-            yield Input.SENT, None, _called(world, drive)
-    elif drive is Drive.PEEK_HMT:
-        yield Input.OFFERED if offered is not None else Input.EMPTY, None, world
-    elif drive is Drive.CLAIM_HMT:
-        if offered is not None:
-            yield Input.OFFERED, None, world
-        if world.topic is None:
-            yield Input.GRANTED, None, _sending(world, bound)
-    elif drive in {Drive.COMPARE_HELD, Drive.COMPARE_PORT}:
-        message = world.held if drive is Drive.COMPARE_HELD else offered
-        if message is None:
-            yield Input.FOREIGN, None, Fault("filters a message that it has not got")
-        else:
-            yield Input.OWN if message.carrier == GATEWAY else Input.FOREIGN, None, world
-    else:
-        yield from _transferred(world, drive, offered)
+def _transition_step(world: World, event: Event, transition: Transition) -> Step:
+    after = event.after
+    if transition.loads is Register.HELD and world.held is not None:
+        after = Fault(
+            f"holds {event.message} in place of {world.held}, which is not forwarded: lost"
+        )
+    if isinstance(after, World):
+        held = event.message if transition.loads is Register.HELD else after.held
+        after = after._replace(state=transition.target, held=held)
+    what = f"{world.state.name} --{event.input.name}--> {transition.target.name}"
+    return Step("gateway", what, after)
+
+
+def _events(world: World, bound: Bound, action: Action) -> Iterator[Event]:
+    """Yield the inputs that the core can receive now, given its action."""
+    at_port = _at_port(world, bound)
+    match action:
+        case Action.LISTEN_OSIF:
+            answer = world.answers[0] if world.answers else Answer(Input.EMPTY)
+            after = world._replace(answers=world.answers[1:])
+            yield Event(answer.input, after, answer.message)
+        case Action.CALL_TAKE | Action.CALL_CANCEL | Action.CALL_PUBLISH:
+            if len(world.calls) < bound.calls:
+                yield Event(Input.SENT, _called(world, action))
+        case Action.COMPARE_HELD:
+            yield _compared(world, world.held)
+        case Action.COMPARE_PORT:
+            yield _compared(world, at_port)
+        case Action.PEEK_HMT:
+            yield Event(Input.EMPTY if at_port is None else Input.OFFERED, world)
+        case _:
+            yield from _hmt_events(world, bound, action, at_port)
+
+
+def _hmt_events(
+    world: World, bound: Bound, action: Action, at_port: Message | None
+) -> Iterator[Event]:
+    """Yield the inputs that the core can receive while it claims the HMT, sends to it or takes from it."""
+    match action:
+        case Action.CLAIM_HMT:
+            if at_port is not None:
+                yield Event(Input.OFFERED, world)
+            if world.hmt is None:
+                yield Event(Input.GRANTED, _reserved_for_core(world, bound))
+        case Action.MEMORY_TO_HMT:
+            if world.hmt is not None and world.hmt.pending - {CORE_PORT} == {CORE_TRANSFER}:
+                yield Event(Input.DONE, _taken_from_hmt(world._replace(held=None), CORE_TRANSFER))
+        case Action.HMT_TO_MEMORY if at_port is not None:
+            yield Event(Input.DONE, _stored(world, at_port))
+        case Action.HMT_TO_NOWHERE if at_port is not None:
+            yield Event(Input.DONE, _taken_from_port(world))
 
 
 def _at_port(world: World, bound: Bound) -> Message | None:
-    """Return the message whose first word the core sees on the HMT."""
-    if world.port:
-        return world.port[0]
-    streams = not bound.port_messages and world.topic is not None and world.topic.pending & OWN_PORT
-    return world.topic.message if world.topic is not None and streams else None
+    """Return the message whose first word is at the core's port."""
+    if bound.port_messages:
+        return world.port_queue[0] if world.port_queue else None
+    if world.hmt is not None and CORE_PORT in world.hmt.pending:
+        return world.hmt.message
+    return None
 
 
-def _called(world: World, call: Drive) -> World | Fault:
-    """Return the world after a call: with a request, the delegate may reuse the memory of its last message."""
+def _called(world: World, call: Action) -> World | Fault:
+    """Return the global state after a call. A request frees the memory of the held message."""
     after = world._replace(calls=(*world.calls, call))
-    if call is not Drive.CALL_TAKE or world.held is None:
+    if call is not Action.CALL_TAKE or world.held is None:
         return after
-    if world.held.carrier != GATEWAY:
+    if world.held.publisher_id != GATEWAY_ID:
         return Fault(f"asks for the next message before {world.held} is forwarded: lost")
     return after._replace(held=None)
 
 
-def _transferred(
-    world: World, drive: Drive, offered: Message | None
-) -> Iterator[tuple[Input, Message | None, World | Fault]]:
-    if drive is Drive.MEMORY_TO_HMT:
-        if world.topic is not None and world.topic.pending & ~OWN_PORT == SENDING:
-            yield Input.DONE, None, _without(world._replace(held=None), SENDING)
-    elif offered is not None:
-        after = world._replace(port=world.port[1:]) if world.port else _without(world, OWN_PORT)
-        if drive is Drive.HMT_TO_NOWHERE:
-            yield Input.DONE, None, after
-        elif world.output is not None:
-            yield Input.DONE, None, Fault(f"overwrites {world.output} before it is published")
-        else:
-            yield Input.DONE, None, after._replace(output=offered)
+def _compared(world: World, message: Message | None) -> Event:
+    """Return the result of a filter."""
+    if message is None:
+        return Event(Input.FOREIGN, Fault("filters a message that it has not got"))
+    is_own = message.publisher_id == GATEWAY_ID
+    return Event(Input.OWN if is_own else Input.FOREIGN, world)
 
 
-def _sending(world: World, bound: Bound) -> World | Fault:
+def _reserved_for_core(world: World, bound: Bound) -> World | Fault:
+    """Return the global state in which the held message occupies the HMT."""
     if world.held is None:
         return Fault("sends a message that it has not got")
-    pending = _ports(bound) | SENDING | (OWN_PORT if bound.echoes else 0)
-    return world._replace(topic=Broadcast(world.held._replace(carrier=GATEWAY), pending))
+    pending = {CORE_TRANSFER, *_hardware_subscribers(bound)}
+    if bound.echoes:
+        pending.add(CORE_PORT)
+    message = world.held._replace(publisher_id=GATEWAY_ID)
+    return world._replace(hmt=Transmission(message, frozenset(pending)))
 
 
-def _without(world: World, who: int) -> World:
-    """Return the world after somebody is done with the HMT's message."""
-    if world.topic is None:
+def _stored(world: World, message: Message) -> World | Fault:
+    """Return the global state after a message at the port is copied to the output message."""
+    if world.output is not None:
+        return Fault(f"overwrites {world.output} before it is published")
+    return _taken_from_port(world)._replace(output=message)
+
+
+def _taken_from_port(world: World) -> World:
+    if world.port_queue:
+        return world._replace(port_queue=world.port_queue[1:])
+    return _taken_from_hmt(world, CORE_PORT)
+
+
+def _taken_from_hmt(world: World, who: int) -> World:
+    """Return the global state after one of those pending is done with the message on the HMT."""
+    if world.hmt is None:
         return world
-    pending = world.topic.pending & ~who
-    return world._replace(topic=world.topic._replace(pending=pending) if pending else None)
+    pending = world.hmt.pending - {who}
+    return world._replace(hmt=world.hmt._replace(pending=pending) if pending else None)
 
 
-def _wrong(message: Message, seen: tuple[int, ...], *, hardware: bool, bound: Bound) -> str:
-    """Return what is wrong with a delivery; nothing: an empty text."""
-    if message.carrier == GATEWAY and bound.is_software(message.publisher) is not hardware:
-        return f"{message} is echoed to the side that it came from"
-    expected = seen[message.publisher]
+def _delivered(world: World, bound: Bound, message: Message, subscriber: int) -> World | Fault:
+    """Return the global state after a subscriber has received a message, or the violated property."""
+    from_gateway = message.publisher_id == GATEWAY_ID
+    if from_gateway and bound.is_software(message.publisher) is (subscriber == SOFTWARE):
+        return Fault(f"{message} is echoed to the side that it came from")
+    received = list(world.received)
+    expected = received[subscriber][message.publisher]
     if message.number < expected:
-        return f"{message} is delivered twice"
-    return (
-        f"{message} is delivered before {expected}: lost or overtaken"
-        if message.number > expected
-        else ""
-    )
+        return Fault(f"{message} is delivered twice")
+    if message.number > expected:
+        return Fault(f"{message} is delivered before {expected}: lost or overtaken")
+    received[subscriber] = _incremented(received[subscriber], message.publisher)
+    return world._replace(received=tuple(received))
 
 
-def _ports(bound: Bound) -> int:
-    return ((1 << bound.subscribers) - 1) * FIRST_PORT
+def _hardware_subscribers(bound: Bound) -> range:
+    return range(SOFTWARE + 1, SOFTWARE + 1 + bound.subscribers)
 
 
-def _counted(counts: tuple[int, ...], index: int) -> tuple[int, ...]:
+def _incremented(counts: tuple[int, ...], index: int) -> tuple[int, ...]:
     return (*counts[:index], counts[index] + 1, *counts[index + 1 :])

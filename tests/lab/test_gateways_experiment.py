@@ -3,13 +3,13 @@
 from made_logs import ran, reference
 
 from sfglab.lab.experiments.gateways import exp
-from sfglab.soc.gateway import TABLE, Input, Move, Row, State
+from sfglab.soc.gateway import TABLE, Input, Row, State, Transition
 
 
 def test_a_core_that_does_not_claim_fails_the_claim(tmp_path, monkeypatch):
-    moves = TABLE[State.FILTER_SMT].moves
-    changed = {**moves, Input.FOREIGN: Move(State.TO_HMT, moves[Input.FOREIGN].latch)}
-    monkeypatch.setitem(TABLE, State.FILTER_SMT, Row(TABLE[State.FILTER_SMT].drive, changed))
+    row = TABLE[State.FILTER_SMT]
+    changed = {**row.transitions, Input.FOREIGN: Transition(State.TO_HMT)}
+    monkeypatch.setitem(TABLE, State.FILTER_SMT, Row(row.action, changed))
     run = ran(exp, tmp_path / "a.mcap")
     claim = exp.measure(run)["C-FSM"]
     assert claim.estimate.value < 1

@@ -1,6 +1,5 @@
-"""The gateway core's table (paper C, section 3, Fig. 4): complete, walked as the text says, and drawn whole."""
+"""The gateway core's table (paper C, section 3, Fig. 4): complete, as the text describes it, and drawn whole."""
 
-import itertools
 from collections import Counter
 
 import pytest
@@ -8,47 +7,41 @@ from matplotlib.figure import Figure
 from matplotlib.patches import FancyBboxPatch
 from walked_core import Core
 
-from sfglab.soc.gateway import PLACES, TABLE, Drive, Input, Latch, State, arrows, draw_core
+from sfglab.soc.gateway import TABLE, Action, Input, Register, State, transitions
+from sfglab.soc.gateway_drawing import DETOURS, draw_core, positions
 
-MEETS = {
-    Drive.LISTEN_OSIF: {
-        Input.LOCATED,
-        Input.EMPTY,
-        Input.ANSWERED,
-        Input.CANCELLED,
-        Input.PUBLISHED,
-    },
-    **{drive: {Input.SENT} for drive in (Drive.CALL_TAKE, Drive.CALL_CANCEL, Drive.CALL_PUBLISH)},
-    Drive.PEEK_HMT: {Input.OFFERED, Input.EMPTY},
-    **{drive: {Input.OWN, Input.FOREIGN} for drive in (Drive.COMPARE_HELD, Drive.COMPARE_PORT)},
-    Drive.CLAIM_HMT: {Input.GRANTED, Input.OFFERED},
-    **{
-        drive: {Input.DONE}
-        for drive in (Drive.MEMORY_TO_HMT, Drive.HMT_TO_MEMORY, Drive.HMT_TO_NOWHERE)
-    },
+POSSIBLE = {
+    "LISTEN": "LOCATED EMPTY ANSWERED CANCELLED PUBLISHED",
+    "CALL": "SENT",
+    "PEEK": "OFFERED EMPTY",
+    "COMPARE": "OWN FOREIGN",
+    "CLAIM": "GRANTED OFFERED",
+    "MEMORY": "DONE",
+    "HMT": "DONE",
 }
+"""Inputs that are possible with an action, by the first word of the action's name."""
 
 
-def test_every_state_waits_for_what_its_drive_can_meet_and_every_input_and_drive_is_used():
+def test_every_state_waits_for_inputs_that_its_action_allows_and_every_name_is_used():
     assert set(TABLE) == set(State)
     for row in TABLE.values():
-        assert row.moves
-        assert set(row.moves) <= MEETS[row.drive]
-    assert {State.START} | {arrow.target for arrow in arrows()} == set(State)
-    assert {arrow.given for arrow in arrows()} == set(Input)
-    assert {row.drive for row in TABLE.values()} == set(Drive)
+        possible = POSSIBLE[row.action.name.split("_")[0]].split()
+        assert row.transitions
+        assert {given.name for given in row.transitions} <= set(possible)
+    assert {State.START, *transitions().values()} == set(State)
+    assert {given for _, given in transitions()} == set(Input)
+    assert {row.action for row in TABLE.values()} == set(Action)
 
 
-def test_registers_are_loaded_by_addresses_and_by_nothing_else():
-    latches = {(i, m.latch) for row in TABLE.values() for i, m in row.moves.items()}
-    assert {pair for pair in latches if pair[0] in (Input.LOCATED, Input.ANSWERED) or pair[1]} == {
-        (Input.LOCATED, Latch.OUTPUT),
-        (Input.ANSWERED, Latch.HELD),
-    }
+def test_registers_are_loaded_from_inputs_with_an_address_and_from_no_other():
+    registers = {Input.LOCATED: Register.OUTPUT, Input.ANSWERED: Register.HELD}
+    for row in TABLE.values():
+        for given, transition in row.transitions.items():
+            assert transition.loads is registers.get(given)
 
 
 @pytest.mark.parametrize(
-    ("inputs", "drives"),
+    ("inputs", "actions"),
     [
         ("EMPTY EMPTY EMPTY", "PEEK_HMT LISTEN_OSIF PEEK_HMT"),  # both sides are polled in turn
         ("ANSWERED FOREIGN GRANTED DONE", "COMPARE_HELD CLAIM_HMT MEMORY_TO_HMT CALL_TAKE"),
@@ -56,7 +49,7 @@ def test_registers_are_loaded_by_addresses_and_by_nothing_else():
             "EMPTY OFFERED FOREIGN DONE SENT CANCELLED SENT PUBLISHED",
             "PEEK_HMT COMPARE_PORT HMT_TO_MEMORY CALL_CANCEL LISTEN_OSIF CALL_PUBLISH LISTEN_OSIF CALL_TAKE",
         ),
-        (  # a message that the cancel returns is forwarded before the next request
+        (  # a message that answers the cancelled request is forwarded before the next request
             "EMPTY OFFERED FOREIGN DONE SENT ANSWERED SENT PUBLISHED FOREIGN GRANTED DONE",
             (
                 "PEEK_HMT COMPARE_PORT HMT_TO_MEMORY CALL_CANCEL LISTEN_OSIF "
@@ -67,37 +60,83 @@ def test_registers_are_loaded_by_addresses_and_by_nothing_else():
         ("EMPTY OFFERED OWN DONE", "PEEK_HMT COMPARE_PORT HMT_TO_NOWHERE LISTEN_OSIF"),
     ],
 )
-def test_the_core_walks_as_the_text_says(inputs, drives):
+def test_the_core_behaves_as_the_paper_s_text_says(inputs, actions):
     core = Core()
-    for item in ("LOCATED", "SENT"):
-        core.feed(Input[item])
     found = []
-    for item in inputs.split():
-        assert Input[item] in core.waits_for
-        found.append(core.feed(Input[item], 0xBEEF).name)
-    assert found == drives.split()
+    for name in ("LOCATED", "SENT", *inputs.split()):
+        assert Input[name] in TABLE[core.state].transitions
+        core.feed(Input[name], 0xBEEF)
+        found.append(TABLE[core.state].action.name)
+    assert found[2:] == actions.split()
     assert core.held == (0xBEEF if "ANSWERED" in inputs else 0)
 
 
-def test_every_state_is_a_box_with_its_place_and_every_arrow_is_drawn_once_with_its_input():
+def after(state, given, flags):
+    """Flags (requested, stored, held) after an input, or None if the surroundings cannot give it.
+
+    Checked for sequences of inputs of any length: the core requests a message, and publishes, only if no request
+    is outstanding; it publishes only a stored message, stores one only if none is stored, and sends only a held one.
+    """
+    requested, stored, held = flags
+    action = TABLE[state].action
+    match action, given:
+        case Action.CALL_TAKE, _:
+            assert not requested
+            requested = True
+        case Action.CALL_PUBLISH, _:
+            assert stored
+            assert not requested
+        case Action.HMT_TO_MEMORY, _:
+            assert not stored
+            stored = True
+        case Action.MEMORY_TO_HMT, _:
+            assert held
+            held = False
+        case _, Input.ANSWERED | Input.CANCELLED:
+            if not requested:
+                return None
+            requested = False
+            held = given is Input.ANSWERED
+        case _, Input.PUBLISHED:
+            stored = False
+        case Action.COMPARE_HELD, Input.OWN:
+            held = False
+    return requested, stored, held
+
+
+def test_requests_publications_and_transfers_are_safe_for_inputs_of_any_number():
+    waiting = [(State.START, (False, False, False))]
+    found = set(waiting)
+    while waiting:
+        state, flags = waiting.pop()
+        for given, transition in TABLE[state].transitions.items():
+            flags_after = after(state, given, flags)
+            situation = (transition.target, flags_after)
+            if flags_after is not None and situation not in found:
+                found.add(situation)
+                waiting.append(situation)
+    assert len(found) == len(State), "the flags are the same whenever a state is entered"
+
+
+def test_every_state_and_every_transition_is_drawn_once():
     axes = Figure().add_subplot()
-    draw_core(axes)
-    assert set(PLACES) == set(State)
-    assert len(set(PLACES.values())) == len(State)
-    assert sum(isinstance(patch, FancyBboxPatch) for patch in axes.patches) == len(State)
-    assert "filter SMT" in {text.get_text() for text in axes.texts}
-    drawn = Counter(text.get_text() for text in axes.texts)
-    inputs = Counter(arrow.given.name for arrow in arrows())
-    assert len(arrows()) == sum(len(row.moves) for row in TABLE.values()) == 26
-    assert all(drawn[n.lower()] == inputs[n] for n in ("OFFERED", "ANSWERED", "GRANTED", "FOREIGN"))
+    artists = draw_core(axes)
+    assert set(artists) == {*State, *transitions()}
+    boxes = [patch for patch in axes.patches if isinstance(patch, FancyBboxPatch)]
+    assert len(boxes) == len(State) == len(set(positions().values()))
+    texts = Counter(text.get_text() for text in axes.texts)
+    inputs = Counter(given.name for _, given in transitions())
+    assert texts["filter SMT"] == 1
+    assert all(texts[name.lower()] == inputs[name] for name in ("OFFERED", "ANSWERED", "FOREIGN"))
 
 
-def test_no_arrow_but_the_one_with_a_detour_passes_over_a_state():
-    for arrow in arrows():
-        if (arrow.source, arrow.target) == (State.CANCEL_WAIT, State.PUBLISH_HOLDING):
+def test_no_transition_but_the_one_with_a_detour_passes_over_a_state():
+    for (source, _), target in transitions().items():
+        if (source, target) in DETOURS:
             continue
-        (x0, y0), (x1, y1) = PLACES[arrow.source], PLACES[arrow.target]
-        for x, y in set(itertools.product(range(-1, 6), range(5))) - {(x0, y0), (x1, y1)}:
+        (x0, y0), (x1, y1) = (positions()[state] for state in (source, target))
+        for state in set(State) - {source, target}:
+            x, y = positions()[state]
             between = min(x0, x1) <= x <= max(x0, x1) and min(y0, y1) <= y <= max(y0, y1)
-            on_line = (x - x0) * (y1 - y0) == (y - y0) * (x1 - x0)
-            assert not (between and on_line and (x, y) in PLACES.values()), arrow
+            distance = (x - x0) * (y1 - y0) - (y - y0) * (x1 - x0)
+            assert not between or abs(distance) > 0.1, (source, target, state)

@@ -4,22 +4,21 @@ import pytest
 
 from sfglab.lab.experiments.gateways import exp
 from sfglab.soc.exploration import explore
-from sfglab.soc.gateway import TABLE, Drive, Input, Move, Row, Table
+from sfglab.soc.gateway import TABLE, Row, State, Table, Transition
 from sfglab.soc.gateway_world import Bound
 
 
 def table_without_claim() -> Table:
-    """The table in which every transition to the claim leads to where a granted claim leads."""
-    sends = {}
-    for state, row in TABLE.items():
-        if row.drive is Drive.CLAIM_HMT:
-            sends[state] = row.moves[Input.GRANTED].to
+    """The table in which each transition to the claim leads to the transfer, as if it were granted."""
     table = {}
     for state, row in TABLE.items():
-        moves = {}
-        for given, move in row.moves.items():
-            moves[given] = Move(sends.get(move.to, move.to), move.latch)
-        table[state] = Row(row.drive, moves)
+        changed = {}
+        for given, transition in row.transitions.items():
+            target = transition.target
+            if target is State.CLAIM:
+                target = State.TO_HMT
+            changed[given] = Transition(target, transition.loads)
+        table[state] = Row(row.action, changed)
     return table
 
 
@@ -27,9 +26,22 @@ def table_without_claim() -> Table:
 def test_the_core_without_its_claim_step_deadlocks(bound):
     found = explore(bound, table_without_claim())
     assert found.counterexample.property.startswith("deadlock: ")
-    drives = {TABLE[state].drive for state in found.visited}
-    assert Drive.CLAIM_HMT not in drives
+    assert State.CLAIM not in found.visited
 
 
-def test_a_port_that_stores_every_message_from_hardware_needs_no_claim():
-    assert explore(Bound(port_messages=4), table_without_claim()).counterexample is None
+@pytest.mark.parametrize(("port_messages", "stuck"), [(1, True), (2, False)])
+def test_a_port_that_stores_every_message_that_hardware_may_send_needs_no_claim(
+    port_messages, stuck
+):
+    bound = Bound(port_messages=port_messages, echoes=False)  # hardware sends two
+    assert (explore(bound, table_without_claim()).counterexample is not None) is stuck
+    with_echoes = Bound(port_messages=4)  # and the core's own two messages
+    assert explore(with_echoes, table_without_claim()).counterexample is None
+
+
+def test_the_deadlock_is_a_transfer_that_waits_for_a_message_that_waits_for_the_core():
+    found = explore(Bound(), table_without_claim()).counterexample
+    assert found.property == "deadlock: messages are under way and nothing can move any more"
+    assert found.last.state is State.TO_HMT
+    assert found.last.hmt is not None
+    assert "hardware publisher 1 offers 1.0" in found.trace

@@ -1,7 +1,5 @@
 """Cycles of a message through the hardware: those of the memory model, and every word right."""
 
-from functools import partial
-
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -12,106 +10,85 @@ from sfglab.soc.paper_values import MESSAGE_BYTES
 
 rtl = pytest.importorskip("sfglab.soc.rtl", reason="needs the extra `rtl` (amaranth)")
 
+ChunkNode = rtl.bench.ChunkNode
 OUT, IN, READS, WRITE = rtl.MemoryPath
 QUICK = rtl.Delays(read=0, write=1)
+CASES = [
+    (OUT, 2, 80, None),
+    (OUT, 4, 20, None),
+    (OUT, 8, 40, None),
+    (OUT, 1, 40, QUICK),
+    (IN, 2, 80, None),
+    (IN, 4, 20, None),
+    (IN, 8, 40, None),
+    (IN, 1, 40, QUICK),
+    (READS, 1, 20, None),
+    (READS, 2, 20, QUICK),
+    (READS, 8, 20, None),
+    (WRITE, 1, 20, None),
+    (WRITE, 8, 20, QUICK),
+]
 
 
-def read(message_bytes, **more):
-    return rtl.readers.simulate_readers(rtl.readers.Reading(message_bytes=message_bytes, **more))
-
-
-def transfer(message_bytes, subscribers, **more):
-    given = {
-        "message_bytes": message_bytes,
-        "subscribers": subscribers,
-        "from_software": True,
-        **more,
-    }
-    return rtl.cycles.simulate_transfer(rtl.cycles.Transfer(**given))
-
-
-@pytest.mark.parametrize(
-    ("path", "nodes", "chunks", "delays"),
-    [
-        *(
-            (path, nodes, chunks, None)
-            for path in (OUT, IN)
-            for nodes, chunks in ((2, 80), (4, 20), (8, 40))
-        ),
-        *((path, 1, 40, QUICK) for path in (OUT, IN)),
-        *((READS, nodes, 20, delays) for nodes in (1, 2, 8) for delays in (None, QUICK)),
-        (WRITE, 1, 20, None),
-    ],
-)
-def test_hardware_takes_the_cycles_of_its_model_and_of_memory_s_and_one_for_a_publisher_s_id(
+@pytest.mark.parametrize(("path", "nodes", "chunks", "delays"), CASES)
+def test_hardware_takes_the_cycles_of_the_memory_model_and_one_for_a_publisher_s_id(
     path, nodes, chunks, delays
 ):
-    gateway = path in (OUT, IN)
-    model = rtl.cycle_model(
-        path, 2 if gateway else nodes, delays
-    )  # a gateway's is any number's of subscribers
+    model = rtl.cycle_model(path, nodes if path is READS else 2, delays)
     assert rtl.simulated_cycles(path, nodes, 256 * chunks, delays) == model.cycles(256 * chunks)
     for size in (256 * chunks, *MESSAGE_BYTES):
-        wanted = rtl.memory_model_cycles(path, nodes, size, delays)
-        assert model.cycles(size) == pytest.approx(wanted + gateway)
+        expected = rtl.memory_model_cycles(path, nodes, size, delays)
+        assert model.cycles(size) == pytest.approx(expected + (path in (OUT, IN)))
 
 
-@pytest.mark.parametrize("path", [OUT, IN, READS])
-def test_a_last_chunk_that_is_not_full_takes_less_than_a_full_one(path):
+@pytest.mark.parametrize("path", rtl.MemoryPath)
+def test_an_incomplete_last_chunk_takes_less_than_a_whole_one(path):
     model = rtl.cycle_model(path, 2)
     for more_bytes in (8, 232):
-        assert (
-            model.cycles(2560)
-            < rtl.simulated_cycles(path, 2, 2560 + more_bytes)
-            < model.cycles(2561)
-        )
-
-
-@pytest.mark.parametrize("from_software", [True, False])
-def test_subscribers_that_do_not_listen_hold_the_stream_up_and_lose_nothing(from_software):
-    free, held_up = (
-        transfer(2048, 4, from_software=from_software, stalled=stalled) for stalled in (0, 4)
-    )
-    assert held_up > 1.3 * free
+        cycles = rtl.simulated_cycles(path, 2, 2560 + more_bytes)
+        assert model.cycles(2560) < cycles < model.cycles(2561)
 
 
 @settings(max_examples=8, deadline=None)
 @given(st.lists(st.integers(0, 500), min_size=1, max_size=5), st.integers(1, 3), st.integers(0, 20))
-def test_each_reader_ends_in_the_model_s_cycle_whenever_it_starts(releases, chunks, latency):
-    delays = rtl.Delays(read=latency)
-    found = read(256 * chunks, readers=len(releases), releases=tuple(releases), delays=delays)
+def test_each_reader_ends_in_the_model_s_cycle_whenever_it_starts(starts, chunks, latency):
+    words = 32 * chunks
+    readers = [ChunkNode(words, start_cycle=start) for start in starts]
+    ends = rtl.cycles.simulate_nodes(readers, words, rtl.Delays(read=latency))
     chunk_cycles = MemoryInterface(read_latency_cycles=latency).read_cycles
-    assert list(found.ends) == round_robin_s(releases, chunks, chunk_cycles)
-    assert found.read_cycles == shared_s(releases, chunks * chunk_cycles)
+    assert ends == round_robin_s(starts, chunks, chunk_cycles)
+    assert max(ends) == shared_s(starts, chunks * chunk_cycles)
 
 
-def test_what_a_publisher_wrote_over_the_same_interface_reaches_all_readers():
-    found = read(2_560, readers=3, written=True, releases=(0, 40, 2_000))
-    assert found.write_cycles == 10 * MemoryInterface().write_cycles
-    assert found.read_cycles == max(found.ends)
+def test_readers_read_what_another_node_has_written_over_the_same_interface():
+    written = 10 * MemoryInterface().write_cycles
+    writer = ChunkNode(320, writes=True)
+    readers = [ChunkNode(320, start_cycle=int(written) + later) for later in (0, 40, 2000)]
+    ends = rtl.cycles.simulate_nodes([writer, *readers], 320, rtl.Delays())
+    assert ends[0] == written
 
 
 def test_a_wrong_word_is_noticed(monkeypatch):
-    def spoilt(port, content, delays, make=rtl.cycles.SlowMemory):
-        return make(port, [content[0], content[1] ^ 1, *content[2:]], delays)
+    monkeypatch.setattr(rtl.bench, "WORD_FACTOR", 2)  # of the writer, not of the expected words
+    expected = rtl.bench.message_words(0, 64)
+    monkeypatch.setattr(rtl.cycles, "message_words", lambda *_: [*expected[:1], 3, *expected[2:]])
+    with pytest.raises(SfglabError, match="memory, word 1: 0x2, must be 0x3"):
+        rtl.simulated_cycles(WRITE, 1, 512)
 
-    monkeypatch.setattr(rtl.readers, "SlowMemory", spoilt)
-    with pytest.raises(SfglabError, match="reader 0, word 1"):
-        read(512, readers=2)
+
+def test_a_bench_that_is_not_done_is_an_error(monkeypatch):
+    monkeypatch.setattr(rtl.cycles, "cycle_limit", lambda *_: 50)
+    with pytest.raises(SfglabError, match="GatewayBench: not done after 50 cycles"):
+        rtl.simulated_cycles(OUT, 1, 512)
 
 
-@pytest.mark.parametrize(
-    "simulate",
-    [
-        *(partial(transfer, size, 1) for size in (0, 12)),
-        *(partial(read, size, readers=2) for size in (0, 12)),
-        partial(transfer, 64, -1),
-        partial(transfer, 64, 1, stalled=8),
-        partial(read, 64, readers=0),
-        *(partial(read, 64, readers=2, releases=releases) for releases in ((1,), (1, -1))),
-        partial(rtl.Delays, write=0),  # it takes at least a cycle
-    ],
-)
-def test_what_cannot_be_simulated_is_refused(simulate):
+@pytest.mark.parametrize(("nodes", "message_bytes"), [(0, 64), (1, 0), (1, 12)])
+def test_a_message_that_cannot_be_simulated_is_refused(nodes, message_bytes):
+    for path in rtl.MemoryPath:
+        with pytest.raises(InvalidValueError, match=r"given .*, allowed: "):
+            rtl.simulated_cycles(path, nodes, message_bytes)
+
+
+def test_a_response_takes_at_least_one_cycle():
     with pytest.raises(InvalidValueError, match=r"given .*, allowed: "):
-        simulate()
+        rtl.Delays(write=0)

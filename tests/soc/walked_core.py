@@ -1,30 +1,31 @@
-"""The gateway core's table, walked: the oracle of the hardware; and hardware run beside a bench."""
+"""The gateway core's table as a program, against which the hardware is compared, and a simulation."""
 
-from sfglab.soc.gateway import TABLE, Drive, Input, Latch, State
+from sfglab.soc.gateway import TABLE, Input, Register, State, Transition
+
+
+def mutated(state: State, given: Input, target: State):
+    """The table in which an input in one state leads to another state."""
+    row = TABLE[state]
+    changed = Transition(target, row.transitions[given].loads)
+    return {**TABLE, state: type(row)(row.action, {**row.transitions, given: changed})}
 
 
 class Core:
-    """A core at `START`; an input that its state does not wait for changes nothing."""
+    """A core, first at `START`; an input that its state does not wait for changes nothing."""
 
     def __init__(self) -> None:
         self.state = State.START
         self.output = self.held = 0
 
-    @property
-    def drive(self) -> Drive:
-        return TABLE[self.state].drive
-
-    @property
-    def waits_for(self) -> frozenset[Input]:
-        return frozenset(TABLE[self.state].moves)
-
-    def feed(self, given: Input, value: int = 0) -> Drive:
-        move = TABLE[self.state].moves.get(given)
-        if move is not None:
-            self.output = value if move.latch is Latch.OUTPUT else self.output
-            self.held = value if move.latch is Latch.HELD else self.held
-            self.state = move.to
-        return self.drive
+    def feed(self, given: Input, value: int = 0) -> None:
+        transition = TABLE[self.state].transitions.get(given)
+        if transition is None:
+            return
+        self.state = transition.target
+        if transition.loads is Register.OUTPUT:
+            self.output = value
+        if transition.loads is Register.HELD:
+            self.held = value
 
 
 def simulate(hardware, bench):

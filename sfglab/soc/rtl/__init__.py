@@ -1,13 +1,14 @@
-"""The gateway of paper C as hardware, in Amaranth (paper C, section 3; ReconROS' 64-bit template).
+"""The gateway of paper C, section 3, as hardware in Amaranth (ReconROS' 64-bit template). Needs the extra `rtl`.
 
-Bottom up: `data_path` (memory interface's master, topic, mover), `core` (control generated from the core's
-table, and the gateway), `cycles` (its test bench and cycle model), `readers` (what it spares: an arbiter and
-nodes that all read; cycles of both beside the memory model), `synthesis` (Verilog, area).
-Needs the extra `rtl`; nothing else of sfglab imports it.
+- `core`: the gateway, and its control, which is generated from the core's table (`sfglab.soc.gateway`).
+- `mover`: the gateway's data path. `topic`: the hardware-mapped topic. `memory_port`: the memory interface.
+- `bench`: test benches of the gateway, and of nodes that read or write without one.
+- `cycles`: cycles of a message on each path, simulated and by the memory model.
+- `synthesis`: Verilog, area, and the proof that the control follows the table.
 """
 
-from sfglab.soc.rtl.cycles import Delays
-from sfglab.soc.rtl.readers import MemoryPath, cycle_model, memory_model_cycles, simulated_cycles
+from sfglab.soc.rtl.bench import Delays
+from sfglab.soc.rtl.cycles import MemoryPath, cycle_model, memory_model_cycles, simulated_cycles
 from sfglab.soc.rtl.synthesis import Area, gateway_area, gateway_verilog
 
 __all__ = [

@@ -13,7 +13,8 @@ from sfglab.lab.paper import paper
 from sfglab.lab.runs import Run, derived, lines_of
 from sfglab.lab.stats import exactly
 from sfglab.soc import draw_mapping
-from sfglab.soc.gateway import Input, State, arrows, draw_core, transitions
+from sfglab.soc.gateway import Input, State, transitions
+from sfglab.soc.gateway_drawing import draw_core
 from sfglab.soc.gateway_world import Step, World
 
 if TYPE_CHECKING:
@@ -120,13 +121,15 @@ def press_core(run: Sequence[Step] = ()) -> Automaton:
 def inputs_of(run: Sequence[Step]) -> list[Input]:
     """Return the inputs of the core in a walk, without the beats of a transfer."""
     reached = [step.after.state for step in run if isinstance(step.after, World)]
-    given = {(arrow.source, arrow.target): arrow.given for arrow in arrows()}
+    given = {}
+    for (source, event), target in transitions().items():
+        given[source, target] = event
     return [given[pair] for pair in pairwise([State.START, *reached]) if pair in given]
 
 
 def _draw_to_press(figure: Figure) -> Parts:
     parts: dict[Any, Sequence[Artist]] = {}
     for drawn, artists in draw_core(figure.subplots()).items():
-        key = drawn if isinstance(drawn, State) else ((drawn.source, drawn.given),)
+        key = drawn if isinstance(drawn, State) else (drawn,)
         parts[key] = artists
     return parts

@@ -1,0 +1,102 @@
+# mypy: allow-subclassing-any, disable-error-code="import-not-found,import-untyped"
+"""The hardware-mapped topic (HMT): streams, a broadcast to all subscribers, and the arbiter of two publishers.
+
+On a stream a message is its publisher's ID, followed by its words. One message at a time occupies the topic. A
+word has passed when all ports have taken it; after the last word nothing of the message is left in the topic.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from amaranth import Cat, Elaboratable, Module, Mux, Signal
+
+from sfglab.soc.rtl.memory_port import WORD_BITS
+
+
+class Stream:
+    """Wires of a stream, named with a prefix; (s) is driven by the sender, (r) by the receiver."""
+
+    def __init__(self, name: str) -> None:
+        self.valid = Signal(name=f"{name}_valid")  #: (s) A word is here, and stays until taken.
+        self.ready = Signal(name=f"{name}_ready")  #: (r) A word is taken in this cycle.
+        self.data = Signal(WORD_BITS, name=f"{name}_data")  #: (s) Word.
+        self.last = Signal(name=f"{name}_last")  #: (s) Whether it is the last word of a message.
+
+    @property
+    def passes(self) -> Any:
+        """Whether a word passes from sender to receiver in this cycle."""
+        return self.valid & self.ready
+
+    @property
+    def wires(self) -> list[Any]:
+        """All four signals."""
+        return [self.valid, self.ready, self.data, self.last]
+
+
+class Broadcast(Elaboratable):
+    """Sends each word of a source to all ports. A port that has taken the word does not see it again."""
+
+    def __init__(self, source: Stream, ports: list[Stream]) -> None:
+        self.source = source
+        self.ports = ports
+
+    def elaborate(self, _platform: object) -> Any:
+        """Return the logic; it has no register for words, so that a passed word has passed everywhere."""
+        m = Module()
+        source = self.source
+        taken = Signal(len(self.ports))
+        taken_now = Cat(taken[i] | port.ready for i, port in enumerate(self.ports))
+        for i, port in enumerate(self.ports):
+            m.d.comb += [
+                port.valid.eq(source.valid & ~taken[i]),
+                port.data.eq(source.data),
+                port.last.eq(source.last),
+            ]
+        m.d.comb += source.ready.eq(taken_now.all())
+        with m.If(source.valid):
+            m.d.sync += taken.eq(Mux(taken_now.all(), 0, taken_now))
+        return m
+
+
+class TopicArbiter(Elaboratable):
+    """Gives the topic to the core or to the hardware publisher, message by message.
+
+    The hardware publisher is preferred, because the core serves a message at its port before it sends. After
+    one message of the publisher a waiting core is next, so that a busy publisher cannot starve it.
+    """
+
+    def __init__(self, core: Stream, node: Stream, topic: Stream) -> None:
+        self.core = core
+        self.node = node
+        self.topic = topic
+        self.claim = Signal()  #: In: the core claims the topic.
+        #: Out: the topic is the core's from the next cycle until the last word of its message.
+        self.grant = Signal()
+
+    def elaborate(self, _platform: object) -> Any:
+        """Return the logic."""
+        m = Module()
+        topic = self.topic
+        core_is_next = Signal()
+        with m.FSM():
+            with m.State("FREE"):
+                with m.If(self.node.valid & ~core_is_next):
+                    m.next = "NODE"
+                with m.Elif(self.claim):
+                    m.d.comb += self.grant.eq(1)
+                    m.d.sync += core_is_next.eq(0)
+                    m.next = "CORE"
+            for name, sender in (("NODE", self.node), ("CORE", self.core)):
+                with m.State(name):
+                    m.d.comb += [
+                        topic.valid.eq(sender.valid),
+                        topic.data.eq(sender.data),
+                        topic.last.eq(sender.last),
+                        sender.ready.eq(topic.ready),
+                    ]
+                    with m.If(topic.passes & topic.last):
+                        m.next = "FREE"
+        with m.If(self.claim & ~self.grant):
+            m.d.sync += core_is_next.eq(1)
+        return m
