@@ -264,6 +264,7 @@ def _core_steps(world: World, bound: Bound, table: Table) -> Iterator[Step]:
 
 
 def _transition_step(world: World, event: Event, transition: Transition) -> Step:
+    """Return the core's step for an input, with the register that the transition loads."""
     after = event.after
     if transition.loads is Register.HELD and world.held is not None:
         after = Fault(
@@ -344,7 +345,7 @@ def _compared(world: World, message: Message | None) -> Event:
 
 
 def _reserved_for_core(world: World, bound: Bound) -> World | Fault:
-    """Return the global state in which the held message occupies the HMT."""
+    """Return the global state in which the held message occupies the HMT, with the core's ID."""
     if world.held is None:
         return Fault("sends a message that it has not got")
     pending = {CORE_TRANSFER, *_hardware_subscribers(bound)}
@@ -362,23 +363,25 @@ def _stored(world: World, message: Message) -> World | Fault:
 
 
 def _taken_from_port(world: World) -> World:
+    """Return the global state after the core has taken the message at its port."""
     if world.port_queue:
         return world._replace(port_queue=world.port_queue[1:])
     return _taken_from_hmt(world, CORE_PORT)
 
 
-def _taken_from_hmt(world: World, who: int) -> World:
-    """Return the global state after one of those pending is done with the message on the HMT."""
+def _taken_from_hmt(world: World, receiver: int) -> World:
+    """Return the global state after one of `Transmission.pending` is done with the HMT's message."""
     if world.hmt is None:
         return world
-    pending = world.hmt.pending - {who}
+    pending = world.hmt.pending - {receiver}
     return world._replace(hmt=world.hmt._replace(pending=pending) if pending else None)
 
 
 def _delivered(world: World, bound: Bound, message: Message, subscriber: int) -> World | Fault:
     """Return the global state after a subscriber has received a message, or the violated property."""
-    from_gateway = message.publisher_id == GATEWAY_ID
-    if from_gateway and bound.is_software(message.publisher) is (subscriber == SOFTWARE):
+    from_software = bound.is_software(message.publisher)
+    to_software = subscriber == SOFTWARE
+    if message.publisher_id == GATEWAY_ID and from_software == to_software:
         return Fault(f"{message} is echoed to the side that it came from")
     received = list(world.received)
     expected = received[subscriber][message.publisher]
@@ -391,6 +394,7 @@ def _delivered(world: World, bound: Bound, message: Message, subscriber: int) ->
 
 
 def _hardware_subscribers(bound: Bound) -> range:
+    """Return the indices of the hardware subscribers in `World.received`."""
     return range(SOFTWARE + 1, SOFTWARE + 1 + bound.subscribers)
 
 

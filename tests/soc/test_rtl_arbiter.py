@@ -63,18 +63,3 @@ def test_nothing_is_granted_during_a_request_or_while_the_memory_is_not_free():
         assert request(ctx, arbiter, {1}) == []
 
     run_arbiter(2, bench)
-
-
-def test_the_memory_sees_the_wires_of_the_served_master_and_answers_only_it():
-    async def bench(ctx, arbiter):
-        for place, port in enumerate(arbiter.masters):
-            ctx.set(port.address, 0x100 * place)
-            ctx.set(port.address_valid, 1)
-        assert request(ctx, arbiter, {2}) == [2]
-        await ctx.tick()
-        ctx.set(arbiter.memory.read_valid, 1)
-        assert ctx.get(arbiter.memory.address_valid)
-        assert ctx.get(arbiter.memory.address) == 0x200
-        assert [ctx.get(port.read_valid) for port in arbiter.masters] == [0, 0, 1, 0]
-
-    run_arbiter(4, bench)

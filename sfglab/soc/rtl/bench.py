@@ -142,7 +142,9 @@ class GatewayBench(Elaboratable):
         m.submodules.gateway = gateway
         port = gateway.mover.master.port
         m.submodules.memory = SlowMemory(port, self.content, self._delays)
-        m.d.comb += [gateway.own_smt.eq(1), gateway.own_hmt.eq(1), gateway.words.eq(self._words)]
+        # All other publishers of the bench have the ID 0, so that the filters let their message pass.
+        m.d.comb += [gateway.own_smt.eq(1), gateway.own_hmt.eq(1)]
+        m.d.comb += gateway.words.eq(self._words)
         self._add_delegate(m)
         if not self._from_memory:
             self._add_publisher(m)
@@ -261,8 +263,9 @@ class SharedMemoryBench(Elaboratable):
         m.d.comb += self.done.eq(Cat(end.any() for end in self.ends).all())
         for node, end in zip(self.nodes, self.ends, strict=True):
             m.submodules += node
-            # A comparison in each cycle takes time to simulate.
-            m.d.comb += node.go.eq(now >= node.start_cycle if node.start_cycle else Const(1))
+            # Without a comparison in each cycle the simulation is faster.
+            started = now >= node.start_cycle if node.start_cycle else Const(1)
+            m.d.comb += node.go.eq(started)
             with m.If(node.done):
                 m.d.sync += end.eq(now + 1)
         return m

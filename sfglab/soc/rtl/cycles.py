@@ -1,7 +1,7 @@
 # mypy: allow-subclassing-any, disable-error-code="import-not-found,import-untyped"
 """Cycles of a message on each path across the memory interface (paper C, section 4): simulated and modelled.
 
-A simulation also compares every word. All whole chunks of a message take the same number of cycles, so that a
+A simulation also compares every word. All whole chunks of a message take the same number of cycles. Therefore a
 cycle model through two small simulated messages also holds for sizes that take too long to simulate.
 
 Hardware and memory model (`sfglab.soc.memory`) share control cycles and latencies. Their agreement shows that the

@@ -1,7 +1,7 @@
 # mypy: allow-subclassing-any, disable-error-code="import-not-found,import-untyped"
 """The hardware-mapped topic (HMT): streams, a broadcast to all subscribers, and the arbiter of two publishers.
 
-On a stream a message is its publisher's ID, followed by its words. One message at a time occupies the topic. A
+A stream carries the publisher's ID of a message, then the message's words. One message at a time occupies the topic. A
 word has passed when all ports have taken it; after the last word nothing of the message is left in the topic.
 """
 
@@ -60,10 +60,11 @@ class Broadcast(Elaboratable):
 
 
 class TopicArbiter(Elaboratable):
-    """Gives the topic to the core or to the hardware publisher, message by message.
+    """Reserves the topic for one message of the hardware publisher or of the core.
 
-    The hardware publisher is preferred, because the core serves a message at its port before it sends. After
-    one message of the publisher a waiting core is next, so that a busy publisher cannot starve it.
+    The hardware publisher has priority. A core whose claim was not granted is next, so that a busy publisher
+    cannot starve it. The topic may then wait for the core, which first serves the message at its port. This
+    cannot deadlock, because a core that holds a message always claims the topic again.
     """
 
     def __init__(self, core: Stream, node: Stream, topic: Stream) -> None:
