@@ -43,7 +43,7 @@ _CHUNK_BYTES = STORED.memory.chunk_bytes
 _CHUNK_S = STORED.memory.read_s(_CHUNK_BYTES) + STORED.deliver_s_per_byte * _CHUNK_BYTES
 _BYTES_PER_S = _CHUNK_BYTES / _CHUNK_S
 
-#: Look-up tables of a gateway; ours takes 654, 702 and 688 with 2, 4 and 8 subscribers (`sfglab.soc.rtl.gateway_area`).
+#: Look-up tables of a gateway, about as many as `tests/soc/test_rtl_yosys.py` counts.
 GATEWAY_LUT = 690
 
 

