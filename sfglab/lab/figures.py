@@ -117,12 +117,29 @@ def bytes_axis(axes: Axes) -> None:
     axes.xaxis.set_minor_locator(NullLocator())
 
 
-def paper_line(axes: Axes, value: float, **style: Any) -> None:
-    """Draw a value of the y axis that the paper states: a dashed line with its number at the right end."""
+def paper_line(
+    axes: Axes, value: float, *, at: float = 1.0, below: bool = False, **style: Any
+) -> None:
+    """Draw a value of the y axis that the paper states: a dashed line with its number.
+
+    Args:
+        axes: Axes to draw into.
+        value: The value.
+        at: Place of the number along the line, from 0, left, to 1, right.
+        below: Whether the number is below the line.
+        style: Properties of the line.
+    """
     line = axes.axhline(value, **{"color": "black", **PAPER_STYLE, **style})
-    where = axes.get_yaxis_transform()
-    color = line.get_color()
-    axes.text(1, value, f"paper: {value:g}", transform=where, ha="right", va="bottom", color=color)
+    axes.annotate(
+        f"paper: {value:g}",
+        (at, value),
+        xycoords=axes.get_yaxis_transform(),
+        xytext=(0, -8 if below else 1),
+        textcoords="offset points",
+        ha="right",
+        va="top" if below else "bottom",
+        color=line.get_color(),
+    )
 
 
 def word_table(

@@ -1,64 +1,62 @@
-"""Paper values of paper C, section 4, how far the model is from them, and the one fit of its free constants.
+"""Bars of Fig. 6 and 7 of paper C by the memory model, and the numbers that section 4 states.
 
-Fig. 6 and 7 reach us as text: ends of ranges, which are ratios with a residual, and tendencies, which hold or
-do not. Six constants are fitted to seven ratios, by least squares on their logarithms: that shows only that the
-numbers are possible together. More telling is what was not fitted (`TENDENCIES`), and what the assumed
-constants change (`sensitivity`).
+The figures reach this project as text, in which only ratios are stated: ends of the ranges of the
+gateway's speed-up. The numbers themselves are in ``data/claims.yaml``; `STATED` says which speed-up
+of the model each of them is.
 """
 
 from __future__ import annotations
 
-import itertools
-import math
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass
 from enum import Enum
+from itertools import product
+from operator import itemgetter
 from typing import TYPE_CHECKING
 
-from sfglab.errors import SfglabError
-from sfglab.soc.memory import (
-    STORED,
-    Costs,
-    Setup,
-    Side,
-    Transport,
-    fitted_values,
-    transfer_times,
-    with_values,
-)
+from sfglab.soc.memory import STORED, Costs, Setup, Side, Transport, transfer_times
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-MESSAGE_BYTES = (10_000, 100_000, 1_000_000, 10_000_000)  #: Image sizes of section 4.
-#: Numbers of subscribing hardware nodes; one software node subscribes besides.
-SUBSCRIBERS = (2, 4, 8)
+MESSAGE_BYTES = (10_000, 100_000, 1_000_000, 10_000_000)  #: Sizes of the images.
+SUBSCRIBERS = (2, 4, 8)  #: Numbers of hardware subscribers; one software node subscribes too.
+_SMALL, _LARGE = MESSAGE_BYTES[0], MESSAGE_BYTES[-1]
+_MANY = SUBSCRIBERS[-1]
 
 
 class Panel(Enum):
-    """A row of Fig. 6 or 7: from whom to whom."""
+    """A column of Fig. 6 or 7: sides of publisher and subscriber."""
 
     HARDWARE_TO_HARDWARE = "hardware to hardware"
     HARDWARE_TO_SOFTWARE = "hardware to software"
     SOFTWARE_TO_HARDWARE = "software to hardware"
     SOFTWARE_TO_SOFTWARE = "software to software"
 
+    @property
+    def publisher(self) -> Side:
+        """Side of the publisher."""
+        return Side(self.value.split()[0])
 
-_HH, _HS, _SH, _SS = Panel
+    @property
+    def subscriber(self) -> Side:
+        """Side of the subscriber whose time is measured, the last one in hardware."""
+        return Side(self.value.split()[-1])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SpeedUp:
     """A bar of Fig. 6 or 7."""
 
-    panel: Panel  #: From whom to whom.
+    panel: Panel  #: Sides of publisher and subscriber.
     message_bytes: int  #: Size of the message.
-    subscribers: int  #: Subscribing hardware nodes.
-    smt_s: float  #: Transfer time over a software-mapped topic.
-    gateway_s: float  #: Transfer time through a gateway.
+    subscribers: int  #: Number of hardware subscribers.
+    smt_s: float  #: Transfer time over a software-mapped topic, s.
+    gateway_s: float  #: Transfer time through a gateway, s.
 
     @property
     def ratio(self) -> float:
-        """The gateway's speed-up; below 1, it is slower."""
+        """Speed-up by the gateway; below 1 the gateway is slower."""
         return self.smt_s / self.gateway_s
 
 
@@ -68,214 +66,79 @@ def speed_ups(
     subscribers: Sequence[int] = SUBSCRIBERS,
     sizes_bytes: Sequence[int] = MESSAGE_BYTES,
 ) -> list[SpeedUp]:
-    """Return the model's value of every bar of Fig. 6 and 7, or of others, panel by panel."""
-    cells = itertools.product(Panel, subscribers, sizes_bytes)
-    return [_speed_up(panel, subscribers, size, costs) for panel, subscribers, size in cells]
+    """Return the model's value of every bar of Fig. 6 and 7, panel by panel.
 
-
-def _speed_up(panel: Panel, subscribers: int, message_bytes: int, costs: Costs) -> SpeedUp:
-    def time_s(transport: Transport) -> float:
-        setup = Setup(
-            publisher=Side.HARDWARE if panel in {_HH, _HS} else Side.SOFTWARE,
-            transport=transport,
-            message_bytes=message_bytes,
-            hardware=subscribers,
+    Args:
+        costs: Constants of the model.
+        subscribers: Numbers of hardware subscribers.
+        sizes_bytes: Sizes of the message.
+    """
+    bars = []
+    for panel, count, size in product(Panel, subscribers, sizes_bytes):
+        bar = SpeedUp(
+            panel=panel,
+            message_bytes=size,
+            subscribers=count,
+            smt_s=_time_s(panel, Transport.SMT, count, size, costs),
+            gateway_s=_time_s(panel, Transport.GATEWAY, count, size, costs),
         )
-        times = transfer_times(setup, costs)
-        found = times.hardware_s if panel in {_HH, _SH} else times.software_s
-        assert found is not None
-        return found
+        bars.append(bar)
+    return bars
 
-    return SpeedUp(
-        panel=panel,
-        message_bytes=message_bytes,
-        subscribers=subscribers,
-        smt_s=time_s(Transport.SMT),
-        gateway_s=time_s(Transport.GATEWAY),
+
+def _time_s(panel: Panel, transport: Transport, count: int, size: int, costs: Costs) -> float:
+    setup = Setup(
+        publisher=panel.publisher, transport=transport, message_bytes=size, hardware=count
     )
+    times = transfer_times(setup, costs)
+    time_s = times.hardware_s if panel.subscriber is Side.HARDWARE else times.software_s
+    assert time_s is not None, "subscribers are on both sides"
+    return time_s
+
+
+Ratios = Mapping[tuple[int, int], float]  #: Speed-ups of a panel by message size and subscribers.
 
 
 @dataclass(frozen=True, slots=True)
-class PaperValue:
-    """A number of the paper."""
+class Stated:
+    """A number of section 4: which of a panel's speed-ups it is."""
 
-    panel: Panel  #: Whose speed-up.
-    value: float  #: The number.
-    pick: Callable[[Sequence[SpeedUp]], float]  #: Which of the panel's bars it is.
-    text: str  #: How the paper puts it.
+    claim: str  #: Id of the claim in ``data/claims.yaml`` that has the number.
+    number: str  #: Key among the claim's `numbers`; empty: the value of the claim.
+    panel: Panel  #: Panel of the speed-up.
+    ratio: Callable[[Ratios], float]  #: Returns the speed-up from all those of the panel.
+    slower: bool = False  #: Whether the paper states the reciprocal: how many times as slow.
 
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Residual:
-    """A paper value beside the model's."""
-
-    panel: Panel  #: Whose speed-up.
-    text: str  #: How the paper puts it.
-    paper: float  #: The paper's number.
-    model: float  #: The model's.
-
-    @property
-    def relative(self) -> float:
-        """(model - paper) / paper."""
-        return self.model / self.paper - 1
+    def by(self, ratios: Ratios) -> float:
+        """Return the number for given speed-ups of the panel."""
+        ratio = self.ratio(ratios)
+        return 1 / ratio if self.slower else ratio
 
 
-@dataclass(frozen=True, slots=True)
-class Tendency:
-    """A sentence of the paper without a number; it is no part of any fit."""
-
-    panel: Panel  #: Whose speed-up.
-    text: str  #: What the paper says, as it is read here.
-    holds: Callable[[Sequence[SpeedUp]], bool]  #: Whether it is so, given the panel's bars.
+def _least(ratios: Ratios) -> float:
+    return min(ratios.values())
 
 
-def _least(bars: Sequence[SpeedUp]) -> float:
-    return min(bar.ratio for bar in bars)
+def _most(ratios: Ratios) -> float:
+    return max(ratios.values())
 
 
-def _most(bars: Sequence[SpeedUp]) -> float:
-    return max(bar.ratio for bar in bars)
-
-
-def _at(subscribers: int, message_bytes: int) -> Callable[[Sequence[SpeedUp]], float]:
-    def pick(bars: Sequence[SpeedUp]) -> float:
-        return next(
-            b.ratio
-            for b in bars
-            if (b.subscribers, b.message_bytes) == (subscribers, message_bytes)
-        )
-
-    return pick
-
-
-def _grows(bars: Sequence[SpeedUp]) -> bool:
-    """Return whether the speed-up grows with size at every number of subscribers, and the other way round."""
-    rows = [[_at(n, x)(bars) for x in MESSAGE_BYTES] for n in SUBSCRIBERS]
-    return all(line == sorted(line) for line in (*rows, *map(list, zip(*rows, strict=True))))
-
-
-_SMALL, _LARGE, _MANY = MESSAGE_BYTES[0], MESSAGE_BYTES[-1], SUBSCRIBERS[-1]
-
-PAPER_VALUES = (
-    PaperValue(_HH, 1.94, _at(_MANY, _SMALL), "8 hardware nodes: from 1.94 for small messages"),
-    PaperValue(_HH, 7.95, _at(_MANY, _LARGE), "8 hardware nodes: to 7.95 for larger messages"),
-    PaperValue(_HS, 1 / 2, _least, "transmission times up to a factor of approximately 2"),
-    PaperValue(_HS, 1.0, _at(_MANY, _LARGE), "large and many: the speedup approaches 1"),
-    PaperValue(_SH, 3.79, _most, "for larger message sizes speedups up to 3.79"),
-    PaperValue(_SS, 1.06, _least, "the range of speedups is from 1.06"),
-    PaperValue(_SS, 2.05, _most, "the range of speedups is to 2.05"),
+_HH, _HS, _SH, _SS = Panel
+STATED = (
+    Stated("C-HWHW", "times as fast at 10 kB", _HH, itemgetter((_SMALL, _MANY))),
+    Stated("C-HWHW", "", _HH, itemgetter((_LARGE, _MANY))),
+    Stated("C-HWSW", "", _HS, _least, slower=True),
+    Stated("C-HWSW", "times as fast at 10 MB, 8 nodes", _HS, itemgetter((_LARGE, _MANY))),
+    Stated("C-SWHW", "", _SH, _most),
+    Stated("C-SWSW", "times as fast, least", _SS, _least),
+    Stated("C-SWSW", "", _SS, _most),
 )
 """The numbers of section 4."""
 
-TENDENCIES = (
-    Tendency(
-        _HH,
-        "speedups as soon as more than one hardware node subscribes",
-        lambda bars: _least(bars) > 1,
-    ),
-    Tendency(_HH, "at 8 nodes, 1.94 and 7.95 are the ends of the range", _grows),
-    Tendency(_HS, "with size and number of hardware nodes the overhead reduces", _grows),
-    Tendency(
-        _SH,
-        "below 1 for smaller message sizes, at least with 2 and 4 nodes",
-        lambda bars: _at(2, _SMALL)(bars) < 1 and _at(4, _SMALL)(bars) < 1,
-    ),
-    Tendency(
-        _SH,
-        "below 1 for smaller message sizes, with 8 nodes too",
-        lambda b: _at(_MANY, _SMALL)(b) < 1,
-    ),
-    Tendency(_SS, "speedups for all measured sizes and numbers", lambda bars: _least(bars) > 1),
-)
-"""The sentences of section 4 without a number."""
 
-
-def residuals(costs: Costs = STORED) -> list[Residual]:
-    """Return every paper value beside the model's."""
-    panels = _by_panel(costs)
-    return [
-        Residual(
-            panel=item.panel, text=item.text, paper=item.value, model=item.pick(panels[item.panel])
-        )
-        for item in PAPER_VALUES
-    ]
-
-
-def tendencies(costs: Costs = STORED) -> list[tuple[Tendency, bool]]:
-    """Return every tendency and whether the model has it."""
-    panels = _by_panel(costs)
-    return [(item, item.holds(panels[item.panel])) for item in TENDENCIES]
-
-
-def _by_panel(costs: Costs) -> dict[Panel, list[SpeedUp]]:
-    bars = speed_ups(costs)
-    return {panel: [bar for bar in bars if bar.panel is panel] for panel in Panel}
-
-
-class FitError(SfglabError, RuntimeError):
-    """The solver found no minimum."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Fit:
-    """A fit and how good it is."""
-
-    costs: Costs  #: The constants, fitted and standing.
-    residuals: tuple[Residual, ...]  #: Every paper value beside the model's.
-    rms: float  #: Root mean square of the residuals' logarithms.
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Variant:
-    """A fit with one assumed constant changed."""
-
-    name: str  #: Of the constant.
-    factor: float  #: By which it was multiplied.
-    fit: Fit  #: What the others become, and how good that is.
-
-    @property
-    def worst(self) -> float:
-        """The largest residual, relative and without sign."""
-        return max(abs(item.relative) for item in self.fit.residuals)
-
-
-def fit(start: Costs = STORED) -> Fit:
-    """Fit the fitted constants to `PAPER_VALUES` from where they start; FitError where it does not converge."""
-    from scipy.optimize import least_squares
-
-    values = fitted_values(start)
-
-    def costs_of(logs: list[float]) -> Costs:
-        return with_values(
-            start, {name: math.exp(log) for name, log in zip(values, logs, strict=True)}
-        )
-
-    def errors(logs: list[float]) -> list[float]:
-        return [math.log(item.model / item.paper) for item in residuals(costs_of(logs))]
-
-    found = least_squares(
-        errors, [math.log(value) for value in values.values()], x_scale="jac", xtol=1e-12
-    )
-    if not found.success:
-        raise FitError(f"fit of {', '.join(values)}: {found.message}")
-    costs = costs_of(found.x)
-    left = tuple(residuals(costs))
-    return Fit(costs=costs, residuals=left, rms=math.sqrt(2 * found.cost / len(left)))
-
-
-def sensitivity(start: Costs = STORED) -> list[Variant]:
-    """Return the fits with each assumed constant halved and doubled: none of them is known well."""
-    found = []
-    for factor in (0.5, 2.0):
-        latency = factor * start.memory.read_latency_cycles
-        variants = {
-            "read_latency_cycles": replace(
-                start, memory=replace(start.memory, read_latency_cycles=latency)
-            ),
-            "delegate_s": replace(start, delegate_s=factor * start.delegate_s),
-            "publish_s": replace(start, publish_s=factor * start.publish_s),
-        }
-        found += [
-            Variant(name=name, factor=factor, fit=fit(costs)) for name, costs in variants.items()
-        ]
-    return found
+def stated_by_model(costs: Costs = STORED) -> list[float]:
+    """Return the model's values of the numbers in `STATED`."""
+    ratios: dict[Panel, dict[tuple[int, int], float]] = {panel: {} for panel in Panel}
+    for bar in speed_ups(costs):
+        ratios[bar.panel][bar.message_bytes, bar.subscribers] = bar.ratio
+    return [stated.by(ratios[stated.panel]) for stated in STATED]

@@ -1,24 +1,23 @@
-"""Numbers of paper C out of sample: what is left out is not used, and a measurement narrows."""
+"""Predictions of paper C's numbers: a number does not predict itself, and a measurement narrows."""
 
 import pytest
 
-from sfglab.soc import prediction
-from sfglab.soc.paper_values import PAPER_VALUES
+from sfglab.lab.paper import paper
+from sfglab.soc.paper_values import STATED
+from sfglab.soc.prediction import PRIORS, predictions
+
+NUMBERS = [paper(stated.claim, stated.number) for stated in STATED]
 
 
-def test_a_number_that_is_left_out_does_not_change_its_own_prediction(monkeypatch):
-    before = prediction.predictions()
-    changed = list(PAPER_VALUES)
-    changed[1] = type(changed[1])(changed[1].panel, 70.0, changed[1].pick, changed[1].text)
-    monkeypatch.setattr(prediction, "PAPER_VALUES", tuple(changed))
-    after = prediction.predictions.__wrapped__()
+def test_a_number_does_not_change_its_own_prediction_but_those_of_others():
+    before = predictions(NUMBERS)
+    after = predictions([NUMBERS[0], 70.0, *NUMBERS[2:]])
     assert after[1].value == pytest.approx(before[1].value, rel=0.02)
-    assert not after[1].covers
     assert after[0].value != pytest.approx(before[0].value, rel=0.02)
 
 
-def test_each_prediction_names_what_would_narrow_it():
-    for one in prediction.predictions():
-        assert one.low < one.narrowed[0] < one.value < one.narrowed[1] < one.high
-        assert one.decider in prediction.PRIORS or one.decider.startswith("time from")
-        assert one.covers
+def test_each_interval_has_the_number_and_a_measurement_that_narrows_it():
+    for number, found in zip(NUMBERS, predictions(NUMBERS), strict=True):
+        assert found.low < number < found.high
+        assert found.low < found.narrowed[0] < found.value < found.narrowed[1] < found.high
+        assert found.decider in PRIORS or found.decider.startswith("time from")

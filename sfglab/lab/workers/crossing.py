@@ -1,9 +1,12 @@
-"""One end of a boundary between processes: ``python -m sfglab.lab.workers.crossing CONFIG``.
+"""A process on one side of a boundary: ``python -m sfglab.lab.workers.crossing CONFIG``.
 
-The setup of paper C, Fig. 5. ``software`` holds the topic in software and its publisher, ``subscriber`` is the
-software subscriber; ``publisher``, ``gateway`` and ``reader`` are the hardware's side, which shares one memory
-and bytes that wake. Across the boundary a socket carries. Orders: ``{"do": "round", ...}``, ``{"do": "go"}`` to
-the publisher, ``{"do": "check"}`` for the checksum of what a receiver has.
+The processes are those of paper C, Fig. 5. On the software side, ``software`` is the topic in
+software and its publisher, and ``subscriber`` is its software subscriber. On the hardware side,
+``publisher``, ``gateway`` and ``reader`` share memory and wake each other through pipes. Sockets
+cross the boundary.
+
+Orders are ``{"do": "transfer", ...}`` with the fields of a `Message`, ``{"do": "go"}`` to the
+publisher, and ``{"do": "check"}`` for the checksum of what a subscriber has received.
 """
 
 from __future__ import annotations
@@ -24,167 +27,180 @@ from sfglab.component import claim_standard_output, config_from_argument
 from sfglab.errors import SfglabError
 
 SPARE_BYTES = 1 << 16
-"""How much more random data there is than the largest message: each round's message begins elsewhere in it."""
+"""Random data beyond the largest message: each message begins at another offset."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CrossingConfig:
-    """What a process of the crossing is told."""
+    """Configuration of a process."""
 
     role: str  #: ``software``, ``subscriber``, ``publisher``, ``gateway`` or ``reader``.
-    #: File descriptors of its sockets and pipes, by the peer's name; ``wake`` is where it is woken.
+    #: File descriptors: sockets by the peer's name, ``wake`` to wait, and ``wake_NAME`` to wake.
     links: dict[str, int]
-    #: File descriptor of the hardware side's memory; -1: it stands on the software's side.
-    shared: int
+    shared: int  #: File descriptor of the hardware side's memory; -1 on the software side.
     largest_bytes: int  #: Size of the largest message.
-    seed: int  #: Of the random data.
+    seed: int  #: Seed of the random data.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Round:
-    """One message."""
+class Message:
+    """One message and its way."""
 
-    publisher: str  #: ``software`` or ``hardware``.
-    gateway: bool  #: Whether the topic is a gateway; else it is software-mapped.
-    message_bytes: int  #: A multiple of 8.
-    offset: int  #: Where in the random data the message begins.
-    order: tuple[str, ...]  #: Whom the topic in software delivers to, in this order.
-    woken: tuple[str, ...]  #: Whom the hardware's side wakes, in this order.
+    publisher: str  #: Side of the publisher: ``software`` or ``hardware``.
+    gateway: bool  #: Whether the topic is a gateway; otherwise it is software-mapped.
+    message_bytes: int  #: Size; a multiple of 8.
+    offset: int  #: Offset of the message in the random data.
+    order: tuple[str, ...]  #: Processes to which the topic in software delivers, in this order.
+    woken: tuple[str, ...]  #: Processes that the hardware side wakes, in this order.
 
 
 def random_bytes(largest_bytes: int, seed: int) -> bytes:
-    """Return the random data that all messages are taken from."""
+    """Return the random data of all messages."""
     return np.random.default_rng(seed).bytes(largest_bytes + SPARE_BYTES)
 
 
-def message_of(data: bytes, item: Round) -> memoryview:
-    """Return a round's message."""
-    return memoryview(data)[item.offset : item.offset + item.message_bytes]
+def content_of(data: bytes, message: Message) -> memoryview:
+    """Return the content of a message."""
+    return memoryview(data)[message.offset : message.offset + message.message_bytes]
 
 
-class End:
-    """A process of the crossing: what it does in a round."""
+class Process:
+    """A process on either side and what it does for a message."""
 
     def __init__(self, config: CrossingConfig) -> None:
-        self._config = config
+        self._role = config.role
         self._report = claim_standard_output()
-        wakes = {name for name in config.links if name.startswith("wake")}
-        self._pipes = {name: config.links[name] for name in wakes}
-        self._sockets = {
-            n: socket.socket(fileno=fd) for n, fd in config.links.items() if n not in wakes
-        }
+        self._pipes: dict[str, int] = {}
+        self._sockets: dict[str, socket.socket] = {}
+        for name, descriptor in config.links.items():
+            if name.startswith("wake"):
+                self._pipes[name] = descriptor
+            else:
+                self._sockets[name] = socket.socket(fileno=descriptor)
         self._local = memoryview(bytearray(config.largest_bytes))
         self._shared = memoryview(b"")
         if config.shared >= 0:
             self._shared = memoryview(mmap.mmap(config.shared, config.largest_bytes))
-            _touch(self._shared)
+            _read_words(self._shared)
         publishes = config.role in {"software", "publisher"}
         self._data = random_bytes(config.largest_bytes, config.seed) if publishes else b""
-        self._had = self._local[:0]
+        self._received = self._local[:0]
 
-    def obey(self) -> None:
-        """Take orders until there are no more; standard input ends with the parent."""
-        self.say("ready")
-        while order := sys.stdin.buffer.readline():
-            values: dict[str, Any] = json.loads(order)
-            what = values.pop("do")
-            if what == "round":
-                self.say("armed")
-                began_ns = getattr(self, f"_as_{self._config.role}")(Round(**values))
-                self.say("done", began_ns=began_ns or 0, done_ns=time.monotonic_ns())
-            elif what == "check":
-                self.say("content", crc=zlib.crc32(self._had))
+    def serve(self) -> None:
+        """Execute orders until the parent ends, and with it standard input."""
+        transfer = {
+            "software": self._be_software,
+            "publisher": self._be_publisher,
+            "gateway": self._be_gateway,
+            "reader": self._be_reader,
+            "subscriber": self._be_subscriber,
+        }[self._role]
+        self.report("ready")
+        while line := sys.stdin.buffer.readline():
+            order: dict[str, Any] = json.loads(line)
+            kind = order.pop("do")
+            if kind == "transfer":
+                self.report("armed")
+                began_ns = transfer(Message(**order))
+                self.report("done", began_ns=began_ns, done_ns=time.monotonic_ns())
+            elif kind == "check":
+                self.report("content", crc=zlib.crc32(self._received))
             else:
-                raise SfglabError(f"{self._config.role}: order {what!r} was not expected")
+                raise SfglabError(f"{self._role}: unexpected order {kind!r}")
 
-    def say(self, kind: str, **values: Any) -> None:
-        """Report."""
+    def report(self, kind: str, **values: Any) -> None:
+        """Write a report to standard output."""
         self._report({"is": kind, **values})
 
-    def _as_software(self, item: Round) -> int:
-        """Publish, or take from the hardware's side what it published; then deliver, one after the other."""
+    # One method per role. A publisher returns the time of its publication, all others 0.
+
+    def _be_software(self, message: Message) -> int:
+        """Publish, or receive from the hardware side; then deliver to one process after the other."""
         began_ns = 0
-        if item.publisher == "software":
-            message = message_of(self._data, item)
-            began_ns = self._begin()
+        if message.publisher == "software":
+            content = content_of(self._data, message)
+            began_ns = self._wait_for_go()
         else:
-            message = self._receive("gateway" if item.gateway else "publisher", self._local, item)
-        for name in item.order:
-            self._sockets[name].sendall(message)
+            source = "gateway" if message.gateway else "publisher"
+            content = self._receive(source, self._local, message)
+        for name in message.order:
+            self._sockets[name].sendall(content)
         return began_ns
 
-    def _as_publisher(self, item: Round) -> int:
-        """Publish from the hardware's side: into its memory, or across."""
-        message = message_of(self._data, item)
-        began_ns = self._begin()
-        if item.gateway:
-            self._shared[: item.message_bytes] = message
-            self._wake(item)
+    def _be_publisher(self, message: Message) -> int:
+        """Publish from the hardware side, into its memory or across the boundary."""
+        content = content_of(self._data, message)
+        began_ns = self._wait_for_go()
+        if message.gateway:
+            self._shared[: message.message_bytes] = content
+            self._wake(message)
         else:
-            self._sockets["software"].sendall(message)
+            self._sockets["software"].sendall(content)
         return began_ns
 
-    def _as_gateway(self, item: Round) -> None:
-        """Carry a message across once, in or out."""
-        if item.publisher == "software":
-            self._receive("software", self._shared, item)
-            self._wake(item)
+    def _be_gateway(self, message: Message) -> int:
+        """Transfer a message across the boundary once, in either direction."""
+        if message.publisher == "software":
+            self._receive("software", self._shared, message)
+            self._wake(message)
         else:
-            self._be_woken()
-            self._sockets["software"].sendall(self._shared[: item.message_bytes])
+            self._wait_for_wake()
+            self._sockets["software"].sendall(self._shared[: message.message_bytes])
+        return 0
 
-    def _as_reader(self, item: Round) -> None:
-        if item.gateway:
-            self._be_woken()
-            self._had = self._shared[: item.message_bytes]
-            _touch(self._had)
-        else:
-            self._as_subscriber(item)
+    def _be_reader(self, message: Message) -> int:
+        """Read a message on the hardware side: from shared memory, or an own copy."""
+        if not message.gateway:
+            return self._be_subscriber(message)
+        self._wait_for_wake()
+        self._received = self._shared[: message.message_bytes]
+        _read_words(self._received)
+        return 0
 
-    def _as_subscriber(self, item: Round) -> None:
-        self._had = self._receive("software", self._local, item)
-        _touch(self._had)
+    def _be_subscriber(self, message: Message) -> int:
+        """Receive an own copy of a message and read it."""
+        self._received = self._receive("software", self._local, message)
+        _read_words(self._received)
+        return 0
 
-    def _begin(self) -> int:
-        if json.loads(sys.stdin.buffer.readline() or "{}").get("do") != "go":
-            raise SfglabError(
-                f"{self._config.role}: the parent left before the message was published"
-            )
+    def _wait_for_go(self) -> int:
+        line = sys.stdin.buffer.readline() or b"{}"
+        if json.loads(line).get("do") != "go":
+            raise SfglabError(f"{self._role}: the parent ended before the publication")
         return time.monotonic_ns()
 
-    def _receive(self, peer: str, into: memoryview, item: Round) -> memoryview:
-        """Copy a message from across the boundary."""
-        view, link = into[: item.message_bytes], self._sockets[peer]
-        got = 0
-        while got < len(view):
-            if not (count := link.recv_into(view[got:])):
-                raise SfglabError(
-                    f"{self._config.role}: the link from {peer} ended after {got} bytes"
-                )
-            got += count
+    def _receive(self, peer: str, into: memoryview, message: Message) -> memoryview:
+        """Receive a message from a peer across the boundary."""
+        view = into[: message.message_bytes]
+        received = 0
+        while received < len(view):
+            count = self._sockets[peer].recv_into(view[received:])
+            if not count:
+                raise SfglabError(f"{self._role}: {peer} ended after {received} bytes")
+            received += count
         return view
 
-    def _wake(self, item: Round) -> None:
-        for name in item.woken:
+    def _wake(self, message: Message) -> None:
+        for name in message.woken:
             os.write(self._pipes[f"wake_{name}"], b"!")
 
-    def _be_woken(self) -> None:
+    def _wait_for_wake(self) -> None:
         if not os.read(self._pipes["wake"], 1):
-            raise SfglabError(f"{self._config.role}: whoever wakes it is gone")
+            raise SfglabError(f"{self._role}: the process that wakes it ended")
 
 
-def _touch(view: memoryview) -> int:
-    """Read every word of a message, as whoever uses it does."""
+def _read_words(view: memoryview) -> int:
+    """Read every word of a message, as a subscriber does that uses it."""
     return int(np.frombuffer(view, dtype=np.uint64).sum(dtype=np.uint64))
 
 
 def main() -> None:
-    """Be one end."""
-    end = End(config_from_argument(CrossingConfig, sys.argv[1]))
+    """Run one process until its parent ends; on an error, report it and exit with status 1."""
+    process = Process(config_from_argument(CrossingConfig, sys.argv[1]))
     try:
-        end.obey()
+        process.serve()
     except (SfglabError, OSError) as error:
-        end.say("failed", why=str(error))
+        process.report("failed", why=str(error))
         sys.exit(1)
 
 

@@ -1,12 +1,11 @@
-"""Transfer: paper C, section 4, Fig. 5 to 7, and what follows for mapping.
+"""Transfer: paper C, section 4, Fig. 5 to 7.
 
-How long a message takes over a software-mapped topic and through a gateway: by the model of the memory
-interface, with its memory part in simulated hardware, and across processes. From which size on a gateway pays,
-and node mapping against brute force.
+How long a message takes over a software-mapped topic and through a gateway: by the memory model,
+with the cycles of simulated hardware, and live between processes.
 """
 
-from sfglab.lab.experiments.transfer import figures, stage
-from sfglab.lab.experiments.transfer.analysis import fit_meaning, live_table, memory_speed_ups
 from sfglab.lab.experiments.transfer.experiment import exp
+from sfglab.lab.experiments.transfer.live import Crossing
+from sfglab.lab.experiments.transfer.results import constants, cycles, live_bars, stated
 
-__all__ = ["exp", "figures", "fit_meaning", "live_table", "memory_speed_ups", "stage"]
+__all__ = ["Crossing", "constants", "cycles", "exp", "live_bars", "stated"]

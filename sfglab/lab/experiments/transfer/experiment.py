@@ -1,52 +1,67 @@
-"""Configuration of the transfer experiment, and the rows that it writes, one class a table."""
+"""Configuration, tables and parts of the experiment on transfer times.
+
+The model gives the bars of Fig. 6 and 7. The memory part of a transfer is simulated in hardware as
+well: its four paths over the memory interface have a law of cycles each, and with these the model
+gives the bars again. The live part plays the setup of Fig. 5 with processes.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, replace
+from importlib.util import find_spec
+from typing import TYPE_CHECKING, Any
 
-from sfglab.fields import between
+import numpy as np
+
+from sfglab.fields import between, to_json
+from sfglab.lab.bench import TableRow
 from sfglab.lab.experiment import Actor, Experiment, Link, Profiled
-from sfglab.soc.memory import STORED
-from sfglab.soc.paper_values import MESSAGE_BYTES, SUBSCRIBERS
+from sfglab.soc.memory import STORED, Costs, with_values
+from sfglab.soc.paper_values import MESSAGE_BYTES, SUBSCRIBERS, speed_ups
 
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from sfglab.lab.bench import Bench
+
+MODEL = "stored"  #: Name of the memory model's bars in the log.
+RTL = "rtl"  #: Name of the bars with the cycles of simulated hardware.
+OUT, IN, READS, WRITE = PATHS = (
+    "gateway, memory to stream",
+    "gateway, stream to memory",
+    "shared reads",
+    "write",
+)
+"""Paths of a message over the memory interface, by the values of `sfglab.soc.rtl.MemoryPath`."""
 _US = 1e6
+_S_PER_US = 1e-6
+_CURVE_BYTES = np.geomspace(256, 100_000_000, 48).astype(int)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Config(Profiled):
-    """The whole run."""
+    """Sizes and counts of the run, and constants of the curves to explore."""
 
-    refits: int = 20  #: Starts from which the model is fitted anew.
-    #: Numbers of hardware subscribers for which the hardware is simulated.
+    #: Numbers of hardware subscribers in simulated hardware.
     rtl_subscribers: tuple[int, ...] = SUBSCRIBERS
-    #: Bytes that the hardware moves where a law of cycles is checked; a multiple of 64.
-    rtl_check_bytes: int = 100_032
-    areas: bool = True  #: Whether the gateway is synthesised.
-    proved: bool = True  #: Whether its control is held against the core's table by induction.
-    live_bytes: tuple[int, ...] = MESSAGE_BYTES  #: Message sizes across processes; multiples of 8.
-    #: Numbers of subscribing processes on the hardware's side.
+    live_bytes: tuple[int, ...] = MESSAGE_BYTES  #: Message sizes between processes; multiples of 8.
+    #: Numbers of subscribing processes on the hardware side.
     live_subscribers: tuple[int, ...] = SUBSCRIBERS
-    live_rounds: int = 40  #: How often every cell is repeated; 0: nothing is live.
-    most_subscribers: int = 16  #: Largest number of hardware subscribers in the break-even chart.
-    sizes: int = 26  #: How many sizes the topics of Fig. 8 take, from 100 B to 10 MB.
-    small_graphs: int = 12  #: Random graphs on which node mapping is compared with brute force.
-    small_nodes: int = 8  #: Their largest number of nodes.
-    large_graphs: int = 4  #: Random graphs on which node mapping is timed.
-    large_nodes: int = 50  #: Their number of nodes.
-    subscribers: int = between(4, 1, 16)  #: Hardware subscribers of the curves.
-    #: Where the curves are read.
+    live_rounds: int = 40  #: Number of live repetitions; 0: no live part.
+    subscribers: int = between(4, 1, 16)  #: Number of hardware subscribers of the curves.
+    #: Message size at which the curves are read.
     message_bytes: int = between(1_000_000, 256, 100_000_000, log=True)
-    #: From a read request to its first word [cycles].
+    #: Latency from a read request to its first word [cycles].
     read_latency_cycles: float = between(STORED.memory.read_latency_cycles, 1, 300, log=True)
-    #: From a write's last word to its response [cycles].
+    #: Latency from the last word of a write to its response [cycles].
     write_latency_cycles: float = between(STORED.memory.write_latency_cycles, 1, 300, log=True)
-    #: A delegate's round trip [µs].
+    #: Round trip to a delegate [µs].
     delegate_us: float = between(_US * STORED.delegate_s, 1, 2000, log=True)
-    #: What a node or core spends on a message at either end [µs].
+    #: Time of a node or core for a message at either end [µs].
     endpoint_us: float = between(_US * STORED.endpoint_s, 1, 2000, log=True)
-    #: A gateway core's cancel [µs].
+    #: Cancellation of a gateway core's request [µs].
     cancel_us: float = between(_US * STORED.cancel_s, 1, 2000, log=True)
-    seed: int = 0  #: Seed of everything that is drawn.
+    seed: int = 0  #: Seed of the order of live measurements and of the messages.
 
 
 exp = Experiment(
@@ -54,38 +69,22 @@ exp = Experiment(
     Config,
     where="C 4",
     smoke={
-        "refits": 2,
         "rtl_subscribers": (2,),
-        "rtl_check_bytes": 4096,
-        "areas": False,
-        "proved": False,
         "live_bytes": (10_000,),
         "live_subscribers": (2,),
         "live_rounds": 3,
-        "most_subscribers": 8,
-        "sizes": 6,
-        "small_graphs": 2,
-        "small_nodes": 5,
-        "large_graphs": 1,
-        "large_nodes": 12,
     },
-    paper={
-        "refits": 30,
-        "rtl_check_bytes": 10**6,
-        "live_rounds": 500,
-        "small_graphs": 40,
-        "large_graphs": 10,
-    },
+    paper={"live_rounds": 500},
     actors=(
-        Actor("software", "software's side", "holds the topic in software and publishes"),
-        Actor("subscriber", "software's side", "subscribes in software"),
-        Actor("gateway", "hardware's side", "carries each message across once"),
-        Actor("publisher", "hardware's side", "publishes"),
-        Actor("reader", "hardware's side", "subscribes", count="2, 4 or 8"),
+        Actor("software", "software side", "holds the topic in software and publishes"),
+        Actor("subscriber", "software side", "subscribes"),
+        Actor("gateway", "hardware side", "transfers each message once"),
+        Actor("publisher", "hardware side", "publishes"),
+        Actor("reader", "hardware side", "subscribes", count="2, 4 or 8"),
     ),
     links=(
         Link("software", "subscriber", "messages", "socket"),
-        Link("software", "reader", "a copy each", "socket", "software and hardware"),
+        Link("software", "reader", "one copy for each", "socket", "software and hardware"),
         Link("software", "gateway", "one copy", "socket", "software and hardware"),
         Link("publisher", "reader", "messages", "shared memory"),
         Link("publisher", "gateway", "messages", "shared memory"),
@@ -93,177 +92,155 @@ exp = Experiment(
         Link("gateway", "software", "one copy", "socket", "software and hardware"),
         Link("publisher", "software", "messages", "socket", "software and hardware"),
     ),
+    removed={
+        "refits": {"smoke": 2, "quick": 20, "paper": 30},
+        "rtl_check_bytes": {"smoke": 4096, "quick": 100_032, "paper": 1_000_000},
+        "areas": {"smoke": False, "quick": True, "paper": True},
+        "proved": {"smoke": False, "quick": True, "paper": True},
+        "most_subscribers": {"smoke": 8, "quick": 16, "paper": 16},
+        "sizes": {"smoke": 6, "quick": 26, "paper": 26},
+        "small_graphs": {"smoke": 2, "quick": 12, "paper": 40},
+        "small_nodes": {"smoke": 5, "quick": 8, "paper": 8},
+        "large_graphs": {"smoke": 1, "quick": 4, "paper": 10},
+        "large_nodes": {"smoke": 12, "quick": 50, "paper": 50},
+    },
 )
 
 
 @exp.table("bar", "curve")
-class TransferBarRow:
-    """A bar of Fig. 6 or 7, or a point of a curve over sizes by the configuration's own constants."""
+class TransferRow(TableRow):
+    """A bar of Fig. 6 or 7, or a point of a curve over message sizes."""
 
-    #: Which set of constants; ``rtl``: the first with the hardware's cycles of a chunk; ``own``: the run's.
+    #: Origin of the times: ``stored``: the model; ``rtl``: the model with the cycles of simulated
+    #: hardware; ``own``: the model with the constants of the configuration.
     model: str
-    panel: str  #: From whom to whom.
+    panel: str  #: Sides of publisher and subscriber.
     message_bytes: int  #: Size of the message.
-    subscribers: int  #: Subscribing hardware nodes.
-    smt_s: float  #: Transfer time over a software-mapped topic, seconds.
-    gateway_s: float  #: Transfer time through a gateway, seconds.
-
-
-@exp.table("stated")
-class StatedRow:
-    """A number that the paper states, beside the model's."""
-
-    model: str  #: Which set of constants.
-    panel: str  #: Whose speed-up.
-    text: str  #: How the paper puts it.
-    stated: float  #: The paper's number.
-    found: float  #: The model's.
-
-
-@exp.table("tendency")
-class TendencyRow:
-    """A sentence of the paper without a number."""
-
-    model: str  #: Which set of constants.
-    panel: str  #: Whose speed-up.
-    text: str  #: What the paper says, as it is read here.
-    holds: bool  #: Whether the model has it.
-
-
-@exp.table("constant")
-class ConstantRow:
-    """A constant of the model."""
-
-    model: str  #: Which set of constants.
-    constant: str  #: Its name.
-    value: float  #: In its unit.
-    unit: str  #: As text.
-    origin: str  #: Where it comes from.
-    reason: str  #: Why this value, or what it stands for.
-    #: What the best of this run's fits says; the value itself where it is not fitted.
-    refitted: float
-
-
-@exp.table("refit")
-class RefitRow:
-    """A fit from a drawn start."""
-
-    model: str  #: Which set of constants.
-    start: int  #: Counter from 0.
-    farthest: float  #: Largest factor between a constant's start and its committed value.
-    #: Root mean square of the logarithms of model / stated where it ended; NaN: nowhere.
-    rms: float
-    #: Largest relative difference between its constants and the committed ones; NaN: it ended nowhere.
-    shift: float
-
-
-@exp.table("variant")
-class VariantRow:
-    """A fit with one assumed constant changed."""
-
-    model: str  #: Which set of constants.
-    constant: str  #: The changed one.
-    factor: float  #: By which it was multiplied.
-    rms: float  #: Root mean square of the logarithms of model / stated.
-    worst: float  #: Largest residual, relative and without sign.
+    subscribers: int  #: Number of hardware subscribers.
+    smt_s: float  #: Transfer time over a software-mapped topic, s.
+    gateway_s: float  #: Transfer time through a gateway, s.
 
 
 @exp.table("law")
-class CycleLawRow:
-    """Cycles of a message in the simulated hardware, as a straight line over its chunks."""
+class CycleLawRow(TableRow):
+    """Cycles of a message on one path in simulated hardware: a straight line over its chunks."""
 
-    path: str  #: What was simulated.
-    subscribers: int  #: Hardware subscribers.
-    fixed_cycles: float  #: Of a message.
-    chunk_cycles: float  #: Of each of its chunks, for all subscribers together.
-
-
-@exp.table("cycles")
-class CycleCheckRow:
-    """A message in the simulated hardware beside the law and the model."""
-
-    path: str  #: What was simulated.
-    subscribers: int  #: Hardware subscribers.
-    message_bytes: int  #: Size of the message.
-    simulated: bool  #: Whether it was simulated; else it is the law's value.
-    rtl_cycles: float  #: Of the hardware.
-    law_cycles: float  #: Of its law.
-    model_cycles: float  #: Of the model of the memory interface.
-
-
-@exp.table("area")
-class AreaRow:
-    """What a gateway takes of an UltraScale+ device, by synthesis without placement."""
-
-    subscribers: int  #: Hardware subscribers.
-    luts: int  #: Look-up tables of logic.
-    ram_cells: int  #: Cells of distributed memory.
-    flip_flops: int  #: Flip-flops.
-    carries: int  #: Carry cells.
-    block_rams: int  #: Block memories.
+    path: str  #: Path over the memory interface.
+    subscribers: int  #: Number of hardware subscribers.
+    fixed_cycles: float  #: Cycles per message.
+    chunk_cycles: float  #: Cycles per chunk, for all subscribers together.
 
 
 @exp.table("crossing")
-@dataclass(frozen=True, slots=True, kw_only=True)
-class CrossingRow:
-    """One message across the boundary between processes."""
+class CrossingRow(TableRow):
+    """A message between processes."""
 
-    repeat: int  #: Which repetition.
-    publisher: str  #: ``software`` or ``hardware``: the side on which it stands.
+    repeat: int  #: Number of the repetition.
+    publisher: str  #: Side of the publisher: ``software`` or ``hardware``.
     transport: str  #: ``smt`` or ``gateway``.
     message_bytes: int  #: Size of the message.
-    subscribers: int  #: Subscribing processes on the hardware's side.
-    #: Place of the software subscriber among those that the topic in software delivers to, from 0.
-    place: int
-    hardware_ns: int  #: From the publication until the last of the hardware's side has read it, ns.
-    software_ns: int  #: Until the software subscriber has read it, ns.
-    load: float  #: The machine's load average over the last minute, before the message.
+    subscribers: int  #: Number of subscribing processes on the hardware side.
+    #: Time from the publication until the last of them has read the message, ns.
+    hardware_ns: int
+    software_ns: int  #: Time until the software subscriber has read it, ns.
+    load: float  #: Load average of the machine over the last minute, before the message.
 
 
-@exp.table("break_even")
-class BreakEvenRow:
-    """From which size on a gateway is faster in the model."""
-
-    publisher: str  #: ``software`` or ``hardware``.
-    judge: str  #: Whose transfer time counts: ``hardware``, ``software`` or ``last``.
-    subscribers: int  #: Subscribing hardware nodes; one software node subscribes besides.
-    worth: bool  #: Whether there is such a size.
-    from_bytes: int  #: The size; 0 where there is none.
-    #: How often the faster one changes between 256 B and 1 GiB, over 200 sizes; more than 1 would say that one
-    #: size is not the whole answer.
-    changes: int
+@exp.part("model", timed=False)
+def write_model(bench: Bench[Config]) -> None:
+    """Write the model's bars of Fig. 6 and 7."""
+    for bar in speed_ups():
+        bench.write("bar", {"model": MODEL, **to_json(bar)})
 
 
-@exp.table("sized_mapping")
-class SizedMappingRow:
-    """The example of Fig. 8 mapped by one rule, all its messages of one size."""
+def own_costs(config: Config) -> Costs:
+    """Return the model with the constants of a configuration."""
+    values = {
+        "read_latency_cycles": config.read_latency_cycles,
+        "write_latency_cycles": config.write_latency_cycles,
+        "delegate_s": _S_PER_US * config.delegate_us,
+        "endpoint_s": _S_PER_US * config.endpoint_us,
+        "cancel_s": _S_PER_US * config.cancel_us,
+    }
+    return with_values(STORED, values)
 
-    message_bytes: int  #: The size.
-    rule: str  #: ``paper``, ``size-aware`` or ``none``: who gets a gateway.
-    gateways: int  #: Topics at a gateway.
-    topics: str  #: Their names.
-    #: Transfer time of one message of each topic, to its last subscriber, all added, seconds.
-    predicted_s: float
-    carriages: float  #: How often these messages are carried across, together.
+
+@exp.part("curves", total=0, timed=False)
+def write_curves(bench: Bench[Config]) -> None:
+    """Write transfer times over message sizes with the constants of the configuration."""
+    config = bench.config
+    sizes = sorted({*_CURVE_BYTES.tolist(), config.message_bytes})
+    own = own_costs(config)
+    for point in speed_ups(own, subscribers=[config.subscribers], sizes_bytes=sizes):
+        bench.write("curve", {"model": "own", **to_json(point)})
 
 
-@exp.table("placed")
-class PlacedRow:
-    """A random graph placed. Costs are seconds of work each second; NaN: not computed."""
+@dataclass(frozen=True, slots=True)
+class PathPoint:
+    """A path that is simulated in hardware."""
 
-    kind: str  #: ``small`` or ``large``.
-    graph: int  #: Counter from 0.
-    nodes: int  #: Its nodes.
-    topics: int  #: Its topics.
-    in_hardware: int  #: Nodes that the programme placed in hardware.
-    gateways: int  #: Gateways that it took.
-    optimal: bool  #: Whether that is proved.
-    seconds: float  #: How long it took on this machine.
-    placed: float  #: Its cost.
-    #: The least cost of all placements with all choices of gateways; of small graphs.
-    brute_force: float
-    same_without_gateways: float  #: The cost of the same placement without gateways.
-    #: The cost of a placement that fills the hardware by time saved per area, blind to topics.
-    greedy: float
-    greedy_with_gateways: float  #: The same with a gateway wherever it pays and fits.
-    software: float  #: The cost of everything in software.
+    path: str  #: Path over the memory interface.
+    subscribers: int  #: Number of hardware subscribers.
+
+
+def simulated_paths(config: Config) -> list[PathPoint]:
+    """Return the paths that are simulated; none without the extra ``rtl``."""
+    if missing_tools():
+        return []
+    return [PathPoint(path, count) for count in config.rtl_subscribers for path in PATHS]
+
+
+def missing_tools() -> dict[str, str]:
+    """Return why the simulated hardware is left out; empty if it is not."""
+    if find_spec("amaranth") is None:
+        return {"rtl": "left out: amaranth is not installed (the extra rtl)"}
+    return {}
+
+
+@exp.sweep("law", over=simulated_paths, seeds=lambda _: (0,))
+def simulate_law(point: PathPoint, _seed: int) -> dict[str, float]:
+    """Simulate a path with two message sizes, which give its law of cycles."""
+    from sfglab.soc.rtl import Delays, MemoryPath, cycle_model
+
+    timing = STORED.memory
+    delays = Delays(
+        read=round(timing.read_latency_cycles), write=round(timing.write_latency_cycles)
+    )
+    return asdict(cycle_model(MemoryPath(point.path), point.subscribers, delays))
+
+
+@exp.part("hardware", timed=False)
+def write_hardware(bench: Bench[Config]) -> None:
+    """Write the bars that follow from the cycles of simulated hardware."""
+    bench.metadata("missing", missing_tools())
+    chunk_cycles: dict[int, dict[str, float]] = {}
+    for law in bench.rows.get("law", ()):
+        chunk_cycles.setdefault(law.subscribers, {})[law.path] = law.chunk_cycles
+    for count, cycles in chunk_cycles.items():
+        bench.write_all("bar", bars_with_cycles(count, cycles))
+
+
+def bars_with_cycles(count: int, chunk_cycles: Mapping[str, float]) -> list[dict[str, Any]]:
+    """Return the bars of one number of subscribers with other cycles per chunk, by path."""
+    words = STORED.memory.data_cycles
+    over_topic = _with_cycles(chunk_cycles[READS] / count, chunk_cycles[WRITE])
+    # A gateway's core takes the cycles of the stream besides those of the memory.
+    by_gateway = _with_cycles(chunk_cycles[OUT] - words, chunk_cycles[IN] - words)
+    smt_bars = speed_ups(over_topic, subscribers=[count])
+    gateway_bars = speed_ups(by_gateway, subscribers=[count])
+    rows = []
+    for smt, gateway in zip(smt_bars, gateway_bars, strict=True):
+        rows.append({"model": RTL, **to_json(smt), "gateway_s": gateway.gateway_s})
+    return rows
+
+
+def _with_cycles(read_cycles: float, write_cycles: float) -> Costs:
+    """Return the model with other cycles per chunk; all except its words count as latency."""
+    words = STORED.memory.data_cycles
+    memory = replace(
+        STORED.memory,
+        control_cycles=0.0,
+        read_latency_cycles=read_cycles - words,
+        write_latency_cycles=write_cycles - words,
+    )
+    return replace(STORED, memory=memory)

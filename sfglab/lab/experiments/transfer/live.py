@@ -1,7 +1,8 @@
-"""The same question on this machine: processes on both sides of a boundary that a message is copied across.
+"""Live part: the setup of paper C, Fig. 5, with processes on both sides of a boundary.
 
-Over a software-mapped topic every reader on the hardware's side gets a copy by a socket of its own; through a
-gateway one copy crosses into memory that they share. This is no memory interface: processes share the cores.
+Over a software-mapped topic each subscriber on the hardware side gets its own copy through a socket.
+Through a gateway one copy crosses, into memory that the hardware side shares. The boundary is not a
+memory interface: a copy takes the time of a processor core, and the processes share the cores.
 """
 
 from __future__ import annotations
@@ -10,184 +11,222 @@ import os
 import signal
 import socket
 import zlib
-from contextlib import ExitStack
+from contextlib import ExitStack, aclosing
 from dataclasses import asdict, dataclass
 from itertools import product
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sfglab.lab.workers.crossing import SPARE_BYTES, CrossingConfig, Round, message_of, random_bytes
+from sfglab.lab.experiments.transfer.experiment import Config, CrossingRow, exp
+from sfglab.lab.workers.crossing import (
+    SPARE_BYTES,
+    CrossingConfig,
+    Message,
+    content_of,
+    random_bytes,
+)
 from sfglab.processes import Member, ProcessFailedError, ProcessGroup
 
 if TYPE_CHECKING:
-    from collections.abc import AsyncGenerator
+    from collections.abc import AsyncGenerator, Sequence
 
-    from sfglab.lab.experiments.transfer.experiment import Config
+    from sfglab.lab.bench import Bench
 
-TIMEOUT_S = 20.0
+TIMEOUT_S = 20.0  #: Longest time of one message.
+TRANSPORTS = ("smt", "gateway")
 _STEP_BYTES = 8
 _MODULE = "sfglab.lab.workers.crossing"
+_NOT_MAPPED = ("software", "subscriber")  # processes without the hardware side's memory
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Cell:
-    """What is asked of both kinds of topic."""
+    """One bar of Fig. 6 and 7, measured over both transports."""
 
-    publisher: str  #: ``software`` or ``hardware``.
+    publisher: str  #: Side of the publisher: ``software`` or ``hardware``.
     message_bytes: int  #: Size of the message.
-    subscribers: int  #: Subscribing processes on the hardware's side.
+    subscribers: int  #: Number of subscribing processes on the hardware side.
 
 
 def cells_of(config: Config) -> list[Cell]:
-    """Return every cell once."""
-    cells = product(("hardware", "software"), config.live_subscribers, config.live_bytes)
-    return [
-        Cell(publisher=side, message_bytes=size, subscribers=count) for side, count, size in cells
-    ]
+    """Return all cells."""
+    cells = []
+    counts, sizes = config.live_subscribers, config.live_bytes
+    for side, count, size in product(("hardware", "software"), counts, sizes):
+        cells.append(Cell(publisher=side, message_bytes=size, subscribers=count))
+    return cells
 
 
 class Crossing(ProcessGroup):
-    """The processes of Fig. 5, with so many readers on the hardware's side at most.
+    """The processes of Fig. 5. Their sockets, pipes and memory have no names, so none is left.
 
-    Their sockets and shared memory have no names, so nothing outlives them. The seed is that of the contents.
+    Args:
+        readers: Largest number of subscribers on the hardware side.
+        largest_bytes: Size of the largest message.
+        seed: Seed of the contents.
     """
 
     def __init__(self, readers: int, largest_bytes: int, seed: int) -> None:
-        self._readers = [f"reader{i}" for i in range(readers)]
-        self._largest_bytes, self._seed = largest_bytes, seed
-        self._data = random_bytes(largest_bytes, seed)
-        self._rounds = 0
         super().__init__()
+        self._readers = [f"reader{i}" for i in range(readers)]
+        self._largest_bytes = largest_bytes
+        self._seed = seed
+        self._data = random_bytes(largest_bytes, seed)
+        self._messages = 0
 
     async def settle(self) -> None:
         """Start the processes, each with its ends of the links."""
-        # What is passed on is closed here at once: a link ends when the process at its other end does.
+        # The parent closes its copies at once: a link ends when the process at its other end does.
         with ExitStack() as passed:
-            shared, links = self._links(passed)
-            await self.start(*(self._member(name, ends, shared) for name, ends in links.items()))
+            links = self._links(passed)
+            shared = os.memfd_create("sfglab-crossing")
+            passed.callback(os.close, shared)
+            os.ftruncate(shared, self._largest_bytes)
+            members = [self._member(name, ends, shared) for name, ends in links.items()]
+            await self.start(*members)
 
-    async def close(self) -> None:
-        """End all processes."""
-        for name in self:
-            # A process that waits for a link does not look at its standard input.
-            self[name].signal(signal.SIGTERM)
-        await super().close()
-
-    async def carry(self, item: Round) -> dict[str, Any]:
-        """Carry one message, check what arrived, and return by name how long each receiver took to have it, ns.
-
-        Raises:
-            ProcessFailedError: A process ended or stayed silent, or a content is not what was published.
-        """
-        readers = sum(name.startswith("reader") for name in (*item.order, *item.woken))
-        receivers = [*self._readers[:readers], "subscriber"]
-        source = "publisher" if item.publisher == "hardware" else "software"
-        involved = {*receivers, "software", source, *(["gateway"] if item.gateway else [])}
-        wanted = zlib.crc32(message_of(self._data, item))
-        limit = {"timeout_s": TIMEOUT_S}
-        await self.ask("armed", involved, **limit, do="round", **asdict(item))
-        self[source].order(do="go")
-        done = await self.expect("done", involved, **limit)
-        contents = await self.ask("content", receivers, **limit, do="check")
-        wrong = [name for name in receivers if contents[name]["crc"] != wanted]
-        if wrong:
-            raise ProcessFailedError(
-                f"crossing: {', '.join(wrong)} did not get what was published, in {item}"
-            )
-        return {name: done[name]["done_ns"] - done[source]["began_ns"] for name in receivers}
-
-    async def measure(
-        self, cell: Cell, rng: np.random.Generator, *, gateway: bool
-    ) -> dict[str, Any]:
-        """Carry one message of a cell, through a gateway or over a software-mapped topic; return its row.
-
-        The repetition is left out. The order of deliveries is drawn: the paper does not state one.
-        """
-        readers, load = self._readers[: cell.subscribers], os.getloadavg()[0]
-        item = _round(cell, readers, rng, gateway=gateway, number=self._rounds)
-        self._rounds += 1
-        took_ns = await self.carry(item)
-        return {
-            **asdict(cell),
-            "transport": "gateway" if gateway else "smt",
-            "place": item.order.index("subscriber"),
-            "hardware_ns": max(took_ns[name] for name in readers),
-            "software_ns": took_ns["subscriber"],
-            "load": load,
-        }
-
-    def _links(self, passed: ExitStack) -> tuple[int, dict[str, dict[str, int]]]:
-        """Return the shared memory and everybody's ends of all links."""
-        names = ["software", "subscriber", "publisher", "gateway", *self._readers]
+    def _links(self, passed: ExitStack) -> dict[str, dict[str, int]]:
+        """Return the file descriptors of each process by link: sockets, and pipes that wake."""
+        hardware = ["gateway", *self._readers]
+        names = ["software", "subscriber", "publisher", *hardware]
         links: dict[str, dict[str, int]] = {name: {} for name in names}
         for name in names[1:]:
             ours, theirs = socket.socketpair()
             passed.enter_context(ours)
             passed.enter_context(theirs)
-            links["software"][name], links[name]["software"] = ours.fileno(), theirs.fileno()
-        for name in ("gateway", *self._readers):
+            links["software"][name] = ours.fileno()
+            links[name]["software"] = theirs.fileno()
+        for name in hardware:
             read, write = os.pipe()
             passed.callback(os.close, read)
             passed.callback(os.close, write)
             links[name]["wake"] = read
-            for waker in ("publisher", "gateway"):
-                if waker != name:
-                    links[waker][f"wake_{name}"] = write
-        shared = os.memfd_create("sfglab-crossing")
-        passed.callback(os.close, shared)
-        os.ftruncate(shared, self._largest_bytes)
-        return shared, links
+            for waker in {"publisher", "gateway"} - {name}:
+                links[waker][f"wake_{name}"] = write
+        return links
 
     def _member(self, name: str, ends: dict[str, int], shared: int) -> Member:
-        memory = () if name in {"software", "subscriber"} else (shared,)
+        memory = [] if name in _NOT_MAPPED else [shared]
         config = CrossingConfig(
             role="reader" if name in self._readers else name,
             links=ends,
-            shared=memory[0] if memory else -1,
+            shared=shared if memory else -1,
             largest_bytes=self._largest_bytes,
             seed=self._seed,
         )
         return Member(name=name, module=_MODULE, config=config, pass_fds=(*ends.values(), *memory))
 
+    async def close(self) -> None:
+        """End all processes."""
+        for name in self:
+            # A process that waits for a link does not read its standard input.
+            self[name].signal(signal.SIGTERM)
+        await super().close()
 
-def _round(
-    cell: Cell, readers: list[str], rng: np.random.Generator, *, gateway: bool, number: int
-) -> Round:
-    """Return a cell's message: who gets it from whom, in drawn orders."""
-    delivered, woken = [*readers, "subscriber"], []
-    if gateway:
-        delivered = ["subscriber", *(["gateway"] if cell.publisher == "software" else [])]
-        woken = [*readers, *(["gateway"] if cell.publisher == "hardware" else [])]
-    return Round(
-        publisher=cell.publisher,
-        gateway=gateway,
-        message_bytes=cell.message_bytes,
-        offset=number * _STEP_BYTES % SPARE_BYTES,
-        order=tuple(str(name) for name in rng.permutation(delivered)),
-        woken=tuple(str(name) for name in rng.permutation(woken)) if woken else (),
-    )
+    async def carry(self, message: Message) -> dict[str, int]:
+        """Transfer one message and check its content at all subscribers.
+
+        Returns:
+            The time from the publication until a subscriber has read the message, by name, ns.
+
+        Raises:
+            ProcessFailedError: A process ended or was late, or a content is wrong.
+        """
+        addressed = {*message.order, *message.woken}
+        subscribers = [name for name in ("subscriber", *self._readers) if name in addressed]
+        source = "publisher" if message.publisher == "hardware" else "software"
+        involved = {*addressed, "software", source}
+        await self.ask("armed", involved, timeout_s=TIMEOUT_S, do="transfer", **asdict(message))
+        self[source].order(do="go")
+        done = await self.expect("done", involved, timeout_s=TIMEOUT_S)
+        contents = await self.ask("content", subscribers, timeout_s=TIMEOUT_S, do="check")
+        wanted = zlib.crc32(content_of(self._data, message))
+        wrong = [name for name in subscribers if contents[name]["crc"] != wanted]
+        if wrong:
+            names = ", ".join(wrong)
+            raise ProcessFailedError(f"crossing: wrong content at {names} after {message}")
+        began_ns = done[source]["began_ns"]
+        return {name: done[name]["done_ns"] - began_ns for name in subscribers}
+
+    async def measure(
+        self, cell: Cell, transport: str, repeat: int, rng: np.random.Generator
+    ) -> CrossingRow:
+        """Measure one message of a cell over a transport.
+
+        The order of deliveries is random, because the paper states none.
+        """
+        load = os.getloadavg()[0]
+        took_ns = await self.carry(self._message(cell, transport, rng))
+        software_ns = took_ns.pop("subscriber")
+        return CrossingRow(
+            repeat=repeat,
+            transport=transport,
+            hardware_ns=max(took_ns.values()),
+            software_ns=software_ns,
+            load=load,
+            **asdict(cell),
+        )
+
+    def _message(self, cell: Cell, transport: str, rng: np.random.Generator) -> Message:
+        readers = self._readers[: cell.subscribers]
+        delivered = ["subscriber"]
+        woken: list[str] = []
+        if transport == "smt":
+            delivered += readers
+        elif cell.publisher == "software":
+            delivered += ["gateway"]
+            woken += readers
+        else:
+            woken += [*readers, "gateway"]
+        self._messages += 1
+        return Message(
+            publisher=cell.publisher,
+            gateway=transport == "gateway",
+            message_bytes=cell.message_bytes,
+            offset=self._messages * _STEP_BYTES % SPARE_BYTES,
+            order=_shuffled(delivered, rng),
+            woken=_shuffled(woken, rng),
+        )
 
 
-async def crossings(config: Config) -> AsyncGenerator[dict[str, Any]]:
-    """Measure every cell in every repetition, both kinds of topic in drawn order right after each other.
+def _shuffled(names: Sequence[str], rng: np.random.Generator) -> tuple[str, ...]:
+    return tuple(names[i] for i in rng.permutation(len(names)))
+
+
+async def crossings(config: Config) -> AsyncGenerator[CrossingRow]:
+    """Measure all cells in each repetition, both transports of a cell right after each other.
+
+    The order of cells and of transports is random.
 
     Raises:
         ProcessFailedError: A process failed, or a message arrived wrong.
     """
     rng = np.random.default_rng(config.seed)
     cells = cells_of(config)
-    async with Crossing(
-        max(config.live_subscribers), max(config.live_bytes), config.seed
-    ) as crossing:
+    readers, largest_bytes = max(config.live_subscribers), max(config.live_bytes)
+    async with Crossing(readers, largest_bytes, config.seed) as crossing:
+        # The first message of a cell is not measured: it takes longer than the others.
         for cell in cells:
-            # Unmeasured: what only the first message of a cell costs is not asked here.
-            for gateway in (False, True):
-                await crossing.measure(cell, rng, gateway=gateway)
+            for transport in TRANSPORTS:
+                await crossing.measure(cell, transport, -1, rng)
         for repeat in range(config.live_rounds):
             for place in rng.permutation(len(cells)):
-                for gateway in rng.permutation([False, True]):
-                    yield {
-                        **await crossing.measure(cells[place], rng, gateway=bool(gateway)),
-                        "repeat": repeat,
-                    }
+                for transport in _shuffled(TRANSPORTS, rng):
+                    yield await crossing.measure(cells[place], transport, repeat, rng)
+
+
+def message_count(config: Config) -> int:
+    """Return the number of measured messages."""
+    return len(cells_of(config)) * len(TRANSPORTS) * config.live_rounds
+
+
+@exp.part("live", total=message_count, timed=False)
+async def measure_live(bench: Bench[Config]) -> None:
+    """Measure messages between processes."""
+    if not bench.config.live_rounds:
+        return
+    async with aclosing(crossings(bench.config)) as rows:
+        async for row in rows:
+            bench.write(row)
+            bench.advance(f"{row.publisher}, {row.message_bytes} B")

@@ -1,0 +1,416 @@
+"""Claims, figures and the explorer of transfer times.
+
+Fig. 6 and 7 have four panels, by the sides of publisher and subscriber. In each, the gateway's
+speed-up is the transfer time over a software-mapped topic by that through a gateway.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pandas as pd
+
+from sfglab.lab.claims import Finding, How
+from sfglab.lab.experiment import Look
+from sfglab.lab.experiments.transfer.experiment import (
+    IN,
+    MODEL,
+    OUT,
+    READS,
+    RTL,
+    WRITE,
+    Config,
+    exp,
+)
+from sfglab.lab.figures import COLORS, bytes_axis, lines, note, paper_line
+from sfglab.lab.paper import paper
+from sfglab.lab.runs import Run, derived, lines_of
+from sfglab.lab.stats import Estimate, exactly, paired_ratios
+from sfglab.soc.memory import FITTED, STORED, MemoryInterface
+from sfglab.soc.paper_values import MESSAGE_BYTES, STATED, SUBSCRIBERS, Panel
+from sfglab.soc.prediction import predictions
+from sfglab.tables import field_rows
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+SMALL, LARGE = MESSAGE_BYTES[0], MESSAGE_BYTES[-1]
+MANY = SUBSCRIBERS[-1]
+_FAST = "times as fast"
+_MS_PER_S = 1e3
+_MS_PER_NS = 1e-6
+
+
+# --- Tables -----------------------------------------------------------------------------------
+
+
+@derived
+def bars(run: Run[Config], model: str = MODEL) -> pd.DataFrame:
+    """Return the bars of the memory model, or of simulated hardware, with the gateway's speed-up."""
+    table = run["bar"]
+    chosen = table[table["model"] == model]
+    return chosen.assign(
+        ratio=chosen["smt_s"] / chosen["gateway_s"],
+        smt_ms=_MS_PER_S * chosen["smt_s"],
+        gateway_ms=_MS_PER_S * chosen["gateway_s"],
+    )
+
+
+def ratios_of(run: Run[Config], panel: Panel, model: str = MODEL) -> dict[tuple[int, int], float]:
+    """Return the speed-ups of a panel by message size and number of subscribers."""
+    table = bars(run, model)
+    chosen = lines_of(table[table["panel"] == panel.value])
+    return {(bar.message_bytes, bar.subscribers): bar.ratio for bar in chosen}
+
+
+def by_size(table: pd.DataFrame, panel: Panel, value: str = "ratio") -> pd.DataFrame:
+    """Return a value of a panel, one row per message size and one column per number of subscribers."""
+    chosen = table[table["panel"] == panel.value]
+    return chosen.pivot_table(index="message_bytes", columns="subscribers", values=value)
+
+
+@derived
+def live_bars(run: Run[Config]) -> pd.DataFrame:
+    """Return the medians of the live part, the speed-up with its interval, and the model's."""
+    pairs = paired_ratios(
+        run["crossing"],
+        by=["publisher", "subscribers", "message_bytes"],
+        pair="transport",
+        order=("smt", "gateway"),
+        values=["hardware_ns", "software_ns"],
+    )
+    panels = pairs["publisher"] + " to " + pairs["value"].str.removesuffix("_ns")
+    table = pairs.assign(
+        panel=panels,
+        smt_ms=_MS_PER_NS * pairs["smt"],
+        gateway_ms=_MS_PER_NS * pairs["gateway"],
+    )
+    key = ["panel", "subscribers", "message_bytes"]
+    model = bars(run)[[*key, "ratio"]].rename(columns={"ratio": "model"})
+    columns = [*key, "smt_ms", "gateway_ms", "ratio", "low", "high", "model", "repeats"]
+    return table.merge(model, on=key, how="left")[columns]
+
+
+@derived
+def cycles(run: Run[Config]) -> pd.DataFrame:
+    """Return the cycles per chunk of each path, in simulated hardware and in the model.
+
+    Hardware counts whole cycles, so the model's latencies are rounded.
+    """
+    law = run["law"]
+    memory = MemoryInterface(
+        read_latency_cycles=round(STORED.memory.read_latency_cycles),
+        write_latency_cycles=round(STORED.memory.write_latency_cycles),
+    )
+    per_chunk = {
+        OUT: memory.memory_to_stream_cycles,
+        IN: memory.stream_to_memory_cycles,
+        READS: memory.read_cycles,
+        WRITE: memory.write_cycles,
+    }
+    readers = law["subscribers"].where(law["path"] == READS, 1)
+    model = law["path"].map(per_chunk) * readers
+    table = law.assign(model_cycles=model, difference=model / law["chunk_cycles"] - 1)
+    return table.rename(columns={"chunk_cycles": "rtl_cycles"})
+
+
+@derived
+def stated(run: Run[Config]) -> pd.DataFrame:
+    """Return the numbers of section 4, the model's, and the predictions from the other numbers.
+
+    `decider` is the measurement on a board that would narrow a prediction most, to the last two
+    columns.
+    """
+    numbers = [paper(one.claim, one.number) for one in STATED]
+    rows = []
+    for one, number, prediction in zip(STATED, numbers, predictions(numbers), strict=True):
+        row = {
+            "claim": one.claim,
+            "panel": one.panel.value,
+            "unit": "times as slow" if one.slower else _FAST,
+            "paper": number,
+            "model": one.by(ratios_of(run, one.panel)),
+            "predicted": prediction.value,
+            "low": prediction.low,
+            "high": prediction.high,
+            "decider": prediction.decider,
+            "narrowed_low": prediction.narrowed[0],
+            "narrowed_high": prediction.narrowed[1],
+        }
+        rows.append(row)
+    return pd.DataFrame(rows)
+
+
+def worst_fit(run: Run[Config]) -> float:
+    """Return the largest relative difference between model and stated numbers, without sign."""
+    table = stated(run)
+    return float((table["model"] / table["paper"] - 1).abs().max())
+
+
+def constants() -> pd.DataFrame:
+    """Return the constants of the memory model with their values, meanings and origins."""
+    rows = []
+    for values in (STORED.memory, STORED):
+        rows += [row for row in field_rows(values)[1:] if row[0] != "memory"]
+    return pd.DataFrame(rows, columns=["constant", "value", "meaning"])
+
+
+# --- Claims -----------------------------------------------------------------------------------
+
+
+@exp.claim("C-HWHW", how=How.SIMULATED)
+def hardware_to_hardware(run: Run[Config]) -> Finding:
+    """Return the speed-up with 8 hardware subscribers at 10 MB; the other end is that at 10 kB."""
+    ratios = ratios_of(run, Panel.HARDWARE_TO_HARDWARE)
+    return Finding(
+        estimate=exactly(ratios[LARGE, MANY], f"{_FAST} at 10 MB"),
+        ends={f"{_FAST} at 10 kB": ratios[SMALL, MANY]},
+        **evidence(run, Panel.HARDWARE_TO_HARDWARE, LARGE, MANY),
+    )
+
+
+@exp.claim("C-HWSW", how=How.SIMULATED)
+def hardware_to_software(run: Run[Config]) -> Finding:
+    """Return the largest slow-down at 10 kB; the other end is the speed-up at 10 MB, 8 subscribers."""
+    ratios = ratios_of(run, Panel.HARDWARE_TO_SOFTWARE)
+    count = min(SUBSCRIBERS, key=lambda count: ratios[SMALL, count])
+    return Finding(
+        estimate=exactly(1 / ratios[SMALL, count], "times as slow at 10 kB"),
+        ends={f"{_FAST} at 10 MB, 8 nodes": ratios[LARGE, MANY]},
+        **evidence(run, Panel.HARDWARE_TO_SOFTWARE, SMALL, count),
+    )
+
+
+@exp.claim("C-SWHW", how=How.SIMULATED)
+def software_to_hardware(run: Run[Config]) -> Finding:
+    """Return the largest speed-up; the other end is the largest one at 10 kB."""
+    ratios = ratios_of(run, Panel.SOFTWARE_TO_HARDWARE)
+    size, count = max(ratios, key=lambda bar: ratios[bar])
+    return Finding(
+        estimate=exactly(ratios[size, count], f"{_FAST} at 10 MB"),
+        ends={"largest at 10 kB": max(ratios[SMALL, count] for count in SUBSCRIBERS)},
+        **evidence(run, Panel.SOFTWARE_TO_HARDWARE, size, count),
+    )
+
+
+@exp.claim("C-SWSW", how=How.SIMULATED)
+def software_to_software(run: Run[Config]) -> Finding:
+    """Return the largest speed-up; the other end is the least one."""
+    ratios = ratios_of(run, Panel.SOFTWARE_TO_SOFTWARE)
+    size, count = max(ratios, key=lambda bar: ratios[bar])
+    return Finding(
+        estimate=exactly(ratios[size, count], f"{_FAST}, largest"),
+        ends={f"{_FAST}, least": min(ratios.values())},
+        **evidence(run, Panel.SOFTWARE_TO_SOFTWARE, size, count),
+    )
+
+
+def evidence(run: Run[Config], panel: Panel, size: int, count: int) -> dict[str, Any]:
+    """Return the details of a claim about one bar of a panel, and what was fitted to its numbers."""
+    predicted = []
+    narrowed = []
+    for row in lines_of(stated(run)[stated(run)["panel"] == panel.value]):
+        interval = f"[{row.low:.3g}, {row.high:.3g}]"
+        narrower = f"[{row.narrowed_low:.3g}, {row.narrowed_high:.3g}]"
+        predicted.append(f"{row.predicted:.3g} {interval} for {row.paper:g} {row.unit}")
+        narrowed.append(f"{row.decider}: {interval} becomes {narrower}")
+    fitted = (
+        f"{len(FITTED)} constants to {len(STATED)} stated numbers, so their agreement shows only that "
+        f"the numbers are consistent under the model; out of sample: {', '.join(predicted)}"
+    )
+    details = {
+        "RTL": rtl_detail(run, panel, size, count),
+        "live": live_detail(run, panel, size, count),
+        "largest difference to a stated number": f"{worst_fit(run):.1%}",
+        "would decide": "; ".join(narrowed),
+    }
+    return {"details": details, "fitted": fitted}
+
+
+def rtl_detail(run: Run[Config], panel: Panel, size: int, count: int) -> str:
+    """Return the speed-up of a bar with the cycles of simulated hardware, and how they compare."""
+    table = cycles(run)
+    if table.empty:
+        return str(run.metadata("missing").get("rtl", "not simulated"))
+    worst = table["difference"].abs().max()
+    text = f"cycles per chunk differ from the model's by at most {worst:.2%}"
+    ratio = ratios_of(run, panel, RTL).get((size, count))
+    if ratio is None:
+        return text
+    return f"{ratio:.3f} {_FAST} with the cycles of simulated hardware; {text}"
+
+
+def live_detail(run: Run[Config], panel: Panel, size: int, count: int) -> str:
+    """Return the speed-up of a bar between processes with its interval."""
+    bars_of = {
+        (bar.panel, bar.message_bytes, bar.subscribers): bar for bar in lines_of(live_bars(run))
+    }
+    bar = bars_of.get((panel.value, size, count))
+    if bar is None:
+        return "this bar was not measured"
+    speed_up = Estimate(value=bar.ratio, low=bar.low, high=bar.high, unit=_FAST)
+    return (
+        f"{speed_up}, {count} hardware subscribers, {size} B; {bar.repeats} repetitions, "
+        f"up to {process_count(run)} processes"
+    )
+
+
+def process_count(run: Run[Config]) -> int:
+    """Return the largest number of processes that take part in a message."""
+    return int(run["crossing"]["subscribers"].max()) + len(("software", "subscriber", "gateway"))
+
+
+# --- Figures ----------------------------------------------------------------------------------
+
+STYLES: dict[int, dict[str, Any]] = {
+    2: {"color": "#E69F00", "marker": "o", "linestyle": ":"},
+    4: {"color": COLORS["fourth"], "marker": "s", "linestyle": "--"},
+    8: {"color": COLORS["third"], "marker": "^", "linestyle": "-"},
+}
+"""Properties of lines by number of hardware subscribers."""
+TOPICS = {
+    "smt": ("software-mapped topic", COLORS["standard"]),
+    "gateway": ("gateway", COLORS["proxy"]),
+}
+"""Labels and colours by kind of topic."""
+_RATIO_TICKS = (0.5, 1, 2, 4, 8, 16)
+
+
+@exp.figure("transfer", size=(10, 6.6))
+def draw_transfer(figure: Figure, run: Run[Config]) -> None:
+    """Draw the model's transfer times and speed-ups (Fig. 6, 7), with RTL and the paper's numbers."""
+    for times, ratios, panel in draw_panels(figure, bars(run)):
+        lines(ratios, by_size(bars(run), panel), STYLES, markersize=4)
+        rtl = by_size(bars(run, RTL), panel)
+        lines(ratios, rtl, STYLES, markersize=9, mfc="none", linestyle="")
+        draw_stated(ratios, panel)
+        times.set_title(panel.value)
+    title = (
+        "A gateway pays for large messages and many hardware subscribers,\n"
+        f"and costs time towards software (paper's numbers within {worst_fit(run):.1%})"
+    )
+    figure.suptitle(title)
+    note(
+        figure,
+        f"memory model, {len(FITTED)} constants fitted to the dashed numbers of the paper; "
+        "hollow: with the cycles of simulated hardware (RTL)",
+    )
+
+
+def draw_stated(axes: Axes, panel: Panel) -> None:
+    """Draw the paper's speed-ups of a panel, with their numbers where the curves leave room."""
+    speed_ups = []
+    for one in STATED:
+        if one.panel is panel:
+            number = paper(one.claim, one.number)
+            speed_ups.append(1 / number if one.slower else number)
+    for value in speed_ups:
+        is_largest = value == max(speed_ups)
+        paper_line(axes, value, at=0.55 if is_largest else 1, below=not is_largest)
+
+
+@exp.figure("transfer_live", size=(10, 6.6), when=lambda run: not run["crossing"].empty)
+def draw_live(figure: Figure, run: Run[Config]) -> None:
+    """Draw transfer times and speed-ups between processes, with the model's speed-ups as thin lines."""
+    table = live_bars(run)
+    for times, ratios, panel in draw_panels(figure, table):
+        for place, count in enumerate(STYLES):
+            draw_intervals(ratios, table, panel, count, shift=1.15 ** (place - 1))
+        model = by_size(table, panel, "model")
+        lines(ratios, model, STYLES, linestyle="-", marker="", linewidth=0.9, alpha=0.7)
+        times.set_title(panel.value)
+    decided = table[(table["low"] > 1) | (table["high"] < 1)]
+    same = (decided["ratio"] > 1) == (decided["model"] > 1)
+    title = (
+        f"Between processes {len(decided)} of {len(table)} speed-ups differ from 1, "
+        f"{same.sum()} of them in the model's direction"
+    )
+    figure.suptitle(title)
+    what = "medians; error bars: 95 % CI; thin lines: the model"
+    note(figure, f"measured live, {what}; up to {process_count(run)} processes at once")
+
+
+def draw_intervals(
+    axes: Axes, table: pd.DataFrame, panel: Panel, count: int, *, shift: float
+) -> None:
+    """Draw speed-ups with their intervals, shifted by a factor so that they do not overlap."""
+    chosen = table[(table["panel"] == panel.value) & (table["subscribers"] == count)]
+    below = chosen["ratio"] - chosen["low"]
+    above = chosen["high"] - chosen["ratio"]
+    # A median can lie on an end of its interval.
+    spread = np.clip([below, above], 0, None)
+    sizes = chosen["message_bytes"] * shift
+    axes.errorbar(sizes, chosen["ratio"], yerr=spread, markersize=5, capsize=2, **STYLES[count])
+
+
+def draw_panels(figure: Figure, table: pd.DataFrame) -> list[tuple[Axes, Axes, Panel]]:
+    """Draw the transfer times of each panel, and prepare axes for its speed-ups below.
+
+    Returns:
+        For each panel the axes of the times and of the speed-ups.
+    """
+    grid = figure.subplots(2, len(Panel), sharex=True, sharey="row")
+    for times, ratios, panel in zip(*grid, Panel, strict=True):
+        for topic, (_, color) in TOPICS.items():
+            lines(times, by_size(table, panel, f"{topic}_ms"), STYLES, color=color, markersize=4)
+        times.set_yscale("log")
+        bytes_axis(ratios)
+        ratios.set_yscale("log", base=2)
+        ratios.axhline(1, color="black", linewidth=0.8)
+        ratios.set_ylim(0.3, 16)
+        ratios.set_yticks(_RATIO_TICKS, [f"{tick:g}" for tick in _RATIO_TICKS])
+    grid[0, 0].set_ylabel("transfer time (ms)")
+    grid[1, 0].set_ylabel("speed-up by the gateway (times)")
+    for label, color in TOPICS.values():
+        grid[0, -1].plot([], [], color=color, label=label)
+    grid[0, -1].legend(loc="upper left", fontsize="small")
+    for count in sorted(set(table["subscribers"])):
+        label = f"{count} hardware subscribers"
+        grid[1, 1].plot([], [], label=label, **STYLES.get(count, {}))
+    grid[1, 1].legend(loc="upper left", fontsize="small")
+    return list(zip(*grid, Panel, strict=True))
+
+
+# --- Explorer ---------------------------------------------------------------------------------
+
+
+@exp.look(
+    "sizes",
+    Look(
+        turn=(
+            "message_bytes",
+            "subscribers",
+            "read_latency_cycles",
+            "write_latency_cycles",
+            "delegate_us",
+            "endpoint_us",
+            "cancel_us",
+        ),
+        needs=("curves",),
+        size=(13.5, 3.6),
+        reference="transfer",
+    ),
+)
+def draw_curves(figure: Figure, run: Run[Config]) -> None:
+    """Draw transfer times over message sizes with the run's constants, and the speed-up at its size."""
+    size = run.config.message_bytes
+    panels = figure.subplots(1, len(Panel), sharex=True, sharey=True)
+    for axes, panel in zip(panels, Panel, strict=True):
+        curve = run["curve"].set_index("message_bytes")
+        curve = curve[curve["panel"] == panel.value]
+        for topic, (label, color) in TOPICS.items():
+            axes.plot(curve.index, _MS_PER_S * curve[f"{topic}_s"], color=color, label=label)
+        axes.axvline(size, color="black", linewidth=0.8)
+        here = curve.loc[size]
+        smt_ms, gateway_ms = _MS_PER_S * here["smt_s"], _MS_PER_S * here["gateway_s"]
+        speed_up = f"{smt_ms / gateway_ms:.2f} {_FAST}"
+        axes.set_title(f"{panel.value}\n{smt_ms:.3g} and {gateway_ms:.3g} ms: {speed_up}")
+        bytes_axis(axes)
+        axes.tick_params(axis="x", labelsize="small")
+        axes.set_yscale("log")
+    panels[0].set_ylabel("transfer time (ms)")
+    panels[0].legend(loc="upper left", fontsize="small")
+    count = run.config.subscribers
+    figure.suptitle(f"{size} B to {count} hardware subscribers and one in software")
