@@ -127,7 +127,7 @@ def shared_s(releases_s: Sequence[float], work_s: float) -> float:
 
     Returns:
         max over j of (release j + work of all nodes that are released from j on). Turns lose no
-        time, so the last node ends with the busy period, whatever the size of a turn. Without
+        time, so the last node ends with the busy period, for turns of any size. Without
         nodes: 0.
     """
     ordered = sorted(releases_s)

@@ -81,10 +81,10 @@ class Prediction:
 
 
 def predictions(numbers: Sequence[float]) -> list[Prediction]:
-    """Predict each of the numbers in `STATED` from the other ones; takes some tenths of a second.
+    """Predict each of the numbers in `STATED` from the other numbers, which takes about a second.
 
     Args:
-        numbers: What the paper states, in the order of `STATED`.
+        numbers: Numbers that the paper states, in the order of `STATED`.
     """
     logs = np.log(numbers)
     start, _ = _posterior(logs, list(range(len(STATED))), _MEDIANS)

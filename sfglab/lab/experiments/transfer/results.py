@@ -275,7 +275,7 @@ TOPICS = {
     "gateway": ("gateway", COLORS["proxy"]),
 }
 """Labels and colours by kind of topic."""
-_RATIO_TICKS = (0.5, 1, 2, 4, 8, 16)
+_RATIO_TICKS = (0.125, 0.25, 0.5, 1, 2, 4, 8, 16, 32)
 
 
 @exp.figure("transfer", size=(10, 6.6))
@@ -286,6 +286,7 @@ def draw_transfer(figure: Figure, run: Run[Config]) -> None:
         rtl = by_size(bars(run, RTL), panel)
         lines(ratios, rtl, STYLES, markersize=9, mfc="none", linestyle="")
         draw_stated(ratios, panel)
+        ratios.set_ylim(0.3, 16)
         times.set_title(panel.value)
     title = (
         "A gateway pays for large messages and many hardware subscribers,\n"
@@ -316,7 +317,7 @@ def draw_live(figure: Figure, run: Run[Config]) -> None:
     """Draw transfer times and speed-ups between processes, with the model's speed-ups as thin lines."""
     table = live_bars(run)
     for times, ratios, panel in draw_panels(figure, table):
-        for place, count in enumerate(STYLES):
+        for place, count in enumerate(sorted(set(table["subscribers"]))):
             draw_intervals(ratios, table, panel, count, shift=1.15 ** (place - 1))
         model = by_size(table, panel, "model")
         lines(ratios, model, STYLES, linestyle="-", marker="", linewidth=0.9, alpha=0.7)
@@ -342,7 +343,9 @@ def draw_intervals(
     # A median can lie on an end of its interval.
     spread = np.clip([below, above], 0, None)
     sizes = chosen["message_bytes"] * shift
-    axes.errorbar(sizes, chosen["ratio"], yerr=spread, markersize=5, capsize=2, **STYLES[count])
+    axes.errorbar(
+        sizes, chosen["ratio"], yerr=spread, markersize=5, capsize=2, **STYLES.get(count, {})
+    )
 
 
 def draw_panels(figure: Figure, table: pd.DataFrame) -> list[tuple[Axes, Axes, Panel]]:
@@ -359,7 +362,6 @@ def draw_panels(figure: Figure, table: pd.DataFrame) -> list[tuple[Axes, Axes, P
         bytes_axis(ratios)
         ratios.set_yscale("log", base=2)
         ratios.axhline(1, color="black", linewidth=0.8)
-        ratios.set_ylim(0.3, 16)
         ratios.set_yticks(_RATIO_TICKS, [f"{tick:g}" for tick in _RATIO_TICKS])
     grid[0, 0].set_ylabel("transfer time (ms)")
     grid[1, 0].set_ylabel("speed-up by the gateway (times)")
