@@ -258,8 +258,12 @@ def live_detail(run: Run[Config], panel: Panel, size: int, count: int) -> str:
 
 
 def process_count(run: Run[Config]) -> int:
-    """Return the largest number of processes that take part in a message."""
-    return int(run["crossing"]["subscribers"].max()) + len(("software", "subscriber", "gateway"))
+    """Return the largest number of processes that take part in a message.
+
+    Besides the subscribers on the hardware side, these are the topic in software, the software
+    subscriber, the publisher and the gateway.
+    """
+    return int(run["crossing"]["subscribers"].max()) + 4
 
 
 # --- Figures ----------------------------------------------------------------------------------
