@@ -8,7 +8,6 @@ import nbformat
 import pytest
 from made_logs import reference
 
-from sfglab.fields import to_json
 from sfglab.lab import notebook, summary
 from sfglab.lab.claims import Ledger, entry_for, load_claims, render_in_full
 from sfglab.lab.experiments import EXPERIMENTS, experiment
@@ -102,11 +101,3 @@ def test_every_committed_figure_of_an_experiment_is_declared_by_it():
     committed = {(twin["experiment"], twin["stem"]) for twin in twins if twin["stem"] != "summary"}
     declared = {(name, drawing) for name in EXPERIMENTS for drawing in experiment(name).drawings}
     assert committed == declared
-
-
-@pytest.mark.parametrize("name", EXPERIMENTS)
-def test_every_reference_log_reads_back_as_the_configuration_that_was_run(name):
-    run = reference(experiment(name))
-    written = run.metadata("config")
-    read = {"experiment": name, **to_json(run.config)}
-    assert {key: read[key] for key in written} == written
