@@ -62,6 +62,7 @@ REASONS: dict[str, str] = {
     "figures/transfer*": "labels in plain words; three figures went; sidecar from the run",
     "figures/node_mapping*": "node mapping is a test",
     "rows/transfer.*": "tables that served checks went; the bars of a second fit are a test",
+    "messages/sfglab_rows.msg.*": "rows have only the columns that a result reads",
     "commands/qos-paper.txt": "the line below the table says channel utilisation",
     "commands/qos-table.txt": "the line below the table says channel utilisation",
     "folders/interfaces/sfglab_interfaces/msg/StreamInfo.msg": "a comment named the codec med",
