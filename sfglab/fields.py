@@ -90,8 +90,9 @@ def bounds_of(row_class: type[Any]) -> dict[str, Bounds]:
     hints = get_type_hints(row_class, include_extras=True)
     found: dict[str, Bounds] = {}
     for field in dataclasses.fields(row_class):
+        hint = hints[field.name]
         marks = [field.metadata.get(BOUNDS)]
-        for item in get_args(hints[field.name]):
+        for item in (hint, *get_args(hint)):
             marks += getattr(item, "__metadata__", ())
         for mark in marks:
             if isinstance(mark, Bounds):

@@ -199,6 +199,7 @@ class Experiment(Generic[C]):
         ] = {}
         self._drawings: dict[str, _Drawing] = {}
         self.looks: dict[str, Look] = {}
+        self.explorers: dict[str, Callable[..., Any]] = {}
 
     def __repr__(self) -> str:
         return f"<experiment {self.name}: paper {self.where}>"
@@ -312,6 +313,16 @@ class Experiment(Generic[C]):
             return function
 
         return declare
+
+    def explorer(self, function: F) -> F:
+        """Declare an explorer: a function that returns the picture of a setting.
+
+        Its parameters have types with bounds, as ``Annotated[float, Bounds(1, 9)]``, default values, and
+        their texts with units in brackets in the section ``Args`` of its documentation. It stays a plain function.
+        A simulation is a generator of pictures, coarse ones first.
+        """
+        self.explorers[function.__name__] = function
+        return function
 
     # What the kit makes of it.
 

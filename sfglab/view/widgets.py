@@ -28,11 +28,16 @@ def widgets() -> Any:
         ) from error
 
 
-def front_end(module: Path, traits: Mapping[str, str]) -> Any:
+def front_end(module: Path, traits: Mapping[str, str], css: str = "") -> Any:
     """Return the class of a widget whose part in the page is an ES module of our own, through anywidget.
 
-    Traits are what both sides share: names, and what traitlets calls their kinds, as ``Unicode``. Raises
-    MissingExtraError without anywidget.
+    Args:
+        module: File of the ES module.
+        traits: Names of the values that Python and page share, with their classes in traitlets, as ``Unicode``.
+        css: Style rules for the page.
+
+    Raises:
+        MissingExtraError: anywidget is not installed.
     """
     try:
         anywidget, traitlets = import_module("anywidget"), import_module("traitlets")
@@ -42,6 +47,8 @@ def front_end(module: Path, traits: Mapping[str, str]) -> Any:
         ) from error
     members = {name: getattr(traitlets, kind)().tag(sync=True) for name, kind in traits.items()}
     members["_esm"] = module.read_text("utf-8")
+    if css:
+        members["_css"] = css
     return type(f"{module.stem.title()}Widget", (anywidget.AnyWidget,), members)
 
 

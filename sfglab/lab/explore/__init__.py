@@ -1,16 +1,23 @@
-"""Exploring an experiment in a notebook: turn a field of its configuration, see the figure follow."""
+"""Exploring in a notebook: sliders change parameters, and a figure follows."""
 
 from __future__ import annotations
 
 from sfglab.lab.explore.explorer import Explorer, explore
+from sfglab.lab.explore.interactive import Interactive
 from sfglab.lab.explore.press import Automaton, Moment, Parts, Pressed, part, transition_part
+from sfglab.lab.pictures import Axis, Panel, Picture, Series
 
 __all__ = [
     "Automaton",
+    "Axis",
     "Explorer",
+    "Interactive",
     "Moment",
+    "Panel",
     "Parts",
+    "Picture",
     "Pressed",
+    "Series",
     "explore",
     "part",
     "transition_part",

@@ -20,7 +20,9 @@ from typing import TYPE_CHECKING, Any, ClassVar
 from sfglab.component import Report, argument_of
 from sfglab.errors import InvalidValueError
 from sfglab.fields import to_json
+from sfglab.lab.experiment import Experiment
 from sfglab.lab.explore.form import Form
+from sfglab.lab.explore.interactive import Interactive
 from sfglab.lab.explore.press import still_bundle
 from sfglab.lab.paths import find_project
 from sfglab.lab.runs import new_log, unfinished_of
@@ -28,8 +30,6 @@ from sfglab.view.widgets import button, refusal_html, widgets
 
 if TYPE_CHECKING:
     from collections.abc import Callable
-
-    from sfglab.lab.experiment import Experiment
 
 #: How long a cell waits for the first picture, s: an empty cache compiles for 13.
 _FIRST_PICTURE_S = 90.0
@@ -280,18 +280,29 @@ def _plain(value: Any) -> Any:
     return tuple(map(_plain, value)) if isinstance(value, list) else value
 
 
-def explore(exp: Experiment[Any], look: str = "", *, profile: str = "quick") -> Explorer:
-    """Show a form of an experiment's configuration and a figure that follows it.
+def explore(
+    what: Experiment[Any] | Callable[..., Any], look: str = "", *, profile: str = "quick"
+) -> Explorer | Interactive:
+    """Show sliders, and a figure that follows them.
 
-        explore(transmission.exp)
+        explore(transfer.exp)
+
+    Args:
+        what: Experiment, or a function that returns a `Picture` (see `Experiment.explorer`).
+        look: Name of the experiment's explorer. [default: the first]
+        profile: Profile of the configuration that the sliders of a `Look` change.
 
     Raises:
-        InvalidValueError: The experiment has no such look.
-        MissingExtraError: ipywidgets is not installed.
+        InvalidValueError: The experiment has no such explorer.
+        MissingExtraError: The extra ``view`` is not installed.
     """
-    chosen = look or next(iter(exp.looks), "")
-    if chosen not in exp.looks:
-        raise InvalidValueError(
-            f"{exp.name}: look", look, ", ".join(exp.looks) or "none: nothing to turn"
-        )
-    return Explorer(exp, chosen, profile)
+    if not isinstance(what, Experiment):
+        return Interactive(what)
+    names = [*what.explorers, *what.looks]
+    chosen = look or next(iter(names), "")
+    if chosen in what.explorers:
+        return Interactive(what.explorers[chosen])
+    if chosen not in what.looks:
+        allowed = ", ".join(names) or "none: nothing to turn"
+        raise InvalidValueError(f"{what.name}: look", look, allowed)
+    return Explorer(what, chosen, profile)

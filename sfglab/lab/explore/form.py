@@ -46,7 +46,8 @@ def unit_of(name: str, text: str) -> str:
 class Form:
     """Widgets that set a configuration. `widget` is what a cell shows.
 
-    Named fields are shown first, the others in a fold below; `within` are narrower bounds of sliders.
+    Named fields are shown first, the others in a fold below; `within` are narrower bounds of sliders, `texts` are
+    fields' documentation where the class has none.
 
     Raises:
         MissingExtraError: ipywidgets is not installed.
@@ -59,6 +60,7 @@ class Form:
         first: Sequence[str],
         on_change: Callable[[], None] = lambda: None,
         within: Mapping[str, Bounds] | None = None,
+        texts: Mapping[str, str] | None = None,
     ) -> None:
         kit = self._kit = widgets()
         self._begin, self.config, self._on_change = config, config, on_change
@@ -66,6 +68,7 @@ class Form:
         self.controls: dict[str, Any] = {}
         self._fields = _fields_of(type(config))
         self._within = within or {}
+        self._texts = texts or {}
         rows = {name: self._row(name) for name in self._fields if name not in _HIDDEN}
         shown = {name: row for name, row in rows.items() if row is not None}
         for name in first:
@@ -91,18 +94,19 @@ class Form:
     def _row(self, name: str) -> Any | None:
         """Return a field's widget with its unit; None where no widget can hold it."""
         hint, bounds, text = self._fields[name]
+        text = self._texts.get(name, text)
         control = self._control(hint, self._within.get(name, bounds), attrgetter(name)(self.config))
         if control is None:
             return None
         unit = unit_of(name, text)
-        words = name.removesuffix(f"_{unit.lower()}") if unit else name
+        words = name.removesuffix(f"_{unit.lower().replace('µ', 'u')}") if unit else name
         control.description = words.replace("_", " ").replace(".", " ")
         control.tooltip = text
         control.style.description_width = "9em"
         control.layout.width = "26em"
         control.observe(lambda change: self._set(name, hint, change["new"]), "value")
         self.controls[name] = control
-        said = self._kit.HTML(f'{escape(unit)} <small style="color:#666">{escape(text)}</small>')
+        said = self._kit.HTML(f'{escape(unit)} <small style="opacity:0.7">{escape(text)}</small>')
         return self._kit.HBox([control, said])
 
     def _control(self, hint: Any, bounds: Bounds | None, value: Any) -> Any | None:
@@ -128,13 +132,15 @@ class Form:
         shown = ".0f" if hint is int else ".3g"
         if bounds.log:
             low, high = math.log10(bounds.low), math.log10(bounds.high)
-            step = (high - low) / _STEPS
+            # A page sets a value to the nearest step: the start is one.
+            below = math.log10(value) - low
+            step = below / max(1, round(_STEPS * below / (high - low))) or (high - low) / _STEPS
             return self._kit.FloatLogSlider(
                 value=value, min=low, max=high, step=step, readout_format=shown
             )
         if hint is int:
             return self._kit.IntSlider(value=value, min=bounds.low, max=bounds.high)
-        # A page sets a value to the nearest step: a round one keeps round values.
+        # A round step keeps round values.
         step = 10.0 ** math.floor(math.log10((bounds.high - bounds.low) / _STEPS))
         return self._kit.FloatSlider(
             value=value, min=bounds.low, max=bounds.high, step=step, readout_format=shown
@@ -193,8 +199,9 @@ def _read(hint: Any, given: Any) -> Any:
         texts = given.split(",") if isinstance(given, str) else [given]
         parts = [part.strip() if isinstance(part, str) else part for part in texts]
         return tuple(_read(get_args(hint)[0], part) for part in parts if part != "")
-    if hint is int and isinstance(given, float):
-        return round(given)  # A slider on a logarithmic scale has fractions.
+    if isinstance(given, float):
+        # A slider on a logarithmic scale has fractions, and returns a power of 10: 79.99999999999996.
+        return round(given) if hint is int else float(f"{given:.9g}")
     if hint in (int, float) and isinstance(given, str):
         with suppress(ValueError):
             return hint(given)

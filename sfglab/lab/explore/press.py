@@ -32,9 +32,13 @@ def part(name: str, *artists: Artist) -> None:
 
 
 def still_bundle(widget: Any, png: bytes, about: object) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Return what a cell shows: the widget, and a picture for those without a kernel, with the thing's text."""
+    """Return what a cell shows: the widget, and a picture for those without a kernel, with its alt text.
+
+    The alt text is `about` if it is a text, or the first paragraph of its documentation.
+    """
+    alt = about if isinstance(about, str) else caption_of(about)
     picture = {"image/png": base64.b64encode(png).decode()}
-    return widget._repr_mimebundle_() | picture, {"image/png": {"alt": caption_of(about)}}
+    return widget._repr_mimebundle_() | picture, {"image/png": {"alt": alt}}
 
 
 class Pressed:

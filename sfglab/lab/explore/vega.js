@@ -1,0 +1,122 @@
+// A figure drawn by Vega. Python sends the specification once and values whenever they change.
+const PATIENCE_MS = 150; // until a figure without an answer is shown as stale
+const REST_MS = 200; // without a change, until points answer the mouse again
+const LEAST_WIDTH = 140; // of a panel, px
+
+async function unpack(packed) {
+  const stream = new Blob([packed]).stream().pipeThrough(new DecompressionStream("gzip"));
+  const code = await new Response(stream).text();
+  const address = URL.createObjectURL(new Blob([code], { type: "text/javascript" }));
+  return (await import(address)).default;
+}
+
+async function embedOf(library) { // evaluated once in a page
+  const loaded = (globalThis.sfglabVega ??= {});
+  const key = library.get("key");
+  loaded[key] ??= unpack(library.get("packed"));
+  return loaded[key].catch((error) => {
+    delete loaded[key]; // the next cell tries again
+    throw error;
+  });
+}
+
+async function render({ model, el, host, signal }) {
+  const [status, box] = ["p", "div"].map((name) => el.appendChild(document.createElement(name)));
+  el.classList.add("sfglab-vega");
+  status.setAttribute("role", "status");
+  const panels = model.get("panels");
+  const patch = (vega) => ({
+    ...vega,
+    layout: { ...vega.layout, columns: { signal: "columns" }, padding: { row: 20, column: 8 } },
+    signals: [...(vega.signals ?? []), { name: "columns", value: panels }],
+  });
+  let result;
+  try {
+    const embed = await embedOf(await host.getModel(model.get("library")));
+    const spec = { ...model.get("spec"), datasets: { ...model.get("ghosts"), ...model.get("rows") } };
+    const options = { actions: false, renderer: "svg", patch, tooltip: { theme: "sfglab" } };
+    result = await embed(box, spec, options);
+  } catch (error) {
+    status.textContent = `The figure cannot be drawn: ${error}. Reload the page and run the cell again.`;
+    return;
+  }
+  const { view, finalize } = result;
+  const widths = Object.keys(view.getState().signals).filter((name) => /^(childWidth|concat_\d+_width)$/.test(name));
+  const margin = box.querySelector("svg").viewBox.baseVal.width / panels - view.signal(widths[0]);
+
+  const shown = {}; // rows by data set; those that are equal are not sent through the dataflow again
+  let shownWidth = 0;
+  const show = (sets) => {
+    for (const [name, rows] of Object.entries(sets)) {
+      if (shown[name] !== rows) view.data(name, rows);
+      shown[name] = rows;
+    }
+  };
+  const fit = () => {
+    const fitting = Math.max(1, Math.floor(el.clientWidth / (margin + LEAST_WIDTH)));
+    let columns = Math.min(panels, fitting);
+    while (panels % columns) columns -= 1;
+    const width = Math.max(80, Math.floor(el.clientWidth / columns - margin - 2));
+    for (const name of widths) view.signal(name, width);
+    view.signal("columns", columns).resize();
+    shownWidth = el.clientWidth;
+  };
+  const showHover = () => { // invisible points under the mouse; too slow for a drag
+    const lines = Object.entries(model.get("rows")).filter(([name]) => name.startsWith("line"));
+    show(Object.fromEntries(lines.map(([name, rows]) => [name.replace("line", "hover"), rows])));
+    view.runAsync();
+  };
+  let rest = 0;
+  const draw = async () => {
+    if (!el.clientWidth) return; // a hidden tab
+    show(model.get("ghosts"));
+    show(model.get("rows"));
+    if (el.clientWidth !== shownWidth) fit();
+    view.description(model.get("said"));
+    await view.runAsync();
+    box.setAttribute("aria-label", model.get("said"));
+    for (const dot of box.querySelectorAll(".mark-symbol [aria-label]")) dot.tabIndex = 0;
+    clearTimeout(rest);
+    rest = setTimeout(showHover, REST_MS);
+  };
+  let busy = false;
+  let again = false;
+  const redraw = async () => { // at once, and only the newest of what comes meanwhile
+    again = true;
+    if (busy) return;
+    busy = true;
+    while (again) {
+      again = false;
+      await draw().catch((error) => { status.textContent = `The figure cannot be drawn: ${error}`; });
+    }
+    busy = false;
+  };
+
+  let patience = 0;
+  const tell = (late) => {
+    const { of, is } = model.get("answer");
+    const waits = late && model.get("asked") > of;
+    const words = { coarse: " (coarse, computing ...)", refused: " (an earlier setting)" };
+    el.classList.toggle("stale", waits || is === "refused");
+    status.textContent = model.get("said") + (waits ? " (computing ...)" : words[is] ?? "");
+  };
+  const wait = () => { patience ||= setTimeout(tell, PATIENCE_MS, true); };
+  model.on("change:asked", wait);
+  model.on("change:answer", () => { clearTimeout(patience); patience = 0; tell(false); wait(); });
+  model.on("change:rows", redraw);
+  model.on("change:ghosts", redraw);
+
+  const press = (item) => {
+    const { place, x } = item?.datum ?? {};
+    if (place !== undefined) model.send({ place, x });
+  };
+  view.addEventListener("pointerup", (_, item) => press(item)); // no click comes if it is redrawn meanwhile
+  box.addEventListener("keydown", ({ key, target }) => key === "Enter" && press(target.__data__));
+  const watch = new ResizeObserver(() => requestAnimationFrame(redraw));
+  watch.observe(el);
+  signal.addEventListener("abort", () => { watch.disconnect(); finalize(); });
+  tell(false);
+  redraw();
+}
+
+export default { render };

@@ -1,0 +1,118 @@
+"""Pictures of explorers: panels of lines and points on fixed axes, as values.
+
+An explorer's function returns a `Picture`. `sfglab.lab.explore.vega` draws it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import KW_ONLY, dataclass
+from typing import TYPE_CHECKING, Any, Literal
+
+from sfglab.errors import InvalidValueError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    import pandas as pd
+
+
+@dataclass(frozen=True, slots=True)
+class Axis:
+    """An axis. Its limits are fixed, so that pictures of different settings can be compared.
+
+    Raises:
+        InvalidValueError: The limits are not in order, or not above zero on a logarithmic axis.
+    """
+
+    quantity: str  #: Name of the quantity.
+    unit: str  #: Unit of the quantity; empty: none.
+    low: float  #: Lowest value that is shown.
+    high: float  #: Highest value that is shown.
+    _: KW_ONLY
+    log: bool = False  #: Whether the axis is logarithmic.
+    ticks: tuple[float, ...] = ()  #: Values with a label; empty: chosen by Vega.
+    si: bool = False  #: Whether labels have SI prefixes, as ``10k``.
+
+    def __post_init__(self) -> None:
+        if self.low >= self.high or (self.log and self.low <= 0):
+            limits = (self.low, self.high)
+            raise InvalidValueError(
+                f"limits of {self.quantity}", limits, "low < high; log: above 0"
+            )
+
+    @property
+    def label(self) -> str:
+        """Name and unit of the quantity."""
+        return f"{self.quantity} ({self.unit})" if self.unit else self.quantity
+
+    def text(self, value: float) -> str:
+        """Return a value with its unit, to four significant digits, or as a whole number."""
+        number = f"{value:,}" if isinstance(value, int) else f"{value:.4g}"
+        return f"{number} {self.unit}".strip()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Series:
+    """Values of one name and colour."""
+
+    name: str  #: Name in the legend.
+    color: str  #: Colour, as ``#RRGGBB``.
+    x: Sequence[float]  #: Positions; whole numbers are shown with all their digits.
+    y: Sequence[float]  #: Values.
+    kind: Literal["line", "dot"] = "line"  #: Whether a line joins the values.
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Panel:
+    """Series on the same axes."""
+
+    title: str  #: Title, unique in the picture.
+    x: Axis  #: Horizontal axis.
+    y: Axis  #: Vertical axis.
+    series: tuple[Series, ...]  #: Series; lines first.
+    note: str = ""  #: Line below the title.
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Picture:
+    """What an explorer shows for one setting.
+
+    Panels, their titles, axes, and the names, kinds and colours of series are the same for all
+    settings of an explorer.
+    """
+
+    said: str  #: Sentence that says what is shown; the alt text.
+    panels: tuple[Panel, ...]  #: Panels, from left to right.
+
+    def at(self, panel: str, x: float) -> pd.DataFrame:
+        """Return the values of a panel at a position, one row per series.
+
+        Raises:
+            InvalidValueError: There is no such panel, or no series has a value at that position.
+        """
+        import pandas as pd
+
+        table = pd.DataFrame(self.values())
+        chosen = table[(table["panel"] == panel) & (table["x"] == x)]
+        if chosen.empty:
+            titles = ", ".join(one.title for one in self.panels)
+            raise InvalidValueError("panel and position", (panel, x), f"a value of {titles}")
+        # A position is often both on a line and a dot of the same name.
+        columns = ["panel", "x", "series", "y", "unit"]
+        return chosen[columns].drop_duplicates(ignore_index=True)
+
+    def values(self) -> Iterator[dict[str, Any]]:
+        """Yield all values, with the place of the panel, the kind, and a sentence for each."""
+        for place, panel in enumerate(self.panels):
+            for series in panel.series:
+                for x, y in zip(series.x, series.y, strict=True):
+                    yield {
+                        "place": place,
+                        "panel": panel.title,
+                        "kind": series.kind,
+                        "series": series.name,
+                        "x": x,
+                        "y": float(y),
+                        "unit": panel.y.unit,
+                        "words": f"{series.name}: {panel.y.text(y)} at {panel.x.text(x)}",
+                    }

@@ -1,0 +1,198 @@
+"""Explorers of functions: a form from the parameters, pictures as values, a still without a browser."""
+
+import base64
+import gzip
+import io
+import json
+import threading
+from contextlib import closing
+from typing import Annotated
+
+import pytest
+from PIL import Image
+
+from sfglab.errors import InvalidValueError
+from sfglab.fields import Bounds
+from sfglab.lab.explore import explore, interactive, vega
+from sfglab.lab.explore.follower import Follower
+from sfglab.lab.explore.interactive import argument_texts
+from sfglab.lab.pictures import Axis, Panel, Picture, Series
+
+pytest.importorskip("altair", reason="the extra view is not installed")
+pytest.importorskip("vl_convert", reason="the extra view is not installed")
+X = Axis("distance", "m", 0, 10)
+Y = Axis("time", "s", 0, 100)
+WAIT_S = 60
+
+
+def line(
+    *, slope: Annotated[float, Bounds(1, 9)] = 2.0, points: Annotated[int, Bounds(2, 9)] = 3
+) -> Picture:
+    """Return a line.
+
+    Args:
+        slope: Time for one metre [s/m].
+        points: Number of points, which
+            are one metre apart.
+    """
+    if points == 7:
+        raise InvalidValueError("points", points, "not seven")
+    if points == 8:
+        raise RuntimeError("a mistake")
+    xs = range(points)
+    curve = Series(name="walk", color="#00528A", x=xs, y=[slope * x for x in xs])
+    dot = Series(name="walk", color="#00528A", kind="dot", x=[1], y=[slope])
+    panel = Panel(title="way", x=X, y=Y, series=(curve, dot))
+    return Picture(said=f"A line of {slope:g} s/m.", panels=(panel,))
+
+
+@pytest.fixture
+def walk():
+    with closing(explore(line)) as explorer:
+        yield explorer
+
+
+def test_parameters_become_sliders_with_their_bounds_texts_and_units(walk):
+    slope, points = walk.form.controls["slope"], walk.form.controls["points"]
+    assert (slope.min, slope.max, slope.value) == (1, 9, 2)
+    assert (points.min, points.max, points.value) == (2, 9, 3)
+    assert argument_texts(line) == {
+        "slope": "Time for one metre [s/m].",
+        "points": "Number of points, which are one metre apart.",
+    }
+    assert slope.tooltip == "Time for one metre [s/m]."
+
+
+def test_the_figure_has_the_values_of_the_function_and_a_press_prints_their_call(walk):
+    walk.form.controls["slope"].value = 3.5
+    assert walk.wait(WAIT_S)
+    assert walk._figure.rows["line0"] == vega.rows_of(line(slope=3.5))["line0"]
+    assert walk._figure.rows["dot0"][0]["words"] == "walk: 3.5 s at 1 m"
+    walk._figure._handle_custom_msg({"place": 0, "x": 2}, [])
+    assert "line(slope=3.5).at(&#x27;way&#x27;, 2)" in walk._printed.value
+    text = walk.print_values("way", 2)
+    values, call = text.split("\n\n")
+    names = {}
+    exec(call.replace("\nline(", "\ntable = line("), names)  # noqa: S102
+    repeated = names["table"]
+    assert repeated.to_string(index=False) == values
+    assert repeated["y"].tolist() == [7.0]
+    walk._figure._handle_custom_msg({"place": 0, "x": 0.5}, [])
+    assert "given (&#x27;way&#x27;, 0.5)" in walk._printed.value
+
+
+def test_outlines_show_the_start_and_the_setting_before_a_pause(walk, monkeypatch):
+    control = walk.form.controls["slope"]
+    start = vega.ghosts_of(line(), "reference")
+    assert walk._figure.ghosts == start
+    monkeypatch.setattr(interactive, "_REST_S", 60.0)
+    control.value = 4.0
+    assert walk.wait(WAIT_S)
+    assert walk._figure.ghosts == start
+    monkeypatch.setattr(interactive, "_REST_S", 0.0)
+    control.value = 5.0
+    assert walk.wait(WAIT_S)
+    assert walk._figure.ghosts == start | vega.ghosts_of(line(slope=4.0), "last")
+
+
+def test_a_setting_without_a_picture_is_refused_and_the_next_one_is_shown(walk):
+    for points, reason in ((7, "points: given 7"), (8, "it cannot be drawn: RuntimeError")):
+        walk.form.controls["points"].value = points
+        assert walk.wait(WAIT_S)
+        assert walk._figure.answer["is"] == "refused"
+        assert f"points={points}" not in walk.code()  # of the picture that is still shown
+        assert reason in walk.form._said.value
+        walk.form.controls["points"].value = 4
+        assert walk.wait(WAIT_S)
+        assert walk._figure.answer == {"of": walk._figure.asked, "is": "whole"}
+        assert walk.form.config.points == 4
+        assert len(walk._figure.rows["line0"]) == 4
+        assert not walk.form._said.value
+
+
+class Screen:
+    """Keeps what a follower shows."""
+
+    def __init__(self):
+        self.shown = []
+
+    def show(self, request, setting, picture, *, final):
+        self.shown.append((request, setting, picture, final))
+
+    def refuse(self, request, reason):
+        raise AssertionError(request, reason)
+
+
+def test_a_simulation_shows_coarse_pictures_and_leaves_settings_that_are_passed_over():
+    screen, may_go_on, began = Screen(), threading.Event(), threading.Event()
+    pictures = {name: line(slope=slope) for name, slope in (("coarse", 1.0), ("whole", 2.0))}
+
+    def simulate(setting):
+        yield None
+        yield pictures["coarse"]
+        began.set()
+        may_go_on.wait(WAIT_S)
+        yield None
+        yield pictures["whole"]
+
+    follower = Follower(simulate, screen)
+    first = follower.ask(0)
+    assert began.wait(WAIT_S)
+    for setting in range(1, 5):
+        last = follower.ask(setting)
+    may_go_on.set()
+    assert follower.wait(WAIT_S)
+    follower.close()
+    coarse, whole = pictures.values()
+    assert screen.shown[:2] == [(first, 0, coarse, False), (last, 4, coarse, False)]
+    assert screen.shown[2:] == [(last, 4, whole, False), (last, 4, whole, True)]
+
+
+def simulated(*, slope: Annotated[float, Bounds(1, 9)] = 2.0):
+    yield line(points=2)
+    yield line(slope=slope)
+
+
+def test_the_call_of_a_simulation_returns_its_whole_picture():
+    with closing(explore(simulated)) as explorer:
+        explorer.form.controls["slope"].value = 3.0
+        assert explorer.wait(WAIT_S)
+        assert explorer.picture == line(slope=3.0)
+        assert explorer.code().endswith("[*simulated(slope=3.0)][-1]")
+
+
+def test_a_cell_that_runs_again_closes_the_explorer_before():
+    with closing(explore(line)) as first, closing(explore(line)):
+        assert first._follower._closed
+
+
+def test_the_output_holds_a_small_still_with_alt_text_made_without_a_browser(walk):
+    data, metadata = walk._repr_mimebundle_()
+    assert metadata["image/png"]["alt"] == "A line of 2 s/m."
+    assert "application/vnd.jupyter.widget-view+json" in data
+    assert len(json.dumps(data)) < 100_000
+    with Image.open(io.BytesIO(base64.b64decode(data["image/png"]))) as still:
+        colors = {color for _, color in still.convert("RGB").getcolors()}
+    assert (255, 255, 255) in colors
+    assert any(abs(r) + abs(g - 0x52) + abs(b - 0x8A) < 30 for r, g, b in colors)
+
+
+def test_the_script_is_an_es_module_that_is_made_once_and_needs_no_writable_home(
+    tmp_path, monkeypatch
+):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    made = vega._packed_script()
+    code = gzip.decompress(made).decode()
+    assert code.rstrip().endswith(" as default};")
+    assert "https://cdn" not in code.partition("export{")[0][:1000]
+    (file,) = (tmp_path / "sfglab").iterdir()
+    file.write_bytes(b"kept")
+    assert vega._packed_script() == b"kept"
+    monkeypatch.setenv("XDG_CACHE_HOME", "/proc/none")
+    assert vega._packed_script() == made
+
+
+def test_axes_without_order_and_logarithms_of_zero_are_refused():
+    for low, high, log in ((1, 1, False), (0, 1, True)):
+        with pytest.raises(InvalidValueError, match="limits of time"):
+            Axis("time", "s", low, high, log=log)
