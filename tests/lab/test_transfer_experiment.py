@@ -6,16 +6,19 @@ import signal
 import subprocess
 import sys
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 
 import psutil
 import pytest
 from made_logs import CLAIMS
 
-from sfglab.lab.experiments.transfer import cycles, exp, experiment, stated
+from sfglab.fields import bounds_of
+from sfglab.lab.experiments.transfer import cycles, exp, experiment, sizes, stated
 from sfglab.lab.experiments.transfer.experiment import IN, OUT, READS, RTL, WRITE, bars_with_cycles
 from sfglab.lab.experiments.transfer.live import Crossing, crossings, message_count
 from sfglab.lab.experiments.transfer.results import bars, live_bars
+from sfglab.lab.explore.interactive import setting_of
 from sfglab.lab.workers.crossing import Message, content_of, random_bytes
 from sfglab.processes import ProcessFailedError
 from sfglab.soc.memory import STORED
@@ -44,14 +47,31 @@ def test_every_live_cell_is_measured_over_both_transports_in_every_repetition(ru
     assert live_bars(run)["panel"].nunique() == 4
 
 
-def test_bars_are_the_model_s_and_curves_those_of_the_configuration_s_constants(run):
+def test_bars_are_the_model_s(run):
     assert list(bars(run)["ratio"]) == [bar.ratio for bar in speed_ups()]
-    at = run["curve"][run["curve"]["message_bytes"] == run.config.message_bytes]
-    points = speed_ups(subscribers=[run.config.subscribers], sizes_bytes=[run.config.message_bytes])
-    assert at["smt_s"].tolist() == pytest.approx([point.smt_s for point in points])
-    turned = experiment.own_costs(replace(run.config, endpoint_us=1.0, read_latency_cycles=60.0))
-    assert turned.endpoint_s == pytest.approx(1e-6)
-    assert turned.memory.read_latency_cycles == 60.0
+
+
+def test_the_explorer_shows_the_model_s_times_and_its_speed_up():
+    here = speed_ups(subscribers=[8], sizes_bytes=[10_000_000])
+    picture = sizes(message_bytes=10_000_000, subscribers=8)
+    dots = [row["y"] for row in picture.values() if row["kind"] == "dot"]
+    assert dots == [1e3 * time_s for bar in here for time_s in (bar.smt_s, bar.gateway_s)]
+    assert [panel.note for panel in picture.panels] == [
+        f"speed-up: {bar.ratio:.2f}" for bar in here
+    ]
+    faster = sizes(endpoint_us=10.0).at("hardware to hardware", 1_000_000)["y"]
+    assert (faster < sizes().at("hardware to hardware", 1_000_000)["y"]).all()
+
+
+def test_the_explorer_s_axes_hold_every_setting_of_its_form():
+    setting = setting_of(sizes)
+    ends = {name: (one.low, one.high) for name, one in bounds_of(type(setting)).items()}
+    assert len(ends) == 7
+    for values in product(*ends.values()):
+        picture = sizes(**dict(zip(ends, values, strict=True)))
+        for row in picture.values():
+            axis = picture.panels[row["place"]].y
+            assert axis.low <= row["y"] <= axis.high
 
 
 def test_simulated_hardware_takes_the_model_s_cycles_on_all_paths(run):

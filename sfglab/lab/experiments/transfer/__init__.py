@@ -6,6 +6,6 @@ with the cycles of simulated hardware, and live between processes.
 
 from sfglab.lab.experiments.transfer.experiment import exp
 from sfglab.lab.experiments.transfer.live import Crossing
-from sfglab.lab.experiments.transfer.results import constants, cycles, live_bars, stated
+from sfglab.lab.experiments.transfer.results import constants, cycles, live_bars, sizes, stated
 
-__all__ = ["Crossing", "constants", "cycles", "exp", "live_bars", "stated"]
+__all__ = ["Crossing", "constants", "cycles", "exp", "live_bars", "sizes", "stated"]

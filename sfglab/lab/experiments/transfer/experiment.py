@@ -11,12 +11,10 @@ from dataclasses import asdict, dataclass, replace
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
-from sfglab.fields import between, to_json
+from sfglab.fields import to_json
 from sfglab.lab.bench import TableRow
-from sfglab.lab.experiment import Actor, Experiment, Link, Profiled
-from sfglab.soc.memory import STORED, Costs, with_values
+from sfglab.lab.experiment import PROFILES, Actor, Experiment, Link, Profiled
+from sfglab.soc.memory import STORED, Costs
 from sfglab.soc.paper_values import MESSAGE_BYTES, SUBSCRIBERS, speed_ups
 
 if TYPE_CHECKING:
@@ -33,14 +31,11 @@ OUT, IN, READS, WRITE = PATHS = (
     "write",
 )
 """Paths of a message over the memory interface, by the values of `sfglab.soc.rtl.MemoryPath`."""
-_US = 1e6
-_S_PER_US = 1e-6
-_CURVE_BYTES = np.geomspace(256, 100_000_000, 48).astype(int)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Config(Profiled):
-    """Sizes and counts of the run, and constants of the curves to explore."""
+    """Sizes and counts of the run."""
 
     #: Numbers of hardware subscribers in simulated hardware.
     rtl_subscribers: tuple[int, ...] = SUBSCRIBERS
@@ -48,19 +43,6 @@ class Config(Profiled):
     #: Numbers of subscribing processes on the hardware side.
     live_subscribers: tuple[int, ...] = SUBSCRIBERS
     live_rounds: int = 40  #: Number of live repetitions; 0: no live part.
-    subscribers: int = between(4, 1, 16)  #: Number of hardware subscribers of the curves.
-    #: Message size at which the curves are read.
-    message_bytes: int = between(1_000_000, 256, 100_000_000, log=True)
-    #: Latency from a read request to its first word [cycles].
-    read_latency_cycles: float = between(STORED.memory.read_latency_cycles, 1, 300, log=True)
-    #: Latency from the last word of a write to its response [cycles].
-    write_latency_cycles: float = between(STORED.memory.write_latency_cycles, 1, 300, log=True)
-    #: Round trip to a delegate [µs].
-    delegate_us: float = between(_US * STORED.delegate_s, 1, 2000, log=True)
-    #: Time of a node or core for a message at either end [µs].
-    endpoint_us: float = between(_US * STORED.endpoint_s, 1, 2000, log=True)
-    #: Cancellation of a gateway core's request [µs].
-    cancel_us: float = between(_US * STORED.cancel_s, 1, 2000, log=True)
     seed: int = 0  #: Seed of the order of live measurements and of the messages.
 
 
@@ -103,16 +85,24 @@ exp = Experiment(
         "small_nodes": {"smoke": 5, "quick": 8, "paper": 8},
         "large_graphs": {"smoke": 1, "quick": 4, "paper": 10},
         "large_nodes": {"smoke": 12, "quick": 50, "paper": 50},
+        # Parameters of the explorer.
+        "subscribers": dict.fromkeys(PROFILES, 4),
+        "message_bytes": dict.fromkeys(PROFILES, 1_000_000),
+        "read_latency_cycles": dict.fromkeys(PROFILES, 30.0),
+        "write_latency_cycles": dict.fromkeys(PROFILES, 8.758),
+        "delegate_us": dict.fromkeys(PROFILES, 80.0),
+        "endpoint_us": dict.fromkeys(PROFILES, 373.57),
+        "cancel_us": dict.fromkeys(PROFILES, 310.43),
     },
 )
 
 
-@exp.table("bar", "curve")
+@exp.table("bar")
 class TransferRow(TableRow):
-    """A bar of Fig. 6 or 7, or a point of a curve over message sizes."""
+    """A bar of Fig. 6 or 7."""
 
     #: Origin of the times: ``stored``: the model; ``rtl``: the model with the cycles of simulated
-    #: hardware; ``own``: the model with the constants of the configuration.
+    #: hardware.
     model: str
     panel: str  #: Sides of publisher and subscriber.
     message_bytes: int  #: Size of the message.
@@ -151,28 +141,6 @@ def write_model(bench: Bench[Config]) -> None:
     """Write the model's bars of Fig. 6 and 7."""
     for bar in speed_ups():
         bench.write("bar", {"model": MODEL, **to_json(bar)})
-
-
-def own_costs(config: Config) -> Costs:
-    """Return the model with the constants of a configuration."""
-    values = {
-        "read_latency_cycles": config.read_latency_cycles,
-        "write_latency_cycles": config.write_latency_cycles,
-        "delegate_s": _S_PER_US * config.delegate_us,
-        "endpoint_s": _S_PER_US * config.endpoint_us,
-        "cancel_s": _S_PER_US * config.cancel_us,
-    }
-    return with_values(STORED, values)
-
-
-@exp.part("curves", total=0, timed=False)
-def write_curves(bench: Bench[Config]) -> None:
-    """Write transfer times over message sizes with the constants of the configuration."""
-    config = bench.config
-    sizes = sorted({*_CURVE_BYTES.tolist(), config.message_bytes})
-    own = own_costs(config)
-    for point in speed_ups(own, subscribers=[config.subscribers], sizes_bytes=sizes):
-        bench.write("curve", {"model": "own", **to_json(point)})
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,13 +6,14 @@ speed-up is the transfer time over a software-mapped topic by that through a gat
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 import pandas as pd
 
+from sfglab.fields import Bounds
+from sfglab.lab import pictures
 from sfglab.lab.claims import Finding, How
-from sfglab.lab.experiment import Look
 from sfglab.lab.experiments.transfer.experiment import (
     IN,
     MODEL,
@@ -27,8 +28,8 @@ from sfglab.lab.figures import COLORS, bytes_axis, lines, note, paper_line
 from sfglab.lab.paper import paper
 from sfglab.lab.runs import Run, derived, lines_of
 from sfglab.lab.stats import Estimate, exactly, paired_ratios
-from sfglab.soc.memory import FITTED, STORED, MemoryInterface
-from sfglab.soc.paper_values import MESSAGE_BYTES, STATED, SUBSCRIBERS, Panel
+from sfglab.soc.memory import FITTED, STORED, MemoryInterface, with_values
+from sfglab.soc.paper_values import MESSAGE_BYTES, STATED, SUBSCRIBERS, Panel, SpeedUp, speed_ups
 from sfglab.soc.prediction import predictions
 from sfglab.tables import field_rows
 
@@ -381,42 +382,76 @@ def draw_panels(figure: Figure, table: pd.DataFrame) -> list[tuple[Axes, Axes, P
 
 # --- Explorer ---------------------------------------------------------------------------------
 
+Size = Annotated[int, Bounds(256, 100_000_000, log=True)]
+Count = Annotated[int, Bounds(1, 16)]
+Cycles = Annotated[float, Bounds(1, 300, log=True)]
+Microseconds = Annotated[float, Bounds(10, 2000, log=True)]
 
-@exp.look(
-    "sizes",
-    Look(
-        turn=(
-            "message_bytes",
-            "subscribers",
-            "read_latency_cycles",
-            "write_latency_cycles",
-            "delegate_us",
-            "endpoint_us",
-            "cancel_us",
-        ),
-        needs=("curves",),
-        size=(13.5, 3.6),
-        reference="transfer",
-    ),
-)
-def draw_curves(figure: Figure, run: Run[Config]) -> None:
-    """Draw transfer times over message sizes with the run's constants, and the speed-up at its size."""
-    size = run.config.message_bytes
-    panels = figure.subplots(1, len(Panel), sharex=True, sharey=True)
-    for axes, panel in zip(panels, Panel, strict=True):
-        curve = run["curve"].set_index("message_bytes")
-        curve = curve[curve["panel"] == panel.value]
-        for topic, (label, color) in TOPICS.items():
-            axes.plot(curve.index, _MS_PER_S * curve[f"{topic}_s"], color=color, label=label)
-        axes.axvline(size, color="black", linewidth=0.8)
-        here = curve.loc[size]
-        smt_ms, gateway_ms = _MS_PER_S * here["smt_s"], _MS_PER_S * here["gateway_s"]
-        speed_up = f"{smt_ms / gateway_ms:.2f} {_FAST}"
-        axes.set_title(f"{panel.value}\n{smt_ms:.3g} and {gateway_ms:.3g} ms: {speed_up}")
-        bytes_axis(axes)
-        axes.tick_params(axis="x", labelsize="small")
-        axes.set_yscale("log")
-    panels[0].set_ylabel("transfer time (ms)")
-    panels[0].legend(loc="upper left", fontsize="small")
-    count = run.config.subscribers
-    figure.suptitle(f"{size} B to {count} hardware subscribers and one in software")
+SIZES_BYTES = np.geomspace(256, 100_000_000, 29).astype(int).tolist()
+"""Message sizes of the curves."""
+_SIZE = pictures.Axis("message size", "B", 256, 1e8, log=True, ticks=(1e3, 1e5, 1e7), si=True)
+_TIME = pictures.Axis("transfer time", "ms", 0.01, 3e4, log=True, ticks=(0.01, 1, 100, 1e4))
+_US_PER_S = 1e6
+_DELEGATE_US = round(_US_PER_S * STORED.delegate_s, 2)
+_ENDPOINT_US = round(_US_PER_S * STORED.endpoint_s, 2)
+_CANCEL_US = round(_US_PER_S * STORED.cancel_s, 2)
+
+
+@exp.explorer
+def sizes(  # noqa: PLR0913  # one slider for each
+    *,
+    message_bytes: Size = 1_000_000,
+    subscribers: Count = 4,
+    read_latency_cycles: Cycles = STORED.memory.read_latency_cycles,
+    write_latency_cycles: Cycles = STORED.memory.write_latency_cycles,
+    delegate_us: Microseconds = _DELEGATE_US,
+    endpoint_us: Microseconds = _ENDPOINT_US,
+    cancel_us: Microseconds = _CANCEL_US,
+) -> pictures.Picture:
+    """Return transfer times over message sizes, and the gateway's speed-up at one of them.
+
+    Args:
+        message_bytes: Message size of the dots [B].
+        subscribers: Number of hardware subscribers.
+        read_latency_cycles: Latency from a read request to its first word [cycles].
+        write_latency_cycles: Latency from the last word of a write to its response [cycles].
+        delegate_us: Round trip to a delegate [µs].
+        endpoint_us: Time of a node or core for a message at either end [µs].
+        cancel_us: Cancellation of a gateway core's request [µs].
+    """
+    values = {
+        "read_latency_cycles": read_latency_cycles,
+        "write_latency_cycles": write_latency_cycles,
+        "delegate_s": delegate_us / _US_PER_S,
+        "endpoint_s": endpoint_us / _US_PER_S,
+        "cancel_s": cancel_us / _US_PER_S,
+    }
+    all_sizes = [*SIZES_BYTES, message_bytes]
+    bars = speed_ups(with_values(STORED, values), subscribers=[subscribers], sizes_bytes=all_sizes)
+    panels = [_curves(panel, bars) for panel in Panel]
+    said = (
+        f"Transfer times to {subscribers} hardware subscribers and one in software. "
+        f"Dots: messages of {message_bytes:,} B."
+    )
+    return pictures.Picture(said=said, panels=tuple(panels))
+
+
+def _curves(panel: Panel, bars: list[SpeedUp]) -> pictures.Panel:
+    """Return the curves of a panel; its last bar has the size of the dots."""
+    chosen = [bar for bar in bars if bar.panel is panel]
+    here = chosen[-1]
+    series = []
+    for topic, (name, color) in TOPICS.items():
+        times_ms = [_MS_PER_S * getattr(bar, f"{topic}_s") for bar in chosen]
+        curve = pictures.Series(name=name, color=color, x=SIZES_BYTES, y=times_ms[:-1])
+        dot = pictures.Series(
+            name=name, color=color, kind="dot", x=[here.message_bytes], y=times_ms[-1:]
+        )
+        series += [curve, dot]
+    return pictures.Panel(
+        title=panel.value,
+        x=_SIZE,
+        y=_TIME,
+        series=tuple(series),
+        note=f"speed-up: {here.ratio:.2f}",
+    )
