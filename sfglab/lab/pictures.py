@@ -75,7 +75,7 @@ class Panel:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Picture:
-    """What an explorer shows for one setting.
+    """The figure of an explorer for one setting.
 
     Panels, their titles, axes, and the names, kinds and colours of series are the same for all
     settings of an explorer.

@@ -111,7 +111,7 @@ def _panel_chart(place: int, panel: Panel, color: Any) -> Any:
         layer(REFERENCE).mark_line(strokeDash=[2, 3], **_GHOST).encode(x, y, color),
         layer(LAST).mark_line(strokeWidth=1, **_GHOST).encode(x, y, color),
         layer("line").mark_line(clip=True, aria=False).encode(x, y, color),
-        # Invisible, for the mouse: a line has one tooltip for all its points. The page fills them.
+        # A line has one tooltip for all its points. So the page fills invisible points for the mouse.
         layer("hover")
         .mark_circle(size=250, opacity=0, aria=False, cursor="pointer", clip=True)
         .encode(x, y, tooltip="words:N"),
