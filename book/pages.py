@@ -50,7 +50,7 @@ def write_pages(folder: Path) -> None:
     (folder / "notebooks").mkdir()
     (folder / "extra" / "figures").mkdir(parents=True)
     for notebook in sorted((ROOT / "notebooks").glob("*.ipynb")):
-        text = re.sub(r'(href=\\"\d\d_\w+\.)ipynb', r"\1html", notebook.read_text("utf-8"))
+        text = _linked_within_the_book(notebook.read_text("utf-8"))
         (folder / "notebooks" / notebook.name).write_text(text, encoding="utf-8")
         for name in re.findall(
             r"\.\./figures/([\w.]+)", text
@@ -76,6 +76,13 @@ def write_pages(folder: Path) -> None:
     (reference / "experiments.md").write_text(experiments_page(), encoding="utf-8")
     (reference / "names.md").write_text(names_page(), encoding="utf-8")
     (reference / "ledger.md").write_text(ledger_page(), encoding="utf-8")
+
+
+def _linked_within_the_book(notebook: str) -> str:
+    """Return a notebook whose links in outputs to other notebooks and to pages are the book's."""
+    text = re.sub(r'href=\\"\.\./notebooks/(\w+)\.ipynb', r'href=\\"\1.html', notebook)
+    text = re.sub(r'href=\\"\.\./book/(\w+)\.md', r'href=\\"../\1.html', text)
+    return re.sub(r'(href=\\"\d\d_\w+\.)ipynb', r"\1html", text)
 
 
 def _replace(page: Path, marks: Mapping[str, str]) -> None:

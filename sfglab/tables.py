@@ -37,11 +37,20 @@ def text_table(rows: Iterable[Sequence[str]]) -> str:
 _CELL = "text-align: left; white-space: normal; vertical-align: top"
 
 
-def html_table(rows: Iterable[Sequence[object]], caption: str = "") -> str:
-    """Return rows as an HTML table, all texts escaped and shown in full; the first is the head."""
-    lines = (
-        "".join(f'<td style="{_CELL}">{escape(str(cell))}</td>' for cell in row) for row in rows
-    )
+def html_table(
+    rows: Iterable[Sequence[object]], caption: str = "", *, right: Container[int] = ()
+) -> str:
+    """Return rows as an HTML table, all texts escaped and shown in full; the first is the head.
+
+    Columns whose positions are in `right` are flush right.
+    """
+    lines = []
+    for row in rows:
+        line = ""
+        for i, cell in enumerate(row):
+            style = _CELL.replace("left", "right") if i in right else _CELL
+            line += f'<td style="{style}">{escape(str(cell))}</td>'
+        lines.append(line)
     head, *body = (f"<tr>{line}</tr>" for line in lines)
     said = f'<caption style="text-align: left">{escape(caption)}</caption>' if caption else ""
     head = head.replace("<td ", "<th ").replace("</td>", "</th>")

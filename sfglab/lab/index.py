@@ -98,7 +98,7 @@ def _ours(entry: Entry) -> str:
 def _claim_row(entry: Entry) -> str:
     claim = entry.claim
     cells = (
-        _verdicts([entry]),
+        verdicts_html([entry]),
         escape(f"{claim.where}: {claim.criterion.sentence if claim.criterion else claim.says}"),
         "<br>".join(map(escape, criterion_of(claim))),
         escape(_ours(entry)),
@@ -128,13 +128,14 @@ def _row(
     name = next((n for n in committed if not n.endswith("_ros2") or len(committed) == 1), "")
     caption = exp.caption(name) if name else ""
     picture = _thumbnail(project.figures / f"{name}.png", caption) if name else ""
-    claims = _verdicts(entry for entry in ledger if entry.claim.experiment == exp.name)
+    claims = verdicts_html(entry for entry in ledger if entry.claim.experiment == exp.name)
     link = f'<b><a href="{path.name}">{path.stem}</a></b> {escape(exp.where)}<br>{escape(title)}'
     return exp.where, _line((picture, link, escape(caption), claims))
 
 
-def _verdicts(entries: Iterable[Entry]) -> str:
-    return "<br>".join(
+def verdicts_html(entries: Iterable[Entry], between: str = "<br>") -> str:
+    """Return claims with their verdicts in colour, with a separator."""
+    return between.join(
         f'<span style="white-space: nowrap">{e.claim.id} '
         f'<b style="color: {COLORS[e.verdict.value]}">{e.verdict.value}</b></span>'
         for e in entries

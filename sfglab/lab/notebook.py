@@ -7,6 +7,7 @@ the transport and the boundary. A link that crosses a boundary has the colour of
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from textwrap import fill
@@ -19,20 +20,30 @@ from sfglab.lab import ledger
 from sfglab.lab.claims import Entry, How, Ledger
 from sfglab.lab.experiments import experiment
 from sfglab.lab.figures import COLORS, few_colors, house_style, png_of
+from sfglab.lab.notebooks import COPY_VARIABLE, INDEX, find_notebooks, notebook_of
 from sfglab.lab.paths import find_project
 from sfglab.lab.runs import SMOKE, C, Run
 from sfglab.record import LogReader
+from sfglab.tables import html_table
 
 if TYPE_CHECKING:
-    from IPython.display import Image, Video
+    from IPython.display import HTML, Image, Video
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-    from pandas.io.formats.style import Styler
 
     from sfglab.lab.experiment import Experiment, Link, Setup
     from sfglab.lab.index import IndexPage
+    from sfglab.lab.paths import Project
 
 _LARGE_BYTES = 200_000
+#: Number of rows of a table that are always shown.
+_SHOWN_ROWS = 10
+#: Numbers from here on are shown without a fraction.
+_WHOLE_FROM = 100
+#: Pages that each header links to, as paths from the top folder.
+START = f"notebooks/{INDEX}.ipynb"
+LEDGER = START
+GLOSSARY = "book/glossary.md"
 pd.set_option("display.max_colwidth", None)  # tables show their sentences whole
 
 
@@ -119,13 +130,69 @@ def setup(exp: Experiment[Any]) -> Image:
     return image_of(draw_setup(exp.setup), f"Hosts, processes and messages of {exp.name}")
 
 
-def words(frame: pd.DataFrame) -> Styler:
-    """Return a table whose texts are shown in full."""
-    style = frame.style.format(escape="html").hide(axis="index")
-    style.set_table_styles(
-        [{"selector": "td, th", "props": "text-align: left; white-space: normal"}]
-    )
-    return style.set_uuid("words")  # equal tables are equal output
+def table(frame: pd.DataFrame) -> HTML:
+    """Return a table without its index; rows after the tenth are behind "show all".
+
+    Texts are shown in full. Numbers have three significant digits, and missing ones are empty. The
+    fold needs no script, so that it works in saved notebooks and in the book.
+    """
+    from IPython.display import HTML
+
+    head = tuple(map(_title, frame.columns))
+    columns = [frame.iloc[:, i].map(_cell) for i in range(len(head))]
+    rows = list(zip(*columns, strict=True))
+    right = {i for i, kind in enumerate(frame.dtypes) if pd.api.types.is_numeric_dtype(kind)}
+    html = html_table([head, *rows[:_SHOWN_ROWS]], right=right)
+    if len(rows) > _SHOWN_ROWS:
+        whole = html_table([head, *rows], right=right)
+        html += f"<details><summary>show all {len(rows)} rows</summary>{whole}</details>"
+    return HTML(html)
+
+
+def _title(column: object) -> str:
+    """Return the title of a column, of which a tuple has several levels."""
+    levels = column if isinstance(column, tuple) else (column,)
+    return ": ".join(filter(None, map(str, levels)))
+
+
+def _cell(value: Any) -> str:
+    """Return the text of a table's cell."""
+    if pd.api.types.is_scalar(value) and pd.isna(value):
+        return ""
+    if not isinstance(value, float):
+        return str(value)
+    return f"{value:.0f}" if abs(value) >= _WHOLE_FROM else f"{value:.3g}"
+
+
+def header(exp: Experiment[Any]) -> HTML:
+    """Return links to other pages, and the verdicts on an experiment's claims by committed logs.
+
+    Links go to the first page, the notebooks before and after that of the experiment, the ledger and
+    the glossary. They are relative to the notebook, or to its executed copy.
+    """
+    from IPython.display import HTML
+
+    project = find_project()
+    names = sorted(path.stem for path in find_notebooks(project))
+    place = names.index(notebook_of(project, exp.name))
+    pages = {"start": START}
+    if place > 0:
+        pages[f"previous: {names[place - 1]}"] = f"notebooks/{names[place - 1]}.ipynb"
+    if place + 1 < len(names):
+        pages[f"next: {names[place + 1]}"] = f"notebooks/{names[place + 1]}.ipynb"
+    pages |= {"ledger": LEDGER, "glossary": GLOSSARY}
+    copy = os.environ.get(COPY_VARIABLE)
+    top = os.path.relpath(project.root, Path(copy).parent if copy else None)
+    links = [f'<a href="{top}/{target}">{text}</a>' for text, target in pages.items()]
+    return HTML(f"<p>{' | '.join(links)}</p><p>{_verdicts(project, exp)}</p>")
+
+
+def _verdicts(project: Project, exp: Experiment[Any]) -> str:
+    """Return the verdicts on an experiment's claims by the committed logs, as HTML."""
+    from sfglab.lab.index import verdicts_html
+
+    whole = ledger.compute_ledger(project, committed=True, only=exp.claims)
+    return f"<b>Verdicts</b> from the committed logs: {verdicts_html(whole, ', ')}"
 
 
 def save_figures(run: Run[Any]) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import TYPE_CHECKING
 
 from sfglab.lab.progress import is_line
@@ -13,13 +14,15 @@ if TYPE_CHECKING:
 
 KERNEL = {"display_name": "Python 3 (ipykernel)", "language": "python", "name": "python3"}
 """The kernel that notebooks name, so that none asks for one when it is opened."""
+#: Start of a link from an executed copy, which may be several folders below the top folder.
+_FROM_COPY = re.compile(r'href="(?:\.\./)+')
 
 
 def normalise(notebook: NotebookNode, project: Project) -> NotebookNode:
     """Return an executed notebook, changed in place, without traces of its run.
 
     Without are times, progress, counts of other runs, the cell of injected parameters and the path
-    of the checkout.
+    of the checkout. Links are those from the folder of notebooks, and not from the executed copy.
     """
     notebook.metadata = {"kernelspec": dict(KERNEL), "language_info": {"name": "python"}}
     cells = []
@@ -48,4 +51,4 @@ def _normalise_output(output: NotebookNode, project: Project, count: int) -> Non
         output.text = "".join(line for line in lines if not is_line(line))
     for kind, content in output.get("data", {}).items():
         if kind.startswith("text/"):
-            output.data[kind] = content.replace(root, "")
+            output.data[kind] = _FROM_COPY.sub('href="../', content.replace(root, ""))

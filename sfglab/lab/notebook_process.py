@@ -23,6 +23,7 @@ import psutil
 from traitlets.config import Config
 
 from sfglab.component import claim_standard_output
+from sfglab.lab.notebooks import COPY_VARIABLE
 from sfglab.lab.progress import is_line
 
 if TYPE_CHECKING:
@@ -58,6 +59,7 @@ def run_notebook(path: str, copy: str, parameters: Mapping[str, Any]) -> str:
         parameters: Values for its parameters cell.
     """
     Path(copy).parent.mkdir(parents=True, exist_ok=True)
+    os.environ[COPY_VARIABLE] = copy  # kernels inherit it
     skipper = _Skipper()
     try:
         with tempfile.TemporaryDirectory() as folder:

@@ -36,6 +36,10 @@ if TYPE_CHECKING:
 
 INDEX = "00_index"
 SETTINGS = "settings"
+#: New names of notebooks by their former names.
+RENAMED = {"11_gateways": "11_mapping_and_gateway"}
+#: Environment variable of a kernel: path of the executed copy that its outputs go to.
+COPY_VARIABLE = "SFGLAB_NOTEBOOK_COPY"
 _EXPERIMENT = re.compile(r"notebook\.run\((\w+)\.exp\b")
 _PARAMETER = re.compile(r"^(\w+) *[:=]", re.MULTILINE)
 #: Priority of the process that only computes: the lowest.
@@ -93,6 +97,8 @@ def find_notebooks(project: Project, names: Sequence[str] = ()) -> list[Path]:
 
 def _one_notebook(name: str, every: Sequence[Path], project: Project) -> Path:
     wanted = name.rpartition("/")[2].removesuffix(".ipynb")
+    if wanted in RENAMED:
+        raise NotebookError(f"notebook {wanted} is now called {RENAMED[wanted]}; use this name")
     if wanted in EXPERIMENTS:
         wanted = notebook_of(project, wanted) or wanted
     fitting: list[Path] = []

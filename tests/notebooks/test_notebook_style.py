@@ -27,11 +27,14 @@ def test_the_notebook_is_valid_and_bears_no_editors_traces(path):
     assert all(set(c.metadata) <= {"tags"} for c in notebook.cells)
 
 
-def test_the_first_cell_says_question_method_inputs_outputs_and_time(path):
-    first = nbformat.read(path, as_version=4).cells[0]
-    assert first.cell_type == "markdown"
+def test_the_text_before_the_first_section_says_question_method_inputs_outputs_and_time(path):
+    cells = nbformat.read(path, as_version=4).cells
+    assert cells[0].cell_type == "markdown"
+    assert "**Question" in cells[0].source
+    texts = "\n".join(cell.source for cell in cells if cell.cell_type == "markdown")
+    introduction = texts.partition("\n## ")[0]
     for word in ("Question", "Method", "Input", "Output", "Expected time"):
-        assert f"**{word}" in first.source, word
+        assert f"**{word}" in introduction, word
 
 
 def test_imports_come_first_and_typed_parameters_second(path):

@@ -69,7 +69,7 @@ class Shown(DisplayHook):
 @pytest.fixture
 def shell(monkeypatch):
     """What runs cells as a kernel does; pictures are not drawn, which is another test's."""
-    monkeypatch.chdir(ROOT)
+    monkeypatch.chdir(ROOT / "notebooks")
     monkeypatch.setattr(notebook, "picture", lambda *_: Image(PIXEL))
     shell = InteractiveShell.instance(displayhook_class=Shown)
     shell.display_formatter.active_types = shell.display_formatter.format_types

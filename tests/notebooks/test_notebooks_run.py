@@ -30,7 +30,7 @@ FIGURES_ANYWHERE = {
     "08_caches_and_qos": {"balancing_caches", "balancing_qos", "balancing_stale"},
     "09_transmission": {f"transmission_{what}" for what in TRANSMISSION},
     "10_cooperation": {"cooperation", "cooperation_staleness", "cooperation_tracks"},
-    "11_gateways": {"gateway_core", "graph_mapping"},
+    "11_mapping_and_gateway": {"gateway_core", "graph_mapping"},
     "12_transfer": {"transfer", "transfer_live"},
     "13_driving": {"driving_chain", "driving_lap", "driving_laps"},
     "15_planning": {"planning_interpolation", "planning_scene"},
