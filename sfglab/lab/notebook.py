@@ -33,16 +33,15 @@ if TYPE_CHECKING:
 
     from sfglab.lab.experiment import Experiment, Link, Setup
     from sfglab.lab.index import IndexPage
-    from sfglab.lab.paths import Project
 
 _LARGE_BYTES = 200_000
 #: Number of rows of a table that are always shown.
 _SHOWN_ROWS = 10
 #: Numbers from here on are shown without a fraction.
 _WHOLE_FROM = 100
-#: Pages that each header links to, as paths from the top folder.
-START = f"notebooks/{INDEX}.ipynb"
-LEDGER = START
+#: Notebooks with the first page and the ledger, and the glossary's path from the top folder.
+START = INDEX
+LEDGER = INDEX
 GLOSSARY = "book/glossary.md"
 pd.set_option("display.max_colwidth", None)  # tables show their sentences whole
 
@@ -138,9 +137,8 @@ def table(frame: pd.DataFrame) -> HTML:
     """
     from IPython.display import HTML
 
-    head = tuple(map(_title, frame.columns))
-    columns = [frame.iloc[:, i].map(_cell) for i in range(len(head))]
-    rows = list(zip(*columns, strict=True))
+    head = [": ".join(name).strip(": ") if isinstance(name, tuple) else name for name in frame]
+    rows = frame.astype(object).where(frame.notna(), "").map(_cell).to_numpy().tolist()
     right = {i for i, kind in enumerate(frame.dtypes) if pd.api.types.is_numeric_dtype(kind)}
     html = html_table([head, *rows[:_SHOWN_ROWS]], right=right)
     if len(rows) > _SHOWN_ROWS:
@@ -149,50 +147,38 @@ def table(frame: pd.DataFrame) -> HTML:
     return HTML(html)
 
 
-def _title(column: object) -> str:
-    """Return the title of a column, of which a tuple has several levels."""
-    levels = column if isinstance(column, tuple) else (column,)
-    return ": ".join(filter(None, map(str, levels)))
-
-
-def _cell(value: Any) -> str:
-    """Return the text of a table's cell."""
-    if pd.api.types.is_scalar(value) and pd.isna(value):
-        return ""
+def _cell(value: object) -> object:
+    """Return a float as a short text, and any other value as it is."""
     if not isinstance(value, float):
-        return str(value)
+        return value
     return f"{value:.0f}" if abs(value) >= _WHOLE_FROM else f"{value:.3g}"
 
 
 def header(exp: Experiment[Any]) -> HTML:
     """Return links to other pages, and the verdicts on an experiment's claims by committed logs.
 
-    Links go to the first page, the notebooks before and after that of the experiment, the ledger and
-    the glossary. They are relative to the notebook, or to its executed copy.
+    Links go to the first page, the previous and the next notebook, the ledger and the glossary.
+    The last notebook is followed by the first. Links are relative to the notebook, or to its
+    executed copy.
     """
     from IPython.display import HTML
+
+    from sfglab.lab.index import verdicts_html
 
     project = find_project()
     names = sorted(path.stem for path in find_notebooks(project))
     place = names.index(notebook_of(project, exp.name))
-    pages = {"start": START}
-    if place > 0:
-        pages[f"previous: {names[place - 1]}"] = f"notebooks/{names[place - 1]}.ipynb"
-    if place + 1 < len(names):
-        pages[f"next: {names[place + 1]}"] = f"notebooks/{names[place + 1]}.ipynb"
-    pages |= {"ledger": LEDGER, "glossary": GLOSSARY}
+    before = names[place - 1]
+    after = names[(place + 1) % len(names)]
+    pages = {"start": START, f"previous: {before}": before, f"next: {after}": after}
+    pages["ledger"] = LEDGER
     copy = os.environ.get(COPY_VARIABLE)
     top = os.path.relpath(project.root, Path(copy).parent if copy else None)
-    links = [f'<a href="{top}/{target}">{text}</a>' for text, target in pages.items()]
-    return HTML(f"<p>{' | '.join(links)}</p><p>{_verdicts(project, exp)}</p>")
-
-
-def _verdicts(project: Project, exp: Experiment[Any]) -> str:
-    """Return the verdicts on an experiment's claims by the committed logs, as HTML."""
-    from sfglab.lab.index import verdicts_html
-
+    links = [f'<a href="{top}/notebooks/{name}.ipynb">{text}</a>' for text, name in pages.items()]
+    links.append(f'<a href="{top}/{GLOSSARY}">glossary</a>')
     whole = ledger.compute_ledger(project, committed=True, only=exp.claims)
-    return f"<b>Verdicts</b> from the committed logs: {verdicts_html(whole, ', ')}"
+    verdicts = f"<b>Verdicts</b> from the committed logs: {verdicts_html(whole, ', ')}"
+    return HTML(f"<p>{' | '.join(links)}</p><p>{verdicts}</p>")
 
 
 def save_figures(run: Run[Any]) -> str:
