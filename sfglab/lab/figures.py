@@ -127,9 +127,9 @@ def paper_line(
         value: The value.
         at: Place of the number along the line, from 0, left, to 1, right.
         below: Whether the number is below the line.
-        style: Properties of the line.
+        style: Properties of the line; its number is black, which is legible on white.
     """
-    line = axes.axhline(value, **{"color": "black", **PAPER_STYLE, **style})
+    axes.axhline(value, **{"color": "black", **PAPER_STYLE, **style})
     axes.annotate(
         f"paper: {value:g}",
         (at, value),
@@ -138,7 +138,7 @@ def paper_line(
         textcoords="offset points",
         ha="right",
         va="top" if below else "bottom",
-        color=line.get_color(),
+        color="black",
     )
 
 

@@ -128,8 +128,8 @@ def stated(run: Run[Config]) -> pd.DataFrame:
     rows = []
     for one, number, prediction in zip(STATED, numbers, predictions(numbers), strict=True):
         row = {
-            "claim": one.claim,
             "panel": one.panel.value,
+            "claim": one.claim,
             "unit": "times as slow" if one.slower else _FAST,
             "paper": number,
             "model": one.by(ratios_of(run, one.panel)),
