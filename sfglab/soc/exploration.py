@@ -3,12 +3,14 @@
 The exploration follows all interleavings of the steps in `sfglab.soc.gateway_world`, breadth first. It shows for
 the bound:
 
-- Safety: no step is a fault. No message is doubled, overtaken, overwritten or echoed.
+- Safety: no step is a fault. No message is doubled, overtaken, overwritten or echoed, no held message is
+  replaced, and the core receives only inputs that its state has a transition for.
 - From every reachable state the end can be reached, in which all subscribers have received all messages. Hence
   no message is lost and nothing deadlocks.
 
 That the end is always reached also needs fairness: each process runs now and then, and the arbiter of the HMT
-grants the core's claim now and then. A counterexample is a shortest one, because the search is breadth first.
+grants the core's claim now and then. A counterexample is a shortest path to the violation that is reported,
+because the search is breadth first.
 """
 
 from __future__ import annotations

@@ -11,7 +11,8 @@ The core requests the next message of the SMT from its delegate. It then polls O
   the next one.
 - Hardware to software: a message is at the core's port of the HMT. The core copies the message to its output
   message in main memory, cancels the request, and asks the delegate to publish the output message on the SMT.
-  If the request was answered before the cancel arrived, the core forwards that message to the HMT afterwards.
+  If the delegate answered the request before the cancel arrived, the core sends the answered message to the HMT
+  after the publication.
 - Filters on both sides discard messages that the core itself published, so that no message circulates.
 
 The paper leaves three points open. Our table decides them:
@@ -20,7 +21,7 @@ The paper leaves three points open. Our table decides them:
   message if one was received first.
 - The core claims the HMT before it sends (`CLAIM`). A message from a hardware node may occupy the HMT and wait
   until the core takes it. The core then serves that message first and keeps the message it holds. Without the
-  claim both wait for each other indefinitely. The states `..._HOLDING` exist for this case.
+  claim the core waits for the HMT, and the hardware message waits for the core, indefinitely. The states `..._HOLDING` exist for this case.
 - The core waits until a publication is complete (`PUBLISH_WAIT`), because it has only one output message.
 
 `sfglab.soc.exploration` checks the table exhaustively. `sfglab.soc.rtl` generates the hardware's control from it.
@@ -61,7 +62,7 @@ class State(Enum):
 
 
 class Input(Enum):
-    """Events that the core waits for. A state without a transition for an input ignores it."""
+    """Events that the core waits for. `EMPTY` changes nothing in states without a transition for it."""
 
     LOCATED = auto()  #: OSIF: address of the output message.
     SENT = auto()  #: OSIF: the delegate's call queue has accepted the call.
@@ -87,7 +88,7 @@ class Action(Enum):
     COMPARE_HELD = auto()  #: Compare the publisher ID of the held message with the core's own.
     COMPARE_PORT = auto()  #: Compare the publisher ID at the port with the core's own.
     CLAIM_HMT = auto()  #: Request the HMT from its arbiter, and look at the port meanwhile.
-    MEMORY_TO_HMT = auto()  #: Send the held message to the HMT, and ignore its echo at the port.
+    MEMORY_TO_HMT = auto()  #: Send the held message to the HMT. Its echo stays at the port.
     HMT_TO_MEMORY = auto()  #: Take the message at the port and write it to the output message.
     HMT_TO_NOWHERE = auto()  #: Take the message at the port and discard it.
 

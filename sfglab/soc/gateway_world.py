@@ -116,7 +116,7 @@ class Event(NamedTuple):
 
     input: Input
     after: World | Fault  #: Global state after it, with the core's state as before.
-    message: Message | None = None  #: Message whose address is beside the input.
+    message: Message | None = None  #: Message whose address the input carries.
 
 
 def first_world(bound: Bound) -> World:

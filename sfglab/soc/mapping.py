@@ -92,7 +92,7 @@ def map_communication(
     The mappings of the given graph do not matter, so that mapping a result again changes nothing.
     """
     placed = graph.in_hardware
-    software = graph.with_placements({})
+    software = graph.with_placements({})  # changes no placement, and maps all topics to software
     inside = [topic.name for topic in graph.topics if placed.issuperset(topic.members)]
     hardware = software.with_mappings(dict.fromkeys(inside, TopicMapping.HARDWARE))
     chosen = {}
@@ -210,7 +210,8 @@ def chain_s(graph: Graph, chain: Sequence[str]) -> dict[Edge, float]:
 
     Args:
         graph: Graph with its mapping.
-        chain: Names of nodes; a topic whose size is known goes from each to the next.
+        chain: Names of nodes; a topic whose size is known goes from each to the next. If such a topic has
+            publishers on both sides, the slower side counts.
 
     Raises:
         InvalidValueError: No such topic joins two nodes.

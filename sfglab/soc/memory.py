@@ -50,13 +50,13 @@ class MemoryInterface:
     clock_hz: float = between(100e6, 0, without=(0,))
     #: Bytes of one request. Reference design: 32 words.
     chunk_bytes: int = between(256, 0, without=(0,))
-    #: Cycles of a request in which neither address nor data pass. Reference design: four states.
+    #: Cycles of a request outside latency and data. Reference design: four states.
     control_cycles: float = between(4.0)
     #: Cycles from a read request to its first word. Assumed: the memory controller is not in the
     #: reference design.
     read_latency_cycles: float = between(30.0)
-    #: Cycles from the last word of a write to its response. Fitted; the default is rounded, as RTL
-    #: needs it.
+    #: Cycles from the last word of a write to its response. Fitted in `STORED`; the default is
+    #: rounded for simulated hardware.
     write_latency_cycles: float = between(9.0)
 
     def __post_init__(self) -> None:
@@ -276,7 +276,8 @@ class Setup:
 class Times:
     """Transfer times from the start of the publication."""
 
-    #: Time until the last hardware subscriber has the message, s. None: there is none.
+    #: Time from the start of the publication until the last hardware subscriber has the message, s.
+    #: None: there is none.
     hardware_s: float | None
     #: Mean time until a software subscriber has it, over the orders of deliveries, s. None: there
     #: is none.
@@ -335,7 +336,8 @@ def _all_read_s(hardware: int, subscribers: int, message_bytes: int, costs: Cost
 
     They are woken one after the other and share the interface. Instead of every order of
     deliveries, the model takes their mean places: with h of them among n subscribers, the mean
-    place of the k-th is k (n + 1) / (h + 1). The error is below 0.5 %.
+    place of the k-th is k (n + 1) / (h + 1). The time differs by less than 0.5 % from the mean over
+    all orders.
     """
     apart_s = (subscribers + 1) / (hardware + 1) * costs.delivery_s(message_bytes)
     woken_s = [k * apart_s for k in range(1, hardware + 1)]
@@ -385,7 +387,8 @@ def faster_transport(setup: Setup, judge: Judge = Judge.LAST, costs: Costs = STO
 def break_even_bytes(setup: Setup, judge: Judge = Judge.LAST, costs: Costs = STORED) -> int | None:
     """Return the message size from which on a gateway is faster for a judge, in whole chunks.
 
-    The setup's own transport and size have no effect.
+    The setup's own transport and size have no effect. The search is a bisection: once a gateway is
+    faster, it is also faster for all larger messages, because its time grows less per byte.
 
     Returns:
         The size. One chunk: a gateway is faster at any size. None: at no size up to

@@ -1,7 +1,7 @@
 # mypy: allow-subclassing-any, disable-error-code="import-not-found,import-untyped"
 """Cycles of a message on each path across the memory interface (paper C, section 4): simulated and modelled.
 
-A simulation also compares every word. All whole chunks of a message take the same number of cycles. Therefore a
+A simulation also compares every word that arrives with the word that was sent. All whole chunks of a message take the same number of cycles. Therefore a
 cycle model through two small simulated messages also holds for sizes that take too long to simulate.
 
 Hardware and memory model (`sfglab.soc.memory`) share control cycles and latencies. Their agreement shows that the
@@ -44,7 +44,9 @@ class MemoryPath(Enum):
     #: A node broadcasts the message, and the core writes it once.
     GATEWAY_IN = "gateway, stream to memory"
     SHARED_READS = "shared reads"  #: Every node reads the message; they take turns, chunk by chunk.
-    WRITE = "write"  #: One node writes the message; the number of nodes has no influence.
+    WRITE = (
+        "write"  #: One node writes the message. The cycles do not depend on the number of nodes.
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -150,7 +152,7 @@ def cycle_limit(words: int, nodes: int, delays: Delays) -> int:
 
 
 def compare_words(ctx: Any, memory: Any, expected: Sequence[int], place: str) -> None:
-    """Compare the first words of a simulated memory; SfglabError for the first wrong one."""
+    """Compare the first words of a simulated memory with the expected ones; SfglabError for a wrong one."""
     for index, word in enumerate(expected):
         found = ctx.get(memory.data[index])
         if found != word:
