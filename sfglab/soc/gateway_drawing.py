@@ -122,7 +122,9 @@ def _draw_arrow(
     dx, dy = points[-1] - points[-2]
     to_the_right = np.array([dy, -dx]) / np.hypot(dx, dy)
     points = points + aside * to_the_right
-    lines = axes.plot(*points[:-1].T, color=LINE_COLOR, linewidth=0.9, zorder=0)
+    lines: list[Artist] = []
+    if len(points) > 2:
+        lines += axes.plot(*points[:-1].T, color=LINE_COLOR, linewidth=0.9, zorder=0)
     head = FancyArrowPatch(points[-2], points[-1], patchB=box, shrinkA=0, shrinkB=0, zorder=0)
     head.set(arrowstyle="-|>", mutation_scale=10, color=LINE_COLOR, linewidth=0.9)
     axes.add_patch(head)

@@ -230,9 +230,12 @@ time.sleep(1000)  # standard input is the grandchild's alone
 
 @pytest.mark.live
 async def test_sampling_costs_a_few_percent_of_a_core_at_most(burner):
-    start_s = time.process_time()
-    await measure(1.0, 0.5, cpu={"a": [burner.pid], "b": [os.getpid()]})
-    assert time.process_time() - start_s < 0.05  # quiet, it is less than 0.01
+    costs_s = []
+    for _ in range(3):  # One of them can hold a garbage collection of all that the tests keep.
+        start_s = time.process_time()
+        await measure(1.0, 0.5, cpu={"a": [burner.pid], "b": [os.getpid()]})
+        costs_s.append(time.process_time() - start_s)
+    assert min(costs_s) < 0.05  # quiet, it is less than 0.01
 
 
 # Interfaces and rows
