@@ -206,7 +206,7 @@ def _loader_class() -> type[yaml.SafeLoader]:
 
 
 class OrNull:
-    """Null may stand there, and says None."""
+    """Accepts null, which becomes None."""
 
     def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> Any:
         from pydantic_core.core_schema import none_schema, union_schema

@@ -1,6 +1,6 @@
 """Fields of dataclasses: bounds, documentation after ``#:`` or above, and values as JSON and back.
 
-Nothing here imports pydantic, so a child process reads what it is told by `from_json`.
+This module does not import pydantic. A child process reads its configuration with `from_json`.
 """
 
 from __future__ import annotations
@@ -139,7 +139,7 @@ def _module_docs(module: str) -> dict[str, dict[str, str]]:
 
 
 def _class_docs(node: ast.ClassDef, lines: list[str]) -> dict[str, str]:
-    """Return what stands behind ``#:`` between the end of the statement before a field and its own end."""
+    """Return the text after ``#:`` for each field, between the statement before the field and its end."""
     docs: dict[str, str] = {}
     begin = node.lineno
     for field in node.body:
@@ -216,7 +216,7 @@ def from_json(hint: Any, value: Any) -> Any:
 
 
 def _first_of(options: tuple[Any, ...], value: Any) -> Any:
-    """Return a value as the option whose instance it is, else as the first that takes it."""
+    """Return a value unchanged if it is an instance of an option, or as the first option that accepts it."""
     if any(isinstance(option, type) and isinstance(value, option) for option in options):
         return value
     for option in options:

@@ -109,8 +109,10 @@ def _generator() -> type[Any]:
 
         def tuple_schema(self, schema: Any) -> Schema:
             made = super().tuple_schema(schema)
-            if "prefixItems" in made:  # of one type here
-                made["items"] = made.pop("prefixItems")[0]
+            if "prefixItems" in made:
+                first, *others = made.pop("prefixItems")
+                assert all(other == first for other in others), "only tuples of one type are used"
+                made["items"] = first
             return made
 
     return Generator

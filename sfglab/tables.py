@@ -11,20 +11,20 @@ from sfglab.fields import field_docs, to_json
 if TYPE_CHECKING:
     from collections.abc import Container, Iterable, Sequence
 
-WIDTH = 110  #: Of the line under the head, at most.
+WIDTH = 110  #: Largest width of the line below the header, in characters.
 
 
 def columns(rows: Iterable[Sequence[str]], *, right: Container[int] = ()) -> list[str]:
     """Return rows as lines of aligned columns; those whose positions are in `right` are flush right."""
     rows = list(rows)
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    return [
-        "  ".join(
-            cell.rjust(width) if i in right else cell.ljust(width)
-            for i, (cell, width) in enumerate(zip(row, widths, strict=True))
-        ).rstrip()
-        for row in rows
-    ]
+    lines = []
+    for row in rows:
+        cells = []
+        for i, (cell, width) in enumerate(zip(row, widths, strict=True)):
+            cells.append(cell.rjust(width) if i in right else cell.ljust(width))
+        lines.append("  ".join(cells).rstrip())
+    return lines
 
 
 def text_table(rows: Iterable[Sequence[str]]) -> str:
@@ -68,10 +68,13 @@ class Shown:
 
 
 def field_rows(value: Any) -> list[tuple[str, str, str]]:
-    """Return a dataclass's fields with their values and documentation, after a head."""
-    docs, names = field_docs(type(value)), [f.name for f in dataclasses.fields(value)]
-    rows = [(name, _text(to_json(getattr(value, name))), docs.get(name, "")) for name in names]
-    return [("field", "value", "meaning"), *rows]
+    """Return the fields of a dataclass with their values and documentation, after a header."""
+    docs = field_docs(type(value))
+    rows = [("field", "value", "meaning")]
+    for field in dataclasses.fields(value):
+        text = _text(to_json(getattr(value, field.name)))
+        rows.append((field.name, text, docs.get(field.name, "")))
+    return rows
 
 
 def _text(value: Any) -> str:

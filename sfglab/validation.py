@@ -174,7 +174,9 @@ def _words(shape: Schema) -> str:
     if "enum" in shape:
         return " or ".join(map(str, shape["enum"]))
     if kind == "array" and "maxItems" in shape:
-        return f"{shape['maxItems']} numbers, all finite"
+        item = _words(shape["items"])
+        each = "numbers, all finite" if item == _PLAIN_WORDS["number"] else f"values, each {item}"
+        return f"{shape['maxItems']} {each}"
     word = _PLAIN_WORDS.get(kind, "another value")
     without = [shape[end] for end in ("exclusiveMinimum", "exclusiveMaximum") if end in shape]
     low = shape.get("minimum", shape.get("exclusiveMinimum"))

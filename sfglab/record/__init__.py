@@ -1,4 +1,4 @@
-"""Logs: the one door through which runs are written and read.
+"""Reading and writing of logs.
 
 A log is one MCAP file that `ros2 bag`, Foxglove and Rerun open: messages as they were on the wire, measurements
 as rows of tables, configuration and versions as metadata.

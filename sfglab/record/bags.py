@@ -152,7 +152,7 @@ def _opened(path: Path, stack: ExitStack) -> McapFile | SqliteFile:
         except (OSError, ZstdError) as error:
             raise LogError(f"log {path}: damaged: {error}") from error
     if plain.suffix == ".bag":
-        said = "a bag of ROS 1: convert it by rosbags-convert --src FILE.bag --dst FOLDER"
+        said = "a bag of ROS 1: convert it with rosbags-convert --src FILE.bag --dst FOLDER"
         raise LogError(f"log {path}: {said}")
     if plain.suffix == ".db3":
         return SqliteFile(plain, path, stack)
@@ -177,9 +177,8 @@ class SqliteFile:
         """
         self.path = name
         self.channels: dict[int, Channel] = {}  #: The channels by their numbers.
-        self.times_ns: list[
-            int
-        ] = []  #: Log times, those of the first and the last message among them.
+        #: Log times, those of the first and the last message among them.
+        self.times_ns: list[int] = []
         with self._damage():
             self._database = _database(path.resolve(), stack)
             self._read_index()
@@ -189,10 +188,10 @@ class SqliteFile:
         with suppress(sqlite3.OperationalError):  # Humble has no such table
             for name, *definition in self._database.execute(_DEFINITIONS):
                 definitions[name] = definition
-        counts = {number: count for number, *count in self._database.execute(_COUNT)}
+        counted = {number: found for number, *found in self._database.execute(_COUNT)}
         for topic in map(dict, self._database.execute("SELECT * FROM topics")):
             encoding, text = definitions.get(topic["type"], ["", ""])
-            count, *times_ns = counts.get(topic["id"], [0])
+            count, *times_ns = counted.get(topic["id"], [0])
             self.times_ns += times_ns
             self.channels[topic["id"]] = Channel(
                 topic=str(topic["name"]),

@@ -149,12 +149,14 @@ class LogReader(AbstractContextManager["LogReader"]):
         return html_table(self.overview(), text)
 
     def overview(self) -> list[tuple[str, ...]]:
-        """Return a header and a row for each topic: type, count, and rate and mean size of its first messages."""
-        rows: list[tuple[str, ...]] = [("topic", "type", "messages", "Hz", "bytes")]
+        """Return a header and a row for each topic; rate and mean size are of its first messages."""
+        rows: list[tuple[str, ...]] = [("topic", "type", "messages", "Hz", "bytes", "encoding")]
         for topic, info in self.topics.items():
             rate_hz, size = rate_and_size(self.first(topic))
-            shown = f"{rate_hz:.3g}" if rate_hz else "", f"{size:.0f}" if info.count else ""
-            rows.append((topic, info.type_name, str(info.count), *shown))
+            rate = f"{rate_hz:.3g}" if rate_hz else ""
+            size_text = f"{size:.0f}" if info.count else ""
+            row = (topic, info.type_name, str(info.count), rate, size_text, info.encoding)
+            rows.append(row)
         return rows
 
     def first(self, topic: str) -> list[LogMessage]:
@@ -176,7 +178,8 @@ class LogReader(AbstractContextManager["LogReader"]):
     @property
     def attachment_names(self) -> tuple[str, ...]:
         """The names of the attached files in this log, in the order of writing."""
-        return tuple(name for file in self._mcap_files for name in file.attachments)
+        names = (name for file in self._mcap_files for name in file.attachments)
+        return tuple(dict.fromkeys(names))
 
     def metadata(self, name: str) -> dict[str, Any]:
         """Return one metadata record as it was written; LogError if there is none of that name."""
@@ -193,7 +196,7 @@ class LogReader(AbstractContextManager["LogReader"]):
 
     def attachment(self, name: str) -> bytes:
         """Return the content of one attached file, by its name; LogError if there is none."""
-        for file in self._mcap_files:
+        for file in reversed(self._mcap_files):  # The last one of a name counts.
             if name in file.attachments:
                 return file.attachment(name)
         raise _missing("attachment", name, self.attachment_names)
@@ -274,16 +277,17 @@ class LogReader(AbstractContextManager["LogReader"]):
         if self._closed:
             raise LogError(f"log {self.path}: it is closed")
         parts = [file.messages(channels, start_ns, end_ns) for file in self._opened.files]
+        is_compressed = self._opened.compressed_messages
         read = 0
         for channel, message in heapq.merge(*parts, key=_log_time):
-            is_compressed = self._opened.compressed_messages
             yield channel, self._decompressed(message) if is_compressed else message
             read += 1
         expected = sum(channel.count for channel in channels)
         if (start_ns, end_ns) == (0, _AFTER_ALL_NS) and read != expected:
             said = f"log {self.path}: the index names {expected} messages, {read} were read"
-            self.warnings.append(said)
-            _LOG.warning(said)
+            if said not in self.warnings:
+                self.warnings.append(said)
+                _LOG.warning(said)
 
     def _decompressed(self, message: LogMessage) -> LogMessage:
         data = message.cdr

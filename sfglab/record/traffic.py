@@ -1,6 +1,6 @@
-"""Traffic of a log's topics: who publishes and subscribes, how large and how often, and when the value is new.
+"""Traffic of the topics of a log: publishers, subscribers, sizes, rates, and times between changes of the value.
 
-What a plan of QoS or a mapping begins with where there is a recording instead of a file written by hand.
+The commands `qos` and `map` use it instead of a file.
 """
 
 from __future__ import annotations
@@ -20,24 +20,24 @@ if TYPE_CHECKING:
     from sfglab.record.parts import LogMessage
 
 COMPUTATION_GRAPH = "computation_graph"
-"""Name of the metadata record in which a log says who publishes and who subscribes: lists of names by topic."""
+"""Name of the metadata record with the publishers and subscribers of each topic: lists of node names."""
 
 _HEADER_FIRST = re.compile(r"(?:\s*(?:#.*)?\n)*\s*std_msgs/(?:msg/)?Header\s")
 _STAMP = slice(4, 12)
-"""Where a message that begins with a header has its time: behind the four bytes that say how CDR is written."""
+"""Bytes of the time stamp in a message that begins with a header: after the four bytes of the CDR header."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Traffic:
-    """What a log shows of one topic; numbers are of its first messages, None for what cannot be told."""
+    """Traffic of one topic. Numbers are of its first messages; None: not known."""
 
-    topic: str  #: Its name.
-    type_name: str  #: Its ROS type.
-    publishers: tuple[str, ...] | None  #: Nodes that publish it, None where the log does not say.
+    topic: str  #: Name of the topic.
+    type_name: str  #: ROS type of its messages.
+    publishers: tuple[str, ...] | None  #: Nodes that publish it. None: the log does not name them.
     subscribers: tuple[str, ...] = ()  #: Nodes that subscribe.
-    size_bytes: int | None = None  #: Mean size of a message's CDR.
-    rate_hz: float | None = None  #: Mean rate.
-    #: Mean time between changes of the value, a header's time left aside; all of it where there is none.
+    size_bytes: int | None = None  #: Mean size of a serialised message.
+    rate_hz: float | None = None  #: Mean rate, Hz.
+    #: Mean time between changes of the value, without the time stamp of a header, s.
     change_s: float | None = None
 
 

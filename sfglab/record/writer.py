@@ -37,8 +37,8 @@ _TIMES = range(2**64)
 class LogWriter(AbstractContextManager["LogWriter"]):
     """An MCAP file being written, as a context manager.
 
-    Messages are collected in chunks of 768 kB or 1 s of log time, whichever comes first. A finished
-    chunk belongs to the operating system: it survives `kill -9`, and `LogReader` reads a file that ends there.
+    Messages are collected in chunks. A chunk ends at 768 kB; the current chunk also ends when 1 s of
+    log time has passed since the last such end. A finished chunk belongs to the operating system: it survives `kill -9`, and `LogReader` reads a file that ends there.
     What is in the current chunk does not; `flush` finishes it early, for example when messages stop coming.
 
     Every method may be called from any thread: a lock serialises them. A call that finishes a chunk compresses

@@ -143,7 +143,7 @@ def test_commands_take_bags(bag, tmp_path):
     [
         ("empty", "given a folder without .mcap or .db3 files"),
         ("a.db3", "no SQLite file of a rosbag2, or damaged"),
-        ("a.bag", "a bag of ROS 1: convert it by rosbags-convert"),
+        ("a.bag", "a bag of ROS 1: convert it with rosbags-convert"),
         ("cut", "no SQLite file of a rosbag2, or damaged"),
     ],
 )

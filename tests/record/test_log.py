@@ -310,7 +310,7 @@ def log(tmp_path):
 
 def test_a_log_lists_topics_with_rates_and_sizes(log):
     head, line = log.overview()
-    assert head == ("topic", "type", "messages", "Hz", "bytes")
+    assert head == ("topic", "type", "messages", "Hz", "bytes", "encoding")
     assert line[:4] == ("/scan", "sensor_msgs/msg/LaserScan", "4", "2")
     assert int(line[4]) > 80
     assert repr(log) == "<log a.mcap: 4 messages of 1 topics>"
