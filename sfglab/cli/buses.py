@@ -109,11 +109,16 @@ def write_text(text: str, path: Path | None, folder: Path | None = None) -> None
         write({path: text}, folder)
 
 
-def write(files: Mapping[Path, str | bytes], folder: Path | None = None) -> None:
-    """Write all files or none, below a folder if one is given, and print their paths."""
+def write(
+    files: Mapping[Path, str | bytes], folder: Path | None = None, *, err: bool = False
+) -> None:
+    """Write all files or none, below a folder if one is given, and print their paths.
+
+    The paths go to standard output, with `err` to standard error.
+    """
     write_files(files, folder=folder)
     for path in files:
-        typer.echo(path if folder is None else folder / path)
+        typer.echo(path if folder is None else folder / path, err=err)
 
 
 def unused(why: str, *names: str) -> None:
@@ -127,4 +132,4 @@ def unused(why: str, *names: str) -> None:
         if parameter.name in names and source.name == "COMMANDLINE":
             given.append(max(parameter.opts, key=len))
     if given:
-        raise SfglabError(f"{' and '.join(given)}: given {why}")
+        raise SfglabError(f"{' and '.join(given)}: no effect {why}")

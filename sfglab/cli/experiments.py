@@ -1,4 +1,4 @@
-"""Commands of researchers: run experiments, look at figures, claims and logs."""
+"""Commands of researchers: run experiments, redraw figures and print claims."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import typer
 from typer import Argument, Option
 
 import sfglab.lab
-from sfglab.cli.buses import say
+from sfglab.cli.buses import say, unused
 from sfglab.cli.options import Json
 from sfglab.errors import InvalidValueError
 from sfglab.lab.paths import find_project
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 _Profile = Annotated[
     Literal["smoke", "quick", "paper"],
     Option(
-        help="Size of runs: with smoke all notebooks take about 7 minutes, with quick 22, with paper hours."
+        help="Size of runs: smoke takes minutes for all notebooks, quick under half an hour, paper hours."
     ),
 ]
 
@@ -123,7 +123,6 @@ def try_experiment(
     project = find_project()
     parameters = _parameters(profile, fields or ())
     folder = _new_folder(project, name, folder_name)
-    parameters = _parameters(profile, fields or ())
     outcomes = [notebooks.try_experiment(name, folder, project=project, parameters=parameters)]
     given = ", ".join([f"profile {profile}", *(fields or ())])
     summary = f"{name}: {given}\n{_variations(project, outcomes)}"
@@ -190,7 +189,7 @@ def _counted(
 
 
 def _variations(project: Project, outcomes: Sequence[Outcome]) -> str:
-    """Return the claims by each run beside the ledger's, and where its files are."""
+    """Return the claims by each run below those of the ledger, and the paths of its files."""
     from sfglab.lab.claims import Ledger, render
     from sfglab.lab.experiments import experiment
     from sfglab.lab.ledger import figures_folder, own_ledger
@@ -283,6 +282,8 @@ def claims(
     from sfglab.lab.claims import render, render_in_full
     from sfglab.lab.ledger import compute_ledger, history
 
+    if every:
+        unused("with --all, which prints all logs", "reference")
     project = find_project()
     entries = history(project) if every else compute_ledger(project, committed=reference)
     values = [entry.as_json() for entry in entries]

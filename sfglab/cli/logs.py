@@ -15,7 +15,7 @@ import typer
 from typer import Argument, Option
 from typer.core import TyperGroup
 
-from sfglab.cli.buses import say, until_interrupted
+from sfglab.cli.buses import print_json, until_interrupted, unused
 from sfglab.cli.interfaces import Interfaces
 from sfglab.cli.options import Domain, Duration, Interface, Json
 from sfglab.errors import InvalidValueError
@@ -94,6 +94,10 @@ def info(path: _Path, as_json: Json = False) -> None:
 
     with LogReader(path) as reader:
         values = _content(reader)
+        if as_json:
+            print_json(values)
+            return
+        table = text_table(reader.overview())
     start_ns, end_ns = values["start_ns"], values["end_ns"]
     start = datetime.fromtimestamp(start_ns // NS_PER_S, UTC).astimezone()
     lines = [
@@ -102,17 +106,17 @@ def info(path: _Path, as_json: Json = False) -> None:
         f"start     {start:%Y-%m-%d %H:%M:%S %z}",
         f"duration  {(end_ns - start_ns) / NS_PER_S:.3f} s",
         f"messages  {values['messages']}",
-        _topic_table(values["topics"]),
+        table,
     ]
     for name, value in values["metadata"].items():
         lines.append(f"metadata  {name}: {json.dumps(value)}")
     if values["truncated"]:
         lines.append("the log was cut off; this is all that it contains")
-    say(values, "\n".join(lines), as_json=as_json)
+    typer.echo("\n".join(lines))
 
 
 def _content(reader: LogReader) -> dict[str, Any]:
-    """Return what a log contains; rates [Hz] and mean sizes of topics are of their first messages."""
+    """Return the content of a log; rates [Hz] and mean sizes of topics are of their first messages."""
     from sfglab.record.reader import rate_and_size
 
     topics = []
@@ -123,8 +127,8 @@ def _content(reader: LogReader) -> dict[str, Any]:
             "type": topic.type_name,
             "count": topic.count,
             "encoding": topic.encoding,
-            "rate_hz": rate_hz,
-            "size_bytes": size_bytes,
+            "rate_hz": rate_hz or None,
+            "size_bytes": size_bytes or None,
         }
         topics.append(described)
     counts = [topic.count for topic in reader.topics.values()]
@@ -142,25 +146,13 @@ def _content(reader: LogReader) -> dict[str, Any]:
     }
 
 
-def _topic_table(topics: list[dict[str, Any]]) -> str:
-    rows = [("topic", "type", "messages", "Hz", "bytes", "encoding")]
-    for topic in topics:
-        row = (
-            topic["name"],
-            topic["type"],
-            str(topic["count"]),
-            f"{topic['rate_hz']:.3g}",
-            f"{topic['size_bytes']:.0f}",
-            topic["encoding"],
-        )
-        rows.append(row)
-    return text_table(rows)
-
-
 def _wanted(
     topics: list[str] | None, regex: str | None, exclude: str | None
 ) -> Callable[[str], bool]:
-    """Return whether a topic is named or matches; without names and pattern, whether it is not hidden."""
+    """Return a function that tells whether a topic is selected by names or a pattern.
+
+    Without names and pattern it selects the topics that are not hidden.
+    """
     from sfglab.bus.listing import is_hidden
 
     try:
@@ -218,7 +210,9 @@ def record(
 
     if not (topics or every or regex):
         raise InvalidValueError("log record", None, "topics, --all or --regex")
-    wanted = _wanted(None, None, exclude) if every else _wanted(topics, regex, exclude)
+    if every:
+        unused("with --all, which records all topics", "topics", "regex")
+    wanted = _wanted(topics, regex, exclude)
     now = datetime.now(UTC).astimezone()
     path = output or Path(f"rosbag2_{now:%Y_%m_%d-%H_%M_%S}.mcap")
     _check_output(path)

@@ -87,6 +87,10 @@ def map_graph(
     from sfglab.soc import build_cfg as build_text
     from sfglab.soc import graph_text
 
+    if figure is None:
+        unused("without --figure, because only the drawing has stages", "stage")
+    elif figure.suffix not in {".png", ".svg", ".pdf"}:
+        raise InvalidValueError("--figure", figure, "a .png, .svg or .pdf file")
     with opened(file, (domain, interface), seconds) as source:
         graph = _graph_of(source)
     load = ""
@@ -96,8 +100,6 @@ def map_graph(
     else:
         unused("without --optimise-placement, which alone uses areas", "lut", "bram")
         mapping = _mapped(graph, gateway_rule)
-    if figure is None:
-        unused("without --figure, in which it is drawn", "stage")
     found = mapping.gateways
     files: dict[Path, str | bytes] = {}
     if figure is not None:
@@ -108,8 +110,8 @@ def map_graph(
         files[build_cfg] = build_text(found, name=found.name or build_cfg.stem)
     modules = {} if verilog is None else _verilog(found)
     say(found, load + _report(mapping), as_json=as_json)
-    write(files)
-    write(modules, verilog)
+    write(files, err=as_json)
+    write(modules, verilog, err=as_json)
 
 
 def _graph_of(source: LogReader | Path) -> Graph:
@@ -144,7 +146,7 @@ def _placed(graph: Graph, lut: int | None, bram: float | None) -> tuple[Communic
     load = found.load
     proved = "no mapping takes less"
     if not found.optimal:
-        proved = f"at most {100 * found.gap:.2g} % above the least"
+        proved = f"another mapping takes at most {100 * found.gap:.2g} % less"
     text = (
         f"work per second: software {1e3 * load.software_s:.2f} ms, "
         f"hardware {1e3 * load.hardware_s:.2f} ms, "
@@ -195,14 +197,14 @@ def _topic_table(mapping: CommunicationMapping) -> list[str]:
 def _crossing_table(mapping: CommunicationMapping) -> list[str]:
     from sfglab.soc import crossing_edges
 
-    rows = [(f"{'edges across the boundary':30}", "publish", "subscribe", "together")]
+    rows = [("edges across the boundary", "publish", "subscribe", "together")]
     titles = ("all topics in software", "topics in hardware", "topics in hardware, gateways")
-    left: list[str] = []
     for title, graph in zip(titles, mapping.stages, strict=True):
         found = crossing_edges(graph)
         publish, subscribe = len(found.publications), len(found.subscriptions)
         rows.append((title, str(publish), str(subscribe), str(len(found))))
-        left = list(map(str, found.publications + found.subscriptions))
+    last = crossing_edges(mapping.gateways)
+    left = list(map(str, last.publications + last.subscriptions))
     return [*columns(rows, right=(1, 2, 3)), f"left: {_list(left)}"]
 
 
@@ -233,8 +235,6 @@ def _drawing(mapping: CommunicationMapping, path: Path, stage: str) -> bytes:
 
     figure = Figure(layout="constrained")
     draw_mapping(mapping, figure, stage)
-    if path.suffix not in {".png", ".svg", ".pdf"}:
-        raise InvalidValueError("--figure", path, "a .png, .svg or .pdf file")
     drawing = io.BytesIO()
     figure.savefig(drawing, format=path.suffix[1:])
     return drawing.getvalue()

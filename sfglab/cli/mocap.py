@@ -76,7 +76,7 @@ def mocap_run(
 
     mapping = load_mapping(file)
     if log is not None or not topic:
-        unused("without topics of a domain, whose type it is", "type_")
+        unused("without topics of a domain, because only they have a type to choose", "type_")
     topics = _topics(topic or [], mapping)
     options = {"--vicon": vicon, "--topic": topic, "--log": log, "--synthetic": synthetic}
     given = [name for name, value in options.items() if value]
@@ -209,7 +209,7 @@ def frames_lint(
     if log is None:
         on_node((observed, interface), observe, "frames_lint")
     else:
-        unused("with a log; it applies to a domain", "interface", "listen")
+        unused("with a log, because only a domain is observed", "interface", "listen")
         with LogReader(log) as reader:
             fill_from_log(reader, buffer)
     rule = FrameRule(agents=frozenset(agents.split(","))) if agents else None

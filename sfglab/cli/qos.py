@@ -100,13 +100,15 @@ def qos(
         raise SfglabError(f"{source}: no topic goes from one host to another")
     given = _with_vendor(given.limited_to(rate_max), vendor, rmw)
     if format_ == "topics":
+        why = "with --format topics, which plans nothing"
+        unused(why, "method", "pareto", "latency_weight", "as_json")
         if isinstance(found, Path):
             raise SfglabError(f"--format topics: given {file}, allowed: a log, a bag or a domain")
         write_text(topics_text(given.topics, source.name), out and Path("topics.yaml"), out)
         return
     if pareto:
         reason = "with --pareto, which prints all latency weights"
-        unused(reason, "method", "format_", "out", "latency_weight")
+        unused(reason, "method", "format_", "out", "latency_weight", "as_json")
         typer.echo(_front_text(given))
         return
     export = EXPORTS.get(format_)

@@ -176,7 +176,7 @@ def hz(
     interface: Interface = None,
     _interfaces: Interfaces = None,
 ) -> None:
-    """Print the average rate of a topic every second until Ctrl-C.
+    """Print the average rate of a topic every second and at the end, until Ctrl-C.
 
     Examples:
       sfglab topic hz /chatter
@@ -198,21 +198,25 @@ def hz(
         subscription = node.create_subscription(name, topic, qos=usual_qos(publishers), raw=True)
         typer.echo(f"Subscribed to [{topic}]", err=as_json)
         due_ns = 0
-        end_ns = float("inf")
-        now_ns = 0
-        while now_ns < end_ns:
-            _, info = await subscription.take_with_info()
-            now_ns = info.received_timestamp_ns
-            meter.add(now_ns)
-            values = meter.values()
-            if values is None:
-                due_ns = now_ns + NS_PER_S
-                end_ns = now_ns + (duration or end_ns) * NS_PER_S
-            elif now_ns >= min(due_ns, end_ns):
-                due_ns = now_ns + NS_PER_S
-                say(values, meter.text(values), as_json=as_json)
+        try:
+            while True:
+                _, info = await subscription.take_with_info()
+                now_ns = info.received_timestamp_ns
+                meter.add(now_ns)
+                if not due_ns:
+                    due_ns = now_ns + NS_PER_S
+                if now_ns >= due_ns:
+                    due_ns = now_ns + NS_PER_S
+                    print_rate()
+        finally:
+            print_rate()
 
-    until_interrupted((domain, interface), measure)
+    def print_rate() -> None:
+        values = meter.values()
+        if values is not None:
+            say(values, meter.text(values), as_json=as_json)
+
+    until_interrupted((domain, interface), measure, duration_s=duration)
 
 
 @app.command()

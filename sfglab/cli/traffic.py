@@ -26,7 +26,7 @@ def opened(file: Path | None, place: Place, seconds: float) -> Iterator[LogReade
 
     domain = observed_domain(file, place[0])
     if file is not None:
-        unused("with a file; it applies to a domain", "seconds", "interface")
+        unused("with a file, because only a domain is observed", "seconds", "interface")
     with TemporaryDirectory(prefix="sfglab-") as folder:
         if file is None:
             file = Path(folder) / "domain.mcap"

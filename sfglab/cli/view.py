@@ -88,10 +88,10 @@ def view(
         thin=thin,
     )
     if log is not None:
-        unused("with a log; they apply to a domain", "domain", "interface")
+        unused("with a log, because only a domain is observed", "domain", "interface")
         _show_log(log, options)
         return
-    unused("without a log; a domain is always limited to these rates", "thin")
+    unused("without a log, because a domain is always limited to these rates", "thin")
     _show_domain((usual_domain_id() if domain is None else domain, interface), options)
 
 

@@ -39,20 +39,23 @@ COMPONENTS = ("router", "status", "discoverer", "keeper", "decoder")  #: In orde
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AgentConfig:
-    """What an agent is."""
+    """Configuration of one agent."""
 
-    agent: str  #: Its name.
-    local: BusAddress  #: Its own domain, D_i in the paper.
+    agent: str  #: Name of the agent.
+    local: BusAddress  #: The agent's own domain, D_i in the paper.
     remote: BusAddress  #: The domain that all agents share, D_0 in the paper.
-    components: tuple[str, ...] = COMPONENTS  #: Which of `COMPONENTS` it runs.
-    sensors: tuple[SensorDescription, ...] = ()  #: What its metadata announces.
-    rules: tuple[ForwardRule, ...] = TABLE_1  #: What crosses its border.
-    prefix_frames: bool = True  #: Whether its transforms leave under its name.
-    shared_frames: tuple[str, ...] = SHARED_FRAMES  #: Frames that all agents mean by the same name.
-    placed_by_others: tuple[str, ...] = ()  #: Its frames that others may give a parent.
-    linger_s: float = 1.0  #: How long a decoding pipeline outlives its last subscriber, seconds.
-    replay: bool = True  #: Whether its decoder joins streams by their senders' replays.
-    spare: bool = True  #: Whether its decoder keeps a pipeline process warm.
+    components: tuple[str, ...] = COMPONENTS  #: Components that run, of `COMPONENTS`.
+    sensors: tuple[SensorDescription, ...] = ()  #: Sensors in the agent's metadata.
+    rules: tuple[ForwardRule, ...] = TABLE_1  #: Forwarding rules of the router.
+    prefix_frames: bool = True  #: Whether the router prefixes TF frames with its name.
+    shared_frames: tuple[str, ...] = SHARED_FRAMES  #: Frames that are common to all agents.
+    placed_by_others: tuple[
+        str, ...
+    ] = ()  #: Frames of the agent to which others may publish a parent.
+    #: Time that a decoding pipeline is kept after its last subscriber left, s.
+    linger_s: float = 1.0
+    replay: bool = True  #: Whether the decoder requests a replay from the sender of a stream.
+    spare: bool = True  #: Whether the decoder keeps a spare pipeline process.
     #: Whether ROS 2's tools list what its decoder could decode and its router could open. In the global domain
     #: it costs 0.6 kB for each topic and other agent, once.
     offers: bool = True
@@ -61,12 +64,12 @@ class AgentConfig:
     #: How ROS 2's tools read what its router and its decoder were told: over "dds" (rmw_cyclonedds), by "ros"
     #: (rmw_fastrtps, with a ROS 2 here), or not at all: twelve endpoints for each.
     parameters: Way | None = None
-    schedule: Schedule = field(default_factory=Schedule)  #: When it beats.
-    #: How long its discoverer waits for what.
+    schedule: Schedule = field(default_factory=Schedule)  #: Periods of the heartbeat.
+    #: Timeouts of the discoverer.
     discovery: DiscoveryTiming = field(default_factory=DiscoveryTiming)
     #: Whether its metadata says which accelerators work here, which takes a trial of each.
     detect: bool = True
-    #: How long its components may take, and when they are tried again.
+    #: Time limits and restart delays of the components.
     supervision: ProcessTiming = field(default_factory=ProcessTiming)
 
 
