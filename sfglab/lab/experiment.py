@@ -40,8 +40,8 @@ T = TypeVar("T")
 F = TypeVar("F", bound=Callable[..., Any])
 
 QUICK, PAPER = "quick", "paper"
-#: Names of the profiles. All notebooks together take about 7 minutes with the first, 22 with the
-#: second, and hours with the third, which has the papers' full counts.
+#: Names of the profiles. All notebooks together take minutes with the first, under half an hour with
+#: the second, and hours with the third, which has the papers' full counts.
 PROFILES = (SMOKE, QUICK, PAPER)
 SMOKE_TITLE = "smoke test: too short for a conclusion"
 _UNCOUNTED = ("seed", "profile")
@@ -120,6 +120,7 @@ class _Drawing:
     function: Callable[[Figure, Run[Any]], dict[str, Any] | None]
     size: tuple[float, float]
     when: Callable[[Run[Any]], bool]
+    measured: bool | None
 
 
 def seeded(config: Any, seeds: int) -> range:
@@ -167,9 +168,7 @@ class Experiment(Generic[C]):
     `seed` is nobody's change. `where` is paper and section; `smoke` and `paper` are fields that these profiles
     change; `hosts` names test hosts that the run is on, or is a function of the configuration that does.
     `removed` are fields of older logs with the value in each profile: a log with another value counts for no
-    claim. `renamed` has the former names of columns by table, and under an empty name that of the table itself:
-    ``{"cell": {"": "cells", "size": "bytes"}}`` reads the table ``cells`` of an older log as ``cell``, and its
-    column ``bytes`` as ``size``.
+    claim.
     """
 
     def __init__(  # noqa: PLR0913  # what an experiment declares in one place
@@ -184,12 +183,10 @@ class Experiment(Generic[C]):
         actors: Sequence[Actor] = (),
         links: Sequence[Link] = (),
         removed: Mapping[str, Mapping[str, Any]] | None = None,
-        renamed: Mapping[str, Mapping[str, str]] | None = None,
     ) -> None:
         self.name, self.where, self.config_class = name, where, config
         self._hosts, self.setup = hosts, Setup(tuple(actors), tuple(links))
         self._removed = removed or {}
-        self._renamed = renamed or {}
         self._profiles: dict[str, Mapping[str, Any]] = {SMOKE: smoke, QUICK: {}, PAPER: paper}
         self.tables: dict[str, type[Any]] = {}
         self.sweeps: list[_Sweep] = []
@@ -289,18 +286,21 @@ class Experiment(Generic[C]):
         *,
         size: tuple[float, float],
         when: Callable[[Run[C]], bool] = lambda _: True,
+        measured: bool | None = None,
     ) -> Callable[[F], F]:
         """Declare a figure of a size in inches: a function of an empty figure and a run draws it.
 
         The sidecar comes from the run: machine, repetitions and the tables that were read. The note begins with
-        the words that the function passes to `note`, and ends with repetitions and machine, or *computed* if no
-        part of the experiment is measured. If the function returns a dictionary of JSON values,
+        the words that the function passes to `note`, and ends with repetitions and machine, or *computed* if
+        nothing in the figure is measured: `measured`, None: as the experiment. If the function returns a dictionary of JSON values,
         dataclasses and tables, this is the sidecar, and the note is the function's alone. `when` says whether
         a run has the figure.
         """
 
         def declare(function: F) -> F:
-            self._drawings[name] = _Drawing(function=function, size=size, when=when)
+            self._drawings[name] = _Drawing(
+                function=function, size=size, when=when, measured=measured
+            )
             return function
 
         return declare
@@ -363,7 +363,7 @@ class Experiment(Generic[C]):
 
     def load(self, log: Path) -> Run[C]:
         """Return a finished run from its log."""
-        return Run(log, self.config_class, self.tables, self._removed, self._renamed)
+        return Run(log, self.config_class, self.tables, self._removed)
 
     async def run(
         self,
@@ -484,6 +484,7 @@ class Experiment(Generic[C]):
             if total
             else nullcontext(lambda _: None)
         )
+        bench.cases.clear()
         with bar as advance:
             bench.advance = advance
             try:
@@ -492,7 +493,6 @@ class Experiment(Generic[C]):
                     await result
                 for check, cases in bench.cases.items():
                     bench.write(check_row(check, cases))
-                bench.cases.clear()
                 if total == 1:
                     advance("done")
             except part.skips as error:
@@ -521,7 +521,8 @@ class Experiment(Generic[C]):
             shown = drawing.function(figure, run)
             if shown is None:
                 shown = default_sidecar(run)
-                add_note(figure, shown, measured=self.measures)
+                measured = self.measures if drawing.measured is None else drawing.measured
+                add_note(figure, shown, measured=measured)
             if run.profile == SMOKE:
                 _mark_as_smoke(figure)
         return figure, {name: _numbers(value) for name, value in shown.items()}

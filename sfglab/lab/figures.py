@@ -1,7 +1,7 @@
-"""Figures: one style, one `save`, one JSON twin beside each picture; films.
+"""Figures: one style, and one function that saves them.
 
-A picture is written as deterministic SVG and as PNG; the twin says from which log, parameters and versions it
-comes and which numbers it shows.
+A figure is written as deterministic SVG and as PNG, with a JSON sidecar: log, parameters, versions, and either
+the numbers that it shows or the tables that it was drawn from with their numbers of rows.
 """
 
 from __future__ import annotations
@@ -54,9 +54,10 @@ def series(key: str) -> dict[str, Any]:
 def grouped_bars(
     axes: Axes, table: pd.DataFrame, colors: Iterable[str], *, width: float
 ) -> list[NDArray[np.floating]]:
-    """Draw a group of bars a line of a table, a bar a column; return where they stand. Width 1: no space."""
-    each, places = width / len(table.columns), range(len(table.columns))
-    spots = [np.arange(len(table)) + (place - (len(places) - 1) / 2) * each for place in places]
+    """Draw one group of bars per table row and one bar per column; return the positions. Width 1: no space."""
+    count = len(table.columns)
+    each = width / count
+    spots = [np.arange(len(table)) + (place - (count - 1) / 2) * each for place in range(count)]
     for at, column, color in zip(spots, table.columns, colors, strict=False):
         axes.bar(at, table[column], each, label=column, color=color)
     axes.grid(visible=False, axis="x")

@@ -158,8 +158,7 @@ def header(exp: Experiment[Any]) -> HTML:
     """Return links to other pages, and the verdicts on an experiment's claims by committed logs.
 
     Links go to the first page, the previous and the next notebook, the ledger and the glossary.
-    The last notebook is followed by the first. Links are relative to the notebook, or to its
-    executed copy.
+    They are relative to the notebook, or to its executed copy.
     """
     from IPython.display import HTML
 
@@ -167,10 +166,14 @@ def header(exp: Experiment[Any]) -> HTML:
 
     project = find_project()
     names = sorted(path.stem for path in find_notebooks(project))
-    place = names.index(notebook_of(project, exp.name))
-    before = names[place - 1]
-    after = names[(place + 1) % len(names)]
-    pages = {"start": START, f"previous: {before}": before, f"next: {after}": after}
+    own = notebook_of(project, exp.name)
+    before = [name for name in names if name < own]
+    after = [name for name in names if name > own]
+    pages = {"start": START}
+    if own and before:
+        pages[f"previous: {before[-1]}"] = before[-1]
+    if own and after:
+        pages[f"next: {after[0]}"] = after[0]
     pages["ledger"] = LEDGER
     copy = os.environ.get(COPY_VARIABLE)
     top = os.path.relpath(project.root, Path(copy).parent if copy else None)

@@ -44,11 +44,9 @@ class Run(Generic[C]):
         config_class: type[C],
         row_classes: Mapping[str, type[Any]],
         removed: Mapping[str, Mapping[str, Any]],
-        renamed: Mapping[str, Mapping[str, str]] | None = None,
     ) -> None:
         self.log = log  #: The log.
         self._row_classes = row_classes
-        self._renamed = renamed or {}
         self._known: dict[Any, tuple[Any, set[str]]] = {}
         #: Names of the tables that were read so far, directly or in a derived value.
         self.used: set[str] = set()
@@ -97,15 +95,12 @@ class Run(Generic[C]):
         import pandas as pd
 
         self.used.add(name)
-        former = self._renamed.get(name, {})
-        logged = name if name in self._tables else former.get("", name)
-        if logged not in self._tables:
+        if name not in self._tables:
             return pd.DataFrame(
                 columns=["log_time_ns", *(f.name for f in fields(self._row_classes[name]))]
             )
-        columns = {before: now for now, before in former.items()}
         with LogReader(self.log) as reader:
-            return reader.table(logged).rename(columns=columns)
+            return reader.table(name)
 
     @property
     def experiment(self) -> str:
@@ -144,9 +139,13 @@ class Run(Generic[C]):
     def once(self, key: Any, make: Callable[[], T]) -> T:
         """Return what was made for a key before, or make it."""
         if key not in self._known:
-            outer, self.used = self.used, set()
-            self._known[key] = make(), self.used
-            self.used = outer
+            outer = self.used
+            self.used = set()
+            try:
+                value = make()
+                self._known[key] = (value, self.used)
+            finally:
+                self.used = outer
         found: T
         found, used = self._known[key]
         self.used |= used

@@ -1,4 +1,4 @@
-"""Rows, cases, renamed tables and defaults of figures: what an experiment leaves to the kit."""
+"""Rows, cases and defaults of figures: what an experiment leaves to the kit."""
 
 import math
 from dataclasses import dataclass
@@ -100,20 +100,6 @@ def test_the_note_of_a_measuring_experiment_names_the_machine():
     figure = Figure()
     add_note(figure, {"machine": "X, 2 cores", "repetitions": 1}, measured=True)
     assert figure.get_supxlabel() == "run on X, 2 cores"
-
-
-def test_renamed_tables_and_columns_of_older_logs_are_read_by_their_present_names(run):
-    renamed = {"column": {"": "bar", "height": "size"}}
-    later = Experiment("small", Config, where="A 1", renamed=renamed, **EMPTY)
-
-    @later.table("column")
-    class ColumnRow(TableRow):
-        repeat: int
-        height: int
-
-    read = later.load(run.log)
-    assert read["column"].to_dict("list") == {"repeat": [0, 1], "height": [0, 10]}
-    assert read.used == {"column"}
 
 
 def test_numbers_of_the_papers_are_read_by_the_claims_id():

@@ -61,6 +61,12 @@ def test_a_committed_header_has_working_links_and_the_verdicts_of_committed_logs
     assert all(claim in committed for claim in experiment(name).claims)
 
 
+def test_a_header_without_a_notebook_of_the_experiment_has_no_neighbours(monkeypatch):
+    monkeypatch.setattr(notebook, "notebook_of", lambda *_: "")
+    links = links_of(notebook.header(experiment("driving")).data)
+    assert [*links] == ["start", "ledger", "glossary"]
+
+
 def test_links_from_a_copy_become_those_from_the_folder_of_notebooks(monkeypatch):
     monkeypatch.chdir(PROJECT.notebooks)
     here = notebook.header(experiment("driving")).data

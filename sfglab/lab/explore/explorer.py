@@ -91,7 +91,6 @@ class Explorer:
         self._exp, self._look, self._profile = exp, look, profile
         if (former := self._open.pop((exp.name, look), None)) is not None:
             former.close()
-        self._open[exp.name, look] = self
         declared = exp.looks[look]
         self.form = Form(
             exp.config(profile, **declared.start), declared.turn, self._ask, declared.within
@@ -125,6 +124,7 @@ class Explorer:
         self._buttons["stop"].disabled = True
         self.widget = self._arranged()
         self._worker = Worker(Task(experiment=exp.name), self._take)
+        self._open[exp.name, look] = self
         self._ask()
 
     def _repr_mimebundle_(self, **_: object) -> tuple[dict[str, Any], dict[str, Any]]:

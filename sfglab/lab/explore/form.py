@@ -132,9 +132,10 @@ class Form:
         shown = ".0f" if hint is int else ".3g"
         if bounds.log:
             low, high = math.log10(bounds.low), math.log10(bounds.high)
-            # A page sets a value to the nearest step: the start is one.
+            step = (high - low) / _STEPS
             below = math.log10(value) - low
-            step = below / max(1, round(_STEPS * below / (high - low))) or (high - low) / _STEPS
+            if below > 0:  # A page sets a value to the nearest step, so the start must be one.
+                step = below / max(1, round(below / step))
             return self._kit.FloatLogSlider(
                 value=value, min=low, max=high, step=step, readout_format=shown
             )

@@ -73,7 +73,6 @@ class Interactive:
         name = f"{function.__module__}.{function.__qualname__}"
         if (former := self._open.pop(name, None)) is not None:
             former.close()
-        self._open[name] = self
         self._function = function
         self._default = self._setting = setting_of(function)
         texts = argument_texts(function)
@@ -89,6 +88,7 @@ class Interactive:
         reset = button("Reset", self.form.reset, "Every parameter as at the start")
         row = widgets().HBox([reset, widgets().HTML(escape(_HINT))])
         self.widget = widgets().VBox([self.form.widget, row, self._figure, self._printed])
+        self._open[name] = self
 
     def _repr_mimebundle_(self, **_: object) -> tuple[dict[str, Any], dict[str, Any]]:
         """Show form and figure, and a still with its sentence where no kernel runs."""
@@ -151,10 +151,11 @@ class Interactive:
             self._figure.answer = {"of": request, "is": "whole" if final else "coarse"}
 
     def refuse(self, request: int, reason: str) -> None:
-        """Show why a setting has no picture; what is shown is dimmed."""
+        """Show why the newest setting has no picture; what is shown is dimmed."""
         with self._lock:
-            self._figure.answer = {"of": request, "is": "refused"}
-        self.form.say(reason)
+            if request == self._figure.asked:
+                self._figure.answer = {"of": request, "is": "refused"}
+                self.form.say(reason)
 
     # The page's side.
 

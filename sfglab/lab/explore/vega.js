@@ -24,7 +24,7 @@ async function render({ model, el, host, signal }) {
   const [status, box] = ["p", "div"].map((name) => el.appendChild(document.createElement(name)));
   el.classList.add("sfglab-vega");
   status.setAttribute("role", "status");
-  const panels = model.get("panels");
+  const panels = model.get("spec").hconcat.length;
   const patch = (vega) => ({
     ...vega,
     layout: { ...vega.layout, columns: { signal: "columns" }, padding: { row: 20, column: 8 } },
@@ -100,7 +100,12 @@ async function render({ model, el, host, signal }) {
     el.classList.toggle("stale", waits || is === "refused");
     status.textContent = model.get("said") + (waits ? " (computing ...)" : words[is] ?? "");
   };
-  const wait = () => { patience ||= setTimeout(tell, PATIENCE_MS, true); };
+  const wait = () => {
+    patience ||= setTimeout(() => {
+      patience = 0;
+      tell(true);
+    }, PATIENCE_MS);
+  };
   model.on("change:asked", wait);
   model.on("change:answer", () => { clearTimeout(patience); patience = 0; tell(false); wait(); });
   model.on("change:rows", redraw);

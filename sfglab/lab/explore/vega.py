@@ -139,7 +139,6 @@ def _channel(channel: Any, axis: Axis) -> Any:
 _TRAITS = {
     "library": "Unicode",  # reference to the model that holds the script
     "spec": "Dict",
-    "panels": "Int",
     "rows": "Dict",
     "ghosts": "Dict",
     "said": "Unicode",
@@ -157,7 +156,6 @@ def figure_widget(picture: Picture) -> Any:
     return _figure_class()(
         library=f"anywidget:{_script_model().model_id}",
         spec=specification(picture),
-        panels=len(picture.panels),
         rows=rows_of(picture),
         ghosts=ghosts_of(picture, REFERENCE),
         said=picture.said,
@@ -191,7 +189,7 @@ def _script_key() -> str:
 
 
 def _packed_script() -> bytes:
-    """Return the ES module of Vega, packed. Making it takes 1.7 s, so it is kept in the user's cache."""
+    """Return the ES module of Vega, packed. It is kept in the user's cache, because making it is slow."""
     cache_folder = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
     path = Path(cache_folder, "sfglab", f"{_script_key()}.js.gz")
     if path.is_file():
