@@ -14,7 +14,6 @@ from sfglab.soc.graph import (
     TopicMapping,
     graph_text,
     load_graph,
-    read_graph,
 )
 from sfglab.soc.graph_drawing import draw_graph, draw_mapping
 from sfglab.soc.graph_import import build_cfg, graph_from_log
@@ -55,6 +54,5 @@ __all__ = [
     "load_graph",
     "map_communication",
     "place_nodes",
-    "read_graph",
     "transfer_s",
 ]

@@ -166,7 +166,7 @@ def _search(graph: _Graph, bound: Bound, table: Table, limit: int) -> Counterexa
                 waiting.append(len(graph.worlds) - 1)
         if len(graph.worlds) > limit:
             raise SfglabError(
-                f"exploration of {bound}: more than {limit} worlds; lower the bound or raise the limit"
+                f"exploration of {bound}: more than {limit} global states; lower the bound or raise the limit"
             )
     return None
 
@@ -182,9 +182,9 @@ def _trap(graph: _Graph, number: int, bound: Bound) -> Counterexample:
     if lost:
         text = f"lost: {', '.join(lost)}"
     elif number in graph.with_steps:
-        text = "deadlock: messages are under way and nothing that moves brings them on"
+        text = "livelock: steps are possible, and none of them leads to the end"
     else:
-        text = "deadlock: messages are under way and nothing can move any more"
+        text = "deadlock: messages are in flight and no step is possible"
     return Counterexample(property=text, trace=graph.trace(number), last=world)
 
 

@@ -29,7 +29,7 @@ The paper leaves three points open. Our table decides them:
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from enum import Enum, auto
 from typing import TYPE_CHECKING
 
@@ -88,7 +88,7 @@ class Action(Enum):
     COMPARE_HELD = auto()  #: Compare the publisher ID of the held message with the core's own.
     COMPARE_PORT = auto()  #: Compare the publisher ID at the port with the core's own.
     CLAIM_HMT = auto()  #: Request the HMT from its arbiter, and look at the port meanwhile.
-    MEMORY_TO_HMT = auto()  #: Send the held message to the HMT. Its echo stays at the port.
+    MEMORY_TO_HMT = auto()  #: Send the held message to the HMT, and discard its echo at the port.
     HMT_TO_MEMORY = auto()  #: Take the message at the port and write it to the output message.
     HMT_TO_NOWHERE = auto()  #: Take the message at the port and discard it.
 
@@ -113,7 +113,7 @@ class Row:
     """One state of the table."""
 
     action: Action  #: Action in this state.
-    transitions: Mapping[Input, Transition] = field(hash=False)  #: Transitions by input.
+    transitions: Mapping[Input, Transition]  #: Transitions by input.
 
 
 Table = dict[State, Row]  #: Behaviour of a gateway core.

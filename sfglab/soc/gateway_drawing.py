@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 
 from sfglab.soc.gateway import ADDED_STATES, TABLE, Action, Input, State, transitions
+from sfglab.soc.graph_drawing import FRAME, GATEWAY, HARDWARE
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
@@ -34,9 +35,8 @@ ASIDE = 0.08  #: Shift of each of two opposite arrows to its right, inches.
 DETOURS = {(State.CANCEL_WAIT, State.PUBLISH_HOLDING): [(9.28, -0.95), (9.28, -3.8)]}
 """Corners, inches, of the only arrow that would otherwise pass over states."""
 
-OSIF_COLOR = "#F7DD92"  #: Fill of states that use the delegate's interface.
-HMT_COLOR = "#85BCE6"  #: Fill of states that use the hardware-mapped topic.
-LINE_COLOR = "#333333"
+OSIF_COLOR = GATEWAY  #: Fill of states that use the delegate's interface.
+HMT_COLOR = HARDWARE  #: Fill of states that use the hardware-mapped topic.
 ABBREVIATIONS = {"HMT", "SMT", "OSIF"}
 
 
@@ -80,7 +80,7 @@ def _draw_box(
 
     corner = (centre[0] - BOX_WIDTH / 2, centre[1] - BOX_HEIGHT / 2)
     box = FancyBboxPatch(corner, BOX_WIDTH, BOX_HEIGHT, "round,pad=0,rounding_size=0.08")
-    box.set(facecolor=_fill(action), edgecolor=LINE_COLOR)
+    box.set(facecolor=_fill(action), edgecolor=FRAME)
     if state in ADDED_STATES:
         box.set(linestyle=(0, (4, 2)), linewidth=1.6)
     axes.add_patch(box)
@@ -124,9 +124,9 @@ def _draw_arrow(
     points = points + aside * to_the_right
     lines: list[Artist] = []
     if len(points) > 2:
-        lines += axes.plot(*points[:-1].T, color=LINE_COLOR, linewidth=0.9, zorder=0)
+        lines += axes.plot(*points[:-1].T, color=FRAME, linewidth=0.9, zorder=0)
     head = FancyArrowPatch(points[-2], points[-1], patchB=box, shrinkA=0, shrinkB=0, zorder=0)
-    head.set(arrowstyle="-|>", mutation_scale=10, color=LINE_COLOR, linewidth=0.9)
+    head.set(arrowstyle="-|>", mutation_scale=10, color=FRAME, linewidth=0.9)
     axes.add_patch(head)
     middle = len(points) // 2
     x, y = (points[middle - 1] + points[middle]) / 2 + 2.6 * aside * to_the_right

@@ -257,7 +257,7 @@ def _core_steps(world: World, bound: Bound, table: Table) -> Iterator[Step]:
             yield _transition_step(world, event, transition)
         elif event.input is not Input.EMPTY:
             name = event.input.name
-            fault = Fault(f"{name} comes unexpected in {world.state.name}")
+            fault = Fault(f"{world.state.name} has no transition for {name}")
             yield Step("gateway", f"{world.state.name} --{name}--> ?", fault)
     if row.action is Action.MEMORY_TO_HMT and world.hmt is None:
         yield Step("gateway", f"begins to send {world.held}", _reserved_for_core(world, bound))
@@ -345,9 +345,12 @@ def _compared(world: World, message: Message | None) -> Event:
 
 
 def _reserved_for_core(world: World, bound: Bound) -> World | Fault:
-    """Return the global state in which the held message occupies the HMT, with the core's ID."""
+    """Return the global state in which the held message occupies the HMT, with the core's ID.
+
+    An echo stays at the core's port until its filter drops it. Hardware may discard it earlier.
+    """
     if world.held is None:
-        return Fault("sends a message that it has not got")
+        return Fault("sends without a message")
     pending = {CORE_TRANSFER, *_hardware_subscribers(bound)}
     if bound.echoes:
         pending.add(CORE_PORT)

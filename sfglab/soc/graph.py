@@ -266,12 +266,7 @@ def load_graph(path: Path | str) -> Graph:
     Raises:
         DocumentError: A value is missing or not allowed; the error names the line.
     """
-    return read_graph(Document.of_file(path))
-
-
-def read_graph(document: Document) -> Graph:
-    """Read a graph from the text of a YAML file; raises as `load_graph`."""
-    return document.read(Graph)
+    return Document.of_file(path).read(Graph)
 
 
 def graph_text(graph: Graph) -> str:

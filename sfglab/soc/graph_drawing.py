@@ -18,8 +18,13 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 # Okabe and Ito's palette, distinct for all common kinds of colour blindness; light where text stands on it.
-CROSSING, PLAIN, OUTLINE, FRAME = "#D55E00", "#666666", "#0072B2", "#333333"
-SOFTWARE, HARDWARE, GATEWAY = "#FFFFFF", "#85BCE6", "#F7DD92"
+CROSSING = "#D55E00"  #: Edges across the boundary.
+PLAIN = "#666666"  #: Other edges.
+OUTLINE = "#0072B2"  #: Dashed outlines of parts in hardware.
+FRAME = "#333333"  #: Frames and texts.
+SOFTWARE = "#FFFFFF"
+HARDWARE = "#85BCE6"
+GATEWAY = "#F7DD92"
 _FILLS = {
     TopicMapping.SOFTWARE: SOFTWARE,
     TopicMapping.HARDWARE: HARDWARE,
@@ -32,9 +37,12 @@ STAGES = {
 }
 # Lengths in inches.
 LEGEND_WIDTH = 7.6
-_PAGE, _TITLE = 15.0, 0.3  # widest layered picture, height of a title
-_CELL, _NAMES = 0.17, 1.8  # a matrix's cells and the room for its names
-_APART, _STEP = 0.1, 0.02  # distance of an outline from its part, and the grid on which it is found
+_PAGE = 15.0  # width of the widest layered picture
+_TITLE = 0.3  # height of a title
+_CELL = 0.17  # side of a cell of a matrix
+_NAMES = 1.8  # room for the names beside a matrix
+_APART = 0.1  # distance of an outline from its part
+_STEP = 0.02  # pitch of the grid on which an outline is found
 _HOLE = 0.15  # square inches: a smaller hole in an outline is closed
 
 
@@ -140,15 +148,16 @@ def draw_mapping(mapping: CommunicationMapping, figure: Figure, stage: str = "")
         width, height = _NAMES + _CELL * len(graph.nodes), _NAMES + _CELL * len(graph.topics)
     figure.set_size_inches(max(LEGEND_WIDTH, width), len(stages) * (height + _TITLE) + 0.6)
     axes = figure.subplots(len(stages), squeeze=False)
+    graphs = dict(zip(STAGES, mapping.stages, strict=True))
     for ax, name in zip(axes.flat, stages, strict=True):
         if is_wide:
-            draw_matrix(ax, getattr(mapping, name), title=STAGES[name])
+            _draw_matrix(ax, graphs[name], title=STAGES[name])
         else:
-            draw_graph(ax, getattr(mapping, name), layout=layout, title=STAGES[name])
+            draw_graph(ax, graphs[name], layout=layout, title=STAGES[name])
     draw_legend(figure)
 
 
-def draw_matrix(ax: Axes, graph: Graph, *, title: str = "") -> None:
+def _draw_matrix(ax: Axes, graph: Graph, *, title: str = "") -> None:
     """Draw a large graph: one row per topic, one column per node; triangles publish, circles subscribe."""
     nodes = sorted(graph.nodes, key=lambda node: node.in_hardware)
     topics = sorted(graph.topics, key=lambda topic: list(TopicMapping).index(topic.mapping))

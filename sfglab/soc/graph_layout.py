@@ -26,9 +26,14 @@ if TYPE_CHECKING:
     from sfglab.soc.graph import Edge, Graph, Vertex
 
 # All lengths are in inches.
-_LETTER, _LINE, _PAD = 0.072, 0.142, 0.07  # width of a letter, height of a line, room around a name
-_LETTERS, _LINES = 12, 4  # most letters per line and lines of a name
-_COLUMN_GAP, _BOX_GAP, _BEND_GAP = 0.65, 0.4, 0.25  # between layers, frames, and bend points
+_LETTER = 0.072  # width of a letter
+_LINE = 0.142  # height of a line
+_PAD = 0.07  # room around a name
+_LETTERS = 12  # largest number of letters per line of a name
+_LINES = 4  # largest number of lines of a name
+_COLUMN_GAP = 0.65  # between layers
+_BOX_GAP = 0.4  # between frames of a layer
+_BEND_GAP = 0.25  # between bend points of a layer
 _LEAD = 0.1  # straight part of an edge beside a layer; an arrow fits on it
 _BACKWARDS = 0.08  # distance of an edge that runs backwards below the middle of its frames
 _MARGIN = 0.2  # around the picture, for outlines and notes
@@ -52,9 +57,8 @@ class Layout:
     """Places in a picture; lengths in inches."""
 
     boxes: Mapping[Vertex, Box]  #: Frames of nodes and topics.
-    lines: Mapping[
-        Edge, NDArray[np.float64]
-    ]  #: Curve of each edge, shape (n, 2), in its direction.
+    #: Curve of each edge, shape (n, 2), in its direction.
+    lines: Mapping[Edge, NDArray[np.float64]]
     size: tuple[float, float]  #: Width and height of the picture.
 
 

@@ -181,7 +181,7 @@ def transfer_s(graph: Graph, topic: Topic, *, judge: Judge = Judge.LAST) -> floa
             hardware=hardware,
             software=len(topic.subscribers) - hardware,
         )
-        longest_s = max(longest_s, judged_s(transfer_times(setup), setup, judge))
+        longest_s = max(longest_s, judged_s(transfer_times(setup), judge))
     return longest_s
 
 
@@ -219,15 +219,21 @@ def chain_s(graph: Graph, chain: Sequence[str]) -> dict[Edge, float]:
     found: dict[Edge, float] = {}
     now_s = 0.0
     for before, after in pairwise(chain):
-        edge = _link(graph, before, after)
+        edge = link(graph, before, after)
         now_s += activation_s(graph.node(before)) + arrival_s(graph, edge)
         found[edge] = now_s
     return found
 
 
-def _link(graph: Graph, before: str, after: str) -> Edge:
+def link(graph: Graph, before: str, after: str) -> Edge:
+    """Return the edge to a node from the topic with a known size that another node publishes to it.
+
+    Raises:
+        InvalidValueError: No such topic joins the nodes.
+    """
     for topic in graph.topics:
-        if before in topic.publishers and after in topic.subscribers and topic.size_bytes:
+        is_known = topic.size_bytes is not None
+        if before in topic.publishers and after in topic.subscribers and is_known:
             return Edge(topic=topic.name, node=after, kind=EdgeKind.SUBSCRIBE)
     raise InvalidValueError("chain", f"{before}, {after}", "nodes that a topic with a size joins")
 

@@ -355,10 +355,9 @@ class Judge(Enum):
     HARDWARE = "the last hardware subscriber"
     SOFTWARE = "a software subscriber"
     LAST = "the last subscriber"
-    MEAN = "the mean of all subscribers, each hardware node as late as the last of them"
 
 
-def judged_s(times: Times, setup: Setup, judge: Judge) -> float:
+def judged_s(times: Times, judge: Judge) -> float:
     """Return the transfer time that counts for a judge, s; 0 without such subscribers."""
     hardware_s = times.hardware_s or 0.0
     software_s = times.software_s or 0.0
@@ -366,13 +365,10 @@ def judged_s(times: Times, setup: Setup, judge: Judge) -> float:
         return hardware_s
     if judge is Judge.SOFTWARE:
         return software_s
-    if judge is Judge.LAST:
-        return max(hardware_s, software_s)
-    sum_s = setup.hardware * hardware_s + setup.software * software_s
-    return sum_s / max(setup.hardware + setup.software, 1)
+    return max(hardware_s, software_s)
 
 
-def faster_transport(setup: Setup, judge: Judge = Judge.LAST, costs: Costs = STORED) -> Transport:
+def faster_transport(setup: Setup, judge: Judge = Judge.LAST) -> Transport:
     """Return which is faster for a judge, gateway or software-mapped topic; the topic if equal.
 
     The setup's own transport has no effect.
@@ -380,11 +376,11 @@ def faster_transport(setup: Setup, judge: Judge = Judge.LAST, costs: Costs = STO
     judged: dict[Transport, float] = {}
     for transport in (Transport.SMT, Transport.GATEWAY):
         over = replace(setup, transport=transport)
-        judged[transport] = judged_s(transfer_times(over, costs), over, judge)
+        judged[transport] = judged_s(transfer_times(over), judge)
     return min(judged, key=lambda transport: judged[transport])
 
 
-def break_even_bytes(setup: Setup, judge: Judge = Judge.LAST, costs: Costs = STORED) -> int | None:
+def break_even_bytes(setup: Setup, judge: Judge = Judge.LAST) -> int | None:
     """Return the message size from which on a gateway is faster for a judge, in whole chunks.
 
     The setup's own transport and size have no effect. The search is a bisection: once a gateway is
@@ -394,12 +390,12 @@ def break_even_bytes(setup: Setup, judge: Judge = Judge.LAST, costs: Costs = STO
         The size. One chunk: a gateway is faster at any size. None: at no size up to
         `LARGEST_BYTES`.
     """
-    chunk_bytes = costs.memory.chunk_bytes
+    chunk_bytes = STORED.memory.chunk_bytes
     sizes = range(chunk_bytes, LARGEST_BYTES + 1, chunk_bytes)
 
     def gateway_is_faster(size: int) -> bool:
         sized = replace(setup, message_bytes=size)
-        return faster_transport(sized, judge, costs) is Transport.GATEWAY
+        return faster_transport(sized, judge) is Transport.GATEWAY
 
     first = bisect_left(sizes, True, key=gateway_is_faster)
     return sizes[first] if first < len(sizes) else None

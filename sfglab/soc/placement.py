@@ -6,7 +6,7 @@ hardware, y_t = 1 for a topic at a gateway, h_t for a topic in hardware and e_tn
     minimise    sum_n [ a_n (1 - x_n) + b_n x_n ] + sum_tn w_tn e_tn + sum_t g_t y_t
     subject to  e_tn >= x_n - h_t - y_t      for every edge of topic t at node n
                 h_t <= x_n                   for every node n at topic t
-                sum_n lut_n x_n + gateway_lut sum_t y_t <= lut,   and the same for block memories
+                sum_n lut_n x_n + gateway_lut sum_t y_t <= lut,   sum_n bram_n x_n <= bram
                 x_n, y_t in {0, 1},  0 <= h_t <= 1,  e_tn >= 0
 
 a and b are a node's seconds of work per second in software and hardware. w is what one carriage of the topic's
@@ -71,7 +71,7 @@ class Load:
     hardware_s: float  #: Nodes in hardware.
     communication_s: float  #: Carriages across the memory interface.
     lut: int  #: Look-up tables of nodes and gateways.
-    bram: float  #: Block memories of nodes and gateways.
+    bram: float  #: Block memories of nodes; a gateway takes none.
 
     @property
     def total_s(self) -> float:
@@ -182,6 +182,8 @@ def place_nodes(
         SfglabError: The fixed nodes do not fit or have no implementation, or no mapping was found in time.
     """
     check_fixed(graph, platform, fixed or {})
+    if not graph.nodes:
+        return NodeMapping(graph=graph, load=assess(graph), bound_s=0.0)
     problem, x, y = _programme(graph, platform, fixed or {})
     bound_s = _minimise(problem, time_limit_s)
     sides = {}
@@ -285,7 +287,8 @@ def _minimise(problem: Any, time_limit_s: float) -> float:
         warnings.filterwarnings("ignore", message="Solution may be inaccurate")
         try:
             problem.solve(solver=cp.HIGHS, mip_rel_gap=_GAP, time_limit=time_limit_s)
-        except cp.error.SolverError as error:
+        # Without a solution CVXPY raises a ValueError.
+        except (cp.error.SolverError, ValueError) as error:
             raise SfglabError(f"node mapping: HiGHS failed: {error}") from error
     if problem.status not in {cp.OPTIMAL, cp.USER_LIMIT} or problem.value is None:
         status = problem.status

@@ -75,9 +75,8 @@ class Prediction:
     low: float  #: Lower end of the 95 % interval.
     high: float  #: Upper end of the 95 % interval.
     decider: str  #: Measurement on a board that would narrow the interval most.
-    narrowed: tuple[
-        float, float
-    ]  #: Ends of the interval after that measurement, around the same median.
+    #: Ends of the interval after that measurement, around the same median.
+    narrowed: tuple[float, float]
 
 
 def predictions(numbers: Sequence[float]) -> list[Prediction]:

@@ -80,12 +80,12 @@ def test_optimise_is_what_the_programme_chooses_with_what_other_choices_would_co
     picture = PressedMapping(FIGURE_8)
     picture.answer(picture.optimise)
     assert picture.graph.mapped_to(TopicMapping.GATEWAY) == ("A", "C", "E")
-    assert "D to software: 2.04 ms at software, 2.25 ms at gateway" in picture.why.value
+    assert "D to software: 2.04 ms with software, 2.25 ms with gateway" in picture.why.value
     picture = PressedMapping(DRIVING, ZCU104)
     picture.answer(picture.optimise)
     found = place_nodes(DRIVING, ZCU104)
     assert picture.graph == found.graph
-    assert f"{1e3 * found.load.total_s:.2f} ms each second" in picture.why.value
+    assert f"{1e3 * found.load.total_s:.2f} ms per second" in picture.why.value
     assert "/A without a gateway" in picture.why.value
 
 

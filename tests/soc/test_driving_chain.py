@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sfglab.errors import SfglabError
+from sfglab.errors import InvalidValueError, SfglabError
 from sfglab.soc import Placement, load_graph
 from sfglab.soc.driving import CHAIN, Chain
 from sfglab.soc.memory import STORED, Setup, Side, Transport, transfer_times
@@ -52,5 +52,5 @@ def test_a_graph_without_the_chain_or_with_a_member_outside_hardware_is_refused(
         with pytest.raises(SfglabError, match="must be in hardware"):
             Chain(GRAPH.with_placements({name: Placement.SOFTWARE}))
     topics = tuple(topic for topic in GRAPH.topics if topic.name != "/lane_mask")
-    with pytest.raises(SfglabError, match="from lane_planner to polyfit"):
+    with pytest.raises(InvalidValueError, match="chain: given 'lane_planner, polyfit'"):
         Chain(replace(GRAPH, topics=topics))

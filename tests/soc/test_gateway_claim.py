@@ -41,7 +41,7 @@ def test_a_port_that_stores_every_message_that_hardware_may_send_needs_no_claim(
 
 def test_the_deadlock_is_a_transfer_that_waits_for_a_message_that_waits_for_the_core():
     found = explore(Bound(), table_without_claim()).counterexample
-    assert found.property == "deadlock: messages are under way and nothing can move any more"
+    assert found.property == "deadlock: messages are in flight and no step is possible"
     assert found.last.state is State.TO_HMT
     assert found.last.hmt is not None
     assert "hardware publisher 1 offers 1.0" in found.trace

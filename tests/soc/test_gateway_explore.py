@@ -42,8 +42,8 @@ def test_within_the_bound_every_interleaving_delivers_everything_once_in_order_w
         ("FILTER_SMT", "OWN", "CLAIM", "echoed to the side that it came from"),
         ("FILTER_SMT", "FOREIGN", "REQUEST", "asks for the next message before .* lost"),
         ("FILTER_HMT", "FOREIGN", "DROP_HMT", "lost"),
-        ("TO_MEMORY", "DONE", "PUBLISH", "ANSWERED comes unexpected in PUBLISH_WAIT"),
-        ("PUBLISH", "SENT", "REQUEST", "PUBLISHED comes unexpected in POLL_OSIF"),
+        ("TO_MEMORY", "DONE", "PUBLISH", "PUBLISH_WAIT has no transition for ANSWERED"),
+        ("PUBLISH", "SENT", "REQUEST", "POLL_OSIF has no transition for PUBLISHED"),
         ("PUBLISH_WAIT", "PUBLISHED", "PUBLISH", "publishes an output message that nobody wrote"),
         ("TO_HMT", "DONE", "POLL_OSIF", "deadlock"),
         ("TO_MEMORY", "DONE", "POLL_OSIF", "overwrites 1.0 before it is published"),
@@ -74,11 +74,11 @@ def test_a_delegate_that_ignores_calls_deadlocks_and_one_that_answers_twice_conf
     deaf = explore(Bound(listens_while_blocked=False)).counterexample
     assert deaf.property.startswith("deadlock")
     lines = str(explore(Bound(answers_once=False)).counterexample).splitlines()
-    assert lines[0] == "CANCELLED comes unexpected in PUBLISH_WAIT_HOLDING"
+    assert lines[0] == "PUBLISH_WAIT_HOLDING has no transition for CANCELLED"
     assert lines[1] == "  1  software publisher 0 publishes 0.0"
     assert lines[-1].endswith("gateway PUBLISH_WAIT_HOLDING --CANCELLED--> ?")
 
 
 def test_a_limit_is_kept_and_named():
-    with pytest.raises(SfglabError, match="more than 100 worlds"):
+    with pytest.raises(SfglabError, match="more than 100 global states"):
         explore(Bound(), limit=100)

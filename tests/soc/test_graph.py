@@ -14,7 +14,7 @@ from sfglab.errors import InvalidValueError
 
 
 def read(text):
-    return soc.read_graph(Document(text, "g.yaml"))
+    return Document(text, "g.yaml").read(soc.Graph)
 
 
 @settings(max_examples=60, deadline=None)

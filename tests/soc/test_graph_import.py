@@ -38,7 +38,7 @@ def test_a_log_gives_topics_with_types_sizes_and_rates(imported):
     assert topic.size_bytes == 4 + 4 + 100 + 1 + 3  # header, length, text, its end, padding
     assert topic.publishers == ("publisher of /a",)
     assert (topic.subscribers, found.left_out, found.graph.name) == ((), {}, "run.mcap")
-    assert soc.read_graph(Document(soc.graph_text(found.graph), "g.yaml")) == found.graph
+    assert Document(soc.graph_text(found.graph), "g.yaml").read(soc.Graph) == found.graph
 
 
 def test_a_record_of_the_graph_gives_the_nodes_too_and_leaves_out_topics_without_publisher(

@@ -1,4 +1,4 @@
-"""A picture of a mapped graph to press: a node or topic moves, and costs and times follow."""
+"""Interactive picture of a mapped graph: a click moves a node or topic and updates costs and times."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from sfglab.soc.placement import Platform, assess, check_fixed, place_nodes, top
 from sfglab.view.widgets import button, widgets
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterable, Iterator, Sequence
 
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
@@ -35,16 +35,17 @@ _OTHER = {Placement.SOFTWARE: Placement.HARDWARE, Placement.HARDWARE: Placement.
 
 
 class PressedMapping(Pressed):
-    """A mapped graph as a picture to press.
+    """A mapped graph as a picture that answers clicks.
 
-    A node goes to the other side, and the topics follow by the paper's three cases; a topic goes from software
-    to a gateway, to hardware and back. On a subscription stands how long a message takes to it.
+    A click moves a node to the other side, and the paper's three cases then map the topics. A click on a topic
+    moves it from software to a gateway, to hardware and back. Each subscription is labelled with the time that
+    a message takes to it.
 
     Args:
-        graph: The graph as it is mapped to begin with.
-        platform: Where it runs; its areas are kept, and the programme of node mapping optimises. None: nodes
-            may stand anywhere, and topics alone are optimised, by predicted time.
-        chain: Names of nodes, each of which publishes to the next, whose time is told along their edges.
+        graph: Graph with the mapping that is shown first.
+        platform: Area for nodes and gateways; *Optimise* then solves the node placement. None: there is no limit
+            of area, and *Optimise* maps only the topics, by predicted time.
+        chain: Names of nodes, each of which publishes to the next; their edges show the accumulated time.
 
     Raises:
         MissingExtraError: The extra ``view`` is not installed.
@@ -54,17 +55,17 @@ class PressedMapping(Pressed):
         self, graph: Graph, platform: Platform | None = None, *, chain: Sequence[str] = ()
     ) -> None:
         kit = widgets()
-        self.graph = graph  #: As it is mapped now.
+        self.graph = graph  #: Graph with its present mapping.
         self._begin, self._platform, self._chain = graph, platform, chain
         self._layout = layered_layout(graph)
         self._asked: dict[str, TopicMapping] = {}
-        self.why = kit.HTML()  #: What the last optimum's reasons are.
+        self.why = kit.HTML()  #: Reasons for the last optimum.
         buttons = [
             button("Optimise", lambda: self.answer(self.optimise)),
             button("Reset", lambda: self.answer(lambda: self._set(self._begin))),
         ]
         most = platform.lut if platform else 0
-        #: The look-up tables that there are.
+        #: Number of look-up tables of the platform.
         self.lut = kit.IntSlider(value=most, max=most, description="LUT", layout={"width": "30em"})
         self.lut.observe(lambda change: self.answer(lambda: self._limit(change["new"])), "value")
         above = [kit.HBox([*buttons, *([self.lut] if platform else [])]), self.why]
@@ -75,24 +76,29 @@ class PressedMapping(Pressed):
         )
 
     def optimise(self) -> None:
-        """Map as the programme does, and say why."""
+        """Map with the least load or time, and show the reasons."""
         if self._platform is None:
             mapped = map_communication(self.graph, gateway=mapping.faster_by_gateway)
-            self._set(mapped.gateways, self._reasons_of_topics)
+            self._set(mapped.gateways)
+            self._explain(self._reasons_of_topics())
         else:
-            self._set(place_nodes(self.graph, self._platform).graph, self._reasons)
+            self._set(place_nodes(self.graph, self._platform).graph)
+            self._explain(self._reasons())
 
     def _limit(self, lut: int) -> None:
         assert self._platform is not None, "without one there is no slider"
         self._platform = replace(self._platform, lut=lut)
         assess(self.graph).check_fits(self._platform)
 
-    def _set(self, graph: Graph, reasons: Any = tuple) -> None:
+    def _set(self, graph: Graph) -> None:
         if self._platform is not None:
             assess(graph).check_fits(self._platform)
         self.graph = graph
         self._asked.clear()
-        self.why.value = "<br>".join(escape(reason) for reason in reasons())
+        self._explain(())
+
+    def _explain(self, reasons: Iterable[str]) -> None:
+        self.why.value = "<br>".join(escape(reason) for reason in reasons)
 
     def _move(self, name: str) -> None:
         kind, _, what = name.partition(":")
@@ -109,14 +115,14 @@ class PressedMapping(Pressed):
         placed = self.graph.with_placements({what: side})
         self._set(map_communication(placed, gateway=lambda _, topic: topic.name in at).gateways)
 
-    # Why it is best.
+    # Reasons for the optimum.
 
     def _reasons(self) -> Iterator[str]:
-        """Yield what a second's work would take with each choice the other way, all else at its best."""
+        """Yield the load with each node on the other side and each gateway replaced, all else as it is."""
         assert self._platform is not None, "the programme needs one"
         sides = {node.name: node.placement for node in self.graph.nodes}
         least_s = assess(self.graph).total_s
-        yield f"Least work and carriage: {_MS * least_s:.2f} ms each second. Others, all else at its best:"
+        yield f"Least load: {_MS * least_s:.2f} ms per second. With one change, other nodes as they are:"
         for node in self.graph.nodes:
             if node.hardware is None:
                 continue
@@ -134,18 +140,17 @@ class PressedMapping(Pressed):
             yield f"{name} without a gateway: {_MS * assess(without).total_s:.2f} ms"
 
     def _reasons_of_topics(self) -> Iterator[str]:
-        yield "Gateways where a message is with its last subscriber earlier:"
+        yield "A topic has a gateway if its last subscriber then receives a message earlier:"
         for topic in self.graph.topics:
-            both = {m: self.graph.with_mappings({topic.name: m}) for m in _CYCLE[:2]}
-            if topic.mapping in both:
-                times = {
-                    m.value: _MS * mapping.transfer_s(g, g.topic(topic.name))
-                    for m, g in both.items()
-                }
-                told = ", ".join(f"{time:.2f} ms at {name}" for name, time in times.items())
-                yield f"{topic.name} to {topic.mapping.value}: {told}"
+            if topic.mapping is TopicMapping.HARDWARE:
+                continue
+            times = []
+            for kind in (TopicMapping.SOFTWARE, TopicMapping.GATEWAY):
+                time_s = mapping.transfer_s(self.graph, replace(topic, mapping=kind))
+                times.append(f"{_MS * time_s:.2f} ms with {kind.value}")
+            yield f"{topic.name} to {topic.mapping.value}: {', '.join(times)}"
 
-    # How it looks.
+    # Drawing.
 
     def _picture(self, figure: Figure) -> None:
         ax = figure.subplots()
@@ -184,7 +189,7 @@ class PressedMapping(Pressed):
             ax.text(box.x, box.y - box.height / 2 - 0.03, text, color=FRAME, va="top", **_NOTE)
 
     def _cost(self) -> str:
-        told = []
+        titles = []
         if self._platform:
             load = assess(self.graph)
             times = {
@@ -193,21 +198,20 @@ class PressedMapping(Pressed):
                 "carriage": load.communication_s,
             }
             parts = ", ".join(f"{name} {_MS * time_s:.1f}" for name, time_s in times.items())
-            told.append(
-                f"each second {_MS * load.total_s:.1f} ms ({parts}); {load.lut} LUT, {load.bram:g} BRAM"
-            )
+            areas = f"{load.lut} LUT, {load.bram:g} BRAM"
+            titles.append(f"load {_MS * load.total_s:.1f} ms per second ({parts}); {areas}")
         if self._chain:
             end_s = [*mapping.chain_s(self.graph, self._chain).values()][-1]
             whole_s = end_s + mapping.activation_s(self.graph.node(self._chain[-1]))
-            told.append(f"chain (\N{GREEK CAPITAL LETTER SIGMA}) {_MS * whole_s:.2f} ms")
-        return "; ".join(told)
+            titles.append(f"chain (\N{GREEK CAPITAL LETTER SIGMA}) {_MS * whole_s:.2f} ms")
+        return "; ".join(titles)
 
     def _sentences(self) -> dict[str, str]:
-        said = {}
+        found = {}
         for node in self.graph.nodes:
             text = f"{node.name} runs in {node.placement.value}: press to move it"
-            said[f"node:{node.name}"] = text
+            found[f"node:{node.name}"] = text
         for topic in self.graph.topics:
             text = f"{topic.name} is mapped to {topic.mapping.value}: press for the next"
-            said[f"topic:{topic.name}"] = text
-        return said
+            found[f"topic:{topic.name}"] = text
+        return found

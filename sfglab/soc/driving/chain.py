@@ -16,18 +16,12 @@ from itertools import pairwise, permutations
 from typing import TYPE_CHECKING
 
 from sfglab.errors import SfglabError
-from sfglab.soc.memory import (
-    STORED,
-    Setup,
-    Side,
-    Times,
-    Transport,
-    round_robin_s,
-    transfer_times,
-)
+from sfglab.soc.graph import TopicMapping
+from sfglab.soc.mapping import arrival_s, link, map_communication
+from sfglab.soc.memory import STORED, round_robin_s
 
 if TYPE_CHECKING:
-    from sfglab.soc.graph import Graph, Topic
+    from sfglab.soc.graph import Edge, Graph, Topic
 
 
 CHAIN = ("compensation", "gaussian_blur", "lane_planner", "polyfit", "lane_control")
@@ -46,14 +40,15 @@ class Chain:
     Topics between two hardware nodes are hardware-mapped and the others software-mapped, except A.
 
     Raises:
-        SfglabError: The chain is not in the graph, or compensation or blur are not in hardware.
+        InvalidValueError: A topic of the chain is not in the graph.
+        SfglabError: The first topic is not A, or compensation or blur are not in hardware.
     """
 
     graph: Graph  #: Graph in which the chain's nodes are placed.
 
     def __post_init__(self) -> None:
         first, second = CHAIN[:2]
-        if self._topics[0].name != SHARED_TOPIC:
+        if self._edges[0].topic != SHARED_TOPIC:
             raise SfglabError(
                 f"graph {self.graph.name}: {first} must reach {second} over {SHARED_TOPIC}"
             )
@@ -61,52 +56,33 @@ class Chain:
             raise SfglabError(f"graph {self.graph.name}: {first} and {second} must be in hardware")
 
     @cached_property
-    def _topics(self) -> list[Topic]:
-        return [self._between(before, after) for before, after in pairwise(CHAIN)]
+    def _mapped(self) -> Graph:
+        return map_communication(self.graph).hardware
 
-    def _between(self, before: str, after: str) -> Topic:
-        for topic in self.graph.topics:
-            if before in topic.publishers and after in topic.subscribers and topic.size_bytes:
-                return topic
-        raise SfglabError(
-            f"graph {self.graph.name}: no topic with a size goes from {before} to {after}"
-        )
+    @cached_property
+    def _edges(self) -> list[Edge]:
+        """Edges from the chain's topics to their next nodes."""
+        return [link(self._mapped, before, after) for before, after in pairwise(CHAIN)]
 
-    def _times(self, topic: Topic, transport: Transport) -> Times:
-        hardware = len(self.graph.in_hardware.intersection(topic.subscribers))
-        setup = Setup(
-            publisher=Side.HARDWARE,
-            transport=transport,
-            message_bytes=topic.size_bytes or 0,
-            hardware=hardware,
-            software=len(topic.subscribers) - hardware,
-        )
-        return transfer_times(setup)
+    @property
+    def _shared(self) -> Topic:
+        return self._mapped.topic(SHARED_TOPIC)
 
     @cached_property
     def fixed_s(self) -> dict[str, float]:
         """Transfer time of each topic of the chain except A, s."""
-        found = {}
-        for topic in self._topics[1:]:
-            if self.graph.in_hardware.issuperset(topic.subscribers):
-                time_s = self._times(topic, Transport.HMT).hardware_s
-            else:
-                time_s = self._times(topic, Transport.SMT).software_s
-            assert time_s is not None, "the topic has a subscriber"
-            found[topic.name] = time_s
-        return found
+        return {edge.topic: arrival_s(self._mapped, edge) for edge in self._edges[1:]}
 
     @cached_property
     def gateway_s(self) -> float:
         """Transfer time of A from compensation to blur through a gateway, s."""
-        time_s = self._times(self._topics[0], Transport.GATEWAY).hardware_s
-        assert time_s is not None, "the blur is in hardware"
-        return time_s
+        mapped = self._mapped.with_mappings({SHARED_TOPIC: TopicMapping.GATEWAY})
+        return arrival_s(mapped, self._edges[0])
 
     @cached_property
     def orders(self) -> tuple[Order, ...]:
         """All orders in which a software-mapped A can serve its subscribers; equally likely."""
-        return tuple(permutations(self._topics[0].subscribers))
+        return tuple(permutations(self._shared.subscribers))
 
     @cached_property
     def software_s(self) -> dict[Order, float]:
@@ -116,7 +92,7 @@ class Chain:
     def read_s(self, order: Order) -> dict[str, float]:
         """Return when each hardware subscriber of A has read its message, s after its publication."""
         memory = STORED.memory
-        topic = self._topics[0]
+        topic = self._shared
         size_bytes = topic.size_bytes or 0
         written_s = STORED.endpoint_s + memory.write_s(size_bytes) + STORED.delegate_s
         published_s = written_s + STORED.published_s(size_bytes)

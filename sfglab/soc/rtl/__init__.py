@@ -4,10 +4,9 @@
 - `mover`: the gateway's data path. `topic`: the hardware-mapped topic. `memory_port`: the memory interface.
 - `bench`: test benches of the gateway, and of nodes that read or write without one.
 - `cycles`: cycles of a message on each path, simulated and by the memory model.
-- `synthesis`: Verilog, and the proof that the control follows the table.
+- `synthesis`: Verilog, by Yosys.
 
-The test benches are hardware as well, which makes them a quarter of this package: a bench in Python simulates
-about ten times fewer cycles per second.
+The test benches are hardware as well, so that no Python runs in each simulated cycle.
 """
 
 from sfglab.soc.rtl.bench import Delays

@@ -65,7 +65,9 @@ class CycleModel:
 def simulated_cycles(
     path: MemoryPath, nodes: int, message_bytes: int, delays: Delays | None = None
 ) -> int:
-    """Simulate a message on a path, and return its cycles. 100 kB take some seconds, 1 MB minutes.
+    """Simulate a message on a path, and return its cycles.
+
+    The time of a simulation grows with the size; use `cycle_model` for large messages.
 
     Args:
         path: Path of the message.
@@ -160,7 +162,7 @@ def compare_words(ctx: Any, memory: Any, expected: Sequence[int], place: str) ->
 
 
 def run_bench(bench: Any, limit: int, result: Callable[[Any], T]) -> T:
-    """Simulate a test bench until it is done, and return its result; some 10 000 cycles per second.
+    """Simulate a test bench until it is done, and return its result.
 
     Args:
         bench: Hardware with a signal `done`.

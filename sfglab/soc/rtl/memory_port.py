@@ -18,9 +18,8 @@ from amaranth import Cat, Elaboratable, Module, Mux, Signal
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-WORD_BITS = (
-    64  #: Width of addresses and words at OSIF, MEMIF and streams (ReconROS, 64-bit template).
-)
+#: Width of addresses and words at OSIF, MEMIF and streams (ReconROS, 64-bit template).
+WORD_BITS = 64
 WORD_BYTES = WORD_BITS // 8
 CHUNK_WORDS = 32  #: Number of words of the longest request.
 CHUNK_BYTES = CHUNK_WORDS * WORD_BYTES

@@ -30,9 +30,8 @@ class Mover(Elaboratable):
         self.master = MemoryMaster()  #: Master of the memory interface.
         self.sent = Stream("sent")  #: Stream to the topic.
         self.port = Stream("port")  #: Stream from the topic.
-        self.send = (
-            Signal()
-        )  #: In: copy from memory to the topic, and discard the echo at the port.
+        #: In: copy from memory to the topic, and discard the echo at the port.
+        self.send = Signal()
         self.store = Signal()  #: In: copy from the port to memory.
         self.drop = Signal()  #: In: discard the message at the port.
         self.source = Signal(WORD_BITS)  #: In: address of the message to send.
