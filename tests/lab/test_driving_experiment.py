@@ -8,12 +8,7 @@ import pytest
 
 from sfglab.lab.bench import Options
 from sfglab.lab.experiments.driving import chain_table, exp, part_table
-from sfglab.lab.experiments.driving.experiment import (
-    GATEWAY,
-    IMAGE_TOPIC,
-    SOFTWARE,
-    DrivePoint,
-)
+from sfglab.lab.experiments.driving.experiment import IMAGE_TOPIC, DrivePoint
 from sfglab.lab.experiments.driving.results import (
     ASSUMED,
     LIVE,
@@ -23,6 +18,7 @@ from sfglab.lab.experiments.driving.results import (
     stops,
 )
 from sfglab.lab.sweep import Workers
+from sfglab.lab.workers.driving import GATEWAY, SOFTWARE
 from sfglab.soc.driving import Rules, run_lap
 from sfglab.view.app import ViewOptions, view_log
 

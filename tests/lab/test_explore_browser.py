@@ -20,7 +20,7 @@ from rosbags.typesys import Stores, get_typestore
 from waiting import wait_until
 
 from sfglab.lab.browser import free_port
-from sfglab.lab.experiments.transfer import sizes
+from sfglab.lab.experiments.transfer import transfer_curves
 from sfglab.lab.explore.viewer import LogViewer
 from sfglab.lab.paths import find_project
 from sfglab.spatial.scene.files import load_scene
@@ -219,7 +219,7 @@ def test_a_drawn_figure_follows_a_drag_with_the_values_of_python(run, browser):
     run(DRAWN)
     browser.wait_for(f"{FIGURE}?.clientWidth > 300", ANSWER_S)
     start = browser.wait_for(f"{DOTS}.length === 8 && {DOTS}.map(d => d.ariaLabel)", ANSWER_S)
-    assert start == words_of(sizes())  # sliders that are shown change nothing
+    assert start == words_of(transfer_curves())  # sliders that are shown change nothing
     x, y, left, width = browser.evaluate(HANDLE % "message bytes")
     browser.evaluate(RECORD)
     browser.drag((x, y), (left + 0.95 * width, y), steps=80)
@@ -228,7 +228,7 @@ def test_a_drawn_figure_follows_a_drag_with_the_values_of_python(run, browser):
     moves, frames = (browser.evaluate(f"seen.{name}") for name in ("moves", "frames"))
     shown = [(at, size_of(words)) for at, words in frames[1:]]
     for _, words in frames:
-        assert words == words_of(sizes(message_bytes=size_of(words)))
+        assert words == words_of(transfer_curves(message_bytes=size_of(words)))
     assert shown[-1][1] == moves[-1][1]
     # From an input to the frame with its values; then all inputs, also those that were passed over.
     own = [at - max(t for t, size in moves if size == value and t <= at) for at, value in shown]
@@ -251,10 +251,10 @@ def test_a_drawn_figure_follows_a_drag_with_the_values_of_python(run, browser):
     browser.click(*browser.still(middle, ANSWER_S))
     printed = browser.wait_for("document.querySelector('.jp-OutputArea pre')?.innerText", ANSWER_S)
     size = shown[-1][1]
-    assert f"sizes(message_bytes={size}).at('hardware to hardware', {size})" in printed
+    assert f"transfer_curves(message_bytes={size}).at('hardware to hardware', {size})" in printed
     assert "software-mapped topic" in printed
     tooltip = "document.querySelector('#vg-tooltip-element.visible')?.innerText"
-    assert browser.wait_for(tooltip, ANSWER_S) == words_of(sizes(message_bytes=size))[0]
+    assert browser.wait_for(tooltip, ANSWER_S) == words_of(transfer_curves(message_bytes=size))[0]
     color = f"getComputedStyle({DOTS}[0]).fill"
     light = browser.evaluate(color)
     theme = "{theme: 'JupyterLab Dark'}"
@@ -295,6 +295,9 @@ def test_a_simulation_dims_its_figure_until_a_coarse_and_then_the_whole_one_is_t
     )
     browser.wait_for(f"{STATUS}.endsWith(' in 1.5 s') && !{STALE}", ANSWER_S)
     assert not browser.evaluate(STATUS).startswith("loss 0.5 ")
+    slide(browser, "loss", 0.75)  # a second slow answer dims the figure like the first
+    browser.wait_for(f"{STATUS}.endsWith('(computing ...)') && {STALE}", ANSWER_S)
+    browser.wait_for(f"{STATUS}.endsWith(' in 1.5 s') && !{STALE}", ANSWER_S)
 
 
 def test_parts_of_pictures_are_pressed_and_python_answers_or_refuses(run, browser):

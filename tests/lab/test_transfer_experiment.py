@@ -14,7 +14,7 @@ import pytest
 from made_logs import CLAIMS
 
 from sfglab.fields import bounds_of
-from sfglab.lab.experiments.transfer import cycles, exp, experiment, sizes, stated
+from sfglab.lab.experiments.transfer import cycles, exp, experiment, stated, transfer_curves
 from sfglab.lab.experiments.transfer.experiment import IN, OUT, READS, RTL, WRITE, bars_with_cycles
 from sfglab.lab.experiments.transfer.live import Crossing, crossings, message_count
 from sfglab.lab.experiments.transfer.results import bars, live_bars
@@ -53,22 +53,22 @@ def test_bars_are_the_model_s(run):
 
 def test_the_explorer_shows_the_model_s_times_and_its_speed_up():
     here = speed_ups(subscribers=[8], sizes_bytes=[10_000_000])
-    picture = sizes(message_bytes=10_000_000, subscribers=8)
+    picture = transfer_curves(message_bytes=10_000_000, subscribers=8)
     dots = [row["y"] for row in picture.values() if row["kind"] == "dot"]
     assert dots == [1e3 * time_s for bar in here for time_s in (bar.smt_s, bar.gateway_s)]
     assert [panel.note for panel in picture.panels] == [
         f"speed-up: {bar.ratio:.2f}" for bar in here
     ]
-    faster = sizes(endpoint_us=10.0).at("hardware to hardware", 1_000_000)["y"]
-    assert (faster < sizes().at("hardware to hardware", 1_000_000)["y"]).all()
+    faster = transfer_curves(endpoint_us=10.0).at("hardware to hardware", 1_000_000)["y"]
+    assert (faster < transfer_curves().at("hardware to hardware", 1_000_000)["y"]).all()
 
 
 def test_the_explorer_s_axes_hold_every_setting_of_its_form():
-    setting = setting_of(sizes)
+    setting = setting_of(transfer_curves)
     ends = {name: (one.low, one.high) for name, one in bounds_of(type(setting)).items()}
     assert len(ends) == 7
     for values in product(*ends.values()):
-        picture = sizes(**dict(zip(ends, values, strict=True)))
+        picture = transfer_curves(**dict(zip(ends, values, strict=True)))
         for row in picture.values():
             axis = picture.panels[row["place"]].y
             assert axis.low <= row["y"] <= axis.high

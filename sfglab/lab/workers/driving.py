@@ -35,9 +35,11 @@ if TYPE_CHECKING:
     from sfglab.bus.api import Transport
 
 NAMES = tuple(ports.node for ports in NODES if ports.node != "car")  #: Names of the processes.
-TRANSPORTS: dict[str, Transport] = {"software": "dds", "gateway": "shm"}  #: Transport by mapping.
+SOFTWARE = "software"  #: Mapping of topic A in the first version of the paper.
+GATEWAY = "gateway"  #: Mapping of topic A in the second version of the paper.
+TRANSPORTS: dict[str, Transport] = {SOFTWARE: "dds", GATEWAY: "shm"}  #: Transport by mapping.
 _LANE = "/lane"  #: The topic of the chain that goes to software.
-_READERS = 4  #: Number of subscribers of topic A.
+_READERS = sum(SHARED_TOPIC in ports.subscribes for ports in NODES)  #: Subscribers of topic A.
 _MATCH_S = 60.0
 _IMAGES_S = 2.0  #: Duration of the drive whose images the camera publishes.
 
@@ -57,18 +59,19 @@ class DrivingNodeConfig:
 
 def _endpoints(create: Callable[..., Any], topics: tuple[str, ...]) -> dict[str, Any]:
     """Create the publishers or subscriptions of a node's first topic, by mapping."""
+    if not topics:
+        return {}
+    topic = topics[0]
+    mappings = [GATEWAY]
+    type_ = "sensor_msgs/msg/Image"
+    if topic == SHARED_TOPIC:
+        mappings = list(TRANSPORTS)
+    if topic == _LANE:
+        mappings = [SOFTWARE]
+        type_ = "geometry_msgs/msg/Vector3Stamped"
     found = {}
-    for topic in topics[:1]:
-        mappings = ["gateway"]
-        type_ = "sensor_msgs/msg/Image"
-        if topic == SHARED_TOPIC:
-            mappings = list(TRANSPORTS)
-        if topic == _LANE:
-            mappings = ["software"]
-            type_ = "geometry_msgs/msg/Vector3Stamped"
-        for mapping in mappings:
-            name = f"{topic}/{mapping}"
-            found[mapping] = create(type_, name, transport=TRANSPORTS[mapping])
+    for mapping in mappings:
+        found[mapping] = create(type_, f"{topic}/{mapping}", transport=TRANSPORTS[mapping])
     return found
 
 
@@ -118,7 +121,7 @@ async def _publish_images(config: DrivingNodeConfig, images: list[Any], publishe
     start_s = time.monotonic()
     for number in range(round(config.live_s * config.rate_hz)):
         image = there_and_back[number % len(there_and_back)]
-        publisher.publish(_to_message(image, 1))
+        publisher.publish(_to_message(image, 1))  # The compensation replaces the stamp.
         await asyncio.sleep(start_s + (number + 1) / config.rate_hz - time.monotonic())
 
 
@@ -129,15 +132,14 @@ async def _process(
     compute: Callable[[Any], Any],
     note: Callable[[int], str],
 ) -> None:
-    """Process messages one after the other; `note` returns the mapping of the result."""
+    """Process messages one after the other; `note` returns the mapping that the result is published by."""
     async for message in subscription:
         stamp_ns = time.monotonic_ns() if node == CHAIN[0] else ns_from_stamp(message.header.stamp)
         result = compute(_from_message(message))
         del message  # releases its place in shared memory
         mapping = note(stamp_ns)
         if publishers:
-            publisher = publishers.get(mapping) or next(iter(publishers.values()))
-            publisher.publish(_to_message(result, stamp_ns))
+            publishers[mapping].publish(_to_message(result, stamp_ns))
 
 
 async def serve(config: DrivingNodeConfig, report: Reporter, orders: Orders) -> None:
@@ -151,9 +153,12 @@ async def serve(config: DrivingNodeConfig, report: Reporter, orders: Orders) -> 
     images: list[Any] = []
 
     def note(stamp_ns: int) -> str:
-        mapping = str(rng.choice(list(TRANSPORTS))) if name == CHAIN[0] else ""
-        frames.append((stamp_ns, mapping or time.monotonic_ns()))
-        return mapping
+        if name == CHAIN[0]:
+            mapping = str(rng.choice(list(TRANSPORTS)))
+            frames.append((stamp_ns, mapping))
+            return mapping
+        frames.append((stamp_ns, time.monotonic_ns()))
+        return next(iter(publishers), "")
 
     async with Node(name, **config.address.options()) as bus:
         # Results of odometry and of the detection of lights are not part of the chain.
@@ -171,14 +176,14 @@ async def serve(config: DrivingNodeConfig, report: Reporter, orders: Orders) -> 
             readers = _READERS if len(publishers) > 1 else 1
             await publisher.wait_for_subscriptions(readers, _MATCH_S)
         report({"is": "ready"})
-        compute = _callbacks(stack).get(name, compensate)
+        callbacks = _callbacks(stack)
         tasks = [
-            _process(name, subscription, publishers, compute, note)
+            _process(name, subscription, publishers, callbacks[name], note)
             for subscription in subscriptions.values()
         ]
         async with beside(*tasks):
             while (await orders.get())["do"] == "go":
-                await _publish_images(config, images, publishers["gateway"])
+                await _publish_images(config, images, publishers[GATEWAY])
                 report({"is": "over"})
             report({"is": "stopped", "frames": frames})
             await asyncio.Event().wait()

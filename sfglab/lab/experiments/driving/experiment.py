@@ -47,8 +47,6 @@ if TYPE_CHECKING:
 
     from sfglab.lab.bench import Bench
 
-SOFTWARE = "software"  #: Mapping of topic A in the first version of the paper.
-GATEWAY = "gateway"  #: Mapping of topic A in the second version of the paper.
 STANDING_MPS = 0.02  #: Speed below which the car stands.
 IMAGE_TOPIC = "/image/compressed"
 PATH_TOPIC = "/lane/path"
@@ -157,9 +155,8 @@ class DrivingChainRow(TableRow):
     lane_planner_ns: int  #: Execution time.
     polyfit_ns: int  #: Execution time.
     lane_control_ns: int  #: Execution time.
-    smt_s: (
-        float  #: Time from compensation to blur through main memory, in a random order of delivery.
-    )
+    #: Time from compensation to blur through main memory; the order of deliveries is random.
+    smt_s: float
     gateway_s: float  #: Time from compensation to blur through a gateway.
 
 

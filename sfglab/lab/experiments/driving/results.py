@@ -12,10 +12,8 @@ import pandas as pd
 
 from sfglab.lab.claims import Finding, How
 from sfglab.lab.experiments.driving.experiment import (
-    GATEWAY,
     IMAGE_TOPIC,
     PATH_TOPIC,
-    SOFTWARE,
     STANDING_MPS,
     Config,
     exp,
@@ -25,6 +23,7 @@ from sfglab.lab.figures import COLORS, note, paper_line
 from sfglab.lab.paper import paper
 from sfglab.lab.runs import Run, derived, lines_of
 from sfglab.lab.stats import Estimate, Floats, bootstrap, exactly
+from sfglab.lab.workers.driving import GATEWAY, SOFTWARE
 from sfglab.soc.driving import CHAIN, SHARED_TOPIC, Camera, Chain, Rules
 from sfglab.soc.driving.town import LANE_M, Road
 from sfglab.units import NS_PER_S
@@ -42,6 +41,11 @@ LIVE = "live across processes"
 PAPER = "paper"
 _COLUMNS = {SOFTWARE: "smt_s", GATEWAY: "gateway_s"}  #: Columns of topic A in the table ``chain``.
 _COLORS = {SOFTWARE: COLORS["standard"], GATEWAY: COLORS["proxy"]}
+_KIND_COLORS = {
+    "nodes": COLORS["network"],
+    "other topics": COLORS["third"],
+    "topic A": COLORS["fourth"],
+}
 _RED = "#D62728"
 _MS = 1e3
 _FEWEST = 30  #: Smallest number of live images that a standard deviation is computed from.
@@ -198,7 +202,7 @@ def _draw_times(axes: Axes, table: pd.DataFrame) -> None:
     for mapping, shift in ((SOFTWARE, -0.15), (GATEWAY, 0.15)):
         rows = table[table["topic A"] == mapping]
         places = np.arange(len(rows)) + shift
-        style: dict[str, Any] = {"color": _COLORS[mapping], "label": f"A by {mapping}"}
+        style: dict[str, Any] = {"color": _COLORS[mapping], "label": f"topic A: {mapping}"}
         axes.errorbar(
             places, rows["mean (ms)"], rows["deviation (ms)"], fmt="o", capsize=4, **style
         )
@@ -213,17 +217,18 @@ def _draw_parts(axes: Axes, table: pd.DataFrame) -> None:
     kinds = ["nodes" if part in CHAIN else "other topics" for part in table.index]
     kinds[table.index.get_loc(SHARED_TOPIC)] = "topic A"
     sums = table.groupby(kinds).sum()
-    names = [fill(", A by ".join(column), 16) for column in table.columns.to_flat_index()]
+    names = [fill(", topic A: ".join(column), 16) for column in table.columns.to_flat_index()]
     bottom = np.zeros(len(names))
-    for kind, color in zip(sums.index, ("network", "third", "fourth"), strict=True):
-        bars = axes.bar(names, sums.loc[kind], 0.6, bottom, color=COLORS[color], label=kind)
+    for kind, color in _KIND_COLORS.items():
+        bars = axes.bar(names, sums.loc[kind], 0.6, bottom, color=color, label=kind)
         axes.bar_label(bars, fmt="%.1f", label_type="center", fontsize=8)
         bottom += sums.loc[kind]
-    for mapping in MAPPINGS:
-        stated = paper("C-DRIVE", f"{mapping}, mean (ms)")
-        paper_line(axes, stated, color=_COLORS[mapping])
+    stated = {mapping: paper("C-DRIVE", f"{mapping}, mean (ms)") for mapping in MAPPINGS}
+    for mapping, mean_ms in stated.items():
+        paper_line(axes, mean_ms, color=_COLORS[mapping])
     axes.tick_params(axis="x", labelsize=8)
-    axes.set(ylabel="mean time (ms)", ylim=(0, 34), xlim=(-0.5, 4.2))
+    highest = max(bottom.max(), *stated.values())
+    axes.set(ylabel="mean time (ms)", ylim=(0, 1.2 * highest), xlim=(-0.5, 4.2))
     axes.legend(fontsize=8, ncols=3, loc="upper left")
 
 

@@ -43,7 +43,9 @@ def core_holds(run: Run[Config]) -> Finding:
         "states of the core that occur": coverage.groups[COVERAGE],
     }
     estimate = exactly(share, "share of checks that hold")
-    return Finding(estimate=estimate, details=details, reason=coverage.reason)
+    violated = [text for text in run["exploration"]["violation"].unique() if text]
+    reason = "; ".join(filter(None, [*violated, coverage.reason]))
+    return Finding(estimate=estimate, details=details, reason=reason)
 
 
 @derived

@@ -4,8 +4,14 @@ How long a message takes over a software-mapped topic and through a gateway: by 
 with the cycles of simulated hardware, and live between processes.
 """
 
+from sfglab.lab.experiments.transfer import live  # noqa: F401 - declares its part
 from sfglab.lab.experiments.transfer.experiment import exp
-from sfglab.lab.experiments.transfer.live import Crossing
-from sfglab.lab.experiments.transfer.results import constants, cycles, live_bars, sizes, stated
+from sfglab.lab.experiments.transfer.results import (
+    constants,
+    cycles,
+    live_bars,
+    stated,
+    transfer_curves,
+)
 
-__all__ = ["Crossing", "constants", "cycles", "exp", "live_bars", "sizes", "stated"]
+__all__ = ["constants", "cycles", "exp", "live_bars", "stated", "transfer_curves"]

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 from sfglab.fields import to_json
 from sfglab.lab.bench import TableRow
 from sfglab.lab.experiment import PROFILES, Actor, Experiment, Link, Profiled
-from sfglab.soc.memory import STORED, Costs
+from sfglab.soc.memory import STORED, Costs, MemoryInterface
 from sfglab.soc.paper_values import MESSAGE_BYTES, SUBSCRIBERS, speed_ups
 
 if TYPE_CHECKING:
@@ -165,15 +165,23 @@ def missing_tools() -> dict[str, str]:
     return {}
 
 
+def memory_in_hardware() -> MemoryInterface:
+    """Return the model's memory interface with whole latencies, as simulated hardware counts them."""
+    memory = STORED.memory
+    return replace(
+        memory,
+        read_latency_cycles=round(memory.read_latency_cycles),
+        write_latency_cycles=round(memory.write_latency_cycles),
+    )
+
+
 @exp.sweep("law", over=simulated_paths, seeds=lambda _: (0,))
 def simulate_law(point: PathPoint, _seed: int) -> dict[str, float]:
     """Simulate a path with two message sizes, which give its law of cycles."""
     from sfglab.soc.rtl import Delays, MemoryPath, cycle_model
 
-    timing = STORED.memory
-    delays = Delays(
-        read=round(timing.read_latency_cycles), write=round(timing.write_latency_cycles)
-    )
+    memory = memory_in_hardware()
+    delays = Delays(read=int(memory.read_latency_cycles), write=int(memory.write_latency_cycles))
     return asdict(cycle_model(MemoryPath(point.path), point.subscribers, delays))
 
 

@@ -23,12 +23,13 @@ from sfglab.lab.experiments.transfer.experiment import (
     WRITE,
     Config,
     exp,
+    memory_in_hardware,
 )
 from sfglab.lab.figures import COLORS, bytes_axis, lines, note, paper_line
 from sfglab.lab.paper import paper
 from sfglab.lab.runs import Run, derived, lines_of
 from sfglab.lab.stats import Estimate, exactly, paired_ratios
-from sfglab.soc.memory import FITTED, STORED, MemoryInterface, with_values
+from sfglab.soc.memory import FITTED, STORED, with_values
 from sfglab.soc.paper_values import MESSAGE_BYTES, STATED, SUBSCRIBERS, Panel, SpeedUp, speed_ups
 from sfglab.soc.prediction import predictions
 from sfglab.tables import field_rows
@@ -96,15 +97,9 @@ def live_bars(run: Run[Config]) -> pd.DataFrame:
 
 @derived
 def cycles(run: Run[Config]) -> pd.DataFrame:
-    """Return the cycles per chunk of each path, in simulated hardware and in the model.
-
-    Hardware counts whole cycles, so the model's latencies are rounded.
-    """
+    """Return the cycles per chunk of each path, in simulated hardware and in the model."""
     law = run["law"]
-    memory = MemoryInterface(
-        read_latency_cycles=round(STORED.memory.read_latency_cycles),
-        write_latency_cycles=round(STORED.memory.write_latency_cycles),
-    )
+    memory = memory_in_hardware()
     per_chunk = {
         OUT: memory.memory_to_stream_cycles,
         IN: memory.stream_to_memory_cycles,
@@ -283,7 +278,7 @@ TOPICS = {
 _RATIO_TICKS = (0.125, 0.25, 0.5, 1, 2, 4, 8, 16, 32)
 
 
-@exp.figure("transfer", size=(10, 6.6))
+@exp.figure("transfer", size=(10, 6.6), measured=False)
 def draw_transfer(figure: Figure, run: Run[Config]) -> None:
     """Draw the model's transfer times and speed-ups (Fig. 6, 7), with RTL and the paper's numbers."""
     for times, ratios, panel in draw_panels(figure, bars(run)):
@@ -307,13 +302,13 @@ def draw_transfer(figure: Figure, run: Run[Config]) -> None:
 
 def draw_stated(axes: Axes, panel: Panel) -> None:
     """Draw the paper's speed-ups of a panel, with their numbers where the curves leave room."""
-    speed_ups = []
+    stated_ratios = []
     for one in STATED:
         if one.panel is panel:
             number = paper(one.claim, one.number)
-            speed_ups.append(1 / number if one.slower else number)
-    for value in speed_ups:
-        is_largest = value == max(speed_ups)
+            stated_ratios.append(1 / number if one.slower else number)
+    for value in stated_ratios:
+        is_largest = value == max(stated_ratios)
         paper_line(axes, value, at=0.55 if is_largest else 1, below=not is_largest)
 
 
@@ -398,7 +393,7 @@ _CANCEL_US = round(_US_PER_S * STORED.cancel_s, 2)
 
 
 @exp.explorer
-def sizes(  # noqa: PLR0913  # one slider for each
+def transfer_curves(  # noqa: PLR0913  # one slider for each
     *,
     message_bytes: Size = 1_000_000,
     subscribers: Count = 4,
@@ -427,8 +422,9 @@ def sizes(  # noqa: PLR0913  # one slider for each
         "cancel_s": cancel_us / _US_PER_S,
     }
     all_sizes = [*SIZES_BYTES, message_bytes]
-    bars = speed_ups(with_values(STORED, values), subscribers=[subscribers], sizes_bytes=all_sizes)
-    panels = [_curves(panel, bars) for panel in Panel]
+    costs = with_values(STORED, values)
+    computed = speed_ups(costs, subscribers=[subscribers], sizes_bytes=all_sizes)
+    panels = [_curves(panel, computed) for panel in Panel]
     said = (
         f"Transfer times to {subscribers} hardware subscribers and one in software. "
         f"Dots: messages of {message_bytes:,} B."
@@ -436,13 +432,13 @@ def sizes(  # noqa: PLR0913  # one slider for each
     return pictures.Picture(said=said, panels=tuple(panels))
 
 
-def _curves(panel: Panel, bars: list[SpeedUp]) -> pictures.Panel:
-    """Return the curves of a panel; its last bar has the size of the dots."""
-    chosen = [bar for bar in bars if bar.panel is panel]
+def _curves(panel: Panel, computed: list[SpeedUp]) -> pictures.Panel:
+    """Return the curves of a panel; its last value has the size of the dots."""
+    chosen = [one for one in computed if one.panel is panel]
     here = chosen[-1]
     series = []
     for topic, (name, color) in TOPICS.items():
-        times_ms = [_MS_PER_S * getattr(bar, f"{topic}_s") for bar in chosen]
+        times_ms = [_MS_PER_S * getattr(one, f"{topic}_s") for one in chosen]
         curve = pictures.Series(name=name, color=color, x=SIZES_BYTES, y=times_ms[:-1])
         dot = pictures.Series(
             name=name, color=color, kind="dot", x=[here.message_bytes], y=times_ms[-1:]
