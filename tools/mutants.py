@@ -7,8 +7,8 @@ Mutants are drawn by a seed, kind by kind: comparisons, integers off by one, dro
 arguments and fields, dropped and exchanged rows of tables, `and` for `or`. Texts, types and `raise`
 are not changed. Each is judged in a copy of the tree by the tests of the package that need no live
 processes, namespaces, ROS 2 or browser. A mutant is seen if a test fails, or if the tests take three
-times as long as without it. With coverage.py installed, the branches that the tests cover are
-counted, too.
+times as much CPU time as without it, or ten times as long. With coverage.py installed, the branches
+that the tests cover are counted, too.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ import difflib
 import json
 import os
 import random
+import resource
 import shutil
 import subprocess
 import sys
@@ -38,7 +39,8 @@ if TYPE_CHECKING:
 ROOT = Path(__file__).resolve().parent.parent
 MARKS = "not live and not netns and not ros and not browser"
 COUNT = 40
-LONGEST = 3.0  #: Times as long as without a mutant that the tests may take.
+CPU_TIMES = 3  #: Times as much CPU time as without a mutant that the tests may take.
+TIMES = 10  #: Times as long that they may take; long, so that a busy machine ends none.
 _LATE = "exchanged rows"  # drawn where the other kinds are too few: a table has one place per row
 _UNSEEN = (ast.Raise, ast.JoinedStr, ast.arguments)
 _UNNAMED = {"__repr__", "_repr_html_"}
@@ -62,6 +64,14 @@ class Mutant:
     source: str  #: The whole module.
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Limit:
+    """How long the tests may take with a mutant."""
+
+    cpu_s: int  #: CPU time of each process, s.
+    real_s: float  #: Time, s.
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Judge the mutants of a package and print the counts as JSON; return the exit status."""
     given = _parser().parse_args(arguments)
@@ -69,15 +79,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
     tests = given.tests or [f"tests/{given.package}"]
     with tempfile.TemporaryDirectory(prefix="sfglab-mutants-") as folder:
         copies = [copy_of(tree, Path(folder, str(number))) for number in range(given.processes)]
-        started = time.monotonic()
-        if run_tests(copies[0], tests, limit_s=None) != 0:
+        started, cpu_s = time.monotonic(), _cpu_of_children_s()
+        if run_tests(copies[0], tests, None) != 0:
             print("mutants: the tests fail without a mutant", file=sys.stderr)
             return 2
-        limit_s = LONGEST * (time.monotonic() - started) + 10
+        limit = Limit(
+            cpu_s=round(CPU_TIMES * (_cpu_of_children_s() - cpu_s) + 10),
+            real_s=TIMES * (time.monotonic() - started) + 60,
+        )
         covered = branches_covered(copies[0], tests, given.package)
         mutants = draw(tree, given.package, given.count, given.seed)
         with ThreadPoolExecutor(given.processes) as pool:
-            seen = list(pool.map(partial(is_seen, copies, tests, limit_s), mutants))
+            seen = list(pool.map(partial(is_seen, copies, tests, limit), mutants))
     survived = [m for m, was_seen in zip(mutants, seen, strict=True) if not was_seen]
     result = {
         "package": given.package,
@@ -117,22 +130,35 @@ def copy_of(tree: Path, folder: Path) -> Path:
     return folder
 
 
-def run_tests(copy: Path, tests: Sequence[str], *, limit_s: float | None) -> int:
+def _cpu_of_children_s() -> float:
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime
+
+
+def run_tests(copy: Path, tests: Sequence[str], limit: Limit | None) -> int:
     """Run the tests in a copy until one fails; return the exit status, 1 if they take too long."""
     argv = [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", "-m", MARKS]
     try:
-        done = _run([*argv, *tests], copy, limit_s)
+        done = _run([*argv, *tests], copy, limit)
     except subprocess.TimeoutExpired:
         return 1
     return done.returncode
 
 
 def _run(
-    argv: Sequence[str], copy: Path, limit_s: float | None
+    argv: Sequence[str], copy: Path, limit: Limit | None
 ) -> subprocess.CompletedProcess[bytes]:
     environment = os.environ | {"PYTHONPATH": str(copy), "PYTHONDONTWRITEBYTECODE": "1"}
+    limited: list[str] = []
+    if limit is not None:
+        limited = ["sh", "-c", f'ulimit -t {limit.cpu_s}; exec "$@"', "sh"]
     return subprocess.run(
-        argv, cwd=copy, env=environment, capture_output=True, timeout=limit_s, check=False
+        [*limited, *argv],
+        cwd=copy,
+        env=environment,
+        capture_output=True,
+        timeout=limit.real_s if limit else None,
+        check=False,
     )
 
 
@@ -149,14 +175,14 @@ def branches_covered(copy: Path, tests: Sequence[str], package: str) -> float | 
     return round(100 * totals["covered_branches"] / max(1, totals["num_branches"]), 1)
 
 
-def is_seen(copies: list[Path], tests: Sequence[str], limit_s: float, mutant: Mutant) -> bool:
+def is_seen(copies: list[Path], tests: Sequence[str], limit: Limit, mutant: Mutant) -> bool:
     """Return whether the tests fail with a mutant in one of the copies that nobody uses."""
     copy = copies.pop()
     file = copy / mutant.module
     before = file.read_text("utf-8")
     try:
         file.write_text(mutant.source, "utf-8")
-        return run_tests(copy, tests, limit_s=limit_s) != 0
+        return run_tests(copy, tests, limit) != 0
     finally:
         file.write_text(before, "utf-8")
         copies.append(copy)
