@@ -28,11 +28,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import simpy
 
+from sfglab.arp.hello import GridCell, scenario_of
 from sfglab.lab.experiments.transmission.experiment import (
-    Point,
     exp,
     grid,
-    scenario_of,
     simulate_cell,
 )
 from sfglab.lab.sweep import Workers, sweep
@@ -44,11 +43,11 @@ if TYPE_CHECKING:
     from sfglab.rtps import Flow, Scenario
 
 CELLS = [
-    Point(rate_max_hz=100, depth="10", method="none", duration_s=30.0),
-    Point(rate_max_hz=100, depth="100", method="LC", duration_s=60.0),
-    Point(rate_max_hz=200, depth="opt", method="OPT+LC+CC", duration_s=60.0),
-    Point(rate_max_hz=1000, depth="10", method="LC", duration_s=20.0),
-    Point(rate_max_hz=1000, depth="1000", method="none", duration_s=10.0),
+    GridCell(rate_max_hz=100, depth="10", method="none", duration_s=30.0),
+    GridCell(rate_max_hz=100, depth="100", method="LC", duration_s=60.0),
+    GridCell(rate_max_hz=200, depth="opt", method="OPT+LC+CC", duration_s=60.0),
+    GridCell(rate_max_hz=1000, depth="10", method="LC", duration_s=20.0),
+    GridCell(rate_max_hz=1000, depth="1000", method="none", duration_s=10.0),
 ]
 ASKED_RATIO, ASKED_S = 30, 5
 NS = 1e9

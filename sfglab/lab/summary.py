@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
+from sfglab.arp.hello import BEST
 from sfglab.lab.experiments import decode_once, discovery, experiment
 from sfglab.lab.experiments.phases import answers, verdicts
-from sfglab.lab.experiments.transmission.analysis import BEST
 from sfglab.lab.figures import drawn, file_sha256, save_figure, series
 from sfglab.lab.index import COLORS
 from sfglab.lab.ledger import compute_ledger

@@ -9,11 +9,11 @@ import pandas as pd
 import pytest
 from made_logs import CLAIMS, ran
 
+from sfglab.arp import hello
 from sfglab.lab.claims import How, Measured, Verdict, entry_for
 from sfglab.lab.experiments.phases import exp, shares
 from sfglab.lab.experiments.phases.answers import ANSWERS, PLACE, answers, plausible
 from sfglab.lab.experiments.phases.experiment import CELLS, COURSES, conditions, midpoints
-from sfglab.lab.experiments.transmission import experiment
 from sfglab.lab.findings import Findings
 from sfglab.lab.ledger import _judged, _Source
 from sfglab.lab.runs import COMPLETION
@@ -65,18 +65,18 @@ def test_age_is_half_a_period_and_the_way_and_grows_where_nothing_arrives():
 
 
 def test_hello_goes_by_robot_3_where_asked_and_values_have_the_size_and_the_planning_the_time_asked():
-    plain = experiment.Point(rate_max_hz=100, depth="10", method="none", duration_s=1)
+    plain = hello.GridCell(rate_max_hz=100, depth="10", method="none", duration_s=1)
     printed, slow = replace(plain, hop=True), replace(plain, sizes="cdr", slower=4.0)
     quiet = Medium(loss=0.0, rate_bps=1e12, overhead_s=1e-3, contention=0.0)
-    flows = {flow.name: flow for flow in experiment.scenario_of(printed).flows}
-    way = experiment.HELLO_UP, experiment.HELLO_HOP, experiment.HELLO_DOWN
+    flows = {flow.name: flow for flow in hello.scenario_of(printed).flows}
+    way = hello.HELLO_UP, hello.HELLO_HOP, hello.HELLO_DOWN
     assert [flows[name].target for name in way] == ["station", "robot3", "robot1"]
-    heard = (run(experiment.scenario_of(point, medium=quiet), seed=0) for point in (plain, printed))
-    short, long = map(experiment.hello_latency_ms, heard)
+    heard = (run(hello.scenario_of(point, medium=quiet), seed=0) for point in (plain, printed))
+    short, long = map(hello.hello_latency_ms, heard)
     assert len(short) == len(long) == 100
     assert np.quantile(long, 0.1) - np.quantile(short, 0.1) > 0.9, "a crossing more"
     table, cdr = (
-        {f.name: f for f in experiment.scenario_of(p).flows}["robot1/lidar"] for p in (plain, slow)
+        {f.name: f for f in hello.scenario_of(p).flows}["robot1/lidar"] for p in (plain, slow)
     )
     assert (table.size_bytes, cdr.size_bytes, cdr.service_s / table.service_s) == (24, 8, 4)
 

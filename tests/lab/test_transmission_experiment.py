@@ -14,6 +14,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from sfglab.arp import hello
 from sfglab.arp.robots import METHODS, ROBOTS
 from sfglab.errors import InvalidValueError
 from sfglab.lab.experiments.transmission import exp, experiment, grid
@@ -39,42 +40,42 @@ CELLS = len(grid(SMALL)) * SMALL.seeds
 
 def point(**changes):
     usual = {"rate_max_hz": 100, "depth": "10", "method": "none", "duration_s": 2.0}
-    return experiment.Point(**usual | changes)
+    return hello.GridCell(**usual | changes)
 
 
 def test_the_flows_are_sixteen_sensors_and_hello_there_and_back():
-    flows = experiment.scenario_of(point()).flows
+    flows = hello.scenario_of(point()).flows
     assert len(flows) == sum(map(len, ROBOTS.values())) + 2 == 18
     by_name = {flow.name: flow for flow in flows}
-    assert by_name[experiment.HELLO_UP].then == experiment.HELLO_DOWN
-    down = by_name[experiment.HELLO_DOWN]
+    assert by_name[hello.HELLO_UP].then == hello.HELLO_DOWN
+    down = by_name[hello.HELLO_DOWN]
     assert (down.source, down.target) == ("station", "robot1")
-    assert all(flow.target == "station" for flow in flows if flow.name != experiment.HELLO_DOWN)
+    assert all(flow.target == "station" for flow in flows if flow.name != hello.HELLO_DOWN)
 
 
 @pytest.mark.parametrize("method", METHODS)
 def test_a_method_sets_rate_and_caches_and_nothing_else(method):
-    flows = experiment.scenario_of(point(method=method)).flows
+    flows = hello.scenario_of(point(method=method)).flows
     sensors = [flow for flow in flows if flow.change_s]
     assert len(sensors) == 16
     assert {flow.cached for flow in sensors} == {METHODS[method].local_cache}
     assert {flow.compare_s is not None for flow in sensors} == {METHODS[method].cache_control}
     assert not any(flow.cached for flow in flows if not flow.change_s), "no hello repeats another"
-    rate_hz = experiment.balance_of(100).rate_hz if METHODS[method].optimised else 100
-    assert {flow.rate_hz for flow in flows if flow.name != experiment.HELLO_DOWN} == {rate_hz}
+    rate_hz = hello.balance_of(100).rate_hz if METHODS[method].optimised else 100
+    assert {flow.rate_hz for flow in flows if flow.name != hello.HELLO_DOWN} == {rate_hz}
 
 
 def test_the_depth_opt_is_eq_6_for_the_topics_that_there_are():
     # Topics of the agents: 6 sensors, hello and its answer; 5; 5. T_avg = 6, Rmin = Dmin = 1.
-    rate_hz, depth = experiment.rate_and_depth(point(method="OPT", depth="opt", rate_max_hz=500))
+    rate_hz, depth = hello.rate_and_depth(point(method="OPT", depth="opt", rate_max_hz=500))
     assert rate_hz == pytest.approx(500 / 6 - 1)
     assert depth == int(5000 * (500 / 6 - 1) / 500 - 1)
 
 
 def test_on_a_quiet_air_hello_takes_two_ways_and_two_services():
     quiet = Medium(loss=0.0, rate_bps=1e12, overhead_s=1e-6)
-    scenario = experiment.scenario_of(point(depth="1000"), medium=quiet)
-    latency = experiment.hello_latency_ms(run(scenario, seed=0))
+    scenario = hello.scenario_of(point(depth="1000"), medium=quiet)
+    latency = hello.hello_latency_ms(run(scenario, seed=0))
     assert len(latency) == 200
     services_ms = 0.18 + 0.06
     assert np.quantile(latency, 0.1) == pytest.approx(services_ms, abs=0.02)
@@ -102,8 +103,8 @@ def test_every_lost_hello_is_counted_where_it_was_lost():
     dropped = (Drop.MEDIUM, Drop.MEDIUM, Drop.QUEUE, Drop.QUEUE, Drop.NOT, Drop.MEDIUM)
     up = outcome(fates, dropped=dropped)
     down = outcome((Fate.OVERWRITTEN,), dropped=Drop.MEDIUM)
-    whole = run(experiment.scenario_of(point(duration_s=0.1)), seed=0)
-    both = replace(whole, flows={experiment.HELLO_UP: up, experiment.HELLO_DOWN: down})
+    whole = run(hello.scenario_of(point(duration_s=0.1)), seed=0)
+    both = replace(whole, flows={hello.HELLO_UP: up, hello.HELLO_DOWN: down})
     lost = {"lost_medium": 2, "lost_queue": 2, "lost_late": 1, "lost_underway": 1}
     assert experiment.hello_losses(both) == lost
 
@@ -189,14 +190,14 @@ def outcome_of_losses(lost_up: int, lost_down: int) -> Outcome:
     up = {"source": "robot1", "target": "station", "rate_hz": 10}
     flows = (
         Flow(name="robot1/lidar", **up),
-        Flow(name=experiment.HELLO_UP, then=experiment.HELLO_DOWN, **up),
-        Flow(name=experiment.HELLO_DOWN, source="station", target="robot1"),
+        Flow(name=hello.HELLO_UP, then=hello.HELLO_DOWN, **up),
+        Flow(name=hello.HELLO_DOWN, source="station", target="robot1"),
     )
     outcome = run(
         Scenario(flows=flows, medium=replace(CALM, latency_s=1e-3), duration_s=1.0), seed=1
     )
-    outcome.flows[experiment.HELLO_UP].fate[:lost_up] = Fate.UNDERWAY
-    outcome.flows[experiment.HELLO_DOWN].fate[: lost_up + lost_down] = Fate.UNDERWAY
+    outcome.flows[hello.HELLO_UP].fate[:lost_up] = Fate.UNDERWAY
+    outcome.flows[hello.HELLO_DOWN].fate[: lost_up + lost_down] = Fate.UNDERWAY
     return outcome
 
 
@@ -210,9 +211,7 @@ def played(outcome: Outcome, **changes) -> Played:
         "radio": RadioCounters(delivered=100, late_after_s=2e-3),
         "late_p95_s": 0.0,
     }
-    return Played(
-        scenario=experiment.scenario_of(POINT), outcome=outcome, refused=0, **usual | changes
-    )
+    return Played(scenario=hello.scenario_of(POINT), outcome=outcome, refused=0, **usual | changes)
 
 
 def test_losses_and_latencies_are_those_of_their_group():

@@ -6,7 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sfglab.lab.experiments.transmission.experiment import Point, exp, simulate_cell
+from sfglab.arp.hello import GridCell
+from sfglab.lab.experiments.transmission.experiment import exp, simulate_cell
 from sfglab.qos import QoSProfile, Reliability
 from sfglab.rtps import PRESETS, Flow, Frame, Medium, Scenario, run
 from sfglab.rtps.model import fragments, frame_bytes, is_lost, rate_share
@@ -28,7 +29,7 @@ def outcome(preset, medium, *, depth, rate_hz=100.0, duration_s=9.0, seed=1, **q
 def test_committed_cells_are_what_they_were():
     rows = exp.load(Path(__file__).parents[2] / "data/reference/transmission.mcap")["cell"]
     for row in rows[rows["rate_max_hz"] == 100].iloc[::37].itertuples():
-        point = Point(rate_max_hz=100, depth=row.depth, method=row.method, duration_s=60.0)
+        point = GridCell(rate_max_hz=100, depth=row.depth, method=row.method, duration_s=60.0)
         again = simulate_cell(point, row.seed)
         assert {name: getattr(row, name) for name in again} == pytest.approx(again, nan_ok=True)
 

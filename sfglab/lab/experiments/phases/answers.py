@@ -16,10 +16,9 @@ import numpy as np
 import pandas as pd
 
 from sfglab.arp.hallway import End
+from sfglab.arp.hello import BEST, OPT_DEPTH, SMALL_DEPTH, TIE
 from sfglab.arp.robots import RATES_HZ
 from sfglab.lab.claims import Criterion, load_claims
-from sfglab.lab.experiments.transmission.analysis import BEST, SMALL_DEPTH, TIE
-from sfglab.lab.experiments.transmission.experiment import OPT_DEPTH
 from sfglab.lab.paths import find_project
 from sfglab.lab.stats import share_of
 

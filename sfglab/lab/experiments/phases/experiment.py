@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 import pandas as pd
 
+from sfglab.arp.hello import BEST, HELLO_UP, OPT_DEPTH, GridCell, hello_times_ms, scenario_of
 from sfglab.arp.robots import DEPTHS, RATES_HZ
 from sfglab.fields import between
 from sfglab.lab.bench import Bench, rows_of
@@ -20,11 +21,8 @@ from sfglab.lab.experiments.cooperation.experiment import DEPTHS as COURSE_DEPTH
 from sfglab.lab.experiments.cooperation.experiment import OPTIMUM, SimulatedRun
 from sfglab.lab.experiments.cooperation.experiment import Point as CoursePoint
 from sfglab.lab.experiments.phases.answers import ANSWERS, PLACE, Place, answers, middle, plausible
-from sfglab.lab.experiments.transmission.analysis import BEST
-from sfglab.lab.experiments.transmission.experiment import HELLO_UP, OPT_DEPTH, Point, scenario_of
-from sfglab.lab.experiments.transmission.experiment import hello_latency_ms as latency_of
 from sfglab.lab.sweep import Workers, sweep
-from sfglab.rtps import Medium, Outcome, run
+from sfglab.rtps import Medium, run
 from sfglab.rtps.session import age_ms
 
 if TYPE_CHECKING:
@@ -190,10 +188,10 @@ def simulate(condition: Condition, seed: int) -> tuple[dict[str, Any], ...]:
 def _cell(condition: Condition, method: str, depth: str, first: int) -> list[dict[str, Any]]:
     of: dict[str, Any] = {"rate_max_hz": condition.rate_max_hz, "vendor": condition.preset}
     of["duration_s"] = condition.duration_s
-    point = Point(depth=depth, method=method, hop=True, **of)
+    point = GridCell(depth=depth, method=method, hop=True, **of)
     seeds, medium = range(first, first + condition.seeds), condition.medium()
     outcomes = [run(scenario_of(point, seed=seed, medium=medium), seed=seed) for seed in seeds]
-    times_ms = [_times_ms(outcome) for outcome in outcomes]
+    times_ms = [hello_times_ms(outcome) for outcome in outcomes]
     pooled_ms = _median(np.concatenate(times_ms))
     return [
         {
@@ -208,12 +206,6 @@ def _cell(condition: Condition, method: str, depth: str, first: int) -> list[dic
         }
         for seed, outcome, times in zip(seeds, outcomes, times_ms, strict=True)
     ]
-
-
-def _times_ms(outcome: Outcome) -> NDArray[np.float64]:
-    """Return each "Hello"'s time to actuation, infinite where it never arrived, shape (published,)."""
-    arrived = latency_of(outcome)
-    return np.append(arrived, [np.inf] * (len(outcome.flows[HELLO_UP].fate) - len(arrived)))
 
 
 def _median(times_ms: NDArray[np.float64]) -> float:

@@ -13,6 +13,7 @@ import numpy as np
 import pandas as pd
 
 from sfglab.arp.hallway import End
+from sfglab.arp.hello import BEST
 from sfglab.lab.claims import Finding, How
 from sfglab.lab.experiments.phases.answers import (
     ANSWERS,
@@ -24,7 +25,6 @@ from sfglab.lab.experiments.phases.answers import (
     summary,
 )
 from sfglab.lab.experiments.phases.experiment import CELLS, COURSES, Config, exp
-from sfglab.lab.experiments.transmission.analysis import BEST
 from sfglab.lab.experiments.transmission.figures import draw_panel
 from sfglab.lab.figures import note
 from sfglab.lab.runs import COMPLETION, Run, derived

@@ -7,26 +7,18 @@ from typing import Any, Literal
 
 import pandas as pd
 
+from sfglab.arp.hello import BEST, OPT_DEPTH, SMALL_DEPTH, TIE, rate_and_depth, scenario_of
 from sfglab.arp.robots import DEPTHS, METHODS, RATES_HZ
 from sfglab.lab.claims import Finding, How
 from sfglab.lab.experiments.transmission.experiment import (
-    OPT_DEPTH,
     Config,
     exp,
     grid,
-    rate_and_depth,
-    scenario_of,
 )
 from sfglab.lab.runs import Run, derived, lines_of
 from sfglab.lab.stats import exactly
 from sfglab.qos import Durability, History, Liveliness, Reliability
 from sfglab.units import NS_PER_S
-
-BEST = "OPT+LC"  #: The paper's winner.
-
-SMALL_DEPTH = 10  #: A depth up to this is small: the lower half of Table 2.
-
-TIE = 0.05  #: Cells whose latency differs by less than this share count as equal.
 
 
 @derived

@@ -16,28 +16,31 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from sfglab.arp.balancing import Balance, BalanceInput, balance_closed_form
+from sfglab.arp.hello import (
+    HELLO_UP,
+    HELLOS,
+    OPT_DEPTH,
+    STATION,
+    GridCell,
+    Sizes,
+    hello_latency_ms,
+    rate_and_depth,
+    scenario_of,
+)
 from sfglab.arp.programme import plan
 from sfglab.arp.robots import (
     DEPTHS,
     METHODS,
-    PLAN_S,
     RATES_HZ,
     ROBOTS,
-    SENSORS,
-    TAKE_S,
     Depth,
     Rate,
-    cdr_bytes,
 )
 from sfglab.arp.topics import Topic
-from sfglab.errors import InvalidValueError
 from sfglab.fields import between
 from sfglab.lab.experiment import Actor, Experiment, Link, Profiled, seeded
 from sfglab.lab.sweep import Workers
-from sfglab.qos import QoSProfile
 from sfglab.rtps import (
-    PRESETS,
     Drop,
     Fate,
     Flow,
@@ -45,7 +48,6 @@ from sfglab.rtps import (
     Medium,
     Outcome,
     Scenario,
-    Vendor,
     run,
 )
 from sfglab.rtps.session import up_to_date
@@ -58,44 +60,7 @@ if TYPE_CHECKING:
 
     from sfglab.arp.plan import Plan
 
-OPT_DEPTH = "opt"  #: The depth that Eq. 6 gives.
-STATION = "station"
-HELLO_UP, HELLO_HOP, HELLO_DOWN = "robot1/hello", "robot3/localisation", "robot1/move"
-HELLOS = (HELLO_UP, HELLO_HOP, HELLO_DOWN)
-#: CDR: header, length, text and its final zero (RTPS 2.5, clause 10).
-HELLO_BYTES = len("Hello") + 1 + 4 + 4
 THREADS = Workers(threads=True)  #: Sweeps run in threads: the time is spent in compiled code.
-
-Sizes = Literal["table", "cdr"]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Point:
-    """One cell of the grid.
-
-    Raises:
-        InvalidValueError: There is no such method or depth.
-    """
-
-    rate_max_hz: int  #: Rmax.
-    depth: str  #: A number as text, or ``opt``.
-    method: str  #: One of `METHODS`.
-    duration_s: float  #: How long is published, simulated seconds.
-    loss: float = Medium().loss  #: Share of frames that the air loses.
-    size_factor: float = 1.0  #: Size of the sensors' values, as a multiple of the paper's.
-    vendor: str = "fast_dds"  #: One of `PRESETS`.
-    #: Whether robot 3's localisation, by which "Hello" goes, is on its machine (Fig. 9).
-    hop: bool = False
-    #: Whether sensors' values have the sizes of Table 1, those of Python, or CDR's.
-    sizes: Sizes = "table"
-    #: How many times as long as `PLAN_S` and `TAKE_S` the station's computer takes.
-    slower: float = 1.0
-
-    def __post_init__(self) -> None:
-        if self.method not in METHODS:
-            raise InvalidValueError("method", self.method, ", ".join(METHODS))
-        if self.depth != OPT_DEPTH and not (self.depth.isdecimal() and int(self.depth) > 0):
-            raise InvalidValueError("depth", self.depth, f"whole numbers from 1 and {OPT_DEPTH!r}")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -166,10 +131,10 @@ exp = Experiment(
 )
 
 
-def cells_of(config: Config, *, loss: float | None = None) -> Callable[..., Point]:
+def cells_of(config: Config, *, loss: float | None = None) -> Callable[..., GridCell]:
     """Return what makes cells over the run's air, or over one that loses another share."""
     return partial(
-        Point,
+        GridCell,
         loss=config.loss if loss is None else loss,
         size_factor=config.size_factor,
         vendor=config.vendor,
@@ -179,7 +144,7 @@ def cells_of(config: Config, *, loss: float | None = None) -> Callable[..., Poin
     )
 
 
-def grid(config: Config, *, loss: float | None = None) -> list[Point]:
+def grid(config: Config, *, loss: float | None = None) -> list[GridCell]:
     """Return every cell: Rmax by DEPTH by method, over the run's air or one that loses another share."""
     cell = cells_of(config, loss=loss)
     return [
@@ -188,99 +153,6 @@ def grid(config: Config, *, loss: float | None = None) -> list[Point]:
         for depth in (*map(str, config.depths), OPT_DEPTH)
         for method in config.methods
     ]
-
-
-# --- From a cell to flows -------------------------------------------------------------------------------------
-
-
-def balance_of(rate_max_hz: float) -> Balance:
-    """Return R and D of Eq. 6; T_a of Eq. 1 are the topics that begin or end at each robot."""
-    hello = {"robot1": 2}
-    topics = tuple(len(sensors) + hello.get(robot, 0) for robot, sensors in ROBOTS.items())
-    return balance_closed_form(BalanceInput(topics=topics, rate_max_hz=rate_max_hz))
-
-
-def rate_and_depth(point: Point) -> tuple[float, int]:
-    """Return a cell's publishing rate, Hz, and history depth."""
-    optimum = balance_of(point.rate_max_hz)
-    rate_hz = optimum.rate_hz if METHODS[point.method].optimised else float(point.rate_max_hz)
-    return rate_hz, int(optimum.depth) if point.depth == OPT_DEPTH else int(point.depth)
-
-
-def scenario_of(
-    point: Point, *, seed: int = 0, medium: Medium | None = None, vendor: Vendor | None = None
-) -> Scenario:
-    """Return a cell as a scenario; the seed is that of the phases, as nodes do not start together."""
-    rate_hz, depth = rate_and_depth(point)
-    qos = QoSProfile(depth=depth, deadline_ns=round(NS_PER_S / rate_hz))
-    phases = np.random.default_rng(seed).uniform(0, 1 / rate_hz, sum(map(len, ROBOTS.values())) + 1)
-    flows = _sensor_flows(point, rate_hz, qos, phases)
-    return Scenario(
-        flows=(*flows, *_hello_flows(point, rate_hz, qos, float(phases[-1]))),
-        medium=medium or Medium(loss=point.loss),
-        vendor=vendor or PRESETS[point.vendor],
-        duration_s=point.duration_s,
-    )
-
-
-def _sensor_flows(point: Point, rate_hz: float, qos: QoSProfile, phases: np.ndarray) -> list[Flow]:
-    method = METHODS[point.method]
-    pairs = [(robot, sensor) for robot, sensors in ROBOTS.items() for sensor in sensors]
-    sizes = {
-        name: s.table_bytes if point.sizes == "table" else cdr_bytes(s)
-        for name, s in SENSORS.items()
-    }
-    return [
-        Flow(
-            name=f"{robot}/{sensor}",
-            source=robot,
-            target=STATION,
-            size_bytes=round(point.size_factor * sizes[sensor]),
-            rate_hz=rate_hz,
-            phase_s=float(phase),
-            qos=qos,
-            executor=f"{robot} planning",
-            service_s=point.slower * (TAKE_S + PLAN_S),
-            compare_s=point.slower * TAKE_S if method.cache_control else None,
-            change_s=SENSORS[sensor].change_s,
-            cached=method.local_cache,
-        )
-        for (robot, sensor), phase in zip(pairs, phases, strict=False)
-    ]
-
-
-def _hello_flows(point: Point, rate_hz: float, qos: QoSProfile, phase_s: float) -> tuple[Flow, ...]:
-    """Every "Hello" is counted, so none repeats another and no cache holds it back."""
-    plans = (
-        1 if point.hop else 2
-    )  # robot 1's localisation, and robot 3's where that is in the station
-    up = Flow(
-        name=HELLO_UP,
-        source="robot1",
-        target=STATION,
-        size_bytes=HELLO_BYTES,
-        rate_hz=rate_hz,
-        phase_s=phase_s,
-        qos=qos,
-        executor="robot1 planning",
-        service_s=point.slower * (TAKE_S + plans * PLAN_S),
-        then=HELLO_HOP if point.hop else HELLO_DOWN,
-    )
-    down = replace(
-        up,
-        name=HELLO_DOWN,
-        source="robot3" if point.hop else STATION,
-        target="robot1",
-        rate_hz=0.0,
-        phase_s=0.0,
-        executor=None,
-        service_s=TAKE_S,
-        then=None,
-    )
-    if not point.hop:
-        return up, down
-    to_robot3 = replace(down, name=HELLO_HOP, source=STATION, target="robot3", then=HELLO_DOWN)
-    return up, replace(to_robot3, service_s=TAKE_S + PLAN_S), down
 
 
 # --- A cell, simulated ----------------------------------------------------------------------------------------
@@ -329,7 +201,7 @@ class TransmissionRow:
     "lossless", over=lambda c: grid(c, loss=0.0), seeds=lambda c: seeded(c, 1), workers=THREADS
 )
 @exp.sweep("cell", over=grid, workers=THREADS)
-def simulate_cell(point: Point, seed: int) -> dict[str, Any]:
+def simulate_cell(point: GridCell, seed: int) -> dict[str, Any]:
     """Run one cell with one seed."""
     scenario = scenario_of(point, seed=seed)
     outcome = run(scenario, seed=seed)
@@ -379,13 +251,6 @@ def latency_columns(latency_ms: NDArray[np.float64]) -> dict[str, float]:
     }
 
 
-def hello_latency_ms(outcome: Outcome) -> NDArray[np.float64]:
-    """Return the time of each "Hello" from publication to actuation, shape (arrived,)."""
-    up, down = outcome.flows[HELLO_UP], outcome.flows[HELLO_DOWN]
-    place = np.searchsorted(up.value, down.value[down.delivered])
-    return (down.received_ns[down.delivered] - up.published_ns[place]) / 1e6
-
-
 def hello_losses(outcome: Outcome) -> dict[str, int]:
     """Return where "Hello"s were lost, up and down together, by `TransmissionRow`'s names."""
     ways = [_losses(flow) for name, flow in outcome.flows.items() if name in HELLOS]
@@ -423,7 +288,7 @@ class Way:
     """A cell of the comparison."""
 
     way: str  #: One of `WAYS`.
-    cell: Point  #: What it begins with.
+    cell: GridCell  #: What it begins with.
 
 
 def ways(config: Config) -> list[Way]:
@@ -483,7 +348,7 @@ def simulate_way(way: Way, seed: int) -> dict[str, Any]:
 
 
 @lru_cache
-def own_plan(cell: Point) -> Plan:
+def own_plan(cell: GridCell) -> Plan:
     """Return our programme's rates and depths for a cell's topics, none faster than Rmax.
 
     Where the cell's method has local caches, they send only changes, and rates are those of reading.

@@ -7,17 +7,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from sfglab.arp.hello import BEST, OPT_DEPTH, TIE
 from sfglab.arp.robots import METHODS
 from sfglab.lab.experiment import Look
 from sfglab.lab.experiments.transmission.analysis import (
-    BEST,
-    TIE,
     agreement,
     cells,
     compare_ways,
     order,
 )
-from sfglab.lab.experiments.transmission.experiment import OPT_DEPTH, Config, exp
+from sfglab.lab.experiments.transmission.experiment import Config, exp
 from sfglab.lab.experiments.transmission.stage import LATENCY_WITHIN, LOSS_WITHIN
 from sfglab.lab.experiments.transmission.validation import READ, by_cell, played, validated
 from sfglab.lab.figures import COLORS, grouped_bars, note, series

@@ -12,20 +12,22 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from sfglab.arp.hello import (
+    HELLO_DOWN,
+    HELLO_UP,
+    OPT_DEPTH,
+    GridCell,
+    hello_latency_ms,
+    scenario_of,
+)
 from sfglab.arp.robots import METHODS
 from sfglab.component import beside
 from sfglab.lab.bench import Bench, as_row
 from sfglab.lab.experiment import SkippedPartError, seeded
 from sfglab.lab.experiments.transmission.experiment import (
-    HELLO_DOWN,
-    HELLO_UP,
-    OPT_DEPTH,
     Config,
-    Point,
     cells_of,
     exp,
-    hello_latency_ms,
-    scenario_of,
 )
 from sfglab.lab.hosts import HostsUnavailableError
 from sfglab.lab.live_flows import Played, hosts_of, live_hosts
@@ -68,7 +70,7 @@ class LiveRow:
     latency_agrees: bool
 
 
-def live_cells(config: Config) -> list[Point]:
+def live_cells(config: Config) -> list[GridCell]:
     """Return the cells that are run live as well; an optimised method has the depth ``opt`` in addition.
 
     Live endpoints are those of Cyclone DDS, whose timing the model then has, whatever the run's vendor.
@@ -98,7 +100,7 @@ async def play_cells(bench: Bench[Config]) -> None:
     }
     if not scenarios:
         raise SkippedPartError("not asked for")
-    waiting, rows = deque(scenarios), dict[Point, list[LiveRow]]()
+    waiting, rows = deque(scenarios), dict[GridCell, list[LiveRow]]()
 
     async def play() -> None:
         async with live_hosts(*hosts_of(scenarios[waiting[0]])) as hosts:
@@ -139,7 +141,7 @@ def measure(outcome: Outcome, group: str) -> dict[str, Any]:
     }
 
 
-def compare(point: Point, played: Played, models: Sequence[Outcome]) -> list[LiveRow]:
+def compare(point: GridCell, played: Played, models: Sequence[Outcome]) -> list[LiveRow]:
     """Return a live cell beside the model's runs of `played.scenario`, a row for each of `GROUPS`."""
     radio, hosts = played.radio, played.radio.hosts.values()
     shared = {

@@ -19,16 +19,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
+from sfglab.arp.hello import OPT_DEPTH, GridCell, scenario_of
 from sfglab.arp.robots import METHODS, RATES_HZ
 from sfglab.lab.baselines import PART, beside
 from sfglab.lab.experiment import seeded
 from sfglab.lab.experiments.transmission.experiment import (
-    OPT_DEPTH,
     Config,
-    Point,
     cells_of,
     exp,
-    scenario_of,
 )
 from sfglab.lab.experiments.transmission.stage import (
     LATENCY_WITHIN,
@@ -238,7 +236,7 @@ class RosCell:
 
     preset: str  #: One of `MODES`.
     slowed: float  #: By which factor.
-    point: Point  #: Which cell.
+    point: GridCell  #: Which cell.
 
     def scenario(self, seed: int) -> Scenario:
         """Return what is played."""
