@@ -6,7 +6,8 @@ import pandas as pd
 import pytest
 from made_logs import reference
 
-from sfglab.arp.hallway import BEAMS_DEG, SCAN_HZ
+from sfglab.arp.hallway import BEAMS_DEG, SCAN_HZ, simulation
+from sfglab.arp.hallway.simulation import LapSettings
 from sfglab.arp.robots import METHODS, RATES_HZ
 from sfglab.lab.experiments import cooperation
 from sfglab.lab.experiments.cooperation import exp, experiment
@@ -22,8 +23,8 @@ DEAD = Medium(loss=1 - 1e-12)
 
 
 def of(method, **changes):
-    depth = experiment.OPTIMUM if METHODS[method].optimised else 10
-    return replace(experiment.Point(method=method, rate_max_hz=100, depth=depth), **changes)
+    depth = simulation.OPTIMUM if METHODS[method].optimised else 10
+    return replace(LapSettings(method=method, rate_max_hz=100, depth=depth), **changes)
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -34,9 +35,16 @@ def test_over_a_perfect_link_every_method_comes_home(method):
 
 
 def test_the_scenario_as_printed_goes_by_robot_3_and_comes_home_with_the_sizes_and_times_asked():
-    printed = of("OPT", medium=PERFECT, hop=True, topics=(8, 5, 5), sizes="cdr", slower=4.0)
+    printed = of(
+        "OPT",
+        medium=PERFECT,
+        relay_via_robot3=True,
+        topics=(8, 5, 5),
+        beam_bytes=8,
+        compute_scale=4.0,
+    )
     flows, before = (
-        {f.name: f for f in experiment.scenario_of(p, seed=0).flows} for p in (printed, of("OPT"))
+        {f.name: f for f in simulation.scenario_of(p, seed=0).flows} for p in (printed, of("OPT"))
     )
     ways = {
         name: (f.source, f.target, f.then) for name, f in flows.items() if f.target != "station"
@@ -46,7 +54,7 @@ def test_the_scenario_as_printed_goes_by_robot_3_and_comes_home_with_the_sizes_a
     assert ways["robot3/command"][:2] == ("station", "robot3")
     beam, old = flows["robot1/lidar/0"], before["robot1/lidar/0"]
     assert (beam.size_bytes, old.size_bytes, beam.service_s / old.service_s) == (8, 24, 4)
-    fewer, more = (experiment.rate_and_depth(point)[0] for point in (printed, of("OPT")))
+    fewer, more = (simulation.rate_and_depth(point)[0] for point in (printed, of("OPT")))
     assert fewer > more, "fewer topics, each more often"
     row = experiment.run_point(printed, 0)
     assert (row.end, row.command_p50_ms < 1) == ("success", True)
@@ -54,22 +62,21 @@ def test_the_scenario_as_printed_goes_by_robot_3_and_comes_home_with_the_sizes_a
 
 @pytest.mark.parametrize("method", ["none", "OPT+LC"])
 def test_over_a_dead_link_nobody_moves(method):
-    run = experiment.SimulatedRun(of(method, medium=DEAD), 0, tracked="dead")
-    assert run.run(limit_s=5.0).end == "timeout"
-    assert len({(t.robot, t.x_m, t.y_m, t.heading_rad) for t in run.tracks}) == len(
-        experiment.ROBOTS
-    )
+    lap = simulation.SimulatedLap(of(method, medium=DEAD), 0, record=True)
+    assert lap.run(limit_s=5.0).end is simulation.End.TIMEOUT
+    assert len({turn.poses.tobytes() for turn in lap.snapshots}) == 1
 
 
 def test_the_same_seed_is_the_same_run_to_the_bit_and_another_one_is_not():
-    failing = experiment.Point(method="none", rate_max_hz=100, depth=1)
+    failing = LapSettings(method="none", rate_max_hz=100, depth=1)
     first, second, other = (repr(experiment.run_point(failing, seed)) for seed in (3, 3, 4))
     assert first == second
     assert first != other
 
 
 def test_methods_differ_in_what_they_say_they_do():
-    short = {name: experiment.SimulatedRun(of(name), 0).run(limit_s=5.0) for name in METHODS}
+    laps = {name: simulation.SimulatedLap(of(name), 0).run(limit_s=5.0) for name in METHODS}
+    short = {name: experiment.course_row(of(name), 0, lap) for name, lap in laps.items()}
     for name, method in METHODS.items():
         row = short[name]
         assert (row.held > 0) == method.local_cache
@@ -80,28 +87,28 @@ def test_methods_differ_in_what_they_say_they_do():
 
 def test_optimised_settings_are_those_of_equation_6():
     for rate in RATES_HZ:
-        found = experiment.rate_and_depth(of("OPT", rate_max_hz=rate))
+        found = simulation.rate_and_depth(of("OPT", rate_max_hz=rate))
         assert found == (
             pytest.approx(rate / 9 - 1, abs=1e-4),
             int(5000 * (rate / 9 - 1) / rate - 1),
         )
-    assert experiment.rate_and_depth(of("OPT", depth=10))[1] == 10
-    assert experiment.rate_and_depth(of("none")) == (100, 10)
+    assert simulation.rate_and_depth(of("OPT", depth=10))[1] == 10
+    assert simulation.rate_and_depth(of("none")) == (100, 10)
 
 
 def test_a_scenario_has_eight_beams_up_and_one_command_down_for_each_robot():
-    scenario = experiment.scenario_of(of("none"), seed=0)
+    scenario = simulation.scenario_of(of("none"), seed=0)
     up = [flow for flow in scenario.flows if flow.target == "station"]
     down = [flow for flow in scenario.flows if flow.source == "station"]
-    assert len(up) == len(BEAMS_DEG) * len(experiment.ROBOTS)
-    assert [flow.target for flow in down] == list(experiment.ROBOTS)
+    assert len(up) == len(BEAMS_DEG) * len(simulation.ROBOTS)
+    assert [flow.target for flow in down] == list(simulation.ROBOTS)
     sizes = {flow.size_bytes for flow in down}
-    assert sizes == {serialized_size(default_message(COMMAND))} == {experiment.COMMAND_BYTES}
+    assert sizes == {serialized_size(default_message(COMMAND))} == {simulation.COMMAND_BYTES}
 
 
 def test_the_paper_s_profile_has_every_point_once():
     points = experiment.points_of(exp.config("paper"))
-    assert len(points) == len(RATES_HZ) * (3 * len(experiment.DEPTHS) + 4)
+    assert len(points) == len(RATES_HZ) * (3 * len(simulation.LAP_DEPTHS) + 4)
     assert len(set(points)) == len(points)
 
 
@@ -121,7 +128,7 @@ def test_the_log_says_how_every_run_ended():
 def test_a_drawn_run_is_in_the_log_as_tracks_and_messages_that_say_the_same(name):
     mine = REFERENCE["track"][REFERENCE["track"]["run"] == name]
     assert mine["t_s"].max() == pytest.approx(REFERENCE.metadata("examples")[name]["ended_s"])
-    for robot in experiment.ROBOTS:
+    for robot in simulation.ROBOTS:
         poses = [entry.message.pose for entry in REFERENCE.messages(f"/{name}/{robot}/pose")]
         assert [pose.position.y for pose in poses] == mine[mine["robot"] == robot]["y_m"].tolist()
         lengths = {
@@ -156,9 +163,10 @@ def test_a_replay_shows_the_run_again_and_how_long_the_station_was_wrong():
     replay = Replay(REFERENCE, "OPT+LC")
     row = replay.row
     assert row.end != "success"
-    measured, believed = replay.run.beliefs[-1]
-    assert measured.shape == believed.shape == (len(experiment.ROBOTS), len(BEAMS_DEG))
-    assert len(replay.late_s) * len(experiment.ROBOTS) == len(replay.run.tracks)
+    last = replay.run.snapshots[-1]
+    shape = (len(simulation.ROBOTS), len(BEAMS_DEG))
+    assert last.measured_m.shape == last.believed_m.shape == shape
+    assert len(replay.late_s) == len(replay.run.snapshots)
     # What is wrong for longest was sent and not heard for no longer than the engine says.
     assert 1 < replay.late_s.max() <= row.stale_s + 2 / SCAN_HZ
     replay.press("robot2")

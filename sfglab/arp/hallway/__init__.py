@@ -1,8 +1,8 @@
 """Paper B, section 3.2: three robots go around a hallway on what their messages tell.
 
 Bottom up: `course` (walls and compiled geometry), `nodes` (a robot's), `station` (what the station decides),
-`world` (physics and verdict). Decisions are pure; whoever carries the messages between them, simulated or live,
-is elsewhere.
+`world` (physics and verdict), `simulation` (a whole lap over the reliability model, imported by its own name
+because it loads that model). Decisions are pure; `sfglab.lab.workers.hallway` runs the same nodes live.
 """
 
 from __future__ import annotations

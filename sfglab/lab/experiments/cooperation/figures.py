@@ -24,7 +24,13 @@ from sfglab.arp.hallway import (
 from sfglab.arp.robots import METHODS
 from sfglab.lab.experiment import Look
 from sfglab.lab.experiments.cooperation.analysis import contrasts, courses, difference, rates
-from sfglab.lab.experiments.cooperation.experiment import Config, driven, exp, point_of
+from sfglab.lab.experiments.cooperation.experiment import (
+    Config,
+    driven,
+    exp,
+    settings_of,
+    track_rows,
+)
 from sfglab.lab.experiments.cooperation.stage import LIVE_POINT, scan_at
 from sfglab.lab.figures import COLORS, MARKERS, grouped_bars, house_style, mp4, note
 from sfglab.lab.runs import Run, lines_of
@@ -174,7 +180,9 @@ def draw_round(figure: Figure, run: Run[Config]) -> None:
     """Draw the three robots' ways in a run's first round."""
     row = lines_of(run["course"])[0]
     name = "success" if row.end == End.SUCCESS.value else "failure"
-    tracks = pd.DataFrame(driven(point_of(row, run.config), row.seed)[0].tracks)
+    tracks = pd.DataFrame(
+        track_rows(name, driven(settings_of(row, run.config), row.seed)[0].snapshots)
+    )
     _draw_run(figure.subplots(), tracks, name, row._asdict())
     late = f"at worst {row.stale_flow} was out of date for {row.stale_s:.2f} s"
     figure.suptitle(f"{row.end} after {row.ended_s:.1f} s; {late}")

@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sfglab.arp.hallway import BEAMS_DEG, RADIUS_M, SCAN_HZ, End
+from sfglab.arp.hallway.simulation import ROBOTS
 from sfglab.errors import InvalidValueError
-from sfglab.lab.experiments.cooperation.experiment import ROBOTS, Config, driven, point_of
+from sfglab.lab.experiments.cooperation.experiment import Config, driven, settings_of, track_rows
 from sfglab.lab.experiments.cooperation.figures import draw_area
 from sfglab.lab.explore.press import Pressed, part
 from sfglab.lab.figures import COLORS
@@ -43,8 +44,9 @@ class Replay(Pressed):
             )
         failed, kit = rows[rows["end"] != End.SUCCESS.value], widgets()
         first = lines_of(rows if failed.empty else failed)[0]
-        self.run, self.row = driven(point_of(first, run.config), first.seed)
-        self.late_s = late_s(np.array(self.run.beliefs))  #: See `late_s`.
+        self.run, self.row = driven(settings_of(first, run.config), first.seed)
+        beliefs = [(turn.measured_m, turn.believed_m) for turn in self.run.snapshots]
+        self.late_s = late_s(np.array(beliefs))  #: See `late_s`.
         last = len(self.late_s) - 1
         #: The turn of the LIDARs that is shown; the worst one to begin with.
         self.turn = kit.IntSlider(max=last, description="LIDAR turn", layout={"width": "40em"})
@@ -64,9 +66,10 @@ class Replay(Pressed):
         """Draw the robots with their true beams and the station's, and for how long it is wrong."""
         panels = figure.subplot_mosaic([[*ROBOTS], ["late"] * len(ROBOTS)], height_ratios=(3, 1))
         turn, late = self.turn.value, panels["late"]
-        tracks = self.run.tracks[turn * len(ROBOTS) :][: len(ROBOTS)]
-        for i, track in enumerate(tracks):
-            _draw_robot(panels[track.robot], track, *self.run.beliefs[turn][:, i])
+        snapshot = self.run.snapshots[turn]
+        for i, track in enumerate(track_rows("", [snapshot])):
+            ranges_m = snapshot.measured_m[i], snapshot.believed_m[i]
+            _draw_robot(panels[track.robot], track, *ranges_m)
             times = np.arange(len(self.late_s)) / SCAN_HZ
             color = COLORS[_COLORS[track.robot]]
             late.plot(times, self.late_s[:, i], color=color, label=track.robot, linewidth=1)
@@ -81,7 +84,7 @@ class Replay(Pressed):
         point = (
             f"{self.row.method}, Rmax {self.row.rate_max_hz} Hz: {self.row.end} {self.row.robot}"
         )
-        said = f"{turn / SCAN_HZ:.1f} s: the station has released {tracks[0].manoeuvre!r}"
+        said = f"{turn / SCAN_HZ:.1f} s: the station has released {snapshot.manoeuvre.value!r}"
         figure.suptitle(f"{point}\n{said}", fontsize=10)
 
 

@@ -20,23 +20,28 @@ import numpy as np
 
 from sfglab.arp import hallway
 from sfglab.arp.hallway.course import scan
+from sfglab.arp.hallway.simulation import (
+    LAP_DEPTHS,
+    OPTIMUM,
+    ROBOTS,
+    LapSettings,
+    SimulatedLap,
+    rate_and_depth,
+    scenario_of,
+)
 from sfglab.arp.robots import METHODS, RATES_HZ
 from sfglab.bus.address import BusAddress
 from sfglab.lab.baselines import PART, REAL, declare
 from sfglab.lab.experiments.cooperation.experiment import (
-    DEPTHS,
-    OPTIMUM,
-    ROBOTS,
     Config,
     CourseRow,
-    Point,
-    SimulatedRun,
     TrackRow,
+    course_row,
+    driven,
     exp,
-    point_of,
     points_of,
-    rate_and_depth,
-    scenario_of,
+    settings_of,
+    track_rows,
 )
 from sfglab.lab.hosts import Host, Network, RadioCounters
 from sfglab.lab.live_flows import LiveHosts, cells_part, play_missing, slowed
@@ -82,11 +87,12 @@ def drive_again(bench: Bench[Config]) -> None:
     examples = examples_of(bench.rows["course"])
     bench.metadata("examples", {name: asdict(row) for name, row in examples.items()})
     for name, row in examples.items():
-        tracked = SimulatedRun(point_of(row, bench.config), row.seed, tracked=name)
+        lap, again = driven(settings_of(row, bench.config), row.seed)
         # Written out, because a NaN is not equal to itself.
-        assert repr(tracked.run()) == repr(row), "the same point and seed are the same run"
-        _write_tracks(bench, tracked.tracks)
-        _write_messages(bench.log, tracked.tracks)
+        assert repr(again) == repr(row), "the same point and seed are the same run"
+        tracks = track_rows(name, lap.snapshots)
+        _write_tracks(bench, tracks)
+        _write_messages(bench.log, tracks)
 
 
 def _write_tracks(bench: Bench[Config], tracks: Sequence[TrackRow]) -> None:
@@ -160,7 +166,7 @@ def _walls(area: hallway.Area) -> Any:
 
 # --- Live -----------------------------------------------------------------------------------------------------
 
-LIVE_POINT = Point(method="OPT+LC", rate_max_hz=100, depth=OPTIMUM, vendor="cyclone_dds")
+LIVE_POINT = LapSettings(method="OPT+LC", rate_max_hz=100, depth=OPTIMUM, vendor="cyclone_dds")
 """What is driven live, and simulated beside it: the live bus is Cyclone DDS."""
 DOMAIN = 47
 _POLL_S = 0.1
@@ -176,10 +182,10 @@ async def drive(bench: Bench[Config]) -> None:
     if not capability.ok:
         return bench.metadata("live", {"hosts": f"no live drive: {capability.reason}"})
     live = await drive_live(LIVE_POINT, config.seed, seconds=config.live_s)
-    twin = SimulatedRun(LIVE_POINT, config.seed, tracked="simulated")
-    row = twin.run(limit_s=config.live_s)
+    twin = SimulatedLap(LIVE_POINT, config.seed, record=True)
+    row = course_row(LIVE_POINT, config.seed, twin.run(limit_s=config.live_s))
     _write_tracks(bench, live.tracks)
-    _write_tracks(bench, twin.tracks)
+    _write_tracks(bench, track_rows("simulated", twin.snapshots))
     assert live.radio is not None, "the live drive was on the radio"
     said = {
         "hosts": f"separate hosts: network namespaces ({capability.how})",
@@ -240,7 +246,7 @@ class LiveDrive:
         return sum(report["held"] for report in self._last.values()) / offered if offered else 0.0
 
 
-async def drive_live(point: Point, seed: int, *, seconds: float) -> LiveDrive:
+async def drive_live(point: LapSettings, seed: int, *, seconds: float) -> LiveDrive:
     """Drive live for so many seconds at most, on hosts of their own; the DDS that is there times the protocol.
 
     Raises:
@@ -263,7 +269,7 @@ async def drive_live(point: Point, seed: int, *, seconds: float) -> LiveDrive:
     return live
 
 
-def _member(host: Host, point: Point, seed: int) -> Member:
+def _member(host: Host, point: LapSettings, seed: int) -> Member:
     method, (rate_hz, depth) = METHODS[point.method], rate_and_depth(point)
     address = BusAddress(domain_id=DOMAIN, interface=host.interface, multicast="spdp")
     caches = {"local_cache": method.local_cache, "cache_control": method.cache_control}
@@ -287,7 +293,7 @@ class RosCell(NamedTuple):
     preset: str  #: One of `MODES`.
     #: By which factor rates, air, robots and nodes are slower; the 3 s of heartbeats are not.
     slowed: float
-    point: Point  #: Which cell.
+    point: LapSettings  #: Which cell.
 
     def scenario(self, seed: int, limit_s: float) -> Scenario:
         """Return its topics for so many seconds of the robots' time."""
@@ -302,7 +308,7 @@ def ros_cells(config: Config) -> list[RosCell]:
     """
     whole = config.ros2_s >= hallway.LIMIT_S
     methods: Any = ("none", "LC", "OPT", "OPT+LC") if whole else ("none", "OPT+LC")
-    depths = DEPTHS if whole else DEPTHS[1:2]
+    depths = LAP_DEPTHS if whole else LAP_DEPTHS[1:2]
     points = points_of(replace(config, methods=methods, rates_hz=RATES_HZ[:1], depths=depths))
     return [
         RosCell(mode, pace, replace(point, vendor=mode))
@@ -310,7 +316,7 @@ def ros_cells(config: Config) -> list[RosCell]:
         for point in points
         for pace in (1.0, 2.0)
         if (pace == 2.0) == (point.method == "none")
-        or (point.method, point.depth) == ("LC", DEPTHS[1])
+        or (point.method, point.depth) == ("LC", LAP_DEPTHS[1])
     ]
 
 
@@ -322,7 +328,7 @@ async def drive_on_ros2(bench: Bench[Config]) -> None:
     async def rows(hosts: LiveHosts, cell: RosCell, repeat: int) -> tuple[dict[str, Any], ...]:
         seed, mode = bench.config.seed + repeat, cell.preset.removeprefix("fast_dds_")
         live, kept_up = await drive_cell(hosts, cell, seed, limit_s)
-        model = SimulatedRun(cell.point, seed).run(limit_s)
+        model = course_row(cell.point, seed, SimulatedLap(cell.point, seed).run(limit_s))
         found = [(REAL, "schedules kept", float(kept_up))]
         for kind, row in ((REAL, live), ("model", model)) if kept_up else ():
             found.append((kind, "rounds that the slowest robot came", row.wound))
@@ -358,7 +364,7 @@ async def drive_cell(
 
     async def drive(group: ProcessGroup, start_ns: int) -> None:
         carrier = RosCarrier(group, scenario, start_ns, cell.slowed)
-        run = SimulatedRun(cell.point, seed, carrier=carrier)
+        run = SimulatedLap(cell.point, seed, carrier=carrier)
         try:
             ended.extend((carrier, run, *await asyncio.to_thread(run.drive, limit_s)))
         finally:
@@ -366,7 +372,8 @@ async def drive_cell(
 
     played = await hosts.play(scenario, seed=seed, drive=drive)
     carrier, run, verdict, now_ns = ended
-    row: CourseRow = run.row(verdict, round(now_ns * cell.slowed), played.outcome)
+    lap = run.result(verdict, round(now_ns * cell.slowed), played.outcome)
+    row = course_row(cell.point, seed, lap)
     kept_up = played.kept_up and bool(np.percentile(carrier.late_ns, 95) <= hallway.STEP_NS)
     return replace(row, stale_s=row.stale_s / cell.slowed), kept_up
 

@@ -12,18 +12,17 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 import pandas as pd
 
+from sfglab.arp.hallway.simulation import LAP_DEPTHS, OPTIMUM, LapSettings, SimulatedLap
 from sfglab.arp.hello import BEST, HELLO_UP, OPT_DEPTH, GridCell, hello_times_ms, scenario_of
 from sfglab.arp.robots import DEPTHS, RATES_HZ
 from sfglab.fields import between
 from sfglab.lab.bench import Bench, rows_of
 from sfglab.lab.experiment import Actor, Experiment, Link, Profiled, seeded
-from sfglab.lab.experiments.cooperation.experiment import DEPTHS as COURSE_DEPTHS
-from sfglab.lab.experiments.cooperation.experiment import OPTIMUM, SimulatedRun
-from sfglab.lab.experiments.cooperation.experiment import Point as CoursePoint
 from sfglab.lab.experiments.phases.answers import ANSWERS, PLACE, Place, answers, middle, plausible
 from sfglab.lab.sweep import Workers, sweep
 from sfglab.rtps import Medium, run
 from sfglab.rtps.session import age_ms
+from sfglab.units import NS_PER_S
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -41,7 +40,7 @@ CELLS = (
     (BEST, OPT_DEPTH),
 )
 """Method and depth of everything that the criteria compare."""
-COURSES = (*(("none", depth) for depth in COURSE_DEPTHS), (BEST, OPTIMUM))
+COURSES = (*(("none", depth) for depth in LAP_DEPTHS), (BEST, OPTIMUM))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -229,11 +228,12 @@ def drive(condition: Condition, seed: int) -> tuple[dict[str, Any], ...]:
     """Drive the hallway in a condition without any method, at three depths, and with OPT+LC."""
     air: dict[str, Any] = {"vendor": condition.preset, "medium": condition.medium()}
     air["rate_max_hz"] = condition.rate_max_hz
-    points = [CoursePoint(method=method, depth=depth, **air) for method, depth in COURSES]
-    rows = [asdict(SimulatedRun(point, seed).run()) for point in points]
-    return tuple(
-        {name: row[name] for name in ("method", "depth", "end", "robot", "ended_s")} for row in rows
-    )
+    rows = []
+    for method, depth in COURSES:
+        lap = SimulatedLap(LapSettings(method=method, depth=depth, **air), seed).run()
+        end = {"end": lap.end.value, "robot": lap.robot, "ended_s": lap.ended_ns / NS_PER_S}
+        rows.append({"method": method, "depth": depth, **end})
+    return tuple(rows)
 
 
 @exp.part("refine", total=lambda config: config.refined, timed=False)

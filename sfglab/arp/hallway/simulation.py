@@ -1,0 +1,325 @@
+"""A simulated lap of three robots around the hallway: paper B, section 3.2, Fig. 12 to 18.
+
+`SimulatedLap` connects the nodes and the physics of this package through the reliability model of
+`sfglab.rtps`: the model decides which LIDAR values and commands arrive, and when. The same settings
+and seed give the same lap to the bit.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+from functools import cache
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from sfglab.arp.balancing import Balance, BalanceInput, balance
+from sfglab.arp.hallway.course import AREAS
+from sfglab.arp.hallway.nodes import (
+    BEAMS_DEG,
+    SCAN_HZ,
+    STOP,
+    ActuationNode,
+    Command,
+    SensingNode,
+    range_from_step,
+)
+from sfglab.arp.hallway.station import Manoeuvre, Station
+from sfglab.arp.hallway.world import LIMIT_S, STEP_NS, End, Verdict, World, judge
+from sfglab.arp.robots import METHODS, PLAN_S, TAKE_S
+from sfglab.qos import QoSProfile
+from sfglab.rtps import PRESETS, Flow, Medium, Outcome, Scenario, Session
+from sfglab.units import NS_PER_S
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from numpy.typing import NDArray
+
+ROBOTS = tuple(area.robot for area in AREAS)  #: Names of the robots.
+
+LAP_DEPTHS = (1, 10, 1000)
+"""Values of DEPTH that laps without OPT have. The paper does not give the depth of Fig. 16, so the
+smallest value, ROS 2's default and a large value count for a third each."""
+
+OPTIMUM = 0  #: Value of `LapSettings.depth` that selects the depth of Eq. 6.
+
+TABLE_BEAM_BYTES = 24
+"""Size of a beam's value as paper B counts a float (Table 1 and section 3.2)."""
+
+CDR_BEAM_BYTES = 8  #: Size of a float in CDR, with its header.
+
+COMMAND_BYTES = 52  #: Size of a geometry_msgs/msg/Twist in CDR: six doubles and the header.
+
+ROBOT_TOPICS = (len(BEAMS_DEG) + 1,) * len(AREAS)
+"""T_a of Eq. 1 in the hallway: eight beams and one command per robot."""
+
+_RELAY = ROBOTS[2]
+_SCAN_STEPS = round(NS_PER_S / SCAN_HZ / STEP_NS)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LapSettings:
+    """Method, QoS and channel of a simulated lap."""
+
+    method: str  #: Name of a method in `METHODS`.
+    rate_max_hz: int  #: Rmax of Table 2, Hz.
+    depth: int  #: DEPTH of Table 2; `OPTIMUM` for the depth of Eq. 6, only with OPT.
+    vendor: str = "fast_dds"  #: Name of the timing preset in `PRESETS`.
+    medium: Medium = field(default_factory=Medium)  #: Wireless channel.
+    #: Whether commands to robots 1 and 2 are forwarded by robot 3, as "Hello" is in Fig. 9.
+    relay_via_robot3: bool = False
+    topics: tuple[int, ...] = ROBOT_TOPICS  #: T_a of Eq. 1, one number per robot.
+    beam_bytes: int = TABLE_BEAM_BYTES  #: Size of a beam's value.
+    #: Factor by which the station's computer is slower than `PLAN_S` and `TAKE_S`.
+    compute_scale: float = 1.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LapResult:
+    """End of a lap, and what became of its messages."""
+
+    end: End  #: How the lap ended.
+    robot: str  #: Name of the robot that failed; empty if none or no single robot did.
+    ended_ns: int  #: Time of the end, ns.
+    laps: float  #: Laps that the slowest robot had completed by then.
+    outcome: Outcome  #: Delivery outcome per topic.
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Snapshot:
+    """State of a lap at one turn of the LIDARs, or at its end."""
+
+    time_s: float  #: Time since the start, s.
+    manoeuvre: Manoeuvre  #: Manoeuvre that the station released last.
+    poses: NDArray[np.float64]  #: x, y (m) and heading (rad), shape (robots, 3).
+    measured_m: NDArray[np.float64]  #: Ranges that the LIDARs measured, shape (robots, beams).
+    believed_m: NDArray[np.float64]  #: Ranges that the station holds, shape (robots, beams).
+
+
+def rate_and_depth(settings: LapSettings) -> tuple[float, int]:
+    """Return each topic's rate (Hz) and history depth: those of Table 2, or with OPT of Eq. 6."""
+    if not METHODS[settings.method].optimised:
+        return float(settings.rate_max_hz), settings.depth
+    best = _optimum(settings.topics, settings.rate_max_hz)
+    # The solver's digits beyond the sixth are noise.
+    depth = int(round(best.depth, 6)) if settings.depth == OPTIMUM else settings.depth
+    return round(best.rate_hz, 6), depth
+
+
+@cache
+def _optimum(topics: tuple[int, ...], rate_max_hz: int) -> Balance:
+    """Solve Eq. 6 once per problem: the solver takes longer than a second of a lap."""
+    return balance(BalanceInput(topics=topics, rate_max_hz=float(rate_max_hz)))
+
+
+def beam_flow(robot: str, beam: int) -> str:
+    """Return the name of the topic of a robot's beam, which is given by its index."""
+    return f"{robot}/lidar/{BEAMS_DEG[beam]}"
+
+
+def command_flow(robot: str) -> str:
+    """Return the name of the topic of a robot's commands."""
+    return f"{robot}/command"
+
+
+def scenario_of(settings: LapSettings, *, seed: int) -> Scenario:
+    """Return a lap's 27 topics on its channel; the seed draws when in its period each begins."""
+    rate_hz, _ = rate_and_depth(settings)
+    starts = np.random.default_rng((seed, 1)).uniform(0, 1 / rate_hz, 9 * len(ROBOTS))
+    phases_s = iter(starts.tolist())
+    beams = list(_beams(settings, phases_s))
+    commands = list(_commands(settings, phases_s))
+    return Scenario(
+        flows=(*beams, *commands),
+        medium=settings.medium,
+        vendor=PRESETS[settings.vendor],
+        duration_s=LIMIT_S,
+        drain_s=0.0,
+    )
+
+
+def _beams(settings: LapSettings, phases_s: Iterator[float]) -> Iterator[Flow]:
+    """Yield the topics from the robots to the station."""
+    method = METHODS[settings.method]
+    rate_hz, depth = rate_and_depth(settings)
+    take_s = settings.compute_scale * TAKE_S
+    for robot in ROBOTS:
+        for beam in range(len(BEAMS_DEG)):
+            yield Flow(
+                name=beam_flow(robot, beam),
+                source=robot,
+                target="station",
+                size_bytes=settings.beam_bytes,
+                rate_hz=rate_hz,
+                phase_s=next(phases_s),
+                qos=_qos(rate_hz, depth),
+                executor=f"{robot}/localisation",
+                service_s=settings.compute_scale * (TAKE_S + PLAN_S),
+                compare_s=take_s if method.cache_control else None,
+                cached=method.local_cache,
+            )
+
+
+def _commands(settings: LapSettings, phases_s: Iterator[float]) -> Iterator[Flow]:
+    """Yield the topics from the station to the robots, directly or through robot 3."""
+    rate_hz, depth = rate_and_depth(settings)
+    for robot in ROBOTS:
+        direct = Flow(
+            name=command_flow(robot),
+            source="station",
+            target=robot,
+            size_bytes=COMMAND_BYTES,
+            rate_hz=rate_hz,
+            phase_s=next(phases_s),
+            qos=_qos(rate_hz, depth),
+            executor=robot,
+            service_s=TAKE_S,
+        )
+        if settings.relay_via_robot3 and robot != _RELAY:
+            yield from _relayed(direct)
+        else:
+            yield direct
+
+
+def _relayed(command: Flow) -> Iterator[Flow]:
+    """Yield a command's topic to robot 3, and the topic on which robot 3 forwards it."""
+    yield replace(
+        command,
+        name=_relay_flow(command.target),
+        target=_RELAY,
+        executor=_RELAY,
+        service_s=TAKE_S + PLAN_S,
+        then=command.name,
+    )
+    yield replace(command, source=_RELAY, rate_hz=0.0, phase_s=0.0)
+
+
+def _relay_flow(robot: str) -> str:
+    return f"{robot}/release"
+
+
+def _qos(rate_hz: float, depth: int) -> QoSProfile:
+    return QoSProfile(depth=depth, deadline_ns=round(NS_PER_S / rate_hz))
+
+
+class SimulatedLap:
+    """A lap of three robots whose messages travel in the reliability model.
+
+    Args:
+        settings: Method, QoS and channel.
+        seed: Seed of the physics, of the channel and of when topics begin.
+        record: Whether `snapshots` are kept.
+        carrier: Replacement of the reliability model's `Session`, with the same methods.
+    """
+
+    def __init__(
+        self, settings: LapSettings, seed: int, *, record: bool = False, carrier: Any = None
+    ) -> None:
+        self._world = World(seed=seed)
+        self._station = Station(len(ROBOTS))
+        self._sensing = [SensingNode() for _ in ROBOTS]
+        self._actuation = [ActuationNode() for _ in ROBOTS]
+        #: Index of robot and beam by topic.
+        self._beams = {
+            beam_flow(name, beam): (robot, beam)
+            for robot, name in enumerate(ROBOTS)
+            for beam in range(len(BEAMS_DEG))
+        }
+        self._commands = {command_flow(name): robot for robot, name in enumerate(ROBOTS)}
+        self._published = [_published_flow(settings, robot) for robot in ROBOTS]
+        # A node that receives the same value again does nothing.
+        watched = (*self._beams, *self._commands)
+        scenario = scenario_of(settings, seed=seed)
+        self._session = carrier or Session(scenario, seed=seed, watched=watched, news_only=True)
+        self._record = record
+        self.snapshots: list[Snapshot] = []  #: One per turn of the LIDARs and one at the end.
+
+    def run(self, limit_s: float = LIMIT_S) -> LapResult:
+        """Drive until the lap ends or a limit, in seconds, is reached."""
+        verdict, ended_ns = self.drive(limit_s)
+        return self.result(verdict, ended_ns, self._session.outcome())
+
+    def drive(self, limit_s: float) -> tuple[Verdict, int]:
+        """Drive, and return the verdict and the time of the end, ns."""
+        for flow in self._published:
+            self._session.set_value(flow, STOP.number)
+        steps = 0
+        verdict = None
+        while verdict is None:
+            if steps % _SCAN_STEPS == 0:
+                self._scan()
+                self._take_snapshot(steps * STEP_NS / NS_PER_S)
+            steps += 1
+            self._exchange(steps * STEP_NS)
+            self._world.step([node.command for node in self._actuation])
+            verdict = judge(
+                self._world.clearance_m.tolist(),
+                self._world.wound_rad(),
+                stopped_by=self._station.stopped_by,
+                now_s=steps * STEP_NS / NS_PER_S,
+                limit_s=limit_s,
+            )
+        self._take_snapshot(steps * STEP_NS / NS_PER_S)
+        return verdict, steps * STEP_NS
+
+    def result(self, verdict: Verdict, ended_ns: int, outcome: Outcome) -> LapResult:
+        """Return the result of a lap that ended with this verdict, time and delivery outcome."""
+        return LapResult(
+            end=verdict.end,
+            robot="" if verdict.robot < 0 else ROBOTS[verdict.robot],
+            ended_ns=ended_ns,
+            laps=min(self._world.wound_rad()) / math.tau,
+            outcome=outcome,
+        )
+
+    def _scan(self) -> None:
+        """Measure with the LIDARs, and give each beam's topic its new value."""
+        for robot, node in enumerate(self._sensing):
+            node.turned(self._world.scan(robot))
+        for flow, (robot, beam) in self._beams.items():
+            value = self._sensing[robot].value(beam)
+            assert value is not None, "the LIDAR has turned"
+            self._session.set_value(flow, value)
+
+    def _exchange(self, until_ns: int) -> None:
+        """Let messages travel until a time, and give their readers those that arrive."""
+        while (delivery := self._session.advance(until_ns)) is not None:
+            beam = self._beams.get(delivery.flow)
+            if beam is None:
+                robot = self._commands[delivery.flow]
+                self._actuation[robot].hear(Command.from_number(delivery.value))
+            elif self._station.hear(*beam, delivery.value):
+                self._publish_commands()
+
+    def _publish_commands(self) -> None:
+        for flow, command in zip(self._published, self._station.commands, strict=True):
+            self._session.set_value(flow, command.number)
+
+    def _take_snapshot(self, time_s: float) -> None:
+        if not self._record:
+            return
+        measured_m = [_ranges_m(node) for node in self._sensing]
+        believed_m = [node.ranges_m for node in self._station.localisations]
+        self.snapshots.append(
+            Snapshot(
+                time_s=time_s,
+                manoeuvre=self._station.manoeuvre,
+                poses=self._world.poses.copy(),
+                measured_m=np.array(measured_m),
+                believed_m=np.array(believed_m),
+            )
+        )
+
+
+def _published_flow(settings: LapSettings, robot: str) -> str:
+    """Return the name of the topic on which the station publishes a robot's commands."""
+    relayed = settings.relay_via_robot3 and robot != _RELAY
+    return _relay_flow(robot) if relayed else command_flow(robot)
+
+
+def _ranges_m(node: SensingNode) -> list[float]:
+    """Return the ranges of a robot's beams, infinity without an echo."""
+    steps = [node.value(beam) or 0 for beam in range(len(BEAMS_DEG))]
+    return [range_from_step(step) for step in steps]
