@@ -49,7 +49,7 @@ class GridCell:
     rate_max_hz: int  #: Rmax.
     depth: str  #: DEPTH: a number as text, or `OPT_DEPTH`.
     method: str  #: One of `METHODS`.
-    duration_s: float  #: How long is published, seconds.
+    duration_s: float  #: Duration of publishing, s.
     loss: float = Medium().loss  #: Share of frames that the air loses.
     size_factor: float = 1.0  #: Size of the sensors' values, as a multiple of the paper's.
     vendor: str = "fast_dds"  #: One of `PRESETS`.
@@ -57,7 +57,7 @@ class GridCell:
     hop: bool = False
     #: Whether sensors' values have the sizes of Table 1, those of Python, or CDR's.
     sizes: Sizes = "table"
-    #: How many times as long as `PLAN_S` and `TAKE_S` the station's computer takes.
+    #: Factor of the station's times `PLAN_S` and `TAKE_S`.
     slower: float = 1.0
 
     def __post_init__(self) -> None:

@@ -80,7 +80,7 @@ class LapSettings:
 class LapResult:
     """End of a lap, and what became of its messages."""
 
-    end: End  #: How the lap ended.
+    end: End  #: End of the lap.
     robot: str  #: Name of the robot that failed; empty if none or no single robot did.
     ended_ns: int  #: Time of the end, ns.
     laps: float  #: Laps that the slowest robot had completed by then.
