@@ -32,7 +32,7 @@ SEEDED = {
     "naming": {"checks"},
     "routing": {"policy"},
     "discovery": {"simulated"},
-    "balancing": {"Table 1", "caches", "lost changes", "Eq. 6", "Pareto front"},
+    "balancing": {"Table 1", "caches", "Eq. 6"},
     "transmission": {"cell", "lossless", "beyond"},
     "cooperation": {"course", "contrast", "drawn runs"},
     "phases": {"cell", "course", "refine"},

@@ -1,8 +1,9 @@
 """Findings: our values for claims, computed from one log, and their cache.
 
-The cache is in ``runs/cache``. A file holds the findings of one log. Its key is a hash of four things: the
-log, the YAML files in ``data`` (``claims.yaml`` among them), the modules that the experiment imports, and the
-versions of Python and of the libraries that compute. Damaged files and those with another key are ignored.
+The cache is in ``runs/cache``. A file holds the findings of one log. Its key is a hash of what the
+findings depend on: the log, the YAML files in ``data`` (``claims.yaml`` among them), and sizes and times of the
+committed logs. The modules that the experiment imports count as well, and the versions of Python and of the
+libraries that compute. Damaged files and those with another key are ignored.
 """
 
 from __future__ import annotations
@@ -87,6 +88,10 @@ class FindingsCache:
         self._folder = project.runs / "cache"
         self._inputs = [sys.version.encode(), str(library_versions()).encode()]
         self._inputs += [file.read_bytes() for file in sorted(project.data.rglob("*.yaml"))]
+        # An experiment may read the committed log of another one.
+        for log in sorted(project.reference_logs.glob("*.mcap")):
+            state = log.stat()
+            self._inputs.append(f"{log.name} {state.st_size} {state.st_mtime_ns}".encode())
 
     def findings_of(self, name: str, log: Path) -> Findings:
         """Return the findings of an experiment from a log; errors as of the function `findings_of`."""

@@ -3,7 +3,7 @@
 import pytest
 
 from sfglab.arp.robots import ROBOTS, SENSORS, cdr_bytes, object_bytes
-from sfglab.lab.experiments.balancing.analysis import TABLE_1
+from sfglab.lab.experiments.balancing.results import TABLE_1
 
 TEXT = "std_msgs/msg/String"
 SHARED = {"flame", "pir", "dht11", "light"}

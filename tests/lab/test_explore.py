@@ -208,9 +208,7 @@ async def test_a_look_that_cannot_be_drawn_is_said_and_the_next_one_is_drawn(mon
     assert "not in the table" in reports[0]["why"]
 
 
-STALE = {"silences_s": (2.0,), "loss": 0.5, "readings_s": 2.0, "stale_s": 20.0}
 FAST = {"rates_hz": (500,)}
-OPTIMUM = {"rates_min_hz": (30.0,), "rates_hz": (100,), "weights": 2}
 
 
 @pytest.mark.parametrize(
@@ -219,8 +217,6 @@ OPTIMUM = {"rates_min_hz": (30.0,), "rates_hz": (100,), "weights": 2}
         ("decode_once", "equations", {"most": 3}, ()),
         ("latency", "budget", {"gop": 10}, ()),
         ("depth_codecs", "codecs", {"frames": 1, "png_level": 1, "noise_mm": 5.0}, ()),
-        ("balancing", "caches", STALE, ("loses 50%", "silence at most 2 s")),
-        ("balancing", "optimum", OPTIMUM, ("CVXPY", "Rmax 100 Hz")),
         (
             "cooperation",
             "hallway",
@@ -284,11 +280,11 @@ def test_run_all_ends_in_the_figures_and_claims_of_that_run(project):
 def test_keep_is_offered_where_there_are_tables_and_what_is_kept_opens(project):
     with closing(explore(experiment("decode_once"))) as explorer:
         assert "keep" not in explorer._buttons
-    with closing(explore(experiment("balancing"), "caches")) as explorer:
+    with closing(explore(depth_codecs.exp)) as explorer:
         explorer.keep()
         finished(explorer)
         (log,) = map(Path, explorer.kept)
-    run = experiment("balancing").load(log)
+    run = depth_codecs.exp.load(log)
     with LogReader(log) as reader:
         assert reader.tables
         assert all(len(run[table]) for table in reader.tables)

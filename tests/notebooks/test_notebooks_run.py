@@ -27,7 +27,7 @@ TRANSMISSION = ("beyond", "fates", "latency", "live", "loss", "validation")
 FIGURES_ANYWHERE = {
     "01_naming": {"naming_schema"},
     "02_depth_codecs": {"depth_codecs"},
-    "08_caches_and_qos": {"balancing_caches", "balancing_qos", "balancing_stale"},
+    "08_caches_and_qos": {"balancing_caches", "balancing_qos"},
     "09_transmission": {f"transmission_{what}" for what in TRANSMISSION},
     "10_cooperation": {"cooperation", "cooperation_staleness", "cooperation_tracks"},
     "11_mapping_and_gateway": {"gateway_core", "graph_mapping"},

@@ -1,9 +1,15 @@
 """Caches and balanced QoS: paper B, sections 2.2 to 2.4, Fig. 3 and 5, Eq. 1 to 6, Table 1.
 
-What the caches hold back, what a lost change does, the printed optimum, and our own problem's Pareto front.
+What the local cache and cache control suppress, and the published optimum of rate and depth.
 """
 
-from sfglab.lab.experiments.balancing.analysis import saved, staleness
 from sfglab.lab.experiments.balancing.experiment import exp
+from sfglab.lab.experiments.balancing.results import (
+    cache_curves,
+    channel_loads,
+    frames_saved,
+    optimum_curves,
+    saved,
+)
 
-__all__ = ["exp", "saved", "staleness"]
+__all__ = ["cache_curves", "channel_loads", "exp", "frames_saved", "optimum_curves", "saved"]
