@@ -34,7 +34,7 @@ SEEDED = {
     "discovery": {"simulated"},
     "balancing": {"Table 1", "caches", "Eq. 6"},
     "transmission": {"cell", "lossless", "beyond"},
-    "cooperation": {"course", "contrast", "drawn runs"},
+    "cooperation": {"course", "drawn runs"},
     "phases": {"cell", "course", "refine"},
     "gateways": {"exploration", "mapping"},
     "transfer": {"law", "cycles", "model", "curves", "node mapping", "hardware"},

@@ -267,26 +267,3 @@ def file_sha256(path: Path) -> str:
     """Return the SHA-256 of a file as hexadecimal digits."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
-
-
-def mp4(
-    images: Iterable[NDArray[np.uint8]], size: tuple[int, int], *, fps: int, crf: int, pixels: str
-) -> bytes:
-    """Return pictures of even sides, shape (height, width, 3), as an MP4 file, the same for the same pictures.
-
-    A higher constant rate factor of H.264, `crf`, is smaller and worse; pixels are ``rgb24`` or ``bgr24``.
-    """
-    import av
-
-    buffer = io.BytesIO()
-    # One thread, so that the same pictures give the same file.
-    with av.open(buffer, "w", format="mp4") as container:
-        stream = container.add_stream(
-            "libx264", rate=fps, options={"crf": str(crf), "threads": "1"}
-        )
-        stream.width, stream.height = size
-        stream.pix_fmt = "yuv420p"
-        for image in images:
-            container.mux(stream.encode(av.VideoFrame.from_ndarray(image, format=pixels)))
-        container.mux(stream.encode(None))
-    return buffer.getvalue()

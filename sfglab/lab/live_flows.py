@@ -12,7 +12,6 @@ import os
 import tempfile
 import time
 from collections import Counter
-from collections.abc import AsyncIterator, Awaitable, Callable, Mapping, Sequence
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -36,13 +35,12 @@ from sfglab.rtps.model import data_bytes
 from sfglab.units import BITS_PER_BYTE, NS_PER_S
 
 if TYPE_CHECKING:
+    from collections.abc import AsyncIterator, Awaitable, Callable, Mapping, Sequence
+
     from sfglab.component import Report
     from sfglab.lab.bench import Bench
 
 Arrays = dict[str, NDArray[np.int64]]
-Drive = Callable[
-    [ProcessGroup, int], Awaitable[None]
-]  # of the hosts' processes, and when time begins, ns
 
 _MODULE = "sfglab.lab.workers.flowplay"
 START_S, MATCH_S, LEAD_S, SPARE_S = 90.0, 90.0, 0.15, 60.0
@@ -144,11 +142,10 @@ class LiveHosts:
         self._group = group
         self._delays_s: dict[float, float] = {}
 
-    async def play(self, scenario: Scenario, *, seed: int, drive: Drive | None = None) -> Played:
+    async def play(self, scenario: Scenario, *, seed: int) -> Played:
         """Play a scenario, in real time; before the first one at its rate, the hosts' own delay is measured.
 
-        The seed is that of losses and values; which frame meets which loss depends on the machine. With a
-        `Drive`, only on real ROS 2, that says what flows carry, and it is over when that returns.
+        The seed is that of losses and values; which frame meets which loss depends on the machine.
 
         Raises:
             ProcessFailedError: A process failed or was silent.
@@ -156,13 +153,11 @@ class LiveHosts:
         """
         rate_hz = scenario.flows[0].rate_hz
         if rate_hz not in self._delays_s:
-            probe = await self._play(_probe(scenario), delay_s=0.0, seed=seed, drive=None)
+            probe = await self._play(_probe(scenario), delay_s=0.0, seed=seed)
             self._delays_s[rate_hz] = _delay_s(probe)
-        return await self._play(scenario, delay_s=self._delays_s[rate_hz], seed=seed, drive=drive)
+        return await self._play(scenario, delay_s=self._delays_s[rate_hz], seed=seed)
 
-    async def _play(
-        self, scenario: Scenario, *, delay_s: float, seed: int, drive: Drive | None
-    ) -> Played:
+    async def _play(self, scenario: Scenario, *, delay_s: float, seed: int) -> Played:
         if scenario.vendor.prompt:
             scenario = replace(scenario, drain_s=min(scenario.drain_s, LONGEST_DRAIN_S))
         for host in self._group:
@@ -171,7 +166,7 @@ class LiveHosts:
         await self._group.expect("matched", timeout_s=MATCH_S)
         await asyncio.sleep(SETTLE_S[scenario.vendor.prompt])
         self._network.set_radio(scenario.medium, seed=seed)
-        start_ns, arrays, reports = await self._run(scenario, drive)
+        start_ns, arrays, reports = await self._run(scenario)
         radio = self._network.radio_counters()
         self._network.set_radio(QUIET)
         await self._group.ask("closed", timeout_s=START_S, do="close")
@@ -185,19 +180,15 @@ class LiveHosts:
             refused=sum(report["refused"] for report in reports),
         )
 
-    async def _run(
-        self, scenario: Scenario, drive: Drive | None
-    ) -> tuple[int, dict[str, Arrays], list[Report]]:
+    async def _run(self, scenario: Scenario) -> tuple[int, dict[str, Arrays], list[Report]]:
         """Return when it started, and each host's arrays and report."""
         with tempfile.TemporaryDirectory(prefix="sfglab-live-") as folder:
             files = {host: Path(folder, f"{host}.npz") for host in self._group}
             times = {"duration_s": scenario.duration_s, "drain_s": scenario.drain_s}
-            start_ns, do = time.time_ns() + round(LEAD_S * NS_PER_S), "drive" if drive else "play"
+            start_ns = time.time_ns() + round(LEAD_S * NS_PER_S)
             for host, file in files.items():
-                self._group.order([host], do=do, start_ns=start_ns, result=os.fspath(file), **times)
-            if drive:
-                await drive(self._group, start_ns)
-                self._group.order(do="halt")
+                order = {"start_ns": start_ns, "result": os.fspath(file), **times}
+                self._group.order([host], do="play", **order)
             reports = await self._group.expect("done", timeout_s=sum(times.values()) + SPARE_S)
             return (
                 start_ns,

@@ -27,7 +27,7 @@ from sfglab.record import LogReader
 from sfglab.tables import html_table
 
 if TYPE_CHECKING:
-    from IPython.display import HTML, Image, Video
+    from IPython.display import HTML, Image
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
@@ -115,13 +115,6 @@ def image_of(figure: Figure, text: str = "") -> Image:
     png = png_of(figure)
     small = png if len(png) < _LARGE_BYTES else few_colors(png, colors=256)
     return Image(small, format="png", alt=text or None)
-
-
-def video(mp4: bytes, width: int) -> Video:
-    """Return a video for the notebook, with a width in pixels."""
-    from IPython.display import Video
-
-    return Video(mp4, embed=True, mimetype="video/mp4", width=width)
 
 
 def setup(exp: Experiment[Any]) -> Image:

@@ -59,7 +59,8 @@ class Series:
     color: str  #: Colour, as ``#RRGGBB``.
     x: Sequence[float]  #: Positions; whole numbers are shown with all their digits.
     y: Sequence[float]  #: Values.
-    kind: Literal["line", "dot"] = "line"  #: Whether a line joins the values.
+    #: A line joins the values from left to right, a path in their order; dots are not joined.
+    kind: Literal["line", "path", "dot"] = "line"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -102,12 +103,14 @@ class Picture:
         return chosen[columns].drop_duplicates(ignore_index=True)
 
     def values(self) -> Iterator[dict[str, Any]]:
-        """Yield all values, with the place of the panel, the kind, and a sentence for each."""
+        """Yield all values, with the places of panel, series and value, and a sentence for each."""
         for place, panel in enumerate(self.panels):
-            for series in panel.series:
-                for x, y in zip(series.x, series.y, strict=True):
+            for part, series in enumerate(panel.series):
+                for number, (x, y) in enumerate(zip(series.x, series.y, strict=True)):
                     yield {
                         "place": place,
+                        "part": part,
+                        "number": number,
                         "panel": panel.title,
                         "kind": series.kind,
                         "series": series.name,

@@ -1,173 +1,158 @@
-"""The simulated cooperation: what couples control to communication is what is delivered, and nothing else."""
+"""The experiment on cooperation: its settings, its reference log, the live lap, and the explorer."""
 
-from dataclasses import replace
+import asyncio
+from dataclasses import asdict
+from types import SimpleNamespace
 
+import numpy as np
 import pandas as pd
+import psutil
 import pytest
-from made_logs import reference
+from made_logs import ran, reference
 
-from sfglab.arp.hallway import BEAMS_DEG, SCAN_HZ, simulation
-from sfglab.arp.hallway.simulation import LapSettings
-from sfglab.arp.robots import METHODS, RATES_HZ
+from sfglab.arp import hallway
+from sfglab.arp.hallway.simulation import LAP_DEPTHS, ROBOTS, LapSettings
+from sfglab.arp.robots import RATES_HZ
 from sfglab.lab.experiments import cooperation
-from sfglab.lab.experiments.cooperation import exp, experiment
-from sfglab.lab.experiments.cooperation.figures import frames_of
-from sfglab.lab.experiments.cooperation.replay import Replay
-from sfglab.lab.workers.hallway import COMMAND
-from sfglab.messages import default_message, serialized_size
-from sfglab.rtps import Medium
+from sfglab.lab.experiments.cooperation import drawn, exp, experiment, explorer, live, results
 
 REFERENCE = reference(exp)
-PERFECT = Medium(rate_bps=1e13, loss=0.0, shared=False, overhead_s=0.0, contention=0.0)
-DEAD = Medium(loss=1 - 1e-12)
 
 
-def of(method, **changes):
-    depth = simulation.OPTIMUM if METHODS[method].optimised else 10
-    return replace(LapSettings(method=method, rate_max_hz=100, depth=depth), **changes)
+def test_the_paper_s_profile_has_every_setting_once():
+    settings = experiment.settings_of(exp.config("paper"))
+    assert len(settings) == len(set(settings)) == len(RATES_HZ) * (3 * len(LAP_DEPTHS) + 4)
 
 
-@pytest.mark.parametrize("method", METHODS)
-def test_over_a_perfect_link_every_method_comes_home(method):
-    row = experiment.run_point(of(method, medium=PERFECT), 0)
-    assert (row.end, row.robot) == ("success", "")
-    assert row.wound > 0.98
+def test_a_lap_of_the_log_is_simulated_again_from_its_row():
+    logged = next(REFERENCE["course"].query("method == 'none' and seed == 2").itertuples())
+    row = experiment.simulate_lap(experiment.settings_of_row(logged), 2)
+    assert all(getattr(logged, name) == value for name, value in asdict(row).items())
 
 
-def test_the_scenario_as_printed_goes_by_robot_3_and_comes_home_with_the_sizes_and_times_asked():
-    printed = of(
-        "OPT",
-        medium=PERFECT,
-        relay_via_robot3=True,
-        topics=(8, 5, 5),
-        beam_bytes=8,
-        compute_scale=4.0,
-    )
-    flows, before = (
-        {f.name: f for f in simulation.scenario_of(p, seed=0).flows} for p in (printed, of("OPT"))
-    )
-    ways = {
-        name: (f.source, f.target, f.then) for name, f in flows.items() if f.target != "station"
-    }
-    assert ways["robot1/release"] == ("station", "robot3", "robot1/command")
-    assert ways["robot1/command"] == ("robot3", "robot1", None)
-    assert ways["robot3/command"][:2] == ("station", "robot3")
-    beam, old = flows["robot1/lidar/0"], before["robot1/lidar/0"]
-    assert (beam.size_bytes, old.size_bytes, beam.service_s / old.service_s) == (8, 24, 4)
-    fewer, more = (simulation.rate_and_depth(point)[0] for point in (printed, of("OPT")))
-    assert fewer > more, "fewer topics, each more often"
-    row = experiment.run_point(printed, 0)
-    assert (row.end, row.command_p50_ms < 1) == ("success", True)
+def test_every_lap_of_the_log_counts_once_in_rates_and_failing_robots():
+    laps = cooperation.laps(REFERENCE)
+    rates = cooperation.rates(laps, "method").set_index("method")
+    robots = cooperation.failing_robots(laps)
+    assert robots.sum(axis=1).to_dict() == rates["runs"].to_dict()
+    assert robots["success"].to_dict() == rates["successes"].to_dict()
+    assert rates["rate"].between(rates["low"], rates["high"]).all()
+    utilisation = cooperation.causes(laps).set_index("method")["channel utilisation"]
+    assert utilisation["none"].min() > 0.99
+    assert utilisation["OPT+LC"].max() < 0.3
 
 
-@pytest.mark.parametrize("method", ["none", "OPT+LC"])
-def test_over_a_dead_link_nobody_moves(method):
-    lap = simulation.SimulatedLap(of(method, medium=DEAD), 0, record=True)
-    assert lap.run(limit_s=5.0).end is simulation.End.TIMEOUT
-    assert len({turn.poses.tobytes() for turn in lap.snapshots}) == 1
-
-
-def test_the_same_seed_is_the_same_run_to_the_bit_and_another_one_is_not():
-    failing = LapSettings(method="none", rate_max_hz=100, depth=1)
-    first, second, other = (repr(experiment.run_point(failing, seed)) for seed in (3, 3, 4))
-    assert first == second
-    assert first != other
-
-
-def test_methods_differ_in_what_they_say_they_do():
-    laps = {name: simulation.SimulatedLap(of(name), 0).run(limit_s=5.0) for name in METHODS}
-    short = {name: experiment.course_row(of(name), 0, lap) for name, lap in laps.items()}
-    for name, method in METHODS.items():
-        row = short[name]
-        assert (row.held > 0) == method.local_cache
-        assert (row.rate_hz < 100) == method.optimised
-        assert (row.compared > 0) == (method.cache_control and not method.local_cache)
-    assert short["OPT"].airtime < short["LC"].airtime < short["none"].airtime
-
-
-def test_optimised_settings_are_those_of_equation_6():
-    for rate in RATES_HZ:
-        found = simulation.rate_and_depth(of("OPT", rate_max_hz=rate))
-        assert found == (
-            pytest.approx(rate / 9 - 1, abs=1e-4),
-            int(5000 * (rate / 9 - 1) / rate - 1),
-        )
-    assert simulation.rate_and_depth(of("OPT", depth=10))[1] == 10
-    assert simulation.rate_and_depth(of("none")) == (100, 10)
-
-
-def test_a_scenario_has_eight_beams_up_and_one_command_down_for_each_robot():
-    scenario = simulation.scenario_of(of("none"), seed=0)
-    up = [flow for flow in scenario.flows if flow.target == "station"]
-    down = [flow for flow in scenario.flows if flow.source == "station"]
-    assert len(up) == len(BEAMS_DEG) * len(simulation.ROBOTS)
-    assert [flow.target for flow in down] == list(simulation.ROBOTS)
-    sizes = {flow.size_bytes for flow in down}
-    assert sizes == {serialized_size(default_message(COMMAND))} == {simulation.COMMAND_BYTES}
-
-
-def test_the_paper_s_profile_has_every_point_once():
-    points = experiment.points_of(exp.config("paper"))
-    assert len(points) == len(RATES_HZ) * (3 * len(simulation.LAP_DEPTHS) + 4)
-    assert len(set(points)) == len(points)
-
-
-# --- The reference run ----------------------------------------------------------------------------------------
-
-
-def test_the_log_says_how_every_run_ended():
-    rows = cooperation.courses(REFERENCE)
-    table = cooperation.rates(rows, "method").set_index("method")
-    runs = rows["method"].value_counts().to_dict()
-    assert table["runs"].to_dict() == cooperation.failures(rows).sum(axis=1).to_dict() == runs
-    assert (table["low"] <= table["rate"]).all()
-    assert (table["rate"] <= table["high"]).all()
-
-
-@pytest.mark.parametrize("name", ["success", "failure"])
-def test_a_drawn_run_is_in_the_log_as_tracks_and_messages_that_say_the_same(name):
-    mine = REFERENCE["track"][REFERENCE["track"]["run"] == name]
-    assert mine["t_s"].max() == pytest.approx(REFERENCE.metadata("examples")[name]["ended_s"])
-    for robot in simulation.ROBOTS:
-        poses = [entry.message.pose for entry in REFERENCE.messages(f"/{name}/{robot}/pose")]
-        assert [pose.position.y for pose in poses] == mine[mine["robot"] == robot]["y_m"].tolist()
-        lengths = {
-            len(entry.message.ranges) for entry in REFERENCE.messages(f"/{name}/{robot}/scan")
-        }
-        assert lengths == {len(BEAMS_DEG)}
-
-
-def test_the_film_moves_and_the_same_log_gives_the_same_file():
-    first, *_, last = frames_of(REFERENCE, "failure")
-    assert first.shape == last.shape == (320, 960, 3)
-    assert (first != last).any()
-    film = cooperation.film(REFERENCE, "failure")
-    assert film == cooperation.film(REFERENCE, "failure")
-    assert len(film) < 1_000_000
-
-
-# --- Estimates ------------------------------------------------------------------------------------------------
+def test_the_reason_names_failing_robots_and_is_empty_without_failures():
+    [measured] = exp.measure(REFERENCE).values()
+    assert "fails in 23 of 24 laps (robot1 in 11, robot2 in 5, robot3 in 6" in measured.reason
+    laps = cooperation.laps(REFERENCE)
+    assert not results._reason(laps[laps["success"]])
 
 
 def test_the_difference_is_the_mean_over_rates():
     rows = [("none", 100, False)] * 4 + [("none", 200, True), ("none", 200, False)]
     rows += [("OPT+LC", 100, True)] * 3 + [("OPT+LC", 200, True)] * 2
-    estimate = cooperation.difference(
-        pd.DataFrame(rows, columns=["method", "rate_max_hz", "success"])
-    )
+    table = pd.DataFrame(rows, columns=["method", "rate_max_hz", "success"])
+    estimate = cooperation.difference(table)
     assert estimate.value == pytest.approx(1.0 - (0.0 + 0.5) / 2)
     assert estimate.low <= estimate.value <= estimate.high
 
 
-def test_a_replay_shows_the_run_again_and_how_long_the_station_was_wrong():
-    replay = Replay(REFERENCE, "OPT+LC")
-    row = replay.row
-    assert row.end != "success"
-    last = replay.run.snapshots[-1]
-    shape = (len(simulation.ROBOTS), len(BEAMS_DEG))
-    assert last.measured_m.shape == last.believed_m.shape == shape
-    assert len(replay.late_s) == len(replay.run.snapshots)
-    # What is wrong for longest was sent and not heard for no longer than the engine says.
-    assert 1 < replay.late_s.max() <= row.stale_s + 2 / SCAN_HZ
-    replay.press("robot2")
-    assert replay.turn.value == replay.late_s[:, 1].argmax()
+def test_drawn_laps_are_the_paper_s_or_those_of_other_methods():
+    def row(method, end):
+        return SimpleNamespace(method=method, end=end)
+
+    rows = [row("LC", "success"), row("CC", "contact"), row("OPT+LC", "success")]
+    assert drawn.examples_of(rows) == {"success": rows[2], "failure": rows[1]}
+    assert drawn.examples_of(rows[:1]) == {"success": rows[0]}
+
+
+def test_a_drawn_lap_is_written_as_in_the_reference_log(tmp_path):
+    new = ran(exp, tmp_path / "new.mcap", methods=("none",), depths=(1,))
+    assert new.skipped("live") == "no live lap was asked for"
+    for topic in ("/failure/robot2/pose", "/failure/robot3/scan"):
+        messages = [repr(entry.message) for entry in new.messages(topic)]
+        assert messages == [repr(entry.message) for entry in REFERENCE.messages(topic)]
+    tracks = REFERENCE["track"].query("run == 'failure'").reset_index(drop=True)
+    pd.testing.assert_frame_equal(new["track"], tracks)
+    [walls] = new.messages("/failure/robot1/walls")
+    [old] = REFERENCE.messages("/failure/robot1/walls")
+    assert walls.message.points == old.message.points
+
+
+# --- Live -------------------------------------------------------------------------------------
+
+
+def test_a_live_lap_ends_when_the_station_stops_all():
+    lap = live.LiveLap()
+    pose = {"is": "pose", "t_s": 1.0, "pose": [1.0, 2.0, 0.5], "wound_rad": 0.2, "clearance_m": 0.3}
+    lap.take("station", {"is": "released", "manoeuvre": "forward"})
+    for robot in ROBOTS:
+        lap.take(robot, pose)
+    assert not lap.has_ended()
+    lap.take("station", {"is": "stopped", "robot": 1})
+    assert lap.has_ended()
+    assert lap.verdict == hallway.Verdict(end=hallway.End.STOP, robot=1)
+    assert [track.robot for track in lap.tracks] == list(ROBOTS)
+    assert {track.manoeuvre for track in lap.tracks} == {"forward"}
+
+
+@pytest.mark.live
+@pytest.mark.netns
+@pytest.mark.slow
+def test_three_robots_set_off_together_and_no_process_is_left(monkeypatch):
+    class UntilAllGo(live.LiveLap):
+        def going(self):
+            tracks = [track for track in self.tracks if track.t_s > 2.0]
+            return {track.robot for track in tracks if track.manoeuvre == "forward"}
+
+        def has_ended(self):
+            return super().has_ended() or len(self.going()) == 3
+
+    monkeypatch.setattr(live, "LiveLap", UntilAllGo)
+    before = {child.pid for child in psutil.Process().children(recursive=True)}
+    # How soon they get going depends on the machine's other work.
+    lap, radio = asyncio.run(live.drive_live(0, limit_s=60.0))
+    assert lap.verdict is None or lap.verdict.end is not hallway.End.CONTACT
+    assert lap.going() == set(ROBOTS)
+    assert radio.delivered > 0
+    assert {child.pid for child in psutil.Process().children(recursive=True)} <= before
+
+
+# --- Explorer ---------------------------------------------------------------------------------
+
+
+def test_the_explorer_shows_the_lap_s_beginning_first_and_simulates_nothing_twice(monkeypatch):
+    monkeypatch.setattr(explorer, "_COARSE_S", 0.0)
+    shown = [picture for picture in cooperation.hallway_lap(seed=20) if picture]
+    assert len(shown) == 2
+    coarse, whole = shown
+    assert "simulated up to" in coarse.said
+    assert "meets an obstacle after" in whole.said
+    monkeypatch.setattr(hallway.simulation.SimulatedLap, "_step", None)
+    [later] = cooperation.hallway_lap(seed=20, shown_s=5.0)
+    assert "At 5.0 s" in later.said
+
+
+def test_the_explorer_draws_robots_where_the_lap_has_them_and_wrong_beams():
+    *_, picture = cooperation.hallway_lap(shown_s=9.0)
+    lap = explorer.lap_of(LapSettings(method="OPT+LC", rate_max_hz=100, depth=0), 0)
+    for number, panel in enumerate(picture.panels[:-1]):
+        drawn_last = {series.name: series for series in panel.series}
+        robot, beams = drawn_last[ROBOTS[number]], drawn_last["beams as measured"]
+        assert [*robot.x, *robot.y] == lap.snapshots[90].poses[number, :2].tolist()
+        ranges_m = np.hypot(np.diff(beams.x), np.diff(beams.y))[::2]
+        measured_m = lap.snapshots[90].measured_m[number]
+        np.testing.assert_allclose(ranges_m, measured_m[np.isfinite(measured_m)])
+
+
+def test_time_counts_while_any_beam_is_wrong():
+    def snapshot(*apart_m):
+        measured_m = np.full((3, 8), np.inf)
+        believed_m = measured_m.copy()
+        believed_m[:, 0] = [10.0 if wrong else np.inf for wrong in apart_m]
+        return SimpleNamespace(measured_m=measured_m, believed_m=believed_m)
+
+    turns = [snapshot(0, 0, 0), snapshot(1, 0, 1), snapshot(1, 0, 0), snapshot(0, 0, 1)]
+    lasting = explorer.wrong_for_s(turns)
+    np.testing.assert_allclose(lasting.T, [[0, 0.1, 0.2, 0], [0] * 4, [0, 0.1, 0, 0.1]])

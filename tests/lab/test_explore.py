@@ -208,7 +208,6 @@ async def test_a_look_that_cannot_be_drawn_is_said_and_the_next_one_is_drawn(mon
     assert "not in the table" in reports[0]["why"]
 
 
-FAST = {"rates_hz": (500,)}
 
 
 @pytest.mark.parametrize(
@@ -217,18 +216,6 @@ FAST = {"rates_hz": (500,)}
         ("decode_once", "equations", {"most": 3}, ()),
         ("latency", "budget", {"gop": 10}, ()),
         ("depth_codecs", "codecs", {"frames": 1, "png_level": 1, "noise_mm": 5.0}, ()),
-        (
-            "cooperation",
-            "hallway",
-            FAST | {"methods": ("LC",)},
-            ("LC, Rmax 500 Hz", "success after"),
-        ),
-        (
-            "cooperation",
-            "hallway",
-            FAST | {"methods": ("none",)},
-            ("none, Rmax 500 Hz", "contact after"),
-        ),
     ],
 )
 async def test_a_look_is_drawn_as_turned_without_host_or_live_part(

@@ -18,7 +18,7 @@ ROOT = Path(__file__).parents[2]
 PROJECT = Project(root=ROOT)
 # Notebooks of chapter C, which have headers, and their neighbours.
 CHAPTER = {
-    "gateways": ("10_cooperation", "12_transfer"),
+    "gateways": ("10_hallway", "12_transfer"),
     "transfer": ("11_mapping_and_gateway", "13_driving"),
     "driving": ("12_transfer", "14_mocap"),
 }

@@ -29,7 +29,7 @@ FIGURES_ANYWHERE = {
     "02_depth_codecs": {"depth_codecs"},
     "08_caches_and_qos": {"balancing_caches", "balancing_qos"},
     "09_transmission": {f"transmission_{what}" for what in TRANSMISSION},
-    "10_cooperation": {"cooperation", "cooperation_staleness", "cooperation_tracks"},
+    "10_hallway": {"cooperation", "cooperation_tracks"},
     "11_mapping_and_gateway": {"gateway_core", "graph_mapping"},
     "12_transfer": {"transfer", "transfer_live"},
     "13_driving": {"driving_chain", "driving_lap", "driving_laps"},

@@ -5,10 +5,6 @@ experiment's name only that is recorded, with fields of its configuration as ``n
 broken off goes on when the same is called again. The validation, an hour, and the whole grid, another:
 
     python tests/ros2/record_baselines.py paper transmission
-
-Whole rounds of `cooperation` once, in both modes, twenty minutes:
-
-    python tests/ros2/record_baselines.py quick cooperation ros2_s=120
 """
 
 import asyncio
@@ -21,7 +17,7 @@ from mcap.writer import Writer
 import sfglab
 from sfglab.lab.baselines import PART, compared
 from sfglab.lab.bench import Options
-from sfglab.lab.experiments import cooperation, experiment, transmission
+from sfglab.lab.experiments import experiment, transmission
 from sfglab.lab.notebooks import read_parameters
 from sfglab.lab.paths import find_project
 
@@ -41,7 +37,6 @@ async def record(profile="quick", name="", *changes):
             if exp is transmission.exp
             else compared(exp, run)
         )
-        found = run[PART] if exp is cooperation.exp else found
         sys.stdout.write(f"{path.name}\n{run.skipped(PART)}\n{found.to_string()}\n")
         reference = project.reference_logs / path.name
         packed = path.with_suffix(".packed.mcap")

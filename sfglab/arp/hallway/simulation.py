@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field, replace
 from functools import cache
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -211,12 +211,9 @@ class SimulatedLap:
         settings: Method, QoS and channel.
         seed: Seed of the physics, of the channel and of when topics begin.
         record: Whether `snapshots` are kept.
-        carrier: Replacement of the reliability model's `Session`, with the same methods.
     """
 
-    def __init__(
-        self, settings: LapSettings, seed: int, *, record: bool = False, carrier: Any = None
-    ) -> None:
+    def __init__(self, settings: LapSettings, seed: int, *, record: bool = False) -> None:
         self._world = World(seed=seed)
         self._station = Station(len(ROBOTS))
         self._sensing = [SensingNode() for _ in ROBOTS]
@@ -232,47 +229,68 @@ class SimulatedLap:
         # A node that receives the same value again does nothing.
         watched = (*self._beams, *self._commands)
         scenario = scenario_of(settings, seed=seed)
-        self._session = carrier or Session(scenario, seed=seed, watched=watched, news_only=True)
+        self._session = Session(scenario, seed=seed, watched=watched, news_only=True)
+        for flow in self._published:
+            self._session.set_value(flow, STOP.number)
+        self._steps = 0
+        self._verdict: Verdict | None = None
         self._record = record
         self.snapshots: list[Snapshot] = []  #: One per turn of the LIDARs and one at the end.
 
+    @property
+    def time_s(self) -> float:
+        """Time since the start, s."""
+        return self._steps * STEP_NS / NS_PER_S
+
+    @property
+    def verdict(self) -> Verdict | None:
+        """How the lap ended; None before."""
+        return self._verdict
+
     def run(self, limit_s: float = LIMIT_S) -> LapResult:
-        """Drive until the lap ends or a limit, in seconds, is reached."""
-        verdict, ended_ns = self.drive(limit_s)
-        return self.result(verdict, ended_ns, self._session.outcome())
+        """Drive until the lap ends or is given up at a limit, s, and return its result."""
+        self.drive(limit_s, limit_s=limit_s)
+        return self.result()
 
-    def drive(self, limit_s: float) -> tuple[Verdict, int]:
-        """Drive, and return the verdict and the time of the end, ns."""
-        for flow in self._published:
-            self._session.set_value(flow, STOP.number)
-        steps = 0
-        verdict = None
-        while verdict is None:
-            if steps % _SCAN_STEPS == 0:
-                self._scan()
-                self._take_snapshot(steps * STEP_NS / NS_PER_S)
-            steps += 1
-            self._exchange(steps * STEP_NS)
-            self._world.step([node.command for node in self._actuation])
-            verdict = judge(
-                self._world.clearance_m.tolist(),
-                self._world.wound_rad(),
-                stopped_by=self._station.stopped_by,
-                now_s=steps * STEP_NS / NS_PER_S,
-                limit_s=limit_s,
-            )
-        self._take_snapshot(steps * STEP_NS / NS_PER_S)
-        return verdict, steps * STEP_NS
+    def drive(self, until_s: float, *, limit_s: float = LIMIT_S) -> bool:
+        """Drive on until a time, s, and return whether the lap has ended by then.
 
-    def result(self, verdict: Verdict, ended_ns: int, outcome: Outcome) -> LapResult:
-        """Return the result of a lap that ended with this verdict, time and delivery outcome."""
+        Args:
+            until_s: Time at which driving pauses. A later call goes on from there.
+            limit_s: Time at which the lap is given up.
+        """
+        while self._verdict is None and self.time_s < until_s:
+            self._step(limit_s)
+        return self._verdict is not None
+
+    def result(self) -> LapResult:
+        """Return the result of a lap that has ended."""
+        assert self._verdict is not None, "the lap has ended"
+        robot = self._verdict.robot
         return LapResult(
-            end=verdict.end,
-            robot="" if verdict.robot < 0 else ROBOTS[verdict.robot],
-            ended_ns=ended_ns,
+            end=self._verdict.end,
+            robot="" if robot < 0 else ROBOTS[robot],
+            ended_ns=self._steps * STEP_NS,
             laps=min(self._world.wound_rad()) / math.tau,
-            outcome=outcome,
+            outcome=self._session.outcome(),
         )
+
+    def _step(self, limit_s: float) -> None:
+        """Drive for `STEP_NS`."""
+        if self._steps % _SCAN_STEPS == 0:
+            self._scan()
+        self._steps += 1
+        self._exchange(self._steps * STEP_NS)
+        self._world.step([node.command for node in self._actuation])
+        self._verdict = judge(
+            self._world.clearance_m.tolist(),
+            self._world.wound_rad(),
+            stopped_by=self._station.stopped_by,
+            now_s=self.time_s,
+            limit_s=limit_s,
+        )
+        if self._verdict is not None:
+            self._scan()
 
     def _scan(self) -> None:
         """Measure with the LIDARs, and give each beam's topic its new value."""
@@ -282,6 +300,7 @@ class SimulatedLap:
             value = self._sensing[robot].value(beam)
             assert value is not None, "the LIDAR has turned"
             self._session.set_value(flow, value)
+        self._take_snapshot()
 
     def _exchange(self, until_ns: int) -> None:
         """Let messages travel until a time, and give their readers those that arrive."""
@@ -297,14 +316,14 @@ class SimulatedLap:
         for flow, command in zip(self._published, self._station.commands, strict=True):
             self._session.set_value(flow, command.number)
 
-    def _take_snapshot(self, time_s: float) -> None:
+    def _take_snapshot(self) -> None:
         if not self._record:
             return
         measured_m = [_ranges_m(node) for node in self._sensing]
         believed_m = [node.ranges_m for node in self._station.localisations]
         self.snapshots.append(
             Snapshot(
-                time_s=time_s,
+                time_s=self.time_s,
                 manoeuvre=self._station.manoeuvre,
                 poses=self._world.poses.copy(),
                 measured_m=np.array(measured_m),

@@ -40,14 +40,18 @@ REFERENCE, LAST = "reference", "last"  #: Names of the two kinds of faint outlin
 
 
 def rows_of(picture: Picture) -> Rows:
-    """Return the rows of a picture by data set: lines, dots and notes of each panel."""
+    """Return the rows of a picture by data set: lines, paths, dots and notes of each panel."""
     rows: Rows = {}
     for place, panel in enumerate(picture.panels):
         rows[f"line{place}"] = []
+        rows[f"path{place}"] = []
         rows[f"dot{place}"] = []
         rows[f"note{place}"] = [{"note": panel.note}]
     for value in picture.values():
-        row = {name: value[name] for name in ("place", "series", "x", "y", "words")}
+        names = ["place", "series", "x", "y", "words"]
+        if value["kind"] == "path":
+            names = ["part", "number", "series", "x", "y"]
+        row = {name: value[name] for name in names}
         rows[f"{value['kind']}{value['place']}"].append(row)
     return rows
 
@@ -111,6 +115,9 @@ def _panel_chart(place: int, panel: Panel, color: Any) -> Any:
         layer(REFERENCE).mark_line(strokeDash=[2, 3], **_GHOST).encode(x, y, color),
         layer(LAST).mark_line(strokeWidth=1, **_GHOST).encode(x, y, color),
         layer("line").mark_line(clip=True, aria=False).encode(x, y, color),
+        layer("path")
+        .mark_line(clip=True, aria=False, strokeWidth=1.5)
+        .encode(x, y, color, detail="part:N", order="number:Q"),
         # A line has one tooltip for all its points. So the page fills invisible points for the mouse.
         layer("hover")
         .mark_circle(size=250, opacity=0, aria=False, cursor="pointer", clip=True)

@@ -3,7 +3,6 @@
 Orders come as JSON lines, each names a method of `Peer` as ``do``; reports go out as JSON lines. Messages
 travel as CDR in hexadecimal digits. As a host's part of scenarios of the reliability model it takes the orders
 of `sfglab.lab.workers.flowplay`, and knows samples by their values, as source time stamps are Fast DDS's own.
-In `Peer.drive` samples carry values beside their numbers, and what is new to a reader is reported at once.
 With ``crowd`` behind its name it has no node of its own, only those of `Peer.start`. Runs in ROS 2's own
 interpreter, from Python 3.10 on, and imports nothing of sfglab.
 """
@@ -74,8 +73,8 @@ def topic_of(flow: str) -> str:
     return re.sub(r"/(?=\d)", "/_", flow)
 
 
-def sample_of(value: int | str, size_bytes: int) -> bytes:
-    """Return the CDR of a text of a size that carries a value's number, or ``number:value``."""
+def sample_of(value: int, size_bytes: int) -> bytes:
+    """Return the CDR of a text of a size that carries a value's number."""
     letters = size_bytes - 9
     text = f"{value:>{letters}}".encode()
     return b"\x00\x01\x00\x00" + (letters + 1).to_bytes(4, "little") + text + b"\x00"
@@ -100,9 +99,6 @@ class Peer:
         self.received: dict[str, list[tuple[int, int]]] = {}
         self.written: dict[str, list[tuple[int, int]]] = {}
         self.free_ns: Counter[str] = Counter()
-        self.carried: dict[str, int] = {}
-        self.last: dict[str, int | None] = {}
-        self.halted = threading.Event()
         self.seed = 0
         self.warm = False
         self.counts: Counter[str] = Counter()
@@ -276,16 +272,11 @@ class Peer:
 
         def heard(cdr: bytes) -> None:
             now_ns, text = time.time_ns(), cdr[8 : 7 + int.from_bytes(cdr[4:8], "little")]
-            number, _, carried = text.partition(b":")
-            if (value := int(number)) <= 0:
+            if (value := int(text)) <= 0:
                 return
             done_ns = self.free_ns[executor] = max(self.free_ns[executor], now_ns) + cost_ns
             received.append((value, done_ns))
-            if carried and self.last.get(name) != int(carried):
-                self.last[name] = int(carried)
-                report("heard", flow=name, value=int(carried), done_ns=done_ns)
             if then:
-                self.carried |= {then: int(carried)} if carried else {}
                 time.sleep(max(0, done_ns - time.time_ns()) / 1e9)
                 self.send(then, value)
 
@@ -295,22 +286,8 @@ class Peer:
         """Publish a sample of a flow, unless its end was taken away while the sample waited for its turn."""
         if name not in self.written:
             return
-        carried = self.last[name] = self.carried.get(name)
-        text = value if carried is None else f"{value}:{carried}"
         self.written[name].append((time.time_ns(), value))
-        self.publishers[name].publish(sample_of(text, self.flows[name]["size_bytes"]))
-
-    def drive(self, **order: Any) -> None:
-        """Do as `play`, until `halt`; flows carry what `carry` says, but what a local cache holds back."""
-        threading.Thread(target=self.obey, args=({"do": "play", **order},)).start()
-
-    def carry(self, flow: str, value: int) -> None:
-        """Let a flow carry a value from now on."""
-        self.carried[flow] = value
-
-    def halt(self) -> None:
-        """End what `drive` began."""
-        self.halted.set()
+        self.publishers[name].publish(sample_of(value, self.flows[name]["size_bytes"]))
 
     def agenda(self, name: str, start_ns: int, last_ns: int) -> list[int]:
         """Return when a flow's sensor is read, without what its local cache holds back as nothing changed."""
@@ -341,18 +318,14 @@ class Peer:
         for due_ns, value, name in sorted(agenda):
             time.sleep(max(0, due_ns - time.time_ns()) / 1e9)
             late_ns.append(time.time_ns() - due_ns)
-            if self.halted.is_set() or time.time_ns() > last_ns + _SPARE_NS:
+            if time.time_ns() > last_ns + _SPARE_NS:
                 break
-            unchanged = self.carried.get(name, -1) == self.last.get(name)
-            if unchanged and self.flows[name]["cached"]:
-                held, due = held + 1, due - 1
-            elif name and late_ns[-1] < _MISSED_NS:
+            if name and late_ns[-1] < _MISSED_NS:
                 self.send(name, value)
                 due -= 1
-        self.halted.wait(max(0, last_ns + round(drain_s * 1e9) - time.time_ns()) / 1e9)
-        received = {
-            name: rows.copy() for name, rows in self.received.items()
-        }  # which grow when it was halted
+        time.sleep(max(0, last_ns + round(drain_s * 1e9) - time.time_ns()) / 1e9)
+        # Samples may still arrive, in the executor's thread.
+        received = {name: rows.copy() for name, rows in self.received.items()}
         tables = {"written sent_ns": (self.written, 0), "written value": (self.written, 1)}
         tables |= {"received value": (received, 0), "received done_ns": (received, 1)}
         arrays: dict[str, Any] = {
@@ -371,8 +344,7 @@ class Peer:
         for subscription in self.kept:
             self.node.destroy_subscription(subscription)
         self.publishers, self.kept, self.received, self.written = {}, [], {}, {}
-        for kept in (self.free_ns, self.carried, self.last, self.halted):
-            kept.clear()
+        self.free_ns.clear()
         report("closed")
 
     def start(self, fleet: list[str], talkers: int, listeners: int, *, composed: bool) -> None:

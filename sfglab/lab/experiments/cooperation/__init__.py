@@ -1,18 +1,28 @@
 """Cooperation: paper B, section 3.2, Fig. 12 to 18.
 
-Three robots go around a hallway on what messages tell a station and its commands tell them: how often they come
-home, by method and rate, simulated with the reliability model of `sfglab.rtps`, and live over DDS.
+Three robots drive a lap around a hallway. Their LIDAR values reach a station, which commands them, over
+one wireless channel. Laps are simulated for each method and rate, and one is driven live over DDS.
 """
 
-from sfglab.lab.experiments.cooperation.analysis import (
-    courses,
-    difference,
-    failures,
-    rates,
-    staleness,
-)
+from sfglab.lab.experiments.cooperation import drawn, live  # noqa: F401 - declare their parts
 from sfglab.lab.experiments.cooperation.experiment import exp
-from sfglab.lab.experiments.cooperation.figures import film
-from sfglab.lab.experiments.cooperation.replay import Replay
+from sfglab.lab.experiments.cooperation.explorer import hallway_lap
+from sfglab.lab.experiments.cooperation.results import (
+    causes,
+    difference,
+    failing_robots,
+    laps,
+    live_lap,
+    rates,
+)
 
-__all__ = ["Replay", "courses", "difference", "exp", "failures", "film", "rates", "staleness"]
+__all__ = [
+    "causes",
+    "difference",
+    "exp",
+    "failing_robots",
+    "hallway_lap",
+    "laps",
+    "live_lap",
+    "rates",
+]

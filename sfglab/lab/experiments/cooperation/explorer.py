@@ -1,0 +1,221 @@
+"""Explorer: one simulated lap, at any time, with what the station holds of the robots' beams.
+
+A lap is simulated once per setting and kept, so that a change of the time only draws again. While a lap
+is simulated, the figure shows its beginning.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator  # noqa: TC003  # read at run time
+from functools import lru_cache
+from threading import Lock
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import numpy as np
+
+from sfglab.arp.hallway import AREAS, BEAMS_DEG, LIMIT_S, SCAN_HZ, WAYPOINTS, Area
+from sfglab.arp.hallway.simulation import OPTIMUM, ROBOTS, LapSettings, SimulatedLap
+from sfglab.arp.robots import METHODS
+from sfglab.fields import Bounds
+from sfglab.lab import pictures
+from sfglab.lab.experiments.cooperation.experiment import MethodName, exp
+from sfglab.lab.experiments.cooperation.results import ENDINGS, method_text
+from sfglab.lab.figures import COLORS
+from sfglab.rtps import Medium
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from sfglab.arp.hallway.simulation import Snapshot
+
+WRONG_M = 0.1
+"""Error from which a range at the station counts as wrong; in a turn of the LIDAR a robot drives 0.022 m."""
+
+Preset = Literal["fast_dds", "fast_dds_sync", "fast_dds_async", "fast_dds_foxy", "cyclone_dds"]
+MaximumRate = Annotated[int, Bounds(100, 1000, log=True)]
+HistoryDepth = Annotated[int, Bounds(1, 1000, log=True)]
+Percent = Annotated[float, Bounds(0, 5)]
+Factor = Annotated[float, Bounds(0.5, 20, log=True)]
+Seconds = Annotated[float, Bounds(0, LIMIT_S)]
+Seed = Annotated[int, Bounds(0, 20)]
+
+_BEAMS, _WRONG = "beams as measured", "beams at the station, if wrong"
+_COLORS = {
+    "walls": "#808080",
+    _BEAMS: "#56B4E9",
+    _WRONG: COLORS["standard"],
+    **dict(zip(ROBOTS, (COLORS["proxy"], COLORS["third"], COLORS["fourth"]), strict=True)),
+}
+_SPAN_M = 6.4  # of both axes, so that a square panel has equal scales
+_X = pictures.Axis("x", "m", -0.7, _SPAN_M - 0.7)
+_Y = pictures.Axis("y", "m", -1.2, _SPAN_M - 1.2)
+_TIME = pictures.Axis("time", "s", 0, LIMIT_S, si=True)
+_WRONG_FOR = pictures.Axis("station wrong for", "s", 0, 8)
+_FAR_M = 99.0  # stands for infinity: no echo, or no value yet
+_CHUNK_S = 1.0  # simulated time between two looks at the clock
+_COARSE_S = 0.08  # computing time of the first picture
+_EVERY = 4  # turns of the LIDAR between two points of a line
+_LOCK = Lock()  # a kept lap may be driven by the explorer's thread and by a cell
+
+
+@exp.explorer
+def hallway_lap(  # noqa: PLR0913  # one control for each
+    *,
+    method: MethodName = "OPT+LC",
+    rate_max_hz: MaximumRate = 100,
+    depth: HistoryDepth = 10,
+    loss_percent: Percent = 1.0,
+    preset: Preset = "fast_dds",
+    compute_scale: Factor = 1.0,
+    relay_via_robot3: bool = False,
+    seed: Seed = 0,
+    shown_s: Seconds = 10.0,
+) -> Iterator[pictures.Picture | None]:
+    """Yield pictures of a lap at a time: one hallway per robot, and how long the station is wrong.
+
+    Args:
+        method: Balanced QoS (OPT), local cache (LC), cache control (CC), or combinations.
+        rate_max_hz: Maximum rate of a topic, Rmax [Hz]. With OPT, Eq. 6 gives a lower rate.
+        depth: Depth of the histories (DEPTH). With OPT, Eq. 6 gives the depth.
+        loss_percent: Frames that the wireless channel loses [%].
+        preset: Middleware whose timing the protocol has.
+        compute_scale: Factor by which the station's computer is slower than assumed.
+        relay_via_robot3: Whether robot 3 forwards the commands to robots 1 and 2.
+        seed: Seed of physics and channel.
+        shown_s: Time that is shown [s].
+    """
+    settings = LapSettings(
+        method=method,
+        rate_max_hz=rate_max_hz,
+        depth=OPTIMUM if METHODS[method].optimised else depth,
+        vendor=preset,
+        medium=Medium(loss=loss_percent / 100),
+        relay_via_robot3=relay_via_robot3,
+        compute_scale=compute_scale,
+    )
+    lap = lap_of(settings, seed)
+    began_s = time.monotonic()
+    is_shown = False
+    while not _drive_on(lap):
+        is_due = time.monotonic() - began_s > _COARSE_S
+        yield None if is_shown or not is_due else draw(settings, lap, shown_s)
+        is_shown = is_shown or is_due
+    yield draw(settings, lap, shown_s)
+
+
+@lru_cache(maxsize=16)
+def lap_of(settings: LapSettings, seed: int) -> SimulatedLap:
+    """Return a lap that goes on from where it was, so that no part of it is simulated twice."""
+    return SimulatedLap(settings, seed, record=True)
+
+
+def _drive_on(lap: SimulatedLap) -> bool:
+    with _LOCK:
+        return lap.drive(lap.time_s + _CHUNK_S)
+
+
+def draw(settings: LapSettings, lap: SimulatedLap, shown_s: float) -> pictures.Picture:
+    """Return the picture of a lap, as far as it is simulated."""
+    snapshots = lap.snapshots
+    place = min(int(shown_s * SCAN_HZ), len(snapshots) - 1)
+    shown = snapshots[place]
+    poses = [snapshot.poses for snapshot in snapshots[: place + 1 : _EVERY]]
+    tracks = np.array([*poses, shown.poses])[:, :, :2]
+    panels = []
+    for number, area in enumerate(AREAS):
+        panels.append(_hallway(area, number, shown, tracks[:, number]))
+    command = f"At {shown.time_s:.1f} s the station's command is {shown.manoeuvre.value!r}."
+    said = f"{_words(settings, lap)} {command}"
+    return pictures.Picture(said=said, panels=(*panels, _wrong_panel(snapshots, place)))
+
+
+def _words(settings: LapSettings, lap: SimulatedLap) -> str:
+    """Return what is simulated and how it ended."""
+    depth = "Eq. 6" if settings.depth == OPTIMUM else settings.depth
+    setting = f"{method_text(settings.method)}, Rmax {settings.rate_max_hz} Hz, DEPTH {depth}"
+    if lap.verdict is None:
+        return f"{setting}: simulated up to {lap.time_s:.0f} s."
+    robot = "" if lap.verdict.robot < 0 else f"{ROBOTS[lap.verdict.robot]} "
+    return f"{setting}: {robot}{ENDINGS[lap.verdict.end]} {lap.time_s:.0f} s."
+
+
+def _hallway(
+    area: Area, number: int, shown: Snapshot, track: NDArray[np.float64]
+) -> pictures.Panel:
+    """Return a robot's hallway, its track until now, and its beams."""
+    measured_m, believed_m = shown.measured_m[number], shown.believed_m[number]
+    pose = shown.poses[number]
+    is_wrong = wrong_beams(measured_m, believed_m)
+    wrong_m = np.where(is_wrong, believed_m, np.inf)
+    series = [_path("walls", ring) for ring in _walls(area)]
+    series.append(_path(_BEAMS, _star(pose, measured_m)))
+    series.append(_path(_WRONG, _star(pose, wrong_m)))
+    series.append(_path(area.robot, track))
+    series.append(_dot(area.robot, pose[0], pose[1]))
+    note = f"{is_wrong.sum()} of {len(BEAMS_DEG)} beams wrong at the station"
+    return pictures.Panel(title=area.robot, x=_X, y=_Y, series=tuple(series), note=note)
+
+
+def _path(name: str, points: NDArray[np.float64]) -> pictures.Series:
+    x, y = points.T.tolist()
+    return pictures.Series(name=name, color=_COLORS[name], kind="path", x=x, y=y)
+
+
+def _dot(name: str, x: float, y: float) -> pictures.Series:
+    return pictures.Series(name=name, color=_COLORS[name], kind="dot", x=[x], y=[y])
+
+
+def _walls(area: Area) -> list[NDArray[np.float64]]:
+    """Return closed paths around both walls and the boxes."""
+    corners = area.segments[:, :2]
+    sides = len(WAYPOINTS)
+    rings = [corners[:sides], corners[sides : 2 * sides]]
+    rings += [box.corners() for box in area.boxes]
+    return [np.vstack((ring, ring[:1])) for ring in rings]
+
+
+def _star(pose: NDArray[np.float64], ranges_m: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return beams as one path, which returns to the robot after each; beams without an echo are left out."""
+    seen = np.isfinite(ranges_m)
+    angles = pose[2] + np.radians(BEAMS_DEG)[seen]
+    ends = pose[:2] + ranges_m[seen, None] * np.column_stack((np.cos(angles), np.sin(angles)))
+    path = np.empty((2 * len(ends) + 1, 2))
+    path[::2] = pose[:2]
+    path[1::2] = ends
+    return path
+
+
+def wrong_beams(
+    measured_m: NDArray[np.float64], believed_m: NDArray[np.float64]
+) -> NDArray[np.bool_]:
+    """Return which ranges at the station differ from the measured ones by more than `WRONG_M`."""
+    apart_m = np.minimum(measured_m, _FAR_M) - np.minimum(believed_m, _FAR_M)
+    return np.asarray(np.abs(apart_m) > WRONG_M)
+
+
+def wrong_for_s(snapshots: list[Snapshot]) -> NDArray[np.float64]:
+    """Return how long the station has been wrong about a beam of each robot, s, shape (turns, robots)."""
+    lasting = np.zeros((len(snapshots), len(ROBOTS)))
+    for turn, snapshot in enumerate(snapshots[1:], 1):
+        is_wrong = wrong_beams(snapshot.measured_m, snapshot.believed_m).any(axis=1)
+        lasting[turn] = (lasting[turn - 1] + 1 / SCAN_HZ) * is_wrong
+    return lasting
+
+
+def _wrong_panel(snapshots: list[Snapshot], place: int) -> pictures.Panel:
+    """Return how long the station has been wrong about each robot, with dots at the time that is shown."""
+    times_s = [snapshot.time_s for snapshot in snapshots]
+    lasting_s = wrong_for_s(snapshots)
+    lines, dots = [], []
+    for robot, values in zip(ROBOTS, lasting_s.T.tolist(), strict=True):
+        x, y = times_s[::_EVERY], values[::_EVERY]
+        lines.append(pictures.Series(name=robot, color=_COLORS[robot], x=x, y=y))
+        dots.append(_dot(robot, times_s[place], values[place]))
+    return pictures.Panel(
+        title="a beam is wrong at the station",
+        x=_TIME,
+        y=_WRONG_FOR,
+        series=(*lines, *dots),
+        note=f"longest: {lasting_s.max():.1f} s",
+    )

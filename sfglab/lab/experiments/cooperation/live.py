@@ -1,0 +1,153 @@
+"""The live lap: the same nodes in processes on four hosts, over DDS and a lossy radio.
+
+Each robot's process has its physics, with the seed of the simulated lap, and runs it in real time.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from contextlib import suppress
+from typing import TYPE_CHECKING, Any
+
+from sfglab.arp import hallway
+from sfglab.arp.hallway.simulation import (
+    OPTIMUM,
+    ROBOTS,
+    LapSettings,
+    SimulatedLap,
+    rate_and_depth,
+)
+from sfglab.arp.robots import METHODS
+from sfglab.bus.address import BusAddress
+from sfglab.lab.experiment import SkippedPartError
+from sfglab.lab.experiments.cooperation.drawn import write_tracks
+from sfglab.lab.experiments.cooperation.experiment import BEST, Config, TrackRow, exp, track_rows
+from sfglab.lab.hosts import Host, Network, RadioCounters
+from sfglab.lab.workers.hallway import STATION, HallwayConfig
+from sfglab.processes import Member, ProcessGroup
+
+if TYPE_CHECKING:
+    from sfglab.component import Report
+    from sfglab.lab.bench import Bench
+
+LIVE, SIMULATED = "live", "simulated"  #: Names of the two laps in the table ``track``.
+LIVE_SETTINGS = LapSettings(method=BEST, rate_max_hz=100, depth=OPTIMUM, vendor="cyclone_dds")
+"""Settings of the live lap, and of the simulated one beside it. The live bus is Cyclone DDS."""
+DOMAIN = 47  #: DDS domain of the live lap.
+GIVEN_UP = "the time was over"  #: End of a lap that neither succeeded nor failed in time.
+_POLL_S = 0.1
+_MODULE = "sfglab.lab.workers.hallway"
+
+
+@exp.part("live")
+async def drive_and_simulate(bench: Bench[Config]) -> None:
+    """Drive a lap live and simulate the same; the metadata ``live`` holds how both ended."""
+    config = bench.config
+    capability = Network.available()
+    if not config.live_s or bench.options.separate is False:
+        raise SkippedPartError("no live lap was asked for")
+    if not capability.ok:
+        raise SkippedPartError(f"no live lap: {capability.reason}")
+    live, radio = await drive_live(config.seed, limit_s=config.live_s)
+    simulated = SimulatedLap(LIVE_SETTINGS, config.seed, record=True)
+    lap = simulated.run(limit_s=config.live_s)
+    write_tracks(bench, live.tracks)
+    write_tracks(bench, track_rows(SIMULATED, simulated.snapshots))
+    values = {
+        "hosts": f"separate hosts: network namespaces ({capability.how})",
+        "end": live.verdict.end.value if live.verdict else GIVEN_UP,
+        "lasted_s": live.lasted_s,
+        "radio": radio.said(),
+        "kept_up": radio.kept_up,
+        "simulated_end": GIVEN_UP if lap.end is hallway.End.TIMEOUT else lap.end.value,
+    }
+    bench.metadata("live", values)
+
+
+class LiveLap:
+    """State of a live lap, from what its processes have reported."""
+
+    def __init__(self) -> None:
+        self.tracks: list[TrackRow] = []  #: Pose of every robot at each turn of its LIDAR.
+        #: How the lap ended; None before, or when the time was over.
+        self.verdict: hallway.Verdict | None = None
+        self._last: dict[str, Report] = {}
+        self._stopped_by: int | None = None
+        self._manoeuvre = hallway.Manoeuvre.STOP.value
+
+    def take(self, name: str, report: Report) -> None:
+        """Take a report of a process."""
+        if report["is"] == "stopped":
+            self._stopped_by = report["robot"]
+        elif report["is"] == "released":
+            self._manoeuvre = report["manoeuvre"]
+        elif report["is"] == "pose":
+            self._last[name] = report
+            x_m, y_m, heading_rad = report["pose"]
+            track = TrackRow(
+                run=LIVE,
+                robot=name,
+                t_s=report["t_s"],
+                x_m=x_m,
+                y_m=y_m,
+                heading_rad=heading_rad,
+                manoeuvre=self._manoeuvre,
+            )
+            self.tracks.append(track)
+
+    def has_ended(self) -> bool:
+        """Judge the lap, and return whether it has ended."""
+        if len(self._last) == len(ROBOTS):
+            clearances_m = [self._last[robot]["clearance_m"] for robot in ROBOTS]
+            angles_rad = [self._last[robot]["wound_rad"] for robot in ROBOTS]
+            self.verdict = hallway.judge(
+                clearances_m, angles_rad, stopped_by=self._stopped_by, now_s=0.0
+            )
+        return self.verdict is not None
+
+    @property
+    def lasted_s(self) -> float:
+        """Duration of the lap, s."""
+        return max((report["t_s"] for report in self._last.values()), default=0.0)
+
+
+async def drive_live(seed: int, *, limit_s: float) -> tuple[LiveLap, RadioCounters]:
+    """Drive a lap with `LIVE_SETTINGS` on hosts of its own, until it ends or a limit, s, is reached.
+
+    Returns:
+        The lap, and what the radio counted.
+
+    Raises:
+        HostsUnavailableError: This machine has no network namespaces.
+        ProcessFailedError: A process failed.
+    """
+    live = LiveLap()
+    with Network() as network:
+        hosts = [network.add_host(name) for name in (*ROBOTS, STATION)]
+        members = [_member(host, seed) for host in hosts]
+        async with ProcessGroup(members, wrap_command=network.argv, on_report=live.take) as group:
+            # Discovery is no subject here: it happens before the radio loses frames.
+            network.set_radio(LIVE_SETTINGS.medium, seed=seed)
+            group.order(do="start")
+            with suppress(TimeoutError):
+                async with asyncio.timeout(limit_s):
+                    while not live.has_ended():
+                        group.check()
+                        await asyncio.sleep(_POLL_S)
+            return live, network.radio_counters()
+
+
+def _member(host: Host, seed: int) -> Member:
+    method = METHODS[LIVE_SETTINGS.method]
+    rate_hz, depth = rate_and_depth(LIVE_SETTINGS)
+    address: Any = BusAddress(domain_id=DOMAIN, interface=host.interface, multicast="spdp")
+    config = HallwayConfig(
+        role=host.name,
+        address=address,
+        rate_hz=rate_hz,
+        depth=depth,
+        local_cache=method.local_cache,
+        cache_control=method.cache_control,
+        seed=seed,
+    )
+    return Member(name=host.name, host=host.name, module=_MODULE, config=config)

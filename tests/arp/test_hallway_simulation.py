@@ -1,0 +1,99 @@
+"""Simulated laps: what couples control to communication is what is delivered, and nothing else."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from sfglab.arp.hallway import BEAMS_DEG, End, Manoeuvre, simulation
+from sfglab.arp.hallway.simulation import LAP_DEPTHS, OPTIMUM, ROBOTS, LapSettings, SimulatedLap
+from sfglab.arp.robots import METHODS, RATES_HZ
+from sfglab.messages import default_message, serialized_size
+from sfglab.rtps import Medium
+
+PERFECT = Medium(rate_bps=1e13, loss=0.0, shared=False, overhead_s=0.0, contention=0.0)
+DEAD = Medium(loss=1 - 1e-12)
+
+
+def settings(method, **changes):
+    depth = OPTIMUM if METHODS[method].optimised else 10
+    return replace(LapSettings(method=method, rate_max_hz=100, depth=depth), **changes)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_over_a_perfect_channel_every_method_completes_the_lap(method):
+    lap = SimulatedLap(settings(method, medium=PERFECT), 0).run()
+    assert (lap.end, lap.robot) == (End.SUCCESS, "")
+    assert lap.laps > 0.98
+
+
+@pytest.mark.parametrize("method", ["none", "OPT+LC"])
+def test_over_a_dead_channel_no_robot_moves(method):
+    lap = SimulatedLap(settings(method, medium=DEAD), 0, record=True)
+    assert lap.run(limit_s=5.0).end is End.TIMEOUT
+    assert len({snapshot.poses.tobytes() for snapshot in lap.snapshots}) == 1
+    assert all(np.isinf(snapshot.believed_m).all() for snapshot in lap.snapshots)
+
+
+def test_a_seed_gives_the_same_lap_also_in_pauses_and_another_seed_another():
+    laps = [SimulatedLap(settings("none", depth=1), seed, record=True) for seed in (3, 3, 4)]
+    while not laps[0].drive(laps[0].time_s + 0.33):
+        assert laps[0].verdict is None
+    counts = [repr(lap.run().outcome.counts) for lap in laps]
+    ends = [lap.snapshots[-1].poses.tobytes() for lap in laps]
+    for values in (counts, ends):
+        assert values[0] == values[1] != values[2]
+
+
+def test_methods_hold_back_discard_and_send_as_they_claim():
+    laps = {name: SimulatedLap(settings(name), 0).run(limit_s=5.0) for name in METHODS}
+    counts = {name: lap.outcome.counts for name, lap in laps.items()}
+    for name, method in METHODS.items():
+        assert (counts[name]["held"] > 0) == method.local_cache
+        discards = method.cache_control and not method.local_cache
+        assert (counts[name]["compared"] > 0) == discards
+    airtimes = [counts[name]["airtime_ns"] for name in ("OPT", "LC", "none")]
+    assert airtimes == sorted(airtimes)
+
+
+def test_rate_and_depth_are_those_of_equation_6_or_of_table_2():
+    for rate_hz in RATES_HZ:
+        optimum_hz = rate_hz / 9 - 1
+        expected = (pytest.approx(optimum_hz, abs=1e-4), int(5000 * optimum_hz / rate_hz - 1))
+        assert simulation.rate_and_depth(settings("OPT", rate_max_hz=rate_hz)) == expected
+    assert simulation.rate_and_depth(settings("OPT", depth=10))[1] == 10
+    for depth in LAP_DEPTHS:
+        assert simulation.rate_and_depth(settings("none", depth=depth)) == (100, depth)
+
+
+def test_each_robot_has_eight_beams_to_the_station_and_one_command_from_it():
+    flows = simulation.scenario_of(settings("none"), seed=0).flows
+    beams = [(flow.source, flow.size_bytes) for flow in flows if flow.target == "station"]
+    assert beams == [(robot, 24) for robot in ROBOTS for _ in BEAMS_DEG]
+    twist = serialized_size(default_message("geometry_msgs/msg/Twist"))
+    commands = [(flow.target, flow.size_bytes) for flow in flows if flow.source == "station"]
+    assert commands == [(robot, twist) for robot in ROBOTS]
+
+
+def test_robot_3_forwards_the_others_commands_if_asked_and_the_lap_is_completed():
+    changes = {"topics": (8, 5, 5), "beam_bytes": 8, "compute_scale": 4.0}
+    relayed = settings("OPT", medium=PERFECT, relay_via_robot3=True, **changes)
+    beam, *_, first, last, own = simulation.scenario_of(relayed, seed=0).flows
+    assert (first.source, first.target, first.then) == ("station", "robot3", "robot2/command")
+    assert (last.source, last.target, last.name) == ("robot3", "robot2", "robot2/command")
+    assert (own.source, own.target) == ("station", "robot3")
+    assert (beam.size_bytes, beam.service_s) == (8, pytest.approx(4 * 120e-6))
+    assert beam.rate_hz > simulation.rate_and_depth(settings("OPT"))[0]
+    assert SimulatedLap(relayed, 0).run().end is End.SUCCESS
+
+
+def test_snapshots_hold_what_the_lidars_measure_and_what_the_station_received():
+    lap = SimulatedLap(settings("none", medium=PERFECT), 0, record=True)
+    lap.drive(2.0)
+    first, *_, before, last = lap.snapshots
+    assert (len(lap.snapshots), last.time_s) == (20, pytest.approx(1.9))
+    assert [first.manoeuvre, last.manoeuvre] == [Manoeuvre.STOP, Manoeuvre.FORWARD]
+    assert np.isinf(first.believed_m).all()
+    np.testing.assert_array_equal(last.believed_m, before.measured_m)
+    assert not np.array_equal(last.believed_m, last.measured_m)
+    assert last.poses[:, 0] - first.poses[:, 0] == pytest.approx(0.4, abs=0.05)
