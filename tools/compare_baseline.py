@@ -33,7 +33,7 @@ SEEDED = {
     "routing": {"policy"},
     "discovery": {"simulated"},
     "balancing": {"Table 1", "caches", "Eq. 6"},
-    "transmission": {"cell", "lossless", "beyond"},
+    "transmission": {"cell"},
     "cooperation": {"course", "drawn runs"},
     "phases": {"cell", "course", "refine"},
     "gateways": {"exploration", "mapping"},

@@ -8,12 +8,12 @@ Eq. 6; the topics of an agent are those flows that begin or end there (Eq. 1).
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from sfglab.arp.balancing import Balance, BalanceInput, balance_closed_form
-from sfglab.arp.robots import METHODS, PLAN_S, ROBOTS, SENSORS, TAKE_S, cdr_bytes
+from sfglab.arp.robots import METHODS, PLAN_S, ROBOTS, SENSORS, TAKE_S
 from sfglab.errors import InvalidValueError
 from sfglab.qos import QoSProfile
 from sfglab.rtps import PRESETS, Flow, Medium, Outcome, Scenario, Vendor
@@ -35,8 +35,6 @@ HELLOS = (HELLO_UP, HELLO_HOP, HELLO_DOWN)
 #: Size of "Hello" in CDR: header, length, text and its final zero (RTPS 2.5, clause 10).
 HELLO_BYTES = len("Hello") + 1 + 4 + 4
 
-Sizes = Literal["table", "cdr"]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GridCell:
@@ -51,14 +49,9 @@ class GridCell:
     method: str  #: One of `METHODS`.
     duration_s: float  #: Duration of publishing, s.
     loss: float = Medium().loss  #: Share of frames that the air loses.
-    size_factor: float = 1.0  #: Size of the sensors' values, as a multiple of the paper's.
     vendor: str = "fast_dds"  #: One of `PRESETS`.
     #: Whether robot 3's localisation, by which "Hello" goes, is on its machine (Fig. 9).
     hop: bool = False
-    #: Whether sensors' values have the sizes of Table 1, those of Python, or CDR's.
-    sizes: Sizes = "table"
-    #: Factor of the station's times `PLAN_S` and `TAKE_S`.
-    slower: float = 1.0
 
     def __post_init__(self) -> None:
         if self.method not in METHODS:
@@ -105,22 +98,18 @@ def _sensor_flows(
 ) -> list[Flow]:
     method = METHODS[cell.method]
     pairs = [(robot, sensor) for robot, sensors in ROBOTS.items() for sensor in sensors]
-    sizes = {
-        name: s.table_bytes if cell.sizes == "table" else cdr_bytes(s)
-        for name, s in SENSORS.items()
-    }
     return [
         Flow(
             name=f"{robot}/{sensor}",
             source=robot,
             target=STATION,
-            size_bytes=round(cell.size_factor * sizes[sensor]),
+            size_bytes=SENSORS[sensor].table_bytes,
             rate_hz=rate_hz,
             phase_s=float(phase),
             qos=qos,
             executor=f"{robot} planning",
-            service_s=cell.slower * (TAKE_S + PLAN_S),
-            compare_s=cell.slower * TAKE_S if method.cache_control else None,
+            service_s=TAKE_S + PLAN_S,
+            compare_s=TAKE_S if method.cache_control else None,
             change_s=SENSORS[sensor].change_s,
             cached=method.local_cache,
         )
@@ -131,10 +120,9 @@ def _sensor_flows(
 def _hello_flows(
     cell: GridCell, rate_hz: float, qos: QoSProfile, phase_s: float
 ) -> tuple[Flow, ...]:
-    """Every "Hello" is counted, so none repeats another and no cache holds it back."""
-    plans = (
-        1 if cell.hop else 2
-    )  # robot 1's localisation, and robot 3's where that is in the station
+    """Return the ways of "Hello". Each one is counted, so none repeats another, and caches pass them all."""
+    # Robot 1's localisation, and robot 3's if that is in the station.
+    plans = 1 if cell.hop else 2
     up = Flow(
         name=HELLO_UP,
         source="robot1",
@@ -144,7 +132,7 @@ def _hello_flows(
         phase_s=phase_s,
         qos=qos,
         executor="robot1 planning",
-        service_s=cell.slower * (TAKE_S + plans * PLAN_S),
+        service_s=TAKE_S + plans * PLAN_S,
         then=HELLO_HOP if cell.hop else HELLO_DOWN,
     )
     down = replace(

@@ -122,7 +122,8 @@ def test_what_cannot_be_turned_is_refused_by_name():
     with pytest.raises(InvalidValueError, match=r"field to turn: given 'colour', allowed: .*share"):
         Form(Config(), ["colour"])
     with pytest.raises(
-        InvalidValueError, match=r"transmission: look: given 'nothing', allowed: hello"
+        InvalidValueError,
+        match=r"transmission: look: given 'nothing', allowed: hello_over_depth",
     ):
         explore(transmission.exp, "nothing")
 
@@ -166,17 +167,17 @@ def test_a_figure_follows_only_the_newest_of_many_moves_and_what_is_kept_speaks_
         return subprocess.run(argv, check=True, capture_output=True, cwd=project.root).stdout
 
     before = claims()
-    with closing(explore(transmission.exp)) as explorer:
+    with closing(explore(depth_codecs.exp)) as explorer:
         assert explorer.wait()
         still, alt = explorer._repr_mimebundle_()
         assert still["image/png"]
         assert alt["image/png"]["alt"]
-        for loss in (0.05, 0.1, 0.15, 0.2):
-            explorer.form.controls["loss"].value = loss
+        for noise_mm in (2.0, 3.0, 4.0, 5.0):
+            explorer.form.controls["noise_mm"].value = noise_mm
         assert explorer.wait()
         assert explorer.shown == 4
         assert explorer._repr_mimebundle_()[0]["image/png"] != still["image/png"]
-        assert "loss=0.2" in explorer.code()
+        assert "noise_mm=5.0" in explorer.code()
         explorer.keep()
         assert explorer._state.value == "starting"
         explorer.run_all()
@@ -184,9 +185,8 @@ def test_a_figure_follows_only_the_newest_of_many_moves_and_what_is_kept_speaks_
         while explorer._running is not None:
             time.sleep(0.1)
         (log,) = map(Path, explorer.kept)
-        run = transmission.exp.load(log)
-        assert run.config.loss == 0.2
-        assert len(run["cell"]) == 14
+        run = depth_codecs.exp.load(log)
+        assert run.config.noise_mm == 5.0
         assert run.metadata("completion")["explored"] is True
         assert claims() == before
 
@@ -206,8 +206,6 @@ async def test_a_look_that_cannot_be_drawn_is_said_and_the_next_one_is_drawn(mon
         *[("picture", 1)] * 2,
     ]
     assert "not in the table" in reports[0]["why"]
-
-
 
 
 @pytest.mark.parametrize(
@@ -283,8 +281,8 @@ def test_keep_is_offered_where_there_are_tables_and_what_is_kept_opens(project):
 
 @pytest.mark.live
 def test_a_cell_that_runs_again_ends_the_worker_of_the_one_before(project):
-    first = explore(transmission.exp)
+    first = explore(depth_codecs.exp)
     process = first._worker._process
-    with closing(explore(transmission.exp)) as second:
+    with closing(explore(depth_codecs.exp)) as second:
         assert process.wait(60) is not None
         assert second._worker._process.poll() is None

@@ -27,9 +27,9 @@ from sfglab.spatial.scene.files import load_scene
 
 pytestmark = [pytest.mark.live, pytest.mark.browser, pytest.mark.timeout(1800)]
 
-EXPLORER = """from sfglab.lab.experiments import transmission
+EXPLORER = """from sfglab.lab.experiments import depth_codecs
 from sfglab.lab.explore import explore
-explorer = explore(transmission.exp)
+explorer = explore(depth_codecs.exp)
 explorer"""
 PICTURES = """from IPython.display import display
 from sfglab import soc
@@ -174,10 +174,10 @@ def test_a_figure_follows_the_sliders_that_a_reader_drags(run, browser):
     run(EXPLORER)
     before = browser.wait_for(PICTURE, ANSWER_S)
     for share in (0.3, 0.6):
-        slide(browser, "loss", share)
+        slide(browser, "noise mm", share)
         before = browser.wait_for(f"(s => s !== {before!r} && s)({PICTURE})", ANSWER_S)
     browser.press("Copy as code")
-    assert "loss=0.1" in browser.wait_for(
+    assert "noise_mm=" in browser.wait_for(
         "document.querySelector('.jp-OutputArea textarea')?.value", ANSWER_S
     )
 

@@ -1,6 +1,5 @@
 """The phase diagram: conditions and answers are the criteria's, borders are refined, verdicts follow."""
 
-from dataclasses import replace
 from functools import cache
 from itertools import product
 
@@ -9,7 +8,6 @@ import pandas as pd
 import pytest
 from made_logs import CLAIMS, ran
 
-from sfglab.arp import hello
 from sfglab.lab.claims import How, Measured, Verdict, entry_for
 from sfglab.lab.experiments.phases import exp, shares
 from sfglab.lab.experiments.phases.answers import ANSWERS, PLACE, answers, plausible
@@ -18,7 +16,7 @@ from sfglab.lab.findings import Findings
 from sfglab.lab.ledger import _judged, _Source
 from sfglab.lab.runs import COMPLETION
 from sfglab.lab.stats import exactly
-from sfglab.rtps import Fate, FlowOutcome, Medium, run
+from sfglab.rtps import Fate, FlowOutcome
 from sfglab.rtps.session import age_ms
 from sfglab.units import NS_PER_S
 
@@ -64,28 +62,11 @@ def test_age_is_half_a_period_and_the_way_and_grows_where_nothing_arrives():
     assert age_ms(never, duration_s=10) == pytest.approx(5000)
 
 
-def test_hello_goes_by_robot_3_where_asked_and_values_have_the_size_and_the_planning_the_time_asked():
-    plain = hello.GridCell(rate_max_hz=100, depth="10", method="none", duration_s=1)
-    printed, slow = replace(plain, hop=True), replace(plain, sizes="cdr", slower=4.0)
-    quiet = Medium(loss=0.0, rate_bps=1e12, overhead_s=1e-3, contention=0.0)
-    flows = {flow.name: flow for flow in hello.scenario_of(printed).flows}
-    way = hello.HELLO_UP, hello.HELLO_HOP, hello.HELLO_DOWN
-    assert [flows[name].target for name in way] == ["station", "robot3", "robot1"]
-    heard = (run(hello.scenario_of(point, medium=quiet), seed=0) for point in (plain, printed))
-    short, long = map(hello.hello_latency_ms, heard)
-    assert len(short) == len(long) == 100
-    assert np.quantile(long, 0.1) - np.quantile(short, 0.1) > 0.9, "a crossing more"
-    table, cdr = (
-        {f.name: f for f in hello.scenario_of(p).flows}["robot1/lidar"] for p in (plain, slow)
-    )
-    assert (table.size_bytes, cdr.size_bytes, cdr.service_s / table.service_s) == (24, 8, 4)
-
-
 def test_a_small_run_is_refined_and_drawn(tmp_path):
     found = ran(exp, tmp_path / "a.mcap")
     assert len(found["cell"]) == 14 * len(found["course"]) / 4
     assert set(found["course"]["frame_us"]) == {50.0, 245.0, 1200.0}
-    assert set(exp.figures(found)) == {"phases", "phases_cells"}
+    assert set(exp.figures(found)) == {"phases"}
     assert shares(found)["conditions"].tolist() == [3, 1]
 
 

@@ -7,7 +7,7 @@ import pytest
 from commands import called
 
 from sfglab.errors import InvalidValueError
-from sfglab.lab.experiments.transmission.validation import scenario_of_cell
+from sfglab.lab.experiments.transmission.live import Cell
 from sfglab.lab.live_flows import MODES, live_hosts
 from sfglab.qos import QoSProfile
 from sfglab.rtps import PRESETS, Flow, Medium, Scenario, run
@@ -32,7 +32,7 @@ FRAME_TRUE_BYTES = 2048 + 256
 
 @pytest.mark.parametrize(("preset", "stalls"), [("fast_dds_sync", True), ("fast_dds_async", False)])
 async def test_a_deep_history_stalls_in_the_mode_in_which_the_model_says_so(preset, stalls):
-    scenario = scenario_of_cell({**CELL, **RADIO, "preset": preset}, duration_s=2.0, drain_s=2.0)
+    scenario = replace(Cell(**CELL, **RADIO, preset=preset).scenario(2.0), drain_s=2.0)
     async with live_hosts("robot", "station", ros=MODES[preset]) as hosts:
         played = await hosts.play(scenario, seed=5)
     flows = [outcome.flows["topic"] for outcome in (played.outcome, run(played.scenario, seed=5))]
@@ -82,7 +82,7 @@ async def test_a_queue_that_blocks_slows_who_publishes_as_in_the_model(preset, d
         "size_bytes": 1200,
     }
     # Linux wakes who waits at half the buffer: 46 are published at once, of five seconds' 541 a twelfth.
-    scenario = scenario_of_cell(cell, duration_s=5.0, drain_s=3.0)
+    scenario = replace(Cell(**cell).scenario(5.0), drain_s=3.0)
     async with live_hosts("robot", "station", ros=MODES[preset]) as hosts:
         with pytest.raises(InvalidValueError, match="shared is False"):
             await hosts.play(scenario, seed=5)
@@ -103,7 +103,7 @@ async def test_a_queue_that_blocks_slows_who_publishes_as_in_the_model(preset, d
 
 RATE_MAX_HZ, SECONDS = 400.0, 2.0
 AIR = {"loss": 0.08, "overhead_us": 4000, "queue_frames": 500, "queue_rule": "tail"}
-PLANNED = {**AIR, "size_bytes": 24, "burst_frames": 0, "access_point": False}
+PLANNED = {**AIR, "kind": "lossy", "size_bytes": 24, "burst_frames": 0, "access_point": False}
 TOPICS = f"""
 link: {{rate_mbps: 20, overhead_us: {AIR["overhead_us"]}, loss: {AIR["loss"]}, contention: 0.15}}
 vendor: cyclone_dds
@@ -135,9 +135,8 @@ async def test_the_station_is_up_to_date_as_recommended_and_not_as_printed_or_by
     async with live_hosts("robot", "station", ros=MODES[preset]) as hosts:
         for way, (rate_hz, depth) in ways.items():
             cell = {**PLANNED, "preset": preset, "rate_hz": rate_hz, "depth": depth}
-            played = await hosts.play(
-                scenario_of_cell(cell, duration_s=SECONDS, drain_s=1.0), seed=1
-            )
+            scenario = replace(Cell(**cell).scenario(SECONDS), drain_s=1.0)
+            played = await hosts.play(scenario, seed=1)
             age[way] = age_ms(played.outcome.flows["topic"], duration_s=SECONDS)
     # The air carries 250 frames a second: what waits in the queue decides, not how busy this machine is.
     assert 3 * age["ours"] < min(age["paper"], age["default"]), (ways, age)

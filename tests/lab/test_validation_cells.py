@@ -1,9 +1,8 @@
 """The cells that validate the presets of RTPS are a seed's; criteria name presets and conditions that exist."""
 
 import asyncio
-import re
-from contextlib import ExitStack, nullcontext
-from dataclasses import asdict, replace
+from contextlib import ExitStack, asynccontextmanager
+from dataclasses import asdict, dataclass, replace
 from types import SimpleNamespace
 from unittest.mock import Mock
 
@@ -13,9 +12,11 @@ import pytest
 from made_logs import CLAIMS, DATA, made_run
 
 from sfglab.arp.robots import DEPTHS
-from sfglab.lab import live_flows
+from sfglab.lab.cells import run_cells
+from sfglab.lab.experiment import SkippedPartError
 from sfglab.lab.experiments import transmission
-from sfglab.lab.experiments.transmission import validation
+from sfglab.lab.experiments.transmission import live, results
+from sfglab.lab.live_flows import MODES
 from sfglab.processes import ProcessFailedError
 from sfglab.rtps import PRESETS, Medium
 from sfglab.rtps.model import data_bytes
@@ -49,11 +50,13 @@ def drawn(rng, preset, number):
 
 def test_the_committed_cells_are_those_of_the_seed():
     rng = np.random.default_rng(SEED)
-    cells = pd.read_csv(DATA / "qos" / "validation.csv").to_dict("records")
-    assert cells == [
-        drawn(rng, preset, number) for preset in live_flows.MODES for number in range(COUNT)
-    ]
-    assert all(validation.scenario_of_cell(cell, duration_s=8.0).flows for cell in cells)
+    expected = []
+    for preset in MODES:
+        expected += [drawn(rng, preset, number) for number in range(COUNT)]
+    assert pd.read_csv(DATA / "qos" / "validation.csv").to_dict("records") == expected
+    cells = live.topic_cells()
+    assert all(len(cell.scenario(8.0).flows) == 1 for cell in cells)
+    assert len(cells) == len(expected)
 
 
 def test_what_judges_on_the_papers_own_middleware_is_written_down():
@@ -75,98 +78,89 @@ MADE = [  # number of the cell, loss live and in the model, medians live and in 
 
 def test_shares_are_those_of_the_cells_that_kept_their_schedule(tmp_path):
     names = ("loss_live", "loss_model", "p50_live_ms", "p50_model_ms", "kept_up")
-    cells = validation.committed_cells()
-    rows = [
-        asdict(cells[number]) | dict(zip(names, values, strict=True)) for number, *values in MADE
-    ]
-    run = made_run(transmission.exp, tmp_path / "made.mcap", {validation.TABLE: rows})
-    lines = validation.validated(run).set_index("preset").fillna(-1)
-    shown = ["cells", "kept", "enough", "loss_within", "latency_within"]
-    assert lines.loc["fast_dds_sync", shown].to_list() == [3, 2, False, 0.5, 0.5]
-    assert lines.loc["cyclone_dds", shown].to_list() == [0, 0, False, -1, -1]
-    assert lines.loc["fast_dds_foxy", "note"] == "read in its sources, not measured"
-    first = validation.by_cell(run).iloc[0]
-    assert first[["loss_live", "loss_live_low", "loss_live_high"]].to_list() == pytest.approx(
-        [0.32, 0.3, 0.34]
-    )
+    cells = live.topic_cells()
+    rows = []
+    for number, *values in MADE:
+        rows.append(asdict(cells[number]) | dict(zip(names, values, strict=True)))
+    run = made_run(transmission.exp, tmp_path / "made.mcap", {"validation": rows})
+    [line] = results.validated(run).to_dict("records")
+    shown = {"preset": "fast_dds_sync", "of": "topics", "cells": 3, "kept": 2}
+    assert line == {**shown, "loss_within": 0.5, "latency_within": 0.5}
+    first = results.by_cell(run).iloc[0]
+    losses = first[["loss_live", "loss_live_low", "loss_live_high"]].to_list()
+    assert losses == pytest.approx([0.32, 0.3, 0.34])
+
+
+def test_the_committed_log_shows_topics_and_the_grids_cells_on_fast_dds():
+    run = transmission.exp.load(DATA / "reference" / "transmission.mcap")
+    table = results.validated(run).set_index("of")
+    assert table.loc["topics", "preset"].tolist() == [*MODES]
+    assert (table.loc["topics", ["loss_within", "latency_within"]] >= 0.9).all(axis=None)
+    assert len(table.loc["grid"]) == 2
+    best = results.by_cell(run).query("kind == 'grid' and method == 'OPT+LC'")
+    assert best["loss_live"].max() == 0
     figure, _ = transmission.exp.draw("transmission_validation", run)
-    assert (
-        "2 of 3 cells kept their schedule: too few\nwithin 3 points: 50%"
-        in figure.axes[0].get_title()
-    )
-    assert re.match("2 cells.*asynchronous: read", figure.get_supxlabel())
+    assert "40 of 40 topics kept their schedule" in figure.axes[0].get_title()
+    assert "derived from its source code" in figure.get_supxlabel()
 
 
-def test_a_cell_is_played_as_often_as_its_own_scatter_asks():
-    calm, bistable = (validation.committed_cells()[number] for number in (2, 10))
-    assert [validation.repeats_of(cell, 8.0, 5) for cell in (calm, bistable)] == [1, 5]
-    assert validation.repeats_of(bistable, 8.0, 1) == 1
+def test_cells_of_the_grid_are_slowed_where_python_is_too_slow():
+    cells = live.grid_cells(transmission.exp.config("paper"))
+    factors = {cell.rate_hz: cell.slowed for cell in cells}
+    assert factors == {100: 2, 200: 4, 500: 10, 1000: 20}
+    fast, slow = (replace(cells[-1], slowed=factor).scenario(8.0) for factor in (1.0, 20.0))
+    assert slow.flows[0].rate_hz == pytest.approx(fast.flows[0].rate_hz / 20)
+    airtime_ns = 20 * fast.medium.airtime_ns(100, 1)
+    assert slow.medium.airtime_ns(100, 1) == pytest.approx(airtime_ns, rel=1e-6)
+    assert live.validation_cells(transmission.exp.config("quick")) == {}
 
 
-def test_a_run_that_is_broken_off_goes_on_and_a_cell_that_fails_is_left_out(tmp_path, monkeypatch):
-    found, played = validation.committed_cells()[38:42], []
-    cells = {cell: validation.scenario_of_cell(asdict(cell), duration_s=1.0) for cell in found}
+# --- The runner of live cells -----------------------------------------------------------------
 
-    async def rows(_hosts, cell, repeat):
-        played.append((number := found.index(cell), repeat))
-        if number == 1:
+
+@dataclass(frozen=True)
+class Cell:
+    """A cell of a made-up part."""
+
+    number: int
+    stage: str = "a"
+
+
+def test_a_run_that_is_broken_off_goes_on_and_a_cell_that_fails_twice_is_left_out(tmp_path):
+    cells, played, started = [Cell(0), Cell(1), Cell(2, "b"), Cell(3)], [], []
+    config, log = SimpleNamespace(profile="quick"), SimpleNamespace(path=tmp_path / "a.mcap")
+    bench = Mock(experiment="made", config=config, log=log)
+
+    @asynccontextmanager
+    async def start(stage):
+        started.append(stage)
+        yield stage
+
+    async def play(stage, cell, repeat):
+        assert stage == cell.stage
+        played.append((cell.number, repeat))
+        if cell.number == 1:
             raise ProcessFailedError("it ended")
-        if (number, repeat) == (2, 1) and played.count((2, 1)) == 1:
+        if played.count((3, 1)) == 1 and cell.number == 3:
             raise KeyboardInterrupt
-        return {"number": number, "repeat": repeat}
+        return {"number": cell.number, "repeat": repeat}
 
-    monkeypatch.setattr(live_flows, "live_hosts", lambda *_, **__: nullcontext())
-    log = SimpleNamespace(path=tmp_path / "a.mcap")
-    bench = Mock(experiment="transmission", config=transmission.exp.config(), log=log)
-
-    def play():
+    def run(repeats):
+        stage_of = lambda cell: cell.stage  # noqa: E731
+        how = {"stage_of": stage_of, "start": start, "play": play, "at_once": 1}
         with ExitStack() as bench.stack:
-            asyncio.run(
-                live_flows.play_missing(
-                    bench, validation.TABLE, cells, dict.fromkeys(cells, 2), rows
-                )
-            )
+            asyncio.run(run_cells(bench, "made", dict.fromkeys(cells, repeats), **how))
 
     with pytest.raises(KeyboardInterrupt):
-        play()
+        run(2)
     assert not bench.write_all.called
     before = len(played)
-    play()
+    run(2)
     written = [row for call in bench.write_all.call_args_list for row in call.args[1]]
     assert written == [{"number": n, "repeat": r} for r in (0, 1) for n in (0, 2, 3)]
-    assert len(bench.metadata.call_args.args[1]["failed"]) == 2
-    assert len(played) - before == 2 + 2 + 1 + 1, (
-        "what failed twice again, what was broken off, what is left"
-    )
+    assert list(bench.metadata.call_args.args[1]["failed"].values()) == ["it ended"] * 2
+    assert {"a", "b"} == set(started)
+    assert played[before:].count((0, 0)) == 0, "it is in the journal"
     assert not list(tmp_path.iterdir()), "a finished run leaves no journal"
-
-
-def test_cells_on_real_fast_dds_are_few_in_quick_and_slowed_where_python_is_too_slow(tmp_path):
-    quick, paper = (
-        validation.ros_cells(transmission.exp.config(profile)) for profile in ("quick", "paper")
-    )
-    assert len(quick) <= 12
-    assert {cell.preset for cell in quick} == {"fast_dds_sync", "fast_dds_async"}
-    slowed = {(100, 2), (100, 4), (200, 4), (500, 10), (1000, 20)}
-    assert {(c.point.rate_max_hz, c.slowed) for c in paper} == slowed
-    cell = next(cell for cell in paper if cell.slowed == 20)
-    fast, slow = replace(cell, slowed=1.0).scenario(0), cell.scenario(0)
-    assert [flow.rate_hz for flow in slow.flows] == pytest.approx(
-        [flow.rate_hz / 20 for flow in fast.flows]
-    )
-    assert slow.medium.airtime_ns(100, 1) == pytest.approx(
-        20 * fast.medium.airtime_ns(100, 1), rel=1e-6
-    )
-    row = {
-        "group": "hello",
-        "preset": cell.preset,
-        "slowed": 10.0,
-        "p50_live_ms": 30.0,
-        "p50_model_ms": 20.0,
-    }
-    played = (True, 0.2), (True, 0.3), (False, 0.9)
-    rows = [row | {"kept_up": kept, "loss_live": loss} for kept, loss in played]
-    run = made_run(transmission.exp, tmp_path / "made.mcap", {"ros2": rows})
-    [line] = transmission.on_ros2(run).to_dict("records")
-    assert (line["played"], line["kept"], line["loss_live"]) == (3, 2, pytest.approx(0.25))
-    assert (line["p50_live_ms"], line["p50_model_ms"]) == (3.0, 2.0)
+    with pytest.raises(SkippedPartError, match="not asked for"):
+        run(0)

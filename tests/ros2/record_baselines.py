@@ -2,7 +2,7 @@
 
 Two minutes in the profile quick; the machine should have nothing else to do. `make figures` draws them. With an
 experiment's name only that is recorded, with fields of its configuration as ``name=value`` behind it; what was
-broken off goes on when the same is called again. The validation, an hour, and the whole grid, another:
+broken off goes on when the same is called again. The validation takes some hours:
 
     python tests/ros2/record_baselines.py paper transmission
 """
@@ -21,7 +21,7 @@ from sfglab.lab.experiments import experiment, transmission
 from sfglab.lab.notebooks import read_parameters
 from sfglab.lab.paths import find_project
 
-PARTS = Options(only=frozenset({PART, transmission.validation.TABLE}))
+PARTS = Options(only=frozenset({PART, "validation"}))
 
 
 async def record(profile="quick", name="", *changes):
@@ -32,11 +32,7 @@ async def record(profile="quick", name="", *changes):
         )  # beside it is what a broken-off run goes on from
         path.unlink(missing_ok=True)
         run = await exp.run(profile, path=path, options=PARTS, **read_parameters(changes))
-        found = (
-            transmission.validation.validated(run)
-            if exp is transmission.exp
-            else compared(exp, run)
-        )
+        found = transmission.validated(run) if exp is transmission.exp else compared(exp, run)
         sys.stdout.write(f"{path.name}\n{run.skipped(PART)}\n{found.to_string()}\n")
         reference = project.reference_logs / path.name
         packed = path.with_suffix(".packed.mcap")

@@ -20,12 +20,9 @@ from sfglab.lab.experiments.phases.answers import (
     PLACE,
     answers,
     criterion,
-    middle,
     plausible,
-    summary,
 )
 from sfglab.lab.experiments.phases.experiment import CELLS, COURSES, Config, exp
-from sfglab.lab.experiments.transmission.figures import draw_panel
 from sfglab.lab.figures import note
 from sfglab.lab.runs import COMPLETION, Run, derived
 from sfglab.lab.stats import Estimate, difference_of, share_of
@@ -239,32 +236,3 @@ def _draw_map(axes: Axes, table: pd.DataFrame, answer: str) -> Any:
     axes.set(xscale="log", yscale="log")
     axes.grid(visible=False)
     return image
-
-
-_MEASURES = {"p50_ms": "median latency (ms)", "lost": "loss", "age_ms": "age at the station (ms)"}
-
-
-@exp.figure("phases_cells", size=(10.5, 7.0))
-def draw_cells(figure: Figure, run: Run[Config]) -> dict[str, Any]:
-    """Draw latency, loss and age by depth in the condition nearest to the middle of the plausible region."""
-    table, region = summary(run["cell"]), criterion().region
-    table = table[(table["queue_rule"] == "block") & (table["stall_ms"] == 0)]
-    table = table[table["rate_max_hz"] == table["rate_max_hz"].max()].replace(np.inf, np.nan)
-    far = sum(np.log(table[name] / middle(*region[name])) ** 2 for name in ("loss", "frame_us"))
-    nearest = table.loc[far.groupby(table["preset"]).idxmin(), PLACE]
-    groups = list(table.merge(nearest, on=PLACE).groupby("preset", sort=False))
-    panels = figure.subplots(len(_MEASURES), len(groups), sharex=True, sharey="row", squeeze=False)
-    for row, (column, label) in zip(panels, _MEASURES.items(), strict=True):
-        names = {column: "median", f"{column}_low": "min", f"{column}_high": "max"}
-        for axes, (preset, part) in zip(row, groups, strict=True):
-            draw_panel(axes, part.rename(columns=names))
-            where = f"loss {part['loss'].iloc[0]:.2%}, {part['frame_us'].iloc[0]:.0f} us"
-            axes.set_title(f"{preset}\n{where}", fontsize=8)
-            axes.tick_params(axis="x", labelrotation=60)
-        row[0].set(ylabel=label, yscale="linear" if column == "lost" else "log")
-    figure.legend(*panels[0][0].get_legend_handles_labels(), loc="outside lower center", ncols=4)
-    said = f'"Hello" at Rmax {table["rate_max_hz"].max()} Hz by DEPTH (simulated)'
-    figure.suptitle(f"{said}; no median: most never arrived")
-    return {
-        "cells": pd.concat([part for _, part in groups])[[*PLACE, "method", "depth", *_MEASURES]]
-    }

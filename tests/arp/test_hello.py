@@ -1,0 +1,76 @@
+"""Flows of paper B's "Hello" and the cells of Table 2's grid."""
+
+import numpy as np
+import pytest
+
+from sfglab.arp import hello
+from sfglab.arp.robots import METHODS
+from sfglab.errors import InvalidValueError
+from sfglab.rtps import Medium, run
+
+
+def cell(**changes):
+    usual = {"rate_max_hz": 100, "depth": "10", "method": "none", "duration_s": 2.0}
+    return hello.GridCell(**usual | changes)
+
+
+def flows_of(given):
+    return {flow.name: flow for flow in hello.scenario_of(given).flows}
+
+
+def test_sixteen_sensors_and_hello_go_to_the_station_and_hello_comes_back():
+    flows = flows_of(cell())
+    down = flows.pop(hello.HELLO_DOWN)
+    assert len(flows) == 16 + 1
+    assert {flow.target for flow in flows.values()} == {hello.STATION}
+    assert flows[hello.HELLO_UP].then == hello.HELLO_DOWN
+    assert (down.source, down.target, down.rate_hz) == (hello.STATION, "robot1", 0)
+    assert flows["robot1/lidar"].size_bytes == 24  # of Table 1
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_method_sets_rate_and_caches_and_nothing_else(method):
+    flows = flows_of(cell(method=method)).values()
+    sensors = [flow for flow in flows if flow.change_s]
+    assert len(sensors) == 16
+    assert {flow.cached for flow in sensors} == {METHODS[method].local_cache}
+    assert {flow.compare_s is not None for flow in sensors} == {METHODS[method].cache_control}
+    assert not any(flow.cached for flow in flows if not flow.change_s)  # no "Hello" repeats another
+    rate_hz = hello.balance_of(100).rate_hz if METHODS[method].optimised else 100
+    assert {flow.rate_hz for flow in flows if flow.rate_hz} == {rate_hz}
+
+
+def test_the_optimum_is_eq_6_for_the_topics_that_there_are():
+    # Topics of the agents: 6 sensors, "Hello" and its answer; 5; 5. T_avg = 6, Rmin = Dmin = 1.
+    rate_hz, depth = hello.rate_and_depth(cell(method="OPT", depth="opt", rate_max_hz=500))
+    assert rate_hz == pytest.approx(500 / 6 - 1)
+    assert depth == int(5000 * (500 / 6 - 1) / 500 - 1)
+
+
+def test_on_a_quiet_channel_hello_takes_two_hops_and_their_nodes_and_a_third_over_robot_3():
+    quiet = Medium(loss=0.0, rate_bps=1e12, overhead_s=20e-6, contention=0.0)
+    lowest = []
+    for hop in (False, True):
+        outcome = run(hello.scenario_of(cell(hop=hop), medium=quiet), seed=0)
+        latency_ms = hello.hello_latency_ms(outcome)
+        assert len(latency_ms) == 200
+        lowest.append(np.quantile(latency_ms, 0.1))
+    assert lowest[0] == pytest.approx(2 * 0.02 + 0.18 + 0.06, abs=0.01)
+    # A hop more, and its node besides the station's, which plans once less.
+    assert lowest[1] - lowest[0] == pytest.approx(0.02 + 0.12 - 0.06, abs=0.01)
+    way = [flows_of(cell(hop=True))[name] for name in hello.HELLOS]
+    assert [flow.target for flow in way] == ["station", "robot3", "robot1"]
+
+
+def test_a_hello_that_never_arrives_has_an_infinite_time():
+    outcome = run(hello.scenario_of(cell(rate_max_hz=200)), seed=0)
+    times_ms = hello.hello_times_ms(outcome)
+    assert len(times_ms) == len(outcome.flows[hello.HELLO_UP].fate)
+    assert np.isfinite(times_ms).sum() == len(hello.hello_latency_ms(outcome)) < len(times_ms)
+
+
+def test_bad_cells_are_refused_with_the_place():
+    with pytest.raises(InvalidValueError, match="method: given 'best'"):
+        cell(method="best")
+    with pytest.raises(InvalidValueError, match="depth: given '0'"):
+        cell(depth="0")
